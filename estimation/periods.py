@@ -1,0 +1,133 @@
+"""Periodic records to line spectra: means over whole periods, their covariance, and how many periods to drop."""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import scipy.fft
+from scipy import stats
+
+
+@dataclass(frozen=True)
+class LineStatistics:
+    """Complex amplitudes (peak, cosine convention) of several channels at spectral lines, over P periods.
+
+    frequency (n,) Hz; lines (n,) harmonic numbers; channels names; mean (..., channels, n);
+    covariance (..., channels, channels, n) of the mean, E[n_a conj(n_b)], sample covariance over periods divided by P.
+    Leading dimensions are lanes.
+    """
+
+    frequency: np.ndarray
+    lines: np.ndarray
+    channels: tuple[str, ...]
+    mean: np.ndarray
+    covariance: np.ndarray
+    periods: int
+
+    def index(self, channel: str) -> int:
+        if channel not in self.channels:
+            raise ValueError(f"channel {channel!r} is missing; the record has {', '.join(self.channels)}")
+        return self.channels.index(channel)
+
+    def amplitude(self, channel: str) -> np.ndarray:
+        """Mean complex amplitude (..., n)."""
+        return self.mean[..., self.index(channel), :]
+
+    def cross(self, a: str, b: str) -> np.ndarray:
+        """Covariance of the means of two channels, (..., n); real when a is b."""
+        c = self.covariance[..., self.index(a), self.index(b), :]
+        return c.real if a == b else c
+
+    def at_lines(self, lines: Sequence[int] | np.ndarray) -> "LineStatistics":
+        """The same at a subset of its lines."""
+        keep = np.isin(self.lines, np.asarray(lines))
+        return replace(
+            self,
+            frequency=self.frequency[keep],
+            lines=self.lines[keep],
+            mean=self.mean[..., keep],
+            covariance=self.covariance[..., keep],
+        )
+
+
+def held(statistics: LineStatistics, channel: str, sample_rate: float) -> LineStatistics:
+    """The statistics with a zero-order-held channel turned into the continuous signal that acts on the plant.
+
+    A force that a converter holds over each sample of 1 / sample_rate (Hz) acts half a sample late: its lines are
+    multiplied by sinc(f T) e^(-j pi f T). Without this, k + j w c carries k T / 2 too much damping.
+    """
+    x = statistics.frequency / sample_rate
+    factor = np.ones((len(statistics.channels), len(x)), complex)
+    factor[statistics.index(channel)] = np.sinc(x) * np.exp(-1j * np.pi * x)
+    return replace(
+        statistics,
+        mean=statistics.mean * factor,
+        covariance=statistics.covariance * factor[:, None] * np.conj(factor[None, :]),
+    )
+
+
+def period_spectra(signals: np.ndarray, lines: np.ndarray) -> np.ndarray:
+    """Complex amplitudes (channels, lines) of one period of signals (channels, samples)."""
+    n = signals.shape[-1]
+    return scipy.fft.rfft(signals, axis=-1)[..., np.asarray(lines)] * (2.0 / n)
+
+
+def line_statistics(
+    spectra: Iterable[np.ndarray], fundamental: float, lines: np.ndarray, channels: tuple[str, ...]
+) -> LineStatistics:
+    """Mean and covariance over periods of per-period spectra (..., channels, n), one period at a time (Welford).
+
+    Memory does not grow with the number of periods. ValueError for fewer than two periods.
+    """
+    mean = second = None
+    count = 0
+    for z in spectra:
+        count += 1
+        if mean is None:
+            mean, second = z.copy(), np.zeros((*z.shape[:-1], z.shape[-2], z.shape[-1]), complex)
+            continue
+        before = z - mean
+        mean += before / count
+        second += before[..., :, None, :] * np.conj(z - mean)[..., None, :, :]
+    if count < 2:
+        raise ValueError(f"{count} whole periods: at least two are needed for a covariance; record longer")
+    lines = np.asarray(lines)
+    return LineStatistics(lines * fundamental, lines, channels, mean, second / (count - 1) / count, count)
+
+
+def split_periods(signals: np.ndarray, samples_per_period: int) -> np.ndarray:
+    """Whole periods (periods, channels, samples) of signals (channels, total); the caller reports what is left over.
+
+    ValueError for fewer than two whole periods.
+    """
+    periods = signals.shape[-1] // samples_per_period
+    if periods < 2:
+        raise ValueError(
+            f"{signals.shape[-1]} samples hold {signals.shape[-1] / samples_per_period:.2f} periods of "
+            f"{samples_per_period} samples; at least two whole periods are needed"
+        )
+    whole = signals[:, : periods * samples_per_period]
+    return whole.reshape(len(signals), periods, samples_per_period).transpose(1, 0, 2)
+
+
+def transient_periods(spectra: np.ndarray, level: float = 1e-3) -> int:
+    """How many leading periods of spectra (periods, n), one channel, are not yet steady.
+
+    Each leading period is compared with all later ones: per line |Z_p - mean|^2 over its predicted variance is
+    F(2, 2(q-1)) for q later periods, and Fisher's sum over lines is chi-square when the period is steady. At least
+    three periods are kept, so a record of three or fewer cannot be tested.
+    """
+    first = 0
+    while len(spectra) - first > 3:
+        later = spectra[first + 1 :]
+        q = len(later)
+        variance = later.var(axis=0, ddof=1) * (1 + 1 / q)
+        usable = variance > 0
+        if not usable.any():
+            return first
+        ratio = np.abs(spectra[first] - later.mean(axis=0))[usable] ** 2 / variance[usable]
+        fisher = -2 * stats.f.logsf(ratio, 2, 2 * (q - 1)).sum()
+        if stats.chi2.sf(fisher, 2 * usable.sum()) > level:
+            return first
+        first += 1
+    return first

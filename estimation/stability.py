@@ -1,0 +1,226 @@
+"""Stability margins of a loop from its measured sensitivity, with intervals.
+
+A sensitivity S = 1 / (1 + L) measured on a running loop belongs to a stable closed loop, so every crossing of L is a
+distance to instability. Nothing is known outside the excited lines: a margin not found there is missing, with a reason.
+Peak sensitivity and peak displacement are graded by ISO 14839-3 and ISO 14839-2.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from estimation.curves import crossings, largest, least, refine, smooth_response
+
+CONFIDENCE = 0.95
+MISSING_SHARE = 0.05  # an interval end is withheld when more draws than this lack the margin
+
+Array = NDArray[np.float64]
+Interval = tuple[float | None, float | None]
+
+
+@dataclass(frozen=True)
+class Margins:
+    """Margins of one loop; None where the lines hold none, and `reasons` then says why, by field name.
+
+    peak_sensitivity: largest |S|. gain_margin_high: factor > 1 by which the loop gain may rise; gain_margin_low:
+    largest factor < 1 to which it may fall (loops around an unstable plant have one). phase_margin: smallest phase
+    change in deg, of either sign, that brings L to -1. delay_margin: smallest added delay in s that does.
+    disk_margin: 1 / max |S - 1/2|, the balanced one (skew 0). Each has its frequency in Hz. A peak at the first or last
+    line is reported with a reason: it bounds the true one from one side only.
+
+    intervals: 95 % (low, high) by name for the six quantities and peak_frequency; an end is None where the lines do not
+    bound it; empty without draws. Noise biases the values to the cautious side (peaks up, margins down). The intervals
+    allow for that, so a value may lie at the end of its own.
+    """
+
+    peak_sensitivity: float
+    peak_frequency: float
+    gain_margin_high: float | None
+    gain_margin_high_frequency: float | None
+    gain_margin_low: float | None
+    gain_margin_low_frequency: float | None
+    phase_margin: float | None
+    phase_margin_frequency: float | None
+    delay_margin: float | None
+    delay_margin_frequency: float | None
+    disk_margin: float
+    disk_margin_frequency: float
+    reasons: Mapping[str, str]
+    intervals: Mapping[str, Interval]
+
+
+def loop_gain(sensitivity: ArrayLike) -> NDArray[np.complex128]:
+    """Loop gain L = 1 / S - 1 of sensitivities (...), complex. Raises ValueError where S is zero or not finite."""
+    s = np.asarray(sensitivity, dtype=complex)
+    if not np.all(np.isfinite(s)) or np.any(s == 0):
+        raise ValueError("sensitivity must be finite and not zero; leave out lines without a value")
+    return 1 / s - 1
+
+
+def peak_sensitivity(frequency: ArrayLike, sensitivity: ArrayLike) -> tuple[Array, Array]:
+    """Largest |S| and its frequency in Hz, each (...), of many loops: the same numbers as in `margins`.
+
+    frequency (n,) Hz, increasing, n >= 4; sensitivity (..., n) complex. L is interpolated by a cubic spline in log
+    frequency (`estimation.curves`). Raises ValueError on bad input.
+    """
+    return _peak(*_refined(frequency, sensitivity))
+
+
+def margin_arrays(frequency: ArrayLike, sensitivity: ArrayLike) -> dict[str, Array]:
+    """Margins of many loops: the numeric fields of `Margins` by name, each (...), nan where missing.
+
+    frequency (n,) Hz, increasing, n >= 4; sensitivity (..., n) complex. Needs about 2 kB of memory per loop and line;
+    pass very large batches in parts. Raises ValueError on bad input.
+    """
+    return _margin_arrays(*_refined(frequency, sensitivity))
+
+
+def _margin_arrays(grid: Array, gain: NDArray[np.complex128]) -> dict[str, Array]:
+    re, im = gain.real, gain.imag
+    out: dict[str, Array] = {}
+    out["peak_sensitivity"], out["peak_frequency"] = _peak(grid, gain)
+    for name, (factor, at) in _gain_crossings(grid, gain).items():
+        out[name], out[f"{name}_frequency"] = least(factor, at, factor)
+    out["gain_margin_low"] = 1 / out["gain_margin_low"]
+    found, at, re_at, im_at = crossings(grid, re**2 + im**2 - 1, re, im)
+    lag = np.where(found, np.arctan2(-im_at, -re_at), np.inf)  # phase of -L: what lag brings L to -1
+    out["phase_margin"], out["phase_margin_frequency"] = least(np.degrees(np.abs(lag)), at, np.abs(lag))
+    lag[found] %= 2 * np.pi
+    delay = lag / (2 * np.pi * np.exp(at))
+    out["delay_margin"], out["delay_margin_frequency"] = least(delay, at, delay)
+    # |S - 1/2| = |1 - L| / (2 |1 + L|)
+    ratio, out["disk_margin_frequency"] = largest(grid, ((1 - re) ** 2 + im**2) / ((1 + re) ** 2 + im**2))
+    out["disk_margin"] = 2 / np.sqrt(ratio)
+    return out
+
+
+def margins(
+    frequency: ArrayLike, sensitivity: ArrayLike, variance: ArrayLike, draws: int = 400, seed: int = 0
+) -> Margins:
+    """Margins of one loop with 95 % intervals by a seeded parametric bootstrap.
+
+    frequency (n,) Hz, increasing, n >= 4; sensitivity (n,) complex; variance (n,) of it, E|noise|^2, circular complex
+    Gaussian and independent between lines; draws: 0 for no intervals, else at least 100. Raises ValueError on bad
+    input.
+    """
+    f, s = np.asarray(frequency, dtype=float), np.asarray(sensitivity, dtype=complex)
+    noise = np.asarray(variance, dtype=float)
+    if s.ndim != 1:
+        raise ValueError("sensitivity must be one loop (n,); use margin_arrays for many")
+    if noise.shape != s.shape or not np.all(np.isfinite(noise)) or np.any(noise < 0):
+        raise ValueError(f"variance must hold {s.size} finite values >= 0, one per line")
+    if draws != 0 and draws < 100:
+        raise ValueError("draws must be 0 (no intervals) or at least 100")
+    values = {name: float(value) for name, value in margin_arrays(f, s).items()}
+    reasons = _reasons(f, values)
+    intervals = _intervals(f, s, noise, values, draws, seed) if draws else {}
+    fields = {name: None if np.isnan(value) else value for name, value in values.items()}
+    return Margins(**fields, reasons=reasons, intervals=intervals)
+
+
+def iso_14839_3_zone(peak_sensitivity: float) -> str:
+    """Zone of ISO 14839-3 by peak |S|: "A" below 3, "B" below 4, "C" below 5, "D". ValueError if negative."""
+    return _zone("peak_sensitivity", peak_sensitivity, (3.0, 4.0, 5.0))
+
+
+def iso_14839_2_zone(peak_displacement: float, clearance: float) -> str:
+    """Zone of ISO 14839-2 by peak displacement over minimum clearance (same unit): "A" below 0.3, 0.4, 0.5, "D".
+
+    Raises ValueError if peak_displacement is negative or clearance is not positive.
+    """
+    if not clearance > 0:
+        raise ValueError("clearance must be positive")
+    return _zone("peak_displacement", peak_displacement / clearance, (0.3, 0.4, 0.5))
+
+
+def _zone(name: str, value: float, limits: tuple[float, ...]) -> str:
+    if not value >= 0:
+        raise ValueError(f"{name} must be a number that is not negative")
+    return "ABCD"[sum(value >= limit for limit in limits)]
+
+
+def _refined(frequency: ArrayLike, sensitivity: ArrayLike) -> tuple[Array, NDArray[np.complex128]]:
+    # L and not S: near a sharp peak of S, L is still smooth (peaks of 8-15 at 5 Hz lines: 0.03 % against 8 %).
+    gain = loop_gain(sensitivity)
+    if gain.ndim == 0 or gain.shape[-1] != np.size(frequency):
+        raise ValueError(f"sensitivity must have {np.size(frequency)} lines in its last dimension, one per frequency")
+    return refine(frequency, gain)
+
+
+def _peak(grid: Array, gain: NDArray[np.complex128]) -> tuple[Array, Array]:
+    top, at = largest(grid, -((1 + gain.real) ** 2 + gain.imag**2))
+    return 1 / np.sqrt(-top), at
+
+
+def _gain_crossings(grid: Array, gain: NDArray[np.complex128]) -> dict[str, tuple[Array, Array]]:
+    """Per side (factor > 1 up, or down, to instability; inf where none) and log frequency at each interval."""
+    found, at, re_at = crossings(grid, gain.imag, gain.real)
+    high = np.divide(-1, re_at, out=np.full_like(re_at, np.inf), where=found & (re_at < 0) & (re_at > -1))
+    return {"gain_margin_high": (high, at), "gain_margin_low": (np.where(found & (re_at < -1), -re_at, np.inf), at)}
+
+
+def _quantiles(values: Array) -> tuple[float, float]:
+    present = values[~np.isnan(values)]
+    if present.size == 0:
+        return np.nan, np.nan
+    low, high = np.quantile(present, [(1 - CONFIDENCE) / 2, (1 + CONFIDENCE) / 2])
+    return float(low), float(high)
+
+
+def _intervals(
+    f: Array, s: NDArray[np.complex128], variance: Array, values: Mapping[str, float], draws: int, seed: int
+) -> dict[str, Interval]:
+    # Draws around the noisy estimate would add its bias a second time; the smoothed curve has next to none.
+    # L is smoothed and not S, as it has no sharp peak; |dL| = |dS| / |S|^2.
+    centre = 1 / (1 + smooth_response(f, loop_gain(s), variance / np.abs(s) ** 4))
+    middle = margin_arrays(f, centre)
+    noise = np.random.default_rng(seed).standard_normal((2, draws, f.size)) * np.sqrt(variance / 2)
+    grid, gain = _refined(f, centre + noise[0] + 1j * noise[1])
+    drawn = _margin_arrays(grid, gain)
+    ends: dict[str, tuple[float, float]] = {}
+    for name in ("peak_sensitivity", "peak_frequency", "phase_margin", "delay_margin", "disk_margin"):
+        # Reflected in the logarithm: the bias that the draws show is taken off.
+        low, high = _quantiles(drawn[name])
+        scale = values[name] * float(middle[name])
+        ends[name] = scale / high, scale / low
+    for name, (factor, at) in _gain_crossings(grid, gain).items():
+        # Noise adds crossings: the near end takes each draw's worst, the far end the one next to the smooth curve's.
+        away = np.where(np.isinf(factor), np.inf, np.abs(at - np.log(middle[f"{name}_frequency"])))
+        near, far = _quantiles(least(factor, at, factor)[0])[0], _quantiles(least(factor, at, away)[0])[1]
+        far = np.nan if np.isnan(middle[name]) else far
+        ends[name] = (near, far) if name == "gain_margin_high" else (1 / far, 1 / near)
+    for name, (low, high) in ends.items():
+        if np.mean(np.isnan(drawn[name])) > MISSING_SHARE:
+            ends[name] = (np.nan, high) if name == "gain_margin_low" else (low, np.nan)
+    if _at_edge(f, values["peak_frequency"]):
+        ends["peak_sensitivity"], ends["peak_frequency"] = (ends["peak_sensitivity"][0], np.nan), (np.nan, np.nan)
+    if _at_edge(f, values["disk_margin_frequency"]):
+        ends["disk_margin"] = (np.nan, ends["disk_margin"][1])
+    # A strongly biased value may leave its own interval on the cautious side: the interval then reaches out to it.
+    held = {
+        name: np.array([np.minimum(pair[0], values[name]), np.maximum(pair[1], values[name])])
+        for name, pair in ends.items()
+    }
+    return {name: tuple(None if np.isnan(end) else float(end) for end in pair) for name, pair in held.items()}
+
+
+def _at_edge(f: Array, at: float) -> bool:
+    return bool(np.any(np.isclose(at, f[[0, -1]], rtol=1e-9, atol=0)))
+
+
+def _reasons(f: Array, values: Mapping[str, float]) -> dict[str, str]:
+    band = f"between {f[0]:g} and {f[-1]:g} Hz"
+    texts = {
+        "gain_margin_high": f"the phase of L does not cross -180 deg with |L| < 1 {band}",
+        "gain_margin_low": f"the phase of L does not cross -180 deg with |L| > 1 {band}",
+        "phase_margin": f"|L| does not cross 1 {band}",
+        "delay_margin": f"|L| does not cross 1 {band}",
+    }
+    reasons = {name: text for name, text in texts.items() if np.isnan(values[name])}
+    if _at_edge(f, values["peak_frequency"]):
+        reasons["peak_sensitivity"] = f"a lower bound: |S| is largest at an end of the lines {band}"
+    if _at_edge(f, values["disk_margin_frequency"]):
+        reasons["disk_margin"] = f"an upper bound: |S - 1/2| is largest at an end of the lines {band}"
+    return reasons

@@ -1,0 +1,94 @@
+"""What drives an experiment: periodic multisines at the force, the current or the reference."""
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from estimation.sphs import Multisine, random_phase, sphs, synthesise
+
+KINDS = ("sphs", "multisine", "recorded", "none")
+PLACES = ("force", "current", "reference")
+UNITS = {"force": "N", "current": "A", "reference": "m"}
+
+
+@dataclass(frozen=True)
+class Excitation:
+    """One periodic excitation; several of them on different lines may share a record.
+
+    kind: "sphs" (Schroeder phases, D App. A) or "multisine" (random phases drawn from `seed`).
+    at: "force" (N, on the rotor), "current" (A, added to the command) or "reference" (m).
+    fundamental in Hz; lines are harmonic numbers; amplitude is the peak of the period, in the unit of `at`.
+    "recorded" and "none" describe recordings that no multisine drives; they cannot be synthesised.
+    """
+
+    kind: Literal["sphs", "multisine", "recorded", "none"]
+    at: Literal["force", "current", "reference"] = "force"
+    fundamental: float = 1.0
+    lines: tuple[int, ...] = ()
+    amplitude: float = 1.0
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        if self.kind not in KINDS:
+            raise ValueError(f"excitation: kind = {self.kind!r}; use one of {', '.join(KINDS)}")
+        if self.at not in PLACES:
+            raise ValueError(f"excitation: at = {self.at!r}; use one of {', '.join(PLACES)}")
+        if self.kind in ("recorded", "none"):
+            return
+        if not self.fundamental > 0:
+            raise ValueError(f"excitation: fundamental = {self.fundamental} Hz must be positive")
+        lines = self.lines
+        if not lines or any(b <= a for a, b in zip(lines, lines[1:], strict=False)) or lines[0] < 1:
+            raise ValueError("excitation: lines must be strictly increasing harmonic numbers, the first at least 1")
+        if not self.amplitude >= 0:
+            raise ValueError(f"excitation: amplitude = {self.amplitude} must not be negative")
+
+    @property
+    def periodic(self) -> bool:
+        return self.kind in ("sphs", "multisine")
+
+    @property
+    def frequencies(self) -> np.ndarray:
+        """Excited frequencies, Hz, shape (lines,)."""
+        return np.asarray(self.lines, dtype=float) * self.fundamental
+
+    def samples_per_period(self, sample_rate: float) -> int:
+        """Samples in one period; ValueError when the period is not a whole number of them."""
+        n = sample_rate / self.fundamental
+        if abs(n - round(n)) > 1e-6 * n:
+            raise ValueError(
+                f"excitation: fundamental {self.fundamental} Hz does not divide the rate {sample_rate} Hz: "
+                f"a period would be {n:.6g} samples; choose a fundamental that gives a whole number"
+            )
+        return round(n)
+
+    def multisine(self, sample_rate: float) -> Multisine:
+        """The designed multisine on the sample grid of `sample_rate` (Hz)."""
+        n = self.samples_per_period(sample_rate)
+        if 2 * self.lines[-1] >= n:
+            raise ValueError(
+                f"excitation: line {self.lines[-1]} ({self.frequencies[-1]:g} Hz) is not below half of {sample_rate} Hz"
+            )
+        if self.kind == "sphs":
+            return sphs(self.lines, n, peak=self.amplitude)
+        return random_phase(self.lines, n, self.seed, peak=self.amplitude)
+
+    def waveform(self, sample_rate: float) -> np.ndarray:
+        """One period, shape (samples_per_period,), in the unit of `at`."""
+        return synthesise(self.multisine(sample_rate), self.samples_per_period(sample_rate))
+
+
+def check_interleaved(excitations: tuple[Excitation, ...]) -> None:
+    """Raise ValueError unless the periodic excitations share a fundamental and no line."""
+    taken: dict[int, str] = {}
+    fundamentals = {e.fundamental for e in excitations if e.periodic}
+    if len(fundamentals) > 1:
+        raise ValueError(f"excitation: fundamentals {sorted(fundamentals)} differ; one record needs one period")
+    for e in excitations:
+        for line in e.lines:
+            if line in taken:
+                raise ValueError(
+                    f"excitation: line {line} is excited at both {taken[line]} and {e.at}; interleave the lines"
+                )
+            taken[line] = e.at

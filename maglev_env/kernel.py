@@ -1,0 +1,229 @@
+"""The lane kernel: one compiled loop that steps LANES simulations of the nominal one-axis loop together.
+
+A block is flat arrays with LANES consecutive values per variable: constant strides are what lets the compiler turn
+the loops over lanes into full-width vector instructions. Blocks are always full, so a lane's bits do not depend on
+how many others run beside it. Absent effects are compiled out.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cache
+
+import numba as nb
+import numpy as np
+
+LANES = 16
+W = LANES
+
+# Rows of a block, one flat array so that the compiler sees every distance: state, then constants, then chains.
+Y, V, Z1, Z2, X1, X2, D, XI, ALIVE, STEPS, U, U_OLD, PEAK, CURRENT_SQ = range(14)
+(PROBE_LSB, LSB, PER_PROBE, V_MAX, KP, KD, KI, U_MAX, PER_U_LSB, U_LSB, DECAY_D, DECAY_I, NOISE_Y, NOISE_I, NOISE_F) = (
+    range(14, 29)
+)
+(GAP2, GAPM2, GAP, GAPM, FLUX_M, FLUX_C, BIAS, AREA_B, AREA_I, KS, CS, PER_MASS, LIMIT, DELAY_STEPS) = range(29, 43)
+# Exact linear chains, once per substep: sensor (2 states from 6 inputs), actuator (5 outputs from 4 inputs), and what
+# of the old and the new command acts at the sampling instant when the actuator has no pole.
+SENSOR, ACTUATOR, AT_START = 43, 55, 75
+CHAIN_ROWS = 34
+ROWS = 77
+
+# Output channels of a block, per sample.
+DISPLACEMENT, COMMAND, FORCE, CURRENT = range(4)
+CHANNELS = ("displacement", "command", "force", "current")
+# Samples gathered before they are written out lane by lane, so that a lane's series is contiguous.
+TILE = 8
+
+_FAST = {"contract", "nsz", "arcp", "reassoc"}
+_GOLDEN = np.uint64(0x9E3779B97F4A7C15)
+# Sum of four 16-bit uniforms, then an odd polynomial that gives it the normal's 2nd, 4th and 6th moment.
+_UNIFORM_MEAN = 131070.0
+_PER_UNIFORM_STD = float(1.0 / np.sqrt(4 * (65536.0**2 - 1) / 12))
+_G1, _G3, _G5 = 9.71507118e-01, 8.82926499e-04, 2.33126057e-03
+
+
+@dataclass(frozen=True)
+class Structure:
+    """What is compiled in: magnets ("gap", "magnet" or "none"), poles in each chain, delay, converters, noise."""
+
+    magnets: str
+    sensor_poles: int
+    actuator_poles: int
+    delayed: bool
+    adc: bool
+    dac: bool
+    noise: bool
+    noisy_readings: bool
+
+
+@nb.njit(fastmath=_FAST, error_model="numpy", inline="always")
+def _normal(seed, count):
+    z = seed + count * _GOLDEN
+    z = (z ^ (z >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
+    z = (z ^ (z >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
+    z = z ^ (z >> np.uint64(31))
+    low = np.uint64(0xFFFF)
+    s = (z & low) + ((z >> np.uint64(16)) & low) + ((z >> np.uint64(32)) & low) + (z >> np.uint64(48))
+    w = (np.float64(np.int64(s)) - _UNIFORM_MEAN) * _PER_UNIFORM_STD
+    w2 = w * w
+    return w * (_G1 + w2 * (_G3 + w2 * _G5))
+
+
+@cache
+def kernel(structure: Structure, outputs: int, substeps: int = 1) -> Callable[..., int]:
+    """The compiled stepper for a structure: `outputs` leading CHANNELS written (2 to 4), `substeps` per sample.
+
+    Called as step(block, seeds, history, first_step, force, injection, reference, tile, out), all arrays flat: advances
+    the block over len(force) samples and fills out (outputs, LANES, samples); tile is scratch of TILE samples. Returns the samples done: fewer
+    when every lane has touched down.
+    """
+    return _make(outputs=outputs, substeps=substeps, **vars(structure))
+
+
+def _make(magnets, sensor_poles, actuator_poles, delayed, adc, dac, noise, noisy_readings, outputs, substeps):
+    sixth = 1.0 / 6.0
+    magnetic, gap_path = magnets != "none", magnets == "gap"
+
+    @nb.njit(fastmath=_FAST, error_model="numpy", inline="always")
+    def pull(x, i, y, current):
+        """Magnet force (see magnetics.force) in sums and differences of the two gaps: one division, 25 operations."""
+        if not magnetic:
+            return 0.0
+        y2 = y * y
+        b = x[GAPM2 * W + i] - y2
+        if gap_path:
+            a = x[GAP2 * W + i] - y2
+            inverse = 1.0 / (a * b)
+            magnet, coil, reach = x[FLUX_M * W + i] * (a * inverse), x[FLUX_C * W + i] * (b * inverse), x[GAP * W + i]
+        else:
+            inverse = 1.0 / b
+            magnet, coil, reach = x[FLUX_M * W + i] * inverse, x[FLUX_C * W + i] * inverse, x[GAPM * W + i]
+        bias = x[BIAS * W + i] * coil
+        field_sum = x[GAPM * W + i] * magnet + reach * bias
+        slope = magnet + bias
+        drive = current * coil
+        return x[AREA_B * W + i] * (y * field_sum * slope) + x[AREA_I * W + i] * drive * (
+            reach * (field_sum + drive * y) + slope * y2
+        )
+
+    @nb.njit(fastmath=_FAST, error_model="numpy", nogil=True, cache=True)
+    def step(x, seeds, history, first_step, force, injection, reference, tile, out):
+        mask = np.int64(history.size // W - 1)
+        samples = force.size
+        for t in range(samples):
+            f_ext, inject, ref = force[t], injection[t], reference[t]
+            count = np.uint64(first_step + t + 1)
+            o = (t % TILE) * outputs * W
+            now = (np.int64(first_step + t) & mask) * W
+            for i in range(W):
+                sensed = x[Z2 * W + i] if sensor_poles == 2 else (x[Z1 * W + i] if sensor_poles == 1 else x[Y * W + i])
+                if noise:
+                    sensed = sensed + x[NOISE_Y * W + i] * _normal(seeds[i], count)
+                volts = sensed * x[PROBE_LSB * W + i]
+                if adc:
+                    volts = np.rint(volts) * x[LSB * W + i]
+                shown = min(max(volts, -x[V_MAX * W + i]), x[V_MAX * W + i]) * x[PER_PROBE * W + i]
+                x[PEAK * W + i] = max(x[PEAK * W + i], abs(shown))
+                if magnetic:
+                    e = ref - shown
+                    d, xi = x[D * W + i], x[XI * W + i]
+                    u = x[KP * W + i] * e + x[KD * W + i] * (e - d) + x[KI * W + i] * xi + inject
+                    u = min(max(u, -x[U_MAX * W + i]), x[U_MAX * W + i])
+                    if dac:
+                        u = np.rint(u * x[PER_U_LSB * W + i]) * x[U_LSB * W + i]
+                    x[D * W + i] = e + (d - e) * x[DECAY_D * W + i]
+                    x[XI * W + i] = e + (xi - e) * x[DECAY_I * W + i]
+                    x[U * W + i] = u
+                tile[o + DISPLACEMENT * W + i] = shown
+                tile[o + COMMAND * W + i] = x[U * W + i]
+            if delayed:
+                for i in range(W):
+                    history[now + i] = x[U * W + i]
+                for i in range(W):
+                    behind = np.int64(first_step + t) - np.int64(x[DELAY_STEPS * W + i])
+                    x[U * W + i] = history[(behind & mask) * W + i]
+                    x[U_OLD * W + i] = history[((behind - 1) & mask) * W + i]
+            for i in range(W):
+                if actuator_poles == 2:
+                    current = x[X2 * W + i]
+                elif actuator_poles == 1:
+                    current = x[X1 * W + i]
+                else:
+                    current = x[(AT_START + 1) * W + i] * x[U * W + i]
+                    if delayed:
+                        current = current + x[AT_START * W + i] * x[U_OLD * W + i]
+                x[CURRENT_SQ * W + i] += current * current
+                if outputs > CURRENT:
+                    if noisy_readings:
+                        current = current + x[NOISE_I * W + i] * _normal(seeds[W + i], count)
+                    tile[o + CURRENT * W + i] = current
+                if outputs > FORCE:
+                    reading = f_ext
+                    if noisy_readings:
+                        reading = reading + x[NOISE_F * W + i] * _normal(seeds[2 * W + i], count)
+                    tile[o + FORCE * W + i] = reading
+            for s in range(substeps):
+                row = s * CHAIN_ROWS * W
+                for i in range(W):
+                    y, v = x[Y * W + i], x[V * W + i]
+                    c0 = c1 = c2 = 0.0
+                    if magnetic:
+                        # Rows: next x1, next x2, and three nodal currents whose quadrature is exact; columns: x1 x2 old new.
+                        a = row + ACTUATOR * W + i
+                        u, x1, x2 = x[U * W + i], x[X1 * W + i], x[X2 * W + i]
+                        n1, n2 = x[a + 3 * W] * u, x[a + 7 * W] * u
+                        c0, c1, c2 = x[a + 11 * W] * u, x[a + 15 * W] * u, x[a + 19 * W] * u
+                        if actuator_poles >= 1:
+                            n1 = n1 + x[a] * x1
+                            c0, c1, c2 = c0 + x[a + 8 * W] * x1, c1 + x[a + 12 * W] * x1, c2 + x[a + 16 * W] * x1
+                        if actuator_poles == 2:
+                            n2 = n2 + x[a + 4 * W] * x1 + x[a + 5 * W] * x2
+                            c0, c1, c2 = c0 + x[a + 9 * W] * x2, c1 + x[a + 13 * W] * x2, c2 + x[a + 17 * W] * x2
+                        if delayed:
+                            old = x[U_OLD * W + i]
+                            n1, n2 = n1 + x[a + 2 * W] * old, n2 + x[a + 6 * W] * old
+                            c0, c1 = c0 + x[a + 10 * W] * old, c1 + x[a + 14 * W] * old
+                            c2 = c2 + x[a + 18 * W] * old
+                        if actuator_poles >= 1:
+                            x[X1 * W + i] = n1
+                        if actuator_poles == 2:
+                            x[X2 * W + i] = n2
+                    # Velocity and acceleration in displacement per step (h v, h^2 a): the step itself needs no products.
+                    ks, cs, fx = x[KS * W + i], x[CS * W + i], f_ext * x[PER_MASS * W + i]
+                    # Nystrom's 4th order: the two middle stages share a position, so the magnets are evaluated thrice.
+                    a1 = pull(x, i, y, c0) - ks * y - cs * v + fx
+                    ym = y + 0.5 * v + 0.125 * a1
+                    fm = pull(x, i, ym, c1) - ks * ym + fx
+                    a2 = fm - cs * (v + 0.5 * a1)
+                    a3 = fm - cs * (v + 0.5 * a2)
+                    ye = y + v + 0.5 * a3
+                    a4 = pull(x, i, ye, c2) - ks * ye - cs * (v + a3) + fx
+                    y1 = y + v + (a1 + a2 + a3) * sixth
+                    v1 = v + (a1 + 2.0 * (a2 + a3) + a4) * sixth
+                    if sensor_poles >= 1:
+                        k = row + SENSOR * W + i
+                        z1 = x[Z1 * W + i]
+                        drive = x[k + 2 * W] * y + x[k + 3 * W] * v + x[k + 4 * W] * y1 + x[k + 5 * W] * v1
+                        x[Z1 * W + i] = x[k] * z1 + drive
+                        if sensor_poles == 2:
+                            k = k + 6 * W
+                            drive = x[k + 2 * W] * y + x[k + 3 * W] * v + x[k + 4 * W] * y1 + x[k + 5 * W] * v1
+                            x[Z2 * W + i] = x[k] * z1 + x[k + W] * x[Z2 * W + i] + drive
+                    # A lane that touches down stays where it was: nothing beyond the clearance is simulated.
+                    alive = x[ALIVE * W + i] if abs(y1) < x[LIMIT * W + i] else 0.0
+                    x[Y * W + i] = y1 if alive > 0.0 else y
+                    x[V * W + i] = v1 * alive
+                    x[ALIVE * W + i] = alive
+                    x[STEPS * W + i] += alive
+            if t % TILE == TILE - 1 or t == samples - 1:
+                start, filled = t - t % TILE, t % TILE + 1
+                for c in range(outputs * W):
+                    for j in range(filled):
+                        out[c * samples + start + j] = tile[j * outputs * W + c]
+                living = 0.0
+                for i in range(W):
+                    living += x[ALIVE * W + i]
+                if living == 0.0:
+                    return t + 1
+        return samples
+
+    return step

@@ -1,0 +1,172 @@
+"""From experiments to kernel lanes: which structure each needs, and the constants of its exact linear chains."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import expm
+
+from maglev_env import kernel as k
+from maglev_env.effects import effect_value
+from maglev_env.experiment import Experiment
+from maglev_env.magnetics import force_law
+
+_NOISE_CHANNELS = 3  # displacement, current, force
+
+
+@dataclass(frozen=True)
+class LaneBatch:
+    """Kernel inputs of n experiments of one structure: rows (see `kernel`, n) at their start, seeds (3, n)."""
+
+    structure: k.Structure
+    rows: np.ndarray
+    seeds: np.ndarray
+    history_length: int
+
+
+def structure_of(experiment: Experiment) -> k.Structure:
+    """The kernel an experiment needs; what its rig and effects do not have is compiled out."""
+    rig, effects = experiment.rig, experiment.effects
+    return k.Structure(
+        magnets="none" if rig.magnet == "none" else rig.flux_path,
+        sensor_poles=int(rig.sensor_time_constant > 0) + int(effect_value(effects, "sensor_lag") > 0),
+        actuator_poles=int(rig.amplifier_time_constant > 0) + int(effect_value(effects, "amplifier_lag") > 0),
+        delayed=effect_value(effects, "delay") > 0,
+        adc=rig.adc_bits > 0,
+        dac=rig.dac_bits > 0,
+        noise=rig.noise.displacement > 0,
+        noisy_readings=rig.noise.current > 0 or rig.noise.force > 0,
+    )
+
+
+def lane_batch(experiments: Sequence[Experiment], substeps: int = 1) -> LaneBatch:
+    """Constants of experiments that share one structure (see `structure_of`)."""
+    rows = np.zeros((k.ROWS + (substeps - 1) * k.CHAIN_ROWS, len(experiments)))
+    rows[: k.ROWS] = np.array([_parameters(e, substeps) for e in experiments]).T
+    dt = np.array([1 / e.rig.control_rate for e in experiments])
+    delay = np.array([effect_value(e.effects, "delay") for e in experiments])
+    whole = np.floor(delay / dt * (1 + 1e-12))
+    rows[k.DELAY_STEPS] = whole
+    structure = structure_of(experiments[0])
+    sensor = _poles([(e.rig.sensor_time_constant, effect_value(e.effects, "sensor_lag")) for e in experiments])
+    amplifier = _poles([(e.rig.amplifier_time_constant, effect_value(e.effects, "amplifier_lag")) for e in experiments])
+    fraction = np.clip(delay - whole * dt, 0, dt)
+    gain_scale = np.array([_gain_scale(e) for e in experiments])
+    h = dt / substeps
+    for s in range(substeps):
+        chain = rows[s * k.CHAIN_ROWS :]
+        if structure.sensor_poles:
+            chain[k.SENSOR : k.ACTUATOR] = _sensor_rows(sensor[:, : structure.sensor_poles], h)
+        switch = np.clip(fraction - s * h, 0, h)
+        actuator = _actuator_rows(amplifier[:, : structure.actuator_poles], h, switch)
+        actuator[2 * 4 :] *= gain_scale  # states stay in amperes; the currents that make force carry the calibration
+        chain[k.ACTUATOR : k.AT_START] = actuator
+    rows[k.AT_START], rows[k.AT_START + 1] = fraction > 0, fraction <= 0
+    seeds = np.array([np.random.SeedSequence(e.seed).generate_state(_NOISE_CHANNELS, np.uint64) for e in experiments]).T
+    history = 1 << int(np.ceil(np.log2(whole.max() + 2)))
+    return LaneBatch(structure, rows, seeds, history)
+
+
+def _parameters(e: Experiment, substeps: int) -> np.ndarray:
+    rig, effects, gains = e.rig, e.effects, e.gains
+    p = np.zeros(k.ROWS)
+    p[k.ALIVE] = 1.0
+    dt = 1 / rig.control_rate
+    probe = rig.probe_gain * (1 + effect_value(effects, "sensor_gain"))
+    lsb = 2 * rig.voltage_range / 2**rig.adc_bits if rig.adc_bits else 1.0
+    current_range = rig.voltage_range * rig.amplifier_gain
+    u_lsb = 2 * current_range / 2**rig.dac_bits if rig.dac_bits else 1.0
+    p[k.PROBE_LSB], p[k.LSB] = probe / lsb, lsb
+    p[k.PER_PROBE], p[k.V_MAX] = 1 / rig.probe_gain, rig.voltage_range
+    p[k.KP], p[k.KD], p[k.KI] = gains.kp, gains.kd / gains.td, gains.ki
+    p[k.U_MAX], p[k.PER_U_LSB], p[k.U_LSB] = current_range, 1 / u_lsb, u_lsb
+    p[k.DECAY_D], p[k.DECAY_I] = np.exp(-dt / gains.td), np.exp(-dt / gains.ti)
+    p[k.NOISE_Y], p[k.NOISE_I], p[k.NOISE_F] = rig.noise.displacement, rig.noise.current, rig.noise.force
+    if rig.magnet != "none":
+        law = force_law(rig)
+        p[k.GAP], p[k.GAPM] = law.gap, law.gap + law.magnet_gap
+        p[k.GAP2], p[k.GAPM2] = law.gap**2, (law.gap + law.magnet_gap) ** 2
+        # Sums and differences of the two gaps' fields carry a factor two.
+        p[k.FLUX_M], p[k.FLUX_C], p[k.BIAS] = 2 * law.magnet_flux, 2 * law.coil_flux, law.bias_current
+        p[k.AREA_B] = law.area * law.stiffness_scale * (1 + effect_value(effects, "negative_stiffness"))
+        p[k.AREA_I] = law.area
+    # The kernel's velocity is h v and its acceleration h^2 a, so every force carries h^2 / m.
+    h = dt / substeps
+    per_mass = h**2 / (rig.mass * (1 + effect_value(effects, "mass")))
+    p[[k.AREA_B, k.AREA_I]] *= per_mass
+    p[k.KS] = rig.support_stiffness * (1 + effect_value(effects, "support_stiffness")) * per_mass
+    p[k.CS] = (rig.support_damping + effect_value(effects, "damping")) * per_mass / h
+    p[k.PER_MASS] = per_mass
+    # The force law is singular where the rotor meets a pole; contact comes first.
+    p[k.LIMIT] = min(rig.clearance, 0.999 * rig.gap)
+    return p
+
+
+def _gain_scale(e: Experiment) -> float:
+    if e.rig.magnet == "none":
+        return 1.0
+    return force_law(e.rig).gain_scale * (1 + effect_value(e.effects, "actuator_gain"))
+
+
+def _poles(pairs: list[tuple[float, float]]) -> np.ndarray:
+    """Non-zero time constants first, shape (n, 2)."""
+    return np.array([sorted(pair, key=lambda t: t == 0) for pair in pairs])
+
+
+def _sensor_rows(poles: np.ndarray, h: np.ndarray) -> np.ndarray:
+    """Next probe states from (z1, z2, y0, h v0, y1, h v1) with y the cubic through both ends; shape (12, n)."""
+    n, order = poles.shape
+    # States z1, z2 and the scaled derivatives y, h y', h^2 y'', h^3 y''' of the cubic, over one unit of tau / h.
+    a = np.zeros((n, 6, 6))
+    rate = h[:, None] / poles
+    a[:, 0, 0], a[:, 0, 2] = -rate[:, 0], rate[:, 0]
+    if order == 2:
+        a[:, 1, 1], a[:, 1, 0] = -rate[:, 1], rate[:, 1]
+    a[:, 2, 3] = a[:, 3, 4] = a[:, 4, 5] = 1.0
+    step = expm(a)[:, :2]
+    hermite = np.array([[1, 0, 0, 0], [0, 1, 0, 0], [-6, -4, 6, -2], [12, 6, -12, 6]])  # derivatives at the start
+    rows = np.concatenate([step[:, :, :2], step[:, :, 2:] @ hermite], axis=2)
+    return rows.reshape(n, 12).T
+
+
+def _actuator_rows(poles: np.ndarray, h: np.ndarray, switch: np.ndarray) -> np.ndarray:
+    """Next states and nodal currents from (x1, x2, old command, new command); shape (20, n).
+
+    The new command acts from `switch` (s) on. The three nodal currents c0, c1, c2 stand for the current in the
+    integration step so that its impulse (c0 + 4 c1 + c2) h / 6 and its displacement (c0 + 2 c1) h^2 / 6 are exact.
+    """
+    n, order = poles.shape
+    # States x1, x2, command, integral and double integral of the current, over one unit of tau / h.
+    a = np.zeros((n, 5, 5))
+    rate = h[:, None] / np.where(poles > 0, poles, 1.0)
+    source = 2
+    for j in range(order):
+        a[:, j, j], a[:, j, source] = -rate[:, j], rate[:, j]
+        source = j
+    a[:, 3, source] = a[:, 4, 3] = 1.0
+    s = switch / h
+    full = _switched(a, s, np.ones(n))
+    middle = _switched(a, np.minimum(s, 0.5), np.full(n, 0.5))
+    mean, moment = full[:, 3], 2 * full[:, 4]
+    if order:
+        c1 = middle[:, order - 1]
+    else:
+        c1 = mean  # the command itself may jump inside the step: its mean stands for the middle
+    c0 = 3 * moment - 2 * c1
+    c2 = 6 * mean - 4 * c1 - c0
+    next_states = full[:, :2].copy()
+    next_states[:, order:] = 0.0
+    return np.concatenate([next_states, c0[:, None], c1[:, None], c2[:, None]], axis=1).reshape(n, 20).T
+
+
+def _switched(a: np.ndarray, switch: np.ndarray, end: np.ndarray) -> np.ndarray:
+    """State map (n, 5, 4) over [0, end] from (x1, x2, old, new): the command row changes at `switch`."""
+    n = len(a)
+    first = expm(a * switch[:, None, None])
+    second = expm(a * (end - switch)[:, None, None])
+    start = np.zeros((n, 5, 4))
+    start[:, 0, 0] = start[:, 1, 1] = start[:, 2, 2] = 1.0
+    state = first @ start
+    state[:, 2] = 0.0
+    state[:, 2, 3] = 1.0
+    return second @ state

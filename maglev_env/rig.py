@@ -1,0 +1,268 @@
+"""A rig: the frozen physical parameters of a levitated rotor, read from a TOML file and checked."""
+
+import tomllib
+from collections.abc import Mapping
+from dataclasses import MISSING, dataclass, field, fields, replace
+from importlib import resources
+from math import inf, isfinite
+from pathlib import Path
+from typing import Any
+
+from maglev_env.excitation import Excitation, check_interleaved
+from maglev_env.gains import NO_CONTROLLER, Gains
+
+SCHEMA = "maglev-rig/1"
+MAGNETS = ("hybrid_pair", "none")
+FLUX_PATHS = ("gap", "magnet")
+PRESETS = ("hmb_free", "hmb_radial", "hmb_axial", "pedestal")
+MAX_FILE_BYTES = 1_000_000
+
+
+def _number(unit: str, low: float, high: float, default: Any = MISSING) -> Any:
+    metadata = {"unit": unit, "low": low, "high": high}
+    return field(metadata=metadata) if default is MISSING else field(default=default, metadata=metadata)
+
+
+@dataclass(frozen=True)
+class Protocol:
+    """The rig's identification experiment: what is excited, for how long, and the estimation bands (Hz)."""
+
+    excitations: tuple[Excitation, ...]
+    periods: int = 5
+    transient_periods: int = 1
+    band_width: float = 15.0
+    band_overlap: float = 12.0
+
+    def __post_init__(self) -> None:
+        check_interleaved(self.excitations)
+        if self.periods < 2 or self.transient_periods < 0:
+            raise ValueError("[protocol]: periods must be at least 2 and transient_periods at least 0")
+        if not 0 <= self.band_overlap < self.band_width:
+            raise ValueError("[protocol]: band_overlap must be at least 0 and smaller than band_width")
+
+
+@dataclass(frozen=True)
+class Noise:
+    """White noise, rms per sample: displacement (m, inside the loop), force (N) and current (A) readings."""
+
+    displacement: float = 0.0
+    force: float = 0.0
+    current: float = 0.0
+
+    def __post_init__(self) -> None:
+        for f in fields(self):
+            v = getattr(self, f.name)
+            if not (isfinite(v) and v >= 0):
+                raise ValueError(f"[noise]: {f.name} = {v} must be a number, at least 0")
+
+
+@dataclass(frozen=True)
+class Target:
+    """What a good support is: target stiffness N/m and damping N s/m (None: those of the preset gains) in band (Hz),
+    the largest peak sensitivity, and the rms current (A) at which the current term halves."""
+
+    band: tuple[float, float] = (60.0, 120.0)
+    stiffness: float | None = None
+    damping: float | None = None
+    peak_sensitivity: float = 2.5
+    current_limit: float = 1.0
+
+
+@dataclass(frozen=True)
+class Rig:
+    """Physical parameters of one levitated axis, SI; each field's metadata holds its unit and physical range.
+
+    actuator_gain (N/A) and negative_stiffness (N/m, < 0), when given, calibrate the hybrid pair's force law.
+    adc_bits or dac_bits = 0 means an ideal converter.
+    """
+
+    name: str
+    magnet: str
+    mass: float = _number("kg", 1e-6, 1e5)
+    support_stiffness: float = _number("N/m", 0.0, 1e10, 0.0)
+    support_damping: float = _number("N s/m", 0.0, 1e7, 0.0)
+    gap: float = _number("m", 1e-6, 0.1, 1e-3)
+    clearance: float = _number("m", 1e-7, 0.1, 0.0)
+    turns: float = _number("", 1.0, 1e5, 1.0)
+    pole_area: float = _number("m2", 1e-9, 1.0, 1e-4)
+    magnet_area: float = _number("m2", 1e-9, 1.0, 1e-4)
+    magnet_length: float = _number("m", 1e-6, 1.0, 1e-3)
+    remanence: float = _number("T", 0.0, 3.0, 0.0)
+    recoil_permeability: float = _number("mu_0", 0.5, 100.0, 1.05)
+    flux_path: str = "gap"
+    bearings: int = _number("", 1, 16, 1)
+    bias_current: float = _number("A", 0.0, 1e3, 0.0)
+    actuator_gain: float | None = _number("N/A", 1e-6, 1e6, None)
+    negative_stiffness: float | None = _number("N/m", -1e9, 0.0, None)
+    coil_inductance: float | None = _number("H", 1e-9, 1e3, None)
+    coil_resistance: float = _number("ohm", 0.0, 1e4, 0.0)
+    supply_voltage: float = _number("V", 0.1, 1e5, 24.0)
+    amplifier_gain: float = _number("A/V", 1e-4, 1e4, 1.0)
+    amplifier_time_constant: float = _number("s", 0.0, 0.1, 0.0)
+    sensor_time_constant: float = _number("s", 0.0, 0.1, 0.0)
+    probe_gain: float = _number("V/m", 1e-3, 1e9, 8000.0)
+    adc_bits: int = _number("bit", 0, 32, 16)
+    dac_bits: int = _number("bit", 0, 32, 14)
+    voltage_range: float = _number("V", 0.1, 1e4, 10.0)
+    control_rate: float = _number("Hz", 100.0, 1e6, 20000.0)
+    gravity: float = _number("m/s2", 0.0, 100.0, 9.80665)
+    gains: Gains = NO_CONTROLLER
+    noise: Noise = Noise()
+    bounds: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    protocol: Protocol | None = None
+    target: Target = Target()
+    tolerance: Mapping[str, float] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        if self.magnet not in MAGNETS:
+            raise ValueError(f"magnet = {self.magnet!r}; use one of {', '.join(MAGNETS)}")
+        if self.flux_path not in FLUX_PATHS:
+            raise ValueError(f"flux_path = {self.flux_path!r}; use one of {', '.join(FLUX_PATHS)}")
+        if not self.clearance:
+            object.__setattr__(self, "clearance", self.gap)
+        for f in fields(self):
+            if f.metadata:
+                _check_range(f.name, getattr(self, f.name), f.metadata)
+        if self.clearance > self.gap:
+            raise ValueError(f"clearance = {self.clearance} m is larger than the gap {self.gap} m")
+        if self.magnet != "none" and not self.remanence:
+            raise ValueError("remanence: a hybrid pair needs its magnets' remanence in T")
+
+    @property
+    def controlled(self) -> bool:
+        """Whether the rig has an actuator for a controller to use."""
+        return self.magnet != "none"
+
+
+def _check_range(name: str, value: Any, metadata: Mapping[str, Any]) -> None:
+    if value is None:
+        return
+    whole = isinstance(metadata["low"], int)
+    if isinstance(value, bool) or not isinstance(value, int if whole else int | float) or not isfinite(value):
+        raise ValueError(f"{name} = {value!r} is not {'a whole number' if whole else 'a finite number'}")
+    if not metadata["low"] <= value <= metadata["high"]:
+        raise ValueError(
+            f"{name} = {value} {metadata['unit']} is outside the physical range "
+            f"{metadata['low']:g} .. {metadata['high']:g} (SI units)"
+        )
+
+
+PARAMETERS: Mapping[str, Mapping[str, Any]] = {
+    f.name: f.metadata or {"unit": "", "low": -inf, "high": inf}
+    for f in fields(Rig)
+    if f.metadata or f.name == "flux_path"
+}
+
+
+def with_parameters(rig: Rig, parameters: Mapping[str, Any]) -> Rig:
+    """The rig with some physical parameters replaced; ValueError names an unknown or unphysical one."""
+    for key in parameters:
+        _known(key, PARAMETERS, "[parameters]")
+    if "gap" in parameters and "clearance" not in parameters and rig.clearance == rig.gap:
+        parameters = {**parameters, "clearance": parameters["gap"]}
+    return replace(rig, **parameters)
+
+
+def load_rig(source: str | Path) -> Rig:
+    """A preset by name, or a rig TOML by path. ValueError names the file and key; OSError when it cannot be read."""
+    if str(source) in PRESETS:
+        text = (resources.files("maglev_env") / "rigs" / f"{source}.toml").read_text()
+        return rig_from_toml(text, str(source))
+    path = Path(source)
+    if path.suffix != ".toml":
+        raise ValueError(f"rig {str(source)!r} is neither a preset ({', '.join(PRESETS)}) nor a .toml file")
+    if path.stat().st_size > MAX_FILE_BYTES:
+        raise ValueError(f"{path}: larger than {MAX_FILE_BYTES} bytes; that is not a rig file")
+    return rig_from_toml(path.read_text(), str(path))
+
+
+def rig_from_toml(text: str, where: str) -> Rig:
+    """Parse and check a rig TOML (schema maglev-rig/1); `where` names it in messages."""
+    try:
+        return _build(tomllib.loads(text))
+    except (tomllib.TOMLDecodeError, ValueError, TypeError) as error:
+        raise ValueError(f"{where}: {error}") from error
+
+
+_TABLES = ("parameters", "gains", "noise", "bounds", "protocol", "target", "tolerance")
+
+
+def _build(data: dict[str, Any]) -> Rig:
+    if data.get("schema") != SCHEMA:
+        raise ValueError(f'schema = {data.get("schema")!r}; this version reads schema = "{SCHEMA}"')
+    for key in data:
+        _known(key, ("schema", "name", "magnet", "axes", *_TABLES), "top level")
+    if data.get("axes", 1) != 1:
+        raise ValueError(f"axes = {data['axes']}; one-axis rigs (axes = 1) are supported")
+    for key in ("name", "magnet", "parameters"):
+        if key not in data:
+            raise ValueError(f"{key} is missing")
+    for key in data["parameters"]:
+        _known(key, PARAMETERS, "[parameters]")
+    if "mass" not in data["parameters"]:
+        raise ValueError("[parameters]: mass is missing")
+    bounds = {k: _pair(v, f"[bounds] {k}") for k, v in data.get("bounds", {}).items()}
+    for key in bounds:
+        _known(key, [f.name for f in fields(Gains)], "[bounds]")
+    for key, value in data.get("tolerance", {}).items():
+        _known(key, PARAMETERS, "[tolerance]")
+        if not 0 <= value < 1:
+            raise ValueError(f"[tolerance]: {key} = {value} must be a relative 1-sigma uncertainty in 0 .. 1")
+    target = dict(data.get("target", {}))
+    if "band" in target:
+        target["band"] = _pair(target["band"], "[target] band")
+    return Rig(
+        name=data["name"],
+        magnet=data["magnet"],
+        **data["parameters"],
+        gains=_table(Gains, data, "gains") if "gains" in data else NO_CONTROLLER,
+        noise=_table(Noise, data, "noise"),
+        bounds=bounds,
+        protocol=_protocol(data["protocol"]) if "protocol" in data else None,
+        target=_table(Target, {"target": target}, "target"),
+        tolerance=data.get("tolerance", {}),
+    )
+
+
+def _protocol(data: dict[str, Any]) -> Protocol:
+    data = dict(data)
+    excitations = tuple(excitation_from_table(e) for e in data.pop("excitation", []))
+    if not excitations:
+        raise ValueError("[protocol]: give at least one [[protocol.excitation]]")
+    return _table(Protocol, {"protocol": {**data, "excitations": excitations}}, "protocol")
+
+
+def excitation_from_table(table: Mapping[str, Any], ignored: tuple[str, ...] = ()) -> Excitation:
+    """An Excitation from a TOML table; `harmonics = [first, last]` is short for all lines between them."""
+    table = {k: v for k, v in table.items() if k not in ignored}
+    harmonics = table.pop("harmonics", None)
+    if harmonics is not None:
+        first, last = _pair(harmonics, "excitation harmonics")
+        if "lines" in table:
+            raise ValueError("excitation: give lines or harmonics, not both")
+        table["lines"] = range(int(first), int(last) + 1)
+    for key in table:
+        _known(key, [f.name for f in fields(Excitation)], "excitation")
+    if "kind" not in table:
+        raise ValueError("excitation: kind is missing")
+    if "lines" in table:
+        table["lines"] = tuple(int(line) for line in table["lines"])
+    return Excitation(**table)
+
+
+def _table(cls: type, data: Mapping[str, Any], name: str) -> Any:
+    table = data.get(name, {})
+    for key in table:
+        _known(key, [f.name for f in fields(cls)], f"[{name}]")
+    return cls(**table)
+
+
+def _known(key: str, known: Any, where: str) -> None:
+    if key not in known:
+        raise ValueError(f"{where}: unknown key {key!r}; known keys: {', '.join(sorted(known))}")
+
+
+def _pair(value: Any, where: str) -> tuple[float, float]:
+    if not (isinstance(value, list | tuple) and len(value) == 2 and value[0] < value[1]):
+        raise ValueError(f"{where} = {value!r} must be two increasing numbers")
+    return value[0], value[1]

@@ -1,0 +1,221 @@
+"""Run experiments in lanes: to line statistics, one period in memory at a time, or to full recordings."""
+
+import os
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.fft
+
+from estimation.periods import LineStatistics, line_statistics
+from maglev_env import kernel as k
+from maglev_env.experiment import Experiment
+from maglev_env.lanes import LaneBatch, lane_batch, structure_of
+
+# Channels whose spectra the estimators use; the injection is digital and known exactly.
+SPECTRAL = ("displacement", "command", "force")
+
+
+@dataclass(frozen=True)
+class SimulatedStatistics:
+    """n experiments that share excitations and periods, as the estimators need them.
+
+    statistics: lane axis first; lanes that touched down hold nan. touchdown_time (n,) s, nan when the rotor never
+    reached the clearance. peak_displacement (n,) m and current_rms (n,) A over the kept periods.
+    """
+
+    statistics: LineStatistics
+    touchdown_time: np.ndarray
+    peak_displacement: np.ndarray
+    current_rms: np.ndarray
+
+
+@dataclass(frozen=True)
+class _Block:
+    batch: LaneBatch
+    members: np.ndarray
+    experiment: Experiment
+    substeps: int
+
+
+def excited_lines(experiment: Experiment) -> np.ndarray:
+    """Sorted harmonic numbers that any excitation of the experiment drives."""
+    return np.unique(np.concatenate([e.lines for e in experiment.excitations if e.periodic]))
+
+
+def simulate_statistics(
+    experiments: Sequence[Experiment],
+    lines: np.ndarray | None = None,
+    substeps: int = 1,
+    threads: int | None = None,
+    progress: Callable[[int], None] | None = None,
+) -> SimulatedStatistics:
+    """Line statistics of experiments that share excitations and schedule; gains, effects, rig and seed may differ.
+
+    lines: harmonic numbers to keep (default: the excited ones). threads: default all cores; it never changes a
+    result. progress is called with the number of experiments finished. ValueError when experiments do not share
+    excitations, periods, offset and control rate, or keep fewer than two periods.
+    """
+    first = _common(experiments)
+    if first.periods < 2:
+        raise ValueError("experiment: statistics over periods need at least two kept periods")
+    lines = excited_lines(first) if lines is None else np.asarray(lines)
+    n, channels = len(experiments), (*SPECTRAL, "injection")
+    mean = np.full((n, len(channels), len(lines)), np.nan, complex)
+    covariance = np.full((n, len(channels), len(channels), len(lines)), np.nan, complex)
+    touchdown, peak, rms = np.full(n, np.nan), np.full(n, np.nan), np.full(n, np.nan)
+    injection = _waveform(first, "current")
+    injected = scipy.fft.rfft(injection)[lines] * (2 / injection.size)
+
+    def run(block: _Block) -> int:
+        state = _start(block)
+        result = line_statistics(_block_spectra(block, state, lines, injected), first.fundamental, lines, channels)
+        alive = state.rows[k.ALIVE, : len(block.members)] > 0
+        members, kept = block.members[alive], np.flatnonzero(alive)
+        mean[members], covariance[members] = result.mean[kept], result.covariance[kept]
+        samples = first.periods * first.samples_per_period
+        peak[members] = state.rows[k.PEAK, kept]
+        rms[members] = np.sqrt(state.rows[k.CURRENT_SQ, kept] / samples)
+        touchdown[block.members[~alive]] = state.touchdown_time()[: len(block.members)][~alive]
+        return len(block.members)
+
+    for done in _over_threads(run, _blocks(experiments, substeps), threads):
+        if progress:
+            progress(done)
+    statistics = LineStatistics(lines * first.fundamental, lines, channels, mean, covariance, first.periods)
+    return SimulatedStatistics(statistics, touchdown, peak, rms)
+
+
+def simulate_records(experiments: Sequence[Experiment], substeps: int = 1, threads: int | None = None) -> np.ndarray:
+    """Time series (n, channels, samples) of `kernel.CHANNELS`, transient periods included.
+
+    Samples after a touchdown are nan. ValueError as `simulate_statistics`.
+    """
+    first = _common(experiments)
+    periods, per_period = first.periods + first.transient_periods, first.samples_per_period
+    records = np.full((len(experiments), len(k.CHANNELS), periods * per_period), np.nan)
+
+    def run(block: _Block) -> int:
+        state = _start(block)
+        for i, out in enumerate(_periods(block, state, periods, len(k.CHANNELS))):
+            span = slice(i * per_period, (i + 1) * per_period)
+            records[block.members, :, span] = out[:, : len(block.members)].transpose(1, 0, 2)
+        for lane, time in zip(block.members, state.touchdown_time(), strict=False):
+            if not np.isnan(time):
+                records[lane, :, int(round(time * first.rig.control_rate)) :] = np.nan
+        return len(block.members)
+
+    for _ in _over_threads(run, _blocks(experiments, substeps), threads):
+        pass
+    return records
+
+
+class _State:
+    """The mutable arrays of one block while it runs."""
+
+    def __init__(self, block: _Block) -> None:
+        batch = block.batch
+        pad = np.minimum(np.arange(k.LANES), batch.rows.shape[1] - 1)
+        self.rows = np.ascontiguousarray(batch.rows[:, pad])
+        self.seeds = np.ascontiguousarray(batch.seeds[:, pad])
+        self.history = np.zeros(batch.history_length * k.LANES)
+        self.step = 0
+        self._per_second = block.experiment.rig.control_rate * block.substeps
+
+    def touchdown_time(self) -> np.ndarray:
+        """Seconds to touchdown per lane, nan for lanes still alive."""
+        return np.where(self.rows[k.ALIVE] > 0, np.nan, self.rows[k.STEPS] / self._per_second)
+
+
+def _start(block: _Block) -> _State:
+    return _State(block)
+
+
+def _common(experiments: Sequence[Experiment]) -> Experiment:
+    if not experiments:
+        raise ValueError("give at least one experiment")
+    first = experiments[0]
+
+    def schedule(e: Experiment) -> tuple:
+        return e.excitations, e.periods, e.transient_periods, e.offset, e.rig.control_rate
+
+    if any(schedule(e) != schedule(first) for e in experiments):
+        raise ValueError("experiments in one batch must share excitations, periods, offset and control_rate")
+    return first
+
+
+def _blocks(experiments: Sequence[Experiment], substeps: int) -> list[_Block]:
+    """Blocks of up to LANES experiments of one structure each, so that a lane never depends on its neighbours."""
+    groups: dict[k.Structure, list[int]] = {}
+    for i, e in enumerate(experiments):
+        groups.setdefault(structure_of(e), []).append(i)
+    blocks = []
+    for members in groups.values():
+        batch = lane_batch([experiments[i] for i in members], substeps)
+        for start in range(0, len(members), k.LANES):
+            s = slice(start, start + k.LANES)
+            part = LaneBatch(batch.structure, batch.rows[:, s], batch.seeds[:, s], batch.history_length)
+            blocks.append(_Block(part, np.array(members[s]), experiments[members[0]], substeps))
+    return blocks
+
+
+def _waveform(experiment: Experiment, at: str) -> np.ndarray:
+    rate, n = experiment.rig.control_rate, experiment.samples_per_period
+    return sum((e.waveform(rate) for e in experiment.excitations if e.periodic and e.at == at), np.zeros(n))
+
+
+def _periods(block: _Block, state: _State, periods: int, outputs: int) -> Iterator[np.ndarray]:
+    """Output (outputs, LANES, samples) of each period; the buffer is reused. Ends when every lane has touched down."""
+    e = block.experiment
+    step = k.kernel(block.batch.structure, outputs, block.substeps)
+    force, injection = _waveform(e, "force"), _waveform(e, "current")
+    reference = _waveform(e, "reference") + e.offset
+    out = np.empty((outputs, k.LANES, e.samples_per_period))
+    tile = np.empty(k.TILE * outputs * k.LANES)
+    for _ in range(periods):
+        done = step(
+            state.rows.reshape(-1),
+            state.seeds.reshape(-1),
+            state.history,
+            state.step,
+            force,
+            injection,
+            reference,
+            tile,
+            out.reshape(-1),
+        )
+        state.step += done
+        yield out
+        if done < e.samples_per_period:
+            return
+
+
+def _block_spectra(block: _Block, state: _State, lines: np.ndarray, injected: np.ndarray) -> Iterator[np.ndarray]:
+    """Per-period spectra (LANES, channels, lines) of the kept periods."""
+    e = block.experiment
+    scale = 2.0 / e.samples_per_period
+    outputs = len(SPECTRAL) if block.batch.structure.noisy_readings else len(SPECTRAL) - 1
+    driven = scipy.fft.rfft(_waveform(e, "force"))[lines] * scale
+    for period, out in enumerate(_periods(block, state, e.transient_periods + e.periods, outputs)):
+        if period < e.transient_periods:
+            state.rows[[k.PEAK, k.CURRENT_SQ]] = 0.0
+            continue
+        spectra = np.empty((k.LANES, len(SPECTRAL) + 1, len(lines)), complex)
+        spectra[:, k.FORCE] = driven
+        spectra[:, :outputs] = scipy.fft.rfft(out, axis=-1)[..., lines].transpose(1, 0, 2) * scale
+        spectra[:, -1] = injected
+        yield spectra
+
+
+def _over_threads(run: Callable[[_Block], int], blocks: list[_Block], threads: int | None) -> Iterator[int]:
+    threads = min(threads or os.cpu_count() or 1, len(blocks))
+    if threads <= 1:
+        yield from map(run, blocks)
+        return
+    with ThreadPoolExecutor(threads) as pool:
+        try:
+            yield from pool.map(run, blocks)
+        except BaseException:
+            pool.shutdown(wait=True, cancel_futures=True)
+            raise

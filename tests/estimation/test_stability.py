@@ -1,0 +1,212 @@
+import dataclasses
+
+import control as ct
+import numpy as np
+import pytest
+
+from estimation.stability import (
+    iso_14839_2_zone,
+    iso_14839_3_zone,
+    loop_gain,
+    margin_arrays,
+    margins,
+    peak_sensitivity,
+)
+
+LINES = np.unique(np.concatenate([[1], np.arange(5, 251, 5), np.round(np.geomspace(250, 2000, 41))])).astype(float)
+QUANTITIES = (
+    "peak_sensitivity",
+    "peak_frequency",
+    "gain_margin_high",
+    "gain_margin_low",
+    "phase_margin",
+    "delay_margin",
+    "disk_margin",
+)
+
+
+def loop(frequency, kp=8000.0, kd=5.2, ki=2000.0, delay=0.0):
+    s = 2j * np.pi * np.asarray(frequency)
+    controller = kp + kd * s / (1 + 1e-4 * s) + ki / (1 + 0.0318 * s)
+    return controller * 5.7 / ((0.08012 * s**2 - 12500) * (1 + 1e-4 * s)) * np.exp(-delay * s)
+
+
+def sensitivity(frequency, **gains):
+    return 1 / (1 + loop(frequency, **gains))
+
+
+def noisy(rng, clean, variance, shape=()):
+    parts = rng.standard_normal((2, *shape, clean.size)) * np.sqrt(variance / 2)
+    return clean + parts[0] + 1j * parts[1]
+
+
+def test_agrees_with_python_control():
+    s = ct.tf("s")
+    plant = 5.7 / ((0.08012 * s**2 - 12500) * (1 + 1e-4 * s))
+    system = (8000 + 5.2 * s / (1 + 1e-4 * s) + 2000 / (1 + 0.0318 * s)) * plant
+    gains, phases, _, phase_at, gain_at, _ = ct.stability_margins(system, returnall=True)
+    inside = (phase_at > 2 * np.pi) & (phase_at < 2 * np.pi * 2000)
+    gains, phase_at = gains[inside], phase_at[inside] / (2 * np.pi)
+    high, low = np.argmin(np.where(gains > 1, gains, np.inf)), np.argmax(np.where(gains < 1, gains, 0))
+    dense = 2 * np.pi * np.geomspace(1, 2000, 100_001)
+    magnitude = np.abs(1 / (1 + system(1j * dense)))
+    disk = ct.disk_margins(system, dense, skew=0.0)[0]
+
+    got = margins(LINES, sensitivity(LINES), np.zeros(LINES.size), draws=0)
+    expected = {
+        "peak_sensitivity": np.max(magnitude),
+        "peak_frequency": dense[np.argmax(magnitude)] / (2 * np.pi),
+        "gain_margin_high": gains[high],
+        "gain_margin_high_frequency": phase_at[high],
+        "gain_margin_low": gains[low],
+        "phase_margin": phases[0],
+        "phase_margin_frequency": gain_at[0] / (2 * np.pi),
+        "delay_margin": np.radians(phases[0]) / gain_at[0],
+        "disk_margin": disk,
+    }
+    for name, value in expected.items():
+        assert getattr(got, name) == pytest.approx(value, rel=5e-3), name
+    assert got.gain_margin_low_frequency == pytest.approx(phase_at[low], rel=0.02)  # the phase skims -180 deg here
+    assert got.peak_sensitivity == pytest.approx(3.035, rel=1e-3)
+    assert got.reasons == {} and got.intervals == {}
+
+
+@pytest.mark.parametrize("gains", [{"kd": 12.0}, {"kd": 3.2, "delay": 5e-5}, {"kd": 2.6}, {"delay": 1.5e-4}])
+def test_interpolation_is_accurate_from_flat_to_sharp_peaks(gains):
+    fine = np.geomspace(1, 2000, 50_001)
+    truth = margin_arrays(fine, sensitivity(fine, **gains))
+    got = margin_arrays(LINES, sensitivity(LINES, **gains))
+    for name in QUANTITIES:
+        assert got[name] == pytest.approx(truth[name], rel=5e-3), name
+
+
+def test_a_negative_phase_margin_counts_by_its_size_and_delay_by_the_way_round():
+    frequency = np.geomspace(0.1, 10, 200)
+    gain = np.exp(1j * np.radians(170.0)) / frequency  # 10 deg of lead away from -1, 350 deg of lag
+    got = margin_arrays(frequency, 1 / (1 + gain))
+    assert got["phase_margin"] == pytest.approx(10.0, rel=1e-6)
+    assert got["delay_margin"] == pytest.approx(350 / 360, rel=1e-3)
+    assert got["phase_margin_frequency"] == pytest.approx(1.0, rel=1e-3)
+
+
+def test_what_the_band_does_not_hold_is_none_with_a_reason():
+    high = LINES[LINES >= 200]
+    got = margins(high, sensitivity(high), np.full(high.size, 1e-6), draws=100)
+    assert got.phase_margin is None and got.delay_margin is None and got.phase_margin_frequency is None
+    assert got.reasons["phase_margin"] == "|L| does not cross 1 between 200 and 2000 Hz"
+    assert got.reasons["delay_margin"] == got.reasons["phase_margin"]
+    assert got.gain_margin_low is None and "|L| > 1" in got.reasons["gain_margin_low"]
+    assert got.gain_margin_high is not None
+    assert got.peak_sensitivity == pytest.approx(abs(sensitivity(200.0)))
+    assert "lower bound" in got.reasons["peak_sensitivity"] and "upper bound" in got.reasons["disk_margin"]
+    low, up = got.intervals["peak_sensitivity"]
+    assert low < got.peak_sensitivity and up is None
+    assert got.intervals["peak_frequency"] == got.intervals["phase_margin"] == (None, None)
+    assert got.intervals["disk_margin"][0] is None
+
+    middle = LINES[(LINES > 50) & (LINES < 250)]
+    got = margins(middle, sensitivity(middle), np.zeros(middle.size), draws=0)
+    assert got.gain_margin_high is None
+    assert got.reasons["gain_margin_high"].startswith("the phase of L does not cross -180 deg with |L| < 1")
+    assert got.phase_margin is not None and "peak_sensitivity" not in got.reasons
+
+
+def test_an_end_that_noise_hides_is_withheld():
+    lines = np.append(LINES[LINES <= 105], 110.3)  # |L| crosses 1 at 110.27 Hz: noise often moves that out of the band
+    clean = sensitivity(lines)
+    got = margins(lines, clean, (0.03 * np.abs(clean)) ** 2)
+    assert got.phase_margin == pytest.approx(18.99, rel=1e-3)
+    for name in ("phase_margin", "delay_margin"):
+        low, high = got.intervals[name]
+        assert low <= getattr(got, name) and high is None
+
+
+def test_without_noise_the_interval_is_the_value():
+    got = margins(LINES, sensitivity(LINES), np.zeros(LINES.size), draws=100)
+    for name in QUANTITIES:
+        assert got.intervals[name] == pytest.approx((getattr(got, name),) * 2, rel=1e-9)
+
+
+def test_a_batch_is_the_scalar_and_margins_is_both():
+    rng = np.random.default_rng(0)
+    clean = sensitivity(LINES)
+    variance = (0.02 * np.abs(clean)) ** 2
+    many = noisy(rng, clean, variance, (2, 3))
+    batch = margin_arrays(LINES, many)
+    peak, at = peak_sensitivity(LINES, many)
+    for i, j in np.ndindex(2, 3):
+        single = margins(LINES, many[i, j], variance, draws=0)
+        for name, values in batch.items():
+            assert getattr(single, name) == pytest.approx(values[i, j], rel=1e-12)
+        assert (single.peak_sensitivity, single.peak_frequency) == pytest.approx((peak[i, j], at[i, j]), rel=1e-12)
+
+
+def test_the_interval_holds_its_value_and_depends_on_the_seed_only():
+    clean = sensitivity(LINES, kd=12.0)  # a flat peak: the largest of many noisy lines is well too high
+    variance = (0.03 * np.abs(clean)) ** 2
+    record = noisy(np.random.default_rng(2), clean, variance)
+    first, again, other = (margins(LINES, record, variance, seed=seed) for seed in (1, 1, 2))
+    assert dataclasses.asdict(first) == dataclasses.asdict(again)
+    assert first.intervals != other.intervals
+    for name in QUANTITIES:
+        low, high = first.intervals[name]
+        assert (low is None or low <= getattr(first, name)) and (high is None or getattr(first, name) <= high)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("gains", "relative"), [({}, 0.03), ({"kd": 3.2, "delay": 5e-5}, 0.03), ({"delay": 7.5e-5}, 0.02)]
+)
+def test_intervals_cover(gains, relative):
+    records, rng = 400, np.random.default_rng(7)
+    fine = np.geomspace(1, 2000, 20_001)
+    truth = margin_arrays(fine, sensitivity(fine, **gains))
+    clean = sensitivity(LINES, **gains)
+    variance = (relative * np.abs(clean)) ** 2
+    hits = dict.fromkeys(QUANTITIES, 0)
+    for seed in range(records):
+        got = margins(LINES, noisy(rng, clean, variance), variance, draws=150, seed=seed)
+        for name in QUANTITIES:
+            low, high = got.intervals[name]
+            hits[name] += (low is None or low <= truth[name]) and (high is None or truth[name] <= high)
+    assert {name: hit / records for name, hit in hits.items() if hit < 0.9 * records} == {}
+
+
+@pytest.mark.parametrize(
+    ("peak", "zone"), [(0.0, "A"), (2.999, "A"), (3.0, "B"), (3.999, "B"), (4.0, "C"), (4.999, "C"), (5.0, "D")]
+)
+def test_iso_14839_3(peak, zone):
+    assert iso_14839_3_zone(peak) == zone
+
+
+@pytest.mark.parametrize(
+    ("peak", "zone"), [(0.0, "A"), (29.9, "A"), (30.0, "B"), (39.9, "B"), (40.0, "C"), (49.9, "C"), (50.0, "D")]
+)
+def test_iso_14839_2(peak, zone):
+    assert iso_14839_2_zone(peak, 100.0) == zone
+
+
+SHORT = np.array([1.0, 2.0, 3.0, 4.0])
+
+
+@pytest.mark.parametrize(
+    ("call", "name"),
+    [
+        (lambda: loop_gain([1.0, 0.0]), "sensitivity"),
+        (lambda: loop_gain([np.nan]), "sensitivity"),
+        (lambda: peak_sensitivity(SHORT[:3], np.ones(3)), "frequency"),
+        (lambda: peak_sensitivity(SHORT[::-1], np.ones(4)), "frequency"),
+        (lambda: peak_sensitivity(SHORT - 1, np.ones(4)), "frequency"),
+        (lambda: margin_arrays(SHORT, np.ones(5)), "sensitivity"),
+        (lambda: margins(SHORT, np.ones((2, 4)), np.ones(4)), "sensitivity"),
+        (lambda: margins(SHORT, np.ones(4), np.ones(3)), "variance"),
+        (lambda: margins(SHORT, np.ones(4), -np.ones(4)), "variance"),
+        (lambda: margins(SHORT, np.full(4, 0.5), np.ones(4), draws=10), "draws"),
+        (lambda: iso_14839_3_zone(np.nan), "peak_sensitivity"),
+        (lambda: iso_14839_2_zone(-1e-6, 1e-4), "peak_displacement"),
+        (lambda: iso_14839_2_zone(1e-6, 0.0), "clearance"),
+    ],
+)
+def test_bad_input_is_named(call, name):
+    with pytest.raises(ValueError, match=name):
+        call()
