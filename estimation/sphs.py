@@ -37,15 +37,20 @@ class Multisine:
             object.__setattr__(self, name, values)
 
 
-def schroeder_phases(power: ArrayLike) -> NDArray[np.float64]:
-    """Schroeder phases (n,) in rad, D eq A.3: phi_i = phi_(i-1) - 2 pi (P_1 + ... + P_(i-1)), phi_1 = 0.
+def schroeder_phases(power: ArrayLike, lines: ArrayLike | None = None) -> NDArray[np.float64]:
+    """Schroeder phases (n,) in rad, D eq A.3 summed: phi_n = -2 pi sum over m < n of (n - m) P_m.
 
-    power (n,): positive power per excited line, in any unit; it is normalised to a sum of 1 (D eq A.1). Lines without
-    power do not count: equally spaced lines (all, odd, every fifth) get the same low crest factor, uneven spacing
-    raises it. Raises ValueError if power is empty or not positive.
+    power (n,): positive power per excited line, in any unit; it is normalised to a sum of 1 (D eq A.1). lines (n,):
+    the harmonics excited (default: consecutive). Suppressed harmonics between them count as lines of zero power, in
+    steps of the lines' common spacing, so that odd lines are as flat as consecutive ones. Raises ValueError if power
+    is empty or not positive or the lines do not fit it.
     """
     share = _checked_power(power)
-    return -2 * np.pi * np.concatenate([[0.0], np.cumsum(np.cumsum(share)[:-1])])
+    steps = np.diff(_checked_lines(lines)) if lines is not None else np.ones(share.size - 1, dtype=np.int64)
+    if steps.size != share.size - 1:
+        raise ValueError(f"lines must hold one harmonic per power: {share.size} values")
+    spacing = np.gcd.reduce(steps) if steps.size else 1
+    return -2 * np.pi * np.concatenate([[0.0], np.cumsum(steps // spacing * np.cumsum(share)[:-1])])
 
 
 def synthesise(multisine: Multisine, samples_per_period: int) -> NDArray[np.float64]:
@@ -68,7 +73,7 @@ def sphs(lines: ArrayLike, samples_per_period: int, peak: float = 1.0, power: Ar
     input.
     """
     lines, share = _checked_design(lines, samples_per_period, power)
-    return _scaled(lines, share, schroeder_phases(share), samples_per_period, peak)
+    return _scaled(lines, share, schroeder_phases(share, lines), samples_per_period, peak)
 
 
 def random_phase(

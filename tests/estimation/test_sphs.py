@@ -142,3 +142,10 @@ def test_a_multisine_cannot_be_changed():
 def test_bad_input_is_named(call, name):
     with pytest.raises(ValueError, match=name):
         call()
+
+
+def test_suppressed_harmonics_keep_the_crest_lower_than_closing_ranks_would():
+    lines = harmonic_range(1, 250, range(5, 251, 5))
+    positions = sphs(lines, 20_000)
+    ranks = Multisine(lines, positions.amplitudes, schroeder_phases(np.ones(lines.size)))
+    assert crest_factor(synthesise(positions, 20_000)) < 2.1 < crest_factor(synthesise(ranks, 20_000))
