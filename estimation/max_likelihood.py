@@ -190,9 +190,13 @@ def _bound(f, y, sff, syy, sfy, w, m, k0, c0, cost0, threshold, start, slope, al
     found = False
     for _ in range(_DOUBLINGS):
         if along_k:
-            k, c, cost, _a, _b, _c = _minimise(f, y, sff, syy, sfy, w, m, k0 + step, c + slope * (step - inside), False, True, _ROUGH)
+            k, c, cost, _a, _b, _c = _minimise(
+                f, y, sff, syy, sfy, w, m, k0 + step, c + slope * (step - inside), False, True, _ROUGH
+            )
         else:
-            k, c, cost, _a, _b, _c = _minimise(f, y, sff, syy, sfy, w, m, k + slope * (step - inside), c0 + step, True, False, _ROUGH)
+            k, c, cost, _a, _b, _c = _minimise(
+                f, y, sff, syy, sfy, w, m, k + slope * (step - inside), c0 + step, True, False, _ROUGH
+            )
         g = np.sqrt(max(cost - cost0, 0.0) / threshold) - 1.0
         if g >= 0.0:
             outside, g_out, found = step, g, True

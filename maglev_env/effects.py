@@ -65,7 +65,9 @@ def effect(name: str, value: float | None = None, **values: float) -> dict[str, 
         if parameter is None:
             raise ValueError(f"effect {name}: no parameter {key!r}; it has {', '.join(kind.parameters)}")
         if not isfinite(v) or not parameter.low <= v <= parameter.high:
-            raise ValueError(f"effect {name}.{key} = {v} is outside {parameter.low} .. {parameter.high} {parameter.unit}")
+            raise ValueError(
+                f"effect {name}.{key} = {v} is outside {parameter.low} .. {parameter.high} {parameter.unit}"
+            )
     missing = [key for key in kind.parameters if key not in values]
     if missing:
         raise ValueError(f"effect {name}: give {', '.join(missing)}")

@@ -1,5 +1,6 @@
 """What drives an experiment: periodic multisines at the force, the current or the reference."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Literal
 
@@ -77,6 +78,12 @@ class Excitation:
     def waveform(self, sample_rate: float) -> np.ndarray:
         """One period, shape (samples_per_period,), in the unit of `at`."""
         return synthesise(self.multisine(sample_rate), self.samples_per_period(sample_rate))
+
+
+def lines_at(excitations: Iterable[Excitation], place: str | None = None) -> np.ndarray:
+    """Sorted harmonic numbers that periodic excitations drive at "force", "current" or "reference" (None: anywhere)."""
+    lines = [e.lines for e in excitations if e.periodic and place in (None, e.at)]
+    return np.unique(np.concatenate(lines)) if lines else np.zeros(0, int)
 
 
 def check_interleaved(excitations: tuple[Excitation, ...]) -> None:

@@ -24,7 +24,7 @@ class Experiment:
     transient_periods: int = 1
     effects: Effects = field(default_factory=lambda: NO_EFFECTS)
     offset: float = 0.0
-    seed: int = 0
+    seed: int | tuple[int, ...] = 0
 
     def __post_init__(self) -> None:
         check_effects(self.effects)
@@ -45,7 +45,9 @@ class Experiment:
         return next(e for e in self.excitations if e.periodic).samples_per_period(self.rig.control_rate)
 
 
-def protocol_experiment(rig: Rig, gains: Gains | None = None, effects: Effects = NO_EFFECTS, seed: int = 0) -> Experiment:
+def protocol_experiment(
+    rig: Rig, gains: Gains | None = None, effects: Effects = NO_EFFECTS, seed: int | tuple[int, ...] = 0
+) -> Experiment:
     """The rig's own SPHS protocol at the given gains (default: the rig's preset gains)."""
     p = rig.protocol
     return Experiment(rig, gains or rig.gains, p.excitations, p.periods, p.transient_periods, effects, seed=seed)

@@ -10,6 +10,7 @@ import scipy.fft
 
 from estimation.periods import LineStatistics, line_statistics
 from maglev_env import kernel as k
+from maglev_env.excitation import lines_at
 from maglev_env.experiment import Experiment
 from maglev_env.lanes import LaneBatch, lane_batch, structure_of
 
@@ -39,11 +40,6 @@ class _Block:
     substeps: int
 
 
-def excited_lines(experiment: Experiment) -> np.ndarray:
-    """Sorted harmonic numbers that any excitation of the experiment drives."""
-    return np.unique(np.concatenate([e.lines for e in experiment.excitations if e.periodic]))
-
-
 def simulate_statistics(
     experiments: Sequence[Experiment],
     lines: np.ndarray | None = None,
@@ -60,7 +56,7 @@ def simulate_statistics(
     first = _common(experiments)
     if first.periods < 2:
         raise ValueError("experiment: statistics over periods need at least two kept periods")
-    lines = excited_lines(first) if lines is None else np.asarray(lines)
+    lines = lines_at(first.excitations) if lines is None else np.asarray(lines)
     n, channels = len(experiments), (*SPECTRAL, "injection")
     mean = np.full((n, len(channels), len(lines)), np.nan, complex)
     covariance = np.full((n, len(channels), len(channels), len(lines)), np.nan, complex)

@@ -1,0 +1,218 @@
+"""Score gain sets the way a rig would be scored: simulate the identification experiment, estimate, score."""
+
+import os
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, fields, replace
+from functools import lru_cache
+
+import numpy as np
+
+from estimation.bands import band_slices, sliding_bands
+from estimation.frequency_response import frequency_response
+from estimation.least_squares import least_squares
+from estimation.max_likelihood import maximum_likelihood
+from estimation.periods import LineStatistics, held
+from estimation.stability import margin_arrays
+from maglev_env.excitation import lines_at
+from maglev_env.experiment import Experiment
+from maglev_env.linear import closed_loop_poles, expected_statistics
+from maglev_env.rig import Rig
+from maglev_env.score import ScoreTarget, score, terms
+from maglev_env.simulate import SimulatedStatistics, simulate_statistics
+
+CHUNK = 64  # experiments estimated together: keeps the largest temporary near 10 MB per thread
+
+
+@dataclass(frozen=True)
+class Evaluation:
+    """n scored experiments; arrays (n,) unless said otherwise, nan where the rotor touched down.
+
+    bands (b, 2) Hz with band_stiffness, band_damping and their *_se (n, b) by maximum likelihood; stiffness, damping
+    and their 95 % bounds in the rig's target band, and ls_* beside them; margins: name -> (n,), nan where the crossing
+    lies outside the injection lines; peak_sensitivity_se; pole_radius of the simulated loop, linearised; terms; score;
+    feasible: that loop is stable and the rotor never touched down (a rotor leaning near a pole may do the latter alone).
+    """
+
+    bands: np.ndarray
+    band_stiffness: np.ndarray
+    band_damping: np.ndarray
+    band_stiffness_se: np.ndarray
+    band_damping_se: np.ndarray
+    stiffness: np.ndarray
+    stiffness_low: np.ndarray
+    stiffness_high: np.ndarray
+    damping: np.ndarray
+    damping_low: np.ndarray
+    damping_high: np.ndarray
+    ls_stiffness: np.ndarray
+    ls_damping: np.ndarray
+    margins: dict[str, np.ndarray]
+    peak_sensitivity_se: np.ndarray
+    peak_displacement: np.ndarray
+    current_rms: np.ndarray
+    touchdown_time: np.ndarray
+    pole_radius: np.ndarray
+    terms: dict[str, np.ndarray]
+    score: np.ndarray
+    feasible: np.ndarray
+
+
+def score_target(rig: Rig) -> ScoreTarget:
+    """The rig's target; a stiffness or damping it does not give is that of its nominal loop at its preset gains.
+
+    ValueError when the preset gains do not stabilise the nominal loop.
+    """
+    t = rig.target
+    stiffness, damping = t.stiffness, t.damping
+    if stiffness is None or damping is None:
+        nominal = _nominal_coefficients(_Identity(rig))
+        stiffness, damping = stiffness or nominal[0], damping or nominal[1]
+    return ScoreTarget(stiffness, damping, t.peak_sensitivity, rig.clearance, t.current_limit, rig.gap)
+
+
+@dataclass(frozen=True, eq=False)
+class _Identity:
+    """A rig hashed by identity, so that its target is worked out once per rig object."""
+
+    rig: Rig
+
+    def __hash__(self) -> int:
+        return id(self.rig)
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, _Identity) and other.rig is self.rig
+
+
+@lru_cache(maxsize=32)
+def _nominal_coefficients(identity: _Identity) -> tuple[float, float]:
+    rig = identity.rig
+    p = rig.protocol
+    experiment = Experiment(rig, rig.gains, p.excitations, p.periods, p.transient_periods)
+    radius = np.abs(closed_loop_poles(experiment)).max()
+    if radius >= 1:
+        raise ValueError(
+            f"rig {rig.name}: [gains] do not stabilise it (pole radius {radius:.4f}); set [target] or gains"
+        )
+    statistics = force_statistics(
+        expected_statistics(experiment, lines_at(experiment.excitations, "force")), experiment
+    )
+    estimate = maximum_likelihood(statistics, np.array([rig.target.band]), rig.mass, intervals=False)
+    return float(estimate.stiffness[0]), float(estimate.damping[0])
+
+
+def force_statistics(statistics: LineStatistics, experiment: Experiment) -> LineStatistics:
+    """The force lines, with the converter's hold taken out of the force."""
+    lines = lines_at(experiment.excitations, "force")
+    if not lines.size:
+        raise ValueError("experiment: stiffness and damping need an excitation at the force")
+    return held(statistics.at_lines(lines), "force", experiment.rig.control_rate)
+
+
+def evaluate(
+    experiments: Sequence[Experiment], threads: int | None = None, progress: Callable[[int], None] | None = None
+) -> Evaluation:
+    """Simulate, estimate and score experiments of one rig (gains, effects and seeds may differ).
+
+    threads: default all cores; results do not depend on it. progress is called with the number of experiments done.
+    ValueError when the experiments do not share rig target, excitations and schedule, or lack a force or a current
+    excitation.
+    """
+    if not experiments:
+        raise ValueError("give at least one experiment")
+    chunks = [experiments[i : i + CHUNK] for i in range(0, len(experiments), CHUNK)]
+    target = score_target(experiments[0].rig)
+    parts = []
+    with ThreadPoolExecutor(threads or os.cpu_count() or 1) as pool:
+        try:
+            for part in pool.map(lambda chunk: _evaluate_chunk(chunk, target), chunks):
+                parts.append(part)
+                if progress:
+                    progress(len(part.score))
+        except BaseException:
+            pool.shutdown(wait=True, cancel_futures=True)
+            raise
+    return _concatenate(parts)
+
+
+def _evaluate_chunk(experiments: Sequence[Experiment], target: ScoreTarget) -> Evaluation:
+    simulated = simulate_statistics(experiments, threads=1)
+    return estimate_and_score(experiments, simulated, target)
+
+
+def estimate_and_score(
+    experiments: Sequence[Experiment], simulated: SimulatedStatistics, target: ScoreTarget
+) -> Evaluation:
+    """Estimates and scores of already simulated experiments; see `evaluate`."""
+    first = experiments[0]
+    protocol, band = first.rig.protocol, np.array([first.rig.target.band], dtype=float)
+    alive = np.isnan(simulated.touchdown_time)
+    statistics = _lanes(simulated.statistics, alive)
+    mass = np.array([e.rig.mass for e in experiments])[alive]
+    force = force_statistics(statistics, first)
+    bands = sliding_bands(force.frequency, protocol.band_width, protocol.band_overlap)
+    sliding = maximum_likelihood(force, bands, mass, intervals=False)
+    in_target = maximum_likelihood(force, band, mass)
+    start, stop = band_slices(force.frequency, band)[0]
+    receptance, _ = frequency_response(force, "displacement", "force")
+    ls = least_squares(force.frequency[start:stop], receptance[:, start:stop], mass)
+    injection = statistics.at_lines(lines_at(first.excitations, "current"))
+    sensitivity, variance = frequency_response(injection, "command", "injection")
+    margins = margin_arrays(injection.frequency, sensitivity)
+    nearest = np.abs(np.log(injection.frequency / margins["peak_frequency"][:, None])).argmin(axis=1)
+    ms_se = np.sqrt(variance[np.arange(len(nearest)), nearest] / 2)
+    scored = terms(
+        target,
+        in_target.stiffness[:, 0],
+        in_target.damping[:, 0],
+        margins["peak_sensitivity"],
+        simulated.peak_displacement[alive],
+        simulated.current_rms[alive],
+    )
+    radius = np.array([np.abs(closed_loop_poles(e)).max() for e in experiments])
+    feasible = alive & (radius < 1)
+    scored = {name: _scatter(value, alive) for name, value in scored.items()}
+    return Evaluation(
+        bands=bands,
+        band_stiffness=_scatter(sliding.stiffness, alive),
+        band_damping=_scatter(sliding.damping, alive),
+        band_stiffness_se=_scatter(sliding.stiffness_se, alive),
+        band_damping_se=_scatter(sliding.damping_se, alive),
+        **{
+            name: _scatter(getattr(in_target, name)[:, 0], alive)
+            for name in ("stiffness", "stiffness_low", "stiffness_high", "damping", "damping_low", "damping_high")
+        },
+        ls_stiffness=_scatter(ls.stiffness, alive),
+        ls_damping=_scatter(ls.damping, alive),
+        margins={name: _scatter(value, alive) for name, value in margins.items()},
+        peak_sensitivity_se=_scatter(ms_se, alive),
+        peak_displacement=simulated.peak_displacement,
+        current_rms=simulated.current_rms,
+        touchdown_time=simulated.touchdown_time,
+        pole_radius=radius,
+        terms=scored,
+        score=np.where(feasible, score(scored), 0.0),
+        feasible=feasible,
+    )
+
+
+def _lanes(statistics: LineStatistics, keep: np.ndarray) -> LineStatistics:
+    return replace(statistics, mean=statistics.mean[keep], covariance=statistics.covariance[keep])
+
+
+def _scatter(values: np.ndarray, alive: np.ndarray) -> np.ndarray:
+    out = np.full((len(alive), *values.shape[1:]), np.nan)
+    out[alive] = values
+    return out
+
+
+def _concatenate(parts: list[Evaluation]) -> Evaluation:
+    def join(name: str) -> object:
+        values = [getattr(p, name) for p in parts]
+        if name == "bands":
+            return values[0]
+        if isinstance(values[0], dict):
+            return {key: np.concatenate([v[key] for v in values]) for key in values[0]}
+        return np.concatenate(values)
+
+    return Evaluation(**{f.name: join(f.name) for f in fields(Evaluation)})

@@ -1,0 +1,250 @@
+"""From one recording to stiffness, damping and stability with their uncertainty: the `maglev estimate` pipeline."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from estimation.bands import band_slices, sliding_bands
+from estimation.effective import effective_coefficients
+from estimation.frequency_response import Distortion, distortion, frequency_response
+from estimation.least_squares import LeastSquares, least_squares
+from estimation.max_likelihood import BandEstimate, least_squares_bias, maximum_likelihood
+from estimation.modal import ModalEstimate, modal_estimate
+from estimation.periods import LineStatistics, held, line_statistics, period_spectra, split_periods, transient_periods
+from estimation.stability import Margins, iso_14839_2_zone, iso_14839_3_zone, margins
+from maglev_env.excitation import Excitation, lines_at
+from maglev_env.experiment import Experiment
+from maglev_env.gains import Gains
+from maglev_env.linear import LoopResponse, loop_response
+from maglev_env.magnetics import force_law, linearise
+from maglev_env.rig import Rig
+
+BIAS_SHARE = 0.5  # least squares is called biased when noise moves it by half its own standard error
+
+
+@dataclass(frozen=True)
+class Band:
+    """One estimation band: Hz, SI, 95 % intervals with -inf or inf where unbounded."""
+
+    f_lo: float
+    f_hi: float
+    stiffness: float
+    stiffness_se: float
+    stiffness_ci: tuple[float, float]
+    damping: float
+    damping_se: float
+    damping_ci: tuple[float, float]
+    r2_adjusted: float
+    ls_stiffness: float
+    ls_stiffness_se: float
+    ls_damping: float
+    ls_damping_se: float
+    ls_biased: bool
+    informative: bool
+    fit_p: float
+    noise_share: float
+    effective_stiffness: float | None
+    effective_damping: float | None
+
+
+@dataclass(frozen=True)
+class Stability:
+    """Margins with intervals; source: "injection" (measured) or "assumes the nominal actuator"."""
+
+    source: str
+    margins: Margins
+    iso_14839_3_zone: str
+    iso_14839_2_zone: str | None
+    frequency: np.ndarray
+    sensitivity: np.ndarray
+    variance: np.ndarray
+
+
+@dataclass(frozen=True)
+class Identification:
+    """Everything one recording says. notes: what was assumed, dropped or could not be had, in words."""
+
+    bands: tuple[Band, ...]
+    mass: float
+    modal: ModalEstimate | None
+    natural_frequency: float | None
+    damping_ratio: float | None
+    distortion: Distortion
+    stability: Stability | None
+    transient_periods: int
+    periods: int
+    statistics: LineStatistics
+    notes: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class RecordedSignals:
+    """A recording as arrays: channel name -> (samples,) in SI, sample_rate Hz, and what excited it.
+
+    held_force: the force channel is what a converter held from each sample on, not a reading of a continuous force.
+    """
+
+    channels: dict[str, np.ndarray]
+    sample_rate: float
+    excitations: tuple[Excitation, ...]
+    held_force: bool
+    gains: Gains | None = None
+
+
+def identify(
+    signals: RecordedSignals,
+    rig: Rig | None,
+    mass: float | None,
+    estimate_mass: bool = False,
+    band_width: float | None = None,
+    band_overlap: float | None = None,
+) -> Identification:
+    """Identify one recording; see `Identification`.
+
+    rig: nominal rig, for the protocol's bands, the clearance and the margins that assume its actuator; mass kg is
+    needed unless estimate_mass. Bands default to the rig's protocol, else to 12 excited lines with two thirds
+    overlap. ValueError says what is missing.
+    """
+    notes: list[str] = []
+    force_lines = lines_at(signals.excitations, "force")
+    if not force_lines.size or not {"force", "displacement"} <= signals.channels.keys():
+        raise ValueError("stiffness and damping need a force excitation with the channels force and displacement")
+    statistics, dropped, rest = _statistics(signals)
+    if dropped:
+        notes.append(f"the first {dropped} period(s) carry a transient and were dropped")
+    if rest:
+        notes.append(f"{rest} samples after the last whole period were not used")
+    force = statistics.at_lines(force_lines)
+    if signals.held_force:
+        force = held(force, "force", signals.sample_rate)
+        notes.append("the force is held over each sample by its converter: corrected")
+    modal = None
+    if estimate_mass:
+        modal = modal_estimate(force)
+        mass = modal.mass
+        if modal.cost_ratio > 2:
+            notes.append(
+                f"one mass, stiffness and damping leave {modal.cost_ratio:.3g} times the noise power: the rig is not "
+                "linear or has more modes; standard errors include it"
+            )
+    if mass is None:
+        raise ValueError("the moving mass is not known: give [parameters] mass, or estimate it with --estimate-mass")
+    bands = _bands(force, mass, _layout(force, rig, band_width, band_overlap), signals, rig)
+    natural, zeta = (modal.natural_frequency, modal.damping_ratio) if modal else _crossing(bands, mass)
+    if natural is None:
+        notes.append("no informative band holds the natural frequency")
+    excited = lines_at(signals.excitations)
+    inner = statistics.at_lines(np.arange(excited.min(), force_lines.max() + 1))
+    bent = distortion(inner, "displacement", excited)
+    if bent.even is None and bent.odd is None:
+        notes.append("no detection lines: nonlinear distortion cannot be told from this excitation")
+    stability, why = _stability(signals, statistics, force, rig)
+    if why:
+        notes.append(why)
+    return Identification(
+        bands, float(mass), modal, natural, zeta, bent, stability, dropped, statistics.periods, force, tuple(notes)
+    )
+
+
+def _statistics(signals: RecordedSignals) -> tuple[LineStatistics, int, int]:
+    """Line statistics of the steady periods at every harmonic up to the highest excited one; periods dropped; rest."""
+    periodic = [e for e in signals.excitations if e.periodic]
+    per_period = periodic[0].samples_per_period(signals.sample_rate)
+    names = tuple(n for n in ("displacement", "command", "force", "current", "injection") if n in signals.channels)
+    stack = np.stack([signals.channels[n] for n in names])
+    lines = np.arange(1, max(e.lines[-1] for e in periodic) + 1)
+    spectra = np.stack([period_spectra(p, lines) for p in split_periods(stack, per_period)])
+    excited = np.isin(lines, lines_at(periodic))
+    dropped = transient_periods(spectra[:, names.index("displacement")][:, excited])
+    statistics = line_statistics(spectra[dropped:], periodic[0].fundamental, lines, names)
+    return statistics, dropped, stack.shape[1] % per_period
+
+
+def _layout(force: LineStatistics, rig: Rig | None, width: float | None, overlap: float | None) -> np.ndarray:
+    if width is None and rig is not None and rig.protocol is not None:
+        width, overlap = rig.protocol.band_width, rig.protocol.band_overlap if overlap is None else overlap
+    if width is None:
+        width = 12 * float(np.median(np.diff(force.frequency)))
+    return sliding_bands(force.frequency, width, 2 * width / 3 if overlap is None else overlap)
+
+
+def _bands(
+    force: LineStatistics, mass: float, bands: np.ndarray, signals: RecordedSignals, rig: Rig | None
+) -> tuple[Band, ...]:
+    ml: BandEstimate = maximum_likelihood(force, bands, mass)
+    bias_k, bias_c = least_squares_bias(force, bands, mass, ml)
+    receptance, _ = frequency_response(force, "displacement", "force")
+    result = []
+    for b, (start, stop) in enumerate(band_slices(force.frequency, bands)):
+        ls: LeastSquares = least_squares(force.frequency[start:stop], receptance[start:stop], mass)
+        biased = abs(bias_k[b]) > BIAS_SHARE * ls.stiffness_se or abs(bias_c[b]) > BIAS_SHARE * ls.damping_se
+        effective = _effective(bands[b].mean(), signals, rig)
+        result.append(
+            Band(
+                float(bands[b, 0]), float(bands[b, 1]),
+                float(ml.stiffness[b]), float(ml.stiffness_se[b]),
+                (float(ml.stiffness_low[b]), float(ml.stiffness_high[b])),
+                float(ml.damping[b]), float(ml.damping_se[b]),
+                (float(ml.damping_low[b]), float(ml.damping_high[b])),
+                float(ls.r2_adjusted),
+                float(ls.stiffness), float(ls.stiffness_se), float(ls.damping), float(ls.damping_se),
+                bool(biased or ml.noise_share[b] > 0.1), bool(ml.informative[b]),
+                float(ml.fit_p[b]), float(ml.noise_share[b]), *effective,
+            )
+        )  # fmt: skip
+    return tuple(result)
+
+
+def _effective(frequency: float, signals: RecordedSignals, rig: Rig | None) -> tuple[float | None, float | None]:
+    """D eq 4.5 with the digital controller's own response: what the gains alone promise, support included."""
+    if rig is None or not rig.controlled or signals.gains is None:
+        return None, None
+    gain, stiffness = linearise(force_law(rig))
+    controller = _nominal(rig, signals, np.array([frequency])).controller
+    k, c = effective_coefficients(np.array([frequency]), controller, gain, stiffness)
+    return float(k[0] + rig.support_stiffness), float(c[0] + rig.support_damping)
+
+
+def _nominal(rig: Rig, signals: RecordedSignals, frequency: np.ndarray) -> LoopResponse:
+    return loop_response(Experiment(rig, signals.gains, signals.excitations), frequency)
+
+
+def _crossing(bands: tuple[Band, ...], mass: float) -> tuple[float | None, float | None]:
+    """Where the identified stiffness balances the mass, and the damping ratio there."""
+    good = [b for b in bands if b.informative]
+    for a, b in zip(good, good[1:], strict=False):
+        fa, fb = (a.f_lo + a.f_hi) / 2, (b.f_lo + b.f_hi) / 2
+        ga = a.stiffness - mass * (2 * np.pi * fa) ** 2
+        gb = b.stiffness - mass * (2 * np.pi * fb) ** 2
+        if ga > 0 >= gb:
+            t = ga / (ga - gb)
+            k, c = a.stiffness + t * (b.stiffness - a.stiffness), a.damping + t * (b.damping - a.damping)
+            return float(np.sqrt(k / mass) / (2 * np.pi)), float(c / (2 * np.sqrt(k * mass)))
+    return None, None
+
+
+def _stability(
+    signals: RecordedSignals, statistics: LineStatistics, force: LineStatistics, rig: Rig | None
+) -> tuple[Stability | None, str | None]:
+    injected = lines_at(signals.excitations, "current")
+    if injected.size >= 4 and {"command", "injection"} <= signals.channels.keys():
+        loop = statistics.at_lines(injected)
+        s, variance = frequency_response(loop, "command", "injection")
+        source, why = "injection", None
+    elif rig is not None and rig.controlled and signals.gains is not None:
+        nominal = _nominal(rig, signals, force.frequency)
+        open_receptance = nominal.receptance / nominal.sensitivity
+        feedback = nominal.controller * nominal.plant / open_receptance
+        measured = statistics.at_lines(force.lines)
+        receptance, noise = frequency_response(measured, "displacement", "force")
+        s, variance = 1 - feedback * receptance, np.abs(feedback) ** 2 * noise
+        loop, source = force, "assumes the nominal actuator"
+        why = "no injection at the current: margins assume the nominal actuator and controller"
+    else:
+        return None, "no injection at the current and no nominal controller: nothing can be said of the loop's margins"
+    found = margins(loop.frequency, s, variance)
+    zone2 = None
+    if rig is not None:
+        zone2 = iso_14839_2_zone(float(np.abs(signals.channels["displacement"]).max()), rig.clearance)
+    zone3 = iso_14839_3_zone(found.peak_sensitivity)
+    return Stability(source, found, zone3, zone2, loop.frequency, s, variance), why

@@ -1,0 +1,66 @@
+"""One number for a gain set: named terms in (0, 1], weighted geometrically."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+WEIGHTS: Mapping[str, float] = {
+    "stiffness": 0.30,
+    "damping": 0.20,
+    "peak_sensitivity": 0.30,
+    "displacement": 0.10,
+    "current": 0.05,
+    "gap_sensing": 0.05,
+}
+
+
+@dataclass(frozen=True)
+class ScoreTarget:
+    """What the terms are measured against, all known: N/m, N s/m, peak |S|, m, A rms, m."""
+
+    stiffness: float
+    damping: float
+    peak_sensitivity: float
+    clearance: float
+    current_limit: float
+    gap: float
+
+
+def terms(
+    target: ScoreTarget,
+    stiffness: np.ndarray,
+    damping: np.ndarray,
+    peak_sensitivity: np.ndarray,
+    displacement: np.ndarray,
+    current: np.ndarray,
+    gap_error: np.ndarray | float = 0.0,
+) -> dict[str, np.ndarray]:
+    """Score terms in (0, 1], arrays of one shape.
+
+    stiffness N/m and damping N s/m as identified in the target band; peak_sensitivity from the injection lines;
+    displacement: largest reading, m; current: rms, A; gap_error: rms of the sensed gap, m (0 with a probe).
+    A stiffness or damping that is not positive gives 0.
+    """
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return {
+            "stiffness": _ratio_term(stiffness / target.stiffness, 0.1),
+            "damping": _ratio_term(damping / target.damping, 0.2),
+            "peak_sensitivity": 1 / (1 + (np.maximum(0.0, peak_sensitivity / target.peak_sensitivity - 1) / 0.2) ** 2),
+            "displacement": 1 / (1 + (displacement / (0.3 * target.clearance)) ** 4),
+            "current": 1 / (1 + (current / target.current_limit) ** 2),
+            "gap_sensing": 1 / (1 + (gap_error / (0.02 * target.gap)) ** 2) + 0 * np.asarray(stiffness),
+        }
+
+
+def _ratio_term(ratio: np.ndarray, width: float) -> np.ndarray:
+    """1 at ratio 1, one half where its logarithm is +-width, 0 for a ratio that is not positive."""
+    log = np.log(np.where(ratio > 0, ratio, np.nan))
+    return np.where(ratio > 0, 1 / (1 + (log / width) ** 2), np.where(np.isnan(ratio), np.nan, 0.0))
+
+
+def score(terms: Mapping[str, np.ndarray]) -> np.ndarray:
+    """exp(sum of w ln t), in [0, 1]; 0 where a term is 0 or unknown, as after a touchdown."""
+    with np.errstate(divide="ignore"):
+        total = sum(weight * np.log(terms[name]) for name, weight in WEIGHTS.items())
+    return np.where(np.isnan(total), 0.0, np.exp(total))
