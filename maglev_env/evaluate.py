@@ -31,7 +31,7 @@ class Evaluation:
     bands (b, 2) Hz with band_stiffness, band_damping and their *_se (n, b) by maximum likelihood; stiffness, damping
     and their 95 % bounds in the rig's target band, and ls_* beside them; margins: name -> (n,), nan where the crossing
     lies outside the injection lines; peak_sensitivity_se; pole_radius of the simulated loop, linearised; terms; score;
-    feasible: that loop is stable and the rotor never touched down (a rotor leaning near a pole may do the latter alone).
+    feasible: that loop is stable and the rotor never touched down (it may also lean near a pole, unstable at centre).
     """
 
     bands: np.ndarray

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Literal
 
 import numpy as np
@@ -40,7 +41,7 @@ class Excitation:
         if not self.fundamental > 0:
             raise ValueError(f"excitation: fundamental = {self.fundamental} Hz must be positive")
         lines = self.lines
-        if not lines or any(b <= a for a, b in zip(lines, lines[1:], strict=False)) or lines[0] < 1:
+        if not lines or any(b <= a for a, b in pairwise(lines)) or lines[0] < 1:
             raise ValueError("excitation: lines must be strictly increasing harmonic numbers, the first at least 1")
         if not self.amplitude >= 0:
             raise ValueError(f"excitation: amplitude = {self.amplitude} must not be negative")

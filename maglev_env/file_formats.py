@@ -42,7 +42,7 @@ def _unknown(name: str, names: Sequence[str], what: str) -> Refused:
 
 
 def split_name(name: str, roots: Sequence[str]) -> tuple[str, Steps]:
-    """A top-level name and the steps below it; the name itself may hold dots, as CSV headers do."""
+    """A top-level name and the steps below it (Refused if unknown); the name may hold dots, as CSV headers do."""
     for root in sorted(roots, key=len, reverse=True):
         rest = name.removeprefix(root)
         if name.startswith(root) and re.fullmatch(f"(?:{_STEP.pattern})*", rest):
@@ -66,10 +66,10 @@ def _follow(value: Any, steps: Steps, open_level: Callable[[Any], Any]) -> Any:
             if step:
                 raise Refused(f"[{step}] of a single struct; only [0] exists")
         elif isinstance(value, np.ndarray):
-            columns = value.shape[1] if value.size > max(value.shape, default=1) else 1
-            if step >= columns:
+            matrix = value.size > max(value.shape, default=1)
+            if step >= (columns := value.shape[1] if matrix else 1):
                 raise Refused(f"[{step}] is beyond its {columns} column{'s' * (columns > 1)}, counted from 0")
-            value = value.take(step, axis=1) if columns > 1 else value
+            value = value.take(step, axis=1) if matrix else value
         else:
             if step >= len(value):
                 raise Refused(f"[{step}] is beyond its {len(value)} elements, counted from 0")
@@ -78,6 +78,7 @@ def _follow(value: Any, steps: Steps, open_level: Callable[[Any], Any]) -> Any:
 
 
 def vector(value: Any) -> np.ndarray:
+    """The value as float64 (samples,); Refused unless it is one non-empty row or column of real numbers."""
     if isinstance(value, dict):
         raise Refused(f"is a struct; choose a field of it: {', '.join(value)}")
     if isinstance(value, list):
@@ -92,6 +93,7 @@ def vector(value: Any) -> np.ndarray:
 
 
 def open_mat5(path: Path) -> tuple[tuple[str, ...], Reader]:
+    """Names and reader of a MATLAB v4 or v5 file."""
     from scipy.io import loadmat, whosmat
 
     sizes = {name: math.prod(shape) * 8 for name, shape, _ in whosmat(path, appendmat=False)}
@@ -117,6 +119,7 @@ def _open_mat5(value: Any) -> Any:
 
 
 def open_hdf5(path: Path, matlab: bool) -> tuple[tuple[str, ...], Reader]:
+    """Names and reader of an HDF5 file; `matlab`: written by MATLAB v7.3."""
     import h5py
 
     def read(root: str, steps: Steps) -> Any:
@@ -128,7 +131,7 @@ def open_hdf5(path: Path, matlab: bool) -> tuple[tuple[str, ...], Reader]:
 
 
 def _open_hdf5(file: Any, node: Any, matlab: bool) -> Any:
-    """One level of an HDF5 tree; MATLAB v7.3 keeps cells and struct arrays as object references, matrices transposed."""
+    """One level; MATLAB v7.3 keeps cells and struct arrays as object references, matrices transposed."""
     import h5py
 
     if isinstance(node, h5py.Reference):
@@ -137,6 +140,7 @@ def _open_hdf5(file: Any, node: Any, matlab: bool) -> Any:
         # Only hard links: soft and external ones could lead out of the file.
         members = {n: node[n] for n in node if isinstance(node.get(n, getlink=True), h5py.HardLink)}
         if matlab and members and all(_holds_references(m) and "MATLAB_class" not in m.attrs for m in members.values()):
+            bounded(sum(m.nbytes for m in members.values()), node.name)
             fields = {name: m[()].ravel() for name, m in members.items()}
             return [dict(zip(fields, row, strict=True)) for row in zip(*fields.values(), strict=True)]
         return members
@@ -162,20 +166,26 @@ def _holds_references(node: Any) -> bool:
 
 
 def open_npz(path: Path) -> tuple[tuple[str, ...], Reader]:
+    """Names and reader of an .npz file, never unpickling."""
     with zipfile.ZipFile(path) as archive:
         bounded(sum(entry.file_size for entry in archive.infolist()), "unpacked")
 
     def read(root: str, steps: Steps) -> Any:
         with np.load(path, allow_pickle=False) as archive:
-            if archive[root].dtype.hasobject:
-                raise Refused("holds objects, not numbers")
-            return _follow(archive[root], steps, lambda value: value)
+            try:
+                value = archive[root]
+            except ValueError as error:
+                if "allow_pickle" in str(error):
+                    raise Refused("holds pickled objects, which are never loaded; save plain numbers") from None
+                raise
+            return _follow(value, steps, lambda value: value)
 
     with np.load(path, allow_pickle=False) as archive:
         return tuple(archive.files), read
 
 
 def open_csv(path: Path) -> tuple[tuple[str, ...], Reader]:
+    """Names and reader of a CSV file: UTF-8, one header line, commas between columns, points in numbers."""
     problems: dict[str, str] = {}
     with path.open(newline="", encoding="utf-8-sig") as file:
         rows = csv.reader(file)
@@ -210,7 +220,9 @@ def _full_rows(rows: Iterator[list[str]], width: int) -> Iterator[list[str]]:
         elif blank is not None:
             raise Refused(f"the row of sample {blank} is blank")
         elif len(row) != width:
-            raise Refused(f"the row of sample {sample} has {len(row)} values, the header {width} names")
+            raise Refused(
+                f"the row of sample {sample} has {len(row)} values, the header {width} names (separator: a comma)"
+            )
         else:
             yield row
 

@@ -106,7 +106,7 @@ def write_mat(path: str | Path, columns: Mapping[str, np.ndarray]) -> None:
 
 
 def write_csv(path: str | Path, columns: Mapping[str, np.ndarray]) -> None:
-    """Write columns, each (samples,), as CSV with a header line and 17 digits, atomically. ValueError as `write_npz`."""
+    """Write columns, each (samples,), as CSV with a header line, 17 digits, atomically. ValueError as `write_npz`."""
     columns = _writable(path, columns)
     with _atomic(Path(path)) as file:
         np.savetxt(file, np.column_stack(list(columns.values())), "%.17g", ",", header=",".join(columns), comments="")

@@ -1,6 +1,7 @@
 """From one recording to stiffness, damping and stability with their uncertainty: the `maglev estimate` pipeline."""
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -212,7 +213,7 @@ def _nominal(rig: Rig, signals: RecordedSignals, frequency: np.ndarray) -> LoopR
 def _crossing(bands: tuple[Band, ...], mass: float) -> tuple[float | None, float | None]:
     """Where the identified stiffness balances the mass, and the damping ratio there."""
     good = [b for b in bands if b.informative]
-    for a, b in zip(good, good[1:], strict=False):
+    for a, b in pairwise(good):
         fa, fb = (a.f_lo + a.f_hi) / 2, (b.f_lo + b.f_hi) / 2
         ga = a.stiffness - mass * (2 * np.pi * fa) ** 2
         gb = b.stiffness - mass * (2 * np.pi * fb) ** 2

@@ -21,11 +21,12 @@ Y, V, Z1, Z2, X1, X2, D, XI, ALIVE, STEPS, U, U_OLD, PEAK, CURRENT_SQ = range(14
     range(14, 29)
 )
 (GAP2, GAPM2, GAP, GAPM, FLUX_M, FLUX_C, BIAS, AREA_B, AREA_I, KS, CS, PER_MASS, LIMIT, DELAY_STEPS) = range(29, 43)
-# Exact linear chains, once per substep: sensor (2 states from 6 inputs), actuator (5 outputs from 4 inputs), and what
-# of the old and the new command acts at the sampling instant when the actuator has no pole.
-SENSOR, ACTUATOR, AT_START = 43, 55, 75
-CHAIN_ROWS = 34
-ROWS = 77
+# Exact linear chains, once per substep: sensor (2 states from z1 z2 y0 v0 y1 v1, the motion taken as a cubic), what the
+# current adds to that cubic (2 states from x1 x2 old new), actuator (5 outputs from x1 x2 old new), and what of the old
+# and the new command acts at the sampling instant when the actuator has no pole.
+SENSOR, SENSOR_CURRENT, ACTUATOR, AT_START = 43, 55, 63, 83
+CHAIN_ROWS = 42
+ROWS = 85
 
 # Output channels of a block, per sample.
 DISPLACEMENT, COMMAND, FORCE, CURRENT = range(4)
@@ -73,8 +74,8 @@ def kernel(structure: Structure, outputs: int, substeps: int = 1) -> Callable[..
     """The compiled stepper for a structure: `outputs` leading CHANNELS written (2 to 4), `substeps` per sample.
 
     Called as step(block, seeds, history, first_step, force, injection, reference, tile, out), all arrays flat: advances
-    the block over len(force) samples and fills out (outputs, LANES, samples); tile is scratch of TILE samples. Returns the samples done: fewer
-    when every lane has touched down.
+    the block over len(force) samples and fills out (outputs, LANES, samples); tile is scratch of TILE samples. Returns
+    the samples done: fewer when every lane has touched down.
     """
     return _make(outputs=outputs, substeps=substeps, **vars(structure))
 
@@ -167,7 +168,7 @@ def _make(magnets, sensor_poles, actuator_poles, delayed, adc, dac, noise, noisy
                     y, v = x[Y * W + i], x[V * W + i]
                     c0 = c1 = c2 = 0.0
                     if magnetic:
-                        # Rows: next x1, next x2, and three nodal currents whose quadrature is exact; columns: x1 x2 old new.
+                        # Next x1, next x2, three nodal currents whose quadrature is exact; from x1 x2 old new.
                         a = row + ACTUATOR * W + i
                         u, x1, x2 = x[U * W + i], x[X1 * W + i], x[X2 * W + i]
                         n1, n2 = x[a + 3 * W] * u, x[a + 7 * W] * u
@@ -187,9 +188,9 @@ def _make(magnets, sensor_poles, actuator_poles, delayed, adc, dac, noise, noisy
                             x[X1 * W + i] = n1
                         if actuator_poles == 2:
                             x[X2 * W + i] = n2
-                    # Velocity and acceleration in displacement per step (h v, h^2 a): the step itself needs no products.
+                    # Velocity and acceleration in displacement per step: h v and h^2 a.
                     ks, cs, fx = x[KS * W + i], x[CS * W + i], f_ext * x[PER_MASS * W + i]
-                    # Nystrom's 4th order: the two middle stages share a position, so the magnets are evaluated thrice.
+                    # Nystrom, 4th order: the middle stages share a position, so the magnets are evaluated thrice.
                     a1 = pull(x, i, y, c0) - ks * y - cs * v + fx
                     ym = y + 0.5 * v + 0.125 * a1
                     fm = pull(x, i, ym, c1) - ks * ym + fx
@@ -203,10 +204,28 @@ def _make(magnets, sensor_poles, actuator_poles, delayed, adc, dac, noise, noisy
                         k = row + SENSOR * W + i
                         z1 = x[Z1 * W + i]
                         drive = x[k + 2 * W] * y + x[k + 3 * W] * v + x[k + 4 * W] * y1 + x[k + 5 * W] * v1
+                        if magnetic:
+                            q = row + SENSOR_CURRENT * W + i
+                            drive = drive + x[q + 3 * W] * u
+                            if actuator_poles >= 1:
+                                drive = drive + x[q] * x1
+                            if actuator_poles == 2:
+                                drive = drive + x[q + W] * x2
+                            if delayed:
+                                drive = drive + x[q + 2 * W] * old
                         x[Z1 * W + i] = x[k] * z1 + drive
                         if sensor_poles == 2:
                             k = k + 6 * W
                             drive = x[k + 2 * W] * y + x[k + 3 * W] * v + x[k + 4 * W] * y1 + x[k + 5 * W] * v1
+                            if magnetic:
+                                q = q + 4 * W
+                                drive = drive + x[q + 3 * W] * u
+                                if actuator_poles >= 1:
+                                    drive = drive + x[q] * x1
+                                if actuator_poles == 2:
+                                    drive = drive + x[q + W] * x2
+                                if delayed:
+                                    drive = drive + x[q + 2 * W] * old
                             x[Z2 * W + i] = x[k] * z1 + x[k + W] * x[Z2 * W + i] + drive
                     # A lane that touches down stays where it was: nothing beyond the clearance is simulated.
                     alive = x[ALIVE * W + i] if abs(y1) < x[LIMIT * W + i] else 0.0

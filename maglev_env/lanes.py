@@ -9,7 +9,7 @@ from scipy.linalg import expm
 from maglev_env import kernel as k
 from maglev_env.effects import effect_value
 from maglev_env.experiment import Experiment
-from maglev_env.magnetics import force_law
+from maglev_env.magnetics import force_law, linearise
 
 _NOISE_CHANNELS = 3  # displacement, current, force
 
@@ -51,13 +51,17 @@ def lane_batch(experiments: Sequence[Experiment], substeps: int = 1) -> LaneBatc
     sensor = _poles([(e.rig.sensor_time_constant, effect_value(e.effects, "sensor_lag")) for e in experiments])
     amplifier = _poles([(e.rig.amplifier_time_constant, effect_value(e.effects, "amplifier_lag")) for e in experiments])
     fraction = np.clip(delay - whole * dt, 0, dt)
-    gain_scale = np.array([_gain_scale(e) for e in experiments])
+    gain_scale, pull = np.array([_actuator(e) for e in experiments]).T
     h = dt / substeps
     for s in range(substeps):
         chain = rows[s * k.CHAIN_ROWS :]
-        if structure.sensor_poles:
-            chain[k.SENSOR : k.ACTUATOR] = _sensor_rows(sensor[:, : structure.sensor_poles], h)
         switch = np.clip(fraction - s * h, 0, h)
+        if structure.sensor_poles:
+            probe = sensor[:, : structure.sensor_poles]
+            chain[k.SENSOR : k.SENSOR_CURRENT] = cubic = _sensor_rows(probe, h)
+            chain[k.SENSOR_CURRENT : k.ACTUATOR] = _sensor_current_rows(
+                probe, amplifier[:, : structure.actuator_poles], h, switch, pull * h**2, cubic
+            )
         actuator = _actuator_rows(amplifier[:, : structure.actuator_poles], h, switch)
         actuator[2 * 4 :] *= gain_scale  # states stay in amperes; the currents that make force carry the calibration
         chain[k.ACTUATOR : k.AT_START] = actuator
@@ -102,10 +106,12 @@ def _parameters(e: Experiment, substeps: int) -> np.ndarray:
     return p
 
 
-def _gain_scale(e: Experiment) -> float:
+def _actuator(e: Experiment) -> tuple[float, float]:
+    """The force law's current scale, and the acceleration per ampere (m/s2 A) at the centre."""
     if e.rig.magnet == "none":
-        return 1.0
-    return force_law(e.rig).gain_scale * (1 + effect_value(e.effects, "actuator_gain"))
+        return 1.0, 0.0
+    law, change = force_law(e.rig), 1 + effect_value(e.effects, "actuator_gain")
+    return law.gain_scale * change, linearise(law)[0] * change / (e.rig.mass * (1 + effect_value(e.effects, "mass")))
 
 
 def _poles(pairs: list[tuple[float, float]]) -> np.ndarray:
@@ -115,18 +121,44 @@ def _poles(pairs: list[tuple[float, float]]) -> np.ndarray:
 
 def _sensor_rows(poles: np.ndarray, h: np.ndarray) -> np.ndarray:
     """Next probe states from (z1, z2, y0, h v0, y1, h v1) with y the cubic through both ends; shape (12, n)."""
-    n, order = poles.shape
+    n = len(poles)
     # States z1, z2 and the scaled derivatives y, h y', h^2 y'', h^3 y''' of the cubic, over one unit of tau / h.
     a = np.zeros((n, 6, 6))
-    rate = h[:, None] / poles
-    a[:, 0, 0], a[:, 0, 2] = -rate[:, 0], rate[:, 0]
-    if order == 2:
-        a[:, 1, 1], a[:, 1, 0] = -rate[:, 1], rate[:, 1]
+    _put_poles(a, poles, h, first=0, source=2)
     a[:, 2, 3] = a[:, 3, 4] = a[:, 4, 5] = 1.0
     step = expm(a)[:, :2]
     hermite = np.array([[1, 0, 0, 0], [0, 1, 0, 0], [-6, -4, 6, -2], [12, 6, -12, 6]])  # derivatives at the start
     rows = np.concatenate([step[:, :, :2], step[:, :, 2:] @ hermite], axis=2)
     return rows.reshape(n, 12).T
+
+
+def _sensor_current_rows(
+    sensor: np.ndarray, amplifier: np.ndarray, h: np.ndarray, switch: np.ndarray, pull: np.ndarray, cubic: np.ndarray
+) -> np.ndarray:
+    """What the probe states gain over the cubic motion, from (x1, x2, old command, new command); shape (8, n).
+
+    The current bends the motion inside a step by more than a cubic can follow. Its exact effect on the probe, with
+    the acceleration pull (m per step^2 and ampere) of the centred rotor, less what the cubic through the ends of that
+    same motion gives.
+    """
+    n = len(sensor)
+    # States x1, x2, command, y, v, z1, z2, over one unit of tau / h.
+    a = np.zeros((n, 7, 7))
+    source = _put_poles(a, amplifier, h, first=0, source=2)
+    a[:, 4, source], a[:, 3, 4] = pull, 1.0
+    _put_poles(a, sensor, h, first=5, source=3)
+    end = _switched(a, switch / h, np.ones(n))
+    rows = cubic.T.reshape(n, 2, 6)
+    return (end[:, 5:7] - rows[:, :, 4:] @ end[:, 3:5]).reshape(n, 8).T
+
+
+def _put_poles(a: np.ndarray, poles: np.ndarray, h: np.ndarray, first: int, source: int) -> int:
+    """Write a cascade of poles into the system matrices a, fed by state `source`; returns its output state."""
+    for j in range(poles.shape[1]):
+        rate = h / poles[:, j]
+        a[:, first + j, first + j], a[:, first + j, source] = -rate, rate
+        source = first + j
+    return source
 
 
 def _actuator_rows(poles: np.ndarray, h: np.ndarray, switch: np.ndarray) -> np.ndarray:
@@ -138,20 +170,14 @@ def _actuator_rows(poles: np.ndarray, h: np.ndarray, switch: np.ndarray) -> np.n
     n, order = poles.shape
     # States x1, x2, command, integral and double integral of the current, over one unit of tau / h.
     a = np.zeros((n, 5, 5))
-    rate = h[:, None] / np.where(poles > 0, poles, 1.0)
-    source = 2
-    for j in range(order):
-        a[:, j, j], a[:, j, source] = -rate[:, j], rate[:, j]
-        source = j
+    source = _put_poles(a, poles, h, first=0, source=2)
     a[:, 3, source] = a[:, 4, 3] = 1.0
     s = switch / h
     full = _switched(a, s, np.ones(n))
     middle = _switched(a, np.minimum(s, 0.5), np.full(n, 0.5))
     mean, moment = full[:, 3], 2 * full[:, 4]
-    if order:
-        c1 = middle[:, order - 1]
-    else:
-        c1 = mean  # the command itself may jump inside the step: its mean stands for the middle
+    # Without a pole the command itself may jump inside the step: its mean stands for the middle.
+    c1 = middle[:, order - 1] if order else mean
     c0 = 3 * moment - 2 * c1
     c2 = 6 * mean - 4 * c1 - c0
     next_states = full[:, :2].copy()
@@ -160,13 +186,9 @@ def _actuator_rows(poles: np.ndarray, h: np.ndarray, switch: np.ndarray) -> np.n
 
 
 def _switched(a: np.ndarray, switch: np.ndarray, end: np.ndarray) -> np.ndarray:
-    """State map (n, 5, 4) over [0, end] from (x1, x2, old, new): the command row changes at `switch`."""
-    n = len(a)
+    """State map (n, states, 4) over [0, end] from (x1, x2, old, new): the command, state 2, changes at `switch`."""
     first = expm(a * switch[:, None, None])
     second = expm(a * (end - switch)[:, None, None])
-    start = np.zeros((n, 5, 4))
-    start[:, 0, 0] = start[:, 1, 1] = start[:, 2, 2] = 1.0
-    state = first @ start
-    state[:, 2] = 0.0
-    state[:, 2, 3] = 1.0
+    state = np.concatenate([first[:, :, :3], np.zeros((*a.shape[:2], 1))], axis=2)
+    state[:, 2] = [0.0, 0.0, 0.0, 1.0]
     return second @ state

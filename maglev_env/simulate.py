@@ -99,7 +99,7 @@ def simulate_records(experiments: Sequence[Experiment], substeps: int = 1, threa
             records[block.members, :, span] = out[:, : len(block.members)].transpose(1, 0, 2)
         for lane, time in zip(block.members, state.touchdown_time(), strict=False):
             if not np.isnan(time):
-                records[lane, :, int(round(time * first.rig.control_rate)) :] = np.nan
+                records[lane, :, round(time * first.rig.control_rate) :] = np.nan
         return len(block.members)
 
     for _ in _over_threads(run, _blocks(experiments, substeps), threads):

@@ -1,0 +1,168 @@
+"""The tables of campaign.toml below a recording, checked: channels, excitations, gains and controller."""
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, fields
+from math import isfinite
+from typing import Any
+
+from maglev_env.excitation import Excitation, check_interleaved
+from maglev_env.gains import Gains
+from maglev_env.rig import excitation_from_table
+
+MAX_HARMONIC = 1_000_000
+CHANNEL_UNITS: Mapping[str, str] = {
+    "reference": "m",
+    "displacement": "m",
+    "command": "A",
+    "current": "A",
+    "voltage": "V",
+    "force": "N",
+    "injection": "A",
+    "gap_estimate": "m",
+    "speed": "rad/s",
+}
+# The channel that shows what is applied at each place of an excitation.
+EXCITATION_CHANNEL: Mapping[str, str] = {"force": "force", "current": "injection", "reference": "reference"}
+_AXES = ("", "_x", "_y", "_z")
+CHANNELS = ("time", *(name + axis for name in CHANNEL_UNITS for axis in _AXES))
+
+_EXCITATION_KEYS = (*(f.name for f in fields(Excitation)), "harmonics", "periods")
+
+
+@dataclass(frozen=True)
+class ChannelSource:
+    """Where a channel comes from: SI value = scale * (sum of weights * columns) + offset."""
+
+    columns: tuple[str, ...]
+    weights: tuple[float, ...]
+    scale: float = 1.0
+    offset: float = 0.0
+
+
+def excitations_table(value: Any, rate: float, channels: Mapping) -> tuple[tuple[Excitation, ...], int | None]:
+    """The checked excitations of a recording sampled at `rate` (Hz), and their common number of periods if stated."""
+    if not value:
+        raise ValueError('excitation is missing; write excitation = { kind = "none" } when nothing was excited')
+    tables = [table_of(t, "excitation") for t in (value if isinstance(value, list) else [value])]
+    found, periods = [], set()
+    for table in tables:
+        check_known(table, _EXCITATION_KEYS, "excitation")
+        _check_lines(table, rate)
+        excitation = excitation_from_table(table, ignored=("periods",))
+        stated = whole_of(table, "periods", None, 2)
+        if excitation.periodic:
+            excitation.samples_per_period(rate)
+            periods.add(stated)
+        elif stated is not None:
+            raise ValueError(f"excitation: periods has no meaning with kind = {excitation.kind!r}")
+        channel = EXCITATION_CHANNEL[excitation.at]
+        if excitation.kind in ("multisine", "recorded") and not any(channel + axis in channels for axis in _AXES):
+            why = "its phases are unknown" if excitation.kind == "multisine" else "its waveform is that channel"
+            raise ValueError(f"excitation: {excitation.kind} at {excitation.at} needs the channel {channel}: {why}")
+        found.append(excitation)
+    check_interleaved(tuple(found))
+    if len(periods - {None}) > 1:
+        raise ValueError(f"excitation: periods {sorted(periods - {None})} differ; one recording has one number of them")
+    return tuple(found), next(iter(periods - {None}), None)
+
+
+def _check_lines(table: Mapping[str, Any], rate: float) -> None:
+    fundamental = number_of(table, "fundamental", 1.0, "excitation")
+    for key in ("lines", "harmonics"):
+        for line in _list_of(table.get(key, []), f"excitation: {key}"):
+            # Bounded before a range is laid out: a slip of the pen must not take gigabytes.
+            if type(line) is not int or not 1 <= line <= MAX_HARMONIC or line * fundamental >= rate / 2:
+                raise ValueError(
+                    f"excitation: {key}: {line!r} is not a whole number from 1 to below half the rate, "
+                    f"{rate / 2:g} Hz at a fundamental of {fundamental:g} Hz"
+                )
+
+
+def channel_table(name: str, value: Any) -> ChannelSource:
+    """The checked source of one channel of [recording.channels]."""
+    check_known({name: value}, CHANNELS, "[recording.channels]")
+    where = f"channel {name}"
+    table = table_of(value, where)
+    check_known(table, ("from", "weights", "scale", "offset"), where)
+    columns = table.get("from")
+    columns = [columns] if isinstance(columns, str) else columns
+    if not isinstance(columns, list) or not columns or not all(isinstance(c, str) for c in columns):
+        raise ValueError(f'{where}: from = {table.get("from")!r}; give a column, from = "F", or a list of columns')
+    if len(columns) > 1 and "weights" not in table:
+        raise ValueError(f"{where}: weights are missing; a mean of two columns is weights = [0.5, 0.5]")
+    weights = _numbers(table.get("weights", [1.0]), f"{where}: weights")
+    if len(weights) != len(columns):
+        raise ValueError(f"{where}: {len(weights)} weights for {len(columns)} columns; give one weight per column")
+    scale, offset = number_of(table, "scale", 1.0, where), number_of(table, "offset", 0.0, where)
+    if scale == 0:
+        raise ValueError(f"{where}: scale = 0 leaves nothing of the channel")
+    return ChannelSource(tuple(columns), weights, scale, offset)
+
+
+def gains_table(value: Any) -> Gains:
+    """The checked gains of a recording."""
+    table = table_of(value, "gains")
+    if any(key in ("x", "y", "z") for key in table):
+        raise ValueError("gains per axis: only one axis is supported; give one table, gains = { kp = ..., ... }")
+    check_known(table, [f.name for f in fields(Gains)], "gains")
+    if missing := [key for key in ("kp", "ki", "kd") if key not in table]:
+        raise ValueError(f"gains: {', '.join(missing)} missing")
+    return Gains(**table)
+
+
+def controller_table(value: Any) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    """The checked numerator and denominator of a recording's controller."""
+    table = table_of(value, "controller")
+    check_known(table, ("numerator", "denominator"), "controller")
+    numerator, denominator = (_numbers(table.get(k), f"controller: {k}") for k in ("numerator", "denominator"))
+    if denominator[0] == 0 or len(numerator) > len(denominator):
+        raise ValueError("controller: give powers of z, highest first, the numerator's not above the denominator's")
+    return numerator, denominator
+
+
+def check_known(table: Mapping[str, Any], known: Iterable[str], where: str) -> None:
+    """ValueError for the first key that is not known, with those that are."""
+    for key in table:
+        if key not in known:
+            raise ValueError(f"{where}: unknown key {key!r}; known keys: {', '.join(sorted(known))}")
+
+
+def table_of(value: Any, where: str) -> dict[str, Any]:
+    """The value, which must be a table."""
+    if not isinstance(value, dict):
+        raise ValueError(f"{where} = {value!r} must be a table")
+    return value
+
+
+def number_of(table: Mapping[str, Any], key: str, default: float | None = None, where: str = "") -> float:
+    """A finite number from a table; without a default it must be there."""
+    value, name = table.get(key, default), f"{where}: {key}" if where else key
+    if value is None:
+        raise ValueError(f"{name} is missing")
+    if not _is_number(value):
+        raise ValueError(f"{name} = {value!r} is not a finite number")
+    return float(value)
+
+
+def whole_of(table: Mapping[str, Any], key: str, default: int | None, least: int) -> int | None:
+    """A whole number from a table, at least `least`."""
+    value = table.get(key, default)
+    if value is not None and (type(value) is not int or value < least):
+        raise ValueError(f"{key} = {value!r} must be a whole number, at least {least}")
+    return value
+
+
+def _list_of(value: Any, where: str) -> list:
+    if not isinstance(value, list):
+        raise ValueError(f"{where} = {value!r}; give a list")
+    return value
+
+
+def _numbers(value: Any, where: str) -> tuple[float, ...]:
+    if not _list_of(value, where) or not all(map(_is_number, value)):
+        raise ValueError(f"{where} = {value!r}; give finite numbers")
+    return tuple(map(float, value))
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool) and isfinite(value)

@@ -1,0 +1,122 @@
+"""Write simulated or re-labelled recordings as a campaign folder that `load_campaign` reads back."""
+
+import json
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
+from pathlib import Path
+from textwrap import fill
+from typing import TYPE_CHECKING, Any, Literal
+
+from maglev_env.campaign import ROLES, SCHEMA
+from maglev_env.campaign_tables import CHANNELS, check_known
+from maglev_env.excitation import Excitation
+from maglev_env.experiment import Experiment
+from maglev_env.files import write_csv, write_mat, write_npz, write_text_atomic
+from maglev_env.rig import PRESETS, load_rig, with_parameters
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+_WRITERS = {"npz": write_npz, "mat": write_mat, "csv": write_csv}
+_LINE = 120
+
+
+def write_campaign(
+    folder: str | Path,
+    rig_source: str,
+    parameters: Mapping[str, Any],
+    recordings: Sequence[tuple[str, str, "xr.Dataset", Experiment]],
+    data_format: Literal["npz", "mat", "csv"] = "npz",
+    overwrite: bool = False,
+) -> Path:
+    """Write a campaign folder and return the path of its campaign.toml, which is written last.
+
+    rig_source: preset, or path of a rig TOML, which is copied to rig.toml beside the campaign. parameters: overrides of
+    it. recordings: (name, role, dataset, experiment); the whole dataset is written, transient periods included, with a
+    time column, and the experiment gives gains and excitations. Effects, offset and seed are not written: a campaign
+    holds what an engineer knows. Reading gives the same variables back, bit for bit.
+    ValueError when something does not fit the format, or the campaign exists and overwrite is not set.
+    """
+    folder = Path(folder)
+    target = folder / "campaign.toml"
+    if target.exists() and not overwrite:
+        raise ValueError(f"{target} exists; choose another folder, or overwrite it explicitly")
+    if data_format not in _WRITERS:
+        raise ValueError(f"data_format = {data_format!r}; use one of {', '.join(_WRITERS)}")
+    with_parameters(load_rig(rig_source), parameters)
+    _check(recordings)
+    preset = rig_source in PRESETS
+    rig_text = "" if preset else Path(rig_source).read_text(encoding="utf-8")
+    lines = [f"schema = {_toml(SCHEMA)}", f"rig = {_toml(str(rig_source) if preset else 'rig.toml')}"]
+    lines += _table("[parameters]", parameters) if parameters else []
+    for name, role, dataset, experiment in recordings:
+        lines += _recording(f"{name}.{data_format}", role, dataset, experiment)
+    folder.mkdir(parents=True, exist_ok=True)
+    if not preset:
+        write_text_atomic(folder / "rig.toml", rig_text)
+    for name, _, dataset, _ in recordings:
+        columns = {str(channel): dataset[channel].values for channel in dataset.data_vars}
+        _WRITERS[data_format](folder / f"{name}.{data_format}", {"time": dataset["time"].values, **columns})
+    write_text_atomic(target, "\n".join(lines) + "\n")
+    return target
+
+
+def _check(recordings: Sequence[tuple[str, str, "xr.Dataset", Experiment]]) -> None:
+    if not recordings:
+        raise ValueError("a campaign needs at least one recording")
+    names = [name for name, *_ in recordings]
+    for name, role, dataset, _ in recordings:
+        if not re.fullmatch(r"\w[\w-]*", name):
+            raise ValueError(f"recording name {name!r}: use letters, digits, _ and -")
+        if names.count(name) > 1:
+            raise ValueError(f"recording name {name!r} is used twice")
+        if role not in ROLES:
+            raise ValueError(f"recording {name!r}: role = {role!r}; use one of {', '.join(ROLES)}")
+        check_known(dict.fromkeys(map(str, dataset.data_vars)), CHANNELS, f"recording {name!r}")
+        if dataset.sizes["time"] < 2:
+            raise ValueError(f"recording {name!r} has fewer than two samples")
+
+
+def _recording(file: str, role: str, dataset: "xr.Dataset", experiment: Experiment) -> list[str]:
+    rate = float(dataset.attrs["sample_rate"])
+    head = {"file": file, "role": role, "sample_rate": rate, "start": 0}
+    lines = _table("[[recording]]", head)
+    if experiment.rig.controlled:
+        lines += _table("[recording.gains]", asdict(experiment.gains))
+    for excitation in experiment.excitations:
+        table = _excitation(excitation)
+        if excitation.periodic:
+            whole, rest = divmod(dataset.sizes["time"], excitation.samples_per_period(rate))
+            table |= {} if rest else {"periods": whole}
+        lines += _table("[[recording.excitation]]", table)
+    channels = ["time", *map(str, dataset.data_vars)]
+    return [*lines, "", "[recording.channels]", *(f"{name} = {{ from = {_toml(name)} }}" for name in channels)]
+
+
+def _excitation(excitation: Excitation) -> dict[str, Any]:
+    table = asdict(excitation)
+    lines = table.pop("lines")
+    if excitation.kind != "multisine":
+        del table["seed"]
+    if not excitation.periodic:
+        return {"kind": excitation.kind, "at": excitation.at}
+    gapless = len(lines) > 1 and lines[-1] - lines[0] == len(lines) - 1
+    return {**table, **({"harmonics": [lines[0], lines[-1]]} if gapless else {"lines": lines})}
+
+
+def _table(header: str, values: Mapping[str, Any]) -> list[str]:
+    return ["", header, *(f"{key} = {_toml(value)}" for key, value in values.items())]
+
+
+def _toml(value: Any) -> str:
+    """A string, number or list of them as TOML."""
+    if isinstance(value, str):
+        return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
+    if isinstance(value, list | tuple):
+        text = ", ".join(map(_toml, value))
+        return f"[{text}]" if len(text) < _LINE // 2 else "[\n" + fill(text, _LINE, **_INDENT) + "\n]"
+    return repr(int(value)) if isinstance(value, int) else repr(float(value))
+
+
+_INDENT = {"initial_indent": "    ", "subsequent_indent": "    "}

@@ -1,0 +1,207 @@
+"""Gain sweeps: every gain set through the same identification experiment, chunk by chunk on disk, resumable."""
+
+import json
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass, field, fields, replace
+from hashlib import sha256
+from importlib.metadata import version
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from maglev_env.effects import Effects
+from maglev_env.evaluate import Evaluation, evaluate
+from maglev_env.experiment import protocol_experiment
+from maglev_env.gains import Gains
+from maglev_env.rig import Rig
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+CHUNK = 256
+SWEPT = ("kp", "ki", "kd")
+UNITS = {"kp": "A/m", "ki": "A/(m s)", "kd": "A s/m"}
+
+
+@dataclass(frozen=True)
+class Axis:
+    """One swept gain: low and high bound in SI and the number of grid points."""
+
+    low: float
+    high: float
+    points: int
+
+
+@dataclass(frozen=True)
+class Sweep:
+    """A sweep: rig, axes by gain name (others stay at the preset), log or linear spacing, Sobol points or 0 for the
+    full grid, effects of the simulated rig, seed of every noise."""
+
+    rig: Rig
+    axes: Mapping[str, Axis]
+    log: bool = False
+    sobol: int = 0
+    effects: Effects = field(default_factory=dict)
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        if not self.rig.controlled or self.rig.protocol is None:
+            raise ValueError(f"rig {self.rig.name} has no controlled magnet or no [protocol]: there is nothing to sweep")
+        if not self.axes:
+            raise ValueError("sweep: give at least one of kp, ki, kd as lo:hi:n")
+        for name, axis in self.axes.items():
+            if name not in SWEPT:
+                raise ValueError(f"sweep: {name!r} is not one of {', '.join(SWEPT)}")
+            if not (np.isfinite(axis.low) and np.isfinite(axis.high) and axis.low <= axis.high and axis.points >= 1):
+                raise ValueError(f"sweep: {name} = {axis.low}:{axis.high}:{axis.points} must be lo <= hi and n >= 1")
+            if self.log and axis.low <= 0:
+                raise ValueError(f"sweep: {name} from {axis.low}: a logarithmic axis starts above 0")
+
+
+def parse_axis(text: str) -> Axis:
+    """Read `lo:hi:n` (or `value`, held fixed) as the command line writes it."""
+    parts = text.split(":")
+    try:
+        if len(parts) == 1:
+            return Axis(float(text), float(text), 1)
+        low, high, points = parts
+        return Axis(float(low), float(high), int(points))
+    except ValueError:
+        raise ValueError(f"{text!r} is not lo:hi:n (two gains and a whole number of points)") from None
+
+
+def default_axes(rig: Rig, points: Mapping[str, int] | None = None) -> dict[str, Axis]:
+    """The rig's gain bounds as axes: 16 x 4 x 16 points unless told."""
+    points = points or {"kp": 16, "ki": 4, "kd": 16}
+    missing = [name for name in SWEPT if name not in rig.bounds]
+    if missing:
+        raise ValueError(f"rig {rig.name}: [bounds] lacks {', '.join(missing)}; give --kp, --ki, --kd as lo:hi:n")
+    return {name: Axis(*rig.bounds[name], points[name]) for name in SWEPT}
+
+
+def gain_sets(sweep: Sweep) -> list[Gains]:
+    """The gain sets in order: the grid with the last axis fastest, or the scrambled Sobol points of the seed."""
+    names = [name for name in SWEPT if name in sweep.axes]
+    if sweep.sobol:
+        from scipy.stats import qmc
+
+        sampler = qmc.Sobol(len(names), rng=np.random.default_rng(sweep.seed))
+        unit = sampler.random_base2(int(np.ceil(np.log2(sweep.sobol))))[: sweep.sobol]
+        columns = [_along(sweep.axes[name], unit[:, j], sweep.log) for j, name in enumerate(names)]
+    else:
+        grids = [
+            _along(sweep.axes[n], np.linspace(0, 1, sweep.axes[n].points) if sweep.axes[n].points > 1 else np.zeros(1), sweep.log)
+            for n in names
+        ]
+        columns = [c.ravel() for c in np.meshgrid(*grids, indexing="ij")]
+    return [replace(sweep.rig.gains, **dict(zip(names, map(float, row), strict=True))) for row in zip(*columns, strict=True)]
+
+
+def run_sweep(
+    sweep: Sweep, out: Path, threads: int | None = None, progress: Callable[[int, bool], None] | None = None
+) -> "xr.Dataset":
+    """Run or resume a sweep in folder `out`; the dataset has dims experiment and band, gains as coordinates.
+
+    Finished chunks on disk are reused, so an interrupted sweep equals an uninterrupted one bit for bit. progress is
+    called with (experiments, reused). ValueError when `out` holds another sweep; OSError when it cannot be written.
+    """
+    import xarray as xr
+
+    gains = gain_sets(sweep)
+    chunks = out / "chunks"
+    _claim(sweep, out, len(gains))
+    chunks.mkdir(exist_ok=True)
+    parts = []
+    for start in range(0, len(gains), CHUNK):
+        path = chunks / f"{start:07d}.nc"
+        stop = min(start + CHUNK, len(gains))
+        if path.exists():
+            with xr.open_dataset(path) as stored:
+                parts.append(stored.load())
+            if progress:
+                progress(stop - start, True)
+            continue
+        experiments = [
+            protocol_experiment(sweep.rig, gains[i], sweep.effects, seed=(sweep.seed, i)) for i in range(start, stop)
+        ]
+        evaluation = evaluate(experiments, threads, (lambda n: progress(n, False)) if progress else None)
+        part = _dataset(evaluation, gains[start:stop], start)
+        _write_atomic(part, path)
+        parts.append(part)
+    result = xr.concat(parts, dim="experiment", data_vars="minimal", coords="minimal")
+    result.attrs = json.loads((out / "sweep.json").read_text())
+    result.attrs = {k: v if isinstance(v, str) else json.dumps(v) for k, v in result.attrs.items()}
+    _write_atomic(result, out / "sweep.nc")
+    return result
+
+
+def description(sweep: Sweep, n: int) -> dict[str, object]:
+    """What made the results, as JSON data; `identity` is a hash of all of it."""
+    data: dict[str, object] = {
+        "schema": "maglev-sweep-folder/1",
+        "version": version("maglev-workbench"),
+        "n": n,
+        "log": sweep.log,
+        "sobol": sweep.sobol,
+        "seed": sweep.seed,
+        "axes": {name: asdict(axis) for name, axis in sweep.axes.items()},
+        "effects": {name: dict(values) for name, values in sweep.effects.items()},
+        "rig": json.loads(json.dumps(asdict(sweep.rig))),
+    }
+    data["identity"] = sha256(json.dumps(data, sort_keys=True).encode()).hexdigest()
+    return data
+
+
+def _claim(sweep: Sweep, out: Path, n: int) -> None:
+    from maglev_env.files import write_text_atomic
+
+    out.mkdir(parents=True, exist_ok=True)
+    mine, path = description(sweep, n), out / "sweep.json"
+    if path.exists():
+        try:
+            theirs = json.loads(path.read_text()).get("identity")
+        except json.JSONDecodeError:
+            raise ValueError(f"{path} is not a sweep description; choose another --out") from None
+        if theirs != mine["identity"]:
+            raise ValueError(f"{out} holds another sweep (see {path}); choose another --out or delete it")
+        return
+    if any(out.iterdir()):
+        raise ValueError(f"{out} is not empty and holds no sweep; choose another --out")
+    write_text_atomic(path, json.dumps(mine, indent=1))
+
+
+def _along(axis: Axis, unit: np.ndarray, log: bool) -> np.ndarray:
+    if log:
+        return axis.low * (axis.high / axis.low) ** unit
+    return axis.low + (axis.high - axis.low) * unit
+
+
+def _dataset(e: Evaluation, gains: list[Gains], start: int) -> "xr.Dataset":
+    import xarray as xr
+
+    n = len(gains)
+    variables: dict[str, tuple] = {}
+    for f in fields(Evaluation):
+        value = getattr(e, f.name)
+        if f.name == "bands":
+            continue
+        named = {f.name: value} if not isinstance(value, dict) else value
+        prefix = "term_" if f.name == "terms" else ""
+        for name, array in named.items():
+            dims = ("experiment",) if array.ndim == 1 else ("experiment", "band")
+            variables[prefix + name] = (dims, array)
+    coordinates: dict[str, tuple] = {"experiment": ("experiment", np.arange(start, start + n))}
+    for f in fields(Gains):
+        coordinates[f.name] = ("experiment", np.array([getattr(g, f.name) for g in gains]))
+    coordinates["band_low"], coordinates["band_high"] = ("band", e.bands[:, 0]), ("band", e.bands[:, 1])
+    return xr.Dataset(variables, coordinates)
+
+
+def _write_atomic(dataset: "xr.Dataset", path: Path) -> None:
+    temporary = path.with_suffix(".part")
+    try:
+        dataset.to_netcdf(temporary, engine="h5netcdf")
+        temporary.replace(path)
+    finally:
+        temporary.unlink(missing_ok=True)
