@@ -1,0 +1,1 @@
+"""Speed, measured as ratios to references that run in the same process."""

@@ -4,7 +4,7 @@ import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath, PureWindowsPath
-from typing import Any
+from typing import Any, Literal
 
 from maglev_env.campaign_tables import (
     ChannelSource,
@@ -26,8 +26,9 @@ __all__ = ["Campaign", "ChannelSource", "RecordingSpec", "load_campaign"]
 SCHEMA = "maglev-campaign/1"
 MAX_FILE_BYTES = 1_000_000
 ROLES = ("fit", "holdout")
+INTERSAMPLE = ("bl", "zoh")
 _RECORDING_KEYS = (
-    *("file", "role", "sample_rate", "start", "samples", "speed_rpm"),
+    *("file", "role", "sample_rate", "start", "samples", "speed_rpm", "intersample"),
     *("gains", "controller", "excitation", "channels"),
 )
 
@@ -39,6 +40,7 @@ class RecordingSpec:
     file: relative to the campaign's folder. sample_rate in Hz. start: first sample used, from 0. samples: how many
     (None: all to the end). periods: whole periods in them, where stated. controller: numerator and denominator in z,
     highest power first, at the control rate; with neither gains nor controller the rotor runs uncontrolled.
+    intersample: between samples the force is band-limited ("bl", a reading) or held by a converter ("zoh").
     """
 
     file: str
@@ -52,6 +54,7 @@ class RecordingSpec:
     controller: tuple[tuple[float, ...], tuple[float, ...]] | None
     excitations: tuple[Excitation, ...]
     channels: Mapping[str, ChannelSource]
+    intersample: Literal["bl", "zoh"] = "bl"
 
     @property
     def samples_per_period(self) -> int | None:
@@ -130,6 +133,9 @@ def _checked_recording(file: str, table: dict[str, Any]) -> RecordingSpec:
     role = table.get("role", "fit")
     if role not in ROLES:
         raise ValueError(f"role = {role!r}; use one of {', '.join(ROLES)}")
+    intersample = table.get("intersample", "bl")
+    if intersample not in INTERSAMPLE:
+        raise ValueError(f"intersample = {intersample!r}; use one of {', '.join(INTERSAMPLE)}")
     rate = number_of(table, "sample_rate")
     if rate <= 0:
         raise ValueError(f"sample_rate = {rate} Hz must be positive")
@@ -160,6 +166,7 @@ def _checked_recording(file: str, table: dict[str, Any]) -> RecordingSpec:
         controller=controller_table(table["controller"]) if "controller" in table else None,
         excitations=excitations,
         channels=channels,
+        intersample=intersample,
     )
 
 

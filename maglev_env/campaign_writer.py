@@ -1,4 +1,4 @@
-"""Write simulated or re-labelled recordings as a campaign folder that `load_campaign` reads back."""
+"""Write simulated recordings as a campaign folder that `load_campaign` reads back."""
 
 import json
 import re
@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 
 _WRITERS = {"npz": write_npz, "mat": write_mat, "csv": write_csv}
 _LINE = 120
+_WRAP = {"initial_indent": "    ", "subsequent_indent": "    ", "break_long_words": False, "break_on_hyphens": False}
 
 
 def write_campaign(
@@ -33,9 +34,9 @@ def write_campaign(
     """Write a campaign folder and return the path of its campaign.toml, which is written last.
 
     rig_source: preset, or path of a rig TOML, which is copied to rig.toml beside the campaign. parameters: overrides of
-    it. recordings: (name, role, dataset, experiment); the whole dataset is written, transient periods included, with a
-    time column, and the experiment gives gains and excitations. Effects, offset and seed are not written: a campaign
-    holds what an engineer knows. Reading gives the same variables back, bit for bit.
+    it. recordings: (name, role, simulated dataset, its experiment); the whole dataset is written, transient periods
+    included, with a time column, and the experiment gives gains and excitations. Effects, offset and seed are not
+    written: a campaign holds what an engineer knows. Reading gives the same variables back, bit for bit.
     ValueError when something does not fit the format, or the campaign exists and overwrite is not set.
     """
     folder = Path(folder)
@@ -80,7 +81,7 @@ def _check(recordings: Sequence[tuple[str, str, "xr.Dataset", Experiment]]) -> N
 
 def _recording(file: str, role: str, dataset: "xr.Dataset", experiment: Experiment) -> list[str]:
     rate = float(dataset.attrs["sample_rate"])
-    head = {"file": file, "role": role, "sample_rate": rate, "start": 0}
+    head = {"file": file, "role": role, "sample_rate": rate, "start": 0, "intersample": "zoh"}
     lines = _table("[[recording]]", head)
     if experiment.rig.controlled:
         lines += _table("[recording.gains]", asdict(experiment.gains))
@@ -115,8 +116,7 @@ def _toml(value: Any) -> str:
         return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
     if isinstance(value, list | tuple):
         text = ", ".join(map(_toml, value))
-        return f"[{text}]" if len(text) < _LINE // 2 else "[\n" + fill(text, _LINE, **_INDENT) + "\n]"
+        if len(text) < _LINE // 2 or any(isinstance(v, str) for v in value):  # a break inside a string would change it
+            return f"[{text}]"
+        return "[\n" + fill(text, _LINE, **_WRAP) + "\n]"
     return repr(int(value)) if isinstance(value, int) else repr(float(value))
-
-
-_INDENT = {"initial_indent": "    ", "subsequent_indent": "    "}

@@ -1,6 +1,6 @@
 """Effects beyond the nominal rig, as data: name, block, parameters with units, bounds and source."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 from numpy import isfinite
@@ -105,3 +105,14 @@ def effect_value(effects: Effects, name: str) -> float:
     """The first parameter of an effect, or its absent value."""
     key, parameter = next(iter(EFFECTS[name].parameters.items()))
     return effects.get(name, {}).get(key, parameter.absent)
+
+
+def parse_effects(texts: Iterable[str]) -> dict[str, dict[str, float]]:
+    """Several `--effect` values as one mapping; ValueError when one is named twice."""
+    merged: dict[str, dict[str, float]] = {}
+    for text in texts:
+        parsed = parse_effect(text)
+        if twice := parsed.keys() & merged.keys():
+            raise ValueError(f"effect {twice.pop()} is given twice")
+        merged.update(parsed)
+    return merged

@@ -3,6 +3,7 @@
 from collections.abc import Iterable
 from dataclasses import dataclass
 from itertools import pairwise
+from math import isfinite
 from typing import Literal
 
 import numpy as np
@@ -43,8 +44,8 @@ class Excitation:
         lines = self.lines
         if not lines or any(b <= a for a, b in pairwise(lines)) or lines[0] < 1:
             raise ValueError("excitation: lines must be strictly increasing harmonic numbers, the first at least 1")
-        if not self.amplitude >= 0:
-            raise ValueError(f"excitation: amplitude = {self.amplitude} must not be negative")
+        if not (isfinite(self.amplitude) and self.amplitude > 0):
+            raise ValueError(f"excitation: amplitude = {self.amplitude} {UNITS[self.at]} must be positive")
 
     @property
     def periodic(self) -> bool:

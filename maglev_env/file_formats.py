@@ -5,7 +5,6 @@ Nothing in a file is executed: no pickles, no links to other files, sizes bounde
 
 import csv
 import difflib
-import math
 import re
 import zipfile
 from collections.abc import Callable, Iterator, Sequence
@@ -15,6 +14,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+
+from maglev_env.matlab5 import open_variables
 
 MAX_DATA_BYTES = 2 * 1024**3
 _STEP = re.compile(r"\.([A-Za-z_]\w*)|\[(\d{1,9})\]")
@@ -93,29 +94,14 @@ def vector(value: Any) -> np.ndarray:
 
 
 def open_mat5(path: Path) -> tuple[tuple[str, ...], Reader]:
-    """Names and reader of a MATLAB v4 or v5 file."""
-    from scipy.io import loadmat, whosmat
-
-    sizes = {name: math.prod(shape) * 8 for name, shape, _ in whosmat(path, appendmat=False)}
+    """Names and reader of a MATLAB v5 file."""
+    variables = open_variables(path)
 
     @cache  # a dSPACE struct holds every channel: parse it once
     def variable(root: str) -> Any:
-        bounded(sizes[root], root)
-        value = loadmat(path, appendmat=False, variable_names=[root])[root]
-        if isinstance(value, str):  # how scipy reports an unreadable variable
-            raise OSError(value)
-        return value
+        return variables.read(root, MAX_DATA_BYTES)
 
-    return tuple(sizes), lambda root, steps: _follow(variable(root), steps, _open_mat5)
-
-
-def _open_mat5(value: Any) -> Any:
-    if not isinstance(value, np.ndarray | np.void) or (value.dtype.names is None and value.dtype != object):
-        return value
-    if value.dtype.names is None:
-        return list(value.ravel(order="F"))
-    rows = [{name: row[name] for name in value.dtype.names} for row in np.ravel(value, order="F")]
-    return rows[0] if len(rows) == 1 else rows
+    return tuple(variables.elements), lambda root, steps: _follow(variable(root), steps, lambda value: value)
 
 
 def open_hdf5(path: Path, matlab: bool) -> tuple[tuple[str, ...], Reader]:

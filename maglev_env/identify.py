@@ -110,7 +110,7 @@ def identify(
     force_lines = lines_at(signals.excitations, "force")
     if not force_lines.size or not {"force", "displacement"} <= signals.channels.keys():
         raise ValueError("stiffness and damping need a force excitation with the channels force and displacement")
-    statistics, dropped, rest = _statistics(signals)
+    statistics, dropped, rest = record_statistics(signals)
     if dropped:
         notes.append(f"the first {dropped} period(s) carry a transient and were dropped")
     if rest:
@@ -147,7 +147,7 @@ def identify(
     )
 
 
-def _statistics(signals: RecordedSignals) -> tuple[LineStatistics, int, int]:
+def record_statistics(signals: RecordedSignals) -> tuple[LineStatistics, int, int]:
     """Line statistics of the steady periods at every harmonic up to the highest excited one; periods dropped; rest."""
     periodic = [e for e in signals.excitations if e.periodic]
     per_period = periodic[0].samples_per_period(signals.sample_rate)

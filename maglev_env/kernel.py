@@ -233,16 +233,18 @@ def _make(magnets, sensor_poles, actuator_poles, delayed, adc, dac, noise, noisy
                     x[V * W + i] = v1 * alive
                     x[ALIVE * W + i] = alive
                     x[STEPS * W + i] += alive
-            if t % TILE == TILE - 1 or t == samples - 1:
-                start, filled = t - t % TILE, t % TILE + 1
+            if t % TILE == TILE - 1:
                 for c in range(outputs * W):
-                    for j in range(filled):
-                        out[c * samples + start + j] = tile[j * outputs * W + c]
+                    for j in range(TILE):
+                        out[c * samples + t - (TILE - 1) + j] = tile[j * outputs * W + c]
                 living = 0.0
                 for i in range(W):
                     living += x[ALIVE * W + i]
                 if living == 0.0:
                     return t + 1
+        for t in range(samples - samples % TILE, samples):
+            for c in range(outputs * W):
+                out[c * samples + t] = tile[(t % TILE) * outputs * W + c]
         return samples
 
     return step

@@ -36,7 +36,7 @@ def loop_response(experiment: Experiment, frequency: np.ndarray) -> LoopResponse
     z = np.exp(2j * np.pi * np.asarray(frequency, dtype=float) * dt)
     a_d, a_i = np.exp(-dt / gains.td), np.exp(-dt / gains.ti)
     controller = gains.kp + gains.kd / gains.td * (z - 1) / (z - a_d) + gains.ki * (1 - a_i) / (z - a_i)
-    a, b_force, b_old, b_new, c = _discrete_plant(experiment, dt)
+    a, b_force, b_old, b_new, c = discrete_plant(experiment, dt)
     resolvent = np.linalg.inv(z[:, None, None] * np.eye(len(a)) - a)
     probe = 1 + effect_value(experiment.effects, "sensor_gain")
     whole = np.floor(effect_value(experiment.effects, "delay") / dt * (1 + 1e-12))
@@ -56,7 +56,7 @@ def closed_loop_poles(experiment: Experiment) -> np.ndarray:
     rig, gains = experiment.rig, experiment.gains
     dt = 1 / rig.control_rate
     a_d, a_i = np.exp(-dt / gains.td), np.exp(-dt / gains.ti)
-    a, _, b_old, b_new, c = _discrete_plant(experiment, dt)
+    a, _, b_old, b_new, c = discrete_plant(experiment, dt)
     n = len(a)
     c = c * (1 + effect_value(experiment.effects, "sensor_gain"))
     delay = int(np.floor(effect_value(experiment.effects, "delay") / dt * (1 + 1e-12)))
@@ -105,7 +105,7 @@ def expected_statistics(experiment: Experiment, lines: np.ndarray) -> LineStatis
     return LineStatistics(frequency, np.asarray(lines), channels, mean, covariance, experiment.periods)
 
 
-def _discrete_plant(e: Experiment, dt: float) -> tuple[np.ndarray, ...]:
+def discrete_plant(e: Experiment, dt: float) -> tuple[np.ndarray, ...]:
     """A, B_force, B_old, B_new, C over one control sample; the command changes from old to new inside it."""
     rig, effects = e.rig, e.effects
     gain = stiffness = 0.0

@@ -15,7 +15,6 @@ from maglev_env.campaign_tables import CHANNEL_UNITS, EXCITATION_CHANNEL
 from maglev_env.excitation import Excitation, lines_at
 from maglev_env.experiment import Experiment
 from maglev_env.files import Columns, read_columns
-from maglev_env.kernel import CHANNELS
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -33,9 +32,9 @@ def read_recording(campaign: Campaign, spec: RecordingSpec) -> "xr.Dataset":
     """A recording of a campaign: one float64 variable per channel in SI (attribute `units`) over `time` (s, from 0).
 
     Attributes: file, role, sample_rate (Hz), and experiment, a JSON object with the gains or controller, excitations,
-    speed_rpm, whole periods in the dataset, and the rig's name where known. Samples after the last whole period are
-    kept. ValueError names the file, the channel and the sample (counted from 0 in the file) that is wrong; OSError when
-    the file cannot be read.
+    speed_rpm, intersample, whole periods in the dataset, and the rig's name where known. Samples after the last whole
+    period are kept. ValueError names the file, the channel and the sample (counted from 0 in the file) that is wrong;
+    OSError when the file cannot be read.
     """
     path = campaign.folder / spec.file
     columns = read_columns(path)
@@ -61,6 +60,7 @@ def read_recording(campaign: Campaign, spec: RecordingSpec) -> "xr.Dataset":
         "gains": spec.gains and asdict(spec.gains),
         "controller": spec.controller and dict(zip(("numerator", "denominator"), spec.controller, strict=True)),
         "speed_rpm": spec.speed_rpm,
+        "intersample": spec.intersample,
         **rig,
     }
     dataset = _dataset(channels, spec.sample_rate, spec.file, spec.role, spec.excitations, experiment)
@@ -78,6 +78,8 @@ def simulated_recording(experiment: Experiment, record: np.ndarray) -> "xr.Datas
     attribute also names the effects, offset, seed, transient_periods and version. ValueError when the record does not
     fit the experiment, or when the rotor touched down: a crash is no recording of the experiment.
     """
+    from maglev_env.kernel import CHANNELS  # loads the compiler, which reading does without
+
     periods = experiment.periods + experiment.transient_periods
     expected = (len(CHANNELS), periods * experiment.samples_per_period)
     if record.shape != expected:
@@ -96,6 +98,7 @@ def simulated_recording(experiment: Experiment, record: np.ndarray) -> "xr.Datas
         "gains": asdict(experiment.gains) if experiment.rig.controlled else None,
         "controller": None,
         "speed_rpm": 0.0,
+        "intersample": "zoh",
         "rig": experiment.rig.name,
         "effects": {name: dict(values) for name, values in experiment.effects.items()},
         "offset": experiment.offset,

@@ -65,7 +65,7 @@ def simulate_statistics(
     injected = scipy.fft.rfft(injection)[lines] * (2 / injection.size)
 
     def run(block: _Block) -> int:
-        state = _start(block)
+        state = _State(block)
         result = line_statistics(_block_spectra(block, state, lines, injected), first.fundamental, lines, channels)
         alive = state.rows[k.ALIVE, : len(block.members)] > 0
         members, kept = block.members[alive], np.flatnonzero(alive)
@@ -93,7 +93,7 @@ def simulate_records(experiments: Sequence[Experiment], substeps: int = 1, threa
     records = np.full((len(experiments), len(k.CHANNELS), periods * per_period), np.nan)
 
     def run(block: _Block) -> int:
-        state = _start(block)
+        state = _State(block)
         for i, out in enumerate(_periods(block, state, periods, len(k.CHANNELS))):
             span = slice(i * per_period, (i + 1) * per_period)
             records[block.members, :, span] = out[:, : len(block.members)].transpose(1, 0, 2)
@@ -105,6 +105,13 @@ def simulate_records(experiments: Sequence[Experiment], substeps: int = 1, threa
     for _ in _over_threads(run, _blocks(experiments, substeps), threads):
         pass
     return records
+
+
+def block_periods(experiments: Sequence[Experiment], outputs: int = 2) -> Iterator[Iterator[np.ndarray]]:
+    """The simulator alone: per block an iterator over periods of the first `outputs` kernel channels."""
+    first = _common(experiments)
+    for block in _blocks(experiments, 1):
+        yield _periods(block, _State(block), first.transient_periods + first.periods, outputs)
 
 
 class _State:
@@ -122,10 +129,6 @@ class _State:
     def touchdown_time(self) -> np.ndarray:
         """Seconds to touchdown per lane, nan for lanes still alive."""
         return np.where(self.rows[k.ALIVE] > 0, np.nan, self.rows[k.STEPS] / self._per_second)
-
-
-def _start(block: _Block) -> _State:
-    return _State(block)
 
 
 def _common(experiments: Sequence[Experiment]) -> Experiment:

@@ -1,0 +1,133 @@
+"""Is a recording good enough, and for what: what an engineer checks before trusting an estimate."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from estimation.frequency_response import coherence
+from estimation.periods import LineStatistics
+from estimation.sphs import crest_factor
+from maglev_env.excitation import lines_at
+from maglev_env.identify import RecordedSignals, record_statistics
+
+GOOD_SNR = 10.0  # amplitude over noise of the mean: one line then gives 10 %
+POOR_SNR = 3.0
+
+
+@dataclass(frozen=True)
+class ChannelQuality:
+    """One channel: rms and crest factor; resolution (smallest step between readings, in its unit) and its share of
+    the rms; snr (amplitude over noise of the period mean, per excited line): median and worst, None if never excited."""
+
+    name: str
+    rms: float
+    crest: float
+    resolution: float
+    resolution_share: float
+    snr_median: float | None
+    snr_worst: float | None
+
+
+@dataclass(frozen=True)
+class BandQuality:
+    """Displacement at force lines in one band (Hz): median amplitude over noise, coherence, and a verdict in words."""
+
+    f_lo: float
+    f_hi: float
+    snr: float
+    coherence: float
+    verdict: str
+
+
+@dataclass(frozen=True)
+class Quality:
+    """periods kept, transient_periods dropped, leftover samples; can: what the recording serves for and, where it does
+    not, what is missing; problems: what to mend before recording again."""
+
+    periods: int
+    transient_periods: int
+    leftover: int
+    channels: tuple[ChannelQuality, ...]
+    bands: tuple[BandQuality, ...]
+    can: dict[str, str]
+    problems: tuple[str, ...]
+
+
+def recording_quality(signals: RecordedSignals, bands: int = 8) -> Quality:
+    """Check one periodic recording; ValueError when it is not periodic or holds fewer than two periods."""
+    statistics, dropped, leftover = record_statistics(signals)
+    problems = []
+    if statistics.periods < 4:
+        problems.append(f"{statistics.periods} steady periods: noise is poorly known; record at least 5, better 16")
+    if dropped > 1:
+        problems.append(f"{dropped} periods of transient: wait longer before recording")
+    channels = tuple(_channel(name, values, statistics, signals) for name, values in signals.channels.items())
+    for c in channels:
+        if c.resolution_share > 0.05:
+            problems.append(f"{c.name}: one converter step is {c.resolution_share:.0%} of the rms; raise gain or amplitude")
+    force = [c for c in channels if c.name == "force"]
+    if force and force[0].crest > 4:
+        problems.append(f"force: crest factor {force[0].crest:.1f}; Schroeder phases reach 1.7")
+    per_band = _bands(statistics, signals, bands)
+    weak = [b for b in per_band if b.verdict == "noise rules"]
+    if weak:
+        problems.append(
+            f"displacement is lost in noise at {weak[0].f_lo:.0f} .. {weak[-1].f_hi:.0f} Hz: more force, or more periods"
+        )
+    return Quality(
+        statistics.periods, dropped, leftover, channels, per_band, _uses(signals), tuple(problems)
+    )
+
+
+def _channel(name: str, values: np.ndarray, statistics: LineStatistics, signals: RecordedSignals) -> ChannelQuality:
+    steps = np.diff(np.unique(values))
+    rms = float(np.sqrt(np.mean((values - values.mean()) ** 2)))
+    resolution = float(np.median(steps)) if steps.size else 0.0
+    median = worst = None
+    if name in statistics.channels and name != "injection":
+        excited = statistics.at_lines(lines_at(signals.excitations, "force" if name == "force" else None))
+        noise = np.sqrt(excited.cross(name, name))
+        with np.errstate(divide="ignore"):
+            snr = np.abs(excited.amplitude(name)) / noise
+        if snr.size:
+            median, worst = float(min(np.median(snr), 1e9)), float(min(snr.min(), 1e9))
+    share = resolution / rms if rms else 0.0
+    return ChannelQuality(name, rms, crest_factor(values - values.mean()) if rms else 0.0, resolution, share, median, worst)
+
+
+def _bands(statistics: LineStatistics, signals: RecordedSignals, count: int) -> tuple[BandQuality, ...]:
+    lines = lines_at(signals.excitations, "force")
+    if not lines.size or "displacement" not in statistics.channels:
+        return ()
+    force = statistics.at_lines(lines)
+    noise = np.sqrt(force.cross("displacement", "displacement"))
+    with np.errstate(divide="ignore"):
+        snr = np.minimum(np.abs(force.amplitude("displacement")) / noise, 1e9)
+    gamma = coherence(force, "displacement")
+    rows = []
+    for part in np.array_split(np.arange(len(lines)), min(count, len(lines))):
+        level = float(np.median(snr[part]))
+        verdict = "good" if level >= GOOD_SNR else "usable" if level >= POOR_SNR else "noise rules"
+        f = force.frequency[part]
+        rows.append(BandQuality(float(f[0]), float(f[-1]), level, float(np.median(gamma[part])), verdict))
+    return tuple(rows)
+
+
+def _uses(signals: RecordedSignals) -> dict[str, str]:
+    """What the recording serves for: "yes", or what is missing."""
+    have, force, injection = signals.channels.keys(), *(lines_at(signals.excitations, p) for p in ("force", "current"))
+    stiffness = "yes" if force.size and {"force", "displacement"} <= have else "no: needs force and displacement"
+    loop = "yes" if injection.size and {"command", "injection"} <= have else "no: needs an injection and the command"
+    amplifier = "yes" if {"command", "current"} <= have else "no: needs command and current"
+    controller = "yes" if {"displacement", "command"} <= have else "no: needs displacement and command"
+    excited = lines_at(signals.excitations)
+    free = np.setdiff1d(np.arange(excited[0], (force if force.size else excited)[-1]), excited)
+    found = [name for name, rest in (("even", 0), ("odd", 1)) if (free % 2 == rest).any()]
+    distortion = {2: "yes", 1: f"{''.join(found)} only", 0: "no: every line is excited"}[len(found)]
+    return {
+        "stiffness and damping": stiffness,
+        "margins": loop,
+        "controller block": controller,
+        "amplifier block": amplifier,
+        "nonlinear distortion": distortion,
+    }

@@ -1,0 +1,152 @@
+"""The `maglev` command. Every command imports what it needs when it runs, so that `--help` answers at once."""
+
+from collections.abc import Callable
+from functools import wraps
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+app = typer.Typer(
+    name="maglev",
+    help="Tune and identify magnetically levitated rotors: gains in; stiffness, damping and stability out.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+
+RigOption = Annotated[str, typer.Option(help="Preset (hmb_free, hmb_radial, hmb_axial, pedestal) or a rig TOML.")]
+EffectOption = Annotated[
+    list[str], typer.Option("--effect", help="Effect beyond the nominal rig, e.g. delay=75e-6; may be repeated.")
+]
+JsonOption = Annotated[Path | None, typer.Option("--json", help="Also write the result as JSON to this file.")]
+SeedOption = Annotated[int, typer.Option(min=0, help="Seed of every noise and random choice.")]
+ThreadsOption = Annotated[int | None, typer.Option(min=1, help="Threads (default: all cores); results do not change.")]
+
+
+def friendly(command: Callable[..., None]) -> Callable[..., None]:
+    """Bad input or files end with one message and exit code 2, Ctrl-C with 130."""
+
+    @wraps(command)
+    def run(*args: Any, **kwargs: Any) -> None:
+        try:
+            command(*args, **kwargs)
+        except (ValueError, OSError) as error:
+            typer.secho(f"maglev: {error}", fg=typer.colors.RED, err=True)
+            raise typer.Exit(2) from error
+        except KeyboardInterrupt:
+            typer.secho("maglev: interrupted", fg=typer.colors.YELLOW, err=True)
+            raise typer.Exit(130) from None
+
+    return run
+
+
+@app.command(epilog="Example: maglev sweep --rig hmb_free --kp 4000:16000:16 --kd 2:12:16 --out my-sweep")
+@friendly
+def sweep(
+    rig: RigOption = "hmb_free",
+    kp: Annotated[str | None, typer.Option(help="lo:hi:n in A/m, or one value.")] = None,
+    ki: Annotated[str | None, typer.Option(help="lo:hi:n in A/(m s), or one value.")] = None,
+    kd: Annotated[str | None, typer.Option(help="lo:hi:n in A s/m, or one value.")] = None,
+    log: Annotated[bool | None, typer.Option("--log/--linear", help="Spacing (default: log over [bounds]).")] = None,
+    sobol: Annotated[int, typer.Option(min=0, help="So many Sobol points instead of the grid.")] = 0,
+    effect: EffectOption = [],  # noqa: B006
+    seed: SeedOption = 0,
+    threads: ThreadsOption = None,
+    out: Annotated[Path | None, typer.Option(help="Folder of the results; an interrupted sweep resumes there.")] = None,
+    json_file: JsonOption = None,
+) -> None:
+    """Score every gain set of a grid (or Sobol set) by a simulated SPHS experiment: table, dataset and HTML maps.
+
+    Without --kp, --ki and --kd it sweeps the rig's [bounds]; with some of them, the others stay at the preset.
+    """
+    from tuning import command_sweep
+
+    command_sweep.run(rig, {"kp": kp, "ki": ki, "kd": kd}, log, sobol, effect, seed, threads, out, json_file)
+
+
+@app.command(epilog="Example: maglev estimate my-rig --method both --json estimate.json")
+@friendly
+def estimate(
+    source: Annotated[Path, typer.Argument(help="Campaign folder, or one .mat, .csv, .npz or .h5 file.")],
+    method: Annotated[str, typer.Option(help="ls (the dissertation's), ml or both.")] = "both",
+    estimate_mass: Annotated[bool, typer.Option("--estimate-mass", help="Fit the moving mass too.")] = False,
+    band_width: Annotated[float | None, typer.Option(help="Width of the estimation bands, Hz.")] = None,
+    band_overlap: Annotated[float | None, typer.Option(help="Overlap of neighbouring bands, Hz.")] = None,
+    rate: Annotated[float | None, typer.Option(help="One file: sample rate, Hz.")] = None,
+    fundamental: Annotated[float, typer.Option(help="One file: fundamental of the excitation, Hz.")] = 1.0,
+    lines: Annotated[str, typer.Option(help="One file: excited harmonics, first:last[:step].")] = "1:250",
+    force: Annotated[str, typer.Option(help="One file: column of the force, name[*scale].")] = "force",
+    displacement: Annotated[str, typer.Option(help="One file: column of the displacement.")] = "displacement",
+    mass: Annotated[float | None, typer.Option(help="Moving mass, kg (overrides the campaign's).")] = None,
+    start: Annotated[int, typer.Option(min=0, help="One file: first sample used.")] = 0,
+    samples: Annotated[int | None, typer.Option(min=1, help="One file: how many samples (default: to the end).")] = None,
+    out: Annotated[Path | None, typer.Option(help="HTML page (default: beside the source).")] = None,
+    json_file: JsonOption = None,
+) -> None:
+    """Stiffness, damping, margins and distortion of recordings, with honest intervals."""
+    from tuning import command_estimate
+
+    one = command_estimate.OneFile(rate, fundamental, lines, force, displacement, start, samples)
+    command_estimate.run(source, method, estimate_mass, band_width, band_overlap, mass, one, out, json_file)
+
+
+@app.command(epilog="Example: maglev check my-rig")
+@friendly
+def check(
+    campaign: Annotated[Path, typer.Argument(help="Campaign folder.")],
+    out: Annotated[Path | None, typer.Option(help="HTML page (default: in the campaign folder).")] = None,
+    json_file: JsonOption = None,
+) -> None:
+    """Is a campaign good enough, and for what: noise, transients, quantisation, crest, lines, missing channels."""
+    from tuning import command_check
+
+    command_check.run(campaign, out, json_file)
+
+
+@app.command(epilog="Example: maglev simulate --rig hmb_free --effect delay=75e-6 --seed 1 --out my-rig")
+@friendly
+def simulate(
+    rig: RigOption = "hmb_free",
+    kp: Annotated[float | None, typer.Option(help="A/m (default: the rig's).")] = None,
+    ki: Annotated[float | None, typer.Option(help="A/(m s).")] = None,
+    kd: Annotated[float | None, typer.Option(help="A s/m.")] = None,
+    protocol: Annotated[str, typer.Option(help="sphs (the rig's own) or diagnosis (the good campaign).")] = "sphs",
+    force: Annotated[float | None, typer.Option(help="Peak force of the excitation, N.")] = None,
+    injection: Annotated[float | None, typer.Option(help="Peak injected current, A.")] = None,
+    periods: Annotated[int | None, typer.Option(min=2, help="Periods kept after the transient.")] = None,
+    effect: EffectOption = [],  # noqa: B006
+    seed: SeedOption = 0,
+    data_format: Annotated[str, typer.Option("--format", help="npz, mat or csv.")] = "npz",
+    out: Annotated[Path, typer.Option(help="Folder of the campaign to write.")] = Path("campaign"),
+    json_file: JsonOption = None,
+) -> None:
+    """Record a simulated rig as a campaign folder, in the form that real recordings are read from."""
+    from tuning import command_simulate
+
+    command_simulate.run(
+        rig, {"kp": kp, "ki": ki, "kd": kd}, protocol, force, injection, periods, effect, seed, data_format, out, json_file
+    )
+
+
+@app.command(epilog="Example: maglev bench --json bench.json")
+@friendly
+def bench(json_file: JsonOption = None) -> None:
+    """Speed of the simulator and the estimators, as ratios to references measured in the same run."""
+    from benchmarks import speed
+
+    speed.run(json_file)
+
+
+@app.command(epilog="Example: maglev effects")
+@friendly
+def effects() -> None:
+    """List the effects a simulated rig can have, with units, bounds and sources."""
+    from tuning import command_simulate
+
+    command_simulate.list_effects()
+
+
+if __name__ == "__main__":
+    app()

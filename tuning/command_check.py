@@ -1,0 +1,48 @@
+"""`maglev check`: every recording of a campaign judged before anything is identified from it."""
+
+from pathlib import Path
+
+from rich.table import Table
+
+from maglev_env.campaign import load_campaign
+from maglev_env.quality import Quality, recording_quality
+from maglev_env.recorded import recorded_signals
+from maglev_env.recording import read_recording
+from tuning.output import console, write_json
+from tuning.page import plain, write_page
+from tuning.record_page import record_page
+
+
+def run(source: Path, out: Path | None, json_file: Path | None) -> None:
+    """See `tuning.cli.check`."""
+    campaign = load_campaign(source)
+    found, datasets = [], []
+    for spec in campaign.recordings:
+        dataset = read_recording(campaign, spec)
+        quality = recording_quality(recorded_signals(campaign, spec, dataset))
+        found.append((spec.file, quality))
+        datasets.append((spec.file, dataset))
+        for table in _tables(spec.file, quality):
+            console.print(table)
+        for problem in quality.problems:
+            console.print(f"  [yellow]![/] {problem}")
+    page = out or campaign.folder / "check.html"
+    write_page(page, record_page(f"Check of {campaign.folder.name}", datasets))
+    console.print(f"page  {page}")
+    write_json(json_file, {"schema": "maglev-check/1", "recordings": [{"file": f, **plain(q)} for f, q in found]})
+
+
+def _tables(file: str, q: Quality) -> list[Table]:
+    dropped = f", {q.transient_periods} of transient dropped" if q.transient_periods else ""
+    channels = Table("channel", "rms", "crest", "step / rms", "signal / noise, median", "worst line")
+    channels.title = f"{file}: {q.periods} steady periods{dropped}"
+    for c in q.channels:
+        snr = ["-" if v is None else f"{v:.3g}" for v in (c.snr_median, c.snr_worst)]
+        channels.add_row(c.name, f"{c.rms:.3g}", f"{c.crest:.2f}", f"{c.resolution_share:.1e}", *snr)
+    bands = Table("band, Hz", "displacement / noise", "coherence", "verdict")
+    for b in q.bands:
+        bands.add_row(f"{b.f_lo:.4g} .. {b.f_hi:.4g}", f"{b.snr:.3g}", f"{b.coherence:.4f}", b.verdict)
+    uses = Table("good for", "")
+    for use, verdict in q.can.items():
+        uses.add_row(use, verdict, style=None if verdict.startswith("yes") else "yellow")
+    return [channels, bands, uses]

@@ -1,0 +1,125 @@
+"""`maglev estimate`: a campaign, or one file for a first look, to stiffness, damping and margins."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from maglev_env.campaign import Campaign, RecordingSpec, load_campaign
+from maglev_env.campaign_tables import ChannelSource
+from maglev_env.excitation import Excitation
+from maglev_env.identify import Identification, identify
+from maglev_env.recorded import recorded_signals
+from maglev_env.recording import read_recording
+from tuning.estimate_report import estimate_json, estimate_page, estimate_table
+from tuning.output import console, progress_bar, write_json
+from tuning.page import write_page
+
+METHODS = ("ls", "ml", "both")
+
+
+@dataclass(frozen=True)
+class OneFile:
+    """How to read a single file: rate Hz (None: not given), fundamental Hz, lines first:last[:step], columns
+    name[*scale] of force and displacement, first sample and how many."""
+
+    rate: float | None
+    fundamental: float
+    lines: str
+    force: str
+    displacement: str
+    start: int
+    samples: int | None
+
+
+def run(
+    source: Path,
+    method: str,
+    estimate_mass: bool,
+    band_width: float | None,
+    band_overlap: float | None,
+    mass: float | None,
+    one: OneFile,
+    out: Path | None,
+    json_file: Path | None,
+) -> None:
+    """See `tuning.cli.estimate`."""
+    if method not in METHODS:
+        raise ValueError(f"--method {method}: use one of {', '.join(METHODS)}")
+    if mass is not None and not mass > 0:
+        raise ValueError(f"--mass {mass} kg must be positive")
+    if mass is not None and estimate_mass:
+        raise ValueError("give --mass or --estimate-mass, not both")
+    is_campaign = source.is_dir() or source.suffix == ".toml"
+    campaign = load_campaign(source) if is_campaign else _single(source, mass, one)
+    mass = campaign.mass if mass is None else mass
+    results: list[tuple[str, Identification]] = []
+    with progress_bar() as bar:
+        for spec in bar.track(campaign.recordings, description="estimate"):
+            signals = recorded_signals(campaign, spec, read_recording(campaign, spec))
+            try:
+                found = identify(signals, campaign.rig, mass, estimate_mass, band_width, band_overlap)
+            except ValueError as error:
+                raise ValueError(f"{campaign.folder / spec.file}: {error}") from error
+            results.append((spec.file, found))
+    for file, found in results:
+        console.print(f"\n[bold]{file}[/]")
+        console.print(estimate_table(found, method))
+        _say(found)
+    page = out or (campaign.folder / "estimate.html" if is_campaign else source.with_suffix(".html"))
+    write_page(page, estimate_page(results))
+    console.print(f"page  {page}")
+    write_json(json_file, estimate_json(results, method))
+
+
+def _say(found: Identification) -> None:
+    if found.modal:
+        m = found.modal
+        console.print(f"mass {m.mass:.5g} +- {1.96 * m.mass_se:.2g} kg")
+    if found.natural_frequency is not None:
+        console.print(f"natural frequency {found.natural_frequency:.2f} Hz, damping ratio {found.damping_ratio:.4f}")
+    d = found.distortion
+    for name, level, p in (("even", d.even, d.even_p), ("odd", d.odd, d.odd_p)):
+        if level is not None:
+            console.print(f"{name} distortion {level:.2%} of the excited lines" + (f" (p = {p:.2g})" if p is not None else ""))
+    if found.stability:
+        s = found.stability
+        ci = s.margins.intervals.get("peak_sensitivity")
+        bounds = " .. ".join("?" if v is None else f"{v:.2f}" for v in ci) if ci else "no interval"
+        console.print(
+            f"peak sensitivity {s.margins.peak_sensitivity:.2f} ({bounds}), ISO 14839-3 zone {s.iso_14839_3_zone}; {s.source}"
+        )
+        for name, unit in (("gain_margin_low", ""), ("gain_margin_high", ""), ("phase_margin", " deg")):
+            value = getattr(s.margins, name)
+            text = f"{value:.3g}{unit}" if value is not None else s.margins.reasons.get(name, "not found")
+            console.print(f"{name.replace('_', ' ')} {text}")
+    for note in found.notes:
+        console.print(f"  note: {note}")
+
+
+def _single(path: Path, mass: float | None, one: OneFile) -> Campaign:
+    if one.rate is None or not one.rate > 0:
+        raise ValueError(f"{path}: one file needs its sample rate: --rate HZ")
+    try:
+        first, last, *step = (int(part) for part in one.lines.split(":"))
+    except ValueError:
+        raise ValueError(f"--lines {one.lines!r} is not first:last or first:last:step") from None
+    excitation = Excitation("sphs", "force", one.fundamental, tuple(range(first, last + 1, *step)))
+    channels = {"force": _source(one.force), "displacement": _source(one.displacement)}
+    spec = RecordingSpec(
+        path.name, "fit", one.rate, one.start, one.samples, None, 0.0, None, None, (excitation,), channels
+    )
+    return Campaign(path.parent, None, mass, (spec,))
+
+
+def _source(text: str) -> ChannelSource:
+    name, star, factor = text.rpartition("*")
+    if not star:
+        return ChannelSource((text,), (1.0,), 1.0, 0.0)
+    try:
+        scale = float(factor)
+    except ValueError:
+        raise ValueError(f"column {text!r}: write name or name*scale") from None
+    if not (np.isfinite(scale) and scale):
+        raise ValueError(f"column {text!r}: the scale must be a number other than zero")
+    return ChannelSource((name,), (1.0,), scale, 0.0)

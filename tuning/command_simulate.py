@@ -1,0 +1,97 @@
+"""`maglev simulate`: a simulated rig recorded as a campaign folder; `maglev effects`: what can be simulated."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+from rich.table import Table
+
+from maglev_env.campaign_writer import write_campaign
+from maglev_env.effects import EFFECTS, parse_effects
+from maglev_env.experiment import Experiment
+from maglev_env.gains import Gains
+from maglev_env.protocols import PlannedRecording, diagnosis_campaign, sphs_campaign
+from maglev_env.recording import simulated_recording
+from maglev_env.rig import Rig, load_rig
+from maglev_env.simulate import simulate_records
+from tuning.output import console, progress_bar, write_json
+from tuning.page import write_page
+from tuning.record_page import record_page
+
+PROTOCOLS = {"sphs": sphs_campaign, "diagnosis": diagnosis_campaign}
+
+
+def run(
+    rig: str,
+    gains: Mapping[str, float | None],
+    protocol: str,
+    force: float | None,
+    injection: float | None,
+    periods: int | None,
+    effects: Sequence[str],
+    seed: int,
+    data_format: str,
+    out: Path,
+    json_file: Path | None,
+) -> None:
+    """See `tuning.cli.simulate`."""
+    if protocol not in PROTOCOLS:
+        raise ValueError(f"--protocol {protocol}: use one of {', '.join(PROTOCOLS)}")
+    if (out / "campaign.toml").exists():
+        raise ValueError(f"{out / 'campaign.toml'} exists; choose another --out or delete the folder")
+    loaded = _amplitudes(load_rig(rig), force, injection)
+    if loaded.protocol is None:
+        raise ValueError(f"rig {loaded.name}: no [protocol] in its TOML; nothing says what to excite")
+    chosen = {name: value for name, value in gains.items() if value is not None}
+    if chosen and not loaded.controlled:
+        raise ValueError(f"rig {loaded.name} has no magnets: gains mean nothing on it")
+    planned = PROTOCOLS[protocol](loaded, replace(loaded.gains, **chosen), parse_effects(effects), seed)
+    recordings = []
+    with progress_bar() as bar:
+        for plan in bar.track(planned, description=f"simulate {loaded.name}"):
+            e = plan.experiment if periods is None else replace(plan.experiment, periods=periods)
+            recordings.append((plan.name, plan.role, _record(plan, e), e))
+    toml = write_campaign(out, rig, {}, recordings, data_format)
+    page = out / "recordings.html"
+    write_page(page, record_page(f"Simulated {loaded.name}", [(name, d) for name, _, d, _ in recordings]))
+    console.print(f"{len(recordings)} recording(s) of {loaded.name}\ncampaign  {toml}\npage      {page}")
+    write_json(json_file, _summary(loaded, recordings, toml))
+
+
+def _amplitudes(rig: Rig, force: float | None, injection: float | None) -> Rig:
+    if rig.protocol is None or (force is None and injection is None):
+        return rig
+    new = {"force": force, "current": injection}
+    excitations = tuple(
+        e if new.get(e.at) is None else replace(e, amplitude=new[e.at]) for e in rig.protocol.excitations
+    )
+    return replace(rig, protocol=replace(rig.protocol, excitations=excitations))
+
+
+def _record(plan: PlannedRecording, e: Experiment):  # noqa: ANN202
+    record = simulate_records([e])[0]
+    try:
+        return simulated_recording(e, record)
+    except ValueError as error:
+        raise ValueError(f"recording {plan.name}: {error}: the loop with {_words(e.gains)} does not hold it") from None
+
+
+def _words(gains: Gains) -> str:
+    return f"kp = {gains.kp:g} A/m, ki = {gains.ki:g} A/(m s), kd = {gains.kd:g} A s/m"
+
+
+def _summary(rig: Rig, recordings: list, toml: Path) -> dict:
+    rows = [
+        {"file": name, "role": role, "samples": d.sizes["time"], "periods": e.periods + e.transient_periods}
+        for name, role, d, e in recordings
+    ]
+    return {"schema": "maglev-simulate/1", "rig": rig.name, "campaign": str(toml), "recordings": rows}
+
+
+def list_effects() -> None:
+    """See `tuning.cli.effects`."""
+    table = Table("effect", "block", "parameters", "source")
+    for name, kind in EFFECTS.items():
+        parameters = ", ".join(f"{k} [{p.low:g} .. {p.high:g} {p.unit}]" for k, p in kind.parameters.items())
+        table.add_row(name, kind.block, parameters, kind.source)
+    console.print(table)

@@ -1,0 +1,61 @@
+"""`maglev sweep`: run or resume, then the table, the dataset, the page and the JSON."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from time import perf_counter
+
+from maglev_env.effects import parse_effects
+from maglev_env.rig import load_rig
+from tuning.output import console, progress_bar, write_json
+from tuning.page import write_page
+from tuning.sweep import SWEPT, Sweep, default_axes, gain_sets, parse_axis, run_sweep
+from tuning.sweep_report import sweep_page, sweep_summary, sweep_table
+
+
+def run(
+    rig: str,
+    axes: Mapping[str, str | None],
+    log: bool | None,
+    sobol: int,
+    effects: Sequence[str],
+    seed: int,
+    threads: int | None,
+    out: Path | None,
+    json_file: Path | None,
+) -> None:
+    """See `tuning.cli.sweep`."""
+    loaded = load_rig(rig)
+    given = {name: parse_axis(text) for name, text in axes.items() if text is not None}
+    log = (not given) if log is None else log
+    chosen = {n: given[n] for n in SWEPT if n in given} or default_axes(loaded)
+    plan = Sweep(loaded, chosen, log, sobol, parse_effects(effects), seed)
+    folder = out or Path(f"sweep-{loaded.name}")
+    total = len(gain_sets(plan))
+    reused = 0
+    started = perf_counter()
+    with progress_bar() as bar:
+        task = bar.add_task(f"sweep {loaded.name}", total=total)
+
+        def advance(count: int, from_disk: bool) -> None:
+            nonlocal reused
+            reused += count if from_disk else 0
+            bar.advance(task, count)
+
+        try:
+            dataset = run_sweep(plan, folder, threads, advance)
+        except KeyboardInterrupt:
+            console.print(f"stopped; what is finished is in {folder}: run the same command again to go on")
+            raise
+    seconds = perf_counter() - started
+    summary = sweep_summary(dataset, seconds, reused)
+    page = folder / "sweep.html"
+    write_page(page, sweep_page(dataset))
+    console.print(sweep_table(dataset))
+    rate = summary["experiments_per_second"]
+    console.print(
+        f"{summary['n']} gain sets, {summary['stable']} stable; {seconds:.1f} s"
+        + (f", {rate:.0f} experiments/s" if rate else "")
+        + (f", {reused} reused from {folder}" if reused else "")
+    )
+    console.print(f"data  {folder / 'sweep.nc'}\npage  {page}")
+    write_json(json_file, summary)

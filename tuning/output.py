@@ -1,0 +1,33 @@
+"""What every command shares: JSON files, progress and the console."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+
+from maglev_env.files import write_text_atomic
+
+console = Console()
+
+
+def write_json(path: Path | None, data: dict[str, Any]) -> None:
+    """Write data as strict JSON (no nan), atomically; nothing when path is None."""
+    if path is not None:
+        write_text_atomic(path, json.dumps(data, indent=1, allow_nan=False) + "\n")
+        console.print(f"JSON  {path}")
+
+
+def progress_bar() -> Progress:
+    """A bar on standard error with counts and times; silent when not on a terminal."""
+    error = Console(stderr=True)
+    return Progress(
+        TextColumn("{task.description}"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TimeElapsedColumn(),
+        TimeRemainingColumn(),
+        console=error,
+        disable=not error.is_terminal,
+    )
