@@ -18,7 +18,7 @@ from estimation.frequency_response import frequency_response
 from estimation.max_likelihood import maximum_likelihood
 from estimation.stability import margin_arrays
 from maglev_env import kernel
-from maglev_env.evaluate import evaluate, force_statistics
+from maglev_env.evaluation import evaluate, force_statistics
 from maglev_env.excitation import lines_at
 from maglev_env.experiment import Experiment, protocol_experiment
 from maglev_env.linear import discrete_plant
@@ -157,5 +157,3 @@ def _show(results: dict[str, Any]) -> None:
         if isinstance(value, float):
             table.add_row(name.replace("_", " "), f"{value:.4g}")
     console.print(table)
-
-

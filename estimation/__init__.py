@@ -1,0 +1,85 @@
+"""Signals in; stiffness, damping and stability out, with their uncertainty. Knows no rig."""
+
+from estimation.bands import band_slices, sliding_bands
+from estimation.effective import effective_coefficients, pid_effective_coefficients
+from estimation.frequency_response import (
+    Distortion,
+    coherence,
+    distortion,
+    frequency_response,
+    instrumented_response,
+    pooled_variance,
+)
+from estimation.least_squares import LeastSquares, least_squares
+from estimation.max_likelihood import BandEstimate, least_squares_bias, maximum_likelihood
+from estimation.modal import ModalEstimate, modal_estimate
+from estimation.periods import (
+    LineStatistics,
+    held,
+    line_statistics,
+    period_spectra,
+    split_periods,
+    transient_periods,
+)
+from estimation.sphs import (
+    Multisine,
+    crest_factor,
+    harmonic_range,
+    odd_lines,
+    odd_random_grid,
+    random_phase,
+    schroeder_phases,
+    sphs,
+    synthesise,
+)
+from estimation.stability import (
+    Margins,
+    iso_14839_2_zone,
+    iso_14839_3_zone,
+    loop_gain,
+    margin_arrays,
+    margins,
+    peak_sensitivity,
+)
+
+__all__ = [
+    "BandEstimate",
+    "Distortion",
+    "LeastSquares",
+    "LineStatistics",
+    "Margins",
+    "ModalEstimate",
+    "Multisine",
+    "band_slices",
+    "coherence",
+    "crest_factor",
+    "distortion",
+    "effective_coefficients",
+    "frequency_response",
+    "harmonic_range",
+    "held",
+    "instrumented_response",
+    "iso_14839_2_zone",
+    "iso_14839_3_zone",
+    "least_squares",
+    "least_squares_bias",
+    "line_statistics",
+    "loop_gain",
+    "margin_arrays",
+    "margins",
+    "maximum_likelihood",
+    "modal_estimate",
+    "odd_lines",
+    "odd_random_grid",
+    "peak_sensitivity",
+    "period_spectra",
+    "pid_effective_coefficients",
+    "pooled_variance",
+    "random_phase",
+    "schroeder_phases",
+    "sliding_bands",
+    "sphs",
+    "split_periods",
+    "synthesise",
+    "transient_periods",
+]

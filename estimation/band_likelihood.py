@@ -169,14 +169,17 @@ def _sandwich(f, y, sff, syy, sfy, pf, py, pfy, w, m, k, c, periods, hkk, hkc, h
     """
     most = 2.0 * f.size * (periods - 1)
     # The optimum ran to infinity: nothing is known of k and c, and no interval will be bounded.
-    o[2], o[3], o[4], o[5], o[6], o[7], o[10], o[11] = np.inf, np.inf, 1.0, 1.0, most, most, f.size - 1, 2 * (f.size - 1)
+    o[2] = o[3] = np.inf
+    o[4] = o[5] = 1.0
+    o[6] = o[7] = most
+    o[10], o[11] = f.size - 1.0, 2.0 * (f.size - 1)
     det = hkk * hcc - hkc * hkc
     if not (det > 0.0 and np.isfinite(hcc / det) and np.isfinite(hkk / det)):
         return
     ik, ix, ic = hcc / det, -hkc / det, hkk / det
     sum_k = sum_c = sum_r = square_k = square_c = square_r = 0.0
     for i in range(f.size):
-        r, dk, dc = _terms(f[i], y[i], pf, py, pfy, w[i], m, k, c)
+        _r, dk, dc = _terms(f[i], y[i], pf, py, pfy, w[i], m, k, c)
         a, b = k - m * w[i] * w[i], w[i] * c
         power = a * a + b * b
         ratio = (sff[i] + power * syy[i] - 2.0 * (a * sfy[i].real + b * sfy[i].imag)) / (

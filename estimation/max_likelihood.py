@@ -82,9 +82,7 @@ def maximum_likelihood(
     found, ends = found.reshape(*shape, len(bands), 14), ends.reshape(*shape, len(bands), 4)
     k, c, k_se, c_se, *_, cost, share, expected, freedom = np.moveaxis(found[..., :12], -1, 0)
     fit_p = special.fdtrc(freedom, freedom * (statistics.periods - 1), cost / expected)
-    return BandEstimate(
-        k, c, k_se, c_se, *np.moveaxis(ends, -1, 0), cost, fit_p, np.isfinite(ends).all(axis=-1), share
-    )
+    return BandEstimate(k, c, k_se, c_se, *np.moveaxis(ends, -1, 0), cost, fit_p, np.isfinite(ends).all(axis=-1), share)
 
 
 def lane(estimate: BandEstimate, index: int) -> BandEstimate:

@@ -3,7 +3,9 @@
 from dataclasses import dataclass
 
 import numpy as np
+from scipy import stats
 from scipy.ndimage import uniform_filter1d
+from scipy.optimize import OptimizeResult, brentq
 from scipy.optimize import least_squares as minimise
 
 from estimation.periods import LineStatistics
@@ -13,8 +15,11 @@ _POOL = 15  # lines over which the noise covariance is averaged: its own scatter
 
 @dataclass(frozen=True)
 class ModalEstimate:
-    """mass kg, stiffness N/m, damping N s/m, natural_frequency Hz, damping_ratio, each with *_se; cost_ratio: residual
-    power over what the noise explains (1 for a perfect model); standard errors include it when it exceeds 1."""
+    """mass kg, stiffness N/m, damping N s/m, natural_frequency Hz, damping_ratio, each with *_se.
+
+    cost_ratio: residual power over what the measured noise explains (1 for a perfect model). discrepancy: rms
+    displacement, as a share of the record's, that the model cannot follow; it widens the standard errors.
+    """
 
     mass: float
     stiffness: float
@@ -27,10 +32,15 @@ class ModalEstimate:
     natural_frequency_se: float
     damping_ratio_se: float
     cost_ratio: float
+    discrepancy: float
 
 
 def modal_estimate(statistics: LineStatistics) -> ModalEstimate:
     """Errors-in-variables maximum likelihood of F = (k - m w^2 + j w c) Y over all lines of one record.
+
+    A rig that is not quite linear leaves more than noise; weighting by noise alone would then let the quietest lines
+    decide. So where the residual exceeds its noise at p < 0.01, a displacement variance common to all lines is added,
+    as much as makes the residual what its weights expect (the random-effects estimate of meta-analysis).
 
     statistics: channels "force" and "displacement", no leading dimensions, at least four lines. ValueError when there
     are fewer, or when the fit has no positive mass and stiffness (no resonance in the excited band).
@@ -39,40 +49,28 @@ def modal_estimate(statistics: LineStatistics) -> ModalEstimate:
     if f.ndim != 1 or f.size < 4:
         raise ValueError(f"mass estimate: {f.size} lines; at least four excited lines are needed")
     w = 2 * np.pi * statistics.frequency
+    noise = _Noise(_pooled(statistics, "force", "force").real, _pooled(statistics, "displacement", "displacement").real,
+                   _pooled(statistics, "force", "displacement"))  # fmt: skip
+    power = float(np.mean(np.abs(y) ** 2))
+    start = _linear_start(f, y, w)
+    fit, ratio = _fit(f, y, w, noise, 0.0, start)
+    freedom = 2 * f.size - 3
+    extra = 0.0
+    if stats.f.sf(ratio, freedom, 2 * (statistics.periods - 1) * min(f.size, _POOL)) < 0.01:
+        low, high = power * 1e-14, power
+        path = [fit.x]
 
-    def pooled(a: str, b: str) -> np.ndarray:
-        c = statistics.cross(a, b)
-        return uniform_filter1d(c.real, _POOL) + 1j * uniform_filter1d(c.imag, _POOL)
+        def excess(log_variance: float) -> float:
+            trial, at = _fit(f, y, w, noise, np.exp(log_variance), path[-1])
+            path.append(trial.x)
+            return np.log(at)
 
-    s_f, s_y, s_fy = (
-        pooled("force", "force").real,
-        pooled("displacement", "displacement").real,
-        pooled("force", "displacement"),
-    )
-    # A record without noise is weighted as if its force had a relative noise of 1e-9.
-    s_f = s_f + 1e-18 * np.mean(np.abs(f) ** 2)
-    scale = np.array([1.0, np.mean(w), np.mean(w**2)])
-
-    def residual(p: np.ndarray) -> np.ndarray:
-        k, c, m = p / scale * size
-        z = k - m * w**2 + 1j * w * c
-        variance = s_f + np.abs(z) ** 2 * s_y - 2 * np.real(np.conj(z) * s_fy)
-        r = (f - z * y) / np.sqrt(variance)
-        return np.concatenate([r.real, r.imag])
-
-    columns = np.stack([y, 1j * w * y, -(w**2) * y], axis=1) / scale
-    start = np.linalg.lstsq(np.concatenate([columns.real, columns.imag]), np.concatenate([f.real, f.imag]), rcond=None)[
-        0
-    ]
-    size = np.abs(start).max()
-    fit = minimise(residual, start / size, method="lm", xtol=1e-12, ftol=1e-12)
-    k, c, m = fit.x / scale * size
+        extra = np.exp(brentq(excess, np.log(low), np.log(high), xtol=1e-3)) if excess(np.log(low)) > 0 else 0.0
+        fit, _ = _fit(f, y, w, noise, extra, path[-1])
+    k, c, m = fit.x
     if not (m > 0 and k > 0):
         raise ValueError("mass estimate: no positive mass and stiffness fit the record; is a resonance in the band?")
-    freedom = 2 * f.size - 3
-    ratio = 2 * fit.cost / (0.5 * freedom)
-    covariance = np.linalg.inv(fit.jac.T @ fit.jac) * 0.5 * max(1.0, ratio)
-    covariance = covariance * np.outer(size / scale, size / scale)
+    covariance = np.linalg.inv(fit.jac.T @ fit.jac) * 0.5
     natural, zeta = np.sqrt(k / m) / (2 * np.pi), c / (2 * np.sqrt(k * m))
     d_natural = natural * np.array([0.5 / k, 0.0, -0.5 / m])
     d_zeta = zeta * np.array([-0.5 / k, 1 / c, -0.5 / m])
@@ -81,5 +79,47 @@ def modal_estimate(statistics: LineStatistics) -> ModalEstimate:
         m, k, c, natural, zeta, se[2], se[0], se[1],
         float(np.sqrt(d_natural @ covariance @ d_natural)),
         float(np.sqrt(d_zeta @ covariance @ d_zeta)),
-        float(ratio),
+        float(ratio), float(np.sqrt(extra / power)),
     )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class _Noise:
+    force: np.ndarray
+    displacement: np.ndarray
+    cross: np.ndarray
+
+
+def _pooled(statistics: LineStatistics, a: str, b: str) -> np.ndarray:
+    c = statistics.cross(a, b)
+    return uniform_filter1d(c.real, _POOL) + 1j * uniform_filter1d(c.imag, _POOL)
+
+
+def _linear_start(f: np.ndarray, y: np.ndarray, w: np.ndarray) -> np.ndarray:
+    scale = np.array([1.0, np.mean(w), np.mean(w**2)])
+    columns = np.stack([y, 1j * w * y, -(w**2) * y], axis=1) / scale
+    real = np.concatenate([columns.real, columns.imag]), np.concatenate([f.real, f.imag])
+    return np.linalg.lstsq(*real, rcond=None)[0] / scale
+
+
+def _fit(
+    f: np.ndarray, y: np.ndarray, w: np.ndarray, noise: _Noise, extra: float, start: np.ndarray
+) -> tuple[OptimizeResult, float]:
+    """Levenberg-Marquardt from `start` (k, c, m): the fit in SI, and its residual power over the expected."""
+    # A record without noise is weighted as if its force had a relative noise of 1e-9.
+    s_f = noise.force + 1e-18 * np.mean(np.abs(f) ** 2)
+    s_y = noise.displacement + extra
+    scale = np.abs(start) + 1e-6 * np.abs(start[0]) / np.array([1.0, np.mean(w), np.mean(w**2)])
+
+    def residual(p: np.ndarray) -> np.ndarray:
+        k, c, m = p * scale
+        z = k - m * w**2 + 1j * w * c
+        variance = s_f + np.abs(z) ** 2 * s_y - 2 * np.real(np.conj(z) * noise.cross)
+        r = (f - z * y) / np.sqrt(variance)
+        return np.concatenate([r.real, r.imag])
+
+    fit = minimise(residual, start / scale, method="lm", xtol=1e-12, ftol=1e-12)
+    ratio = 2 * fit.cost / (0.5 * (2 * f.size - 3))
+    fit.x = fit.x * scale
+    fit.jac = fit.jac / scale
+    return fit, ratio

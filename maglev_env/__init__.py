@@ -1,0 +1,36 @@
+"""Magnetically levitated rigs: physics, effects, the lane simulator, experiments, recordings and the score.
+
+Heavy parts load on first use.
+"""
+
+from importlib import import_module
+from typing import Any
+
+_HOME = {
+    "Gains": "gains",
+    "Excitation": "excitation",
+    "Experiment": "experiment",
+    "protocol_experiment": "experiment",
+    "Rig": "rig",
+    "load_rig": "rig",
+    "with_parameters": "rig",
+    "effect": "effects",
+    "EFFECTS": "effects",
+    "simulate_statistics": "simulate",
+    "simulate_records": "simulate",
+    "Evaluation": "evaluation",
+    "evaluate": "evaluation",
+    "identify": "identification",
+    "RecordedSignals": "identification",
+    "load_campaign": "campaign",
+    "read_recording": "recording",
+    "recorded_signals": "recorded",
+    "write_campaign": "campaign_writer",
+}
+__all__ = sorted(_HOME)
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _HOME:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(import_module(f"{__name__}.{_HOME[name]}"), name)

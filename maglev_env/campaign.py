@@ -40,7 +40,8 @@ class RecordingSpec:
     file: relative to the campaign's folder. sample_rate in Hz. start: first sample used, from 0. samples: how many
     (None: all to the end). periods: whole periods in them, where stated. controller: numerator and denominator in z,
     highest power first, at the control rate; with neither gains nor controller the rotor runs uncontrolled.
-    intersample: between samples the force is band-limited ("bl", a reading) or held by a converter ("zoh").
+    intersample: between samples the force is band-limited ("bl", a reading) or held by a converter ("zoh"); None: not
+    stated, see `recorded.recorded_signals`.
     """
 
     file: str
@@ -54,7 +55,7 @@ class RecordingSpec:
     controller: tuple[tuple[float, ...], tuple[float, ...]] | None
     excitations: tuple[Excitation, ...]
     channels: Mapping[str, ChannelSource]
-    intersample: Literal["bl", "zoh"] = "bl"
+    intersample: Literal["bl", "zoh"] | None = None
 
     @property
     def samples_per_period(self) -> int | None:
@@ -65,18 +66,18 @@ class RecordingSpec:
 
 @dataclass(frozen=True)
 class Campaign:
-    """A folder of recordings, the nominal rig (None: only the mass is known) and the moving mass in kg."""
+    """A folder of recordings, the nominal rig (None: not known) and the moving mass in kg (None: to be estimated)."""
 
     folder: Path
     rig: Rig | None
-    mass: float
+    mass: float | None
     recordings: tuple[RecordingSpec, ...]
 
 
 def load_campaign(folder_or_toml: str | Path) -> Campaign:
     """Read and check campaign.toml (schema maglev-campaign/1); the data files are only looked for, not read.
 
-    [parameters] override the rig; without a rig they must give the mass. `periods` of an excitation states how many
+    [parameters] override the rig; without a rig they may give the mass. `periods` of an excitation states how many
     whole periods are used from `start` on, transients included; without it and without `samples`, everything to the end
     is used. A random-phase multisine needs its channel, because its phases are unknown. An SPHS may lack its channel:
     its phases are then those of the design, and a period of it must begin exactly at `start`, with the design's sign.
@@ -103,9 +104,11 @@ def _campaign(folder: Path, data: dict[str, Any]) -> Campaign:
     return Campaign(folder, rig, mass, tuple(_recording(folder, table, i) for i, table in enumerate(tables, 1)))
 
 
-def _rig(folder: Path, source: Any, parameters: dict[str, Any]) -> tuple[Rig | None, float]:
+def _rig(folder: Path, source: Any, parameters: dict[str, Any]) -> tuple[Rig | None, float | None]:
     if source is None:
         check_known(parameters, ("mass",), "[parameters] without a rig")
+        if "mass" not in parameters:
+            return None, None
         mass = number_of(parameters, "mass", None, "[parameters] without a rig")
         if mass <= 0:
             raise ValueError(f"[parameters]: mass = {mass} kg must be positive")
@@ -133,8 +136,8 @@ def _checked_recording(file: str, table: dict[str, Any]) -> RecordingSpec:
     role = table.get("role", "fit")
     if role not in ROLES:
         raise ValueError(f"role = {role!r}; use one of {', '.join(ROLES)}")
-    intersample = table.get("intersample", "bl")
-    if intersample not in INTERSAMPLE:
+    intersample = table.get("intersample")
+    if intersample is not None and intersample not in INTERSAMPLE:
         raise ValueError(f"intersample = {intersample!r}; use one of {', '.join(INTERSAMPLE)}")
     rate = number_of(table, "sample_rate")
     if rate <= 0:

@@ -51,7 +51,13 @@ def diagnosis_campaign(rig: Rig, gains: Gains, effects: Effects, seed: int) -> t
                 Excitation("multisine", "current", fundamental, injection, amplitude["current"] * scale, realisation)
             )
         base = Experiment(
-            rig, gains, tuple(parts), DIAGNOSIS_PERIODS, rig.protocol.transient_periods, effects, seed=(seed, realisation)
+            rig,
+            gains,
+            tuple(parts),
+            DIAGNOSIS_PERIODS,
+            rig.protocol.transient_periods,
+            effects,
+            seed=(seed, realisation),
         )
         return replace(base, **changes)
 

@@ -8,7 +8,7 @@ from estimation.frequency_response import coherence
 from estimation.periods import LineStatistics
 from estimation.sphs import crest_factor
 from maglev_env.excitation import lines_at
-from maglev_env.identify import RecordedSignals, record_statistics
+from maglev_env.identification import RecordedSignals, record_statistics
 
 GOOD_SNR = 10.0  # amplitude over noise of the mean: one line then gives 10 %
 POOR_SNR = 3.0
@@ -16,8 +16,8 @@ POOR_SNR = 3.0
 
 @dataclass(frozen=True)
 class ChannelQuality:
-    """One channel: rms and crest factor; resolution (smallest step between readings, in its unit) and its share of
-    the rms; snr (amplitude over noise of the period mean, per excited line): median and worst, None if never excited."""
+    """One channel: rms and crest factor; resolution (usual step between readings, in its unit) and its share of the
+    rms; snr (amplitude over noise of the period mean, per excited line): median and worst, None if never excited."""
 
     name: str
     rms: float
@@ -64,7 +64,8 @@ def recording_quality(signals: RecordedSignals, bands: int = 8) -> Quality:
     channels = tuple(_channel(name, values, statistics, signals) for name, values in signals.channels.items())
     for c in channels:
         if c.resolution_share > 0.05:
-            problems.append(f"{c.name}: one converter step is {c.resolution_share:.0%} of the rms; raise gain or amplitude")
+            share = f"{c.resolution_share:.0%}"
+            problems.append(f"{c.name}: one converter step is {share} of the rms: raise the amplitude")
     force = [c for c in channels if c.name == "force"]
     if force and force[0].crest > 4:
         problems.append(f"force: crest factor {force[0].crest:.1f}; Schroeder phases reach 1.7")
@@ -72,11 +73,9 @@ def recording_quality(signals: RecordedSignals, bands: int = 8) -> Quality:
     weak = [b for b in per_band if b.verdict == "noise rules"]
     if weak:
         problems.append(
-            f"displacement is lost in noise at {weak[0].f_lo:.0f} .. {weak[-1].f_hi:.0f} Hz: more force, or more periods"
+            f"displacement is lost in noise at {weak[0].f_lo:.0f} .. {weak[-1].f_hi:.0f} Hz: use more force or periods"
         )
-    return Quality(
-        statistics.periods, dropped, leftover, channels, per_band, _uses(signals), tuple(problems)
-    )
+    return Quality(statistics.periods, dropped, leftover, channels, per_band, _uses(signals), tuple(problems))
 
 
 def _channel(name: str, values: np.ndarray, statistics: LineStatistics, signals: RecordedSignals) -> ChannelQuality:
@@ -87,12 +86,14 @@ def _channel(name: str, values: np.ndarray, statistics: LineStatistics, signals:
     if name in statistics.channels and name != "injection":
         excited = statistics.at_lines(lines_at(signals.excitations, "force" if name == "force" else None))
         noise = np.sqrt(excited.cross(name, name))
-        with np.errstate(divide="ignore"):
+        with np.errstate(divide="ignore", invalid="ignore"):
             snr = np.abs(excited.amplitude(name)) / noise
         if snr.size:
             median, worst = float(min(np.median(snr), 1e9)), float(min(snr.min(), 1e9))
     share = resolution / rms if rms else 0.0
-    return ChannelQuality(name, rms, crest_factor(values - values.mean()) if rms else 0.0, resolution, share, median, worst)
+    return ChannelQuality(
+        name, rms, crest_factor(values - values.mean()) if rms else 0.0, resolution, share, median, worst
+    )
 
 
 def _bands(statistics: LineStatistics, signals: RecordedSignals, count: int) -> tuple[BandQuality, ...]:

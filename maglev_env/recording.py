@@ -89,6 +89,8 @@ def simulated_recording(experiment: Experiment, record: np.ndarray) -> "xr.Datas
         at = int(np.argmin(np.isfinite(record).all(axis=0)))
         raise ValueError(f"the simulated rotor touched down at {at / rate:g} s (sample {at}); there is no recording")
     channels = dict(zip(CHANNELS, record, strict=True))
+    if not experiment.rig.controlled:  # nothing commands or carries a current
+        del channels["command"], channels["current"]
     for place, offset in (("current", 0.0), ("reference", experiment.offset)):
         waves = [e.waveform(rate) for e in experiment.excitations if e.periodic and e.at == place]
         if waves or offset:

@@ -81,7 +81,9 @@ def estimate(
     displacement: Annotated[str, typer.Option(help="One file: column of the displacement.")] = "displacement",
     mass: Annotated[float | None, typer.Option(help="Moving mass, kg (overrides the campaign's).")] = None,
     start: Annotated[int, typer.Option(min=0, help="One file: first sample used.")] = 0,
-    samples: Annotated[int | None, typer.Option(min=1, help="One file: how many samples (default: to the end).")] = None,
+    samples: Annotated[
+        int | None, typer.Option(min=1, help="One file: how many samples (default: to the end).")
+    ] = None,
     out: Annotated[Path | None, typer.Option(help="HTML page (default: beside the source).")] = None,
     json_file: JsonOption = None,
 ) -> None:
@@ -126,7 +128,17 @@ def simulate(
     from tuning import command_simulate
 
     command_simulate.run(
-        rig, {"kp": kp, "ki": ki, "kd": kd}, protocol, force, injection, periods, effect, seed, data_format, out, json_file
+        rig,
+        {"kp": kp, "ki": ki, "kd": kd},
+        protocol,
+        force,
+        injection,
+        periods,
+        effect,
+        seed,
+        data_format,
+        out,
+        json_file,
     )
 
 

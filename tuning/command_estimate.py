@@ -4,11 +4,12 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from rich.markup import escape
 
 from maglev_env.campaign import Campaign, RecordingSpec, load_campaign
 from maglev_env.campaign_tables import ChannelSource
 from maglev_env.excitation import Excitation
-from maglev_env.identify import Identification, identify
+from maglev_env.identification import Identification, identify
 from maglev_env.recorded import recorded_signals
 from maglev_env.recording import read_recording
 from tuning.estimate_report import estimate_json, estimate_page, estimate_table
@@ -63,11 +64,12 @@ def run(
                 raise ValueError(f"{campaign.folder / spec.file}: {error}") from error
             results.append((spec.file, found))
     for file, found in results:
-        console.print(f"\n[bold]{file}[/]")
+        console.print(f"\n[bold]{escape(file)}[/]")
         console.print(estimate_table(found, method))
         _say(found)
     page = out or (campaign.folder / "estimate.html" if is_campaign else source.with_suffix(".html"))
-    write_page(page, estimate_page(results))
+    rig = f"{campaign.rig.name}, {mass:g} kg" if campaign.rig else "not given"
+    write_page(page, estimate_page(results, {"Rig": rig, "Campaign": str(campaign.folder)}))
     console.print(f"page  {page}")
     write_json(json_file, estimate_json(results, method))
 
@@ -81,13 +83,16 @@ def _say(found: Identification) -> None:
     d = found.distortion
     for name, level, p in (("even", d.even, d.even_p), ("odd", d.odd, d.odd_p)):
         if level is not None:
-            console.print(f"{name} distortion {level:.2%} of the excited lines" + (f" (p = {p:.2g})" if p is not None else ""))
+            console.print(
+                f"{name} distortion {level:.2%} of the excited lines" + (f" (p = {p:.2g})" if p is not None else "")
+            )
     if found.stability:
         s = found.stability
         ci = s.margins.intervals.get("peak_sensitivity")
         bounds = " .. ".join("?" if v is None else f"{v:.2f}" for v in ci) if ci else "no interval"
         console.print(
-            f"peak sensitivity {s.margins.peak_sensitivity:.2f} ({bounds}), ISO 14839-3 zone {s.iso_14839_3_zone}; {s.source}"
+            f"peak sensitivity {s.margins.peak_sensitivity:.2f} ({bounds}), "
+            f"ISO 14839-3 zone {s.iso_14839_3_zone}; {s.source}"
         )
         for name, unit in (("gain_margin_low", ""), ("gain_margin_high", ""), ("phase_margin", " deg")):
             value = getattr(s.margins, name)

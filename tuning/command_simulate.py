@@ -3,6 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from rich.table import Table
 
@@ -17,6 +18,9 @@ from maglev_env.simulate import simulate_records
 from tuning.output import console, progress_bar, write_json
 from tuning.page import write_page
 from tuning.record_page import record_page
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 PROTOCOLS = {"sphs": sphs_campaign, "diagnosis": diagnosis_campaign}
 
@@ -68,7 +72,7 @@ def _amplitudes(rig: Rig, force: float | None, injection: float | None) -> Rig:
     return replace(rig, protocol=replace(rig.protocol, excitations=excitations))
 
 
-def _record(plan: PlannedRecording, e: Experiment):  # noqa: ANN202
+def _record(plan: PlannedRecording, e: Experiment) -> "xr.Dataset":
     record = simulate_records([e])[0]
     try:
         return simulated_recording(e, record)

@@ -1,4 +1,4 @@
-"""A page that shows recordings as an engineer looks at them first: one period in time, and every line against its noise."""
+"""Recordings as an engineer looks at them first: one period in time, and every line against its noise."""
 
 import json
 from collections.abc import Sequence
@@ -69,7 +69,14 @@ def _spectra(dataset: "xr.Dataset") -> go.Figure:
         noise = np.sqrt(statistics.cross(name, name)) * factor
         marks = {"size": 4, "color": "#0072B2"}
         figure.add_scatter(
-            x=statistics.frequency, y=level, mode="markers", marker=marks, row=row, col=1, name="mean", showlegend=row == 1
+            x=statistics.frequency,
+            y=level,
+            mode="markers",
+            marker=marks,
+            row=row,
+            col=1,
+            name="mean",
+            showlegend=row == 1,
         )
         figure.add_scatter(
             x=statistics.frequency, y=noise, row=row, col=1, name="noise of the mean", showlegend=row == 1,

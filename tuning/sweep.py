@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from maglev_env.effects import Effects
-from maglev_env.evaluate import Evaluation, evaluate
+from maglev_env.evaluation import Evaluation, evaluate
 from maglev_env.experiment import protocol_experiment
 from maglev_env.gains import Gains
 from maglev_env.rig import Rig
@@ -47,7 +47,9 @@ class Sweep:
 
     def __post_init__(self) -> None:
         if not self.rig.controlled or self.rig.protocol is None:
-            raise ValueError(f"rig {self.rig.name} has no controlled magnet or no [protocol]: there is nothing to sweep")
+            raise ValueError(
+                f"rig {self.rig.name} has no controlled magnet or no [protocol]: there is nothing to sweep"
+            )
         if not self.axes:
             raise ValueError("sweep: give at least one of kp, ki, kd as lo:hi:n")
         for name, axis in self.axes.items():
@@ -91,11 +93,17 @@ def gain_sets(sweep: Sweep) -> list[Gains]:
         columns = [_along(sweep.axes[name], unit[:, j], sweep.log) for j, name in enumerate(names)]
     else:
         grids = [
-            _along(sweep.axes[n], np.linspace(0, 1, sweep.axes[n].points) if sweep.axes[n].points > 1 else np.zeros(1), sweep.log)
+            _along(
+                sweep.axes[n],
+                np.linspace(0, 1, sweep.axes[n].points) if sweep.axes[n].points > 1 else np.zeros(1),
+                sweep.log,
+            )
             for n in names
         ]
         columns = [c.ravel() for c in np.meshgrid(*grids, indexing="ij")]
-    return [replace(sweep.rig.gains, **dict(zip(names, map(float, row), strict=True))) for row in zip(*columns, strict=True)]
+    return [
+        replace(sweep.rig.gains, **dict(zip(names, map(float, row), strict=True))) for row in zip(*columns, strict=True)
+    ]
 
 
 def run_sweep(

@@ -60,7 +60,7 @@ def test_the_example_of_the_format(tmp_path):
         )
         assert r.gains == Gains(8000.0, 2000.0, 5.2, 1e-4, 0.0318) and r.controller is None
         assert r.excitations == (Excitation("sphs", "force", 1.0, tuple(range(1, 251)), 3.0),)
-        assert r.samples_per_period == 20_000 and r.intersample == "bl"
+        assert r.samples_per_period == 20_000 and r.intersample is None
         assert r.channels["displacement"] == ChannelSource(("y_left", "y_right"), (0.5, 0.5), 1.25e-4, 0.0)
         assert r.channels["command"] == ChannelSource(("u",), (1.0,), 1.0, 0.0)
 

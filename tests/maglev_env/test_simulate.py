@@ -11,7 +11,7 @@ from estimation.max_likelihood import maximum_likelihood
 from estimation.periods import line_statistics, period_spectra
 from maglev_env import kernel
 from maglev_env.effects import effect
-from maglev_env.evaluate import force_statistics
+from maglev_env.evaluation import force_statistics
 from maglev_env.excitation import Excitation, lines_at
 from maglev_env.experiment import Experiment, protocol_experiment
 from maglev_env.gains import Gains
@@ -54,9 +54,9 @@ def ideal(e):
 CASES = {
     "nominal": lambda: ideal(protocol_experiment(load_rig("hmb_free"))),
     "large motion": lambda: scaled(ideal(protocol_experiment(load_rig("hmb_free"))), 3.0),
-    "flux through the magnet": lambda: (
-        lambda e: replace(e, rig=replace(e.rig, flux_path="magnet"))
-    )(ideal(protocol_experiment(load_rig("hmb_free")))),
+    "flux through the magnet": lambda: (lambda e: replace(e, rig=replace(e.rig, flux_path="magnet")))(
+        ideal(protocol_experiment(load_rig("hmb_free")))
+    ),
     "every effect": lambda: replace(ideal(protocol_experiment(load_rig("hmb_free"))), effects=ALL_EFFECTS),
     "no lags, half a sample late": lambda: (
         lambda e: replace(

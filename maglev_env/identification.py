@@ -1,13 +1,12 @@
 """From one recording to stiffness, damping and stability with their uncertainty: the `maglev estimate` pipeline."""
 
 from dataclasses import dataclass
-from itertools import pairwise
 
 import numpy as np
 
 from estimation.bands import band_slices, sliding_bands
 from estimation.effective import effective_coefficients
-from estimation.frequency_response import Distortion, distortion, frequency_response
+from estimation.frequency_response import Distortion, distortion, frequency_response, pooled_variance
 from estimation.least_squares import LeastSquares, least_squares
 from estimation.max_likelihood import BandEstimate, least_squares_bias, maximum_likelihood
 from estimation.modal import ModalEstimate, modal_estimate
@@ -83,6 +82,7 @@ class RecordedSignals:
     """A recording as arrays: channel name -> (samples,) in SI, sample_rate Hz, and what excited it.
 
     held_force: the force channel is what a converter held from each sample on, not a reading of a continuous force.
+    assumed: in words, what was assumed to get here.
     """
 
     channels: dict[str, np.ndarray]
@@ -90,6 +90,7 @@ class RecordedSignals:
     excitations: tuple[Excitation, ...]
     held_force: bool
     gains: Gains | None = None
+    assumed: tuple[str, ...] = ()
 
 
 def identify(
@@ -106,7 +107,7 @@ def identify(
     needed unless estimate_mass. Bands default to the rig's protocol, else to 12 excited lines with two thirds
     overlap. ValueError says what is missing.
     """
-    notes: list[str] = []
+    notes = list(signals.assumed)
     force_lines = lines_at(signals.excitations, "force")
     if not force_lines.size or not {"force", "displacement"} <= signals.channels.keys():
         raise ValueError("stiffness and damping need a force excitation with the channels force and displacement")
@@ -123,10 +124,11 @@ def identify(
     if estimate_mass:
         modal = modal_estimate(force)
         mass = modal.mass
-        if modal.cost_ratio > 2:
+        if modal.discrepancy:
             notes.append(
-                f"one mass, stiffness and damping leave {modal.cost_ratio:.3g} times the noise power: the rig is not "
-                "linear or has more modes; standard errors include it"
+                f"one mass, stiffness and damping miss {modal.discrepancy:.1%} of the displacement, "
+                f"{modal.cost_ratio:.3g} times the noise power: the rig is not linear or has more modes; "
+                "the standard errors include it"
             )
     if mass is None:
         raise ValueError("the moving mass is not known: give [parameters] mass, or estimate it with --estimate-mass")
@@ -211,17 +213,15 @@ def _nominal(rig: Rig, signals: RecordedSignals, frequency: np.ndarray) -> LoopR
 
 
 def _crossing(bands: tuple[Band, ...], mass: float) -> tuple[float | None, float | None]:
-    """Where the identified stiffness balances the mass, and the damping ratio there."""
-    good = [b for b in bands if b.informative]
-    for a, b in pairwise(good):
-        fa, fb = (a.f_lo + a.f_hi) / 2, (b.f_lo + b.f_hi) / 2
-        ga = a.stiffness - mass * (2 * np.pi * fa) ** 2
-        gb = b.stiffness - mass * (2 * np.pi * fb) ** 2
-        if ga > 0 >= gb:
-            t = ga / (ga - gb)
-            k, c = a.stiffness + t * (b.stiffness - a.stiffness), a.damping + t * (b.damping - a.damping)
-            return float(np.sqrt(k / mass) / (2 * np.pi)), float(c / (2 * np.sqrt(k * mass)))
-    return None, None
+    """Natural frequency and damping ratio of the informative band that holds its own resonance most centrally."""
+    found = []
+    for b in bands:
+        if b.informative and b.stiffness > 0:
+            natural = np.sqrt(b.stiffness / mass) / (2 * np.pi)
+            if b.f_lo <= natural <= b.f_hi:
+                off_centre = abs(2 * natural - b.f_lo - b.f_hi) / (b.f_hi - b.f_lo)
+                found.append((off_centre, natural, b.damping / (2 * np.sqrt(b.stiffness * mass))))
+    return (float(min(found)[1]), float(min(found)[2])) if found else (None, None)
 
 
 def _stability(
@@ -243,6 +243,7 @@ def _stability(
         why = "no injection at the current: margins assume the nominal actuator and controller"
     else:
         return None, "no injection at the current and no nominal controller: nothing can be said of the loop's margins"
+    variance = pooled_variance(variance)
     found = margins(loop.frequency, s, variance)
     zone2 = None
     if rig is not None:
