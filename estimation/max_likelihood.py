@@ -47,9 +47,11 @@ def maximum_likelihood(
     """Minimise sum |F - Z Y|^2 / (s_F^2 + |Z|^2 s_Y^2 - 2 Re(conj(Z) s_FY)), Z = k - m w^2 + j w c, in each band.
 
     statistics: channels "force" and "displacement" at the force lines (see `LineStatistics.at_lines`); bands (b, 2)
-    Hz; mass kg, scalar or one per lane. Covariances are pooled over the band, so that their own scatter over few
-    periods is small and known: the interval threshold and the fit test use F quantiles with 2 n (P - 1) degrees of
-    freedom. Lanes with nan give nan. intervals=False leaves the bounds nan (cheaper).
+    Hz; mass kg, scalar or one per lane. Covariances are pooled over the band to weight its lines: over few periods a
+    line's own is too rough for that. Standard errors, interval thresholds and the fit test then take the lines' own
+    covariances (sandwich, Satterthwaite), as noise inside a loop differs between lines, and allow for the scatter of
+    the weights, which moves the optimum of a band that constant coefficients do not fit; the intervals there hold the
+    noise-free fit of the same band. Lanes with nan give nan. intervals=False leaves the bounds nan (cheaper).
     ValueError when mass is not positive.
     """
     mass = np.asarray(mass, dtype=float)

@@ -27,6 +27,13 @@ def test_both_ends_belong_to_a_band():
     assert len(sliding_bands(f, 15, 12)) == 79
 
 
+def test_the_last_band_is_not_lost_to_rounding():
+    f = 1 + 0.1 * np.arange(100)
+    width, overlap = 1.1, 1.1 - 0.1
+    assert (f[-1] - f[0] - width) / (width - overlap) < 88  # by 1e-13
+    assert len(sliding_bands(f, width, overlap)) == 89
+
+
 def test_gaps_count_only_the_lines_that_are_there():
     f = np.array([1.0, 2.0, 4.0, 7.0, 8.0, 9.0])
     assert np.array_equal(band_slices(f, np.array([[2.0, 7.0], [7.5, 7.9]])), [[1, 4], [4, 4]])

@@ -95,6 +95,14 @@ def test_fit_p_is_uniform_where_constant_coefficients_are_true(name, centre):
     assert stats.kstest(p, "uniform").pvalue > 0.01
 
 
+def test_fit_p_keeps_its_level_over_two_periods():
+    experiment = rig_experiment("pedestal")
+    b = band(experiment, 70.0)
+    expected = replace(within(expected_force_statistics(experiment), *b[0]), periods=2)
+    p = maximum_likelihood(draw(expected, 8000, seed=19), b, experiment.rig.mass, intervals=False).fit_p
+    assert 0.04 < np.mean(p < 0.05) < 0.06 and 0.005 < np.mean(p < 0.01) < 0.014
+
+
 def test_wrong_models_have_a_small_fit_p():
     experiment = rig_experiment("hmb_free")
     low = draw(within(expected_force_statistics(experiment), 1, 16), 50, seed=9)
@@ -149,14 +157,28 @@ def test_least_squares_shows_a_frequency_dependence_that_noise_alone_makes(headl
         assert np.mean(holds | ~estimate.informative[:, b]) > 0.95 - 3 * np.sqrt(0.95 * 0.05 / 400)
 
 
-def test_least_squares_bias_of_one_lane_per_mass_and_without_noise():
-    f = np.arange(20.0, 31.0)
+def test_least_squares_bias_where_stiffness_and_inertia_compare():
+    """The stiffness pulls as much as the inertia does here; lanes differ in mass."""
+    f, lanes = np.arange(20.0, 60.0), 1000
     w = 2 * np.pi * f
-    y = 1 / (2000 - 0.1 * w**2 + 3j * w)
-    s = two_channels(f, np.ones(11), y, np.diag([1e-20, 1e-20]))
-    e = maximum_likelihood(s, np.array([[20.0, 30.0]]), 0.1)
-    k, c = least_squares_bias(s, np.array([[20.0, 30.0]]), 0.1, e)
-    assert abs(k[0]) < 1e-8 and abs(c[0]) < 1e-10
+    mass = np.repeat([0.02, 0.2], lanes)
+    parts = []
+    for m in (0.02, 0.2):
+        y = 1 / (4000 - m * w**2 + 9j * w)
+        parts.append(draw(two_channels(f, np.ones(40), y, np.diag([0.3 * np.mean(np.abs(y) ** 2), 1e-12])), lanes, 18))
+    s = replace(
+        parts[0],
+        mean=np.concatenate([p.mean for p in parts]),
+        covariance=np.concatenate([p.covariance for p in parts]),
+    )
+    b = np.array([[20.0, 59.0]])
+    truth = maximum_likelihood(s, b, mass, intervals=False)
+    truth = replace(truth, stiffness=np.full((2 * lanes, 1), 4000.0), damping=np.full((2 * lanes, 1), 9.0))
+    k, c = least_squares_bias(s, b, mass, truth)
+    ls = least_squares(f, frequency_response(s, "displacement", "force")[0], mass)
+    for half in (slice(0, lanes), slice(lanes, None)):
+        assert k[half].mean() == pytest.approx(ls.stiffness[half].mean() - 4000, rel=0.1)
+        assert c[half].mean() == pytest.approx(ls.damping[half].mean() - 9, rel=0.1)
 
 
 @pytest.mark.slow
