@@ -17,16 +17,17 @@ W = LANES
 
 # Rows of a block, one flat array so that the compiler sees every distance: state, then constants, then chains.
 Y, V, Z1, Z2, X1, X2, D, XI, ALIVE, STEPS, U, U_OLD, PEAK, CURRENT_SQ = range(14)
-(PROBE_LSB, LSB, PER_PROBE, V_MAX, KP, KD, KI, U_MAX, PER_U_LSB, U_LSB, DECAY_D, DECAY_I, NOISE_Y, NOISE_I, NOISE_F) = (
-    range(14, 29)
+(PROBE_COUNTS, COUNT_MAX, PER_COUNT, KP, KD, KI, PER_U_COUNT, U_COUNT_MAX, U_COUNT, DECAY_D, DECAY_I) = range(14, 25)
+(NOISE_Y, NOISE_I, NOISE_F, GAP2, GAPM2, GAP, GAPM, FLUX_M, FLUX_C, BIAS, CALIBRATION, KS, CS, PER_MASS, LIMIT) = range(
+    25, 40
 )
-(GAP2, GAPM2, GAP, GAPM, FLUX_M, FLUX_C, BIAS, AREA_B, AREA_I, KS, CS, PER_MASS, LIMIT, DELAY_STEPS) = range(29, 43)
+DELAY_STEPS = 40
 # Exact linear chains, once per substep: sensor (2 states from z1 z2 y0 v0 y1 v1, the motion taken as a cubic), what the
 # current adds to that cubic (2 states from x1 x2 old new), actuator (5 outputs from x1 x2 old new), and what of the old
 # and the new command acts at the sampling instant when the actuator has no pole.
-SENSOR, SENSOR_CURRENT, ACTUATOR, AT_START = 43, 55, 63, 83
+SENSOR, SENSOR_CURRENT, ACTUATOR, AT_START = 41, 53, 61, 81
 CHAIN_ROWS = 42
-ROWS = 85
+ROWS = 83
 
 # Output channels of a block, per sample.
 DISPLACEMENT, COMMAND, FORCE, CURRENT = range(4)
@@ -44,9 +45,10 @@ _G1, _G3, _G5 = 9.71507118e-01, 8.82926499e-04, 2.33126057e-03
 
 @dataclass(frozen=True)
 class Structure:
-    """What is compiled in: magnets ("gap", "magnet" or "none"), poles in each chain, delay, converters, noise."""
+    """What is compiled in: magnets ("gap", "magnet", "none"), support, poles per chain, delay, converters, noise."""
 
     magnets: str
+    supported: bool
     sensor_poles: int
     actuator_poles: int
     delayed: bool
@@ -80,7 +82,9 @@ def kernel(structure: Structure, outputs: int, substeps: int = 1) -> Callable[..
     return _make(outputs=outputs, substeps=substeps, **vars(structure))
 
 
-def _make(magnets, sensor_poles, actuator_poles, delayed, adc, dac, noise, noisy_readings, outputs, substeps):
+def _make(
+    magnets, supported, sensor_poles, actuator_poles, delayed, adc, dac, noise, noisy_readings, outputs, substeps
+):
     sixth = 1.0 / 6.0
     magnetic, gap_path = magnets != "none", magnets == "gap"
 
@@ -102,9 +106,8 @@ def _make(magnets, sensor_poles, actuator_poles, delayed, adc, dac, noise, noisy
         field_sum = x[GAPM * W + i] * magnet + reach * bias
         slope = magnet + bias
         drive = current * coil
-        return x[AREA_B * W + i] * (y * field_sum * slope) + x[AREA_I * W + i] * drive * (
-            reach * (field_sum + drive * y) + slope * y2
-        )
+        bent = reach * (field_sum + drive * y) + slope * y2
+        return x[CALIBRATION * W + i] * (y * field_sum * slope) + drive * bent
 
     @nb.njit(fastmath=_FAST, error_model="numpy", nogil=True, cache=True)
     def step(x, seeds, history, first_step, force, injection, reference, tile, out):
@@ -119,19 +122,20 @@ def _make(magnets, sensor_poles, actuator_poles, delayed, adc, dac, noise, noisy
                 sensed = x[Z2 * W + i] if sensor_poles == 2 else (x[Z1 * W + i] if sensor_poles == 1 else x[Y * W + i])
                 if noise:
                     sensed = sensed + x[NOISE_Y * W + i] * _normal(seeds[i], count)
-                volts = sensed * x[PROBE_LSB * W + i]
+                counts = sensed * x[PROBE_COUNTS * W + i]
                 if adc:
-                    volts = np.rint(volts) * x[LSB * W + i]
-                shown = min(max(volts, -x[V_MAX * W + i]), x[V_MAX * W + i]) * x[PER_PROBE * W + i]
+                    counts = np.rint(counts)
+                shown = min(max(counts, -x[COUNT_MAX * W + i]), x[COUNT_MAX * W + i]) * x[PER_COUNT * W + i]
                 x[PEAK * W + i] = max(x[PEAK * W + i], abs(shown))
                 if magnetic:
                     e = ref - shown
-                    d, xi = x[D * W + i], x[XI * W + i]
-                    u = x[KP * W + i] * e + x[KD * W + i] * (e - d) + x[KI * W + i] * xi + inject
-                    u = min(max(u, -x[U_MAX * W + i]), x[U_MAX * W + i])
+                    lag, xi = e - x[D * W + i], x[XI * W + i]
+                    u = x[KP * W + i] * e + x[KD * W + i] * lag + x[KI * W + i] * xi + inject
+                    u = u * x[PER_U_COUNT * W + i]
                     if dac:
-                        u = np.rint(u * x[PER_U_LSB * W + i]) * x[U_LSB * W + i]
-                    x[D * W + i] = e + (d - e) * x[DECAY_D * W + i]
+                        u = np.rint(u)
+                    u = min(max(u, -x[U_COUNT_MAX * W + i]), x[U_COUNT_MAX * W + i]) * x[U_COUNT * W + i]
+                    x[D * W + i] = e - lag * x[DECAY_D * W + i]
                     x[XI * W + i] = e + (xi - e) * x[DECAY_I * W + i]
                     x[U * W + i] = u
                 tile[o + DISPLACEMENT * W + i] = shown
@@ -189,15 +193,23 @@ def _make(magnets, sensor_poles, actuator_poles, delayed, adc, dac, noise, noisy
                         if actuator_poles == 2:
                             x[X2 * W + i] = n2
                     # Velocity and acceleration in displacement per step: h v and h^2 a.
-                    ks, cs, fx = x[KS * W + i], x[CS * W + i], f_ext * x[PER_MASS * W + i]
+                    fx = f_ext * x[PER_MASS * W + i]
+                    ks = x[KS * W + i] if supported else 0.0
+                    cs = x[CS * W + i] if supported else 0.0
                     # Nystrom, 4th order: the middle stages share a position, so the magnets are evaluated thrice.
-                    a1 = pull(x, i, y, c0) - ks * y - cs * v + fx
+                    a1 = pull(x, i, y, c0) + fx
+                    if supported:
+                        a1 = a1 - ks * y - cs * v
                     ym = y + 0.5 * v + 0.125 * a1
-                    fm = pull(x, i, ym, c1) - ks * ym + fx
-                    a2 = fm - cs * (v + 0.5 * a1)
-                    a3 = fm - cs * (v + 0.5 * a2)
+                    a2 = a3 = pull(x, i, ym, c1) + fx
+                    if supported:
+                        held = a2 - ks * ym
+                        a2 = held - cs * (v + 0.5 * a1)
+                        a3 = held - cs * (v + 0.5 * a2)
                     ye = y + v + 0.5 * a3
-                    a4 = pull(x, i, ye, c2) - ks * ye - cs * (v + a3) + fx
+                    a4 = pull(x, i, ye, c2) + fx
+                    if supported:
+                        a4 = a4 - ks * ye - cs * (v + a3)
                     y1 = y + v + (a1 + a2 + a3) * sixth
                     v1 = v + (a1 + 2.0 * (a2 + a3) + a4) * sixth
                     if sensor_poles >= 1:

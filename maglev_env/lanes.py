@@ -29,6 +29,7 @@ def structure_of(experiment: Experiment) -> k.Structure:
     rig, effects = experiment.rig, experiment.effects
     return k.Structure(
         magnets="none" if rig.magnet == "none" else rig.flux_path,
+        supported=rig.support_stiffness > 0 or rig.support_damping > 0 or "damping" in effects,
         sensor_poles=int(rig.sensor_time_constant > 0) + int(effect_value(effects, "sensor_lag") > 0),
         actuator_poles=int(rig.amplifier_time_constant > 0) + int(effect_value(effects, "amplifier_lag") > 0),
         delayed=effect_value(effects, "delay") > 0,
@@ -80,24 +81,22 @@ def _parameters(e: Experiment, substeps: int) -> np.ndarray:
     lsb = 2 * rig.voltage_range / 2**rig.adc_bits if rig.adc_bits else 1.0
     current_range = rig.voltage_range * rig.amplifier_gain
     u_lsb = 2 * current_range / 2**rig.dac_bits if rig.dac_bits else 1.0
-    p[k.PROBE_LSB], p[k.LSB] = probe / lsb, lsb
-    p[k.PER_PROBE], p[k.V_MAX] = 1 / rig.probe_gain, rig.voltage_range
+    p[k.PROBE_COUNTS], p[k.COUNT_MAX], p[k.PER_COUNT] = probe / lsb, rig.voltage_range / lsb, lsb / rig.probe_gain
     p[k.KP], p[k.KD], p[k.KI] = gains.kp, gains.kd / gains.td, gains.ki
-    p[k.U_MAX], p[k.PER_U_LSB], p[k.U_LSB] = current_range, 1 / u_lsb, u_lsb
+    p[k.PER_U_COUNT], p[k.U_COUNT_MAX], p[k.U_COUNT] = 1 / u_lsb, current_range / u_lsb, u_lsb
     p[k.DECAY_D], p[k.DECAY_I] = np.exp(-dt / gains.td), np.exp(-dt / gains.ti)
     p[k.NOISE_Y], p[k.NOISE_I], p[k.NOISE_F] = rig.noise.displacement, rig.noise.current, rig.noise.force
+    # The kernel's velocity is h v and its acceleration h^2 a, so every force carries h^2 / m.
+    h = dt / substeps
+    per_mass = h**2 / (rig.mass * (1 + effect_value(effects, "mass")))
     if rig.magnet != "none":
         law = force_law(rig)
         p[k.GAP], p[k.GAPM] = law.gap, law.gap + law.magnet_gap
         p[k.GAP2], p[k.GAPM2] = law.gap**2, (law.gap + law.magnet_gap) ** 2
-        # Sums and differences of the two gaps' fields carry a factor two.
-        p[k.FLUX_M], p[k.FLUX_C], p[k.BIAS] = 2 * law.magnet_flux, 2 * law.coil_flux, law.bias_current
-        p[k.AREA_B] = law.area * law.stiffness_scale * (1 + effect_value(effects, "negative_stiffness"))
-        p[k.AREA_I] = law.area
-    # The kernel's velocity is h v and its acceleration h^2 a, so every force carries h^2 / m.
-    h = dt / substeps
-    per_mass = h**2 / (rig.mass * (1 + effect_value(effects, "mass")))
-    p[[k.AREA_B, k.AREA_I]] *= per_mass
+        # Sums and differences of the two gaps' fields carry a factor two; fields in root(h^2 / m N).
+        p[[k.FLUX_M, k.FLUX_C]] = 2 * np.sqrt(law.area * per_mass) * np.array([law.magnet_flux, law.coil_flux])
+        p[k.BIAS] = law.bias_current
+        p[k.CALIBRATION] = law.stiffness_scale * (1 + effect_value(effects, "negative_stiffness"))
     p[k.KS] = rig.support_stiffness * (1 + effect_value(effects, "support_stiffness")) * per_mass
     p[k.CS] = (rig.support_damping + effect_value(effects, "damping")) * per_mass / h
     p[k.PER_MASS] = per_mass

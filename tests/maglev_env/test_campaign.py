@@ -110,7 +110,6 @@ MULTISINE = 'excitation = {{ kind = "{}", at = "{}", lines = [1, 3] }}'
         ('rig = "hmb_free"', 'rig = "/etc/x.toml"', ["rig = '/etc/x.toml'", "relative"]),
         ('rig = "hmb_free"', "rig = 3", ["rig = 3"]),
         ('rig = "hmb_free"\n\n[parameters]\nmass', "[parameters]\ngap", ["without a rig", "unknown key 'gap'"]),
-        ('rig = "hmb_free"\n\n[parameters]\nmass = 0.0801', "", ["without a rig", "mass is missing"]),
         (TOML[TOML.index("[[recording") :], "", ["no [[recording]]"]),
         ('role = "fit"', 'rolle = "fit"', ["recording 1 (run1.npz)", "unknown key 'rolle'", "role"]),
         ('role = "fit"', 'role = "test"', ["run1.npz", "role = 'test'", "fit, holdout"]),
