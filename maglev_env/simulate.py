@@ -4,6 +4,7 @@ import os
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from itertools import chain, islice
 
 import numpy as np
 import scipy.fft
@@ -66,7 +67,12 @@ def simulate_statistics(
 
     def run(block: _Block) -> int:
         state = _State(block)
-        result = line_statistics(_block_spectra(block, state, lines, injected), first.fundamental, lines, channels)
+        spectra = _block_spectra(block, state, lines, injected)
+        begun = list(islice(spectra, 2))
+        if len(begun) < 2:  # every lane has touched down
+            touchdown[block.members] = state.touchdown_time()[: len(block.members)]
+            return len(block.members)
+        result = line_statistics(chain(begun, spectra), first.fundamental, lines, channels)
         alive = state.rows[k.ALIVE, : len(block.members)] > 0
         members, kept = block.members[alive], np.flatnonzero(alive)
         mean[members], covariance[members] = result.mean[kept], result.covariance[kept]

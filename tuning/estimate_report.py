@@ -72,7 +72,7 @@ def estimate_table(identification: Identification, method: Method) -> "rich.tabl
     for one in ("ls", "ml"):
         if method in (one, "both"):
             for name, (_, unit) in COEFFICIENTS.items():
-                table.add_column(f"{one.upper()} {name}\n{unit}", justify="right")
+                table.add_column(f"{one.upper()} {name}\n{unit}", justify="right", min_width=len(name))
     table.add_column("adjusted\nR2", justify="right", no_wrap=True)
     table.add_column("\ntrust", no_wrap=True)
     for band in bands[::step]:

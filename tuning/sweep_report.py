@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 GAINS = ("kp", "ki", "kd", "td", "ti")
 _HEAD = ("", "kp\nA/mm", "ki\nA/(mm s)", "kd\nA s/m", "score", "stiffness\nkN/m", "damping\nN s/m", "peak |S|\n",
          "phase\nmargin °", "gain\nmargins", "peak\num", "coil\nA rms")  # fmt: skip
+_IN_TERMINAL = 9
 
 
 def best_rows(dataset: "xr.Dataset", count: int = 10) -> list[dict[str, Any]]:
@@ -50,17 +51,16 @@ def best_rows(dataset: "xr.Dataset", count: int = 10) -> list[dict[str, Any]]:
 
 
 def sweep_table(dataset: "xr.Dataset", count: int = 10) -> "rich.table.Table":
-    """The best gain sets for a terminal of 110 columns."""
+    """The best gain sets in 80 columns; margins, displacement and current are in the page and the dataset."""
     from rich import box
     from rich.table import Table
 
     rows = best_rows(dataset, count)
     result = Table(box=box.SIMPLE_HEAD, collapse_padding=True, pad_edge=False, title=_counts(dataset))
-    for name in _HEAD:
-        may_wrap = name.startswith(("stiffness", "damping", "peak |S|"))
-        result.add_column(name, justify="right", no_wrap=not may_wrap)
+    for name in _HEAD[:_IN_TERMINAL]:
+        result.add_column(name, justify="right")
     for i, row in enumerate(rows):
-        result.add_row(*_cells(i, row), style="bold" if i == 0 else "")
+        result.add_row(*_cells(i, row)[:_IN_TERMINAL], style="bold" if i == 0 else "")
     result.caption = "± and [ ]: 95 % intervals; – : not within the excited lines" if rows else "nothing feasible"
     return result
 

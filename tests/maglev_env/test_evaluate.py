@@ -99,6 +99,12 @@ def test_targets_default_to_what_the_preset_gains_give(scored):
         score_target(replace(rig, gains=Gains(0.0, 0.0, 0.0)))
 
 
+def test_a_batch_without_a_single_stable_gain_set_scores_zero():
+    rig = load_rig("hmb_free")
+    e = evaluate([protocol_experiment(rig, Gains(500.0 + i, 0.0, 0.2)) for i in range(3)])
+    assert not e.feasible.any() and (e.score == 0).all() and np.isnan(e.margins["phase_margin"]).all()
+
+
 def test_results_do_not_depend_on_threads_or_on_company(scored):
     experiments, e = scored
     again = evaluate(experiments, threads=1)

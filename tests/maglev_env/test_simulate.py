@@ -188,6 +188,12 @@ def test_an_unstable_loop_touches_down_when_the_slow_simulator_does():
     assert np.isfinite(record[0, : displacement.size - 1]).all() and np.isnan(record[0, displacement.size + 1 :]).all()
 
 
+def test_a_batch_in_which_every_rotor_touches_down_is_a_result_and_no_error():
+    falling = [quick(gains=Gains(500.0 + i, 0.0, 0.2), seed=i) for i in range(3)]
+    got = simulate_statistics(falling)
+    assert np.isfinite(got.touchdown_time).all() and np.isnan(got.statistics.mean).all()
+
+
 def test_converters_quantise_and_limit_as_stated():
     rig = load_rig("hmb_free")
     e = quick(rig=replace(rig, noise=Noise(), dac_bits=8, adc_bits=10))
