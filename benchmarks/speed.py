@@ -143,7 +143,7 @@ def _shares(experiments: list[Experiment]) -> dict[str, float]:
     bands = sliding_bands(forces.frequency, e.rig.protocol.band_width, e.rig.protocol.band_overlap)
     loop = s.at_lines(lines_at(e.excitations, "current"))
     sensitivity, _ = frequency_response(loop, "command", "injection")
-    block = np.random.default_rng(0).standard_normal((3, kernel.LANES, e.samples_per_period))
+    block = np.random.default_rng(0).standard_normal((2, kernel.LANES, e.samples_per_period))
     per_set = {
         "kernel": _kernel(experiments),
         "fft": _best(lambda: scipy.fft.rfft(block)) * e.periods * LANES / kernel.LANES,

@@ -70,7 +70,7 @@ def read_columns(path: str | Path) -> Columns:
 
 
 @contextmanager
-def _atomic(path: Path) -> Iterator[BinaryIO]:
+def atomic_file(path: Path) -> Iterator[BinaryIO]:
     """A file that appears under its name only when it is complete and on the disk."""
     temporary = path.with_name(f".{path.name}.{secrets.token_hex(4)}.tmp")
     try:
@@ -85,14 +85,14 @@ def _atomic(path: Path) -> Iterator[BinaryIO]:
 
 def write_text_atomic(path: str | Path, text: str) -> None:
     """Write UTF-8 text so that a reader sees the old file or the whole new one. OSError when it cannot be written."""
-    with _atomic(Path(path)) as file:
+    with atomic_file(Path(path)) as file:
         file.write(text.encode())
 
 
 def write_npz(path: str | Path, columns: Mapping[str, np.ndarray]) -> None:
     """Write columns, each (samples,), to an .npz file, atomically. ValueError when they differ in length."""
     columns = _writable(path, columns)
-    with _atomic(Path(path)) as file:
+    with atomic_file(Path(path)) as file:
         np.savez(file, **columns)
 
 
@@ -101,14 +101,14 @@ def write_mat(path: str | Path, columns: Mapping[str, np.ndarray]) -> None:
     from scipy.io import savemat
 
     columns = _writable(path, columns)
-    with _atomic(Path(path)) as file:
+    with atomic_file(Path(path)) as file:
         savemat(file, columns, oned_as="column")
 
 
 def write_csv(path: str | Path, columns: Mapping[str, np.ndarray]) -> None:
     """Write columns, each (samples,), as CSV with a header line, 17 digits, atomically. ValueError as `write_npz`."""
     columns = _writable(path, columns)
-    with _atomic(Path(path)) as file:
+    with atomic_file(Path(path)) as file:
         np.savetxt(file, np.column_stack(list(columns.values())), "%.17g", ",", header=",".join(columns), comments="")
 
 

@@ -12,35 +12,27 @@ from functools import cache
 import numba as nb
 import numpy as np
 
+from maglev_env.noise import FAST, normal
+
 LANES = 16
 W = LANES
 
 # Rows of a block, one flat array so that the compiler sees every distance: state, then constants, then chains.
 Y, V, Z1, Z2, X1, X2, D, XI, ALIVE, STEPS, U, U_OLD, PEAK, CURRENT_SQ = range(14)
 (PROBE_COUNTS, COUNT_MAX, PER_COUNT, KP, KD, KI, PER_U_COUNT, U_COUNT_MAX, U_COUNT, DECAY_D, DECAY_I) = range(14, 25)
-(NOISE_Y, NOISE_I, NOISE_F, GAP2, GAPM2, GAP, GAPM, FLUX_M, FLUX_C, BIAS, CALIBRATION, KS, CS, PER_MASS, LIMIT) = range(
-    25, 40
-)
-DELAY_STEPS = 40
+NOISE, GAP2, GAPM2, GAP, GAPM, FLUX_M, FLUX_C, BIAS, CALIBRATION, KS, CS, PER_MASS, LIMIT, DELAY_STEPS = range(25, 39)
 # Exact linear chains, once per substep: sensor (2 states from z1 z2 y0 v0 y1 v1, the motion taken as a cubic), what the
 # current adds to that cubic (2 states from x1 x2 old new), actuator (5 outputs from x1 x2 old new), and what of the old
 # and the new command acts at the sampling instant when the actuator has no pole.
-SENSOR, SENSOR_CURRENT, ACTUATOR, AT_START = 41, 53, 61, 81
+SENSOR, SENSOR_CURRENT, ACTUATOR, AT_START = 39, 51, 59, 79
 CHAIN_ROWS = 42
-ROWS = 83
+ROWS = 81
 
 # Output channels of a block, per sample.
-DISPLACEMENT, COMMAND, FORCE, CURRENT = range(4)
-CHANNELS = ("displacement", "command", "force", "current")
+DISPLACEMENT, COMMAND, CURRENT = range(3)
+CHANNELS = ("displacement", "command", "current")
 # Samples gathered before they are written out lane by lane, so that a lane's series is contiguous.
 TILE = 8
-
-_FAST = {"contract", "nsz", "arcp", "reassoc"}
-_GOLDEN = np.uint64(0x9E3779B97F4A7C15)
-# Sum of four 16-bit uniforms, then an odd polynomial that gives it the normal's 2nd, 4th and 6th moment.
-_UNIFORM_MEAN = 131070.0
-_PER_UNIFORM_STD = float(1.0 / np.sqrt(4 * (65536.0**2 - 1) / 12))
-_G1, _G3, _G5 = 9.71507118e-01, 8.82926499e-04, 2.33126057e-03
 
 
 @dataclass(frozen=True)
@@ -55,25 +47,11 @@ class Structure:
     adc: bool
     dac: bool
     noise: bool
-    noisy_readings: bool
-
-
-@nb.njit(fastmath=_FAST, error_model="numpy", inline="always")
-def _normal(seed, count):
-    z = seed + count * _GOLDEN
-    z = (z ^ (z >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
-    z = (z ^ (z >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
-    z = z ^ (z >> np.uint64(31))
-    low = np.uint64(0xFFFF)
-    s = (z & low) + ((z >> np.uint64(16)) & low) + ((z >> np.uint64(32)) & low) + (z >> np.uint64(48))
-    w = (np.float64(np.int64(s)) - _UNIFORM_MEAN) * _PER_UNIFORM_STD
-    w2 = w * w
-    return w * (_G1 + w2 * (_G3 + w2 * _G5))
 
 
 @cache
 def kernel(structure: Structure, outputs: int, substeps: int = 1) -> Callable[..., int]:
-    """The compiled stepper for a structure: `outputs` leading CHANNELS written (2 to 4), `substeps` per sample.
+    """The compiled stepper for a structure: `outputs` leading CHANNELS written (2 or 3), `substeps` per sample.
 
     Called as step(block, seeds, history, first_step, force, injection, reference, tile, out), all arrays flat: advances
     the block over len(force) samples and fills out (outputs, LANES, samples); tile is scratch of TILE samples. Returns
@@ -82,13 +60,11 @@ def kernel(structure: Structure, outputs: int, substeps: int = 1) -> Callable[..
     return _make(outputs=outputs, substeps=substeps, **vars(structure))
 
 
-def _make(
-    magnets, supported, sensor_poles, actuator_poles, delayed, adc, dac, noise, noisy_readings, outputs, substeps
-):
+def _make(magnets, supported, sensor_poles, actuator_poles, delayed, adc, dac, noise, outputs, substeps):
     sixth = 1.0 / 6.0
     magnetic, gap_path = magnets != "none", magnets == "gap"
 
-    @nb.njit(fastmath=_FAST, error_model="numpy", inline="always")
+    @nb.njit(fastmath=FAST, error_model="numpy", inline="always")
     def pull(x, i, y, current):
         """Magnet force (see magnetics.force) in sums and differences of the two gaps: one division, 25 operations."""
         if not magnetic:
@@ -109,7 +85,7 @@ def _make(
         bent = reach * (field_sum + drive * y) + slope * y2
         return x[CALIBRATION * W + i] * (y * field_sum * slope) + drive * bent
 
-    @nb.njit(fastmath=_FAST, error_model="numpy", nogil=True, cache=True)
+    @nb.njit(fastmath=FAST, error_model="numpy", nogil=True, cache=True)
     def step(x, seeds, history, first_step, force, injection, reference, tile, out):
         mask = np.int64(history.size // W - 1)
         samples = force.size
@@ -121,7 +97,7 @@ def _make(
             for i in range(W):
                 sensed = x[Z2 * W + i] if sensor_poles == 2 else (x[Z1 * W + i] if sensor_poles == 1 else x[Y * W + i])
                 if noise:
-                    sensed = sensed + x[NOISE_Y * W + i] * _normal(seeds[i], count)
+                    sensed = sensed + x[NOISE * W + i] * normal(seeds[i], count)
                 counts = sensed * x[PROBE_COUNTS * W + i]
                 if adc:
                     counts = np.rint(counts)
@@ -158,14 +134,7 @@ def _make(
                         current = current + x[AT_START * W + i] * x[U_OLD * W + i]
                 x[CURRENT_SQ * W + i] += current * current
                 if outputs > CURRENT:
-                    if noisy_readings:
-                        current = current + x[NOISE_I * W + i] * _normal(seeds[W + i], count)
                     tile[o + CURRENT * W + i] = current
-                if outputs > FORCE:
-                    reading = f_ext
-                    if noisy_readings:
-                        reading = reading + x[NOISE_F * W + i] * _normal(seeds[2 * W + i], count)
-                    tile[o + FORCE * W + i] = reading
             for s in range(substeps):
                 row = s * CHAIN_ROWS * W
                 for i in range(W):

@@ -11,7 +11,7 @@ from maglev_env.effects import effect_value
 from maglev_env.experiment import Experiment
 from maglev_env.magnetics import force_law, linearise
 
-_NOISE_CHANNELS = 3  # displacement, current, force
+SEEDED = ("displacement", "current", "force")  # noise channels, each with a stream of its own
 
 
 @dataclass(frozen=True)
@@ -36,7 +36,6 @@ def structure_of(experiment: Experiment) -> k.Structure:
         adc=rig.adc_bits > 0,
         dac=rig.dac_bits > 0,
         noise=rig.noise.displacement > 0,
-        noisy_readings=rig.noise.current > 0 or rig.noise.force > 0,
     )
 
 
@@ -67,7 +66,7 @@ def lane_batch(experiments: Sequence[Experiment], substeps: int = 1) -> LaneBatc
         actuator[2 * 4 :] *= gain_scale  # states stay in amperes; the currents that make force carry the calibration
         chain[k.ACTUATOR : k.AT_START] = actuator
     rows[k.AT_START], rows[k.AT_START + 1] = fraction > 0, fraction <= 0
-    seeds = np.array([np.random.SeedSequence(e.seed).generate_state(_NOISE_CHANNELS, np.uint64) for e in experiments]).T
+    seeds = np.array([np.random.SeedSequence(e.seed).generate_state(len(SEEDED), np.uint64) for e in experiments]).T
     history = 1 << int(np.ceil(np.log2(whole.max() + 2)))
     return LaneBatch(structure, rows, seeds, history)
 
@@ -85,7 +84,7 @@ def _parameters(e: Experiment, substeps: int) -> np.ndarray:
     p[k.KP], p[k.KD], p[k.KI] = gains.kp, gains.kd / gains.td, gains.ki
     p[k.PER_U_COUNT], p[k.U_COUNT_MAX], p[k.U_COUNT] = 1 / u_lsb, current_range / u_lsb, u_lsb
     p[k.DECAY_D], p[k.DECAY_I] = np.exp(-dt / gains.td), np.exp(-dt / gains.ti)
-    p[k.NOISE_Y], p[k.NOISE_I], p[k.NOISE_F] = rig.noise.displacement, rig.noise.current, rig.noise.force
+    p[k.NOISE] = rig.noise.displacement
     # The kernel's velocity is h v and its acceleration h^2 a, so every force carries h^2 / m.
     h = dt / substeps
     per_mass = h**2 / (rig.mass * (1 + effect_value(effects, "mass")))

@@ -74,11 +74,11 @@ def read_recording(campaign: Campaign, spec: RecordingSpec) -> "xr.Dataset":
 def simulated_recording(experiment: Experiment, record: np.ndarray) -> "xr.Dataset":
     """The recording of one lane of `simulate_records`, record (channels, samples), transient periods included.
 
-    Beside `kernel.CHANNELS` it has the exact injection and reference where the experiment applies one. The experiment
+    Beside `simulate.CHANNELS` it has the exact injection and reference where the experiment applies one. The experiment
     attribute also names the effects, offset, seed, transient_periods and version. ValueError when the record does not
     fit the experiment, or when the rotor touched down: a crash is no recording of the experiment.
     """
-    from maglev_env.kernel import CHANNELS  # loads the compiler, which reading does without
+    from maglev_env.simulate import CHANNELS  # loads the compiler, which reading does without
 
     periods = experiment.periods + experiment.transient_periods
     expected = (len(CHANNELS), periods * experiment.samples_per_period)

@@ -13,10 +13,12 @@ from estimation.periods import LineStatistics, line_statistics
 from maglev_env import kernel as k
 from maglev_env.excitation import lines_at
 from maglev_env.experiment import Experiment
-from maglev_env.lanes import LaneBatch, lane_batch, structure_of
+from maglev_env.lanes import SEEDED, LaneBatch, lane_batch, structure_of
+from maglev_env.noise import line_noise, series_noise
 
+CHANNELS = ("displacement", "command", "current", "force")
 # Channels whose spectra the estimators use; the injection is digital and known exactly.
-SPECTRAL = ("displacement", "command", "force")
+SPECTRAL = ("displacement", "command", "force", "injection")
 
 
 @dataclass(frozen=True)
@@ -37,6 +39,7 @@ class SimulatedStatistics:
 class _Block:
     batch: LaneBatch
     members: np.ndarray
+    force_noise: np.ndarray
     experiment: Experiment
     substeps: int
 
@@ -58,7 +61,7 @@ def simulate_statistics(
     if first.periods < 2:
         raise ValueError("experiment: statistics over periods need at least two kept periods")
     lines = lines_at(first.excitations) if lines is None else np.asarray(lines)
-    n, channels = len(experiments), (*SPECTRAL, "injection")
+    n, channels = len(experiments), SPECTRAL
     mean = np.full((n, len(channels), len(lines)), np.nan, complex)
     covariance = np.full((n, len(channels), len(channels), len(lines)), np.nan, complex)
     touchdown, peak, rms = np.full(n, np.nan), np.full(n, np.nan), np.full(n, np.nan)
@@ -90,19 +93,26 @@ def simulate_statistics(
 
 
 def simulate_records(experiments: Sequence[Experiment], substeps: int = 1, threads: int | None = None) -> np.ndarray:
-    """Time series (n, channels, samples) of `kernel.CHANNELS`, transient periods included.
+    """Time series (n, channels, samples) of `CHANNELS`, transient periods included.
 
     Samples after a touchdown are nan. ValueError as `simulate_statistics`.
     """
     first = _common(experiments)
-    periods, per_period = first.periods + first.transient_periods, first.samples_per_period
-    records = np.full((len(experiments), len(k.CHANNELS), periods * per_period), np.nan)
+    periods, n = first.periods + first.transient_periods, first.samples_per_period
+    records = np.full((len(experiments), len(CHANNELS), periods * n), np.nan)
+    force = _waveform(first, "force")
 
     def run(block: _Block) -> int:
         state = _State(block)
         for i, out in enumerate(_periods(block, state, periods, len(k.CHANNELS))):
-            span = slice(i * per_period, (i + 1) * per_period)
-            records[block.members, :, span] = out[:, : len(block.members)].transpose(1, 0, 2)
+            span = slice(i * n, (i + 1) * n)
+            records[block.members, : len(k.CHANNELS), span] = out[:, : len(block.members)].transpose(1, 0, 2)
+            for lane, member in enumerate(block.members):
+                noise, seeds = experiments[member].rig.noise, dict(zip(SEEDED, state.seeds[:, lane], strict=True))
+                records[member, CHANNELS.index("force"), span] = force
+                for name, rms in (("current", noise.current), ("force", noise.force)):
+                    if rms:
+                        records[member, CHANNELS.index(name), span] += series_noise(seeds[name], rms, i, n)
         for lane, time in zip(block.members, state.touchdown_time(), strict=False):
             if not np.isnan(time):
                 records[lane, :, round(time * first.rig.control_rate) :] = np.nan
@@ -126,7 +136,8 @@ class _State:
     def __init__(self, block: _Block) -> None:
         batch = block.batch
         pad = np.minimum(np.arange(k.LANES), batch.rows.shape[1] - 1)
-        self.rows = np.ascontiguousarray(batch.rows[:, pad])
+        self.rows = _aligned((len(batch.rows), k.LANES))
+        self.rows[:] = batch.rows[:, pad]
         self.seeds = np.ascontiguousarray(batch.seeds[:, pad])
         self.history = np.zeros(batch.history_length * k.LANES)
         self.step = 0
@@ -135,6 +146,14 @@ class _State:
     def touchdown_time(self) -> np.ndarray:
         """Seconds to touchdown per lane, nan for lanes still alive."""
         return np.where(self.rows[k.ALIVE] > 0, np.nan, self.rows[k.STEPS] / self._per_second)
+
+
+def _aligned(shape: tuple[int, ...]) -> np.ndarray:
+    """Uninitialised doubles on a cache line's boundary: a vector load across two lines costs twice."""
+    count = int(np.prod(shape))
+    raw = np.empty(count + 8)
+    start = (-raw.ctypes.data % 64) // 8
+    return raw[start : start + count].reshape(shape)
 
 
 def _common(experiments: Sequence[Experiment]) -> Experiment:
@@ -161,7 +180,9 @@ def _blocks(experiments: Sequence[Experiment], substeps: int) -> list[_Block]:
         for start in range(0, len(members), k.LANES):
             s = slice(start, start + k.LANES)
             part = LaneBatch(batch.structure, batch.rows[:, s], batch.seeds[:, s], batch.history_length)
-            blocks.append(_Block(part, np.array(members[s]), experiments[members[0]], substeps))
+            noise = [experiments[i].rig.noise.force for i in members[s]]
+            noise += noise[-1:] * (k.LANES - len(noise))
+            blocks.append(_Block(part, np.array(members[s]), np.array(noise), experiments[members[0]], substeps))
     return blocks
 
 
@@ -176,8 +197,8 @@ def _periods(block: _Block, state: _State, periods: int, outputs: int) -> Iterat
     step = k.kernel(block.batch.structure, outputs, block.substeps)
     force, injection = _waveform(e, "force"), _waveform(e, "current")
     reference = _waveform(e, "reference") + e.offset
-    out = np.empty((outputs, k.LANES, e.samples_per_period))
-    tile = np.empty(k.TILE * outputs * k.LANES)
+    out = _aligned((outputs, k.LANES, e.samples_per_period))
+    tile = _aligned((k.TILE * outputs * k.LANES,))
     for _ in range(periods):
         done = step(
             state.rows.reshape(-1),
@@ -198,18 +219,17 @@ def _periods(block: _Block, state: _State, periods: int, outputs: int) -> Iterat
 
 def _block_spectra(block: _Block, state: _State, lines: np.ndarray, injected: np.ndarray) -> Iterator[np.ndarray]:
     """Per-period spectra (LANES, channels, lines) of the kept periods."""
-    e = block.experiment
-    scale = 2.0 / e.samples_per_period
-    outputs = len(SPECTRAL) if block.batch.structure.noisy_readings else len(SPECTRAL) - 1
-    driven = scipy.fft.rfft(_waveform(e, "force"))[lines] * scale
-    for period, out in enumerate(_periods(block, state, e.transient_periods + e.periods, outputs)):
+    e, n = block.experiment, block.experiment.samples_per_period
+    driven = scipy.fft.rfft(_waveform(e, "force"))[lines] * (2 / n)
+    seeds = state.seeds[SEEDED.index("force")]
+    for period, out in enumerate(_periods(block, state, e.transient_periods + e.periods, 2)):
         if period < e.transient_periods:
             state.rows[[k.PEAK, k.CURRENT_SQ]] = 0.0
             continue
-        spectra = np.empty((k.LANES, len(SPECTRAL) + 1, len(lines)), complex)
-        spectra[:, k.FORCE] = driven
-        spectra[:, :outputs] = scipy.fft.rfft(out, axis=-1)[..., lines].transpose(1, 0, 2) * scale
-        spectra[:, -1] = injected
+        spectra = np.empty((k.LANES, len(SPECTRAL), len(lines)), complex)
+        spectra[:, :2] = scipy.fft.rfft(out, axis=-1)[..., lines].transpose(1, 0, 2) * (2 / n)
+        spectra[:, 2] = driven + line_noise(seeds, block.force_noise, period, n, lines)
+        spectra[:, 3] = injected
         yield spectra
 
 

@@ -1,7 +1,7 @@
 """Gain sweeps: every gain set through the same identification experiment, chunk by chunk on disk, resumable."""
 
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields, replace
 from hashlib import sha256
 from importlib.metadata import version
@@ -13,6 +13,7 @@ import numpy as np
 from maglev_env.effects import Effects
 from maglev_env.evaluation import Evaluation, evaluate
 from maglev_env.experiment import protocol_experiment
+from maglev_env.files import atomic_file, write_text_atomic
 from maglev_env.gains import Gains
 from maglev_env.rig import Rig
 
@@ -114,19 +115,17 @@ def run_sweep(
     Finished chunks on disk are reused, so an interrupted sweep equals an uninterrupted one bit for bit. progress is
     called with (experiments, reused). ValueError when `out` holds another sweep; OSError when it cannot be written.
     """
-    import xarray as xr
-
     gains = gain_sets(sweep)
     chunks = out / "chunks"
     _claim(sweep, out, len(gains))
     chunks.mkdir(exist_ok=True)
     parts = []
     for start in range(0, len(gains), CHUNK):
-        path = chunks / f"{start:07d}.nc"
+        path = chunks / f"{start:07d}.npz"
         stop = min(start + CHUNK, len(gains))
         if path.exists():
-            with xr.open_dataset(path) as stored:
-                parts.append(stored.load())
+            with np.load(path, allow_pickle=False) as stored:
+                parts.append(dict(stored))
             if progress:
                 progress(stop - start, True)
             continue
@@ -134,13 +133,17 @@ def run_sweep(
             protocol_experiment(sweep.rig, gains[i], sweep.effects, seed=(sweep.seed, i)) for i in range(start, stop)
         ]
         evaluation = evaluate(experiments, threads, (lambda n: progress(n, False)) if progress else None)
-        part = _dataset(evaluation, gains[start:stop], start)
-        _write_atomic(part, path)
-        parts.append(part)
-    result = xr.concat(parts, dim="experiment", data_vars="minimal", coords="minimal")
-    result.attrs = json.loads((out / "sweep.json").read_text())
-    result.attrs = {k: v if isinstance(v, str) else json.dumps(v) for k, v in result.attrs.items()}
-    _write_atomic(result, out / "sweep.nc")
+        parts.append(_columns(evaluation))
+        with atomic_file(path) as file:
+            np.savez(file, **parts[-1])
+    made_by = json.loads((out / "sweep.json").read_text())
+    result = _dataset(parts, gains, {k: v if isinstance(v, str) else json.dumps(v) for k, v in made_by.items()})
+    temporary = out / "sweep.part"
+    try:
+        result.to_netcdf(temporary, engine="h5netcdf")
+        temporary.replace(out / "sweep.nc")
+    finally:
+        temporary.unlink(missing_ok=True)
     return result
 
 
@@ -162,8 +165,6 @@ def description(sweep: Sweep, n: int) -> dict[str, object]:
 
 
 def _claim(sweep: Sweep, out: Path, n: int) -> None:
-    from maglev_env.files import write_text_atomic
-
     out.mkdir(parents=True, exist_ok=True)
     mine, path = description(sweep, n), out / "sweep.json"
     if path.exists():
@@ -185,31 +186,28 @@ def _along(axis: Axis, unit: np.ndarray, log: bool) -> np.ndarray:
     return axis.low + (axis.high - axis.low) * unit
 
 
-def _dataset(e: Evaluation, gains: list[Gains], start: int) -> "xr.Dataset":
-    import xarray as xr
-
-    n = len(gains)
-    variables: dict[str, tuple] = {}
+def _columns(e: Evaluation) -> dict[str, np.ndarray]:
+    """Every array of an evaluation under one flat name."""
+    columns: dict[str, np.ndarray] = {}
     for f in fields(Evaluation):
         value = getattr(e, f.name)
-        if f.name == "bands":
-            continue
-        named = {f.name: value} if not isinstance(value, dict) else value
+        named = value if isinstance(value, dict) else {f.name: value}
         prefix = "term_" if f.name == "terms" else ""
-        for name, array in named.items():
-            dims = ("experiment",) if array.ndim == 1 else ("experiment", "band")
-            variables[prefix + name] = (dims, array)
-    coordinates: dict[str, tuple] = {"experiment": ("experiment", np.arange(start, start + n))}
+        columns |= {prefix + name: array for name, array in named.items()}
+    return columns
+
+
+def _dataset(parts: Sequence[Mapping[str, np.ndarray]], gains: list[Gains], attributes: dict[str, str]) -> "xr.Dataset":
+    import xarray as xr
+
+    variables = {}
+    for name in parts[0]:
+        if name != "bands":
+            array = np.concatenate([part[name] for part in parts])
+            variables[name] = (("experiment", "band")[: array.ndim], array)
+    bands = parts[0]["bands"]
+    coordinates: dict[str, tuple] = {"experiment": ("experiment", np.arange(len(gains)))}
     for f in fields(Gains):
         coordinates[f.name] = ("experiment", np.array([getattr(g, f.name) for g in gains]))
-    coordinates["band_low"], coordinates["band_high"] = ("band", e.bands[:, 0]), ("band", e.bands[:, 1])
-    return xr.Dataset(variables, coordinates)
-
-
-def _write_atomic(dataset: "xr.Dataset", path: Path) -> None:
-    temporary = path.with_suffix(".part")
-    try:
-        dataset.to_netcdf(temporary, engine="h5netcdf")
-        temporary.replace(path)
-    finally:
-        temporary.unlink(missing_ok=True)
+    coordinates["band_low"], coordinates["band_high"] = ("band", bands[:, 0]), ("band", bands[:, 1])
+    return xr.Dataset(variables, coordinates, attributes)

@@ -16,8 +16,9 @@ from maglev_env.excitation import Excitation, lines_at
 from maglev_env.experiment import Experiment, protocol_experiment
 from maglev_env.gains import Gains
 from maglev_env.linear import expected_statistics, without_noise
+from maglev_env.noise import line_noise, series_noise
 from maglev_env.rig import Noise, load_rig
-from maglev_env.simulate import simulate_records, simulate_statistics
+from maglev_env.simulate import CHANNELS, simulate_records, simulate_statistics
 
 ALL_EFFECTS = {
     **effect("delay", 61.7e-6),
@@ -77,7 +78,7 @@ def test_agrees_with_a_tight_solve_ivp_over_a_fifth_of_a_second(case):
     displacement, command, current = simulate(e, samples)
     record = simulate_records([e])[0][:, :samples]
     for name, expected in (("displacement", displacement), ("command", command), ("current", current)):
-        got = record[kernel.CHANNELS.index(name)]
+        got = record[CHANNELS.index(name)]
         rms = np.sqrt(np.mean(expected**2))
         # Required 5e-6; a timing slip of 1 ns would already show as 1e-6.
         assert np.sqrt(np.mean((got - expected) ** 2)) <= 5e-7 * rms, name
@@ -136,7 +137,7 @@ def test_statistics_in_the_loop_equal_those_of_the_full_record():
     fast = simulate_statistics([e])
     record = simulate_records([e])[0]
     names = ("displacement", "command", "force")
-    signals = np.stack([record[kernel.CHANNELS.index(n)] for n in names]).reshape(3, -1, e.samples_per_period)
+    signals = np.stack([record[CHANNELS.index(n)] for n in names]).reshape(3, -1, e.samples_per_period)
     lines = lines_at(e.excitations)
     kept = [period_spectra(signals[:, p], lines) for p in range(e.transient_periods, signals.shape[1])]
     slow = line_statistics(kept, e.fundamental, lines, names)
@@ -158,9 +159,9 @@ def test_reading_noise_is_white_gaussian_and_independent_between_channels():
     still = Excitation("sphs", "force", 1.0, (1,), 1e-12)
     e = Experiment(rig, rig.gains, (still,), periods=5, transient_periods=0, seed=7)
     records = simulate_records([e, replace(e, seed=8)])
-    z = records[0][kernel.DISPLACEMENT] / 1e-5
-    f = records[0][kernel.FORCE] / 0.1
-    other = records[1][kernel.DISPLACEMENT] / 1e-5
+    z = records[0][CHANNELS.index("displacement")] / 1e-5
+    f = records[0][CHANNELS.index("force")] / 0.1
+    other = records[1][CHANNELS.index("displacement")] / 1e-5
     n = z.size
     for noise in (z, f):
         assert abs(noise.mean()) < 4 / np.sqrt(n)
@@ -198,19 +199,19 @@ def test_converters_quantise_and_limit_as_stated():
     rig = load_rig("hmb_free")
     e = quick(rig=replace(rig, noise=Noise(), dac_bits=8, adc_bits=10))
     record = simulate_records([e])[0]
-    volts = record[kernel.DISPLACEMENT] * rig.probe_gain / (20 / 2**10)
-    amperes = record[kernel.COMMAND] / (20 / 2**8)
+    volts = record[CHANNELS.index("displacement")] * rig.probe_gain / (20 / 2**10)
+    amperes = record[CHANNELS.index("command")] / (20 / 2**8)
     np.testing.assert_allclose(volts, np.round(volts), atol=1e-9)
     np.testing.assert_allclose(amperes, np.round(amperes), atol=1e-9)
     assert np.unique(np.round(volts)).size > 5
     violent = scaled(quick(rig=replace(rig, noise=Noise(), clearance=0.34e-3)), 1e4)
-    pushed = simulate_records([violent])[0][kernel.COMMAND]
+    pushed = simulate_records([violent])[0][CHANNELS.index("command")]
     assert np.nanmax(np.abs(pushed)) <= 10.0
 
 
 def test_a_static_reference_moves_the_rotor_by_what_the_loop_gain_allows():
     e = scaled(without_noise(quick(offset=2e-5, periods=4, transient_periods=4)), 1e-6)
-    settled = simulate_records([e])[0][kernel.DISPLACEMENT, -1]
+    settled = simulate_records([e])[0][CHANNELS.index("displacement"), -1]
     gain = (e.gains.kp + e.gains.ki) * 5.7 / -12.5e3
     assert settled == pytest.approx(2e-5 * gain / (1 + gain), rel=0.02)
 
@@ -222,3 +223,15 @@ def test_experiments_that_do_not_fit_one_batch_are_refused():
         simulate_statistics([quick(periods=1)])
     with pytest.raises(ValueError, match="at least one experiment"):
         simulate_statistics([])
+
+
+def test_noise_in_time_and_at_lines_is_the_same_noise():
+    seed, n = np.uint64(12345), 4000
+    lines = np.array([1, 7, 500, 1999])
+    for period in (0, 3):
+        series = series_noise(seed, 2.0, period, n)
+        np.testing.assert_allclose(
+            period_spectra(series[None], lines)[0], line_noise(np.array([seed]), [2.0], period, n, lines)[0], atol=1e-13
+        )
+        assert series.std() == pytest.approx(2.0, rel=4 / np.sqrt(2 * n))
+    assert abs(np.mean(series_noise(seed, 1.0, 0, n) * series_noise(seed, 1.0, 1, n))) < 4 / np.sqrt(n)

@@ -138,12 +138,12 @@ def test_ctrl_c_stops_a_sweep_with_130_and_the_next_run_goes_on(tmp_path):
     process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     chunks = tmp_path / "s" / "chunks"
     for _ in range(600):
-        if chunks.exists() and any(chunks.glob("*.nc")):
+        if chunks.exists() and any(chunks.glob("*.npz")):
             break
         time.sleep(0.1)
     process.send_signal(signal.SIGINT)
     out, err = process.communicate(timeout=60)
     assert process.returncode == 130 and "interrupted" in err and "go on" in out
-    assert not list(chunks.glob("*.part"))
+    assert all(p.suffix == ".npz" for p in chunks.iterdir())
     finished = subprocess.run(command, capture_output=True, text=True, timeout=120)
     assert finished.returncode == 0 and "reused" in finished.stdout
