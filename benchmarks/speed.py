@@ -26,13 +26,25 @@ from maglev_env.magnetics import force, force_law
 from maglev_env.rig import Noise, load_rig
 from maglev_env.simulate import block_periods, simulate_statistics
 from tuning.output import console, write_json
+from tuning.page import COLOURS, number, page, styled, table, write_page
 
 LANES = 64
+REFERENCES = ("dlsim", "forced_response", "solve_ivp")
 REPEATS = 5
 
 
-def run(json_file: Path | None) -> None:
+def run(out: Path, json_file: Path | None) -> None:
     """See `tuning.cli.bench`."""
+    with console.status("measuring for about half a minute"):
+        results = measure()
+    _show(results)
+    write_page(out, _page(results))
+    console.print(f"page  {out}")
+    write_json(json_file, results)
+
+
+def measure() -> dict[str, Any]:
+    """Every figure of the benchmark, by name."""
     rig = load_rig("hmb_free")
     noisy = [replace(protocol_experiment(rig), seed=i) for i in range(LANES)]
     quiet = [replace(e, rig=replace(rig, noise=Noise())) for e in noisy]
@@ -55,8 +67,7 @@ def run(json_file: Path | None) -> None:
     results["gain_sets_per_second"] = len(many_sets) / _best(lambda: evaluate(many_sets), 3)
     results["gain_sets_per_second_one_thread"] = LANES / _best(lambda: evaluate(noisy, threads=1), 3)
     results |= {f"share_{k}": v for k, v in _shares(noisy).items()}
-    _show(results)
-    write_json(json_file, results)
+    return results
 
 
 def _best(work: Callable[[], object], repeats: int = REPEATS) -> float:
@@ -154,9 +165,29 @@ def _shares(experiments: list[Experiment]) -> dict[str, float]:
     return {f"{name}_ms": 1e3 * seconds / LANES for name, seconds in per_set.items()}
 
 
+def _page(results: dict[str, Any]) -> str:
+    import plotly.graph_objects as go
+
+    seconds = {"this simulator": 1 / results["experiments_per_second_and_core"]}
+    seconds |= {name: results[f"{name}_seconds"] for name in REFERENCES if results[f"{name}_seconds"]}
+    figure = go.Figure(go.Bar(x=list(seconds.values()), y=list(seconds), orientation="h", marker_color=COLOURS[0]))
+    figure.update_xaxes(type="log", title_text="seconds per experiment of 6 s and core")
+    parts = {k.removeprefix("share_").removesuffix("_ms"): v for k, v in results.items() if k.startswith("share_")}
+    shares = go.Figure(go.Bar(x=list(parts.values()), y=list(parts), orientation="h", marker_color=COLOURS[1]))
+    shares.update_xaxes(title_text="milliseconds per gain set and core")
+    rows = [(name.replace("_", " "), number(value)) for name, value in results.items() if isinstance(value, float)]
+    sections = [
+        ("Simulators", styled(figure, 300)),
+        ("Parts of an evaluation", styled(shares, 320)),
+        ("All figures", table(("figure", "value"), rows)),
+    ]
+    rate = results["gain_sets_per_second"]
+    return page("Benchmark", f"{rate:.0f} gain sets per second.", sections, {"Processor": results["processor"]})
+
+
 def _show(results: dict[str, Any]) -> None:
-    table = Table("figure", "value", title="maglev bench: hmb_free, 6 s at 20 kHz, 64 lanes")
+    grid = Table("figure", "value", title="maglev bench: hmb_free, 6 s at 20 kHz, 64 lanes")
     for name, value in results.items():
         if isinstance(value, float):
-            table.add_row(name.replace("_", " "), f"{value:.4g}")
-    console.print(table)
+            grid.add_row(name.replace("_", " "), f"{value:.4g}")
+    console.print(grid)

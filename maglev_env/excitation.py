@@ -82,6 +82,31 @@ class Excitation:
         return synthesise(self.multisine(sample_rate), self.samples_per_period(sample_rate))
 
 
+def parse_lines(text: str) -> tuple[int, ...]:
+    """Harmonics from `first:last` or `first:last:step`; ValueError when it is not that."""
+    try:
+        first, last, *step = (int(part) for part in text.split(":"))
+        lines = tuple(range(first, last + 1, *step))
+    except (ValueError, TypeError):
+        raise ValueError(f"lines {text!r}: write first:last or first:last:step, whole numbers") from None
+    if not lines or first < 1:
+        raise ValueError(f"lines {text!r} hold no harmonic from 1 up")
+    return lines
+
+
+def parse_excitation(text: str, fundamental: float) -> Excitation:
+    """A Schroeder multisine from `place=lines@peak`, e.g. `force=1:249:2@0.4` (N), `current=2:200:2@0.1` (A)."""
+    place, equals, rest = text.partition("=")
+    lines, at, peak = rest.partition("@")
+    if not (equals and at):
+        raise ValueError(f"excitation {text!r}: write place=first:last:step@peak, e.g. force=1:250@0.4")
+    try:
+        amplitude = float(peak)
+    except ValueError:
+        raise ValueError(f"excitation {text!r}: the peak {peak!r} is not a number") from None
+    return Excitation("sphs", place.strip(), fundamental, parse_lines(lines), amplitude)
+
+
 def lines_at(excitations: Iterable[Excitation], place: str | None = None) -> np.ndarray:
     """Sorted harmonic numbers that periodic excitations drive at "force", "current" or "reference" (None: anywhere)."""
     lines = [e.lines for e in excitations if e.periodic and place in (None, e.at)]

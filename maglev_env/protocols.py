@@ -35,10 +35,10 @@ def diagnosis_campaign(rig: Rig, gains: Gains, effects: Effects, seed: int) -> t
     """Odd random-phase multisines with detection lines: two amplitudes, two realisations, and where a controller allows
     it a second gain set and a static offset; one more realisation is held out. 8 periods each after one.
 
-    ValueError when the rig has no protocol.
+    ValueError when the rig's protocol excites no force to take fundamental, range and amplitude from.
     """
-    if rig.protocol is None:
-        raise ValueError(f"rig {rig.name}: no [protocol] to take fundamental, range and amplitudes from")
+    if rig.protocol is None or not lines_at(rig.protocol.excitations, "force").size:
+        raise ValueError(f"rig {rig.name}: the diagnosis campaign needs a [protocol] with an excitation at the force")
     rng = np.random.default_rng(seed)
     force, injection = _diagnosis_lines(rig, rng)
     amplitude = {e.at: e.amplitude for e in rig.protocol.excitations}

@@ -115,8 +115,11 @@ def simulate(
     ki: Annotated[float | None, typer.Option(help="A/(m s).")] = None,
     kd: Annotated[float | None, typer.Option(help="A s/m.")] = None,
     protocol: Annotated[str, typer.Option(help="sphs (the rig's own) or diagnosis (the good campaign).")] = "sphs",
-    force: Annotated[float | None, typer.Option(help="Peak force of the excitation, N.")] = None,
-    injection: Annotated[float | None, typer.Option(help="Peak injected current, A.")] = None,
+    excite: Annotated[
+        list[str],
+        typer.Option(help="Instead of the rig's: place=first:last[:step]@peak, e.g. force=1:249:2@0.4; repeat."),
+    ] = [],  # noqa: B006
+    fundamental: Annotated[float | None, typer.Option(help="Fundamental of --excite, Hz (default: the rig's).")] = None,
     periods: Annotated[int | None, typer.Option(min=2, help="Periods kept after the transient.")] = None,
     effect: EffectOption = [],  # noqa: B006
     seed: SeedOption = 0,
@@ -131,8 +134,8 @@ def simulate(
         rig,
         {"kp": kp, "ki": ki, "kd": kd},
         protocol,
-        force,
-        injection,
+        excite,
+        fundamental,
         periods,
         effect,
         seed,
@@ -144,11 +147,13 @@ def simulate(
 
 @app.command(epilog="Example: maglev bench --json bench.json")
 @friendly
-def bench(json_file: JsonOption = None) -> None:
+def bench(
+    out: Annotated[Path, typer.Option(help="HTML page to write.")] = Path("bench.html"), json_file: JsonOption = None
+) -> None:
     """Speed of the simulator and the estimators, as ratios to references measured in the same run."""
     from benchmarks import speed
 
-    speed.run(json_file)
+    speed.run(out, json_file)
 
 
 @app.command(epilog="Example: maglev effects")

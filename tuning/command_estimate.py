@@ -8,7 +8,7 @@ from rich.markup import escape
 
 from maglev_env.campaign import Campaign, RecordingSpec, load_campaign
 from maglev_env.campaign_tables import ChannelSource
-from maglev_env.excitation import Excitation
+from maglev_env.excitation import Excitation, parse_lines
 from maglev_env.identification import Identification, identify
 from maglev_env.recorded import recorded_signals
 from maglev_env.recording import read_recording
@@ -105,11 +105,7 @@ def _say(found: Identification) -> None:
 def _single(path: Path, mass: float | None, one: OneFile) -> Campaign:
     if one.rate is None or not one.rate > 0:
         raise ValueError(f"{path}: one file needs its sample rate: --rate HZ")
-    try:
-        first, last, *step = (int(part) for part in one.lines.split(":"))
-    except ValueError:
-        raise ValueError(f"--lines {one.lines!r} is not first:last or first:last:step") from None
-    excitation = Excitation("sphs", "force", one.fundamental, tuple(range(first, last + 1, *step)))
+    excitation = Excitation("sphs", "force", one.fundamental, parse_lines(one.lines))
     channels = {"force": _source(one.force), "displacement": _source(one.displacement)}
     spec = RecordingSpec(
         path.name, "fit", one.rate, one.start, one.samples, None, 0.0, None, None, (excitation,), channels

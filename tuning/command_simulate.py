@@ -9,11 +9,12 @@ from rich.table import Table
 
 from maglev_env.campaign_writer import write_campaign
 from maglev_env.effects import EFFECTS, parse_effects
+from maglev_env.excitation import parse_excitation
 from maglev_env.experiment import Experiment
 from maglev_env.gains import Gains
 from maglev_env.protocols import PlannedRecording, diagnosis_campaign, sphs_campaign
 from maglev_env.recording import simulated_recording
-from maglev_env.rig import Rig, load_rig
+from maglev_env.rig import Protocol, Rig, load_rig
 from maglev_env.simulate import simulate_records
 from tuning.output import console, progress_bar, write_json
 from tuning.page import write_page
@@ -29,8 +30,8 @@ def run(
     rig: str,
     gains: Mapping[str, float | None],
     protocol: str,
-    force: float | None,
-    injection: float | None,
+    excite: Sequence[str],
+    fundamental: float | None,
     periods: int | None,
     effects: Sequence[str],
     seed: int,
@@ -43,7 +44,7 @@ def run(
         raise ValueError(f"--protocol {protocol}: use one of {', '.join(PROTOCOLS)}")
     if (out / "campaign.toml").exists():
         raise ValueError(f"{out / 'campaign.toml'} exists; choose another --out or delete the folder")
-    loaded = _amplitudes(load_rig(rig), force, injection)
+    loaded = _excited(load_rig(rig), excite, fundamental)
     if loaded.protocol is None:
         raise ValueError(f"rig {loaded.name}: no [protocol] in its TOML; nothing says what to excite")
     chosen = {name: value for name, value in gains.items() if value is not None}
@@ -62,14 +63,16 @@ def run(
     write_json(json_file, _summary(loaded, recordings, toml))
 
 
-def _amplitudes(rig: Rig, force: float | None, injection: float | None) -> Rig:
-    if rig.protocol is None or (force is None and injection is None):
+def _excited(rig: Rig, excite: Sequence[str], fundamental: float | None) -> Rig:
+    """The rig with its protocol's excitations replaced by those of the command line, if any."""
+    if not excite:
+        if fundamental is not None:
+            raise ValueError("--fundamental goes with --excite")
         return rig
-    new = {"force": force, "current": injection}
-    excitations = tuple(
-        e if new.get(e.at) is None else replace(e, amplitude=new[e.at]) for e in rig.protocol.excitations
-    )
-    return replace(rig, protocol=replace(rig.protocol, excitations=excitations))
+    protocol = rig.protocol or Protocol(())
+    own = next((e.fundamental for e in protocol.excitations), 1.0)
+    excitations = tuple(parse_excitation(text, fundamental or own) for text in excite)
+    return replace(rig, protocol=replace(protocol, excitations=excitations))
 
 
 def _record(plan: PlannedRecording, e: Experiment) -> "xr.Dataset":

@@ -80,6 +80,14 @@ def test_simulate_check_and_estimate_agree_with_the_rig(campaign, tmp_path):
     assert json.loads(checked.read_text())["recordings"][0]["can"]["stiffness and damping"] == "yes"
 
 
+def test_an_excitation_of_ones_own_replaces_the_protocols(tmp_path):
+    out = tmp_path / "own"
+    options = ["--excite", "force=1:39:2@0.4", "--excite", "current=2:80:6@0.1", "--fundamental", 10, "--periods", 4]
+    run("simulate", "--out", out, *options)
+    text = run("estimate", out, "--band-width", 100, "--band-overlap", 50)
+    assert "peak sensitivity" in text and "injection" in text
+
+
 def test_one_file_can_be_looked_at_without_a_campaign(campaign, tmp_path):
     file = campaign / "run1.npz"
     common = ["--rate", 20000, "--fundamental", 5, "--lines", "1:40", "--band-width", 60]
@@ -112,6 +120,9 @@ def test_sweep_writes_table_page_dataset_and_json(tmp_path):
         (["sweep", "--rig", "pedestal", "--kp", "1:2:2"], "nothing to sweep"),
         (["sweep", "--effect", "gremlins=1"], "gremlins"),
         (["simulate", "--protocol", "party", "--out", "x"], "party"),
+        (["simulate", "--excite", "force=1:250", "--out", "x"], "place=first:last:step@peak"),
+        (["simulate", "--excite", "force=1:9@1", "--excite", "current=9:20@1", "--out", "x"], "line 9"),
+        (["simulate", "--excite", "force=5:1@1", "--out", "x"], "no harmonic"),
         (["simulate", "--kp", "500", "--ki", "0", "--kd", "0.1", "--out", "x"], "touched down"),
         (["simulate", "--rig", "pedestal", "--kp", "5", "--out", "x"], "no magnets"),
         (["estimate", "nowhere"], "nowhere"),
