@@ -77,6 +77,26 @@ def _minimise(f, y, sff, syy, sfy, w, m, k, c, free_k, free_c, tolerance):
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
+def _profile(f, y, sff, syy, sfy, w, m, k0, c0, k, c, step, slope, along_k):
+    """Lowest cost with one coefficient held `step` from the minimum (k0, c0).
+
+    The other starts where it costs least: where it last was (k, c), along the ridge, or at the minimum; in noise the
+    profile has side valleys, and a walk that stays in one would find no way back.
+    """
+    best, k1, c1 = np.inf, k0, c0
+    for start in range(3):
+        if along_k:
+            k2, c2 = k0 + step, c if start == 0 else (c0 + slope * step if start == 1 else c0)
+        else:
+            k2, c2 = k if start == 0 else (k0 + slope * step if start == 1 else k0), c0 + step
+        cost = _cost(f, y, sff, syy, sfy, w, m, k2, c2)
+        if cost < best:
+            best, k1, c1 = cost, k2, c2
+    k1, c1, best, _a, _b, _c = _minimise(f, y, sff, syy, sfy, w, m, k1, c1, not along_k, along_k, _ROUGH)
+    return k1, c1, best
+
+
+@nb.njit(cache=True, nogil=True, error_model="numpy")
 def _bound(f, y, sff, syy, sfy, w, m, k0, c0, cost0, threshold, start, slope, along_k):
     """Where the profile cost rises by threshold, walking from the minimum by `start`; infinite if it never does."""
     k, c = k0, c0
@@ -85,14 +105,7 @@ def _bound(f, y, sff, syy, sfy, w, m, k0, c0, cost0, threshold, start, slope, al
     step = start
     found = False
     for _ in range(_DOUBLINGS):
-        if along_k:
-            k, c, cost, _a, _b, _c = _minimise(
-                f, y, sff, syy, sfy, w, m, k0 + step, c + slope * (step - inside), False, True, _ROUGH
-            )
-        else:
-            k, c, cost, _a, _b, _c = _minimise(
-                f, y, sff, syy, sfy, w, m, k + slope * (step - inside), c0 + step, True, False, _ROUGH
-            )
+        k, c, cost = _profile(f, y, sff, syy, sfy, w, m, k0, c0, k, c, step, slope, along_k)
         g = np.sqrt(max(cost - cost0, 0.0) / threshold) - 1.0
         if g >= 0.0:
             outside, g_out, found = step, g, True
@@ -105,10 +118,7 @@ def _bound(f, y, sff, syy, sfy, w, m, k0, c0, cost0, threshold, start, slope, al
         mid = inside - g_in * (outside - inside) / (g_out - g_in)
         if abs(outside - inside) < 1e-3 * abs(outside):
             break
-        if along_k:
-            k, c, cost, _a, _b, _c = _minimise(f, y, sff, syy, sfy, w, m, k0 + mid, c, False, True, _ROUGH)
-        else:
-            k, c, cost, _a, _b, _c = _minimise(f, y, sff, syy, sfy, w, m, k, c0 + mid, True, False, _ROUGH)
+        k, c, cost = _profile(f, y, sff, syy, sfy, w, m, k0, c0, k, c, mid, slope, along_k)
         g = np.sqrt(max(cost - cost0, 0.0) / threshold) - 1.0
         if abs(g) < 1e-3:
             break

@@ -85,6 +85,12 @@ def load_campaign(folder_or_toml: str | Path) -> Campaign:
     """
     path = Path(folder_or_toml)
     path = path / "campaign.toml" if path.is_dir() else path
+    if not path.exists():
+        raise FileNotFoundError(f"{path} does not exist; name a campaign folder or its campaign.toml")
+    if path.suffix != ".toml":
+        raise ValueError(
+            f"{path} is not a campaign folder or campaign.toml; `maglev estimate` also reads one data file"
+        )
     if path.stat().st_size > MAX_FILE_BYTES:
         raise ValueError(f"{path}: larger than {MAX_FILE_BYTES} bytes; that is not a campaign file")
     try:

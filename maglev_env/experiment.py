@@ -31,6 +31,8 @@ class Experiment:
         check_interleaved(self.excitations)
         if not any(e.periodic for e in self.excitations):
             raise ValueError("experiment: give at least one periodic excitation (sphs or multisine)")
+        if not self.rig.controlled and any(e.at != "force" for e in self.excitations):
+            raise ValueError(f"experiment: rig {self.rig.name} has no magnets: only a force can excite it")
         if self.periods < 1 or self.transient_periods < 0:
             raise ValueError("experiment: periods must be at least 1 and transient_periods at least 0")
         if self.offset and abs(self.offset) >= self.rig.clearance:

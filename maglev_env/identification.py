@@ -1,6 +1,6 @@
 """From one recording to stiffness, damping and stability with their uncertainty: the `maglev estimate` pipeline."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -19,6 +19,7 @@ from maglev_env.linear import LoopResponse, loop_response
 from maglev_env.magnetics import force_law, linearise
 from maglev_env.rig import Rig
 
+NORMAL_95 = 1.959964
 BIAS_SHARE = 0.5  # least squares is called biased when noise moves it by half its own standard error
 
 
@@ -127,12 +128,18 @@ def identify(
         if modal.discrepancy:
             notes.append(
                 f"one mass, stiffness and damping miss {modal.discrepancy:.1%} of the displacement, "
-                f"{modal.cost_ratio:.3g} times the noise power: the rig is not linear or has more modes; "
-                "the standard errors include it"
+                f"{modal.cost_ratio:.3g} times the noise power: the rig is not linear, has more modes, or its support "
+                "varies with frequency as a controlled one does; the fit is that of the nearest such model, not the "
+                "rig's mass: give the mass if it is known"
             )
     if mass is None:
         raise ValueError("the moving mass is not known: give [parameters] mass, or estimate it with --estimate-mass")
     bands = _bands(force, mass, _layout(force, rig, band_width, band_overlap), signals, rig)
+    if modal:
+        bands = tuple(_with_mass_uncertainty(b, modal.mass_se) for b in bands)
+    sure = [b for b in bands if b.informative]
+    if sure and np.mean([b.damping_ci[1] < 0 for b in sure]) > 0.8:
+        notes.append("damping is negative nearly everywhere: is the sign of force or displacement flipped?")
     natural, zeta = (modal.natural_frequency, modal.damping_ratio) if modal else _crossing(bands, mass)
     if natural is None:
         notes.append("no informative band holds the natural frequency")
@@ -196,6 +203,17 @@ def _bands(
             )
         )  # fmt: skip
     return tuple(result)
+
+
+def _with_mass_uncertainty(band: Band, mass_se: float) -> Band:
+    """The band with its stiffness interval widened by m w^2's share: a wrong mass moves k by w^2 as much."""
+    shift = mass_se * (np.pi * (band.f_lo + band.f_hi)) ** 2
+    low, high = (band.stiffness - band.stiffness_ci[0], band.stiffness_ci[1] - band.stiffness)
+    ci = (
+        float(band.stiffness - np.hypot(low, NORMAL_95 * shift)),
+        float(band.stiffness + np.hypot(high, NORMAL_95 * shift)),
+    )
+    return replace(band, stiffness_se=float(np.hypot(band.stiffness_se, shift)), stiffness_ci=ci)
 
 
 def _effective(frequency: float, signals: RecordedSignals, rig: Rig | None) -> tuple[float | None, float | None]:

@@ -9,6 +9,7 @@ from estimation.periods import LineStatistics
 from estimation.sphs import crest_factor
 from maglev_env.excitation import lines_at
 from maglev_env.identification import RecordedSignals, record_statistics
+from maglev_env.rig import Rig
 
 GOOD_SNR = 10.0  # amplitude over noise of the mean: one line then gives 10 %
 POOR_SNR = 3.0
@@ -53,8 +54,11 @@ class Quality:
     problems: tuple[str, ...]
 
 
-def recording_quality(signals: RecordedSignals, bands: int = 8) -> Quality:
-    """Check one periodic recording; ValueError when it is not periodic or holds fewer than two periods."""
+def recording_quality(signals: RecordedSignals, rig: Rig | None = None, bands: int = 8) -> Quality:
+    """Check one periodic recording, against its rig's clearance where the rig is known.
+
+    ValueError when it is not periodic or holds fewer than two periods.
+    """
     statistics, dropped, leftover = record_statistics(signals)
     problems = []
     if statistics.periods < 4:
@@ -66,6 +70,12 @@ def recording_quality(signals: RecordedSignals, bands: int = 8) -> Quality:
         if c.resolution_share > 0.05:
             share = f"{c.resolution_share:.0%}"
             problems.append(f"{c.name}: one converter step is {share} of the rms: raise the amplitude")
+    reach = np.abs(signals.channels["displacement"]).max() if rig and "displacement" in signals.channels else 0.0
+    if rig and reach > rig.clearance:
+        problems.append(
+            f"displacement reaches {reach:.3g} m, beyond the rig's clearance of {rig.clearance:g} m: "
+            "check its scale and offset in [recording.channels]"
+        )
     force = [c for c in channels if c.name == "force"]
     if force and force[0].crest > 4:
         problems.append(f"force: crest factor {force[0].crest:.1f}; Schroeder phases reach 1.7")

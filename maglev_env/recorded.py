@@ -33,4 +33,10 @@ def recorded_signals(campaign: Campaign, spec: RecordingSpec, dataset: "xr.Datas
         held = any(e.periodic and e.at == "force" for e in spec.excitations)
         if held:
             assumed.append('intersample is not stated: at the control rate the force is taken as held ("zoh")')
+    if spec.intersample is None and not held:
+        half = 0.5 / spec.sample_rate
+        assumed.append(
+            f'intersample is not stated: the force is taken as continuous ("bl"); held by a converter ("zoh") it would '
+            f"act {half:.3g} s later, and the damping be smaller by {half:.3g} s times the stiffness"
+        )
     return RecordedSignals(channels, spec.sample_rate, spec.excitations, held, spec.gains, tuple(assumed))

@@ -46,7 +46,10 @@ def read_recording(campaign: Campaign, spec: RecordingSpec) -> "xr.Dataset":
         finite = np.isfinite(values)
         if not finite.all():
             at = spec.start + int(np.argmin(finite))
-            raise ValueError(f"{path}: channel {name!r}: sample {at} is {values[at - spec.start]}, not a finite number")
+            raise ValueError(
+                f"{path}: channel {name!r}: sample {at} is {values[at - spec.start]}, not a finite number; "
+                "mend it, or use `start` and `samples` to leave it out"
+            )
         if name == "time":
             _check_time(path, values, spec)
             continue

@@ -171,6 +171,10 @@ def load_rig(source: str | Path) -> Rig:
     path = Path(source)
     if path.suffix != ".toml":
         raise ValueError(f"rig {str(source)!r} is neither a preset ({', '.join(PRESETS)}) nor a .toml file")
+    if not path.exists():
+        raise FileNotFoundError(
+            f"rig file {str(path)!r} does not exist; name a .toml with / between folders, or a preset"
+        )
     if path.stat().st_size > MAX_FILE_BYTES:
         raise ValueError(f"{path}: larger than {MAX_FILE_BYTES} bytes; that is not a rig file")
     return rig_from_toml(path.read_text(), str(path))

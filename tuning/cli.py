@@ -49,7 +49,9 @@ def sweep(
     kp: Annotated[str | None, typer.Option(help="lo:hi:n in A/m, or one value.")] = None,
     ki: Annotated[str | None, typer.Option(help="lo:hi:n in A/(m s), or one value.")] = None,
     kd: Annotated[str | None, typer.Option(help="lo:hi:n in A s/m, or one value.")] = None,
-    log: Annotated[bool | None, typer.Option("--log/--linear", help="Spacing (default: log over [bounds]).")] = None,
+    log: Annotated[
+        bool | None, typer.Option("--log/--linear", help="Spacing (default: log over the rig's bounds).")
+    ] = None,
     sobol: Annotated[int, typer.Option(min=0, help="So many Sobol points instead of the grid.")] = 0,
     effect: EffectOption = [],  # noqa: B006
     seed: SeedOption = 0,
@@ -59,7 +61,7 @@ def sweep(
 ) -> None:
     """Score every gain set of a grid (or Sobol set) by a simulated SPHS experiment: table, dataset and HTML maps.
 
-    Without --kp, --ki and --kd it sweeps the rig's [bounds]; with some of them, the others stay at the preset.
+    Without --kp, --ki and --kd it sweeps the rig's bounds; with some of them, the others stay at the preset.
     """
     from tuning import command_sweep
 
@@ -84,13 +86,17 @@ def estimate(
     samples: Annotated[
         int | None, typer.Option(min=1, help="One file: how many samples (default: to the end).")
     ] = None,
+    intersample: Annotated[
+        str | None,
+        typer.Option(help="One file: the force between samples, bl (continuous) or zoh (held by a converter)."),
+    ] = None,
     out: Annotated[Path | None, typer.Option(help="HTML page (default: beside the source).")] = None,
     json_file: JsonOption = None,
 ) -> None:
     """Stiffness, damping, margins and distortion of recordings, with honest intervals."""
     from tuning import command_estimate
 
-    one = command_estimate.OneFile(rate, fundamental, lines, force, displacement, start, samples)
+    one = command_estimate.OneFile(rate, fundamental, lines, force, displacement, start, samples, intersample)
     command_estimate.run(source, method, estimate_mass, band_width, band_overlap, mass, one, out, json_file)
 
 

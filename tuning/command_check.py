@@ -8,7 +8,7 @@ from maglev_env.campaign import load_campaign
 from maglev_env.quality import Quality, recording_quality
 from maglev_env.recorded import recorded_signals
 from maglev_env.recording import read_recording
-from tuning.output import console, write_json
+from tuning.output import console, require_folder, write_json
 from tuning.page import plain, write_page
 from tuning.record_page import record_page
 
@@ -16,17 +16,19 @@ from tuning.record_page import record_page
 def run(source: Path, out: Path | None, json_file: Path | None) -> None:
     """See `tuning.cli.check`."""
     campaign = load_campaign(source)
+    page = out or campaign.folder / "check.html"
+    require_folder(json_file, "--json")
+    require_folder(page, "--out")
     found, datasets = [], []
     for spec in campaign.recordings:
         dataset = read_recording(campaign, spec)
-        quality = recording_quality(recorded_signals(campaign, spec, dataset))
+        quality = recording_quality(recorded_signals(campaign, spec, dataset), campaign.rig)
         found.append((spec.file, quality))
         datasets.append((spec.file, dataset))
         for table in _tables(spec.file, quality):
             console.print(table)
         for problem in quality.problems:
             console.print(f"  [yellow]![/] {problem}")
-    page = out or campaign.folder / "check.html"
     write_page(page, record_page(f"Check of {campaign.folder.name}", datasets))
     console.print(f"page  {page}")
     write_json(json_file, {"schema": "maglev-check/1", "recordings": [{"file": f, **plain(q)} for f, q in found]})

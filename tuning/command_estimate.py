@@ -13,7 +13,7 @@ from maglev_env.identification import Identification, identify
 from maglev_env.recorded import recorded_signals
 from maglev_env.recording import read_recording
 from tuning.estimate_report import estimate_json, estimate_page, estimate_table
-from tuning.output import console, progress_bar, write_json
+from tuning.output import console, progress_bar, require_folder, write_json
 from tuning.page import write_page
 
 METHODS = ("ls", "ml", "both")
@@ -22,7 +22,7 @@ METHODS = ("ls", "ml", "both")
 @dataclass(frozen=True)
 class OneFile:
     """How to read a single file: rate Hz (None: not given), fundamental Hz, lines first:last[:step], columns
-    name[*scale] of force and displacement, first sample and how many."""
+    name[*scale] of force and displacement, first sample and how many, and whether the force is "bl" or "zoh"."""
 
     rate: float | None
     fundamental: float
@@ -31,6 +31,7 @@ class OneFile:
     displacement: str
     start: int
     samples: int | None
+    intersample: str | None
 
 
 def run(
@@ -51,8 +52,15 @@ def run(
         raise ValueError(f"--mass {mass} kg must be positive")
     if mass is not None and estimate_mass:
         raise ValueError("give --mass or --estimate-mass, not both")
+    if not source.exists():
+        raise FileNotFoundError(f"{source} does not exist; name a campaign folder or a data file")
+    if band_width is not None and not band_width > 0:
+        raise ValueError(f"--band-width {band_width} Hz must be positive")
     is_campaign = source.is_dir() or source.suffix == ".toml"
     campaign = load_campaign(source) if is_campaign else _single(source, mass, one)
+    page = out or (campaign.folder / "estimate.html" if is_campaign else source.with_suffix(".html"))
+    require_folder(page, "--out")
+    require_folder(json_file, "--json")
     mass = campaign.mass if mass is None else mass
     results: list[tuple[str, Identification]] = []
     with progress_bar() as bar:
@@ -63,15 +71,14 @@ def run(
             except ValueError as error:
                 raise ValueError(f"{campaign.folder / spec.file}: {error}") from error
             results.append((spec.file, found))
+    rig = f"{campaign.rig.name}, {mass:g} kg" if campaign.rig else "not given"
+    write_page(page, estimate_page(results, {"Rig": rig, "Campaign": str(campaign.folder)}))
+    write_json(json_file, estimate_json(results, method))
     for file, found in results:
         console.print(f"\n[bold]{escape(file)}[/]")
         console.print(estimate_table(found, method))
         _say(found)
-    page = out or (campaign.folder / "estimate.html" if is_campaign else source.with_suffix(".html"))
-    rig = f"{campaign.rig.name}, {mass:g} kg" if campaign.rig else "not given"
-    write_page(page, estimate_page(results, {"Rig": rig, "Campaign": str(campaign.folder)}))
     console.print(f"page  {page}")
-    write_json(json_file, estimate_json(results, method))
 
 
 def _say(found: Identification) -> None:
@@ -108,7 +115,18 @@ def _single(path: Path, mass: float | None, one: OneFile) -> Campaign:
     excitation = Excitation("sphs", "force", one.fundamental, parse_lines(one.lines))
     channels = {"force": _source(one.force), "displacement": _source(one.displacement)}
     spec = RecordingSpec(
-        path.name, "fit", one.rate, one.start, one.samples, None, 0.0, None, None, (excitation,), channels
+        path.name,
+        "fit",
+        one.rate,
+        one.start,
+        one.samples,
+        None,
+        0.0,
+        None,
+        None,
+        (excitation,),
+        channels,
+        one.intersample,
     )
     return Campaign(path.parent, None, mass, (spec,))
 

@@ -16,7 +16,7 @@ from maglev_env.protocols import PlannedRecording, diagnosis_campaign, sphs_camp
 from maglev_env.recording import simulated_recording
 from maglev_env.rig import Protocol, Rig, load_rig
 from maglev_env.simulate import simulate_records
-from tuning.output import console, progress_bar, write_json
+from tuning.output import console, progress_bar, require_folder, write_json
 from tuning.page import write_page
 from tuning.record_page import record_page
 
@@ -42,6 +42,7 @@ def run(
     """See `tuning.cli.simulate`."""
     if protocol not in PROTOCOLS:
         raise ValueError(f"--protocol {protocol}: use one of {', '.join(PROTOCOLS)}")
+    require_folder(json_file, "--json")
     if (out / "campaign.toml").exists():
         raise ValueError(f"{out / 'campaign.toml'} exists; choose another --out or delete the folder")
     loaded = _excited(load_rig(rig), excite, fundamental)
@@ -99,6 +100,6 @@ def list_effects() -> None:
     """See `tuning.cli.effects`."""
     table = Table("effect", "block", "parameters", "source")
     for name, kind in EFFECTS.items():
-        parameters = ", ".join(f"{k} [{p.low:g} .. {p.high:g} {p.unit}]" for k, p in kind.parameters.items())
+        parameters = ", ".join(f"{k} {p.low:g} .. {p.high:g} {p.unit}".strip() for k, p in kind.parameters.items())
         table.add_row(name, kind.block, parameters, kind.source)
     console.print(table)

@@ -6,7 +6,7 @@ from time import perf_counter
 
 from maglev_env.effects import parse_effects
 from maglev_env.rig import load_rig
-from tuning.output import console, progress_bar, write_json
+from tuning.output import console, progress_bar, require_folder, write_json
 from tuning.page import write_page
 from tuning.sweep import SWEPT, Sweep, default_axes, gain_sets, parse_axis, run_sweep
 from tuning.sweep_report import sweep_page, sweep_summary, sweep_table
@@ -26,10 +26,14 @@ def run(
     """See `tuning.cli.sweep`."""
     loaded = load_rig(rig)
     given = {name: parse_axis(text) for name, text in axes.items() if text is not None}
-    log = (not given) if log is None else log
+    if not loaded.controlled:
+        raise ValueError(f"rig {loaded.name} has no controlled magnet: there is nothing to sweep")
     chosen = {n: given[n] for n in SWEPT if n in given} or default_axes(loaded)
+    if log is None:
+        log = not given and all(axis.low > 0 for axis in chosen.values())
     plan = Sweep(loaded, chosen, log, sobol, parse_effects(effects), seed)
     folder = out or Path(f"sweep-{loaded.name}")
+    require_folder(json_file, "--json")
     total = len(gain_sets(plan))
     reused = 0
     started = perf_counter()
@@ -50,6 +54,7 @@ def run(
     summary = sweep_summary(dataset, seconds, reused)
     page = folder / "sweep.html"
     write_page(page, sweep_page(dataset))
+    write_json(json_file, summary)
     console.print(sweep_table(dataset))
     rate = summary["experiments_per_second"]
     console.print(
@@ -58,4 +63,3 @@ def run(
         + (f", {reused} reused from {folder}" if reused else "")
     )
     console.print(f"data  {folder / 'sweep.nc'}\npage  {page}")
-    write_json(json_file, summary)

@@ -22,6 +22,8 @@ if TYPE_CHECKING:
     from plotly.graph_objects import Figure
 
 Method = Literal["ls", "ml", "both"]
+# Constant coefficients do not describe a band that noise does not rule when both say so: adjusted R2 and p of the fit.
+POOR_FIT, MISFIT = 0.9, 1e-3
 ROWS = 30  # bands that a terminal shows
 _SHARED = ("f_lo", "f_hi")
 _MARGINS = {  # label, factor from SI, unit
@@ -74,7 +76,7 @@ def estimate_table(identification: Identification, method: Method) -> "rich.tabl
             for name, (_, unit) in COEFFICIENTS.items():
                 table.add_column(f"{one.upper()} {name}\n{unit}", justify="right", min_width=len(name))
     table.add_column("adjusted\nR2", justify="right", no_wrap=True)
-    table.add_column("\ntrust", no_wrap=True)
+    table.add_column("\ntrust", no_wrap=True, min_width=13)
     for band in bands[::step]:
         cells = [f"{band.f_lo:g}–{band.f_hi:g}"]
         for one in ("ls", "ml"):
@@ -115,7 +117,10 @@ def _band(band: Band, method: str) -> dict[str, Any]:
 def _trust(band: Band) -> str:
     if not band.informative:
         return "uninformative"
-    return "ML" if band.ls_biased else "either"
+    if band.ls_biased:
+        return "ML"
+    misfit = band.fit_p < MISFIT and band.r2_adjusted < POOR_FIT
+    return "poor fit" if misfit else "either"
 
 
 def _stability(found: Stability) -> dict[str, Any]:

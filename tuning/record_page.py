@@ -82,6 +82,6 @@ def _spectra(dataset: "xr.Dataset") -> go.Figure:
             x=statistics.frequency, y=noise, row=row, col=1, name="noise of the mean", showlegend=row == 1,
             line={"width": 1, "color": "#D55E00"},
         )  # fmt: skip
-        figure.update_yaxes(title_text=f"{name}, {unit}", type="log", row=row, col=1)
-    figure.update_xaxes(title_text="frequency, Hz", type="log", row=len(names), col=1)
+        figure.update_yaxes(title_text=f"{name}, {unit}", type="log", exponentformat="power", row=row, col=1)
+    figure.update_xaxes(type="log").update_xaxes(title_text="frequency, Hz", row=len(names), col=1)
     return styled(figure, 200 * len(names) + 80)

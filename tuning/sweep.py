@@ -59,7 +59,7 @@ class Sweep:
             if not (np.isfinite(axis.low) and np.isfinite(axis.high) and axis.low <= axis.high and axis.points >= 1):
                 raise ValueError(f"sweep: {name} = {axis.low}:{axis.high}:{axis.points} must be lo <= hi and n >= 1")
             if self.log and axis.low <= 0:
-                raise ValueError(f"sweep: {name} from {axis.low}: a logarithmic axis starts above 0")
+                raise ValueError(f"sweep: {name} from {axis.low}: a logarithmic axis starts above 0; use --linear")
 
 
 def parse_axis(text: str) -> Axis:

@@ -7,11 +7,14 @@ import pytest
 from drawn_spectra import draw, expected_force_statistics, rig_experiment, two_channels, within
 from scipy import stats
 
+from estimation.bands import sliding_bands
 from estimation.frequency_response import frequency_response
 from estimation.least_squares import least_squares
 from estimation.max_likelihood import least_squares_bias, maximum_likelihood
 from maglev_env.evaluation import force_statistics
+from maglev_env.experiment import protocol_experiment
 from maglev_env.linear import without_noise
+from maglev_env.rig import load_rig
 from maglev_env.simulate import simulate_statistics
 
 CENTRES = (30.0, 70.0, 150.0, 240.0)
@@ -210,3 +213,16 @@ def test_profile_intervals_cover_through_the_simulated_loop(name):
     estimate = maximum_likelihood(force, bands, experiment.rig.mass)
     for i in range(len(bands)):
         assert_covers(estimate, truth.stiffness[0, i], truth.damping[0, i], column=i)
+
+
+def test_no_bound_collapses_onto_its_estimate_where_noise_gives_the_profile_side_valleys():
+    rig = load_rig("hmb_axial")
+    experiments = [protocol_experiment(rig, seed=i) for i in range(48)]
+    statistics = force_statistics(simulate_statistics(experiments).statistics, experiments[0])
+    estimate = maximum_likelihood(statistics, sliding_bands(statistics.frequency, 10.0, 8.0), rig.mass)
+    for value, se, low, high in (
+        (estimate.stiffness, estimate.stiffness_se, estimate.stiffness_low, estimate.stiffness_high),
+        (estimate.damping, estimate.damping_se, estimate.damping_low, estimate.damping_high),
+    ):
+        ok = estimate.informative
+        assert ((high - value)[ok] > 0.2 * se[ok]).all() and ((value - low)[ok] > 0.2 * se[ok]).all()

@@ -57,6 +57,11 @@ def test_the_mass_can_be_estimated_with_the_rest(pedestal):
     m = found.modal
     assert abs(m.mass - 0.79) < 4 * m.mass_se < 0.01
     assert abs(m.natural_frequency - 65.67) < 0.01
+    known = identify(signals, None, 0.79, band_width=10.0, band_overlap=8.0)
+    for with_it, without in zip(found.bands, known.bands, strict=True):
+        # What is not known of the mass is not known of the stiffness, w^2 as much.
+        shift = m.mass_se * (np.pi * (with_it.f_lo + with_it.f_hi)) ** 2
+        assert with_it.stiffness_se == pytest.approx(np.hypot(without.stiffness_se, shift), rel=0.02)
     with pytest.raises(ValueError, match="--estimate-mass"):
         identify(signals, None, None)
 
@@ -117,6 +122,16 @@ def test_quality_tells_what_a_record_is_good_for(levitated):
     assert weak.bands[0].verdict == "good" and weak.bands[-1].verdict == "noise rules"
     assert any("lost in noise" in p for p in weak.problems)
     assert weak.can["margins"].startswith("no") and weak.can["amplifier block"].startswith("no")
+
+
+def test_mistakes_of_scale_and_sign_are_pointed_out(pedestal):
+    rig, signals = pedestal
+    huge = replace(signals, channels=signals.channels | {"displacement": signals.channels["displacement"] * 1e3})
+    assert any("clearance" in p for p in recording_quality(huge, rig).problems)
+    assert not any("clearance" in p for p in recording_quality(signals, rig).problems)
+    flipped = replace(signals, channels=signals.channels | {"force": -signals.channels["force"]})
+    assert any("sign" in n for n in identify(flipped, rig, rig.mass).notes)
+    assert not any("sign" in n for n in identify(signals, rig, rig.mass).notes)
 
 
 def test_what_is_missing_is_named(pedestal):

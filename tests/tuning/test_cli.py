@@ -94,10 +94,26 @@ def test_one_file_can_be_looked_at_without_a_campaign(campaign, tmp_path):
     text = run("estimate", file, *common, "--estimate-mass", "--json", tmp_path / "o.json")
     assert "mass" in text
     found = json.loads((tmp_path / "o.json").read_text())["recordings"][0]
-    # A single file is taken as readings of a continuous force: mass and stiffness survive that, damping less so.
-    assert found["mass"] == pytest.approx(0.5, rel=5e-3) and found["natural_frequency"] == pytest.approx(31.83, abs=0.1)
+    # Without a word on the force between samples it is taken as continuous, and the output says so.
+    assert found["mass"] == pytest.approx(0.5, rel=5e-3) and "intersample is not stated" in text
+    run(
+        "estimate",
+        file,
+        *common,
+        "--mass",
+        0.5,
+        "--intersample",
+        "zoh",
+        "--json",
+        tmp_path / "o.json",
+        "--method",
+        "ml",
+    )
+    run("estimate", campaign, "--band-width", 60, "--json", tmp_path / "c.json", "--method", "ml")
+    one, two = (json.loads((tmp_path / f"{n}.json").read_text())["recordings"][0]["bands"] for n in "oc")
+    assert [b["stiffness"] for b in one][:3] == pytest.approx([b["stiffness"] for b in two][:3], rel=1e-3)
     assert "sample rate" in run("estimate", file, "--mass", 0.5, code=2)
-    assert "names" in run("estimate", file, *common, "--mass", 0.5, "--force", "F", code=2) or True
+    assert "force" in run("estimate", file, *common, "--mass", 0.5, "--force", "F", code=2)
 
 
 def test_sweep_writes_table_page_dataset_and_json(tmp_path):
@@ -125,13 +141,18 @@ def test_sweep_writes_table_page_dataset_and_json(tmp_path):
         (["simulate", "--excite", "force=5:1@1", "--out", "x"], "no harmonic"),
         (["simulate", "--kp", "500", "--ki", "0", "--kd", "0.1", "--out", "x"], "touched down"),
         (["simulate", "--rig", "pedestal", "--kp", "5", "--out", "x"], "no magnets"),
-        (["estimate", "nowhere"], "nowhere"),
+        (["estimate", "nowhere"], "does not exist"),
+        (["estimate", "here.npz", "--band-width", "-4"], "--band-width"),
+        (["sweep", "--json", "no/folder/s.json"], "the folder no/folder does not exist"),
+        (["sweep", "--rig", "pedestal"], "no controlled magnet"),
+        (["simulate", "--rig", "pedestal", "--excite", "current=1:9@1", "--out", "x"], "only a force can excite"),
         (["check", "nowhere"], "nowhere"),
         (["estimate", "nowhere", "--method", "magic"], "magic"),
     ],
 )
 def test_bad_input_ends_with_one_message_and_code_2(arguments, words, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
+    Path("here.npz").write_bytes(b"")
     text = run(*arguments, code=2)
     assert words in text and text.startswith("maglev:") and "Traceback" not in text
     assert not Path("x").exists() or not any(Path("x").iterdir())
