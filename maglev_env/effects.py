@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from math import floor
 
 from numpy import isfinite
 
@@ -105,6 +106,13 @@ def effect_value(effects: Effects, name: str) -> float:
     """The first parameter of an effect, or its absent value."""
     key, parameter = next(iter(EFFECTS[name].parameters.items()))
     return effects.get(name, {}).get(key, parameter.absent)
+
+
+def split_delay(effects: Effects, dt: float) -> tuple[int, float]:
+    """The delay effect as whole samples of dt (s) and the rest, s in 0 .. dt."""
+    delay = effect_value(effects, "delay")
+    whole = floor(delay / dt * (1 + 1e-12))
+    return whole, min(max(delay - whole * dt, 0.0), dt)
 
 
 def parse_effects(texts: Iterable[str]) -> dict[str, dict[str, float]]:

@@ -1,10 +1,7 @@
 """Score gain sets the way a rig would be scored: simulate the identification experiment, estimate, score."""
 
-import os
 from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, fields, replace
-from functools import lru_cache
 
 import numpy as np
 
@@ -20,6 +17,7 @@ from maglev_env.linear import closed_loop_poles, expected_statistics
 from maglev_env.rig import Rig
 from maglev_env.score import ScoreTarget, score, terms
 from maglev_env.simulate import SimulatedStatistics, simulate_statistics
+from maglev_env.threads import over_threads
 
 CHUNK = 64  # experiments estimated together: keeps the largest temporary near 10 MB per thread
 
@@ -66,27 +64,12 @@ def score_target(rig: Rig) -> ScoreTarget:
     t = rig.target
     stiffness, damping = t.stiffness, t.damping
     if stiffness is None or damping is None:
-        nominal = _nominal_coefficients(_Identity(rig))
+        nominal = _nominal_coefficients(rig)
         stiffness, damping = stiffness or nominal[0], damping or nominal[1]
     return ScoreTarget(stiffness, damping, t.peak_sensitivity, rig.clearance, t.current_limit, rig.gap)
 
 
-@dataclass(frozen=True, eq=False)
-class _Identity:
-    """A rig hashed by identity, so that its target is worked out once per rig object."""
-
-    rig: Rig
-
-    def __hash__(self) -> int:
-        return id(self.rig)
-
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, _Identity) and other.rig is self.rig
-
-
-@lru_cache(maxsize=32)
-def _nominal_coefficients(identity: _Identity) -> tuple[float, float]:
-    rig = identity.rig
+def _nominal_coefficients(rig: Rig) -> tuple[float, float]:
     p = rig.protocol
     experiment = Experiment(rig, rig.gains, p.excitations, p.periods, p.transient_periods)
     radius = np.abs(closed_loop_poles(experiment)).max()
@@ -123,15 +106,10 @@ def evaluate(
     chunks = [experiments[i : i + CHUNK] for i in range(0, len(experiments), CHUNK)]
     target = score_target(experiments[0].rig)
     parts = []
-    with ThreadPoolExecutor(threads or os.cpu_count() or 1) as pool:
-        try:
-            for part in pool.map(lambda chunk: _evaluate_chunk(chunk, target), chunks):
-                parts.append(part)
-                if progress:
-                    progress(len(part.score))
-        except BaseException:
-            pool.shutdown(wait=True, cancel_futures=True)
-            raise
+    for part in over_threads(lambda chunk: _evaluate_chunk(chunk, target), chunks, threads):
+        parts.append(part)
+        if progress:
+            progress(len(part.score))
     return _concatenate(parts)
 
 

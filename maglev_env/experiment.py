@@ -2,6 +2,8 @@
 
 from dataclasses import dataclass, field
 
+import numpy as np
+
 from maglev_env.effects import NO_EFFECTS, Effects, check_effects
 from maglev_env.excitation import Excitation, check_interleaved
 from maglev_env.gains import Gains
@@ -45,6 +47,11 @@ class Experiment:
     @property
     def samples_per_period(self) -> int:
         return next(e for e in self.excitations if e.periodic).samples_per_period(self.rig.control_rate)
+
+    def waveform(self, place: str) -> np.ndarray:
+        """One period of what drives "force" (N), "current" (A) or "reference" (m, without the offset); or zeros."""
+        waves = [e.waveform(self.rig.control_rate) for e in self.excitations if e.periodic and e.at == place]
+        return sum(waves, np.zeros(self.samples_per_period))
 
 
 def protocol_experiment(

@@ -7,7 +7,7 @@ import numpy as np
 from scipy.linalg import expm
 
 from maglev_env import kernel as k
-from maglev_env.effects import effect_value
+from maglev_env.effects import effect_value, split_delay
 from maglev_env.experiment import Experiment
 from maglev_env.magnetics import force_law, linearise
 
@@ -44,13 +44,11 @@ def lane_batch(experiments: Sequence[Experiment], substeps: int = 1) -> LaneBatc
     rows = np.zeros((k.ROWS + (substeps - 1) * k.CHAIN_ROWS, len(experiments)))
     rows[: k.ROWS] = np.array([_parameters(e, substeps) for e in experiments]).T
     dt = np.array([1 / e.rig.control_rate for e in experiments])
-    delay = np.array([effect_value(e.effects, "delay") for e in experiments])
-    whole = np.floor(delay / dt * (1 + 1e-12))
+    whole, fraction = np.array([split_delay(e.effects, t) for e, t in zip(experiments, dt, strict=True)]).T
     rows[k.DELAY_STEPS] = whole
     structure = structure_of(experiments[0])
     sensor = _poles([(e.rig.sensor_time_constant, effect_value(e.effects, "sensor_lag")) for e in experiments])
     amplifier = _poles([(e.rig.amplifier_time_constant, effect_value(e.effects, "amplifier_lag")) for e in experiments])
-    fraction = np.clip(delay - whole * dt, 0, dt)
     gain_scale, pull = np.array([_actuator(e) for e in experiments]).T
     h = dt / substeps
     for s in range(substeps):

@@ -6,7 +6,7 @@ import numpy as np
 from scipy.linalg import expm
 
 from estimation.periods import LineStatistics
-from maglev_env.effects import effect_value
+from maglev_env.effects import effect_value, split_delay
 from maglev_env.experiment import Experiment
 from maglev_env.magnetics import force_law, linearise
 
@@ -39,8 +39,8 @@ def loop_response(experiment: Experiment, frequency: np.ndarray) -> LoopResponse
     a, b_force, b_old, b_new, c = discrete_plant(experiment, dt)
     resolvent = np.linalg.inv(z[:, None, None] * np.eye(len(a)) - a)
     probe = 1 + effect_value(experiment.effects, "sensor_gain")
-    whole = np.floor(effect_value(experiment.effects, "delay") / dt * (1 + 1e-12))
-    command = z[:, None] ** -whole * (b_new + z[:, None] ** -1 * b_old)
+    whole, _ = split_delay(experiment.effects, dt)
+    command = z[:, None] ** float(-whole) * (b_new + z[:, None] ** -1 * b_old)
     plant = probe * np.einsum("i,nij,nj->n", c, resolvent, command)
     open_receptance = probe * np.einsum("i,nij,j->n", c, resolvent, b_force)
     loop = controller * plant
@@ -59,7 +59,7 @@ def closed_loop_poles(experiment: Experiment) -> np.ndarray:
     a, _, b_old, b_new, c = discrete_plant(experiment, dt)
     n = len(a)
     c = c * (1 + effect_value(experiment.effects, "sensor_gain"))
-    delay = int(np.floor(effect_value(experiment.effects, "delay") / dt * (1 + 1e-12)))
+    delay, _ = split_delay(experiment.effects, dt)
     # States: plant, d, x, then the last delay + 1 commands, newest first.
     size = n + 2 + delay + 1
     m = np.zeros((size, size))
@@ -87,8 +87,7 @@ def expected_statistics(experiment: Experiment, lines: np.ndarray) -> LineStatis
     rig, n = experiment.rig, experiment.samples_per_period
 
     def drive(at: str) -> np.ndarray:
-        wave = sum((e.waveform(rig.control_rate) for e in experiment.excitations if e.at == at), np.zeros(n))
-        return np.fft.rfft(wave)[lines] * (2 / n)
+        return np.fft.rfft(experiment.waveform(at))[lines] * (2 / n)
 
     force, injection, reference = drive("force"), drive("current"), drive("reference")
     s = response.sensitivity
@@ -134,8 +133,7 @@ def discrete_plant(e: Experiment, dt: float) -> tuple[np.ndarray, ...]:
         row = 2 + len(amplifier) + j
         m[row, row], m[row, seen] = -1 / t, 1 / t
         seen = row
-    delay = effect_value(effects, "delay")
-    switch = np.clip(delay - np.floor(delay / dt * (1 + 1e-12)) * dt, 0, dt)
+    _, switch = split_delay(effects, dt)
     first, second, whole = expm(m * switch), expm(m * (dt - switch)), expm(m * dt)
     b_old = second[:n, :n] @ first[:n, command_input]
     c_row = np.zeros(n)

@@ -1,8 +1,6 @@
 """Run experiments in lanes: to line statistics, one period in memory at a time, or to full recordings."""
 
-import os
-from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import chain, islice
 
@@ -15,6 +13,7 @@ from maglev_env.excitation import lines_at
 from maglev_env.experiment import Experiment
 from maglev_env.lanes import SEEDED, LaneBatch, lane_batch, structure_of
 from maglev_env.noise import line_noise, series_noise
+from maglev_env.threads import over_threads
 
 CHANNELS = ("displacement", "command", "current", "force")
 # Channels whose spectra the estimators use; the injection is digital and known exactly.
@@ -45,36 +44,31 @@ class _Block:
 
 
 def simulate_statistics(
-    experiments: Sequence[Experiment],
-    lines: np.ndarray | None = None,
-    substeps: int = 1,
-    threads: int | None = None,
-    progress: Callable[[int], None] | None = None,
+    experiments: Sequence[Experiment], substeps: int = 1, threads: int | None = None
 ) -> SimulatedStatistics:
     """Line statistics of experiments that share excitations and schedule; gains, effects, rig and seed may differ.
 
-    lines: harmonic numbers to keep (default: the excited ones). threads: default all cores; it never changes a
-    result. progress is called with the number of experiments finished. ValueError when experiments do not share
-    excitations, periods, offset and control rate, or keep fewer than two periods.
+    The lines are the excited ones. threads: default all cores; it never changes a result. ValueError when experiments
+    do not share excitations, periods, offset and control rate, or keep fewer than two periods.
     """
     first = _common(experiments)
     if first.periods < 2:
         raise ValueError("experiment: statistics over periods need at least two kept periods")
-    lines = lines_at(first.excitations) if lines is None else np.asarray(lines)
+    lines = lines_at(first.excitations)
     n, channels = len(experiments), SPECTRAL
     mean = np.full((n, len(channels), len(lines)), np.nan, complex)
     covariance = np.full((n, len(channels), len(channels), len(lines)), np.nan, complex)
     touchdown, peak, rms = np.full(n, np.nan), np.full(n, np.nan), np.full(n, np.nan)
-    injection = _waveform(first, "current")
+    injection = first.waveform("current")
     injected = scipy.fft.rfft(injection)[lines] * (2 / injection.size)
 
-    def run(block: _Block) -> int:
+    def run(block: _Block) -> None:
         state = _State(block)
         spectra = _block_spectra(block, state, lines, injected)
         begun = list(islice(spectra, 2))
         if len(begun) < 2:  # every lane has touched down
             touchdown[block.members] = state.touchdown_time()[: len(block.members)]
-            return len(block.members)
+            return
         result = line_statistics(chain(begun, spectra), first.fundamental, lines, channels)
         alive = state.rows[k.ALIVE, : len(block.members)] > 0
         members, kept = block.members[alive], np.flatnonzero(alive)
@@ -83,11 +77,9 @@ def simulate_statistics(
         peak[members] = state.rows[k.PEAK, kept]
         rms[members] = np.sqrt(state.rows[k.CURRENT_SQ, kept] / samples)
         touchdown[block.members[~alive]] = state.touchdown_time()[: len(block.members)][~alive]
-        return len(block.members)
 
-    for done in _over_threads(run, _blocks(experiments, substeps), threads):
-        if progress:
-            progress(done)
+    for _ in over_threads(run, _blocks(experiments, substeps), threads):
+        pass
     statistics = LineStatistics(lines * first.fundamental, lines, channels, mean, covariance, first.periods)
     return SimulatedStatistics(statistics, touchdown, peak, rms)
 
@@ -100,9 +92,9 @@ def simulate_records(experiments: Sequence[Experiment], substeps: int = 1, threa
     first = _common(experiments)
     periods, n = first.periods + first.transient_periods, first.samples_per_period
     records = np.full((len(experiments), len(CHANNELS), periods * n), np.nan)
-    force = _waveform(first, "force")
+    force = first.waveform("force")
 
-    def run(block: _Block) -> int:
+    def run(block: _Block) -> None:
         state = _State(block)
         for i, out in enumerate(_periods(block, state, periods, len(k.CHANNELS))):
             span = slice(i * n, (i + 1) * n)
@@ -116,9 +108,8 @@ def simulate_records(experiments: Sequence[Experiment], substeps: int = 1, threa
         for lane, time in zip(block.members, state.touchdown_time(), strict=False):
             if not np.isnan(time):
                 records[lane, :, round(time * first.rig.control_rate) :] = np.nan
-        return len(block.members)
 
-    for _ in _over_threads(run, _blocks(experiments, substeps), threads):
+    for _ in over_threads(run, _blocks(experiments, substeps), threads):
         pass
     return records
 
@@ -186,17 +177,12 @@ def _blocks(experiments: Sequence[Experiment], substeps: int) -> list[_Block]:
     return blocks
 
 
-def _waveform(experiment: Experiment, at: str) -> np.ndarray:
-    rate, n = experiment.rig.control_rate, experiment.samples_per_period
-    return sum((e.waveform(rate) for e in experiment.excitations if e.periodic and e.at == at), np.zeros(n))
-
-
 def _periods(block: _Block, state: _State, periods: int, outputs: int) -> Iterator[np.ndarray]:
     """Output (outputs, LANES, samples) of each period; the buffer is reused. Ends when every lane has touched down."""
     e = block.experiment
     step = k.kernel(block.batch.structure, outputs, block.substeps)
-    force, injection = _waveform(e, "force"), _waveform(e, "current")
-    reference = _waveform(e, "reference") + e.offset
+    force, injection = e.waveform("force"), e.waveform("current")
+    reference = e.waveform("reference") + e.offset
     out = _aligned((outputs, k.LANES, e.samples_per_period))
     tile = _aligned((k.TILE * outputs * k.LANES,))
     for _ in range(periods):
@@ -220,7 +206,7 @@ def _periods(block: _Block, state: _State, periods: int, outputs: int) -> Iterat
 def _block_spectra(block: _Block, state: _State, lines: np.ndarray, injected: np.ndarray) -> Iterator[np.ndarray]:
     """Per-period spectra (LANES, channels, lines) of the kept periods."""
     e, n = block.experiment, block.experiment.samples_per_period
-    driven = scipy.fft.rfft(_waveform(e, "force"))[lines] * (2 / n)
+    driven = scipy.fft.rfft(e.waveform("force"))[lines] * (2 / n)
     seeds = state.seeds[SEEDED.index("force")]
     for period, out in enumerate(_periods(block, state, e.transient_periods + e.periods, 2)):
         if period < e.transient_periods:
@@ -231,16 +217,3 @@ def _block_spectra(block: _Block, state: _State, lines: np.ndarray, injected: np
         spectra[:, 2] = driven + line_noise(seeds, block.force_noise, period, n, lines)
         spectra[:, 3] = injected
         yield spectra
-
-
-def _over_threads(run: Callable[[_Block], int], blocks: list[_Block], threads: int | None) -> Iterator[int]:
-    threads = min(threads or os.cpu_count() or 1, len(blocks))
-    if threads <= 1:
-        yield from map(run, blocks)
-        return
-    with ThreadPoolExecutor(threads) as pool:
-        try:
-            yield from pool.map(run, blocks)
-        except BaseException:
-            pool.shutdown(wait=True, cancel_futures=True)
-            raise

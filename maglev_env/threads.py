@@ -1,0 +1,22 @@
+"""Work that releases the interpreter lock, spread over cores: in order, interruptible, the same on any number."""
+
+import os
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from typing import TypeVar
+
+Item, Result = TypeVar("Item"), TypeVar("Result")
+
+
+def over_threads(work: Callable[[Item], Result], items: Sequence[Item], threads: int | None) -> Iterator[Result]:
+    """work(item) for every item, in their order; threads: None for all cores. An interrupt drops what has not begun."""
+    threads = min(threads or os.cpu_count() or 1, len(items))
+    if threads <= 1:
+        yield from map(work, items)
+        return
+    with ThreadPoolExecutor(threads) as pool:
+        try:
+            yield from pool.map(work, items)
+        except BaseException:
+            pool.shutdown(wait=True, cancel_futures=True)
+            raise
