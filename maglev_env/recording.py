@@ -95,10 +95,8 @@ def simulated_recording(experiment: Experiment, record: np.ndarray) -> "xr.Datas
     if not experiment.rig.controlled:  # nothing commands or carries a current
         del channels["command"], channels["current"]
     for place, offset in (("current", 0.0), ("reference", experiment.offset)):
-        waves = [e.waveform(rate) for e in experiment.excitations if e.periodic and e.at == place]
-        if waves or offset:
-            one = sum(waves, np.zeros(experiment.samples_per_period)) + offset
-            channels[EXCITATION_CHANNEL[place]] = np.tile(one, periods)
+        if lines_at(experiment.excitations, place).size or offset:
+            channels[EXCITATION_CHANNEL[place]] = np.tile(experiment.waveform(place) + offset, periods)
     made = {
         "gains": asdict(experiment.gains) if experiment.rig.controlled else None,
         "controller": None,
