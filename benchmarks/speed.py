@@ -21,7 +21,7 @@ from maglev_env import kernel
 from maglev_env.evaluation import evaluate, force_statistics
 from maglev_env.excitation import lines_at
 from maglev_env.experiment import Experiment, protocol_experiment
-from maglev_env.linear import discrete_plant
+from maglev_env.linear import closed_loop
 from maglev_env.magnetics import force, force_law
 from maglev_env.rig import Noise, load_rig
 from maglev_env.simulate import block_periods, simulate_statistics
@@ -96,7 +96,7 @@ def _kernel(experiments: list[Experiment]) -> float:
 
 def _references(e: Experiment) -> dict[str, float | None]:
     """Seconds per 6 s experiment: linear closed loops by dlsim and forced_response, the nonlinear one by solve_ivp."""
-    a, b, c = _closed_loop(e)
+    a, b, c = closed_loop(e)
     dt = 1 / e.rig.control_rate
     wave = next(x for x in e.excitations if x.at == "force").waveform(e.rig.control_rate)
     u = np.tile(wave, e.periods + e.transient_periods)
@@ -114,20 +114,6 @@ def _references(e: Experiment) -> dict[str, float | None]:
     share = 20  # a twentieth of the experiment, scaled up
     found["solve_ivp"] = share * _best(lambda: _continuous(e, u[: u.size // share]), 1)
     return found
-
-
-def _closed_loop(e: Experiment) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The linearised sampled loop from force to displacement."""
-    a, b_force, _, b, c = discrete_plant(e, 1 / e.rig.control_rate)
-    g, dt, n = e.gains, 1 / e.rig.control_rate, len(a)
-    a_d, a_i = np.exp(-dt / g.td), np.exp(-dt / g.ti)
-    command = np.concatenate([-(g.kp + g.kd / g.td) * c, [-g.kd / g.td, g.ki]])
-    m = np.zeros((n + 2, n + 2))
-    m[:n, :n] = a
-    m[:n] += np.outer(b, command)
-    m[n, :n], m[n, n] = -(1 - a_d) * c, a_d
-    m[n + 1, :n], m[n + 1, n + 1] = -(1 - a_i) * c, a_i
-    return m, np.concatenate([b_force, [0, 0]])[:, None], np.concatenate([c, [0, 0]])[None]
 
 
 def _continuous(e: Experiment, wave: np.ndarray) -> None:

@@ -21,7 +21,8 @@ class Excitation:
 
     kind: "sphs" (Schroeder phases, D App. A) or "multisine" (random phases drawn from `seed`).
     at: "force" (N, on the rotor), "current" (A, added to the command) or "reference" (m).
-    fundamental in Hz; lines are harmonic numbers; amplitude is the peak of the period, in the unit of `at`.
+    fundamental in Hz; lines are harmonic numbers; amplitude is the peak of the period, in the unit of `at`. direction:
+    degrees from x toward y in which it acts on an x-y rig.
     "recorded" and "none" describe recordings that no multisine drives; they cannot be synthesised.
     """
 
@@ -31,8 +32,11 @@ class Excitation:
     lines: tuple[int, ...] = ()
     amplitude: float = 1.0
     seed: int = 0
+    direction: float = 0.0
 
     def __post_init__(self) -> None:
+        if not isfinite(self.direction):
+            raise ValueError(f"excitation: direction = {self.direction} must be a number of degrees")
         if self.kind not in KINDS:
             raise ValueError(f"excitation: kind = {self.kind!r}; use one of {', '.join(KINDS)}")
         if self.at not in PLACES:
@@ -55,6 +59,13 @@ class Excitation:
     def frequencies(self) -> np.ndarray:
         """Excited frequencies, Hz, shape (lines,)."""
         return np.asarray(self.lines, dtype=float) * self.fundamental
+
+    @property
+    def components(self) -> np.ndarray:
+        """Shares in x and y, shape (2,): cosine and sine of the direction, exact in multiples of 90 degrees."""
+        angle = np.deg2rad(self.direction)
+        shares = np.array([np.cos(angle), np.sin(angle)])
+        return np.where(np.abs(shares) < 1e-12, 0.0, shares)
 
     def samples_per_period(self, sample_rate: float) -> int:
         """Samples in one period; ValueError when the period is not a whole number of them."""

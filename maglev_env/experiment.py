@@ -1,32 +1,40 @@
 """An experiment: a rig with its effects and gains, what excites it, for how long, and the seed of its noise."""
 
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from maglev_env.effects import NO_EFFECTS, Effects, check_effects
+from maglev_env.effects import NO_EFFECTS, Effects, check_effects, effect_value
 from maglev_env.excitation import Excitation, check_interleaved
-from maglev_env.gains import Gains
-from maglev_env.rig import Rig
+from maglev_env.gains import Controllers, of_axis
+from maglev_env.planar import suffixes
+from maglev_env.rig import Rig, axis_rig
+
+# Channels of a recording, and those whose spectra the estimators use; the injection is digital and known exactly.
+CHANNELS = ("displacement", "command", "current", "force")
+SPECTRAL = ("displacement", "command", "force", "injection")
 
 
 @dataclass(frozen=True)
 class Experiment:
     """Everything that determines a simulated record.
 
-    excitations: periodic, on lines of one common fundamental. periods: how many are kept, after
-    transient_periods that are dropped. offset: static reference, m. seed: of every noise channel.
+    excitations: periodic, on lines of one common fundamental. periods: how many are kept, after transient_periods that
+    are dropped. offset: static reference, m, in x on an x-y rig. seed: of every noise channel. sample_rate: of the
+    recording, Hz: the control rate (None), or an integer multiple or fraction of it.
     Raises ValueError when the parts do not fit together.
     """
 
     rig: Rig
-    gains: Gains
+    gains: Controllers
     excitations: tuple[Excitation, ...]
     periods: int = 5
     transient_periods: int = 1
     effects: Effects = field(default_factory=lambda: NO_EFFECTS)
     offset: float = 0.0
     seed: int | tuple[int, ...] = 0
+    sample_rate: float | None = None
 
     def __post_init__(self) -> None:
         check_effects(self.effects)
@@ -35,6 +43,11 @@ class Experiment:
             raise ValueError("experiment: give at least one periodic excitation (sphs or multisine)")
         if not self.rig.controlled and any(e.at != "force" for e in self.excitations):
             raise ValueError(f"experiment: rig {self.rig.name} has no magnets: only a force can excite it")
+        if self.rig.axes == 1 and isinstance(self.gains, tuple):
+            raise ValueError(f"experiment: rig {self.rig.name} has one axis; give one controller")
+        if self.rig.axes == 1 and any(e.direction for e in self.excitations):
+            raise ValueError(f"experiment: rig {self.rig.name} has one axis; leave out the excitation's direction")
+        sampling(self.sample_rate or self.rig.control_rate, self.rig.control_rate)
         if self.periods < 1 or self.transient_periods < 0:
             raise ValueError("experiment: periods must be at least 1 and transient_periods at least 0")
         if self.offset and abs(self.offset) >= self.rig.clearance:
@@ -48,14 +61,58 @@ class Experiment:
     def samples_per_period(self) -> int:
         return next(e for e in self.excitations if e.periodic).samples_per_period(self.rig.control_rate)
 
+    @property
+    def recorded_rate(self) -> float:
+        """Samples per second of the recording."""
+        return self.sample_rate or self.rig.control_rate
+
     def waveform(self, place: str) -> np.ndarray:
-        """One period of what drives "force" (N), "current" (A) or "reference" (m, without the offset); or zeros."""
-        waves = [e.waveform(self.rig.control_rate) for e in self.excitations if e.periodic and e.at == place]
-        return sum(waves, np.zeros(self.samples_per_period))
+        """One period of what drives "force" (N), "current" (A) or "reference" (m, without the offset); or zeros.
+
+        At the control rate, shape (samples_per_period,), on an x-y rig (2, samples_per_period).
+        """
+        total = np.zeros((self.rig.axes, self.samples_per_period))
+        for e in self.excitations:
+            if e.periodic and e.at == place:
+                total += (e.components[:, None] if self.rig.axes == 2 else 1.0) * e.waveform(self.rig.control_rate)
+        return total if self.rig.axes == 2 else total[0]
+
+
+def channels_of(rig: Rig, names: Sequence[str] = CHANNELS) -> tuple[str, ...]:
+    """Names with the suffix of each axis, channel after channel: displacement_x, displacement_y, ... on an x-y rig."""
+    return tuple(name + suffix for name in names for suffix in suffixes(rig.axes))
+
+
+def moving_mass(e: Experiment) -> float:
+    """Mass (kg) that moves in a one-axis experiment, its effect included."""
+    return e.rig.mass * (1 + effect_value(e.effects, "mass"))
+
+
+def sampling(sample_rate: float, control_rate: float) -> tuple[int, int]:
+    """Samples recorded per control sample, and control samples per sample recorded: one of them is 1.
+
+    ValueError when the rates (Hz) are not in an integer ratio.
+    """
+    for ratio, pair in ((sample_rate / control_rate, (1, 0)), (control_rate / sample_rate, (0, 1))):
+        if ratio > 1 - 1e-9 and abs(ratio - round(ratio)) < 1e-9 * ratio:
+            return max(1, round(ratio) * pair[0]), max(1, round(ratio) * pair[1])
+    raise ValueError(
+        f"sample_rate = {sample_rate:g} Hz is neither a multiple nor an integer fraction of control_rate = "
+        f"{control_rate:g} Hz"
+    )
+
+
+def axis_experiment(e: Experiment, axis: int) -> Experiment:
+    """One axis' rig, controller and seed of an experiment; its excitations are those of the whole."""
+    if e.rig.axes == 1:
+        return e
+    seed = (*(e.seed if isinstance(e.seed, tuple) else (e.seed,)), axis)
+    own = tuple(replace(x, direction=0.0) for x in e.excitations)
+    return replace(e, rig=axis_rig(e.rig, axis), gains=of_axis(e.gains, axis), excitations=own, seed=seed)
 
 
 def protocol_experiment(
-    rig: Rig, gains: Gains | None = None, effects: Effects = NO_EFFECTS, seed: int | tuple[int, ...] = 0
+    rig: Rig, gains: Controllers | None = None, effects: Effects = NO_EFFECTS, seed: int | tuple[int, ...] = 0
 ) -> Experiment:
     """The rig's own SPHS protocol at the given gains (default: the rig's preset gains)."""
     p = rig.protocol

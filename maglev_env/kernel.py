@@ -1,4 +1,4 @@
-"""The lane kernel: one compiled loop that steps LANES simulations of the nominal one-axis loop together.
+"""The lane kernel: one compiled loop that steps LANES simulations of the nominal loop together, in one axis or x-y.
 
 A block is flat arrays with LANES consecutive values per variable: constant strides are what lets the compiler turn
 the loops over lanes into full-width vector instructions. Blocks are always full, so a lane's bits do not depend on
@@ -12,23 +12,16 @@ from functools import cache
 import numba as nb
 import numpy as np
 
+from maglev_env.kernel_pieces import axis_pieces
+from maglev_env.kernel_rows import (
+    ACTING, ALIVE, ARRIVED, CHAIN_ROWS, COUNT_MAX, CROSS_SENSOR, CURRENT_SQ, D, DECAY_D, DECAY_I, DELAY_STEPS, ERROR,
+    KD, KI, KP, LANES, LIMIT_SQ, NOISE, PEAK_SQ, PER_COUNT, PER_MASS, PER_U_COUNT, PROBE_COUNTS, RAW, SENSED, STEPS, U,
+    U_COUNT, U_COUNT_MAX, U_OLD, V, X1, X2, XI, Y, Z1, Z2, axis_rows, filter_row,
+)  # fmt: skip
 from maglev_env.noise import FAST, normal
 
-LANES = 16
 W = LANES
-
-# Rows of a block, one flat array so that the compiler sees every distance: state, then constants, then chains.
-Y, V, Z1, Z2, X1, X2, D, XI, ALIVE, STEPS, U, U_OLD, PEAK, CURRENT_SQ = range(14)
-(PROBE_COUNTS, COUNT_MAX, PER_COUNT, KP, KD, KI, PER_U_COUNT, U_COUNT_MAX, U_COUNT, DECAY_D, DECAY_I) = range(14, 25)
-NOISE, GAP2, GAPM2, GAP, GAPM, FLUX_M, FLUX_C, BIAS, CALIBRATION, KS, CS, PER_MASS, LIMIT, DELAY_STEPS = range(25, 39)
-# Exact linear chains, once per substep: sensor (2 states from z1 z2 y0 v0 y1 v1, the motion taken as a cubic), what the
-# current adds to that cubic (2 states from x1 x2 old new), actuator (5 outputs from x1 x2 old new), and what of the old
-# and the new command acts at the sampling instant when the actuator has no pole.
-SENSOR, SENSOR_CURRENT, ACTUATOR, AT_START = 39, 51, 59, 79
-CHAIN_ROWS = 42
-ROWS = 81
-
-# Output channels of a block, per sample.
+# Output channels of a block, per sample and axis.
 DISPLACEMENT, COMMAND, CURRENT = range(3)
 CHANNELS = ("displacement", "command", "current")
 # Samples gathered before they are written out lane by lane, so that a lane's series is contiguous.
@@ -37,7 +30,8 @@ TILE = 8
 
 @dataclass(frozen=True)
 class Structure:
-    """What is compiled in: magnets ("gap", "magnet", "none"), support, poles per chain, delay, converters, noise."""
+    """What is compiled in: magnets ("gap" or "magnet" for a pair by its flux path, "none"), support, poles per chain,
+    delay, converters, noise, order of a linear controller (0: the PID), axes, and whether anything couples them."""
 
     magnets: str
     supported: bool
@@ -47,185 +41,216 @@ class Structure:
     adc: bool
     dac: bool
     noise: bool
+    controller_order: int = 0
+    axes: int = 1
+    coupled: bool = False
 
 
 @cache
-def kernel(structure: Structure, outputs: int, substeps: int = 1) -> Callable[..., int]:
-    """The compiled stepper for a structure: `outputs` leading CHANNELS written (2 or 3), `substeps` per sample.
+def kernel(structure: Structure, outputs: int, substeps: int = 1, oversampled: bool = False) -> Callable[..., int]:
+    """The compiled stepper for a structure: `outputs` leading CHANNELS written (2 or 3), `substeps` per control sample.
 
-    Called as step(block, seeds, history, first_step, force, injection, reference, tile, out), all arrays flat: advances
-    the block over len(force) samples and fills out (outputs, LANES, samples); tile is scratch of TILE samples. Returns
-    the samples done: fewer when every lane has touched down.
+    Called as step(block, seeds, history, first_step, force, injection, reference, tile, out), all arrays flat, axis
+    after axis: advances the block over the control samples of the waveforms and fills out (axes, outputs, LANES,
+    samples), with `oversampled` a sample for every substep; tile is scratch of TILE samples. Returns the control
+    samples done: fewer when every lane has touched down.
     """
-    return _make(outputs=outputs, substeps=substeps, **vars(structure))
+    return _make(outputs=outputs, substeps=substeps, oversampled=oversampled, **vars(structure))
 
 
-def _make(magnets, supported, sensor_poles, actuator_poles, delayed, adc, dac, noise, outputs, substeps):
+def _make(
+    magnets, supported, sensor_poles, actuator_poles, delayed, adc, dac, noise, controller_order, axes, coupled,
+    outputs, substeps, oversampled,
+):  # fmt: skip
     sixth = 1.0 / 6.0
-    magnetic, gap_path = magnets != "none", magnets == "gap"
-
-    @nb.njit(fastmath=FAST, error_model="numpy", inline="always")
-    def pull(x, i, y, current):
-        """Magnet force (see magnetics.force) in sums and differences of the two gaps: one division, 25 operations."""
-        if not magnetic:
-            return 0.0
-        y2 = y * y
-        b = x[GAPM2 * W + i] - y2
-        if gap_path:
-            a = x[GAP2 * W + i] - y2
-            inverse = 1.0 / (a * b)
-            magnet, coil, reach = x[FLUX_M * W + i] * (a * inverse), x[FLUX_C * W + i] * (b * inverse), x[GAP * W + i]
-        else:
-            inverse = 1.0 / b
-            magnet, coil, reach = x[FLUX_M * W + i] * inverse, x[FLUX_C * W + i] * inverse, x[GAPM * W + i]
-        bias = x[BIAS * W + i] * coil
-        field_sum = x[GAPM * W + i] * magnet + reach * bias
-        slope = magnet + bias
-        drive = current * coil
-        bent = reach * (field_sum + drive * y) + slope * y2
-        return x[CALIBRATION * W + i] * (y * field_sum * slope) + drive * bent
+    controlled, planar = magnets != "none", axes == 2
+    rows = axis_rows(substeps, controller_order)
+    size, filter_start = rows * W, filter_row(substeps) * W  # of one axis
+    rate = substeps if oversampled else 1  # samples written per control sample
+    width = axes * outputs * W
+    seen = (Y, Z1, Z2)[sensor_poles]
+    kind = (magnets, supported, sensor_poles, actuator_poles, delayed)
+    currents, pull, drag, probe, push, sway = axis_pieces(0, *kind)
+    currents_2, pull_2, drag_2, probe_2, push_2, sway_2 = axis_pieces(rows, *kind)
 
     @nb.njit(fastmath=FAST, error_model="numpy", nogil=True, cache=True)
     def step(x, seeds, history, first_step, force, injection, reference, tile, out):
-        mask = np.int64(history.size // W - 1)
-        samples = force.size
+        slots = history.size // axes
+        mask = np.int64(slots // W - 1)
+        samples = force.size // axes
+        written = samples * rate
         for t in range(samples):
-            f_ext, inject, ref = force[t], injection[t], reference[t]
-            count = np.uint64(first_step + t + 1)
-            o = (t % TILE) * outputs * W
             now = (np.int64(first_step + t) & mask) * W
-            for i in range(W):
-                sensed = x[Z2 * W + i] if sensor_poles == 2 else (x[Z1 * W + i] if sensor_poles == 1 else x[Y * W + i])
-                if noise:
-                    sensed = sensed + x[NOISE * W + i] * normal(seeds[i], count)
-                counts = sensed * x[PROBE_COUNTS * W + i]
-                if adc:
-                    counts = np.rint(counts)
-                shown = min(max(counts, -x[COUNT_MAX * W + i]), x[COUNT_MAX * W + i]) * x[PER_COUNT * W + i]
-                x[PEAK * W + i] = max(x[PEAK * W + i], abs(shown))
-                if magnetic:
-                    e = ref - shown
-                    lag, xi = e - x[D * W + i], x[XI * W + i]
-                    u = x[KP * W + i] * e + x[KD * W + i] * lag + x[KI * W + i] * xi + inject
-                    u = u * x[PER_U_COUNT * W + i]
-                    if dac:
-                        u = np.rint(u)
-                    u = min(max(u, -x[U_COUNT_MAX * W + i]), x[U_COUNT_MAX * W + i]) * x[U_COUNT * W + i]
-                    x[D * W + i] = e - lag * x[DECAY_D * W + i]
-                    x[XI * W + i] = e + (xi - e) * x[DECAY_I * W + i]
-                    x[U * W + i] = u
-                tile[o + DISPLACEMENT * W + i] = shown
-                tile[o + COMMAND * W + i] = x[U * W + i]
-            if delayed:
-                for i in range(W):
-                    history[now + i] = x[U * W + i]
-                for i in range(W):
-                    behind = np.int64(first_step + t) - np.int64(x[DELAY_STEPS * W + i])
-                    x[U * W + i] = history[(behind & mask) * W + i]
-                    x[U_OLD * W + i] = history[((behind - 1) & mask) * W + i]
-            for i in range(W):
-                if actuator_poles == 2:
-                    current = x[X2 * W + i]
-                elif actuator_poles == 1:
-                    current = x[X1 * W + i]
-                else:
-                    current = x[(AT_START + 1) * W + i] * x[U * W + i]
-                    if delayed:
-                        current = current + x[AT_START * W + i] * x[U_OLD * W + i]
-                x[CURRENT_SQ * W + i] += current * current
-                if outputs > CURRENT:
-                    tile[o + CURRENT * W + i] = current
             for s in range(substeps):
+                n = t * rate + (s if oversampled else 0)
+                count = np.uint64(np.int64(first_step) * rate + n + 1)
+                if coupled:
+                    for i in range(W):
+                        z, z_2 = x[seen * W + i], x[size + seen * W + i]
+                        x[SENSED * W + i] = z + x[CROSS_SENSOR * W + i] * z_2
+                        x[size + SENSED * W + i] = z_2 + x[size + CROSS_SENSOR * W + i] * z
+                for a in range(axes if s == 0 or oversampled else 0):
+                    b, o = a * size, ((n % TILE) * axes + a) * outputs * W
+                    inject, ref = injection[a * samples + t], reference[a * samples + t]
+                    for i in range(W):
+                        sensed = x[b + (SENSED if coupled else seen) * W + i]
+                        if noise:
+                            sensed = sensed + x[b + NOISE * W + i] * normal(seeds[a * W + i], count)
+                        counts = sensed * x[b + PROBE_COUNTS * W + i]
+                        if adc:
+                            counts = np.rint(counts)
+                        top = x[b + COUNT_MAX * W + i]
+                        shown = min(max(counts, -top), top) * x[b + PER_COUNT * W + i]
+                        tile[o + DISPLACEMENT * W + i] = shown
+                        if not planar:
+                            x[b + PEAK_SQ * W + i] = max(x[b + PEAK_SQ * W + i], shown * shown)
+                        if controlled and s == 0:
+                            e = ref - shown
+                            if controller_order == 0:
+                                lag, xi = e - x[b + D * W + i], x[b + XI * W + i]
+                                u = x[b + KP * W + i] * e + x[b + KD * W + i] * lag + x[b + KI * W + i] * xi
+                                x[b + D * W + i] = e - lag * x[b + DECAY_D * W + i]
+                                x[b + XI * W + i] = e + (xi - e) * x[b + DECAY_I * W + i]
+                                u = (u + inject) * x[b + PER_U_COUNT * W + i]
+                                if dac:
+                                    u = np.rint(u)
+                                top = x[b + U_COUNT_MAX * W + i]
+                                x[b + U * W + i] = min(max(u, -top), top) * x[b + U_COUNT * W + i]
+                            else:
+                                x[b + ERROR * W + i] = e
+                        tile[o + COMMAND * W + i] = x[b + U * W + i]
+                    if controlled and controller_order > 0 and s == 0:
+                        # Transposed direct form: b0, then (b, a, state) for each power of 1 / z.
+                        for i in range(W):
+                            f = b + filter_start + i
+                            u = x[f] * x[b + ERROR * W + i] + x[f + 3 * W]
+                            x[b + RAW * W + i] = u
+                            u = (u + inject) * x[b + PER_U_COUNT * W + i]
+                            if dac:
+                                u = np.rint(u)
+                            top = x[b + U_COUNT_MAX * W + i]
+                            x[b + U * W + i] = min(max(u, -top), top) * x[b + U_COUNT * W + i]
+                            tile[o + COMMAND * W + i] = x[b + U * W + i]
+                        for j in range(controller_order):
+                            g = b + filter_start + (1 + 3 * j) * W
+                            for i in range(W):
+                                fed = x[g + i] * x[b + ERROR * W + i] - x[g + W + i] * x[b + RAW * W + i]
+                                x[g + 2 * W + i] = fed + x[g + 5 * W + i]
+                    if delayed and s == 0:
+                        h = a * slots
+                        for i in range(W):
+                            history[h + now + i] = x[b + U * W + i]
+                        for i in range(W):
+                            behind = np.int64(first_step + t) - np.int64(x[b + DELAY_STEPS * W + i])
+                            x[b + ACTING * W + i] = history[h + (behind & mask) * W + i]
+                            x[b + U_OLD * W + i] = history[h + ((behind - 1) & mask) * W + i]
+                    for i in range(W):
+                        if actuator_poles == 2:
+                            current = x[b + X2 * W + i]
+                        elif actuator_poles == 1:
+                            current = x[b + X1 * W + i]
+                        elif delayed:
+                            new = x[b + (ARRIVED + s * CHAIN_ROWS) * W + i]
+                            current = new * x[b + ACTING * W + i] + (1.0 - new) * x[b + U_OLD * W + i]
+                        else:
+                            current = x[b + U * W + i]
+                        x[b + CURRENT_SQ * W + i] += current * current
+                        if outputs > CURRENT:
+                            tile[o + CURRENT * W + i] = current
+                if planar and (s == 0 or oversampled):
+                    for i in range(W):
+                        o = (n % TILE) * width + DISPLACEMENT * W + i
+                        reach = tile[o] * tile[o] + tile[o + outputs * W] * tile[o + outputs * W]
+                        x[PEAK_SQ * W + i] = max(x[PEAK_SQ * W + i], reach)
                 row = s * CHAIN_ROWS * W
+                force_now = force[t]
+                force_now_2 = force[samples + t] if planar else 0.0
+                # Nystrom, 4th order: the middle stages share a position, so the magnets are evaluated thrice.
                 for i in range(W):
                     y, v = x[Y * W + i], x[V * W + i]
-                    c0 = c1 = c2 = 0.0
-                    if magnetic:
-                        # Next x1, next x2, three nodal currents whose quadrature is exact; from x1 x2 old new.
-                        a = row + ACTUATOR * W + i
-                        u, x1, x2 = x[U * W + i], x[X1 * W + i], x[X2 * W + i]
-                        n1, n2 = x[a + 3 * W] * u, x[a + 7 * W] * u
-                        c0, c1, c2 = x[a + 11 * W] * u, x[a + 15 * W] * u, x[a + 19 * W] * u
-                        if actuator_poles >= 1:
-                            n1 = n1 + x[a] * x1
-                            c0, c1, c2 = c0 + x[a + 8 * W] * x1, c1 + x[a + 12 * W] * x1, c2 + x[a + 16 * W] * x1
-                        if actuator_poles == 2:
-                            n2 = n2 + x[a + 4 * W] * x1 + x[a + 5 * W] * x2
-                            c0, c1, c2 = c0 + x[a + 9 * W] * x2, c1 + x[a + 13 * W] * x2, c2 + x[a + 17 * W] * x2
-                        if delayed:
-                            old = x[U_OLD * W + i]
-                            n1, n2 = n1 + x[a + 2 * W] * old, n2 + x[a + 6 * W] * old
-                            c0, c1 = c0 + x[a + 10 * W] * old, c1 + x[a + 14 * W] * old
-                            c2 = c2 + x[a + 18 * W] * old
-                        if actuator_poles >= 1:
-                            x[X1 * W + i] = n1
-                        if actuator_poles == 2:
-                            x[X2 * W + i] = n2
-                    # Velocity and acceleration in displacement per step: h v and h^2 a.
-                    fx = f_ext * x[PER_MASS * W + i]
-                    ks = x[KS * W + i] if supported else 0.0
-                    cs = x[CS * W + i] if supported else 0.0
-                    # Nystrom, 4th order: the middle stages share a position, so the magnets are evaluated thrice.
-                    a1 = pull(x, i, y, c0) + fx
-                    if supported:
-                        a1 = a1 - ks * y - cs * v
+                    f = force_now * x[PER_MASS * W + i]
+                    c0, c1, c2, n1, n2 = currents(x, row, i)
+                    a1 = pull(x, i, y, c0) + f - drag(x, i, v)
+                    if planar:
+                        y_2, v_2 = x[size + Y * W + i], x[size + V * W + i]
+                        f_2 = force_now_2 * x[size + PER_MASS * W + i]
+                        c0_2, c1_2, c2_2, n1_2, n2_2 = currents_2(x, row, i)
+                        a1_2 = pull_2(x, i, y_2, c0_2) + f_2 - drag_2(x, i, v_2)
+                    if coupled:
+                        a1 = a1 + push(x, i, y_2, c0_2) - sway(x, i, v_2)
+                        a1_2 = a1_2 + push_2(x, i, y, c0) - sway_2(x, i, v)
                     ym = y + 0.5 * v + 0.125 * a1
-                    a2 = a3 = pull(x, i, ym, c1) + fx
-                    if supported:
-                        held = a2 - ks * ym
-                        a2 = held - cs * (v + 0.5 * a1)
-                        a3 = held - cs * (v + 0.5 * a2)
+                    held = pull(x, i, ym, c1) + f
+                    a2 = held - drag(x, i, v + 0.5 * a1)
+                    if planar:
+                        ym_2 = y_2 + 0.5 * v_2 + 0.125 * a1_2
+                        held_2 = pull_2(x, i, ym_2, c1_2) + f_2
+                        a2_2 = held_2 - drag_2(x, i, v_2 + 0.5 * a1_2)
+                    if coupled:
+                        pushed, pushed_2 = push(x, i, ym_2, c1_2), push_2(x, i, ym, c1)
+                        held, held_2 = held + pushed, held_2 + pushed_2
+                        a2 = a2 + pushed - sway(x, i, v_2 + 0.5 * a1_2)
+                        a2_2 = a2_2 + pushed_2 - sway_2(x, i, v + 0.5 * a1)
+                    a3 = held - drag(x, i, v + 0.5 * a2)
+                    if planar:
+                        a3_2 = held_2 - drag_2(x, i, v_2 + 0.5 * a2_2)
+                    if coupled:
+                        a3 = a3 - sway(x, i, v_2 + 0.5 * a2_2)
+                        a3_2 = a3_2 - sway_2(x, i, v + 0.5 * a2)
                     ye = y + v + 0.5 * a3
-                    a4 = pull(x, i, ye, c2) + fx
-                    if supported:
-                        a4 = a4 - ks * ye - cs * (v + a3)
-                    y1 = y + v + (a1 + a2 + a3) * sixth
-                    v1 = v + (a1 + 2.0 * (a2 + a3) + a4) * sixth
-                    if sensor_poles >= 1:
-                        k = row + SENSOR * W + i
-                        z1 = x[Z1 * W + i]
-                        drive = x[k + 2 * W] * y + x[k + 3 * W] * v + x[k + 4 * W] * y1 + x[k + 5 * W] * v1
-                        if magnetic:
-                            q = row + SENSOR_CURRENT * W + i
-                            drive = drive + x[q + 3 * W] * u
-                            if actuator_poles >= 1:
-                                drive = drive + x[q] * x1
-                            if actuator_poles == 2:
-                                drive = drive + x[q + W] * x2
-                            if delayed:
-                                drive = drive + x[q + 2 * W] * old
-                        x[Z1 * W + i] = x[k] * z1 + drive
-                        if sensor_poles == 2:
-                            k = k + 6 * W
-                            drive = x[k + 2 * W] * y + x[k + 3 * W] * v + x[k + 4 * W] * y1 + x[k + 5 * W] * v1
-                            if magnetic:
-                                q = q + 4 * W
-                                drive = drive + x[q + 3 * W] * u
-                                if actuator_poles >= 1:
-                                    drive = drive + x[q] * x1
-                                if actuator_poles == 2:
-                                    drive = drive + x[q + W] * x2
-                                if delayed:
-                                    drive = drive + x[q + 2 * W] * old
-                            x[Z2 * W + i] = x[k] * z1 + x[k + W] * x[Z2 * W + i] + drive
+                    a4 = pull(x, i, ye, c2) + f - drag(x, i, v + a3)
+                    if planar:
+                        ye_2 = y_2 + v_2 + 0.5 * a3_2
+                        a4_2 = pull_2(x, i, ye_2, c2_2) + f_2 - drag_2(x, i, v_2 + a3_2)
+                    if coupled:
+                        a4 = a4 + push(x, i, ye_2, c2_2) - sway(x, i, v_2 + a3_2)
+                        a4_2 = a4_2 + push_2(x, i, ye, c2) - sway_2(x, i, v + a3)
+                    y1, v1 = y + v + (a1 + a2 + a3) * sixth, v + (a1 + 2.0 * (a2 + a3) + a4) * sixth
+                    reach = y1 * y1
+                    if planar:
+                        y1_2 = y_2 + v_2 + (a1_2 + a2_2 + a3_2) * sixth
+                        v1_2 = v_2 + (a1_2 + 2.0 * (a2_2 + a3_2) + a4_2) * sixth
+                        reach = reach + y1_2 * y1_2
                     # A lane that touches down stays where it was: nothing beyond the clearance is simulated.
-                    alive = x[ALIVE * W + i] if abs(y1) < x[LIMIT * W + i] else 0.0
-                    x[Y * W + i] = y1 if alive > 0.0 else y
-                    x[V * W + i] = v1 * alive
+                    alive = x[ALIVE * W + i] if reach < x[LIMIT_SQ * W + i] else 0.0
                     x[ALIVE * W + i] = alive
                     x[STEPS * W + i] += alive
+                    z1, z2 = probe(x, row, i, y, v, y1, v1)
+                    if sensor_poles >= 1:
+                        x[Z1 * W + i] = z1
+                    if sensor_poles == 2:
+                        x[Z2 * W + i] = z2
+                    if actuator_poles >= 1:
+                        x[X1 * W + i] = n1
+                    if actuator_poles == 2:
+                        x[X2 * W + i] = n2
+                    x[Y * W + i] = y1 if alive > 0.0 else y
+                    x[V * W + i] = v1 * alive
+                    if planar:
+                        z1, z2 = probe_2(x, row, i, y_2, v_2, y1_2, v1_2)
+                        if sensor_poles >= 1:
+                            x[size + Z1 * W + i] = z1
+                        if sensor_poles == 2:
+                            x[size + Z2 * W + i] = z2
+                        if actuator_poles >= 1:
+                            x[size + X1 * W + i] = n1_2
+                        if actuator_poles == 2:
+                            x[size + X2 * W + i] = n2_2
+                        x[size + Y * W + i] = y1_2 if alive > 0.0 else y_2
+                        x[size + V * W + i] = v1_2 * alive
+                if n % TILE == TILE - 1 and (oversampled or s == substeps - 1):
+                    for c in range(width):
+                        for j in range(TILE):
+                            out[c * written + n - (TILE - 1) + j] = tile[j * width + c]
             if t % TILE == TILE - 1:
-                for c in range(outputs * W):
-                    for j in range(TILE):
-                        out[c * samples + t - (TILE - 1) + j] = tile[j * outputs * W + c]
                 living = 0.0
                 for i in range(W):
                     living += x[ALIVE * W + i]
                 if living == 0.0:
                     return t + 1
-        for t in range(samples - samples % TILE, samples):
-            for c in range(outputs * W):
-                out[c * samples + t] = tile[(t % TILE) * outputs * W + c]
+        for n in range(written - written % TILE, written):
+            for c in range(width):
+                out[c * written + n] = tile[(n % TILE) * width + c]
         return samples
 
     return step

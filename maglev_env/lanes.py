@@ -1,55 +1,105 @@
 """From experiments to kernel lanes: which structure each needs, and the constants of its exact linear chains."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from scipy.linalg import expm
 
-from maglev_env import kernel as k
+from maglev_env import kernel_rows as k
 from maglev_env.effects import effect_value, split_delay
-from maglev_env.experiment import Experiment
-from maglev_env.magnetics import force_law, linearise
+from maglev_env.experiment import Experiment, axis_experiment, moving_mass
+from maglev_env.gains import Gains, LinearController, numerator_of
+from maglev_env.kernel import Structure
+from maglev_env.kernel_rows import axis_rows, filter_row
+from maglev_env.magnetics import SingleSidedLaw, force_law, linearise
+from maglev_env.planar import NO_CROSS
+from maglev_env.rig import Rig
 
 SEEDED = ("displacement", "current", "force")  # noise channels, each with a stream of its own
 
 
 @dataclass(frozen=True)
 class LaneBatch:
-    """Kernel inputs of n experiments of one structure: rows (see `kernel`, n) at their start, seeds (3, n)."""
+    """Kernel inputs of n experiments of one structure: rows (axes x rows of an axis, n) at their start, seeds
+    (axes, 3, n)."""
 
-    structure: k.Structure
+    structure: Structure
     rows: np.ndarray
     seeds: np.ndarray
     history_length: int
 
 
-def structure_of(experiment: Experiment) -> k.Structure:
+def structure_of(experiment: Experiment) -> Structure:
     """The kernel an experiment needs; what its rig and effects do not have is compiled out."""
-    rig, effects = experiment.rig, experiment.effects
-    return k.Structure(
-        magnets="none" if rig.magnet == "none" else rig.flux_path,
-        supported=rig.support_stiffness > 0 or rig.support_damping > 0 or "damping" in effects,
-        sensor_poles=int(rig.sensor_time_constant > 0) + int(effect_value(effects, "sensor_lag") > 0),
-        actuator_poles=int(rig.amplifier_time_constant > 0) + int(effect_value(effects, "amplifier_lag") > 0),
+    effects = experiment.effects
+    axes = [axis_experiment(experiment, axis) for axis in range(experiment.rig.axes)]
+    rigs = [e.rig for e in axes]
+    filters = [e.gains for e in axes if isinstance(e.gains, LinearController)]
+    if 0 < len(filters) < len(axes):
+        raise ValueError("experiment: give both axes PID gains, or both a linear controller")
+    return Structure(
+        magnets=_magnets(rigs[0]),
+        supported=any(r.support_stiffness > 0 or r.support_damping > 0 for r in rigs) or "damping" in effects,
+        sensor_poles=_deepest(r.sensor_time_constant for r in rigs) + (effect_value(effects, "sensor_lag") > 0),
+        actuator_poles=_deepest(r.amplifier_time_constant for r in rigs) + (effect_value(effects, "amplifier_lag") > 0),
         delayed=effect_value(effects, "delay") > 0,
-        adc=rig.adc_bits > 0,
-        dac=rig.dac_bits > 0,
-        noise=rig.noise.displacement > 0,
+        adc=rigs[0].adc_bits > 0,
+        dac=rigs[0].dac_bits > 0,
+        noise=experiment.rig.noise.displacement > 0,
+        controller_order=max((max(1, f.order) for f in filters), default=0),
+        axes=len(axes),
+        coupled=experiment.rig.cross != NO_CROSS,
     )
+
+
+def _magnets(rig: Rig) -> str:
+    if rig.magnet == "electromagnet_pair":
+        return "gap"  # the hybrid law of that flux path without its permanent magnet
+    return rig.flux_path if rig.magnet == "hybrid_pair" else rig.magnet
+
+
+def _deepest(time_constants: Iterable[float]) -> int:
+    """0 or 1 pole; ValueError when one axis has it and the other does not."""
+    poles = {int(t > 0) for t in time_constants}
+    if len(poles) > 1:
+        raise ValueError("experiment: a time constant is zero in one axis only; give it a small value there, 1e-6 s")
+    return poles.pop()
 
 
 def lane_batch(experiments: Sequence[Experiment], substeps: int = 1) -> LaneBatch:
     """Constants of experiments that share one structure (see `structure_of`)."""
-    rows = np.zeros((k.ROWS + (substeps - 1) * k.CHAIN_ROWS, len(experiments)))
-    rows[: k.ROWS] = np.array([_parameters(e, substeps) for e in experiments]).T
-    dt = np.array([1 / e.rig.control_rate for e in experiments])
-    whole, fraction = np.array([split_delay(e.effects, t) for e, t in zip(experiments, dt, strict=True)]).T
-    rows[k.DELAY_STEPS] = whole
     structure = structure_of(experiments[0])
-    sensor = _poles([(e.rig.sensor_time_constant, effect_value(e.effects, "sensor_lag")) for e in experiments])
-    amplifier = _poles([(e.rig.amplifier_time_constant, effect_value(e.effects, "amplifier_lag")) for e in experiments])
-    gain_scale, pull = np.array([_actuator(e) for e in experiments]).T
+    parts, seeds, whole = [], [], np.zeros(1)
+    for axis in range(structure.axes):
+        own = [axis_experiment(e, axis) for e in experiments]
+        rows = np.zeros((axis_rows(substeps, structure.controller_order), len(experiments)))
+        rows[: k.ROWS] = np.array([_parameters(e, substeps) for e in own]).T
+        whole = _chains(rows, own, structure, substeps)
+        if structure.controller_order:
+            start = filter_row(substeps)
+            width = 3 * structure.controller_order + 1
+            rows[start : start + width] = np.array([_filter(e.gains, structure.controller_order) for e in own]).T
+        parts.append(rows)
+        states = [np.random.SeedSequence(e.seed).generate_state(len(SEEDED), np.uint64) for e in own]
+        seeds.append(np.array(states).T)
+    if structure.coupled:
+        for axis, rows in enumerate(parts):
+            rows[[k.CROSS_K, k.CROSS_C, k.CROSS_GAIN, k.CROSS_SENSOR]] = np.array(
+                [_cross(e, axis, substeps) for e in experiments]
+            ).T
+    history = 1 << int(np.ceil(np.log2(whole.max() + 2)))
+    return LaneBatch(structure, np.concatenate(parts), np.array(seeds), history)
+
+
+def _chains(rows: np.ndarray, own: Sequence[Experiment], structure: Structure, substeps: int) -> np.ndarray:
+    """Write the exact chains and the delay of one axis; returns its delay in whole samples."""
+    dt = np.array([1 / e.rig.control_rate for e in own])
+    whole, fraction = np.array([split_delay(e.effects, t) for e, t in zip(own, dt, strict=True)]).T
+    rows[k.DELAY_STEPS] = whole
+    sensor = _poles([(e.rig.sensor_time_constant, effect_value(e.effects, "sensor_lag")) for e in own])
+    amplifier = _poles([(e.rig.amplifier_time_constant, effect_value(e.effects, "amplifier_lag")) for e in own])
+    gain_scale, pull = np.array([_actuator(e) for e in own]).T
     h = dt / substeps
     for s in range(substeps):
         chain = rows[s * k.CHAIN_ROWS :]
@@ -62,11 +112,26 @@ def lane_batch(experiments: Sequence[Experiment], substeps: int = 1) -> LaneBatc
             )
         actuator = _actuator_rows(amplifier[:, : structure.actuator_poles], h, switch)
         actuator[2 * 4 :] *= gain_scale  # states stay in amperes; the currents that make force carry the calibration
-        chain[k.ACTUATOR : k.AT_START] = actuator
-    rows[k.AT_START], rows[k.AT_START + 1] = fraction > 0, fraction <= 0
-    seeds = np.array([np.random.SeedSequence(e.seed).generate_state(len(SEEDED), np.uint64) for e in experiments]).T
-    history = 1 << int(np.ceil(np.log2(whole.max() + 2)))
-    return LaneBatch(structure, rows, seeds, history)
+        chain[k.ACTUATOR : k.ARRIVED] = actuator
+        chain[k.ARRIVED] = fraction <= s * h
+    return whole
+
+
+def _filter(controller: LinearController, order: int) -> np.ndarray:
+    """b0, then (b, a, state) for each power of 1 / z."""
+    pad = np.zeros(order - controller.order)
+    b = np.concatenate([numerator_of(controller), pad])
+    a = np.concatenate([controller.denominator, pad])
+    return np.concatenate([b[:1], np.array([b[1:], a[1:], 0 * a[1:]]).T.reshape(-1)])
+
+
+def _cross(e: Experiment, axis: int, substeps: int) -> tuple[float, float, float, float]:
+    """The other axis' terms in this one, in the kernel's units: force times h^2 / m, current calibrated."""
+    stiffness, damping, gain, sensor = e.rig.cross.onto(axis)
+    own, other = axis_experiment(e, axis), axis_experiment(e, 1 - axis)
+    h = 1 / own.rig.control_rate / substeps
+    per_mass = h**2 / moving_mass(own)
+    return stiffness * per_mass, damping * per_mass / h, gain * per_mass / _actuator(other)[0], sensor
 
 
 def _parameters(e: Experiment, substeps: int) -> np.ndarray:
@@ -79,35 +144,43 @@ def _parameters(e: Experiment, substeps: int) -> np.ndarray:
     current_range = rig.voltage_range * rig.amplifier_gain
     u_lsb = 2 * current_range / 2**rig.dac_bits if rig.dac_bits else 1.0
     p[k.PROBE_COUNTS], p[k.COUNT_MAX], p[k.PER_COUNT] = probe / lsb, rig.voltage_range / lsb, lsb / rig.probe_gain
-    p[k.KP], p[k.KD], p[k.KI] = gains.kp, gains.kd / gains.td, gains.ki
+    if isinstance(gains, Gains):
+        p[k.KP], p[k.KD], p[k.KI] = gains.kp, gains.kd / gains.td, gains.ki
+        p[k.DECAY_D], p[k.DECAY_I] = np.exp(-dt / gains.td), np.exp(-dt / gains.ti)
     p[k.PER_U_COUNT], p[k.U_COUNT_MAX], p[k.U_COUNT] = 1 / u_lsb, current_range / u_lsb, u_lsb
-    p[k.DECAY_D], p[k.DECAY_I] = np.exp(-dt / gains.td), np.exp(-dt / gains.ti)
     p[k.NOISE] = rig.noise.displacement
     # The kernel's velocity is h v and its acceleration h^2 a, so every force carries h^2 / m.
     h = dt / substeps
-    per_mass = h**2 / (rig.mass * (1 + effect_value(effects, "mass")))
-    if rig.magnet != "none":
+    per_mass = h**2 / moving_mass(e)
+    if rig.controlled:
         law = force_law(rig)
-        p[k.GAP], p[k.GAPM] = law.gap, law.gap + law.magnet_gap
-        p[k.GAP2], p[k.GAPM2] = law.gap**2, (law.gap + law.magnet_gap) ** 2
-        # Sums and differences of the two gaps' fields carry a factor two; fields in root(h^2 / m N).
-        p[[k.FLUX_M, k.FLUX_C]] = 2 * np.sqrt(law.area * per_mass) * np.array([law.magnet_flux, law.coil_flux])
         p[k.BIAS] = law.bias_current
         p[k.CALIBRATION] = law.stiffness_scale * (1 + effect_value(effects, "negative_stiffness"))
+        p[k.GAP], p[k.GAPM] = law.gap, law.gap + law.magnet_gap
+        p[k.GAP2], p[k.GAPM2] = law.gap**2, (law.gap + law.magnet_gap) ** 2
+        if isinstance(law, SingleSidedLaw):
+            # Another mass weighs otherwise too, and the bias was set for the nominal one.
+            p[k.FLUX_M], p[k.WEIGHT] = np.sqrt(law.area * per_mass) * law.magnet_flux, law.weight * h**2 / rig.mass
+            p[k.EXPONENT] = law.exponent
+            # An electromagnet's field squares, a magnet's pull is linear in the current.
+            p[k.FLUX_C] = law.magnet_pull * per_mass if law.magnet_pull else np.sqrt(law.iron_pull * per_mass)
+        else:
+            # Sums and differences of the two gaps' fields carry a factor two; fields in root(h^2 / m N).
+            p[[k.FLUX_M, k.FLUX_C]] = 2 * np.sqrt(law.area * per_mass) * np.array([law.magnet_flux, law.coil_flux])
     p[k.KS] = rig.support_stiffness * (1 + effect_value(effects, "support_stiffness")) * per_mass
     p[k.CS] = (rig.support_damping + effect_value(effects, "damping")) * per_mass / h
     p[k.PER_MASS] = per_mass
     # The force law is singular where the rotor meets a pole; contact comes first.
-    p[k.LIMIT] = min(rig.clearance, 0.999 * rig.gap)
+    p[k.LIMIT_SQ] = min(rig.clearance, 0.999 * rig.gap) ** 2
     return p
 
 
 def _actuator(e: Experiment) -> tuple[float, float]:
     """The force law's current scale, and the acceleration per ampere (m/s2 A) at the centre."""
-    if e.rig.magnet == "none":
+    if not e.rig.controlled:
         return 1.0, 0.0
     law, change = force_law(e.rig), 1 + effect_value(e.effects, "actuator_gain")
-    return law.gain_scale * change, linearise(law)[0] * change / (e.rig.mass * (1 + effect_value(e.effects, "mass")))
+    return law.gain_scale * change, linearise(law)[0] * change / moving_mass(e)
 
 
 def _poles(pairs: list[tuple[float, float]]) -> np.ndarray:

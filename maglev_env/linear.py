@@ -7,13 +7,15 @@ from scipy.linalg import expm
 
 from estimation.periods import LineStatistics
 from maglev_env.effects import effect_value, split_delay
-from maglev_env.experiment import Experiment
+from maglev_env.experiment import SPECTRAL, Experiment, axis_experiment, channels_of, moving_mass
+from maglev_env.gains import controller_response, of_axis, state_space
 from maglev_env.magnetics import force_law, linearise
+from maglev_env.planar import NO_CROSS
 
 
 @dataclass(frozen=True)
 class LoopResponse:
-    """Responses at frequencies (n,) Hz, complex (n,), of the sampled loop.
+    """Responses of the sampled loop at frequencies (n,) Hz: complex (n,), or (n, 2, 2) on an x-y rig, [to, from] axis.
 
     controller (A/m) from error to command; plant (m/A) from command to displacement reading; receptance (m/N) from
     the held force to the reading and force_to_command (A/N) in closed loop; loop_gain = controller * plant;
@@ -30,115 +32,152 @@ class LoopResponse:
 
 
 def loop_response(experiment: Experiment, frequency: np.ndarray) -> LoopResponse:
-    """Exact zero-order-hold discretisation of the experiment's linearised rig and effects, closed by its gains."""
-    rig, gains = experiment.rig, experiment.gains
-    dt = 1 / rig.control_rate
+    """Exact zero-order-hold discretisation of the linearised rig with its effects, closed by its controllers."""
+    axes, dt = experiment.rig.axes, 1 / experiment.rig.control_rate
     z = np.exp(2j * np.pi * np.asarray(frequency, dtype=float) * dt)
-    a_d, a_i = np.exp(-dt / gains.td), np.exp(-dt / gains.ti)
-    controller = gains.kp + gains.kd / gains.td * (z - 1) / (z - a_d) + gains.ki * (1 - a_i) / (z - a_i)
-    a, b_force, b_old, b_new, c = discrete_plant(experiment, dt)
-    resolvent = np.linalg.inv(z[:, None, None] * np.eye(len(a)) - a)
-    probe = 1 + effect_value(experiment.effects, "sensor_gain")
+    controller = np.zeros((len(z), axes, axes), complex)
+    for axis in range(axes):
+        controller[:, axis, axis] = controller_response(of_axis(experiment.gains, axis), z, dt)
+    a, b_force, b_old, b_new, c = discrete_plant(experiment)
+    from_plant = c @ np.linalg.inv(z[:, None, None] * np.eye(len(a)) - a)
     whole, _ = split_delay(experiment.effects, dt)
-    command = z[:, None] ** float(-whole) * (b_new + z[:, None] ** -1 * b_old)
-    plant = probe * np.einsum("i,nij,nj->n", c, resolvent, command)
-    open_receptance = probe * np.einsum("i,nij,j->n", c, resolvent, b_force)
-    loop = controller * plant
-    sensitivity = 1 / (1 + loop)
-    receptance = open_receptance * sensitivity
-    return LoopResponse(
-        np.asarray(frequency), controller, plant, receptance, -controller * receptance, loop, sensitivity
-    )
+    plant = z[:, None, None] ** float(-whole) * (from_plant @ b_new + (from_plant @ b_old) / z[:, None, None])
+    loop = controller @ plant
+    sensitivity = np.linalg.inv(np.eye(axes) + loop)
+    receptance = np.linalg.inv(np.eye(axes) + plant @ controller) @ from_plant @ b_force
+    found = (controller, plant, receptance, -controller @ receptance, loop, sensitivity)
+    return LoopResponse(np.asarray(frequency), *(m[:, 0, 0] if axes == 1 else m for m in found))
 
 
 def closed_loop_poles(experiment: Experiment) -> np.ndarray:
     """Poles (z-plane) of the linearised sampled loop; stable when all lie inside the unit circle."""
-    rig, gains = experiment.rig, experiment.gains
-    dt = 1 / rig.control_rate
-    a_d, a_i = np.exp(-dt / gains.td), np.exp(-dt / gains.ti)
-    a, _, b_old, b_new, c = discrete_plant(experiment, dt)
-    n = len(a)
-    c = c * (1 + effect_value(experiment.effects, "sensor_gain"))
+    return np.linalg.eigvals(closed_loop(experiment)[0])
+
+
+def closed_loop(experiment: Experiment) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """A, B, C of the linearised sampled loop from the held force of each axis (N) to its displacement reading (m)."""
+    dt = 1 / experiment.rig.control_rate
+    a, b_force, b_old, b_new, c = discrete_plant(experiment)
     delay, _ = split_delay(experiment.effects, dt)
-    # States: plant, d, x, then the last delay + 1 commands, newest first.
-    size = n + 2 + delay + 1
+    n, axes = len(a), len(c)
+    controllers = [state_space(of_axis(experiment.gains, axis), dt) for axis in range(axes)]
+    # States: plant, controllers, then the last delay + 1 commands of every axis, newest first.
+    held = n + sum(len(k[1]) for k in controllers)
+    size = held + (delay + 1) * axes
     m = np.zeros((size, size))
     m[:n, :n] = a
-    error = np.zeros(size)
-    error[:n] = -c
-    command = (gains.kp + gains.kd / gains.td) * error
-    command[n] -= gains.kd / gains.td
-    command[n + 1] += gains.ki
-    m[n] = (1 - a_d) * error
-    m[n, n] += a_d
-    m[n + 1] = (1 - a_i) * error
-    m[n + 1, n + 1] += a_i
-    commands = [command, *np.eye(size)[n + 2 :]]
-    m[:n] += np.outer(b_new, commands[delay]) + np.outer(b_old, commands[delay + 1])
-    for j in range(delay + 1):
-        m[n + 2 + j] = commands[j]
-    return np.linalg.eigvals(m)
+    command = np.zeros((axes, size))
+    first = n
+    for axis, (ka, kb, kc, kd) in enumerate(controllers):
+        own = slice(first, first + len(kb))
+        m[own, own], m[own, :n] = ka, -np.outer(kb, c[axis])
+        command[axis, own], command[axis, :n] = kc, -kd * c[axis]
+        first = own.stop
+    stored = np.eye(size)[held:]
+    commands = np.concatenate([command, stored])  # now, one sample ago, ...
+    m[:n] += b_new @ commands[delay * axes : (delay + 1) * axes] + b_old @ commands[(delay + 1) * axes :][:axes]
+    m[held:] = commands[: (delay + 1) * axes]
+    return m, np.pad(b_force, ((0, size - n), (0, 0))), np.pad(c, ((0, 0), (0, size - n)))
 
 
 def expected_statistics(experiment: Experiment, lines: np.ndarray) -> LineStatistics:
     """Noise-free line means of the linearised experiment, with the covariance that its noise would give them."""
     frequency = np.asarray(lines) * experiment.fundamental
     response = loop_response(experiment, frequency)
-    rig, n = experiment.rig, experiment.samples_per_period
+    rig, n, axes = experiment.rig, experiment.samples_per_period, experiment.rig.axes
+    receptance, plant, s, controller, to_command = (
+        m.reshape(-1, axes, axes)
+        for m in (
+            response.receptance, response.plant, response.sensitivity, response.controller, response.force_to_command
+        )
+    )  # fmt: skip
 
     def drive(at: str) -> np.ndarray:
-        return np.fft.rfft(experiment.waveform(at))[lines] * (2 / n)
+        return np.fft.rfft(np.atleast_2d(experiment.waveform(at)), axis=-1)[:, lines].T[..., None] * (2 / n)
 
     force, injection, reference = drive("force"), drive("current"), drive("reference")
-    s = response.sensitivity
-    entry = injection + response.controller * reference
-    displacement = response.receptance * force + response.plant * s * entry
-    command = response.force_to_command * force + s * entry
-    mean = np.array([displacement, command, force, injection])
+    command = to_command @ force + s @ (injection + controller @ reference)
+    displacement = receptance @ force + plant @ s @ (injection + controller @ reference)
+    mean = np.concatenate([displacement, command, force, injection], axis=1)[..., 0].T
     lsb = 2 * rig.voltage_range / 2**rig.adc_bits / rig.probe_gain if rig.adc_bits else 0.0
     noise = 4 / (n * experiment.periods)
-    reading = np.array([s, -response.controller * s, 0 * s, 0 * s])
-    covariance = reading[:, None] * np.conj(reading[None]) * (rig.noise.displacement**2 + lsb**2 / 12) * noise
-    covariance[2, 2] += rig.noise.force**2 * noise
-    channels = ("displacement", "command", "force", "injection")
+    # Reading noise runs around the loop: the reading is (1 + P C)^-1 of it, the command -C times that.
+    reading = np.linalg.inv(np.eye(axes) + plant @ controller)
+    ways = np.concatenate([reading, -controller @ reading, np.zeros((len(reading), 2 * axes, axes))], axis=1)
+    covariance = np.einsum("nia,nja->ijn", ways, ways.conj()) * (rig.noise.displacement**2 + lsb**2 / 12) * noise
+    for axis in range(2 * axes, 3 * axes):
+        covariance[axis, axis] += rig.noise.force**2 * noise
+    channels = channels_of(rig, SPECTRAL)
     return LineStatistics(frequency, np.asarray(lines), channels, mean, covariance, experiment.periods)
 
 
-def discrete_plant(e: Experiment, dt: float) -> tuple[np.ndarray, ...]:
-    """A, B_force, B_old, B_new, C over one control sample; the command changes from old to new inside it."""
+def discrete_plant(experiment: Experiment) -> tuple[np.ndarray, ...]:
+    """A (n, n), B_force, B_old, B_new (n, axes), C (axes, n) over one control sample, from held forces and commands to
+    displacement readings; each command changes from old to new inside the sample when a delay has a fraction."""
+    rig, axes = experiment.rig, experiment.rig.axes
+    dt = 1 / rig.control_rate
+    parts = [_continuous(axis_experiment(experiment, axis)) for axis in range(axes)]
+    sizes = [len(part[0]) for part in parts]
+    starts = np.cumsum([0, *sizes])
+    n = int(starts[-1])
+    m = np.zeros((n + 2 * axes, n + 2 * axes))
+    c = np.zeros((axes, n))
+    for axis, (a, b, reading, _) in enumerate(parts):
+        own = slice(starts[axis], starts[axis + 1])
+        m[own, own], m[own, n + axis], m[own, n + axes + axis] = a, b[:, 0], b[:, 1]
+        c[axis, own] = reading
+    if rig.cross != NO_CROSS:
+        for axis, other in ((0, 1), (1, 0)):
+            stiffness, damping, gain, sensor = rig.cross.onto(axis)
+            mass = moving_mass(axis_experiment(experiment, axis))
+            row, first = starts[axis] + 1, starts[other]
+            m[row, first] -= stiffness / mass
+            m[row, first + 1] -= damping / mass
+            source = parts[other][3]
+            m[row, n + axes + other if source is None else first + source] += gain / mass
+            c[axis, first : starts[other + 1]] += sensor * parts[other][2]
+    c *= 1 + effect_value(experiment.effects, "sensor_gain")
+    _, switch = split_delay(experiment.effects, dt)
+    first, second, whole = expm(m * switch), expm(m * (dt - switch)), expm(m * dt)
+    b_old = second[:n, :n] @ first[:n, n + axes :]
+    return whole[:n, :n], whole[:n, n : n + axes], b_old, second[:n, n + axes :], c
+
+
+def _continuous(e: Experiment) -> tuple[np.ndarray, np.ndarray, np.ndarray, int | None]:
+    """A, B (force, command), C of one axis in continuous time, and which state is its current (None: the command)."""
     rig, effects = e.rig, e.effects
     gain = stiffness = 0.0
-    if rig.magnet != "none":
+    if rig.controlled:
         gain, stiffness = linearise(force_law(rig))
         gain *= 1 + effect_value(effects, "actuator_gain")
         stiffness *= 1 + effect_value(effects, "negative_stiffness")
-    mass = rig.mass * (1 + effect_value(effects, "mass"))
+    mass = moving_mass(e)
     k = rig.support_stiffness * (1 + effect_value(effects, "support_stiffness")) + stiffness
     c = rig.support_damping + effect_value(effects, "damping")
     amplifier = [t for t in (rig.amplifier_time_constant, effect_value(effects, "amplifier_lag")) if t > 0]
     sensor = [t for t in (rig.sensor_time_constant, effect_value(effects, "sensor_lag")) if t > 0]
-    # States: y, v, amplifier poles, sensor poles; inputs: force, command.
+    # States: y, v, amplifier poles, sensor poles.
     n = 2 + len(amplifier) + len(sensor)
-    m = np.zeros((n + 2, n + 2))
-    force_input, command_input = n, n + 1
-    m[0, 1] = 1.0
-    m[1, 0], m[1, 1], m[1, force_input] = -k / mass, -c / mass, 1 / mass
-    source = command_input
+    a, b, seen = np.zeros((n, n)), np.zeros((n, 2)), np.zeros(n)
+    a[0, 1] = 1.0
+    a[1, 0], a[1, 1], b[1, 0] = -k / mass, -c / mass, 1 / mass
     for j, t in enumerate(amplifier):
-        m[2 + j, 2 + j], m[2 + j, source] = -1 / t, 1 / t
-        source = 2 + j
-    m[1, source] += gain / mass
-    seen = 0
-    for j, t in enumerate(sensor):
-        row = 2 + len(amplifier) + j
-        m[row, row], m[row, seen] = -1 / t, 1 / t
-        seen = row
-    _, switch = split_delay(effects, dt)
-    first, second, whole = expm(m * switch), expm(m * (dt - switch)), expm(m * dt)
-    b_old = second[:n, :n] @ first[:n, command_input]
-    c_row = np.zeros(n)
-    c_row[seen] = 1.0
-    return whole[:n, :n], whole[:n, force_input], b_old, second[:n, command_input], c_row
+        a[2 + j, 2 + j] = -1 / t
+        if j:
+            a[2 + j, 1 + j] = 1 / t
+        else:
+            b[2, 1] = 1 / t
+    current = 1 + len(amplifier) if amplifier else None
+    if amplifier:
+        a[1, current] = gain / mass
+    else:
+        b[1, 1] = gain / mass
+    last = 0
+    for j, t in enumerate(sensor, 2 + len(amplifier)):
+        a[j, j], a[j, last] = -1 / t, 1 / t
+        last = j
+    seen[last] = 1.0
+    return a, b, seen, current
 
 
 def without_noise(experiment: Experiment) -> Experiment:

@@ -9,12 +9,14 @@ from pathlib import Path
 from typing import Any
 
 from maglev_env.excitation import Excitation, check_interleaved
-from maglev_env.gains import NO_CONTROLLER, Gains
+from maglev_env.gains import NO_CONTROLLER, Controllers, Gains, LinearController, of_axis
+from maglev_env.magnet_checks import check_magnet
+from maglev_env.planar import AXES, NO_CROSS, Cross
 
 SCHEMA = "maglev-rig/1"
-MAGNETS = ("hybrid_pair", "none")
+MAGNETS = ("hybrid_pair", "electromagnet_pair", "electromagnet", "magnet_coil", "none")
 FLUX_PATHS = ("gap", "magnet")
-PRESETS = ("hmb_free", "hmb_radial", "hmb_axial", "pedestal")
+PRESETS = ("hmb_free", "hmb_radial", "hmb_axial", "pedestal", "eframe")
 MAX_FILE_BYTES = 1_000_000
 
 
@@ -70,9 +72,12 @@ class Target:
 
 @dataclass(frozen=True)
 class Rig:
-    """Physical parameters of one levitated axis, SI; each field's metadata holds its unit and physical range.
+    """Physical parameters of a levitated rotor, SI; each field's metadata holds its unit and physical range.
 
-    actuator_gain (N/A) and negative_stiffness (N/m, < 0), when given, calibrate the hybrid pair's force law.
+    A rig of two axes has the same parameters in x and y but for what per_axis changes; cross couples them, gains is one
+    controller for both or a pair, and the clearance is round.
+    actuator_gain (N/A) and negative_stiffness (N/m, < 0), when given, calibrate the magnet's force law. force_constant
+    and force_exponent are a magnet_coil's. bias_current = 0 of a single-sided magnet: the one that carries the weight.
     adc_bits or dac_bits = 0 means an ideal converter.
     """
 
@@ -89,6 +94,8 @@ class Rig:
     magnet_length: float = _number("m", 1e-6, 1.0, 1e-3)
     remanence: float = _number("T", 0.0, 3.0, 0.0)
     recoil_permeability: float = _number("mu_0", 0.5, 100.0, 1.05)
+    force_constant: float | None = _number("N m^n/A", 1e-60, 1e6, None)
+    force_exponent: float | None = _number("", 1.0, 10.0, None)
     flux_path: str = "gap"
     bearings: int = _number("", 1, 16, 1)
     bias_current: float = _number("A", 0.0, 1e3, 0.0)
@@ -106,7 +113,10 @@ class Rig:
     voltage_range: float = _number("V", 0.1, 1e4, 10.0)
     control_rate: float = _number("Hz", 100.0, 1e6, 20000.0)
     gravity: float = _number("m/s2", 0.0, 100.0, 9.80665)
-    gains: Gains = NO_CONTROLLER
+    axes: int = 1
+    per_axis: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    cross: Cross = NO_CROSS
+    gains: Controllers = NO_CONTROLLER
     noise: Noise = Noise()
     bounds: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     protocol: Protocol | None = None
@@ -118,6 +128,10 @@ class Rig:
             raise ValueError(f"magnet = {self.magnet!r}; use one of {', '.join(MAGNETS)}")
         if self.flux_path not in FLUX_PATHS:
             raise ValueError(f"flux_path = {self.flux_path!r}; use one of {', '.join(FLUX_PATHS)}")
+        if self.axes not in (1, 2):
+            raise ValueError(f"axes = {self.axes!r}; use 1, or 2 for x and y")
+        if self.axes == 1 and (self.per_axis or self.cross != NO_CROSS or isinstance(self.gains, tuple)):
+            raise ValueError("[axis], [cross] and gains per axis need axes = 2")
         if not self.clearance:
             object.__setattr__(self, "clearance", self.gap)
         for f in fields(self):
@@ -125,8 +139,7 @@ class Rig:
                 _check_range(f.name, getattr(self, f.name), f.metadata)
         if self.clearance > self.gap:
             raise ValueError(f"clearance = {self.clearance} m is larger than the gap {self.gap} m")
-        if self.magnet != "none" and not self.remanence:
-            raise ValueError("remanence: a hybrid pair needs its magnets' remanence in T")
+        check_magnet(self)
 
     @property
     def controlled(self) -> bool:
@@ -163,6 +176,17 @@ def with_parameters(rig: Rig, parameters: Mapping[str, Any]) -> Rig:
     return replace(rig, **parameters)
 
 
+def axis_rig(rig: Rig, axis: int) -> Rig:
+    """Axis 0 (x) or 1 (y) of a rig as a one-axis rig with its own parameters and controller, uncoupled.
+
+    A protocol belongs to the whole rig: that of an x-y rig is left out.
+    """
+    if rig.axes == 1:
+        return rig
+    own = replace(rig, axes=1, per_axis={}, cross=NO_CROSS, gains=of_axis(rig.gains, axis), protocol=None)
+    return with_parameters(own, rig.per_axis.get(AXES[axis], {}))
+
+
 def load_rig(source: str | Path) -> Rig:
     """A preset by name, or a rig TOML by path. ValueError names the file and key; OSError when it cannot be read."""
     if str(source) in PRESETS:
@@ -188,7 +212,9 @@ def rig_from_toml(text: str, where: str) -> Rig:
         raise ValueError(f"{where}: {error}") from error
 
 
-_TABLES = ("parameters", "gains", "noise", "bounds", "protocol", "target", "tolerance")
+# What one axis may have otherwise than the rig: not what belongs to the one controller, bore and rotor clearance.
+_PER_AXIS = [name for name in PARAMETERS if name not in ("control_rate", "clearance", "gravity")]
+_TABLES = ("parameters", "axis", "cross", "gains", "noise", "bounds", "protocol", "target", "tolerance")
 
 
 def _build(data: dict[str, Any]) -> Rig:
@@ -196,8 +222,6 @@ def _build(data: dict[str, Any]) -> Rig:
         raise ValueError(f'schema = {data.get("schema")!r}; this version reads schema = "{SCHEMA}"')
     for key in data:
         _known(key, ("schema", "name", "magnet", "axes", *_TABLES), "top level")
-    if data.get("axes", 1) != 1:
-        raise ValueError(f"axes = {data['axes']}; one-axis rigs (axes = 1) are supported")
     for key in ("name", "magnet", "parameters"):
         if key not in data:
             raise ValueError(f"{key} is missing")
@@ -205,6 +229,10 @@ def _build(data: dict[str, Any]) -> Rig:
         _known(key, PARAMETERS, "[parameters]")
     if "mass" not in data["parameters"]:
         raise ValueError("[parameters]: mass is missing")
+    for axis, parameters in data.get("axis", {}).items():
+        _known(axis, AXES, "[axis]")
+        for key in parameters:
+            _known(key, _PER_AXIS, f"[axis.{axis}]")
     bounds = {k: _pair(v, f"[bounds] {k}") for k, v in data.get("bounds", {}).items()}
     for key in bounds:
         _known(key, [f.name for f in fields(Gains)], "[bounds]")
@@ -215,17 +243,50 @@ def _build(data: dict[str, Any]) -> Rig:
     target = dict(data.get("target", {}))
     if "band" in target:
         target["band"] = _pair(target["band"], "[target] band")
-    return Rig(
+    rig = Rig(
         name=data["name"],
         magnet=data["magnet"],
+        axes=data.get("axes", 1),
         **data["parameters"],
-        gains=_table(Gains, data, "gains") if "gains" in data else NO_CONTROLLER,
+        per_axis=data.get("axis", {}),
+        cross=_table(Cross, data, "cross"),
+        gains=controllers_from_table(data["gains"]) if "gains" in data else NO_CONTROLLER,
         noise=_table(Noise, data, "noise"),
         bounds=bounds,
         protocol=_protocol(data["protocol"]) if "protocol" in data else None,
         target=_table(Target, {"target": target}, "target"),
         tolerance=data.get("tolerance", {}),
     )
+    for axis in range(rig.axes):  # an axis' own parameters are checked like the common ones
+        axis_rig(rig, axis)
+    return rig
+
+
+def controllers_from_table(table: Mapping[str, Any]) -> Controllers:
+    """Controllers from a TOML table: gains, numerator and denominator, or a table of either for each of x and y.
+
+    ValueError names the axis that is missing, or the key that is unknown or missing.
+    """
+    if any(key in AXES for key in table):
+        for key in table:
+            _known(key, AXES, "[gains]")
+        if missing := [axis for axis in AXES if axis not in table]:
+            raise ValueError(f"[gains]: axis {missing[0]} has no gains; give [gains.x] and [gains.y], or one for both")
+        return tuple(_controller(table[axis], f"[gains.{axis}]") for axis in AXES)
+    return _controller(table, "[gains]")
+
+
+def _controller(table: Any, where: str) -> Gains | LinearController:
+    if not isinstance(table, Mapping):
+        raise ValueError(f"{where} = {table!r} must be a table")
+    cls = LinearController if {"numerator", "denominator"} & set(table) else Gains
+    names = [f.name for f in fields(cls)]
+    for key in table:
+        _known(key, names, where)
+    if missing := [f.name for f in fields(cls) if f.default is MISSING and f.name not in table]:
+        raise ValueError(f"{where}: {', '.join(missing)} missing")
+    values = {key: tuple(v) if isinstance(v, list) else v for key, v in table.items()}
+    return cls(**values)
 
 
 def _protocol(data: dict[str, Any]) -> Protocol:

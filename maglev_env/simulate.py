@@ -1,6 +1,6 @@
 """Run experiments in lanes: to line statistics, one period in memory at a time, or to full recordings."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import chain, islice
 
@@ -8,16 +8,14 @@ import numpy as np
 import scipy.fft
 
 from estimation.periods import LineStatistics, line_statistics
-from maglev_env import kernel as k
 from maglev_env.excitation import lines_at
-from maglev_env.experiment import Experiment
+from maglev_env.experiment import CHANNELS, SPECTRAL, Experiment, channels_of, sampling
+from maglev_env.kernel import CHANNELS as KERNEL_CHANNELS
+from maglev_env.kernel import TILE, Structure, kernel
+from maglev_env.kernel_rows import ALIVE, CURRENT_SQ, LANES, PEAK_SQ, STEPS
 from maglev_env.lanes import SEEDED, LaneBatch, lane_batch, structure_of
 from maglev_env.noise import line_noise, series_noise
 from maglev_env.threads import over_threads
-
-CHANNELS = ("displacement", "command", "current", "force")
-# Channels whose spectra the estimators use; the injection is digital and known exactly.
-SPECTRAL = ("displacement", "command", "force", "injection")
 
 
 @dataclass(frozen=True)
@@ -25,7 +23,8 @@ class SimulatedStatistics:
     """n experiments that share excitations and periods, as the estimators need them.
 
     statistics: lane axis first; lanes that touched down hold nan. touchdown_time (n,) s, nan when the rotor never
-    reached the clearance. peak_displacement (n,) m and current_rms (n,) A over the kept periods.
+    reached the clearance. peak_displacement (n,) m, radial on an x-y rig, and current_rms (n,) A, of the axis with the
+    larger one, over the kept periods.
     """
 
     statistics: LineStatistics
@@ -55,27 +54,26 @@ def simulate_statistics(
     if first.periods < 2:
         raise ValueError("experiment: statistics over periods need at least two kept periods")
     lines = lines_at(first.excitations)
-    n, channels = len(experiments), SPECTRAL
+    n, channels = len(experiments), channels_of(first.rig, SPECTRAL)
     mean = np.full((n, len(channels), len(lines)), np.nan, complex)
     covariance = np.full((n, len(channels), len(channels), len(lines)), np.nan, complex)
     touchdown, peak, rms = np.full(n, np.nan), np.full(n, np.nan), np.full(n, np.nan)
-    injection = first.waveform("current")
-    injected = scipy.fft.rfft(injection)[lines] * (2 / injection.size)
+    applied = {place: _line_amplitudes(first, place, lines) for place in ("force", "current")}
 
     def run(block: _Block) -> None:
         state = _State(block)
-        spectra = _block_spectra(block, state, lines, injected)
+        spectra = _block_spectra(block, state, lines, applied)
         begun = list(islice(spectra, 2))
         if len(begun) < 2:  # every lane has touched down
             touchdown[block.members] = state.touchdown_time()[: len(block.members)]
             return
         result = line_statistics(chain(begun, spectra), first.fundamental, lines, channels)
-        alive = state.rows[k.ALIVE, : len(block.members)] > 0
+        alive = state.alive()[: len(block.members)]
         members, kept = block.members[alive], np.flatnonzero(alive)
         mean[members], covariance[members] = result.mean[kept], result.covariance[kept]
         samples = first.periods * first.samples_per_period
-        peak[members] = state.rows[k.PEAK, kept]
-        rms[members] = np.sqrt(state.rows[k.CURRENT_SQ, kept] / samples)
+        peak[members] = np.sqrt(state.rows[PEAK_SQ, kept])
+        rms[members] = np.sqrt(state.axis_rows(CURRENT_SQ)[:, kept].max(axis=0) / samples)
         touchdown[block.members[~alive]] = state.touchdown_time()[: len(block.members)][~alive]
 
     for _ in over_threads(run, _blocks(experiments, substeps), threads):
@@ -85,33 +83,39 @@ def simulate_statistics(
 
 
 def simulate_records(experiments: Sequence[Experiment], substeps: int = 1, threads: int | None = None) -> np.ndarray:
-    """Time series (n, channels, samples) of `CHANNELS`, transient periods included.
+    """Time series (n, channels, samples) of `channels_of` the rig at the recorded rate, transient periods included.
 
-    Samples after a touchdown are nan. ValueError as `simulate_statistics`.
+    Samples after a touchdown are nan. A recorded rate above the control rate takes as many substeps. ValueError as
+    `simulate_statistics`, or when the period is not a whole number of recorded samples.
     """
     first = _common(experiments)
-    periods, n = first.periods + first.transient_periods, first.samples_per_period
-    records = np.full((len(experiments), len(CHANNELS), periods * n), np.nan)
-    force = first.waveform("force")
+    multiple, every = sampling(first.recorded_rate, first.rig.control_rate)
+    substeps = multiple if multiple > 1 else substeps
+    periods, axes = first.periods + first.transient_periods, first.rig.axes
+    n = next(e for e in first.excitations if e.periodic).samples_per_period(first.recorded_rate)
+    records = np.full((len(experiments), len(CHANNELS), axes, periods * n), np.nan)
+    force = np.repeat(np.atleast_2d(first.waveform("force")), multiple, axis=1)[:, ::every]
 
     def run(block: _Block) -> None:
         state = _State(block)
-        for i, out in enumerate(_periods(block, state, periods, len(k.CHANNELS))):
+        for i, out in enumerate(_periods(block, state, periods, len(KERNEL_CHANNELS), multiple > 1)):
             span = slice(i * n, (i + 1) * n)
-            records[block.members, : len(k.CHANNELS), span] = out[:, : len(block.members)].transpose(1, 0, 2)
+            kept = out[:, :, : len(block.members), ::every]  # (axes, channels, lanes, samples)
+            records[block.members, : len(KERNEL_CHANNELS), :, span] = kept.transpose(2, 1, 0, 3)
             for lane, member in enumerate(block.members):
-                noise, seeds = experiments[member].rig.noise, dict(zip(SEEDED, state.seeds[:, lane], strict=True))
-                records[member, CHANNELS.index("force"), span] = force
+                noise = experiments[member].rig.noise
+                records[member, CHANNELS.index("force"), :, span] = force
                 for name, rms in (("current", noise.current), ("force", noise.force)):
-                    if rms:
-                        records[member, CHANNELS.index(name), span] += series_noise(seeds[name], rms, i, n)
+                    for axis in range(axes if rms else 0):
+                        seed = state.seeds[axis, SEEDED.index(name), lane]
+                        records[member, CHANNELS.index(name), axis, span] += series_noise(seed, rms, i, n)
         for lane, time in zip(block.members, state.touchdown_time(), strict=False):
             if not np.isnan(time):
-                records[lane, :, round(time * first.rig.control_rate) :] = np.nan
+                records[lane, ..., round(time * first.recorded_rate) :] = np.nan
 
     for _ in over_threads(run, _blocks(experiments, substeps), threads):
         pass
-    return records
+    return records.reshape(len(experiments), len(CHANNELS) * axes, -1)
 
 
 def block_periods(experiments: Sequence[Experiment], outputs: int = 2) -> Iterator[Iterator[np.ndarray]]:
@@ -126,17 +130,26 @@ class _State:
 
     def __init__(self, block: _Block) -> None:
         batch = block.batch
-        pad = np.minimum(np.arange(k.LANES), batch.rows.shape[1] - 1)
-        self.rows = _aligned((len(batch.rows), k.LANES))
+        pad = np.minimum(np.arange(LANES), batch.rows.shape[1] - 1)
+        self.axes = batch.structure.axes
+        self.rows = _aligned((len(batch.rows), LANES))
         self.rows[:] = batch.rows[:, pad]
-        self.seeds = np.ascontiguousarray(batch.seeds[:, pad])
-        self.history = np.zeros(batch.history_length * k.LANES)
+        self.seeds = np.ascontiguousarray(batch.seeds[..., pad])
+        self.history = np.zeros(self.axes * batch.history_length * LANES)
         self.step = 0
         self._per_second = block.experiment.rig.control_rate * block.substeps
 
+    def axis_rows(self, row: int) -> np.ndarray:
+        """One row of every axis, (axes, LANES), a view."""
+        return self.rows[row :: len(self.rows) // self.axes]
+
+    def alive(self) -> np.ndarray:
+        """Which lanes have not touched down."""
+        return self.rows[ALIVE] > 0
+
     def touchdown_time(self) -> np.ndarray:
         """Seconds to touchdown per lane, nan for lanes still alive."""
-        return np.where(self.rows[k.ALIVE] > 0, np.nan, self.rows[k.STEPS] / self._per_second)
+        return np.where(self.alive(), np.nan, self.rows[STEPS] / self._per_second)
 
 
 def _aligned(shape: tuple[int, ...]) -> np.ndarray:
@@ -153,67 +166,69 @@ def _common(experiments: Sequence[Experiment]) -> Experiment:
     first = experiments[0]
 
     def schedule(e: Experiment) -> tuple:
-        return e.excitations, e.periods, e.transient_periods, e.offset, e.rig.control_rate
+        return e.excitations, e.periods, e.transient_periods, e.offset, e.rig.control_rate, e.rig.axes, e.recorded_rate
 
     if any(schedule(e) != schedule(first) for e in experiments):
-        raise ValueError("experiments in one batch must share excitations, periods, offset and control_rate")
+        raise ValueError("experiments in one batch must share excitations, periods, offset, axes and rates")
     return first
 
 
 def _blocks(experiments: Sequence[Experiment], substeps: int) -> list[_Block]:
     """Blocks of up to LANES experiments of one structure each, so that a lane never depends on its neighbours."""
-    groups: dict[k.Structure, list[int]] = {}
+    groups: dict[Structure, list[int]] = {}
     for i, e in enumerate(experiments):
         groups.setdefault(structure_of(e), []).append(i)
     blocks = []
     for members in groups.values():
         batch = lane_batch([experiments[i] for i in members], substeps)
-        for start in range(0, len(members), k.LANES):
-            s = slice(start, start + k.LANES)
-            part = LaneBatch(batch.structure, batch.rows[:, s], batch.seeds[:, s], batch.history_length)
+        for start in range(0, len(members), LANES):
+            s = slice(start, start + LANES)
+            part = LaneBatch(batch.structure, batch.rows[:, s], batch.seeds[..., s], batch.history_length)
             noise = [experiments[i].rig.noise.force for i in members[s]]
-            noise += noise[-1:] * (k.LANES - len(noise))
+            noise += noise[-1:] * (LANES - len(noise))
             blocks.append(_Block(part, np.array(members[s]), np.array(noise), experiments[members[0]], substeps))
     return blocks
 
 
-def _periods(block: _Block, state: _State, periods: int, outputs: int) -> Iterator[np.ndarray]:
-    """Output (outputs, LANES, samples) of each period; the buffer is reused. Ends when every lane has touched down."""
-    e = block.experiment
-    step = k.kernel(block.batch.structure, outputs, block.substeps)
-    force, injection = e.waveform("force"), e.waveform("current")
-    reference = e.waveform("reference") + e.offset
-    out = _aligned((outputs, k.LANES, e.samples_per_period))
-    tile = _aligned((k.TILE * outputs * k.LANES,))
+def _periods(
+    block: _Block, state: _State, periods: int, outputs: int, oversampled: bool = False
+) -> Iterator[np.ndarray]:
+    """Output (axes, outputs, LANES, samples) of each period; the buffer is reused. Ends when all have touched down."""
+    e, axes = block.experiment, state.axes
+    step = kernel(block.batch.structure, outputs, block.substeps, oversampled)
+    reference = np.atleast_2d(e.waveform("reference"))
+    reference[0] += e.offset
+    waves = [np.ravel(e.waveform("force")), np.ravel(e.waveform("current")), reference.reshape(-1)]
+    out = _aligned((axes, outputs, LANES, e.samples_per_period * (block.substeps if oversampled else 1)))
+    tile = _aligned((TILE * axes * outputs * LANES,))
+    kernel_seeds = np.ascontiguousarray(state.seeds[:, SEEDED.index("displacement")]).reshape(-1)
     for _ in range(periods):
-        done = step(
-            state.rows.reshape(-1),
-            state.seeds.reshape(-1),
-            state.history,
-            state.step,
-            force,
-            injection,
-            reference,
-            tile,
-            out.reshape(-1),
-        )
+        done = step(state.rows.reshape(-1), kernel_seeds, state.history, state.step, *waves, tile, out.reshape(-1))
         state.step += done
         yield out
         if done < e.samples_per_period:
             return
 
 
-def _block_spectra(block: _Block, state: _State, lines: np.ndarray, injected: np.ndarray) -> Iterator[np.ndarray]:
-    """Per-period spectra (LANES, channels, lines) of the kept periods."""
-    e, n = block.experiment, block.experiment.samples_per_period
-    driven = scipy.fft.rfft(e.waveform("force"))[lines] * (2 / n)
-    seeds = state.seeds[SEEDED.index("force")]
+def _line_amplitudes(e: Experiment, place: str, lines: np.ndarray) -> np.ndarray:
+    """Complex amplitudes (axes, lines) of what the experiment applies."""
+    return scipy.fft.rfft(np.atleast_2d(e.waveform(place)), axis=-1)[:, lines] * (2 / e.samples_per_period)
+
+
+def _block_spectra(
+    block: _Block, state: _State, lines: np.ndarray, applied: Mapping[str, np.ndarray]
+) -> Iterator[np.ndarray]:
+    """Per-period spectra (LANES, channels, lines) of the kept periods; channels as `channels_of` SPECTRAL."""
+    e, axes, n = block.experiment, state.axes, block.experiment.samples_per_period
     for period, out in enumerate(_periods(block, state, e.transient_periods + e.periods, 2)):
         if period < e.transient_periods:
-            state.rows[[k.PEAK, k.CURRENT_SQ]] = 0.0
+            state.axis_rows(PEAK_SQ)[:] = 0.0
+            state.axis_rows(CURRENT_SQ)[:] = 0.0
             continue
-        spectra = np.empty((k.LANES, len(SPECTRAL), len(lines)), complex)
-        spectra[:, :2] = scipy.fft.rfft(out, axis=-1)[..., lines].transpose(1, 0, 2) * (2 / n)
-        spectra[:, 2] = driven + line_noise(seeds, block.force_noise, period, n, lines)
-        spectra[:, 3] = injected
-        yield spectra
+        spectra = np.empty((LANES, len(SPECTRAL), axes, len(lines)), complex)
+        spectra[:, :2] = scipy.fft.rfft(out, axis=-1)[..., lines].transpose(2, 1, 0, 3) * (2 / n)
+        for axis in range(axes):
+            seeds = state.seeds[axis, SEEDED.index("force")]
+            spectra[:, 2, axis] = applied["force"][axis] + line_noise(seeds, block.force_noise, period, n, lines)
+        spectra[:, 3] = applied["current"]
+        yield spectra.reshape(LANES, len(SPECTRAL) * axes, len(lines))

@@ -48,7 +48,7 @@ def test_presets_load_and_carry_the_published_numbers():
         ("mass = 0.5", "mass = 0.5\ngap = 1e-3\nclearance = 2e-3", ["clearance", "gap"]),
         ('magnet = "none"', 'magnet = "permanent"', ["magnet = 'permanent'", "hybrid_pair"]),
         ('magnet = "none"', 'magnet = "hybrid_pair"', ["remanence"]),
-        ('magnet = "none"', 'magnet = "none"\naxes = 2', ["axes = 2"]),
+        ('magnet = "none"', 'magnet = "none"\naxes = 3', ["axes = 3"]),
         ('name = "mine"', "", ["name is missing"]),
         ("[parameters]", "[noise]\nsound = 1\n[parameters]", ["[noise]", "unknown key 'sound'"]),
         ("[parameters]", "[gains]\nkp = inf\nki = 1\nkd = 1\n[parameters]", ["kp = inf", "finite"]),

@@ -1,0 +1,122 @@
+"""Pieces of the lane kernel for one axis, inlined where they are used: what happens to one lane at one instant.
+
+Every piece takes the block x and the lane i and works on scalars. Velocities are h v and accelerations h^2 a, in
+displacement per step.
+"""
+
+from collections.abc import Callable
+
+import numba as nb
+
+from maglev_env.kernel_rows import (
+    ACTING, ACTUATOR, BIAS, CALIBRATION, CROSS_C, CROSS_GAIN, CROSS_K, CS, EXPONENT, FLUX_C, FLUX_M, GAP, GAP2, GAPM,
+    GAPM2, KS, LANES, SENSOR, SENSOR_CURRENT, U, U_OLD, WEIGHT, X1, X2, Z1, Z2,
+)  # fmt: skip
+from maglev_env.noise import FAST
+
+W = LANES
+
+
+def axis_pieces(
+    first: int, magnets: str, supported: bool, sensor_poles: int, actuator_poles: int, delayed: bool
+) -> tuple[Callable, ...]:
+    """currents, acceleration, drag, probe, push and sway of the axis whose rows begin at row `first`."""
+    inlined = nb.njit(fastmath=FAST, error_model="numpy", inline="always")
+    b = first * W
+    acting = ACTING if delayed else U
+
+    @inlined
+    def currents(x, row, i):
+        """Three nodal currents whose quadrature over the step is exact, from x1 x2 old new, and the next x1 and x2."""
+        c0 = c1 = c2 = n1 = n2 = 0.0
+        if magnets != "none":
+            a = b + row + ACTUATOR * W + i
+            u, x1, x2 = x[b + acting * W + i], x[b + X1 * W + i], x[b + X2 * W + i]
+            n1, n2 = x[a + 3 * W] * u, x[a + 7 * W] * u
+            c0, c1, c2 = x[a + 11 * W] * u, x[a + 15 * W] * u, x[a + 19 * W] * u
+            if actuator_poles >= 1:
+                n1 = n1 + x[a] * x1
+                c0, c1, c2 = c0 + x[a + 8 * W] * x1, c1 + x[a + 12 * W] * x1, c2 + x[a + 16 * W] * x1
+            if actuator_poles == 2:
+                n2 = n2 + x[a + 4 * W] * x1 + x[a + 5 * W] * x2
+                c0, c1, c2 = c0 + x[a + 9 * W] * x2, c1 + x[a + 13 * W] * x2, c2 + x[a + 17 * W] * x2
+            if delayed:
+                old = x[b + U_OLD * W + i]
+                n1, n2 = n1 + x[a + 2 * W] * old, n2 + x[a + 6 * W] * old
+                c0, c1 = c0 + x[a + 10 * W] * old, c1 + x[a + 14 * W] * old
+                c2 = c2 + x[a + 18 * W] * old
+        return c0, c1, c2, n1, n2
+
+    @inlined
+    def acceleration(x, i, y, current):
+        """By the magnets (see magnetics.force) and the support's spring."""
+        spring = x[b + KS * W + i] * y if supported else 0.0
+        if magnets == "none":
+            return -spring
+        if magnets == "electromagnet":
+            coil = x[b + FLUX_C * W + i] / (x[b + GAP * W + i] - y)
+            bias, drive = x[b + BIAS * W + i] * coil, current * coil
+            at_bias = x[b + CALIBRATION * W + i] * (bias * bias - x[b + WEIGHT * W + i])
+            return at_bias + drive * (2.0 * bias + drive) - spring
+        elif magnets == "magnet_coil":
+            coil = x[b + FLUX_C * W + i] * (x[b + GAP * W + i] - y) ** (-x[b + EXPONENT * W + i])
+            magnet = x[b + FLUX_M * W + i] / (x[b + GAPM * W + i] - y)
+            at_bias = coil * x[b + BIAS * W + i] + magnet * magnet - x[b + WEIGHT * W + i]
+            return x[b + CALIBRATION * W + i] * at_bias + coil * current - spring
+        else:
+            # A pair, in sums and differences of its two gaps: one division, 25 operations.
+            y2 = y * y
+            c = x[b + GAPM2 * W + i] - y2
+            if magnets == "gap":
+                a = x[b + GAP2 * W + i] - y2
+                inverse = 1.0 / (a * c)
+                magnet, coil = x[b + FLUX_M * W + i] * (a * inverse), x[b + FLUX_C * W + i] * (c * inverse)
+                reach = x[b + GAP * W + i]
+            else:
+                inverse = 1.0 / c
+                magnet, coil = x[b + FLUX_M * W + i] * inverse, x[b + FLUX_C * W + i] * inverse
+                reach = x[b + GAPM * W + i]
+            bias = x[b + BIAS * W + i] * coil
+            field_sum = x[b + GAPM * W + i] * magnet + reach * bias
+            slope = magnet + bias
+            drive = current * coil
+            bent = reach * (field_sum + drive * y) + slope * y2
+            return x[b + CALIBRATION * W + i] * (y * field_sum * slope) + drive * bent - spring
+
+    @inlined
+    def drag(x, i, v):
+        """Deceleration by the support's damper."""
+        return x[b + CS * W + i] * v if supported else 0.0
+
+    @inlined
+    def probe(x, row, i, y, v, y1, v1):
+        """Next probe states: their exact answer to the cubic through both ends, and to what the current adds to it."""
+        k = b + row + SENSOR * W + i
+        q = b + row + SENSOR_CURRENT * W + i
+        z1, z2 = x[b + Z1 * W + i], x[b + Z2 * W + i]
+        m1 = x[k] * z1 + x[k + 2 * W] * y + x[k + 3 * W] * v + x[k + 4 * W] * y1 + x[k + 5 * W] * v1
+        m2 = x[k + 6 * W] * z1 + x[k + 7 * W] * z2
+        m2 = m2 + x[k + 8 * W] * y + x[k + 9 * W] * v + x[k + 10 * W] * y1 + x[k + 11 * W] * v1
+        if magnets != "none":
+            u, x1, x2 = x[b + acting * W + i], x[b + X1 * W + i], x[b + X2 * W + i]
+            m1, m2 = m1 + x[q + 3 * W] * u, m2 + x[q + 7 * W] * u
+            if actuator_poles >= 1:
+                m1, m2 = m1 + x[q] * x1, m2 + x[q + 4 * W] * x1
+            if actuator_poles == 2:
+                m1, m2 = m1 + x[q + W] * x2, m2 + x[q + 5 * W] * x2
+            if delayed:
+                old = x[b + U_OLD * W + i]
+                m1, m2 = m1 + x[q + 2 * W] * old, m2 + x[q + 6 * W] * old
+        return m1, m2
+
+    @inlined
+    def push(x, i, y, current):
+        """Acceleration of this axis by the other one's displacement and current."""
+        return x[b + CROSS_GAIN * W + i] * current - x[b + CROSS_K * W + i] * y
+
+    @inlined
+    def sway(x, i, v):
+        """Deceleration of this axis by the other one's velocity."""
+        return x[b + CROSS_C * W + i] * v
+
+    return currents, acceleration, drag, probe, push, sway
