@@ -1,6 +1,7 @@
 """Signals in; stiffness, damping and stability out, with their uncertainty. Knows no rig."""
 
 from estimation.bands import band_slices, sliding_bands
+from estimation.crest import low_crest
 from estimation.effective import effective_coefficients, pid_effective_coefficients
 from estimation.frequency_response import (
     Distortion,
@@ -11,8 +12,10 @@ from estimation.frequency_response import (
     pooled_variance,
 )
 from estimation.least_squares import LeastSquares, least_squares
+from estimation.local_polynomial import local_polynomial
 from estimation.max_likelihood import BandEstimate, least_squares_bias, maximum_likelihood
 from estimation.modal import ModalEstimate, modal_estimate
+from estimation.orthogonal import interleaved_lines, orthogonal_multisines
 from estimation.periods import (
     LineStatistics,
     held,
@@ -59,18 +62,22 @@ __all__ = [
     "harmonic_range",
     "held",
     "instrumented_response",
+    "interleaved_lines",
     "iso_14839_2_zone",
     "iso_14839_3_zone",
     "least_squares",
     "least_squares_bias",
     "line_statistics",
+    "local_polynomial",
     "loop_gain",
+    "low_crest",
     "margin_arrays",
     "margins",
     "maximum_likelihood",
     "modal_estimate",
     "odd_lines",
     "odd_random_grid",
+    "orthogonal_multisines",
     "peak_sensitivity",
     "period_spectra",
     "pid_effective_coefficients",

@@ -21,7 +21,7 @@ _HOME = {
     "Evaluation": "evaluation",
     "evaluate": "evaluation",
     "identify": "identification",
-    "RecordedSignals": "identification",
+    "RecordedSignals": "record_spectra",
     "load_campaign": "campaign",
     "read_recording": "recording",
     "recorded_signals": "recorded",

@@ -10,16 +10,14 @@ from maglev_env.campaign_tables import (
     ChannelSource,
     channel_table,
     check_known,
-    controller_table,
     excitations_table,
-    gains_table,
     number_of,
     table_of,
     whole_of,
 )
 from maglev_env.excitation import Excitation
-from maglev_env.gains import Gains
-from maglev_env.rig import PRESETS, Rig, load_rig, with_parameters
+from maglev_env.gains import Controllers
+from maglev_env.rig import PRESETS, Rig, controllers_from_table, load_rig, with_parameters
 
 __all__ = ["Campaign", "ChannelSource", "RecordingSpec", "load_campaign"]
 
@@ -38,8 +36,8 @@ class RecordingSpec:
     """One recording of a campaign, as campaign.toml states it.
 
     file: relative to the campaign's folder. sample_rate in Hz. start: first sample used, from 0. samples: how many
-    (None: all to the end). periods: whole periods in them, where stated. controller: numerator and denominator in z,
-    highest power first, at the control rate; with neither gains nor controller the rotor runs uncontrolled.
+    (None: all to the end). periods: whole periods in them, where stated. gains: PID gains or a linear controller, one
+    for all axes or one each for x and y; None: the rotor runs uncontrolled.
     intersample: between samples the force is band-limited ("bl", a reading) or held by a converter ("zoh"); None: not
     stated, see `recorded.recorded_signals`.
     """
@@ -51,8 +49,7 @@ class RecordingSpec:
     samples: int | None
     periods: int | None
     speed_rpm: float
-    gains: Gains | None
-    controller: tuple[tuple[float, ...], tuple[float, ...]] | None
+    gains: Controllers | None
     excitations: tuple[Excitation, ...]
     channels: Mapping[str, ChannelSource]
     intersample: Literal["bl", "zoh"] | None = None
@@ -171,8 +168,7 @@ def _checked_recording(file: str, table: dict[str, Any]) -> RecordingSpec:
         samples=samples,
         periods=periods,
         speed_rpm=number_of(table, "speed_rpm", 0.0),
-        gains=gains_table(table["gains"]) if "gains" in table else None,
-        controller=controller_table(table["controller"]) if "controller" in table else None,
+        gains=next((controllers_from_table(table[key], key) for key in ("gains", "controller") if key in table), None),
         excitations=excitations,
         channels=channels,
         intersample=intersample,

@@ -6,7 +6,6 @@ from math import isfinite
 from typing import Any
 
 from maglev_env.excitation import Excitation, check_interleaved
-from maglev_env.gains import Gains
 from maglev_env.rig import excitation_from_table
 
 MAX_HARMONIC = 1_000_000
@@ -56,9 +55,12 @@ def excitations_table(value: Any, rate: float, channels: Mapping) -> tuple[tuple
         elif stated is not None:
             raise ValueError(f"excitation: periods has no meaning with kind = {excitation.kind!r}")
         channel = EXCITATION_CHANNEL[excitation.at]
-        if excitation.kind in ("multisine", "recorded") and not any(channel + axis in channels for axis in _AXES):
-            why = "its phases are unknown" if excitation.kind == "multisine" else "its waveform is that channel"
+        unknown = excitation.kind in ("multisine", "low_crest", "recorded")
+        if unknown and not any(channel + axis in channels for axis in _AXES):
+            why = "its phases are unknown" if excitation.periodic else "its waveform is that channel"
             raise ValueError(f"excitation: {excitation.kind} at {excitation.at} needs the channel {channel}: {why}")
+        if excitation.direction and not any(name.endswith(("_x", "_y")) for name in channels):
+            raise ValueError("excitation: direction needs the channels of two axes, force_x, force_y, ...")
         found.append(excitation)
     check_interleaved(tuple(found))
     if len(periods - {None}) > 1:
@@ -97,27 +99,6 @@ def channel_table(name: str, value: Any) -> ChannelSource:
     if scale == 0:
         raise ValueError(f"{where}: scale = 0 leaves nothing of the channel")
     return ChannelSource(tuple(columns), weights, scale, offset)
-
-
-def gains_table(value: Any) -> Gains:
-    """The checked gains of a recording."""
-    table = table_of(value, "gains")
-    if any(key in ("x", "y", "z") for key in table):
-        raise ValueError("gains per axis: only one axis is supported; give one table, gains = { kp = ..., ... }")
-    check_known(table, [f.name for f in fields(Gains)], "gains")
-    if missing := [key for key in ("kp", "ki", "kd") if key not in table]:
-        raise ValueError(f"gains: {', '.join(missing)} missing")
-    return Gains(**table)
-
-
-def controller_table(value: Any) -> tuple[tuple[float, ...], tuple[float, ...]]:
-    """The checked numerator and denominator of a recording's controller."""
-    table = table_of(value, "controller")
-    check_known(table, ("numerator", "denominator"), "controller")
-    numerator, denominator = (_numbers(table.get(k), f"controller: {k}") for k in ("numerator", "denominator"))
-    if denominator[0] == 0 or len(numerator) > len(denominator):
-        raise ValueError("controller: give powers of z, highest first, the numerator's not above the denominator's")
-    return numerator, denominator
 
 
 def check_known(table: Mapping[str, Any], known: Iterable[str], where: str) -> None:

@@ -13,6 +13,7 @@ from maglev_env.campaign_tables import CHANNELS, check_known
 from maglev_env.excitation import Excitation
 from maglev_env.experiment import Experiment
 from maglev_env.files import write_csv, write_mat, write_npz, write_text_atomic
+from maglev_env.gains import Controllers, Gains, as_table
 from maglev_env.rig import PRESETS, load_rig, with_parameters
 
 if TYPE_CHECKING:
@@ -84,7 +85,7 @@ def _recording(file: str, role: str, dataset: "xr.Dataset", experiment: Experime
     head = {"file": file, "role": role, "sample_rate": rate, "start": 0, "intersample": "zoh"}
     lines = _table("[[recording]]", head)
     if experiment.rig.controlled:
-        lines += _table("[recording.gains]", asdict(experiment.gains))
+        lines += _controllers(experiment.gains)
     for excitation in experiment.excitations:
         table = _excitation(excitation)
         if excitation.periodic:
@@ -95,11 +96,22 @@ def _recording(file: str, role: str, dataset: "xr.Dataset", experiment: Experime
     return [*lines, "", "[recording.channels]", *(f"{name} = {{ from = {_toml(name)} }}" for name in channels)]
 
 
+def _controllers(controllers: Controllers) -> list[str]:
+    if isinstance(controllers, tuple):
+        key = "gains" if isinstance(controllers[0], Gains) else "controller"
+        tables = as_table(controllers).items()
+        return [line for axis, table in tables for line in _table(f"[recording.{key}.{axis}]", table)]
+    return _table(f"[recording.{'gains' if isinstance(controllers, Gains) else 'controller'}]", as_table(controllers))
+
+
 def _excitation(excitation: Excitation) -> dict[str, Any]:
     table = asdict(excitation)
     lines = table.pop("lines")
-    if excitation.kind != "multisine":
+    if excitation.kind == "sphs":
         del table["seed"]
+    if not excitation.direction:
+        del table["direction"]
+    del table["band"]
     if not excitation.periodic:
         return {"kind": excitation.kind, "at": excitation.at}
     gapless = len(lines) > 1 and lines[-1] - lines[0] == len(lines) - 1

@@ -10,11 +10,13 @@ from estimation.frequency_response import frequency_response
 from estimation.least_squares import least_squares
 from estimation.max_likelihood import maximum_likelihood
 from estimation.periods import LineStatistics, held
+from estimation.planar import axis_statistics
 from estimation.stability import margin_arrays
 from maglev_env.excitation import lines_at
-from maglev_env.experiment import Experiment
+from maglev_env.experiment import Experiment, axis_experiment
 from maglev_env.linear import closed_loop_poles, expected_statistics
-from maglev_env.rig import Rig
+from maglev_env.planar import AXES
+from maglev_env.rig import Rig, axis_rig
 from maglev_env.score import ScoreTarget, score, terms
 from maglev_env.simulate import SimulatedStatistics, simulate_statistics
 from maglev_env.threads import over_threads
@@ -30,6 +32,8 @@ class Evaluation:
     and their 95 % bounds in the rig's target band, and ls_* beside them; margins: name -> (n,), nan where the crossing
     lies outside the injection lines; peak_sensitivity_se; pole_radius of the simulated loop, linearised; terms; score;
     feasible: that loop is stable and the rotor never touched down (it may also lean near a pole, unstable at centre).
+    axis: of an x-y rig everything is that of the axis with the lower score, 0 (x) or 1 (y), by D's direct coefficients;
+    peak_displacement is radial and current_rms the larger one.
     """
 
     bands: np.ndarray
@@ -54,12 +58,13 @@ class Evaluation:
     terms: dict[str, np.ndarray]
     score: np.ndarray
     feasible: np.ndarray
+    axis: np.ndarray
 
 
 def score_target(rig: Rig) -> ScoreTarget:
-    """The rig's target; a stiffness or damping it does not give is that of its nominal loop at its preset gains.
+    """A one-axis rig's target; a stiffness or damping it does not give is that of its nominal loop at its preset gains.
 
-    ValueError when the preset gains do not stabilise the nominal loop.
+    For an axis of an x-y rig see `rig.axis_rig`. ValueError when the preset gains do not stabilise the nominal loop.
     """
     t = rig.target
     stiffness, damping = t.stiffness, t.damping
@@ -104,29 +109,42 @@ def evaluate(
     if not experiments:
         raise ValueError("give at least one experiment")
     chunks = [experiments[i : i + CHUNK] for i in range(0, len(experiments), CHUNK)]
-    target = score_target(experiments[0].rig)
+    rig = experiments[0].rig
+    targets = [score_target(axis_rig(rig, axis)) for axis in range(rig.axes)]
     parts = []
-    for part in over_threads(lambda chunk: _evaluate_chunk(chunk, target), chunks, threads):
+    for part in over_threads(lambda chunk: _evaluate_chunk(chunk, targets), chunks, threads):
         parts.append(part)
         if progress:
             progress(len(part.score))
-    return _concatenate(parts)
+    return _combined(parts, np.concatenate)
 
 
-def _evaluate_chunk(experiments: Sequence[Experiment], target: ScoreTarget) -> Evaluation:
+def _evaluate_chunk(experiments: Sequence[Experiment], targets: Sequence[ScoreTarget]) -> Evaluation:
     simulated = simulate_statistics(experiments, threads=1)
-    return estimate_and_score(experiments, simulated, target)
+    radius = np.array([np.abs(closed_loop_poles(e)).max() for e in experiments])
+    parts = [_of_axis(experiments, axis, simulated, radius, target) for axis, target in enumerate(targets)]
+    if len(parts) == 1:
+        return parts[0]
+    # A rotor is as good as its worse axis.
+    worse = np.argmin([part.score for part in parts], axis=0)
+    return _combined(parts, lambda values: np.choose(worse.reshape(-1, *[1] * (values[0].ndim - 1)), values))
 
 
-def estimate_and_score(
-    experiments: Sequence[Experiment], simulated: SimulatedStatistics, target: ScoreTarget
+def _of_axis(
+    experiments: Sequence[Experiment],
+    axis: int,
+    simulated: SimulatedStatistics,
+    radius: np.ndarray,
+    target: ScoreTarget,
 ) -> Evaluation:
-    """Estimates and scores of already simulated experiments; see `evaluate`."""
-    first = experiments[0]
-    protocol, band = first.rig.protocol, np.array([first.rig.target.band], dtype=float)
+    """Estimates and scores of one axis of already simulated experiments."""
+    whole, first = experiments[0], axis_experiment(experiments[0], axis)
+    protocol, band = whole.rig.protocol, np.array([whole.rig.target.band], dtype=float)
     alive = np.isnan(simulated.touchdown_time)
     statistics = _lanes(simulated.statistics, alive)
-    mass = np.array([e.rig.mass for e in experiments])[alive]
+    if whole.rig.axes == 2:
+        statistics = axis_statistics(statistics, AXES[axis])
+    mass = np.array([axis_experiment(e, axis).rig.mass for e in experiments])[alive]
     force = force_statistics(statistics, first)
     bands = sliding_bands(force.frequency, protocol.band_width, protocol.band_overlap)
     sliding = maximum_likelihood(force, bands, mass, intervals=False)
@@ -147,7 +165,6 @@ def estimate_and_score(
         simulated.peak_displacement[alive],
         simulated.current_rms[alive],
     )
-    radius = np.array([np.abs(closed_loop_poles(e)).max() for e in experiments])
     feasible = alive & (radius < 1)
     scored = {name: _scatter(value, alive) for name, value in scored.items()}
     return Evaluation(
@@ -171,6 +188,7 @@ def estimate_and_score(
         terms=scored,
         score=np.where(feasible, score(scored), 0.0),
         feasible=feasible,
+        axis=np.full(len(experiments), axis),
     )
 
 
@@ -184,13 +202,15 @@ def _scatter(values: np.ndarray, alive: np.ndarray) -> np.ndarray:
     return out
 
 
-def _concatenate(parts: list[Evaluation]) -> Evaluation:
-    def join(name: str) -> object:
-        values = [getattr(p, name) for p in parts]
-        if name == "bands":
-            return values[0]
-        if isinstance(values[0], dict):
-            return {key: np.concatenate([v[key] for v in values]) for key in values[0]}
-        return np.concatenate(values)
-
-    return Evaluation(**{f.name: join(f.name) for f in fields(Evaluation)})
+def _combined(parts: Sequence[Evaluation], join: Callable[[list[np.ndarray]], np.ndarray]) -> Evaluation:
+    """One evaluation with every array joined from those of the parts; their bands are the same."""
+    joined = {}
+    for f in fields(Evaluation):
+        values = [getattr(p, f.name) for p in parts]
+        if f.name == "bands":
+            joined[f.name] = values[0]
+        elif isinstance(values[0], dict):
+            joined[f.name] = {key: join([v[key] for v in values]) for key in values[0]}
+        else:
+            joined[f.name] = join(values)
+    return Evaluation(**joined)

@@ -1,16 +1,18 @@
 """What drives an experiment: periodic multisines at the force, the current or the reference."""
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import lru_cache
 from itertools import pairwise
 from math import isfinite
 from typing import Literal
 
 import numpy as np
 
+from estimation.crest import low_crest
 from estimation.sphs import Multisine, random_phase, sphs, synthesise
 
-KINDS = ("sphs", "multisine", "recorded", "none")
+KINDS = ("sphs", "multisine", "low_crest", "recorded", "none")
 PLACES = ("force", "current", "reference")
 UNITS = {"force": "N", "current": "A", "reference": "m"}
 
@@ -19,20 +21,23 @@ UNITS = {"force": "N", "current": "A", "reference": "m"}
 class Excitation:
     """One periodic excitation; several of them on different lines may share a record.
 
-    kind: "sphs" (Schroeder phases, D App. A) or "multisine" (random phases drawn from `seed`).
+    kind: "sphs" (Schroeder phases, D App. A), "multisine" (random phases drawn from `seed`) or "low_crest" (phases
+    optimised for a low crest factor, see `estimation.low_crest`).
     at: "force" (N, on the rotor), "current" (A, added to the command) or "reference" (m).
     fundamental in Hz; lines are harmonic numbers; amplitude is the peak of the period, in the unit of `at`. direction:
     degrees from x toward y in which it acts on an x-y rig.
-    "recorded" and "none" describe recordings that no multisine drives; they cannot be synthesised.
+    "recorded" and "none" describe recordings that no multisine drives; they cannot be synthesised. band (low, high) Hz:
+    where a recorded one is used (None: where it has power).
     """
 
-    kind: Literal["sphs", "multisine", "recorded", "none"]
+    kind: Literal["sphs", "multisine", "low_crest", "recorded", "none"]
     at: Literal["force", "current", "reference"] = "force"
     fundamental: float = 1.0
     lines: tuple[int, ...] = ()
     amplitude: float = 1.0
     seed: int = 0
     direction: float = 0.0
+    band: tuple[float, float] | None = None
 
     def __post_init__(self) -> None:
         if not isfinite(self.direction):
@@ -41,6 +46,8 @@ class Excitation:
             raise ValueError(f"excitation: kind = {self.kind!r}; use one of {', '.join(KINDS)}")
         if self.at not in PLACES:
             raise ValueError(f"excitation: at = {self.at!r}; use one of {', '.join(PLACES)}")
+        if self.band is not None and (self.kind != "recorded" or not 0 < self.band[0] < self.band[1]):
+            raise ValueError(f"excitation: band = {self.band} Hz must be two increasing frequencies of a recorded one")
         if self.kind in ("recorded", "none"):
             return
         if not self.fundamental > 0:
@@ -53,7 +60,7 @@ class Excitation:
 
     @property
     def periodic(self) -> bool:
-        return self.kind in ("sphs", "multisine")
+        return self.kind in ("sphs", "multisine", "low_crest")
 
     @property
     def frequencies(self) -> np.ndarray:
@@ -86,11 +93,20 @@ class Excitation:
             )
         if self.kind == "sphs":
             return sphs(self.lines, n, peak=self.amplitude)
+        if self.kind == "low_crest":
+            unit = _low_crest(self.lines, n, self.seed)
+            return Multisine(unit.lines, unit.amplitudes * self.amplitude, unit.phases)
         return random_phase(self.lines, n, self.seed, peak=self.amplitude)
 
     def waveform(self, sample_rate: float) -> np.ndarray:
         """One period, shape (samples_per_period,), in the unit of `at`."""
         return synthesise(self.multisine(sample_rate), self.samples_per_period(sample_rate))
+
+
+@lru_cache(maxsize=64)
+def _low_crest(lines: tuple[int, ...], samples: int, seed: int) -> Multisine:
+    """Designed once per process: an optimisation of some tenths of a second."""
+    return low_crest(lines, samples, seed=seed)
 
 
 def parse_lines(text: str) -> tuple[int, ...]:
@@ -105,23 +121,29 @@ def parse_lines(text: str) -> tuple[int, ...]:
     return lines
 
 
-def parse_excitation(text: str, fundamental: float) -> Excitation:
-    """A Schroeder multisine from `place=lines@peak`, e.g. `force=1:249:2@0.4` (N), `current=2:200:2@0.1` (A)."""
+def parse_excitation(text: str, fundamental: float, kind: str = "sphs") -> Excitation:
+    """A multisine from `place=lines@peak`, e.g. `force=1:249:2@0.4` (N); on an x-y rig `place=lines@peak@degrees`."""
     place, equals, rest = text.partition("=")
-    lines, at, peak = rest.partition("@")
-    if not (equals and at):
+    lines, *numbers = rest.split("@")
+    if not equals or not 1 <= len(numbers) <= 2:
         raise ValueError(f"excitation {text!r}: write place=first:last:step@peak, e.g. force=1:250@0.4")
     try:
-        amplitude = float(peak)
+        amplitude, direction = (*map(float, numbers), 0.0)[:2]
     except ValueError:
-        raise ValueError(f"excitation {text!r}: the peak {peak!r} is not a number") from None
-    return Excitation("sphs", place.strip(), fundamental, parse_lines(lines), amplitude)
+        raise ValueError(f"excitation {text!r}: the peak {numbers[0]!r} or the direction is not a number") from None
+    return Excitation(kind, place.strip(), fundamental, parse_lines(lines), amplitude, direction=direction)
 
 
 def lines_at(excitations: Iterable[Excitation], place: str | None = None) -> np.ndarray:
     """Sorted harmonic numbers that periodic excitations drive at "force", "current" or "reference" (None: anywhere)."""
     lines = [e.lines for e in excitations if e.periodic and place in (None, e.at)]
     return np.unique(np.concatenate(lines)) if lines else np.zeros(0, int)
+
+
+def axis_excitations(excitations: Iterable[Excitation], axis: int) -> tuple[Excitation, ...]:
+    """The excitations that act along axis 0 (x) or 1 (y), as far as they do and with the sign of that axis."""
+    acting = [(e, float(e.components[axis])) for e in excitations]
+    return tuple(replace(e, amplitude=e.amplitude * abs(c), direction=0.0) for e, c in acting if c)
 
 
 def check_interleaved(excitations: tuple[Excitation, ...]) -> None:

@@ -6,8 +6,8 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from maglev_env.effects import NO_EFFECTS, Effects, check_effects, effect_value
-from maglev_env.excitation import Excitation, check_interleaved
-from maglev_env.gains import Controllers, of_axis
+from maglev_env.excitation import Excitation, axis_excitations, check_interleaved
+from maglev_env.gains import NO_CONTROLLER, Controllers, of_axis
 from maglev_env.planar import suffixes
 from maglev_env.rig import Rig, axis_rig
 
@@ -20,9 +20,9 @@ SPECTRAL = ("displacement", "command", "force", "injection")
 class Experiment:
     """Everything that determines a simulated record.
 
-    excitations: periodic, on lines of one common fundamental. periods: how many are kept, after transient_periods that
-    are dropped. offset: static reference, m, in x on an x-y rig. seed: of every noise channel. sample_rate: of the
-    recording, Hz: the control rate (None), or an integer multiple or fraction of it.
+    excitations: periodic, on lines of one common fundamental; none where only linear responses are asked. periods: how
+    many are kept, after transient_periods that are dropped. offset: static reference, m, in x on an x-y rig. seed: of
+    every noise channel. sample_rate: of the recording, Hz: the control rate (None), or an integer multiple or fraction.
     Raises ValueError when the parts do not fit together.
     """
 
@@ -39,8 +39,6 @@ class Experiment:
     def __post_init__(self) -> None:
         check_effects(self.effects)
         check_interleaved(self.excitations)
-        if not any(e.periodic for e in self.excitations):
-            raise ValueError("experiment: give at least one periodic excitation (sphs or multisine)")
         if not self.rig.controlled and any(e.at != "force" for e in self.excitations):
             raise ValueError(f"experiment: rig {self.rig.name} has no magnets: only a force can excite it")
         if self.rig.axes == 1 and isinstance(self.gains, tuple):
@@ -55,11 +53,24 @@ class Experiment:
 
     @property
     def fundamental(self) -> float:
-        return next(e.fundamental for e in self.excitations if e.periodic)
+        return self._periodic.fundamental
 
     @property
     def samples_per_period(self) -> int:
-        return next(e for e in self.excitations if e.periodic).samples_per_period(self.rig.control_rate)
+        """Control samples in a period."""
+        return self._periodic.samples_per_period(self.rig.control_rate)
+
+    @property
+    def recorded_per_period(self) -> int:
+        """Samples of the recording in a period."""
+        return self._periodic.samples_per_period(self.recorded_rate)
+
+    @property
+    def _periodic(self) -> Excitation:
+        for e in self.excitations:
+            if e.periodic:
+                return e
+        raise ValueError("experiment: give at least one periodic excitation (sphs, multisine or low_crest)")
 
     @property
     def recorded_rate(self) -> float:
@@ -103,17 +114,24 @@ def sampling(sample_rate: float, control_rate: float) -> tuple[int, int]:
 
 
 def axis_experiment(e: Experiment, axis: int) -> Experiment:
-    """One axis' rig, controller and seed of an experiment; its excitations are those of the whole."""
+    """One axis' rig, controller and seed of an experiment, and what of its excitations acts along that axis."""
     if e.rig.axes == 1:
         return e
     seed = (*(e.seed if isinstance(e.seed, tuple) else (e.seed,)), axis)
-    own = tuple(replace(x, direction=0.0) for x in e.excitations)
-    return replace(e, rig=axis_rig(e.rig, axis), gains=of_axis(e.gains, axis), excitations=own, seed=seed)
+    own, gains = axis_excitations(e.excitations, axis), of_axis(e.gains, axis)
+    offset = e.offset if axis == 0 else 0.0
+    return replace(e, rig=axis_rig(e.rig, axis), gains=gains, excitations=own, seed=seed, offset=offset)
 
 
 def protocol_experiment(
     rig: Rig, gains: Controllers | None = None, effects: Effects = NO_EFFECTS, seed: int | tuple[int, ...] = 0
 ) -> Experiment:
-    """The rig's own SPHS protocol at the given gains (default: the rig's preset gains)."""
-    p = rig.protocol
-    return Experiment(rig, gains or rig.gains, p.excitations, p.periods, p.transient_periods, effects, seed=seed)
+    """The rig's own SPHS protocol at the given gains (default: the rig's preset gains).
+
+    ValueError when the rig has no protocol, or magnets but no gains: see `defaults.with_defaults`.
+    """
+    p, gains = rig.protocol, gains or rig.gains or (None if rig.controlled else NO_CONTROLLER)
+    if p is None or gains is None:
+        lacks = "gains" if p else "protocol"
+        raise ValueError(f"rig {rig.name}: its TOML has no [{lacks}]; fill it in by with_defaults(rig)")
+    return Experiment(rig, gains, p.excitations, p.periods, p.transient_periods, effects, seed=seed)

@@ -1,10 +1,11 @@
 """Controllers of an axis: PID gains, as the digital controller of the nominal rig uses them, or any linear filter."""
 
-from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from math import exp, isfinite
 
 import numpy as np
+
+from maglev_env.planar import AXES
 
 
 @dataclass(frozen=True)
@@ -72,9 +73,20 @@ def of_axis(controllers: Controllers, axis: int) -> Controller:
     return controllers[axis] if isinstance(controllers, tuple) else controllers
 
 
-def each(change: Callable[[Controller], Controller], controllers: Controllers) -> Controllers:
-    """The controllers with `change` applied to that of each axis."""
-    return tuple(map(change, controllers)) if isinstance(controllers, tuple) else change(controllers)
+def with_gains(controllers: Controllers, **changes: float) -> Controllers:
+    """The controllers with some gains replaced in every axis; ValueError for a linear controller, which has none."""
+    if isinstance(controllers, tuple):
+        return tuple(with_gains(one, **changes) for one in controllers)
+    if changes and not isinstance(controllers, Gains):
+        raise ValueError(f"{', '.join(changes)}: the rig's controller is given by numerator and denominator, not gains")
+    return replace(controllers, **changes)
+
+
+def as_table(controllers: Controllers) -> dict:
+    """The controllers as a rig or campaign TOML writes them."""
+    if isinstance(controllers, tuple):
+        return {axis: asdict(one) for axis, one in zip(AXES, controllers, strict=True)}
+    return asdict(controllers)
 
 
 def state_space(controller: Controller, dt: float) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:

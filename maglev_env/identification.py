@@ -6,17 +6,16 @@ import numpy as np
 
 from estimation.bands import band_slices, sliding_bands
 from estimation.effective import effective_coefficients
-from estimation.frequency_response import Distortion, distortion, frequency_response, pooled_variance
+from estimation.frequency_response import Distortion, coherence, distortion, frequency_response, pooled_variance
 from estimation.least_squares import LeastSquares, least_squares
 from estimation.max_likelihood import BandEstimate, least_squares_bias, maximum_likelihood
 from estimation.modal import ModalEstimate, modal_estimate
-from estimation.periods import LineStatistics, held, line_statistics, period_spectra, split_periods, transient_periods
+from estimation.periods import LineStatistics
 from estimation.stability import Margins, iso_14839_2_zone, iso_14839_3_zone, margins
-from maglev_env.excitation import Excitation, lines_at
 from maglev_env.experiment import Experiment
-from maglev_env.gains import Gains
 from maglev_env.linear import LoopResponse, loop_response
 from maglev_env.magnetics import force_law, linearise
+from maglev_env.record_spectra import RecordedSignals, RecordSpectra, record_spectra
 from maglev_env.rig import Rig
 
 NORMAL_95 = 1.959964
@@ -78,22 +77,6 @@ class Identification:
     notes: tuple[str, ...]
 
 
-@dataclass(frozen=True)
-class RecordedSignals:
-    """A recording as arrays: channel name -> (samples,) in SI, sample_rate Hz, and what excited it.
-
-    held_force: the force channel is what a converter held from each sample on, not a reading of a continuous force.
-    assumed: in words, what was assumed to get here.
-    """
-
-    channels: dict[str, np.ndarray]
-    sample_rate: float
-    excitations: tuple[Excitation, ...]
-    held_force: bool
-    gains: Gains | None = None
-    assumed: tuple[str, ...] = ()
-
-
 def identify(
     signals: RecordedSignals,
     rig: Rig | None,
@@ -102,25 +85,32 @@ def identify(
     band_width: float | None = None,
     band_overlap: float | None = None,
 ) -> Identification:
-    """Identify one recording; see `Identification`.
+    """Identify one axis of a recording; see `Identification`, and `axis_signals` for one of two axes.
 
     rig: nominal rig, for the protocol's bands, the clearance and the margins that assume its actuator; mass kg is
     needed unless estimate_mass. Bands default to the rig's protocol, else to 12 excited lines with two thirds
     overlap. ValueError says what is missing.
     """
     notes = list(signals.assumed)
-    force_lines = lines_at(signals.excitations, "force")
-    if not force_lines.size or not {"force", "displacement"} <= signals.channels.keys():
-        raise ValueError("stiffness and damping need a force excitation with the channels force and displacement")
-    statistics, dropped, rest = record_statistics(signals)
+    if not {"force", "displacement"} <= signals.channels.keys():
+        raise ValueError("stiffness and damping need the channels force and displacement")
+    spectra = record_spectra(signals)
+    statistics, force, dropped = spectra.all, spectra.force, spectra.transient_periods
+    if not force.lines.size:
+        raise ValueError("stiffness and damping need an excitation at the force, along the axis of the displacement")
     if dropped:
         notes.append(f"the first {dropped} period(s) carry a transient and were dropped")
-    if rest:
-        notes.append(f"{rest} samples after the last whole period were not used")
-    force = statistics.at_lines(force_lines)
-    if signals.held_force:
-        force = held(force, "force", signals.sample_rate)
+    if spectra.leftover:
+        notes.append(f"{spectra.leftover} samples after the last whole period were not used")
+    if signals.hold_rate:
         notes.append("the force is held over each sample by its converter: corrected")
+    if not signals.periodic:
+        share = float(np.median(1 / np.maximum(coherence(force, "displacement"), 1e-3) - 1))
+        notes.append(
+            f"the excitation is not periodic: responses by local polynomials, {force.frequency[0]:.4g} to "
+            f"{force.frequency[-1]:.4g} Hz. Noise in the force reading makes the response too small by its share of "
+            f"the force's power, here at most {share:.2g} (median; all noise taken as the force's)"
+        )
     modal = None
     if estimate_mass:
         modal = modal_estimate(force)
@@ -134,7 +124,7 @@ def identify(
             )
     if mass is None:
         raise ValueError("the moving mass is not known: give [parameters] mass, or estimate it with --estimate-mass")
-    bands = _bands(force, mass, _layout(force, rig, band_width, band_overlap), signals, rig)
+    bands = _bands(force, mass, band_layout(force, rig, band_width, band_overlap), signals, rig)
     if modal:
         bands = tuple(_with_mass_uncertainty(b, modal.mass_se) for b in bands)
     sure = [b for b in bands if b.informative]
@@ -143,12 +133,12 @@ def identify(
     natural, zeta = (modal.natural_frequency, modal.damping_ratio) if modal else _crossing(bands, mass)
     if natural is None:
         notes.append("no informative band holds the natural frequency")
-    excited = lines_at(signals.excitations)
-    inner = statistics.at_lines(np.arange(excited.min(), force_lines.max() + 1))
+    excited = np.unique(np.concatenate([*spectra.driven.values(), signals.elsewhere]))
+    inner = statistics.at_lines(np.arange(excited.min(), force.lines.max() + 1))
     bent = distortion(inner, "displacement", excited)
     if bent.even is None and bent.odd is None:
         notes.append("no detection lines: nonlinear distortion cannot be told from this excitation")
-    stability, why = _stability(signals, statistics, force, rig)
+    stability, why = _stability(signals, spectra, rig)
     if why:
         notes.append(why)
     return Identification(
@@ -156,21 +146,8 @@ def identify(
     )
 
 
-def record_statistics(signals: RecordedSignals) -> tuple[LineStatistics, int, int]:
-    """Line statistics of the steady periods at every harmonic up to the highest excited one; periods dropped; rest."""
-    periodic = [e for e in signals.excitations if e.periodic]
-    per_period = periodic[0].samples_per_period(signals.sample_rate)
-    names = tuple(n for n in ("displacement", "command", "force", "current", "injection") if n in signals.channels)
-    stack = np.stack([signals.channels[n] for n in names])
-    lines = np.arange(1, max(e.lines[-1] for e in periodic) + 1)
-    spectra = np.stack([period_spectra(p, lines) for p in split_periods(stack, per_period)])
-    excited = np.isin(lines, lines_at(periodic))
-    dropped = transient_periods(spectra[:, names.index("displacement")][:, excited])
-    statistics = line_statistics(spectra[dropped:], periodic[0].fundamental, lines, names)
-    return statistics, dropped, stack.shape[1] % per_period
-
-
-def _layout(force: LineStatistics, rig: Rig | None, width: float | None, overlap: float | None) -> np.ndarray:
+def band_layout(force: LineStatistics, rig: Rig | None, width: float | None, overlap: float | None) -> np.ndarray:
+    """Estimation bands (b, 2) Hz: as stated, else the rig's protocol's, else 12 lines with two thirds overlap."""
     if width is None and rig is not None and rig.protocol is not None:
         width, overlap = rig.protocol.band_width, rig.protocol.band_overlap if overlap is None else overlap
     if width is None:
@@ -227,7 +204,7 @@ def _effective(frequency: float, signals: RecordedSignals, rig: Rig | None) -> t
 
 
 def _nominal(rig: Rig, signals: RecordedSignals, frequency: np.ndarray) -> LoopResponse:
-    return loop_response(Experiment(rig, signals.gains, signals.excitations), frequency)
+    return loop_response(Experiment(rig, signals.gains, ()), frequency)
 
 
 def _crossing(bands: tuple[Band, ...], mass: float) -> tuple[float | None, float | None]:
@@ -243,9 +220,9 @@ def _crossing(bands: tuple[Band, ...], mass: float) -> tuple[float | None, float
 
 
 def _stability(
-    signals: RecordedSignals, statistics: LineStatistics, force: LineStatistics, rig: Rig | None
+    signals: RecordedSignals, spectra: RecordSpectra, rig: Rig | None
 ) -> tuple[Stability | None, str | None]:
-    injected = lines_at(signals.excitations, "current")
+    statistics, force, injected = spectra.all, spectra.force, spectra.driven["current"]
     if injected.size >= 4 and {"command", "injection"} <= signals.channels.keys():
         loop = statistics.at_lines(injected)
         s, variance = frequency_response(loop, "command", "injection")

@@ -8,7 +8,7 @@ from estimation.sphs import odd_lines
 from maglev_env.effects import Effects
 from maglev_env.excitation import Excitation, lines_at
 from maglev_env.experiment import Experiment, protocol_experiment
-from maglev_env.gains import Gains
+from maglev_env.gains import Controllers, Gains, of_axis, with_gains
 from maglev_env.linear import closed_loop_poles
 from maglev_env.rig import Rig
 
@@ -26,14 +26,27 @@ class PlannedRecording:
     experiment: Experiment
 
 
-def sphs_campaign(rig: Rig, gains: Gains, effects: Effects, seed: int) -> tuple[PlannedRecording, ...]:
-    """One recording by the rig's own protocol."""
-    return (PlannedRecording("run1", "fit", protocol_experiment(rig, gains, effects, seed)),)
+def sphs_campaign(rig: Rig, gains: Controllers, effects: Effects, seed: int) -> tuple[PlannedRecording, ...]:
+    """One recording by the rig's own protocol; on an x-y rig a second one with the force turned by 90 degrees.
+
+    Without the second the eight coefficients of x and y cannot be told apart.
+    """
+    run1 = protocol_experiment(rig, gains, effects, seed)
+    if rig.axes == 1:
+        return (PlannedRecording("run1", "fit", run1),)
+    turned = replace(run1, excitations=_turned(run1.excitations), seed=(seed, 1))
+    return PlannedRecording("run1", "fit", run1), PlannedRecording("run2", "fit", turned)
 
 
-def diagnosis_campaign(rig: Rig, gains: Gains, effects: Effects, seed: int) -> tuple[PlannedRecording, ...]:
+def _turned(excitations: tuple[Excitation, ...]) -> tuple[Excitation, ...]:
+    """The excitations with the forces turned by 90 degrees."""
+    return tuple(replace(e, direction=e.direction + 90.0) if e.at == "force" else e for e in excitations)
+
+
+def diagnosis_campaign(rig: Rig, gains: Controllers, effects: Effects, seed: int) -> tuple[PlannedRecording, ...]:
     """Odd random-phase multisines with detection lines: two amplitudes, two realisations, and where a controller allows
-    it a second gain set and a static offset; one more realisation is held out. 8 periods each after one.
+    it a second gain set and a static offset; on an x-y rig one with the force turned by 90 degrees; one more
+    realisation is held out. 8 periods each after one.
 
     ValueError when the rig's protocol excites no force to take fundamental, range and amplitude from.
     """
@@ -42,14 +55,16 @@ def diagnosis_campaign(rig: Rig, gains: Gains, effects: Effects, seed: int) -> t
     rng = np.random.default_rng(seed)
     force, injection = _diagnosis_lines(rig, rng)
     amplitude = {e.at: e.amplitude for e in rig.protocol.excitations}
+    direction = next(e.direction for e in rig.protocol.excitations if e.at == "force")
 
     def experiment(realisation: int, scale: float = 1.0, **changes: object) -> Experiment:
         fundamental = rig.protocol.excitations[0].fundamental
-        parts = [Excitation("multisine", "force", fundamental, force, amplitude["force"] * scale, realisation)]
-        if injection:
-            parts.append(
-                Excitation("multisine", "current", fundamental, injection, amplitude["current"] * scale, realisation)
-            )
+        drawn = {"kind": "multisine", "fundamental": fundamental, "seed": realisation}
+        push = amplitude["force"] * scale
+        parts = [Excitation(at="force", lines=force, amplitude=push, direction=direction, **drawn)]
+        for axis in range(rig.axes if injection else 0):  # x and y take turns
+            lines, size = injection[axis :: rig.axes], amplitude["current"] * scale
+            parts.append(Excitation(at="current", lines=lines, amplitude=size, direction=90.0 * axis, **drawn))
         base = Experiment(
             rig,
             gains,
@@ -65,6 +80,9 @@ def diagnosis_campaign(rig: Rig, gains: Gains, effects: Effects, seed: int) -> t
     if rig.controlled:
         plan.append(("gains", "fit", experiment(4, gains=_other_gains(rig, gains, effects))))
         plan.append(("offset", "fit", experiment(5, offset=OFFSET_SHARE * rig.gap)))
+    if rig.axes == 2:
+        run = experiment(7)
+        plan.append(("turned", "fit", replace(run, excitations=_turned(run.excitations))))
     plan.append(("holdout", "holdout", experiment(6)))
     return tuple(PlannedRecording(*row) for row in plan)
 
@@ -84,10 +102,13 @@ def _diagnosis_lines(rig: Rig, rng: np.random.Generator) -> tuple[tuple[int, ...
     return tuple(map(int, sorted(force))), tuple(map(int, np.unique(np.concatenate([injection, beyond]))))
 
 
-def _other_gains(rig: Rig, gains: Gains, effects: Effects) -> Gains:
+def _other_gains(rig: Rig, gains: Controllers, effects: Effects) -> Controllers:
     """A second gain set, clearly apart, that keeps the simulated loop stable."""
+    first = of_axis(gains, 0)
+    if not isinstance(first, Gains):
+        raise ValueError("the diagnosis campaign varies PID gains; the rig's controller is a numerator and denominator")
     for kp, kd in ((0.8, 1.2), (1.0, 1.3), (1.0, 0.8), (1.1, 1.0)):
-        other = replace(gains, kp=gains.kp * kp, kd=gains.kd * kd)
+        other = with_gains(gains, kp=first.kp * kp, kd=first.kd * kd)
         e = protocol_experiment(rig, other, effects)
         if np.abs(closed_loop_poles(e)).max() < 1:
             return other

@@ -5,10 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from estimation.frequency_response import coherence
-from estimation.periods import LineStatistics
 from estimation.sphs import crest_factor
-from maglev_env.excitation import lines_at
-from maglev_env.identification import RecordedSignals, record_statistics
+from maglev_env.record_spectra import RecordedSignals, RecordSpectra, record_spectra
 from maglev_env.rig import Rig
 
 GOOD_SNR = 10.0  # amplitude over noise of the mean: one line then gives 10 %
@@ -55,17 +53,18 @@ class Quality:
 
 
 def recording_quality(signals: RecordedSignals, rig: Rig | None = None, bands: int = 8) -> Quality:
-    """Check one periodic recording, against its rig's clearance where the rig is known.
+    """Check one axis of a recording, against its rig's clearance where the rig is known.
 
-    ValueError when it is not periodic or holds fewer than two periods.
+    ValueError when nothing excites it, or a periodic one holds fewer than two periods.
     """
-    statistics, dropped, leftover = record_statistics(signals)
+    spectra = record_spectra(signals)
+    statistics, dropped = spectra.all, spectra.transient_periods
     problems = []
-    if statistics.periods < 4:
+    if signals.periodic and statistics.periods < 4:
         problems.append(f"{statistics.periods} steady periods: noise is poorly known; record at least 5, better 16")
     if dropped > 1:
         problems.append(f"{dropped} periods of transient: wait longer before recording")
-    channels = tuple(_channel(name, values, statistics, signals) for name, values in signals.channels.items())
+    channels = tuple(_channel(name, values, spectra) for name, values in signals.channels.items())
     for c in channels:
         if c.resolution_share > 0.05:
             share = f"{c.resolution_share:.0%}"
@@ -77,24 +76,27 @@ def recording_quality(signals: RecordedSignals, rig: Rig | None = None, bands: i
             "check its scale and offset in [recording.channels]"
         )
     force = [c for c in channels if c.name == "force"]
-    if force and force[0].crest > 4:
-        problems.append(f"force: crest factor {force[0].crest:.1f}; Schroeder phases reach 1.7")
-    per_band = _bands(statistics, signals, bands)
+    if signals.periodic and force and force[0].crest > 4:
+        problems.append(f"force: crest factor {force[0].crest:.1f}; Schroeder phases reach 1.7, optimised ones 1.4")
+    per_band = _bands(spectra, bands)
     weak = [b for b in per_band if b.verdict == "noise rules"]
     if weak:
         problems.append(
             f"displacement is lost in noise at {weak[0].f_lo:.0f} .. {weak[-1].f_hi:.0f} Hz: use more force or periods"
         )
-    return Quality(statistics.periods, dropped, leftover, channels, per_band, _uses(signals), tuple(problems))
+    uses = _uses(signals, spectra)
+    return Quality(statistics.periods, dropped, spectra.leftover, channels, per_band, uses, tuple(problems))
 
 
-def _channel(name: str, values: np.ndarray, statistics: LineStatistics, signals: RecordedSignals) -> ChannelQuality:
+def _channel(name: str, values: np.ndarray, spectra: RecordSpectra) -> ChannelQuality:
+    statistics = spectra.all
     steps = np.diff(np.unique(values))
     rms = float(np.sqrt(np.mean((values - values.mean()) ** 2)))
     resolution = float(np.median(steps)) if steps.size else 0.0
     median = worst = None
     if name in statistics.channels and name != "injection":
-        excited = statistics.at_lines(lines_at(signals.excitations, "force" if name == "force" else None))
+        lines = spectra.driven["force"] if name == "force" else np.concatenate([*spectra.driven.values()])
+        excited = statistics.at_lines(lines)
         noise = np.sqrt(excited.cross(name, name))
         with np.errstate(divide="ignore", invalid="ignore"):
             snr = np.abs(excited.amplitude(name)) / noise
@@ -106,11 +108,10 @@ def _channel(name: str, values: np.ndarray, statistics: LineStatistics, signals:
     )
 
 
-def _bands(statistics: LineStatistics, signals: RecordedSignals, count: int) -> tuple[BandQuality, ...]:
-    lines = lines_at(signals.excitations, "force")
-    if not lines.size or "displacement" not in statistics.channels:
+def _bands(spectra: RecordSpectra, count: int) -> tuple[BandQuality, ...]:
+    lines, force = spectra.force.lines, spectra.force
+    if not lines.size or "displacement" not in force.channels:
         return ()
-    force = statistics.at_lines(lines)
     noise = np.sqrt(force.cross("displacement", "displacement"))
     with np.errstate(divide="ignore"):
         snr = np.minimum(np.abs(force.amplitude("displacement")) / noise, 1e9)
@@ -124,17 +125,19 @@ def _bands(statistics: LineStatistics, signals: RecordedSignals, count: int) -> 
     return tuple(rows)
 
 
-def _uses(signals: RecordedSignals) -> dict[str, str]:
+def _uses(signals: RecordedSignals, spectra: RecordSpectra) -> dict[str, str]:
     """What the recording serves for: "yes", or what is missing."""
-    have, force, injection = signals.channels.keys(), *(lines_at(signals.excitations, p) for p in ("force", "current"))
+    have, force, injection = signals.channels.keys(), *(spectra.driven[p] for p in ("force", "current"))
     stiffness = "yes" if force.size and {"force", "displacement"} <= have else "no: needs force and displacement"
     loop = "yes" if injection.size and {"command", "injection"} <= have else "no: needs an injection and the command"
     amplifier = "yes" if {"command", "current"} <= have else "no: needs command and current"
     controller = "yes" if {"displacement", "command"} <= have else "no: needs displacement and command"
-    excited = lines_at(signals.excitations)
+    excited = np.unique(np.concatenate([*spectra.driven.values(), signals.elsewhere]))
     free = np.setdiff1d(np.arange(excited[0], (force if force.size else excited)[-1]), excited)
     found = [name for name, rest in (("even", 0), ("odd", 1)) if (free % 2 == rest).any()]
     distortion = {2: "yes", 1: f"{''.join(found)} only", 0: "no: every line is excited"}[len(found)]
+    if not signals.periodic:
+        distortion = "no: needs a periodic excitation with lines left out"
     return {
         "stiffness and damping": stiffness,
         "margins": loop,

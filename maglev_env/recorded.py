@@ -5,38 +5,69 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from maglev_env.campaign import Campaign, RecordingSpec
-from maglev_env.identification import RecordedSignals
+from maglev_env.experiment import sampling
+from maglev_env.planar import AXES
+from maglev_env.record_spectra import RecordedSignals
 
 if TYPE_CHECKING:
     import xarray as xr
 
 
 def recorded_signals(campaign: Campaign, spec: RecordingSpec, dataset: "xr.Dataset") -> RecordedSignals:
-    """One axis of a recording as arrays. ValueError when it is not periodic or has no displacement or force.
+    """A recording as arrays: of two axes when it has the displacement of x and of y, else of one.
 
-    Where the campaign does not say how the force behaves between samples, a designed force recorded at the control
-    rate of a named rig is taken as held by its converter, as the nominal rig is defined; any other as continuous.
+    Where the campaign does not say how the force behaves between samples, a designed force on a named rig, recorded at
+    a multiple or fraction of its control rate, is taken as held by its converter, as the nominal rig is defined; any
+    other as continuous. ValueError when nothing is excited, or a held force's rates do not fit.
     """
     where = campaign.folder / spec.file
-    if spec.samples_per_period is None:
-        raise ValueError(f"{where}: no periodic excitation is stated; stiffness and damping need one")
+    if all(e.kind == "none" for e in spec.excitations):
+        raise ValueError(f"{where}: no excitation is stated; stiffness and damping need one")
     channels = {str(name): dataset[name].values for name in dataset.data_vars}
-    assumed = []
+    suffixes = [f"_{axis}" for axis in AXES if f"displacement_{axis}" in channels]
+    axes = max(1, len(suffixes))
+    if axes == 1:  # one axis may carry its letter
+        channels = {name.removesuffix(suffixes[0]) if suffixes else name: v for name, v in channels.items()}
+    assumed = _stand_in(channels, spec, axes)
+    hold_rate, why = _hold(campaign, spec)
+    return RecordedSignals(channels, spec.sample_rate, spec.excitations, hold_rate, spec.gains, (*assumed, *why), axes)
+
+
+def _stand_in(channels: dict[str, np.ndarray], spec: RecordingSpec, axes: int) -> list[str]:
+    """Fill in the injection channel of a designed sequence; what was assumed for it."""
     injected = [e for e in spec.excitations if e.periodic and e.at == "current"]
-    if injected and "injection" not in channels:
-        # A stated Schroeder injection is digital: its design is what was injected.
-        one = sum(e.waveform(spec.sample_rate) for e in injected)
-        channels["injection"] = np.resize(one, dataset.sizes["time"])
-        assumed.append("no injection channel: the designed sequence, a period starting at the first sample, stands in")
-    held = spec.intersample == "zoh"
-    if spec.intersample is None and campaign.rig is not None and spec.sample_rate == campaign.rig.control_rate:
-        held = any(e.periodic and e.at == "force" for e in spec.excitations)
-        if held:
-            assumed.append('intersample is not stated: at the control rate the force is taken as held ("zoh")')
-    if spec.intersample is None and not held:
-        half = 0.5 / spec.sample_rate
-        assumed.append(
-            f'intersample is not stated: the force is taken as continuous ("bl"); held by a converter ("zoh") it would '
-            f"act {half:.3g} s later, and the damping be smaller by {half:.3g} s times the stiffness"
-        )
-    return RecordedSignals(channels, spec.sample_rate, spec.excitations, held, spec.gains, tuple(assumed))
+    samples = next(iter(channels.values())).size
+    done = []
+    for axis, name in enumerate(["injection"] if axes == 1 else [f"injection_{a}" for a in AXES]):
+        share = [e.components[axis] if axes == 2 else 1.0 for e in injected]
+        if any(share) and name not in channels:
+            # A stated Schroeder injection is digital: its design is what was injected.
+            one = sum(c * e.waveform(spec.sample_rate) for c, e in zip(share, injected, strict=True))
+            channels[name] = np.resize(one, samples)
+            done.append(f"no {name} channel: the designed sequence, a period starting at the first sample, stands in")
+    return done
+
+
+def _hold(campaign: Campaign, spec: RecordingSpec) -> tuple[float | None, list[str]]:
+    """Hz at which the force is held (None: continuous), and what was assumed of it."""
+    designed = any(e.periodic and e.at == "force" for e in spec.excitations)
+    rate = spec.sample_rate
+    if campaign.rig is not None:
+        try:
+            sampling(rate, campaign.rig.control_rate)
+            rate = max(rate, campaign.rig.control_rate)
+        except ValueError as error:
+            if spec.intersample == "zoh":
+                raise ValueError(f"{campaign.folder / spec.file}: {error}; the held force needs that") from None
+            designed = False
+    if spec.intersample == "zoh":
+        return rate, []
+    if spec.intersample == "bl":
+        return None, []
+    if campaign.rig is not None and designed:
+        return rate, ['intersample is not stated: on a named rig a designed force is taken as held ("zoh")']
+    half = 0.5 / spec.sample_rate
+    return None, [
+        f'intersample is not stated: the force is taken as continuous ("bl"); held by a converter ("zoh") it would '
+        f"act {half:.3g} s later, and the damping be smaller by {half:.3g} s times the stiffness"
+    ]

@@ -13,8 +13,10 @@ from estimation.periods import period_spectra, split_periods
 from maglev_env.campaign import Campaign, ChannelSource, RecordingSpec
 from maglev_env.campaign_tables import CHANNEL_UNITS, EXCITATION_CHANNEL
 from maglev_env.excitation import Excitation, lines_at
-from maglev_env.experiment import Experiment
+from maglev_env.experiment import Experiment, channels_of, sampling
 from maglev_env.files import Columns, read_columns
+from maglev_env.gains import as_table
+from maglev_env.planar import AXES
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -60,8 +62,7 @@ def read_recording(campaign: Campaign, spec: RecordingSpec) -> "xr.Dataset":
                 _check_clipping(f"{path}: channel {name!r} (column {column!r})", raw[column][window], spec.start)
     rig = {} if campaign.rig is None else {"rig": campaign.rig.name}
     experiment = {
-        "gains": spec.gains and asdict(spec.gains),
-        "controller": spec.controller and dict(zip(("numerator", "denominator"), spec.controller, strict=True)),
+        "gains": spec.gains and as_table(spec.gains),
         "speed_rpm": spec.speed_rpm,
         "intersample": spec.intersample,
         **rig,
@@ -77,29 +78,31 @@ def read_recording(campaign: Campaign, spec: RecordingSpec) -> "xr.Dataset":
 def simulated_recording(experiment: Experiment, record: np.ndarray) -> "xr.Dataset":
     """The recording of one lane of `simulate_records`, record (channels, samples), transient periods included.
 
-    Beside `simulate.CHANNELS` it has the exact injection and reference where the experiment applies one. The experiment
-    attribute also names the effects, offset, seed, transient_periods and version. ValueError when the record does not
-    fit the experiment, or when the rotor touched down: a crash is no recording of the experiment.
+    Beside the channels of `experiment.channels_of` it has the exact injection and reference where the experiment
+    applies one. The experiment attribute also names the effects, offset, seed, transient_periods and version.
+    ValueError when the record does not fit the experiment, or when the rotor touched down.
     """
-    from maglev_env.simulate import CHANNELS  # loads the compiler, which reading does without
-
+    rig, rate = experiment.rig, experiment.recorded_rate
+    names = channels_of(rig)
     periods = experiment.periods + experiment.transient_periods
-    expected = (len(CHANNELS), periods * experiment.samples_per_period)
+    expected = (len(names), periods * experiment.recorded_per_period)
     if record.shape != expected:
         raise ValueError(f"record has the shape {record.shape}, but its experiment makes {expected}")
-    rate = experiment.rig.control_rate
     if not np.isfinite(record).all():
         at = int(np.argmin(np.isfinite(record).all(axis=0)))
         raise ValueError(f"the simulated rotor touched down at {at / rate:g} s (sample {at}); there is no recording")
-    channels = dict(zip(CHANNELS, record, strict=True))
-    if not experiment.rig.controlled:  # nothing commands or carries a current
-        del channels["command"], channels["current"]
+    channels = dict(zip(names, record, strict=True))
+    if not rig.controlled:  # nothing commands or carries a current
+        channels = {name: values for name, values in channels.items() if name.startswith(("displacement", "force"))}
+    multiple, every = sampling(rate, rig.control_rate)
     for place, offset in (("current", 0.0), ("reference", experiment.offset)):
         if lines_at(experiment.excitations, place).size or offset:
-            channels[EXCITATION_CHANNEL[place]] = np.tile(experiment.waveform(place) + offset, periods)
+            waves = np.atleast_2d(experiment.waveform(place))
+            waves[0] += offset
+            for name, wave in zip(channels_of(rig, [EXCITATION_CHANNEL[place]]), waves, strict=True):
+                channels[name] = np.tile(np.repeat(wave, multiple)[::every], periods)
     made = {
-        "gains": asdict(experiment.gains) if experiment.rig.controlled else None,
-        "controller": None,
+        "gains": as_table(experiment.gains) if rig.controlled else None,
         "speed_rpm": 0.0,
         "intersample": "zoh",
         "rig": experiment.rig.name,
@@ -118,11 +121,24 @@ def check_excited(dataset: "xr.Dataset", spec: RecordingSpec) -> None:
     A line counts when its mean amplitude over periods exceeds 3 standard deviations of that mean, and 1e-6 of the
     strongest line. Nothing is checked without such an excitation or its channel.
     """
-    lines = lines_at(spec.excitations, "force")
+    for excitation in spec.excitations:
+        if excitation.periodic and excitation.at == "force":
+            name, force = _force_along(dataset, excitation)
+            if force is not None:
+                _check_lines(name, force, np.array(excitation.lines), spec)
+
+
+def _force_along(dataset: "xr.Dataset", excitation: Excitation) -> tuple[str, np.ndarray | None]:
+    """The force in the direction of an excitation and the name of its channel; None where it was not recorded."""
+    planar = [f"force_{axis}" for axis in AXES]
+    if all(name in dataset for name in planar):
+        return "force", sum(c * dataset[name].values for c, name in zip(excitation.components, planar, strict=True))
     forces = [name for name in dataset.data_vars if name.partition("_")[0] == "force"]
-    if not lines.size or len(forces) != 1:  # which of several axes is driven is not known
-        return
-    periods = split_periods(dataset[forces[0]].values[None], spec.samples_per_period)
+    return (forces[0], dataset[forces[0]].values) if len(forces) == 1 else ("force", None)
+
+
+def _check_lines(name: str, force: np.ndarray, lines: np.ndarray, spec: RecordingSpec) -> None:
+    periods = split_periods(force[None], spec.samples_per_period)
     # The first period may hold the start of the excitation.
     spectra = np.array([period_spectra(p, lines)[0] for p in periods[1 if len(periods) > 2 else 0 :]])
     amplitude = np.abs(spectra.mean(axis=0))
@@ -132,7 +148,7 @@ def check_excited(dataset: "xr.Dataset", spec: RecordingSpec) -> None:
         line = int(lines[np.argmax(missing)])
         fundamental = spec.sample_rate / spec.samples_per_period
         raise ValueError(
-            f"channel {forces[0]!r}: no excitation at line {line} ({line * fundamental:g} Hz), and at "
+            f"channel {name!r}: no excitation at line {line} ({line * fundamental:g} Hz), and at "
             f"{missing.sum()} of {lines.size} stated lines in all; correct the excitation's lines, fundamental or start"
         )
 

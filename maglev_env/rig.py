@@ -8,8 +8,8 @@ from math import inf, isfinite
 from pathlib import Path
 from typing import Any
 
-from maglev_env.excitation import Excitation, check_interleaved
-from maglev_env.gains import NO_CONTROLLER, Controllers, Gains, LinearController, of_axis
+from maglev_env.excitation import Excitation, axis_excitations, check_interleaved
+from maglev_env.gains import Controllers, Gains, LinearController, of_axis
 from maglev_env.magnet_checks import check_magnet
 from maglev_env.planar import AXES, NO_CROSS, Cross
 
@@ -75,7 +75,7 @@ class Rig:
     """Physical parameters of a levitated rotor, SI; each field's metadata holds its unit and physical range.
 
     A rig of two axes has the same parameters in x and y but for what per_axis changes; cross couples them, gains is one
-    controller for both or a pair, and the clearance is round.
+    controller for both or a pair (None: not stated, see `defaults.with_defaults`), and the clearance is round.
     actuator_gain (N/A) and negative_stiffness (N/m, < 0), when given, calibrate the magnet's force law. force_constant
     and force_exponent are a magnet_coil's. bias_current = 0 of a single-sided magnet: the one that carries the weight.
     adc_bits or dac_bits = 0 means an ideal converter.
@@ -116,7 +116,7 @@ class Rig:
     axes: int = 1
     per_axis: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     cross: Cross = NO_CROSS
-    gains: Controllers = NO_CONTROLLER
+    gains: Controllers | None = None
     noise: Noise = Noise()
     bounds: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     protocol: Protocol | None = None
@@ -179,11 +179,14 @@ def with_parameters(rig: Rig, parameters: Mapping[str, Any]) -> Rig:
 def axis_rig(rig: Rig, axis: int) -> Rig:
     """Axis 0 (x) or 1 (y) of a rig as a one-axis rig with its own parameters and controller, uncoupled.
 
-    A protocol belongs to the whole rig: that of an x-y rig is left out.
+    Of the protocol it has its share: what acts along the axis, as much of it as does.
     """
     if rig.axes == 1:
         return rig
-    own = replace(rig, axes=1, per_axis={}, cross=NO_CROSS, gains=of_axis(rig.gains, axis), protocol=None)
+    gains, protocol = rig.gains and of_axis(rig.gains, axis), rig.protocol
+    if protocol:
+        protocol = replace(protocol, excitations=axis_excitations(protocol.excitations, axis))
+    own = replace(rig, axes=1, per_axis={}, cross=NO_CROSS, gains=gains, protocol=protocol)
     return with_parameters(own, rig.per_axis.get(AXES[axis], {}))
 
 
@@ -250,7 +253,7 @@ def _build(data: dict[str, Any]) -> Rig:
         **data["parameters"],
         per_axis=data.get("axis", {}),
         cross=_table(Cross, data, "cross"),
-        gains=controllers_from_table(data["gains"]) if "gains" in data else NO_CONTROLLER,
+        gains=controllers_from_table(data["gains"], "gains") if "gains" in data else None,
         noise=_table(Noise, data, "noise"),
         bounds=bounds,
         protocol=_protocol(data["protocol"]) if "protocol" in data else None,
@@ -262,31 +265,25 @@ def _build(data: dict[str, Any]) -> Rig:
     return rig
 
 
-def controllers_from_table(table: Mapping[str, Any]) -> Controllers:
+def controllers_from_table(table: Any, where: str) -> Controllers:
     """Controllers from a TOML table: gains, numerator and denominator, or a table of either for each of x and y.
 
-    ValueError names the axis that is missing, or the key that is unknown or missing.
+    ValueError names the axis that is missing, or the key that is unknown or missing; `where` begins its message.
     """
-    if any(key in AXES for key in table):
-        for key in table:
-            _known(key, AXES, "[gains]")
-        if missing := [axis for axis in AXES if axis not in table]:
-            raise ValueError(f"[gains]: axis {missing[0]} has no gains; give [gains.x] and [gains.y], or one for both")
-        return tuple(_controller(table[axis], f"[gains.{axis}]") for axis in AXES)
-    return _controller(table, "[gains]")
-
-
-def _controller(table: Any, where: str) -> Gains | LinearController:
     if not isinstance(table, Mapping):
         raise ValueError(f"{where} = {table!r} must be a table")
+    if any(key in AXES for key in table):
+        for key in table:
+            _known(key, AXES, where)
+        if missing := [axis for axis in AXES if axis not in table]:
+            raise ValueError(f"{where}: axis {missing[0]} has none; give {where}.x and {where}.y, or one for both")
+        return tuple(controllers_from_table(table[axis], f"{where}.{axis}") for axis in AXES)
     cls = LinearController if {"numerator", "denominator"} & set(table) else Gains
-    names = [f.name for f in fields(cls)]
     for key in table:
-        _known(key, names, where)
+        _known(key, [f.name for f in fields(cls)], where)
     if missing := [f.name for f in fields(cls) if f.default is MISSING and f.name not in table]:
         raise ValueError(f"{where}: {', '.join(missing)} missing")
-    values = {key: tuple(v) if isinstance(v, list) else v for key, v in table.items()}
-    return cls(**values)
+    return cls(**{key: tuple(v) if isinstance(v, list) else v for key, v in table.items()})
 
 
 def _protocol(data: dict[str, Any]) -> Protocol:
@@ -310,6 +307,8 @@ def excitation_from_table(table: Mapping[str, Any], ignored: tuple[str, ...] = (
         _known(key, [f.name for f in fields(Excitation)], "excitation")
     if "kind" not in table:
         raise ValueError("excitation: kind is missing")
+    if "band" in table:
+        table["band"] = _pair(table["band"], "excitation band")
     if "lines" in table:
         table["lines"] = tuple(int(line) for line in table["lines"])
     return Excitation(**table)

@@ -92,7 +92,7 @@ def simulate_records(experiments: Sequence[Experiment], substeps: int = 1, threa
     multiple, every = sampling(first.recorded_rate, first.rig.control_rate)
     substeps = multiple if multiple > 1 else substeps
     periods, axes = first.periods + first.transient_periods, first.rig.axes
-    n = next(e for e in first.excitations if e.periodic).samples_per_period(first.recorded_rate)
+    n = first.recorded_per_period
     records = np.full((len(experiments), len(CHANNELS), axes, periods * n), np.nan)
     force = np.repeat(np.atleast_2d(first.waveform("force")), multiple, axis=1)[:, ::every]
 

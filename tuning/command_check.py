@@ -5,9 +5,12 @@ from pathlib import Path
 from rich.table import Table
 
 from maglev_env.campaign import load_campaign
+from maglev_env.planar import AXES
 from maglev_env.quality import Quality, recording_quality
+from maglev_env.record_spectra import axis_signals
 from maglev_env.recorded import recorded_signals
 from maglev_env.recording import read_recording
+from maglev_env.rig import axis_rig
 from tuning.output import console, require_folder, write_json
 from tuning.page import plain, write_page
 from tuning.record_page import record_page
@@ -22,13 +25,17 @@ def run(source: Path, out: Path | None, json_file: Path | None) -> None:
     found, datasets = [], []
     for spec in campaign.recordings:
         dataset = read_recording(campaign, spec)
-        quality = recording_quality(recorded_signals(campaign, spec, dataset), campaign.rig)
-        found.append((spec.file, quality))
+        signals = recorded_signals(campaign, spec, dataset)
+        for axis in range(signals.axes):
+            name = spec.file if signals.axes == 1 else f"{spec.file}, {AXES[axis]}"
+            rig = campaign.rig and axis_rig(campaign.rig, axis)
+            quality = recording_quality(axis_signals(signals, axis), rig)
+            found.append((name, quality))
+            for table in _tables(name, quality):
+                console.print(table)
+            for problem in quality.problems:
+                console.print(f"  [yellow]![/] {problem}")
         datasets.append((spec.file, dataset))
-        for table in _tables(spec.file, quality):
-            console.print(table)
-        for problem in quality.problems:
-            console.print(f"  [yellow]![/] {problem}")
     write_page(page, record_page(f"Check of {campaign.folder.name}", datasets))
     console.print(f"page  {page}")
     write_json(json_file, {"schema": "maglev-check/1", "recordings": [{"file": f, **plain(q)} for f, q in found]})

@@ -10,11 +10,16 @@ from maglev_env.campaign import Campaign, RecordingSpec, load_campaign
 from maglev_env.campaign_tables import ChannelSource
 from maglev_env.excitation import Excitation, parse_lines
 from maglev_env.identification import Identification, identify
+from maglev_env.identification_planar import PlanarIdentification, identify_planar
+from maglev_env.planar import AXES
+from maglev_env.record_spectra import RecordedSignals, axis_signals
 from maglev_env.recorded import recorded_signals
 from maglev_env.recording import read_recording
+from maglev_env.rig import Rig, axis_rig
 from tuning.estimate_report import estimate_json, estimate_page, estimate_table
 from tuning.output import console, progress_bar, require_folder, write_json
 from tuning.page import write_page
+from tuning.planar_report import planar_json, planar_sections, planar_table
 
 METHODS = ("ls", "ml", "both")
 
@@ -63,22 +68,48 @@ def run(
     require_folder(json_file, "--json")
     mass = campaign.mass if mass is None else mass
     results: list[tuple[str, Identification]] = []
+    planar: list[tuple[str, PlanarIdentification]] = []
     with progress_bar() as bar:
+        loops: dict[tuple, list[tuple[str, RecordedSignals]]] = {}
         for spec in bar.track(campaign.recordings, description="estimate"):
             signals = recorded_signals(campaign, spec, read_recording(campaign, spec))
             try:
-                found = identify(signals, campaign.rig, mass, estimate_mass, band_width, band_overlap)
+                results += _axes(spec.file, signals, campaign.rig, mass, estimate_mass, band_width, band_overlap)
             except ValueError as error:
                 raise ValueError(f"{campaign.folder / spec.file}: {error}") from error
-            results.append((spec.file, found))
+            if signals.axes == 2 and spec.role == "fit" and mass is not None:
+                loops.setdefault((spec.gains, spec.speed_rpm), []).append((spec.file, signals))
+        for members in loops.values():
+            records = [signals for _, signals in members]
+            found = identify_planar(records, campaign.rig, mass, band_width, band_overlap)
+            planar.append((" + ".join(file for file, _ in members), found))
     rig = f"{campaign.rig.name}, {mass:g} kg" if campaign.rig else "not given"
-    write_page(page, estimate_page(results, {"Rig": rig, "Campaign": str(campaign.folder)}))
-    write_json(json_file, estimate_json(results, method))
+    made_by = {"Rig": rig, "Campaign": str(campaign.folder)}
+    write_page(page, estimate_page(results, made_by, [planar_sections(*one) for one in planar]))
+    report = estimate_json(results, method)
+    write_json(json_file, report | {"planar": [planar_json(*one) for one in planar]} if planar else report)
     for file, found in results:
         console.print(f"\n[bold]{escape(file)}[/]")
         console.print(estimate_table(found, method))
         _say(found)
+    for files, found in planar:
+        console.print(f"\n[bold]x and y together: {escape(files)}[/]")
+        console.print(planar_table(found))
+        for note in found.notes:
+            console.print(f"  note: {note}")
     console.print(f"page  {page}")
+
+
+def _axes(file: str, signals: RecordedSignals, rig: Rig | None, *options: object) -> list[tuple[str, Identification]]:
+    """The identification of a recording, of each axis by itself where there are two."""
+    if signals.axes == 1:
+        return [(file, identify(signals, rig, *options))]
+    found = []
+    for axis, name in enumerate(AXES):
+        own = axis_signals(signals, axis)
+        if own.excitations:  # an axis that nothing pushes along tells nothing by itself
+            found.append((f"{file}, {name}", identify(own, rig and axis_rig(rig, axis), *options)))
+    return found
 
 
 def _say(found: Identification) -> None:
@@ -122,7 +153,6 @@ def _single(path: Path, mass: float | None, one: OneFile) -> Campaign:
         one.samples,
         None,
         0.0,
-        None,
         None,
         (excitation,),
         channels,

@@ -8,10 +8,11 @@ from typing import TYPE_CHECKING
 from rich.table import Table
 
 from maglev_env.campaign_writer import write_campaign
+from maglev_env.defaults import with_defaults
 from maglev_env.effects import EFFECTS, parse_effects
 from maglev_env.excitation import parse_excitation
 from maglev_env.experiment import Experiment
-from maglev_env.gains import Gains
+from maglev_env.gains import Controllers, Gains, with_gains
 from maglev_env.protocols import PlannedRecording, diagnosis_campaign, sphs_campaign
 from maglev_env.recording import simulated_recording
 from maglev_env.rig import Protocol, Rig, load_rig
@@ -45,13 +46,11 @@ def run(
     require_folder(json_file, "--json")
     if (out / "campaign.toml").exists():
         raise ValueError(f"{out / 'campaign.toml'} exists; choose another --out or delete the folder")
-    loaded = _excited(load_rig(rig), excite, fundamental)
-    if loaded.protocol is None:
-        raise ValueError(f"rig {loaded.name}: no [protocol] in its TOML; nothing says what to excite")
+    loaded = with_defaults(_excited(load_rig(rig), excite, fundamental))
     chosen = {name: value for name, value in gains.items() if value is not None}
     if chosen and not loaded.controlled:
         raise ValueError(f"rig {loaded.name} has no magnets: gains mean nothing on it")
-    planned = PROTOCOLS[protocol](loaded, replace(loaded.gains, **chosen), parse_effects(effects), seed)
+    planned = PROTOCOLS[protocol](loaded, with_gains(loaded.gains, **chosen), parse_effects(effects), seed)
     recordings = []
     with progress_bar() as bar:
         for plan in bar.track(planned, description=f"simulate {loaded.name}"):
@@ -84,7 +83,11 @@ def _record(plan: PlannedRecording, e: Experiment) -> "xr.Dataset":
         raise ValueError(f"recording {plan.name}: {error}: the loop with {_words(e.gains)} does not hold it") from None
 
 
-def _words(gains: Gains) -> str:
+def _words(gains: Controllers) -> str:
+    if isinstance(gains, tuple):
+        return " and ".join(map(_words, gains))
+    if not isinstance(gains, Gains):
+        return "its linear controller"
     return f"kp = {gains.kp:g} A/m, ki = {gains.ki:g} A/(m s), kd = {gains.kd:g} A s/m"
 
 

@@ -4,6 +4,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from time import perf_counter
 
+from maglev_env.defaults import with_defaults
 from maglev_env.effects import parse_effects
 from maglev_env.rig import load_rig
 from tuning.output import console, progress_bar, require_folder, write_json
@@ -25,9 +26,10 @@ def run(
 ) -> None:
     """See `tuning.cli.sweep`."""
     loaded = load_rig(rig)
-    given = {name: parse_axis(text) for name, text in axes.items() if text is not None}
     if not loaded.controlled:
         raise ValueError(f"rig {loaded.name} has no controlled magnet: there is nothing to sweep")
+    loaded = with_defaults(loaded)
+    given = {name: parse_axis(text) for name, text in axes.items() if text is not None}
     chosen = {n: given[n] for n in SWEPT if n in given} or default_axes(loaded)
     if log is None:
         log = not given and all(axis.low > 0 for axis in chosen.values())

@@ -90,14 +90,21 @@ def estimate_table(identification: Identification, method: Method) -> "rich.tabl
     return table
 
 
-def estimate_page(results: Sequence[tuple[str, Identification]], made_by: Mapping[str, object] | None = None) -> str:
+def estimate_page(
+    results: Sequence[tuple[str, Identification]],
+    made_by: Mapping[str, object] | None = None,
+    more: "Sequence[Sequence[tuple[str, str | Figure]]]" = (),
+) -> str:
     """The HTML of all recordings: coefficients against frequency, receptance, |S| and margins, notes.
 
-    made_by: what the caller knows of their origin, such as the campaign and the rig.
+    made_by: what the caller knows of their origin, such as the campaign and the rig. more: groups of sections of
+    `tuning.page.page` that follow those of the recordings.
     """
     sections: list[tuple[str, str | Figure]] = []
     for file, found in results:
         sections += _recording(file, found)
+    for group in more:
+        sections += group
     origin = {"Recordings": ", ".join(file for file, _ in results), **(made_by or {})}
     title = f"Estimate of {results[0][0]}" if len(results) == 1 else f"Estimate of {len(results)} recordings"
     summary = " ".join(f"{file}: {_summary(found)}" for file, found in results[:3])

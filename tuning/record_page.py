@@ -16,6 +16,7 @@ if TYPE_CHECKING:
 
 _SHOWN = {"m": (1e6, "um"), "N": (1.0, "N"), "A": (1.0, "A")}
 _POINTS = 5000
+_PARTS = 16
 
 
 def record_page(title: str, recordings: Sequence[tuple[str, "xr.Dataset"]]) -> str:
@@ -30,12 +31,17 @@ def record_page(title: str, recordings: Sequence[tuple[str, "xr.Dataset"]]) -> s
 
 
 def _channels(dataset: "xr.Dataset") -> list[str]:
-    return [n for n in ("displacement", "force", "command", "current") if n in dataset.data_vars]
+    kinds = ("displacement", "force", "command", "current")
+    return sorted((n for n in dataset.data_vars if _kind(n) in kinds), key=lambda n: (kinds.index(_kind(n)), n))
+
+
+def _kind(channel: str) -> str:
+    return channel.partition("_")[0]
 
 
 def _samples_per_period(dataset: "xr.Dataset") -> int:
     excitations = json.loads(dataset.attrs["experiment"]).get("excitations") or []
-    fundamentals = [e["fundamental"] for e in excitations if e.get("kind") in ("sphs", "multisine")]
+    fundamentals = [e["fundamental"] for e in excitations if e.get("kind") in ("sphs", "multisine", "low_crest")]
     n = dataset.sizes["time"]
     return round(dataset.attrs["sample_rate"] / fundamentals[0]) if fundamentals else n
 
@@ -59,6 +65,9 @@ def _spectra(dataset: "xr.Dataset") -> go.Figure:
     signals = np.stack([dataset[n].values for n in names])
     lines = np.arange(1, min(per_period // 2, 2500))
     fundamental = dataset.attrs["sample_rate"] / per_period
+    if per_period == signals.shape[1]:  # nothing repeats: parts of the record stand for periods
+        per_period //= _PARTS
+        lines, fundamental = np.arange(1, per_period // 2), dataset.attrs["sample_rate"] / per_period
     periods = split_periods(signals, per_period)
     kept = periods[1:] if len(periods) > 2 else periods
     statistics = line_statistics((period_spectra(p, lines) for p in kept), fundamental, lines, tuple(names))

@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass, field, fields, replace
+from dataclasses import asdict, dataclass, field, fields
 from hashlib import sha256
 from importlib.metadata import version
 from pathlib import Path
@@ -14,7 +14,7 @@ from maglev_env.effects import Effects
 from maglev_env.evaluation import Evaluation, evaluate
 from maglev_env.experiment import protocol_experiment
 from maglev_env.files import atomic_file, write_text_atomic
-from maglev_env.gains import Gains
+from maglev_env.gains import Controllers, Gains, of_axis, with_gains
 from maglev_env.rig import Rig
 
 if TYPE_CHECKING:
@@ -83,7 +83,7 @@ def default_axes(rig: Rig, points: Mapping[str, int] | None = None) -> dict[str,
     return {name: Axis(*rig.bounds[name], points[name]) for name in SWEPT}
 
 
-def gain_sets(sweep: Sweep) -> list[Gains]:
+def gain_sets(sweep: Sweep) -> list[Controllers]:
     """The gain sets in order: the grid with the last axis fastest, or the scrambled Sobol points of the seed."""
     names = [name for name in SWEPT if name in sweep.axes]
     if sweep.sobol:
@@ -102,9 +102,8 @@ def gain_sets(sweep: Sweep) -> list[Gains]:
             for n in names
         ]
         columns = [c.ravel() for c in np.meshgrid(*grids, indexing="ij")]
-    return [
-        replace(sweep.rig.gains, **dict(zip(names, map(float, row), strict=True))) for row in zip(*columns, strict=True)
-    ]
+    rows = zip(*(map(float, column) for column in columns), strict=True)
+    return [with_gains(sweep.rig.gains, **dict(zip(names, row, strict=True))) for row in rows]
 
 
 def run_sweep(
@@ -197,7 +196,9 @@ def _columns(e: Evaluation) -> dict[str, np.ndarray]:
     return columns
 
 
-def _dataset(parts: Sequence[Mapping[str, np.ndarray]], gains: list[Gains], attributes: dict[str, str]) -> "xr.Dataset":
+def _dataset(
+    parts: Sequence[Mapping[str, np.ndarray]], gains: list[Controllers], attributes: dict[str, str]
+) -> "xr.Dataset":
     import xarray as xr
 
     variables = {}
@@ -208,6 +209,6 @@ def _dataset(parts: Sequence[Mapping[str, np.ndarray]], gains: list[Gains], attr
     bands = parts[0]["bands"]
     coordinates: dict[str, tuple] = {"experiment": ("experiment", np.arange(len(gains)))}
     for f in fields(Gains):
-        coordinates[f.name] = ("experiment", np.array([getattr(g, f.name) for g in gains]))
+        coordinates[f.name] = ("experiment", np.array([getattr(of_axis(g, 0), f.name) for g in gains]))
     coordinates["band_low"], coordinates["band_high"] = ("band", bands[:, 0]), ("band", bands[:, 1])
     return xr.Dataset(variables, coordinates, attributes)

@@ -9,7 +9,7 @@ from maglev_env.evaluation import force_statistics
 from maglev_env.excitation import lines_at
 from maglev_env.experiment import Experiment, protocol_experiment
 from maglev_env.linear import expected_statistics
-from maglev_env.rig import load_rig
+from maglev_env.rig import axis_rig, load_rig
 
 
 def draw(expected: LineStatistics, records: int, seed: int) -> LineStatistics:
@@ -37,7 +37,7 @@ def within(statistics: LineStatistics, low: float, high: float) -> LineStatistic
 
 def rig_experiment(name: str) -> Experiment:
     """The rig's protocol; the pedestal's extended to 250 Hz, loud enough to be informative there."""
-    experiment = protocol_experiment(load_rig(name))
+    experiment = protocol_experiment(axis_rig(load_rig(name), 0))
     if name == "pedestal":
         (force,) = experiment.excitations
         experiment = replace(experiment, excitations=(replace(force, lines=tuple(range(1, 501)), amplitude=5.0),))

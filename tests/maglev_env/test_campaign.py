@@ -10,7 +10,7 @@ from maglev_env.campaign import ChannelSource, load_campaign
 from maglev_env.campaign_writer import _toml
 from maglev_env.excitation import Excitation
 from maglev_env.files import write_npz
-from maglev_env.gains import Gains
+from maglev_env.gains import Gains, LinearController
 from maglev_env.rig import load_rig
 
 TOML = """schema = "maglev-campaign/1"
@@ -58,7 +58,7 @@ def test_the_example_of_the_format(tmp_path):
             120_000,
             6,
         )
-        assert r.gains == Gains(8000.0, 2000.0, 5.2, 1e-4, 0.0318) and r.controller is None
+        assert r.gains == Gains(8000.0, 2000.0, 5.2, 1e-4, 0.0318)
         assert r.excitations == (Excitation("sphs", "force", 1.0, tuple(range(1, 251)), 3.0),)
         assert r.samples_per_period == 20_000 and r.intersample is None
         assert r.channels["displacement"] == ChannelSource(("y_left", "y_right"), (0.5, 0.5), 1.25e-4, 0.0)
@@ -85,7 +85,7 @@ def test_controller_two_excitations_and_axes(tmp_path):
         '  { kind = "sphs", at = "current", lines = [2, 4], amplitude = 0.1 }]',
     )
     r = load_campaign(campaign(tmp_path, text + 'speed_x = { from = "n", scale = 0.10472 }\n')).recordings[0]
-    assert r.controller == ((1.0,), (1.0, -0.5)) and r.gains is None
+    assert r.gains == LinearController((1.0,), (1.0, -0.5))
     assert [e.at for e in r.excitations] == ["force", "current"] and r.samples == 120_000
     assert "speed_x" in r.channels
 
@@ -130,14 +130,15 @@ MULTISINE = 'excitation = {{ kind = "{}", at = "{}", lines = [1, 3] }}'
         ("kd = 5.2, ", "", ["gains: kd missing"]),
         ("kd = 5.2", "kq = 5.2", ["gains: unknown key 'kq'", "kd"]),
         ("kd = 5.2", 'kd = "a"', ["gains: kd = 'a'"]),
-        (GAINS, "gains = { x = { kp = 1.0 }, y = { kp = 1.0 } }", ["only one axis is supported"]),
+        (GAINS, "gains = { x = { kp = 1.0, ki = 0.0, kd = 0.0 } }", ["gains: axis y has none", "gains.y"]),
+        (GAINS, "gains = { x = { kp = 1.0 }, y = { kp = 1.0 } }", ["gains.x: ki, kd missing"]),
         (
             "speed_rpm = 0.0",
             "controller = { numerator = [1] , denominator = [1] }",
             ["gains or a controller, not both"],
         ),
-        (GAINS, "controller = { numerator = [1, 2], denominator = [1] }", ["controller", "powers of z"]),
-        (GAINS, "controller = { numerator = [1] }", ["controller: denominator = None"]),
+        (GAINS, "controller = { numerator = [1, 2], denominator = [1] }", ["controller", "would need the future"]),
+        (GAINS, "controller = { numerator = [1] }", ["controller: denominator missing"]),
         (EXCITATION, "", ["excitation is missing", '"none"']),
         ("periods = 6", "period = 6", ["unknown key 'period'", "harmonics", "periods"]),
         ("periods = 6", "periods = 1", ["periods = 1", "at least 2"]),

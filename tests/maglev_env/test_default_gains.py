@@ -11,14 +11,14 @@ from maglev_env.excitation import Excitation
 from maglev_env.experiment import Experiment, protocol_experiment
 from maglev_env.linear import closed_loop_poles, loop_response
 from maglev_env.magnetics import force, force_law, linearise
-from maglev_env.rig import Rig, load_rig
+from maglev_env.rig import Rig, axis_rig, load_rig
 
 BALL = Rig("ball", "electromagnet", mass=0.058, gap=10e-3, turns=1000, pole_area=3e-4, control_rate=1000.0)
 COIL = Rig("coil", "magnet_coil", mass=0.02, gap=15e-3, force_constant=2e-8, force_exponent=4.0, control_rate=1000.0)
 REPELLED = replace(COIL, remanence=1.0, magnet_length=5e-3, magnet_area=1e-4)
 RIGS = {
     "hmb_free": load_rig("hmb_free"),
-    "hmb_radial": load_rig("hmb_radial"),
+    "hmb_radial": axis_rig(load_rig("hmb_radial"), 0),
     "eframe": load_rig("eframe"),
     "ball": BALL,
     "coil": COIL,

@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from maglev_env.experiment import protocol_experiment
-from maglev_env.identification import RecordedSignals, identify
+from maglev_env.identification import identify
 from maglev_env.protocols import diagnosis_campaign, sphs_campaign
 from maglev_env.quality import recording_quality
+from maglev_env.record_spectra import RecordedSignals
 from maglev_env.recording import simulated_recording
 from maglev_env.rig import load_rig
 from maglev_env.simulate import simulate_records
@@ -18,7 +19,7 @@ def recorded(e, held=True):
     dataset = simulated_recording(e, simulate_records([e])[0])
     channels = {str(n): dataset[n].values for n in dataset.data_vars}
     gains = e.gains if e.rig.controlled else None
-    return RecordedSignals(channels, e.rig.control_rate, e.excitations, held, gains)
+    return RecordedSignals(channels, e.rig.control_rate, e.excitations, e.rig.control_rate if held else None, gains)
 
 
 @pytest.fixture(scope="module")
@@ -46,7 +47,7 @@ def test_constant_stiffness_and_damping_come_back_inside_their_intervals(pedesta
 
 def test_without_the_hold_correction_the_damping_is_k_t_over_two_too_large(pedestal):
     rig, signals = pedestal
-    raw = identify(replace(signals, held_force=False), rig, rig.mass)
+    raw = identify(replace(signals, hold_rate=None), rig, rig.mass)
     low = raw.bands[3]
     assert low.damping - rig.support_damping == pytest.approx(rig.support_stiffness * 25e-6, rel=0.4)
 

@@ -10,7 +10,7 @@ from maglev_env.effects import effect
 from maglev_env.experiment import protocol_experiment
 from maglev_env.gains import Gains
 from maglev_env.linear import closed_loop_poles, discrete_plant, loop_response
-from maglev_env.rig import load_rig
+from maglev_env.rig import axis_rig, load_rig
 
 DT = 1 / 20000.0
 
@@ -29,7 +29,7 @@ def control_loop(e):
 
 @pytest.mark.parametrize("name", ["hmb_free", "hmb_radial"])
 def test_loop_gain_is_what_python_control_discretises(name):
-    e = protocol_experiment(load_rig(name))
+    e = protocol_experiment(axis_rig(load_rig(name), 0))
     f = np.array([1.0, 10.0, 66.0, 110.0, 700.0, 2000.0, 9000.0])
     expected = ct.frequency_response(control_loop(e), 2 * np.pi * f).complex
     np.testing.assert_allclose(loop_response(e, f).loop_gain, expected.ravel(), rtol=1e-7)

@@ -143,7 +143,7 @@ def test_an_effect_is_inside_its_bounds_or_refused(name, value):
 def test_an_experiment_that_cannot_run_is_refused():
     e = protocol_experiment(load_rig("hmb_free"))
     with pytest.raises(ValueError, match="periodic excitation"):
-        Experiment(e.rig, e.gains, ())
+        _ = Experiment(e.rig, e.gains, ()).samples_per_period
     with pytest.raises(ValueError, match="beyond the clearance"):
         Experiment(e.rig, e.gains, e.excitations, offset=1e-3)
     with pytest.raises(ValueError, match="periods"):

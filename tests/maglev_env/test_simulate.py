@@ -17,7 +17,7 @@ from maglev_env.experiment import Experiment, protocol_experiment
 from maglev_env.gains import Gains
 from maglev_env.linear import expected_statistics, without_noise
 from maglev_env.noise import line_noise, series_noise
-from maglev_env.rig import Noise, load_rig
+from maglev_env.rig import Noise, axis_rig, load_rig
 from maglev_env.simulate import CHANNELS, simulate_records, simulate_statistics
 
 ALL_EFFECTS = {
@@ -66,7 +66,7 @@ CASES = {
             effects=effect("delay", 25e-6),
         )
     )(ideal(protocol_experiment(load_rig("hmb_free")))),
-    "on springs": lambda: ideal(protocol_experiment(load_rig("hmb_radial"))),
+    "on springs": lambda: ideal(protocol_experiment(axis_rig(load_rig("hmb_radial"), 0))),
     "no magnets": lambda: ideal(protocol_experiment(load_rig("pedestal"))),
 }
 
@@ -94,7 +94,7 @@ def test_integration_error_falls_with_the_fourth_power_of_the_step():
 @pytest.mark.parametrize("rig_name", ["hmb_free", "hmb_radial", "pedestal", "hmb_axial"])
 @pytest.mark.parametrize("effects", [{}, ALL_EFFECTS], ids=["nominal", "every effect"])
 def test_a_small_experiment_is_the_analytic_sampled_loop_at_every_line(rig_name, effects):
-    e = without_noise(protocol_experiment(load_rig(rig_name)))
+    e = without_noise(protocol_experiment(axis_rig(load_rig(rig_name), 0)))
     e = replace(scaled(e, 1e-3), effects=effects, transient_periods=3, periods=2)
     if not e.rig.controlled and effects:
         e = replace(e, effects={k: effects[k] for k in ("mass", "damping", "support_stiffness", "sensor_gain")})

@@ -1,0 +1,75 @@
+"""Multisines whose phases are optimised for a low crest factor: more force per peak, so less variance per line.
+
+Minimises the L_p norm of the period over the phases for rising p, which tends to the peak (Guillaume, Schoukens,
+Pintelon and Kollar, IEEE Trans. Instrum. Meas. 40, 1991, 982-989).
+"""
+
+import numpy as np
+import scipy.fft
+from numpy.typing import ArrayLike, NDArray
+from scipy.optimize import minimize
+
+from estimation.sphs import Multisine, sphs, synthesise
+
+EXPONENTS = (4, 8, 16, 32, 64, 128, 256)
+ITERATIONS = 50  # per exponent; more gain less than another seed does
+OVERSAMPLING = 24  # grid points per cycle of the highest line, so that the peak between them is under 1 % higher
+
+
+def low_crest(
+    lines: ArrayLike, samples_per_period: int, peak: float = 1.0, power: ArrayLike | None = None, seed: int = 0
+) -> Multisine:
+    """Multisine of low crest factor, between samples too, whose sampled period peaks at exactly `peak`.
+
+    lines, samples_per_period, peak and power are those of `sphs`. The search starts from random phases: the same seed
+    gives the same phases, whatever the peak and the grid, on one machine (another processor may round its way to a
+    slightly different, equally low, minimum); other seeds give others. Flat lines 1..n with n in 100..250 reach 1.38
+    to 1.41, against 1.7 by Schroeder phases. Where the search does worse than these on the sampled grid (a few lines
+    only), they are returned. The samples are far from normally distributed: a nonlinear plant's best linear
+    approximation is not the one `random_phase` gives. Takes about 0.2 s for lines up to 250, in proportion to the
+    highest line. Raises ValueError on bad input.
+    """
+    schroeder = sphs(lines, samples_per_period, peak, power)
+    start = np.random.default_rng(seed).uniform(0.0, 2 * np.pi, schroeder.lines.size)
+    shape = np.ones(start.size) if power is None else np.sqrt(power)
+    phases = _minimise_peak(schroeder.lines, shape, start)
+    searched = Multisine(schroeder.lines, schroeder.amplitudes, phases)
+    gain = peak / np.max(np.abs(synthesise(searched, samples_per_period)))
+    return Multisine(searched.lines, gain * searched.amplitudes, phases) if gain > 1 else schroeder
+
+
+def _minimise_peak(
+    lines: NDArray[np.int64], amplitudes: NDArray[np.float64], phases: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    lines = lines // np.gcd.reduce(lines)  # a waveform that repeats within the period need be searched only once
+    amplitudes = amplitudes / np.linalg.norm(amplitudes)
+    points = scipy.fft.next_fast_len(OVERSAMPLING * int(lines[-1]), real=True)
+    for exponent in EXPONENTS:
+        # conjugate gradients: L-BFGS-B is no better here, and the threads of its linear algebra stall on a busy machine
+        options = {"maxiter": ITERATIONS}
+        given = (lines, amplitudes, points, exponent)
+        phases = minimize(_log_norm, phases, given, method="CG", jac=True, options=options).x
+    return phases
+
+
+def _log_norm(
+    phases: NDArray[np.float64],
+    lines: NDArray[np.int64],
+    amplitudes: NDArray[np.float64],
+    points: int,
+    exponent: int,
+) -> tuple[float, NDArray[np.float64]]:
+    """Log of the L_p norm of the period on `points` samples and its gradient (n,) by the phases; p a power of two."""
+    lined = amplitudes * np.exp(1j * phases)
+    spectrum = np.zeros(points // 2 + 1, dtype=complex)
+    spectrum[lines] = lined / 2
+    signal = scipy.fft.irfft(spectrum, n=points, norm="forward")
+    peak = np.max(np.abs(signal))
+    signal /= peak  # or high powers underflow everywhere
+    power, raised = signal**2, signal.copy()
+    for _ in range(exponent.bit_length() - 2):  # signal^(p - 1) by squaring; np.power would take most of the time
+        raised *= power
+        power *= power
+    mean = np.mean(raised * signal)
+    slope = scipy.fft.rfft(raised, norm="forward")[lines]
+    return np.log(peak) + np.log(mean) / exponent, np.imag(np.conj(lined) * slope) / (mean * peak)
