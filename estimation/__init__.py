@@ -1,5 +1,6 @@
 """Signals in; stiffness, damping and stability out, with their uncertainty. Knows no rig."""
 
+from estimation.actuator import ActuatorEstimate, actuator_estimate
 from estimation.bands import band_slices, sliding_bands
 from estimation.crest import low_crest
 from estimation.effective import effective_coefficients, pid_effective_coefficients
@@ -46,6 +47,7 @@ from estimation.stability import (
 )
 
 __all__ = [
+    "ActuatorEstimate",
     "BandEstimate",
     "Distortion",
     "LeastSquares",
@@ -53,6 +55,7 @@ __all__ = [
     "Margins",
     "ModalEstimate",
     "Multisine",
+    "actuator_estimate",
     "band_slices",
     "coherence",
     "crest_factor",

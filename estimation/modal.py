@@ -45,6 +45,36 @@ def modal_estimate(statistics: LineStatistics) -> ModalEstimate:
     statistics: channels "force" and "displacement", no leading dimensions, at least four lines. ValueError when there
     are fewer, or when the fit has no positive mass and stiffness (no resonance in the excited band).
     """
+    fit = global_fit(statistics)
+    k, c, m = fit.values
+    if not (m > 0 and k > 0):
+        raise ValueError("mass estimate: no positive mass and stiffness fit the record; is a resonance in the band?")
+    covariance = fit.covariance
+    natural, zeta = np.sqrt(k / m) / (2 * np.pi), c / (2 * np.sqrt(k * m))
+    d_natural = natural * np.array([0.5 / k, 0.0, -0.5 / m])
+    d_zeta = zeta * np.array([-0.5 / k, 1 / c, -0.5 / m])
+    se = np.sqrt(np.diag(covariance))
+    return ModalEstimate(
+        m, k, c, natural, zeta, se[2], se[0], se[1],
+        float(np.sqrt(d_natural @ covariance @ d_natural)),
+        float(np.sqrt(d_zeta @ covariance @ d_zeta)),
+        fit.cost_ratio, fit.discrepancy,
+    )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class GlobalFit:
+    """values (3,): k, c, m of F = (k - m w^2 + j w c) Y with their covariance (3, 3), before anything is asked of their
+    signs; cost_ratio and discrepancy as in `ModalEstimate`."""
+
+    values: np.ndarray
+    covariance: np.ndarray
+    cost_ratio: float
+    discrepancy: float
+
+
+def global_fit(statistics: LineStatistics) -> GlobalFit:
+    """The fit behind `modal_estimate`. ValueError for fewer than four lines."""
     f, y = statistics.amplitude("force"), statistics.amplitude("displacement")
     if f.ndim != 1 or f.size < 4:
         raise ValueError(f"mass estimate: {f.size} lines; at least four excited lines are needed")
@@ -67,20 +97,8 @@ def modal_estimate(statistics: LineStatistics) -> ModalEstimate:
 
         extra = np.exp(brentq(excess, np.log(low), np.log(high), xtol=1e-3)) if excess(np.log(low)) > 0 else 0.0
         fit, _ = _fit(f, y, w, noise, extra, path[-1])
-    k, c, m = fit.x
-    if not (m > 0 and k > 0):
-        raise ValueError("mass estimate: no positive mass and stiffness fit the record; is a resonance in the band?")
     covariance = np.linalg.inv(fit.jac.T @ fit.jac) * 0.5
-    natural, zeta = np.sqrt(k / m) / (2 * np.pi), c / (2 * np.sqrt(k * m))
-    d_natural = natural * np.array([0.5 / k, 0.0, -0.5 / m])
-    d_zeta = zeta * np.array([-0.5 / k, 1 / c, -0.5 / m])
-    se = np.sqrt(np.diag(covariance))
-    return ModalEstimate(
-        m, k, c, natural, zeta, se[2], se[0], se[1],
-        float(np.sqrt(d_natural @ covariance @ d_natural)),
-        float(np.sqrt(d_zeta @ covariance @ d_zeta)),
-        float(ratio), float(np.sqrt(extra / power)),
-    )  # fmt: skip
+    return GlobalFit(fit.x, covariance, float(ratio), float(np.sqrt(extra / power)))
 
 
 @dataclass(frozen=True)

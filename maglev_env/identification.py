@@ -4,6 +4,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from estimation.actuator import ActuatorEstimate, actuator_estimate, as_force
 from estimation.bands import band_slices, sliding_bands
 from estimation.effective import effective_coefficients
 from estimation.frequency_response import Distortion, coherence, distortion, frequency_response, pooled_variance
@@ -67,6 +68,7 @@ class Identification:
     bands: tuple[Band, ...]
     mass: float
     modal: ModalEstimate | None
+    actuator: ActuatorEstimate | None
     natural_frequency: float | None
     damping_ratio: float | None
     distortion: Distortion
@@ -92,19 +94,24 @@ def identify(
     overlap. ValueError says what is missing.
     """
     notes = list(signals.assumed)
-    if not {"force", "displacement"} <= signals.channels.keys():
-        raise ValueError("stiffness and damping need the channels force and displacement")
+    if "displacement" not in signals.channels:
+        raise ValueError("stiffness and damping need the channel displacement")
     spectra = record_spectra(signals)
     statistics, force, dropped = spectra.all, spectra.force, spectra.transient_periods
-    if not force.lines.size:
-        raise ValueError("stiffness and damping need an excitation at the force, along the axis of the displacement")
+    actuator = None
+    if not force.lines.size or "force" not in force.channels:
+        actuator, force, drive = _through_magnets(spectra, mass, estimate_mass)
+        notes.append(
+            f"no force is excited and recorded: the {drive} stands for it, its actuator gain fitted to the mass; "
+            "stiffness and damping are those of the rotor without its controller"
+        )
     if dropped:
         notes.append(f"the first {dropped} period(s) carry a transient and were dropped")
     if spectra.leftover:
         notes.append(f"{spectra.leftover} samples after the last whole period were not used")
-    if signals.hold_rate:
+    if signals.hold_rate and not actuator:
         notes.append("the force is held over each sample by its converter: corrected")
-    if not signals.periodic:
+    if not signals.periodic and not actuator:
         share = float(np.median(1 / np.maximum(coherence(force, "displacement"), 1e-3) - 1))
         notes.append(
             f"the excitation is not periodic: responses by local polynomials, {force.frequency[0]:.4g} to "
@@ -124,9 +131,12 @@ def identify(
             )
     if mass is None:
         raise ValueError("the moving mass is not known: give [parameters] mass, or estimate it with --estimate-mass")
-    bands = _bands(force, mass, band_layout(force, rig, band_width, band_overlap), signals, rig)
+    layout = band_layout(force, rig, band_width, band_overlap)
+    bands = _bands(force, mass, layout, signals, None if actuator else rig)
     if modal:
         bands = tuple(_with_mass_uncertainty(b, modal.mass_se) for b in bands)
+    if actuator:
+        bands = tuple(_with_gain_uncertainty(b, actuator.gain_se / abs(actuator.gain), mass) for b in bands)
     sure = [b for b in bands if b.informative]
     if sure and np.mean([b.damping_ci[1] < 0 for b in sure]) > 0.8:
         notes.append("damping is negative nearly everywhere: is the sign of force or displacement flipped?")
@@ -141,8 +151,9 @@ def identify(
     stability, why = _stability(signals, spectra, rig)
     if why:
         notes.append(why)
+    periods = statistics.periods
     return Identification(
-        bands, float(mass), modal, natural, zeta, bent, stability, dropped, statistics.periods, force, tuple(notes)
+        bands, float(mass), modal, actuator, natural, zeta, bent, stability, dropped, periods, force, tuple(notes)
     )
 
 
@@ -182,15 +193,45 @@ def _bands(
     return tuple(result)
 
 
+def _through_magnets(
+    spectra: RecordSpectra, mass: float | None, estimate_mass: bool
+) -> tuple[ActuatorEstimate, LineStatistics, str]:
+    """The actuator, and the lines of an injection or reference with the current (else the command) as the force."""
+    statistics = spectra.all
+    lines = np.union1d(spectra.driven["current"], spectra.driven["reference"])
+    drive = next((name for name in ("current", "command") if name in statistics.channels), None)
+    if not lines.size or drive is None or estimate_mass or mass is None:
+        raise ValueError(
+            "stiffness and damping need an excitation at the force, along the axis of the displacement, and the "
+            "channel force; or one at the current or reference, the channel current, and a known mass"
+        )
+    excited = statistics.at_lines(lines)
+    if drive == "command":
+        excited = replace(excited, channels=tuple("current" if n == drive else n for n in excited.channels))
+    actuator = actuator_estimate(excited, mass)
+    return actuator, as_force(excited, "current", actuator.gain), drive
+
+
+def _with_gain_uncertainty(band: Band, share: float, mass: float) -> Band:
+    """The band with its intervals widened by a relative error of the actuator gain: it scales k - m w^2 and c."""
+    w = np.pi * (band.f_lo + band.f_hi)
+    wide = _widened(band, "stiffness", share * abs(band.stiffness - mass * w**2))
+    return _widened(wide, "damping", share * abs(band.damping))
+
+
+def _widened(band: Band, name: str, se: float) -> Band:
+    """The band with one coefficient's interval and standard error widened by an independent standard error."""
+    value, (low, high) = getattr(band, name), getattr(band, f"{name}_ci")
+    ci = (
+        float(value - np.hypot(value - low, NORMAL_95 * se)),
+        float(value + np.hypot(high - value, NORMAL_95 * se)),
+    )
+    return replace(band, **{f"{name}_se": float(np.hypot(getattr(band, f"{name}_se"), se)), f"{name}_ci": ci})
+
+
 def _with_mass_uncertainty(band: Band, mass_se: float) -> Band:
     """The band with its stiffness interval widened by m w^2's share: a wrong mass moves k by w^2 as much."""
-    shift = mass_se * (np.pi * (band.f_lo + band.f_hi)) ** 2
-    low, high = (band.stiffness - band.stiffness_ci[0], band.stiffness_ci[1] - band.stiffness)
-    ci = (
-        float(band.stiffness - np.hypot(low, NORMAL_95 * shift)),
-        float(band.stiffness + np.hypot(high, NORMAL_95 * shift)),
-    )
-    return replace(band, stiffness_se=float(np.hypot(band.stiffness_se, shift)), stiffness_ci=ci)
+    return _widened(band, "stiffness", mass_se * (np.pi * (band.f_lo + band.f_hi)) ** 2)
 
 
 def _effective(frequency: float, signals: RecordedSignals, rig: Rig | None) -> tuple[float | None, float | None]:

@@ -29,7 +29,8 @@ class ChannelQuality:
 
 @dataclass(frozen=True)
 class BandQuality:
-    """Displacement at force lines in one band (Hz): median amplitude over noise, coherence, and a verdict in words."""
+    """Displacement at force lines, or without any at all excited ones, in one band (Hz): median amplitude over noise,
+    coherence, and a verdict in words."""
 
     f_lo: float
     f_hi: float
@@ -109,7 +110,8 @@ def _channel(name: str, values: np.ndarray, spectra: RecordSpectra) -> ChannelQu
 
 
 def _bands(spectra: RecordSpectra, count: int) -> tuple[BandQuality, ...]:
-    lines, force = spectra.force.lines, spectra.force
+    lines = spectra.force.lines if spectra.force.lines.size else np.concatenate([*spectra.driven.values()])
+    force = spectra.all.at_lines(lines)
     if not lines.size or "displacement" not in force.channels:
         return ()
     noise = np.sqrt(force.cross("displacement", "displacement"))
@@ -129,6 +131,8 @@ def _uses(signals: RecordedSignals, spectra: RecordSpectra) -> dict[str, str]:
     """What the recording serves for: "yes", or what is missing."""
     have, force, injection = signals.channels.keys(), *(spectra.driven[p] for p in ("force", "current"))
     stiffness = "yes" if force.size and {"force", "displacement"} <= have else "no: needs force and displacement"
+    if not force.size and {"current", "displacement"} <= have:
+        stiffness = "yes, with a known mass, without control: the current stands for the force"
     loop = "yes" if injection.size and {"command", "injection"} <= have else "no: needs an injection and the command"
     amplifier = "yes" if {"command", "current"} <= have else "no: needs command and current"
     controller = "yes" if {"displacement", "command"} <= have else "no: needs displacement and command"

@@ -50,7 +50,10 @@ def _stand_in(channels: dict[str, np.ndarray], spec: RecordingSpec, axes: int) -
 
 def _hold(campaign: Campaign, spec: RecordingSpec) -> tuple[float | None, list[str]]:
     """Hz at which the force is held (None: continuous), and what was assumed of it."""
-    designed = any(e.periodic and e.at == "force" for e in spec.excitations)
+    at_force = [e for e in spec.excitations if e.at == "force" and e.kind != "none"]
+    if not at_force:
+        return None, []
+    designed = any(e.periodic for e in at_force)
     rate = spec.sample_rate
     if campaign.rig is not None:
         try:

@@ -16,7 +16,9 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 
-RigOption = Annotated[str, typer.Option(help="Preset (hmb_free, hmb_radial, hmb_axial, pedestal) or a rig TOML.")]
+RigOption = Annotated[
+    str, typer.Option(help="Preset (hmb_free, hmb_radial, hmb_axial, pedestal, eframe) or a rig TOML.")
+]
 EffectOption = Annotated[
     list[str], typer.Option("--effect", help="Effect beyond the nominal rig, e.g. delay=75e-6; may be repeated.")
 ]
@@ -79,6 +81,7 @@ def estimate(
     rate: Annotated[float | None, typer.Option(help="One file: sample rate, Hz.")] = None,
     fundamental: Annotated[float, typer.Option(help="One file: fundamental of the excitation, Hz.")] = 1.0,
     lines: Annotated[str, typer.Option(help="One file: excited harmonics, first:last[:step].")] = "1:250",
+    recorded: Annotated[bool, typer.Option("--recorded", help="One file: the force is not periodic.")] = False,
     force: Annotated[str, typer.Option(help="One file: column of the force, name[*scale].")] = "force",
     displacement: Annotated[str, typer.Option(help="One file: column of the displacement.")] = "displacement",
     mass: Annotated[float | None, typer.Option(help="Moving mass, kg (overrides the campaign's).")] = None,
@@ -96,7 +99,7 @@ def estimate(
     """Stiffness, damping, margins and distortion of recordings, with honest intervals."""
     from tuning import command_estimate
 
-    one = command_estimate.OneFile(rate, fundamental, lines, force, displacement, start, samples, intersample)
+    one = command_estimate.OneFile(rate, fundamental, lines, recorded, force, displacement, start, samples, intersample)
     command_estimate.run(source, method, estimate_mass, band_width, band_overlap, mass, one, out, json_file)
 
 
@@ -123,10 +126,16 @@ def simulate(
     protocol: Annotated[str, typer.Option(help="sphs (the rig's own) or diagnosis (the good campaign).")] = "sphs",
     excite: Annotated[
         list[str],
-        typer.Option(help="Instead of the rig's: place=first:last[:step]@peak, e.g. force=1:249:2@0.4; repeat."),
+        typer.Option(
+            help="Instead of the rig's: place=first:last[:step]@peak[@degrees], e.g. force=1:249:2@0.4; repeat."
+        ),
     ] = [],  # noqa: B006
+    kind: Annotated[str, typer.Option(help="Of --excite: sphs, multisine (random phases) or low_crest.")] = "sphs",
     fundamental: Annotated[float | None, typer.Option(help="Fundamental of --excite, Hz (default: the rig's).")] = None,
     periods: Annotated[int | None, typer.Option(min=2, help="Periods kept after the transient.")] = None,
+    sample_rate: Annotated[
+        float | None, typer.Option(help="Of the recording, Hz: a multiple or integer fraction of the control rate.")
+    ] = None,
     effect: EffectOption = [],  # noqa: B006
     seed: SeedOption = 0,
     data_format: Annotated[str, typer.Option("--format", help="npz, mat or csv.")] = "npz",
@@ -140,9 +149,7 @@ def simulate(
         rig,
         {"kp": kp, "ki": ki, "kd": kd},
         protocol,
-        excite,
-        fundamental,
-        periods,
+        command_simulate.Recorded(tuple(excite), kind, fundamental, periods, sample_rate),
         effect,
         seed,
         data_format,

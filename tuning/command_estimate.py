@@ -26,12 +26,14 @@ METHODS = ("ls", "ml", "both")
 
 @dataclass(frozen=True)
 class OneFile:
-    """How to read a single file: rate Hz (None: not given), fundamental Hz, lines first:last[:step], columns
-    name[*scale] of force and displacement, first sample and how many, and whether the force is "bl" or "zoh"."""
+    """How to read a single file: rate Hz (None: not given), fundamental Hz, lines first:last[:step], or recorded (not
+    periodic), columns name[*scale] of force and displacement, first sample and how many, and the force "bl" or "zoh"
+    between samples."""
 
     rate: float | None
     fundamental: float
     lines: str
+    recorded: bool
     force: str
     displacement: str
     start: int
@@ -116,6 +118,10 @@ def _say(found: Identification) -> None:
     if found.modal:
         m = found.modal
         console.print(f"mass {m.mass:.5g} +- {1.96 * m.mass_se:.2g} kg")
+    if found.actuator:
+        a = found.actuator
+        console.print(f"actuator gain {a.gain:.4g} +- {1.96 * a.gain_se:.2g} N/A")
+        console.print(f"stiffness without control {a.stiffness / 1e3:.4g} +- {1.96 * a.stiffness_se / 1e3:.2g} kN/m")
     if found.natural_frequency is not None:
         console.print(f"natural frequency {found.natural_frequency:.2f} Hz, damping ratio {found.damping_ratio:.4f}")
     d = found.distortion
@@ -143,7 +149,10 @@ def _say(found: Identification) -> None:
 def _single(path: Path, mass: float | None, one: OneFile) -> Campaign:
     if one.rate is None or not one.rate > 0:
         raise ValueError(f"{path}: one file needs its sample rate: --rate HZ")
-    excitation = Excitation("sphs", "force", one.fundamental, parse_lines(one.lines))
+    if one.recorded:
+        excitation = Excitation("recorded", "force")
+    else:
+        excitation = Excitation("sphs", "force", one.fundamental, parse_lines(one.lines))
     channels = {"force": _source(one.force), "displacement": _source(one.displacement)}
     spec = RecordingSpec(
         path.name,

@@ -1,7 +1,7 @@
 """`maglev simulate`: a simulated rig recorded as a campaign folder; `maglev effects`: what can be simulated."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -27,13 +27,23 @@ if TYPE_CHECKING:
 PROTOCOLS = {"sphs": sphs_campaign, "diagnosis": diagnosis_campaign}
 
 
+@dataclass(frozen=True)
+class Recorded:
+    """What of the rig's protocol the command line replaces: excitations (empty: none) and their kind, fundamental Hz,
+    periods kept, sample rate of the recording Hz."""
+
+    excite: tuple[str, ...]
+    kind: str
+    fundamental: float | None
+    periods: int | None
+    sample_rate: float | None
+
+
 def run(
     rig: str,
     gains: Mapping[str, float | None],
     protocol: str,
-    excite: Sequence[str],
-    fundamental: float | None,
-    periods: int | None,
+    recorded: Recorded,
     effects: Sequence[str],
     seed: int,
     data_format: str,
@@ -46,7 +56,7 @@ def run(
     require_folder(json_file, "--json")
     if (out / "campaign.toml").exists():
         raise ValueError(f"{out / 'campaign.toml'} exists; choose another --out or delete the folder")
-    loaded = with_defaults(_excited(load_rig(rig), excite, fundamental))
+    loaded = with_defaults(_excited(load_rig(rig), recorded))
     chosen = {name: value for name, value in gains.items() if value is not None}
     if chosen and not loaded.controlled:
         raise ValueError(f"rig {loaded.name} has no magnets: gains mean nothing on it")
@@ -54,7 +64,8 @@ def run(
     recordings = []
     with progress_bar() as bar:
         for plan in bar.track(planned, description=f"simulate {loaded.name}"):
-            e = plan.experiment if periods is None else replace(plan.experiment, periods=periods)
+            e = replace(plan.experiment, sample_rate=recorded.sample_rate)
+            e = e if recorded.periods is None else replace(e, periods=recorded.periods)
             recordings.append((plan.name, plan.role, _record(plan, e), e))
     toml = write_campaign(out, rig, {}, recordings, data_format)
     page = out / "recordings.html"
@@ -63,15 +74,16 @@ def run(
     write_json(json_file, _summary(loaded, recordings, toml))
 
 
-def _excited(rig: Rig, excite: Sequence[str], fundamental: float | None) -> Rig:
+def _excited(rig: Rig, recorded: Recorded) -> Rig:
     """The rig with its protocol's excitations replaced by those of the command line, if any."""
-    if not excite:
-        if fundamental is not None:
-            raise ValueError("--fundamental goes with --excite")
+    if not recorded.excite:
+        if recorded.fundamental is not None or recorded.kind != "sphs":
+            raise ValueError("--fundamental and --kind go with --excite")
         return rig
     protocol = rig.protocol or Protocol(())
     own = next((e.fundamental for e in protocol.excitations), 1.0)
-    excitations = tuple(parse_excitation(text, fundamental or own) for text in excite)
+    fundamental = recorded.fundamental or own
+    excitations = tuple(parse_excitation(text, fundamental, recorded.kind) for text in recorded.excite)
     return replace(rig, protocol=replace(protocol, excitations=excitations))
 
 

@@ -50,6 +50,7 @@ def estimate_json(results: Sequence[tuple[str, Identification]], method: Method)
                 "bands": [_band(band, one) for band in found.bands for one in wanted],
                 "mass": found.mass,
                 "mass_se": found.modal.mass_se if found.modal else None,
+                "actuator": found.actuator and asdict(found.actuator),
                 "natural_frequency": found.natural_frequency,
                 "damping_ratio": found.damping_ratio,
                 "distortion": found.distortion,

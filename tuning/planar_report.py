@@ -17,7 +17,12 @@ if TYPE_CHECKING:
     import rich.table
     from plotly.graph_objects import Figure
 
-_BAND = "band\nHz"
+_BLOCKS = {
+    "stiffness": [("stiffness", element) for element in ELEMENTS],
+    "damping": [("damping", element) for element in ELEMENTS],
+    "bearing": [(name, element) for name in COEFFICIENTS for element in ("xx", "yy")],
+}
+_LAST = {"stiffness": "condition\nnumber", "damping": "\ntrust", "bearing": "bearing\nalone"}
 
 
 def planar_json(files: str, found: PlanarIdentification) -> dict[str, Any]:
@@ -38,20 +43,19 @@ def planar_table(found: PlanarIdentification) -> "rich.table.Table":
     from rich import box
     from rich.table import Table
 
-    known, sums = found.estimate.identifiable, found.row_sums[0]
-    per_band = max(len(_blocks(found)), 1 if known.all() or not known.any() else 2)
-    step = -(-len(known) * per_band // ROWS)
+    known, names = found.estimate.identifiable, _blocks(found)
+    # A band that is refused among others has two rows.
+    step = -(-len(known) * max(len(names), 1 + (known.any() and not known.all())) // ROWS)
     shown = range(0, len(known), step)
     blocks = []
-    for name in _blocks(found):
+    for name in names:
         some = [b for b in shown if known[b] or name == "stiffness"]
         blocks.append((_head(name), [(_cells(found, name, b), _style(found, b)) for b in some]))
-    refused = [b for b in shown if not known[b]]
-    if refused:
-        rows = [
-            (_sum_cells(found, 0, b), "" if sums.x.informative[b] and sums.y.informative[b] else "dim") for b in refused
-        ]
-        blocks.append((_sum_head(), rows))
+    sure = found.row_sums[0].x.informative & found.row_sums[0].y.informative
+    sums = [(_sum_cells(found, 0, b), "" if sure[b] else "dim") for b in shown if not known[b]]
+    if sums:
+        heads = [name.replace(" + ", "\n+ ") for name in _sum_head()]
+        blocks.append((["\n" * (2 - name.count("\n")) + name for name in heads], sums))
     result = Table(box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), caption_justify="left")
     for i, name in enumerate(blocks[0][0]):
         result.add_column(name, justify="right", no_wrap=i in (0, 5))
@@ -61,7 +65,7 @@ def planar_table(found: PlanarIdentification) -> "rich.table.Table":
             result.add_row(*head, style="bold")
         for cells, style in rows:
             result.add_row(*cells, style=style)
-    legend = _legend(found, {style for _, rows in blocks for _, style in rows})
+    legend = _legend(found, {style for _, rows in blocks for _, style in rows}, bool(sums))
     if step > 1:
         legend.append(f"One band in {step} of {len(known)} is shown; the page and the JSON hold all.")
     result.caption = "\n".join(legend)
@@ -70,21 +74,28 @@ def planar_table(found: PlanarIdentification) -> "rich.table.Table":
 
 def planar_sections(files: str, found: PlanarIdentification) -> "list[tuple[str, str | Figure]]":
     """Sections of the page for `tuning.page.page`: summary, figures, tables and notes."""
-    known = found.estimate.identifiable
+    known, names = found.estimate.identifiable, _blocks(found)
     sections: list[tuple[str, str | Figure]] = [(f"x and y together: {files}", facts(_facts(found)))]
-    if known.any():
-        for name in COEFFICIENTS:
-            sections.append((f"{name.capitalize()} of x and y, {files}", coefficient_matrix(found, name)))
+    if names:
         text = "Above: force along x, below: along y; left: per motion along x, right: along y. Bars: 95 %, to the "
-        text += "panel's edge and beyond where unbounded. Hollow: the data do not bound all eight. Crosses: least squares."
-        grey = "" if known.all() else " Grey: x and y move along one line, and the eight cannot be told apart."
-        sections.append(("", note(text + grey)))
-        sections.append(("", _coefficient_table(found)))
-        if found.bearing_stiffness is not None:
-            head = _head("bearing")[:-1]
-            rows = [_cells(found, "bearing", b)[:-1] for b in np.flatnonzero(known)]
-            sections.append((f"Bearing alone, {files}", table(head, rows)))
-            sections.append(("", note("Total less the rig's support, which is taken as known.")))
+        text += (
+            "panel's edge and beyond where unbounded. Hollow: the data do not bound all eight. Crosses: least squares."
+        )
+        text += "" if known.all() else " Grey: the eight cannot be told apart; see the row sums."
+        sections.append(("", note(text)))
+    for name in names:
+        if name == "bearing":
+            rows = [_cells(found, name, b)[:-1] for b in np.flatnonzero(known)]
+            sections.append((f"Bearing alone, {files}", note("Total less the rig's support, which is taken as exact.")))
+            sections.append(("", table(_head(name)[:-1], rows)))
+        else:
+            head, rows = _head(name), [_cells(found, name, b) for b in range(len(known))]
+            if name == "damping":
+                head.append("adjusted R2\nx, y")
+                for cells, r2, told in zip(rows, found.least_squares.r2_adjusted, known, strict=True):
+                    cells.append(", ".join(number(value) for value in r2) if told else "–")
+            sections.append((f"{name.capitalize()} of x and y, {files}", coefficient_matrix(found, name)))
+            sections.append(("", table(head, rows)))
     if not known.all():
         sections += _sum_sections(files, found)
     notes = "".join(f"<li>{escape(text)}</li>" for text in found.notes)
@@ -93,85 +104,64 @@ def planar_sections(files: str, found: PlanarIdentification) -> "list[tuple[str,
 
 def _json_band(found: PlanarIdentification, b: int) -> dict[str, Any]:
     ml, ls, known = found.estimate, found.least_squares, found.estimate.identifiable[b]
+    kept = ("condition", "identifiable", "informative", "fit_p", "noise_share")
     entry: dict[str, Any] = {"f_lo": found.bands[b, 0], "f_hi": found.bands[b, 1]}
-    entry |= {
-        name: getattr(ml, name)[b] for name in ("condition", "identifiable", "informative", "fit_p", "noise_share")
-    }
-    entry["inflation"] = {name: _by_element(getattr(ml, f"{name}_inflation")[b]) for name in COEFFICIENTS}
-    squares: dict[str, Any] = {
-        "r2_adjusted": dict(zip("xy", ls.r2_adjusted[b] if known else (None, None), strict=True))
-    }
+    entry |= {name: getattr(ml, name)[b] for name in kept}
+    r2 = ls.r2_adjusted[b] if known else (None, None)
+    squares: dict[str, Any] = {"r2_adjusted": dict(zip("xy", r2, strict=True))}
+    inflation = {}
     for name in COEFFICIENTS:
         value, se, low, high = (getattr(ml, f"{name}{end}")[b] for end in ("", "_se", "_low", "_high"))
-        entry[name] = _by_element(value, se, low, high)
-        bearing = getattr(found, f"bearing_{name}")
-        support = None if bearing is None else value - bearing[b]
-        entry[f"bearing_{name}"] = (
-            None if bearing is None else _by_element(bearing[b], se, low - support, high - support)
-        )
-        # A fit to motion along one line is a fit to its noise.
-        value, se = (getattr(ls, f"{name}{end}")[b] + (0.0 if known else np.nan) for end in ("", "_se"))
+        entry[name], entry[f"bearing_{name}"] = _by_element(value, se, low, high), None
+        if found.bearing_stiffness is not None:
+            bearing = getattr(found, f"bearing_{name}")[b]
+            support = value - bearing
+            entry[f"bearing_{name}"] = _by_element(bearing, se, low - support, high - support)
+        inflation[name] = {element: getattr(ml, f"{name}_inflation")[b][at] for element, at in ELEMENTS.items()}
+        # Least squares on motion along one line fits the noise across it.
+        value, se = (np.where(known, getattr(ls, f"{name}{end}")[b], np.nan) for end in ("", "_se"))
         squares[name] = _by_element(value, se, value - NORMAL_95 * se, value + NORMAL_95 * se)
-    return entry | {"least_squares": squares, "row_sums": [_json_sums(found, r, b) for r in range(len(found.row_sums))]}
+    row_sums = [_json_sums(found, recording, b) for recording in range(len(found.row_sums))]
+    return entry | {"inflation": inflation, "least_squares": squares, "row_sums": row_sums}
 
 
-def _by_element(value: np.ndarray, *rest: np.ndarray) -> dict[str, Any]:
-    """Matrices (2, 2) by element: of values alone, or of value, standard error, low and high."""
-    if not rest:
-        return {name: value[at] for name, at in ELEMENTS.items()}
-    se, low, high = rest
+def _by_element(value: np.ndarray, se: np.ndarray, low: np.ndarray, high: np.ndarray) -> dict[str, Any]:
     return {name: {"value": value[at], "se": se[at], "ci": [low[at], high[at]]} for name, at in ELEMENTS.items()}
 
 
 def _json_sums(found: PlanarIdentification, recording: int, b: int) -> dict[str, Any]:
     sums = found.row_sums[recording]
-    entry: dict[str, Any] = {}
-    for axis in "xy":
-        own = getattr(sums, axis)
-        entry[axis] = {}
+    entry: dict[str, Any] = {"x": {}, "y": {}}
+    for axis, own in (("x", sums.x), ("y", sums.y)):
         for name in COEFFICIENTS:
-            entry[axis] |= {name: getattr(own, name)[b]}
-            entry[axis] |= {f"{name}_ci": [getattr(own, f"{name}_{end}")[b] for end in ("low", "high")]}
+            ends = [getattr(own, f"{name}_{end}")[b] for end in ("low", "high")]
+            entry[axis] |= {name: getattr(own, name)[b], f"{name}_ci": ends}
     ratio = {"re": sums.ratio[b].real, "im": sums.ratio[b].imag}
     return entry | {"ratio": ratio, "ratio_spread": sums.ratio_spread[b]}
 
 
 def _blocks(found: PlanarIdentification) -> list[str]:
-    """Blocks of a terminal's table."""
+    """What there is to tabulate of the eight coefficients."""
     if not found.estimate.identifiable.any():
         return []
-    return [*COEFFICIENTS, *(["bearing"] if found.bearing_stiffness is not None else [])]
+    return [name for name in _BLOCKS if name != "bearing" or found.bearing_stiffness is not None]
 
 
 def _head(block: str) -> list[str]:
-    if block == "bearing":
-        direct = [
-            f"{SYMBOLS[name]}_{element}\n{unit}" for name, (_, unit) in COEFFICIENTS.items() for element in ("xx", "yy")
-        ]
-        return [_BAND, *direct, "bearing\nalone"]
-    unit = COEFFICIENTS[block][1]
-    last = "condition\nnumber" if block == "stiffness" else "\ntrust"
-    return [_BAND, *(f"{SYMBOLS[block]}_{element}\n{unit}" for element in ELEMENTS), last]
+    names = [f"{SYMBOLS[name]}_{element}\n{COEFFICIENTS[name][1]}" for name, element in _BLOCKS[block]]
+    return ["band\nHz", *names, _LAST[block]]
 
 
 def _cells(found: PlanarIdentification, block: str, b: int) -> list[str]:
-    if block == "bearing":
-        direct = [_coefficient(found, name, b, (i, i), True) for name in COEFFICIENTS for i in range(2)]
-        return [_band(found, b), *direct, ""]
-    last = number(found.estimate.condition[b]) if block == "stiffness" else _trust(found, b)
-    return [_band(found, b), *(_coefficient(found, block, b, at) for at in ELEMENTS.values()), last]
-
-
-def _band(found: PlanarIdentification, b: int) -> str:
-    return "{:.4g}–{:.4g}".format(*found.bands[b])
-
-
-def _coefficient(found: PlanarIdentification, name: str, b: int, at: tuple[int, int], bearing: bool = False) -> str:
-    ml, scale = found.estimate, COEFFICIENTS[name][0]
-    values = np.array([getattr(ml, f"{name}{end}")[b][at] for end in ("", "_low", "_high")])
-    if bearing:
-        values -= values[0] - getattr(found, f"bearing_{name}")[b][at]
-    return with_interval(*scale * values)
+    cells = []
+    for name, element in _BLOCKS[block]:
+        at = (b, *ELEMENTS[element])
+        values = np.array([getattr(found.estimate, f"{name}{end}")[at] for end in ("", "_low", "_high")])
+        if block == "bearing":
+            values -= values[0] - getattr(found, f"bearing_{name}")[at]
+        cells.append(with_interval(*COEFFICIENTS[name][0] * values))
+    last = {"stiffness": number(found.estimate.condition[b]), "damping": _trust(found, b), "bearing": ""}
+    return ["{:.4g}–{:.4g}".format(*found.bands[b]), *cells, last[block]]
 
 
 def _trust(found: PlanarIdentification, b: int) -> str:
@@ -187,27 +177,28 @@ def _style(found: PlanarIdentification, b: int) -> str:
     return {"good": "", "poor fit": "yellow"}.get(_trust(found, b), "dim")
 
 
-def _legend(found: PlanarIdentification, styles: set[str]) -> list[str]:
+def _legend(found: PlanarIdentification, styles: set[str], refused: bool) -> list[str]:
     known = found.estimate.identifiable
     texts = ["±, [ ]: 95 %."]
     if "dim" in styles:
-        texts[0] += " Dim: the data do not bound it all."
+        texts[0] += " Dim: the data do not bound all of it."
     if "yellow" in styles:
         texts[0] += " Yellow: constant coefficients do not fit."
     if known.any() and found.bearing_stiffness is not None:
         texts.append("Bearing alone: total less the rig's support.")
-    if not known.all():
+    if refused:
         where = f"Condition number above {CONDITION_LIMIT:g}" if known.any() else "In every band"
-        texts.append(f"{where}: x and y move along one line, y = r x; only sums along it are known.")
+        whose = ", here the first recording's" if found.row_sums[1:] else ""
+        texts.append(
+            f"{where}: x and y move along one line, y = r x, or noise hides that they do not; only sums along it are "
+            f"known{whose}."
+        )
     return texts
 
 
 def _sum_head() -> list[str]:
-    return [
-        _BAND,
-        *(f"{text.format(SYMBOLS[n])}\n{unit}" for n, (_, unit) in COEFFICIENTS.items() for text in SUMS),
-        "\nr = y / x",
-    ]
+    names = [f"{text.format(SYMBOLS[name])}\n{unit}" for name, (_, unit) in COEFFICIENTS.items() for text in SUMS]
+    return ["band\nHz", *names, "\nr = y / x"]
 
 
 def _sum_cells(found: PlanarIdentification, recording: int, b: int) -> list[str]:
@@ -215,25 +206,25 @@ def _sum_cells(found: PlanarIdentification, recording: int, b: int) -> list[str]
     cells = []
     for name, (scale, _) in COEFFICIENTS.items():
         for own in (sums.x, sums.y):
-            ends = (scale * getattr(own, f"{name}{end}")[b] for end in ("", "_low", "_high"))
-            cells.append(with_interval(*ends))
-    return [_band(found, b), *cells, _ratio(sums.ratio[b])]
+            cells.append(with_interval(*(scale * getattr(own, f"{name}{end}")[b] for end in ("", "_low", "_high"))))
+    return ["{:.4g}–{:.4g}".format(*found.bands[b]), *cells, _ratio(sums.ratio[b])]
 
 
 def _ratio(ratio: complex) -> str:
-    """r = y / x: a number where x and y move in step or against each other, else magnitude and angle."""
+    """A number where x and y move in step or against each other, else magnitude and angle."""
     size, angle = abs(ratio), np.degrees(np.angle(ratio))
-    if not np.isfinite(size) or min(abs(angle), 180 - abs(angle)) < 1:
-        return number(float(np.real(ratio)))
-    return f"{number(size)} ∠{angle:.0f}°"
+    turned = np.isfinite(size) and 1 <= abs(angle) <= 179
+    value = size if turned else ratio.real
+    text = f"{value:.2f}" if 0.1 <= abs(value) < 100 else number(value)
+    return f"{text} ∠{angle:.0f}°" if turned else text
 
 
 def _facts(found: PlanarIdentification) -> list[tuple[str, str]]:
     ml, known = found.estimate, found.estimate.identifiable
-    summary = f"{known.sum()} of {len(known)} bands tell the eight coefficients apart"
+    summary = f"{known.sum() or 'none'} of {len(known)} bands tell the eight coefficients apart"
     if known.any():
-        summary += f", {(ml.informative & known).sum()} of them bound all eight"
-    rows = [("Summary", summary + "."), ("Mass", "x {} kg, y {} kg".format(*(number(m, 4) for m in found.masses)))]
+        summary += f", {(ml.informative & known).sum()} bound all eight"
+    rows = [("Summary", summary), ("Mass", "x {} kg, y {} kg".format(*(number(m, 4) for m in found.masses)))]
     if known.any():
         low, high = ml.condition[known].min(), ml.condition[known].max()
         text = f"{number(low)} to {number(high)} where told apart; {CONDITION_LIMIT:g} the most allowed"
@@ -241,30 +232,20 @@ def _facts(found: PlanarIdentification) -> list[tuple[str, str]]:
     return rows
 
 
-def _coefficient_table(found: PlanarIdentification) -> str:
-    head = [*_head("stiffness")[:-1], *_head("damping")[1:-1], "condition\nnumber", "adjusted R2\nx, y", "\ntrust"]
-    rows = []
-    for b in range(len(found.bands)):
-        *stiffness, condition = _cells(found, "stiffness", b)
-        _, *damping, trust = _cells(found, "damping", b)
-        r2 = found.least_squares.r2_adjusted[b] if found.estimate.identifiable[b] else (None, None)
-        rows.append([*stiffness, *damping, condition, ", ".join(number(value) for value in r2), trust])
-    return table(head, rows)
-
-
 def _sum_sections(files: str, found: PlanarIdentification) -> "list[tuple[str, str | Figure]]":
-    """Row sums of the bands where x and y move along one line; with a figure where that is every band."""
+    """Row sums of the bands where x and y move along one line, with a figure where that is every band."""
     known = found.estimate.identifiable
     names = files.split(" + ")
     if len(names) != len(found.row_sums):
         names = [f"recording {i + 1}" for i in range(len(found.row_sums))]
-    where = "every band" if not known.any() else "the bands below"
+    where = "the bands below" if known.any() else "every band"
     why = (
-        f"In {where} x and y move along one line, y = r x, or noise hides that they do not: what x and what y add to the "
-        "force cannot be told apart there, only their sum along the line. To get all eight coefficients, record again "
-        "with the excitation turned, 90 degrees best, or drive x and y on lines of their own"
+        f"In {where} x and y move along one line, y = r x, or noise hides that they do not. What motion along x and "
+        "motion along y add to the force cannot be told apart there, only their sum. To get all eight coefficients, "
+        "record again with the excitation turned, 90 degrees best, or drive x and y on lines of their own"
     )
     why += "; if that was done, record longer or louder." if len(names) > 1 else "."
+    why += " Where r has an angle, stiffness sums hold a share of the cross damping, and the other way round."
     if found.bearing_stiffness is not None:
         why += " The sums include the rig's support."
     sections: list[tuple[str, str | Figure]] = [(f"Row sums, {files}", note(why))]

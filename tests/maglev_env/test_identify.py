@@ -138,5 +138,5 @@ def test_mistakes_of_scale_and_sign_are_pointed_out(pedestal):
 def test_what_is_missing_is_named(pedestal):
     rig, signals = pedestal
     without = replace(signals, channels={"displacement": signals.channels["displacement"]})
-    with pytest.raises(ValueError, match="channels force and displacement"):
+    with pytest.raises(ValueError, match="the channel force"):
         identify(without, rig, rig.mass)
