@@ -6,13 +6,12 @@ displacement per step.
 
 from collections.abc import Callable
 
-import numba as nb
+from numba.extending import register_jitable
 
 from maglev_env.kernel_rows import (
     ACTING, ACTUATOR, BIAS, CALIBRATION, CROSS_C, CROSS_GAIN, CROSS_K, CS, EXPONENT, FLUX_C, FLUX_M, GAP, GAP2, GAPM,
     GAPM2, KS, LANES, SENSOR, SENSOR_CURRENT, U, U_OLD, WEIGHT, X1, X2, Z1, Z2,
 )  # fmt: skip
-from maglev_env.noise import FAST
 
 W = LANES
 
@@ -21,7 +20,8 @@ def axis_pieces(
     first: int, magnets: str, supported: bool, sensor_poles: int, actuator_poles: int, delayed: bool
 ) -> tuple[Callable, ...]:
     """currents, acceleration, drag, probe, push and sway of the axis whose rows begin at row `first`."""
-    inlined = nb.njit(fastmath=FAST, error_model="numpy", inline="always")
+    # Not njit: a dispatcher in the closure of a compiled function has another name in every process, and no cache.
+    inlined = register_jitable(inline="always")
     b = first * W
     acting = ACTING if delayed else U
 

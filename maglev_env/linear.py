@@ -138,7 +138,8 @@ def discrete_plant(experiment: Experiment) -> tuple[np.ndarray, ...]:
             c[axis, first : starts[other + 1]] += sensor * parts[other][2]
     c *= 1 + effect_value(experiment.effects, "sensor_gain")
     _, switch = split_delay(experiment.effects, dt)
-    first, second, whole = expm(m * switch), expm(m * (dt - switch)), expm(m * dt)
+    first, second = expm(m * switch) if switch else np.eye(len(m)), expm(m * (dt - switch))
+    whole = second @ first
     b_old = second[:n, :n] @ first[:n, n + axes :]
     return whole[:n, :n], whole[:n, n : n + axes], b_old, second[:n, n + axes :], c
 
