@@ -62,10 +62,11 @@ def identify_planar(
     refused = ~estimate.identifiable
     if refused.any():
         worst = estimate.condition[refused].min()
+        number = f"condition number {worst:.3g} or more" if np.isfinite(worst) else "what lies across it is noise"
         which = "no band" if refused.all() else f"{(~refused).sum()} of {len(bands)} bands"
         notes.append(
-            f"eight coefficients can be told in {which}: elsewhere x and y move along one line (condition number "
-            f"{worst:.3g} or more, {CONDITION_LIMIT:g} the most allowed), and only row sums along it are certain. "
+            f"eight coefficients can be told in {which}: elsewhere x and y move along one line ({number}; at most "
+            f"{CONDITION_LIMIT:g} is good enough), and only row sums along it are certain. "
             "Record again with the excitation turned, 90 degrees best, or drive x and y on lines of their own"
         )
     bearing = [None, None]

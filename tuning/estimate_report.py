@@ -109,8 +109,8 @@ def estimate_page(
     origin = {"Recordings": ", ".join(file for file, _ in results), **(made_by or {})}
     title = f"Estimate of {results[0][0]}" if len(results) == 1 else f"Estimate of {len(results)} recordings"
     summary = " ".join(f"{file}: {_summary(found)}" for file, found in results[:3])
-    more = f" {len(results) - 3} more below." if len(results) > 3 else ""
-    return page(title, summary + more, sections, {**origin, "Version": version("maglev-workbench")})
+    rest = f" {len(results) - 3} more below." if len(results) > 3 else ""
+    return page(title, summary + rest, sections, {**origin, "Version": version("maglev-workbench")})
 
 
 def _band(band: Band, method: str) -> dict[str, Any]:

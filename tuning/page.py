@@ -26,7 +26,7 @@ h1 { font-size: 1.5em; margin-bottom: .2em; } h2 { font-size: 1.15em; margin: 2e
 .summary { font-size: 1.1em; } .note { color: #555; max-width: 62em; } .scroll { overflow-x: auto; }
 table { border-collapse: collapse; font-variant-numeric: tabular-nums; font-size: .9em; }
 th, td { padding: .25em .7em; text-align: right; border-bottom: 1px solid #ddd; white-space: nowrap; }
-th { vertical-align: bottom; white-space: pre; } tr:first-child td { font-weight: 600; }
+th { vertical-align: bottom; white-space: pre; } .best tbody tr:first-child td { font-weight: 600; }
 table.facts th, table.facts td { text-align: left; font-weight: normal; white-space: normal; vertical-align: top; }
 table.facts th { color: #555; width: 14em; } footer { margin: 3em 0; }
 """

@@ -36,7 +36,7 @@ def planar_json(files: str, found: PlanarIdentification) -> dict[str, Any]:
 
 
 def planar_table(found: PlanarIdentification) -> "rich.table.Table":
-    """Bands for a terminal, at most 30 rows: blocks of stiffness, of damping and, with a support, of the bearing.
+    """Bands for a terminal, at most 30 rows of them, in blocks: stiffness, damping and, with a support, the bearing.
 
     Bands where x and y move along one line have no coefficients but the row sums of the first recording, last.
     """
@@ -44,13 +44,13 @@ def planar_table(found: PlanarIdentification) -> "rich.table.Table":
     from rich.table import Table
 
     known, names = found.estimate.identifiable, _blocks(found)
-    # A band that is refused among others has two rows.
-    step = -(-len(known) * max(len(names), 1 + (known.any() and not known.all())) // ROWS)
+    step = -(-len(known) * max(1, len(names)) // ROWS)
     shown = range(0, len(known), step)
     blocks = []
     for name in names:
         some = [b for b in shown if known[b] or name == "stiffness"]
-        blocks.append((_head(name), [(_cells(found, name, b), _style(found, b)) for b in some]))
+        if some:
+            blocks.append((_head(name), [(_cells(found, name, b), _style(found, b)) for b in some]))
     sure = found.row_sums[0].x.informative & found.row_sums[0].y.informative
     sums = [(_sum_cells(found, 0, b), "" if sure[b] else "dim") for b in shown if not known[b]]
     if sums:
@@ -77,8 +77,8 @@ def planar_sections(files: str, found: PlanarIdentification) -> "list[tuple[str,
     known, names = found.estimate.identifiable, _blocks(found)
     sections: list[tuple[str, str | Figure]] = [(f"x and y together: {files}", facts(_facts(found)))]
     if names:
-        text = "Above: force along x, below: along y; left: per motion along x, right: along y. Bars: 95 %, to the "
-        text += (
+        text = (
+            "Above: force along x, below: along y; left: per motion along x, right: along y. Bars: 95 %, to the "
             "panel's edge and beyond where unbounded. Hollow: the data do not bound all eight. Crosses: least squares."
         )
         text += "" if known.all() else " Grey: the eight cannot be told apart; see the row sums."
@@ -87,7 +87,7 @@ def planar_sections(files: str, found: PlanarIdentification) -> "list[tuple[str,
         if name == "bearing":
             rows = [_cells(found, name, b)[:-1] for b in np.flatnonzero(known)]
             sections.append((f"Bearing alone, {files}", note("Total less the rig's support, which is taken as exact.")))
-            sections.append(("", table(_head(name)[:-1], rows)))
+            sections.append(("", _foldable(_head(name)[:-1], rows)))
         else:
             head, rows = _head(name), [_cells(found, name, b) for b in range(len(known))]
             if name == "damping":
@@ -95,7 +95,7 @@ def planar_sections(files: str, found: PlanarIdentification) -> "list[tuple[str,
                 for cells, r2, told in zip(rows, found.least_squares.r2_adjusted, known, strict=True):
                     cells.append(", ".join(number(value) for value in r2) if told else "–")
             sections.append((f"{name.capitalize()} of x and y, {files}", coefficient_matrix(found, name)))
-            sections.append(("", table(head, rows)))
+            sections.append(("", _foldable(head, rows)))
     if not known.all():
         sections += _sum_sections(files, found)
     notes = "".join(f"<li>{escape(text)}</li>" for text in found.notes)
@@ -219,6 +219,12 @@ def _ratio(ratio: complex) -> str:
     return f"{text} ∠{angle:.0f}°" if turned else text
 
 
+def _foldable(head: list[str], rows: list[list[str]]) -> str:
+    """HTML of a table, folded away where it is longer than a screen."""
+    html = table(head, rows)
+    return html if len(rows) <= ROWS else f"<details><summary>Table of {len(rows)} bands</summary>{html}</details>"
+
+
 def _facts(found: PlanarIdentification) -> list[tuple[str, str]]:
     ml, known = found.estimate, found.estimate.identifiable
     summary = f"{known.sum() or 'none'} of {len(known)} bands tell the eight coefficients apart"
@@ -255,5 +261,5 @@ def _sum_sections(files: str, found: PlanarIdentification) -> "list[tuple[str, s
         sections.append(("", note(text)))
     for recording, name in enumerate(names):
         rows = [_sum_cells(found, recording, b) for b in np.flatnonzero(~known)]
-        sections.append((name if len(names) > 1 else "", table(_sum_head(), rows)))
+        sections.append((name if len(names) > 1 else "", _foldable(_sum_head(), rows)))
     return sections

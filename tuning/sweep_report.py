@@ -92,7 +92,8 @@ def sweep_page(dataset: "xr.Dataset") -> str:
             f"{_counts(dataset)}. Best: kp {best[1]} A/mm, ki {best[2]} A/(mm s), kd {best[3]} A s/m with score "
             f"{best[4]}: stiffness {best[5]} kN/m, damping {best[6]} N s/m, peak |S| {best[7]}."
         )
-        sections.append(("Best gain sets", table(_HEAD, [_cells(i, row) for i, row in enumerate(rows)])))
+        best = table(_HEAD, [_cells(i, row) for i, row in enumerate(rows)])
+        sections.append(("Best gain sets", f'<div class="best">{best}</div>'))
         sections.append(("", note("± and [ ] are 95 % intervals; – : not within the excited lines." + where)))
         sections += over_gains(dataset)
         sections.append(("Stiffness and damping against frequency, best three", best_bands(dataset, rows[:3])))

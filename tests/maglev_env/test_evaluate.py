@@ -11,7 +11,7 @@ from estimation.frequency_response import frequency_response, pooled_variance
 from estimation.stability import margins
 from maglev_env.evaluation import evaluate, score_target
 from maglev_env.excitation import lines_at
-from maglev_env.experiment import protocol_experiment
+from maglev_env.experiment import axis_experiment, protocol_experiment
 from maglev_env.gains import Gains
 from maglev_env.rig import load_rig
 from maglev_env.score import WEIGHTS, ScoreTarget, score, terms
@@ -112,3 +112,22 @@ def test_results_do_not_depend_on_threads_or_on_company(scored):
     np.testing.assert_array_equal(again.score, e.score)
     np.testing.assert_array_equal(again.band_stiffness, e.band_stiffness)
     assert alone.score[0] == e.score[2] and alone.margins["phase_margin"][0] == e.margins["phase_margin"][2]
+
+
+def test_an_x_y_rig_is_scored_by_its_worse_axis():
+    rig = load_rig("hmb_radial")
+    uneven = (replace(rig.gains, kd=8.0), rig.gains)
+    experiments = [protocol_experiment(rig, g, seed=3) for g in (uneven, uneven[::-1])]
+    both = evaluate(experiments)
+    single = [evaluate([axis_experiment(e, axis) for e in experiments]) for axis in range(2)]
+    scores = np.array([one.score for one in single])
+    assert both.axis.tolist() == [0, 1] == scores.argmin(axis=0).tolist()
+    for name in ("stiffness", "stiffness_low", "damping", "band_stiffness", "pole_radius"):
+        expected = np.array([getattr(single[axis], name)[i] for i, axis in enumerate(both.axis)])
+        if name == "pole_radius":  # of the whole rotor
+            expected = np.max([one.pole_radius for one in single], axis=0)
+        np.testing.assert_allclose(getattr(both, name), expected, rtol=1e-5)
+    # The displacement of two axes is radial, so it costs a little more than one axis' own.
+    assert (both.peak_displacement > np.max([one.peak_displacement for one in single], axis=0)).all()
+    np.testing.assert_allclose(both.score, scores.min(axis=0), rtol=0.02)
+    assert (np.diff(scores, axis=0) != 0).all() and np.abs(np.diff(scores, axis=0)).min() > 0.05

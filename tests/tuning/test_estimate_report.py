@@ -53,7 +53,7 @@ def identification(**changes):
     sensitivity = 1 + 0.5j * np.linspace(1, 3, 20)
     stability = Stability("injection", MARGINS, "A", None, LINES * 10.0, sensitivity, np.full(20, 1e-3))
     values = {
-        "bands": BANDS, "mass": 0.08, "modal": None, "natural_frequency": 97.0, "damping_ratio": 0.3,
+        "bands": BANDS, "mass": 0.08, "modal": None, "actuator": None, "natural_frequency": 97.0, "damping_ratio": 0.3,
         "distortion": Distortion(None, 0.01, None, 0.2, 0.003), "stability": stability, "transient_periods": 1,
         "periods": 5, "statistics": statistics(), "notes": ("one <b>note</b>",),
     }  # fmt: skip
@@ -73,7 +73,7 @@ def test_json_of_one_method_has_the_schema(method):
     assert data["schema"] == "maglev-estimate/1"
     (recording,) = data["recordings"]
     assert set(recording) == {
-        "file", "bands", "mass", "mass_se", "natural_frequency", "damping_ratio", "distortion", "stability",
+        "file", "bands", "mass", "mass_se", "actuator", "natural_frequency", "damping_ratio", "distortion", "stability",
         "transient_periods", "periods", "notes",
     }  # fmt: skip
     assert set(recording["bands"][0]) == {
@@ -135,6 +135,14 @@ def test_page_is_one_file_and_escapes_what_users_write():
     assert "&lt;script&gt;alert(1)" in html and "one &lt;b&gt;note&lt;/b&gt;" in html
     shown = ("in dB re 1 m\\u002fN", "A | B at 3", "promised by the gains", "ML, unbounded", "L does not cross")
     assert [text for text in shown if text not in html] == []
+
+
+def test_more_sections_follow_the_recordings():
+    more = [[("x and y together", "<p>first</p>"), ("", "<p>second</p>")], [("another loop", "<p>third</p>")]]
+    html = estimate_page([("run1.mat", identification())], more=more)
+    shown = ("Notes on run1.mat", "x and y together", "<p>first</p>", "<p>second</p>", "another loop", "<p>third</p>")
+    order = [html.index(text) for text in shown]
+    assert order == sorted(order) and order[-1] < html.index("What made this page")
 
 
 @pytest.mark.parametrize(
