@@ -1,10 +1,12 @@
 """Magnetically levitated rigs: physics, effects, the lane simulator, experiments, recordings and the score.
 
-Heavy parts load on first use.
+Heavy parts load on first use; the environments are registered with Gymnasium on import.
 """
 
 from importlib import import_module
 from typing import Any
+
+from maglev_env.envs.registration import register_envs
 
 _HOME = {
     "Gains": "gains",
@@ -26,8 +28,13 @@ _HOME = {
     "read_recording": "recording",
     "recorded_signals": "recorded",
     "write_campaign": "campaign_writer",
+    "with_defaults": "defaults",
+    "RigEnv": "envs.single",
+    "RigVectorEnv": "envs.vector",
 }
 __all__ = sorted(_HOME)
+
+register_envs()
 
 
 def __getattr__(name: str) -> Any:

@@ -17,7 +17,7 @@ from maglev_env.experiment import Experiment, axis_experiment
 from maglev_env.linear import closed_loop_poles, expected_statistics
 from maglev_env.planar import AXES
 from maglev_env.rig import Rig, axis_rig
-from maglev_env.score import ScoreTarget, score, terms
+from maglev_env.score import ScoreTarget, score, stacked, terms
 from maglev_env.simulate import SimulatedStatistics, simulate_statistics
 from maglev_env.threads import over_threads
 
@@ -98,31 +98,47 @@ def force_statistics(statistics: LineStatistics, experiment: Experiment) -> Line
 
 
 def evaluate(
-    experiments: Sequence[Experiment], threads: int | None = None, progress: Callable[[int], None] | None = None
+    experiments: Sequence[Experiment],
+    threads: int | None = None,
+    progress: Callable[[int], None] | None = None,
+    targets: Sequence[ScoreTarget] | None = None,
+    bands: np.ndarray | None = None,
 ) -> Evaluation:
-    """Simulate, estimate and score experiments of one rig (gains, effects and seeds may differ).
+    """Simulate, estimate and score experiments of one kind of rig (gains, parameters, effects and seeds may differ).
 
     threads: default all cores; results do not depend on it. progress is called with the number of experiments done.
-    ValueError when the experiments do not share rig target, excitations and schedule, or lack a force or a current
-    excitation.
+    targets: one per experiment, for every axis; default that of the first rig. bands (b, 2) Hz: default the sliding
+    ones of the first rig's protocol. ValueError when the experiments do not share excitations and schedule, or lack a
+    force or a current excitation.
     """
     if not experiments:
         raise ValueError("give at least one experiment")
-    chunks = [experiments[i : i + CHUNK] for i in range(0, len(experiments), CHUNK)]
     rig = experiments[0].rig
-    targets = [score_target(axis_rig(rig, axis)) for axis in range(rig.axes)]
+    if targets is None:
+        per_axis = [[score_target(axis_rig(rig, axis))] * len(experiments) for axis in range(rig.axes)]
+    elif len(targets) != len(experiments):
+        raise ValueError(f"{len(targets)} targets for {len(experiments)} experiments: give one for each")
+    else:
+        per_axis = [list(targets)] * rig.axes
+    chunks = [slice(i, i + CHUNK) for i in range(0, len(experiments), CHUNK)]
     parts = []
-    for part in over_threads(lambda chunk: _evaluate_chunk(chunk, targets), chunks, threads):
+
+    def work(chunk: slice) -> Evaluation:
+        return _evaluate_chunk(experiments[chunk], [stacked(own[chunk]) for own in per_axis], bands)
+
+    for part in over_threads(work, chunks, threads):
         parts.append(part)
         if progress:
             progress(len(part.score))
     return _combined(parts, np.concatenate)
 
 
-def _evaluate_chunk(experiments: Sequence[Experiment], targets: Sequence[ScoreTarget]) -> Evaluation:
+def _evaluate_chunk(
+    experiments: Sequence[Experiment], targets: Sequence[ScoreTarget], bands: np.ndarray | None
+) -> Evaluation:
     simulated = simulate_statistics(experiments, threads=1)
     radius = np.array([np.abs(closed_loop_poles(e)).max() for e in experiments])
-    parts = [_of_axis(experiments, axis, simulated, radius, target) for axis, target in enumerate(targets)]
+    parts = [_of_axis(experiments, axis, simulated, radius, target, bands) for axis, target in enumerate(targets)]
     if len(parts) == 1:
         return parts[0]
     # A rotor is as good as its worse axis.
@@ -136,6 +152,7 @@ def _of_axis(
     simulated: SimulatedStatistics,
     radius: np.ndarray,
     target: ScoreTarget,
+    bands: np.ndarray | None,
 ) -> Evaluation:
     """Estimates and scores of one axis of already simulated experiments."""
     whole, first = experiments[0], axis_experiment(experiments[0], axis)
@@ -146,7 +163,8 @@ def _of_axis(
         statistics = axis_statistics(statistics, AXES[axis])
     mass = np.array([axis_experiment(e, axis).rig.mass for e in experiments])[alive]
     force = force_statistics(statistics, first)
-    bands = sliding_bands(force.frequency, protocol.band_width, protocol.band_overlap)
+    if bands is None:
+        bands = sliding_bands(force.frequency, protocol.band_width, protocol.band_overlap)
     sliding = maximum_likelihood(force, bands, mass, intervals=False)
     in_target = maximum_likelihood(force, band, mass)
     start, stop = band_slices(force.frequency, band)[0]
@@ -158,7 +176,7 @@ def _of_axis(
     nearest = np.abs(np.log(injection.frequency / margins["peak_frequency"][:, None])).argmin(axis=1)
     ms_se = np.sqrt(variance[np.arange(len(nearest)), nearest] / 2)
     scored = terms(
-        target,
+        ScoreTarget(*(np.asarray(value)[alive] for value in vars(target).values())),
         in_target.stiffness[:, 0],
         in_target.damping[:, 0],
         margins["peak_sensitivity"],

@@ -122,6 +122,7 @@ class Rig:
     protocol: Protocol | None = None
     target: Target = Target()
     tolerance: Mapping[str, float] = field(default_factory=dict)
+    randomization: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         if self.magnet not in MAGNETS:
@@ -217,7 +218,10 @@ def rig_from_toml(text: str, where: str) -> Rig:
 
 # What one axis may have otherwise than the rig: not what belongs to the one controller, bore and rotor clearance.
 _PER_AXIS = [name for name in PARAMETERS if name not in ("control_rate", "clearance", "gravity")]
-_TABLES = ("parameters", "axis", "cross", "gains", "noise", "bounds", "protocol", "target", "tolerance")
+_TABLES = (
+    *("parameters", "axis", "cross", "gains", "noise", "bounds"),
+    *("protocol", "target", "tolerance", "randomization"),
+)
 
 
 def _build(data: dict[str, Any]) -> Rig:
@@ -243,6 +247,12 @@ def _build(data: dict[str, Any]) -> Rig:
         _known(key, PARAMETERS, "[tolerance]")
         if not 0 <= value < 1:
             raise ValueError(f"[tolerance]: {key} = {value} must be a relative 1-sigma uncertainty in 0 .. 1")
+    drawn = data.get("randomization", {})
+    randomization = {key: _pair(value, f"[randomization] {key}") for key, value in drawn.items()}
+    for key, pair in randomization.items():
+        _known(key, [name for name, meta in PARAMETERS.items() if meta["unit"]], "[randomization]")
+        if not pair[0] > 0:
+            raise ValueError(f"[randomization]: {key} = {list(pair)} must be two factors above 0")
     target = dict(data.get("target", {}))
     if "band" in target:
         target["band"] = _pair(target["band"], "[target] band")
@@ -259,6 +269,7 @@ def _build(data: dict[str, Any]) -> Rig:
         protocol=_protocol(data["protocol"]) if "protocol" in data else None,
         target=_table(Target, {"target": target}, "target"),
         tolerance=data.get("tolerance", {}),
+        randomization=randomization,
     )
     for axis in range(rig.axes):  # an axis' own parameters are checked like the common ones
         axis_rig(rig, axis)

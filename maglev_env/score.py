@@ -1,7 +1,7 @@
 """One number for a gain set: named terms in (0, 1], weighted geometrically."""
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields
 
 import numpy as np
 
@@ -17,7 +17,7 @@ WEIGHTS: Mapping[str, float] = {
 
 @dataclass(frozen=True)
 class ScoreTarget:
-    """What the terms are measured against, all known: N/m, N s/m, peak |S|, m, A rms, m."""
+    """What the terms are measured against, all known: N/m, N s/m, peak |S|, m, A rms, m; numbers, or arrays (n,)."""
 
     stiffness: float
     damping: float
@@ -25,6 +25,11 @@ class ScoreTarget:
     clearance: float
     current_limit: float
     gap: float
+
+
+def stacked(targets: Sequence[ScoreTarget]) -> ScoreTarget:
+    """n targets as one, every field an array (n,)."""
+    return ScoreTarget(*(np.array([getattr(t, f.name) for t in targets]) for f in fields(ScoreTarget)))
 
 
 def terms(

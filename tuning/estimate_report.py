@@ -85,7 +85,7 @@ def estimate_table(identification: Identification, method: Method) -> "rich.tabl
                 cells += [in_words(band, one, name) for name in COEFFICIENTS]
         style = "dim" if not band.informative else "yellow" if band.ls_biased else ""
         table.add_row(*cells, number(band.r2_adjusted), _trust(band), style=style)
-    table.caption = "±, [ ]: 95 %. Yellow: noise biases least squares. Dim: the data do not bound the estimate."
+    table.caption = "±, [ ]: 95 %. Yellow: noise biases least squares.\nDim: the data do not bound the estimate."
     if step > 1:
         table.caption += f"\nOne band in {step} of {len(bands)} is shown; the page and the JSON hold all."
     return table

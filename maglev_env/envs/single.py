@@ -1,0 +1,164 @@
+"""The scalar environment; its docstring is the specification of all of them."""
+
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+from gymnasium import logger, spaces
+from gymnasium.error import InvalidAction
+
+from maglev_env.envs.task import Task, infos, make_task, rewards
+
+
+class RigEnv(gym.Env[np.ndarray, np.ndarray]):
+    """Tune the PID gains of a magnetically levitated rotor; one step is one simulated identification experiment.
+
+    ## Action space
+    `Box(-1, 1, (k,), float32)`, one element per gain in `tuned`, mapped into its bounds; logarithmically where they
+    span a decade or more. An action outside the box is clipped, with a warning.
+
+    | gain | unit | bounds |
+    |---|---|---|
+    | kp | A/m | `bounds`, else the rig's |
+    | ki | A/(m s) | likewise |
+    | kd | A s/m | likewise |
+    | td, ti | s | likewise, else 0.3 to 3 times the rig's |
+
+    ## Observation space
+    `Box(-1, 1, (size,), float32)`; `env.unwrapped.observation_names` names every element. k*, c*: target stiffness and
+    damping of the nominal rig.
+
+    | elements | quantity | -1 | 0 | 1 |
+    |---|---|---|---|---|
+    | 5 + 5 | stiffness k, damping c per band, maximum likelihood | -20 k*, c* | 0 | 20 k*, c* (asinh) |
+    | 5 + 5 | their standard errors over k*, c* | 1e-4 | | 10 or unknown (logarithm) |
+    | 2 | k, c in the target band over the episode's target | 1/5 or negative | 1 | 5 (logarithm) |
+    | 1 | peak sensitivity | 20 or more | | 1 (logarithm) |
+    | 1 | upper gain margin | 1 | | 20 or no crossing (logarithm) |
+    | 1 | phase margin | 0 deg | 45 deg | 90 deg or no crossing |
+    | 1 | disk margin | 0 | 0.5 | 1 |
+    | 1 | peak displacement over clearance | 1e-3 | | 1 (logarithm) |
+    | 1 | rms current over its limit | 1e-3 | | 10 (logarithm) |
+    | k | the gains just tried, as the action that gives them | | | |
+    | 1 | experiments left over the budget | none | half | all |
+    | 2 | target k, c over k*, c*, with `draw_target` | 1/5 | 1 | 5 (logarithm) |
+
+    After a touchdown estimates are 0, standard errors and levels 1, margins -1.
+
+    ## Reward
+    The score of the experiment (see `maglev_env.score`), in [0, 1]; 0 for an unstable loop; -1 for a touchdown.
+
+    ## Start
+    A rig is drawn around the nominal one, with `draw_target` a target too, and one experiment is made half-way between
+    the rig's preset gains and a random point of the box. It does not count.
+
+    ## End
+    Truncated after `budget` experiments. Terminated by a touchdown if `terminate_on_touchdown`.
+
+    ## Info
+    The gains tried and what the experiment says, in SI: stiffness and damping in the target band with 95 % bounds and
+    per band with standard errors, margins, peak_displacement (m), current_rms (A), touchdown_time (s), pole_radius,
+    feasible, score and its terms (`term_*`). What is not known, such as an estimate after a touchdown, is left out.
+
+    ## Arguments
+    - `rig`: preset name, path of a rig TOML, or a `Rig`; what its TOML lacks is filled in by `with_defaults`.
+    - `tuned`: gains to tune, of kp, ki, kd, td, ti. `bounds`: {gain: (low, high)} instead of the rig's.
+    - `randomization`: "none", "tolerances" (the rig's data-sheet uncertainty) or "wide" (its [randomization], else 0.75
+      to 1.35 times every parameter that has a tolerance). `draw_target`: draw k* and c* too, 0.8 to 1.5 times.
+    - `effects`: any of `maglev effects`, {name: {parameter: value}}, unknown to the agent.
+    - `protocol`: "full" (the rig's SPHS protocol) or "quick" (an eighth of the time, two to five times the error).
+    - `sensor`: "probe". `budget`: experiments per episode. `render_mode`: "rgb_array" or "human".
+
+    On an x-y rig the same gains hold in both axes and everything is that of the worse one.
+
+    ## Versions
+    - v0: first.
+    """
+
+    metadata = {"render_modes": ["rgb_array", "human"], "render_fps": 2}  # noqa: RUF012
+
+    def __init__(self, render_mode: str | None = None, **arguments: Any) -> None:
+        if render_mode is not None and render_mode not in self.metadata["render_modes"]:
+            raise ValueError(f"render_mode = {render_mode!r}; use one of {self.metadata['render_modes']}")
+        self.task: Task = make_task(**arguments)
+        self.render_mode = render_mode
+        self.action_space, self.observation_space = spaces_of(self.task)
+        self._canvas = None
+        self._episode = None
+
+    @property
+    def observation_names(self) -> tuple[str, ...]:
+        """What each element of the observation is."""
+        return self.task.layout.names
+
+    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[np.ndarray, dict]:
+        """Draw an episode and make its first experiment. No options are known."""
+        super().reset(seed=seed)
+        self._episode, self._count, self._history = self.task.draw(self.np_random), 0, []
+        observation, _, info, _ = self._measure(self._episode.start)
+        return observation, info
+
+    def step(self, action: np.ndarray) -> tuple[np.ndarray, float, bool, bool, dict]:
+        """One experiment at the gains of an action."""
+        if self._episode is None:
+            raise gym.error.ResetNeeded("call reset before the first step")
+        checked = checked_actions(np.asarray(action)[None], self.action_space, 1)[0]
+        self._count += 1
+        observation, reward, info, down = self._measure(checked)
+        terminated = bool(down and self.task.terminate_on_touchdown)
+        return observation, reward, terminated, self._count >= self.task.budget, info
+
+    def render(self) -> np.ndarray | None:
+        """The last experiment and the gains tried so far: RGB (height, width, 3) uint8, or in a window."""
+        if self.render_mode is None:
+            logger.warn("render needs render_mode='rgb_array' or 'human' when the environment is made")
+            return None
+        if self._episode is None:
+            raise gym.error.ResetNeeded("call reset before render")
+        from maglev_env.envs.rendering import draw_frame, show
+
+        frame = draw_frame(self.task, self._episode, self._history)
+        if self.render_mode == "rgb_array":
+            return frame
+        self._canvas = show(frame, self._canvas)
+        return None
+
+    def close(self) -> None:
+        """Close the window, if there is one."""
+        if self._canvas is not None:
+            from maglev_env.envs.rendering import hide
+
+            hide(self._canvas)
+            self._canvas = None
+
+    def _measure(self, action: np.ndarray) -> tuple[np.ndarray, float, dict, bool]:
+        found, observations = self.task.measure([self._episode], action[None], [self._count], 1)
+        info = infos(self.task, found, action[None])[0]
+        self._history.append((action, dict(info)))
+        if self.render_mode == "human":
+            self.render()
+        return observations[0], float(rewards(found)[0]), info, bool(np.isfinite(found.touchdown_time[0]))
+
+
+def spaces_of(task: Task) -> tuple[spaces.Box, spaces.Box]:
+    """Action and observation space of one environment."""
+    action = spaces.Box(-1.0, 1.0, (len(task.box.names),), np.float32)
+    return action, spaces.Box(-1.0, 1.0, (len(task.layout.names),), np.float32)
+
+
+def checked_actions(actions: np.ndarray, space: spaces.Box, n: int) -> np.ndarray:
+    """Actions (n, k) as float64, clipped into the box with a warning.
+
+    InvalidAction names what is wrong: the shape, or a value that is not a number.
+    """
+    try:
+        checked = np.array(actions, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise InvalidAction(f"action: {error}; give numbers of shape {space.shape}") from error
+    if checked.shape != (n, *space.shape):
+        raise InvalidAction(f"action has the shape {checked.shape[1:]}, not {space.shape}: one element per gain")
+    if np.isnan(checked).any():
+        raise InvalidAction("action holds nan; give numbers in [-1, 1]")
+    if (np.abs(checked) > 1).any():
+        logger.warn("action outside the box [-1, 1]: clipped")
+    return np.clip(checked, -1.0, 1.0)

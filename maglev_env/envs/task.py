@@ -1,0 +1,139 @@
+"""The task behind the environments: episodes and experiments in batches, the same for one environment or many."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from maglev_env.defaults import with_defaults
+from maglev_env.effects import Effects, check_effects
+from maglev_env.envs.episodes import Episode, check_randomization, draw_episode
+from maglev_env.envs.gain_box import TUNED, GainBox, gain_box
+from maglev_env.envs.observation import BANDS, Layout
+from maglev_env.envs.protocols import env_protocol
+from maglev_env.evaluation import Evaluation, evaluate, score_target
+from maglev_env.excitation import lines_at
+from maglev_env.experiment import Experiment, axis_experiment
+from maglev_env.gains import with_gains
+from maglev_env.rig import Rig, axis_rig, load_rig
+from maglev_env.score import ScoreTarget, stacked
+
+SENSORS = ("probe",)
+TOUCHDOWN_REWARD = -1.0
+
+
+@dataclass(frozen=True, eq=False)
+class Task:
+    """What the arguments of an environment mean, checked; see `envs.single.RigEnv`."""
+
+    rig: Rig
+    box: GainBox
+    layout: Layout
+    target: ScoreTarget
+    randomization: str
+    draw_target: bool
+    effects: Effects
+    budget: int
+    terminate_on_touchdown: bool
+
+    def draw(self, rng: np.random.Generator) -> Episode:
+        """A new episode; all of it comes from rng."""
+        return draw_episode(self.rig, self.target, self.box, self.randomization, self.draw_target, rng)
+
+    def measure(
+        self, episodes: Sequence[Episode], actions: np.ndarray, counts: Sequence[int], threads: int | None
+    ) -> tuple[Evaluation, np.ndarray]:
+        """Evaluation and observations (n, size) of experiment counts[i] (from 0, the start) of each episode."""
+        gains = self.box.gains(actions)
+        experiments = [self.experiment(e, g, count) for e, g, count in zip(episodes, gains, counts, strict=True)]
+        targets = [e.target for e in episodes]
+        found = evaluate(experiments, threads, targets=targets, bands=self.layout.bands)
+        left = self.budget - np.asarray(counts)
+        return found, self.layout.encode(found, stacked(targets), actions, left)
+
+    def experiment(self, episode: Episode, gains: np.ndarray, count: int) -> Experiment:
+        """The count-th identification experiment of an episode at the given gains (k,)."""
+        rig, p = episode.rig, episode.rig.protocol
+        tried = with_gains(rig.gains, **dict(zip(self.box.names, map(float, gains), strict=True)))
+        seed = (episode.seed, count)
+        return Experiment(rig, tried, p.excitations, p.periods, p.transient_periods, self.effects, seed=seed)
+
+
+def make_task(
+    rig: str | Path | Rig = "hmb_free",
+    tuned: Sequence[str] = TUNED,
+    bounds: Mapping[str, Sequence[float]] | None = None,
+    randomization: str = "none",
+    draw_target: bool = False,
+    effects: Effects | None = None,
+    protocol: str = "full",
+    sensor: str = "probe",
+    budget: int = 10,
+    terminate_on_touchdown: bool = False,
+) -> Task:
+    """Check an environment's arguments; ValueError (OSError for a rig that cannot be read) names the argument."""
+    loaded = rig if isinstance(rig, Rig) else load_rig(rig)
+    if not loaded.controlled:
+        raise ValueError(f"rig = {loaded.name!r} has no controlled magnet: there are no gains to tune")
+    if sensor not in SENSORS:
+        raise ValueError(f"sensor = {sensor!r}; use one of {', '.join(SENSORS)}")
+    if isinstance(budget, bool) or not isinstance(budget, int) or budget < 1:
+        raise ValueError(f"budget = {budget!r} experiments; give a whole number, at least 1")
+    loaded = with_defaults(loaded)
+    check_effects(effects or {})
+    check_randomization(loaded, randomization)
+    box = gain_box(loaded, tuned, bounds)
+    # A rotor with two axes is scored by the worse one, against the target of x.
+    target = score_target(axis_rig(loaded, 0))
+    loaded = replace(loaded, protocol=env_protocol(loaded, protocol))
+    layout = Layout(_bands(loaded), box.names, target, budget, draw_target)
+    return Task(
+        loaded, box, layout, target, randomization, draw_target, effects or {}, budget, bool(terminate_on_touchdown)
+    )
+
+
+def _bands(rig: Rig) -> np.ndarray:
+    """BANDS bands of equal width that share out the force lines; every axis needs two lines in each."""
+    frequency = []
+    for axis in range(rig.axes):
+        own = axis_experiment(Experiment(rig, rig.gains, rig.protocol.excitations), axis)
+        lines = lines_at(own.excitations, "force")
+        if not lines.size or not lines_at(own.excitations, "current").size:
+            raise ValueError(f"rig {rig.name}: [protocol] needs an excitation at the force and one at the current")
+        frequency.append(lines * own.fundamental)
+    low, high = max(f[0] for f in frequency), min(f[-1] for f in frequency)
+    edges = np.linspace(low, high, BANDS + 1)
+    for f in frequency:
+        if np.histogram(f, edges)[0].min() < 2:
+            raise ValueError(f"rig {rig.name}: [protocol] has too few force lines for {BANDS} bands of two or more")
+    return np.stack([edges[:-1], edges[1:]], axis=1)
+
+
+def rewards(found: Evaluation) -> np.ndarray:
+    """Reward (n,): the score in [0, 1], 0 where the loop is unstable, TOUCHDOWN_REWARD where the rotor touched down."""
+    return np.where(np.isnan(found.touchdown_time), found.score, TOUCHDOWN_REWARD)
+
+
+def infos(task: Task, found: Evaluation, actions: np.ndarray) -> list[dict[str, Any]]:
+    """What each experiment says in SI: gains, estimates, margins, score and its terms; what is unknown is left out."""
+    gains = task.box.gains(actions)
+    columns: dict[str, np.ndarray] = {name: gains[:, j] for j, name in enumerate(task.box.names)}
+    columns |= {name: getattr(found, name) for name in _TOLD} | found.margins
+    columns |= {f"term_{name}": values for name, values in found.terms.items()}
+    return [
+        {name: _plain(values[i]) for name, values in columns.items() if not np.isnan(values[i]).any()}
+        for i in range(len(actions))
+    ]
+
+
+_TOLD = (
+    *("stiffness", "stiffness_low", "stiffness_high", "damping", "damping_low", "damping_high"),
+    *("band_stiffness", "band_stiffness_se", "band_damping", "band_damping_se"),
+    *("peak_displacement", "current_rms", "touchdown_time", "pole_radius", "feasible", "score"),
+)
+
+
+def _plain(value: Any) -> Any:
+    return value.copy() if np.ndim(value) else value.item()
