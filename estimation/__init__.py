@@ -25,6 +25,8 @@ from estimation.periods import (
     split_periods,
     transient_periods,
 )
+from estimation.planar import PlanarEstimate, RowSums, axis_statistics, eight_coefficients, row_sums
+from estimation.planar_least_squares import PlanarLeastSquares, planar_least_squares
 from estimation.sphs import (
     Multisine,
     crest_factor,
@@ -55,12 +57,17 @@ __all__ = [
     "Margins",
     "ModalEstimate",
     "Multisine",
+    "PlanarEstimate",
+    "PlanarLeastSquares",
+    "RowSums",
     "actuator_estimate",
+    "axis_statistics",
     "band_slices",
     "coherence",
     "crest_factor",
     "distortion",
     "effective_coefficients",
+    "eight_coefficients",
     "frequency_response",
     "harmonic_range",
     "held",
@@ -84,8 +91,10 @@ __all__ = [
     "peak_sensitivity",
     "period_spectra",
     "pid_effective_coefficients",
+    "planar_least_squares",
     "pooled_variance",
     "random_phase",
+    "row_sums",
     "schroeder_phases",
     "sliding_bands",
     "sphs",

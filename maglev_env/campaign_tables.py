@@ -59,7 +59,7 @@ def excitations_table(value: Any, rate: float, channels: Mapping) -> tuple[tuple
         if unknown and not any(channel + axis in channels for axis in _AXES):
             why = "its phases are unknown" if excitation.periodic else "its waveform is that channel"
             raise ValueError(f"excitation: {excitation.kind} at {excitation.at} needs the channel {channel}: {why}")
-        if excitation.direction and not any(name.endswith(("_x", "_y")) for name in channels):
+        if excitation.components[1] and not any(name.endswith(("_x", "_y")) for name in channels):
             raise ValueError("excitation: direction needs the channels of two axes, force_x, force_y, ...")
         found.append(excitation)
     check_interleaved(tuple(found))

@@ -141,9 +141,9 @@ def lines_at(excitations: Iterable[Excitation], place: str | None = None) -> np.
 
 
 def axis_excitations(excitations: Iterable[Excitation], axis: int) -> tuple[Excitation, ...]:
-    """The excitations that act along axis 0 (x) or 1 (y), as far as they do and with the sign of that axis."""
+    """The excitations that act along axis 0 (x) or 1 (y), as far as they do; 180 degrees is against the axis."""
     acting = [(e, float(e.components[axis])) for e in excitations]
-    return tuple(replace(e, amplitude=e.amplitude * abs(c), direction=0.0) for e, c in acting if c)
+    return tuple(replace(e, amplitude=e.amplitude * abs(c), direction=0.0 if c > 0 else 180.0) for e, c in acting if c)
 
 
 def check_interleaved(excitations: tuple[Excitation, ...]) -> None:

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from math import inf
 
 import numpy as np
 
@@ -43,8 +44,14 @@ class Experiment:
             raise ValueError(f"experiment: rig {self.rig.name} has no magnets: only a force can excite it")
         if self.rig.axes == 1 and isinstance(self.gains, tuple):
             raise ValueError(f"experiment: rig {self.rig.name} has one axis; give one controller")
-        if self.rig.axes == 1 and any(e.direction for e in self.excitations):
-            raise ValueError(f"experiment: rig {self.rig.name} has one axis; leave out the excitation's direction")
+        if isinstance(self.gains, tuple) and len(self.gains) != 2:
+            raise ValueError(f"experiment: {len(self.gains)} controllers; give one for both axes, or one for each")
+        if self.rig.axes == 1 and any(e.components[1] for e in self.excitations):
+            raise ValueError(
+                f"experiment: rig {self.rig.name} has one axis: a direction is 0, or 180 degrees to act against it"
+            )
+        if self.sample_rate is not None and (isinstance(self.sample_rate, bool) or not 0 < self.sample_rate < inf):
+            raise ValueError(f"experiment: sample_rate = {self.sample_rate!r} Hz must be a positive number")
         sampling(self.sample_rate or self.rig.control_rate, self.rig.control_rate)
         if self.periods < 1 or self.transient_periods < 0:
             raise ValueError("experiment: periods must be at least 1 and transient_periods at least 0")
@@ -85,7 +92,7 @@ class Experiment:
         total = np.zeros((self.rig.axes, self.samples_per_period))
         for e in self.excitations:
             if e.periodic and e.at == place:
-                total += (e.components[:, None] if self.rig.axes == 2 else 1.0) * e.waveform(self.rig.control_rate)
+                total += e.components[: self.rig.axes, None] * e.waveform(self.rig.control_rate)
         return total if self.rig.axes == 2 else total[0]
 
 
@@ -113,11 +120,15 @@ def sampling(sample_rate: float, control_rate: float) -> tuple[int, int]:
     )
 
 
+# Words that no user's seed will hold, so that no two axes of any experiments share their noise.
+_AXIS_SEEDS = (0x9E3779B97F4A7C15, 0xC2B2AE3D27D4EB4F)
+
+
 def axis_experiment(e: Experiment, axis: int) -> Experiment:
     """One axis' rig, controller and seed of an experiment, and what of its excitations acts along that axis."""
     if e.rig.axes == 1:
         return e
-    seed = (*(e.seed if isinstance(e.seed, tuple) else (e.seed,)), axis)
+    seed = (*(e.seed if isinstance(e.seed, tuple) else (e.seed,)), _AXIS_SEEDS[axis])
     own, gains = axis_excitations(e.excitations, axis), of_axis(e.gains, axis)
     offset = e.offset if axis == 0 else 0.0
     return replace(e, rig=axis_rig(e.rig, axis), gains=gains, excitations=own, seed=seed, offset=offset)

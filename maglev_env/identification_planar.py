@@ -5,15 +5,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from estimation.planar import (
-    CONDITION_LIMIT,
-    PlanarEstimate,
-    PlanarLeastSquares,
-    RowSums,
-    eight_coefficients,
-    planar_least_squares,
-    row_sums,
-)
+from estimation.planar import CONDITION_LIMIT, PlanarEstimate, RowSums, eight_coefficients, row_sums
+from estimation.planar_least_squares import PlanarLeastSquares, planar_least_squares
 from maglev_env.identification import band_layout
 from maglev_env.record_spectra import RecordedSignals, record_spectra
 from maglev_env.rig import Rig, axis_rig

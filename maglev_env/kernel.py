@@ -77,8 +77,8 @@ def _make(
     width = axes * outputs * W
     seen = (Y, Z1, Z2)[sensor_poles]
     kind = (magnets, supported, sensor_poles, actuator_poles, delayed)
-    currents, pull, drag, probe, push, sway = axis_pieces(0, *kind)
-    currents_2, pull_2, drag_2, probe_2, push_2, sway_2 = axis_pieces(rows, *kind)
+    currents, pull, drag, probe, push, sway, beside = axis_pieces(0, rows, *kind)
+    currents_2, pull_2, drag_2, probe_2, push_2, sway_2, beside_2 = axis_pieces(rows, 0, *kind)
 
     @nb.njit(fastmath=FAST, error_model="numpy", nogil=True, cache=True)
     def step(x, seeds, history, first_step, force, injection, reference, tile, out):
@@ -92,7 +92,8 @@ def _make(
             now = (np.int64(first_step + t) & mask) * W
             for s in range(substeps):
                 n = t * rate + (s if oversampled else 0)
-                count = np.uint64(np.int64(first_step) * rate + n + 1)
+                # Readings between control samples draw from far away, so that those at them do not depend on the rate.
+                count = np.uint64(np.int64(first_step + t + 1) + (np.int64(s) << 40))
                 if coupled:
                     for i in range(W):
                         z, z_2 = x[seen * W + i], x[size + seen * W + i]
@@ -224,7 +225,14 @@ def _make(
                     alive = x[ALIVE * W + i] if reach < x[LIMIT_SQ * W + i] else 0.0
                     x[ALIVE * W + i] = alive
                     x[STEPS * W + i] += alive
+                    # Both probes see the currents from which the step began.
                     z1, z2 = probe(x, row, i, y, v, y1, v1)
+                    if planar:
+                        z1_2, z2_2 = probe_2(x, row, i, y_2, v_2, y1_2, v1_2)
+                    if coupled:
+                        w1, w2 = beside(x, row, i)
+                        w1_2, w2_2 = beside_2(x, row, i)
+                        z1, z2, z1_2, z2_2 = z1 + w1, z2 + w2, z1_2 + w1_2, z2_2 + w2_2
                     if sensor_poles >= 1:
                         x[Z1 * W + i] = z1
                     if sensor_poles == 2:
@@ -236,11 +244,10 @@ def _make(
                     x[Y * W + i] = y1 if alive > 0.0 else y
                     x[V * W + i] = v1 * alive
                     if planar:
-                        z1, z2 = probe_2(x, row, i, y_2, v_2, y1_2, v1_2)
                         if sensor_poles >= 1:
-                            x[size + Z1 * W + i] = z1
+                            x[size + Z1 * W + i] = z1_2
                         if sensor_poles == 2:
-                            x[size + Z2 * W + i] = z2
+                            x[size + Z2 * W + i] = z2_2
                         if actuator_poles >= 1:
                             x[size + X1 * W + i] = n1_2
                         if actuator_poles == 2:

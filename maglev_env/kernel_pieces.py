@@ -9,17 +9,24 @@ from collections.abc import Callable
 from numba.extending import register_jitable
 
 from maglev_env.kernel_rows import (
-    ACTING, ACTUATOR, BIAS, CALIBRATION, CROSS_C, CROSS_GAIN, CROSS_K, CS, EXPONENT, FLUX_C, FLUX_M, GAP, GAP2, GAPM,
-    GAPM2, KS, LANES, SENSOR, SENSOR_CURRENT, U, U_OLD, WEIGHT, X1, X2, Z1, Z2,
+    ACTING, ACTUATOR, BIAS, CALIBRATION, CROSS_C, CROSS_CURRENT, CROSS_GAIN, CROSS_K, CS, EXPONENT, FLUX_C,
+    FLUX_M, GAP, GAP2, GAPM, GAPM2, KS, LANES, SENSOR, SENSOR_CURRENT, U, U_OLD, WEIGHT, X1, X2, Z1, Z2,
 )  # fmt: skip
 
 W = LANES
 
 
 def axis_pieces(
-    first: int, magnets: str, supported: bool, sensor_poles: int, actuator_poles: int, delayed: bool
+    first: int,
+    other: int,
+    magnets: str,
+    supported: bool,
+    sensor_poles: int,
+    actuator_poles: int,
+    delayed: bool,
 ) -> tuple[Callable, ...]:
-    """currents, acceleration, drag, probe, push and sway of the axis whose rows begin at row `first`."""
+    """currents, acceleration, drag, probe, push, sway and beside of the axis whose rows begin at row `first`,
+    where the other one's begin at row `other`."""
     # Not njit: a dispatcher in the closure of a compiled function has another name in every process, and no cache.
     inlined = register_jitable(inline="always")
     b = first * W
@@ -56,13 +63,13 @@ def axis_pieces(
         if magnets == "electromagnet":
             coil = x[b + FLUX_C * W + i] / (x[b + GAP * W + i] - y)
             bias, drive = x[b + BIAS * W + i] * coil, current * coil
-            at_bias = x[b + CALIBRATION * W + i] * (bias * bias - x[b + WEIGHT * W + i])
+            at_bias = x[b + CALIBRATION * W + i] * (bias * bias) - x[b + WEIGHT * W + i]
             return at_bias + drive * (2.0 * bias + drive) - spring
         elif magnets == "magnet_coil":
             coil = x[b + FLUX_C * W + i] * (x[b + GAP * W + i] - y) ** (-x[b + EXPONENT * W + i])
             magnet = x[b + FLUX_M * W + i] / (x[b + GAPM * W + i] - y)
-            at_bias = coil * x[b + BIAS * W + i] + magnet * magnet - x[b + WEIGHT * W + i]
-            return x[b + CALIBRATION * W + i] * at_bias + coil * current - spring
+            at_bias = coil * x[b + BIAS * W + i] + magnet * magnet
+            return x[b + CALIBRATION * W + i] * at_bias - x[b + WEIGHT * W + i] + coil * current - spring
         else:
             # A pair, in sums and differences of its two gaps: one division, 25 operations.
             y2 = y * y
@@ -110,6 +117,21 @@ def axis_pieces(
         return m1, m2
 
     @inlined
+    def beside(x, row, i):
+        """What the other axis' current adds to the next probe states."""
+        q, c = b + row + CROSS_CURRENT * W + i, other * W + i
+        u, x1, x2 = x[c + acting * W], x[c + X1 * W], x[c + X2 * W]
+        m1, m2 = x[q + 3 * W] * u, x[q + 7 * W] * u
+        if actuator_poles >= 1:
+            m1, m2 = m1 + x[q] * x1, m2 + x[q + 4 * W] * x1
+        if actuator_poles == 2:
+            m1, m2 = m1 + x[q + W] * x2, m2 + x[q + 5 * W] * x2
+        if delayed:
+            old = x[c + U_OLD * W]
+            m1, m2 = m1 + x[q + 2 * W] * old, m2 + x[q + 6 * W] * old
+        return m1, m2
+
+    @inlined
     def push(x, i, y, current):
         """Acceleration of this axis by the other one's displacement and current."""
         return x[b + CROSS_GAIN * W + i] * current - x[b + CROSS_K * W + i] * y
@@ -119,4 +141,4 @@ def axis_pieces(
         """Deceleration of this axis by the other one's velocity."""
         return x[b + CROSS_C * W + i] * v
 
-    return currents, acceleration, drag, probe, push, sway
+    return currents, acceleration, drag, probe, push, sway, beside

@@ -11,11 +11,11 @@ KS, CS, PER_MASS, LIMIT_SQ, DELAY_STEPS = range(40, 45)
 # What the other axis adds: stiffness, damping, force per nodal current, and share of its motion in this probe.
 CROSS_K, CROSS_C, CROSS_GAIN, CROSS_SENSOR = range(45, 49)
 # Exact linear chains, once per substep: sensor (2 states from z1 z2 y0 v0 y1 v1, the motion taken as a cubic), what the
-# current adds to that cubic (2 states from x1 x2 old new), actuator (5 outputs from x1 x2 old new), and whether the new
-# command acts already when the substep begins.
-SENSOR, SENSOR_CURRENT, ACTUATOR, ARRIVED = 49, 61, 69, 89
-CHAIN_ROWS = 41
-ROWS = 90
+# current adds to that cubic (2 states from x1 x2 old new), actuator (5 outputs from x1 x2 old new), whether the new
+# command acts already when the substep begins, and what the other axis' current adds to the cubic.
+SENSOR, SENSOR_CURRENT, ACTUATOR, ARRIVED, CROSS_CURRENT = 49, 61, 69, 89, 90
+CHAIN_ROWS = 49
+ROWS = 98
 
 
 def filter_row(substeps: int) -> int:

@@ -85,20 +85,22 @@ def lane_batch(experiments: Sequence[Experiment], substeps: int = 1) -> LaneBatc
         seeds.append(np.array(states).T)
     if structure.coupled:
         for axis, rows in enumerate(parts):
+            _cross_chains(rows, experiments, axis, structure, substeps)
             rows[[k.CROSS_K, k.CROSS_C, k.CROSS_GAIN, k.CROSS_SENSOR]] = np.array(
                 [_cross(e, axis, substeps) for e in experiments]
             ).T
+    if structure.axes == 2:  # the bore is round, and no pole may be met in either axis
+        nearest = np.minimum(parts[0][k.LIMIT_SQ], parts[1][k.LIMIT_SQ])
+        parts[0][k.LIMIT_SQ] = parts[1][k.LIMIT_SQ] = nearest
     history = 1 << int(np.ceil(np.log2(whole.max() + 2)))
     return LaneBatch(structure, np.concatenate(parts), np.array(seeds), history)
 
 
 def _chains(rows: np.ndarray, own: Sequence[Experiment], structure: Structure, substeps: int) -> np.ndarray:
     """Write the exact chains and the delay of one axis; returns its delay in whole samples."""
-    dt = np.array([1 / e.rig.control_rate for e in own])
-    whole, fraction = np.array([split_delay(e.effects, t) for e, t in zip(own, dt, strict=True)]).T
+    dt, (whole, fraction) = _steps(own), _delays(own)
     rows[k.DELAY_STEPS] = whole
-    sensor = _poles([(e.rig.sensor_time_constant, effect_value(e.effects, "sensor_lag")) for e in own])
-    amplifier = _poles([(e.rig.amplifier_time_constant, effect_value(e.effects, "amplifier_lag")) for e in own])
+    sensor, amplifier = _sensor_poles(own), _amplifier_poles(own)
     gain_scale, pull = np.array([_actuator(e) for e in own]).T
     h = dt / substeps
     for s in range(substeps):
@@ -115,6 +117,47 @@ def _chains(rows: np.ndarray, own: Sequence[Experiment], structure: Structure, s
         chain[k.ACTUATOR : k.ARRIVED] = actuator
         chain[k.ARRIVED] = fraction <= s * h
     return whole
+
+
+def _cross_chains(
+    rows: np.ndarray, experiments: Sequence[Experiment], axis: int, structure: Structure, substeps: int
+) -> None:
+    """Write what the other axis' current adds to this axis' motion inside a step, as its probe sees it."""
+    if not structure.sensor_poles:
+        return
+    own = [axis_experiment(e, axis) for e in experiments]
+    other = [axis_experiment(e, 1 - axis) for e in experiments]
+    sensor, h, fraction = _sensor_poles(own), _steps(own) / substeps, _delays(own)[1]
+    amplifier = _amplifier_poles(other)
+    pull = np.array([e.rig.cross.onto(axis)[2] / moving_mass(o) for e, o in zip(experiments, own, strict=True)])
+    for s in range(substeps):
+        chain = rows[s * k.CHAIN_ROWS :]
+        chain[k.CROSS_CURRENT : k.CROSS_CURRENT + 8] = _sensor_current_rows(
+            sensor[:, : structure.sensor_poles],
+            amplifier[:, : structure.actuator_poles],
+            h,
+            np.clip(fraction - s * h, 0, h),
+            pull * h**2,
+            chain[k.SENSOR : k.SENSOR_CURRENT],
+        )
+
+
+def _steps(own: Sequence[Experiment]) -> np.ndarray:
+    return np.array([1 / e.rig.control_rate for e in own])
+
+
+def _delays(own: Sequence[Experiment]) -> tuple[np.ndarray, np.ndarray]:
+    """Whole samples and the rest (s) of every delay."""
+    whole, fraction = np.array([split_delay(e.effects, 1 / e.rig.control_rate) for e in own]).T
+    return whole, fraction
+
+
+def _sensor_poles(own: Sequence[Experiment]) -> np.ndarray:
+    return _poles([(e.rig.sensor_time_constant, effect_value(e.effects, "sensor_lag")) for e in own])
+
+
+def _amplifier_poles(own: Sequence[Experiment]) -> np.ndarray:
+    return _poles([(e.rig.amplifier_time_constant, effect_value(e.effects, "amplifier_lag")) for e in own])
 
 
 def _filter(controller: LinearController, order: int) -> np.ndarray:
@@ -159,8 +202,10 @@ def _parameters(e: Experiment, substeps: int) -> np.ndarray:
         p[k.GAP], p[k.GAPM] = law.gap, law.gap + law.magnet_gap
         p[k.GAP2], p[k.GAPM2] = law.gap**2, (law.gap + law.magnet_gap) ** 2
         if isinstance(law, SingleSidedLaw):
-            # Another mass weighs otherwise too, and the bias was set for the nominal one.
-            p[k.FLUX_M], p[k.WEIGHT] = np.sqrt(law.area * per_mass) * law.magnet_flux, law.weight * h**2 / rig.mass
+            p[k.FLUX_M] = np.sqrt(law.area * per_mass) * law.magnet_flux
+            # Calibration scales the nominal balance; what another mass weighs beyond it is not the magnet's.
+            extra = law.weight * effect_value(effects, "mass")
+            p[k.WEIGHT] = (p[k.CALIBRATION] * law.weight + extra) * per_mass
             p[k.EXPONENT] = law.exponent
             # An electromagnet's field squares, a magnet's pull is linear in the current.
             p[k.FLUX_C] = law.magnet_pull * per_mass if law.magnet_pull else np.sqrt(law.iron_pull * per_mass)

@@ -11,6 +11,7 @@ from maglev_env.experiment import SPECTRAL, Experiment, axis_experiment, channel
 from maglev_env.gains import controller_response, of_axis, state_space
 from maglev_env.magnetics import force_law, linearise
 from maglev_env.planar import NO_CROSS
+from maglev_env.rig import axis_rig
 
 
 @dataclass(frozen=True)
@@ -99,12 +100,15 @@ def expected_statistics(experiment: Experiment, lines: np.ndarray) -> LineStatis
     command = to_command @ force + s @ (injection + controller @ reference)
     displacement = receptance @ force + plant @ s @ (injection + controller @ reference)
     mean = np.concatenate([displacement, command, force, injection], axis=1)[..., 0].T
-    lsb = 2 * rig.voltage_range / 2**rig.adc_bits / rig.probe_gain if rig.adc_bits else 0.0
+    # Resolution of each axis' converter, as white noise beside the probe's own.
+    own = [axis_rig(rig, axis) for axis in range(axes)]
+    lsb = np.array([2 * r.voltage_range / 2**r.adc_bits / r.probe_gain if r.adc_bits else 0.0 for r in own])
+    power = rig.noise.displacement**2 + lsb**2 / 12
     noise = 4 / (n * experiment.periods)
     # Reading noise runs around the loop: the reading is (1 + P C)^-1 of it, the command -C times that.
     reading = np.linalg.inv(np.eye(axes) + plant @ controller)
     ways = np.concatenate([reading, -controller @ reading, np.zeros((len(reading), 2 * axes, axes))], axis=1)
-    covariance = np.einsum("nia,nja->ijn", ways, ways.conj()) * (rig.noise.displacement**2 + lsb**2 / 12) * noise
+    covariance = np.einsum("nia,a,nja->ijn", ways, power, ways.conj()) * noise
     for axis in range(2 * axes, 3 * axes):
         covariance[axis, axis] += rig.noise.force**2 * noise
     channels = channels_of(rig, SPECTRAL)

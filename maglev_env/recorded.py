@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from maglev_env.campaign import Campaign, RecordingSpec
+from maglev_env.excitation import Excitation
 from maglev_env.experiment import sampling
 from maglev_env.planar import AXES
 from maglev_env.record_spectra import RecordedSignals
@@ -28,12 +29,23 @@ def recorded_signals(campaign: Campaign, spec: RecordingSpec, dataset: "xr.Datas
     axes = max(1, len(suffixes))
     if axes == 1:  # one axis may carry its letter
         channels = {name.removesuffix(suffixes[0]) if suffixes else name: v for name, v in channels.items()}
-    assumed = _stand_in(channels, spec, axes)
+    assumed = _stand_in(campaign, channels, spec, axes)
     hold_rate, why = _hold(campaign, spec)
     return RecordedSignals(channels, spec.sample_rate, spec.excitations, hold_rate, spec.gains, (*assumed, *why), axes)
 
 
-def _stand_in(channels: dict[str, np.ndarray], spec: RecordingSpec, axes: int) -> list[str]:
+def _designed(campaign: Campaign, spec: RecordingSpec, excitation: Excitation) -> np.ndarray:
+    """One period as the controller of a named rig makes it, at the rate of the recording."""
+    if campaign.rig is None:
+        return excitation.waveform(spec.sample_rate)
+    try:
+        multiple, every = sampling(spec.sample_rate, campaign.rig.control_rate)
+    except ValueError:
+        return excitation.waveform(spec.sample_rate)
+    return np.repeat(excitation.waveform(campaign.rig.control_rate), multiple)[::every]
+
+
+def _stand_in(campaign: Campaign, channels: dict[str, np.ndarray], spec: RecordingSpec, axes: int) -> list[str]:
     """Fill in the injection channel of a designed sequence; what was assumed for it."""
     injected = [e for e in spec.excitations if e.periodic and e.at == "current"]
     samples = next(iter(channels.values())).size
@@ -42,7 +54,7 @@ def _stand_in(channels: dict[str, np.ndarray], spec: RecordingSpec, axes: int) -
         share = [e.components[axis] if axes == 2 else 1.0 for e in injected]
         if any(share) and name not in channels:
             # A stated Schroeder injection is digital: its design is what was injected.
-            one = sum(c * e.waveform(spec.sample_rate) for c, e in zip(share, injected, strict=True))
+            one = sum(c * _designed(campaign, spec, e) for c, e in zip(share, injected, strict=True))
             channels[name] = np.resize(one, samples)
             done.append(f"no {name} channel: the designed sequence, a period starting at the first sample, stands in")
     return done

@@ -133,6 +133,12 @@ class Rig:
             raise ValueError(f"axes = {self.axes!r}; use 1, or 2 for x and y")
         if self.axes == 1 and (self.per_axis or self.cross != NO_CROSS or isinstance(self.gains, tuple)):
             raise ValueError("[axis], [cross] and gains per axis need axes = 2")
+        if isinstance(self.gains, tuple) and len(self.gains) != 2:
+            raise ValueError(f"gains: {len(self.gains)} controllers; give one for both axes, or one for each")
+        for axis, own in self.per_axis.items():
+            _known(axis, AXES, "[axis]")
+            for key in own:
+                _known(key, _PER_AXIS, f"[axis.{axis}]")
         if not self.clearance:
             object.__setattr__(self, "clearance", self.gap)
         for f in fields(self):
@@ -140,6 +146,8 @@ class Rig:
                 _check_range(f.name, getattr(self, f.name), f.metadata)
         if self.clearance > self.gap:
             raise ValueError(f"clearance = {self.clearance} m is larger than the gap {self.gap} m")
+        for axis in range(self.axes if self.per_axis else 0):
+            axis_rig(self, axis)  # an axis' own parameters are checked like the common ones
         check_magnet(self)
 
     @property
@@ -216,8 +224,9 @@ def rig_from_toml(text: str, where: str) -> Rig:
         raise ValueError(f"{where}: {error}") from error
 
 
-# What one axis may have otherwise than the rig: not what belongs to the one controller, bore and rotor clearance.
-_PER_AXIS = [name for name in PARAMETERS if name not in ("control_rate", "clearance", "gravity")]
+# What one axis may have otherwise than the rig: not what belongs to the one bore, controller board and kind of magnet.
+_COMMON = ("control_rate", "clearance", "gravity", "flux_path", "adc_bits", "dac_bits")
+_PER_AXIS = [name for name in PARAMETERS if name not in _COMMON]
 _TABLES = (
     *("parameters", "axis", "cross", "gains", "noise", "bounds"),
     *("protocol", "target", "tolerance", "randomization"),
@@ -236,10 +245,6 @@ def _build(data: dict[str, Any]) -> Rig:
         _known(key, PARAMETERS, "[parameters]")
     if "mass" not in data["parameters"]:
         raise ValueError("[parameters]: mass is missing")
-    for axis, parameters in data.get("axis", {}).items():
-        _known(axis, AXES, "[axis]")
-        for key in parameters:
-            _known(key, _PER_AXIS, f"[axis.{axis}]")
     bounds = {k: _pair(v, f"[bounds] {k}") for k, v in data.get("bounds", {}).items()}
     for key in bounds:
         _known(key, [f.name for f in fields(Gains)], "[bounds]")
@@ -256,7 +261,7 @@ def _build(data: dict[str, Any]) -> Rig:
     target = dict(data.get("target", {}))
     if "band" in target:
         target["band"] = _pair(target["band"], "[target] band")
-    rig = Rig(
+    return Rig(
         name=data["name"],
         magnet=data["magnet"],
         axes=data.get("axes", 1),
@@ -271,9 +276,6 @@ def _build(data: dict[str, Any]) -> Rig:
         tolerance=data.get("tolerance", {}),
         randomization=randomization,
     )
-    for axis in range(rig.axes):  # an axis' own parameters are checked like the common ones
-        axis_rig(rig, axis)
-    return rig
 
 
 def controllers_from_table(table: Any, where: str) -> Controllers:

@@ -111,7 +111,7 @@ def simulate_records(experiments: Sequence[Experiment], substeps: int = 1, threa
                         records[member, CHANNELS.index(name), axis, span] += series_noise(seed, rms, i, n)
         for lane, time in zip(block.members, state.touchdown_time(), strict=False):
             if not np.isnan(time):
-                records[lane, ..., round(time * first.recorded_rate) :] = np.nan
+                records[lane, ..., int(np.ceil(time * first.recorded_rate - 1e-6)) :] = np.nan
 
     for _ in over_threads(run, _blocks(experiments, substeps), threads):
         pass

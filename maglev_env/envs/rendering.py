@@ -55,7 +55,7 @@ def draw_frame(task: Task, episode: Episode, history: History) -> np.ndarray:
     """
     canvas = FigureCanvasAgg(episode_figure(task, episode, history))
     canvas.draw()
-    return np.array(canvas.buffer_rgba())[..., :3]
+    return np.asarray(canvas.buffer_rgba())[..., :3].copy()
 
 
 def show(frame: np.ndarray, window: Window | None) -> Window:
@@ -85,20 +85,21 @@ def hide(window: Window) -> None:
 
 
 def _opened(frame: np.ndarray) -> Window:
-    import matplotlib
     import matplotlib.pyplot as plt
     from matplotlib.backends import BackendFilter, backend_registry
 
+    figure = None
     try:
         figure = plt.figure(figsize=SIZE, dpi=DPI)
-        if matplotlib.get_backend().lower() in backend_registry.list_builtin(BackendFilter.NON_INTERACTIVE):
-            plt.close(figure)
-            raise RuntimeError(f"matplotlib's backend {matplotlib.get_backend()} opens no windows")
+        if plt.get_backend().lower() in backend_registry.list_builtin(BackendFilter.NON_INTERACTIVE):
+            raise RuntimeError(f"matplotlib's backend {plt.get_backend()} opens no windows")
         axes = figure.add_axes((0, 0, 1, 1))
         axes.axis("off")
         image = axes.imshow(frame)
         figure.show()
     except Exception as error:  # every window toolkit has its own
+        if figure is not None:
+            plt.close(figure)
         logger.warn(f"render_mode='human' shows nothing: {error}; use render_mode='rgb_array' where there is no screen")
         return Window(None, None)
     return Window(figure, image)
@@ -140,7 +141,7 @@ def _axis(axes: Axes, which: str, ends: tuple[float, float], label: str, log: bo
         ticks = np.ravel(np.outer(decades, steps))
         axes.set(**{f"{which}scale": "log"})
     else:
-        ticks = MaxNLocator(5, steps=[1, 2, 5, 10]).tick_values(*ends)
+        ticks = MaxNLocator(4, steps=[1, 2, 5, 10]).tick_values(*ends)
     ticks = ticks[(ticks >= ends[0]) & (ticks <= ends[1])]
     axis = getattr(axes, f"{which}axis")
     axis.set_ticks([], minor=True)
@@ -159,25 +160,29 @@ def _draw_heading(figure: Figure, task: Task, history: History) -> None:
     which = f"experiment {count} of {task.budget}" if count else f"start, before {task.budget} experiments"
     result = "touchdown" if down else f"score {info['score']:.3f}" if feasible else "unstable loop"
     gains = ",  ".join(f"{name} = {_plain(info[name])} {UNITS[name]}" for name in task.box.names)
-    reward = f"reward: score, 0 to 1; unstable 0; touchdown {TOUCHDOWN_REWARD:g}".replace("-", "−")
+    reward = f"reward: score; unstable 0; touchdown {TOUCHDOWN_REWARD:g}".replace("-", "−")
     big, small = {"fontsize": LARGE, "weight": "bold"}, {"fontsize": NORMAL, "color": GREY}
-    figure.text(LEFT[0], 0.955, f"{task.rig.name}: {which}", **big)
+    figure.text(LEFT[0], 0.955, f"{task.rig.name}: {which}", **big, parse_math=False)  # a name may hold dollars
     figure.text(RIGHT[1], 0.955, result, **big, ha="right", color="black" if feasible else RED)
     figure.text(LEFT[0], 0.922, gains, **small)
     figure.text(RIGHT[1], 0.922, reward, **small, ha="right")
 
 
 def _motion(e: Experiment, info: dict[str, Any]) -> tuple[np.ndarray, np.ndarray]:
-    """Time (n,) s and displacement reading (axes, n) µm from rest to the end of the first period, or to touchdown."""
+    """Time (n,) s and displacement reading (axes, n) µm, from rest to the end of the first period or to touchdown."""
+    down, rate, axes = "touchdown_time" in info, e.recorded_rate, e.rig.axes
     periods = int(info.get("touchdown_time", 0.0) * e.fundamental) + 1
-    record = simulate_records([replace(e, periods=periods, transient_periods=0)], threads=1)[0]
-    displacement = record.reshape(len(CHANNELS), e.rig.axes, -1)[CHANNELS.index("displacement")]
-    known = int(np.isfinite(displacement[0]).sum())
-    time, displacement = np.arange(known) / e.recorded_rate, displacement[:, :known] * 1e6
-    if "touchdown_time" in info:  # the last reading is a sample old: end where the rotor is known to be, at the wall
-        wall = displacement[:, -1:] / np.linalg.norm(displacement[:, -1]) * e.rig.clearance * 1e6
-        return np.append(time, info["touchdown_time"]), np.append(displacement, wall, axis=1)
-    return time, displacement
+    # Only displacement noise reaches the rotor; the other channels' costs time and is not drawn.
+    rig = replace(e.rig, noise=replace(e.rig.noise, force=0.0, current=0.0))
+    record = simulate_records([replace(e, rig=rig, periods=periods, transient_periods=0)], threads=1)[0]
+    displacement = record.reshape(len(CHANNELS), axes, -1)[CHANNELS.index("displacement")] * 1e6
+    known = max(1, int(np.isfinite(displacement[0]).sum()))
+    displacement = np.nan_to_num(displacement[:, :known])  # a first sample not known: at rest
+    if down:  # within the sample after the last reading the rotor is at the wall
+        last, length = displacement[:, -1:], np.linalg.norm(displacement[:, -1])
+        wall = (last / length if length else np.eye(axes)[:, :1]) * e.rig.clearance * 1e6
+        displacement = np.append(displacement, wall, axis=1)
+    return np.arange(known + down) / rate, displacement
 
 
 def _motion_title(axes: Axes, e: Experiment, info: dict[str, Any]) -> None:
@@ -211,7 +216,8 @@ def _draw_motion(axes: Axes, e: Experiment, info: dict[str, Any]) -> None:
     elif factor > 1:
         axes.axhspan(0.3 * wall, wall, color="white", lw=0)
         axes.plot(time, factor * y + 0.65 * wall, color=BLUE, lw=0.8)
-        axes.text(0.01 * end, 0.97 * wall, f"× {factor}", fontsize=NORMAL, va="top")
+        plate = {"facecolor": "white", "lw": 0, "pad": 1}
+        axes.text(0.01 * end, 0.96 * wall, f"× {factor}", fontsize=NORMAL, va="top", bbox=plate)
     _axis(axes, "x", (0.0, end), "time / s")
     _axis(axes, "y", (-1.1 * wall, 1.1 * wall), "displacement / µm")
     _motion_title(axes, e, info)
@@ -228,8 +234,8 @@ def _draw_orbit(axes: Axes, e: Experiment, info: dict[str, Any]) -> None:
     axes.plot(x, y, color=BLUE, lw=0.6)
     _axis(axes, "x", (-wall, wall), "x / µm")
     _axis(axes, "y", (-1.1 * wall, 1.1 * wall), "y / µm")
-    width = 2.2 * wall * (LEFT[1] - LEFT[0]) * SIZE[0] / ((UPPER[1] - UPPER[0]) * SIZE[1])  # as long per px as the height
-    left = -1.1 * wall
+    shape = (LEFT[1] - LEFT[0]) * SIZE[0] / ((UPPER[1] - UPPER[0]) * SIZE[1])
+    left, width = -1.1 * wall, 2.2 * wall * shape  # equal scales in x and y
     factor = _magnification(np.hypot(x, y).max(), 0.5 * wall)
     if "touchdown_time" in info:
         axes.plot(x[-1], y[-1], "X", color=RED, ms=12, mec="white")
@@ -239,6 +245,7 @@ def _draw_orbit(axes: Axes, e: Experiment, info: dict[str, Any]) -> None:
         axes.plot(factor * x + 1.65 * wall, factor * y, color=BLUE, lw=0.6)
         axes.text(1.65 * wall, 0.6 * wall, f"× {factor}", fontsize=NORMAL, ha="center")
     axes.set_xlim(left, left + width)
+    axes.xaxis.label.set_x(-left / width)
     _motion_title(axes, e, info)
 
 
@@ -252,20 +259,19 @@ def _draw_coefficients(pair: Sequence[Axes], task: Task, episode: Episode, info:
         known = [target]
         if f"band_{name}" in info:
             values = info[f"band_{name}"] * scale
-            errors = NORMAL_95 * info[f"band_{name}_se"] * scale
+            errors = NORMAL_95 * info.get(f"band_{name}_se", np.full(len(bands), np.nan)) * scale
             axes.hlines(values, *bands.T, color=BLUE, lw=0.8)
             axes.errorbar(bands.mean(axis=1), values, errors, fmt="o", color=BLUE, ms=3.5, lw=1.2, capsize=3,
                           label="per band, ±1.96 se")  # fmt: skip
             known = [*known, *values]
         if name in info:
-            value, low, high = (info[key] * scale for key in (name, f"{name}_low", f"{name}_high"))
+            value, low, high = (info.get(key, np.nan) * scale for key in (name, f"{name}_low", f"{name}_high"))
             axes.errorbar(np.mean(band), value, [[value - low], [high - value]], fmt="D", color=ORANGE, mec="black",
                           ms=6, lw=1.2, capsize=3, label="in target band")  # fmt: skip
             known = [*known, value]
         if len(known) == 1:
-            axes.text(0.5, 0.2, "no estimate: touchdown", transform=axes.transAxes, ha="center", fontsize=NORMAL,
-                      color=RED)  # fmt: skip
-        _axis(axes, "x", (0.0, bands[-1, 1] * 1.02), "frequency / Hz" if axes is pair[-1] else "")
+            axes.text(0.5, 0.2, "no estimate", transform=axes.transAxes, ha="center", fontsize=NORMAL, color=RED)
+        _axis(axes, "x", (0.0, max(bands[-1, 1], band[1]) * 1.02), "frequency / Hz" if axes is pair[-1] else "")
         # A bar far longer than what is known would flatten the rest: it runs out of the panel.
         room = 0.5 * np.ptp(known) or 0.5 * target
         _axis(axes, "y", (min(known) - room, max(known) + room), f"{name} / {unit}")
@@ -333,5 +339,5 @@ def _draw_tries(axes: Axes, x: np.ndarray, y: np.ndarray, history: History) -> N
     axes.scatter(x[down], y[down], 45, RED, marker="x", **over)
     axes.scatter(x[-1], y[-1], 160, facecolor="none", edgecolor="black", lw=1.5, **over)
     best = int(scores.argmax())
-    which = f"experiment {best}" if best else "start"
-    _title(axes, f"Tried so far: best score {scores[best]:.3f}, {which}")
+    which = f"best score {scores[best]:.3f}, {f'experiment {best}' if best else 'start'}"
+    _title(axes, f"Tried so far: {which if scores[best] > 0 else 'none scores'}")

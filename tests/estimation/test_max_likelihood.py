@@ -43,7 +43,8 @@ def test_exact_without_noise(k, c, noise):
 
 
 def pooled(s):
-    return [s.cross(*pair).mean() for pair in (("force",) * 2, ("displacement",) * 2, ("force", "displacement"))]
+    pairs = (("force",) * 2, ("displacement",) * 2, ("force", "displacement"))
+    return [s.cross(*pair).mean(axis=-1) for pair in pairs]
 
 
 def cost(theta, f, y, covariance):
@@ -117,6 +118,17 @@ def influence(s, theta):
     return -np.array(rows).reshape(F.size, 4, 2) @ inverse, -np.array(weights) @ inverse, inverse
 
 
+def alike(s, theta):
+    """How many lines of equal noise make a pooled covariance as good; F.size where the lines are equal."""
+    row = np.array([np.ones(F.size), -(theta[0] - M * W**2 + 1j * W * theta[1])])
+    order = [s.index("force"), s.index("displacement")]
+    noise = np.einsum("in,ijn,jn->n", row, s.covariance[np.ix_(order, order)], np.conj(row)).real
+    mean = s.covariance[np.ix_(order, order)].mean(axis=-1)
+    share = noise / np.einsum("in,ij,jn->n", row, mean, np.conj(row)).real
+    # A sample variance over P periods squares to P / (P - 1) of the true square in the mean.
+    return min(s.periods / (s.periods - 1) * share.sum() ** 2 / (share**2).sum(), F.size)
+
+
 def delta_method(s, theta):
     """Covariance of (k, c), what the information alone gives, and each line's share: all by numerical derivatives."""
     lines, weights, information = influence(s, theta)
@@ -135,7 +147,7 @@ def delta_method(s, theta):
         [g, yy**2, yy * fy.real, yy * fy.imag],
         [ff * fy.real, yy * fy.real, (product + (fy**2).real) / 2, (fy**2).imag / 2],
         [ff * fy.imag, yy * fy.imag, (fy**2).imag / 2, (product - (fy**2).real) / 2],
-    ]) / (F.size * (s.periods - 1))  # fmt: skip
+    ]) / (alike(s, theta) * (s.periods - 1))  # fmt: skip
     return np.array(shares), np.diag(weights.T @ wishart @ weights), np.diag(information)
 
 
@@ -174,6 +186,41 @@ def test_standard_errors_and_bounds_agree_with_a_numerical_delta_method(tilt, co
         for sign, bound in ((-1, low[0]), (1, high[0])):
             expected = brentq(rise, theta[free], theta[free] + sign * 8 * se[0])
             assert abs(bound - expected) < 0.02 * se[0]
+
+
+# Near its minimum the profile is a parabola, and its width and the standard error are two readings of one Hessian.
+@pytest.mark.parametrize("correlation", [0.0, 0.5 - 0.4j])
+@pytest.mark.parametrize("noise", [0.001, 0.3, 0.9])
+def test_standard_errors_are_those_of_the_profile_near_its_minimum(noise, correlation):
+    drawn = draw(statistics(noise, correlation=correlation, periods=40), 200, seed=3)
+    e = maximum_likelihood(drawn, BAND, M, level=0.2)
+    quantile = student_t.ppf(0.6, 2 * F.size * 39)
+    for se, low, high in (
+        (e.stiffness_se, e.stiffness_low, e.stiffness_high),
+        (e.damping_se, e.damping_low, e.damping_high),
+    ):
+        assert np.median((high - low) / 2 / se) == pytest.approx(quantile, rel=0.005)
+
+
+def test_the_search_ends_at_a_minimum_in_noise():
+    """Two fifths of |Y|^2 is noise that differs between lines: the cost has saddles, and slopes without an end."""
+    s = draw(statistics(1.0, colour=1.2), 4000, seed=9)
+    e = maximum_likelihood(s, BAND, M)
+    ff, yy, fy = (v[:, None] for v in pooled(s))
+
+    def cost_at(k, c):
+        z = k - M * W**2 + 1j * W * c
+        error = np.abs(s.amplitude("force") - z * s.amplitude("displacement")) ** 2
+        return (error / (ff.real + np.abs(z) ** 2 * yy.real - 2 * (np.conj(z) * fy).real)).sum(axis=-1)
+
+    ok = e.informative[:, 0]
+    assert ok.mean() > 0.9
+    assert cost_at(e.stiffness, e.damping)[ok] == pytest.approx(e.cost[ok, 0], rel=1e-9)
+    for angle in np.arange(16) * np.pi / 8:
+        for step in (0.03, 0.1, 0.3):
+            dk, dc = step * np.cos(angle) * e.stiffness_se, step * np.sin(angle) * e.damping_se
+            with np.errstate(invalid="ignore"):  # no standard error where the optimum ran to infinity
+                assert (cost_at(e.stiffness + dk, e.damping + dc) - e.cost[:, 0])[ok].min() > 0
 
 
 def test_correlated_noise_is_used():

@@ -16,7 +16,7 @@ from maglev_env.effects import effect
 from maglev_env.excitation import Excitation
 from maglev_env.experiment import Experiment, protocol_experiment
 from maglev_env.files import write_csv, write_npz
-from maglev_env.gains import Gains
+from maglev_env.gains import Gains, LinearController
 from maglev_env.recording import _check_clipping, read_recording, simulated_recording
 from maglev_env.rig import load_rig, with_parameters
 from maglev_env.simulate import CHANNELS, simulate_records
@@ -325,3 +325,100 @@ def test_a_clipped_multisine_is_found(seed, level, bits, sign):
     clipped = sign * np.round(np.minimum(signal, top) / step) * step
     with pytest.raises(ValueError, match="clipped at"):
         _check_clipping("x", clipped, 0)
+
+
+SLANTED = (
+    Excitation("low_crest", "force", 10.0, tuple(range(1, 21)), 1.5, seed=7, direction=30.0),
+    Excitation("multisine", "current", 10.0, (22, 24, 30), 0.05, seed=8, direction=-45.0),
+    Excitation("sphs", "current", 10.0, (23, 25), 0.05, direction=90.0),
+)
+PAIRS = {
+    "one controller": Gains(8000.0, 2000.0, 5.2),
+    "gains of each axis": (Gains(8000.0, 2000.0, 5.2), Gains(9000.0, 2000.0, 6.0, 2e-4)),
+    "a filter for both": LinearController((1e4, -8.7e3, 1 / 3), (1.0, -0.5, 0.1)),
+    "filters": (LinearController((1e4,), (1.0, -0.1)), LinearController((1.0, 2.0), (1.0, 0.0, 1 / 7))),
+}
+
+
+@pytest.fixture(scope="module")
+def radial():
+    experiment = short("hmb_radial", excitations=SLANTED, gains=PAIRS["gains of each axis"], offset=1e-6)
+    return experiment, simulate(experiment)
+
+
+def test_simulated_x_y_recordings_have_every_channel_of_both_axes(radial):
+    experiment, dataset = radial
+    names = [f"{name}_{axis}" for name in (*CHANNELS, "injection", "reference") for axis in "xy"]
+    assert list(dataset.data_vars) == names and dataset.sizes == {"time": 6000}
+    assert dataset["force_y"].attrs["units"] == "N" and dataset["injection_x"].attrs["units"] == "A"
+    slanted, across, y = (e.waveform(20_000.0) for e in SLANTED)
+    injected = dataset["injection_x"].values.reshape(3, -1), dataset["injection_y"].values.reshape(3, -1)
+    np.testing.assert_allclose(injected[0], [np.sqrt(0.5) * across] * 3, atol=1e-15)
+    np.testing.assert_allclose(injected[1], [y - np.sqrt(0.5) * across] * 3, atol=1e-15)
+    force = np.array([dataset[f"force_{axis}"].values for axis in "xy"])
+    noise = force - np.outer([np.sqrt(0.75), 0.5], np.tile(slanted, 3))
+    assert np.abs(noise.std(axis=1) / experiment.rig.noise.force - 1).max() < 0.05  # and nothing else
+    assert abs(np.corrcoef(noise)[0, 1]) < 0.05
+    np.testing.assert_array_equal(dataset["reference_x"], 1e-6)
+    assert not dataset["reference_y"].values.any()
+    made = json.loads(dataset.attrs["experiment"])
+    assert made["gains"]["y"] == {"kp": 9000.0, "ki": 2000.0, "kd": 6.0, "td": 2e-4, "ti": 0.0318}
+
+
+@pytest.mark.parametrize("data_format", ["npz", "mat", "csv"])
+@pytest.mark.parametrize("controllers", PAIRS)
+def test_an_x_y_campaign_reads_back_bit_for_bit(tmp_path, radial, data_format, controllers):
+    experiment, dataset = radial
+    experiment = replace(experiment, gains=PAIRS[controllers])
+    campaign = load_campaign(
+        write_campaign(tmp_path, "hmb_radial", {}, [("a", "fit", dataset, experiment)], data_format)
+    )
+    (spec,) = campaign.recordings
+    assert spec.gains == PAIRS[controllers] and spec.excitations == SLANTED and spec.periods == 3
+    read = read_recording(campaign, spec)
+    assert list(read.data_vars) == list(dataset.data_vars)
+    for name in (*dataset.data_vars, "time"):
+        assert read[name].values.tobytes() == dataset[name].values.tobytes()
+        assert read[name].attrs == dataset[name].attrs
+
+
+@pytest.mark.parametrize(("rate", "samples"), [(8000.0, 2400), (1000.0, 300)])
+def test_a_recording_at_another_rate_reads_back(tmp_path, rate, samples):
+    """Between and at the control samples: the same motion, the waveforms repeated or left out."""
+    controlled = short(
+        "pedestal", rig=with_parameters(load_rig("pedestal"), {"control_rate": 4000.0}), sample_rate=rate
+    )
+    dataset, base = simulate(controlled), simulate(replace(controlled, sample_rate=None))
+    assert dataset.sizes == {"time": samples} and dataset.attrs["sample_rate"] == rate
+    np.testing.assert_allclose(np.diff(dataset["time"]), 1 / rate)
+    recordings = [("a", "fit", dataset, controlled)]
+    campaign = load_campaign(write_campaign(tmp_path, "pedestal", {"control_rate": 4000.0}, recordings))
+    (spec,) = campaign.recordings
+    assert spec.samples_per_period * 3 == samples and spec.periods == 3
+    read = read_recording(campaign, spec)
+    every, repeat = (4, 1) if rate < 4000 else (1, 2)
+    noise = controlled.rig.noise
+    for name, rms in (("displacement", noise.displacement), ("force", noise.force)):
+        np.testing.assert_array_equal(read[name], dataset[name])
+        same, expected = read[name].values[::repeat], base[name].values[::every]
+        assert np.abs(same - expected).max() < 8 * rms < 0.1 * np.abs(expected).max()
+
+
+def test_the_rotor_moves_on_between_control_samples():
+    quiet = short("pedestal", rig=with_parameters(load_rig("pedestal"), {"control_rate": 4000.0, "adc_bits": 32}))
+    quiet = replace(quiet, rig=replace(quiet.rig, noise=replace(quiet.rig.noise, displacement=1e-15, force=0.0)))
+    base, fine = simulate(quiet), simulate(replace(quiet, sample_rate=8000.0))
+    moved = fine["displacement"].values
+    np.testing.assert_allclose(moved[::2], base["displacement"], atol=2e-5 * np.abs(moved).max())
+    between = moved[1:-1:2] - (moved[:-2:2] + moved[2::2]) / 2  # a straight line, but for h^2 / 2 of the acceleration
+    assert 0 < np.abs(between).max() < 1e-2 * np.abs(moved).max()
+    np.testing.assert_array_equal(fine["force"].values.reshape(-1, 2), base["force"].values[:, None].repeat(2, axis=1))
+
+
+@pytest.mark.xfail(strict=True, reason="the writer leaves out the direction and the band of a recorded excitation")
+def test_a_recorded_excitation_is_written_with_its_direction_and_band(tmp_path, radial):
+    experiment, dataset = radial
+    noise = Excitation("recorded", direction=30.0, band=(10.0, 200.0))
+    described = replace(experiment, excitations=(noise,))
+    campaign = load_campaign(write_campaign(tmp_path, "hmb_radial", {}, [("a", "fit", dataset, described)]))
+    assert campaign.recordings[0].excitations == (noise,)

@@ -11,7 +11,9 @@ from rich.console import Console
 
 from estimation.max_likelihood import BandEstimate
 from estimation.periods import LineStatistics
-from estimation.planar import CHANNELS, PlanarEstimate, PlanarLeastSquares, RowSums, row_sums
+from estimation.planar import PlanarEstimate, RowSums, row_sums
+from estimation.planar_least_squares import PlanarLeastSquares
+from estimation.planar_lines import CHANNELS
 from maglev_env.identification_planar import PlanarIdentification
 from tuning.page import page
 from tuning.planar_report import planar_json, planar_sections, planar_table

@@ -1,0 +1,95 @@
+"""What the estimators of two coupled axes share: the lines of their records in a band, and what is asked of them."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from estimation.bands import band_slices
+from estimation.periods import LineStatistics
+
+CHANNELS = ("force_x", "force_y", "displacement_x", "displacement_y")
+
+Mass = float | np.ndarray | tuple[float | np.ndarray, float | np.ndarray]
+
+
+@dataclass(frozen=True)
+class PlanarLines:
+    """All lines of one band: channels u (lanes, n, 4), covariance own (lanes, n, 4, 4), w rad/s (n,), record (n,) as an
+    index into periods (records,), those of the records that have lines here."""
+
+    u: np.ndarray
+    own: np.ndarray
+    w: np.ndarray
+    record: np.ndarray
+    periods: np.ndarray
+
+    def per_record(self, values: np.ndarray) -> np.ndarray:
+        """Means (lanes, records, ...) over each record's lines of values (lanes, n, ...)."""
+        return np.stack([values[:, self.record == r].mean(axis=1) for r in range(len(self.periods))], axis=1)
+
+
+def checked_masses(
+    records: Sequence[LineStatistics], bands: np.ndarray, mass: Mass, fewest: int = 1
+) -> tuple[np.ndarray, tuple[int, ...]]:
+    """Masses (lanes, 2) in kg of both axes, and the shape (...) of the lanes, which masses run over flat.
+
+    records, bands and mass as in `eight_coefficients`; fewest: lines a band must hold, of all records together.
+    ValueError when there is no record, a channel is missing, the records differ in lanes, a band holds too few lines,
+    or a mass is not positive.
+    """
+    if not records:
+        raise ValueError("no record is given; two with different directions of the force tell all eight coefficients")
+    shape = records[0].mean.shape[:-2]
+    for i, record in enumerate(records):
+        missing = [name for name in CHANNELS if name not in record.channels]
+        if missing:
+            raise ValueError(
+                f"record {i}: channels {', '.join(missing)} are missing; it has {', '.join(record.channels)}"
+            )
+        if record.mean.shape[:-2] != shape:
+            raise ValueError(f"record {i} has lanes {record.mean.shape[:-2]}, record 0 has {shape}; they must agree")
+    lines = sum(np.diff(band_slices(record.frequency, bands), axis=1)[:, 0] for record in records)
+    if np.any(lines < fewest):
+        f_lo, f_hi = bands[np.argmin(lines)]
+        raise ValueError(
+            f"the band {f_lo:g} .. {f_hi:g} Hz holds {lines.min()} lines of all records and needs {fewest}; "
+            "choose bands on excited lines"
+        )
+    both = mass if isinstance(mass, tuple) else (mass, mass)
+    masses = np.stack([np.broadcast_to(np.asarray(m, float), shape).reshape(-1) for m in both], axis=-1)
+    if not np.all(masses > 0):
+        raise ValueError(f"mass = {mass} kg must be positive; pass the moving mass of each axis")
+    return masses, shape
+
+
+def planar_lines(records: Sequence[LineStatistics], edges: np.ndarray) -> PlanarLines:
+    """The lines of all records within edges (f_lo, f_hi) Hz, at least one; see `checked_masses`."""
+    means, covariances, frequencies, periods = [], [], [], []
+    for record in records:
+        ((start, stop),) = band_slices(record.frequency, edges[None])
+        if start == stop:
+            continue
+        keep, channels = [record.index(name) for name in CHANNELS], len(record.channels)
+        mean = record.mean[..., start:stop].reshape(-1, channels, stop - start)[:, keep]
+        own = record.covariance[..., start:stop].reshape(-1, channels, channels, stop - start)[:, keep][:, :, keep]
+        # A record without noise is weighted as if its force had a relative noise of 1e-9.
+        own[:, [0, 1], [0, 1]] += 1e-18 * (np.abs(mean[:, :2]) ** 2).sum(1).mean(-1)[:, None, None]
+        means.append(np.moveaxis(mean, -1, 1))
+        covariances.append(np.moveaxis(own, -1, 1))
+        frequencies.append(record.frequency[start:stop])
+        periods.append(record.periods)
+    index = np.repeat(np.arange(len(periods)), [f.size for f in frequencies])
+    u, own = (np.concatenate(parts, axis=1, dtype=complex) for parts in (means, covariances))
+    return PlanarLines(u, own, 2 * np.pi * np.concatenate(frequencies), index, np.array(periods))
+
+
+def equation_rows(lines: PlanarLines, masses: np.ndarray) -> np.ndarray:
+    """What makes X, Y, j w X, j w Y, F_x + m_x w^2 X and F_y + m_y w^2 Y of a line's channels, (lanes, n, 6, 4)."""
+    rows = np.zeros((len(masses), len(lines.w), 6, 4), complex)
+    for axis in range(2):
+        rows[:, :, axis, 2 + axis] = 1.0
+        rows[:, :, 2 + axis, 2 + axis] = 1j * lines.w
+        rows[:, :, 4 + axis, axis] = 1.0
+        rows[:, :, 4 + axis, 2 + axis] = masses[:, axis, None] * lines.w**2
+    return rows
