@@ -19,6 +19,7 @@ from estimation.periods import LineStatistics
 from estimation.planar_lines import CHANNELS, Mass, PlanarLines, checked_masses, equation_rows, planar_lines
 
 CONDITION_LIMIT = 30.0  # Belsley, Kuh and Welsch 1980: from here on collinearity harms
+_FORCE_NOISE = 3.0  # times the noise power: what the noise of many lines never reaches
 _NOISE_LEVEL = 1e-3  # chance that noise alone passes for motion in a direction of its own
 
 
@@ -29,7 +30,8 @@ class PlanarEstimate:
     *_se standard errors; *_low, *_high profile-likelihood bounds, -inf or inf where the data do not bound them; cost at
     the minimum; fit_p: p-value that constant coefficients explain the band; informative: all eight intervals are
     bounded; noise_share: share of the measured |X|^2 + |Y|^2 that is noise; condition: condition number of the columns
-    X, Y, j w X, j w Y, each scaled to length 1 and freed of noise (inf: not told from noise); *_inflation
+    X, Y, j w X, j w Y, each scaled to length 1 and freed of noise (inf: not told from noise, or all forces act along
+    one direction); *_inflation
     (..., bands, 2, 2): variance inflation factors, the same in both rows; identifiable: condition <= CONDITION_LIMIT,
     elsewhere all but condition, inflation and noise share is nan.
     """
@@ -140,6 +142,8 @@ def eight_coefficients(
         moments, noise = _moments(lines, masses)
         share[:, b] = noise[:, [0, 1], [0, 1]].sum(-1) / moments[:, [0, 1], [0, 1]].sum(-1)
         condition[:, b], factors[:, b] = _collinearity(lines, moments, noise)
+        along_one_line = _one_direction(lines)
+        condition[along_one_line, b], factors[along_one_line, b] = np.inf, np.inf
         ok = condition[:, b] <= CONDITION_LIMIT
         some = replace(lines, u=lines.u[ok], own=lines.own[ok])
         # Two starts: the moment estimator freed of noise, and plain least squares.
@@ -165,6 +169,23 @@ def _moments(lines: PlanarLines, masses: np.ndarray) -> tuple[np.ndarray, np.nda
     values = (rows @ lines.u[..., None])[..., 0]
     noise = (rows @ lines.own @ np.conj(np.swapaxes(rows, -1, -2))).real.sum(axis=1)
     return np.einsum("lni,lnj->lij", values, np.conj(values)).real, noise
+
+
+def _one_direction(lines: PlanarLines) -> np.ndarray:
+    """Whether the forces of all lines act along one direction, (lanes,).
+
+    Each line then tells one combination of the coefficients, and only an assumption on how they vary from line to line
+    would tell more: that is not what constant coefficients are assumed for.
+    """
+    force, own = lines.u[..., :2], lines.own[..., :2, :2]
+    scale = 1 / lines.per_record((np.abs(force) ** 2).sum(-1))[:, lines.record]
+    moments = np.einsum("lni,lnj,ln->lij", force, np.conj(force), scale).real
+    noise = np.einsum("lnij,ln->lij", own, scale).real
+    finite = np.isfinite(moments).all((1, 2)) & np.isfinite(noise).all((1, 2))
+    one = np.zeros(len(moments), bool)
+    values = np.linalg.eigvalsh(moments[finite] - _FORCE_NOISE * noise[finite])
+    one[finite] = values[:, 0] < values[:, 1] / CONDITION_LIMIT**2
+    return one
 
 
 def _row_solutions(moments: np.ndarray) -> np.ndarray:

@@ -2,13 +2,11 @@
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, fields
-from math import isfinite
 from typing import Any
 
-from maglev_env.excitation import Excitation, check_interleaved
+from maglev_env.excitation import MAX_HARMONIC, Excitation, check_interleaved, is_number
 from maglev_env.rig import excitation_from_table
 
-MAX_HARMONIC = 1_000_000
 CHANNEL_UNITS: Mapping[str, str] = {
     "reference": "m",
     "displacement": "m",
@@ -120,7 +118,7 @@ def number_of(table: Mapping[str, Any], key: str, default: float | None = None, 
     value, name = table.get(key, default), f"{where}: {key}" if where else key
     if value is None:
         raise ValueError(f"{name} is missing")
-    if not _is_number(value):
+    if not is_number(value):
         raise ValueError(f"{name} = {value!r} is not a finite number")
     return float(value)
 
@@ -140,10 +138,6 @@ def _list_of(value: Any, where: str) -> list:
 
 
 def _numbers(value: Any, where: str) -> tuple[float, ...]:
-    if not _list_of(value, where) or not all(map(_is_number, value)):
+    if not _list_of(value, where) or not all(map(is_number, value)):
         raise ValueError(f"{where} = {value!r}; give finite numbers")
     return tuple(map(float, value))
-
-
-def _is_number(value: Any) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool) and isfinite(value)

@@ -109,11 +109,11 @@ def _excitation(excitation: Excitation) -> dict[str, Any]:
     lines = table.pop("lines")
     if excitation.kind == "sphs":
         del table["seed"]
-    if not excitation.direction:
-        del table["direction"]
-    del table["band"]
+    for name in ("direction", "band"):
+        if not table[name]:
+            del table[name]
     if not excitation.periodic:
-        return {"kind": excitation.kind, "at": excitation.at}
+        return {name: table[name] for name in ("kind", "at", "direction", "band") if name in table}
     gapless = len(lines) > 1 and lines[-1] - lines[0] == len(lines) - 1
     return {**table, **({"harmonics": [lines[0], lines[-1]]} if gapless else {"lines": lines})}
 

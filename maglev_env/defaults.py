@@ -32,6 +32,10 @@ def with_defaults(rig: Rig) -> Rig:
     if rig.controlled and not rig.bounds and isinstance(first, Gains):
         span = {name: (getattr(first, name) * low, getattr(first, name) * high) for name, (low, high) in BOUNDS.items()}
         rig = replace(rig, bounds={name: pair for name, pair in span.items() if pair[1] > pair[0]})
+    if not rig.protocol and not rig.controlled and not rig.support_stiffness:
+        raise ValueError(
+            f"rig {rig.name}: nothing holds it, so no force is the right one; give support_stiffness or a [protocol]"
+        )
     return rig if rig.protocol else replace(rig, protocol=_protocol(rig))
 
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 from functools import lru_cache
 from itertools import pairwise
 from math import isfinite
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
@@ -14,6 +14,7 @@ from estimation.sphs import Multisine, random_phase, sphs, synthesise
 
 KINDS = ("sphs", "multisine", "low_crest", "recorded", "none")
 PLACES = ("force", "current", "reference")
+MAX_HARMONIC = 1_000_000
 UNITS = {"force": "N", "current": "A", "reference": "m"}
 
 
@@ -40,8 +41,13 @@ class Excitation:
     band: tuple[float, float] | None = None
 
     def __post_init__(self) -> None:
-        if not isfinite(self.direction):
-            raise ValueError(f"excitation: direction = {self.direction} must be a number of degrees")
+        units = {"fundamental": "Hz", "amplitude": UNITS.get(self.at, ""), "direction": "degrees"}
+        for name, unit in units.items():
+            if not is_number(getattr(self, name)):
+                raise ValueError(f"excitation: {name} = {getattr(self, name)!r} must be a finite number of {unit}")
+        if type(self.seed) is not int or self.seed < 0:
+            raise ValueError(f"excitation: seed = {self.seed!r} must be a whole number, at least 0")
+        check_harmonics(self.lines, "lines")
         if self.kind not in KINDS:
             raise ValueError(f"excitation: kind = {self.kind!r}; use one of {', '.join(KINDS)}")
         if self.at not in PLACES:
@@ -55,7 +61,7 @@ class Excitation:
         lines = self.lines
         if not lines or any(b <= a for a, b in pairwise(lines)) or lines[0] < 1:
             raise ValueError("excitation: lines must be strictly increasing harmonic numbers, the first at least 1")
-        if not (isfinite(self.amplitude) and self.amplitude > 0):
+        if not self.amplitude > 0:
             raise ValueError(f"excitation: amplitude = {self.amplitude} {UNITS[self.at]} must be positive")
 
     @property
@@ -113,9 +119,13 @@ def parse_lines(text: str) -> tuple[int, ...]:
     """Harmonics from `first:last` or `first:last:step`; ValueError when it is not that."""
     try:
         first, last, *step = (int(part) for part in text.split(":"))
+        if last > MAX_HARMONIC:  # bounded before a range is laid out: a slip of the pen must not take gigabytes
+            raise ValueError
         lines = tuple(range(first, last + 1, *step))
     except (ValueError, TypeError):
-        raise ValueError(f"lines {text!r}: write first:last or first:last:step, whole numbers") from None
+        raise ValueError(
+            f"lines {text!r}: write first:last or first:last:step, whole numbers up to {MAX_HARMONIC}"
+        ) from None
     if not lines or first < 1:
         raise ValueError(f"lines {text!r} hold no harmonic from 1 up")
     return lines
@@ -132,6 +142,21 @@ def parse_excitation(text: str, fundamental: float, kind: str = "sphs") -> Excit
     except ValueError:
         raise ValueError(f"excitation {text!r}: the peak {numbers[0]!r} or the direction is not a number") from None
     return Excitation(kind, place.strip(), fundamental, parse_lines(lines), amplitude, direction=direction)
+
+
+def is_number(value: Any) -> bool:
+    """Whether a value is a finite number, and no boolean."""
+    try:
+        return isinstance(value, int | float) and not isinstance(value, bool) and isfinite(value)
+    except OverflowError:  # a whole number beyond floats
+        return False
+
+
+def check_harmonics(lines: Iterable[Any], name: str) -> None:
+    """ValueError unless all are whole numbers from 1 to MAX_HARMONIC; before a range between them is laid out."""
+    for line in lines:
+        if isinstance(line, bool) or not isinstance(line, int | np.integer) or not 1 <= line <= MAX_HARMONIC:
+            raise ValueError(f"excitation: {name}: {line!r} is not a whole number from 1 to {MAX_HARMONIC}")
 
 
 def lines_at(excitations: Iterable[Excitation], place: str | None = None) -> np.ndarray:

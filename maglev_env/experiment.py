@@ -52,7 +52,13 @@ class Experiment:
             )
         if self.sample_rate is not None and (isinstance(self.sample_rate, bool) or not 0 < self.sample_rate < inf):
             raise ValueError(f"experiment: sample_rate = {self.sample_rate!r} Hz must be a positive number")
-        sampling(self.sample_rate or self.rig.control_rate, self.rig.control_rate)
+        sampling(self.recorded_rate, self.rig.control_rate)
+        for e in self.excitations:
+            if e.periodic and 2 * e.frequencies[-1] >= self.recorded_rate:
+                raise ValueError(
+                    f"experiment: line {e.lines[-1]} ({e.frequencies[-1]:g} Hz) is not below half of the recorded "
+                    f"{self.recorded_rate:g} Hz: it would fold back; sample faster, or leave the line out"
+                )
         if self.periods < 1 or self.transient_periods < 0:
             raise ValueError("experiment: periods must be at least 1 and transient_periods at least 0")
         if self.offset and abs(self.offset) >= self.rig.clearance:

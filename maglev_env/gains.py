@@ -1,10 +1,11 @@
 """Controllers of an axis: PID gains, as the digital controller of the nominal rig uses them, or any linear filter."""
 
 from dataclasses import asdict, dataclass, replace
-from math import exp, isfinite
+from math import exp
 
 import numpy as np
 
+from maglev_env.excitation import is_number
 from maglev_env.planar import AXES
 
 
@@ -24,7 +25,7 @@ class Gains:
 
     def __post_init__(self) -> None:
         for name, value in asdict(self).items():
-            if isinstance(value, bool) or not isinstance(value, int | float) or not isfinite(value):
+            if not is_number(value):
                 raise ValueError(f"gains: {name} = {value!r} is not a finite number")
         for name in ("td", "ti"):
             if getattr(self, name) <= 0:
@@ -45,7 +46,7 @@ class LinearController:
     def __post_init__(self) -> None:
         for name in ("numerator", "denominator"):
             values = getattr(self, name)
-            if not values or not all(isinstance(v, int | float) and isfinite(v) for v in values):
+            if not isinstance(values, tuple) or not values or not all(map(is_number, values)):
                 raise ValueError(f"controller: {name} = {values!r}; give finite numbers, the highest power of z first")
         if self.denominator[0] != 1:
             raise ValueError(

@@ -11,7 +11,7 @@ from estimation.frequency_response import Distortion, coherence, distortion, fre
 from estimation.least_squares import LeastSquares, least_squares
 from estimation.max_likelihood import BandEstimate, least_squares_bias, maximum_likelihood
 from estimation.modal import ModalEstimate, modal_estimate
-from estimation.periods import LineStatistics
+from estimation.periods import LineStatistics, held
 from estimation.stability import Margins, iso_14839_2_zone, iso_14839_3_zone, margins
 from maglev_env.experiment import Experiment
 from maglev_env.linear import LoopResponse, loop_response
@@ -100,7 +100,7 @@ def identify(
     statistics, force, dropped = spectra.all, spectra.force, spectra.transient_periods
     actuator = None
     if not force.lines.size or "force" not in force.channels:
-        actuator, force, drive = _through_magnets(spectra, mass, estimate_mass)
+        actuator, force, drive = _through_magnets(signals, spectra, mass, estimate_mass)
         notes.append(
             f"no force is excited and recorded: the {drive} stands for it, its actuator gain fitted to the mass; "
             "stiffness and damping are those of the rotor without its controller"
@@ -194,7 +194,7 @@ def _bands(
 
 
 def _through_magnets(
-    spectra: RecordSpectra, mass: float | None, estimate_mass: bool
+    signals: RecordedSignals, spectra: RecordSpectra, mass: float | None, estimate_mass: bool
 ) -> tuple[ActuatorEstimate, LineStatistics, str]:
     """The actuator, and the lines of an injection or reference with the current (else the command) as the force."""
     statistics = spectra.all
@@ -206,6 +206,10 @@ def _through_magnets(
             "channel force; or one at the current or reference, the channel current, and a known mass"
         )
     excited = statistics.at_lines(lines)
+    # What a converter puts out it holds; a current behind an amplifier's lag only where that is stated.
+    hold_rate = signals.hold_rate or (signals.sample_rate if drive == "command" else None)
+    if hold_rate:
+        excited = held(excited, drive, hold_rate)
     if drive == "command":
         excited = replace(excited, channels=tuple("current" if n == drive else n for n in excited.channels))
     actuator = actuator_estimate(excited, mass)
@@ -268,7 +272,7 @@ def _stability(
         loop = statistics.at_lines(injected)
         s, variance = frequency_response(loop, "command", "injection")
         source, why = "injection", None
-    elif rig is not None and rig.controlled and signals.gains is not None:
+    elif rig is not None and rig.controlled and signals.gains is not None and "force" in statistics.channels:
         nominal = _nominal(rig, signals, force.frequency)
         open_receptance = nominal.receptance / nominal.sensitivity
         feedback = nominal.controller * nominal.plant / open_receptance

@@ -43,6 +43,8 @@ def identify_planar(
     Bands as `identify` lays them. mass kg, of both axes where the rig does not give one its own. ValueError when a
     channel or a force excitation is missing.
     """
+    if not records:
+        raise ValueError("the eight coefficients need at least one recording, better two")
     forces = [record_spectra(signals).force for signals in records]
     if not all(force.lines.size for force in forces):
         raise ValueError("the eight coefficients need an excitation at the force in every recording")
@@ -63,8 +65,8 @@ def identify_planar(
             "Record again with the excitation turned, 90 degrees best, or drive x and y on lines of their own"
         )
     bearing = [None, None]
-    if rig is not None and rig.support_stiffness:
-        supports = [axis_rig(rig, axis) for axis in range(2)]
+    supports = [] if rig is None else [axis_rig(rig, axis) for axis in range(2)]
+    if any(own.support_stiffness for own in supports):
         k, c = np.array([(own.support_stiffness, own.support_damping) for own in supports]).T
         bearing = [estimate.stiffness - np.diag(k), estimate.damping - np.diag(c)]
     return PlanarIdentification(

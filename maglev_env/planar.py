@@ -1,7 +1,8 @@
 """Rigs of two axes: their names, and what couples them."""
 
 from dataclasses import dataclass, fields
-from math import isfinite
+
+from maglev_env.excitation import is_number
 
 AXES = ("x", "y")
 
@@ -26,7 +27,7 @@ class Cross:
     def __post_init__(self) -> None:
         for f in fields(self):
             value = getattr(self, f.name)
-            if isinstance(value, bool) or not isinstance(value, int | float) or not isfinite(value):
+            if not is_number(value):
                 raise ValueError(f"[cross]: {f.name} = {value!r} is not a finite number")
 
     def onto(self, axis: int) -> tuple[float, float, float, float]:

@@ -19,9 +19,10 @@ SPECTRAL = ("displacement", "command", "force", "current", "injection")
 class RecordedSignals:
     """A recording as arrays: channel name -> (samples,) in SI, sample_rate Hz, and what excited it.
 
-    axes: 2 when its channels end in _x and _y. hold_rate: Hz at which a converter held the force channel, None where
-    it is the reading of a continuous force. elsewhere: harmonics that something else drives, across the axis that these
-    signals are of. assumed: in words, what was assumed to get here.
+    axes: 2 when its channels end in _x and _y. axis: which one of two axes these signals are of. hold_rate: Hz at which
+    a converter held the force channel (without one, the current), None where it is the reading of a continuous one.
+    elsewhere: harmonics that something else drives, across the axis that these signals are of. assumed: in words, what
+    was assumed to get here.
     """
 
     channels: dict[str, np.ndarray]
@@ -31,6 +32,7 @@ class RecordedSignals:
     gains: Controllers | None = None
     assumed: tuple[str, ...] = ()
     axes: int = 1
+    axis: int | None = None
     elsewhere: np.ndarray = field(default_factory=lambda: np.zeros(0, int))
 
     @property
@@ -62,11 +64,12 @@ def axis_signals(signals: RecordedSignals, axis: int) -> RecordedSignals:
     if signals.axes == 1:
         return signals
     ending = f"_{AXES[axis]}"
-    channels = {name.removesuffix(ending): v for name, v in signals.channels.items() if name.endswith(ending)}
+    other = f"_{AXES[1 - axis]}"
+    channels = {name.removesuffix(ending): v for name, v in signals.channels.items() if not name.endswith(other)}
     own = axis_excitations(signals.excitations, axis)
     elsewhere = np.setdiff1d(lines_at(signals.excitations), lines_at(own))
     gains = signals.gains and of_axis(signals.gains, axis)
-    return replace(signals, channels=channels, excitations=own, gains=gains, axes=1, elsewhere=elsewhere)
+    return replace(signals, channels=channels, excitations=own, gains=gains, axes=1, axis=axis, elsewhere=elsewhere)
 
 
 def record_spectra(signals: RecordedSignals) -> RecordSpectra:
@@ -76,6 +79,8 @@ def record_spectra(signals: RecordedSignals) -> RecordSpectra:
     `local_polynomial` against the channel that its excitation is recorded in. ValueError when nothing is excited, or
     several excitations are not periodic.
     """
+    if all(e.kind == "none" for e in signals.excitations):
+        raise ValueError("nothing is excited along this axis: there is no response to it")
     if signals.periodic:
         statistics, dropped, rest = _periodic(signals)
         driven = {place: lines_at(signals.excitations, place) for place in PLACES}

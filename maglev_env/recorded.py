@@ -1,5 +1,6 @@
 """From a campaign's recording to the arrays that identification and checks work on."""
 
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -8,7 +9,7 @@ from maglev_env.campaign import Campaign, RecordingSpec
 from maglev_env.excitation import Excitation
 from maglev_env.experiment import sampling
 from maglev_env.planar import AXES
-from maglev_env.record_spectra import RecordedSignals
+from maglev_env.record_spectra import RecordedSignals, axis_signals
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -25,13 +26,20 @@ def recorded_signals(campaign: Campaign, spec: RecordingSpec, dataset: "xr.Datas
     if all(e.kind == "none" for e in spec.excitations):
         raise ValueError(f"{where}: no excitation is stated; stiffness and damping need one")
     channels = {str(name): dataset[name].values for name in dataset.data_vars}
-    suffixes = [f"_{axis}" for axis in AXES if f"displacement_{axis}" in channels]
-    axes = max(1, len(suffixes))
-    if axes == 1:  # one axis may carry its letter
-        channels = {name.removesuffix(suffixes[0]) if suffixes else name: v for name, v in channels.items()}
-    assumed = _stand_in(campaign, channels, spec, axes)
+    lettered = [axis for axis, name in enumerate(AXES) if f"displacement_{name}" in channels]
+    if campaign.rig is not None and campaign.rig.axes == 2 and not lettered:
+        raise ValueError(f"{where}: rig {campaign.rig.name} has two axes; name the channels displacement_x, ... or _y")
+    assumed = _stand_in(campaign, channels, spec, lettered)
     hold_rate, why = _hold(campaign, spec)
-    return RecordedSignals(channels, spec.sample_rate, spec.excitations, hold_rate, spec.gains, (*assumed, *why), axes)
+    signals = RecordedSignals(
+        channels, spec.sample_rate, spec.excitations, hold_rate, spec.gains, (*assumed, *why), max(1, len(lettered))
+    )
+    if len(lettered) == 1:
+        if not any(e.direction for e in spec.excitations):  # of one axis it is not said which way: along it
+            along = tuple(replace(e, direction=90.0 * lettered[0]) for e in spec.excitations)
+            signals = replace(signals, excitations=along)
+        return axis_signals(replace(signals, axes=2), lettered[0])
+    return signals
 
 
 def _designed(campaign: Campaign, spec: RecordingSpec, excitation: Excitation) -> np.ndarray:
@@ -45,13 +53,17 @@ def _designed(campaign: Campaign, spec: RecordingSpec, excitation: Excitation) -
     return np.repeat(excitation.waveform(campaign.rig.control_rate), multiple)[::every]
 
 
-def _stand_in(campaign: Campaign, channels: dict[str, np.ndarray], spec: RecordingSpec, axes: int) -> list[str]:
-    """Fill in the injection channel of a designed sequence; what was assumed for it."""
+def _stand_in(
+    campaign: Campaign, channels: dict[str, np.ndarray], spec: RecordingSpec, lettered: list[int]
+) -> list[str]:
+    """Fill in the injection channels of a designed sequence; what was assumed for it."""
     injected = [e for e in spec.excitations if e.periodic and e.at == "current"]
+    turned = any(e.direction for e in spec.excitations)
     samples = next(iter(channels.values())).size
     done = []
-    for axis, name in enumerate(["injection"] if axes == 1 else [f"injection_{a}" for a in AXES]):
-        share = [e.components[axis] if axes == 2 else 1.0 for e in injected]
+    for axis in lettered or [0]:
+        name = f"injection_{AXES[axis]}" if lettered else "injection"
+        share = [1.0 if len(lettered) == 1 and not turned else e.components[axis] for e in injected]
         if any(share) and name not in channels:
             # A stated Schroeder injection is digital: its design is what was injected.
             one = sum(c * _designed(campaign, spec, e) for c, e in zip(share, injected, strict=True))
@@ -61,10 +73,8 @@ def _stand_in(campaign: Campaign, channels: dict[str, np.ndarray], spec: Recordi
 
 
 def _hold(campaign: Campaign, spec: RecordingSpec) -> tuple[float | None, list[str]]:
-    """Hz at which the force is held (None: continuous), and what was assumed of it."""
+    """Hz at which the force, or without one the current, is held (None: continuous), and what was assumed of it."""
     at_force = [e for e in spec.excitations if e.at == "force" and e.kind != "none"]
-    if not at_force:
-        return None, []
     designed = any(e.periodic for e in at_force)
     rate = spec.sample_rate
     if campaign.rig is not None:
@@ -79,6 +89,10 @@ def _hold(campaign: Campaign, spec: RecordingSpec) -> tuple[float | None, list[s
         return rate, []
     if spec.intersample == "bl":
         return None, []
+    if not at_force:
+        stepped = campaign.rig is not None and campaign.rig.controlled and not campaign.rig.amplifier_time_constant
+        why = 'intersample is not stated: the rig\'s amplifier has no lag, so its current is taken as held ("zoh")'
+        return (rate, [why]) if stepped else (None, [])
     if campaign.rig is not None and designed:
         return rate, ['intersample is not stated: on a named rig a designed force is taken as held ("zoh")']
     half = 0.5 / spec.sample_rate

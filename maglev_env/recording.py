@@ -123,27 +123,30 @@ def check_excited(dataset: "xr.Dataset", spec: RecordingSpec) -> None:
     """
     for excitation in spec.excitations:
         if excitation.periodic and excitation.at == "force":
-            name, force = _force_along(dataset, excitation)
-            if force is not None:
-                _check_lines(name, force, np.array(excitation.lines), spec)
+            name, forces = _force_along(dataset, excitation)
+            if forces is not None:
+                _check_lines(name, forces, np.array(excitation.lines), spec)
 
 
 def _force_along(dataset: "xr.Dataset", excitation: Excitation) -> tuple[str, np.ndarray | None]:
-    """The force in the direction of an excitation and the name of its channel; None where it was not recorded."""
+    """The force in the direction of an excitation, and on an x-y rig across it, (1 or 2, samples), with the name of its
+    channel; None where it was not recorded."""
     planar = [f"force_{axis}" for axis in AXES]
     if all(name in dataset for name in planar):
-        return "force", sum(c * dataset[name].values for c, name in zip(excitation.components, planar, strict=True))
+        x, y = (dataset[name].values for name in planar)
+        c, s = excitation.components
+        return "force", np.array([c * x + s * y, c * y - s * x])
     forces = [name for name in dataset.data_vars if name.partition("_")[0] == "force"]
-    return (forces[0], dataset[forces[0]].values) if len(forces) == 1 else ("force", None)
+    return (forces[0], dataset[forces[0]].values[None]) if len(forces) == 1 else ("force", None)
 
 
-def _check_lines(name: str, force: np.ndarray, lines: np.ndarray, spec: RecordingSpec) -> None:
-    periods = split_periods(force[None], spec.samples_per_period)
+def _check_lines(name: str, forces: np.ndarray, lines: np.ndarray, spec: RecordingSpec) -> None:
+    periods = split_periods(forces, spec.samples_per_period)
     # The first period may hold the start of the excitation.
-    spectra = np.array([period_spectra(p, lines)[0] for p in periods[1 if len(periods) > 2 else 0 :]])
-    amplitude = np.abs(spectra.mean(axis=0))
-    noise = np.sqrt(spectra.var(axis=0, ddof=1) / len(spectra))
-    missing = (amplitude <= LINE_SIGNIFICANCE * noise) | (amplitude <= LINE_FLOOR * amplitude.max())
+    spectra = np.array([period_spectra(p, lines) for p in periods[1 if len(periods) > 2 else 0 :]])
+    whole = np.abs(spectra.mean(axis=0))
+    amplitude, noise = whole[0], np.sqrt(spectra.var(axis=0, ddof=1)[0] / len(spectra))
+    missing = (amplitude <= LINE_SIGNIFICANCE * noise) | (amplitude <= LINE_FLOOR * whole.max())
     if missing.any():
         line = int(lines[np.argmax(missing)])
         fundamental = spec.sample_rate / spec.samples_per_period
@@ -239,7 +242,10 @@ def _check_time(path: Path, time: np.ndarray, spec: RecordingSpec) -> None:
 
 
 def _check_moves(path: Path, name: str, values: np.ndarray, spec: RecordingSpec) -> None:
-    driven = any(e.at == "force" and e.kind != "none" for e in spec.excitations)
+    along = {"_x": 0, "_y": 1}.get(name[-2:])
+    driven = any(
+        e.at == "force" and e.kind != "none" and (along is None or e.components[along]) for e in spec.excitations
+    )
     kind = name.partition("_")[0]
     if (kind == "displacement" or (kind == "force" and driven)) and values.min() == values.max():
         raise ValueError(f"{path}: channel {name!r} is {values[0]:g} in every sample; is the sensor connected?")

@@ -4,11 +4,11 @@ import tomllib
 from collections.abc import Mapping
 from dataclasses import MISSING, dataclass, field, fields, replace
 from importlib import resources
-from math import inf, isfinite
+from math import inf
 from pathlib import Path
 from typing import Any
 
-from maglev_env.excitation import Excitation, axis_excitations, check_interleaved
+from maglev_env.excitation import Excitation, axis_excitations, check_harmonics, check_interleaved, is_number
 from maglev_env.gains import Controllers, Gains, LinearController, of_axis
 from maglev_env.magnet_checks import check_magnet
 from maglev_env.planar import AXES, NO_CROSS, Cross
@@ -37,6 +37,12 @@ class Protocol:
 
     def __post_init__(self) -> None:
         check_interleaved(self.excitations)
+        for name in ("periods", "transient_periods"):
+            if type(getattr(self, name)) is not int:
+                raise ValueError(f"[protocol]: {name} = {getattr(self, name)!r} must be a whole number")
+        for name in ("band_width", "band_overlap"):
+            if not is_number(getattr(self, name)):
+                raise ValueError(f"[protocol]: {name} = {getattr(self, name)!r} is not a finite number")
         if self.periods < 2 or self.transient_periods < 0:
             raise ValueError("[protocol]: periods must be at least 2 and transient_periods at least 0")
         if not 0 <= self.band_overlap < self.band_width:
@@ -54,7 +60,7 @@ class Noise:
     def __post_init__(self) -> None:
         for f in fields(self):
             v = getattr(self, f.name)
-            if not (isfinite(v) and v >= 0):
+            if not (is_number(v) and v >= 0):
                 raise ValueError(f"[noise]: {f.name} = {v} must be a number, at least 0")
 
 
@@ -68,6 +74,12 @@ class Target:
     damping: float | None = None
     peak_sensitivity: float = 2.5
     current_limit: float = 1.0
+
+    def __post_init__(self) -> None:
+        for name in ("stiffness", "damping", "peak_sensitivity", "current_limit"):
+            value = getattr(self, name)
+            if not (value is None and name in ("stiffness", "damping")) and not (is_number(value) and value > 0):
+                raise ValueError(f"[target]: {name} = {value!r} must be a number above 0")
 
 
 @dataclass(frozen=True)
@@ -129,14 +141,20 @@ class Rig:
             raise ValueError(f"magnet = {self.magnet!r}; use one of {', '.join(MAGNETS)}")
         if self.flux_path not in FLUX_PATHS:
             raise ValueError(f"flux_path = {self.flux_path!r}; use one of {', '.join(FLUX_PATHS)}")
-        if self.axes not in (1, 2):
+        if not isinstance(self.name, str) or not self.name:
+            raise ValueError(f"name = {self.name!r} must be a text")
+        if type(self.axes) is not int or self.axes not in (1, 2):
             raise ValueError(f"axes = {self.axes!r}; use 1, or 2 for x and y")
         if self.axes == 1 and (self.per_axis or self.cross != NO_CROSS or isinstance(self.gains, tuple)):
             raise ValueError("[axis], [cross] and gains per axis need axes = 2")
+        if self.axes == 1 and self.protocol and any(e.components[1] for e in self.protocol.excitations):
+            raise ValueError("[protocol]: an excitation's direction needs axes = 2")
         if isinstance(self.gains, tuple) and len(self.gains) != 2:
             raise ValueError(f"gains: {len(self.gains)} controllers; give one for both axes, or one for each")
         for axis, own in self.per_axis.items():
             _known(axis, AXES, "[axis]")
+            if not isinstance(own, Mapping):
+                raise ValueError(f"[axis.{axis}] = {own!r} must be a table")
             for key in own:
                 _known(key, _PER_AXIS, f"[axis.{axis}]")
         if not self.clearance:
@@ -146,8 +164,11 @@ class Rig:
                 _check_range(f.name, getattr(self, f.name), f.metadata)
         if self.clearance > self.gap:
             raise ValueError(f"clearance = {self.clearance} m is larger than the gap {self.gap} m")
-        for axis in range(self.axes if self.per_axis else 0):
-            axis_rig(self, axis)  # an axis' own parameters are checked like the common ones
+        for axis, name in enumerate(AXES if self.per_axis else ()):
+            try:  # an axis' own parameters are checked like the common ones
+                axis_rig(self, axis)
+            except ValueError as error:
+                raise ValueError(f"[axis.{name}]: {error}") from None
         check_magnet(self)
 
     @property
@@ -160,7 +181,7 @@ def _check_range(name: str, value: Any, metadata: Mapping[str, Any]) -> None:
     if value is None:
         return
     whole = isinstance(metadata["low"], int)
-    if isinstance(value, bool) or not isinstance(value, int if whole else int | float) or not isfinite(value):
+    if not is_number(value) or (whole and not isinstance(value, int)):
         raise ValueError(f"{name} = {value!r} is not {'a whole number' if whole else 'a finite number'}")
     if not metadata["low"] <= value <= metadata["high"]:
         raise ValueError(
@@ -220,7 +241,9 @@ def rig_from_toml(text: str, where: str) -> Rig:
     """Parse and check a rig TOML (schema maglev-rig/1); `where` names it in messages."""
     try:
         return _build(tomllib.loads(text))
-    except (tomllib.TOMLDecodeError, ValueError, TypeError) as error:
+    except RecursionError:
+        raise ValueError(f"{where}: tables or lists lie too deep; a rig file has one level of them") from None
+    except (ValueError, TypeError, ArithmeticError) as error:
         raise ValueError(f"{where}: {error}") from error
 
 
@@ -236,7 +259,9 @@ _TABLES = (
 def _build(data: dict[str, Any]) -> Rig:
     if data.get("schema") != SCHEMA:
         raise ValueError(f'schema = {data.get("schema")!r}; this version reads schema = "{SCHEMA}"')
-    for key in data:
+    for key, value in data.items():
+        if key in _TABLES and not isinstance(value, dict):
+            raise ValueError(f"[{key}] = {value!r} must be a table")
         _known(key, ("schema", "name", "magnet", "axes", *_TABLES), "top level")
     for key in ("name", "magnet", "parameters"):
         if key not in data:
@@ -250,7 +275,7 @@ def _build(data: dict[str, Any]) -> Rig:
         _known(key, [f.name for f in fields(Gains)], "[bounds]")
     for key, value in data.get("tolerance", {}).items():
         _known(key, PARAMETERS, "[tolerance]")
-        if not 0 <= value < 1:
+        if not (is_number(value) and 0 <= value < 1):
             raise ValueError(f"[tolerance]: {key} = {value} must be a relative 1-sigma uncertainty in 0 .. 1")
     drawn = data.get("randomization", {})
     randomization = {key: _pair(value, f"[randomization] {key}") for key, value in drawn.items()}
@@ -290,13 +315,19 @@ def controllers_from_table(table: Any, where: str) -> Controllers:
             _known(key, AXES, where)
         if missing := [axis for axis in AXES if axis not in table]:
             raise ValueError(f"{where}: axis {missing[0]} has none; give {where}.x and {where}.y, or one for both")
+        for axis in AXES:
+            if isinstance(table[axis], Mapping) and any(key in AXES for key in table[axis]):
+                raise ValueError(f"{where}.{axis}: x and y again; give one controller")
         return tuple(controllers_from_table(table[axis], f"{where}.{axis}") for axis in AXES)
     cls = LinearController if {"numerator", "denominator"} & set(table) else Gains
     for key in table:
         _known(key, [f.name for f in fields(cls)], where)
     if missing := [f.name for f in fields(cls) if f.default is MISSING and f.name not in table]:
         raise ValueError(f"{where}: {', '.join(missing)} missing")
-    return cls(**{key: tuple(v) if isinstance(v, list) else v for key, v in table.items()})
+    try:
+        return cls(**{key: tuple(v) if isinstance(v, list) else v for key, v in table.items()})
+    except ValueError as error:
+        raise ValueError(f"{where}: {error}") from None
 
 
 def _protocol(data: dict[str, Any]) -> Protocol:
@@ -312,7 +343,8 @@ def excitation_from_table(table: Mapping[str, Any], ignored: tuple[str, ...] = (
     table = {k: v for k, v in table.items() if k not in ignored}
     harmonics = table.pop("harmonics", None)
     if harmonics is not None:
-        first, last = _pair(harmonics, "excitation harmonics")
+        first, last = _pair(harmonics, "excitation: harmonics")
+        check_harmonics((first, last), "harmonics")
         if "lines" in table:
             raise ValueError("excitation: give lines or harmonics, not both")
         table["lines"] = range(int(first), int(last) + 1)
@@ -323,7 +355,9 @@ def excitation_from_table(table: Mapping[str, Any], ignored: tuple[str, ...] = (
     if "band" in table:
         table["band"] = _pair(table["band"], "excitation band")
     if "lines" in table:
-        table["lines"] = tuple(int(line) for line in table["lines"])
+        if not isinstance(table["lines"], list | tuple | range):
+            raise ValueError(f"excitation: lines = {table['lines']!r}; give a list of harmonic numbers")
+        table["lines"] = tuple(table["lines"])
     return Excitation(**table)
 
 
@@ -340,6 +374,6 @@ def _known(key: str, known: Any, where: str) -> None:
 
 
 def _pair(value: Any, where: str) -> tuple[float, float]:
-    if not (isinstance(value, list | tuple) and len(value) == 2 and value[0] < value[1]):
+    if not (isinstance(value, list | tuple) and len(value) == 2 and all(map(is_number, value)) and value[0] < value[1]):
         raise ValueError(f"{where} = {value!r} must be two increasing numbers")
     return value[0], value[1]

@@ -3,20 +3,33 @@
 import os
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from functools import cache
 from typing import TypeVar
+
+from threadpoolctl import ThreadpoolController
 
 Item, Result = TypeVar("Item"), TypeVar("Result")
 
 
 def over_threads(work: Callable[[Item], Result], items: Sequence[Item], threads: int | None) -> Iterator[Result]:
-    """work(item) for every item, in their order; threads: None for all cores. An interrupt drops what has not begun."""
+    """work(item) for every item, in their order; threads: None for all cores. An interrupt drops what has not begun.
+
+    Meanwhile linear algebra keeps to one thread each: on matrices as small as ours its own threads only wait for each
+    other, and cost ten times what they bring.
+    """
     threads = min(threads or os.cpu_count() or 1, len(items))
-    if threads <= 1:
-        yield from map(work, items)
-        return
-    with ThreadPoolExecutor(threads) as pool:
-        try:
-            yield from pool.map(work, items)
-        except BaseException:
-            pool.shutdown(wait=True, cancel_futures=True)
-            raise
+    with _blas().limit(limits=1, user_api="blas"):
+        if threads <= 1:
+            yield from map(work, items)
+            return
+        with ThreadPoolExecutor(threads) as pool:
+            try:
+                yield from pool.map(work, items)
+            except BaseException:
+                pool.shutdown(wait=True, cancel_futures=True)
+                raise
+
+
+@cache
+def _blas() -> ThreadpoolController:
+    return ThreadpoolController()

@@ -158,15 +158,17 @@ def simulate(
     )
 
 
-@app.command(epilog="Example: maglev bench --json bench.json")
+@app.command(epilog="Example: maglev bench --compare old.json --json new.json")
 @friendly
 def bench(
-    out: Annotated[Path, typer.Option(help="HTML page to write.")] = Path("bench.html"), json_file: JsonOption = None
+    out: Annotated[Path, typer.Option(help="HTML page to write.")] = Path("bench.html"),
+    compare: Annotated[Path | None, typer.Option(help="What --json wrote in an earlier run: compare with it.")] = None,
+    json_file: JsonOption = None,
 ) -> None:
-    """Speed of the simulator and the estimators, as ratios to references measured in the same run."""
+    """Speed and memory of simulator and estimators, beside references measured in the same run; about a minute."""
     from benchmarks import speed
 
-    speed.run(out, json_file)
+    speed.run(out, json_file, compare)
 
 
 @app.command(epilog="Example: maglev effects")

@@ -27,9 +27,13 @@ def run(source: Path, out: Path | None, json_file: Path | None) -> None:
         dataset = read_recording(campaign, spec)
         signals = recorded_signals(campaign, spec, dataset)
         for axis in range(signals.axes):
+            own = axis_signals(signals, axis)
             name = spec.file if signals.axes == 1 else f"{spec.file}, {AXES[axis]}"
-            rig = campaign.rig and axis_rig(campaign.rig, axis)
-            quality = recording_quality(axis_signals(signals, axis), rig)
+            if not own.excitations:
+                console.print(f"{name}: nothing is excited along this axis")
+                continue
+            rig = campaign.rig if campaign.rig is None or own.axis is None else axis_rig(campaign.rig, own.axis)
+            quality = recording_quality(own, rig)
             found.append((name, quality))
             for table in _tables(name, quality):
                 console.print(table)

@@ -102,15 +102,22 @@ def run(
     console.print(f"page  {page}")
 
 
-def _axes(file: str, signals: RecordedSignals, rig: Rig | None, *options: object) -> list[tuple[str, Identification]]:
+def _axes(
+    file: str, signals: RecordedSignals, rig: Rig | None, mass: float | None, *options: object
+) -> list[tuple[str, Identification]]:
     """The identification of a recording, of each axis by itself where there are two."""
-    if signals.axes == 1:
-        return [(file, identify(signals, rig, *options))]
+    parts = [(file, signals)]
+    if signals.axes == 2:
+        parts = [(f"{file}, {name}", axis_signals(signals, axis)) for axis, name in enumerate(AXES)]
+        # An axis that nothing pushes along tells nothing by itself.
+        pushed = [(name, own) for name, own in parts if any(e.at == "force" for e in own.excitations)]
+        parts = pushed or [(name, own) for name, own in parts if own.excitations]
     found = []
-    for axis, name in enumerate(AXES):
-        own = axis_signals(signals, axis)
-        if own.excitations:  # an axis that nothing pushes along tells nothing by itself
-            found.append((f"{file}, {name}", identify(own, rig and axis_rig(rig, axis), *options)))
+    for name, own in parts:
+        one = rig if rig is None or own.axis is None else axis_rig(rig, own.axis)
+        # A mass given stands for the rig's common one; an axis may have its own share of it.
+        share = mass if mass is None or one is None or rig is None else mass * one.mass / rig.mass
+        found.append((name, identify(own, one, share, *options)))
     return found
 
 

@@ -141,7 +141,7 @@ def _axis(axes: Axes, which: str, ends: tuple[float, float], label: str, log: bo
         ticks = np.ravel(np.outer(decades, steps))
         axes.set(**{f"{which}scale": "log"})
     else:
-        ticks = MaxNLocator(4, steps=[1, 2, 5, 10]).tick_values(*ends)
+        ticks = MaxNLocator(5, steps=[1, 2, 2.5, 5, 10]).tick_values(*ends)
     ticks = ticks[(ticks >= ends[0]) & (ticks <= ends[1])]
     axis = getattr(axes, f"{which}axis")
     axis.set_ticks([], minor=True)
@@ -187,11 +187,11 @@ def _motion(e: Experiment, info: dict[str, Any]) -> tuple[np.ndarray, np.ndarray
 
 def _motion_title(axes: Axes, e: Experiment, info: dict[str, Any]) -> None:
     if "touchdown_time" in info:
-        return _title(axes, f"Rotor in its bore: touchdown after {_plain(info['touchdown_time'])} s", RED)
+        _title(axes, f"Rotor in its bore: touchdown after {_plain(info['touchdown_time'])} s", RED)
+        return
     peak, clearance = info["peak_displacement"], e.rig.clearance
     zone = iso_14839_2_zone(peak, clearance)
-    of_clearance = f"{peak / clearance:.0%} of clearance, zone {zone}"
-    return _title(axes, f"Rotor in its bore: peak {peak * 1e6:.3g} µm, {of_clearance}")
+    _title(axes, f"Rotor in its bore: peak {peak * 1e6:.3g} µm, {peak / clearance:.0%} of clearance, zone {zone}")
 
 
 def _magnification(largest: float, room: float) -> int:

@@ -58,7 +58,8 @@ class RigEnv(gym.Env[np.ndarray, np.ndarray]):
     ## Info
     The gains tried and what the experiment says, in SI: stiffness and damping in the target band with 95 % bounds and
     per band with standard errors, margins, peak_displacement (m), current_rms (A), touchdown_time (s), pole_radius,
-    feasible, score and its terms (`term_*`). What is not known, such as an estimate after a touchdown, is left out.
+    feasible, axis (the worse one, 0 or 1), score and its terms (`term_*`). What is not known, such as an estimate
+    after a touchdown, is left out.
 
     ## Arguments
     - `rig`: preset name, path of a rig TOML, or a `Rig`; what its TOML lacks is filled in by `with_defaults`.

@@ -131,7 +131,7 @@ def infos(task: Task, found: Evaluation, actions: np.ndarray) -> list[dict[str, 
 _TOLD = (
     *("stiffness", "stiffness_low", "stiffness_high", "damping", "damping_low", "damping_high"),
     *("band_stiffness", "band_stiffness_se", "band_damping", "band_damping_se"),
-    *("peak_displacement", "current_rms", "touchdown_time", "pole_radius", "feasible", "score"),
+    *("peak_displacement", "current_rms", "touchdown_time", "pole_radius", "feasible", "score", "axis"),
 )
 
 

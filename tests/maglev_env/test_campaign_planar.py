@@ -241,7 +241,6 @@ def test_the_command_joins_the_directions(tmp_path):
     assert len(found["planar"]) == 1 and (tmp_path / "page.html").stat().st_size > 10_000
 
 
-@pytest.mark.xfail(strict=True, reason="the command takes the rig's common mass for both axes, whatever [axis.y] says")
 def test_the_command_gives_each_axis_its_own_mass(tmp_path):
     found = estimated(crossed(tmp_path, 30.0), tmp_path)
     for recording, stiffness in zip(found["recordings"], (1.2e5, 0.9e5), strict=True):
@@ -249,7 +248,6 @@ def test_the_command_gives_each_axis_its_own_mass(tmp_path):
             assert band["stiffness"] == pytest.approx(stiffness, abs=5 * band["stiffness_se"])
 
 
-@pytest.mark.xfail(strict=True, reason="the check of an axis that nothing drives asks for a recorded excitation")
 def test_the_command_checks_a_recording_driven_along_one_axis(tmp_path):
     campaign = crossed(tmp_path, 0.0)
     command_check.run(campaign.folder, tmp_path / "page.html", tmp_path / "found.json")
@@ -261,7 +259,6 @@ def test_the_command_estimates_the_axis_that_is_driven(tmp_path):
     assert [r["file"] for r in found["recordings"]] == ["run1.npz, x"]
 
 
-@pytest.mark.xfail(strict=True, reason="a force without noise is taken for a broken sensor where nothing pushes")
 def test_nothing_pushes_across_the_direction(tmp_path):
     campaign = crossed(tmp_path, 0.0, force=0.0)
     assert not read_recording(campaign, campaign.recordings[0])["force_y"].values.any()
@@ -279,9 +276,6 @@ def test_a_force_in_another_direction_is_no_excitation(tmp_path):
             read_recording(campaign, stated)
 
 
-@pytest.mark.xfail(
-    strict=True, reason="the floor is a share of what rounding leaves across the force, not of the force"
-)
 def test_a_force_in_another_direction_is_no_excitation_without_noise_either(tmp_path):
     campaign = crossed(tmp_path, 30.0, force=0.0)
     (spec,) = campaign.recordings
@@ -333,7 +327,6 @@ def test_one_axis_of_an_x_y_recording_works_without_its_rig_as_one_axis(tmp_path
     assert whole.stability.source == "injection"
 
 
-@pytest.mark.xfail(strict=True, reason="the rig of two axes is not reduced to the axis of the recording")
 @pytest.mark.parametrize("pair", [False, True])
 def test_one_axis_of_an_x_y_rig_is_identified_with_the_rig_of_that_axis(tmp_path, along_x, pair):
     e, dataset = along_x
@@ -344,9 +337,6 @@ def test_one_axis_of_an_x_y_rig_is_identified_with_the_rig_of_that_axis(tmp_path
     assert found["recordings"][0]["bands"][20]["effective_stiffness"] == pytest.approx(168.6e3, rel=0.02)
 
 
-@pytest.mark.xfail(
-    strict=True, reason="an axis with an injection only has too few lines for the rig's bands: all fails"
-)
 def test_a_force_along_x_and_injections_in_both_axes_tell_x(tmp_path):
     rig = load_rig("hmb_radial")
     e = protocol_experiment(rig, seed=4)

@@ -121,7 +121,6 @@ def test_what_cannot_have_defaults_says_why():
             protocol_experiment(rig)
 
 
-@pytest.mark.xfail(strict=True, reason="a mass without support drifts off: it leaves rest with a push that never ends")
 def test_a_mass_without_support_is_refused_or_stays_near_the_centre():
     adrift = Rig("adrift", "none", 1.0, control_rate=4000.0)
     try:

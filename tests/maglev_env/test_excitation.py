@@ -71,9 +71,6 @@ def test_any_other_text_is_refused_as_a_value_error(text):
     assert found.lines and found.amplitude > 0 and np.isfinite(found.direction)
 
 
-@pytest.mark.xfail(
-    strict=True, reason="parse_lines lays out any range: force=1:99999999999@1 takes the memory of the machine"
-)
 def test_a_slip_of_the_pen_takes_no_gigabytes():
     with pytest.raises(ValueError, match="1500000"):
         parse_lines("1:1500000")

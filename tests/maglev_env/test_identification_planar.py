@@ -115,7 +115,6 @@ def test_the_whole_support_is_taken_off(crossed):
     assert identify_planar(crossed, None, 0.8, 12.0, 0.0).bearing_stiffness is None
 
 
-@pytest.mark.xfail(strict=True, reason="only a support common to both axes is looked for")
 def test_a_support_that_only_the_axes_state_is_taken_off_too(crossed):
     y = {"mass": 1.0, "support_stiffness": 0.9e5, "support_damping": 20.0}
     own = replace(RIG, support_stiffness=0.0, support_damping=0.0, per_axis={"y": y})
@@ -169,13 +168,11 @@ def test_row_sums_of_unequal_axes_weigh_the_couplings_by_the_motion(crossed):
     assert checked >= 4
 
 
-def test_what_one_direction_of_unequal_axes_tells_is_told_and_no_more(crossed):
+def test_one_direction_is_refused_where_unequal_axes_part_too(crossed):
+    # About the two resonances x and y move differently; still every line tells one combination of coefficients only.
     found = identify_planar(crossed[:1], RIG, RIG.mass)
-    told = found.estimate.identifiable
-    assert 3 <= told.sum() <= 6  # about the two resonances x and y part
-    assert f"{told.sum()} of 9 bands" in found.notes[0]
-    assert np.isfinite(found.estimate.stiffness[told]).all() and np.isnan(found.estimate.stiffness[~told]).all()
-    assert both_inside(found.estimate, told) and (found.estimate.condition[~told] > 30).all()
+    assert not found.estimate.identifiable.any() and np.isinf(found.estimate.condition).all()
+    assert np.isnan(found.estimate.stiffness).all() and "no band" in found.notes[0]
 
 
 def test_x_and_y_driven_on_lines_of_their_own_need_one_record_only():
@@ -224,7 +221,6 @@ def test_what_is_missing_is_named(crossed):
         identify_planar(crossed, RIG, -1.0)
 
 
-@pytest.mark.xfail(raises=IndexError, strict=True, reason="bands are laid on the first record, which is not there")
 def test_no_record_at_all_is_a_value_error():
     with pytest.raises(ValueError, match="no record"):
         identify_planar([], RIG, RIG.mass)

@@ -448,7 +448,6 @@ def test_without_a_force_or_a_current_stiffness_is_asked_for_in_vain(ball, injec
         described(ball[0], "injected", ("displacement", "force"))
 
 
-@pytest.mark.xfail(strict=True, reason="a current held by the converter acts half a sample late: not corrected")
 @pytest.mark.parametrize("drive", ["current", "command"])
 def test_the_held_current_does_not_bias_the_damping(injected, drive):
     campaign, signals = injected
@@ -459,7 +458,6 @@ def test_the_held_current_does_not_bias_the_damping(injected, drive):
         assert band.damping == pytest.approx(0.3, abs=4 * band.damping_se)
 
 
-@pytest.mark.xfail(strict=True, reason="the nominal margins look for a force that an injected record need not have")
 def test_a_current_alone_stands_for_the_force(injected):
     campaign, signals = injected
     bare = only(signals, "displacement", "injection", "current")

@@ -184,7 +184,6 @@ def _without(signals, *names):
     return replace(signals, channels={n: v for n, v in signals.channels.items() if n not in names})
 
 
-@pytest.mark.xfail(strict=True, reason="an axis that nothing drives by itself is taken for a recorded excitation")
 def test_an_axis_that_only_the_other_drives_has_periods_all_the_same():
     along_x = replace(planar_signals(), excitations=(replace(X, direction=0.0),))
     y = record_spectra(axis_signals(along_x, 1))
@@ -231,15 +230,11 @@ def test_the_design_of_an_injection_stands_in_for_each_axis_that_lacks_its_chann
     assert "injection_y" not in along_x.channels
 
 
-@pytest.mark.xfail(
-    strict=True, reason="on one axis an injection stands in with the sign of its axis, whatever is stated"
-)
 def test_an_injection_against_a_single_axis_stands_in_with_its_sign():
     found, _ = read(["displacement"], [replace(INJECTION, direction=180.0)], "hmb_free")
     np.testing.assert_allclose(found.channels["injection"][:20_000], -INJECTION.waveform(20_000.0), atol=1e-15)
 
 
-@pytest.mark.xfail(strict=True, reason="on one axis all injections stand in, whatever their direction")
 def test_the_injection_across_a_single_axis_does_not_stand_in_for_its_own():
     across = replace(INJECTION, lines=(5,), direction=90.0)
     found, _ = read(["displacement_x"], [INJECTION, across])

@@ -415,7 +415,6 @@ def test_the_rotor_moves_on_between_control_samples():
     np.testing.assert_array_equal(fine["force"].values.reshape(-1, 2), base["force"].values[:, None].repeat(2, axis=1))
 
 
-@pytest.mark.xfail(strict=True, reason="the writer leaves out the direction and the band of a recorded excitation")
 def test_a_recorded_excitation_is_written_with_its_direction_and_band(tmp_path, radial):
     experiment, dataset = radial
     noise = Excitation("recorded", direction=30.0, band=(10.0, 200.0))

@@ -177,7 +177,6 @@ def test_a_recorded_rate_is_a_positive_number(rate):
         replace(protocol_experiment(load_rig("hmb_free")), sample_rate=rate)
 
 
-@pytest.mark.xfail(strict=True, reason="the lines are not held against the recorded rate: they fold back unseen")
 @pytest.mark.parametrize("rate", [1e-9, 2000.0])
 def test_a_recorded_rate_resolves_every_line(rate):
     e = protocol_experiment(load_rig("hmb_free"))  # an injection at 2000 Hz would be seen at 0 Hz
@@ -350,7 +349,6 @@ def test_a_bias_within_a_percent_of_the_weight_and_a_campaigns_mass_beside_it():
         ("band_width = 10.0", 'band_width = "x"', "band_width"),
     ],
 )
-@pytest.mark.xfail(strict=True, reason="Python's own message, or one without the axis: what and where are not named")
 def test_a_wrong_type_names_its_key(old, new, word):
     text = PLANAR.replace(old, new, 1)
     if word == "cross":
@@ -380,20 +378,17 @@ def test_a_wrong_type_names_its_key(old, new, word):
         ("kp = 1.0\nki = 2.0\nkd = 3.0", "numerator = [true]\ndenominator = [true]"),
     ],
 )
-@pytest.mark.xfail(strict=True, reason="a rig's excitations, target, bounds, noise and name are not checked for type")
 def test_a_value_of_another_type_is_not_let_in(old, new):
     with pytest.raises(ValueError):
         rig_from_toml(PLANAR.replace(old, new, 1), "mine.toml")
 
 
-@pytest.mark.xfail(strict=True, reason="a protocol's direction on a one-axis rig is refused only when it is simulated")
 def test_a_direction_needs_two_axes():
     text = TOML + '[[protocol.excitation]]\nkind = "sphs"\nlines = [1]\ndirection = 30.0\n'
     with pytest.raises(ValueError, match="direction"):
         rig_from_toml(text, "mine.toml")
 
 
-@pytest.mark.xfail(strict=True, reason="harmonics = [1, 99999999999] of a rig takes the memory of the machine")
 def test_a_slip_of_the_pen_takes_no_gigabytes():
     with pytest.raises(ValueError, match="1500000"):
         rig_from_toml(PLANAR.replace("lines = [3]", "harmonics = [3, 1500000]"), "mine.toml")
@@ -417,7 +412,6 @@ def test_no_value_of_any_key_ends_in_another_error(number):
             assert "mine.toml" in str(error)
 
 
-@pytest.mark.xfail(raises=OverflowError, strict=True, reason="a whole number beyond floats ends in an OverflowError")
 def test_no_huge_number_ends_in_another_error():
     lines = PLANAR.splitlines()
     for number in [i for i, line in enumerate(lines) if " = " in line]:
@@ -432,9 +426,7 @@ TABLES = ("parameters", "axis", "cross", "gains", "noise", "bounds", "protocol",
 
 
 @pytest.mark.parametrize("name", TABLES)
-def test_no_value_in_the_place_of_a_table_ends_in_another_error(name, request):
-    if name in ("axis", "bounds", "tolerance"):
-        request.applymarker(pytest.mark.xfail(raises=AttributeError, strict=True, reason="not seen to be no table"))
+def test_no_value_in_the_place_of_a_table_ends_in_another_error(name):
     for value in HOSTILE:
         text = TOML if name == "parameters" else TOML + "support_damping = 1.0\n"
         text = text.replace("[parameters]", "[noise]") if name == "parameters" else text
@@ -445,7 +437,6 @@ def test_no_value_in_the_place_of_a_table_ends_in_another_error(name, request):
             assert "mine.toml" in str(error)
 
 
-@pytest.mark.xfail(raises=RecursionError, strict=True, reason="tomllib's recursion limit is not caught for a rig")
 def test_deep_nesting_is_a_value_error():
     with pytest.raises(ValueError, match=r"mine\.toml"):
         rig_from_toml(TOML + "gap = " + "[" * 5000, "mine.toml")
