@@ -8,7 +8,7 @@ from stable_baselines3.common.vec_env import VecMonitor
 import maglev_env  # noqa: F401  registers the environments
 from maglev_env.envs.sb3 import SB3VecEnv
 
-TASK = {"randomization": "wide", "protocol": "quick"}
+TASK = {"randomization": "wide", "protocol": "quick", "move": 0.3}
 
 
 def train(experiments: int = 20_000, num_envs: int = 64, rollout: int = 2048, seed: int = 0) -> PPO:

@@ -9,7 +9,7 @@ from maglev_env.gains import Gains, of_axis
 from maglev_env.rig import Rig
 
 TUNED = ("kp", "ki", "kd")
-DECADE = 10.0  # a range that spans as much is divided logarithmically
+WIDE_RANGE = 5.0  # a range whose ends differ by as much is divided logarithmically
 TIME_CONSTANTS = (0.3, 3.0)  # bounds of td and ti around the preset, where the rig gives none
 
 
@@ -66,4 +66,4 @@ def gain_box(rig: Rig, tuned: Sequence[str] = TUNED, bounds: Mapping[str, Sequen
             raise ValueError(f"bounds: {name} starts at {low:g}; it cannot be negative, nor a time constant zero")
         pairs.append((low, high))
     low, high = np.array(pairs).T
-    return GainBox(tuned, low, high, (low > 0) & (high >= DECADE * np.where(low > 0, low, np.inf)))
+    return GainBox(tuned, low, high, (low > 0) & (high >= WIDE_RANGE * np.where(low > 0, low, np.inf)))

@@ -15,7 +15,8 @@ class RigEnv(gym.Env[np.ndarray, np.ndarray]):
 
     ## Action space
     `Box(-1, 1, (k,), float32)`, one element per gain in `tuned`, mapped into its bounds; logarithmically where they
-    span a decade or more. An action outside the box is clipped, with a warning.
+    differ fivefold or more. An action outside the box is clipped, with a warning.
+    With `move` an action is a step instead: it moves the gains tried last by up to that share of the box.
 
     | gain | unit | bounds |
     |---|---|---|
@@ -68,6 +69,7 @@ class RigEnv(gym.Env[np.ndarray, np.ndarray]):
       to 1.35 times every parameter that has a tolerance). `draw_target`: draw k* and c* too, 0.8 to 1.5 times.
     - `effects`: any of `maglev effects`, {name: {parameter: value}}, unknown to the agent.
     - `protocol`: "full" (the rig's SPHS protocol) or "quick" (an eighth of the time, two to five times the error).
+    - `move`: None, or by how much of the box (0 .. 2) an action moves the gains tried last.
     - `sensor`: "probe". `budget`: experiments per episode. `render_mode`: "rgb_array" or "human".
 
     On an x-y rig the same gains hold in both axes and everything is that of the worse one.
@@ -105,7 +107,7 @@ class RigEnv(gym.Env[np.ndarray, np.ndarray]):
             raise gym.error.ResetNeeded("call reset before the first step")
         checked = checked_actions(np.asarray(action)[None], self.action_space, 1)[0]
         self._count += 1
-        observation, reward, info, down = self._measure(checked)
+        observation, reward, info, down = self._measure(self.task.tried(self._history[-1][0], checked))
         terminated = bool(down and self.task.terminate_on_touchdown)
         return observation, reward, terminated, self._count >= self.task.budget, info
 

@@ -14,7 +14,7 @@ from maglev_env.envs.gain_box import TUNED, GainBox, gain_box
 from maglev_env.envs.observation import BANDS, Layout
 from maglev_env.envs.protocols import env_protocol
 from maglev_env.evaluation import Evaluation, evaluate, score_target
-from maglev_env.excitation import lines_at
+from maglev_env.excitation import is_number, lines_at
 from maglev_env.experiment import Experiment, axis_experiment
 from maglev_env.gains import with_gains
 from maglev_env.rig import Rig, axis_rig, load_rig
@@ -37,6 +37,11 @@ class Task:
     effects: Effects
     budget: int
     terminate_on_touchdown: bool
+    move: float | None
+
+    def tried(self, last: np.ndarray, actions: np.ndarray) -> np.ndarray:
+        """Points of the box (..., k) that actions ask for after `last`: the actions themselves, or moves from there."""
+        return actions if self.move is None else np.clip(last + self.move * actions, -1.0, 1.0)
 
     def draw(self, rng: np.random.Generator) -> Episode:
         """A new episode; all of it comes from rng."""
@@ -72,6 +77,7 @@ def make_task(
     sensor: str = "probe",
     budget: int = 10,
     terminate_on_touchdown: bool = False,
+    move: float | None = None,
 ) -> Task:
     """Check an environment's arguments; ValueError (OSError for a rig that cannot be read) names the argument."""
     loaded = rig if isinstance(rig, Rig) else load_rig(rig)
@@ -81,6 +87,8 @@ def make_task(
         raise ValueError(f"sensor = {sensor!r}; use one of {', '.join(SENSORS)}")
     if isinstance(budget, bool) or not isinstance(budget, int) or budget < 1:
         raise ValueError(f"budget = {budget!r} experiments; give a whole number, at least 1")
+    if move is not None and not (is_number(move) and 0 < move <= 2):
+        raise ValueError(f"move = {move!r}; give a share of the box above 0 and up to 2, or None")
     loaded = with_defaults(loaded)
     check_effects(effects or {})
     check_randomization(loaded, randomization)
@@ -89,9 +97,8 @@ def make_task(
     target = score_target(axis_rig(loaded, 0))
     loaded = replace(loaded, protocol=env_protocol(loaded, protocol))
     layout = Layout(_bands(loaded), box.names, target, budget, draw_target)
-    return Task(
-        loaded, box, layout, target, randomization, draw_target, effects or {}, budget, bool(terminate_on_touchdown)
-    )
+    ends = bool(terminate_on_touchdown)
+    return Task(loaded, box, layout, target, randomization, draw_target, effects or {}, budget, ends, move)
 
 
 def _bands(rig: Rig) -> np.ndarray:

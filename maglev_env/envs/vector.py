@@ -125,6 +125,7 @@ class RigVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
                 self._counts[i], self._histories[i], tried[i] = 0, [], self._episodes[i].start
             else:
                 self._counts[i] += 1
+                tried[i] = self.task.tried(self._histories[i][-1][0], tried[i])
         episodes = [self._episodes[i] for i in members]
         found, observations = self.task.measure(episodes, tried[members], self._counts[members].tolist(), self.threads)
         told = infos(self.task, found, tried[members])

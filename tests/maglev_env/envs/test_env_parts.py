@@ -29,7 +29,7 @@ def test_gains_and_actions_are_each_others_inverse(action):
     np.testing.assert_allclose(box.actions(gains), action, atol=1e-9)
 
 
-def test_a_range_of_a_decade_is_logarithmic_and_a_shorter_one_straight():
+def test_a_fivefold_range_is_logarithmic_and_a_shorter_one_straight():
     box = gain_box(load_rig("hmb_free"), ("kp", "ki"), {"kp": (2e3, 8e3), "ki": (10.0, 1000.0)})
     assert box.log.tolist() == [False, True]
     np.testing.assert_allclose(box.gains(np.zeros(2)), [5e3, 100.0])
