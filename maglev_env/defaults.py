@@ -24,7 +24,8 @@ def with_defaults(rig: Rig) -> Rig:
     Gains: see `default_gains`. Bounds: BOUNDS times the gains of x or the only axis. Protocol: five periods of 1 Hz,
     force on four lines of five up to 250 Hz, at 45 degrees on an x-y rig, and on a controlled rig an injection at the
     current on the fifth and on to 2 kHz, both together moving the rotor by 5 % of its clearance. ValueError when no
-    default gains stabilise the rig, or those it gives leave it unstable, so that no amplitude is the right one.
+    default gains stabilise the rig, those it gives leave it unstable, or nothing holds it, so that no amplitude is the
+    right one.
     """
     if rig.gains is None:
         rig = replace(rig, gains=_gains(rig))
@@ -32,7 +33,8 @@ def with_defaults(rig: Rig) -> Rig:
     if rig.controlled and not rig.bounds and isinstance(first, Gains):
         span = {name: (getattr(first, name) * low, getattr(first, name) * high) for name, (low, high) in BOUNDS.items()}
         rig = replace(rig, bounds={name: pair for name, pair in span.items() if pair[1] > pair[0]})
-    if not rig.protocol and not rig.controlled and not rig.support_stiffness:
+    held = all(axis_rig(rig, axis).support_stiffness for axis in range(rig.axes))
+    if not (rig.protocol or rig.controlled or held):
         raise ValueError(
             f"rig {rig.name}: nothing holds it, so no force is the right one; give support_stiffness or a [protocol]"
         )

@@ -76,7 +76,7 @@ class Excitation:
     @property
     def components(self) -> np.ndarray:
         """Shares in x and y, shape (2,): cosine and sine of the direction, exact in multiples of 90 degrees."""
-        angle = np.deg2rad(self.direction)
+        angle = np.deg2rad(float(self.direction))  # numpy takes no whole number beyond 64 bits
         shares = np.array([np.cos(angle), np.sin(angle)])
         return np.where(np.abs(shares) < 1e-12, 0.0, shares)
 

@@ -65,7 +65,11 @@ def axis_signals(signals: RecordedSignals, axis: int) -> RecordedSignals:
         return signals
     ending = f"_{AXES[axis]}"
     other = f"_{AXES[1 - axis]}"
-    channels = {name.removesuffix(ending): v for name, v in signals.channels.items() if not name.endswith(other)}
+    # What belongs to no axis, as the speed does, goes with each; a channel of this axis comes before it.
+    shared = {
+        name: v for name, v in signals.channels.items() if not name.endswith((ending, other)) and name not in SPECTRAL
+    }
+    channels = {name.removesuffix(ending): v for name, v in signals.channels.items() if name.endswith(ending)} | shared
     own = axis_excitations(signals.excitations, axis)
     elsewhere = np.setdiff1d(lines_at(signals.excitations), lines_at(own))
     gains = signals.gains and of_axis(signals.gains, axis)

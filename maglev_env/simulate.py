@@ -200,6 +200,7 @@ def _periods(
     reference[0] += e.offset
     waves = [np.ravel(e.waveform("force")), np.ravel(e.waveform("current")), reference.reshape(-1)]
     out = _aligned((axes, outputs, LANES, e.samples_per_period * (block.substeps if oversampled else 1)))
+    out[:] = 0.0  # past the last touchdown of a block nothing is written: what memory held may be no number
     tile = _aligned((TILE * axes * outputs * LANES,))
     kernel_seeds = np.ascontiguousarray(state.seeds[:, SEEDED.index("displacement")]).reshape(-1)
     for _ in range(periods):

@@ -333,8 +333,12 @@ def test_one_axis_of_an_x_y_rig_is_identified_with_the_rig_of_that_axis(tmp_path
     one = dataset[[f"{name}_x" for name in RADIAL_ONE]]
     gains = (e.gains, Gains(1.0, 1.0, 1.0)) if pair else e.gains
     write_campaign(tmp_path / "c", "hmb_radial", {}, [("a", "fit", one, replace(e, gains=gains))])
-    found = estimated(load_campaign(tmp_path / "c"), tmp_path)
-    assert found["recordings"][0]["bands"][20]["effective_stiffness"] == pytest.approx(168.6e3, rel=0.02)
+    campaign = load_campaign(tmp_path / "c")
+    found = estimated(campaign, tmp_path)
+    assert found["recordings"][0]["bands"][20]["stiffness"] == pytest.approx(168.6e3, rel=0.02)
+    (signals,) = read(campaign)
+    by_itself = identify(signals, axis_rig(campaign.rig, signals.axis), 0.92)
+    assert signals.axis == 0 and by_itself.bands[20].effective_stiffness == pytest.approx(168.6e3, rel=0.02)
 
 
 def test_a_force_along_x_and_injections_in_both_axes_tell_x(tmp_path):

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from maglev_env.defaults import BOUNDS, REACH, with_defaults
+from maglev_env.excitation import Excitation
 from maglev_env.experiment import Experiment, axis_experiment, protocol_experiment
 from maglev_env.gains import NO_CONTROLLER, Gains, LinearController, of_axis
 from maglev_env.identification import identify
@@ -121,13 +122,12 @@ def test_what_cannot_have_defaults_says_why():
             protocol_experiment(rig)
 
 
-def test_a_mass_without_support_is_refused_or_stays_near_the_centre():
+def test_a_mass_without_support_has_no_default_protocol():
     adrift = Rig("adrift", "none", 1.0, control_rate=4000.0)
-    try:
-        e = protocol_experiment(with_defaults(adrift))
-    except ValueError:
-        return
-    assert np.abs(simulate_records([e])[0][0]).max() < 0.08 * adrift.clearance
+    with pytest.raises(ValueError, match=r"rig adrift: nothing holds it.*give support_stiffness or a"):
+        with_defaults(adrift)
+    own = Protocol((Excitation("sphs", lines=(1, 2)),))
+    assert with_defaults(replace(adrift, protocol=own)).protocol is own
 
 
 def margins_of(rig):

@@ -41,9 +41,9 @@ def test_the_command_line_writes_place_lines_peak_and_direction(text, expected):
         ("force=1:5@1@2@3", ["place=first:last:step@peak"]),
         ("force=1:5@big", ["'big'", "not a number"]),
         ("force=1:5@1@up", ["the direction is not a number"]),
-        ("force=1:5@nan", ["amplitude = nan N must be positive"]),
+        ("force=1:5@nan", ["amplitude = nan must be a finite number of N"]),
         ("force=1:5@-1", ["amplitude = -1.0 N must be positive"]),
-        ("force=1:5@1@inf", ["direction = inf must be a number of degrees"]),
+        ("force=1:5@1@inf", ["direction = inf must be a finite number of degrees"]),
         ("voltage=1:5@1", ["at = 'voltage'", "force, current, reference"]),
         ("force=5@1", ["lines '5'", "first:last"]),
         ("force=1:5:0@1", ["lines '1:5:0'"]),
@@ -90,6 +90,11 @@ def test_the_direction_shares_a_push_between_the_axes(direction):
 )
 def test_the_axes_themselves_are_pushed_exactly(direction, shares):
     np.testing.assert_array_equal(Excitation("sphs", lines=(1,), direction=direction).components, shares)
+
+
+def test_a_direction_in_whole_degrees_beyond_64_bits_is_that_number():
+    whole, same = (Excitation("sphs", lines=(1,), direction=number) for number in (10**29, 1e29))
+    np.testing.assert_array_equal(whole.components, same.components)
 
 
 def test_an_axis_has_the_share_that_acts_along_it():

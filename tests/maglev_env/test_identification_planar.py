@@ -222,5 +222,5 @@ def test_what_is_missing_is_named(crossed):
 
 
 def test_no_record_at_all_is_a_value_error():
-    with pytest.raises(ValueError, match="no record"):
+    with pytest.raises(ValueError, match="need at least one recording"):
         identify_planar([], RIG, RIG.mass)

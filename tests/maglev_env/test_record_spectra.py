@@ -43,7 +43,8 @@ def planar_signals(**changes):
 def test_an_axis_of_a_recording_has_its_channels_gains_and_share_of_the_excitation():
     both = planar_signals(hold_rate=5000.0)
     x, y = (axis_signals(both, axis) for axis in range(2))
-    assert set(x.channels) == {"displacement", "force"} and set(y.channels) == {"displacement", "force", "injection"}
+    assert set(x.channels) == {"displacement", "force", "speed"}  # what carries no letter is of both axes
+    assert set(y.channels) == {"displacement", "force", "injection", "speed"}
     for name in ("displacement", "force"):
         assert x.channels[name] is both.channels[f"{name}_x"] and y.channels[name] is both.channels[f"{name}_y"]
     assert (x.axes, x.gains, x.hold_rate) == (1, PAIR[0], 5000.0) and y.gains == PAIR[1]
@@ -159,7 +160,7 @@ def test_where_a_recorded_drive_has_power_it_is_used_and_each_place_has_its_chan
 @pytest.mark.parametrize(
     ("signals", "words"),
     [
-        (lambda: replace(noisy(), excitations=()), ["0 recorded excitations", "exactly one"]),
+        (lambda: replace(noisy(), excitations=()), ["nothing is excited along this axis"]),
         (lambda: replace(noisy(), excitations=noisy().excitations * 2), ["2 recorded excitations", "exactly one"]),
         (lambda: _without(noisy(), "force_y"), ["needs the channel force_y"]),
         (lambda: _without(axis_signals(noisy(), 0), "force"), ["needs the channel force"]),
@@ -184,10 +185,11 @@ def _without(signals, *names):
     return replace(signals, channels={n: v for n, v in signals.channels.items() if n not in names})
 
 
-def test_an_axis_that_only_the_other_drives_has_periods_all_the_same():
+def test_an_axis_that_only_the_other_drives_says_so():
     along_x = replace(planar_signals(), excitations=(replace(X, direction=0.0),))
-    y = record_spectra(axis_signals(along_x, 1))
-    np.testing.assert_allclose(y.all.amplitude("displacement")[0], np.exp(0.1j))
+    record_spectra(axis_signals(along_x, 0))
+    with pytest.raises(ValueError, match="nothing is excited along this axis"):
+        record_spectra(axis_signals(along_x, 1))
 
 
 def spec(excitations, rate=20_000.0, intersample=None, gains=None):
@@ -204,12 +206,20 @@ FORCE, INJECTION = Excitation("sphs", "force", 1.0, (1, 2)), Excitation("sphs", 
 NOISE = Excitation("recorded")
 
 
-@pytest.mark.parametrize("letter", ["_x", "_y", ""])
-def test_one_axis_may_carry_its_letter(letter):
-    found, dataset = read([f"displacement{letter}", f"force{letter}", "speed"], [FORCE], gains=PAIR[0])
+@pytest.mark.parametrize(
+    ("letter", "rig"),
+    [("_x", "hmb_radial"), ("_y", "hmb_radial"), ("_x", "hmb_free"), ("_y", None), ("", "hmb_free"), ("", None)],
+)
+def test_one_axis_may_carry_its_letter(letter, rig):
+    found, dataset = read([f"displacement{letter}", f"force{letter}", "speed"], [FORCE], rig, gains=PAIR[0])
     assert found.axes == 1 and set(found.channels) == {"displacement", "force", "speed"}
     np.testing.assert_array_equal(found.channels["force"], dataset[f"force{letter}"])
     assert not record_spectra(found).driven["current"].size and record_spectra(found).force.lines.size == 2
+
+
+def test_a_rig_of_two_axes_needs_the_letter():
+    with pytest.raises(ValueError, match=r"a\.csv: rig hmb_radial has two axes; name the channels displacement_x.*_y"):
+        read(["displacement", "force"], [FORCE])
 
 
 def test_two_displacements_make_two_axes():

@@ -1,12 +1,14 @@
 """Recordings above and below the control rate, against the slow simulator and against each other."""
 
+import warnings
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from reference_simulator import simulate
+from reference_simulator import simulate as simulate_slowly
 from test_simulate_planar import COUPLED, EVERY_EFFECT, GAINS
 
+from maglev_env import simulate
 from maglev_env.effects import effect
 from maglev_env.excitation import Excitation
 from maglev_env.experiment import Experiment, sampling
@@ -67,7 +69,7 @@ BETWEEN = {
 def test_samples_between_control_samples_are_those_of_a_tight_solve_ivp(case):
     e, tolerance = BETWEEN[case]
     e = without_noise(e)
-    slow = simulate(e, 300, between=5)
+    slow = simulate_slowly(e, 300, between=5)
     fast = record(replace(e, sample_rate=100e3)).reshape(4, e.rig.axes, -1)[..., :1500]
     for expected, got, name in zip(slow, fast, ("displacement", "command", "current"), strict=False):
         assert expected.shape[-1] == 1500
@@ -76,7 +78,7 @@ def test_samples_between_control_samples_are_those_of_a_tight_solve_ivp(case):
 
 
 @pytest.mark.parametrize("rig", [FREE, COUPLED], ids=["one axis", "x-y"])
-@pytest.mark.parametrize("every", [2, 8])
+@pytest.mark.parametrize("every", [2, 4])
 def test_a_slower_record_is_every_nth_sample(rig, every):
     e = without_noise(oblique(rig))
     slow = record(replace(e, sample_rate=20e3 / every))
@@ -87,9 +89,9 @@ def test_a_slower_record_is_every_nth_sample(rig, every):
 def test_noise_in_the_loop_is_drawn_alike_below_the_control_rate():
     """The readings are the same; the noise of current and force readings is that of the samples recorded."""
     e = oblique(seed=4)
-    slow, full = record(replace(e, sample_rate=4e3)), record(e)
-    np.testing.assert_array_equal(slow[:2], full[:2, ::5])
-    assert (slow[2:] != full[2:, ::5]).all(axis=1).any()
+    slow, full = record(replace(e, sample_rate=5e3)), record(e)
+    np.testing.assert_array_equal(slow[:2], full[:2, ::4])
+    assert (slow[2:] != full[2:, ::4]).all(axis=1).any()
 
 
 def test_every_sample_recorded_has_its_own_noise():
@@ -112,7 +114,7 @@ def test_a_finer_record_of_a_noisy_loop_is_another_draw_of_the_same_noise():
     assert (fine[0, ::5] - quiet).std() == pytest.approx((full[0] - quiet).std(), rel=0.1)
 
 
-@pytest.mark.parametrize("rate", [40e3, 4e3])
+@pytest.mark.parametrize("rate", [40e3, 5e3])
 def test_the_record_ends_where_the_rotor_touches_down(rate):
     rig = replace(FREE, clearance=0.3e-3)
     e = without_noise(oblique(rig, Gains(500.0, 0.0, 0.2)))
@@ -125,14 +127,34 @@ def test_the_record_ends_where_the_rotor_touches_down(rate):
     assert abs(finite.sum() - end * rate / 40e3) <= 1 and not finite[finite.sum() :].any()
 
 
+def test_a_touchdown_in_x_and_y_raises_no_warning(monkeypatch):
+    def dirty(shape):
+        array = aligned(shape)
+        array.view(np.uint64)[...] = 0x7FF0000000000001  # signalling: every sum with it is an invalid operation
+        return array
+
+    aligned = simulate._aligned
+    monkeypatch.setattr(simulate, "_aligned", dirty)
+    rig = replace(COUPLED, clearance=0.2e-3, noise=Noise(1e-6, 0.1, 0.01))
+    e = oblique(rig, Gains(500.0, 0.0, 0.2), transient_periods=0)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        z = record(e)
+        found = simulate_statistics([e])
+    end = np.isfinite(z[0]).sum()
+    assert 0 < end < e.samples_per_period and (np.isfinite(z) == (np.arange(z.shape[1]) < end)).all()
+    assert (np.abs(np.diff(z[4:, :end])) > 0).mean() > 0.99  # with the noise of current and force up to it
+    assert np.isfinite(found.touchdown_time).all() and np.isnan(found.statistics.mean).all()
+
+
 def test_statistics_are_those_of_the_control_rate():
     e = oblique()
-    plain, asked = simulate_statistics([e]), simulate_statistics([replace(e, sample_rate=4e3)])
+    plain, asked = simulate_statistics([e]), simulate_statistics([replace(e, sample_rate=5e3)])
     np.testing.assert_array_equal(plain.statistics.mean, asked.statistics.mean)
 
 
 @pytest.mark.parametrize(
-    ("rate", "pair"), [(20e3, (1, 1)), (100e3, (5, 1)), (40e3, (2, 1)), (4e3, (1, 5)), (20e3 / 3, (1, 3))]
+    ("rate", "pair"), [(20e3, (1, 1)), (100e3, (5, 1)), (40e3, (2, 1)), (5e3, (1, 4)), (20e3 / 3, (1, 3))]
 )
 def test_the_ratio_of_the_rates(rate, pair):
     assert sampling(rate, 20e3) == pair

@@ -35,7 +35,7 @@ def test_smaller_gap_in_y():
     assert np.nanmax(np.abs(y)) < 0.2e-3
 
 
-@pytest.mark.parametrize("every", [5, 10])
+@pytest.mark.parametrize("every", [2, 4])
 def test_slower_record_with_a_touchdown(every):
     rig = replace(load_rig("hmb_free"), clearance=0.3e-3, protocol=None)
     x = (
