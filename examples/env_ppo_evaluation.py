@@ -25,15 +25,10 @@ if __name__ == "__main__":
     started = perf_counter()
     model = train()
     print(f"trained in {perf_counter() - started:.0f} s")
-    env = gym.make("maglev/HMBFree-v0").unwrapped
-    rig, box = env.task.rig, env.task.box
-    preset = box.actions([getattr(rig.gains, name) for name in box.names])
-    rng = np.random.default_rng(0)
-    rows = {
-        "PPO": (lambda seen: model.predict(seen, deterministic=True)[0], TASK["move"]),
-        "random gains": (lambda seen: rng.uniform(-1, 1, (len(seen), 3)), None),
-        "dissertation": (lambda seen: np.tile(preset, (len(seen), 1)), None),
-    }
-    for name, (policy, move) in rows.items():
-        mean, half = mean_return(policy, move=move)
-        print(f"{name:13s} mean return {mean:.2f} +- {half:.2f}")
+    task, rng = gym.make("maglev/HMBFree-v0").unwrapped.task, np.random.default_rng(0)
+    preset = task.box.actions([getattr(task.rig.gains, name) for name in task.box.names])
+    print(
+        "PPO           {:.2f} +- {:.2f}".format(*mean_return(lambda seen: model.predict(seen, deterministic=True)[0]))
+    )
+    print("random gains  {:.2f} +- {:.2f}".format(*mean_return(lambda _: rng.uniform(-1, 1, (RIGS, 3)), move=None)))
+    print("dissertation  {:.2f} +- {:.2f}".format(*mean_return(lambda _: np.tile(preset, (RIGS, 1)), move=None)))
