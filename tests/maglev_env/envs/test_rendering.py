@@ -141,7 +141,7 @@ def test_a_touchdown_is_marked_at_the_wall_at_its_time_and_nothing_is_made_up(ri
 
 def test_a_late_touchdown_is_simulated_to_its_end():
     # Lines of 5 Hz: 0.2 s per period; these gains let go in the second one.
-    task, episode, history = played((0.76, 0.2, -0.42))
+    task, episode, history = played((0.8934, 0.2, -0.42))
     time = history[-1][1]["touchdown_time"]
     assert time > 0.2
     (mark,) = marks(panel(episode_figure(task, episode, history), "motion"), RED, "X")
@@ -234,7 +234,7 @@ def test_every_try_is_where_its_gains_are_coloured_by_its_score():
     assert np.array_equal(ring.get_offsets(), gains[2:])
     assert dots.get_array().tolist() == [info["score"] for _, info in history[:2]]
     assert dots.get_clim() == (0, 1)
-    assert (axes.get_xscale(), axes.get_yscale()) == ("linear", "log")  # kp spans a factor of 8, kd of 20
+    assert (axes.get_xscale(), axes.get_yscale()) == ("log", "log")  # kp spans a factor of 8, kd of 20
     best = max(info["score"] for _, info in history)
     assert f"best score {best:.3f}" in axes.get_title(loc="left")
 
