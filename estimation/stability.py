@@ -20,6 +20,9 @@ Array = NDArray[np.float64]
 Interval = tuple[float | None, float | None]
 
 
+UNRESOLVED = 1.5  # a peak so much above its nearest lines is the interpolation's
+
+
 @dataclass(frozen=True)
 class Margins:
     """Margins of one loop; None where the lines hold none, and `reasons` then says why, by field name.
@@ -114,7 +117,7 @@ def margins(
     if draws != 0 and draws < 100:
         raise ValueError("draws must be 0 (no intervals) or at least 100")
     values = {name: float(value) for name, value in margin_arrays(f, s).items()}
-    reasons = _reasons(f, values)
+    reasons = _reasons(f, np.abs(s), values)
     intervals = _intervals(f, s, noise, values, draws, seed) if draws else {}
     fields = {name: None if np.isnan(value) else value for name, value in values.items()}
     return Margins(**fields, reasons=reasons, intervals=intervals)
@@ -210,7 +213,7 @@ def _at_edge(f: Array, at: float) -> bool:
     return bool(np.any(np.isclose(at, f[[0, -1]], rtol=1e-9, atol=0)))
 
 
-def _reasons(f: Array, values: Mapping[str, float]) -> dict[str, str]:
+def _reasons(f: Array, gain: Array, values: Mapping[str, float]) -> dict[str, str]:
     band = f"between {f[0]:g} and {f[-1]:g} Hz"
     texts = {
         "gain_margin_high": f"the phase of L does not cross -180 deg with |L| < 1 {band}",
@@ -221,6 +224,14 @@ def _reasons(f: Array, values: Mapping[str, float]) -> dict[str, str]:
     reasons = {name: text for name, text in texts.items() if np.isnan(values[name])}
     if _at_edge(f, values["peak_frequency"]):
         reasons["peak_sensitivity"] = f"a lower bound: |S| is largest at an end of the lines {band}"
+    else:
+        i = int(np.clip(np.searchsorted(f, values["peak_frequency"]), 1, f.size - 1))
+        nearest = gain[i - 1 : i + 1].max()
+        if values["peak_sensitivity"] > UNRESOLVED * nearest:
+            reasons["peak_sensitivity"] = (
+                f"not resolved: |S| is {nearest:.3g} at the lines of {f[i - 1]:g} and {f[i]:g} Hz, and more is the "
+                "curve between them; excite lines there"
+            )
     if _at_edge(f, values["disk_margin_frequency"]):
         reasons["disk_margin"] = f"an upper bound: |S - 1/2| is largest at an end of the lines {band}"
     return reasons

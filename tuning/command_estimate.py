@@ -145,6 +145,8 @@ def _say(found: Identification) -> None:
             f"peak sensitivity {s.margins.peak_sensitivity:.2f} ({bounds}), "
             f"ISO 14839-3 zone {s.iso_14839_3_zone}; {s.source}"
         )
+        if "peak_sensitivity" in s.margins.reasons:
+            console.print(f"  [yellow]![/] peak sensitivity: {s.margins.reasons['peak_sensitivity']}")
         for name, unit in (("gain_margin_low", ""), ("gain_margin_high", ""), ("phase_margin", " deg")):
             value = getattr(s.margins, name)
             text = f"{value:.3g}{unit}" if value is not None else s.margins.reasons.get(name, "not found")

@@ -1,4 +1,5 @@
 import dataclasses
+from dataclasses import replace
 
 import control as ct
 import numpy as np
@@ -12,6 +13,10 @@ from estimation.stability import (
     margins,
     peak_sensitivity,
 )
+from maglev_env.defaults import with_defaults
+from maglev_env.experiment import Experiment
+from maglev_env.linear import loop_response
+from maglev_env.rig import axis_rig, load_rig
 
 LINES = np.unique(np.concatenate([[1], np.arange(5, 251, 5), np.round(np.geomspace(250, 2000, 41))])).astype(float)
 QUANTITIES = (
@@ -210,3 +215,16 @@ SHORT = np.array([1.0, 2.0, 3.0, 4.0])
 def test_bad_input_is_named(call, name):
     with pytest.raises(ValueError, match=name):
         call()
+
+
+def test_a_peak_that_the_curve_alone_makes_is_called_unresolved():
+    # A rotor on springs whose resonance passes between lines 10 Hz apart: the curve there peaks at 13, the loop at 1.1.
+    rig = replace(load_rig("hmb_radial"), support_stiffness=6e4, protocol=None, gains=None, bounds={})
+    own = axis_rig(with_defaults(rig), 0)
+    coarse = np.array(own.protocol.excitations[1].lines, dtype=float)
+    found = []
+    for f in (coarse, np.arange(2.0, 2000.0)):
+        s = loop_response(Experiment(own, own.gains, ()), f).sensitivity
+        found.append(margins(f, s, np.full(f.size, 1e-8), draws=0))
+    assert found[0].peak_sensitivity > 5 and "not resolved" in found[0].reasons["peak_sensitivity"]
+    assert found[1].peak_sensitivity < 1.2 and "peak_sensitivity" not in found[1].reasons
