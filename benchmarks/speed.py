@@ -4,6 +4,7 @@ import os
 from collections.abc import Callable
 from pathlib import Path
 
+from benchmarks.environments import environment_figures
 from benchmarks.estimators import estimator_figures
 from benchmarks.figures import Figure, as_json, read_results, results_here
 from benchmarks.kernels import kernel_figures, reference_figures
@@ -20,6 +21,7 @@ SECTIONS: dict[str, Callable[[Size], dict[str, Figure]]] = {
     "kernel on threads": thread_figures,
     "parts of an evaluation": part_figures,
     "gain sets per second": rate_figures,
+    "environments": environment_figures,
     "estimators": estimator_figures,
     "memory": memory_figures,
 }
