@@ -23,8 +23,10 @@ def mean_return(policy: Callable[[np.ndarray], np.ndarray], **task: float | None
 
 if __name__ == "__main__":
     started = perf_counter()
-    model = train()
-    print(f"trained in {perf_counter() - started:.0f} s")
+    model = train(log="ppo.monitor.csv")
+    print(f"trained in {perf_counter() - started:.0f} s; mean return along the way:")
+    returns = np.loadtxt("ppo.monitor.csv", delimiter=",", skiprows=2)[:, 0]
+    print(*(f"{part.mean():.2f}" for part in np.array_split(returns, 10)))
     task, rng = gym.make("maglev/HMBFree-v0").unwrapped.task, np.random.default_rng(0)
     preset = task.box.actions([getattr(task.rig.gains, name) for name in task.box.names])
     print(

@@ -11,10 +11,15 @@ from maglev_env.envs.sb3 import SB3VecEnv
 TASK = {"randomization": "wide", "protocol": "quick", "move": 0.3}
 
 
-def train(experiments: int = 20_000, num_envs: int = 64, rollout: int = 2048, seed: int = 0) -> PPO:
-    """A policy trained on so many experiments of rigs drawn wide; SB3's defaults but for the rollout's length."""
+def train(
+    experiments: int = 20_000, num_envs: int = 64, rollout: int = 2048, seed: int = 0, log: str | None = None
+) -> PPO:
+    """A policy trained on so many experiments of rigs drawn wide; SB3's defaults but for the rollout's length.
+
+    log: CSV file for the return of every episode, in SB3's monitor format.
+    """
     env = gym.make_vec("maglev/HMBFree-v0", num_envs=num_envs, autoreset_mode=AutoresetMode.SAME_STEP, **TASK)
-    model = PPO("MlpPolicy", VecMonitor(SB3VecEnv(env)), n_steps=rollout // num_envs, seed=seed, device="cpu")
+    model = PPO("MlpPolicy", VecMonitor(SB3VecEnv(env), log), n_steps=rollout // num_envs, seed=seed, device="cpu")
     return model.learn(experiments)
 
 
