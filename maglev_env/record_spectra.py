@@ -12,7 +12,7 @@ from maglev_env.excitation import PLACES, Excitation, axis_excitations, lines_at
 from maglev_env.gains import Controllers, of_axis
 from maglev_env.planar import AXES
 
-SPECTRAL = ("displacement", "command", "force", "current", "injection")
+ANALYSED = ("displacement", "command", "force", "current", "injection")
 
 
 @dataclass(frozen=True)
@@ -67,7 +67,7 @@ def axis_signals(signals: RecordedSignals, axis: int) -> RecordedSignals:
     other = f"_{AXES[1 - axis]}"
     # What belongs to no axis, as the speed does, goes with each; a channel of this axis comes before it.
     shared = {
-        name: v for name, v in signals.channels.items() if not name.endswith((ending, other)) and name not in SPECTRAL
+        name: v for name, v in signals.channels.items() if not name.endswith((ending, other)) and name not in ANALYSED
     }
     channels = {name.removesuffix(ending): v for name, v in signals.channels.items() if name.endswith(ending)} | shared
     own = axis_excitations(signals.excitations, axis)
@@ -102,7 +102,7 @@ def record_spectra(signals: RecordedSignals) -> RecordSpectra:
 
 
 def _stacked(signals: RecordedSignals) -> tuple[tuple[str, ...], np.ndarray]:
-    names = tuple(n for n in signals.channels if n.partition("_")[0] in SPECTRAL)
+    names = tuple(n for n in signals.channels if n.partition("_")[0] in ANALYSED)
     return names, np.stack([signals.channels[n] for n in names])
 
 
