@@ -161,7 +161,7 @@ def _of_axis(
     statistics = _lanes(simulated.statistics, alive)
     if whole.rig.axes == 2:
         statistics = axis_statistics(statistics, AXES[axis])
-    mass = np.array([axis_experiment(e, axis).rig.mass for e in experiments])[alive]
+    mass = np.array([axis_rig(e.rig, axis).mass for e in experiments])[alive]
     force = force_statistics(statistics, first)
     if bands is None:
         bands = sliding_bands(force.frequency, protocol.band_width, protocol.band_overlap)

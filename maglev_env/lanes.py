@@ -71,8 +71,8 @@ def lane_batch(experiments: Sequence[Experiment], substeps: int = 1) -> LaneBatc
     """Constants of experiments that share one structure (see `structure_of`)."""
     structure = structure_of(experiments[0])
     parts, seeds, whole = [], [], np.zeros(1)
-    for axis in range(structure.axes):
-        own = [axis_experiment(e, axis) for e in experiments]
+    views = [[axis_experiment(e, axis) for e in experiments] for axis in range(structure.axes)]
+    for own in views:
         rows = np.zeros((axis_rows(substeps, structure.controller_order), len(experiments)))
         rows[: k.ROWS] = np.array([_parameters(e, substeps) for e in own]).T
         whole = _chains(rows, own, structure, substeps)
@@ -85,9 +85,11 @@ def lane_batch(experiments: Sequence[Experiment], substeps: int = 1) -> LaneBatc
         seeds.append(np.array(states).T)
     if structure.coupled:
         for axis, rows in enumerate(parts):
-            _cross_chains(rows, experiments, axis, structure, substeps)
+            terms = [e.rig.cross.onto(axis) for e in experiments]
+            own, other = views[axis], views[1 - axis]
+            _cross_chains(rows, terms, own, other, structure, substeps)
             rows[[k.CROSS_K, k.CROSS_C, k.CROSS_GAIN, k.CROSS_SENSOR]] = np.array(
-                [_cross(e, axis, substeps) for e in experiments]
+                [_cross(t, *pair, substeps) for t, *pair in zip(terms, own, other, strict=True)]
             ).T
     if structure.axes == 2:  # the bore is round, and no pole may be met in either axis
         nearest = np.minimum(parts[0][k.LIMIT_SQ], parts[1][k.LIMIT_SQ])
@@ -120,16 +122,19 @@ def _chains(rows: np.ndarray, own: Sequence[Experiment], structure: Structure, s
 
 
 def _cross_chains(
-    rows: np.ndarray, experiments: Sequence[Experiment], axis: int, structure: Structure, substeps: int
+    rows: np.ndarray,
+    terms: Sequence[tuple[float, ...]],
+    own: Sequence[Experiment],
+    other: Sequence[Experiment],
+    structure: Structure,
+    substeps: int,
 ) -> None:
     """Write what the other axis' current adds to this axis' motion inside a step, as its probe sees it."""
     if not structure.sensor_poles:
         return
-    own = [axis_experiment(e, axis) for e in experiments]
-    other = [axis_experiment(e, 1 - axis) for e in experiments]
     sensor, h, fraction = _sensor_poles(own), _steps(own) / substeps, _delays(own)[1]
     amplifier = _amplifier_poles(other)
-    pull = np.array([e.rig.cross.onto(axis)[2] / moving_mass(o) for e, o in zip(experiments, own, strict=True)])
+    pull = np.array([gain / moving_mass(e) for (_, _, gain, _), e in zip(terms, own, strict=True)])
     for s in range(substeps):
         chain = rows[s * k.CHAIN_ROWS :]
         chain[k.CROSS_CURRENT : k.CROSS_CURRENT + 8] = _sensor_current_rows(
@@ -168,10 +173,11 @@ def _filter(controller: LinearController, order: int) -> np.ndarray:
     return np.concatenate([b[:1], np.array([b[1:], a[1:], 0 * a[1:]]).T.reshape(-1)])
 
 
-def _cross(e: Experiment, axis: int, substeps: int) -> tuple[float, float, float, float]:
+def _cross(
+    terms: tuple[float, ...], own: Experiment, other: Experiment, substeps: int
+) -> tuple[float, float, float, float]:
     """The other axis' terms in this one, in the kernel's units: force times h^2 / m, current calibrated."""
-    stiffness, damping, gain, sensor = e.rig.cross.onto(axis)
-    own, other = axis_experiment(e, axis), axis_experiment(e, 1 - axis)
+    stiffness, damping, gain, sensor = terms
     h = 1 / own.rig.control_rate / substeps
     per_mass = h**2 / moving_mass(own)
     return stiffness * per_mass, damping * per_mass / h, gain * per_mass / _actuator(other)[0], sensor

@@ -1,7 +1,6 @@
 """The same environment many at a time: every step is one batch of the lane simulator."""
 
 from collections.abc import Sequence
-from copy import deepcopy
 from typing import Any
 
 import gymnasium as gym
@@ -15,7 +14,7 @@ from maglev_env.envs.episodes import Episode
 from maglev_env.envs.single import RigEnv, checked_actions, spaces_of
 from maglev_env.envs.task import Task, infos, make_task, rewards
 
-_Outcome = tuple[np.ndarray, np.ndarray, list[dict[str, Any]], np.ndarray]
+_Outcome = tuple[np.ndarray, list[dict[str, Any]], np.ndarray]
 
 
 class RigVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
@@ -68,8 +67,8 @@ class RigVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             if mask.shape != (self.num_envs,) or mask.dtype != np.bool_ or not mask.any():
                 raise ValueError(f"reset_mask: give {self.num_envs} booleans, at least one of them true")
         self._seed(seed, mask)
-        outcome = self._measure(np.flatnonzero(mask), fresh=mask, actions=np.zeros(self.action_space.shape))
-        return self._observations.copy(), self._gathered(np.flatnonzero(mask), outcome[2])
+        _, told, _ = self._measure(np.flatnonzero(mask), fresh=mask, actions=np.zeros(self.action_space.shape))
+        return self._observations.copy(), self._gathered(np.flatnonzero(mask), told)
 
     def step(self, actions: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
         """One experiment in every environment; with NEXT_STEP those that had ended start anew instead."""
@@ -80,14 +79,13 @@ class RigVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         fresh = self._done & (self.mode is AutoresetMode.NEXT_STEP)
         if self._done.any() and self.mode is AutoresetMode.DISABLED:
             raise gym.error.ResetNeeded("an environment has ended: reset it with options={'reset_mask': ...}")
-        _, reward, told, down = self._measure(everyone, fresh, checked)
+        reward, told, down = self._measure(everyone, fresh, checked)
         reward = np.where(fresh, 0.0, reward)
         terminated = down & ~fresh & self.task.terminate_on_touchdown
         truncated = (self._counts >= self.task.budget) & ~fresh
         self._done = terminated | truncated
-        info = self._gathered(everyone, told)
-        if self.mode is AutoresetMode.SAME_STEP and self._done.any():
-            info = self._restarted(info, told)
+        restart = self.mode is AutoresetMode.SAME_STEP and self._done.any()
+        info = self._restarted(told) if restart else self._gathered(everyone, told)
         return self._observations.copy(), reward, terminated, truncated, info
 
     def render(self) -> tuple[np.ndarray, ...] | None:
@@ -117,7 +115,7 @@ class RigVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
                 self._rngs[i] = seeding.np_random(seeds[i])[0]
 
     def _measure(self, members: np.ndarray, fresh: np.ndarray, actions: np.ndarray) -> _Outcome:
-        """One experiment of each member, the first of a new episode where fresh: observations, rewards, infos, down."""
+        """One experiment of each member, a new episode's first where fresh: rewards, infos, whether it touched down."""
         tried = np.array(actions, dtype=np.float64)
         for i in members:
             if fresh[i]:
@@ -133,9 +131,9 @@ class RigVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             self._histories[i].append((tried[i].copy(), dict(one)))
         self._observations[members] = observations
         self._done[members] = False
-        return observations, rewards(found), told, np.isfinite(found.touchdown_time)
+        return rewards(found), told, np.isfinite(found.touchdown_time)
 
-    def _restarted(self, info: dict[str, Any], told: list[dict[str, Any]]) -> dict[str, Any]:
+    def _restarted(self, told: list[dict[str, Any]]) -> dict[str, Any]:
         """Start anew what has ended; its last observation and info go to final_obs and final_info."""
         ended = np.flatnonzero(self._done)
         final_info: dict[str, Any] = {}
@@ -143,10 +141,8 @@ class RigVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         for i in ended:
             final_obs[i] = self._observations[i].copy()
             final_info = self._add_info(final_info, told[i], i)
-        fresh = self._done.copy()
         done = self._done.copy()
-        _, _, again, _ = self._measure(ended, fresh, np.zeros(self.action_space.shape))
-        self._done = np.zeros(self.num_envs, bool)
+        _, again, _ = self._measure(ended, done, np.zeros(self.action_space.shape))
         latest = list(told)
         for i, one in zip(ended, again, strict=True):
             latest[i] = one
@@ -156,5 +152,5 @@ class RigVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
     def _gathered(self, members: np.ndarray, told: list[dict[str, Any]]) -> dict[str, Any]:
         info: dict[str, Any] = {}
         for i, one in zip(members, told, strict=True):
-            info = self._add_info(info, deepcopy(one), i)
+            info = self._add_info(info, one, i)  # copies the values
         return info
