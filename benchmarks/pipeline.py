@@ -24,10 +24,10 @@ from maglev_env.experiment import SPECTRAL, Experiment, protocol_experiment
 from maglev_env.kernel_rows import LANES
 from maglev_env.lanes import lane_batch, structure_of
 from maglev_env.linear import closed_loop_poles
-from maglev_env.noise import line_noise
 from maglev_env.rig import load_rig
 from maglev_env.simulate import simulate_statistics
 from maglev_env.threads import over_threads
+from selfsense.noise import line_noise
 
 _PERIODS_PER_CALL = 4  # a call of the bare kernel then outlasts the start of its threads
 

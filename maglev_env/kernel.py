@@ -15,14 +15,14 @@ import numba as nb
 import numpy as np
 
 from maglev_env import kernel_pieces, kernel_rows
-from maglev_env import noise as noise_source
+from selfsense import noise as noise_source
 from maglev_env.kernel_pieces import axis_pieces
 from maglev_env.kernel_rows import (
     ACTING, ALIVE, ARRIVED, CHAIN_ROWS, COUNT_MAX, CROSS_SENSOR, CURRENT_SQ, D, DECAY_D, DECAY_I, DELAY_STEPS, ERROR,
     KD, KI, KP, LANES, LIMIT_SQ, NOISE, PEAK_SQ, PER_COUNT, PER_MASS, PER_U_COUNT, PROBE_COUNTS, RAW, SENSED, STEPS, U,
     U_COUNT, U_COUNT_MAX, U_OLD, V, X1, X2, XI, Y, Z1, Z2, axis_rows, filter_row,
 )  # fmt: skip
-from maglev_env.noise import FAST, normal
+from selfsense.noise import FAST, normal
 
 W = LANES
 # The compiler's disk cache looks at this file alone; naming what it was compiled from keeps it from serving stale code.

@@ -14,8 +14,8 @@ from maglev_env.kernel import CHANNELS as KERNEL_CHANNELS
 from maglev_env.kernel import TILE, Structure, kernel
 from maglev_env.kernel_rows import ALIVE, CURRENT_SQ, LANES, PEAK_SQ, STEPS
 from maglev_env.lanes import SEEDED, LaneBatch, lane_batch, structure_of
-from maglev_env.noise import line_noise, series_noise
 from maglev_env.threads import over_threads
+from selfsense.noise import line_noise, series_noise
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,110 @@
+"""The self-sensing kernel: one compiled loop that steps LANES coils with their supplies and estimators together."""
+
+from collections.abc import Callable
+from functools import cache
+from hashlib import sha256
+from pathlib import Path
+
+import numba as nb
+import numpy as np
+
+from selfsense import kernel_pieces, kernel_rows
+from selfsense import noise as noise_source
+from selfsense.kernel_pieces import SensorStructure, sensor_pieces
+from selfsense.kernel_rows import (
+    COUNT_MAX,
+    COUNTS,
+    ESTIMATE,
+    FORWARD,
+    GAP,
+    LANES,
+    NOISE,
+    PER_COUNT,
+    READING,
+    VOLT_SECONDS,
+)  # fmt: skip
+from selfsense.noise import FAST, normal
+
+W = LANES
+# The compiler's disk cache looks at this file alone; naming what it was compiled from keeps it from serving stale code.
+_PARTS = (kernel_pieces, kernel_rows, noise_source)
+SOURCES = int(sha256(b"".join(Path(part.__file__).read_bytes() for part in _PARTS)).hexdigest()[:15], 16)
+# What is written per sample: estimated gap (m), amplitude of the ripple behind the forward path (A), current reading
+# (A), levels of the switching voltage times seconds since the sample before (s).
+CHANNELS = ("estimate", "amplitude", "current", "volt_seconds")
+
+
+@cache
+def kernel(structure: SensorStructure, outputs: int) -> Callable[..., None]:
+    """The compiled stepper for a structure that writes the first `outputs` of CHANNELS.
+
+    Called as step(block, seeds, first_sample, samples, per_cycle, cycle, every, gap, drive, out), all arrays flat:
+    `per_cycle` PWM periods last as long as `cycle` samples. gap (samples, LANES) m at the samples; drive
+    (samples, LANES), of which those count at which a PWM period begins: -1 .. 1, or with a regulator the current (A)
+    at that period's end. out (outputs, samples // every, LANES): every so many samples, counted from sample 0.
+    """
+    rms, emf, core, dead, adc, noise, drifting, regulated = vars(structure).values()
+    return _make(rms, emf, core, dead, adc, noise, drifting, regulated, outputs)
+
+
+def _make(rms, emf, core, dead, adc, noise, drifting, regulated, outputs):
+    sources = SOURCES
+    switch, conduct, current, sheath, converge = sensor_pieces(
+        0, SensorStructure(rms, emf, core, dead, adc, noise, drifting, regulated)
+    )
+
+    @nb.njit(fastmath=FAST, error_model="numpy", nogil=True, cache=True)
+    def step(x, seeds, first_sample, samples, per_cycle, cycle, every, gap, drive, out):
+        if sources == 0:
+            return
+        written = np.int64(0)
+        kept = samples // every
+        share = per_cycle / cycle
+        for n in range(samples):
+            at = np.int64((first_sample + n) * per_cycle % cycle)
+            start = at / cycle
+            r = n * W
+            if at == 0:
+                for i in range(W):
+                    switch(x, i, drive[r + i], x[GAP * W + i])
+            count = np.uint64(np.int64(first_sample + n + 1))
+            if drifting and at + per_cycle > cycle:
+                before, after = (cycle - at) / cycle, (at + per_cycle - cycle) / cycle
+                for i in range(W):
+                    gap_start, gap_end = x[GAP * W + i], gap[r + i]
+                    edge = gap_start + (gap_end - gap_start) * (before / share)
+                    x[VOLT_SECONDS * W + i] = 0.0
+                    conduct(x, i, start, before, gap_start, edge)
+                    switch(x, i, drive[r + i], edge)
+                    conduct(x, i, 0.0, after, edge, gap_end)
+            else:
+                for i in range(W):
+                    x[VOLT_SECONDS * W + i] = 0.0
+                    conduct(x, i, start, share, x[GAP * W + i], gap[r + i])
+            for i in range(W):
+                x[GAP * W + i] = gap[r + i]
+                reading = current(x, i, gap[r + i]) + sheath(x, i, gap[r + i])
+                if noise:
+                    reading = reading + x[NOISE * W + i] * normal(seeds[i], count)
+                if adc:
+                    counts = np.rint(reading * x[COUNTS * W + i])
+                    top = x[COUNT_MAX * W + i]
+                    reading = min(max(counts, -top), top - 1.0) * x[PER_COUNT * W + i]
+                converge(x, i, reading, x[VOLT_SECONDS * W + i])
+                x[READING * W + i] = reading
+            if (first_sample + n + 1) % every == 0:
+                o = written * W
+                for i in range(W):
+                    out[o + i] = x[ESTIMATE * W + i]
+                if outputs > 1:
+                    for i in range(W):
+                        out[kept * W + o + i] = x[FORWARD * W + i]
+                if outputs > 2:
+                    for i in range(W):
+                        out[2 * kept * W + o + i] = x[READING * W + i]
+                if outputs > 3:
+                    for i in range(W):
+                        out[3 * kept * W + o + i] = x[VOLT_SECONDS * W + i]
+                written += 1
+
+    return step

@@ -1,0 +1,149 @@
+"""A self-sensor: coil, supply, acquisition and parameter estimator, and what the lane kernel needs to know of them."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+from math import isfinite, pi
+
+import numpy as np
+
+from selfsense import kernel_rows as k
+from selfsense.coil import Coil
+from selfsense.forward_path import DigitalPath, ForwardPath
+from selfsense.kernel_pieces import SensorStructure
+from selfsense.supply import Acquisition, Supply, check_rates
+
+LARGEST_DECAY = 0.3  # of a sample: up to here the kernel's series of e^-x holds 1e-5
+
+
+@dataclass(frozen=True)
+class Estimator:
+    """The parameter estimator of Maslen, Noh and Montie: what it believes of coil and supply, and its PI gains.
+
+    A simulated inductor sees the same switching voltage; two identical forward paths compare its ripple with the
+    coil's; a PI controller, kp (m/A) and ki (m/(A s)), moves the estimated gap until they agree, in gap_range (m).
+    `design.design_pi` finds gains. ValueError when a value is out of range, or the believed coil has core losses.
+    """
+
+    coil: Coil
+    voltage: float
+    kp: float
+    ki: float
+    gap_range: tuple[float, float]
+    path: ForwardPath = DigitalPath()
+
+    def __post_init__(self) -> None:
+        for name in ("voltage", "kp", "ki"):
+            value = getattr(self, name)
+            if not (isfinite(value) and value >= 0) or (name == "voltage" and value == 0):
+                raise ValueError(f"estimator: {name} = {value} must be a positive number")
+        low, high = self.gap_range
+        if not (isfinite(low) and isfinite(high) and high > low >= 0 and low + self.coil.core_length > 0):
+            raise ValueError(f"estimator: gap_range = {self.gap_range} m must be two rising gaps above 0")
+        if self.coil.has_core_losses:
+            raise ValueError(
+                "estimator: the simulated inductor knows no eddy currents and no saturation; leave them out"
+            )
+
+
+@dataclass(frozen=True)
+class SelfSensor:
+    """A coil as it is, its supply and acquisition, and the estimator that reads the gap from its current.
+
+    gap (m): at rest, where estimator and displacement begin. displacement = scale (gap - estimate) + shift (m), both
+    from a static calibration. ValueError when the parts do not fit together.
+    """
+
+    coil: Coil
+    supply: Supply
+    acquisition: Acquisition
+    estimator: Estimator
+    gap: float
+    scale: float = 1.0
+    shift: float = 0.0
+
+    def __post_init__(self) -> None:
+        check_rates(self.supply, self.acquisition)
+        low, high = self.estimator.gap_range
+        if not low < self.gap < high:
+            raise ValueError(f"self-sensor: gap = {self.gap} m is not inside the estimator's {low} .. {high} m")
+        samples_and_periods(self)
+        self.estimator.path.sections(self.acquisition.rate)
+        for name, coil in (("coil", self.coil), ("estimator", self.estimator.coil)):
+            decay = coil.resistance / coil.inductance(high) / self.acquisition.rate
+            if decay > LARGEST_DECAY:
+                raise ValueError(
+                    f"self-sensor: the {name}'s current decays by e^-{decay:.2g} within one sample; at most "
+                    f"e^-{LARGEST_DECAY} can be followed: sample faster, or correct resistance and gap_range"
+                )
+
+
+def samples_and_periods(sensor: SelfSensor) -> tuple[int, int]:
+    """The smallest whole numbers of samples and PWM periods that last equally long; ValueError above 10,000 samples."""
+    ratio = Fraction(sensor.acquisition.rate / sensor.supply.frequency).limit_denominator(1000)
+    if abs(float(ratio) * sensor.supply.frequency / sensor.acquisition.rate - 1) > 1e-9 or ratio.numerator > 10_000:
+        raise ValueError(
+            f"acquisition: rate = {sensor.acquisition.rate:g} Hz and the PWM frequency {sensor.supply.frequency:g} Hz "
+            "are in no ratio of whole numbers below 1,000; choose, say, 250 kHz for 25 kHz"
+        )
+    return ratio.numerator, ratio.denominator
+
+
+def structure_of(sensor: SelfSensor, regulated: bool) -> SensorStructure:
+    """The kernel that a sensor needs; regulated: its supply follows a mean current, not a given drive."""
+    return SensorStructure(
+        rms=sensor.estimator.path.rms,
+        emf=sensor.coil.back_emf,
+        core=sensor.coil.has_core_losses,
+        dead=sensor.supply.dead_time > 0,
+        adc=sensor.acquisition.bits > 0,
+        noise=sensor.acquisition.noise > 0,
+        drifting=samples_and_periods(sensor)[1] > 1,
+        regulated=regulated,
+    )
+
+
+def sensor_rows(sensors: Sequence[SelfSensor]) -> np.ndarray:
+    """Rows (SENSOR_ROWS, n) of n sensors at rest, the coil without current."""
+    return np.array([_rows(sensor) for sensor in sensors]).T
+
+
+def _rows(s: SelfSensor) -> np.ndarray:
+    rows = np.zeros(k.SENSOR_ROWS)
+    coil, model, rate = s.coil, s.estimator.coil, s.acquisition.rate
+    rows[[k.GAP, k.ESTIMATE, k.INTEGRAL, k.REST_GAP]] = s.gap
+    rows[[k.ALPHA, k.ON, k.OFF]] = 0.5, 1.0, -1.0
+    rows[[k.INVERSE_0, k.INVERSE_1]] = _inverse(coil)
+    rows[k.RESISTANCE], rows[k.VOLTAGE] = coil.resistance, s.supply.voltage
+    rows[k.MAGNET_EMF], rows[k.EDDY_RATE] = coil.magnet_emf, 1.0
+    per_length = coil.core_length / coil.constant
+    if coil.lamination:
+        modes = np.arange(1, k.EDDY_MODES + 1)
+        rest = 2 * (1 / 6 - (1 / (pi * modes) ** 2).sum())  # of the sum of 2 / (pi n)^2, which is 1/3
+        rows[k.EDDY_RATE] = pi**2 / coil.diffusion_time
+        rows[k.CORE_SHARE], rows[k.EDDY_TAIL] = per_length, per_length * rest * coil.diffusion_time
+    if coil.saturation_field is not None:
+        per_field = 1 / (coil.turns * coil.pole_area * coil.saturation_field)
+        rows[k.SATURATED], rows[k.PER_FIELD] = per_length / per_field, per_field
+        rows[k.BIAS_FIELD] = coil.bias_field / coil.saturation_field
+    rows[k.PERIOD] = 1 / s.supply.frequency
+    rows[k.DEAD], rows[k.STATES_3] = s.supply.dead_time * s.supply.frequency, s.supply.states == 3
+    rows[k.NOISE] = s.acquisition.noise
+    if s.acquisition.bits:
+        rows[k.COUNTS], rows[k.PER_COUNT] = 1 / s.acquisition.resolution, s.acquisition.resolution
+        rows[k.COUNT_MAX] = 2.0 ** (s.acquisition.bits - 1)
+    rows[[k.MODEL_INVERSE_0, k.MODEL_INVERSE_1]] = _inverse(model)
+    rows[k.MODEL_RESISTANCE], rows[k.MODEL_VOLTAGE] = model.resistance, s.estimator.voltage
+    rows[k.INTERVAL] = 1 / rate
+    rows[k.KP], rows[k.KI_INTERVAL] = s.estimator.kp, s.estimator.ki / rate
+    rows[k.LOWEST], rows[k.HIGHEST] = s.estimator.gap_range
+    before, behind = s.estimator.path.sections(rate)
+    rows[k.BEFORE : k.BEFORE + before.size] = before.ravel()
+    rows[k.BEHIND : k.BEHIND + behind.size] = behind.ravel()
+    rows[k.SCALE], rows[k.SHIFT] = s.scale, s.shift
+    return rows
+
+
+def _inverse(coil: Coil) -> tuple[float, float]:
+    """1 / L = first + second * gap."""
+    return coil.core_length / coil.constant, 2 / coil.constant
