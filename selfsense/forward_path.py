@@ -1,4 +1,4 @@
-"""Forward paths: the filters that turn a switching current into the amplitude of its ripple (D 6.2.2, 6.4.1, App. D)."""
+"""Forward paths: filters that turn a switching current into the amplitude of its ripple (D 6.2.2, 6.4.1, App. D)."""
 
 from dataclasses import dataclass
 from math import isfinite, pi, sqrt

@@ -11,19 +11,8 @@ import numpy as np
 from selfsense import kernel_pieces, kernel_rows
 from selfsense import noise as noise_source
 from selfsense.kernel_pieces import SensorStructure, sensor_pieces
-from selfsense.kernel_rows import (
-    COUNT_MAX,
-    COUNTS,
-    ESTIMATE,
-    FORWARD,
-    GAP,
-    LANES,
-    NOISE,
-    PER_COUNT,
-    READING,
-    VOLT_SECONDS,
-)  # fmt: skip
-from selfsense.noise import FAST, normal
+from selfsense.kernel_rows import ESTIMATE, FORWARD, GAP, LANES, READING, VOLT_SECONDS
+from selfsense.noise import FAST
 
 W = LANES
 # The compiler's disk cache looks at this file alone; naming what it was compiled from keeps it from serving stale code.
@@ -49,7 +38,7 @@ def kernel(structure: SensorStructure, outputs: int) -> Callable[..., None]:
 
 def _make(rms, emf, core, dead, adc, noise, drifting, regulated, outputs):
     sources = SOURCES
-    switch, conduct, current, sheath, converge = sensor_pieces(
+    switch, advance, advance_across, read, _ = sensor_pieces(
         0, SensorStructure(rms, emf, core, dead, adc, noise, drifting, regulated)
     )
 
@@ -68,30 +57,15 @@ def _make(rms, emf, core, dead, adc, noise, drifting, regulated, outputs):
                 for i in range(W):
                     switch(x, i, drive[r + i], x[GAP * W + i])
             count = np.uint64(np.int64(first_sample + n + 1))
+            # One loop each, as large as it gets: small ones are unrolled before they can become vector instructions.
             if drifting and at + per_cycle > cycle:
-                before, after = (cycle - at) / cycle, (at + per_cycle - cycle) / cycle
                 for i in range(W):
-                    gap_start, gap_end = x[GAP * W + i], gap[r + i]
-                    edge = gap_start + (gap_end - gap_start) * (before / share)
-                    x[VOLT_SECONDS * W + i] = 0.0
-                    conduct(x, i, start, before, gap_start, edge)
-                    switch(x, i, drive[r + i], edge)
-                    conduct(x, i, 0.0, after, edge, gap_end)
+                    advance_across(x, i, start, share, gap[r + i], drive[r + i])
+                    read(x, i, seeds[i], count)
             else:
                 for i in range(W):
-                    x[VOLT_SECONDS * W + i] = 0.0
-                    conduct(x, i, start, share, x[GAP * W + i], gap[r + i])
-            for i in range(W):
-                x[GAP * W + i] = gap[r + i]
-                reading = current(x, i, gap[r + i]) + sheath(x, i, gap[r + i])
-                if noise:
-                    reading = reading + x[NOISE * W + i] * normal(seeds[i], count)
-                if adc:
-                    counts = np.rint(reading * x[COUNTS * W + i])
-                    top = x[COUNT_MAX * W + i]
-                    reading = min(max(counts, -top), top - 1.0) * x[PER_COUNT * W + i]
-                converge(x, i, reading, x[VOLT_SECONDS * W + i])
-                x[READING * W + i] = reading
+                    advance(x, i, start, share, gap[r + i])
+                    read(x, i, seeds[i], count)
             if (first_sample + n + 1) % every == 0:
                 o = written * W
                 for i in range(W):

@@ -6,51 +6,16 @@ Every piece takes the block x and the lane i and works on scalars; `first` is th
 from collections.abc import Callable
 from dataclasses import dataclass
 
+import numpy as np
 from numba.extending import register_jitable
 
 from selfsense.kernel_rows import (
-    ACTUAL,
-    ALPHA,
-    BEFORE,
-    BEHIND,
-    BIAS_FIELD,
-    COIL,
-    CORE_SHARE,
-    DEAD,
-    EDDY,
-    EDDY_RATE,
-    EDDY_TAIL,
-    ESTIMATE,
-    FALL,
-    FORWARD,
-    HIGHEST,
-    INTEGRAL,
-    INTERVAL,
-    INVERSE_0,
-    INVERSE_1,
-    KI_INTERVAL,
-    KP,
-    LANES,
-    LEVEL,
-    LOWEST,
-    MAGNET_EMF,
-    MODEL,
-    MODEL_INVERSE_0,
-    MODEL_INVERSE_1,
-    MODEL_RESISTANCE,
-    MODEL_VOLTAGE,
-    OFF,
-    ON,
-    PER_FIELD,
-    PERIOD,
-    RESISTANCE,
-    RISE,
-    SATURATED,
-    SIMULATED,
-    STATES_3,
-    VOLT_SECONDS,
-    VOLTAGE,
+    ACTUAL, ALPHA, BEFORE, BEHIND, BIAS_FIELD, COIL, CORE_SHARE, COUNTS, COUNT_MAX, DEAD, EDDY, EDDY_RATE, EDDY_TAIL,
+    ESTIMATE, FALL, FORWARD, GAP, HIGHEST, INTEGRAL, INTERVAL, INVERSE_0, INVERSE_1, KI_INTERVAL, KP, LANES, LEVEL,
+    LOWEST, MAGNET_EMF, MODEL, MODEL_INVERSE_0, MODEL_INVERSE_1, MODEL_RESISTANCE, MODEL_VOLTAGE, NOISE, OFF, ON,
+    PERIOD, PER_COUNT, PER_FIELD, READING, RESISTANCE, RISE, SATURATED, SIMULATED, STATES_3, VOLTAGE, VOLT_SECONDS,
 )  # fmt: skip
+from selfsense.noise import normal
 
 W = LANES
 
@@ -72,10 +37,10 @@ class SensorStructure:
 
 
 def sensor_pieces(first: int, structure: SensorStructure) -> tuple[Callable, ...]:
-    """switch, conduct, current and converge of the sensor whose rows begin at row `first`."""
+    """switch, advance, advance_across, read and converge of the sensor whose rows begin at row `first`."""
     b = first * W
     rms, emf, core = structure.rms, structure.emf, structure.core
-    dead, regulated = structure.dead, structure.regulated
+    dead, regulated, adc, noise = structure.dead, structure.regulated, structure.adc, structure.noise
 
     @register_jitable(forceinline=True)
     def current(x, i, gap):
@@ -228,4 +193,36 @@ def sensor_pieces(first: int, structure: SensorStructure) -> tuple[Callable, ...
         x[b + ESTIMATE * W + i] = min(max(integral + x[b + KP * W + i] * error, low), high)
         x[b + FORWARD * W + i] = forward
 
-    return switch, conduct, current, sheath, converge
+    @register_jitable(forceinline=True)
+    def advance(x, i, start, share, gap_end):
+        """Advance the coil over a sample interval, `share` of a PWM period from `start` on, inside one period."""
+        x[b + VOLT_SECONDS * W + i] = 0.0
+        conduct(x, i, start, share, x[b + GAP * W + i], gap_end)
+        x[b + GAP * W + i] = gap_end
+
+    @register_jitable(forceinline=True)
+    def advance_across(x, i, start, share, gap_end, drive):
+        """The same where a PWM period ends inside the interval and the next begins with a drive."""
+        before, gap_start = 1.0 - start, x[b + GAP * W + i]
+        edge = gap_start + (gap_end - gap_start) * (before / share)
+        x[b + VOLT_SECONDS * W + i] = 0.0
+        conduct(x, i, start, before, gap_start, edge)
+        switch(x, i, drive, edge)
+        conduct(x, i, 0.0, share - before, edge, gap_end)
+        x[b + GAP * W + i] = gap_end
+
+    @register_jitable(forceinline=True)
+    def read(x, i, seed, count):
+        """Read the current at the end of a sample interval and let the estimator converge on it."""
+        gap = x[b + GAP * W + i]
+        reading = current(x, i, gap) + sheath(x, i, gap)
+        if noise:
+            reading = reading + x[b + NOISE * W + i] * normal(seed, count)
+        if adc:
+            top = x[b + COUNT_MAX * W + i]
+            counts = np.rint(reading * x[b + COUNTS * W + i])
+            reading = min(max(counts, -top), top - 1.0) * x[b + PER_COUNT * W + i]
+        x[b + READING * W + i] = reading
+        converge(x, i, reading, x[b + VOLT_SECONDS * W + i])
+
+    return switch, advance, advance_across, read, converge

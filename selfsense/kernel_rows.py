@@ -3,8 +3,8 @@
 LANES = 16
 EDDY_MODES = 4
 
-# State. COIL: the current (A), or the flux linkage (Wb) where the motion's voltage counts; ALPHA: share of the PWM period
-# spent at level ON, the rest at OFF; RISE and FALL: where its edges lie, dead time included; LEVEL: in force now;
+# State. COIL: the current (A), or the flux linkage (Wb) where the motion's voltage counts; ALPHA: share of the PWM
+# period spent at level ON, the rest at OFF; RISE, FALL: where its edges lie, dead time included; LEVEL: in force now;
 # VOLT_SECONDS: levels times seconds since the last sample; MODEL: the simulated inductor's current; GAP: at the last
 # sample; FORWARD: amplitude of the ripple, A; INTEGRAL: of the convergence controller, m.
 COIL, ALPHA, ON, OFF, RISE, FALL, LEVEL, VOLT_SECONDS, MODEL, GAP, READING, FORWARD, ESTIMATE, INTEGRAL = range(14)

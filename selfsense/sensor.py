@@ -1,7 +1,7 @@
 """A self-sensor: coil, supply, acquisition and parameter estimator, and what the lane kernel needs to know of them."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from fractions import Fraction
 from math import isfinite, pi
 
@@ -30,7 +30,7 @@ class Estimator:
     kp: float
     ki: float
     gap_range: tuple[float, float]
-    path: ForwardPath = DigitalPath()
+    path: ForwardPath = field(default_factory=DigitalPath)
 
     def __post_init__(self) -> None:
         for name in ("voltage", "kp", "ki"):
