@@ -11,10 +11,13 @@ from maglev_env.excitation import Excitation, axis_excitations, check_interleave
 from maglev_env.gains import NO_CONTROLLER, Controllers, of_axis
 from maglev_env.planar import suffixes
 from maglev_env.rig import Rig, axis_rig
+from maglev_env.self_sensing import self_sensor
+from selfsense.sensor import SelfSensor
 
 # Channels of a recording, and those whose spectra the estimators use; the injection is digital and known exactly.
 CHANNELS = ("displacement", "command", "current", "force")
 SPECTRAL = ("displacement", "command", "force", "injection")
+SENSORS = ("probe", "self_sensing")
 
 
 @dataclass(frozen=True)
@@ -24,7 +27,8 @@ class Experiment:
     excitations: periodic, on lines of one common fundamental; none where only linear responses are asked. periods: how
     many are kept, after transient_periods that are dropped. offset: static reference, m, in x on an x-y rig. seed: of
     every noise channel. sample_rate: of the recording, Hz: the control rate (None), or an integer multiple or fraction.
-    Raises ValueError when the parts do not fit together.
+    sensor: what reads the displacement: "probe", "self_sensing" by the rig's own coils (see `self_sensing`), or a
+    self-sensor for each of them. Raises ValueError when the parts do not fit together.
     """
 
     rig: Rig
@@ -36,9 +40,11 @@ class Experiment:
     offset: float = 0.0
     seed: int | tuple[int, ...] = 0
     sample_rate: float | None = None
+    sensor: str | SelfSensor = "probe"
 
     def __post_init__(self) -> None:
         check_effects(self.effects)
+        self._check_sensor()
         check_interleaved(self.excitations)
         if not self.rig.controlled and any(e.at != "force" for e in self.excitations):
             raise ValueError(f"experiment: rig {self.rig.name} has no magnets: only a force can excite it")
@@ -63,6 +69,20 @@ class Experiment:
             raise ValueError("experiment: periods must be at least 1 and transient_periods at least 0")
         if self.offset and abs(self.offset) >= self.rig.clearance:
             raise ValueError(f"experiment: offset {self.offset} m is beyond the clearance {self.rig.clearance} m")
+
+    def _check_sensor(self) -> None:
+        if not isinstance(self.sensor, SelfSensor) and self.sensor not in SENSORS:
+            raise ValueError(f"sensor = {self.sensor!r}; use {' or '.join(SENSORS)}, or a SelfSensor")
+        if self.sensor == "probe":
+            return
+        if "sensor_lag" in self.effects:
+            raise ValueError("effect sensor_lag is the probe's: it has no meaning with self-sensing; leave it out")
+        for sensor in self_sensors(self):
+            if sensor.supply.states != 2:
+                raise ValueError(
+                    "self-sensing in a levitation loop needs a supply of two states: with three the coil hardly "
+                    "ripples near its resting current"
+                )
 
     @property
     def fundamental(self) -> float:
@@ -100,6 +120,26 @@ class Experiment:
             if e.periodic and e.at == place:
                 total += e.components[: self.rig.axes, None] * e.waveform(self.rig.control_rate)
         return total if self.rig.axes == 2 else total[0]
+
+
+def self_sensors(e: Experiment) -> tuple[SelfSensor, ...]:
+    """The self-sensor of each axis, empty with a probe. ValueError when a rig's coils cannot sense."""
+    if e.sensor == "probe":
+        return ()
+    if isinstance(e.sensor, SelfSensor):
+        return (e.sensor,) * e.rig.axes
+    return tuple(self_sensor(axis_rig(e.rig, axis)) for axis in range(e.rig.axes))
+
+
+def spectral_channels(e: Experiment) -> tuple[str, ...]:
+    """SPECTRAL channels of an experiment, and with self-sensing the position that its readings stand for."""
+    return channels_of(e.rig, (*SPECTRAL, *(("position",) if e.sensor != "probe" else ())))
+
+
+def recorded_channels(e: Experiment) -> tuple[str, ...]:
+    """CHANNELS of an experiment's records, and with self-sensing the position beside what was sensed."""
+    first, second, *others = CHANNELS
+    return (first, second, *(("position",) if e.sensor != "probe" else ()), *others)
 
 
 def channels_of(rig: Rig, names: Sequence[str] = CHANNELS) -> tuple[str, ...]:

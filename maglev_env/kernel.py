@@ -6,7 +6,7 @@ how many others run beside it. Absent effects are compiled out.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import cache
 from hashlib import sha256
 from pathlib import Path
@@ -15,22 +15,26 @@ import numba as nb
 import numpy as np
 
 from maglev_env import kernel_pieces, kernel_rows
+from selfsense import kernel_pieces as sensor_source
+from selfsense import kernel_rows as sensor_rows
 from selfsense import noise as noise_source
-from maglev_env.kernel_pieces import axis_pieces
+from maglev_env.kernel_pieces import axis_pieces, sensing_pieces
 from maglev_env.kernel_rows import (
     ACTING, ALIVE, ARRIVED, CHAIN_ROWS, COUNT_MAX, CROSS_SENSOR, CURRENT_SQ, D, DECAY_D, DECAY_I, DELAY_STEPS, ERROR,
     KD, KI, KP, LANES, LIMIT_SQ, NOISE, PEAK_SQ, PER_COUNT, PER_MASS, PER_U_COUNT, PROBE_COUNTS, RAW, SENSED, STEPS, U,
     U_COUNT, U_COUNT_MAX, U_OLD, V, X1, X2, XI, Y, Z1, Z2, axis_rows, filter_row,
 )  # fmt: skip
+from selfsense.kernel_pieces import SensorStructure, sensor_pieces
+from selfsense.kernel_rows import GAP as COIL_GAP
+from selfsense.kernel_rows import OFF_PEAK, OFF_SQ, OFF_SUM, SENSOR_ROWS
 from selfsense.noise import FAST, normal
 
 W = LANES
 # The compiler's disk cache looks at this file alone; naming what it was compiled from keeps it from serving stale code.
-_PARTS = (kernel_pieces, kernel_rows, noise_source)
+_PARTS = (kernel_pieces, kernel_rows, noise_source, sensor_source, sensor_rows)
 SOURCES = int(sha256(b"".join(Path(part.__file__).read_bytes() for part in _PARTS)).hexdigest()[:15], 16)
-# Output channels of a block, per sample and axis.
-DISPLACEMENT, COMMAND, CURRENT = range(3)
-CHANNELS = ("displacement", "command", "current")
+# Output channels of a block, per sample and axis; with self-sensing the true position stands before the current.
+DISPLACEMENT, COMMAND, POSITION = range(3)
 # Samples gathered before they are written out lane by lane, so that a lane's series is contiguous.
 TILE = 8
 
@@ -38,7 +42,8 @@ TILE = 8
 @dataclass(frozen=True)
 class Structure:
     """What is compiled in: magnets ("gap" or "magnet" for a pair by its flux path, "none"), support, poles per chain,
-    delay, converters, noise, order of a linear controller (0: the PID), axes, and whether anything couples them."""
+    delay, converters, noise, order of a linear controller (0: the PID), axes, whether anything couples them, and
+    self-sensors in the probes' place."""
 
     magnets: str
     supported: bool
@@ -51,22 +56,29 @@ class Structure:
     controller_order: int = 0
     axes: int = 1
     coupled: bool = False
+    sensed: SensorStructure | None = None
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        """What the kernel can write, in this order."""
+        return ("displacement", "command", *(("position",) if self.sensed else ()), "current")
 
 
 @cache
 def kernel(structure: Structure, outputs: int, substeps: int = 1, oversampled: bool = False) -> Callable[..., int]:
-    """The compiled stepper for a structure: `outputs` leading CHANNELS written (2 or 3), `substeps` per control sample.
+    """The compiled stepper for a structure: so many leading of its channels written, `substeps` per control sample.
 
-    Called as step(block, seeds, history, first_step, force, injection, reference, tile, out), all arrays flat, axis
-    after axis: advances the block over the control samples of the waveforms and fills out (axes, outputs, LANES,
-    samples), with `oversampled` a sample for every substep; tile is scratch of TILE samples. Returns the control
-    samples done: fewer when every lane has touched down.
+    Called as step(block, seeds, history, first_step, timing, force, injection, reference, tile, out), all arrays flat,
+    axis after axis: advances the block over the control samples of the waveforms and fills out (axes, outputs, LANES,
+    samples), with `oversampled` a sample for every substep; tile is scratch of TILE samples. timing, of self-sensors:
+    so many current samples in so many substeps, so many in so many PWM periods. Returns the control samples done: fewer
+    when every lane has touched down.
     """
     return _make(outputs=outputs, substeps=substeps, oversampled=oversampled, **vars(structure))
 
 
 def _make(
-    magnets, supported, sensor_poles, actuator_poles, delayed, adc, dac, noise, controller_order, axes, coupled,
+    magnets, supported, sensor_poles, actuator_poles, delayed, adc, dac, noise, controller_order, axes, coupled, sensed,
     outputs, substeps, oversampled,
 ):  # fmt: skip
     sixth, sources = 1.0 / 6.0, SOURCES
@@ -75,13 +87,22 @@ def _make(
     size, filter_start = rows * W, filter_row(substeps) * W  # of one axis
     rate = substeps if oversampled else 1  # samples written per control sample
     width = axes * outputs * W
-    seen = (Y, Z1, Z2)[sensor_poles]
+    sensing = sensed is not None
+    seen = Z1 if sensing else (Y, Z1, Z2)[sensor_poles]
+    current_at = POSITION + sensing
+    own, own_2 = axes * rows, axes * rows + SENSOR_ROWS  # where the self-sensors' rows begin
+    drifting = sensing and sensed.drifting
     kind = (magnets, supported, sensor_poles, actuator_poles, delayed)
     currents, pull, drag, probe, push, sway, beside = axis_pieces(0, rows, *kind)
     currents_2, pull_2, drag_2, probe_2, push_2, sway_2, beside_2 = axis_pieces(rows, 0, *kind)
+    sensor = sensed or SensorStructure(*[False] * len(fields(SensorStructure)))
+    switch, advance, across, read, _ = sensor_pieces(own, sensor)
+    switch_2, advance_2, across_2, read_2, _ = sensor_pieces(own_2, sensor)
+    begin, gap, target, show = sensing_pieces(0, own, actuator_poles, delayed)
+    begin_2, gap_2, target_2, show_2 = sensing_pieces(rows, own_2, actuator_poles, delayed)
 
     @nb.njit(fastmath=FAST, error_model="numpy", nogil=True, cache=True)
-    def step(x, seeds, history, first_step, force, injection, reference, tile, out):
+    def step(x, seeds, history, first_step, timing, force, injection, reference, tile, out):
         if sources == 0:
             return 0
         slots = history.size // axes
@@ -112,6 +133,14 @@ def _make(
                         top = x[b + COUNT_MAX * W + i]
                         shown = min(max(counts, -top), top) * x[b + PER_COUNT * W + i]
                         tile[o + DISPLACEMENT * W + i] = shown
+                        if sensing:
+                            c, y = (own + a * SENSOR_ROWS) * W + i, x[b + Y * W + i]
+                            off = shown - y if s == 0 else 0.0
+                            x[c + OFF_SUM * W] += off
+                            x[c + OFF_SQ * W] += off * off
+                            x[c + OFF_PEAK * W] = max(x[c + OFF_PEAK * W], abs(off))
+                            if outputs > POSITION:
+                                tile[o + POSITION * W + i] = y
                         if not planar:
                             x[b + PEAK_SQ * W + i] = max(x[b + PEAK_SQ * W + i], shown * shown)
                         if controlled and s == 0:
@@ -165,8 +194,8 @@ def _make(
                         else:
                             current = x[b + U * W + i]
                         x[b + CURRENT_SQ * W + i] += current * current
-                        if outputs > CURRENT:
-                            tile[o + CURRENT * W + i] = current
+                        if outputs > current_at:
+                            tile[o + current_at * W + i] = current
                 if planar and (s == 0 or oversampled):
                     for i in range(W):
                         o = (n % TILE) * width + DISPLACEMENT * W + i
@@ -175,6 +204,11 @@ def _make(
                 row = s * CHAIN_ROWS * W
                 force_now = force[t]
                 force_now_2 = force[samples + t] if planar else 0.0
+                if sensing:
+                    for i in range(W):
+                        begin(x, i)
+                        if planar:
+                            begin_2(x, i)
                 # Nystrom, 4th order: the middle stages share a position, so the magnets are evaluated thrice.
                 for i in range(W):
                     y, v = x[Y * W + i], x[V * W + i]
@@ -254,6 +288,40 @@ def _make(
                             x[size + X2 * W + i] = n2_2
                         x[size + Y * W + i] = y1_2 if alive > 0.0 else y_2
                         x[size + V * W + i] = v1_2 * alive
+                if sensing:
+                    # The rotor's step is made: follow it at the level of single switching edges.
+                    tick = np.int64(first_step + t) * substeps + s
+                    ticks, cycle, per_cycle = timing[1], timing[2], timing[3]
+                    share, period = per_cycle / cycle, cycle / per_cycle
+                    for m in range(tick * timing[0] // ticks, (tick + 1) * timing[0] // ticks):
+                        at, count = m * per_cycle % cycle, np.uint64(m + 1)
+                        start, per_tick = at / cycle, ticks / timing[0]
+                        here = (m + 1) * per_tick - tick
+                        ahead = (m - start * period + period) * per_tick - tick
+                        if at == 0:
+                            for i in range(W):
+                                switch(x, i, target(x, i, ahead), x[(own + COIL_GAP) * W + i])
+                                if planar:
+                                    switch_2(x, i, target_2(x, i, ahead), x[(own_2 + COIL_GAP) * W + i])
+                        if drifting and at + per_cycle > cycle:
+                            later = ahead + period * per_tick
+                            for i in range(W):
+                                across(x, i, start, share, gap(x, i, here), target(x, i, later))
+                                read(x, i, seeds[i], count)
+                                if planar:
+                                    across_2(x, i, start, share, gap_2(x, i, here), target_2(x, i, later))
+                                    read_2(x, i, seeds[W + i], count)
+                        else:
+                            for i in range(W):
+                                advance(x, i, start, share, gap(x, i, here))
+                                read(x, i, seeds[i], count)
+                                if planar:
+                                    advance_2(x, i, start, share, gap_2(x, i, here))
+                                    read_2(x, i, seeds[W + i], count)
+                    for i in range(W):
+                        show(x, i)
+                        if planar:
+                            show_2(x, i)
                 if n % TILE == TILE - 1 and (oversampled or s == substeps - 1):
                     for c in range(width):
                         for j in range(TILE):

@@ -10,8 +10,9 @@ from numba.extending import register_jitable
 
 from maglev_env.kernel_rows import (
     ACTING, ACTUATOR, BIAS, CALIBRATION, CROSS_C, CROSS_CURRENT, CROSS_GAIN, CROSS_K, CS, EXPONENT, FLUX_C,
-    FLUX_M, GAP, GAP2, GAPM, GAPM2, KS, LANES, SENSOR, SENSOR_CURRENT, U, U_OLD, WEIGHT, X1, X2, Z1, Z2,
+    FLUX_M, GAP, GAP2, GAPM, GAPM2, KS, LANES, SENSOR, SENSOR_CURRENT, U, U_OLD, V, WEIGHT, X1, X2, Y, Z1, Z2,
 )  # fmt: skip
+from selfsense.kernel_rows import BEGUN_CURRENT, BEGUN_V, BEGUN_Y, ESTIMATE, REST_CURRENT, REST_GAP, SCALE, SHIFT
 
 W = LANES
 
@@ -142,3 +143,45 @@ def axis_pieces(
         return x[b + CROSS_C * W + i] * v
 
     return currents, acceleration, drag, probe, push, sway, beside
+
+
+def sensing_pieces(first: int, sensor: int, actuator_poles: int, delayed: bool) -> tuple[Callable, ...]:
+    """begin, gap, target and show of the axis whose rows begin at row `first` and its self-sensor's at row `sensor`."""
+    b, c = first * W, sensor * W
+    acting = ACTING if delayed else U
+
+    @register_jitable(forceinline=True)
+    def carried(x, i):
+        """The control current now, as the nominal amplifier carries it."""
+        if actuator_poles == 2:
+            return x[b + X2 * W + i]
+        return x[b + X1 * W + i] if actuator_poles == 1 else x[b + acting * W + i]
+
+    @register_jitable(forceinline=True)
+    def begin(x, i):
+        """Remember with what a step begins."""
+        x[c + BEGUN_Y * W + i], x[c + BEGUN_V * W + i] = x[b + Y * W + i], x[b + V * W + i]
+        x[c + BEGUN_CURRENT * W + i] = carried(x, i)
+
+    @register_jitable(forceinline=True)
+    def gap(x, i, here):
+        """The coil's gap at a fraction of the step just made: the cubic through both ends of the motion."""
+        rest = 1.0 - here
+        ends = x[c + BEGUN_Y * W + i] * (rest * rest * (1.0 + 2.0 * here))
+        ends = ends + x[b + Y * W + i] * (here * here * (3.0 - 2.0 * here))
+        bend = x[c + BEGUN_V * W + i] * rest - x[b + V * W + i] * here
+        return x[b + GAP * W + i] - ends - bend * (here * rest)
+
+    @register_jitable(forceinline=True)
+    def target(x, i, ahead):
+        """Mean coil current wanted at a time in steps from the beginning of the step, its change carried on."""
+        begun = x[c + BEGUN_CURRENT * W + i]
+        return x[c + REST_CURRENT * W + i] + begun + (carried(x, i) - begun) * ahead
+
+    @register_jitable(forceinline=True)
+    def show(x, i):
+        """The displacement that the estimated gap stands for, where the probe's state would be."""
+        off_rest = x[c + REST_GAP * W + i] - x[c + ESTIMATE * W + i]
+        x[b + Z1 * W + i] = x[c + SCALE * W + i] * off_rest + x[c + SHIFT * W + i]
+
+    return begin, gap, target, show

@@ -1,6 +1,6 @@
 """Rows of one axis in the lane kernel's block: state, constants, exact linear chains, controller."""
 
-LANES = 16
+from selfsense.kernel_rows import LANES as LANES
 
 # State. U: the command; ACTING and U_OLD: what acts from now on and what acted before, where a delay lies between.
 Y, V, Z1, Z2, X1, X2, D, XI, ALIVE, STEPS, U, ACTING, U_OLD, PEAK_SQ, CURRENT_SQ, ERROR, RAW, SENSED = range(18)

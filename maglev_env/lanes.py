@@ -2,32 +2,38 @@
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from fractions import Fraction
 
 import numpy as np
 from scipy.linalg import expm
 
 from maglev_env import kernel_rows as k
 from maglev_env.effects import effect_value, split_delay
-from maglev_env.experiment import Experiment, axis_experiment, moving_mass
+from maglev_env.experiment import Experiment, axis_experiment, moving_mass, self_sensors
 from maglev_env.gains import Gains, LinearController, numerator_of
 from maglev_env.kernel import Structure
 from maglev_env.kernel_rows import axis_rows, filter_row
 from maglev_env.magnetics import SingleSidedLaw, force_law, linearise
 from maglev_env.planar import NO_CROSS
 from maglev_env.rig import Rig
+from selfsense import kernel_rows as sensing
+from selfsense.kernel_pieces import SensorStructure
+from selfsense.sensor import samples_and_periods, sensor_rows
+from selfsense.sensor import structure_of as sensor_structure
 
 SEEDED = ("displacement", "current", "force")  # noise channels, each with a stream of its own
 
 
 @dataclass(frozen=True)
 class LaneBatch:
-    """Kernel inputs of n experiments of one structure: rows (axes x rows of an axis, n) at their start, seeds
-    (axes, 3, n)."""
+    """Kernel inputs of n experiments of one structure: rows (axes x rows of an axis, then of each axis' self-sensor, n)
+    at their start, seeds (axes, 3, n), timing of the self-sensors (4,) as the kernel takes it."""
 
     structure: Structure
     rows: np.ndarray
     seeds: np.ndarray
     history_length: int
+    timing: np.ndarray
 
 
 def structure_of(experiment: Experiment) -> Structure:
@@ -38,19 +44,55 @@ def structure_of(experiment: Experiment) -> Structure:
     filters = [e.gains for e in axes if isinstance(e.gains, LinearController)]
     if 0 < len(filters) < len(axes):
         raise ValueError("experiment: give both axes PID gains, or both a linear controller")
+    sensors = self_sensors(experiment)
+    probe_poles = _deepest(r.sensor_time_constant for r in rigs) + (effect_value(effects, "sensor_lag") > 0)
     return Structure(
         magnets=_magnets(rigs[0]),
         supported=any(r.support_stiffness > 0 or r.support_damping > 0 for r in rigs) or "damping" in effects,
-        sensor_poles=_deepest(r.sensor_time_constant for r in rigs) + (effect_value(effects, "sensor_lag") > 0),
+        sensor_poles=0 if sensors else probe_poles,
         actuator_poles=_deepest(r.amplifier_time_constant for r in rigs) + (effect_value(effects, "amplifier_lag") > 0),
         delayed=effect_value(effects, "delay") > 0,
-        adc=rigs[0].adc_bits > 0,
+        adc=rigs[0].adc_bits > 0 and not sensors,  # an estimated gap is a number already
         dac=rigs[0].dac_bits > 0,
-        noise=experiment.rig.noise.displacement > 0,
+        noise=experiment.rig.noise.displacement > 0 and not sensors,
         controller_order=max((max(1, f.order) for f in filters), default=0),
         axes=len(axes),
         coupled=experiment.rig.cross != NO_CROSS,
+        sensed=_common_sensor([sensor_structure(sensor, regulated=True) for sensor in sensors]),
     )
+
+
+def timing_of(experiment: Experiment, substeps: int = 1) -> tuple[int, int, int, int]:
+    """So many current samples of the self-sensors in so many substeps, so many in so many PWM periods; zeros without.
+
+    ValueError when the rates are in no ratio of small whole numbers.
+    """
+    if experiment.sensor == "probe":
+        return 0, 1, 1, 1
+    first, *others = ((s.acquisition.rate, samples_and_periods(s)) for s in self_sensors(experiment))
+    if any(other != first for other in others):
+        raise ValueError("self-sensing: both axes need the same sample rate and PWM frequency")
+    rate, cycle = first
+    per_substep = Fraction(rate / (experiment.rig.control_rate * substeps)).limit_denominator(1000)
+    if abs(float(per_substep) * experiment.rig.control_rate * substeps / rate - 1) > 1e-9:
+        raise ValueError(
+            f"self-sensing: its sample rate {rate:g} Hz and the control rate {experiment.rig.control_rate:g} Hz are in "
+            "no ratio of whole numbers below 1,000; change one of them"
+        )
+    return per_substep.numerator, per_substep.denominator, *cycle
+
+
+def _common_sensor(structures: Sequence[SensorStructure]) -> SensorStructure | None:
+    """What both axes' sensors need: what one of them has not, its constants make naught of."""
+    if not structures:
+        return None
+    if (
+        len({s.rms for s in structures}) > 1
+        or len({s.emf for s in structures}) > 1
+        or len({s.adc for s in structures}) > 1
+    ):
+        raise ValueError("self-sensing: both axes need the same kind of forward path, coil model and converter")
+    return SensorStructure(*(any(column) for column in zip(*(vars(s).values() for s in structures), strict=True)))
 
 
 def _magnets(rig: Rig) -> str:
@@ -94,8 +136,16 @@ def lane_batch(experiments: Sequence[Experiment], substeps: int = 1) -> LaneBatc
     if structure.axes == 2:  # the bore is round, and no pole may be met in either axis
         nearest = np.minimum(parts[0][k.LIMIT_SQ], parts[1][k.LIMIT_SQ])
         parts[0][k.LIMIT_SQ] = parts[1][k.LIMIT_SQ] = nearest
+    if structure.sensed:
+        sensors = [self_sensors(e) for e in experiments]
+        for axis, own in enumerate(views):
+            rows = sensor_rows([pair[axis] for pair in sensors])
+            rows[sensing.GAP] = parts[axis][k.GAP]
+            rows[sensing.REST_CURRENT] = [force_law(e.rig).bias_current for e in own]
+            parts.append(rows)
     history = 1 << int(np.ceil(np.log2(whole.max() + 2)))
-    return LaneBatch(structure, np.concatenate(parts), np.array(seeds), history)
+    timing = np.array(timing_of(experiments[0], substeps))
+    return LaneBatch(structure, np.concatenate(parts), np.array(seeds), history, timing)
 
 
 def _chains(rows: np.ndarray, own: Sequence[Experiment], structure: Structure, substeps: int) -> np.ndarray:

@@ -12,6 +12,7 @@ from maglev_env.excitation import Excitation, axis_excitations, check_harmonics,
 from maglev_env.gains import Controllers, Gains, LinearController, of_axis
 from maglev_env.magnet_checks import check_magnet
 from maglev_env.planar import AXES, NO_CROSS, Cross
+from maglev_env.self_sensing import SelfSensing
 
 SCHEMA = "maglev-rig/1"
 MAGNETS = ("hybrid_pair", "electromagnet_pair", "electromagnet", "magnet_coil", "none")
@@ -135,6 +136,7 @@ class Rig:
     target: Target = Target()
     tolerance: Mapping[str, float] = field(default_factory=dict)
     randomization: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    self_sensing: SelfSensing = field(default_factory=SelfSensing)
 
     def __post_init__(self) -> None:
         if self.magnet not in MAGNETS:
@@ -252,7 +254,7 @@ _COMMON = ("control_rate", "clearance", "gravity", "flux_path", "adc_bits", "dac
 _PER_AXIS = [name for name in PARAMETERS if name not in _COMMON]
 _TABLES = (
     *("parameters", "axis", "cross", "gains", "noise", "bounds"),
-    *("protocol", "target", "tolerance", "randomization"),
+    *("protocol", "target", "tolerance", "randomization", "self_sensing"),
 )
 
 
@@ -300,6 +302,7 @@ def _build(data: dict[str, Any]) -> Rig:
         target=_table(Target, {"target": target}, "target"),
         tolerance=data.get("tolerance", {}),
         randomization=randomization,
+        self_sensing=_table(SelfSensing, data, "self_sensing"),
     )
 
 

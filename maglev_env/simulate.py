@@ -1,7 +1,7 @@
 """Run experiments in lanes: to line statistics, one period in memory at a time, or to full recordings."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import chain, islice
 
 import numpy as np
@@ -9,12 +9,12 @@ import scipy.fft
 
 from estimation.periods import LineStatistics, line_statistics
 from maglev_env.excitation import lines_at
-from maglev_env.experiment import CHANNELS, SPECTRAL, Experiment, channels_of, sampling
-from maglev_env.kernel import CHANNELS as KERNEL_CHANNELS
+from maglev_env.experiment import SPECTRAL, Experiment, recorded_channels, sampling, spectral_channels
 from maglev_env.kernel import TILE, Structure, kernel
 from maglev_env.kernel_rows import ALIVE, CURRENT_SQ, LANES, PEAK_SQ, STEPS
-from maglev_env.lanes import SEEDED, LaneBatch, lane_batch, structure_of
+from maglev_env.lanes import SEEDED, LaneBatch, lane_batch, structure_of, timing_of
 from maglev_env.threads import over_threads
+from selfsense.kernel_rows import OFF_PEAK, OFF_SQ, OFF_SUM, SENSOR_ROWS
 from selfsense.noise import line_noise, series_noise
 
 
@@ -24,13 +24,24 @@ class SimulatedStatistics:
 
     statistics: lane axis first; lanes that touched down hold nan. touchdown_time (n,) s, nan when the rotor never
     reached the clearance. peak_displacement (n,) m, radial on an x-y rig, and current_rms (n,) A, of the axis with the
-    larger one, over the kept periods.
+    larger one, over the kept periods. gap_error: what self-sensing read less what was, over the kept periods; of the
+    axis with the larger rms.
     """
 
     statistics: LineStatistics
     touchdown_time: np.ndarray
     peak_displacement: np.ndarray
     current_rms: np.ndarray
+    gap_error: "GapError"
+
+
+@dataclass(frozen=True)
+class GapError:
+    """Errors of the sensed displacement (n,), m: rms about its mean, bias (the mean), largest; 0 with a probe."""
+
+    rms: np.ndarray
+    bias: np.ndarray
+    worst: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -54,10 +65,11 @@ def simulate_statistics(
     if first.periods < 2:
         raise ValueError("experiment: statistics over periods need at least two kept periods")
     lines = lines_at(first.excitations)
-    n, channels = len(experiments), channels_of(first.rig, SPECTRAL)
+    n, channels = len(experiments), spectral_channels(first)
     mean = np.full((n, len(channels), len(lines)), np.nan, complex)
     covariance = np.full((n, len(channels), len(channels), len(lines)), np.nan, complex)
     touchdown, peak, rms = np.full(n, np.nan), np.full(n, np.nan), np.full(n, np.nan)
+    errors = np.full((3, n), np.nan)
     applied = {place: _line_amplitudes(first, place, lines) for place in ("force", "current")}
 
     def run(block: _Block) -> None:
@@ -74,16 +86,17 @@ def simulate_statistics(
         samples = first.periods * first.samples_per_period
         peak[members] = np.sqrt(state.rows[PEAK_SQ, kept])
         rms[members] = np.sqrt(state.axis_rows(CURRENT_SQ)[:, kept].max(axis=0) / samples)
+        errors[:, members] = state.gap_errors(samples)[:, kept]
         touchdown[block.members[~alive]] = state.touchdown_time()[: len(block.members)][~alive]
 
     for _ in over_threads(run, _blocks(experiments, substeps), threads):
         pass
     statistics = LineStatistics(lines * first.fundamental, lines, channels, mean, covariance, first.periods)
-    return SimulatedStatistics(statistics, touchdown, peak, rms)
+    return SimulatedStatistics(statistics, touchdown, peak, rms, GapError(*errors))
 
 
 def simulate_records(experiments: Sequence[Experiment], substeps: int = 1, threads: int | None = None) -> np.ndarray:
-    """Time series (n, channels, samples) of `channels_of` the rig at the recorded rate, transient periods included.
+    """Time series (n, channels, samples) of `recorded_channels` at the recorded rate, transient periods included.
 
     Samples after a touchdown are nan. A recorded rate above the control rate takes as many substeps. ValueError as
     `simulate_statistics`, or when the period is not a whole number of recorded samples.
@@ -93,29 +106,31 @@ def simulate_records(experiments: Sequence[Experiment], substeps: int = 1, threa
     substeps = multiple if multiple > 1 else substeps
     periods, axes = first.periods + first.transient_periods, first.rig.axes
     n = first.recorded_per_period
-    records = np.full((len(experiments), len(CHANNELS), axes, periods * n), np.nan)
+    names = recorded_channels(first)
+    records = np.full((len(experiments), len(names), axes, periods * n), np.nan)
     force = np.repeat(np.atleast_2d(first.waveform("force")), multiple, axis=1)[:, ::every]
 
     def run(block: _Block) -> None:
         state = _State(block)
-        for i, out in enumerate(_periods(block, state, periods, len(KERNEL_CHANNELS), multiple > 1)):
+        written = block.batch.structure.channels
+        for i, out in enumerate(_periods(block, state, periods, len(written), multiple > 1)):
             span = slice(i * n, (i + 1) * n)
             kept = out[:, :, : len(block.members), ::every]  # (axes, channels, lanes, samples)
-            records[block.members, : len(KERNEL_CHANNELS), :, span] = kept.transpose(2, 1, 0, 3)
+            records[block.members, : len(written), :, span] = kept.transpose(2, 1, 0, 3)
             for lane, member in enumerate(block.members):
                 noise = experiments[member].rig.noise
-                records[member, CHANNELS.index("force"), :, span] = force
+                records[member, names.index("force"), :, span] = force
                 for name, rms in (("current", noise.current), ("force", noise.force)):
                     for axis in range(axes if rms else 0):
                         seed = state.seeds[axis, SEEDED.index(name), lane]
-                        records[member, CHANNELS.index(name), axis, span] += series_noise(seed, rms, i, n)
+                        records[member, names.index(name), axis, span] += series_noise(seed, rms, i, n)
         for lane, time in zip(block.members, state.touchdown_time(), strict=False):
             if not np.isnan(time):
                 records[lane, ..., int(np.ceil(time * first.recorded_rate - 1e-6)) :] = np.nan
 
     for _ in over_threads(run, _blocks(experiments, substeps), threads):
         pass
-    return records.reshape(len(experiments), len(CHANNELS) * axes, -1)
+    return records.reshape(len(experiments), len(names) * axes, -1)
 
 
 def block_periods(experiments: Sequence[Experiment], outputs: int = 2) -> Iterator[Iterator[np.ndarray]]:
@@ -136,12 +151,36 @@ class _State:
         self.rows[:] = batch.rows[:, pad]
         self.seeds = np.ascontiguousarray(batch.seeds[..., pad])
         self.history = np.zeros(self.axes * batch.history_length * LANES)
+        self.timing = batch.timing
         self.step = 0
         self._per_second = block.experiment.rig.control_rate * block.substeps
 
+        self._sensed = self.axes * SENSOR_ROWS if batch.structure.sensed else 0
+
     def axis_rows(self, row: int) -> np.ndarray:
         """One row of every axis, (axes, LANES), a view."""
-        return self.rows[row :: len(self.rows) // self.axes]
+        whole = len(self.rows) - self._sensed
+        return self.rows[row : whole : whole // self.axes]
+
+    def sensor_rows(self, row: int) -> np.ndarray:
+        """One row of every axis' self-sensor, (axes, LANES), a view; (0, LANES) with a probe."""
+        return self.rows[len(self.rows) - self._sensed + row :: SENSOR_ROWS][: self.axes if self._sensed else 0]
+
+    def forget(self) -> None:
+        """Start anew what is gathered over the kept periods."""
+        for row in (PEAK_SQ, CURRENT_SQ):
+            self.axis_rows(row)[:] = 0.0
+        for row in (OFF_SUM, OFF_SQ, OFF_PEAK):
+            self.sensor_rows(row)[:] = 0.0
+
+    def gap_errors(self, samples: int) -> np.ndarray:
+        """Rms, bias and largest of the sensed displacement's error over so many samples, (3, LANES), m."""
+        if not self._sensed:
+            return np.zeros((3, LANES))
+        bias = self.sensor_rows(OFF_SUM) / samples
+        rms = np.sqrt(np.maximum(self.sensor_rows(OFF_SQ) / samples - bias**2, 0.0))
+        all_three = np.stack([rms, bias, self.sensor_rows(OFF_PEAK)])
+        return np.take_along_axis(all_three, rms.argmax(axis=0)[None, None], axis=1)[:, 0]
 
     def alive(self) -> np.ndarray:
         """Which lanes have not touched down."""
@@ -166,24 +205,25 @@ def _common(experiments: Sequence[Experiment]) -> Experiment:
     first = experiments[0]
 
     def schedule(e: Experiment) -> tuple:
-        return e.excitations, e.periods, e.transient_periods, e.offset, e.rig.control_rate, e.rig.axes, e.recorded_rate
+        rates = e.rig.control_rate, e.recorded_rate
+        return e.excitations, e.periods, e.transient_periods, e.offset, e.rig.axes, rates, e.sensor == "probe"
 
     if any(schedule(e) != schedule(first) for e in experiments):
-        raise ValueError("experiments in one batch must share excitations, periods, offset, axes and rates")
+        raise ValueError("experiments in one batch must share excitations, periods, offset, axes, rates and sensor")
     return first
 
 
 def _blocks(experiments: Sequence[Experiment], substeps: int) -> list[_Block]:
     """Blocks of up to LANES experiments of one structure each, so that a lane never depends on its neighbours."""
-    groups: dict[Structure, list[int]] = {}
+    groups: dict[tuple[Structure, tuple[int, ...]], list[int]] = {}
     for i, e in enumerate(experiments):
-        groups.setdefault(structure_of(e), []).append(i)
+        groups.setdefault((structure_of(e), timing_of(e, substeps)), []).append(i)
     blocks = []
     for members in groups.values():
         batch = lane_batch([experiments[i] for i in members], substeps)
         for start in range(0, len(members), LANES):
             s = slice(start, start + LANES)
-            part = LaneBatch(batch.structure, batch.rows[:, s], batch.seeds[..., s], batch.history_length)
+            part = replace(batch, rows=batch.rows[:, s], seeds=batch.seeds[..., s])
             noise = [experiments[i].rig.noise.force for i in members[s]]
             noise += noise[-1:] * (LANES - len(noise))
             blocks.append(_Block(part, np.array(members[s]), np.array(noise), experiments[members[0]], substeps))
@@ -204,7 +244,8 @@ def _periods(
     tile = _aligned((TILE * axes * outputs * LANES,))
     kernel_seeds = np.ascontiguousarray(state.seeds[:, SEEDED.index("displacement")]).reshape(-1)
     for _ in range(periods):
-        done = step(state.rows.reshape(-1), kernel_seeds, state.history, state.step, *waves, tile, out.reshape(-1))
+        clocks = state.step, state.timing
+        done = step(state.rows.reshape(-1), kernel_seeds, state.history, *clocks, *waves, tile, out.reshape(-1))
         state.step += done
         yield out
         if done < e.samples_per_period:
@@ -221,15 +262,16 @@ def _block_spectra(
 ) -> Iterator[np.ndarray]:
     """Per-period spectra (LANES, channels, lines) of the kept periods; channels as `channels_of` SPECTRAL."""
     e, axes, n = block.experiment, state.axes, block.experiment.samples_per_period
-    for period, out in enumerate(_periods(block, state, e.transient_periods + e.periods, 2)):
+    sensed = block.batch.structure.sensed is not None
+    for period, out in enumerate(_periods(block, state, e.transient_periods + e.periods, 2 + sensed)):
         if period < e.transient_periods:
-            state.axis_rows(PEAK_SQ)[:] = 0.0
-            state.axis_rows(CURRENT_SQ)[:] = 0.0
+            state.forget()
             continue
-        spectra = np.empty((LANES, len(SPECTRAL), axes, len(lines)), complex)
-        spectra[:, :2] = scipy.fft.rfft(out, axis=-1)[..., lines].transpose(2, 1, 0, 3) * (2 / n)
+        spectra = np.empty((LANES, len(SPECTRAL) + sensed, axes, len(lines)), complex)
+        of_lines = scipy.fft.rfft(out, axis=-1)[..., lines].transpose(2, 1, 0, 3) * (2 / n)
+        spectra[:, :2], spectra[:, 4:] = of_lines[:, :2], of_lines[:, 2:]
         for axis in range(axes):
             seeds = state.seeds[axis, SEEDED.index("force")]
             spectra[:, 2, axis] = applied["force"][axis] + line_noise(seeds, block.force_noise, period, n, lines)
         spectra[:, 3] = applied["current"]
-        yield spectra.reshape(LANES, len(SPECTRAL) * axes, len(lines))
+        yield spectra.reshape(LANES, -1, len(lines))

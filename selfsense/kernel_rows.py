@@ -18,6 +18,8 @@ MODEL_INVERSE_0, MODEL_INVERSE_1, MODEL_RESISTANCE, MODEL_VOLTAGE, INTERVAL = ra
 KP, KI_INTERVAL, LOWEST, HIGHEST = range(53, 57)
 # Second-order sections b0 b1 b2 a1 a2: two before the rectifier, one behind it.
 BEFORE, BEHIND = 57, 67
-# Of a sensor in a levitation loop: displacement = SCALE (REST_GAP - estimate) + SHIFT, and the coil's current at rest.
-REST_GAP, SCALE, SHIFT, REST_CURRENT = range(72, 76)
-SENSOR_ROWS = 76
+# Of a sensor in a levitation loop: displacement = SCALE (REST_GAP - estimate) + SHIFT; the coil's current at rest; with
+# what rotor and current began the step whose samples are taken; how far readings were off.
+REST_GAP, SCALE, SHIFT, REST_CURRENT, BEGUN_Y, BEGUN_V, BEGUN_CURRENT = range(72, 79)
+OFF_SUM, OFF_SQ, OFF_PEAK = range(79, 82)
+SENSOR_ROWS = 82

@@ -14,12 +14,12 @@ from maglev_env.campaign import ChannelSource, load_campaign
 from maglev_env.campaign_writer import write_campaign
 from maglev_env.effects import effect
 from maglev_env.excitation import Excitation
-from maglev_env.experiment import Experiment, protocol_experiment
+from maglev_env.experiment import CHANNELS, Experiment, protocol_experiment
 from maglev_env.files import write_csv, write_npz
 from maglev_env.gains import Gains, LinearController
 from maglev_env.recording import _check_clipping, read_recording, simulated_recording
 from maglev_env.rig import load_rig, with_parameters
-from maglev_env.simulate import CHANNELS, simulate_records
+from maglev_env.simulate import simulate_records
 
 
 def short(name: str, **changes) -> Experiment:

@@ -13,11 +13,11 @@ from maglev_env import kernel
 from maglev_env.effects import effect
 from maglev_env.evaluation import force_statistics
 from maglev_env.excitation import Excitation, lines_at
-from maglev_env.experiment import Experiment, protocol_experiment
+from maglev_env.experiment import CHANNELS, Experiment, protocol_experiment
 from maglev_env.gains import Gains
 from maglev_env.linear import expected_statistics, without_noise
 from maglev_env.rig import Noise, axis_rig, load_rig
-from maglev_env.simulate import CHANNELS, simulate_records, simulate_statistics
+from maglev_env.simulate import simulate_records, simulate_statistics
 from selfsense.noise import line_noise, series_noise
 
 ALL_EFFECTS = {
