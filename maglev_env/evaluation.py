@@ -32,6 +32,8 @@ class Evaluation:
     and their 95 % bounds in the rig's target band, and ls_* beside them; margins: name -> (n,), nan where the crossing
     lies outside the injection lines; peak_sensitivity_se; pole_radius of the simulated loop, linearised; terms; score;
     feasible: that loop is stable and the rotor never touched down (it may also lean near a pole, unstable at centre).
+    gap_error_*: of the sensed displacement, m; added_phase: lag (degrees) of self-sensing beyond the probe's where the
+    phase margin is taken, and margin_lost: phase margin (degrees) that the probe would have had more; nan with a probe.
     axis: of an x-y rig everything is that of the axis with the lower score, 0 (x) or 1 (y), by D's direct coefficients;
     peak_displacement is radial and current_rms the larger one.
     """
@@ -54,6 +56,11 @@ class Evaluation:
     peak_displacement: np.ndarray
     current_rms: np.ndarray
     touchdown_time: np.ndarray
+    gap_error_rms: np.ndarray
+    gap_error_bias: np.ndarray
+    gap_error_worst: np.ndarray
+    added_phase: np.ndarray
+    margin_lost: np.ndarray
     pole_radius: np.ndarray
     terms: dict[str, np.ndarray]
     score: np.ndarray
@@ -174,6 +181,7 @@ def _of_axis(
     sensitivity, variance = frequency_response(injection, "command", "injection")
     margins = margin_arrays(injection.frequency, sensitivity)
     nearest = np.abs(np.log(injection.frequency / margins["peak_frequency"][:, None])).argmin(axis=1)
+    added_phase, margin_lost = _sensing_cost(first, injection, sensitivity, margins)
     ms_se = np.sqrt(variance[np.arange(len(nearest)), nearest] / 2)
     scored = terms(
         ScoreTarget(*(np.asarray(value)[alive] for value in vars(target).values())),
@@ -182,6 +190,7 @@ def _of_axis(
         margins["peak_sensitivity"],
         simulated.peak_displacement[alive],
         simulated.current_rms[alive],
+        0.0 if first.sensor == "probe" else simulated.gap_error.rms[alive],
     )
     feasible = alive & (radius < 1)
     scored = {name: _scatter(value, alive) for name, value in scored.items()}
@@ -202,12 +211,33 @@ def _of_axis(
         peak_displacement=simulated.peak_displacement,
         current_rms=simulated.current_rms,
         touchdown_time=simulated.touchdown_time,
+        **{f"gap_error_{name}": values for name, values in vars(simulated.gap_error).items()},
+        added_phase=_scatter(added_phase, alive),
+        margin_lost=_scatter(margin_lost, alive),
         pole_radius=radius,
         terms=scored,
         score=np.where(feasible, score(scored), 0.0),
         feasible=feasible,
         axis=np.full(len(experiments), axis),
     )
+
+
+def _sensing_cost(
+    e: Experiment, injection: LineStatistics, sensitivity: np.ndarray, margins: dict[str, np.ndarray]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Added lag at the phase margin's crossover and phase margin lost, degrees, (n,), by what the sensor did to the
+    injection lines; nan with a probe."""
+    if e.sensor == "probe":
+        return np.full((2, len(sensitivity)), np.nan)
+    frequency = injection.frequency
+    read, was = (injection.mean[:, injection.channels.index(name)] for name in ("displacement", "position"))
+    probe = 1 / (1 + 2j * np.pi * frequency * e.rig.sensor_time_constant)
+    beyond = read / was / probe
+    with_probe = margin_arrays(frequency, 1 / (1 + (1 / sensitivity - 1) / beyond))
+    lag = -np.degrees(np.angle(beyond))
+    crossing = margins["phase_margin_frequency"]
+    added = np.array([np.interp(at, frequency, row) for at, row in zip(crossing, lag, strict=True)])
+    return np.where(np.isnan(crossing), np.nan, added), with_probe["phase_margin"] - margins["phase_margin"]
 
 
 def _lanes(statistics: LineStatistics, keep: np.ndarray) -> LineStatistics:

@@ -28,7 +28,7 @@ class Experiment:
     many are kept, after transient_periods that are dropped. offset: static reference, m, in x on an x-y rig. seed: of
     every noise channel. sample_rate: of the recording, Hz: the control rate (None), or an integer multiple or fraction.
     sensor: what reads the displacement: "probe", "self_sensing" by the rig's own coils (see `self_sensing`), or a
-    self-sensor for each of them. Raises ValueError when the parts do not fit together.
+    self-sensor for each axis. Raises ValueError when the parts do not fit together.
     """
 
     rig: Rig
@@ -40,7 +40,7 @@ class Experiment:
     offset: float = 0.0
     seed: int | tuple[int, ...] = 0
     sample_rate: float | None = None
-    sensor: str | SelfSensor = "probe"
+    sensor: str | tuple[SelfSensor, ...] = "probe"
 
     def __post_init__(self) -> None:
         check_effects(self.effects)
@@ -71,8 +71,11 @@ class Experiment:
             raise ValueError(f"experiment: offset {self.offset} m is beyond the clearance {self.rig.clearance} m")
 
     def _check_sensor(self) -> None:
-        if not isinstance(self.sensor, SelfSensor) and self.sensor not in SENSORS:
-            raise ValueError(f"sensor = {self.sensor!r}; use {' or '.join(SENSORS)}, or a SelfSensor")
+        if isinstance(self.sensor, tuple):
+            if len(self.sensor) != self.rig.axes or not all(isinstance(s, SelfSensor) for s in self.sensor):
+                raise ValueError(f"sensor: {len(self.sensor)} self-sensors; give one SelfSensor for each axis")
+        elif self.sensor not in SENSORS:
+            raise ValueError(f"sensor = {self.sensor!r}; use {' or '.join(SENSORS)}, or a SelfSensor for each axis")
         if self.sensor == "probe":
             return
         if "sensor_lag" in self.effects:
@@ -126,9 +129,13 @@ def self_sensors(e: Experiment) -> tuple[SelfSensor, ...]:
     """The self-sensor of each axis, empty with a probe. ValueError when a rig's coils cannot sense."""
     if e.sensor == "probe":
         return ()
-    if isinstance(e.sensor, SelfSensor):
-        return (e.sensor,) * e.rig.axes
-    return tuple(self_sensor(axis_rig(e.rig, axis)) for axis in range(e.rig.axes))
+    return e.sensor if isinstance(e.sensor, tuple) else rig_sensors(e.rig)
+
+
+def rig_sensors(rig: Rig, nominal: Rig | None = None) -> tuple[SelfSensor, ...]:
+    """The self-sensor of each axis of a rig, their estimators made for the nominal one; see `self_sensor`."""
+    believed = nominal or rig
+    return tuple(self_sensor(axis_rig(rig, axis), axis_rig(believed, axis)) for axis in range(rig.axes))
 
 
 def spectral_channels(e: Experiment) -> tuple[str, ...]:
@@ -137,7 +144,7 @@ def spectral_channels(e: Experiment) -> tuple[str, ...]:
 
 
 def recorded_channels(e: Experiment) -> tuple[str, ...]:
-    """CHANNELS of an experiment's records, and with self-sensing the position beside what was sensed."""
+    """CHANNELS of an experiment's records, and with self-sensing the position that was sensed."""
     first, second, *others = CHANNELS
     return (first, second, *(("position",) if e.sensor != "probe" else ()), *others)
 
@@ -177,11 +184,17 @@ def axis_experiment(e: Experiment, axis: int) -> Experiment:
     seed = (*(e.seed if isinstance(e.seed, tuple) else (e.seed,)), _AXIS_SEEDS[axis])
     own, gains = axis_excitations(e.excitations, axis), of_axis(e.gains, axis)
     offset = e.offset if axis == 0 else 0.0
-    return replace(e, rig=axis_rig(e.rig, axis), gains=gains, excitations=own, seed=seed, offset=offset)
+    sensor = e.sensor[axis : axis + 1] if isinstance(e.sensor, tuple) else e.sensor
+    rig = axis_rig(e.rig, axis)
+    return replace(e, rig=rig, gains=gains, excitations=own, seed=seed, offset=offset, sensor=sensor)
 
 
 def protocol_experiment(
-    rig: Rig, gains: Controllers | None = None, effects: Effects = NO_EFFECTS, seed: int | tuple[int, ...] = 0
+    rig: Rig,
+    gains: Controllers | None = None,
+    effects: Effects = NO_EFFECTS,
+    seed: int | tuple[int, ...] = 0,
+    sensor: str | tuple[SelfSensor, ...] = "probe",
 ) -> Experiment:
     """The rig's own SPHS protocol at the given gains (default: the rig's preset gains).
 
@@ -191,4 +204,4 @@ def protocol_experiment(
     if p is None or gains is None:
         lacks = "gains" if p else "protocol"
         raise ValueError(f"rig {rig.name}: its TOML has no [{lacks}]; fill it in by with_defaults(rig)")
-    return Experiment(rig, gains, p.excitations, p.periods, p.transient_periods, effects, seed=seed)
+    return Experiment(rig, gains, p.excitations, p.periods, p.transient_periods, effects, seed=seed, sensor=sensor)

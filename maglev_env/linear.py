@@ -7,11 +7,12 @@ from scipy.linalg import expm
 
 from estimation.periods import LineStatistics
 from maglev_env.effects import effect_value, split_delay
-from maglev_env.experiment import SPECTRAL, Experiment, axis_experiment, channels_of, moving_mass
+from maglev_env.experiment import SPECTRAL, Experiment, axis_experiment, channels_of, moving_mass, self_sensors
 from maglev_env.gains import controller_response, of_axis, state_space
 from maglev_env.magnetics import force_law, linearise
 from maglev_env.planar import NO_CROSS
 from maglev_env.rig import axis_rig
+from selfsense.baseband import baseband
 
 
 @dataclass(frozen=True)
@@ -160,9 +161,10 @@ def _continuous(e: Experiment) -> tuple[np.ndarray, np.ndarray, np.ndarray, int 
     k = rig.support_stiffness * (1 + effect_value(effects, "support_stiffness")) + stiffness
     c = rig.support_damping + effect_value(effects, "damping")
     amplifier = [t for t in (rig.amplifier_time_constant, effect_value(effects, "amplifier_lag")) if t > 0]
-    sensor = [t for t in (rig.sensor_time_constant, effect_value(effects, "sensor_lag")) if t > 0]
-    # States: y, v, amplifier poles, sensor poles.
-    n = 2 + len(amplifier) + len(sensor)
+    sensor_a, sensor_b, sensor_c = _sensor(e)
+    # States: y, v, amplifier poles, sensor.
+    first = 2 + len(amplifier)
+    n = first + len(sensor_b)
     a, b, seen = np.zeros((n, n)), np.zeros((n, 2)), np.zeros(n)
     a[0, 1] = 1.0
     a[1, 0], a[1, 1], b[1, 0] = -k / mass, -c / mass, 1 / mass
@@ -177,12 +179,20 @@ def _continuous(e: Experiment) -> tuple[np.ndarray, np.ndarray, np.ndarray, int 
         a[1, current] = gain / mass
     else:
         b[1, 1] = gain / mass
-    last = 0
-    for j, t in enumerate(sensor, 2 + len(amplifier)):
-        a[j, j], a[j, last] = -1 / t, 1 / t
-        last = j
-    seen[last] = 1.0
+    a[first:, first:], a[first:, 0], seen[first:] = sensor_a, sensor_b, sensor_c
+    if not len(sensor_b):
+        seen[0] = 1.0
     return a, b, seen, current
+
+
+def _sensor(e: Experiment) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """A, B, C from displacement to reading in continuous time; empty for a probe without lag."""
+    if e.sensor != "probe":
+        return baseband(self_sensors(e)[0])
+    poles = [t for t in (e.rig.sensor_time_constant, effect_value(e.effects, "sensor_lag")) if t > 0]
+    n = len(poles)
+    rates = 1 / np.array(poles)
+    return np.diag(rates[1:], -1) - np.diag(rates), np.eye(n)[:1].sum(axis=0) * rates, np.eye(n)[-1:].sum(axis=0)
 
 
 def without_noise(experiment: Experiment) -> Experiment:

@@ -13,10 +13,11 @@ from estimation.periods import period_spectra, split_periods
 from maglev_env.campaign import Campaign, ChannelSource, RecordingSpec
 from maglev_env.campaign_tables import CHANNEL_UNITS, EXCITATION_CHANNEL
 from maglev_env.excitation import Excitation, lines_at
-from maglev_env.experiment import Experiment, channels_of, sampling
+from maglev_env.experiment import Experiment, channels_of, recorded_channels, sampling
 from maglev_env.files import Columns, read_columns
 from maglev_env.gains import as_table
-from maglev_env.planar import AXES
+from maglev_env.planar import AXES, suffixes
+from maglev_env.rig import axis_rig
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -79,11 +80,12 @@ def simulated_recording(experiment: Experiment, record: np.ndarray) -> "xr.Datas
     """The recording of one lane of `simulate_records`, record (channels, samples), transient periods included.
 
     Beside the channels of `experiment.channels_of` it has the exact injection and reference where the experiment
-    applies one. The experiment attribute also names the effects, offset, seed, transient_periods and version.
+    applies one. With self-sensing, displacement is what an ideal reference probe reads, and gap_estimate what the loop
+    runs on. The experiment attribute also names the effects, offset, seed, transient_periods and version.
     ValueError when the record does not fit the experiment, or when the rotor touched down.
     """
     rig, rate = experiment.rig, experiment.recorded_rate
-    names = channels_of(rig)
+    names = channels_of(rig, recorded_channels(experiment))
     periods = experiment.periods + experiment.transient_periods
     expected = (len(names), periods * experiment.recorded_per_period)
     if record.shape != expected:
@@ -92,6 +94,10 @@ def simulated_recording(experiment: Experiment, record: np.ndarray) -> "xr.Datas
         at = int(np.argmin(np.isfinite(record).all(axis=0)))
         raise ValueError(f"the simulated rotor touched down at {at / rate:g} s (sample {at}); there is no recording")
     channels = dict(zip(names, record, strict=True))
+    if experiment.sensor != "probe":
+        for axis, end in enumerate(suffixes(rig.axes)):
+            channels[f"gap_estimate{end}"] = axis_rig(rig, axis).gap - channels[f"displacement{end}"]
+            channels[f"displacement{end}"] = channels.pop(f"position{end}")
     if not rig.controlled:  # nothing commands or carries a current
         channels = {name: values for name, values in channels.items() if name.startswith(("displacement", "force"))}
     multiple, every = sampling(rate, rig.control_rate)
@@ -110,6 +116,7 @@ def simulated_recording(experiment: Experiment, record: np.ndarray) -> "xr.Datas
         "offset": experiment.offset,
         "seed": experiment.seed,
         "transient_periods": experiment.transient_periods,
+        "sensor": "probe" if experiment.sensor == "probe" else "self_sensing",
         "version": metadata.version("maglev-workbench"),
     }
     return _dataset(channels, rate, "simulated", "fit", experiment.excitations, made)

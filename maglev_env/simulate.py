@@ -37,7 +37,7 @@ class SimulatedStatistics:
 
 @dataclass(frozen=True)
 class GapError:
-    """Errors of the sensed displacement (n,), m: rms about its mean, bias (the mean), largest; 0 with a probe."""
+    """Errors of the sensed displacement (n,), m: rms about zero, mean, largest; nan with a probe."""
 
     rms: np.ndarray
     bias: np.ndarray
@@ -176,9 +176,8 @@ class _State:
     def gap_errors(self, samples: int) -> np.ndarray:
         """Rms, bias and largest of the sensed displacement's error over so many samples, (3, LANES), m."""
         if not self._sensed:
-            return np.zeros((3, LANES))
-        bias = self.sensor_rows(OFF_SUM) / samples
-        rms = np.sqrt(np.maximum(self.sensor_rows(OFF_SQ) / samples - bias**2, 0.0))
+            return np.full((3, LANES), np.nan)
+        rms, bias = np.sqrt(self.sensor_rows(OFF_SQ) / samples), self.sensor_rows(OFF_SUM) / samples
         all_three = np.stack([rms, bias, self.sensor_rows(OFF_PEAK)])
         return np.take_along_axis(all_three, rms.argmax(axis=0)[None, None], axis=1)[:, 0]
 

@@ -23,6 +23,9 @@ EffectOption = Annotated[
     list[str], typer.Option("--effect", help="Effect beyond the nominal rig, e.g. delay=75e-6; may be repeated.")
 ]
 JsonOption = Annotated[Path | None, typer.Option("--json", help="Also write the result as JSON to this file.")]
+SensorOption = Annotated[
+    str, typer.Option(help="What reads the displacement: probe, or self_sensing (the rig's own coils).")
+]
 SeedOption = Annotated[int, typer.Option(min=0, help="Seed of every noise and random choice.")]
 ThreadsOption = Annotated[int | None, typer.Option(min=1, help="Threads (default: all cores); results do not change.")]
 
@@ -56,6 +59,7 @@ def sweep(
     ] = None,
     sobol: Annotated[int, typer.Option(min=0, help="So many Sobol points instead of the grid.")] = 0,
     effect: EffectOption = [],  # noqa: B006
+    sensor: SensorOption = "probe",
     seed: SeedOption = 0,
     threads: ThreadsOption = None,
     out: Annotated[Path | None, typer.Option(help="Folder of the results; an interrupted sweep resumes there.")] = None,
@@ -67,7 +71,7 @@ def sweep(
     """
     from tuning import command_sweep
 
-    command_sweep.run(rig, {"kp": kp, "ki": ki, "kd": kd}, log, sobol, effect, seed, threads, out, json_file)
+    command_sweep.run(rig, {"kp": kp, "ki": ki, "kd": kd}, log, sobol, effect, seed, sensor, threads, out, json_file)
 
 
 @app.command(epilog="Example: maglev estimate my-rig --method both --json estimate.json")
@@ -137,6 +141,7 @@ def simulate(
         float | None, typer.Option(help="Of the recording, Hz: a multiple or integer fraction of the control rate.")
     ] = None,
     effect: EffectOption = [],  # noqa: B006
+    sensor: SensorOption = "probe",
     seed: SeedOption = 0,
     data_format: Annotated[str, typer.Option("--format", help="npz, mat or csv.")] = "npz",
     out: Annotated[Path, typer.Option(help="Folder of the campaign to write.")] = Path("campaign"),
@@ -151,6 +156,7 @@ def simulate(
         protocol,
         command_simulate.Recorded(tuple(excite), kind, fundamental, periods, sample_rate),
         effect,
+        sensor,
         seed,
         data_format,
         out,

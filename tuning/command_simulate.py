@@ -45,6 +45,7 @@ def run(
     protocol: str,
     recorded: Recorded,
     effects: Sequence[str],
+    sensor: str,
     seed: int,
     data_format: str,
     out: Path,
@@ -64,7 +65,7 @@ def run(
     recordings = []
     with progress_bar() as bar:
         for plan in bar.track(planned, description=f"simulate {loaded.name}"):
-            e = replace(plan.experiment, sample_rate=recorded.sample_rate)
+            e = replace(plan.experiment, sample_rate=recorded.sample_rate, sensor=sensor)
             e = e if recorded.periods is None else replace(e, periods=recorded.periods)
             recordings.append((plan.name, plan.role, _record(plan, e), e))
     toml = write_campaign(out, rig, {}, recordings, data_format)

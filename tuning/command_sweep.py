@@ -20,6 +20,7 @@ def run(
     sobol: int,
     effects: Sequence[str],
     seed: int,
+    sensor: str,
     threads: int | None,
     out: Path | None,
     json_file: Path | None,
@@ -33,7 +34,7 @@ def run(
     chosen = {n: given[n] for n in SWEPT if n in given} or default_axes(loaded)
     if log is None:
         log = not given and all(axis.low > 0 for axis in chosen.values())
-    plan = Sweep(loaded, chosen, log, sobol, parse_effects(effects), seed)
+    plan = Sweep(loaded, chosen, log, sobol, parse_effects(effects), seed, sensor)
     folder = out or Path(f"sweep-{loaded.name}")
     require_folder(json_file, "--json")
     total = len(gain_sets(plan))

@@ -37,7 +37,7 @@ class Axis:
 @dataclass(frozen=True)
 class Sweep:
     """A sweep: rig, axes by gain name (others stay at the preset), log or linear spacing, Sobol points or 0 for the
-    full grid, effects of the simulated rig, seed of every noise."""
+    full grid, effects of the simulated rig, seed of every noise, and what reads the displacement."""
 
     rig: Rig
     axes: Mapping[str, Axis]
@@ -45,6 +45,7 @@ class Sweep:
     sobol: int = 0
     effects: Effects = field(default_factory=dict)
     seed: int = 0
+    sensor: str = "probe"
 
     def __post_init__(self) -> None:
         if not self.rig.controlled or self.rig.protocol is None:
@@ -129,7 +130,8 @@ def run_sweep(
                 progress(stop - start, True)
             continue
         experiments = [
-            protocol_experiment(sweep.rig, gains[i], sweep.effects, seed=(sweep.seed, i)) for i in range(start, stop)
+            protocol_experiment(sweep.rig, gains[i], sweep.effects, (sweep.seed, i), sweep.sensor)
+            for i in range(start, stop)
         ]
         evaluation = evaluate(experiments, threads, (lambda n: progress(n, False)) if progress else None)
         parts.append(_columns(evaluation))
@@ -157,6 +159,7 @@ def description(sweep: Sweep, n: int) -> dict[str, object]:
         "seed": sweep.seed,
         "axes": {name: asdict(axis) for name, axis in sweep.axes.items()},
         "effects": {name: dict(values) for name, values in sweep.effects.items()},
+        "sensor": sweep.sensor,
         "rig": json.loads(json.dumps(asdict(sweep.rig))),
     }
     data["identity"] = sha256(json.dumps(data, sort_keys=True).encode()).hexdigest()

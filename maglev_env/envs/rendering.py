@@ -17,7 +17,7 @@ from estimation.stability import iso_14839_2_zone, iso_14839_3_zone
 from maglev_env.envs.episodes import Episode
 from maglev_env.envs.task import TOUCHDOWN_REWARD, Task
 from maglev_env.excitation import lines_at
-from maglev_env.experiment import CHANNELS, Experiment
+from maglev_env.experiment import Experiment, recorded_channels
 from maglev_env.linear import loop_response
 from maglev_env.planar import suffixes
 from maglev_env.simulate import simulate_records
@@ -175,7 +175,7 @@ def _motion(e: Experiment, info: dict[str, Any]) -> tuple[np.ndarray, np.ndarray
     # Only displacement noise reaches the rotor; the other channels' costs time and is not drawn.
     rig = replace(e.rig, noise=replace(e.rig.noise, force=0.0, current=0.0))
     record = simulate_records([replace(e, rig=rig, periods=periods, transient_periods=0)], threads=1)[0]
-    displacement = record.reshape(len(CHANNELS), axes, -1)[CHANNELS.index("displacement")] * 1e6
+    displacement = record.reshape(len(recorded_channels(e)), axes, -1)[0] * 1e6
     known = max(1, int(np.isfinite(displacement[0]).sum()))
     displacement = np.nan_to_num(displacement[:, :known])  # a first sample not known: at rest
     if down:  # within the sample after the last reading the rotor is at the wall

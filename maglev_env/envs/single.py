@@ -70,7 +70,9 @@ class RigEnv(gym.Env[np.ndarray, np.ndarray]):
     - `effects`: any of `maglev effects`, {name: {parameter: value}}, unknown to the agent.
     - `protocol`: "full" (the rig's SPHS protocol) or "quick" (an eighth of the time, two to five times the error).
     - `move`: None, or by how much of the box (0 .. 2) an action moves the gains tried last.
-    - `sensor`: "probe". `budget`: experiments per episode. `render_mode`: "rgb_array" or "human".
+    - `sensor`: "probe", or "self_sensing": the rig's own coils, read by an estimator that is made for the nominal rig;
+      the score then counts the error of the sensed gap, and the info has it and what phase margin it costs.
+    - `budget`: experiments per episode. `render_mode`: "rgb_array" or "human".
 
     On an x-y rig the same gains hold in both axes and everything is that of the worse one.
 

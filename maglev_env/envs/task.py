@@ -15,12 +15,11 @@ from maglev_env.envs.observation import BANDS, Layout
 from maglev_env.envs.protocols import env_protocol
 from maglev_env.evaluation import Evaluation, evaluate, score_target
 from maglev_env.excitation import is_number, lines_at
-from maglev_env.experiment import Experiment, axis_experiment
+from maglev_env.experiment import SENSORS, Experiment, axis_experiment, rig_sensors
 from maglev_env.gains import with_gains
 from maglev_env.rig import Rig, axis_rig, load_rig
 from maglev_env.score import ScoreTarget, stacked
 
-SENSORS = ("probe",)
 TOUCHDOWN_REWARD = -1.0
 
 
@@ -38,6 +37,7 @@ class Task:
     budget: int
     terminate_on_touchdown: bool
     move: float | None
+    sensor: str
 
     def tried(self, last: np.ndarray, actions: np.ndarray) -> np.ndarray:
         """Points of the box (..., k) that actions ask for after `last`: the actions themselves, or moves from there."""
@@ -63,7 +63,11 @@ class Task:
         rig, p = episode.rig, episode.rig.protocol
         tried = with_gains(rig.gains, **dict(zip(self.box.names, map(float, gains), strict=True)))
         seed = (episode.seed, count)
-        return Experiment(rig, tried, p.excitations, p.periods, p.transient_periods, self.effects, seed=seed)
+        # A drawn rig is sensed by an estimator made for the nominal one.
+        sensor = "probe" if self.sensor == "probe" else rig_sensors(rig, self.rig)
+        return Experiment(
+            rig, tried, p.excitations, p.periods, p.transient_periods, self.effects, seed=seed, sensor=sensor
+        )
 
 
 def make_task(
@@ -98,7 +102,7 @@ def make_task(
     loaded = replace(loaded, protocol=env_protocol(loaded, protocol))
     layout = Layout(_bands(loaded), box.names, target, budget, draw_target)
     ends = bool(terminate_on_touchdown)
-    return Task(loaded, box, layout, target, randomization, draw_target, effects or {}, budget, ends, move)
+    return Task(loaded, box, layout, target, randomization, draw_target, effects or {}, budget, ends, move, sensor)
 
 
 def _bands(rig: Rig) -> np.ndarray:
@@ -139,6 +143,7 @@ _TOLD = (
     *("stiffness", "stiffness_low", "stiffness_high", "damping", "damping_low", "damping_high"),
     *("band_stiffness", "band_stiffness_se", "band_damping", "band_damping_se"),
     *("peak_displacement", "current_rms", "touchdown_time", "pole_radius", "feasible", "score", "axis"),
+    *("gap_error_rms", "gap_error_bias", "gap_error_worst", "added_phase", "margin_lost"),
 )
 
 

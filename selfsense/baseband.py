@@ -1,0 +1,40 @@
+"""A self-sensor as a small continuous linear system, for the analysis of the loop that it closes."""
+
+from functools import lru_cache
+
+import numpy as np
+
+from selfsense.forward_path import BUTTERWORTH
+from selfsense.linear import linearise
+from selfsense.sensor import SelfSensor
+
+PROBED = 500.0  # Hz: where the lag of the forward path beyond its low-pass is taken from
+
+
+@lru_cache(maxsize=1024)
+def baseband(sensor: SelfSensor) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """A (4, 4), B (4,), C (4,) from true to sensed displacement (m), in continuous time, at half duty.
+
+    The low-pass behind the rectifier, the rest of the forward path as a Pade delay, and the PI controller, closed;
+    holds up to about 4 kHz (see `linear.tracking` for the sampled response). ValueError as `linear.linearise`.
+    """
+    linear = linearise(sensor)
+    corner = 2 * np.pi * sensor.estimator.path.low_pass
+    s = 2j * np.pi * PROBED
+    low_pass = corner**2 / (s**2 + corner / BUTTERWORTH * s + corner**2)
+    forward, coil = linear.forward(PROBED), linear.coil(PROBED)
+    delay = -np.angle(forward / low_pass) / (2 * np.pi * PROBED)
+    gain = abs(forward / low_pass)
+    interval = 1 / sensor.acquisition.rate
+    kp, ki = sensor.estimator.kp + sensor.estimator.ki * interval / 2, sensor.estimator.ki
+    # States: amplitude difference and its slope, delay, integral. The delayed error is x3 - (gap - estimate).
+    a, b = np.zeros((4, 4)), np.zeros(4)
+    estimate = np.array([kp, 0.0, 0.0, 1.0])
+    a[0, 1] = 1.0
+    a[1, :2] = -(corner**2), -corner / BUTTERWORTH
+    a[1] += gain * corner**2 * estimate
+    a[1, 2], b[1] = gain * corner**2, -gain * corner**2
+    a[2], b[2] = -4 / delay * estimate, 4 / delay
+    a[2, 2] -= 2 / delay
+    a[3, 0] = ki
+    return a, b, estimate * (sensor.scale * abs(coil / forward))
