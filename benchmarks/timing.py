@@ -45,12 +45,13 @@ def alternately(works: Mapping[Name, Callable[[], object]], repeats: int) -> dic
     return best
 
 
-def stepper(experiments: list[Experiment], calls: int) -> Callable[[], None]:
+def stepper(experiments: list[Experiment], calls: int, outputs: int = 2) -> Callable[[], None]:
     """The kernel alone on one core: each of so many calls advances all experiments by one period.
 
-    Displacement and command are written out. Compiling, allocating and the transient are over when this returns.
+    The first outputs, displacement and command, are written out. Compiling, allocating and the transient are over when
+    this returns.
     """
-    blocks = list(block_periods([replace(e, periods=calls, transient_periods=1) for e in experiments]))
+    blocks = list(block_periods([replace(e, periods=calls, transient_periods=1) for e in experiments], outputs))
     for periods in blocks:
         next(periods)
 

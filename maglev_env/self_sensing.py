@@ -37,7 +37,7 @@ class SelfSensing:
     forward_path: str = "digital"
     kp: float | None = None
     ki: float | None = None
-    lag: float = 20.0
+    lag: float = 50.0
     lag_frequency: float = 4000.0
 
     def __post_init__(self) -> None:

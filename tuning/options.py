@@ -1,0 +1,38 @@
+"""Options and errors that every command shares."""
+
+from collections.abc import Callable
+from functools import wraps
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+RigOption = Annotated[
+    str, typer.Option(help="Preset (hmb_free, hmb_radial, hmb_axial, pedestal, eframe) or a rig TOML.")
+]
+EffectOption = Annotated[
+    list[str], typer.Option("--effect", help="Effect beyond the nominal rig, e.g. delay=75e-6; may be repeated.")
+]
+JsonOption = Annotated[Path | None, typer.Option("--json", help="Also write the result as JSON to this file.")]
+SensorOption = Annotated[
+    str, typer.Option(help="What reads the displacement: probe, or self_sensing (the rig's own coils).")
+]
+SeedOption = Annotated[int, typer.Option(min=0, help="Seed of every noise and random choice.")]
+ThreadsOption = Annotated[int | None, typer.Option(min=1, help="Threads (default: all cores); results do not change.")]
+
+
+def friendly(command: Callable[..., None]) -> Callable[..., None]:
+    """Bad input or files end with one message and exit code 2, Ctrl-C with 130."""
+
+    @wraps(command)
+    def run(*args: Any, **kwargs: Any) -> None:
+        try:
+            command(*args, **kwargs)
+        except (ValueError, OSError) as error:
+            typer.secho(f"maglev: {error}", fg=typer.colors.RED, err=True)
+            raise typer.Exit(2) from error
+        except KeyboardInterrupt:
+            typer.secho("maglev: interrupted", fg=typer.colors.YELLOW, err=True)
+            raise typer.Exit(130) from None
+
+    return run

@@ -1,0 +1,1 @@
+"""What the `maglev selfsense` commands do and show."""
