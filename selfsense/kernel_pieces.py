@@ -18,6 +18,8 @@ from selfsense.kernel_rows import (
 from selfsense.noise import normal
 
 W = LANES
+# As a plain function: a compiled one has another name in every process, and kernels that hold it no disk cache.
+drawn = register_jitable(forceinline=True)(normal.py_func)
 
 
 @dataclass(frozen=True)
@@ -217,7 +219,7 @@ def sensor_pieces(first: int, structure: SensorStructure) -> tuple[Callable, ...
         gap = x[b + GAP * W + i]
         reading = current(x, i, gap) + sheath(x, i, gap)
         if noise:
-            reading = reading + x[b + NOISE * W + i] * normal(seed, count)
+            reading = reading + x[b + NOISE * W + i] * drawn(seed, count)
         if adc:
             top = x[b + COUNT_MAX * W + i]
             counts = np.rint(reading * x[b + COUNTS * W + i])
