@@ -7,9 +7,10 @@ from typing import TYPE_CHECKING
 from maglev_env.excitation import is_number
 from maglev_env.magnetics import ForceLaw, force_law
 from selfsense.coil import Coil
+from selfsense.design import LAG, LAG_AT, design_pi
 from selfsense.forward_path import AnalogPath, DigitalPath
 from selfsense.sensor import Estimator, SelfSensor
-from selfsense.supply import Acquisition, Supply
+from selfsense.supply import Acquisition, Supply, check_rates
 
 if TYPE_CHECKING:
     from maglev_env.rig import Rig
@@ -25,11 +26,11 @@ class SelfSensing:
     pwm_frequency and sample_rate in Hz, dead_time in s, core_length (m): of the core over its relative permeability;
     adc_bits (0: ideal) over +-current_range (A); forward_path digital or analog. kp (m/A) and ki (m/(A s)) of the
     estimator: where not given, those with the most phase margin at a lag of `lag` degrees at lag_frequency (Hz).
-    ValueError when a value is not of its kind.
+    ValueError when a value is not of its kind or out of its range.
     """
 
     pwm_frequency: float = 25e3
-    sample_rate: float = 250e3
+    sample_rate: float = 262.5e3
     dead_time: float = 0.0
     core_length: float = 0.0
     adc_bits: int = 12
@@ -37,8 +38,8 @@ class SelfSensing:
     forward_path: str = "digital"
     kp: float | None = None
     ki: float | None = None
-    lag: float = 50.0
-    lag_frequency: float = 4000.0
+    lag: float = LAG
+    lag_frequency: float = LAG_AT
 
     def __post_init__(self) -> None:
         if self.forward_path not in PATHS:
@@ -49,6 +50,17 @@ class SelfSensing:
                 raise ValueError(f"[self_sensing]: {f.name} = {value!r} is not a finite number")
         if (self.kp is None) != (self.ki is None):
             raise ValueError("[self_sensing]: give both kp and ki, or neither")
+        for name, least in (("core_length", 0), ("kp", 0), ("ki", 0), ("lag", None), ("lag_frequency", None)):
+            value = getattr(self, name)
+            if value is not None and (value < 0 or (least is None and value == 0)):
+                raise ValueError(
+                    f"[self_sensing]: {name} = {value:g} must be {'positive' if least is None else 'at least 0'}"
+                )
+        try:
+            supply = Supply(frequency=self.pwm_frequency, dead_time=self.dead_time)
+            check_rates(supply, Acquisition(self.sample_rate, self.adc_bits, self.current_range))
+        except ValueError as error:
+            raise ValueError(f"[self_sensing]: {error}") from None
 
 
 def coil_of(rig: "Rig") -> Coil:
@@ -96,7 +108,5 @@ def _estimator(coil: Coil, rig: "Rig") -> Estimator:
 
 @lru_cache(maxsize=256)
 def _designed(sensor: SelfSensor, lag: float, frequency: float) -> tuple[float, float]:
-    from selfsense.design import design_pi  # not needed where gains are given
-
     design = design_pi(sensor, lag, frequency)
     return design.kp, design.ki

@@ -5,7 +5,7 @@ from functools import lru_cache
 import numpy as np
 
 from selfsense.forward_path import BUTTERWORTH
-from selfsense.linear import linearise
+from selfsense.linear import LinearSensor, linearise
 from selfsense.sensor import SelfSensor
 
 PROBED = 500.0  # Hz: where the lag of the forward path beyond its low-pass is taken from
@@ -18,7 +18,7 @@ def baseband(sensor: SelfSensor) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     The low-pass behind the rectifier, the rest of the forward path as a Pade delay, and the PI controller, closed;
     holds up to about 4 kHz (see `linear.tracking` for the sampled response). ValueError as `linear.linearise`.
     """
-    linear = linearise(sensor)
+    linear = _linear(sensor)
     corner = 2 * np.pi * sensor.estimator.path.low_pass
     s = 2j * np.pi * PROBED
     low_pass = corner**2 / (s**2 + corner / BUTTERWORTH * s + corner**2)
@@ -38,3 +38,19 @@ def baseband(sensor: SelfSensor) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     a[2, 2] -= 2 / delay
     a[3, 0] = ki
     return a, b, estimate * (sensor.scale * abs(coil / forward))
+
+
+@lru_cache(maxsize=1024)
+def growth_rate(sensor: SelfSensor) -> float:
+    """Rate (1/s) at which a small error of the sampled estimator grows by itself, at half duty; below 0: it decays.
+
+    `baseband` is too slow a model to see it. ValueError as `linear.linearise`.
+    """
+    linear = _linear(sensor)
+    cycle = linear.direct.size / linear.rate
+    return float(np.log(linear.growth(sensor.estimator.kp, sensor.estimator.ki)) / cycle)
+
+
+@lru_cache(maxsize=64)
+def _linear(sensor: SelfSensor) -> LinearSensor:
+    return linearise(sensor)

@@ -98,8 +98,8 @@ def calibrate(
 @friendly
 def design(
     rig: RigOption = "hmb_free",
-    lag: Annotated[float, typer.Option(help="Largest lag of the estimate at --at, degrees.")] = 50.0,
-    at: Annotated[float, typer.Option(help="Hz.")] = 4000.0,
+    lag: Annotated[float | None, typer.Option(help="Largest lag of the estimate at --at, degrees.")] = None,
+    at: Annotated[float | None, typer.Option(help="Hz (default: both the rig's).")] = None,
     droop: Annotated[float, typer.Option(help="Largest droop of the estimate below --at, dB.")] = 1.0,
     out: OutOption = None,
     json_file: JsonOption = None,

@@ -1,0 +1,188 @@
+"""How well a gap can be read at all: the Cramer-Rao bound of the ripple, and how near to it the estimator comes.
+
+A reading is i_k = s_k(gap) + slow current + noise, with s the ripple at a known switching voltage. Over a window of N
+samples, the slow current's unknown mean and slope projected out, the information on a constant gap is N P / sigma^2,
+P the mean square of ds/dgap. Averaged over N = rate T samples, a bandwidth of 1 / (2 T), that is a white gap noise of
+2 sigma^2 / (rate P) m^2/Hz, one-sided. An estimator that weighs sample k by w_k moves by h = sum of w ds/dgap over a
+PWM period per period of changed gap and has the variance sigma^2 sum w^2, at least sigma^2 sum h^2 / (P samples per
+period) by Cauchy's inequality: the same noise times the integral of its tracking |T|^2, its noise bandwidth.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from math import isfinite
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from selfsense.demodulation import demodulated_gap
+from selfsense.forward_path import response
+from selfsense.linear import controller_response, linearise, stable
+from selfsense.sensor import SelfSensor, samples_and_periods
+from selfsense.simulate import simulate
+
+SETTLING = 0.01  # s until the ripple is steady
+NO_RIPPLE = 1e-9  # A
+LINES = 2000  # frequencies of the noise bandwidth's integral
+
+
+@dataclass(frozen=True)
+class NoisePoint:
+    """The estimator at one resolution and noise beside its bound; all errors in m.
+
+    bits of the converter (0: ideal); noise (A rms). bound: on the rms error at the estimator's noise bandwidth; rms:
+    of its deviation from the run without noise and converter, `bias` the mean of that; total: rms of its deviation
+    from the true gap, lag and switching ripple included. demodulator: rms deviation of `demodulated_gap` on the same
+    readings, at its own noise bandwidth.
+    """
+
+    bits: int
+    noise: float
+    bound: float
+    rms: float
+    bias: float
+    total: float
+    demodulator: float
+
+    @property
+    def ratio(self) -> float:
+        """rms over bound."""
+        return self.rms / self.bound
+
+
+def ripple_sensitivity(sensor: SelfSensor, drive: float = 0.0) -> np.ndarray:
+    """d current / d gap (A/m) at the samples of a cycle of whole PWM periods (n,), steady, without mean and slope.
+
+    From the simulated coil at two gaps around rest, so core, dead time and states count. The slope is that from one
+    cycle to the next, as over a long window. ValueError when the supply makes no ripple at this drive.
+    """
+    cycle, _ = samples_and_periods(sensor)
+    samples = cycle * (2 - int(-SETTLING * sensor.acquisition.rate) // cycle)
+    ideal = replace(sensor, acquisition=replace(sensor.acquisition, bits=0, noise=0.0))
+    step = 1e-3 * sensor.gap
+    ends = [replace(ideal, gap=sensor.gap + move) for move in (-step, step)]
+    gap = np.repeat([[end.gap] for end in ends], samples, axis=1)
+    low, high = simulate(ends, gap, drive).current[:, -2 * cycle :]
+    before, last = ((high - low) / (2 * step)).reshape(2, cycle)
+    sensitivity = last - np.mean(last - before) * np.arange(cycle) / cycle
+    sensitivity -= sensitivity.mean()
+    if np.abs(sensitivity).max() * sensor.gap < NO_RIPPLE:
+        raise ValueError(f"drive = {drive}: the supply makes no ripple there that could tell a gap; choose another")
+    return sensitivity
+
+
+def reading_noise(sensor: SelfSensor) -> float:
+    """Noise of one reading (A rms): the current's own, and the converter's count over sqrt(12).
+
+    A count is noise where the noise spans half a count, or where ripple and slow current wander over tens of counts:
+    8 bits on a ripple of a twelfth of their range. With 6 bits, or at rest without noise, the same counts come back
+    every PWM period: an error that is no white noise, which no average takes away, or that spares the estimator's band.
+    A ratio far above 1, or below, then says so.
+    """
+    return float(np.hypot(sensor.acquisition.noise, sensor.acquisition.resolution / np.sqrt(12)))
+
+
+def cramer_rao_density(sensor: SelfSensor, drive: float = 0.0) -> float:
+    """Lowest noise density (m/sqrt(Hz), one-sided) of an unbiased gap from this sensor's readings at a constant drive.
+
+    `reading_noise` counts as white and normal. ValueError as `ripple_sensitivity`.
+    """
+    power = np.mean(ripple_sensitivity(sensor, drive) ** 2)
+    return float(reading_noise(sensor) * np.sqrt(2 / (sensor.acquisition.rate * power)))
+
+
+def cramer_rao_rms(sensor: SelfSensor, noise_bandwidth: float, drive: float = 0.0) -> float:
+    """Lowest rms error (m) of an unbiased gap at a noise bandwidth (Hz, one-sided).
+
+    ValueError when the bandwidth is not positive, and as `cramer_rao_density`.
+    """
+    if not (isfinite(noise_bandwidth) and noise_bandwidth > 0):
+        raise ValueError(f"noise_bandwidth = {noise_bandwidth} Hz must be a positive number")
+    return cramer_rao_density(sensor, drive) * float(np.sqrt(noise_bandwidth))
+
+
+def noise_bandwidth(sensor: SelfSensor, drive: float = 0.0) -> float:
+    """Noise bandwidth (Hz, one-sided) of the estimator: integral of |T|^2 up to half the PWM frequency.
+
+    T answers to what the gap does to the ripple. What the motion does to a standing current also leaks through the
+    high-pass, at a drive of 0.6 so much that it would double the integral; the bound counts it as slow current. Above
+    half the PWM frequency a gap cannot be told from its image. Core losses are left out. ValueError when the estimator
+    is unstable, and as `linear.linearise`.
+    """
+    if not stable(sensor, drive):
+        raise ValueError(f"estimator: unstable at a drive of {drive}, its noise grows without end; lower kp and ki")
+    linear = linearise(sensor, drive)
+    parts = ("by_gap", "by_last_gap", "direct")
+    ripple = replace(linear, **{name: getattr(linear, name) - getattr(linear, name).mean() for name in parts})
+    frequency = (np.arange(LINES) + 0.5) * (sensor.supply.frequency / 2 / LINES)
+    controller = controller_response(sensor.estimator.kp, sensor.estimator.ki, linear.rate, frequency)
+    tracking = controller * ripple.coil(frequency) / (1 + controller * linear.forward(frequency))
+    return float(np.mean(np.abs(tracking) ** 2) * sensor.supply.frequency / 2)
+
+
+def forward_path_cost(sensor: SelfSensor, drive: float = 0.0) -> float:
+    """Noise of the estimator's forward path over the bound at low frequency, small noise: 1 if it were matched.
+
+    A rectifier weighs samples by the sign of the filtered ripple, a true rms by the filtered ripple itself, both passed
+    back through the filters. Of a core without losses. ValueError as `ripple_sensitivity`.
+    """
+    slope = ripple_sensitivity(sensor, drive)
+    # The ripple has the shape of its slope: the gap only scales it.
+    filters = response(sensor.estimator.path.sections(sensor.acquisition.rate)[0], _circle(slope.size))
+    filtered = np.fft.ifft(filters * np.fft.fft(slope)).real
+    weight = filtered if sensor.estimator.path.rms else np.sign(filtered)
+    weight = np.fft.ifft(np.conj(filters) * np.fft.fft(weight)).real
+    return float(np.sqrt((weight**2).sum() * (slope**2).sum()) / (weight @ slope))
+
+
+def noise_sweep(
+    sensor: SelfSensor,
+    bits: Sequence[int],
+    noises: Sequence[float],
+    drive: float = 0.0,
+    amplitude: float = 50e-6,
+    frequency: float = 100.0,
+    seeds: int = 4,
+) -> list[NoisePoint]:
+    """The simulated estimator along a sine of the gap (m, Hz) at every resolution and every noise (A), bits first.
+
+    Two periods after a first one, of `seeds` runs. ValueError when a point has neither noise nor a converter, seeds or
+    frequency is not positive, or a value is out of the range of `Acquisition`, `simulate` or `noise_bandwidth`.
+    """
+    if not 0 < frequency <= sensor.supply.frequency / 10:
+        raise ValueError(f"frequency = {frequency} Hz must be positive and at most a tenth of the PWM frequency")
+    if seeds < 1:
+        raise ValueError(f"seeds = {seeds}: at least one run is needed")
+    points = [(b, noise) for b in bits for noise in noises]
+    if (0, 0.0) in points:
+        raise ValueError("bits = 0 with noise = 0: an ideal reading has no bound; leave that point out")
+    period = round(sensor.acquisition.rate / frequency)
+    gap = sensor.gap + amplitude * np.sin(2 * np.pi * np.arange(1, 3 * period + 1) / period)
+    noisy = [replace(sensor, acquisition=replace(sensor.acquisition, bits=b, noise=noise)) for b, noise in points]
+    quiet = simulate([replace(sensor, acquisition=replace(sensor.acquisition, bits=0, noise=0.0))], gap, drive)
+    bandwidth = noise_bandwidth(sensor, drive)
+    table = []
+    for i, one in enumerate(noisy):
+        sensed = simulate([one] * seeds, gap, drive, seed=i)
+        change = (sensed.estimate - quiet.estimate)[:, period:]
+        demodulated = demodulated_gap(np.concatenate([sensed.amplitude, quiet.amplitude]), sensor, drive)[:, period:]
+        table.append(
+            NoisePoint(
+                bits=one.acquisition.bits,
+                noise=one.acquisition.noise,
+                bound=cramer_rao_rms(one, bandwidth, drive),
+                rms=_rms(change),
+                bias=float(change.mean()),
+                total=_rms((sensed.estimate - gap)[:, period:]),
+                demodulator=_rms(demodulated[:-1] - demodulated[-1]),
+            )
+        )
+    return table
+
+
+def _circle(samples: int) -> np.ndarray:
+    return np.exp(2j * np.pi * np.arange(samples) / samples)
+
+
+def _rms(values: ArrayLike) -> float:
+    return float(np.sqrt(np.mean(np.square(values))))
