@@ -1,0 +1,194 @@
+"""The parameter estimator on recorded coil current and switching voltage: the very filter that is simulated."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import cache
+from typing import Literal
+
+import numba as nb
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.ndimage import uniform_filter1d
+from scipy.signal import lfilter
+
+from selfsense.forward_path import ForwardPath, response
+from selfsense.kernel import SOURCES
+from selfsense.kernel_pieces import SensorStructure, sensor_pieces
+from selfsense.kernel_rows import ESTIMATE, FORWARD, LANES, MODEL, SENSOR_ROWS
+from selfsense.noise import FAST
+from selfsense.sensor import Estimator, SelfSensor, sensor_rows
+from selfsense.supply import Acquisition, Supply, check_rates
+from selfsense.validity import AT_END, CLIPPED, CONVERGING, NO_RIPPLE, Stretch, gap_validity
+
+W = LANES
+_REMEDIES = {
+    CLIPPED: "the current stays on the end of its converter's range; widen that range",
+    NO_RIPPLE: "the current carries no ripple of the switching voltage; check both channels, their scales and the duty",
+    AT_END: "correct the believed coil, the channels' scales, or gap_range",
+    CONVERGING: "the estimator never settles in it; record longer, or raise ki",
+}
+
+
+@dataclass(frozen=True)
+class RecordedGap:
+    """A gap out of recorded signals, arrays (samples,): at `time` (s, from the first sample) the estimated gap (m, nan
+    where invalid) and the amplitude of the ripple behind the forward path (A); valid: where the gap can be trusted;
+    reasons: the stretches where it cannot; pwm_frequency (Hz)."""
+
+    time: np.ndarray
+    gap: np.ndarray
+    amplitude: np.ndarray
+    valid: np.ndarray
+    reasons: tuple[Stretch, ...]
+    pwm_frequency: float
+
+
+def estimate_recorded(
+    current: ArrayLike,
+    voltage: ArrayLike,
+    rate: float,
+    estimator: Estimator,
+    gap: float,
+    current_range: float,
+    voltage_sampling: Literal["mean", "point"] = "mean",
+    pwm_frequency: float | None = None,
+) -> RecordedGap:
+    """Estimate the gap from coil current (A) and switching voltage (V), (samples,) each, sampled together at rate (Hz).
+
+    gap (m): where the estimate starts. current_range (A): of the converter that read the current, inf where it cannot
+    clip; readings within 1 % of it count as clipped. The voltage is measured, so `estimator.voltage` does not enter.
+    voltage_sampling: "mean" since the sample before, as a timer or an integrator reads it, which is exact; or "point",
+    instants, joined by the trapezoid rule, which misplaces an edge by up to half a sample. Simulated with a duty
+    within 0.1 of one half, the gap then reads wrong by up to 10 % at 10 samples per PWM period, 1.5 % at 40 and 0.6 %
+    at 100; by a third of that where the samples drift against the switching, which turns a part of it into noise.
+    pwm_frequency (Hz): default, found in the voltage, where one above half the rate passes for its alias.
+    ValueError when samples do not fit each other, are not finite, or are slower than twice the PWM frequency (ten
+    times for instants); when the voltage does not switch; and when no sample carries a gap.
+    """
+    current, volts = _series("current", current), _series("voltage", voltage)
+    if current.size != volts.size:
+        raise ValueError(
+            f"current has {current.size} samples and voltage {volts.size}: they differ from sample "
+            f"{min(current.size, volts.size)} on; give both at one rate, over the same time"
+        )
+    acquisition = Acquisition(rate)
+    if not current_range > 0:
+        raise ValueError(f"current_range = {current_range} A must be positive; inf where the current cannot clip")
+    if voltage_sampling not in ("mean", "point"):
+        raise ValueError(f"voltage_sampling = {voltage_sampling!r}; use 'mean' or 'point'")
+    if not estimator.ki > 0:
+        raise ValueError("estimator: ki = 0 never removes an error; give a positive ki")
+    if pwm_frequency is None:
+        pwm_frequency = find_pwm_frequency(volts, rate, estimator.path)
+    check_rates(Supply(frequency=pwm_frequency), acquisition)
+    # The estimator knows the supply by its voltage alone: any PWM frequency gives it the same rows.
+    stand_in = Supply(frequency=rate / 2)
+    sensor = SelfSensor(estimator.coil, stand_in, acquisition, replace(estimator, voltage=1.0), gap)
+    block = np.zeros((SENSOR_ROWS, W))
+    block[:, 0] = sensor_rows([sensor])[:, 0]
+    block[MODEL, 0] = current[0]  # both paths then start from the same step, and their difference from none
+    if voltage_sampling == "point":
+        _check_instants(rate, pwm_frequency)
+        volts = np.concatenate([volts[:1], (volts[1:] + volts[:-1]) / 2])
+    estimate, amplitude = np.empty(current.size), np.empty(current.size)
+    _recorder(estimator.path.rms)(block.reshape(-1), current, volts / rate, estimate, amplitude)
+    clipped = np.abs(current) >= 0.99 * current_range
+    noise_only = _noise_only(current, volts, amplitude, rate, pwm_frequency, estimator.path)
+    supply = (float(np.abs(volts).max()), pwm_frequency)
+    found = gap_validity(estimate, amplitude, rate, estimator, *supply, clipped, noise_only)
+    if not found.valid.any():
+        _refuse(found.reasons, current.size)
+    estimate[~found.valid] = np.nan
+    return RecordedGap(np.arange(current.size) / rate, estimate, amplitude, found.valid, found.reasons, pwm_frequency)
+
+
+def find_pwm_frequency(voltage: ArrayLike, rate: float, path: ForwardPath) -> float:
+    """The frequency (Hz) at which a voltage (samples,), sampled at rate (Hz), switches: its strongest line in reach of
+    the forward path, within 1 / record length. ValueError when nothing stands out there.
+    """
+    volts = np.asarray(voltage, dtype=float)
+    power = np.abs(np.fft.rfft((volts - volts.mean()) * np.hanning(volts.size))) ** 2
+    frequency = np.fft.rfftfreq(volts.size, 1 / rate)
+    corner = path.centre if path.rms else path.high_pass
+    power[frequency < corner / 10] = 0.0  # the drive: slower than any ripple that the path lets through
+    # The lowest of the strong lines: sampling can make a harmonic the strongest. Then the peak around it.
+    lowest = frequency[np.argmax(power >= 0.25 * power.max())]
+    near = np.abs(frequency - lowest) <= np.maximum(0.02 * lowest, 2 * frequency[1])
+    top = int(np.argmax(np.where(near, power, 0.0)))
+    if not power[near].sum() > _CARRIER * power.sum() or not power[top] > 0:
+        raise ValueError(
+            f"voltage: no switching stands out above {corner / 10:g} Hz in its {volts.size} samples; record the coil's "
+            "switching voltage, or give pwm_frequency"
+        )
+    return float(frequency[top])
+
+
+_CARRIER = 0.05  # of the power: pulses of 3 % duty hold more in their fundamental, white noise less
+
+
+@cache
+def _recorder(rms: bool) -> Callable[..., None]:
+    """The compiled loop over samples, of lane 0 of a block."""
+    sources = SOURCES
+    *_, converge = sensor_pieces(0, SensorStructure(rms, False, False, False, False, False, False, False))
+
+    @nb.njit(fastmath=FAST, error_model="numpy", nogil=True, cache=True)
+    def run(x, current, volt_seconds, estimate, amplitude):
+        if sources == 0:
+            return
+        for n in range(current.size):
+            converge(x, 0, current[n], volt_seconds[n])
+            estimate[n] = x[ESTIMATE * W]
+            amplitude[n] = x[FORWARD * W]
+
+    return run
+
+
+def _series(name: str, values: ArrayLike) -> np.ndarray:
+    values = np.ascontiguousarray(values, dtype=float)
+    if values.ndim != 1 or values.size < 2:
+        raise ValueError(f"{name} has the shape {values.shape}; give two samples or more, (samples,)")
+    bad = np.flatnonzero(~np.isfinite(values))
+    if bad.size:
+        raise ValueError(
+            f"{name}: sample {bad[0]} is {values[bad[0]]} ({bad.size} such samples); cut the record there or mend it"
+        )
+    return values
+
+
+def _check_instants(rate: float, pwm_frequency: float) -> None:
+    if rate < 10 * pwm_frequency * (1 - 1e-3):
+        raise ValueError(
+            f"voltage_sampling = 'point' at {rate / pwm_frequency:.3g} samples per PWM period misplaces its edges too "
+            f"far; sample at {10 * pwm_frequency:g} Hz or faster, or record the mean since the sample before"
+        )
+
+
+def _noise_only(
+    current: np.ndarray, volts: np.ndarray, amplitude: np.ndarray, rate: float, frequency: float, path: ForwardPath
+) -> np.ndarray:
+    """Where the voltage does not switch, or the amplitude (A) is not that of a current that ripples at its frequency.
+
+    A ripple's fundamental makes up 0.78 (duty near 0 or 1) to 1 of its amplitude, that of noise some 0.2.
+    """
+    window = max(round(8 * rate / frequency), 64)
+    mixer = np.exp(-2j * np.pi * frequency / rate * np.arange(current.size))
+    ripple, switching = (
+        2 * np.abs(uniform_filter1d((x - uniform_filter1d(x, window)) * mixer, window)) for x in (current, volts)
+    )
+    before, ((*b, a1, a2),) = path.sections(rate)
+    gain = np.abs(response(before, np.exp(2j * np.pi * frequency / rate)))
+    expected = ripple * gain * (1 / np.sqrt(2) if path.rms else 2 / np.pi)
+    expected = lfilter(b, [1, a1, a2], expected)  # as late as the amplitude
+    return (expected < 0.5 * amplitude) | (switching < 0.05 * np.abs(volts).max())
+
+
+def _refuse(reasons: tuple[Stretch, ...], samples: int) -> None:
+    lengths = {r: sum(s.stop - s.start for s in reasons if s.reason == r) for r in _REMEDIES}
+    # What explains the others comes first in _REMEDIES; that nothing settles explains nothing.
+    worst = max(lengths, key=lambda r: round(10 * lengths[r] / samples) if r != CONVERGING else 0.5)
+    first = next(s for s in reasons if s.reason == worst)
+    raise ValueError(
+        f"no sample of {samples} carries a gap: {worst!r} for {lengths[worst]} of them, first at sample {first.start}: "
+        f"{_REMEDIES[worst]}"
+    )

@@ -1,0 +1,134 @@
+"""Where an estimated gap can be trusted: the ripple must carry it, the range must hold it, the loop must have settled.
+
+An estimator without ripple stands still and one at the end of its range is pushed against it: both show a plausible
+number that says nothing of the gap.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import ceil, pi, sqrt
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from selfsense.forward_path import response
+from selfsense.sensor import Estimator, SelfSensor
+from selfsense.simulate import SensedGap
+
+NO_RIPPLE, AT_END, CLIPPED, CONVERGING = "no ripple", "end of gap_range", "current clipped", "converging"
+SMALLEST_RIPPLE = 0.1  # of the ripple at half duty: there the loop is ten times slower; a duty of 0.025 or 0.975
+SETTLED = 10.0  # time constants of the loop after a fault: 1 mm has become 45 nm
+SLIDING = 3.0  # time constants before a fault shows, in which the estimate may be on its way there
+SETTLING = 0.02  # s given to a simulated sensor before it is used; one that needs longer is refused
+
+
+@dataclass(frozen=True)
+class Stretch:
+    """Samples start .. stop - 1 that carry no gap, and the reason."""
+
+    start: int
+    stop: int
+    reason: str
+
+
+@dataclass(frozen=True)
+class Validity:
+    """valid (samples,): whether a sample of the estimate can be trusted; reasons: the stretches that cannot be, which
+    may overlap where there are several reasons."""
+
+    valid: np.ndarray
+    reasons: tuple[Stretch, ...]
+
+
+def gap_validity(
+    estimate: ArrayLike,
+    amplitude: ArrayLike,
+    rate: float,
+    estimator: Estimator,
+    voltage: float,
+    pwm_frequency: float,
+    clipped: ArrayLike = False,
+    noise_only: ArrayLike = False,
+) -> Validity:
+    """Which samples of an estimated gap (m) and its ripple's amplitude (A), both (samples,), can be trusted.
+
+    rate (Hz): of these samples; voltage (V) and pwm_frequency (Hz): of the supply; clipped, noise_only (samples,):
+    where the current was clipped, where its amplitude is no ripple. Invalid are these, an amplitude below
+    SMALLEST_RIPPLE of that of a half duty at the estimated gap, an estimate on the end of its range, the SLIDING time
+    constants of the loop before such a fault, and the SETTLED ones after it or after the first sample. The loop's pole
+    lies at ki S / (1 + kp S), S the amplitude per gap, so it settles more slowly where the ripple is smaller.
+    """
+    estimate, amplitude = np.asarray(estimate, dtype=float), np.asarray(amplitude, dtype=float)
+    coil, (low, high) = estimator.coil, estimator.gap_range
+    half_duty = voltage / pwm_frequency / 8 / coil.inductance(estimate)
+    touching = 1e-9 * (high - low)
+    faults = {
+        NO_RIPPLE: ~(amplitude >= SMALLEST_RIPPLE * half_duty) | noise_only,
+        AT_END: ~((estimate > low + touching) & (estimate < high - touching)),
+        CLIPPED: np.broadcast_to(clipped, estimate.shape),
+    }
+    path = sqrt(2) / (2 * pi * estimator.path.low_pass)
+    faults[NO_RIPPLE][: ceil(3 * path * rate)] = False  # the filters fill
+    # An amplitude above any that this supply makes is a start-up of the filters, not a faster loop.
+    sensitivity = 2 * np.minimum(amplitude, 2 * half_duty) / (coil.core_length + 2 * estimate)
+    pull = estimator.ki * sensitivity
+    pace = pull / (1 + estimator.kp * sensitivity + path * pull)
+    elapsed = np.cumsum(pace) / rate
+    any_fault = np.logical_or.reduce(list(faults.values()))
+    # Time constants since the last fault: at a fault the clock restarts, and before the first sample it stood at 0.
+    settling = elapsed - np.maximum.accumulate(np.where(any_fault, elapsed, 0.0)) < SETTLED
+    stretches = []
+    for reason, fault in faults.items():
+        coming = np.minimum.accumulate(np.where(fault, elapsed, np.inf)[::-1])[::-1]
+        fault = fault | (coming - elapsed < SLIDING)
+        settling &= ~fault
+        any_fault = any_fault | fault
+        stretches += _stretches(fault, reason)
+    stretches += _stretches(settling, CONVERGING)
+    return Validity(~(any_fault | settling), tuple(sorted(stretches, key=lambda s: s.start)))
+
+
+def sensed_validity(sensed: SensedGap, sensors: Sequence[SelfSensor]) -> tuple[Validity, ...]:
+    """`gap_validity` of what `simulate` returned for these sensors, one by one.
+
+    A clipped current shows only in the samples kept: keep all of them where the converter's range may be left.
+    ValueError when the numbers of sensors differ.
+    """
+    if len(sensors) != len(sensed.estimate):
+        raise ValueError(f"{len(sensors)} sensors for {len(sensed.estimate)} estimates; give those that were simulated")
+    rate, found = 1 / sensed.time[0], []
+    for i, s in enumerate(sensors):
+        estimate, amplitude = sensed.estimate[i], sensed.amplitude[i]
+        adc = s.acquisition
+        # The highest count lies one below the range, the lowest on it.
+        clipped = adc.bits > 0 and np.abs(sensed.current[i]) > adc.current_range - 1.5 * adc.resolution
+        noise_only = amplitude < 2 * _noise_amplitude(s)
+        supply = (s.supply.voltage, s.supply.frequency)
+        found.append(gap_validity(estimate, amplitude, rate, s.estimator, *supply, clipped, noise_only))
+    return tuple(found)
+
+
+def refuse_invalid(sensed: SensedGap, sensors: Sequence[SelfSensor], start: int, allowed: str = "") -> None:
+    """ValueError when `sensed_validity` finds a reason, but the allowed one, at sample `start` or later."""
+    for found in sensed_validity(sensed, sensors):
+        bad = [s for s in found.reasons if s.stop > start and s.reason != allowed]
+        if bad:
+            worst = min(bad, key=lambda s: (s.reason == CONVERGING, s.start))
+            raise ValueError(
+                f"{worst.reason!r} at sample {max(worst.start, start)} of the simulation; change the gap's or the "
+                "drive's swing, or the estimator's gains"
+            )
+
+
+def _noise_amplitude(sensor: SelfSensor) -> float:
+    """Mean amplitude (A) behind the forward path of the reading's noise and rounding alone."""
+    adc, path = sensor.acquisition, sensor.estimator.path
+    before, _ = path.sections(adc.rate)
+    power = np.mean(np.abs(response(before, np.exp(2j * pi * np.arange(1024) / 1024))) ** 2)
+    rms = np.hypot(adc.noise, adc.resolution / sqrt(12)) * sqrt(power)
+    return float(rms if path.rms else rms * sqrt(2 / pi))
+
+
+def _stretches(mask: np.ndarray, reason: str) -> list[Stretch]:
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]])))
+    return [Stretch(int(a), int(b), reason) for a, b in zip(edges[::2], edges[1::2], strict=True)]
