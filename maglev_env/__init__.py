@@ -13,6 +13,8 @@ _HOME = {
     "Excitation": "excitation",
     "Experiment": "experiment",
     "protocol_experiment": "experiment",
+    "rig_sensors": "experiment",
+    "SelfSensing": "self_sensing",
     "Rig": "rig",
     "load_rig": "rig",
     "with_parameters": "rig",
