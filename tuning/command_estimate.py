@@ -3,11 +3,9 @@
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
 from rich.markup import escape
 
 from maglev_env.campaign import Campaign, RecordingSpec, load_campaign
-from maglev_env.campaign_tables import ChannelSource
 from maglev_env.excitation import Excitation, parse_lines
 from maglev_env.identification import Identification, identify
 from maglev_env.identification_planar import PlanarIdentification, identify_planar
@@ -16,6 +14,7 @@ from maglev_env.record_spectra import RecordedSignals, axis_signals
 from maglev_env.recorded import recorded_signals
 from maglev_env.recording import read_recording
 from maglev_env.rig import Rig, axis_rig
+from tuning.columns import column_source
 from tuning.estimate_report import estimate_json, estimate_page, estimate_table
 from tuning.output import console, progress_bar, require_folder, write_json
 from tuning.page import write_page
@@ -162,7 +161,7 @@ def _single(path: Path, mass: float | None, one: OneFile) -> Campaign:
         excitation = Excitation("recorded", "force")
     else:
         excitation = Excitation("sphs", "force", one.fundamental, parse_lines(one.lines))
-    channels = {"force": _source(one.force), "displacement": _source(one.displacement)}
+    channels = {"force": column_source(one.force), "displacement": column_source(one.displacement)}
     spec = RecordingSpec(
         path.name,
         "fit",
@@ -177,16 +176,3 @@ def _single(path: Path, mass: float | None, one: OneFile) -> Campaign:
         one.intersample,
     )
     return Campaign(path.parent, None, mass, (spec,))
-
-
-def _source(text: str) -> ChannelSource:
-    name, star, factor = text.rpartition("*")
-    if not star:
-        return ChannelSource((text,), (1.0,), 1.0, 0.0)
-    try:
-        scale = float(factor)
-    except ValueError:
-        raise ValueError(f"column {text!r}: write name or name*scale") from None
-    if not (np.isfinite(scale) and scale):
-        raise ValueError(f"column {text!r}: the scale must be a number other than zero")
-    return ChannelSource((name,), (1.0,), scale, 0.0)

@@ -1,0 +1,33 @@
+"""`maglev selfsense robustness`: what a wrong belief of coil and supply costs the gap and the levitation loop."""
+
+from pathlib import Path
+
+from rich.markup import escape
+
+from tuning.output import console, progress_bar, require_folder, write_json
+from tuning.page import write_page
+from tuning.self_sensing.rig_sensor import load_sensor
+from tuning.self_sensing.robustness_experiments import SEEDS, measure_robustness, plan_robustness
+from tuning.self_sensing.robustness_report import (
+    robustness_json,
+    robustness_page,
+    robustness_summary,
+    robustness_table,
+)
+
+
+def run(rig: str, seed: int, threads: int | None, out: Path | None, json_file: Path | None) -> None:
+    """See `tuning.cli_selfsense.robustness`."""
+    loaded, _ = load_sensor(rig)
+    plan = plan_robustness(loaded)
+    page = out or Path("selfsense-robustness.html")
+    require_folder(page, "--out")
+    require_folder(json_file, "--json")
+    with progress_bar() as bar:
+        task = bar.add_task(f"robustness {loaded.name}", total=2 * SEEDS * len(plan.tables[0]))
+        found = measure_robustness(plan, seed, threads, lambda n: bar.advance(task, n))
+    write_page(page, robustness_page(found))
+    write_json(json_file, robustness_json(found))
+    console.print(robustness_table(found))
+    console.print(escape(robustness_summary(found)))
+    console.print(f"page  {page}")
