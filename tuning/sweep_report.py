@@ -157,6 +157,7 @@ def _made_by(attrs: Mapping[str, Any], rig: Mapping[str, Any]) -> dict[str, obje
     sobol = attrs.get("sobol", "0")
     kind = f"{spacing} grid" if sobol == "0" else f"{sobol} Sobol points, {spacing}"
     effects = ", ".join(f"{k} {v}" for k, v in json.loads(attrs.get("effects", "{}")).items())
-    known = {"Effects": effects or "none", "Swept": f"{kind}: {'; '.join(axes)}"}
+    sensor = attrs.get("sensor", "probe").replace("_", "-")
+    known = {"Sensor": sensor, "Effects": effects or "none", "Swept": f"{kind}: {'; '.join(axes)}"}
     stated = {name.capitalize(): attrs[name] for name in ("seed", "version", "identity") if name in attrs}
     return rig_facts(rig) | known | stated
