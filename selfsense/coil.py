@@ -8,6 +8,11 @@ import numpy as np
 MU_0 = 4e-7 * np.pi
 
 
+def is_number(value: object) -> bool:
+    """Whether a value is a finite real number, and not a truth value."""
+    return isinstance(value, int | float | np.number) and not isinstance(value, bool) and isfinite(value)
+
+
 @dataclass(frozen=True)
 class Coil:
     """A coil whose flux crosses two air gaps and a core, SI.
@@ -36,9 +41,9 @@ class Coil:
     def __post_init__(self) -> None:
         for f in fields(self):
             value = getattr(self, f.name)
-            if f.name == "back_emf" or value is None:
+            if f.name == "back_emf" or (f.name == "saturation_field" and value is None):
                 continue
-            if isinstance(value, bool) or not isinstance(value, int | float | np.number) or not isfinite(value):
+            if not is_number(value):
                 raise ValueError(f"coil: {f.name} = {value!r} is not a finite number")
             if f.name in _POSITIVE and value <= 0:
                 raise ValueError(f"coil: {f.name} = {value:g} must be positive")

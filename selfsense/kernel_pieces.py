@@ -10,14 +10,16 @@ import numpy as np
 from numba.extending import register_jitable
 
 from selfsense.kernel_rows import (
-    ACTUAL, ALPHA, BEFORE, BEHIND, BIAS_FIELD, COIL, CORE_SHARE, COUNTS, COUNT_MAX, DEAD, EDDY, EDDY_RATE, EDDY_TAIL,
-    ESTIMATE, FALL, FORWARD, GAP, HIGHEST, INTEGRAL, INTERVAL, INVERSE_0, INVERSE_1, KI_INTERVAL, KP, LANES, LEVEL,
-    LOWEST, MAGNET_EMF, MODEL, MODEL_INVERSE_0, MODEL_INVERSE_1, MODEL_RESISTANCE, MODEL_VOLTAGE, NOISE, OFF, ON,
-    PERIOD, PER_COUNT, PER_FIELD, READING, RESISTANCE, RISE, SATURATED, SIMULATED, STATES_3, VOLTAGE, VOLT_SECONDS,
+    ACTUAL, ALPHA, BEFORE, BEHIND, BIAS_FIELD, COIL, CORE_SHARE, COUNTS, COUNT_MAX, DEAD, EDDY, EDDY_RATE,
+    EDDY_RATES, EDDY_WEIGHTS, ESTIMATE, FALL, FORWARD, GAP, HIGHEST, INTEGRAL, INTERVAL, INVERSE_0, INVERSE_1,
+    KI_INTERVAL, KP, LANES, LOWEST, MAGNET_EMF, MODEL, MODEL_INVERSE_0, MODEL_INVERSE_1, MODEL_RESISTANCE,
+    MODEL_VOLTAGE, NOISE, OFF, ON, PERIOD, PER_COUNT, PER_FIELD, READING, RESISTANCE, RISE, SATURATED, SIMULATED,
+    STATES_3, VOLTAGE, VOLT_SECONDS,
 )  # fmt: skip
 from selfsense.noise import normal
 
 W = LANES
+MODES = len(EDDY_RATES)
 # As a plain function: a compiled one has another name in every process, and kernels that hold it no disk cache.
 drawn = register_jitable(forceinline=True)(normal.py_func)
 
@@ -45,23 +47,42 @@ def sensor_pieces(first: int, structure: SensorStructure) -> tuple[Callable, ...
     dead, regulated, adc, noise = structure.dead, structure.regulated, structure.adc, structure.noise
 
     @register_jitable(forceinline=True)
+    def saturated(x, i, linkage):
+        """Current (A) that the core's saturation adds at a flux linkage."""
+        rest = x[b + BIAS_FIELD * W + i]
+        field = linkage * x[b + PER_FIELD * W + i] + rest
+        square_now, square_rest = field * field, rest * rest
+        bent = field * (square_now * square_now) * (square_now * square_now)
+        return x[b + SATURATED * W + i] * (bent - rest * (square_rest * square_rest) * (square_rest * square_rest))
+
+    @register_jitable(forceinline=True)
     def current(x, i, gap):
-        """Coil current, A, at a gap, without the sheath."""
+        """Coil current, A, at a gap."""
         state = x[b + COIL * W + i]
         if not emf:
             return state
-        inverse = x[b + INVERSE_0 * W + i] + x[b + INVERSE_1 * W + i] * gap
-        now = state * inverse
+        now = state * (x[b + INVERSE_0 * W + i] + x[b + INVERSE_1 * W + i] * gap)
         if core:
-            held = 4.0 * state - x[b + EDDY * W + i] - x[b + (EDDY + 1) * W + i]
-            held = 2.0 * (held - x[b + (EDDY + 2) * W + i] - x[b + (EDDY + 3) * W + i])
-            field = state * x[b + PER_FIELD * W + i] + x[b + BIAS_FIELD * W + i]
-            rest = x[b + BIAS_FIELD * W + i]
-            square_now, square_rest = field * field, rest * rest
-            bent = field * (square_now * square_now) * (square_now * square_now)
-            bent = bent - rest * (square_rest * square_rest) * (square_rest * square_rest)
-            now = now + x[b + CORE_SHARE * W + i] * held + x[b + SATURATED * W + i] * bent
+            held = 0.0
+            for mode in range(MODES):
+                held += EDDY_WEIGHTS[mode] * (state - x[b + (EDDY + mode) * W + i])
+            now = now + x[b + CORE_SHARE * W + i] * held + saturated(x, i, state)
         return now
+
+    @register_jitable(forceinline=True)
+    def averaged(x):
+        """(1 - e^-x) / x, the mean of e^-t over 0 .. x, to 1e-5 up to x = 0.3."""
+        return 1.0 - x * (0.5 - x * (1.0 / 6.0 - x * (1.0 / 24.0 - x * (1.0 / 120.0))))
+
+    @register_jitable(forceinline=True)
+    def faded(x):
+        """e^-x to 3e-6 for any x above 0, however large: a series to the 16th power."""
+        a = x * (1.0 / 16.0)
+        e = 1.0 / (1.0 + a * (1.0 + a * (0.5 + a * (1.0 / 6.0 + a * (1.0 / 24.0)))))
+        e = e * e
+        e = e * e
+        e = e * e
+        return e * e
 
     @register_jitable(forceinline=True)
     def segment(x, i, level, dt, gap_start, gap_end, speed):
@@ -72,34 +93,38 @@ def sensor_pieces(first: int, structure: SensorStructure) -> tuple[Callable, ...
             voltage = voltage + x[b + MAGNET_EMF * W + i] * speed
         resistance = x[b + RESISTANCE * W + i]
         inverse = x[b + INVERSE_0 * W + i] + x[b + INVERSE_1 * W + i] * (0.5 * (gap_start + gap_end))
+        # The exact step of a coil with resistance at the mean of its reciprocal inductance.
         decay = resistance * inverse * dt
-        # (1 - e^-x) / x: the exact step of a coil with resistance at the mean of its reciprocal inductance.
-        phi = 1.0 - decay * (0.5 - decay * (1.0 / 6.0 - decay * (1.0 / 24.0 - decay * (1.0 / 120.0))))
         if not emf:
-            x[b + COIL * W + i] = state + (voltage - resistance * state) * inverse * dt * phi
+            x[b + COIL * W + i] = state + (voltage - resistance * state) * inverse * dt * averaged(decay)
         elif not core:
-            x[b + COIL * W + i] = state + (voltage - resistance * inverse * state) * dt * phi
+            x[b + COIL * W + i] = state + (voltage - resistance * inverse * state) * dt * averaged(decay)
         else:
-            before = current(x, i, gap_start)
-            slope = (voltage - resistance * before) * phi
-            moved = state + slope * dt
-            for mode in range(4):
-                rate = x[b + EDDY_RATE * W + i] * float((mode + 1) * (mode + 1))
-                a = rate * dt * (1.0 / 16.0)
-                e = (1.0 - a * (0.5 - a * (1.0 / 12.0))) / (1.0 + a * (0.5 + a * (1.0 / 12.0)))
-                e = e * e
-                e = e * e
-                e = e * e
-                e = e * e
+            tau, per_dt = 1.0 / x[b + EDDY_RATE * W + i], 1.0 / max(dt, 1e-18)
+            drop = resistance * x[b + CORE_SHARE * W + i]
+            # Mean drop over dt that the modes' lags at its start still cause, and what the flux's rise adds to it.
+            left, added = 0.0, 0.0
+            for mode in range(MODES):
+                time = tau / EDDY_RATES[mode]
+                fade = faded(dt * EDDY_RATES[mode] * x[b + EDDY_RATE * W + i])
+                left += EDDY_WEIGHTS[mode] * (1.0 - fade) * time * (state - x[b + (EDDY + mode) * W + i])
+                added += EDDY_WEIGHTS[mode] * time * (dt - (1.0 - fade) * time)
+            phi = averaged(decay + 2.0 * drop * added * per_dt)
+            linear = voltage * dt - decay * state - drop * left
+            begun = saturated(x, i, state)
+            rise = (linear - resistance * dt * begun) * phi
+            middle, end = saturated(x, i, state + 0.5 * rise), saturated(x, i, state + rise)
+            rise = (linear - resistance * dt * (1.0 / 6.0) * (begun + 4.0 * middle + end)) * phi
+            slope = rise * per_dt
+            for mode in range(MODES):
+                time = tau / EDDY_RATES[mode]
+                fade = faded(dt * EDDY_RATES[mode] * x[b + EDDY_RATE * W + i])
+                kept = (1.0 - fade) * time
+                # The resistance bends the flux's rise: its slope ends lower than its mean, by half of decay.
+                kept = kept - decay * (0.5 * kept - (kept - dt * fade) * per_dt * time)
                 r = b + (EDDY + mode) * W + i
-                lag = slope / rate
-                x[r] = moved - lag + (x[r] - state + lag) * e
-            x[b + COIL * W + i] = moved
-            after = current(x, i, gap_end)
-            predicted = before + slope * inverse * dt
-            # What the core adds to the current costs voltage too.
-            correction = 0.5 * resistance * (predicted - after) * dt
-            x[b + COIL * W + i] = moved + correction
+                x[r] = state + rise - slope * kept - (state - x[r]) * fade
+            x[b + COIL * W + i] = state + rise
 
     @register_jitable(forceinline=True)
     def switch(x, i, drive, gap):
@@ -116,13 +141,13 @@ def sensor_pieces(first: int, structure: SensorStructure) -> tuple[Callable, ...
         drive = min(max(drive, -1.0), 1.0)
         sign = 1.0 if drive >= 0.0 else -1.0
         alpha = three * drive * sign + (1.0 - three) * (0.5 + 0.5 * drive)
+        whole = x[b + ALPHA * W + i] >= 1.0
         x[b + ALPHA * W + i] = alpha
         x[b + ON * W + i] = three * sign + (1.0 - three)
         x[b + OFF * W + i] = three - 1.0
         if dead:
             toward = now * (x[b + ON * W + i] - x[b + OFF * W + i])
-            x[b + RISE * W + i] = x[b + DEAD * W + i] if toward > 0.0 else 0.0
-            x[b + FALL * W + i] = alpha
+            x[b + RISE * W + i] = 0.0 if whole or toward <= 0.0 else x[b + DEAD * W + i]
 
     @register_jitable(forceinline=True)
     def conduct(x, i, start, share, gap_start, gap_end):
@@ -131,33 +156,25 @@ def sensor_pieces(first: int, structure: SensorStructure) -> tuple[Callable, ...
         period = x[b + PERIOD * W + i]
         per_share = (gap_end - gap_start) / share
         speed = per_share / period
-        fall, wait = alpha, 0.0
+        wait, until = 0.0, min(max(alpha - start, 0.0), share)
         if dead:
-            toward = current(x, i, gap_start) * (on - off)
-            decided = alpha + (x[b + DEAD * W + i] if toward < 0.0 else 0.0)
+            wait = min(max(x[b + RISE * W + i] - start, 0.0), share)
+            segment(x, i, off, wait * period, gap_start, gap_start + per_share * wait, speed)
+            until = max(until, wait)
+        edge = gap_start + per_share * until
+        segment(x, i, on, (until - wait) * period, gap_start + per_share * wait, edge, speed)
+        if dead:
+            # The current at the falling edge decides how long that is put off; without a pulse there is no edge.
+            against = current(x, i, edge) * (on - off) < 0.0 and alpha > 0.0 and alpha < 1.0
+            decided = alpha + (x[b + DEAD * W + i] if against else 0.0)
             fall = decided if alpha >= start else x[b + FALL * W + i]
             x[b + FALL * W + i] = fall
-            fall = max(fall, x[b + RISE * W + i])
-            wait = min(max(x[b + RISE * W + i] - start, 0.0), share)
-        until = min(max(fall - start, 0.0), share)
+            late = min(max(fall - start, until), share)
+            segment(x, i, on, (late - until) * period, edge, gap_start + per_share * late, speed)
+            until, edge = late, gap_start + per_share * late
+        segment(x, i, off, (share - until) * period, edge, gap_end, speed)
         held = until - wait
-        if dead:
-            segment(x, i, off, wait * period, gap_start, gap_start + per_share * wait, speed)
-        middle = gap_start + per_share * until
-        segment(x, i, on, held * period, gap_start + per_share * wait, middle, speed)
-        segment(x, i, off, (share - until) * period, middle, gap_end, speed)
         x[b + VOLT_SECONDS * W + i] += (on * held + off * (share - held)) * period
-        if core:
-            x[b + LEVEL * W + i] = off if until < share or wait == share else on
-
-    @register_jitable(forceinline=True)
-    def sheath(x, i, gap):
-        """Current of the fast eddy currents (A), which follow the voltage at once: the jump at every edge."""
-        if not core:
-            return 0.0
-        inverse = x[b + INVERSE_0 * W + i] + x[b + INVERSE_1 * W + i] * gap
-        drop = x[b + RESISTANCE * W + i] * inverse * x[b + COIL * W + i]
-        return x[b + EDDY_TAIL * W + i] * (x[b + LEVEL * W + i] * x[b + VOLTAGE * W + i] - drop)
 
     @register_jitable(forceinline=True)
     def filtered(x, i, path, value):
@@ -181,10 +198,8 @@ def sensor_pieces(first: int, structure: SensorStructure) -> tuple[Callable, ...
         interval, model = x[b + INTERVAL * W + i], x[b + MODEL * W + i]
         inverse = x[b + MODEL_INVERSE_0 * W + i] + x[b + MODEL_INVERSE_1 * W + i] * x[b + ESTIMATE * W + i]
         resistance = x[b + MODEL_RESISTANCE * W + i]
-        decay = resistance * inverse * interval
-        phi = 1.0 - decay * (0.5 - decay * (1.0 / 6.0 - decay * (1.0 / 24.0 - decay * (1.0 / 120.0))))
         driven = x[b + MODEL_VOLTAGE * W + i] * volt_seconds - resistance * model * interval
-        model = model + driven * inverse * phi
+        model = model + driven * inverse * averaged(resistance * inverse * interval)
         x[b + MODEL * W + i] = model
         forward = filtered(x, i, ACTUAL, reading)
         error = forward - filtered(x, i, SIMULATED, model)
@@ -217,7 +232,7 @@ def sensor_pieces(first: int, structure: SensorStructure) -> tuple[Callable, ...
     def read(x, i, seed, count):
         """Read the current at the end of a sample interval and let the estimator converge on it."""
         gap = x[b + GAP * W + i]
-        reading = current(x, i, gap) + sheath(x, i, gap)
+        reading = current(x, i, gap)
         if noise:
             reading = reading + x[b + NOISE * W + i] * drawn(seed, count)
         if adc:

@@ -3,12 +3,12 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from fractions import Fraction
-from math import isfinite, pi
+from math import inf
 
 import numpy as np
 
 from selfsense import kernel_rows as k
-from selfsense.coil import Coil
+from selfsense.coil import Coil, is_number
 from selfsense.forward_path import DigitalPath, ForwardPath
 from selfsense.kernel_pieces import SensorStructure
 from selfsense.supply import Acquisition, Supply, check_rates
@@ -33,13 +33,22 @@ class Estimator:
     path: ForwardPath = field(default_factory=DigitalPath)
 
     def __post_init__(self) -> None:
-        for name in ("voltage", "kp", "ki"):
+        if not (is_number(self.voltage) and self.voltage > 0):
+            raise ValueError(f"estimator: voltage = {self.voltage!r} V must be a positive number")
+        for name in ("kp", "ki"):
             value = getattr(self, name)
-            if not (isfinite(value) and value >= 0) or (name == "voltage" and value == 0):
-                raise ValueError(f"estimator: {name} = {value} must be a positive number")
-        low, high = self.gap_range
-        if not (isfinite(low) and isfinite(high) and high > low >= 0 and low + self.coil.core_length > 0):
-            raise ValueError(f"estimator: gap_range = {self.gap_range} m must be two rising gaps above 0")
+            if not (is_number(value) and value >= 0):
+                raise ValueError(f"estimator: {name} = {value!r} must be a number of at least 0")
+        if not (
+            isinstance(self.gap_range, tuple | list)
+            and len(self.gap_range) == 2
+            and all(map(is_number, self.gap_range))
+            and self.gap_range[1] > self.gap_range[0] >= 0
+            and self.gap_range[0] + self.coil.core_length > 0
+        ):
+            raise ValueError(f"estimator: gap_range = {self.gap_range!r} m must be two rising gaps above 0")
+        if not isinstance(self.path, ForwardPath):
+            raise ValueError(f"estimator: path = {self.path!r}; use a DigitalPath or an AnalogPath")
         if self.coil.has_core_losses:
             raise ValueError(
                 "estimator: the simulated inductor knows no eddy currents and no saturation; leave them out"
@@ -65,8 +74,11 @@ class SelfSensor:
     def __post_init__(self) -> None:
         check_rates(self.supply, self.acquisition)
         low, high = self.estimator.gap_range
-        if not low < self.gap < high:
-            raise ValueError(f"self-sensor: gap = {self.gap} m is not inside the estimator's {low} .. {high} m")
+        if not (is_number(self.gap) and low < self.gap < high):
+            raise ValueError(f"self-sensor: gap = {self.gap!r} m is not inside the estimator's {low} .. {high} m")
+        for name in ("scale", "shift"):
+            if not is_number(getattr(self, name)):
+                raise ValueError(f"self-sensor: {name} = {getattr(self, name)!r} is not a finite number; calibrate it")
         samples_and_periods(self)
         self.estimator.path.sections(self.acquisition.rate)
         for name, coil in (("coil", self.coil), ("estimator", self.estimator.coil)):
@@ -76,6 +88,14 @@ class SelfSensor:
                     f"self-sensor: the {name}'s current decays by e^-{decay:.2g} within one sample; at most "
                     f"e^-{LARGEST_DECAY} can be followed: sample faster, or correct resistance and gap_range"
                 )
+
+
+def largest_gap(sensor: SelfSensor) -> float:
+    """Gap (m) up to which the coil's current can be followed from sample to sample, inf without resistance."""
+    coil = sensor.coil
+    if coil.resistance == 0:
+        return inf
+    return (LARGEST_DECAY * sensor.acquisition.rate * coil.constant / coil.resistance - coil.core_length) / 2
 
 
 def samples_and_periods(sensor: SelfSensor) -> tuple[int, int]:
@@ -118,10 +138,7 @@ def _rows(s: SelfSensor) -> np.ndarray:
     rows[k.MAGNET_EMF], rows[k.EDDY_RATE] = coil.magnet_emf, 1.0
     per_length = coil.core_length / coil.constant
     if coil.lamination:
-        modes = np.arange(1, k.EDDY_MODES + 1)
-        rest = 2 * (1 / 6 - (1 / (pi * modes) ** 2).sum())  # of the sum of 2 / (pi n)^2, which is 1/3
-        rows[k.EDDY_RATE] = pi**2 / coil.diffusion_time
-        rows[k.CORE_SHARE], rows[k.EDDY_TAIL] = per_length, per_length * rest * coil.diffusion_time
+        rows[k.EDDY_RATE], rows[k.CORE_SHARE] = 1 / coil.diffusion_time, per_length
     if coil.saturation_field is not None:
         per_field = 1 / (coil.turns * coil.pole_area * coil.saturation_field)
         rows[k.SATURATED], rows[k.PER_FIELD] = per_length / per_field, per_field

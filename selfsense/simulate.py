@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 from selfsense.kernel import CHANNELS, kernel
 from selfsense.kernel_pieces import SensorStructure
 from selfsense.kernel_rows import LANES
-from selfsense.sensor import SelfSensor, samples_and_periods, sensor_rows, structure_of
+from selfsense.sensor import SelfSensor, largest_gap, samples_and_periods, sensor_rows, structure_of
 
 CHUNK = 2000  # samples between two looks at the waveforms: keeps a block's buffers in the cache
 
@@ -35,12 +35,12 @@ def simulate(
     gap: (samples,) for every sensor or (n, samples), at the samples after the first at rest, linear in between; drive:
     likewise, or one number; it counts where a PWM period begins. every: so many samples per one kept, a divisor of
     CHUNK. seed: of the reading's noise. ValueError when shapes do not fit, the sensors do not share their rates, or a
-    gap is not above 0.
+    gap is not above 0 or so wide that the current decays too far within a sample.
     """
     n, gap = len(sensors), np.atleast_2d(np.asarray(gap, dtype=float))
     samples = gap.shape[1]
     drive = np.atleast_2d(np.asarray(drive, dtype=float))
-    _check(sensors, gap, drive, every)
+    _check(sensors, gap, drive, every, seed)
     out = np.empty((len(CHANNELS), n, samples // every))
     groups: dict[SensorStructure, list[int]] = {}
     for i, sensor in enumerate(sensors):
@@ -91,7 +91,7 @@ def _rows_of(a: np.ndarray, lanes: np.ndarray) -> np.ndarray:
     return a if len(a) == 1 else a[lanes]
 
 
-def _check(sensors: Sequence[SelfSensor], gap: np.ndarray, drive: np.ndarray, every: int) -> None:
+def _check(sensors: Sequence[SelfSensor], gap: np.ndarray, drive: np.ndarray, every: int, seed: int) -> None:
     if not sensors:
         raise ValueError("give at least one self-sensor")
     n, samples = len(sensors), gap.shape[1]
@@ -99,8 +99,10 @@ def _check(sensors: Sequence[SelfSensor], gap: np.ndarray, drive: np.ndarray, ev
         raise ValueError(f"gap has the shape {gap.shape}; give (samples,) or ({n}, samples)")
     if drive.ndim != 2 or drive.shape[0] not in (1, n) or drive.shape[1] not in (1, samples):
         raise ValueError(f"drive has the shape {drive.shape}; give a number, ({samples},) or ({n}, {samples})")
-    if every < 1 or CHUNK % every or samples % every:
-        raise ValueError(f"every = {every} must divide {CHUNK} and the {samples} samples")
+    if not isinstance(every, int | np.integer) or every < 1 or CHUNK % every or samples % every:
+        raise ValueError(f"every = {every!r} must be a whole number that divides {CHUNK} and the {samples} samples")
+    if not isinstance(seed, int | np.integer) or seed < 0:
+        raise ValueError(f"seed = {seed!r} must be a whole number of at least 0")
     if len({(s.acquisition.rate, s.supply.frequency) for s in sensors}) > 1:
         raise ValueError("sensors in one run must share their acquisition rate and PWM frequency")
     for name, values, low in (("gap", gap, 0.0), ("drive", drive, -1.0)):
@@ -110,3 +112,9 @@ def _check(sensors: Sequence[SelfSensor], gap: np.ndarray, drive: np.ndarray, ev
             row, at = np.argwhere(bad)[0]
             limits = "in -1 .. 1" if name == "drive" else "above 0, the contact"
             raise ValueError(f"{name}: sample {at} of row {row} is {values[row, at]:g}; it must be {limits}")
+    for i, (sensor, widest) in enumerate(zip(sensors, np.broadcast_to(gap.max(axis=1), n), strict=True)):
+        if widest > largest_gap(sensor):
+            raise ValueError(
+                f"gap: row {i} reaches {widest:g} m, where the current decays too far within one sample; stay below "
+                f"{largest_gap(sensor):g} m, or sample faster"
+            )

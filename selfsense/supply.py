@@ -1,7 +1,8 @@
 """What drives a coil and what reads its current: switching supply and sampled acquisition."""
 
 from dataclasses import dataclass
-from math import isfinite
+
+from selfsense.coil import is_number
 
 
 @dataclass(frozen=True)
@@ -22,12 +23,15 @@ class Supply:
     def __post_init__(self) -> None:
         for name in ("voltage", "frequency"):
             value = getattr(self, name)
-            if not (isfinite(value) and value > 0):
-                raise ValueError(f"supply: {name} = {value} must be a positive number: without it no current ripples")
+            if not (is_number(value) and value > 0):
+                raise ValueError(f"supply: {name} = {value!r} must be a positive number: without it no current ripples")
         if self.states not in (2, 3):
             raise ValueError(f"supply: states = {self.states!r}; use 2 or 3")
-        if not 0 <= self.dead_time < 0.25 / self.frequency:
-            raise ValueError(f"supply: dead_time = {self.dead_time} s must be in 0 .. a quarter of the PWM period")
+        if not (is_number(self.dead_time) and 0 <= self.dead_time < 0.25 / self.frequency):
+            raise ValueError(
+                f"supply: dead_time = {self.dead_time!r} must be in 0 .. a quarter of the PWM period, "
+                f"{0.25 / self.frequency:g} s"
+            )
 
 
 @dataclass(frozen=True)
@@ -44,18 +48,18 @@ class Acquisition:
     noise: float = 0.0
 
     def __post_init__(self) -> None:
-        if not (isfinite(self.rate) and self.rate > 0):
-            raise ValueError(f"acquisition: rate = {self.rate} Hz must be a positive number")
+        if not (is_number(self.rate) and self.rate > 0):
+            raise ValueError(f"acquisition: rate = {self.rate!r} Hz must be a positive number")
         if (
             isinstance(self.bits, bool)
             or not isinstance(self.bits, int)
             or not (self.bits == 0 or 4 <= self.bits <= 24)
         ):
             raise ValueError(f"acquisition: bits = {self.bits!r}; use 4 to 24, or 0 for an ideal converter")
-        if not (isfinite(self.current_range) and self.current_range > 0):
-            raise ValueError(f"acquisition: current_range = {self.current_range} A must be a positive number")
-        if not (isfinite(self.noise) and self.noise >= 0):
-            raise ValueError(f"acquisition: noise = {self.noise} A must be at least 0")
+        if not (is_number(self.current_range) and self.current_range > 0):
+            raise ValueError(f"acquisition: current_range = {self.current_range!r} A must be a positive number")
+        if not (is_number(self.noise) and self.noise >= 0):
+            raise ValueError(f"acquisition: noise = {self.noise!r} A must be at least 0")
 
     @property
     def resolution(self) -> float:
