@@ -28,7 +28,7 @@ def write_campaign(
     folder: str | Path,
     rig_source: str,
     parameters: Mapping[str, Any],
-    recordings: Sequence[tuple[str, str, "xr.Dataset", Experiment]],
+    recordings: Sequence[tuple[str, str, "xr.Dataset", Experiment | None]],
     data_format: Literal["npz", "mat", "csv"] = "npz",
     overwrite: bool = False,
 ) -> Path:
@@ -36,8 +36,9 @@ def write_campaign(
 
     rig_source: preset, or path of a rig TOML, which is copied to rig.toml beside the campaign. parameters: overrides of
     it. recordings: (name, role, simulated dataset, its experiment); the whole dataset is written, transient periods
-    included, with a time column, and the experiment gives gains and excitations. Effects, offset and seed are not
-    written: a campaign holds what an engineer knows. Reading gives the same variables back, bit for bit.
+    included, with a time column, and the experiment gives gains and excitations; None where no loop ran and nothing was
+    excited, as for a coil alone. Effects, offset and seed are not written: a campaign holds what an engineer knows.
+    Reading gives the same variables back, bit for bit.
     ValueError when something does not fit the format, or the campaign exists and overwrite is not set.
     """
     folder = Path(folder)
@@ -64,7 +65,7 @@ def write_campaign(
     return target
 
 
-def _check(recordings: Sequence[tuple[str, str, "xr.Dataset", Experiment]]) -> None:
+def _check(recordings: Sequence[tuple[str, str, "xr.Dataset", Experiment | None]]) -> None:
     if not recordings:
         raise ValueError("a campaign needs at least one recording")
     names = [name for name, *_ in recordings]
@@ -80,13 +81,13 @@ def _check(recordings: Sequence[tuple[str, str, "xr.Dataset", Experiment]]) -> N
             raise ValueError(f"recording {name!r} has fewer than two samples")
 
 
-def _recording(file: str, role: str, dataset: "xr.Dataset", experiment: Experiment) -> list[str]:
+def _recording(file: str, role: str, dataset: "xr.Dataset", experiment: Experiment | None) -> list[str]:
     rate = float(dataset.attrs["sample_rate"])
-    head = {"file": file, "role": role, "sample_rate": rate, "start": 0, "intersample": "zoh"}
-    lines = _table("[[recording]]", head)
-    if experiment.rig.controlled:
+    head = {"file": file, "role": role, "sample_rate": rate, "start": 0}
+    lines = _table("[[recording]]", head if experiment is None else {**head, "intersample": "zoh"})
+    if experiment is not None and experiment.rig.controlled:
         lines += _controllers(experiment.gains)
-    for excitation in experiment.excitations:
+    for excitation in (Excitation("none"),) if experiment is None else experiment.excitations:
         table = _excitation(excitation)
         if excitation.periodic:
             whole, rest = divmod(dataset.sizes["time"], excitation.samples_per_period(rate))

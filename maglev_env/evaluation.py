@@ -168,7 +168,8 @@ def _of_axis(
     statistics = _lanes(simulated.statistics, alive)
     if whole.rig.axes == 2:
         statistics = axis_statistics(statistics, AXES[axis])
-    mass = np.array([axis_rig(e.rig, axis).mass for e in experiments])[alive]
+    rigs = [axis_rig(e.rig, axis) for e in experiments]
+    mass = np.array([rig.mass for rig in rigs])[alive]
     force = force_statistics(statistics, first)
     if bands is None:
         bands = sliding_bands(force.frequency, protocol.band_width, protocol.band_overlap)
@@ -181,7 +182,11 @@ def _of_axis(
     sensitivity, variance = frequency_response(injection, "command", "injection")
     margins = margin_arrays(injection.frequency, sensitivity)
     nearest = np.abs(np.log(injection.frequency / margins["peak_frequency"][:, None])).argmin(axis=1)
-    added_phase, margin_lost = _sensing_cost(first, injection, sensitivity, margins)
+    probe = np.array([rig.sensor_time_constant for rig in rigs])[alive]
+    if first.sensor == "probe":
+        added_phase, margin_lost = np.full((2, len(probe)), np.nan)
+    else:
+        added_phase, margin_lost = _sensing_cost(probe, injection, sensitivity, margins)
     ms_se = np.sqrt(variance[np.arange(len(nearest)), nearest] / 2)
     scored = terms(
         ScoreTarget(*(np.asarray(value)[alive] for value in vars(target).values())),
@@ -223,15 +228,13 @@ def _of_axis(
 
 
 def _sensing_cost(
-    e: Experiment, injection: LineStatistics, sensitivity: np.ndarray, margins: dict[str, np.ndarray]
+    probe_lag: np.ndarray, injection: LineStatistics, sensitivity: np.ndarray, margins: dict[str, np.ndarray]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Added lag at the phase margin's crossover and phase margin lost, degrees, (n,), by what the sensor did to the
-    injection lines; nan with a probe."""
-    if e.sensor == "probe":
-        return np.full((2, len(sensitivity)), np.nan)
+    """Lag added to a probe's (s, (n,)) at the phase margin's crossover and phase margin lost, degrees, (n,), by what
+    self-sensing did to the injection lines."""
     frequency = injection.frequency
     read, was = (injection.mean[:, injection.channels.index(name)] for name in ("displacement", "position"))
-    probe = 1 / (1 + 2j * np.pi * frequency * e.rig.sensor_time_constant)
+    probe = 1 / (1 + 2j * np.pi * frequency * probe_lag[:, None])
     beyond = read / was / probe
     with_probe = margin_arrays(frequency, 1 / (1 + (1 / sensitivity - 1) / beyond))
     lag = -np.degrees(np.angle(beyond))

@@ -74,12 +74,18 @@ class Experiment:
         if isinstance(self.sensor, tuple):
             if len(self.sensor) != self.rig.axes or not all(isinstance(s, SelfSensor) for s in self.sensor):
                 raise ValueError(f"sensor: {len(self.sensor)} self-sensors; give one SelfSensor for each axis")
+            if not self.rig.controlled:
+                raise ValueError(f"sensor: rig {self.rig.name} has no magnets and so no coils to sense with; use probe")
         elif self.sensor not in SENSORS:
-            raise ValueError(f"sensor = {self.sensor!r}; use {' or '.join(SENSORS)}, or a SelfSensor for each axis")
+            raise ValueError(
+                f"sensor = {str(self.sensor)[:40]!r}; use {' or '.join(SENSORS)}, or a tuple with a SelfSensor for "
+                "each axis"
+            )
         if self.sensor == "probe":
             return
-        if "sensor_lag" in self.effects:
-            raise ValueError("effect sensor_lag is the probe's: it has no meaning with self-sensing; leave it out")
+        for name in ("sensor_gain", "sensor_lag"):
+            if name in self.effects:
+                raise ValueError(f"effect {name} is the probe's: it has no meaning with self-sensing; leave it out")
         for sensor in self_sensors(self):
             if sensor.supply.states != 2:
                 raise ValueError(

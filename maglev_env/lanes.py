@@ -142,6 +142,7 @@ def lane_batch(experiments: Sequence[Experiment], substeps: int = 1) -> LaneBatc
             rows = sensor_rows([pair[axis] for pair in sensors])
             rows[sensing.GAP] = parts[axis][k.GAP]
             rows[sensing.REST_CURRENT] = [force_law(e.rig).bias_current for e in own]
+            parts[axis][k.Z1] = rows[sensing.SHIFT]
             parts.append(rows)
     history = 1 << int(np.ceil(np.log2(whole.max() + 2)))
     timing = np.array(timing_of(experiments[0], substeps))
@@ -243,6 +244,8 @@ def _parameters(e: Experiment, substeps: int) -> np.ndarray:
     current_range = rig.voltage_range * rig.amplifier_gain
     u_lsb = 2 * current_range / 2**rig.dac_bits if rig.dac_bits else 1.0
     p[k.PROBE_COUNTS], p[k.COUNT_MAX], p[k.PER_COUNT] = probe / lsb, rig.voltage_range / lsb, lsb / rig.probe_gain
+    if e.sensor != "probe":  # an estimated gap passes no converter
+        p[k.PROBE_COUNTS], p[k.COUNT_MAX], p[k.PER_COUNT] = probe / rig.probe_gain, np.inf, 1.0
     if isinstance(gains, Gains):
         p[k.KP], p[k.KD], p[k.KI] = gains.kp, gains.kd / gains.td, gains.ki
         p[k.DECAY_D], p[k.DECAY_I] = np.exp(-dt / gains.td), np.exp(-dt / gains.ti)

@@ -12,7 +12,7 @@ from maglev_env.gains import controller_response, of_axis, state_space
 from maglev_env.magnetics import force_law, linearise
 from maglev_env.planar import NO_CROSS
 from maglev_env.rig import axis_rig
-from selfsense.baseband import baseband
+from selfsense.baseband import baseband, growth_rate
 
 
 @dataclass(frozen=True)
@@ -52,8 +52,13 @@ def loop_response(experiment: Experiment, frequency: np.ndarray) -> LoopResponse
 
 
 def closed_loop_poles(experiment: Experiment) -> np.ndarray:
-    """Poles (z-plane) of the linearised sampled loop; stable when all lie inside the unit circle."""
-    return np.linalg.eigvals(closed_loop(experiment)[0])
+    """Poles (z-plane) of the linearised sampled loop; stable when all lie inside the unit circle.
+
+    With self-sensing those of its baseband model, and for an estimator that is unstable by itself its growth.
+    """
+    poles = np.linalg.eigvals(closed_loop(experiment)[0])
+    growth = np.array([growth_rate(sensor) for sensor in self_sensors(experiment)])
+    return np.concatenate([poles, np.exp(growth[growth >= 0] / experiment.rig.control_rate)])
 
 
 def closed_loop(experiment: Experiment) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -83,7 +88,10 @@ def closed_loop(experiment: Experiment) -> tuple[np.ndarray, np.ndarray, np.ndar
 
 
 def expected_statistics(experiment: Experiment, lines: np.ndarray) -> LineStatistics:
-    """Noise-free line means of the linearised experiment, with the covariance that its noise would give them."""
+    """Noise-free line means of the linearised experiment, with the covariance that its noise would give them.
+
+    The noise of self-sensing's estimate is left out.
+    """
     frequency = np.asarray(lines) * experiment.fundamental
     response = loop_response(experiment, frequency)
     rig, n, axes = experiment.rig, experiment.samples_per_period, experiment.rig.axes
@@ -104,7 +112,7 @@ def expected_statistics(experiment: Experiment, lines: np.ndarray) -> LineStatis
     # Resolution of each axis' converter, as white noise beside the probe's own.
     own = [axis_rig(rig, axis) for axis in range(axes)]
     lsb = np.array([2 * r.voltage_range / 2**r.adc_bits / r.probe_gain if r.adc_bits else 0.0 for r in own])
-    power = rig.noise.displacement**2 + lsb**2 / 12
+    power = rig.noise.displacement**2 + lsb**2 / 12 if experiment.sensor == "probe" else 0.0 * lsb
     noise = 4 / (n * experiment.periods)
     # Reading noise runs around the loop: the reading is (1 + P C)^-1 of it, the command -C times that.
     reading = np.linalg.inv(np.eye(axes) + plant @ controller)
@@ -198,4 +206,9 @@ def _sensor(e: Experiment) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 def without_noise(experiment: Experiment) -> Experiment:
     """The experiment on ideal converters and noiseless channels: what remains is the deterministic rig."""
     quiet = replace(experiment.rig.noise, displacement=0.0, force=0.0, current=0.0)
-    return replace(experiment, rig=replace(experiment.rig, noise=quiet, adc_bits=0, dac_bits=0))
+    sensing = replace(experiment.rig.self_sensing, adc_bits=0)
+    rig = replace(experiment.rig, noise=quiet, adc_bits=0, dac_bits=0, self_sensing=sensing)
+    sensor = experiment.sensor
+    if isinstance(sensor, tuple):
+        sensor = tuple(replace(s, acquisition=replace(s.acquisition, bits=0, noise=0.0)) for s in sensor)
+    return replace(experiment, rig=rig, sensor=sensor)

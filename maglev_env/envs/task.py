@@ -100,16 +100,20 @@ def make_task(
     # A rotor with two axes is scored by the worse one, against the target of x.
     target = score_target(axis_rig(loaded, 0))
     loaded = replace(loaded, protocol=env_protocol(loaded, protocol))
-    layout = Layout(_bands(loaded), box.names, target, budget, draw_target)
+    p = loaded.protocol
+    nominal = Experiment(
+        loaded, loaded.gains, p.excitations, p.periods, p.transient_periods, effects or {}, sensor=sensor
+    )
+    layout = Layout(_bands(nominal), box.names, target, budget, draw_target)
     ends = bool(terminate_on_touchdown)
     return Task(loaded, box, layout, target, randomization, draw_target, effects or {}, budget, ends, move, sensor)
 
 
-def _bands(rig: Rig) -> np.ndarray:
+def _bands(nominal: Experiment) -> np.ndarray:
     """BANDS bands of equal width that share out the force lines; every axis needs two lines in each."""
-    frequency = []
+    rig, frequency = nominal.rig, []
     for axis in range(rig.axes):
-        own = axis_experiment(Experiment(rig, rig.gains, rig.protocol.excitations), axis)
+        own = axis_experiment(nominal, axis)
         lines = lines_at(own.excitations, "force")
         if not lines.size or not lines_at(own.excitations, "current").size:
             raise ValueError(f"rig {rig.name}: [protocol] needs an excitation at the force and one at the current")
