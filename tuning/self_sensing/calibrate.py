@@ -30,7 +30,7 @@ def run(source: Path | None, rig: str, out: Path | None, json_file: Path | None)
     elif source.is_dir() or source.suffix == ".toml":
         campaign = load_campaign(source)
         with progress_bar() as bar:
-            found = from_campaign(campaign, source, lambda all: bar.track(all, description="calibrate"))
+            found = from_campaign(campaign, source, lambda specs: bar.track(specs, description="calibrate"))
     elif source.suffix.lower() == ".csv":
         found = from_csv(source)
     else:

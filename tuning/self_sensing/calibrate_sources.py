@@ -1,6 +1,7 @@
 """What is calibrated: a simulated sensor, the recordings of a campaign, or a table of displacement and output."""
 
 from collections.abc import Callable, Iterable
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -19,7 +20,7 @@ from selfsense.linear import tracking
 from selfsense.sensor import SelfSensor, largest_gap
 from tuning.self_sensing.static_steps import static_steps
 
-LOWEST, HIGHEST, STEPS = (0.1, 0.2, 0.3, 0.5), 2.2, 21  # of the sweep, in gaps at rest
+LOWEST, HIGHEST = (1, 2, 3, 5), 22  # of the sweep, in tenths of the gap at rest
 FUNDAMENTAL, TOP, PEAK, PERIODS = 1.0, 4000.0, 0.2, 8  # Hz, Hz, of the gap at rest, of the simulated SPHS
 _SIGNIFICANT = 3.0  # standard deviations by which the displacement of a line must stand out
 _FEWEST = 3  # lines, or steps
@@ -48,11 +49,13 @@ class Static:
 
 @dataclass(frozen=True)
 class Dynamic:
-    """A dynamic calibration over so many periods, and at its lines the response of the linear model where one is."""
+    """A dynamic calibration over so many periods; at its lines the power of the displacement, in any unit, and the
+    response of the linear model where one is."""
 
     name: str
     periods: int
     found: DynamicCalibration
+    power: np.ndarray
     model: np.ndarray | None = None
 
 
@@ -80,23 +83,24 @@ def simulated(rig: Rig, sensor: SelfSensor, progress: Callable[[], None]) -> Cal
     rate = sensor.acquisition.rate
     fundamental = rate / round(rate / FUNDAMENTAL)
     found = simulated_dynamic(sensor, fundamental, TOP, PEAK * sensor.gap, PERIODS)
-    dynamic = Dynamic("simulated multisine", PERIODS, found, tracking(sensor, found.frequency))
+    flat = np.ones(found.frequency.size)
+    dynamic = Dynamic("simulated multisine", PERIODS, found, flat, tracking(sensor, found.frequency))
     progress()
     return Calibration("simulation", (static,), (dynamic,), (), rig, sensor)
 
 
 def _sweep(sensor: SelfSensor) -> tuple[np.ndarray, np.ndarray]:
-    """Gaps (m) and the mean estimates of each, from the smallest gap on whose ripple the reading's noise leaves."""
-    for lowest in LOWEST:
-        step = (HIGHEST - LOWEST[0]) / STEPS
-        gaps = sensor.gap * np.arange(lowest, HIGHEST + step / 2, step)
-        gaps = gaps[gaps < largest_gap(sensor)]
-        try:
-            return gaps, static_sweep(sensor, gaps)
-        except ValueError:
-            if lowest == LOWEST[-1]:
-                raise
-    raise AssertionError("unreachable")
+    """Gaps (m) and the mean estimate of each; from the smallest gap on whose ripple stands out of the noise."""
+    for lowest in LOWEST[:-1]:
+        with suppress(ValueError):
+            return _swept(sensor, lowest)
+    return _swept(sensor, LOWEST[-1])
+
+
+def _swept(sensor: SelfSensor, lowest: int) -> tuple[np.ndarray, np.ndarray]:
+    gaps = sensor.gap * np.arange(lowest, HIGHEST + 1) / 10
+    gaps = gaps[gaps < largest_gap(sensor)]
+    return gaps, static_sweep(sensor, gaps)
 
 
 def from_csv(path: Path) -> Calibration:
@@ -125,16 +129,14 @@ def from_csv(path: Path) -> Calibration:
 def widest(x: np.ndarray, y: np.ndarray) -> StaticCalibration:
     """The static calibration whose linear range covers the most of the output, wherever that range lies.
 
-    ValueError when there is none.
+    ValueError when no three points lie on a line.
     """
-    found, problem = [], None
+    found = []
     for rest in np.unique(np.quantile(x, np.linspace(0, 1, 9), method="nearest")):
-        try:
+        with suppress(ValueError):  # no line around this one
             found.append(static_calibration(x, y, rest=rest))
-        except ValueError as error:
-            problem = error
     if not found:
-        raise problem or ValueError("no points")
+        raise ValueError("no three steps lie on a line within 1 % of full scale; check the readings")
     return max(found, key=lambda c: abs(c.gain) * (c.linear_range[1] - c.linear_range[0]))
 
 
@@ -197,8 +199,8 @@ def _recorded_dynamic(
     clear = np.abs(steady.mean(axis=0)) > _SIGNIFICANT * noise
     if clear.sum() < _FEWEST:
         raise ValueError(
-            f"the displacement stands out of its noise at {clear.sum()} of {lines.size} excited lines; excite it more, or "
-            "record longer"
+            f"the displacement stands out of its noise at {clear.sum()} of {lines.size} excited lines; excite it more, "
+            "or record longer"
         )
     if not clear.all():
         notes.append(f"{name}: {(~clear).sum()} of {lines.size} lines are left out: their displacement is mostly noise")
@@ -206,7 +208,7 @@ def _recorded_dynamic(
     found = dynamic_calibration(
         displacement[kept], estimate[kept], spec.sample_rate, fundamental, lines[clear], len(steady)
     )
-    return Dynamic(name, len(steady), found)
+    return Dynamic(name, len(steady), found, np.abs(steady.mean(axis=0)[clear]) ** 2)
 
 
 def _recorded_static(name: str, spec: RecordingSpec, displacement: np.ndarray, estimate: np.ndarray) -> Static:

@@ -15,6 +15,7 @@ from tuning.self_sensing.rig_sensor import made_by, reading_text, sampling_note
 if TYPE_CHECKING:
     import rich.table
 
+_BETTER = 1.2  # ratio of the errors from which on one is called better
 _HEAD = ("duty", "gap", "rms error\num", "mean error\num", "lag\ndegrees", "rms, lag\ntaken out", "rms, ideal\nreading")
 
 
@@ -37,16 +38,16 @@ def demodulate_summary(d: Demodulation) -> str:
     """What the moving duty does to either gap, in sentences."""
     varying, constant = d.traces["varying"], d.traces["constant"]
     wrong, good = (varying.errors[m] for m in METHODS)
+    times = f"{number(varying.ratio, 2)} times less" if varying.ratio > _BETTER else "no better"
     text = (
         f"While the duty varies by ±{d.duty_swing:g} about one half, the demodulated gap of {d.rig.name} is wrong by "
-        f"{_um(wrong.rms)} um rms ({_um(wrong.bias)} um on average), the estimated one by {_um(good.rms)} um: "
-        f"{number(varying.ratio, 2)} times less"
+        f"{_um(wrong.rms)} um rms ({_um(wrong.bias)} um on average), the estimated one by {_um(good.rms)} um: {times}"
     )
     if _noisy(d):
         ideal = varying.ideal["estimated"]
         text += (
-            f", and {number(varying.ideal_ratio)} times less ({_um(ideal.rms)} um) where no noise and rounding of the "
-            "current add to it"
+            f", {'but' if varying.ratio <= _BETTER else 'and'} {number(varying.ideal_ratio)} times less "
+            f"({_um(ideal.rms)} um) where no noise and rounding of the current add to it"
         )
     at_half = [_um(constant.errors[m].rms) for m in METHODS]
     return f"{text}. With the duty constant they are wrong by {at_half[0]} and {at_half[1]} um."
@@ -139,9 +140,9 @@ def _corruption_note(d: Demodulation) -> str:
 
 def _dissertation_note(d: Demodulation) -> str:
     return (
-        "The dissertation's closed form of the demodulator's output (eq. 6.20) is twice the simulated one: it rectifies "
-        "a ripple that starts at zero, but behind a high-pass filter the ripple swings to both sides of its mean, which "
-        "halves the mean of its magnitude. Sampled filters add a factor of their own, which the calibration holds: "
+        "The dissertation's closed form of the demodulator's output (eq. 6.20) is twice the simulated one: it "
+        "rectifies a ripple that starts at zero, but behind a high-pass filter the ripple swings to both sides of its "
+        "mean, which halves its mean magnitude. Sampled filters add a factor, which the calibration holds: "
         f"{d.path_factor:.4f} times the ripple's mean magnitude here, from the gain of the high-pass filter at the PWM "
         "frequency and its harmonics and the rectifier's few samples."
     )
@@ -149,8 +150,8 @@ def _dissertation_note(d: Demodulation) -> str:
 
 def _current_note(d: Demodulation) -> str:
     return (
-        f"A duty that varies by ±{d.duty_swing:g} at {d.frequency:g} Hz drives {number(d.current)} A (peak) through this "
-        f"coil. By the dissertation's eq. 6.25, which leaves out the resistance, it would be {number(_inductive(d))} A; "
+        f"A duty that varies by ±{d.duty_swing:g} at {d.frequency:g} Hz drives {number(d.current)} A (peak) through "
+        f"this coil. By the dissertation's eq. 6.25, which leaves out the resistance, it is {number(_inductive(d))} A; "
         f"with {d.sensor.coil.resistance:g} ohm in series {number(_resistive(d))} A. A loop that needs less current "
         "varies the duty, and corrupts the demodulated gap, less."
     )

@@ -20,7 +20,7 @@ _LOWEST = 1.0  # Hz
 
 @dataclass(frozen=True)
 class GapError:
-    """Of a gap against the true one: rms and bias (m), the lag (s) behind it and the rms (m) with that lag taken out."""
+    """Of a gap against the true one: rms and bias (m), the delay (s) and the rms (m) with that taken out."""
 
     rms: float
     bias: float
@@ -51,8 +51,8 @@ class Trace:
 
 @dataclass(frozen=True)
 class Demodulation:
-    """Both duties along one motion of the gap, over whole periods: time (s), gap (m), traces by DUTIES, the error (m) of
-    the demodulator in closed form, amplitude (A) of the current at the motion's frequency, path factor."""
+    """Both duties along one motion of the gap, over whole periods: time (s), gap (m), traces by DUTIES, the error (m)
+    of the demodulator in closed form, amplitude (A) of the current at the motion's frequency, path factor."""
 
     rig: Rig
     sensor: SelfSensor
@@ -112,8 +112,8 @@ def check_motion(sensor: SelfSensor, frequency: float, amplitude: float) -> None
     highest = sensor.supply.frequency / 10
     if not (isfinite(frequency) and 0 < frequency <= highest):
         raise ValueError(
-            f"--frequency {frequency:g} Hz: use up to a tenth of the PWM frequency, {highest:g} Hz; the ripple of a few "
-            "PWM periods must see one gap"
+            f"--frequency {frequency:g} Hz: use up to a tenth of the PWM frequency, {highest:g} Hz: some PWM periods "
+            "must see one gap"
         )
     low, high = sensor.estimator.gap_range
     most = min(sensor.gap - low, high - sensor.gap)

@@ -1,4 +1,4 @@
-"""`maglev selfsense estimate`: the gap from recorded coil currents and switching voltages, invalid stretches flagged."""
+"""`maglev selfsense estimate`: the gap from recorded coil currents and switching voltages, faults flagged."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -8,7 +8,7 @@ from maglev_env.defaults import with_defaults
 from maglev_env.excitation import Excitation
 from maglev_env.experiment import rig_sensors
 from maglev_env.files import write_npz
-from maglev_env.rig import Rig, load_rig
+from maglev_env.rig import load_rig
 from tuning.columns import column_source
 from tuning.output import console, progress_bar, require_folder, write_json
 from tuning.page import write_page
@@ -77,9 +77,7 @@ def _campaign(source: Path, one: OneFile) -> Campaign:
         raise FileNotFoundError(f"{source} does not exist; name a campaign folder or a data file")
     if source.is_dir() or source.suffix == ".toml":
         if one != OneFile():
-            raise ValueError(
-                f"--rate, --current and --voltage go with one file; {source} is a campaign, which says them"
-            )
+            raise ValueError(f"--rate, --current and --voltage go with one file; the campaign {source} states its own")
         return load_campaign(source)
     if one.rate is None or not 0 < one.rate < float("inf"):
         raise ValueError(f"{source}: one file needs its sample rate: --rate HZ")

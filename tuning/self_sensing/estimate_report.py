@@ -61,19 +61,19 @@ def estimate_summary(rig: Rig, coils: Sequence[SensedCoil]) -> str:
     if len(coils) > 1:
         shares = [100 * c.valid_share for c in coils]
         return (
-            f"{len(coils)} coils: {number(min(shares))} to {number(max(shares))} % of their samples carry a gap, by the "
-            f"coil of {rig.name}."
+            f"{len(coils)} coils: {min(shares):.2f} to {max(shares):.2f} % of their samples carry a gap, by "
+            f"the coil of {rig.name}."
         )
     text = (
-        f"{number(100 * first.valid_share)} % of the {first.gap.time.size} samples carry a gap, by the coil of {rig.name}: "
+        f"{100 * first.valid_share:.2f} % of the {first.gap.time.size} samples carry a gap, by {rig.name}'s coil: "
         f"{1e6 * np.nanmean(first.gap.gap):.1f} um on average, {_um(np.nanstd(first.gap.gap))} um rms about that"
     )
     c = first.comparison
     if c is None:
         return f"{text}."
     return (
-        f"{text}. Against the recorded displacement it is wrong by {_um(c.rms)} um rms, lag counted, and by {_um(c.bias)} "
-        f"um on average; its gain is {c.gain:.4f}."
+        f"{text}. Against the recorded displacement it is wrong by {_um(c.rms)} um rms, lag counted, and by "
+        f"{_um(c.bias)} um on average; its gain is {c.gain:.4f}."
     )
 
 
@@ -103,11 +103,12 @@ def estimate_page(rig: Rig, coils: Sequence[SensedCoil], settings: Mapping[str, 
     sections: list = [("Recordings", table(_HEAD, map(_row, coils))), ("", note(text))]
     for coil in coils:
         sections += _sections(coil)
-    e = coils[0].sensor.estimator
+    e, rate = coils[0].sensor.estimator, coils[0].coil.spec.sample_rate
+    gains = f"kp {e.kp:.4g} m/A, ki {e.ki:.4g} m/(A s), made for this rate"
     facts = {
         **made_by(rig, coils[0].sensor),
-        "Coil current": f"as recorded at {coils[0].coil.spec.sample_rate / 1e3:g} kHz",
-        "Estimator": f"{'analog' if e.path.rms else 'digital'} path, kp {e.kp:.4g} m/A, ki {e.ki:.4g} m/(A s), made for this rate",
+        "Coil current": f"as recorded at {rate / 1e3:g} kHz",
+        "Estimator": f"{'analog' if e.path.rms else 'digital'} path, {gains}",
         "Source": settings["source"],
         "Switching voltage": "mean since the sample before" if settings["voltage_sampling"] == "mean" else "instants",
     }

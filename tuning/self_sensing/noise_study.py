@@ -29,9 +29,9 @@ class Record:
 
 @dataclass(frozen=True)
 class NoiseStudy:
-    """points: bits (0: ideal) by noises (A), of the rig's rate; at_dissertation: of DISSERTATION_RATE without noise, one
-    of each bits, empty where the gains are not stable there or the rig has that rate. ripple (A): peak to peak at half
-    duty. cost: of the forward path; bandwidth (Hz): of the noise."""
+    """points: bits (0: ideal) by noises (A), at the rig's rate; at_dissertation: at DISSERTATION_RATE without noise, by
+    bits, none where the gains are not stable there or the rig has that rate. ripple (A): peak to peak at half duty.
+    cost: of the forward path; bandwidth (Hz): of the noise."""
 
     rig: Rig
     sensor: SelfSensor

@@ -86,7 +86,7 @@ def map_rates(rig: Rig, sensor: SelfSensor, progress: Callable[[], None] = lambd
     gain = float(np.abs(linearise(sensor, strongest_drive(sensor.supply)).forward(0.0)))
     kp, ki = _LOOP / gain, _INTEGRAL / gain
     parts = []
-    for part in np.split(kp, POINTS // 4):
+    for part in np.array_split(kp, max(1, kp.size // 4)):
         parts.append(lowest_stable_rate(sensor, part, ki, rates))
         for _ in part:
             progress()

@@ -2,7 +2,7 @@
 
 from dataclasses import asdict, dataclass
 from importlib.metadata import version
-from math import isfinite, pi
+from math import pi
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -28,8 +28,8 @@ LONGEST = 10.0  # s: 2.6 million samples at 262.5 kHz
 
 @dataclass(frozen=True)
 class Motion:
-    """What is recorded: the gap moves by amplitude (m) sin at frequency (Hz), the duty by duty_swing cos about one half,
-    for so many seconds."""
+    """What is recorded for so many seconds: the gap moves by amplitude (m) sin at frequency (Hz), the duty by
+    duty_swing cos about one half."""
 
     frequency: float
     amplitude: float
@@ -48,7 +48,7 @@ def run(rig: str, motion: Motion, seed: int, data_format: str, out: Path, json_f
     check_motion(sensor, motion.frequency, motion.amplitude)
     if not 0 <= motion.duty_swing <= 0.5:
         raise ValueError(f"--duty-swing {motion.duty_swing:g}: the duty varies about one half; use 0 to 0.5")
-    if not (isfinite(motion.seconds) and motion.seconds <= LONGEST):
+    if motion.seconds > LONGEST:
         raise ValueError(f"--seconds {motion.seconds:g}: use up to {LONGEST:g}; a recording holds every sample")
     with progress_bar() as bar:
         task = bar.add_task(f"record {loaded.name}", total=2)

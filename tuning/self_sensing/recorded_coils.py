@@ -80,8 +80,8 @@ def coils_of(campaign: Campaign, spec: RecordingSpec) -> list[Coil]:
         elif any(named):
             missing, there = ("voltage", "current") if named[0] else ("current", "voltage")
             raise ValueError(
-                f"{path}: there is a channel {there}{suffix}, but no {missing}{suffix}: the gap needs the coil's current "
-                "and its switching voltage; name both under [recording.channels]"
+                f"{path}: there is a channel {there}{suffix}, but no {missing}{suffix}: the gap needs the coil's "
+                "current and its switching voltage; name both under [recording.channels]"
             )
     if not found:
         raise ValueError(f"{path}: there are no channels current and voltage: the gap needs both, of one coil")
@@ -150,17 +150,15 @@ def _notes(gap: RecordedGap, signals: Signals, sensor: SelfSensor, comparison: C
     notes, supply = [], sensor.supply
     if abs(gap.pwm_frequency / supply.frequency - 1) > _OTHER_PWM:
         notes.append(
-            f"the voltage switches at {gap.pwm_frequency / 1e3:.4g} kHz, the rig at {supply.frequency / 1e3:g} kHz: the "
-            "estimator's gains are made for the rig's; name the rig that was recorded with --rig"
+            f"the voltage switches at {gap.pwm_frequency / 1e3:.4g} kHz, the rig at {supply.frequency / 1e3:g} kHz: "
+            "the estimator's gains are made for the rig's; name the rig that was recorded with --rig"
         )
     highest = float(np.abs(signals.voltage).max())
     if abs(highest / supply.voltage - 1) > _OTHER_VOLTAGE:
         notes.append(
-            f"the voltage reaches {highest:.3g} V, the rig's supply has {supply.voltage:g} V: check the channel's scale; "
-            "the gap is wrong by the same share"
+            f"the voltage reaches {highest:.3g} V, the rig's supply has {supply.voltage:g} V: check the channel's "
+            "scale; the gap is wrong by the same share"
         )
     if comparison is not None and comparison.gain < 0:
-        notes.append(
-            "the gap rises with the displacement: the displacement's sign is reversed, or the other coil was read"
-        )
+        notes.append("the gap rises with the displacement: its sign is reversed, or the coil opposite was read")
     return tuple(notes)
