@@ -72,6 +72,12 @@ NAMES = {
         *(f"{name}_ms" for name in ("margins_with_intervals", "frequency_response", "local_polynomial_60_s")),
         "low_crest_250_lines_ms",
     },
+    "self-sensing": {
+        "self_sensing_ms_per_second_and_lane",
+        "self_sensing_loop_ms_per_second_and_lane",
+        "self_sensing_solve_ivp_ms_per_second",
+        "self_sensing_times_faster_than_solve_ivp",
+    },
     "memory": {
         "peak_memory_2_gain_sets_mb",
         "peak_memory_4_gain_sets_mb",

@@ -157,7 +157,7 @@ def test_bad_input(arguments, told, tmp_path, monkeypatch):
     assert not list(tmp_path.iterdir())
 
 
-def test_a_reading_without_noise_has_none_in_the_trade_off(made):
+def test_a_reading_without_noise_has_none_in_the_trade_off():
     """The second panel shows the noise bandwidth then: it must not divide by nothing."""
     from tuning.self_sensing.design_figures import trade
     from tuning.self_sensing.design_study import study

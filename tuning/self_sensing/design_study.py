@@ -10,14 +10,14 @@ from maglev_env.rig import Rig
 from selfsense.bound import cramer_rao_density, forward_path_cost, noise_sweep, reading_noise
 from selfsense.design import PIDesign, assess, design_pi, trade_off, with_gains
 from selfsense.linear import tracking
-from selfsense.sensor import SelfSensor, samples_and_periods
+from selfsense.sensor import Estimator, SelfSensor, samples_and_periods
 from selfsense.simulate import simulate
 
 REFERENCES = ((20.0, 1.0), (20.0, 2.9), (50.0, 1.0))  # degrees of lag, dB of droop
 DROOPS = (1.0, 2.9)  # dB, of the trade-off's curves
 MARGINS = np.arange(8.0, 90.1, 2.0)  # deg
 STEPS = 7  # of the progress bar, at most
-LINES = 14  # frequencies simulated
+LINES = 14  # frequencies simulated, at most
 _LOWEST, _MOTION = 100.0, 0.5e-6  # Hz and m of a simulated line
 
 
@@ -27,8 +27,8 @@ class Candidate:
 
     design: what they bring to the rig's coil. noise: rms gap error (m) that the bound and the forward path's cost
     predict at the rig's current noise and bits; simulated_noise: the same simulated; both nan without noise and bits.
-    response: estimated over true gap (n,) at frequency (n,) Hz by the linear model; simulated: the same (LINES,) at
-    simulated_frequency (LINES,), switching edge by switching edge, read without noise.
+    response: estimated over true gap (n,) at frequency (n,) Hz by the linear model; simulated: the same (m,) at
+    simulated_frequency (m,), switching edge by switching edge, read without noise.
     """
 
     name: str
@@ -107,9 +107,9 @@ def ideal_low_pass(corner: float, at: float, margins: np.ndarray) -> np.ndarray:
 
 
 def simulated_tracking(sensor: SelfSensor) -> tuple[np.ndarray, np.ndarray]:
-    """Frequency (LINES,) Hz and estimated over true gap (LINES,) of the simulated sensor, at half duty, without noise.
+    """Frequency (m,) Hz and estimated over true gap (m,) of the simulated sensor, at half duty, without noise.
 
-    By a multisine below half the PWM frequency, less the estimate of a gap at rest: what creeps in both cancels.
+    By a multisine of at most LINES lines below half the PWM frequency, less the estimate of a gap at rest: what creeps in both cancels.
     """
     rate, (cycle, _) = sensor.acquisition.rate, samples_and_periods(sensor)
     period = cycle * round(rate / _LOWEST / cycle)
@@ -124,7 +124,7 @@ def simulated_tracking(sensor: SelfSensor) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _candidate(
-    sensor: SelfSensor, gains, lag: float | None, at: float, droop: float | None, density: float
+    sensor: SelfSensor, gains: PIDesign | Estimator, lag: float | None, at: float, droop: float | None, density: float
 ) -> Candidate:
     own = with_gains(sensor, gains.kp, gains.ki)
     design = assess(own, at)

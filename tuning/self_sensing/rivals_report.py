@@ -90,7 +90,8 @@ def rivals_page(r: Rivalry) -> str:
         "best, which shrink noise too; where the motion itself is left, the reading says nothing of it. The rig is as "
         "the row says, and all three believe in the nominal one"
     )
-    text += "; in the last row they know the smaller back-EMF." if r.results[-1].case.believed is not m else "."
+    text += "; in the last row they know the smaller back-EMF. " if r.results[-1].case.believed is not m else ". "
+    text += "The rivals err slowly, so one record scatters: the filter claims what many records would show."
     how = (
         f"The nonlinear rotor is levitated on its true position under a white force of {1e3 * r.force_noise:.3g} "
         "mN/√Hz; coil and supply are simulated switching edge by switching edge along that motion. The rivals get the "
