@@ -143,11 +143,13 @@ def noise_sweep(
     amplitude: float = 50e-6,
     frequency: float = 100.0,
     seeds: int = 4,
+    seed: int = 0,
 ) -> list[NoisePoint]:
     """The simulated estimator along a sine of the gap (m, Hz) at every resolution and every noise (A), bits first.
 
-    Two periods after a first one, of `seeds` runs. ValueError when a point has neither noise nor a converter, seeds or
-    frequency is not positive, or a value is out of the range of `Acquisition`, `simulate` or `noise_bandwidth`.
+    Two periods after a first one, of `seeds` runs whose noise comes from `seed`. ValueError when a point has neither
+    noise nor a converter, seeds or frequency is not positive, or a value is out of the range of `Acquisition`,
+    `simulate` or `noise_bandwidth`.
     """
     if not 0 < frequency <= sensor.supply.frequency / 10:
         raise ValueError(f"frequency = {frequency} Hz must be positive and at most a tenth of the PWM frequency")
@@ -163,7 +165,7 @@ def noise_sweep(
     bandwidth = noise_bandwidth(sensor, drive)
     table = []
     for i, one in enumerate(noisy):
-        sensed = simulate([one] * seeds, gap, drive, seed=i)
+        sensed = simulate([one] * seeds, gap, drive, seed=seed + 1000 * i)
         change = (sensed.estimate - quiet.estimate)[:, period:]
         demodulated = demodulated_gap(np.concatenate([sensed.amplitude, quiet.amplitude]), sensor, drive)[:, period:]
         table.append(

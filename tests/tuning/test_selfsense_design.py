@@ -132,12 +132,20 @@ def test_gains_that_the_rig_states_are_shown_too(tmp_path):
     assert "the gap has no noise" in (tmp_path / "d.html").read_text()
 
 
+def test_unstable_gains_of_the_rig_do_not_hide_better_ones(tmp_path):
+    rig = rig_file(tmp_path, "kp = 0.02\nki = 16.0")
+    run("--rig", rig, "--out", tmp_path / "d.html", "--json", tmp_path / "d.json")
+    data = json.loads((tmp_path / "d.json").read_text())
+    assert [d["asked_lag"] for d in data["designs"]] == [35, 20, 20, 50]
+    assert "own gains: estimator: kp = 0.02 m/A" in data["left_out"][0] and "not stable" in data["left_out"][0]
+
+
 def test_a_lag_out_of_reach_of_the_path_is_named(tmp_path):
     rig = rig_file(tmp_path, 'forward_path = "analog"\nlag = 65.0')
     output = run("--rig", rig, "--out", tmp_path / "d.html", "--json", tmp_path / "d.json")
     assert "20° at 4 kHz are out of reach" in output and "band-pass delays" in output
     data = json.loads((tmp_path / "d.json").read_text())
-    assert len(data["not_reached"]) == 2 and "at best it lags" in data["not_reached"][0]
+    assert len(data["left_out"]) == 2 and "at best it lags" in data["left_out"][0]
 
 
 @pytest.mark.parametrize(

@@ -87,6 +87,12 @@ def test_a_narrow_estimator_exceeds_twice_the_bound_with_six_bits_at_250_kHz(tmp
     assert data["dissertation_rate"]["points"] == []
 
 
+def test_a_supply_that_250_kHz_is_too_slow_for_has_no_such_column(tmp_path):
+    rig = rig_file(tmp_path, "pwm_frequency = 150e3\nsample_rate = 1.5e6\nkp = 0.001\nki = 10.0")
+    run("--rig", rig, "--out", tmp_path / "n.html", "--json", tmp_path / "n.json")
+    assert json.loads((tmp_path / "n.json").read_text())["dissertation_rate"]["points"] == []
+
+
 def test_an_ideal_reading(tmp_path):
     rig = rig_file(tmp_path, "adc_bits = 0", noise="0.0")
     output = run("--rig", rig, "--out", tmp_path / "n.html", "--json", tmp_path / "n.json")

@@ -58,7 +58,7 @@ def design_json(s: Study) -> dict[str, Any]:
             "sensor": s.sensor,
             "asked": {"lag": s.lag, "at": s.at, "droop": s.droop},
             "designs": designs,
-            "not_reached": s.missing,
+            "left_out": s.missing,
             "trade_off": [{"droop": droop, "designs": found} for droop, found in s.trade.items()],
             "ideal_low_pass": {"phase_margin": MARGINS, "lag": ideal_low_pass(corner, s.at, MARGINS)},
             "dissertation": {"lag": LAG_IN_D, "phase_margin": MARGIN_IN_D, "at": AT_IN_D},
@@ -79,7 +79,7 @@ def design_page(s: Study) -> str:
     text = (
         "Columns: largest lag and largest droop asked for; each has the most phase margin within both. "
         + price
-        + "".join(f"Not reached: {why}. " for why in s.missing)
+        + "".join(f"Left out: {why}. " for why in s.missing)
         + sampling_note(s.sensor)
     )
     sections = [

@@ -45,7 +45,7 @@ class Candidate:
 
 @dataclass(frozen=True)
 class Study:
-    """Candidates, the one asked for first; missing: why a reference has no gains; trade: the smallest lag over MARGINS
+    """Candidates, the one asked for first; missing: why a column is not there; trade: the smallest lag over MARGINS
     by droop (dB); noise_density: rms gap error over the root of the noise bandwidth (m/sqrt(Hz)), nan without noise."""
 
     rig: Rig
@@ -76,9 +76,12 @@ def study(
     density = cramer_rao_density(sensor) * forward_path_cost(sensor) if reading_noise(sensor) else np.nan
     candidates = [_candidate(sensor, found, lag, at, droop, density)]
     progress()
-    if rig.self_sensing.kp is not None:
-        candidates.append(_candidate(sensor, sensor.estimator, None, at, None, density))
     missing = []
+    if rig.self_sensing.kp is not None:
+        try:
+            candidates.append(_candidate(sensor, sensor.estimator, None, at, None, density))
+        except ValueError as error:  # not stable
+            missing.append(f"the rig's own gains: {error}")
     for wanted, within in REFERENCES:
         if (wanted, within) != (lag, droop):
             try:
@@ -109,10 +112,11 @@ def ideal_low_pass(corner: float, at: float, margins: np.ndarray) -> np.ndarray:
 def simulated_tracking(sensor: SelfSensor) -> tuple[np.ndarray, np.ndarray]:
     """Frequency (m,) Hz and estimated over true gap (m,) of the simulated sensor, at half duty, without noise.
 
-    By a multisine of at most LINES lines below half the PWM frequency, less the estimate of a gap at rest: what creeps in both cancels.
+    By a multisine of at most LINES lines below half the PWM frequency, less the estimate of a gap at rest: what creeps
+    in both cancels.
     """
     rate, (cycle, _) = sensor.acquisition.rate, samples_and_periods(sensor)
-    period = cycle * round(rate / _LOWEST / cycle)
+    period = cycle * max(1, round(rate / _LOWEST / cycle))
     top = 0.48 * sensor.supply.frequency * period / rate
     lines = np.unique(np.geomspace(1, top, LINES).round().astype(int))
     phase = 2 * np.pi * np.outer(lines, np.arange(1, 4 * period + 1)) / period + np.arange(lines.size)[:, None] ** 2

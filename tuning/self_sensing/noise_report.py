@@ -114,7 +114,7 @@ def noise_page(s: NoiseStudy) -> str:
             ),
         ),
     ]
-    made = made_by(s.rig, s.sensor, **{"Seed of the record": s.seed})
+    made = made_by(s.rig, s.sensor, **{"Seed": s.seed})
     return page(f"Gap noise of {s.rig.name}", noise_summary(s), sections, made)
 
 

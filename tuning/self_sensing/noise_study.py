@@ -69,17 +69,16 @@ def plan(sensor: SelfSensor) -> list[tuple[SelfSensor, int, tuple[float, ...]]]:
     noises = tuple(sorted({*NOISES, a.noise}))
     sweeps = [(sensor, bits, noises) for bits in sorted({*BITS, a.bits} - {0})]
     sweeps.append((sensor, 0, tuple(n for n in noises if n)))
-    other = replace(sensor, acquisition=replace(a, rate=DISSERTATION_RATE))
-    if a.rate != DISSERTATION_RATE and stable(other):
-        sweeps += [(other, bits, (0.0,)) for bits in BITS]
-    return sweeps
+    other = _at_dissertation_rate(sensor)
+    return sweeps + ([(other, bits, (0.0,)) for bits in BITS] if other else [])
 
 
 def study(rig: Rig, sensor: SelfSensor, seed: int, progress: Callable[[], None] = lambda: None) -> NoiseStudy:
-    """Run `plan`. ValueError when the estimator is unstable. The seed is that of the record."""
+    """Run `plan`. ValueError when the estimator is unstable."""
     found: dict[bool, list[NoisePoint]] = {True: [], False: []}
     for one, bits, noises in plan(sensor):
-        found[one is sensor] += noise_sweep(one, [bits], noises, amplitude=REACH * sensor.gap, frequency=FREQUENCY)
+        motion = {"amplitude": REACH * sensor.gap, "frequency": FREQUENCY}
+        found[one is sensor] += noise_sweep(one, [bits], noises, **motion, seed=seed)
         progress()
     return NoiseStudy(
         rig,
@@ -92,6 +91,17 @@ def study(rig: Rig, sensor: SelfSensor, seed: int, progress: Callable[[], None] 
         bandwidth=noise_bandwidth(sensor),
         record=_record(sensor, seed),
     )
+
+
+def _at_dissertation_rate(sensor: SelfSensor) -> SelfSensor | None:
+    """The sensor at DISSERTATION_RATE; None where it has that rate, is not stable there or cannot be sampled so."""
+    if sensor.acquisition.rate == DISSERTATION_RATE:
+        return None
+    try:
+        other = replace(sensor, acquisition=replace(sensor.acquisition, rate=DISSERTATION_RATE))
+        return other if stable(other) else None
+    except ValueError:
+        return None
 
 
 def _record(sensor: SelfSensor, seed: int) -> Record:
