@@ -230,8 +230,8 @@ def _of_axis(
 def _sensing_cost(
     probe_lag: np.ndarray, injection: LineStatistics, sensitivity: np.ndarray, margins: dict[str, np.ndarray]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Lag added to a probe's (s, (n,)) at the phase margin's crossover and phase margin lost, degrees, (n,), by what
-    self-sensing did to the injection lines."""
+    """What self-sensing costs beyond a probe, degrees (n,) each: lag added at the phase margin's crossover, and phase
+    margin lost, from what it did to the injection lines. probe_lag (n,): time constant of the probe, s."""
     frequency = injection.frequency
     read, was = (injection.mean[:, injection.channels.index(name)] for name in ("displacement", "position"))
     probe = 1 / (1 + 2j * np.pi * frequency * probe_lag[:, None])

@@ -76,7 +76,7 @@ class Experiment:
                 raise ValueError(f"sensor: {len(self.sensor)} self-sensors; give one SelfSensor for each axis")
             if not self.rig.controlled:
                 raise ValueError(f"sensor: rig {self.rig.name} has no magnets and so no coils to sense with; use probe")
-        elif self.sensor not in SENSORS:
+        elif not isinstance(self.sensor, str) or self.sensor not in SENSORS:
             raise ValueError(
                 f"sensor = {str(self.sensor)[:40]!r}; use {' or '.join(SENSORS)}, or a tuple with a SelfSensor for "
                 "each axis"

@@ -86,11 +86,7 @@ def _common_sensor(structures: Sequence[SensorStructure]) -> SensorStructure | N
     """What both axes' sensors need: what one of them has not, its constants make naught of."""
     if not structures:
         return None
-    if (
-        len({s.rms for s in structures}) > 1
-        or len({s.emf for s in structures}) > 1
-        or len({s.adc for s in structures}) > 1
-    ):
+    if len({(s.rms, s.emf, s.adc) for s in structures}) > 1:
         raise ValueError("self-sensing: both axes need the same kind of forward path, coil model and converter")
     return SensorStructure(*(any(column) for column in zip(*(vars(s).values() for s in structures), strict=True)))
 

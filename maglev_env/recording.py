@@ -13,11 +13,10 @@ from estimation.periods import period_spectra, split_periods
 from maglev_env.campaign import Campaign, ChannelSource, RecordingSpec
 from maglev_env.campaign_tables import CHANNEL_UNITS, EXCITATION_CHANNEL
 from maglev_env.excitation import Excitation, lines_at
-from maglev_env.experiment import Experiment, channels_of, recorded_channels, sampling
+from maglev_env.experiment import Experiment, channels_of, recorded_channels, sampling, self_sensors
 from maglev_env.files import Columns, read_columns
 from maglev_env.gains import as_table
 from maglev_env.planar import AXES, suffixes
-from maglev_env.rig import axis_rig
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -95,8 +94,9 @@ def simulated_recording(experiment: Experiment, record: np.ndarray) -> "xr.Datas
         raise ValueError(f"the simulated rotor touched down at {at / rate:g} s (sample {at}); there is no recording")
     channels = dict(zip(names, record, strict=True))
     if experiment.sensor != "probe":
-        for axis, end in enumerate(suffixes(rig.axes)):
-            channels[f"gap_estimate{end}"] = axis_rig(rig, axis).gap - channels[f"displacement{end}"]
+        for sensor, end in zip(self_sensors(experiment), suffixes(rig.axes), strict=True):
+            read = (channels[f"displacement{end}"] - sensor.shift) / sensor.scale
+            channels[f"gap_estimate{end}"] = sensor.gap - read
             channels[f"displacement{end}"] = channels.pop(f"position{end}")
     if not rig.controlled:  # nothing commands or carries a current
         channels = {name: values for name, values in channels.items() if name.startswith(("displacement", "force"))}

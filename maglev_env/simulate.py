@@ -154,7 +154,6 @@ class _State:
         self.timing = batch.timing
         self.step = 0
         self._per_second = block.experiment.rig.control_rate * block.substeps
-
         self._sensed = self.axes * SENSOR_ROWS if batch.structure.sensed else 0
 
     def axis_rows(self, row: int) -> np.ndarray:
@@ -259,7 +258,7 @@ def _line_amplitudes(e: Experiment, place: str, lines: np.ndarray) -> np.ndarray
 def _block_spectra(
     block: _Block, state: _State, lines: np.ndarray, applied: Mapping[str, np.ndarray]
 ) -> Iterator[np.ndarray]:
-    """Per-period spectra (LANES, channels, lines) of the kept periods; channels as `channels_of` SPECTRAL."""
+    """Per-period spectra (LANES, channels, lines) of the kept periods; channels as `spectral_channels`."""
     e, axes, n = block.experiment, state.axes, block.experiment.samples_per_period
     sensed = block.batch.structure.sensed is not None
     for period, out in enumerate(_periods(block, state, e.transient_periods + e.periods, 2 + sensed)):

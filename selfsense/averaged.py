@@ -15,6 +15,8 @@ from scipy.integrate import DOP853
 from scipy.linalg import expm
 from scipy.signal import place_poles
 
+from selfsense.coil import is_number
+
 CLOSEST = 0.95  # of the gap: a displacement beyond it is contact
 
 
@@ -44,7 +46,7 @@ class AveragedMagnet:
     def __post_init__(self) -> None:
         for f in fields(self):
             value = getattr(self, f.name)
-            if isinstance(value, bool) or not isinstance(value, int | float | np.number) or not isfinite(value):
+            if not is_number(value):
                 raise ValueError(f"averaged magnet: {f.name} = {value!r} is not a finite number")
             if f.name in ("mass", "actuator_gain", "inductance", "gap") and value <= 0:
                 raise ValueError(f"averaged magnet: {f.name} = {value:g} must be positive")
@@ -165,7 +167,7 @@ def levitate(
     force = np.asarray(force, dtype=float)
     if force.ndim == 0 or force.shape[-1] == 0 or not np.all(np.isfinite(force)):
         raise ValueError(f"levitate: force must be finite, of the shape (..., samples), not {force.shape}")
-    if len(magnets) != 1 and force.shape[:-1] != (len(magnets),):
+    if not magnets or (len(magnets) != 1 and force.shape[:-1] != (len(magnets),)):
         raise ValueError(f"levitate: {len(magnets)} magnets need a force of ({len(magnets)}, n), not {force.shape}")
     if not (isfinite(rate) and rate > 0 and supply > 0):
         raise ValueError(f"levitate: rate = {rate} Hz and supply = {supply} V must be positive")

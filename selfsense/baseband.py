@@ -37,7 +37,10 @@ def baseband(sensor: SelfSensor) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     a[2], b[2] = -4 / delay * estimate, 4 / delay
     a[2, 2] -= 2 / delay
     a[3, 0] = ki
-    return a, b, estimate * (sensor.scale * abs(coil / forward))
+    c = estimate * (sensor.scale * abs(coil / forward))
+    for cached in (a, b, c):
+        cached.flags.writeable = False
+    return a, b, c
 
 
 @lru_cache(maxsize=1024)

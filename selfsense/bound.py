@@ -10,19 +10,19 @@ period) by Cauchy's inequality: the same noise times the integral of its trackin
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from math import isfinite
+from math import ceil, isfinite
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from selfsense.demodulation import demodulated_gap
-from selfsense.forward_path import response
+from selfsense.forward_path import response, unit_circle
 from selfsense.linear import controller_response, linearise, stable
 from selfsense.sensor import SelfSensor, samples_and_periods
 from selfsense.simulate import simulate
 
-SETTLING = 0.01  # s until the ripple is steady
-NO_RIPPLE = 1e-9  # A
+STEADY = 0.01  # s until the ripple is steady
+LEAST_RIPPLE = 1e-9  # A
 LINES = 2000  # frequencies of the noise bandwidth's integral
 
 
@@ -57,7 +57,7 @@ def ripple_sensitivity(sensor: SelfSensor, drive: float = 0.0) -> np.ndarray:
     cycle to the next, as over a long window. ValueError when the supply makes no ripple at this drive.
     """
     cycle, _ = samples_and_periods(sensor)
-    samples = cycle * (2 - int(-SETTLING * sensor.acquisition.rate) // cycle)
+    samples = cycle * (2 + ceil(STEADY * sensor.acquisition.rate / cycle))
     ideal = replace(sensor, acquisition=replace(sensor.acquisition, bits=0, noise=0.0))
     step = 1e-3 * sensor.gap
     ends = [replace(ideal, gap=sensor.gap + move) for move in (-step, step)]
@@ -66,29 +66,18 @@ def ripple_sensitivity(sensor: SelfSensor, drive: float = 0.0) -> np.ndarray:
     before, last = ((high - low) / (2 * step)).reshape(2, cycle)
     sensitivity = last - np.mean(last - before) * np.arange(cycle) / cycle
     sensitivity -= sensitivity.mean()
-    if np.abs(sensitivity).max() * sensor.gap < NO_RIPPLE:
+    if np.abs(sensitivity).max() * sensor.gap < LEAST_RIPPLE:
         raise ValueError(f"drive = {drive}: the supply makes no ripple there that could tell a gap; choose another")
     return sensitivity
-
-
-def reading_noise(sensor: SelfSensor) -> float:
-    """Noise of one reading (A rms): the current's own, and the converter's count over sqrt(12).
-
-    A count is noise where the noise spans half a count, or where ripple and slow current wander over tens of counts:
-    8 bits on a ripple of a twelfth of their range. With 6 bits, or at rest without noise, the same counts come back
-    every PWM period: an error that is no white noise, which no average takes away, or that spares the estimator's band.
-    A ratio far above 1, or below, then says so.
-    """
-    return float(np.hypot(sensor.acquisition.noise, sensor.acquisition.resolution / np.sqrt(12)))
 
 
 def cramer_rao_density(sensor: SelfSensor, drive: float = 0.0) -> float:
     """Lowest noise density (m/sqrt(Hz), one-sided) of an unbiased gap from this sensor's readings at a constant drive.
 
-    `reading_noise` counts as white and normal. ValueError as `ripple_sensitivity`.
+    `Acquisition.reading_noise` counts as white and normal. ValueError as `ripple_sensitivity`.
     """
     power = np.mean(ripple_sensitivity(sensor, drive) ** 2)
-    return float(reading_noise(sensor) * np.sqrt(2 / (sensor.acquisition.rate * power)))
+    return float(sensor.acquisition.reading_noise * np.sqrt(2 / (sensor.acquisition.rate * power)))
 
 
 def cramer_rao_rms(sensor: SelfSensor, noise_bandwidth: float, drive: float = 0.0) -> float:
@@ -128,7 +117,7 @@ def forward_path_cost(sensor: SelfSensor, drive: float = 0.0) -> float:
     """
     slope = ripple_sensitivity(sensor, drive)
     # The ripple has the shape of its slope: the gap only scales it.
-    filters = response(sensor.estimator.path.sections(sensor.acquisition.rate)[0], _circle(slope.size))
+    filters = response(sensor.estimator.path.sections(sensor.acquisition.rate)[0], unit_circle(slope.size))
     filtered = np.fft.ifft(filters * np.fft.fft(slope)).real
     weight = filtered if sensor.estimator.path.rms else np.sign(filtered)
     weight = np.fft.ifft(np.conj(filters) * np.fft.fft(weight)).real
@@ -147,9 +136,9 @@ def noise_sweep(
 ) -> list[NoisePoint]:
     """The simulated estimator along a sine of the gap (m, Hz) at every resolution and every noise (A), bits first.
 
-    Two periods after a first one, of `seeds` runs whose noise comes from `seed`. ValueError when a point has neither
-    noise nor a converter, seeds or frequency is not positive, or a value is out of the range of `Acquisition`,
-    `simulate` or `noise_bandwidth`.
+    Two periods, each rounded to whole samples, after a first one, of `seeds` runs whose noise comes from `seed`.
+    ValueError when a point has neither noise nor a converter, seeds or frequency is not positive, or a value is out of
+    the range of `Acquisition`, `simulate` or `noise_bandwidth`.
     """
     if not 0 < frequency <= sensor.supply.frequency / 10:
         raise ValueError(f"frequency = {frequency} Hz must be positive and at most a tenth of the PWM frequency")
@@ -180,10 +169,6 @@ def noise_sweep(
             )
         )
     return table
-
-
-def _circle(samples: int) -> np.ndarray:
-    return np.exp(2j * np.pi * np.arange(samples) / samples)
 
 
 def _rms(values: ArrayLike) -> float:

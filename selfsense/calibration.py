@@ -91,6 +91,8 @@ def static_sweep(
     cannot be trusted for another reason.
     """
     gaps = _finite("gaps", gaps)
+    if periods < 1:
+        raise ValueError(f"periods = {periods}: the mean needs at least one PWM period")
     cycle, per_cycle = samples_and_periods(sensor)
     settling, kept = ceil(SETTLING * sensor.acquisition.rate), cycle * ceil(periods / per_cycle)
     sensors = [sensor] * gaps.size

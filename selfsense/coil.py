@@ -10,7 +10,14 @@ MU_0 = 4e-7 * np.pi
 
 def is_number(value: object) -> bool:
     """Whether a value is a finite real number, and not a truth value."""
-    return isinstance(value, int | float | np.number) and not isinstance(value, bool) and isfinite(value)
+    try:
+        return (
+            isinstance(value, int | float | np.integer | np.floating)
+            and not isinstance(value, bool)
+            and isfinite(value)
+        )
+    except OverflowError:  # a whole number beyond floats
+        return False
 
 
 @dataclass(frozen=True)

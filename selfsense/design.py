@@ -5,7 +5,7 @@ than its low-pass: the high-pass delays the ripple's envelope, and an estimate a
 estimate costs phase margin, and the margin alone nearly fixes the peak and the noise bandwidth.
 """
 
-from dataclasses import astuple, dataclass, replace
+from dataclasses import astuple, dataclass, fields, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -105,7 +105,7 @@ def trade_off(
     band, rows = _Band.of(sensor, at, droop), []
     for margin in margins:
         lag, kp, ki = _smallest_lag(band, margin)
-        none = PIDesign(*[np.nan] * 9)
+        none = PIDesign(*[np.nan] * len(fields(PIDesign)))
         found = assess(with_gains(sensor, kp, ki), at) if np.isfinite(lag) else none
         rows.append(astuple(replace(found, phase_margin=margin)))
     return PIDesign(*np.array(rows).T)

@@ -103,6 +103,8 @@ def simulated_dynamic(
     """
     rate = sensor.acquisition.rate
     per_period = _samples_per_period(rate, fundamental, periods)
+    if abs(top / fundamental - round(top / fundamental)) > 1e-6:
+        raise ValueError(f"top = {top:g} Hz is no multiple of the fundamental {fundamental:g} Hz; give one that is")
     lines = harmonic_range(1, round(top / fundamental))
     wave = synthesise(sphs(lines, per_period, amplitude), per_period)
     settling = ceil(SETTLING * rate)

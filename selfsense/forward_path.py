@@ -91,6 +91,11 @@ def response(sections: np.ndarray, z: np.ndarray) -> np.ndarray:
     return total
 
 
+def unit_circle(n: int) -> np.ndarray:
+    """The n-th roots of unity (n,): z at the harmonics of a cycle of n samples, in the order of np.fft."""
+    return np.exp(2j * pi * np.arange(n) / n)
+
+
 def _check_corners(where: str, values: dict[str, float]) -> None:
     for name, value in values.items():
         if not (is_number(value) and value > 0):

@@ -124,7 +124,7 @@ def compare(
     levitated by its true state for duration (s), sampled at rate (Hz), under the noise of `run`. The estimates do not
     close the loop; where the filter's do, a fifth of the resistance or the supply drops the rotor within 0.1 s.
     """
-    n = int(duration * rate)
+    n = round(duration * rate)
     rng = np.random.default_rng(seed)
     force = rng.normal(0.0, force_noise * np.sqrt(rate / 2), n)
     heard = rng.normal(0.0, current_noise, n)

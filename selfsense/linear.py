@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from scipy.optimize import brentq
 
 from selfsense.coil import Coil
-from selfsense.forward_path import response
+from selfsense.forward_path import response, unit_circle
 from selfsense.sensor import SelfSensor, samples_and_periods
 from selfsense.supply import Supply
 
@@ -100,7 +100,7 @@ class LinearSensor:
     def _images(self, frequency: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
         """z (..., 1) of frequencies, and z (..., N) of their images at the cycle's harmonics."""
         z = np.exp(2j * np.pi * np.asarray(frequency, dtype=float) / self.rate)[..., None]
-        return z, z * _roots_of_unity(self.direct.size)
+        return z, z * unit_circle(self.direct.size)
 
     def _amplitude(self, z: np.ndarray, images: np.ndarray) -> np.ndarray:
         """True gap (m) to amplitude (A) at each sample of a cycle (..., N)."""
@@ -243,13 +243,9 @@ def _phi(decay: float) -> float:
     return float((decay - 1) / np.log(decay))
 
 
-def _roots_of_unity(n: int) -> np.ndarray:
-    return np.exp(2j * np.pi * np.arange(n) / n)
-
-
 def _steady(driving: np.ndarray, decay: float) -> np.ndarray:
     """The periodic y (N,) of y_k = decay y_k-1 + driving_k."""
-    return np.fft.ifft(np.fft.fft(driving) / (1 - decay / _roots_of_unity(driving.size))).real
+    return np.fft.ifft(np.fft.fft(driving) / (1 - decay / unit_circle(driving.size))).real
 
 
 def _simulated_current(sensor: SelfSensor, integral: np.ndarray, gap: float) -> np.ndarray:
@@ -277,7 +273,7 @@ def _converged(sensor: SelfSensor, integral: np.ndarray, amplitude: float, drive
 def _slopes(sections: Sections, rms: bool, current: np.ndarray) -> Slopes:
     """The slopes of a forward path on the orbit of a current (N,)."""
     before, behind = sections
-    unity = _roots_of_unity(current.size)
+    unity = unit_circle(current.size)
     ripple = np.fft.ifft(np.fft.fft(current) * response(before, unity)).real
     mean = np.fft.ifft(np.fft.fft(ripple**2 if rms else np.abs(ripple)) * response(behind, unity)).real
     if not rms:

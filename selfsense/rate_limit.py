@@ -35,6 +35,8 @@ def lowest_stable_rate(sensor: SelfSensor, kp: ArrayLike, ki: ArrayLike, rates: 
     above finds it: below it some rates may be stable again. ValueError when no rate is possible.
     """
     rates = sampling_rates(sensor.supply, sensor.acquisition.rate) if rates is None else np.asarray(rates, dtype=float)
+    if rates.size == 0:
+        raise ValueError("rates: give at least one sampling rate, of twice the PWM frequency or more")
     kp, ki = np.asarray(kp, dtype=float)[:, None], np.asarray(ki, dtype=float)[None, :]
     lowest = np.full((kp.size, ki.size), np.nan)
     holds = np.ones(lowest.shape, bool)
@@ -56,7 +58,7 @@ def gains_with_limit(sensor: SelfSensor, rate: float, corner: ArrayLike | None =
     corner (n,): ki / (2 pi kp), Hz, above which the controller is mostly proportional; default 30 Hz to 10 kHz. Gains
     for which a rate is stable and the next lower one is not lie between the curves of the two: those of D, stable at
     165 kHz and not at 160, where 3 to 9 degrees of phase margin are left at 250 kHz, far from the 83 that D gives.
-    ValueError when the estimator cannot be sampled at the rate.
+    nan where no gains tried are unstable, or all of them. ValueError when the estimator cannot be sampled at the rate.
     """
     corner = np.geomspace(30.0, 10e3, 25) if corner is None else np.asarray(corner, dtype=float)
     linear = _at_rate(sensor, rate)
@@ -71,7 +73,7 @@ def gains_with_limit(sensor: SelfSensor, rate: float, corner: ArrayLike | None =
         middle = (low + high) / 2
         holds = linear.growth(middle, middle * ratio) < 1
         low, high = np.where(holds, middle, low), np.where(holds, high, middle)
-    kp = np.where(unstable.any(axis=0), low, np.nan)
+    kp = np.where(unstable.any(axis=0) & (first > 0), low, np.nan)
     return kp, kp * ratio
 
 

@@ -21,8 +21,9 @@ from selfsense.supply import Acquisition, Supply, check_rates
 from selfsense.validity import AT_END, CLIPPED, CONVERGING, NO_RIPPLE, Stretch, gap_validity
 
 W = LANES
+_CARRIER = 0.05  # of the power: pulses of 3 % duty hold more in their fundamental, white noise less
 _REMEDIES = {
-    CLIPPED: "the current stays on the end of its converter's range; widen that range",
+    CLIPPED: "the current stays on the end of its converter's range; check its scale, or widen that range",
     NO_RIPPLE: "the current carries no ripple of the switching voltage; check both channels, their scales and the duty",
     AT_END: "correct the believed coil, the channels' scales, or gap_range",
     CONVERGING: "the estimator never settles in it; record longer, or raise ki",
@@ -118,12 +119,9 @@ def find_pwm_frequency(voltage: ArrayLike, rate: float, path: ForwardPath) -> fl
     if not power[near].sum() > _CARRIER * power.sum() or not power[top] > 0:
         raise ValueError(
             f"voltage: no switching stands out above {corner / 10:g} Hz in its {volts.size} samples; record the coil's "
-            "switching voltage, or give pwm_frequency"
+            "switching voltage"
         )
     return float(frequency[top])
-
-
-_CARRIER = 0.05  # of the power: pulses of 3 % duty hold more in their fundamental, white noise less
 
 
 @cache

@@ -47,6 +47,7 @@ class Estimator:
             and self.gap_range[0] + self.coil.core_length > 0
         ):
             raise ValueError(f"estimator: gap_range = {self.gap_range!r} m must be two rising gaps above 0")
+        object.__setattr__(self, "gap_range", tuple(self.gap_range))  # a sensor can be the key of a cache
         if not isinstance(self.path, ForwardPath):
             raise ValueError(f"estimator: path = {self.path!r}; use a DigitalPath or an AnalogPath")
         if self.coil.has_core_losses:

@@ -1,6 +1,7 @@
 """What drives a coil and what reads its current: switching supply and sampled acquisition."""
 
 from dataclasses import dataclass
+from math import hypot, sqrt
 
 from selfsense.coil import is_number
 
@@ -60,6 +61,17 @@ class Acquisition:
             raise ValueError(f"acquisition: current_range = {self.current_range!r} A must be a positive number")
         if not (is_number(self.noise) and self.noise >= 0):
             raise ValueError(f"acquisition: noise = {self.noise!r} A must be at least 0")
+
+    @property
+    def reading_noise(self) -> float:
+        """Noise of one reading (A rms): the current's own, and the converter's count over sqrt(12).
+
+        A count is noise where the noise spans half a count, or where ripple and slow current wander over tens of
+        counts: 8 bits on a ripple of a twelfth of their range. With 6 bits, or at rest without noise, the same counts
+        come back every PWM period: an error that is no white noise, which no average takes away, or that spares the
+        estimator's band. A ratio to the Cramer-Rao bound far above 1, or below, then says so.
+        """
+        return hypot(self.noise, self.resolution / sqrt(12))
 
     @property
     def resolution(self) -> float:

@@ -11,7 +11,7 @@ from math import ceil, pi, sqrt
 import numpy as np
 from numpy.typing import ArrayLike
 
-from selfsense.forward_path import response
+from selfsense.forward_path import BUTTERWORTH, response, unit_circle
 from selfsense.sensor import Estimator, SelfSensor
 from selfsense.simulate import SensedGap
 
@@ -67,7 +67,7 @@ def gap_validity(
         AT_END: ~((estimate > low + touching) & (estimate < high - touching)),
         CLIPPED: np.broadcast_to(clipped, estimate.shape),
     }
-    path = sqrt(2) / (2 * pi * estimator.path.low_pass)
+    path = 1 / (BUTTERWORTH * 2 * pi * estimator.path.low_pass)
     faults[NO_RIPPLE][: ceil(3 * path * rate)] = False  # the filters fill
     # An amplitude above any that this supply makes is a start-up of the filters, not a faster loop.
     sensitivity = 2 * np.minimum(amplitude, 2 * half_duty) / (coil.core_length + 2 * estimate)
@@ -124,8 +124,8 @@ def _noise_amplitude(sensor: SelfSensor) -> float:
     """Mean amplitude (A) behind the forward path of the reading's noise and rounding alone."""
     adc, path = sensor.acquisition, sensor.estimator.path
     before, _ = path.sections(adc.rate)
-    power = np.mean(np.abs(response(before, np.exp(2j * pi * np.arange(1024) / 1024))) ** 2)
-    rms = np.hypot(adc.noise, adc.resolution / sqrt(12)) * sqrt(power)
+    power = np.mean(np.abs(response(before, unit_circle(1024))) ** 2)
+    rms = adc.reading_noise * sqrt(power)
     return float(rms if path.rms else rms * sqrt(2 / pi))
 
 

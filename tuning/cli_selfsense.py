@@ -12,9 +12,9 @@ app = typer.Typer(name="selfsense", help="The air gap from the coil current alon
 OutOption = Annotated[Path | None, typer.Option(help="HTML page (default: selfsense-<command>.html here).")]
 FrequencyOption = Annotated[float, typer.Option(help="Of the gap's motion, Hz.")]
 AmplitudeOption = Annotated[float, typer.Option(help="Of the gap's motion, m.")]
-SwingOption = Annotated[float, typer.Option(help="Of the duty cycle about one half, at the same frequency.")]
-RateOption = Annotated[float | None, typer.Option(help="One file: sample rate, Hz.")]
-SourceArgument = Annotated[Path | None, typer.Argument(help="Recording or campaign folder (default: simulate one).")]
+SwingOption = Annotated[float, typer.Option(help="Of the duty cycle (0 to 1) about one half, at the same frequency.")]
+RateOption = Annotated[float | None, typer.Option(help="One file: sample rate, Hz; required.")]
+SourceArgument = Annotated[Path | None, typer.Argument(help="Campaign folder or .csv table (default: simulate).")]
 
 
 @app.command(epilog="Example: maglev selfsense demodulate --duty-swing 0.1 --frequency 100")
@@ -62,12 +62,16 @@ def estimate(
         str | None, typer.Option(help="Preset or rig TOML with the coil (default: the campaign's, else hmb_free).")
     ] = None,
     rate: RateOption = None,
-    current: Annotated[str, typer.Option(help="One file: column of the coil current, name[*scale].")] = "current",
-    voltage: Annotated[str, typer.Option(help="One file: column of the switching voltage.")] = "voltage",
+    current: Annotated[str, typer.Option(help="One file: column of the coil current, name[*scale] to A.")] = "current",
+    voltage: Annotated[
+        str, typer.Option(help="One file: column of the switching voltage, name[*scale] to V.")
+    ] = "voltage",
     point_voltage: Annotated[
         bool, typer.Option("--point-voltage", help="The voltage was read at instants, not as a mean between samples.")
     ] = False,
-    out: OutOption = None,
+    out: Annotated[
+        Path | None, typer.Option(help="HTML page (default: selfsense-estimate.html here); the gap is .npz beside it.")
+    ] = None,
     json_file: JsonOption = None,
 ) -> None:
     """The gap from a recorded coil current and switching voltage; invalid stretches are flagged, never guessed."""
@@ -77,11 +81,13 @@ def estimate(
     estimate.run(source, rig, one, point_voltage, out, json_file)
 
 
-@app.command(epilog="Example: maglev selfsense calibrate my-campaign --json calibration.json")
+@app.command(epilog="Example: maglev simulate --sensor self_sensing --out sensed && maglev selfsense calibrate sensed")
 @friendly
 def calibrate(
     source: SourceArgument = None,
-    rig: RigOption = "hmb_free",
+    rig: Annotated[
+        str | None, typer.Option(help="Preset or rig TOML to simulate without SOURCE (default: hmb_free).")
+    ] = None,
     out: OutOption = None,
     json_file: JsonOption = None,
 ) -> None:
@@ -98,8 +104,10 @@ def calibrate(
 @friendly
 def design(
     rig: RigOption = "hmb_free",
-    lag: Annotated[float | None, typer.Option(help="Largest lag of the estimate at --at, degrees.")] = None,
-    at: Annotated[float | None, typer.Option(help="Hz (default: both the rig's).")] = None,
+    lag: Annotated[
+        float | None, typer.Option(help="Largest lag of the estimate at --at, degrees (default: the rig's).")
+    ] = None,
+    at: Annotated[float | None, typer.Option(help="Frequency of that lag, Hz (default: the rig's).")] = None,
     droop: Annotated[float, typer.Option(help="Largest droop of the estimate below --at, dB.")] = 1.0,
     out: OutOption = None,
     json_file: JsonOption = None,
@@ -117,7 +125,7 @@ def rate_limit(
     out: OutOption = None,
     json_file: JsonOption = None,
 ) -> None:
-    """Lowest stable sampling rate of the estimator over its PI gains, with the 165 kHz of the dissertation on it."""
+    """Lowest stable sampling rate of the estimator over its PI gains, with a published figure of 165 kHz on it."""
     from tuning.self_sensing import rate_limit
 
     rate_limit.run(rig, out, json_file)

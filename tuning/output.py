@@ -23,6 +23,8 @@ def require_folder(path: Path | None, option: str) -> None:
     """ValueError before any work when the folder of a file to be written later is missing or read-only."""
     if path is None:
         return
+    if path.is_dir():
+        raise ValueError(f"{option} {path} is a folder; name a file")
     if not path.parent.is_dir():
         raise ValueError(f"{option} {path}: the folder {path.parent} does not exist; create it or choose another")
     if not os.access(path.parent, os.W_OK):

@@ -169,13 +169,16 @@ def _draw_heading(figure: Figure, task: Task, history: History) -> None:
 
 
 def _motion(e: Experiment, info: dict[str, Any]) -> tuple[np.ndarray, np.ndarray]:
-    """Time (n,) s and displacement reading (axes, n) µm, from rest to the end of the first period or to touchdown."""
+    """Time (n,) s and displacement (axes, n) µm, from rest to the end of the first period or to touchdown: the probe's
+    reading, or with self-sensing where the rotor is."""
     down, rate, axes = "touchdown_time" in info, e.recorded_rate, e.rig.axes
     periods = int(info.get("touchdown_time", 0.0) * e.fundamental) + 1
-    # Only displacement noise reaches the rotor; the other channels' costs time and is not drawn.
+    # Of the rig's noise only the displacement's reaches the rotor; the other channels' costs time and is not drawn.
     rig = replace(e.rig, noise=replace(e.rig.noise, force=0.0, current=0.0))
     record = simulate_records([replace(e, rig=rig, periods=periods, transient_periods=0)], threads=1)[0]
-    displacement = record.reshape(len(recorded_channels(e)), axes, -1)[0] * 1e6
+    names = recorded_channels(e)
+    shown = names.index("position" if "position" in names else "displacement")
+    displacement = record.reshape(len(names), axes, -1)[shown] * 1e6
     known = max(1, int(np.isfinite(displacement[0]).sum()))
     displacement = np.nan_to_num(displacement[:, :known])  # a first sample not known: at rest
     if down:  # within the sample after the last reading the rotor is at the wall

@@ -12,7 +12,6 @@ from selfsense.bound import (
     forward_path_cost,
     noise_bandwidth,
     noise_sweep,
-    reading_noise,
     ripple_sensitivity,
 )
 from selfsense.coil import Coil
@@ -88,7 +87,7 @@ def quantised_information(noise):
 def test_half_a_count_of_noise_makes_the_count_a_noise():
     for noise, low, high in ((2.0, 0.999, 1.001), (0.5, 0.98, 1.02), (0.1, 1.5, np.inf)):
         acquisition = Acquisition(bits=10, noise=noise * Acquisition(bits=10).resolution)
-        taken = reading_noise(replace(SENSOR, acquisition=acquisition)) / acquisition.resolution
+        taken = acquisition.reading_noise / acquisition.resolution
         assert low < quantised_information(noise) * taken**2 < high
 
 

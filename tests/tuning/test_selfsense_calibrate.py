@@ -273,6 +273,7 @@ def test_the_lags_interval_covers():
         ("a,b\n1,2\n1,3\n1,4\n", "3 rows with 1 different values of 'a'"),
         ("a,b\n" + "".join(f"{i},{i}\n" for i in range(501)), "501 rows"),
         ("a,b\n1,2\n2,90\n3,4\n4,-7\n", "no three steps lie on a line"),
+        ("a,b\n1,0\n2,1\n3,2\n4,-9\n5,7\n6,-4\n", "no more than 3 of 6 steps lie on a line"),
     ],
 )
 def test_bad_tables_end_with_one_message_and_code_2(tmp_path, text, words):
@@ -289,6 +290,7 @@ def test_bad_tables_end_with_one_message_and_code_2(tmp_path, text, words):
         (["."], "no recording has the channels displacement and gap_estimate"),
         (["still"], "nothing to calibrate with: s.npz: no periodic excitation"),
         (["--rig", "pedestal"], "no coil whose inductance follows the gap"),
+        ([".", "--rig", "hmb_free"], "--rig hmb_free goes with the simulated calibration"),
         (["--out", "no/k.html"], "the folder no does not exist"),
         (["--json", "no/k.json"], "the folder no does not exist"),
     ],

@@ -63,7 +63,8 @@ def test_fine_converters_stay_at_the_cost_of_the_forward_path(made):
     fine = [p for p in data["points"] if p["bits"] in (0, 12, 16)]
     assert len(fine) == 20
     for p in fine:
-        assert p["ratio"] == pytest.approx(data["forward_path_cost"], rel=0.08)
+        # A tenth of an ampere is a third of the ripple: no small noise any more.
+        assert p["ratio"] == pytest.approx(data["forward_path_cost"], rel=0.08 if p["noise"] < 0.1 else 0.15)
 
 
 def test_the_dissertations_rate_stands_beside_the_rigs(made):

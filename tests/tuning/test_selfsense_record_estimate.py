@@ -82,7 +82,7 @@ def test_a_recorded_coil_reads_back_bit_for_bit(tmp_path, data_format):
         assert read[name].values.tobytes() == written[name].values.tobytes()
         assert read[name].attrs == written[name].attrs
     summary = json.loads((tmp_path / "r.json").read_text())
-    assert summary["schema"] == "maglev-selfsense-record/1" and summary["settings"]["seed"] == 4
+    assert summary["schema"] == "maglev-selfsense-record/1" and summary["seed"] == 4
     assert summary["samples"] == 5250 and summary["sample_rate"] == RATE
 
 
@@ -217,6 +217,12 @@ def test_what_looks_odd_is_said(tmp_path, campaign, coil):
     other = recorded_coil(slow, MOTION, 0)
     found = estimated(tmp_path, campaign(**{n: other[n].values for n in coil}))[0]["recordings"][0]
     assert found["pwm_frequency"] == pytest.approx(21e3, abs=10) and "switches at 21 kHz" in found["notes"][0]
+
+
+def test_a_wrong_rate_shows_in_the_pwm_frequency(tmp_path, coil):
+    np.savez(tmp_path / "coil.npz", **coil)
+    text = run("estimate", tmp_path / "coil.npz", "--rate", 100e3, "--out", tmp_path / "k.html", code=2)
+    assert "switches at 9.524 kHz" in text and "check the rate" in text and not (tmp_path / "k.html").exists()
 
 
 def test_several_recordings_and_the_rig_of_the_command_line(tmp_path, coil):

@@ -12,16 +12,18 @@ from tuning.self_sensing.calibrate_report import (
     calibrate_tables,
 )
 from tuning.self_sensing.calibrate_sources import from_campaign, from_csv, simulated
-from tuning.self_sensing.rig_sensor import load_sensor
+from tuning.self_sensing.rig_sensor import DEFAULT_RIG, load_sensor
 
 
-def run(source: Path | None, rig: str, out: Path | None, json_file: Path | None) -> None:
+def run(source: Path | None, rig: str | None, out: Path | None, json_file: Path | None) -> None:
     """See `tuning.cli_selfsense.calibrate`."""
+    if source is not None and rig is not None:
+        raise ValueError(f"--rig {rig} goes with the simulated calibration; {source} is calibrated as it was recorded")
     page = out or Path("selfsense-calibrate.html")
     require_folder(page, "--out")
     require_folder(json_file, "--json")
     if source is None:
-        loaded, sensor = load_sensor(rig)
+        loaded, sensor = load_sensor(rig or DEFAULT_RIG)
         with progress_bar() as bar:
             task = bar.add_task(f"calibrate {loaded.name}", total=2)
             found = simulated(loaded, sensor, lambda: bar.advance(task))

@@ -24,6 +24,7 @@ LOWEST, HIGHEST = (1, 2, 3, 5), 22  # of the sweep, in tenths of the gap at rest
 FUNDAMENTAL, TOP, PEAK, PERIODS = 1.0, 4000.0, 0.2, 8  # Hz, Hz, of the gap at rest, of the simulated SPHS
 _SIGNIFICANT = 3.0  # standard deviations by which the displacement of a line must stand out
 _FEWEST = 3  # lines, or steps
+_BY_CHANCE = 6  # steps from which on three that lie on a line say nothing: in noise some three always may
 _ROWS = 500  # of a table; beyond it the search for the linear range takes minutes
 
 
@@ -129,7 +130,7 @@ def from_csv(path: Path) -> Calibration:
 def widest(x: np.ndarray, y: np.ndarray) -> StaticCalibration:
     """The static calibration whose linear range covers the most of the output, wherever that range lies.
 
-    ValueError when no three points lie on a line.
+    ValueError when no three points lie on a line, or of six or more only three.
     """
     found = []
     for rest in np.unique(np.quantile(x, np.linspace(0, 1, 9), method="nearest")):
@@ -137,7 +138,15 @@ def widest(x: np.ndarray, y: np.ndarray) -> StaticCalibration:
             found.append(static_calibration(x, y, rest=rest))
     if not found:
         raise ValueError("no three steps lie on a line within 1 % of full scale; check the readings")
-    return max(found, key=lambda c: abs(c.gain) * (c.linear_range[1] - c.linear_range[0]))
+    best = max(found, key=lambda c: abs(c.gain) * (c.linear_range[1] - c.linear_range[0]))
+    low, high = best.linear_range
+    steps = np.unique(x)
+    if steps.size >= _BY_CHANCE and np.sum((steps >= low) & (steps <= high)) <= _FEWEST:
+        raise ValueError(
+            f"no more than {_FEWEST} of {steps.size} steps lie on a line within 1 % of full scale, as they do by "
+            "chance; check the readings"
+        )
+    return best
 
 
 def from_campaign(

@@ -32,5 +32,5 @@ def run(
     write_page(page, demodulate_page(found))
     write_json(json_file, demodulate_json(found))
     console.print(demodulate_table(found))
-    console.print(demodulate_summary(found))
-    console.print(f"page  {page}")
+    console.print(demodulate_summary(found), markup=False)
+    console.print(f"page  {page}", markup=False)

@@ -61,11 +61,11 @@ def demodulate_json(d: Demodulation) -> dict[str, Any]:
             "version": version("maglev-workbench"),
             "rig": d.rig.name,
             "sensor": d.sensor,
+            "seed": d.seed,
             "settings": {
                 "frequency": d.frequency,
                 "amplitude": d.amplitude,
                 "duty_swing": d.duty_swing,
-                "seed": d.seed,
             },
             "duty": {
                 name: {

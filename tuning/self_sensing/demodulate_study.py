@@ -80,7 +80,9 @@ def compare(
     if not frequency >= _LOWEST:
         raise ValueError(f"--frequency {frequency:g} Hz: use {_LOWEST:g} Hz or more; slower takes too many samples")
     if not 0 < duty_swing <= _LARGEST_SWING:
-        raise ValueError(f"--duty-swing {duty_swing:g}: the duty varies about one half; use 0 to {_LARGEST_SWING:g}")
+        raise ValueError(
+            f"--duty-swing {duty_swing:g}: the duty varies about one half; use more than 0, up to {_LARGEST_SWING:g}"
+        )
     rate = sensor.acquisition.rate
     settling = ceil(SETTLING * rate)
     periods = max(4, ceil(_SHORTEST * frequency))
@@ -112,8 +114,8 @@ def check_motion(sensor: SelfSensor, frequency: float, amplitude: float) -> None
     highest = sensor.supply.frequency / 10
     if not (isfinite(frequency) and 0 < frequency <= highest):
         raise ValueError(
-            f"--frequency {frequency:g} Hz: use up to a tenth of the PWM frequency, {highest:g} Hz: some PWM periods "
-            "must see one gap"
+            f"--frequency {frequency:g} Hz: use more than 0, up to a tenth of the PWM frequency, {highest:g} Hz: some "
+            "PWM periods must see one gap"
         )
     low, high = sensor.estimator.gap_range
     most = min(sensor.gap - low, high - sensor.gap)

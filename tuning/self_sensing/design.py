@@ -23,5 +23,5 @@ def run(rig: str, lag: float | None, at: float | None, droop: float, out: Path |
     write_page(page, design_page(found))
     write_json(json_file, design_json(found))
     console.print(design_table(found))
-    console.print(design_summary(found))
-    console.print(f"page  {page}")
+    console.print(design_summary(found), markup=False)
+    console.print(f"page  {page}", markup=False)

@@ -7,7 +7,7 @@ from math import sqrt
 import numpy as np
 
 from maglev_env.rig import Rig
-from selfsense.bound import cramer_rao_density, forward_path_cost, noise_sweep, reading_noise
+from selfsense.bound import cramer_rao_density, forward_path_cost, noise_sweep
 from selfsense.design import PIDesign, assess, design_pi, trade_off, with_gains
 from selfsense.linear import tracking
 from selfsense.sensor import Estimator, SelfSensor, samples_and_periods
@@ -73,7 +73,7 @@ def study(
     """
     believed = replace(sensor, coil=sensor.estimator.coil)
     found = design_pi(believed, lag, at, droop)
-    density = cramer_rao_density(sensor) * forward_path_cost(sensor) if reading_noise(sensor) else np.nan
+    density = cramer_rao_density(sensor) * forward_path_cost(sensor) if sensor.acquisition.reading_noise else np.nan
     candidates = [_candidate(sensor, found, lag, at, droop, density)]
     progress()
     missing = []

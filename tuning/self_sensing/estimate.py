@@ -20,8 +20,7 @@ from tuning.self_sensing.estimate_report import (
     stretch_lines,
 )
 from tuning.self_sensing.recorded_coils import Coil, SensedCoil, coils_of, read_coil, sense
-
-DEFAULT_RIG = "hmb_free"
+from tuning.self_sensing.rig_sensor import DEFAULT_RIG
 
 
 @dataclass(frozen=True)
@@ -67,6 +66,8 @@ def run(
         for line in stretch_lines(coil):
             console.print(f"  {line}", highlight=False, markup=False)
     console.print(estimate_summary(loaded, found), markup=False)
+    if not rig and not campaign.rig:
+        console.print(f"no rig is named: the coil of {DEFAULT_RIG} is assumed; name yours with --rig", markup=False)
     for file in files:
         console.print(f"gap   {file}", markup=False)
     console.print(f"page  {page}", markup=False)

@@ -2,8 +2,6 @@
 
 from pathlib import Path
 
-from rich.markup import escape
-
 from tuning.output import console, progress_bar, require_folder, write_json
 from tuning.page import write_page
 from tuning.self_sensing.levitate_experiments import SEEDS, compare, map_plan
@@ -25,5 +23,5 @@ def run(rig: str, points: int, seed: int, threads: int | None, out: Path | None,
     write_page(page, levitate_page(found))
     write_json(json_file, levitate_json(found))
     console.print(levitate_table(found))
-    console.print(escape(levitate_summary(found)))
-    console.print(f"page  {page}")
+    console.print(levitate_summary(found), markup=False)
+    console.print(f"page  {page}", markup=False)

@@ -21,5 +21,5 @@ def run(rig: str, seed: int, out: Path | None, json_file: Path | None) -> None:
     write_page(page, noise_page(found))
     write_json(json_file, noise_json(found))
     console.print(noise_table(found))
-    console.print(noise_summary(found))
-    console.print(f"page  {page}")
+    console.print(noise_summary(found), markup=False)
+    console.print(f"page  {page}", markup=False)

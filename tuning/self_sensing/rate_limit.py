@@ -21,5 +21,5 @@ def run(rig: str, out: Path | None, json_file: Path | None) -> None:
     write_page(page, rate_page(found))
     write_json(json_file, rate_json(found))
     console.print(rate_table(found))
-    console.print(rate_summary(found))
-    console.print(f"page  {page}")
+    console.print(rate_summary(found), markup=False)
+    console.print(f"page  {page}", markup=False)

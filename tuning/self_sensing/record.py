@@ -57,14 +57,17 @@ def run(rig: str, motion: Motion, seed: int, data_format: str, out: Path, json_f
         toml = write_campaign(out, rig, {}, [(NAME, "fit", dataset, None)], data_format)
         bar.advance(task)
     samples, rate = dataset.sizes["time"], sensor.acquisition.rate
-    console.print(f"{samples} samples of {loaded.name}'s coil at {rate / 1e3:g} kHz, {reading_text(sensor)}")
-    console.print(f"campaign  {toml}\nnext      maglev selfsense estimate {out}")
+    console.print(
+        f"{samples} samples of {loaded.name}'s coil at {rate / 1e3:g} kHz, {reading_text(sensor)}", markup=False
+    )
+    console.print(f"campaign  {toml}\nnext      maglev selfsense estimate {out}", markup=False)
     summary = {
         "schema": "maglev-selfsense-record/1",
         "version": version("maglev-workbench"),
         "rig": loaded.name,
         "sensor": sensor,
-        "settings": {**asdict(motion), "seed": seed, "format": data_format},
+        "seed": seed,
+        "settings": {**asdict(motion), "format": data_format},
         "campaign": str(toml),
         "samples": samples,
         "sample_rate": rate,

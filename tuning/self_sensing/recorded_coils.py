@@ -18,6 +18,7 @@ from selfsense.sensor import SelfSensor
 SUFFIXES = ("", *suffixes(2))
 _FINEST = 40  # samples per PWM period: gains designed for more differ by a few percent
 _OTHER_PWM, _OTHER_VOLTAGE = 0.02, 0.2  # shares by which a recording differs from the rig noticeably
+_ANOTHER_RIG = 0.5  # share by which the PWM frequency of a wrong rate or rig differs
 
 
 @dataclass(frozen=True)
@@ -81,7 +82,8 @@ def coils_of(campaign: Campaign, spec: RecordingSpec) -> list[Coil]:
             missing, there = ("voltage", "current") if named[0] else ("current", "voltage")
             raise ValueError(
                 f"{path}: there is a channel {there}{suffix}, but no {missing}{suffix}: the gap needs the coil's "
-                "current and its switching voltage; name both under [recording.channels]"
+                "current and its switching voltage; name both under [recording.channels] (`maglev selfsense record` "
+                "simulates such a recording)"
             )
     if not found:
         raise ValueError(f"{path}: there are no channels current and voltage: the gap needs both, of one coil")
@@ -107,7 +109,10 @@ def read_coil(campaign: Campaign, coil: Coil) -> Signals:
 
 
 def sense(coil: Coil, signals: Signals, rig: Rig, voltage_sampling: Literal["mean", "point"]) -> SensedCoil:
-    """The gap in a coil's signals by the estimator of its axis of a rig. ValueError as `estimate_recorded`."""
+    """The gap in a coil's signals by the estimator of its axis of a rig.
+
+    ValueError as `estimate_recorded`, or when the PWM frequencies of recording and rig differ by more than half.
+    """
     rate = coil.spec.sample_rate
     sensor = sensor_at(rig, rate)[SUFFIXES[1:].index(coil.suffix) if coil.suffix and rig.axes == 2 else 0]
     own = rig.self_sensing
@@ -115,6 +120,12 @@ def sense(coil: Coil, signals: Signals, rig: Rig, voltage_sampling: Literal["mea
     gap = estimate_recorded(
         signals.current, signals.voltage, rate, sensor.estimator, sensor.gap, current_range, voltage_sampling
     )
+    if abs(gap.pwm_frequency / own.pwm_frequency - 1) > _ANOTHER_RIG:
+        raise ValueError(
+            f"the voltage switches at {gap.pwm_frequency / 1e3:.4g} kHz if the sample rate is {rate:g} Hz, "
+            f"rig {rig.name} at {own.pwm_frequency / 1e3:g} kHz: check the rate, or name the rig that was "
+            "recorded with --rig"
+        )
     comparison = _compare(gap, signals, sensor)
     return SensedCoil(coil, signals, sensor, gap, comparison, _notes(gap, signals, sensor, comparison))
 

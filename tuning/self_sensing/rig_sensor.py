@@ -10,6 +10,7 @@ from maglev_env.rig import Rig, load_rig
 from selfsense.sensor import SelfSensor
 from tuning.page import rig_facts
 
+DEFAULT_RIG = "hmb_free"
 DISSERTATION_RATE = 250e3  # Hz
 
 

@@ -22,5 +22,5 @@ def run(rig: str, seed: int, out: Path | None, json_file: Path | None) -> None:
     write_page(page, rivals_page(found))
     write_json(json_file, rivals_json(found))
     console.print(rivals_table(found))
-    console.print(rivals_summary(found))
-    console.print(f"page  {page}")
+    console.print(rivals_summary(found), markup=False)
+    console.print(f"page  {page}", markup=False)

@@ -2,8 +2,6 @@
 
 from pathlib import Path
 
-from rich.markup import escape
-
 from tuning.output import console, progress_bar, require_folder, write_json
 from tuning.page import write_page
 from tuning.self_sensing.rig_sensor import load_sensor
@@ -29,5 +27,5 @@ def run(rig: str, seed: int, threads: int | None, out: Path | None, json_file: P
     write_page(page, robustness_page(found))
     write_json(json_file, robustness_json(found))
     console.print(robustness_table(found))
-    console.print(escape(robustness_summary(found)))
-    console.print(f"page  {page}")
+    console.print(robustness_summary(found), markup=False)
+    console.print(f"page  {page}", markup=False)
