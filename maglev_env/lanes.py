@@ -2,7 +2,6 @@
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from fractions import Fraction
 
 import numpy as np
 from scipy.linalg import expm
@@ -16,10 +15,7 @@ from maglev_env.kernel_rows import axis_rows, filter_row
 from maglev_env.magnetics import SingleSidedLaw, force_law, linearise
 from maglev_env.planar import NO_CROSS
 from maglev_env.rig import Rig
-from selfsense import kernel_rows as sensing
-from selfsense.kernel_pieces import SensorStructure
-from selfsense.sensor import samples_and_periods, sensor_rows
-from selfsense.sensor import structure_of as sensor_structure
+from maglev_env.sensing_lanes import sensed_structure, sensing_rows, timing_of
 
 SEEDED = ("displacement", "current", "force")  # noise channels, each with a stream of its own
 
@@ -58,37 +54,8 @@ def structure_of(experiment: Experiment) -> Structure:
         controller_order=max((max(1, f.order) for f in filters), default=0),
         axes=len(axes),
         coupled=experiment.rig.cross != NO_CROSS,
-        sensed=_common_sensor([sensor_structure(sensor, regulated=True) for sensor in sensors]),
+        sensed=sensed_structure(sensors),
     )
-
-
-def timing_of(experiment: Experiment, substeps: int = 1) -> tuple[int, int, int, int]:
-    """So many current samples of the self-sensors in so many substeps, so many in so many PWM periods; zeros without.
-
-    ValueError when the rates are in no ratio of small whole numbers.
-    """
-    if experiment.sensor == "probe":
-        return 0, 1, 1, 1
-    first, *others = ((s.acquisition.rate, samples_and_periods(s)) for s in self_sensors(experiment))
-    if any(other != first for other in others):
-        raise ValueError("self-sensing: both axes need the same sample rate and PWM frequency")
-    rate, cycle = first
-    per_substep = Fraction(rate / (experiment.rig.control_rate * substeps)).limit_denominator(1000)
-    if abs(float(per_substep) * experiment.rig.control_rate * substeps / rate - 1) > 1e-9:
-        raise ValueError(
-            f"self-sensing: its sample rate {rate:g} Hz and the control rate {experiment.rig.control_rate:g} Hz are in "
-            "no ratio of whole numbers below 1,000; change one of them"
-        )
-    return per_substep.numerator, per_substep.denominator, *cycle
-
-
-def _common_sensor(structures: Sequence[SensorStructure]) -> SensorStructure | None:
-    """What both axes' sensors need: what one of them has not, its constants make naught of."""
-    if not structures:
-        return None
-    if len({(s.rms, s.emf, s.adc) for s in structures}) > 1:
-        raise ValueError("self-sensing: both axes need the same kind of forward path, coil model and converter")
-    return SensorStructure(*(any(column) for column in zip(*(vars(s).values() for s in structures), strict=True)))
 
 
 def _magnets(rig: Rig) -> str:
@@ -133,13 +100,7 @@ def lane_batch(experiments: Sequence[Experiment], substeps: int = 1) -> LaneBatc
         nearest = np.minimum(parts[0][k.LIMIT_SQ], parts[1][k.LIMIT_SQ])
         parts[0][k.LIMIT_SQ] = parts[1][k.LIMIT_SQ] = nearest
     if structure.sensed:
-        sensors = [self_sensors(e) for e in experiments]
-        for axis, own in enumerate(views):
-            rows = sensor_rows([pair[axis] for pair in sensors])
-            rows[sensing.GAP] = parts[axis][k.GAP]
-            rows[sensing.REST_CURRENT] = [force_law(e.rig).bias_current for e in own]
-            parts[axis][k.Z1] = rows[sensing.SHIFT]
-            parts.append(rows)
+        parts += [sensing_rows(own, rows) for own, rows in zip(views, parts, strict=True)]
     history = 1 << int(np.ceil(np.log2(whole.max() + 2)))
     timing = np.array(timing_of(experiments[0], substeps))
     return LaneBatch(structure, np.concatenate(parts), np.array(seeds), history, timing)

@@ -101,13 +101,19 @@ def largest_gap(sensor: SelfSensor) -> float:
 
 def samples_and_periods(sensor: SelfSensor) -> tuple[int, int]:
     """The smallest whole numbers of samples and PWM periods that last equally long; ValueError above 10,000 samples."""
-    ratio = Fraction(sensor.acquisition.rate / sensor.supply.frequency).limit_denominator(1000)
-    if abs(float(ratio) * sensor.supply.frequency / sensor.acquisition.rate - 1) > 1e-9 or ratio.numerator > 10_000:
+    ratio = whole_ratio(sensor.acquisition.rate, sensor.supply.frequency)
+    if ratio is None or ratio[0] > 10_000:
         raise ValueError(
             f"acquisition: rate = {sensor.acquisition.rate:g} Hz and the PWM frequency {sensor.supply.frequency:g} Hz "
             "are in no ratio of whole numbers below 1,000; choose, say, 250 kHz for 25 kHz"
         )
-    return ratio.numerator, ratio.denominator
+    return ratio
+
+
+def whole_ratio(rate: float, other: float) -> tuple[int, int] | None:
+    """rate / other as whole numbers, the second at most 1,000, to 1e-9; None where it is none."""
+    ratio = Fraction(rate / other).limit_denominator(1000)
+    return ratio.as_integer_ratio() if abs(float(ratio) * other / rate - 1) <= 1e-9 else None
 
 
 def structure_of(sensor: SelfSensor, regulated: bool) -> SensorStructure:
