@@ -32,15 +32,12 @@ def kernel(structure: SensorStructure, outputs: int) -> Callable[..., None]:
     (samples, LANES), of which those count at which a PWM period begins: -1 .. 1, or with a regulator the current (A)
     at that period's end. out (outputs, samples // every, LANES): every so many samples, counted from sample 0.
     """
-    rms, emf, core, dead, adc, noise, drifting, regulated = vars(structure).values()
-    return _make(rms, emf, core, dead, adc, noise, drifting, regulated, outputs)
+    return _make(structure, outputs)
 
 
-def _make(rms, emf, core, dead, adc, noise, drifting, regulated, outputs):
-    sources = SOURCES
-    switch, advance, advance_across, read, _ = sensor_pieces(
-        0, SensorStructure(rms, emf, core, dead, adc, noise, drifting, regulated)
-    )
+def _make(structure, outputs):
+    sources, drifting = SOURCES, structure.drifting
+    switch, advance, advance_across, read, _ = sensor_pieces(0, structure)
 
     @nb.njit(fastmath=FAST, error_model="numpy", nogil=True, cache=True)
     def step(x, seeds, first_sample, samples, per_cycle, cycle, every, gap, drive, out):

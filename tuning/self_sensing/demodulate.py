@@ -2,8 +2,6 @@
 
 from pathlib import Path
 
-from tuning.output import console, require_folder, write_json
-from tuning.page import write_page
 from tuning.self_sensing.demodulate_report import (
     demodulate_json,
     demodulate_page,
@@ -11,6 +9,7 @@ from tuning.self_sensing.demodulate_report import (
     demodulate_table,
 )
 from tuning.self_sensing.demodulate_study import compare
+from tuning.self_sensing.results import page_file, publish
 from tuning.self_sensing.rig_sensor import load_sensor
 
 
@@ -25,12 +24,13 @@ def run(
 ) -> None:
     """See `tuning.cli_selfsense.demodulate`."""
     loaded, sensor = load_sensor(rig)
-    page = out or Path("selfsense-demodulate.html")
-    require_folder(page, "--out")
-    require_folder(json_file, "--json")
+    page = page_file(out, "demodulate", json_file)
     found = compare(loaded, sensor, frequency, amplitude, duty_swing, seed)
-    write_page(page, demodulate_page(found))
-    write_json(json_file, demodulate_json(found))
-    console.print(demodulate_table(found))
-    console.print(demodulate_summary(found), markup=False)
-    console.print(f"page  {page}", markup=False)
+    publish(
+        page,
+        demodulate_page(found),
+        json_file,
+        demodulate_json(found),
+        demodulate_table(found),
+        demodulate_summary(found),
+    )

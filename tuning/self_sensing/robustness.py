@@ -2,8 +2,8 @@
 
 from pathlib import Path
 
-from tuning.output import console, progress_bar, require_folder, write_json
-from tuning.page import write_page
+from tuning.output import progress_bar
+from tuning.self_sensing.results import page_file, publish
 from tuning.self_sensing.rig_sensor import load_sensor
 from tuning.self_sensing.robustness_experiments import SEEDS, measure_robustness, plan_robustness
 from tuning.self_sensing.robustness_report import (
@@ -18,14 +18,15 @@ def run(rig: str, seed: int, threads: int | None, out: Path | None, json_file: P
     """See `tuning.cli_selfsense.robustness`."""
     loaded, _ = load_sensor(rig)
     plan = plan_robustness(loaded)
-    page = out or Path("selfsense-robustness.html")
-    require_folder(page, "--out")
-    require_folder(json_file, "--json")
+    page = page_file(out, "robustness", json_file)
     with progress_bar() as bar:
         task = bar.add_task(f"robustness {loaded.name}", total=2 * SEEDS * len(plan.tables[0]))
         found = measure_robustness(plan, seed, threads, lambda n: bar.advance(task, n))
-    write_page(page, robustness_page(found))
-    write_json(json_file, robustness_json(found))
-    console.print(robustness_table(found))
-    console.print(robustness_summary(found), markup=False)
-    console.print(f"page  {page}", markup=False)
+    publish(
+        page,
+        robustness_page(found),
+        json_file,
+        robustness_json(found),
+        robustness_table(found),
+        robustness_summary(found),
+    )
