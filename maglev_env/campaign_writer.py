@@ -84,7 +84,9 @@ def _check(recordings: Sequence[tuple[str, str, "xr.Dataset", Experiment | None]
 def _recording(file: str, role: str, dataset: "xr.Dataset", experiment: Experiment | None) -> list[str]:
     rate = float(dataset.attrs["sample_rate"])
     head = {"file": file, "role": role, "sample_rate": rate, "start": 0}
-    lines = _table("[[recording]]", head if experiment is None else {**head, "intersample": "zoh"})
+    if experiment is not None:
+        head |= {"intersample": "zoh"} | ({"speed_rpm": experiment.speed_rpm} if experiment.speed_rpm else {})
+    lines = _table("[[recording]]", head)
     if experiment is not None and experiment.rig.controlled:
         lines += _controllers(experiment.gains)
     for excitation in (Excitation("none"),) if experiment is None else experiment.excitations:

@@ -6,8 +6,8 @@ from math import inf
 
 import numpy as np
 
-from maglev_env.effects import NO_EFFECTS, Effects, check_effects, effect_value
-from maglev_env.excitation import Excitation, axis_excitations, check_interleaved
+from maglev_env.effects import EFFECTS, NO_EFFECTS, Effects, check_effects, effect_value
+from maglev_env.excitation import Excitation, axis_excitations, check_interleaved, is_number
 from maglev_env.gains import NO_CONTROLLER, Controllers, of_axis
 from maglev_env.planar import suffixes
 from maglev_env.rig import Rig, axis_rig
@@ -28,7 +28,9 @@ class Experiment:
     many are kept, after transient_periods that are dropped. offset: static reference, m, in x on an x-y rig. seed: of
     every noise channel. sample_rate: of the recording, Hz: the control rate (None), or an integer multiple or fraction.
     sensor: what reads the displacement: "probe", "self_sensing" by the rig's own coils (see `self_sensing`), or a
-    self-sensor for each axis. Raises ValueError when the parts do not fit together.
+    self-sensor for each axis. speed_rpm: of rotation, 1/min.
+    effects: the rig's own are added to those given, but for one of the same name; they stay when `replace` changes the
+    rig. Raises ValueError when the parts do not fit together.
     """
 
     rig: Rig
@@ -41,9 +43,13 @@ class Experiment:
     seed: int | tuple[int, ...] = 0
     sample_rate: float | None = None
     sensor: str | tuple[SelfSensor, ...] = "probe"
+    speed_rpm: float = 0.0
 
     def __post_init__(self) -> None:
-        check_effects(self.effects)
+        object.__setattr__(self, "effects", {**self.rig.effects, **self.effects})
+        check_effects(self.effects, self.rig)
+        if not is_number(self.speed_rpm) or self.speed_rpm < 0:
+            raise ValueError(f"experiment: speed_rpm = {self.speed_rpm!r} must be a number, at least 0")
         self._check_sensor()
         check_interleaved(self.excitations)
         if not self.rig.controlled and any(e.at != "force" for e in self.excitations):
@@ -83,7 +89,7 @@ class Experiment:
             )
         if self.sensor == "probe":
             return
-        for name in ("sensor_gain", "sensor_lag"):
+        for name in ("sensor_gain", "sensor_lag", "sensor_resonance", "runout", "pickup"):
             if name in self.effects:
                 raise ValueError(f"effect {name} is the probe's: it has no meaning with self-sensing; leave it out")
         for sensor in self_sensors(self):
@@ -192,7 +198,8 @@ def axis_experiment(e: Experiment, axis: int) -> Experiment:
     offset = e.offset if axis == 0 else 0.0
     sensor = e.sensor[axis : axis + 1] if isinstance(e.sensor, tuple) else e.sensor
     rig = axis_rig(e.rig, axis)
-    return replace(e, rig=rig, gains=gains, excitations=own, seed=seed, offset=offset, sensor=sensor)
+    effects = {name: values for name, values in e.effects.items() if "two_axes" not in EFFECTS[name].needs}
+    return replace(e, rig=rig, gains=gains, excitations=own, effects=effects, seed=seed, offset=offset, sensor=sensor)
 
 
 def protocol_experiment(

@@ -14,15 +14,17 @@ from pathlib import Path
 import numba as nb
 import numpy as np
 
-from maglev_env import kernel_pieces, kernel_rows
+from maglev_env import effect_rows, kernel_effects, kernel_pieces, kernel_rows
 from selfsense import kernel_pieces as sensor_source
 from selfsense import kernel_rows as sensor_rows
 from selfsense import noise as noise_source
+from maglev_env.effect_rows import COMMAND_ROWS, command_row
+from maglev_env.kernel_effects import effect_pieces, move_piece, reading_pieces
 from maglev_env.kernel_pieces import axis_pieces, sensing_pieces
 from maglev_env.kernel_rows import (
     ACTING, ALIVE, ARRIVED, CHAIN_ROWS, COUNT_MAX, CROSS_SENSOR, CURRENT_SQ, D, DECAY_D, DECAY_I, DELAY_STEPS, ERROR,
     KD, KI, KP, LANES, LIMIT_SQ, NOISE, PEAK_SQ, PER_COUNT, PER_MASS, PER_U_COUNT, PROBE_COUNTS, RAW, SENSED, STEPS, U,
-    U_COUNT, U_COUNT_MAX, U_OLD, V, X1, X2, XI, Y, Z1, Z2, axis_rows, filter_row,
+    U_COUNT, U_COUNT_MAX, U_OLD, V, X1, X2, XI, Y, Z1, Z2, axis_rows, effect_row, filter_row,
 )  # fmt: skip
 from selfsense.kernel_pieces import SensorStructure, sensor_pieces
 from selfsense.kernel_rows import GAP as COIL_GAP
@@ -31,7 +33,7 @@ from selfsense.noise import FAST, normal
 
 W = LANES
 # The compiler's disk cache looks at this file alone; naming what it was compiled from keeps it from serving stale code.
-_PARTS = (kernel_pieces, kernel_rows, noise_source, sensor_source, sensor_rows)
+_PARTS = (kernel_pieces, kernel_rows, kernel_effects, effect_rows, noise_source, sensor_source, sensor_rows)
 SOURCES = int(sha256(b"".join(Path(part.__file__).read_bytes() for part in _PARTS)).hexdigest()[:15], 16)
 # Output channels of a block, per sample and axis; with self-sensing the true position stands before the current.
 DISPLACEMENT, COMMAND, POSITION = range(3)
@@ -42,8 +44,9 @@ TILE = 8
 @dataclass(frozen=True)
 class Structure:
     """What is compiled in: magnets ("gap" or "magnet" for a pair by its flux path, "none"), support, poles per chain,
-    delay, converters, noise, order of a linear controller (0: the PID), axes, whether anything couples them, and
-    self-sensors in the probes' place."""
+    delay, converters, noise, order of a linear controller (0: the PID), axes, whether anything couples them,
+    self-sensors in the probes' place, fields that saturate, and whether all the other effects are there at once, two
+    poles in each chain and a delay among them (a lane without one carries neutral constants)."""
 
     magnets: str
     supported: bool
@@ -57,6 +60,8 @@ class Structure:
     axes: int = 1
     coupled: bool = False
     sensed: SensorStructure | None = None
+    saturating: bool = False
+    flexible: bool = False
 
     @property
     def channels(self) -> tuple[str, ...]:
@@ -79,11 +84,11 @@ def kernel(structure: Structure, outputs: int, substeps: int = 1, oversampled: b
 
 def _make(
     magnets, supported, sensor_poles, actuator_poles, delayed, adc, dac, noise, controller_order, axes, coupled, sensed,
-    outputs, substeps, oversampled,
+    saturating, flexible, outputs, substeps, oversampled,
 ):  # fmt: skip
     sixth, sources = 1.0 / 6.0, SOURCES
     controlled, planar = magnets != "none", axes == 2
-    rows = axis_rows(substeps, controller_order)
+    rows, effects = axis_rows(substeps, controller_order, flexible), effect_row(substeps, controller_order)
     size, filter_start = rows * W, filter_row(substeps) * W  # of one axis
     rate = substeps if oversampled else 1  # samples written per control sample
     width = axes * outputs * W
@@ -92,14 +97,20 @@ def _make(
     current_at = POSITION + sensing
     own, own_2 = axes * rows, axes * rows + SENSOR_ROWS  # where the self-sensors' rows begin
     drifting = sensing and sensed.drifting
-    kind = (magnets, supported, sensor_poles, actuator_poles, delayed)
+    kind = (magnets, supported, sensor_poles, actuator_poles, delayed, saturating, flexible, effects)
     currents, pull, drag, probe, push, sway, beside = axis_pieces(0, rows, *kind)
     currents_2, pull_2, drag_2, probe_2, push_2, sway_2, beside_2 = axis_pieces(rows, 0, *kind)
     sensor = sensed or SensorStructure(*[False] * len(fields(SensorStructure)))
     switch, advance, across, read, _ = sensor_pieces(own, sensor)
     switch_2, advance_2, across_2, read_2, _ = sensor_pieces(own_2, sensor)
-    begin, gap, target, show = sensing_pieces(0, own, actuator_poles, delayed)
-    begin_2, gap_2, target_2, show_2 = sensing_pieces(rows, own_2, actuator_poles, delayed)
+    begin, gap, target, show = sensing_pieces(0, own, actuator_poles, delayed, flexible, effects)
+    begin_2, gap_2, target_2, show_2 = sensing_pieces(rows, own_2, actuator_poles, delayed, flexible, effects)
+    tone, coil = reading_pieces(effects)
+    move = move_piece(
+        effect_pieces(effects, controlled), (pull, drag, push, sway), size, planar, coupled, sensing
+    )  # fmt: skip
+    changing = (effects + effect_rows.COMMAND) * W  # where rows of the commands that a substep has for itself are put
+    kept, per_substep = (effects + command_row(0)) * W, COMMAND_ROWS * W
 
     @nb.njit(fastmath=FAST, error_model="numpy", nogil=True, cache=True)
     def step(x, seeds, history, first_step, timing, force, injection, reference, tile, out):
@@ -125,6 +136,8 @@ def _make(
                     inject, ref = injection[a * samples + t], reference[a * samples + t]
                     for i in range(W):
                         sensed = x[b + (SENSED if coupled else seen) * W + i]
+                        if flexible and not sensing:
+                            sensed = sensed + tone(x, b, i)
                         if noise:
                             sensed = sensed + x[b + NOISE * W + i] * normal(seeds[a * W + i], count)
                         counts = sensed * x[b + PROBE_COUNTS * W + i]
@@ -184,7 +197,9 @@ def _make(
                             x[b + ACTING * W + i] = history[h + (behind & mask) * W + i]
                             x[b + U_OLD * W + i] = history[h + ((behind - 1) & mask) * W + i]
                     for i in range(W):
-                        if actuator_poles == 2:
+                        if flexible:
+                            current = coil(x, b, i, s)
+                        elif actuator_poles == 2:
                             current = x[b + X2 * W + i]
                         elif actuator_poles == 1:
                             current = x[b + X1 * W + i]
@@ -209,85 +224,92 @@ def _make(
                         begin(x, i)
                         if planar:
                             begin_2(x, i)
-                # Nystrom, 4th order: the middle stages share a position, so the magnets are evaluated thrice.
-                for i in range(W):
-                    y, v = x[Y * W + i], x[V * W + i]
-                    f = force_now * x[PER_MASS * W + i]
-                    c0, c1, c2, n1, n2 = currents(x, row, i)
-                    a1 = pull(x, i, y, c0) + f - drag(x, i, v)
-                    if planar:
-                        y_2, v_2 = x[size + Y * W + i], x[size + V * W + i]
-                        f_2 = force_now_2 * x[size + PER_MASS * W + i]
-                        c0_2, c1_2, c2_2, n1_2, n2_2 = currents_2(x, row, i)
-                        a1_2 = pull_2(x, i, y_2, c0_2) + f_2 - drag_2(x, i, v_2)
-                    if coupled:
-                        a1 = a1 + push(x, i, y_2, c0_2) - sway(x, i, v_2)
-                        a1_2 = a1_2 + push_2(x, i, y, c0) - sway_2(x, i, v)
-                    ym = y + 0.5 * v + 0.125 * a1
-                    held = pull(x, i, ym, c1) + f
-                    a2 = held - drag(x, i, v + 0.5 * a1)
-                    if planar:
-                        ym_2 = y_2 + 0.5 * v_2 + 0.125 * a1_2
-                        held_2 = pull_2(x, i, ym_2, c1_2) + f_2
-                        a2_2 = held_2 - drag_2(x, i, v_2 + 0.5 * a1_2)
-                    if coupled:
-                        pushed, pushed_2 = push(x, i, ym_2, c1_2), push_2(x, i, ym, c1)
-                        held, held_2 = held + pushed, held_2 + pushed_2
-                        a2 = a2 + pushed - sway(x, i, v_2 + 0.5 * a1_2)
-                        a2_2 = a2_2 + pushed_2 - sway_2(x, i, v + 0.5 * a1)
-                    a3 = held - drag(x, i, v + 0.5 * a2)
-                    if planar:
-                        a3_2 = held_2 - drag_2(x, i, v_2 + 0.5 * a2_2)
-                    if coupled:
-                        a3 = a3 - sway(x, i, v_2 + 0.5 * a2_2)
-                        a3_2 = a3_2 - sway_2(x, i, v + 0.5 * a2)
-                    ye = y + v + 0.5 * a3
-                    a4 = pull(x, i, ye, c2) + f - drag(x, i, v + a3)
-                    if planar:
-                        ye_2 = y_2 + v_2 + 0.5 * a3_2
-                        a4_2 = pull_2(x, i, ye_2, c2_2) + f_2 - drag_2(x, i, v_2 + a3_2)
-                    if coupled:
-                        a4 = a4 + push(x, i, ye_2, c2_2) - sway(x, i, v_2 + a3_2)
-                        a4_2 = a4_2 + push_2(x, i, ye, c2) - sway_2(x, i, v + a3)
-                    y1, v1 = y + v + (a1 + a2 + a3) * sixth, v + (a1 + 2.0 * (a2 + a3) + a4) * sixth
-                    reach = y1 * y1
-                    if planar:
-                        y1_2 = y_2 + v_2 + (a1_2 + a2_2 + a3_2) * sixth
-                        v1_2 = v_2 + (a1_2 + 2.0 * (a2_2 + a3_2) + a4_2) * sixth
-                        reach = reach + y1_2 * y1_2
-                    # A lane that touches down stays where it was: nothing beyond the clearance is simulated.
-                    alive = x[ALIVE * W + i] if reach < x[LIMIT_SQ * W + i] else 0.0
-                    x[ALIVE * W + i] = alive
-                    x[STEPS * W + i] += alive
-                    # Both probes see the currents from which the step began.
-                    z1, z2 = probe(x, row, i, y, v, y1, v1)
-                    if planar:
-                        z1_2, z2_2 = probe_2(x, row, i, y_2, v_2, y1_2, v1_2)
-                    if coupled:
-                        w1, w2 = beside(x, row, i)
-                        w1_2, w2_2 = beside_2(x, row, i)
-                        z1, z2, z1_2, z2_2 = z1 + w1, z2 + w2, z1_2 + w1_2, z2_2 + w2_2
-                    if sensor_poles >= 1:
-                        x[Z1 * W + i] = z1
-                    if sensor_poles == 2:
-                        x[Z2 * W + i] = z2
-                    if actuator_poles >= 1:
-                        x[X1 * W + i] = n1
-                    if actuator_poles == 2:
-                        x[X2 * W + i] = n2
-                    x[Y * W + i] = y1 if alive > 0.0 else y
-                    x[V * W + i] = v1 * alive
-                    if planar:
+                if flexible and substeps > 1:
+                    for a in range(axes):
+                        for j in range(per_substep):
+                            x[a * size + changing + j] = x[a * size + kept + s * per_substep + j]
+                if flexible:
+                    move(x, force_now, force_now_2)
+                else:
+                    # Nystrom, 4th order: the middle stages share a position, so the magnets are evaluated thrice.
+                    for i in range(W):
+                        y, v = x[Y * W + i], x[V * W + i]
+                        f = force_now * x[PER_MASS * W + i]
+                        c0, c1, c2, n1, n2 = currents(x, row, i)
+                        a1 = pull(x, i, y, c0) + f - drag(x, i, v)
+                        if planar:
+                            y_2, v_2 = x[size + Y * W + i], x[size + V * W + i]
+                            f_2 = force_now_2 * x[size + PER_MASS * W + i]
+                            c0_2, c1_2, c2_2, n1_2, n2_2 = currents_2(x, row, i)
+                            a1_2 = pull_2(x, i, y_2, c0_2) + f_2 - drag_2(x, i, v_2)
+                        if coupled:
+                            a1 = a1 + push(x, i, y_2, c0_2) - sway(x, i, v_2)
+                            a1_2 = a1_2 + push_2(x, i, y, c0) - sway_2(x, i, v)
+                        ym = y + 0.5 * v + 0.125 * a1
+                        held = pull(x, i, ym, c1) + f
+                        a2 = held - drag(x, i, v + 0.5 * a1)
+                        if planar:
+                            ym_2 = y_2 + 0.5 * v_2 + 0.125 * a1_2
+                            held_2 = pull_2(x, i, ym_2, c1_2) + f_2
+                            a2_2 = held_2 - drag_2(x, i, v_2 + 0.5 * a1_2)
+                        if coupled:
+                            pushed, pushed_2 = push(x, i, ym_2, c1_2), push_2(x, i, ym, c1)
+                            held, held_2 = held + pushed, held_2 + pushed_2
+                            a2 = a2 + pushed - sway(x, i, v_2 + 0.5 * a1_2)
+                            a2_2 = a2_2 + pushed_2 - sway_2(x, i, v + 0.5 * a1)
+                        a3 = held - drag(x, i, v + 0.5 * a2)
+                        if planar:
+                            a3_2 = held_2 - drag_2(x, i, v_2 + 0.5 * a2_2)
+                        if coupled:
+                            a3 = a3 - sway(x, i, v_2 + 0.5 * a2_2)
+                            a3_2 = a3_2 - sway_2(x, i, v + 0.5 * a2)
+                        ye = y + v + 0.5 * a3
+                        a4 = pull(x, i, ye, c2) + f - drag(x, i, v + a3)
+                        if planar:
+                            ye_2 = y_2 + v_2 + 0.5 * a3_2
+                            a4_2 = pull_2(x, i, ye_2, c2_2) + f_2 - drag_2(x, i, v_2 + a3_2)
+                        if coupled:
+                            a4 = a4 + push(x, i, ye_2, c2_2) - sway(x, i, v_2 + a3_2)
+                            a4_2 = a4_2 + push_2(x, i, ye, c2) - sway_2(x, i, v + a3)
+                        y1, v1 = y + v + (a1 + a2 + a3) * sixth, v + (a1 + 2.0 * (a2 + a3) + a4) * sixth
+                        reach = y1 * y1
+                        if planar:
+                            y1_2 = y_2 + v_2 + (a1_2 + a2_2 + a3_2) * sixth
+                            v1_2 = v_2 + (a1_2 + 2.0 * (a2_2 + a3_2) + a4_2) * sixth
+                            reach = reach + y1_2 * y1_2
+                        # A lane that touches down stays where it was: nothing beyond the clearance is simulated.
+                        alive = x[ALIVE * W + i] if reach < x[LIMIT_SQ * W + i] else 0.0
+                        x[ALIVE * W + i] = alive
+                        x[STEPS * W + i] += alive
+                        # Both probes see the currents from which the step began.
+                        z1, z2 = probe(x, row, i, y, v, y1, v1)
+                        if planar:
+                            z1_2, z2_2 = probe_2(x, row, i, y_2, v_2, y1_2, v1_2)
+                        if coupled:
+                            w1, w2 = beside(x, row, i)
+                            w1_2, w2_2 = beside_2(x, row, i)
+                            z1, z2, z1_2, z2_2 = z1 + w1, z2 + w2, z1_2 + w1_2, z2_2 + w2_2
                         if sensor_poles >= 1:
-                            x[size + Z1 * W + i] = z1_2
+                            x[Z1 * W + i] = z1
                         if sensor_poles == 2:
-                            x[size + Z2 * W + i] = z2_2
+                            x[Z2 * W + i] = z2
                         if actuator_poles >= 1:
-                            x[size + X1 * W + i] = n1_2
+                            x[X1 * W + i] = n1
                         if actuator_poles == 2:
-                            x[size + X2 * W + i] = n2_2
-                        x[size + Y * W + i] = y1_2 if alive > 0.0 else y_2
-                        x[size + V * W + i] = v1_2 * alive
+                            x[X2 * W + i] = n2
+                        x[Y * W + i] = y1 if alive > 0.0 else y
+                        x[V * W + i] = v1 * alive
+                        if planar:
+                            if sensor_poles >= 1:
+                                x[size + Z1 * W + i] = z1_2
+                            if sensor_poles == 2:
+                                x[size + Z2 * W + i] = z2_2
+                            if actuator_poles >= 1:
+                                x[size + X1 * W + i] = n1_2
+                            if actuator_poles == 2:
+                                x[size + X2 * W + i] = n2_2
+                            x[size + Y * W + i] = y1_2 if alive > 0.0 else y_2
+                            x[size + V * W + i] = v1_2 * alive
                 if sensing:
                     # The rotor's step is made: follow it at the level of single switching edges.
                     tick = np.int64(first_step + t) * substeps + s

@@ -6,11 +6,13 @@ displacement per step.
 
 from collections.abc import Callable
 
+import numpy as np
 from numba.extending import register_jitable
 
+from maglev_env.effect_rows import FRICTION, OFFSET, OPEN, SLIP_SQ
 from maglev_env.kernel_rows import (
     ACTING, ACTUATOR, BIAS, CALIBRATION, CROSS_C, CROSS_CURRENT, CROSS_GAIN, CROSS_K, CS, EXPONENT, FLUX_C,
-    FLUX_M, GAP, GAP2, GAPM, GAPM2, KS, LANES, SENSOR, SENSOR_CURRENT, U, U_OLD, V, WEIGHT, X1, X2, Y, Z1, Z2,
+    FLUX_M, GAP, GAP2, GAPM, GAPM2, KNEE, KS, LANES, SENSOR, SENSOR_CURRENT, U, U_OLD, V, WEIGHT, X1, X2, Y, Z1, Z2,
 )  # fmt: skip
 from selfsense.kernel_rows import BEGUN_CURRENT, BEGUN_V, BEGUN_Y, ESTIMATE, REST_CURRENT, REST_GAP, SCALE, SHIFT
 
@@ -25,12 +27,16 @@ def axis_pieces(
     sensor_poles: int,
     actuator_poles: int,
     delayed: bool,
+    saturating: bool = False,
+    flexible: bool = False,
+    effects: int = 0,
 ) -> tuple[Callable, ...]:
     """currents, acceleration, drag, probe, push, sway and beside of the axis whose rows begin at row `first`,
-    where the other one's begin at row `other`."""
+    where the other one's begin at row `other`, and those of a flexible axis' effects `effects` rows behind."""
     # Not njit: a dispatcher in the closure of a compiled function has another name in every process, and no cache.
-    inlined = register_jitable(inline="always")
+    inlined = register_jitable(forceinline=True) if flexible else register_jitable(inline="always")
     b = first * W
+    e = b + effects * W
     acting = ACTING if delayed else U
 
     @inlined
@@ -55,12 +61,42 @@ def axis_pieces(
                 c2 = c2 + x[a + 18 * W] * old
         return c0, c1, c2, n1, n2
 
+    @register_jitable(forceinline=True)
+    def saturated(x, i, y, current):
+        """By a pair whose fields' squares bend: B^2 / sqrt(1 + (B / B_s)^4) in each gap."""
+        own, far = x[b + GAPM * W + i] - y, x[b + GAPM * W + i] + y
+        if magnets == "gap":
+            near, wide = x[b + GAP * W + i] - y, x[b + GAP * W + i] + y
+            inverse = 1.0 / ((own * far) * (near * wide))
+            magnet = x[b + FLUX_M * W + i] * (near * wide * inverse)
+            coil = x[b + FLUX_C * W + i] * (own * far * inverse)
+            upper_coil, lower_coil = coil * wide, coil * near
+        else:
+            inverse = 1.0 / (own * far)
+            magnet, coil = x[b + FLUX_M * W + i] * inverse, x[b + FLUX_C * W + i] * inverse
+            upper_coil, lower_coil = coil * far, coil * own
+        bias, knee = x[b + BIAS * W + i], x[b + KNEE * W + i]
+        upper, lower = magnet * far + bias * upper_coil, magnet * own + bias * lower_coil
+        s1, s2 = upper + current * upper_coil, lower - current * lower_coil
+        s1, s2, s3, s4 = s1 * s1, s2 * s2, upper * upper, lower * lower
+        r1, r2 = np.sqrt(1.0 + knee * (s1 * s1)), np.sqrt(1.0 + knee * (s2 * s2))
+        r3, r4 = np.sqrt(1.0 + knee * (s3 * s3)), np.sqrt(1.0 + knee * (s4 * s4))
+        # One division for all four; the fields are twice themselves, as in sums and differences of both gaps.
+        first_two, last_two = r1 * r2, r3 * r4
+        inverse = 0.25 / (first_two * last_two)
+        at_rest = (s3 * r4 - s4 * r3) * (first_two * inverse)
+        return (s1 * r2 - s2 * r1) * (last_two * inverse) + (x[b + CALIBRATION * W + i] - 1.0) * at_rest
+
     @inlined
     def acceleration(x, i, y, current):
         """By the magnets (see magnetics.force) and the support's spring."""
         spring = x[b + KS * W + i] * y if supported else 0.0
         if magnets == "none":
             return -spring
+        if flexible:
+            y = y + x[e + OFFSET * W + i]
+        if saturating:
+            return saturated(x, i, y, current) - spring
         if magnets == "electromagnet":
             coil = x[b + FLUX_C * W + i] / (x[b + GAP * W + i] - y)
             bias, drive = x[b + BIAS * W + i] * coil, current * coil
@@ -93,8 +129,11 @@ def axis_pieces(
 
     @inlined
     def drag(x, i, v):
-        """Deceleration by the support's damper."""
-        return x[b + CS * W + i] * v if supported else 0.0
+        """Deceleration by the support's damper, and by friction."""
+        damper = x[b + CS * W + i] * v if supported else 0.0
+        if flexible:
+            return damper + x[e + FRICTION * W + i] * v / np.sqrt(v * v + x[e + SLIP_SQ * W + i])
+        return damper
 
     @inlined
     def probe(x, row, i, y, v, y1, v1):
@@ -145,14 +184,21 @@ def axis_pieces(
     return currents, acceleration, drag, probe, push, sway, beside
 
 
-def sensing_pieces(first: int, sensor: int, actuator_poles: int, delayed: bool) -> tuple[Callable, ...]:
-    """begin, gap, target and show of the axis whose rows begin at row `first` and its self-sensor's at row `sensor`."""
+def sensing_pieces(
+    first: int, sensor: int, actuator_poles: int, delayed: bool, flexible: bool = False, effects: int = 0
+) -> tuple[Callable, ...]:
+    """begin, gap, target and show of the axis whose rows begin at row `first`, its self-sensor's at row `sensor`, and
+    those of a flexible axis' effects `effects` rows behind its own."""
     b, c = first * W, sensor * W
+    e = b + effects * W
     acting = ACTING if delayed else U
 
     @register_jitable(forceinline=True)
     def carried(x, i):
         """The control current now, as the nominal amplifier carries it."""
+        if flexible:
+            now = x[b + X2 * W + i]
+            return now + x[e + OPEN * W + i] * (x[b + acting * W + i] - now)
         if actuator_poles == 2:
             return x[b + X2 * W + i]
         return x[b + X1 * W + i] if actuator_poles == 1 else x[b + acting * W + i]
@@ -170,6 +216,8 @@ def sensing_pieces(first: int, sensor: int, actuator_poles: int, delayed: bool) 
         ends = x[c + BEGUN_Y * W + i] * (rest * rest * (1.0 + 2.0 * here))
         ends = ends + x[b + Y * W + i] * (here * here * (3.0 - 2.0 * here))
         bend = x[c + BEGUN_V * W + i] * rest - x[b + V * W + i] * here
+        if flexible:
+            ends = ends + x[e + OFFSET * W + i]
         return x[b + GAP * W + i] - ends - bend * (here * rest)
 
     @register_jitable(forceinline=True)

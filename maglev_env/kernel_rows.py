@@ -1,5 +1,6 @@
 """Rows of one axis in the lane kernel's block: state, constants, exact linear chains, controller."""
 
+from maglev_env.effect_rows import effect_rows
 from selfsense.kernel_rows import LANES as LANES
 
 # State. U: the command; ACTING and U_OLD: what acts from now on and what acted before, where a delay lies between.
@@ -7,6 +8,7 @@ Y, V, Z1, Z2, X1, X2, D, XI, ALIVE, STEPS, U, ACTING, U_OLD, PEAK_SQ, CURRENT_SQ
 # Constants of the converters and the PID, of the magnets, and of the mechanics.
 PROBE_COUNTS, COUNT_MAX, PER_COUNT, KP, KD, KI, PER_U_COUNT, U_COUNT_MAX, U_COUNT, DECAY_D, DECAY_I = range(18, 29)
 NOISE, GAP2, GAPM2, GAP, GAPM, FLUX_M, FLUX_C, BIAS, CALIBRATION, WEIGHT, EXPONENT = range(29, 40)
+KNEE = EXPONENT  # of a pair, which has no exponent: what saturates its fields
 KS, CS, PER_MASS, LIMIT_SQ, DELAY_STEPS = range(40, 45)
 # What the other axis adds: stiffness, damping, force per nodal current, and share of its motion in this probe.
 CROSS_K, CROSS_C, CROSS_GAIN, CROSS_SENSOR = range(45, 49)
@@ -23,6 +25,12 @@ def filter_row(substeps: int) -> int:
     return ROWS + (substeps - 1) * CHAIN_ROWS
 
 
-def axis_rows(substeps: int, controller_order: int) -> int:
+def axis_rows(substeps: int, controller_order: int, flexible: bool = False) -> int:
     """Rows of one axis; the three behind the last state stay zero, so that every state has a next one."""
+    nominal = effect_row(substeps, controller_order)
+    return nominal + (effect_rows(substeps) if flexible else 0)
+
+
+def effect_row(substeps: int, controller_order: int) -> int:
+    """Where the rows of a flexible axis' effects begin, behind all others."""
     return filter_row(substeps) + (3 * controller_order + 4 if controller_order else 0)

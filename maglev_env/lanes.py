@@ -4,18 +4,30 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import expm
 
 from maglev_env import kernel_rows as k
-from maglev_env.effects import effect_value, split_delay
+from maglev_env.effects import effect_value
 from maglev_env.experiment import Experiment, axis_experiment, moving_mass, self_sensors
 from maglev_env.gains import Gains, LinearController, numerator_of
 from maglev_env.kernel import Structure
-from maglev_env.kernel_rows import axis_rows, filter_row
-from maglev_env.magnetics import SingleSidedLaw, force_law, linearise
+from maglev_env.kernel_rows import axis_rows, effect_row, filter_row
+from maglev_env.lane_chains import (
+    actuator,
+    actuator_rows,
+    amplifier_poles,
+    delays,
+    sensor_current_rows,
+    sensor_poles,
+    sensor_rows,
+    steps,
+)
+from maglev_env.lane_effects import FLEXIBLE, effect_constants, write_cross_bend
+from maglev_env.linear_axis import cross_terms
+from maglev_env.magnetics import SingleSidedLaw, force_law
 from maglev_env.planar import NO_CROSS
 from maglev_env.rig import Rig
 from maglev_env.sensing_lanes import sensed_structure, sensing_rows, timing_of
+from selfsense.kernel_rows import GAP as COIL_GAP
 
 SEEDED = ("displacement", "current", "force")  # noise channels, each with a stream of its own
 
@@ -41,20 +53,28 @@ def structure_of(experiment: Experiment) -> Structure:
     if 0 < len(filters) < len(axes):
         raise ValueError("experiment: give both axes PID gains, or both a linear controller")
     sensors = self_sensors(experiment)
-    probe_poles = _deepest(r.sensor_time_constant for r in rigs) + (effect_value(effects, "sensor_lag") > 0)
+    flexible = any(name in effects for name in FLEXIBLE)
+    supported = any(r.support_stiffness > 0 or r.support_damping > 0 for r in rigs) or "damping" in effects
+    probe_poles = current_poles = 2
+    if not flexible:
+        probe_poles = _deepest(r.sensor_time_constant for r in rigs) + (effect_value(effects, "sensor_lag") > 0)
+        current_poles = _deepest(r.amplifier_time_constant for r in rigs)
+        current_poles += effect_value(effects, "amplifier_lag") > 0
     return Structure(
         magnets=_magnets(rigs[0]),
-        supported=any(r.support_stiffness > 0 or r.support_damping > 0 for r in rigs) or "damping" in effects,
+        supported=supported or flexible,
         sensor_poles=0 if sensors else probe_poles,
-        actuator_poles=_deepest(r.amplifier_time_constant for r in rigs) + (effect_value(effects, "amplifier_lag") > 0),
-        delayed=effect_value(effects, "delay") > 0,
+        actuator_poles=current_poles,
+        delayed=flexible or effect_value(effects, "delay") > 0,
         adc=rigs[0].adc_bits > 0 and not sensors,  # an estimated gap is a number already
         dac=rigs[0].dac_bits > 0,
         noise=experiment.rig.noise.displacement > 0 and not sensors,
         controller_order=max((max(1, f.order) for f in filters), default=0),
         axes=len(axes),
-        coupled=experiment.rig.cross != NO_CROSS,
+        coupled=experiment.rig.cross != NO_CROSS or "cross_coupling" in effects,
         sensed=sensed_structure(sensors),
+        saturating="saturation" in effects,
+        flexible=flexible,
     )
 
 
@@ -78,9 +98,16 @@ def lane_batch(experiments: Sequence[Experiment], substeps: int = 1) -> LaneBatc
     parts, seeds, whole = [], [], np.zeros(1)
     views = [[axis_experiment(e, axis) for e in experiments] for axis in range(structure.axes)]
     for own in views:
-        rows = np.zeros((axis_rows(substeps, structure.controller_order), len(experiments)))
+        rows = np.zeros((axis_rows(substeps, structure.controller_order, structure.flexible), len(experiments)))
         rows[: k.ROWS] = np.array([_parameters(e, substeps) for e in own]).T
-        whole = _chains(rows, own, structure, substeps)
+        whole, fraction = delays(own)
+        rows[k.DELAY_STEPS] = whole
+        for s in range(substeps):
+            rows[k.ARRIVED + s * k.CHAIN_ROWS] = fraction <= s * steps(own) / substeps
+        if structure.flexible:
+            rows[effect_row(substeps, structure.controller_order) :] = effect_constants(own, len(parts), substeps)
+        else:
+            _chains(rows, own, structure, substeps)
         if structure.controller_order:
             start = filter_row(substeps)
             width = 3 * structure.controller_order + 1
@@ -90,9 +117,14 @@ def lane_batch(experiments: Sequence[Experiment], substeps: int = 1) -> LaneBatc
         seeds.append(np.array(states).T)
     if structure.coupled:
         for axis, rows in enumerate(parts):
-            terms = [e.rig.cross.onto(axis) for e in experiments]
             own, other = views[axis], views[1 - axis]
-            _cross_chains(rows, terms, own, other, structure, substeps)
+            terms = [cross_terms(e, axis, beside) for e, beside in zip(experiments, other, strict=True)]
+            if structure.flexible:
+                pull = np.array([gain / moving_mass(e) for (_, _, gain, _), e in zip(terms, own, strict=True)])
+                effects = rows[effect_row(substeps, structure.controller_order) :]
+                write_cross_bend(effects, pull, own, other, substeps)
+            else:
+                _cross_chains(rows, terms, own, other, structure, substeps)
             rows[[k.CROSS_K, k.CROSS_C, k.CROSS_GAIN, k.CROSS_SENSOR]] = np.array(
                 [_cross(t, *pair, substeps) for t, *pair in zip(terms, own, other, strict=True)]
             ).T
@@ -101,32 +133,31 @@ def lane_batch(experiments: Sequence[Experiment], substeps: int = 1) -> LaneBatc
         parts[0][k.LIMIT_SQ] = parts[1][k.LIMIT_SQ] = nearest
     if structure.sensed:
         parts += [sensing_rows(own, rows) for own, rows in zip(views, parts, strict=True)]
+        for own, rows in zip(views, parts[len(views) :], strict=True):
+            rows[COIL_GAP] -= [effect_value(e.effects, "eccentricity") for e in own]
     history = 1 << int(np.ceil(np.log2(whole.max() + 2)))
     timing = np.array(timing_of(experiments[0], substeps))
     return LaneBatch(structure, np.concatenate(parts), np.array(seeds), history, timing)
 
 
-def _chains(rows: np.ndarray, own: Sequence[Experiment], structure: Structure, substeps: int) -> np.ndarray:
-    """Write the exact chains and the delay of one axis; returns its delay in whole samples."""
-    dt, (whole, fraction) = _steps(own), _delays(own)
-    rows[k.DELAY_STEPS] = whole
-    sensor, amplifier = _sensor_poles(own), _amplifier_poles(own)
-    gain_scale, pull = np.array([_actuator(e) for e in own]).T
+def _chains(rows: np.ndarray, own: Sequence[Experiment], structure: Structure, substeps: int) -> None:
+    """Write the exact chains of one axis."""
+    dt, fraction = steps(own), delays(own)[1]
+    sensor, amplifier = sensor_poles(own), amplifier_poles(own)
+    gain_scale, pull = np.array([actuator(e) for e in own]).T
     h = dt / substeps
     for s in range(substeps):
         chain = rows[s * k.CHAIN_ROWS :]
         switch = np.clip(fraction - s * h, 0, h)
         if structure.sensor_poles:
             probe = sensor[:, : structure.sensor_poles]
-            chain[k.SENSOR : k.SENSOR_CURRENT] = cubic = _sensor_rows(probe, h)
-            chain[k.SENSOR_CURRENT : k.ACTUATOR] = _sensor_current_rows(
+            chain[k.SENSOR : k.SENSOR_CURRENT] = cubic = sensor_rows(probe, h)
+            chain[k.SENSOR_CURRENT : k.ACTUATOR] = sensor_current_rows(
                 probe, amplifier[:, : structure.actuator_poles], h, switch, pull * h**2, cubic
             )
-        actuator = _actuator_rows(amplifier[:, : structure.actuator_poles], h, switch)
-        actuator[2 * 4 :] *= gain_scale  # states stay in amperes; the currents that make force carry the calibration
-        chain[k.ACTUATOR : k.ARRIVED] = actuator
-        chain[k.ARRIVED] = fraction <= s * h
-    return whole
+        chain[k.ACTUATOR : k.ARRIVED] = actuator_rows(amplifier[:, : structure.actuator_poles], h, switch)
+        # States stay in amperes; the currents that make force carry the calibration.
+        chain[k.ACTUATOR + 2 * 4 : k.ARRIVED] *= gain_scale
 
 
 def _cross_chains(
@@ -140,12 +171,12 @@ def _cross_chains(
     """Write what the other axis' current adds to this axis' motion inside a step, as its probe sees it."""
     if not structure.sensor_poles:
         return
-    sensor, h, fraction = _sensor_poles(own), _steps(own) / substeps, _delays(own)[1]
-    amplifier = _amplifier_poles(other)
+    sensor, h, fraction = sensor_poles(own), steps(own) / substeps, delays(own)[1]
+    amplifier = amplifier_poles(other)
     pull = np.array([gain / moving_mass(e) for (_, _, gain, _), e in zip(terms, own, strict=True)])
     for s in range(substeps):
         chain = rows[s * k.CHAIN_ROWS :]
-        chain[k.CROSS_CURRENT : k.CROSS_CURRENT + 8] = _sensor_current_rows(
+        chain[k.CROSS_CURRENT : k.CROSS_CURRENT + 8] = sensor_current_rows(
             sensor[:, : structure.sensor_poles],
             amplifier[:, : structure.actuator_poles],
             h,
@@ -153,24 +184,6 @@ def _cross_chains(
             pull * h**2,
             chain[k.SENSOR : k.SENSOR_CURRENT],
         )
-
-
-def _steps(own: Sequence[Experiment]) -> np.ndarray:
-    return np.array([1 / e.rig.control_rate for e in own])
-
-
-def _delays(own: Sequence[Experiment]) -> tuple[np.ndarray, np.ndarray]:
-    """Whole samples and the rest (s) of every delay."""
-    whole, fraction = np.array([split_delay(e.effects, 1 / e.rig.control_rate) for e in own]).T
-    return whole, fraction
-
-
-def _sensor_poles(own: Sequence[Experiment]) -> np.ndarray:
-    return _poles([(e.rig.sensor_time_constant, effect_value(e.effects, "sensor_lag")) for e in own])
-
-
-def _amplifier_poles(own: Sequence[Experiment]) -> np.ndarray:
-    return _poles([(e.rig.amplifier_time_constant, effect_value(e.effects, "amplifier_lag")) for e in own])
 
 
 def _filter(controller: LinearController, order: int) -> np.ndarray:
@@ -188,7 +201,7 @@ def _cross(
     stiffness, damping, gain, sensor = terms
     h = 1 / own.rig.control_rate / substeps
     per_mass = h**2 / moving_mass(own)
-    return stiffness * per_mass, damping * per_mass / h, gain * per_mass / _actuator(other)[0], sensor
+    return stiffness * per_mass, damping * per_mass / h, gain * per_mass / actuator(other)[0], sensor
 
 
 def _parameters(e: Experiment, substeps: int) -> np.ndarray:
@@ -226,99 +239,13 @@ def _parameters(e: Experiment, substeps: int) -> np.ndarray:
             # An electromagnet's field squares, a magnet's pull is linear in the current.
             p[k.FLUX_C] = law.magnet_pull * per_mass if law.magnet_pull else np.sqrt(law.iron_pull * per_mass)
         else:
+            p[k.KNEE] = 1 / (4 * effect_value(effects, "saturation") ** 2 * law.area * per_mass) ** 2
             # Sums and differences of the two gaps' fields carry a factor two; fields in root(h^2 / m N).
             p[[k.FLUX_M, k.FLUX_C]] = 2 * np.sqrt(law.area * per_mass) * np.array([law.magnet_flux, law.coil_flux])
     p[k.KS] = rig.support_stiffness * (1 + effect_value(effects, "support_stiffness")) * per_mass
     p[k.CS] = (rig.support_damping + effect_value(effects, "damping")) * per_mass / h
     p[k.PER_MASS] = per_mass
     # The force law is singular where the rotor meets a pole; contact comes first.
-    p[k.LIMIT_SQ] = min(rig.clearance, 0.999 * rig.gap) ** 2
+    centred = max(0.999 * rig.gap - abs(effect_value(effects, "eccentricity")), 0.0)
+    p[k.LIMIT_SQ] = min(rig.clearance, centred) ** 2
     return p
-
-
-def _actuator(e: Experiment) -> tuple[float, float]:
-    """The force law's current scale, and the acceleration per ampere (m/s2 A) at the centre."""
-    if not e.rig.controlled:
-        return 1.0, 0.0
-    law, change = force_law(e.rig), 1 + effect_value(e.effects, "actuator_gain")
-    return law.gain_scale * change, linearise(law)[0] * change / moving_mass(e)
-
-
-def _poles(pairs: list[tuple[float, float]]) -> np.ndarray:
-    """Non-zero time constants first, shape (n, 2)."""
-    return np.array([sorted(pair, key=lambda t: t == 0) for pair in pairs])
-
-
-def _sensor_rows(poles: np.ndarray, h: np.ndarray) -> np.ndarray:
-    """Next probe states from (z1, z2, y0, h v0, y1, h v1) with y the cubic through both ends; shape (12, n)."""
-    n = len(poles)
-    # States z1, z2 and the scaled derivatives y, h y', h^2 y'', h^3 y''' of the cubic, over one unit of tau / h.
-    a = np.zeros((n, 6, 6))
-    _put_poles(a, poles, h, first=0, source=2)
-    a[:, 2, 3] = a[:, 3, 4] = a[:, 4, 5] = 1.0
-    step = expm(a)[:, :2]
-    hermite = np.array([[1, 0, 0, 0], [0, 1, 0, 0], [-6, -4, 6, -2], [12, 6, -12, 6]])  # derivatives at the start
-    rows = np.concatenate([step[:, :, :2], step[:, :, 2:] @ hermite], axis=2)
-    return rows.reshape(n, 12).T
-
-
-def _sensor_current_rows(
-    sensor: np.ndarray, amplifier: np.ndarray, h: np.ndarray, switch: np.ndarray, pull: np.ndarray, cubic: np.ndarray
-) -> np.ndarray:
-    """What the probe states gain over the cubic motion, from (x1, x2, old command, new command); shape (8, n).
-
-    The current bends the motion inside a step by more than a cubic can follow. Its exact effect on the probe, with
-    the acceleration pull (m per step^2 and ampere) of the centred rotor, less what the cubic through the ends of that
-    same motion gives.
-    """
-    n = len(sensor)
-    # States x1, x2, command, y, v, z1, z2, over one unit of tau / h.
-    a = np.zeros((n, 7, 7))
-    source = _put_poles(a, amplifier, h, first=0, source=2)
-    a[:, 4, source], a[:, 3, 4] = pull, 1.0
-    _put_poles(a, sensor, h, first=5, source=3)
-    end = _switched(a, switch / h, np.ones(n))
-    rows = cubic.T.reshape(n, 2, 6)
-    return (end[:, 5:7] - rows[:, :, 4:] @ end[:, 3:5]).reshape(n, 8).T
-
-
-def _put_poles(a: np.ndarray, poles: np.ndarray, h: np.ndarray, first: int, source: int) -> int:
-    """Write a cascade of poles into the system matrices a, fed by state `source`; returns its output state."""
-    for j in range(poles.shape[1]):
-        rate = h / poles[:, j]
-        a[:, first + j, first + j], a[:, first + j, source] = -rate, rate
-        source = first + j
-    return source
-
-
-def _actuator_rows(poles: np.ndarray, h: np.ndarray, switch: np.ndarray) -> np.ndarray:
-    """Next states and nodal currents from (x1, x2, old command, new command); shape (20, n).
-
-    The new command acts from `switch` (s) on. The three nodal currents c0, c1, c2 stand for the current in the
-    integration step so that its impulse (c0 + 4 c1 + c2) h / 6 and its displacement (c0 + 2 c1) h^2 / 6 are exact.
-    """
-    n, order = poles.shape
-    # States x1, x2, command, integral and double integral of the current, over one unit of tau / h.
-    a = np.zeros((n, 5, 5))
-    source = _put_poles(a, poles, h, first=0, source=2)
-    a[:, 3, source] = a[:, 4, 3] = 1.0
-    s = switch / h
-    full = _switched(a, s, np.ones(n))
-    middle = _switched(a, np.minimum(s, 0.5), np.full(n, 0.5))
-    mean, moment = full[:, 3], 2 * full[:, 4]
-    # Without a pole the command itself may jump inside the step: its mean stands for the middle.
-    c1 = middle[:, order - 1] if order else mean
-    c0 = 3 * moment - 2 * c1
-    c2 = 6 * mean - 4 * c1 - c0
-    next_states = full[:, :2].copy()
-    next_states[:, order:] = 0.0
-    return np.concatenate([next_states, c0[:, None], c1[:, None], c2[:, None]], axis=1).reshape(n, 20).T
-
-
-def _switched(a: np.ndarray, switch: np.ndarray, end: np.ndarray) -> np.ndarray:
-    """State map (n, states, 4) over [0, end] from (x1, x2, old, new): the command, state 2, changes at `switch`."""
-    first = expm(a * switch[:, None, None])
-    second = expm(a * (end - switch)[:, None, None])
-    state = np.concatenate([first[:, :, :3], np.zeros((*a.shape[:2], 1))], axis=2)
-    state[:, 2] = [0.0, 0.0, 0.0, 1.0]
-    return second @ state

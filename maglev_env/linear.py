@@ -1,18 +1,21 @@
-"""The linearised nominal loop's exact sampled-data frequency responses: what a noise-free small experiment measures."""
+"""The linearised loop's exact sampled-data frequency responses: what a noise-free small experiment measures.
+
+Effects enter with their linear part (see `linear_axis`); eddy currents by the branches that the simulator has too.
+"""
 
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.linalg import expm
+from scipy.linalg import expm, schur
+from scipy.linalg.lapack import dgebal
 
 from estimation.periods import LineStatistics
 from maglev_env.effects import effect_value, split_delay
 from maglev_env.experiment import SPECTRAL, Experiment, axis_experiment, channels_of, moving_mass, self_sensors
 from maglev_env.gains import controller_response, of_axis, state_space
-from maglev_env.magnetics import force_law, linearise
-from maglev_env.planar import NO_CROSS
+from maglev_env.linear_axis import POSITION, VELOCITY, cross_terms, linear_axis
 from maglev_env.rig import axis_rig
-from selfsense.baseband import baseband, growth_rate
+from selfsense.baseband import growth_rate
 
 
 @dataclass(frozen=True)
@@ -21,7 +24,9 @@ class LoopResponse:
 
     controller (A/m) from error to command; plant (m/A) from command to displacement reading; receptance (m/N) from
     the held force to the reading and force_to_command (A/N) in closed loop; loop_gain = controller * plant;
-    sensitivity = 1 / (1 + loop_gain), also the response command / injection.
+    sensitivity = 1 / (1 + loop_gain), also the response command / injection. amplifier (A/A) from command to the coil's
+    current at the control samples, delay included: what is left of it without an amplifier pole is the delay in whole
+    samples, a begun one counting as whole.
     """
 
     frequency: np.ndarray
@@ -31,6 +36,7 @@ class LoopResponse:
     force_to_command: np.ndarray
     loop_gain: np.ndarray
     sensitivity: np.ndarray
+    amplifier: np.ndarray
 
 
 def loop_response(experiment: Experiment, frequency: np.ndarray) -> LoopResponse:
@@ -40,14 +46,19 @@ def loop_response(experiment: Experiment, frequency: np.ndarray) -> LoopResponse
     controller = np.zeros((len(z), axes, axes), complex)
     for axis in range(axes):
         controller[:, axis, axis] = controller_response(of_axis(experiment.gains, axis), z, dt)
-    a, b_force, b_old, b_new, c = discrete_plant(experiment)
-    from_plant = c @ np.linalg.inv(z[:, None, None] * np.eye(len(a)) - a)
-    whole, _ = split_delay(experiment.effects, dt)
-    plant = z[:, None, None] ** float(-whole) * (from_plant @ b_new + (from_plant @ b_old) / z[:, None, None])
+    m, c, current = _continuous(experiment)
+    a, b_force, b_old, b_new = _discrete(experiment, m)
+    n, (whole, fraction) = len(a), split_delay(experiment.effects, dt)
+    from_states = _resolvent(a, np.concatenate([c, current[:, :n]]), z)
+    late = z[:, None, None] ** float(-whole)
+    from_command = late * (from_states @ b_new + (from_states @ b_old) / z[:, None, None])
+    plant, amplifier = from_command[:, :axes], from_command[:, axes:]
+    # A command that is the current itself has changed at a sample only when the delay is of whole samples.
+    amplifier = amplifier + current[:, n + axes :] * (late / z[:, None, None] if fraction else late)
     loop = controller @ plant
     sensitivity = np.linalg.inv(np.eye(axes) + loop)
-    receptance = np.linalg.inv(np.eye(axes) + plant @ controller) @ from_plant @ b_force
-    found = (controller, plant, receptance, -controller @ receptance, loop, sensitivity)
+    receptance = np.linalg.inv(np.eye(axes) + plant @ controller) @ from_states[:, :axes] @ b_force
+    found = (controller, plant, receptance, -controller @ receptance, loop, sensitivity, amplifier)
     return LoopResponse(np.asarray(frequency), *(m[:, 0, 0] if axes == 1 else m for m in found))
 
 
@@ -90,7 +101,7 @@ def closed_loop(experiment: Experiment) -> tuple[np.ndarray, np.ndarray, np.ndar
 def expected_statistics(experiment: Experiment, lines: np.ndarray) -> LineStatistics:
     """Noise-free line means of the linearised experiment, with the covariance that its noise would give them.
 
-    The noise of self-sensing's estimate is left out.
+    The noise of self-sensing's estimate is left out, and so are runout, pickup and unbalance.
     """
     frequency = np.asarray(lines) * experiment.fundamental
     response = loop_response(experiment, frequency)
@@ -127,80 +138,57 @@ def expected_statistics(experiment: Experiment, lines: np.ndarray) -> LineStatis
 def discrete_plant(experiment: Experiment) -> tuple[np.ndarray, ...]:
     """A (n, n), B_force, B_old, B_new (n, axes), C (axes, n) over one control sample, from held forces and commands to
     displacement readings; each command changes from old to new inside the sample when a delay has a fraction."""
-    rig, axes = experiment.rig, experiment.rig.axes
-    dt = 1 / rig.control_rate
-    parts = [_continuous(axis_experiment(experiment, axis)) for axis in range(axes)]
-    sizes = [len(part[0]) for part in parts]
-    starts = np.cumsum([0, *sizes])
-    n = int(starts[-1])
-    m = np.zeros((n + 2 * axes, n + 2 * axes))
-    c = np.zeros((axes, n))
-    for axis, (a, b, reading, _) in enumerate(parts):
-        own = slice(starts[axis], starts[axis + 1])
-        m[own, own], m[own, n + axis], m[own, n + axes + axis] = a, b[:, 0], b[:, 1]
-        c[axis, own] = reading
-    if rig.cross != NO_CROSS:
-        for axis, other in ((0, 1), (1, 0)):
-            stiffness, damping, gain, sensor = rig.cross.onto(axis)
-            mass = moving_mass(axis_experiment(experiment, axis))
-            row, first = starts[axis] + 1, starts[other]
-            m[row, first] -= stiffness / mass
-            m[row, first + 1] -= damping / mass
-            source = parts[other][3]
-            m[row, n + axes + other if source is None else first + source] += gain / mass
-            c[axis, first : starts[other + 1]] += sensor * parts[other][2]
-    c *= 1 + effect_value(experiment.effects, "sensor_gain")
+    m, c, _ = _continuous(experiment)
+    return *_discrete(experiment, m), c
+
+
+def _discrete(experiment: Experiment, m: np.ndarray) -> tuple[np.ndarray, ...]:
+    """A, B_force, B_old, B_new of `discrete_plant` from the rates m of states, held forces and held commands."""
+    dt, axes = 1 / experiment.rig.control_rate, experiment.rig.axes
+    n = len(m) - 2 * axes
     _, switch = split_delay(experiment.effects, dt)
     first, second = expm(m * switch) if switch else np.eye(len(m)), expm(m * (dt - switch))
     whole = second @ first
     b_old = second[:n, :n] @ first[:n, n + axes :]
-    return whole[:n, :n], whole[:n, n : n + axes], b_old, second[:n, n + axes :], c
+    return whole[:n, :n], whole[:n, n : n + axes], b_old, second[:n, n + axes :]
 
 
-def _continuous(e: Experiment) -> tuple[np.ndarray, np.ndarray, np.ndarray, int | None]:
-    """A, B (force, command), C of one axis in continuous time, and which state is its current (None: the command)."""
-    rig, effects = e.rig, e.effects
-    gain = stiffness = 0.0
-    if rig.controlled:
-        gain, stiffness = linearise(force_law(rig))
-        gain *= 1 + effect_value(effects, "actuator_gain")
-        stiffness *= 1 + effect_value(effects, "negative_stiffness")
-    mass = moving_mass(e)
-    k = rig.support_stiffness * (1 + effect_value(effects, "support_stiffness")) + stiffness
-    c = rig.support_damping + effect_value(effects, "damping")
-    amplifier = [t for t in (rig.amplifier_time_constant, effect_value(effects, "amplifier_lag")) if t > 0]
-    sensor_a, sensor_b, sensor_c = _sensor(e)
-    # States: y, v, amplifier poles, sensor.
-    first = 2 + len(amplifier)
-    n = first + len(sensor_b)
-    a, b, seen = np.zeros((n, n)), np.zeros((n, 2)), np.zeros(n)
-    a[0, 1] = 1.0
-    a[1, 0], a[1, 1], b[1, 0] = -k / mass, -c / mass, 1 / mass
-    for j, t in enumerate(amplifier):
-        a[2 + j, 2 + j] = -1 / t
-        if j:
-            a[2 + j, 1 + j] = 1 / t
-        else:
-            b[2, 1] = 1 / t
-    current = 1 + len(amplifier) if amplifier else None
-    if amplifier:
-        a[1, current] = gain / mass
-    else:
-        b[1, 1] = gain / mass
-    a[first:, first:], a[first:, 0], seen[first:] = sensor_a, sensor_b, sensor_c
-    if not len(sensor_b):
-        seen[0] = 1.0
-    return a, b, seen, current
+def _resolvent(a: np.ndarray, rows: np.ndarray, z: np.ndarray) -> np.ndarray:
+    """rows (z - A)^-1 at every z (f,): (f, rows, n). Triangular once by unitary steps, which any A allows."""
+    a, _, _, scale, _ = dgebal(a, scale=1)  # metres beside metres per second would cost digits
+    triangular, basis = schur(a, output="complex")
+    wanted = (rows * scale) @ basis
+    solved = np.empty((len(a), len(z), len(rows)), complex)
+    for j in range(len(a)):
+        before = np.einsum("i,ifr->fr", triangular[:j, j], solved[:j])
+        solved[j] = (wanted[:, j] + before) / (z - triangular[j, j])[:, None]
+    return np.moveaxis(solved, 0, 2) @ basis.conj().T / scale
 
 
-def _sensor(e: Experiment) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """A, B, C from displacement to reading in continuous time; empty for a probe without lag."""
-    if e.sensor != "probe":
-        return baseband(self_sensors(e)[0])
-    poles = [t for t in (e.rig.sensor_time_constant, effect_value(e.effects, "sensor_lag")) if t > 0]
-    n = len(poles)
-    rates = 1 / np.array(poles)
-    return np.diag(rates[1:], -1) - np.diag(rates), np.eye(n)[:1].sum(axis=0) * rates, np.eye(n)[-1:].sum(axis=0)
+def _continuous(experiment: Experiment) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Rates (n, n) of all axes' states, then held forces, then held commands; readings (axes, states) of those states
+    and coil currents (axes, n)."""
+    axes = experiment.rig.axes
+    views = [axis_experiment(experiment, axis) for axis in range(axes)]
+    parts = [linear_axis(view) for view in views]
+    starts = np.cumsum([0, *(len(part.rates) - 2 for part in parts)])
+    states = int(starts[-1])
+    n = states + 2 * axes
+    # Where an axis' states, its force and its command lie among those of all axes.
+    own = [np.r_[starts[axis] : starts[axis + 1], states + axis, states + axes + axis] for axis in range(axes)]
+    m, c, current = np.zeros((n, n)), np.zeros((axes, n)), np.zeros((axes, n))
+    for axis, part in enumerate(parts):
+        m[np.ix_(own[axis], own[axis])] = part.rates
+        c[axis, own[axis]], current[axis, own[axis]] = part.reading, part.current
+    for axis, other in ((0, 1), (1, 0)) if axes == 2 else ():
+        stiffness, damping, gain, sensor = cross_terms(experiment, axis, views[other])
+        pushed = np.zeros(n)
+        pushed[own[other]] = gain * parts[other].pulling
+        pushed[own[other][POSITION]] -= stiffness
+        pushed[own[other][VELOCITY]] -= damping
+        m[own[axis]] += np.outer(parts[axis].driven, pushed / moving_mass(views[axis]))
+        c[axis, own[other]] += sensor * parts[other].reading
+    return m, c[:, :states] * (1 + effect_value(experiment.effects, "sensor_gain")), current
 
 
 def without_noise(experiment: Experiment) -> Experiment:

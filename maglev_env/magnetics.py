@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass, replace
 from functools import singledispatch
+from math import inf, isinf
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -31,6 +32,7 @@ class ForceLaw:
     With b(x) = magnet_flux / (x + magnet_gap) and q(x) = coil_flux / (x + coil_gap) for the upper (x = gap - y) and
     lower (x = gap + y) magnet, B = b + q (bias_current +- gain_scale i), and
     f = area [ stiffness_scale (B_u^2 - B_l^2)|_(i=0) + the rest ].
+    Where the iron saturates, each B^2 is B^2 / sqrt(1 + (B / saturation)^4); saturation in T, infinite: it does not.
     Fluxes in T m and T m/A, gaps in m. area in N/T^2 is n_b A_g / (2 mu_0) for hybrid magnets, one pole face each as D
     counts them, and n_b A_g / mu_0 for electromagnets (magnet_flux = 0), both faces.
     """
@@ -44,6 +46,7 @@ class ForceLaw:
     bias_current: float
     gain_scale: float
     stiffness_scale: float
+    saturation: float = inf
 
 
 @dataclass(frozen=True)
@@ -139,21 +142,25 @@ def _single(rig: "Rig", iron_pull: float = 0.0, magnet_pull: float = 0.0, expone
 
 
 @singledispatch
-def linearise(law: ForceLaw) -> tuple[float, float]:
-    """Actuator gain df/di (N/A) and stiffness -df/dy (N/m) of a law at y = 0, i = 0, by differentiating it.
+def linearise(law: ForceLaw, displacement: float = 0.0) -> tuple[float, float]:
+    """Actuator gain df/di (N/A) and stiffness -df/dy (N/m) of a law at a displacement (m) and i = 0, differentiated.
 
     The stiffness is negative, but for a magnet that its coil pushes away it may be positive.
     """
-    b = law.magnet_flux / (law.gap + law.magnet_gap)
-    q = law.coil_flux / (law.gap + law.coil_gap)
-    field = b + q * law.bias_current
-    slope = b / (law.gap + law.magnet_gap) + q * law.bias_current / (law.gap + law.coil_gap)
-    return 4 * law.area * field * q * law.gain_scale, -4 * law.area * field * slope * law.stiffness_scale
+    gain = stiffness = 0.0
+    for gap in (law.gap - displacement, law.gap + displacement):
+        b, q = law.magnet_flux / (gap + law.magnet_gap), law.coil_flux / (gap + law.coil_gap)
+        field = b + q * law.bias_current
+        slope = b / (gap + law.magnet_gap) + q * law.bias_current / (gap + law.coil_gap)
+        bent = 2 * law.area * field / (1 + (field / law.saturation) ** 4) ** 1.5  # derivative of the pull by the field
+        gain += bent * q * law.gain_scale
+        stiffness -= bent * slope * law.stiffness_scale
+    return gain, stiffness
 
 
 @linearise.register
-def _(law: SingleSidedLaw) -> tuple[float, float]:
-    x, bias = law.gap, law.bias_current
+def _(law: SingleSidedLaw, displacement: float = 0.0) -> tuple[float, float]:
+    x, bias = law.gap - displacement, law.bias_current
     iron, magnet = law.iron_pull / x**2, law.magnet_pull / x**law.exponent
     attraction = law.area * (law.magnet_flux / (x + law.magnet_gap)) ** 2
     slope = bias * (2 * iron * bias + law.exponent * magnet) / x + 2 * attraction / (x + law.magnet_gap)
@@ -171,9 +178,18 @@ def force(law: ForceLaw, displacement: np.ndarray | float, current: np.ndarray |
     bu = law.magnet_flux / (upper + law.magnet_gap) + qu * law.bias_current
     bl = law.magnet_flux / (lower + law.magnet_gap) + ql * law.bias_current
     i = law.gain_scale * current
-    return law.area * (
-        law.stiffness_scale * (bu * bu - bl * bl) + i * (2 * (bu * qu + bl * ql) + i * (qu * qu - ql * ql))
-    )
+    if isinf(law.saturation):
+        return law.area * (
+            law.stiffness_scale * (bu * bu - bl * bl) + i * (2 * (bu * qu + bl * ql) + i * (qu * qu - ql * ql))
+        )
+    at_rest = _saturated(bu, law) - _saturated(bl, law)
+    driven = _saturated(bu + qu * i, law) - _saturated(bl - ql * i, law)
+    return law.area * (law.stiffness_scale * at_rest + driven - at_rest)
+
+
+def _saturated(field: np.ndarray | float, law: ForceLaw) -> np.ndarray | float:
+    """What stands for the squared field (T^2) of a gap: as the square where small, bent to a constant beyond."""
+    return field**2 / np.sqrt(1 + (field / law.saturation) ** 4)
 
 
 @force.register

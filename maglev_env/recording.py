@@ -109,7 +109,7 @@ def simulated_recording(experiment: Experiment, record: np.ndarray) -> "xr.Datas
                 channels[name] = np.tile(np.repeat(wave, multiple)[::every], periods)
     made = {
         "gains": as_table(experiment.gains) if rig.controlled else None,
-        "speed_rpm": 0.0,
+        "speed_rpm": experiment.speed_rpm,
         "intersample": "zoh",
         "rig": experiment.rig.name,
         "effects": {name: dict(values) for name, values in experiment.effects.items()},

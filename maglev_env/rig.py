@@ -8,6 +8,7 @@ from math import inf
 from pathlib import Path
 from typing import Any
 
+from maglev_env.effects import EFFECTS, Effects, check_effects, effect
 from maglev_env.excitation import Excitation, axis_excitations, check_harmonics, check_interleaved, is_number
 from maglev_env.gains import Controllers, Gains, LinearController, of_axis
 from maglev_env.magnet_checks import check_magnet
@@ -91,6 +92,7 @@ class Rig:
     controller for both or a pair (None: not stated, see `defaults.with_defaults`), and the clearance is round.
     actuator_gain (N/A) and negative_stiffness (N/m, < 0), when given, calibrate the magnet's force law. force_constant
     and force_exponent are a magnet_coil's. bias_current = 0 of a single-sided magnet: the one that carries the weight.
+    effects: what the rig has beyond these parameters, in every experiment on it.
     adc_bits or dac_bits = 0 means an ideal converter.
     """
 
@@ -137,6 +139,7 @@ class Rig:
     tolerance: Mapping[str, float] = field(default_factory=dict)
     randomization: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     self_sensing: SelfSensing = field(default_factory=SelfSensing)
+    effects: Effects = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         if self.magnet not in MAGNETS:
@@ -172,6 +175,7 @@ class Rig:
             except ValueError as error:
                 raise ValueError(f"[axis.{name}]: {error}") from None
         check_magnet(self)
+        check_effects(self.effects, self)
 
     @property
     def controlled(self) -> bool:
@@ -218,7 +222,8 @@ def axis_rig(rig: Rig, axis: int) -> Rig:
     gains, protocol = rig.gains and of_axis(rig.gains, axis), rig.protocol
     if protocol:
         protocol = replace(protocol, excitations=axis_excitations(protocol.excitations, axis))
-    own = replace(rig, axes=1, per_axis={}, cross=NO_CROSS, gains=gains, protocol=protocol)
+    effects = {name: values for name, values in rig.effects.items() if "two_axes" not in EFFECTS[name].needs}
+    own = replace(rig, axes=1, per_axis={}, cross=NO_CROSS, gains=gains, protocol=protocol, effects=effects)
     return with_parameters(own, rig.per_axis.get(AXES[axis], {}))
 
 
@@ -254,7 +259,7 @@ _COMMON = ("control_rate", "clearance", "gravity", "flux_path", "adc_bits", "dac
 _PER_AXIS = [name for name in PARAMETERS if name not in _COMMON]
 _TABLES = (
     *("parameters", "axis", "cross", "gains", "noise", "bounds"),
-    *("protocol", "target", "tolerance", "randomization", "self_sensing"),
+    *("protocol", "target", "tolerance", "randomization", "self_sensing", "effects"),
 )
 
 
@@ -303,7 +308,27 @@ def _build(data: dict[str, Any]) -> Rig:
         tolerance=data.get("tolerance", {}),
         randomization=randomization,
         self_sensing=_table(SelfSensing, data, "self_sensing"),
+        effects=_effects(data.get("effects", {})),
     )
+
+
+def _effects(tables: Mapping[str, Any]) -> Effects:
+    """[effects] with one table per effect; what a table leaves out has its default."""
+    found: dict[str, Mapping[str, float]] = {}
+    for name, values in tables.items():
+        _known(name, EFFECTS, "[effects]")
+        first = next(iter(EFFECTS[name].parameters))
+        if not isinstance(values, Mapping):
+            raise ValueError(f"[effects]: {name} = {values!r} must be a table: [effects.{name}] with {first} = ...")
+        for key, value in values.items():
+            _known(key, EFFECTS[name].parameters, f"[effects.{name}]")
+            if isinstance(value, bool) or not isinstance(value, int | float):
+                raise ValueError(f"[effects.{name}]: {key} = {value!r} is not a number")
+        try:
+            found |= effect(name, **values)
+        except ValueError as error:
+            raise ValueError(f"[effects.{name}]: {error}") from None
+    return found
 
 
 def controllers_from_table(table: Any, where: str) -> Controllers:

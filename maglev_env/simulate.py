@@ -12,6 +12,7 @@ from maglev_env.excitation import lines_at
 from maglev_env.experiment import SPECTRAL, Experiment, recorded_channels, sampling, spectral_channels
 from maglev_env.kernel import TILE, Structure, kernel
 from maglev_env.kernel_rows import ALIVE, CURRENT_SQ, LANES, PEAK_SQ, STEPS
+from maglev_env.lane_controllers import with_controllers
 from maglev_env.lanes import SEEDED, LaneBatch, lane_batch, structure_of, timing_of
 from maglev_env.threads import over_threads
 from selfsense.kernel_rows import OFF_PEAK, OFF_SQ, OFF_SUM, SENSOR_ROWS
@@ -133,6 +134,49 @@ def simulate_records(experiments: Sequence[Experiment], substeps: int = 1, threa
     return records.reshape(len(experiments), len(names) * axes, -1)
 
 
+def prepared(experiments: Sequence[Experiment]) -> list["_Block"]:
+    """Lanes ready for `steady_spectra`: what of experiments does not depend on their gains, excitations and offset."""
+    return _blocks(experiments, 1)
+
+
+def steady_spectra(
+    lanes: Sequence["_Block"],
+    experiment: Experiment,
+    waves: Mapping[str, np.ndarray],
+    lines: np.ndarray,
+    transient_periods: int,
+    threads: int | None = None,
+) -> np.ndarray:
+    """Complex amplitudes (n, 3, axes, lines) of displacement, command and current over the period that follows the
+    transient ones, under waves that were measured; nan for a lane that touched down.
+
+    lanes: see `prepared`; they run under the gains, period and recorded rate of the experiment, whose structure (see
+    `structure_of`) but for effects must be theirs. waves: one period (axes, samples_per_period) of "force" (N),
+    "current" (A) and "reference" (m, offset included) in place of what the excitations draw.
+    """
+    _, every = sampling(experiment.recorded_rate, experiment.rig.control_rate)
+    count, n = sum(len(block.members) for block in lanes), experiment.samples_per_period
+    spectra = np.full((count, 3, experiment.rig.axes, len(lines)), np.nan, complex)
+    driven = [np.ravel(waves[place]) for place in ("force", "current", "reference")]
+
+    def run(prepared: _Block) -> None:
+        batch = with_controllers(prepared.batch, experiment.gains, experiment)
+        block = replace(prepared, batch=batch, experiment=experiment)
+        state, out = _State(block), None
+        outputs = len(batch.structure.channels)
+        for out in _periods(block, state, transient_periods + 1, outputs, waves=driven):  # noqa: B007
+            pass
+        kept = np.flatnonzero(state.alive()[: len(block.members)])
+        if out is None or not kept.size:
+            return
+        found = scipy.fft.rfft(out[:, [0, 1, -1]][..., kept, ::every], axis=-1)[..., lines] * (2 * every / n)
+        spectra[block.members[kept]] = found.transpose(2, 1, 0, 3)
+
+    for _ in over_threads(run, lanes, threads):
+        pass
+    return spectra
+
+
 def block_periods(experiments: Sequence[Experiment], outputs: int = 2) -> Iterator[Iterator[np.ndarray]]:
     """The simulator alone: per block an iterator over periods of the first `outputs` kernel channels."""
     first = _common(experiments)
@@ -229,14 +273,20 @@ def _blocks(experiments: Sequence[Experiment], substeps: int) -> list[_Block]:
 
 
 def _periods(
-    block: _Block, state: _State, periods: int, outputs: int, oversampled: bool = False
+    block: _Block,
+    state: _State,
+    periods: int,
+    outputs: int,
+    oversampled: bool = False,
+    waves: Sequence[np.ndarray] | None = None,
 ) -> Iterator[np.ndarray]:
     """Output (axes, outputs, LANES, samples) of each period; the buffer is reused. Ends when all have touched down."""
     e, axes = block.experiment, state.axes
     step = kernel(block.batch.structure, outputs, block.substeps, oversampled)
-    reference = np.atleast_2d(e.waveform("reference"))
-    reference[0] += e.offset
-    waves = [np.ravel(e.waveform("force")), np.ravel(e.waveform("current")), reference.reshape(-1)]
+    if waves is None:
+        reference = np.atleast_2d(e.waveform("reference"))
+        reference[0] += e.offset
+        waves = [np.ravel(e.waveform("force")), np.ravel(e.waveform("current")), reference.reshape(-1)]
     out = _aligned((axes, outputs, LANES, e.samples_per_period * (block.substeps if oversampled else 1)))
     out[:] = 0.0  # past the last touchdown of a block nothing is written: what memory held may be no number
     tile = _aligned((TILE * axes * outputs * LANES,))

@@ -3,6 +3,7 @@
 import os
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
 from functools import cache
 from typing import TypeVar
 
@@ -18,7 +19,7 @@ def over_threads(work: Callable[[Item], Result], items: Sequence[Item], threads:
     other, and cost ten times what they bring.
     """
     threads = min(threads or os.cpu_count() or 1, len(items))
-    with _blas().limit(limits=1, user_api="blas"):
+    with single_blas():
         if threads <= 1:
             yield from map(work, items)
             return
@@ -28,6 +29,13 @@ def over_threads(work: Callable[[Item], Result], items: Sequence[Item], threads:
             except BaseException:
                 pool.shutdown(wait=True, cancel_futures=True)
                 raise
+
+
+@contextmanager
+def single_blas() -> Iterator[None]:
+    """Linear algebra on one thread while it lasts."""
+    with _blas().limit(limits=1, user_api="blas"):
+        yield
 
 
 @cache

@@ -94,7 +94,7 @@ def make_task(
     if move is not None and not (is_number(move) and 0 < move <= 2):
         raise ValueError(f"move = {move!r}; give a share of the box above 0 and up to 2, or None")
     loaded = with_defaults(loaded)
-    check_effects(effects or {})
+    check_effects(effects or {}, loaded)
     check_randomization(loaded, randomization)
     box = gain_box(loaded, tuned, bounds)
     # A rotor with two axes is scored by the worse one, against the target of x.

@@ -1,0 +1,49 @@
+"""Eddy currents: the fractional lag of solid iron as a few first-order branches, which have states and poles.
+
+1 / (1 + (s / w)^order) from the coil's current to the one that pulls; order 1/2 is thick solid iron (Zhu, Knospe and
+Maslen 2005, IEEE Trans. Magn. 41).
+"""
+
+import numpy as np
+
+BRANCHES = 8
+LOW, HIGH = 0.9, 2200.0  # Hz: where the branches are fitted
+_FIT = np.geomspace(LOW, HIGH, 100)
+
+
+def eddy_branches(
+    corner_hz: float | np.ndarray, order: float | np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Direct share (...), weights (..., BRANCHES) and rates (..., BRANCHES) 1/s, of corners (Hz) and orders (...).
+
+    With branches x' = rate (i - x), the current that pulls is direct i + sum weights x, and direct + sum weights = 1.
+    From 1 Hz to 2 kHz within 0.3 % and 0.2 degrees of the fractional lag for corners of 50 Hz and more and orders
+    0.3 .. 0.98; with lower corners, and above 2 kHz, within some per cent and degrees. Smooth in both. An infinite
+    corner gives direct 1 and weights 0.
+    """
+    corner, a = np.broadcast_arrays(np.asarray(corner_hz, dtype=float), np.asarray(order, dtype=float))
+    finite = np.isfinite(corner)
+    hz = _poles(np.where(finite, corner, HIGH), a)
+    # Unknown are the weights alone: 1 - sum weights j f / (j f + pole) is 1 at zero frequency whatever they are.
+    s = 1j * _FIT
+    bent = 1 + (s / corner[..., None]) ** a[..., None]  # one over the response: makes the errors relative
+    matrix = -(s[:, None] / (s[:, None] + hz[..., None, :])) * bent[..., None]
+    wanted = 1 - bent
+    q, r = np.linalg.qr(np.concatenate([matrix.real, matrix.imag], axis=-2))
+    right = np.concatenate([wanted.real, wanted.imag], axis=-1)[..., None]
+    weights = np.linalg.solve(r, np.swapaxes(q, -1, -2) @ right)[..., 0]
+    weights = np.where(finite[..., None], weights, 0.0)
+    return 1 - weights.sum(axis=-1), weights, 2 * np.pi * hz
+
+
+def _poles(corner: np.ndarray, order: np.ndarray) -> np.ndarray:
+    """Corner frequencies (..., BRANCHES), Hz: log-spaced afar, closer together near the corner the nearer order is 1.
+
+    The fractional lag is a continuum of poles, logistic in log frequency, that narrows to one pole at order 1. The
+    constants are those with the smallest largest error.
+    """
+    width, high = 6.2 * (1 - order) ** 0.68, 4600.0
+    low = 1 / (np.exp(-6.2 * order) / 0.0066 + 2 / corner)
+    ends = np.arcsinh(np.log(np.stack([low, np.broadcast_to(high, low.shape)]) / corner) / width)
+    along = ends[0, ..., None] + (ends[1] - ends[0])[..., None] * np.linspace(0, 1, BRANCHES)
+    return corner[..., None] * np.exp(width[..., None] * np.sinh(along))

@@ -1,0 +1,18 @@
+"""Matrix exponentials of lanes: many lanes, recordings and trial steps share most of their matrices."""
+
+from functools import lru_cache
+
+import numpy as np
+from scipy import linalg
+
+
+def expm(matrices: np.ndarray) -> np.ndarray:
+    """Exponentials of (n, m, m), each different one computed once and remembered."""
+    matrices = np.ascontiguousarray(matrices, dtype=np.float64)
+    size = matrices.shape[-1]
+    return np.array([_one(m.tobytes(), size) for m in matrices])
+
+
+@lru_cache(maxsize=20_000)  # of at most some 20 x 20 doubles each
+def _one(raw: bytes, size: int) -> np.ndarray:
+    return linalg.expm(np.frombuffer(raw).reshape(size, size))

@@ -1,0 +1,235 @@
+"""Which effect: candidates fitted in closed loop, alone and in pairs, scored on recordings they were not fitted to."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from sim2real.fitting import Fit, begin, differentiate, iterate, left_out_cost, share_calibrations
+from sim2real.hypotheses import COORDINATES, Hypothesis, single_effects, starts
+from sim2real.problem import Problem
+from sim2real.simulated import tolerances
+
+FIRST, ITERATIONS = 2, 8  # steps of a fit from every start that is followed, and more of the better one
+FOLLOWED = 2  # starts of an effect that are fitted further
+SEEDS, PAIRS = 3, 6  # best single effects that a second one is added to, and pairs that are fitted
+APART = 0.1  # coordinates by which two starts must differ
+MOST_SCALED = 10.0  # times its start that a linear look may make a size
+FEWEST_RECORDS = 3  # to leave one out at a time
+LINE_BLOCKS = 5
+NO_GAP = 12.0  # cost that no single effect saves beyond calibration: then no pair is looked for
+CLOSE, CLOSE_SHARE = 500.0, 0.5  # cost above the best within which a fit is worth leaving groups out
+
+Progress = Callable[[str], None]
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A fitted hypothesis: cost on what it was fitted to, and `left_out`, the cost of each group of residuals (G,)
+    predicted from the others."""
+
+    fit: Fit
+    left_out: np.ndarray
+
+    @property
+    def effects(self) -> tuple[str, ...]:
+        return self.fit.hypothesis.effects
+
+    @property
+    def predictive(self) -> float:
+        """-2 ln of the likelihood of what was left out, but for a constant."""
+        return float(self.left_out.sum())
+
+
+@dataclass(frozen=True)
+class Attribution:
+    """nominal: predictive cost of the nominal rig as it is (inf where it touches down). candidates: calibration alone
+    first, then singles and pairs. expected: cost of the true model, twice the number of complex residuals."""
+
+    nominal: float
+    candidates: tuple[Candidate, ...]
+    expected: float
+    groups: np.ndarray
+    problem: Problem
+
+    def of(self, *effects: str) -> Candidate | None:
+        for candidate in self.candidates:
+            if set(candidate.effects) == set(effects):
+                return candidate
+        return None
+
+    @property
+    def calibration(self) -> Candidate:
+        return self.candidates[0]
+
+
+def attribute(problem: Problem, progress: Progress = lambda text: None) -> Attribution:
+    """Fit calibration alone, each effect that has a meaning on the rig, and the most promising pairs.
+
+    ValueError when no hypothesis at all levitates under the recorded gains.
+    """
+    rig = problem.parts[0].record.nominal
+    allowed, groups = tolerances(rig), left_out_groups(problem)
+    progress("calibration")
+    base = Hypothesis((), allowed)
+    calibration = begin([base], [np.zeros(base.size)], problem.data, problem.simulate)
+    nominal = calibration[0].cost
+    iterate(calibration, problem.data, problem.simulate, ITERATIONS)
+    differentiate(calibration, problem.data, problem.simulate, True)
+    progress("single effects")
+    singles = _singles(problem, calibration[0], single_effects(rig), allowed)
+    pairs: list[Fit] = []
+    least = min((f.cost for f in singles), default=np.inf)
+    if not calibration[0].cost - least < NO_GAP:
+        progress("pairs of effects")
+        pairs = _pairs(problem, singles)
+    fits = [f for f in (*calibration, *singles, *pairs)]
+    standing = [f for f in fits if np.isfinite(f.cost)]
+    if not standing:
+        raise ValueError(
+            f"campaign: neither the nominal rig {rig.name} nor any single effect levitates with the recorded gains; "
+            "check the gains, their units and the sign of the displacement"
+        )
+    least = min(f.cost for f in standing)
+    close = [f for f in standing if f is fits[0] or f.cost - least < CLOSE + CLOSE_SHARE * least]
+    differentiate(close, problem.data, problem.simulate, True)
+    found = [Candidate(f, _left_out(f, groups, f in close)) for f in fits]
+    return Attribution(nominal, tuple(found), 2.0 * problem.data.size, groups, problem)
+
+
+def _left_out(fit: Fit, groups: np.ndarray, close: bool) -> np.ndarray:
+    """Of a fit far from the best one its own cost stands for what it would predict."""
+    if not np.isfinite(fit.cost):
+        return np.full(groups.max() + 1, np.inf)
+    return left_out_cost(fit, groups) if close else np.bincount(groups, abs(fit.residual) ** 2)
+
+
+def left_out_groups(problem: Problem) -> np.ndarray:
+    """Group of each residual: its recording, or with few of them its block of neighbouring lines, in turns."""
+    if len(problem.parts) >= FEWEST_RECORDS:
+        return problem.record
+    order = np.unique(problem.frequency, return_inverse=True)[1]
+    return (order // 4) % LINE_BLOCKS
+
+
+def _singles(problem: Problem, calibration: Fit, names: Sequence[str], allowed: Mapping[str, float]) -> list[Fit]:
+    """Each effect alone, from the starts that promise most."""
+    jobs = [
+        (calibration, h, _extended(h, start, calibration))
+        for h in (Hypothesis((name,), allowed) for name in names)
+        for start in starts(h.effects[0])
+    ]
+    promising: dict[str, list[_Promise]] = {}
+    for promise in _screened(problem, jobs):
+        kept = promising.setdefault(promise.hypothesis.effects[0], [])
+        if len(kept) < FOLLOWED and all(_apart(promise, other) for other in kept):
+            kept.append(promise)
+    chosen = [p for kept in promising.values() for p in kept]
+    fits = begin([p.hypothesis for p in chosen], [p.u for p in chosen], problem.data, problem.simulate)
+    share_calibrations(fits, calibration)
+    iterate(fits, problem.data, problem.simulate, FIRST)
+    best = [min((f for f in fits if f.hypothesis.effects == (name,)), key=lambda f: f.cost) for name in promising]
+    iterate(best, problem.data, problem.simulate, ITERATIONS)
+    return best
+
+
+def _extended(hypothesis: Hypothesis, effects: np.ndarray, near: Fit) -> np.ndarray:
+    """Coordinates of the effects, with the tolerances where another fit has them."""
+    known = dict(zip(near.hypothesis.calibrated, near.u[len(near.hypothesis.coordinates) :], strict=True))
+    if not np.isfinite(near.cost):
+        known = {}
+    return np.concatenate([effects, [known.get(name, 0.0) for name in hypothesis.calibrated]])
+
+
+@dataclass(frozen=True)
+class _Promise:
+    """A start, its size scaled, and the cost that a linear look at one recording says it saves."""
+
+    hypothesis: Hypothesis
+    u: np.ndarray
+    gain: float
+
+
+def _apart(one: _Promise, other: _Promise) -> bool:
+    """Whether two starts of an effect are worth following both."""
+    n = len(one.hypothesis.coordinates)
+    return bool(np.max(abs(one.u[:n] - other.u[:n])) > APART)
+
+
+def _screened(problem: Problem, jobs: Sequence[tuple[Fit, Hypothesis, np.ndarray]]) -> list[_Promise]:
+    """Starts (a seed's fit, a hypothesis that adds an effect to it, coordinates), the most promising first; what a
+    start touches down with is left out. A seed that touches down is no base: then the start's own cost counts."""
+    single = problem.first()
+    predicted = single.simulate([h.point(h.bounded(u)) for _, h, u in jobs])
+    at, found = problem.parts[0].place, []
+    looks: dict[Fit, tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]] = {}
+    for (seed, h, u), p in zip(jobs, predicted, strict=True):
+        if not np.isfinite(p).all():
+            continue
+        if not np.isfinite(seed.cost) or seed.jacobian is None:
+            found.append(_Promise(h, u, -float(np.vdot(single.data - p, single.data - p).real)))
+            continue
+        if seed not in looks:
+            jacobian, residual = seed.jacobian[:, at], seed.residual[at]
+            normal = (jacobian @ jacobian.conj().T).real + np.diag(seed.prior)
+            solve = np.linalg.pinv(normal, hermitian=True)
+            looks[seed] = jacobian, residual, solve, (jacobian @ residual.conj()).real
+        share, gain = _along(*looks[seed], p - (single.data - looks[seed][1]), _turns(h))
+        found.append(_Promise(h, _scaled(h, u, share), gain))
+    return sorted(found, key=lambda promise: -promise.gain)
+
+
+def _turns(h: Hypothesis) -> bool:
+    """Whether the size of the effect added last may change its sign."""
+    return any(c.signed for c in COORDINATES[h.effects[-1]])
+
+
+def _pairs(problem: Problem, singles: Sequence[Fit]) -> list[Fit]:
+    """The pairs that a linear look promises most, fitted: a second effect beside each of the best single ones."""
+    seeds = sorted((f for f in singles if np.isfinite(f.cost)), key=lambda f: f.cost)[:SEEDS]
+    differentiate(seeds, problem.data, problem.simulate, True)
+    jobs = []
+    for seed in seeds:
+        first = seed.hypothesis.effects[0]
+        n = len(seed.hypothesis.coordinates)
+        for other in singles:
+            name = other.hypothesis.effects[0]
+            if name == first:
+                continue
+            h = Hypothesis((first, name), seed.hypothesis.tolerances)
+            tried = starts(name)
+            if np.isfinite(other.cost):
+                tried = [*tried, other.u[: len(COORDINATES[name])]]
+            jobs += [(seed, h, _extended(h, np.concatenate([seed.u[:n], start]), seed)) for start in tried]
+    chosen: dict[frozenset[str], _Promise] = {}
+    for promise in _screened(problem, jobs):
+        if len(chosen) < PAIRS:
+            chosen.setdefault(frozenset(promise.hypothesis.effects), promise)
+    if not chosen:
+        return []
+    promises = list(chosen.values())
+    fits = begin([p.hypothesis for p in promises], [p.u for p in promises], problem.data, problem.simulate)
+    iterate(fits, problem.data, problem.simulate, FIRST + ITERATIONS)
+    return fits
+
+
+def _along(
+    jacobian: np.ndarray, residual: np.ndarray, solve: np.ndarray, gradient: np.ndarray, change: np.ndarray, turns: bool
+) -> tuple[float, float]:
+    """Share of a change that fits a residual best once the other parameters may follow, and the cost it saves."""
+    cross = (jacobian @ change.conj()).real
+    own = np.vdot(change, change).real - cross @ solve @ cross
+    along = np.vdot(change, residual).real - cross @ solve @ gradient
+    if own <= 1e-9 * np.vdot(change, change).real or (along <= 0 and not turns):
+        return 0.0, 0.0
+    return along / own, along**2 / own
+
+
+def _scaled(h: Hypothesis, u: np.ndarray, share: float) -> np.ndarray:
+    """Coordinates with the last effect's size moved toward its share; sizes on a logarithmic scale stay."""
+    moved = u.copy()
+    first = len(h.coordinates) - len(COORDINATES[h.effects[-1]])
+    for i, c in enumerate(COORDINATES[h.effects[-1]], first):
+        if c.scale is not None and c.parameter != "order":
+            moved[i] = u[i] * np.clip(share, -MOST_SCALED, MOST_SCALED)
+    return h.bounded(moved)

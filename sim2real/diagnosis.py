@@ -1,0 +1,200 @@
+"""A campaign in, a diagnosis out: where the gap lies, which effect causes it, how far it shrinks."""
+
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from maglev_env.campaign import Campaign
+from maglev_env.effects import EFFECTS
+from sim2real.attribute import Attribution, Candidate, attribute
+from sim2real.hypotheses import CALIBRATION, TONES, Coordinate
+from sim2real.judge import Entry, entries, evidence_of, verdict
+from sim2real.locate import CONTROLLER_SD, Where, locate
+from sim2real.next_experiment import Proposal, propose
+from sim2real.problem import Problem, assemble
+from sim2real.records import read_records
+from sim2real.shrink import Gap, errors, shrink
+from sim2real.simulated import Point
+from sim2real.unsynchronised import Sighting, evidence, sightings, spin_costs, tone_parameters
+
+SCHEMA = "maglev-diagnosis/1"
+HELD_OUT_EVERY = 4  # without a holdout every fourth line is kept from the fits
+LISTED = 0.001  # entries of less probability are summed in the JSON's last one
+
+
+@dataclass(frozen=True)
+class Diagnosis:
+    """What a campaign says of the nominal simulator.
+
+    verdict: "no_gap", "explained", "ambiguous" or "unexplained". cause: names of the effects; of an ambiguous one the
+    class that the campaign cannot tell apart, "a+b" for two together; ("unknown",) when unexplained. which: every
+    hypothesis with its probability. corrected: the point that closes the gap (calibration alone where nothing is
+    named). seconds: wall time. notes: what was assumed, or could not be told.
+    """
+
+    verdict: str
+    cause: tuple[str, ...]
+    where: Where
+    which: tuple[Entry, ...]
+    indistinguishable: tuple[tuple[str, ...], ...]
+    next_experiment: Proposal | None
+    gap: Gap
+    corrected: Point
+    campaign: Campaign
+    attribution: Attribution
+    judged: Problem
+    seconds: float
+    notes: tuple[str, ...]
+
+    def to_json(self) -> dict[str, Any]:
+        """The diagnosis as schema maglev-diagnosis/1; SI units, None for what cannot be told."""
+        listed = [e for e in self.which if e.probability >= LISTED or e.effects[0] in ("none", CALIBRATION, "unknown")]
+        rest = sum(e.probability for e in self.which) - sum(e.probability for e in listed)
+        which = [
+            {
+                "effects": list(e.effects),
+                "probability": e.probability,
+                "parameters": {} if e.candidate is None else _parameters(self.attribution.candidates[e.candidate]),
+                "explained_worst_group": e.explained_worst_group,
+            }
+            for e in listed
+        ]
+        if rest > 0:
+            which.append({"effects": ["other"], "probability": rest, "parameters": {}, "explained_worst_group": None})
+        g, w = self.gap, self.where
+        return {
+            "schema": SCHEMA,
+            "verdict": self.verdict,
+            "cause": list(self.cause),
+            "where": {
+                "blocks": dict(w.blocks),
+                "bands": [{"f_lo": lo, "f_hi": hi, "share": share} for lo, hi, share in w.bands],
+                "kind": dict(w.kind),
+                "controller_distance": w.controller,
+            },
+            "which": which,
+            "indistinguishable": [list(c) for c in self.indistinguishable],
+            "next_experiment": None if self.next_experiment is None else self.next_experiment.to_json(),
+            "gap": {
+                "before": g.before,
+                "calibrated": g.calibrated,
+                "after": g.after,
+                "floor": g.floor,
+                "closed_fraction": g.closed_fraction,
+                "closed_fraction_ci": None if g.closed_fraction_ci is None else list(g.closed_fraction_ci),
+                "judged_on": g.judged_on,
+                "stiffness_error": errors(g, "stiffness"),
+                "damping_error": errors(g, "damping"),
+                "peak_sensitivity_error": errors(g, "peak_sensitivity"),
+                "regret": None,
+                "foils": dict(g.foils),
+            },
+            "corrected": {"effects": {n: dict(v) for n, v in self.corrected.effects.items()},
+                          "changes": dict(self.corrected.changes)},
+            "notes": list(self.notes),
+            "seconds": self.seconds,
+        }  # fmt: skip
+
+
+def diagnose(
+    campaign: str | Path | Campaign, seed: int = 0, progress: Callable[[str], None] = lambda text: None
+) -> Diagnosis:
+    """Diagnose a campaign folder; progress is told of each step, seed draws the foils and the bootstrap.
+
+    ValueError or OSError as `read_records`, and when nothing levitates under the recorded gains.
+    """
+    begun = time.perf_counter()
+    progress("reading")
+    loaded, records = read_records(campaign)
+    fitted = assemble([r for r in records if r.role == "fit"])
+    holdouts = [r for r in records if r.role == "holdout"]
+    notes = [note for r in records for note in r.notes]
+    if holdouts:
+        judged, judged_on = assemble(holdouts), "holdout"
+    else:
+        fitted, judged = fitted.split(HELD_OUT_EVERY)
+        judged_on = "held-out lines"
+        notes.append("no recording is a holdout: the gap is judged on every fourth line, which no fit has seen")
+    attribution = attribute(fitted, progress)
+    progress("judging")
+    base = min((c for c in attribution.candidates), key=lambda c: c.predictive)
+    seen = sightings(fitted, base.fit.hypothesis.point(base.fit.u))
+    found = entries(evidence_of(attribution, evidence(seen), spin_costs(fitted, seen)))
+    worded, cause = verdict(found)
+    where = _where(fitted, attribution, sum(evidence(seen).values()))
+    if where.controller is not None and where.controller > CONTROLLER_SD:
+        notes.append(
+            f"the recorded controller is not the one described: its command is {where.controller:.0f} standard "
+            "deviations from what the stated gains make of the reading; check gains, td, ti and the sign"
+        )
+    top = next((e for e in found if e.effects[0] not in ("none", CALIBRATION, "unknown")), None)
+    chosen = top if worded in ("explained", "ambiguous") else None
+    picked = None if chosen is None or chosen.candidate is None else attribution.candidates[chosen.candidate]
+    gap = shrink(judged, attribution, picked, judged_on, seed)
+    alike = (cause,) if worded == "ambiguous" else ()
+    proposal = None
+    if worded in ("ambiguous", "unexplained"):
+        progress("next experiment")
+        proposal = propose(attribution, found)
+    return Diagnosis(
+        worded,
+        cause,
+        where,
+        tuple(found),
+        alike,
+        proposal,
+        gap,
+        _corrected(fitted, picked or attribution.calibration, () if chosen is None else chosen.effects, seen),
+        loaded,
+        attribution,
+        judged,
+        time.perf_counter() - begun,
+        tuple(dict.fromkeys(notes)),
+    )
+
+
+def _where(fitted: Problem, attribution: Attribution, tones: float) -> Where:
+    """Of what calibration leaves; of the linear nominal loop, opened, where the rotor touches down with it."""
+    calibration = attribution.calibration.fit
+    if np.isfinite(calibration.cost):
+        return locate(fitted, calibration.residual, tones)
+    residual = np.empty_like(fitted.data)
+    for part in fitted.parts:
+        off = (part.measured - part.opened.driven(part.record)) * np.sqrt(2) / part.noise
+        residual[part.place] = off[..., part.used].reshape(-1)
+    return locate(fitted, residual, tones)
+
+
+def _corrected(fitted: Problem, candidate: Candidate, effects: tuple[str, ...], seen: list[Sighting]) -> Point:
+    """The candidate's point, with the tones among the effects."""
+    if not np.isfinite(candidate.fit.cost):
+        return Point({}, {})
+    point = candidate.fit.hypothesis.point(candidate.fit.u)
+    tones = {name: tone_parameters(fitted, seen, name) for name in effects if name in TONES}
+    return Point({**point.effects, **tones}, point.changes)
+
+
+def _parameters(candidate: Candidate) -> Mapping[str, dict[str, float]]:
+    """Fitted parameters with their standard errors, by "effect.parameter" and, of tolerances, by parameter."""
+    fit, found = candidate.fit, {}
+    sd = np.sqrt(np.maximum(np.diag(fit.covariance()), 0.0))
+    for i, c in enumerate(fit.hypothesis.coordinates):
+        value = c.value(float(fit.u[i]))
+        found[f"{c.effect}.{c.parameter}"] = {"value": value, "se": _se(c, value, float(sd[i]))}
+    for i, name in enumerate(fit.hypothesis.calibrated, len(fit.hypothesis.coordinates)):
+        sigma = fit.hypothesis.tolerances[name]
+        found[f"{name} (relative)"] = {"value": float(fit.u[i]) * sigma, "se": float(sd[i]) * sigma}
+    return found
+
+
+def _se(c: Coordinate, value: float, sd: float) -> float:
+    return value * sd if c.scale is None else c.scale * sd
+
+
+def block_of(name: str) -> str:
+    """Block of an effect, or of several written "a+b"."""
+    return "+".join(dict.fromkeys(EFFECTS[part].block for part in name.split("+")))

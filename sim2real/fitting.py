@@ -1,0 +1,173 @@
+"""Least squares of many hypotheses at once: every trial step and every column of a Jacobian is a lane."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from sim2real.hypotheses import Hypothesis
+from sim2real.simulated import Point
+
+Simulate = Callable[[Sequence[Point]], np.ndarray]  # (n, K) complex, whitened; nan where the rotor touched down
+REFRESH = 4  # steps after which the tolerances' rows are found anew
+STEP, CALIBRATION_STEP = 0.02, 0.2  # of finite differences, in coordinates and in tolerances
+DAMPING = (0.1, 3.0)  # factors on the Levenberg-Marquardt parameter that every iteration tries
+CONVERGED, SHARE, IDLE = 0.2, 1e-5, 2  # so many steps in a row gain less than this cost, and share of the cost
+NEWTON, NEWTON_CALIBRATION = 0.1, 1.0  # of a step's reach, and tolerances: as far as leaving a group out is linear
+PATIENCE, HOPELESS, SMALL = 2, 0.4, 200.0
+
+
+@dataclass(eq=False)
+class Fit:
+    """A hypothesis at coordinates u: residual (K,) complex whitened, jacobian (size, K) of the prediction (None:
+    not yet known), and cost = sum |r|^2 + sum of squared changes in tolerances, -2 ln of the likelihood but for a
+    constant; each complex residual counts twice, so |r|^2 is scaled to variance 1 per real part."""
+
+    hypothesis: Hypothesis
+    u: np.ndarray
+    residual: np.ndarray
+    cost: float
+    jacobian: np.ndarray | None = None
+    damping: float = 1e-2
+    idle: int = 0
+    done: bool = False
+
+    @property
+    def prior(self) -> np.ndarray:
+        """Prior precision of each coordinate: 1 for a tolerance, 0 for an effect's parameter."""
+        free = len(self.hypothesis.coordinates)
+        return np.concatenate([np.zeros(free), np.ones(self.hypothesis.size - free)])
+
+    @property
+    def normal(self) -> np.ndarray:
+        """Hessian of the cost / 2, (size, size)."""
+        return (self.jacobian @ self.jacobian.conj().T).real + np.diag(self.prior)
+
+    @property
+    def gradient(self) -> np.ndarray:
+        """Of the cost / 2 against a step, (size,)."""
+        return (self.jacobian @ self.residual.conj()).real - self.prior * self.u
+
+    def covariance(self) -> np.ndarray:
+        """Of the coordinates, (size, size)."""
+        return np.linalg.pinv(self.normal, hermitian=True)
+
+
+def share_calibrations(fits: Sequence[Fit], known: Fit) -> None:
+    """Begin with the Jacobian's rows of the tolerances that another fit has: they hardly depend on a small effect."""
+    if known.jacobian is None or not np.isfinite(known.cost):
+        return
+    first = len(known.hypothesis.coordinates)
+    rows = dict(zip(known.hypothesis.calibrated, known.jacobian[first:], strict=True))
+    for fit in fits:
+        own = len(fit.hypothesis.coordinates)
+        fit.jacobian = np.zeros((fit.hypothesis.size, fit.residual.size), complex)
+        for i, name in enumerate(fit.hypothesis.calibrated, own):
+            fit.jacobian[i] = rows[name]
+
+
+def cost_of(residual: np.ndarray, u: np.ndarray, prior: np.ndarray) -> float:
+    return float(np.vdot(residual, residual).real + prior @ u**2)
+
+
+def begin(hypotheses: Sequence[Hypothesis], u: Sequence[np.ndarray], data: np.ndarray, simulate: Simulate) -> list[Fit]:
+    """Fits at given coordinates, their Jacobians not yet known; inf where the rotor touches down."""
+    u = [h.bounded(v) for h, v in zip(hypotheses, u, strict=True)]
+    predicted = simulate([h.point(v) for h, v in zip(hypotheses, u, strict=True)])
+    fits = []
+    for h, v, p in zip(hypotheses, u, predicted, strict=True):
+        fit = Fit(h, v, data - p, np.inf)
+        if np.isfinite(p).all():
+            fit.cost = cost_of(fit.residual, v, fit.prior)
+        fits.append(fit)
+    return fits
+
+
+def differentiate(fits: Sequence[Fit], data: np.ndarray, simulate: Simulate, calibrations: bool) -> None:
+    """Fill in the Jacobian's rows of the effects' parameters, and with `calibrations` those of the tolerances."""
+    jobs: list[tuple[Fit, int, float]] = []
+    points: list[Point] = []
+    for fit in fits:
+        free = len(fit.hypothesis.coordinates)
+        if fit.jacobian is None:
+            fit.jacobian = np.zeros((fit.hypothesis.size, data.size), complex)
+        for i in range(fit.hypothesis.size if calibrations else free):
+            step = max(STEP, STEP * abs(fit.u[i])) if i < free else CALIBRATION_STEP
+            for signed in (step, -step):
+                moved = fit.u.copy()
+                moved[i] += signed
+                bounded = fit.hypothesis.bounded(moved)
+                if abs(bounded[i] - moved[i]) < 0.5 * step:
+                    break
+            jobs.append((fit, i, bounded[i] - fit.u[i]))
+            points.append(fit.hypothesis.point(bounded))
+    if not jobs:
+        return
+    for (fit, i, step), predicted in zip(jobs, simulate(points), strict=True):
+        change = (predicted - (data - fit.residual)) / step
+        fit.jacobian[i] = change if np.isfinite(change).all() else 0.0
+
+
+def iterate(fits: Sequence[Fit], data: np.ndarray, simulate: Simulate, most: int) -> None:
+    """Levenberg-Marquardt steps of all fits together, at most `most`; tolerances' rows are refreshed now and then.
+
+    From PATIENCE steps on, a fit that has not saved half of what the best one of them saves is left where it is.
+    """
+    begun = max((f.cost for f in fits if np.isfinite(f.cost)), default=np.inf)
+    for iteration in range(most):
+        if iteration >= PATIENCE:
+            least = min(f.cost for f in fits)
+            for f in fits:
+                f.done = f.done or f.cost - least > HOPELESS * max(begun - least, 0.0) + SMALL
+        active = [f for f in fits if not f.done and np.isfinite(f.cost)]
+        if not active:
+            return
+        unknown = [f for f in active if (iteration and iteration % REFRESH == 0) or f.jacobian is None]
+        differentiate(unknown, data, simulate, True)
+        differentiate([f for f in active if f not in unknown], data, simulate, False)
+        trials = [(f, f.damping * factor, u) for f in active for factor, u in zip(DAMPING, _steps(f), strict=True)]
+        predicted = simulate([f.hypothesis.point(u) for f, _, u in trials])
+        best: dict[int, tuple[float, float, np.ndarray, np.ndarray]] = {}
+        for (f, damping, u), p in zip(trials, predicted, strict=True):
+            if np.isfinite(p).all():
+                cost = cost_of(data - p, u, f.prior)
+                if cost < best.get(id(f), (f.cost,))[0]:
+                    best[id(f)] = cost, damping, u, data - p
+        for f in active:
+            if id(f) not in best:
+                f.damping *= 10
+                f.done = f.damping > 1e3
+                continue
+            before = f.cost
+            f.cost, f.damping, f.u, f.residual = best[id(f)]
+            f.idle = f.idle + 1 if before - f.cost < CONVERGED + SHARE * before else 0
+            f.done = f.idle >= IDLE
+
+
+def _steps(fit: Fit) -> list[np.ndarray]:
+    """Bounded trial points, one for each damping that is tried."""
+    normal, gradient, found = fit.normal, fit.gradient, []
+    free = len(fit.hypothesis.coordinates)
+    for factor in DAMPING:
+        scaled = normal + fit.damping * factor * np.diag(np.diag(normal) + 1e-12)
+        step = np.linalg.lstsq(scaled, gradient, rcond=None)[0]
+        reach = np.array([c.reach(u) for c, u in zip(fit.hypothesis.coordinates, fit.u, strict=False)])
+        far = np.max(abs(step[:free]) / reach, initial=1.0)
+        found.append(fit.hypothesis.bounded(fit.u + step / far))
+    return found
+
+
+def left_out_cost(fit: Fit, groups: np.ndarray) -> np.ndarray:
+    """Cost of every group (K,) of residuals, predicted without it: the fit is moved by one Newton step each, (G,)."""
+    whole, found = fit.normal, []
+    reach = [NEWTON * c.reach(u) for c, u in zip(fit.hypothesis.coordinates, fit.u, strict=False)]
+    limit = np.array(reach + [NEWTON_CALIBRATION] * len(fit.hypothesis.calibrated))
+    for g in range(groups.max() + 1):
+        own = groups == g
+        j, r = fit.jacobian[:, own], fit.residual[own]
+        rest = whole - (j @ j.conj().T).real
+        moved = np.linalg.lstsq(rest, (j @ r.conj()).real, rcond=None)[0]  # the rest's gradient is minus the group's
+        moved /= np.max(abs(moved) / limit, initial=1.0)
+        off = r + moved @ j
+        found.append(np.vdot(off, off).real)
+    return np.array(found)

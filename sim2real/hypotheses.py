@@ -1,0 +1,151 @@
+"""Hypotheses: which effects may explain a gap, what of them is fitted, and where a fit starts."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from math import exp, log
+
+import numpy as np
+
+from maglev_env.effects import EFFECTS, meaningful
+from maglev_env.rig import Rig
+from sim2real.simulated import TOLERANCE_EFFECTS, Point
+
+TONES = ("runout", "pickup", "unbalance")  # told by their frequencies, not by lines: see `tones`
+CALIBRATION, NONE, UNKNOWN = "calibration", "none", "unknown"
+
+
+@dataclass(frozen=True)
+class Coordinate:
+    """How a fit moves one parameter: on a logarithmic scale, or in units of `scale`."""
+
+    effect: str
+    parameter: str
+    scale: float | None = None
+
+    def value(self, u: float) -> float:
+        p = EFFECTS[self.effect].parameters[self.parameter]
+        return float(np.clip(exp(min(u, 700.0)) if self.scale is None else u * self.scale, p.low, p.high))
+
+    def at(self, value: float) -> float:
+        return log(value) if self.scale is None else value / self.scale
+
+    def to_bounds(self, u: float) -> float:
+        return self.at(self.value(u))
+
+    @property
+    def signed(self) -> bool:
+        """Whether its sign may turn."""
+        return self.scale is not None and EFFECTS[self.effect].parameters[self.parameter].low < 0
+
+    def reach(self, u: float) -> float:
+        """How far a single step of a fit may go."""
+        if self.scale is not None:
+            return 3.0 + 1.5 * abs(u)
+        return 0.15 if self.parameter == "frequency" else 0.7
+
+
+# Scales are of the size at which an effect is plain on a small rotor; a fit's steps and start are in their units.
+COORDINATES: Mapping[str, tuple[Coordinate, ...]] = {
+    name: tuple(Coordinate(name, parameter, scale) for parameter, scale in pairs)
+    for name, pairs in {
+        "delay": [("time", 1e-5)],
+        "amplifier_lag": [("time_constant", 1e-5)],
+        "amplifier_voltage_limit": [("voltage", None)],
+        "actuator_gain": [("change", 0.1)],
+        "negative_stiffness": [("change", 0.1)],
+        "eddy_current": [("corner_hz", None), ("order", 0.1)],
+        "hysteresis": [("strength", 0.05), ("width", None)],
+        "saturation": [("field", None)],
+        "eccentricity": [("offset", 1e-5)],
+        "sensor_gain": [("change", 0.1)],
+        "sensor_lag": [("time_constant", 1e-5)],
+        "sensor_resonance": [("frequency", None), ("damping_ratio", None), ("coupling", 0.02)],
+        "mass": [("change", 0.1)],
+        "support_stiffness": [("change", 0.1)],
+        "damping": [("coefficient", 1.0)],
+        "friction": [("force", 0.02), ("velocity", None)],
+        "support_resonance": [("frequency", None), ("damping_ratio", None), ("mass_ratio", 0.02)],
+        "cross_coupling": [("ratio", 0.05)],
+    }.items()
+}
+
+# Where a fit may start: every combination is tried in a lane, and the best are followed.
+_STARTS: Mapping[str, Mapping[str, Sequence[float]]] = {
+    "delay": {"time": (1e-5, 7.5e-5)},
+    "amplifier_lag": {"time_constant": (1e-5, 1e-4)},
+    "amplifier_voltage_limit": {"voltage": (0.3, 0.6, 1.2, 2.5, 5.0)},
+    "actuator_gain": {"change": (-0.3, -0.05, 0.05, 0.4, 1.5, 3.5)},
+    "negative_stiffness": {"change": (-0.3, 0.2, 1.0)},
+    "eddy_current": {"corner_hz": (1e3, 1e4, 1e5), "order": (0.5, 0.85)},
+    "hysteresis": {"strength": (0.05, 0.3), "width": (0.01, 0.05, 0.2)},
+    "saturation": {"field": (0.7, 1.0, 1.5, 2.2)},
+    "eccentricity": {"offset": (-4e-5, -5e-6, 5e-6, 4e-5)},
+    "sensor_gain": {"change": (-0.2, -0.05, 0.05, 0.3)},
+    "sensor_lag": {"time_constant": (1e-5, 1e-4)},
+    "mass": {"change": (-0.2, -0.03, 0.03, 0.3)},
+    "support_stiffness": {"change": (-0.2, -0.03, 0.03, 0.3)},
+    "damping": {"coefficient": (-2.0, 1.0, 20.0)},
+    "friction": {"force": (0.02, 0.3), "velocity": (3e-4, 3e-3)},
+    "cross_coupling": {"ratio": (-0.05, 0.05)},
+}
+# A resonance may lie anywhere: sizes are found by the linear look that every start gets.
+RESONANCES = {"sensor_resonance": ("coupling", 0.01), "support_resonance": ("mass_ratio", 0.01)}
+RESONANCE_GRID = np.geomspace(5.0, 1500.0, 48)  # Hz
+_DAMPING_RATIO = 0.06  # half the grid's spacing
+
+
+@dataclass(frozen=True)
+class Hypothesis:
+    """Named effects (none: calibration only), and the nominal parameters that their tolerance lets move."""
+
+    effects: tuple[str, ...]
+    tolerances: Mapping[str, float]
+
+    @property
+    def coordinates(self) -> tuple[Coordinate, ...]:
+        return tuple(c for name in self.effects for c in COORDINATES[name])
+
+    @property
+    def calibrated(self) -> tuple[str, ...]:
+        """Parameters within tolerance, without those that an effect frees altogether."""
+        freed = {t for t, name in TOLERANCE_EFFECTS.items() if name in self.effects}
+        return tuple(name for name in self.tolerances if name not in freed)
+
+    @property
+    def size(self) -> int:
+        return len(self.coordinates) + len(self.calibrated)
+
+    def point(self, u: np.ndarray) -> Point:
+        """The point at coordinates u (size,): effects first, then changes in units of their tolerance."""
+        effects: dict[str, dict[str, float]] = {}
+        for c, value in zip(self.coordinates, u, strict=False):
+            effects.setdefault(c.effect, {})[c.parameter] = c.value(float(value))
+        rest = u[len(self.coordinates) :]
+        changes = {n: float(v) * self.tolerances[n] for n, v in zip(self.calibrated, rest, strict=True)}
+        return Point(effects, changes)
+
+    def bounded(self, u: np.ndarray) -> np.ndarray:
+        """Coordinates moved into their bounds; a change of a nominal parameter stays above -90 %."""
+        bounded = np.array(u, float)
+        for i, c in enumerate(self.coordinates):
+            bounded[i] = c.to_bounds(bounded[i])
+        for i, name in enumerate(self.calibrated, len(self.coordinates)):
+            bounded[i] = np.clip(bounded[i], -0.9 / self.tolerances[name], 9.0 / self.tolerances[name])
+        return bounded
+
+
+def single_effects(rig: Rig) -> tuple[str, ...]:
+    """Effects that have a meaning on a rig and are fitted on lines."""
+    return tuple(name for name in COORDINATES if meaningful(name, rig))
+
+
+def starts(name: str) -> list[np.ndarray]:
+    """Coordinates at which a fit of one effect may start."""
+    if name in RESONANCES:
+        frequency, ratio, size = COORDINATES[name]
+        rest = [ratio.at(_DAMPING_RATIO), size.at(RESONANCES[name][1])]
+        return [np.array([frequency.at(float(f)), *rest]) for f in RESONANCE_GRID]
+    tables = _STARTS[name]
+    grid = np.meshgrid(*(tables[c.parameter] for c in COORDINATES[name]), indexing="ij")
+    points = np.stack([g.ravel() for g in grid], axis=1)
+    return [np.array([c.at(float(v)) for c, v in zip(COORDINATES[name], row, strict=True)]) for row in points]

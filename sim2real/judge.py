@@ -1,0 +1,180 @@
+"""Which hypothesis to believe: probabilities over none, calibration, effects, pairs and unknown, and the verdict."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from sim2real.attribute import Attribution
+from sim2real.hypotheses import CALIBRATION, NONE, UNKNOWN
+from sim2real.problem import KINDS
+from sim2real.unsynchronised import FOREIGN
+
+
+@dataclass(frozen=True)
+class Belief:
+    """How evidence becomes probability; learned on development campaigns, see docs/blind.md.
+
+    Costs differ by a few units where noise decides, and by shares of the whole gap where the form of an effect does:
+    a cost above the best one by d counts as freedom ln(1 + d / (freedom + form_share gap)), which is d / 1 when small
+    and grows slowly beyond what another form of the same effect leaves behind. prior_*: odds against calibration, of
+    all singles together, of all pairs together, and of the untouched nominal rig. leftover: share of a
+    group's gap that a right effect of another form may leave; group_sd, group_cost: what a free correction of a group
+    must explain beyond the noise, and costs; unknown_cost: log odds against anything
+    unknown where no group is left unexplained.
+    """
+
+    freedom: float = 20.0
+    form_share: float = 0.02
+    prior_singles: float = 0.5
+    prior_pairs: float = 0.1
+    prior_none: float = 0.3
+    leftover: float = 0.3
+    group_sd: float = 4.0
+    group_cost: float = 10.0
+    unknown_cost: float = 3.0
+
+
+BELIEF = Belief()
+CLASS_SHARE = 0.15  # of the best one's probability: what has as much is not told from it
+NOISE_INFLATION = 1.5  # of the scatter of a group's cost: its noise is estimated too
+SIGNIFICANT = 5.0  # standard deviations of a group's excess
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """What beliefs are made from. effects: of each candidate, calibration first; cost: predictive, of each (inf: it
+    touches down); nominal: of the untouched nominal rig; excess (candidates, G): cost of groups of residuals (by
+    output, kind of line and octave, named in groups) beyond the noise, of scatter (G,) under noise alone; tones:
+    chi-square of each family of tones that was found; spin: cost of each effect that may explain what turns with the
+    rotor."""
+
+    effects: tuple[tuple[str, ...], ...]
+    cost: np.ndarray
+    nominal: float
+    excess: np.ndarray
+    scatter: np.ndarray
+    groups: tuple[tuple[str, str, float], ...]
+    tones: Mapping[str, float]
+    spin: Mapping[str, float]
+
+
+@dataclass(frozen=True)
+class Entry:
+    """One hypothesis: effects, or ("none",), ("calibration",), ("unknown",); candidate: index of its fit (None: it has
+    none); explained_worst_group: least share of any significant group's gap that it explains (None: there is none)."""
+
+    effects: tuple[str, ...]
+    probability: float
+    cost: float
+    candidate: int | None
+    explained_worst_group: float | None
+
+
+def evidence_of(attribution: Attribution, tones: Mapping[str, float], spin: Mapping[str, float]) -> Evidence:
+    """The evidence of fitted candidates and of tones (see `unsynchronised`)."""
+    p = attribution.problem
+    octave = np.floor(np.log2(np.maximum(p.frequency, 1e-9))).astype(int)
+    rows = np.stack([p.output, p.kind, octave], axis=1)
+    names, label, count = np.unique(rows, axis=0, return_inverse=True, return_counts=True)
+    label = label.reshape(-1)
+    excess = [np.bincount(label, abs(c.fit.residual) ** 2, count.size) - 2.0 * count for c in attribution.candidates]
+    return Evidence(
+        tuple(c.effects for c in attribution.candidates),
+        np.array([c.predictive for c in attribution.candidates]),
+        attribution.nominal,
+        np.array(excess),
+        NOISE_INFLATION * np.sqrt(4.0 * count),
+        tuple((p.outputs[o], KINDS[k], float(2.0**f)) for o, k, f in names),
+        dict(tones),
+        dict(spin),
+    )
+
+
+def entries(evidence: Evidence, belief: Belief = BELIEF) -> list[Entry]:
+    """All hypotheses with their probabilities, which sum to one, the most probable first."""
+    alive = np.isfinite(evidence.cost)
+    best = int(np.argmin(np.where(alive, evidence.cost, np.inf)))
+    before = evidence.excess[0] if alive[0] else None
+    gap = max(evidence.cost[0] - evidence.cost[best], 0.0) if alive[0] else np.ptp(evidence.cost[alive])
+    allowed = belief.group_sd * evidence.scatter
+    if before is not None:
+        allowed = allowed + belief.leftover * np.maximum(before, 0.0)
+    saved = np.maximum(evidence.excess[best] - allowed - belief.group_cost, 0.0).sum()
+    singles = max(sum(len(names) == 1 for names in evidence.effects), 1)
+    couples = max(singles * (singles - 1) // 2, 1)
+    priors = {0: 1.0, 1: belief.prior_singles / singles, 2: belief.prior_pairs / couples}
+    rows: list[_Row] = [((NONE,), evidence.nominal, belief.prior_none, None)]
+    for i in np.flatnonzero(alive):
+        names = evidence.effects[i]
+        rows.append((names or (CALIBRATION,), float(evidence.cost[i]), priors[len(names)], int(i)))
+    if evidence.tones:
+        rows = _with_tones(rows, evidence, priors)
+    costs = np.array([cost for _, cost, *_ in rows])
+    scale = belief.freedom + belief.form_share * gap
+    logs = np.log([prior for *_, prior, _ in rows]) - 0.5 * belief.freedom * np.log1p((costs - costs.min()) / scale)
+    # The unknown is the best of them with a free correction of every group that it leaves.
+    saved += evidence.tones.get(FOREIGN, 0.0)
+    rows.append(((UNKNOWN,), float(costs.min() - saved), 1.0, None))
+    gain = 0.5 * belief.freedom * np.log1p(saved / scale) - belief.unknown_cost
+    logs = np.append(logs, logs.max() + gain)
+    weights = np.exp(logs - logs.max())
+    weights /= weights.sum()
+    found = [
+        Entry(names, float(w), float(cost), i, _worst(evidence, before, i))
+        for (names, cost, _, i), w in zip(rows, weights, strict=True)
+    ]
+    return sorted(found, key=lambda e: -e.probability)
+
+
+_Row = tuple[tuple[str, ...], float, float, int | None]
+
+
+def _with_tones(rows: list[_Row], evidence: Evidence, priors: Mapping[int, float]) -> list[_Row]:
+    """The hypotheses beside tones: without them they cost what the tones weigh; calibration and single effects may have
+    them explained, but for foreign ones, which only the unknown explains."""
+    total, foreign = sum(evidence.tones.values()), evidence.tones.get(FOREIGN, 0.0)
+    named: list[tuple[tuple[str, ...], float]] = [((), 0.0)]
+    if "pickup" in evidence.tones:
+        named = [((*names, "pickup"), cost) for names, cost in named]
+    if "spin" in evidence.tones:
+        named = [((*names, effect), cost + off) for names, cost in named for effect, off in evidence.spin.items()]
+    found: list[_Row] = []
+    for names, cost, prior, candidate in rows:
+        found.append((names, cost + total, prior, candidate))
+        base = () if candidate is None else evidence.effects[candidate]
+        for added, off in named:
+            both = (*base, *added)
+            if candidate is not None and added and len(both) <= 2:
+                found.append((both, cost + foreign + off, priors[len(both)], candidate))
+    return found
+
+
+def _worst(evidence: Evidence, before: np.ndarray | None, candidate: int | None) -> float | None:
+    """Least share of a significant group's gap beyond calibration that a candidate explains."""
+    if not candidate or before is None:
+        return None
+    significant = before > SIGNIFICANT * evidence.scatter
+    if not significant.any():
+        return None
+    left = np.maximum(evidence.excess[candidate][significant] - 3.0 * evidence.scatter[significant], 0.0)
+    return float(np.min(1.0 - left / before[significant]))
+
+
+def verdict(found: Sequence[Entry]) -> tuple[str, tuple[str, ...]]:
+    """no_gap, explained, ambiguous or unexplained, and the cause: names, of a pair hypothesis in a class as "a+b"."""
+    mass = {kind: sum(e.probability for e in found if e.effects == (kind,)) for kind in (NONE, CALIBRATION, UNKNOWN)}
+    named = [e for e in found if e.effects[0] not in mass]
+    effects = sum(e.probability for e in named)
+    if mass[NONE] + mass[CALIBRATION] >= max(effects, mass[UNKNOWN]):
+        return "no_gap", ()
+    if mass[UNKNOWN] >= effects or not named:
+        return "unexplained", (UNKNOWN,)
+    alike: list[Entry] = []
+    for e in named:
+        more = any(set(e.effects) > set(other.effects) for other in alike)  # the same and something needless
+        if e.probability >= CLASS_SHARE * named[0].probability and not more:
+            alike.append(e)
+    if len(alike) == 1:
+        return "explained", named[0].effects
+    return "ambiguous", tuple("+".join(e.effects) for e in alike)

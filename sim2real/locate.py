@@ -1,0 +1,155 @@
+"""Where the gap lies: which block of the loop, which band, which kind of lines, and what is unsynchronised."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from sim2real.problem import KINDS, Part, Problem
+
+# Segments of the loop that ratios of recorded channels isolate, as blocks.
+DRIVE = "controller+amplifier"
+ACTUATOR, RECEPTANCE, PLANT = "actuator", "mechanics+sensor", "actuator+mechanics+sensor"
+WHOLE = "controller+amplifier+actuator+mechanics+sensor"
+OCTAVE_THIRDS = 3
+SIGNIFICANT = 5.0  # standard deviations of a band's cost under noise alone
+CONTROLLER_SD = 6.0
+
+
+@dataclass(frozen=True)
+class Where:
+    """Shares of the noise-weighted gap, each summing to one where there is a gap: blocks; bands (f_lo, f_hi, share) of
+    third octaves; kind of lines: linear, even, odd, unsynchronised. significant: whether any of it is beyond noise.
+    controller: distance of the recorded command from the law described, in standard deviations of its resolution
+    (None: no command recorded)."""
+
+    blocks: Mapping[str, float]
+    bands: tuple[tuple[float, float, float], ...]
+    kind: Mapping[str, float]
+    significant: bool
+    controller: float | None
+
+
+def locate(problem: Problem, residual: np.ndarray, unsynchronised: float = 0.0) -> Where:
+    """Of a whitened residual (K,) that a simulation leaves, calibrated or not; unsynchronised: excess cost of tones."""
+    power = abs(residual) ** 2 - 2.0
+    thirds = np.floor(OCTAVE_THIRDS * np.log2(problem.frequency)).astype(int)
+    linear = problem.kind < KINDS.index("even")
+    cells = np.unique(np.stack([thirds, linear, problem.output], axis=1), axis=0, return_inverse=True)[1].reshape(-1)
+    excess, count = np.bincount(cells, power), np.bincount(cells)
+    real = excess > SIGNIFICANT * np.sqrt(4.0 * count)
+    significant = bool(real.any()) or unsynchronised > 0
+    kept = real[cells] if real.any() else np.ones(cells.size, bool)
+    gain = np.where(kept, power, 0.0)
+    bands = []
+    for third in np.unique(thirds):
+        share = gain[thirds == third].sum()
+        bands.append((2.0 ** (third / OCTAVE_THIRDS), 2.0 ** ((third + 1) / OCTAVE_THIRDS), share))
+    total = max(sum(max(b[2], 0.0) for b in bands), 1e-12)
+    kinds = {
+        "linear": gain[linear].sum(),
+        "even": gain[problem.kind == KINDS.index("even")].sum(),
+        "odd": gain[problem.kind == KINDS.index("odd")].sum(),
+        "unsynchronised": unsynchronised,
+    }
+    return Where(
+        _shares(_blocks(problem, residual, kept)),
+        tuple((lo, hi, max(share, 0.0) / total) for lo, hi, share in bands),
+        _shares(kinds),
+        significant,
+        controller_distance(problem),
+    )
+
+
+def _shares(parts: Mapping[str, float]) -> dict[str, float]:
+    positive = {name: max(float(v), 0.0) for name, v in parts.items()}
+    total = sum(positive.values())
+    return {name: v / total if total > 0 else 0.0 for name, v in positive.items()}
+
+
+def _blocks(problem: Problem, residual: np.ndarray, kept: np.ndarray) -> dict[str, float]:
+    """Noise-weighted gap of each segment of the loop that the channels isolate."""
+    found: dict[str, float] = {}
+    for part in problem.parts:
+        r = residual[part.place].reshape(*part.measured.shape[:2], -1)
+        on = kept[part.place].reshape(r.shape)
+        for name, cost in _of_part(part, r, on).items():
+            found[name] = found.get(name, 0.0) + cost
+    return found
+
+
+def _of_part(part: Part, r: np.ndarray, on: np.ndarray) -> dict[str, float]:
+    outputs, record = part.opened.outputs, part.record
+    if not record.experiment.rig.controlled:
+        return {RECEPTANCE: _excess(r, on)}
+    if "amplifier" not in outputs:
+        return {WHOLE: _excess(r, on)}
+    raw = r * part.noise[..., part.used] / np.sqrt(2)
+    plant, amplifier = outputs.index("plant"), outputs.index("amplifier")
+    gain = (part.opened.plant / part.opened.amplifier)[:, part.used]
+    rest = raw[plant] - gain * raw[amplifier]  # from the current, not the command, to the reading
+    variance = part.noise[plant] ** 2 + abs(part.opened.plant / part.opened.amplifier) ** 2 * part.noise[amplifier] ** 2
+    sd = np.sqrt(variance[:, part.used] / 2)
+    either = on[plant] | on[amplifier]
+    found = {DRIVE: _excess(r[amplifier], either)}
+    forced = record.driven["force"][:, part.used]
+    injected = record.driven["current"][:, part.used]
+    if not (forced.any() and injected.any()):
+        return {**found, PLANT: _excess(rest / sd, either)}
+    return {**found, **_actuator_or_not(part, rest / sd, sd, either)}
+
+
+def _excess(r: np.ndarray, on: np.ndarray) -> float:
+    return float(np.where(on, abs(r) ** 2 - 2.0, 0.0).sum())
+
+
+def _actuator_or_not(part: Part, rest: np.ndarray, sd: np.ndarray, on: np.ndarray) -> dict[str, float]:
+    """Split what lies between current and reading: force and current lines of one third octave tell the actuator's
+    change a from the receptance's m, as rest = a G i + m (G i + H f)."""
+    record, used = part.record, part.used
+    current = record.mean("current")[:, used]
+    gain = (part.opened.plant / part.opened.amplifier)[:, used]
+    wave = record.waves["force"]
+    force = (np.fft.rfft(wave, axis=-1)[:, record.lines] * (2 / wave.shape[-1]))[:, used]
+    driven = gain * current
+    moved = driven + part.opened.receptance[:, used] * force
+    found = {ACTUATOR: 0.0, RECEPTANCE: 0.0}
+    thirds = np.floor(OCTAVE_THIRDS * np.log2(record.frequency[used])).astype(int)
+    for axis in range(record.axes):
+        for third in np.unique(thirds):
+            own = (thirds == third) & on[axis]
+            if own.sum() < 3:
+                found[RECEPTANCE] += max(float((abs(rest[axis, own]) ** 2 - 2).sum()), 0.0)
+                continue
+            columns = np.stack([driven[axis, own], moved[axis, own]], axis=1) / sd[axis, own, None]
+            (a, m), *_ = np.linalg.lstsq(columns, rest[axis, own], rcond=1e-6)
+            shares = [float(np.sum(abs(x * c) ** 2)) for x, c in ((a, columns[:, 0]), (m, columns[:, 1]))]
+            cost = max(float((abs(rest[axis, own]) ** 2 - 2).sum()), 0.0)
+            total = max(sum(shares), 1e-300)
+            found[ACTUATOR] += cost * shares[0] / total
+            found[RECEPTANCE] += cost * shares[1] / total
+    return found
+
+
+def controller_distance(problem: Problem) -> float | None:
+    """Largest rms distance (standard deviations) of a record's command from what its gains make of its reading."""
+    worst = None
+    for part in problem.parts:
+        r = part.record
+        if "command" not in r.periods or not r.experiment.rig.controlled:
+            continue
+        injection, reference = (
+            np.fft.rfft(r.waves[place], axis=-1)[:, r.lines] * (2 / r.waves[place].shape[-1])
+            for place in ("current", "reference")
+        )
+        law = part.opened.controller * (reference - r.periods["displacement"]) + injection
+        off = r.periods["command"] - law
+        rig, n = r.nominal, r.experiment.recorded_per_period
+        step = 2 * rig.voltage_range * rig.amplifier_gain / 2**rig.dac_bits if rig.dac_bits else 0.0
+        resolution = step**2 / 12 * 4 / n
+        size = abs(r.periods["command"]).mean() ** 2 * 1e-10
+        mean = off.mean(axis=0)
+        noise = off.var(axis=0, ddof=1) / r.count + resolution + size
+        distance = float(np.sqrt(np.mean(abs(mean) ** 2 / noise)))
+        worst = distance if worst is None else max(worst, distance)
+    return worst

@@ -1,0 +1,168 @@
+"""What to measure next: of a menu, the recording that separates the remaining candidates most for its cost."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import permutations
+from typing import Any
+
+import numpy as np
+
+from maglev_env.gains import Gains
+from sim2real.attribute import Attribution
+from sim2real.fitting import CALIBRATION_STEP, STEP, Fit
+from sim2real.judge import Entry
+from sim2real.opened import Opened, opened_loop
+from sim2real.records import Record
+from sim2real.simulated import Point, predictor
+
+REMAINING = 4  # candidates that are told apart
+SEPARATED = 4.7  # cost between two candidates below which they are alike (a likelihood ratio of about ten)
+ENOUGH = 25.0  # beyond this more separation is not worth more effort
+
+
+@dataclass(frozen=True)
+class Proposal:
+    """what to record, why, and the expected separation: cost (-2 ln likelihood ratio) between the two candidates that
+    it separates least. table: every item of the menu with its separation."""
+
+    what: str
+    why: str
+    expected_separation: float
+    table: tuple[tuple[str, float], ...]
+
+    def to_json(self) -> dict[str, Any]:
+        return {
+            "what": self.what,
+            "why": self.why,
+            "expected_separation": self.expected_separation,
+            "menu": [{"what": what, "expected_separation": value} for what, value in self.table],
+        }
+
+
+@dataclass(frozen=True)
+class _Item:
+    what: str
+    effort: float  # relative: a change of software 1, of wiring 2, of hardware 3
+    record: Record
+    outputs: tuple[str, ...]
+
+
+def propose(attribution: Attribution, found: Sequence[Entry]) -> Proposal | None:
+    """The most useful next recording for what remains; None where a single candidate is left and nothing is unknown."""
+    tones = {name for e in found[:REMAINING] for name in e.effects if name in ("runout", "unbalance")}
+    if len(tones) == 2:
+        return Proposal(
+            "the same recording at another speed of rotation",
+            "a force of unbalance grows with the square of the speed, a runout reads the same",
+            ENOUGH,
+            (),
+        )
+    likely = [attribution.candidates[e.candidate] for e in found if e.candidate]
+    fits = list(dict.fromkeys(c.fit for c in likely))[:REMAINING]
+    if len(fits) < 2:
+        return None
+    items = [i for i in menu(attribution.problem.parts[0].record) if i.outputs]
+    table = [(item, _separation(item, fits)) for item in items]
+    table = [(item, value) for item, value in table if np.isfinite(value)]
+    if not table:
+        return None
+    best, value = max(table, key=lambda row: min(row[1], ENOUGH) / row[0].effort)
+    names = " from ".join("+".join(f.hypothesis.effects) for f in fits[:2])
+    told = "tells" if value > SEPARATED else "does not surely tell"
+    ordered = sorted(((i.what, float(v)) for i, v in table), key=lambda row: -row[1])
+    return Proposal(best.what, f"it {told} {names}", float(value), tuple(ordered))
+
+
+def menu(base: Record) -> list[_Item]:
+    """Recordings that could be made, beside one that was."""
+    rig, has_current = base.nominal, "current" in base.periods
+    outputs = ("plant", "amplifier") if has_current else ("plant",)
+    items = [_Item("the same at twice the amplitude", 1.0, _scaled(base, 2.0), outputs)]
+    if rig.controlled:
+        if not has_current:
+            items.append(_Item("the coil current beside the same channels", 2.0, base, ("plant", "amplifier")))
+        shifted = base.waves["reference"] + 0.1 * rig.gap
+        moved = replace(base, waves={**base.waves, "reference": shifted})
+        items.append(_Item("the same at a static offset of 10 % of the gap", 1.0, moved, outputs))
+        gains = base.experiment.gains
+        if isinstance(gains, Gains):
+            other = replace(gains, kp=0.8 * gains.kp, kd=1.3 * gains.kd)
+            experiment = replace(base.experiment, gains=other)
+            items.append(_Item("the same with kp x 0.8, kd x 1.3", 1.0, replace(base, experiment=experiment), outputs))
+    heavier = replace(rig, mass=1.1 * rig.mass)
+    experiment = replace(base.experiment, rig=replace(base.experiment.rig, mass=1.1 * rig.mass))
+    added = replace(base, nominal=heavier, experiment=experiment)
+    items.append(_Item("the same with a known mass of 10 % added", 3.0, added, outputs))
+    peaks = {e.at: e.amplitude for e in rig.protocol.excitations} if rig.protocol else {}
+    for place, effort, what in (
+        ("force", 3.0, "a shaker's force beside the injection"),
+        ("current", 1.0, "an injection into the current beside the force"),
+    ):
+        if place in peaks and not base.driven[place].any() and (rig.controlled or place == "force"):
+            items.append(_Item(what, effort, _excited(base, place, peaks[place]), outputs))
+    return items
+
+
+def _scaled(base: Record, factor: float) -> Record:
+    reference = base.waves["reference"]
+    waves = {place: wave * factor for place, wave in base.waves.items() if place != "reference"}
+    steady = reference.mean(axis=1, keepdims=True)
+    return replace(base, waves={**waves, "reference": steady + factor * (reference - steady)})
+
+
+def _excited(base: Record, place: str, peak: float) -> Record:
+    """With a random-phase multisine on the odd lines that nothing drives, up to the highest driven one."""
+    rng = np.random.default_rng(0)
+    lines = base.lines[~base.excited & (base.lines % 2 == 1)]
+    n = base.waves[place].shape[1]
+    spectrum = np.zeros((base.axes, n // 2 + 1), complex)
+    spectrum[:, lines] = np.exp(2j * np.pi * rng.random((base.axes, lines.size)))
+    wave = np.fft.irfft(spectrum, n, axis=1)
+    wave *= peak / abs(wave).max()
+    on = np.isin(base.lines, lines)
+    driven = {**base.driven, place: np.repeat(on[None], base.axes, axis=0)}
+    return replace(base, waves={**base.waves, place: wave}, driven=driven)
+
+
+def _separation(item: _Item, fits: Sequence[Fit]) -> float:
+    """Least cost by which any two candidates differ in a recording, the other one refitted to old and new together;
+    -inf where no candidate stands it."""
+    opened = replace(opened_loop(item.record), outputs=item.outputs)
+    predict = predictor(item.record, opened)
+    weights = np.sqrt(2) / _noise(item, opened)
+    points: list[Point] = []
+    steps = []
+    for fit in fits:
+        points.append(fit.hypothesis.point(fit.u))
+        own = np.where(fit.prior > 0, CALIBRATION_STEP, np.maximum(STEP, STEP * abs(fit.u)))
+        steps.append(own)
+        points += [fit.hypothesis.point(fit.hypothesis.bounded(fit.u + d)) for d in np.diag(own)]
+    predicted = (predict(points) * weights).reshape(len(points), -1)
+    at, found = 0, []
+    for fit, own in zip(fits, steps, strict=True):
+        rows = predicted[at : at + 1 + fit.hypothesis.size]
+        found.append((rows[0], (rows[1:] - rows[0]) / own[:, None]))
+        at += len(rows)
+    worst = np.inf
+    for i, j in permutations(range(len(fits)), 2):
+        change, jacobian = found[i][0] - found[j][0], found[j][1]
+        if not (np.isfinite(change).all() and np.isfinite(jacobian).all()):
+            return -np.inf
+        cross = (jacobian @ change.conj()).real
+        normal = fits[j].normal + (jacobian @ jacobian.conj().T).real
+        value = np.vdot(change, change).real - cross @ np.linalg.pinv(normal, hermitian=True) @ cross
+        worst = min(worst, float(value))
+    return worst
+
+
+def _noise(item: _Item, opened: Opened) -> np.ndarray:
+    """Standard deviation (outputs, axes, n) that the rig's stated noise and converters give the mean residuals."""
+    record, rig = item.record, item.record.nominal
+    n = record.experiment.recorded_per_period * record.count
+    adc = 2 * rig.voltage_range / 2**rig.adc_bits / rig.probe_gain if rig.adc_bits else 0.0
+    dac = 2 * rig.voltage_range * rig.amplifier_gain / 2**rig.dac_bits if rig.dac_bits else 0.0
+    found = {
+        "plant": rig.noise.displacement**2 + adc**2 / 12 + abs(opened.plant) ** 2 * dac**2 / 12,
+        "amplifier": rig.noise.current**2 + abs(opened.amplifier) ** 2 * dac**2 / 12,
+    }
+    return np.sqrt(np.stack([found[name] for name in item.outputs]) * 4 / n)

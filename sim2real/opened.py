@@ -1,0 +1,161 @@
+"""The loop opened: spectra turned into what each block adds, with the noise of each told from its periods.
+
+With the nominal responses A (command to current) and P (command to reading), and the command U = C (reference -
+reading) + injection that a digital controller makes of its reading exactly, the combinations
+
+    amplifier   I - A U          plant   D - P U
+
+carry, for white noise in the probe and in the current's reading, just that noise, each its own, whatever runs around
+the loop: feedback correlates the channels and colours their noise, these do not. They are linear in the recorded
+spectra, so measured and simulated ones go through the same transform.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import stats
+from scipy.optimize import nnls
+
+from maglev_env.experiment import axis_experiment
+from maglev_env.linear import loop_response
+from maglev_env.rig import axis_rig
+from sim2real.records import Record
+
+WINDOW = 7  # lines to either side over which the noise is pooled
+BESIDE = 3  # lines beside a tone of known origin that are not judged
+LOUD, FALSE_ALARM = 2.0, 1e-8  # mean power over the shape of the noise in a band, and chance, that count as loud
+CLIPPED = 3.0  # times the fitted shape that a line may pull at it
+OUTLIER = 12.0  # a line whose own variance is so many times that around it keeps its own
+
+
+@dataclass(frozen=True)
+class Opened:
+    """The nominal responses of a record's blocks, (axes, n) each: controller, amplifier (A/A), plant (m/A, from command
+    to reading), receptance (m/N, of the opened loop), and which outputs its channels give."""
+
+    controller: np.ndarray
+    amplifier: np.ndarray
+    plant: np.ndarray
+    receptance: np.ndarray
+    outputs: tuple[str, ...]
+
+    def residuals(self, displacement: np.ndarray, current: np.ndarray | None) -> np.ndarray:
+        """(..., outputs, axes, n) of spectra (..., axes, n); what the injection and the force add is left out."""
+        command = -self.controller * displacement
+        found = {"plant": displacement - self.plant * command}
+        if current is not None:
+            found["amplifier"] = current - self.amplifier * command
+        return np.stack([found[name] for name in self.outputs], axis=-3)
+
+    def driven(self, record: Record) -> np.ndarray:
+        """What force, injection and reference add to `residuals` on the linear nominal rig, (outputs, axes, n)."""
+        force, injection, reference = (_lines_of(record, place) for place in ("force", "current", "reference"))
+        command = injection + self.controller * reference
+        found = {
+            "plant": self.plant * command + self.receptance * force,
+            "amplifier": self.amplifier * command,
+        }
+        return np.stack([found[name] for name in self.outputs])
+
+
+def _lines_of(record: Record, place: str) -> np.ndarray:
+    wave = record.waves[place]
+    return np.fft.rfft(wave, axis=-1)[:, record.lines] * (2 / wave.shape[-1])
+
+
+def opened_loop(record: Record) -> Opened:
+    """Nominal responses at a record's lines, under its own gains."""
+    e, found = record.experiment, []
+    for axis in range(record.axes):
+        r = loop_response(axis_experiment(e, axis), record.frequency)
+        found.append((r.controller, r.amplifier, r.plant, r.receptance / r.sensitivity))
+    outputs = ("plant", "amplifier") if "current" in record.periods and e.rig.controlled else ("plant",)
+    return Opened(*np.array(found).transpose(1, 0, 2), outputs)
+
+
+def noise_of(record: Record, opened: Opened) -> np.ndarray:
+    """Standard deviation (outputs, axes, n) of the mean residuals: of a complex one, E|n|^2 = sd^2.
+
+    From the spread over periods, pooled over neighbouring lines after its shape is taken out: white noise, noise of the
+    current through the plant and noise of the force through the receptance, in shares fitted to the record. A line of
+    its own noise, as a tone makes, keeps it. To this the resolution of the converters is added where nothing dithers
+    it, and the noise with which an exciting force is known.
+    """
+    own, shapes = _spread(record, opened)
+    resolution = _resolution(record, opened)
+    variance = np.empty_like(own)
+    for j, name in enumerate(opened.outputs):
+        for axis in range(record.axes):
+            shape = np.array([s[axis] for s in shapes[name]])
+            pooled, _ = _pooled(own[j, axis], shape, record.count - 1)
+            dithered = pooled > resolution[name][axis]
+            pooled = pooled / record.count + np.where(dithered, 0.0, resolution[name][axis])
+            variance[j, axis] = pooled
+    if "force" in record.periods:
+        known = record.periods["force"].var(axis=0, ddof=1) / record.count
+        smooth = np.array([_pooled(v, np.ones((1, v.size)), record.count - 1)[0] for v in known])
+        on = record.driven["force"]
+        variance[opened.outputs.index("plant")] += np.where(on, smooth * abs(opened.receptance) ** 2, 0.0)
+    return np.sqrt(variance)
+
+
+def _spread(record: Record, opened: Opened) -> tuple[np.ndarray, dict[str, tuple[np.ndarray, ...]]]:
+    """Variance of the residuals over periods (outputs, axes, n), of one period, and the shapes that it may have."""
+    periods = opened.residuals(record.periods["displacement"], record.periods.get("current"))
+    own = periods.var(axis=0, ddof=1)
+    return own, {
+        "plant": (np.ones_like(own[0]), abs(opened.plant) ** 2, abs(opened.receptance) ** 2),
+        "amplifier": (np.ones_like(own[0]), abs(opened.amplifier) ** 2),
+    }
+
+
+def loud_bands(record: Record, opened: Opened) -> list[tuple[float, float, float]]:
+    """Third octaves (f_lo, f_hi in Hz, chi-square beyond its expectation) in which the reading varies from period to
+    period much more than noise of any of its shapes does: something unsynchronised moves the rotor there."""
+    own, shapes = _spread(record, opened)
+    plant, freedom = opened.outputs.index("plant"), 2 * (record.count - 1)
+    thirds, found = np.floor(3 * np.log2(record.frequency)).astype(int), []
+    apart = np.convolve(record.masked, np.ones(2 * BESIDE + 1), "same") < 0.5  # a tone leaks into lines beside it
+    for axis in range(record.axes):
+        _, shape = _pooled(own[plant, axis], np.array([s[axis] for s in shapes["plant"]]), record.count - 1)
+        ratio = own[plant, axis] / shape
+        for third in np.unique(thirds[apart]):
+            r = ratio[(thirds == third) & apart]
+            chi2 = freedom * r.sum()
+            if r.mean() > LOUD and stats.chi2.sf(chi2, freedom * r.size) < FALSE_ALARM:
+                found.append(
+                    (float(2.0 ** (third / 3)), float(2.0 ** ((third + 1) / 3)), float(chi2 - freedom * r.size))
+                )
+    return found
+
+
+def _pooled(own: np.ndarray, shapes: np.ndarray, freedom: int) -> tuple[np.ndarray, np.ndarray]:
+    """Variances (n,) of `freedom` complex degrees smoothed over neighbours, their common shape taken out, and it."""
+    tiny = np.finfo(float).tiny
+    scale = shape = np.full_like(own, max(float(np.median(own)), own.mean() * 1e-12 + tiny))
+    for _ in range(6):  # weights by the fit itself: a variance scatters in proportion to its size
+        columns = shapes / scale
+        norms = np.maximum(np.linalg.norm(columns, axis=1), tiny)
+        shares, _ = nnls((columns / norms[:, None]).T, np.minimum(own / scale, CLIPPED))  # not drawn by tones
+        shape = np.maximum(shapes.T @ (shares / norms), tiny)
+        scale = shape
+    ratio = own / shape
+    kept = ratio < OUTLIER * np.median(ratio) / np.log(2) ** (1 / max(freedom, 1)) + tiny
+    kernel = np.ones(2 * WINDOW + 1)
+    total, count = (np.convolve(v, kernel, "same") for v in (np.where(kept, ratio, 0.0), kept.astype(float)))
+    smooth = np.where(count > 0, total / np.maximum(count, 1), ratio)
+    return np.where(kept, smooth, ratio) * shape, shape
+
+
+def _resolution(record: Record, opened: Opened) -> Mapping[str, np.ndarray]:
+    """Variance (axes, n) of a line by the converters' resolution, taken as white and not averaged over periods."""
+    rig, n = record.experiment.rig, record.experiment.recorded_per_period
+    found = {"plant": np.zeros(opened.plant.shape), "amplifier": np.zeros(opened.plant.shape)}
+    for axis in range(record.axes):
+        own = axis_rig(record.nominal, axis)
+        adc = 2 * own.voltage_range / 2**own.adc_bits / own.probe_gain if own.adc_bits else 0.0
+        dac = 2 * own.voltage_range * own.amplifier_gain / 2**own.dac_bits if own.dac_bits and rig.controlled else 0.0
+        found["plant"][axis] = (adc**2 + abs(opened.plant[axis]) ** 2 * dac**2) / 12 * 4 / n
+        found["amplifier"][axis] = abs(opened.amplifier[axis]) ** 2 * dac**2 / 12 * 4 / n
+    return found

@@ -1,0 +1,203 @@
+"""A campaign as a diagnosis needs it: per recording the spectra of its steady periods, and what drove it."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from estimation.periods import period_spectra, split_periods, transient_periods
+from maglev_env.campaign import Campaign, RecordingSpec, load_campaign
+from maglev_env.excitation import PLACES, axis_excitations, lines_at
+from maglev_env.experiment import Experiment, sampling
+from maglev_env.gains import NO_CONTROLLER
+from maglev_env.linear import without_noise
+from maglev_env.planar import suffixes
+from maglev_env.recorded import recorded_signals
+from maglev_env.recording import read_recording
+from maglev_env.rig import Rig
+from sim2real.tones import Tone, masked_lines, remove_tones
+
+EXCITED_BY = {"force": "force", "current": "injection", "reference": "reference"}
+MEASURED = ("displacement", "command", "current", "force")
+
+
+@dataclass(frozen=True)
+class Record:
+    """One recording, steady and periodic.
+
+    nominal: the rig as the campaign states it. experiment: it without noise and converters, under this recording's
+    gains and excitations. lines (n,) harmonic numbers and frequency (n,) Hz. periods: channel -> per-period complex
+    amplitudes (P, axes, n). driven: place -> (axes, n) whether that line is excited there. waves: place -> one period
+    (axes, samples) at the control rate. series: channel -> (axes, samples) of the steady periods, from `start` s after
+    the recording's first sample. dropped: transient periods. tones: found between the harmonics, and taken out. notes:
+    what was assumed.
+    """
+
+    name: str
+    role: str
+    nominal: Rig
+    experiment: Experiment
+    lines: np.ndarray
+    frequency: np.ndarray
+    periods: Mapping[str, np.ndarray]
+    driven: Mapping[str, np.ndarray]
+    waves: Mapping[str, np.ndarray]
+    series: Mapping[str, np.ndarray]
+    start: float
+    dropped: int
+    tones: tuple[Tone, ...] = ()
+    notes: tuple[str, ...] = ()
+
+    @property
+    def masked(self) -> np.ndarray:
+        """Lines (n,) on which a tone of known origin would lie."""
+        return masked_lines(self.frequency, self.experiment.fundamental, self.experiment.speed_rpm)
+
+    @property
+    def axes(self) -> int:
+        return self.experiment.rig.axes
+
+    @property
+    def count(self) -> int:
+        """Periods kept."""
+        return len(self.periods["displacement"])
+
+    def mean(self, channel: str) -> np.ndarray:
+        """Mean complex amplitudes (axes, n)."""
+        return self.periods[channel].mean(axis=0)
+
+    @property
+    def excited(self) -> np.ndarray:
+        """Whether a line is excited anywhere, along any axis, (n,)."""
+        return np.any([d.any(axis=0) for d in self.driven.values()], axis=0)
+
+
+def read_records(campaign: str | Path | Campaign) -> tuple[Campaign, tuple[Record, ...]]:
+    """Every recording of a campaign that names its rig.
+
+    ValueError says what is wrong with a file (see `read_recording`), or what a diagnosis lacks: a rig, a displacement,
+    a periodic excitation, gains of a rotor that cannot stand without.
+    """
+    loaded = campaign if isinstance(campaign, Campaign) else load_campaign(campaign)
+    if loaded.rig is None:
+        raise ValueError(
+            f"{loaded.folder / 'campaign.toml'}: rig is missing; a gap is measured against a nominal rig: name a "
+            "preset or a rig TOML"
+        )
+    records = tuple(_record(loaded, spec) for spec in loaded.recordings)
+    _check_apart(loaded, records)
+    if not any(r.role == "fit" for r in records):
+        raise ValueError(f"{loaded.folder / 'campaign.toml'}: every recording is a holdout; give one the role fit")
+    return loaded, records
+
+
+def _record(campaign: Campaign, spec: RecordingSpec) -> Record:
+    where = campaign.folder / spec.file
+    dataset = read_recording(campaign, spec)
+    signals = recorded_signals(campaign, spec, dataset)
+    rig, axes = campaign.rig, campaign.rig.axes
+    if signals.axes != axes:
+        raise ValueError(f"{where}: one axis of a rig of two; a diagnosis compares both: record x and y, or use a "
+                         "rig TOML with axes = 1")  # fmt: skip
+    if not signals.periodic:
+        raise ValueError(f"{where}: no periodic excitation; a diagnosis needs an SPHS or a multisine")
+    if rig.controlled and spec.gains is None and not rig.support_stiffness:
+        raise ValueError(f"{where}: neither gains nor controller; without a support the rotor cannot stand: state them")
+    gains = spec.gains if spec.gains is not None else NO_CONTROLLER
+    names = suffixes(axes)
+    channels = {
+        kind: np.array([signals.channels[kind + s] for s in names])
+        for kind in (*MEASURED, "injection", "reference")
+        if all(kind + s in signals.channels for s in names)
+    }
+    if "displacement" not in channels:
+        raise ValueError(f"{where}: the channel displacement is missing; nothing is known of the rotor without it")
+    multiple, every = sampling(spec.sample_rate, rig.control_rate)
+    channels = {kind: values[:, ::multiple] for kind, values in channels.items()}
+    excitations = tuple(e for e in signals.excitations if e.periodic)
+    offset = channels["reference"].mean(axis=1) if "reference" in channels else np.zeros(axes)
+    rate = None if every == 1 else spec.sample_rate
+    e = Experiment(rig, gains, excitations, sample_rate=rate, speed_rpm=spec.speed_rpm)
+    e = without_noise(e)
+    n = e.samples_per_period // every
+    lines = np.arange(1, lines_at(excitations).max() + 1)
+    measured = {k: v for k, v in channels.items() if k in MEASURED}
+    whole_periods = next(iter(measured.values())).shape[1] // n * n
+    measured = {kind: values[:, :whole_periods] for kind, values in measured.items()}
+    measured, tones = remove_tones(measured, n, spec.sample_rate / multiple)
+    split = split_periods(np.concatenate(list(measured.values())), n)
+    spectra = period_spectra(split.reshape(len(split) * split.shape[1], n), lines).reshape(*split.shape[:2], -1)
+    driven = {
+        place: np.array([np.isin(lines, lines_at(axis_excitations(excitations, a), place)) for a in range(axes)])
+        if axes == 2
+        else np.isin(lines, lines_at(excitations, place))[None]
+        for place in PLACES
+    }
+    first = list(measured).index("displacement") * axes
+    moved = spectra[:, first : first + axes][..., np.any(list(driven.values()), axis=(0, 1))]
+    dropped = transient_periods(moved.reshape(len(spectra), -1))
+    kept = spectra[dropped:]
+    periods = {kind: kept[:, i * axes : (i + 1) * axes] for i, kind in enumerate(measured)}
+    whole = slice(dropped * n, whole_periods)
+    waves = _waves(e, channels, driven, lines, signals.hold_rate, whole, offset)
+    series = {kind: values[:, whole] for kind, values in measured.items()}
+    notes = signals.assumed + ((f"the first {dropped} period(s) carry a transient and were dropped",) * bool(dropped))
+    start = dropped / e.fundamental
+    return Record(
+        spec.file,
+        spec.role,
+        rig,
+        e,
+        lines,
+        lines * e.fundamental,
+        periods,
+        driven,
+        waves,
+        series,
+        start,
+        dropped,
+        tuple(tones),
+        notes,
+    )
+
+
+def _waves(
+    e: Experiment,
+    channels: Mapping[str, np.ndarray],
+    driven: Mapping[str, np.ndarray],
+    lines: np.ndarray,
+    hold_rate: float | None,
+    whole: slice,
+    offset: np.ndarray,
+) -> dict[str, np.ndarray]:
+    """One period of what drove the rig, at the control rate: the excited lines of the channels, or their design."""
+    axes, n = e.rig.axes, e.samples_per_period
+    waves = {}
+    for place, on in driven.items():
+        spectrum = np.zeros((axes, n // 2 + 1), complex)
+        if (channel := channels.get(EXCITED_BY[place])) is not None:
+            per_period = e.recorded_per_period
+            means = channel[:, whole].reshape(axes, -1, per_period).mean(axis=1)
+            found = period_spectra(means, lines)
+            if place == "force" and hold_rate is None:  # a continuous force: the held sequence with these lines
+                x = lines * e.fundamental / e.rig.control_rate
+                found = found / (np.sinc(x) * np.exp(-1j * np.pi * x))
+            spectrum[:, lines] = np.where(on, found, 0.0) * (n / 2)
+        elif on.any():
+            spectrum = np.fft.rfft(np.atleast_2d(e.waveform(place)), axis=-1)
+        waves[place] = np.fft.irfft(spectrum, n, axis=-1)
+    waves["reference"] += offset[:, None]
+    return waves
+
+
+def _check_apart(campaign: Campaign, records: tuple[Record, ...]) -> None:
+    """ValueError when a holdout is one of the fit recordings again."""
+    for judged in (r for r in records if r.role == "holdout"):
+        for fitted in (r for r in records if r.role == "fit"):
+            one, other = judged.series["displacement"], fitted.series["displacement"]
+            if one.shape == other.shape and np.array_equal(one, other):
+                raise ValueError(
+                    f"{campaign.folder}: the holdout {judged.name} is the fit recording {fitted.name} again; it can "
+                    "judge nothing: record another realisation"
+                )

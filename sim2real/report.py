@@ -1,0 +1,241 @@
+"""A diagnosis in words and curves: what a table, a page and the corrected rig's comment say of it."""
+
+from dataclasses import dataclass
+from math import floor, isfinite, log10
+
+import numpy as np
+
+from maglev_env.effects import EFFECTS
+from maglev_env.planar import AXES
+from sim2real.diagnosis import Diagnosis, block_of
+from sim2real.hypotheses import CALIBRATION, NONE, TONES, UNKNOWN
+from sim2real.judge import Entry
+from sim2real.problem import Part
+from sim2real.simulated import Point
+
+FEWEST = 3  # lines that make a curve
+SHOWN_BANDS, LEAST_SHARE = 3, 0.05
+_PREFIXES = ((1e9, "G"), (1e6, "M"), (1e3, "k"), (1.0, ""), (1e-3, "m"), (1e-6, "u"), (1e-9, "n"))
+_PREFIXED = ("s", "Hz", "m", "m/s", "N", "A", "V", "T")
+_DIGITS = 4
+NO_ERROR = 1e-8  # of the value: a smaller standard error is that of a parameter the recordings do not tell
+
+
+@dataclass(frozen=True)
+class Correction:
+    """One parameter of the corrected rig in SI: of an effect ("delay.time"), or the relative change of a nominal one
+    within its tolerance ("mass", is_change). se: standard error, None where it is not known."""
+
+    name: str
+    value: float
+    se: float | None
+    unit: str
+    is_change: bool
+
+    def __str__(self) -> str:
+        return quantity(self.value, self.se, self.unit, self.is_change)
+
+
+@dataclass(frozen=True)
+class Curve:
+    """A closed-loop response of a judged recording, measured with standard deviation sd of a complex value
+    (E|n|^2 = sd^2), and simulated on the nominal and on the corrected rig: all (n,), simulated ones nan where the rotor
+    touches down. kind: "receptance" (m/N, displacement over force) or "sensitivity" (command over injection). axis:
+    "x", "y", or "" of a one-axis rig."""
+
+    kind: str
+    record: str
+    axis: str
+    frequency: np.ndarray
+    measured: np.ndarray
+    sd: np.ndarray
+    nominal: np.ndarray
+    corrected: np.ndarray
+
+    def distance(self, simulated: np.ndarray) -> np.ndarray:
+        """Of a simulated curve from the measured one, in its noise: rms 1 where only noise is between them."""
+        return abs(simulated - self.measured) / self.sd
+
+
+def named(diagnosis: Diagnosis) -> tuple[Entry, ...]:
+    """The hypotheses that name effects, the most probable first."""
+    return tuple(e for e in diagnosis.which if e.effects[0] not in (NONE, CALIBRATION, UNKNOWN))
+
+
+def corrections(diagnosis: Diagnosis) -> tuple[Correction, ...]:
+    """Parameters of the corrected rig, effects first, with their standard errors."""
+    effects = next((e.effects for e in named(diagnosis)), (CALIBRATION,))
+    if diagnosis.verdict not in ("explained", "ambiguous"):
+        effects = (CALIBRATION,)
+    listed = diagnosis.to_json()["which"]
+    fitted = next((row["parameters"] for row in listed if tuple(row["effects"]) == effects), {})
+    found = []
+    for name, values in diagnosis.corrected.effects.items():
+        for key, value in values.items():
+            se = fitted.get(f"{name}.{key}", {}).get("se")
+            found.append(Correction(f"{name}.{key}", value, se, EFFECTS[name].parameters[key].unit, key == "change"))
+    for name, value in diagnosis.corrected.changes.items():
+        found.append(Correction(name, value, fitted.get(f"{name} (relative)", {}).get("se"), "", True))
+    return tuple(found)
+
+
+def quantity(value: float, se: float | None, unit: str, is_change: bool = False) -> str:
+    """A value with its standard error in a readable unit: "75.0 +- 1.2 us", of a relative change "+3.1 +- 0.4 %"."""
+    if is_change:
+        return f"{_with_se(100 * value, se and 100 * se, '+')} %"
+    if unit == "kg m":
+        value, se, unit = 1e6 * value, se and 1e6 * se, "g mm"
+    if unit in _PREFIXED and value and isfinite(value):
+        factor, prefix = next((p for p in _PREFIXES if abs(value) >= p[0] * 0.9995), _PREFIXES[-1])
+        value, se, unit = value / factor, se and se / factor, prefix + unit
+    return f"{_with_se(value, se)} {unit}".rstrip()
+
+
+def _with_se(value: float, se: float | None, sign: str = "") -> str:
+    if not se or not isfinite(se) or se < NO_ERROR * abs(value):
+        return f"{value:{sign}.3g}"
+    places = 1 - floor(log10(se))
+    if value:
+        places = min(places, _DIGITS - 1 - floor(log10(abs(value))))
+    places = max(places, 0)
+    error = f"{se:.{places}f}" if float(f"{se:.{places}f}") else f"{se:.1g}"
+    return f"{value:{sign}.{places}f} +- {error}"
+
+
+def percent(share: float) -> str:
+    """A share or probability; what is nearly all or nothing says so."""
+    if share > 0.995:
+        return "> 99 %" if share < 1 else "100 %"
+    return "< 1 %" if 0 < share < 0.005 else f"{100 * share:.0f} %"
+
+
+def sentence(diagnosis: Diagnosis) -> str:
+    """The verdict in one sentence."""
+    probability = {e.effects: e.probability for e in diagnosis.which}
+    if diagnosis.verdict == "no_gap":
+        sure = probability.get((NONE,), 0.0) + probability.get((CALIBRATION,), 0.0)
+        return f"There is no gap beyond the noise and the rig's stated tolerances ({percent(sure)})."
+    if diagnosis.verdict == "unexplained":
+        return (
+            f"No known effect explains the gap (unknown: {percent(probability.get((UNKNOWN,), 0.0))}); most of it lies "
+            f"in {_blocks(most(diagnosis))}{_highest_band(diagnosis)}."
+        )
+    if diagnosis.verdict == "ambiguous":
+        rows = [e for e in named(diagnosis) if "+".join(e.effects) in diagnosis.cause]
+        one_of = _or([f"{_and(e.effects)} ({percent(e.probability)})" for e in rows])
+        blocks = _or([*dict.fromkeys(_blocks(block_of(name)) for name in diagnosis.cause)])
+        return (
+            f"The gap is explained by {one_of}, in {blocks}; this campaign cannot tell them apart."
+        )  # fmt: skip
+    top = named(diagnosis)[0]
+    several = len(top.effects) > 1
+    shown = ", ".join(
+        f"{c.name if several else c.name.partition('.')[2].removesuffix('_hz').replace('_', ' ')} {c}"
+        for c in corrections(diagnosis)
+        if "." in c.name
+    )
+    return (
+        f"The gap is explained by {_and(top.effects)} ({percent(top.probability)}), in "
+        f"{_blocks(block_of('+'.join(top.effects)))}; {shown}."
+    )
+
+
+def most(diagnosis: Diagnosis) -> str:
+    """The segment of the loop with the largest share of the gap; "" where nothing lies anywhere."""
+    blocks = diagnosis.where.blocks
+    return max(blocks, key=lambda name: blocks[name]) if any(blocks.values()) else ""
+
+
+def where_in_words(diagnosis: Diagnosis) -> tuple[str, ...]:
+    """Blocks, bands and kinds of lines with their shares of what calibration leaves."""
+    where = diagnosis.where
+    if not where.significant:
+        return ("nothing stands out of the noise, in any block, band or kind of line",)
+    bands = sorted(where.bands, key=lambda b: -b[2])[:SHOWN_BANDS]
+    return (
+        "blocks: " + _shares({name.replace("+", " + "): share for name, share in where.blocks.items()}),
+        "bands: " + _shares({f"{lo:.0f} .. {hi:.0f} Hz": share for lo, hi, share in bands}),
+        "kind: " + _shares(where.kind),
+    )
+
+
+def _shares(shares: dict[str, float]) -> str:
+    ordered = sorted(shares.items(), key=lambda item: -item[1])
+    kept = [f"{name} {percent(share)}" for name, share in ordered if share >= LEAST_SHARE]
+    return ", ".join(kept) or "spread evenly"
+
+
+def _highest_band(diagnosis: Diagnosis) -> str:
+    bands = diagnosis.where.bands
+    if not bands or not any(share for *_, share in bands):
+        return ""
+    lo, hi, _ = max(bands, key=lambda b: b[2])
+    return f", around {lo:.0f} .. {hi:.0f} Hz"
+
+
+def _and(names: tuple[str, ...]) -> str:
+    return " with ".join(names)
+
+
+def _or(words: list[str]) -> str:
+    return " or ".join(part for part in (", ".join(words[:-1]), words[-1]) if part)
+
+
+def _blocks(joined: str) -> str:
+    if not joined:
+        return "no block in particular"
+    words = {"external": "what turns with the rotor"}
+    return " and ".join(words.get(name, f"the {name}") for name in joined.split("+"))
+
+
+def curves(diagnosis: Diagnosis) -> tuple[Curve, ...]:
+    """The receptance and the sensitivity, of each axis, of the first judged recordings that show them."""
+    found: dict[tuple[str, str], Curve] = {}
+    corrected = diagnosis.corrected
+    # A tone is no line of the excitation: simulated with it a period would not repeat.
+    lines = Point({n: v for n, v in corrected.effects.items() if n not in TONES}, corrected.changes)
+    for part in diagnosis.judged.parts:
+        shown = _shown(part)
+        if all(key in found for key in shown):
+            continue
+        nominal, after = part.predictor([Point({}, {}), lines])
+        for (kind, axis), on in shown.items():
+            if (kind, axis) not in found:
+                found[kind, axis] = _curve(part, kind, axis, on, nominal, after)
+    return tuple(found[key] for key in sorted(found))
+
+
+def _shown(part: Part) -> dict[tuple[str, str], np.ndarray]:
+    """Lines (n,) of each response that a part tells, by (kind, axis)."""
+    record, found = part.record, {}
+    for kind, place in (("receptance", "force"), ("sensitivity", "current")):
+        for axis in range(record.axes):
+            on = record.driven[place][axis] & ~record.masked
+            if on.sum() >= FEWEST:
+                found[kind, AXES[axis] if record.axes == 2 else ""] = on
+    return found
+
+
+def _curve(part: Part, kind: str, axis: str, on: np.ndarray, nominal: np.ndarray, corrected: np.ndarray) -> Curve:
+    record, opened = part.record, part.opened
+    a, plant = AXES.index(axis) if axis else 0, opened.outputs.index("plant")
+    wave = record.waves["force" if kind == "receptance" else "current"][a]
+    drive = (np.fft.rfft(wave) * (2 / wave.size))[record.lines][on]
+    closed = (1 + opened.plant * opened.controller)[a, on]
+    controller = opened.controller[a, on]
+
+    def response(displacement: np.ndarray) -> np.ndarray:
+        return displacement / drive if kind == "receptance" else 1 - controller * displacement / drive
+
+    measured = record.mean("displacement")[a, on]
+    sd = part.noise[plant, a, on] / abs(closed * drive)
+    return Curve(
+        kind,
+        record.name,
+        axis,
+        record.frequency[on],
+        response(measured),
+        sd if kind == "receptance" else sd * abs(controller),
+        response(nominal[plant, a, on] / closed),
+        response(corrected[plant, a, on] / closed),
+    )

@@ -1,0 +1,165 @@
+"""How far the gap shrinks, on recordings that chose nothing: in units of the noise, and in an engineer's words."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from sim2real.attribute import Attribution, Candidate
+from sim2real.fitting import Fit, begin, iterate
+from sim2real.hypotheses import Hypothesis
+from sim2real.problem import Part, Problem
+from sim2real.simulated import Point
+
+RESAMPLES = 400
+BLOCK = 8  # neighbouring residuals drawn together: what is left over is alike on neighbouring lines
+FREE = 20.0  # tolerances instead of one: as good as no prior, "refit all parameters"
+
+
+@dataclass(frozen=True)
+class Words:
+    """What an engineer asks of a loop: stiffness (N/m) and damping (N s/m) in the rig's target band and peak
+    sensitivity, nan where the lines do not tell."""
+
+    stiffness: float
+    damping: float
+    peak_sensitivity: float
+
+
+@dataclass(frozen=True)
+class Gap:
+    """The gap, sqrt(cost / n) in units of the noise: before (nominal), calibrated, after, and of the noise alone
+    (floor); None where the rotor touches down. closed_fraction of the excess before, with its 95 % interval.
+    judged_on: "holdout" or "held-out lines". words: of the recordings judged: measured, before, after. foils: gap after
+    refitting every parameter without prior, and with another effect."""
+
+    before: float | None
+    calibrated: float | None
+    after: float | None
+    floor: float
+    closed_fraction: float | None
+    closed_fraction_ci: tuple[float, float] | None
+    judged_on: str
+    words: Mapping[str, Words]
+    foils: Mapping[str, float | None]
+
+
+def shrink(judged: Problem, attribution: Attribution, chosen: Candidate | None, held_out: str, seed: int) -> Gap:
+    """Judge a chosen hypothesis (None: nothing to add, calibration stands) on recordings that no fit has seen."""
+    chosen = chosen if chosen is not None else attribution.calibration
+    other = _another(attribution, chosen, seed)
+    refitted = _refitted(attribution)
+    fits = [chosen.fit, attribution.calibration.fit, refitted, other]
+    points = [Point({}, {})] + [f.hypothesis.point(f.u) if f is not None else Point({}, {}) for f in fits]
+    residuals = judged.data - judged.simulate(points)
+    before, after, calibrated, refit, foil = residuals
+    for known, r in ((attribution.calibration.fit, calibrated), (refitted, refit), (other, foil), (chosen.fit, after)):
+        if known is None or not np.isfinite(known.cost):
+            r[:] = np.nan
+    fraction, interval = closed(before, after, seed)
+    words = {"measured": _words(judged, None), "before": _words(judged, before), "after": _words(judged, after)}
+    return Gap(
+        _gap(before),
+        _gap(calibrated),
+        _gap(after),
+        1.0,
+        fraction,
+        interval,
+        held_out,
+        words,
+        {"refit all parameters": _gap(refit), "another effect": _gap(foil)},
+    )
+
+
+def _gap(residual: np.ndarray) -> float | None:
+    size = float(np.mean(abs(residual) ** 2) / 2)
+    return float(np.sqrt(size)) if np.isfinite(size) else None
+
+
+def closed(before: np.ndarray, after: np.ndarray, seed: int) -> tuple[float | None, tuple[float, float] | None]:
+    """1 - (V_after - n) / (V_before - n) with its 95 % bootstrap interval over blocks of neighbouring residuals; None
+    where the rotor touched down before (all of an infinite gap), or where there was no gap to close."""
+    if not np.isfinite(after).all():
+        return None, None
+    if not np.isfinite(before).all():
+        return 1.0, None
+    blocks = [np.add.reduceat(abs(r) ** 2 - 2.0, np.arange(0, r.size, BLOCK)) for r in (before, after)]
+    total = blocks[0].sum()
+    if total < 4.0 * np.sqrt(4.0 * before.size):
+        return None, None
+    rng = np.random.default_rng(seed)
+    drawn = rng.integers(0, blocks[0].size, (RESAMPLES, blocks[0].size))
+    b, a = (v[drawn].sum(axis=1) for v in blocks)
+    lo, hi = np.quantile(1 - a / np.maximum(b, 1e-9), [0.025, 0.975])
+    return float(1 - blocks[1].sum() / total), (float(lo), float(hi))
+
+
+def _another(attribution: Attribution, chosen: Candidate, seed: int) -> Fit | None:
+    """Some other single effect, drawn by the seed."""
+    others = [
+        c.fit
+        for c in attribution.candidates
+        if len(c.effects) == 1 and c.effects[0] not in chosen.effects and np.isfinite(c.fit.cost)
+    ]
+    return others[np.random.default_rng(seed).integers(len(others))] if others else None
+
+
+def _refitted(attribution: Attribution) -> Fit | None:
+    """Every nominal parameter with a tolerance fitted without it."""
+    base = attribution.calibration.fit
+    if not np.isfinite(base.cost) or not base.hypothesis.tolerances:
+        return None
+    free = Hypothesis((), {name: FREE * sigma for name, sigma in base.hypothesis.tolerances.items()})
+    p = attribution.problem
+    fits = begin([free], [base.u / FREE], p.data, p.simulate)
+    iterate(fits, p.data, p.simulate, 8)
+    return fits[0]
+
+
+def _words(problem: Problem, residual: np.ndarray | None) -> Words:
+    """Averages over the judged recordings; residual: of a simulation (None: what was measured)."""
+    found = [_of_part(part, residual) for part in problem.parts if part.record.axes == 1]
+    if not found:
+        return Words(np.nan, np.nan, np.nan)
+    with np.errstate(all="ignore"):
+        values = np.array(found, float)
+        means = [float(np.mean(c[np.isfinite(c)])) if np.isfinite(c).any() else float("nan") for c in values.T]
+    return Words(*means)
+
+
+def _of_part(part: Part, residual: np.ndarray | None) -> tuple[float, float, float]:
+    """Stiffness, damping and peak sensitivity of a one-axis part."""
+    record, used, opened = part.record, part.used, part.opened
+    plant = part.measured[opened.outputs.index("plant"), 0][used]
+    if residual is not None:
+        shaped = residual[part.place].reshape(*part.measured.shape[:2], -1)[opened.outputs.index("plant"), 0]
+        plant = plant - shaped * part.noise[opened.outputs.index("plant"), 0][used] / np.sqrt(2)
+    controller, p = opened.controller[0, used], opened.plant[0, used]
+    displacement = plant / (1 + p * controller)
+    kinds, frequency = {name: on[0, used] for name, on in record.driven.items()}, record.frequency[used]
+    stiffness = damping = peak = np.nan
+    rig = record.nominal
+    wave = np.fft.rfft(record.waves["force"][0])[record.lines][used] * (2 / record.waves["force"].shape[-1])
+    lo, hi = rig.target.band
+    on = kinds["force"] & (frequency >= lo) & (frequency <= hi)
+    if on.sum() >= 3:
+        omega = 2 * np.pi * frequency[on]
+        dynamic = wave[on] / displacement[on]
+        weight = abs(displacement[on]) ** 2
+        stiffness = float(np.average(dynamic.real + rig.mass * omega**2, weights=weight))
+        damping = float((weight * dynamic.imag * omega).sum() / (weight * omega**2).sum())
+    injection = np.fft.rfft(record.waves["current"][0])[record.lines][used] * (2 / record.waves["current"].shape[-1])
+    on = kinds["current"]
+    if on.sum() >= 3:
+        peak = float(np.max(abs(1 - controller[on] * displacement[on] / injection[on])))
+    return stiffness, damping, peak
+
+
+def errors(gap: Gap, name: str) -> dict[str, float | None]:
+    """Relative error of one of `Words` before and after; None where it is not known."""
+    measured = getattr(gap.words["measured"], name)
+    found = {}
+    for when in ("before", "after"):
+        off = getattr(gap.words[when], name) / measured - 1 if measured else float("nan")
+        found[when] = float(off) if np.isfinite(off) else None
+    return found

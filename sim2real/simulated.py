@@ -1,0 +1,101 @@
+"""What a hypothesis predicts of a campaign: its lanes simulated under every recording's own waves and gains."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from math import ceil, log
+
+import numpy as np
+
+from maglev_env.effects import Effects, effect, meaningful
+from maglev_env.experiment import Experiment
+from maglev_env.gains import Gains
+from maglev_env.linear import closed_loop_poles
+from maglev_env.rig import Rig, with_parameters
+from maglev_env.simulate import prepared, steady_spectra
+from sim2real.opened import Opened
+from sim2real.records import Record
+
+# Tolerances of these parameters are changes by the effect of that name; of any other, of the parameter itself.
+TOLERANCE_EFFECTS = {
+    "mass": "mass",
+    "support_stiffness": "support_stiffness",
+    "actuator_gain": "actuator_gain",
+    "negative_stiffness": "negative_stiffness",
+    "probe_gain": "sensor_gain",
+}
+SETTLED = 3e-5  # of a transient's size at the start, where the period begins that is looked at
+MOST_TRANSIENT = 12  # periods
+# Names the flexible kernel without changing anything: lanes of all hypotheses then share one block.
+NEUTRAL: Effects = effect("friction", 0.0)
+
+
+@dataclass(frozen=True)
+class Point:
+    """One set of parameters: effects, and relative changes of the nominal rig's parameters within their tolerance."""
+
+    effects: Effects
+    changes: Mapping[str, float]
+
+
+def experiment_at(e: Experiment, point: Point) -> Experiment:
+    """The experiment on the rig that a point describes."""
+    effects = {name: dict(values) for name, values in point.effects.items()}
+    parameters = {}
+    for name, change in point.changes.items():
+        known = TOLERANCE_EFFECTS.get(name)
+        if known is None:
+            parameters[name] = getattr(e.rig, name) * (1 + change)
+        elif known not in effects:
+            effects[known] = {"change": change}
+    rig = with_parameters(e.rig, parameters) if parameters else e.rig
+    return replace(e, rig=rig, effects=effects)
+
+
+def tolerances(rig: Rig) -> dict[str, float]:
+    """Relative 1-sigma tolerances of the rig that a simulation can follow."""
+    stated = {name: sigma for name, sigma in rig.tolerance.items() if sigma > 0 and getattr(rig, name)}
+    return {
+        name: sigma
+        for name, sigma in stated.items()
+        if name not in TOLERANCE_EFFECTS or meaningful(TOLERANCE_EFFECTS[name], rig)
+    }
+
+
+@dataclass(frozen=True)
+class Predictor:
+    """Predicts the opened loop's residuals of one record. transient: periods simulated before the one looked at."""
+
+    record: Record
+    opened: Opened
+    transient: int
+
+    @property
+    def kind(self) -> tuple:
+        """Records of one kind may share their lanes."""
+        e = self.record.experiment
+        controllers = e.gains if isinstance(e.gains, tuple) else (e.gains,)
+        orders = tuple(None if isinstance(c, Gains) else c.order for c in controllers)
+        return orders, e.speed_rpm, e.rig.mass
+
+    def lanes(self, points: Sequence[Point]) -> list:
+        """Lanes at every point, for records of this kind."""
+        base = replace(self.record.experiment, effects=NEUTRAL)
+        return prepared([experiment_at(base, replace(p, effects={**NEUTRAL, **p.effects})) for p in points])
+
+    def of(self, lanes: list) -> np.ndarray:
+        """(n, outputs, axes, lines) of prepared lanes; nan where the rotor touches down."""
+        r = self.record
+        spectra = steady_spectra(lanes, r.experiment, r.waves, r.lines, self.transient)
+        return self.opened.residuals(spectra[:, 0], spectra[:, 2])
+
+    def __call__(self, points: Sequence[Point]) -> np.ndarray:
+        """(n, outputs, axes, lines) at every point."""
+        return self.of(self.lanes(points))
+
+
+def predictor(record: Record, opened: Opened) -> Predictor:
+    """With the transient that the nominal closed loop needs; an unstable nominal one gets the longest."""
+    radius = abs(closed_loop_poles(record.experiment)).max()
+    n = record.experiment.samples_per_period
+    periods = MOST_TRANSIENT if radius >= 1 else ceil(log(SETTLED) / log(radius) / n)
+    return Predictor(record, opened, min(max(periods, 1), MOST_TRANSIENT))

@@ -1,0 +1,138 @@
+"""What is not synchronised with the excitation: tones of the mains, of the spin, and of unknown origin."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import stats
+from scipy.optimize import minimize_scalar
+
+MAINS = (50.0, 60.0)  # Hz
+HARMONICS = 3
+FALSE_ALARM = 1e-5  # that noise alone shows a tone somewhere in a record
+NEIGHBOURS = 60  # bins to either side that a tone must stand out from
+MOST = 8  # tones per record
+SAME = 0.6  # bins of the record's resolution within which two frequencies are one
+
+
+@dataclass(frozen=True)
+class Tone:
+    """A sinusoid of a record: frequency (Hz), complex amplitude of each channel (axes,), and the power of the
+    displacement's over that of its noise, as a chi-square of two degrees."""
+
+    frequency: float
+    amplitude: Mapping[str, np.ndarray]
+    chi2: float
+
+
+def families(speed_rpm: float) -> dict[str, tuple[float, ...]]:
+    """Frequencies (Hz) by origin: "pickup" of either mains, "spin" of a turning rotor."""
+    found = {f"pickup {f:g} Hz": tuple(f * n for n in range(1, HARMONICS + 1)) for f in MAINS}
+    if speed_rpm > 0:
+        found["spin"] = tuple(speed_rpm / 60 * n for n in range(1, HARMONICS + 1))
+    return found
+
+
+def remove_tones(
+    channels: Mapping[str, np.ndarray], per_period: int, rate: float
+) -> tuple[dict[str, np.ndarray], list[Tone]]:
+    """Channels (axes, samples) of whole periods without the tones that lie between the harmonics, and those tones."""
+    cleaned = {name: values.copy() for name, values in channels.items()}
+    found: list[Tone] = []
+    while len(found) < MOST:
+        peak = _strongest(cleaned["displacement"], per_period)
+        if peak is None:
+            break
+        at, chi2 = peak
+        total = cleaned["displacement"].shape[1]
+        rest = _without_period(cleaned["displacement"], per_period)
+        refined = minimize_scalar(
+            lambda f, rest=rest, total=total: -_energy(rest, f, per_period, total),
+            bounds=(at - 0.7, at + 0.7),
+            method="bounded",
+            options={"xatol": 1e-4},
+        ).x
+        amplitude = {}
+        for name, values in cleaned.items():
+            a = _amplitude(_without_period(values, per_period), refined, per_period, total)
+            amplitude[name] = a
+            phase = np.exp(2j * np.pi * refined * np.arange(total) / total)
+            cleaned[name] = values - (a[:, None] * phase).real
+        found.append(Tone(refined * rate / total, amplitude, chi2))
+    return cleaned, found
+
+
+def _without_period(values: np.ndarray, per_period: int) -> np.ndarray:
+    periods = values.reshape(len(values), -1, per_period)
+    return (periods - periods.mean(axis=1, keepdims=True)).reshape(values.shape)
+
+
+def _strongest(values: np.ndarray, per_period: int) -> tuple[float, float] | None:
+    """Bin (of the whole record) of the strongest significant tone between harmonics, and its chi-square."""
+    total = values.shape[1]
+    count = total // per_period
+    if count < 3:
+        return None
+    power = (abs(np.fft.rfft(_without_period(values, per_period), axis=1)) ** 2).sum(axis=0)
+    between = np.arange(power.size) % count != 0
+    between[: count // 2] = False  # slow drift is not a tone
+    bins, p = np.flatnonzero(between), power[between]
+    step = NEIGHBOURS // 2
+    blocks = p[: p.size // step * step].reshape(-1, step)
+    if not len(blocks):
+        return None
+    freedom = 2 * len(values)
+    level = np.median(blocks, axis=1) / (stats.chi2.median(freedom) / 2)  # per half a chi-square
+    padded = np.maximum.reduce([level, np.roll(level, 1), np.roll(level, -1)])
+    floor = np.repeat(padded, step)
+    ratio = 2 * p[: floor.size] / np.maximum(floor, np.finfo(float).tiny)
+    at = int(np.argmax(ratio))
+    if ratio[at] < stats.chi2.isf(FALSE_ALARM / ratio.size, freedom) * 1.5:
+        return None
+    return float(bins[at]), float(ratio[at])
+
+
+def _columns(frequency: float, per_period: int, total: int) -> np.ndarray:
+    phase = 2 * np.pi * frequency * np.arange(total) / total
+    return _without_period(np.array([np.cos(phase), np.sin(phase)]), per_period)
+
+
+def _fit(rest: np.ndarray, frequency: float, per_period: int, total: int) -> tuple[np.ndarray, np.ndarray]:
+    columns = _columns(frequency, per_period, total)
+    right = columns @ rest.T
+    return np.linalg.lstsq(columns @ columns.T, right, rcond=1e-9)[0], right
+
+
+def _energy(rest: np.ndarray, frequency: float, per_period: int, total: int) -> float:
+    coefficients, right = _fit(rest, frequency, per_period, total)
+    return float((coefficients * right).sum())
+
+
+def _amplitude(rest: np.ndarray, frequency: float, per_period: int, total: int) -> np.ndarray:
+    coefficients, _ = _fit(rest, frequency, per_period, total)
+    return coefficients[0] - 1j * coefficients[1]
+
+
+def masked_lines(frequency: np.ndarray, fundamental: float, speed_rpm: float) -> np.ndarray:
+    """Whether a harmonic (n,) is one on which a tone of a known origin lies."""
+    masked = np.zeros(frequency.size, bool)
+    for tones in families(speed_rpm).values():
+        for f in tones:
+            masked |= abs(frequency - f) < 0.05 * fundamental
+    return masked
+
+
+def origin(frequency: float, speed_rpm: float, resolution: float) -> str | None:
+    """The family that a tone belongs to, or None."""
+    for name, tones in families(speed_rpm).items():
+        if any(abs(frequency - f) < SAME * resolution + 1e-3 * f for f in tones):
+            return name
+    return None
+
+
+def outstanding(own: np.ndarray, around: Sequence[float] | np.ndarray) -> float:
+    """Chi-square that whitened residuals (m,) at a tone's lines show beyond their neighbours', 0 where nothing stands
+    out at 1e-4."""
+    level = max(1.0, float(np.median(abs(np.asarray(around)) ** 2)) / (2 * np.log(2))) if len(around) else 1.0
+    chi2 = float((abs(own) ** 2).sum()) / level
+    return chi2 if stats.chi2.sf(chi2, 2 * own.size) < 1e-4 else 0.0
