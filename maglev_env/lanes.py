@@ -8,7 +8,7 @@ import numpy as np
 from maglev_env import kernel_rows as k
 from maglev_env.effects import effect_value
 from maglev_env.experiment import Experiment, axis_experiment, moving_mass, self_sensors
-from maglev_env.gains import Gains, LinearController, numerator_of
+from maglev_env.gains import Gains, LinearController
 from maglev_env.kernel import Structure
 from maglev_env.kernel_rows import axis_rows, effect_row, filter_row
 from maglev_env.lane_chains import (
@@ -21,6 +21,7 @@ from maglev_env.lane_chains import (
     sensor_rows,
     steps,
 )
+from maglev_env.lane_controllers import PID_ROWS, filter_constants, pid_constants
 from maglev_env.lane_effects import FLEXIBLE, effect_constants, write_cross_bend
 from maglev_env.linear_axis import cross_terms
 from maglev_env.magnetics import SingleSidedLaw, force_law
@@ -111,7 +112,9 @@ def lane_batch(experiments: Sequence[Experiment], substeps: int = 1) -> LaneBatc
         if structure.controller_order:
             start = filter_row(substeps)
             width = 3 * structure.controller_order + 1
-            rows[start : start + width] = np.array([_filter(e.gains, structure.controller_order) for e in own]).T
+            rows[start : start + width] = np.array(
+                [filter_constants(e.gains, structure.controller_order) for e in own]
+            ).T
         parts.append(rows)
         states = [np.random.SeedSequence(e.seed).generate_state(len(SEEDED), np.uint64) for e in own]
         seeds.append(np.array(states).T)
@@ -186,14 +189,6 @@ def _cross_chains(
         )
 
 
-def _filter(controller: LinearController, order: int) -> np.ndarray:
-    """b0, then (b, a, state) for each power of 1 / z."""
-    pad = np.zeros(order - controller.order)
-    b = np.concatenate([numerator_of(controller), pad])
-    a = np.concatenate([controller.denominator, pad])
-    return np.concatenate([b[:1], np.array([b[1:], a[1:], 0 * a[1:]]).T.reshape(-1)])
-
-
 def _cross(
     terms: tuple[float, ...], own: Experiment, other: Experiment, substeps: int
 ) -> tuple[float, float, float, float]:
@@ -217,8 +212,7 @@ def _parameters(e: Experiment, substeps: int) -> np.ndarray:
     if e.sensor != "probe":  # an estimated gap passes no converter
         p[k.PROBE_COUNTS], p[k.COUNT_MAX], p[k.PER_COUNT] = probe / rig.probe_gain, np.inf, 1.0
     if isinstance(gains, Gains):
-        p[k.KP], p[k.KD], p[k.KI] = gains.kp, gains.kd / gains.td, gains.ki
-        p[k.DECAY_D], p[k.DECAY_I] = np.exp(-dt / gains.td), np.exp(-dt / gains.ti)
+        p[PID_ROWS] = pid_constants(gains, dt)
     p[k.PER_U_COUNT], p[k.U_COUNT_MAX], p[k.U_COUNT] = 1 / u_lsb, current_range / u_lsb, u_lsb
     p[k.NOISE] = rig.noise.displacement
     # The kernel's velocity is h v and its acceleration h^2 a, so every force carries h^2 / m.

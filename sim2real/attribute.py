@@ -8,7 +8,7 @@ import numpy as np
 from sim2real.fitting import Fit, begin, differentiate, iterate, left_out_cost, share_calibrations
 from sim2real.hypotheses import COORDINATES, Hypothesis, single_effects, starts
 from sim2real.problem import Problem
-from sim2real.simulated import tolerances
+from sim2real.simulated import TOLERANCE_EFFECTS, tolerances
 
 FIRST, ITERATIONS = 2, 8  # steps of a fit from every start that is followed, and more of the better one
 FOLLOWED = 2  # starts of an effect that are fitted further
@@ -138,6 +138,11 @@ def _extended(hypothesis: Hypothesis, effects: np.ndarray, near: Fit) -> np.ndar
     known = dict(zip(near.hypothesis.calibrated, near.u[len(near.hypothesis.coordinates) :], strict=True))
     if not np.isfinite(near.cost):
         known = {}
+    effects = effects.copy()
+    for i, c in enumerate(hypothesis.coordinates):  # what is free now begins where its tolerance had moved it
+        for name in known.keys() - set(hypothesis.calibrated):
+            if TOLERANCE_EFFECTS.get(name) == c.effect and c.scale:
+                effects[i] += known[name] * hypothesis.tolerances[name] / c.scale
     return np.concatenate([effects, [known.get(name, 0.0) for name in hypothesis.calibrated]])
 
 
@@ -159,6 +164,8 @@ def _apart(one: _Promise, other: _Promise) -> bool:
 def _screened(problem: Problem, jobs: Sequence[tuple[Fit, Hypothesis, np.ndarray]]) -> list[_Promise]:
     """Starts (a seed's fit, a hypothesis that adds an effect to it, coordinates), the most promising first; what a
     start touches down with is left out. A seed that touches down is no base: then the start's own cost counts."""
+    if not jobs:
+        return []
     single = problem.first()
     predicted = single.simulate([h.point(h.bounded(u)) for _, h, u in jobs])
     at, found = problem.parts[0].place, []
@@ -175,7 +182,7 @@ def _screened(problem: Problem, jobs: Sequence[tuple[Fit, Hypothesis, np.ndarray
             solve = np.linalg.pinv(normal, hermitian=True)
             looks[seed] = jacobian, residual, solve, (jacobian @ residual.conj()).real
         share, gain = _along(*looks[seed], p - (single.data - looks[seed][1]), _turns(h))
-        found.append(_Promise(h, _scaled(h, u, share), gain))
+        found.append(_Promise(h, _scaled(h, u, share, seed), gain))
     return sorted(found, key=lambda promise: -promise.gain)
 
 
@@ -225,11 +232,12 @@ def _along(
     return along / own, along**2 / own
 
 
-def _scaled(h: Hypothesis, u: np.ndarray, share: float) -> np.ndarray:
+def _scaled(h: Hypothesis, u: np.ndarray, share: float, seed: Fit) -> np.ndarray:
     """Coordinates with the last effect's size moved toward its share; sizes on a logarithmic scale stay."""
-    moved = u.copy()
     first = len(h.coordinates) - len(COORDINATES[h.effects[-1]])
+    without = u.copy()
     for i, c in enumerate(COORDINATES[h.effects[-1]], first):
         if c.scale is not None and c.parameter != "order":
-            moved[i] = u[i] * np.clip(share, -MOST_SCALED, MOST_SCALED)
-    return h.bounded(moved)
+            without[i] = 0.0
+    without = _extended(h, without[: len(h.coordinates)], seed)
+    return h.bounded(without + np.clip(share, -MOST_SCALED, MOST_SCALED) * (u - without))

@@ -9,12 +9,12 @@ from sim2real.hypotheses import Hypothesis
 from sim2real.simulated import Point
 
 Simulate = Callable[[Sequence[Point]], np.ndarray]  # (n, K) complex, whitened; nan where the rotor touched down
-REFRESH = 4  # steps after which the tolerances' rows are found anew
+REFRESH = 2  # steps after which the tolerances' rows are found anew
 STEP, CALIBRATION_STEP = 0.02, 0.2  # of finite differences, in coordinates and in tolerances
 DAMPING = (0.1, 3.0)  # factors on the Levenberg-Marquardt parameter that every iteration tries
 CONVERGED, SHARE, IDLE = 0.2, 1e-5, 2  # so many steps in a row gain less than this cost, and share of the cost
 NEWTON, NEWTON_CALIBRATION = 0.1, 1.0  # of a step's reach, and tolerances: as far as leaving a group out is linear
-PATIENCE, HOPELESS, SMALL = 2, 0.4, 200.0
+PATIENCE, HOPELESS, SMALL = 3, 0.4, 100.0
 
 
 @dataclass(eq=False)
@@ -138,8 +138,10 @@ def iterate(fits: Sequence[Fit], data: np.ndarray, simulate: Simulate, most: int
                 f.damping *= 10
                 f.done = f.damping > 1e3
                 continue
-            before = f.cost
+            before, u, residual = f.cost, f.u, f.residual
             f.cost, f.damping, f.u, f.residual = best[id(f)]
+            moved = f.u - u  # Broyden: what the step taught of the rows that are not found anew
+            f.jacobian += np.outer(moved, residual - f.residual - moved @ f.jacobian) / max(moved @ moved, 1e-300)
             f.idle = f.idle + 1 if before - f.cost < CONVERGED + SHARE * before else 0
             f.done = f.idle >= IDLE
 
@@ -167,7 +169,7 @@ def left_out_cost(fit: Fit, groups: np.ndarray) -> np.ndarray:
         j, r = fit.jacobian[:, own], fit.residual[own]
         rest = whole - (j @ j.conj().T).real
         moved = np.linalg.lstsq(rest, (j @ r.conj()).real, rcond=None)[0]  # the rest's gradient is minus the group's
-        moved /= np.max(abs(moved) / limit, initial=1.0)
+        moved = np.clip(moved, -limit, limit)
         off = r + moved @ j
         found.append(np.vdot(off, off).real)
     return np.array(found)

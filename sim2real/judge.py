@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sim2real.attribute import Attribution
-from sim2real.hypotheses import CALIBRATION, NONE, UNKNOWN
+from sim2real.hypotheses import CALIBRATION, COORDINATES, NONE, UNKNOWN
 from sim2real.problem import KINDS
 from sim2real.unsynchronised import FOREIGN
 
@@ -21,7 +21,8 @@ class Belief:
     all singles together, of all pairs together, and of the untouched nominal rig. leftover: share of a
     group's gap that a right effect of another form may leave; group_sd, group_cost: what a free correction of a group
     must explain beyond the noise, and costs; unknown_cost: log odds against anything
-    unknown where no group is left unexplained.
+    unknown where no group is left unexplained; parameter_cost, search_cost: of every parameter of an effect beyond its
+    first, and of looking for a frequency: what noise alone lets them save.
     """
 
     freedom: float = 20.0
@@ -33,6 +34,8 @@ class Belief:
     group_sd: float = 4.0
     group_cost: float = 10.0
     unknown_cost: float = 3.0
+    parameter_cost: float = 6.0
+    search_cost: float = 8.0
 
 
 BELIEF = Belief()
@@ -107,7 +110,8 @@ def entries(evidence: Evidence, belief: Belief = BELIEF) -> list[Entry]:
     rows: list[_Row] = [((NONE,), evidence.nominal, belief.prior_none, None)]
     for i in np.flatnonzero(alive):
         names = evidence.effects[i]
-        rows.append((names or (CALIBRATION,), float(evidence.cost[i]), priors[len(names)], int(i)))
+        cost = float(evidence.cost[i]) + complexity(names, belief)
+        rows.append((names or (CALIBRATION,), cost, priors[len(names)], int(i)))
     if evidence.tones:
         rows = _with_tones(rows, evidence, priors)
     costs = np.array([cost for _, cost, *_ in rows])
@@ -147,6 +151,15 @@ def _with_tones(rows: list[_Row], evidence: Evidence, priors: Mapping[int, float
             both = (*base, *added)
             if candidate is not None and added and len(both) <= 2:
                 found.append((both, cost + foreign + off, priors[len(both)], candidate))
+    return found
+
+
+def complexity(names: tuple[str, ...], belief: Belief) -> float:
+    """Cost of the freedom that effects have beyond one parameter each."""
+    found = 0.0
+    for name in names:
+        parameters = [c.parameter for c in COORDINATES.get(name, ())]
+        found += belief.parameter_cost * max(len(parameters) - 1, 0) + belief.search_cost * ("frequency" in parameters)
     return found
 
 

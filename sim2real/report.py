@@ -102,6 +102,13 @@ def _with_se(value: float, se: float | None, sign: str = "") -> str:
     return f"{value:{sign}.{places}f} +- {error}"
 
 
+def spoken(name: str, with_effect: bool) -> str:
+    """A parameter "effect.parameter" in words, its effect's name before it or not."""
+    effect, _, key = name.partition(".")
+    words = key.removesuffix("_hz").replace("_", " ")
+    return f"{effect} {words}" if with_effect else words
+
+
 def percent(share: float) -> str:
     """A share or probability; what is nearly all or nothing says so."""
     if share > 0.995:
@@ -129,11 +136,7 @@ def sentence(diagnosis: Diagnosis) -> str:
         )  # fmt: skip
     top = named(diagnosis)[0]
     several = len(top.effects) > 1
-    shown = ", ".join(
-        f"{c.name if several else c.name.partition('.')[2].removesuffix('_hz').replace('_', ' ')} {c}"
-        for c in corrections(diagnosis)
-        if "." in c.name
-    )
+    shown = ", ".join(f"{spoken(c.name, several)} {c}" for c in corrections(diagnosis) if "." in c.name)
     return (
         f"The gap is explained by {_and(top.effects)} ({percent(top.probability)}), in "
         f"{_blocks(block_of('+'.join(top.effects)))}; {shown}."

@@ -144,7 +144,7 @@ def _of_part(part: Part, residual: np.ndarray | None) -> tuple[float, float, flo
     on = kinds["force"] & (frequency >= lo) & (frequency <= hi)
     if on.sum() >= 3:
         omega = 2 * np.pi * frequency[on]
-        dynamic = wave[on] / displacement[on]
+        dynamic = wave[on] / np.where(displacement[on] == 0, np.nan, displacement[on])
         weight = abs(displacement[on]) ** 2
         stiffness = float(np.average(dynamic.real + rig.mass * omega**2, weights=weight))
         damping = float((weight * dynamic.imag * omega).sum() / (weight * omega**2).sum())

@@ -6,7 +6,7 @@ from math import ceil, log
 
 import numpy as np
 
-from maglev_env.effects import Effects, effect, meaningful
+from maglev_env.effects import Effects, effect, effect_value, meaningful
 from maglev_env.experiment import Experiment
 from maglev_env.gains import Gains
 from maglev_env.linear import closed_loop_poles
@@ -46,7 +46,8 @@ def experiment_at(e: Experiment, point: Point) -> Experiment:
         if known is None:
             parameters[name] = getattr(e.rig, name) * (1 + change)
         elif known not in effects:
-            effects[known] = {"change": change}
+            own = effect_value(e.rig.effects, known)  # what a corrected rig has already
+            effects[known] = {"change": (1 + own) * (1 + change) - 1}
     rig = with_parameters(e.rig, parameters) if parameters else e.rig
     return replace(e, rig=rig, effects=effects)
 
@@ -79,8 +80,10 @@ class Predictor:
 
     def lanes(self, points: Sequence[Point]) -> list:
         """Lanes at every point, for records of this kind."""
-        base = replace(self.record.experiment, effects=NEUTRAL)
-        return prepared([experiment_at(base, replace(p, effects={**NEUTRAL, **p.effects})) for p in points])
+        e = self.record.experiment
+        return prepared(
+            [experiment_at(e, replace(p, effects={**NEUTRAL, **e.rig.effects, **p.effects})) for p in points]
+        )
 
     def of(self, lanes: list) -> np.ndarray:
         """(n, outputs, axes, lines) of prepared lanes; nan where the rotor touches down."""

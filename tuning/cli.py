@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from tuning import cli_selfsense
+from tuning import cli_blind, cli_selfsense
 from tuning.options import EffectOption, JsonOption, RigOption, SeedOption, SensorOption, ThreadsOption, friendly
 
 app = typer.Typer(
@@ -17,6 +17,7 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 app.add_typer(cli_selfsense.app)
+app.add_typer(cli_blind.app)
 
 
 @app.command(epilog="Example: maglev sweep --rig hmb_free --kp 4000:16000:16 --kd 2:12:16 --out my-sweep")
@@ -90,6 +91,22 @@ def check(
     from tuning import command_check
 
     command_check.run(campaign, out, json_file)
+
+
+@app.command(epilog="Example: maglev diagnose my-rig --json diagnosis.json")
+@friendly
+def diagnose(
+    campaign: Annotated[Path, typer.Argument(help="Campaign folder; its campaign.toml names the nominal rig.")],
+    seed: SeedOption = 0,
+    out: Annotated[
+        Path | None, typer.Option(help="Folder of page, JSON and corrected rig (default: diagnosis in the campaign's).")
+    ] = None,
+    json_file: JsonOption = None,
+) -> None:
+    """Why simulator and rig differ: where, which effect or none that is known, how far it closes, what to measure."""
+    from tuning import command_diagnose
+
+    command_diagnose.run(campaign, seed, out, json_file)
 
 
 @app.command(epilog="Example: maglev simulate --rig hmb_free --effect delay=75e-6 --seed 1 --out my-rig")

@@ -114,8 +114,8 @@ def _summary(rig: Rig, recordings: list, toml: Path) -> dict:
 
 def list_effects() -> None:
     """See `tuning.cli.effects`."""
-    table = Table("effect", "block", "parameters", "source")
+    table = Table("effect", "block", "parameters", "identified by", "source")
     for name, kind in EFFECTS.items():
         parameters = ", ".join(f"{k} {p.low:g} .. {p.high:g} {p.unit}".strip() for k, p in kind.parameters.items())
-        table.add_row(name, kind.block, parameters, kind.source)
+        table.add_row(name, kind.block, parameters, kind.identified_by, kind.source)
     console.print(table)

@@ -11,7 +11,8 @@ RigOption = Annotated[
     str, typer.Option(help="Preset (hmb_free, hmb_radial, hmb_axial, pedestal, eframe) or a rig TOML.")
 ]
 EffectOption = Annotated[
-    list[str], typer.Option("--effect", help="Effect beyond the nominal rig, e.g. delay=75e-6; may be repeated.")
+    list[str],
+    typer.Option("--effect", help="Effect beside the rig's own, e.g. delay=75e-6; repeat. See: maglev effects."),
 ]
 JsonOption = Annotated[Path | None, typer.Option("--json", help="Also write the result as JSON to this file.")]
 SensorOption = Annotated[

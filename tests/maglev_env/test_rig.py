@@ -121,7 +121,7 @@ def test_effects_parse_as_the_command_line_writes_them():
     assert parse_effect("sensor_lag.time_constant=2e-5") == {"sensor_lag": {"time_constant": 2e-5}}
     assert parse_effects(["mass=0.1", "delay=1e-5"]) == {"mass": {"change": 0.1}, "delay": {"time": 1e-5}}
     for text, words in (
-        ("friction=1", "unknown"),
+        ("gremlins=1", "unknown"),
         ("delay=fast", "not a number"),
         ("delay=1", "outside"),
         ("delay.speed=1e-5", "no parameter 'speed'"),
@@ -134,12 +134,15 @@ def test_effects_parse_as_the_command_line_writes_them():
 
 @given(st.sampled_from(sorted(EFFECTS)), st.floats(-10, 10))
 def test_an_effect_is_inside_its_bounds_or_refused(name, value):
-    parameter = next(iter(EFFECTS[name].parameters.values()))
-    if parameter.low <= value <= parameter.high:
-        assert effect(name, value)[name] == {next(iter(EFFECTS[name].parameters)): value}
+    first, parameter = next(iter(EFFECTS[name].parameters.items()))
+    given_too = {k: 75.0 for k, p in EFFECTS[name].parameters.items() if p.default is None and k != first}
+    if parameter.low <= value <= parameter.high or value == parameter.absent:
+        made = effect(name, value, **given_too)[name]
+        assert made[first] == value
+        assert all(made[k] == p.default for k, p in EFFECTS[name].parameters.items() if p.default is not None)
     else:
         with pytest.raises(ValueError, match=name):
-            effect(name, value)
+            effect(name, value, **given_too)
 
 
 def test_an_experiment_that_cannot_run_is_refused():

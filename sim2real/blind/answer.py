@@ -1,0 +1,147 @@
+"""Answer a sealed set: every campaign diagnosed by itself, without the labels, in processes, resumable."""
+
+import json
+import os
+import signal
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
+from dataclasses import dataclass
+from hashlib import sha256
+from importlib.metadata import version
+from importlib.util import find_spec
+from multiprocessing import get_context
+from pathlib import Path
+from time import perf_counter
+
+from maglev_env.files import write_text_atomic
+from sim2real.blind.cases import ANSWER_SCHEMA, ANSWERS, CAMPAIGNS, parse_diagnosis, seal_of
+
+OPENED = "blind.json"  # what opening writes: from then on the truth is known
+_THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
+_ANSWERING = ("estimation", "selfsense", "maglev_env", "sim2real")
+
+# The folder of a campaign in, a diagnosis (schema maglev-diagnosis/1) as JSON data out.
+Diagnose = Callable[[Path], dict]
+
+
+@dataclass(frozen=True)
+class Answered:
+    """How many campaigns were answered now, were answered before, and of both together failed."""
+
+    new: int
+    reused: int
+    failed: int
+
+
+def diagnose(campaign: Path) -> dict:
+    """The package's own diagnosis of a campaign folder, as JSON data."""
+    import sim2real
+
+    return sim2real.diagnose(campaign).to_json()
+
+
+def code_version() -> str:
+    """Version of the package and the first digits of a hash over all code and data that a diagnosis can depend on."""
+    found = sha256()
+    for package in _ANSWERING:
+        root = Path(find_spec(package).submodule_search_locations[0])
+        for path in sorted(p for p in root.rglob("*") if p.is_file() and "__pycache__" not in p.parts):
+            if package != "sim2real" or "blind" not in path.relative_to(root).parts:
+                found.update(f"{package}/{path.relative_to(root).as_posix()}\0".encode() + path.read_bytes())
+    return f"{version('maglev-workbench')}+{found.hexdigest()[:12]}"
+
+
+def answer_all(
+    folder: Path,
+    processes: int | None = None,
+    progress: Callable[[int], None] | None = None,
+    diagnose: Diagnose = diagnose,
+) -> Answered:
+    """Answer every campaign of the sealed set in `folder`, into its answers/, each file written whole.
+
+    Answers of this version of the code to this set are kept; others are given anew. A diagnosis that fails is kept as
+    an error, which is a wrong answer; so is one that ends its process. processes: default all cores, each with linear
+    algebra on one thread; 1 works in this process. progress is called with the number of campaigns done. ValueError
+    when there is nothing to answer, or the set was opened already: an answer after that proves nothing.
+    """
+    seal, made_by = seal_of(folder), code_version()
+    campaigns = sorted(path.parent for path in (folder / CAMPAIGNS).glob("*/campaign.toml"))
+    if not campaigns:
+        raise ValueError(f"{folder / CAMPAIGNS} holds no campaigns")
+    answers = folder / ANSWERS
+    answers.mkdir(exist_ok=True)
+    todo = [c for c in campaigns if not _reusable(answers / f"{c.name}.json", seal, made_by)]
+    if todo and (folder / OPENED).exists():
+        raise ValueError(f"{folder} was opened already: an answer now proves nothing; generate a set of another seed")
+    advance = progress or (lambda n: None)
+    advance(len(campaigns) - len(todo))
+    for campaign, outcome in _outcomes(todo, processes or os.cpu_count() or 1, diagnose):
+        data = {"schema": ANSWER_SCHEMA, "version": made_by, "labels_sha256": seal, **outcome}
+        write_text_atomic(answers / f"{campaign.name}.json", json.dumps(data, indent=1, allow_nan=False) + "\n")
+        advance(1)
+    failed = sum("error" in json.loads((answers / f"{c.name}.json").read_text()) for c in campaigns)
+    return Answered(len(todo), len(campaigns) - len(todo), failed)
+
+
+def _reusable(path: Path, seal: str, made_by: str) -> bool:
+    try:
+        data = json.loads(path.read_text())
+    except (FileNotFoundError, json.JSONDecodeError):
+        return False
+    return isinstance(data, dict) and (data.get("labels_sha256"), data.get("version")) == (seal, made_by)
+
+
+def _answer(campaign: Path, diagnose: Diagnose) -> dict:
+    """Seconds, and the diagnosis or why there is none."""
+    started = perf_counter()
+    try:
+        data = json.loads(json.dumps(diagnose(campaign), allow_nan=False))
+        parse_diagnosis(data, 0.0, "")  # an answer that cannot be scored is found out before the seal is broken
+        outcome: dict = {"diagnosis": data}
+    except Exception as error:  # whatever goes wrong in a diagnosis is a wrong answer, not the end of the check
+        outcome = {"error": f"{type(error).__name__}: {error}"}
+    return {"seconds": perf_counter() - started, **outcome}
+
+
+def _outcomes(campaigns: Sequence[Path], processes: int, diagnose: Diagnose) -> Iterator[tuple[Path, dict]]:
+    """(campaign, outcome) as they are done."""
+    if min(processes, len(campaigns)) <= 1:
+        for campaign in campaigns:
+            yield campaign, _answer(campaign, diagnose)
+        return
+    lost = []
+    with _pool(min(processes, len(campaigns))) as pool:
+        futures = {pool.submit(_answer, campaign, diagnose): campaign for campaign in campaigns}
+        for future in as_completed(futures):
+            try:
+                yield futures[future], future.result()
+            except BrokenProcessPool:
+                lost.append(futures[future])
+    # A process that dies takes those beside it along: each that was lost gets a process of its own.
+    for campaign in sorted(lost):
+        started = perf_counter()
+        with _pool(1) as pool:
+            try:
+                yield campaign, pool.submit(_answer, campaign, diagnose).result()
+            except BrokenProcessPool:
+                yield campaign, {"seconds": perf_counter() - started, "error": "its process died"}
+
+
+@contextmanager
+def _pool(processes: int) -> Iterator[ProcessPoolExecutor]:
+    """Fresh processes, one thread each; the libraries read that from the environment when they are first imported."""
+    before = {name: os.environ.get(name) for name in _THREADS}
+    os.environ.update(dict.fromkeys(_THREADS, "1"))
+    # Ctrl-C ends them at once, not after what they have begun.
+    at_once = {"initializer": signal.signal, "initargs": (signal.SIGINT, signal.SIG_DFL)}
+    pool = ProcessPoolExecutor(processes, mp_context=get_context("spawn"), **at_once)
+    try:
+        yield pool
+    finally:
+        pool.shutdown(wait=True, cancel_futures=True)
+        for name, value in before.items():
+            os.environ.pop(name)
+            if value is not None:
+                os.environ[name] = value

@@ -1,0 +1,200 @@
+"""Sealed sets of campaigns: a plan of cases, each drawn and sized on its own, and the labels in a file elsewhere."""
+
+import hashlib
+import json
+import multiprocessing
+from collections.abc import Iterator
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass, replace
+from functools import partial
+from math import isnan
+from pathlib import Path
+
+import numpy as np
+
+from sim2real.blind.excitation import FUNDAMENTAL, draw_drive, draw_grid
+from sim2real.blind.forms import Forms
+from sim2real.blind.menu import EFFECTS, KINDS, SPINNING, UNKNOWN, known_on
+from sim2real.blind.rigs import PID, RIGS
+from sim2real.blind.sizing import Sized, sized
+from sim2real.blind.threshold import Detector
+from sim2real.blind.twin import LoopFailed, Truth, simulate
+from sim2real.blind.write import CHANNELS, Written, write_campaign
+
+PERIODS = 9  # the first is the transient from rest
+SHARES = {"none": 1 / 6, "pair": 1 / 6, "unknown": 1 / 6}  # the rest is single
+SIZES = (0.5, 100.0)  # multiples of the threshold, log-uniform
+PAIR_SIZES = (3.0, 100.0)
+SAME_BLOCK = 0.15  # of the pairs
+SPUN = 0.15  # of the campaigns without an effect of rotation, so that a speed tells nothing
+OFFSET = 0.05  # of the gap
+ATTEMPTS = 30
+
+
+@dataclass(frozen=True)
+class Case:
+    """One campaign to be made: its place in the set, rig, channel set, kind, and its effects by name."""
+
+    number: int
+    rig: str
+    channels: str
+    kind: str
+    effects: tuple[str, ...]
+
+
+def plan(count: int, seed: int) -> list[Case]:
+    """`count` cases in shuffled order: kinds by their shares, effects, rigs and channel sets in turn."""
+    rng = np.random.default_rng([seed, 0])
+    numbers = {kind: round(count * share) for kind, share in SHARES.items()}
+    kinds = [kind for kind, n in numbers.items() for _ in range(n)]
+    kinds += ["single"] * (count - len(kinds))
+    singles = _in_turn(rng, [(rig, name) for rig in RIGS for name in known_on(rig)])
+    unknowns = _in_turn(rng, [(rig, name) for rig in RIGS for name in UNKNOWN])
+    rigs = _in_turn(rng, list(RIGS))
+    channels = {kind: _in_turn(rng, list(CHANNELS)) for kind in (*SHARES, "single")}
+    cases = []
+    for kind in kinds:
+        if kind in ("single", "unknown"):
+            rig, name = next(singles if kind == "single" else unknowns)
+            effects: tuple[str, ...] = (name,)
+        else:
+            rig = next(rigs)
+            effects = _pair(rng, rig) if kind == "pair" else ()
+        cases.append((rig, next(channels[kind]), kind, effects))
+    order = rng.permutation(count)
+    return [Case(n, *cases[at]) for n, at in enumerate(order, 1)]
+
+
+def _in_turn(rng: np.random.Generator, items: list) -> Iterator:
+    while True:
+        for at in rng.permutation(len(items)):
+            yield items[at]
+
+
+def _pair(rng: np.random.Generator, rig: str) -> tuple[str, ...]:
+    names, same = known_on(rig), rng.random() < SAME_BLOCK
+    while True:
+        first, second = (names[at] for at in rng.choice(len(names), 2, replace=False))
+        if (EFFECTS[first].block == EFFECTS[second].block) == same:
+            return first, second
+
+
+def make(case: Case, seed: int, forms: Forms) -> tuple[list[Written], dict]:
+    """The recordings of a case and its label. RuntimeError when no draw of it stands."""
+    rig = RIGS[case.rig]
+    for attempt in range(ATTEMPTS):
+        rng = np.random.default_rng([seed, case.number, attempt])
+        deviations = {name: float(t * rng.standard_normal()) for name, t in rig.tolerance.items()}
+        spins = any(name in SPINNING for name in case.effects) or rng.random() < SPUN
+        speed = float(rng.integers(2400, 3601)) if spins else 0.0
+        truth = Truth(case.rig, deviations, {}, forms, speed)
+        recordings = _experiments(case, truth, rng)
+        fit = [(r.gains, r.drive) for r in recordings if r.role == "fit"]
+        detector = Detector(truth, fit, PERIODS - 1, "current" in CHANNELS[case.channels])
+        low, high = PAIR_SIZES if case.kind == "pair" else SIZES
+        wanted = [float(np.exp(rng.uniform(np.log(low), np.log(high)))) for _ in case.effects]
+        try:
+            found = [sized(name, size, detector, rng) for name, size in zip(case.effects, wanted, strict=True)]
+            if case.kind == "pair" and min(f.multiple for f in found) < 0.9 * low:
+                if attempt % 3 == 2:  # an effect that cannot get so large here: another pair
+                    case = replace(case, effects=_pair(rng, case.rig))
+                continue
+            done = _recorded(truth, found, recordings, rng)
+        except LoopFailed:
+            continue
+        return done, _label(case, truth, found, seed)
+    raise RuntimeError(f"case {case.number} ({', '.join(case.effects)} on {case.rig}) never stood in {ATTEMPTS} draws")
+
+
+def _experiments(case: Case, truth: Truth, rng: np.random.Generator) -> list[Written]:
+    rig = RIGS[case.rig]
+    samples = round(rig.parameters["control_rate"] / FUNDAMENTAL)
+    grid = draw_grid(rng, "force" in CHANNELS[case.channels])
+    first, second, third = (draw_drive(rng, grid, rig.force_peak, rig.injection_peak, samples) for _ in range(3))
+    other = replace(rig.gains, kp=0.8 * rig.gains.kp, kd=1.2 * rig.gains.kd)
+    either: PID = (rig.gains, other)[rng.integers(2)]
+    slow = truth.speed_rpm * (0.6 if rng.random() < 0.5 else 1.0)
+    shifted = replace(first, reference=OFFSET * rig.parameters["gap"])
+    speed = truth.speed_rpm
+    return [
+        Written("base", "fit", rig.gains, first, speed, {}),
+        Written("phases", "fit", rig.gains, second, speed, {}),
+        Written("half", "fit", rig.gains, first.scaled(0.5), slow, {}),
+        Written("gains", "fit", other, first, speed, {}),
+        Written("offset", "fit", rig.gains, shifted, speed, {}),
+        Written("holdout", "holdout", either, third, speed, {}),
+    ]
+
+
+def _recorded(truth: Truth, found: list[Sized], recordings: list[Written], rng: np.random.Generator) -> list[Written]:
+    disturbed = replace(truth, effects={f.name: f.values for f in found})
+    done = []
+    for r in recordings:
+        noise, phase = (int(n) for n in rng.integers(2**62, size=2))
+        own = replace(disturbed, speed_rpm=r.speed_rpm, start=phase / 2**62)
+        done.append(replace(r, channels=simulate(own, r.gains, r.drive, PERIODS, noise)))
+    return done
+
+
+def _label(case: Case, truth: Truth, found: list[Sized], seed: int) -> dict:
+    return {
+        "id": _identity(case.number),
+        "rig": case.rig,
+        "channels": case.channels,
+        "kind": case.kind,
+        "effects": {f.name: f.values for f in found},
+        "sizes": [f.multiple for f in found],
+        "thresholds": [None if isnan(f.threshold) else f.threshold for f in found],
+        "blocks": [KINDS[f.name].block for f in found],
+        "speed_rpm": truth.speed_rpm,
+        "truth": truth.parameters,
+        "deviations": dict(truth.deviations),
+        "forms": truth.forms,
+        "holdout": "holdout",
+        "seed": seed,
+    }
+
+
+def _identity(number: int) -> str:
+    return f"c{number:04d}"
+
+
+def _produce(case: Case, folder: Path, seed: int, forms: Forms) -> dict:
+    recordings, label = make(case, seed, forms)
+    write_campaign(folder / label["id"], RIGS[case.rig], case.channels, recordings)
+    return label
+
+
+def generate(
+    folder: str | Path,
+    count: int,
+    seed: int,
+    processes: int = 1,
+    forms: Forms = "sealed",
+    labels: str | Path | None = None,
+) -> str:
+    """Write `count` campaigns into a new folder and their labels beside it; returns the SHA-256 of the label file.
+
+    labels: default FOLDER-labels.json, outside the folder so that nobody diagnosing it meets them. The same seed gives
+    the same bytes whatever the number of processes. ValueError when the folder holds anything or the labels exist.
+    """
+    folder = Path(folder)
+    labels = folder.with_name(f"{folder.name}-labels.json") if labels is None else Path(labels)
+    if count < 1 or processes < 1:
+        raise ValueError(f"count = {count} and processes = {processes} must be at least 1")
+    if forms not in ("sealed", "development"):
+        raise ValueError(f'forms = {forms!r}; use "sealed" or "development"')
+    if folder.exists() and any(folder.iterdir()):
+        raise ValueError(f"{folder} is not empty; name a new folder")
+    if labels.exists():
+        raise ValueError(f"{labels} exists; move it away or name another file")
+    produce, cases = partial(_produce, folder=folder, seed=seed, forms=forms), plan(count, seed)
+    if processes == 1:
+        found = [produce(case) for case in cases]
+    else:
+        # An executor says so when one of its processes dies; a pool would wait for ever.
+        with ProcessPoolExecutor(processes, mp_context=multiprocessing.get_context("spawn")) as pool:
+            found = list(pool.map(produce, cases))
+    text = json.dumps(found, indent=1) + "\n"
+    labels.write_text(text, encoding="utf-8")
+    return hashlib.sha256(text.encode()).hexdigest()

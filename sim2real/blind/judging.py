@@ -1,0 +1,115 @@
+"""One answer against the truth: every way in which it is right or wrong. A failed answer is wrong in all of them."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import inf
+
+from maglev_env.effects import EFFECTS
+from sim2real.blind.alike import alike_sets
+from sim2real.blind.cases import NO_GAP, Answer, Case
+
+_CALIBRATION = frozenset({"calibration"})
+_LEVEL = 0.9  # of the smallest set of hypotheses that must hold the truth
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """A case, its answer, and:
+
+    false_alarm: the verdict is not no_gap. right_class: the truth is in the cause, and every other member of an
+    ambiguous cause is alike to it on these channels; class_size: members of the cause that holds it, 0 when none does;
+    alone: the only member. abstained: ambiguous with the truth among others, or unexplained, or below the detection
+    threshold no_gap. right_block: see `right_block`. one_named: the truth shares an effect with every member of the
+    cause, or one alike, and with some member by name. second: a pair was named. flagged: unexplained. top_right and
+    top_probability: of the most probable hypothesis; covered: the smallest set that reaches 0.9 holds the truth.
+    """
+
+    case: Case
+    answer: Answer
+    false_alarm: bool
+    right_class: bool
+    class_size: int
+    alone: bool
+    abstained: bool
+    right_block: bool
+    one_named: bool
+    second: bool
+    flagged: bool
+    top_right: bool
+    top_probability: float
+    covered: bool
+
+
+def judge(case: Case, answer: Answer) -> Judgement:
+    """Judge an answer; "none" and "calibration" are one hypothesis, as parameters of a rig are never nominal."""
+    failed, truth = answer.error is not None, case.truth
+    size, one_speed = case.size or 0.0, len(case.speeds) == 1
+    held = truth in answer.cause
+    close = held and all(alike_sets(truth, member, case.channels, size, one_speed) for member in answer.cause)
+    ranked = merged(answer)
+    top = ranked[0] if ranked else (frozenset(), 1.0)  # no answer at all counts as a sure one
+    return Judgement(
+        case,
+        answer,
+        false_alarm=answer.verdict != "no_gap",
+        right_class=close,
+        class_size=len(answer.cause) if held else 0,
+        alone=held and len(answer.cause) == 1,
+        abstained=answer.verdict == "unexplained"
+        or (answer.verdict == "ambiguous" and held)
+        or (answer.verdict == "no_gap" and size < 1),
+        right_block=right_block(case, answer),
+        one_named=any(truth & member for member in answer.cause)
+        and all(_touches(truth, member, case, one_speed) for member in answer.cause),
+        second=failed or (bool(answer.cause) and all(len(member) > 1 for member in answer.cause)),
+        flagged=answer.verdict == "unexplained",
+        top_right=top[0] == truth,
+        top_probability=top[1],
+        covered=truth in smallest_set(ranked),
+    )
+
+
+def _touches(truth: frozenset[str], member: frozenset[str], case: Case, one_speed: bool) -> bool:
+    return any(
+        alike_sets(frozenset({a}), frozenset({b}), case.channels, case.size or 0.0, one_speed)
+        for a in truth
+        for b in member
+    )
+
+
+def right_block(case: Case, answer: Answer) -> bool:
+    """Whether the cause has an effect in a block of the truth; when unexplained, whether the block with the largest
+    share of the gap, or one of those merged under its name, is a block of the truth; of effects with a name only."""
+    blocks = {EFFECTS[name].block for name in case.effects if name in EFFECTS}
+    if answer.verdict == "unexplained" and answer.blocks:
+        return bool(blocks & set(max(answer.blocks, key=answer.blocks.get).split("+")))
+    return any(EFFECTS[name].block in blocks for member in answer.cause for name in member)
+
+
+def merged(answer: Answer) -> list[tuple[frozenset[str], float]]:
+    """(effects, probability), the most probable first; "calibration" is added to "none"."""
+    total: dict[frozenset[str], float] = {}
+    for one in answer.which:
+        key = NO_GAP if one.effects == _CALIBRATION else one.effects
+        total[key] = total.get(key, 0.0) + one.probability
+    return sorted(total.items(), key=lambda item: (-item[1], sorted(item[0])))
+
+
+def smallest_set(ranked: Sequence[tuple[frozenset[str], float]]) -> set[frozenset[str]]:
+    """The most probable hypotheses whose probabilities together reach 0.9."""
+    found: set[frozenset[str]] = set()
+    total = 0.0
+    for effects, probability in ranked:
+        if total >= _LEVEL - 1e-9:
+            break
+        found.add(effects)
+        total += probability
+    return found
+
+
+SIZES = ((0.0, 1.0), (1.0, 10.0), (10.0, inf))  # multiples of the detection threshold
+
+
+def size_range(case: Case) -> tuple[float, float] | None:
+    """The one of SIZES that a case falls in; None without an effect."""
+    return None if case.size is None else next((lo, hi) for lo, hi in SIZES if lo <= case.size < hi)

@@ -1,0 +1,74 @@
+"""The constants of one twin, as the compiled stepping reads them."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+NONE = np.zeros(0)
+# Kinds of forms, for `Machine`'s switches.
+ARCTAN, FROEHLICH = 1, 2
+SOFT, HARD = 1, 2
+LUGRE, STRIBECK = 1, 2
+PLATE, PLATE_ON_BASE = 1, 2
+
+
+class Machine(NamedTuple):
+    """A rig with its effects, SI; the defaults mean that an effect is absent.
+
+    Magnets: magnet_flux (T m) / (x + magnet_gap) and coil_flux (T m/A) I / x are the fields of a gap x; area in N/T^2.
+    amplifier, sensor: nominal poles (s). amplifier_extra, sensor_extra: further poles (s). eddy_rates (1/s) with
+    eddy_shares of the current, the rest of it passes at once. stops (A) with stop_shares: hysteresis.
+    """
+
+    mass: float
+    spring: float
+    damper: float
+    gap: float
+    area: float
+    magnet_flux: float
+    magnet_gap: float
+    coil_flux: float
+    bias: float
+    gain_scale: float
+    stiffness_scale: float
+    amplifier: float
+    inductance: float
+    resistance: float
+    sensor: float
+    probe: float  # true gain, V/m
+    probe_nominal: float
+    adc_step: float
+    dac_step: float
+    volts: float
+    rate: float
+    delay: float = 0.0
+    amplifier_extra: np.ndarray = NONE
+    sensor_extra: np.ndarray = NONE
+    voltage: float = np.inf
+    voltage_kind: int = SOFT
+    eddy_rates: np.ndarray = NONE
+    eddy_shares: np.ndarray = NONE
+    stops: np.ndarray = NONE
+    stop_shares: np.ndarray = NONE
+    knee: float = np.inf
+    knee_kind: int = ARCTAN
+    offset: float = 0.0
+    drag_square: float = 0.0
+    spring_cubic: float = 0.0
+    friction_kind: int = 0
+    coulomb: float = 0.0
+    static: float = 0.0
+    stribeck: float = 1.0
+    bristle: float = 1.0
+    mount_kind: int = 0
+    mount_rate: float = 0.0
+    mount_damping: float = 0.0
+    mount_coupling: float = 0.0
+    body_mass: float = 0.0
+    body_rate: float = 0.0
+    body_damping: float = 0.0
+    deadband: float = 0.0
+    asymmetry: float = 0.0
+    drift: float = 0.0  # of the actuator gain, over the whole recording
+    probe_square: float = 0.0
+    backlash: float = 0.0

@@ -1,0 +1,73 @@
+"""A sealed set opened: labels checked against their seal, every answer judged, every figure in one place."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from hashlib import sha256
+from pathlib import Path
+
+import numpy as np
+
+from maglev_env.campaign import load_campaign
+from maglev_env.rig import Rig
+from sim2real.blind import scoring
+from sim2real.blind.calibration import Reliability, reliability
+from sim2real.blind.cases import ANSWERS, CAMPAIGNS, open_labels, read_answer, seal_of
+from sim2real.blind.judging import Judgement, judge
+from sim2real.blind.regret import CaseRegret, regret_row, regrets
+from sim2real.blind.twin import Truth
+
+
+@dataclass(frozen=True)
+class Opened:
+    """A scored set: seal and version of the answers, hash over them, all judgements, and the figures; see `scoring`.
+
+    rows: every target. by_size, by_channels, by_rig: part -> rows. failed: how many campaigns got no diagnosis.
+    """
+
+    labels_sha256: str
+    answers_sha256: str
+    version: str
+    judged: tuple[Judgement, ...]
+    failed: int
+    rows: list[scoring.Row]
+    by_size: Mapping[str, list[scoring.Row]]
+    by_channels: Mapping[str, list[scoring.Row]]
+    by_rig: Mapping[str, list[scoring.Row]]
+    reliability: Reliability
+    regrets: list[CaseRegret]
+
+
+def open_set(folder: Path, progress: Callable[[int], None] | None = None) -> Opened:
+    """Check the seal of the set in `folder` and score its answers.
+
+    progress is called with the number of campaigns done whose gains are tried on the twin. ValueError when labels were
+    changed, or an answer is missing, of another set, or of other code than the rest.
+    """
+    seal, cases = seal_of(folder), open_labels(folder)
+    paths = [folder / ANSWERS / f"{case.id}.json" for case in cases]
+    judged = tuple(judge(case, read_answer(path, seal)) for case, path in zip(cases, paths, strict=True))
+    versions = sorted({j.answer.version for j in judged})
+    if len(versions) != 1:
+        raise ValueError(f"{folder / ANSWERS}: answers of {' and '.join(versions)}; answer them all with one version")
+    tried = regrets(judged, lambda j: _rig_and_truth(folder, j), progress)
+    top = np.array([(j.top_probability, j.top_right) for j in judged], dtype=float)
+    return Opened(
+        seal,
+        sha256(b"".join(path.read_bytes() for path in paths)).hexdigest(),
+        versions[0],
+        judged,
+        sum(j.answer.error is not None for j in judged),
+        [*scoring.rows(judged), regret_row(tried)],
+        scoring.by_size(judged),
+        scoring.by(judged, lambda j: j.case.channels),
+        scoring.by(judged, lambda j: j.case.rig),
+        reliability(top),
+        tried,
+    )
+
+
+def _rig_and_truth(folder: Path, j: Judgement) -> tuple[Rig, Truth]:
+    """The nominal rig as the campaign states it, and the truth that the twin is."""
+    label = j.case.label
+    truth = Truth(label["rig"], label["deviations"], label["effects"], label["forms"], label["speed_rpm"])
+    return load_campaign(folder / CAMPAIGNS / j.case.id).rig, truth

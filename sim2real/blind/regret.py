@@ -1,0 +1,145 @@
+"""What a diagnosis is worth to the engineer: how much better the gains are that the corrected simulator recommends."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from estimation.frequency_response import frequency_response
+from estimation.max_likelihood import maximum_likelihood
+from estimation.periods import line_statistics, period_spectra
+from estimation.stability import margin_arrays
+from maglev_env.effects import NO_EFFECTS, Effects, check_effects, effect
+from maglev_env.evaluation import evaluate, force_statistics, score_target
+from maglev_env.excitation import lines_at
+from maglev_env.experiment import SPECTRAL, Experiment, protocol_experiment
+from maglev_env.gains import Gains, with_gains
+from maglev_env.rig import Rig
+from maglev_env.score import score, terms
+from sim2real.blind.cases import Answer
+from sim2real.blind.excitation import Drive, Grid
+from sim2real.blind.judging import Judgement, size_range
+from sim2real.blind.rigs import PID
+from sim2real.blind.scoring import LARGE, REGRET_TARGET, Row, bootstrap, row
+from sim2real.blind.twin import LoopFailed, Truth, twin_periods
+
+FACTORS = tuple((kp, kd) for kp in (0.7, 1.0, 1.4) for kd in (0.7, 1.0, 1.4, 2.0))  # of the preset's kp and kd
+CASES = 24
+
+
+@dataclass(frozen=True)
+class CaseRegret:
+    """Scores on the twin, 0..1: of the best gain set, and of those that the nominal and corrected simulator choose."""
+
+    id: str
+    best: float
+    nominal: float
+    corrected: float
+
+
+def sampled(judged: Sequence[Judgement]) -> list[Judgement]:
+    """The first CASES singles of at least 10 times the threshold, right or wrong; the seed has shuffled their order."""
+    large = (j for j in judged if j.case.kind == "single" and size_range(j.case) == LARGE)
+    return sorted(large, key=lambda j: j.case.id)[:CASES]
+
+
+def case_regret(answer: Answer, rig: Rig, truth: Truth, case_id: str) -> CaseRegret:
+    """Let both simulators choose among the gain sets, and score every set on the twin.
+
+    rig: the campaign's nominal rig, with gains and a protocol that excites force and current.
+    """
+    preset = rig.gains
+    sets = [with_gains(preset, kp=kp * preset.kp, kd=kd * preset.kd) for kp, kd in FACTORS]
+    planned = [replace(protocol_experiment(rig, gains), speed_rpm=truth.speed_rpm) for gains in sets]
+    found = correction(answer, rig)
+    nominal, corrected = (evaluate([replace(e, effects=f) for e in planned]).score for f in (NO_EFFECTS, found))
+    twin = np.array([twin_score(e, truth) for e in planned])
+    return CaseRegret(case_id, float(twin.max()), float(twin[np.argmax(nominal)]), float(twin[np.argmax(corrected)]))
+
+
+def correction(answer: Answer, rig: Rig) -> Effects:
+    """The effects by which an answer would correct the nominal rig: of its cause, the most probable member.
+
+    None when nothing was named, or when the simulator refuses what was named.
+    """
+    named = [h for h in answer.which if h.effects in answer.cause]
+    if not named:
+        return NO_EFFECTS
+    best = max(named, key=lambda h: h.probability)
+    values: dict[str, dict[str, float]] = {name: {} for name in best.effects}
+    for key, value in best.parameters.items():
+        name, _, parameter = key.partition(".")
+        if name in values:
+            values[name][parameter] = value
+    try:
+        effects = {k: v for name in sorted(values) for k, v in effect(name, **values[name]).items()}
+        check_effects(effects, rig)
+    except ValueError:
+        return NO_EFFECTS
+    return effects
+
+
+def twin_score(e: Experiment, truth: Truth) -> float:
+    """Score of an experiment's gains run on the twin, 0 when it touches down or clips; estimated as `evaluate` does."""
+    force, current = (lines_at(e.excitations, at) for at in ("force", "current"))
+    drive = Drive(Grid(tuple(force), tuple(current)), e.waveform("force"), e.waveform("current"))
+    try:
+        run = twin_periods(truth, pid(e.gains), drive, 0, e.transient_periods + e.periods)
+    except LoopFailed:
+        return 0.0
+    kept = {name: values[e.transient_periods :] for name, values in run.items()}
+    lines = lines_at(e.excitations)
+    spectra = (period_spectra(np.array([kept[name][p] for name in SPECTRAL]), lines) for p in range(e.periods))
+    statistics = line_statistics(spectra, e.fundamental, lines, SPECTRAL)
+    band = np.array([e.rig.target.band], dtype=float)
+    support = maximum_likelihood(force_statistics(statistics, e), band, e.rig.mass, intervals=False)
+    injection = statistics.at_lines(current)
+    sensitivity, _ = frequency_response(injection, "command", "injection")
+    scored = terms(
+        score_target(e.rig),
+        support.stiffness[0],
+        support.damping[0],
+        margin_arrays(injection.frequency, sensitivity)["peak_sensitivity"],
+        np.abs(kept["displacement"]).max(),
+        np.sqrt(np.mean(kept["current"] ** 2)),
+    )
+    return float(score(scored))
+
+
+def pid(gains: Gains) -> PID:
+    """The gains as the twin takes them."""
+    return PID(gains.kp, gains.ki, gains.kd, gains.td, gains.ti)
+
+
+def regret_row(cases: Sequence[CaseRegret]) -> Row:
+    """By what share the corrected simulators' regret, summed over cases, is below the nominal ones'."""
+    losses = np.array([(c.best - c.nominal, c.best - c.corrected) for c in cases]).reshape(-1, 2)
+    return row(
+        "regret, corrected against nominal",
+        _change(losses) if len(losses) else np.nan,
+        bootstrap(losses, _change),
+        len(losses),
+        "share",
+        REGRET_TARGET,
+    )
+
+
+def _change(losses: np.ndarray) -> float:
+    nominal, corrected = losses.sum(axis=0)
+    if nominal == 0:
+        return 0.0 if corrected == 0 else np.inf
+    return float(corrected / nominal - 1)
+
+
+def regrets(
+    judged: Sequence[Judgement],
+    rig_and_truth: Callable[[Judgement], tuple[Rig, Truth]],
+    progress: Callable[[int], None] | None = None,
+) -> list[CaseRegret]:
+    """The regret of every sampled case; progress is called with the number of cases done."""
+    found = []
+    for j in sampled(judged):
+        found.append(case_regret(j.answer, *rig_and_truth(j), j.case.id))
+        if progress:
+            progress(1)
+    return found

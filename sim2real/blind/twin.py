@@ -1,0 +1,109 @@
+"""The twin itself: a truth, gains and a drive in; what would have been recorded out."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from sim2real.blind.excitation import Drive
+from sim2real.blind.forms import Effects, Forms, machine
+from sim2real.blind.rigs import PID, RIGS
+from sim2real.blind.stepping import OK, TOUCHDOWN, step_record
+
+SUBSTEPS = 10
+TONAL = ("runout", "pickup", "unbalance", "foreign_vibration")
+HARMONICS = (1, 2, 3)
+
+
+class LoopFailed(ValueError):
+    """The rotor touched down, or a converter clipped."""
+
+
+@dataclass(frozen=True)
+class Truth:
+    """What is so: rig name, relative deviation of each parameter from nominal, effects, their forms, rotation 1/min.
+
+    start: the share of a minute that tones have run when a recording starts.
+    """
+
+    rig: str
+    deviations: Mapping[str, float] = field(default_factory=dict)
+    effects: Effects = field(default_factory=dict)
+    forms: Forms = "sealed"
+    speed_rpm: float = 0.0
+    start: float = 0.0
+
+    @property
+    def parameters(self) -> dict[str, float]:
+        """True parameters, SI, and the probe gain of the data sheet as probe_nominal."""
+        p = dict(RIGS[self.rig].parameters)
+        nominal = p["probe_gain"]
+        for name, relative in self.deviations.items():
+            p[name] *= 1 + relative
+        return {**p, "probe_nominal": nominal}
+
+
+def simulate(
+    truth: Truth,
+    gains: PID,
+    drive: Drive,
+    periods: int,
+    seed: int | tuple[int, ...] | None,
+    substeps: int = SUBSTEPS,
+) -> dict[str, np.ndarray]:
+    """Channels (periods * samples_per_period,) from rest: displacement, command, current, force, injection, reference.
+
+    seed: of the noise and of what is random in an effect; None: neither noise nor quantisation. substeps: Runge-Kutta
+    steps per control sample. LoopFailed when the rotor touches down or a converter clips.
+    """
+    p, noise = truth.parameters, RIGS[truth.rig].noise
+    samples = periods * drive.force.size
+    rng = np.random.default_rng(0 if seed is None else seed)
+    draws = rng.standard_normal((3, samples)) if seed is not None else np.zeros((3, samples))
+    misread, push = _tones(truth, samples, p["control_rate"])
+    lost = truth.effects.get("dropped_samples", {}).get("probability", 0.0)
+    held = rng.random(samples) < lost
+    out = np.empty((3, samples))
+    loop = np.array([gains.kp, gains.ki, gains.kd, gains.td, gains.ti])
+    waves = (drive.force, drive.injection, drive.reference, draws[0] * noise["displacement"], misread, push, held)
+    status = step_record(machine(p, truth.effects, truth.forms), loop, *waves, substeps, seed is not None, out)
+    if status != OK:
+        raise LoopFailed("the rotor touched down" if status == TOUCHDOWN else "a converter clipped")
+    return {
+        "displacement": out[0],
+        "command": out[1],
+        "current": out[2] + draws[1] * noise["current"],
+        "force": np.tile(drive.force, periods) + draws[2] * noise["force"],
+        "injection": np.tile(drive.injection, periods),
+        "reference": np.full(samples, drive.reference),
+    }
+
+
+def twin_periods(truth: Truth, gains: PID, drive: Drive, seed: int | None, periods: int = 9) -> dict[str, np.ndarray]:
+    """As `simulate`, each channel (periods, samples_per_period), the first period the transient from rest."""
+    channels = simulate(truth, gains, drive, periods, seed)
+    return {name: values.reshape(periods, -1) for name, values in channels.items()}
+
+
+def _tones(truth: Truth, samples: int, rate: float) -> tuple[np.ndarray, np.ndarray]:
+    """What the probe shows beside the displacement (samples,), m, and the outside force (samples + 1,), N."""
+    time = 60 * truth.start + np.arange(samples + 1) / rate
+    shown, push = np.zeros(samples + 1), np.zeros(samples + 1)
+    for name, e in truth.effects.items():
+        if name in ("runout", "pickup"):
+            base = truth.speed_rpm / 60 if name == "runout" else e["frequency"]
+            shown += e["amplitude"] * _harmonics(e, base, time)
+        elif name == "unbalance":
+            turning = 2 * np.pi * truth.speed_rpm / 60
+            push += e["moment"] * turning**2 * _harmonics(e, truth.speed_rpm / 60, time)
+        elif name == "foreign_vibration":
+            for n in range(int(e["tones"])):
+                push += e["force"] * np.cos(2 * np.pi * e[f"frequency{n}"] * time + e[f"phase{n}"])
+    return shown[:-1], push
+
+
+def _harmonics(e: Mapping[str, float], base: float, time: np.ndarray) -> np.ndarray:
+    total = np.zeros(time.size)
+    for n in HARMONICS:
+        total += e["harmonics"] ** (n - 1) * np.cos(2 * np.pi * n * base * time + e[f"phase{n}"])
+    return total

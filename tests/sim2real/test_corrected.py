@@ -1,0 +1,185 @@
+"""The corrected rig: written, read back, and the same experiment as the diagnosis fitted."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from maglev_env.campaign import Campaign
+from maglev_env.effects import effect
+from maglev_env.experiment import Experiment, protocol_experiment
+from maglev_env.gains import LinearController
+from maglev_env.linear import closed_loop_poles, loop_response
+from maglev_env.planar import Cross
+from maglev_env.rig import PRESETS, load_rig, rig_from_toml, with_parameters
+from maglev_env.self_sensing import SelfSensing
+from maglev_env.simulate import simulate_records
+from sim2real.corrected import corrected_toml, rig_toml, write_corrected
+from sim2real.diagnosis import Diagnosis
+from sim2real.judge import Entry
+from sim2real.locate import Where
+from sim2real.report import percent, quantity, sentence
+from sim2real.shrink import Gap, Words
+from sim2real.simulated import Point, experiment_at
+
+FREE = load_rig("hmb_free")
+NAMED = Point({**effect("eddy_current", 1.4e3), **effect("friction", 0.03)}, {})
+CALIBRATED = Point(
+    effect("delay", 7.5e-5),
+    {"mass": 0.004, "actuator_gain": -0.03, "negative_stiffness": 0.1, "probe_gain": 0.01,
+     "amplifier_time_constant": -0.08},
+)  # fmt: skip
+NO_WORDS = Words(np.nan, np.nan, np.nan)
+
+
+def diagnosis(corrected, rig=FREE, folder="my-rig", verdict="explained", cause=("delay",), which=None, before=6.0):
+    """A diagnosis with nothing in it but what it found."""
+    which = which or (Entry(cause or ("none",), 0.93, 0.0, None, None), Entry(("unknown",), 0.07, 9.0, None, None))
+    words = dict.fromkeys(("measured", "before", "after"), NO_WORDS)
+    gap = Gap(before, 2.0, 1.1, 1.0, 0.98, (0.9, 1.0), "holdout", words, {})
+    blocks = {"controller+amplifier": 0.9, "mechanics+sensor": 0.1}
+    where = Where(blocks, ((63.0, 80.0, 1.0),), {"linear": 1.0}, True, None)
+    campaign = Campaign(Path(folder), rig, rig.mass, ())
+    return Diagnosis(verdict, cause, where, which, (), None, gap, corrected, campaign, None, None, 1.0, ())
+
+
+@pytest.mark.parametrize(
+    ("name", "point"),
+    [
+        *((name, point) for name in ("hmb_free", "hmb_radial", "eframe") for point in (NAMED, CALIBRATED)),
+        ("hmb_axial", Point(effect("damping", 0.5), {"mass": 0.01})),
+        ("hmb_free", Point({}, {})),
+    ],
+)
+def test_the_file_gives_the_experiment_that_was_fitted(tmp_path, name, point):
+    rig = load_rig(name)
+    write_corrected(diagnosis(point, rig), tmp_path / "corrected.toml")
+    loaded = load_rig(tmp_path / "corrected.toml")
+    assert loaded.name == f"{name}-corrected" and loaded.gains == rig.gains and loaded.protocol == rig.protocol
+    fitted, read = experiment_at(protocol_experiment(rig), point), protocol_experiment(loaded)
+    f = np.geomspace(4.0, 2000.0, 30)
+    np.testing.assert_array_equal(closed_loop_poles(read), closed_loop_poles(fitted))
+    own, nominal = loop_response(read, f).receptance, loop_response(protocol_experiment(rig), f).receptance
+    np.testing.assert_array_equal(own, loop_response(fitted, f).receptance)
+    assert (abs(own - nominal).max() > 1e-3 * abs(nominal).max()) == bool(point.effects)
+
+
+@pytest.mark.slow
+def test_it_simulates_as_it_was_fitted():
+    point = Point({**effect("friction", 0.03), **effect("delay", 2e-5)}, {"mass": 0.01, "probe_gain": -0.02})
+    read = rig_from_toml(corrected_toml(diagnosis(point)), "here")
+
+    def short(e):
+        parts = tuple(replace(x, fundamental=4.0, lines=tuple(n for n in x.lines if n < 200)) for x in e.excitations)
+        return replace(e, excitations=parts, periods=1, transient_periods=0)
+
+    nominal = short(protocol_experiment(FREE))
+    found = simulate_records([short(protocol_experiment(read)), experiment_at(nominal, point), nominal])
+    np.testing.assert_array_equal(found[0], found[1])
+    assert abs(found[0, 0] - found[2, 0]).max() > 1e-7
+
+
+def test_changes_within_tolerance_are_effects_where_there_is_one_and_parameters_else():
+    read = rig_from_toml(corrected_toml(diagnosis(CALIBRATED)), "here")
+    assert read.amplifier_time_constant == pytest.approx(0.92 * FREE.amplifier_time_constant, rel=1e-12)
+    assert read.mass == FREE.mass and read.effects["mass"] == {"change": 0.004}
+    assert read.probe_gain == FREE.probe_gain and read.effects["sensor_gain"] == {"change": 0.01}
+    assert set(read.effects) == {"delay", "mass", "actuator_gain", "negative_stiffness", "sensor_gain"}
+
+
+def test_a_named_effect_is_not_changed_by_the_tolerance_of_its_parameter():
+    point = Point(effect("mass", 0.2), {"mass": 0.01})
+    assert rig_from_toml(corrected_toml(diagnosis(point)), "here").effects == effect("mass", 0.2)
+
+
+def test_effects_of_the_nominal_rig_stay():
+    rig = replace(FREE, effects={**effect("delay", 2e-5), **effect("friction", 0.01)})
+    read = rig_from_toml(corrected_toml(diagnosis(Point(effect("delay", 5e-5), {}), rig)), "here")
+    assert read.effects == {**effect("delay", 5e-5), **effect("friction", 0.01)}
+
+
+EVERYTHING = replace(
+    load_rig("hmb_radial"),
+    name='R "1"\\ \u00e9',
+    per_axis={"y": {"mass": 0.9, "negative_stiffness": -1.1e4, "bearings": 1}},
+    cross=Cross(3000.0, -2000.0, 1.5, 0.0, 0.8, -0.5, 0.1, -0.07),
+    gains=(FREE.gains, replace(FREE.gains, kp=7e3)),
+    randomization={"mass": (0.8, 1.25)},
+    self_sensing=SelfSensing(kp=2.6e-3, ki=35.0, forward_path="analog", adc_bits=0),
+    effects={**effect("saturation", np.inf), **effect("cross_coupling", 0.1)},
+    target=replace(FREE.target, stiffness=3e4, band=(1 / 3, 70.0)),
+)
+LINEAR = replace(FREE, gains=LinearController((8000.0, -7000.0), (1.0, -0.3)), protocol=None, bounds={})
+
+
+@pytest.mark.parametrize("rig", [*map(load_rig, PRESETS), EVERYTHING, LINEAR], ids=lambda rig: rig.name[:9])
+def test_any_rig_is_read_back_as_it_was_written(rig):
+    text = rig_toml(rig)
+    assert rig_from_toml(text, "here") == rig
+    assert max(map(len, text.splitlines())) <= 120
+
+
+def test_the_comment_says_where_it_comes_from():
+    text = corrected_toml(diagnosis(CALIBRATED, folder="my\nname = 'other'"))
+    head = text[: text.index("schema")].splitlines()
+    assert all(line.startswith("# ") for line in head) and "my name = 'other'" in head[0]
+    assert "explained by delay (93 %), in the controller; time 75 us" in head[1]
+    assert "6 before, 1.1 after" in head[2] and "holdout" in head[2]
+    assert "# delay.time = 7.5e-05 s" in head and "# mass = 0.004" in head
+    assert "no levitation before" in corrected_toml(diagnosis(CALIBRATED, before=None))
+
+
+def test_a_campaigns_parameters_are_in_it():
+    read = rig_from_toml(corrected_toml(diagnosis(Point({}, {}), with_parameters(FREE, {"mass": 0.09}))), "here")
+    assert replace(read, name="hmb_free", mass=FREE.mass) == FREE and read.mass == 0.09
+    assert closed_loop_poles(Experiment(read, read.gains, ())).size  # stands on its own
+
+
+@pytest.mark.parametrize(
+    ("value", "se", "unit", "relative", "said"),
+    [
+        (7.531e-5, 8.57e-7, "s", False, "75.31 +- 0.86 us"),
+        (1400.0, 98.0, "Hz", False, "1.400 +- 0.098 kHz"),
+        (1400.0, None, "Hz", False, "1.4 kHz"),
+        (0.0312, 0.0041, "", True, "+3.12 +- 0.41 %"),
+        (-0.2, 0.0, "", True, "-20 %"),
+        (0.98, 0.029, "", False, "0.980 +- 0.029"),
+        (2e-6, 7e-5, "s", False, "2 +- 70 us"),
+        (3.4e-8, 2e-9, "kg m", False, "0.0340 +- 0.0020 g mm"),
+        (0.2066, 3e-14, "m/s", False, "207 mm/s"),
+        (np.inf, None, "T", False, "inf T"),
+        (0.0, 1e-6, "s", False, "0.0000000 +- 0.0000010 s"),
+    ],
+)
+def test_quantities_are_readable(value, se, unit, relative, said):
+    assert quantity(value, se, unit, relative) == said
+
+
+def test_shares_are_readable():
+    assert [percent(p) for p in (1.0, 0.9999, 0.93, 0.001, 0.0)] == ["100 %", "> 99 %", "93 %", "< 1 %", "0 %"]
+
+
+def entry(name, probability):
+    return Entry(tuple(name.split("+")), probability, 0.0, None, None)
+
+
+def test_every_verdict_has_its_sentence():
+    none = diagnosis(Point({}, {}), verdict="no_gap", cause=(), which=(entry("none", 0.7), entry("calibration", 0.25)))
+    assert sentence(none) == "There is no gap beyond the noise and the rig's stated tolerances (95 %)."
+    unknown = diagnosis(Point({}, {}), verdict="unexplained", cause=("unknown",), which=(entry("unknown", 0.8),))
+    assert sentence(unknown) == (
+        "No known effect explains the gap (unknown: 80 %); most of it lies in the controller and the amplifier, around "
+        "63 .. 80 Hz."
+    )
+    which = (entry("delay", 0.5), entry("amplifier_lag", 0.3), entry("eddy_current", 0.15), entry("mass", 0.05))
+    alike = diagnosis(NAMED, verdict="ambiguous", cause=("delay", "amplifier_lag", "eddy_current"), which=which)
+    assert sentence(alike) == (
+        "The gap is explained by delay (50 %), amplifier_lag (30 %) or eddy_current (15 %), in the controller, the "
+        "amplifier or the actuator; this campaign cannot tell them apart."
+    )
+    pair = diagnosis(Point({**effect("delay", 2e-5), **effect("unbalance", 3e-8)}, {}), cause=("delay", "unbalance"))
+    assert sentence(pair).startswith(
+        "The gap is explained by delay with unbalance (93 %), in the controller and what turns with the rotor; "
+        "delay time 20 us, unbalance moment 0.03 g mm"
+    )
