@@ -114,7 +114,7 @@ def simulate_records(experiments: Sequence[Experiment], substeps: int = 1, threa
     def run(block: _Block) -> None:
         state = _State(block)
         written = block.batch.structure.channels
-        for i, out in enumerate(_periods(block, state, periods, len(written), multiple > 1)):
+        for i, out in enumerate(_periods(block, state, [_waves(first)] * periods, len(written), multiple > 1)):
             span = slice(i * n, (i + 1) * n)
             kept = out[:, :, : len(block.members), ::every]  # (axes, channels, lanes, samples)
             records[block.members, : len(written), :, span] = kept.transpose(2, 1, 0, 3)
@@ -144,33 +144,34 @@ def steady_spectra(
     experiment: Experiment,
     waves: Mapping[str, np.ndarray],
     lines: np.ndarray,
-    transient_periods: int,
+    transient: int,
     threads: int | None = None,
 ) -> np.ndarray:
-    """Complex amplitudes (n, 3, axes, lines) of displacement, command and current over the period that follows the
-    transient ones, under waves that were measured; nan for a lane that touched down.
+    """Complex amplitudes (n, 2, axes, lines) of displacement and current over a period, after so many control samples
+    of the periodic waves before it; nan for a lane that touched down.
 
     lanes: see `prepared`; they run under the gains, period and recorded rate of the experiment, whose structure (see
     `structure_of`) but for effects must be theirs. waves: one period (axes, samples_per_period) of "force" (N),
     "current" (A) and "reference" (m, offset included) in place of what the excitations draw.
     """
     _, every = sampling(experiment.recorded_rate, experiment.rig.control_rate)
-    count, n = sum(len(block.members) for block in lanes), experiment.samples_per_period
-    spectra = np.full((count, 3, experiment.rig.axes, len(lines)), np.nan, complex)
-    driven = [np.ravel(waves[place]) for place in ("force", "current", "reference")]
+    count, n, axes = sum(len(block.members) for block in lanes), experiment.samples_per_period, experiment.rig.axes
+    spectra = np.full((count, 2, axes, len(lines)), np.nan, complex)
+    driven = [np.atleast_2d(waves[place]) for place in ("force", "current", "reference")]
+    whole = [np.ravel(wave) for wave in driven]
+    tail = [wave[:, n - transient % n :].ravel() for wave in driven] if transient % n else None
+    schedule = ([tail] if tail else []) + [whole] * (transient // n + 1)
 
     def run(prepared: _Block) -> None:
         batch = with_controllers(prepared.batch, experiment.gains, experiment)
         block = replace(prepared, batch=batch, experiment=experiment)
-        state, out = _State(block), None
+        state = _State(block)
         outputs = len(batch.structure.channels)
-        for out in _periods(block, state, transient_periods + 1, outputs, waves=driven):  # noqa: B007
-            pass
+        *_, out = _periods(block, state, schedule, outputs)
         kept = np.flatnonzero(state.alive()[: len(block.members)])
-        if out is None or not kept.size:
-            return
-        found = scipy.fft.rfft(out[:, [0, 1, -1]][..., kept, ::every], axis=-1)[..., lines] * (2 * every / n)
-        spectra[block.members[kept]] = found.transpose(2, 1, 0, 3)
+        for at, channel in enumerate((0, outputs - 1)):
+            found = scipy.fft.rfft(out[:, channel, :, ::every], axis=-1)[:, kept][..., lines] * (2 * every / n)
+            spectra[block.members[kept], at] = found.transpose(1, 0, 2)
 
     for _ in over_threads(run, lanes, threads):
         pass
@@ -181,7 +182,7 @@ def block_periods(experiments: Sequence[Experiment], outputs: int = 2) -> Iterat
     """The simulator alone: per block an iterator over periods of the first `outputs` kernel channels."""
     first = _common(experiments)
     for block in _blocks(experiments, 1):
-        yield _periods(block, _State(block), first.transient_periods + first.periods, outputs)
+        yield _periods(block, _State(block), [_waves(first)] * (first.transient_periods + first.periods), outputs)
 
 
 class _State:
@@ -273,31 +274,30 @@ def _blocks(experiments: Sequence[Experiment], substeps: int) -> list[_Block]:
 
 
 def _periods(
-    block: _Block,
-    state: _State,
-    periods: int,
-    outputs: int,
-    oversampled: bool = False,
-    waves: Sequence[np.ndarray] | None = None,
+    block: _Block, state: _State, schedule: Sequence[Sequence[np.ndarray]], outputs: int, oversampled: bool = False
 ) -> Iterator[np.ndarray]:
-    """Output (axes, outputs, LANES, samples) of each period; the buffer is reused. Ends when all have touched down."""
+    """Output (axes, outputs, LANES, samples) of each stretch of waves in a schedule; the buffer is reused. Ends when
+    all have touched down."""
     e, axes = block.experiment, state.axes
     step = kernel(block.batch.structure, outputs, block.substeps, oversampled)
-    if waves is None:
-        reference = np.atleast_2d(e.waveform("reference"))
-        reference[0] += e.offset
-        waves = [np.ravel(e.waveform("force")), np.ravel(e.waveform("current")), reference.reshape(-1)]
     out = _aligned((axes, outputs, LANES, e.samples_per_period * (block.substeps if oversampled else 1)))
     out[:] = 0.0  # past the last touchdown of a block nothing is written: what memory held may be no number
     tile = _aligned((TILE * axes * outputs * LANES,))
     kernel_seeds = np.ascontiguousarray(state.seeds[:, SEEDED.index("displacement")]).reshape(-1)
-    for _ in range(periods):
+    for waves in schedule:
         clocks = state.step, state.timing
         done = step(state.rows.reshape(-1), kernel_seeds, state.history, *clocks, *waves, tile, out.reshape(-1))
         state.step += done
         yield out
-        if done < e.samples_per_period:
+        if done < waves[0].size // axes:
             return
+
+
+def _waves(e: Experiment) -> list[np.ndarray]:
+    """One period of force, injection and reference, axis after axis, as the kernel takes them."""
+    reference = np.atleast_2d(e.waveform("reference"))
+    reference[0] += e.offset
+    return [np.ravel(e.waveform("force")), np.ravel(e.waveform("current")), reference.reshape(-1)]
 
 
 def _line_amplitudes(e: Experiment, place: str, lines: np.ndarray) -> np.ndarray:
@@ -311,7 +311,7 @@ def _block_spectra(
     """Per-period spectra (LANES, channels, lines) of the kept periods; channels as `spectral_channels`."""
     e, axes, n = block.experiment, state.axes, block.experiment.samples_per_period
     sensed = block.batch.structure.sensed is not None
-    for period, out in enumerate(_periods(block, state, e.transient_periods + e.periods, 2 + sensed)):
+    for period, out in enumerate(_periods(block, state, [_waves(e)] * (e.transient_periods + e.periods), 2 + sensed)):
         if period < e.transient_periods:
             state.forget()
             continue

@@ -1,35 +1,31 @@
-"""Which effect: candidates fitted in closed loop, alone and in pairs, scored on recordings they were not fitted to."""
+"""Which effect: candidates fitted in closed loop, alone and in pairs."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from sim2real.fitting import Fit, begin, differentiate, iterate, left_out_cost, share_calibrations
+from sim2real.fitting import Fit, begin, differentiate, iterate, share_calibrations
 from sim2real.hypotheses import COORDINATES, Hypothesis, single_effects, starts
 from sim2real.problem import Problem
 from sim2real.simulated import TOLERANCE_EFFECTS, tolerances
 
-FIRST, ITERATIONS = 2, 8  # steps of a fit from every start that is followed, and more of the better one
+FIRST, ITERATIONS = 2, 12  # steps of a fit from every start that is followed, and more of the better one
 FOLLOWED = 2  # starts of an effect that are fitted further
 SEEDS, PAIRS = 3, 6  # best single effects that a second one is added to, and pairs that are fitted
 APART = 0.1  # coordinates by which two starts must differ
 MOST_SCALED = 10.0  # times its start that a linear look may make a size
-FEWEST_RECORDS = 3  # to leave one out at a time
-LINE_BLOCKS = 5
 NO_GAP = 12.0  # cost that no single effect saves beyond calibration: then no pair is looked for
-CLOSE, CLOSE_SHARE = 500.0, 0.5  # cost above the best within which a fit is worth leaving groups out
+CLOSE, CLOSE_SHARE = 500.0, 0.5  # cost above the best within which the errors of a fit are of interest
 
 Progress = Callable[[str], None]
 
 
 @dataclass(frozen=True)
 class Candidate:
-    """A fitted hypothesis: cost on what it was fitted to, and `left_out`, the cost of each group of residuals (G,)
-    predicted from the others."""
+    """A fitted hypothesis."""
 
     fit: Fit
-    left_out: np.ndarray
 
     @property
     def effects(self) -> tuple[str, ...]:
@@ -37,19 +33,18 @@ class Candidate:
 
     @property
     def predictive(self) -> float:
-        """-2 ln of the likelihood of what was left out, but for a constant."""
-        return float(self.left_out.sum())
+        """Expected cost of other records like these: what was fitted and twice its free parameters (Akaike 1974)."""
+        return self.fit.cost + 2.0 * len(self.fit.hypothesis.coordinates)
 
 
 @dataclass(frozen=True)
 class Attribution:
-    """nominal: predictive cost of the nominal rig as it is (inf where it touches down). candidates: calibration alone
+    """nominal: cost of the nominal rig as it is (inf where it touches down). candidates: calibration alone
     first, then singles and pairs. expected: cost of the true model, twice the number of complex residuals."""
 
     nominal: float
     candidates: tuple[Candidate, ...]
     expected: float
-    groups: np.ndarray
     problem: Problem
 
     def of(self, *effects: str) -> Candidate | None:
@@ -69,7 +64,7 @@ def attribute(problem: Problem, progress: Progress = lambda text: None) -> Attri
     ValueError when no hypothesis at all levitates under the recorded gains.
     """
     rig = problem.parts[0].record.nominal
-    allowed, groups = tolerances(rig), left_out_groups(problem)
+    allowed = tolerances(rig)
     progress("calibration")
     base = Hypothesis((), allowed)
     calibration = begin([base], [np.zeros(base.size)], problem.data, problem.simulate)
@@ -93,23 +88,7 @@ def attribute(problem: Problem, progress: Progress = lambda text: None) -> Attri
     least = min(f.cost for f in standing)
     close = [f for f in standing if f is fits[0] or f.cost - least < CLOSE + CLOSE_SHARE * least]
     differentiate(close, problem.data, problem.simulate, True)
-    found = [Candidate(f, _left_out(f, groups, f in close)) for f in fits]
-    return Attribution(nominal, tuple(found), 2.0 * problem.data.size, groups, problem)
-
-
-def _left_out(fit: Fit, groups: np.ndarray, close: bool) -> np.ndarray:
-    """Of a fit far from the best one its own cost stands for what it would predict."""
-    if not np.isfinite(fit.cost):
-        return np.full(groups.max() + 1, np.inf)
-    return left_out_cost(fit, groups) if close else np.bincount(groups, abs(fit.residual) ** 2)
-
-
-def left_out_groups(problem: Problem) -> np.ndarray:
-    """Group of each residual: its recording, or with few of them its block of neighbouring lines, in turns."""
-    if len(problem.parts) >= FEWEST_RECORDS:
-        return problem.record
-    order = np.unique(problem.frequency, return_inverse=True)[1]
-    return (order // 4) % LINE_BLOCKS
+    return Attribution(nominal, tuple(map(Candidate, fits)), 2.0 * problem.data.size, problem)
 
 
 def _singles(problem: Problem, calibration: Fit, names: Sequence[str], allowed: Mapping[str, float]) -> list[Fit]:

@@ -162,11 +162,7 @@ def _where(fitted: Problem, attribution: Attribution, tones: float) -> Where:
     calibration = attribution.calibration.fit
     if np.isfinite(calibration.cost):
         return locate(fitted, calibration.residual, tones)
-    residual = np.empty_like(fitted.data)
-    for part in fitted.parts:
-        off = (part.measured - part.opened.driven(part.record)) * np.sqrt(2) / part.noise
-        residual[part.place] = off[..., part.used].reshape(-1)
-    return locate(fitted, residual, tones)
+    return locate(fitted, fitted.opened_residual(), tones)
 
 
 def _corrected(fitted: Problem, candidate: Candidate, effects: tuple[str, ...], seen: list[Sighting]) -> Point:

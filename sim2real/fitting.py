@@ -13,7 +13,6 @@ REFRESH = 2  # steps after which the tolerances' rows are found anew
 STEP, CALIBRATION_STEP = 0.02, 0.2  # of finite differences, in coordinates and in tolerances
 DAMPING = (0.1, 3.0)  # factors on the Levenberg-Marquardt parameter that every iteration tries
 CONVERGED, SHARE, IDLE = 0.2, 1e-5, 2  # so many steps in a row gain less than this cost, and share of the cost
-NEWTON, NEWTON_CALIBRATION = 0.1, 1.0  # of a step's reach, and tolerances: as far as leaving a group out is linear
 PATIENCE, HOPELESS, SMALL = 3, 0.4, 100.0
 
 
@@ -72,6 +71,8 @@ def cost_of(residual: np.ndarray, u: np.ndarray, prior: np.ndarray) -> float:
 
 def begin(hypotheses: Sequence[Hypothesis], u: Sequence[np.ndarray], data: np.ndarray, simulate: Simulate) -> list[Fit]:
     """Fits at given coordinates, their Jacobians not yet known; inf where the rotor touches down."""
+    if not hypotheses:
+        return []
     u = [h.bounded(v) for h, v in zip(hypotheses, u, strict=True)]
     predicted = simulate([h.point(v) for h, v in zip(hypotheses, u, strict=True)])
     fits = []
@@ -157,19 +158,3 @@ def _steps(fit: Fit) -> list[np.ndarray]:
         far = np.max(abs(step[:free]) / reach, initial=1.0)
         found.append(fit.hypothesis.bounded(fit.u + step / far))
     return found
-
-
-def left_out_cost(fit: Fit, groups: np.ndarray) -> np.ndarray:
-    """Cost of every group (K,) of residuals, predicted without it: the fit is moved by one Newton step each, (G,)."""
-    whole, found = fit.normal, []
-    reach = [NEWTON * c.reach(u) for c, u in zip(fit.hypothesis.coordinates, fit.u, strict=False)]
-    limit = np.array(reach + [NEWTON_CALIBRATION] * len(fit.hypothesis.calibrated))
-    for g in range(groups.max() + 1):
-        own = groups == g
-        j, r = fit.jacobian[:, own], fit.residual[own]
-        rest = whole - (j @ j.conj().T).real
-        moved = np.linalg.lstsq(rest, (j @ r.conj()).real, rcond=None)[0]  # the rest's gradient is minus the group's
-        moved = np.clip(moved, -limit, limit)
-        off = r + moved @ j
-        found.append(np.vdot(off, off).real)
-    return np.array(found)

@@ -27,13 +27,13 @@ class Belief:
 
     freedom: float = 20.0
     form_share: float = 0.02
-    prior_singles: float = 0.5
+    prior_singles: float = 0.4
     prior_pairs: float = 0.1
     prior_none: float = 0.3
     leftover: float = 0.3
     group_sd: float = 4.0
     group_cost: float = 10.0
-    unknown_cost: float = 3.0
+    unknown_cost: float = 2.3
     parameter_cost: float = 6.0
     search_cost: float = 8.0
 
@@ -81,10 +81,14 @@ def evidence_of(attribution: Attribution, tones: Mapping[str, float], spin: Mapp
     rows = np.stack([p.output, p.kind, octave], axis=1)
     names, label, count = np.unique(rows, axis=0, return_inverse=True, return_counts=True)
     label = label.reshape(-1)
-    excess = [np.bincount(label, abs(c.fit.residual) ** 2, count.size) - 2.0 * count for c in attribution.candidates]
+    residuals = [c.fit.residual for c in attribution.candidates]
+    cost = np.array([c.predictive for c in attribution.candidates])
+    if not np.isfinite(cost[0]):  # nothing stands without an effect: the gap is that of the opened nominal loop
+        residuals[0] = p.opened_residual()
+    excess = [np.bincount(label, abs(r) ** 2, count.size) - 2.0 * count for r in residuals]
     return Evidence(
         tuple(c.effects for c in attribution.candidates),
-        np.array([c.predictive for c in attribution.candidates]),
+        cost,
         attribution.nominal,
         np.array(excess),
         NOISE_INFLATION * np.sqrt(4.0 * count),
@@ -98,11 +102,9 @@ def entries(evidence: Evidence, belief: Belief = BELIEF) -> list[Entry]:
     """All hypotheses with their probabilities, which sum to one, the most probable first."""
     alive = np.isfinite(evidence.cost)
     best = int(np.argmin(np.where(alive, evidence.cost, np.inf)))
-    before = evidence.excess[0] if alive[0] else None
-    gap = max(evidence.cost[0] - evidence.cost[best], 0.0) if alive[0] else np.ptp(evidence.cost[alive])
-    allowed = belief.group_sd * evidence.scatter
-    if before is not None:
-        allowed = allowed + belief.leftover * np.maximum(before, 0.0)
+    before = evidence.excess[0]
+    gap = max(float(before.sum() - evidence.excess[best].sum()), 0.0)
+    allowed = belief.group_sd * evidence.scatter + belief.leftover * np.maximum(before, 0.0)
     saved = np.maximum(evidence.excess[best] - allowed - belief.group_cost, 0.0).sum()
     singles = max(sum(len(names) == 1 for names in evidence.effects), 1)
     couples = max(singles * (singles - 1) // 2, 1)
@@ -118,9 +120,9 @@ def entries(evidence: Evidence, belief: Belief = BELIEF) -> list[Entry]:
     scale = belief.freedom + belief.form_share * gap
     logs = np.log([prior for *_, prior, _ in rows]) - 0.5 * belief.freedom * np.log1p((costs - costs.min()) / scale)
     # The unknown is the best of them with a free correction of every group that it leaves.
-    saved += evidence.tones.get(FOREIGN, 0.0)
-    rows.append(((UNKNOWN,), float(costs.min() - saved), 1.0, None))
-    gain = 0.5 * belief.freedom * np.log1p(saved / scale) - belief.unknown_cost
+    foreign = evidence.tones.get(FOREIGN, 0.0)
+    rows.append(((UNKNOWN,), float(costs.min() - saved - foreign), 1.0, None))
+    gain = 0.5 * belief.freedom * (np.log1p(saved / scale) + np.log1p(foreign / belief.freedom)) - belief.unknown_cost
     logs = np.append(logs, logs.max() + gain)
     weights = np.exp(logs - logs.max())
     weights /= weights.sum()
@@ -163,9 +165,9 @@ def complexity(names: tuple[str, ...], belief: Belief) -> float:
     return found
 
 
-def _worst(evidence: Evidence, before: np.ndarray | None, candidate: int | None) -> float | None:
+def _worst(evidence: Evidence, before: np.ndarray, candidate: int | None) -> float | None:
     """Least share of a significant group's gap beyond calibration that a candidate explains."""
-    if not candidate or before is None:
+    if not candidate:
         return None
     significant = before > SIGNIFICANT * evidence.scatter
     if not significant.any():

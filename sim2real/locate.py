@@ -114,13 +114,8 @@ def _actuator_or_not(part: Part, rest: np.ndarray, sd: np.ndarray, on: np.ndarra
     driven = gain * current
     moved = driven + part.opened.receptance[:, used] * force
     found = {ACTUATOR: 0.0, RECEPTANCE: 0.0}
-    thirds = np.floor(OCTAVE_THIRDS * np.log2(record.frequency[used])).astype(int)
     for axis in range(record.axes):
-        for third in np.unique(thirds):
-            own = (thirds == third) & on[axis]
-            if own.sum() < 3:
-                found[RECEPTANCE] += max(float((abs(rest[axis, own]) ** 2 - 2).sum()), 0.0)
-                continue
+        for own in _told_apart(part, on[axis]):
             columns = np.stack([driven[axis, own], moved[axis, own]], axis=1) / sd[axis, own, None]
             (a, m), *_ = np.linalg.lstsq(columns, rest[axis, own], rcond=1e-6)
             shares = [float(np.sum(abs(x * c) ** 2)) for x, c in ((a, columns[:, 0]), (m, columns[:, 1]))]
@@ -128,6 +123,23 @@ def _actuator_or_not(part: Part, rest: np.ndarray, sd: np.ndarray, on: np.ndarra
             total = max(sum(shares), 1e-300)
             found[ACTUATOR] += cost * shares[0] / total
             found[RECEPTANCE] += cost * shares[1] / total
+    return found
+
+
+def _told_apart(part: Part, on: np.ndarray) -> list[np.ndarray]:
+    """Neighbouring third octaves (n,) taken together until each has two lines of the force and two of the current."""
+    record, used = part.record, part.used
+    kinds = [record.driven[place][:, used].any(axis=0) & on for place in ("force", "current")]
+    thirds = np.floor(OCTAVE_THIRDS * np.log2(record.frequency[used])).astype(int)
+    found: list[np.ndarray] = []
+    own = np.zeros(thirds.size, bool)
+    for third in np.unique(thirds):
+        own = own | ((thirds == third) & on)
+        if all((own & kind).sum() >= 2 for kind in kinds):
+            found.append(own)
+            own = np.zeros(thirds.size, bool)
+    if own.any():
+        found = [*found[:-1], found[-1] | own] if found else [own]
     return found
 
 

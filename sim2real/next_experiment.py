@@ -57,8 +57,13 @@ def propose(attribution: Attribution, found: Sequence[Entry]) -> Proposal | None
             ENOUGH,
             (),
         )
-    likely = [attribution.candidates[e.candidate] for e in found if e.candidate]
-    fits = list(dict.fromkeys(c.fit for c in likely))[:REMAINING]
+    likely: list[Fit] = []
+    for e in found:
+        fit = attribution.candidates[e.candidate].fit if e.candidate else None
+        # The same with something needless added is no rival to tell apart.
+        if fit and not any(set(fit.hypothesis.effects) >= set(f.hypothesis.effects) for f in likely):
+            likely.append(fit)
+    fits = likely[:REMAINING]
     if len(fits) < 2:
         return None
     items = [i for i in menu(attribution.problem.parts[0].record) if i.outputs]
@@ -98,7 +103,8 @@ def menu(base: Record) -> list[_Item]:
         ("force", 3.0, "a shaker's force beside the injection"),
         ("current", 1.0, "an injection into the current beside the force"),
     ):
-        if place in peaks and not base.driven[place].any() and (rig.controlled or place == "force"):
+        free = (~base.excited).any()
+        if free and place in peaks and not base.driven[place].any() and (rig.controlled or place == "force"):
             items.append(_Item(what, effort, _excited(base, place, peaks[place]), outputs))
     return items
 
@@ -111,9 +117,10 @@ def _scaled(base: Record, factor: float) -> Record:
 
 
 def _excited(base: Record, place: str, peak: float) -> Record:
-    """With a random-phase multisine on the odd lines that nothing drives, up to the highest driven one."""
+    """With a random-phase multisine on lines that nothing drives, the odd ones if there are any."""
     rng = np.random.default_rng(0)
-    lines = base.lines[~base.excited & (base.lines % 2 == 1)]
+    free = base.lines[~base.excited]
+    lines = odd if (odd := free[free % 2 == 1]).size else free
     n = base.waves[place].shape[1]
     spectrum = np.zeros((base.axes, n // 2 + 1), complex)
     spectrum[:, lines] = np.exp(2j * np.pi * rng.random((base.axes, lines.size)))

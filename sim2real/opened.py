@@ -21,9 +21,10 @@ from maglev_env.experiment import axis_experiment
 from maglev_env.linear import loop_response
 from maglev_env.rig import axis_rig
 from sim2real.records import Record
+from sim2real.tones import near_tones
 
-WINDOW = 7  # lines to either side over which the noise is pooled
-BESIDE = 3  # lines beside a tone of known origin that are not judged
+WINDOW, NARROW, STEEP = 7, 1, 1.8  # lines to either side over which noise is pooled; where it is steep, the fewer
+BESIDE = 2.5  # lines beside a tone of known origin that are not judged
 LOUD, FALSE_ALARM = 2.0, 1e-8  # mean power over the shape of the noise in a band, and chance, that count as loud
 CLIPPED = 3.0  # times the fitted shape that a line may pull at it
 OUTLIER = 12.0  # a line whose own variance is so many times that around it keeps its own
@@ -100,10 +101,10 @@ def noise_of(record: Record, opened: Opened) -> np.ndarray:
     return np.sqrt(variance)
 
 
-def _spread(record: Record, opened: Opened) -> tuple[np.ndarray, dict[str, tuple[np.ndarray, ...]]]:
-    """Variance of the residuals over periods (outputs, axes, n), of one period, and the shapes that it may have."""
+def _spread(record: Record, opened: Opened, first: int = 0) -> tuple[np.ndarray, dict[str, tuple[np.ndarray, ...]]]:
+    """Variance of the residuals over periods from `first` on (outputs, axes, n), of one, and shapes it may have."""
     periods = opened.residuals(record.periods["displacement"], record.periods.get("current"))
-    own = periods.var(axis=0, ddof=1)
+    own = periods[first:].var(axis=0, ddof=1)
     return own, {
         "plant": (np.ones_like(own[0]), abs(opened.plant) ** 2, abs(opened.receptance) ** 2),
         "amplifier": (np.ones_like(own[0]), abs(opened.amplifier) ** 2),
@@ -113,10 +114,13 @@ def _spread(record: Record, opened: Opened) -> tuple[np.ndarray, dict[str, tuple
 def loud_bands(record: Record, opened: Opened) -> list[tuple[float, float, float]]:
     """Third octaves (f_lo, f_hi in Hz, chi-square beyond its expectation) in which the reading varies from period to
     period much more than noise of any of its shapes does: something unsynchronised moves the rotor there."""
-    own, shapes = _spread(record, opened)
+    own, shapes = _spread(record, opened, 1 if record.dropped == 0 and record.count > 3 else 0)
     plant, freedom = opened.outputs.index("plant"), 2 * (record.count - 1)
     thirds, found = np.floor(3 * np.log2(record.frequency)).astype(int), []
-    apart = np.convolve(record.masked, np.ones(2 * BESIDE + 1), "same") < 0.5  # a tone leaks into lines beside it
+    e = record.experiment
+    apart = ~near_tones(record.frequency, BESIDE * e.fundamental, e.speed_rpm)  # a tone leaks into lines beside it
+    for tone in record.tones:
+        apart &= abs(record.frequency - tone.frequency) > BESIDE * e.fundamental
     for axis in range(record.axes):
         _, shape = _pooled(own[plant, axis], np.array([s[axis] for s in shapes["plant"]]), record.count - 1)
         ratio = own[plant, axis] / shape
@@ -134,7 +138,7 @@ def _pooled(own: np.ndarray, shapes: np.ndarray, freedom: int) -> tuple[np.ndarr
     """Variances (n,) of `freedom` complex degrees smoothed over neighbours, their common shape taken out, and it."""
     tiny = np.finfo(float).tiny
     scale = shape = np.full_like(own, max(float(np.median(own)), own.mean() * 1e-12 + tiny))
-    for _ in range(6):  # weights by the fit itself: a variance scatters in proportion to its size
+    for _ in range(12):  # weights by the fit itself: a variance scatters in proportion to its size
         columns = shapes / scale
         norms = np.maximum(np.linalg.norm(columns, axis=1), tiny)
         shares, _ = nnls((columns / norms[:, None]).T, np.minimum(own / scale, CLIPPED))  # not drawn by tones
@@ -142,10 +146,16 @@ def _pooled(own: np.ndarray, shapes: np.ndarray, freedom: int) -> tuple[np.ndarr
         scale = shape
     ratio = own / shape
     kept = ratio < OUTLIER * np.median(ratio) / np.log(2) ** (1 / max(freedom, 1)) + tiny
-    kernel = np.ones(2 * WINDOW + 1)
-    total, count = (np.convolve(v, kernel, "same") for v in (np.where(kept, ratio, 0.0), kept.astype(float)))
-    smooth = np.where(count > 0, total / np.maximum(count, 1), ratio)
+    smooth, local = (_neighbours(ratio, kept, width) for width in (WINDOW, NARROW))
+    smooth = np.where(local > STEEP * smooth, local, smooth)  # noise that rises faster than its window follows
     return np.where(kept, smooth, ratio) * shape, shape
+
+
+def _neighbours(ratio: np.ndarray, kept: np.ndarray, width: int) -> np.ndarray:
+    """Mean of the kept values within so many lines to either side."""
+    kernel = np.ones(2 * width + 1)
+    total, count = (np.convolve(v, kernel, "same") for v in (np.where(kept, ratio, 0.0), kept.astype(float)))
+    return np.where(count > 0, total / np.maximum(count, 1), ratio)
 
 
 def _resolution(record: Record, opened: Opened) -> Mapping[str, np.ndarray]:

@@ -56,6 +56,14 @@ class Problem:
                 found[:, part.place] = (predicted * (np.sqrt(2) / part.noise[..., part.used])).reshape(len(points), -1)
         return found
 
+    def opened_residual(self) -> np.ndarray:
+        """What the linear nominal rig leaves (K,), its loop opened: no rotor needs to stand for that."""
+        found = np.empty_like(self.data)
+        for part in self.parts:
+            off = (part.measured - part.opened.driven(part.record)) * np.sqrt(2) / part.noise
+            found[part.place] = off[..., part.used].reshape(-1)
+        return found
+
     def first(self) -> "Problem":
         """Its first record alone."""
         part = self.parts[0]

@@ -16,7 +16,7 @@ from maglev_env.planar import suffixes
 from maglev_env.recorded import recorded_signals
 from maglev_env.recording import read_recording
 from maglev_env.rig import Rig
-from sim2real.tones import Tone, masked_lines, remove_tones
+from sim2real.tones import ON_LINE, Tone, near_tones, remove_tones
 
 EXCITED_BY = {"force": "force", "current": "injection", "reference": "reference"}
 MEASURED = ("displacement", "command", "current", "force")
@@ -52,7 +52,8 @@ class Record:
     @property
     def masked(self) -> np.ndarray:
         """Lines (n,) on which a tone of known origin would lie."""
-        return masked_lines(self.frequency, self.experiment.fundamental, self.experiment.speed_rpm)
+        e = self.experiment
+        return near_tones(self.frequency, ON_LINE * e.fundamental, e.speed_rpm)
 
     @property
     def axes(self) -> int:

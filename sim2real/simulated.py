@@ -64,7 +64,8 @@ def tolerances(rig: Rig) -> dict[str, float]:
 
 @dataclass(frozen=True)
 class Predictor:
-    """Predicts the opened loop's residuals of one record. transient: periods simulated before the one looked at."""
+    """Predicts the opened loop's residuals of one record. transient: control samples simulated before the period
+    that is looked at."""
 
     record: Record
     opened: Opened
@@ -89,7 +90,7 @@ class Predictor:
         """(n, outputs, axes, lines) of prepared lanes; nan where the rotor touches down."""
         r = self.record
         spectra = steady_spectra(lanes, r.experiment, r.waves, r.lines, self.transient)
-        return self.opened.residuals(spectra[:, 0], spectra[:, 2])
+        return self.opened.residuals(spectra[:, 0], spectra[:, 1])
 
     def __call__(self, points: Sequence[Point]) -> np.ndarray:
         """(n, outputs, axes, lines) at every point."""
@@ -99,6 +100,6 @@ class Predictor:
 def predictor(record: Record, opened: Opened) -> Predictor:
     """With the transient that the nominal closed loop needs; an unstable nominal one gets the longest."""
     radius = abs(closed_loop_poles(record.experiment)).max()
-    n = record.experiment.samples_per_period
-    periods = MOST_TRANSIENT if radius >= 1 else ceil(log(SETTLED) / log(radius) / n)
-    return Predictor(record, opened, min(max(periods, 1), MOST_TRANSIENT))
+    most = MOST_TRANSIENT * record.experiment.samples_per_period
+    samples = most if radius >= 1 else ceil(log(SETTLED) / log(radius))
+    return Predictor(record, opened, min(samples, most))

@@ -5,13 +5,15 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy import stats
+from scipy.ndimage import median_filter
 from scipy.optimize import minimize_scalar
 
 MAINS = (50.0, 60.0)  # Hz
 HARMONICS = 3
 FALSE_ALARM = 1e-5  # that noise alone shows a tone somewhere in a record
-NEIGHBOURS = 60  # bins to either side that a tone must stand out from
+NEIGHBOURS = 25  # bins to either side that a tone must stand out from
 MOST = 8  # tones per record
+ON_LINE = 0.1  # of the line spacing within which a tone counts as lying on a line
 SAME = 0.6  # bins of the record's resolution within which two frequencies are one
 
 
@@ -77,15 +79,9 @@ def _strongest(values: np.ndarray, per_period: int) -> tuple[float, float] | Non
     between = np.arange(power.size) % count != 0
     between[: count // 2] = False  # slow drift is not a tone
     bins, p = np.flatnonzero(between), power[between]
-    step = NEIGHBOURS // 2
-    blocks = p[: p.size // step * step].reshape(-1, step)
-    if not len(blocks):
-        return None
     freedom = 2 * len(values)
-    level = np.median(blocks, axis=1) / (stats.chi2.median(freedom) / 2)  # per half a chi-square
-    padded = np.maximum.reduce([level, np.roll(level, 1), np.roll(level, -1)])
-    floor = np.repeat(padded, step)
-    ratio = 2 * p[: floor.size] / np.maximum(floor, np.finfo(float).tiny)
+    level = median_filter(p, 2 * NEIGHBOURS + 1, mode="reflect") / (stats.chi2.median(freedom) / 2)
+    ratio = 2 * p / np.maximum(level, np.finfo(float).tiny)
     at = int(np.argmax(ratio))
     if ratio[at] < stats.chi2.isf(FALSE_ALARM / ratio.size, freedom) * 1.5:
         return None
@@ -113,21 +109,23 @@ def _amplitude(rest: np.ndarray, frequency: float, per_period: int, total: int) 
     return coefficients[0] - 1j * coefficients[1]
 
 
-def masked_lines(frequency: np.ndarray, fundamental: float, speed_rpm: float) -> np.ndarray:
-    """Whether a harmonic (n,) is one on which a tone of a known origin lies."""
-    masked = np.zeros(frequency.size, bool)
+def near_tones(frequency: np.ndarray, width: float, speed_rpm: float) -> np.ndarray:
+    """Whether frequencies (n,) lie within a width (Hz) of where a tone of a known origin may."""
+    near = np.zeros(frequency.size, bool)
     for tones in families(speed_rpm).values():
         for f in tones:
-            masked |= abs(frequency - f) < 0.05 * fundamental
-    return masked
+            near |= abs(frequency - f) < width
+    return near
 
 
 def origin(frequency: float, speed_rpm: float, resolution: float) -> str | None:
     """The family that a tone belongs to, or None."""
-    for name, tones in families(speed_rpm).items():
-        if any(abs(frequency - f) < SAME * resolution + 1e-3 * f for f in tones):
-            return name
-    return None
+    off = {
+        name: min(abs(frequency - f) / (SAME * resolution + 2e-3 * f) for f in tones)
+        for name, tones in families(speed_rpm).items()
+    }
+    nearest = min(off, key=off.__getitem__)
+    return nearest if off[nearest] < 1 else None
 
 
 def outstanding(own: np.ndarray, around: Sequence[float] | np.ndarray) -> float:

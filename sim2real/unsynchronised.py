@@ -7,10 +7,10 @@ import numpy as np
 
 from maglev_env.experiment import axis_experiment
 from maglev_env.linear import loop_response
-from sim2real.opened import loud_bands
+from sim2real.opened import loud_bands, opened_loop
 from sim2real.problem import Part, Problem
-from sim2real.simulated import Point
-from sim2real.tones import HARMONICS, MAINS, families, origin, outstanding
+from sim2real.simulated import Point, experiment_at
+from sim2real.tones import HARMONICS, MAINS, ON_LINE, families, origin, outstanding
 
 FOREIGN = "foreign"
 AROUND = 12  # lines to either side that a tone on a line must stand out from
@@ -36,7 +36,7 @@ def sightings(problem: Problem, point: Point) -> list[Sighting]:
     """Tones of every part: those found between the harmonics, and those on a line that a point's simulation leaves."""
     found = []
     for i, part in enumerate(problem.parts):
-        found += _between(i, part) + _on_lines(i, part, point) + _bands(i, part)
+        found += _between(i, part) + _on_lines(i, part, point) + _bands(i, part, point)
     return found
 
 
@@ -70,9 +70,10 @@ def _between(index: int, part: Part) -> list[Sighting]:
     return found
 
 
-def _bands(index: int, part: Part) -> list[Sighting]:
-    """Loud bands, as foreign tones of unknown size."""
-    loud = loud_bands(part.record, part.opened)
+def _bands(index: int, part: Part, point: Point) -> list[Sighting]:
+    """Loud bands, as foreign tones of unknown size; the loop is opened as a point has it, for noise to be white."""
+    corrected = replace(part.record, experiment=experiment_at(part.record.experiment, point))
+    loud = loud_bands(corrected, replace(opened_loop(corrected), outputs=part.opened.outputs))
     return [Sighting(index, FOREIGN, 1, (lo * hi) ** 0.5, 0.0, 0.0, 0.0, chi2) for lo, hi, chi2 in loud]
 
 
@@ -89,7 +90,7 @@ def _on_lines(index: int, part: Part, point: Point) -> list[Sighting]:
     found = []
     for name, tones in families(record.experiment.speed_rpm).items():
         for harmonic, f in enumerate(tones, 1):
-            at = np.flatnonzero(abs(record.frequency - f) < 0.05 * record.experiment.fundamental)
+            at = np.flatnonzero(abs(record.frequency - f) < ON_LINE * record.experiment.fundamental)
             if not at.size:
                 continue
             line = int(at[0])
@@ -105,23 +106,16 @@ def _on_lines(index: int, part: Part, point: Point) -> list[Sighting]:
 
 
 def spin_costs(problem: Problem, found: list[Sighting]) -> dict[str, float]:
-    """Cost of "runout" (the same reading at every speed, harmonics allowed) and of "unbalance" (a force that grows with
-    the square of the speed, no harmonics) as what the sightings of the spin are."""
-    spin = [s for s in found if s.family == "spin"]
-    costs = {"runout": 0.0, "unbalance": 0.0}
-    for harmonic in range(1, HARMONICS + 1):
-        own = [s for s in spin if s.harmonic == harmonic]
-        if not own:
-            continue
-        size, sd = np.array([s.size for s in own]), np.array([s.sd for s in own])
-        weight = 1 / (sd**2 + (FORM * size) ** 2)
-        costs["runout"] += _misfit(size, np.ones_like(size), weight)
-        if harmonic == 1:
-            speed = np.array([problem.parts[s.record].record.experiment.speed_rpm for s in own])
-            costs["unbalance"] += _misfit(size, speed**2 * np.array([s.receptance for s in own]), weight)
-        else:
-            costs["unbalance"] += float(np.sum((size / sd) ** 2))
-    return costs
+    """Cost of "runout" (the same reading at every speed) and of "unbalance" (a force that grows with the square of the
+    speed) as what the sightings at 1x are; harmonics tell nothing: a bearing makes them of either."""
+    own = [s for s in found if s.family == "spin" and s.harmonic == 1]
+    if not own:
+        return {"runout": 0.0, "unbalance": 0.0}
+    size, sd = np.array([s.size for s in own]), np.array([s.sd for s in own])
+    weight = 1 / (sd**2 + (FORM * size) ** 2)
+    speed = np.array([problem.parts[s.record].record.experiment.speed_rpm for s in own])
+    force = speed**2 * np.array([s.receptance for s in own])
+    return {"runout": _misfit(size, np.ones_like(size), weight), "unbalance": _misfit(size, force, weight)}
 
 
 def _misfit(size: np.ndarray, shape: np.ndarray, weight: np.ndarray) -> float:
