@@ -23,7 +23,6 @@ from sim2real.unsynchronised import Sighting, evidence, sightings, spin_costs, t
 
 SCHEMA = "maglev-diagnosis/1"
 HELD_OUT_EVERY = 4  # without a holdout every fourth line is kept from the fits
-LISTED = 0.001  # entries of less probability are summed in the JSON's last one
 
 
 @dataclass(frozen=True)
@@ -52,8 +51,6 @@ class Diagnosis:
 
     def to_json(self) -> dict[str, Any]:
         """The diagnosis as schema maglev-diagnosis/1; SI units, None for what cannot be told."""
-        listed = [e for e in self.which if e.probability >= LISTED or e.effects[0] in ("none", CALIBRATION, "unknown")]
-        rest = sum(e.probability for e in self.which) - sum(e.probability for e in listed)
         which = [
             {
                 "effects": list(e.effects),
@@ -61,10 +58,8 @@ class Diagnosis:
                 "parameters": {} if e.candidate is None else _parameters(self.attribution.candidates[e.candidate]),
                 "explained_worst_group": e.explained_worst_group,
             }
-            for e in listed
+            for e in self.which
         ]
-        if rest > 0:
-            which.append({"effects": ["other"], "probability": rest, "parameters": {}, "explained_worst_group": None})
         g, w = self.gap, self.where
         return {
             "schema": SCHEMA,
