@@ -3,7 +3,7 @@
 import json
 import tomllib
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from hashlib import sha256
 from math import isfinite
 from pathlib import Path
@@ -52,7 +52,8 @@ class Answer:
     """What was answered; error: why there is no diagnosis (None when there is one).
 
     cause: the hypotheses of the verdict, one when explained, several when ambiguous, else none. blocks: share of the
-    gap by block. seconds: of the diagnosis; version: of the code that gave it.
+    gap by block. seconds: of the diagnosis; version: of the code that gave it. changes: relative ones
+    of nominal parameters within their tolerance, that go with the cause.
     """
 
     error: str | None
@@ -63,6 +64,7 @@ class Answer:
     closed_fraction: float
     seconds: float
     version: str
+    changes: Mapping[str, float] = field(default_factory=dict)
 
 
 def seal_of(folder: Path) -> str:
@@ -145,4 +147,5 @@ def parse_diagnosis(d: Mapping[str, Any], seconds: float, version: str) -> Answe
         0.0 if closed is None else float(closed),
         seconds,
         version,
+        {str(k): float(v) for k, v in d.get("corrected", {}).get("changes", {}).items()},
     )

@@ -22,6 +22,7 @@ from sim2real.blind.judging import Judgement, size_range
 from sim2real.blind.rigs import PID
 from sim2real.blind.scoring import LARGE, REGRET_TARGET, Row, bootstrap, row
 from sim2real.blind.twin import LoopFailed, Truth, twin_periods
+from sim2real.simulated import Point, experiment_at
 
 FACTORS = tuple((kp, kd) for kp in (0.7, 1.0, 1.4) for kd in (0.7, 1.0, 1.4, 2.0))  # of the preset's kp and kd
 CASES = 24
@@ -51,8 +52,8 @@ def case_regret(answer: Answer, rig: Rig, truth: Truth, case_id: str) -> CaseReg
     preset = rig.gains
     sets = [with_gains(preset, kp=kp * preset.kp, kd=kd * preset.kd) for kp, kd in FACTORS]
     planned = [replace(protocol_experiment(rig, gains), speed_rpm=truth.speed_rpm) for gains in sets]
-    found = correction(answer, rig)
-    nominal, corrected = (evaluate([replace(e, effects=f) for e in planned]).score for f in (NO_EFFECTS, found))
+    point = Point(correction(answer, rig), answer.changes)
+    nominal, corrected = (evaluate(p).score for p in (planned, [experiment_at(e, point) for e in planned]))
     twin = np.array([twin_score(e, truth) for e in planned])
     return CaseRegret(case_id, float(twin.max()), float(twin[np.argmax(nominal)]), float(twin[np.argmax(corrected)]))
 
