@@ -11,7 +11,7 @@ from sim2real.problem import Problem
 from sim2real.simulated import TOLERANCE_EFFECTS, tolerances
 
 FIRST, ITERATIONS = 2, 12  # steps of a fit from every start that is followed, and more of the better one
-FOLLOWED = 2  # starts of an effect that are fitted further
+FOLLOWED = 1  # starts of an effect, beside each seed, that are fitted further
 SEEDS, PAIRS = 3, 6  # best single effects that a second one is added to, and pairs that are fitted
 APART = 0.1  # coordinates by which two starts must differ
 MOST_SCALED = 10.0  # times its start that a linear look may make a size
@@ -67,12 +67,15 @@ def attribute(problem: Problem, progress: Progress = lambda text: None) -> Attri
     allowed = tolerances(rig)
     progress("calibration")
     base = Hypothesis((), allowed)
-    calibration = begin([base], [np.zeros(base.size)], problem.data, problem.simulate)
-    nominal = calibration[0].cost
+    untouched, *calibration = begin([base] * 2, [np.zeros(base.size)] * 2, problem.data, problem.simulate)
+    nominal = untouched.cost
+    if np.isfinite(nominal):
+        differentiate([untouched], problem.data, problem.simulate, True)
+        share_calibrations(calibration, untouched)
     iterate(calibration, problem.data, problem.simulate, ITERATIONS)
     differentiate(calibration, problem.data, problem.simulate, True)
     progress("single effects")
-    singles = _singles(problem, calibration[0], single_effects(rig), allowed)
+    singles = _singles(problem, (untouched, calibration[0]), single_effects(rig), allowed)
     pairs: list[Fit] = []
     least = min((f.cost for f in singles), default=np.inf)
     if not calibration[0].cost - least < NO_GAP:
@@ -91,23 +94,26 @@ def attribute(problem: Problem, progress: Progress = lambda text: None) -> Attri
     return Attribution(nominal, tuple(map(Candidate, fits)), 2.0 * problem.data.size, problem)
 
 
-def _singles(problem: Problem, calibration: Fit, names: Sequence[str], allowed: Mapping[str, float]) -> list[Fit]:
-    """Each effect alone, from the starts that promise most."""
-    jobs = [
-        (calibration, h, _extended(h, start, calibration))
-        for h in (Hypothesis((name,), allowed) for name in names)
-        for start in starts(h.effects[0])
-    ]
-    promising: dict[str, list[_Promise]] = {}
-    for promise in _screened(problem, jobs):
-        kept = promising.setdefault(promise.hypothesis.effects[0], [])
-        if len(kept) < FOLLOWED and all(_apart(promise, other) for other in kept):
-            kept.append(promise)
-    chosen = [p for kept in promising.values() for p in kept]
-    fits = begin([p.hypothesis for p in chosen], [p.u for p in chosen], problem.data, problem.simulate)
-    share_calibrations(fits, calibration)
+def _singles(problem: Problem, seeds: Sequence[Fit], names: Sequence[str], allowed: Mapping[str, float]) -> list[Fit]:
+    """Each effect alone, from the starts that promise most: beside the untouched nominal rig, and beside calibration
+    alone, which a missing effect may have driven far away."""
+    fits: list[Fit] = []
+    for seed in seeds:
+        jobs = [
+            (seed, h, _extended(h, start, seed))
+            for h in (Hypothesis((name,), allowed) for name in names)
+            for start in starts(h.effects[0])
+        ]
+        chosen: dict[str, list[_Promise]] = {}
+        for promise in _screened(problem, jobs):
+            kept = chosen.setdefault(promise.hypothesis.effects[0], [])
+            if len(kept) < FOLLOWED and all(_apart(promise, other) for other in kept):
+                kept.append(promise)
+        promises = [p for kept in chosen.values() for p in kept]
+        fits += begin([p.hypothesis for p in promises], [p.u for p in promises], problem.data, problem.simulate)
     iterate(fits, problem.data, problem.simulate, FIRST)
-    best = [min((f for f in fits if f.hypothesis.effects == (name,)), key=lambda f: f.cost) for name in promising]
+    tried = dict.fromkeys(f.hypothesis.effects for f in fits)
+    best = [min((f for f in fits if f.hypothesis.effects == names), key=lambda f: f.cost) for names in tried]
     iterate(best, problem.data, problem.simulate, ITERATIONS)
     return best
 
@@ -127,7 +133,7 @@ def _extended(hypothesis: Hypothesis, effects: np.ndarray, near: Fit) -> np.ndar
 
 @dataclass(frozen=True)
 class _Promise:
-    """A start, its size scaled, and the cost that a linear look at one recording says it saves."""
+    """A start, and its gain: minus the cost that it leaves of one recording."""
 
     hypothesis: Hypothesis
     u: np.ndarray
@@ -147,7 +153,7 @@ def _screened(problem: Problem, jobs: Sequence[tuple[Fit, Hypothesis, np.ndarray
         return []
     single = problem.first()
     predicted = single.simulate([h.point(h.bounded(u)) for _, h, u in jobs])
-    at, found = problem.parts[0].place, []
+    at, found, scaled = problem.parts[0].place, [], []
     looks: dict[Fit, tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]] = {}
     for (seed, h, u), p in zip(jobs, predicted, strict=True):
         if not np.isfinite(p).all():
@@ -160,8 +166,14 @@ def _screened(problem: Problem, jobs: Sequence[tuple[Fit, Hypothesis, np.ndarray
             normal = (jacobian @ jacobian.conj().T).real + np.diag(seed.prior)
             solve = np.linalg.pinv(normal, hermitian=True)
             looks[seed] = jacobian, residual, solve, (jacobian @ residual.conj()).real
-        share, gain = _along(*looks[seed], p - (single.data - looks[seed][1]), _turns(h))
-        found.append(_Promise(h, _scaled(h, u, share, seed), gain))
+        share, _ = _along(*looks[seed], p - (single.data - looks[seed][1]), _turns(h))
+        scaled.append((seed, h, h.bounded(u)))
+        scaled += [(seed, h, _scaled(h, u, share * part, seed)) for part in (1.0, 0.5)]
+    # A linear look goes too far where an effect is large: what counts is the cost of where it leads.
+    predicted = single.simulate([h.point(u) for _, h, u in scaled]) if scaled else []
+    for (_, h, u), p in zip(scaled, predicted, strict=True):
+        if np.isfinite(p).all():
+            found.append(_Promise(h, u, -float(np.vdot(single.data - p, single.data - p).real)))
     return sorted(found, key=lambda promise: -promise.gain)
 
 
