@@ -10,7 +10,7 @@ import numpy as np
 from maglev_env.gains import Gains
 from sim2real.attribute import Attribution
 from sim2real.fitting import CALIBRATION_STEP, STEP, Fit
-from sim2real.judge import Entry
+from sim2real.judge import CLASS_SHARE, Entry
 from sim2real.opened import Opened, opened_loop
 from sim2real.records import Record
 from sim2real.simulated import Point, predictor
@@ -58,7 +58,10 @@ def propose(attribution: Attribution, found: Sequence[Entry]) -> Proposal | None
             (),
         )
     likely: list[Fit] = []
+    best = max((e.probability for e in found if e.candidate), default=0.0)
     for e in found:
+        if len(likely) >= 2 and e.probability < CLASS_SHARE * best:
+            break  # what is told already need not be told again
         fit = attribution.candidates[e.candidate].fit if e.candidate else None
         # The same with something needless added is no rival to tell apart.
         if fit and not any(set(fit.hypothesis.effects) >= set(f.hypothesis.effects) for f in likely):
@@ -71,11 +74,14 @@ def propose(attribution: Attribution, found: Sequence[Entry]) -> Proposal | None
     table = [(item, value) for item, value in table if np.isfinite(value)]
     if not table:
         return None
-    best, value = max(table, key=lambda row: min(row[1], ENOUGH) / row[0].effort)
+    # The least effort that surely tells them apart; where none does, the most for its effort.
+    sure = [row for row in table if row[1] >= ENOUGH]
+    pick = min(sure, key=lambda row: row[0].effort) if sure else max(table, key=lambda row: row[1] / row[0].effort)
+    chosen, value = pick
     names = " from ".join("+".join(f.hypothesis.effects) for f in fits[:2])
     told = "tells" if value > SEPARATED else "does not surely tell"
     ordered = sorted(((i.what, float(v)) for i, v in table), key=lambda row: -row[1])
-    return Proposal(best.what, f"it {told} {names}", float(value), tuple(ordered))
+    return Proposal(chosen.what, f"it {told} {names}", float(value), tuple(ordered))
 
 
 def menu(base: Record) -> list[_Item]:

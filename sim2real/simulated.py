@@ -47,7 +47,7 @@ def experiment_at(e: Experiment, point: Point) -> Experiment:
             parameters[name] = getattr(e.rig, name) * (1 + change)
         elif known not in effects:
             own = effect_value(e.rig.effects, known)  # what a corrected rig has already
-            effects[known] = {"change": (1 + own) * (1 + change) - 1}
+            effects[known] = {"change": own + change + own * change}
     rig = with_parameters(e.rig, parameters) if parameters else e.rig
     return replace(e, rig=rig, effects=effects)
 

@@ -162,7 +162,7 @@ def test_what_grows_with_the_square_of_the_speed_is_unbalance_and_what_stays_is_
     softer = spin_costs(problem, [spin(0, 3000.0, 1e-6), spin(1, 6000.0, 1e-6, receptance=2.5e-6)])
     assert softer["unbalance"] < 1  # four times the force on a quarter of the receptance
     harmonics = spin_costs(problem, [spin(0, 3000.0, 1e-6), spin(0, 3000.0, 3e-7, harmonic=2)])
-    assert harmonics["unbalance"] > 100 * max(harmonics["runout"], 1e-9)
+    assert harmonics["unbalance"] == pytest.approx(harmonics["runout"], abs=1e-9)  # a bearing makes them of either
     assert set(stays) < set(TONES)
 
 
