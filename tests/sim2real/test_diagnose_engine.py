@@ -154,11 +154,11 @@ def test_a_record_of_force_and_displacement_alone_has_an_honest_class(poor):
 
 
 def test_the_experiment_that_tells_its_class_apart_is_proposed(poor):
-    """The current shows what the amplifier does to the command; so does an injection, on lines that are free."""
+    """The current shows what the amplifier does to the command."""
     best = poor.next_experiment
     assert "current" in best.what and best.expected_separation > 20
     menu = dict(best.table)
-    assert "an injection into the current beside the force" in menu and all(np.isfinite(v) for v in menu.values())
+    assert len(menu) >= 4 and all(np.isfinite(v) for v in menu.values())
 
 
 def test_gains_that_are_not_the_recorded_ones_are_said(tmp_path, delayed):
