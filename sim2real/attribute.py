@@ -11,9 +11,7 @@ from sim2real.problem import Problem
 from sim2real.simulated import TOLERANCE_EFFECTS, tolerances
 
 FIRST, ITERATIONS = 2, 12  # steps of a fit from every start that is followed, and more of the better one
-FOLLOWED = 1  # starts of an effect, beside each seed, that are fitted further
 SEEDS, PAIRS = 3, 6  # best single effects that a second one is added to, and pairs that are fitted
-APART = 0.1  # coordinates by which two starts must differ
 MOST_SCALED = 10.0  # times its start that a linear look may make a size
 NO_GAP = 12.0  # cost that no single effect saves beyond calibration: then no pair is looked for
 CLOSE, CLOSE_SHARE = 500.0, 0.5  # cost above the best within which the errors of a fit are of interest
@@ -81,7 +79,7 @@ def attribute(problem: Problem, progress: Progress = lambda text: None) -> Attri
     if not calibration[0].cost - least < NO_GAP:
         progress("pairs of effects")
         pairs = _pairs(problem, singles)
-    fits = [f for f in (*calibration, *singles, *pairs)]
+    fits = [*calibration, *singles, *pairs]
     standing = [f for f in fits if np.isfinite(f.cost)]
     if not standing:
         raise ValueError(
@@ -104,12 +102,10 @@ def _singles(problem: Problem, seeds: Sequence[Fit], names: Sequence[str], allow
             for h in (Hypothesis((name,), allowed) for name in names)
             for start in starts(h.effects[0])
         ]
-        chosen: dict[str, list[_Promise]] = {}
+        chosen: dict[str, _Promise] = {}
         for promise in _screened(problem, jobs):
-            kept = chosen.setdefault(promise.hypothesis.effects[0], [])
-            if len(kept) < FOLLOWED and all(_apart(promise, other) for other in kept):
-                kept.append(promise)
-        promises = [p for kept in chosen.values() for p in kept]
+            chosen.setdefault(promise.hypothesis.effects[0], promise)
+        promises = list(chosen.values())
         fits += begin([p.hypothesis for p in promises], [p.u for p in promises], problem.data, problem.simulate)
     iterate(fits, problem.data, problem.simulate, FIRST)
     tried = dict.fromkeys(f.hypothesis.effects for f in fits)
@@ -140,12 +136,6 @@ class _Promise:
     gain: float
 
 
-def _apart(one: _Promise, other: _Promise) -> bool:
-    """Whether two starts of an effect are worth following both."""
-    n = len(one.hypothesis.coordinates)
-    return bool(np.max(abs(one.u[:n] - other.u[:n])) > APART)
-
-
 def _screened(problem: Problem, jobs: Sequence[tuple[Fit, Hypothesis, np.ndarray]]) -> list[_Promise]:
     """Starts (a seed's fit, a hypothesis that adds an effect to it, coordinates), the most promising first; what a
     start touches down with is left out. A seed that touches down is no base: then the start's own cost counts."""
@@ -166,12 +156,12 @@ def _screened(problem: Problem, jobs: Sequence[tuple[Fit, Hypothesis, np.ndarray
             normal = (jacobian @ jacobian.conj().T).real + np.diag(seed.prior)
             solve = np.linalg.pinv(normal, hermitian=True)
             looks[seed] = jacobian, residual, solve, (jacobian @ residual.conj()).real
-        share, _ = _along(*looks[seed], p - (single.data - looks[seed][1]), _turns(h))
-        scaled.append((seed, h, h.bounded(u)))
-        scaled += [(seed, h, _scaled(h, u, share * part, seed)) for part in (1.0, 0.5)]
+        share = _along(*looks[seed], p - (single.data - looks[seed][1]), _turns(h))
+        scaled.append((h, h.bounded(u)))
+        scaled += [(h, _scaled(h, u, share * part, seed)) for part in (1.0, 0.5)]
     # A linear look goes too far where an effect is large: what counts is the cost of where it leads.
-    predicted = single.simulate([h.point(u) for _, h, u in scaled]) if scaled else []
-    for (_, h, u), p in zip(scaled, predicted, strict=True):
+    predicted = single.simulate([h.point(u) for h, u in scaled]) if scaled else []
+    for (h, u), p in zip(scaled, predicted, strict=True):
         if np.isfinite(p).all():
             found.append(_Promise(h, u, -float(np.vdot(single.data - p, single.data - p).real)))
     return sorted(found, key=lambda promise: -promise.gain)
@@ -213,14 +203,14 @@ def _pairs(problem: Problem, singles: Sequence[Fit]) -> list[Fit]:
 
 def _along(
     jacobian: np.ndarray, residual: np.ndarray, solve: np.ndarray, gradient: np.ndarray, change: np.ndarray, turns: bool
-) -> tuple[float, float]:
-    """Share of a change that fits a residual best once the other parameters may follow, and the cost it saves."""
+) -> float:
+    """Share of a change that fits a residual best once the other parameters may follow."""
     cross = (jacobian @ change.conj()).real
     own = np.vdot(change, change).real - cross @ solve @ cross
     along = np.vdot(change, residual).real - cross @ solve @ gradient
     if own <= 1e-9 * np.vdot(change, change).real or (along <= 0 and not turns):
-        return 0.0, 0.0
-    return along / own, along**2 / own
+        return 0.0
+    return along / own
 
 
 def _scaled(h: Hypothesis, u: np.ndarray, share: float, seed: Fit) -> np.ndarray:

@@ -116,11 +116,12 @@ def diagnose(
         notes.append("no recording is a holdout: the gap is judged on every fourth line, which no fit has seen")
     attribution = attribute(fitted, progress)
     progress("judging")
-    base = min((c for c in attribution.candidates), key=lambda c: c.predictive)
+    base = min(attribution.candidates, key=lambda c: c.predictive)
     seen = sightings(fitted, base.fit.hypothesis.point(base.fit.u))
-    found = entries(evidence_of(attribution, evidence(seen), spin_costs(fitted, seen)))
+    tones = evidence(seen)
+    found = entries(evidence_of(attribution, tones, spin_costs(fitted, seen)))
     worded, cause = verdict(found)
-    where = _where(fitted, attribution, sum(evidence(seen).values()))
+    where = _where(fitted, attribution, sum(tones.values()))
     if where.controller is not None and where.controller > CONTROLLER_SD:
         notes.append(
             f"the recorded controller is not the one described: its command is {where.controller:.0f} standard "

@@ -109,8 +109,7 @@ def _actuator_or_not(part: Part, rest: np.ndarray, sd: np.ndarray, on: np.ndarra
     record, used = part.record, part.used
     current = record.mean("current")[:, used]
     gain = (part.opened.plant / part.opened.amplifier)[:, used]
-    wave = record.waves["force"]
-    force = (np.fft.rfft(wave, axis=-1)[:, record.lines] * (2 / wave.shape[-1]))[:, used]
+    force = record.driving("force")[:, used]
     driven = gain * current
     moved = driven + part.opened.receptance[:, used] * force
     found = {ACTUATOR: 0.0, RECEPTANCE: 0.0}
@@ -150,10 +149,7 @@ def controller_distance(problem: Problem) -> float | None:
         r = part.record
         if "command" not in r.periods or not r.experiment.rig.controlled:
             continue
-        injection, reference = (
-            np.fft.rfft(r.waves[place], axis=-1)[:, r.lines] * (2 / r.waves[place].shape[-1])
-            for place in ("current", "reference")
-        )
+        injection, reference = map(r.driving, ("current", "reference"))
         law = part.opened.controller * (reference - r.periods["displacement"]) + injection
         off = r.periods["command"] - law
         rig, n = r.nominal, r.experiment.recorded_per_period

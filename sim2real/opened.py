@@ -51,18 +51,13 @@ class Opened:
 
     def driven(self, record: Record) -> np.ndarray:
         """What force, injection and reference add to `residuals` on the linear nominal rig, (outputs, axes, n)."""
-        force, injection, reference = (_lines_of(record, place) for place in ("force", "current", "reference"))
+        force, injection, reference = map(record.driving, ("force", "current", "reference"))
         command = injection + self.controller * reference
         found = {
             "plant": self.plant * command + self.receptance * force,
             "amplifier": self.amplifier * command,
         }
         return np.stack([found[name] for name in self.outputs])
-
-
-def _lines_of(record: Record, place: str) -> np.ndarray:
-    wave = record.waves[place]
-    return np.fft.rfft(wave, axis=-1)[:, record.lines] * (2 / wave.shape[-1])
 
 
 def opened_loop(record: Record) -> Opened:

@@ -68,6 +68,10 @@ class Record:
         """Mean complex amplitudes (axes, n)."""
         return self.periods[channel].mean(axis=0)
 
+    def driving(self, place: str) -> np.ndarray:
+        """Complex amplitudes (axes, n) of what drove the rig at "force" (N), "current" (A) or "reference" (m)."""
+        return period_spectra(self.waves[place], self.lines)
+
     @property
     def excited(self) -> np.ndarray:
         """Whether a line is excited anywhere, along any axis, (n,)."""

@@ -222,8 +222,7 @@ def _shown(part: Part) -> dict[tuple[str, str], np.ndarray]:
 def _curve(part: Part, kind: str, axis: str, on: np.ndarray, nominal: np.ndarray, corrected: np.ndarray) -> Curve:
     record, opened = part.record, part.opened
     a, plant = AXES.index(axis) if axis else 0, opened.outputs.index("plant")
-    wave = record.waves["force" if kind == "receptance" else "current"][a]
-    drive = (np.fft.rfft(wave) * (2 / wave.size))[record.lines][on]
+    drive = record.driving("force" if kind == "receptance" else "current")[a, on]
     closed = (1 + opened.plant * opened.controller)[a, on]
     controller = opened.controller[a, on]
 

@@ -139,7 +139,7 @@ def _of_part(part: Part, residual: np.ndarray | None) -> tuple[float, float, flo
     kinds, frequency = {name: on[0, used] for name, on in record.driven.items()}, record.frequency[used]
     stiffness = damping = peak = np.nan
     rig = record.nominal
-    wave = np.fft.rfft(record.waves["force"][0])[record.lines][used] * (2 / record.waves["force"].shape[-1])
+    wave = record.driving("force")[0, used]
     lo, hi = rig.target.band
     on = kinds["force"] & (frequency >= lo) & (frequency <= hi)
     if on.sum() >= 3:
@@ -148,7 +148,7 @@ def _of_part(part: Part, residual: np.ndarray | None) -> tuple[float, float, flo
         weight = abs(displacement[on]) ** 2
         stiffness = float(np.average(dynamic.real + rig.mass * omega**2, weights=weight))
         damping = float((weight * dynamic.imag * omega).sum() / (weight * omega**2).sum())
-    injection = np.fft.rfft(record.waves["current"][0])[record.lines][used] * (2 / record.waves["current"].shape[-1])
+    injection = record.driving("current")[0, used]
     on = kinds["current"]
     if on.sum() >= 3:
         peak = float(np.max(abs(1 - controller[on] * displacement[on] / injection[on])))
