@@ -1,6 +1,6 @@
 """Which effect: candidates fitted in closed loop, alone and in pairs."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,8 +10,10 @@ from sim2real.hypotheses import COORDINATES, Hypothesis, single_effects, starts
 from sim2real.problem import Problem
 from sim2real.simulated import TOLERANCE_EFFECTS, tolerances
 
-FIRST, ITERATIONS = 2, 12  # steps of a fit from every start that is followed, and more of the better one
-SEEDS, PAIRS = 3, 6  # best single effects that a second one is added to, and pairs that are fitted
+FIRST, ITERATIONS = 3, 20  # steps of a fit from every start that is followed, and more of the better one
+SEEDS, PAIRS = 4, 10  # best single effects that a second one is added to, and pairs that are fitted, in a round
+RESONANT, APART = 3, 0.2  # starts of a resonance that are followed, and how far apart, of ln frequency
+SWAPPED = 2  # best pairs of which either effect is tried with others
 MOST_SCALED = 10.0  # times its start that a linear look may make a size
 NO_GAP = 12.0  # cost that no single effect saves beyond calibration: then no pair is looked for
 CLOSE, CLOSE_SHARE = 500.0, 0.5  # cost above the best within which the errors of a fit are of interest
@@ -102,10 +104,7 @@ def _singles(problem: Problem, seeds: Sequence[Fit], names: Sequence[str], allow
             for h in (Hypothesis((name,), allowed) for name in names)
             for start in starts(h.effects[0])
         ]
-        chosen: dict[str, _Promise] = {}
-        for promise in _screened(problem, jobs):
-            chosen.setdefault(promise.hypothesis.effects[0], promise)
-        promises = list(chosen.values())
+        promises = _followed(_screened(problem, jobs))
         fits += begin([p.hypothesis for p in promises], [p.u for p in promises], problem.data, problem.simulate)
     iterate(fits, problem.data, problem.simulate, FIRST)
     tried = dict.fromkeys(f.hypothesis.effects for f in fits)
@@ -123,7 +122,7 @@ def _extended(hypothesis: Hypothesis, effects: np.ndarray, near: Fit) -> np.ndar
     for i, c in enumerate(hypothesis.coordinates):  # what is free now begins where its tolerance had moved it
         for name in known.keys() - set(hypothesis.calibrated):
             if TOLERANCE_EFFECTS.get(name) == c.effect and c.scale:
-                effects[i] += known[name] * hypothesis.tolerances[name] / c.scale
+                effects[i] += known[name] * hypothesis.sigma(name) / c.scale
     return np.concatenate([effects, [known.get(name, 0.0) for name in hypothesis.calibrated]])
 
 
@@ -134,6 +133,20 @@ class _Promise:
     hypothesis: Hypothesis
     u: np.ndarray
     gain: float
+
+
+def _followed(promises: Sequence[_Promise]) -> list[_Promise]:
+    """The best start of each hypothesis, and of resonances some of clearly different frequency, as each is a minimum
+    of its own."""
+    found: list[_Promise] = []
+    for promise in promises:
+        h = promise.hypothesis
+        same = [p for p in found if set(p.hypothesis.effects) == set(h.effects)]
+        at = [i for i, c in enumerate(h.coordinates) if c.parameter == "frequency"]
+        apart = all(np.any(abs(promise.u[at] - p.u[at]) > APART) for p in same if p.hypothesis.effects == h.effects)
+        if not same or (at and apart and len(same) < RESONANT):
+            found.append(promise)
+    return found
 
 
 def _screened(problem: Problem, jobs: Sequence[tuple[Fit, Hypothesis, np.ndarray]]) -> list[_Promise]:
@@ -173,8 +186,25 @@ def _turns(h: Hypothesis) -> bool:
 
 
 def _pairs(problem: Problem, singles: Sequence[Fit]) -> list[Fit]:
-    """The pairs that a linear look promises most, fitted: a second effect beside each of the best single ones."""
+    """A second effect beside each of the best single ones, then beside either effect of the best pairs as that pair has
+    it: what alone does best in the place of two need not be one of them."""
     seeds = sorted((f for f in singles if np.isfinite(f.cost)), key=lambda f: f.cost)[:SEEDS]
+    first = _round(problem, singles, seeds, ())
+    halves: dict[str, tuple[Hypothesis, np.ndarray]] = {}
+    for f in sorted((f for f in first if np.isfinite(f.cost)), key=lambda f: f.cost)[:SWAPPED]:
+        n, both = len(COORDINATES[f.hypothesis.effects[0]]), len(f.hypothesis.coordinates)
+        for name, u in zip(f.hypothesis.effects, (f.u[:n], f.u[n:both]), strict=True):
+            alone = Hypothesis((name,), f.hypothesis.tolerances)
+            halves.setdefault(name, (alone, _extended(alone, u, f)))
+    hypotheses, places = zip(*halves.values(), strict=True) if halves else ((), ())
+    again = [f for f in begin(hypotheses, places, problem.data, problem.simulate) if np.isfinite(f.cost)]
+    return first + _round(problem, singles, again, {frozenset(f.hypothesis.effects) for f in first})
+
+
+def _round(
+    problem: Problem, singles: Sequence[Fit], seeds: Sequence[Fit], known: Collection[frozenset[str]]
+) -> list[Fit]:
+    """The pairs, other than those known, that a linear look promises most, fitted: any effect beside a seed's."""
     differentiate(seeds, problem.data, problem.simulate, True)
     jobs = []
     for seed in seeds:
@@ -182,7 +212,7 @@ def _pairs(problem: Problem, singles: Sequence[Fit]) -> list[Fit]:
         n = len(seed.hypothesis.coordinates)
         for other in singles:
             name = other.hypothesis.effects[0]
-            if name == first:
+            if name == first or {first, name} in known:
                 continue
             h = Hypothesis((first, name), seed.hypothesis.tolerances)
             tried = starts(name)

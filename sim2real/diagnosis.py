@@ -178,7 +178,7 @@ def _parameters(candidate: Candidate) -> Mapping[str, dict[str, float]]:
         value = c.value(float(fit.u[i]))
         found[f"{c.effect}.{c.parameter}"] = {"value": value, "se": _se(c, value, float(sd[i]))}
     for i, name in enumerate(fit.hypothesis.calibrated, len(fit.hypothesis.coordinates)):
-        sigma = fit.hypothesis.tolerances[name]
+        sigma = fit.hypothesis.sigma(name)
         found[f"{name} (relative)"] = {"value": float(fit.u[i]) * sigma, "se": float(sd[i]) * sigma}
     return found
 

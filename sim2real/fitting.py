@@ -9,10 +9,14 @@ from sim2real.hypotheses import Hypothesis
 from sim2real.simulated import Point
 
 Simulate = Callable[[Sequence[Point]], np.ndarray]  # (n, K) complex, whitened; nan where the rotor touched down
-REFRESH = 2  # steps after which the tolerances' rows are found anew
-STEP, CALIBRATION_STEP = 0.02, 0.2  # of finite differences, in coordinates and in tolerances
-DAMPING = (0.1, 3.0)  # factors on the Levenberg-Marquardt parameter that every iteration tries
-CONVERGED, SHARE, IDLE = 0.2, 1e-5, 2  # so many steps in a row gain less than this cost, and share of the cost
+REFRESH = 2
+STEP, CALIBRATION_STEP = 0.004, 0.04  # of finite differences, in coordinates and in tolerances
+# Factors on the Levenberg-Marquardt parameter that every iteration tries: a valley may be a thousand times as long as
+# it is wide, where one parameter does nearly what others do together.
+DAMPING = (1e-3, 0.05, 3.0)
+CONVERGED, SHARE = 0.3, 1e-5  # cost, and share of the cost
+EDGE = 1e-6  # in coordinates: how near a bound counts as at it
+FAR = 4.0  # tolerances that one step may go, beside as far as it has come
 PATIENCE, HOPELESS, SMALL = 3, 0.4, 100.0
 
 
@@ -27,8 +31,9 @@ class Fit:
     residual: np.ndarray
     cost: float
     jacobian: np.ndarray | None = None
-    damping: float = 1e-2
-    idle: int = 0
+    damping: float = 1e-3
+    age: int = 0  # steps since the tolerances' rows were found
+    idle: bool = False
     done: bool = False
 
     @property
@@ -62,7 +67,7 @@ def share_calibrations(fits: Sequence[Fit], known: Fit) -> None:
         own = len(fit.hypothesis.coordinates)
         fit.jacobian = np.zeros((fit.hypothesis.size, fit.residual.size), complex)
         for i, name in enumerate(fit.hypothesis.calibrated, own):
-            fit.jacobian[i] = rows[name]
+            fit.jacobian[i] = rows.get(name, 0.0)
 
 
 def cost_of(residual: np.ndarray, u: np.ndarray, prior: np.ndarray) -> float:
@@ -112,7 +117,8 @@ def differentiate(fits: Sequence[Fit], data: np.ndarray, simulate: Simulate, cal
 def iterate(fits: Sequence[Fit], data: np.ndarray, simulate: Simulate, most: int) -> None:
     """Levenberg-Marquardt steps of all fits together, at most `most`; tolerances' rows are refreshed now and then.
 
-    From PATIENCE steps on, a fit that has not saved half of what the best one of them saves is left where it is.
+    A fit is done when two steps in a row save no more than CONVERGED, or have no more to hope for, the last with fresh
+    rows throughout. From PATIENCE steps on, one that has not saved its share of what the best one saves stays as it is.
     """
     begun = max((f.cost for f in fits if np.isfinite(f.cost)), default=np.inf)
     for iteration in range(most):
@@ -123,9 +129,11 @@ def iterate(fits: Sequence[Fit], data: np.ndarray, simulate: Simulate, most: int
         active = [f for f in fits if not f.done and np.isfinite(f.cost)]
         if not active:
             return
-        unknown = [f for f in active if (iteration and iteration % REFRESH == 0) or f.jacobian is None]
-        differentiate(unknown, data, simulate, True)
-        differentiate([f for f in active if f not in unknown], data, simulate, False)
+        stale = [f for f in active if f.jacobian is None or f.age >= REFRESH]
+        differentiate(stale, data, simulate, True)
+        differentiate([f for f in active if f not in stale], data, simulate, False)
+        for f in active:
+            f.age = 0 if f in stale else f.age + 1
         trials = [(f, f.damping * factor, u) for f in active for factor, u in zip(DAMPING, _steps(f), strict=True)]
         predicted = simulate([f.hypothesis.point(u) for f, _, u in trials])
         best: dict[int, tuple[float, float, np.ndarray, np.ndarray]] = {}
@@ -135,26 +143,45 @@ def iterate(fits: Sequence[Fit], data: np.ndarray, simulate: Simulate, most: int
                 if cost < best.get(id(f), (f.cost,))[0]:
                     best[id(f)] = cost, damping, u, data - p
         for f in active:
+            promised = float(_solved(f, 0.0) @ f.gradient)
+            saved = f.cost - best[id(f)][0] if id(f) in best else 0.0
+            idle = min(promised, saved) < CONVERGED + SHARE * f.cost
+            f.done = idle and f.idle and f.age == 0
+            f.idle = idle
+            if idle:
+                f.age = REFRESH  # whether there is anything left to gain is told by fresh rows alone
             if id(f) not in best:
-                f.damping *= 10
-                f.done = f.damping > 1e3
+                f.damping *= DAMPING[-1] ** 2
                 continue
-            before, u, residual = f.cost, f.u, f.residual
+            u, residual = f.u, f.residual
             f.cost, f.damping, f.u, f.residual = best[id(f)]
             moved = f.u - u  # Broyden: what the step taught of the rows that are not found anew
             f.jacobian += np.outer(moved, residual - f.residual - moved @ f.jacobian) / max(moved @ moved, 1e-300)
-            f.idle = f.idle + 1 if before - f.cost < CONVERGED + SHARE * before else 0
-            f.done = f.idle >= IDLE
 
 
 def _steps(fit: Fit) -> list[np.ndarray]:
     """Bounded trial points, one for each damping that is tried."""
-    normal, gradient, found = fit.normal, fit.gradient, []
+    found = []
     free = len(fit.hypothesis.coordinates)
+    reach = np.array([c.reach(u) for c, u in zip(fit.hypothesis.coordinates, fit.u, strict=False)])
+    reach = np.concatenate([reach, FAR + abs(fit.u[free:])])
     for factor in DAMPING:
-        scaled = normal + fit.damping * factor * np.diag(np.diag(normal) + 1e-12)
-        step = np.linalg.lstsq(scaled, gradient, rcond=None)[0]
-        reach = np.array([c.reach(u) for c, u in zip(fit.hypothesis.coordinates, fit.u, strict=False)])
-        far = np.max(abs(step[:free]) / reach, initial=1.0)
-        found.append(fit.hypothesis.bounded(fit.u + step / far))
+        step = _solved(fit, fit.damping * factor)
+        found.append(fit.hypothesis.bounded(fit.u + step / np.max(abs(step) / reach, initial=1.0)))
     return found
+
+
+def _solved(fit: Fit, damping: float) -> np.ndarray:
+    """The damped step (size,), along the bounds that it would cross at once."""
+    normal, gradient = fit.normal, fit.gradient
+    normal += damping * np.diag(np.diag(normal) + 1e-12)
+    inside = np.ones(gradient.size, bool)
+    while True:
+        step = np.zeros_like(gradient)
+        at = np.flatnonzero(inside)
+        step[at] = np.linalg.lstsq(normal[np.ix_(at, at)], gradient[at], rcond=None)[0]
+        nudged = fit.u + EDGE * np.sign(step)
+        crossed = inside & (step != 0) & (fit.hypothesis.bounded(nudged) == fit.u)
+        if not crossed.any():
+            return step
+        inside &= ~crossed

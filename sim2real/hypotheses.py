@@ -88,6 +88,9 @@ _STARTS: Mapping[str, Mapping[str, Sequence[float]]] = {
     "friction": {"force": (0.02, 0.3), "velocity": (3e-4, 3e-3)},
     "cross_coupling": {"ratio": (-0.05, 0.05)},
 }
+# A lag is rarely one pole alone: which share of its time may pass as delay, 1 sigma and most; it ends where a delay
+# of its own is what is fitted.
+FORM, FORM_SHARE, MOST_FORM = "form of amplifier_lag", 0.2, 0.5
 # A resonance may lie anywhere: sizes are found by the linear look that every start gets.
 RESONANCES = {"sensor_resonance": ("coupling", 0.01), "support_resonance": ("mass_ratio", 0.01)}
 RESONANCE_GRID = np.geomspace(5.0, 1500.0, 48)  # Hz
@@ -107,9 +110,14 @@ class Hypothesis:
 
     @property
     def calibrated(self) -> tuple[str, ...]:
-        """Parameters within tolerance, without those that an effect frees altogether."""
+        """Parameters within tolerance, without those that an effect frees altogether, and the form of a lag."""
         freed = {t for t, name in TOLERANCE_EFFECTS.items() if name in self.effects}
-        return tuple(name for name in self.tolerances if name not in freed)
+        formed = "amplifier_lag" in self.effects and "delay" not in self.effects
+        return (*(name for name in self.tolerances if name not in freed), *([FORM] if formed else []))
+
+    def sigma(self, name: str) -> float:
+        """What a unit of a calibrated coordinate stands for."""
+        return FORM_SHARE if name == FORM else self.tolerances[name]
 
     @property
     def size(self) -> int:
@@ -121,7 +129,10 @@ class Hypothesis:
         for c, value in zip(self.coordinates, u, strict=False):
             effects.setdefault(c.effect, {})[c.parameter] = c.value(float(value))
         rest = u[len(self.coordinates) :]
-        changes = {n: float(v) * self.tolerances[n] for n, v in zip(self.calibrated, rest, strict=True)}
+        changes = {n: float(v) * self.sigma(n) for n, v in zip(self.calibrated, rest, strict=True)}
+        if share := changes.pop(FORM, 0.0):
+            whole = effects["amplifier_lag"]["time_constant"]
+            effects["amplifier_lag"]["time_constant"], effects["delay"] = (1 - share) * whole, {"time": share * whole}
         return Point(effects, changes)
 
     def bounded(self, u: np.ndarray) -> np.ndarray:
@@ -130,7 +141,8 @@ class Hypothesis:
         for i, c in enumerate(self.coordinates):
             bounded[i] = c.to_bounds(bounded[i])
         for i, name in enumerate(self.calibrated, len(self.coordinates)):
-            bounded[i] = np.clip(bounded[i], -0.9 / self.tolerances[name], 9.0 / self.tolerances[name])
+            low, high = (0.0, MOST_FORM) if name == FORM else (-0.9, 9.0)
+            bounded[i] = np.clip(bounded[i], low / self.sigma(name), high / self.sigma(name))
         return bounded
 
 
