@@ -154,9 +154,10 @@ def _screened(problem: Problem, jobs: Sequence[tuple[Fit, Hypothesis, np.ndarray
     start touches down with is left out. A seed that touches down is no base: then the start's own cost counts."""
     if not jobs:
         return []
-    single = problem.first()
+    loudest = problem.loudest
+    single = problem.only(loudest)
     predicted = single.simulate([h.point(h.bounded(u)) for _, h, u in jobs])
-    at, found, scaled = problem.parts[0].place, [], []
+    at, found, scaled = loudest.place, [], []
     looks: dict[Fit, tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]] = {}
     for (seed, h, u), p in zip(jobs, predicted, strict=True):
         if not np.isfinite(p).all():
@@ -171,7 +172,8 @@ def _screened(problem: Problem, jobs: Sequence[tuple[Fit, Hypothesis, np.ndarray
             looks[seed] = jacobian, residual, solve, (jacobian @ residual.conj()).real
         share = _along(*looks[seed], p - (single.data - looks[seed][1]), _turns(h))
         scaled.append((h, h.bounded(u)))
-        scaled += [(h, _scaled(h, u, share * part, seed)) for part in (1.0, 0.5)]
+        if any(c.scale is not None for c in COORDINATES[h.effects[-1]]):
+            scaled += [(h, _scaled(h, u, share * part, seed)) for part in (1.0, 0.5)]
     # A linear look goes too far where an effect is large: what counts is the cost of where it leads.
     predicted = single.simulate([h.point(u) for h, u in scaled]) if scaled else []
     for (h, u), p in zip(scaled, predicted, strict=True):

@@ -73,7 +73,7 @@ COORDINATES: Mapping[str, tuple[Coordinate, ...]] = {
 _STARTS: Mapping[str, Mapping[str, Sequence[float]]] = {
     "delay": {"time": (1e-5, 7.5e-5)},
     "amplifier_lag": {"time_constant": (1e-5, 1e-4)},
-    "amplifier_voltage_limit": {"voltage": (0.2, 0.3, 0.4, 0.55, 0.8, 1.2, 2.0, 4.0, 8.0)},
+    "amplifier_voltage_limit": {"voltage": tuple(np.geomspace(0.1, 20.0, 40))},
     "actuator_gain": {"change": (-0.3, -0.05, 0.05, 0.4, 1.5, 3.5)},
     "negative_stiffness": {"change": (-0.3, 0.2, 1.0)},
     "eddy_current": {"corner_hz": (1e3, 1e4, 1e5), "order": (0.5, 0.85)},

@@ -1,7 +1,7 @@
 """The campaign as one least-squares problem: whitened residuals of every recording, output, axis and line."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -64,12 +64,17 @@ class Problem:
             found[part.place] = off[..., part.used].reshape(-1)
         return found
 
-    def first(self) -> "Problem":
-        """Its first record alone."""
-        part = self.parts[0]
+    @property
+    def loudest(self) -> Part:
+        """The record that moves the rotor most: what is not linear shows there."""
+        return max(self.parts, key=lambda part: float((abs(part.measured) ** 2).sum()))
+
+    def only(self, part: Part) -> "Problem":
+        """One record alone."""
         at = part.place
         columns = (self.data, self.record, self.output, self.axis, self.frequency, self.kind)
-        return Problem((part,), *(c[at] for c in columns), self.outputs)
+        alone = replace(part, place=slice(0, at.stop - at.start))
+        return Problem((alone,), *(c[at] for c in columns), self.outputs)
 
     def split(self, every: int) -> tuple["Problem", "Problem"]:
         """Without every n-th excited line, and those lines alone."""

@@ -116,7 +116,7 @@ def test_another_controller_than_described_is_noticed(tmp_path, quiet):
 
 def test_a_filter_is_a_controller_too(quiet):
     """Its command as scipy's filter makes it of the reading, in the steady state."""
-    part = quiet.first().parts[0]
+    part = quiet.only(quiet.parts[0]).parts[0]
     law = LinearController((42667.0, -40000.0), (1.0, -0.6667))
     n = part.record.experiment.samples_per_period
     reading = np.tile(part.record.series["displacement"][0, :n], 3)
