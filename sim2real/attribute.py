@@ -8,13 +8,12 @@ import numpy as np
 from sim2real.fitting import Fit, begin, differentiate, iterate, share_calibrations
 from sim2real.hypotheses import COORDINATES, Hypothesis, single_effects, starts
 from sim2real.problem import Problem
-from sim2real.simulated import TOLERANCE_EFFECTS, tolerances
+from sim2real.screening import Start, extended, kept, screened
+from sim2real.simulated import tolerances
 
 FIRST, ITERATIONS = 3, 20  # steps of a fit from every start that is followed, and more of the better one
 SEEDS, PAIRS = 4, 10  # best single effects that a second one is added to, and pairs that are fitted, in a round
-RESONANT, APART = 3, 0.2  # starts of a resonance that are followed, and how far apart, of ln frequency
 SWAPPED = 2  # best pairs of which either effect is tried with others
-MOST_SCALED = 10.0  # times its start that a linear look may make a size
 NO_GAP = 12.0  # cost that no single effect saves beyond calibration: then no pair is looked for
 CLOSE, CLOSE_SHARE = 500.0, 0.5  # cost above the best within which the errors of a fit are of interest
 
@@ -100,91 +99,17 @@ def _singles(problem: Problem, seeds: Sequence[Fit], names: Sequence[str], allow
     fits: list[Fit] = []
     for seed in seeds:
         jobs = [
-            (seed, h, _extended(h, start, seed))
+            (seed, h, extended(h, start, seed))
             for h in (Hypothesis((name,), allowed) for name in names)
             for start in starts(h.effects[0])
         ]
-        promises = _followed(_screened(problem, jobs))
-        fits += begin([p.hypothesis for p in promises], [p.u for p in promises], problem.data, problem.simulate)
+        chosen = kept(screened(problem, jobs))
+        fits += begin([s.hypothesis for s in chosen], [s.u for s in chosen], problem.data, problem.simulate)
     iterate(fits, problem.data, problem.simulate, FIRST)
     tried = dict.fromkeys(f.hypothesis.effects for f in fits)
     best = [min((f for f in fits if f.hypothesis.effects == names), key=lambda f: f.cost) for names in tried]
     iterate(best, problem.data, problem.simulate, ITERATIONS)
     return best
-
-
-def _extended(hypothesis: Hypothesis, effects: np.ndarray, near: Fit) -> np.ndarray:
-    """Coordinates of the effects, with the tolerances where another fit has them."""
-    known = dict(zip(near.hypothesis.calibrated, near.u[len(near.hypothesis.coordinates) :], strict=True))
-    if not np.isfinite(near.cost):
-        known = {}
-    effects = effects.copy()
-    for i, c in enumerate(hypothesis.coordinates):  # what is free now begins where its tolerance had moved it
-        for name in known.keys() - set(hypothesis.calibrated):
-            if TOLERANCE_EFFECTS.get(name) == c.effect and c.scale:
-                effects[i] += known[name] * hypothesis.sigma(name) / c.scale
-    return np.concatenate([effects, [known.get(name, 0.0) for name in hypothesis.calibrated]])
-
-
-@dataclass(frozen=True)
-class _Promise:
-    """A start, and its gain: minus the cost that it leaves of one recording."""
-
-    hypothesis: Hypothesis
-    u: np.ndarray
-    gain: float
-
-
-def _followed(promises: Sequence[_Promise]) -> list[_Promise]:
-    """The best start of each hypothesis, and of resonances some of clearly different frequency, as each is a minimum
-    of its own."""
-    found: list[_Promise] = []
-    for promise in promises:
-        h = promise.hypothesis
-        same = [p for p in found if set(p.hypothesis.effects) == set(h.effects)]
-        at = [i for i, c in enumerate(h.coordinates) if c.parameter == "frequency"]
-        apart = all(np.any(abs(promise.u[at] - p.u[at]) > APART) for p in same if p.hypothesis.effects == h.effects)
-        if not same or (at and apart and len(same) < RESONANT):
-            found.append(promise)
-    return found
-
-
-def _screened(problem: Problem, jobs: Sequence[tuple[Fit, Hypothesis, np.ndarray]]) -> list[_Promise]:
-    """Starts (a seed's fit, a hypothesis that adds an effect to it, coordinates), the most promising first; what a
-    start touches down with is left out. A seed that touches down is no base: then the start's own cost counts."""
-    if not jobs:
-        return []
-    loudest = problem.loudest
-    single = problem.only(loudest)
-    predicted = single.simulate([h.point(h.bounded(u)) for _, h, u in jobs])
-    at, found, scaled = loudest.place, [], []
-    looks: dict[Fit, tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]] = {}
-    for (seed, h, u), p in zip(jobs, predicted, strict=True):
-        if not np.isfinite(p).all():
-            continue
-        if not np.isfinite(seed.cost) or seed.jacobian is None:
-            found.append(_Promise(h, u, -float(np.vdot(single.data - p, single.data - p).real)))
-            continue
-        if seed not in looks:
-            jacobian, residual = seed.jacobian[:, at], seed.residual[at]
-            normal = (jacobian @ jacobian.conj().T).real + np.diag(seed.prior)
-            solve = np.linalg.pinv(normal, hermitian=True)
-            looks[seed] = jacobian, residual, solve, (jacobian @ residual.conj()).real
-        share = _along(*looks[seed], p - (single.data - looks[seed][1]), _turns(h))
-        scaled.append((h, h.bounded(u)))
-        if any(c.scale is not None for c in COORDINATES[h.effects[-1]]):
-            scaled += [(h, _scaled(h, u, share * part, seed)) for part in (1.0, 0.5)]
-    # A linear look goes too far where an effect is large: what counts is the cost of where it leads.
-    predicted = single.simulate([h.point(u) for h, u in scaled]) if scaled else []
-    for (h, u), p in zip(scaled, predicted, strict=True):
-        if np.isfinite(p).all():
-            found.append(_Promise(h, u, -float(np.vdot(single.data - p, single.data - p).real)))
-    return sorted(found, key=lambda promise: -promise.gain)
-
-
-def _turns(h: Hypothesis) -> bool:
-    """Whether the size of the effect added last may change its sign."""
-    return any(c.signed for c in COORDINATES[h.effects[-1]])
 
 
 def _pairs(problem: Problem, singles: Sequence[Fit]) -> list[Fit]:
@@ -197,7 +122,7 @@ def _pairs(problem: Problem, singles: Sequence[Fit]) -> list[Fit]:
         n, both = len(COORDINATES[f.hypothesis.effects[0]]), len(f.hypothesis.coordinates)
         for name, u in zip(f.hypothesis.effects, (f.u[:n], f.u[n:both]), strict=True):
             alone = Hypothesis((name,), f.hypothesis.tolerances)
-            halves.setdefault(name, (alone, _extended(alone, u, f)))
+            halves.setdefault(name, (alone, extended(alone, u, f)))
     hypotheses, places = zip(*halves.values(), strict=True) if halves else ((), ())
     again = [f for f in begin(hypotheses, places, problem.data, problem.simulate) if np.isfinite(f.cost)]
     return first + _round(problem, singles, again, {frozenset(f.hypothesis.effects) for f in first})
@@ -220,37 +145,13 @@ def _round(
             tried = starts(name)
             if np.isfinite(other.cost):
                 tried = [*tried, other.u[: len(COORDINATES[name])]]
-            jobs += [(seed, h, _extended(h, np.concatenate([seed.u[:n], start]), seed)) for start in tried]
-    chosen: dict[frozenset[str], _Promise] = {}
-    for promise in _screened(problem, jobs):
+            jobs += [(seed, h, extended(h, np.concatenate([seed.u[:n], start]), seed)) for start in tried]
+    chosen: dict[frozenset[str], Start] = {}
+    for start in screened(problem, jobs):
         if len(chosen) < PAIRS:
-            chosen.setdefault(frozenset(promise.hypothesis.effects), promise)
-    if not chosen:
-        return []
-    promises = list(chosen.values())
-    fits = begin([p.hypothesis for p in promises], [p.u for p in promises], problem.data, problem.simulate)
+            chosen.setdefault(frozenset(start.hypothesis.effects), start)
+    fits = begin(
+        [s.hypothesis for s in chosen.values()], [s.u for s in chosen.values()], problem.data, problem.simulate
+    )
     iterate(fits, problem.data, problem.simulate, FIRST + ITERATIONS)
     return fits
-
-
-def _along(
-    jacobian: np.ndarray, residual: np.ndarray, solve: np.ndarray, gradient: np.ndarray, change: np.ndarray, turns: bool
-) -> float:
-    """Share of a change that fits a residual best once the other parameters may follow."""
-    cross = (jacobian @ change.conj()).real
-    own = np.vdot(change, change).real - cross @ solve @ cross
-    along = np.vdot(change, residual).real - cross @ solve @ gradient
-    if own <= 1e-9 * np.vdot(change, change).real or (along <= 0 and not turns):
-        return 0.0
-    return along / own
-
-
-def _scaled(h: Hypothesis, u: np.ndarray, share: float, seed: Fit) -> np.ndarray:
-    """Coordinates with the last effect's size moved toward its share; sizes on a logarithmic scale stay."""
-    first = len(h.coordinates) - len(COORDINATES[h.effects[-1]])
-    without = u.copy()
-    for i, c in enumerate(COORDINATES[h.effects[-1]], first):
-        if c.scale is not None and c.parameter != "order":
-            without[i] = 0.0
-    without = _extended(h, without[: len(h.coordinates)], seed)
-    return h.bounded(without + np.clip(share, -MOST_SCALED, MOST_SCALED) * (u - without))

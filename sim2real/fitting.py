@@ -38,9 +38,7 @@ class Fit:
 
     @property
     def prior(self) -> np.ndarray:
-        """Prior precision of each coordinate: 1 for a tolerance, 0 for an effect's parameter."""
-        free = len(self.hypothesis.coordinates)
-        return np.concatenate([np.zeros(free), np.ones(self.hypothesis.size - free)])
+        return self.hypothesis.prior
 
     @property
     def normal(self) -> np.ndarray:
@@ -162,13 +160,17 @@ def iterate(fits: Sequence[Fit], data: np.ndarray, simulate: Simulate, most: int
 def _steps(fit: Fit) -> list[np.ndarray]:
     """Bounded trial points, one for each damping that is tried."""
     found = []
-    free = len(fit.hypothesis.coordinates)
-    reach = np.array([c.reach(u) for c, u in zip(fit.hypothesis.coordinates, fit.u, strict=False)])
-    reach = np.concatenate([reach, FAR + abs(fit.u[free:])])
+    far = reach(fit.hypothesis, fit.u)
     for factor in DAMPING:
         step = _solved(fit, fit.damping * factor)
-        found.append(fit.hypothesis.bounded(fit.u + step / np.max(abs(step) / reach, initial=1.0)))
+        found.append(fit.hypothesis.bounded(fit.u + step / np.max(abs(step) / far, initial=1.0)))
     return found
+
+
+def reach(hypothesis: Hypothesis, u: np.ndarray) -> np.ndarray:
+    """How far a single step may go from u, (size,)."""
+    own = [c.reach(v) for c, v in zip(hypothesis.coordinates, u, strict=False)]
+    return np.concatenate([own, FAR + abs(u[len(own) :])])
 
 
 def _solved(fit: Fit, damping: float) -> np.ndarray:

@@ -123,6 +123,12 @@ class Hypothesis:
     def size(self) -> int:
         return len(self.coordinates) + len(self.calibrated)
 
+    @property
+    def prior(self) -> np.ndarray:
+        """Prior precision of each coordinate (size,): 1 for what is calibrated, 0 for an effect's parameter."""
+        free = len(self.coordinates)
+        return np.concatenate([np.zeros(free), np.ones(self.size - free)])
+
     def point(self, u: np.ndarray) -> Point:
         """The point at coordinates u (size,): effects first, then changes in units of their tolerance."""
         effects: dict[str, dict[str, float]] = {}

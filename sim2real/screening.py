@@ -1,0 +1,129 @@
+"""Where fits start: every start of an effect beside a known fit, looked at on one record, the others following it."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from sim2real.fitting import Fit, cost_of, reach
+from sim2real.hypotheses import COORDINATES, Hypothesis
+from sim2real.problem import Problem
+from sim2real.simulated import TOLERANCE_EFFECTS
+
+MOST_SCALED = 10.0  # times its start that a linear look may make a size
+RESONANT, APART = 3, 0.2  # starts of a resonance that are followed, and how far apart, of ln frequency
+
+
+@dataclass(frozen=True)
+class Start:
+    """Coordinates that a fit may start from, and their cost on one record."""
+
+    hypothesis: Hypothesis
+    u: np.ndarray
+    cost: float
+
+
+def extended(hypothesis: Hypothesis, effects: np.ndarray, near: Fit) -> np.ndarray:
+    """Coordinates of the effects, with the tolerances where another fit has them."""
+    known = dict(zip(near.hypothesis.calibrated, near.u[len(near.hypothesis.coordinates) :], strict=True))
+    if not np.isfinite(near.cost):
+        known = {}
+    effects = effects.copy()
+    for i, c in enumerate(hypothesis.coordinates):  # what is free now begins where its tolerance had moved it
+        for name in known.keys() - set(hypothesis.calibrated):
+            if TOLERANCE_EFFECTS.get(name) == c.effect and c.scale:
+                effects[i] += known[name] * hypothesis.sigma(name) / c.scale
+    return np.concatenate([effects, [known.get(name, 0.0) for name in hypothesis.calibrated]])
+
+
+def screened(problem: Problem, jobs: Sequence[tuple[Fit, Hypothesis, np.ndarray]]) -> list[Start]:
+    """Starts (a seed's fit, a hypothesis that adds an effect to it, coordinates), the cheapest first; what a start
+    touches down with is left out. Beside a seed whose Jacobian is known the size of the effect and everything that the
+    seed fits are moved as well, by a linear look."""
+    if not jobs:
+        return []
+    loudest = problem.loudest
+    single = problem.only(loudest)
+    predicted = single.simulate([h.point(h.bounded(u)) for _, h, u in jobs])
+    tried: list[tuple[Hypothesis, np.ndarray]] = []
+    found: list[Start] = []
+    looks: dict[tuple[Fit, tuple[str, ...]], _Look] = {}
+    for (seed, h, u), p in zip(jobs, predicted, strict=True):
+        if not np.isfinite(p).all():
+            continue
+        found.append(_start(single, h, h.bounded(u), p))
+        if not np.isfinite(seed.cost) or seed.jacobian is None:
+            continue
+        key = seed, h.effects
+        if key not in looks:
+            looks[key] = _Look(seed, h, loudest.place)
+        tried += [(h, v) for v in looks[key].followed(u, p - (single.data - looks[key].residual))]
+    # A linear look goes too far where an effect is large: what counts is the cost of where it leads.
+    predicted = single.simulate([h.point(v) for h, v in tried]) if tried else []
+    found += [_start(single, h, v, p) for (h, v), p in zip(tried, predicted, strict=True) if np.isfinite(p).all()]
+    return sorted(found, key=lambda start: start.cost)
+
+
+def _start(single: Problem, h: Hypothesis, u: np.ndarray, predicted: np.ndarray) -> Start:
+    return Start(h, u, cost_of(single.data - predicted, u, h.prior))
+
+
+def kept(starts: Sequence[Start]) -> list[Start]:
+    """The best start of each hypothesis, and of resonances some of clearly different frequency, as each is a minimum
+    of its own."""
+    found: list[Start] = []
+    for start in starts:
+        h = start.hypothesis
+        same = [s for s in found if set(s.hypothesis.effects) == set(h.effects)]
+        at = [i for i, c in enumerate(h.coordinates) if c.parameter == "frequency"]
+        apart = all(np.any(abs(start.u[at] - s.u[at]) > APART) for s in same if s.hypothesis.effects == h.effects)
+        if not same or (at and apart and len(same) < RESONANT):
+            found.append(start)
+    return found
+
+
+class _Look:
+    """The linear look at a seed's residual on one record, when a hypothesis adds an effect to what the seed fits."""
+
+    def __init__(self, seed: Fit, h: Hypothesis, at: slice) -> None:
+        known = len(seed.hypothesis.coordinates)
+        names = [*range(known), *seed.hypothesis.calibrated]
+        own = [*range(known), *[None] * (len(h.coordinates) - known), *h.calibrated]
+        rows = [i for i, name in enumerate(names) if name in own]
+        self.seed, self.h, self.new = seed, h, slice(known, len(h.coordinates))
+        self.columns = [own.index(names[i]) for i in rows]
+        self.residual = seed.residual[at]
+        self.jacobian, prior = seed.jacobian[rows][:, at], seed.prior[rows]
+        normal = (self.jacobian @ self.jacobian.conj().T).real + np.diag(prior)
+        self.solve = np.linalg.pinv(normal, hermitian=True)
+        self.gradient = (self.jacobian @ self.residual.conj()).real - prior * seed.u[rows]
+        self.signed = any(c.signed for c in COORDINATES[h.effects[-1]])
+
+    def followed(self, u: np.ndarray, change: np.ndarray) -> list[np.ndarray]:
+        """Coordinates of a start, its effect scaled to fit the residual best, with all else following it; change:
+        what the start adds to the seed's prediction. Sizes on a logarithmic scale stay."""
+        cross = (self.jacobian @ change.conj()).real
+        without = u.copy()
+        for i, c in zip(range(self.new.start, self.new.stop), COORDINATES[self.h.effects[-1]], strict=True):
+            if c.scale is not None and c.parameter != "order":
+                without[i] = 0.0
+        if (without == u).all():
+            return [self._moved(u, cross, 1.0)]
+        without = extended(self.h, without[: len(self.h.coordinates)], self.seed)
+        share = self._share(change, cross)
+        return [self._moved(without + part * (u - without), cross, part) for part in (share, 0.5 * share)]
+
+    def _share(self, change: np.ndarray, cross: np.ndarray) -> float:
+        """Share of a change that fits the residual best once the other parameters may follow."""
+        own = np.vdot(change, change).real - cross @ self.solve @ cross
+        along = np.vdot(change, self.residual).real - cross @ self.solve @ self.gradient
+        if own <= 1e-9 * np.vdot(change, change).real or (along <= 0 and not self.signed):
+            return 0.0
+        return float(np.clip(along / own, -MOST_SCALED, MOST_SCALED))
+
+    def _moved(self, u: np.ndarray, cross: np.ndarray, share: float) -> np.ndarray:
+        moved = u.copy()
+        step = np.zeros_like(u)
+        step[self.columns] = self.solve @ (self.gradient - share * cross)
+        moved += step / np.max(abs(step) / reach(self.h, u), initial=1.0)
+        return self.h.bounded(moved)
