@@ -79,7 +79,7 @@ def attribute(problem: Problem, progress: Progress = lambda text: None) -> Attri
     least = min((f.cost for f in singles), default=np.inf)
     if not calibration[0].cost - least < NO_GAP:
         progress("pairs of effects")
-        pairs = _pairs(problem, singles)
+        pairs, singles = _pairs(problem, singles)
     fits = [*calibration, *singles, *pairs]
     standing = [f for f in fits if np.isfinite(f.cost)]
     if not standing:
@@ -112,20 +112,29 @@ def _singles(problem: Problem, seeds: Sequence[Fit], names: Sequence[str], allow
     return best
 
 
-def _pairs(problem: Problem, singles: Sequence[Fit]) -> list[Fit]:
-    """A second effect beside each of the best single ones, then beside either effect of the best pairs as that pair has
-    it: what alone does best in the place of two need not be one of them."""
+def _pairs(problem: Problem, singles: Sequence[Fit]) -> tuple[list[Fit], list[Fit]]:
+    """Pairs, and the single effects again. A second effect is tried beside each of the best single ones, then beside
+    either effect of the best pairs as that pair has it: what alone does best in the place of two need not be one of
+    them. In the end either effect is fitted alone from where the best pairs have it."""
     seeds = sorted((f for f in singles if np.isfinite(f.cost)), key=lambda f: f.cost)[:SEEDS]
-    first = _round(problem, singles, seeds, ())
+    found = _round(problem, singles, seeds, ())
+    found += _round(problem, singles, _halves(problem, found), {frozenset(f.hypothesis.effects) for f in found})
+    again = _halves(problem, found)
+    iterate(again, problem.data, problem.simulate, ITERATIONS)
+    best = {f.hypothesis.effects: f for f in sorted([*again, *singles], key=lambda f: -f.cost)}
+    return found, [best[f.hypothesis.effects] for f in singles]
+
+
+def _halves(problem: Problem, pairs: Sequence[Fit]) -> list[Fit]:
+    """Either effect of the best pairs alone, as the pair has it; without what touches down."""
     halves: dict[str, tuple[Hypothesis, np.ndarray]] = {}
-    for f in sorted((f for f in first if np.isfinite(f.cost)), key=lambda f: f.cost)[:SWAPPED]:
+    for f in sorted((f for f in pairs if np.isfinite(f.cost)), key=lambda f: f.cost)[:SWAPPED]:
         n, both = len(COORDINATES[f.hypothesis.effects[0]]), len(f.hypothesis.coordinates)
         for name, u in zip(f.hypothesis.effects, (f.u[:n], f.u[n:both]), strict=True):
             alone = Hypothesis((name,), f.hypothesis.tolerances)
             halves.setdefault(name, (alone, extended(alone, u, f)))
-    hypotheses, places = zip(*halves.values(), strict=True) if halves else ((), ())
-    again = [f for f in begin(hypotheses, places, problem.data, problem.simulate) if np.isfinite(f.cost)]
-    return first + _round(problem, singles, again, {frozenset(f.hypothesis.effects) for f in first})
+    fits = begin([h for h, _ in halves.values()], [u for _, u in halves.values()], problem.data, problem.simulate)
+    return [f for f in fits if np.isfinite(f.cost)]
 
 
 def _round(

@@ -10,32 +10,50 @@ from sim2real.hypotheses import CALIBRATION, COORDINATES, NONE, UNKNOWN
 from sim2real.problem import KINDS
 from sim2real.unsynchronised import FOREIGN
 
+# What the right effect leaves of its gap when another form of it made the data, as a share of what it explains; linear
+# effects are as good as exact.
+FORM_SHARES: Mapping[str, float] = {
+    "amplifier_voltage_limit": 0.3,
+    "hysteresis": 0.2,
+    "friction": 0.1,
+    "saturation": 0.05,
+    "support_resonance": 0.02,
+    "damping": 0.02,
+    "eddy_current": 0.01,
+    "amplifier_lag": 0.01,
+    "sensor_lag": 0.01,
+}
+
 
 @dataclass(frozen=True)
 class Belief:
     """How evidence becomes probability; learned on development campaigns, see docs/blind.md.
 
     Costs differ by a few units where noise decides, and by shares of the whole gap where the form of an effect does:
-    a cost above the best one by d counts as freedom ln(1 + d / (freedom + form_share gap)), which is d / 1 when small
-    and grows slowly beyond what another form of the same effect leaves behind. prior_*: odds against calibration, of
-    all singles together, of all pairs together, and of the untouched nominal rig. leftover: share of a
-    group's gap that a right effect of another form may leave; group_sd, group_cost: what a free correction of a group
-    must explain beyond the noise, and costs; unknown_cost: log odds against anything
-    unknown where no group is left unexplained; parameter_cost, search_cost: of every parameter of an effect beyond its
-    first, and of looking for a frequency: what noise alone lets them save.
+    a cost above the best one by d counts as freedom ln(1 + d / (freedom + share gap)), which is d / 1 when small
+    and grows slowly beyond what another form of the same effect leaves behind; the share is that of the effects in
+    FORM_SHARES, at least form_share. prior_*: odds against calibration, of all singles together, of all pairs
+    together, and of the untouched nominal rig. leftover: times its share that an effect may leave of a single group's
+    gap; group_sd, group_cost: what a free correction of a group must explain beyond the noise, and costs;
+    unknown_cost: log odds against anything unknown where no group is left unexplained; parameter_cost, search_cost: of
+    every parameter of an effect beyond its first, and of looking for a frequency: what noise alone lets them save.
     """
 
     freedom: float = 20.0
-    form_share: float = 0.02
+    form_share: float = 0.002
     prior_singles: float = 0.4
     prior_pairs: float = 0.1
     prior_none: float = 0.3
-    leftover: float = 0.3
+    leftover: float = 10.0
     group_sd: float = 4.0
     group_cost: float = 10.0
     unknown_cost: float = 2.3
     parameter_cost: float = 6.0
     search_cost: float = 8.0
+
+    def share(self, names: Sequence[str]) -> float:
+        """Of the gap, that effects may leave."""
+        return max([self.form_share, *(FORM_SHARES.get(name, 0.0) for name in names)])
 
 
 BELIEF = Belief()
@@ -104,7 +122,8 @@ def entries(evidence: Evidence, belief: Belief = BELIEF) -> list[Entry]:
     best = int(np.argmin(np.where(alive, evidence.cost, np.inf)))
     before = evidence.excess[0]
     gap = max(float(before.sum() - evidence.excess[best].sum()), 0.0)
-    allowed = belief.group_sd * evidence.scatter + belief.leftover * np.maximum(before, 0.0)
+    share = min(belief.leftover * belief.share(evidence.effects[best]), 1.0)
+    allowed = belief.group_sd * evidence.scatter + share * np.maximum(before, 0.0)
     saved = np.maximum(evidence.excess[best] - allowed - belief.group_cost, 0.0).sum()
     singles = max(sum(len(names) == 1 for names in evidence.effects), 1)
     couples = max(singles * (singles - 1) // 2, 1)
@@ -117,12 +136,15 @@ def entries(evidence: Evidence, belief: Belief = BELIEF) -> list[Entry]:
     if evidence.tones:
         rows = _with_tones(rows, evidence, priors)
     costs = np.array([cost for _, cost, *_ in rows])
-    scale = belief.freedom + belief.form_share * gap
+    scale = np.array([belief.freedom + belief.share(names) * gap for names, *_ in rows])
     logs = np.log([prior for *_, prior, _ in rows]) - 0.5 * belief.freedom * np.log1p((costs - costs.min()) / scale)
     # The unknown is the best of them with a free correction of every group that it leaves.
     foreign = evidence.tones.get(FOREIGN, 0.0)
     rows.append(((UNKNOWN,), float(costs.min() - saved - foreign), 1.0, None))
-    gain = 0.5 * belief.freedom * (np.log1p(saved / scale) + np.log1p(foreign / belief.freedom)) - belief.unknown_cost
+    gain = (
+        0.5 * belief.freedom * (np.log1p(saved / scale[int(np.argmin(costs))]) + np.log1p(foreign / belief.freedom))
+        - belief.unknown_cost
+    )
     logs = np.append(logs, logs.max() + gain)
     weights = np.exp(logs - logs.max())
     weights /= weights.sum()

@@ -14,6 +14,7 @@ FALSE_ALARM = 1e-5  # that noise alone shows a tone somewhere in a record
 NEIGHBOURS = 25  # bins to either side that a tone must stand out from
 MOST = 8  # tones per record
 ON_LINE = 0.1  # of the line spacing within which a tone counts as lying on a line
+NEAR = 2e-3  # of a frequency, that mains and spin are off
 SAME = 0.6  # bins of the record's resolution within which two frequencies are one
 
 
@@ -75,17 +76,35 @@ def _strongest(values: np.ndarray, per_period: int) -> tuple[float, float] | Non
     count = total // per_period
     if count < 3:
         return None
-    power = (abs(np.fft.rfft(_without_period(values, per_period), axis=1)) ** 2).sum(axis=0)
-    between = np.arange(power.size) % count != 0
-    between[: count // 2] = False  # slow drift is not a tone
-    bins, p = np.flatnonzero(between), power[between]
+    bins, p, level = _around(values, per_period)
     freedom = 2 * len(values)
-    level = median_filter(p, 2 * NEIGHBOURS + 1, mode="reflect") / (stats.chi2.median(freedom) / 2)
-    ratio = 2 * p / np.maximum(level, np.finfo(float).tiny)
+    ratio = 2 * p / level
     at = int(np.argmax(ratio))
     if ratio[at] < stats.chi2.isf(FALSE_ALARM / ratio.size, freedom) * 1.5:
         return None
     return float(bins[at]), float(ratio[at])
+
+
+def _around(values: np.ndarray, per_period: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Bins between the harmonics, their power, and that of the noise around them."""
+    count = values.shape[1] // per_period
+    power = (abs(np.fft.rfft(_without_period(values, per_period), axis=1)) ** 2).sum(axis=0)
+    between = np.arange(power.size) % count != 0
+    between[: count // 2] = False  # slow drift is not a tone
+    p = power[between]
+    level = median_filter(p, 2 * NEIGHBOURS + 1, mode="reflect") / (stats.chi2.median(2 * len(values)) / 2)
+    return np.flatnonzero(between), p, np.maximum(level, np.finfo(float).tiny)
+
+
+def tone_at(values: np.ndarray, frequency: float, per_period: int, rate: float) -> tuple[np.ndarray, float]:
+    """Complex amplitudes (axes,) at a frequency (Hz) between the harmonics of values (axes, samples), and their power
+    over that of the noise around, as a chi-square of two degrees."""
+    total = values.shape[1]
+    bins, _, level = _around(values, per_period)
+    at = frequency * total / rate
+    amplitude = _amplitude(_without_period(values, per_period), at, per_period, total)
+    noise = level[int(np.argmin(abs(bins - at)))]
+    return amplitude, float(2 * (abs(amplitude * total / 2) ** 2).sum() / noise)
 
 
 def _columns(frequency: float, per_period: int, total: int) -> np.ndarray:
@@ -121,7 +140,7 @@ def near_tones(frequency: np.ndarray, width: float, speed_rpm: float) -> np.ndar
 def origin(frequency: float, speed_rpm: float, resolution: float) -> str | None:
     """The family that a tone belongs to, or None."""
     off = {
-        name: min(abs(frequency - f) / (SAME * resolution + 2e-3 * f) for f in tones)
+        name: min(abs(frequency - f) / (SAME * resolution + NEAR * f) for f in tones)
         for name, tones in families(speed_rpm).items()
     }
     nearest = min(off, key=off.__getitem__)

@@ -9,11 +9,13 @@ from maglev_env.experiment import axis_experiment
 from maglev_env.linear import loop_response
 from sim2real.opened import loud_bands, opened_loop
 from sim2real.problem import Part, Problem
+from sim2real.records import Record
 from sim2real.simulated import Point, experiment_at
-from sim2real.tones import HARMONICS, MAINS, ON_LINE, families, origin, outstanding
+from sim2real.tones import HARMONICS, MAINS, NEAR, ON_LINE, families, origin, outstanding, tone_at
 
 FOREIGN = "foreign"
 AROUND = 12  # lines to either side that a tone on a line must stand out from
+BESIDE_MODE = 1.4  # twice the octaves from a fitted mode within which loud noise is its own
 FORM = 0.05  # of an amplitude: what a model of it may miss
 
 
@@ -37,7 +39,32 @@ def sightings(problem: Problem, point: Point) -> list[Sighting]:
     found = []
     for i, part in enumerate(problem.parts):
         found += _between(i, part) + _on_lines(i, part, point) + _bands(i, part, point)
+    found = _one_family(problem, found)
+    turning = {s.record for s in found if s.family == "spin" and s.harmonic == 1}
+    if turning:  # how little there is at another speed tells as much
+        found += [s for i, part in enumerate(problem.parts) if i not in turning for s in _unseen(i, part)]
     return found
+
+
+def _one_family(problem: Problem, found: list[Sighting]) -> list[Sighting]:
+    """A rotor that turns near the mains' frequency: tones that the one family explains alone are not of two."""
+    for name, other in (("pickup", "spin"), ("spin", "pickup")):
+        renamed = {s: _within(problem, s, other) for s in found if s.family.startswith(name)}
+        if renamed and None not in renamed.values() and any(s.family.startswith(other) for s in found):
+            known = {(s.record, s.family, s.harmonic) for s in found}
+            kept = [s for s in found if s not in renamed]
+            return kept + [s for s in renamed.values() if (s.record, s.family, s.harmonic) not in known]
+    return found
+
+
+def _within(problem: Problem, s: Sighting, other: str) -> Sighting | None:
+    """A sighting as one of another family, if that has a tone so near."""
+    e = problem.parts[s.record].record.experiment
+    for name, tones in families(e.speed_rpm).items():
+        for harmonic, f in enumerate(tones, 1):
+            if name.startswith(other) and abs(s.frequency - f) < ON_LINE * e.fundamental + NEAR * f:
+                return replace(s, family=name, harmonic=harmonic)
+    return None
 
 
 def evidence(found: list[Sighting]) -> dict[str, float]:
@@ -56,18 +83,35 @@ def _between(index: int, part: Part) -> list[Sighting]:
         record.series["displacement"].shape[1] / record.experiment.recorded_per_period
     )
     for tone in record.tones:
-        e = axis_experiment(record.experiment, 0)
-        r = loop_response(replace(e, effects={}), np.array([tone.frequency]))
-        size = float(np.linalg.norm(tone.amplitude["displacement"])) * float(abs(1 + r.plant * r.controller)[0])
         name = origin(tone.frequency, speed, resolution) or FOREIGN
         harmonic = 1
         if name != FOREIGN:
             harmonic = int(np.argmin([abs(tone.frequency - f) for f in families(speed)[name]])) + 1
-        receptance = float(abs(r.receptance / r.sensitivity)[0])
+        size, receptance = _opened(record, tone.frequency, tone.amplitude["displacement"])
         found.append(
             Sighting(index, name, harmonic, tone.frequency, size, size / np.sqrt(tone.chi2), receptance, tone.chi2)
         )
     return found
+
+
+def _unseen(index: int, part: Part) -> list[Sighting]:
+    """What is found at the frequency of rotation where no tone stands out; none where a line hides it."""
+    e = part.record.experiment
+    f = e.speed_rpm / 60
+    if f == 0 or abs(f / e.fundamental - round(f / e.fundamental)) < ON_LINE:
+        return []
+    values = part.record.series["displacement"]
+    amplitude, chi2 = tone_at(values, f, e.recorded_per_period, e.recorded_per_period * e.fundamental)
+    size, receptance = _opened(part.record, f, amplitude)
+    return [Sighting(index, "spin", 1, f, size, size / np.sqrt(chi2), receptance, 0.0)]
+
+
+def _opened(record: Record, frequency: float, amplitude: np.ndarray) -> tuple[float, float]:
+    """Size (m) of a tone of the reading, the nominal loop opened, and the receptance (m/N) there."""
+    e = axis_experiment(record.experiment, 0)
+    r = loop_response(replace(e, effects={}), np.array([frequency]))
+    size = float(np.linalg.norm(amplitude)) * float(abs(1 + r.plant * r.controller)[0])
+    return size, float(abs(r.receptance / r.sensitivity)[0])
 
 
 def _bands(index: int, part: Part, point: Point) -> list[Sighting]:
@@ -76,6 +120,9 @@ def _bands(index: int, part: Part, point: Point) -> list[Sighting]:
     corrected = replace(part.record, experiment=experiment_at(part.record.experiment, point))
     loops = [loud_bands(r, replace(opened_loop(r), outputs=part.opened.outputs)) for r in (corrected, part.record)]
     loud = min(loops, key=lambda bands: sum(chi2 for *_, chi2 in bands))
+    modes = [values["frequency"] for values in point.effects.values() if "frequency" in values]
+    # Next to a lightly damped mode noise is as loud as the mode is sharp, which no fit knows so well.
+    loud = [band for band in loud if all(abs(np.log2(f * f / (band[0] * band[1]))) > BESIDE_MODE for f in modes)]
     return [Sighting(index, FOREIGN, 1, (lo * hi) ** 0.5, 0.0, 0.0, 0.0, chi2) for lo, hi, chi2 in loud]
 
 
@@ -128,7 +175,7 @@ def _misfit(size: np.ndarray, shape: np.ndarray, weight: np.ndarray) -> float:
 def tone_parameters(problem: Problem, found: list[Sighting], effect: str) -> Mapping[str, float]:
     """Parameters of runout, pickup or unbalance from their sightings; phases are left at their default."""
     family = "spin" if effect in ("runout", "unbalance") else "pickup"
-    own = [s for s in found if s.family.startswith(family)]
+    own = [s for s in found if s.family.startswith(family) and s.chi2 > 0]
     sizes = [np.mean([s.size for s in own if s.harmonic == h] or [0.0]) for h in range(1, HARMONICS + 1)]
     if effect == "unbalance":
         shares = [
