@@ -11,7 +11,7 @@ from maglev_env.gains import Gains
 from sim2real.attribute import Attribution
 from sim2real.fitting import CALIBRATION_STEP, STEP, Fit
 from sim2real.judge import CLASS_SHARE, Entry
-from sim2real.opened import Opened, opened_loop
+from sim2real.opened import opened_loop, stated_noise
 from sim2real.records import Record
 from sim2real.simulated import Point, predictor
 
@@ -142,7 +142,7 @@ def _separation(item: _Item, fits: Sequence[Fit]) -> float:
     -inf where no candidate stands it."""
     opened = replace(opened_loop(item.record), outputs=item.outputs)
     predict = predictor(item.record, opened)
-    weights = np.sqrt(2) / _noise(item, opened)
+    weights = np.sqrt(2 / stated_noise(item.record, opened) * item.record.count)
     points: list[Point] = []
     steps = []
     for fit in fits:
@@ -166,16 +166,3 @@ def _separation(item: _Item, fits: Sequence[Fit]) -> float:
         value = np.vdot(change, change).real - cross @ np.linalg.pinv(normal, hermitian=True) @ cross
         worst = min(worst, float(value))
     return worst
-
-
-def _noise(item: _Item, opened: Opened) -> np.ndarray:
-    """Standard deviation (outputs, axes, n) that the rig's stated noise and converters give the mean residuals."""
-    record, rig = item.record, item.record.nominal
-    n = record.experiment.recorded_per_period * record.count
-    adc = 2 * rig.voltage_range / 2**rig.adc_bits / rig.probe_gain if rig.adc_bits else 0.0
-    dac = 2 * rig.voltage_range * rig.amplifier_gain / 2**rig.dac_bits if rig.dac_bits else 0.0
-    found = {
-        "plant": rig.noise.displacement**2 + adc**2 / 12 + abs(opened.plant) ** 2 * dac**2 / 12,
-        "amplifier": rig.noise.current**2 + abs(opened.amplifier) ** 2 * dac**2 / 12,
-    }
-    return np.sqrt(np.stack([found[name] for name in item.outputs]) * 4 / n)

@@ -10,8 +10,9 @@ the loop: feedback correlates the channels and colours their noise, these do not
 spectra, so measured and simulated ones go through the same transform.
 """
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
 from scipy import stats
@@ -26,6 +27,7 @@ from sim2real.tones import near_tones
 WINDOW, NARROW, STEEP = 7, 1, 1.8  # lines to either side over which noise is pooled; where it is steep, the fewer
 BESIDE = 2.5  # lines beside a tone of known origin that are not judged
 LOUD, FALSE_ALARM = 2.0, 1e-8  # mean power over the shape of the noise in a band, and chance, that count as loud
+LOUDEST = 6.0  # times the noise that the rig states, as a standard deviation, that noise may have
 CLIPPED = 3.0  # times the fitted shape that a line may pull at it
 OUTLIER = 12.0  # a line whose own variance is so many times that around it keeps its own
 
@@ -106,19 +108,36 @@ def _spread(record: Record, opened: Opened, first: int = 0) -> tuple[np.ndarray,
     }
 
 
-def loud_bands(record: Record, opened: Opened) -> list[tuple[float, float, float]]:
-    """Third octaves (f_lo, f_hi in Hz, chi-square beyond its expectation) in which the reading varies from period to
-    period much more than noise of any of its shapes does: something unsynchronised moves the rotor there."""
+def stated_noise(record: Record, opened: Opened) -> np.ndarray:
+    """Variance (outputs, axes, n) of one period's residuals by the noise and the converters that the rig states."""
+    rig = record.nominal
+    adc = 2 * rig.voltage_range / 2**rig.adc_bits / rig.probe_gain if rig.adc_bits else 0.0
+    dac = 2 * rig.voltage_range * rig.amplifier_gain / 2**rig.dac_bits if rig.dac_bits else 0.0
+    found = {
+        "plant": rig.noise.displacement**2 + adc**2 / 12 + abs(opened.plant) ** 2 * dac**2 / 12,
+        "amplifier": rig.noise.current**2 + abs(opened.amplifier) ** 2 * dac**2 / 12,
+    }
+    return np.stack([found[name] for name in opened.outputs]) * 4 / record.experiment.recorded_per_period
+
+
+def loud_bands(record: Record, opened: Opened, outputs: Collection[str]) -> list[tuple[float, float, float]]:
+    """Third octaves (f_lo, f_hi in Hz, chi-square beyond its expectation) in which the reading or the current varies
+    from period to period much more than noise of any of its shapes, of about the size that the rig states, does:
+    something unsynchronised is there. outputs: which ones are looked at."""
     own, shapes = _spread(record, opened, 1 if record.dropped == 0 and record.count > 3 else 0)
-    plant, freedom = opened.outputs.index("plant"), 2 * (record.count - 1)
+    freedom, stated = 2 * (record.count - 1), stated_noise(record, opened)
+    noise = record.nominal.noise
     thirds, found = np.floor(3 * np.log2(record.frequency)).astype(int), []
     e = record.experiment
     apart = ~near_tones(record.frequency, BESIDE * e.fundamental, e.speed_rpm)  # a tone leaks into lines beside it
     for tone in record.tones:
         apart &= abs(record.frequency - tone.frequency) > BESIDE * e.fundamental
-    for axis in range(record.axes):
-        _, shape = _pooled(own[plant, axis], np.array([s[axis] for s in shapes["plant"]]), record.count - 1)
-        ratio = own[plant, axis] / shape
+    for name, axis in product((n for n in opened.outputs if n in outputs), range(record.axes)):
+        j = opened.outputs.index(name)
+        _, shape = _pooled(own[j, axis], np.array([s[axis] for s in shapes[name]]), record.count - 1)
+        if noise.displacement if name == "plant" else noise.current:
+            shape = np.minimum(shape, LOUDEST**2 * stated[j, axis])
+        ratio = own[j, axis] / shape
         for third in np.unique(thirds[apart]):
             r = ratio[(thirds == third) & apart]
             chi2 = freedom * r.sum()

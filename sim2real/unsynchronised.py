@@ -118,7 +118,10 @@ def _bands(index: int, part: Part, point: Point) -> list[Sighting]:
     """Loud bands, as foreign tones of unknown size. For noise to be white the loop is opened as a point has it, and as
     the nominal rig does, for what noise meets is not the tangent of a friction; what is loud is so in both."""
     corrected = replace(part.record, experiment=experiment_at(part.record.experiment, point))
-    loops = [loud_bands(r, replace(opened_loop(r), outputs=part.opened.outputs)) for r in (corrected, part.record)]
+    # What a limited voltage makes of the loop's noise is no noise of the current.
+    told = ("plant",) if "amplifier_voltage_limit" in point.effects else part.opened.outputs
+    opened = [replace(opened_loop(r), outputs=part.opened.outputs) for r in (corrected, part.record)]
+    loops = [loud_bands(r, o, told) for r, o in zip((corrected, part.record), opened, strict=True)]
     loud = min(loops, key=lambda bands: sum(chi2 for *_, chi2 in bands))
     modes = [values["frequency"] for values in point.effects.values() if "frequency" in values]
     # Next to a lightly damped mode noise is as loud as the mode is sharp, which no fit knows so well.
