@@ -15,6 +15,7 @@ FIRST, ITERATIONS = 3, 20  # steps of a fit from every start that is followed, a
 SEEDS, PAIRS = 4, 10  # best single effects that a second one is added to, and pairs that are fitted, in a round
 SWAPPED = 2  # best pairs of which either effect is tried with others
 NO_GAP = 12.0  # cost that no single effect saves beyond calibration: then no pair is looked for
+ABOUT = 30.0  # cost above the best that a simpler candidate may have to be taken for it
 CLOSE, CLOSE_SHARE = 500.0, 0.5  # cost above the best within which the errors of a fit are of interest
 
 Progress = Callable[[str], None]
@@ -51,6 +52,13 @@ class Attribution:
             if set(candidate.effects) == set(effects):
                 return candidate
         return None
+
+    @property
+    def simplest(self) -> Candidate:
+        """The one with fewest effects of those that are about as good as the best."""
+        least = min(c.predictive for c in self.candidates)
+        near = [c for c in self.candidates if c.predictive < least + ABOUT]
+        return min(near, key=lambda c: (len(c.effects), c.predictive))
 
     @property
     def calibration(self) -> Candidate:

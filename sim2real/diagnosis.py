@@ -116,7 +116,7 @@ def diagnose(
         notes.append("no recording is a holdout: the gap is judged on every fourth line, which no fit has seen")
     attribution = attribute(fitted, progress)
     progress("judging")
-    base = min(attribution.candidates, key=lambda c: c.predictive)
+    base = attribution.simplest
     seen = sightings(fitted, base.fit.hypothesis.point(base.fit.u))
     tones = evidence(seen)
     found = entries(evidence_of(attribution, tones, spin_costs(fitted, seen)))

@@ -15,13 +15,12 @@ from sim2real.unsynchronised import FOREIGN
 FORM_SHARES: Mapping[str, float] = {
     "amplifier_voltage_limit": 0.3,
     "hysteresis": 0.2,
-    "friction": 0.1,
+    "friction": 0.03,
     "saturation": 0.05,
-    "support_resonance": 0.02,
-    "damping": 0.02,
-    "eddy_current": 0.01,
-    "amplifier_lag": 0.01,
-    "sensor_lag": 0.01,
+    "amplifier_lag": 0.005,
+    "sensor_lag": 0.005,
+    "eddy_current": 0.005,
+    "damping": 0.005,
 }
 
 
@@ -30,9 +29,9 @@ class Belief:
     """How evidence becomes probability; learned on development campaigns, see docs/blind.md.
 
     Costs differ by a few units where noise decides, and by shares of the whole gap where the form of an effect does:
-    a cost above the best one by d counts as freedom ln(1 + d / (freedom + share gap)), which is d / 1 when small
-    and grows slowly beyond what another form of the same effect leaves behind; the share is that of the effects in
-    FORM_SHARES, at least form_share. prior_*: odds against calibration, of all singles together, of all pairs
+    a cost above the best one by d counts as freedom ln(1 + d / (freedom + form)), which is d when small and grows
+    slowly beyond what another form of the same effects leaves behind: form_share of the gap, and FORM_SHARES of what
+    each effect saves. prior_*: odds against calibration, of all singles together, of all pairs
     together, and of the untouched nominal rig. leftover: times its share that an effect may leave of a single group's
     gap; group_sd, group_cost: what a free correction of a group must explain beyond the noise, and costs;
     unknown_cost: log odds against anything unknown where no group is left unexplained; parameter_cost, search_cost: of
@@ -40,20 +39,16 @@ class Belief:
     """
 
     freedom: float = 20.0
-    form_share: float = 0.002
-    prior_singles: float = 0.4
-    prior_pairs: float = 0.1
+    form_share: float = 0.001
+    prior_singles: float = 0.6
+    prior_pairs: float = 0.05
     prior_none: float = 0.3
-    leftover: float = 10.0
-    group_sd: float = 4.0
-    group_cost: float = 10.0
+    leftover: float = 3.0
+    group_sd: float = 5.0
+    group_cost: float = 20.0
     unknown_cost: float = 2.3
     parameter_cost: float = 6.0
-    search_cost: float = 8.0
-
-    def share(self, names: Sequence[str]) -> float:
-        """Of the gap, that effects may leave."""
-        return max([self.form_share, *(FORM_SHARES.get(name, 0.0) for name in names)])
+    search_cost: float = 10.0
 
 
 BELIEF = Belief()
@@ -122,7 +117,8 @@ def entries(evidence: Evidence, belief: Belief = BELIEF) -> list[Entry]:
     best = int(np.argmin(np.where(alive, evidence.cost, np.inf)))
     before = evidence.excess[0]
     gap = max(float(before.sum() - evidence.excess[best].sum()), 0.0)
-    share = min(belief.leftover * belief.share(evidence.effects[best]), 1.0)
+    forms = _forms(evidence, gap, belief)
+    share = min(belief.leftover * forms[best] / gap, 1.0) if gap else 0.0
     allowed = belief.group_sd * evidence.scatter + share * np.maximum(before, 0.0)
     saved = np.maximum(evidence.excess[best] - allowed - belief.group_cost, 0.0).sum()
     singles = max(sum(len(names) == 1 for names in evidence.effects), 1)
@@ -136,7 +132,7 @@ def entries(evidence: Evidence, belief: Belief = BELIEF) -> list[Entry]:
     if evidence.tones:
         rows = _with_tones(rows, evidence, priors)
     costs = np.array([cost for _, cost, *_ in rows])
-    scale = np.array([belief.freedom + belief.share(names) * gap for names, *_ in rows])
+    scale = belief.freedom + np.array([forms[candidate or 0] for *_, candidate in rows])
     logs = np.log([prior for *_, prior, _ in rows]) - 0.5 * belief.freedom * np.log1p((costs - costs.min()) / scale)
     # The unknown is the best of them with a free correction of every group that it leaves.
     foreign = evidence.tones.get(FOREIGN, 0.0)
@@ -153,6 +149,19 @@ def entries(evidence: Evidence, belief: Belief = BELIEF) -> list[Entry]:
         for (names, cost, _, i), w in zip(rows, weights, strict=True)
     ]
     return sorted(found, key=lambda e: -e.probability)
+
+
+def _forms(evidence: Evidence, gap: float, belief: Belief) -> np.ndarray:
+    """Cost that another form of the effects of each candidate may leave: shares of what each effect saves beside the
+    others of the candidate, or of the whole gap where that is not known."""
+    cost = {frozenset(names): c for names, c in zip(evidence.effects, evidence.cost, strict=True)}
+    found = np.full(len(evidence.effects), belief.form_share * gap)
+    for i, names in enumerate(evidence.effects):
+        for name in names:
+            others = cost.get(frozenset(names) - {name}, np.inf) if len(names) > 1 else np.inf
+            saved = np.clip(others - evidence.cost[i], 0.0, gap) if np.isfinite(evidence.cost[i]) else 0.0
+            found[i] += FORM_SHARES.get(name, 0.0) * saved
+    return found
 
 
 _Row = tuple[tuple[str, ...], float, float, int | None]

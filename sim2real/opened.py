@@ -10,7 +10,7 @@ the loop: feedback correlates the channels and colours their noise, these do not
 spectra, so measured and simulated ones go through the same transform.
 """
 
-from collections.abc import Collection, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import product
 
@@ -120,10 +120,10 @@ def stated_noise(record: Record, opened: Opened) -> np.ndarray:
     return np.stack([found[name] for name in opened.outputs]) * 4 / record.experiment.recorded_per_period
 
 
-def loud_bands(record: Record, opened: Opened, outputs: Collection[str]) -> list[tuple[float, float, float]]:
+def loud_bands(record: Record, opened: Opened) -> list[tuple[float, float, float]]:
     """Third octaves (f_lo, f_hi in Hz, chi-square beyond its expectation) in which the reading or the current varies
     from period to period much more than noise of any of its shapes, of about the size that the rig states, does:
-    something unsynchronised is there. outputs: which ones are looked at."""
+    something unsynchronised is there."""
     own, shapes = _spread(record, opened, 1 if record.dropped == 0 and record.count > 3 else 0)
     freedom, stated = 2 * (record.count - 1), stated_noise(record, opened)
     noise = record.nominal.noise
@@ -132,8 +132,7 @@ def loud_bands(record: Record, opened: Opened, outputs: Collection[str]) -> list
     apart = ~near_tones(record.frequency, BESIDE * e.fundamental, e.speed_rpm)  # a tone leaks into lines beside it
     for tone in record.tones:
         apart &= abs(record.frequency - tone.frequency) > BESIDE * e.fundamental
-    for name, axis in product((n for n in opened.outputs if n in outputs), range(record.axes)):
-        j = opened.outputs.index(name)
+    for (j, name), axis in product(enumerate(opened.outputs), range(record.axes)):
         _, shape = _pooled(own[j, axis], np.array([s[axis] for s in shapes[name]]), record.count - 1)
         if noise.displacement if name == "plant" else noise.current:
             shape = np.minimum(shape, LOUDEST**2 * stated[j, axis])

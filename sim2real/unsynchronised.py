@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy import stats
 
 from maglev_env.experiment import axis_experiment
 from maglev_env.linear import loop_response
@@ -15,6 +16,7 @@ from sim2real.tones import HARMONICS, MAINS, NEAR, ON_LINE, families, origin, ou
 
 FOREIGN = "foreign"
 AROUND = 12  # lines to either side that a tone on a line must stand out from
+TOGETHER = 1e-4  # chance that noise shows as much at the frequency of rotation, in all records
 BESIDE_MODE = 1.4  # twice the octaves from a fitted mode within which loud noise is its own
 FORM = 0.05  # of an amplitude: what a model of it may miss
 
@@ -41,8 +43,11 @@ def sightings(problem: Problem, point: Point) -> list[Sighting]:
         found += _between(i, part) + _on_lines(i, part, point) + _bands(i, part, point)
     found = _one_family(problem, found)
     turning = {s.record for s in found if s.family == "spin" and s.harmonic == 1}
-    if turning:  # how little there is at another speed tells as much
-        found += [s for i, part in enumerate(problem.parts) if i not in turning for s in _unseen(i, part)]
+    rest = [s for i, part in enumerate(problem.parts) if i not in turning for s in _unseen(i, part)]
+    axes = problem.parts[0].record.axes
+    # Where to look is known: all records together show what none does; and how little there is at a speed tells, too.
+    if turning or stats.chi2.sf(sum(s.chi2 for s in rest), 2 * axes * len(rest)) < TOGETHER:
+        found += rest
     return found
 
 
@@ -103,7 +108,7 @@ def _unseen(index: int, part: Part) -> list[Sighting]:
     values = part.record.series["displacement"]
     amplitude, chi2 = tone_at(values, f, e.recorded_per_period, e.recorded_per_period * e.fundamental)
     size, receptance = _opened(part.record, f, amplitude)
-    return [Sighting(index, "spin", 1, f, size, size / np.sqrt(chi2), receptance, 0.0)]
+    return [Sighting(index, "spin", 1, f, size, size / np.sqrt(chi2), receptance, chi2)]
 
 
 def _opened(record: Record, frequency: float, amplitude: np.ndarray) -> tuple[float, float]:
@@ -118,10 +123,10 @@ def _bands(index: int, part: Part, point: Point) -> list[Sighting]:
     """Loud bands, as foreign tones of unknown size. For noise to be white the loop is opened as a point has it, and as
     the nominal rig does, for what noise meets is not the tangent of a friction; what is loud is so in both."""
     corrected = replace(part.record, experiment=experiment_at(part.record.experiment, point))
-    # What a limited voltage makes of the loop's noise is no noise of the current.
-    told = ("plant",) if "amplifier_voltage_limit" in point.effects else part.opened.outputs
+    if "amplifier_voltage_limit" in point.effects:
+        return []  # what a limited voltage makes of the loop's noise has no shape of its own
     opened = [replace(opened_loop(r), outputs=part.opened.outputs) for r in (corrected, part.record)]
-    loops = [loud_bands(r, o, told) for r, o in zip((corrected, part.record), opened, strict=True)]
+    loops = [loud_bands(r, o) for r, o in zip((corrected, part.record), opened, strict=True)]
     loud = min(loops, key=lambda bands: sum(chi2 for *_, chi2 in bands))
     modes = [values["frequency"] for values in point.effects.values() if "frequency" in values]
     # Next to a lightly damped mode noise is as loud as the mode is sharp, which no fit knows so well.
@@ -178,15 +183,15 @@ def _misfit(size: np.ndarray, shape: np.ndarray, weight: np.ndarray) -> float:
 def tone_parameters(problem: Problem, found: list[Sighting], effect: str) -> Mapping[str, float]:
     """Parameters of runout, pickup or unbalance from their sightings; phases are left at their default."""
     family = "spin" if effect in ("runout", "unbalance") else "pickup"
-    own = [s for s in found if s.family.startswith(family) and s.chi2 > 0]
-    sizes = [np.mean([s.size for s in own if s.harmonic == h] or [0.0]) for h in range(1, HARMONICS + 1)]
+    own = [s for s in found if s.family.startswith(family)]
+    sizes = [_weighed([(s.size, s.chi2) for s in own if s.harmonic == h]) for h in range(1, HARMONICS + 1)]
     if effect == "unbalance":
         shares = [
-            s.size / s.receptance / (problem.parts[s.record].record.experiment.speed_rpm * np.pi / 30) ** 2
+            (s.size / s.receptance / (problem.parts[s.record].record.experiment.speed_rpm * np.pi / 30) ** 2, s.chi2)
             for s in own
             if s.harmonic == 1
         ]
-        return {"moment": float(np.mean(shares or [0.0])), "phase": 0.0}
+        return {"moment": _weighed(shares), "phase": 0.0}
     ratio = float(np.clip(sizes[1] / sizes[0], 0.0, 0.9)) if sizes[0] > 0 else 0.0
     first = sizes[0] if sizes[0] > 0 else max(sizes)
     parameters = {"amplitude": float(first), "harmonics": ratio, "phase": 0.0}
@@ -194,3 +199,8 @@ def tone_parameters(problem: Problem, found: list[Sighting], effect: str) -> Map
         mains = [f for f in MAINS if any(s.family == f"pickup {f:g} Hz" for s in own)]
         parameters["frequency"] = mains[0] if mains else MAINS[0]
     return parameters
+
+
+def _weighed(values: list[tuple[float, float]]) -> float:
+    """Mean of (value, chi-square), by how surely each was seen; 0 of none."""
+    return float(np.average([v for v, _ in values], weights=[w for _, w in values])) if values else 0.0

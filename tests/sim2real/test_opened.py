@@ -189,21 +189,21 @@ def test_the_nominal_residual_of_no_effect_is_chi_square(tmp_path):
 def test_loud_bands_are_those_that_something_unsynchronised_drives(radial):
     opened, rng = opened_loop(radial), np.random.default_rng(3)
     for _ in range(12):
-        assert loud_bands(drawn(radial, rng), opened, opened.outputs) == []
-        assert loud_bands(drawn(radial, rng, force=3e-3), opened, opened.outputs) == []
+        assert loud_bands(drawn(radial, rng), opened) == []
+        assert loud_bands(drawn(radial, rng, force=3e-3), opened) == []
     band = (radial.frequency > 130) & (radial.frequency < 155)
     for _ in range(5):
-        found = loud_bands(drawn(radial, rng, louder=np.where(band, 4.0, 1.0)), opened, opened.outputs)
+        found = loud_bands(drawn(radial, rng, louder=np.where(band, 4.0, 1.0)), opened)
         assert found and all(lo < 160 and hi > 125 and chi2 > 100 for lo, hi, chi2 in found)
 
 
 def test_a_loud_resonance_is_no_loud_band(radial):
     opened, rng = opened_loop(radial), np.random.default_rng(4)
-    assert not any(loud_bands(drawn(radial, rng, force=2e-2), opened, opened.outputs) for _ in range(5))
+    assert not any(loud_bands(drawn(radial, rng, force=2e-2), opened) for _ in range(5))
 
 
 @pytest.mark.slow
 def test_a_transient_that_was_kept_is_no_loud_band(tmp_path):
     e = planned(FREE, names=("gains",), seed=107)[0].experiment
     records = repeated(tmp_path, [replace(e, seed=s) for s in range(32)])
-    assert not any(loud_bands(record, opened_loop(record), ("plant", "amplifier")) for record in records)
+    assert not any(loud_bands(record, opened_loop(record)) for record in records)
