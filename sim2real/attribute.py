@@ -12,7 +12,7 @@ from sim2real.screening import Start, extended, kept, screened
 from sim2real.simulated import tolerances
 
 FIRST, ITERATIONS = 3, 20  # steps of a fit from every start that is followed, and more of the better one
-SEEDS, PAIRS = 4, 10  # best single effects that a second one is added to, and pairs that are fitted, in a round
+SEEDS, PAIRS = 4, 8  # best single effects that a second one is added to, and pairs that are fitted, in a round
 SWAPPED = 2  # best pairs of which either effect is tried with others
 NO_GAP = 12.0  # cost that no single effect saves beyond calibration: then no pair is looked for
 ABOUT = 30.0  # cost above the best that a simpler candidate may have to be taken for it

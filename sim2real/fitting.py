@@ -17,7 +17,7 @@ DAMPING = (1e-3, 0.05, 3.0)
 CONVERGED, SHARE = 0.3, 1e-5  # cost, and share of the cost
 EDGE = 1e-6  # in coordinates: how near a bound counts as at it
 FAR = 4.0  # tolerances that one step may go, beside as far as it has come
-PATIENCE, HOPELESS, SMALL = 3, 0.4, 100.0
+PATIENCE, HOPELESS, KEEPING_UP, SMALL = 3, 0.4, 0.65, 100.0
 
 
 @dataclass(eq=False)
@@ -116,14 +116,16 @@ def iterate(fits: Sequence[Fit], data: np.ndarray, simulate: Simulate, most: int
     """Levenberg-Marquardt steps of all fits together, at most `most`; tolerances' rows are refreshed now and then.
 
     A fit is done when two steps in a row save no more than CONVERGED, or have no more to hope for, the last with fresh
-    rows throughout. From PATIENCE steps on, one that has not saved its share of what the best one saves stays as it is.
+    rows throughout. From PATIENCE steps on, one stays as it is that is farther behind the best than a share, less at
+    every step, of what that has saved.
     """
     begun = max((f.cost for f in fits if np.isfinite(f.cost)), default=np.inf)
     for iteration in range(most):
         if iteration >= PATIENCE:
             least = min(f.cost for f in fits)
             for f in fits:
-                f.done = f.done or f.cost - least > HOPELESS * max(begun - least, 0.0) + SMALL
+                behind = HOPELESS * KEEPING_UP ** (iteration - PATIENCE) * max(begun - least, 0.0)
+                f.done = f.done or f.cost - least > behind + SMALL
         active = [f for f in fits if not f.done and np.isfinite(f.cost)]
         if not active:
             return

@@ -93,8 +93,8 @@ _STARTS: Mapping[str, Mapping[str, Sequence[float]]] = {
 FORM, FORM_SHARE, MOST_FORM = "form of amplifier_lag", 0.2, 0.5
 # A resonance may lie anywhere: sizes are found by the linear look that every start gets.
 RESONANCES = {"sensor_resonance": ("coupling", 0.01), "support_resonance": ("mass_ratio", 0.01)}
-RESONANCE_GRID = np.geomspace(5.0, 1500.0, 48)  # Hz
-_DAMPING_RATIO = 0.06  # half the grid's spacing
+RESONANCE_GRID = np.geomspace(8.0, 1500.0, 36)  # Hz
+_DAMPING_RATIO = 0.07  # half the grid's spacing
 
 
 @dataclass(frozen=True)

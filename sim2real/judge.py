@@ -13,10 +13,10 @@ from sim2real.unsynchronised import FOREIGN
 # What the right effect leaves of its gap when another form of it made the data, as a share of what it explains; linear
 # effects are as good as exact.
 FORM_SHARES: Mapping[str, float] = {
-    "amplifier_voltage_limit": 0.3,
+    "amplifier_voltage_limit": 0.5,
     "hysteresis": 0.2,
     "friction": 0.03,
-    "saturation": 0.05,
+    "saturation": 0.02,
     "amplifier_lag": 0.005,
     "sensor_lag": 0.005,
     "eddy_current": 0.005,
@@ -38,15 +38,15 @@ class Belief:
     every parameter of an effect beyond its first, and of looking for a frequency: what noise alone lets them save.
     """
 
-    freedom: float = 20.0
+    freedom: float = 25.0
     form_share: float = 0.001
-    prior_singles: float = 0.6
-    prior_pairs: float = 0.05
+    prior_singles: float = 0.4
+    prior_pairs: float = 0.03
     prior_none: float = 0.3
     leftover: float = 3.0
-    group_sd: float = 5.0
-    group_cost: float = 20.0
-    unknown_cost: float = 2.3
+    group_sd: float = 4.5
+    group_cost: float = 30.0
+    unknown_cost: float = 2.6
     parameter_cost: float = 6.0
     search_cost: float = 10.0
 

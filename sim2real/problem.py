@@ -8,7 +8,7 @@ import numpy as np
 from maglev_env.threads import single_blas
 from sim2real.opened import Opened, noise_of, opened_loop
 from sim2real.records import Record
-from sim2real.simulated import Point, Predictor, predictor
+from sim2real.simulated import Point, Predictor, alike_settling, predictor
 
 # Detection lines are looked at up to so many times the line below which this share of the driven ones lies.
 DENSE, DENSE_REACH = 0.75, 1.2
@@ -43,17 +43,22 @@ class Problem:
     kind: np.ndarray
     outputs: tuple[str, ...]
 
-    def simulate(self, points: Sequence[Point]) -> np.ndarray:
-        """Whitened predictions (n, K) at each point; nan where the rotor touches down in any recording."""
+    def simulate(self, points: Sequence[Point], settled: bool = True) -> np.ndarray:
+        """Whitened predictions (n, K) at each point; nan where the rotor touches down in any recording. Not settled:
+        modes may still ring, as far as the nominal loop is settled."""
         found = np.empty((len(points), self.data.size), complex)
+        period = 1 / self.parts[0].record.experiment.fundamental
         with single_blas():  # matrices of lanes are small: more threads only wait for each other
-            prepared: dict[tuple, list] = {}
-            for part in self.parts:
-                kind = part.predictor.kind
-                if kind not in prepared:
-                    prepared[kind] = part.predictor.lanes(points)
-                predicted = part.predictor.of(prepared[kind])[..., part.used]
-                found[:, part.place] = (predicted * (np.sqrt(2) / part.noise[..., part.used])).reshape(len(points), -1)
+            together = alike_settling(points, period) if settled else [(0.0, list(range(len(points))))]
+            for lasts, which in together:
+                prepared: dict[tuple, list] = {}
+                for part in self.parts:
+                    kind = part.predictor.kind
+                    if kind not in prepared:
+                        prepared[kind] = part.predictor.lanes([points[i] for i in which])
+                    predicted = part.predictor.of(prepared[kind], lasts)[..., part.used]
+                    whitened = predicted * (np.sqrt(2) / part.noise[..., part.used])
+                    found[which, part.place] = whitened.reshape(len(which), -1)
         return found
 
     def opened_residual(self) -> np.ndarray:

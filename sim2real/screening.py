@@ -44,7 +44,7 @@ def screened(problem: Problem, jobs: Sequence[tuple[Fit, Hypothesis, np.ndarray]
         return []
     loudest = problem.loudest
     single = problem.only(loudest)
-    predicted = single.simulate([h.point(h.bounded(u)) for _, h, u in jobs])
+    predicted = single.simulate([h.point(h.bounded(u)) for _, h, u in jobs], settled=False)
     tried: list[tuple[Hypothesis, np.ndarray]] = []
     found: list[Start] = []
     looks: dict[tuple[Fit, tuple[str, ...]], _Look] = {}
@@ -59,7 +59,7 @@ def screened(problem: Problem, jobs: Sequence[tuple[Fit, Hypothesis, np.ndarray]
             looks[key] = _Look(seed, h, loudest.place)
         tried += [(h, v) for v in looks[key].followed(u, p - (single.data - looks[key].residual))]
     # A linear look goes too far where an effect is large: what counts is the cost of where it leads.
-    predicted = single.simulate([h.point(v) for h, v in tried]) if tried else []
+    predicted = single.simulate([h.point(v) for h, v in tried], settled=False) if tried else []
     found += [_start(single, h, v, p) for (h, v), p in zip(tried, predicted, strict=True) if np.isfinite(p).all()]
     return sorted(found, key=lambda start: start.cost)
 

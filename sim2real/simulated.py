@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from math import ceil, log
+from math import ceil, log, pi
 
 import numpy as np
 
@@ -24,6 +24,8 @@ TOLERANCE_EFFECTS = {
     "probe_gain": "sensor_gain",
 }
 SETTLED = 3e-5  # of a transient's size at the start, where the period begins that is looked at
+RUNG_OUT = 6.5  # time constants after which a mode's ringing counts as gone
+LASTING = (0, 0.5, 1, 2, 3, 4, 6, 9, 12)  # periods: points of which the modes ring about as long run together
 MOST_TRANSIENT = 12  # periods
 # Names the flexible kernel without changing anything: lanes of all hypotheses then share one block.
 NEUTRAL: Effects = effect("friction", 0.0)
@@ -86,15 +88,33 @@ class Predictor:
             [experiment_at(e, replace(p, effects={**NEUTRAL, **e.rig.effects, **p.effects})) for p in points]
         )
 
-    def of(self, lanes: list) -> np.ndarray:
-        """(n, outputs, axes, lines) of prepared lanes; nan where the rotor touches down."""
+    def of(self, lanes: list, settling: float = 0.0) -> np.ndarray:
+        """(n, outputs, axes, lines) of prepared lanes that take at least so long (s) to settle; nan where the rotor
+        touches down."""
         r = self.record
-        spectra = steady_spectra(lanes, r.experiment, r.waves, r.lines, self.transient)
+        longest = MOST_TRANSIENT * r.experiment.samples_per_period
+        transient = max(self.transient, min(ceil(settling * r.nominal.control_rate), longest))
+        spectra = steady_spectra(lanes, r.experiment, r.waves, r.lines, transient)
         return self.opened.residuals(spectra[:, 0], spectra[:, 1])
 
     def __call__(self, points: Sequence[Point]) -> np.ndarray:
         """(n, outputs, axes, lines) at every point."""
-        return self.of(self.lanes(points))
+        return self.of(self.lanes(points), max(map(settling, points), default=0.0))
+
+
+def settling(point: Point) -> float:
+    """How long the slowest mode among a point's effects rings (s), 0 without one."""
+    modes = [v for v in point.effects.values() if "damping_ratio" in v]
+    return max((RUNG_OUT / (2 * pi * v["frequency"] * v["damping_ratio"]) for v in modes), default=0.0)
+
+
+def alike_settling(points: Sequence[Point], period: float) -> list[tuple[float, list[int]]]:
+    """Points, by index, that are simulated together: (settling time in s, which); period in s."""
+    steps = np.array(LASTING) * period
+    groups: dict[float, list[int]] = {}
+    for i, point in enumerate(points):
+        groups.setdefault(float(steps[min(np.searchsorted(steps, settling(point)), steps.size - 1)]), []).append(i)
+    return sorted(groups.items())
 
 
 def predictor(record: Record, opened: Opened) -> Predictor:

@@ -17,6 +17,7 @@ from sim2real.tones import HARMONICS, MAINS, NEAR, ON_LINE, families, origin, ou
 FOREIGN = "foreign"
 AROUND = 12  # lines to either side that a tone on a line must stand out from
 TOGETHER = 1e-4  # chance that noise shows as much at the frequency of rotation, in all records
+RINGING = 0.25  # octaves from a fitted mode within which a tone is its ringing
 BESIDE_MODE = 1.4  # twice the octaves from a fitted mode within which loud noise is its own
 FORM = 0.05  # of an amplitude: what a model of it may miss
 
@@ -40,7 +41,7 @@ def sightings(problem: Problem, point: Point) -> list[Sighting]:
     """Tones of every part: those found between the harmonics, and those on a line that a point's simulation leaves."""
     found = []
     for i, part in enumerate(problem.parts):
-        found += _between(i, part) + _on_lines(i, part, point) + _bands(i, part, point)
+        found += _between(i, part, point) + _on_lines(i, part, point) + _bands(i, part, point)
     found = _one_family(problem, found)
     turning = {s.record for s in found if s.family == "spin" and s.harmonic == 1}
     rest = [s for i, part in enumerate(problem.parts) if i not in turning for s in _unseen(i, part)]
@@ -81,7 +82,8 @@ def evidence(found: list[Sighting]) -> dict[str, float]:
     return total
 
 
-def _between(index: int, part: Part) -> list[Sighting]:
+def _between(index: int, part: Part, point: Point) -> list[Sighting]:
+    modes = [values["frequency"] for values in point.effects.values() if "frequency" in values]
     record, found = part.record, []
     speed = record.experiment.speed_rpm
     resolution = record.experiment.fundamental / (
@@ -89,6 +91,8 @@ def _between(index: int, part: Part) -> list[Sighting]:
     )
     for tone in record.tones:
         name = origin(tone.frequency, speed, resolution) or FOREIGN
+        if name == FOREIGN and any(abs(np.log2(tone.frequency / f)) < RINGING for f in modes):
+            continue  # noise that a lightly damped mode rings with
         harmonic = 1
         if name != FOREIGN:
             harmonic = int(np.argmin([abs(tone.frequency - f) for f in families(speed)[name]])) + 1
