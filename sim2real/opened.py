@@ -122,8 +122,8 @@ def stated_noise(record: Record, opened: Opened) -> np.ndarray:
 
 def loud_bands(record: Record, opened: Opened) -> list[tuple[float, float, float]]:
     """Third octaves (f_lo, f_hi in Hz, chi-square beyond its expectation) in which the reading or the current varies
-    from period to period much more than noise of any of its shapes, of about the size that the rig states, does:
-    something unsynchronised is there."""
+    from period to period much more than noise of any of its shapes does, which for the current is of about the size that
+    the rig states: something unsynchronised is there."""
     own, shapes = _spread(record, opened, 1 if record.dropped == 0 and record.count > 3 else 0)
     freedom, stated = 2 * (record.count - 1), stated_noise(record, opened)
     noise = record.nominal.noise
@@ -134,7 +134,7 @@ def loud_bands(record: Record, opened: Opened) -> list[tuple[float, float, float
         apart &= abs(record.frequency - tone.frequency) > BESIDE * e.fundamental
     for (j, name), axis in product(enumerate(opened.outputs), range(record.axes)):
         _, shape = _pooled(own[j, axis], np.array([s[axis] for s in shapes[name]]), record.count - 1)
-        if noise.displacement if name == "plant" else noise.current:
+        if name == "amplifier" and noise.current:  # the rotor may be shaken by anything, the current by nothing
             shape = np.minimum(shape, LOUDEST**2 * stated[j, axis])
         ratio = own[j, axis] / shape
         for third in np.unique(thirds[apart]):
