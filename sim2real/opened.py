@@ -122,8 +122,8 @@ def stated_noise(record: Record, opened: Opened) -> np.ndarray:
 
 def loud_bands(record: Record, opened: Opened) -> list[tuple[float, float, float]]:
     """Third octaves (f_lo, f_hi in Hz, chi-square beyond its expectation) in which the reading or the current varies
-    from period to period much more than noise of any of its shapes does, which for the current is of about the size that
-    the rig states: something unsynchronised is there."""
+    from period to period much more than noise of any of its shapes does, for the current of about the size that the rig
+    states: something unsynchronised is there."""
     own, shapes = _spread(record, opened, 1 if record.dropped == 0 and record.count > 3 else 0)
     freedom, stated = 2 * (record.count - 1), stated_noise(record, opened)
     noise = record.nominal.noise
