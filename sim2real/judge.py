@@ -15,7 +15,7 @@ from sim2real.unsynchronised import FOREIGN
 FORM_SHARES: Mapping[str, float] = {
     "amplifier_voltage_limit": 0.5,
     "hysteresis": 0.2,
-    "friction": 0.03,
+    "friction": 0.05,
     "saturation": 0.02,
     "amplifier_lag": 0.005,
     "sensor_lag": 0.005,
@@ -38,16 +38,16 @@ class Belief:
     every parameter of an effect beyond its first, and of looking for a frequency: what noise alone lets them save.
     """
 
-    freedom: float = 25.0
-    form_share: float = 0.001
+    freedom: float = 30.0
+    form_share: float = 0.0005
     prior_singles: float = 0.4
-    prior_pairs: float = 0.03
+    prior_pairs: float = 0.02
     prior_none: float = 0.3
     leftover: float = 3.0
     group_sd: float = 4.5
     group_cost: float = 30.0
     unknown_cost: float = 2.6
-    parameter_cost: float = 6.0
+    parameter_cost: float = 4.0
     search_cost: float = 10.0
 
 
@@ -127,8 +127,8 @@ def entries(evidence: Evidence, belief: Belief = BELIEF) -> list[Entry]:
     rows: list[_Row] = [((NONE,), evidence.nominal, belief.prior_none, None)]
     for i in np.flatnonzero(alive):
         names = evidence.effects[i]
-        cost = float(evidence.cost[i]) + complexity(names, belief)
-        rows.append((names or (CALIBRATION,), cost, priors[len(names)], int(i)))
+        prior = priors[len(names)] * np.exp(-0.5 * complexity(names, belief))
+        rows.append((names or (CALIBRATION,), float(evidence.cost[i]), prior, int(i)))
     if evidence.tones:
         rows = _with_tones(rows, evidence, priors)
     costs = np.array([cost for _, cost, *_ in rows])
@@ -183,7 +183,7 @@ def _with_tones(rows: list[_Row], evidence: Evidence, priors: Mapping[int, float
         for added, off in named:
             both = (*base, *added)
             if candidate is not None and added and len(both) <= 2:
-                found.append((both, cost + foreign + off, priors[len(both)], candidate))
+                found.append((both, cost + foreign + off, prior * priors[len(both)] / priors[len(base)], candidate))
     return found
 
 

@@ -16,6 +16,7 @@ from sim2real.tones import HARMONICS, MAINS, NEAR, ON_LINE, families, origin, ou
 
 FOREIGN = "foreign"
 AROUND = 12  # lines to either side that a tone on a line must stand out from
+NO_TANGENT = {"amplifier_voltage_limit", "hysteresis", "friction"}  # no linear loop stands for these
 TOGETHER = 1e-4  # chance that noise shows as much at the frequency of rotation, in all records
 RINGING = 0.25  # octaves from a fitted mode within which a tone is its ringing
 BESIDE_MODE = 1.4  # twice the octaves from a fitted mode within which loud noise is its own
@@ -44,7 +45,7 @@ def sightings(problem: Problem, point: Point) -> list[Sighting]:
         found += _between(i, part, point) + _on_lines(i, part, point) + _bands(i, part, point)
     found = _one_family(problem, found)
     turning = {s.record for s in found if s.family == "spin" and s.harmonic == 1}
-    rest = [s for i, part in enumerate(problem.parts) if i not in turning for s in _unseen(i, part)]
+    rest = [s for i, part in enumerate(problem.parts) if i not in turning for s in _unseen(i, part, point)]
     axes = problem.parts[0].record.axes
     # Where to look is known: all records together show what none does; and how little there is at a speed tells, too.
     if turning or stats.chi2.sf(sum(s.chi2 for s in rest), 2 * axes * len(rest)) < TOGETHER:
@@ -96,14 +97,14 @@ def _between(index: int, part: Part, point: Point) -> list[Sighting]:
         harmonic = 1
         if name != FOREIGN:
             harmonic = int(np.argmin([abs(tone.frequency - f) for f in families(speed)[name]])) + 1
-        size, receptance = _opened(record, tone.frequency, tone.amplitude["displacement"])
+        size, receptance = _opened(record, point, tone.frequency, tone.amplitude["displacement"])
         found.append(
             Sighting(index, name, harmonic, tone.frequency, size, size / np.sqrt(tone.chi2), receptance, tone.chi2)
         )
     return found
 
 
-def _unseen(index: int, part: Part) -> list[Sighting]:
+def _unseen(index: int, part: Part, point: Point) -> list[Sighting]:
     """What is found at the frequency of rotation where no tone stands out; none where a line hides it."""
     e = part.record.experiment
     f = e.speed_rpm / 60
@@ -111,14 +112,15 @@ def _unseen(index: int, part: Part) -> list[Sighting]:
         return []
     values = part.record.series["displacement"]
     amplitude, chi2 = tone_at(values, f, e.recorded_per_period, e.recorded_per_period * e.fundamental)
-    size, receptance = _opened(part.record, f, amplitude)
+    size, receptance = _opened(part.record, point, f, amplitude)
     return [Sighting(index, "spin", 1, f, size, size / np.sqrt(chi2), receptance, chi2)]
 
 
-def _opened(record: Record, frequency: float, amplitude: np.ndarray) -> tuple[float, float]:
-    """Size (m) of a tone of the reading, the nominal loop opened, and the receptance (m/N) there."""
-    e = axis_experiment(record.experiment, 0)
-    r = loop_response(replace(e, effects={}), np.array([frequency]))
+def _opened(record: Record, point: Point, frequency: float, amplitude: np.ndarray) -> tuple[float, float]:
+    """Size (m) of a tone of the reading, the loop opened as a point has it, and the receptance (m/N) there."""
+    linear = {name: values for name, values in point.effects.items() if name not in NO_TANGENT}
+    e = axis_experiment(experiment_at(record.experiment, replace(point, effects=linear)), 0)
+    r = loop_response(e, np.array([frequency]))
     size = float(np.linalg.norm(amplitude)) * float(abs(1 + r.plant * r.controller)[0])
     return size, float(abs(r.receptance / r.sensitivity)[0])
 
@@ -127,8 +129,8 @@ def _bands(index: int, part: Part, point: Point) -> list[Sighting]:
     """Loud bands, as foreign tones of unknown size. For noise to be white the loop is opened as a point has it, and as
     the nominal rig does, for what noise meets is not the tangent of a friction; what is loud is so in both."""
     corrected = replace(part.record, experiment=experiment_at(part.record.experiment, point))
-    if "amplifier_voltage_limit" in point.effects:
-        return []  # what a limited voltage makes of the loop's noise has no shape of its own
+    if not point.effects.keys().isdisjoint(NO_TANGENT):
+        return []  # what they make of the loop's noise has no shape of its own
     opened = [replace(opened_loop(r), outputs=part.opened.outputs) for r in (corrected, part.record)]
     loops = [loud_bands(r, o) for r, o in zip((corrected, part.record), opened, strict=True)]
     loud = min(loops, key=lambda bands: sum(chi2 for *_, chi2 in bands))
