@@ -1,6 +1,6 @@
 """Evidence of tones: pickup, what turns with the rotor, and what nothing known explains."""
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -55,21 +55,23 @@ def sightings(problem: Problem, point: Point) -> list[Sighting]:
 
 def _one_family(problem: Problem, found: list[Sighting]) -> list[Sighting]:
     """A rotor that turns near the mains' frequency: tones that the one family explains alone are not of two."""
-    for name, other in (("pickup", "spin"), ("spin", "pickup")):
-        renamed = {s: _within(problem, s, other) for s in found if s.family.startswith(name)}
-        if renamed and None not in renamed.values() and any(s.family.startswith(other) for s in found):
+    present = {s.family for s in found}
+    for name in ("pickup", "spin"):
+        others = {family for family in present if not family.startswith(name)}
+        renamed = {s: _within(problem, s, others) for s in found if s.family.startswith(name)}
+        if renamed and None not in renamed.values():
             known = {(s.record, s.family, s.harmonic) for s in found}
             kept = [s for s in found if s not in renamed]
             return kept + [s for s in renamed.values() if (s.record, s.family, s.harmonic) not in known]
     return found
 
 
-def _within(problem: Problem, s: Sighting, other: str) -> Sighting | None:
+def _within(problem: Problem, s: Sighting, others: Collection[str]) -> Sighting | None:
     """A sighting as one of another family, if that has a tone so near."""
     e = problem.parts[s.record].record.experiment
     for name, tones in families(e.speed_rpm).items():
         for harmonic, f in enumerate(tones, 1):
-            if name.startswith(other) and abs(s.frequency - f) < ON_LINE * e.fundamental + NEAR * f:
+            if name in others and abs(s.frequency - f) < ON_LINE * e.fundamental + NEAR * f:
                 return replace(s, family=name, harmonic=harmonic)
     return None
 

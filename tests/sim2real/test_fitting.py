@@ -10,7 +10,7 @@ from maglev_env.effects import effect
 from maglev_env.rig import load_rig, with_parameters
 from sim2real.attribute import Candidate
 from sim2real.fitting import begin, cost_of, differentiate, iterate, share_calibrations
-from sim2real.hypotheses import Hypothesis
+from sim2real.hypotheses import FORM, FORM_SHARE, MOST_FORM, Hypothesis
 from sim2real.problem import assemble
 from sim2real.simulated import TOLERANCE_EFFECTS, tolerances
 
@@ -168,6 +168,47 @@ def test_rows_of_the_tolerances_are_handed_on():
     share_calibrations(fits, known)
     np.testing.assert_allclose(fits[0].jacobian[1:], toy.columns[2:], atol=1e-9)
     assert not fits[0].jacobian[0].any()
+
+
+def test_a_long_valley_is_followed_to_its_end():
+    """Two columns that differ by a thousandth: the prior alone tells how they share."""
+    toy = Linear(11, 30.0)
+    toy.columns[2] = toy.columns[0] + 1e-3 * toy.columns[2]
+    data = toy.data(np.array([8.0, -3.0, 2.0, 0.5]))
+    own, (solved, covariance) = fitted(toy, data, most=12), toy.solved(data)
+    np.testing.assert_allclose((own.u - solved) / np.sqrt(np.diag(covariance)), 0.0, atol=0.1)
+    assert own.done
+
+
+def test_a_fit_goes_along_a_bound():
+    """What pushes one coordinate over its bound does not hold the others back."""
+    delay = Hypothesis(("delay", "mass"), {})
+    rng = np.random.default_rng(12)
+    columns = rng.standard_normal((2, ROWS)) + 1j * rng.standard_normal((2, ROWS))
+    columns[1] += 3 * columns[0]
+
+    def simulate(points):
+        u = np.array([[p.effects["delay"]["time"] / 1e-5, p.effects["mass"]["change"] / 0.1] for p in points])
+        return u @ columns
+
+    data = np.array([-5.0, 4.0]) @ columns
+    fits = begin([delay], [np.array([1.0, 0.0])], data, simulate)
+    iterate(fits, data, simulate, 12)
+    alone = (columns[1] @ data.conj()).real / np.vdot(columns[1], columns[1]).real
+    assert fits[0].u[0] == 0.0 and fits[0].u[1] == pytest.approx(alone, rel=1e-6) and fits[0].done
+
+
+def test_the_form_of_a_lag_is_part_lag_part_delay():
+    """Its share of the time passes as delay, within a prior, and not where a delay is fitted beside it."""
+    h = Hypothesis(("amplifier_lag",), TOLERANCE)
+    assert h.calibrated == (*TOLERANCE, FORM) and h.prior.tolist() == [0.0, 1.0, 1.0, 1.0]
+    point = h.point(np.array([10.0, 0.0, 0.0, 0.3 / FORM_SHARE]))
+    assert point.effects["amplifier_lag"]["time_constant"] == pytest.approx(7e-5)
+    assert point.effects["delay"]["time"] == pytest.approx(3e-5) and FORM not in point.changes
+    assert h.point(np.array([10.0, 0.0, 0.0, 0.0])).effects == effect("amplifier_lag", 1e-4)
+    assert h.bounded(np.array([1.0, 0.0, 0.0, -1.0]))[3] == 0.0
+    assert h.bounded(np.array([1.0, 0.0, 0.0, 99.0]))[3] * FORM_SHARE == MOST_FORM
+    assert Hypothesis(("delay", "amplifier_lag"), TOLERANCE).calibrated == tuple(TOLERANCE)
 
 
 @pytest.mark.slow

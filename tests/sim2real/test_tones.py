@@ -2,11 +2,16 @@
 
 import numpy as np
 import pytest
+from campaigns import campaign
 from scipy import signal
 
+from maglev_env.effects import effect
 from sim2real.hypotheses import TONES
-from sim2real.tones import MOST, families, near_tones, origin, outstanding, remove_tones
-from sim2real.unsynchronised import Sighting, evidence, spin_costs
+from sim2real.problem import assemble
+from sim2real.records import read_records
+from sim2real.simulated import Point, alike_settling, settling
+from sim2real.tones import MOST, families, near_tones, origin, outstanding, remove_tones, tone_at
+from sim2real.unsynchronised import Sighting, _one_family, evidence, spin_costs
 
 RATE, PER_PERIOD, PERIODS = 20e3, 2500, 8
 TOTAL = PER_PERIOD * PERIODS
@@ -171,3 +176,58 @@ def test_evidence_is_summed_by_family():
              Sighting(1, "pickup 60 Hz", 1, 60.0, 1e-7, 1e-9, 1e-5, 30.0),
              Sighting(1, "foreign", 1, 71.0, 1e-7, 1e-9, 1e-5, 25.0)]  # fmt: skip
     assert evidence(found) == {"spin": 1e4, "pickup": 70.0, "foreign": 25.0}
+
+
+def test_a_tone_too_small_to_be_found_is_measured_where_it_is_known_to_be():
+    """Its amplitude scatters as in white noise, and without it the chi-square has two degrees per axis."""
+    rng, sd, frequency = np.random.default_rng(21), 1.0, 47.3
+    amplitude = 3 * sd / np.sqrt(TOTAL)
+    for size, axes in ((amplitude, 1), (0.0, 1), (0.0, 2)):
+        chi2, own = [], []
+        for _ in range(80):
+            values = sine(frequency, size, rng.uniform(-3, 3)) + sd * rng.standard_normal((axes, TOTAL))
+            found, power = tone_at(values, frequency, PER_PERIOD, RATE)
+            chi2.append(power)
+            own.append(np.linalg.norm(found))
+        expected = 2 * axes + size**2 * TOTAL / (2 * sd**2)
+        assert np.mean(chi2) == pytest.approx(expected, rel=0.25)
+        assert np.mean(np.square(own)) == pytest.approx(size**2 + 4 * axes * sd**2 / TOTAL, rel=0.3)
+
+
+def sighting(family, harmonic, frequency, record=0):
+    return Sighting(record, family, harmonic, frequency, 1e-7, 1e-9, 1e-5, 50.0)
+
+
+def test_near_the_mains_a_tone_is_of_one_family():
+    """At 3008 rpm what lies at 50.13 and 150.4 Hz is the rotor's alone; one that only the mains explain keeps both."""
+    e = type("E", (), {"speed_rpm": 3008.0, "fundamental": 2.0})
+    problem = type("P", (), {"parts": [type("Q", (), {"record": type("R", (), {"experiment": e})})]})
+    turning = [sighting("spin", 1, 50.13), sighting("spin", 3, 150.4)]
+    assert _one_family(problem, [*turning, sighting("pickup 50 Hz", 1, 50.1)]) == turning
+    both = [*turning, sighting("pickup 60 Hz", 1, 60.0)]
+    assert _one_family(problem, both) == both
+    mains = [sighting("pickup 50 Hz", 1, 50.1), sighting("pickup 60 Hz", 1, 60.0)]
+    assert _one_family(problem, [*mains, sighting("spin", 1, 50.1)]) == mains
+
+
+def test_what_modes_need_to_ring_out_groups_their_lanes():
+    slow = Point({"sensor_resonance": {"frequency": 40.0, "damping_ratio": 0.01, "coupling": 0.05}}, {})
+    fast = Point({"support_resonance": {"frequency": 400.0, "damping_ratio": 0.05, "mass_ratio": 0.05}}, {})
+    plain = Point(effect("delay", 1e-5), {})
+    assert settling(plain) == 0.0
+    assert np.exp(-settling(slow) * 2 * np.pi * 40 * 0.01) == pytest.approx(1.5e-3, rel=0.01)
+    groups = alike_settling([slow, plain, fast, slow], 0.5)
+    assert [which for _, which in groups] == [[1], [2], [0, 3]]
+    assert all(lasts >= settling(p) for lasts, which in groups for p in ([slow, plain, fast, slow][i] for i in which))
+
+
+@pytest.mark.slow
+def test_a_mode_has_rung_out_where_it_is_looked_at(tmp_path):
+    """A sharp mode that the nominal loop knows nothing of: the period predicted is that of a record as long again."""
+    problem = assemble([r for r in read_records(campaign(tmp_path / "c", names=("base",)))[1]])
+    mode = Point({"sensor_resonance": {"frequency": 37.0, "damping_ratio": 0.012, "coupling": 0.1}}, {})
+    steady = problem.parts[0].predictor.of(problem.parts[0].predictor.lanes([mode]), 2 * settling(mode))
+    whitened = steady[..., problem.parts[0].used] * (np.sqrt(2) / problem.parts[0].noise[..., problem.parts[0].used])
+    found, hasty = (problem.simulate([mode], settled)[0] for settled in (True, False))
+    size = abs(whitened).max()
+    assert abs(found - whitened.ravel()).max() < 5e-3 * size < 0.1 * abs(hasty - whitened.ravel()).max()
