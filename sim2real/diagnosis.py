@@ -11,6 +11,7 @@ import numpy as np
 from maglev_env.campaign import Campaign
 from maglev_env.effects import EFFECTS
 from sim2real.attribute import Attribution, Candidate, attribute
+from sim2real.gain_choice import GainChoice, gain_choice
 from sim2real.hypotheses import CALIBRATION, TONES, Coordinate
 from sim2real.judge import Entry, entries, evidence_of, verdict
 from sim2real.locate import CONTROLLER_SD, Where, locate
@@ -32,7 +33,8 @@ class Diagnosis:
     verdict: "no_gap", "explained", "ambiguous" or "unexplained". cause: names of the effects; of an ambiguous one the
     class that the campaign cannot tell apart, "a+b" for two together; ("unknown",) when unexplained. which: every
     hypothesis with its probability. corrected: the point that closes the gap (calibration alone where nothing is
-    named). seconds: wall time. notes: what was assumed, or could not be told.
+    named). choice: what the gap does to the choice of gains (None: nothing is named, or
+    the rig's protocol cannot score gains). seconds: wall time. notes: what was assumed, or could not be told.
     """
 
     verdict: str
@@ -46,6 +48,7 @@ class Diagnosis:
     campaign: Campaign
     attribution: Attribution
     judged: Problem
+    choice: GainChoice | None
     seconds: float
     notes: tuple[str, ...]
 
@@ -85,7 +88,7 @@ class Diagnosis:
                 "stiffness_error": errors(g, "stiffness"),
                 "damping_error": errors(g, "damping"),
                 "peak_sensitivity_error": errors(g, "peak_sensitivity"),
-                "regret": None,
+                "regret": None if self.choice is None else _choice(self.choice),
                 "foils": dict(g.foils),
             },
             "corrected": {"effects": {n: dict(v) for n, v in self.corrected.effects.items()},
@@ -136,6 +139,9 @@ def diagnose(
     if worded in ("ambiguous", "unexplained"):
         progress("next experiment")
         proposal = propose(attribution, found)
+    alone = picked or attribution.calibration
+    corrected = _corrected(fitted, alone, () if chosen is None else chosen.effects, seen)
+    speed = next(r.experiment.speed_rpm for r in records if r.role == "fit")
     return Diagnosis(
         worded,
         cause,
@@ -144,10 +150,11 @@ def diagnose(
         alike,
         proposal,
         gap,
-        _corrected(fitted, picked or attribution.calibration, () if chosen is None else chosen.effects, seen),
+        corrected,
         loaded,
         attribution,
         judged,
+        gain_choice(loaded.rig, corrected, speed) if corrected.effects else None,
         time.perf_counter() - begun,
         tuple(dict.fromkeys(notes)),
     )
@@ -185,6 +192,17 @@ def _parameters(candidate: Candidate) -> Mapping[str, dict[str, float]]:
 
 def _se(c: Coordinate, value: float, sd: float) -> float:
     return value * sd if c.scale is None else c.scale * sd
+
+
+def _choice(choice: GainChoice) -> dict[str, Any]:
+    nominal, corrected = choice.chosen
+    return {
+        "before": choice.regret,
+        "rank_correlation": choice.rank_correlation,
+        "judged_by": "the corrected simulator",
+        "gains": {"nominal": dict(zip(("kp", "kd"), nominal, strict=True)),
+                  "corrected": dict(zip(("kp", "kd"), corrected, strict=True))},
+    }  # fmt: skip
 
 
 def block_of(name: str) -> str:

@@ -1,13 +1,13 @@
 """What to measure next: of a menu, the recording that separates the remaining candidates most for its cost."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import permutations
 from typing import Any
 
 import numpy as np
 
-from maglev_env.gains import Gains
+from maglev_env.gains import Gains, with_gains
 from sim2real.attribute import Attribution
 from sim2real.fitting import CALIBRATION_STEP, STEP, Fit
 from sim2real.judge import CLASS_SHARE, Entry
@@ -15,6 +15,7 @@ from sim2real.opened import opened_loop, stated_noise
 from sim2real.records import Record
 from sim2real.simulated import Point, predictor
 
+OFFSET, GAINS = 0.1, (0.8, 1.3)  # of the gap; on kp and kd
 REMAINING = 4  # candidates that are told apart
 SEPARATED = 4.7  # cost between two candidates below which they are alike (a likelihood ratio of about ten)
 ENOUGH = 25.0  # beyond this more separation is not worth more effort
@@ -23,18 +24,22 @@ ENOUGH = 25.0  # beyond this more separation is not worth more effort
 @dataclass(frozen=True)
 class Proposal:
     """what to record, why, and the expected separation: cost (-2 ln likelihood ratio) between the two candidates that
-    it separates least. table: every item of the menu with its separation."""
+    it separates least. table: every item of the menu with its separation. change: what differs from the first
+    recording: "amplitude" (factor), "offset" (m), "gains" (factors on kp and kd), "excitation" (at, lines and peak, N
+    or A; what drove these lines so far leaves them), "channels" (recorded beside), "speed" (another one)."""
 
     what: str
     why: str
     expected_separation: float
     table: tuple[tuple[str, float], ...]
+    change: Mapping[str, Any]
 
     def to_json(self) -> dict[str, Any]:
         return {
             "what": self.what,
             "why": self.why,
             "expected_separation": self.expected_separation,
+            "change": dict(self.change),
             "menu": [{"what": what, "expected_separation": value} for what, value in self.table],
         }
 
@@ -45,6 +50,7 @@ class _Item:
     effort: float  # relative: a change of software 1, of wiring 2, of hardware 3
     record: Record
     outputs: tuple[str, ...]
+    change: Mapping[str, Any]
 
 
 def propose(attribution: Attribution, found: Sequence[Entry]) -> Proposal | None:
@@ -56,6 +62,7 @@ def propose(attribution: Attribution, found: Sequence[Entry]) -> Proposal | None
             "a force of unbalance grows with the square of the speed, a runout reads the same",
             ENOUGH,
             (),
+            {"speed": True},
         )
     likely: list[Fit] = []
     best = max((e.probability for e in found if e.candidate), default=0.0)
@@ -81,37 +88,38 @@ def propose(attribution: Attribution, found: Sequence[Entry]) -> Proposal | None
     names = " from ".join("+".join(f.hypothesis.effects) for f in fits[:2])
     told = "tells" if value > SEPARATED else "does not surely tell"
     ordered = sorted(((i.what, float(v)) for i, v in table), key=lambda row: -row[1])
-    return Proposal(chosen.what, f"it {told} {names}", float(value), tuple(ordered))
+    return Proposal(chosen.what, f"it {told} {names}", float(value), tuple(ordered), chosen.change)
 
 
 def menu(base: Record) -> list[_Item]:
     """Recordings that could be made, beside one that was."""
     rig, has_current = base.nominal, "current" in base.periods
     outputs = ("plant", "amplifier") if has_current else ("plant",)
-    items = [_Item("the same at twice the amplitude", 1.0, _scaled(base, 2.0), outputs)]
+    items = [_Item("the same at twice the amplitude", 1.0, _scaled(base, 2.0), outputs, {"amplitude": 2.0})]
     if rig.controlled:
         if not has_current:
-            items.append(_Item("the coil current beside the same channels", 2.0, base, ("plant", "amplifier")))
-        shifted = base.waves["reference"] + 0.1 * rig.gap
-        moved = replace(base, waves={**base.waves, "reference": shifted})
-        items.append(_Item("the same at a static offset of 10 % of the gap", 1.0, moved, outputs))
+            beside = {"channels": ["current"]}
+            items.append(_Item("the coil current beside the same channels", 2.0, base, ("plant", "amplifier"), beside))
+        offset = OFFSET * rig.gap
+        moved = replace(base, waves={**base.waves, "reference": base.waves["reference"] + offset})
+        what = f"the same at a static offset of {OFFSET:.0%} of the gap".replace("%", " %")
+        items.append(_Item(what, 1.0, moved, outputs, {"offset": offset}))
         gains = base.experiment.gains
         if isinstance(gains, Gains):
-            other = replace(gains, kp=0.8 * gains.kp, kd=1.3 * gains.kd)
-            experiment = replace(base.experiment, gains=other)
-            items.append(_Item("the same with kp x 0.8, kd x 1.3", 1.0, replace(base, experiment=experiment), outputs))
-    heavier = replace(rig, mass=1.1 * rig.mass)
-    experiment = replace(base.experiment, rig=replace(base.experiment.rig, mass=1.1 * rig.mass))
-    added = replace(base, nominal=heavier, experiment=experiment)
-    items.append(_Item("the same with a known mass of 10 % added", 3.0, added, outputs))
+            kp, kd = GAINS
+            experiment = replace(base.experiment, gains=with_gains(gains, kp=kp * gains.kp, kd=kd * gains.kd))
+            other = replace(base, experiment=experiment)
+            items.append(_Item(f"the same with kp x {kp}, kd x {kd}", 1.0, other, outputs, {"gains": list(GAINS)}))
     peaks = {e.at: e.amplitude for e in rig.protocol.excitations} if rig.protocol else {}
     for place, effort, what in (
         ("force", 3.0, "a shaker's force beside the injection"),
         ("current", 1.0, "an injection into the current beside the force"),
     ):
-        free = (~base.excited).any()
-        if free and place in peaks and not base.driven[place].any() and (rig.controlled or place == "force"):
-            items.append(_Item(what, effort, _excited(base, place, peaks[place]), outputs))
+        if place in peaks and not base.driven[place].any() and (rig.controlled or place == "force"):
+            driven = _excited(base, place, peaks[place])
+            lines = base.lines[driven.driven[place].any(axis=0)].tolist()
+            added = {"excitation": {"at": place, "lines": lines, "peak": peaks[place]}}
+            items.append(_Item(what, effort, driven, outputs, added))
     return items
 
 
@@ -123,18 +131,29 @@ def _scaled(base: Record, factor: float) -> Record:
 
 
 def _excited(base: Record, place: str, peak: float) -> Record:
-    """With a random-phase multisine on lines that nothing drives, the odd ones if there are any."""
+    """With a random-phase multisine on lines that nothing drives, the odd ones if there are any; where all are driven
+    every second one is taken over."""
     rng = np.random.default_rng(0)
     free = base.lines[~base.excited]
     lines = odd if (odd := free[free % 2 == 1]).size else free
+    if not lines.size:
+        lines = base.lines[base.excited][1::2]
     n = base.waves[place].shape[1]
+    waves = {at: _without(wave, lines) if at != "reference" else wave for at, wave in base.waves.items()}
     spectrum = np.zeros((base.axes, n // 2 + 1), complex)
     spectrum[:, lines] = np.exp(2j * np.pi * rng.random((base.axes, lines.size)))
     wave = np.fft.irfft(spectrum, n, axis=1)
     wave *= peak / abs(wave).max()
-    on = np.isin(base.lines, lines)
-    driven = {**base.driven, place: np.repeat(on[None], base.axes, axis=0)}
-    return replace(base, waves={**base.waves, place: wave}, driven=driven)
+    taken = np.isin(base.lines, lines)
+    driven = {at: on & ~taken for at, on in base.driven.items()}
+    driven[place] = np.repeat(taken[None], base.axes, axis=0)
+    return replace(base, waves={**waves, place: wave}, driven=driven)
+
+
+def _without(wave: np.ndarray, lines: np.ndarray) -> np.ndarray:
+    spectrum = np.fft.rfft(wave, axis=1)
+    spectrum[:, lines] = 0.0
+    return np.fft.irfft(spectrum, wave.shape[1], axis=1)
 
 
 def _separation(item: _Item, fits: Sequence[Fit]) -> float:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 from maglev_env.effects import EFFECTS
 from sim2real.diagnosis import Diagnosis, block_of
+from sim2real.gain_choice import GainChoice
 from sim2real.hypotheses import CALIBRATION, NONE, UNKNOWN
 from sim2real.judge import Entry
 from sim2real.next_experiment import SEPARATED
@@ -184,7 +185,24 @@ def _gap_lines(d: Diagnosis) -> list[str]:
         if g.after is not None and min(foils.values()) < NO_BETTER * g.after:
             text += " What is named does not beat them: the claim stands on weak feet."
         lines.append(text)
+    if d.choice is not None:
+        lines.append(_choice_line(d.choice))
     return lines
+
+
+def _choice_line(choice: GainChoice) -> str:
+    """What the gap does to the choice of gains, in a sentence."""
+    nominal, corrected = (f"kp x {kp:g}, kd x {kd:g}" for kp, kd in choice.chosen)
+    if nominal == corrected:
+        text = f"Gains: of {len(choice.nominal)} sets both simulators choose {nominal}"
+    else:
+        text = (
+            f"Gains: of {len(choice.nominal)} sets the nominal simulator chooses {nominal}, the corrected one "
+            f"{corrected}, which it scores {number(choice.regret)} higher"
+        )
+    if choice.rank_correlation is None:
+        return text + "."
+    return f"{text}; they rank the sets alike by {number(choice.rank_correlation)} (Spearman)."
 
 
 def _word_rows(d: Diagnosis) -> list[tuple[str, ...]]:

@@ -10,10 +10,10 @@ from estimation.max_likelihood import maximum_likelihood
 from estimation.periods import line_statistics, period_spectra
 from estimation.stability import margin_arrays
 from maglev_env.effects import NO_EFFECTS, Effects, check_effects, effect
-from maglev_env.evaluation import evaluate, force_statistics, score_target
+from maglev_env.evaluation import force_statistics, score_target
 from maglev_env.excitation import lines_at
 from maglev_env.experiment import SPECTRAL, Experiment, protocol_experiment
-from maglev_env.gains import Gains, with_gains
+from maglev_env.gains import Gains
 from maglev_env.rig import Rig
 from maglev_env.score import score, terms
 from sim2real.blind.cases import Answer
@@ -22,9 +22,9 @@ from sim2real.blind.judging import Judgement, size_range
 from sim2real.blind.rigs import PID
 from sim2real.blind.scoring import LARGE, REGRET_TARGET, Row, bootstrap, row
 from sim2real.blind.twin import LoopFailed, Truth, twin_periods
-from sim2real.simulated import Point, experiment_at
+from sim2real.gain_choice import gain_choice, gain_sets
+from sim2real.simulated import Point
 
-FACTORS = tuple((kp, kd) for kp in (0.7, 1.0, 1.4) for kd in (0.7, 1.0, 1.4, 2.0))  # of the preset's kp and kd
 CASES = 24
 
 
@@ -49,13 +49,11 @@ def case_regret(answer: Answer, rig: Rig, truth: Truth, case_id: str) -> CaseReg
 
     rig: the campaign's nominal rig, with gains and a protocol that excites force and current.
     """
-    preset = rig.gains
-    sets = [with_gains(preset, kp=kp * preset.kp, kd=kd * preset.kd) for kp, kd in FACTORS]
-    planned = [replace(protocol_experiment(rig, gains), speed_rpm=truth.speed_rpm) for gains in sets]
-    point = Point(correction(answer, rig), answer.changes)
-    nominal, corrected = (evaluate(p).score for p in (planned, [experiment_at(e, point) for e in planned]))
+    choice = gain_choice(rig, Point(correction(answer, rig), answer.changes), truth.speed_rpm)
+    planned = [replace(protocol_experiment(rig, one), speed_rpm=truth.speed_rpm) for one in gain_sets(rig.gains)]
     twin = np.array([twin_score(e, truth) for e in planned])
-    return CaseRegret(case_id, float(twin.max()), float(twin[np.argmax(nominal)]), float(twin[np.argmax(corrected)]))
+    nominal, corrected = (twin[np.argmax(scores)] for scores in (choice.nominal, choice.corrected))
+    return CaseRegret(case_id, float(twin.max()), float(nominal), float(corrected))
 
 
 def correction(answer: Answer, rig: Rig) -> Effects:

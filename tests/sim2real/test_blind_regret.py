@@ -10,11 +10,12 @@ from maglev_env.evaluation import evaluate
 from maglev_env.experiment import protocol_experiment
 from maglev_env.gains import with_gains
 from maglev_env.rig import load_rig, rig_from_toml
-from sim2real.blind import regret
+from sim2real import gain_choice
 from sim2real.blind.cases import Hypothesis, parse_diagnosis
-from sim2real.blind.regret import FACTORS, CaseRegret, case_regret, correction, regret_row, twin_score
+from sim2real.blind.regret import CaseRegret, case_regret, correction, regret_row, twin_score
 from sim2real.blind.rigs import RIGS
 from sim2real.blind.twin import Truth
+from sim2real.gain_choice import FACTORS
 
 
 def answered(cause, which):
@@ -61,7 +62,7 @@ def test_an_undisturbed_twin_scores_as_the_simulator_does(name):
 
 @pytest.mark.slow
 def test_the_right_diagnosis_recommends_better_gains_than_none(monkeypatch):
-    monkeypatch.setattr(regret, "FACTORS", FACTORS[4:])  # enough to choose from
+    monkeypatch.setattr(gain_choice, "FACTORS", FACTORS[4:])  # enough to choose from
     rig = load_rig("hmb_free")
     truth = Truth("hmb_free", effects={"actuator_gain": {"change": -0.3}})
     right = answered(["actuator_gain"], {"actuator_gain": (1.0, {"actuator_gain.change": -0.3})})

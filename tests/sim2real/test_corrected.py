@@ -41,7 +41,7 @@ def diagnosis(corrected, rig=FREE, folder="my-rig", verdict="explained", cause=(
     blocks = {"controller+amplifier": 0.9, "mechanics+sensor": 0.1}
     where = Where(blocks, ((63.0, 80.0, 1.0),), {"linear": 1.0}, True, None)
     campaign = Campaign(Path(folder), rig, rig.mass, ())
-    return Diagnosis(verdict, cause, where, which, (), None, gap, corrected, campaign, None, None, 1.0, ())
+    return Diagnosis(verdict, cause, where, which, (), None, gap, corrected, campaign, None, None, None, 1.0, ())
 
 
 @pytest.mark.parametrize(

@@ -159,6 +159,8 @@ def test_the_experiment_that_tells_its_class_apart_is_proposed(poor):
     assert "current" in best.what and best.expected_separation > 20
     menu = dict(best.table)
     assert len(menu) >= 4 and all(np.isfinite(v) for v in menu.values())
+    assert best.change == {"channels": ["current"]} and best.to_json()["change"] == best.change
+    assert "an injection into the current beside the force" in menu  # though the force had every line
 
 
 def test_gains_that_are_not_the_recorded_ones_are_said(tmp_path, delayed):

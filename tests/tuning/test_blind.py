@@ -7,8 +7,8 @@ import pytest
 from typer.testing import CliRunner
 
 import sim2real
+from sim2real import gain_choice
 from sim2real.blind import generate as generator
-from sim2real.blind import regret
 from tuning import command_blind
 from tuning.cli import app
 
@@ -124,7 +124,7 @@ def test_the_generators_labels_are_read(tmp_path, monkeypatch):
     plan = [generator.Case(1, "stand", "full", "single", ("runout",))]
     monkeypatch.setattr(generator, "plan", lambda count, seed: plan)
     monkeypatch.setattr(generator, "SIZES", (20.0, 21.0))
-    monkeypatch.setattr(regret, "FACTORS", ((1.0, 1.0), (1.0, 1.4)))
+    monkeypatch.setattr(gain_choice, "FACTORS", ((1.0, 1.0), (1.0, 1.4)))
     run("blind", "generate", "--count", 1, "--seed", 5, "--processes", 1, "--out", tmp_path / "s")
     run("blind", "answer", tmp_path / "s", "--processes", 1)
     run("blind", "open", tmp_path / "s", "--json", tmp_path / "b.json")
