@@ -75,7 +75,7 @@ _STARTS: Mapping[str, Mapping[str, Sequence[float]]] = {
     "amplifier_lag": {"time_constant": (1e-5, 1e-4)},
     "amplifier_voltage_limit": {"voltage": tuple(np.geomspace(0.1, 20.0, 40))},
     "actuator_gain": {"change": (-0.3, -0.05, 0.05, 0.4, 1.5, 3.5)},
-    "negative_stiffness": {"change": (-0.3, 0.2, 1.0)},
+    "negative_stiffness": {"change": (-0.7, -0.4, -0.15, 0.2, 1.0)},
     "eddy_current": {"corner_hz": (1e3, 1e4, 1e5), "order": (0.5, 0.85)},
     "hysteresis": {"strength": (0.05, 0.3), "width": (0.01, 0.05, 0.2)},
     "saturation": {"field": (0.7, 1.0, 1.5, 2.2)},

@@ -17,6 +17,7 @@ from maglev_env.rig import load_rig
 from maglev_env.simulate import simulate_records
 from sim2real import attribute
 from sim2real.diagnosis import diagnose
+from sim2real.next_experiment import SEPARATED
 
 FREE = load_rig("hmb_free")
 DELAY = effect("delay", 7.5e-5)
@@ -154,13 +155,14 @@ def test_a_record_of_force_and_displacement_alone_has_an_honest_class(poor):
 
 
 def test_the_experiment_that_tells_its_class_apart_is_proposed(poor):
-    """The current shows what the amplifier does to the command."""
+    """What goes into the current passes the amplifier as the command does; the force meets neither on its way in."""
     best = poor.next_experiment
-    assert "current" in best.what and best.expected_separation > 20
+    assert "current" in best.what and best.expected_separation > SEPARATED
     menu = dict(best.table)
     assert len(menu) >= 4 and all(np.isfinite(v) for v in menu.values())
-    assert best.change == {"channels": ["current"]} and best.to_json()["change"] == best.change
+    assert best.to_json()["change"] == best.change and best.change.keys() <= {"channels", "excitation"}
     assert "an injection into the current beside the force" in menu  # though the force had every line
+    assert "the coil current beside the same channels" in menu
 
 
 def test_gains_that_are_not_the_recorded_ones_are_said(tmp_path, delayed):

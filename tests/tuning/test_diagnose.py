@@ -102,6 +102,7 @@ def test_the_command_writes_page_data_and_corrected_rig(tmp_path, monkeypatch):
     for said in ("Diagnosis of rig-7", "Where the gap lies", "Receptance: measured", "The corrected rig"):
         assert said in page
     assert "Gap on the holdout, in units of the noise" in text and "delay" in text
+    assert "Gains: of 12 sets" in text and 0 <= data["gap"]["regret"]["before"] <= 1
     for name in ("corrected.toml", "diagnosis.json", "diagnosis.html"):
         assert name in text.replace(" ", "")
 
