@@ -10,6 +10,7 @@ from maglev_env.evaluation import evaluate
 from maglev_env.excitation import lines_at
 from maglev_env.experiment import protocol_experiment
 from maglev_env.gains import Controllers, Gains
+from maglev_env.linear import closed_loop_poles
 from maglev_env.rig import Rig
 from sim2real.simulated import Point, experiment_at
 
@@ -51,12 +52,15 @@ def gain_sets(gains: Controllers) -> list[Controllers]:
 
 
 def gain_choice(rig: Rig, corrected: Point, speed_rpm: float = 0.0) -> GainChoice | None:
-    """Both simulators' scores of the gain sets; None where a rig has no PID gains or its protocol cannot score them."""
+    """Both simulators' scores of the gain sets; None where a rig has no PID gains, they do not stabilise
+    it, or its protocol cannot score them."""
     gains: Sequence[object] = rig.gains if isinstance(rig.gains, tuple) else (rig.gains,)
     driven = rig.protocol is not None and all(
         lines_at(rig.protocol.excitations, at).size for at in ("force", "current")
     )
     if not driven or not all(isinstance(g, Gains) for g in gains):
+        return None
+    if abs(closed_loop_poles(replace(protocol_experiment(rig, rig.gains), speed_rpm=speed_rpm))).max() >= 1:
         return None
     planned = [replace(protocol_experiment(rig, one), speed_rpm=speed_rpm) for one in gain_sets(rig.gains)]
     both = (evaluate(p).score for p in (planned, [experiment_at(e, corrected) for e in planned]))

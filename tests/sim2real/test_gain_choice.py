@@ -9,7 +9,7 @@ from maglev_env.effects import effect
 from maglev_env.evaluation import evaluate
 from maglev_env.experiment import protocol_experiment
 from maglev_env.gains import LinearController
-from maglev_env.rig import load_rig
+from maglev_env.rig import load_rig, with_parameters
 from sim2real import gain_choice as own
 from sim2real.gain_choice import FACTORS, GainChoice, gain_choice, gain_sets
 from sim2real.simulated import Point
@@ -53,3 +53,4 @@ def test_without_what_scores_gains_there_is_no_choice():
     force = tuple(e for e in FREE.protocol.excitations if e.at == "force")
     assert gain_choice(replace(FREE, protocol=replace(FREE.protocol, excitations=force)), Point({}, {})) is None
     assert gain_choice(load_rig("pedestal"), Point({}, {})) is None
+    assert gain_choice(with_parameters(FREE, {"negative_stiffness": -6e4}), Point({}, {})) is None
