@@ -145,10 +145,11 @@ def steady_spectra(
     waves: Mapping[str, np.ndarray],
     lines: np.ndarray,
     transient: int,
+    periods: int = 1,
     threads: int | None = None,
 ) -> np.ndarray:
-    """Complex amplitudes (n, 2, axes, lines) of displacement and current over a period, after so many control samples
-    of the periodic waves before it; nan for a lane that touched down.
+    """Complex amplitudes (n, 2, axes, lines) of displacement and current, means over periods, after so many control
+    samples of the periodic waves before them; nan for a lane that touched down.
 
     lanes: see `prepared`; they run under the gains, period and recorded rate of the experiment, whose structure (see
     `structure_of`) but for effects must be theirs. waves: one period (axes, samples_per_period) of "force" (N),
@@ -160,17 +161,20 @@ def steady_spectra(
     driven = [np.atleast_2d(waves[place]) for place in ("force", "current", "reference")]
     whole = [np.ravel(wave) for wave in driven]
     tail = [wave[:, n - transient % n :].ravel() for wave in driven] if transient % n else None
-    schedule = ([tail] if tail else []) + [whole] * (transient // n + 1)
+    schedule = ([tail] if tail else []) + [whole] * (transient // n + periods)
 
     def run(prepared: _Block) -> None:
         batch = with_controllers(prepared.batch, experiment.gains, experiment)
         block = replace(prepared, batch=batch, experiment=experiment)
         state = _State(block)
         outputs = len(batch.structure.channels)
-        *_, out = _periods(block, state, schedule, outputs)
+        total = 0.0
+        for i, out in enumerate(_periods(block, state, schedule, outputs)):
+            if i >= len(schedule) - periods:
+                total = total + out[:, [0, outputs - 1], :, ::every]
         kept = np.flatnonzero(state.alive()[: len(block.members)])
-        for at, channel in enumerate((0, outputs - 1)):
-            found = scipy.fft.rfft(out[:, channel, :, ::every], axis=-1)[:, kept][..., lines] * (2 * every / n)
+        for at in range(2 if kept.size else 0):
+            found = scipy.fft.rfft(total[:, at], axis=-1)[:, kept][..., lines] * (2 * every / (n * periods))
             spectra[block.members[kept], at] = found.transpose(1, 0, 2)
 
     for _ in over_threads(run, lanes, threads):

@@ -13,7 +13,7 @@ from sim2real.unsynchronised import FOREIGN
 # What the right effect leaves of its gap when another form of it made the data, as a share of what it explains; linear
 # effects are as good as exact.
 FORM_SHARES: Mapping[str, float] = {
-    "amplifier_voltage_limit": 0.5,
+    "amplifier_voltage_limit": 0.15,
     "hysteresis": 0.2,
     "friction": 0.05,
     "saturation": 0.02,

@@ -8,7 +8,7 @@ import numpy as np
 from maglev_env.threads import single_blas
 from sim2real.opened import Opened, noise_of, opened_loop
 from sim2real.records import Record
-from sim2real.simulated import Point, Predictor, alike_settling, predictor
+from sim2real.simulated import Point, Predictor, predictor, together
 
 # Detection lines are looked at up to so many times the line below which this share of the driven ones lies.
 DENSE, DENSE_REACH = 0.75, 1.2
@@ -49,14 +49,15 @@ class Problem:
         found = np.empty((len(points), self.data.size), complex)
         period = 1 / self.parts[0].record.experiment.fundamental
         with single_blas():  # matrices of lanes are small: more threads only wait for each other
-            together = alike_settling(points, period) if settled else [(0.0, list(range(len(points))))]
-            for lasts, which in together:
+            dithering = self.parts[0].record.nominal.noise.displacement > 0
+            groups = together(points, period, dithering) if settled else [((0.0, False), list(range(len(points))))]
+            for (lasts, dithered), which in groups:
                 prepared: dict[tuple, list] = {}
                 for part in self.parts:
                     kind = part.predictor.kind
                     if kind not in prepared:
-                        prepared[kind] = part.predictor.lanes([points[i] for i in which])
-                    predicted = part.predictor.of(prepared[kind], lasts)[..., part.used]
+                        prepared[kind] = part.predictor.lanes([points[i] for i in which], dithered)
+                    predicted = part.predictor.of(prepared[kind], lasts, dithered)[..., part.used]
                     whitened = predicted * (np.sqrt(2) / part.noise[..., part.used])
                     found[which, part.place] = whitened.reshape(len(which), -1)
         return found

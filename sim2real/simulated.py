@@ -1,7 +1,7 @@
 """What a hypothesis predicts of a campaign: its lanes simulated under every recording's own waves and gains."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from math import ceil, log, pi
 
 import numpy as np
@@ -27,6 +27,9 @@ SETTLED = 3e-5  # of a transient's size at the start, where the period begins th
 RUNG_OUT = 6.5  # time constants after which a mode's ringing counts as gone
 LASTING = (0, 0.5, 1, 2, 3, 4, 6, 9, 12)  # periods: points of which the modes ring about as long run together
 MOST_TRANSIENT = 12  # periods
+# Noise of the reading dithers a limit: lanes with it run with the noise that the rig states, over so many periods, as
+# its chance is not that of the record.
+DITHERED, DITHER_PERIODS = "amplifier_voltage_limit", 6
 # Names the flexible kernel without changing anything: lanes of all hypotheses then share one block.
 NEUTRAL: Effects = effect("friction", 0.0)
 
@@ -72,6 +75,7 @@ class Predictor:
     record: Record
     opened: Opened
     transient: int
+    known: dict[int, np.ndarray] = field(default_factory=dict, compare=False)  # what noise adds, by transient
 
     @property
     def kind(self) -> tuple:
@@ -81,20 +85,30 @@ class Predictor:
         orders = tuple(None if isinstance(c, Gains) else c.order for c in controllers)
         return orders, e.speed_rpm, e.rig.mass
 
-    def lanes(self, points: Sequence[Point]) -> list:
-        """Lanes at every point, for records of this kind."""
+    def lanes(self, points: Sequence[Point], dithered: bool = False) -> list:
+        """Lanes at every point, for records of this kind; dithered: with the noise that the rig states."""
         e = self.record.experiment
+        if dithered:
+            noise = replace(e.rig.noise, displacement=self.record.nominal.noise.displacement)
+            e = replace(e, rig=replace(e.rig, noise=noise))
         return prepared(
             [experiment_at(e, replace(p, effects={**NEUTRAL, **e.rig.effects, **p.effects})) for p in points]
         )
 
-    def of(self, lanes: list, settling: float = 0.0) -> np.ndarray:
+    def of(self, lanes: list, settling: float = 0.0, dithered: bool = False) -> np.ndarray:
         """(n, outputs, axes, lines) of prepared lanes that take at least so long (s) to settle; nan where the rotor
-        touches down."""
+        touches down. Of dithered ones what the same noise makes of the nominal rig is taken off again."""
         r = self.record
         longest = MOST_TRANSIENT * r.experiment.samples_per_period
         transient = max(self.transient, min(ceil(settling * r.nominal.control_rate), longest))
-        spectra = steady_spectra(lanes, r.experiment, r.waves, r.lines, transient)
+        own = r.experiment, r.waves, r.lines, transient, DITHER_PERIODS if dithered else 1
+        spectra = steady_spectra(lanes, *own)
+        if dithered:
+            if transient not in self.known:
+                plain = [Point({}, {})]
+                noisy, clean = (steady_spectra(self.lanes(plain, on), *own)[0] for on in (True, False))
+                self.known[transient] = np.nan_to_num(noisy - clean)  # naught where the nominal rig does not stand
+            spectra -= self.known[transient]
         return self.opened.residuals(spectra[:, 0], spectra[:, 1])
 
     def __call__(self, points: Sequence[Point]) -> np.ndarray:
@@ -108,12 +122,14 @@ def settling(point: Point) -> float:
     return max((RUNG_OUT / (2 * pi * v["frequency"] * v["damping_ratio"]) for v in modes), default=0.0)
 
 
-def alike_settling(points: Sequence[Point], period: float) -> list[tuple[float, list[int]]]:
-    """Points, by index, that are simulated together: (settling time in s, which); period in s."""
+def together(points: Sequence[Point], period: float, dithering: bool) -> list[tuple[tuple[float, bool], list[int]]]:
+    """Points, by index, that are simulated together: ((settling time in s, whether noise dithers them), which); period
+    in s."""
     steps = np.array(LASTING) * period
-    groups: dict[float, list[int]] = {}
+    groups: dict[tuple[float, bool], list[int]] = {}
     for i, point in enumerate(points):
-        groups.setdefault(float(steps[min(np.searchsorted(steps, settling(point)), steps.size - 1)]), []).append(i)
+        lasts = float(steps[min(np.searchsorted(steps, settling(point)), steps.size - 1)])
+        groups.setdefault((lasts, dithering and DITHERED in point.effects), []).append(i)
     return sorted(groups.items())
 
 
