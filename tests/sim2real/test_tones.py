@@ -9,7 +9,7 @@ from maglev_env.effects import effect
 from sim2real.hypotheses import TONES
 from sim2real.problem import assemble
 from sim2real.records import read_records
-from sim2real.simulated import Point, alike_settling, settling
+from sim2real.simulated import Point, settling, together
 from sim2real.tones import MOST, families, near_tones, origin, outstanding, remove_tones, tone_at
 from sim2real.unsynchronised import Sighting, _one_family, evidence, spin_costs
 
@@ -216,9 +216,11 @@ def test_what_modes_need_to_ring_out_groups_their_lanes():
     plain = Point(effect("delay", 1e-5), {})
     assert settling(plain) == 0.0
     assert np.exp(-settling(slow) * 2 * np.pi * 40 * 0.01) == pytest.approx(1.5e-3, rel=0.01)
-    groups = alike_settling([slow, plain, fast, slow], 0.5)
+    groups = together([slow, plain, fast, slow], 0.5, False)
     assert [which for _, which in groups] == [[1], [2], [0, 3]]
-    assert all(lasts >= settling(p) for lasts, which in groups for p in ([slow, plain, fast, slow][i] for i in which))
+    assert all(
+        lasts >= settling(p) for (lasts, _), which in groups for p in ([slow, plain, fast, slow][i] for i in which)
+    )
 
 
 @pytest.mark.slow
