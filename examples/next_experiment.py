@@ -99,6 +99,8 @@ def decided(
         kept = list(channels) + proposed.change.get("channels", [])
         if "excitation" in proposed.change:
             kept += [{"force": "force", "current": "injection"}[proposed.change["excitation"]["at"]]]
+        if "offset" in proposed.change:
+            kept += ["reference"]
         dataset = simulated_recording(e, simulate_records([e])[0])
         rows.append(("next", "fit", dataset[[c for c in dict.fromkeys(kept) if c in dataset]], e))
         write_campaign(Path(folder) / "b", RIG, {}, rows)

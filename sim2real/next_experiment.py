@@ -102,7 +102,7 @@ def menu(base: Record) -> list[_Item]:
             items.append(_Item("the coil current beside the same channels", 2.0, base, ("plant", "amplifier"), beside))
         offset = OFFSET * rig.gap
         moved = replace(base, waves={**base.waves, "reference": base.waves["reference"] + offset})
-        what = f"the same at a static offset of {OFFSET:.0%} of the gap".replace("%", " %")
+        what = f"the same at a static offset of {OFFSET:.0%} of the gap, the reference recorded".replace("%", " %")
         items.append(_Item(what, 1.0, moved, outputs, {"offset": offset}))
         gains = base.experiment.gains
         if isinstance(gains, Gains):
