@@ -129,6 +129,8 @@ def _words(problem: Problem, residual: np.ndarray | None) -> Words:
 
 def _of_part(part: Part, residual: np.ndarray | None) -> tuple[float, float, float]:
     """Stiffness, damping and peak sensitivity of a one-axis part."""
+    if residual is not None and not np.isfinite(residual[part.place]).all():
+        return np.nan, np.nan, np.nan  # the rotor touched down
     record, used, opened = part.record, part.used, part.opened
     plant = part.measured[opened.outputs.index("plant"), 0][used]
     if residual is not None:
