@@ -143,7 +143,8 @@ def iterate(fits: Sequence[Fit], data: np.ndarray, simulate: Simulate, most: int
                 if cost < best.get(id(f), (f.cost,))[0]:
                     best[id(f)] = cost, damping, u, data - p
         for f in active:
-            promised = float(_solved(f, 0.0) @ f.gradient)
+            gradient = f.gradient
+            promised = float(_solved(f, f.normal, gradient, 0.0) @ gradient)
             saved = f.cost - best[id(f)][0] if id(f) in best else 0.0
             idle = min(promised, saved) < CONVERGED + SHARE * f.cost
             f.done = idle and f.idle and f.age == 0
@@ -162,9 +163,9 @@ def iterate(fits: Sequence[Fit], data: np.ndarray, simulate: Simulate, most: int
 def _steps(fit: Fit) -> list[np.ndarray]:
     """Bounded trial points, one for each damping that is tried."""
     found = []
-    far = reach(fit.hypothesis, fit.u)
+    far, normal, gradient = reach(fit.hypothesis, fit.u), fit.normal, fit.gradient
     for factor in DAMPING:
-        step = _solved(fit, fit.damping * factor)
+        step = _solved(fit, normal, gradient, fit.damping * factor)
         found.append(fit.hypothesis.bounded(fit.u + step / np.max(abs(step) / far, initial=1.0)))
     return found
 
@@ -175,10 +176,9 @@ def reach(hypothesis: Hypothesis, u: np.ndarray) -> np.ndarray:
     return np.concatenate([own, FAR + abs(u[len(own) :])])
 
 
-def _solved(fit: Fit, damping: float) -> np.ndarray:
-    """The damped step (size,), along the bounds that it would cross at once."""
-    normal, gradient = fit.normal, fit.gradient
-    normal += damping * np.diag(np.diag(normal) + 1e-12)
+def _solved(fit: Fit, normal: np.ndarray, gradient: np.ndarray, damping: float) -> np.ndarray:
+    """The damped step (size,) of a fit's normal equations, along the bounds that it would cross at once."""
+    normal = normal + damping * np.diag(np.diag(normal) + 1e-12)
     inside = np.ones(gradient.size, bool)
     while True:
         step = np.zeros_like(gradient)

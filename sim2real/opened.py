@@ -110,14 +110,10 @@ def _spread(record: Record, opened: Opened, first: int = 0) -> tuple[np.ndarray,
 
 def stated_noise(record: Record, opened: Opened) -> np.ndarray:
     """Variance (outputs, axes, n) of one period's residuals by the noise and the converters that the rig states."""
-    rig = record.nominal
-    adc = 2 * rig.voltage_range / 2**rig.adc_bits / rig.probe_gain if rig.adc_bits else 0.0
-    dac = 2 * rig.voltage_range * rig.amplifier_gain / 2**rig.dac_bits if rig.dac_bits else 0.0
-    found = {
-        "plant": rig.noise.displacement**2 + adc**2 / 12 + abs(opened.plant) ** 2 * dac**2 / 12,
-        "amplifier": rig.noise.current**2 + abs(opened.amplifier) ** 2 * dac**2 / 12,
-    }
-    return np.stack([found[name] for name in opened.outputs]) * 4 / record.experiment.recorded_per_period
+    noise, resolution = record.nominal.noise, _resolution(record, opened)
+    white = {"plant": noise.displacement**2, "amplifier": noise.current**2}
+    n = record.experiment.recorded_per_period
+    return np.stack([resolution[name] + white[name] * 4 / n for name in opened.outputs])
 
 
 def loud_bands(record: Record, opened: Opened) -> list[tuple[float, float, float]]:

@@ -116,10 +116,15 @@ class Predictor:
         return self.of(self.lanes(points), max(map(settling, points), default=0.0))
 
 
+def modes_of(point: Point) -> list[Mapping[str, float]]:
+    """Parameters of the second-order modes among a point's effects."""
+    return [values for values in point.effects.values() if "damping_ratio" in values]
+
+
 def settling(point: Point) -> float:
     """How long the slowest mode among a point's effects rings (s), 0 without one."""
-    modes = [v for v in point.effects.values() if "damping_ratio" in v]
-    return max((RUNG_OUT / (2 * pi * v["frequency"] * v["damping_ratio"]) for v in modes), default=0.0)
+    rates = (2 * pi * mode["frequency"] * mode["damping_ratio"] for mode in modes_of(point))
+    return max((RUNG_OUT / rate for rate in rates), default=0.0)
 
 
 def together(points: Sequence[Point], period: float, dithering: bool) -> list[tuple[tuple[float, bool], list[int]]]:

@@ -11,7 +11,7 @@ from maglev_env.linear import loop_response
 from sim2real.opened import loud_bands, opened_loop
 from sim2real.problem import Part, Problem
 from sim2real.records import Record
-from sim2real.simulated import Point, experiment_at
+from sim2real.simulated import Point, experiment_at, modes_of
 from sim2real.tones import HARMONICS, MAINS, NEAR, ON_LINE, families, origin, outstanding, tone_at
 
 FOREIGN = "foreign"
@@ -86,7 +86,7 @@ def evidence(found: list[Sighting]) -> dict[str, float]:
 
 
 def _between(index: int, part: Part, point: Point) -> list[Sighting]:
-    modes = [values["frequency"] for values in point.effects.values() if "frequency" in values]
+    modes = [mode["frequency"] for mode in modes_of(point)]
     record, found = part.record, []
     speed = record.experiment.speed_rpm
     resolution = record.experiment.fundamental / (
@@ -130,13 +130,13 @@ def _opened(record: Record, point: Point, frequency: float, amplitude: np.ndarra
 def _bands(index: int, part: Part, point: Point) -> list[Sighting]:
     """Loud bands, as foreign tones of unknown size. For noise to be white the loop is opened as a point has it, and as
     the nominal rig does, for what noise meets is not the tangent of a friction; what is loud is so in both."""
-    corrected = replace(part.record, experiment=experiment_at(part.record.experiment, point))
     if not point.effects.keys().isdisjoint(NO_TANGENT):
         return []  # what they make of the loop's noise has no shape of its own
+    corrected = replace(part.record, experiment=experiment_at(part.record.experiment, point))
     opened = [replace(opened_loop(r), outputs=part.opened.outputs) for r in (corrected, part.record)]
     loops = [loud_bands(r, o) for r, o in zip((corrected, part.record), opened, strict=True)]
     loud = min(loops, key=lambda bands: sum(chi2 for *_, chi2 in bands))
-    modes = [values["frequency"] for values in point.effects.values() if "frequency" in values]
+    modes = [mode["frequency"] for mode in modes_of(point)]
     # Next to a lightly damped mode noise is as loud as the mode is sharp, which no fit knows so well.
     loud = [band for band in loud if all(abs(np.log2(f * f / (band[0] * band[1]))) > BESIDE_MODE for f in modes)]
     return [Sighting(index, FOREIGN, 1, (lo * hi) ** 0.5, 0.0, 0.0, 0.0, chi2) for lo, hi, chi2 in loud]
