@@ -1,7 +1,7 @@
 """Which effect: candidates fitted in closed loop, alone and in pairs."""
 
 from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -9,10 +9,11 @@ from sim2real.fitting import Fit, begin, differentiate, iterate, share_calibrati
 from sim2real.hypotheses import COORDINATES, Hypothesis, single_effects, starts
 from sim2real.problem import Problem
 from sim2real.screening import Start, extended, kept, screened
-from sim2real.simulated import tolerances
+from sim2real.simulated import DITHERED, MAY_BE_DITHERED, tolerances
 
 FIRST, ITERATIONS = 3, 20  # steps of a fit from every start that is followed, and more of the better one
 SEEDS, PAIRS = 4, 8  # best single effects that a second one is added to, and pairs that are fitted, in a round
+BLURRED = 4  # best fits that are tried with noise that blurs them
 SWAPPED = 2  # best pairs of which either effect is tried with others
 NO_GAP = 12.0  # cost that no single effect saves beyond calibration: then no pair is looked for
 ABOUT = 30.0  # cost above the best that a simpler candidate may have to be taken for it
@@ -88,7 +89,7 @@ def attribute(problem: Problem, progress: Progress = lambda text: None) -> Attri
     if not calibration[0].cost - least < NO_GAP:
         progress("pairs of effects")
         pairs, singles = _pairs(problem, singles)
-    fits = [*calibration, *singles, *pairs]
+    fits = _blurred(problem, [*calibration, *singles, *pairs])
     standing = [f for f in fits if np.isfinite(f.cost)]
     if not standing:
         raise ValueError(
@@ -99,6 +100,22 @@ def attribute(problem: Problem, progress: Progress = lambda text: None) -> Attri
     close = [f for f in standing if f is fits[0] or f.cost - least < CLOSE + CLOSE_SHARE * least]
     differentiate(close, problem.data, problem.simulate, True)
     return Attribution(nominal, tuple(map(Candidate, fits)), 2.0 * problem.data.size, problem)
+
+
+def _may_blur(effects: Collection[str]) -> bool:
+    return DITHERED not in effects and not set(MAY_BE_DITHERED).isdisjoint(effects)
+
+
+def _blurred(problem: Problem, fits: Sequence[Fit]) -> list[Fit]:
+    """The fits, of which the best ones whose effects noise may blur are fitted so too, and the better kept."""
+    able = [f for f in fits if np.isfinite(f.cost) and _may_blur(f.hypothesis.effects)]
+    tried = sorted(able, key=lambda f: f.cost)[:BLURRED]
+    again = begin(
+        [replace(f.hypothesis, dithered=True) for f in tried], [f.u for f in tried], problem.data, problem.simulate
+    )
+    iterate(again, problem.data, problem.simulate, ITERATIONS)
+    better = {id(f): new for f, new in zip(tried, again, strict=True) if new.cost < f.cost}
+    return [better.get(id(f), f) for f in fits]
 
 
 def _singles(problem: Problem, seeds: Sequence[Fit], names: Sequence[str], allowed: Mapping[str, float]) -> list[Fit]:

@@ -99,10 +99,12 @@ _DAMPING_RATIO = 0.07  # half the grid's spacing
 
 @dataclass(frozen=True)
 class Hypothesis:
-    """Named effects (none: calibration only), and the nominal parameters that their tolerance lets move."""
+    """Named effects (none: calibration only), the nominal parameters that their tolerance lets move, and whether noise
+    blurs the effects."""
 
     effects: tuple[str, ...]
     tolerances: Mapping[str, float]
+    dithered: bool = False
 
     @property
     def coordinates(self) -> tuple[Coordinate, ...]:
@@ -139,7 +141,7 @@ class Hypothesis:
         if share := changes.pop(FORM, 0.0):
             whole = effects["amplifier_lag"]["time_constant"]
             effects["amplifier_lag"]["time_constant"], effects["delay"] = (1 - share) * whole, {"time": share * whole}
-        return Point(effects, changes)
+        return Point(effects, changes, self.dithered)
 
     def bounded(self, u: np.ndarray) -> np.ndarray:
         """Coordinates moved into their bounds; a change of a nominal parameter stays above -90 %."""

@@ -27,19 +27,23 @@ SETTLED = 3e-5  # of a transient's size at the start, where the period begins th
 RUNG_OUT = 6.5  # time constants after which a mode's ringing counts as gone
 LASTING = (0, 0.5, 1, 2, 3, 4, 6, 9, 12)  # periods: points of which the modes ring about as long run together
 MOST_TRANSIENT = 12  # periods
-# Noise of the reading dithers a limit: lanes with it run with the noise that the rig states, over so many periods, as
-# its chance is not that of the record.
-DITHERED, DITHER_PERIODS = "amplifier_voltage_limit", 6
+# Noise of the reading dithers what is not smooth: lanes with it run with the noise that the rig states, over so many
+# periods, as its chance is not that of the record. It always blurs a limit; loops of
+# hysteresis and friction are blurred in some forms and not in others.
+DITHER_PERIODS = 6
+DITHERED, MAY_BE_DITHERED = "amplifier_voltage_limit", ("hysteresis", "friction")
 # Names the flexible kernel without changing anything: lanes of all hypotheses then share one block.
 NEUTRAL: Effects = effect("friction", 0.0)
 
 
 @dataclass(frozen=True)
 class Point:
-    """One set of parameters: effects, and relative changes of the nominal rig's parameters within their tolerance."""
+    """One set of parameters: effects, and relative changes of the nominal rig's parameters within their tolerance;
+    dithered: whether noise blurs the effects."""
 
     effects: Effects
     changes: Mapping[str, float]
+    dithered: bool = False
 
 
 def experiment_at(e: Experiment, point: Point) -> Experiment:
@@ -134,7 +138,8 @@ def together(points: Sequence[Point], period: float, dithering: bool) -> list[tu
     groups: dict[tuple[float, bool], list[int]] = {}
     for i, point in enumerate(points):
         lasts = float(steps[min(np.searchsorted(steps, settling(point)), steps.size - 1)])
-        groups.setdefault((lasts, dithering and DITHERED in point.effects), []).append(i)
+        dithered = dithering and (point.dithered or DITHERED in point.effects)
+        groups.setdefault((lasts, dithered), []).append(i)
     return sorted(groups.items())
 
 
