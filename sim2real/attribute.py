@@ -13,7 +13,7 @@ from sim2real.simulated import DITHERED, MAY_BE_DITHERED, tolerances
 
 FIRST, ITERATIONS = 3, 20  # steps of a fit from every start that is followed, and more of the better one
 SEEDS, PAIRS = 4, 8  # best single effects that a second one is added to, and pairs that are fitted, in a round
-BLURRED = 4  # best fits that are tried with noise that blurs them
+BLURRED, BLURRED_SHARE = 4, 0.5  # best fits that are tried with noise that blurs them, and what they may leave
 SWAPPED = 2  # best pairs of which either effect is tried with others
 NO_GAP = 12.0  # cost that no single effect saves beyond calibration: then no pair is looked for
 ABOUT = 30.0  # cost above the best that a simpler candidate may have to be taken for it
@@ -108,13 +108,16 @@ def _may_blur(effects: Collection[str]) -> bool:
 
 def _blurred(problem: Problem, fits: Sequence[Fit]) -> list[Fit]:
     """The fits, of which the best ones whose effects noise may blur are fitted so too, and the better kept."""
-    able = [f for f in fits if np.isfinite(f.cost) and _may_blur(f.hypothesis.effects)]
+    least = min(f.cost for f in fits)
+    enough = least + BLURRED_SHARE * (fits[0].cost - least)
+    able = [f for f in fits if f.cost < enough and _may_blur(f.hypothesis.effects)]
     tried = sorted(able, key=lambda f: f.cost)[:BLURRED]
     again = begin(
         [replace(f.hypothesis, dithered=True) for f in tried], [f.u for f in tried], problem.data, problem.simulate
     )
-    iterate(again, problem.data, problem.simulate, ITERATIONS)
+    iterate(again, problem.data, problem.simulate, FIRST)
     better = {id(f): new for f, new in zip(tried, again, strict=True) if new.cost < f.cost}
+    iterate(list(better.values()), problem.data, problem.simulate, ITERATIONS)
     return [better.get(id(f), f) for f in fits]
 
 
