@@ -9,7 +9,6 @@ from typing import Any, Literal
 from maglev_env.campaign_tables import (
     ChannelSource,
     channel_table,
-    check_known,
     excitations_table,
     number_of,
     table_of,
@@ -18,6 +17,7 @@ from maglev_env.campaign_tables import (
 from maglev_env.excitation import Excitation
 from maglev_env.gains import Controllers
 from maglev_env.rig import PRESETS, Rig, controllers_from_table, load_rig, with_parameters
+from maglev_env.toml_fields import check_known
 
 __all__ = ["Campaign", "ChannelSource", "RecordingSpec", "load_campaign"]
 

@@ -1,11 +1,12 @@
 """The tables of campaign.toml below a recording, checked: channels, excitations, gains and controller."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from typing import Any
 
 from maglev_env.excitation import MAX_HARMONIC, Excitation, check_interleaved, is_number
 from maglev_env.rig import excitation_from_table
+from maglev_env.toml_fields import check_known
 
 CHANNEL_UNITS: Mapping[str, str] = {
     "reference": "m",
@@ -97,13 +98,6 @@ def channel_table(name: str, value: Any) -> ChannelSource:
     if scale == 0:
         raise ValueError(f"{where}: scale = 0 leaves nothing of the channel")
     return ChannelSource(tuple(columns), weights, scale, offset)
-
-
-def check_known(table: Mapping[str, Any], known: Iterable[str], where: str) -> None:
-    """ValueError for the first key that is not known, with those that are."""
-    for key in table:
-        if key not in known:
-            raise ValueError(f"{where}: unknown key {key!r}; known keys: {', '.join(sorted(known))}")
 
 
 def table_of(value: Any, where: str) -> dict[str, Any]:

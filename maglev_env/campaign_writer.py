@@ -9,12 +9,13 @@ from textwrap import fill
 from typing import TYPE_CHECKING, Any, Literal
 
 from maglev_env.campaign import ROLES, SCHEMA
-from maglev_env.campaign_tables import CHANNELS, check_known
+from maglev_env.campaign_tables import CHANNELS
 from maglev_env.excitation import Excitation
 from maglev_env.experiment import Experiment
 from maglev_env.files import write_csv, write_mat, write_npz, write_text_atomic
 from maglev_env.gains import Controllers, Gains, as_table
 from maglev_env.rig import PRESETS, load_rig, with_parameters
+from maglev_env.toml_fields import check_known
 
 if TYPE_CHECKING:
     import xarray as xr

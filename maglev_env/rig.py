@@ -14,17 +14,13 @@ from maglev_env.gains import Controllers, Gains, LinearController, of_axis
 from maglev_env.magnet_checks import check_magnet
 from maglev_env.planar import AXES, NO_CROSS, Cross
 from maglev_env.self_sensing import SelfSensing
+from maglev_env.toml_fields import check_known, check_range, increasing_pair, quantity, table_as
 
 SCHEMA = "maglev-rig/1"
 MAGNETS = ("hybrid_pair", "electromagnet_pair", "electromagnet", "magnet_coil", "none")
 FLUX_PATHS = ("gap", "magnet")
 PRESETS = ("hmb_free", "hmb_radial", "hmb_axial", "pedestal", "eframe")
 MAX_FILE_BYTES = 1_000_000
-
-
-def _number(unit: str, low: float, high: float, default: Any = MISSING) -> Any:
-    metadata = {"unit": unit, "low": low, "high": high}
-    return field(metadata=metadata) if default is MISSING else field(default=default, metadata=metadata)
 
 
 @dataclass(frozen=True)
@@ -98,36 +94,36 @@ class Rig:
 
     name: str
     magnet: str
-    mass: float = _number("kg", 1e-6, 1e5)
-    support_stiffness: float = _number("N/m", 0.0, 1e10, 0.0)
-    support_damping: float = _number("N s/m", 0.0, 1e7, 0.0)
-    gap: float = _number("m", 1e-6, 0.1, 1e-3)
-    clearance: float = _number("m", 1e-7, 0.1, 0.0)
-    turns: float = _number("", 1.0, 1e5, 1.0)
-    pole_area: float = _number("m2", 1e-9, 1.0, 1e-4)
-    magnet_area: float = _number("m2", 1e-9, 1.0, 1e-4)
-    magnet_length: float = _number("m", 1e-6, 1.0, 1e-3)
-    remanence: float = _number("T", 0.0, 3.0, 0.0)
-    recoil_permeability: float = _number("mu_0", 0.5, 100.0, 1.05)
-    force_constant: float | None = _number("N m^n/A", 1e-60, 1e6, None)
-    force_exponent: float | None = _number("", 1.0, 10.0, None)
+    mass: float = quantity("kg", 1e-6, 1e5)
+    support_stiffness: float = quantity("N/m", 0.0, 1e10, 0.0)
+    support_damping: float = quantity("N s/m", 0.0, 1e7, 0.0)
+    gap: float = quantity("m", 1e-6, 0.1, 1e-3)
+    clearance: float = quantity("m", 1e-7, 0.1, 0.0)
+    turns: float = quantity("", 1.0, 1e5, 1.0)
+    pole_area: float = quantity("m2", 1e-9, 1.0, 1e-4)
+    magnet_area: float = quantity("m2", 1e-9, 1.0, 1e-4)
+    magnet_length: float = quantity("m", 1e-6, 1.0, 1e-3)
+    remanence: float = quantity("T", 0.0, 3.0, 0.0)
+    recoil_permeability: float = quantity("mu_0", 0.5, 100.0, 1.05)
+    force_constant: float | None = quantity("N m^n/A", 1e-60, 1e6, None)
+    force_exponent: float | None = quantity("", 1.0, 10.0, None)
     flux_path: str = "gap"
-    bearings: int = _number("", 1, 16, 1)
-    bias_current: float = _number("A", 0.0, 1e3, 0.0)
-    actuator_gain: float | None = _number("N/A", 1e-6, 1e6, None)
-    negative_stiffness: float | None = _number("N/m", -1e9, 0.0, None)
-    coil_inductance: float | None = _number("H", 1e-9, 1e3, None)
-    coil_resistance: float = _number("ohm", 0.0, 1e4, 0.0)
-    supply_voltage: float = _number("V", 0.1, 1e5, 24.0)
-    amplifier_gain: float = _number("A/V", 1e-4, 1e4, 1.0)
-    amplifier_time_constant: float = _number("s", 0.0, 0.1, 0.0)
-    sensor_time_constant: float = _number("s", 0.0, 0.1, 0.0)
-    probe_gain: float = _number("V/m", 1e-3, 1e9, 8000.0)
-    adc_bits: int = _number("bit", 0, 32, 16)
-    dac_bits: int = _number("bit", 0, 32, 14)
-    voltage_range: float = _number("V", 0.1, 1e4, 10.0)
-    control_rate: float = _number("Hz", 100.0, 1e6, 20000.0)
-    gravity: float = _number("m/s2", 0.0, 100.0, 9.80665)
+    bearings: int = quantity("", 1, 16, 1)
+    bias_current: float = quantity("A", 0.0, 1e3, 0.0)
+    actuator_gain: float | None = quantity("N/A", 1e-6, 1e6, None)
+    negative_stiffness: float | None = quantity("N/m", -1e9, 0.0, None)
+    coil_inductance: float | None = quantity("H", 1e-9, 1e3, None)
+    coil_resistance: float = quantity("ohm", 0.0, 1e4, 0.0)
+    supply_voltage: float = quantity("V", 0.1, 1e5, 24.0)
+    amplifier_gain: float = quantity("A/V", 1e-4, 1e4, 1.0)
+    amplifier_time_constant: float = quantity("s", 0.0, 0.1, 0.0)
+    sensor_time_constant: float = quantity("s", 0.0, 0.1, 0.0)
+    probe_gain: float = quantity("V/m", 1e-3, 1e9, 8000.0)
+    adc_bits: int = quantity("bit", 0, 32, 16)
+    dac_bits: int = quantity("bit", 0, 32, 14)
+    voltage_range: float = quantity("V", 0.1, 1e4, 10.0)
+    control_rate: float = quantity("Hz", 100.0, 1e6, 20000.0)
+    gravity: float = quantity("m/s2", 0.0, 100.0, 9.80665)
     axes: int = 1
     per_axis: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     cross: Cross = NO_CROSS
@@ -157,16 +153,16 @@ class Rig:
         if isinstance(self.gains, tuple) and len(self.gains) != 2:
             raise ValueError(f"gains: {len(self.gains)} controllers; give one for both axes, or one for each")
         for axis, own in self.per_axis.items():
-            _known(axis, AXES, "[axis]")
+            check_known((axis,), AXES, "[axis]")
             if not isinstance(own, Mapping):
                 raise ValueError(f"[axis.{axis}] = {own!r} must be a table")
             for key in own:
-                _known(key, _PER_AXIS, f"[axis.{axis}]")
+                check_known((key,), _PER_AXIS, f"[axis.{axis}]")
         if not self.clearance:
             object.__setattr__(self, "clearance", self.gap)
         for f in fields(self):
             if f.metadata:
-                _check_range(f.name, getattr(self, f.name), f.metadata)
+                check_range(f.name, getattr(self, f.name), f.metadata)
         if self.clearance > self.gap:
             raise ValueError(f"clearance = {self.clearance} m is larger than the gap {self.gap} m")
         for axis, name in enumerate(AXES if self.per_axis else ()):
@@ -183,19 +179,6 @@ class Rig:
         return self.magnet != "none"
 
 
-def _check_range(name: str, value: Any, metadata: Mapping[str, Any]) -> None:
-    if value is None:
-        return
-    whole = isinstance(metadata["low"], int)
-    if not is_number(value) or (whole and not isinstance(value, int)):
-        raise ValueError(f"{name} = {value!r} is not {'a whole number' if whole else 'a finite number'}")
-    if not metadata["low"] <= value <= metadata["high"]:
-        raise ValueError(
-            f"{name} = {value} {metadata['unit']} is outside the physical range "
-            f"{metadata['low']:g} .. {metadata['high']:g} (SI units)"
-        )
-
-
 PARAMETERS: Mapping[str, Mapping[str, Any]] = {
     f.name: f.metadata or {"unit": "", "low": -inf, "high": inf}
     for f in fields(Rig)
@@ -205,8 +188,7 @@ PARAMETERS: Mapping[str, Mapping[str, Any]] = {
 
 def with_parameters(rig: Rig, parameters: Mapping[str, Any]) -> Rig:
     """The rig with some physical parameters replaced; ValueError names an unknown or unphysical one."""
-    for key in parameters:
-        _known(key, PARAMETERS, "[parameters]")
+    check_known(parameters, PARAMETERS, "[parameters]")
     if "gap" in parameters and "clearance" not in parameters and rig.clearance == rig.gap:
         parameters = {**parameters, "clearance": parameters["gap"]}
     return replace(rig, **parameters)
@@ -269,45 +251,43 @@ def _build(data: dict[str, Any]) -> Rig:
     for key, value in data.items():
         if key in _TABLES and not isinstance(value, dict):
             raise ValueError(f"[{key}] = {value!r} must be a table")
-        _known(key, ("schema", "name", "magnet", "axes", *_TABLES), "top level")
+        check_known((key,), ("schema", "name", "magnet", "axes", *_TABLES), "top level")
     for key in ("name", "magnet", "parameters"):
         if key not in data:
             raise ValueError(f"{key} is missing")
-    for key in data["parameters"]:
-        _known(key, PARAMETERS, "[parameters]")
+    check_known(data["parameters"], PARAMETERS, "[parameters]")
     if "mass" not in data["parameters"]:
         raise ValueError("[parameters]: mass is missing")
-    bounds = {k: _pair(v, f"[bounds] {k}") for k, v in data.get("bounds", {}).items()}
-    for key in bounds:
-        _known(key, [f.name for f in fields(Gains)], "[bounds]")
+    bounds = {k: increasing_pair(v, f"[bounds] {k}") for k, v in data.get("bounds", {}).items()}
+    check_known(bounds, [f.name for f in fields(Gains)], "[bounds]")
     for key, value in data.get("tolerance", {}).items():
-        _known(key, PARAMETERS, "[tolerance]")
+        check_known((key,), PARAMETERS, "[tolerance]")
         if not (is_number(value) and 0 <= value < 1):
             raise ValueError(f"[tolerance]: {key} = {value} must be a relative 1-sigma uncertainty in 0 .. 1")
     drawn = data.get("randomization", {})
-    randomization = {key: _pair(value, f"[randomization] {key}") for key, value in drawn.items()}
+    randomization = {key: increasing_pair(value, f"[randomization] {key}") for key, value in drawn.items()}
     for key, pair in randomization.items():
-        _known(key, [name for name, meta in PARAMETERS.items() if meta["unit"]], "[randomization]")
+        check_known((key,), [name for name, meta in PARAMETERS.items() if meta["unit"]], "[randomization]")
         if not pair[0] > 0:
             raise ValueError(f"[randomization]: {key} = {list(pair)} must be two factors above 0")
     target = dict(data.get("target", {}))
     if "band" in target:
-        target["band"] = _pair(target["band"], "[target] band")
+        target["band"] = increasing_pair(target["band"], "[target] band")
     return Rig(
         name=data["name"],
         magnet=data["magnet"],
         axes=data.get("axes", 1),
         **data["parameters"],
         per_axis=data.get("axis", {}),
-        cross=_table(Cross, data, "cross"),
+        cross=table_as(Cross, data, "cross"),
         gains=controllers_from_table(data["gains"], "gains") if "gains" in data else None,
-        noise=_table(Noise, data, "noise"),
+        noise=table_as(Noise, data, "noise"),
         bounds=bounds,
         protocol=_protocol(data["protocol"]) if "protocol" in data else None,
-        target=_table(Target, {"target": target}, "target"),
+        target=table_as(Target, {"target": target}, "target"),
         tolerance=data.get("tolerance", {}),
         randomization=randomization,
-        self_sensing=_table(SelfSensing, data, "self_sensing"),
+        self_sensing=table_as(SelfSensing, data, "self_sensing"),
         effects=_effects(data.get("effects", {})),
     )
 
@@ -316,12 +296,12 @@ def _effects(tables: Mapping[str, Any]) -> Effects:
     """[effects] with one table per effect; what a table leaves out has its default."""
     found: dict[str, Mapping[str, float]] = {}
     for name, values in tables.items():
-        _known(name, EFFECTS, "[effects]")
+        check_known((name,), EFFECTS, "[effects]")
         first = next(iter(EFFECTS[name].parameters))
         if not isinstance(values, Mapping):
             raise ValueError(f"[effects]: {name} = {values!r} must be a table: [effects.{name}] with {first} = ...")
         for key, value in values.items():
-            _known(key, EFFECTS[name].parameters, f"[effects.{name}]")
+            check_known((key,), EFFECTS[name].parameters, f"[effects.{name}]")
             if isinstance(value, bool) or not isinstance(value, int | float):
                 raise ValueError(f"[effects.{name}]: {key} = {value!r} is not a number")
         try:
@@ -340,7 +320,7 @@ def controllers_from_table(table: Any, where: str) -> Controllers:
         raise ValueError(f"{where} = {table!r} must be a table")
     if any(key in AXES for key in table):
         for key in table:
-            _known(key, AXES, where)
+            check_known((key,), AXES, where)
         if missing := [axis for axis in AXES if axis not in table]:
             raise ValueError(f"{where}: axis {missing[0]} has none; give {where}.x and {where}.y, or one for both")
         for axis in AXES:
@@ -348,8 +328,7 @@ def controllers_from_table(table: Any, where: str) -> Controllers:
                 raise ValueError(f"{where}.{axis}: x and y again; give one controller")
         return tuple(controllers_from_table(table[axis], f"{where}.{axis}") for axis in AXES)
     cls = LinearController if {"numerator", "denominator"} & set(table) else Gains
-    for key in table:
-        _known(key, [f.name for f in fields(cls)], where)
+    check_known(table, [f.name for f in fields(cls)], where)
     if missing := [f.name for f in fields(cls) if f.default is MISSING and f.name not in table]:
         raise ValueError(f"{where}: {', '.join(missing)} missing")
     try:
@@ -363,7 +342,7 @@ def _protocol(data: dict[str, Any]) -> Protocol:
     excitations = tuple(excitation_from_table(e) for e in data.pop("excitation", []))
     if not excitations:
         raise ValueError("[protocol]: give at least one [[protocol.excitation]]")
-    return _table(Protocol, {"protocol": {**data, "excitations": excitations}}, "protocol")
+    return table_as(Protocol, {"protocol": {**data, "excitations": excitations}}, "protocol")
 
 
 def excitation_from_table(table: Mapping[str, Any], ignored: tuple[str, ...] = ()) -> Excitation:
@@ -371,37 +350,18 @@ def excitation_from_table(table: Mapping[str, Any], ignored: tuple[str, ...] = (
     table = {k: v for k, v in table.items() if k not in ignored}
     harmonics = table.pop("harmonics", None)
     if harmonics is not None:
-        first, last = _pair(harmonics, "excitation: harmonics")
+        first, last = increasing_pair(harmonics, "excitation: harmonics")
         check_harmonics((first, last), "harmonics")
         if "lines" in table:
             raise ValueError("excitation: give lines or harmonics, not both")
         table["lines"] = range(int(first), int(last) + 1)
-    for key in table:
-        _known(key, [f.name for f in fields(Excitation)], "excitation")
+    check_known(table, [f.name for f in fields(Excitation)], "excitation")
     if "kind" not in table:
         raise ValueError("excitation: kind is missing")
     if "band" in table:
-        table["band"] = _pair(table["band"], "excitation band")
+        table["band"] = increasing_pair(table["band"], "excitation band")
     if "lines" in table:
         if not isinstance(table["lines"], list | tuple | range):
             raise ValueError(f"excitation: lines = {table['lines']!r}; give a list of harmonic numbers")
         table["lines"] = tuple(table["lines"])
     return Excitation(**table)
-
-
-def _table(cls: type, data: Mapping[str, Any], name: str) -> Any:
-    table = data.get(name, {})
-    for key in table:
-        _known(key, [f.name for f in fields(cls)], f"[{name}]")
-    return cls(**table)
-
-
-def _known(key: str, known: Any, where: str) -> None:
-    if key not in known:
-        raise ValueError(f"{where}: unknown key {key!r}; known keys: {', '.join(sorted(known))}")
-
-
-def _pair(value: Any, where: str) -> tuple[float, float]:
-    if not (isinstance(value, list | tuple) and len(value) == 2 and all(map(is_number, value)) and value[0] < value[1]):
-        raise ValueError(f"{where} = {value!r} must be two increasing numbers")
-    return value[0], value[1]
