@@ -1,0 +1,61 @@
+"""Two-sided CUSUM charts of standard normal innovations, with a threshold from the wanted rate of false alarms."""
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.optimize import brentq
+
+OVERSHOOT = 1.166  # mean excess over the threshold, both ends, that Siegmund's approximation adds to it
+
+
+class ChangeCharts:
+    """Page's CUSUM up and down for each of several coefficients; all start at zero again after an alarm.
+
+    coefficients: how many; false_alarm_blocks and allowance as in `cusum_threshold`, the alarms of all charts counted.
+    """
+
+    def __init__(self, coefficients: int, false_alarm_blocks: float, allowance: float = 0.5) -> None:
+        self.threshold = cusum_threshold(false_alarm_blocks, allowance, 2 * coefficients)
+        self._allowance = allowance
+        self._sums = np.zeros((2, coefficients))
+        self._since = np.full((2, coefficients), np.nan)
+
+    def update(self, time: float, innovation: ArrayLike) -> tuple[np.ndarray, float]:
+        """Alarm per coefficient (coefficients,) after its standard normal innovation, and since when, nan without.
+
+        That is the time of the first block of the rise that ended in the alarm, of the highest chart.
+        """
+        innovation = np.asarray(innovation, dtype=float)
+        raised = np.maximum(self._sums + np.stack([innovation, -innovation]) - self._allowance, 0.0)
+        self._since[(self._sums == 0) & (raised > 0)] = time
+        self._sums = raised
+        alarm = (raised > self.threshold).any(axis=0)
+        if not alarm.any():
+            return alarm, np.nan
+        self._sums = np.zeros_like(raised)
+        return alarm, float(self._since.flat[raised.argmax()])
+
+
+def cusum_threshold(false_alarm_blocks: float, allowance: float = 0.5, charts: int = 1) -> float:
+    """Threshold at which `charts` one-sided CUSUMs of standard normal values alarm once in false_alarm_blocks.
+
+    Siegmund (1985, Sequential Analysis, ch. 2): a chart runs (exp(2 a b) - 2 a b - 1) / (2 a^2) values, a the
+    allowance and b the threshold + 1.166. ValueError when the rate is too high for any threshold above zero.
+    """
+    if not (np.isfinite(allowance) and allowance > 0):
+        raise ValueError(f"CUSUM: allowance = {allowance} must be a positive number of standard deviations")
+    if charts < 1:
+        raise ValueError(f"CUSUM: charts = {charts} must be at least 1")
+    least = _run_length(0.0, allowance) / charts
+    if not (np.isfinite(false_alarm_blocks) and false_alarm_blocks > least):
+        raise ValueError(
+            f"CUSUM: one false alarm in {false_alarm_blocks:g} blocks is not possible with {charts} charts of "
+            f"allowance {allowance:g}; ask for one in more than {least:.3g}"
+        )
+    target = charts * false_alarm_blocks
+    highest = np.log(2 * allowance**2 * target + 2) / allowance  # its run length is far above the target
+    return float(brentq(lambda h: np.log(_run_length(h, allowance) / target), 0.0, highest))
+
+
+def _run_length(threshold: float, allowance: float) -> float:
+    x = 2 * allowance * (threshold + OVERSHOOT)
+    return (np.expm1(x) - x) / (2 * allowance**2)
