@@ -1,0 +1,90 @@
+"""How a pump's housing warms up: one heat capacity behind one thermal resistance, and what readings tell of them.
+
+D 3.5.3 gives two readings: 22 C at the start and 40 C after two hours at 14,000 rpm in air.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.optimize import curve_fit
+
+from selfsense.coil import is_number
+
+
+@dataclass(frozen=True)
+class ThermalMass:
+    """capacity C dT/dt = loss - (T - ambient) / resistance: capacity in J/K, resistance to the ambient in K/W.
+
+    One temperature for the whole body. Raises ValueError unless both are numbers above 0.
+    """
+
+    capacity: float
+    resistance: float
+
+    def __post_init__(self) -> None:
+        for name in ("capacity", "resistance"):
+            value = getattr(self, name)
+            if not (is_number(value) and value > 0):
+                raise ValueError(f"thermal: {name} = {value!r} must be a number above 0")
+
+    @property
+    def time_constant(self) -> float:
+        """tau = R C, s."""
+        return self.resistance * self.capacity
+
+    def temperature(
+        self, time: ArrayLike, loss: float, ambient: float, start: float | None = None
+    ) -> NDArray[np.float64]:
+        """Temperature (n,) at time (n,) s under a constant loss (W), in the scale of ambient and start.
+
+        start: temperature at time 0 (None: that of the ambient).
+        """
+        final = ambient + loss * self.resistance
+        begun = ambient if start is None else start
+        return final + (begun - final) * np.exp(-np.asarray(time, dtype=float) / self.time_constant)
+
+
+def final_rise(rise: float, duration: float, time_constant: ArrayLike) -> NDArray[np.float64]:
+    """R P (K), the rise that a body ends at, given one rise (K) after a duration (s) from the ambient's temperature.
+
+    time_constant (n,) s has to be assumed: one reading gives one equation, R P (1 - exp(-duration / tau)) = rise. It
+    says that R P >= rise and that the initial slope R P / tau = P / C is at least rise / duration, and no more: neither
+    tau nor R P, and even from both P, R and C cannot be told apart without one of them. ValueError for a duration or
+    time constant that is not above 0.
+    """
+    tau = np.asarray(time_constant, dtype=float)
+    if not (duration > 0 and np.all(tau > 0)):
+        raise ValueError("final_rise: duration and time_constant must be above 0 s")
+    return rise / -np.expm1(-duration / tau)
+
+
+def fit_rise(time: ArrayLike, temperature: ArrayLike, ambient: float) -> tuple[float, float]:
+    """Final rise R P (K) and time constant (s) by least squares, from readings (n,) at time (n,) s after the start.
+
+    Assumes a constant loss and ambient, and the start at the ambient's temperature. ValueError for fewer than two
+    readings after time 0, and for readings too straight to have a time constant below ten times their span.
+    """
+    t, rise = np.asarray(time, dtype=float), np.asarray(temperature, dtype=float) - ambient
+    if t.ndim != 1 or t.shape != rise.shape or not (np.isfinite(t).all() and np.isfinite(rise).all()):
+        raise ValueError("fit_rise: give as many finite temperatures as times, one axis each")
+    if np.unique(t[t > 0]).size < 2:
+        raise ValueError(
+            "fit_rise: a final rise and a time constant need readings at two times after the start; "
+            "with one, assume a time constant and use final_rise"
+        )
+    span = t.max()
+    at_end = rise[t.argmax()]
+    # tau in spans and the rise at the end of the record keep both unknowns near 1 and hardly correlated
+    (end, tau), _ = curve_fit(
+        lambda x, end, tau: end * np.expm1(-x / tau) / np.expm1(-1 / tau),
+        t / span,
+        rise,
+        p0=(at_end or 1.0, 0.5),
+        bounds=([-np.inf, 1e-3], [np.inf, 10.0]),
+    )
+    if tau > 9.99:
+        raise ValueError(
+            f"fit_rise: the readings rise too straight over {span:g} s to have a time constant; read on until they bend"
+        )
+    return float(end / -np.expm1(-1 / tau)), float(tau * span)
