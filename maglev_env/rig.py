@@ -20,6 +20,7 @@ SCHEMA = "maglev-rig/1"
 MAGNETS = ("hybrid_pair", "electromagnet_pair", "electromagnet", "magnet_coil", "none")
 FLUX_PATHS = ("gap", "magnet")
 PRESETS = ("hmb_free", "hmb_radial", "hmb_axial", "pedestal", "eframe")
+ROTORS = ("pump",)  # presets of `rotor.rotor`, beside these
 MAX_FILE_BYTES = 1_000_000
 
 
@@ -215,6 +216,8 @@ def load_rig(source: str | Path) -> Rig:
         text = (resources.files("maglev_env") / "rigs" / f"{source}.toml").read_text()
         return rig_from_toml(text, str(source))
     path = Path(source)
+    if str(source) in ROTORS:
+        raise ValueError(f"{source} is a spinning rotor in five degrees of freedom, not a rig: use maglev runup")
     if path.suffix != ".toml":
         raise ValueError(f"rig {str(source)!r} is neither a preset ({', '.join(PRESETS)}) nor a .toml file")
     if not path.exists():

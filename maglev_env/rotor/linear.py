@@ -1,0 +1,169 @@
+"""The levitated rotor linearised about the centre: modes, poles, unbalance response and sensitivity, in closed form.
+
+Complex notation of isotropic rotors (Genta 2005; Schweitzer and Maslen 2009, ch. 10) is written out in real x and y.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import block_diag, expm
+
+from maglev_env.gains import controller_response, state_space
+from maglev_env.magnetics import force_law, linearise
+from maglev_env.rotor.rotor import CONTROLS, Rotor
+
+# Coordinates q = (x, tilt of x, y, tilt of y); planes and directions in the order (a, x), (a, y), (b, x), (b, y).
+MOTIONS = ("x", "tilt_x", "y", "tilt_y")
+AXES = ("a_x", "a_y", "b_x", "b_y")
+
+
+@dataclass(frozen=True)
+class Mechanics:
+    """M q'' + (D + speed G) q' + K q = B i + f: mass, damping, gyroscopic (per rad/s) and stiffness matrices (4, 4) in
+    m and rad, magnets' negative stiffness and fluid included; B (4, 4) N or N m per ampere of each plane's coils;
+    probes (4, 4) from q to what is read."""
+
+    mass: np.ndarray
+    damping: np.ndarray
+    gyroscopic: np.ndarray
+    stiffness: np.ndarray
+    drive: np.ndarray
+    probes: np.ndarray
+
+
+def at_planes(first: float, second: float) -> np.ndarray:
+    """Displacements in x and y at two positions (m) along the axis from q: (4, 4), as `AXES`."""
+    rows = [[1.0, z, 0.0, 0.0] if d == 0 else [0.0, 0.0, 1.0, z] for z in (first, second) for d in range(2)]
+    return np.array(rows)
+
+
+def mechanics(rotor: Rotor) -> Mechanics:
+    """Linearised at the centre and at no current."""
+    gain, stiffness = linearise(force_law(rotor.axis))
+    at = at_planes(*rotor.planes.magnets)
+    inertia, polar = rotor.moving_inertia, rotor.body.polar_inertia
+    turn = np.zeros((4, 4))
+    turn[1, 3], turn[3, 1] = polar, -polar
+    return Mechanics(
+        np.diag([rotor.moving_mass, inertia, rotor.moving_mass, inertia]),
+        rotor.fluid.damping * at.T @ at,
+        turn,
+        (stiffness / 2 + rotor.fluid.stiffness) * at.T @ at,
+        gain / 2 * at.T,
+        at_planes(*rotor.planes.probes),
+    )
+
+
+def undamped_frequencies(rotor: Rotor, stiffness: float, speed: float = 0.0) -> np.ndarray:
+    """Natural frequencies (Hz) of the rotor on an undamped spring (N/m) in each direction at each magnet plane,
+    spinning at speed (rad/s): whirl modes, sorted, backward ones negative."""
+    m = mechanics(rotor)
+    at = at_planes(*rotor.planes.magnets)
+    n = len(MOTIONS)
+    inverse = np.linalg.inv(m.mass)
+    a = np.block([[np.zeros((n, n)), np.eye(n)], [-inverse @ (stiffness * at.T @ at), -inverse @ m.gyroscopic * speed]])
+    values, vectors = np.linalg.eig(a)
+    found = []
+    for value, v in zip(values, vectors.T, strict=True):
+        if value.imag > 0:
+            x, y = (v[0], v[2]) if abs(v[0]) > abs(v[1]) * np.ptp(rotor.planes.magnets) / 2 else (v[1], v[3])
+            found.append(value.imag * (1.0 if abs(x - 1j * y) < abs(x + 1j * y) else -1.0))
+    return np.sort(found) / (2 * np.pi)
+
+
+def control_matrices(rotor: Rotor) -> tuple[np.ndarray, np.ndarray]:
+    """From readings to what the controllers act on, and from their outputs to commands: (4, 4), as `AXES` and, of the
+    controllers, (first, x), (first, y), (second, x), (second, y)."""
+    if tuple(rotor.gains) == CONTROLS[0]:
+        into, out = np.array([[0.5, 0.5], [-0.5, 0.5]]), np.array([[1.0, -1.0], [1.0, 1.0]])
+    else:
+        into = out = np.eye(2)
+    return np.kron(into, np.eye(2)), np.kron(out, np.eye(2))
+
+
+def continuous(rotor: Rotor, speed: float) -> np.ndarray:
+    """Rates (16, 24): of q, q', the probes' and the amplifiers' states, from these, held commands (4) and generalised
+    forces (4) at the centre of mass."""
+    m, axis = mechanics(rotor), rotor.axis
+    n = len(MOTIONS)
+    inverse = np.linalg.inv(m.mass)
+    zero, one = np.zeros((n, n)), np.eye(n)
+    probe = 1 / max(axis.sensor_time_constant, 1e-9)
+    amplifier = 1 / max(axis.amplifier_time_constant, 1e-9)
+    damping = -inverse @ (m.damping + speed * m.gyroscopic)
+    return np.block(
+        [
+            [zero, one, zero, zero, zero, zero],
+            [-inverse @ m.stiffness, damping, zero, inverse @ m.drive, zero, inverse],
+            [probe * m.probes, zero, -probe * one, zero, zero, zero],
+            [zero, zero, zero, -amplifier * one, amplifier * one, zero],
+        ]
+    )
+
+
+def sampled(rotor: Rotor, speed: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """A (16, 16), B (16, 4) from held commands and C (4, 16) to readings over one control sample at speed (rad/s)."""
+    rates = continuous(rotor, speed)
+    whole = expm(np.vstack([rates, np.zeros((8, 24))]) / rotor.axis.control_rate)
+    return whole[:16, :16], whole[:16, 16:20], np.eye(16)[8:12]
+
+
+def closed_loop_poles(rotor: Rotor, speed: float = 0.0) -> np.ndarray:
+    """Poles (24,) in the z-plane of the sampled loop at speed (rad/s); stable when all lie inside the unit circle."""
+    a, b, c = sampled(rotor, speed)
+    into, out = control_matrices(rotor)
+    parts = [state_space(g, 1 / rotor.axis.control_rate) for g in rotor.gains.values() for _ in range(2)]
+    ka, kb = block_diag(*(p[0] for p in parts)), block_diag(*(p[1][:, None] for p in parts))
+    kc, kd = block_diag(*(p[2][None] for p in parts)), np.diag([p[3] for p in parts])
+    read = into @ c
+    return np.linalg.eigvals(np.block([[a - b @ out @ kd @ read, b @ out @ kc], [-kb @ read, ka]]))
+
+
+def sensitivity(rotor: Rotor, frequency: np.ndarray, speed: float = 0.0) -> np.ndarray:
+    """Response (n, 4, 4) of what the controllers put out to what is injected there, at frequency (Hz)."""
+    a, b, c = sampled(rotor, speed)
+    into, out = control_matrices(rotor)
+    dt = 1 / rotor.axis.control_rate
+    z = np.exp(2j * np.pi * np.asarray(frequency) * dt)
+    plant = into @ c @ np.linalg.solve(z[:, None, None] * np.eye(16) - a, b @ out)
+    loop = np.stack([controller_response(g, z, dt) for g in rotor.gains.values() for _ in range(2)], axis=-1)
+    return np.linalg.inv(np.eye(4) + loop[:, :, None] * plant)
+
+
+def unbalance_response(rotor: Rotor, speeds: np.ndarray) -> np.ndarray:
+    """Complex amplitudes (n, 4) of q at speeds (n,) rad/s > 0, against exp(i speed t), of the sampled loop: to the
+    unbalance, and to the runout, which the probes feed back."""
+    found = np.empty((len(speeds), 4), complex)
+    into, out = control_matrices(rotor)
+    dt = 1 / rotor.axis.control_rate
+    for i, speed in enumerate(np.asarray(speeds, float)):
+        rates = continuous(rotor, speed)
+        force, runout = rotating(rotor, speed)
+        # What turns with the rotor drives the states at exp(i w t): its own answer, and the held commands' beside it.
+        driven = rates[:, 20:] @ force + _probe_drive(rotor, runout)
+        steady = np.linalg.solve(1j * speed * np.eye(16) - rates[:, :16], driven)
+        a, b, c = sampled(rotor, speed)
+        z = np.exp(1j * speed * dt)
+        gains = [controller_response(g, np.array([z]), dt)[0] for g in rotor.gains.values() for _ in range(2)]
+        control = out @ np.diag(gains) @ into
+        # The states at the samples: steady + (z - A)^-1 B u, with u = -control C states.
+        held = np.linalg.solve(z * np.eye(16) - a, b)
+        states = np.linalg.solve(np.eye(16) + held @ control @ c, steady)
+        found[i] = states[:4]
+    return found
+
+
+def rotating(rotor: Rotor, speed: float) -> tuple[np.ndarray, np.ndarray]:
+    """Complex amplitudes against exp(i speed t): generalised forces (4,) of the unbalance, and readings (4,) of the
+    runout; what turns forward is (1, -i) in x and y."""
+    u, r = rotor.unbalance, rotor.runout
+    couple = u.couple * np.exp(1j * np.radians(u.angle))
+    force = speed**2 * np.array([u.static, couple, -1j * u.static, -1j * couple])
+    phasor = np.array(r.amplitude) * np.exp(1j * np.radians(r.phase))
+    return force, np.array([p * turn for p in phasor for turn in (1.0, -1j)])
+
+
+def _probe_drive(rotor: Rotor, runout: np.ndarray) -> np.ndarray:
+    drive = np.zeros(16, complex)
+    drive[8:12] = runout / max(rotor.axis.sensor_time_constant, 1e-9)
+    return drive

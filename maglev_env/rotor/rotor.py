@@ -1,0 +1,232 @@
+"""A free rigid rotor in two radial bearings, read from a TOML file (schema maglev-rotor/1) and checked."""
+
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields
+from importlib import resources
+from math import log1p
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.optimize import brentq
+
+from maglev_env.excitation import is_number
+from maglev_env.gains import Gains
+from maglev_env.rig import MAX_FILE_BYTES, ROTORS, Rig, load_rig
+from maglev_env.toml_fields import check_known, check_range, increasing_pair, quantity, table_as
+
+SCHEMA = "maglev-rotor/1"
+# What the two controllers of each direction act on: the mean and half the difference of both planes, or each plane.
+CONTROLS = (("translation", "tilt"), ("a", "b"))
+
+
+class _Checked:
+    """Checks its own fields when it is made."""
+
+    def __post_init__(self) -> None:
+        for f in fields(self):
+            value = getattr(self, f.name)
+            for one in value if isinstance(value, tuple) else (value,) if f.metadata else ():
+                check_range(f.name, one, f.metadata or {"unit": "", "low": -1e9, "high": 1e9})
+
+
+@dataclass(frozen=True)
+class Body(_Checked):
+    """mass kg; inertias kg m2 about the centre of mass, across and along the axis; radius of the surface m.
+
+    ValueError for inertias that no body can have: the polar one is at most twice the transverse one.
+    """
+
+    mass: float = quantity("kg", 1e-6, 1e5)
+    transverse_inertia: float = quantity("kg m2", 1e-12, 1e6)
+    polar_inertia: float = quantity("kg m2", 1e-12, 1e6)
+    radius: float = quantity("m", 1e-5, 10.0)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.polar_inertia > 2 * self.transverse_inertia:
+            raise ValueError(
+                f"[body]: polar_inertia = {self.polar_inertia:g} kg m2 is more than twice transverse_inertia = "
+                f"{self.transverse_inertia:g} kg m2: no body has that (triangle inequality)"
+            )
+
+
+@dataclass(frozen=True)
+class Planes(_Checked):
+    """Where magnets and probes sit along the axis (m, from the centre of mass, a before b)."""
+
+    magnets: tuple[float, float]
+    probes: tuple[float, float]
+
+
+@dataclass(frozen=True)
+class Axial(_Checked):
+    """The passive axial support of one bearing: force N against displacement m as computed or measured; damping N s/m,
+    of both; clearance m; how far from the axis an axial probe looks, m."""
+
+    displacement: tuple[float, ...]
+    force: tuple[float, ...]
+    damping: float = quantity("N s/m", 0.0, 1e6, 0.0)
+    clearance: float = quantity("m", 1e-6, 0.1, 5e-4)
+    probe_radius: float = quantity("m", 0.0, 1.0, 0.0)
+
+    @property
+    def stiffness(self) -> float:
+        """N/m of one bearing: least squares through the force at rest, which symmetry says is none."""
+        z, f = np.array(self.displacement), np.array(self.force)
+        off = f - np.interp(0.0, z, f)
+        return float(-(z @ off) / (z @ z))
+
+    @property
+    def capacity(self) -> float:
+        """Axial load (N) that both bearings carry at the end of the clearance."""
+        return 2 * self.stiffness * self.clearance
+
+
+@dataclass(frozen=True)
+class Unbalance(_Checked):
+    """static kg m (mass times eccentricity); couple kg m2 (product of inertia); angle between them, degrees."""
+
+    static: float = quantity("kg m", 0.0, 1.0, 0.0)
+    couple: float = quantity("kg m2", 0.0, 1.0, 0.0)
+    angle: float = quantity("deg", -360.0, 360.0, 0.0)
+
+
+@dataclass(frozen=True)
+class Runout(_Checked):
+    """What each probe plane reads once per turn without motion: amplitude m, phase degrees."""
+
+    amplitude: tuple[float, float] = (0.0, 0.0)
+    phase: tuple[float, float] = (0.0, 0.0)
+
+
+@dataclass(frozen=True)
+class Fluid(_Checked):
+    """What a fluid adds: mass kg, transverse inertia kg m2; stiffness N/m and damping N s/m at each magnet plane."""
+
+    added_mass: float = quantity("kg", 0.0, 1e5, 0.0)
+    added_inertia: float = quantity("kg m2", 0.0, 1e6, 0.0)
+    stiffness: float = quantity("N/m", -1e9, 1e9, 0.0)
+    damping: float = quantity("N s/m", 0.0, 1e7, 0.0)
+
+
+@dataclass(frozen=True)
+class Touchdown(_Checked):
+    """Contact at the clearance: stiffness N/m, restitution of a blow at so much speed m/s, friction coefficient."""
+
+    stiffness: float = quantity("N/m", 1.0, 1e10, 2e6)
+    restitution: float = quantity("", 0.05, 1.0, 0.6)
+    friction: float = quantity("", 0.0, 2.0, 0.15)
+    speed: float = quantity("m/s", 1e-4, 100.0, 0.5)
+
+    @property
+    def damping(self) -> float:
+        """Per m/s: contact force = stiffness depth (1 + damping speed) (Hunt and Crossley 1975), with which the blow at
+        `speed` v returns at r v: (1 + d v) exp(-d v) = (1 - r d v) exp(r d v), its energy integral, solved for d."""
+        r = self.restitution
+        if r == 1.0:
+            return 0.0
+        a = brentq(lambda a: log1p(a) - a - log1p(-r * a) - r * a, 1e-3 * (1 - r), (1 - 1e-12) / r, xtol=1e-14)
+        return a / self.speed
+
+
+@dataclass(frozen=True)
+class Rotor:
+    """A free rotor. axis: one radial axis of both bearings together (see `Rig`), of which each has half; gains: by
+    what they act on (`CONTROLS`); clearance: of the axis, in both planes; gravity: m/s2 along x, y and z."""
+
+    name: str
+    axis: Rig
+    body: Body
+    planes: Planes
+    axial: Axial
+    gains: Mapping[str, Gains]
+    unbalance: Unbalance = Unbalance()
+    runout: Runout = Runout()
+    fluid: Fluid = Fluid()
+    touchdown: Touchdown = Touchdown()
+    gravity: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    bounds: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        if tuple(self.gains) not in CONTROLS:
+            raise ValueError(f"[gains]: {', '.join(self.gains)}; give translation and tilt, or a and b")
+        if self.axis.axes != 1 or self.axis.magnet not in ("hybrid_pair", "electromagnet_pair"):
+            raise ValueError(f"axis: rig {self.axis.name} is not one axis of a pair of magnets")
+        a, b = self.planes.magnets
+        if not a < b:
+            raise ValueError(f"[planes]: magnets = {[a, b]} m; bearing a comes before b")
+        if len(self.gravity) != 3 or not all(map(is_number, self.gravity)):
+            raise ValueError(f"gravity = {self.gravity!r}; give three accelerations, m/s2")
+        load = abs(self.gravity[2]) * self.body.mass
+        if load > self.axial.capacity:
+            raise ValueError(
+                f"gravity: an axial load of {load:.3g} N is beyond the passive force of {self.axial.capacity:.3g} N "
+                f"at the axial clearance"
+            )
+
+    @property
+    def moving_mass(self) -> float:
+        """kg, fluid included."""
+        return self.body.mass + self.fluid.added_mass
+
+    @property
+    def moving_inertia(self) -> float:
+        """kg m2 across the axis, fluid included."""
+        return self.body.transverse_inertia + self.fluid.added_inertia
+
+
+def hollow_cylinder(mass: float, inner: float, outer: float, length: float) -> tuple[float, float]:
+    """Transverse and polar inertia (kg m2) of a hollow cylinder of so much mass (kg); radii and length in m."""
+    square = inner**2 + outer**2
+    return mass * (3 * square + length**2) / 12, mass * square / 2
+
+
+def load_rotor(source: str | Path) -> Rotor:
+    """A preset by name, or a rotor TOML by path. ValueError names the file and key; OSError when it cannot be read."""
+    if str(source) in ROTORS:
+        text, where = (resources.files("maglev_env") / "rigs" / f"{source}.toml").read_text(), str(source)
+    else:
+        path = Path(source)
+        if path.suffix != ".toml":
+            raise ValueError(f"rotor {str(source)!r} is neither a preset ({', '.join(ROTORS)}) nor a .toml file")
+        if path.stat().st_size > MAX_FILE_BYTES:
+            raise ValueError(f"{path}: larger than {MAX_FILE_BYTES} bytes; that is not a rotor file")
+        text, where = path.read_text(), str(path)
+    try:
+        return _build(tomllib.loads(text), Path(where).parent)
+    except (ValueError, TypeError, ArithmeticError, RecursionError) as error:
+        raise ValueError(f"{where}: {error}") from error
+
+
+_TABLES: Mapping[str, type] = {
+    "body": Body,
+    "planes": Planes,
+    "axial": Axial,
+    "unbalance": Unbalance,
+    "runout": Runout,
+    "fluid": Fluid,
+    "touchdown": Touchdown,
+}
+
+
+def _build(data: dict[str, Any], folder: Path) -> Rotor:
+    if data.get("schema") != SCHEMA:
+        raise ValueError(f'schema = {data.get("schema")!r}; a rotor file has schema = "{SCHEMA}"')
+    check_known(data, ("schema", "name", "axis", "gravity", "gains", "bounds", *_TABLES), "top level")
+    for key in ("name", "axis", "body", "planes", "axial", "gains"):
+        if key not in data:
+            raise ValueError(f"{key} is missing")
+    parts = {
+        name: table_as(cls, {name: {k: tuple(v) if isinstance(v, list) else v for k, v in data[name].items()}}, name)
+        for name, cls in _TABLES.items()
+        if name in data
+    }
+    gains = {name: table_as(Gains, data["gains"], name) for name in data["gains"]}
+    bounds = {k: increasing_pair(v, f"[bounds] {k}") for k, v in data.get("bounds", {}).items()}
+    check_known(bounds, [f.name for f in fields(Gains)], "[bounds]")
+    source = data["axis"]
+    axis = load_rig(folder / source if str(source).endswith(".toml") else source)
+    gravity = tuple(data.get("gravity", (0.0, 0.0, 0.0)))
+    return Rotor(data["name"], axis, gains=gains, gravity=gravity, bounds=bounds, **parts)

@@ -1,0 +1,115 @@
+"""Free rotors simulated in lanes: to recordings, or reduced block by block."""
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import TypeVar
+
+import numpy as np
+
+from maglev_env.rotor import rows as r
+from maglev_env.rotor.kernel import TILE, kernel
+from maglev_env.rotor.lanes import Run, block
+from maglev_env.rotor.rows import CHANNELS, LANES
+from maglev_env.threads import over_threads
+
+PLACES = ("bearing a", "bearing b", "axial stop")
+Reduced = TypeVar("Reduced")
+
+
+@dataclass(frozen=True)
+class Spun:
+    """n runs: channels (n, 9, samples) as `CHANNELS`, m and A; state (n, 10) at the end, q and its rates (m, rad); of
+    contacts the greatest force (n, 3) N, time of the first (n, 3) s, nan without one, as `PLACES`, from the very start;
+    rubbed (n,) J that friction took."""
+
+    channels: np.ndarray
+    state: np.ndarray
+    contact: np.ndarray
+    first_contact: np.ndarray
+    rubbed: np.ndarray
+
+
+def spin(
+    runs: Sequence[Run],
+    samples: int,
+    settle: int = 0,
+    injection: np.ndarray | None = None,
+    force: np.ndarray | None = None,
+    substeps: int = 1,
+    start: np.ndarray | None = None,
+    threads: int | None = None,
+) -> Spun:
+    """Record runs over so many control samples, after so many more to settle; from rest in the centre, or from `start`
+    (10,) q and rates.
+
+    injection (4, n) A, added to the commands as `linear.AXES`, and force (5, n), generalised forces along q, N and N m,
+    repeat every n samples from the start on. ValueError as `reduced`.
+    """
+    parts = reduced(runs, samples, lambda spun, _: spun, settle, injection, force, substeps, start, threads)
+    fields = zip(*((p.channels, p.state, p.contact, p.first_contact, p.rubbed) for p in parts), strict=True)
+    return Spun(*(np.concatenate(field) for field in fields))
+
+
+def reduced(
+    runs: Sequence[Run],
+    samples: int,
+    reduce: Callable[[Spun, Sequence[Run]], Reduced],
+    settle: int = 0,
+    injection: np.ndarray | None = None,
+    force: np.ndarray | None = None,
+    substeps: int = 1,
+    start: np.ndarray | None = None,
+    threads: int | None = None,
+) -> Iterator[Reduced]:
+    """What `reduce` makes of each block of runs, in their order: recordings of many need not be there at once.
+
+    ValueError when runs differ in control rate, or a waveform has another shape than said.
+    """
+    if not runs:
+        raise ValueError("give at least one run")
+    if len({run.rotor.axis.control_rate for run in runs}) > 1:
+        raise ValueError("runs in one batch must share their control rate")
+    waves = [
+        _repeated(wave, rows, settle + samples, name)
+        for wave, rows, name in ((force, 5, "force"), (injection, 4, "injection"))
+    ]
+    blocks = [runs[i : i + LANES] for i in range(0, len(runs), LANES)]
+
+    def work(members: Sequence[Run]) -> Reduced:
+        return reduce(_spun(members, samples, settle, waves, substeps, start), members)
+
+    yield from over_threads(work, blocks, threads)
+
+
+def _repeated(wave: np.ndarray | None, rows: int, samples: int, name: str) -> np.ndarray:
+    """One wave (rows, samples)."""
+    if wave is None:
+        return np.zeros((rows, samples))
+    wave = np.asarray(wave, float)
+    if wave.ndim != 2 or len(wave) != rows or not wave.size or not np.isfinite(wave).all():
+        raise ValueError(f"{name}: {np.shape(wave)}; give finite numbers of the shape ({rows}, samples)")
+    return np.tile(wave, -(-samples // wave.shape[1]))[:, :samples]
+
+
+def _spun(
+    runs: Sequence[Run], samples: int, settle: int, waves: list[np.ndarray], substeps: int, start: np.ndarray | None
+) -> Spun:
+    rows, seeds = block(runs, substeps)
+    if start is not None:
+        rows[r.Q : r.Q + 10] = np.asarray(start, float)[:, None]
+    step, h = kernel(substeps), 1 / (runs[0].rotor.axis.control_rate * substeps)
+    tile, out = np.empty(TILE * len(CHANNELS) * LANES), np.empty(0)
+    for first, count in ((0, settle), (settle, samples)):
+        out = np.empty((len(CHANNELS), LANES, count))
+        own = [np.ascontiguousarray(wave[:, first : first + count]).ravel() for wave in waves]
+        if count:
+            step(rows.reshape(-1), seeds.reshape(-1), first, h, *own, tile, out.reshape(-1))
+    n = len(runs)
+    found = rows[r.FIRST : r.FIRST + 3, :n].T * h
+    return Spun(
+        out[:, :n].transpose(1, 0, 2),
+        rows[r.Q : r.Q + 10, :n].T.copy(),
+        rows[r.CONTACT : r.CONTACT + 3, :n].T.copy(),
+        np.where(np.isfinite(found), found, np.nan),
+        rows[r.RUBBED, :n].copy(),
+    )
