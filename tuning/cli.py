@@ -166,6 +166,23 @@ def bench(
     speed.run(out, json_file, compare)
 
 
+@app.command(epilog="Example: maglev reproduce pedestal axial --out reproduced --json reproduced.json")
+@friendly
+def reproduce(
+    item: Annotated[
+        list[str] | None, typer.Argument(metavar="ITEM", help="Experiments by name, e.g. pedestal (default: all).")
+    ] = None,
+    out: Annotated[Path, typer.Option(help="Folder of the page.")] = Path("reproduce"),
+    docs: Annotated[Path | None, typer.Option(help="Also write the tables as markdown to this file.")] = None,
+    seed: SeedOption = 0,
+    json_file: JsonOption = None,
+) -> None:
+    """Run the dissertation's experiments anew: its figures, ours, the difference and what explains it."""
+    from tuning import command_reproduce
+
+    command_reproduce.run(item or (), out, docs, json_file, seed)
+
+
 @app.command(epilog="Example: maglev effects")
 @friendly
 def effects() -> None:

@@ -1,0 +1,56 @@
+"""What an experiment of the dissertation becomes: rows of published and found figures, plots, and what to know."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from plotly.graph_objects import Figure
+
+
+@dataclass(frozen=True)
+class Row:
+    """One figure. published: number as printed, or its words where it is none, None where nothing is; found: ours, nan
+    where there is none; unit: of both, as shown; within: relative difference that counts as agreement (None: only
+    shown); reason: why they differ, or where the published one is wrong, with the evidence."""
+
+    name: str
+    published: float | str | None
+    found: float
+    unit: str = ""
+    within: float | None = None
+    reason: str = ""
+
+    @property
+    def difference(self) -> float | None:
+        """(found - published) / published, None where that means nothing."""
+        if isinstance(self.published, str) or not self.published:
+            return None
+        return (self.found - self.published) / self.published
+
+    @property
+    def agrees(self) -> bool | None:
+        """Whether the difference is within what was asked; None where nothing was asked."""
+        if self.within is None or self.difference is None:
+            return None
+        return bool(abs(self.difference) <= self.within)
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """rows of figures; plots: (heading, plotly figure); notes: sentences on what the evidence supports."""
+
+    rows: tuple[Row, ...]
+    plots: "tuple[tuple[str, Figure], ...]" = field(default=())
+    notes: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Item:
+    """One experiment. name: as on the command line; title; source: section, table or figure of the dissertation; run:
+    from a seed to its outcome."""
+
+    name: str
+    title: str
+    source: str
+    run: Callable[[int], Outcome]

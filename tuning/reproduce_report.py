@@ -1,0 +1,103 @@
+"""What the reproduced experiments say, as a page, as markdown and as JSON."""
+
+from collections.abc import Sequence
+from math import isfinite
+from typing import Any
+
+from tuning.page import facts, note, number, page, plain, table
+from tuning.reproduce.item import Item, Outcome, Row
+
+TITLE = "The dissertation's experiments, run anew"
+HEAD = ("figure", "published", "ours", "difference", "verdict")
+DIGITS = 4
+HOW_TO_READ = (
+    "Published: the dissertation's figure, or its words where it gives none. Ours: what the simulated rig and the "
+    "estimators of this workbench give. Agrees or differs: within the tolerance of that row, which the JSON states; a "
+    "row without a verdict is only shown. Where the rig was built from the published figure, the row says so: it then "
+    "tests the estimator, not the physics."
+)
+
+Done = Sequence[tuple[Item, Outcome]]
+
+
+def cells(row: Row) -> tuple[str, ...]:
+    """A row as text under HEAD."""
+    difference = row.difference
+    shown = "–" if difference is None or not isfinite(difference) else f"{100 * difference:+.3g} %"
+    verdict = {True: "agrees", False: "differs", None: ""}[row.agrees]
+    return (row.name, _published(row), _with_unit(number(row.found, DIGITS), row.unit), shown, verdict)
+
+
+def summary(done: Done) -> str:
+    """One sentence."""
+    asked = [row.agrees for _, outcome in done for row in outcome.rows if row.agrees is not None]
+    figures = sum(len(outcome.rows) for _, outcome in done)
+    return (
+        f"{len(done)} experiments, {figures} figures: of {len(asked)} that can be compared in numbers, "
+        f"{sum(asked)} agree with the published ones and {len(asked) - sum(asked)} differ."
+    )
+
+
+def reproduce_page(done: Done, seed: int) -> str:
+    """HTML with every item's table, reasons, notes and plots."""
+    sections = []
+    for item, outcome in done:
+        reasons = [(row.name, row.reason) for row in outcome.rows if row.reason]
+        text = table(HEAD, map(cells, outcome.rows)) + "".join(map(note, outcome.notes))
+        sections.append((f"{item.title} ({item.source})", text + (facts(reasons) if reasons else "")))
+        sections += outcome.plots
+    sections.append(("How to read this", note(HOW_TO_READ)))
+    return page(TITLE, summary(done), sections, {"Command": _command(done, seed), "Seed": seed})
+
+
+def reproduce_markdown(done: Done, seed: int) -> str:
+    """The same without the plots, as a markdown page."""
+    parts = [f"# {TITLE}", summary(done), HOW_TO_READ, f"Made by `{_command(done, seed)} --docs FILE`."]
+    for item, outcome in done:
+        rows = [(*cells(row), row.reason) for row in outcome.rows]
+        parts += [f"## {item.title}", f"`{item.name}`: {item.source}", _markdown((*HEAD, "why"), rows), *outcome.notes]
+    return "\n\n".join(parts) + "\n"
+
+
+def reproduce_json(done: Done, seed: int) -> dict[str, Any]:
+    """Everything but the plots as JSON data, schema maglev-reproduce/1."""
+    return plain(
+        {
+            "schema": "maglev-reproduce/1",
+            "seed": seed,
+            "items": [
+                {
+                    "name": item.name,
+                    "title": item.title,
+                    "source": item.source,
+                    "rows": [{**vars(row), "difference": row.difference, "agrees": row.agrees} for row in outcome.rows],
+                    "notes": outcome.notes,
+                }
+                for item, outcome in done
+            ],
+        }
+    )
+
+
+def _published(row: Row) -> str:
+    if row.published is None:
+        return "–"
+    return row.published if isinstance(row.published, str) else _with_unit(f"{row.published:g}", row.unit)
+
+
+def _with_unit(text: str, unit: str) -> str:
+    return f"{text} {unit}".strip()
+
+
+def _command(done: Done, seed: int) -> str:
+    from tuning.reproduce.registry import HOME
+
+    names = "" if len(done) == len(HOME) else "".join(f" {item.name}" for item, _ in done)
+    return f"maglev reproduce{names} --seed {seed}"
+
+
+def _markdown(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    lines = [head, ["---"] * len(head), *rows]
+    return "\n".join(
+        "| " + " | ".join(cell.replace("|", "\\|").replace("\n", " ") for cell in line) + " |" for line in lines
+    )
