@@ -12,6 +12,7 @@ from maglev_env.rotor.rows import (
 
 W = LANES
 SLIP = 1e-3  # m/s below which friction fades
+WRECKED = 4.0  # square of the clearances from the centre
 TINY = 1e-12  # m: keeps the direction of a centred rotor defined
 
 
@@ -130,6 +131,14 @@ def advance(x, i, h, at, fx, ftx, fy, fty, fz):
     r0, r1 = v0 + s * (a0 + 2.0 * (b0 + c0) + e0), v1 + s * (a1 + 2.0 * (b1 + c1) + e1)
     r2, r3 = v2 + s * (a2 + 2.0 * (b2 + c2) + e2), v3 + s * (a3 + 2.0 * (b3 + c3) + e3)
     r4 = v4 + s * (a4 + 2.0 * (b4 + c4) + e4)
+    # Pressed in as deep as the clearance a rotor is wrecked: it stays where it is, and no number runs away.
+    za, zb = x[MAGNETS * W + i], x[(MAGNETS + 1) * W + i]
+    ax, ay, bx, by = q0 + za * q1, q2 + za * q3, q0 + zb * q1, q2 + zb * q3
+    far = max(ax * ax + ay * ay, bx * bx + by * by)
+    whole = 1.0 if far < WRECKED * x[CLEARANCE * W + i] * x[CLEARANCE * W + i] else 0.0
+    p0, p1, p2 = q0 + whole * (p0 - q0), q1 + whole * (p1 - q1), q2 + whole * (p2 - q2)
+    p3, p4 = q3 + whole * (p3 - q3), q4 + whole * (p4 - q4)
+    r0, r1, r2, r3, r4 = whole * r0, whole * r1, whole * r2, whole * r3, whole * r4
     spin = h * x[SPEED * W + i]
     for p in range(2):
         zp = x[(PROBES + p) * W + i]
@@ -156,4 +165,4 @@ def advance(x, i, h, at, fx, ftx, fy, fty, fz):
     x[FIRST * W + i] = min(x[FIRST * W + i], at if n_a > 0.0 else np.inf)
     x[(FIRST + 1) * W + i] = min(x[(FIRST + 1) * W + i], at if n_b > 0.0 else np.inf)
     x[(FIRST + 2) * W + i] = min(x[(FIRST + 2) * W + i], at if n_z > 0.0 else np.inf)
-    x[RUBBED * W + i] += s * (lost + 2.0 * (lost_b + lost_c) + lost_e)
+    x[RUBBED * W + i] += whole * s * (lost + 2.0 * (lost_b + lost_c) + lost_e)

@@ -1,0 +1,156 @@
+"""Stiffness, damping and sensitivity of a levitated rotor at any speed, from currents injected beside its controllers.
+
+The injection turns forward: in isotropic bearings the complex displacement x + i y then answers at that frequency
+alone, and (k - M w^2 + I_p speed w + i w c) Q = F of each mode keeps its single degree of freedom while it spins. Lines
+lie half-way between multiples of twice the fundamental, where no harmonic of such a speed can be.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.fft
+
+from estimation.max_likelihood import maximum_likelihood
+from estimation.periods import LineStatistics, line_statistics
+from estimation.sphs import sphs, synthesise
+from estimation.stability import peak_sensitivity
+from maglev_env.gains import controller_response
+from maglev_env.rotor.lanes import Run
+from maglev_env.rotor.linear import control_matrices, mechanics
+from maglev_env.rotor.rotor import Rotor
+from maglev_env.rotor.simulate import Spun, reduced
+
+MODES = ("translation", "tilt")
+UNITS = {"translation": ("N/m", "N s/m"), "tilt": ("N m/rad", "N m s/rad")}
+TOP = 2000.0  # Hz: crossings of the loop lie below it
+DENSITY = 26  # lines per controller, spaced by their ratio
+
+
+@dataclass(frozen=True)
+class Protocol:
+    """The identification experiment: fundamental Hz, of which the lines are odd multiples; peak A of the injection
+    beside each controller; periods that settle, and periods kept; the band (Hz) whose coefficients are told."""
+
+    fundamental: float = 25 / 6
+    amplitude: float = 0.05
+    settle: int = 2
+    periods: int = 4
+    band: tuple[float, float] = (60.0, 180.0)
+
+    def samples(self, rotor: Rotor) -> int:
+        """Control samples of a period; ValueError unless they are whole."""
+        n = rotor.axis.control_rate / self.fundamental
+        if abs(n - round(n)) > 1e-9 * n:
+            raise ValueError(f"fundamental = {self.fundamental} Hz: a period of {n:g} control samples is not whole")
+        return round(n)
+
+    @property
+    def lines(self) -> tuple[np.ndarray, np.ndarray]:
+        """Harmonics injected beside the first and the second controller: 1, 5, 9 ... and 3, 7, 11 ..., thinned out."""
+        grid = np.geomspace(3, TOP / self.fundamental, 2 * DENSITY)
+        first, second = (np.unique((np.rint((part - o) / 4) * 4 + o).astype(int)) for o, part in ((1, grid), (3, grid)))
+        return first[first > 0], second[second > 0]
+
+    def injection(self, rotor: Rotor) -> np.ndarray:
+        """One period (4, samples) A of what is added to the commands, turning forward in x and y."""
+        n, found = self.samples(rotor), []
+        _, out = control_matrices(rotor)
+        for lines in self.lines:
+            wave = synthesise(sphs(lines, n, self.amplitude), n)
+            spectrum = np.fft.rfft(wave)
+            found += [wave, np.fft.irfft(-1j * spectrum, n)]
+        return out @ np.array(found)
+
+
+@dataclass(frozen=True)
+class RotorIdentification:
+    """Of n runs, modes as MODES: stiffness and damping (n, 2) in the protocol's band with standard errors, of the rotor
+    in its bearings under control (N/m, N s/m; N m/rad, N m s/rad); peak_sensitivity (n, 2) and its frequency (Hz), of
+    each controller; frequency (2 arrays, Hz) and sensitivity (2 arrays (n, lines)) of it; nan after a touchdown."""
+
+    stiffness: np.ndarray
+    stiffness_se: np.ndarray
+    damping: np.ndarray
+    damping_se: np.ndarray
+    peak_sensitivity: np.ndarray
+    peak_frequency: np.ndarray
+    frequency: tuple[np.ndarray, np.ndarray]
+    sensitivity: tuple[np.ndarray, np.ndarray]
+
+
+def identify_runs(
+    runs: Sequence[Run], protocol: Protocol = Protocol(), threads: int | None = None
+) -> RotorIdentification:
+    """Inject, record and estimate, every run by itself. Runs share the control rate and how their controllers act."""
+    rotor = runs[0].rotor
+    n = protocol.samples(rotor)
+    waves = protocol.injection(rotor)
+    measured = reduced(
+        runs, protocol.periods * n, lambda spun, _: _spectra(spun, n), protocol.settle * n, waves, threads=threads
+    )
+    spectra = np.concatenate(list(measured))  # (n, periods, 4, lines)
+    drive = np.fft.rfft(waves, axis=-1) * (2 / n)
+    found = [_of_run(run, one, drive, protocol, n) for run, one in zip(runs, spectra, strict=True)]
+    columns = [np.array([f[i] for f in found]) for i in range(6)]
+    frequency = tuple(lines * protocol.fundamental for lines in protocol.lines)
+    return RotorIdentification(*columns, frequency, tuple(np.array([f[6][c] for f in found]) for c in range(2)))
+
+
+def _spectra(spun: Spun, n: int) -> np.ndarray:
+    """Per-period complex amplitudes (runs, periods, 4, n // 2 + 1) of the probes; nan where the rotor touched down."""
+    probes = spun.channels[:, :4]
+    found = scipy.fft.rfft(probes.reshape(*probes.shape[:2], -1, n), axis=-1) * (2 / n)
+    found[np.isfinite(spun.first_contact).any(axis=1)] = np.nan
+    return found.transpose(0, 2, 1, 3)
+
+
+def _of_run(run: Run, spectra: np.ndarray, drive: np.ndarray, protocol: Protocol, n: int) -> tuple:
+    """Stiffness, its error, damping, its error, peak and its frequency (2 each), and sensitivities."""
+    if np.isnan(spectra).any():
+        nothing = np.full(2, np.nan)
+        return (nothing,) * 6 + ([np.full(lines.size, np.nan, complex) for lines in protocol.lines],)
+    rotor, axis, dt = run.rotor, run.rotor.axis, 1 / run.rotor.axis.control_rate
+    into, out = (matrix[::2, ::2] for matrix in control_matrices(rotor))
+    model = mechanics(rotor)
+    every = np.union1d(*protocol.lines)
+    w = 2 * np.pi * every * protocol.fundamental
+    seen, currents = _forward(spectra[..., every]), _forward(drive[:, every])  # (periods, 2 planes, lines), (2, lines)
+    peaks, shapes = [], []
+    for c, (gains, lines) in enumerate(zip(rotor.gains.values(), protocol.lines, strict=True)):
+        at = np.searchsorted(every, lines)
+        z = np.exp(1j * w[at] * dt)
+        put_in = (np.linalg.inv(out) @ currents)[c, at]
+        answer = (into @ seen.mean(axis=0))[c, at]
+        s = 1 - controller_response(gains, z, dt) * answer / put_in
+        shapes.append(s)
+        peaks.append(peak_sensitivity(w[at] / (2 * np.pi), s))
+    # The probes' lag taken off; held injections, through amplifier and actuator, as forces.
+    motion = np.linalg.inv(model.probes[::2, :2]) @ (seen * (1 + 1j * w * axis.sensor_time_constant))
+    hold = (1 - np.exp(-1j * w * dt)) / (1j * w * dt) / (1 + 1j * w * axis.amplifier_time_constant)
+    force = model.drive[:2, ::2] @ currents * hold
+    result = [_mode(run, j, motion[:, j], force[j], every, protocol) for j in range(2)]
+    return (*np.array(result).T, *(np.array([p[i] for p in peaks], float) for i in range(2)), shapes)
+
+
+def _forward(rows: np.ndarray) -> np.ndarray:
+    """What turns forward of complex amplitudes (..., 2 n, lines) in x and y: (..., n, lines)."""
+    return (rows[..., ::2, :] + 1j * rows[..., 1::2, :]) / 2
+
+
+def _mode(
+    run: Run, mode: int, motion: np.ndarray, force: np.ndarray, lines: np.ndarray, protocol: Protocol
+) -> tuple[float, float, float, float]:
+    """Stiffness, damping and their standard errors, in order k, se, c, se, of one mode in the protocol's band."""
+    rotor, w = run.rotor, 2 * np.pi * lines * protocol.fundamental
+    low, high = protocol.band
+    driven = abs(force) > 1e-6 * abs(force).max()
+    used = driven & (w >= 2 * np.pi * low) & (w <= 2 * np.pi * high)
+    gyroscopic = (rotor.body.polar_inertia * run.speed if mode else 0.0) * w
+    # What gyroscopics hold is taken off the force, so that a single mass, spring and damper is left.
+    pushed = np.broadcast_to(force, motion.shape) - gyroscopic * motion
+    channels = np.stack([pushed, motion], axis=1)[..., used]
+    statistics: LineStatistics = line_statistics(channels, protocol.fundamental, lines[used], ("force", "displacement"))
+    inertia = rotor.moving_inertia if mode else rotor.moving_mass
+    band = maximum_likelihood(statistics, np.array([[low, high]]), inertia, intervals=False)
+    return tuple(float(v[0]) for v in (band.stiffness, band.stiffness_se, band.damping, band.damping_se))

@@ -1,0 +1,79 @@
+"""The run-up: a rotor at a ladder of speeds, how far it moves, what its coils draw, and whether it touches down."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+
+import numpy as np
+
+from maglev_env.rotor.lanes import Run
+from maglev_env.rotor.rotor import Rotor
+from maglev_env.rotor.simulate import Spun, reduced
+
+SPEEDS = np.arange(0.0, 14_001.0, 500.0)  # rpm, as the dissertation ran it up (3.5)
+SETTLE, MEASURE = 0.36, 0.24  # s; what is measured is whole turns at every multiple of 250 rpm
+
+
+@dataclass(frozen=True)
+class RunUp:
+    """n rotors at s speeds (rpm): peak (n, s, 2), largest radial reading at the probe planes about its mean, m, at
+    least the clearance after a touchdown; once
+    (n, s, 3), amplitude at the speed of rotation of the probes in x at a and b and of an axial probe, m (at standstill
+    the square root of twice the variance); coil_rms (n, s, 4) A about the mean; copper_loss (n, s) W, bias included;
+    contact (n, s, 3) N and first_contact (n, s, 3) s, nan without one, as `simulate.PLACES`."""
+
+    speed_rpm: np.ndarray
+    peak: np.ndarray
+    once: np.ndarray
+    coil_rms: np.ndarray
+    copper_loss: np.ndarray
+    contact: np.ndarray
+    first_contact: np.ndarray
+
+    @property
+    def touched_down(self) -> np.ndarray:
+        """Whether anything was touched, (n, s)."""
+        return np.isfinite(self.first_contact).any(axis=-1)
+
+
+def run_up(rotors: Sequence[Rotor], speeds: np.ndarray = SPEEDS, seed: int = 0, threads: int | None = None) -> RunUp:
+    """Each rotor at each speed (rpm) by itself, from rest in the centre, under its own gains.
+
+    A rotor that touches down is reported as such and goes on. ValueError for speeds that are not finite numbers.
+    """
+    speeds = np.atleast_1d(np.asarray(speeds, float))
+    if speeds.ndim != 1 or not speeds.size or not np.isfinite(speeds).all():
+        raise ValueError("speeds: give one or more finite numbers, rpm")
+    runs = [Run(rotor, float(v), (seed, i, j)) for i, rotor in enumerate(rotors) for j, v in enumerate(speeds)]
+    rate = rotors[0].axis.control_rate
+    counts = (round(t * rate) for t in (MEASURE, SETTLE))
+    parts = list(reduced(runs, next(counts), _measured, next(counts), threads=threads))
+    columns = [np.concatenate([getattr(p, f.name) for p in parts]) for f in fields(RunUp)[1:]]
+    shape = len(rotors), speeds.size
+    return RunUp(speeds, *(c.reshape(*shape, *c.shape[1:]) for c in columns))
+
+
+def _measured(spun: Spun, runs: Sequence[Run]) -> RunUp:
+    channels = spun.channels
+    mean = channels.mean(axis=-1, keepdims=True)
+    moving = channels - mean
+    radial = np.hypot(moving[:, 0:4:2], moving[:, 1:4:2]).max(axis=-1)
+    rotors = [run.rotor for run in runs]
+    touched = np.isfinite(spun.first_contact[:, :2]).any(axis=1)  # it reached the bearing, and may lie there still
+    clearance = np.array([rotor.axis.clearance for rotor in rotors])
+    radial = np.where(touched[:, None], np.maximum(radial, clearance[:, None]), radial)
+    apart = np.array([np.diff(rotor.planes.probes)[0] for rotor in rotors])
+    reach = np.array([rotor.axial.probe_radius for rotor in rotors])
+    axial = moving[:, 8] + (reach / apart)[:, None] * (moving[:, 2] - moving[:, 0])
+    t = np.arange(channels.shape[-1]) / rotors[0].axis.control_rate
+    once = np.empty((len(runs), 3))
+    for i, run in enumerate(runs):
+        watched = np.stack([moving[i, 0], moving[i, 2], axial[i]])
+        turn = np.exp(-1j * run.speed * t)
+        once[i] = abs(2 * (watched * turn).mean(axis=-1)) if run.speed else np.sqrt(2) * watched.std(axis=-1)
+    rms = moving[:, 4:8].std(axis=-1)
+    # Opposite coils carry the bias plus and minus the control current, of which the mean holds the weight.
+    bias = np.array([rotor.axis.bias_current for rotor in rotors])
+    resistance = np.array([rotor.axis.coil_resistance for rotor in rotors])
+    squares = (channels[:, 4:8] ** 2).mean(axis=-1).sum(axis=-1)
+    loss = resistance * (8 * bias**2 + 2 * squares)
+    return RunUp(np.empty(0), radial, once, rms, loss, spun.contact, spun.first_contact)
