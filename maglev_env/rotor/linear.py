@@ -57,18 +57,12 @@ def mechanics(rotor: Rotor) -> Mechanics:
 def undamped_frequencies(rotor: Rotor, stiffness: float, speed: float = 0.0) -> np.ndarray:
     """Natural frequencies (Hz) of the rotor on an undamped spring (N/m) in each direction at each magnet plane,
     spinning at speed (rad/s): whirl modes, sorted, backward ones negative."""
-    m = mechanics(rotor)
-    at = at_planes(*rotor.planes.magnets)
-    n = len(MOTIONS)
-    inverse = np.linalg.inv(m.mass)
-    a = np.block([[np.zeros((n, n)), np.eye(n)], [-inverse @ (stiffness * at.T @ at), -inverse @ m.gyroscopic * speed]])
-    values, vectors = np.linalg.eig(a)
-    found = []
-    for value, v in zip(values, vectors.T, strict=True):
-        if value.imag > 0:
-            x, y = (v[0], v[2]) if abs(v[0]) > abs(v[1]) * np.ptp(rotor.planes.magnets) / 2 else (v[1], v[3])
-            found.append(value.imag * (1.0 if abs(x - 1j * y) < abs(x + 1j * y) else -1.0))
-    return np.sort(found) / (2 * np.pi)
+    # In x + i y and the tilts alike: M z'' - i speed G z' + K z = 0, whose exp(i w t) turn forward where w > 0.
+    at = at_planes(*rotor.planes.magnets)[::2, :2]
+    inverse = np.diag([1 / rotor.moving_mass, 1 / rotor.moving_inertia])
+    turn = 1j * speed * inverse @ np.diag([0.0, rotor.body.polar_inertia])
+    values = np.linalg.eigvals(np.block([[np.zeros((2, 2)), np.eye(2)], [-stiffness * inverse @ at.T @ at, turn]]))
+    return np.sort(values.imag) / (2 * np.pi)
 
 
 def control_matrices(rotor: Rotor) -> tuple[np.ndarray, np.ndarray]:

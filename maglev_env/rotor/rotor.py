@@ -59,6 +59,12 @@ class Planes(_Checked):
     magnets: tuple[float, float]
     probes: tuple[float, float]
 
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        for name, pair in (("magnets", self.magnets), ("probes", self.probes)):
+            if not (isinstance(pair, tuple) and len(pair) == 2 and pair[0] < pair[1]):
+                raise ValueError(f"[planes]: {name} = {pair!r}; give two positions in m, bearing a comes before b")
+
 
 @dataclass(frozen=True)
 class Axial(_Checked):
@@ -70,6 +76,13 @@ class Axial(_Checked):
     damping: float = quantity("N s/m", 0.0, 1e6, 0.0)
     clearance: float = quantity("m", 1e-6, 0.1, 5e-4)
     probe_radius: float = quantity("m", 0.0, 1.0, 0.0)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not len(self.displacement) == len(self.force) > 1 or list(self.displacement) != sorted(self.displacement):
+            raise ValueError("[axial]: give as many forces as displacements, two or more, displacements increasing")
+        if not self.stiffness > 0:
+            raise ValueError(f"[axial]: a passive stiffness of {self.stiffness:g} N/m does not hold the rotor")
 
     @property
     def stiffness(self) -> float:
@@ -154,10 +167,7 @@ class Rotor:
             raise ValueError(f"[gains]: {', '.join(self.gains)}; give translation and tilt, or a and b")
         if self.axis.axes != 1 or self.axis.magnet not in ("hybrid_pair", "electromagnet_pair"):
             raise ValueError(f"axis: rig {self.axis.name} is not one axis of a pair of magnets")
-        a, b = self.planes.magnets
-        if not a < b:
-            raise ValueError(f"[planes]: magnets = {[a, b]} m; bearing a comes before b")
-        if len(self.gravity) != 3 or not all(map(is_number, self.gravity)):
+        if not (isinstance(self.gravity, tuple) and len(self.gravity) == 3) or not all(map(is_number, self.gravity)):
             raise ValueError(f"gravity = {self.gravity!r}; give three accelerations, m/s2")
         load = abs(self.gravity[2]) * self.body.mass
         if load > self.axial.capacity:
@@ -228,5 +238,6 @@ def _build(data: dict[str, Any], folder: Path) -> Rotor:
     check_known(bounds, [f.name for f in fields(Gains)], "[bounds]")
     source = data["axis"]
     axis = load_rig(folder / source if str(source).endswith(".toml") else source)
-    gravity = tuple(data.get("gravity", (0.0, 0.0, 0.0)))
+    gravity = data.get("gravity", [0.0, 0.0, 0.0])
+    gravity = tuple(gravity) if isinstance(gravity, list) else gravity
     return Rotor(data["name"], axis, gains=gains, gravity=gravity, bounds=bounds, **parts)

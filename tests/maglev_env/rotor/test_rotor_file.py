@@ -1,0 +1,82 @@
+"""Rotor files: what is read, and what is refused with which words."""
+
+from importlib import resources
+from math import log
+
+import pytest
+
+from maglev_env.rig import load_rig
+from maglev_env.rotor.rotor import Axial, Body, Touchdown, hollow_cylinder, load_rotor
+
+TEXT = (resources.files("maglev_env") / "rigs" / "pump.toml").read_text()
+
+
+def changed(tmp_path, old: str, new: str):
+    assert old in TEXT
+    path = tmp_path / "mine.toml"
+    path.write_text(TEXT.replace(old, new))
+    return path
+
+
+def test_the_preset_is_the_cylinder_it_says():
+    body = load_rotor("pump").body
+    transverse, polar = hollow_cylinder(body.mass, 7.4e-3, 10.15e-3, 70e-3)
+    assert (body.transverse_inertia, body.polar_inertia) == (
+        pytest.approx(transverse, rel=1e-3),
+        pytest.approx(polar, rel=1e-3),
+    )
+    assert load_rotor("pump").axis == load_rig("hmb_free")
+
+
+def test_a_thin_rod_and_a_disc():
+    assert hollow_cylinder(1.0, 0.0, 0.0, 2.0) == (pytest.approx(1 / 3), 0.0)
+    transverse, polar = hollow_cylinder(2.0, 0.0, 0.1, 0.0)
+    assert polar == pytest.approx(2 * transverse) == pytest.approx(0.01)
+
+
+def test_axial_stiffness_is_the_slope_through_the_centre():
+    z = (0.0, 1e-5, 2e-5)
+    assert Axial(z, tuple(0.3 - 4e3 * v for v in z)).stiffness == pytest.approx(4e3)
+
+
+@pytest.mark.parametrize("restitution", [0.1, 0.5, 0.9, 1.0])
+def test_contact_damping_keeps_the_energy_integral(restitution):
+    touch = Touchdown(restitution=restitution, speed=0.7)
+    a = touch.damping * touch.speed
+    assert log(1 + a) - a == pytest.approx(log(1 - restitution * a) + restitution * a, abs=1e-9)
+    assert (a > 0.05) == (restitution < 1)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ('schema = "maglev-rotor/1"', 'schema = "maglev-rig/1"', "maglev-rotor/1"),
+        ("polar_inertia = 6.321e-6", "polar_inertia = 8.0e-5", "triangle inequality"),
+        ("mass = 0.08012", "mass = -1.0", "physical range"),
+        ("mass = 0.08012", 'mass = "heavy"', "not a finite number"),
+        ("magnets = [-0.027, 0.027]", "magnets = [0.027, -0.027]", "bearing a comes before b"),
+        ("magnets = [-0.027, 0.027]", "magnets = [-0.027]", "two positions"),
+        ("[gains.tilt]", "[gains.b]", "translation and tilt"),
+        ("gravity = [0.0, -9.80665, 0.0]", "gravity = [0.0, 0.0, 90.0]", "beyond the passive force"),
+        ("gravity = [0.0, -9.80665, 0.0]", "gravity = 9.81", "three accelerations"),
+        ("static = 4.5e-8", "statics = 4.5e-8", "unknown key 'statics'"),
+        ('axis = "hmb_free"', 'axis = "hmb_radial"', "not one axis of a pair"),
+        ("force = [-0.12949, ", "force = [", "as many"),
+        ("[fluid]", "[fluids]", "unknown key 'fluids'"),
+        ("kp = 8000.0", "kp = inf", "not a finite number"),
+    ],
+)
+def test_what_cannot_be_is_refused_by_name(tmp_path, old, new, words):
+    path = changed(tmp_path, old, new)
+    with pytest.raises(ValueError, match=words) as error:
+        load_rotor(path)
+    assert str(path) in str(error.value)
+
+
+def test_a_rotor_is_no_rig_and_says_where_to_go():
+    with pytest.raises(ValueError, match="runup"):
+        load_rig("pump")
+    with pytest.raises(ValueError, match="neither a preset"):
+        load_rotor("hmb_free")
+    with pytest.raises(ValueError, match="no body"):
+        Body(1.0, 1.0, 2.1, 0.1)
