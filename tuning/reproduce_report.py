@@ -8,6 +8,7 @@ from tuning.page import facts, note, number, page, plain, table
 from tuning.reproduce.item import Item, Outcome, Row
 
 TITLE = "The dissertation's experiments, run anew"
+ROUNDING = 1e-9  # relative differences below are the arithmetic's
 HEAD = ("figure", "published", "ours", "difference", "verdict")
 DIGITS = 4
 HOW_TO_READ = (
@@ -23,7 +24,8 @@ Done = Sequence[tuple[Item, Outcome]]
 def cells(row: Row) -> tuple[str, ...]:
     """A row as text under HEAD."""
     difference = row.difference
-    shown = "–" if difference is None or not isfinite(difference) else f"{100 * difference:+.3g} %"
+    known = difference is not None and isfinite(difference)
+    shown = f"{100 * difference if abs(difference) > ROUNDING else 0:+.3g} %" if known else "–"
     verdict = {True: "agrees", False: "differs", None: ""}[row.agrees]
     return (row.name, _published(row), _with_unit(number(row.found, DIGITS), row.unit), shown, verdict)
 
