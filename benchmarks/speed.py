@@ -11,6 +11,7 @@ from benchmarks.kernels import kernel_figures, reference_figures
 from benchmarks.memory import memory_figures
 from benchmarks.pipeline import part_figures, rate_figures, thread_figures
 from benchmarks.report import bench_page, show
+from benchmarks.rotor import rotor_figures
 from benchmarks.self_sensing import self_sensing_figures
 from benchmarks.timing import Size
 from tuning.output import console, progress_bar, require_folder, write_json
@@ -25,6 +26,7 @@ SECTIONS: dict[str, Callable[[Size], dict[str, Figure]]] = {
     "environments": environment_figures,
     "estimators": estimator_figures,
     "self-sensing": self_sensing_figures,
+    "rotor": rotor_figures,
     "memory": memory_figures,
 }
 _BUSY = 0.75  # load average per core from which on other work is in the way

@@ -78,6 +78,13 @@ NAMES = {
         "self_sensing_solve_ivp_ms_per_second",
         "self_sensing_times_faster_than_solve_ivp",
     },
+    "rotor": {
+        "rotor_kernel_ns_per_step_and_lane",
+        "rotor_kernel_over_one_axis",
+        "run_up_of_29_speeds_one_thread_seconds",
+        "run_ups_per_second",
+        "run_ups_together_over_one_thread",
+    },
     "memory": {
         "peak_memory_2_gain_sets_mb",
         "peak_memory_4_gain_sets_mb",
