@@ -7,8 +7,8 @@ from sim2real.blind.judging import Judgement
 from sim2real.blind.opening import Opened
 from sim2real.blind.scoring import Row
 from tuning.blind_figures import reliability_figure
-from tuning.blind_tables import DEFINITIONS, HEAD, TextTable, cells, missed, tables
-from tuning.page import note, page, plain, table
+from tuning.blind_tables import DEFINITIONS, HEAD, cells, missed, tables
+from tuning.page import markdown_table, note, page, plain, table
 
 TITLE = "The blind check of diagnoses"
 
@@ -27,12 +27,12 @@ def blind_page(opened: Opened, made: Mapping[str, Any]) -> str:
 
 def blind_markdown(opened: Opened, made: Mapping[str, Any], picture: str) -> str:
     """The same as a markdown page; picture: name of the reliability plot beside it."""
-    parts = [f"# {TITLE}", summary(opened), _markdown(TextTable("", HEAD, [cells(r) for r in opened.rows]))]
+    parts = [f"# {TITLE}", summary(opened), markdown_table(HEAD, map(cells, opened.rows))]
     if lines := missed(opened):
         parts += ["Not reached, or not settled by so many campaigns:", "\n".join(f"- {line}" for line in lines)]
     parts += [f"![Share right against stated probability]({picture})"]
     for t in tables(opened):
-        parts += [f"## {t.heading}", _markdown(t) if t.rows else "None."]
+        parts += [f"## {t.heading}", markdown_table(t.head, t.rows) if t.rows else "None."]
     parts += ["## What the figures mean", *DEFINITIONS, "## What made this page"]
     parts.append("\n".join(f"- {name}: {value}" for name, value in _made_by(opened, made).items()))
     return "\n\n".join(parts) + "\n"
@@ -77,13 +77,6 @@ def _made_by(opened: Opened, made: Mapping[str, Any]) -> dict[str, object]:
         "SHA-256 of the answers": opened.answers_sha256,
         "Version of the code that answered": opened.version,
     }
-
-
-def _markdown(t: TextTable) -> str:
-    lines = [t.head, ["---"] * len(t.head), *t.rows]
-    return "\n".join(
-        "| " + " | ".join(cell.replace("|", "\\|").replace("\n", " ") for cell in line) + " |" for line in lines
-    )
 
 
 def _rows(rows: Sequence[Row]) -> list[dict[str, Any]]:

@@ -4,12 +4,13 @@ from collections.abc import Sequence
 from math import isfinite
 from typing import Any
 
-from tuning.page import facts, note, number, page, plain, table
+from tuning.page import facts, markdown_table, note, number, page, plain, table
 from tuning.reproduce.item import Item, Outcome, Row
 
 TITLE = "The dissertation's experiments, run anew"
 ROUNDING = 1e-9  # relative differences below are the arithmetic's
 HEAD = ("figure", "published", "ours", "difference", "verdict")
+OVERVIEW = ("experiment", "name", "agree", "differ", "only shown")
 DIGITS = 4
 HOW_TO_READ = (
     "Published: the dissertation's figure, or its words where it gives none. Ours: what the simulated rig and the "
@@ -40,14 +41,24 @@ def summary(done: Done) -> str:
     )
 
 
+def _overview(done: Done) -> list[tuple[str, ...]]:
+    """Of each item how many figures agree, differ, and are only shown."""
+    rows = []
+    for item, outcome in done:
+        asked = [row.agrees for row in outcome.rows]
+        rows.append((item.title, item.name, *(str(asked.count(v)) for v in (True, False, None))))
+    return rows
+
+
 def reproduce_page(done: Done, seed: int) -> str:
-    """HTML with every item's table, reasons, notes and plots."""
-    sections = []
+    """HTML: an overview, then every item's table, reasons, plots and notes."""
+    sections = [("Overview", table(OVERVIEW, _overview(done)))]
     for item, outcome in done:
         reasons = [(row.name, row.reason) for row in outcome.rows if row.reason]
-        text = table(HEAD, map(cells, outcome.rows)) + "".join(map(note, outcome.notes))
-        sections.append((f"{item.title} ({item.source})", text + (facts(reasons) if reasons else "")))
+        text = table(HEAD, map(cells, outcome.rows)) + (facts(reasons) if reasons else "")
+        sections.append((f"{item.title} ({item.source})", text))
         sections += outcome.plots
+        sections.append(("", "".join(map(note, outcome.notes))))
     sections.append(("How to read this", note(HOW_TO_READ)))
     return page(TITLE, summary(done), sections, {"Command": _command(done, seed), "Seed": seed})
 
@@ -55,9 +66,11 @@ def reproduce_page(done: Done, seed: int) -> str:
 def reproduce_markdown(done: Done, seed: int) -> str:
     """The same without the plots, as a markdown page."""
     parts = [f"# {TITLE}", summary(done), HOW_TO_READ, f"Made by `{_command(done, seed)} --docs FILE`."]
+    parts.append(markdown_table(OVERVIEW, _overview(done)))
     for item, outcome in done:
         rows = [(*cells(row), row.reason) for row in outcome.rows]
-        parts += [f"## {item.title}", f"`{item.name}`: {item.source}", _markdown((*HEAD, "why"), rows), *outcome.notes]
+        figures = markdown_table((*HEAD, "why"), rows)
+        parts += [f"## {item.title}", f"`{item.name}`: {item.source}", figures, *outcome.notes]
     return "\n\n".join(parts) + "\n"
 
 
@@ -96,10 +109,3 @@ def _command(done: Done, seed: int) -> str:
 
     names = "" if len(done) == len(HOME) else "".join(f" {item.name}" for item, _ in done)
     return f"maglev reproduce{names} --seed {seed}"
-
-
-def _markdown(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    lines = [head, ["---"] * len(head), *rows]
-    return "\n".join(
-        "| " + " | ".join(cell.replace("|", "\\|").replace("\n", " ") for cell in line) + " |" for line in lines
-    )
