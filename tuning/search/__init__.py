@@ -1,0 +1,1 @@
+"""Searches for gains: they ask for experiments, and are told what these found."""
