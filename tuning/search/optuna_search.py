@@ -38,6 +38,6 @@ def _samplers() -> dict[str, Callable]:
 
     return {
         "tpe": lambda seed: TPESampler(seed=seed, multivariate=True, constant_liar=True),
-        "cma-es": lambda seed: CmaEsSampler(seed=seed, x0=None, sigma0=0.5, n_startup_trials=1),
+        "cma-es": lambda seed: CmaEsSampler(seed=seed),
         "gp": lambda seed: GPSampler(seed=seed, deterministic_objective=False),
     }

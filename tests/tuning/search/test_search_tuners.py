@@ -47,7 +47,7 @@ def test_points_lie_in_the_box_and_repeat_with_the_seed(name):
 @pytest.mark.slow
 @pytest.mark.parametrize("name", LEARNING)
 def test_a_search_beats_points_spread_blindly(name):
-    budget, seeds = (18, 1) if name == "gp" else (150, 3)
+    budget, seeds = (24, 1) if name == "gp" else (150, 3)
     best = [run(MAKERS[name](seed), budget, 6).score.max() for seed in range(seeds)]
     blind = [run(MAKERS["sobol"](seed), budget, 6).score.max() for seed in range(3)]
     assert np.median(best) > max(blind) and np.median(best) > 0.95
