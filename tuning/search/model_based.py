@@ -1,0 +1,114 @@
+"""Identify first, then search on what was identified: the rig's parameters within their spread, gains on its model."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from maglev_env.envs.episodes import Episode, wide_factors
+from maglev_env.envs.task import Task
+from maglev_env.rig import with_parameters
+from tuning.search.evolution import DifferentialEvolution
+from tuning.search.study import experiments
+from tuning.search.tuner import Trials
+
+SPREAD = 0.17  # 1 sigma of ln(parameter over nominal) before anything is measured: "wide" drawn
+STEPS, STEP, FAR = 4, 0.02, 0.25  # of Gauss and Newton: how many, for differences, and how far one may go
+FLOOR, PEAK_ERROR, PHASE_ERROR = 0.005, 0.03, 2.0  # of the model itself: relative, relative, degrees
+SEARCH, GENERATIONS, JITTER = 8, 14, 0.05  # population per gain, how often it is renewed, and what tells repeats apart
+
+
+class ModelBased:
+    """Tries a safe start, fits mass, actuator gain, stiffness and lags of a simulated rig to all that was identified so
+    far (nonlinear least squares with their spread as prior), and asks for the gains that score best on it."""
+
+    def __init__(self, task: Task, episode: Episode, seed: int) -> None:
+        """Of the episode only its target and start are used: the rig drawn is what is not known."""
+        self._task = task
+        self._episode = Episode(task.rig, episode.target, episode.start, seed)
+        self._names = tuple(wide_factors(task.rig))
+        self._rng = np.random.default_rng(seed)
+        self._told: Trials | None = None
+        self._theta = np.zeros(len(self._names))
+
+    def ask(self, n: int) -> np.ndarray:
+        k = len(self._task.box.names)
+        if self._told is None:
+            best, spread = np.asarray(self._episode.start), 0.0
+        else:
+            self._fit()
+            best, spread = self._optimum(), JITTER
+        points = best + spread * self._rng.standard_normal((n, k))
+        points[0] = best
+        tried = np.empty((0, k)) if self._told is None else self._told.points
+        if len(tried) and np.min(np.linalg.norm(tried - best, axis=1)) < JITTER / 2:
+            points[0] += spread * self._rng.standard_normal(k)
+        return np.clip(points, -1.0, 1.0)
+
+    def tell(self, trials: Trials) -> None:
+        self._told = trials if self._told is None else self._told + trials
+
+    @property
+    def parameters(self) -> dict[str, float]:
+        """The rig's parameters as identified so far, over the nominal ones."""
+        return dict(zip(self._names, map(float, np.exp(self._theta)), strict=True))
+
+    def _model(self, theta: np.ndarray) -> Episode:
+        rig = self._task.rig
+        changed = {name: getattr(rig, name) * f for name, f in zip(self._names, np.exp(theta), strict=True)}
+        return replace(self._episode, rig=with_parameters(rig, changed))
+
+    def _fit(self) -> None:
+        """Every parameter moves in lanes beside the others, under the noise of the same seeds."""
+        known = np.flatnonzero(~self._told.touchdown)
+        if not known.size:
+            return
+        measured = [_features(self._told.info[i]) for i in known]
+        points = self._told.points[known]
+        moves = np.vstack([np.zeros(self._theta.size), STEP * np.eye(self._theta.size)])
+        for _ in range(STEPS):
+            models = [self._model(self._theta + move) for move in moves]
+            lanes = [m for m in models for _ in known]
+            found = experiments(
+                self._task, lanes, np.tile(points, (len(moves), 1)), [int(i) + 1 for i in known] * len(moves)
+            )
+            columns = np.array([np.concatenate(part) for part in self._residuals(found, measured, len(moves))])
+            r, jacobian = columns[0], (columns[1:] - columns[0]) / STEP
+            normal = jacobian @ jacobian.T + np.eye(self._theta.size) / SPREAD**2
+            step = -np.linalg.solve(normal, jacobian @ r + self._theta / SPREAD**2)
+            self._theta = self._theta + np.clip(step, -FAR, FAR)
+
+    def _residuals(self, found: Trials, measured: list, lanes: int) -> list[list[np.ndarray]]:
+        """Of each lane set, each experiment's whitened misfits; 0 where either side does not know."""
+        rows = []
+        for i in range(lanes):
+            own = found.info[i * len(measured) : (i + 1) * len(measured)]
+            rows.append([np.nan_to_num((_features(o)[0] - y) / sd) for o, (y, sd) in zip(own, measured, strict=True)])
+        return rows
+
+    def _optimum(self) -> np.ndarray:
+        """The point that scores best on the model."""
+        model, k = self._model(self._theta), len(self._task.box.names)
+        search = DifferentialEvolution(k, int(self._rng.integers(2**31)), SEARCH)
+        best, score = np.asarray(self._episode.start), -1.0
+        for _ in range(GENERATIONS):
+            points = search.ask(10**6)
+            found = experiments(self._task, [model] * len(points), points, [0] * len(points))
+            search.tell(found)
+            if found.score[found.best] > score:
+                best, score = found.points[found.best], float(found.score[found.best])
+        search.close()
+        return best
+
+
+def _features(info: dict) -> tuple[np.ndarray, np.ndarray]:
+    """What an experiment identified, and its standard deviations with the model's own error; nan: unknown."""
+    names = ("band_stiffness", "band_damping")
+    values, errors = [], []
+    for name in names:
+        y = np.atleast_1d(np.asarray(info.get(name, np.nan), float))
+        se = np.atleast_1d(np.asarray(info.get(f"{name}_se", np.nan), float))
+        values.append(y)
+        errors.append(np.hypot(se, FLOOR * np.nanmax(np.abs(y)) if np.isfinite(y).any() else 1.0))
+    values.append([np.log(info.get("peak_sensitivity", np.nan)), info.get("phase_margin", np.nan)])
+    errors.append([PEAK_ERROR, PHASE_ERROR])
+    return np.concatenate(values), np.concatenate(errors)
