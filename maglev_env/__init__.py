@@ -33,6 +33,11 @@ _HOME = {
     "with_defaults": "defaults",
     "RigEnv": "envs.single",
     "RigVectorEnv": "envs.vector",
+    "PumpRotorEnv": "envs.pump",
+    "PumpRotorVectorEnv": "envs.pump",
+    "RotorEvaluation": "rotor.evaluation",
+    "evaluate_rotors": "rotor.evaluation",
+    "load_rotor": "rotor.rotor",
 }
 __all__ = sorted(_HOME)
 

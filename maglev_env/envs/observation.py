@@ -45,8 +45,8 @@ class Layout:
         n, k, c = len(e.score), self.nominal.stiffness, self.nominal.damping
         down = ~np.isnan(e.touchdown_time)
         estimates = [_signed(e.band_stiffness / k), _signed(e.band_damping / c)]
-        errors = [_decades(e.band_stiffness_se / k, -4, 1), _decades(e.band_damping_se / c, -4, 1)]
-        ratios = np.stack([_ratio(e.stiffness / targets.stiffness), _ratio(e.damping / targets.damping)], axis=1)
+        errors = [decades(e.band_stiffness_se / k, -4, 1), decades(e.band_damping_se / c, -4, 1)]
+        ratios = np.stack([ratio(e.stiffness / targets.stiffness), ratio(e.damping / targets.damping)], axis=1)
         with np.errstate(invalid="ignore", divide="ignore"):
             peak = 1 - 2 * np.log(e.margins["peak_sensitivity"]) / np.log(20.0)
             room = [
@@ -56,12 +56,12 @@ class Layout:
             ]
         margins = np.stack([_filled(peak, -1.0), *(_filled(m, 1.0) for m in room)], axis=1)
         margins[down] = -1.0
-        levels = [_decades(e.peak_displacement / targets.clearance, -3, 0)]
-        levels += [_decades(e.current_rms / targets.current_limit, -3, 1)]
+        levels = [decades(e.peak_displacement / targets.clearance, -3, 0)]
+        levels += [decades(e.current_rms / targets.current_limit, -3, 1)]
         left = 2 * experiments_left / self.budget - 1
         parts = [*estimates, *errors, ratios, margins, np.stack(levels, axis=1), actions, left[:, None]]
         if self.drawn_target:
-            parts.append(np.stack([_ratio(targets.stiffness / k), _ratio(targets.damping / c)], axis=1))
+            parts.append(np.stack([ratio(targets.stiffness / k), ratio(targets.damping / c)], axis=1))
         return np.clip(np.concatenate(parts, axis=1).reshape(n, -1), -1.0, 1.0).astype(np.float32)
 
 
@@ -74,13 +74,13 @@ def _signed(x: np.ndarray) -> np.ndarray:
     return _filled(np.arcsinh(10 * x) / np.arcsinh(200.0), 0.0)
 
 
-def _decades(x: np.ndarray, low: float, high: float) -> np.ndarray:
+def decades(x: np.ndarray, low: float, high: float) -> np.ndarray:
     """-1 at 10^low, 1 at 10^high and where unknown."""
     with np.errstate(invalid="ignore", divide="ignore"):
         return _filled(2 * (np.log10(x) - low) / (high - low) - 1, 1.0)
 
 
-def _ratio(x: np.ndarray) -> np.ndarray:
+def ratio(x: np.ndarray) -> np.ndarray:
     """Logarithm of a ratio: 0 on target, +-1 a factor of five off; -1 where not positive, 0 where unknown."""
     with np.errstate(invalid="ignore", divide="ignore"):
         scaled = np.log(np.where(x > 0, x, np.nan)) / np.log(5.0)

@@ -11,32 +11,49 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle
-from matplotlib.ticker import MaxNLocator
 
 from estimation.stability import iso_14839_2_zone, iso_14839_3_zone
 from maglev_env.envs.episodes import Episode
-from maglev_env.envs.task import TOUCHDOWN_REWARD, Task
+from maglev_env.envs.frames import (
+    BAR,
+    BAR_AT,
+    BLUE,
+    DISPLACEMENT_LIMITS,
+    DPI,
+    GREEN,
+    GREY,
+    HALVES,
+    LEFT,
+    LOWER,
+    NORMAL,
+    ORANGE,
+    RED,
+    RIGHT,
+    SCORES,
+    SIZE,
+    SMALL,
+    UNITS,
+    UPPER,
+    WALL,
+    ZONES,
+    History,
+    draw_heading,
+    draw_scores,
+    draw_tries,
+    panel,
+    plain,
+    put_axis,
+    put_title,
+)
+from maglev_env.envs.task import Task, Tuning
 from maglev_env.excitation import lines_at
 from maglev_env.experiment import Experiment, recorded_channels
 from maglev_env.linear import loop_response
 from maglev_env.planar import suffixes
 from maglev_env.simulate import simulate_records
 
-History = Sequence[tuple[np.ndarray, dict[str, Any]]]
-
-SIZE, DPI = (9.6, 7.2), 100  # inches and dots per inch: 720 x 960 px
-LEFT, RIGHT = (0.075, 0.475), (0.58, 0.98)  # panels, as shares of the figure
-UPPER, LOWER = (0.51, 0.86), (0.07, 0.41)
-HALVES = ((0.70, 0.86), (0.51, 0.67))
-BAR, BAR_AT = (10, 245), (902, 50)  # colour bar of the scores: width and height, left and bottom, px
 COEFFICIENTS = {"stiffness": (1e-3, "N/mm"), "damping": (1.0, "N s/m")}
-BLUE, ORANGE, GREEN, RED, GREY, WALL = "#0072B2", "#E69F00", "#009E73", "#D00000", "#555555", "#BBBBBB"
-ZONES = {"A": "#E1F3E7", "B": "#FAF6D2", "C": "#FDE8CE", "D": "#FADDDA"}
 SENSITIVITY_LIMITS, SENSITIVITY_TOP = (3.0, 4.0, 5.0), 6.5  # ISO 14839-3; a fixed scale keeps frames comparable
-DISPLACEMENT_LIMITS = (0.3, 0.4, 0.5)  # ISO 14839-2, of the clearance
-UNITS = {"kp": "A/m", "ki": "A/(m s)", "kd": "A s/m", "td": "s", "ti": "s"}
-SCORES = "viridis"
-SMALL, NORMAL, LARGE = 7.5, 9, 13  # points
 NORMAL_95 = 1.96
 
 
@@ -48,12 +65,12 @@ class Window:
     image: Any
 
 
-def draw_frame(task: Task, episode: Episode, history: History) -> np.ndarray:
+def draw_frame(task: Tuning, episode: Any, history: History) -> np.ndarray:
     """Picture (720, 960, 3) uint8 of an episode's last experiment and the gains tried so far; equal for equal inputs.
 
     history: (action (k,), info) of its experiments, oldest first, the start included. Needs no display.
     """
-    canvas = FigureCanvasAgg(episode_figure(task, episode, history))
+    canvas = FigureCanvasAgg(task.picture(episode, history))
     canvas.draw()
     return np.asarray(canvas.buffer_rgba())[..., :3].copy()
 
@@ -110,62 +127,17 @@ def episode_figure(task: Task, episode: Episode, history: History) -> Figure:
     action, info = history[-1]
     experiment = task.experiment(episode, task.box.gains(action), len(history) - 1)
     figure = Figure(figsize=SIZE, dpi=DPI, facecolor="white")
-    _draw_heading(figure, task, history)
+    draw_heading(figure, task, history)
     motion = _draw_orbit if experiment.rig.axes == 2 else _draw_motion
-    motion(_panel(figure, "motion", LEFT, UPPER), experiment, info)
-    pair = [_panel(figure, name, RIGHT, place) for name, place in zip(COEFFICIENTS, HALVES, strict=True)]
+    motion(panel(figure, "motion", LEFT, UPPER), experiment, info)
+    pair = [panel(figure, name, RIGHT, place) for name, place in zip(COEFFICIENTS, HALVES, strict=True)]
     _draw_coefficients(pair, task, episode, info)
-    _draw_sensitivity(_panel(figure, "sensitivity", LEFT, LOWER), experiment, episode, info)
+    _draw_sensitivity(panel(figure, "sensitivity", LEFT, LOWER), experiment, episode, info)
     if {"kp", "kd"} <= set(task.box.names):
-        _draw_gains(_panel(figure, "tried", (RIGHT[0], 0.925), LOWER), task, history)
+        _draw_gains(panel(figure, "tried", (RIGHT[0], 0.925), LOWER), task, history)
     else:
-        _draw_scores(_panel(figure, "tried", RIGHT, LOWER), task, history)
+        draw_scores(panel(figure, "tried", RIGHT, LOWER), task, history)
     return figure
-
-
-def _panel(figure: Figure, label: str, across: tuple[float, float], up: tuple[float, float]) -> Axes:
-    axes = figure.add_axes((across[0], up[0], across[1] - across[0], up[1] - up[0]), label=label)
-    axes.tick_params(labelsize=SMALL)
-    return axes
-
-
-def _title(axes: Axes, text: str, colour: str = "black") -> None:
-    axes.set_title(text, fontsize=NORMAL, loc="left", y=1.02, color=colour)
-
-
-def _axis(axes: Axes, which: str, ends: tuple[float, float], label: str, log: bool = False) -> None:
-    """Limits, scale, label and a few ticks of the x or y axis: ticks are most of the time a frame takes."""
-    if log:
-        decades = 10.0 ** np.arange(np.floor(np.log10(ends[0])), np.log10(ends[1]))
-        steps = (1.0, 2.0, 5.0) if ends[1] < 100 * ends[0] else (1.0,)
-        ticks = np.ravel(np.outer(decades, steps))
-        axes.set(**{f"{which}scale": "log"})
-    else:
-        ticks = MaxNLocator(5, steps=[1, 2, 2.5, 5, 10]).tick_values(*ends)
-    ticks = ticks[(ticks >= ends[0]) & (ticks <= ends[1])]
-    axis = getattr(axes, f"{which}axis")
-    axis.set_ticks([], minor=True)
-    axis.set_ticks(ticks, [f"{tick:.6g}".replace("-", "−") for tick in ticks])
-    axes.set(**{f"{which}lim": ends})
-    axis.set_label_text(label, fontsize=SMALL)
-
-
-def _plain(value: float) -> str:
-    return np.format_float_positional(value, precision=4, fractional=False, trim="-")
-
-
-def _draw_heading(figure: Figure, task: Task, history: History) -> None:
-    count, info = len(history) - 1, history[-1][1]
-    down, feasible = "touchdown_time" in info, info["feasible"]
-    which = f"experiment {count} of {task.budget}" if count else f"start, before {task.budget} experiments"
-    result = "touchdown" if down else f"score {info['score']:.3f}" if feasible else "unstable loop"
-    gains = ",  ".join(f"{name} = {_plain(info[name])} {UNITS[name]}" for name in task.box.names)
-    reward = f"reward: score; unstable 0; touchdown {TOUCHDOWN_REWARD:g}".replace("-", "−")
-    big, small = {"fontsize": LARGE, "weight": "bold"}, {"fontsize": NORMAL, "color": GREY}
-    figure.text(LEFT[0], 0.955, f"{task.rig.name}: {which}", **big, parse_math=False)  # a name may hold dollars
-    figure.text(RIGHT[1], 0.955, result, **big, ha="right", color="black" if feasible else RED)
-    figure.text(LEFT[0], 0.922, gains, **small)
-    figure.text(RIGHT[1], 0.922, reward, **small, ha="right")
 
 
 def _motion(e: Experiment, info: dict[str, Any]) -> tuple[np.ndarray, np.ndarray]:
@@ -190,11 +162,11 @@ def _motion(e: Experiment, info: dict[str, Any]) -> tuple[np.ndarray, np.ndarray
 
 def _motion_title(axes: Axes, e: Experiment, info: dict[str, Any]) -> None:
     if "touchdown_time" in info:
-        _title(axes, f"Rotor in its bore: touchdown after {_plain(info['touchdown_time'])} s", RED)
+        put_title(axes, f"Rotor in its bore: touchdown after {plain(info['touchdown_time'])} s", RED)
         return
     peak, clearance = info["peak_displacement"], e.rig.clearance
     zone = iso_14839_2_zone(peak, clearance)
-    _title(axes, f"Rotor in its bore: peak {peak * 1e6:.3g} µm, {peak / clearance:.0%} of clearance, zone {zone}")
+    put_title(axes, f"Rotor in its bore: peak {peak * 1e6:.3g} µm, {peak / clearance:.0%} of clearance, zone {zone}")
 
 
 def _magnification(largest: float, room: float) -> int:
@@ -221,8 +193,8 @@ def _draw_motion(axes: Axes, e: Experiment, info: dict[str, Any]) -> None:
         axes.plot(time, factor * y + 0.65 * wall, color=BLUE, lw=0.8)
         plate = {"facecolor": "white", "lw": 0, "pad": 1}
         axes.text(0.01 * end, 0.96 * wall, f"× {factor}", fontsize=NORMAL, va="top", bbox=plate)
-    _axis(axes, "x", (0.0, end), "time / s")
-    _axis(axes, "y", (-1.1 * wall, 1.1 * wall), "displacement / µm")
+    put_axis(axes, "x", (0.0, end), "time / s")
+    put_axis(axes, "y", (-1.1 * wall, 1.1 * wall), "displacement / µm")
     _motion_title(axes, e, info)
 
 
@@ -235,8 +207,8 @@ def _draw_orbit(axes: Axes, e: Experiment, info: dict[str, Any]) -> None:
         axes.add_patch(Circle((0, 0), share * wall, color=ZONES[zone], lw=0))
         axes.text(0, -share * wall * 0.98, zone, fontsize=SMALL, color=GREY, ha="center")
     axes.plot(x, y, color=BLUE, lw=0.6)
-    _axis(axes, "x", (-wall, wall), "x / µm")
-    _axis(axes, "y", (-1.1 * wall, 1.1 * wall), "y / µm")
+    put_axis(axes, "x", (-wall, wall), "x / µm")
+    put_axis(axes, "y", (-1.1 * wall, 1.1 * wall), "y / µm")
     shape = (LEFT[1] - LEFT[0]) * SIZE[0] / ((UPPER[1] - UPPER[0]) * SIZE[1])
     left, width = -1.1 * wall, 2.2 * wall * shape  # equal scales in x and y
     factor = _magnification(np.hypot(x, y).max(), 0.5 * wall)
@@ -274,14 +246,14 @@ def _draw_coefficients(pair: Sequence[Axes], task: Task, episode: Episode, info:
             known = [*known, value]
         if len(known) == 1:
             axes.text(0.5, 0.2, "no estimate", transform=axes.transAxes, ha="center", fontsize=NORMAL, color=RED)
-        _axis(axes, "x", (0.0, max(bands[-1, 1], band[1]) * 1.02), "frequency / Hz" if axes is pair[-1] else "")
+        put_axis(axes, "x", (0.0, max(bands[-1, 1], band[1]) * 1.02), "frequency / Hz" if axes is pair[-1] else "")
         # A bar far longer than what is known would flatten the rest: it runs out of the panel.
         room = 0.5 * np.ptp(known) or 0.5 * target
-        _axis(axes, "y", (min(known) - room, max(known) + room), f"{name} / {unit}")
+        put_axis(axes, "y", (min(known) - room, max(known) + room), f"{name} / {unit}")
     pair[0].tick_params(labelbottom=False)
     pair[0].legend(fontsize=SMALL, loc="lower right", bbox_to_anchor=(1.01, 0.97), ncols=3, frameon=False,
                    handlelength=1.5, columnspacing=1.0, handletextpad=0.4)  # fmt: skip
-    _title(pair[0], "Worse axis" if task.rig.axes == 2 else "Identified")
+    put_title(pair[0], "Worse axis" if task.rig.axes == 2 else "Identified")
 
 
 def _draw_sensitivity(axes: Axes, e: Experiment, episode: Episode, info: dict[str, Any]) -> None:
@@ -305,11 +277,11 @@ def _draw_sensitivity(axes: Axes, e: Experiment, episode: Episode, info: dict[st
         peak, at = info["peak_sensitivity"], info["peak_frequency"]
         style = {"marker": "o" if peak <= SENSITIVITY_TOP else "^", "color": RED, "mec": "white", "ms": 9}
         axes.plot(at, min(peak, SENSITIVITY_TOP), ls="", **style, clip_on=False, zorder=4, label="measured peak")
-        _title(axes, f"Sensitivity |S|: peak {peak:.3g} at {at:.3g} Hz, zone {iso_14839_3_zone(peak)}")
+        put_title(axes, f"Sensitivity |S|: peak {peak:.3g} at {at:.3g} Hz, zone {iso_14839_3_zone(peak)}")
     else:
-        _title(axes, "Sensitivity |S|: not measured" + ("" if stable else ", the loop is unstable"), RED)
-    _axis(axes, "x", (low, high), "frequency / Hz", log=True)
-    _axis(axes, "y", (0.0, SENSITIVITY_TOP), "")
+        put_title(axes, "Sensitivity |S|: not measured" + ("" if stable else ", the loop is unstable"), RED)
+    put_axis(axes, "x", (low, high), "frequency / Hz", log=True)
+    put_axis(axes, "y", (0.0, SENSITIVITY_TOP), "")
     axes.legend(fontsize=SMALL, loc="upper right", frameon=False)
 
 
@@ -317,30 +289,10 @@ def _draw_gains(axes: Axes, task: Task, history: History) -> None:
     for which, name in (("x", "kp"), ("y", "kd")):
         i = task.box.names.index(name)
         ends = task.box.low[i], task.box.high[i]
-        _axis(axes, which, ends, f"{name} / {UNITS[name]}", log=bool(task.box.log[i]))
-    _draw_tries(axes, *np.array([[info["kp"], info["kd"]] for _, info in history]).T, history)
+        put_axis(axes, which, ends, f"{name} / {UNITS[name]}", log=bool(task.box.log[i]))
+    draw_tries(axes, *np.array([[info["kp"], info["kd"]] for _, info in history]).T, history)
     bar = colormaps[SCORES](np.linspace(0, 1, BAR[1]))
     axes.figure.figimage(np.repeat(bar[:, None], BAR[0], axis=1), *BAR_AT, origin="lower")
     for height, label in ((0.0, "0"), (0.5, "score"), (1.0, "1")):
         axes.text(1.08, height, label, transform=axes.transAxes, fontsize=SMALL, va="center",
                   rotation=90 * (height == 0.5))  # fmt: skip
-
-
-def _draw_scores(axes: Axes, task: Task, history: History) -> None:
-    _axis(axes, "x", (-0.5, max(task.budget, 4) + 0.5), "experiment")
-    _axis(axes, "y", (0.0, 1.0), "score")
-    _draw_tries(axes, np.arange(len(history)), np.array([info["score"] for _, info in history]), history)
-
-
-def _draw_tries(axes: Axes, x: np.ndarray, y: np.ndarray, history: History) -> None:
-    """Tries at x, y (n,) coloured by score in their order: the last one ringed, touchdowns as crosses."""
-    scores = np.array([info["score"] for _, info in history])
-    down = np.array(["touchdown_time" in info for _, info in history])
-    axes.plot(x, y, color=WALL, lw=0.8, zorder=1)
-    over = {"clip_on": False, "zorder": 3}
-    axes.scatter(x[~down], y[~down], 45, scores[~down], cmap=SCORES, vmin=0, vmax=1, **over)
-    axes.scatter(x[down], y[down], 45, RED, marker="x", **over)
-    axes.scatter(x[-1], y[-1], 160, facecolor="none", edgecolor="black", lw=1.5, **over)
-    best = int(scores.argmax())
-    which = f"best score {scores[best]:.3f}, {f'experiment {best}' if best else 'start'}"
-    _title(axes, f"Tried so far: {which if scores[best] > 0 else 'none scores'}")

@@ -1,5 +1,6 @@
 """The scalar environment; its docstring is the specification of all of them."""
 
+from collections.abc import Callable
 from typing import Any
 
 import gymnasium as gym
@@ -7,7 +8,7 @@ import numpy as np
 from gymnasium import logger, spaces
 from gymnasium.error import InvalidAction
 
-from maglev_env.envs.task import Task, infos, make_task, rewards
+from maglev_env.envs.task import Tuning, infos, make_task, rewards
 
 
 class RigEnv(gym.Env[np.ndarray, np.ndarray]):
@@ -80,12 +81,13 @@ class RigEnv(gym.Env[np.ndarray, np.ndarray]):
     - v0: first.
     """
 
+    make_task: Callable[..., Tuning] = staticmethod(make_task)
     metadata = {"render_modes": ["rgb_array", "human"], "render_fps": 2}  # noqa: RUF012
 
     def __init__(self, render_mode: str | None = None, **arguments: Any) -> None:
         if render_mode is not None and render_mode not in self.metadata["render_modes"]:
             raise ValueError(f"render_mode = {render_mode!r}; use one of {self.metadata['render_modes']}")
-        self.task: Task = make_task(**arguments)
+        self.task: Tuning = self.make_task(**arguments)
         self.render_mode = render_mode
         self.action_space, self.observation_space = spaces_of(self.task)
         self._canvas = None
@@ -145,7 +147,7 @@ class RigEnv(gym.Env[np.ndarray, np.ndarray]):
         return observations[0], float(rewards(found)[0]), info, bool(np.isfinite(found.touchdown_time[0]))
 
 
-def spaces_of(task: Task) -> tuple[spaces.Box, spaces.Box]:
+def spaces_of(task: Tuning) -> tuple[spaces.Box, spaces.Box]:
     """Action and observation space of one environment."""
     action = spaces.Box(-1.0, 1.0, (len(task.box.names),), np.float32)
     return action, spaces.Box(-1.0, 1.0, (len(task.layout.names),), np.float32)

@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
@@ -20,7 +20,38 @@ from maglev_env.gains import with_gains
 from maglev_env.rig import Rig, axis_rig, load_rig
 from maglev_env.score import ScoreTarget, stacked
 
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
 TOUCHDOWN_REWARD = -1.0
+
+
+class Tuning(Protocol):
+    """What an environment asks of its task. An episode has a `start`, the first action; what was found has
+    touchdown_time (n,), nan without one, score (n,) and terms."""
+
+    name: str
+    box: GainBox
+    layout: Any  # has the names of the observation's elements
+    budget: int
+    terminate_on_touchdown: bool
+
+    def tried(self, last: np.ndarray, actions: np.ndarray) -> np.ndarray:
+        """Points of the box (..., k) that actions ask for after `last`."""
+
+    def draw(self, rng: np.random.Generator) -> Any:
+        """A new episode."""
+
+    def measure(
+        self, episodes: Sequence[Any], actions: np.ndarray, counts: Sequence[int], threads: int | None
+    ) -> tuple[Any, np.ndarray]:
+        """What was found, and observations (n, size), in experiment counts[i] of each episode."""
+
+    def told(self, found: Any) -> dict[str, np.ndarray]:
+        """What of it goes into the info beside gains and terms: arrays (n, ...) by name."""
+
+    def picture(self, episode: Any, history: Sequence[tuple[np.ndarray, dict[str, Any]]]) -> "Figure":
+        """An episode's experiments so far, (action, info), oldest first."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,6 +69,11 @@ class Task:
     terminate_on_touchdown: bool
     move: float | None
     sensor: str
+
+    @property
+    def name(self) -> str:
+        """The rig's."""
+        return self.rig.name
 
     def tried(self, last: np.ndarray, actions: np.ndarray) -> np.ndarray:
         """Points of the box (..., k) that actions ask for after `last`: the actions themselves, or moves from there."""
@@ -69,6 +105,16 @@ class Task:
             rig, tried, p.excitations, p.periods, p.transient_periods, self.effects, seed=seed, sensor=sensor
         )
 
+    def told(self, found: Evaluation) -> dict[str, np.ndarray]:
+        """Estimates, margins, peaks and the score, (n, ...) by name."""
+        return {name: getattr(found, name) for name in _TOLD} | found.margins
+
+    def picture(self, episode: Episode, history: Sequence[tuple[np.ndarray, dict[str, Any]]]) -> "Figure":
+        """An episode's experiments so far, (action, info), oldest first."""
+        from maglev_env.envs.rendering import episode_figure
+
+        return episode_figure(self, episode, history)
+
 
 def make_task(
     rig: str | Path | Rig = "hmb_free",
@@ -89,10 +135,7 @@ def make_task(
         raise ValueError(f"rig = {loaded.name!r} has no controlled magnet: there are no gains to tune")
     if sensor not in SENSORS:
         raise ValueError(f"sensor = {sensor!r}; use one of {', '.join(SENSORS)}")
-    if isinstance(budget, bool) or not isinstance(budget, int) or budget < 1:
-        raise ValueError(f"budget = {budget!r} experiments; give a whole number, at least 1")
-    if move is not None and not (is_number(move) and 0 < move <= 2):
-        raise ValueError(f"move = {move!r}; give a share of the box above 0 and up to 2, or None")
+    check_episode(budget, move)
     loaded = with_defaults(loaded)
     check_effects(effects or {}, loaded)
     check_randomization(loaded, randomization)
@@ -107,6 +150,14 @@ def make_task(
     layout = Layout(_bands(nominal), box.names, target, budget, draw_target)
     ends = bool(terminate_on_touchdown)
     return Task(loaded, box, layout, target, randomization, draw_target, effects or {}, budget, ends, move, sensor)
+
+
+def check_episode(budget: int, move: float | None) -> None:
+    """ValueError unless the budget is a count of experiments, and move None or a share of the box."""
+    if isinstance(budget, bool) or not isinstance(budget, int) or budget < 1:
+        raise ValueError(f"budget = {budget!r} experiments; give a whole number, at least 1")
+    if move is not None and not (is_number(move) and 0 < move <= 2):
+        raise ValueError(f"move = {move!r}; give a share of the box above 0 and up to 2, or None")
 
 
 def _bands(nominal: Experiment) -> np.ndarray:
@@ -126,20 +177,19 @@ def _bands(nominal: Experiment) -> np.ndarray:
     return np.stack([edges[:-1], edges[1:]], axis=1)
 
 
-def rewards(found: Evaluation) -> np.ndarray:
+def rewards(found: Any) -> np.ndarray:
     """Reward (n,): the score in [0, 1], 0 where the loop is unstable, TOUCHDOWN_REWARD where the rotor touched down."""
     return np.where(np.isnan(found.touchdown_time), found.score, TOUCHDOWN_REWARD)
 
 
-def infos(task: Task, found: Evaluation, actions: np.ndarray) -> list[dict[str, Any]]:
+def infos(task: Tuning, found: Any, actions: np.ndarray) -> list[dict[str, Any]]:
     """What each experiment says in SI: gains, estimates, margins, score and its terms; what is unknown is left out."""
     gains = task.box.gains(actions)
     columns: dict[str, np.ndarray] = {name: gains[:, j] for j, name in enumerate(task.box.names)}
-    columns |= {name: getattr(found, name) for name in _TOLD} | found.margins
+    columns |= task.told(found)
     columns |= {f"term_{name}": values for name, values in found.terms.items()}
     return [
-        {name: _plain(values[i]) for name, values in columns.items() if not np.isnan(values[i]).any()}
-        for i in range(len(actions))
+        {name: _plain(values[i]) for name, values in columns.items() if _known(values[i])} for i in range(len(actions))
     ]
 
 
@@ -149,6 +199,10 @@ _TOLD = (
     *("peak_displacement", "current_rms", "touchdown_time", "pole_radius", "feasible", "score", "axis"),
     *("gap_error_rms", "gap_error_bias", "gap_error_worst", "added_phase", "margin_lost"),
 )
+
+
+def _known(value: Any) -> bool:
+    return value != "" if isinstance(value, str) else not np.isnan(value).any()
 
 
 def _plain(value: Any) -> Any:

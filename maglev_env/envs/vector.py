@@ -1,6 +1,6 @@
 """The same environment many at a time: every step is one batch of the lane simulator."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import gymnasium as gym
@@ -10,9 +10,8 @@ from gymnasium.utils import seeding
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
-from maglev_env.envs.episodes import Episode
 from maglev_env.envs.single import RigEnv, checked_actions, spaces_of
-from maglev_env.envs.task import Task, infos, make_task, rewards
+from maglev_env.envs.task import Tuning, infos, make_task, rewards
 
 _Outcome = tuple[np.ndarray, list[dict[str, Any]], np.ndarray]
 
@@ -25,6 +24,7 @@ class RigVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
     as `RigEnv`. ValueError names the argument that is wrong.
     """
 
+    make_task: Callable[..., Tuning] = staticmethod(make_task)
     metadata = RigEnv.metadata | {"autoreset_mode": AutoresetMode.NEXT_STEP}
 
     def __init__(
@@ -39,14 +39,14 @@ class RigVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             raise ValueError(f"num_envs = {num_envs!r}; give a whole number, at least 1")
         if render_mode not in (None, "rgb_array"):
             raise ValueError(f"render_mode = {render_mode!r}; many environments render as 'rgb_array' only")
-        self.task: Task = make_task(**arguments)
+        self.task: Tuning = self.make_task(**arguments)
         self.num_envs, self.render_mode, self.threads = num_envs, render_mode, threads
         self.metadata = RigEnv.metadata | {"autoreset_mode": AutoresetMode(autoreset_mode)}
         self.single_action_space, self.single_observation_space = spaces_of(self.task)
         self.action_space = batch_space(self.single_action_space, num_envs)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self._rngs: list[np.random.Generator] = []
-        self._episodes: list[Episode | None] = [None] * num_envs
+        self._episodes: list[Any] = [None] * num_envs
         self._counts = np.zeros(num_envs, int)
         self._done = np.zeros(num_envs, bool)
         self._histories: list[list] = [[] for _ in range(num_envs)]

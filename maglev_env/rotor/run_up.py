@@ -12,6 +12,10 @@ from maglev_env.rotor.simulate import Spun, reduced
 SPEEDS = np.arange(0.0, 14_001.0, 500.0)  # rpm, as the dissertation ran it up (3.5)
 SETTLE, MEASURE = 0.36, 0.24  # s; what is measured is whole turns at every multiple of 250 rpm
 
+# One seed for all rotors, or a list of one for each: whole numbers from 0 on, or tuples of them.
+Seed = int | tuple[int, ...]
+Seeds = Seed | list[Seed]
+
 
 @dataclass(frozen=True)
 class RunUp:
@@ -35,15 +39,25 @@ class RunUp:
         return np.isfinite(self.first_contact).any(axis=-1)
 
 
-def run_up(rotors: Sequence[Rotor], speeds: np.ndarray = SPEEDS, seed: int = 0, threads: int | None = None) -> RunUp:
+def seeds_of(seed: Seeds, n: int) -> list[tuple[int, ...]]:
+    """A seed for each of n rotors; ValueError where there are not n."""
+    seeds = list(seed) if isinstance(seed, list) else [seed] * n
+    if len(seeds) != n:
+        raise ValueError(f"seed: {len(seeds)} seeds for {n} rotors; give one for all, or a list of one for each")
+    return [one if isinstance(one, tuple) else (int(one),) for one in seeds]
+
+
+def run_up(rotors: Sequence[Rotor], speeds: np.ndarray = SPEEDS, seed: Seeds = 0, threads: int | None = None) -> RunUp:
     """Each rotor at each speed (rpm) by itself, from rest in the centre, under its own gains.
 
-    A rotor that touches down is reported as such and goes on. ValueError for speeds that are not finite numbers.
+    seed: one for all rotors, or one for each; where a rotor stands among the others does not matter. A rotor that
+    touches down is reported as such and goes on. ValueError for speeds that are not finite numbers, or other seeds.
     """
+    seeds = seeds_of(seed, len(rotors))
     speeds = np.atleast_1d(np.asarray(speeds, float))
     if speeds.ndim != 1 or not speeds.size or not np.isfinite(speeds).all():
         raise ValueError("speeds: give one or more finite numbers, rpm")
-    runs = [Run(rotor, float(v), (seed, i, j)) for i, rotor in enumerate(rotors) for j, v in enumerate(speeds)]
+    runs = [Run(r, float(v), (*s, j)) for r, s in zip(rotors, seeds, strict=True) for j, v in enumerate(speeds)]
     rate = rotors[0].axis.control_rate
     counts = (round(t * rate) for t in (MEASURE, SETTLE))
     parts = list(reduced(runs, next(counts), _measured, next(counts), threads=threads))

@@ -1,0 +1,100 @@
+"""The spinning rotor's environments; the docstring of the scalar one is their specification."""
+
+from maglev_env.envs.pump_task import make_rotor_task
+from maglev_env.envs.single import RigEnv
+from maglev_env.envs.vector import RigVectorEnv
+
+
+class PumpRotorEnv(RigEnv):
+    """Tune both controllers of a free rotor in two magnetic bearings; one step is one run-up with identification.
+
+    The rotor has five degrees of freedom, spins, is unbalanced and can touch down. At every speed of the ladder it
+    starts from rest in the centre; at standstill and at the top speed currents that turn forward identify it.
+
+    ## Action space
+    `Box(-1, 1, (k,), float32)`, one element per gain in `tuned` of the first controller and then of the second, mapped
+    into its bounds; logarithmically where they differ fivefold or more. An action outside the box is clipped, with a
+    warning. With `move` an action is a step instead: it moves the gains tried last by up to that share of the box.
+
+    | control | controllers | action by default |
+    |---|---|---|
+    | "translation_tilt" | mean of both planes, half their difference | kp, ki, kd of one, then of the other |
+    | "planes" | plane a, plane b | likewise |
+    | "common" | the rotor's own kind, both with the same gains | kp, ki, kd |
+
+    | gain | unit | bounds |
+    |---|---|---|
+    | kp | A/m | `bounds`, else the rotor's |
+    | ki | A/(m s) | likewise |
+    | kd | A s/m | likewise |
+    | td, ti | s | likewise, else 0.3 to 3 times the rotor's |
+
+    ## Observation space
+    `Box(-1, 1, (size,), float32)`; `env.unwrapped.observation_names` names every element. k*, c*: stiffness and damping
+    of the mode at that speed that the nominal rotor's preset gains give without noise. Speeds first, then modes
+    (translation, tilt) or controllers.
+
+    | elements | quantity | -1 | 0 | 1 |
+    |---|---|---|---|---|
+    | 2 x 2 | stiffness k over k*, per speed and mode | 1/5 or negative | 1, unknown | 5 (logarithm) |
+    | 2 x 2 | damping c over c* | likewise | | |
+    | 2 x 2 + 2 x 2 | their standard errors over k*, c* | 1e-4 | | 10 or unknown (logarithm) |
+    | 2 x 2 | peak sensitivity, per speed and controller | 20 or more, unknown | | 1 (logarithm) |
+    | s | peak displacement over clearance, per speed of the ladder | 1e-3 | | 1 (logarithm) |
+    | 1 | the largest rms coil current over its limit | 1e-3 | | 10 (logarithm) |
+    | 1 | feasible | no | | yes |
+    | k | the gains just tried, as the action that gives them | | | |
+    | 1 | experiments left over the budget | none | half | all |
+
+    What a touchdown left unknown is said so above; what was seen at other speeds stays.
+
+    ## Reward
+    The score of the experiment in [0, 1] (`maglev_env.score`; every term that of the worst mode, controller, plane or
+    speed); 0 for a loop that is unstable at standstill or at the top speed; -1 for a touchdown.
+
+    ## Start
+    A rotor is drawn around the nominal one, and one experiment is made half-way between the rotor's preset gains and a
+    random point of the box. It does not count.
+
+    ## End
+    Truncated after `budget` experiments. Terminated by a touchdown if `terminate_on_touchdown`.
+
+    ## Info
+    What is not known, such as an estimate after a touchdown, is left out.
+
+    | key | what |
+    |---|---|
+    | kp_translation ... | gains tried, named by controller (kp ... with "common") |
+    | stiffness_translation_0_rpm ... | also damping, both with `_se`: N/m, N s/m; tilt N m/rad, N m s/rad |
+    | peak_sensitivity_tilt_0_rpm ... | and peak_frequency (Hz), by controller |
+    | peak (s, 2) | largest displacement at the probe planes per speed, m |
+    | once (s, 3) | amplitude at the speed of rotation at a, b and of an axial probe, m |
+    | coil_rms (s, 4), copper_loss (s,) | A and W per speed |
+    | peak_displacement, current_rms, peak_sensitivity | the largest: m, A |
+    | displacement_zone, sensitivity_zone | "A" to "D", of ISO 14839-2 and -3 |
+    | touchdown_time, touchdown_speed | s, and the lowest speed (rpm) at which it touched down |
+    | pole_radius (2,) | of the linearised loop at standstill and at the top speed |
+    | feasible, score, term_* | the score and its terms |
+
+    ## Arguments
+    - `rotor`: preset name, path of a rotor TOML, or a `Rotor`. `control`: see above.
+    - `tuned`: gains to tune, of kp, ki, kd, td, ti. `bounds`: {gain: (low, high)} for both, instead of the rotor's.
+    - `randomization`: "none", or "tolerances": the axis' data-sheet uncertainty (inertias go with the mass), and static
+      and couple unbalance each times a factor drawn log-uniformly from `unbalance`, (0.5, 2) by default. What the
+      identification knows of probes, actuators and mass is the drawn rotor's.
+    - `speeds`: the ladder, rpm; by default 0 to 14000 by 1000. One of 0 rpm alone identifies at standstill only, and
+      has half of the elements above that are per speed.
+    - `move`: None, or by how much of the box (0 .. 2) an action moves the gains tried last.
+    - `budget`: experiments per episode. `render_mode`: "rgb_array" or "human".
+
+    ## Versions
+    - v0: first.
+    """
+
+    make_task = staticmethod(make_rotor_task)
+
+
+class PumpRotorVectorEnv(RigVectorEnv):
+    """`num_envs` environments as `PumpRotorEnv` specifies them, bit for bit, in one batch; as `RigVectorEnv`."""
+
+    make_task = staticmethod(make_rotor_task)

@@ -1,0 +1,197 @@
+"""Score rotors as a rig would be scored: run them up, identify them at standstill and at top speed, grade them."""
+
+import pickle
+from collections.abc import Sequence
+from dataclasses import dataclass, fields, replace
+from functools import lru_cache
+
+import numpy as np
+
+from estimation.stability import iso_14839_2_zone, iso_14839_3_zone
+from maglev_env.rotor.identification import MODES, Protocol, RotorIdentification, identify_runs
+from maglev_env.rotor.lanes import Run
+from maglev_env.rotor.linear import closed_loop_poles
+from maglev_env.rotor.rotor import Rotor
+from maglev_env.rotor.run_up import SPEEDS, RunUp, Seeds, run_up, seeds_of
+from maglev_env.score import ScoreTarget, score, terms
+
+PROTOCOL = Protocol()
+CHUNK = 64  # runs identified together: keeps their spectra near 40 MB
+
+
+@dataclass(frozen=True)
+class RotorEvaluation:
+    """n scored rotors; arrays (n,) unless said otherwise, nan where nothing is known.
+
+    identification: one at each of id_speeds (k,) rpm. pole_radius (n, 2): of the linearised loop at standstill and at
+    the top speed of the run-up. peak_displacement m and current_rms A: the largest over speeds and planes or coils.
+    peak_sensitivity: the largest over controllers and id_speeds. displacement_zone and sensitivity_zone: letters of ISO
+    14839-2 and -3, "" where unknown. touchdown_speed rpm: the lowest with a contact; touchdown_time s: of the first
+    one there, or the end of the identification where only its injection brought one about. terms: each that of the
+    worst mode, controller, plane or speed; score; feasible: stable at both speeds, and it never touched down.
+    """
+
+    run_up: RunUp
+    id_speeds: np.ndarray
+    identification: tuple[RotorIdentification, ...]
+    pole_radius: np.ndarray
+    peak_displacement: np.ndarray
+    current_rms: np.ndarray
+    peak_sensitivity: np.ndarray
+    displacement_zone: np.ndarray
+    sensitivity_zone: np.ndarray
+    touchdown_time: np.ndarray
+    touchdown_speed: np.ndarray
+    terms: dict[str, np.ndarray]
+    score: np.ndarray
+    feasible: np.ndarray
+
+    def identified(self, name: str) -> np.ndarray:
+        """A field of the identifications, stiffness (n, k, 2) for one."""
+        return _stacked(self.identification, name)
+
+
+def rotor_target(rotor: Rotor, id_speeds: Sequence[float], protocol: Protocol = PROTOCOL) -> ScoreTarget:
+    """What a rotor's own gains give without noise, stiffness and damping (k, 2) by id_speeds (rpm) and mode; the rest
+    is its axis'. ValueError when they do not hold it up at these speeds."""
+    return _target(pickle.dumps((rotor, tuple(map(float, id_speeds)), protocol)))
+
+
+@lru_cache(maxsize=256)
+def _target(pickled: bytes) -> ScoreTarget:  # a rotor holds mappings and has no hash
+    rotor, id_speeds, protocol = pickle.loads(pickled)
+    axis = replace(rotor.axis, adc_bits=0, dac_bits=0, noise=replace(rotor.axis.noise, displacement=0.0))
+    quiet = replace(rotor, axis=axis)
+    found = identify_runs([Run(quiet, speed) for speed in id_speeds], protocol, threads=1)
+    radius = max(_pole_radius(rotor, speed) for speed in id_speeds)
+    if radius >= 1 or np.isnan(found.stiffness).any():
+        raise ValueError(
+            f"rotor {rotor.name}: [gains] do not hold it up at {', '.join(f'{s:g}' for s in id_speeds)} rpm "
+            f"(pole radius {radius:.4f}); change them or the speeds"
+        )
+    t = axis.target
+    return ScoreTarget(found.stiffness, found.damping, t.peak_sensitivity, axis.clearance, t.current_limit, axis.gap)
+
+
+def evaluate_rotors(
+    rotors: Sequence[Rotor],
+    speeds: np.ndarray = SPEEDS,
+    id_speeds: Sequence[float] | None = None,
+    protocol: Protocol = PROTOCOL,
+    seed: Seeds = 0,
+    threads: int | None = None,
+    target: ScoreTarget | None = None,
+) -> RotorEvaluation:
+    """Run up, identify and score rotors under their own gains; how their controllers act is the same for all.
+
+    speeds rpm, of the run-up; id_speeds default to standstill and the top one. seed: one for all, or one for each; a
+    rotor's result depends on its seed, and not on the others or on threads. target: default every rotor's own
+    `rotor_target`; where gains are tried, give that of the preset ones. ValueError for no rotors or controllers of two
+    kinds, for speeds that are not finite, a target for other id_speeds, and as `run_up` and `rotor_target`.
+    """
+    if not rotors:
+        raise ValueError("rotors: give at least one")
+    if len({tuple(rotor.gains) for rotor in rotors}) > 1:
+        raise ValueError("rotors: their controllers must all act on translation and tilt, or all on a and b")
+    speeds = _speeds("speeds", speeds)
+    top = speeds[abs(speeds).argmax()]
+    at = np.unique([0.0, top]) if id_speeds is None else _speeds("id_speeds", id_speeds)
+    if target is not None and np.shape(target.stiffness) != (at.size, len(MODES)):
+        raise ValueError(f"target: its stiffness is not one per speed and mode; make it for {at.tolist()} rpm")
+    seeds = seeds_of(seed, len(rotors))
+    if target is None:
+        own = [rotor_target(rotor, at, protocol) for rotor in rotors]
+        target = ScoreTarget(*(np.array([getattr(t, f.name) for t in own]) for f in fields(ScoreTarget)))
+        levels = {name: getattr(target, name)[:, None, None] for name in _LEVELS}
+        target = replace(target, **levels)
+    up = run_up(rotors, speeds, [(*s, 0) for s in seeds], threads)
+    runs = [Run(r, v, (*s, 1, j)) for r, s in zip(rotors, seeds, strict=True) for j, v in enumerate(map(float, at))]
+    identified = _identified(runs, at.size, protocol, threads)
+    radius = np.array([[_pole_radius(rotor, v) for v in (0.0, top)] for rotor in rotors])
+    return _scored(rotors, up, at, identified, radius, target, protocol)
+
+
+def _speeds(name: str, values: Sequence[float]) -> np.ndarray:
+    found = np.atleast_1d(np.asarray(values, float))
+    if found.ndim != 1 or not found.size or not np.isfinite(found).all():
+        raise ValueError(f"{name}: give one or more finite numbers, rpm")
+    return found
+
+
+_LEVELS = ("peak_sensitivity", "clearance", "current_limit", "gap")
+
+
+def _identified(
+    runs: Sequence[Run], k: int, protocol: Protocol, threads: int | None
+) -> tuple[RotorIdentification, ...]:
+    """Identifications of runs, k of each rotor in turn, by which of the k they are."""
+    parts = [identify_runs(runs[i : i + CHUNK], protocol, threads) for i in range(0, len(runs), CHUNK)]
+    columns = {}
+    for f in fields(RotorIdentification):
+        values = [getattr(part, f.name) for part in parts]
+        if f.name == "sensitivity":
+            columns[f.name] = tuple(np.concatenate(one) for one in zip(*values, strict=True))
+        elif f.name != "frequency":
+            columns[f.name] = np.concatenate(values)
+    return tuple(
+        RotorIdentification(
+            frequency=parts[0].frequency,
+            **{n: tuple(c[j::k] for c in v) if isinstance(v, tuple) else v[j::k] for n, v in columns.items()},
+        )
+        for j in range(k)
+    )
+
+
+def _stacked(identified: tuple[RotorIdentification, ...], name: str) -> np.ndarray:
+    return np.stack([getattr(one, name) for one in identified], axis=1)
+
+
+def _pole_radius(rotor: Rotor, speed_rpm: float) -> float:
+    return float(np.abs(closed_loop_poles(rotor, speed_rpm * np.pi / 30)).max())
+
+
+def _scored(
+    rotors: Sequence[Rotor],
+    up: RunUp,
+    at: np.ndarray,
+    identified: tuple[RotorIdentification, ...],
+    radius: np.ndarray,
+    target: ScoreTarget,
+    protocol: Protocol,
+) -> RotorEvaluation:
+    stiffness, damping, sensitivity = (_stacked(identified, n) for n in ("stiffness", "damping", "peak_sensitivity"))
+    peak, current = up.peak.max(axis=(1, 2)), up.coil_rms.max(axis=(1, 2))
+    # Every term falls with what makes it worse: the least over modes and speeds is the worst one's.
+    every = terms(target, stiffness, damping, sensitivity, peak[:, None, None], current[:, None, None])
+    worst = {name: values.min(axis=(1, 2)) for name, values in every.items()}
+    peak_sensitivity = sensitivity.max(axis=(1, 2))
+    time, speed = _touchdown(up, at, sensitivity, (protocol.settle + protocol.periods) / protocol.fundamental)
+    feasible = np.isnan(time) & (radius < 1).all(axis=1)
+    clearance = [rotor.axis.clearance for rotor in rotors]
+    return RotorEvaluation(
+        run_up=up,
+        id_speeds=at,
+        identification=identified,
+        pole_radius=radius,
+        peak_displacement=peak,
+        current_rms=current,
+        peak_sensitivity=peak_sensitivity,
+        displacement_zone=np.array([iso_14839_2_zone(p, c) for p, c in zip(peak, clearance, strict=True)]),
+        sensitivity_zone=np.array(["" if np.isnan(s) else iso_14839_3_zone(s) for s in peak_sensitivity]),
+        touchdown_time=time,
+        touchdown_speed=speed,
+        terms=worst,
+        score=np.where(feasible, score(worst), 0.0),
+        feasible=feasible,
+    )
+
+
+def _touchdown(up: RunUp, at: np.ndarray, sensitivity: np.ndarray, length: float) -> tuple[np.ndarray, np.ndarray]:
+    """Time (n,) s and speed (n,) rpm of the touchdown, nan without one; length s: of the identification."""
+    order = np.argsort(abs(up.speed_rpm), kind="stable")
+    lowest = order[up.touched_down[:, order].argmax(axis=1)]
+    time = np.fmin.reduce(up.first_contact, axis=2)[np.arange(len(lowest)), lowest]
+    lost = np.isnan(sensitivity).any(axis=2)
+    alone = np.isnan(time) & lost.any(axis=1)
+    speed = np.where(np.isnan(time), np.nan, up.speed_rpm[lowest])
+    return np.where(alone, length, time), np.where(alone, at[lost.argmax(axis=1)], speed)
