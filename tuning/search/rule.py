@@ -1,0 +1,40 @@
+"""The dissertation's rule (D eq 3.18 and 3.19): gains from wanted stiffness and damping, with the gain identified."""
+
+import numpy as np
+
+from maglev_env.envs.episodes import Episode
+from maglev_env.envs.task import Task
+from maglev_env.gains import controller_response, of_axis, with_gains
+from maglev_env.magnetics import force_law, linearise
+from tuning.search.tuner import Trials
+
+
+class DissertationRule:
+    """Tries a safe start; then k_p = (k - k_yy) / k_yi and k_d = c / k_yi for the wanted k and c, with the nominal k_yy
+    and the actuator gain k_yi that explains the stiffness just identified (4.5); once more after every experiment."""
+
+    def __init__(self, task: Task, episode: Episode) -> None:
+        """Of the episode only its target and start are used."""
+        self._task, self._target = task, episode.target
+        self._next = np.asarray(episode.start, float)
+
+    def ask(self, n: int) -> np.ndarray:
+        return self._next[None]
+
+    def tell(self, trials: Trials) -> None:
+        last = trials.info[-1]
+        if trials.touchdown[-1] or not np.isfinite(last.get("stiffness", np.nan)):
+            return
+        rig, box = self._task.rig, self._task.box
+        tried = {name: last[name] for name in box.names}
+        gain, negative = linearise(force_law(rig))
+        centre = np.exp(2j * np.pi * np.mean(rig.target.band) / rig.control_rate)
+        c = controller_response(of_axis(with_gains(rig.gains, **tried), 0), np.array([centre]), 1 / rig.control_rate)[0]
+        found = (last["stiffness"] - rig.support_stiffness - negative) / c.real
+        gain = found if found > 0 else gain
+        wanted = {
+            "kp": (self._target.stiffness - rig.support_stiffness - negative) / gain,
+            "kd": (self._target.damping - rig.support_damping) / gain,
+        }
+        preset = of_axis(rig.gains, 0)
+        self._next = box.actions([wanted.get(name, getattr(preset, name)) for name in box.names])
