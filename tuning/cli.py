@@ -153,6 +153,29 @@ def simulate(
     )
 
 
+@app.command(epilog="Example: maglev runup --speeds 0:14000:500 --gains tilt.kd=6 --out my-runup")
+@friendly
+def runup(
+    rotor: Annotated[str, typer.Option(help="Preset (pump) or a rotor TOML.")] = "pump",
+    speeds: Annotated[str, typer.Option(help="lo:hi:step in rpm, or one speed.")] = "0:14000:500",
+    kp: Annotated[float | None, typer.Option(help="A/m, of both controllers (default: the rotor's).")] = None,
+    ki: Annotated[float | None, typer.Option(help="A/(m s), of both controllers.")] = None,
+    kd: Annotated[float | None, typer.Option(help="A s/m, of both controllers.")] = None,
+    gains: Annotated[
+        list[str], typer.Option(help="One gain of one controller, e.g. translation.kp=9000; repeat.")
+    ] = [],  # noqa: B006
+    seed: SeedOption = 0,
+    threads: ThreadsOption = None,
+    out: Annotated[Path | None, typer.Option(help="Folder of the page.")] = None,
+    json_file: JsonOption = None,
+    picture: Annotated[Path | None, typer.Option(help="Also draw the response to this .png, .svg or .pdf.")] = None,
+) -> None:
+    """Run a levitated rotor up: how far it moves at each speed, what coils and motor take, touchdowns and margins."""
+    from tuning import command_runup
+
+    command_runup.run(rotor, speeds, {"kp": kp, "ki": ki, "kd": kd}, gains, seed, threads, out, json_file, picture)
+
+
 @app.command(epilog="Example: maglev bench --compare old.json --json new.json")
 @friendly
 def bench(

@@ -11,6 +11,8 @@ from typing import Any
 import numpy as np
 from scipy.optimize import brentq
 
+from maglev_env.design.motor import Motor
+from maglev_env.design.thermal import ThermalMass
 from maglev_env.excitation import is_number
 from maglev_env.gains import Gains
 from maglev_env.rig import MAX_FILE_BYTES, ROTORS, Rig, load_rig
@@ -147,7 +149,8 @@ class Touchdown(_Checked):
 @dataclass(frozen=True)
 class Rotor:
     """A free rotor. axis: one radial axis of both bearings together (see `Rig`), of which each has half; gains: by
-    what they act on (`CONTROLS`); clearance: of the axis, in both planes; gravity: m/s2 along x, y and z."""
+    what they act on (`CONTROLS`); clearance: of the axis, in both planes; gravity: m/s2 along x, y and z; motor and
+    thermal mass where known: the simulation holds the speed that it is told, whatever drives it."""
 
     name: str
     axis: Rig
@@ -161,6 +164,8 @@ class Rotor:
     touchdown: Touchdown = Touchdown()
     gravity: tuple[float, float, float] = (0.0, 0.0, 0.0)
     bounds: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    motor: Motor | None = None
+    thermal: ThermalMass | None = None
 
     def __post_init__(self) -> None:
         if tuple(self.gains) not in CONTROLS:
@@ -218,6 +223,8 @@ _TABLES: Mapping[str, type] = {
     "runout": Runout,
     "fluid": Fluid,
     "touchdown": Touchdown,
+    "motor": Motor,
+    "thermal": ThermalMass,
 }
 
 

@@ -1,7 +1,7 @@
 """Free rotors simulated in lanes: to recordings, or reduced block by block."""
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import TypeVar
 
 import numpy as np
@@ -20,13 +20,15 @@ Reduced = TypeVar("Reduced")
 class Spun:
     """n runs: channels (n, 9, samples) as `CHANNELS`, m and A; state (n, 10) at the end, q and its rates (m, rad); of
     contacts the greatest force (n, 3) N, time of the first (n, 3) s, nan without one, as `PLACES`, from the very start;
-    rubbed (n,) J that friction took."""
+    rubbed (n,) J that friction took; end (n, 32), all states at the end, the turn, coils and controllers included, from
+    which another recording goes on."""
 
     channels: np.ndarray
     state: np.ndarray
     contact: np.ndarray
     first_contact: np.ndarray
     rubbed: np.ndarray
+    end: np.ndarray
 
 
 def spin(
@@ -39,15 +41,15 @@ def spin(
     start: np.ndarray | None = None,
     threads: int | None = None,
 ) -> Spun:
-    """Record runs over so many control samples, after so many more to settle; from rest in the centre, or from `start`
-    (10,) q and rates.
+    """Record runs over so many control samples, after so many more to settle; from rest in the centre, or from `start`:
+    q and rates (10,) of all, or `Spun.end` (n, 32) of as many runs. Give these other seeds, or their noise repeats.
 
     injection (4, n) A, added to the commands as `linear.AXES`, and force (5, n), generalised forces along q, N and N m,
     repeat every n samples from the start on. ValueError as `reduced`.
     """
     parts = reduced(runs, samples, lambda spun, _: spun, settle, injection, force, substeps, start, threads)
-    fields = zip(*((p.channels, p.state, p.contact, p.first_contact, p.rubbed) for p in parts), strict=True)
-    return Spun(*(np.concatenate(field) for field in fields))
+    found = list(zip(*([getattr(p, f.name) for f in fields(Spun)] for p in parts), strict=True))
+    return Spun(*(np.concatenate(field) for field in found))
 
 
 def reduced(
@@ -63,7 +65,7 @@ def reduced(
 ) -> Iterator[Reduced]:
     """What `reduce` makes of each block of runs, in their order: recordings of many need not be there at once.
 
-    ValueError when runs differ in control rate, or a waveform has another shape than said.
+    ValueError when runs differ in control rate, or a waveform or start has another shape than said.
     """
     if not runs:
         raise ValueError("give at least one run")
@@ -73,10 +75,16 @@ def reduced(
         _repeated(wave, rows, settle + samples, name)
         for wave, rows, name in ((force, 5, "force"), (injection, 4, "injection"))
     ]
-    blocks = [runs[i : i + LANES] for i in range(0, len(runs), LANES)]
+    if start is not None:
+        start = np.asarray(start, float)
+        if start.shape not in ((10,), (len(runs), r.CONTACT)):
+            raise ValueError(f"start: {start.shape}; give q and rates (10,), or the end ({len(runs)}, {r.CONTACT})")
+        start = np.broadcast_to(start, (len(runs), start.shape[-1]))
+    blocks = [slice(i, i + LANES) for i in range(0, len(runs), LANES)]
 
-    def work(members: Sequence[Run]) -> Reduced:
-        return reduce(_spun(members, samples, settle, waves, substeps, start), members)
+    def work(some: slice) -> Reduced:
+        begun = None if start is None else start[some]
+        return reduce(_spun(runs[some], samples, settle, waves, substeps, begun), runs[some])
 
     yield from over_threads(work, blocks, threads)
 
@@ -96,7 +104,7 @@ def _spun(
 ) -> Spun:
     rows, seeds = block(runs, substeps)
     if start is not None:
-        rows[r.Q : r.Q + 10] = np.asarray(start, float)[:, None]
+        rows[: start.shape[1], : len(runs)] = start.T  # q, rates and the other states are the first rows
     step, h = kernel(substeps), 1 / (runs[0].rotor.axis.control_rate * substeps)
     tile, out = np.empty(TILE * len(CHANNELS) * LANES), np.empty(0)
     for first, count in ((0, settle), (settle, samples)):
@@ -112,4 +120,5 @@ def _spun(
         rows[r.CONTACT : r.CONTACT + 3, :n].T.copy(),
         np.where(np.isfinite(found), found, np.nan),
         rows[r.RUBBED, :n].copy(),
+        rows[: r.CONTACT, :n].T.copy(),
     )

@@ -29,14 +29,14 @@ STEP = 3350.0  # N/m, a tenth of what the loop shows
 
 @pytest.fixture(scope="module")
 def watched():
-    return [monitor(PUMP, stiffer(PUMP, STEP), SPEED, seed=seed) for seed in range(3)]
+    return [monitor(PUMP, stiffer(PUMP, STEP), SPEED, blocks=60, change=30, seed=seed) for seed in range(2)]
 
 
 @pytest.mark.slow
 def test_unbiased_against_the_linear_model_along_the_orbit(watched) -> None:
     for one in watched:
         t = one.tracked
-        for part, stage in ((slice(10, 40), 0), (slice(50, 80), 1)):
+        for part, stage in ((slice(5, 30), 0), (slice(35, 60), 1)):
             for value, se, expected, centred in (
                 (t.stiffness[part], t.stiffness_se[part], one.expected[stage, 0], one.centred[stage, 0]),
                 (t.damping[part], t.damping_se[part], one.expected[stage, 1], one.centred[stage, 1]),
@@ -45,8 +45,8 @@ def test_unbiased_against_the_linear_model_along_the_orbit(watched) -> None:
                 assert (se < 2e-3 * expected).all()
                 assert centred == pytest.approx(expected, rel=0.02)
         # About the centre the model misses by many standard errors: weight and orbit move the rotor into a stiffer law.
-        assert (t.stiffness[10:40] - one.centred[0, 0] > 5 * t.stiffness_se[10:40]).all()
-        assert np.median(t.chi_square / t.freedom) == pytest.approx(1, abs=0.15)  # one mass, spring, damper fits all
+        assert (t.stiffness[5:30] - one.centred[0, 0] > 5 * t.stiffness_se[5:30]).all()
+        assert np.median(t.chi_square / t.freedom) == pytest.approx(1, abs=0.3)  # with the rotor's own mass it is 7
 
 
 @pytest.mark.slow
@@ -60,23 +60,28 @@ def test_the_step_is_found_at_once_and_nothing_before_it(watched) -> None:
 
 @pytest.mark.slow
 def test_as_the_identification(watched) -> None:
-    band = (60.0, 180.0)
-    found = identify_runs([Run(PUMP, SPEED, 5)], Protocol(band=band), threads=1)
-    w = 2 * np.pi * watched[0].frequency
-    # The identification fits the rotor's own mass: what the lighter one of the tracker leaves out, over the lines.
-    lighter = (PUMP.moving_mass - watched[0].mass) * np.mean(w**2)
-    expected = watched[0].tracked.stiffness[39] + lighter
-    assert found.stiffness[0, 0] == pytest.approx(expected, rel=0.02)
-    assert found.damping[0, 0] == pytest.approx(watched[0].tracked.damping[39], rel=0.02)
+    one, protocol = watched[0], Protocol(band=(60.0, 180.0))
+    found = identify_runs([Run(PUMP, SPEED, 5)], protocol, threads=1)
+    k, c = one.tracked.stiffness[29], one.tracked.damping[29]
+    # The identification fits the rotor's own mass: the lighter one's share, weighted as its lines are, stiffness added.
+    w = 2 * np.pi * protocol.lines[0] * protocol.fundamental
+    w = w[(w >= 120 * np.pi) & (w <= 360 * np.pi)]
+    weight = abs(k - one.mass * w**2 + 1j * w * c) ** -4
+    lighter = (PUMP.moving_mass - one.mass) * np.average(w**2, weights=weight)
+    assert lighter > 0.05 * k
+    assert found.stiffness[0, 0] == pytest.approx(k + lighter, rel=0.01)
+    assert found.damping[0, 0] == pytest.approx(c, rel=0.02)
 
 
 def test_a_recording_goes_on_as_if_never_stopped() -> None:
-    quiet = replace(PUMP, axis=replace(PUMP.axis, noise=replace(PUMP.axis.noise, displacement=0.0)))
+    quiet = replace(
+        PUMP, axis=replace(PUMP.axis, adc_bits=0, dac_bits=0, noise=replace(PUMP.axis.noise, displacement=0.0))
+    )
     run = Run(quiet, SPEED)
     whole = spin([run, Run(quiet, 3000.0)], 4000)
     first = spin([run, Run(quiet, 3000.0)], 2000)
     rest = spin([run, Run(quiet, 3000.0)], 2000, start=first.end)
-    assert rest.channels == pytest.approx(whole.channels[..., 2000:], abs=1e-13)
+    assert rest.channels == pytest.approx(whole.channels[..., 2000:], abs=1e-12)
     with pytest.raises(ValueError, match=r"start: \(1, 32\); give q and rates \(10,\), or the end \(2, 32\)"):
         spin([run, run], 100, start=first.end[:1])
 

@@ -1,0 +1,172 @@
+"""Stiffness and damping of the bearings watched while the pump runs, by a small SPHS beside the translation controller.
+
+D 5.2.3: with the actuator gain known, the bearings themselves can shake the rotor in operation. The injection turns
+forward as in `identification`, on lines clear of the spin; every period is a block, in which lines and spin are fitted
+together and from which the tracker goes on.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from estimation.line_block import Block, checked_block, measured_at_mode
+from estimation.line_choice import lines_off_spin
+from estimation.spin import lines_beside_spin, spin_speed
+from estimation.sphs import sphs, synthesise
+from estimation.tracking import Tracked, TrackerSettings, noise_from_scatter, track
+from maglev_env.gains import controller_response
+from maglev_env.rotor.lanes import Run
+from maglev_env.rotor.linear import control_matrices, mechanics, sampled
+from maglev_env.rotor.operating_point import at_operating_point
+from maglev_env.rotor.rotor import CONTROLS, Rotor
+from maglev_env.rotor.simulate import spin
+
+ORDERS = (1, 2, 3)  # harmonics of the spin
+WIDE = np.array([1e14, 1e8])  # variances of a prior that says nothing, (N/m)^2 and (N s/m)^2
+
+
+@dataclass(frozen=True)
+class MonitorPlan:
+    """fundamental Hz, one period of which is a block; amplitude A, peak, of the injection in each direction; band Hz of
+    its lines; settle: blocks before the first; drift of stiffness and damping, relative, per square root of a second;
+    false_alarm_blocks as in `TrackerSettings`."""
+
+    fundamental: float = 4.0
+    amplitude: float = 0.02
+    band: tuple[float, float] = (60.0, 180.0)
+    settle: int = 4
+    drift: float = 1e-3
+    false_alarm_blocks: float = 1e4
+
+
+@dataclass(frozen=True)
+class Monitored:
+    """time (blocks,) s, ends of the blocks; tracked: state after each; expected (2, 2): stiffness N/m and damping N s/m
+    before and after, of the linear model along the orbit, and centred (2, 2), of that about the centre; change: s at
+    which the rotor changed; frequency (n,) Hz of the lines; mass kg that the tracker works with, see `monitor`;
+    spin_hz: turns per second as found in the first block."""
+
+    time: np.ndarray
+    tracked: Tracked
+    expected: np.ndarray
+    centred: np.ndarray
+    change: float
+    frequency: np.ndarray
+    mass: float
+    spin_hz: float
+
+    @cached_property
+    def alarms(self) -> np.ndarray:
+        """Times (n,) s of blocks with an alarm of stiffness or damping."""
+        return self.time[self.tracked.alarm.any(axis=-1)]
+
+    @property
+    def delay(self) -> float:
+        """s from the change to the end of the first block that shows it, nan where none does."""
+        later = self.alarms[self.alarms > self.change]
+        return float(later[0] - self.change) if later.size else np.nan
+
+
+def monitor(
+    before: Rotor,
+    after: Rotor,
+    speed_rpm: float,
+    blocks: int = 80,
+    change: int = 40,
+    plan: MonitorPlan = MonitorPlan(),
+    seed: int = 0,
+) -> Monitored:
+    """Track a rotor at a speed over so many blocks, of which the first `change` are of `before`, the others of `after`.
+
+    The controller's lead and delay make the stiffness rise with frequency, as if the rotor were lighter; the tracker
+    takes the mass that the linear model of `before` shows over the lines, so that its stiffness is one number. Known
+    are the injected current, the gain at the centre and the nominal speed. ValueError unless 10 <= change < blocks, for
+    another speed than one above 0, a rotor without a translation controller, and one that touches down.
+    """
+    if not 10 <= change < blocks:
+        raise ValueError(f"monitor: change = {change} of {blocks} blocks; at least 10 must come before it, one after")
+    if any(tuple(rotor.gains) != CONTROLS[0] for rotor in (before, after)):
+        raise ValueError("monitor: the rotor needs controllers of translation and tilt ([gains.translation])")
+    if not (np.isfinite(speed_rpm) and speed_rpm > 0):
+        raise ValueError(f"monitor: speed_rpm = {speed_rpm} must be above 0")
+    rate, f0, speed = before.axis.control_rate, plan.fundamental, speed_rpm * np.pi / 30
+    n = round(rate / f0)
+    if abs(n * f0 - rate) > 1e-9 * rate:
+        raise ValueError(f"monitor: fundamental = {f0:g} Hz: a period of {rate / f0:g} control samples is not whole")
+    first, last = np.ceil(plan.band[0] / f0), np.floor(plan.band[1] / f0)
+    lines = lines_off_spin(np.arange(int(first), int(last) + 1), f0, [speed_rpm], ORDERS, f0)
+    wave = synthesise(sphs(lines, n, plan.amplitude), n)
+    spectrum = np.fft.rfft(wave)
+    _, out = control_matrices(before)
+    injection = out[:, :2] @ np.array([wave, np.fft.irfft(-1j * spectrum, n)])
+    runs = [Run(rotor, speed_rpm, (seed, stage)) for stage, rotor in enumerate((before, after))]
+    probes = _recorded(runs, (change, blocks - change), plan.settle, injection)
+    f = lines * f0
+    spin_hz = spin_speed(probes[0, 0], rate, f, speed_rpm / 60, ORDERS[:1])
+    displacement = _translation(before, lines_beside_spin(probes, rate, f, spin_hz, ORDERS).amplitude, f)
+    current = spectrum[lines] * (2 / n)
+    force = np.broadcast_to(_force(before, current, f), displacement.shape)
+    noise = noise_from_scatter(force, displacement)
+    w = 2 * np.pi * f
+    z = _stiffness(before, f, speed, before)
+    mass = float(-np.polyfit(w**2, z.real, 1)[0])
+
+    def model(rotor: Rotor) -> np.ndarray:
+        # What the tracker would settle at with nothing but this response: its constants over the lines.
+        y = force[0] / _stiffness(rotor, f, speed, before)
+        return measured_at_mode(checked_block(Block(0.0, force[0], y, noise), f), w, mass, guess, WIDE)[0]
+
+    guess = np.array([np.mean(z.real + mass * w**2), np.mean(z.imag / w)])
+    settings = TrackerSettings(
+        *guess, mass, plan.drift, plan.drift, start=0.3, false_alarm_blocks=plan.false_alarm_blocks
+    )
+    time = np.arange(1, blocks + 1) / f0
+    tracked = track(settings, f, time, force, displacement, noise)
+    expected, centred = (
+        np.array([model(one) for one in pair])
+        for pair in ([at_operating_point(rotor, speed) for rotor in (before, after)], (before, after))
+    )
+    return Monitored(time, tracked, expected, centred, change / f0, f, mass, spin_hz)
+
+
+def _recorded(runs: Sequence[Run], counts: Sequence[int], settle: int, injection: np.ndarray) -> np.ndarray:
+    """Probes (blocks, 4, n) m over so many periods of the injection (4, n) A in one run and the next, which goes on."""
+    records, start, n = [], None, injection.shape[1]
+    for stage, (run, count) in enumerate(zip(runs, counts, strict=True)):
+        skipped = 0 if stage else settle * n
+        spun = spin([run], count * n, skipped, injection, start=start, threads=1)
+        if np.isfinite(spun.first_contact).any():
+            raise ValueError(f"monitor: the rotor touches down {('before', 'after')[stage]} the change; see its run-up")
+        start = spun.end
+        records.append(spun.channels[0, :4].reshape(4, count, n).transpose(1, 0, 2))
+    return np.concatenate(records)
+
+
+def _translation(rotor: Rotor, probes: np.ndarray, frequency: np.ndarray) -> np.ndarray:
+    """Forward amplitude (blocks, n) m of the centre of mass from those of the probes (blocks, 4, n); their lag is taken
+    off."""
+    forward = (probes[:, ::2] + 1j * probes[:, 1::2]) / 2
+    lag = 1 + 2j * np.pi * frequency * rotor.axis.sensor_time_constant
+    return np.einsum("p,bpn->bn", np.linalg.inv(mechanics(rotor).probes[::2, :2])[0], forward) * lag
+
+
+def _force(rotor: Rotor, current: np.ndarray, frequency: np.ndarray) -> np.ndarray:
+    """Force (n,) N of so much added to both commands: held, through amplifiers and actuators."""
+    s, dt = 2j * np.pi * frequency, 1 / rotor.axis.control_rate
+    held = (1 - np.exp(-s * dt)) / (s * dt) / (1 + s * rotor.axis.amplifier_time_constant)
+    return mechanics(rotor).drive[0, [0, 2]].sum() * current * held
+
+
+def _stiffness(rotor: Rotor, frequency: np.ndarray, speed: float, known: Rotor) -> np.ndarray:
+    """Injected force, as `known` computes it, over the answer of the rotor: complex (n,) N/m, of the linear model."""
+    a, b, c = sampled(rotor, speed)
+    into, out = control_matrices(rotor)
+    dt = 1 / rotor.axis.control_rate
+    z = np.exp(2j * np.pi * frequency * dt)
+    gains = [controller_response(g, z, dt) for g in rotor.gains.values() for _ in range(2)]
+    control = out @ (np.stack(gains, axis=-1)[:, :, None] * into)
+    forward = np.array([1, -1j, 0, 0])  # of the first controller in x and y
+    states = np.linalg.solve(z[:, None, None] * np.eye(16) - a + b @ control @ c, (b @ out @ forward)[:, None])
+    return _force(known, np.ones(len(frequency)), frequency) / states[:, 0, 0]

@@ -1,0 +1,55 @@
+"""The rotor linearised where it turns: about the place to which its weight pulls it, and along its orbit."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from maglev_env.gains import controller_response
+from maglev_env.magnetics import force, force_law
+from maglev_env.rig import with_parameters
+from maglev_env.rotor.linear import at_planes, control_matrices, mechanics, rotating, unbalance_response
+from maglev_env.rotor.rotor import Rotor
+
+ANGLES = 64  # of a turn: the law's harmonics fall fast
+STEP_I, STEP_X = 1e-4, 1e-9  # A and m of the differences
+
+
+def sag(rotor: Rotor) -> np.ndarray:
+    """Where the weight holds the turning rotor: q (4,) m and rad, as `linear.MOTIONS`, of the linear model."""
+    m, load = mechanics(rotor), np.array([rotor.gravity[0], 0.0, rotor.gravity[1], 0.0]) * rotor.body.mass
+    return np.linalg.solve(m.stiffness + m.drive @ _static_control(rotor), load)
+
+
+def at_operating_point(rotor: Rotor, speed: float) -> Rotor:
+    """The rotor with the actuator gain and stiffness that a small motion beside its orbit at speed (rad/s) sees.
+
+    Both are the force law's slopes, averaged over a turn, over x and y and over the two bearings, along displacement
+    and current of the linear model: the constant part of a loop that varies with the turn (Magnus and Winkler, Hill's
+    equation). What differs between x and y, or turns, is left out.
+    """
+    axis, dt = rotor.axis, 1 / rotor.axis.control_rate
+    m, at, law = mechanics(rotor), at_planes(*rotor.planes.magnets), force_law(axis)
+    into, out = control_matrices(rotor)
+    still = sag(rotor)
+    x, i = (at @ still)[:, None], (-_static_control(rotor) @ still)[:, None]
+    if speed:
+        s = 1j * speed
+        moving = unbalance_response(rotor, np.array([speed]))[0]
+        read = (m.probes @ moving + rotating(rotor, speed)[1]) / (1 + s * axis.sensor_time_constant)
+        z = np.array([np.exp(s * dt)])
+        gains = [controller_response(g, z, dt)[0] for g in rotor.gains.values() for _ in range(2)]
+        held = (1 - np.exp(-s * dt)) / (s * dt) / (1 + s * axis.amplifier_time_constant)
+        current = -held * (out @ np.diag(gains) @ into @ read)
+        turn = np.exp(2j * np.pi * np.arange(ANGLES) / ANGLES)
+        x, i = (still_part + np.outer(part, turn).real for still_part, part in ((x, at @ moving), (i, current)))
+    gain = np.mean(force(law, x, i + STEP_I) - force(law, x, i - STEP_I)) / (2 * STEP_I)
+    stiffness = -np.mean(force(law, x + STEP_X, i) - force(law, x - STEP_X, i)) / (2 * STEP_X)
+    here = with_parameters(axis, {"actuator_gain": float(gain), "negative_stiffness": float(stiffness)})
+    return replace(rotor, axis=here)
+
+
+def _static_control(rotor: Rotor) -> np.ndarray:
+    """Amperes that the controllers take off at rest per m and rad of q: (4, 4)."""
+    into, out = control_matrices(rotor)
+    gains = np.diag([g.kp + g.ki for g in rotor.gains.values() for _ in range(2)])
+    return out @ gains @ into @ mechanics(rotor).probes
