@@ -38,7 +38,7 @@ class Report:
 
     @property
     def zones(self) -> list[str]:
-        """ISO 14839-2 by the larger peak of both planes, about the mean place, per speed."""
+        """ISO 14839-2 by the larger peak of both planes, per speed."""
         clearance = self.rotor.axis.clearance
         return [iso_14839_2_zone(float(peak), clearance) for peak in self.result.peak[0].max(axis=-1)]
 

@@ -19,8 +19,8 @@ HEAD += ("zone", "touchdown")
 TWO_HOURS = 7200.0  # s, as the dissertation let it run (3.5)
 NO_CONTACT = "No touchdown."
 COLUMNS = (
-    "Peak: of the probes about the mean; 1x: their amplitude once per turn; linear: as its model has it, – at rest and "
-    "where its loop is not stable."
+    "Peak: of the probes, from the centre; 1x: their amplitude once per turn; linear: as its model has it, – at rest "
+    "and where its loop is not stable."
 )
 
 
@@ -100,9 +100,9 @@ def run_up_page(found: Report) -> str:
     sections = [
         ("Run-up", figures.run_up(found)),
         ("", note(
-            "Points: measured, peaks about the mean place; lines: the linear model, unbalance and runout as the probes "
+            "Points: measured, peaks from the centre; lines: the linear model, unbalance and runout as the probes "
             "read them. Dashed: where the zones of ISO 14839-2 meet. The weight holds the rotor "
-            f"{number(float(np.hypot(*held)))} µm off the centre, which is in no peak.")),
+            f"{number(float(np.hypot(*held)))} µm off the centre, which every peak includes.")),
         ("Per speed", table(HEAD, _rows(found))),
         ("", note(COLUMNS)),
         ("Whirl modes", figures.campbell(found)),

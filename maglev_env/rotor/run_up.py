@@ -19,10 +19,10 @@ Seeds = Seed | list[Seed]
 
 @dataclass(frozen=True)
 class RunUp:
-    """n rotors at s speeds (rpm): peak (n, s, 2), largest radial reading at the probe planes about its mean, m, at
-    least the clearance after a touchdown; once
-    (n, s, 3), amplitude at the speed of rotation of the probes in x at a and b and of an axial probe, m (at standstill
-    the square root of twice the variance); coil_rms (n, s, 4) A about the mean; copper_loss (n, s) W, bias included;
+    """n rotors at s speeds (rpm): peak (n, s, 2), largest radial reading at the probe planes, from the centre
+    as ISO 14839-2 takes it, m, at least the clearance after a touchdown; once (n, s, 3), amplitude at the speed of
+    rotation of the probes in x at a and b and of an axial probe, m (at standstill the square root of twice the
+    variance); coil_rms (n, s, 4) A about the mean; copper_loss (n, s) W, bias included;
     contact (n, s, 3) N and first_contact (n, s, 3) s, nan without one, as `simulate.PLACES`."""
 
     speed_rpm: np.ndarray
@@ -70,7 +70,7 @@ def _measured(spun: Spun, runs: Sequence[Run]) -> RunUp:
     channels = spun.channels
     mean = channels.mean(axis=-1, keepdims=True)
     moving = channels - mean
-    radial = np.hypot(moving[:, 0:4:2], moving[:, 1:4:2]).max(axis=-1)
+    radial = np.hypot(channels[:, 0:4:2], channels[:, 1:4:2]).max(axis=-1)
     rotors = [run.rotor for run in runs]
     touched = np.isfinite(spun.first_contact[:, :2]).any(axis=1)  # it reached the bearing, and may lie there still
     clearance = np.array([rotor.axis.clearance for rotor in rotors])
