@@ -19,13 +19,16 @@ class DifferentialEvolution:
     """Storn and Price (1997), best1bin with dithered mutation, a population at a time; when it has converged it starts
     anew from another population."""
 
-    def __init__(self, dimension: int, seed: int, population: int = POPULATION) -> None:
+    def __init__(
+        self, dimension: int, seed: int, population: int = POPULATION, start: np.ndarray | None = None
+    ) -> None:
+        """start: a point (k,) that the first population has in the place of its first."""
         self._asked: Queue[np.ndarray] = Queue(1)
         self._told: Queue[np.ndarray | None] = Queue(1)
         self._waiting = np.empty((0, dimension))  # of the population, not yet asked for
         self._scores: list[np.ndarray] = []
         self._size = 0
-        arguments = ([(-1.0, 1.0)] * dimension, np.random.default_rng(seed), population)
+        arguments = ([(-1.0, 1.0)] * dimension, np.random.default_rng(seed), population, start)
         Thread(target=self._run, args=arguments, daemon=True).start()
 
     def ask(self, n: int) -> np.ndarray:
@@ -44,7 +47,9 @@ class DifferentialEvolution:
         """End the search."""
         self._told.put(None)
 
-    def _run(self, bounds: list[tuple[float, float]], rng: np.random.Generator, population: int) -> None:
+    def _run(
+        self, bounds: list[tuple[float, float]], rng: np.random.Generator, population: int, start: np.ndarray | None
+    ) -> None:
         def objective(x: np.ndarray) -> np.ndarray:
             self._asked.put(np.atleast_2d(x.T).copy())
             scores = self._told.get()
@@ -56,7 +61,7 @@ class DifferentialEvolution:
             while True:
                 differential_evolution(
                     objective, bounds, popsize=population, rng=rng, vectorized=True, updating="deferred", polish=False,
-                    maxiter=10_000,
+                    maxiter=10_000, x0=start,
                 )  # fmt: skip
         except _Ended:
             return

@@ -13,7 +13,8 @@ SAMPLERS = ("tpe", "cma-es", "gp")
 class OptunaTuner:
     """One of Optuna's samplers on [-1, 1]^k; what is asked for together counts as lying there while it is not told."""
 
-    def __init__(self, dimension: int, seed: int, sampler: str) -> None:
+    def __init__(self, dimension: int, seed: int, sampler: str, start: np.ndarray | None = None) -> None:
+        """start: the point (k,) asked for first."""
         import optuna
 
         optuna.logging.set_verbosity(optuna.logging.WARNING)
@@ -21,6 +22,8 @@ class OptunaTuner:
             warnings.simplefilter("ignore", optuna.exceptions.ExperimentalWarning)
             self._study = optuna.create_study(direction="maximize", sampler=_samplers()[sampler](seed))
         self._space = {f"x{j}": optuna.distributions.FloatDistribution(-1.0, 1.0) for j in range(dimension)}
+        if start is not None:
+            self._study.enqueue_trial(dict(zip(self._space, map(float, start), strict=True)))
         self._open: list = []
 
     def ask(self, n: int) -> np.ndarray:

@@ -1,0 +1,90 @@
+"""Many studies side by side: every tuner asks, all experiments run as one batch of lanes, every tuner is told."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from maglev_env.envs.task import Tuning
+from tuning.search.evolution import DifferentialEvolution
+from tuning.search.study import experiments
+from tuning.search.tuner import Trials, Tuner
+
+AGAIN = 8  # fresh repetitions that score what a tuner would recommend
+
+
+@dataclass(frozen=True)
+class Course:
+    """One tuner on n rigs: score (n, budget) told for every experiment, in order; best (n, checkpoints) score under
+    fresh noise of the best-scored gains so far; touchdowns (n, checkpoints) so far."""
+
+    score: np.ndarray
+    best: np.ndarray
+    touchdowns: np.ndarray
+
+
+def side_by_side(
+    task: Tuning,
+    episodes: Sequence[Any],
+    tuners: Sequence[Tuner],
+    budget: int,
+    batch: int = 1,
+    threads: int | None = None,
+    progress: Callable[[int], None] = lambda n: None,
+) -> list[Trials]:
+    """Trials of every tuner on its own episode, `budget` experiments each, at most `batch` at a time."""
+    done: list[Trials | None] = [None] * len(tuners)
+    while open_ := [i for i, t in enumerate(done) if t is None or len(t) < budget]:
+        counts = [0 if done[i] is None else len(done[i]) for i in open_]
+        asked = [tuners[i].ask(min(batch, budget - n)) for i, n in zip(open_, counts, strict=True)]
+        lanes = [episodes[i] for i, points in zip(open_, asked, strict=True) for _ in points]
+        numbers = [n + 1 + j for n, points in zip(counts, asked, strict=True) for j in range(len(points))]
+        found = experiments(task, lanes, np.concatenate(asked), numbers, threads)
+        at = 0
+        for i, points in zip(open_, asked, strict=True):
+            new = _part(found, slice(at, at + len(points)))
+            at += len(points)
+            tuners[i].tell(new)
+            done[i] = new if done[i] is None else done[i] + new
+        progress(at)
+    for tuner in tuners:
+        if hasattr(tuner, "close"):
+            tuner.close()
+    return done
+
+
+def course(
+    task: Tuning, episodes: Sequence[Any], trials: Sequence[Trials], checkpoints: Sequence[int], seed: int
+) -> Course:
+    """What a tuner had after so many experiments of each rig; its best gains are scored anew under noise from seed."""
+    best = np.zeros((len(trials), len(checkpoints)))
+    down = np.zeros_like(best)
+    for j, n in enumerate(checkpoints):
+        chosen = [int(np.argmax(t.score[:n])) for t in trials]
+        points = np.stack([t.points[i] for t, i in zip(trials, chosen, strict=True)])
+        best[:, j] = rescored(task, episodes, points, seed)
+        down[:, j] = [t.touchdown[:n].sum() for t in trials]
+    return Course(np.stack([t.score for t in trials]), best, down)
+
+
+def rescored(task: Tuning, episodes: Sequence[Any], points: np.ndarray, seed: int) -> np.ndarray:
+    """Mean score (n,) of one point (n, k) on each episode over AGAIN repetitions with noise of its own."""
+    rng = np.random.default_rng(seed)
+    fresh = [replace(e, seed=int(rng.integers(2**63))) for e in episodes for _ in range(AGAIN)]
+    found = experiments(task, fresh, np.repeat(points, AGAIN, axis=0), [0] * len(fresh))
+    return found.score.reshape(-1, AGAIN).mean(axis=1)
+
+
+def optima(task: Tuning, episodes: Sequence[Any], seed: int, budget: int = 600) -> tuple[np.ndarray, np.ndarray]:
+    """About the best that each rig allows: points (n, k) and their scores (n,) under fresh noise, by a long search."""
+    k = len(task.box.names)
+    tuners = [DifferentialEvolution(k, seed + i, 10, e.start) for i, e in enumerate(episodes)]
+    trials = side_by_side(task, episodes, tuners, budget, batch=10 * k)
+    points = np.stack([t.points[t.best] for t in trials])
+    return points, rescored(task, episodes, points, seed)
+
+
+def _part(trials: Trials, at: slice) -> Trials:
+    t = trials
+    return Trials(t.points[at], t.score[at], t.observation[at], t.info[at], t.touchdown[at])
