@@ -47,6 +47,30 @@ def sweep(
     command_sweep.run(rig, {"kp": kp, "ki": ki, "kd": kd}, log, sobol, effect, seed, sensor, threads, out, json_file)
 
 
+@app.command(epilog="Example: maglev tune --method model --budget 10 --effect delay=75e-6 --out my-study")
+@friendly
+def tune(
+    rig: RigOption = "hmb_free",
+    method: Annotated[
+        str, typer.Option(help="grid, sobol, de, cma-es, tpe, gp, rule (the dissertation's) or model.")
+    ] = "model",
+    budget: Annotated[int, typer.Option(min=1, help="Experiments.")] = 10,
+    batch: Annotated[int, typer.Option(min=1, help="Experiments asked for together.")] = 1,
+    tuned: Annotated[list[str], typer.Option("--tune", help="A gain to tune (default: kp, ki, kd); repeat.")] = [],  # noqa: B006
+    protocol: Annotated[str, typer.Option(help="full, or quick: an eighth of the time, coarser.")] = "full",
+    effect: EffectOption = [],  # noqa: B006
+    sensor: SensorOption = "probe",
+    seed: SeedOption = 0,
+    threads: ThreadsOption = None,
+    out: Annotated[Path | None, typer.Option(help="Folder of the study; an interrupted one resumes there.")] = None,
+    json_file: JsonOption = None,
+) -> None:
+    """Spend a budget of experiments on a simulated rig, and recommend gains that hold up, or say why none does."""
+    from tuning import command_tune
+
+    command_tune.run(rig, method, budget, batch, tuned, protocol, effect, sensor, seed, threads, out, json_file)
+
+
 @app.command(epilog="Example: maglev estimate my-rig --method both --json estimate.json")
 @friendly
 def estimate(

@@ -56,7 +56,7 @@ def run_study(
     A tuner is a function of its seed and of what it was told: what the journal holds is told again instead of tried
     again, so an interrupted study equals an uninterrupted one. made_by: what else the result depends on (rig, method,
     arguments, seed), as JSON data. ValueError when the folder holds another study, or one of another version, or the
-    tuner asks for other points than the journal has; RuntimeError while another process works on it.
+    tuner asks for other points than the journal has; BlockingIOError while another process works on it.
     """
     if budget < 1 or batch < 1:
         raise ValueError(f"budget = {budget}, batch = {batch}: give at least one experiment")
@@ -65,7 +65,7 @@ def run_study(
         with FileLock(folder / LOCK, timeout=0):
             return _run(folder, task, episode, tuner, made_by, budget, batch, threads, progress)
     except Timeout:
-        raise RuntimeError(
+        raise BlockingIOError(
             f"{folder}: another process works on this study; wait for it, or choose another folder"
         ) from None
 

@@ -93,7 +93,7 @@ def test_what_belongs_to_another_study_is_refused(tmp_path):
 
 
 def test_two_processes_do_not_share_a_study(tmp_path):
-    with FileLock(tmp_path / LOCK), pytest.raises(RuntimeError, match="another process"):
+    with FileLock(tmp_path / LOCK), pytest.raises(BlockingIOError, match="another process"):
         study(tmp_path)
     with pytest.raises(ValueError, match="at least one"):
         study(tmp_path, budget=0)

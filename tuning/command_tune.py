@@ -1,0 +1,75 @@
+"""`maglev tune`: a budget of simulated experiments, and which gains to take from them."""
+
+from collections.abc import Sequence
+from dataclasses import asdict
+from pathlib import Path
+from time import perf_counter
+
+import numpy as np
+
+from maglev_env.effects import parse_effects
+from maglev_env.envs.episodes import Episode
+from maglev_env.envs.task import make_task
+from maglev_env.gains import of_axis
+from maglev_env.rig import load_rig
+from tuning.output import console, progress_bar, require_folder, write_json
+from tuning.page import plain, write_page
+from tuning.search.methods import make_tuner
+from tuning.search.recommendation import recommend
+from tuning.search.study import JOURNAL, run_study
+from tuning.tune_report import tune_json, tune_page, tune_tables
+
+
+def run(
+    rig: str,
+    method: str,
+    budget: int,
+    batch: int,
+    tuned: Sequence[str],
+    protocol: str,
+    effects: Sequence[str],
+    sensor: str,
+    seed: int,
+    threads: int | None,
+    out: Path | None,
+    json_file: Path | None,
+) -> None:
+    """See `tuning.cli.tune`."""
+    require_folder(json_file, "--json")
+    loaded, chosen = load_rig(rig), parse_effects(effects)
+    task = make_task(
+        loaded, tuned or ("kp", "ki", "kd"), effects=chosen, protocol=protocol, sensor=sensor, budget=budget
+    )
+    preset = of_axis(task.rig.gains, 0)
+    start = task.box.actions([getattr(preset, name) for name in task.box.names])
+    episode = Episode(task.rig, task.target, start, seed)
+    tuner = make_tuner(method, task, episode, seed, budget)
+    folder = out or Path(f"tune-{loaded.name}-{method}")
+    made_by = {
+        "method": method, "seed": seed, "rig": plain(asdict(task.rig)), "effects": plain(chosen), "sensor": sensor,
+        "tuned": list(task.box.names), "steps": budget if method == "grid" else None,
+    }  # fmt: skip
+    started = perf_counter()
+    with progress_bar() as bar:
+        line = bar.add_task(f"tune {loaded.name} by {method}", total=budget)
+        try:
+            found = run_study(
+                folder, task, episode, tuner, made_by, budget, batch, threads, lambda n, _: bar.advance(line, n)
+            )
+        except KeyboardInterrupt:
+            console.print(f"stopped; what is finished is in {folder}: run the same command again to go on")
+            raise
+    advice = recommend(task, episode, found.trials, seed)
+    seconds = perf_counter() - started
+    data = tune_json(task, found, advice, made_by, seconds)
+    page = folder / "tune.html"
+    write_page(page, tune_page(task, found, advice, data))
+    write_json(folder / "tune.json", data)
+    write_json(json_file, data)
+    for part in tune_tables(task, found, advice):
+        console.print(part)
+    if found.dropped:
+        console.print("the journal ended in a broken record: its experiments were made again")
+    down = int(np.sum(found.trials.touchdown))
+    reused = f", {found.reused} reused from {folder / JOURNAL}" if found.reused else ""
+    console.print(f"{len(found.trials)} experiments, {down} touchdowns; {seconds:.1f} s{reused}\npage  {page}")
