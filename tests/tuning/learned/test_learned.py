@@ -1,0 +1,96 @@
+"""Policies: what they see, how they are stored, how they are trained, and as tuners."""
+
+import json
+import pickle
+import zipfile
+
+import numpy as np
+import pytest
+
+from maglev_env.envs.task import make_task
+from tuning.learned import policy as policy_module
+from tuning.learned.policy import HistoryPolicy, Shape, load_policy, save_policy, stack
+from tuning.learned.training import Plan, train
+from tuning.learned.tuner import LearnedTuner
+from tuning.search.study import experiments
+
+TASK = make_task(protocol="quick", randomization="wide", draw_target=True)
+SHAPE = Shape(TASK.layout.names, TASK.box.names, history=4, width=16)
+
+
+def test_the_newest_observation_comes_first_and_empty_places_say_so():
+    seen = np.arange(12.0).reshape(1, 4, 3)
+    found = stack(seen, 6).reshape(6, 4)
+    np.testing.assert_array_equal(found[0], [9, 10, 11, 1])
+    np.testing.assert_array_equal(found[3], [0, 1, 2, 1])
+    assert not found[4:].any()
+    np.testing.assert_array_equal(stack(seen, 2).reshape(2, 4)[:, :3], seen[0, :1:-1])
+
+
+def test_a_checkpoint_comes_back_whole(tmp_path):
+    made, path = HistoryPolicy(SHAPE), tmp_path / "p.npz"
+    save_policy(path, made, {"seed": 3, "command": "maglev train"})
+    found, by = load_policy(path)
+    seen = np.random.default_rng(0).uniform(-1, 1, (5, 3, len(SHAPE.names)))
+    np.testing.assert_array_equal(found.act(seen), made.act(seen))
+    assert by == {"seed": 3, "command": "maglev train"} and found.shape == SHAPE
+
+
+class Evil:
+    def __reduce__(self):
+        return (exec, ("raise SystemExit('executed')",))
+
+
+@pytest.mark.parametrize("kind", ["pickle", "object", "zip", "text", "schema", "weights", "large"])
+def test_hostile_and_foreign_files_are_refused(tmp_path, kind, monkeypatch):
+    path = tmp_path / "p.npz"
+    save_policy(path, HistoryPolicy(SHAPE), {})
+    stored = dict(np.load(path))
+    if kind == "pickle":
+        path.write_bytes(pickle.dumps(Evil()))
+    elif kind == "object":
+        np.savez(path, **{**stored, "net.0.bias": np.array([Evil()], dtype=object)})
+    elif kind == "zip":
+        with zipfile.ZipFile(path, "w") as archive:
+            archive.writestr("data.pkl", pickle.dumps(Evil()))
+    elif kind == "text":
+        path.write_text("policy")
+    elif kind == "schema":
+        head = json.dumps({"schema": "maglev-policy/9", "shape": {}, "made_by": {}}).encode()
+        np.savez(path, **{**stored, "head": np.frombuffer(head, np.uint8)})
+    elif kind == "weights":
+        np.savez(path, **{**stored, "net.0.bias": np.zeros(3, np.float32)})
+    else:
+        monkeypatch.setattr(policy_module, "MOST_BYTES", 1000)
+    with pytest.raises(ValueError, match="not a policy of this workbench"):
+        load_policy(path)
+
+
+def test_a_policy_for_other_gains_is_refused():
+    other = make_task(protocol="quick", tuned=("kp", "kd"))
+    with pytest.raises(ValueError, match="other gains"):
+        LearnedTuner(other, np.zeros(2), HistoryPolicy(SHAPE), 0)
+    plain = make_task(protocol="quick")
+    with pytest.raises(ValueError, match="other observations"):
+        LearnedTuner(plain, np.zeros(3), HistoryPolicy(SHAPE), 0)
+
+
+@pytest.mark.slow
+def test_training_repeats_and_learns():
+    plan = Plan(rigs=24, rounds=2, search=60, epochs=40, history=4, width=32)
+    one, log = train([TASK], plan, seed=1)
+    other, _ = train([TASK], plan, seed=1)
+    seen = np.random.default_rng(0).uniform(-1, 1, (5, 3, len(SHAPE.names)))
+    np.testing.assert_array_equal(one.act(seen), other.act(seen))
+    assert len(log) == 2 and log[1]["second"] > log[0]["second"]  # at random in the first round
+
+
+@pytest.mark.slow
+def test_a_learned_tuner_begins_at_the_safe_start():
+    episode = TASK.draw(np.random.default_rng(0))
+    tuner = LearnedTuner(TASK, episode.start, HistoryPolicy(SHAPE), 0)
+    points = tuner.ask(1)
+    np.testing.assert_array_equal(points[0], episode.start)
+    tuner.tell(experiments(TASK, [episode], points, 1))
+    more = tuner.ask(3)
+    assert more.shape == (3, 3) and (abs(more) <= 1).all() and not np.array_equal(more[0], more[1])

@@ -1,0 +1,98 @@
+"""A policy over stacked observations, and checkpoints of it that hold numbers and text alone."""
+
+import json
+import zipfile
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from torch import nn
+
+from maglev_env.files import atomic_file
+
+SCHEMA = "maglev-policy/1"
+MOST_BYTES = 16_000_000  # of a checkpoint, unpacked
+
+
+@dataclass(frozen=True)
+class Shape:
+    """names of one observation's elements; gains that an action sets; how many observations are stacked; width of the
+    two hidden layers."""
+
+    names: tuple[str, ...]
+    gains: tuple[str, ...]
+    history: int = 10
+    width: int = 192
+
+    @property
+    def inputs(self) -> int:
+        return self.history * (len(self.names) + 1)
+
+
+class HistoryPolicy(nn.Module):
+    """Stacked observations (n, inputs) to points (n, k) of the box [-1, 1]^k. The newest observation comes first; each
+    is followed by 1, and a place without one by 0."""
+
+    def __init__(self, shape: Shape) -> None:
+        super().__init__()
+        self.shape = shape
+        self.net = nn.Sequential(
+            nn.Linear(shape.inputs, shape.width), nn.ReLU(),
+            nn.Linear(shape.width, shape.width), nn.ReLU(),
+            nn.Linear(shape.width, len(shape.gains)), nn.Tanh(),
+        )  # fmt: skip
+
+    def forward(self, stacked: torch.Tensor) -> torch.Tensor:
+        return self.net(stacked)
+
+    def act(self, observations: np.ndarray) -> np.ndarray:
+        """Points (n, k) after observations (n, t, size), oldest first; the newest `history` of them count."""
+        with torch.no_grad():
+            return self(torch.from_numpy(stack(observations, self.shape.history))).numpy().astype(float)
+
+
+def stack(observations: np.ndarray, history: int) -> np.ndarray:
+    """Observations (n, t, size), oldest first, as inputs (n, history (size + 1)) of a policy, float32."""
+    n, _, size = observations.shape
+    kept = observations[:, ::-1][:, :history]
+    found = np.zeros((n, history, size + 1), np.float32)
+    found[:, : kept.shape[1], :size] = kept
+    found[:, : kept.shape[1], size] = 1.0
+    return found.reshape(n, -1)
+
+
+def save_policy(path: Path, policy: HistoryPolicy, made_by: Mapping[str, Any]) -> None:
+    """Write a checkpoint atomically: weights as arrays; shape and what made it as JSON text."""
+    s = policy.shape
+    shape = {"names": s.names, "gains": s.gains, "history": s.history, "width": s.width}
+    head = json.dumps({"schema": SCHEMA, "shape": shape, "made_by": made_by}, allow_nan=False)
+    weights = {name: value.numpy() for name, value in policy.state_dict().items()}
+    with atomic_file(path) as file:
+        np.savez(file, head=np.frombuffer(head.encode(), np.uint8), **weights)
+
+
+def load_policy(path: Path) -> tuple[HistoryPolicy, dict[str, Any]]:
+    """A checkpoint and what made it. Nothing in it is executed: pickled contents are refused.
+
+    ValueError when it is no checkpoint, is damaged, too large, or of another schema; OSError when it cannot be read.
+    """
+    try:
+        with zipfile.ZipFile(path) as archive:
+            if sum(part.file_size for part in archive.infolist()) > MOST_BYTES:
+                raise ValueError(f"unpacks to more than {MOST_BYTES} bytes")
+        with np.load(path, allow_pickle=False) as stored:
+            arrays = {name: stored[name] for name in stored.files}
+        head = json.loads(arrays.pop("head").tobytes())
+        if head["schema"] != SCHEMA:
+            raise ValueError(f"schema {head['schema']!r}, not {SCHEMA!r}")
+        s = head["shape"]
+        policy = HistoryPolicy(Shape(tuple(s["names"]), tuple(s["gains"]), int(s["history"]), int(s["width"])))
+        policy.load_state_dict({name: torch.from_numpy(value) for name, value in arrays.items()})
+    except OSError:
+        raise
+    except Exception as error:  # a stranger's file makes the libraries raise nearly anything
+        raise ValueError(f"{path}: not a policy of this workbench ({error})") from None
+    return policy.eval(), head["made_by"]
