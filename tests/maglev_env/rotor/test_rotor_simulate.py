@@ -79,8 +79,8 @@ def test_the_kernel_is_the_tight_integrator(names: tuple[str, str]) -> None:
     expected = reference(rotor, 12_000 * np.pi / 30, n, START)
     scale = np.sqrt((expected**2).mean(axis=0))
     off = {s: spin([Run(rotor, 12_000)], n, start=START, substeps=s).state[0] - expected[-1] for s in (1, 2)}
-    assert (abs(off[1]) < 2e-5 * scale).all()
-    assert (abs(off[2]) < 1e-6 * scale).all()
+    assert (abs(off[1]) < 1e-6 * scale).all()
+    assert (abs(off[2]) < 1e-7 * scale).all()
 
 
 def unsupported(rotor: Rotor) -> Rotor:
