@@ -71,6 +71,30 @@ def tune(
     command_tune.run(rig, method, budget, batch, tuned, protocol, effect, sensor, seed, threads, out, json_file)
 
 
+@app.command(epilog="Example: maglev compare de tpe model --rigs 12 --protocol quick --out my-comparison")
+@friendly
+def compare(
+    methods: Annotated[
+        list[str] | None,
+        typer.Argument(metavar="METHOD", help="As of maglev tune (default: all but gp, which takes long)."),
+    ] = None,
+    rig: RigOption = "hmb_free",
+    rigs: Annotated[int, typer.Option(help="How many rigs, drawn wide around the nominal.")] = 20,
+    budgets: Annotated[str, typer.Option(help="Experiments after which to compare.")] = "10,30",
+    repeats: Annotated[int, typer.Option(help="Runs on every rig, with other noise.")] = 1,
+    protocol: Annotated[str, typer.Option(help="full, or quick: an eighth of the time, coarser.")] = "full",
+    effect: EffectOption = [],  # noqa: B006
+    seed: SeedOption = 0,
+    out: Annotated[Path | None, typer.Option(help="Folder of the results; an interrupted run resumes there.")] = None,
+    docs: Annotated[Path | None, typer.Option(help="Also write the tables as markdown to this file.")] = None,
+    json_file: JsonOption = None,
+) -> None:
+    """Compare tuners on the same unseen rigs with equal budgets: regret with intervals, touchdowns, time."""
+    from tuning import command_compare
+
+    command_compare.run(methods or (), rig, rigs, budgets, repeats, protocol, effect, seed, out, docs, json_file)
+
+
 @app.command(epilog="Example: maglev estimate my-rig --method both --json estimate.json")
 @friendly
 def estimate(

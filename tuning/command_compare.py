@@ -1,0 +1,73 @@
+"""`maglev compare`: every tuner with the same budgets on the same rigs, as table, page, markdown and JSON."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from maglev_env.effects import parse_effects
+from maglev_env.envs.task import make_task
+from maglev_env.files import write_text_atomic
+from maglev_env.rig import load_rig
+from tuning.compare_report import compare_json, compare_markdown, compare_page, compare_table, figures, summary
+from tuning.output import console, progress_bar, require_folder, write_json
+from tuning.page import write_page
+from tuning.search.compare import SEARCH, check_comparison, compare
+from tuning.search.methods import METHODS
+
+SLOW = ("gp",)  # run only when named
+
+
+def run(
+    methods: Sequence[str],
+    rig: str,
+    n_rigs: int,
+    budgets: str,
+    repeats: int,
+    protocol: str,
+    effects: Sequence[str],
+    seed: int,
+    out: Path | None,
+    docs: Path | None,
+    json_file: Path | None,
+) -> None:
+    """See `tuning.cli.compare`."""
+    require_folder(json_file, "--json")
+    require_folder(docs, "--docs")
+    chosen = methods or [m for m in METHODS if m not in SLOW]
+    steps = _budgets(budgets)
+    check_comparison(chosen, n_rigs, steps, repeats)
+    loaded = load_rig(rig)
+    task = make_task(loaded, effects=parse_effects(effects), protocol=protocol, randomization="wide", budget=steps[-1])
+    folder = out or Path(f"compare-{loaded.name}")
+    with progress_bar() as bar:
+        line = bar.add_task("", total=SEARCH * n_rigs + len(set(chosen)) * n_rigs * repeats * steps[-1])
+
+        def advance(name: str, count: int) -> None:
+            bar.update(line, advance=count, description=name)
+
+        try:
+            found = compare(task, chosen, n_rigs, steps, repeats, seed, folder, advance)
+        except KeyboardInterrupt:
+            console.print(f"stopped; every finished tuner is in {folder}: run the same command again to go on")
+            raise
+    of = figures(found)
+    page, data = folder / "compare.html", compare_json(found, of)
+    write_page(page, compare_page(found, of))
+    write_json(folder / "compare.json", data)
+    write_json(json_file, data)
+    if docs is not None:
+        asked = "".join(f" --effect {e}" for e in effects)
+        options = f"--rigs {n_rigs} --budgets {budgets} --repeats {repeats} --protocol {protocol}{asked} --seed {seed}"
+        command = " ".join(["maglev compare", *found.results, f"--rig {rig}", options])
+        write_text_atomic(docs, compare_markdown(found, of, command))
+    console.print(compare_table(found, of))
+    reused = [m for m, r in found.results.items() if r.reused]
+    if reused:
+        console.print(f"reused from {folder}: {', '.join(reused)}")
+    console.print(f"{summary(found, of)}\npage  {page}")
+
+
+def _budgets(text: str) -> tuple[int, ...]:
+    try:
+        return tuple(int(part) for part in text.split(","))
+    except ValueError:
+        raise ValueError(f"--budgets {text!r}: give whole numbers of experiments, as 10,30") from None
