@@ -28,8 +28,8 @@ RUNG_OUT = 6.5  # time constants after which a mode's ringing counts as gone
 LASTING = (0, 0.5, 1, 2, 3, 4, 6, 9, 12)  # periods: points of which the modes ring about as long run together
 MOST_TRANSIENT = 12  # periods
 # Noise of the reading dithers what is not smooth: lanes with it run with the noise that the rig states, over so many
-# periods, as its chance is not that of the record. It always blurs a limit; loops of
-# hysteresis and friction are blurred in some forms and not in others.
+# periods, as its chance is not that of the record. It always blurs a limit; loops of hysteresis and friction are
+# blurred in some forms and not in others.
 DITHER_PERIODS = 6
 DITHERED, MAY_BE_DITHERED = "amplifier_voltage_limit", ("hysteresis", "friction")
 # Names the flexible kernel without changing anything: lanes of all hypotheses then share one block.

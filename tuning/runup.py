@@ -10,7 +10,7 @@ from estimation.stability import iso_14839_2_zone
 from maglev_env.magnetics import force_law, linearise
 from maglev_env.rotor.identification import Protocol, RotorIdentification, identify_runs
 from maglev_env.rotor.lanes import Run
-from maglev_env.rotor.linear import closed_loop_poles, mechanics, rotating, unbalance_response, undamped_frequencies
+from maglev_env.rotor.linear import closed_loop_poles, probe_readings, unbalance_response, undamped_frequencies
 from maglev_env.rotor.rotor import Rotor
 from maglev_env.rotor.run_up import RunUp, run_up
 from maglev_env.rotor.simulate import PLACES
@@ -92,8 +92,8 @@ def readings(rotor: Rotor, speeds: np.ndarray) -> np.ndarray:
     found = np.full((len(speeds), 2), np.nan)
     for i, w in enumerate(np.asarray(speeds) * np.pi / 30):
         if w and abs(closed_loop_poles(rotor, w)).max() < 1:
-            read = mechanics(rotor).probes @ unbalance_response(rotor, np.array([w]))[0] + rotating(rotor, w)[1]
-            found[i] = abs(read[::2] / (1 + 1j * w * rotor.axis.sensor_time_constant))
+            at = np.array([w])
+            found[i] = abs(probe_readings(rotor, unbalance_response(rotor, at), at)[0, ::2])
     return found
 
 

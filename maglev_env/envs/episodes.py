@@ -41,22 +41,33 @@ def wide_factors(rig: Rig) -> Mapping[str, tuple[float, float]]:
     return rig.randomization or {name: WIDE for name in rig.tolerance if getattr(rig, name) is not None}
 
 
+def tolerance_factors(rig: Rig, rng: np.random.Generator) -> dict[str, float]:
+    """Factors of its parameters within their data-sheet tolerance (1 sigma, of the logarithm), in the rig's order."""
+    return {name: float(np.exp(rng.normal(0.0, sigma))) for name, sigma in rig.tolerance.items()}
+
+
+def scaled_rig(rig: Rig, factors: Mapping[str, float]) -> Rig:
+    """The rig with its parameters, those of single axes too, times factors; what it leaves open stays so."""
+    changed = {name: getattr(rig, name) * factor for name, factor in factors.items() if getattr(rig, name) is not None}
+    scaled = with_parameters(rig, changed)
+    if rig.axes == 2:  # an axis' own parameters vary with the rig's
+        own = {axis: {n: v * factors.get(n, 1.0) for n, v in values.items()} for axis, values in rig.per_axis.items()}
+        scaled = replace(scaled, per_axis=own)
+        axis_rig(scaled, 0)
+    return scaled
+
+
 def draw_episode(
     rig: Rig, target: ScoreTarget, box: GainBox, randomization: str, draw_target: bool, rng: np.random.Generator
 ) -> Episode:
     """One episode; every choice comes from rng, in a fixed order."""
-    factors: dict[str, float] = {}
+    factors: Mapping[str, float] = {}
     if randomization == "tolerances":
-        factors = {name: float(np.exp(rng.normal(0.0, sigma))) for name, sigma in rig.tolerance.items()}
+        factors = tolerance_factors(rig, rng)
     elif randomization == "wide":
         ends = {name: np.log(pair) for name, pair in wide_factors(rig).items()}
         factors = {name: float(np.exp(rng.uniform(*pair))) for name, pair in ends.items()}
-    changed = {name: getattr(rig, name) * factor for name, factor in factors.items() if getattr(rig, name) is not None}
-    drawn = with_parameters(rig, changed)
-    if rig.axes == 2:  # an axis' own parameters vary with the rig's
-        own = {axis: {n: v * factors.get(n, 1.0) for n, v in values.items()} for axis, values in rig.per_axis.items()}
-        drawn = replace(drawn, per_axis=own)
-        axis_rig(drawn, 0)
+    drawn = scaled_rig(rig, factors)
     if draw_target:
         stiffness, damping = np.exp(rng.uniform(*np.log(TARGET_RANGE), size=2))
         target = replace(target, stiffness=target.stiffness * stiffness, damping=target.damping * damping)

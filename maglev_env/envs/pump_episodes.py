@@ -5,11 +5,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from maglev_env.envs.episodes import START
+from maglev_env.envs.episodes import START, scaled_rig, tolerance_factors
 from maglev_env.envs.gain_box import GainBox, gain_box
 from maglev_env.excitation import is_number
 from maglev_env.gains import Gains
-from maglev_env.rig import with_parameters
 from maglev_env.rotor.rotor import CONTROLS, Rotor
 
 CONTROL = ("translation_tilt", "planes", "common")
@@ -92,15 +91,14 @@ def draw_rotor_episode(
     drawn = rotor
     if randomization == "tolerances":
         axis, body, u = rotor.axis, rotor.body, rotor.unbalance
-        factors = {name: float(np.exp(rng.normal(0.0, sigma))) for name, sigma in axis.tolerance.items()}
-        values = {n: getattr(axis, n) * f for n, f in factors.items() if getattr(axis, n) is not None}
+        factors = tolerance_factors(axis, rng)
         # A heavier rotor is one of denser material: its inertias go with its mass.
         dense = factors.get("mass", 1.0)
         heavy = {n: getattr(body, n) * dense for n in ("mass", "transverse_inertia", "polar_inertia")}
         static, couple = map(float, np.exp(rng.uniform(*np.log(unbalance), size=2)))
         drawn = replace(
             rotor,
-            axis=with_parameters(axis, values),
+            axis=scaled_rig(axis, factors),
             body=replace(body, **heavy),
             unbalance=replace(u, static=u.static * static, couple=u.couple * couple),
         )

@@ -12,7 +12,7 @@ from maglev_env.rotor.identification import MODES, Protocol, RotorIdentification
 from maglev_env.rotor.lanes import Run
 from maglev_env.rotor.linear import closed_loop_poles
 from maglev_env.rotor.rotor import Rotor
-from maglev_env.rotor.run_up import SPEEDS, RunUp, Seeds, run_up, seeds_of
+from maglev_env.rotor.run_up import SPEEDS, RunUp, Seeds, checked_speeds, run_up, seeds_of
 from maglev_env.score import ScoreTarget, score, terms
 
 PROTOCOL = Protocol()
@@ -93,9 +93,9 @@ def evaluate_rotors(
         raise ValueError("rotors: give at least one")
     if len({tuple(rotor.gains) for rotor in rotors}) > 1:
         raise ValueError("rotors: their controllers must all act on translation and tilt, or all on a and b")
-    speeds = _speeds("speeds", speeds)
+    speeds = checked_speeds("speeds", speeds)
     top = speeds[abs(speeds).argmax()]
-    at = np.unique([0.0, top]) if id_speeds is None else _speeds("id_speeds", id_speeds)
+    at = np.unique([0.0, top]) if id_speeds is None else checked_speeds("id_speeds", id_speeds)
     if target is not None and np.shape(target.stiffness) != (at.size, len(MODES)):
         raise ValueError(f"target: its stiffness is not one per speed and mode; make it for {at.tolist()} rpm")
     seeds = seeds_of(seed, len(rotors))
@@ -109,13 +109,6 @@ def evaluate_rotors(
     identified = _identified(runs, at.size, protocol, threads)
     radius = np.array([[_pole_radius(rotor, v) for v in (0.0, top)] for rotor in rotors])
     return _scored(rotors, up, at, identified, radius, target, protocol)
-
-
-def _speeds(name: str, values: Sequence[float]) -> np.ndarray:
-    found = np.atleast_1d(np.asarray(values, float))
-    if found.ndim != 1 or not found.size or not np.isfinite(found).all():
-        raise ValueError(f"{name}: give one or more finite numbers, rpm")
-    return found
 
 
 _LEVELS = ("peak_sensitivity", "clearance", "current_limit", "gap")

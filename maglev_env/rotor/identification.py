@@ -17,7 +17,7 @@ from estimation.sphs import sphs, synthesise
 from estimation.stability import peak_sensitivity
 from maglev_env.gains import controller_response
 from maglev_env.rotor.lanes import Run
-from maglev_env.rotor.linear import control_matrices, mechanics
+from maglev_env.rotor.linear import control_matrices, held_current, mechanics
 from maglev_env.rotor.rotor import Rotor
 from maglev_env.rotor.simulate import Spun, reduced
 
@@ -25,6 +25,31 @@ MODES = ("translation", "tilt")
 UNITS = {"translation": ("N/m", "N s/m"), "tilt": ("N m/rad", "N m s/rad")}
 TOP = 2000.0  # Hz: crossings of the loop lie below it
 DENSITY = 26  # lines per controller, spaced by their ratio
+
+
+def period_samples(rotor: Rotor, fundamental: float) -> int:
+    """Control samples of a period; ValueError unless they are whole."""
+    n = rotor.axis.control_rate / fundamental
+    if abs(n - round(n)) > 1e-9 * n:
+        raise ValueError(f"fundamental = {fundamental} Hz: a period of {n:g} control samples is not whole")
+    return round(n)
+
+
+def turning(wave: np.ndarray) -> np.ndarray:
+    """A periodic wave (n,) in x, and in y what makes all its lines turn forward: (2, n)."""
+    return np.array([wave, np.fft.irfft(-1j * np.fft.rfft(wave), len(wave))])
+
+
+def forward(rows: np.ndarray) -> np.ndarray:
+    """What turns forward of complex amplitudes (..., 2 n, lines) in x and y: (..., n, lines)."""
+    return (rows[..., ::2, :] + 1j * rows[..., 1::2, :]) / 2
+
+
+def motion(rotor: Rotor, seen: np.ndarray, frequency: np.ndarray) -> np.ndarray:
+    """Centre of mass and tilt (..., 2, lines), m and rad, from forward amplitudes of the probes at a and b (..., 2,
+    lines) at frequency (lines,) Hz; their lag is taken off."""
+    lag = 1 + 2j * np.pi * frequency * rotor.axis.sensor_time_constant
+    return np.linalg.inv(mechanics(rotor).probes[::2, :2]) @ (seen * lag)
 
 
 @dataclass(frozen=True)
@@ -40,10 +65,7 @@ class Protocol:
 
     def samples(self, rotor: Rotor) -> int:
         """Control samples of a period; ValueError unless they are whole."""
-        n = rotor.axis.control_rate / self.fundamental
-        if abs(n - round(n)) > 1e-9 * n:
-            raise ValueError(f"fundamental = {self.fundamental} Hz: a period of {n:g} control samples is not whole")
-        return round(n)
+        return period_samples(rotor, self.fundamental)
 
     @property
     def lines(self) -> tuple[np.ndarray, np.ndarray]:
@@ -57,10 +79,8 @@ class Protocol:
         n, found = self.samples(rotor), []
         _, out = control_matrices(rotor)
         for lines in self.lines:
-            wave = synthesise(sphs(lines, n, self.amplitude), n)
-            spectrum = np.fft.rfft(wave)
-            found += [wave, np.fft.irfft(-1j * spectrum, n)]
-        return out @ np.array(found)
+            found.append(turning(synthesise(sphs(lines, n, self.amplitude), n)))
+        return out @ np.concatenate(found)
 
 
 @dataclass(frozen=True)
@@ -110,12 +130,11 @@ def _of_run(run: Run, spectra: np.ndarray, drive: np.ndarray, protocol: Protocol
     if np.isnan(spectra).any():
         nothing = np.full(2, np.nan)
         return (nothing,) * 6 + ([np.full(lines.size, np.nan, complex) for lines in protocol.lines],)
-    rotor, axis, dt = run.rotor, run.rotor.axis, 1 / run.rotor.axis.control_rate
+    rotor, dt = run.rotor, 1 / run.rotor.axis.control_rate
     into, out = (matrix[::2, ::2] for matrix in control_matrices(rotor))
-    model = mechanics(rotor)
     every = np.union1d(*protocol.lines)
     w = 2 * np.pi * every * protocol.fundamental
-    seen, currents = _forward(spectra[..., every]), _forward(drive[:, every])  # (periods, 2 planes, lines), (2, lines)
+    seen, currents = forward(spectra[..., every]), forward(drive[:, every])  # (periods, 2 planes, lines), (2, lines)
     peaks, shapes = [], []
     for c, (gains, lines) in enumerate(zip(rotor.gains.values(), protocol.lines, strict=True)):
         at = np.searchsorted(every, lines)
@@ -125,17 +144,11 @@ def _of_run(run: Run, spectra: np.ndarray, drive: np.ndarray, protocol: Protocol
         s = 1 - controller_response(gains, z, dt) * answer / put_in
         shapes.append(s)
         peaks.append(peak_sensitivity(w[at] / (2 * np.pi), s))
-    # The probes' lag taken off; held injections, through amplifier and actuator, as forces.
-    motion = np.linalg.inv(model.probes[::2, :2]) @ (seen * (1 + 1j * w * axis.sensor_time_constant))
-    hold = (1 - np.exp(-1j * w * dt)) / (1j * w * dt) / (1 + 1j * w * axis.amplifier_time_constant)
-    force = model.drive[:2, ::2] @ currents * hold
-    result = [_mode(run, j, motion[:, j], force[j], every, protocol) for j in range(2)]
+    frequency = every * protocol.fundamental
+    moved = motion(rotor, seen, frequency)
+    force = mechanics(rotor).drive[:2, ::2] @ currents * held_current(rotor, frequency)
+    result = [_mode(run, j, moved[:, j], force[j], every, protocol) for j in range(2)]
     return (*np.array(result).T, *(np.array([p[i] for p in peaks], float) for i in range(2)), shapes)
-
-
-def _forward(rows: np.ndarray) -> np.ndarray:
-    """What turns forward of complex amplitudes (..., 2 n, lines) in x and y: (..., n, lines)."""
-    return (rows[..., ::2, :] + 1j * rows[..., 1::2, :]) / 2
 
 
 def _mode(

@@ -8,7 +8,7 @@ import numpy as np
 from maglev_env.lane_chains import actuator_rows, sensor_rows
 from maglev_env.magnetics import force_law
 from maglev_env.rotor import rows as r
-from maglev_env.rotor.linear import control_matrices
+from maglev_env.rotor.linear import LEAST_LAG, control_matrices, controllers
 from maglev_env.rotor.rotor import Rotor
 
 REACH = 0.98  # of the gap: nearer to a pole its field is no law's any more
@@ -77,7 +77,7 @@ def _column(run: Run, substeps: int) -> np.ndarray:
     )  # fmt: skip
     into, out = control_matrices(rotor)
     x[r.INTO : r.INTO + 4], x[r.OUT : r.OUT + 4] = into[::2, ::2].ravel(), out[::2, ::2].ravel()
-    gains = [g for g in rotor.gains.values() for _ in range(2)]
+    gains = controllers(rotor)
     x[r.KP : r.KP + 4] = [g.kp for g in gains]
     x[r.KI : r.KI + 4] = [g.ki for g in gains]
     x[r.KD : r.KD + 4] = [g.kd / g.td for g in gains]
@@ -87,5 +87,5 @@ def _column(run: Run, substeps: int) -> np.ndarray:
 
 
 def _poles(time_constant: float) -> np.ndarray:
-    """Time constants (1, 1) s; a lag of nothing is one of 1 ns."""
-    return np.array([[max(time_constant, 1e-9)]])
+    """Time constants (1, 1) s."""
+    return np.array([[max(time_constant, LEAST_LAG)]])

@@ -8,13 +8,14 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import block_diag, expm
 
-from maglev_env.gains import controller_response, state_space
+from maglev_env.gains import Gains, controller_response, state_space
 from maglev_env.magnetics import force_law, linearise
 from maglev_env.rotor.rotor import CONTROLS, Rotor
 
 # Coordinates q = (x, tilt of x, y, tilt of y); planes and directions in the order (a, x), (a, y), (b, x), (b, y).
 MOTIONS = ("x", "tilt_x", "y", "tilt_y")
 AXES = ("a_x", "a_y", "b_x", "b_y")
+LEAST_LAG = 1e-9  # s: a lag of nothing is one of this
 
 
 @dataclass(frozen=True)
@@ -75,6 +76,24 @@ def control_matrices(rotor: Rotor) -> tuple[np.ndarray, np.ndarray]:
     return np.kron(into, np.eye(2)), np.kron(out, np.eye(2))
 
 
+def controllers(rotor: Rotor) -> list[Gains]:
+    """Gains of the four controllers: of the first in x and y, then of the second."""
+    return [g for g in rotor.gains.values() for _ in range(2)]
+
+
+def control_response(rotor: Rotor, frequency: np.ndarray) -> np.ndarray:
+    """What the four controllers make of their errors (n, 4), A/m, at frequency (n,) Hz."""
+    dt = 1 / rotor.axis.control_rate
+    z = np.exp(2j * np.pi * np.asarray(frequency) * dt)
+    return np.stack([controller_response(g, z, dt) for g in controllers(rotor)], axis=-1)
+
+
+def held_current(rotor: Rotor, frequency: np.ndarray) -> np.ndarray:
+    """Current per command (n,) at frequency (n,) Hz above 0: held over a control sample, behind the amplifier's lag."""
+    s, dt = 2j * np.pi * np.asarray(frequency), 1 / rotor.axis.control_rate
+    return (1 - np.exp(-s * dt)) / (s * dt) / (1 + s * rotor.axis.amplifier_time_constant)
+
+
 def continuous(rotor: Rotor, speed: float) -> np.ndarray:
     """Rates (16, 24): of q, q', the probes' and the amplifiers' states, from these, held commands (4) and generalised
     forces (4) at the centre of mass."""
@@ -82,8 +101,8 @@ def continuous(rotor: Rotor, speed: float) -> np.ndarray:
     n = len(MOTIONS)
     inverse = np.linalg.inv(m.mass)
     zero, one = np.zeros((n, n)), np.eye(n)
-    probe = 1 / max(axis.sensor_time_constant, 1e-9)
-    amplifier = 1 / max(axis.amplifier_time_constant, 1e-9)
+    probe = 1 / max(axis.sensor_time_constant, LEAST_LAG)
+    amplifier = 1 / max(axis.amplifier_time_constant, LEAST_LAG)
     damping = -inverse @ (m.damping + speed * m.gyroscopic)
     return np.block(
         [
@@ -106,7 +125,7 @@ def closed_loop_poles(rotor: Rotor, speed: float = 0.0) -> np.ndarray:
     """Poles (24,) in the z-plane of the sampled loop at speed (rad/s); stable when all lie inside the unit circle."""
     a, b, c = sampled(rotor, speed)
     into, out = control_matrices(rotor)
-    parts = [state_space(g, 1 / rotor.axis.control_rate) for g in rotor.gains.values() for _ in range(2)]
+    parts = [state_space(g, 1 / rotor.axis.control_rate) for g in controllers(rotor)]
     ka, kb = block_diag(*(p[0] for p in parts)), block_diag(*(p[1][:, None] for p in parts))
     kc, kd = block_diag(*(p[2][None] for p in parts)), np.diag([p[3] for p in parts])
     read = into @ c
@@ -120,8 +139,7 @@ def sensitivity(rotor: Rotor, frequency: np.ndarray, speed: float = 0.0) -> np.n
     dt = 1 / rotor.axis.control_rate
     z = np.exp(2j * np.pi * np.asarray(frequency) * dt)
     plant = into @ c @ np.linalg.solve(z[:, None, None] * np.eye(16) - a, b @ out)
-    loop = np.stack([controller_response(g, z, dt) for g in rotor.gains.values() for _ in range(2)], axis=-1)
-    return np.linalg.inv(np.eye(4) + loop[:, :, None] * plant)
+    return np.linalg.inv(np.eye(4) + control_response(rotor, frequency)[:, :, None] * plant)
 
 
 def unbalance_response(rotor: Rotor, speeds: np.ndarray) -> np.ndarray:
@@ -134,12 +152,12 @@ def unbalance_response(rotor: Rotor, speeds: np.ndarray) -> np.ndarray:
         rates = continuous(rotor, speed)
         force, runout = rotating(rotor, speed)
         # What turns with the rotor drives the states at exp(i w t): its own answer, and the held commands' beside it.
-        driven = rates[:, 20:] @ force + _probe_drive(rotor, runout)
+        driven = rates[:, 20:] @ force
+        driven[8:12] += runout / max(rotor.axis.sensor_time_constant, LEAST_LAG)
         steady = np.linalg.solve(1j * speed * np.eye(16) - rates[:, :16], driven)
         a, b, c = sampled(rotor, speed)
         z = np.exp(1j * speed * dt)
-        gains = [controller_response(g, np.array([z]), dt)[0] for g in rotor.gains.values() for _ in range(2)]
-        control = out @ np.diag(gains) @ into
+        control = out @ np.diag(control_response(rotor, np.array([speed / (2 * np.pi)]))[0]) @ into
         # The states at the samples: steady + (z - A)^-1 B u, with u = -control C states.
         held = np.linalg.solve(z * np.eye(16) - a, b)
         states = np.linalg.solve(np.eye(16) + held @ control @ c, steady)
@@ -157,7 +175,8 @@ def rotating(rotor: Rotor, speed: float) -> tuple[np.ndarray, np.ndarray]:
     return force, np.array([p * turn for p in phasor for turn in (1.0, -1j)])
 
 
-def _probe_drive(rotor: Rotor, runout: np.ndarray) -> np.ndarray:
-    drive = np.zeros(16, complex)
-    drive[8:12] = runout / max(rotor.axis.sensor_time_constant, 1e-9)
-    return drive
+def probe_readings(rotor: Rotor, q: np.ndarray, speeds: np.ndarray) -> np.ndarray:
+    """What the probes read (n, 4) of q (n, 4) and the runout, against exp(i speed t) at speeds (n,) rad/s."""
+    w = np.asarray(speeds)[:, None]
+    seen = q @ mechanics(rotor).probes.T + rotating(rotor, 1.0)[1]
+    return seen / (1 + 1j * w * rotor.axis.sensor_time_constant)

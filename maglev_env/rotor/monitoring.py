@@ -16,9 +16,9 @@ from estimation.line_choice import lines_off_spin
 from estimation.spin import lines_beside_spin, spin_speed
 from estimation.sphs import sphs, synthesise
 from estimation.tracking import Tracked, TrackerSettings, noise_from_scatter, track
-from maglev_env.gains import controller_response
+from maglev_env.rotor.identification import forward, motion, period_samples, turning
 from maglev_env.rotor.lanes import Run
-from maglev_env.rotor.linear import control_matrices, mechanics, sampled
+from maglev_env.rotor.linear import control_matrices, control_response, held_current, mechanics, sampled
 from maglev_env.rotor.operating_point import at_operating_point
 from maglev_env.rotor.rotor import CONTROLS, Rotor
 from maglev_env.rotor.simulate import spin
@@ -92,21 +92,18 @@ def monitor(
     if not (np.isfinite(speed_rpm) and speed_rpm > 0):
         raise ValueError(f"monitor: speed_rpm = {speed_rpm} must be above 0")
     rate, f0, speed = before.axis.control_rate, plan.fundamental, speed_rpm * np.pi / 30
-    n = round(rate / f0)
-    if abs(n * f0 - rate) > 1e-9 * rate:
-        raise ValueError(f"monitor: fundamental = {f0:g} Hz: a period of {rate / f0:g} control samples is not whole")
+    n = period_samples(before, f0)
     first, last = np.ceil(plan.band[0] / f0), np.floor(plan.band[1] / f0)
     lines = lines_off_spin(np.arange(int(first), int(last) + 1), f0, [speed_rpm], ORDERS, f0)
     wave = synthesise(sphs(lines, n, plan.amplitude), n)
-    spectrum = np.fft.rfft(wave)
     _, out = control_matrices(before)
-    injection = out[:, :2] @ np.array([wave, np.fft.irfft(-1j * spectrum, n)])
+    injection = out[:, :2] @ turning(wave)
     runs = [Run(rotor, speed_rpm, (seed, stage)) for stage, rotor in enumerate((before, after))]
     probes = _recorded(runs, (change, blocks - change), plan.settle, injection)
     f = lines * f0
     spin_hz = spin_speed(probes[0, 0], rate, f, speed_rpm / 60, ORDERS[:1])
-    displacement = _translation(before, lines_beside_spin(probes, rate, f, spin_hz, ORDERS).amplitude, f)
-    current = spectrum[lines] * (2 / n)
+    displacement = motion(before, forward(lines_beside_spin(probes, rate, f, spin_hz, ORDERS).amplitude), f)[:, 0]
+    current = np.fft.rfft(wave)[lines] * (2 / n)
     force = np.broadcast_to(_force(before, current, f), displacement.shape)
     noise = noise_from_scatter(force, displacement)
     w = 2 * np.pi * f
@@ -144,29 +141,17 @@ def _recorded(runs: Sequence[Run], counts: Sequence[int], settle: int, injection
     return np.concatenate(records)
 
 
-def _translation(rotor: Rotor, probes: np.ndarray, frequency: np.ndarray) -> np.ndarray:
-    """Forward amplitude (blocks, n) m of the centre of mass from those of the probes (blocks, 4, n); their lag is taken
-    off."""
-    forward = (probes[:, ::2] + 1j * probes[:, 1::2]) / 2
-    lag = 1 + 2j * np.pi * frequency * rotor.axis.sensor_time_constant
-    return np.einsum("p,bpn->bn", np.linalg.inv(mechanics(rotor).probes[::2, :2])[0], forward) * lag
-
-
 def _force(rotor: Rotor, current: np.ndarray, frequency: np.ndarray) -> np.ndarray:
     """Force (n,) N of so much added to both commands: held, through amplifiers and actuators."""
-    s, dt = 2j * np.pi * frequency, 1 / rotor.axis.control_rate
-    held = (1 - np.exp(-s * dt)) / (s * dt) / (1 + s * rotor.axis.amplifier_time_constant)
-    return mechanics(rotor).drive[0, [0, 2]].sum() * current * held
+    return mechanics(rotor).drive[0, [0, 2]].sum() * current * held_current(rotor, frequency)
 
 
 def _stiffness(rotor: Rotor, frequency: np.ndarray, speed: float, known: Rotor) -> np.ndarray:
     """Injected force, as `known` computes it, over the answer of the rotor: complex (n,) N/m, of the linear model."""
     a, b, c = sampled(rotor, speed)
     into, out = control_matrices(rotor)
-    dt = 1 / rotor.axis.control_rate
-    z = np.exp(2j * np.pi * frequency * dt)
-    gains = [controller_response(g, z, dt) for g in rotor.gains.values() for _ in range(2)]
-    control = out @ (np.stack(gains, axis=-1)[:, :, None] * into)
-    forward = np.array([1, -1j, 0, 0])  # of the first controller in x and y
-    states = np.linalg.solve(z[:, None, None] * np.eye(16) - a + b @ control @ c, (b @ out @ forward)[:, None])
+    z = np.exp(2j * np.pi * frequency / rotor.axis.control_rate)
+    control = out @ (control_response(rotor, frequency)[:, :, None] * into)
+    first = np.array([1, -1j, 0, 0])  # of the first controller in x and y, turning forward
+    states = np.linalg.solve(z[:, None, None] * np.eye(16) - a + b @ control @ c, (b @ out @ first)[:, None])
     return _force(known, np.ones(len(frequency)), frequency) / states[:, 0, 0]

@@ -4,10 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from maglev_env.gains import controller_response
 from maglev_env.magnetics import force, force_law
 from maglev_env.rig import with_parameters
-from maglev_env.rotor.linear import at_planes, control_matrices, mechanics, rotating, unbalance_response
+from maglev_env.rotor.linear import (
+    at_planes, control_matrices, control_response, controllers, held_current, mechanics, probe_readings,
+    unbalance_response,
+)  # fmt: skip
 from maglev_env.rotor.rotor import Rotor
 
 ANGLES = 64  # of a turn: the law's harmonics fall fast
@@ -27,19 +29,14 @@ def at_operating_point(rotor: Rotor, speed: float) -> Rotor:
     and current of the linear model: the constant part of a loop that varies with the turn (Magnus and Winkler, Hill's
     equation). What differs between x and y, or turns, is left out.
     """
-    axis, dt = rotor.axis, 1 / rotor.axis.control_rate
-    m, at, law = mechanics(rotor), at_planes(*rotor.planes.magnets), force_law(axis)
+    axis, at, law = rotor.axis, at_planes(*rotor.planes.magnets), force_law(rotor.axis)
     into, out = control_matrices(rotor)
     still = sag(rotor)
     x, i = (at @ still)[:, None], (-_static_control(rotor) @ still)[:, None]
     if speed:
-        s = 1j * speed
-        moving = unbalance_response(rotor, np.array([speed]))[0]
-        read = (m.probes @ moving + rotating(rotor, speed)[1]) / (1 + s * axis.sensor_time_constant)
-        z = np.array([np.exp(s * dt)])
-        gains = [controller_response(g, z, dt)[0] for g in rotor.gains.values() for _ in range(2)]
-        held = (1 - np.exp(-s * dt)) / (s * dt) / (1 + s * axis.amplifier_time_constant)
-        current = -held * (out @ np.diag(gains) @ into @ read)
+        q, turns = unbalance_response(rotor, np.array([speed])), np.array([speed / (2 * np.pi)])
+        moving, read = q[0], probe_readings(rotor, q, np.array([speed]))[0]
+        current = -held_current(rotor, turns) * (out @ np.diag(control_response(rotor, turns)[0]) @ into @ read)
         turn = np.exp(2j * np.pi * np.arange(ANGLES) / ANGLES)
         x, i = (still_part + np.outer(part, turn).real for still_part, part in ((x, at @ moving), (i, current)))
     gain = np.mean(force(law, x, i + STEP_I) - force(law, x, i - STEP_I)) / (2 * STEP_I)
@@ -51,5 +48,5 @@ def at_operating_point(rotor: Rotor, speed: float) -> Rotor:
 def _static_control(rotor: Rotor) -> np.ndarray:
     """Amperes that the controllers take off at rest per m and rad of q: (4, 4)."""
     into, out = control_matrices(rotor)
-    gains = np.diag([g.kp + g.ki for g in rotor.gains.values() for _ in range(2)])
+    gains = np.diag([g.kp + g.ki for g in controllers(rotor)])
     return out @ gains @ into @ mechanics(rotor).probes

@@ -47,6 +47,14 @@ def seeds_of(seed: Seeds, n: int) -> list[tuple[int, ...]]:
     return [one if isinstance(one, tuple) else (int(one),) for one in seeds]
 
 
+def checked_speeds(name: str, values: Sequence[float]) -> np.ndarray:
+    """Speeds (s,) rpm; ValueError unless they are one or more finite numbers."""
+    found = np.atleast_1d(np.asarray(values, float))
+    if found.ndim != 1 or not found.size or not np.isfinite(found).all():
+        raise ValueError(f"{name}: give one or more finite numbers, rpm")
+    return found
+
+
 def run_up(rotors: Sequence[Rotor], speeds: np.ndarray = SPEEDS, seed: Seeds = 0, threads: int | None = None) -> RunUp:
     """Each rotor at each speed (rpm) by itself, from rest in the centre, under its own gains.
 
@@ -54,9 +62,7 @@ def run_up(rotors: Sequence[Rotor], speeds: np.ndarray = SPEEDS, seed: Seeds = 0
     touches down is reported as such and goes on. ValueError for speeds that are not finite numbers, or other seeds.
     """
     seeds = seeds_of(seed, len(rotors))
-    speeds = np.atleast_1d(np.asarray(speeds, float))
-    if speeds.ndim != 1 or not speeds.size or not np.isfinite(speeds).all():
-        raise ValueError("speeds: give one or more finite numbers, rpm")
+    speeds = checked_speeds("speeds", speeds)
     runs = [Run(r, float(v), (*s, j)) for r, s in zip(rotors, seeds, strict=True) for j, v in enumerate(speeds)]
     rate = rotors[0].axis.control_rate
     counts = (round(t * rate) for t in (MEASURE, SETTLE))

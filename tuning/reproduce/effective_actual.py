@@ -13,7 +13,7 @@ from maglev_env.magnetics import force_law, linearise
 from maglev_env.rig import load_rig
 from tuning.reproduce.figures import by_frequency
 from tuning.reproduce.item import Item, Outcome, Row
-from tuning.reproduce.shaker import Shaker, least_squares_bands, shaken, simulated, with_noise
+from tuning.reproduce.shaker import Shaker, least_squares_bands, simulated, with_noise
 
 SHAKER = Shaker(200, 0.7)
 SWITCHING = 12.5e-6  # m: 100 mV (4.4.3) at 8 V/mm
@@ -28,7 +28,7 @@ def run(seed: int) -> Outcome:
     gain, pull = linearise(force_law(rig))
     g = rig.gains
     quiet = without_noise(Experiment(rig, g, ())).rig
-    clean = shaken([quiet], SHAKER, [seed])
+    clean = simulated([quiet], SHAKER, [seed]).statistics
     loud = simulated([with_noise(rig, SWITCHING)] * DRAWS, SHAKER, [DRAWS * seed + i for i in range(DRAWS)])
     noisy, current = loud.statistics, float(np.sqrt(np.mean(loud.current_rms**2)))
     bands = sliding_bands(clean.frequency, 10.0, 8.0)
@@ -100,7 +100,7 @@ def run(seed: int) -> Outcome:
 def _without_lags(rig):
     """Actual stiffness (bands,) of the rig with an instant amplifier and probe, without noise."""
     fast = replace(rig, amplifier_time_constant=0.0, sensor_time_constant=0.0)
-    clean = shaken([without_noise(Experiment(fast, rig.gains, ())).rig], SHAKER, [0])
+    clean = simulated([without_noise(Experiment(fast, rig.gains, ())).rig], SHAKER, [0]).statistics
     return least_squares_bands(clean, sliding_bands(clean.frequency, 10.0, 8.0), rig.mass).stiffness[0]
 
 

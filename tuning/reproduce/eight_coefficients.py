@@ -9,7 +9,7 @@ from maglev_env.magnetics import force_law, linearise
 from maglev_env.rig import axis_rig, load_rig
 from tuning.page import COLOURS, styled
 from tuning.reproduce.item import Item, Outcome, Row
-from tuning.reproduce.shaker import Shaker, shaken
+from tuning.reproduce.shaker import Shaker, simulated
 
 BAND = np.array([[65.0, 80.0]])
 DRAWS = 32
@@ -22,8 +22,8 @@ def run(seed: int) -> Outcome:
     """The band of Table 5.3 from a vertical force, many times over; then with a second record, force turned by 90°."""
     rig = load_rig("hmb_radial")
     seeds = np.arange(DRAWS) + 2 * DRAWS * seed
-    first = shaken([rig] * DRAWS, VERTICAL, seeds.tolist())
-    second = shaken([rig] * DRAWS, ACROSS, (seeds + DRAWS).tolist())
+    first = simulated([rig] * DRAWS, VERTICAL, seeds.tolist()).statistics
+    second = simulated([rig] * DRAWS, ACROSS, (seeds + DRAWS).tolist()).statistics
     plain = planar_least_squares([first], BAND, rig.mass)
     fitted, turned = plain.stiffness[:, 0] * 1e-3, plain.damping[:, 0].sum(axis=2)
     alone = eight_coefficients([first], BAND, rig.mass, intervals=False)

@@ -13,7 +13,7 @@ from maglev_env.magnetics import force_law, linearise
 from maglev_env.rig import Rig, load_rig
 from tuning.reproduce.figures import by_frequency
 from tuning.reproduce.item import Item, Outcome, Row
-from tuning.reproduce.shaker import Shaker, least_squares_bands, receptance, shaken
+from tuning.reproduce.shaker import Shaker, least_squares_bands, receptance, simulated
 
 SHAKER = Shaker(200, 0.7)
 FACTOR = {"kp": 1.25, "ki": 2.0, "kd": 1.25}
@@ -27,7 +27,7 @@ def run(seed: int) -> Outcome:
     quiet = without_noise(Experiment(rig, rig.gains, ())).rig
     changed = {name: replace(rig.gains, **{name: getattr(rig.gains, name) * by}) for name, by in FACTOR.items()}
     every = [rig.gains, *changed.values()]
-    statistics = shaken([quiet] * len(every), SHAKER, [seed] * len(every), every)
+    statistics = simulated([quiet] * len(every), SHAKER, [seed] * len(every), every).statistics
     bands = sliding_bands(statistics.frequency, 10.0, 8.0)
     f = bands.mean(axis=1)
     fits = least_squares_bands(statistics, bands, rig.mass)

@@ -6,7 +6,7 @@ from estimation.max_likelihood import maximum_likelihood
 from maglev_env.rig import load_rig
 from tuning.reproduce.figures import by_frequency
 from tuning.reproduce.item import Item, Outcome, Row
-from tuning.reproduce.shaker import Shaker, least_squares_bands, receptance, shaken
+from tuning.reproduce.shaker import Shaker, least_squares_bands, receptance, simulated
 
 BANDS = np.array([[60.0, 70.0], [50.0, 80.0], [40.0, 90.0], [30.0, 100.0]])
 STIFFNESS = (134.5, 134.1, 133.2, 131.8)  # kN/m
@@ -17,7 +17,7 @@ SHAKER = Shaker(200, 1.7, fundamental=0.5, transient=2)
 def run(seed: int) -> Outcome:
     """SPHS of 1 to 100 Hz on a spring of constant stiffness; least squares in the bands of Table 5.2."""
     rig = load_rig("pedestal")
-    statistics = shaken([rig], SHAKER, [seed])
+    statistics = simulated([rig], SHAKER, [seed]).statistics
     ls = least_squares_bands(statistics, BANDS, rig.mass)
     ml = maximum_likelihood(statistics, BANDS, rig.mass)
     g = receptance(statistics)[0]

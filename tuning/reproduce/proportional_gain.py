@@ -12,7 +12,7 @@ from maglev_env.rig import axis_rig, load_rig
 from tuning.reproduce.figures import by_frequency
 from tuning.reproduce.item import Item, Outcome, Row
 from tuning.reproduce.radial import SHAKER, SWITCHING
-from tuning.reproduce.shaker import least_squares_bands, receptance, shaken, with_noise
+from tuning.reproduce.shaker import least_squares_bands, receptance, simulated, with_noise
 
 DIGITAL = (0.7, 0.9, 1.1)  # k_p as 5.3.3 counts it; only 0.9 is published
 FACTOR = 8000.0  # A/m: 8 V/mm times 1 A/V
@@ -27,12 +27,14 @@ def run(seed: int) -> Outcome:
     gain, pull = linearise(force_law(one))
     spring = one.support_stiffness
     gains = [replace(one.gains, kp=k * FACTOR) for k in DIGITAL]
-    quiet = axis_statistics(shaken([rig] * 3, SHAKER, [seed] * 3, gains), "x")
+    quiet = axis_statistics(simulated([rig] * 3, SHAKER, [seed] * 3, gains).statistics, "x")
     near = maximum_likelihood(quiet, NATURAL, rig.mass).stiffness[:, 0]
     peaks = quiet.frequency[np.abs(receptance(quiet)).argmax(axis=1)]
     noisy = with_noise(rig, SWITCHING)
     seeds = [3 * DRAWS * seed + i for i in range(3 * DRAWS)]
-    loud = axis_statistics(shaken([noisy] * 3 * DRAWS, SHAKER, seeds, [g for g in gains for _ in range(DRAWS)]), "x")
+    loud = axis_statistics(
+        simulated([noisy] * 3 * DRAWS, SHAKER, seeds, [g for g in gains for _ in range(DRAWS)]).statistics, "x"
+    )
     bands = sliding_bands(loud.frequency, 15.0, 12.0)
     centre = bands.mean(axis=1)
     ls = least_squares_bands(loud, bands, rig.mass).stiffness.reshape(3, DRAWS, -1)

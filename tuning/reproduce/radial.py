@@ -15,7 +15,7 @@ from maglev_env.rig import Rig, axis_rig, load_rig
 from tuning.page import number
 from tuning.reproduce.figures import by_frequency
 from tuning.reproduce.item import Item, Outcome, Row
-from tuning.reproduce.shaker import Shaker, least_squares_bands, receptance, shaken, with_noise
+from tuning.reproduce.shaker import Shaker, least_squares_bands, receptance, simulated, with_noise
 
 SHAKER = Shaker(250, 1.5, direction=45.0)
 SWITCHING = 12.5e-6  # m: 100 mV (4.4.3) at 8 V/mm
@@ -28,7 +28,7 @@ LARGEST = 1400e3  # N/m, of Figure 5.20
 def vertical(seed: int, noise: float) -> tuple[Rig, LineStatistics]:
     """The rig and one record of it under the vertical shaker, with so much noise of the probes (m rms)."""
     rig = with_noise(load_rig("hmb_radial"), noise)
-    return rig, shaken([rig], SHAKER, [seed])
+    return rig, simulated([rig], SHAKER, [seed]).statistics
 
 
 def largest_direct_stiffness(seed: int) -> float:

@@ -7,7 +7,7 @@ from estimation.max_likelihood import maximum_likelihood
 from maglev_env.rig import load_rig
 from tuning.reproduce.figures import by_frequency
 from tuning.reproduce.item import Item, Outcome, Row
-from tuning.reproduce.shaker import Shaker, least_squares_bands, least_squares_limit, shaken
+from tuning.reproduce.shaker import Shaker, least_squares_bands, least_squares_limit, simulated
 
 DRAWS = 40
 BANDS = np.array([[25.0, 35.0], [145.0, 155.0], [235.0, 245.0]])
@@ -17,13 +17,17 @@ SHAKER = Shaker(250, 0.15)
 def run(seed: int) -> Outcome:
     """Least squares and maximum likelihood on many draws of a rig whose stiffness is 2.471 kN/m at every frequency."""
     rig = load_rig("hmb_axial")
-    statistics = shaken([rig] * DRAWS, SHAKER, [DRAWS * seed + i for i in range(DRAWS)])
+    statistics = simulated([rig] * DRAWS, SHAKER, [DRAWS * seed + i for i in range(DRAWS)]).statistics
     truth = rig.support_stiffness
     ls = least_squares_bands(statistics, BANDS, rig.mass)
     limit = least_squares_limit(statistics, BANDS, truth, rig.mass)
     median, fit = np.median(ls.stiffness, axis=0), np.median(ls.r2, axis=0)
     other = [
-        np.median(least_squares_bands(shaken([rig] * 8, Shaker(250, force), range(8)), BANDS[2:], rig.mass).stiffness)
+        np.median(
+            least_squares_bands(
+                simulated([rig] * 8, Shaker(250, force), range(8)).statistics, BANDS[2:], rig.mass
+            ).stiffness
+        )
         for force in (2 * SHAKER.amplitude, SHAKER.amplitude / 2)
     ]
     sliding = sliding_bands(statistics.frequency, 10.0, 8.0)

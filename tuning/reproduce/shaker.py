@@ -42,18 +42,6 @@ def with_noise(rig: Rig, displacement: float) -> Rig:
     return replace(rig, noise=replace(rig.noise, displacement=displacement))
 
 
-def shaken(
-    rigs: Sequence[Rig],
-    shaker: Shaker,
-    seeds: Sequence[int],
-    gains: Sequence[Controllers] | None = None,
-    effects: Effects = NO_EFFECTS,
-    speed_rpm: float = 0.0,
-) -> LineStatistics:
-    """Line statistics (rigs, channels, lines) of `simulated`, with its arguments."""
-    return simulated(rigs, shaker, seeds, gains, effects, speed_rpm).statistics
-
-
 def simulated(
     rigs: Sequence[Rig],
     shaker: Shaker,

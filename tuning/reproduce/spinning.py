@@ -9,7 +9,7 @@ from maglev_env.rig import load_rig
 from tuning.reproduce.figures import by_frequency
 from tuning.reproduce.item import Item, Outcome, Row
 from tuning.reproduce.radial import SHAKER
-from tuning.reproduce.shaker import least_squares_bands, receptance, shaken
+from tuning.reproduce.shaker import least_squares_bands, receptance, simulated
 
 SPEED = 8000.0  # 1/min
 ROTOR = 0.08012  # kg
@@ -23,9 +23,9 @@ def run(seed: int) -> Outcome:
     turning = SPEED / 60
     moment = ROTOR * GRADE / (2 * np.pi * turning)
     effects = effect("unbalance", moment) | effect("runout", RUNOUT)
-    rest = axis_statistics(shaken([rig], SHAKER, [seed], effects=effects), "x")
-    spun = axis_statistics(shaken([rig], SHAKER, [seed], effects=effects, speed_rpm=SPEED), "x")
-    other = axis_statistics(shaken([rig], SHAKER, [seed + 1], effects=effects), "x")
+    rest = axis_statistics(simulated([rig], SHAKER, [seed], effects=effects).statistics, "x")
+    spun = axis_statistics(simulated([rig], SHAKER, [seed], effects=effects, speed_rpm=SPEED).statistics, "x")
+    other = axis_statistics(simulated([rig], SHAKER, [seed + 1], effects=effects).statistics, "x")
     bands = sliding_bands(rest.frequency, 15.0, 12.0)
     centre = bands.mean(axis=1)
     k = [least_squares_bands(s, bands, rig.mass).stiffness[0] for s in (rest, spun, other)]

@@ -4,9 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from maglev_env.envs.episodes import Episode, wide_factors
+from maglev_env.envs.episodes import Episode, scaled_rig, wide_factors
 from maglev_env.envs.task import Task
-from maglev_env.rig import with_parameters
 from tuning.search.evolution import DifferentialEvolution
 from tuning.search.study import experiments
 from tuning.search.tuner import Trials
@@ -53,9 +52,8 @@ class ModelBased:
         return dict(zip(self._names, map(float, np.exp(self._theta)), strict=True))
 
     def _model(self, theta: np.ndarray) -> Episode:
-        rig = self._task.rig
-        changed = {name: getattr(rig, name) * f for name, f in zip(self._names, np.exp(theta), strict=True)}
-        return replace(self._episode, rig=with_parameters(rig, changed))
+        factors = dict(zip(self._names, map(float, np.exp(theta)), strict=True))
+        return replace(self._episode, rig=scaled_rig(self._task.rig, factors))
 
     def _fit(self) -> None:
         """Every parameter moves in lanes beside the others, under the noise of the same seeds."""

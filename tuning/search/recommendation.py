@@ -1,13 +1,11 @@
 """Which of the gains tried to recommend: those that hold up under fresh noise and on rigs within tolerance."""
 
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
-from maglev_env.envs.episodes import Episode
+from maglev_env.envs.episodes import Episode, scaled_rig, tolerance_factors
 from maglev_env.envs.task import Task
-from maglev_env.rig import with_parameters
 from tuning.search.study import experiments
 from tuning.search.tuner import Trials
 
@@ -47,7 +45,10 @@ def recommend(
     alive = [i for i in order if trials.score[i] > 0][:candidates]
     rng = np.random.default_rng((seed, len(trials)))
     own = [replace(episode, seed=int(rng.integers(2**63))) for _ in range(repeats)]
-    spread = [replace(episode, rig=_within(episode.rig, rng), seed=int(rng.integers(2**63))) for _ in range(rigs)]
+    spread = []
+    for _ in range(rigs):
+        rig = scaled_rig(episode.rig, tolerance_factors(episode.rig, rng))
+        spread.append(replace(episode, rig=rig, seed=int(rng.integers(2**63))))
     refused: list[Verdict] = []
     for i in alive:
         point = trials.points[i]
@@ -57,12 +58,6 @@ def recommend(
             return Recommendation(verdict, tuple(refused))
         refused.append(verdict)
     return Recommendation(None, tuple(refused))
-
-
-def _within(rig: Any, rng: np.random.Generator) -> Any:
-    factors = {name: float(np.exp(rng.normal(0.0, sigma))) for name, sigma in rig.tolerance.items()}
-    present = {name: getattr(rig, name) * f for name, f in factors.items() if getattr(rig, name) is not None}
-    return with_parameters(rig, present)
 
 
 def _judged(point: np.ndarray, again: Trials, repeats: int, episode: Episode) -> Verdict:

@@ -12,7 +12,7 @@ from tuning.reproduce.actuator_gain import MODE
 from tuning.reproduce.radial import LARGEST, SHAKER
 from tuning.reproduce.registry import chosen
 from tuning.reproduce.schroeder import LINES, by_the_letter
-from tuning.reproduce.shaker import least_squares_bands, shaken, with_noise
+from tuning.reproduce.shaker import least_squares_bands, simulated, with_noise
 
 NAMES = (
     *("effective-actual", "gain-influence", "pedestal", "actuator-gain", "radial-mode", "eight-coefficients"),
@@ -126,7 +126,7 @@ def test_direct_coefficients_and_the_noise_they_need():
     # The noise that the item asks for, put into the rig, makes least squares report 1,400 kN/m.
     asked = found(item, "probe noise with which it would report 1,400 kN/m") * 1e-3 / 8000
     rig = with_noise(load_rig("hmb_radial"), asked)
-    x = axis_statistics(shaken([rig] * 8, SHAKER, range(8)), "x")
+    x = axis_statistics(simulated([rig] * 8, SHAKER, range(8)).statistics, "x")
     ls = least_squares_bands(x, np.array([[235.0, 250.0]]), rig.mass)
     assert np.mean(ls.stiffness) - 134.5e3 == pytest.approx(LARGEST, rel=0.08)
 
