@@ -100,7 +100,7 @@ def test_a_few_lines_where_the_search_alone_would_lose_to_schroeder(lines, sampl
     assert never_above_schroeder(lines, samples)
 
 
-@settings(max_examples=20)
+@settings(max_examples=20, deadline=None)
 @given(lines=st.lists(st.integers(1, 60), min_size=1, max_size=12, unique=True).map(sorted), seed=st.integers(0, 99))
 def test_never_above_schroeder(lines, seed):
     power = np.random.default_rng(seed).uniform(0.05, 1.0, len(lines))

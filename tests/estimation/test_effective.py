@@ -9,7 +9,7 @@ from estimation.least_squares import least_squares
 FREQUENCY = np.array([0.5, 5.0, 70.0, 250.0])
 
 
-@settings(max_examples=60)
+@settings(max_examples=60, deadline=None)
 @given(kp=st.floats(0, 2e4), ki=st.floats(0, 1e5), kd=st.floats(0, 20), td=st.floats(0, 1e-2), gain=st.floats(0.1, 100))
 def test_the_closed_form_is_the_response_of_the_pid(kp, ki, kd, td, gain):
     s = 2j * np.pi * FREQUENCY

@@ -18,7 +18,7 @@ def noise(rng, shape, sigma):
     return sigma / np.sqrt(2) * (rng.standard_normal(shape) + 1j * rng.standard_normal(shape))
 
 
-@settings(max_examples=60)
+@settings(max_examples=60, deadline=None)
 @given(
     stiffness=st.floats(-5e4, 5e5),
     damping=st.floats(0.5, 500),

@@ -1,6 +1,6 @@
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from estimation.crest import low_crest
@@ -91,6 +91,7 @@ def test_a_coupled_system_is_recovered_and_noise_costs_half_of_one_axis_at_a_tim
     np.testing.assert_allclose(variance[0], expected / 2, rtol=0.04)
 
 
+@settings(deadline=None)
 @given(lines=st.lists(st.integers(1, 400), min_size=6, max_size=80, unique=True).map(sorted), axes=st.integers(1, 6))
 def test_dealt_lines_are_a_fair_partition(lines, axes):
     hands = interleaved_lines(lines, axes)

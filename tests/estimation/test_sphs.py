@@ -48,7 +48,7 @@ def test_phases_are_those_of_equation_a3():
     np.testing.assert_allclose(schroeder_phases(7 * power), expected)
 
 
-@settings(max_examples=50)
+@settings(max_examples=50, deadline=None)
 @given(lines=line_sets, seed=st.integers(0, 1000), peak=st.floats(1e-3, 1e3))
 def test_synthesis_is_the_cosine_sum_with_the_exact_peak(lines, seed, peak):
     power = np.random.default_rng(seed).uniform(0.1, 2.0, len(lines))
@@ -63,7 +63,7 @@ def test_synthesis_is_the_cosine_sum_with_the_exact_peak(lines, seed, peak):
     assert np.max(np.abs(period)) == pytest.approx(peak, rel=1e-12)
 
 
-@settings(max_examples=30)
+@settings(max_examples=30, deadline=None)
 @given(lines=line_sets)
 def test_power_follows_the_spectrum_and_parseval(lines):
     power = 1.0 / np.array(lines)

@@ -3,7 +3,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from maglev_env.campaign import ChannelSource, load_campaign
@@ -429,6 +429,7 @@ EXCITATION_KEYS = {
 }  # fmt: skip
 
 
+@settings(deadline=None)
 @given(
     key=st.sampled_from([*EXCITATION_KEYS, "band", "seed", "harmonics", "periods"]),
     value=st.recursive(values, lambda inner: st.lists(inner, max_size=4), max_leaves=12),

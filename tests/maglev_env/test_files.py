@@ -13,7 +13,7 @@ A, B = np.array([1.0, -2.5, 3e-9]), np.array([4.0, 5.0, 6.0])
 
 
 @pytest.mark.parametrize("suffix", WRITERS)
-@settings(max_examples=20)
+@settings(max_examples=20, deadline=None)
 @given(values=st.lists(st.floats(allow_nan=True, allow_infinity=True, width=64), min_size=1, max_size=30))
 def test_written_columns_come_back_bit_for_bit(tmp_path_factory, suffix, values):
     path = tmp_path_factory.mktemp("x") / f"data{suffix}"
@@ -132,7 +132,7 @@ def make(path):
 
 
 @pytest.mark.parametrize("name", ["x.mat", "x.h5", "x.npz"])
-@settings(max_examples=60)
+@settings(max_examples=60, deadline=None)
 @given(data=st.data())
 def test_damage_is_an_error_and_never_a_crash(tmp_path_factory, name, data):
     path = tmp_path_factory.mktemp("d") / name

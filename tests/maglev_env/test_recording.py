@@ -292,7 +292,7 @@ def _written(folder: Path) -> Path:
     return folder
 
 
-@settings(max_examples=60)
+@settings(max_examples=60, deadline=None)
 @given(
     samples=st.sampled_from([512, 1000, 5000]),
     last=st.integers(1, 150),
@@ -311,7 +311,7 @@ def test_quantised_multisines_and_sines_are_not_clipped(samples, last, seed, sch
         _check_clipping("x", np.round(signal / step) * step, 0)
 
 
-@settings(max_examples=40)
+@settings(max_examples=40, deadline=None)
 @given(
     seed=st.integers(0, 1000),
     level=st.floats(0.3, 0.9),

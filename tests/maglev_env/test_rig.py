@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from maglev_env.effects import EFFECTS, effect, parse_effect, parse_effects
@@ -132,6 +132,7 @@ def test_effects_parse_as_the_command_line_writes_them():
         parse_effects(["delay=1e-5", "delay=2e-5"])
 
 
+@settings(deadline=None)
 @given(st.sampled_from(sorted(EFFECTS)), st.floats(-10, 10))
 def test_an_effect_is_inside_its_bounds_or_refused(name, value):
     first, parameter = next(iter(EFFECTS[name].parameters.items()))

@@ -6,7 +6,7 @@ import gymnasium as gym
 import numpy as np
 import pytest
 from gymnasium.vector import AutoresetMode
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import maglev_env  # noqa: F401  registers the environments
@@ -21,6 +21,7 @@ from maglev_env.experiment import protocol_experiment
 from maglev_env.rig import axis_rig, load_rig, rig_from_toml
 
 
+@settings(deadline=None)
 @given(st.lists(st.floats(-1, 1), min_size=5, max_size=5))
 def test_gains_and_actions_are_each_others_inverse(action):
     box = gain_box(load_rig("hmb_free"), ("kp", "ki", "kd", "td", "ti"))
