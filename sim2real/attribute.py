@@ -13,6 +13,7 @@ from sim2real.simulated import DITHERED, MAY_BE_DITHERED, tolerances
 
 FIRST, ITERATIONS = 3, 20  # steps of a fit from every start that is followed, and more of the better one
 SEEDS, PAIRS = 4, 8  # best single effects that a second one is added to, and pairs that are fitted, in a round
+SPARE = 30  # starts of an effect that are tried instead of one that touches down
 BLURRED, BLURRED_SHARE = 4, 0.5  # best fits that are tried with noise that blurs them, and what they may leave
 SWAPPED = 2  # best pairs of which either effect is tried with others
 NO_GAP = 12.0  # cost that no single effect saves beyond calibration: then no pair is looked for
@@ -131,13 +132,27 @@ def _singles(problem: Problem, seeds: Sequence[Fit], names: Sequence[str], allow
             for h in (Hypothesis((name,), allowed) for name in names)
             for start in starts(h.effects[0])
         ]
-        chosen = kept(screened(problem, jobs))
-        fits += begin([s.hypothesis for s in chosen], [s.u for s in chosen], problem.data, problem.simulate)
+        ranked = screened(problem, jobs)
+        fits += _begun(problem, kept(ranked), ranked)
     iterate(fits, problem.data, problem.simulate, FIRST)
     tried = dict.fromkeys(f.hypothesis.effects for f in fits)
     best = [min((f for f in fits if f.hypothesis.effects == names), key=lambda f: f.cost) for names in tried]
     iterate(best, problem.data, problem.simulate, ITERATIONS)
     return best
+
+
+def _begun(problem: Problem, chosen: Sequence[Start], ranked: Sequence[Start]) -> list[Fit]:
+    """Fits at the chosen starts; at another one of its effects, the best on all records, where that on the screened
+    record alone touches down on others."""
+    fits = begin([s.hypothesis for s in chosen], [s.u for s in chosen], problem.data, problem.simulate)
+    fallen = {s.hypothesis.effects: i for i, s in enumerate(chosen) if not np.isfinite(fits[i].cost)}
+    spare = {names: [s for s in ranked if s.hypothesis.effects == names][:SPARE] for names in fallen}
+    others = [s for same in spare.values() for s in same]
+    for f in begin([s.hypothesis for s in others], [s.u for s in others], problem.data, problem.simulate):
+        i = fallen[f.hypothesis.effects]
+        if f.cost < fits[i].cost:
+            fits[i] = f
+    return fits
 
 
 def _pairs(problem: Problem, singles: Sequence[Fit]) -> tuple[list[Fit], list[Fit]]:
@@ -184,11 +199,10 @@ def _round(
                 tried = [*tried, other.u[: len(COORDINATES[name])]]
             jobs += [(seed, h, extended(h, np.concatenate([seed.u[:n], start]), seed)) for start in tried]
     chosen: dict[frozenset[str], Start] = {}
-    for start in screened(problem, jobs):
+    ranked = screened(problem, jobs)
+    for start in ranked:
         if len(chosen) < PAIRS:
             chosen.setdefault(frozenset(start.hypothesis.effects), start)
-    fits = begin(
-        [s.hypothesis for s in chosen.values()], [s.u for s in chosen.values()], problem.data, problem.simulate
-    )
+    fits = _begun(problem, list(chosen.values()), ranked)
     iterate(fits, problem.data, problem.simulate, FIRST + ITERATIONS)
     return fits

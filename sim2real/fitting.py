@@ -17,6 +17,7 @@ DAMPING = (1e-3, 0.05, 3.0)
 CONVERGED, SHARE = 0.3, 1e-5  # cost, and share of the cost
 EDGE = 1e-6  # in coordinates: how near a bound counts as at it
 FAR = 4.0  # tolerances that one step may go, beside as far as it has come
+REFUSED, SHORTER = 4, 30.0  # how often shorter steps are tried, and factor on the damping for them
 PATIENCE, HOPELESS, KEEPING_UP, SMALL = 3, 0.4, 0.65, 100.0
 
 
@@ -33,6 +34,8 @@ class Fit:
     jacobian: np.ndarray | None = None
     damping: float = 1e-3
     age: int = 0  # steps since the tolerances' rows were found
+    refused: int = 0  # times in a row that no trial step led lower, as where all of them touch down
+    fresh: bool = False  # whether all rows were found at u
     idle: bool = False
     done: bool = False
 
@@ -115,9 +118,9 @@ def differentiate(fits: Sequence[Fit], data: np.ndarray, simulate: Simulate, cal
 def iterate(fits: Sequence[Fit], data: np.ndarray, simulate: Simulate, most: int) -> None:
     """Levenberg-Marquardt steps of all fits together, at most `most`; tolerances' rows are refreshed now and then.
 
-    A fit is done when two steps in a row save no more than CONVERGED, or have no more to hope for, the last with fresh
-    rows throughout. From PATIENCE steps on, one stays as it is that is farther behind the best than a share, less at
-    every step, of what that has saved.
+    A fit is done when two steps in a row save no more than CONVERGED, or have no more to hope for, or no shorter step
+    leads lower, the last with fresh rows throughout. From PATIENCE steps on, one stays as it is that is farther behind
+    the best than a share, less at every step, of what that has saved.
     """
     begun = max((f.cost for f in fits if np.isfinite(f.cost)), default=np.inf)
     for iteration in range(most):
@@ -125,15 +128,17 @@ def iterate(fits: Sequence[Fit], data: np.ndarray, simulate: Simulate, most: int
             least = min(f.cost for f in fits)
             for f in fits:
                 behind = HOPELESS * KEEPING_UP ** (iteration - PATIENCE) * max(begun - least, 0.0)
-                f.done = f.done or f.cost - least > behind + SMALL
+                f.done = f.done or (f.cost - least > behind + SMALL and not f.refused)
         active = [f for f in fits if not f.done and np.isfinite(f.cost)]
         if not active:
             return
-        stale = [f for f in active if f.jacobian is None or f.age >= REFRESH]
+        moved = [f for f in active if not f.fresh]
+        stale = [f for f in moved if f.jacobian is None or f.age >= REFRESH or f.refused]
         differentiate(stale, data, simulate, True)
-        differentiate([f for f in active if f not in stale], data, simulate, False)
-        for f in active:
-            f.age = 0 if f in stale else f.age + 1
+        differentiate([f for f in moved if f not in stale], data, simulate, False)
+        for f in moved:
+            f.fresh = f in stale
+            f.age = 0 if f.fresh else f.age + 1
         trials = [(f, f.damping * factor, u) for f in active for factor, u in zip(DAMPING, _steps(f), strict=True)]
         predicted = simulate([f.hypothesis.point(u) for f, _, u in trials])
         best: dict[int, tuple[float, float, np.ndarray, np.ndarray]] = {}
@@ -145,16 +150,21 @@ def iterate(fits: Sequence[Fit], data: np.ndarray, simulate: Simulate, most: int
         for f in active:
             gradient = f.gradient
             promised = float(_solved(f, f.normal, gradient, 0.0) @ gradient)
-            saved = f.cost - best[id(f)][0] if id(f) in best else 0.0
-            idle = min(promised, saved) < CONVERGED + SHARE * f.cost
+            little = CONVERGED + SHARE * f.cost
+            if id(f) in best:
+                f.refused = 0
+                idle = min(promised, f.cost - best[id(f)][0]) < little
+            else:
+                f.refused += 1
+                idle = promised < little or f.refused > REFUSED
             f.done = idle and f.idle and f.age == 0
             f.idle = idle
             if idle:
                 f.age = REFRESH  # whether there is anything left to gain is told by fresh rows alone
             if id(f) not in best:
-                f.damping *= DAMPING[-1] ** 2
+                f.damping *= SHORTER
                 continue
-            u, residual = f.u, f.residual
+            u, residual, f.fresh = f.u, f.residual, False
             f.cost, f.damping, f.u, f.residual = best[id(f)]
             moved = f.u - u  # Broyden: what the step taught of the rows that are not found anew
             f.jacobian += np.outer(moved, residual - f.residual - moved @ f.jacobian) / max(moved @ moved, 1e-300)

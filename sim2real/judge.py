@@ -36,6 +36,7 @@ class Belief:
     gap; group_sd, group_cost: what a free correction of a group must explain beyond the noise, and costs;
     unknown_cost: log odds against anything unknown where no group is left unexplained; parameter_cost, search_cost: of
     every parameter of an effect beyond its first, and of looking for a frequency: what noise alone lets them save.
+    form_cost: of a form that may leave more than WIDE_FORM of the gap, per factor e: it predicts every cost less well.
     """
 
     freedom: float = 30.0
@@ -49,9 +50,11 @@ class Belief:
     unknown_cost: float = 2.6
     parameter_cost: float = 4.0
     search_cost: float = 10.0
+    form_cost: float = 1.0
 
 
 BELIEF = Belief()
+WIDE_FORM = 0.01
 CLASS_SHARE = 0.15  # of the best one's probability: what has as much is not told from it
 NOISE_INFLATION = 1.5  # of the scatter of a group's cost: its noise is estimated too
 SIGNIFICANT = 5.0  # standard deviations of a group's excess
@@ -134,6 +137,7 @@ def entries(evidence: Evidence, belief: Belief = BELIEF) -> list[Entry]:
     costs = np.array([cost for _, cost, *_ in rows])
     scale = belief.freedom + np.array([forms[candidate or 0] for *_, candidate in rows])
     logs = np.log([prior for *_, prior, _ in rows]) - 0.5 * belief.freedom * np.log1p((costs - costs.min()) / scale)
+    logs -= belief.form_cost * np.log(np.maximum(scale / (belief.freedom + WIDE_FORM * gap), 1.0))
     # The unknown is the best of them with a free correction of every group that it leaves.
     foreign = evidence.tones.get(FOREIGN, 0.0)
     rows.append(((UNKNOWN,), float(costs.min() - saved - foreign), 1.0, None))

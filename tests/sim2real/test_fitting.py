@@ -130,6 +130,21 @@ def test_a_step_into_touchdown_is_not_taken():
     assert fallen[0].cost == np.inf and fallen[0].jacobian is None
 
 
+def test_a_step_into_touchdown_is_followed_by_shorter_ones():
+    """Straight on lies touchdown; the way there bends, and its end is short of it."""
+    toy = Linear(13)
+    bent = Hypothesis(("mass",), {})
+
+    def falls(points):
+        u = np.array([toy.coordinates(p)[0] for p in points])
+        return np.where(u > 1.5, np.nan, np.sinh(u))[:, None] * toy.columns[0]
+
+    data = np.sinh(1.4) * toy.columns[0]
+    fits = begin([bent], [np.zeros(1)], data, falls)
+    iterate(fits, data, falls, 20)
+    assert fits[0].u[0] == pytest.approx(1.4, abs=1e-3) and fits[0].done
+
+
 def test_fits_of_a_batch_do_not_know_each_other():
     """In any order, and alone, as long as none is given up for another's sake."""
     toy = Linear(5, 0.3)
