@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from tuning.options import JsonOption, friendly
+from tuning.options import JsonOption, SchedulerOption, friendly
 
 app = typer.Typer(
     name="blind",
@@ -41,11 +41,19 @@ def generate(
 
 @app.command(epilog="Example: maglev blind answer sealed")
 @friendly
-def answer(folder: FolderArgument, processes: ProcessesOption = None, json_file: JsonOption = None) -> None:
-    """Diagnose every campaign of a sealed set, never reading the labels; an interrupted run resumes."""
+def answer(
+    folder: FolderArgument,
+    processes: ProcessesOption = None,
+    scheduler: SchedulerOption = None,
+    json_file: JsonOption = None,
+) -> None:
+    """Diagnose every campaign of a sealed set, never reading the labels; an interrupted run resumes.
+
+    Campaigns are sent to the workers of a --scheduler: they need not see the folder.
+    """
     from tuning import command_blind
 
-    command_blind.answer(folder, processes, json_file)
+    command_blind.answer(folder, processes, scheduler, json_file)
 
 
 @app.command("open", epilog="Example: maglev blind open sealed --docs docs/blind.md")
@@ -65,10 +73,14 @@ def run(
     count: CountOption = COUNT,
     quick: Annotated[bool, typer.Option("--quick", help="24 campaigns: shows that it runs, proves little.")] = False,
     processes: ProcessesOption = None,
+    scheduler: SchedulerOption = None,
     docs: DocsOption = None,
     json_file: JsonOption = None,
 ) -> None:
-    """Generate, answer and open in one go; what an interrupted run has finished is used."""
+    """Generate, answer and open in one go; what an interrupted run has finished is used.
+
+    A --scheduler answers; its set is generated here.
+    """
     from tuning import command_blind
 
-    command_blind.run(out, 24 if quick else count, seed, processes, docs, json_file)
+    command_blind.run(out, 24 if quick else count, seed, processes, scheduler, docs, json_file)

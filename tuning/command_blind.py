@@ -17,6 +17,7 @@ from tuning.blind_report import blind_json, blind_markdown, blind_page
 from tuning.blind_tables import HEAD, cells
 from tuning.output import console, progress_bar, require_folder, write_json
 from tuning.page import write_page
+from tuning.schedule import Workers, workers
 
 SET = "set.json"  # how the set was made: nothing of its truth
 
@@ -27,10 +28,11 @@ def generate(out: Path, count: int, seed: int, processes: int | None, json_file:
     write_json(json_file, _generate(out, count, seed, processes))
 
 
-def answer(folder: Path, processes: int | None, json_file: Path | None) -> None:
+def answer(folder: Path, processes: int | None, scheduler: str | None, json_file: Path | None) -> None:
     """See `tuning.cli_blind.answer`."""
     require_folder(json_file, "--json")
-    found = _answer(folder, processes)
+    with workers(scheduler, processes) as spread:
+        found = _answer(folder, processes, spread)
     counts = {"answered": found.new, "reused": found.reused, "failed": found.failed}
     write_json(json_file, {"schema": "maglev-blind-answers/1", "version": code_version(), **counts})
 
@@ -56,7 +58,15 @@ def open_folder(folder: Path, docs: Path | None, json_file: Path | None) -> None
     console.print(f"labels {opened.labels_sha256}: as sealed\ndata  {folder / OPENED}\npage  {folder / 'blind.html'}")
 
 
-def run(out: Path, count: int, seed: int, processes: int | None, docs: Path | None, json_file: Path | None) -> None:
+def run(
+    out: Path,
+    count: int,
+    seed: int,
+    processes: int | None,
+    scheduler: str | None,
+    docs: Path | None,
+    json_file: Path | None,
+) -> None:
     """See `tuning.cli_blind.run`."""
     require_folder(json_file, "--json")
     require_folder(docs, "--docs")
@@ -67,7 +77,8 @@ def run(out: Path, count: int, seed: int, processes: int | None, docs: Path | No
         console.print(f"{count} campaigns of seed {seed} are there; SHA-256 of their labels\n{seal_of(out)}")
     else:
         _generate(out, count, seed, processes)
-    _answer(out, processes)
+    with workers(scheduler) as spread:
+        _answer(out, processes, spread)
     open_folder(out, docs, json_file)
 
 
@@ -85,12 +96,12 @@ def _generate(out: Path, count: int, seed: int, processes: int | None) -> dict:
     return {**data, "labels_sha256": seal}
 
 
-def _answer(folder: Path, processes: int | None) -> Answered:
+def _answer(folder: Path, processes: int | None, spread: Workers | None) -> Answered:
     _set_of(folder)
     with progress_bar() as bar:
         task = bar.add_task("diagnose", total=len(list((folder / CAMPAIGNS).glob("*/campaign.toml"))))
         try:
-            found = answer_all(folder, processes, lambda n: bar.advance(task, n))
+            found = answer_all(folder, processes, lambda n: bar.advance(task, n), workers=spread)
         except KeyboardInterrupt:
             console.print(f"stopped; what is answered is in {folder / ANSWERS}: run the same command again to go on")
             raise

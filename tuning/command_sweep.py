@@ -9,6 +9,7 @@ from maglev_env.effects import parse_effects
 from maglev_env.rig import load_rig
 from tuning.output import console, progress_bar, require_folder, write_json
 from tuning.page import write_page
+from tuning.schedule import workers
 from tuning.sweep import SWEPT, Sweep, default_axes, gain_sets, parse_axis, run_sweep
 from tuning.sweep_report import sweep_page, sweep_summary, sweep_table
 
@@ -22,6 +23,7 @@ def run(
     seed: int,
     sensor: str,
     threads: int | None,
+    scheduler: str | None,
     out: Path | None,
     json_file: Path | None,
 ) -> None:
@@ -40,7 +42,7 @@ def run(
     total = len(gain_sets(plan))
     reused = 0
     started = perf_counter()
-    with progress_bar() as bar:
+    with workers(scheduler, threads) as spread, progress_bar() as bar:
         task = bar.add_task(f"sweep {loaded.name}", total=total)
 
         def advance(count: int, from_disk: bool) -> None:
@@ -49,7 +51,7 @@ def run(
             bar.advance(task, count)
 
         try:
-            dataset = run_sweep(plan, folder, threads, advance)
+            dataset = run_sweep(plan, folder, threads, advance, spread)
         except KeyboardInterrupt:
             console.print(f"stopped; what is finished is in {folder}: run the same command again to go on")
             raise

@@ -19,7 +19,17 @@ SensorOption = Annotated[
     str, typer.Option(help="What reads the displacement: probe, or self_sensing (the rig's own coils).")
 ]
 SeedOption = Annotated[int, typer.Option(min=0, help="Seed of every noise and random choice.")]
+PolicyOption = Annotated[
+    Path | None, typer.Option(help="Checkpoint of the learned tuner (default: the one of this package).")
+]
 ThreadsOption = Annotated[int | None, typer.Option(min=1, help="Threads (default: all cores); results do not change.")]
+SchedulerOption = Annotated[
+    str | None,
+    typer.Option(
+        metavar="ADDRESS",
+        help="Dask scheduler, tcp://host:8786, or local:N for N processes here; results do not change.",
+    ),
+]
 
 
 def friendly(command: Callable[..., None]) -> Callable[..., None]:

@@ -1,7 +1,7 @@
 """Gain sweeps: every gain set through the same identification experiment, chunk by chunk on disk, resumable."""
 
 import json
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields
 from hashlib import sha256
 from importlib.metadata import version
@@ -19,6 +19,8 @@ from maglev_env.rig import Rig
 
 if TYPE_CHECKING:
     import xarray as xr
+
+    from tuning.schedule import Workers
 
 CHUNK = 256
 SWEPT = ("kp", "ki", "kd")
@@ -108,37 +110,39 @@ def gain_sets(sweep: Sweep) -> list[Controllers]:
 
 
 def run_sweep(
-    sweep: Sweep, out: Path, threads: int | None = None, progress: Callable[[int, bool], None] | None = None
+    sweep: Sweep,
+    out: Path,
+    threads: int | None = None,
+    progress: Callable[[int, bool], None] | None = None,
+    workers: "Workers | None" = None,
 ) -> "xr.Dataset":
     """Run or resume a sweep in folder `out`; the dataset has dims experiment and band, gains as coordinates.
 
-    Finished chunks on disk are reused, so an interrupted sweep equals an uninterrupted one bit for bit. progress is
-    called with (experiments, reused). ValueError when `out` holds another sweep; OSError when it cannot be written.
+    Finished chunks on disk are reused, so an interrupted sweep equals an uninterrupted one bit for bit; so does one
+    whose chunks workers made. progress is called with (experiments, reused). ValueError when `out` holds another sweep;
+    OSError when it cannot be written.
     """
     gains = gain_sets(sweep)
     chunks = out / "chunks"
     _claim(sweep, out, len(gains))
     chunks.mkdir(exist_ok=True)
-    parts = []
+    advance = progress or (lambda n, reused: None)
+    parts, todo = {}, []
     for start in range(0, len(gains), CHUNK):
         path = chunks / f"{start:07d}.npz"
-        stop = min(start + CHUNK, len(gains))
-        if path.exists():
-            with np.load(path, allow_pickle=False) as stored:
-                parts.append(dict(stored))
-            if progress:
-                progress(stop - start, True)
+        if not path.exists():
+            todo.append(_Chunk(sweep, start, gains[start : start + CHUNK]))
             continue
-        experiments = [
-            protocol_experiment(sweep.rig, gains[i], sweep.effects, (sweep.seed, i), sweep.sensor)
-            for i in range(start, stop)
-        ]
-        evaluation = evaluate(experiments, threads, (lambda n: progress(n, False)) if progress else None)
-        parts.append(_columns(evaluation))
-        with atomic_file(path) as file:
-            np.savez(file, **parts[-1])
+        with np.load(path, allow_pickle=False) as stored:
+            parts[start] = dict(stored)
+        advance(len(gains[start : start + CHUNK]), True)
+    for chunk, columns in _made(todo, threads, lambda n: advance(n, False), workers):
+        with atomic_file(chunks / f"{chunk.start:07d}.npz") as file:
+            np.savez(file, **columns)
+        parts[chunk.start] = columns
     made_by = json.loads((out / "sweep.json").read_text())
-    result = _dataset(parts, gains, {k: v if isinstance(v, str) else json.dumps(v) for k, v in made_by.items()})
+    ordered = [parts[start] for start in sorted(parts)]
+    result = _dataset(ordered, gains, {k: v if isinstance(v, str) else json.dumps(v) for k, v in made_by.items()})
     temporary = out / "sweep.part"
     try:
         result.to_netcdf(temporary, engine="h5netcdf")
@@ -164,6 +168,37 @@ def description(sweep: Sweep, n: int) -> dict[str, object]:
     }
     data["identity"] = sha256(json.dumps(data, sort_keys=True).encode()).hexdigest()
     return data
+
+
+@dataclass(frozen=True)
+class _Chunk:
+    """Neighbouring gain sets of a sweep and the number of the first, of which their noise is drawn."""
+
+    sweep: Sweep
+    start: int
+    gains: Sequence[Controllers]
+
+    def columns(self, threads: int | None = 1, progress: Callable[[int], None] | None = None) -> dict[str, np.ndarray]:
+        """Every array of their evaluation."""
+        s = self.sweep
+        experiments = [
+            protocol_experiment(s.rig, gains, s.effects, (s.seed, i), s.sensor)
+            for i, gains in enumerate(self.gains, self.start)
+        ]
+        return _columns(evaluate(experiments, threads, progress))
+
+
+def _made(
+    chunks: Sequence[_Chunk], threads: int | None, progress: Callable[[int], None], workers: "Workers | None"
+) -> Iterator[tuple[_Chunk, dict[str, np.ndarray]]]:
+    """Chunks and their columns as they are done."""
+    if workers is None:
+        for chunk in chunks:
+            yield chunk, chunk.columns(threads, progress)
+        return
+    for i, columns in workers.each(_Chunk.columns, chunks):
+        yield chunks[i], columns
+        progress(len(chunks[i].gains))  # after it is on the disk
 
 
 def _claim(sweep: Sweep, out: Path, n: int) -> None:

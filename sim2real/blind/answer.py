@@ -1,19 +1,23 @@
-"""Answer a sealed set: every campaign diagnosed by itself, without the labels, in processes, resumable."""
+"""Answer a sealed set: every campaign diagnosed by itself, without the labels, in processes or on other machines,
+resumable."""
 
 import json
 import os
 import signal
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import partial
 from hashlib import sha256
 from importlib.metadata import version
 from importlib.util import find_spec
 from multiprocessing import get_context
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from time import perf_counter
+from typing import Any, Protocol
 
 from maglev_env.files import write_text_atomic
 from sim2real.blind.cases import ANSWER_SCHEMA, ANSWERS, CAMPAIGNS, parse_diagnosis, seal_of
@@ -24,6 +28,15 @@ _ANSWERING = ("estimation", "selfsense", "maglev_env", "sim2real")
 
 # The folder of a campaign in, a diagnosis (schema maglev-diagnosis/1) as JSON data out.
 Diagnose = Callable[[Path], dict]
+
+
+class Workers(Protocol):
+    """Machines that share out work, without a file system in common."""
+
+    def each(
+        self, function: Callable[[Any], dict], items: Iterable[Any], died: Callable[[float], dict] | None = None
+    ) -> Iterator[tuple[int, dict]]:
+        """(index, function(item)) as they are done; died(seconds) for an item that ends every process it runs in."""
 
 
 @dataclass(frozen=True)
@@ -58,13 +71,15 @@ def answer_all(
     processes: int | None = None,
     progress: Callable[[int], None] | None = None,
     diagnose: Diagnose = diagnose,
+    workers: Workers | None = None,
 ) -> Answered:
     """Answer every campaign of the sealed set in `folder`, into its answers/, each file written whole.
 
     Answers of this version of the code to this set are kept; others are given anew. A diagnosis that fails is kept as
     an error, which is a wrong answer; so is one that ends its process. processes: default all cores, each with linear
-    algebra on one thread; 1 works in this process. progress is called with the number of campaigns done. ValueError
-    when there is nothing to answer, or the set was opened already: an answer after that proves nothing.
+    algebra on one thread; 1 works in this process. workers: instead of processes; the files of a campaign are sent to
+    them. progress is called with the number of campaigns done. ValueError when there is nothing to answer, or the set
+    was opened already: an answer after that proves nothing.
     """
     seal, made_by = seal_of(folder), code_version()
     campaigns = sorted(path.parent for path in (folder / CAMPAIGNS).glob("*/campaign.toml"))
@@ -77,7 +92,9 @@ def answer_all(
         raise ValueError(f"{folder} was opened already: an answer now proves nothing; generate a set of another seed")
     advance = progress or (lambda n: None)
     advance(len(campaigns) - len(todo))
-    for campaign, outcome in _outcomes(todo, processes or os.cpu_count() or 1, diagnose):
+    here = workers is None
+    outcomes = _outcomes(todo, processes or os.cpu_count() or 1, diagnose) if here else _sent(todo, workers, diagnose)
+    for campaign, outcome in outcomes:
         data = {"schema": ANSWER_SCHEMA, "version": made_by, "labels_sha256": seal, **outcome}
         write_text_atomic(answers / f"{campaign.name}.json", json.dumps(data, indent=1, allow_nan=False) + "\n")
         advance(1)
@@ -126,7 +143,29 @@ def _outcomes(campaigns: Sequence[Path], processes: int, diagnose: Diagnose) -> 
             try:
                 yield campaign, pool.submit(_answer, campaign, diagnose).result()
             except BrokenProcessPool:
-                yield campaign, {"seconds": perf_counter() - started, "error": "its process died"}
+                yield campaign, _died(perf_counter() - started)
+
+
+def _sent(campaigns: Sequence[Path], workers: Workers, diagnose: Diagnose) -> Iterator[tuple[Path, dict]]:
+    """(campaign, outcome) as workers have done them."""
+    files = ((c.name, {p.name: p.read_bytes() for p in c.iterdir() if p.is_file()}) for c in campaigns)
+    for i, outcome in workers.each(partial(_answer_sent, diagnose), files, _died):
+        yield campaigns[i], outcome
+
+
+def _answer_sent(diagnose: Diagnose, campaign: tuple[str, dict[str, bytes]]) -> dict:
+    """On a worker: the answer to a campaign that came as its name and its files."""
+    name, files = campaign
+    with TemporaryDirectory(prefix="maglev-") as temporary:
+        folder = Path(temporary) / name
+        folder.mkdir()
+        for file, data in files.items():
+            (folder / file).write_bytes(data)
+        return _answer(folder, diagnose)
+
+
+def _died(seconds: float) -> dict:
+    return {"seconds": seconds, "error": "its process died"}
 
 
 @contextmanager

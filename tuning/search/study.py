@@ -4,19 +4,23 @@ import json
 import os
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import reduce
 from importlib.metadata import version
+from operator import add
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from filelock import FileLock, Timeout
 
 from maglev_env.envs.task import Tuning, infos
-from maglev_env.files import write_text_atomic
+from tuning.search.folder import claim, locked
 from tuning.search.tuner import Trials, Tuner
 
+if TYPE_CHECKING:
+    from tuning.schedule import Workers
+
 SCHEMA = "maglev-study/1"
-SPEC, JOURNAL, LOCK = "study.json", "journal.jsonl", "lock"
+SPEC, JOURNAL = "study.json", "journal.jsonl"
 
 
 @dataclass(frozen=True)
@@ -30,14 +34,30 @@ class Outcome:
 
 
 def experiments(
-    task: Tuning, episodes: Sequence[Any], points: np.ndarray, first: int | Sequence[int], threads: int | None = None
+    task: Tuning,
+    episodes: Sequence[Any],
+    points: np.ndarray,
+    first: int | Sequence[int],
+    threads: int | None = None,
+    workers: "Workers | None" = None,
 ) -> Trials:
-    """Experiments at points (n, k) on as many episodes; first: count of each, from which its noise is drawn."""
+    """Experiments at points (n, k) on as many episodes; first: count of each, from which its noise is drawn.
+
+    Threads and workers change nothing: an experiment is the same whatever runs beside it.
+    """
     counts = list(first) if isinstance(first, Sequence) else [first + i for i in range(len(points))]
+    if workers is not None:
+        shares = np.array_split(np.arange(len(points)), min(len(points), len(workers)))
+        parts = [(task, [episodes[i] for i in own], points[own], [counts[i] for i in own]) for own in shares]
+        return reduce(add, workers.map(_share, parts))
     found, observation = task.measure(episodes, points, counts, threads)
     down = np.isfinite(found.touchdown_time)
     score = np.where(down, 0.0, found.score)
     return Trials(np.asarray(points), score, observation, tuple(infos(task, found, points)), down)
+
+
+def _share(part: tuple[Tuning, Sequence[Any], np.ndarray, Sequence[int]]) -> Trials:
+    return experiments(*part, threads=1)
 
 
 def run_study(
@@ -50,6 +70,7 @@ def run_study(
     batch: int = 1,
     threads: int | None = None,
     progress: Callable[[int, bool], None] = lambda done, reused: None,
+    workers: "Workers | None" = None,
 ) -> Outcome:
     """Run or go on with a study in a folder until `budget` experiments are made, `batch` at a time.
 
@@ -60,18 +81,12 @@ def run_study(
     """
     if budget < 1 or batch < 1:
         raise ValueError(f"budget = {budget}, batch = {batch}: give at least one experiment")
-    folder.mkdir(parents=True, exist_ok=True)
-    try:
-        with FileLock(folder / LOCK, timeout=0):
-            return _run(folder, task, episode, tuner, made_by, budget, batch, threads, progress)
-    except Timeout:
-        raise BlockingIOError(
-            f"{folder}: another process works on this study; wait for it, or choose another folder"
-        ) from None
+    with locked(folder, "another process works on this study; wait for it, or choose another folder"):
+        return _run(folder, task, episode, tuner, made_by, budget, batch, threads, progress, workers)
 
 
-def _run(folder, task, episode, tuner, made_by, budget, batch, threads, progress) -> Outcome:  # see run_study
-    _claim(folder, {"schema": SCHEMA, "version": version("maglev-workbench"), "batch": batch, **made_by})
+def _run(folder, task, episode, tuner, made_by, budget, batch, threads, progress, workers) -> Outcome:  # see run_study
+    claim(folder / SPEC, {"schema": SCHEMA, "version": version("maglev-workbench"), "batch": batch, **made_by}, "study")
     kept, dropped = _read(folder / JOURNAL)
     trials: Trials | None = None
     reused = 0
@@ -86,25 +101,12 @@ def _run(folder, task, episode, tuner, made_by, budget, batch, threads, progress
                 )
             reused += len(new)
         else:
-            new = experiments(task, [episode] * len(points), points, done + 1, threads)
+            new = experiments(task, [episode] * len(points), points, done + 1, threads, workers)
             _append(folder / JOURNAL, new)
         tuner.tell(new)
         trials = new if trials is None else trials + new
         progress(len(new), reused == len(trials))
     return Outcome(trials, reused, dropped)
-
-
-def _claim(folder: Path, spec: dict[str, Any]) -> None:
-    path = folder / SPEC
-    wanted = json.loads(json.dumps(spec))
-    if not path.exists():
-        write_text_atomic(path, json.dumps(spec, indent=1) + "\n")
-        return
-    found = json.loads(path.read_text())
-    if different := [key for key in {**found, **wanted} if found.get(key) != wanted.get(key)]:
-        key = different[0]
-        both = f"{found.get(key)!r}, not {wanted.get(key)!r}"
-        raise ValueError(f"{folder} holds a study of another {key} ({both}); choose another folder")
 
 
 def _read(path: Path) -> tuple[list[Trials], bool]:

@@ -8,8 +8,9 @@ from filelock import FileLock
 
 from maglev_env.envs.task import make_task
 from tuning.search.evolution import DifferentialEvolution
+from tuning.search.folder import LOCK
 from tuning.search.space_filling import Sobol
-from tuning.search.study import JOURNAL, LOCK, run_study
+from tuning.search.study import JOURNAL, run_study
 
 pytestmark = pytest.mark.slow
 TASK = make_task(protocol="quick")

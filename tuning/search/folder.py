@@ -1,0 +1,47 @@
+"""Folders of results: claimed by what they hold, and by one process at a time."""
+
+import json
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from filelock import FileLock, Timeout
+
+from maglev_env.files import write_text_atomic
+
+LOCK = "lock"
+
+
+@contextmanager
+def locked(folder: Path, busy: str) -> Iterator[None]:
+    """The folder, made if need be, for this process alone; BlockingIOError with `busy` while another one has it."""
+    folder.mkdir(parents=True, exist_ok=True)
+    lock = FileLock(folder / LOCK, timeout=0)
+    try:
+        lock.acquire()
+    except Timeout:
+        raise BlockingIOError(f"{folder}: {busy}") from None
+    try:
+        yield
+    finally:
+        lock.release()
+
+
+def claim(path: Path, spec: dict[str, Any], kind: str) -> None:
+    """Write what a folder holds (JSON data) to path, or check that it says the same already.
+
+    ValueError names what is different, or says that the file is no description of a `kind`.
+    """
+    if not path.exists():
+        write_text_atomic(path, json.dumps(spec, indent=1) + "\n")
+        return
+    try:
+        found = json.loads(path.read_text())
+    except ValueError:
+        raise ValueError(f"{path} is not the description of a {kind}; choose another folder") from None
+    wanted = json.loads(json.dumps(spec))
+    if different := [key for key in {**found, **wanted} if found.get(key) != wanted.get(key)]:
+        key = different[0]
+        both = "" if isinstance(found.get(key), dict) else f" ({found.get(key)!r}, not {wanted.get(key)!r})"
+        raise ValueError(f"{path.parent} holds a {kind} of another {key}{both}; choose another folder")
