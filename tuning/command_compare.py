@@ -10,8 +10,9 @@ from maglev_env.rig import load_rig
 from tuning.compare_report import compare_json, compare_markdown, compare_page, compare_table, figures, summary
 from tuning.output import console, progress_bar, require_folder, write_json
 from tuning.page import write_page
-from tuning.search.compare import SEARCH, check_comparison, compare
-from tuning.search.methods import METHODS
+from tuning.schedule import workers
+from tuning.search.compare import SEARCH, budget_of, check_comparison, compare
+from tuning.search.methods import METHODS, policy_of
 
 SLOW = ("gp",)  # run only when named
 
@@ -25,6 +26,8 @@ def run(
     protocol: str,
     effects: Sequence[str],
     seed: int,
+    policy: Path | None,
+    scheduler: str | None,
     out: Path | None,
     docs: Path | None,
     json_file: Path | None,
@@ -38,16 +41,17 @@ def run(
     loaded = load_rig(rig)
     task = make_task(loaded, effects=parse_effects(effects), protocol=protocol, randomization="wide", budget=steps[-1])
     folder = out or Path(f"compare-{loaded.name}")
-    with progress_bar() as bar:
-        line = bar.add_task("", total=SEARCH * n_rigs + len(set(chosen)) * n_rigs * repeats * steps[-1])
+    own, runs = policy_of(policy), n_rigs * repeats
+    with workers(scheduler) as spread, progress_bar() as bar:
+        line = bar.add_task("", total=SEARCH * n_rigs + sum(runs * budget_of(m, steps) for m in set(chosen)))
 
         def advance(name: str, count: int) -> None:
             bar.update(line, advance=count, description=name)
 
         try:
-            found = compare(task, chosen, n_rigs, steps, repeats, seed, folder, advance)
+            found = compare(task, chosen, n_rigs, steps, repeats, seed, folder, advance, own, spread)
         except KeyboardInterrupt:
-            console.print(f"stopped; every finished tuner is in {folder}: run the same command again to go on")
+            console.print(f"stopped; what is finished is in {folder}: run the same command again to go on")
             raise
     of = figures(found)
     page, data = folder / "compare.html", compare_json(found, of)

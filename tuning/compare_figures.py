@@ -23,13 +23,16 @@ def course_figure(found: Comparison, of: "Table") -> "Figure":
     import plotly.graph_objects as go
 
     figure = go.Figure()
-    x = np.array(found.checkpoints)
+    every = np.array(found.checkpoints)
     for m in found.results:
+        x = [n for n in found.checkpoints if (n, m) in of]
         value, low, high = np.maximum([of[n, m].median for n in x], LEAST).T
         colour, line = _style(m)
         figure.add_trace(shaded(x, low, high, colour, opacity=0.12, legendgroup=m))
         figure.add_scatter(x=x, y=value, name=m, mode="lines+markers", line=line, legendgroup=m)
-    figure.update_xaxes(title_text="experiments on each rig", type="log", tickvals=x, ticktext=[str(n) for n in x])
+    figure.update_xaxes(
+        title_text="experiments on each rig", type="log", tickvals=every, ticktext=[str(n) for n in every]
+    )
     figure.update_yaxes(title_text="median simple regret", type="log", exponentformat="power", dtick=1)
     return styled(figure, 480)
 
@@ -42,7 +45,7 @@ def profile_figure(found: Comparison, of: "Table", thresholds: np.ndarray) -> "F
     titles = [f"after {n} experiments" for n in found.budgets]
     figure = make_subplots(1, len(titles), shared_yaxes=True, subplot_titles=titles, horizontal_spacing=0.05)
     for column, n in enumerate(found.budgets, 1):
-        for m in found.results:
+        for m in found.reached(n):
             value, low, high = of[n, m].profile
             colour, line = _style(m)
             figure.add_trace(shaded(thresholds, low, high, colour, opacity=0.12, legendgroup=m), 1, column)
@@ -67,7 +70,7 @@ def improvement_figure(found: Comparison, of: "Table") -> "Figure":
     inside = len(titles) * (panel + gap) - gap
     figure = make_subplots(len(titles), 1, subplot_titles=titles, vertical_spacing=gap / inside)
     for row, n in enumerate(found.budgets, 1):
-        pairs = [[of[n, a].better.get(b) for b in names] for a in names]
+        pairs = [[of[n, a].better.get(b) if (n, a) in of else None for b in names] for a in names]
         z = [[np.nan if p is None else p[0] for p in line] for line in pairs]
         text = [["" if p is None else f"{p[0]:.2f}<br>{p[1]:.2f} .. {p[2]:.2f}" for p in line] for line in pairs]
         cells = go.Heatmap(

@@ -1,6 +1,7 @@
 """A comparison of tuners as tables, page, markdown and JSON."""
 
 from dataclasses import dataclass
+from itertools import zip_longest
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -50,9 +51,9 @@ def figures(found: Comparison) -> Table:
     draws = resamples(len(found.best), found.made_by["seed"])
     of: Table = {}
     for j, n in enumerate(found.checkpoints):
-        regret = {m: found.regret(m, n) for m in found.results}
-        for m, result in found.results.items():
-            runs = regret[m].size
+        regret = {m: found.regret(m, n) for m in found.reached(n)}
+        for m in regret:
+            result, runs = found.results[m], regret[m].size
             of[n, m] = Figures(
                 median(regret[m], draws),
                 interquartile_mean(regret[m], draws),
@@ -74,9 +75,9 @@ def compare_table(found: Comparison, of: Table) -> "rich.table.Table":
     for name in HEAD:
         grid.add_column(name, justify="left" if name == "tuner" else "right")
     rows = _rows(found, of)
-    for i, row in enumerate(rows, 1):
+    for row, after in zip_longest(rows, rows[1:]):
         *front, iqm, down, seconds, own = row  # 80 columns have no room for a second interval
-        grid.add_row(*front, iqm.split()[0], down, seconds, own, end_section=i % len(found.results) == 0)
+        grid.add_row(*front, iqm.split()[0], down, seconds, own, end_section=after is None or after[0] != row[0])
     return grid
 
 
@@ -84,7 +85,7 @@ def summary(found: Comparison, of: Table) -> str:
     """Which tuner has the least regret at each budget."""
     parts = []
     for n in found.budgets:
-        best = min(found.results, key=lambda m: of[n, m].median[0])
+        best = min(found.reached(n), key=lambda m: of[n, m].median[0])
         parts.append(f"after {n} by {best} ({_regret(of[n, best].median)})")
     return f"{_title(found)}. Least median regret: {', '.join(parts)}."
 
@@ -109,8 +110,10 @@ def compare_markdown(found: Comparison, of: Table, command: str) -> str:
     """The same without the plots; of the probabilities, those between every two tuners at each budget."""
     parts = [f"# {TITLE}", summary(found, of), HOW_TO_READ, f"Made by `{command}`."]
     parts.append(markdown_table([name.replace("-\n", "") for name in HEAD], _rows(found, of)))
-    names = list(found.results)
-    for n in found.budgets if len(names) > 1 else ():
+    for n in found.budgets:
+        names = found.reached(n)
+        if len(names) < 2:
+            continue
         rows = [(a, *(_chance(of[n, a].better.get(b)) for b in names)) for a in names]
         heading = f"## After {n} experiments: probability that a tuner (row) does better than another (column)"
         parts += [heading, markdown_table(("", *names), rows)]
@@ -123,11 +126,15 @@ def compare_json(found: Comparison, of: Table) -> dict[str, Any]:
         {
             "method": m,
             "score": r.score,
-            "touchdowns": r.touchdowns.astype(int),
+            "touchdowns": r.touchdowns,
             "seconds": r.seconds,
             "tuner_seconds": r.tuner_seconds,
             "reused": r.reused,
-            "at": [{"experiments": n, "regret": found.regret(m, n), **vars(of[n, m])} for n in found.checkpoints],
+            "at": [
+                {"experiments": n, "regret": found.regret(m, n), **vars(of[n, m])}
+                for n in found.checkpoints
+                if (n, m) in of
+            ],
         }
         for m, r in found.results.items()
     ]
@@ -155,7 +162,7 @@ def _rows(found: Comparison, of: Table) -> list[tuple[str, ...]]:
     """By budget, least regret first."""
     rows = []
     for n in found.budgets:
-        for m in sorted(found.results, key=lambda m, n=n: of[n, m].median[0]):
+        for m in sorted(found.reached(n), key=lambda m, n=n: of[n, m].median[0]):
             f = of[n, m]
             shown = (_regret(f.median), _regret(f.iqm), f"{f.touchdowns:.1f}", number(f.seconds, 2))
             rows.append((str(n), m, *shown, f"{100 * f.own:.0f}"))

@@ -1,6 +1,7 @@
 """The observation: what one identification experiment says, as numbers in [-1, 1]."""
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
@@ -23,6 +24,8 @@ class Layout:
     budget: int
     drawn_target: bool
 
+    TARGET: ClassVar = ("target_stiffness", "target_damping")
+
     @property
     def names(self) -> tuple[str, ...]:
         """What each element is, in order."""
@@ -31,7 +34,7 @@ class Layout:
             for name in ("stiffness", "damping", "stiffness_se", "damping_se")
             for low, high in self.bands
         ]
-        target = ("target_stiffness", "target_damping") if self.drawn_target else ()
+        target = self.TARGET if self.drawn_target else ()
         ratios = ("stiffness_over_target", "damping_over_target")
         return (*per_band, *ratios, *MARGINS, "displacement", "current", *self.gains, "experiments_left", *target)
 
@@ -61,8 +64,16 @@ class Layout:
         left = 2 * experiments_left / self.budget - 1
         parts = [*estimates, *errors, ratios, margins, np.stack(levels, axis=1), actions, left[:, None]]
         if self.drawn_target:
-            parts.append(np.stack([ratio(targets.stiffness / k), ratio(targets.damping / c)], axis=1))
+            parts.append(self.of_target(targets))
         return np.clip(np.concatenate(parts, axis=1).reshape(n, -1), -1.0, 1.0).astype(np.float32)
+
+    def of_target(self, targets: ScoreTarget) -> np.ndarray:
+        """The elements (n, 2) that say what the targets, arrays (n,), are."""
+        stiffness, damping = (
+            ratio(targets.stiffness / self.nominal.stiffness),
+            ratio(targets.damping / self.nominal.damping),
+        )
+        return np.stack([stiffness, damping], axis=1)
 
 
 def _filled(x: np.ndarray, value: float) -> np.ndarray:

@@ -15,8 +15,8 @@ def on_the_path(monkeypatch):
 
 
 def test_they_are_short():
-    files = sorted(EXAMPLES.glob("env_*.py"))
-    assert len(files) >= 4
+    files = [*sorted(EXAMPLES.glob("env_*.py")), EXAMPLES / "optuna_study.py"]
+    assert len(files) >= 5
     assert {f.name: n for f in files if (n := len(f.read_text().splitlines())) > 40} == {}
 
 
@@ -33,6 +33,15 @@ def test_the_tuner_in_ten_lines_tunes():
 
     scores = tune(seed=0)
     assert len(scores) == 10 and scores[-1] > 0.95 and scores[-1] > scores[0]
+
+
+@pytest.mark.slow
+def test_the_optuna_study_finds_better_gains_than_the_preset():
+    from optuna_study import run
+
+    study = run(trials=64)
+    assert len(study.trials) == 64 and study.best_value > study.trials[0].value + 0.02
+    assert study.best_trial.user_attrs["peak_sensitivity"] > 1
 
 
 @pytest.mark.slow

@@ -4,6 +4,7 @@ import json
 import zipfile
 from collections.abc import Mapping
 from dataclasses import dataclass
+from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
@@ -47,6 +48,11 @@ class HistoryPolicy(nn.Module):
 
     def forward(self, stacked: torch.Tensor) -> torch.Tensor:
         return self.net(stacked)
+
+    @property
+    def digest(self) -> str:
+        """SHA-256 of its weights."""
+        return sha256(b"".join(value.numpy().tobytes() for value in self.state_dict().values())).hexdigest()
 
     def act(self, observations: np.ndarray) -> np.ndarray:
         """Points (n, k) after observations (n, t, size), oldest first; the newest `history` of them count."""

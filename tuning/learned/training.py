@@ -1,115 +1,152 @@
 """Train a policy by imitation: rigs are drawn, the best gains of each are searched for on its simulator, and the policy
 learns to name them from what its own experiments show (DAgger: Ross, Gordon and Bagnell 2011)."""
 
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from zipfile import BadZipFile
 
 import numpy as np
 import torch
 
-from maglev_env.envs.task import Tuning
+from maglev_env.envs.task import Task
+from maglev_env.files import atomic_file
 from tuning.learned.policy import HistoryPolicy, Shape, stack
 from tuning.search.lockstep import optima
 from tuning.search.study import experiments
 
 SPREAD = 0.15  # of the noise on a policy's actions while it gathers: what it may meet later
-GROUP = 256  # rigs whose experiments run together
+GROUP = 125  # rigs of one task, whose experiments run together
 
 
 @dataclass(frozen=True)
 class Plan:
     """rigs drawn in all; rounds in which they are used, each with the policy that the ones before have made; search:
-    experiments for the best gains of each; epochs over everything gathered, per round; batch, learning rate."""
+    experiments for the best gains of each; epochs over everything gathered, after each round; batch, learning rate."""
 
     rigs: int = 6000
     rounds: int = 6
     search: int = 300
-    epochs: int = 30
+    epochs: int = 60
     batch: int = 512
     rate: float = 1e-3
     history: int = 10
     width: int = 192
 
+    def __post_init__(self) -> None:
+        if min(self.rigs, self.rounds, self.search, self.epochs, self.batch, self.width) < 1 or self.history < 2:
+            raise ValueError("training: rigs, rounds, search, epochs, batch and width are 1 or more, history 2 or more")
+
+
+@dataclass(frozen=True, eq=False)
+class Group:
+    """n rigs: best gains (n, k); observations (n, history, size) and scores (n, history) of the experiments made."""
+
+    best: np.ndarray
+    seen: np.ndarray
+    scores: np.ndarray
+
+
+DrawTasks = Callable[[np.random.Generator], tuple[Task, Task]]
+
 
 def train(
-    tasks: Sequence[Tuning], plan: Plan, seed: int, progress: Callable[[str], None] = lambda text: None
+    draw_tasks: DrawTasks,
+    plan: Plan,
+    seed: int,
+    folder: Path | None = None,
+    progress: Callable[[str, int], None] = lambda text, rigs: None,
 ) -> tuple[HistoryPolicy, list[dict[str, float]]]:
-    """A policy for rigs of all the tasks alike (they share observations and gains), and per round its mean score after
-    one and after all experiments of a rig, and its loss. The same seed gives the same policy on the same machine."""
-    names, gains = tasks[0].layout.names, tasks[0].box.names
-    if any((t.layout.names, t.box.names) != (names, gains) for t in tasks):
-        raise ValueError("training: tasks must share their observations and gains")
-    torch.manual_seed(seed)
-    policy = HistoryPolicy(Shape(tuple(names), tuple(gains), plan.history, plan.width))
-    optimiser = torch.optim.Adam(policy.parameters(), plan.rate)
-    rng = np.random.default_rng(seed)
-    inputs, targets, log = [], [], []
-    per_round = -(-plan.rigs // plan.rounds)
-    for turn in range(plan.rounds):
-        first, last, met = [], [], 0
-        for task, count in zip(tasks, _shares(per_round, len(tasks)), strict=True):
-            for n in _groups(count):
-                episodes = [task.draw(rng) for _ in range(n)]
-                best, _ = optima(task, episodes, int(rng.integers(2**31)), plan.search)
-                seen, scores = _gathered(task, episodes, policy, turn > 0, plan.history, rng)
-                for t in range(1, plan.history):
-                    inputs.append(stack(seen[:, :t], plan.history))
-                    targets.append(best.astype(np.float32))
-                first.append(scores[:, 1])
-                last.append(scores.max(axis=1))
-                met += n
-                progress(f"round {turn + 1} of {plan.rounds}: {met} of {per_round} rigs")
-        loss = _fit(policy, optimiser, np.concatenate(inputs), np.concatenate(targets), plan, rng)
-        log.append(
-            {"second": float(np.concatenate(first).mean()), "best": float(np.concatenate(last).mean()), "loss": loss}
-        )
-    return policy.eval(), log
+    """A policy for rigs of the tasks drawn (they share observations and gains; of each pair it observes the first, and
+    the best gains of the rigs are searched for on the second), and per round its mean score after one and after all
+    experiments of a rig, and its loss.
+
+    A finished group of rigs is in the folder and not made again, so that an interrupted training goes on; the same seed
+    gives the same policy on the same machine. progress is told the round and the rigs met since.
+    """
+    groups: list[Group] = []
+    log, policy = [], None
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)  # sums come in the same order on any machine
+    try:
+        for turn in range(plan.rounds):
+            said = f"round {turn + 1} of {plan.rounds}"
+            new = []
+            for i, n in enumerate(_sizes(plan, turn)):
+                path = None if folder is None else folder / f"round-{turn + 1}-{i + 1:03d}.npz"
+                kept = _kept(path)
+                new.append(kept or _group(draw_tasks, plan, n, policy, np.random.default_rng((seed, turn, i))))
+                if kept is None and path is not None:
+                    with atomic_file(path) as file:
+                        np.savez(file, **vars(new[-1]))
+                progress(said, n)
+            groups += new
+            if policy is None:
+                task, _ = draw_tasks(np.random.default_rng(seed))
+                shape = Shape(tuple(task.layout.names), tuple(task.box.names), plan.history, plan.width)
+            policy, loss = _fit(shape, groups, plan, seed)
+            scores = np.concatenate([g.scores for g in new])
+            log.append({"second": float(scores[:, 1].mean()), "best": float(scores.max(axis=1).mean()), "loss": loss})
+    finally:
+        torch.set_num_threads(threads)
+    return policy, log
 
 
-def _shares(total: int, parts: int) -> list[int]:
-    return [total // parts + (i < total % parts) for i in range(parts)]
+def _sizes(plan: Plan, turn: int) -> list[int]:
+    count = plan.rigs // plan.rounds + (turn < plan.rigs % plan.rounds)
+    return [min(GROUP, count - begun) for begun in range(0, count, GROUP)]
 
 
-def _groups(count: int) -> Iterator[int]:
-    for begun in range(0, count, GROUP):
-        yield min(GROUP, count - begun)
+def _kept(path: Path | None) -> Group | None:
+    if path is None or not path.exists():
+        return None
+    try:
+        with np.load(path, allow_pickle=False) as stored:
+            return Group(**stored)
+    except (BadZipFile, ValueError, EOFError, TypeError) as error:
+        raise ValueError(f"{path} is damaged ({error}); delete it, and it is made again") from error
 
 
-def _gathered(
-    task: Tuning, episodes: Sequence, policy: HistoryPolicy, trained: bool, steps: int, rng: np.random.Generator
-) -> tuple[np.ndarray, np.ndarray]:
-    """Observations (n, steps, size) and scores (n, steps) under the policy with noise, or at random while untrained."""
-    n, k = len(episodes), len(policy.shape.gains)
-    seen = np.zeros((n, steps, len(policy.shape.names)), np.float32)
-    scores = np.zeros((n, steps))
-    for t in range(steps):
+def _group(draw_tasks: DrawTasks, plan: Plan, n: int, policy: HistoryPolicy | None, rng: np.random.Generator) -> Group:
+    """Rigs of one task; experiments on them under the policy with noise, or at random while there is none."""
+    task, searched = draw_tasks(rng)
+    episodes = [task.draw(rng) for _ in range(n)]
+    same = [replace(e, rig=replace(e.rig, protocol=searched.rig.protocol)) for e in episodes]
+    best, _ = optima(searched, same, int(rng.integers(2**31)), plan.search)
+    k = len(task.box.names)
+    seen = np.zeros((n, plan.history, len(task.layout.names)), np.float32)
+    scores = np.zeros((n, plan.history))
+    for t in range(plan.history):
         if t == 0:
             points = np.stack([e.start for e in episodes])
-        elif trained:
-            points = policy.act(seen[:, :t]) + SPREAD * rng.standard_normal((n, k)) * (rng.random((n, 1)) < 0.5)
-        else:
+        elif policy is None:
             points = rng.uniform(-1, 1, (n, k))
+        else:
+            points = policy.act(seen[:, :t]) + SPREAD * rng.standard_normal((n, k)) * (rng.random((n, 1)) < 0.5)
         found = experiments(task, episodes, np.clip(points, -1, 1), [t + 1] * n)
         seen[:, t], scores[:, t] = found.observation, found.score
-    return seen, scores
+    return Group(best, seen, scores)
 
 
-def _fit(policy, optimiser, inputs: np.ndarray, targets: np.ndarray, plan: Plan, rng: np.random.Generator) -> float:
-    """Mean squared error of the last epoch."""
-    x, y = torch.from_numpy(inputs), torch.from_numpy(targets)
-    policy.train()
-    loss = 0.0
+def _fit(shape: Shape, groups: Sequence[Group], plan: Plan, seed: int) -> tuple[HistoryPolicy, float]:
+    """A new policy fitted to everything gathered, and its loss in the last epoch."""
+    inputs = [stack(g.seen[:, :t], plan.history) for g in groups for t in range(1, plan.history)]
+    targets = [g.best.astype(np.float32) for g in groups for _ in range(1, plan.history)]
+    x, y = torch.from_numpy(np.concatenate(inputs)), torch.from_numpy(np.concatenate(targets))
+    torch.manual_seed(seed)
+    policy, rng, loss = HistoryPolicy(shape), np.random.default_rng(seed), 0.0
+    optimiser = torch.optim.Adam(policy.parameters(), plan.rate)
+    batches = -(-len(x) // plan.batch)
+    rate = torch.optim.lr_scheduler.OneCycleLR(optimiser, 2 * plan.rate, total_steps=plan.epochs * batches)
     for _ in range(plan.epochs):
         order, losses = rng.permutation(len(x)), []
         for at in range(0, len(x), plan.batch):
             chosen = torch.from_numpy(order[at : at + plan.batch])
             optimiser.zero_grad()
-            off = nn_loss(policy(x[chosen]), y[chosen])
+            off = torch.nn.functional.smooth_l1_loss(policy(x[chosen]), y[chosen])
             off.backward()
             optimiser.step()
+            rate.step()
             losses.append(float(off.detach()))
         loss = float(np.mean(losses))
-    return loss
-
-
-nn_loss = torch.nn.functional.smooth_l1_loss
+    return policy.eval(), loss

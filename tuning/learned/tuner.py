@@ -1,37 +1,86 @@
 """A trained policy behind the tuners' contract."""
 
+from contextlib import suppress
+from functools import cache
+from pathlib import Path
+
 import numpy as np
 
-from maglev_env.envs.task import Tuning
-from tuning.learned.policy import HistoryPolicy
+from maglev_env.envs.episodes import Episode
+from maglev_env.envs.task import Task
+from maglev_env.score import stacked
+from tuning.learned.policy import HistoryPolicy, Shape, load_policy
 from tuning.search.tuner import Trials
 
-JITTER = 0.03  # tells points apart that are asked for together, and repeats
+SHIPPED = Path(__file__).parent / "policies"
+JITTER = 0.03  # around what the policy names: tells points apart that are asked for together
 
 
 class LearnedTuner:
-    """Tries the episode's safe start, then what the policy makes of everything observed so far."""
+    """Tries the episode's safe start, then what the policy makes of everything observed so far; when it has as many
+    observations as it was trained on, the surroundings of what scored best."""
 
-    def __init__(self, task: Tuning, start: np.ndarray, policy: HistoryPolicy, seed: int) -> None:
-        """ValueError when the policy was trained for other observations or gains than the task's."""
-        shape = policy.shape
-        for what, own, asked in (
-            ("gains", shape.gains, task.box.names),
-            ("observations", shape.names, task.layout.names),
-        ):
-            if tuple(own) != tuple(asked):
-                raise ValueError(
-                    f"the policy was trained for other {what}: {', '.join(own[:4])} ..., not {', '.join(asked[:4])} ..."
-                )
-        self._policy, self._start, self._seen = policy, np.asarray(start, float), np.empty((0, len(shape.names)))
+    def __init__(self, task: Task, episode: Episode, policy: HistoryPolicy, seed: int) -> None:
+        """Of the episode only its target and start are used. ValueError when the policy was trained for other gains or
+        observations than the task's; a policy that sees its target may serve a task whose observation leaves it out."""
+        own = policy.shape
+        self._beside = np.clip(task.layout.of_target(stacked([episode.target]))[:, : _beside(own, task)], -1, 1)
+        self._policy, self._start, self._seen = policy, np.asarray(episode.start, float), np.empty((0, len(own.names)))
+        self._left, self._told = own.names.index("experiments_left"), None
         self._rng = np.random.default_rng(seed)
 
     def ask(self, n: int) -> np.ndarray:
-        first = self._policy.act(self._seen[None])[0] if len(self._seen) else self._start
+        history = self._policy.shape.history
+        if self._told is None:
+            first = self._start
+        elif len(self._told) < history:
+            first = self._policy.act(self._seen[None])[0]
+        else:
+            first = self._told.points[self._told.best]
         points = first + JITTER * self._rng.standard_normal((n, first.size))
-        if len(self._seen) < self._policy.shape.history:
+        if self._told is None or len(self._told) < history:
             points[0] = first
         return np.clip(points, -1.0, 1.0)
 
     def tell(self, trials: Trials) -> None:
-        self._seen = np.concatenate([self._seen, trials.observation])
+        self._told = trials if self._told is None else self._told + trials
+        seen = np.concatenate([trials.observation, np.tile(self._beside, (len(trials), 1))], axis=1)
+        # It was trained on episodes as long as its history, whatever the budget is here.
+        count, history = len(self._seen) + 1 + np.arange(len(trials)), self._policy.shape.history
+        seen[:, self._left] = np.clip(1 - 2 * count / history, -1, 1)
+        self._seen = np.concatenate([self._seen, seen])
+
+
+@cache
+def _stored(path: Path) -> HistoryPolicy:
+    return load_policy(path)[0]
+
+
+def shipped_policy(task: Task) -> HistoryPolicy:
+    """The package's policy for the task's rig, gains and observations; ValueError when there is none."""
+    paths = sorted(SHIPPED.glob("*.npz"))
+    for path in paths:
+        with suppress(ValueError):
+            _beside(_stored(path).shape, task)
+            return _stored(path)
+    raise ValueError(
+        f"method 'learned': the policies of this package ({', '.join(p.stem for p in paths)}) serve other rigs, gains "
+        f"or observations than those of {task.name}; train one (maglev train) and name it (--policy)"
+    )
+
+
+def _beside(own: Shape, task: Task) -> int:
+    """How many elements the policy expects beside the task's observation; ValueError when it fits neither way."""
+    _same("gains", own.gains, task.box.names)
+    if own.names == (*task.layout.names, *task.layout.TARGET):
+        return len(task.layout.TARGET)
+    _same("observations", own.names, tuple(task.layout.names))
+    return 0
+
+
+def _same(what: str, own: tuple[str, ...], asked: tuple[str, ...]) -> None:
+    if tuple(own) != tuple(asked):
+        raise ValueError(
+            f"the policy was trained for other {what}: {', '.join(own[:4])} ..., not {', '.join(asked[:4])} ...; "
+            "train one for this rig (maglev train)"
+        )

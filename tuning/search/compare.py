@@ -1,29 +1,33 @@
 """Tuners compared: equal budgets on the same rigs, which none of them has seen; per tuner on disk, resumable."""
 
-import json
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, fields, replace
 from importlib.metadata import version
 from itertools import pairwise
 from pathlib import Path
 from time import perf_counter
-from typing import Any
+from typing import TYPE_CHECKING, Any
 from zipfile import BadZipFile
 
 import numpy as np
-from filelock import FileLock, Timeout
 
 from maglev_env.envs.episodes import Episode
 from maglev_env.envs.task import Task
-from maglev_env.files import atomic_file, write_text_atomic
+from maglev_env.files import atomic_file
 from tuning.page import plain
-from tuning.search.lockstep import course, optima, rescored, side_by_side
-from tuning.search.methods import METHODS, make_tuner
-from tuning.search.study import LOCK, experiments
+from tuning.search.folder import LOCK, claim, locked
+from tuning.search.lockstep import Course, course, judged, optima, rescored, side_by_side
+from tuning.search.methods import LEARNED, LONGEST, METHODS, make_tuner, policy_digest
+from tuning.search.study import experiments
 from tuning.search.tuner import Trials, Tuner
 
+if TYPE_CHECKING:
+    from tuning.learned.policy import HistoryPolicy
+    from tuning.schedule import Workers
+
 SCHEMA = "maglev-compare-folder/1"
-SPEC, RIGS = "comparison.json", "rigs.npz"
+SPEC, RIGS, PARTS = "comparison.json", "rigs.npz", "parts"
+CHUNK = 50  # runs whose experiments go side by side, and are stored together
 HELD_OUT = 271828  # beside the seed: rigs that the same seed draws for anything else are others
 SEARCH = 600  # experiments that look for the best each rig allows
 BETWEEN = (1, 3, 10, 30, 100, 300, 1000, 3000)  # where a course is looked at beside the budgets
@@ -31,9 +35,10 @@ BETWEEN = (1, 3, 10, 30, 100, 300, 1000, 3000)  # where a course is looked at be
 
 @dataclass(frozen=True, eq=False)
 class Result:
-    """One tuner after each of m checkpoints: score (rigs, repeats, m) of its best-scored gains under fresh noise;
-    touchdowns (rigs, repeats, m) on the way; seconds (m,) of all its rigs together, and tuner_seconds (m,), those of
-    them that it took itself to ask and to be told; reused: whether an earlier run had made it."""
+    """One tuner after each of m checkpoints, nan beyond those that LONGEST lets it reach: score (rigs, repeats, m) of
+    its best-scored gains under fresh noise; touchdowns (rigs, repeats, m) on the way; seconds (m,) of all its rigs
+    together, and tuner_seconds (m,), those of them that it took itself to ask and to be told; reused: whether an
+    earlier run had made it."""
 
     score: np.ndarray
     touchdowns: np.ndarray
@@ -53,6 +58,10 @@ class Comparison:
     results: dict[str, Result]
     made_by: dict[str, Any]
 
+    def reached(self, budget: int) -> list[str]:
+        """The tuners that were run so far."""
+        return [m for m, r in self.results.items() if np.isfinite(r.seconds[self.checkpoints.index(budget)])]
+
     def regret(self, method: str, budget: int) -> np.ndarray:
         """Simple regret (rigs, repeats): best known score of the rig less that of the tuner's gains; 0 or more."""
         return self.best[:, None] - self.results[method].score[..., self.checkpoints.index(budget)]
@@ -67,13 +76,16 @@ def compare(
     seed: int,
     folder: Path,
     progress: Callable[[str, int], None] = lambda name, experiments: None,
+    policy: "HistoryPolicy | None" = None,
+    workers: "Workers | None" = None,
 ) -> Comparison:
     """Run every tuner on the same n_rigs rigs drawn by the task, `repeats` times with other noise and tuner seeds, one
-    experiment at a time; its gains are scored by fresh noise, the same for all.
+    experiment at a time; its gains are scored by fresh noise, the same for all. policy: of the learned one, None for
+    that of this package; workers: where it runs, which changes nothing but the times.
 
-    A finished tuner is in the folder and not run again, whatever others are asked for beside it; progress is told the
-    name and number of experiments finished. ValueError for unknown methods, numbers out of range, or a folder of
-    another comparison; BlockingIOError while another process works there.
+    Finished runs of a tuner are in the folder and not made again, whatever others are asked for beside it; progress is
+    told the name and number of experiments finished. ValueError for unknown methods, numbers out of range, or a folder
+    of another comparison; BlockingIOError while another process works there.
     """
     methods, budgets = tuple(dict.fromkeys(methods)), tuple(budgets)
     check_comparison(methods, n_rigs, budgets, repeats)
@@ -84,28 +96,26 @@ def compare(
         "target": asdict(task.target), "draw_target": task.draw_target, "box": asdict(task.box),
     }  # fmt: skip
     made_by = {"schema": SCHEMA, "version": version("maglev-workbench"), **plain(made_by)}
-    folder.mkdir(parents=True, exist_ok=True)
-    try:
-        with FileLock(folder / LOCK, timeout=0):
-            _claim(folder, made_by)
-            rigs, lanes, seeds = held_out(task, n_rigs, repeats, seed)
-            shape = (n_rigs, repeats, -1)
-            best = _best_by_search(folder / RIGS, task, rigs, lanes, seed).reshape(n_rigs, repeats).mean(axis=1)
-            progress("best of each rig", SEARCH * n_rigs)
-            results = {}
-            for method in methods:
-                path = folder / f"{method}.npz"
-                if reused := path.exists():
-                    found = _load(path)
-                    progress(method, len(lanes) * budgets[-1])
-                else:
-                    found = _run(task, method, lanes, seeds, checkpoints, seed, lambda n, m=method: progress(m, n))
-                    _save(path, found)
-                found = {k: v.reshape(shape) if v.ndim == 2 else v for k, v in found.items()}
-                results[method] = Result(**found, reused=reused)
-    except Timeout:
-        raise BlockingIOError(f"{folder}: another process compares there; wait, or choose another folder") from None
-    reached = np.max([r.score.max(axis=(1, 2)) for r in results.values()], axis=0)
+    with locked(folder, "another process compares there; wait, or choose another folder"):
+        _claim(folder, made_by)
+        rigs, lanes, seeds = held_out(task, n_rigs, repeats, seed)
+        shape = (n_rigs, repeats, -1)
+        best = _best_by_search(folder / RIGS, task, rigs, lanes, seed).reshape(n_rigs, repeats).mean(axis=1)
+        progress("best of each rig", SEARCH * n_rigs)
+        results = {}
+        for method in methods:
+            path = folder / f"{_label(method, policy, task)}.npz"
+            if reused := path.exists():
+                found = _load(path)
+                progress(method, len(lanes) * budget_of(method, budgets))
+            else:
+                runs = _Runs(task, method, lanes, seeds, budget_of(method, budgets), policy)
+                parts = _parts(runs, folder / PARTS / path.stem, workers, lambda n, m=method: progress(m, n))
+                found = _result(runs, parts, checkpoints, seed)
+                _save(path, found)
+            found = {k: v.reshape(shape) if v.ndim == 2 else v for k, v in found.items()}
+            results[method] = Result(**found, reused=reused)
+    reached = np.max([np.nanmax(r.score, axis=(1, 2)) for r in results.values()], axis=0)
     return Comparison(checkpoints, budgets, np.maximum(best, reached), results, {**made_by, "methods": list(methods)})
 
 
@@ -119,6 +129,11 @@ def check_comparison(methods: Sequence[str], n_rigs: int, budgets: Sequence[int]
         raise ValueError(f"budgets = {', '.join(map(str, budgets))}: give increasing numbers of experiments, 1 or more")
     if n_rigs < 1 or repeats < 1:
         raise ValueError(f"rigs = {n_rigs}, repeats = {repeats}: give at least one of each")
+
+
+def budget_of(method: str, budgets: Sequence[int]) -> int:
+    """How many experiments a tuner makes on a rig: the largest budget that LONGEST allows it, or else the smallest."""
+    return max((b for b in budgets if b <= LONGEST.get(method, b)), default=budgets[0])
 
 
 def held_out(task: Task, n_rigs: int, repeats: int, seed: int) -> tuple[list[Episode], list[Episode], list[int]]:
@@ -157,28 +172,77 @@ class _Timed:
             self._tuner.close()
 
 
-def _run(
-    task: Task,
-    method: str,
-    lanes: Sequence[Episode],
-    seeds: Sequence[int],
-    checkpoints: Sequence[int],
-    seed: int,
-    progress: Callable[[int], None],
-) -> dict[str, np.ndarray]:
-    budget, spent, clock = checkpoints[-1], [0.0], []
-    tuners = [_Timed(make_tuner(method, task, e, s, budget), spent) for e, s in zip(lanes, seeds, strict=True)]
-    experiments(task, lanes[:1], lanes[0].start[None], 0)  # loads compiled code, which is nobody's time
+@dataclass(frozen=True, eq=False)
+class _Runs:
+    """One tuner on lanes, each with its own seed."""
+
+    task: Task
+    method: str
+    lanes: Sequence[Episode]
+    seeds: Sequence[int]
+    budget: int
+    policy: "HistoryPolicy | None"
+
+
+def _parts(
+    runs: _Runs, folder: Path, workers: "Workers | None", progress: Callable[[int], None]
+) -> list[dict[str, np.ndarray]]:
+    """What `_experiments` finds for every CHUNK lanes, in order; stored as soon as it is there."""
+    folder.mkdir(parents=True, exist_ok=True)
+    jobs, paths = [], []
+    for i in range(0, len(runs.lanes), CHUNK):
+        part = replace(runs, lanes=runs.lanes[i : i + CHUNK], seeds=runs.seeds[i : i + CHUNK])
+        paths.append(folder / f"{i:06d}.npz")
+        if paths[-1].exists():
+            progress(len(part.lanes) * runs.budget)
+        else:
+            jobs.append((part, paths[-1]))
+    todo = [part for part, _ in jobs]
+    done = enumerate(map(_experiments, todo)) if workers is None else workers.each(_on_worker, todo)
+    for j, found in done:
+        part, path = jobs[j]
+        _save(path, found)
+        progress(len(part.lanes) * runs.budget)
+    return [_load(path) for path in paths]
+
+
+def _on_worker(runs: _Runs) -> dict[str, np.ndarray]:
+    return _experiments(runs, threads=1)
+
+
+def _experiments(runs: _Runs, threads: int | None = None) -> dict[str, np.ndarray]:
+    """The arrays of a Course, and clock (budget, 2): s since the first experiment of all lanes, and s of the tuners."""
+    spent, clock = [0.0], []
+    tuners = [
+        _Timed(make_tuner(runs.method, runs.task, e, s, runs.budget, runs.policy), spent)
+        for e, s in zip(runs.lanes, runs.seeds, strict=True)
+    ]
+    # Compiled code is loaded first, which is nobody's time.
+    experiments(runs.task, runs.lanes[:1], runs.lanes[0].start[None], 0, threads)
     started = perf_counter()
+    trials = side_by_side(
+        runs.task, runs.lanes, tuners, runs.budget, threads=threads,
+        progress=lambda _: clock.append((perf_counter() - started, spent[0])),
+    )  # fmt: skip
+    return {**vars(course(trials)), "clock": np.array(clock)}
 
-    def told(n: int) -> None:
-        clock.append((perf_counter() - started, spent[0]))
-        progress(n)
 
-    trials = side_by_side(task, lanes, tuners, budget, progress=told)
-    found = course(task, lanes, trials, checkpoints, seed)
-    seconds, own = np.array(clock)[np.array(checkpoints) - 1].T
-    return {"score": found.best, "touchdowns": found.touchdowns, "seconds": seconds, "tuner_seconds": own}
+def _result(
+    runs: _Runs, parts: Sequence[dict[str, np.ndarray]], checkpoints: Sequence[int], seed: int
+) -> dict[str, np.ndarray]:
+    """The arrays of a Result, all runs in one row."""
+    whole = Course(*(np.concatenate([part[f.name] for part in parts]) for f in fields(Course)))
+    reach = [n for n in checkpoints if n <= runs.budget]
+    score, touchdowns = judged(runs.task, runs.lanes, whole, reach, seed)
+    seconds, own = np.sum([part["clock"] for part in parts], axis=0)[np.array(reach) - 1].T
+    found = {"score": score, "touchdowns": touchdowns, "seconds": seconds, "tuner_seconds": own}
+    beyond = len(checkpoints) - len(reach)
+    return {k: np.pad(v, [*[(0, 0)] * (v.ndim - 1), (0, beyond)], constant_values=np.nan) for k, v in found.items()}
+
+
+def _label(method: str, policy: "HistoryPolicy | None", task: Task) -> str:
+    """The name of its results in a folder."""
+    return f"{method}-{policy_digest(task, policy)[:12]}" if method == LEARNED else method
 
 
 def _best_by_search(path: Path, task: Task, rigs: Sequence[Episode], lanes: Sequence[Episode], seed: int) -> np.ndarray:
@@ -192,20 +256,10 @@ def _best_by_search(path: Path, task: Task, rigs: Sequence[Episode], lanes: Sequ
 
 
 def _claim(folder: Path, made_by: dict[str, Any]) -> None:
-    path = folder / SPEC
-    if not path.exists():
-        if others := [p.name for p in folder.iterdir() if p.name != LOCK and not p.name.startswith(".")]:
-            raise ValueError(f"{folder} holds {others[0]} and no comparison; choose another folder")
-        write_text_atomic(path, json.dumps(made_by, indent=1) + "\n")
-        return
-    try:
-        found = json.loads(path.read_text())
-    except ValueError:
-        raise ValueError(f"{path} is not the description of a comparison; choose another folder") from None
-    if different := [key for key in {**found, **made_by} if found.get(key) != made_by.get(key)]:
-        key = different[0]
-        both = "" if isinstance(found.get(key), dict) else f" ({found.get(key)!r}, not {made_by.get(key)!r})"
-        raise ValueError(f"{folder} holds a comparison of another {key}{both}; choose another folder")
+    others = [p.name for p in folder.iterdir() if p.name != LOCK and not p.name.startswith(".")]
+    if others and not (folder / SPEC).exists():
+        raise ValueError(f"{folder} holds {others[0]} and no comparison; choose another folder")
+    claim(folder / SPEC, made_by, "comparison")
 
 
 def _save(path: Path, arrays: dict[str, np.ndarray]) -> None:

@@ -1,7 +1,7 @@
 """Many studies side by side: every tuner asks, all experiments run as one batch of lanes, every tuner is told."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import numpy as np
@@ -16,12 +16,12 @@ AGAIN = 8  # fresh repetitions that score what a tuner would recommend
 
 @dataclass(frozen=True)
 class Course:
-    """One tuner on n rigs: score (n, budget) told for every experiment, in order; best (n, checkpoints) score under
-    fresh noise of the best-scored gains so far; touchdowns (n, checkpoints) so far."""
+    """One tuner on n rigs: points (n, budget, k) that it asked for, in order; score (n, budget) and touchdown
+    (n, budget) that it was told."""
 
+    points: np.ndarray
     score: np.ndarray
-    best: np.ndarray
-    touchdowns: np.ndarray
+    touchdown: np.ndarray
 
 
 def side_by_side(
@@ -54,18 +54,22 @@ def side_by_side(
     return done
 
 
-def course(
-    task: Tuning, episodes: Sequence[Any], trials: Sequence[Trials], checkpoints: Sequence[int], seed: int
-) -> Course:
-    """What a tuner had after so many experiments of each rig; its best gains are scored anew under noise from seed."""
-    best = np.zeros((len(trials), len(checkpoints)))
-    down = np.zeros_like(best)
+def course(trials: Sequence[Trials]) -> Course:
+    """Trials of n rigs, of equal number, as arrays."""
+    return Course(*(np.stack([getattr(t, f.name) for t in trials]) for f in fields(Course)))
+
+
+def judged(
+    task: Tuning, episodes: Sequence[Any], found: Course, checkpoints: Sequence[int], seed: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """After so many experiments of each rig: score (n, checkpoints) of the best-scored gains so far, measured anew
+    under noise from seed, and touchdowns (n, checkpoints) so far."""
+    best, down = np.zeros((2, len(episodes), len(checkpoints)))
     for j, n in enumerate(checkpoints):
-        chosen = [int(np.argmax(t.score[:n])) for t in trials]
-        points = np.stack([t.points[i] for t, i in zip(trials, chosen, strict=True)])
-        best[:, j] = rescored(task, episodes, points, seed)
-        down[:, j] = [t.touchdown[:n].sum() for t in trials]
-    return Course(np.stack([t.score for t in trials]), best, down)
+        chosen = found.score[:, :n].argmax(axis=1)
+        best[:, j] = rescored(task, episodes, found.points[np.arange(len(episodes)), chosen], seed)
+        down[:, j] = found.touchdown[:, :n].sum(axis=1)
+    return best, down
 
 
 def rescored(task: Tuning, episodes: Sequence[Any], points: np.ndarray, seed: int) -> np.ndarray:

@@ -12,6 +12,7 @@ from tuning.search.tuner import Trials
 
 SPREAD = 0.17  # 1 sigma of ln(parameter over nominal) before anything is measured: "wide" drawn
 STEPS, STEP, FAR = 4, 0.02, 0.25  # of Gauss and Newton: how many, for differences, and how far one may go
+AGAIN, MOST = 1.25, 24  # it fits anew when so much more was told, of so many experiments at most
 FLOOR, PEAK_ERROR, PHASE_ERROR = 0.005, 0.03, 2.0  # of the model itself: relative, relative, degrees
 SEARCH, GENERATIONS, JITTER = 8, 14, 0.05  # population per gain, how often it is renewed, and what tells repeats apart
 
@@ -28,18 +29,18 @@ class ModelBased:
         self._rng = np.random.default_rng(seed)
         self._told: Trials | None = None
         self._theta = np.zeros(len(self._names))
+        self._best, self._due = np.asarray(episode.start, float), 1
 
     def ask(self, n: int) -> np.ndarray:
         k = len(self._task.box.names)
-        if self._told is None:
-            best, spread = np.asarray(self._episode.start), 0.0
-        else:
+        told = 0 if self._told is None else len(self._told)
+        if self._due <= told <= MOST:
             self._fit()
-            best, spread = self._optimum(), JITTER
+            self._best, self._due = self._optimum(), int(np.ceil(AGAIN * told + 0.5))
+        best, spread = self._best, JITTER if told else 0.0
         points = best + spread * self._rng.standard_normal((n, k))
         points[0] = best
-        tried = np.empty((0, k)) if self._told is None else self._told.points
-        if len(tried) and np.min(np.linalg.norm(tried - best, axis=1)) < JITTER / 2:
+        if told and np.min(np.linalg.norm(self._told.points - best, axis=1)) < JITTER / 2:
             points[0] += spread * self._rng.standard_normal(k)
         return np.clip(points, -1.0, 1.0)
 

@@ -8,10 +8,13 @@ import numpy as np
 import pytest
 
 from maglev_env.envs.task import make_task
+from maglev_env.rig import load_rig
 from tuning.learned import policy as policy_module
+from tuning.learned import tuner as tuner_module
 from tuning.learned.policy import HistoryPolicy, Shape, load_policy, save_policy, stack
 from tuning.learned.training import Plan, train
-from tuning.learned.tuner import LearnedTuner
+from tuning.learned.tuner import LearnedTuner, shipped_policy
+from tuning.learned.worlds import World
 from tuning.search.study import experiments
 
 TASK = make_task(protocol="quick", randomization="wide", draw_target=True)
@@ -66,31 +69,60 @@ def test_hostile_and_foreign_files_are_refused(tmp_path, kind, monkeypatch):
         load_policy(path)
 
 
-def test_a_policy_for_other_gains_is_refused():
-    other = make_task(protocol="quick", tuned=("kp", "kd"))
-    with pytest.raises(ValueError, match="other gains"):
-        LearnedTuner(other, np.zeros(2), HistoryPolicy(SHAPE), 0)
-    plain = make_task(protocol="quick")
-    with pytest.raises(ValueError, match="other observations"):
-        LearnedTuner(plain, np.zeros(3), HistoryPolicy(SHAPE), 0)
+def test_a_policy_for_other_rigs_is_refused(tmp_path, monkeypatch):
+    for what, other in (
+        ("gains", make_task(protocol="quick", tuned=("kp", "kd"))),
+        ("observations", make_task(protocol="full")),
+    ):
+        with pytest.raises(ValueError, match=f"other {what}.*maglev train"):
+            LearnedTuner(other, other.draw(np.random.default_rng(0)), HistoryPolicy(SHAPE), 0)
+        monkeypatch.setattr(tuner_module, "SHIPPED", tmp_path)
+        save_policy(tmp_path / "mine.npz", HistoryPolicy(SHAPE), {})
+        with pytest.raises(ValueError, match=r"\(mine\) serve other rigs"):
+            shipped_policy(other)
+    assert shipped_policy(TASK).shape == SHAPE
+
+
+PLAN = Plan(rigs=24, rounds=2, search=60, epochs=40, history=4, width=32)
+WORLD = World(load_rig("hmb_free"), budget=4)
 
 
 @pytest.mark.slow
-def test_training_repeats_and_learns():
-    plan = Plan(rigs=24, rounds=2, search=60, epochs=40, history=4, width=32)
-    one, log = train([TASK], plan, seed=1)
-    other, _ = train([TASK], plan, seed=1)
+def test_training_learns_and_goes_on_after_a_kill(tmp_path):
+    def killed(text, rigs):
+        if text.startswith("round 2"):
+            raise KeyboardInterrupt
+
+    whole, log = train(WORLD.draw, PLAN, 1)
+    with pytest.raises(KeyboardInterrupt):
+        train(WORLD.draw, PLAN, 1, tmp_path, killed)
+    again, _ = train(WORLD.draw, PLAN, 1, tmp_path)
     seen = np.random.default_rng(0).uniform(-1, 1, (5, 3, len(SHAPE.names)))
-    np.testing.assert_array_equal(one.act(seen), other.act(seen))
+    np.testing.assert_array_equal(again.act(seen), whole.act(seen))
     assert len(log) == 2 and log[1]["second"] > log[0]["second"]  # at random in the first round
+    (tmp_path / "round-1-001.npz").write_bytes(b"PK")
+    with pytest.raises(ValueError, match="damaged"):
+        train(WORLD.draw, PLAN, 1, tmp_path)
 
 
 @pytest.mark.slow
-def test_a_learned_tuner_begins_at_the_safe_start():
+def test_a_learned_tuner_begins_at_the_safe_start_and_sees_what_it_saw_in_training():
+    """A task that leaves the target out, with a budget of its own, gives the policy the same inputs."""
     episode = TASK.draw(np.random.default_rng(0))
-    tuner = LearnedTuner(TASK, episode.start, HistoryPolicy(SHAPE), 0)
-    points = tuner.ask(1)
+    plain = make_task(protocol="quick", randomization="wide", budget=300)
+    trained = make_task(protocol="quick", randomization="wide", draw_target=True, budget=SHAPE.history)
+    policy = HistoryPolicy(SHAPE)
+    tuner = LearnedTuner(plain, episode, policy, 0)
+    points, seen = tuner.ask(1), []
     np.testing.assert_array_equal(points[0], episode.start)
-    tuner.tell(experiments(TASK, [episode], points, 1))
-    more = tuner.ask(3)
-    assert more.shape == (3, 3) and (abs(more) <= 1).all() and not np.array_equal(more[0], more[1])
+    for t in range(SHAPE.history - 1):
+        tuner.tell(experiments(plain, [episode], points, t + 1))
+        seen.append(experiments(trained, [episode], points, t + 1).observation[0])
+        points = tuner.ask(1)
+        np.testing.assert_array_equal(points, policy.act(np.array([seen])))
+    several = tuner.ask(3)
+    assert several.shape == (3, 3) and (abs(several) <= 1).all() and not np.array_equal(several[0], several[1])
+    assert abs(tuner.ask(1) - points).max() == 0
+    for t in range(2):
+        tuner.tell(experiments(plain, [episode], points, SHAPE.history + t))
+    assert abs(tuner.ask(1)[0] - points[0]).max() < 0.3  # around the best of what it tried

@@ -6,8 +6,9 @@ from filelock import FileLock
 
 from maglev_env.envs.task import make_task
 from tuning.search.compare import SPEC, compare, held_out
+from tuning.search.folder import LOCK
 from tuning.search.methods import make_tuner
-from tuning.search.study import LOCK, experiments
+from tuning.search.study import experiments
 
 TASK = make_task(protocol="quick", randomization="wide")
 RIGS, BUDGETS, SEED = 3, (2, 4), 5

@@ -1,0 +1,268 @@
+"""Train a policy by reinforcement, with PPO (Schulman et al. 2017) or SAC (Haarnoja et al. 2018) of Stable-Baselines3,
+on episodes that run as a learned tuner's studies do."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import torch
+from gymnasium import spaces
+from gymnasium.vector import AutoresetMode
+from stable_baselines3 import PPO, SAC
+from stable_baselines3.common.callbacks import BaseCallback
+from stable_baselines3.common.logger import Logger
+from stable_baselines3.common.vec_env import VecEnv, VecEnvWrapper, VecMonitor
+from torch import nn
+
+from maglev_env.envs.sb3 import SB3VecEnv
+from maglev_env.envs.task import Tuning
+from maglev_env.envs.vector import RigVectorEnv
+from tuning.learned.policy import HistoryPolicy, Shape, stack
+
+ALGORITHMS = ("ppo", "sac")
+EPISODES = 4  # of every environment between two updates of PPO
+ENTROPY = "auto_0.01"  # SAC's first weight of the entropy; rewards are of order 1
+KEPT = 200_000  # experiments in SAC's replay buffer, at most
+RANDOM = 0.1  # share of SAC's experiments that are made at random first, or its critic would know nothing else
+WARM_UP = 0.2  # share of the experiments over which the critic alone learns, where a policy is given
+SPREAD = (0.15, 0.5)  # standard deviation of the first actions around those of a policy given, and of a fresh one
+ROWS = 50  # of the log
+
+
+def train_by_reinforcement(
+    tasks: Sequence[Tuning],
+    algorithm: str,
+    experiments: int,
+    seed: int,
+    init: HistoryPolicy | None = None,
+    width: int = 192,
+    num_envs: int = 64,
+    rate: float = 3e-4,
+    progress: Callable[[int], None] = lambda done: None,
+) -> tuple[HistoryPolicy, list[dict[str, float]]]:
+    """A policy for rigs of all the tasks alike (they share observations, gains and budget), and along the training
+    `experiments` made so far with the mean `return` of the episodes that ended since the row before.
+
+    An episode is a study of one rig: its safe start, then budget - 1 experiments that the policy chooses. Its return is
+    the sum of their rewards (`maglev_env.envs.task.rewards`), undiscounted. experiments: those that are chosen, in all,
+    rounded down to whole rounds of the num_envs environments (PPO: to whole rollouts of some episodes of each); the
+    safe starts come on top. width: of the policy, whose history is the budget. init: the policy to go on from, with its
+    width; what judges it is learned before it changes. rate: of learning. progress is told the experiments made so far.
+    The same seed gives the same policy on the same machine. ValueError names the argument that is wrong.
+    """
+    if not tasks:
+        raise ValueError("tasks: give at least one")
+    width = width if init is None else init.shape.width
+    shape = Shape(tuple(tasks[0].layout.names), tuple(tasks[0].box.names), tasks[0].budget, width)
+    if init is not None and init.shape != shape:
+        raise ValueError("init: trained for other observations or gains, or another number of experiments, than here")
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)  # small networks: more threads cost more than they bring, and change rounding
+    try:
+        model = make_learner(tasks, shape, algorithm, experiments, seed, num_envs, rate, init)
+        watch = _Watch(experiments, experiments * WARM_UP if init is not None else 0, progress)
+        a_round = num_envs * (model.n_steps if isinstance(model, PPO) else 1)
+        model.learn(experiments // a_round * a_round, watch)
+        return exported(model, shape), watch.rows
+    finally:
+        torch.set_num_threads(threads)
+
+
+def make_learner(
+    tasks: Sequence[Tuning],
+    shape: Shape,
+    algorithm: str,
+    experiments: int,
+    seed: int,
+    num_envs: int,
+    rate: float,
+    init: HistoryPolicy | None = None,
+) -> PPO | SAC:
+    """The learner before it has learned; its actor is init where given. Arguments as `train_by_reinforcement`."""
+    if algorithm not in ALGORITHMS:
+        raise ValueError(f"algorithm = {algorithm!r}; use one of {', '.join(ALGORITHMS)}")
+    if num_envs < 2:
+        raise ValueError(f"num_envs = {num_envs}; give at least 2 environments")
+    steps = tasks[0].budget - 1
+    if experiments < num_envs * steps:
+        raise ValueError(
+            f"experiments = {experiments}; give at least {num_envs * steps}, an episode of each of the {num_envs} "
+            "environments, or use fewer environments"
+        )
+    env = study_env(tasks, shape, num_envs)
+    # Derived, or environment i would draw the rigs that a test with the seed `seed + i` draws.
+    derived = int(np.random.SeedSequence(seed).generate_state(1)[0])
+    # The budget is the end of a study, after which nothing counts: no discount, and no value beyond it.
+    shared: dict[str, Any] = {"learning_rate": rate, "gamma": 1.0, "seed": derived, "device": "cpu"}
+    layers, spread = [shape.width, shape.width], float(np.log(SPREAD[init is None]))
+    model: PPO | SAC
+    if algorithm == "ppo":
+        episodes = min(EPISODES, experiments // (num_envs * steps))
+        nets = {"net_arch": {"pi": layers, "vf": layers}, "activation_fn": nn.ReLU, "log_std_init": spread}
+        sizes = {"n_steps": episodes * steps, "batch_size": episodes * num_envs}  # whole episodes, whole batches
+        model = PPO("MlpPolicy", env, **sizes, policy_kwargs=nets, **shared)
+        # The mean within the box, as a HistoryPolicy's action is; the optimiser already holds the layer's weights.
+        model.policy.action_net = nn.Sequential(model.policy.action_net, nn.Tanh())
+    else:
+        model = SAC(
+            "MlpPolicy",
+            env,
+            buffer_size=max(min(experiments, KEPT), 2 * num_envs),
+            optimize_memory_usage=True,  # one observation per experiment instead of two
+            replay_buffer_kwargs={"handle_timeout_termination": False},
+            learning_starts=int(experiments * RANDOM),
+            gradient_steps=max(num_envs // 4, 1),
+            ent_coef=ENTROPY,
+            policy_kwargs={"net_arch": {"pi": layers, "qf": layers}},
+            **shared,
+        )
+        nn.init.zeros_(model.actor.log_std.weight)
+        nn.init.constant_(model.actor.log_std.bias, spread)
+    model.set_logger(Logger(None, []))
+    if init is not None:
+        for layer, given in zip(_layers(model), _linear(init), strict=True):
+            layer.load_state_dict(given.state_dict())
+    return model
+
+
+def exported(model: PPO | SAC, shape: Shape) -> HistoryPolicy:
+    """The learner's deterministic policy."""
+    policy = HistoryPolicy(shape)
+    for given, layer in zip(_linear(policy), _layers(model), strict=True):
+        given.load_state_dict(layer.state_dict())
+    return policy.eval()
+
+
+def _linear(policy: HistoryPolicy) -> list[nn.Linear]:
+    return [part for part in policy.net if isinstance(part, nn.Linear)]
+
+
+def _layers(model: PPO | SAC) -> list[nn.Linear]:
+    """Those of the actor's mean, in a HistoryPolicy's order."""
+    if isinstance(model, PPO):
+        parts = [*model.policy.mlp_extractor.policy_net, *model.policy.action_net]
+    else:
+        parts = [*model.actor.latent_pi, model.actor.mu]
+    return [part for part in parts if isinstance(part, nn.Linear)]
+
+
+class _Watch(BaseCallback):
+    """Reports progress, writes the log, and holds the actor still for the first `still` experiments."""
+
+    def __init__(self, experiments: int, still: float, progress: Callable[[int], None]) -> None:
+        super().__init__()
+        self.rows: list[dict[str, float]] = []
+        self._every, self._still, self._progress = experiments / ROWS, still, progress
+        self._returns: list[float] = []
+
+    def _on_training_start(self) -> None:
+        self._hold(self._still > 0)
+
+    def _on_step(self) -> bool:
+        if self.num_timesteps >= self._still:
+            self._hold(False)
+        self._returns += [float(info["episode"]["r"]) for info in self.locals["infos"] if "episode" in info]
+        if self.num_timesteps - (self.rows[-1]["experiments"] if self.rows else 0) >= self._every:
+            self._row()
+        self._progress(self.num_timesteps)
+        return True
+
+    def _on_training_end(self) -> None:
+        self._row()
+
+    def _hold(self, still: bool) -> None:
+        spread = [self.model.policy.log_std] if isinstance(self.model, PPO) else self.model.actor.log_std.parameters()
+        for parameter in (*spread, *(p for layer in _layers(self.model) for p in layer.parameters())):
+            parameter.requires_grad_(not still)
+
+    def _row(self) -> None:
+        if self._returns:
+            self.rows.append({"experiments": self.num_timesteps, "return": float(np.mean(self._returns))})
+            self._returns = []
+
+
+def study_env(tasks: Sequence[Tuning], shape: Shape, num_envs: int) -> VecEnv:
+    """Studies of rigs of the tasks, side by side, whose observations are `policy.stack` of what each study has seen.
+
+    ValueError when the tasks differ in observations, gains or budget, or leave nothing to choose.
+    """
+    if len({(tuple(t.layout.names), tuple(t.box.names), t.budget) for t in tasks}) > 1:
+        raise ValueError("tasks: they must share their observations, gains and budget")
+    if tasks[0].budget < 2:
+        raise ValueError(f"tasks: budget = {tasks[0].budget}; after the safe start nothing is left to choose")
+    env = _StudyEnv(num_envs, autoreset_mode=AutoresetMode.SAME_STEP, tasks=tasks)
+    return _Stacked(VecMonitor(SB3VecEnv(env)), shape.history)
+
+
+@dataclass(frozen=True, eq=False)
+class _Drawn:
+    task: int
+    episode: Any
+    start: np.ndarray
+
+
+class _Studies:
+    """Tasks as one, run as a study runs them: the start is experiment 1 of the budget, points are taken as they are,
+    and a touchdown does not end a study. The infos hold no more than the first task's gains."""
+
+    terminate_on_touchdown = False
+
+    def __init__(self, tasks: Sequence[Tuning]) -> None:
+        first = tasks[0]
+        self.name, self.box, self.layout, self.budget = first.name, first.box, first.layout, first.budget - 1
+        self._tasks = tasks
+
+    def tried(self, last: np.ndarray, actions: np.ndarray) -> np.ndarray:
+        return actions
+
+    def draw(self, rng: np.random.Generator) -> _Drawn:
+        task = int(rng.integers(len(self._tasks)))
+        episode = self._tasks[task].draw(rng)
+        return _Drawn(task, episode, episode.start)
+
+    def measure(self, episodes: Sequence[_Drawn], actions: np.ndarray, counts: Sequence[int], threads: int | None):
+        found = SimpleNamespace(touchdown_time=np.zeros(len(episodes)), score=np.zeros(len(episodes)), terms={})
+        observations = np.zeros((len(episodes), len(self.layout.names)), np.float32)
+        for number, task in enumerate(self._tasks):
+            if own := [i for i, e in enumerate(episodes) if e.task == number]:
+                told, observations[own] = task.measure(
+                    [episodes[i].episode for i in own], actions[own], [counts[i] + 1 for i in own], threads
+                )
+                found.touchdown_time[own], found.score[own] = told.touchdown_time, told.score
+        return found, observations
+
+    def told(self, found: Any) -> dict[str, np.ndarray]:
+        return {}
+
+
+class _StudyEnv(RigVectorEnv):
+    make_task = _Studies
+
+
+class _Stacked(VecEnvWrapper):
+    """What each environment has observed in its episode, as a HistoryPolicy sees it."""
+
+    def __init__(self, env: VecEnv, history: int) -> None:
+        size = history * (env.observation_space.shape[0] + 1)
+        super().__init__(env, observation_space=spaces.Box(-1.0, 1.0, (size,), np.float32))
+        self._history = history
+        self._seen: list[list[np.ndarray]] = []
+
+    def reset(self) -> np.ndarray:
+        observations = self.venv.reset()
+        self._seen = [[] for _ in observations]
+        return np.stack([self._after(i, one) for i, one in enumerate(observations)])
+
+    def step_wait(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, list[dict[str, Any]]]:
+        observations, rewards, done, told = self.venv.step_wait()
+        for i in np.flatnonzero(done):
+            told[i]["terminal_observation"] = self._after(i, told[i]["terminal_observation"])
+            told[i]["TimeLimit.truncated"] = False  # the end of the budget is the end of the task
+            self._seen[i] = []
+        return np.stack([self._after(i, one) for i, one in enumerate(observations)]), rewards, done, told
+
+    def _after(self, i: int, observation: np.ndarray) -> np.ndarray:
+        self._seen[i].append(observation.copy())
+        return stack(np.stack(self._seen[i][-self._history :])[None], self._history)[0]
