@@ -14,7 +14,8 @@ from maglev_env.gains import of_axis
 from maglev_env.rig import load_rig
 from tuning.output import console, progress_bar, require_folder, write_json
 from tuning.page import plain, write_page
-from tuning.search.methods import make_tuner
+from tuning.schedule import workers
+from tuning.search.methods import LEARNED, make_tuner, policy_digest, policy_of
 from tuning.search.recommendation import recommend
 from tuning.search.study import JOURNAL, run_study
 from tuning.tune_report import tune_json, tune_page, tune_tables
@@ -30,7 +31,9 @@ def run(
     effects: Sequence[str],
     sensor: str,
     seed: int,
+    policy: Path | None,
     threads: int | None,
+    scheduler: str | None,
     out: Path | None,
     json_file: Path | None,
 ) -> None:
@@ -43,18 +46,20 @@ def run(
     preset = of_axis(task.rig.gains, 0)
     start = task.box.actions([getattr(preset, name) for name in task.box.names])
     episode = Episode(task.rig, task.target, start, seed)
-    tuner = make_tuner(method, task, episode, seed, budget)
+    own = policy_of(policy)
+    tuner = make_tuner(method, task, episode, seed, budget, own)
     folder = out or Path(f"tune-{loaded.name}-{method}")
     made_by = {
         "method": method, "seed": seed, "rig": plain(asdict(task.rig)), "effects": plain(chosen), "sensor": sensor,
         "tuned": list(task.box.names), "steps": budget if method == "grid" else None,
+        **({"policy": policy_digest(task, own)} if method == LEARNED else {}),
     }  # fmt: skip
     started = perf_counter()
-    with progress_bar() as bar:
+    with workers(scheduler, threads) as spread, progress_bar() as bar:
         line = bar.add_task(f"tune {loaded.name} by {method}", total=budget)
         try:
             found = run_study(
-                folder, task, episode, tuner, made_by, budget, batch, threads, lambda n, _: bar.advance(line, n)
+                folder, task, episode, tuner, made_by, budget, batch, threads, lambda n, _: bar.advance(line, n), spread
             )
         except KeyboardInterrupt:
             console.print(f"stopped; what is finished is in {folder}: run the same command again to go on")

@@ -78,14 +78,30 @@ def correction(answer: Answer, rig: Rig) -> Effects:
     return effects
 
 
+@dataclass(frozen=True)
+class TwinScore:
+    """What the twin makes of gains: score 0..1; peak |S| as the injection lines show it and the largest reading in m,
+    both nan when the loop failed; failure: how it did ("the rotor touched down", "a converter clipped"), else None."""
+
+    score: float
+    peak_sensitivity: float
+    displacement: float
+    failure: str | None
+
+
 def twin_score(e: Experiment, truth: Truth) -> float:
     """Score of an experiment's gains run on the twin, 0 when it touches down or clips; estimated as `evaluate` does."""
+    return twin_run(e, truth).score
+
+
+def twin_run(e: Experiment, truth: Truth) -> TwinScore:
+    """An experiment's gains run on the twin, with noise from its seed; estimated as `evaluate` does."""
     force, current = (lines_at(e.excitations, at) for at in ("force", "current"))
     drive = Drive(Grid(tuple(force), tuple(current)), e.waveform("force"), e.waveform("current"))
     try:
-        run = twin_periods(truth, pid(e.gains), drive, 0, e.transient_periods + e.periods)
-    except LoopFailed:
-        return 0.0
+        run = twin_periods(truth, pid(e.gains), drive, e.seed, e.transient_periods + e.periods)
+    except LoopFailed as failed:
+        return TwinScore(0.0, np.nan, np.nan, str(failed))
     kept = {name: values[e.transient_periods :] for name, values in run.items()}
     lines = lines_at(e.excitations)
     spectra = (period_spectra(np.array([kept[name][p] for name in SPECTRAL]), lines) for p in range(e.periods))
@@ -94,15 +110,17 @@ def twin_score(e: Experiment, truth: Truth) -> float:
     support = maximum_likelihood(force_statistics(statistics, e), band, e.rig.mass, intervals=False)
     injection = statistics.at_lines(current)
     sensitivity, _ = frequency_response(injection, "command", "injection")
+    peak = margin_arrays(injection.frequency, sensitivity)["peak_sensitivity"]
+    displacement = np.abs(kept["displacement"]).max()
     scored = terms(
         score_target(e.rig),
         support.stiffness[0],
         support.damping[0],
-        margin_arrays(injection.frequency, sensitivity)["peak_sensitivity"],
-        np.abs(kept["displacement"]).max(),
+        peak,
+        displacement,
         np.sqrt(np.mean(kept["current"] ** 2)),
     )
-    return float(score(scored))
+    return TwinScore(float(score(scored)), float(peak), float(displacement), None)
 
 
 def pid(gains: Gains) -> PID:
@@ -115,15 +133,16 @@ def regret_row(cases: Sequence[CaseRegret]) -> Row:
     losses = np.array([(c.best - c.nominal, c.best - c.corrected) for c in cases]).reshape(-1, 2)
     return row(
         "regret, corrected against nominal",
-        _change(losses) if len(losses) else np.nan,
-        bootstrap(losses, _change),
+        change(losses) if len(losses) else np.nan,
+        bootstrap(losses, change),
         len(losses),
         "share",
         REGRET_TARGET,
     )
 
 
-def _change(losses: np.ndarray) -> float:
+def change(losses: np.ndarray) -> float:
+    """Of losses (n, 2), nominal and corrected: the sum of the second relative to that of the first, less 1."""
     nominal, corrected = losses.sum(axis=0)
     if nominal == 0:
         return 0.0 if corrected == 0 else np.inf
