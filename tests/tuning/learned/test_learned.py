@@ -83,7 +83,7 @@ def test_a_policy_for_other_rigs_is_refused(tmp_path, monkeypatch):
     assert shipped_policy(TASK).shape == SHAPE
 
 
-PLAN = Plan(rigs=24, rounds=2, search=60, epochs=40, history=4, width=32)
+PLAN = Plan(rigs=20, rounds=2, search=30, epochs=30, history=4, width=32)
 WORLD = World(load_rig("hmb_free"), budget=4)
 
 

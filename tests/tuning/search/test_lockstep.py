@@ -13,6 +13,11 @@ TASK = make_task(protocol="quick", randomization="wide")
 EPISODES = [TASK.draw(np.random.default_rng(i)) for i in range(3)]
 
 
+@pytest.fixture(autouse=True)
+def short_search(monkeypatch):
+    monkeypatch.setattr("tuning.search.model_based.GENERATIONS", 6)
+
+
 def tuners(method, budget):
     return [make_tuner(method, TASK, e, seed, budget) for seed, e in enumerate(EPISODES)]
 
