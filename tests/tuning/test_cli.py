@@ -166,13 +166,13 @@ def test_a_full_disk_is_named(campaign, tmp_path):
 
 @pytest.mark.slow
 def test_ctrl_c_stops_a_sweep_with_130_and_the_next_run_goes_on(tmp_path):
-    command = [sys.executable, "-m", "tuning.cli", "sweep", "--sobol", "512", "--out", str(tmp_path / "s")]
+    command = [sys.executable, "-m", "tuning.cli", "sweep", "--sobol", "768", "--out", str(tmp_path / "s")]
     process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     chunks = tmp_path / "s" / "chunks"
-    for _ in range(600):
+    for _ in range(6000):
         if chunks.exists() and any(chunks.glob("*.npz")):
             break
-        time.sleep(0.1)
+        time.sleep(0.01)
     process.send_signal(signal.SIGINT)
     out, err = process.communicate(timeout=60)
     assert process.returncode == 130 and "interrupted" in err and "go on" in out

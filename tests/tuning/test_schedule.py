@@ -90,7 +90,9 @@ def plan():
 
 
 def pids(address):
+    """Of both processes, which may only now be coming back."""
     with distributed.Client(address, set_as_default=False) as client:
+        client.wait_for_workers(2, 60)
         return sorted(client.run(os.getpid).values())
 
 
