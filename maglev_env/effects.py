@@ -166,8 +166,13 @@ EFFECTS: Mapping[str, EffectKind] = {
     ),
     "friction": EffectKind(
         "mechanics",
-        {"force": _parameter("N", 0.0, 1e4), "velocity": _parameter("m/s", 1e-5, 10.0, 1e-3)},
-        "Coulomb's, smooth about rest: F v / sqrt(v^2 + v_s^2)",
+        {
+            "force": _parameter("N", 0.0, 1e4),
+            "velocity": _parameter("m/s", 1e-5, 10.0, 1e-3),
+            "presliding": _parameter("m", 1e-9, 1e-3, 0.0),
+        },
+        "Coulomb's, smooth about rest: F v / sqrt(v^2 + v_s^2); with presliding z_s it sticks: F z / z_s, "
+        "dz/dt = v - sqrt(v^2 + v_s^2) z / z_s (Dahl 1968; Canudas de Wit et al. 1995)",
         "force and displacement at two amplitudes",
     ),
     "support_resonance": EffectKind(

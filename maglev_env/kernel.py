@@ -45,8 +45,9 @@ TILE = 8
 class Structure:
     """What is compiled in: magnets ("gap" or "magnet" for a pair by its flux path, "none"), support, poles per chain,
     delay, converters, noise, order of a linear controller (0: the PID), axes, whether anything couples them,
-    self-sensors in the probes' place, fields that saturate, and whether all the other effects are there at once, two
-    poles in each chain and a delay among them (a lane without one carries neutral constants)."""
+    self-sensors in the probes' place, fields that saturate, whether all the other effects are there at once, two poles
+    in each chain and a delay among them (a lane without one carries neutral constants), and whether their friction
+    sticks."""
 
     magnets: str
     supported: bool
@@ -62,6 +63,7 @@ class Structure:
     sensed: SensorStructure | None = None
     saturating: bool = False
     flexible: bool = False
+    sticking: bool = False
 
     @property
     def channels(self) -> tuple[str, ...]:
@@ -84,7 +86,7 @@ def kernel(structure: Structure, outputs: int, substeps: int = 1, oversampled: b
 
 def _make(
     magnets, supported, sensor_poles, actuator_poles, delayed, adc, dac, noise, controller_order, axes, coupled, sensed,
-    saturating, flexible, outputs, substeps, oversampled,
+    saturating, flexible, sticking, outputs, substeps, oversampled,
 ):  # fmt: skip
     sixth, sources = 1.0 / 6.0, SOURCES
     controlled, planar = magnets != "none", axes == 2
@@ -97,7 +99,7 @@ def _make(
     current_at = POSITION + sensing
     own, own_2 = axes * rows, axes * rows + SENSOR_ROWS  # where the self-sensors' rows begin
     drifting = sensing and sensed.drifting
-    kind = (magnets, supported, sensor_poles, actuator_poles, delayed, saturating, flexible, effects)
+    kind = (magnets, supported, sensor_poles, actuator_poles, delayed, saturating, flexible, sticking, effects)
     currents, pull, drag, probe, push, sway, beside = axis_pieces(0, rows, *kind)
     currents_2, pull_2, drag_2, probe_2, push_2, sway_2, beside_2 = axis_pieces(rows, 0, *kind)
     sensor = sensed or SensorStructure(*[False] * len(fields(SensorStructure)))
@@ -107,7 +109,7 @@ def _make(
     begin_2, gap_2, target_2, show_2 = sensing_pieces(rows, own_2, actuator_poles, delayed, flexible, effects)
     tone, coil = reading_pieces(effects)
     move = move_piece(
-        effect_pieces(effects, controlled), (pull, drag, push, sway), size, planar, coupled, sensing
+        effect_pieces(effects, controlled), (pull, drag, push, sway), size, planar, coupled, sensing, sticking
     )  # fmt: skip
     changing = (effects + effect_rows.COMMAND) * W  # where rows of the commands that a substep has for itself are put
     kept, per_substep = (effects + command_row(0)) * W, COMMAND_ROWS * W

@@ -6,14 +6,15 @@ effect carries constants that make naught of it.
 
 from collections.abc import Callable
 
+import numpy as np
 from numba.extending import register_jitable
 
 from maglev_env.eddy import BRANCHES
 from maglev_env.effect_rows import (
-    BEND, BODY, BODY_SHARE, BODY_V, BY_COMMAND_BEND, BY_COMMAND_CROSS, BY_COMMAND_NEXT, BY_COMMAND_NODES, BY_NODES,
-    CROSS_BEND, EDDY, HELD, HOLD, KEPT, MAINS_C, MAINS_S, MAINS_TURN_C, MAINS_TURN_S, MOUNT, MOUNT_V, MOVER_SHARE, NEXT,
-    NODES, OPEN, PER_WIDTH, PICKUP, PROBE, REACH, RUNOUT, SHAFT_C, SHAFT_S, TO_END, TO_MIDDLE, TURN_C, TURN_S,
-    UNBALANCE,
+    BEND, BENT, BODY, BODY_SHARE, BODY_V, BY_COMMAND_BEND, BY_COMMAND_CROSS, BY_COMMAND_NEXT, BY_COMMAND_NODES,
+    BY_NODES, CROSS_BEND, EDDY, FRICTION, HELD, HOLD, KEPT, MAINS_C, MAINS_S, MAINS_TURN_C, MAINS_TURN_S, MOUNT,
+    MOUNT_V, MOVER_SHARE, NEXT, NODES, OPEN, PER_BEND, PER_WIDTH, PICKUP, PROBE, REACH, RUNOUT, SHAFT_C, SHAFT_S,
+    SLIP_SQ, TO_END, TO_MIDDLE, TURN_C, TURN_S, UNBALANCE,
 )  # fmt: skip
 from maglev_env.kernel_rows import (
     ACTING, ALIVE, ARRIVED, CHAIN_ROWS, LANES, LIMIT_SQ, PER_MASS, STEPS, U_OLD, V, X1, X2, Y, Z1, Z2,
@@ -52,8 +53,9 @@ def reading_pieces(effects: int) -> tuple[Callable, ...]:
 
 
 def effect_pieces(effects: int, controlled: bool) -> tuple[Callable, ...]:
-    """commands, drive, outside, whole_speed, halfway, ending, landed, probed, beside, keep and show of the axis whose
-    rows begin at row 0 and its effects' at row `effects`; a lane of the second axis counts on from the first one's."""
+    """commands, drive, outside, whole_speed, halfway, ending, landed, probed, beside, keep, show, bristles, bend, rub
+    and keep_bent of the axis whose rows begin at row 0 and its effects' at row `effects`; a lane of the second axis
+    counts on from the first one's."""
     e = effects * W
 
     @register_jitable(forceinline=True)
@@ -204,15 +206,46 @@ def effect_pieces(effects: int, controlled: bool) -> tuple[Callable, ...]:
         x[e + MOUNT * W + i], x[e + MOUNT_V * W + i] = m1, mv1
         x[Z1 * W + i], x[Z2 * W + i] = z1, z2
 
-    return commands, drive, outside, whole_speed, halfway, ending, landed, probed, beside, keep, show
+    # Friction that sticks: its force follows the way of the mover, not its velocity.
+    @register_jitable(forceinline=True)
+    def bristles(x, i):
+        """How far the bristles are bent as the step begins, -1 .. 1."""
+        return x[e + BENT * W + i]
+
+    @register_jitable(forceinline=True)
+    def bend(x, i, bent, moved):
+        """How far they are after half a step that moved the mover so far: exact at constant velocity, and without slip
+        (Dahl) for any motion that does not turn back. Never beyond 1, however stiff they are."""
+        path = np.sqrt(moved * moved + 0.25 * x[e + SLIP_SQ * W + i])
+        toward = moved / path
+        return toward + (bent - toward) * faded(path * x[e + PER_BEND * W + i])
+
+    @register_jitable(forceinline=True)
+    def rub(x, i, bent):
+        """Deceleration by bristles bent so far."""
+        return x[e + FRICTION * W + i] * bent
+
+    @register_jitable(forceinline=True)
+    def keep_bent(x, i, bent):
+        x[e + BENT * W + i] = bent
+
+    moving = commands, drive, outside, whole_speed, halfway, ending, landed
+    return *moving, probed, beside, keep, show, bristles, bend, rub, keep_bent
 
 
 def move_piece(
-    pieces: tuple[Callable, ...], mechanics: tuple[Callable, ...], size: int, planar: bool, coupled: bool, sensing: bool
+    pieces: tuple[Callable, ...],
+    mechanics: tuple[Callable, ...],
+    size: int,
+    planar: bool,
+    coupled: bool,
+    sensing: bool,
+    sticking: bool,
 ) -> Callable:
     """move(x, force, force_2): one step of all lanes from `effect_pieces` and mechanics (pull, drag, push, sway); the
     second axis' lane lies `size` entries behind the first one's."""
-    commands, drive, outside, whole_speed, halfway, ending, landed, probed, beside, keep, show = pieces
+    commands, drive, outside, whole_speed, halfway, ending, landed, *rest = pieces
+    probed, beside, keep, show, bristles, bend, rub, keep_bent = rest
     pull, drag, push, sway = mechanics
     sixth = 1.0 / 6.0
 
@@ -235,6 +268,12 @@ def move_piece(
                 f0_2, fm_2, fe_2 = outside(x, k, force_2)
                 whole_2 = whole_speed(x, k, v_2)
                 a1_2 = pull(x, k, y_2, c0_2) - drag(x, k, v_2)
+            if sticking:
+                bent = bristles(x, i)
+                a1 = a1 - rub(x, i, bent)
+                if planar:
+                    bent_2 = bristles(x, k)
+                    a1_2 = a1_2 - rub(x, k, bent_2)
             if coupled:
                 a1 = a1 + push(x, i, y_2, c0_2) - sway(x, i, v_2)
                 a1_2 = a1_2 + push(x, k, y, c0) - sway(x, k, v)
@@ -243,6 +282,12 @@ def move_piece(
             if planar:
                 ym_2, vm_2 = halfway(x, k, y_2, whole_2, a1_2 + f0_2)
                 pulled_2 = pull(x, k, ym_2, c1_2)
+            if sticking:
+                bent = bend(x, i, bent, ym - y)
+                pulled = pulled - rub(x, i, bent)
+                if planar:
+                    bent_2 = bend(x, k, bent_2, ym_2 - y_2)
+                    pulled_2 = pulled_2 - rub(x, k, bent_2)
             if coupled:
                 pulled = pulled + push(x, i, ym_2, c1_2)
                 pulled_2 = pulled_2 + push(x, k, ym, c1)
@@ -265,6 +310,10 @@ def move_piece(
             if planar:
                 ye_2, ve_2 = ending(x, k, y_2, whole_2, a3_2 + fm_2)
                 a4_2 = pull(x, k, ye_2, c2_2) - drag(x, k, ve_2)
+            if sticking:
+                a4 = a4 - rub(x, i, bend(x, i, bent, ye - ym))
+                if planar:
+                    a4_2 = a4_2 - rub(x, k, bend(x, k, bent_2, ye_2 - ym_2))
             if coupled:
                 a4 = a4 + push(x, i, ye_2, c2_2) - sway(x, i, ve_2)
                 a4_2 = a4_2 + push(x, k, ye, c2) - sway(x, k, ve)
@@ -292,6 +341,10 @@ def move_piece(
                 show(x, i, m1, mv1, z1, z2)
                 if planar:
                     show(x, k, m1_2, mv1_2, z1_2, z2_2)
+            if sticking:
+                keep_bent(x, i, bend(x, i, bent, y1 - ym))
+                if planar:
+                    keep_bent(x, k, bend(x, k, bent_2, y1_2 - ym_2))
             keep(x, i, alive, old, new, n1, n2, held, y1, v1, r1, rv1)
             if planar:
                 keep(x, k, alive, old_2, new_2, n1_2, n2_2, held_2, y1_2, v1_2, r1_2, rv1_2)

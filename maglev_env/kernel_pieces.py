@@ -29,6 +29,7 @@ def axis_pieces(
     delayed: bool,
     saturating: bool = False,
     flexible: bool = False,
+    sticking: bool = False,
     effects: int = 0,
 ) -> tuple[Callable, ...]:
     """currents, acceleration, drag, probe, push, sway and beside of the axis whose rows begin at row `first`,
@@ -129,9 +130,9 @@ def axis_pieces(
 
     @inlined
     def drag(x, i, v):
-        """Deceleration by the support's damper, and by friction."""
+        """Deceleration by the support's damper, and by friction that depends on the velocity alone."""
         damper = x[b + CS * W + i] * v if supported else 0.0
-        if flexible:
+        if flexible and not sticking:
             return damper + x[e + FRICTION * W + i] * v / np.sqrt(v * v + x[e + SLIP_SQ * W + i])
         return damper
 

@@ -74,7 +74,7 @@ def _values(own: Sequence[Experiment], name: str, parameter: str | None = None) 
 
 
 def _local(rows: np.ndarray, own: Sequence[Experiment], h: np.ndarray) -> None:
-    """What has no memory but one number: voltage limit, hysteresis, eccentricity, friction."""
+    """What has no memory but one number: voltage limit, hysteresis, eccentricity, friction; its bristles."""
     first = np.array([e.rig.amplifier_time_constant for e in own])
     second = _values(own, "amplifier_lag")
     rows[r.OPEN] = (first == 0) & (second == 0)
@@ -95,8 +95,10 @@ def _local(rows: np.ndarray, own: Sequence[Experiment], h: np.ndarray) -> None:
     mass = np.array([moving_mass(e) for e in own])
     rows[r.FRICTION] = _values(own, "friction") * h**2 / mass
     # A step cannot follow a force that turns faster than it changes the velocity: it would chatter about rest.
-    slip = np.maximum(_values(own, "friction", "velocity") * h, 0.5 * rows[r.FRICTION])
-    rows[r.SLIP_SQ] = slip**2
+    slip, bristle = _values(own, "friction", "velocity") * h, _values(own, "friction", "presliding")
+    rows[r.SLIP_SQ] = np.where(bristle > 0, slip, np.maximum(slip, 0.5 * rows[r.FRICTION])) ** 2
+    # Nor one that springs faster than a radian in a step; bristles that give way in less act a quarter of it late.
+    rows[r.PER_BEND] = np.where(bristle > 0, 1 / np.maximum(np.where(bristle > 0, bristle, 1.0), rows[r.FRICTION]), 0.0)
 
 
 def _approached(h: np.ndarray, time_constant: np.ndarray) -> np.ndarray:

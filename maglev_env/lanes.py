@@ -76,6 +76,7 @@ def structure_of(experiment: Experiment) -> Structure:
         sensed=sensed_structure(sensors),
         saturating="saturation" in effects,
         flexible=flexible,
+        sticking=effect_value(effects, "friction", "presliding") > 0,
     )
 
 

@@ -32,10 +32,10 @@ class LinearAxis:
 def linear_axis(e: Experiment) -> LinearAxis:
     """The states of a one-axis experiment: position, velocity, then those of each effect that it has.
 
-    Tangents: hysteresis for currents far below its width, where it takes its whole strength; friction about rest; the
-    magnets at the eccentricity and i = 0. Voltage limit, runout, pickup and unbalance have no linear part. The bearing
-    (magnets, support and friction, and what the other axis' bearing does here) moves the probe's mount; the held force
-    and the second body do not.
+    Tangents: hysteresis for currents far below its width, where it takes its whole strength; friction about rest, where
+    bristles are a spring in series with the slip; the magnets at the eccentricity and i = 0. Voltage limit, runout,
+    pickup and unbalance have no linear part. The bearing (magnets, support and friction, and what the other axis'
+    bearing does here) moves the probe's mount; the held force and the second body do not.
     """
     effects, mass = e.effects, moving_mass(e)
     amplifier = [t for t in (e.rig.amplifier_time_constant, effect_value(effects, "amplifier_lag")) if t > 0]
@@ -46,8 +46,9 @@ def linear_axis(e: Experiment) -> LinearAxis:
     branches = len(weights) if direct < 1 else 0
     ratio = _share(e, "support_resonance", "mass_ratio")
     coupling = _share(e, "sensor_resonance", "coupling") if e.sensor == "probe" else 0.0
-    sizes = (2, len(amplifier), branches, 2 * (ratio > 0), 2 * (coupling != 0), len(b), 1, 1)
-    _, lags, eddy, body, mount, probe, force, command = _spans(sizes)
+    sticks = effect_value(effects, "friction", "presliding") > 0
+    sizes = (2, len(amplifier), branches, sticks, 2 * (ratio > 0), 2 * (coupling != 0), len(b), 1, 1)
+    _, lags, eddy, rubbed, body, mount, probe, force, command = _spans(sizes)
     n = command.stop
     rates, unit = np.zeros((n, n)), np.eye(n)
     driven, moved = unit[VELOCITY].copy(), unit[VELOCITY].copy()  # moved: by any force on the rotor
@@ -74,8 +75,14 @@ def linear_axis(e: Experiment) -> LinearAxis:
     gain, stiffness = _tangent(e)
     k = e.rig.support_stiffness * (1 + effect_value(effects, "support_stiffness")) + stiffness
     c = e.rig.support_damping + effect_value(effects, "damping")
-    c += effect_value(effects, "friction") / effect_value(effects, "friction", "velocity")
-    bearing = (gain * pulling - k * unit[POSITION] - c * unit[VELOCITY]) / mass
+    rub, slip, bristle = (effect_value(effects, "friction", key) for key in ("force", "velocity", "presliding"))
+    held_back = 0.0 * current
+    if bristle:
+        rates[rubbed] = (unit[VELOCITY] - slip * unit[rubbed]) / bristle
+        held_back = rub * unit[rubbed.start]
+    else:
+        c += rub / slip
+    bearing = (gain * pulling - k * unit[POSITION] - c * unit[VELOCITY] - held_back) / mass
     rates += np.outer(driven, bearing) + np.outer(moved, unit[force.start] / mass + taken)
 
     seen = unit[POSITION] - (unit[mount.start] if coupling else 0.0)

@@ -63,7 +63,7 @@ COORDINATES: Mapping[str, tuple[Coordinate, ...]] = {
         "mass": [("change", 0.1)],
         "support_stiffness": [("change", 0.1)],
         "damping": [("coefficient", 1.0)],
-        "friction": [("force", 0.02), ("velocity", None)],
+        "friction": [("force", 0.02), ("velocity", None), ("presliding", None)],
         "support_resonance": [("frequency", None), ("damping_ratio", None), ("mass_ratio", 0.02)],
         "cross_coupling": [("ratio", 0.05)],
     }.items()
@@ -85,7 +85,8 @@ _STARTS: Mapping[str, Mapping[str, Sequence[float]]] = {
     "mass": {"change": (-0.2, -0.03, 0.03, 0.3)},
     "support_stiffness": {"change": (-0.2, -0.03, 0.03, 0.3)},
     "damping": {"coefficient": (-2.0, 1.0, 20.0)},
-    "friction": {"force": (0.02, 0.3), "velocity": (3e-4, 3e-3)},
+    # The least presliding is as good as none.
+    "friction": {"force": (0.05,), "velocity": (3e-4, 3e-3), "presliding": (1e-9, 3e-7, 3e-6)},
     "cross_coupling": {"ratio": (-0.05, 0.05)},
 }
 # A lag is rarely one pole alone: which share of its time may pass as delay, 1 sigma and most; it ends where a delay

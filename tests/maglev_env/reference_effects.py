@@ -46,7 +46,7 @@ def saturated_law(rig, knee, gain_change, stiffness_change):
 
 
 class FullAxis(Axis):
-    """One axis with every effect. States: y, v, amplifier, branches, hysteresis, mount, second body, probe."""
+    """One axis with every effect. States: y, v, amplifier, branches, hysteresis, mount, body, bristles, probe."""
 
     def __init__(self, e: Experiment, axis: int, first: int) -> None:
         super().__init__(e, axis, first)
@@ -63,6 +63,7 @@ class FullAxis(Axis):
         self.mount = [value("sensor_resonance", key) for key in (None, "damping_ratio", "coupling")]
         self.body = [value("support_resonance", key) for key in (None, "damping_ratio", "mass_ratio")]
         self.rub, self.slip = value("friction"), value("friction", "velocity")
+        self.presliding = value("friction", "presliding")
         self.runout = [value("runout", key) for key in (None, "harmonics", "phase")]
         self.pickup = [value("pickup", key) for key in (None, "harmonics", "phase")]
         self.speed, self.mains = 2 * pi * e.speed_rpm / 60, 2 * pi * value("pickup", "frequency")
@@ -72,7 +73,8 @@ class FullAxis(Axis):
         self.held = self.branch + len(rates)
         self.first_mount = self.held + 1
         self.first_body = self.first_mount + 2
-        self.first_sensor = self.first_body + 2
+        self.bristles = self.first_body + 2
+        self.first_sensor = self.bristles + 1
         self.size = self.first_sensor + len(self.sensor) - first
 
     def current(self, x, command):
@@ -100,7 +102,11 @@ class FullAxis(Axis):
         """Derivatives under a command, the held force and what the other axis adds to the bearing's force."""
         y, v = x[self.first], x[self.first + 1]
         bearing = self.magnets(y + self.offset, self.pulling(x, command)) - self.stiffness * y - self.damping * v
-        bearing += beside - self.extra_weight - self.rub * v / sqrt(v * v + self.slip * self.slip)
+        bent, slope = v / sqrt(v * v + self.slip * self.slip), 0.0
+        if self.presliding:
+            bent = x[self.bristles]
+            slope = (v - sqrt(v * v + self.slip * self.slip) * bent) / self.presliding
+        bearing += beside - self.extra_weight - self.rub * bent
         angle = self.speed * t - self.quarter + self.moment_phase
         outside = force + self.moment * self.speed**2 * cos(angle)
         frequency, damping, ratio = self.body
@@ -123,7 +129,7 @@ class FullAxis(Axis):
         turn, (w, wv) = 2 * pi * frequency, x[self.first_mount : self.first_mount + 2]
         driven = -coupling * bearing / self.mass if frequency else 0.0
         slopes += [wv, driven - 2 * damping * turn * wv - turn**2 * w]
-        slopes += [rv, -a - held_back if self.body[0] else 0.0]
+        slopes += [rv, -a - held_back if self.body[0] else 0.0, slope]
         source = y - w
         for j, time in enumerate(self.sensor, self.first_sensor):
             slopes.append((source - x[j]) / time)

@@ -31,6 +31,7 @@ EACH = {
     "eddy_current": effect("eddy_current", 400.0, order=0.6),
     "hysteresis": effect("hysteresis", 0.2),
     "friction": effect("friction", 0.02, velocity=2e-3),
+    "friction that sticks": effect("friction", 0.02, velocity=1e-4, presliding=2e-6),
     "support_resonance": SECOND_BODY,
     "sensor_resonance": MOUNT,
     "a mount the other way": effect("sensor_resonance", 700.0, coupling=-0.2),
@@ -120,7 +121,8 @@ def physical(s, rig, effects, cross, iron=branches):
     )
     damping = np.diag([r.support_damping + get("damping", 0.0) for r in rig])
     if "friction" in effects:
-        damping = damping + effects["friction"]["force"] / effects["friction"]["velocity"] * eye
+        slip, bristles = effects["friction"]["velocity"], effects["friction"]["presliding"]
+        damping = damping + effects["friction"]["force"] / (slip + s * bristles) * eye
     mix, ratio = eye, get("cross_coupling", 0.0)
     if len(rig) == 2:
         swap = np.array([[0, 1], [1, 0]])
