@@ -100,14 +100,16 @@ def _campaign(folder: Path, data: dict[str, Any]) -> Campaign:
     if data.get("schema") != SCHEMA:
         raise ValueError(f'schema = {data.get("schema")!r}; this version reads schema = "{SCHEMA}"')
     check_known(data, ("schema", "rig", "parameters", "recording"), "top level")
-    rig, mass = _rig(folder, data.get("rig"), table_of(data.get("parameters", {}), "[parameters]"))
+    rig, mass = campaign_rig(folder, data.get("rig"), table_of(data.get("parameters", {}), "[parameters]"))
     tables = data.get("recording", [])
     if not isinstance(tables, list) or not tables:
         raise ValueError("there is no [[recording]]; give at least one")
     return Campaign(folder, rig, mass, tuple(_recording(folder, table, i) for i, table in enumerate(tables, 1)))
 
 
-def _rig(folder: Path, source: Any, parameters: dict[str, Any]) -> tuple[Rig | None, float | None]:
+def campaign_rig(folder: Path, source: Any, parameters: dict[str, Any]) -> tuple[Rig | None, float | None]:
+    """The nominal rig that a campaign.toml in the folder names, with its [parameters], and the moving mass in kg; None
+    where it says neither. ValueError when they do not fit."""
     if source is None:
         check_known(parameters, ("mass",), "[parameters] without a rig")
         if "mass" not in parameters:

@@ -52,8 +52,8 @@ def write_campaign(
     _check(recordings)
     preset = rig_source in PRESETS
     rig_text = "" if preset else Path(rig_source).read_text(encoding="utf-8")
-    lines = [f"schema = {_toml(SCHEMA)}", f"rig = {_toml(str(rig_source) if preset else 'rig.toml')}"]
-    lines += _table("[parameters]", parameters) if parameters else []
+    lines = [f"schema = {toml_value(SCHEMA)}", f"rig = {toml_value(str(rig_source) if preset else 'rig.toml')}"]
+    lines += toml_table("[parameters]", parameters) if parameters else []
     for name, role, dataset, experiment in recordings:
         lines += _recording(f"{name}.{data_format}", role, dataset, experiment)
     folder.mkdir(parents=True, exist_ok=True)
@@ -87,28 +87,31 @@ def _recording(file: str, role: str, dataset: "xr.Dataset", experiment: Experime
     head = {"file": file, "role": role, "sample_rate": rate, "start": 0}
     if experiment is not None:
         head |= {"intersample": "zoh"} | ({"speed_rpm": experiment.speed_rpm} if experiment.speed_rpm else {})
-    lines = _table("[[recording]]", head)
+    lines = toml_table("[[recording]]", head)
     if experiment is not None and experiment.rig.controlled:
         lines += _controllers(experiment.gains)
     for excitation in (Excitation("none"),) if experiment is None else experiment.excitations:
-        table = _excitation(excitation)
+        table = excitation_table(excitation)
         if excitation.periodic:
             whole, rest = divmod(dataset.sizes["time"], excitation.samples_per_period(rate))
             table |= {} if rest else {"periods": whole}
-        lines += _table("[[recording.excitation]]", table)
+        lines += toml_table("[[recording.excitation]]", table)
     channels = ["time", *map(str, dataset.data_vars)]
-    return [*lines, "", "[recording.channels]", *(f"{name} = {{ from = {_toml(name)} }}" for name in channels)]
+    return [*lines, "", "[recording.channels]", *(f"{name} = {{ from = {toml_value(name)} }}" for name in channels)]
 
 
 def _controllers(controllers: Controllers) -> list[str]:
     if isinstance(controllers, tuple):
         key = "gains" if isinstance(controllers[0], Gains) else "controller"
         tables = as_table(controllers).items()
-        return [line for axis, table in tables for line in _table(f"[recording.{key}.{axis}]", table)]
-    return _table(f"[recording.{'gains' if isinstance(controllers, Gains) else 'controller'}]", as_table(controllers))
+        return [line for axis, table in tables for line in toml_table(f"[recording.{key}.{axis}]", table)]
+    return toml_table(
+        f"[recording.{'gains' if isinstance(controllers, Gains) else 'controller'}]", as_table(controllers)
+    )
 
 
-def _excitation(excitation: Excitation) -> dict[str, Any]:
+def excitation_table(excitation: Excitation) -> dict[str, Any]:
+    """A [[recording.excitation]] without its periods."""
     table = asdict(excitation)
     lines = table.pop("lines")
     if excitation.kind == "sphs":
@@ -122,16 +125,17 @@ def _excitation(excitation: Excitation) -> dict[str, Any]:
     return {**table, **({"harmonics": [lines[0], lines[-1]]} if gapless else {"lines": lines})}
 
 
-def _table(header: str, values: Mapping[str, Any]) -> list[str]:
-    return ["", header, *(f"{key} = {_toml(value)}" for key, value in values.items())]
+def toml_table(header: str, values: Mapping[str, Any]) -> list[str]:
+    """The lines of one TOML table after an empty one, in the values' order."""
+    return ["", header, *(f"{key} = {toml_value(value)}" for key, value in values.items())]
 
 
-def _toml(value: Any) -> str:
+def toml_value(value: Any) -> str:
     """A string, number or list of them as TOML."""
     if isinstance(value, str):
         return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
     if isinstance(value, list | tuple):
-        text = ", ".join(map(_toml, value))
+        text = ", ".join(map(toml_value, value))
         if len(text) < _LINE // 2 or any(isinstance(v, str) for v in value):  # a break inside a string would change it
             return f"[{text}]"
         return "[\n" + fill(text, _LINE, **_WRAP) + "\n]"

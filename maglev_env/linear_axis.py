@@ -1,6 +1,8 @@
 """One axis of the linearised rig in continuous time: every effect that has a linear part, as states."""
 
 from dataclasses import dataclass, replace
+from functools import lru_cache
+from math import isfinite
 
 import numpy as np
 
@@ -40,10 +42,9 @@ def linear_axis(e: Experiment) -> LinearAxis:
     effects, mass = e.effects, moving_mass(e)
     amplifier = [t for t in (e.rig.amplifier_time_constant, effect_value(effects, "amplifier_lag")) if t > 0]
     a, b, read = _sensor(e)
-    direct, weights, speeds = eddy_branches(
-        effect_value(effects, "eddy_current"), effect_value(effects, "eddy_current", "order")
-    )
-    branches = len(weights) if direct < 1 else 0
+    corner, order = effect_value(effects, "eddy_current"), effect_value(effects, "eddy_current", "order")
+    direct, weights, speeds = _branches(corner, order) if isfinite(corner) else (1.0, (), ())
+    branches = len(weights)
     ratio = _share(e, "support_resonance", "mass_ratio")
     coupling = _share(e, "sensor_resonance", "coupling") if e.sensor == "probe" else 0.0
     sticks = effect_value(effects, "friction", "presliding") > 0
@@ -118,6 +119,9 @@ def _changed(e: Experiment, tangent: tuple[float, float]) -> tuple[float, float]
     return gain * (1 + effect_value(e.effects, "actuator_gain")), stiffness * (
         1 + effect_value(e.effects, "negative_stiffness")
     )
+
+
+_branches = lru_cache(64)(eddy_branches)  # many lanes share their effect
 
 
 def _share(e: Experiment, name: str, parameter: str) -> float:

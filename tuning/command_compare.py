@@ -32,7 +32,7 @@ def run(
     docs: Path | None,
     json_file: Path | None,
 ) -> None:
-    """See `tuning.cli.compare`."""
+    """See `tuning.cli_tuning.compare`."""
     require_folder(json_file, "--json")
     require_folder(docs, "--docs")
     chosen = methods or [m for m in METHODS if m not in SLOW]

@@ -18,6 +18,7 @@ from tuning.learned.tuner import LearnedTuner
 from tuning.learned.worlds import World
 from tuning.output import console, progress_bar, require_folder, write_json
 from tuning.page import plain
+from tuning.schedule import workers
 from tuning.search.compare import held_out
 from tuning.search.folder import claim, locked
 from tuning.search.lockstep import course, judged, side_by_side
@@ -31,14 +32,16 @@ CHECKPOINTS = (1, 2, 3, 5, 10)  # experiments after which a policy is judged
 
 def run(
     rig: str, by: str, protocol: str, rigs: int, experiments: int, judged: int, init: Path | None, seed: int,
-    out: Path | None, json_file: Path | None,
+    scheduler: str | None, out: Path | None, json_file: Path | None,
 ) -> None:  # fmt: skip
-    """See `tuning.cli.train`."""
+    """See `tuning.cli_tuning.train`."""
     require_folder(json_file, "--json")
     if by not in BY:
         raise ValueError(f"--by {by}: use one of {', '.join(BY)}")
     if init is not None and by == BY[0]:
         raise ValueError("--init: imitation begins anew; leave it out, or use --by ppo or sac")
+    if scheduler is not None and by != BY[0]:
+        raise ValueError("--scheduler: only imitation is spread over workers")
     world = World(load_rig(rig), protocol)
     world.task()  # says what is wrong with it before any work
     plan = Plan(rigs=rigs)
@@ -53,7 +56,7 @@ def run(
     with locked(folder, "another process trains there; wait, or choose another folder"):
         claim(folder / SPEC, made_by, "training")
         (folder / GROUPS).mkdir(exist_ok=True)
-        with progress_bar() as bar:
+        with workers(scheduler) as spread, progress_bar() as bar:
             total = rigs if by == "imitation" else experiments
             line = bar.add_task("train", total=total)
 
@@ -62,7 +65,7 @@ def run(
 
             try:
                 if by == "imitation":
-                    policy, log = train(world.draw, plan, seed, folder / GROUPS, advance)
+                    policy, log = train(world.draw, plan, seed, folder / GROUPS, advance, spread)
                 else:
                     policy, log = _reinforced(world, by, experiments, seed, begun, advance)
             except KeyboardInterrupt:

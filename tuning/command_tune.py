@@ -37,7 +37,7 @@ def run(
     out: Path | None,
     json_file: Path | None,
 ) -> None:
-    """See `tuning.cli.tune`."""
+    """See `tuning.cli_tuning.tune`."""
     require_folder(json_file, "--json")
     loaded, chosen = load_rig(rig), parse_effects(effects)
     task = make_task(

@@ -8,7 +8,7 @@ from pathlib import Path
 import typer
 from rich.markup import escape
 
-from maglev_env.campaign import SCHEMA, Campaign, _rig, load_campaign
+from maglev_env.campaign import SCHEMA, Campaign, campaign_rig, load_campaign
 from maglev_env.files import write_text_atomic
 from maglev_env.rig import Rig
 from tuning.next_recording import commented, excitation_words, summary, toml_block
@@ -36,7 +36,7 @@ def run(
     json_file: Path | None,
     named: Sequence[str] = (),
 ) -> None:
-    """See `tuning.cli.tune`; named: names of all options on the command line.
+    """See `tuning.cli_tuning.tune`; named: names of all options on the command line.
 
     ValueError for options that mean nothing with a campaign, a campaign without a rig, recordings of no use.
     """
@@ -88,7 +88,7 @@ def _read(source: Path) -> tuple[Path, Rig, Campaign | None]:
         begun = bool(data.get("recording"))
         if not begun and data.get("schema") != SCHEMA:
             raise ValueError(f'schema = {data.get("schema")!r}; this version reads schema = "{SCHEMA}"')
-        rig = None if begun else _rig(path.parent, data.get("rig"), data.get("parameters", {}))[0]
+        rig = None if begun else campaign_rig(path.parent, data.get("rig"), data.get("parameters", {}))[0]
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from error
     campaign = load_campaign(path) if begun else None

@@ -27,7 +27,7 @@ def run(
     docs: Path | None,
     json_file: Path | None,
 ) -> None:
-    """See `tuning.cli.compare`. budget: experiments on each, or "simulators,twin"; None: BUDGET."""
+    """See `tuning.cli_tuning.compare`. budget: experiments on each, or "simulators,twin"; None: BUDGET."""
     require_folder(json_file, "--json")
     require_folder(docs, "--docs")
     budgets = parse_budgets(budget)

@@ -6,7 +6,7 @@ from textwrap import wrap
 
 from maglev_env.campaign import Campaign
 from maglev_env.campaign_tables import ChannelSource
-from maglev_env.campaign_writer import _excitation, _table, _toml
+from maglev_env.campaign_writer import excitation_table, toml_table, toml_value
 from maglev_env.excitation import UNITS
 from maglev_env.gains import Gains
 from tuning.search.next_step import Advice
@@ -62,16 +62,17 @@ def toml_block(advice: Advice, campaign: Campaign | None) -> str:
     """The [[recording]] to paste into campaign.toml once it is recorded; after a stop the [gains] of a rig file."""
     if advice.stop:
         keep = None if advice.keep is None else advice.sets[advice.keep].gains
-        return "\n".join(_table("[gains]", asdict(keep))[1:]) + "\n" if keep else ""
+        return "\n".join(toml_table("[gains]", asdict(keep))[1:]) + "\n" if keep else ""
     last = campaign.recordings[-1] if campaign else None
     protocol, rate = advice.task.rig.protocol, last.sample_rate if last else advice.task.rig.control_rate
     head = {"file": _file(campaign), "role": "fit", "sample_rate": rate, "start": 0}
     stated = last.intersample if last else "zoh"
-    lines = _table("[[recording]]", head | ({"intersample": stated} if stated else {}))[1:]
-    lines += _table("[recording.gains]", asdict(advice.next))
+    lines = toml_table("[[recording]]", head | ({"intersample": stated} if stated else {}))[1:]
+    lines += toml_table("[recording.gains]", asdict(advice.next))
     for e in protocol.excitations:
-        lines += _table(
-            "[[recording.excitation]]", {**_excitation(e), "periods": protocol.periods + protocol.transient_periods}
+        lines += toml_table(
+            "[[recording.excitation]]",
+            {**excitation_table(e), "periods": protocol.periods + protocol.transient_periods},
         )
     names = {
         name: ChannelSource((name,), (1.0,)) for name in ("force", "displacement", "command", "current", "injection")
@@ -93,11 +94,11 @@ def _file(campaign: Campaign | None) -> str:
 
 def _channel(name: str, source: ChannelSource) -> str:
     one = len(source.columns) == 1
-    parts = [f"from = {_toml(source.columns[0] if one else list(source.columns))}"]
+    parts = [f"from = {toml_value(source.columns[0] if one else list(source.columns))}"]
     if not one or source.weights != (1.0,):
-        parts.append(f"weights = {_toml(list(source.weights))}")
+        parts.append(f"weights = {toml_value(list(source.weights))}")
     parts += [
-        f"{key} = {_toml(v)}"
+        f"{key} = {toml_value(v)}"
         for key, v in (("scale", source.scale), ("offset", source.offset))
         if v != (key == "scale")
     ]

@@ -188,9 +188,13 @@ def infos(task: Tuning, found: Any, actions: np.ndarray) -> list[dict[str, Any]]
     columns: dict[str, np.ndarray] = {name: gains[:, j] for j, name in enumerate(task.box.names)}
     columns |= task.told(found)
     columns |= {f"term_{name}": values for name, values in found.terms.items()}
-    return [
-        {name: _plain(values[i]) for name, values in columns.items() if _known(values[i])} for i in range(len(actions))
-    ]
+    rows: list[dict[str, Any]] = [{} for _ in actions]
+    for name, values in columns.items():
+        plain = values.copy() if values.ndim > 1 else values.tolist()
+        for row, value, known in zip(rows, plain, _known(values), strict=True):
+            if known:
+                row[name] = value
+    return rows
 
 
 _TOLD = (
@@ -201,9 +205,6 @@ _TOLD = (
 )
 
 
-def _known(value: Any) -> bool:
-    return value != "" if isinstance(value, str) else not np.isnan(value).any()
-
-
-def _plain(value: Any) -> Any:
-    return value.copy() if np.ndim(value) else value.item()
+def _known(values: np.ndarray) -> np.ndarray:
+    """Whether each of the values (n, ...) says something whole."""
+    return values != "" if values.dtype.kind == "U" else ~np.isnan(values).any(axis=tuple(range(1, values.ndim)))

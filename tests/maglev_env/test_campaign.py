@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from maglev_env.campaign import ChannelSource, load_campaign
-from maglev_env.campaign_writer import _toml
+from maglev_env.campaign_writer import toml_value
 from maglev_env.excitation import Excitation
 from maglev_env.files import write_npz
 from maglev_env.gains import Gains, LinearController
@@ -225,7 +225,7 @@ values = st.one_of(
 
 @given(value=st.one_of(values, st.lists(values, max_size=60)))
 def test_toml_values_come_back(value):
-    assert tomllib.loads(f"key = {_toml(value)}\n")["key"] == value
+    assert tomllib.loads(f"key = {toml_value(value)}\n")["key"] == value
 
 
 PLANAR = """schema = "maglev-campaign/1"
@@ -437,7 +437,7 @@ EXCITATION_KEYS = {
 def test_no_value_of_an_excitation_ends_in_another_error(tmp_path_factory, key, value):
     folder = tmp_path_factory.getbasetemp() / "hostile"
     folder.mkdir(exist_ok=True)
-    table = {**EXCITATION_KEYS, key: _toml(value)}
+    table = {**EXCITATION_KEYS, key: toml_value(value)}
     start, stop = PLANAR.index("[[recording.excitation"), PLANAR.index("[recording.channels")
     text = "\n".join(["[[recording.excitation]]", *(f"{name} = {v}" for name, v in table.items()), ""])
     campaign(folder, PLANAR[:start] + text + PLANAR[stop:])

@@ -167,7 +167,13 @@ def test_a_full_disk_is_named(campaign, tmp_path):
 @pytest.mark.slow
 def test_ctrl_c_stops_a_sweep_with_130_and_the_next_run_goes_on(tmp_path):
     command = [sys.executable, "-m", "tuning.cli", "sweep", "--sobol", "768", "--out", str(tmp_path / "s")]
-    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    process = subprocess.Popen(
+        command,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),  # ignored where tests run in the background
+    )
     chunks = tmp_path / "s" / "chunks"
     for _ in range(6000):
         if chunks.exists() and any(chunks.glob("*.npz")):

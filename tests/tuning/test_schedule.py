@@ -21,6 +21,8 @@ from sim2real.blind.answer import answer_all
 from tuning import schedule
 from tuning import sweep as sweep_module
 from tuning.cli import app
+from tuning.learned.training import Plan, train
+from tuning.learned.worlds import World
 from tuning.schedule import workers
 from tuning.search.space_filling import Sobol
 from tuning.search.study import JOURNAL, run_study
@@ -176,6 +178,16 @@ def test_a_study_is_the_same_on_workers(local, tmp_path):
         return (tmp_path / name / JOURNAL).read_bytes()
 
     assert study("there", local) == study("here", None)
+
+
+@pytest.mark.slow
+def test_training_is_the_same_on_workers(local):
+    world = World(load_rig("hmb_free"), budget=3)
+    plan = Plan(rigs=6, rounds=2, search=30, epochs=5, history=3, width=16)
+    there, here = train(world.draw, plan, 1, workers=local), train(world.draw, plan, 1)
+    seen = np.random.default_rng(0).uniform(-1, 1, (5, 2, len(here[0].shape.names)))
+    np.testing.assert_array_equal(there[0].act(seen), here[0].act(seen))
+    assert there[1] == here[1]
 
 
 @pytest.mark.slow

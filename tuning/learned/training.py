@@ -4,6 +4,7 @@ learns to name them from what its own experiments show (DAgger: Ross, Gordon and
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 from zipfile import BadZipFile
 
 import numpy as np
@@ -14,6 +15,9 @@ from maglev_env.files import atomic_file
 from tuning.learned.policy import HistoryPolicy, Shape, stack
 from tuning.search.lockstep import optima
 from tuning.search.study import experiments
+
+if TYPE_CHECKING:
+    from tuning.schedule import Workers
 
 SPREAD = 0.15  # of the noise on a policy's actions while it gathers: what it may meet later
 GROUP = 125  # rigs of one task, whose experiments run together
@@ -50,19 +54,32 @@ class Group:
 DrawTasks = Callable[[np.random.Generator], tuple[Task, Task]]
 
 
+@dataclass(frozen=True, eq=False)
+class _Job:
+    """A group to gather: number of rigs, the policy so far, and the seed of every choice."""
+
+    draw_tasks: DrawTasks
+    plan: Plan
+    n: int
+    policy: HistoryPolicy | None
+    seed: tuple[int, int, int]
+
+
 def train(
     draw_tasks: DrawTasks,
     plan: Plan,
     seed: int,
     folder: Path | None = None,
     progress: Callable[[str, int], None] = lambda text, rigs: None,
+    workers: "Workers | None" = None,
 ) -> tuple[HistoryPolicy, list[dict[str, float]]]:
     """A policy for rigs of the tasks drawn (they share observations and gains; of each pair it observes the first, and
     the best gains of the rigs are searched for on the second), and per round its mean score after one and after all
     experiments of a rig, and its loss.
 
     A finished group of rigs is in the folder and not made again, so that an interrupted training goes on; the same seed
-    gives the same policy on the same machine. progress is told the round and the rigs met since.
+    gives the same policy on the same machine, with workers or without. progress is told the round and the rigs met
+    since.
     """
     groups: list[Group] = []
     log, policy = [], None
@@ -71,15 +88,8 @@ def train(
     try:
         for turn in range(plan.rounds):
             said = f"round {turn + 1} of {plan.rounds}"
-            new = []
-            for i, n in enumerate(_sizes(plan, turn)):
-                path = None if folder is None else folder / f"round-{turn + 1}-{i + 1:03d}.npz"
-                kept = _kept(path)
-                new.append(kept or _group(draw_tasks, plan, n, policy, np.random.default_rng((seed, turn, i))))
-                if kept is None and path is not None:
-                    with atomic_file(path) as file:
-                        np.savez(file, **vars(new[-1]))
-                progress(said, n)
+            jobs = [_Job(draw_tasks, plan, n, policy, (seed, turn, i)) for i, n in enumerate(_sizes(plan, turn))]
+            new = _gathered(jobs, folder, lambda n, said=said: progress(said, n), workers)
             groups += new
             if policy is None:
                 task, _ = draw_tasks(np.random.default_rng(seed))
@@ -97,6 +107,31 @@ def _sizes(plan: Plan, turn: int) -> list[int]:
     return [min(GROUP, count - begun) for begun in range(0, count, GROUP)]
 
 
+def _gathered(
+    jobs: Sequence[_Job], folder: Path | None, progress: Callable[[int], None], workers: "Workers | None"
+) -> list[Group]:
+    """The groups of all jobs, in order: those that the folder holds, and the others made."""
+    paths = [None if folder is None else folder / f"round-{j.seed[1] + 1}-{j.seed[2] + 1:03d}.npz" for j in jobs]
+    groups = [_kept(path) for path in paths]
+    todo = [i for i, group in enumerate(groups) if group is None]
+    if kept := sum(j.n for j, group in zip(jobs, groups, strict=True) if group is not None):
+        progress(kept)
+    missing = [jobs[i] for i in todo]
+    for at, group in enumerate(map(_group, missing)) if workers is None else workers.each(_on_worker, missing):
+        i = todo[at]
+        groups[i] = group
+        if paths[i] is not None:
+            with atomic_file(paths[i]) as file:
+                np.savez(file, **vars(group))
+        progress(jobs[i].n)
+    return groups
+
+
+def _on_worker(job: _Job) -> Group:
+    torch.set_num_threads(1)
+    return _group(job, threads=1)
+
+
 def _kept(path: Path | None) -> Group | None:
     if path is None or not path.exists():
         return None
@@ -107,12 +142,13 @@ def _kept(path: Path | None) -> Group | None:
         raise ValueError(f"{path} is damaged ({error}); delete it, and it is made again") from error
 
 
-def _group(draw_tasks: DrawTasks, plan: Plan, n: int, policy: HistoryPolicy | None, rng: np.random.Generator) -> Group:
+def _group(job: _Job, threads: int | None = None) -> Group:
     """Rigs of one task; experiments on them under the policy with noise, or at random while there is none."""
-    task, searched = draw_tasks(rng)
+    plan, n, policy, rng = job.plan, job.n, job.policy, np.random.default_rng(job.seed)
+    task, searched = job.draw_tasks(rng)
     episodes = [task.draw(rng) for _ in range(n)]
     same = [replace(e, rig=replace(e.rig, protocol=searched.rig.protocol)) for e in episodes]
-    best, _ = optima(searched, same, int(rng.integers(2**31)), plan.search)
+    best, _ = optima(searched, same, int(rng.integers(2**31)), plan.search, threads)
     k = len(task.box.names)
     seen = np.zeros((n, plan.history, len(task.layout.names)), np.float32)
     scores = np.zeros((n, plan.history))
@@ -123,7 +159,7 @@ def _group(draw_tasks: DrawTasks, plan: Plan, n: int, policy: HistoryPolicy | No
             points = rng.uniform(-1, 1, (n, k))
         else:
             points = policy.act(seen[:, :t]) + SPREAD * rng.standard_normal((n, k)) * (rng.random((n, 1)) < 0.5)
-        found = experiments(task, episodes, np.clip(points, -1, 1), [t + 1] * n)
+        found = experiments(task, episodes, np.clip(points, -1, 1), [t + 1] * n, threads)
         seen[:, t], scores[:, t] = found.observation, found.score
     return Group(best, seen, scores)
 

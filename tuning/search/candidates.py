@@ -11,7 +11,7 @@ from maglev_env.envs.task import Task
 from maglev_env.gains import Gains, with_gains
 from maglev_env.rig import Rig
 from tuning.search.evolution import DifferentialEvolution
-from tuning.search.recommendation import Verdict, _judged
+from tuning.search.recommendation import Verdict, verdict_of
 from tuning.search.recorded_sets import DRAWS, GainSet, Response, pooled
 from tuning.search.rig_fit import IdentifiedRig, measured_sensitivity
 from tuning.search.study import experiments
@@ -81,7 +81,7 @@ def predict(model: Model, gains: Gains, seed: int) -> Prediction:
     """Gains on the identified rig, on rigs of its posterior, and on the plant as measured."""
     point, lanes = model.point(gains), [*model.own, *model.spread]
     again = experiments(model.task, lanes, np.tile(point, (len(lanes), 1)), [0] * len(lanes))
-    verdict = _judged(point, again, len(model.own), model.own[0])
+    verdict = verdict_of(point, again, len(model.own), model.own[0])
     held = not again.touchdown.any() and bool((again.score > 0).all())
     if model.plant is None:
         return Prediction(gains, verdict, held, None, None)

@@ -5,21 +5,17 @@ from dataclasses import asdict, dataclass, fields, replace
 from importlib.metadata import version
 from itertools import pairwise
 from pathlib import Path
-from time import perf_counter
 from typing import TYPE_CHECKING, Any
-from zipfile import BadZipFile
 
 import numpy as np
 
 from maglev_env.envs.episodes import Episode
 from maglev_env.envs.task import Task
-from maglev_env.files import atomic_file
 from tuning.page import plain
+from tuning.search.compare_runs import Runs, load, save, stored_parts
 from tuning.search.folder import LOCK, claim, locked
-from tuning.search.lockstep import Course, course, judged, optima, rescored, side_by_side
-from tuning.search.methods import LEARNED, LONGEST, METHODS, make_tuner, policy_digest
-from tuning.search.study import experiments
-from tuning.search.tuner import Trials, Tuner
+from tuning.search.lockstep import Course, judged, optima, rescored
+from tuning.search.methods import LEARNED, LONGEST, METHODS, policy_digest
 
 if TYPE_CHECKING:
     from tuning.learned.policy import HistoryPolicy
@@ -27,7 +23,6 @@ if TYPE_CHECKING:
 
 SCHEMA = "maglev-compare-folder/1"
 SPEC, RIGS, PARTS = "comparison.json", "rigs.npz", "parts"
-CHUNK = 50  # runs whose experiments go side by side, and are stored together
 HELD_OUT = 271828  # beside the seed: rigs that the same seed draws for anything else are others
 SEARCH = 600  # experiments that look for the best each rig allows
 BETWEEN = (1, 3, 10, 30, 100, 300, 1000, 3000)  # where a course is looked at beside the budgets
@@ -106,13 +101,13 @@ def compare(
         for method in methods:
             path = folder / f"{_label(method, policy, task)}.npz"
             if reused := path.exists():
-                found = _load(path)
+                found = load(path)
                 progress(method, len(lanes) * budget_of(method, budgets))
             else:
-                runs = _Runs(task, method, lanes, seeds, budget_of(method, budgets), policy)
-                parts = _parts(runs, folder / PARTS / path.stem, workers, lambda n, m=method: progress(m, n))
+                runs = Runs(task, method, lanes, seeds, budget_of(method, budgets), policy)
+                parts = stored_parts(runs, folder / PARTS / path.stem, workers, lambda n, m=method: progress(m, n))
                 found = _result(runs, parts, checkpoints, seed)
-                _save(path, found)
+                save(path, found)
             found = {k: v.reshape(shape) if v.ndim == 2 else v for k, v in found.items()}
             results[method] = Result(**found, reused=reused)
     reached = np.max([np.nanmax(r.score, axis=(1, 2)) for r in results.values()], axis=0)
@@ -150,85 +145,8 @@ def held_out(task: Task, n_rigs: int, repeats: int, seed: int) -> tuple[list[Epi
     return rigs, lanes, seeds
 
 
-class _Timed:
-    """A tuner that adds the time it takes to spent[0]."""
-
-    def __init__(self, tuner: Tuner, spent: list[float]) -> None:
-        self._tuner, self._spent = tuner, spent
-
-    def ask(self, n: int) -> np.ndarray:
-        started = perf_counter()
-        points = self._tuner.ask(n)
-        self._spent[0] += perf_counter() - started
-        return points
-
-    def tell(self, trials: Trials) -> None:
-        started = perf_counter()
-        self._tuner.tell(trials)
-        self._spent[0] += perf_counter() - started
-
-    def close(self) -> None:
-        if hasattr(self._tuner, "close"):
-            self._tuner.close()
-
-
-@dataclass(frozen=True, eq=False)
-class _Runs:
-    """One tuner on lanes, each with its own seed."""
-
-    task: Task
-    method: str
-    lanes: Sequence[Episode]
-    seeds: Sequence[int]
-    budget: int
-    policy: "HistoryPolicy | None"
-
-
-def _parts(
-    runs: _Runs, folder: Path, workers: "Workers | None", progress: Callable[[int], None]
-) -> list[dict[str, np.ndarray]]:
-    """What `_experiments` finds for every CHUNK lanes, in order; stored as soon as it is there."""
-    folder.mkdir(parents=True, exist_ok=True)
-    jobs, paths = [], []
-    for i in range(0, len(runs.lanes), CHUNK):
-        part = replace(runs, lanes=runs.lanes[i : i + CHUNK], seeds=runs.seeds[i : i + CHUNK])
-        paths.append(folder / f"{i:06d}.npz")
-        if paths[-1].exists():
-            progress(len(part.lanes) * runs.budget)
-        else:
-            jobs.append((part, paths[-1]))
-    todo = [part for part, _ in jobs]
-    done = enumerate(map(_experiments, todo)) if workers is None else workers.each(_on_worker, todo)
-    for j, found in done:
-        part, path = jobs[j]
-        _save(path, found)
-        progress(len(part.lanes) * runs.budget)
-    return [_load(path) for path in paths]
-
-
-def _on_worker(runs: _Runs) -> dict[str, np.ndarray]:
-    return _experiments(runs, threads=1)
-
-
-def _experiments(runs: _Runs, threads: int | None = None) -> dict[str, np.ndarray]:
-    """The arrays of a Course, and clock (budget, 2): s since the first experiment of all lanes, and s of the tuners."""
-    spent, clock = [0.0], []
-    tuners = [
-        _Timed(make_tuner(runs.method, runs.task, e, s, runs.budget, runs.policy), spent)
-        for e, s in zip(runs.lanes, runs.seeds, strict=True)
-    ]
-    # Compiled code is loaded first, which is nobody's time.
-    experiments(runs.task, runs.lanes[:1], runs.lanes[0].start[None], 0, threads)
-    started = perf_counter()
-    trials = side_by_side(
-        runs.task, runs.lanes, tuners, runs.budget, threads=threads,
-        progress=lambda _: clock.append((perf_counter() - started, spent[0])),
-    )  # fmt: skip
-    return {**vars(course(trials)), "clock": np.array(clock)}
-
-
 def _result(
-    runs: _Runs, parts: Sequence[dict[str, np.ndarray]], checkpoints: Sequence[int], seed: int
+    runs: Runs, parts: Sequence[dict[str, np.ndarray]], checkpoints: Sequence[int], seed: int
 ) -> dict[str, np.ndarray]:
     """The arrays of a Result, all runs in one row."""
     whole = Course(*(np.concatenate([part[f.name] for part in parts]) for f in fields(Course)))
@@ -248,10 +166,10 @@ def _label(method: str, policy: "HistoryPolicy | None", task: Task) -> str:
 def _best_by_search(path: Path, task: Task, rigs: Sequence[Episode], lanes: Sequence[Episode], seed: int) -> np.ndarray:
     """Score (lanes,) of what a long search finds on each rig, under the noise that scores the tuners."""
     if path.exists():
-        return _load(path)["score"]
+        return load(path)["score"]
     points, _ = optima(task, rigs, seed, SEARCH)
     score = rescored(task, lanes, np.repeat(points, len(lanes) // len(rigs), axis=0), seed)
-    _save(path, {"points": points, "score": score})
+    save(path, {"points": points, "score": score})
     return score
 
 
@@ -260,16 +178,3 @@ def _claim(folder: Path, made_by: dict[str, Any]) -> None:
     if others and not (folder / SPEC).exists():
         raise ValueError(f"{folder} holds {others[0]} and no comparison; choose another folder")
     claim(folder / SPEC, made_by, "comparison")
-
-
-def _save(path: Path, arrays: dict[str, np.ndarray]) -> None:
-    with atomic_file(path) as file:
-        np.savez(file, **arrays)
-
-
-def _load(path: Path) -> dict[str, np.ndarray]:
-    try:
-        with np.load(path, allow_pickle=False) as stored:
-            return dict(stored)
-    except (BadZipFile, ValueError, EOFError) as error:
-        raise ValueError(f"{path} is damaged ({error}); delete it, and it is made again") from error

@@ -72,21 +72,25 @@ def judged(
     return best, down
 
 
-def rescored(task: Tuning, episodes: Sequence[Any], points: np.ndarray, seed: int) -> np.ndarray:
+def rescored(
+    task: Tuning, episodes: Sequence[Any], points: np.ndarray, seed: int, threads: int | None = None
+) -> np.ndarray:
     """Mean score (n,) of one point (n, k) on each episode over AGAIN repetitions with noise of its own."""
     rng = np.random.default_rng(seed)
     fresh = [replace(e, seed=int(rng.integers(2**63))) for e in episodes for _ in range(AGAIN)]
-    found = experiments(task, fresh, np.repeat(points, AGAIN, axis=0), [0] * len(fresh))
+    found = experiments(task, fresh, np.repeat(points, AGAIN, axis=0), [0] * len(fresh), threads)
     return found.score.reshape(-1, AGAIN).mean(axis=1)
 
 
-def optima(task: Tuning, episodes: Sequence[Any], seed: int, budget: int = 600) -> tuple[np.ndarray, np.ndarray]:
+def optima(
+    task: Tuning, episodes: Sequence[Any], seed: int, budget: int = 600, threads: int | None = None
+) -> tuple[np.ndarray, np.ndarray]:
     """About the best that each rig allows: points (n, k) and their scores (n,) under fresh noise, by a long search."""
     k = len(task.box.names)
     tuners = [DifferentialEvolution(k, seed + i, 10, e.start) for i, e in enumerate(episodes)]
-    trials = side_by_side(task, episodes, tuners, budget, batch=10 * k)
+    trials = side_by_side(task, episodes, tuners, budget, 10 * k, threads)
     points = np.stack([t.points[t.best] for t in trials])
-    return points, rescored(task, episodes, points, seed)
+    return points, rescored(task, episodes, points, seed, threads)
 
 
 def _part(trials: Trials, at: slice) -> Trials:

@@ -53,14 +53,15 @@ def recommend(
     for i in alive:
         point = trials.points[i]
         again = experiments(task, own + spread, np.tile(point, (repeats + rigs, 1)), [0] * (repeats + rigs))
-        verdict = _judged(point, again, repeats, episode)
+        verdict = verdict_of(point, again, repeats, episode)
         if verdict.reason is None:
             return Recommendation(verdict, tuple(refused))
         refused.append(verdict)
     return Recommendation(None, tuple(refused))
 
 
-def _judged(point: np.ndarray, again: Trials, repeats: int, episode: Episode) -> Verdict:
+def verdict_of(point: np.ndarray, again: Trials, repeats: int, episode: Episode) -> Verdict:
+    """What trials of one point say of it: the first `repeats` on the rig itself, the others on rigs it may be."""
     scores = again.score[:repeats]
     columns = {
         name: np.array([one.get(name, np.nan) for one in again.info], float)

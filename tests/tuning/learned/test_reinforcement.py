@@ -10,7 +10,8 @@ import torch
 from maglev_env.envs.task import make_task
 from tuning.learned import reinforcement
 from tuning.learned.policy import HistoryPolicy, Shape, stack
-from tuning.learned.reinforcement import exported, make_learner, study_env, train_by_reinforcement
+from tuning.learned.reinforcement import exported, make_learner, train_by_reinforcement
+from tuning.learned.study_env import study_env
 from tuning.learned.tuner import LearnedTuner
 from tuning.search.lockstep import side_by_side
 
