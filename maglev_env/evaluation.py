@@ -14,7 +14,7 @@ from estimation.planar import axis_statistics
 from estimation.stability import margin_arrays
 from maglev_env.excitation import lines_at
 from maglev_env.experiment import Experiment, axis_experiment
-from maglev_env.linear import closed_loop_poles, expected_statistics
+from maglev_env.linear import closed_loop_poles, expected_statistics, pole_radii
 from maglev_env.planar import AXES
 from maglev_env.rig import Rig, axis_rig
 from maglev_env.score import ScoreTarget, score, stacked, terms
@@ -144,7 +144,7 @@ def _evaluate_chunk(
     experiments: Sequence[Experiment], targets: Sequence[ScoreTarget], bands: np.ndarray | None
 ) -> Evaluation:
     simulated = simulate_statistics(experiments, threads=1)
-    radius = np.array([np.abs(closed_loop_poles(e)).max() for e in experiments])
+    radius = pole_radii(experiments)
     parts = [_of_axis(experiments, axis, simulated, radius, target, bands) for axis, target in enumerate(targets)]
     if len(parts) == 1:
         return parts[0]

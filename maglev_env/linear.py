@@ -3,6 +3,7 @@
 Effects enter with their linear part (see `linear_axis`); eddy currents by the branches that the simulator has too.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -62,20 +63,37 @@ def loop_response(experiment: Experiment, frequency: np.ndarray) -> LoopResponse
     return LoopResponse(np.asarray(frequency), *(m[:, 0, 0] if axes == 1 else m for m in found))
 
 
-def closed_loop_poles(experiment: Experiment) -> np.ndarray:
+def closed_loop_poles(experiment: Experiment, plant: tuple[np.ndarray, ...] | None = None) -> np.ndarray:
     """Poles (z-plane) of the linearised sampled loop; stable when all lie inside the unit circle.
 
-    With self-sensing those of its baseband model, and for an estimator that is unstable by itself its growth.
+    With self-sensing those of its baseband model, and for an estimator that is unstable by itself its growth. plant:
+    its `discrete_plant`, where known.
     """
-    poles = np.linalg.eigvals(closed_loop(experiment)[0])
+    poles = np.linalg.eigvals(closed_loop(experiment, plant)[0])
     growth = np.array([growth_rate(sensor) for sensor in self_sensors(experiment)])
     return np.concatenate([poles, np.exp(growth[growth >= 0] / experiment.rig.control_rate)])
 
 
-def closed_loop(experiment: Experiment) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """A, B, C of the linearised sampled loop from the held force of each axis (N) to its displacement reading (m)."""
+def pole_radii(experiments: Sequence[Experiment]) -> np.ndarray:
+    """The largest magnitude (n,) of each experiment's `closed_loop_poles`."""
+    plants: dict[tuple, tuple[np.ndarray, ...]] = {}  # by all that they depend on: not by gains
+    found = []
+    for e in experiments:
+        effects = tuple((name, *values.items()) for name, values in e.effects.items())
+        key = (id(e.rig), id(e.sensor), effects)
+        if key not in plants:
+            plants[key] = discrete_plant(e)
+        found.append(np.abs(closed_loop_poles(e, plants[key])).max())
+    return np.array(found)
+
+
+def closed_loop(
+    experiment: Experiment, plant: tuple[np.ndarray, ...] | None = None
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """A, B, C of the linearised sampled loop from the held force of each axis (N) to its displacement reading (m);
+    plant: its `discrete_plant`, where known."""
     dt = 1 / experiment.rig.control_rate
-    a, b_force, b_old, b_new, c = discrete_plant(experiment)
+    a, b_force, b_old, b_new, c = plant or discrete_plant(experiment)
     delay, _ = split_delay(experiment.effects, dt)
     n, axes = len(a), len(c)
     controllers = [state_space(of_axis(experiment.gains, axis), dt) for axis in range(axes)]

@@ -128,7 +128,7 @@ def workers(address: str | None, here: int | None = None) -> Iterator[Workers | 
         import dask
         from distributed import Client, LocalCluster
     except ImportError as error:
-        raise ValueError('--scheduler needs Dask: pip install "maglev-workbench[dist]"') from error
+        raise ValueError('--scheduler needs Dask: pip install "dask[distributed]"') from error
     # A campaign of recordings travels as one task of some 13 MB, of which Dask would warn.
     with dask.config.set({"distributed.admin.large-graph-warning-threshold": "1GB"}):
         if local:

@@ -9,7 +9,7 @@ import pytest
 from maglev_env.effects import effect
 from maglev_env.experiment import protocol_experiment
 from maglev_env.gains import Gains
-from maglev_env.linear import closed_loop_poles, discrete_plant, loop_response
+from maglev_env.linear import closed_loop_poles, discrete_plant, loop_response, pole_radii
 from maglev_env.rig import axis_rig, load_rig
 
 DT = 1 / 20000.0
@@ -42,6 +42,17 @@ def test_poles_are_the_roots_of_the_closed_loop():
     np.testing.assert_allclose(np.sort(np.abs(closed_loop_poles(e)))[-expected.size :], expected, atol=1e-7)
     # In continuous time the right-most pole is at -43 1/s.
     assert np.log(expected.max()) / DT == pytest.approx(-42.8, abs=0.5)
+
+
+def test_radii_of_many_are_those_of_each():
+    rig, other = load_rig("hmb_free"), replace(load_rig("hmb_free"), mass=0.1)
+    effects = ({}, effect("delay", 75e-6), effect("eddy_current", 1400.0), effect("eddy_current", 900.0))
+    many = [
+        protocol_experiment(r, replace(rig.gains, kd=kd), e) for r in (rig, other) for e in effects for kd in (4, 6)
+    ]
+    each = [np.abs(closed_loop_poles(e)).max() for e in many]
+    np.testing.assert_array_equal(pole_radii(many), each)
+    assert len(set(each)) == len(many)
 
 
 def test_the_published_gains_levitate_with_the_measured_gain_and_not_with_the_theoretical_one():

@@ -269,7 +269,7 @@ def test_threads_beside_a_scheduler_and_a_missing_extra_are_refused(tmp_path, mo
         monkeypatch.delitem(sys.modules, name)
     monkeypatch.setattr(builtins, "__import__", without)
     result = CliRunner().invoke(app, ["sweep", "--scheduler", "local:2"])
-    assert result.exit_code == 2 and 'pip install "maglev-workbench[dist]"' in result.output
+    assert result.exit_code == 2 and 'pip install "dask[distributed]"' in result.output
 
 
 @pytest.mark.slow
