@@ -122,8 +122,10 @@ def train(
         str, typer.Option(help="imitation (of searched optima), or ppo or sac (Stable-Baselines3).")
     ] = "imitation",
     protocol: Annotated[str, typer.Option(help="What the policy is to observe: full, or quick.")] = "full",
-    rigs: Annotated[int, typer.Option(min=1, help="Imitation: rigs drawn in all.")] = 6000,
-    experiments: Annotated[int, typer.Option(min=1, help="ppo and sac: experiments in all.")] = 100_000,
+    rigs: Annotated[int | None, typer.Option(min=1, help="Imitation: rigs drawn in all (default: 6000).")] = None,
+    experiments: Annotated[
+        int | None, typer.Option(min=1, help="ppo and sac: experiments in all (default: 100,000).")
+    ] = None,
     judged: Annotated[int, typer.Option("--held-out", min=2, help="Rigs kept back, on which it is judged.")] = 100,
     init: Annotated[Path | None, typer.Option(help="ppo and sac: a policy to begin with.")] = None,
     seed: SeedOption = 0,

@@ -6,8 +6,9 @@ from pathlib import Path
 
 from rich.table import Table
 
+from maglev_env.code_version import DIAGNOSING, code_version
 from maglev_env.files import write_text_atomic
-from sim2real.blind.answer import OPENED, Answered, answer_all, code_version
+from sim2real.blind.answer import OPENED, Answered, answer_all
 from sim2real.blind.cases import ANSWERS, CAMPAIGNS, LABELS, SEAL, open_labels, seal_of
 from sim2real.blind.generate import generate as generate_set
 from sim2real.blind.opening import Opened, open_set
@@ -34,7 +35,7 @@ def answer(folder: Path, processes: int | None, scheduler: str | None, json_file
     with workers(scheduler, processes) as spread:
         found = _answer(folder, processes, spread)
     counts = {"answered": found.new, "reused": found.reused, "failed": found.failed}
-    write_json(json_file, {"schema": "maglev-blind-answers/1", "version": code_version(), **counts})
+    write_json(json_file, {"schema": "maglev-blind-answers/1", "version": code_version(DIAGNOSING), **counts})
 
 
 def open_folder(folder: Path, docs: Path | None, json_file: Path | None) -> None:
@@ -91,7 +92,7 @@ def _generate(out: Path, count: int, seed: int, processes: int | None) -> dict:
         seal = generate_set(out / CAMPAIGNS, count, seed, processes or os.cpu_count() or 1, labels=out / LABELS)
     console.print(f"SHA-256 of the labels\n{seal}")
     write_text_atomic(out / SEAL, f"{seal}  {LABELS}\n")
-    data = {"schema": "maglev-blind-set/1", "count": count, "seed": seed, "version": code_version()}
+    data = {"schema": "maglev-blind-set/1", "count": count, "seed": seed, "version": code_version(DIAGNOSING)}
     write_json(out / SET, data)
     return {**data, "labels_sha256": seal}
 

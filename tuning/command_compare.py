@@ -2,17 +2,21 @@
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from maglev_env.effects import parse_effects
-from maglev_env.envs.task import make_task
+from maglev_env.envs.task import Task, make_task
 from maglev_env.files import write_text_atomic
 from maglev_env.rig import load_rig
 from tuning.compare_report import compare_json, compare_markdown, compare_page, compare_table, figures, summary
 from tuning.output import console, progress_bar, require_folder, write_json
 from tuning.page import write_page
 from tuning.schedule import workers
-from tuning.search.compare import SEARCH, budget_of, check_comparison, compare
-from tuning.search.methods import METHODS, policy_of
+from tuning.search.compare import SEARCH, budget_of, check_comparison, check_policy, compare
+from tuning.search.methods import LEARNED, METHODS, policy_of
+
+if TYPE_CHECKING:
+    from tuning.learned.policy import HistoryPolicy
 
 SLOW = ("gp",)  # run only when named
 
@@ -35,13 +39,14 @@ def run(
     """See `tuning.cli_tuning.compare`."""
     require_folder(json_file, "--json")
     require_folder(docs, "--docs")
-    chosen = methods or [m for m in METHODS if m not in SLOW]
+    own = policy_of(policy)
     steps = _budgets(budgets)
-    check_comparison(chosen, n_rigs, steps, repeats)
+    check_comparison(methods or METHODS, n_rigs, steps, repeats)
     loaded = load_rig(rig)
     task = make_task(loaded, effects=parse_effects(effects), protocol=protocol, randomization="wide", budget=steps[-1])
-    folder = out or Path(f"compare-{loaded.name}")
-    own, runs = policy_of(policy), n_rigs * repeats
+    chosen = list(methods) or _default(task, own)
+    check_policy(task, chosen, own)
+    folder, runs = out or Path(f"compare-{loaded.name}"), n_rigs * repeats
     with workers(scheduler) as spread, progress_bar() as bar:
         line = bar.add_task("", total=SEARCH * n_rigs + sum(runs * budget_of(m, steps) for m in set(chosen)))
 
@@ -68,6 +73,19 @@ def run(
     if reused:
         console.print(f"reused from {folder}: {', '.join(reused)}")
     console.print(f"{summary(found, of)}\npage  {page}")
+
+
+def _default(task: Task, policy: "HistoryPolicy | None") -> list[str]:
+    """All that are not SLOW; the learned one where a policy serves."""
+    methods = [m for m in METHODS if m not in SLOW]
+    try:
+        check_policy(task, methods, policy)
+    except ValueError as error:
+        if policy is not None:
+            raise
+        console.print(f"without {LEARNED}: {error}", markup=False)
+        methods.remove(LEARNED)
+    return methods
 
 
 def _budgets(text: str) -> tuple[int, ...]:

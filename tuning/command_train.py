@@ -2,7 +2,6 @@
 
 from collections.abc import Callable
 from dataclasses import asdict
-from importlib.metadata import version
 from pathlib import Path
 from time import perf_counter
 from typing import Any
@@ -10,6 +9,7 @@ from typing import Any
 import numpy as np
 from rich.table import Table
 
+from maglev_env.code_version import code_version
 from maglev_env.envs.task import make_task
 from maglev_env.rig import load_rig
 from tuning.learned.policy import HistoryPolicy, load_policy, save_policy
@@ -27,12 +27,13 @@ SCHEMA = "maglev-training/1"
 BY = ("imitation", "ppo", "sac")
 SPEC, POLICY, GROUPS = "training.json", "policy.npz", "groups"
 TASKS = 16  # groups of rigs that differ in their effect, side by side in ppo and sac
+EXPERIMENTS = 100_000  # of ppo and sac, where none are asked for
 CHECKPOINTS = (1, 2, 3, 5, 10)  # experiments after which a policy is judged
 
 
 def run(
-    rig: str, by: str, protocol: str, rigs: int, experiments: int, judged: int, init: Path | None, seed: int,
-    scheduler: str | None, out: Path | None, json_file: Path | None,
+    rig: str, by: str, protocol: str, rigs: int | None, experiments: int | None, judged: int, init: Path | None,
+    seed: int, scheduler: str | None, out: Path | None, json_file: Path | None,
 ) -> None:  # fmt: skip
     """See `tuning.cli_tuning.train`."""
     require_folder(json_file, "--json")
@@ -42,13 +43,22 @@ def run(
         raise ValueError("--init: imitation begins anew; leave it out, or use --by ppo or sac")
     if scheduler is not None and by != BY[0]:
         raise ValueError("--scheduler: only imitation is spread over workers")
+    if rigs is not None and by != BY[0]:
+        raise ValueError(f"--rigs: of imitation; {by} draws as many as --experiments take")
+    if experiments is not None and by == BY[0]:
+        raise ValueError("--experiments: of ppo and sac; imitation takes --rigs")
+    rigs, experiments = rigs or Plan().rigs, experiments or EXPERIMENTS
     world = World(load_rig(rig), protocol)
     world.task()  # says what is wrong with it before any work
     plan = Plan(rigs=rigs)
     begun = None if init is None else load_policy(init)[0]
+    if by != BY[0]:
+        from tuning.learned.reinforcement import check_training
+
+        check_training([world.task()], by, experiments, begun)
     folder = out or Path(f"train-{world.rig.name}")
     made_by: dict[str, Any] = {
-        "schema": SCHEMA, "version": version("maglev-workbench"), "by": by, "seed": seed,
+        "schema": SCHEMA, "version": code_version(), "by": by, "seed": seed,
         "world": plain(asdict(world)), "plan": asdict(plan) if by == "imitation" else {"experiments": experiments},
         "init": None if init is None else str(init),
     }  # fmt: skip
@@ -74,7 +84,11 @@ def run(
                 raise
         found = judge(world, policy, judged, seed)
         seconds = perf_counter() - started
-        save_policy(folder / POLICY, policy, {**made_by, "held_out": found})
+        amount = (
+            f"--rigs {rigs}" if by == BY[0] else f"--experiments {experiments}" + (f" --init {init}" if init else "")
+        )
+        command = f"maglev train --rig {rig} --by {by} --protocol {protocol} {amount} --seed {seed}"
+        save_policy(folder / POLICY, policy, {**made_by, "held_out": found, "command": command})
     data = {"schema": SCHEMA, "made_by": made_by, "log": log, "held_out": found, "seconds": seconds}
     write_json(folder / "train.json", data)
     write_json(json_file, data)

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from maglev_env.files import write_text_atomic
-from sim2real.blind.cases import seal_of
+from sim2real.blind.cases import answers_digest, open_labels, seal_of
 from sim2real.blind.worth import CORRECTED, NOMINAL, TWIN, twin_cases
 from tuning.command_blind import SET
 from tuning.output import console, progress_bar, require_folder, write_json
@@ -37,7 +37,13 @@ def run(
         line = bar.add_task("tune and score on the twin", total=len(chosen))
         try:
             found, reused = compare_simulators(
-                chosen, results, budgets, seed, {"labels_sha256": seal}, processes, lambda n: bar.advance(line, n)
+                chosen,
+                results,
+                budgets,
+                seed,
+                {"labels_sha256": seal, "answers_sha256": answers_digest(folder, open_labels(folder))},
+                processes,
+                lambda n: bar.advance(line, n),
             )
         except KeyboardInterrupt:
             console.print(f"stopped; every finished case is in {results}: run the same command again to go on")

@@ -84,7 +84,7 @@ def compare_table(found: Comparison, of: Table) -> "rich.table.Table":
 def summary(found: Comparison, of: Table) -> str:
     """Which tuner has the least regret at each budget."""
     parts = []
-    for n in found.budgets:
+    for n in filter(found.reached, found.budgets):
         best = min(found.reached(n), key=lambda m: of[n, m].median[0])
         parts.append(f"after {n} by {best} ({_regret(of[n, best].median)})")
     return f"{_title(found)}. Least median regret: {', '.join(parts)}."

@@ -11,13 +11,12 @@ import signal
 import socket
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
-from functools import cache
 from importlib.metadata import version
 from itertools import islice
 from time import perf_counter
 from typing import TYPE_CHECKING, TypeVar
 
-from sim2real.blind.answer import code_version
+from maglev_env.code_version import code_version
 
 if TYPE_CHECKING:
     from distributed import Client, Future
@@ -26,7 +25,8 @@ Item, Result = TypeVar("Item"), TypeVar("Result")
 
 TIMEOUT = 10.0  # s, to reach a scheduler and its first worker
 _AHEAD = 2  # tasks under way per worker: one runs, one has arrived
-_ALIKE = ("maglev-workbench", "numpy", "scipy", "numba")  # other versions of these, other last digits
+# Other versions of these, other last digits, or other gains asked for.
+_ALIKE = ("maglev-workbench", "numpy", "scipy", "numba", "optuna", "cmaes", "torch")
 _ADDRESS = re.compile(r"(?:tcp|tls)://(\[[^\]\s]+\]|[^\s:/\[\]]+):(\d{1,5})")
 _LOCAL = re.compile(r"local:([1-9]\d{0,3})")
 
@@ -156,12 +156,9 @@ def dask_setup(worker: object) -> None:
 
 def _there(code: str, function: Callable[[Item], Result], item: Item) -> Result:
     """On a worker: function(item), if the code is the same; workers come and go, so every task asks."""
-    if _code() != code:
-        raise ValueError(_other("a worker", "maglev-workbench", _code(), code))
+    if code_version() != code:
+        raise ValueError(_other("a worker", "maglev-workbench", code_version(), code))
     return function(item)
-
-
-_code = cache(code_version)
 
 
 def _answers(address: str, host: str, port: int) -> None:

@@ -4,12 +4,12 @@ import json
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields
 from hashlib import sha256
-from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from maglev_env.code_version import code_version
 from maglev_env.effects import Effects
 from maglev_env.evaluation import Evaluation, evaluate
 from maglev_env.experiment import protocol_experiment
@@ -156,7 +156,7 @@ def description(sweep: Sweep, n: int) -> dict[str, object]:
     """What made the results, as JSON data; `identity` is a hash of all of it."""
     data: dict[str, object] = {
         "schema": "maglev-sweep-folder/1",
-        "version": version("maglev-workbench"),
+        "version": code_version(),
         "n": n,
         "log": sweep.log,
         "sobol": sweep.sobol,

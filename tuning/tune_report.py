@@ -26,9 +26,10 @@ def summary(task: Task, found: Outcome, advice: Recommendation) -> str:
         return NONE + why + "."
     c = advice.chosen
     low, high = c.intervals["score"]
+    others = "rigs within its tolerance" if task.rig.tolerance else "repetition (the rig states no [tolerance])"
     text = (
         f"Take {gains_in_words(task, c.point)}: score {c.score:.3f} ± {1.96 * c.score_se:.1g} under fresh noise on "
-        f"this rig, {low:.2f} .. {high:.2f} on rigs within its tolerance."
+        f"this rig, {low:.2f} .. {high:.2f} on {others}."
     )
     if advice.refused:
         text += f" {len(advice.refused)} that scored higher were refused."

@@ -41,6 +41,11 @@ def wide_factors(rig: Rig) -> Mapping[str, tuple[float, float]]:
     return rig.randomization or {name: WIDE for name in rig.tolerance if getattr(rig, name) is not None}
 
 
+def log_spread(ends: tuple[float, float]) -> float:
+    """Standard deviation of the logarithm of a factor that is drawn log-uniformly between its ends."""
+    return float(np.log(ends[1] / ends[0]) / np.sqrt(12))
+
+
 def tolerance_factors(rig: Rig, rng: np.random.Generator) -> dict[str, float]:
     """Factors of its parameters within their data-sheet tolerance (1 sigma, of the logarithm), in the rig's order."""
     return {name: float(np.exp(rng.normal(0.0, sigma))) for name, sigma in rig.tolerance.items()}

@@ -10,21 +10,18 @@ from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
-from hashlib import sha256
-from importlib.metadata import version
-from importlib.util import find_spec
 from multiprocessing import get_context
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from time import perf_counter
 from typing import Any, Protocol
 
+from maglev_env.code_version import DIAGNOSING, code_version
 from maglev_env.files import write_text_atomic
 from sim2real.blind.cases import ANSWER_SCHEMA, ANSWERS, CAMPAIGNS, parse_diagnosis, seal_of
 
 OPENED = "blind.json"  # what opening writes: from then on the truth is known
 _THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
-_ANSWERING = ("estimation", "selfsense", "maglev_env", "sim2real")
 
 # The folder of a campaign in, a diagnosis (schema maglev-diagnosis/1) as JSON data out.
 Diagnose = Callable[[Path], dict]
@@ -55,17 +52,6 @@ def diagnose(campaign: Path) -> dict:
     return sim2real.diagnose(campaign).to_json()
 
 
-def code_version() -> str:
-    """Version of the package and the first digits of a hash over all code and data that a diagnosis can depend on."""
-    found = sha256()
-    for package in _ANSWERING:
-        root = Path(find_spec(package).submodule_search_locations[0])
-        for path in sorted(p for p in root.rglob("*") if p.is_file() and "__pycache__" not in p.parts):
-            if package != "sim2real" or "blind" not in path.relative_to(root).parts:
-                found.update(f"{package}/{path.relative_to(root).as_posix()}\0".encode() + path.read_bytes())
-    return f"{version('maglev-workbench')}+{found.hexdigest()[:12]}"
-
-
 def answer_all(
     folder: Path,
     processes: int | None = None,
@@ -81,7 +67,7 @@ def answer_all(
     them. progress is called with the number of campaigns done. ValueError when there is nothing to answer, or the set
     was opened already: an answer after that proves nothing.
     """
-    seal, made_by = seal_of(folder), code_version()
+    seal, made_by = seal_of(folder), code_version(DIAGNOSING)
     campaigns = sorted(path.parent for path in (folder / CAMPAIGNS).glob("*/campaign.toml"))
     if not campaigns:
         raise ValueError(f"{folder / CAMPAIGNS} holds no campaigns")

@@ -2,7 +2,7 @@
 
 import json
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from hashlib import sha256
 from math import isfinite
@@ -81,6 +81,11 @@ def open_labels(folder: Path) -> tuple[Case, ...]:
     if (found := sha256(raw).hexdigest()) != seal_of(folder):
         raise ValueError(f"{folder / LABELS} has the SHA-256 {found}, not that in {SEAL}: it was changed")
     return tuple(_case(folder, label) for label in json.loads(raw))
+
+
+def answers_digest(folder: Path, cases: Sequence[Case]) -> str:
+    """SHA-256 of the answers to all cases, in their order."""
+    return sha256(b"".join((folder / ANSWERS / f"{case.id}.json").read_bytes() for case in cases)).hexdigest()
 
 
 def _case(folder: Path, label: Mapping[str, Any]) -> Case:

@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from hashlib import sha256
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +10,7 @@ from maglev_env.campaign import load_campaign
 from maglev_env.rig import Rig
 from sim2real.blind import scoring
 from sim2real.blind.calibration import Reliability, reliability
-from sim2real.blind.cases import ANSWERS, CAMPAIGNS, open_labels, read_answer, seal_of
+from sim2real.blind.cases import ANSWERS, CAMPAIGNS, answers_digest, open_labels, read_answer, seal_of
 from sim2real.blind.judging import Judgement, judge
 from sim2real.blind.regret import CaseRegret, regret_row, regrets
 from sim2real.blind.twin import Truth
@@ -53,7 +52,7 @@ def open_set(folder: Path, progress: Callable[[int], None] | None = None) -> Ope
     top = np.array([(j.top_probability, j.top_right) for j in judged], dtype=float)
     return Opened(
         seal,
-        sha256(b"".join(path.read_bytes() for path in paths)).hexdigest(),
+        answers_digest(folder, cases),
         versions[0],
         judged,
         sum(j.answer.error is not None for j in judged),

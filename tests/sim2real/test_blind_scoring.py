@@ -9,10 +9,11 @@ import pytest
 from scipy.stats import binom
 from sealed_sets import by_name, diagnosis, label, no_gap, seal
 
+from maglev_env.code_version import DIAGNOSING, code_version
 from maglev_env.effects import EFFECTS
 from sim2real.blind import scoring
 from sim2real.blind.alike import ALIKE, ALWAYS, AT_ONE_SPEED, alike, alike_sets
-from sim2real.blind.answer import answer_all, code_version
+from sim2real.blind.answer import answer_all
 from sim2real.blind.calibration import calibration_error, reliability
 from sim2real.blind.cases import Case, open_labels, parse_diagnosis, read_answer, seal_of
 from sim2real.blind.judging import judge, merged, smallest_set
@@ -280,10 +281,10 @@ def test_answers_are_given_without_labels_kept_and_given_anew_by_other_code(tmp_
     assert (again.new, again.reused) == (1, 2)
     path = folder / "answers" / "c0002.json"
     data = json.loads(path.read_text())
-    assert data["version"] == code_version() and data["labels_sha256"] == seal_of(folder)
+    assert data["version"] == code_version(DIAGNOSING) and data["labels_sha256"] == seal_of(folder)
     path.write_text(json.dumps(data | {"version": "0.0.1+other"}))
     assert answer_all(folder, 1, None, no_gap).new == 1
-    assert json.loads(path.read_text())["version"] == code_version()
+    assert json.loads(path.read_text())["version"] == code_version(DIAGNOSING)
     with pytest.raises(ValueError, match="missing"):
         read_answer(folder / "answers" / "c0009.json", seal_of(folder))
     with pytest.raises(ValueError, match="does not answer this"):

@@ -73,6 +73,7 @@ def test_regrets_are_below_the_best_that_anything_reached_and_their_sums_are_com
 def test_page_words_and_json_say_the_same(tmp_path, monkeypatch):
     folder = seal(tmp_path / "set", [label(1)])
     monkeypatch.setattr(command_twin, "twin_cases", lambda folder, most: [a_case()])
+    monkeypatch.setattr(command_twin, "answers_digest", lambda *_: "y")
     monkeypatch.setattr(command_twin, "compare_simulators", lambda *a: (RESULTS, 2))
     docs, file = tmp_path / "worth.md", tmp_path / "worth.json"
     (folder / "worth").mkdir()
@@ -209,6 +210,7 @@ def test_finished_cases_are_kept_and_an_interrupt_says_how_to_go_on(tmp_path, mo
     done[:] = ["c0001", "c0003"]
     folder = seal(tmp_path / "set", [label(1)])
     monkeypatch.setattr(command_twin, "twin_cases", lambda folder, most: cases)
+    monkeypatch.setattr(command_twin, "answers_digest", lambda *_: "y")
     result = RUN.invoke(app, ["compare", "--twin", str(folder), "--processes", "1"])
     assert result.exit_code == 130 and "same command again" in " ".join(result.output.split())
 

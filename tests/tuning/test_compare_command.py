@@ -6,6 +6,7 @@ import pytest
 from typer.testing import CliRunner
 
 from tuning.cli import app
+from tuning.learned.tuner import SHIPPED
 
 RUN = CliRunner()
 SMALL = ("--rigs", 3, "--budgets", "1,2", "--protocol", "quick")
@@ -58,6 +59,9 @@ def test_an_interrupt_says_how_to_go_on(tmp_path, monkeypatch):
         (("annealing",), "unknown; use some of grid"),
         (("--rigs", 0), "rigs = 0"),
         (("--repeats", 0), "repeats = 0"),
+        (("de", "--policy", SHIPPED / "hmb_free-quick.npz"), "method learned is not"),
+        (("learned", "--rig", "eframe"), "serve other rigs"),
+        (("learned", "--policy", SHIPPED / "hmb_free-quick.npz", "--protocol", "full"), "other observations"),
         (("--budgets", "30,10"), "give increasing"),
         (("--budgets", "0,10"), "give increasing"),
         (("--budgets", "ten"), "give whole numbers"),

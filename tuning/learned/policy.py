@@ -3,7 +3,7 @@
 import json
 import zipfile
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from hashlib import sha256
 from pathlib import Path
 from typing import Any
@@ -12,6 +12,7 @@ import numpy as np
 import torch
 from torch import nn
 
+from maglev_env.envs.task import Tuning
 from maglev_env.files import atomic_file
 
 SCHEMA = "maglev-policy/1"
@@ -20,17 +21,24 @@ MOST_BYTES = 16_000_000  # of a checkpoint, unpacked
 
 @dataclass(frozen=True)
 class Shape:
-    """names of one observation's elements; gains that an action sets; how many observations are stacked; width of the
-    two hidden layers."""
+    """names of one observation's elements; gains that an action sets, and the ends of each, low and high, in SI; how
+    many observations are stacked; width of the two hidden layers."""
 
     names: tuple[str, ...]
     gains: tuple[str, ...]
+    ends: tuple[tuple[float, float], ...]
     history: int = 10
     width: int = 192
 
     @property
     def inputs(self) -> int:
         return self.history * (len(self.names) + 1)
+
+
+def shape_for(task: Tuning, history: int, width: int) -> Shape:
+    """The shape of a policy for a task's observations and gains."""
+    ends = tuple(zip(map(float, task.box.low), map(float, task.box.high), strict=True))
+    return Shape(tuple(task.layout.names), tuple(task.box.names), ends, history, width)
 
 
 class HistoryPolicy(nn.Module):
@@ -72,9 +80,7 @@ def stack(observations: np.ndarray, history: int) -> np.ndarray:
 
 def save_policy(path: Path, policy: HistoryPolicy, made_by: Mapping[str, Any]) -> None:
     """Write a checkpoint atomically: weights as arrays; shape and what made it as JSON text."""
-    s = policy.shape
-    shape = {"names": s.names, "gains": s.gains, "history": s.history, "width": s.width}
-    head = json.dumps({"schema": SCHEMA, "shape": shape, "made_by": made_by}, allow_nan=False)
+    head = json.dumps({"schema": SCHEMA, "shape": asdict(policy.shape), "made_by": made_by}, allow_nan=False)
     weights = {name: value.numpy() for name, value in policy.state_dict().items()}
     with atomic_file(path) as file:
         np.savez(file, head=np.frombuffer(head.encode(), np.uint8), **weights)
@@ -94,11 +100,15 @@ def load_policy(path: Path) -> tuple[HistoryPolicy, dict[str, Any]]:
         head = json.loads(arrays.pop("head").tobytes())
         if head["schema"] != SCHEMA:
             raise ValueError(f"schema {head['schema']!r}, not {SCHEMA!r}")
-        s = head["shape"]
-        policy = HistoryPolicy(Shape(tuple(s["names"]), tuple(s["gains"]), int(s["history"]), int(s["width"])))
+        s, made_by = head["shape"], dict(head["made_by"])
+        ends = tuple((float(low), float(high)) for low, high in s["ends"])
+        shape = Shape(tuple(s["names"]), tuple(s["gains"]), ends, int(s["history"]), int(s["width"]))
+        if 4 * shape.width * max(shape.inputs, shape.width) > MOST_BYTES:
+            raise ValueError(f"width {shape.width} and {shape.inputs} inputs take more than {MOST_BYTES} bytes")
+        policy = HistoryPolicy(shape)
         policy.load_state_dict({name: torch.from_numpy(value) for name, value in arrays.items()})
     except OSError:
         raise
     except Exception as error:  # a stranger's file makes the libraries raise nearly anything
         raise ValueError(f"{path}: not a policy of this workbench ({error})") from None
-    return policy.eval(), head["made_by"]
+    return policy.eval(), made_by

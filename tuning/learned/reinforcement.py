@@ -12,7 +12,7 @@ from stable_baselines3.common.logger import Logger
 from torch import nn
 
 from maglev_env.envs.task import Tuning
-from tuning.learned.policy import HistoryPolicy, Shape
+from tuning.learned.policy import HistoryPolicy, Shape, shape_for
 from tuning.learned.study_env import study_env
 
 ALGORITHMS = ("ppo", "sac")
@@ -22,6 +22,7 @@ KEPT = 200_000  # experiments in SAC's replay buffer, at most
 RANDOM = 0.1  # share of SAC's experiments that are made at random first, or its critic would know nothing else
 WARM_UP = 0.2  # share of the experiments over which the critic alone learns, where a policy is given
 SPREAD = (0.15, 0.5)  # standard deviation of the first actions around those of a policy given, and of a fresh one
+NUM_ENVS = 64
 ROWS = 50  # of the log
 
 
@@ -32,7 +33,7 @@ def train_by_reinforcement(
     seed: int,
     init: HistoryPolicy | None = None,
     width: int = 192,
-    num_envs: int = 64,
+    num_envs: int = NUM_ENVS,
     rate: float = 3e-4,
     progress: Callable[[int], None] = lambda done: None,
 ) -> tuple[HistoryPolicy, list[dict[str, float]]]:
@@ -46,12 +47,8 @@ def train_by_reinforcement(
     width; what judges it is learned before it changes. rate: of learning. progress is told the experiments made so far.
     The same seed gives the same policy on the same machine. ValueError names the argument that is wrong.
     """
-    if not tasks:
-        raise ValueError("tasks: give at least one")
-    width = width if init is None else init.shape.width
-    shape = Shape(tuple(tasks[0].layout.names), tuple(tasks[0].box.names), tasks[0].budget, width)
-    if init is not None and init.shape != shape:
-        raise ValueError("init: trained for other observations or gains, or another number of experiments, than here")
+    check_training(tasks, algorithm, experiments, init, num_envs)
+    shape = shape_for(tasks[0], tasks[0].budget, width if init is None else init.shape.width)
     threads = torch.get_num_threads()
     torch.set_num_threads(1)  # small networks: more threads cost more than they bring, and change rounding
     try:
@@ -62,6 +59,24 @@ def train_by_reinforcement(
         return exported(model, shape), watch.rows
     finally:
         torch.set_num_threads(threads)
+
+
+def check_training(
+    tasks: Sequence[Tuning], algorithm: str, experiments: int, init: HistoryPolicy | None, num_envs: int = NUM_ENVS
+) -> None:
+    """ValueError names what is wrong with arguments of `train_by_reinforcement`."""
+    if not tasks:
+        raise ValueError("tasks: give at least one")
+    if init is not None and init.shape != shape_for(tasks[0], tasks[0].budget, init.shape.width):
+        raise ValueError("init: trained for other observations or gains, or another number of experiments, than here")
+    if algorithm not in ALGORITHMS:
+        raise ValueError(f"algorithm = {algorithm!r}; use one of {', '.join(ALGORITHMS)}")
+    if num_envs < 2:
+        raise ValueError(f"num_envs = {num_envs}; give at least 2 environments")
+    if experiments < (least := num_envs * (tasks[0].budget - 1)):
+        raise ValueError(
+            f"experiments = {experiments}; give at least {least}, an episode of each of the {num_envs} environments"
+        )
 
 
 def make_learner(
@@ -75,16 +90,7 @@ def make_learner(
     init: HistoryPolicy | None = None,
 ) -> PPO | SAC:
     """The learner before it has learned; its actor is init where given. Arguments as `train_by_reinforcement`."""
-    if algorithm not in ALGORITHMS:
-        raise ValueError(f"algorithm = {algorithm!r}; use one of {', '.join(ALGORITHMS)}")
-    if num_envs < 2:
-        raise ValueError(f"num_envs = {num_envs}; give at least 2 environments")
     steps = tasks[0].budget - 1
-    if experiments < num_envs * steps:
-        raise ValueError(
-            f"experiments = {experiments}; give at least {num_envs * steps}, an episode of each of the {num_envs} "
-            "environments, or use fewer environments"
-        )
     env = study_env(tasks, shape, num_envs)
     # Derived, or environment i would draw the rigs that a test with the seed `seed + i` draws.
     derived = int(np.random.SeedSequence(seed).generate_state(1)[0])

@@ -12,7 +12,7 @@ import torch
 
 from maglev_env.envs.task import Task
 from maglev_env.files import atomic_file
-from tuning.learned.policy import HistoryPolicy, Shape, stack
+from tuning.learned.policy import HistoryPolicy, Shape, shape_for, stack
 from tuning.search.lockstep import optima
 from tuning.search.study import experiments
 
@@ -40,6 +40,8 @@ class Plan:
     def __post_init__(self) -> None:
         if min(self.rigs, self.rounds, self.search, self.epochs, self.batch, self.width) < 1 or self.history < 2:
             raise ValueError("training: rigs, rounds, search, epochs, batch and width are 1 or more, history 2 or more")
+        if self.rigs < self.rounds:
+            raise ValueError(f"training: rigs = {self.rigs}; give at least one for each of the {self.rounds} rounds")
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,7 +95,7 @@ def train(
             groups += new
             if policy is None:
                 task, _ = draw_tasks(np.random.default_rng(seed))
-                shape = Shape(tuple(task.layout.names), tuple(task.box.names), plan.history, plan.width)
+                shape = shape_for(task, plan.history, plan.width)
             policy, loss = _fit(shape, groups, plan, seed)
             scores = np.concatenate([g.scores for g in new])
             log.append({"second": float(scores[:, 1].mean()), "best": float(scores.max(axis=1).mean()), "loss": loss})

@@ -72,6 +72,9 @@ def shipped_policy(task: Task) -> HistoryPolicy:
 def _beside(own: Shape, task: Task) -> int:
     """How many elements the policy expects beside the task's observation; ValueError when it fits neither way."""
     _same("gains", own.gains, task.box.names)
+    if not np.allclose(np.transpose(own.ends), [task.box.low, task.box.high]):
+        shown = ", ".join(f"{name} {low:g} .. {high:g}" for name, (low, high) in zip(own.gains, own.ends, strict=True))
+        raise ValueError(f"the policy was trained for gains within {shown}; train one for these bounds (maglev train)")
     if own.names == (*task.layout.names, *task.layout.TARGET):
         return len(task.layout.TARGET)
     _same("observations", own.names, tuple(task.layout.names))

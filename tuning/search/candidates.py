@@ -101,7 +101,7 @@ def optimum(model: Model, start: Gains, rng: np.random.Generator) -> np.ndarray:
     for _ in range(GENERATIONS):
         asked = search.ask(10**6)
         points = low + (high - low) * (asked + 1) / 2
-        tried = experiments(model.task, [model.own[0]] * len(points), points, [0] * len(points))
+        tried = experiments(model.task, [model.own[0]] * len(points), points, [1] * len(points))
         search.tell(replace(tried, points=asked))
         if tried.score[tried.best] > top:
             found, top = points[tried.best], float(tried.score[tried.best])

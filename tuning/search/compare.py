@@ -2,20 +2,20 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, fields, replace
-from importlib.metadata import version
 from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from maglev_env.code_version import code_version
 from maglev_env.envs.episodes import Episode
 from maglev_env.envs.task import Task
 from tuning.page import plain
 from tuning.search.compare_runs import Runs, load, save, stored_parts
 from tuning.search.folder import LOCK, claim, locked
 from tuning.search.lockstep import Course, judged, optima, rescored
-from tuning.search.methods import LEARNED, LONGEST, METHODS, policy_digest
+from tuning.search.methods import LEARNED, LONGEST, METHODS, make_tuner, policy_digest
 
 if TYPE_CHECKING:
     from tuning.learned.policy import HistoryPolicy
@@ -44,8 +44,8 @@ class Result:
 
 @dataclass(frozen=True, eq=False)
 class Comparison:
-    """checkpoints (m,), experiments; budgets, those of them that were asked for; best (rigs,) score known of each rig;
-    results by method; made_by: all that they depend on, as JSON data."""
+    """checkpoints (m,), experiments; budgets, those of them that were asked for; best (rigs, repeats) score known of
+    each rig under the noise of each repeat; results by method; made_by: all that they depend on, as JSON data."""
 
     checkpoints: tuple[int, ...]
     budgets: tuple[int, ...]
@@ -59,7 +59,7 @@ class Comparison:
 
     def regret(self, method: str, budget: int) -> np.ndarray:
         """Simple regret (rigs, repeats): best known score of the rig less that of the tuner's gains; 0 or more."""
-        return self.best[:, None] - self.results[method].score[..., self.checkpoints.index(budget)]
+        return self.best - self.results[method].score[..., self.checkpoints.index(budget)]
 
 
 def compare(
@@ -79,23 +79,24 @@ def compare(
     that of this package; workers: where it runs, which changes nothing but the times.
 
     Finished runs of a tuner are in the folder and not made again, whatever others are asked for beside it; progress is
-    told the name and number of experiments finished. ValueError for unknown methods, numbers out of range, or a folder
-    of another comparison; BlockingIOError while another process works there.
+    told the name and number of experiments finished. ValueError for unknown methods, numbers out of range, a policy
+    that does not serve, or a folder of another comparison; BlockingIOError while another process works there.
     """
     methods, budgets = tuple(dict.fromkeys(methods)), tuple(budgets)
     check_comparison(methods, n_rigs, budgets, repeats)
+    check_policy(task, methods, policy)
     checkpoints = tuple(sorted({*budgets, *(n for n in BETWEEN if n < budgets[-1])}))
     made_by = {
         "rigs": n_rigs, "budgets": budgets, "repeats": repeats, "seed": seed, "search": SEARCH,
         "randomization": task.randomization, "effects": task.effects, "sensor": task.sensor, "rig": asdict(task.rig),
         "target": asdict(task.target), "draw_target": task.draw_target, "box": asdict(task.box),
     }  # fmt: skip
-    made_by = {"schema": SCHEMA, "version": version("maglev-workbench"), **plain(made_by)}
+    made_by = {"schema": SCHEMA, "version": code_version(), **plain(made_by)}
     with locked(folder, "another process compares there; wait, or choose another folder"):
         _claim(folder, made_by)
         rigs, lanes, seeds = held_out(task, n_rigs, repeats, seed)
         shape = (n_rigs, repeats, -1)
-        best = _best_by_search(folder / RIGS, task, rigs, lanes, seed).reshape(n_rigs, repeats).mean(axis=1)
+        best = _best_by_search(folder / RIGS, task, rigs, lanes, seed).reshape(n_rigs, repeats)
         progress("best of each rig", SEARCH * n_rigs)
         results = {}
         for method in methods:
@@ -104,13 +105,14 @@ def compare(
                 found = load(path)
                 progress(method, len(lanes) * budget_of(method, budgets))
             else:
-                runs = Runs(task, method, lanes, seeds, budget_of(method, budgets), policy)
+                own = policy if method == LEARNED else None
+                runs = Runs(task, method, lanes, seeds, budget_of(method, budgets), own)
                 parts = stored_parts(runs, folder / PARTS / path.stem, workers, lambda n, m=method: progress(m, n))
                 found = _result(runs, parts, checkpoints, seed)
                 save(path, found)
             found = {k: v.reshape(shape) if v.ndim == 2 else v for k, v in found.items()}
             results[method] = Result(**found, reused=reused)
-    reached = np.max([np.nanmax(r.score, axis=(1, 2)) for r in results.values()], axis=0)
+    reached = np.max([np.nanmax(r.score, axis=2) for r in results.values()], axis=0)
     return Comparison(checkpoints, budgets, np.maximum(best, reached), results, {**made_by, "methods": list(methods)})
 
 
@@ -124,6 +126,14 @@ def check_comparison(methods: Sequence[str], n_rigs: int, budgets: Sequence[int]
         raise ValueError(f"budgets = {', '.join(map(str, budgets))}: give increasing numbers of experiments, 1 or more")
     if n_rigs < 1 or repeats < 1:
         raise ValueError(f"rigs = {n_rigs}, repeats = {repeats}: give at least one of each")
+
+
+def check_policy(task: Task, methods: Sequence[str], policy: "HistoryPolicy | None") -> None:
+    """ValueError where the learned tuner has no policy that serves the task, or there is one and no such tuner."""
+    if LEARNED in methods:
+        make_tuner(LEARNED, task, task.draw(np.random.default_rng(0)), 0, 1, policy)
+    elif policy is not None:
+        raise ValueError(f"a policy is given and method {LEARNED} is not; name it too, or leave the policy out")
 
 
 def budget_of(method: str, budgets: Sequence[int]) -> int:

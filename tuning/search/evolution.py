@@ -23,7 +23,7 @@ class DifferentialEvolution:
         self, dimension: int, seed: int, population: int = POPULATION, start: np.ndarray | None = None
     ) -> None:
         """start: a point (k,) that the first population has in the place of its first."""
-        self._asked: Queue[np.ndarray] = Queue(1)
+        self._asked: Queue[np.ndarray | Exception] = Queue(1)
         self._told: Queue[np.ndarray | None] = Queue(1)
         self._waiting = np.empty((0, dimension))  # of the population, not yet asked for
         self._scores: list[np.ndarray] = []
@@ -33,7 +33,10 @@ class DifferentialEvolution:
 
     def ask(self, n: int) -> np.ndarray:
         if not len(self._waiting):
-            self._waiting = self._asked.get()
+            found = self._asked.get()
+            if isinstance(found, Exception):
+                raise found
+            self._waiting = found
             self._size, self._scores = len(self._waiting), []
         points, self._waiting = self._waiting[:n], self._waiting[n:]
         return points
@@ -65,3 +68,5 @@ class DifferentialEvolution:
                 )  # fmt: skip
         except _Ended:
             return
+        except Exception as error:  # or who asks would wait for ever
+            self._asked.put(error)

@@ -37,8 +37,8 @@ def claim(path: Path, spec: dict[str, Any], kind: str) -> None:
         write_text_atomic(path, json.dumps(spec, indent=1) + "\n")
         return
     try:
-        found = json.loads(path.read_text())
-    except ValueError:
+        found = dict(json.loads(path.read_text()))
+    except (ValueError, TypeError):
         raise ValueError(f"{path} is not the description of a {kind}; choose another folder") from None
     wanted = json.loads(json.dumps(spec))
     if different := [key for key in {**found, **wanted} if found.get(key) != wanted.get(key)]:

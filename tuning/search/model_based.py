@@ -4,17 +4,18 @@ from dataclasses import replace
 
 import numpy as np
 
-from maglev_env.envs.episodes import Episode, scaled_rig, wide_factors
+from maglev_env.envs.episodes import Episode, log_spread, scaled_rig, wide_factors
 from maglev_env.envs.task import Task
 from tuning.search.evolution import DifferentialEvolution
 from tuning.search.study import experiments
 from tuning.search.tuner import Trials
 
-SPREAD = 0.17  # 1 sigma of ln(parameter over nominal) before anything is measured: "wide" drawn
 STEPS, STEP, FAR = 4, 0.02, 0.25  # of Gauss and Newton: how many, for differences, and how far one may go
 AGAIN, MOST = 1.25, 24  # it fits anew when so much more was told, of so many experiments at most
 FLOOR, PEAK_ERROR, PHASE_ERROR = 0.005, 0.03, 2.0  # of the model itself: relative, relative, degrees
 SEARCH, GENERATIONS, JITTER = 8, 14, 0.05  # population per gain, how often it is renewed, and what tells repeats apart
+
+MODEL = 31415  # beside the seed: the model's noise is not that of the experiments
 
 
 class ModelBased:
@@ -22,11 +23,13 @@ class ModelBased:
     far (nonlinear least squares with their spread as prior), and asks for the gains that score best on it."""
 
     def __init__(self, task: Task, episode: Episode, seed: int) -> None:
-        """Of the episode only its target and start are used: the rig drawn is what is not known."""
-        self._task = task
-        self._episode = Episode(task.rig, episode.target, episode.start, seed)
-        self._names = tuple(wide_factors(task.rig))
-        self._rng = np.random.default_rng(seed)
+        """Of the episode only its target and start are used, and of the task not its effects: what the rig drawn is,
+        and what else it has, is not known."""
+        self._task = replace(task, effects={})
+        self._rng = np.random.default_rng((MODEL, seed))
+        self._episode = Episode(task.rig, episode.target, episode.start, int(self._rng.integers(2**63)))
+        factors = wide_factors(task.rig)
+        self._names, self._spread = tuple(factors), np.array([log_spread(ends) for ends in factors.values()])
         self._told: Trials | None = None
         self._theta = np.zeros(len(self._names))
         self._best, self._due = np.asarray(episode.start, float), 1
@@ -61,7 +64,7 @@ class ModelBased:
         known = np.flatnonzero(~self._told.touchdown)
         if not known.size:
             return
-        measured = [_features(self._told.info[i]) for i in known]
+        measured = [self._features(self._told.info[i]) for i in known]
         points = self._told.points[known]
         moves = np.vstack([np.zeros(self._theta.size), STEP * np.eye(self._theta.size)])
         for _ in range(STEPS):
@@ -72,8 +75,8 @@ class ModelBased:
             )
             columns = np.array([np.concatenate(part) for part in self._residuals(found, measured, len(moves))])
             r, jacobian = columns[0], (columns[1:] - columns[0]) / STEP
-            normal = jacobian @ jacobian.T + np.eye(self._theta.size) / SPREAD**2
-            step = -np.linalg.solve(normal, jacobian @ r + self._theta / SPREAD**2)
+            normal = jacobian @ jacobian.T + np.diag(self._spread**-2)
+            step = -np.linalg.solve(normal, jacobian @ r + self._theta / self._spread**2)
             self._theta = self._theta + np.clip(step, -FAR, FAR)
 
     def _residuals(self, found: Trials, measured: list, lanes: int) -> list[list[np.ndarray]]:
@@ -81,7 +84,8 @@ class ModelBased:
         rows = []
         for i in range(lanes):
             own = found.info[i * len(measured) : (i + 1) * len(measured)]
-            rows.append([np.nan_to_num((_features(o)[0] - y) / sd) for o, (y, sd) in zip(own, measured, strict=True)])
+            pairs = zip(map(self._features, own), measured, strict=True)
+            rows.append([np.nan_to_num((modelled - y) / sd) for (modelled, _), (y, sd) in pairs])
         return rows
 
     def _optimum(self) -> np.ndarray:
@@ -98,16 +102,15 @@ class ModelBased:
         search.close()
         return best
 
-
-def _features(info: dict) -> tuple[np.ndarray, np.ndarray]:
-    """What an experiment identified, and its standard deviations with the model's own error; nan: unknown."""
-    names = ("band_stiffness", "band_damping")
-    values, errors = [], []
-    for name in names:
-        y = np.atleast_1d(np.asarray(info.get(name, np.nan), float))
-        se = np.atleast_1d(np.asarray(info.get(f"{name}_se", np.nan), float))
-        values.append(y)
-        errors.append(np.hypot(se, FLOOR * np.nanmax(np.abs(y)) if np.isfinite(y).any() else 1.0))
-    values.append([np.log(info.get("peak_sensitivity", np.nan)), info.get("phase_margin", np.nan)])
-    errors.append([PEAK_ERROR, PHASE_ERROR])
-    return np.concatenate(values), np.concatenate(errors)
+    def _features(self, info: dict) -> tuple[np.ndarray, np.ndarray]:
+        """What an experiment identified, and its standard deviations with the model's own error; nan: unknown."""
+        unknown = np.full(len(self._task.layout.bands), np.nan)
+        values, errors = [], []
+        for name in ("band_stiffness", "band_damping"):
+            y = np.asarray(info.get(name, unknown), float)
+            values.append(y)
+            floor = FLOOR * np.nanmax(np.abs(y)) if np.isfinite(y).any() else 1.0
+            errors.append(np.hypot(info.get(f"{name}_se", unknown), floor))
+        values.append([np.log(info.get("peak_sensitivity", np.nan)), info.get("phase_margin", np.nan)])
+        errors.append([PEAK_ERROR, PHASE_ERROR])
+        return np.concatenate(values), np.concatenate(errors)

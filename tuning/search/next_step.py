@@ -56,15 +56,18 @@ def next_step(
 ) -> Advice:
     """What to record next on the rig whose recordings are given, or that it is time to stop; see `Advice`.
 
-    rig: nominal, of one axis. budget: recordings in all. ValueError for a rig of two axes or without a controlled
-    magnet, or gains that differ in what is not tuned.
+    rig: nominal, of one axis. budget: recordings in all, but those that only judge (role holdout). ValueError for a rig
+    of two axes or without a controlled magnet, or gains that differ in what is not tuned.
     """
     task, corners = _task(rig, sets, tuned)
     good = [i for i, s in enumerate(sets) if s.failed is None]
     nothing: tuple[None, ...] = (None,) * len(sets)
     notes = tuple(f"{', '.join(s.files)}: {s.failed}" for s in sets if s.failed)
     if not good:
-        return _start(Advice(task, tuple(sets), nothing, nothing, None, notes=notes), with_defaults(rig).gains)
+        failed = Advice(task, tuple(sets), nothing, nothing, None, notes=notes)
+        if failed.recordings >= budget:
+            return replace(failed, stop=f"the budget of {budget} recordings is used up, and none of them held")
+        return _start(failed, with_defaults(rig).gains)
     identified = fit_rig(task.rig, [sets[i] for i in good])
     best = identified.rig()
     seen = tuple(s and shown(s, task.target, task.rig.target.band, best.mass, seed) for s in _held(sets))

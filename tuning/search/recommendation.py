@@ -9,6 +9,7 @@ from maglev_env.envs.task import Task
 from tuning.search.study import experiments
 from tuning.search.tuner import Trials
 
+NEAR = 0.02  # of the box: gains closer to better-scored ones stand or fall with them
 LEVEL = 0.95  # of the interval over noise and tolerance that must stay out of the forbidden zone
 # Worst that may be recommended: the ends of zone B of ISO 14839-3 and 14839-2, and margins as control texts ask for.
 PEAK_SENSITIVITY, DISPLACEMENT_SHARE, PHASE_MARGIN, GAIN_MARGIN = 4.0, 0.4, 20.0, 1.5
@@ -16,9 +17,9 @@ PEAK_SENSITIVITY, DISPLACEMENT_SHARE, PHASE_MARGIN, GAIN_MARGIN = 4.0, 0.4, 20.0
 
 @dataclass(frozen=True)
 class Verdict:
-    """Re-scored gains: point (k,); score, its mean over fresh noise on this very rig with standard error; interval
-    (low, high) over noise and tolerance of score, peak_sensitivity, phase_margin, gain_margin_high and
-    displacement_share; reason why they are refused, or None."""
+    """Re-scored gains: point (k,); score, its mean over fresh noise on this very rig with standard error; intervals
+    (low, high) of score over rigs within tolerance, and over these and fresh noise of peak_sensitivity, phase_margin,
+    gain_margin_high and displacement_share; reason why they are refused, or None."""
 
     point: np.ndarray
     score: float
@@ -39,10 +40,13 @@ class Recommendation:
 def recommend(
     task: Task, episode: Episode, trials: Trials, seed: int, candidates: int = 8, repeats: int = 16, rigs: int = 48
 ) -> Recommendation:
-    """Re-score up to so many of the best gains: on the rig itself `repeats` times with fresh noise, and on `rigs` drawn
-    within its data-sheet tolerance (1 sigma, normal)."""
-    order = np.argsort(-trials.score, kind="stable")
-    alive = [i for i in order if trials.score[i] > 0][:candidates]
+    """Re-score up to so many of the best gains that differ: on the rig itself `repeats` times with fresh noise, and on
+    `rigs` drawn within its data-sheet tolerance (1 sigma, normal)."""
+    alive: list[int] = []
+    for i in np.argsort(-trials.score, kind="stable"):
+        apart = np.abs(trials.points[alive] - trials.points[i]).max(axis=1) > NEAR
+        if trials.score[i] > 0 and apart.all() and len(alive) < candidates:
+            alive.append(int(i))
     rng = np.random.default_rng((seed, len(trials)))
     own = [replace(episode, seed=int(rng.integers(2**63))) for _ in range(repeats)]
     spread = []
@@ -69,7 +73,7 @@ def verdict_of(point: np.ndarray, again: Trials, repeats: int, episode: Episode)
     }
     peaks = np.array([one.get("peak_displacement", np.nan) for one in again.info], float)
     columns["displacement_share"] = peaks / episode.target.clearance
-    columns["score"] = again.score
+    columns["score"] = again.score[repeats:]
     ends = (50 * (1 - LEVEL), 50 * (1 + LEVEL))
     intervals = {n: tuple(map(float, np.nanpercentile(v, ends))) for n, v in columns.items() if np.isfinite(v).any()}
     se = float(scores.std(ddof=1) / np.sqrt(repeats)) if repeats > 1 else np.nan

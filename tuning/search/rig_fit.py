@@ -7,7 +7,7 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from maglev_env.effects import EFFECTS, effect, effect_value
-from maglev_env.envs.episodes import WIDE, scaled_rig, wide_factors
+from maglev_env.envs.episodes import WIDE, log_spread, scaled_rig, wide_factors
 from maglev_env.experiment import Experiment
 from maglev_env.gains import Gains, controller_response
 from maglev_env.linear import loop_response
@@ -118,8 +118,7 @@ def _parameters(rig: Rig) -> tuple[tuple[str, ...], np.ndarray]:
     }
     frequency = np.geomspace(1e-4, 0.2, 12) * rig.control_rate
     names = [name for name in ranges if getattr(rig, name) and _seen(rig, name, frequency)]
-    # A range is drawn log-uniformly: its standard deviation.
-    spread = [float(np.log(ranges[n][1] / ranges[n][0]) / np.sqrt(12)) for n in names]
+    spread = [log_spread(ranges[n]) for n in names]
     return (*names, "delay"), np.array([*spread, DELAY_SPREAD])
 
 

@@ -5,13 +5,13 @@ import os
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import reduce
-from importlib.metadata import version
 from operator import add
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from maglev_env.code_version import code_version
 from maglev_env.envs.task import Tuning, infos
 from tuning.search.folder import claim, locked
 from tuning.search.tuner import Trials, Tuner
@@ -86,7 +86,7 @@ def run_study(
 
 
 def _run(folder, task, episode, tuner, made_by, budget, batch, threads, progress, workers) -> Outcome:  # see run_study
-    claim(folder / SPEC, {"schema": SCHEMA, "version": version("maglev-workbench"), "batch": batch, **made_by}, "study")
+    claim(folder / SPEC, {"schema": SCHEMA, "version": code_version(), "batch": batch, **made_by}, "study")
     kept, dropped = _read(folder / JOURNAL)
     trials: Trials | None = None
     reused = 0
@@ -119,7 +119,7 @@ def _read(path: Path) -> tuple[list[Trials], bool]:
         try:
             record = json.loads(line) if line.endswith(b"\n") else None
             trials = _trials(record)
-        except (ValueError, KeyError, TypeError):
+        except (ValueError, KeyError, TypeError, AttributeError):
             break
         kept.append(trials)
         end += len(line)
@@ -135,7 +135,10 @@ def _trials(record: dict[str, Any]) -> Trials:
     points, score = arrays
     observation = np.array(record["observation"], np.float32)
     info = tuple({k: np.array(v) if isinstance(v, list) else v for k, v in one.items()} for one in record["info"])
-    return Trials(points, score, observation, info, np.array(record["touchdown"], bool))
+    found = Trials(points, score, observation, info, np.array(record["touchdown"], bool))
+    if {len(part) for part in (score, observation, info, found.touchdown)} != {len(points)}:
+        raise ValueError("arrays of unequal length")
+    return found
 
 
 def _append(path: Path, trials: Trials) -> None:

@@ -7,7 +7,6 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor, ProcessPoolExecutor, as_completed
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass
-from importlib.metadata import version
 from math import isfinite, nan
 from multiprocessing import get_context
 from pathlib import Path
@@ -16,6 +15,7 @@ from typing import Any
 import numpy as np
 import optuna
 
+from maglev_env.code_version import code_version
 from maglev_env.files import write_text_atomic
 from sim2real.blind.worth import AGAIN, PRESET, SIMULATORS, CaseWorth, Recommended, TwinCase, recommended
 from tuning.search.folder import claim, locked
@@ -95,7 +95,7 @@ def compare_simulators(
         raise ValueError(f"budgets of {', '.join(map(str, budgets.values()))}: give at least one experiment")
     spec = {
         "schema": "maglev-twin-cases/1",
-        "version": version("maglev-workbench"),
+        "version": code_version(),
         "method": METHOD,
         "budgets": dict(budgets),
         "seed": seed,

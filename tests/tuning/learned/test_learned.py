@@ -11,14 +11,16 @@ from maglev_env.envs.task import make_task
 from maglev_env.rig import load_rig
 from tuning.learned import policy as policy_module
 from tuning.learned import tuner as tuner_module
-from tuning.learned.policy import HistoryPolicy, Shape, load_policy, save_policy, stack
+from tuning.learned.policy import HistoryPolicy, load_policy, save_policy, shape_for, stack
 from tuning.learned.training import Plan, train
-from tuning.learned.tuner import LearnedTuner, shipped_policy
+from tuning.learned.tuner import SHIPPED, LearnedTuner, shipped_policy
 from tuning.learned.worlds import World
+from tuning.search.compare import held_out
+from tuning.search.lockstep import side_by_side
 from tuning.search.study import experiments
 
 TASK = make_task(protocol="quick", randomization="wide", draw_target=True)
-SHAPE = Shape(TASK.layout.names, TASK.box.names, history=4, width=16)
+SHAPE = shape_for(TASK, 4, 16)
 
 
 def test_the_newest_observation_comes_first_and_empty_places_say_so():
@@ -80,7 +82,28 @@ def test_a_policy_for_other_rigs_is_refused(tmp_path, monkeypatch):
         save_policy(tmp_path / "mine.npz", HistoryPolicy(SHAPE), {})
         with pytest.raises(ValueError, match=r"\(mine\) serve other rigs"):
             shipped_policy(other)
+    with pytest.raises(ValueError, match=r"\(mine\) serve other rigs"):  # the same names, and bounds of its own
+        shipped_policy(make_task("hmb_radial", protocol="quick"))
     assert shipped_policy(TASK).shape == SHAPE
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("protocol", ["quick", "full"])
+def test_the_shipped_policies_tune_rigs_that_they_have_not_seen(protocol):
+    path = SHIPPED / f"hmb_free-{protocol}.npz"
+    policy, made_by = load_policy(path)
+    assert made_by["command"].startswith("maglev train --rig hmb_free --by imitation") and path.stat().st_size < 500_000
+    task = make_task(protocol=protocol, randomization="wide")
+    assert shipped_policy(task).digest == policy.digest
+    _, lanes, seeds = held_out(task, 12, 1, 99)
+    tuners = [LearnedTuner(task, e, policy, s) for e, s in zip(lanes, seeds, strict=True)]
+    first, third = np.array([t.score for t in side_by_side(task, lanes, tuners, 3)])[:, [0, 2]].T
+    assert np.median(third) > 0.95 > 0.5 > np.median(first)
+
+
+def test_every_round_of_training_needs_a_rig():
+    with pytest.raises(ValueError, match="rigs = 5; give at least one for each of the 6 rounds"):
+        Plan(rigs=5)
 
 
 PLAN = Plan(rigs=20, rounds=2, search=30, epochs=30, history=4, width=32)

@@ -1,6 +1,6 @@
 """Reinforcement: episodes as studies run, actors that are policies to the bit, and learning on a cheap task."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -9,7 +9,7 @@ import torch
 
 from maglev_env.envs.task import make_task
 from tuning.learned import reinforcement
-from tuning.learned.policy import HistoryPolicy, Shape, stack
+from tuning.learned.policy import HistoryPolicy, shape_for, stack
 from tuning.learned.reinforcement import exported, make_learner, train_by_reinforcement
 from tuning.learned.study_env import study_env
 from tuning.learned.tuner import LearnedTuner
@@ -33,7 +33,7 @@ class Bowl:
     name, terminate_on_touchdown = "bowl", True
 
     def __init__(self, side: float = 1.0) -> None:
-        self.box = SimpleNamespace(names=("a", "b"), gains=lambda points: points)
+        self.box = SimpleNamespace(names=("a", "b"), low=-np.ones(2), high=np.ones(2), gains=lambda points: points)
         self.layout = SimpleNamespace(names=("seen_a", "seen_b", "tried_a", "tried_b", "left"))
         self.side, self.budget = side, BUDGET
         self.drawn: list[Hidden] = []
@@ -61,7 +61,7 @@ class Bowl:
         return {}
 
 
-SHAPE = Shape(Bowl().layout.names, ("a", "b"), history=BUDGET, width=16)
+SHAPE = shape_for(Bowl(), BUDGET, 16)
 
 
 @pytest.fixture(autouse=True)
@@ -88,7 +88,7 @@ class Recorded:
 
 def test_an_episode_is_the_study_of_a_learned_tuner():
     task, n = make_task(protocol="quick", randomization="wide", draw_target=True, budget=BUDGET, move=0.3), 3
-    shape = Shape(task.layout.names, task.box.names, history=BUDGET, width=16)
+    shape = shape_for(task, BUDGET, 16)
     torch.manual_seed(0)
     policy, recorded = HistoryPolicy(shape), Recorded(task)
     env = study_env([recorded], shape, n)
@@ -206,8 +206,8 @@ def test_rigs_of_several_tasks_and_of_no_test_by_seed():
         ({"algorithm": "td3"}, "algorithm = 'td3'"),
         ({"experiments": 11}, "experiments = 11"),
         ({"num_envs": 1}, "num_envs = 1"),
-        ({"init": HistoryPolicy(Shape(SHAPE.names, SHAPE.gains, BUDGET + 1, 8))}, "init: "),
-        ({"init": HistoryPolicy(Shape(("x",), ("a", "b"), BUDGET, 8))}, "init: "),
+        ({"init": HistoryPolicy(replace(SHAPE, history=BUDGET + 1, width=8))}, "init: "),
+        ({"init": HistoryPolicy(replace(SHAPE, names=("x",), width=8))}, "init: "),
     ],
 )
 def test_bad_arguments_are_named(change, message):
@@ -261,7 +261,7 @@ def test_it_learns_what_each_rig_wants(algorithm, experiments):
 def half_way() -> HistoryPolicy:
     """What imitation of half the best point teaches."""
     torch.manual_seed(0)
-    policy, task, rng = HistoryPolicy(Shape(SHAPE.names, SHAPE.gains, BUDGET, 32)), Bowl(), np.random.default_rng(5)
+    policy, task, rng = HistoryPolicy(replace(SHAPE, width=32)), Bowl(), np.random.default_rng(5)
     rigs = [task.draw(rng) for _ in range(400)]
     seen = np.stack([task.measure(rigs, rng.uniform(-1, 1, (400, 2)), [t] * 400, None)[1] for t in (1, 2, 3)], axis=1)
     best = torch.tensor(np.stack([rig.optimum for rig in rigs]), dtype=torch.float32)

@@ -3,6 +3,8 @@
 import numpy as np
 import pytest
 
+from maglev_env.effects import effect
+from maglev_env.envs.episodes import Episode
 from maglev_env.envs.task import make_task
 from tuning.search.model_based import ModelBased
 from tuning.search.study import experiments
@@ -36,3 +38,19 @@ def test_it_asks_the_same_again_and_knows_nothing_of_the_rig():
         tuner.tell(trials)
     np.testing.assert_array_equal(first.ask(2), again.ask(2))
     assert first._episode.rig is TASK.rig
+
+
+def test_its_model_has_noise_of_its_own_and_no_effect_of_the_rig():
+    task = make_task(protocol="quick", effects=effect("delay", 75e-6))
+    episode = Episode(task.rig, task.target, np.zeros(3), 7)
+    tuner = ModelBased(task, episode, 7)
+    assert tuner._task.effects == {} and tuner._episode.seed != episode.seed
+
+
+def test_a_model_that_touches_down_where_the_rig_did_not_says_nothing():
+    task = make_task("hmb_radial", protocol="quick", randomization="wide")
+    tuner = ModelBased(task, task.draw(np.random.default_rng(0)), 0)
+    bands = np.ones(len(task.layout.bands))
+    whole, nothing = tuner._features({"band_stiffness": bands, "band_damping": bands}), tuner._features({})
+    assert [len(part) for part in (*whole, *nothing)] == [2 * len(bands) + 2] * 4
+    assert np.isfinite(whole[0]).sum() == 2 * len(bands) and not np.isfinite(nothing[0]).any()

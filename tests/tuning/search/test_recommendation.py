@@ -42,6 +42,15 @@ def test_gains_at_the_border_are_refused_with_the_reason():
     assert worst > PEAK_SENSITIVITY
 
 
+def test_copies_of_refused_gains_do_not_take_the_place_of_others():
+    copies, sound = [(14000 + n, 2000, 2.2) for n in range(9)], (8000, 2000, 5.2)
+    trials = tried(*copies, sound)
+    trials = replace(trials, score=np.array([*np.linspace(0.99, 0.98, 9), 0.5]))
+    found = recommend(NOMINAL, EPISODE, trials, seed=0, candidates=2)
+    assert len(found.refused) == 1
+    np.testing.assert_array_equal(found.chosen.point, trials.points[-1])
+
+
 def test_nothing_that_failed_is_recommended():
     trials = tried((3000, 100, 1.0), (4000, 100, 1.0))
     failed = replace(trials, score=np.zeros(2))

@@ -59,6 +59,15 @@ def test_evolution_does_not_depend_on_how_many_are_asked_together(batch):
     np.testing.assert_array_equal(points, run(DifferentialEvolution(3, 3, population=5), 60, 15).points)
 
 
+def test_what_goes_wrong_in_the_search_reaches_who_asks(monkeypatch):
+    def fails(*_, **__):
+        raise TypeError("no argument rng")
+
+    monkeypatch.setattr("tuning.search.evolution.differential_evolution", fails)
+    with pytest.raises(TypeError, match="no argument rng"):
+        DifferentialEvolution(2, 0).ask(1)
+
+
 def test_a_grid_is_full():
     points = run(Grid(3, 0, 130), 125, 25).points
     assert len(np.unique(points, axis=0)) == 125 and set(np.unique(points)) == set(np.linspace(-1, 1, 5))

@@ -91,6 +91,9 @@ def test_what_belongs_to_another_study_is_refused(tmp_path):
     (tmp_path / "study.json").write_text(json.dumps({**spec, "version": "0.0.1"}))
     with pytest.raises(ValueError, match="another version"):
         study(tmp_path)
+    (tmp_path / "study.json").write_text("[1]")
+    with pytest.raises(ValueError, match="not the description of a study"):
+        study(tmp_path)
 
 
 def test_two_processes_do_not_share_a_study(tmp_path):

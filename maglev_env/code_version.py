@@ -1,0 +1,24 @@
+"""What code made a result: the package's version with a hash, for what is kept and must not be mixed with others."""
+
+from collections.abc import Sequence
+from functools import cache
+from hashlib import sha256
+from importlib.metadata import version
+from importlib.util import find_spec
+from pathlib import Path
+
+DIAGNOSING = ("estimation", "selfsense", "maglev_env", "sim2real")
+ALL = (*DIAGNOSING, "tuning")
+
+
+@cache
+def code_version(packages: Sequence[str] = ALL) -> str:
+    """Version and the first digits of a hash over all code and data in the packages, but what only checks it
+    (`sim2real.blind`)."""
+    found = sha256()
+    for package in packages:
+        root = Path(find_spec(package).submodule_search_locations[0])
+        for path in sorted(p for p in root.rglob("*") if p.is_file() and "__pycache__" not in p.parts):
+            if package != "sim2real" or "blind" not in path.relative_to(root).parts:
+                found.update(f"{package}/{path.relative_to(root).as_posix()}\0".encode() + path.read_bytes())
+    return f"{version('maglev-workbench')}+{found.hexdigest()[:12]}"
