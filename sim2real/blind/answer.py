@@ -3,14 +3,11 @@ resumable."""
 
 import json
 import os
-import signal
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures import as_completed
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
-from multiprocessing import get_context
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from time import perf_counter
@@ -18,10 +15,10 @@ from typing import Any, Protocol
 
 from maglev_env.code_version import DIAGNOSING, code_version
 from maglev_env.files import write_text_atomic
+from maglev_env.processes import fresh_pool
 from sim2real.blind.cases import ANSWER_SCHEMA, ANSWERS, CAMPAIGNS, parse_diagnosis, seal_of
 
 OPENED = "blind.json"  # what opening writes: from then on the truth is known
-_THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
 
 # The folder of a campaign in, a diagnosis (schema maglev-diagnosis/1) as JSON data out.
 Diagnose = Callable[[Path], dict]
@@ -115,7 +112,7 @@ def _outcomes(campaigns: Sequence[Path], processes: int, diagnose: Diagnose) -> 
             yield campaign, _answer(campaign, diagnose)
         return
     lost = []
-    with _pool(min(processes, len(campaigns))) as pool:
+    with fresh_pool(min(processes, len(campaigns))) as pool:
         futures = {pool.submit(_answer, campaign, diagnose): campaign for campaign in campaigns}
         for future in as_completed(futures):
             try:
@@ -125,7 +122,7 @@ def _outcomes(campaigns: Sequence[Path], processes: int, diagnose: Diagnose) -> 
     # A process that dies takes those beside it along: each that was lost gets a process of its own.
     for campaign in sorted(lost):
         started = perf_counter()
-        with _pool(1) as pool:
+        with fresh_pool(1) as pool:
             try:
                 yield campaign, pool.submit(_answer, campaign, diagnose).result()
             except BrokenProcessPool:
@@ -152,21 +149,3 @@ def _answer_sent(diagnose: Diagnose, campaign: tuple[str, dict[str, bytes]]) -> 
 
 def _died(seconds: float) -> dict:
     return {"seconds": seconds, "error": "its process died"}
-
-
-@contextmanager
-def _pool(processes: int) -> Iterator[ProcessPoolExecutor]:
-    """Fresh processes, one thread each; the libraries read that from the environment when they are first imported."""
-    before = {name: os.environ.get(name) for name in _THREADS}
-    os.environ.update(dict.fromkeys(_THREADS, "1"))
-    # Ctrl-C ends them at once, not after what they have begun.
-    at_once = {"initializer": signal.signal, "initargs": (signal.SIGINT, signal.SIG_DFL)}
-    pool = ProcessPoolExecutor(processes, mp_context=get_context("spawn"), **at_once)
-    try:
-        yield pool
-    finally:
-        pool.shutdown(wait=True, cancel_futures=True)
-        for name, value in before.items():
-            os.environ.pop(name)
-            if value is not None:
-                os.environ[name] = value

@@ -24,6 +24,7 @@ from tuning.cli import app
 from tuning.learned.training import Plan, train
 from tuning.learned.worlds import World
 from tuning.schedule import workers
+from tuning.search.compare import compare
 from tuning.search.space_filling import Sobol
 from tuning.search.study import JOURNAL, run_study
 from tuning.sweep import Axis, Sweep, run_sweep
@@ -178,6 +179,25 @@ def test_a_study_is_the_same_on_workers(local, tmp_path):
         return (tmp_path / name / JOURNAL).read_bytes()
 
     assert study("there", local) == study("here", None)
+
+
+@pytest.mark.slow
+def test_a_comparison_is_the_same_on_workers(local, tmp_path, monkeypatch):
+    for name, value in (("compare.SEARCH", 30), ("compare.CHUNK", 2), ("compare_runs.CHUNK", 2)):
+        monkeypatch.setattr(f"tuning.search.{name}", value)
+    task = make_task(protocol="quick", randomization="wide")
+    told = []
+
+    def found(name, pool):
+        return compare(
+            task, ("sobol", "tpe"), 3, (2,), 1, 1, tmp_path / name, lambda *said: told.append(said), workers=pool
+        )
+
+    there, here = found("there", local), found("here", None)
+    np.testing.assert_array_equal(there.best, here.best)
+    for method, result in there.results.items():
+        np.testing.assert_array_equal(result.score, here.results[method].score)
+    assert sum(n for said, n in told if said == "best of each rig") == 2 * 3 * 30
 
 
 @pytest.mark.slow

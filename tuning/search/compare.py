@@ -12,7 +12,7 @@ from maglev_env.code_version import code_version
 from maglev_env.envs.episodes import Episode
 from maglev_env.envs.task import Task
 from tuning.page import plain
-from tuning.search.compare_runs import Runs, load, save, stored_parts
+from tuning.search.compare_runs import CHUNK, Runs, load, save, stored_parts
 from tuning.search.folder import LOCK, claim, locked
 from tuning.search.lockstep import Course, judged, optima, rescored
 from tuning.search.methods import LEARNED, LONGEST, METHODS, make_tuner, policy_digest
@@ -96,8 +96,8 @@ def compare(
         _claim(folder, made_by)
         rigs, lanes, seeds = held_out(task, n_rigs, repeats, seed)
         shape = (n_rigs, repeats, -1)
-        best = _best_by_search(folder / RIGS, task, rigs, lanes, seed).reshape(n_rigs, repeats)
-        progress("best of each rig", SEARCH * n_rigs)
+        searched = _best_by_search(folder / RIGS, task, rigs, lanes, seed, progress, workers)
+        best = searched.reshape(n_rigs, repeats)
         results = {}
         for method in methods:
             path = folder / f"{_label(method, policy, task)}.npz"
@@ -173,14 +173,33 @@ def _label(method: str, policy: "HistoryPolicy | None", task: Task) -> str:
     return f"{method}-{policy_digest(task, policy)[:12]}" if method == LEARNED else method
 
 
-def _best_by_search(path: Path, task: Task, rigs: Sequence[Episode], lanes: Sequence[Episode], seed: int) -> np.ndarray:
+def _best_by_search(
+    path: Path,
+    task: Task,
+    rigs: Sequence[Episode],
+    lanes: Sequence[Episode],
+    seed: int,
+    progress: Callable[[str, int], None],
+    workers: "Workers | None",
+) -> np.ndarray:
     """Score (lanes,) of what a long search finds on each rig, under the noise that scores the tuners."""
     if path.exists():
+        progress("best of each rig", SEARCH * len(rigs))
         return load(path)["score"]
-    points, _ = optima(task, rigs, seed, SEARCH)
+    jobs = [(task, rigs[i : i + CHUNK], seed + i, SEARCH) for i in range(0, len(rigs), CHUNK)]
+    found = {}
+    here = enumerate(optima(*job)[0] for job in jobs)
+    for i, points in here if workers is None else workers.each(_searched, jobs):
+        found[i] = points
+        progress("best of each rig", SEARCH * len(points))
+    points = np.concatenate([found[i] for i in range(len(jobs))])
     score = rescored(task, lanes, np.repeat(points, len(lanes) // len(rigs), axis=0), seed)
     save(path, {"points": points, "score": score})
     return score
+
+
+def _searched(job: tuple[Task, Sequence[Episode], int, int]) -> np.ndarray:
+    return optima(*job, threads=1)[0]
 
 
 def _claim(folder: Path, made_by: dict[str, Any]) -> None:

@@ -2,13 +2,10 @@
 
 import json
 import os
-import signal
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import Executor, ProcessPoolExecutor, as_completed
-from contextlib import contextmanager
+from concurrent.futures import as_completed
 from dataclasses import asdict, dataclass
 from math import isfinite, nan
-from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +14,7 @@ import optuna
 
 from maglev_env.code_version import code_version
 from maglev_env.files import write_text_atomic
+from maglev_env.processes import fresh_pool
 from sim2real.blind.worth import AGAIN, PRESET, SIMULATORS, CaseWorth, Recommended, TwinCase, recommended
 from tuning.search.folder import claim, locked
 from tuning.search.optuna_search import OptunaTuner
@@ -26,7 +24,6 @@ METHOD = "gp"  # needs the fewest experiments, which on a rig are what is dear
 CANDIDATES, REPEATS = 3, 5  # of the best-scored gains, repeated with fresh noise
 SHARE = 4  # at most a part of the budget in so many goes into that
 SPEC = "worth.json"
-_THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
 _TUNING, _SCORING = 0, 1  # noise of tuning, and of the scores that count
 
 
@@ -118,26 +115,9 @@ def _outcomes(cases: Sequence[TwinCase], budgets: Mapping[str, int], seed: int, 
     if min(processes, len(cases)) <= 1:
         yield from (case_worth(case, budgets, seed) for case in cases)
         return
-    with _pool(min(processes, len(cases))) as pool:
+    with fresh_pool(min(processes, len(cases))) as pool:
         for future in as_completed([pool.submit(case_worth, case, budgets, seed) for case in cases]):
             yield future.result()
-
-
-@contextmanager
-def _pool(processes: int) -> Iterator[Executor]:
-    """Fresh processes, one thread each; the libraries read that from the environment when they are first imported."""
-    before = {name: os.environ.get(name) for name in _THREADS}
-    os.environ.update(dict.fromkeys(_THREADS, "1"))
-    at_once = {"initializer": signal.signal, "initargs": (signal.SIGINT, signal.SIG_DFL)}  # Ctrl-C ends them
-    pool = ProcessPoolExecutor(processes, mp_context=get_context("spawn"), **at_once)
-    try:
-        yield pool
-    finally:
-        pool.shutdown(wait=True, cancel_futures=True)
-        for name, value in before.items():
-            os.environ.pop(name)
-            if value is not None:
-                os.environ[name] = value
 
 
 def _seeds(case: TwinCase, seed: int, purpose: int, count: int) -> list[int]:
