@@ -24,8 +24,8 @@ HOW_TO_READ = (
     "best-scored gains when they are measured again under fresh noise; 0 is the best, 1 the worst. IQM: mean of the "
     "middle half. Intervals are 95 % by resampling rigs, with all repeats of each (after Agarwal et al. 2021): what "
     "other rigs drawn alike may give. s per tuning: wall time of one budget on one rig, with all rigs side by side; "
-    "own: the share of it in which the tuner chooses, not the experiments. The grid is laid out for the largest budget; tpe "
-    "and gp draw their first ten gain sets at random, as Optuna has it."
+    "own: the share of it in which the tuner chooses, not the experiments. The grid is laid out for the largest "
+    "budget; tpe and gp draw their first ten gain sets at random, as Optuna has it."
 )
 
 
