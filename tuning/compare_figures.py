@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
     from tuning.compare_report import Table
 
-PALETTE = (*COLOURS, "#CC79A7", "#E69F00", "#56B4E9", "#000000", "#999999")  # Okabe and Ito's, grey for their yellow
+PALETTE = ("#999999", *COLOURS, "#CC79A7", "#E69F00", "#56B4E9", "#000000", "#882255")  # Okabe and Ito's, and two
 DASHES = ("solid", "dash", "dot", "dashdot", "longdash")
 LEAST = 1e-4  # a logarithmic axis has no 0
 
