@@ -27,6 +27,12 @@ TIMEOUT = 10.0  # s, to reach a scheduler and its first worker
 _AHEAD = 2  # tasks under way per worker: one runs, one has arrived
 # Other versions of these, other last digits, or other gains asked for.
 _ALIKE = ("maglev-workbench", "numpy", "scipy", "numba", "optuna", "cmaes", "torch")
+_SETTINGS = {
+    # A campaign of recordings travels as one task of some 13 MB, of which Dask would warn.
+    "distributed.admin.large-graph-warning-threshold": "1GB",
+    # Dask lets workers hand freed memory back at once, and every array then costs its page faults: half the speed.
+    "distributed.nanny.pre-spawn-environ.MALLOC_TRIM_THRESHOLD_": None,
+}
 _ADDRESS = re.compile(r"(?:tcp|tls)://(\[[^\]\s]+\]|[^\s:/\[\]]+):(\d{1,5})")
 _LOCAL = re.compile(r"local:([1-9]\d{0,3})")
 
@@ -129,8 +135,7 @@ def workers(address: str | None, here: int | None = None) -> Iterator[Workers | 
         from distributed import Client, LocalCluster
     except ImportError as error:
         raise ValueError('--scheduler needs Dask: pip install "dask[distributed]"') from error
-    # A campaign of recordings travels as one task of some 13 MB, of which Dask would warn.
-    with dask.config.set({"distributed.admin.large-graph-warning-threshold": "1GB"}):
+    with dask.config.set(_SETTINGS):
         if local:
             cluster = LocalCluster(
                 n_workers=int(local[1]), threads_per_worker=1, host="127.0.0.1", memory_limit=0,

@@ -155,7 +155,7 @@ def test_the_resonance_of_the_probe_mount_is_named(tmp_path):
     from calibration_dip import picture, record
 
     folder = record(tmp_path / "campaign", coarse("eframe", 2.5, 200.0, 0.7, 0.15), 0.1)
-    found = answer(folder, "sensor_resonance", "support_resonance", "sensor_lag", "delay", "mass")
+    found = answer(folder, "sensor_resonance", "support_resonance", "delay")
     assert (found.verdict, found.cause) == ("explained", ("sensor_resonance",))
     mount = found.corrected.effects["sensor_resonance"]
     assert mount["frequency"] == pytest.approx(75, abs=1.5) and mount["coupling"] == pytest.approx(0.1, rel=0.15)
