@@ -28,7 +28,7 @@ if __name__ == "__main__":
     returns = np.loadtxt("ppo.monitor.csv", delimiter=",", skiprows=2)[:, 0]
     print(*(f"{part.mean():.2f}" for part in np.array_split(returns, 10)))
     task, rng = gym.make("maglev/HMBFree-v0").unwrapped.task, np.random.default_rng(0)
-    preset = task.box.actions([getattr(task.rig.gains, name) for name in task.box.names])
+    preset = task.box.point(task.rig.gains)
     print(
         "PPO           {:.2f} +- {:.2f}".format(*mean_return(lambda seen: model.predict(seen, deterministic=True)[0]))
     )

@@ -15,6 +15,7 @@ from tuning.options import (
     SensorOption,
     ThreadsOption,
     friendly,
+    given,
 )
 
 app = typer.Typer()
@@ -52,7 +53,7 @@ def tune(
     if campaign is not None:
         from tuning import command_tune_campaign
 
-        command_tune_campaign.run(campaign, budget, tuned, seed, out, json_file, command_tune_campaign.given(context))
+        command_tune_campaign.run(campaign, budget, tuned, seed, out, json_file, given(context))
         return
     from tuning import command_tune
 
@@ -101,10 +102,10 @@ def compare(
     """
     from tuning import command_compare, command_twin
 
-    given = [name for name in context.params if context.get_parameter_source(name).name == "COMMANDLINE"]
-    command_twin.check_options(twin is not None, given)
+    named = given(context)
+    command_twin.check_options(twin is not None, named)
     if twin is not None:
-        own = budgets if "budgets" in given else None
+        own = budgets if "budgets" in named else None
         command_twin.run(twin, own, cases, processes, seed, out, docs, json_file)
         return
     command_compare.run(

@@ -43,8 +43,7 @@ def run(
     task = make_task(
         loaded, tuned or ("kp", "ki", "kd"), effects=chosen, protocol=protocol, sensor=sensor, budget=budget
     )
-    preset = of_axis(task.rig.gains, 0)
-    start = task.box.actions([getattr(preset, name) for name in task.box.names])
+    start = task.box.point(of_axis(task.rig.gains, 0))
     episode = Episode(task.rig, task.target, start, seed)
     own = policy_of(policy)
     tuner = make_tuner(method, task, episode, seed, budget, own)

@@ -5,7 +5,6 @@ from collections.abc import Sequence
 from importlib.metadata import version
 from pathlib import Path
 
-import typer
 from rich.markup import escape
 
 from maglev_env.campaign import SCHEMA, Campaign, campaign_rig, load_campaign
@@ -19,12 +18,6 @@ from tuning.search.recorded_sets import recorded_sets
 from tuning.tune_campaign_report import campaign_json, campaign_page, campaign_tables
 
 MEANT = ("campaign", "budget", "tuned", "seed", "out", "json_file")  # options that a real rig's tuning takes
-
-
-def given(context: typer.Context) -> list[str]:
-    """Names of the parameters that are on the command line."""
-    sources = {name: context.get_parameter_source(name) for name in context.params}
-    return [name for name, source in sources.items() if source and source.name == "COMMANDLINE"]
 
 
 def run(

@@ -32,6 +32,12 @@ SchedulerOption = Annotated[
 ]
 
 
+def given(context: typer.Context) -> list[str]:
+    """Names of the parameters that are on the command line."""
+    sources = {name: context.get_parameter_source(name) for name in context.params}
+    return [name for name, source in sources.items() if source and source.name == "COMMANDLINE"]
+
+
 def friendly(command: Callable[..., None]) -> Callable[..., None]:
     """Bad input or files end with one message and exit code 2, Ctrl-C with 130."""
 

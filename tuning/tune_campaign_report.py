@@ -183,7 +183,7 @@ def _rig_rows(advice: Advice) -> list[tuple[str, ...]]:
     rows = [
         (
             f"{name} {UNIT.get(name, 's' if name.endswith('time_constant') else '')}".strip(),
-            f"{v:.5g} ± {1.96 * e:.2g}",
+            f"{v:.5g} ± {NORMAL_95 * e:.2g}",
             f"{o:.5g}",
         )
         for name, (v, e, o) in advice.identified.told().items()

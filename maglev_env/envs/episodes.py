@@ -76,6 +76,6 @@ def draw_episode(
     if draw_target:
         stiffness, damping = np.exp(rng.uniform(*np.log(TARGET_RANGE), size=2))
         target = replace(target, stiffness=target.stiffness * stiffness, damping=target.damping * damping)
-    preset = box.actions([getattr(of_axis(rig.gains, 0), name) for name in box.names])
+    preset = box.point(of_axis(rig.gains, 0))
     start = START * rng.uniform(-1.0, 1.0, size=len(box.names)) + (1 - START) * preset
     return Episode(drawn, target, start, int(rng.integers(2**63)))

@@ -5,7 +5,7 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 
-from maglev_env.gains import Gains, of_axis
+from maglev_env.gains import Controllers, Gains, of_axis, with_gains
 from maglev_env.rig import Rig
 
 TUNED = ("kp", "ki", "kd")
@@ -35,6 +35,14 @@ class GainBox:
         low, high = np.where(self.log, self.low, 1.0), np.where(self.log, self.high, 2.0)
         curved = np.log(np.where(self.log, g, 1.0) / low) / np.log(high / low)
         return 2 * np.where(self.log, curved, (g - self.low) / (self.high - self.low)) - 1
+
+    def point(self, gains: Gains) -> np.ndarray:
+        """The action (k,) of a controller's gains, clipped into the box."""
+        return self.actions([getattr(gains, name) for name in self.names])
+
+    def applied(self, preset: Controllers, values: np.ndarray) -> Controllers:
+        """The preset controllers with the box's gains at values (k,) in their units."""
+        return with_gains(preset, **dict(zip(self.names, map(float, values), strict=True)))
 
 
 def gain_box(rig: Rig, tuned: Sequence[str] = TUNED, bounds: Mapping[str, Sequence[float]] | None = None) -> GainBox:

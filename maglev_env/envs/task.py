@@ -16,7 +16,6 @@ from maglev_env.envs.protocols import env_protocol
 from maglev_env.evaluation import Evaluation, evaluate, score_target
 from maglev_env.excitation import is_number, lines_at
 from maglev_env.experiment import SENSORS, Experiment, axis_experiment, rig_sensors
-from maglev_env.gains import with_gains
 from maglev_env.rig import Rig, axis_rig, load_rig
 from maglev_env.score import ScoreTarget, stacked
 
@@ -97,7 +96,7 @@ class Task:
     def experiment(self, episode: Episode, gains: np.ndarray, count: int) -> Experiment:
         """The count-th identification experiment of an episode at the given gains (k,)."""
         rig, p = episode.rig, episode.rig.protocol
-        tried = with_gains(rig.gains, **dict(zip(self.box.names, map(float, gains), strict=True)))
+        tried = self.box.applied(rig.gains, gains)
         seed = (episode.seed, count)
         # A drawn rig is sensed by an estimator made for the nominal one.
         sensor = "probe" if self.sensor == "probe" else rig_sensors(rig, self.rig)

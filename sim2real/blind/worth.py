@@ -13,7 +13,6 @@ from maglev_env.effects import check_effects
 from maglev_env.envs.gain_box import GainBox, gain_box
 from maglev_env.evaluation import evaluate, score_target
 from maglev_env.experiment import Experiment, protocol_experiment
-from maglev_env.gains import with_gains
 from maglev_env.rig import Rig
 from maglev_env.score import ScoreTarget
 from sim2real.blind.answer import OPENED
@@ -59,7 +58,7 @@ class TwinCase:
     @cached_property
     def start(self) -> np.ndarray:
         """The preset gains in the box (k,)."""
-        return self.box.actions([getattr(self.rig.gains, name) for name in self.box.names])
+        return self.box.point(self.rig.gains)
 
     @cached_property
     def target(self) -> ScoreTarget:
@@ -70,8 +69,7 @@ class TwinCase:
         """The rig's protocol at points (n, k) of the box, at the campaign's speed, on the nominal rig."""
         found = []
         for values, seed in zip(self.box.gains(points), seeds, strict=True):
-            gains = with_gains(self.rig.gains, **dict(zip(self.box.names, map(float, values), strict=True)))
-            e = protocol_experiment(self.rig, gains)
+            e = protocol_experiment(self.rig, self.box.applied(self.rig.gains, values))
             found.append(replace(e, speed_rpm=self.twin.speed_rpm, seed=seed))
         return found
 

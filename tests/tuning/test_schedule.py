@@ -8,14 +8,13 @@ import socket
 import sys
 import time
 from contextlib import ExitStack
-from dataclasses import replace
 
 import numpy as np
 import pytest
+from short_sweeps import short_rig, short_sweep
 from typer.testing import CliRunner
 
 from maglev_env.envs.task import make_task
-from maglev_env.excitation import Excitation
 from maglev_env.rig import load_rig
 from sim2real.blind.answer import answer_all
 from tuning import schedule
@@ -27,7 +26,7 @@ from tuning.schedule import workers
 from tuning.search.compare import compare
 from tuning.search.space_filling import Sobol
 from tuning.search.study import JOURNAL, run_study
-from tuning.sweep import Axis, Sweep, run_sweep
+from tuning.sweep import run_sweep
 
 distributed = pytest.importorskip("distributed")
 dask = pytest.importorskip("dask")
@@ -81,15 +80,7 @@ def address(local):
 
 @pytest.fixture
 def plan():
-    """20 gain sets of hmb_free with a period of 50 ms."""
-    rig = load_rig("hmb_free")
-    excitations = (
-        Excitation("sphs", "force", 20.0, tuple(n for n in range(1, 24) if n % 3), 0.3),
-        Excitation("sphs", "current", 20.0, (3, 6, 9, 15, 21, 30, 45, 60, 80, 100), 0.1),
-    )
-    protocol = replace(rig.protocol, excitations=excitations, band_width=120.0, band_overlap=60.0)
-    rig = replace(rig, protocol=protocol, target=replace(rig.target, band=(20.0, 140.0)))
-    return Sweep(rig, {"kp": Axis(4000.0, 12000.0, 4), "kd": Axis(0.5, 8.0, 5)}, seed=3)
+    return short_sweep(short_rig())
 
 
 def pids(address):

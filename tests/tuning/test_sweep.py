@@ -1,12 +1,10 @@
 """Sweeps: the gain sets, the folder, and that an interrupted sweep equals an uninterrupted one bit for bit."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
+from short_sweeps import short_rig, short_sweep
 
 from maglev_env.effects import effect
-from maglev_env.excitation import Excitation
 from maglev_env.rig import load_rig
 from tuning import sweep as module
 from tuning.sweep import Axis, Sweep, default_axes, gain_sets, parse_axis, run_sweep
@@ -14,32 +12,20 @@ from tuning.sweep import Axis, Sweep, default_axes, gain_sets, parse_axis, run_s
 
 @pytest.fixture
 def rig():
-    """hmb_free with a 50 ms period: a sweep of it takes a fraction of a second."""
-    full = load_rig("hmb_free")
-    excitations = (
-        Excitation("sphs", "force", 20.0, tuple(n for n in range(1, 24) if n % 3), 0.3),
-        Excitation("sphs", "current", 20.0, (3, 6, 9, 15, 21, 30, 45, 60, 80, 100), 0.1),
-    )
-    protocol = replace(full.protocol, excitations=excitations, band_width=120.0, band_overlap=60.0)
-    return replace(full, protocol=protocol, target=replace(full.target, band=(20.0, 140.0)))
-
-
-def plan(rig, **changes):
-    axes = {"kp": Axis(4000.0, 12000.0, 4), "kd": Axis(0.5, 8.0, 5)}
-    return Sweep(rig, **({"axes": axes, "seed": 3} | changes))
+    return short_rig()
 
 
 def test_grids_and_sobol_points_are_what_they_say(rig):
-    grid = gain_sets(plan(rig))
+    grid = gain_sets(short_sweep(rig))
     assert (
         len(grid) == 20 and (grid[0].kp, grid[0].kd) == (4000.0, 0.5) and (grid[-1].kp, grid[-1].kd) == (12000.0, 8.0)
     )
     assert grid[1].kd > grid[0].kd and grid[1].kp == grid[0].kp and grid[0].ki == rig.gains.ki
-    log = gain_sets(plan(rig, log=True))
+    log = gain_sets(short_sweep(rig, log=True))
     assert log[1].kd / log[0].kd == pytest.approx(log[2].kd / log[1].kd) == pytest.approx(2.0)
-    sobol = gain_sets(plan(rig, sobol=37))
+    sobol = gain_sets(short_sweep(rig, sobol=37))
     assert len({g.kp for g in sobol}) == 37 and all(4000 <= g.kp <= 12000 and 0.5 <= g.kd <= 8 for g in sobol)
-    assert sobol == gain_sets(plan(rig, sobol=37)) != gain_sets(plan(rig, sobol=37, seed=4))
+    assert sobol == gain_sets(short_sweep(rig, sobol=37)) != gain_sets(short_sweep(rig, sobol=37, seed=4))
     assert len(gain_sets(Sweep(rig, default_axes(rig), log=True))) == 1024
 
 
@@ -55,14 +41,14 @@ def test_axes_are_read_and_refused_as_the_command_line_writes_them(rig):
         ({"axes": {"kp": Axis(0.0, 1.0, 3)}, "log": True}, "above 0"),
     ):
         with pytest.raises(ValueError, match=words):
-            plan(rig, **changes)
+            short_sweep(rig, **changes)
     with pytest.raises(ValueError, match="nothing to sweep"):
         Sweep(load_rig("pedestal"), {"kp": Axis(1.0, 2.0, 2)})
 
 
 def test_a_resumed_sweep_equals_an_uninterrupted_one_bit_for_bit(rig, tmp_path, monkeypatch):
     monkeypatch.setattr(module, "CHUNK", 6)
-    whole = run_sweep(plan(rig), tmp_path / "whole")
+    whole = run_sweep(short_sweep(rig), tmp_path / "whole")
     done = []
 
     def interrupt(count, reused):
@@ -71,29 +57,31 @@ def test_a_resumed_sweep_equals_an_uninterrupted_one_bit_for_bit(rig, tmp_path, 
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        run_sweep(plan(rig), tmp_path / "cut", progress=interrupt)
+        run_sweep(short_sweep(rig), tmp_path / "cut", progress=interrupt)
     finished = sorted((tmp_path / "cut" / "chunks").iterdir())
     assert 1 <= len(finished) < 4 and not (tmp_path / "cut" / "sweep.nc").exists()
     again = []
-    resumed = run_sweep(plan(rig), tmp_path / "cut", threads=1, progress=lambda n, reused: again.append((n, reused)))
+    resumed = run_sweep(
+        short_sweep(rig), tmp_path / "cut", threads=1, progress=lambda n, reused: again.append((n, reused))
+    )
     assert resumed.identical(whole)
     assert sum(n for n, reused in again if reused) == 6 * len(finished) and sum(n for n, _ in again) == 20
 
 
 def test_a_folder_of_another_sweep_is_not_touched(rig, tmp_path):
     small = {"kp": Axis(8000.0, 8000.0, 1)}
-    run_sweep(plan(rig, axes=small), tmp_path / "mine")
-    for other in (plan(rig, axes=small, seed=4), plan(rig, axes=small, effects=effect("delay", 5e-5))):
+    run_sweep(short_sweep(rig, axes=small), tmp_path / "mine")
+    for other in (short_sweep(rig, axes=small, seed=4), short_sweep(rig, axes=small, effects=effect("delay", 5e-5))):
         with pytest.raises(ValueError, match="holds another sweep"):
             run_sweep(other, tmp_path / "mine")
     (tmp_path / "full").mkdir()
     (tmp_path / "full" / "thesis.txt").write_text("do not lose me")
     with pytest.raises(ValueError, match="not empty"):
-        run_sweep(plan(rig, axes=small), tmp_path / "full")
+        run_sweep(short_sweep(rig, axes=small), tmp_path / "full")
 
 
 def test_the_dataset_says_what_made_it_and_holds_every_gain_set(rig, tmp_path):
-    d = run_sweep(plan(rig, effects=effect("delay", 5e-5)), tmp_path / "out")
+    d = run_sweep(short_sweep(rig, effects=effect("delay", 5e-5)), tmp_path / "out")
     assert d.sizes["experiment"] == 20 and {"kp", "ki", "kd", "td", "ti", "band_low"} <= set(d.coords)
     assert '"delay"' in d.attrs["effects"] and d.attrs["version"] and d.attrs["seed"] == "3"
     stable = d.feasible.values

@@ -2,17 +2,16 @@
 learns to name them from what its own experiments show (DAgger: Ross, Gordon and Bagnell 2011)."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
-from zipfile import BadZipFile
 
 import numpy as np
 import torch
 
 from maglev_env.envs.task import Task
-from maglev_env.files import atomic_file
 from tuning.learned.policy import HistoryPolicy, Shape, shape_for, stack
+from tuning.search.folder import load_arrays, save_arrays
 from tuning.search.lockstep import optima
 from tuning.search.study import experiments
 
@@ -123,8 +122,7 @@ def _gathered(
         i = todo[at]
         groups[i] = group
         if paths[i] is not None:
-            with atomic_file(paths[i]) as file:
-                np.savez(file, **vars(group))
+            save_arrays(paths[i], vars(group))
         progress(jobs[i].n)
     return groups
 
@@ -137,11 +135,10 @@ def _on_worker(job: _Job) -> Group:
 def _kept(path: Path | None) -> Group | None:
     if path is None or not path.exists():
         return None
-    try:
-        with np.load(path, allow_pickle=False) as stored:
-            return Group(**stored)
-    except (BadZipFile, ValueError, EOFError, TypeError) as error:
-        raise ValueError(f"{path} is damaged ({error}); delete it, and it is made again") from error
+    arrays = load_arrays(path)
+    if arrays.keys() != {f.name for f in fields(Group)}:
+        raise ValueError(f"{path} is damaged (it holds {', '.join(arrays)}); delete it, and it is made again")
+    return Group(**arrays)
 
 
 def _group(job: _Job, threads: int | None = None) -> Group:

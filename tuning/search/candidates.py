@@ -1,15 +1,16 @@
 """What an identified rig says of gains: scores and margins over its posterior and by the measured plant; the best."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from estimation.stability import Margins, margins
 from maglev_env.envs.episodes import Episode
 from maglev_env.envs.task import Task
-from maglev_env.gains import Gains, with_gains
+from maglev_env.gains import Gains
 from maglev_env.rig import Rig
+from tuning.search import lockstep
 from tuning.search.evolution import DifferentialEvolution
 from tuning.search.recommendation import Verdict, verdict_of
 from tuning.search.recorded_sets import DRAWS, GainSet, Response, pooled
@@ -56,11 +57,10 @@ class Model:
     plant: Response | None
 
     def gains(self, point: np.ndarray) -> Gains:
-        values = map(float, self.task.box.gains(point))
-        return with_gains(self.task.rig.gains, **dict(zip(self.task.box.names, values, strict=True)))
+        return self.task.box.applied(self.task.rig.gains, self.task.box.gains(point))
 
     def point(self, gains: Gains) -> np.ndarray:
-        return self.task.box.actions([getattr(gains, name) for name in self.task.box.names])
+        return self.task.box.point(gains)
 
 
 def model_of(
@@ -97,13 +97,9 @@ def optimum(model: Model, start: Gains, rng: np.random.Generator) -> np.ndarray:
     best = model.point(start)
     inside = np.clip(2 * (best - low) / (high - low) - 1, -1.0, 1.0)
     search = DifferentialEvolution(len(low), int(rng.integers(2**31)), SEARCH, inside)
-    found, top = np.clip(best, low, high), -1.0
-    for _ in range(GENERATIONS):
-        asked = search.ask(10**6)
-        points = low + (high - low) * (asked + 1) / 2
-        tried = experiments(model.task, [model.own[0]] * len(points), points, [1] * len(points))
-        search.tell(replace(tried, points=asked))
-        if tried.score[tried.best] > top:
-            found, top = points[tried.best], float(tried.score[tried.best])
-    search.close()
-    return found
+
+    def place(asked: np.ndarray) -> np.ndarray:
+        return low + (high - low) * (asked + 1) / 2
+
+    # Of number 1: the noise of number 0 judges what is found.
+    return lockstep.optimum(model.task, model.own[0], search, GENERATIONS, np.clip(best, low, high), 1, place)

@@ -12,8 +12,8 @@ from maglev_env.code_version import code_version
 from maglev_env.envs.episodes import Episode
 from maglev_env.envs.task import Task
 from tuning.page import plain
-from tuning.search.compare_runs import CHUNK, Runs, load, save, stored_parts
-from tuning.search.folder import LOCK, claim, locked
+from tuning.search.compare_runs import CHUNK, Runs, stored_parts
+from tuning.search.folder import LOCK, claim, load_arrays, locked, save_arrays
 from tuning.search.lockstep import Course, judged, optima, rescored
 from tuning.search.methods import LEARNED, LONGEST, METHODS, make_tuner, policy_digest
 
@@ -102,14 +102,14 @@ def compare(
         for method in methods:
             path = folder / f"{_label(method, policy, task)}.npz"
             if reused := path.exists():
-                found = load(path)
+                found = load_arrays(path)
                 progress(method, len(lanes) * budget_of(method, budgets))
             else:
                 own = policy if method == LEARNED else None
                 runs = Runs(task, method, lanes, seeds, budget_of(method, budgets), own)
                 parts = stored_parts(runs, folder / PARTS / path.stem, workers, lambda n, m=method: progress(m, n))
                 found = _result(runs, parts, checkpoints, seed)
-                save(path, found)
+                save_arrays(path, found)
             found = {k: v.reshape(shape) if v.ndim == 2 else v for k, v in found.items()}
             results[method] = Result(**found, reused=reused)
     reached = np.max([np.nanmax(r.score, axis=2) for r in results.values()], axis=0)
@@ -185,7 +185,7 @@ def _best_by_search(
     """Score (lanes,) of what a long search finds on each rig, under the noise that scores the tuners."""
     if path.exists():
         progress("best of each rig", SEARCH * len(rigs))
-        return load(path)["score"]
+        return load_arrays(path)["score"]
     jobs = [(task, rigs[i : i + CHUNK], seed + i, SEARCH) for i in range(0, len(rigs), CHUNK)]
     found = {}
     here = enumerate(optima(*job)[0] for job in jobs)
@@ -194,7 +194,7 @@ def _best_by_search(
         progress("best of each rig", SEARCH * len(points))
     points = np.concatenate([found[i] for i in range(len(jobs))])
     score = rescored(task, lanes, np.repeat(points, len(lanes) // len(rigs), axis=0), seed)
-    save(path, {"points": points, "score": score})
+    save_arrays(path, {"points": points, "score": score})
     return score
 
 

@@ -5,13 +5,12 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING
-from zipfile import BadZipFile
 
 import numpy as np
 
 from maglev_env.envs.episodes import Episode
 from maglev_env.envs.task import Task
-from maglev_env.files import atomic_file
+from tuning.search.folder import load_arrays, save_arrays
 from tuning.search.lockstep import course, side_by_side
 from tuning.search.methods import make_tuner
 from tuning.search.study import experiments
@@ -75,9 +74,9 @@ def stored_parts(
     done = enumerate(map(_experiments, todo)) if workers is None else workers.each(_on_worker, todo)
     for j, found in done:
         part, path = jobs[j]
-        save(path, found)
+        save_arrays(path, found)
         progress(len(part.lanes) * runs.budget)
-    return [load(path) for path in paths]
+    return [load_arrays(path) for path in paths]
 
 
 def _on_worker(runs: Runs) -> dict[str, np.ndarray]:
@@ -99,18 +98,3 @@ def _experiments(runs: Runs, threads: int | None = None) -> dict[str, np.ndarray
         progress=lambda _: clock.append((perf_counter() - started, spent[0])),
     )  # fmt: skip
     return {**vars(course(trials)), "clock": np.array(clock)}
-
-
-def save(path: Path, arrays: dict[str, np.ndarray]) -> None:
-    """Write them as .npz, whole or not at all."""
-    with atomic_file(path) as file:
-        np.savez(file, **arrays)
-
-
-def load(path: Path) -> dict[str, np.ndarray]:
-    """What `save` wrote; ValueError when it is damaged."""
-    try:
-        with np.load(path, allow_pickle=False) as stored:
-            return dict(stored)
-    except (BadZipFile, ValueError, EOFError) as error:
-        raise ValueError(f"{path} is damaged ({error}); delete it, and it is made again") from error

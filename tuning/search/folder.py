@@ -5,10 +5,12 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
+from zipfile import BadZipFile
 
+import numpy as np
 from filelock import FileLock, Timeout
 
-from maglev_env.files import write_text_atomic
+from maglev_env.files import atomic_file, write_text_atomic
 
 LOCK = "lock"
 
@@ -45,3 +47,18 @@ def claim(path: Path, spec: dict[str, Any], kind: str) -> None:
         key = different[0]
         both = "" if isinstance(found.get(key), dict) else f" ({found.get(key)!r}, not {wanted.get(key)!r})"
         raise ValueError(f"{path.parent} holds a {kind} of another {key}{both}; choose another folder")
+
+
+def save_arrays(path: Path, arrays: dict[str, np.ndarray]) -> None:
+    """Write them as .npz, whole or not at all."""
+    with atomic_file(path) as file:
+        np.savez(file, **arrays)
+
+
+def load_arrays(path: Path) -> dict[str, np.ndarray]:
+    """What `save_arrays` wrote; ValueError when it is damaged."""
+    try:
+        with np.load(path, allow_pickle=False) as stored:
+            return dict(stored)
+    except (BadZipFile, ValueError, EOFError) as error:
+        raise ValueError(f"{path} is damaged ({error}); delete it, and it is made again") from error

@@ -7,6 +7,7 @@ import numpy as np
 from maglev_env.envs.episodes import Episode, log_spread, scaled_rig, wide_factors
 from maglev_env.envs.task import Task
 from tuning.search.evolution import DifferentialEvolution
+from tuning.search.lockstep import optimum
 from tuning.search.study import experiments
 from tuning.search.tuner import Trials
 
@@ -92,15 +93,7 @@ class ModelBased:
         """The point that scores best on the model."""
         model, k = self._model(self._theta), len(self._task.box.names)
         search = DifferentialEvolution(k, int(self._rng.integers(2**31)), SEARCH)
-        best, score = np.asarray(self._episode.start), -1.0
-        for _ in range(GENERATIONS):
-            points = search.ask(10**6)
-            found = experiments(self._task, [model] * len(points), points, [0] * len(points))
-            search.tell(found)
-            if found.score[found.best] > score:
-                best, score = found.points[found.best], float(found.score[found.best])
-        search.close()
-        return best
+        return optimum(self._task, model, search, GENERATIONS, np.asarray(self._episode.start))
 
     def _features(self, info: dict) -> tuple[np.ndarray, np.ndarray]:
         """What an experiment identified, and its standard deviations with the model's own error; nan: unknown."""

@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import optuna
 
 from maglev_env.code_version import code_version
 from maglev_env.files import write_text_atomic
@@ -48,7 +47,6 @@ def tuned(case: TwinCase, simulator: str, budget: int, seed: int) -> Tuned:
     searched = budget - candidates * REPEATS
     noise = _seeds(case, seed, _TUNING, budget)
     tuner = OptunaTuner(len(case.box.names), seed, METHOD, case.start)
-    optuna.logging.set_verbosity(optuna.logging.ERROR)  # it warns of an optional package that only saves time
     parts = []
     for i in range(searched):
         points = tuner.ask(1)
