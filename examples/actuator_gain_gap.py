@@ -10,14 +10,14 @@ from tempfile import TemporaryDirectory
 import numpy as np
 from matplotlib.figure import Figure
 
-from maglev_env.campaign_writer import write_campaign
-from maglev_env.excitation import Excitation
+from maglev_env.design.protocols import diagnosis_campaign
 from maglev_env.experiment import Experiment
-from maglev_env.linear import closed_loop_poles, loop_response
-from maglev_env.protocols import diagnosis_campaign
-from maglev_env.recording import simulated_recording
-from maglev_env.rig import Rig, load_rig
-from maglev_env.simulate import simulate_records
+from maglev_env.kernel.simulate import simulate_records
+from maglev_env.linear.loop import closed_loop_poles, loop_response
+from maglev_env.recordings.campaign_writer import write_campaign
+from maglev_env.recordings.recording import simulated_recording
+from maglev_env.rig.excitation import Excitation
+from maglev_env.rig.rig import Rig, load_rig
 from sim2real.corrected import corrected_rig
 from sim2real.diagnosis import Diagnosis, diagnose
 from sim2real.report import sentence

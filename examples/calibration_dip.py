@@ -15,12 +15,12 @@ from matplotlib.figure import Figure
 from scipy.optimize import least_squares
 
 from estimation.sphs import harmonic_range, sphs, synthesise
-from maglev_env.campaign_writer import write_campaign
-from maglev_env.effects import effect
-from maglev_env.protocols import diagnosis_campaign
-from maglev_env.recording import simulated_recording
-from maglev_env.rig import Rig, load_rig
-from maglev_env.simulate import simulate_records
+from maglev_env.design.protocols import diagnosis_campaign
+from maglev_env.kernel.simulate import simulate_records
+from maglev_env.loop.effect import effect
+from maglev_env.recordings.campaign_writer import write_campaign
+from maglev_env.recordings.recording import simulated_recording
+from maglev_env.rig.rig import Rig, load_rig
 from selfsense.dynamic_calibration import dynamic_calibration
 from sim2real.diagnosis import diagnose
 from sim2real.report import sentence

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from matplotlib.figure import Figure
 
-from maglev_env.rig import with_parameters
+from maglev_env.rig.rig import with_parameters
 from maglev_env.rotor.monitoring import Monitored, MonitorPlan, monitor
 from maglev_env.rotor.rotor import load_rotor
 

@@ -17,15 +17,15 @@ from typing import Any
 
 import numpy as np
 
-from maglev_env.campaign_writer import write_campaign
-from maglev_env.effects import effect
-from maglev_env.excitation import Excitation
+from maglev_env.design.protocols import diagnosis_campaign
 from maglev_env.experiment import Experiment
-from maglev_env.gains import NO_CONTROLLER, with_gains
-from maglev_env.protocols import diagnosis_campaign
-from maglev_env.recording import simulated_recording
-from maglev_env.rig import Rig, load_rig
-from maglev_env.simulate import simulate_records
+from maglev_env.kernel.simulate import simulate_records
+from maglev_env.loop.effect import effect
+from maglev_env.loop.gains import NO_CONTROLLER, with_gains
+from maglev_env.recordings.campaign_writer import write_campaign
+from maglev_env.recordings.recording import simulated_recording
+from maglev_env.rig.excitation import Excitation
+from maglev_env.rig.rig import Rig, load_rig
 from sim2real import diagnose
 from sim2real.simulated import Point, experiment_at, tolerances
 

@@ -5,7 +5,7 @@ from dataclasses import replace
 import optuna
 
 from maglev_env import evaluate, load_rig, protocol_experiment
-from maglev_env.effects import effect
+from maglev_env.loop.effect import effect
 
 
 def run(trials: int = 96, batch: int = 16, seed: int = 0) -> optuna.Study:

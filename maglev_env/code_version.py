@@ -7,8 +7,8 @@ from importlib.metadata import version
 from importlib.util import find_spec
 from pathlib import Path
 
-DIAGNOSING = ("estimation", "selfsense", "maglev_env", "sim2real")
-ALL = (*DIAGNOSING, "tuning")
+DIAGNOSING = ("estimation", "maglev_lanes", "selfsense", "maglev_env", "sim2real")
+ALL = (*DIAGNOSING, "tuning", "maglev_workbench")
 
 
 @cache

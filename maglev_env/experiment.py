@@ -6,12 +6,12 @@ from math import inf
 
 import numpy as np
 
-from maglev_env.effects import EFFECTS, NO_EFFECTS, Effects, check_effects, effect_value
-from maglev_env.excitation import Excitation, axis_excitations, check_interleaved, is_number
-from maglev_env.gains import NO_CONTROLLER, Controllers, of_axis
-from maglev_env.planar import suffixes
-from maglev_env.rig import Rig, axis_rig
-from maglev_env.self_sensing import self_sensor
+from maglev_env.loop.axes import suffixes
+from maglev_env.loop.effect import EFFECTS, NO_EFFECTS, Effects, check_effects, effect_value
+from maglev_env.loop.gains import NO_CONTROLLER, Controllers, of_axis
+from maglev_env.loop.self_sensor import self_sensor
+from maglev_env.rig.excitation import Excitation, axis_excitations, check_interleaved, is_number
+from maglev_env.rig.rig import Rig, axis_rig
 from selfsense.sensor import SelfSensor
 
 # Channels of a recording, and those whose spectra the estimators use; the injection is digital and known exactly.

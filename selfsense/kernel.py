@@ -9,10 +9,10 @@ import numba as nb
 import numpy as np
 
 from selfsense import kernel_pieces, kernel_rows
-from selfsense import noise as noise_source
+from maglev_lanes import noise as noise_source
 from selfsense.kernel_pieces import SensorStructure, sensor_pieces
 from selfsense.kernel_rows import ESTIMATE, FORWARD, GAP, LANES, READING, VOLT_SECONDS
-from selfsense.noise import FAST
+from maglev_lanes.noise import FAST
 
 W = LANES
 # The compiler's disk cache looks at this file alone; naming what it was compiled from keeps it from serving stale code.

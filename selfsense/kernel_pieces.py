@@ -16,7 +16,7 @@ from selfsense.kernel_rows import (
     MODEL_VOLTAGE, NOISE, OFF, ON, PERIOD, PER_COUNT, PER_FIELD, READING, RESISTANCE, RISE, SATURATED, SIMULATED,
     STATES_3, VOLTAGE, VOLT_SECONDS,
 )  # fmt: skip
-from selfsense.noise import normal
+from maglev_lanes.noise import normal
 
 W = LANES
 MODES = len(EDDY_RATES)

@@ -11,11 +11,11 @@ from numpy.typing import ArrayLike
 from scipy.ndimage import uniform_filter1d
 from scipy.signal import lfilter
 
+from maglev_lanes.noise import FAST
 from selfsense.forward_path import ForwardPath, response
 from selfsense.kernel import SOURCES
 from selfsense.kernel_pieces import SensorStructure, sensor_pieces
 from selfsense.kernel_rows import ESTIMATE, FORWARD, LANES, MODEL, SENSOR_ROWS
-from selfsense.noise import FAST
 from selfsense.sensor import Estimator, SelfSensor, sensor_rows
 from selfsense.supply import Acquisition, Supply, check_rates
 from selfsense.validity import AT_END, CLIPPED, CONVERGING, NO_RIPPLE, Stretch, gap_validity

@@ -6,11 +6,11 @@ from dataclasses import MISSING, fields, replace
 from pathlib import Path
 from typing import Any
 
-from maglev_env.excitation import Excitation
 from maglev_env.experiment import Experiment
-from maglev_env.files import write_text_atomic
-from maglev_env.gains import NO_CONTROLLER, as_table
-from maglev_env.rig import PARAMETERS, SCHEMA, Rig
+from maglev_env.loop.gains import NO_CONTROLLER, as_table
+from maglev_env.recordings.files import write_text_atomic
+from maglev_env.rig.excitation import Excitation
+from maglev_env.rig.rig import PARAMETERS, SCHEMA, Rig
 from sim2real.diagnosis import Diagnosis
 from sim2real.report import corrections, sentence
 from sim2real.simulated import experiment_at

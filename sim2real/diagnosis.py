@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from maglev_env.campaign import Campaign
-from maglev_env.effects import EFFECTS
+from maglev_env.loop.effect import EFFECTS
+from maglev_env.recordings.campaign import Campaign
 from sim2real.attribute import Attribution, Candidate, attribute
 from sim2real.gain_choice import GainChoice, gain_choice
 from sim2real.hypotheses import CALIBRATION, TONES, Coordinate

@@ -6,12 +6,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.stats import spearmanr
 
-from maglev_env.evaluation import evaluate
-from maglev_env.excitation import lines_at
+from maglev_env.evaluation.evaluate import evaluate
 from maglev_env.experiment import protocol_experiment
-from maglev_env.gains import Controllers, Gains
-from maglev_env.linear import closed_loop_poles
-from maglev_env.rig import Rig
+from maglev_env.linear.loop import closed_loop_poles
+from maglev_env.loop.gains import Controllers, Gains
+from maglev_env.rig.excitation import lines_at
+from maglev_env.rig.rig import Rig
 from sim2real.simulated import Point, experiment_at
 
 FACTORS = tuple((kp, kd) for kp in (0.7, 1.0, 1.4) for kd in (0.7, 1.0, 1.4, 2.0))  # on the rig's kp and kd

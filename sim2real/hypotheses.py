@@ -6,8 +6,8 @@ from math import exp, log
 
 import numpy as np
 
-from maglev_env.effects import EFFECTS, meaningful
-from maglev_env.rig import Rig
+from maglev_env.loop.effect import EFFECTS, meaningful
+from maglev_env.rig.rig import Rig
 from sim2real.simulated import TOLERANCE_EFFECTS, Point
 
 TONES = ("runout", "pickup", "unbalance")  # told by their frequencies, not by lines: see `tones`

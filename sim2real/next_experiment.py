@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from maglev_env.gains import Gains, with_gains
+from maglev_env.loop.gains import Gains, with_gains
 from sim2real.attribute import Attribution
 from sim2real.fitting import CALIBRATION_STEP, STEP, Fit
 from sim2real.judge import CLASS_SHARE, Entry

@@ -19,8 +19,8 @@ from scipy import stats
 from scipy.optimize import nnls
 
 from maglev_env.experiment import axis_experiment
-from maglev_env.linear import loop_response
-from maglev_env.rig import axis_rig
+from maglev_env.linear.loop import loop_response
+from maglev_env.rig.rig import axis_rig
 from sim2real.records import Record
 from sim2real.tones import near_tones
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from maglev_env.threads import single_blas
+from maglev_lanes.threads import single_blas
 from sim2real.opened import Opened, noise_of, opened_loop
 from sim2real.records import Record
 from sim2real.simulated import Point, Predictor, predictor, together

@@ -7,15 +7,15 @@ from pathlib import Path
 import numpy as np
 
 from estimation.periods import period_spectra, split_periods, transient_periods
-from maglev_env.campaign import Campaign, RecordingSpec, load_campaign
-from maglev_env.excitation import PLACES, axis_excitations, lines_at
 from maglev_env.experiment import Experiment, sampling
-from maglev_env.gains import NO_CONTROLLER
-from maglev_env.linear import without_noise
-from maglev_env.planar import suffixes
-from maglev_env.recorded import recorded_signals
-from maglev_env.recording import read_recording
-from maglev_env.rig import Rig
+from maglev_env.linear.loop import without_noise
+from maglev_env.loop.axes import suffixes
+from maglev_env.loop.gains import NO_CONTROLLER
+from maglev_env.recordings.campaign import Campaign, RecordingSpec, load_campaign
+from maglev_env.recordings.recording import read_recording
+from maglev_env.recordings.signals import recorded_signals
+from maglev_env.rig.excitation import PLACES, axis_excitations, lines_at
+from maglev_env.rig.rig import Rig
 from sim2real.tones import ON_LINE, Tone, near_tones, remove_tones
 
 EXCITED_BY = {"force": "force", "current": "injection", "reference": "reference"}

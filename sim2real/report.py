@@ -5,8 +5,8 @@ from math import floor, isfinite, log10
 
 import numpy as np
 
-from maglev_env.effects import EFFECTS
-from maglev_env.planar import AXES
+from maglev_env.loop.axes import AXES
+from maglev_env.loop.effect import EFFECTS
 from sim2real.diagnosis import Diagnosis, block_of
 from sim2real.hypotheses import CALIBRATION, NONE, TONES, UNKNOWN
 from sim2real.judge import Entry

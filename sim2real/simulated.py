@@ -6,12 +6,12 @@ from math import ceil, log, pi
 
 import numpy as np
 
-from maglev_env.effects import Effects, effect, effect_value, meaningful
 from maglev_env.experiment import Experiment
-from maglev_env.gains import Gains
-from maglev_env.linear import closed_loop_poles
-from maglev_env.rig import Rig, with_parameters
-from maglev_env.simulate import prepared, steady_spectra
+from maglev_env.kernel.simulate import prepared, steady_spectra
+from maglev_env.linear.loop import closed_loop_poles
+from maglev_env.loop.effect import Effects, effect, effect_value, meaningful
+from maglev_env.loop.gains import Gains
+from maglev_env.rig.rig import Rig, with_parameters
 from sim2real.opened import Opened
 from sim2real.records import Record
 

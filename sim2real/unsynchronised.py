@@ -7,7 +7,7 @@ import numpy as np
 from scipy import stats
 
 from maglev_env.experiment import axis_experiment
-from maglev_env.linear import loop_response
+from maglev_env.linear.loop import loop_response
 from sim2real.opened import loud_bands, opened_loop
 from sim2real.problem import Part, Problem
 from sim2real.records import Record

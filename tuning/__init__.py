@@ -1,0 +1,1 @@
+"""What chooses gains: tuners, sweeps, studies, campaigns and comparisons."""

@@ -5,7 +5,7 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 
-from maglev_env.gains import Gains
+from maglev_env.loop.gains import Gains
 from selfsense.coil import is_number
 
 

@@ -1,8 +1,8 @@
 """The spinning rotor's environments; the docstring of the scalar one is their specification."""
 
-from maglev_env.envs.pump_task import make_rotor_task
 from maglev_env.envs.single import RigEnv
 from maglev_env.envs.vector import RigVectorEnv
+from maglev_env.task.pump import make_rotor_task
 
 
 class PumpRotorEnv(RigEnv):
@@ -49,7 +49,7 @@ class PumpRotorEnv(RigEnv):
     What a touchdown left unknown is said so above; what was seen at other speeds stays.
 
     ## Reward
-    The score of the experiment in [0, 1] (`maglev_env.score`; every term that of the worst mode, controller, plane or
+    The score of the experiment in [0, 1] (`evaluation.score`; every term that of the worst mode, controller, plane or
     speed); 0 for a loop that is unstable at standstill or at the top speed; -1 for a touchdown.
 
     ## Start

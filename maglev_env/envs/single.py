@@ -8,7 +8,7 @@ import numpy as np
 from gymnasium import logger, spaces
 from gymnasium.error import InvalidAction
 
-from maglev_env.envs.task import Tuning, infos, make_task, rewards
+from maglev_env.task.task import Tuning, infos, make_task, rewards
 
 
 class RigEnv(gym.Env[np.ndarray, np.ndarray]):
@@ -48,7 +48,7 @@ class RigEnv(gym.Env[np.ndarray, np.ndarray]):
     After a touchdown estimates are 0, standard errors and levels 1, margins -1.
 
     ## Reward
-    The score of the experiment (see `maglev_env.score`), in [0, 1]; 0 for an unstable loop; -1 for a touchdown.
+    The score of the experiment (see `evaluation.score`), in [0, 1]; 0 for an unstable loop; -1 for a touchdown.
 
     ## Start
     A rig is drawn around the nominal one, with `draw_target` a target too, and one experiment is made half-way between
@@ -122,7 +122,7 @@ class RigEnv(gym.Env[np.ndarray, np.ndarray]):
             return None
         if self._episode is None:
             raise gym.error.ResetNeeded("call reset before render")
-        from maglev_env.envs.rendering import draw_frame, show
+        from maglev_env.envs.pictures.episode import draw_frame, show
 
         frame = draw_frame(self.task, self._episode, self._history)
         if self.render_mode == "rgb_array":
@@ -133,7 +133,7 @@ class RigEnv(gym.Env[np.ndarray, np.ndarray]):
     def close(self) -> None:
         """Close the window, if there is one."""
         if self._canvas is not None:
-            from maglev_env.envs.rendering import hide
+            from maglev_env.envs.pictures.episode import hide
 
             hide(self._canvas)
             self._canvas = None

@@ -11,7 +11,7 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
 from maglev_env.envs.single import RigEnv, checked_actions, spaces_of
-from maglev_env.envs.task import Tuning, infos, make_task, rewards
+from maglev_env.task.task import Tuning, infos, make_task, rewards
 
 _Outcome = tuple[np.ndarray, list[dict[str, Any]], np.ndarray]
 
@@ -95,7 +95,7 @@ class RigVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             return None
         if any(e is None for e in self._episodes):
             raise gym.error.ResetNeeded("call reset before render")
-        from maglev_env.envs.rendering import draw_frame
+        from maglev_env.envs.pictures.episode import draw_frame
 
         pairs = zip(self._episodes, self._histories, strict=True)
         return tuple(draw_frame(self.task, episode, history) for episode, history in pairs)

@@ -13,7 +13,7 @@ from maglev_env.rotor.lanes import Run
 from maglev_env.rotor.linear import closed_loop_poles
 from maglev_env.rotor.rotor import Rotor
 from maglev_env.rotor.run_up import SPEEDS, RunUp, Seeds, checked_speeds, run_up, seeds_of
-from maglev_env.score import ScoreTarget, score, terms
+from maglev_env.evaluation.score import ScoreTarget, score, terms
 
 PROTOCOL = Protocol()
 CHUNK = 64  # runs identified together: keeps their spectra near 40 MB

@@ -15,7 +15,7 @@ from estimation.max_likelihood import maximum_likelihood
 from estimation.periods import LineStatistics, line_statistics
 from estimation.sphs import sphs, synthesise
 from estimation.stability import peak_sensitivity
-from maglev_env.gains import controller_response
+from maglev_env.loop.gains import controller_response
 from maglev_env.rotor.lanes import Run
 from maglev_env.rotor.linear import control_matrices, held_current, mechanics
 from maglev_env.rotor.rotor import Rotor

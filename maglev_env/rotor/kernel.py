@@ -18,8 +18,8 @@ from maglev_env.rotor.rows import (
     CHANNELS, COMMAND, COS, COUNT_MAX, COUNTS, CURRENT, D, DECAY_D, DECAY_I, INTO, KD, KI, KP, LANES, NOISE, OUT,
     PER_COUNT, PER_U, PROBE, Q, SIN, U_COUNT, U_MAX, XI,
 )  # fmt: skip
-from selfsense import noise as noise_source
-from selfsense.noise import FAST, normal
+from maglev_lanes import noise as noise_source
+from maglev_lanes.noise import FAST, normal
 
 W = LANES
 TILE = 8  # samples gathered before they are written out lane by lane

@@ -13,10 +13,10 @@ from scipy.optimize import brentq
 
 from maglev_env.design.motor import Motor
 from maglev_env.design.thermal import ThermalMass
-from maglev_env.excitation import is_number
-from maglev_env.gains import Gains
-from maglev_env.rig import MAX_FILE_BYTES, ROTORS, Rig, load_rig
-from maglev_env.toml_fields import check_known, check_range, increasing_pair, quantity, table_as
+from maglev_env.rig.excitation import is_number
+from maglev_env.loop.gains import Gains
+from maglev_env.rig.rig import MAX_FILE_BYTES, ROTORS, Rig, load_rig
+from maglev_env.fields import check_known, check_range, increasing_pair, quantity, table_as
 
 SCHEMA = "maglev-rotor/1"
 # What the two controllers of each direction act on: the mean and half the difference of both planes, or each plane.

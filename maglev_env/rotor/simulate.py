@@ -10,7 +10,7 @@ from maglev_env.rotor import rows as r
 from maglev_env.rotor.kernel import TILE, kernel
 from maglev_env.rotor.lanes import Run, block
 from maglev_env.rotor.rows import CHANNELS, LANES
-from maglev_env.threads import over_threads
+from maglev_lanes.threads import over_threads
 
 PLACES = ("bearing a", "bearing b", "axial stop")
 Reduced = TypeVar("Reduced")

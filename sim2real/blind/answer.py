@@ -14,8 +14,8 @@ from time import perf_counter
 from typing import Any, Protocol
 
 from maglev_env.code_version import DIAGNOSING, code_version
-from maglev_env.files import write_text_atomic
-from maglev_env.processes import fresh_pool
+from maglev_env.recordings.files import write_text_atomic
+from maglev_lanes.processes import fresh_pool
 from sim2real.blind.cases import ANSWER_SCHEMA, ANSWERS, CAMPAIGNS, parse_diagnosis, seal_of
 
 OPENED = "blind.json"  # what opening writes: from then on the truth is known

@@ -9,7 +9,7 @@ from math import isfinite
 from pathlib import Path
 from typing import Any
 
-from maglev_env.effects import EFFECTS
+from maglev_env.loop.effect import EFFECTS
 
 CAMPAIGNS, ANSWERS, LABELS, SEAL = "campaigns", "answers", "labels.json", "labels.sha256"
 ANSWER_SCHEMA, DIAGNOSIS_SCHEMA = "maglev-blind-answer/1", "maglev-diagnosis/1"

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from math import inf
 
-from maglev_env.effects import EFFECTS
+from maglev_env.loop.effect import EFFECTS
 from sim2real.blind.alike import alike_sets
 from sim2real.blind.cases import NO_GAP, Answer, Case
 

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
-from maglev_env.campaign import load_campaign
-from maglev_env.rig import Rig
+from maglev_env.recordings.campaign import load_campaign
+from maglev_env.rig.rig import Rig
 from sim2real.blind import scoring
 from sim2real.blind.calibration import Reliability, reliability
 from sim2real.blind.cases import ANSWERS, CAMPAIGNS, answers_digest, open_labels, read_answer, seal_of

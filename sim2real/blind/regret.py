@@ -9,13 +9,13 @@ from estimation.frequency_response import frequency_response
 from estimation.max_likelihood import maximum_likelihood
 from estimation.periods import line_statistics, period_spectra
 from estimation.stability import margin_arrays
-from maglev_env.effects import NO_EFFECTS, Effects, check_effects, effect
-from maglev_env.evaluation import force_statistics, score_target
-from maglev_env.excitation import lines_at
+from maglev_env.evaluation.evaluate import force_statistics, score_target
+from maglev_env.evaluation.score import score, terms
 from maglev_env.experiment import SPECTRAL, Experiment, protocol_experiment
-from maglev_env.gains import Gains
-from maglev_env.rig import Rig
-from maglev_env.score import score, terms
+from maglev_env.loop.effect import NO_EFFECTS, Effects, check_effects, effect
+from maglev_env.loop.gains import Gains
+from maglev_env.rig.excitation import lines_at
+from maglev_env.rig.rig import Rig
 from sim2real.blind.cases import Answer
 from sim2real.blind.excitation import Drive, Grid
 from sim2real.blind.judging import Judgement, size_range

@@ -8,13 +8,13 @@ from pathlib import Path
 
 import numpy as np
 
-from maglev_env.campaign import load_campaign
-from maglev_env.effects import check_effects
-from maglev_env.envs.gain_box import GainBox, gain_box
-from maglev_env.evaluation import evaluate, score_target
+from maglev_env.evaluation.evaluate import evaluate, score_target
+from maglev_env.evaluation.score import ScoreTarget
 from maglev_env.experiment import Experiment, protocol_experiment
-from maglev_env.rig import Rig
-from maglev_env.score import ScoreTarget
+from maglev_env.loop.effect import check_effects
+from maglev_env.recordings.campaign import load_campaign
+from maglev_env.rig.rig import Rig
+from maglev_env.task.gain_box import GainBox, gain_box
 from sim2real.blind.answer import OPENED
 from sim2real.blind.cases import ANSWERS, CAMPAIGNS, Answer, Case, open_labels, read_answer, seal_of
 from sim2real.blind.judging import judge, size_range

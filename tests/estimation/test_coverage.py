@@ -12,11 +12,11 @@ from estimation.bands import sliding_bands
 from estimation.frequency_response import frequency_response
 from estimation.least_squares import least_squares
 from estimation.max_likelihood import least_squares_bias, maximum_likelihood
-from maglev_env.evaluation import force_statistics
+from maglev_env.evaluation.evaluate import force_statistics
 from maglev_env.experiment import protocol_experiment
-from maglev_env.linear import without_noise
-from maglev_env.rig import load_rig
-from maglev_env.simulate import simulate_statistics
+from maglev_env.kernel.simulate import simulate_statistics
+from maglev_env.linear.loop import without_noise
+from maglev_env.rig.rig import load_rig
 
 CENTRES = (30.0, 70.0, 150.0, 240.0)
 RECORDS = 2000

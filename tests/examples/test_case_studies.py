@@ -7,12 +7,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from maglev_env.effects import effect
-from maglev_env.excitation import Excitation
 from maglev_env.experiment import Experiment
-from maglev_env.gains import NO_CONTROLLER
-from maglev_env.linear import loop_response
-from maglev_env.rig import Protocol, Rig, load_rig
+from maglev_env.linear.loop import loop_response
+from maglev_env.loop.effect import effect
+from maglev_env.loop.gains import NO_CONTROLLER
+from maglev_env.rig.excitation import Excitation
+from maglev_env.rig.rig import Protocol, Rig, load_rig
 from sim2real import attribute
 from sim2real.diagnosis import diagnose
 from sim2real.simulated import Point

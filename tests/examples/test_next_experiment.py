@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from maglev_env.excitation import lines_at
-from maglev_env.rig import load_rig
+from maglev_env.rig.excitation import lines_at
+from maglev_env.rig.rig import load_rig
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "examples"))
 from next_experiment import EFFECTS, carried_out, cases, true_experiment

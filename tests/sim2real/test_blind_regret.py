@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from sealed_sets import diagnosis
 
-from maglev_env.evaluation import evaluate
+from maglev_env.evaluation.evaluate import evaluate
 from maglev_env.experiment import protocol_experiment
-from maglev_env.gains import with_gains
-from maglev_env.rig import load_rig, rig_from_toml
+from maglev_env.loop.gains import with_gains
+from maglev_env.rig.rig import load_rig, rig_from_toml
 from sim2real import gain_choice
 from sim2real.blind.cases import Hypothesis, parse_diagnosis
 from sim2real.blind.regret import CaseRegret, case_regret, correction, regret_row, twin_score

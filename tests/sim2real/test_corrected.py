@@ -6,15 +6,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from maglev_env.campaign import Campaign
-from maglev_env.effects import effect
 from maglev_env.experiment import Experiment, protocol_experiment
-from maglev_env.gains import LinearController
-from maglev_env.linear import closed_loop_poles, loop_response
-from maglev_env.planar import Cross
-from maglev_env.rig import PRESETS, load_rig, rig_from_toml, with_parameters
-from maglev_env.self_sensing import SelfSensing
-from maglev_env.simulate import simulate_records
+from maglev_env.kernel.simulate import simulate_records
+from maglev_env.linear.loop import closed_loop_poles, loop_response
+from maglev_env.loop.axes import Cross
+from maglev_env.loop.effect import effect
+from maglev_env.loop.gains import LinearController
+from maglev_env.loop.self_sensor import SelfSensing
+from maglev_env.recordings.campaign import Campaign
+from maglev_env.rig.rig import PRESETS, load_rig, rig_from_toml, with_parameters
 from sim2real.corrected import corrected_toml, rig_toml, write_corrected
 from sim2real.diagnosis import Diagnosis
 from sim2real.judge import Entry

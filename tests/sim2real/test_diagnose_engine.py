@@ -7,14 +7,14 @@ import numpy as np
 import pytest
 from campaigns import campaign, planned, write
 
-from maglev_env.campaign import load_campaign
-from maglev_env.campaign_writer import write_campaign
-from maglev_env.effects import effect
-from maglev_env.excitation import Excitation
-from maglev_env.files import read_columns, write_csv
-from maglev_env.recording import simulated_recording
-from maglev_env.rig import load_rig
-from maglev_env.simulate import simulate_records
+from maglev_env.kernel.simulate import simulate_records
+from maglev_env.loop.effect import effect
+from maglev_env.recordings.campaign import load_campaign
+from maglev_env.recordings.campaign_writer import write_campaign
+from maglev_env.recordings.files import read_columns, write_csv
+from maglev_env.recordings.recording import simulated_recording
+from maglev_env.rig.excitation import Excitation
+from maglev_env.rig.rig import load_rig
 from sim2real import attribute
 from sim2real.diagnosis import diagnose
 from sim2real.next_experiment import SEPARATED

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from campaigns import planned, repeated
 
-from maglev_env.effects import effect
-from maglev_env.rig import load_rig
+from maglev_env.loop.effect import effect
+from maglev_env.rig.rig import load_rig
 from sim2real.problem import assemble
 from sim2real.simulated import DITHERED, Point, together
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from campaigns import planned, repeated
 
-from maglev_env.effects import effect
-from maglev_env.rig import load_rig, with_parameters
+from maglev_env.loop.effect import effect
+from maglev_env.rig.rig import load_rig, with_parameters
 from sim2real.attribute import Candidate
 from sim2real.fitting import begin, cost_of, differentiate, iterate, share_calibrations
 from sim2real.hypotheses import FORM, FORM_SHARE, MOST_FORM, Hypothesis

@@ -5,11 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from maglev_env.effects import effect
-from maglev_env.evaluation import evaluate
+from maglev_env.evaluation.evaluate import evaluate
 from maglev_env.experiment import protocol_experiment
-from maglev_env.gains import LinearController
-from maglev_env.rig import load_rig, with_parameters
+from maglev_env.loop.effect import effect
+from maglev_env.loop.gains import LinearController
+from maglev_env.rig.rig import load_rig, with_parameters
 from sim2real import gain_choice as own
 from sim2real.gain_choice import FACTORS, GainChoice, gain_choice, gain_sets
 from sim2real.simulated import Point

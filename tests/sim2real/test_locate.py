@@ -7,10 +7,10 @@ import pytest
 from campaigns import campaign, planned, write
 from scipy.signal import lfilter
 
-from maglev_env.effects import effect
-from maglev_env.gains import LinearController
-from maglev_env.protocols import diagnosis_campaign
-from maglev_env.rig import load_rig
+from maglev_env.design.protocols import diagnosis_campaign
+from maglev_env.loop.effect import effect
+from maglev_env.loop.gains import LinearController
+from maglev_env.rig.rig import load_rig
 from sim2real.locate import ACTUATOR, DRIVE, PLANT, RECEPTANCE, WHOLE, controller_distance, locate
 from sim2real.problem import assemble
 from sim2real.records import read_records

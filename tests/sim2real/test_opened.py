@@ -7,9 +7,9 @@ import pytest
 from campaigns import planned, repeated, write
 
 from maglev_env.experiment import axis_experiment
-from maglev_env.gains import Gains, LinearController
-from maglev_env.linear import expected_statistics, loop_response, without_noise
-from maglev_env.rig import load_rig
+from maglev_env.linear.loop import expected_statistics, loop_response, without_noise
+from maglev_env.loop.gains import Gains, LinearController
+from maglev_env.rig.rig import load_rig
 from sim2real.opened import loud_bands, noise_of, opened_loop
 from sim2real.problem import assemble
 from sim2real.records import Record, read_records

@@ -7,13 +7,13 @@ import pytest
 from campaigns import campaign, planned, write
 
 from estimation.sphs import odd_lines
-from maglev_env.campaign_writer import write_campaign
-from maglev_env.excitation import Excitation
 from maglev_env.experiment import Experiment
-from maglev_env.linear import without_noise
-from maglev_env.recording import simulated_recording
-from maglev_env.rig import load_rig
-from maglev_env.simulate import simulate_records
+from maglev_env.kernel.simulate import simulate_records
+from maglev_env.linear.loop import without_noise
+from maglev_env.recordings.campaign_writer import write_campaign
+from maglev_env.recordings.recording import simulated_recording
+from maglev_env.rig.excitation import Excitation
+from maglev_env.rig.rig import load_rig
 from sim2real.problem import KINDS, informative, line_kinds
 from sim2real.records import read_records
 

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from campaigns import campaign
 
-from maglev_env.effects import effect
 from maglev_env.experiment import protocol_experiment
-from maglev_env.linear import loop_response
-from maglev_env.rig import load_rig
+from maglev_env.linear.loop import loop_response
+from maglev_env.loop.effect import effect
+from maglev_env.rig.rig import load_rig
 from sim2real.attribute import Attribution, Candidate
 from sim2real.fitting import begin, iterate
 from sim2real.hypotheses import Hypothesis

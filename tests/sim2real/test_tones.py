@@ -5,7 +5,7 @@ import pytest
 from campaigns import campaign
 from scipy import signal
 
-from maglev_env.effects import effect
+from maglev_env.loop.effect import effect
 from sim2real.hypotheses import TONES
 from sim2real.problem import assemble
 from sim2real.records import read_records

@@ -8,19 +8,19 @@ import pytest
 from sealed_sets import diagnosis, label, seal
 from typer.testing import CliRunner
 
-from maglev_env.envs.protocols import env_protocol
-from maglev_env.rig import load_rig, rig_from_toml
+from maglev_env.rig.rig import load_rig, rig_from_toml
+from maglev_env.task.protocol import env_protocol
+from maglev_workbench.cli import app
+from maglev_workbench.commands.compare import twin as command_twin
+from maglev_workbench.commands.compare.twin_report import Compared, summary, twin_markdown
 from sim2real.blind import worth
 from sim2real.blind.cases import parse_diagnosis
 from sim2real.blind.rigs import RIGS
 from sim2real.blind.twin import Truth
 from sim2real.blind.worth import CORRECTED, NOMINAL, PRESET, SIMULATORS, TWIN, TwinCase, written_point
 from sim2real.simulated import Point
-from tuning import command_twin
-from tuning.cli import app
-from tuning.search import twin as search
-from tuning.search.twin import case_worth, compare_simulators, tuned
-from tuning.twin_report import Compared, summary, twin_markdown
+from tuning.comparison import twin as search
+from tuning.comparison.twin import case_worth, compare_simulators, tuned
 
 RUN = CliRunner()
 WEAK = {"actuator_gain": {"change": -0.3}}

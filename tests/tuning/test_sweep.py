@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from short_sweeps import short_rig, short_sweep
 
-from maglev_env.effects import effect
-from maglev_env.rig import load_rig
+from maglev_env.loop.effect import effect
+from maglev_env.rig.rig import load_rig
 from tuning import sweep as module
 from tuning.sweep import Axis, Sweep, default_axes, gain_sets, parse_axis, run_sweep
 

@@ -12,8 +12,8 @@ import numpy as np
 import torch
 from torch import nn
 
-from maglev_env.envs.task import Tuning
-from maglev_env.files import atomic_file
+from maglev_env.recordings.files import atomic_file
+from maglev_env.task.task import Tuning
 
 SCHEMA = "maglev-policy/1"
 MOST_BYTES = 16_000_000  # of a checkpoint, unpacked

@@ -11,7 +11,7 @@ from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.logger import Logger
 from torch import nn
 
-from maglev_env.envs.task import Tuning
+from maglev_env.task.task import Tuning
 from tuning.learned.policy import HistoryPolicy, Shape, shape_for
 from tuning.learned.study_env import study_env
 
@@ -41,7 +41,7 @@ def train_by_reinforcement(
     `experiments` made so far with the mean `return` of the episodes that ended since the row before.
 
     An episode is a study of one rig: its safe start, then budget - 1 experiments that the policy chooses. Its return is
-    the sum of their rewards (`maglev_env.envs.task.rewards`), undiscounted. experiments: those that are chosen, in all,
+    the sum of their rewards (`maglev_env.task.task.rewards`), undiscounted. experiments: those that are chosen, in all,
     rounded down to whole rounds of the num_envs environments (PPO: to whole rollouts of some episodes of each); the
     safe starts come on top. width: of the policy, whose history is the budget. init: the policy to go on from, with its
     width; what judges it is learned before it changes. rate: of learning. progress is told the experiments made so far.

@@ -11,8 +11,8 @@ from gymnasium.vector import AutoresetMode
 from stable_baselines3.common.vec_env import VecEnv, VecEnvWrapper, VecMonitor
 
 from maglev_env.envs.sb3 import SB3VecEnv
-from maglev_env.envs.task import Tuning
 from maglev_env.envs.vector import RigVectorEnv
+from maglev_env.task.task import Tuning
 from tuning.learned.policy import Shape, stack
 
 

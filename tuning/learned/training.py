@@ -9,14 +9,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 import torch
 
-from maglev_env.envs.task import Task
+from maglev_env.task.task import Task
 from tuning.learned.policy import HistoryPolicy, Shape, shape_for, stack
-from tuning.search.folder import load_arrays, save_arrays
-from tuning.search.lockstep import optima
-from tuning.search.study import experiments
+from tuning.lockstep import optima
+from tuning.study.folder import load_arrays, save_arrays
+from tuning.study.study import experiments
 
 if TYPE_CHECKING:
-    from tuning.schedule import Workers
+    from maglev_lanes.schedule import Workers
 
 SPREAD = 0.15  # of the noise on a policy's actions while it gathers: what it may meet later
 GROUP = 125  # rigs of one task, whose experiments run together

@@ -6,11 +6,11 @@ from pathlib import Path
 
 import numpy as np
 
-from maglev_env.envs.episodes import Episode
-from maglev_env.envs.task import Task
-from maglev_env.score import stacked
+from maglev_env.evaluation.score import stacked
+from maglev_env.task.episodes import Episode
+from maglev_env.task.task import Task
 from tuning.learned.policy import HistoryPolicy, Shape, load_policy
-from tuning.search.tuner import Trials
+from tuning.tuner import Trials
 
 SHIPPED = Path(__file__).parent / "policies"
 JITTER = 0.03  # around what the policy names: tells points apart that are asked for together

@@ -5,10 +5,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from maglev_env.effects import Effects, effect, meaningful
-from maglev_env.envs.gain_box import TUNED
-from maglev_env.envs.task import Task, make_task
-from maglev_env.rig import Rig
+from maglev_env.loop.effect import Effects, effect, meaningful
+from maglev_env.rig.rig import Rig
+from maglev_env.task.gain_box import TUNED
+from maglev_env.task.task import Task, make_task
 
 # First parameter of each from hardly seen to what changes the best gains clearly, drawn log-uniformly.
 SIZES: Mapping[str, tuple[float, float]] = {

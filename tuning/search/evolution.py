@@ -6,7 +6,7 @@ from threading import Thread
 import numpy as np
 from scipy.optimize import differential_evolution
 
-from tuning.search.tuner import Trials
+from tuning.tuner import Trials
 
 POPULATION = 15  # times the number of gains, scipy's own
 

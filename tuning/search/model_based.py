@@ -4,12 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from maglev_env.envs.episodes import Episode, log_spread, scaled_rig, wide_factors
-from maglev_env.envs.task import Task
+from maglev_env.task.episodes import Episode, log_spread, scaled_rig, wide_factors
+from maglev_env.task.task import Task
+from tuning.lockstep import optimum
 from tuning.search.evolution import DifferentialEvolution
-from tuning.search.lockstep import optimum
-from tuning.search.study import experiments
-from tuning.search.tuner import Trials
+from tuning.study.study import experiments
+from tuning.tuner import Trials
 
 STEPS, STEP, FAR = 4, 0.02, 0.25  # of Gauss and Newton: how many, for differences, and how far one may go
 AGAIN, MOST = 1.25, 24  # it fits anew when so much more was told, of so many experiments at most

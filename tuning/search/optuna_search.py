@@ -5,7 +5,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from tuning.search.tuner import Trials
+from tuning.tuner import Trials
 
 SAMPLERS = ("tpe", "cma-es", "gp")
 

@@ -2,11 +2,11 @@
 
 import numpy as np
 
-from maglev_env.envs.episodes import Episode
-from maglev_env.envs.task import Task
-from maglev_env.gains import controller_response, of_axis, with_gains
-from maglev_env.magnetics import force_law, linearise
-from tuning.search.tuner import Trials
+from maglev_env.loop.gains import controller_response, of_axis, with_gains
+from maglev_env.loop.magnets.law import force_law, linearise
+from maglev_env.task.episodes import Episode
+from maglev_env.task.task import Task
+from tuning.tuner import Trials
 
 
 class DissertationRule:

@@ -5,7 +5,7 @@ import warnings
 import numpy as np
 from scipy.stats import qmc
 
-from tuning.search.tuner import Trials
+from tuning.tuner import Trials
 
 
 class Sobol:

@@ -13,7 +13,7 @@ from maglev_env.design.pid_rules import (
     rightmost_pole,
     stability_conditions,
 )
-from maglev_env.gains import Gains
+from maglev_env.loop.gains import Gains
 
 AXIS = ControlledAxis(mass=0.08012, negative_stiffness=-12.5e3, actuator_gain=5.7, amplifier_time_constant=1e-4)
 TABLE = Gains(kp=8000.0, ki=2000.0, kd=5.2, td=1e-4, ti=0.0318)

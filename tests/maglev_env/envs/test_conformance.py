@@ -15,7 +15,7 @@ from stable_baselines3.common.env_checker import check_env as sb3_check_env
 
 import maglev_env
 from maglev_env.envs.registration import IDS, register_envs
-from maglev_env.testing import check_vector_env
+from maglev_env.envs.testing import check_vector_env
 
 BALL = """
 schema = "maglev-rig/1"

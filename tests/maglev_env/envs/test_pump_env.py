@@ -10,11 +10,11 @@ from matplotlib.figure import Figure
 
 import maglev_env
 from maglev_env.envs.pump import PumpRotorEnv
-from maglev_env.envs.pump_episodes import controlled, gains_at
-from maglev_env.envs.pump_task import LADDER, make_rotor_task
-from maglev_env.gains import Gains
+from maglev_env.loop.gains import Gains
 from maglev_env.rotor.evaluation import evaluate_rotors
 from maglev_env.rotor.rotor import Unbalance, load_rotor
+from maglev_env.task.pump import LADDER, make_rotor_task
+from maglev_env.task.pump_episodes import controlled, gains_at
 
 PUMP = load_rotor("pump")
 SHORT = {"speeds": (0.0, 14_000.0)}

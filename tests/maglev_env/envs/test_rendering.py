@@ -18,11 +18,11 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import to_hex
 
 from estimation.stability import iso_14839_2_zone, iso_14839_3_zone
-from maglev_env.envs.rendering import RED, ZONES, draw_frame, episode_figure, hide, show
-from maglev_env.envs.task import infos, make_task
-from maglev_env.linear import loop_response, without_noise
-from maglev_env.rig import Target, load_rig
-from maglev_env.simulate import simulate_records
+from maglev_env.envs.pictures.episode import RED, ZONES, draw_frame, episode_figure, hide, show
+from maglev_env.kernel.simulate import simulate_records
+from maglev_env.linear.loop import loop_response, without_noise
+from maglev_env.rig.rig import Target, load_rig
+from maglev_env.task.task import infos, make_task
 
 GOOD, OTHER, DOWN = (-0.3, -0.5, 0.6), (0.1, -0.5, 0.5), (-1.0, 1.0, -1.0)
 FRAME = np.zeros((720, 960, 3), np.uint8)
@@ -272,7 +272,7 @@ def test_a_frame_needs_no_pyplot_no_display_and_leaves_the_settings_alone():
         "before = dict(matplotlib.rcParams)\n"
         "env = gymnasium.make('maglev/EFrame-v0', render_mode='rgb_array', protocol='quick')\n"
         "env.reset(seed=0); env.render(); env.close()\n"
-        "assert 'maglev_env.envs.rendering' in sys.modules\n"
+        "assert 'maglev_env.envs.pictures.episode' in sys.modules\n"
         "assert 'matplotlib.pyplot' not in sys.modules\n"
         "assert dict(matplotlib.rcParams) == before\n"
     )

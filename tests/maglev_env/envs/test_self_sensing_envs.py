@@ -11,10 +11,10 @@ from gymnasium.vector import AutoresetMode
 from stable_baselines3.common.env_checker import check_env as sb3_check_env
 
 import maglev_env
+from maglev_env.envs.testing import check_vector_env
+from maglev_env.evaluation.score import WEIGHTS
 from maglev_env.experiment import rig_sensors
-from maglev_env.rig import load_rig
-from maglev_env.score import WEIGHTS
-from maglev_env.testing import check_vector_env
+from maglev_env.rig.rig import load_rig
 
 SENSED = {"sensor": "self_sensing", "protocol": "quick"}
 TOLD = {"gap_error_rms", "gap_error_bias", "gap_error_worst", "added_phase", "margin_lost"}

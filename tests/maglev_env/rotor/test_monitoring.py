@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from maglev_env.rig import with_parameters
+from maglev_env.rig.rig import with_parameters
 from maglev_env.rotor.identification import Protocol, identify_runs
 from maglev_env.rotor.lanes import Run
 from maglev_env.rotor.linear import mechanics

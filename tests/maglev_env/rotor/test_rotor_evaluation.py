@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from maglev_env.gains import Gains
+from maglev_env.loop.gains import Gains
 from maglev_env.rotor.evaluation import RotorEvaluation, evaluate_rotors, rotor_target
 from maglev_env.rotor.identification import Protocol
 from maglev_env.rotor.linear import at_planes, closed_loop_poles, unbalance_response

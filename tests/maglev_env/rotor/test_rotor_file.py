@@ -5,7 +5,7 @@ from math import log
 
 import pytest
 
-from maglev_env.rig import load_rig
+from maglev_env.rig.rig import load_rig
 from maglev_env.rotor.rotor import Axial, Body, Touchdown, hollow_cylinder, load_rotor
 
 TEXT = (resources.files("maglev_env") / "rigs" / "pump.toml").read_text()

@@ -6,7 +6,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from maglev_env.gains import Gains, controller_response
+from maglev_env.loop.gains import Gains, controller_response
 from maglev_env.rotor.identification import Protocol, identify_runs
 from maglev_env.rotor.lanes import Run
 from maglev_env.rotor.linear import (

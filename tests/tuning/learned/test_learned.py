@@ -7,17 +7,17 @@ import zipfile
 import numpy as np
 import pytest
 
-from maglev_env.envs.task import make_task
-from maglev_env.rig import load_rig
+from maglev_env.rig.rig import load_rig
+from maglev_env.task.task import make_task
+from tuning.comparison.compare import held_out
 from tuning.learned import policy as policy_module
 from tuning.learned import tuner as tuner_module
 from tuning.learned.policy import HistoryPolicy, load_policy, save_policy, shape_for, stack
 from tuning.learned.training import Plan, train
 from tuning.learned.tuner import SHIPPED, LearnedTuner, shipped_policy
 from tuning.learned.worlds import World
-from tuning.search.compare import held_out
-from tuning.search.lockstep import side_by_side
-from tuning.search.study import experiments
+from tuning.lockstep import side_by_side
+from tuning.study.study import experiments
 
 TASK = make_task(protocol="quick", randomization="wide", draw_target=True)
 SHAPE = shape_for(TASK, 4, 16)

@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 import torch
 
-from maglev_env.envs.task import make_task
+from maglev_env.task.task import make_task
 from tuning.learned import reinforcement
 from tuning.learned.policy import HistoryPolicy, shape_for, stack
 from tuning.learned.reinforcement import exported, make_learner, train_by_reinforcement
 from tuning.learned.study_env import study_env
 from tuning.learned.tuner import LearnedTuner
-from tuning.search.lockstep import side_by_side
+from tuning.lockstep import side_by_side
 
 BUDGET = 4
 

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from maglev_env.effects import effect
-from maglev_env.envs.episodes import Episode
-from maglev_env.envs.task import make_task
+from maglev_env.loop.effect import effect
+from maglev_env.task.episodes import Episode
+from maglev_env.task.task import make_task
 from tuning.search.model_based import ModelBased
-from tuning.search.study import experiments
+from tuning.study.study import experiments
 
 TASK = make_task(protocol="quick", randomization="wide")
 

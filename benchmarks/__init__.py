@@ -1,1 +1,0 @@
-"""Speed, measured as ratios to references that run in the same process."""

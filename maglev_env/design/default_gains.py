@@ -1,0 +1,76 @@
+"""Gains that levitate a rig, from its linearised force law and its lags."""
+
+import numpy as np
+
+from maglev_env.experiment import Experiment
+from maglev_env.linear.loop import closed_loop_poles, loop_response
+from maglev_env.loop.gains import Gains
+from maglev_env.loop.magnets.law import force_law, linearise
+from maglev_env.rig.rig import Rig
+
+ROBUST = 2.0  # peak sensitivity that needs no other variant
+# Net stiffness in units of the magnet's own, damping ratio, time constant of the derivative in 1 / w and its least in
+# samples. The first is well damped and quiet; the others need less of the control rate, at more noise in the command.
+VARIANTS = ((1.0, 0.7, 0.1, 2.0), (0.7, 0.5, 0.05, 1.0), (0.5, 0.3, 0.0, 0.5), (0.3, 0.3, 0.0, 0.5))
+INTEGRAL_SHARE = 0.1  # of kp, with ten times the time constant of the mode: present, and harmless to the margins
+
+
+def default_gains(rig: Rig) -> Gains:
+    """PID gains for a controlled one-axis rig that gives none, rounded to three digits.
+
+    The first of VARIANTS whose nominal sampled loop is stable with a peak sensitivity of at most ROBUST, else the one
+    with the lowest. ValueError when the rig has two axes or no magnets, its magnet no stiffness to scale by, or no
+    variant is stable: the control rate or a lag is then too slow for the magnet.
+    """
+    if rig.axes != 1:
+        raise ValueError(f"rig {rig.name} has {rig.axes} axes: ask for the gains of one (see axis_rig)")
+    if not rig.controlled:
+        raise ValueError(f"rig {rig.name} has no magnets: there is nothing to control")
+    gain, stiffness = linearise(force_law(rig))
+    if not stiffness:
+        raise ValueError(f"rig {rig.name}: a magnet without stiffness sets no scale for gains; give [gains]")
+    best, lowest = None, np.inf
+    for variant in VARIANTS:
+        gains = _pole_placed(rig, gain, stiffness, *variant)
+        peak = _peak_sensitivity(rig, gains)
+        if peak < lowest:
+            best, lowest = gains, peak
+        if peak <= ROBUST:
+            break
+    if best is None:
+        lag = rig.amplifier_time_constant + rig.sensor_time_constant
+        total = rig.support_stiffness + stiffness
+        rate = np.sqrt(abs(total) / rig.mass)
+        what = "leaves its centre in" if total < 0 else "swings on its support in"
+        raise ValueError(
+            f"rig {rig.name}: no default gains stabilise it: uncontrolled it {what} {1e3 / rate:.3g} ms, with "
+            f"{1e3 / rig.control_rate:.3g} ms between samples and {1e3 * lag:.3g} ms of lags; raise control_rate, "
+            "correct gap, bias_current, mass or support, or give [gains]"
+        )
+    return best
+
+
+def _pole_placed(
+    rig: Rig, gain: float, stiffness: float, net: float, damping_ratio: float, td_share: float, td_samples: float
+) -> Gains:
+    """Gains that leave the magnet a stiffness of net |k_n| and damp it so; the derivative repays what the lags take.
+
+    A support adds to the stiffness, and is not asked to be damped beyond that.
+    """
+    dt = 1 / rig.control_rate
+    own = net * abs(stiffness) + max(stiffness, 0.0)
+    kp = (own - stiffness) / gain
+    mode = np.sqrt((own + rig.support_stiffness) / rig.mass)
+    lag = rig.amplifier_time_constant + rig.sensor_time_constant + dt
+    kd = 2 * damping_ratio * np.sqrt(own * rig.mass) / gain + kp * lag
+    td, ti = max(td_share / mode, td_samples * dt), max(Gains.ti, 10 / mode)
+    return Gains(*(float(f"{value:.3g}") for value in (kp, INTEGRAL_SHARE * kp, kd, td, ti)))
+
+
+def _peak_sensitivity(rig: Rig, gains: Gains) -> float:
+    """Largest |S| of the nominal loop up to half the control rate, infinite when it is unstable."""
+    experiment = Experiment(rig, gains, ())
+    if np.abs(closed_loop_poles(experiment)).max() >= 1:
+        return np.inf
+    frequency = np.geomspace(1e-5, 0.5, 500) * rig.control_rate
+    return float(np.abs(loop_response(experiment, frequency).sensitivity).max())

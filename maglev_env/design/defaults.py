@@ -1,0 +1,87 @@
+"""What a rig's TOML may leave out before the rig can be simulated and swept: gains, their bounds, the protocol."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from maglev_env.design.default_gains import default_gains
+from maglev_env.experiment import Experiment
+from maglev_env.linear.loop import closed_loop_poles, loop_response
+from maglev_env.loop.gains import NO_CONTROLLER, Controllers, Gains, of_axis
+from maglev_env.rig.excitation import Excitation
+from maglev_env.rig.rig import Protocol, Rig, axis_rig
+
+# Around gains that levitate: mostly stable and well damped on rigs of every kind of magnet.
+BOUNDS = {"kp": (0.6, 2.5), "ki": (0.1, 10.0), "kd": (0.3, 3.0)}
+TOP, LOOP_TOP = 250.0, 2000.0  # Hz: highest force line, highest injection line, where the control rate allows them
+REACH = 0.05  # of the clearance, what the excitations move the rotor by: there the force law is still near its tangent
+_EVERY = 5  # one line in so many is the injection's
+
+
+def with_defaults(rig: Rig) -> Rig:
+    """The rig with gains, bounds and protocol filled in where its TOML gives none.
+
+    Gains: see `default_gains`. Bounds: BOUNDS times the gains of x or the only axis. Protocol: five periods of 1 Hz,
+    force on four lines of five up to 250 Hz, at 45 degrees on an x-y rig, and on a controlled rig an injection at the
+    current on the fifth and on to 2 kHz, both together moving the rotor by 5 % of its clearance. ValueError when no
+    default gains stabilise the rig, those it gives leave it unstable, or nothing holds it, so that no amplitude is the
+    right one.
+    """
+    if rig.gains is None:
+        rig = replace(rig, gains=_gains(rig))
+    first = of_axis(rig.gains, 0)
+    if rig.controlled and not rig.bounds and isinstance(first, Gains):
+        span = {name: (getattr(first, name) * low, getattr(first, name) * high) for name, (low, high) in BOUNDS.items()}
+        rig = replace(rig, bounds={name: pair for name, pair in span.items() if pair[1] > pair[0]})
+    held = all(axis_rig(rig, axis).support_stiffness for axis in range(rig.axes))
+    if not (rig.protocol or rig.controlled or held):
+        raise ValueError(
+            f"rig {rig.name}: nothing holds it, so no force is the right one; give support_stiffness or a [protocol]"
+        )
+    return rig if rig.protocol else replace(rig, protocol=_protocol(rig))
+
+
+def _gains(rig: Rig) -> Controllers:
+    if not rig.controlled:
+        return NO_CONTROLLER
+    if rig.axes == 1:
+        return default_gains(rig)
+    return tuple(default_gains(axis_rig(rig, axis)) for axis in range(2))
+
+
+def _protocol(rig: Rig) -> Protocol:
+    top = int(min(TOP, 0.2 * rig.control_rate))
+    lines = np.arange(1, top + 1)
+    free = lines % _EVERY == 0 if rig.controlled else np.zeros(top, bool)
+    turned = 45.0 if rig.axes == 2 else 0.0
+    parts = [Excitation("sphs", "force", lines=tuple(map(int, lines[~free])), direction=turned)]
+    if rig.controlled:
+        beyond = np.geomspace(top, min(LOOP_TOP, 0.4 * rig.control_rate), 41)[1:]
+        injected = np.unique(np.concatenate([lines[free], np.round(beyond)])).astype(int)
+        for axis in range(rig.axes):  # x and y take turns, so that each axis' loop is seen by itself
+            own = tuple(map(int, injected[axis :: rig.axes]))
+            parts.append(Excitation("sphs", "current", lines=own, direction=90.0 * axis))
+    share = REACH * rig.clearance / len(parts)
+    return Protocol(tuple(replace(part, amplitude=share / _reach(rig, part)) for part in parts))
+
+
+def _reach(rig: Rig, part: Excitation) -> float:
+    """Largest reading (m) that a unit of the excitation makes on the linearised rig."""
+    e = Experiment(rig, rig.gains, (part,))
+    if rig.controlled and np.abs(closed_loop_poles(e)).max() >= 1:
+        raise ValueError(f"rig {rig.name}: its [gains] leave it unstable; correct them, or give a [protocol]")
+    lines, axes = np.array(part.lines), rig.axes
+    response = loop_response(e, part.frequencies)
+    per_drive = (
+        response.receptance
+        if part.at == "force"
+        else _matrix(response.plant, axes) @ _matrix(response.sensitivity, axes)
+    )
+    drive = np.fft.rfft(np.atleast_2d(e.waveform(part.at)), axis=-1)[:, lines]
+    moved = np.zeros((axes, e.samples_per_period // 2 + 1), complex)
+    moved[:, lines] = np.einsum("nij,jn->in", _matrix(per_drive, axes), drive)
+    return float(np.abs(np.fft.irfft(moved, e.samples_per_period)).max())
+
+
+def _matrix(response: np.ndarray, axes: int) -> np.ndarray:
+    return response.reshape(-1, axes, axes)

@@ -1,0 +1,1 @@
+"""From simulated or recorded experiments to coefficients, margins and score."""

@@ -1,0 +1,267 @@
+"""Score gain sets the way a rig would be scored: simulate the identification experiment, estimate, score."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, fields, replace
+
+import numpy as np
+
+from estimation.bands import band_slices, sliding_bands
+from estimation.frequency_response import frequency_response
+from estimation.least_squares import least_squares
+from estimation.max_likelihood import maximum_likelihood
+from estimation.periods import LineStatistics, held
+from estimation.planar import axis_statistics
+from estimation.stability import margin_arrays
+from maglev_env.evaluation.score import ScoreTarget, score, stacked, terms
+from maglev_env.experiment import Experiment, axis_experiment
+from maglev_env.kernel.simulate import SimulatedStatistics, simulate_statistics
+from maglev_env.linear.loop import closed_loop_poles, expected_statistics, pole_radii
+from maglev_env.loop.axes import AXES
+from maglev_env.rig.excitation import lines_at
+from maglev_env.rig.rig import Rig, axis_rig
+from maglev_lanes.threads import over_threads
+
+CHUNK = 64  # experiments estimated together: keeps the largest temporary near 10 MB per thread
+
+
+@dataclass(frozen=True)
+class Evaluation:
+    """n scored experiments; arrays (n,) unless said otherwise, nan where the rotor touched down.
+
+    bands (b, 2) Hz with band_stiffness, band_damping and their *_se (n, b) by maximum likelihood; stiffness, damping
+    and their 95 % bounds in the rig's target band, and ls_* beside them; margins: name -> (n,), nan where the crossing
+    lies outside the injection lines; peak_sensitivity_se; pole_radius of the simulated loop, linearised; terms; score;
+    feasible: that loop is stable and the rotor never touched down (it may also lean near a pole, unstable at centre).
+    gap_error_*: of the sensed displacement, m; added_phase: lag (degrees) of self-sensing beyond the probe's where the
+    phase margin is taken, and margin_lost: phase margin (degrees) that the probe would have had more; nan with a probe.
+    axis: of an x-y rig everything is that of the axis with the lower score, 0 (x) or 1 (y), by D's direct coefficients;
+    peak_displacement is radial and current_rms the larger one.
+    """
+
+    bands: np.ndarray
+    band_stiffness: np.ndarray
+    band_damping: np.ndarray
+    band_stiffness_se: np.ndarray
+    band_damping_se: np.ndarray
+    stiffness: np.ndarray
+    stiffness_low: np.ndarray
+    stiffness_high: np.ndarray
+    damping: np.ndarray
+    damping_low: np.ndarray
+    damping_high: np.ndarray
+    ls_stiffness: np.ndarray
+    ls_damping: np.ndarray
+    margins: dict[str, np.ndarray]
+    peak_sensitivity_se: np.ndarray
+    peak_displacement: np.ndarray
+    current_rms: np.ndarray
+    touchdown_time: np.ndarray
+    gap_error_rms: np.ndarray
+    gap_error_bias: np.ndarray
+    gap_error_worst: np.ndarray
+    added_phase: np.ndarray
+    margin_lost: np.ndarray
+    pole_radius: np.ndarray
+    terms: dict[str, np.ndarray]
+    score: np.ndarray
+    feasible: np.ndarray
+    axis: np.ndarray
+
+
+def score_target(rig: Rig) -> ScoreTarget:
+    """A one-axis rig's target; a stiffness or damping it does not give is that of its nominal loop at its preset gains.
+
+    For an axis of an x-y rig see `rig.axis_rig`. ValueError when the preset gains do not stabilise the nominal loop.
+    """
+    t = rig.target
+    stiffness, damping = t.stiffness, t.damping
+    if stiffness is None or damping is None:
+        nominal = _nominal_coefficients(rig)
+        stiffness, damping = stiffness or nominal[0], damping or nominal[1]
+    return ScoreTarget(stiffness, damping, t.peak_sensitivity, rig.clearance, t.current_limit, rig.gap)
+
+
+def _nominal_coefficients(rig: Rig) -> tuple[float, float]:
+    p = rig.protocol
+    experiment = Experiment(rig, rig.gains, p.excitations, p.periods, p.transient_periods)
+    radius = np.abs(closed_loop_poles(experiment)).max()
+    if radius >= 1:
+        raise ValueError(
+            f"rig {rig.name}: [gains] do not stabilise it (pole radius {radius:.4f}); set [target] or gains"
+        )
+    statistics = force_statistics(
+        expected_statistics(experiment, lines_at(experiment.excitations, "force")), experiment
+    )
+    estimate = maximum_likelihood(statistics, np.array([rig.target.band]), rig.mass, intervals=False)
+    return float(estimate.stiffness[0]), float(estimate.damping[0])
+
+
+def force_statistics(statistics: LineStatistics, experiment: Experiment) -> LineStatistics:
+    """The force lines, with the converter's hold taken out of the force."""
+    lines = lines_at(experiment.excitations, "force")
+    if not lines.size:
+        raise ValueError("experiment: stiffness and damping need an excitation at the force")
+    return held(statistics.at_lines(lines), "force", experiment.rig.control_rate)
+
+
+def evaluate(
+    experiments: Sequence[Experiment],
+    threads: int | None = None,
+    progress: Callable[[int], None] | None = None,
+    targets: Sequence[ScoreTarget] | None = None,
+    bands: np.ndarray | None = None,
+) -> Evaluation:
+    """Simulate, estimate and score experiments of one kind of rig (gains, parameters, effects and seeds may differ).
+
+    threads: default all cores; results do not depend on it. progress is called with the number of experiments done.
+    targets: one per experiment, for every axis; default that of the first rig. bands (b, 2) Hz: default the sliding
+    ones of the first rig's protocol. ValueError when the experiments do not share excitations and schedule, or lack a
+    force or a current excitation.
+    """
+    if not experiments:
+        raise ValueError("give at least one experiment")
+    rig = experiments[0].rig
+    if targets is None:
+        per_axis = [[score_target(axis_rig(rig, axis))] * len(experiments) for axis in range(rig.axes)]
+    elif len(targets) != len(experiments):
+        raise ValueError(f"{len(targets)} targets for {len(experiments)} experiments: give one for each")
+    else:
+        per_axis = [list(targets)] * rig.axes
+    chunks = [slice(i, i + CHUNK) for i in range(0, len(experiments), CHUNK)]
+    parts = []
+
+    def work(chunk: slice) -> Evaluation:
+        return _evaluate_chunk(experiments[chunk], [stacked(own[chunk]) for own in per_axis], bands)
+
+    for part in over_threads(work, chunks, threads):
+        parts.append(part)
+        if progress:
+            progress(len(part.score))
+    return _combined(parts, np.concatenate)
+
+
+def _evaluate_chunk(
+    experiments: Sequence[Experiment], targets: Sequence[ScoreTarget], bands: np.ndarray | None
+) -> Evaluation:
+    simulated = simulate_statistics(experiments, threads=1)
+    radius = pole_radii(experiments)
+    parts = [_of_axis(experiments, axis, simulated, radius, target, bands) for axis, target in enumerate(targets)]
+    if len(parts) == 1:
+        return parts[0]
+    # A rotor is as good as its worse axis.
+    worse = np.argmin([part.score for part in parts], axis=0)
+    return _combined(parts, lambda values: np.choose(worse.reshape(-1, *[1] * (values[0].ndim - 1)), values))
+
+
+def _of_axis(
+    experiments: Sequence[Experiment],
+    axis: int,
+    simulated: SimulatedStatistics,
+    radius: np.ndarray,
+    target: ScoreTarget,
+    bands: np.ndarray | None,
+) -> Evaluation:
+    """Estimates and scores of one axis of already simulated experiments."""
+    whole, first = experiments[0], axis_experiment(experiments[0], axis)
+    protocol, band = whole.rig.protocol, np.array([whole.rig.target.band], dtype=float)
+    alive = np.isnan(simulated.touchdown_time)
+    statistics = _lanes(simulated.statistics, alive)
+    if whole.rig.axes == 2:
+        statistics = axis_statistics(statistics, AXES[axis])
+    rigs = [axis_rig(e.rig, axis) for e in experiments]
+    mass = np.array([rig.mass for rig in rigs])[alive]
+    force = force_statistics(statistics, first)
+    if bands is None:
+        bands = sliding_bands(force.frequency, protocol.band_width, protocol.band_overlap)
+    sliding = maximum_likelihood(force, bands, mass, intervals=False)
+    in_target = maximum_likelihood(force, band, mass)
+    start, stop = band_slices(force.frequency, band)[0]
+    receptance, _ = frequency_response(force, "displacement", "force")
+    ls = least_squares(force.frequency[start:stop], receptance[:, start:stop], mass)
+    injection = statistics.at_lines(lines_at(first.excitations, "current"))
+    sensitivity, variance = frequency_response(injection, "command", "injection")
+    margins = margin_arrays(injection.frequency, sensitivity)
+    nearest = np.abs(np.log(injection.frequency / margins["peak_frequency"][:, None])).argmin(axis=1)
+    probe = np.array([rig.sensor_time_constant for rig in rigs])[alive]
+    if first.sensor == "probe":
+        added_phase, margin_lost = np.full((2, len(probe)), np.nan)
+    else:
+        added_phase, margin_lost = _sensing_cost(probe, injection, sensitivity, margins)
+    ms_se = np.sqrt(variance[np.arange(len(nearest)), nearest] / 2)
+    scored = terms(
+        ScoreTarget(*(np.asarray(value)[alive] for value in vars(target).values())),
+        in_target.stiffness[:, 0],
+        in_target.damping[:, 0],
+        margins["peak_sensitivity"],
+        simulated.peak_displacement[alive],
+        simulated.current_rms[alive],
+        0.0 if first.sensor == "probe" else simulated.gap_error.rms[alive],
+    )
+    feasible = alive & (radius < 1)
+    scored = {name: _scatter(value, alive) for name, value in scored.items()}
+    return Evaluation(
+        bands=bands,
+        band_stiffness=_scatter(sliding.stiffness, alive),
+        band_damping=_scatter(sliding.damping, alive),
+        band_stiffness_se=_scatter(sliding.stiffness_se, alive),
+        band_damping_se=_scatter(sliding.damping_se, alive),
+        **{
+            name: _scatter(getattr(in_target, name)[:, 0], alive)
+            for name in ("stiffness", "stiffness_low", "stiffness_high", "damping", "damping_low", "damping_high")
+        },
+        ls_stiffness=_scatter(ls.stiffness, alive),
+        ls_damping=_scatter(ls.damping, alive),
+        margins={name: _scatter(value, alive) for name, value in margins.items()},
+        peak_sensitivity_se=_scatter(ms_se, alive),
+        peak_displacement=simulated.peak_displacement,
+        current_rms=simulated.current_rms,
+        touchdown_time=simulated.touchdown_time,
+        **{f"gap_error_{name}": values for name, values in vars(simulated.gap_error).items()},
+        added_phase=_scatter(added_phase, alive),
+        margin_lost=_scatter(margin_lost, alive),
+        pole_radius=radius,
+        terms=scored,
+        score=np.where(feasible, score(scored), 0.0),
+        feasible=feasible,
+        axis=np.full(len(experiments), axis),
+    )
+
+
+def _sensing_cost(
+    probe_lag: np.ndarray, injection: LineStatistics, sensitivity: np.ndarray, margins: dict[str, np.ndarray]
+) -> tuple[np.ndarray, np.ndarray]:
+    """What self-sensing costs beyond a probe, degrees (n,) each: lag added at the phase margin's crossover, and phase
+    margin lost, from what it did to the injection lines. probe_lag (n,): time constant of the probe, s."""
+    frequency = injection.frequency
+    read, was = (injection.mean[:, injection.channels.index(name)] for name in ("displacement", "position"))
+    probe = 1 / (1 + 2j * np.pi * frequency * probe_lag[:, None])
+    beyond = read / was / probe
+    with_probe = margin_arrays(frequency, 1 / (1 + (1 / sensitivity - 1) / beyond))
+    lag = -np.degrees(np.angle(beyond))
+    crossing = margins["phase_margin_frequency"]
+    added = np.array([np.interp(at, frequency, row) for at, row in zip(crossing, lag, strict=True)])
+    return np.where(np.isnan(crossing), np.nan, added), with_probe["phase_margin"] - margins["phase_margin"]
+
+
+def _lanes(statistics: LineStatistics, keep: np.ndarray) -> LineStatistics:
+    return replace(statistics, mean=statistics.mean[keep], covariance=statistics.covariance[keep])
+
+
+def _scatter(values: np.ndarray, alive: np.ndarray) -> np.ndarray:
+    out = np.full((len(alive), *values.shape[1:]), np.nan)
+    out[alive] = values
+    return out
+
+
+def _combined(parts: Sequence[Evaluation], join: Callable[[list[np.ndarray]], np.ndarray]) -> Evaluation:
+    """One evaluation with every array joined from those of the parts; their bands are the same."""
+    joined = {}
+    for f in fields(Evaluation):
+        values = [getattr(p, f.name) for p in parts]
+        if f.name == "bands":
+            joined[f.name] = values[0]
+        elif isinstance(values[0], dict):
+            joined[f.name] = {key: join([v[key] for v in values]) for key in values[0]}
+        else:
+            joined[f.name] = join(values)
+    return Evaluation(**joined)

@@ -1,0 +1,48 @@
+"""Fields of dataclasses that TOML files fill: units, physical ranges, and messages that name what is wrong."""
+
+from collections.abc import Iterable, Mapping
+from dataclasses import MISSING, field, fields
+from typing import Any
+
+from maglev_env.rig.excitation import is_number
+
+
+def quantity(unit: str, low: float, high: float, default: Any = MISSING) -> Any:
+    """A dataclass field with its unit and physical range; whole numbers where low is one."""
+    metadata = {"unit": unit, "low": low, "high": high}
+    return field(metadata=metadata) if default is MISSING else field(default=default, metadata=metadata)
+
+
+def check_range(name: str, value: Any, metadata: Mapping[str, Any]) -> None:
+    """ValueError unless a value, if there is one, is a number within a field's physical range."""
+    if value is None:
+        return
+    whole = isinstance(metadata["low"], int)
+    if not is_number(value) or (whole and not isinstance(value, int)):
+        raise ValueError(f"{name} = {value!r} is not {'a whole number' if whole else 'a finite number'}")
+    if not metadata["low"] <= value <= metadata["high"]:
+        raise ValueError(
+            f"{name} = {value} {metadata['unit']} is outside the physical range "
+            f"{metadata['low']:g} .. {metadata['high']:g} (SI units)"
+        )
+
+
+def table_as(cls: type, data: Mapping[str, Any], name: str) -> Any:
+    """The dataclass that [name] of a file fills; ValueError names an unknown key."""
+    table = data.get(name, {})
+    check_known(table, [f.name for f in fields(cls)], f"[{name}]")
+    return cls(**table)
+
+
+def check_known(keys: Iterable[str], known: Iterable[str], where: str) -> None:
+    """ValueError for the first key that is not known, with those that are."""
+    for key in keys:
+        if key not in known:
+            raise ValueError(f"{where}: unknown key {key!r}; known keys: {', '.join(sorted(known))}")
+
+
+def increasing_pair(value: Any, where: str) -> tuple[float, float]:
+    """The value as two increasing numbers, or ValueError."""
+    if not (isinstance(value, list | tuple) and len(value) == 2 and all(map(is_number, value)) and value[0] < value[1]):
+        raise ValueError(f"{where} = {value!r} must be two increasing numbers")
+    return value[0], value[1]

@@ -1,0 +1,1 @@
+"""The compiled lane simulator: layout, exact chains, step, lanes, batches."""

@@ -1,0 +1,44 @@
+"""The controller's rows of a lane: those that change when the same lanes run under other gains."""
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from maglev_env.kernel import rows as k
+from maglev_env.experiment import Experiment
+from maglev_env.loop.gains import Controllers, Gains, LinearController, numerator_of, of_axis
+from maglev_env.kernel.rows import axis_rows, filter_row
+
+if TYPE_CHECKING:
+    from maglev_env.kernel.lanes import LaneBatch
+
+PID_ROWS = [k.KP, k.KD, k.KI, k.DECAY_D, k.DECAY_I]
+
+
+def pid_constants(gains: Gains, dt: float) -> tuple[float, ...]:
+    """Values of PID_ROWS at a control step of dt (s)."""
+    return gains.kp, gains.kd / gains.td, gains.ki, float(np.exp(-dt / gains.td)), float(np.exp(-dt / gains.ti))
+
+
+def filter_constants(controller: LinearController, order: int) -> np.ndarray:
+    """b0, then (b, a, state) for each power of 1 / z."""
+    pad = np.zeros(order - controller.order)
+    b = np.concatenate([numerator_of(controller), pad])
+    a = np.concatenate([controller.denominator, pad])
+    return np.concatenate([b[:1], np.array([b[1:], a[1:], 0 * a[1:]]).T.reshape(-1)])
+
+
+def with_controllers(batch: "LaneBatch", controllers: Controllers, experiment: Experiment) -> "LaneBatch":
+    """The lanes of a batch without substeps, all of them under other controllers of the same kind and order."""
+    s, rows = batch.structure, batch.rows.copy()
+    size, dt = axis_rows(1, s.controller_order, s.flexible), 1 / experiment.rig.control_rate
+    for axis in range(s.axes):
+        gains, first = of_axis(controllers, axis), axis * size
+        if isinstance(gains, Gains):
+            rows[[first + row for row in PID_ROWS]] = np.array(pid_constants(gains, dt))[:, None]
+        else:
+            values = filter_constants(gains, s.controller_order)
+            start = first + filter_row(1)
+            rows[start : start + values.size] = values[:, None]
+    return replace(batch, rows=rows)

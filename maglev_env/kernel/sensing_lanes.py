@@ -1,0 +1,51 @@
+"""Self-sensors in the rotor's lanes: their clocks, what both axes' sensors need compiled in, and their rows."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from maglev_env.kernel import rows as k
+from maglev_env.experiment import Experiment, self_sensors
+from maglev_env.loop.magnets.law import force_law
+from selfsense import kernel_rows as sensing
+from selfsense.kernel_pieces import SensorStructure
+from selfsense.sensor import SelfSensor, samples_and_periods, sensor_rows, structure_of, whole_ratio
+
+
+def timing_of(experiment: Experiment, substeps: int = 1) -> tuple[int, int, int, int]:
+    """So many current samples of the self-sensors in so many substeps, so many in so many PWM periods; zeros without.
+
+    ValueError when the rates are in no ratio of small whole numbers.
+    """
+    if experiment.sensor == "probe":
+        return 0, 1, 1, 1
+    first, *others = ((s.acquisition.rate, samples_and_periods(s)) for s in self_sensors(experiment))
+    if any(other != first for other in others):
+        raise ValueError("self-sensing: both axes need the same sample rate and PWM frequency")
+    rate, cycle = first
+    per_substep = whole_ratio(rate, experiment.rig.control_rate * substeps)
+    if per_substep is None:
+        raise ValueError(
+            f"self-sensing: its sample rate {rate:g} Hz and the control rate {experiment.rig.control_rate:g} Hz are in "
+            "no ratio of whole numbers below 1,000; change one of them"
+        )
+    return *per_substep, *cycle
+
+
+def sensed_structure(sensors: Sequence[SelfSensor]) -> SensorStructure | None:
+    """What the sensors of all axes need: what one of them has not, its constants make naught of. None without any."""
+    structures = [structure_of(sensor, regulated=True) for sensor in sensors]
+    if not structures:
+        return None
+    if len({(s.rms, s.emf, s.adc) for s in structures}) > 1:
+        raise ValueError("self-sensing: both axes need the same kind of forward path, coil model and converter")
+    return SensorStructure(*(any(column) for column in zip(*(vars(s).values() for s in structures), strict=True)))
+
+
+def sensing_rows(own: Sequence[Experiment], rows: np.ndarray) -> np.ndarray:
+    """Rows (SENSOR_ROWS, n) of the self-sensors of one axis' experiments; its first reading goes to the axis' rows."""
+    found = sensor_rows([self_sensors(e)[0] for e in own])
+    found[sensing.GAP] = rows[k.GAP]
+    found[sensing.REST_CURRENT] = [force_law(e.rig).bias_current for e in own]
+    rows[k.Z1] = found[sensing.SHIFT]
+    return found

@@ -1,0 +1,329 @@
+"""Run experiments in lanes: to line statistics, one period in memory at a time, or to full recordings."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import chain, islice
+
+import numpy as np
+import scipy.fft
+
+from estimation.periods import LineStatistics, line_statistics
+from maglev_env.rig.excitation import lines_at
+from maglev_env.experiment import SPECTRAL, Experiment, recorded_channels, sampling, spectral_channels
+from maglev_env.kernel.step import TILE, Structure, kernel
+from maglev_env.kernel.rows import ALIVE, CURRENT_SQ, LANES, PEAK_SQ, STEPS
+from maglev_env.kernel.controllers import with_controllers
+from maglev_env.kernel.lanes import SEEDED, LaneBatch, lane_batch, structure_of, timing_of
+from maglev_lanes.threads import over_threads
+from selfsense.kernel_rows import OFF_PEAK, OFF_SQ, OFF_SUM, SENSOR_ROWS
+from maglev_lanes.noise import line_noise, series_noise
+
+
+@dataclass(frozen=True)
+class SimulatedStatistics:
+    """n experiments that share excitations and periods, as the estimators need them.
+
+    statistics: lane axis first; lanes that touched down hold nan. touchdown_time (n,) s, nan when the rotor never
+    reached the clearance. peak_displacement (n,) m, radial on an x-y rig, and current_rms (n,) A, of the axis with the
+    larger one, over the kept periods. gap_error: what self-sensing read less what was, over the kept periods; of the
+    axis with the larger rms.
+    """
+
+    statistics: LineStatistics
+    touchdown_time: np.ndarray
+    peak_displacement: np.ndarray
+    current_rms: np.ndarray
+    gap_error: "GapError"
+
+
+@dataclass(frozen=True)
+class GapError:
+    """Errors of the sensed displacement (n,), m: rms about zero, mean, largest; nan with a probe."""
+
+    rms: np.ndarray
+    bias: np.ndarray
+    worst: np.ndarray
+
+
+@dataclass(frozen=True)
+class _Block:
+    batch: LaneBatch
+    members: np.ndarray
+    force_noise: np.ndarray
+    experiment: Experiment
+    substeps: int
+
+
+def simulate_statistics(
+    experiments: Sequence[Experiment], substeps: int = 1, threads: int | None = None
+) -> SimulatedStatistics:
+    """Line statistics of experiments that share excitations and schedule; gains, effects, rig and seed may differ.
+
+    The lines are the excited ones. threads: default all cores; it never changes a result. ValueError when experiments
+    do not share excitations, periods, offset and control rate, or keep fewer than two periods.
+    """
+    first = _common(experiments)
+    if first.periods < 2:
+        raise ValueError("experiment: statistics over periods need at least two kept periods")
+    lines = lines_at(first.excitations)
+    n, channels = len(experiments), spectral_channels(first)
+    mean = np.full((n, len(channels), len(lines)), np.nan, complex)
+    covariance = np.full((n, len(channels), len(channels), len(lines)), np.nan, complex)
+    touchdown, peak, rms = np.full(n, np.nan), np.full(n, np.nan), np.full(n, np.nan)
+    errors = np.full((3, n), np.nan)
+    applied = {place: _line_amplitudes(first, place, lines) for place in ("force", "current")}
+
+    def run(block: _Block) -> None:
+        state = _State(block)
+        spectra = _block_spectra(block, state, lines, applied)
+        begun = list(islice(spectra, 2))
+        if len(begun) < 2:  # every lane has touched down
+            touchdown[block.members] = state.touchdown_time()[: len(block.members)]
+            return
+        result = line_statistics(chain(begun, spectra), first.fundamental, lines, channels)
+        alive = state.alive()[: len(block.members)]
+        members, kept = block.members[alive], np.flatnonzero(alive)
+        mean[members], covariance[members] = result.mean[kept], result.covariance[kept]
+        samples = first.periods * first.samples_per_period
+        peak[members] = np.sqrt(state.rows[PEAK_SQ, kept])
+        rms[members] = np.sqrt(state.axis_rows(CURRENT_SQ)[:, kept].max(axis=0) / samples)
+        errors[:, members] = state.gap_errors(samples)[:, kept]
+        touchdown[block.members[~alive]] = state.touchdown_time()[: len(block.members)][~alive]
+
+    for _ in over_threads(run, _blocks(experiments, substeps), threads):
+        pass
+    statistics = LineStatistics(lines * first.fundamental, lines, channels, mean, covariance, first.periods)
+    return SimulatedStatistics(statistics, touchdown, peak, rms, GapError(*errors))
+
+
+def simulate_records(experiments: Sequence[Experiment], substeps: int = 1, threads: int | None = None) -> np.ndarray:
+    """Time series (n, channels, samples) of `recorded_channels` at the recorded rate, transient periods included.
+
+    Samples after a touchdown are nan. A recorded rate above the control rate takes as many substeps. ValueError as
+    `simulate_statistics`, or when the period is not a whole number of recorded samples.
+    """
+    first = _common(experiments)
+    multiple, every = sampling(first.recorded_rate, first.rig.control_rate)
+    substeps = multiple if multiple > 1 else substeps
+    periods, axes = first.periods + first.transient_periods, first.rig.axes
+    n = first.recorded_per_period
+    names = recorded_channels(first)
+    records = np.full((len(experiments), len(names), axes, periods * n), np.nan)
+    force = np.repeat(np.atleast_2d(first.waveform("force")), multiple, axis=1)[:, ::every]
+
+    def run(block: _Block) -> None:
+        state = _State(block)
+        written = block.batch.structure.channels
+        for i, out in enumerate(_periods(block, state, [_waves(first)] * periods, len(written), multiple > 1)):
+            span = slice(i * n, (i + 1) * n)
+            kept = out[:, :, : len(block.members), ::every]  # (axes, channels, lanes, samples)
+            records[block.members, : len(written), :, span] = kept.transpose(2, 1, 0, 3)
+            for lane, member in enumerate(block.members):
+                noise = experiments[member].rig.noise
+                records[member, names.index("force"), :, span] = force
+                for name, rms in (("current", noise.current), ("force", noise.force)):
+                    for axis in range(axes if rms else 0):
+                        seed = state.seeds[axis, SEEDED.index(name), lane]
+                        records[member, names.index(name), axis, span] += series_noise(seed, rms, i, n)
+        for lane, time in zip(block.members, state.touchdown_time(), strict=False):
+            if not np.isnan(time):
+                records[lane, ..., int(np.ceil(time * first.recorded_rate - 1e-6)) :] = np.nan
+
+    for _ in over_threads(run, _blocks(experiments, substeps), threads):
+        pass
+    return records.reshape(len(experiments), len(names) * axes, -1)
+
+
+def prepared(experiments: Sequence[Experiment]) -> list["_Block"]:
+    """Lanes ready for `steady_spectra`: what of experiments does not depend on their gains, excitations and offset."""
+    return _blocks(experiments, 1)
+
+
+def steady_spectra(
+    lanes: Sequence["_Block"],
+    experiment: Experiment,
+    waves: Mapping[str, np.ndarray],
+    lines: np.ndarray,
+    transient: int,
+    periods: int = 1,
+    threads: int | None = None,
+) -> np.ndarray:
+    """Complex amplitudes (n, 2, axes, lines) of displacement and current, means over periods, after so many control
+    samples of the periodic waves before them; nan for a lane that touched down.
+
+    lanes: see `prepared`; they run under the gains, period and recorded rate of the experiment, whose structure (see
+    `structure_of`) but for effects must be theirs. waves: one period (axes, samples_per_period) of "force" (N),
+    "current" (A) and "reference" (m, offset included) in place of what the excitations draw.
+    """
+    _, every = sampling(experiment.recorded_rate, experiment.rig.control_rate)
+    count, n, axes = sum(len(block.members) for block in lanes), experiment.samples_per_period, experiment.rig.axes
+    spectra = np.full((count, 2, axes, len(lines)), np.nan, complex)
+    driven = [np.atleast_2d(waves[place]) for place in ("force", "current", "reference")]
+    whole = [np.ravel(wave) for wave in driven]
+    tail = [wave[:, n - transient % n :].ravel() for wave in driven] if transient % n else None
+    schedule = ([tail] if tail else []) + [whole] * (transient // n + periods)
+
+    def run(prepared: _Block) -> None:
+        batch = with_controllers(prepared.batch, experiment.gains, experiment)
+        block = replace(prepared, batch=batch, experiment=experiment)
+        state = _State(block)
+        outputs = len(batch.structure.channels)
+        total = 0.0
+        for i, out in enumerate(_periods(block, state, schedule, outputs)):
+            if i >= len(schedule) - periods:
+                total = total + out[:, [0, outputs - 1], :, ::every]
+        kept = np.flatnonzero(state.alive()[: len(block.members)])
+        for at in range(2 if kept.size else 0):
+            found = scipy.fft.rfft(total[:, at], axis=-1)[:, kept][..., lines] * (2 * every / (n * periods))
+            spectra[block.members[kept], at] = found.transpose(1, 0, 2)
+
+    for _ in over_threads(run, lanes, threads):
+        pass
+    return spectra
+
+
+def block_periods(experiments: Sequence[Experiment], outputs: int = 2) -> Iterator[Iterator[np.ndarray]]:
+    """The simulator alone: per block an iterator over periods of the first `outputs` kernel channels."""
+    first = _common(experiments)
+    for block in _blocks(experiments, 1):
+        yield _periods(block, _State(block), [_waves(first)] * (first.transient_periods + first.periods), outputs)
+
+
+class _State:
+    """The mutable arrays of one block while it runs."""
+
+    def __init__(self, block: _Block) -> None:
+        batch = block.batch
+        pad = np.minimum(np.arange(LANES), batch.rows.shape[1] - 1)
+        self.axes = batch.structure.axes
+        self.rows = _aligned((len(batch.rows), LANES))
+        self.rows[:] = batch.rows[:, pad]
+        self.seeds = np.ascontiguousarray(batch.seeds[..., pad])
+        self.history = np.zeros(self.axes * batch.history_length * LANES)
+        self.timing = batch.timing
+        self.step = 0
+        self._per_second = block.experiment.rig.control_rate * block.substeps
+        self._sensed = self.axes * SENSOR_ROWS if batch.structure.sensed else 0
+
+    def axis_rows(self, row: int) -> np.ndarray:
+        """One row of every axis, (axes, LANES), a view."""
+        whole = len(self.rows) - self._sensed
+        return self.rows[row : whole : whole // self.axes]
+
+    def sensor_rows(self, row: int) -> np.ndarray:
+        """One row of every axis' self-sensor, (axes, LANES), a view; (0, LANES) with a probe."""
+        return self.rows[len(self.rows) - self._sensed + row :: SENSOR_ROWS][: self.axes if self._sensed else 0]
+
+    def forget(self) -> None:
+        """Start anew what is gathered over the kept periods."""
+        for row in (PEAK_SQ, CURRENT_SQ):
+            self.axis_rows(row)[:] = 0.0
+        for row in (OFF_SUM, OFF_SQ, OFF_PEAK):
+            self.sensor_rows(row)[:] = 0.0
+
+    def gap_errors(self, samples: int) -> np.ndarray:
+        """Rms, bias and largest of the sensed displacement's error over so many samples, (3, LANES), m."""
+        if not self._sensed:
+            return np.full((3, LANES), np.nan)
+        rms, bias = np.sqrt(self.sensor_rows(OFF_SQ) / samples), self.sensor_rows(OFF_SUM) / samples
+        all_three = np.stack([rms, bias, self.sensor_rows(OFF_PEAK)])
+        return np.take_along_axis(all_three, rms.argmax(axis=0)[None, None], axis=1)[:, 0]
+
+    def alive(self) -> np.ndarray:
+        """Which lanes have not touched down."""
+        return self.rows[ALIVE] > 0
+
+    def touchdown_time(self) -> np.ndarray:
+        """Seconds to touchdown per lane, nan for lanes still alive."""
+        return np.where(self.alive(), np.nan, self.rows[STEPS] / self._per_second)
+
+
+def _aligned(shape: tuple[int, ...]) -> np.ndarray:
+    """Uninitialised doubles on a cache line's boundary: a vector load across two lines costs twice."""
+    count = int(np.prod(shape))
+    raw = np.empty(count + 8)
+    start = (-raw.ctypes.data % 64) // 8
+    return raw[start : start + count].reshape(shape)
+
+
+def _common(experiments: Sequence[Experiment]) -> Experiment:
+    if not experiments:
+        raise ValueError("give at least one experiment")
+    first = experiments[0]
+
+    def schedule(e: Experiment) -> tuple:
+        rates = e.rig.control_rate, e.recorded_rate
+        return e.excitations, e.periods, e.transient_periods, e.offset, e.rig.axes, rates, e.sensor == "probe"
+
+    if any(schedule(e) != schedule(first) for e in experiments):
+        raise ValueError("experiments in one batch must share excitations, periods, offset, axes, rates and sensor")
+    return first
+
+
+def _blocks(experiments: Sequence[Experiment], substeps: int) -> list[_Block]:
+    """Blocks of up to LANES experiments of one structure each, so that a lane never depends on its neighbours."""
+    groups: dict[tuple[Structure, tuple[int, ...]], list[int]] = {}
+    for i, e in enumerate(experiments):
+        groups.setdefault((structure_of(e), timing_of(e, substeps)), []).append(i)
+    blocks = []
+    for members in groups.values():
+        batch = lane_batch([experiments[i] for i in members], substeps)
+        for start in range(0, len(members), LANES):
+            s = slice(start, start + LANES)
+            part = replace(batch, rows=batch.rows[:, s], seeds=batch.seeds[..., s])
+            noise = [experiments[i].rig.noise.force for i in members[s]]
+            noise += noise[-1:] * (LANES - len(noise))
+            blocks.append(_Block(part, np.array(members[s]), np.array(noise), experiments[members[0]], substeps))
+    return blocks
+
+
+def _periods(
+    block: _Block, state: _State, schedule: Sequence[Sequence[np.ndarray]], outputs: int, oversampled: bool = False
+) -> Iterator[np.ndarray]:
+    """Output (axes, outputs, LANES, samples) of each stretch of waves in a schedule; the buffer is reused. Ends when
+    all have touched down."""
+    e, axes = block.experiment, state.axes
+    step = kernel(block.batch.structure, outputs, block.substeps, oversampled)
+    out = _aligned((axes, outputs, LANES, e.samples_per_period * (block.substeps if oversampled else 1)))
+    out[:] = 0.0  # past the last touchdown of a block nothing is written: what memory held may be no number
+    tile = _aligned((TILE * axes * outputs * LANES,))
+    kernel_seeds = np.ascontiguousarray(state.seeds[:, SEEDED.index("displacement")]).reshape(-1)
+    for waves in schedule:
+        clocks = state.step, state.timing
+        done = step(state.rows.reshape(-1), kernel_seeds, state.history, *clocks, *waves, tile, out.reshape(-1))
+        state.step += done
+        yield out
+        if done < waves[0].size // axes:
+            return
+
+
+def _waves(e: Experiment) -> list[np.ndarray]:
+    """One period of force, injection and reference, axis after axis, as the kernel takes them."""
+    reference = np.atleast_2d(e.waveform("reference"))
+    reference[0] += e.offset
+    return [np.ravel(e.waveform("force")), np.ravel(e.waveform("current")), reference.reshape(-1)]
+
+
+def _line_amplitudes(e: Experiment, place: str, lines: np.ndarray) -> np.ndarray:
+    """Complex amplitudes (axes, lines) of what the experiment applies."""
+    return scipy.fft.rfft(np.atleast_2d(e.waveform(place)), axis=-1)[:, lines] * (2 / e.samples_per_period)
+
+
+def _block_spectra(
+    block: _Block, state: _State, lines: np.ndarray, applied: Mapping[str, np.ndarray]
+) -> Iterator[np.ndarray]:
+    """Per-period spectra (LANES, channels, lines) of the kept periods; channels as `spectral_channels`."""
+    e, axes, n = block.experiment, state.axes, block.experiment.samples_per_period
+    sensed = block.batch.structure.sensed is not None
+    for period, out in enumerate(_periods(block, state, [_waves(e)] * (e.transient_periods + e.periods), 2 + sensed)):
+        if period < e.transient_periods:
+            state.forget()
+            continue
+        spectra = np.empty((LANES, len(SPECTRAL) + sensed, axes, len(lines)), complex)
+        of_lines = scipy.fft.rfft(out, axis=-1)[..., lines].transpose(2, 1, 0, 3) * (2 / n)
+        spectra[:, :2], spectra[:, 4:] = of_lines[:, :2], of_lines[:, 2:]
+        for axis in range(axes):
+            seeds = state.seeds[axis, SEEDED.index("force")]
+            spectra[:, 2, axis] = applied["force"][axis] + line_noise(seeds, block.force_noise, period, n, lines)
+        spectra[:, 3] = applied["current"]
+        yield spectra.reshape(LANES, -1, len(lines))

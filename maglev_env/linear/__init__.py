@@ -1,0 +1,1 @@
+"""The linearised loop: states, exact sampled-data responses, poles."""

@@ -1,0 +1,220 @@
+"""The linearised loop's exact sampled-data frequency responses: what a noise-free small experiment measures.
+
+Effects enter with their linear part (see `linear_axis`); eddy currents by the branches that the simulator has too.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.linalg import expm, schur
+from scipy.linalg.lapack import dgebal
+
+from estimation.periods import LineStatistics
+from maglev_env.experiment import SPECTRAL, Experiment, axis_experiment, channels_of, moving_mass, self_sensors
+from maglev_env.linear.axis import POSITION, VELOCITY, cross_terms, linear_axis
+from maglev_env.loop.effect import effect_value, split_delay
+from maglev_env.loop.gains import controller_response, of_axis, state_space
+from maglev_env.rig.rig import axis_rig
+from selfsense.baseband import growth_rate
+
+
+@dataclass(frozen=True)
+class LoopResponse:
+    """Responses of the sampled loop at frequencies (n,) Hz: complex (n,), or (n, 2, 2) on an x-y rig, [to, from] axis.
+
+    controller (A/m) from error to command; plant (m/A) from command to displacement reading; receptance (m/N) from
+    the held force to the reading and force_to_command (A/N) in closed loop; loop_gain = controller * plant;
+    sensitivity = 1 / (1 + loop_gain), also the response command / injection. amplifier (A/A) from command to the coil's
+    current at the control samples, delay included: what is left of it without an amplifier pole is the delay in whole
+    samples, a begun one counting as whole.
+    """
+
+    frequency: np.ndarray
+    controller: np.ndarray
+    plant: np.ndarray
+    receptance: np.ndarray
+    force_to_command: np.ndarray
+    loop_gain: np.ndarray
+    sensitivity: np.ndarray
+    amplifier: np.ndarray
+
+
+def loop_response(experiment: Experiment, frequency: np.ndarray) -> LoopResponse:
+    """Exact zero-order-hold discretisation of the linearised rig with its effects, closed by its controllers."""
+    axes, dt = experiment.rig.axes, 1 / experiment.rig.control_rate
+    z = np.exp(2j * np.pi * np.asarray(frequency, dtype=float) * dt)
+    controller = np.zeros((len(z), axes, axes), complex)
+    for axis in range(axes):
+        controller[:, axis, axis] = controller_response(of_axis(experiment.gains, axis), z, dt)
+    m, c, current = _continuous(experiment)
+    a, b_force, b_old, b_new = _discrete(experiment, m)
+    n, (whole, fraction) = len(a), split_delay(experiment.effects, dt)
+    from_states = _resolvent(a, np.concatenate([c, current[:, :n]]), z)
+    late = z[:, None, None] ** float(-whole)
+    from_command = late * (from_states @ b_new + (from_states @ b_old) / z[:, None, None])
+    plant, amplifier = from_command[:, :axes], from_command[:, axes:]
+    # A command that is the current itself has changed at a sample only when the delay is of whole samples.
+    amplifier = amplifier + current[:, n + axes :] * (late / z[:, None, None] if fraction else late)
+    loop = controller @ plant
+    sensitivity = np.linalg.inv(np.eye(axes) + loop)
+    receptance = np.linalg.inv(np.eye(axes) + plant @ controller) @ from_states[:, :axes] @ b_force
+    found = (controller, plant, receptance, -controller @ receptance, loop, sensitivity, amplifier)
+    return LoopResponse(np.asarray(frequency), *(m[:, 0, 0] if axes == 1 else m for m in found))
+
+
+def closed_loop_poles(experiment: Experiment, plant: tuple[np.ndarray, ...] | None = None) -> np.ndarray:
+    """Poles (z-plane) of the linearised sampled loop; stable when all lie inside the unit circle.
+
+    With self-sensing those of its baseband model, and for an estimator that is unstable by itself its growth. plant:
+    its `discrete_plant`, where known.
+    """
+    poles = np.linalg.eigvals(closed_loop(experiment, plant)[0])
+    growth = np.array([growth_rate(sensor) for sensor in self_sensors(experiment)])
+    return np.concatenate([poles, np.exp(growth[growth >= 0] / experiment.rig.control_rate)])
+
+
+def pole_radii(experiments: Sequence[Experiment]) -> np.ndarray:
+    """The largest magnitude (n,) of each experiment's `closed_loop_poles`."""
+    plants: dict[tuple, tuple[np.ndarray, ...]] = {}  # by all that they depend on: not by gains
+    found = []
+    for e in experiments:
+        effects = tuple((name, *values.items()) for name, values in e.effects.items())
+        key = (id(e.rig), id(e.sensor), effects)
+        if key not in plants:
+            plants[key] = discrete_plant(e)
+        found.append(np.abs(closed_loop_poles(e, plants[key])).max())
+    return np.array(found)
+
+
+def closed_loop(
+    experiment: Experiment, plant: tuple[np.ndarray, ...] | None = None
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """A, B, C of the linearised sampled loop from the held force of each axis (N) to its displacement reading (m);
+    plant: its `discrete_plant`, where known."""
+    dt = 1 / experiment.rig.control_rate
+    a, b_force, b_old, b_new, c = plant or discrete_plant(experiment)
+    delay, _ = split_delay(experiment.effects, dt)
+    n, axes = len(a), len(c)
+    controllers = [state_space(of_axis(experiment.gains, axis), dt) for axis in range(axes)]
+    # States: plant, controllers, then the last delay + 1 commands of every axis, newest first.
+    held = n + sum(len(k[1]) for k in controllers)
+    size = held + (delay + 1) * axes
+    m = np.zeros((size, size))
+    m[:n, :n] = a
+    command = np.zeros((axes, size))
+    first = n
+    for axis, (ka, kb, kc, kd) in enumerate(controllers):
+        own = slice(first, first + len(kb))
+        m[own, own], m[own, :n] = ka, -np.outer(kb, c[axis])
+        command[axis, own], command[axis, :n] = kc, -kd * c[axis]
+        first = own.stop
+    stored = np.eye(size)[held:]
+    commands = np.concatenate([command, stored])  # now, one sample ago, ...
+    m[:n] += b_new @ commands[delay * axes : (delay + 1) * axes] + b_old @ commands[(delay + 1) * axes :][:axes]
+    m[held:] = commands[: (delay + 1) * axes]
+    return m, np.pad(b_force, ((0, size - n), (0, 0))), np.pad(c, ((0, 0), (0, size - n)))
+
+
+def expected_statistics(experiment: Experiment, lines: np.ndarray) -> LineStatistics:
+    """Noise-free line means of the linearised experiment, with the covariance that its noise would give them.
+
+    The noise of self-sensing's estimate is left out, and so are runout, pickup and unbalance.
+    """
+    frequency = np.asarray(lines) * experiment.fundamental
+    response = loop_response(experiment, frequency)
+    rig, n, axes = experiment.rig, experiment.samples_per_period, experiment.rig.axes
+    receptance, plant, s, controller, to_command = (
+        m.reshape(-1, axes, axes)
+        for m in (
+            response.receptance, response.plant, response.sensitivity, response.controller, response.force_to_command
+        )
+    )  # fmt: skip
+
+    def drive(at: str) -> np.ndarray:
+        return np.fft.rfft(np.atleast_2d(experiment.waveform(at)), axis=-1)[:, lines].T[..., None] * (2 / n)
+
+    force, injection, reference = drive("force"), drive("current"), drive("reference")
+    command = to_command @ force + s @ (injection + controller @ reference)
+    displacement = receptance @ force + plant @ s @ (injection + controller @ reference)
+    mean = np.concatenate([displacement, command, force, injection], axis=1)[..., 0].T
+    # Resolution of each axis' converter, as white noise beside the probe's own.
+    own = [axis_rig(rig, axis) for axis in range(axes)]
+    lsb = np.array([2 * r.voltage_range / 2**r.adc_bits / r.probe_gain if r.adc_bits else 0.0 for r in own])
+    power = rig.noise.displacement**2 + lsb**2 / 12 if experiment.sensor == "probe" else 0.0 * lsb
+    noise = 4 / (n * experiment.periods)
+    # Reading noise runs around the loop: the reading is (1 + P C)^-1 of it, the command -C times that.
+    reading = np.linalg.inv(np.eye(axes) + plant @ controller)
+    ways = np.concatenate([reading, -controller @ reading, np.zeros((len(reading), 2 * axes, axes))], axis=1)
+    covariance = np.einsum("nia,a,nja->ijn", ways, power, ways.conj()) * noise
+    for axis in range(2 * axes, 3 * axes):
+        covariance[axis, axis] += rig.noise.force**2 * noise
+    channels = channels_of(rig, SPECTRAL)
+    return LineStatistics(frequency, np.asarray(lines), channels, mean, covariance, experiment.periods)
+
+
+def discrete_plant(experiment: Experiment) -> tuple[np.ndarray, ...]:
+    """A (n, n), B_force, B_old, B_new (n, axes), C (axes, n) over one control sample, from held forces and commands to
+    displacement readings; each command changes from old to new inside the sample when a delay has a fraction."""
+    m, c, _ = _continuous(experiment)
+    return *_discrete(experiment, m), c
+
+
+def _discrete(experiment: Experiment, m: np.ndarray) -> tuple[np.ndarray, ...]:
+    """A, B_force, B_old, B_new of `discrete_plant` from the rates m of states, held forces and held commands."""
+    dt, axes = 1 / experiment.rig.control_rate, experiment.rig.axes
+    n = len(m) - 2 * axes
+    _, switch = split_delay(experiment.effects, dt)
+    first, second = expm(m * switch) if switch else np.eye(len(m)), expm(m * (dt - switch))
+    whole = second @ first
+    b_old = second[:n, :n] @ first[:n, n + axes :]
+    return whole[:n, :n], whole[:n, n : n + axes], b_old, second[:n, n + axes :]
+
+
+def _resolvent(a: np.ndarray, rows: np.ndarray, z: np.ndarray) -> np.ndarray:
+    """rows (z - A)^-1 at every z (f,): (f, rows, n). Triangular once by unitary steps, which any A allows."""
+    a, _, _, scale, _ = dgebal(a, scale=1)  # metres beside metres per second would cost digits
+    triangular, basis = schur(a, output="complex")
+    wanted = (rows * scale) @ basis
+    solved = np.empty((len(a), len(z), len(rows)), complex)
+    for j in range(len(a)):
+        before = np.einsum("i,ifr->fr", triangular[:j, j], solved[:j])
+        solved[j] = (wanted[:, j] + before) / (z - triangular[j, j])[:, None]
+    return np.moveaxis(solved, 0, 2) @ basis.conj().T / scale
+
+
+def _continuous(experiment: Experiment) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Rates (n, n) of all axes' states, then held forces, then held commands; readings (axes, states) of those states
+    and coil currents (axes, n)."""
+    axes = experiment.rig.axes
+    views = [axis_experiment(experiment, axis) for axis in range(axes)]
+    parts = [linear_axis(view) for view in views]
+    starts = np.cumsum([0, *(len(part.rates) - 2 for part in parts)])
+    states = int(starts[-1])
+    n = states + 2 * axes
+    # Where an axis' states, its force and its command lie among those of all axes.
+    own = [np.r_[starts[axis] : starts[axis + 1], states + axis, states + axes + axis] for axis in range(axes)]
+    m, c, current = np.zeros((n, n)), np.zeros((axes, n)), np.zeros((axes, n))
+    for axis, part in enumerate(parts):
+        m[np.ix_(own[axis], own[axis])] = part.rates
+        c[axis, own[axis]], current[axis, own[axis]] = part.reading, part.current
+    for axis, other in ((0, 1), (1, 0)) if axes == 2 else ():
+        stiffness, damping, gain, sensor = cross_terms(experiment, axis, views[other])
+        pushed = np.zeros(n)
+        pushed[own[other]] = gain * parts[other].pulling
+        pushed[own[other][POSITION]] -= stiffness
+        pushed[own[other][VELOCITY]] -= damping
+        m[own[axis]] += np.outer(parts[axis].driven, pushed / moving_mass(views[axis]))
+        c[axis, own[other]] += sensor * parts[other].reading
+    return m, c[:, :states] * (1 + effect_value(experiment.effects, "sensor_gain")), current
+
+
+def without_noise(experiment: Experiment) -> Experiment:
+    """The experiment on ideal converters and noiseless channels: what remains is the deterministic rig."""
+    quiet = replace(experiment.rig.noise, displacement=0.0, force=0.0, current=0.0)
+    sensing = replace(experiment.rig.self_sensing, adc_bits=0)
+    rig = replace(experiment.rig, noise=quiet, adc_bits=0, dac_bits=0, self_sensing=sensing)
+    sensor = experiment.sensor
+    if isinstance(sensor, tuple):
+        sensor = tuple(replace(s, acquisition=replace(s.acquisition, bits=0, noise=0.0)) for s in sensor)
+    return replace(experiment, rig=rig, sensor=sensor)

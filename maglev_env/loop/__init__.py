@@ -1,0 +1,1 @@
+"""The loop, block by block: effects, gains, axes, magnets, sensors."""

@@ -1,0 +1,1 @@
+"""Force laws of the magnets, their energy, and the checks of their parameters."""

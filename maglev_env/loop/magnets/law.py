@@ -1,0 +1,216 @@
+"""Force laws of the magnets: what they pull, linearised and calibrated (D eq 3.9-3.13; Schweitzer and Maslen 2009)."""
+
+from dataclasses import dataclass, replace
+from functools import singledispatch
+from math import inf, isinf
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from selfsense.coil import MU_0, coil_inductance
+
+if TYPE_CHECKING:
+    from maglev_env.rig.rig import Rig
+
+__all__ = [
+    "MU_0",
+    "ForceLaw",
+    "SingleSidedLaw",
+    "balancing_bias",
+    "force",
+    "force_law",
+    "geometric_law",
+    "inductance",
+    "linearise",
+]
+
+
+@dataclass(frozen=True)
+class ForceLaw:
+    """Constants of a pair of opposed magnets, ready for evaluation.
+
+    With b(x) = magnet_flux / (x + magnet_gap) and q(x) = coil_flux / (x + coil_gap) for the upper (x = gap - y) and
+    lower (x = gap + y) magnet, B = b + q (bias_current +- gain_scale i), and
+    f = area [ stiffness_scale (B_u^2 - B_l^2)|_(i=0) + the rest ].
+    Where the iron saturates, each B^2 is B^2 / sqrt(1 + (B / saturation)^4); saturation in T, infinite: it does not.
+    Fluxes in T m and T m/A, gaps in m. area in N/T^2 is n_b A_g / (2 mu_0) for hybrid magnets, one pole face each as D
+    counts them, and n_b A_g / mu_0 for electromagnets (magnet_flux = 0), both faces.
+    """
+
+    area: float
+    gap: float
+    magnet_flux: float
+    magnet_gap: float
+    coil_flux: float
+    coil_gap: float
+    bias_current: float
+    gain_scale: float
+    stiffness_scale: float
+    saturation: float = inf
+
+
+@dataclass(frozen=True)
+class SingleSidedLaw:
+    """Constants of one magnet above the rotor, ready for evaluation.
+
+    With x = gap - y, I = bias_current + gain_scale i and
+    p(y, I) = iron_pull I^2 / x^2 + magnet_pull I / x^exponent + area (magnet_flux / (x + magnet_gap))^2 - weight,
+    f = stiffness_scale p(y, bias_current) + [p(y, I) - p(y, bias_current)].
+    iron_pull (N m2/A2) of the coil on iron, 0 for a magnet below a coil; magnet_pull (N m^exponent/A) of the coil on a
+    magnet, 0 for an electromagnet; the third term is that magnet's attraction to the iron of the coil; weight in N.
+    """
+
+    gap: float
+    iron_pull: float
+    magnet_pull: float
+    exponent: float
+    area: float
+    magnet_flux: float
+    magnet_gap: float
+    weight: float
+    bias_current: float
+    gain_scale: float
+    stiffness_scale: float
+
+
+def force_law(rig: "Rig") -> ForceLaw | SingleSidedLaw:
+    """The rig's force law, calibrated to its actuator_gain and negative_stiffness where it gives them.
+
+    ValueError for a rig without magnets.
+    """
+    law = geometric_law(rig)
+    gain, stiffness = linearise(law)
+    return replace(
+        law,
+        gain_scale=1.0 if rig.actuator_gain is None else rig.actuator_gain / gain,
+        stiffness_scale=1.0 if rig.negative_stiffness is None else rig.negative_stiffness / stiffness,
+    )
+
+
+def geometric_law(rig: "Rig") -> ForceLaw | SingleSidedLaw:
+    """The law that the rig's geometry alone gives, without calibration. ValueError for a rig without magnets."""
+    match rig.magnet:
+        case "hybrid_pair":
+            magnet_flux, magnet_gap = _magnet_circuit(rig)
+            coil_gap = 0.0 if rig.flux_path == "gap" else magnet_gap
+            return _pair(rig, rig.bearings * rig.pole_area / (2 * MU_0), magnet_flux, magnet_gap, coil_gap)
+        case "electromagnet_pair":
+            return _pair(rig, rig.bearings * rig.pole_area / MU_0, 0.0, 0.0, 0.0)
+        case "electromagnet":
+            return _single(rig, iron_pull=_iron_pull(rig))
+        case "magnet_coil":
+            return _single(rig, magnet_pull=rig.force_constant, exponent=rig.force_exponent)
+    raise ValueError(f"rig {rig.name}: magnet = {rig.magnet!r} has no force law")
+
+
+def balancing_bias(rig: "Rig") -> float:
+    """Bias current (A) with which a single-sided magnet carries the weight at y = 0, i = 0.
+
+    Negative where a magnet's attraction to the iron of its coil exceeds its weight: the coil then pushes.
+    """
+    weight = rig.mass * rig.gravity
+    if rig.magnet == "electromagnet":
+        return rig.gap * (weight / _iron_pull(rig)) ** 0.5
+    magnet_flux, magnet_gap = _magnet_circuit(rig)
+    attraction = rig.pole_area / (2 * MU_0) * (magnet_flux / (rig.gap + magnet_gap)) ** 2
+    return (weight - attraction) * rig.gap**rig.force_exponent / rig.force_constant
+
+
+def _magnet_circuit(rig: "Rig") -> tuple[float, float]:
+    """A permanent magnet's flux density times air gap (T m), and its reluctance as an air gap of one face (m)."""
+    mu_m = rig.recoil_permeability * MU_0
+    reluctance_gap = 0.5 * MU_0 * rig.magnet_length * rig.pole_area / (mu_m * rig.magnet_area)
+    return 0.5 * MU_0 * rig.remanence * rig.magnet_length / mu_m, reluctance_gap
+
+
+def _iron_pull(rig: "Rig") -> float:
+    return rig.bearings * MU_0 * rig.turns**2 * rig.pole_area / 4
+
+
+def _pair(rig: "Rig", area: float, magnet_flux: float, magnet_gap: float, coil_gap: float) -> ForceLaw:
+    coil_flux = 0.5 * MU_0 * rig.turns
+    return ForceLaw(area, rig.gap, magnet_flux, magnet_gap, coil_flux, coil_gap, rig.bias_current, 1.0, 1.0)
+
+
+def _single(rig: "Rig", iron_pull: float = 0.0, magnet_pull: float = 0.0, exponent: float = 1.0) -> SingleSidedLaw:
+    area, weight = rig.pole_area / (2 * MU_0), rig.mass * rig.gravity
+    bias = rig.bias_current or balancing_bias(rig)
+    flux, magnet_gap = _magnet_circuit(rig)
+    return SingleSidedLaw(
+        rig.gap, iron_pull, magnet_pull, exponent, area, flux, magnet_gap, weight, bias, 1.0, 1.0
+    )  # fmt: skip
+
+
+@singledispatch
+def linearise(law: ForceLaw, displacement: float = 0.0) -> tuple[float, float]:
+    """Actuator gain df/di (N/A) and stiffness -df/dy (N/m) of a law at a displacement (m) and i = 0, differentiated.
+
+    The stiffness is negative, but for a magnet that its coil pushes away it may be positive.
+    """
+    gain = stiffness = 0.0
+    for gap in (law.gap - displacement, law.gap + displacement):
+        b, q = law.magnet_flux / (gap + law.magnet_gap), law.coil_flux / (gap + law.coil_gap)
+        field = b + q * law.bias_current
+        slope = b / (gap + law.magnet_gap) + q * law.bias_current / (gap + law.coil_gap)
+        bent = 2 * law.area * field / (1 + (field / law.saturation) ** 4) ** 1.5  # derivative of the pull by the field
+        gain += bent * q * law.gain_scale
+        stiffness -= bent * slope * law.stiffness_scale
+    return gain, stiffness
+
+
+@linearise.register
+def _(law: SingleSidedLaw, displacement: float = 0.0) -> tuple[float, float]:
+    x, bias = law.gap - displacement, law.bias_current
+    iron, magnet = law.iron_pull / x**2, law.magnet_pull / x**law.exponent
+    attraction = law.area * (law.magnet_flux / (x + law.magnet_gap)) ** 2
+    slope = bias * (2 * iron * bias + law.exponent * magnet) / x + 2 * attraction / (x + law.magnet_gap)
+    return (2 * iron * bias + magnet) * law.gain_scale, -slope * law.stiffness_scale
+
+
+@singledispatch
+def force(law: ForceLaw, displacement: np.ndarray | float, current: np.ndarray | float) -> np.ndarray | float:
+    """Force (N) of a law toward the upper magnet at displacement (m) and control current (A), which broadcast.
+
+    Pairs: D eq 3.10, both flux paths. The weight is in the single-sided laws alone.
+    """
+    upper, lower = law.gap - displacement, law.gap + displacement
+    qu, ql = law.coil_flux / (upper + law.coil_gap), law.coil_flux / (lower + law.coil_gap)
+    bu = law.magnet_flux / (upper + law.magnet_gap) + qu * law.bias_current
+    bl = law.magnet_flux / (lower + law.magnet_gap) + ql * law.bias_current
+    i = law.gain_scale * current
+    if isinf(law.saturation):
+        return law.area * (
+            law.stiffness_scale * (bu * bu - bl * bl) + i * (2 * (bu * qu + bl * ql) + i * (qu * qu - ql * ql))
+        )
+    at_rest = _saturated(bu, law) - _saturated(bl, law)
+    driven = _saturated(bu + qu * i, law) - _saturated(bl - ql * i, law)
+    return law.area * (law.stiffness_scale * at_rest + driven - at_rest)
+
+
+def _saturated(field: np.ndarray | float, law: ForceLaw) -> np.ndarray | float:
+    """What stands for the squared field (T^2) of a gap: as the square where small, bent to a constant beyond."""
+    return field**2 / np.sqrt(1 + (field / law.saturation) ** 4)
+
+
+@force.register
+def _(law: SingleSidedLaw, displacement: np.ndarray | float, current: np.ndarray | float) -> np.ndarray | float:
+    x, bias, i = law.gap - displacement, law.bias_current, law.gain_scale * current
+    iron, magnet = law.iron_pull / x**2, law.magnet_pull / x**law.exponent
+    attraction = law.area * (law.magnet_flux / (x + law.magnet_gap)) ** 2
+    resting = bias * (iron * bias + magnet) + attraction - law.weight
+    return law.stiffness_scale * resting + i * (iron * (2 * bias + i) + magnet)
+
+
+def inductance(rig: "Rig", displacement: np.ndarray | float = 0.0) -> np.ndarray | float:
+    """Inductance (H) of the upper coil with the rotor at displacement (m); shape of displacement.
+
+    A magnet below a coil pulls in proportion to the current, so its coil's inductance is the same everywhere:
+    coil_inductance. ValueError where a rig does not give it, or has no coil.
+    """
+    if rig.magnet == "none":
+        raise ValueError(f"rig {rig.name}: magnet = 'none' has no coil")
+    if rig.magnet != "magnet_coil":
+        return coil_inductance(rig.gap - displacement, rig.turns, rig.pole_area)
+    if rig.coil_inductance is None:
+        raise ValueError(f"rig {rig.name}: coil_inductance is missing; a magnet below a coil needs it measured")
+    return rig.coil_inductance + 0 * displacement

@@ -1,0 +1,1 @@
+"""Recordings and campaigns: files, channels, spectra, quality."""

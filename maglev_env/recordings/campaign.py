@@ -1,0 +1,189 @@
+"""A campaign: a folder of recordings described by campaign.toml, with the nominal rig they were made on."""
+
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path, PurePosixPath, PureWindowsPath
+from typing import Any, Literal
+
+from maglev_env.fields import check_known
+from maglev_env.loop.gains import Controllers
+from maglev_env.recordings.campaign_tables import (
+    ChannelSource,
+    channel_table,
+    excitations_table,
+    number_of,
+    table_of,
+    whole_of,
+)
+from maglev_env.rig.excitation import Excitation
+from maglev_env.rig.rig import PRESETS, Rig, controllers_from_table, load_rig, with_parameters
+
+__all__ = ["Campaign", "ChannelSource", "RecordingSpec", "load_campaign"]
+
+SCHEMA = "maglev-campaign/1"
+MAX_FILE_BYTES = 1_000_000
+ROLES = ("fit", "holdout")
+INTERSAMPLE = ("bl", "zoh")
+_RECORDING_KEYS = (
+    *("file", "role", "sample_rate", "start", "samples", "speed_rpm", "intersample"),
+    *("gains", "controller", "excitation", "channels"),
+)
+
+
+@dataclass(frozen=True)
+class RecordingSpec:
+    """One recording of a campaign, as campaign.toml states it.
+
+    file: relative to the campaign's folder. sample_rate in Hz. start: first sample used, from 0. samples: how many
+    (None: all to the end). periods: whole periods in them, where stated. gains: PID gains or a linear controller, one
+    for all axes or one each for x and y; None: the rotor runs uncontrolled.
+    intersample: between samples the force is band-limited ("bl", a reading) or held by a converter ("zoh"); None: not
+    stated, see `recorded.recorded_signals`.
+    """
+
+    file: str
+    role: str
+    sample_rate: float
+    start: int
+    samples: int | None
+    periods: int | None
+    speed_rpm: float
+    gains: Controllers | None
+    excitations: tuple[Excitation, ...]
+    channels: Mapping[str, ChannelSource]
+    intersample: Literal["bl", "zoh"] | None = None
+
+    @property
+    def samples_per_period(self) -> int | None:
+        """Samples in a period of the excitation; None when nothing periodic drives the recording."""
+        periodic = [e for e in self.excitations if e.periodic]
+        return periodic[0].samples_per_period(self.sample_rate) if periodic else None
+
+
+@dataclass(frozen=True)
+class Campaign:
+    """A folder of recordings, the nominal rig (None: not known) and the moving mass in kg (None: to be estimated)."""
+
+    folder: Path
+    rig: Rig | None
+    mass: float | None
+    recordings: tuple[RecordingSpec, ...]
+
+
+def load_campaign(folder_or_toml: str | Path) -> Campaign:
+    """Read and check campaign.toml (schema maglev-campaign/1); the data files are only looked for, not read.
+
+    [parameters] override the rig; without a rig they may give the mass. `periods` of an excitation states how many
+    whole periods are used from `start` on, transients included; without it and without `samples`, everything to the end
+    is used. A random-phase multisine needs its channel, because its phases are unknown. An SPHS may lack its channel:
+    its phases are then those of the design, and a period of it must begin exactly at `start`, with the design's sign.
+    ValueError names the file, the recording and the key; OSError when campaign.toml or a data file is not there.
+    """
+    path = Path(folder_or_toml)
+    path = path / "campaign.toml" if path.is_dir() else path
+    if not path.exists():
+        raise FileNotFoundError(f"{path} does not exist; name a campaign folder or its campaign.toml")
+    if path.suffix != ".toml":
+        raise ValueError(
+            f"{path} is not a campaign folder or campaign.toml; `maglev estimate` also reads one data file"
+        )
+    if path.stat().st_size > MAX_FILE_BYTES:
+        raise ValueError(f"{path}: larger than {MAX_FILE_BYTES} bytes; that is not a campaign file")
+    try:
+        return _campaign(path.parent, tomllib.loads(path.read_text(encoding="utf-8")))
+    except (ValueError, TypeError, ArithmeticError, RecursionError) as error:
+        raise ValueError(f"{path}: {error}") from error
+
+
+def _campaign(folder: Path, data: dict[str, Any]) -> Campaign:
+    if data.get("schema") != SCHEMA:
+        raise ValueError(f'schema = {data.get("schema")!r}; this version reads schema = "{SCHEMA}"')
+    check_known(data, ("schema", "rig", "parameters", "recording"), "top level")
+    rig, mass = campaign_rig(folder, data.get("rig"), table_of(data.get("parameters", {}), "[parameters]"))
+    tables = data.get("recording", [])
+    if not isinstance(tables, list) or not tables:
+        raise ValueError("there is no [[recording]]; give at least one")
+    return Campaign(folder, rig, mass, tuple(_recording(folder, table, i) for i, table in enumerate(tables, 1)))
+
+
+def campaign_rig(folder: Path, source: Any, parameters: dict[str, Any]) -> tuple[Rig | None, float | None]:
+    """The nominal rig that a campaign.toml in the folder names, with its [parameters], and the moving mass in kg; None
+    where it says neither. ValueError when they do not fit."""
+    if source is None:
+        check_known(parameters, ("mass",), "[parameters] without a rig")
+        if "mass" not in parameters:
+            return None, None
+        mass = number_of(parameters, "mass", None, "[parameters] without a rig")
+        if mass <= 0:
+            raise ValueError(f"[parameters]: mass = {mass} kg must be positive")
+        return None, mass
+    if not isinstance(source, str) or PurePosixPath(source).is_absolute() or PureWindowsPath(source).anchor:
+        raise ValueError(f"rig = {source!r}; give a preset ({', '.join(PRESETS)}) or a path relative to campaign.toml")
+    rig = load_rig(source if source in PRESETS or not source.endswith(".toml") else folder / source)
+    rig = with_parameters(rig, parameters)
+    return rig, rig.mass
+
+
+def _recording(folder: Path, table: Any, number: int) -> RecordingSpec:
+    where = f"recording {number}"
+    table = table_of(table, where)
+    try:
+        file = _data_file(folder, table.get("file"))
+        where = f"{where} ({file})"
+        check_known(table, _RECORDING_KEYS, "[[recording]]")
+        return _checked_recording(file, table)
+    except (ValueError, TypeError, ArithmeticError) as error:
+        raise ValueError(f"{where}: {error}") from error
+
+
+def _checked_recording(file: str, table: dict[str, Any]) -> RecordingSpec:
+    role = table.get("role", "fit")
+    if role not in ROLES:
+        raise ValueError(f"role = {role!r}; use one of {', '.join(ROLES)}")
+    intersample = table.get("intersample")
+    if intersample is not None and intersample not in INTERSAMPLE:
+        raise ValueError(f"intersample = {intersample!r}; use one of {', '.join(INTERSAMPLE)}")
+    rate = number_of(table, "sample_rate")
+    if rate <= 0:
+        raise ValueError(f"sample_rate = {rate} Hz must be positive")
+    if "gains" in table and "controller" in table:
+        raise ValueError("give gains or a controller, not both")
+    channels = {name: channel_table(name, t) for name, t in table_of(table.get("channels", {}), "channels").items()}
+    if not set(channels) - {"time"}:
+        raise ValueError("[recording.channels] names no channel; give at least displacement")
+    excitations, periods = excitations_table(table.get("excitation"), rate, channels)
+    samples = whole_of(table, "samples", None, 1)
+    if periods is not None:
+        per_period = next(e for e in excitations if e.periodic).samples_per_period(rate)
+        if samples not in (None, periods * per_period):
+            raise ValueError(
+                f"samples = {samples} are not {periods} periods of {per_period} samples, {periods * per_period}; "
+                "give samples or the excitation's periods"
+            )
+        samples = periods * per_period
+    return RecordingSpec(
+        file=file,
+        role=role,
+        sample_rate=rate,
+        start=whole_of(table, "start", 0, 0),
+        samples=samples,
+        periods=periods,
+        speed_rpm=number_of(table, "speed_rpm", 0.0),
+        gains=next((controllers_from_table(table[key], key) for key in ("gains", "controller") if key in table), None),
+        excitations=excitations,
+        channels=channels,
+        intersample=intersample,
+    )
+
+
+def _data_file(folder: Path, file: Any) -> str:
+    if not isinstance(file, str) or not file:
+        raise ValueError(f"file = {file!r}; give the name of a data file beside campaign.toml")
+    pure = PureWindowsPath(file)  # knows both kinds of separators and drives
+    inside = not pure.anchor and ".." not in pure.parts
+    if not inside or not (folder / file).resolve().is_relative_to(folder.resolve()):
+        raise ValueError(f"file = {file!r} leaves the campaign folder; put the file inside and name it relative to it")
+    if not (folder / file).is_file():
+        raise FileNotFoundError(f"{folder / file}: the campaign names this file, but it is not there")
+    return file

@@ -1,0 +1,137 @@
+"""The tables of campaign.toml below a recording, checked: channels, excitations, gains and controller."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from typing import Any
+
+from maglev_env.fields import check_known
+from maglev_env.rig.excitation import MAX_HARMONIC, Excitation, check_interleaved, is_number
+from maglev_env.rig.rig import excitation_from_table
+
+CHANNEL_UNITS: Mapping[str, str] = {
+    "reference": "m",
+    "displacement": "m",
+    "command": "A",
+    "current": "A",
+    "voltage": "V",
+    "force": "N",
+    "injection": "A",
+    "gap_estimate": "m",
+    "speed": "rad/s",
+}
+# The channel that shows what is applied at each place of an excitation.
+EXCITATION_CHANNEL: Mapping[str, str] = {"force": "force", "current": "injection", "reference": "reference"}
+_AXES = ("", "_x", "_y", "_z")
+CHANNELS = ("time", *(name + axis for name in CHANNEL_UNITS for axis in _AXES))
+
+_EXCITATION_KEYS = (*(f.name for f in fields(Excitation)), "harmonics", "periods")
+
+
+@dataclass(frozen=True)
+class ChannelSource:
+    """Where a channel comes from: SI value = scale * (sum of weights * columns) + offset."""
+
+    columns: tuple[str, ...]
+    weights: tuple[float, ...]
+    scale: float = 1.0
+    offset: float = 0.0
+
+
+def excitations_table(value: Any, rate: float, channels: Mapping) -> tuple[tuple[Excitation, ...], int | None]:
+    """The checked excitations of a recording sampled at `rate` (Hz), and their common number of periods if stated."""
+    if not value:
+        raise ValueError('excitation is missing; write excitation = { kind = "none" } when nothing was excited')
+    tables = [table_of(t, "excitation") for t in (value if isinstance(value, list) else [value])]
+    found, periods = [], set()
+    for table in tables:
+        check_known(table, _EXCITATION_KEYS, "excitation")
+        _check_lines(table, rate)
+        excitation = excitation_from_table(table, ignored=("periods",))
+        stated = whole_of(table, "periods", None, 2)
+        if excitation.periodic:
+            excitation.samples_per_period(rate)
+            periods.add(stated)
+        elif stated is not None:
+            raise ValueError(f"excitation: periods has no meaning with kind = {excitation.kind!r}")
+        channel = EXCITATION_CHANNEL[excitation.at]
+        unknown = excitation.kind in ("multisine", "low_crest", "recorded")
+        if unknown and not any(channel + axis in channels for axis in _AXES):
+            why = "its phases are unknown" if excitation.periodic else "its waveform is that channel"
+            raise ValueError(f"excitation: {excitation.kind} at {excitation.at} needs the channel {channel}: {why}")
+        if excitation.components[1] and not any(name.endswith(("_x", "_y")) for name in channels):
+            raise ValueError("excitation: direction needs the channels of two axes, force_x, force_y, ...")
+        found.append(excitation)
+    check_interleaved(tuple(found))
+    if len(periods - {None}) > 1:
+        raise ValueError(f"excitation: periods {sorted(periods - {None})} differ; one recording has one number of them")
+    return tuple(found), next(iter(periods - {None}), None)
+
+
+def _check_lines(table: Mapping[str, Any], rate: float) -> None:
+    fundamental = number_of(table, "fundamental", 1.0, "excitation")
+    for key in ("lines", "harmonics"):
+        for line in _list_of(table.get(key, []), f"excitation: {key}"):
+            # Bounded before a range is laid out: a slip of the pen must not take gigabytes.
+            if type(line) is not int or not 1 <= line <= MAX_HARMONIC or line * fundamental >= rate / 2:
+                raise ValueError(
+                    f"excitation: {key}: {line!r} is not a whole number from 1 to below half the rate, "
+                    f"{rate / 2:g} Hz at a fundamental of {fundamental:g} Hz"
+                )
+
+
+def channel_table(name: str, value: Any) -> ChannelSource:
+    """The checked source of one channel of [recording.channels]."""
+    check_known({name: value}, CHANNELS, "[recording.channels]")
+    where = f"channel {name}"
+    table = table_of(value, where)
+    check_known(table, ("from", "weights", "scale", "offset"), where)
+    columns = table.get("from")
+    columns = [columns] if isinstance(columns, str) else columns
+    if not isinstance(columns, list) or not columns or not all(isinstance(c, str) for c in columns):
+        raise ValueError(f'{where}: from = {table.get("from")!r}; give a column, from = "F", or a list of columns')
+    if len(columns) > 1 and "weights" not in table:
+        raise ValueError(f"{where}: weights are missing; a mean of two columns is weights = [0.5, 0.5]")
+    weights = _numbers(table.get("weights", [1.0]), f"{where}: weights")
+    if len(weights) != len(columns):
+        raise ValueError(f"{where}: {len(weights)} weights for {len(columns)} columns; give one weight per column")
+    scale, offset = number_of(table, "scale", 1.0, where), number_of(table, "offset", 0.0, where)
+    if scale == 0:
+        raise ValueError(f"{where}: scale = 0 leaves nothing of the channel")
+    return ChannelSource(tuple(columns), weights, scale, offset)
+
+
+def table_of(value: Any, where: str) -> dict[str, Any]:
+    """The value, which must be a table."""
+    if not isinstance(value, dict):
+        raise ValueError(f"{where} = {value!r} must be a table")
+    return value
+
+
+def number_of(table: Mapping[str, Any], key: str, default: float | None = None, where: str = "") -> float:
+    """A finite number from a table; without a default it must be there."""
+    value, name = table.get(key, default), f"{where}: {key}" if where else key
+    if value is None:
+        raise ValueError(f"{name} is missing")
+    if not is_number(value):
+        raise ValueError(f"{name} = {value!r} is not a finite number")
+    return float(value)
+
+
+def whole_of(table: Mapping[str, Any], key: str, default: int | None, least: int) -> int | None:
+    """A whole number from a table, at least `least`."""
+    value = table.get(key, default)
+    if value is not None and (type(value) is not int or value < least):
+        raise ValueError(f"{key} = {value!r} must be a whole number, at least {least}")
+    return value
+
+
+def _list_of(value: Any, where: str) -> list:
+    if not isinstance(value, list):
+        raise ValueError(f"{where} = {value!r}; give a list")
+    return value
+
+
+def _numbers(value: Any, where: str) -> tuple[float, ...]:
+    if not _list_of(value, where) or not all(map(is_number, value)):
+        raise ValueError(f"{where} = {value!r}; give finite numbers")
+    return tuple(map(float, value))

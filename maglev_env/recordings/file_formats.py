@@ -1,0 +1,221 @@
+"""What `files` reads from: each format's top-level names, and a reader of one value below them.
+
+Nothing in a file is executed: no pickles, no links to other files, sizes bounded before memory is asked for.
+"""
+
+import csv
+import difflib
+import re
+import zipfile
+from collections.abc import Callable, Iterator, Sequence
+from functools import cache
+from itertools import islice
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from maglev_env.recordings.matlab5 import open_variables
+
+MAX_DATA_BYTES = 2 * 1024**3
+_STEP = re.compile(r"\.([A-Za-z_]\w*)|\[(\d{1,9})\]")
+_CSV_ROWS = 65536
+
+Steps = list[str | int]
+Reader = Callable[[str, Steps], Any]
+
+
+class Refused(ValueError):
+    """What is wrong with one column or file, still without their names."""
+
+
+def bounded(size: int, what: str) -> None:
+    """Raise Refused when `what` would take more than MAX_DATA_BYTES."""
+    if size > MAX_DATA_BYTES:
+        raise Refused(f"{what} holds {size} bytes, more than the limit of {MAX_DATA_BYTES}; split the recording")
+
+
+def _unknown(name: str, names: Sequence[str], what: str) -> Refused:
+    close = difflib.get_close_matches(name, names, 1)
+    hint = f"; did you mean {close[0]!r}?" if close else "."
+    shown = ", ".join(names[:30]) + (f" and {len(names) - 30} more" if len(names) > 30 else "")
+    return Refused(f"there is no {what} {name!r}{hint} Available: {shown or 'nothing'}")
+
+
+def split_name(name: str, roots: Sequence[str]) -> tuple[str, Steps]:
+    """A top-level name and the steps below it (Refused if unknown); the name may hold dots, as CSV headers do."""
+    for root in sorted(roots, key=len, reverse=True):
+        rest = name.removeprefix(root)
+        if name.startswith(root) and re.fullmatch(f"(?:{_STEP.pattern})*", rest):
+            return root, [m[1] or int(m[2]) for m in _STEP.finditer(rest)]
+    raise _unknown(re.split(r"[.\[]", name)[0] or name, roots, "column")
+
+
+def _follow(value: Any, steps: Steps, open_level: Callable[[Any], Any]) -> Any:
+    """Walk down structs (dict), struct or cell arrays (list) and matrix columns (ndarray)."""
+    value = open_level(value)
+    for step in steps:
+        if isinstance(value, str) or (isinstance(step, str) and isinstance(value, np.ndarray)):
+            raise Refused(f"there is nothing below the values where {step!r} is asked for")
+        if isinstance(step, str):
+            if isinstance(value, list):
+                raise Refused(f"an array of {len(value)} elements has no field {step!r}; choose one with [n], from 0")
+            if step not in value:
+                raise _unknown(step, list(value), "field")
+            value = open_level(value[step])
+        elif isinstance(value, dict):
+            if step:
+                raise Refused(f"[{step}] of a single struct; only [0] exists")
+        elif isinstance(value, np.ndarray):
+            matrix = value.size > max(value.shape, default=1)
+            if step >= (columns := value.shape[1] if matrix else 1):
+                raise Refused(f"[{step}] is beyond its {columns} column{'s' * (columns > 1)}, counted from 0")
+            value = value.take(step, axis=1) if matrix else value
+        else:
+            if step >= len(value):
+                raise Refused(f"[{step}] is beyond its {len(value)} elements, counted from 0")
+            value = open_level(value[step])
+    return value
+
+
+def vector(value: Any) -> np.ndarray:
+    """The value as float64 (samples,); Refused unless it is one non-empty row or column of real numbers."""
+    if isinstance(value, dict):
+        raise Refused(f"is a struct; choose a field of it: {', '.join(value)}")
+    if isinstance(value, list):
+        raise Refused(f"is an array of {len(value)} structs or cells; choose one with [n], from 0")
+    if not isinstance(value, np.ndarray) or value.dtype.kind not in "fiub":
+        raise Refused("holds text, complex values or objects, not real numbers")
+    if value.size == 0:
+        raise Refused("is empty")
+    if value.size != max(value.shape, default=1):
+        raise Refused(f"has the shape {value.shape}; choose one column with a last [j], from 0")
+    return np.array(value.reshape(-1), dtype=np.float64)
+
+
+def open_mat5(path: Path) -> tuple[tuple[str, ...], Reader]:
+    """Names and reader of a MATLAB v5 file."""
+    variables = open_variables(path)
+
+    @cache  # a dSPACE struct holds every channel: parse it once
+    def variable(root: str) -> Any:
+        return variables.read(root, MAX_DATA_BYTES)
+
+    return tuple(variables.elements), lambda root, steps: _follow(variable(root), steps, lambda value: value)
+
+
+def open_hdf5(path: Path, matlab: bool) -> tuple[tuple[str, ...], Reader]:
+    """Names and reader of an HDF5 file; `matlab`: written by MATLAB v7.3."""
+    import h5py
+
+    def read(root: str, steps: Steps) -> Any:
+        with h5py.File(path, "r") as file:
+            return _follow(file, [root, *steps], lambda node: _open_hdf5(file, node, matlab))
+
+    with h5py.File(path, "r") as file:
+        return tuple(name for name in file if not name.startswith("#")), read
+
+
+def _open_hdf5(file: Any, node: Any, matlab: bool) -> Any:
+    """One level; MATLAB v7.3 keeps cells and struct arrays as object references, matrices transposed."""
+    import h5py
+
+    if isinstance(node, h5py.Reference):
+        node = file[node]
+    if isinstance(node, h5py.Group):
+        # Only hard links: soft and external ones could lead out of the file.
+        members = {n: node[n] for n in node if isinstance(node.get(n, getlink=True), h5py.HardLink)}
+        if matlab and members and all(_holds_references(m) and "MATLAB_class" not in m.attrs for m in members.values()):
+            bounded(sum(m.nbytes for m in members.values()), node.name)
+            fields = {name: m[()].ravel() for name, m in members.items()}
+            return [dict(zip(fields, row, strict=True)) for row in zip(*fields.values(), strict=True)]
+        return members
+    if not isinstance(node, h5py.Dataset):
+        return node
+    if node.is_virtual or node.external:
+        raise Refused("its values lie in another file; store them in this one")
+    bounded(node.nbytes, node.name)
+    if _holds_references(node):
+        return list(node[()].ravel())
+    if node.attrs.get("MATLAB_class") == b"char":
+        return "text"
+    if node.attrs.get("MATLAB_empty", 0):
+        return np.empty(0)
+    values = np.asarray(node[()])
+    return values.T if matlab else values
+
+
+def _holds_references(node: Any) -> bool:
+    import h5py
+
+    return isinstance(node, h5py.Dataset) and h5py.check_ref_dtype(node.dtype) is h5py.Reference
+
+
+def open_npz(path: Path) -> tuple[tuple[str, ...], Reader]:
+    """Names and reader of an .npz file, never unpickling."""
+    with zipfile.ZipFile(path) as archive:
+        bounded(sum(entry.file_size for entry in archive.infolist()), "unpacked")
+
+    def read(root: str, steps: Steps) -> Any:
+        with np.load(path, allow_pickle=False) as archive:
+            try:
+                value = archive[root]
+            except ValueError as error:
+                if "allow_pickle" in str(error):
+                    raise Refused("holds pickled objects, which are never loaded; save plain numbers") from None
+                raise
+            return _follow(value, steps, lambda value: value)
+
+    with np.load(path, allow_pickle=False) as archive:
+        return tuple(archive.files), read
+
+
+def open_csv(path: Path) -> tuple[tuple[str, ...], Reader]:
+    """Names and reader of a CSV file: UTF-8, one header line, commas between columns, points in numbers."""
+    problems: dict[str, str] = {}
+    with path.open(newline="", encoding="utf-8-sig") as file:
+        rows = csv.reader(file)
+        names = [name.strip() for name in next(rows, [])]
+        if len(set(names)) < len(names) or not all(names) or all(map(_is_number, names)):
+            raise Refused("the first line must hold the column names, different ones, separated by commas")
+        values: dict[str, list[np.ndarray]] = {name: [np.empty(0)] for name in names}
+        complete, first = _full_rows(rows, len(names)), 0
+        while batch := list(islice(complete, _CSV_ROWS)):
+            for name, cells in zip(names, zip(*batch, strict=True), strict=True):
+                try:
+                    values[name].append(np.array(list(map(float, cells))))
+                except ValueError:
+                    bad = next(i for i, cell in enumerate(cells) if not _is_number(cell))
+                    problems.setdefault(name, f"{cells[bad]!r} at sample {first + bad} is not a number")
+            first += len(batch)
+
+    def read(root: str, steps: Steps) -> Any:
+        if root in problems:
+            raise Refused(problems[root])
+        return _follow(np.concatenate(values[root]), steps, lambda value: value)
+
+    return tuple(names), read
+
+
+def _full_rows(rows: Iterator[list[str]], width: int) -> Iterator[list[str]]:
+    """The data rows, none of them short, long or blank; blank ones are accepted at the end of the file only."""
+    blank = None
+    for sample, row in enumerate(rows):
+        if not row:
+            blank = sample if blank is None else blank
+        elif blank is not None:
+            raise Refused(f"the row of sample {blank} is blank")
+        elif len(row) != width:
+            raise Refused(
+                f"the row of sample {sample} has {len(row)} values, the header {width} names (separator: a comma)"
+            )
+        else:
+            yield row
+
+
+def _is_number(cell: str) -> bool:
+    try:
+        float(cell)
+    except ValueError:
+        return False
+    return True

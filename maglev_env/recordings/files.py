@@ -1,0 +1,122 @@
+"""Data files: columns out of .mat (v5 and v7.3), .csv, .npz, .h5 and .nc of strangers; the same written atomically."""
+
+import os
+import re
+import secrets
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import BinaryIO
+
+import numpy as np
+
+from maglev_env.recordings import file_formats as formats
+
+SUFFIXES = (".mat", ".csv", ".npz", ".h5", ".nc")
+_HDF5 = b"\x89HDF\r\n\x1a\n"
+
+
+@dataclass(frozen=True)
+class Columns:
+    """The columns of one data file: its path, its top-level names, and `column` to read them."""
+
+    path: Path
+    names: tuple[str, ...]
+    _read: formats.Reader
+
+    def column(self, name: str) -> np.ndarray:
+        """One column, shape (samples,), float64, in the file's own unit.
+
+        name: a top-level name, or an expression such as "mb10.Y[0].Data": .field of a struct, [n] (0-based) of a struct
+        or cell array, and last [j] for column j of a matrix. ValueError names the file and column, lists what there
+        is when the name is unknown, and says so when the column is not one row of numbers or the file is damaged.
+        """
+        try:
+            return formats.vector(self._read(*formats.split_name(name, self.names)))
+        except formats.Refused as problem:
+            raise ValueError(f"{self.path}: column {name!r}: {problem}") from None
+        except Exception as error:  # a damaged file makes the libraries raise nearly anything
+            raise ValueError(f"{self.path}: column {name!r}: the file is truncated or damaged ({error})") from error
+
+
+def read_columns(path: str | Path) -> Columns:
+    """Open a data file by its suffix: .mat (v5 or v7.3), .csv with a header line, .npz, .h5 or .nc (netCDF 4).
+
+    OSError when it cannot be read; ValueError when it is too large, damaged or of another kind.
+    """
+    path = Path(path)
+    kind = path.suffix.lower()
+    if kind not in SUFFIXES:
+        raise ValueError(f"{path}: files of kind {kind!r} are not read; use {', '.join(SUFFIXES)}")
+    if path.exists() and not path.is_file():
+        raise ValueError(f"{path}: not a regular file")
+    size = path.stat().st_size
+    with path.open("rb") as file:
+        head = file.read(520)
+    hdf5 = _HDF5 in (head[:8], head[512:])
+    if kind in (".h5", ".nc") and not hdf5:
+        raise ValueError(f"{path}: not an HDF5 file (classic netCDF is not read); it is truncated or damaged")
+    try:
+        formats.bounded(size, "the file")
+        if hdf5:
+            return Columns(path, *formats.open_hdf5(path, matlab=kind == ".mat"))
+        opener = {".mat": formats.open_mat5, ".csv": formats.open_csv, ".npz": formats.open_npz}[kind]
+        return Columns(path, *opener(path))
+    except formats.Refused as problem:
+        raise ValueError(f"{path}: {problem}") from None
+    except Exception as error:
+        raise ValueError(f"{path}: cannot be read as {kind}: it is truncated or damaged ({error})") from error
+
+
+@contextmanager
+def atomic_file(path: Path) -> Iterator[BinaryIO]:
+    """A file that appears under its name only when it is complete and on the disk."""
+    temporary = path.with_name(f".{path.name}.{secrets.token_hex(4)}.tmp")
+    try:
+        with temporary.open("xb") as file:
+            yield file
+            file.flush()
+            os.fsync(file.fileno())
+        temporary.replace(path)
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+def write_text_atomic(path: str | Path, text: str) -> None:
+    """Write UTF-8 text so that a reader sees the old file or the whole new one. OSError when it cannot be written."""
+    with atomic_file(Path(path)) as file:
+        file.write(text.encode())
+
+
+def write_npz(path: str | Path, columns: Mapping[str, np.ndarray]) -> None:
+    """Write columns, each (samples,), to an .npz file, atomically. ValueError when they differ in length."""
+    columns = _writable(path, columns)
+    with atomic_file(Path(path)) as file:
+        np.savez(file, **columns)
+
+
+def write_mat(path: str | Path, columns: Mapping[str, np.ndarray]) -> None:
+    """Write columns, each (samples,), to a MATLAB v5 file as column vectors, atomically. ValueError as `write_npz`."""
+    from scipy.io import savemat
+
+    columns = _writable(path, columns)
+    with atomic_file(Path(path)) as file:
+        savemat(file, columns, oned_as="column")
+
+
+def write_csv(path: str | Path, columns: Mapping[str, np.ndarray]) -> None:
+    """Write columns, each (samples,), as CSV with a header line, 17 digits, atomically. ValueError as `write_npz`."""
+    columns = _writable(path, columns)
+    with atomic_file(Path(path)) as file:
+        np.savetxt(file, np.column_stack(list(columns.values())), "%.17g", ",", header=",".join(columns), comments="")
+
+
+def _writable(path: str | Path, columns: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+    arrays = {name: np.asarray(values, dtype=np.float64) for name, values in columns.items()}
+    for name, values in arrays.items():
+        if not re.fullmatch(r"[A-Za-z]\w{0,30}", name):
+            raise ValueError(f"{path}: column name {name!r}: use letters, digits and _, 31 at most")
+        if values.ndim != 1 or values.size != next(iter(arrays.values())).size:
+            raise ValueError(f"{path}: column {name!r} has the shape {values.shape}; all must be of one length")
+    return arrays

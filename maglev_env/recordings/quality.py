@@ -1,0 +1,151 @@
+"""Is a recording good enough, and for what: what an engineer checks before trusting an estimate."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from estimation.frequency_response import coherence
+from estimation.sphs import crest_factor
+from maglev_env.recordings.spectra import RecordedSignals, RecordSpectra, record_spectra
+from maglev_env.rig.rig import Rig
+
+GOOD_SNR = 10.0  # amplitude over noise of the mean: one line then gives 10 %
+POOR_SNR = 3.0
+
+
+@dataclass(frozen=True)
+class ChannelQuality:
+    """One channel: rms and crest factor; resolution (usual step between readings, in its unit) and its share of the
+    rms; snr (amplitude over noise of the period mean, per excited line): median and worst, None if never excited."""
+
+    name: str
+    rms: float
+    crest: float
+    resolution: float
+    resolution_share: float
+    snr_median: float | None
+    snr_worst: float | None
+
+
+@dataclass(frozen=True)
+class BandQuality:
+    """Displacement at force lines, or without any at all excited ones, in one band (Hz): median amplitude over noise,
+    coherence, and a verdict in words."""
+
+    f_lo: float
+    f_hi: float
+    snr: float
+    coherence: float
+    verdict: str
+
+
+@dataclass(frozen=True)
+class Quality:
+    """periods kept, transient_periods dropped, leftover samples; can: what the recording serves for and, where it does
+    not, what is missing; problems: what to mend before recording again."""
+
+    periods: int
+    transient_periods: int
+    leftover: int
+    channels: tuple[ChannelQuality, ...]
+    bands: tuple[BandQuality, ...]
+    can: dict[str, str]
+    problems: tuple[str, ...]
+
+
+def recording_quality(signals: RecordedSignals, rig: Rig | None = None, bands: int = 8) -> Quality:
+    """Check one axis of a recording, against its rig's clearance where the rig is known.
+
+    ValueError when nothing excites it, or a periodic one holds fewer than two periods.
+    """
+    spectra = record_spectra(signals)
+    statistics, dropped = spectra.all, spectra.transient_periods
+    problems = []
+    if signals.periodic and statistics.periods < 4:
+        problems.append(f"{statistics.periods} steady periods: noise is poorly known; record at least 5, better 16")
+    if dropped > 1:
+        problems.append(f"{dropped} periods of transient: wait longer before recording")
+    channels = tuple(_channel(name, values, spectra) for name, values in signals.channels.items())
+    for c in channels:
+        if c.resolution_share > 0.05:
+            share = f"{c.resolution_share:.0%}"
+            problems.append(f"{c.name}: one converter step is {share} of the rms: raise the amplitude")
+    reach = np.abs(signals.channels["displacement"]).max() if rig and "displacement" in signals.channels else 0.0
+    if rig and reach > rig.clearance:
+        problems.append(
+            f"displacement reaches {reach:.3g} m, beyond the rig's clearance of {rig.clearance:g} m: "
+            "check its scale and offset in [recording.channels]"
+        )
+    force = [c for c in channels if c.name == "force"]
+    if signals.periodic and force and force[0].crest > 4:
+        problems.append(f"force: crest factor {force[0].crest:.1f}; Schroeder phases reach 1.7, optimised ones 1.4")
+    per_band = _bands(spectra, bands)
+    weak = [b for b in per_band if b.verdict == "noise rules"]
+    if weak:
+        problems.append(
+            f"displacement is lost in noise at {weak[0].f_lo:.0f} .. {weak[-1].f_hi:.0f} Hz: use more force or periods"
+        )
+    uses = _uses(signals, spectra)
+    return Quality(statistics.periods, dropped, spectra.leftover, channels, per_band, uses, tuple(problems))
+
+
+def _channel(name: str, values: np.ndarray, spectra: RecordSpectra) -> ChannelQuality:
+    statistics = spectra.all
+    steps = np.diff(np.unique(values))
+    rms = float(np.sqrt(np.mean((values - values.mean()) ** 2)))
+    resolution = float(np.median(steps)) if steps.size else 0.0
+    median = worst = None
+    if name in statistics.channels and name != "injection":
+        lines = spectra.driven["force"] if name == "force" else np.concatenate([*spectra.driven.values()])
+        excited = statistics.at_lines(lines)
+        noise = np.sqrt(excited.cross(name, name))
+        with np.errstate(divide="ignore", invalid="ignore"):
+            snr = np.abs(excited.amplitude(name)) / noise
+        if snr.size:
+            median, worst = float(min(np.median(snr), 1e9)), float(min(snr.min(), 1e9))
+    share = resolution / rms if rms else 0.0
+    return ChannelQuality(
+        name, rms, crest_factor(values - values.mean()) if rms else 0.0, resolution, share, median, worst
+    )
+
+
+def _bands(spectra: RecordSpectra, count: int) -> tuple[BandQuality, ...]:
+    lines = spectra.force.lines if spectra.force.lines.size else np.concatenate([*spectra.driven.values()])
+    force = spectra.all.at_lines(lines)
+    if not lines.size or "displacement" not in force.channels:
+        return ()
+    noise = np.sqrt(force.cross("displacement", "displacement"))
+    with np.errstate(divide="ignore"):
+        snr = np.minimum(np.abs(force.amplitude("displacement")) / noise, 1e9)
+    gamma = coherence(force, "displacement")
+    rows = []
+    for part in np.array_split(np.arange(len(lines)), min(count, len(lines))):
+        level = float(np.median(snr[part]))
+        verdict = "good" if level >= GOOD_SNR else "usable" if level >= POOR_SNR else "noise rules"
+        f = force.frequency[part]
+        rows.append(BandQuality(float(f[0]), float(f[-1]), level, float(np.median(gamma[part])), verdict))
+    return tuple(rows)
+
+
+def _uses(signals: RecordedSignals, spectra: RecordSpectra) -> dict[str, str]:
+    """What the recording serves for: "yes", or what is missing."""
+    have, force, injection = signals.channels.keys(), *(spectra.driven[p] for p in ("force", "current"))
+    stiffness = "yes" if force.size and {"force", "displacement"} <= have else "no: needs force and displacement"
+    if not force.size and {"current", "displacement"} <= have:
+        stiffness = "yes, with a known mass, without control: the current stands for the force"
+    loop = "yes" if injection.size and {"command", "injection"} <= have else "no: needs an injection and the command"
+    amplifier = "yes" if {"command", "current"} <= have else "no: needs command and current"
+    controller = "yes" if {"displacement", "command"} <= have else "no: needs displacement and command"
+    excited = np.unique(np.concatenate([*spectra.driven.values(), signals.elsewhere]))
+    free = np.setdiff1d(np.arange(excited[0], (force if force.size else excited)[-1]), excited)
+    found = [name for name, rest in (("even", 0), ("odd", 1)) if (free % 2 == rest).any()]
+    distortion = {2: "yes", 1: f"{''.join(found)} only", 0: "no: every line is excited"}[len(found)]
+    if not signals.periodic:
+        distortion = "no: needs a periodic excitation with lines left out"
+    return {
+        "stiffness and damping": stiffness,
+        "margins": loop,
+        "controller block": controller,
+        "amplifier block": amplifier,
+        "nonlinear distortion": distortion,
+    }

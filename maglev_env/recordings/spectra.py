@@ -1,0 +1,139 @@
+"""A recording as arrays, and its line statistics: by whole periods, or by local polynomials where nothing repeats."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from estimation.local_polynomial import local_polynomial
+from estimation.periods import LineStatistics, held, line_statistics, period_spectra, split_periods, transient_periods
+from maglev_env.loop.axes import AXES
+from maglev_env.loop.gains import Controllers, of_axis
+from maglev_env.recordings.campaign_tables import EXCITATION_CHANNEL
+from maglev_env.rig.excitation import PLACES, Excitation, axis_excitations, lines_at
+
+ANALYSED = ("displacement", "command", "force", "current", "injection")
+
+
+@dataclass(frozen=True)
+class RecordedSignals:
+    """A recording as arrays: channel name -> (samples,) in SI, sample_rate Hz, and what excited it.
+
+    axes: 2 when its channels end in _x and _y. axis: which one of two axes these signals are of. hold_rate: Hz at which
+    a converter held the force channel (without one, the current), None where it is the reading of a continuous one.
+    elsewhere: harmonics that something else drives, across the axis that these signals are of. assumed: in words, what
+    was assumed to get here.
+    """
+
+    channels: dict[str, np.ndarray]
+    sample_rate: float
+    excitations: tuple[Excitation, ...]
+    hold_rate: float | None = None
+    gains: Controllers | None = None
+    assumed: tuple[str, ...] = ()
+    axes: int = 1
+    axis: int | None = None
+    elsewhere: np.ndarray = field(default_factory=lambda: np.zeros(0, int))
+
+    @property
+    def periodic(self) -> bool:
+        return any(e.periodic for e in self.excitations)
+
+
+@dataclass(frozen=True)
+class RecordSpectra:
+    """Line statistics of a recording: at every line that it resolves, and of its force lines with the force freed of
+    its converter's hold.
+
+    driven: lines excited at "force", "current" and "reference". transient_periods: leading ones that were dropped;
+    leftover: samples that no period takes.
+    """
+
+    all: LineStatistics
+    force: LineStatistics
+    driven: Mapping[str, np.ndarray]
+    transient_periods: int
+    leftover: int
+
+
+def axis_signals(signals: RecordedSignals, axis: int) -> RecordedSignals:
+    """One axis (0: x, 1: y) of an x-y recording under one-axis names, with what excites it along that axis.
+
+    D's direct coefficients (eq 5.10-5.12) are those of these signals.
+    """
+    if signals.axes == 1:
+        return signals
+    ending = f"_{AXES[axis]}"
+    other = f"_{AXES[1 - axis]}"
+    # What belongs to no axis, as the speed does, goes with each; a channel of this axis comes before it.
+    shared = {
+        name: v for name, v in signals.channels.items() if not name.endswith((ending, other)) and name not in ANALYSED
+    }
+    channels = {name.removesuffix(ending): v for name, v in signals.channels.items() if name.endswith(ending)} | shared
+    own = axis_excitations(signals.excitations, axis)
+    elsewhere = np.setdiff1d(lines_at(signals.excitations), lines_at(own))
+    gains = signals.gains and of_axis(signals.gains, axis)
+    return replace(signals, channels=channels, excitations=own, gains=gains, axes=1, axis=axis, elsewhere=elsewhere)
+
+
+def record_spectra(signals: RecordedSignals) -> RecordSpectra:
+    """Line statistics of one recording; the force freed of its converter's hold.
+
+    A periodic one gives every harmonic up to the highest excited, over its steady periods; another one the lines of
+    `local_polynomial` against the channel that its excitation is recorded in. ValueError when nothing is excited, or
+    several excitations are not periodic.
+    """
+    if all(e.kind == "none" for e in signals.excitations):
+        raise ValueError("nothing is excited along this axis: there is no response to it")
+    if signals.periodic:
+        statistics, dropped, rest = _periodic(signals)
+        driven = {place: lines_at(signals.excitations, place) for place in PLACES}
+    else:
+        recorded = [e for e in signals.excitations if e.kind == "recorded"]
+        if len(recorded) != 1:
+            raise ValueError(f"{len(recorded)} recorded excitations: responses need exactly one, or a periodic one")
+        statistics, dropped, rest = _aperiodic(signals, recorded[0]), 0, 0
+        driven = {place: statistics.lines[: None if place == recorded[0].at else 0] for place in PLACES}
+    force = statistics.at_lines(driven["force"])
+    if signals.hold_rate:
+        for name in force.channels:
+            force = held(force, name, signals.hold_rate) if name.partition("_")[0] == "force" else force
+    return RecordSpectra(statistics, force, driven, dropped, rest)
+
+
+def _stacked(signals: RecordedSignals) -> tuple[tuple[str, ...], np.ndarray]:
+    names = tuple(n for n in signals.channels if n.partition("_")[0] in ANALYSED)
+    return names, np.stack([signals.channels[n] for n in names])
+
+
+def _periodic(signals: RecordedSignals) -> tuple[LineStatistics, int, int]:
+    periodic = [e for e in signals.excitations if e.periodic]
+    per_period = periodic[0].samples_per_period(signals.sample_rate)
+    names, stack = _stacked(signals)
+    driven = np.union1d(lines_at(periodic), signals.elsewhere)
+    lines = np.arange(1, driven.max() + 1)
+    spectra = np.stack([period_spectra(p, lines) for p in split_periods(stack, per_period)])
+    moved = [i for i, name in enumerate(names) if name.partition("_")[0] == "displacement"]
+    seen = spectra[:, moved][..., np.isin(lines, driven)].reshape(len(spectra), -1)
+    dropped = transient_periods(seen)
+    statistics = line_statistics(spectra[dropped:], periodic[0].fundamental, lines, names)
+    return statistics, dropped, stack.shape[1] % per_period
+
+
+def _aperiodic(signals: RecordedSignals, excitation: Excitation) -> LineStatistics:
+    names, stack = _stacked(signals)
+    name = EXCITATION_CHANNEL[excitation.at]
+    if signals.axes == 2:
+        shares = zip(excitation.components, AXES, strict=True)
+        reference: str | np.ndarray = sum(c * _channel(signals, f"{name}_{axis}") for c, axis in shares)
+    elif name in names:
+        reference = name
+    else:
+        reference = _channel(signals, name)
+    return local_polynomial(stack, names, signals.sample_rate, reference, excitation.band)
+
+
+def _channel(signals: RecordedSignals, name: str) -> np.ndarray:
+    if name not in signals.channels:
+        raise ValueError(f"the recorded excitation needs the channel {name}: its waveform is that channel")
+    return signals.channels[name]

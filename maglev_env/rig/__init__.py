@@ -1,0 +1,1 @@
+"""A rig: its parameters, its controllers and the excitation of its experiment."""

@@ -1,0 +1,370 @@
+"""A rig: the frozen physical parameters of a levitated rotor, read from a TOML file and checked."""
+
+import tomllib
+from collections.abc import Mapping
+from dataclasses import MISSING, dataclass, field, fields, replace
+from importlib import resources
+from math import inf
+from pathlib import Path
+from typing import Any
+
+from maglev_env.fields import check_known, check_range, increasing_pair, quantity, table_as
+from maglev_env.loop.axes import AXES, NO_CROSS, Cross
+from maglev_env.loop.effect import EFFECTS, Effects, check_effects, effect
+from maglev_env.loop.gains import Controllers, Gains, LinearController, of_axis
+from maglev_env.loop.magnets.check import check_magnet
+from maglev_env.loop.self_sensor import SelfSensing
+from maglev_env.rig.excitation import Excitation, axis_excitations, check_harmonics, check_interleaved, is_number
+
+SCHEMA = "maglev-rig/1"
+MAGNETS = ("hybrid_pair", "electromagnet_pair", "electromagnet", "magnet_coil", "none")
+FLUX_PATHS = ("gap", "magnet")
+PRESETS = ("hmb_free", "hmb_radial", "hmb_axial", "pedestal", "eframe")
+ROTORS = ("pump",)  # presets of `rotor.rotor`, beside these
+MAX_FILE_BYTES = 1_000_000
+
+
+@dataclass(frozen=True)
+class Protocol:
+    """The rig's identification experiment: what is excited, for how long, and the estimation bands (Hz)."""
+
+    excitations: tuple[Excitation, ...]
+    periods: int = 5
+    transient_periods: int = 1
+    band_width: float = 15.0
+    band_overlap: float = 12.0
+
+    def __post_init__(self) -> None:
+        check_interleaved(self.excitations)
+        for name in ("periods", "transient_periods"):
+            if type(getattr(self, name)) is not int:
+                raise ValueError(f"[protocol]: {name} = {getattr(self, name)!r} must be a whole number")
+        for name in ("band_width", "band_overlap"):
+            if not is_number(getattr(self, name)):
+                raise ValueError(f"[protocol]: {name} = {getattr(self, name)!r} is not a finite number")
+        if self.periods < 2 or self.transient_periods < 0:
+            raise ValueError("[protocol]: periods must be at least 2 and transient_periods at least 0")
+        if not 0 <= self.band_overlap < self.band_width:
+            raise ValueError("[protocol]: band_overlap must be at least 0 and smaller than band_width")
+
+
+@dataclass(frozen=True)
+class Noise:
+    """White noise, rms per sample: displacement (m, inside the loop), force (N) and current (A) readings."""
+
+    displacement: float = 0.0
+    force: float = 0.0
+    current: float = 0.0
+
+    def __post_init__(self) -> None:
+        for f in fields(self):
+            v = getattr(self, f.name)
+            if not (is_number(v) and v >= 0):
+                raise ValueError(f"[noise]: {f.name} = {v} must be a number, at least 0")
+
+
+@dataclass(frozen=True)
+class Target:
+    """What a good support is: target stiffness N/m and damping N s/m (None: those of the preset gains) in band (Hz),
+    the largest peak sensitivity, and the rms current (A) at which the current term halves."""
+
+    band: tuple[float, float] = (60.0, 120.0)
+    stiffness: float | None = None
+    damping: float | None = None
+    peak_sensitivity: float = 2.5
+    current_limit: float = 1.0
+
+    def __post_init__(self) -> None:
+        for name in ("stiffness", "damping", "peak_sensitivity", "current_limit"):
+            value = getattr(self, name)
+            if not (value is None and name in ("stiffness", "damping")) and not (is_number(value) and value > 0):
+                raise ValueError(f"[target]: {name} = {value!r} must be a number above 0")
+
+
+@dataclass(frozen=True)
+class Rig:
+    """Physical parameters of a levitated rotor, SI; each field's metadata holds its unit and physical range.
+
+    A rig of two axes has the same parameters in x and y but for what per_axis changes; cross couples them, gains is one
+    controller for both or a pair (None: not stated, see `defaults.with_defaults`), and the clearance is round.
+    actuator_gain (N/A) and negative_stiffness (N/m, < 0), when given, calibrate the magnet's force law. force_constant
+    and force_exponent are a magnet_coil's. bias_current = 0 of a single-sided magnet: the one that carries the weight.
+    effects: what the rig has beyond these parameters, in every experiment on it.
+    adc_bits or dac_bits = 0 means an ideal converter.
+    """
+
+    name: str
+    magnet: str
+    mass: float = quantity("kg", 1e-6, 1e5)
+    support_stiffness: float = quantity("N/m", 0.0, 1e10, 0.0)
+    support_damping: float = quantity("N s/m", 0.0, 1e7, 0.0)
+    gap: float = quantity("m", 1e-6, 0.1, 1e-3)
+    clearance: float = quantity("m", 1e-7, 0.1, 0.0)
+    turns: float = quantity("", 1.0, 1e5, 1.0)
+    pole_area: float = quantity("m2", 1e-9, 1.0, 1e-4)
+    magnet_area: float = quantity("m2", 1e-9, 1.0, 1e-4)
+    magnet_length: float = quantity("m", 1e-6, 1.0, 1e-3)
+    remanence: float = quantity("T", 0.0, 3.0, 0.0)
+    recoil_permeability: float = quantity("mu_0", 0.5, 100.0, 1.05)
+    force_constant: float | None = quantity("N m^n/A", 1e-60, 1e6, None)
+    force_exponent: float | None = quantity("", 1.0, 10.0, None)
+    flux_path: str = "gap"
+    bearings: int = quantity("", 1, 16, 1)
+    bias_current: float = quantity("A", 0.0, 1e3, 0.0)
+    actuator_gain: float | None = quantity("N/A", 1e-6, 1e6, None)
+    negative_stiffness: float | None = quantity("N/m", -1e9, 0.0, None)
+    coil_inductance: float | None = quantity("H", 1e-9, 1e3, None)
+    coil_resistance: float = quantity("ohm", 0.0, 1e4, 0.0)
+    supply_voltage: float = quantity("V", 0.1, 1e5, 24.0)
+    amplifier_gain: float = quantity("A/V", 1e-4, 1e4, 1.0)
+    amplifier_time_constant: float = quantity("s", 0.0, 0.1, 0.0)
+    sensor_time_constant: float = quantity("s", 0.0, 0.1, 0.0)
+    probe_gain: float = quantity("V/m", 1e-3, 1e9, 8000.0)
+    adc_bits: int = quantity("bit", 0, 32, 16)
+    dac_bits: int = quantity("bit", 0, 32, 14)
+    voltage_range: float = quantity("V", 0.1, 1e4, 10.0)
+    control_rate: float = quantity("Hz", 100.0, 1e6, 20000.0)
+    gravity: float = quantity("m/s2", 0.0, 100.0, 9.80665)
+    axes: int = 1
+    per_axis: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    cross: Cross = NO_CROSS
+    gains: Controllers | None = None
+    noise: Noise = Noise()
+    bounds: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    protocol: Protocol | None = None
+    target: Target = Target()
+    tolerance: Mapping[str, float] = field(default_factory=dict)
+    randomization: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    self_sensing: SelfSensing = field(default_factory=SelfSensing)
+    effects: Effects = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        if self.magnet not in MAGNETS:
+            raise ValueError(f"magnet = {self.magnet!r}; use one of {', '.join(MAGNETS)}")
+        if self.flux_path not in FLUX_PATHS:
+            raise ValueError(f"flux_path = {self.flux_path!r}; use one of {', '.join(FLUX_PATHS)}")
+        if not isinstance(self.name, str) or not self.name:
+            raise ValueError(f"name = {self.name!r} must be a text")
+        if type(self.axes) is not int or self.axes not in (1, 2):
+            raise ValueError(f"axes = {self.axes!r}; use 1, or 2 for x and y")
+        if self.axes == 1 and (self.per_axis or self.cross != NO_CROSS or isinstance(self.gains, tuple)):
+            raise ValueError("[axis], [cross] and gains per axis need axes = 2")
+        if self.axes == 1 and self.protocol and any(e.components[1] for e in self.protocol.excitations):
+            raise ValueError("[protocol]: an excitation's direction needs axes = 2")
+        if isinstance(self.gains, tuple) and len(self.gains) != 2:
+            raise ValueError(f"gains: {len(self.gains)} controllers; give one for both axes, or one for each")
+        for axis, own in self.per_axis.items():
+            check_known((axis,), AXES, "[axis]")
+            if not isinstance(own, Mapping):
+                raise ValueError(f"[axis.{axis}] = {own!r} must be a table")
+            for key in own:
+                check_known((key,), _PER_AXIS, f"[axis.{axis}]")
+        if not self.clearance:
+            object.__setattr__(self, "clearance", self.gap)
+        for f in fields(self):
+            if f.metadata:
+                check_range(f.name, getattr(self, f.name), f.metadata)
+        if self.clearance > self.gap:
+            raise ValueError(f"clearance = {self.clearance} m is larger than the gap {self.gap} m")
+        for axis, name in enumerate(AXES if self.per_axis else ()):
+            try:  # an axis' own parameters are checked like the common ones
+                axis_rig(self, axis)
+            except ValueError as error:
+                raise ValueError(f"[axis.{name}]: {error}") from None
+        check_magnet(self)
+        check_effects(self.effects, self)
+
+    @property
+    def controlled(self) -> bool:
+        """Whether the rig has an actuator for a controller to use."""
+        return self.magnet != "none"
+
+
+PARAMETERS: Mapping[str, Mapping[str, Any]] = {
+    f.name: f.metadata or {"unit": "", "low": -inf, "high": inf}
+    for f in fields(Rig)
+    if f.metadata or f.name == "flux_path"
+}
+
+
+def with_parameters(rig: Rig, parameters: Mapping[str, Any]) -> Rig:
+    """The rig with some physical parameters replaced; ValueError names an unknown or unphysical one."""
+    check_known(parameters, PARAMETERS, "[parameters]")
+    if "gap" in parameters and "clearance" not in parameters and rig.clearance == rig.gap:
+        parameters = {**parameters, "clearance": parameters["gap"]}
+    return replace(rig, **parameters)
+
+
+def axis_rig(rig: Rig, axis: int) -> Rig:
+    """Axis 0 (x) or 1 (y) of a rig as a one-axis rig with its own parameters and controller, uncoupled.
+
+    Of the protocol it has its share: what acts along the axis, as much of it as does.
+    """
+    if rig.axes == 1:
+        return rig
+    gains, protocol = rig.gains and of_axis(rig.gains, axis), rig.protocol
+    if protocol:
+        protocol = replace(protocol, excitations=axis_excitations(protocol.excitations, axis))
+    effects = {name: values for name, values in rig.effects.items() if "two_axes" not in EFFECTS[name].needs}
+    own = replace(rig, axes=1, per_axis={}, cross=NO_CROSS, gains=gains, protocol=protocol, effects=effects)
+    return with_parameters(own, rig.per_axis.get(AXES[axis], {}))
+
+
+def load_rig(source: str | Path) -> Rig:
+    """A preset by name, or a rig TOML by path. ValueError names the file and key; OSError when it cannot be read."""
+    if str(source) in PRESETS:
+        text = (resources.files("maglev_env") / "rigs" / f"{source}.toml").read_text()
+        return rig_from_toml(text, str(source))
+    path = Path(source)
+    if str(source) in ROTORS:
+        raise ValueError(f"{source} is a spinning rotor in five degrees of freedom, not a rig: use maglev runup")
+    if path.suffix != ".toml":
+        raise ValueError(f"rig {str(source)!r} is neither a preset ({', '.join(PRESETS)}) nor a .toml file")
+    if not path.exists():
+        raise FileNotFoundError(
+            f"rig file {str(path)!r} does not exist; name a .toml with / between folders, or a preset"
+        )
+    if path.stat().st_size > MAX_FILE_BYTES:
+        raise ValueError(f"{path}: larger than {MAX_FILE_BYTES} bytes; that is not a rig file")
+    return rig_from_toml(path.read_text(), str(path))
+
+
+def rig_from_toml(text: str, where: str) -> Rig:
+    """Parse and check a rig TOML (schema maglev-rig/1); `where` names it in messages."""
+    try:
+        return _build(tomllib.loads(text))
+    except RecursionError:
+        raise ValueError(f"{where}: tables or lists lie too deep; a rig file has one level of them") from None
+    except (ValueError, TypeError, ArithmeticError) as error:
+        raise ValueError(f"{where}: {error}") from error
+
+
+# What one axis may have otherwise than the rig: not what belongs to the one bore, controller board and kind of magnet.
+_COMMON = ("control_rate", "clearance", "gravity", "flux_path", "adc_bits", "dac_bits")
+_PER_AXIS = [name for name in PARAMETERS if name not in _COMMON]
+_TABLES = (
+    *("parameters", "axis", "cross", "gains", "noise", "bounds"),
+    *("protocol", "target", "tolerance", "randomization", "self_sensing", "effects"),
+)
+
+
+def _build(data: dict[str, Any]) -> Rig:
+    if data.get("schema") != SCHEMA:
+        raise ValueError(f'schema = {data.get("schema")!r}; this version reads schema = "{SCHEMA}"')
+    for key, value in data.items():
+        if key in _TABLES and not isinstance(value, dict):
+            raise ValueError(f"[{key}] = {value!r} must be a table")
+        check_known((key,), ("schema", "name", "magnet", "axes", *_TABLES), "top level")
+    for key in ("name", "magnet", "parameters"):
+        if key not in data:
+            raise ValueError(f"{key} is missing")
+    check_known(data["parameters"], PARAMETERS, "[parameters]")
+    if "mass" not in data["parameters"]:
+        raise ValueError("[parameters]: mass is missing")
+    bounds = {k: increasing_pair(v, f"[bounds] {k}") for k, v in data.get("bounds", {}).items()}
+    check_known(bounds, [f.name for f in fields(Gains)], "[bounds]")
+    for key, value in data.get("tolerance", {}).items():
+        check_known((key,), PARAMETERS, "[tolerance]")
+        if not (is_number(value) and 0 <= value < 1):
+            raise ValueError(f"[tolerance]: {key} = {value} must be a relative 1-sigma uncertainty in 0 .. 1")
+    drawn = data.get("randomization", {})
+    randomization = {key: increasing_pair(value, f"[randomization] {key}") for key, value in drawn.items()}
+    for key, pair in randomization.items():
+        check_known((key,), [name for name, meta in PARAMETERS.items() if meta["unit"]], "[randomization]")
+        if not pair[0] > 0:
+            raise ValueError(f"[randomization]: {key} = {list(pair)} must be two factors above 0")
+    target = dict(data.get("target", {}))
+    if "band" in target:
+        target["band"] = increasing_pair(target["band"], "[target] band")
+    return Rig(
+        name=data["name"],
+        magnet=data["magnet"],
+        axes=data.get("axes", 1),
+        **data["parameters"],
+        per_axis=data.get("axis", {}),
+        cross=table_as(Cross, data, "cross"),
+        gains=controllers_from_table(data["gains"], "gains") if "gains" in data else None,
+        noise=table_as(Noise, data, "noise"),
+        bounds=bounds,
+        protocol=_protocol(data["protocol"]) if "protocol" in data else None,
+        target=table_as(Target, {"target": target}, "target"),
+        tolerance=data.get("tolerance", {}),
+        randomization=randomization,
+        self_sensing=table_as(SelfSensing, data, "self_sensing"),
+        effects=_effects(data.get("effects", {})),
+    )
+
+
+def _effects(tables: Mapping[str, Any]) -> Effects:
+    """[effects] with one table per effect; what a table leaves out has its default."""
+    found: dict[str, Mapping[str, float]] = {}
+    for name, values in tables.items():
+        check_known((name,), EFFECTS, "[effects]")
+        first = next(iter(EFFECTS[name].parameters))
+        if not isinstance(values, Mapping):
+            raise ValueError(f"[effects]: {name} = {values!r} must be a table: [effects.{name}] with {first} = ...")
+        for key, value in values.items():
+            check_known((key,), EFFECTS[name].parameters, f"[effects.{name}]")
+            if isinstance(value, bool) or not isinstance(value, int | float):
+                raise ValueError(f"[effects.{name}]: {key} = {value!r} is not a number")
+        try:
+            found |= effect(name, **values)
+        except ValueError as error:
+            raise ValueError(f"[effects.{name}]: {error}") from None
+    return found
+
+
+def controllers_from_table(table: Any, where: str) -> Controllers:
+    """Controllers from a TOML table: gains, numerator and denominator, or a table of either for each of x and y.
+
+    ValueError names the axis that is missing, or the key that is unknown or missing; `where` begins its message.
+    """
+    if not isinstance(table, Mapping):
+        raise ValueError(f"{where} = {table!r} must be a table")
+    if any(key in AXES for key in table):
+        for key in table:
+            check_known((key,), AXES, where)
+        if missing := [axis for axis in AXES if axis not in table]:
+            raise ValueError(f"{where}: axis {missing[0]} has none; give {where}.x and {where}.y, or one for both")
+        for axis in AXES:
+            if isinstance(table[axis], Mapping) and any(key in AXES for key in table[axis]):
+                raise ValueError(f"{where}.{axis}: x and y again; give one controller")
+        return tuple(controllers_from_table(table[axis], f"{where}.{axis}") for axis in AXES)
+    cls = LinearController if {"numerator", "denominator"} & set(table) else Gains
+    check_known(table, [f.name for f in fields(cls)], where)
+    if missing := [f.name for f in fields(cls) if f.default is MISSING and f.name not in table]:
+        raise ValueError(f"{where}: {', '.join(missing)} missing")
+    try:
+        return cls(**{key: tuple(v) if isinstance(v, list) else v for key, v in table.items()})
+    except ValueError as error:
+        raise ValueError(f"{where}: {error}") from None
+
+
+def _protocol(data: dict[str, Any]) -> Protocol:
+    data = dict(data)
+    excitations = tuple(excitation_from_table(e) for e in data.pop("excitation", []))
+    if not excitations:
+        raise ValueError("[protocol]: give at least one [[protocol.excitation]]")
+    return table_as(Protocol, {"protocol": {**data, "excitations": excitations}}, "protocol")
+
+
+def excitation_from_table(table: Mapping[str, Any], ignored: tuple[str, ...] = ()) -> Excitation:
+    """An Excitation from a TOML table; `harmonics = [first, last]` is short for all lines between them."""
+    table = {k: v for k, v in table.items() if k not in ignored}
+    harmonics = table.pop("harmonics", None)
+    if harmonics is not None:
+        first, last = increasing_pair(harmonics, "excitation: harmonics")
+        check_harmonics((first, last), "harmonics")
+        if "lines" in table:
+            raise ValueError("excitation: give lines or harmonics, not both")
+        table["lines"] = range(int(first), int(last) + 1)
+    check_known(table, [f.name for f in fields(Excitation)], "excitation")
+    if "kind" not in table:
+        raise ValueError("excitation: kind is missing")
+    if "band" in table:
+        table["band"] = increasing_pair(table["band"], "excitation band")
+    if "lines" in table:
+        if not isinstance(table["lines"], list | tuple | range):
+            raise ValueError(f"excitation: lines = {table['lines']!r}; give a list of harmonic numbers")
+        table["lines"] = tuple(table["lines"])
+    return Excitation(**table)

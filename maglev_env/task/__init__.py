@@ -1,0 +1,1 @@
+"""The task that environments and tuners share: episodes, gain box, observation, reward."""

@@ -1,0 +1,81 @@
+"""Episodes: a rig drawn around the nominal one, a target, where tuning starts."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from maglev_env.evaluation.score import ScoreTarget
+from maglev_env.loop.gains import of_axis
+from maglev_env.rig.rig import Rig, axis_rig, with_parameters
+from maglev_env.task.gain_box import GainBox
+
+RANDOMIZATIONS = ("none", "tolerances", "wide")
+WIDE = (0.75, 1.35)  # factors of a parameter drawn wide whose rig states no [randomization]
+TARGET_RANGE = (0.8, 1.5)  # factors of a drawn target over the nominal one
+START = 0.5  # weight of the random point in where tuning starts; the rest is the preset
+
+
+@dataclass(frozen=True, eq=False)
+class Episode:
+    """A drawn rig, what it is scored against, the first action (k,) and the seed of its noise."""
+
+    rig: Rig
+    target: ScoreTarget
+    start: np.ndarray
+    seed: int
+
+
+def check_randomization(rig: Rig, randomization: str) -> None:
+    """ValueError when the name is unknown, or the rig states nothing to draw."""
+    if randomization not in RANDOMIZATIONS:
+        raise ValueError(f"randomization = {randomization!r}; use one of {', '.join(RANDOMIZATIONS)}")
+    if randomization == "tolerances" and not rig.tolerance:
+        raise ValueError(f"randomization = 'tolerances': rig {rig.name} has no [tolerance]")
+    if randomization == "wide" and not wide_factors(rig):
+        raise ValueError(f"randomization = 'wide': rig {rig.name} has neither [randomization] nor [tolerance]")
+
+
+def wide_factors(rig: Rig) -> Mapping[str, tuple[float, float]]:
+    """Factors that "wide" draws log-uniformly: the rig's [randomization], else WIDE for what has a tolerance."""
+    return rig.randomization or {name: WIDE for name in rig.tolerance if getattr(rig, name) is not None}
+
+
+def log_spread(ends: tuple[float, float]) -> float:
+    """Standard deviation of the logarithm of a factor that is drawn log-uniformly between its ends."""
+    return float(np.log(ends[1] / ends[0]) / np.sqrt(12))
+
+
+def tolerance_factors(rig: Rig, rng: np.random.Generator) -> dict[str, float]:
+    """Factors of its parameters within their data-sheet tolerance (1 sigma, of the logarithm), in the rig's order."""
+    return {name: float(np.exp(rng.normal(0.0, sigma))) for name, sigma in rig.tolerance.items()}
+
+
+def scaled_rig(rig: Rig, factors: Mapping[str, float]) -> Rig:
+    """The rig with its parameters, those of single axes too, times factors; what it leaves open stays so."""
+    changed = {name: getattr(rig, name) * factor for name, factor in factors.items() if getattr(rig, name) is not None}
+    scaled = with_parameters(rig, changed)
+    if rig.axes == 2:  # an axis' own parameters vary with the rig's
+        own = {axis: {n: v * factors.get(n, 1.0) for n, v in values.items()} for axis, values in rig.per_axis.items()}
+        scaled = replace(scaled, per_axis=own)
+        axis_rig(scaled, 0)
+    return scaled
+
+
+def draw_episode(
+    rig: Rig, target: ScoreTarget, box: GainBox, randomization: str, draw_target: bool, rng: np.random.Generator
+) -> Episode:
+    """One episode; every choice comes from rng, in a fixed order."""
+    factors: Mapping[str, float] = {}
+    if randomization == "tolerances":
+        factors = tolerance_factors(rig, rng)
+    elif randomization == "wide":
+        ends = {name: np.log(pair) for name, pair in wide_factors(rig).items()}
+        factors = {name: float(np.exp(rng.uniform(*pair))) for name, pair in ends.items()}
+    drawn = scaled_rig(rig, factors)
+    if draw_target:
+        stiffness, damping = np.exp(rng.uniform(*np.log(TARGET_RANGE), size=2))
+        target = replace(target, stiffness=target.stiffness * stiffness, damping=target.damping * damping)
+    preset = box.point(of_axis(rig.gains, 0))
+    start = START * rng.uniform(-1.0, 1.0, size=len(box.names)) + (1 - START) * preset
+    return Episode(drawn, target, start, int(rng.integers(2**63)))

@@ -1,0 +1,98 @@
+"""The observation: what one identification experiment says, as numbers in [-1, 1]."""
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from maglev_env.evaluation.evaluate import Evaluation
+from maglev_env.evaluation.score import ScoreTarget
+
+BANDS = 5
+# Margins, each from bad (-1) to good (1); a crossing that lies outside the lines counts as far away.
+MARGINS = ("peak_sensitivity", "gain_margin_high", "phase_margin", "disk_margin")
+
+
+@dataclass(frozen=True, eq=False)
+class Layout:
+    """bands (b, 2) Hz; names of the gains tuned; nominal target, the unit of stiffness and damping; budget of
+    experiments; whether the target is part of the observation."""
+
+    bands: np.ndarray
+    gains: tuple[str, ...]
+    nominal: ScoreTarget
+    budget: int
+    drawn_target: bool
+
+    TARGET: ClassVar = ("target_stiffness", "target_damping")
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """What each element is, in order."""
+        per_band = [
+            f"{name}_{low:.0f}_{high:.0f}_hz"
+            for name in ("stiffness", "damping", "stiffness_se", "damping_se")
+            for low, high in self.bands
+        ]
+        target = self.TARGET if self.drawn_target else ()
+        ratios = ("stiffness_over_target", "damping_over_target")
+        return (*per_band, *ratios, *MARGINS, "displacement", "current", *self.gains, "experiments_left", *target)
+
+    def encode(
+        self, e: Evaluation, targets: ScoreTarget, actions: np.ndarray, experiments_left: np.ndarray
+    ) -> np.ndarray:
+        """Observations (n, len(names)) float32. targets: arrays (n,); actions (n, k); experiments_left (n,).
+
+        After a touchdown estimates are 0, their standard errors and levels 1, margins -1.
+        """
+        n, k, c = len(e.score), self.nominal.stiffness, self.nominal.damping
+        down = ~np.isnan(e.touchdown_time)
+        estimates = [_signed(e.band_stiffness / k), _signed(e.band_damping / c)]
+        errors = [decades(e.band_stiffness_se / k, -4, 1), decades(e.band_damping_se / c, -4, 1)]
+        ratios = np.stack([ratio(e.stiffness / targets.stiffness), ratio(e.damping / targets.damping)], axis=1)
+        with np.errstate(invalid="ignore", divide="ignore"):
+            peak = 1 - 2 * np.log(e.margins["peak_sensitivity"]) / np.log(20.0)
+            room = [
+                2 * np.log(e.margins["gain_margin_high"]) / np.log(20.0) - 1,
+                2 * e.margins["phase_margin"] / 90.0 - 1,
+                2 * e.margins["disk_margin"] - 1,
+            ]
+        margins = np.stack([_filled(peak, -1.0), *(_filled(m, 1.0) for m in room)], axis=1)
+        margins[down] = -1.0
+        levels = [decades(e.peak_displacement / targets.clearance, -3, 0)]
+        levels += [decades(e.current_rms / targets.current_limit, -3, 1)]
+        left = 2 * experiments_left / self.budget - 1
+        parts = [*estimates, *errors, ratios, margins, np.stack(levels, axis=1), actions, left[:, None]]
+        if self.drawn_target:
+            parts.append(self.of_target(targets))
+        return np.clip(np.concatenate(parts, axis=1).reshape(n, -1), -1.0, 1.0).astype(np.float32)
+
+    def of_target(self, targets: ScoreTarget) -> np.ndarray:
+        """The elements (n, 2) that say what the targets, arrays (n,), are."""
+        stiffness, damping = (
+            ratio(targets.stiffness / self.nominal.stiffness),
+            ratio(targets.damping / self.nominal.damping),
+        )
+        return np.stack([stiffness, damping], axis=1)
+
+
+def _filled(x: np.ndarray, value: float) -> np.ndarray:
+    return np.where(np.isfinite(x), x, value)
+
+
+def _signed(x: np.ndarray) -> np.ndarray:
+    """Signed logarithm: 0 at 0, about a half at 1, 1 at 20; unknown is 0."""
+    return _filled(np.arcsinh(10 * x) / np.arcsinh(200.0), 0.0)
+
+
+def decades(x: np.ndarray, low: float, high: float) -> np.ndarray:
+    """-1 at 10^low, 1 at 10^high and where unknown."""
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return _filled(2 * (np.log10(x) - low) / (high - low) - 1, 1.0)
+
+
+def ratio(x: np.ndarray) -> np.ndarray:
+    """Logarithm of a ratio: 0 on target, +-1 a factor of five off; -1 where not positive, 0 where unknown."""
+    with np.errstate(invalid="ignore", divide="ignore"):
+        scaled = np.log(np.where(x > 0, x, np.nan)) / np.log(5.0)
+    return np.where(np.isnan(x), 0.0, np.where(x > 0, scaled, -1.0))

@@ -1,0 +1,209 @@
+"""The task behind the environments: episodes and experiments in batches, the same for one environment or many."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Protocol
+
+import numpy as np
+
+from maglev_env.design.defaults import with_defaults
+from maglev_env.evaluation.evaluate import Evaluation, evaluate, score_target
+from maglev_env.evaluation.score import ScoreTarget, stacked
+from maglev_env.experiment import SENSORS, Experiment, axis_experiment, rig_sensors
+from maglev_env.loop.effect import Effects, check_effects
+from maglev_env.rig.excitation import is_number, lines_at
+from maglev_env.rig.rig import Rig, axis_rig, load_rig
+from maglev_env.task.episodes import Episode, check_randomization, draw_episode
+from maglev_env.task.gain_box import TUNED, GainBox, gain_box
+from maglev_env.task.observation import BANDS, Layout
+from maglev_env.task.protocol import env_protocol
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+TOUCHDOWN_REWARD = -1.0
+
+
+class Tuning(Protocol):
+    """What an environment asks of its task. An episode has a `start`, the first action; what was found has
+    touchdown_time (n,), nan without one, score (n,) and terms."""
+
+    name: str
+    box: GainBox
+    layout: Any  # has the names of the observation's elements
+    budget: int
+    terminate_on_touchdown: bool
+
+    def tried(self, last: np.ndarray, actions: np.ndarray) -> np.ndarray:
+        """Points of the box (..., k) that actions ask for after `last`."""
+
+    def draw(self, rng: np.random.Generator) -> Any:
+        """A new episode."""
+
+    def measure(
+        self, episodes: Sequence[Any], actions: np.ndarray, counts: Sequence[int], threads: int | None
+    ) -> tuple[Any, np.ndarray]:
+        """What was found, and observations (n, size), in experiment counts[i] of each episode."""
+
+    def told(self, found: Any) -> dict[str, np.ndarray]:
+        """What of it goes into the info beside gains and terms: arrays (n, ...) by name."""
+
+    def picture(self, episode: Any, history: Sequence[tuple[np.ndarray, dict[str, Any]]]) -> "Figure":
+        """An episode's experiments so far, (action, info), oldest first."""
+
+
+@dataclass(frozen=True, eq=False)
+class Task:
+    """What the arguments of an environment mean, checked; see `envs.single.RigEnv`."""
+
+    rig: Rig
+    box: GainBox
+    layout: Layout
+    target: ScoreTarget
+    randomization: str
+    draw_target: bool
+    effects: Effects
+    budget: int
+    terminate_on_touchdown: bool
+    move: float | None
+    sensor: str
+
+    @property
+    def name(self) -> str:
+        """The rig's."""
+        return self.rig.name
+
+    def tried(self, last: np.ndarray, actions: np.ndarray) -> np.ndarray:
+        """Points of the box (..., k) that actions ask for after `last`: the actions themselves, or moves from there."""
+        return actions if self.move is None else np.clip(last + self.move * actions, -1.0, 1.0)
+
+    def draw(self, rng: np.random.Generator) -> Episode:
+        """A new episode; all of it comes from rng."""
+        return draw_episode(self.rig, self.target, self.box, self.randomization, self.draw_target, rng)
+
+    def measure(
+        self, episodes: Sequence[Episode], actions: np.ndarray, counts: Sequence[int], threads: int | None
+    ) -> tuple[Evaluation, np.ndarray]:
+        """Evaluation and observations (n, size) of experiment counts[i] (from 0, the start) of each episode."""
+        gains = self.box.gains(actions)
+        experiments = [self.experiment(e, g, count) for e, g, count in zip(episodes, gains, counts, strict=True)]
+        targets = [e.target for e in episodes]
+        found = evaluate(experiments, threads, targets=targets, bands=self.layout.bands)
+        left = self.budget - np.asarray(counts)
+        return found, self.layout.encode(found, stacked(targets), actions, left)
+
+    def experiment(self, episode: Episode, gains: np.ndarray, count: int) -> Experiment:
+        """The count-th identification experiment of an episode at the given gains (k,)."""
+        rig, p = episode.rig, episode.rig.protocol
+        tried = self.box.applied(rig.gains, gains)
+        seed = (episode.seed, count)
+        # A drawn rig is sensed by an estimator made for the nominal one.
+        sensor = "probe" if self.sensor == "probe" else rig_sensors(rig, self.rig)
+        return Experiment(
+            rig, tried, p.excitations, p.periods, p.transient_periods, self.effects, seed=seed, sensor=sensor
+        )
+
+    def told(self, found: Evaluation) -> dict[str, np.ndarray]:
+        """Estimates, margins, peaks and the score, (n, ...) by name."""
+        return {name: getattr(found, name) for name in _TOLD} | found.margins
+
+    def picture(self, episode: Episode, history: Sequence[tuple[np.ndarray, dict[str, Any]]]) -> "Figure":
+        """An episode's experiments so far, (action, info), oldest first."""
+        from maglev_env.envs.pictures.episode import episode_figure
+
+        return episode_figure(self, episode, history)
+
+
+def make_task(
+    rig: str | Path | Rig = "hmb_free",
+    tuned: Sequence[str] = TUNED,
+    bounds: Mapping[str, Sequence[float]] | None = None,
+    randomization: str = "none",
+    draw_target: bool = False,
+    effects: Effects | None = None,
+    protocol: str = "full",
+    sensor: str = "probe",
+    budget: int = 10,
+    terminate_on_touchdown: bool = False,
+    move: float | None = None,
+) -> Task:
+    """Check an environment's arguments; ValueError (OSError for a rig that cannot be read) names the argument."""
+    loaded = rig if isinstance(rig, Rig) else load_rig(rig)
+    if not loaded.controlled:
+        raise ValueError(f"rig = {loaded.name!r} has no controlled magnet: there are no gains to tune")
+    if sensor not in SENSORS:
+        raise ValueError(f"sensor = {sensor!r}; use one of {', '.join(SENSORS)}")
+    check_episode(budget, move)
+    loaded = with_defaults(loaded)
+    check_effects(effects or {}, loaded)
+    check_randomization(loaded, randomization)
+    box = gain_box(loaded, tuned, bounds)
+    # A rotor with two axes is scored by the worse one, against the target of x.
+    target = score_target(axis_rig(loaded, 0))
+    loaded = replace(loaded, protocol=env_protocol(loaded, protocol))
+    p = loaded.protocol
+    nominal = Experiment(
+        loaded, loaded.gains, p.excitations, p.periods, p.transient_periods, effects or {}, sensor=sensor
+    )
+    layout = Layout(_bands(nominal), box.names, target, budget, draw_target)
+    ends = bool(terminate_on_touchdown)
+    return Task(loaded, box, layout, target, randomization, draw_target, effects or {}, budget, ends, move, sensor)
+
+
+def check_episode(budget: int, move: float | None) -> None:
+    """ValueError unless the budget is a count of experiments, and move None or a share of the box."""
+    if isinstance(budget, bool) or not isinstance(budget, int) or budget < 1:
+        raise ValueError(f"budget = {budget!r} experiments; give a whole number, at least 1")
+    if move is not None and not (is_number(move) and 0 < move <= 2):
+        raise ValueError(f"move = {move!r}; give a share of the box above 0 and up to 2, or None")
+
+
+def _bands(nominal: Experiment) -> np.ndarray:
+    """BANDS bands of equal width that share out the force lines; every axis needs two lines in each."""
+    rig, frequency = nominal.rig, []
+    for axis in range(rig.axes):
+        own = axis_experiment(nominal, axis)
+        lines = lines_at(own.excitations, "force")
+        if not lines.size or not lines_at(own.excitations, "current").size:
+            raise ValueError(f"rig {rig.name}: [protocol] needs an excitation at the force and one at the current")
+        frequency.append(lines * own.fundamental)
+    low, high = max(f[0] for f in frequency), min(f[-1] for f in frequency)
+    edges = np.linspace(low, high, BANDS + 1)
+    for f in frequency:
+        if np.histogram(f, edges)[0].min() < 2:
+            raise ValueError(f"rig {rig.name}: [protocol] has too few force lines for {BANDS} bands of two or more")
+    return np.stack([edges[:-1], edges[1:]], axis=1)
+
+
+def rewards(found: Any) -> np.ndarray:
+    """Reward (n,): the score in [0, 1], 0 where the loop is unstable, TOUCHDOWN_REWARD where the rotor touched down."""
+    return np.where(np.isnan(found.touchdown_time), found.score, TOUCHDOWN_REWARD)
+
+
+def infos(task: Tuning, found: Any, actions: np.ndarray) -> list[dict[str, Any]]:
+    """What each experiment says in SI: gains, estimates, margins, score and its terms; what is unknown is left out."""
+    gains = task.box.gains(actions)
+    columns: dict[str, np.ndarray] = {name: gains[:, j] for j, name in enumerate(task.box.names)}
+    columns |= task.told(found)
+    columns |= {f"term_{name}": values for name, values in found.terms.items()}
+    rows: list[dict[str, Any]] = [{} for _ in actions]
+    for name, values in columns.items():
+        plain = values.copy() if values.ndim > 1 else values.tolist()
+        for row, value, known in zip(rows, plain, _known(values), strict=True):
+            if known:
+                row[name] = value
+    return rows
+
+
+_TOLD = (
+    *("stiffness", "stiffness_low", "stiffness_high", "damping", "damping_low", "damping_high"),
+    *("band_stiffness", "band_stiffness_se", "band_damping", "band_damping_se"),
+    *("peak_displacement", "current_rms", "touchdown_time", "pole_radius", "feasible", "score", "axis"),
+    *("gap_error_rms", "gap_error_bias", "gap_error_worst", "added_phase", "margin_lost"),
+)
+
+
+def _known(values: np.ndarray) -> np.ndarray:
+    """Whether each of the values (n, ...) says something whole."""
+    return values != "" if values.dtype.kind == "U" else ~np.isnan(values).any(axis=tuple(range(1, values.ndim)))

@@ -1,0 +1,1 @@
+"""One folder for every command of `maglev`."""

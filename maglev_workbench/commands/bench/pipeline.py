@@ -1,0 +1,178 @@
+"""Whole evaluations: gain sets per second, what each part takes, and how both scale with threads."""
+
+import os
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from functools import partial
+from time import process_time, thread_time
+
+import numpy as np
+import scipy.fft
+
+from estimation.bands import band_slices, sliding_bands
+from estimation.frequency_response import frequency_response
+from estimation.least_squares import least_squares
+from estimation.max_likelihood import maximum_likelihood
+from estimation.periods import line_statistics
+from estimation.stability import margin_arrays
+from maglev_env.evaluation.evaluate import evaluate, force_statistics, score_target
+from maglev_env.experiment import SPECTRAL, Experiment, protocol_experiment
+from maglev_env.kernel.lanes import lane_batch, structure_of
+from maglev_env.kernel.rows import LANES
+from maglev_env.kernel.simulate import simulate_statistics
+from maglev_env.linear.loop import closed_loop_poles
+from maglev_env.rig.excitation import PLACES, lines_at
+from maglev_env.rig.rig import load_rig
+from maglev_lanes.noise import line_noise
+from maglev_lanes.threads import over_threads
+from maglev_workbench.commands.bench.figures import Figure
+from maglev_workbench.commands.bench.kernels import quiet_experiment
+from maglev_workbench.commands.bench.timing import Size, alternately, stepper
+
+_PERIODS_PER_CALL = 4  # a call of the bare kernel then outlasts the start of its threads
+
+
+def rate_figures(size: Size) -> dict[str, Figure]:
+    """Gain sets per second on one thread, two, and all cores, of the one-axis and the x-y rig, and their ratios."""
+    found = {}
+    for rig, prefix in (("hmb_free", ""), ("hmb_radial", "xy_")):
+        experiment = protocol_experiment(load_rig(rig))
+        evaluate([experiment], threads=1)  # compiles
+        sets = {t: _sets(experiment, t, size) for t in _threads()}
+        works = {t: partial(evaluate, sets[t], threads=t) for t in sets}
+        rate = {t: len(sets[t]) / seconds for t, seconds in alternately(works, size.repeats).items()}
+        every = os.cpu_count() or 1
+        found |= {
+            f"{prefix}gain_sets_per_second": Figure(rate[every], "1/s", "higher"),
+            f"{prefix}gain_sets_per_second_one_thread": Figure(rate[1], "1/s", "higher"),
+            f"{prefix}gain_sets_per_second_two_threads": Figure(rate[2], "1/s", "higher"),
+            f"{prefix}gain_sets_two_threads_over_one": Figure(rate[2] / rate[1], "ratio", "higher"),
+            f"{prefix}gain_sets_all_cores_over_one_thread": Figure(rate[every] / rate[1], "ratio", "higher"),
+        }
+    return found
+
+
+def _threads() -> set[int]:
+    return {1, 2, os.cpu_count() or 1}
+
+
+def _sets(experiment: Experiment, threads: int, size: Size) -> list[Experiment]:
+    """Two chunks for every thread."""
+    return [replace(experiment, seed=i) for i in range(2 * threads * size.lanes)]
+
+
+def thread_figures(size: Size) -> dict[str, Figure]:
+    """Lane steps per second of the bare kernel at one thread, two, and all cores, and their ratios."""
+    experiment, repeats = quiet_experiment(), 4 * size.repeats
+    works = {}
+    for threads in _threads():
+        steppers = [stepper([experiment] * LANES, repeats * _PERIODS_PER_CALL) for _ in range(2 * threads)]
+        works[threads] = partial(_run, steppers, threads)
+    best = alternately(works, repeats)
+    steps = _PERIODS_PER_CALL * LANES * experiment.samples_per_period
+    rate = {threads: 2 * threads * steps / seconds for threads, seconds in best.items()}
+    every = os.cpu_count() or 1
+    return {
+        "kernel_steps_per_second": Figure(rate[every], "lane steps/s", "higher"),
+        "kernel_steps_per_second_one_thread": Figure(rate[1], "lane steps/s", "higher"),
+        "kernel_steps_per_second_two_threads": Figure(rate[2], "lane steps/s", "higher"),
+        "kernel_two_threads_over_one": Figure(rate[2] / rate[1], "ratio", "higher"),
+        "kernel_all_cores_over_one_thread": Figure(rate[every] / rate[1], "ratio", "higher"),
+    }
+
+
+def _run(steppers: Sequence[Callable[[], None]], threads: int) -> None:
+    def several(step: Callable[[], None]) -> None:
+        for _ in range(_PERIODS_PER_CALL):
+            step()
+
+    for _ in over_threads(several, steppers, threads):
+        pass
+
+
+def part_figures(size: Size) -> dict[str, Figure]:
+    """Milliseconds per gain set of each part of an evaluation on one thread, and what they explain of the whole.
+
+    evaluation_cores_used: processor time of all threads over that of the calling one: above 1 the linear algebra runs
+    threads of its own, which cost more than they bring on matrices as small as these.
+    """
+    experiments = [replace(protocol_experiment(load_rig("hmb_free")), seed=i) for i in range(size.lanes)]
+    repeats = 2 * size.repeats
+    works = _parts(experiments, repeats)
+    periods = experiments[0].periods + experiments[0].transient_periods
+    scales = dict.fromkeys(works, 1.0) | {"kernel": periods}
+    works["evaluation"] = lambda: evaluate(experiments, threads=1)
+    seconds = alternately(works, repeats)
+    total = seconds.pop("evaluation")
+    parts = {name: value * scales[name] for name, value in seconds.items()}
+    found = {f"share_{name}_ms": Figure(1e3 * value / size.lanes, "ms per gain set") for name, value in parts.items()}
+    return found | {
+        "evaluation_cores_used": Figure(_cores_used(works["evaluation"], size.repeats), "ratio"),
+        "evaluation_ms": Figure(1e3 * total / size.lanes, "ms per gain set"),
+        "kernel_share_of_evaluation": Figure(parts["kernel"] / total, "ratio", None),
+        "fft_share_of_evaluation": Figure(parts["fft"] / total, "ratio", None),
+        "parts_over_evaluation": Figure(sum(parts.values()) / total, "ratio", None),
+    }
+
+
+def _cores_used(work: Callable[[], object], repeats: int) -> float:
+    own, every = thread_time(), process_time()
+    for _ in range(repeats):
+        work()
+    return (process_time() - every) / (thread_time() - own)
+
+
+def _parts(experiments: list[Experiment], calls: int) -> dict[str, Callable[[], object]]:
+    """What `evaluate` does with the experiments of one chunk, one after the other; the kernel for one period."""
+    e = experiments[0]
+    rig, n, lines = e.rig, e.samples_per_period, lines_at(e.excitations)
+    s = simulate_statistics(experiments, threads=1).statistics
+    force, band = force_statistics(s, e), np.array([rig.target.band])
+    bands = sliding_bands(force.frequency, rig.protocol.band_width, rig.protocol.band_overlap)
+    start, stop = band_slices(force.frequency, band)[0]
+    loop = s.at_lines(lines_at(e.excitations, "current"))
+    blocks = -(-len(experiments) // LANES)
+    rng = np.random.default_rng(0)
+    output = rng.standard_normal((1, 2, LANES, n))
+    spectra = rng.standard_normal((e.periods, LANES, len(SPECTRAL), len(lines))) + 0j
+    seeds, rms = np.arange(LANES, dtype=np.uint64), np.full(LANES, rig.noise.force)
+
+    def fft() -> None:
+        for _ in range(blocks * e.periods):
+            scipy.fft.rfft(output, axis=-1)[..., lines] * (2 / n)
+
+    def prepare() -> None:
+        for x in experiments:
+            structure_of(x)
+        lane_batch(experiments)
+        for place in PLACES * blocks:
+            e.waveform(place)
+
+    def statistics() -> None:
+        for _ in range(blocks):
+            for period in range(e.periods):
+                line_noise(seeds, rms, period, n, lines)
+            line_statistics(spectra, e.fundamental, lines, SPECTRAL)
+        force_statistics(s, e)
+        s.at_lines(loop.lines)
+
+    def in_target_band() -> None:
+        receptance, _ = frequency_response(force, "displacement", "force")
+        least_squares(force.frequency[start:stop], receptance[:, start:stop], rig.mass)
+
+    def margin() -> None:
+        sensitivity, _ = frequency_response(loop, "command", "injection")
+        margin_arrays(loop.frequency, sensitivity)
+
+    return {
+        "target": lambda: score_target(rig),
+        "lanes": prepare,
+        "kernel": stepper(experiments, calls),
+        "fft": fft,
+        "statistics": statistics,
+        "poles": lambda: [closed_loop_poles(x) for x in experiments],
+        "ml_points_all_bands": lambda: maximum_likelihood(force, bands, rig.mass, intervals=False),
+        "ml_intervals_target_band": lambda: maximum_likelihood(force, band, rig.mass),
+        "least_squares_target_band": in_target_band,
+        "margins": margin,
+    }

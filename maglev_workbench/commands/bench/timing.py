@@ -1,0 +1,62 @@
+"""How figures are timed: the best of several repeats, in turn with whatever they are compared to."""
+
+from collections.abc import Callable, Hashable, Mapping
+from dataclasses import dataclass, replace
+from math import inf
+from time import perf_counter
+from typing import TypeVar
+
+from maglev_env.experiment import Experiment
+from maglev_env.kernel.simulate import block_periods
+
+Name = TypeVar("Name", bound=Hashable)
+ENOUGH = 8.0  # s
+
+
+@dataclass(frozen=True)
+class Size:
+    """How much is run for each figure: more of it makes figures scatter less.
+
+    lanes simulated, or gain sets evaluated, together; repeats of each timing; xy_lanes for the x-y estimators, which
+    take longest; seconds of the record that is not periodic; gain sets of the smaller and the larger evaluation whose
+    memory is measured.
+    """
+
+    lanes: int = 64
+    repeats: int = 5
+    xy_lanes: int = 4
+    record_seconds: float = 60.0
+    memory_sets: tuple[int, int] = (64, 512)
+
+
+def alternately(works: Mapping[Name, Callable[[], object]], repeats: int) -> dict[Name, float]:
+    """Best seconds of each work. They run in turn, so that a drift of the machine's speed meets all of them alike.
+
+    Fewer repeats, two at least, where these have taken ENOUGH seconds: a slow machine must not measure for minutes.
+    """
+    best, begun = dict.fromkeys(works, inf), perf_counter()
+    for done in range(repeats):
+        if done >= 2 and perf_counter() - begun > ENOUGH:
+            break
+        for name, work in works.items():
+            start = perf_counter()
+            work()
+            best[name] = min(best[name], perf_counter() - start)
+    return best
+
+
+def stepper(experiments: list[Experiment], calls: int, outputs: int = 2) -> Callable[[], None]:
+    """The kernel alone on one core: each of so many calls advances all experiments by one period.
+
+    The first outputs, displacement and command, are written out. Compiling, allocating and the transient are over when
+    this returns.
+    """
+    blocks = list(block_periods([replace(e, periods=calls, transient_periods=1) for e in experiments], outputs))
+    for periods in blocks:
+        next(periods)
+
+    def step() -> None:
+        for periods in blocks:
+            next(periods)
+
+    return step

@@ -1,0 +1,178 @@
+"""A comparison of tuners as tables, page, markdown and JSON."""
+
+from dataclasses import dataclass
+from itertools import zip_longest
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from maglev_workbench.commands.compare.figures import course_figure, improvement_figure, profile_figure
+from maglev_workbench.page import markdown_table, note, number, page, plain, rig_facts, table
+from tuning.comparison.aggregates import improvement, interquartile_mean, median, performance_profile, resamples
+from tuning.comparison.compare import Comparison
+
+if TYPE_CHECKING:
+    import rich.table
+
+TITLE = "Tuners compared"
+HEAD = ("budget", "tuner", "median regret", "IQM of regret", "touch-\ndowns\nper 100", "s per\ntuning", "own\n%")
+THRESHOLDS = np.geomspace(1e-3, 1, 61)  # of regret, where the profiles are drawn
+HOW_TO_READ = (
+    "Every tuner had the same budget of experiments, one at a time, on the same rigs, drawn wide around the nominal "
+    "and seen by none before. Simple regret: the best score known of a rig (by a long search, or by any tuner here if "
+    "that is higher, so that regrets may grow when a better tuner takes part), less the score of the tuner's "
+    "best-scored gains when they are measured again under fresh noise; 0 is the best, 1 the worst. IQM: mean of the "
+    "middle half. Intervals are 95 % by resampling rigs, with all repeats of each (after Agarwal et al. 2021): what "
+    "other rigs drawn alike may give. s per tuning: wall time of one budget on one rig, with all rigs side by side; "
+    "own: the share of it in which the tuner chooses, not the experiments. The grid is laid out for the largest "
+    "budget; tpe and gp draw their first ten gain sets at random, as Optuna has it."
+)
+
+
+@dataclass(frozen=True, eq=False)
+class Figures:
+    """Of one tuner at one budget, each with its 95 % interval: median and iqm (3,) of regret, profile
+    (3, THRESHOLDS) of rigs below a regret, better (3,) by other tuner: the probability to beat it on a rig;
+    touchdowns per 100 experiments, seconds per tuning of one rig, share of these that the tuner itself takes."""
+
+    median: np.ndarray
+    iqm: np.ndarray
+    profile: np.ndarray
+    better: dict[str, np.ndarray]
+    touchdowns: float
+    seconds: float
+    own: float
+
+
+Table = dict[tuple[int, str], Figures]  # by checkpoint and tuner
+
+
+def figures(found: Comparison) -> Table:
+    """All figures of a comparison; the same rigs are resampled for every tuner."""
+    draws = resamples(len(found.best), found.made_by["seed"])
+    of: Table = {}
+    for j, n in enumerate(found.checkpoints):
+        regret = {m: found.regret(m, n) for m in found.reached(n)}
+        for m in regret:
+            result, runs = found.results[m], regret[m].size
+            of[n, m] = Figures(
+                median(regret[m], draws),
+                interquartile_mean(regret[m], draws),
+                performance_profile(regret[m], THRESHOLDS, draws),
+                {o: improvement(regret[m], regret[o], draws) for o in regret if o != m},
+                100 * float(result.touchdowns[..., j].sum()) / (runs * n),
+                float(result.seconds[j]) / runs,
+                float(result.tuner_seconds[j] / result.seconds[j]),
+            )
+    return of
+
+
+def compare_table(found: Comparison, of: Table) -> "rich.table.Table":
+    """What a terminal shows."""
+    from rich import box
+    from rich.table import Table as Grid
+
+    grid = Grid(box=box.SIMPLE_HEAD, collapse_padding=True, pad_edge=False, title=_title(found))
+    for name in HEAD:
+        grid.add_column(name, justify="left" if name == "tuner" else "right")
+    rows = _rows(found, of)
+    for row, after in zip_longest(rows, rows[1:]):
+        *front, iqm, down, seconds, own = row  # 80 columns have no room for a second interval
+        grid.add_row(*front, iqm.split()[0], down, seconds, own, end_section=after is None or after[0] != row[0])
+    return grid
+
+
+def summary(found: Comparison, of: Table) -> str:
+    """Which tuner has the least regret at each budget."""
+    parts = []
+    for n in filter(found.reached, found.budgets):
+        best = min(found.reached(n), key=lambda m: of[n, m].median[0])
+        parts.append(f"after {n} by {best} ({_regret(of[n, best].median)})")
+    return f"{_title(found)}. Least median regret: {', '.join(parts)}."
+
+
+def compare_page(found: Comparison, of: Table) -> str:
+    """The HTML page of a comparison."""
+    sections = [
+        ("Results", table(HEAD, _rows(found, of))),
+        ("", note(HOW_TO_READ)),
+        ("Regret against experiments", course_figure(found, of)),
+        ("Performance profiles: share of rigs with a regret below", profile_figure(found, of, THRESHOLDS)),
+        ("Probability that a tuner (row) does better on a rig than another (column)", improvement_figure(found, of)),
+    ]
+    made = found.made_by
+    facts = {**rig_facts(made["rig"]), "Rigs": f"{made['rigs']}, drawn {made['randomization']}"}
+    effects = [f"{name}: {', '.join(f'{k} = {v}' for k, v in e.items())}" for name, e in made["effects"].items()]
+    facts |= {"Effects": "; ".join(effects) or "none", "Repeats": made["repeats"], "Seed": made["seed"]}
+    return page(TITLE, summary(found, of), sections, facts)
+
+
+def compare_markdown(found: Comparison, of: Table, command: str) -> str:
+    """The same without the plots; of the probabilities, those between every two tuners at each budget."""
+    parts = [f"# {TITLE}", summary(found, of), HOW_TO_READ, f"Made by `{command}`."]
+    parts.append(markdown_table([name.replace("-\n", "") for name in HEAD], _rows(found, of)))
+    for n in found.budgets:
+        names = found.reached(n)
+        if len(names) < 2:
+            continue
+        rows = [(a, *(_chance(of[n, a].better.get(b)) for b in names)) for a in names]
+        heading = f"## After {n} experiments: probability that a tuner (row) does better than another (column)"
+        parts += [heading, markdown_table(("", *names), rows)]
+    return "\n\n".join(parts) + "\n"
+
+
+def compare_json(found: Comparison, of: Table) -> dict[str, Any]:
+    """Schema maglev-compare/1. Intervals are (value, low, high); scores by rig, repeat and checkpoint."""
+    results = [
+        {
+            "method": m,
+            "score": r.score,
+            "touchdowns": r.touchdowns,
+            "seconds": r.seconds,
+            "tuner_seconds": r.tuner_seconds,
+            "reused": r.reused,
+            "at": [
+                {"experiments": n, "regret": found.regret(m, n), **vars(of[n, m])}
+                for n in found.checkpoints
+                if (n, m) in of
+            ],
+        }
+        for m, r in found.results.items()
+    ]
+    return plain(
+        {
+            "schema": "maglev-compare/1",
+            "made_by": found.made_by,
+            "budgets": found.budgets,
+            "checkpoints": found.checkpoints,
+            "thresholds": THRESHOLDS,
+            "best": found.best,
+            "results": results,
+        }
+    )
+
+
+def _title(found: Comparison) -> str:
+    made = found.made_by
+    rigs = "1 rig" if made["rigs"] == 1 else f"{made['rigs']} rigs"
+    repeats = f", {made['repeats']} runs on each" if made["repeats"] > 1 else ""
+    return f"{', '.join(found.results)} on {rigs} drawn {made['randomization']} around {made['rig']['name']}{repeats}"
+
+
+def _rows(found: Comparison, of: Table) -> list[tuple[str, ...]]:
+    """By budget, least regret first."""
+    rows = []
+    for n in found.budgets:
+        for m in sorted(found.reached(n), key=lambda m, n=n: of[n, m].median[0]):
+            f = of[n, m]
+            shown = (_regret(f.median), _regret(f.iqm), f"{f.touchdowns:.1f}", number(f.seconds, 2))
+            rows.append((str(n), m, *shown, f"{100 * f.own:.0f}"))
+    return rows
+
+
+def _regret(r: np.ndarray) -> str:
+    return f"{r[0]:.4f}" if np.isnan(r[1]) else f"{r[0]:.4f} [{r[1]:.4f}, {r[2]:.4f}]"
+
+
+def _chance(p: np.ndarray | None) -> str:
+    return "" if p is None else f"{p[0]:.2f} [{p[1]:.2f}, {p[2]:.2f}]"

@@ -1,0 +1,100 @@
+"""`maglev compare --twin`: tuning on nominal and corrected simulator and on the sealed twin, all scored on the twin."""
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+
+from maglev_env.recordings.files import write_text_atomic
+from maglev_workbench.commands.blind.command import SET
+from maglev_workbench.commands.compare.twin_report import (
+    Compared,
+    summary,
+    twin_json,
+    twin_markdown,
+    twin_page,
+    twin_tables,
+)
+from maglev_workbench.console import console, progress_bar, require_folder, write_json
+from maglev_workbench.page import write_page
+from sim2real.blind.cases import answers_digest, open_labels, seal_of
+from sim2real.blind.worth import CORRECTED, NOMINAL, TWIN, twin_cases
+from tuning.comparison.twin import compare_simulators
+
+BUDGET = 60
+OWN = ("twin", "cases", "budgets", "processes", "seed", "out", "docs", "json_file")  # options of compare
+
+
+def run(
+    folder: Path,
+    budget: str | None,
+    cases: int,
+    processes: int | None,
+    seed: int,
+    out: Path | None,
+    docs: Path | None,
+    json_file: Path | None,
+) -> None:
+    """See `maglev_workbench.cli_tuning.compare`. budget: experiments on each, or "simulators,twin"; None: BUDGET."""
+    require_folder(json_file, "--json")
+    require_folder(docs, "--docs")
+    budgets = parse_budgets(budget)
+    chosen, seal = twin_cases(folder, cases), seal_of(folder)
+    results = out or folder / "worth"
+    with progress_bar() as bar:
+        line = bar.add_task("tune and score on the twin", total=len(chosen))
+        try:
+            found, reused = compare_simulators(
+                chosen,
+                results,
+                budgets,
+                seed,
+                {"labels_sha256": seal, "answers_sha256": answers_digest(folder, open_labels(folder))},
+                processes,
+                lambda n: bar.advance(line, n),
+            )
+        except KeyboardInterrupt:
+            console.print(f"stopped; every finished case is in {results}: run the same command again to go on")
+            raise
+    path = folder / SET
+    compared = Compared(found, budgets, seed, json.loads(path.read_text()) if path.is_file() else {}, seal)
+    html, data = results / "twin.html", twin_json(compared)
+    write_page(html, twin_page(compared))
+    write_json(results / "twin.json", data)
+    write_json(json_file, data)
+    if docs is not None:
+        write_text_atomic(docs, twin_markdown(compared, _command(folder, budgets, cases, seed)))
+    console.print(*twin_tables(compared))
+    if reused:
+        console.print(f"{reused} of {len(chosen)} cases reused from {results}")
+    console.print(f"{summary(compared)}\npage  {html}")
+
+
+def parse_budgets(text: str | None) -> dict[str, int]:
+    """Experiments by simulator, of "60" (all alike) or "300,60" (simulators, twin). ValueError says what to give."""
+    try:
+        numbers = [int(part) for part in text.split(",")] if text is not None else [BUDGET]
+    except ValueError:
+        numbers = []
+    if len(numbers) not in (1, 2) or min(numbers) < 1:
+        raise ValueError(
+            f"--budgets {text!r}: with --twin give one number of experiments, or simulators,twin as 300,60"
+        )
+    return {NOMINAL: numbers[0], CORRECTED: numbers[0], TWIN: numbers[-1]}
+
+
+def check_options(twin: bool, given: Sequence[str]) -> None:
+    """ValueError for options of `maglev compare`, by parameter name, that do not go together with or without --twin."""
+    if twin and (other := [name for name in given if name not in OWN]):
+        shown = "METHOD" if other[0] == "methods" else f"--{other[0]}"
+        raise ValueError(
+            f"{shown} makes no sense with --twin: rigs, effects and protocol are those of the sealed set, and one "
+            "tuner works on all three simulators; leave it out"
+        )
+    if not twin and (other := [name for name in given if name in ("cases", "processes")]):
+        raise ValueError(f"--{other[0]} goes with --twin only; leave it out, or name an opened set by --twin")
+
+
+def _command(folder: Path, budgets: dict[str, int], cases: int, seed: int) -> str:
+    numbers = sorted(set(budgets.values()))
+    shown = str(numbers[0]) if len(numbers) == 1 else f"{budgets[NOMINAL]},{budgets[TWIN]}"
+    return f"maglev compare --twin {folder} --budgets {shown} --cases {cases} --seed {seed}"

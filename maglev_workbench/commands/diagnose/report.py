@@ -1,0 +1,259 @@
+"""Reports of `maglev diagnose`: what a terminal shows, and one page."""
+
+from collections.abc import Sequence
+from html import escape
+from importlib.metadata import version
+from typing import TYPE_CHECKING
+
+from maglev_env.loop.effect import EFFECTS
+from maglev_workbench.commands.diagnose.figures import gap_bars, loop_diagram, ranking, responses, shares
+from maglev_workbench.page import note, number, page, table
+from sim2real.diagnosis import Diagnosis, block_of
+from sim2real.gain_choice import GainChoice
+from sim2real.hypotheses import CALIBRATION, NONE, UNKNOWN
+from sim2real.judge import Entry
+from sim2real.next_experiment import SEPARATED
+from sim2real.report import Correction, corrections, curves, percent, quantity, sentence, spoken, where_in_words
+from sim2real.shrink import errors
+
+if TYPE_CHECKING:
+    from plotly.graph_objects import Figure
+    from rich.console import RenderableType
+
+NO_BETTER = 1.02  # times the gap after: a foil that leaves less does as well
+BEYOND = 3.0  # stated tolerances: a calibration that far off is not one
+TOP, LEAST = 5, 0.005  # hypotheses listed with their parameters, and their least probability
+_WORDS = {"stiffness": ("stiffness", 1e-3, "kN/m"), "damping": ("damping", 1.0, "N s/m"),
+          "peak_sensitivity": ("peak |S|", 1.0, "")}  # fmt: skip
+_MEANING = {
+    NONE: "the nominal rig as it is",
+    CALIBRATION: "the nominal rig, its parameters changed within their tolerances",
+    UNKNOWN: "something that is not among the known effects",
+}
+_NOTES = {
+    "where": "Shares of the noise-weighted gap that calibration within tolerance leaves. The bars below the loop are "
+    "the segments that the recorded channels isolate; the darker a block, the more of the gap may lie there. What is "
+    "blamed stands in its block.",
+    "which": "±: standard error. Worst group: of all parts of the gap that stand out of the noise (channel, kind of "
+    "line, octave), the least share that the hypothesis explains.",
+    "words": "Stiffness and damping at the force lines of the rig's target band, peak |S| of the injection lines: of "
+    "the recordings that judge, and of the same lines simulated.",
+    "responses": "Shaded: two standard deviations. Below: the distance from the measured response in units of its "
+    "noise; 1 (dotted) is noise alone.",
+    "kind": "Linear: lines that are excited. Even, odd: lines between them, where only distortion answers. "
+    "Unsynchronised: tones that are no line, of the mains or of the rotation.",
+    "next": "Expected separation: -2 ln of the likelihood ratio between the two remaining candidates that are most "
+    "alike. What is proposed has the most of it for its effort.",
+    "corrected": "Written as corrected.toml beside this page: maglev sweep --rig corrected.toml, or "
+    'gym.make("maglev/Rig-v0", rig="corrected.toml").',
+}
+_RANK_HEAD = ("hypothesis", "probability", "where", "parameters", "worst group")
+_GAP_HEAD = ("", "measured", "nominal", "error", "corrected", "error")
+
+
+def terminal(diagnosis: Diagnosis) -> "list[RenderableType]":
+    """What a terminal shows, in order, in 80 columns."""
+    from rich import box
+    from rich.markup import escape as plain
+    from rich.table import Table
+
+    parts: list[RenderableType] = [f"[bold]{plain(sentence(diagnosis))}[/]"]
+    parts += [f"  {plain(line)}" for line in where_in_words(diagnosis)]
+    ranked = Table(box=box.SIMPLE_HEAD, pad_edge=False)
+    for name in _RANK_HEAD:
+        if name != "where":  # a terminal is narrow, and the blocks stand above
+            side = "right" if name in ("probability", "worst group") else "left"
+            ranked.add_column(name, justify=side, overflow="fold")
+    for i, (name, probability, _, *rest) in enumerate(_ranked(diagnosis)):
+        ranked.add_row(*map(plain, (name, probability, *rest)), style="bold" if i == 0 else "")
+    ranked.caption = "+-: standard error. Worst group: least share explained of any part of the gap."
+    parts += [ranked, *map(plain, _gap_lines(diagnosis))]
+    if rows := _word_rows(diagnosis):
+        words = Table(box=box.SIMPLE_HEAD, pad_edge=False)
+        for name in _GAP_HEAD:
+            words.add_column(name, justify="right" if name else "left")
+        for row in rows:
+            words.add_row(*row)
+        parts.append(words)
+    found = corrections(diagnosis)
+    if diagnosis.verdict in ("no_gap", "unexplained") and found:
+        within = "Within tolerance" if diagnosis.verdict == "no_gap" else "Calibration, as far as it goes"
+        parts.append(plain(f"{within}: {', '.join(f'{c.name} {c}' for c in found)}."))
+    if diagnosis.next_experiment:
+        parts.append(f"[bold]Measure next:[/] {plain(_next(diagnosis))}")
+    return parts + [f"  note: {plain(text)}" for text in diagnosis.notes]
+
+
+def diagnose_page(diagnosis: Diagnosis) -> str:
+    """The HTML of a diagnosis."""
+    d = diagnosis
+    blamed = tuple(dict.fromkeys(part for name in d.cause for part in name.split("+")))
+    sections: list[tuple[str, str | Figure]] = [
+        ("Where the gap lies", loop_diagram(d, blamed)),
+        ("", _list(where_in_words(d)) + note(_NOTES["where"])),
+        ("Which effect", ranking(d)),
+        ("", _wrapped(table(_RANK_HEAD, [map(_typeset, row) for row in _ranked(d)])) + note(_NOTES["which"])),
+        ("How far the gap shrinks", gap_bars(_gap_rows(d))),
+        ("", "".join(map(note, _gap_lines(d)))),
+    ]
+    if rows := _word_rows(d):
+        sections.append(("", table(_GAP_HEAD, rows) + note(_NOTES["words"])))
+    sections += _responses(d)
+    if d.where.significant and d.where.bands:
+        sections += [("The gap by band and by kind of line", shares(d)), ("", note(_NOTES["kind"]))]
+    sections += _next_sections(d)
+    sections.append(("The corrected rig", _corrections(corrections(d), d) + note(_NOTES["corrected"])))
+    if d.notes:
+        sections.append(("Notes", _list(d.notes)))
+    return page(f"Diagnosis of {d.campaign.folder.resolve().name}", _typeset(sentence(d)), sections, _made_by(d))
+
+
+def _wrapped(html: str) -> str:
+    """A table whose cells may break: parameters of two effects are wider than a page."""
+    return html.replace("<td>", '<td style="white-space: normal">')
+
+
+def _typeset(text: str) -> str:
+    return text.replace(" +- ", " ± ")
+
+
+def _list(lines: Sequence[str]) -> str:
+    return "<ul>" + "".join(f"<li>{escape(line)}</li>" for line in lines) + "</ul>"
+
+
+def _made_by(d: Diagnosis) -> dict[str, object]:
+    recorded = {role: ", ".join(r.file for r in d.campaign.recordings if r.role == role) for role in ("fit", "holdout")}
+    return {
+        "Campaign": d.campaign.folder,
+        "Nominal rig": d.campaign.rig.name,
+        "Fitted recordings": recorded["fit"],
+        "Judged on": recorded["holdout"] or d.gap.judged_on,
+        "Version": version("maglev-workbench"),
+    }
+
+
+def _ranked(d: Diagnosis) -> list[tuple[str, ...]]:
+    """Cells of the most probable hypotheses."""
+    listed = {tuple(row["effects"]): row["parameters"] for row in d.to_json()["which"]}
+    return [
+        (
+            " + ".join(e.effects),
+            percent(e.probability),
+            _place(e),
+            _parameters(listed.get(e.effects, {}), len(e.effects) > 1) or _MEANING.get(e.effects[0], ""),
+            "–" if e.explained_worst_group is None else percent(max(e.explained_worst_group, 0.0)),
+        )
+        for e in d.which[:TOP]
+        if e.probability >= LEAST
+    ]
+
+
+def _place(e: Entry) -> str:
+    return "" if e.effects[0] in _MEANING else block_of("+".join(e.effects)).replace("+", " + ")
+
+
+def _parameters(fitted: dict[str, dict[str, float]], several: bool) -> str:
+    """Parameters of effects; changes within tolerance are in the corrected rig's table."""
+    found = []
+    for name, at in fitted.items():
+        effect, _, key = name.partition(".")
+        if key:
+            text = quantity(at["value"], at["se"], EFFECTS[effect].parameters[key].unit, key == "change")
+            found.append(f"{spoken(name, several)} {text}")
+    return ", ".join(found)
+
+
+def _gap_rows(d: Diagnosis) -> list[tuple[str, float | None]]:
+    g = d.gap
+    rows = [("nominal", g.before), ("calibrated within tolerance", g.calibrated)]
+    if d.corrected.effects:
+        rows.append(("corrected", g.after))
+    return rows + [(f"foil: {name}", value) for name, value in g.foils.items() if value is not None]
+
+
+def _gap_lines(d: Diagnosis) -> list[str]:
+    g = d.gap
+    before, after = ("does not levitate" if v is None else number(v) for v in (g.before, g.after))
+    lines = [f"Gap on the {g.judged_on}, in units of the noise: {before} before, {after} after (floor {g.floor:g})."]
+    if g.closed_fraction is not None:
+        ends = g.closed_fraction_ci
+        spread = f" (95 %: {100 * ends[0]:.0f} .. {100 * ends[1]:.0f})" if ends else ""
+        lines[0] = lines[0][:-1] + f"; {100 * g.closed_fraction:.0f} % closed{spread}."
+    foils = {name: value for name, value in g.foils.items() if value is not None}
+    if foils and d.corrected.effects:
+        text = "Foils: " + ", ".join(f"{name} leaves {number(value)}" for name, value in foils.items()) + "."
+        if g.after is not None and min(foils.values()) < NO_BETTER * g.after:
+            text += " What is named does not beat them: the claim stands on weak feet."
+        lines.append(text)
+    if d.choice is not None:
+        lines.append(_choice_line(d.choice))
+    return lines
+
+
+def _choice_line(choice: GainChoice) -> str:
+    """What the gap does to the choice of gains, in a sentence."""
+    nominal, corrected = (f"kp x {kp:g}, kd x {kd:g}" for kp, kd in choice.chosen)
+    if nominal == corrected:
+        text = f"Gains: of {len(choice.nominal)} sets both simulators choose {nominal}"
+    else:
+        text = (
+            f"Gains: of {len(choice.nominal)} sets the nominal simulator chooses {nominal}, the corrected one "
+            f"{corrected}, which it scores {number(choice.regret)} higher"
+        )
+    if choice.rank_correlation is None:
+        return text + "."
+    return f"{text}; they rank the sets alike by {number(choice.rank_correlation)} (Spearman)."
+
+
+def _word_rows(d: Diagnosis) -> list[tuple[str, ...]]:
+    """Stiffness, damping and peak sensitivity, measured and simulated, where the lines tell them."""
+    rows = []
+    for name, (label, scale, unit) in _WORDS.items():
+        at = {when: getattr(words, name) * scale for when, words in d.gap.words.items()}
+        if at["measured"] == at["measured"]:
+            off = {
+                when: "–" if v is None else f"{'+' if v > 0 else ''}{number(100 * v, 2)} %"
+                for when, v in errors(d.gap, name).items()
+            }
+            cells = (at["measured"], at["before"], off["before"], at["after"], off["after"])
+            rows.append((f"{label} {unit}".rstrip(), *(c if isinstance(c, str) else number(c, 4) for c in cells)))
+    return rows
+
+
+def _next(d: Diagnosis) -> str:
+    p = d.next_experiment
+    return f"{p.what}; {p.why} (expected separation {number(p.expected_separation)}; {SEPARATED:g} tell them apart)."
+
+
+def _next_sections(d: Diagnosis) -> "list[tuple[str, str | Figure]]":
+    p = d.next_experiment
+    if p is None:
+        return []
+    found: list[tuple[str, str | Figure]] = [("What to measure next", f"<p>{escape(_next(d))}</p>")]
+    if p.table:
+        rows = [(what, number(v), "yes" if v > SEPARATED else "not surely") for what, v in p.table]
+        found.append(("", table(("recording", "expected separation", "tells them apart"), rows)))
+        found.append(("", note(_NOTES["next"])))
+    return found
+
+
+def _responses(d: Diagnosis) -> "list[tuple[str, str | Figure]]":
+    found: list[tuple[str, str | Figure]] = []
+    drawn = curves(d)
+    for kind, heading in (("receptance", "Receptance"), ("sensitivity", "Sensitivity")):
+        if own := [c for c in drawn if c.kind == kind]:
+            found.append((f"{heading}: measured, nominal, corrected", responses(own)))
+            missing = " The nominal rig does not levitate and is not drawn." if d.gap.before is None else ""
+            found.append(("", note(_NOTES["responses"] + missing)))
+    return found
+
+
+def _corrections(found: Sequence[Correction], d: Diagnosis) -> str:
+    if not found:
+        return note("Nothing was fitted: the corrected rig is the nominal one.")
+    rig, rows = d.campaign.rig, []
+    for c in found:
+        limit = rig.tolerance.get(c.name)
+        far = f", {number(abs(c.value) / limit, 2)} times exceeded" if limit and abs(c.value) > BEYOND * limit else ""
+        rows.append((c.name, _typeset(str(c)), f"{100 * limit:.2g} %{far}" if limit else ""))
+    return table(("parameter", "value or change", "stated tolerance"), rows)

@@ -1,0 +1,199 @@
+"""Reports of `maglev estimate`: JSON, a terminal table per recording, and one page of all recordings."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
+from html import escape
+from importlib.metadata import version
+from typing import TYPE_CHECKING, Any, Literal
+
+from maglev_env.evaluation.identification import Band, Identification, Stability
+from maglev_workbench.commands.estimate.figures import (
+    COEFFICIENTS,
+    coefficients,
+    estimate,
+    in_words,
+    receptance,
+    sensitivity,
+)
+from maglev_workbench.page import facts, note, number, page, plain, with_interval
+
+if TYPE_CHECKING:
+    import rich.table
+    from plotly.graph_objects import Figure
+
+Method = Literal["ls", "ml", "both"]
+# Constant coefficients do not describe a band that noise does not rule when both say so: adjusted R2 and p of the fit.
+POOR_FIT, MISFIT = 0.9, 1e-3
+ROWS = 30  # bands that a terminal shows
+_SHARED = ("f_lo", "f_hi")
+_MARGINS = {  # label, factor from SI, unit
+    "peak_sensitivity": ("Peak |S|", 1.0, ""),
+    "phase_margin": ("Phase margin", 1.0, "°"),
+    "gain_margin_low": ("Gain margin down", 1.0, ""),
+    "gain_margin_high": ("Gain margin up", 1.0, ""),
+    "delay_margin": ("Delay margin", 1e6, "us"),
+    "disk_margin": ("Disk margin", 1.0, ""),
+}
+
+
+def estimate_json(results: Sequence[tuple[str, Identification]], method: Method) -> dict[str, Any]:
+    """Recordings as JSON data, schema maglev-estimate/1, SI; what is missing or unbounded is None.
+
+    results: (file, identification); method "both" gives two entries per band, "ml" before "ls".
+    """
+    wanted = ("ml", "ls") if method == "both" else (method,)
+    recordings = []
+    for file, found in results:
+        recordings.append(
+            {
+                "file": file,
+                "bands": [_band(band, one) for band in found.bands for one in wanted],
+                "mass": found.mass,
+                "mass_se": found.modal.mass_se if found.modal else None,
+                "actuator": found.actuator and asdict(found.actuator),
+                "natural_frequency": found.natural_frequency,
+                "damping_ratio": found.damping_ratio,
+                "distortion": found.distortion,
+                "stability": _stability(found.stability) if found.stability else None,
+                "transient_periods": found.transient_periods,
+                "periods": found.periods,
+                "notes": found.notes,
+            }
+        )
+    return {"schema": "maglev-estimate/1", "recordings": plain(recordings)}
+
+
+def estimate_table(identification: Identification, method: Method) -> "rich.table.Table":
+    """Bands for a terminal, at most 30 rows: the estimates by `method`, their fit, and which of them to trust."""
+    from rich import box
+    from rich.table import Table
+
+    bands = identification.bands
+    step = -(-len(bands) // ROWS)
+    table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
+    table.add_column("band\nHz", justify="right", no_wrap=True)
+    for one in ("ls", "ml"):
+        if method in (one, "both"):
+            for name, (_, unit) in COEFFICIENTS.items():
+                table.add_column(f"{one.upper()} {name}\n{unit}", justify="right", min_width=len(name))
+    table.add_column("adjusted\nR2", justify="right", no_wrap=True)
+    table.add_column("\ntrust", no_wrap=True, min_width=13)
+    for band in bands[::step]:
+        cells = [f"{band.f_lo:g}–{band.f_hi:g}"]
+        for one in ("ls", "ml"):
+            if method in (one, "both"):
+                cells += [in_words(band, one, name) for name in COEFFICIENTS]
+        style = "dim" if not band.informative else "yellow" if band.ls_biased else ""
+        table.add_row(*cells, number(band.r2_adjusted), _trust(band), style=style)
+    table.caption = "±, [ ]: 95 %. Yellow: noise biases least squares.\nDim: the data do not bound the estimate."
+    if step > 1:
+        table.caption += f"\nOne band in {step} of {len(bands)} is shown; the page and the JSON hold all."
+    return table
+
+
+def estimate_page(
+    results: Sequence[tuple[str, Identification]],
+    made_by: Mapping[str, object] | None = None,
+    more: "Sequence[Sequence[tuple[str, str | Figure]]]" = (),
+) -> str:
+    """The HTML of all recordings: coefficients against frequency, receptance, |S| and margins, notes.
+
+    made_by: what the caller knows of their origin, such as the campaign and the rig. more: groups of sections of
+    `maglev_workbench.page.page` that follow those of the recordings.
+    """
+    sections: list[tuple[str, str | Figure]] = []
+    for file, found in results:
+        sections += _recording(file, found)
+    for group in more:
+        sections += group
+    origin = {"Recordings": ", ".join(file for file, _ in results), **(made_by or {})}
+    title = f"Estimate of {results[0][0]}" if len(results) == 1 else f"Estimate of {len(results)} recordings"
+    summary = " ".join(f"{file}: {_summary(found)}" for file, found in results[:3])
+    rest = f" {len(results) - 3} more below." if len(results) > 3 else ""
+    return page(title, summary + rest, sections, {**origin, "Version": version("maglev-workbench")})
+
+
+def _band(band: Band, method: str) -> dict[str, Any]:
+    entry: dict[str, Any] = {name: getattr(band, name) for name in _SHARED}
+    for name in COEFFICIENTS:
+        value, se, interval = estimate(band, method, name)
+        entry |= {name: value, f"{name}_se": se, f"{name}_ci": interval}
+    flags = {name: getattr(band, name) for name in ("r2_adjusted", "ls_biased", "informative")}
+    return entry | {"method": method} | flags
+
+
+def _trust(band: Band) -> str:
+    if not band.informative:
+        return "uninformative"
+    if band.ls_biased:
+        return "ML"
+    misfit = band.fit_p < MISFIT and band.r2_adjusted < POOR_FIT
+    return "poor fit" if misfit else "either"
+
+
+def _stability(found: Stability) -> dict[str, Any]:
+    zones = {name: getattr(found, name) for name in ("iso_14839_3_zone", "iso_14839_2_zone")}
+    return {"source": found.source, **asdict(found.margins), **zones}
+
+
+def _summary(found: Identification) -> str:
+    good = sum(band.informative for band in found.bands)
+    parts = [f"{good} of {len(found.bands)} bands bound stiffness and damping"]
+    if found.natural_frequency is not None:
+        damping = "" if found.damping_ratio is None else f" (damping ratio {number(found.damping_ratio)})"
+        parts.append(f"natural frequency {number(found.natural_frequency)} Hz{damping}")
+    if found.stability:
+        peak, zone = found.stability.margins.peak_sensitivity, found.stability.iso_14839_3_zone
+        parts.append(f"peak |S| {number(peak)}, ISO 14839-3 zone {zone} ({_source(found.stability)})")
+    return ", ".join(parts) + "."
+
+
+def _source(found: Stability) -> str:
+    return "measured by injection" if found.source == "injection" else found.source
+
+
+def _recording(file: str, found: Identification) -> "list[tuple[str, str | Figure]]":
+    sections: list[tuple[str, str | Figure]] = [(file, facts(_facts(found)))]
+    sections.append((f"Stiffness and damping of {file}", coefficients(found.bands)))
+    text = "Bars: 95 %, to the panel's edge and beyond where unbounded. Hollow: the data do not bound the estimate. "
+    text += "Crosses: least squares where noise biases it."
+    sections.append(("", note(text)))
+    sections.append((f"Receptance of {file}", receptance(found)))
+    sections.append(("", note("Displacement over force at the excited lines; shaded: two standard deviations.")))
+    if found.stability:
+        sections.append((f"Sensitivity of {file} ({_source(found.stability)})", sensitivity(found.stability)))
+        sections.append(("", note("Shaded: 95 % at each line. Dashed: where the zones of ISO 14839-3 meet.")))
+        sections.append((f"Margins of {file}", facts(_margins(found.stability))))
+    notes = "".join(f"<li>{escape(text)}</li>" for text in found.notes)
+    return [*sections, (f"Notes on {file}", f"<ul>{notes}</ul>")] if notes else sections
+
+
+def _facts(found: Identification) -> list[tuple[str, str]]:
+    modal, bent = found.modal, found.distortion
+    mass = f"{number(found.mass, 4)} kg, given"
+    if modal:
+        mass = f"{with_interval(modal.mass, modal.mass - 1.96 * modal.mass_se, modal.mass + 1.96 * modal.mass_se)} kg"
+        mass += ", estimated"
+    rows = [("Summary", _summary(found)), ("Mass", mass)]
+    rows.append(("Periods", f"{found.periods} used, {found.transient_periods} dropped as transient"))
+    for name in ("even", "odd"):
+        level, p = getattr(bent, name), getattr(bent, f"{name}_p")
+        if level is not None:
+            chance = "" if p is None else f" (noise alone: p = {number(p, 2)})"
+            rows.append((f"{name.capitalize()} distortion", f"{100 * level:.2g} % of the excited lines{chance}"))
+    return [*rows, ("Noise", f"{100 * bent.noise:.2g} % of the excited lines")]
+
+
+def _margins(found: Stability) -> list[tuple[str, str]]:
+    rows = []
+    for name, (label, scale, unit) in _MARGINS.items():
+        value, reason = getattr(found.margins, name), found.margins.reasons.get(name)
+        ends = [None if end is None else end * scale for end in found.margins.intervals.get(name, (None, None))]
+        if value is None:
+            rows.append((label, f"not known: {reason}"))
+            continue
+        at = getattr(found.margins, "peak_frequency" if name == "peak_sensitivity" else f"{name}_frequency")
+        text = with_interval(value * scale, *ends) if name in found.margins.intervals else number(value * scale)
+        rows.append((label, f"{text}{unit and ' ' + unit} at {number(at)} Hz" + (f"; {reason}" if reason else "")))
+    rows.append(("ISO 14839-3 zone", found.iso_14839_3_zone))
+    return [*rows, ("ISO 14839-2 zone", found.iso_14839_2_zone)] if found.iso_14839_2_zone else rows

@@ -1,0 +1,1 @@
+"""The dissertation's experiments, a file each."""

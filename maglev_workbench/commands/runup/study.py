@@ -1,0 +1,120 @@
+"""A rotor run up and identified, with what the linear model, its motor and its thermal mass say beside it."""
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from estimation.stability import iso_14839_2_zone
+from maglev_env.loop.magnets.law import force_law, linearise
+from maglev_env.rotor.identification import Protocol, RotorIdentification, identify_runs
+from maglev_env.rotor.lanes import Run
+from maglev_env.rotor.linear import closed_loop_poles, probe_readings, unbalance_response, undamped_frequencies
+from maglev_env.rotor.rotor import Rotor
+from maglev_env.rotor.run_up import RunUp, run_up
+from maglev_env.rotor.simulate import PLACES
+
+
+@dataclass(frozen=True)
+class Report:
+    """A rotor run up; identified: at id_speeds (k,) rpm, k runs; result: of this one rotor."""
+
+    rotor: Rotor
+    seed: int
+    result: RunUp
+    id_speeds: tuple[float, ...]
+    identified: RotorIdentification
+
+    @property
+    def speeds(self) -> np.ndarray:
+        """(s,) rpm."""
+        return self.result.speed_rpm
+
+    @cached_property
+    def expected(self) -> np.ndarray:
+        """`readings` at the speeds, (s, 2)."""
+        return readings(self.rotor, self.speeds)
+
+    @property
+    def zones(self) -> list[str]:
+        """ISO 14839-2 by the larger peak of both planes, per speed."""
+        clearance = self.rotor.axis.clearance
+        return [iso_14839_2_zone(float(peak), clearance) for peak in self.result.peak[0].max(axis=-1)]
+
+    @cached_property
+    def touchdowns(self) -> list[dict[str, Any] | None]:
+        """Place, time (s) and greatest force (N) of the first contact at each speed."""
+        found: list[dict[str, Any] | None] = []
+        for first, contact in zip(self.result.first_contact[0], self.result.contact[0], strict=True):
+            where = int(np.argmin(np.where(np.isnan(first), np.inf, first)))
+            one = {"place": PLACES[where], "time": float(first[where]), "force": float(contact[where])}
+            found.append(None if np.isnan(first).all() else one)
+        return found
+
+    @property
+    def motor(self) -> dict[str, np.ndarray] | None:
+        """Torque N m, peak current A, copper loss W and power W (s,) that hold each speed, without its driver."""
+        motor, speeds = self.rotor.motor, abs(self.speeds) * np.pi / 30
+        if motor is None:
+            return None
+        torque, current, loss = (
+            np.array([of(w) for w in speeds]) for of in (motor.drag_torque, motor.current, motor.copper_loss)
+        )
+        return {"torque": torque, "current": current, "copper_loss": loss, "power": torque * speeds + loss}
+
+    @property
+    def spin_up_time(self) -> float | None:
+        """s from rest to the greatest speed, None without a motor or speed."""
+        top = float(abs(self.speeds).max())
+        motor = self.rotor.motor
+        return motor.spin_up_time(top, self.rotor.body.polar_inertia) if motor is not None and top > 0 else None
+
+    @property
+    def heat(self) -> np.ndarray:
+        """W (s,) of coils and, where there is a motor, windings and drag: all of it stays in the housing."""
+        return self.result.copper_loss[0] + (self.motor["power"] if self.motor else 0.0)
+
+
+def report(rotor: Rotor, speeds: np.ndarray, seed: int, threads: int | None) -> Report:
+    """Run up and identify at standstill and near the top speed, at one that keeps the lines clear of the spin."""
+    protocol = Protocol()
+    clear = 120 * protocol.fundamental  # rpm: no harmonic of a multiple of it falls on a line
+    top = float(speeds[abs(speeds).argmax()])
+    at = tuple(dict.fromkeys((0.0, round(int(top / clear * (1 + 1e-12)) * clear, 6))))
+    runs = [Run(rotor, v, (seed, 1, i)) for i, v in enumerate(at)]
+    return Report(rotor, seed, run_up([rotor], speeds, seed, threads), at, identify_runs(runs, protocol, threads))
+
+
+def readings(rotor: Rotor, speeds: np.ndarray) -> np.ndarray:
+    """Amplitude (s, 2) m that the probes in x at a and b read once per turn at speeds rpm, by the linear model; nan at
+    rest and where the loop is not stable."""
+    found = np.full((len(speeds), 2), np.nan)
+    for i, w in enumerate(np.asarray(speeds) * np.pi / 30):
+        if w and abs(closed_loop_poles(rotor, w)).max() < 1:
+            at = np.array([w])
+            found[i] = abs(probe_readings(rotor, unbalance_response(rotor, at), at)[0, ::2])
+    return found
+
+
+def spring(rotor: Rotor) -> float:
+    """N/m at each magnet plane: the proportional gain of the first controller and the magnets."""
+    gain, stiffness = linearise(force_law(rotor.axis))
+    return (gain * next(iter(rotor.gains.values())).kp + stiffness) / 2
+
+
+def whirl(rotor: Rotor, speeds: np.ndarray) -> np.ndarray:
+    """Undamped frequencies (s, 4) Hz on that spring at speeds rpm, backward ones negative; nan on none."""
+    k = spring(rotor)
+    if k <= 0:
+        return np.full((len(speeds), 4), np.nan)
+    return np.array([undamped_frequencies(rotor, k, w) for w in np.asarray(speeds) * np.pi / 30])
+
+
+def damped(rotor: Rotor, speed_rpm: float, top: float = 500.0) -> np.ndarray:
+    """Frequency Hz and damping ratio (n, 2), below 0.95, of the closed loop's modes up to `top`, sorted."""
+    z = closed_loop_poles(rotor, speed_rpm * np.pi / 30)
+    s = np.log(z[abs(z) > 1e-6]) * rotor.axis.control_rate
+    s = s[(s.imag > 0.3 * abs(s)) & (s.imag < 2 * np.pi * top)]
+    found = np.stack([s.imag / (2 * np.pi), -s.real / abs(s)], axis=-1)
+    return found[np.argsort(found[:, 0])]

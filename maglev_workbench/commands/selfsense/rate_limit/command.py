@@ -1,0 +1,19 @@
+"""`maglev selfsense rate-limit`: how slowly the rig's estimator may be sampled, over its PI gains."""
+
+from pathlib import Path
+
+from maglev_workbench.commands.selfsense.rate_limit.rate_map import STEPS, map_rates
+from maglev_workbench.commands.selfsense.rate_limit.report import rate_json, rate_page, rate_summary, rate_table
+from maglev_workbench.commands.selfsense.results import page_file, publish
+from maglev_workbench.commands.selfsense.rig_sensor import load_sensor
+from maglev_workbench.console import progress_bar
+
+
+def run(rig: str, out: Path | None, json_file: Path | None) -> None:
+    """See `maglev_workbench.commands.selfsense.cli.rate_limit`."""
+    loaded, sensor = load_sensor(rig)
+    page = page_file(out, "rate-limit", json_file)
+    with progress_bar() as bar:
+        task = bar.add_task(f"rate limit {loaded.name}", total=STEPS)
+        found = map_rates(loaded, sensor, lambda: bar.advance(task))
+    publish(page, rate_page(found), json_file, rate_json(found), rate_table(found), rate_summary(found))

@@ -1,0 +1,30 @@
+"""How every `maglev selfsense` command begins and ends: where its page goes, and page, JSON and console."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from maglev_workbench.console import console, require_folder, write_json
+from maglev_workbench.page import write_page
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+
+def page_file(out: Path | None, command: str, json_file: Path | None) -> Path:
+    """The page's file: out, or selfsense-<command>.html here. ValueError where page or JSON cannot be written."""
+    page = out or Path(f"selfsense-{command}.html")
+    require_folder(page, "--out")
+    require_folder(json_file, "--json")
+    return page
+
+
+def publish(
+    page: Path, html: str, json_file: Path | None, data: Mapping[str, Any], shown: "Table", summary: str
+) -> None:
+    """Write page and JSON, then print table, summary and where the page is."""
+    write_page(page, html)
+    write_json(json_file, dict(data))
+    console.print(shown)
+    console.print(summary, markup=False)
+    console.print(f"page  {page}", markup=False)

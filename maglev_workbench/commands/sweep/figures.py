@@ -1,0 +1,246 @@
+"""Figures of a sweep: maps with the stability border, lines, points, and coefficients against frequency."""
+
+from collections.abc import Mapping, Sequence
+from math import prod
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from maglev_workbench.page import (
+    COLOURS,
+    INFEASIBLE,
+    STAR,
+    colour_panels,
+    labelled_axis,
+    mark_iso_zones,
+    note,
+    number,
+    shaded,
+    styled,
+)
+
+if TYPE_CHECKING:
+    import xarray as xr
+    from plotly.basedatatypes import BaseTraceType
+    from plotly.graph_objects import Figure, Scatter
+
+SHOWN = {"kp": (1e-3, "A/mm"), "ki": (1e-3, "A/(mm s)"), "kd": (1.0, "A s/m")}  # factor from SI, unit
+QUANTITIES = {  # factor from SI, label, colours
+    "stiffness": (1e-3, "stiffness in kN/m", "viridis"),
+    "damping": (1.0, "damping in N s/m", "viridis"),
+    "peak_sensitivity": (1.0, "peak sensitivity |S|", "cividis_r"),
+    "score": (1.0, "score", "viridis"),
+}
+_WHERE = "kp %{customdata[0]:.4g} A/mm, ki %{customdata[1]:.4g} A/(mm s), kd %{customdata[2]:.4g} A s/m<br>"
+_HOVER = _WHERE + (
+    "stiffness %{customdata[3]:.4g} kN/m, damping %{customdata[4]:.4g} N s/m<br>peak |S| %{customdata[5]:.3g}, "
+    "phase margin %{customdata[7]:.3g}°<br>score %{customdata[6]:.3g}<extra></extra>"
+)
+_INFEASIBLE = _WHERE + "%{text}<extra>infeasible</extra>"
+WORST_SENSITIVITY = 6.0  # colours end here: beyond zone D a loop is no candidate
+
+
+def over_gains(dataset: "xr.Dataset") -> "list[tuple[str, str | Figure]]":
+    """The four quantities over the swept gains, as the layout of the sweep allows."""
+    counts = {name: np.unique(dataset[name].values).size for name in SHOWN}
+    swept = [name for name in SHOWN if counts[name] > 1]
+    if not swept:
+        return []
+    colours = f" Colours end at the 2nd and 98th percentile, for |S| at {WORST_SENSITIVITY:g}."
+    if len(swept) == 1:
+        text = (
+            "Shaded: 95 %. Black: the stability border, half way between two gains. Grey: infeasible. Star: the best."
+        )
+        return [(f"Over {swept[0]}", _lines(dataset, swept[0])), ("", note(text))]
+    points = {tuple(p) for p in zip(*(dataset[name].values for name in swept), strict=True)}
+    if len(points) == dataset.sizes["experiment"] == prod(counts[name] for name in swept):
+        text = (
+            "Black: the stability border, half way between grid points. Grey: infeasible. Star: the best shown, filled "
+        )
+        text += (
+            "where it is the best of all. White: peak |S| 3, 4 and 5, where the zones of ISO 14839-3 meet." + colours
+        )
+        return [("Maps over the gains", _maps(dataset, swept)), ("", note(text))]
+    text = "Crosses: infeasible. Star: the best. Every point shows its other gains on hover." + colours
+    return [("Points over the gains", _points(dataset, swept)), ("", note(text))]
+
+
+def _shown(dataset: "xr.Dataset", name: str, of: str = "") -> np.ndarray:
+    """A variable in display units (of its quantity `of`), (experiments,), nan where infeasible or unbounded."""
+    value = dataset[name].values * QUANTITIES[of or name][0]
+    return np.where(dataset["feasible"].values & np.isfinite(value), value, np.nan)
+
+
+def _hover(dataset: "xr.Dataset") -> dict[str, np.ndarray]:
+    """customdata (experiments, 8) for _HOVER, and text (experiments,) that says why a set is infeasible."""
+    gains = [dataset[name].values * scale for name, (scale, _) in SHOWN.items()]
+    values = [*gains, *(_shown(dataset, name) for name in QUANTITIES), dataset["phase_margin"].values]
+    times = dataset["touchdown_time"].values
+    why = ["unstable loop" if np.isnan(t) else f"touched down after {t:.3g} s" for t in times]
+    return {"customdata": np.stack(values, axis=-1), "text": np.array(why)}
+
+
+def _axis(dataset: "xr.Dataset", name: str) -> dict[str, Any]:
+    scale, unit = SHOWN[name]
+    return labelled_axis(f"{name} in {unit}", dataset[name].values * scale, dataset.attrs.get("log") == "true")
+
+
+def _gain_panels(dataset: "xr.Dataset", x: str, y: str) -> "Figure":
+    """Empty panels of the quantities over two gains, with their colour scales."""
+    scales = []
+    for name, (_, label, colours) in QUANTITIES.items():
+        ends = {"peak_sensitivity": (1, WORST_SENSITIVITY), "score": (0, 1)}.get(name)
+        scales.append((label, colours, *(ends or np.nanpercentile(_shown(dataset, name), [2, 98]))))
+    return colour_panels(scales, _axis(dataset, x), _axis(dataset, y))
+
+
+def _reached_out(values: np.ndarray, log: bool) -> np.ndarray:
+    """Grid values with half a step more at either end, where the outer cells of a map end."""
+    v = np.log(values) if log else values
+    v = np.concatenate([v[:1] - (v[1] - v[0]) / 2, v, v[-1:] + (v[-1] - v[-2]) / 2])
+    return np.exp(v) if log else v
+
+
+def _maps(dataset: "xr.Dataset", swept: Sequence[str]) -> "Figure":
+    """Heat maps over two gains with the stability border; a slider goes through the third gain."""
+    x, y, *slid = ("kp", "kd", "ki") if len(swept) == 3 else swept
+    order = np.lexsort([dataset[name].values for name in (x, y, *slid)])
+    slices = order.reshape(-1, np.unique(dataset[y].values).size, np.unique(dataset[x].values).size)
+    best = int(np.where(dataset["feasible"], dataset["score"], -1.0).argmax())
+    first = int(np.flatnonzero((slices == best).any(axis=(1, 2)))[0])
+    figure, owner = _gain_panels(dataset, x, y), []
+    for s, cells in enumerate(slices):
+        for panel, trace in _map_traces(dataset, cells, x, y, best):
+            trace.visible = s == first
+            figure.add_trace(trace, row=panel // 2 + 1, col=panel % 2 + 1)
+            owner.append(s)
+    if slid:
+        scale, unit = SHOWN[slid[0]]
+        steps = []
+        for s, cells in enumerate(slices):
+            label = number(float(dataset[slid[0]][cells[0, 0]]) * scale)
+            steps.append({"method": "restyle", "label": label, "args": [{"visible": [o == s for o in owner]}]})
+        prefix = {"prefix": f"{slid[0]} in {unit}: "}
+        figure.update_layout(sliders=[{"active": first, "steps": steps, "currentvalue": prefix, "pad": {"t": 60}}])
+    return figure
+
+
+def _map_traces(
+    dataset: "xr.Dataset", cells: np.ndarray, x: str, y: str, best: int
+) -> "list[tuple[int, BaseTraceType]]":
+    """The traces of one slice with their panels; cells: experiments (y, x); best: experiment of the best score."""
+    from plotly.graph_objects import Contour, Heatmap
+
+    hover, ok, log = _hover(dataset), dataset["feasible"].values[cells], dataset.attrs.get("log") == "true"
+    at_x, at_y = dataset[x].values[cells[0]] * SHOWN[x][0], dataset[y].values[cells[:, 0]] * SHOWN[y][0]
+    cell = {"x": at_x, "y": at_y, "customdata": hover["customdata"][cells], "hoverongaps": False}
+    grey = {"z": np.where(ok, np.nan, 0.0), "colorscale": [INFEASIBLE, INFEASIBLE], "showscale": False}
+    grey |= {"text": hover["text"][cells], "hovertemplate": _INFEASIBLE}
+    border = {"x": _reached_out(at_x, log), "y": _reached_out(at_y, log), "z": np.pad(ok.astype(float), 1, mode="edge")}
+    border |= {"contours": {"start": 0.5, "end": 0.5, "size": 1, "coloring": "none"}, "name": "stability border"}
+    border |= {"line": {"color": "black", "width": 4, "smoothing": 0}, "hoverinfo": "skip"}
+    traces: list[tuple[int, BaseTraceType]] = []
+    for panel, name in enumerate(QUANTITIES):
+        z = _shown(dataset, name)[cells]
+        traces.append((panel, Heatmap(**cell, **grey)))
+        traces.append((panel, Heatmap(**cell, z=z, coloraxis=f"coloraxis{panel + 1}", hovertemplate=_HOVER)))
+        traces.append((panel, Contour(**border)))
+        if name == "peak_sensitivity":
+            zones = {"start": 3, "end": 5, "size": 1, "coloring": "none", "showlabels": True}
+            line = {"color": "white", "width": 1.5, "smoothing": 0}
+            traces.append((panel, Contour(x=at_x, y=at_y, z=z, contours=zones, line=line, hoverinfo="skip")))
+        if ok.any():
+            score = np.where(ok, dataset["score"].values[cells], -1.0)
+            here = cells.ravel()[score.argmax()]
+            traces.append((panel, _star(dataset, here, x, y, "star" if here == best else "star-open")))
+    return traces
+
+
+def _star(dataset: "xr.Dataset", best: int, x: str, y: str, symbol: str = "star") -> "Scatter":
+    from plotly.graph_objects import Scatter
+
+    at = {axis: [float(dataset[name][best]) * SHOWN[name][0]] for axis, name in (("x", x), ("y", y))}
+    marker = {"symbol": symbol, "size": 16, "color": STAR, "line": {"color": "white", "width": 1.5}}
+    return Scatter(**at, mode="markers", marker=marker, hoverinfo="skip")
+
+
+def _points(dataset: "xr.Dataset", swept: Sequence[str]) -> "Figure":
+    """Scattered gain sets over two of the gains, coloured; infeasible ones as crosses."""
+    from plotly import graph_objects as go
+
+    x, y = ("kp", "kd") if len(swept) == 3 else swept
+    hover, ok, figure = _hover(dataset), dataset["feasible"].values, _gain_panels(dataset, x, y)
+    at_x, at_y = (dataset[name].values * SHOWN[name][0] for name in (x, y))
+    cross = {"symbol": "x-thin", "size": 7, "line": {"color": "#999", "width": 1.5}}
+    best = int(np.where(ok, dataset["score"], -1.0).argmax())
+    for p, name in enumerate(QUANTITIES):
+        colour = {"color": _shown(dataset, name)[ok], "coloraxis": f"coloraxis{p + 1}", "size": 9}
+        panel = {"row": p // 2 + 1, "col": p % 2 + 1}
+        for some, marker, template in ((~ok, cross, _INFEASIBLE), (ok, colour, _HOVER)):
+            trace = {"x": at_x[some], "y": at_y[some], "mode": "markers", "marker": marker, "hovertemplate": template}
+            figure.add_trace(go.Scatter(**trace, **{key: value[some] for key, value in hover.items()}), **panel)
+        figure.add_trace(_star(dataset, best, x, y), **panel)
+    return figure
+
+
+def _lines(dataset: "xr.Dataset", x: str) -> "Figure":
+    """The quantities over one gain with 95 % bands and the stability borders."""
+    from plotly import graph_objects as go
+    from plotly.subplots import make_subplots
+
+    data = dataset.isel(experiment=np.argsort(dataset[x].values, kind="stable"))
+    log, at, ok = data.attrs.get("log") == "true", data[x].values * SHOWN[x][0], data["feasible"].values
+    middle = np.sqrt(at[1:] * at[:-1]) if log else (at[1:] + at[:-1]) / 2
+    edges = np.concatenate([at[:1], middle, at[-1:]])
+    best, hover = int(np.where(ok, data["score"], -1.0).argmax()), _hover(data)
+    figure = make_subplots(2, 2, subplot_titles=[label for _, label, _ in QUANTITIES.values()], vertical_spacing=0.13)
+    half = 1.96 * data["peak_sensitivity_se"].values
+    for p, name in enumerate(QUANTITIES):
+        panel = {"row": p // 2 + 1, "col": p % 2 + 1}
+        y = _shown(data, name)
+        if name in ("stiffness", "damping"):
+            ends = [_shown(data, f"{name}_{end}", name) for end in ("low", "high")]
+            figure.add_trace(shaded(at, *ends, COLOURS[0]), **panel)
+        if name == "peak_sensitivity":
+            figure.add_trace(shaded(at, y - half, y + half, COLOURS[0]), **panel)
+            figure.update_yaxes(range=[0, min(1.1 * np.nanmax(y + half), 2 * WORST_SENSITIVITY)], **panel)
+            mark_iso_zones(figure, **panel)
+        trace = {"x": at, "y": y, "customdata": hover["customdata"], "hovertemplate": _HOVER}
+        figure.add_trace(go.Scatter(**trace, mode="lines+markers", line={"color": COLOURS[0]}), **panel)
+        marker = {"symbol": "star", "size": 15, "color": STAR}
+        figure.add_trace(go.Scatter(x=at[[best]], y=y[[best]], marker=marker, hoverinfo="skip"), **panel)
+        for i in np.flatnonzero(~ok):
+            grey = {"fillcolor": INFEASIBLE, "line_width": 0, "layer": "below"}
+            figure.add_vrect(float(edges[i]), float(edges[i + 1]), **grey, **panel)
+        for i in np.flatnonzero(ok[1:] != ok[:-1]):
+            figure.add_vline(float(middle[i]), line={"color": "black", "width": 4}, name="stability border", **panel)
+    figure.update_xaxes(**_axis(data, x)).update_layout(showlegend=False)
+    return styled(figure, 760)
+
+
+def best_bands(dataset: "xr.Dataset", rows: Sequence[Mapping[str, Any]]) -> "Figure":
+    """Stiffness and damping in the sliding bands of a few gain sets with 95 % bands."""
+    from plotly.graph_objects import Scatter
+    from plotly.subplots import make_subplots
+
+    units = {"stiffness": "kN/m", "damping": "N s/m"}
+    figure = styled(make_subplots(1, 2, subplot_titles=[QUANTITIES[name][1] for name in units]), 440)
+    centre = (dataset["band_low"].values + dataset["band_high"].values) / 2
+    chosen = dataset.sel(experiment=[row["experiment"] for row in rows])
+    for col, (name, unit) in enumerate(units.items(), 1):
+        value, half = (chosen[v].values * QUANTITIES[name][0] for v in (f"band_{name}", f"band_{name}_se"))
+        low, high = np.nanpercentile(value, [8, 97])
+        pad = 0.3 * (high - low) + 0.05 * abs(high)
+        figure.update_yaxes(range=[low - pad, high + pad], row=1, col=col)
+        for i, (row, colour, dash) in enumerate(zip(rows, COLOURS, ("solid", "dash", "dot"), strict=False)):
+            gains = ", ".join(f"{g} {number(row['gains'][g] * scale)}" for g, (scale, _) in SHOWN.items())
+            reach = 1.96 * half[i]
+            figure.add_trace(
+                shaded(centre, value[i] - reach, value[i] + reach, colour, legendgroup=gains), row=1, col=col
+            )
+            text = f"%{{x:g}} Hz: %{{y:.4g}} ± %{{customdata:.2g}} {unit}<extra>{i + 1}</extra>"
+            trace = {"name": f"{i + 1}: {gains}", "legendgroup": gains, "showlegend": col == 1, "hovertemplate": text}
+            line = {"color": colour, "dash": dash}
+            figure.add_trace(Scatter(x=centre, y=value[i], customdata=reach, line=line, **trace), row=1, col=col)
+    figure.update_xaxes(title_text="centre of the band in Hz")
+    return figure.update_layout(legend={"orientation": "h", "y": -0.2})

@@ -1,0 +1,155 @@
+"""Reports of a sweep: the best gain sets, a JSON summary, and one page of maps with the stability border."""
+
+import json
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from maglev_env.evaluation.score import WEIGHTS
+from maglev_workbench.commands.sweep.figures import SHOWN, best_bands, over_gains
+from maglev_workbench.page import note, number, page, plain, rig_facts, table, with_interval
+
+if TYPE_CHECKING:
+    import rich.table
+    import xarray as xr
+    from plotly.graph_objects import Figure
+
+GAINS = ("kp", "ki", "kd", "td", "ti")
+_HEAD = ("", "kp\nA/mm", "ki\nA/(mm s)", "kd\nA s/m", "score", "stiffness\nkN/m", "damping\nN s/m", "peak |S|\n",
+         "phase\nmargin °", "gain\nmargins", "peak\num", "coil\nA rms")  # fmt: skip
+_IN_TERMINAL = 9
+
+
+def best_rows(dataset: "xr.Dataset", count: int = 10) -> list[dict[str, Any]]:
+    """The best feasible gain sets, best first, as JSON data in SI; margins that the lines do not hold are None.
+
+    Each: experiment, gains, score, terms, stiffness and damping with *_ci (95 %, an unbounded end None),
+    peak_sensitivity with _se, phase_margin (deg), gain_margin_low and _high, peak_displacement, current_rms.
+    """
+    values = {str(name): dataset[name].values for name in (*dataset.data_vars, *GAINS, "experiment")}
+    order = np.argsort(-np.where(values["feasible"], values["score"], -np.inf), kind="stable")
+    direct = ("experiment", "score", "stiffness", "damping", "peak_sensitivity", "peak_sensitivity_se", "phase_margin",
+              "gain_margin_low", "gain_margin_high", "peak_displacement", "current_rms")  # fmt: skip
+    rows = []
+    for i in order[: min(count, int(values["feasible"].sum()))]:
+        row: dict[str, Any] = {name: values[name][i] for name in direct}
+        row["gains"] = {name: values[name][i] for name in GAINS}
+        row["terms"] = {name: values[f"term_{name}"][i] for name in WEIGHTS}
+        for name in ("stiffness", "damping"):
+            row[f"{name}_ci"] = (values[f"{name}_low"][i], values[f"{name}_high"][i])
+        rows.append(plain(row))
+    return rows
+
+
+def sweep_table(dataset: "xr.Dataset", count: int = 10) -> "rich.table.Table":
+    """The best gain sets in 80 columns; margins, displacement and current are in the page and the dataset."""
+    from rich import box
+    from rich.table import Table
+
+    rows = best_rows(dataset, count)
+    result = Table(box=box.SIMPLE_HEAD, collapse_padding=True, pad_edge=False, title=_counts(dataset))
+    for name in _HEAD[:_IN_TERMINAL]:
+        result.add_column(name, justify="right")
+    for i, row in enumerate(rows):
+        result.add_row(*_cells(i, row)[:_IN_TERMINAL], style="bold" if i == 0 else "")
+    result.caption = "± and [ ]: 95 % intervals; – : not within the excited lines" if rows else "nothing feasible"
+    return result
+
+
+def sweep_summary(dataset: "xr.Dataset", seconds: float, reused: int) -> dict[str, Any]:
+    """The sweep as JSON data, schema maglev-sweep/1, gains in SI; `reused` experiments were read and not computed."""
+    n, rows = dataset.sizes["experiment"], best_rows(dataset, 1)
+    return {
+        "schema": "maglev-sweep/1",
+        "n": n,
+        "stable": int(dataset["feasible"].sum()),
+        "best": {name: rows[0][name] for name in ("gains", "score", "terms")} if rows else None,
+        "seconds": float(seconds),
+        "experiments_per_second": (n - reused) / seconds if n > reused and seconds > 0 else None,
+        "reused": int(reused),
+    }
+
+
+def sweep_page(dataset: "xr.Dataset") -> str:
+    """The HTML of a sweep: best gain sets, maps (grid), lines (one swept gain) or points (scattered), best spectra."""
+    rig = json.loads(dataset.attrs.get("rig", "{}"))
+    band = rig.get("target", {}).get("band")
+    where = f" Stiffness and damping: maximum likelihood over {band[0]:g} to {band[1]:g} Hz." if band else ""
+    rows = best_rows(dataset)
+    sections: list[tuple[str, str | Figure]] = []
+    if rows:
+        best = _cells(0, rows[0])
+        summary = (
+            f"{_counts(dataset)}. Best: kp {best[1]} A/mm, ki {best[2]} A/(mm s), kd {best[3]} A s/m with score "
+            f"{best[4]}: stiffness {best[5]} kN/m, damping {best[6]} N s/m, peak |S| {best[7]}."
+        )
+        best = table(_HEAD, [_cells(i, row) for i, row in enumerate(rows)])
+        sections.append(("Best gain sets", f'<div class="best">{best}</div>'))
+        sections.append(("", note("± and [ ] are 95 % intervals; – : not within the excited lines." + where)))
+        sections += over_gains(dataset)
+        sections.append(("Stiffness and damping against frequency, best three", best_bands(dataset, rows[:3])))
+        sections.append(
+            (
+                "",
+                note(
+                    "Maximum likelihood in sliding bands, drawn at their centres; shaded: 95 %. A steep end may "
+                    "leave the panel: double-click shows all."
+                ),
+            )
+        )
+        head = ("", "score", *(f"{name.replace('_', ' ')}\n{weight:.0%}" for name, weight in WEIGHTS.items()))
+        terms = [[str(i + 1), *(number(v, 2) for v in (r["score"], *r["terms"].values()))] for i, r in enumerate(rows)]
+        sections.append(("What the scores are made of", table(head, terms)))
+        sections.append(("", note("Terms from 0 to 1, 1 where the target is met; below each name its weight.")))
+    else:
+        near = int(dataset["pole_radius"].values.argmin())
+        gains = ", ".join(f"{g} {number(float(dataset[g][near]) * s)} {unit}" for g, (s, unit) in SHOWN.items())
+        summary = f"{_counts(dataset)}: there is no best gain set."
+        radius = float(dataset["pole_radius"][near])
+        why = "unstable" if radius >= 1 else "stable, yet the excitation makes it touch down"
+        sections.append(("Nearest to a stable loop", note(f"{gains}: largest pole radius {radius:.4f}, {why}.")))
+    return page(f"Gain sweep of {rig.get('name', 'a rig')}", summary, sections, _made_by(dataset.attrs, rig))
+
+
+def _counts(dataset: "xr.Dataset") -> str:
+    n, stable = dataset.sizes["experiment"], int(dataset["feasible"].sum())
+    touched = int(dataset["touchdown_time"].notnull().sum())
+    return (
+        f"{stable} of {n} gain sets are feasible; {touched} ({100 * touched / n:.0f} %) touched down, "
+        f"{n - stable - touched} more have an unstable loop"
+    )
+
+
+def _cells(index: int, row: Mapping[str, Any]) -> list[str]:
+    k, c = row["stiffness"], row["damping"]
+    k_low, k_high = (None if end is None else end / 1e3 for end in row["stiffness_ci"])
+    ms, se = row["peak_sensitivity"], row["peak_sensitivity_se"]
+    half = np.nan if se is None else 1.96 * se
+    return [
+        str(index + 1),
+        *(number(row["gains"][name] * scale) for name, (scale, _) in SHOWN.items()),
+        number(row["score"]),
+        with_interval(k and k / 1e3, k_low, k_high),
+        with_interval(c, *row["damping_ci"]),
+        "–" if ms is None else with_interval(ms, ms - half, ms + half),
+        number(row["phase_margin"]),
+        f"{number(row['gain_margin_low'], 2)}; {number(row['gain_margin_high'], 2)}",
+        number(row["peak_displacement"] * 1e6),
+        number(row["current_rms"]),
+    ]
+
+
+def _made_by(attrs: Mapping[str, Any], rig: Mapping[str, Any]) -> dict[str, object]:
+    axes = []
+    for name, axis in json.loads(attrs.get("axes", "{}")).items():
+        scale, unit = SHOWN[name]
+        axes.append(f"{name} {axis['low'] * scale:g} to {axis['high'] * scale:g} {unit}, {axis['points']} points")
+    spacing = "logarithmic" if attrs.get("log") == "true" else "linear"
+    sobol = attrs.get("sobol", "0")
+    kind = f"{spacing} grid" if sobol == "0" else f"{sobol} Sobol points, {spacing}"
+    effects = ", ".join(f"{k} {v}" for k, v in json.loads(attrs.get("effects", "{}")).items())
+    sensor = attrs.get("sensor", "probe").replace("_", "-")
+    known = {"Sensor": sensor, "Effects": effects or "none", "Swept": f"{kind}: {'; '.join(axes)}"}
+    stated = {name.capitalize(): attrs[name] for name in ("seed", "version", "identity") if name in attrs}
+    return rig_facts(rig) | known | stated

@@ -1,0 +1,91 @@
+"""`maglev tune --campaign`: the next experiment on a real rig, one at a time, or that it is time to stop."""
+
+import tomllib
+from collections.abc import Sequence
+from importlib.metadata import version
+from pathlib import Path
+
+from rich.markup import escape
+
+from maglev_env.recordings.campaign import SCHEMA, Campaign, campaign_rig, load_campaign
+from maglev_env.recordings.files import write_text_atomic
+from maglev_env.rig.rig import Rig
+from maglev_workbench.commands.tune.campaign_report import campaign_json, campaign_page, campaign_tables
+from maglev_workbench.commands.tune.next_recording import commented, excitation_words, summary, toml_block
+from maglev_workbench.console import console, require_folder, write_json
+from maglev_workbench.page import write_page
+from tuning.campaign.next_step import TUNED, next_step
+from tuning.campaign.recorded_sets import recorded_sets
+
+MEANT = ("campaign", "budget", "tuned", "seed", "out", "json_file")  # options that a real rig's tuning takes
+
+
+def run(
+    source: Path,
+    budget: int,
+    tuned: Sequence[str],
+    seed: int,
+    out: Path | None,
+    json_file: Path | None,
+    named: Sequence[str] = (),
+) -> None:
+    """See `maglev_workbench.cli_tuning.tune`; named: names of all options on the command line.
+
+    ValueError for options that mean nothing with a campaign, a campaign without a rig, recordings of no use.
+    """
+    if extra := [name for name in named if name not in MEANT]:
+        words = {"json_file": "json", "tuned": "tune"}
+        those = ", ".join(f"--{words.get(name, name)}" for name in extra)
+        raise ValueError(
+            f"{those}: not with --campaign, which takes rig and recordings from its folder and proposes one experiment "
+            "at a time; it goes with --budget, --tune, --seed, --out and --json"
+        )
+    require_folder(json_file, "--json")
+    folder, rig, campaign = _read(source)
+    tuned = tuple(tuned) or TUNED
+    sets = recorded_sets(campaign) if campaign and rig.axes == 1 else []
+    advice = next_step(rig, sets, tuned, budget, seed)
+    target = out or folder / "tune"
+    target.mkdir(parents=True, exist_ok=True)
+    block = toml_block(advice, campaign)
+    made_by = {
+        "campaign": str(folder), "budget": budget, "tuned": tuned, "seed": seed, "version": version("maglev-workbench")
+    }  # fmt: skip
+    data = campaign_json(advice, made_by)
+    write_text_atomic(target / "next.toml", commented(advice, block))
+    write_json(target / "tune.json", data)
+    write_json(json_file, data)
+    write_page(target / "tune.html", campaign_page(advice, block, {k.capitalize(): str(v) for k, v in made_by.items()}))
+    for part in campaign_tables(advice):
+        console.print(escape(part) if isinstance(part, str) else part)
+    if not advice.stop:
+        console.print(f"to paste into {folder / 'campaign.toml'} when it is recorded:\n", markup=False)
+        console.print(block, markup=False, highlight=False, soft_wrap=True)
+        console.print("excitation: " + "; ".join(excitation_words(advice)), markup=False)
+    console.print(summary(advice), style="bold", markup=False)
+    console.print(
+        f"{advice.recordings} of {budget} recordings\npage  {target / 'tune.html'}\ntoml  {target / 'next.toml'}"
+    )
+
+
+def _read(source: Path) -> tuple[Path, Rig, Campaign | None]:
+    """Folder, nominal rig and, once something is recorded, the campaign."""
+    path = source / "campaign.toml" if source.is_dir() else source
+    if not path.exists():
+        raise FileNotFoundError(
+            f'{path} does not exist; begin with a campaign.toml of two lines: schema = "{SCHEMA}" and '
+            'rig = "..." (a preset or a rig TOML beside it)'
+        )
+    try:
+        data = tomllib.loads(path.read_text(encoding="utf-8"))
+        begun = bool(data.get("recording"))
+        if not begun and data.get("schema") != SCHEMA:
+            raise ValueError(f'schema = {data.get("schema")!r}; this version reads schema = "{SCHEMA}"')
+        rig = None if begun else campaign_rig(path.parent, data.get("rig"), data.get("parameters", {}))[0]
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}") from error
+    campaign = load_campaign(path) if begun else None
+    rig = campaign.rig if campaign else rig
+    if rig is None:
+        raise ValueError(f"{path}: rig is missing; tuning needs the nominal rig: name a preset or a rig TOML")
+    return path.parent, rig, campaign

@@ -1,0 +1,216 @@
+"""What a campaign says to record next, or to keep, as tables, page and JSON."""
+
+from collections.abc import Iterable
+from dataclasses import asdict
+from html import escape
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from maglev_workbench.commands.tune.next_recording import excitation_words, in_words, summary
+from maglev_workbench.page import (
+    COLOURS,
+    mark_iso_zones,
+    note,
+    number,
+    page,
+    plain,
+    rig_facts,
+    shaded,
+    styled,
+    table,
+    with_interval,
+)
+from tuning.campaign.candidates import Prediction
+from tuning.campaign.next_step import Advice
+from tuning.campaign.recorded_sets import Shown
+
+if TYPE_CHECKING:
+    import rich.table
+    from plotly.graph_objects import Figure
+
+NORMAL_95 = 1.96
+SHOWN = ("stiffness kN/m", "damping N s/m", "peak |S|", "gain margin", "phase margin °", "score")
+UNIT = {"mass": "kg", "actuator_gain": "N/A", "negative_stiffness": "N/m", "support_stiffness": "N/m", "delay": "s"}
+WORDS = {
+    "peak_sensitivity": "peak |S|",
+    "gain_margin_high": "upper gain margin",
+    "phase_margin": "phase margin °",
+    "displacement_share": "peak displacement over clearance",
+    "score": "score",
+}
+MEASURED = "by the measured plant"
+
+
+def campaign_tables(advice: Advice) -> "Iterable[str | rich.table.Table]":
+    """What a terminal shows before the summary."""
+    from rich import box
+    from rich.table import Table
+
+    blocks = (
+        ("What the recordings showed", ("recordings", *advice.task.box.names, *SHOWN), _set_rows(advice)),
+        ("Identified rig", ("parameter", "identified", "nominal"), _rig_rows(advice)),
+        (
+            "Predicted at the gains to record",
+            ("figure", "95 % on the identified rig", MEASURED),
+            _predicted_rows(advice),
+        ),
+    )
+    for title, head, rows in blocks:
+        if rows:
+            grid = Table(box=box.SIMPLE_HEAD, collapse_padding=True, pad_edge=False, title=title)
+            for i, name in enumerate(head):
+                grid.add_column(name, justify="right" if i else "left")
+            for row in rows:
+                grid.add_row(*row)
+            yield grid
+    yield from (f"note: {text}" for text in advice.notes)
+    for i, reason in advice.refused:
+        yield f"not kept: {in_words(advice, advice.sets[i].gains)}: {reason}"
+
+
+def campaign_page(advice: Advice, block: str, made_by: dict[str, str]) -> str:
+    """The HTML page of one call."""
+    sections: list[tuple[str, str | Figure]] = []
+    if any(s.sensitivity for s in advice.sets):
+        sections.append(("Sensitivity of the loop", sensitivity_figure(advice)))
+    if rows := _set_rows(advice):
+        sections.append(("What the recordings showed", table(("recordings", *advice.task.box.names, *SHOWN), rows)))
+    if rows := _rig_rows(advice):
+        sections.append(("Identified rig", table(("parameter", "identified (95 %)", "nominal"), rows)))
+    if rows := _predicted_rows(advice):
+        head = ("figure", "95 % on the identified rig", MEASURED)
+        sections.append(("Predicted at the gains to record", table(head, rows)))
+    excited = "; ".join(excitation_words(advice))
+    sections.append(("To paste" if advice.stop else "To record", note(excited) + f"<pre>{escape(block)}</pre>"))
+    refused = [(in_words(advice, advice.sets[i].gains), reason) for i, reason in advice.refused]
+    if refused:
+        sections.append(("Not kept", table(("gains", "why"), refused)))
+    sections += [("", note(text)) for text in advice.notes]
+    made = {**rig_facts(plain(asdict(advice.task.rig))), **made_by}
+    return page(f"Tuning of {advice.task.name} on the bench", summary(advice), sections, made)
+
+
+def campaign_json(advice: Advice, made_by: dict[str, Any]) -> dict[str, Any]:
+    """Schema maglev-tune-campaign/1."""
+    sets = [
+        {
+            "gains": asdict(s.gains), "recordings": s.files, "failed": s.failed, "shown": _shown_json(one),
+            "predicted": p and _predicted_json(p),
+        }
+        for s, one, p in zip(advice.sets, advice.shown, advice.predicted, strict=True)
+    ]  # fmt: skip
+    rig = None
+    if advice.identified:
+        told = advice.identified.told()
+        rig = {
+            "parameters": {n: {"value": v, "se": e, "nominal": o} for n, (v, e, o) in told.items()},
+            "misfit": advice.identified.misfit,
+        }
+    return plain(
+        {
+            "schema": "maglev-tune-campaign/1",
+            "made_by": made_by,
+            "sets": sets,
+            "identified": rig,
+            "next": advice.next and asdict(advice.next),
+            "why": advice.why or None,
+            "prediction": advice.prediction and _predicted_json(advice.prediction),
+            "share": advice.share,
+            "limited": advice.limited,
+            "stop": advice.stop,
+            "keep": None if advice.keep is None else asdict(advice.sets[advice.keep].gains),
+            "refused": [{"gains": asdict(advice.sets[i].gains), "reason": reason} for i, reason in advice.refused],
+            "notes": advice.notes,
+        }
+    )
+
+
+def sensitivity_figure(advice: Advice) -> "Figure":
+    """|S| as measured at every gain set, and predicted by the measured plant where to record next."""
+    import plotly.graph_objects as go
+
+    figure = go.Figure()
+    for i, s in enumerate(advice.sets):
+        if s.sensitivity is not None:
+            words = ", ".join(f"{n} {getattr(s.gains, n):.4g}" for n in advice.task.box.names)
+            width = 2.5 if i == advice.keep else 1.2
+            figure.add_scatter(
+                x=s.sensitivity.frequency,
+                y=np.abs(s.sensitivity.value),
+                mode="lines",
+                name=words,
+                line={"width": width},
+            )
+    if advice.prediction and advice.prediction.response:
+        r = advice.prediction.response
+        size, half = np.abs(r.value), NORMAL_95 * np.sqrt(r.variance / 2)
+        figure.add_trace(shaded(r.frequency, np.maximum(size - half, 1e-3), size + half, COLOURS[1]))
+        line = {"color": COLOURS[1], "dash": "dash", "width": 2.5}
+        figure.add_scatter(x=r.frequency, y=size, mode="lines", name="predicted at the next gains", line=line)
+    mark_iso_zones(figure)
+    figure.update_xaxes(title_text="frequency Hz", type="log")
+    figure.update_yaxes(title_text="|S|", rangemode="tozero")
+    return styled(figure, 420)
+
+
+def _set_rows(advice: Advice) -> list[tuple[str, ...]]:
+    rows = []
+    for i, (s, one) in enumerate(zip(advice.sets, advice.shown, strict=True)):
+        mark = " (keep)" if i == advice.keep else ""
+        gains = tuple(f"{getattr(s.gains, n):.4g}" for n in advice.task.box.names)
+        figures = ("failed", *["–"] * 5) if one is None else _figures(one)
+        rows.append((", ".join(s.files) + mark, *gains, *figures))
+    return rows
+
+
+def _figures(one: Shown) -> tuple[str, ...]:
+    k, k_se, c, c_se = one.stiffness / 1e3, one.stiffness_se / 1e3, one.damping, one.damping_se
+    coefficients = (_pm(k, k_se), _pm(c, c_se))
+    m = one.margins
+    names = ("peak_sensitivity", "gain_margin_high", "phase_margin")
+    margins = [with_interval(getattr(m, n), *m.intervals[n]) for n in names] if m else ["–"] * 3
+    return (*coefficients, *margins, _pm(one.score, one.score_se))
+
+
+def _pm(value: float, se: float) -> str:
+    return with_interval(value, value - NORMAL_95 * se, value + NORMAL_95 * se)
+
+
+def _rig_rows(advice: Advice) -> list[tuple[str, ...]]:
+    if advice.identified is None:
+        return []
+    rows = [
+        (
+            f"{name} {UNIT.get(name, 's' if name.endswith('time_constant') else '')}".strip(),
+            f"{v:.5g} ± {NORMAL_95 * e:.2g}",
+            f"{o:.5g}",
+        )
+        for name, (v, e, o) in advice.identified.told().items()
+    ]
+    return [*rows, ("misfit (1: noise and model error)", f"{advice.identified.misfit:.2g}", "")]
+
+
+def _predicted_rows(advice: Advice) -> list[tuple[str, ...]]:
+    p = advice.prediction
+    if p is None:
+        return []
+    rows = []
+    for name, words in WORDS.items():
+        low, high = p.verdict.intervals.get(name, (np.nan, np.nan))
+        value = getattr(p.margins, name, None)
+        measured = with_interval(value, *p.margins.intervals[name]) if value is not None else "–"
+        rows.append((words, f"{number(low)} .. {number(high)}", measured))
+    return rows
+
+
+def _shown_json(one: Shown | None) -> dict[str, Any] | None:
+    if one is None:
+        return None
+    return {**{k: v for k, v in vars(one).items() if k != "margins"}, "margins": one.margins}
+
+
+def _predicted_json(p: Prediction) -> dict[str, Any]:
+    v = p.verdict
+    found = {"score": v.score, "score_se": v.score_se, "intervals": v.intervals, "reason": v.reason}
+    return {**found, "peak_sensitivity": p.peak, "margins_by_measured_plant": p.margins}

@@ -1,0 +1,79 @@
+"""`maglev tune`: a budget of simulated experiments, and which gains to take from them."""
+
+from collections.abc import Sequence
+from dataclasses import asdict
+from pathlib import Path
+from time import perf_counter
+
+import numpy as np
+
+from maglev_env.loop.effect import parse_effects
+from maglev_env.loop.gains import of_axis
+from maglev_env.rig.rig import load_rig
+from maglev_env.task.episodes import Episode
+from maglev_env.task.task import make_task
+from maglev_lanes.schedule import workers
+from maglev_workbench.commands.tune.report import tune_json, tune_page, tune_tables
+from maglev_workbench.console import console, progress_bar, require_folder, write_json
+from maglev_workbench.page import plain, write_page
+from tuning.methods import LEARNED, make_tuner, policy_digest, policy_of
+from tuning.study.recommendation import recommend
+from tuning.study.study import JOURNAL, run_study
+
+
+def run(
+    rig: str,
+    method: str,
+    budget: int,
+    batch: int,
+    tuned: Sequence[str],
+    protocol: str,
+    effects: Sequence[str],
+    sensor: str,
+    seed: int,
+    policy: Path | None,
+    threads: int | None,
+    scheduler: str | None,
+    out: Path | None,
+    json_file: Path | None,
+) -> None:
+    """See `maglev_workbench.cli_tuning.tune`."""
+    require_folder(json_file, "--json")
+    loaded, chosen = load_rig(rig), parse_effects(effects)
+    task = make_task(
+        loaded, tuned or ("kp", "ki", "kd"), effects=chosen, protocol=protocol, sensor=sensor, budget=budget
+    )
+    start = task.box.point(of_axis(task.rig.gains, 0))
+    episode = Episode(task.rig, task.target, start, seed)
+    own = policy_of(policy)
+    tuner = make_tuner(method, task, episode, seed, budget, own)
+    folder = out or Path(f"tune-{loaded.name}-{method}")
+    made_by = {
+        "method": method, "seed": seed, "rig": plain(asdict(task.rig)), "effects": plain(chosen), "sensor": sensor,
+        "tuned": list(task.box.names), "steps": budget if method == "grid" else None,
+        **({"policy": policy_digest(task, own)} if method == LEARNED else {}),
+    }  # fmt: skip
+    started = perf_counter()
+    with workers(scheduler, threads) as spread, progress_bar() as bar:
+        line = bar.add_task(f"tune {loaded.name} by {method}", total=budget)
+        try:
+            found = run_study(
+                folder, task, episode, tuner, made_by, budget, batch, threads, lambda n, _: bar.advance(line, n), spread
+            )
+        except KeyboardInterrupt:
+            console.print(f"stopped; what is finished is in {folder}: run the same command again to go on")
+            raise
+    advice = recommend(task, episode, found.trials, seed)
+    seconds = perf_counter() - started
+    data = tune_json(task, found, advice, made_by, seconds)
+    page = folder / "tune.html"
+    write_page(page, tune_page(task, found, advice, data))
+    write_json(folder / "tune.json", data)
+    write_json(json_file, data)
+    for part in tune_tables(task, found, advice):
+        console.print(part)
+    if found.dropped:
+        console.print("the journal ended in a broken record: its experiments were made again")
+    down = int(np.sum(found.trials.touchdown))
+    reused = f", {found.reused} reused from {folder / JOURNAL}" if found.reused else ""
+    console.print(f"{len(found.trials)} experiments, {down} touchdowns; {seconds:.1f} s{reused}\npage  {page}")

@@ -1,0 +1,105 @@
+"""What to record next, or to keep: in words, and as TOML to paste."""
+
+from dataclasses import asdict
+from pathlib import Path
+from textwrap import wrap
+
+from maglev_env.loop.gains import Gains
+from maglev_env.recordings.campaign import Campaign
+from maglev_env.recordings.campaign_tables import ChannelSource
+from maglev_env.recordings.campaign_writer import excitation_table, toml_table, toml_value
+from maglev_env.rig.excitation import UNITS
+from tuning.campaign.next_step import Advice
+
+LINE = 120
+_FORMATS = (".mat", ".csv", ".npz", ".h5", ".nc")
+
+
+def in_words(advice: Advice, gains: Gains) -> str:
+    """The gains, those that are tuned first, in SI."""
+    names = (*advice.task.box.names, *(n for n in asdict(gains) if n not in advice.task.box.names))
+    return ", ".join(f"{name} = {getattr(gains, name):.4g}" for name in names)
+
+
+def summary(advice: Advice) -> str:
+    """What to do, why, how sure it is, and how far the step was limited."""
+    if advice.stop:
+        text = f"STOP: {advice.stop}."
+        if advice.keep is not None:
+            v = advice.predicted[advice.keep].verdict
+            low, high = v.intervals["score"]
+            text += f" Keep {in_words(advice, advice.sets[advice.keep].gains)}"
+            text += f": score {v.score:.3f} on the identified rig, {low:.2f} .. {high:.2f} over what it may be."
+        elif advice.sets:
+            text += " None of the gains recorded is to be kept as it stands."
+        return text
+    text = f"Record next {in_words(advice, advice.next)}: {advice.why}."
+    if advice.prediction:
+        low, high = advice.prediction.peak
+        text += f" Peak |S| there {low:.2f} .. {high:.2f} (95 %)."
+    if advice.limited:
+        text += f" This is {advice.share:.0%} of the way to the optimum: farther on, {advice.limited}."
+    return text
+
+
+def excitation_words(advice: Advice) -> list[str]:
+    """What to excite, by the rig's protocol."""
+    p = advice.task.rig.protocol
+    found = [
+        f"{e.kind} at the {e.at}, {len(e.lines)} lines from {e.frequencies[0]:g} to {e.frequencies[-1]:g} Hz, peak "
+        f"{e.amplitude:g} {UNITS[e.at]}"
+        for e in p.excitations
+    ]
+    return [*found, f"{p.periods + p.transient_periods} periods"]
+
+
+def commented(advice: Advice, block: str) -> str:
+    """The block as a file that says what it is."""
+    return "".join(f"# {line}\n" for line in wrap(summary(advice), LINE - 2)) + "\n" + block
+
+
+def toml_block(advice: Advice, campaign: Campaign | None) -> str:
+    """The [[recording]] to paste into campaign.toml once it is recorded; after a stop the [gains] of a rig file."""
+    if advice.stop:
+        keep = None if advice.keep is None else advice.sets[advice.keep].gains
+        return "\n".join(toml_table("[gains]", asdict(keep))[1:]) + "\n" if keep else ""
+    last = campaign.recordings[-1] if campaign else None
+    protocol, rate = advice.task.rig.protocol, last.sample_rate if last else advice.task.rig.control_rate
+    head = {"file": _file(campaign), "role": "fit", "sample_rate": rate, "start": 0}
+    stated = last.intersample if last else "zoh"
+    lines = toml_table("[[recording]]", head | ({"intersample": stated} if stated else {}))[1:]
+    lines += toml_table("[recording.gains]", asdict(advice.next))
+    for e in protocol.excitations:
+        lines += toml_table(
+            "[[recording.excitation]]",
+            {**excitation_table(e), "periods": protocol.periods + protocol.transient_periods},
+        )
+    names = {
+        name: ChannelSource((name,), (1.0,)) for name in ("force", "displacement", "command", "current", "injection")
+    }
+    channels = last.channels if last else names
+    return "\n".join([*lines, "", "[recording.channels]", *(_channel(n, c) for n, c in channels.items())]) + "\n"
+
+
+def _file(campaign: Campaign | None) -> str:
+    """A name that no recording has yet, in the format of the last one."""
+    if campaign is None:
+        return "run1.mat"
+    ending = Path(campaign.recordings[-1].file).suffix
+    number = len(campaign.recordings) + 1
+    while any((campaign.folder / f"run{number}{e}").exists() for e in {ending, *_FORMATS}):
+        number += 1
+    return f"run{number}{ending}"
+
+
+def _channel(name: str, source: ChannelSource) -> str:
+    one = len(source.columns) == 1
+    parts = [f"from = {toml_value(source.columns[0] if one else list(source.columns))}"]
+    if not one or source.weights != (1.0,):
+        parts.append(f"weights = {toml_value(list(source.weights))}")
+    parts += [
+        f"{key} = {toml_value(v)}"
+        for key, v in (("scale", source.scale), ("offset", source.offset))
+        if v != (key == "scale")
+    ]
+    return f"{name} = {{ {', '.join(parts)} }}"

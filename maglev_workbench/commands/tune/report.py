@@ -1,0 +1,165 @@
+"""A study as tables, page and JSON: what was tried, what is recommended, and what is refused and why."""
+
+from collections.abc import Iterable
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from maglev_env.task.task import Task
+from maglev_workbench.page import COLOURS, STAR, note, number, page, plain, rig_facts, styled, table
+from tuning.study.recommendation import Recommendation, Verdict
+from tuning.study.study import Outcome
+
+if TYPE_CHECKING:
+    import rich.table
+    from plotly.graph_objects import Figure
+
+BEST = 8
+NONE = "None of the gains tried is recommended: "
+HEAD = ("experiment", "score", "stiffness kN/m", "damping N s/m", "peak |S|", "phase margin °", "peak µm")
+
+
+def summary(task: Task, found: Outcome, advice: Recommendation) -> str:
+    """What is recommended, with its spread; how many were refused before it."""
+    if advice.chosen is None:
+        why = advice.refused[0].reason if advice.refused else "no experiment gave a stable loop"
+        return NONE + why + "."
+    c = advice.chosen
+    low, high = c.intervals["score"]
+    others = "rigs within its tolerance" if task.rig.tolerance else "repetition (the rig states no [tolerance])"
+    text = (
+        f"Take {gains_in_words(task, c.point)}: score {c.score:.3f} ± {1.96 * c.score_se:.1g} under fresh noise on "
+        f"this rig, {low:.2f} .. {high:.2f} on {others}."
+    )
+    if advice.refused:
+        text += f" {len(advice.refused)} that scored higher were refused."
+    return text
+
+
+def gains_in_words(task: Task, point: np.ndarray) -> str:
+    """The gains of a point of the box, in SI."""
+    return ", ".join(f"{n} = {g:.4g}" for n, g in zip(task.box.names, task.box.gains(point), strict=True))
+
+
+def tune_tables(task: Task, found: Outcome, advice: Recommendation) -> "Iterable[str | rich.table.Table]":
+    """What a terminal shows."""
+    from rich import box
+    from rich.table import Table
+
+    head, rows = (*task.box.names, *HEAD[1:]), _best_rows(task, found)
+    grid = Table(box=box.SIMPLE_HEAD, collapse_padding=True, pad_edge=False, title=f"Best of {len(found.trials)}")
+    for name in head:
+        grid.add_column(name, justify="right")
+    for row in rows:
+        grid.add_row(*row[1:])
+    yield grid
+    for verdict in advice.refused:
+        yield f"refused {gains_in_words(task, verdict.point)}: {verdict.reason}"
+    yield summary(task, found, advice)
+
+
+def tune_page(task: Task, found: Outcome, advice: Recommendation, data: dict[str, Any]) -> str:
+    """The HTML page of a study."""
+    refused = [(gains_in_words(task, v.point), v.reason) for v in advice.refused]
+    sections = [
+        ("Score of every experiment", course_figure(found)),
+        ("Where it looked", where_figure(task, found, advice)),
+        ("Best experiments", table(("experiment", *task.box.names, *HEAD[1:]), _best_rows(task, found))),
+        ("Refused", table(("gains", "why"), refused) if refused else note("Nothing that scored higher was refused.")),
+    ]
+    if advice.chosen:
+        sections.insert(0, ("Recommended", table(("figure", "95 % of noise and tolerance"), _spread(advice.chosen))))
+    made = {**rig_facts(data["made_by"]["rig"]), "Method": data["made_by"]["method"], "Seed": data["made_by"]["seed"]}
+    return page(f"Tuning of {task.name}", summary(task, found, advice), sections, made)
+
+
+def tune_json(
+    task: Task, found: Outcome, advice: Recommendation, made_by: dict[str, Any], seconds: float
+) -> dict[str, Any]:
+    """Schema maglev-tune/1."""
+    trials = found.trials
+
+    def told(v: Verdict) -> dict[str, Any]:
+        gains = dict(zip(task.box.names, task.box.gains(v.point), strict=True))
+        return {"gains": gains, "score": v.score, "score_se": v.score_se, "intervals": v.intervals, "reason": v.reason}
+
+    gains = task.box.gains(trials.points)
+    return plain(
+        {
+            "schema": "maglev-tune/1",
+            "made_by": made_by,
+            "recommended": told(advice.chosen) if advice.chosen else None,
+            "refused": [told(v) for v in advice.refused],
+            "experiments": [
+                {"gains": dict(zip(task.box.names, g, strict=True)), "score": s, "touchdown": bool(t)}
+                for g, s, t in zip(gains, trials.score, trials.touchdown, strict=True)
+            ],
+            "touchdowns": int(trials.touchdown.sum()),
+            "reused": found.reused,
+            "seconds": seconds,
+        }
+    )
+
+
+def course_figure(found: Outcome) -> "Figure":
+    """Score of every experiment in order, and the best so far."""
+    import plotly.graph_objects as go
+
+    t = found.trials
+    at = np.arange(1, len(t) + 1)
+    figure = go.Figure()
+    figure.add_scatter(x=at, y=t.score, mode="markers", name="experiment", marker={"color": COLOURS[0]})
+    figure.add_scatter(
+        x=at, y=np.maximum.accumulate(t.score), mode="lines", name="best so far",
+        line={"color": COLOURS[1], "shape": "hv"},
+    )  # fmt: skip
+    down = np.flatnonzero(t.touchdown)
+    marker = {"symbol": "x", "color": STAR, "size": 10}
+    figure.add_scatter(x=at[down], y=t.score[down], mode="markers", name="touchdown", marker=marker)
+    figure.update_xaxes(title_text="experiment")
+    figure.update_yaxes(title_text="score", range=[-0.03, 1.03])
+    return styled(figure, 380)
+
+
+def where_figure(task: Task, found: Outcome, advice: Recommendation) -> "Figure":
+    """Each pair of the gains tried, coloured by score; a star where the recommended ones lie."""
+    import plotly.graph_objects as go
+    from plotly.subplots import make_subplots
+
+    names, gains, t = task.box.names, task.box.gains(found.trials.points), found.trials
+    pairs = [(a, b) for a in range(len(names)) for b in range(a + 1, len(names))] or [(0, 0)]
+    figure = make_subplots(1, len(pairs), horizontal_spacing=0.1)
+    for column, (a, b) in enumerate(pairs, 1):
+        marker = {"color": t.score, "colorscale": "Viridis", "cmin": 0, "cmax": 1, "showscale": column == len(pairs)}
+        figure.add_trace(
+            go.Scatter(x=gains[:, a], y=gains[:, b], mode="markers", marker=marker, showlegend=False), 1, column
+        )
+        if advice.chosen:
+            g = task.box.gains(advice.chosen.point)
+            star = {"symbol": "star", "size": 15, "color": STAR}
+            figure.add_trace(go.Scatter(x=[g[a]], y=[g[b]], mode="markers", marker=star, showlegend=False), 1, column)
+        for axis, j in ((figure.update_xaxes, a), (figure.update_yaxes, b)):
+            axis(title_text=names[j], type="log" if task.box.log[j] else "linear", row=1, col=column)
+    return styled(figure, 380)
+
+
+def _best_rows(task: Task, found: Outcome) -> list[tuple[str, ...]]:
+    t = found.trials
+    rows = []
+    for i in np.argsort(-t.score, kind="stable")[:BEST]:
+        info = t.info[i]
+        shown = (
+            info.get("stiffness", np.nan) / 1e3, info.get("damping", np.nan), info.get("peak_sensitivity", np.nan),
+            info.get("phase_margin", np.nan), info.get("peak_displacement", np.nan) * 1e6,
+        )  # fmt: skip
+        gains = tuple(f"{g:.4g}" for g in task.box.gains(t.points[i]))
+        rows.append((str(i + 1), *gains, f"{t.score[i]:.3f}", *map(number, shown)))
+    return rows
+
+
+def _spread(v: Verdict) -> list[tuple[str, str]]:
+    words = {"displacement_share": "peak displacement over clearance", "gain_margin_high": "upper gain margin"}
+    return [
+        (words.get(name, name.replace("_", " ")), f"{number(low)} .. {number(high)}")
+        for name, (low, high) in v.intervals.items()
+    ]

@@ -1,0 +1,96 @@
+"""Recordings as an engineer looks at them first: one period in time, and every line against its noise."""
+
+import json
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+import plotly.graph_objects as go
+from plotly.subplots import make_subplots
+
+from estimation.periods import line_statistics, period_spectra, split_periods
+from maglev_workbench.page import page, styled
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+_SHOWN = {"m": (1e6, "um"), "N": (1.0, "N"), "A": (1.0, "A")}
+_POINTS = 5000
+_PARTS = 16
+
+
+def record_page(title: str, recordings: Sequence[tuple[str, "xr.Dataset"]]) -> str:
+    """HTML of recordings (name, dataset as `read_recording` gives it)."""
+    sections = []
+    for name, dataset in recordings:
+        sections += [(f"{name}: last period", _time(dataset)), (f"{name}: lines and their noise", _spectra(dataset))]
+    made_by = {"recordings": ", ".join(name for name, _ in recordings)}
+    if recordings:
+        made_by["experiment"] = recordings[0][1].attrs.get("experiment", "")
+    return page(title, f"{len(recordings)} recording(s).", sections, made_by)
+
+
+def _channels(dataset: "xr.Dataset") -> list[str]:
+    kinds = ("displacement", "force", "command", "current")
+    return sorted((n for n in dataset.data_vars if _kind(n) in kinds), key=lambda n: (kinds.index(_kind(n)), n))
+
+
+def _kind(channel: str) -> str:
+    return channel.partition("_")[0]
+
+
+def _samples_per_period(dataset: "xr.Dataset") -> int:
+    excitations = json.loads(dataset.attrs["experiment"]).get("excitations") or []
+    fundamentals = [e["fundamental"] for e in excitations if e.get("kind") in ("sphs", "multisine", "low_crest")]
+    n = dataset.sizes["time"]
+    return round(dataset.attrs["sample_rate"] / fundamentals[0]) if fundamentals else n
+
+
+def _time(dataset: "xr.Dataset") -> go.Figure:
+    names, per_period = _channels(dataset), _samples_per_period(dataset)
+    figure = make_subplots(rows=len(names), cols=1, shared_xaxes=True, vertical_spacing=0.03)
+    time = dataset["time"].values[-per_period:]
+    step = -(-len(time) // _POINTS)
+    for row, name in enumerate(names, 1):
+        factor, unit = _SHOWN.get(dataset[name].attrs.get("units", ""), (1.0, dataset[name].attrs.get("units", "")))
+        values = dataset[name].values[-per_period:][::step] * factor
+        figure.add_scatter(x=time[::step], y=values, row=row, col=1, name=name, line={"width": 1})
+        figure.update_yaxes(title_text=f"{name}, {unit}", row=row, col=1)
+    figure.update_xaxes(title_text="time, s", row=len(names), col=1)
+    return styled(figure, 180 * len(names) + 80).update_layout(showlegend=False)
+
+
+def _spectra(dataset: "xr.Dataset") -> go.Figure:
+    names, per_period = _channels(dataset), _samples_per_period(dataset)
+    signals = np.stack([dataset[n].values for n in names])
+    lines = np.arange(1, min(per_period // 2, 2500))
+    fundamental = dataset.attrs["sample_rate"] / per_period
+    if per_period == signals.shape[1]:  # nothing repeats: parts of the record stand for periods
+        per_period //= _PARTS
+        lines, fundamental = np.arange(1, per_period // 2), dataset.attrs["sample_rate"] / per_period
+    periods = split_periods(signals, per_period)
+    kept = periods[1:] if len(periods) > 2 else periods
+    statistics = line_statistics((period_spectra(p, lines) for p in kept), fundamental, lines, tuple(names))
+    figure = make_subplots(rows=len(names), cols=1, shared_xaxes=True, vertical_spacing=0.03)
+    for row, name in enumerate(names, 1):
+        factor, unit = _SHOWN.get(dataset[name].attrs.get("units", ""), (1.0, dataset[name].attrs.get("units", "")))
+        level = np.abs(statistics.amplitude(name)) * factor
+        noise = np.sqrt(statistics.cross(name, name)) * factor
+        marks = {"size": 4, "color": "#0072B2"}
+        figure.add_scatter(
+            x=statistics.frequency,
+            y=level,
+            mode="markers",
+            marker=marks,
+            row=row,
+            col=1,
+            name="mean",
+            showlegend=row == 1,
+        )
+        figure.add_scatter(
+            x=statistics.frequency, y=noise, row=row, col=1, name="noise of the mean", showlegend=row == 1,
+            line={"width": 1, "color": "#D55E00"},
+        )  # fmt: skip
+        figure.update_yaxes(title_text=f"{name}, {unit}", type="log", exponentformat="power", row=row, col=1)
+    figure.update_xaxes(type="log").update_xaxes(title_text="frequency, Hz", row=len(names), col=1)
+    return styled(figure, 200 * len(names) + 80)

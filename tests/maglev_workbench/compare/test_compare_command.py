@@ -1,0 +1,78 @@
+"""`maglev compare` as a user runs it."""
+
+import json
+
+import pytest
+from typer.testing import CliRunner
+
+from maglev_workbench.cli import app
+from tuning.learned.tuner import SHIPPED
+
+RUN = CliRunner()
+SMALL = ("--rigs", 3, "--budgets", "1,2", "--protocol", "quick")
+
+
+def run(*arguments, code=0):
+    result = RUN.invoke(app, ["compare", *map(str, arguments)])
+    assert result.exit_code == code, result.output + str(result.exception)
+    return " ".join(result.output.split())
+
+
+@pytest.mark.slow
+def test_table_page_markdown_and_json_say_the_same(tmp_path, monkeypatch):
+    monkeypatch.setattr("tuning.comparison.compare.SEARCH", 120)
+    monkeypatch.setattr("tuning.search.model_based.GENERATIONS", 6)
+    out, docs, file = tmp_path / "c", tmp_path / "tuners.md", tmp_path / "c.json"
+    arguments = ("sobol", "model", *SMALL, "--effect", "delay=75e-6", "--out", out, "--docs", docs, "--json", file)
+    text = run(*arguments)
+    data = json.loads(file.read_text())
+    assert data["schema"] == "maglev-compare/1" and data["budgets"] == [1, 2] and len(data["best"]) == 3
+    assert list(data["made_by"]["effects"]) == ["delay"] and data["made_by"]["methods"] == ["sobol", "model"]
+    last = {r["method"]: r["at"][-1] for r in data["results"]}
+    value, low, high = last["model"]["median"]
+    assert 0 <= low <= value <= high < last["sobol"]["median"][0]
+    shown = f"{value:.4f} [{low:.4f}, {high:.4f}]"
+    page, markdown = (out / "compare.html").read_text(), docs.read_text()
+    assert "3 rigs drawn wide" in text and all(shown in t for t in (text, page, markdown))
+    assert last["model"]["better"]["sobol"][0] == 1 and "1.00 [0.29, 1.00]" in markdown
+    for heading in ("Regret against experiments", "Performance profiles", "Probability that a tuner"):
+        assert heading in page
+    assert "| touchdowns per 100 | s per tuning |" in markdown
+    assert "delay: time = 7.5e-05" in page
+    assert "maglev compare sobol model --rig hmb_free --rigs 3" in markdown and "--effect delay=75e-6" in markdown
+    assert json.loads((out / "compare.json").read_text()) == data
+    assert f"reused from {out}: sobol, model".replace(" ", "") in run(*arguments).replace(" ", "")
+    assert json.loads(file.read_text())["results"][0]["score"] == data["results"][0]["score"]
+
+
+def test_an_interrupt_says_how_to_go_on(tmp_path, monkeypatch):
+    def stop(*_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("tuning.comparison.compare.optima", stop)
+    assert "same command again" in run("sobol", *SMALL, "--out", tmp_path / "c", code=130)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("annealing",), "unknown; use some of grid"),
+        (("--rigs", 0), "rigs = 0"),
+        (("--repeats", 0), "repeats = 0"),
+        (("de", "--policy", SHIPPED / "hmb_free-quick.npz"), "method learned is not"),
+        (("learned", "--rig", "eframe"), "serve other rigs"),
+        (("learned", "--policy", SHIPPED / "hmb_free-quick.npz", "--protocol", "full"), "other observations"),
+        (("--budgets", "30,10"), "give increasing"),
+        (("--budgets", "0,10"), "give increasing"),
+        (("--budgets", "ten"), "give whole numbers"),
+        (("--rig", "pedestal"), "no controlled magnet"),
+        (("--protocol", "slow"), "use one of full, quick"),
+        (("--effect", "dely=1"), "dely"),
+        (("--json", "nowhere/a.json"), "does not exist"),
+        (("--docs", "nowhere/a.md"), "does not exist"),
+    ],
+)
+def test_bad_input_is_refused_before_any_work(tmp_path, monkeypatch, arguments, words):
+    monkeypatch.chdir(tmp_path)
+    assert words in run(*arguments, code=2)
+    assert not list(tmp_path.iterdir())

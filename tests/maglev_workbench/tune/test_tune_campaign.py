@@ -1,0 +1,138 @@
+"""`maglev tune --campaign` as a user runs it."""
+
+import json
+import tomllib
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from maglev_env.design.defaults import with_defaults
+from maglev_env.experiment import protocol_experiment
+from maglev_env.kernel.simulate import simulate_records
+from maglev_env.recordings.campaign import load_campaign
+from maglev_env.recordings.campaign_writer import write_campaign
+from maglev_env.recordings.recording import simulated_recording
+from maglev_env.rig.rig import load_rig
+from maglev_env.task.protocol import env_protocol
+from maglev_workbench.cli import app
+
+RUN = CliRunner()
+HEAD = 'schema = "maglev-campaign/1"\n'
+
+
+def run(*arguments, code=0):
+    result = RUN.invoke(app, ["tune", *map(str, arguments)])
+    assert result.exit_code == code, result.output + str(result.exception)
+    return " ".join(result.output.split())
+
+
+def recorded(folder, change=lambda dataset: dataset, rig="hmb_free"):
+    loaded = with_defaults(load_rig(rig))
+    e = protocol_experiment(replace(loaded, protocol=env_protocol(loaded, "quick")), seed=1)
+    dataset = change(simulated_recording(e, simulate_records([e])[0]))
+    write_campaign(folder, rig, {}, [("run1", "fit", dataset, e)])
+    return folder
+
+
+def scaled(dataset):
+    return dataset.assign(displacement=dataset.displacement * 0.36e-3 / np.abs(dataset.displacement).max())
+
+
+def test_without_a_recording_it_starts_at_the_preset(tmp_path):
+    (tmp_path / "campaign.toml").write_text(HEAD + 'rig = "hmb_free"\n')
+    text = run("--campaign", tmp_path, "--json", tmp_path / "a.json")
+    assert "Record next kp = 8000, ki = 2000, kd = 5.2" in text and "preset gains" in text
+    block = tomllib.loads((tmp_path / "tune" / "next.toml").read_text())["recording"][0]
+    assert block["gains"]["kp"] == 8000.0 and block["file"] == "run1.mat" and len(block["excitation"]) == 2
+    data = json.loads((tmp_path / "a.json").read_text())
+    assert data["schema"] == "maglev-tune-campaign/1" and data["next"]["kd"] == 5.2 and data["stop"] is None
+    assert "To record" in (tmp_path / "tune" / "tune.html").read_text()
+
+
+@pytest.mark.slow
+def test_the_block_that_it_proposes_is_read_back_and_a_stop_gives_gains(tmp_path):
+    recorded(tmp_path)
+    data_file = tmp_path / "a.json"
+    text = run("--campaign", tmp_path / "campaign.toml", "--tune", "kp", "--tune", "kd", "--json", data_file)
+    data = json.loads(data_file.read_text())
+    one = data["sets"][0]
+    assert one["shown"]["margins"]["peak_sensitivity"] == pytest.approx(2.2, abs=0.6) and one["failed"] is None
+    assert abs(data["identified"]["parameters"]["mass"]["value"] / 0.08012 - 1) < 0.01
+    assert "Identified rig" in text
+    assert data["next"]["ki"] == 2000.0 if data["next"] else data["keep"]["ki"] == 2000.0
+    page = (tmp_path / "tune" / "tune.html").read_text()
+    assert "Sensitivity of the loop" in page and "What the recordings showed" in page
+    run("--campaign", tmp_path, "--budget", 1, "--json", data_file)
+    stopped = json.loads(data_file.read_text())
+    assert "budget" in stopped["stop"] and stopped["keep"]["kp"] == 8000.0
+    assert tomllib.loads((tmp_path / "tune" / "next.toml").read_text())["gains"] == stopped["keep"]
+
+
+def test_a_touchdown_is_said_and_its_gains_are_not_kept(tmp_path):
+    text = run("--campaign", recorded(tmp_path, scaled), "--json", tmp_path / "a.json")
+    data = json.loads((tmp_path / "a.json").read_text())
+    assert "touchdown: the displacement reaches 103%" in data["sets"][0]["failed"]
+    assert "STOP" in text and data["keep"] is None
+
+
+def test_a_clipped_channel_is_a_failed_set(tmp_path):
+    def clipped(d):
+        return d.assign(command=d.command.clip(-0.4 * float(d.command.max()), 0.4 * float(d.command.max())))
+
+    run("--campaign", recorded(tmp_path, clipped), "--json", tmp_path / "a.json")
+    assert "clipped at" in json.loads((tmp_path / "a.json").read_text())["sets"][0]["failed"]
+
+
+def test_the_next_recording_keeps_the_channels_of_the_last(tmp_path):
+    from maglev_workbench.commands.tune.next_recording import toml_block
+    from tuning.campaign.next_step import next_step
+
+    recorded(tmp_path)
+    toml = (tmp_path / "campaign.toml").read_text()
+    toml = toml.replace(
+        'displacement = { from = "displacement" }', 'displacement = { from = "displacement", scale = 2.0 }'
+    )
+    (tmp_path / "campaign.toml").write_text(toml)
+    campaign = load_campaign(tmp_path)
+    block = toml_block(next_step(campaign.rig, []), campaign)
+    (tmp_path / "run2.npz").write_bytes((tmp_path / "run1.npz").read_bytes())
+    (tmp_path / "campaign.toml").write_text(toml + "\n" + block)
+    again = load_campaign(tmp_path)
+    assert again.recordings[1].file == "run2.npz" and again.recordings[1].channels == again.recordings[0].channels
+    assert again.recordings[1].excitations == with_defaults(load_rig("hmb_free")).protocol.excitations
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("--rig", "hmb_free"), "--rig: not with --campaign"),
+        (("--method", "de", "--effect", "delay=1e-5"), "--method, --effect: not with --campaign"),
+        (("--tune", "kq"), "no gain 'kq'"),
+        (("--json", "nowhere/a.json"), "does not exist"),
+    ],
+)
+def test_options_that_mean_nothing_are_refused(tmp_path, arguments, words):
+    (tmp_path / "campaign.toml").write_text(HEAD + 'rig = "hmb_free"\n')
+    assert words in run("--campaign", tmp_path, *arguments, code=2)
+    assert not (tmp_path / "tune").exists()
+
+
+def test_campaigns_of_no_use_are_refused(tmp_path):
+    assert "two lines" in run("--campaign", tmp_path, code=2)
+    (tmp_path / "campaign.toml").write_text(HEAD)
+    assert "rig is missing" in run("--campaign", tmp_path, code=2)
+    (tmp_path / "campaign.toml").write_text(HEAD + 'rig = "pedestal"\n')
+    assert "no controlled magnet" in run("--campaign", tmp_path, code=2)
+    (tmp_path / "campaign.toml").write_text(HEAD + 'rig = "hmb_radial"\n')
+    assert "two axes" in run("--campaign", tmp_path, code=2)
+
+
+def test_a_recording_without_gains_is_refused(tmp_path):
+    recorded(tmp_path)
+    path = tmp_path / "campaign.toml"
+    toml = path.read_text()
+    start, end = toml.index("[recording.gains]"), toml.index("[[recording.excitation]]")
+    path.write_text(toml[:start] + toml[end:])
+    assert "no gains are stated" in run("--campaign", tmp_path, code=2)

@@ -1,0 +1,203 @@
+"""A slow simulator of every effect, written from the effects' equations alone, with scipy's integrator."""
+
+from math import cos, pi, sqrt
+from operator import mul
+
+import numpy as np
+from reference_simulator import MU_0, Axis, force_law
+from scipy.integrate import solve_ivp
+
+from maglev_env.experiment import Experiment
+from maglev_env.loop.eddy import eddy_branches
+from maglev_env.loop.effect import effect_value
+
+
+def saturated_law(rig, knee, gain_change, stiffness_change):
+    """f(y, i) of a pair whose B^2 bends to B^2 / sqrt(1 + (B / knee)^4), with the calibration of the straight law."""
+    gap, mu_m = rig.gap, rig.recoil_permeability * MU_0
+    m = rig.remanence * rig.magnet_length / mu_m if rig.magnet == "hybrid_pair" else 0.0
+    r_m = rig.magnet_length * rig.pole_area / (mu_m * rig.magnet_area)
+    area = rig.bearings * rig.pole_area / (2 * MU_0) * (1 if rig.magnet == "hybrid_pair" else 2)
+
+    def field(x, current):
+        if rig.magnet == "hybrid_pair" and rig.flux_path == "magnet":
+            return (rig.turns * current + m) / (2 * x / MU_0 + r_m)
+        return m / (2 * x / MU_0 + r_m) + MU_0 * rig.turns * current / (2 * x)
+
+    def straight(y, i):
+        return area * (field(gap - y, rig.bias_current + i) ** 2 - field(gap + y, rig.bias_current - i) ** 2)
+
+    gain = (straight(0.0, 1e-4) - straight(0.0, -1e-4)) / 2e-4
+    stiffness = -(straight(1e-8, 0.0) - straight(-1e-8, 0.0)) / 2e-8
+    a = (rig.actuator_gain / gain if rig.actuator_gain else 1.0) * (1 + gain_change)
+    b = (rig.negative_stiffness / stiffness if rig.negative_stiffness else 1.0) * (1 + stiffness_change)
+
+    def bent(x, current):
+        square = field(x, current) ** 2
+        return square / sqrt(1 + (square / knee**2) ** 2)
+
+    def force(y, i):
+        i0 = rig.bias_current
+        upper, lower = bent(gap - y, i0), bent(gap + y, i0)
+        moved = (bent(gap - y, i0 + a * i) - upper) - (bent(gap + y, i0 - a * i) - lower)
+        return area * (b * (upper - lower) + moved)
+
+    return force
+
+
+class FullAxis(Axis):
+    """One axis with every effect. States: y, v, amplifier, branches, hysteresis, mount, body, bristles, probe."""
+
+    def __init__(self, e: Experiment, axis: int, first: int) -> None:
+        super().__init__(e, axis, first)
+        rig, value = self.rig, lambda name, key=None: effect_value(e.effects, name, key)
+        changes = value("actuator_gain"), value("negative_stiffness")
+        self.magnets = self.straight = force_law(rig, *changes)
+        if np.isfinite(value("saturation")):
+            self.magnets = saturated_law(rig, value("saturation"), *changes)
+        self.limit, self.r, self.l = value("amplifier_voltage_limit"), rig.coil_resistance, rig.coil_inductance
+        direct, weights, rates = eddy_branches(value("eddy_current"), value("eddy_current", "order"))
+        self.direct, self.weights, self.rates = float(direct), weights.tolist(), rates.tolist()
+        self.strength, self.width = value("hysteresis"), value("hysteresis", "width")
+        self.offset = value("eccentricity")
+        self.mount = [value("sensor_resonance", key) for key in (None, "damping_ratio", "coupling")]
+        self.body = [value("support_resonance", key) for key in (None, "damping_ratio", "mass_ratio")]
+        self.rub, self.slip = value("friction"), value("friction", "velocity")
+        self.presliding = value("friction", "presliding")
+        self.runout = [value("runout", key) for key in (None, "harmonics", "phase")]
+        self.pickup = [value("pickup", key) for key in (None, "harmonics", "phase")]
+        self.speed, self.mains = 2 * pi * e.speed_rpm / 60, 2 * pi * value("pickup", "frequency")
+        self.moment, self.moment_phase = value("unbalance"), value("unbalance", "phase")
+        self.quarter = axis * pi / 2
+        self.branch = self.first_sensor
+        self.held = self.branch + len(rates)
+        self.first_mount = self.held + 1
+        self.first_body = self.first_mount + 2
+        self.bristles = self.first_body + 2
+        self.first_sensor = self.bristles + 1
+        self.size = self.first_sensor + len(self.sensor) - first
+
+    def current(self, x, command):
+        return x[self.branch - 1] if self.amplifier else command
+
+    def pulling(self, x, command):
+        branches = x[self.branch : self.held]
+        lagging = self.direct * self.current(x, command) + sum(map(mul, self.weights, branches))
+        return lagging - self.strength * self.width * x[self.held]
+
+    def seen(self, x):
+        return x[self.first + self.size - 1] if self.sensor else x[self.first] - x[self.first_mount]
+
+    def tones(self, t):
+        """What runout and pickup add to a reading at t."""
+        total = 0.0
+        for (amplitude, decay, phase), angle in (
+            (self.runout, self.speed * t - self.quarter),
+            (self.pickup, self.mains * t),
+        ):
+            total += amplitude * sum(decay ** (n - 1) * cos(n * (angle + phase)) for n in (1, 2, 3))
+        return total
+
+    def slopes_at(self, t, x, command, force, beside):
+        """Derivatives under a command, the held force and what the other axis adds to the bearing's force."""
+        y, v = x[self.first], x[self.first + 1]
+        bearing = self.magnets(y + self.offset, self.pulling(x, command)) - self.stiffness * y - self.damping * v
+        bent, slope = v / sqrt(v * v + self.slip * self.slip), 0.0
+        if self.presliding:
+            bent = x[self.bristles]
+            slope = (v - sqrt(v * v + self.slip * self.slip) * bent) / self.presliding
+        bearing += beside - self.extra_weight - self.rub * bent
+        angle = self.speed * t - self.quarter + self.moment_phase
+        outside = force + self.moment * self.speed**2 * cos(angle)
+        frequency, damping, ratio = self.body
+        turn, (r, rv) = 2 * pi * frequency, x[self.first_body : self.first_body + 2]
+        held_back = turn**2 * r + 2 * damping * turn * rv
+        a = (bearing + outside) / self.mass + (ratio if frequency else 0.0) * held_back
+        slopes = [v, a]
+        source = command
+        rate = 0.0
+        for j, time in enumerate(self.amplifier, self.first_amplifier):
+            rate = (source - x[j]) / time
+            if j == self.first_amplifier and np.isfinite(self.limit):
+                low, high = (-self.limit - self.r * x[j]) / self.l, (self.limit - self.r * x[j]) / self.l
+                rate = min(max(rate, low), high)
+            slopes.append(rate)
+            source = x[j]
+        slopes += [rate_k * (source - z) for rate_k, z in zip(self.rates, x[self.branch : self.held], strict=True)]
+        slopes.append((rate - x[self.held] * abs(rate)) / self.width)
+        frequency, damping, coupling = self.mount
+        turn, (w, wv) = 2 * pi * frequency, x[self.first_mount : self.first_mount + 2]
+        driven = -coupling * bearing / self.mass if frequency else 0.0
+        slopes += [wv, driven - 2 * damping * turn * wv - turn**2 * w]
+        slopes += [rv, -a - held_back if self.body[0] else 0.0, slope]
+        source = y - w
+        for j, time in enumerate(self.sensor, self.first_sensor):
+            slopes.append((source - x[j]) / time)
+            source = x[j]
+        return slopes
+
+
+def simulate_effects(e: Experiment, samples: int, rtol: float = 1e-11, max_step: float = np.inf) -> tuple:
+    """Displacement readings, commands and currents, each (axes, samples); no noise, no converters, no touchdown."""
+    rig, c, dt = e.rig, e.rig.cross, 1 / e.rig.control_rate
+    axes = [FullAxis(e, 0, 0)]
+    if rig.axes == 2:
+        axes.append(FullAxis(e, 1, axes[0].size))
+    delay = effect_value(e.effects, "delay")
+    whole = int(np.floor(delay / dt * (1 + 1e-12)))
+    fraction = max(delay - whole * dt, 0.0)
+    fraction = fraction if fraction > 1e-15 else 0.0
+    waves = {at: np.resize(np.atleast_2d(e.waveform(at)), (len(axes), e.samples_per_period)) for at in PLACES}
+    cross = [list(c.onto(axis)) for axis in range(2)]
+    ratio = effect_value(e.effects, "cross_coupling")
+    for axis in range(len(axes) if ratio else 0):
+        law = axes[1 - axis].straight
+        cross[axis][0] -= ratio * (law(1e-8, 0.0) - law(-1e-8, 0.0)) / 2e-8
+        cross[axis][2] += ratio * (law(0.0, 1e-4) - law(0.0, -1e-4)) / 2e-4
+
+    def rhs(t, x, begun, commands, forces):
+        x = x.tolist()
+        slopes = []
+        for axis, a in enumerate(axes):
+            beside = 0.0
+            if len(axes) == 2:
+                o, (stiffness, damping, gain, _) = axes[1 - axis], cross[axis]
+                beside = gain * o.pulling(x, commands[1 - axis]) - stiffness * x[o.first] - damping * x[o.first + 1]
+            slopes += a.slopes_at(begun + t, x, commands[axis], forces[axis], beside)
+        return slopes
+
+    x = np.zeros(sum(a.size for a in axes))
+    scale = np.concatenate([_scale(a) for a in axes]) * (rtol / 1e-11)
+    shown, currents, commands = (np.empty((len(axes), samples)) for _ in range(3))
+    spans = [(0.0, fraction), (fraction, dt)] if fraction else [(0.0, dt)]
+    for t in range(samples):
+        n = t % e.samples_per_period
+        seen = [a.seen(x) for a in axes]
+        if len(axes) == 2:
+            seen = [seen[0] + cross[0][3] * seen[1], seen[1] + cross[1][3] * seen[0]]
+        for k, a in enumerate(axes):
+            shown[k, t] = a.probe * (seen[k] + a.tones(t * dt)) / a.rig.probe_gain
+            reference = waves["reference"][k, n] + (e.offset if k == 0 else 0.0)
+            commands[k, t] = a.output(reference - shown[k, t]) + waves["current"][k, n]
+        new = commands[:, t - whole].tolist() if t >= whole else [0.0] * len(axes)
+        old = commands[:, t - whole - 1].tolist() if t >= whole + 1 else [0.0] * len(axes)
+        currents[:, t] = [a.current(x, u) for a, u in zip(axes, old if fraction else new, strict=True)]
+        for start, stop in spans:
+            acting = new if start >= fraction else old
+            arguments = (t * dt + start, acting, waves["force"][:, n].tolist())
+            run = solve_ivp(
+                rhs, (0, stop - start), x, "DOP853", rtol=rtol, atol=scale, args=arguments, max_step=max_step
+            )
+            x = run.y[:, -1]
+    return shown, commands, currents
+
+
+PLACES = ("force", "current", "reference")
+
+
+def _scale(a: FullAxis) -> np.ndarray:
+    sizes = np.full(a.size, 1e-12)
+    for j in (0, a.first_mount - a.first, a.first_body - a.first):
+        sizes[j] = 1e-15
+    sizes[a.first_sensor - a.first :] = 1e-15
+    return sizes

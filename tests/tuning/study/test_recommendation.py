@@ -1,0 +1,71 @@
+"""Recommended gains hold up; others are refused with the reason. And the dissertation's rule."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from maglev_env.task.task import make_task
+from tuning.search.rule import DissertationRule
+from tuning.study.recommendation import PEAK_SENSITIVITY, recommend
+from tuning.study.study import experiments
+
+pytestmark = pytest.mark.slow
+TASK = make_task(protocol="quick", randomization="wide")
+NOMINAL = make_task(protocol="quick")
+EPISODE = replace(NOMINAL.draw(np.random.default_rng(0)), rig=NOMINAL.rig)
+
+
+def tried(*gains):
+    points = NOMINAL.box.actions(np.array(gains))
+    return experiments(NOMINAL, [EPISODE] * len(points), points, 1)
+
+
+def test_the_best_that_is_safe_is_recommended_with_its_spread():
+    trials = tried((8000, 2000, 5.2), (7000, 2000, 4.0), (12000, 2000, 6.0))
+    found = recommend(NOMINAL, EPISODE, trials, seed=3)
+    assert found.chosen is not None and not found.refused
+    np.testing.assert_array_equal(found.chosen.point, trials.points[trials.best])
+    low, high = found.chosen.intervals["score"]
+    assert 0 < low < found.chosen.score < 1 and high <= 1 and 0 < found.chosen.score_se < 0.05
+    again = recommend(NOMINAL, EPISODE, trials, seed=3)
+    assert again.chosen.intervals == found.chosen.intervals and again.chosen.score == found.chosen.score
+
+
+def test_gains_at_the_border_are_refused_with_the_reason():
+    sharp, weak = (14000, 2000, 2.2), (3000, 2000, 2.0)
+    found = recommend(NOMINAL, EPISODE, tried(sharp, weak), seed=0)
+    assert found.chosen is None and len(found.refused) == 2
+    reasons = " ".join(v.reason for v in found.refused)
+    assert "peak sensitivity up to" in reasons or "touches down in" in reasons
+    worst = max(v.intervals.get("peak_sensitivity", (0, 0))[1] for v in found.refused)
+    assert worst > PEAK_SENSITIVITY
+
+
+def test_copies_of_refused_gains_do_not_take_the_place_of_others():
+    copies, sound = [(14000 + n, 2000, 2.2) for n in range(9)], (8000, 2000, 5.2)
+    trials = tried(*copies, sound)
+    trials = replace(trials, score=np.array([*np.linspace(0.99, 0.98, 9), 0.5]))
+    found = recommend(NOMINAL, EPISODE, trials, seed=0, candidates=2)
+    assert len(found.refused) == 1
+    np.testing.assert_array_equal(found.chosen.point, trials.points[-1])
+
+
+def test_nothing_that_failed_is_recommended():
+    trials = tried((3000, 100, 1.0), (4000, 100, 1.0))
+    failed = replace(trials, score=np.zeros(2))
+    found = recommend(NOMINAL, EPISODE, failed, 0)
+    assert found.chosen is None and not found.refused
+
+
+def test_the_rule_approaches_the_target():
+    """It leaves out lags and the filter of the derivative: nearer than the start, not there."""
+    rng, first, last = np.random.default_rng(1), [], []
+    for _ in range(6):
+        episode = TASK.draw(rng)
+        tuner = DissertationRule(TASK, episode)
+        for i in range(4):
+            trials = experiments(TASK, [episode], tuner.ask(1), i + 1)
+            tuner.tell(trials)
+            (first if i == 0 else last).append(float(trials.score[0]))
+    assert np.median(last) > 1.5 * np.median(first)

@@ -1,0 +1,1 @@
+"""Tuning a real rig from its recordings, one experiment at a time."""

@@ -1,0 +1,244 @@
+"""What a campaign's recordings show at each gain set: responses of loop and plant, and what went wrong there."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from estimation.frequency_response import frequency_response, pooled_variance
+from estimation.max_likelihood import maximum_likelihood
+from estimation.periods import LineStatistics
+from estimation.stability import Margins, margins
+from maglev_env.evaluation.score import ScoreTarget, score, terms
+from maglev_env.experiment import sampling
+from maglev_env.loop.gains import Gains, controller_response
+from maglev_env.recordings.campaign import Campaign, RecordingSpec
+from maglev_env.recordings.recording import read_recording
+from maglev_env.recordings.signals import recorded_signals
+from maglev_env.recordings.spectra import RecordedSignals, record_spectra
+from maglev_env.rig.rig import Rig
+
+TOUCHED = 0.95  # of the clearance: the rotor was there, or its sensor's scale is wrong
+UNSTEADY = 0.02  # of the clearance: an rms that does not repeat and outweighs what does is a loop that swings by itself
+DRAWS, LEAST_LINES = 200, 4  # draws of an interval; lines that a curve of margins needs
+LEVEL_SD = 3.92  # width of a 95 % interval in standard deviations
+
+
+@dataclass(frozen=True, eq=False)
+class Response:
+    """A complex frequency response at frequencies (n,) Hz, increasing: value (n,) and variance (n,), E|noise|^2."""
+
+    frequency: np.ndarray
+    value: np.ndarray
+    variance: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class GainSet:
+    """All recordings at equal gains. receptance (m/N, from the continuous force), sensitivity (1) and plant (m/A, from
+    command to reading): None where nothing shows them. force: line statistics of the recordings that a force excites.
+    peak_displacement m; current_rms A; failed: why nothing is identified here, or None."""
+
+    gains: Gains
+    files: tuple[str, ...]
+    receptance: Response | None
+    sensitivity: Response | None
+    plant: Response | None
+    force: tuple[LineStatistics, ...]
+    peak_displacement: float
+    current_rms: float
+    failed: str | None
+
+
+@dataclass(frozen=True)
+class Shown:
+    """What a gain set showed, with standard errors; nan where the recordings do not show it. stiffness N/m and damping
+    N s/m in the target band; margins of the measured sensitivity."""
+
+    stiffness: float
+    stiffness_se: float
+    damping: float
+    damping_se: float
+    margins: Margins | None
+    score: float
+    score_se: float
+
+    @property
+    def peak_bound(self) -> float:
+        """Upper 95 % bound of the peak sensitivity, or the value where the lines do not bound it; inf unmeasured."""
+        if self.margins is None:
+            return np.inf
+        return self.margins.intervals["peak_sensitivity"][1] or self.margins.peak_sensitivity
+
+
+def recorded_sets(campaign: Campaign) -> list[GainSet]:
+    """The fit recordings of a one-axis campaign by their gains, in the order recorded.
+
+    ValueError names a recording without PID gains, one that cannot be read, or one that shows nothing of the loop; a
+    clipped channel, a touchdown and a loop that swings by itself make a failed set instead.
+    """
+    groups: dict[Gains, list[RecordingSpec]] = {}
+    for spec in campaign.recordings:
+        if spec.role == "fit":
+            groups.setdefault(_gains(campaign, spec), []).append(spec)
+    if not groups:
+        raise ValueError(f"{campaign.folder / 'campaign.toml'}: every recording is a holdout; give one the role fit")
+    return [_joined(gains, [_one(campaign, spec, gains) for spec in specs]) for gains, specs in groups.items()]
+
+
+def shown(found: GainSet, target: ScoreTarget, band: tuple[float, float], mass: float, seed: int = 0) -> Shown:
+    """Coefficients, margins and score of a gain set that did not fail, for a moving mass (kg) and target band (Hz)."""
+    coefficients = [maximum_likelihood(f, np.array([band]), mass, intervals=False) for f in found.force]
+    k, k_se = _mean([(c.stiffness[0], c.stiffness_se[0]) for c in coefficients])
+    c, c_se = _mean([(c.damping[0], c.damping_se[0]) for c in coefficients])
+    s = found.sensitivity
+    curve = margins(s.frequency, s.value, s.variance, DRAWS, seed) if s is not None else None
+    peak, peak_se = np.nan, np.nan
+    if curve is not None:
+        low, high = curve.intervals["peak_sensitivity"]
+        peak = curve.peak_sensitivity
+        peak_se = ((high or peak) - (low or peak)) / LEVEL_SD
+    around = np.random.default_rng(seed).standard_normal((3, DRAWS))
+    around[:, 0] = 0.0
+    values = [v + e * n for v, e, n in zip((k, c, peak), (k_se, c_se, peak_se), around, strict=True)]
+    scores = score(terms(target, *values, np.array(found.peak_displacement), np.array(found.current_rms)))
+    known = np.isfinite([k, c, peak]).all()
+    return Shown(k, k_se, c, c_se, curve, *((float(scores[0]), float(scores.std())) if known else (np.nan, np.nan)))
+
+
+def pooled(parts: Sequence[Response]) -> Response | None:
+    """Responses of one thing as one: at each line the mean with inverse variances as weights; None of none."""
+    if not parts:
+        return None
+    frequency, at = np.unique(np.round(np.concatenate([p.frequency for p in parts]), 9), return_inverse=True)
+    value, variance = (np.concatenate([getattr(p, name) for p in parts]) for name in ("value", "variance"))
+    weight = 1 / np.maximum(variance, 1e-18 * np.abs(value) ** 2)  # a recording without noise does not weigh infinitely
+    total = np.bincount(at, weight)
+    mean = np.bincount(at, weight * value.real) + 1j * np.bincount(at, weight * value.imag)
+    return Response(frequency, mean / total, 1 / total)
+
+
+def _gains(campaign: Campaign, spec: RecordingSpec) -> Gains:
+    if isinstance(spec.gains, Gains):
+        return spec.gains
+    what = "no gains are stated" if spec.gains is None else "its controller is given by numerator and denominator"
+    raise ValueError(
+        f"{campaign.folder / spec.file}: {what}; tuning needs the PID gains it was recorded at: "
+        "gains = { kp = ..., ki = ..., kd = ..., td = ..., ti = ... }"
+    )
+
+
+def _one(campaign: Campaign, spec: RecordingSpec, gains: Gains) -> GainSet:
+    where, rig = campaign.folder / spec.file, campaign.rig
+    try:
+        dataset = read_recording(campaign, spec)
+    except ValueError as error:
+        if "clipped at" in str(error):  # a saturated channel is what the gains did, any other fault is the file's
+            return _failed(gains, spec, str(error).partition(f"{where}: ")[2] or str(error))
+        raise
+    signals = _at_control_rate(recorded_signals(campaign, spec, dataset), rig)
+    if "displacement" not in signals.channels:
+        raise ValueError(f"{where}: the channel displacement is missing; nothing is known of the rotor without it")
+    if not signals.periodic:
+        raise ValueError(f"{where}: no periodic excitation; tuning needs the rig's [protocol], an SPHS or a multisine")
+    moved = signals.channels["displacement"]
+    if (reach := float(np.abs(moved).max())) >= TOUCHED * rig.clearance:
+        share = f"{reach / rig.clearance:.0%} of the clearance"
+        return _failed(gains, spec, f"touchdown: the displacement reaches {share} (or its scale is wrong)")
+    if why := _swings(signals, rig):
+        return _failed(gains, spec, why)
+    try:
+        return _identified(signals, rig, gains, spec)
+    except ValueError as error:
+        raise ValueError(f"{where}: {error}") from error
+
+
+def _identified(signals: RecordedSignals, rig: Rig, gains: Gains, spec: RecordingSpec) -> GainSet:
+    spectra = record_spectra(signals)
+    receptance = sensitivity = plant = None
+    if spectra.driven["force"].size >= LEAST_LINES and "force" in spectra.force.channels:
+        receptance = _response(spectra.force, "displacement", "force")
+    injected = spectra.all.at_lines(spectra.driven["current"])
+    if injected.lines.size >= LEAST_LINES:
+        if "command" in injected.channels:
+            sensitivity = _response(injected, "command", "injection")
+            plant = _response(injected, "displacement", "command")
+        else:  # the controller is known: command = injection - controller * displacement
+            moved = _response(injected, "displacement", "injection")
+            z = np.exp(2j * np.pi * moved.frequency / rig.control_rate)
+            c = controller_response(gains, z, 1 / rig.control_rate)
+            s = 1 - c * moved.value
+            sensitivity = Response(moved.frequency, s, np.abs(c) ** 2 * moved.variance)
+            plant = Response(moved.frequency, moved.value / s, moved.variance / np.abs(s) ** 4)
+    if receptance is None and plant is None:
+        raise ValueError(
+            f"it shows nothing of the loop: excite {LEAST_LINES} lines or more at the force (with the channel force) "
+            "or at the current, best both as the rig's [protocol] does"
+        )
+    kept = slice(spectra.transient_periods * _per_period(signals), None)
+    current = signals.channels.get("current", signals.channels.get("command", np.full(1, np.nan)))
+    return GainSet(
+        gains, (spec.file,), receptance, sensitivity, plant, (spectra.force,) if receptance else (),
+        float(np.abs(signals.channels["displacement"][kept]).max()), float(np.sqrt(np.mean(current[kept] ** 2))), None,
+    )  # fmt: skip
+
+
+def _response(statistics: LineStatistics, output: str, source: str) -> Response:
+    value, variance = frequency_response(statistics, output, source)
+    return Response(statistics.frequency, value, pooled_variance(variance))
+
+
+def _at_control_rate(signals: RecordedSignals, rig: Rig) -> RecordedSignals:
+    """Faster recordings thinned to the control samples, at which the loop's responses are defined."""
+    try:
+        multiple, _ = sampling(signals.sample_rate, rig.control_rate)
+    except ValueError:
+        return signals
+    if multiple == 1:
+        return signals
+    channels = {name: values[::multiple] for name, values in signals.channels.items()}
+    hold = rig.control_rate if signals.hold_rate else None
+    return replace(signals, channels=channels, sample_rate=signals.sample_rate / multiple, hold_rate=hold)
+
+
+def _per_period(signals: RecordedSignals) -> int:
+    return next(e for e in signals.excitations if e.periodic).samples_per_period(signals.sample_rate)
+
+
+def _swings(signals: RecordedSignals, rig: Rig) -> str | None:
+    """Why the loop looks unstable: what does not repeat from period to period is large and outweighs what does."""
+    n, moved = _per_period(signals), signals.channels["displacement"]
+    periods = moved[: moved.size // n * n].reshape(-1, n)[1:]
+    if len(periods) < 2:
+        return None
+    repeating = periods.mean(axis=0) - periods.mean()
+    rest = float((periods - periods.mean(axis=0)).std() * np.sqrt(len(periods) / (len(periods) - 1)))
+    if rest < UNSTEADY * rig.clearance or rest < repeating.std():
+        return None
+    return f"the rotor swings by itself: {rest * 1e6:.3g} um rms do not repeat, {repeating.std() * 1e6:.3g} um do"
+
+
+def _failed(gains: Gains, spec: RecordingSpec, why: str) -> GainSet:
+    return GainSet(gains, (spec.file,), None, None, None, (), np.nan, np.nan, why)
+
+
+def _joined(gains: Gains, parts: list[GainSet]) -> GainSet:
+    """Recordings at equal gains as one set; it failed when one of them did."""
+    failed = next((p.failed for p in parts if p.failed), None)
+    files = tuple(file for p in parts for file in p.files)
+    curves = [
+        pooled([r for p in parts if (r := getattr(p, n)) is not None]) for n in ("receptance", "sensitivity", "plant")
+    ]
+    force = tuple(f for p in parts for f in p.force)
+    peaks, currents = [p.peak_displacement for p in parts], [p.current_rms for p in parts]
+    known = not np.isnan(peaks).all()
+    peak, current = (float(np.nanmax(v)) if known else np.nan for v in (peaks, currents))
+    return GainSet(gains, files, *curves, force, peak, current, failed)
+
+
+def _mean(values: Sequence[tuple[float, float]]) -> tuple[float, float]:
+    """Mean and its standard error of estimates (value, standard error)."""
+    if not values:
+        return np.nan, np.nan
+    v, se = np.array(values, float).T
+    return float(v.mean()), float(np.sqrt((se**2).sum()) / len(se))

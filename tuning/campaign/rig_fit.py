@@ -1,0 +1,149 @@
+"""A rig's parameters fitted to the measured responses of all its gain sets, with their covariance."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.optimize import least_squares
+
+from maglev_env.experiment import Experiment
+from maglev_env.linear.loop import loop_response
+from maglev_env.loop.effect import EFFECTS, effect, effect_value
+from maglev_env.loop.gains import Gains, controller_response
+from maglev_env.loop.magnets.law import force_law, linearise
+from maglev_env.rig.rig import Rig, with_parameters
+from maglev_env.task.episodes import WIDE, log_spread, scaled_rig, wide_factors
+from tuning.campaign.recorded_sets import GainSet
+
+MODEL_ERROR = 0.01  # relative, of a linear model of few parameters at any line
+DELAY_SPREAD, MOST_DELAY = 2.0, 20.0  # control samples: 1 sigma before anything is measured, and the most tried
+FACTORS = 4.0  # the most that a parameter may differ from the nominal one
+CONTRADICTED = 25.0  # misfit from which the rig is none of this model: five times what noise and model error explain
+
+
+@dataclass(frozen=True, eq=False)
+class IdentifiedRig:
+    """nominal rig; names (p,) of what was fitted, "delay" last; theta (p,): ln of parameter over nominal, and the delay
+    in control samples, with covariance (p, p), its scale that of the misfit; misfit: mean squared residual over what
+    noise and MODEL_ERROR explain, about 1 or less where the model holds."""
+
+    nominal: Rig
+    names: tuple[str, ...]
+    theta: np.ndarray
+    covariance: np.ndarray
+    misfit: float
+
+    @property
+    def contradicted(self) -> bool:
+        return self.misfit > CONTRADICTED
+
+    def rig(self, theta: np.ndarray | None = None) -> Rig:
+        """The rig at fitted parameters theta (p,), default the best; it has the delay as an effect."""
+        return _rig(self.nominal, self.names, self.theta if theta is None else theta)
+
+    def drawn(self, n: int, rng: np.random.Generator) -> list[Rig]:
+        """n rigs from the posterior, normal in theta; a delay below zero is none."""
+        draws = rng.multivariate_normal(self.theta, self.covariance, n, method="eigh")
+        draws[:, :-1] = np.clip(draws[:, :-1], -np.log(FACTORS), np.log(FACTORS))
+        draws[:, -1] = np.clip(draws[:, -1], 0.0, _most_delay(self.nominal))
+        return [self.rig(theta) for theta in draws]
+
+    def told(self) -> dict[str, tuple[float, float, float]]:
+        """Name -> (value, standard error, nominal value), SI."""
+        best, found = self.rig(), {}
+        for i, name in enumerate(self.names):
+            sd = float(np.sqrt(self.covariance[i, i]))
+            if name == "delay":
+                dt = 1 / self.nominal.control_rate
+                found[name] = self.theta[i] * dt, sd * dt, effect_value(self.nominal.effects, "delay")
+            else:
+                value = getattr(best, name)
+                found[name] = value, sd * abs(value), getattr(self.nominal, name)
+        return {name: tuple(map(float, values)) for name, values in found.items()}
+
+
+def fit_rig(rig: Rig, sets: Sequence[GainSet]) -> IdentifiedRig:
+    """Least squares of the linearised loop's receptance and sensitivity against those measured, all sets together.
+
+    Mass, actuator gain, negative stiffness and whatever else the rig gives a range or a tolerance for move on a
+    logarithmic scale, their ranges as normal prior; a delay is fitted beside them, which every digital loop has.
+    ValueError when no set shows anything.
+    """
+    sets = [s for s in sets if s.failed is None]
+    if not sets:
+        raise ValueError("no recording shows anything that a rig could be fitted to")
+    gain, stiffness = linearise(force_law(rig))
+    rig = with_parameters(rig, {"actuator_gain": gain, "negative_stiffness": stiffness})
+    names, prior = _parameters(rig)
+    own_delay = effect_value(rig.effects, "delay") * rig.control_rate
+    centre = np.array([0.0] * (len(names) - 1) + [own_delay])
+    frequency = np.unique(np.concatenate([c.frequency for s in sets for c in (s.receptance, s.sensitivity) if c]))
+    z, dt = np.exp(2j * np.pi * frequency / rig.control_rate), 1 / rig.control_rate
+    controllers = [controller_response(s.gains, z, dt) for s in sets]
+    rows = []  # of each measured curve: its controller, which of the frequencies, its kind, values and deviations
+    for s, c in zip(sets, controllers, strict=True):
+        for kind, curve in (("receptance", s.receptance), ("sensitivity", s.sensitivity)):
+            if curve is not None:
+                at = np.searchsorted(frequency, curve.frequency)
+                sd = np.sqrt((curve.variance + (MODEL_ERROR * np.abs(curve.value)) ** 2) / 2)
+                rows.append((c[at], at, kind, curve.value, sd))
+    x = frequency * dt
+    held = np.sinc(x) * np.exp(-1j * np.pi * x)  # the model's force is held, the measured one is freed of its hold
+
+    def residuals(theta: np.ndarray) -> np.ndarray:
+        loop = loop_response(Experiment(_rig(rig, names, theta), rig.gains, ()), frequency)
+        free = loop.receptance / loop.sensitivity / held
+        parts = []
+        for c, at, kind, value, sd in rows:
+            s = 1 / (1 + c * loop.plant[at])
+            miss = (value - (s if kind == "sensitivity" else s * free[at])) / sd
+            parts += [miss.real, miss.imag]
+        return np.concatenate([*parts, (theta - centre) / prior])
+
+    most = np.append(np.full(len(names) - 1, np.log(FACTORS)), _most_delay(rig))
+    least = np.append(-most[:-1], 0.0)
+    start = np.append(np.zeros(len(names) - 1), max(own_delay, 0.2))  # inside the bounds
+    found = least_squares(residuals, start, bounds=(least, most), x_scale=prior, diff_step=1e-5, max_nfev=40)
+    data = found.fun[: -len(names)]
+    misfit = float(data @ data / max(data.size - len(names), 1))
+    covariance = np.linalg.inv(found.jac.T @ found.jac) * max(1.0, misfit)
+    return IdentifiedRig(rig, names, found.x, covariance, misfit)
+
+
+def _parameters(rig: Rig) -> tuple[tuple[str, ...], np.ndarray]:
+    """What is fitted, the delay last, and its spread (p,) before anything is measured."""
+    ranges: Mapping[str, tuple[float, float]] = {
+        **dict.fromkeys(("mass", "actuator_gain", "negative_stiffness", "amplifier_time_constant"), WIDE),
+        **wide_factors(rig),
+    }
+    frequency = np.geomspace(1e-4, 0.2, 12) * rig.control_rate
+    names = [name for name in ranges if getattr(rig, name) and _seen(rig, name, frequency)]
+    spread = [log_spread(ranges[n]) for n in names]
+    return (*names, "delay"), np.array([*spread, DELAY_SPREAD])
+
+
+def _most_delay(rig: Rig) -> float:
+    """Control samples, within what the effect allows."""
+    return min(MOST_DELAY, 0.999 * EFFECTS["delay"].parameters["time"].high * rig.control_rate)
+
+
+def _seen(rig: Rig, name: str, frequency: np.ndarray) -> bool:
+    """Whether the linearised loop depends on a parameter at all: a converter's resolution does not show there."""
+    one, other = (loop_response(Experiment(r, rig.gains, ()), frequency) for r in (rig, scaled_rig(rig, {name: 1.01})))
+    return not (np.allclose(one.plant, other.plant, 1e-9, 0) and np.allclose(one.receptance, other.receptance, 1e-9, 0))
+
+
+def _rig(nominal: Rig, names: Sequence[str], theta: np.ndarray) -> Rig:
+    factors = {name: float(np.exp(v)) for name, v in zip(names[:-1], theta, strict=False)}
+    delay = effect("delay", float(theta[-1]) / nominal.control_rate)
+    return replace(scaled_rig(nominal, factors), effects={**nominal.effects, **delay})
+
+
+def measured_sensitivity(
+    plant: np.ndarray, variance: np.ndarray, frequency: np.ndarray, gains: Gains, control_rate: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """S = 1 / (1 + C P) and its variance, each (n,), of other gains on a plant (n,) that was measured."""
+    z = np.exp(2j * np.pi * frequency / control_rate)
+    c = controller_response(gains, z, 1 / control_rate)
+    s = 1 / (1 + c * plant)
+    return s, np.abs(c * s**2) ** 2 * variance

@@ -1,0 +1,1 @@
+"""Tuners compared on rigs that none of them has seen."""

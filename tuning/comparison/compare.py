@@ -1,0 +1,209 @@
+"""Tuners compared: equal budgets on the same rigs, which none of them has seen; per tuner on disk, resumable."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass, fields, replace
+from itertools import pairwise
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from maglev_env.code_version import code_version
+from maglev_env.task.episodes import Episode
+from maglev_env.task.task import Task
+from maglev_workbench.page import plain
+from tuning.comparison.runs import CHUNK, Runs, stored_parts
+from tuning.lockstep import Course, judged, optima, rescored
+from tuning.methods import LEARNED, LONGEST, METHODS, make_tuner, policy_digest
+from tuning.study.folder import LOCK, claim, load_arrays, locked, save_arrays
+
+if TYPE_CHECKING:
+    from maglev_lanes.schedule import Workers
+    from tuning.learned.policy import HistoryPolicy
+
+SCHEMA = "maglev-compare-folder/1"
+SPEC, RIGS, PARTS = "comparison.json", "rigs.npz", "parts"
+HELD_OUT = 271828  # beside the seed: rigs that the same seed draws for anything else are others
+SEARCH = 600  # experiments that look for the best each rig allows
+BETWEEN = (1, 3, 10, 30, 100, 300, 1000, 3000)  # where a course is looked at beside the budgets
+
+
+@dataclass(frozen=True, eq=False)
+class Result:
+    """One tuner after each of m checkpoints, nan beyond those that LONGEST lets it reach: score (rigs, repeats, m) of
+    its best-scored gains under fresh noise; touchdowns (rigs, repeats, m) on the way; seconds (m,) of all its rigs
+    together, and tuner_seconds (m,), those of them that it took itself to ask and to be told; reused: whether an
+    earlier run had made it."""
+
+    score: np.ndarray
+    touchdowns: np.ndarray
+    seconds: np.ndarray
+    tuner_seconds: np.ndarray
+    reused: bool
+
+
+@dataclass(frozen=True, eq=False)
+class Comparison:
+    """checkpoints (m,), experiments; budgets, those of them that were asked for; best (rigs, repeats) score known of
+    each rig under the noise of each repeat; results by method; made_by: all that they depend on, as JSON data."""
+
+    checkpoints: tuple[int, ...]
+    budgets: tuple[int, ...]
+    best: np.ndarray
+    results: dict[str, Result]
+    made_by: dict[str, Any]
+
+    def reached(self, budget: int) -> list[str]:
+        """The tuners that were run so far."""
+        return [m for m, r in self.results.items() if np.isfinite(r.seconds[self.checkpoints.index(budget)])]
+
+    def regret(self, method: str, budget: int) -> np.ndarray:
+        """Simple regret (rigs, repeats): best known score of the rig less that of the tuner's gains; 0 or more."""
+        return self.best - self.results[method].score[..., self.checkpoints.index(budget)]
+
+
+def compare(
+    task: Task,
+    methods: Sequence[str],
+    n_rigs: int,
+    budgets: Sequence[int],
+    repeats: int,
+    seed: int,
+    folder: Path,
+    progress: Callable[[str, int], None] = lambda name, experiments: None,
+    policy: "HistoryPolicy | None" = None,
+    workers: "Workers | None" = None,
+) -> Comparison:
+    """Run every tuner on the same n_rigs rigs drawn by the task, `repeats` times with other noise and tuner seeds, one
+    experiment at a time; its gains are scored by fresh noise, the same for all. policy: of the learned one, None for
+    that of this package; workers: where it runs, which changes nothing but the times.
+
+    Finished runs of a tuner are in the folder and not made again, whatever others are asked for beside it; progress is
+    told the name and number of experiments finished. ValueError for unknown methods, numbers out of range, a policy
+    that does not serve, or a folder of another comparison; BlockingIOError while another process works there.
+    """
+    methods, budgets = tuple(dict.fromkeys(methods)), tuple(budgets)
+    check_comparison(methods, n_rigs, budgets, repeats)
+    check_policy(task, methods, policy)
+    checkpoints = tuple(sorted({*budgets, *(n for n in BETWEEN if n < budgets[-1])}))
+    made_by = {
+        "rigs": n_rigs, "budgets": budgets, "repeats": repeats, "seed": seed, "search": SEARCH,
+        "randomization": task.randomization, "effects": task.effects, "sensor": task.sensor, "rig": asdict(task.rig),
+        "target": asdict(task.target), "draw_target": task.draw_target, "box": asdict(task.box),
+    }  # fmt: skip
+    made_by = {"schema": SCHEMA, "version": code_version(), **plain(made_by)}
+    with locked(folder, "another process compares there; wait, or choose another folder"):
+        _claim(folder, made_by)
+        rigs, lanes, seeds = held_out(task, n_rigs, repeats, seed)
+        shape = (n_rigs, repeats, -1)
+        searched = _best_by_search(folder / RIGS, task, rigs, lanes, seed, progress, workers)
+        best = searched.reshape(n_rigs, repeats)
+        results = {}
+        for method in methods:
+            path = folder / f"{_label(method, policy, task)}.npz"
+            if reused := path.exists():
+                found = load_arrays(path)
+                progress(method, len(lanes) * budget_of(method, budgets))
+            else:
+                own = policy if method == LEARNED else None
+                runs = Runs(task, method, lanes, seeds, budget_of(method, budgets), own)
+                parts = stored_parts(runs, folder / PARTS / path.stem, workers, lambda n, m=method: progress(m, n))
+                found = _result(runs, parts, checkpoints, seed)
+                save_arrays(path, found)
+            found = {k: v.reshape(shape) if v.ndim == 2 else v for k, v in found.items()}
+            results[method] = Result(**found, reused=reused)
+    reached = np.max([np.nanmax(r.score, axis=2) for r in results.values()], axis=0)
+    return Comparison(checkpoints, budgets, np.maximum(best, reached), results, {**made_by, "methods": list(methods)})
+
+
+def check_comparison(methods: Sequence[str], n_rigs: int, budgets: Sequence[int], repeats: int) -> None:
+    """ValueError unless methods are known, budgets increase from 1 or more, and there are rigs and repeats."""
+    if unknown := [m for m in methods if m not in METHODS]:
+        raise ValueError(f"method {unknown[0]!r} is unknown; use some of {', '.join(METHODS)}")
+    if not methods:
+        raise ValueError("no method is given")
+    if not budgets or budgets[0] < 1 or any(b <= a for a, b in pairwise(budgets)):
+        raise ValueError(f"budgets = {', '.join(map(str, budgets))}: give increasing numbers of experiments, 1 or more")
+    if n_rigs < 1 or repeats < 1:
+        raise ValueError(f"rigs = {n_rigs}, repeats = {repeats}: give at least one of each")
+
+
+def check_policy(task: Task, methods: Sequence[str], policy: "HistoryPolicy | None") -> None:
+    """ValueError where the learned tuner has no policy that serves the task, or there is one and no such tuner."""
+    if LEARNED in methods:
+        make_tuner(LEARNED, task, task.draw(np.random.default_rng(0)), 0, 1, policy)
+    elif policy is not None:
+        raise ValueError(f"a policy is given and method {LEARNED} is not; name it too, or leave the policy out")
+
+
+def budget_of(method: str, budgets: Sequence[int]) -> int:
+    """How many experiments a tuner makes on a rig: the largest budget that LONGEST allows it, or else the smallest."""
+    return max((b for b in budgets if b <= LONGEST.get(method, b)), default=budgets[0])
+
+
+def held_out(task: Task, n_rigs: int, repeats: int, seed: int) -> tuple[list[Episode], list[Episode], list[int]]:
+    """Episodes of n_rigs rigs; n_rigs * repeats of them, rig by rig, that differ in their noise; seeds of the tuners.
+
+    Each rig comes from the seed and its number: fewer rigs are the first of more.
+    """
+    rigs, lanes, seeds = [], [], []
+    for i in range(n_rigs):
+        rng = np.random.default_rng((HELD_OUT, seed, i))
+        rigs.append(task.draw(rng))
+        lanes += [replace(rigs[-1], seed=int(s)) for s in rng.integers(2**63, size=repeats)]
+        seeds += rng.integers(2**31, size=repeats).tolist()
+    return rigs, lanes, seeds
+
+
+def _result(
+    runs: Runs, parts: Sequence[dict[str, np.ndarray]], checkpoints: Sequence[int], seed: int
+) -> dict[str, np.ndarray]:
+    """The arrays of a Result, all runs in one row."""
+    whole = Course(*(np.concatenate([part[f.name] for part in parts]) for f in fields(Course)))
+    reach = [n for n in checkpoints if n <= runs.budget]
+    score, touchdowns = judged(runs.task, runs.lanes, whole, reach, seed)
+    seconds, own = np.sum([part["clock"] for part in parts], axis=0)[np.array(reach) - 1].T
+    found = {"score": score, "touchdowns": touchdowns, "seconds": seconds, "tuner_seconds": own}
+    beyond = len(checkpoints) - len(reach)
+    return {k: np.pad(v, [*[(0, 0)] * (v.ndim - 1), (0, beyond)], constant_values=np.nan) for k, v in found.items()}
+
+
+def _label(method: str, policy: "HistoryPolicy | None", task: Task) -> str:
+    """The name of its results in a folder."""
+    return f"{method}-{policy_digest(task, policy)[:12]}" if method == LEARNED else method
+
+
+def _best_by_search(
+    path: Path,
+    task: Task,
+    rigs: Sequence[Episode],
+    lanes: Sequence[Episode],
+    seed: int,
+    progress: Callable[[str, int], None],
+    workers: "Workers | None",
+) -> np.ndarray:
+    """Score (lanes,) of what a long search finds on each rig, under the noise that scores the tuners."""
+    if path.exists():
+        progress("best of each rig", SEARCH * len(rigs))
+        return load_arrays(path)["score"]
+    jobs = [(task, rigs[i : i + CHUNK], seed + i, SEARCH) for i in range(0, len(rigs), CHUNK)]
+    found = {}
+    here = enumerate(optima(*job)[0] for job in jobs)
+    for i, points in here if workers is None else workers.each(_searched, jobs):
+        found[i] = points
+        progress("best of each rig", SEARCH * len(points))
+    points = np.concatenate([found[i] for i in range(len(jobs))])
+    score = rescored(task, lanes, np.repeat(points, len(lanes) // len(rigs), axis=0), seed)
+    save_arrays(path, {"points": points, "score": score})
+    return score
+
+
+def _searched(job: tuple[Task, Sequence[Episode], int, int]) -> np.ndarray:
+    return optima(*job, threads=1)[0]
+
+
+def _claim(folder: Path, made_by: dict[str, Any]) -> None:
+    others = [p.name for p in folder.iterdir() if p.name != LOCK and not p.name.startswith(".")]
+    if others and not (folder / SPEC).exists():
+        raise ValueError(f"{folder} holds {others[0]} and no comparison; choose another folder")
+    claim(folder / SPEC, made_by, "comparison")

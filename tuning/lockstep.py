@@ -1,0 +1,124 @@
+"""Many studies side by side: every tuner asks, all experiments run as one batch of lanes, every tuner is told."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, fields, replace
+from typing import Any
+
+import numpy as np
+
+from maglev_env.task.task import Tuning
+from tuning.search.evolution import DifferentialEvolution
+from tuning.study.study import experiments
+from tuning.tuner import Trials, Tuner
+
+WHOLE = 10**6  # more than any population: asks for all of it
+AGAIN = 8  # fresh repetitions that score what a tuner would recommend
+
+
+@dataclass(frozen=True)
+class Course:
+    """One tuner on n rigs: points (n, budget, k) that it asked for, in order; score (n, budget) and touchdown
+    (n, budget) that it was told."""
+
+    points: np.ndarray
+    score: np.ndarray
+    touchdown: np.ndarray
+
+
+def side_by_side(
+    task: Tuning,
+    episodes: Sequence[Any],
+    tuners: Sequence[Tuner],
+    budget: int,
+    batch: int = 1,
+    threads: int | None = None,
+    progress: Callable[[int], None] = lambda n: None,
+) -> list[Trials]:
+    """Trials of every tuner on its own episode, `budget` experiments each, at most `batch` at a time."""
+    done: list[Trials | None] = [None] * len(tuners)
+    while open_ := [i for i, t in enumerate(done) if t is None or len(t) < budget]:
+        counts = [0 if done[i] is None else len(done[i]) for i in open_]
+        asked = [tuners[i].ask(min(batch, budget - n)) for i, n in zip(open_, counts, strict=True)]
+        lanes = [episodes[i] for i, points in zip(open_, asked, strict=True) for _ in points]
+        numbers = [n + 1 + j for n, points in zip(counts, asked, strict=True) for j in range(len(points))]
+        found = experiments(task, lanes, np.concatenate(asked), numbers, threads)
+        at = 0
+        for i, points in zip(open_, asked, strict=True):
+            new = _part(found, slice(at, at + len(points)))
+            at += len(points)
+            tuners[i].tell(new)
+            done[i] = new if done[i] is None else done[i] + new
+        progress(at)
+    for tuner in tuners:
+        if hasattr(tuner, "close"):
+            tuner.close()
+    return done
+
+
+def course(trials: Sequence[Trials]) -> Course:
+    """Trials of n rigs, of equal number, as arrays."""
+    return Course(*(np.stack([getattr(t, f.name) for t in trials]) for f in fields(Course)))
+
+
+def judged(
+    task: Tuning, episodes: Sequence[Any], found: Course, checkpoints: Sequence[int], seed: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """After so many experiments of each rig: score (n, checkpoints) of the best-scored gains so far, measured anew
+    under noise from seed, and touchdowns (n, checkpoints) so far."""
+    best, down = np.zeros((2, len(episodes), len(checkpoints)))
+    for j, n in enumerate(checkpoints):
+        chosen = found.score[:, :n].argmax(axis=1)
+        best[:, j] = rescored(task, episodes, found.points[np.arange(len(episodes)), chosen], seed)
+        down[:, j] = found.touchdown[:, :n].sum(axis=1)
+    return best, down
+
+
+def rescored(
+    task: Tuning, episodes: Sequence[Any], points: np.ndarray, seed: int, threads: int | None = None
+) -> np.ndarray:
+    """Mean score (n,) of one point (n, k) on each episode over AGAIN repetitions with noise of its own."""
+    rng = np.random.default_rng(seed)
+    fresh = [replace(e, seed=int(rng.integers(2**63))) for e in episodes for _ in range(AGAIN)]
+    found = experiments(task, fresh, np.repeat(points, AGAIN, axis=0), [0] * len(fresh), threads)
+    return found.score.reshape(-1, AGAIN).mean(axis=1)
+
+
+def optima(
+    task: Tuning, episodes: Sequence[Any], seed: int, budget: int = 600, threads: int | None = None
+) -> tuple[np.ndarray, np.ndarray]:
+    """About the best that each rig allows: points (n, k) and their scores (n,) under fresh noise, by a long search."""
+    k = len(task.box.names)
+    tuners = [DifferentialEvolution(k, seed + i, 10, e.start) for i, e in enumerate(episodes)]
+    trials = side_by_side(task, episodes, tuners, budget, 10 * k, threads)
+    points = np.stack([t.points[t.best] for t in trials])
+    return points, rescored(task, episodes, points, seed, threads)
+
+
+def optimum(
+    task: Tuning,
+    episode: Any,
+    search: Tuner,
+    generations: int,
+    start: np.ndarray,
+    number: int = 0,
+    place: Callable[[np.ndarray], np.ndarray] = lambda asked: asked,
+) -> np.ndarray:
+    """The point (k,) that scores best on one rig over so many populations of a search, start when none scores.
+
+    number: of the experiments, from which their noise is drawn; place: from what the search asks for to points.
+    """
+    best, score = start, -1.0
+    for _ in range(generations):
+        asked = search.ask(WHOLE)
+        points = place(asked)
+        found = experiments(task, [episode] * len(points), points, [number] * len(points))
+        search.tell(replace(found, points=asked))
+        if found.score[found.best] > score:
+            best, score = points[found.best], float(found.score[found.best])
+    search.close()
+    return best
+
+
+def _part(trials: Trials, at: slice) -> Trials:
+    t = trials
+    return Trials(t.points[at], t.score[at], t.observation[at], t.info[at], t.touchdown[at])

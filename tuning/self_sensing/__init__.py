@@ -1,1 +1,0 @@
-"""What the `maglev selfsense` commands do and show."""

@@ -1,0 +1,1 @@
+"""A study: one tuner on one rig, kept on disk, and which of its gains to recommend."""

@@ -1,0 +1,102 @@
+"""Which of the gains tried to recommend: those that hold up under fresh noise and on rigs within tolerance."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from maglev_env.task.episodes import Episode, scaled_rig, tolerance_factors
+from maglev_env.task.task import Task
+from tuning.study.study import experiments
+from tuning.tuner import Trials
+
+NEAR = 0.02  # of the box: gains closer to better-scored ones stand or fall with them
+LEVEL = 0.95  # of the interval over noise and tolerance that must stay out of the forbidden zone
+# Worst that may be recommended: the ends of zone B of ISO 14839-3 and 14839-2, and margins as control texts ask for.
+PEAK_SENSITIVITY, DISPLACEMENT_SHARE, PHASE_MARGIN, GAIN_MARGIN = 4.0, 0.4, 20.0, 1.5
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """Re-scored gains: point (k,); score, its mean over fresh noise on this very rig with standard error; intervals
+    (low, high) of score over rigs within tolerance, and over these and fresh noise of peak_sensitivity, phase_margin,
+    gain_margin_high and displacement_share; reason why they are refused, or None."""
+
+    point: np.ndarray
+    score: float
+    score_se: float
+    intervals: dict[str, tuple[float, float]]
+    reason: str | None
+
+
+@dataclass(frozen=True)
+class Recommendation:
+    """chosen: the first of the best-scored gains that nothing speaks against, None where there is none; refused: those
+    before it, best first."""
+
+    chosen: Verdict | None
+    refused: tuple[Verdict, ...]
+
+
+def recommend(
+    task: Task, episode: Episode, trials: Trials, seed: int, candidates: int = 8, repeats: int = 16, rigs: int = 48
+) -> Recommendation:
+    """Re-score up to so many of the best gains that differ: on the rig itself `repeats` times with fresh noise, and on
+    `rigs` drawn within its data-sheet tolerance (1 sigma, normal)."""
+    alive: list[int] = []
+    for i in np.argsort(-trials.score, kind="stable"):
+        apart = np.abs(trials.points[alive] - trials.points[i]).max(axis=1) > NEAR
+        if trials.score[i] > 0 and apart.all() and len(alive) < candidates:
+            alive.append(int(i))
+    rng = np.random.default_rng((seed, len(trials)))
+    own = [replace(episode, seed=int(rng.integers(2**63))) for _ in range(repeats)]
+    spread = []
+    for _ in range(rigs):
+        rig = scaled_rig(episode.rig, tolerance_factors(episode.rig, rng))
+        spread.append(replace(episode, rig=rig, seed=int(rng.integers(2**63))))
+    refused: list[Verdict] = []
+    for i in alive:
+        point = trials.points[i]
+        again = experiments(task, own + spread, np.tile(point, (repeats + rigs, 1)), [0] * (repeats + rigs))
+        verdict = verdict_of(point, again, repeats, episode)
+        if verdict.reason is None:
+            return Recommendation(verdict, tuple(refused))
+        refused.append(verdict)
+    return Recommendation(None, tuple(refused))
+
+
+def verdict_of(point: np.ndarray, again: Trials, repeats: int, episode: Episode) -> Verdict:
+    """What trials of one point say of it: the first `repeats` on the rig itself, the others on rigs it may be."""
+    scores = again.score[:repeats]
+    columns = {
+        name: np.array([one.get(name, np.nan) for one in again.info], float)
+        for name in ("peak_sensitivity", "phase_margin", "gain_margin_high")
+    }
+    peaks = np.array([one.get("peak_displacement", np.nan) for one in again.info], float)
+    columns["displacement_share"] = peaks / episode.target.clearance
+    columns["score"] = again.score[repeats:]
+    ends = (50 * (1 - LEVEL), 50 * (1 + LEVEL))
+    intervals = {n: tuple(map(float, np.nanpercentile(v, ends))) for n, v in columns.items() if np.isfinite(v).any()}
+    se = float(scores.std(ddof=1) / np.sqrt(repeats)) if repeats > 1 else np.nan
+    return Verdict(point, float(scores.mean()), se, intervals, _reason(again, intervals))
+
+
+def _reason(again: Trials, intervals: dict[str, tuple[float, float]]) -> str | None:
+    """What speaks against gains, in words with figures."""
+    down = int(again.touchdown.sum())
+    if down:
+        return f"the rotor touches down in {down} of {len(again)} repetitions within tolerance"
+    if unstable := int((again.score <= 0).sum()):
+        return f"the loop is unstable in {unstable} of {len(again)} repetitions within tolerance"
+    high = intervals.get("peak_sensitivity", (np.inf, np.inf))[1]
+    if high > PEAK_SENSITIVITY:
+        return f"peak sensitivity up to {high:.3g}, beyond zone B of ISO 14839-3 ({PEAK_SENSITIVITY:g})"
+    high = intervals["displacement_share"][1]
+    if high > DISPLACEMENT_SHARE:
+        return (
+            f"displacement up to {high:.0%} of the clearance, beyond zone B of ISO 14839-2 ({DISPLACEMENT_SHARE:.0%})"
+        )
+    for name, least, unit in (("phase_margin", PHASE_MARGIN, " degrees"), ("gain_margin_high", GAIN_MARGIN, "")):
+        low = intervals.get(name, (np.inf, np.inf))[0]
+        if low < least:
+            return f"{name.replace('_', ' ')} down to {low:.3g}{unit}, below {least:g}{unit}"
+    return None

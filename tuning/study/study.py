@@ -1,0 +1,155 @@
+"""A study: one tuner on one rig, experiment after experiment, in a journal from which it goes on after a kill."""
+
+import json
+import os
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import reduce
+from operator import add
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from maglev_env.code_version import code_version
+from maglev_env.task.task import Tuning, infos
+from tuning.study.folder import claim, locked
+from tuning.tuner import Trials, Tuner
+
+if TYPE_CHECKING:
+    from maglev_lanes.schedule import Workers
+
+SCHEMA = "maglev-study/1"
+SPEC, JOURNAL = "study.json", "journal.jsonl"
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """All trials in order; reused: how many of them an earlier run had made; dropped: whether a record of the journal
+    was broken, as by a kill while it was written, and its experiments made again."""
+
+    trials: Trials
+    reused: int
+    dropped: bool
+
+
+def experiments(
+    task: Tuning,
+    episodes: Sequence[Any],
+    points: np.ndarray,
+    first: int | Sequence[int],
+    threads: int | None = None,
+    workers: "Workers | None" = None,
+) -> Trials:
+    """Experiments at points (n, k) on as many episodes; first: count of each, from which its noise is drawn.
+
+    Threads and workers change nothing: an experiment is the same whatever runs beside it.
+    """
+    counts = list(first) if isinstance(first, Sequence) else [first + i for i in range(len(points))]
+    if workers is not None:
+        shares = np.array_split(np.arange(len(points)), min(len(points), len(workers)))
+        parts = [(task, [episodes[i] for i in own], points[own], [counts[i] for i in own]) for own in shares]
+        return reduce(add, workers.map(_share, parts))
+    found, observation = task.measure(episodes, points, counts, threads)
+    down = np.isfinite(found.touchdown_time)
+    score = np.where(down, 0.0, found.score)
+    return Trials(np.asarray(points), score, observation, tuple(infos(task, found, points)), down)
+
+
+def _share(part: tuple[Tuning, Sequence[Any], np.ndarray, Sequence[int]]) -> Trials:
+    return experiments(*part, threads=1)
+
+
+def run_study(
+    folder: Path,
+    task: Tuning,
+    episode: Any,
+    tuner: Tuner,
+    made_by: dict[str, Any],
+    budget: int,
+    batch: int = 1,
+    threads: int | None = None,
+    progress: Callable[[int, bool], None] = lambda done, reused: None,
+    workers: "Workers | None" = None,
+) -> Outcome:
+    """Run or go on with a study in a folder until `budget` experiments are made, `batch` at a time.
+
+    A tuner is a function of its seed and of what it was told: what the journal holds is told again instead of tried
+    again, so an interrupted study equals an uninterrupted one. made_by: what else the result depends on (rig, method,
+    arguments, seed), as JSON data. ValueError when the folder holds another study, or one of another version, or the
+    tuner asks for other points than the journal has; BlockingIOError while another process works on it.
+    """
+    if budget < 1 or batch < 1:
+        raise ValueError(f"budget = {budget}, batch = {batch}: give at least one experiment")
+    with locked(folder, "another process works on this study; wait for it, or choose another folder"):
+        return _run(folder, task, episode, tuner, made_by, budget, batch, threads, progress, workers)
+
+
+def _run(folder, task, episode, tuner, made_by, budget, batch, threads, progress, workers) -> Outcome:  # see run_study
+    claim(folder / SPEC, {"schema": SCHEMA, "version": code_version(), "batch": batch, **made_by}, "study")
+    kept, dropped = _read(folder / JOURNAL)
+    trials: Trials | None = None
+    reused = 0
+    while (done := 0 if trials is None else len(trials)) < budget:
+        points = tuner.ask(min(batch, budget - done))
+        if kept:
+            new = kept.pop(0)
+            if new.points.shape != points.shape or not np.array_equal(new.points, points):
+                raise ValueError(
+                    f"{folder / JOURNAL}: at experiment {done + 1} this tuner asks for other gains than were tried "
+                    "there; a study goes on with the budget step, libraries and seed that it was begun with"
+                )
+            reused += len(new)
+        else:
+            new = experiments(task, [episode] * len(points), points, done + 1, threads, workers)
+            _append(folder / JOURNAL, new)
+        tuner.tell(new)
+        trials = new if trials is None else trials + new
+        progress(len(new), reused == len(trials))
+    return Outcome(trials, reused, dropped)
+
+
+def _read(path: Path) -> tuple[list[Trials], bool]:
+    """Whole records of a journal, and whether something behind the last of them was cut off."""
+    if not path.exists():
+        return [], False
+    kept, end = [], 0
+    lines = path.read_bytes().splitlines(keepends=True)
+    for line in lines:
+        try:
+            record = json.loads(line) if line.endswith(b"\n") else None
+            trials = _trials(record)
+        except (ValueError, KeyError, TypeError, AttributeError):
+            break
+        kept.append(trials)
+        end += len(line)
+    whole = sum(map(len, lines))
+    if end < whole:
+        with path.open("r+b") as file:
+            file.truncate(end)
+    return kept, end < whole
+
+
+def _trials(record: dict[str, Any]) -> Trials:
+    arrays = (np.array(record[name], dtype) for name, dtype in (("points", float), ("score", float)))
+    points, score = arrays
+    observation = np.array(record["observation"], np.float32)
+    info = tuple({k: np.array(v) if isinstance(v, list) else v for k, v in one.items()} for one in record["info"])
+    found = Trials(points, score, observation, info, np.array(record["touchdown"], bool))
+    if {len(part) for part in (score, observation, info, found.touchdown)} != {len(points)}:
+        raise ValueError("arrays of unequal length")
+    return found
+
+
+def _append(path: Path, trials: Trials) -> None:
+    record = {
+        "points": trials.points.tolist(),
+        "score": trials.score.tolist(),
+        "observation": trials.observation.astype(float).tolist(),
+        "info": [{k: v.tolist() if isinstance(v, np.ndarray) else v for k, v in one.items()} for one in trials.info],
+        "touchdown": trials.touchdown.tolist(),
+    }
+    with path.open("ab") as file:
+        file.write((json.dumps(record) + "\n").encode())
+        file.flush()
+        os.fsync(file.fileno())
