@@ -104,7 +104,7 @@ def attribute(problem: Problem, progress: Progress = lambda text: None) -> Attri
 
 
 def _may_blur(effects: Collection[str]) -> bool:
-    return DITHERED not in effects and not set(MAY_BE_DITHERED).isdisjoint(effects)
+    return DITHERED.isdisjoint(effects) and not MAY_BE_DITHERED.isdisjoint(effects)
 
 
 def _blurred(problem: Problem, fits: Sequence[Fit]) -> list[Fit]:

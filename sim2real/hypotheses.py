@@ -1,6 +1,6 @@
 """Hypotheses: which effects may explain a gap, what of them is fitted, and where a fit starts."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from math import exp, log
 
@@ -10,7 +10,8 @@ from maglev_env.loop.effect import EFFECTS, meaningful
 from maglev_env.rig.rig import Rig
 from sim2real.simulated import TOLERANCE_EFFECTS, Point
 
-TONES = ("runout", "pickup", "unbalance")  # told by their frequencies, not by lines: see `tones`
+# Found by their frequencies instead of fitted on spectral lines.
+TONES = tuple(name for name, card in EFFECTS.items() if card.not_fitted)
 CALIBRATION, NONE, UNKNOWN = "calibration", "none", "unknown"
 
 
@@ -44,58 +45,15 @@ class Coordinate:
         return 0.15 if self.parameter == "frequency" else 0.7
 
 
-# Scales are of the size at which an effect is plain on a small rotor; a fit's steps and start are in their units.
 COORDINATES: Mapping[str, tuple[Coordinate, ...]] = {
-    name: tuple(Coordinate(name, parameter, scale) for parameter, scale in pairs)
-    for name, pairs in {
-        "delay": [("time", 1e-5)],
-        "amplifier_lag": [("time_constant", 1e-5)],
-        "amplifier_voltage_limit": [("voltage", None)],
-        "actuator_gain": [("change", 0.1)],
-        "negative_stiffness": [("change", 0.1)],
-        "eddy_current": [("corner_hz", None), ("order", 0.1)],
-        "hysteresis": [("strength", 0.05), ("width", None)],
-        "saturation": [("field", None)],
-        "eccentricity": [("offset", 1e-5)],
-        "sensor_gain": [("change", 0.1)],
-        "sensor_lag": [("time_constant", 1e-5)],
-        "sensor_resonance": [("frequency", None), ("damping_ratio", None), ("coupling", 0.02)],
-        "mass": [("change", 0.1)],
-        "support_stiffness": [("change", 0.1)],
-        "damping": [("coefficient", 1.0)],
-        "friction": [("force", 0.02), ("velocity", None), ("presliding", None)],
-        "support_resonance": [("frequency", None), ("damping_ratio", None), ("mass_ratio", 0.02)],
-        "cross_coupling": [("ratio", 0.05)],
-    }.items()
-}
-
-# Where a fit may start: every combination is tried in a lane, and the best are followed.
-_STARTS: Mapping[str, Mapping[str, Sequence[float]]] = {
-    "delay": {"time": (1e-5, 7.5e-5)},
-    "amplifier_lag": {"time_constant": (1e-5, 1e-4)},
-    "amplifier_voltage_limit": {"voltage": tuple(np.geomspace(0.1, 20.0, 40))},
-    "actuator_gain": {"change": (-0.3, -0.05, 0.05, 0.4, 1.5, 3.5)},
-    "negative_stiffness": {"change": (-0.7, -0.4, -0.15, 0.2, 1.0)},
-    "eddy_current": {"corner_hz": (1e3, 1e4, 1e5), "order": (0.5, 0.85)},
-    "hysteresis": {"strength": (0.05, 0.3), "width": (0.01, 0.05, 0.2)},
-    "saturation": {"field": (0.7, 1.0, 1.5, 2.2)},
-    "eccentricity": {"offset": (-4e-5, -5e-6, 5e-6, 4e-5)},
-    "sensor_gain": {"change": (-0.2, -0.05, 0.05, 0.3)},
-    "sensor_lag": {"time_constant": (1e-5, 1e-4)},
-    "mass": {"change": (-0.2, -0.03, 0.03, 0.3)},
-    "support_stiffness": {"change": (-0.2, -0.03, 0.03, 0.3)},
-    "damping": {"coefficient": (-2.0, 1.0, 20.0)},
-    # The least presliding is as good as none.
-    "friction": {"force": (0.05,), "velocity": (3e-4, 3e-3), "presliding": (1e-9, 3e-7, 3e-6)},
-    "cross_coupling": {"ratio": (-0.05, 0.05)},
+    name: tuple(Coordinate(name, key, p.scale) for key, p in card.parameters.items())
+    for name, card in EFFECTS.items()
+    if not card.not_fitted
 }
 # A lag is rarely one pole alone: which share of its time may pass as delay, 1 sigma and most; it ends where a delay
 # of its own is what is fitted.
 FORM, FORM_SHARE, MOST_FORM = "form of amplifier_lag", 0.2, 0.5
-# A resonance may lie anywhere: sizes are found by the linear look that every start gets.
-RESONANCES = {"sensor_resonance": ("coupling", 0.01), "support_resonance": ("mass_ratio", 0.01)}
-RESONANCE_GRID = np.geomspace(8.0, 1500.0, 36)  # Hz
-_DAMPING_RATIO = 0.07  # half the grid's spacing
+RESONANCES = tuple(name for name, card in EFFECTS.items() if card.resonance)
 
 
 @dataclass(frozen=True)
@@ -162,11 +120,6 @@ def single_effects(rig: Rig) -> tuple[str, ...]:
 
 def starts(name: str) -> list[np.ndarray]:
     """Coordinates at which a fit of one effect may start."""
-    if name in RESONANCES:
-        frequency, ratio, size = COORDINATES[name]
-        rest = [ratio.at(_DAMPING_RATIO), size.at(RESONANCES[name][1])]
-        return [np.array([frequency.at(float(f)), *rest]) for f in RESONANCE_GRID]
-    tables = _STARTS[name]
-    grid = np.meshgrid(*(tables[c.parameter] for c in COORDINATES[name]), indexing="ij")
+    grid = np.meshgrid(*(p.starts for p in EFFECTS[name].parameters.values()), indexing="ij")
     points = np.stack([g.ravel() for g in grid], axis=1)
     return [np.array([c.at(float(v)) for c, v in zip(COORDINATES[name], row, strict=True)]) for row in points]

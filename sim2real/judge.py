@@ -5,23 +5,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from maglev_env.loop.effect import EFFECTS
 from sim2real.attribute import Attribution
 from sim2real.hypotheses import CALIBRATION, COORDINATES, NONE, UNKNOWN
 from sim2real.problem import KINDS
 from sim2real.unsynchronised import FOREIGN
-
-# What the right effect leaves of its gap when another form of it made the data, as a share of what it explains; linear
-# effects are as good as exact.
-FORM_SHARES: Mapping[str, float] = {
-    "amplifier_voltage_limit": 0.15,
-    "hysteresis": 0.2,
-    "friction": 0.05,
-    "saturation": 0.02,
-    "amplifier_lag": 0.005,
-    "sensor_lag": 0.005,
-    "eddy_current": 0.005,
-    "damping": 0.005,
-}
 
 
 @dataclass(frozen=True)
@@ -30,8 +18,8 @@ class Belief:
 
     Costs differ by a few units where noise decides, and by shares of the whole gap where the form of an effect does:
     a cost above the best one by d counts as freedom ln(1 + d / (freedom + form)), which is d when small and grows
-    slowly beyond what another form of the same effects leaves behind: form_share of the gap, and FORM_SHARES of what
-    each effect saves. prior_*: odds against calibration, of all singles together, of all pairs
+    slowly beyond what another form of the same effects leaves behind: form_share of the gap, and the form_share of each
+    effect's card of what that effect saves. prior_*: odds against calibration, of all singles together, of all pairs
     together, and of the untouched nominal rig. leftover: times its share that an effect may leave of a single group's
     gap; group_sd, group_cost: what a free correction of a group must explain beyond the noise, and costs;
     unknown_cost: log odds against anything unknown where no group is left unexplained; parameter_cost, search_cost: of
@@ -164,7 +152,7 @@ def _forms(evidence: Evidence, gap: float, belief: Belief) -> np.ndarray:
         for name in names:
             others = cost.get(frozenset(names) - {name}, np.inf) if len(names) > 1 else np.inf
             saved = np.clip(others - evidence.cost[i], 0.0, gap) if np.isfinite(evidence.cost[i]) else 0.0
-            found[i] += FORM_SHARES.get(name, 0.0) * saved
+            found[i] += (EFFECTS[name].form_share if name in EFFECTS else 0.0) * saved
     return found
 
 

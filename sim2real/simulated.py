@@ -9,20 +9,14 @@ import numpy as np
 from maglev_env.experiment import Experiment
 from maglev_env.kernel.simulate import prepared, steady_spectra
 from maglev_env.linear.loop import closed_loop_poles
-from maglev_env.loop.effect import Effects, effect, effect_value, meaningful
+from maglev_env.loop.effect import EFFECTS, Effects, effect, effect_value, meaningful
 from maglev_env.loop.gains import Gains
 from maglev_env.rig.rig import Rig, with_parameters
 from sim2real.opened import Opened
 from sim2real.records import Record
 
-# Tolerances of these parameters are changes by the effect of that name; of any other, of the parameter itself.
-TOLERANCE_EFFECTS = {
-    "mass": "mass",
-    "support_stiffness": "support_stiffness",
-    "actuator_gain": "actuator_gain",
-    "negative_stiffness": "negative_stiffness",
-    "probe_gain": "sensor_gain",
-}
+# A tolerance of one of these parameters is a small effect of the name beside it.
+TOLERANCE_EFFECTS = {card.nominal: name for name, card in EFFECTS.items() if card.nominal}
 SETTLED = 3e-5  # of a transient's size at the start, where the period begins that is looked at
 RUNG_OUT = 6.5  # time constants after which a mode's ringing counts as gone
 LASTING = (0, 0.5, 1, 2, 3, 4, 6, 9, 12)  # periods: points of which the modes ring about as long run together
@@ -31,7 +25,7 @@ MOST_TRANSIENT = 12  # periods
 # periods, as its chance is not that of the record. It always blurs a limit; loops of hysteresis and friction are
 # blurred in some forms and not in others.
 DITHER_PERIODS = 6
-DITHERED, MAY_BE_DITHERED = "amplifier_voltage_limit", ("hysteresis", "friction")
+DITHERED, MAY_BE_DITHERED = ({n for n, card in EFFECTS.items() if card.dither == how} for how in ("always", "maybe"))
 # Names the flexible kernel without changing anything: lanes of all hypotheses then share one block.
 NEUTRAL: Effects = effect("friction", 0.0)
 
@@ -138,7 +132,7 @@ def together(points: Sequence[Point], period: float, dithering: bool) -> list[tu
     groups: dict[tuple[float, bool], list[int]] = {}
     for i, point in enumerate(points):
         lasts = float(steps[min(np.searchsorted(steps, settling(point)), steps.size - 1)])
-        dithered = dithering and (point.dithered or DITHERED in point.effects)
+        dithered = dithering and (point.dithered or not DITHERED.isdisjoint(point.effects))
         groups.setdefault((lasts, dithered), []).append(i)
     return sorted(groups.items())
 

@@ -8,6 +8,7 @@ from scipy import stats
 
 from maglev_env.experiment import axis_experiment
 from maglev_env.linear.loop import loop_response
+from maglev_env.loop.effect import EFFECTS
 from sim2real.opened import loud_bands, opened_loop
 from sim2real.problem import Part, Problem
 from sim2real.records import Record
@@ -16,7 +17,7 @@ from sim2real.tones import HARMONICS, MAINS, NEAR, ON_LINE, families, origin, ou
 
 FOREIGN = "foreign"
 AROUND = 12  # lines to either side that a tone on a line must stand out from
-NO_TANGENT = {"amplifier_voltage_limit", "hysteresis", "friction"}  # no linear loop stands for these
+NO_TANGENT = {name for name, card in EFFECTS.items() if not card.linear}
 TOGETHER = 1e-4  # chance that noise shows as much at the frequency of rotation, in all records
 RINGING = 0.25  # octaves from a fitted mode within which a tone is its ringing
 BESIDE_MODE = 1.4  # twice the octaves from a fitted mode within which loud noise is its own

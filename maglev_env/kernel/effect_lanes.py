@@ -7,16 +7,13 @@ import numpy as np
 
 from maglev_env.kernel import effect_rows as r
 from maglev_env.loop.eddy import BRANCHES, eddy_branches
-from maglev_env.loop.effect import effect_value
+from maglev_env.loop.effect import EFFECTS, effect_value
 from maglev_env.experiment import Experiment, moving_mass
 from maglev_env.kernel.exact import HERMITE, actuator, delays, steps, switched
 from maglev_lanes.matrix_exponential import expm
 
 # Named, even with neutral values, these need the flexible kernel.
-FLEXIBLE = (
-    *("amplifier_voltage_limit", "eddy_current", "hysteresis", "eccentricity", "sensor_resonance", "runout", "pickup"),
-    *("friction", "support_resonance", "unbalance"),
-)
+FLEXIBLE = tuple(name for name, card in EFFECTS.items() if card.flexible)
 # States of the chain from command to reading, over one unit of tau / h: x1, x2, branches, command, impulse and
 # displacement of the current that pulls, mount and its velocity, z1, z2.
 _X1, _X2, _E = 0, 1, 2

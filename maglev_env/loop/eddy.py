@@ -4,8 +4,27 @@
 Maslen 2005, IEEE Trans. Magn. 41).
 """
 
+from collections.abc import Mapping
+from math import inf
+
 import numpy as np
 
+from maglev_env.loop.card import EffectCard, Parameter
+
+EFFECTS: Mapping[str, EffectCard] = {
+    "eddy_current": EffectCard(
+        "actuator",
+        {
+            "corner_hz": Parameter("Hz", 1.0, 1e6, absent=inf, starts=(1e3, 1e4, 1e5)),
+            "order": Parameter("", 0.3, 0.98, 0.5, scale=0.1, starts=(0.5, 0.85)),
+        },
+        "current reaches the force through 1 / (1 + (s / w)^order): solid iron, order 1/2 (Zhu et al. 2005)",
+        "current, force and displacement",
+        ("magnets",),
+        flexible=True,
+        form_share=0.005,
+    ),
+}
 BRANCHES = 8
 LOW, HIGH = 0.9, 2200.0  # Hz: where the branches are fitted
 _FIT = np.geomspace(LOW, HIGH, 100)
