@@ -13,7 +13,7 @@ _HOME = {
     "Excitation": "rig.excitation",
     "Experiment": "experiment",
     "protocol_experiment": "experiment",
-    "rig_sensors": "experiment",
+    "rig_sensors": "rig.self_sensor",
     "SelfSensing": "loop.self_sensor",
     "Rig": "rig.rig",
     "load_rig": "rig.rig",

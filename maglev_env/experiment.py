@@ -6,12 +6,13 @@ from math import inf
 
 import numpy as np
 
+from maglev_env.fields import is_number
 from maglev_env.loop.axes import suffixes
 from maglev_env.loop.effect import EFFECTS, NO_EFFECTS, Effects, check_effects, effect_value
 from maglev_env.loop.gains import NO_CONTROLLER, Controllers, of_axis
-from maglev_env.loop.self_sensor import self_sensor
-from maglev_env.rig.excitation import Excitation, axis_excitations, check_interleaved, is_number
+from maglev_env.rig.excitation import Excitation, axis_excitations, check_interleaved
 from maglev_env.rig.rig import Rig, axis_rig
+from maglev_env.rig.self_sensor import rig_sensors
 from selfsense.sensor import SelfSensor
 
 # Channels of a recording, and those whose spectra the estimators use; the injection is digital and known exactly.
@@ -47,7 +48,7 @@ class Experiment:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "effects", {**self.rig.effects, **self.effects})
-        check_effects(self.effects, self.rig)
+        check_effects(self.effects, self.rig.capabilities, self.rig.name)
         if not is_number(self.speed_rpm) or self.speed_rpm < 0:
             raise ValueError(f"experiment: speed_rpm = {self.speed_rpm!r} must be a number, at least 0")
         self._check_sensor()
@@ -142,12 +143,6 @@ def self_sensors(e: Experiment) -> tuple[SelfSensor, ...]:
     if e.sensor == "probe":
         return ()
     return e.sensor if isinstance(e.sensor, tuple) else rig_sensors(e.rig)
-
-
-def rig_sensors(rig: Rig, nominal: Rig | None = None) -> tuple[SelfSensor, ...]:
-    """The self-sensor of each axis of a rig, their estimators made for the nominal one; see `self_sensor`."""
-    believed = nominal or rig
-    return tuple(self_sensor(axis_rig(rig, axis), axis_rig(believed, axis)) for axis in range(rig.axes))
 
 
 def spectral_channels(e: Experiment) -> tuple[str, ...]:

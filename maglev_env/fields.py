@@ -2,9 +2,16 @@
 
 from collections.abc import Iterable, Mapping
 from dataclasses import MISSING, field, fields
+from math import isfinite
 from typing import Any
 
-from maglev_env.rig.excitation import is_number
+
+def is_number(value: Any) -> bool:
+    """Whether a value is a finite number, and no boolean."""
+    try:
+        return isinstance(value, int | float) and not isinstance(value, bool) and isfinite(value)
+    except OverflowError:  # a whole number beyond floats
+        return False
 
 
 def quantity(unit: str, low: float, high: float, default: Any = MISSING) -> Any:

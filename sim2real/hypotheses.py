@@ -115,7 +115,7 @@ class Hypothesis:
 
 def single_effects(rig: Rig) -> tuple[str, ...]:
     """Effects that have a meaning on a rig and are fitted on lines."""
-    return tuple(name for name in COORDINATES if meaningful(name, rig))
+    return tuple(name for name in COORDINATES if meaningful(name, rig.capabilities))
 
 
 def starts(name: str) -> list[np.ndarray]:

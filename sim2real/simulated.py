@@ -61,7 +61,7 @@ def tolerances(rig: Rig) -> dict[str, float]:
     return {
         name: sigma
         for name, sigma in stated.items()
-        if name not in TOLERANCE_EFFECTS or meaningful(TOLERANCE_EFFECTS[name], rig)
+        if name not in TOLERANCE_EFFECTS or meaningful(TOLERANCE_EFFECTS[name], rig.capabilities)
     }
 
 

@@ -5,7 +5,8 @@ import numpy as np
 from maglev_env.experiment import Experiment
 from maglev_env.linear.loop import closed_loop_poles, loop_response
 from maglev_env.loop.gains import Gains
-from maglev_env.loop.magnets.law import force_law, linearise
+from maglev_env.loop.magnets.kinds import force_law
+from maglev_env.loop.magnets.law import linearise
 from maglev_env.rig.rig import Rig
 
 ROBUST = 2.0  # peak sensitivity that needs no other variant

@@ -15,7 +15,8 @@ from estimation.periods import LineStatistics, held
 from estimation.stability import Margins, iso_14839_2_zone, iso_14839_3_zone, margins
 from maglev_env.experiment import Experiment
 from maglev_env.linear.loop import LoopResponse, loop_response
-from maglev_env.loop.magnets.law import force_law, linearise
+from maglev_env.loop.magnets.kinds import force_law
+from maglev_env.loop.magnets.law import linearise
 from maglev_env.recordings.spectra import RecordedSignals, RecordSpectra, record_spectra
 from maglev_env.rig.rig import Rig
 

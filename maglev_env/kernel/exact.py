@@ -6,7 +6,8 @@ import numpy as np
 
 from maglev_env.loop.effect import effect_value, split_delay
 from maglev_env.experiment import Experiment, moving_mass
-from maglev_env.loop.magnets.law import force_law, linearise
+from maglev_env.loop.magnets.law import linearise
+from maglev_env.loop.magnets.kinds import force_law
 from maglev_lanes.matrix_exponential import expm
 
 # Derivatives at the start of the cubic with values and slopes (y0, v0, y1, v1) at both ends of a unit step.

@@ -24,9 +24,9 @@ from maglev_env.kernel.exact import (
 from maglev_env.kernel.controllers import PID_ROWS, filter_constants, pid_constants
 from maglev_env.kernel.effect_lanes import FLEXIBLE, effect_constants, write_cross_bend
 from maglev_env.linear.axis import cross_terms
-from maglev_env.loop.magnets.law import SingleSidedLaw, force_law
+from maglev_env.loop.magnets.law import SingleSidedLaw
+from maglev_env.loop.magnets.kinds import KINDS, force_law
 from maglev_env.loop.axes import NO_CROSS
-from maglev_env.rig.rig import Rig
 from maglev_env.kernel.sensing_lanes import sensed_structure, sensing_rows, timing_of
 from selfsense.kernel_rows import GAP as COIL_GAP
 
@@ -62,7 +62,7 @@ def structure_of(experiment: Experiment) -> Structure:
         current_poles = _deepest(r.amplifier_time_constant for r in rigs)
         current_poles += effect_value(effects, "amplifier_lag") > 0
     return Structure(
-        magnets=_magnets(rigs[0]),
+        magnets=KINDS[rigs[0].magnet].pull(rigs[0]) if rigs[0].controlled else "none",
         supported=supported or flexible,
         sensor_poles=0 if sensors else probe_poles,
         actuator_poles=current_poles,
@@ -78,12 +78,6 @@ def structure_of(experiment: Experiment) -> Structure:
         flexible=flexible,
         sticking=effect_value(effects, "friction", "presliding") > 0,
     )
-
-
-def _magnets(rig: Rig) -> str:
-    if rig.magnet == "electromagnet_pair":
-        return "gap"  # the hybrid law of that flux path without its permanent magnet
-    return rig.flux_path if rig.magnet == "hybrid_pair" else rig.magnet
 
 
 def _deepest(time_constants: Iterable[float]) -> int:

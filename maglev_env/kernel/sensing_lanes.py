@@ -6,7 +6,7 @@ import numpy as np
 
 from maglev_env.kernel import rows as k
 from maglev_env.experiment import Experiment, self_sensors
-from maglev_env.loop.magnets.law import force_law
+from maglev_env.loop.magnets.kinds import force_law
 from selfsense import kernel_rows as sensing
 from selfsense.kernel_pieces import SensorStructure
 from selfsense.sensor import SelfSensor, samples_and_periods, sensor_rows, structure_of, whole_ratio

@@ -9,7 +9,8 @@ import numpy as np
 from maglev_env.experiment import Experiment, moving_mass, self_sensors
 from maglev_env.loop.eddy import eddy_branches
 from maglev_env.loop.effect import effect_value
-from maglev_env.loop.magnets.law import ForceLaw, force_law, linearise
+from maglev_env.loop.magnets.kinds import force_law
+from maglev_env.loop.magnets.law import ForceLaw, linearise
 from selfsense.baseband import baseband
 
 POSITION, VELOCITY = 0, 1  # the first two states; the last two columns are the held force and the held command

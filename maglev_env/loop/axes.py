@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, fields
 
-from maglev_env.rig.excitation import is_number
+from maglev_env.fields import is_number
 
 AXES = ("x", "y")
 

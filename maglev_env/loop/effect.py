@@ -1,15 +1,10 @@
 """Effects beyond the nominal rig: the registry of all cards, and effects as data, read, checked and looked up."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Set
 from math import floor, isnan
-from typing import TYPE_CHECKING
 
 from maglev_env.loop import actuator, amplifier, controller, external, mechanics, sensor
 from maglev_env.loop.card import EffectCard, Need
-
-if TYPE_CHECKING:
-    from maglev_env.rig.rig import Rig
-
 
 BLOCKS = ("sensor", "controller", "amplifier", "actuator", "mechanics", "external")
 # In words, what a rig must have for an effect that needs it.
@@ -93,32 +88,24 @@ def parse_effect(text: str) -> dict[str, dict[str, float]]:
     return effect(name.strip(), bare, **named)
 
 
-def check_effects(effects: Effects, rig: "Rig") -> None:
-    """Raise ValueError unless every effect is known, complete, inside its bounds and has a meaning on the rig."""
+def check_effects(effects: Effects, capabilities: Set[Need], rig: str) -> None:
+    """Raise ValueError unless every effect is known, complete, inside its bounds and has a meaning on a rig.
+
+    Args:
+        effects: the effects.
+        capabilities: what the rig has, see `NEEDS`.
+        rig: its name, for the message.
+    """
     for name, values in effects.items():
         effect(name, **values)
         for need in EFFECTS[name].needs:
-            if not has(rig, need):
-                raise ValueError(f"effect {name} has no meaning on rig {rig.name}: it needs {NEEDS[need]}")
+            if need not in capabilities:
+                raise ValueError(f"effect {name} has no meaning on rig {rig}: it needs {NEEDS[need]}")
 
 
-def meaningful(name: str, rig: "Rig") -> bool:
-    """Whether a rig has what an effect needs."""
-    return all(has(rig, need) for need in EFFECTS[name].needs)
-
-
-def has(rig: "Rig", need: str) -> bool:
-    """Whether a rig has one of NEEDS."""
-    match need:
-        case "pair":
-            return rig.magnet in ("hybrid_pair", "electromagnet_pair")
-        case "two_axes":
-            return rig.axes == 2
-        case "coil":
-            return rig.controlled and rig.coil_inductance is not None
-        case "support":
-            return rig.support_stiffness > 0
-    return rig.controlled
+def meaningful(name: str, capabilities: Set[Need]) -> bool:
+    """Whether a rig with these capabilities has what an effect needs."""
+    return capabilities >= set(EFFECTS[name].needs)
 
 
 def effect_value(effects: Effects, name: str, parameter: str | None = None) -> float:

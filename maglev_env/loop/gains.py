@@ -5,8 +5,8 @@ from math import exp
 
 import numpy as np
 
+from maglev_env.fields import is_number
 from maglev_env.loop.axes import AXES
-from maglev_env.rig.excitation import is_number
 
 
 @dataclass(frozen=True)

@@ -1,22 +1,13 @@
-"""Self-sensing on a rig: which coil, supply and estimator take the probe's place."""
+"""Self-sensing: the table of a rig that says which supply, acquisition and estimator take the probe's place."""
 
-from dataclasses import dataclass, fields, replace
-from functools import lru_cache
-from typing import TYPE_CHECKING
+from dataclasses import dataclass, fields
 
-from maglev_env.loop.magnets.law import ForceLaw, force_law
-from maglev_env.rig.excitation import is_number
-from selfsense.coil import Coil
-from selfsense.design import LAG, LAG_AT, design_pi
+from maglev_env.fields import is_number
+from selfsense.design import LAG, LAG_AT
 from selfsense.forward_path import AnalogPath, DigitalPath
-from selfsense.sensor import Estimator, SelfSensor
 from selfsense.supply import Acquisition, Supply, check_rates
 
-if TYPE_CHECKING:
-    from maglev_env.rig.rig import Rig
-
 PATHS = {"digital": DigitalPath, "analog": AnalogPath}
-LEAST_GAP, LARGEST_GAP = 0.02, 2.0  # of the rig's gap: where the estimator is held
 
 
 @dataclass(frozen=True)
@@ -61,52 +52,3 @@ class SelfSensing:
             check_rates(supply, Acquisition(self.sample_rate, self.adc_bits, self.current_range))
         except ValueError as error:
             raise ValueError(f"[self_sensing]: {error}") from None
-
-
-def coil_of(rig: "Rig") -> Coil:
-    """The upper coil of a one-axis rig. ValueError for a rig whose coil's inductance does not follow the gap."""
-    if rig.magnet not in ("hybrid_pair", "electromagnet_pair", "electromagnet"):
-        raise ValueError(
-            f"rig {rig.name}: magnet = {rig.magnet!r} has no coil whose inductance follows the gap: "
-            "self-sensing needs a hybrid_pair, an electromagnet_pair or an electromagnet; use the probe"
-        )
-    law = force_law(rig)
-    coil_gap = law.coil_gap if isinstance(law, ForceLaw) else 0.0
-    reach = rig.gap + law.magnet_gap
-    return Coil(
-        turns=rig.turns,
-        pole_area=rig.pole_area,
-        resistance=rig.coil_resistance,
-        core_length=rig.self_sensing.core_length + 2 * coil_gap,
-        magnet_emf=rig.turns * rig.pole_area * law.magnet_flux / reach**2,
-        bias_field=law.magnet_flux / reach,
-    )
-
-
-def self_sensor(rig: "Rig", nominal: "Rig | None" = None) -> SelfSensor:
-    """The self-sensor of a one-axis rig, its estimator made for the nominal rig (default: the rig itself).
-
-    ValueError as `coil_of`, or when no estimator gains reach the lag that is asked for.
-    """
-    s, believed = rig.self_sensing, nominal or rig
-    supply = Supply(rig.supply_voltage, s.pwm_frequency, 2, s.dead_time)
-    acquisition = Acquisition(s.sample_rate, s.adc_bits, s.current_range, rig.noise.current)
-    estimator = _estimator(replace(coil_of(believed), magnet_emf=0.0, bias_field=0.0), believed)
-    return SelfSensor(coil_of(rig), supply, acquisition, estimator, believed.gap)
-
-
-def _estimator(coil: Coil, rig: "Rig") -> Estimator:
-    s = rig.self_sensing
-    span = (LEAST_GAP * rig.gap, LARGEST_GAP * rig.gap)
-    plain = Estimator(coil, rig.supply_voltage, s.kp or 0.0, s.ki or 0.0, span, PATHS[s.forward_path]())
-    if s.kp is not None:
-        return plain
-    sensor = SelfSensor(coil, Supply(rig.supply_voltage, s.pwm_frequency), Acquisition(s.sample_rate), plain, rig.gap)
-    kp, ki = _designed(sensor, s.lag, s.lag_frequency)
-    return replace(plain, kp=kp, ki=ki)
-
-
-@lru_cache(maxsize=256)
-def _designed(sensor: SelfSensor, lag: float, frequency: float) -> tuple[float, float]:
-    design = design_pi(sensor, lag, frequency)
-    return design.kp, design.ki

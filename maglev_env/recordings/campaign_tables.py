@@ -4,8 +4,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from typing import Any
 
-from maglev_env.fields import check_known
-from maglev_env.rig.excitation import MAX_HARMONIC, Excitation, check_interleaved, is_number
+from maglev_env.fields import check_known, is_number
+from maglev_env.rig.excitation import MAX_HARMONIC, Excitation, check_interleaved
 from maglev_env.rig.rig import excitation_from_table
 
 CHANNEL_UNITS: Mapping[str, str] = {

@@ -4,13 +4,13 @@ from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from itertools import pairwise
-from math import isfinite
 from typing import Any, Literal
 
 import numpy as np
 
 from estimation.crest import low_crest
 from estimation.sphs import Multisine, random_phase, sphs, synthesise
+from maglev_env.fields import is_number
 
 KINDS = ("sphs", "multisine", "low_crest", "recorded", "none")
 PLACES = ("force", "current", "reference")
@@ -142,14 +142,6 @@ def parse_excitation(text: str, fundamental: float, kind: str = "sphs") -> Excit
     except ValueError:
         raise ValueError(f"excitation {text!r}: the peak {numbers[0]!r} or the direction is not a number") from None
     return Excitation(kind, place.strip(), fundamental, parse_lines(lines), amplitude, direction=direction)
-
-
-def is_number(value: Any) -> bool:
-    """Whether a value is a finite number, and no boolean."""
-    try:
-        return isinstance(value, int | float) and not isinstance(value, bool) and isfinite(value)
-    except OverflowError:  # a whole number beyond floats
-        return False
 
 
 def check_harmonics(lines: Iterable[Any], name: str) -> None:

@@ -8,16 +8,16 @@ from math import inf
 from pathlib import Path
 from typing import Any
 
-from maglev_env.fields import check_known, check_range, increasing_pair, quantity, table_as
+from maglev_env.fields import check_known, check_range, increasing_pair, is_number, quantity, table_as
 from maglev_env.loop.axes import AXES, NO_CROSS, Cross
+from maglev_env.loop.card import Need
 from maglev_env.loop.effect import EFFECTS, Effects, check_effects, effect
 from maglev_env.loop.gains import Controllers, Gains, LinearController, of_axis
-from maglev_env.loop.magnets.check import check_magnet
+from maglev_env.loop.magnets.kinds import KINDS, MAGNETS, NO_MAGNET, check_magnet
 from maglev_env.loop.self_sensor import SelfSensing
-from maglev_env.rig.excitation import Excitation, axis_excitations, check_harmonics, check_interleaved, is_number
+from maglev_env.rig.excitation import Excitation, axis_excitations, check_harmonics, check_interleaved
 
 SCHEMA = "maglev-rig/1"
-MAGNETS = ("hybrid_pair", "electromagnet_pair", "electromagnet", "magnet_coil", "none")
 FLUX_PATHS = ("gap", "magnet")
 PRESETS = ("hmb_free", "hmb_radial", "hmb_axial", "pedestal", "eframe")
 ROTORS = ("pump",)  # presets of `rotor.rotor`, beside these
@@ -172,12 +172,24 @@ class Rig:
             except ValueError as error:
                 raise ValueError(f"[axis.{name}]: {error}") from None
         check_magnet(self)
-        check_effects(self.effects, self)
+        check_effects(self.effects, self.capabilities, self.name)
 
     @property
     def controlled(self) -> bool:
         """Whether the rig has an actuator for a controller to use."""
-        return self.magnet != "none"
+        return self.magnet != NO_MAGNET
+
+    @property
+    def capabilities(self) -> frozenset[Need]:
+        """What the rig has of that which effects need, see `loop.effect.NEEDS`."""
+        stated: dict[Need, bool] = {
+            "magnets": self.controlled,
+            "pair": self.controlled and KINDS[self.magnet].pair,
+            "two_axes": self.axes == 2,
+            "coil": self.controlled and self.coil_inductance is not None,
+            "support": self.support_stiffness > 0,
+        }
+        return frozenset(need for need, has in stated.items() if has)
 
 
 PARAMETERS: Mapping[str, Mapping[str, Any]] = {

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from maglev_env.kernel.exact import actuator_rows, sensor_rows
-from maglev_env.loop.magnets.law import force_law
+from maglev_env.loop.magnets.kinds import force_law
 from maglev_env.rotor import rows as r
 from maglev_env.rotor.linear import LEAST_LAG, control_matrices, controllers
 from maglev_env.rotor.rotor import Rotor

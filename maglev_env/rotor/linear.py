@@ -9,7 +9,8 @@ import numpy as np
 from scipy.linalg import block_diag, expm
 
 from maglev_env.loop.gains import Gains, controller_response, state_space
-from maglev_env.loop.magnets.law import force_law, linearise
+from maglev_env.loop.magnets.law import linearise
+from maglev_env.loop.magnets.kinds import force_law
 from maglev_env.rotor.rotor import CONTROLS, Rotor
 
 # Coordinates q = (x, tilt of x, y, tilt of y); planes and directions in the order (a, x), (a, y), (b, x), (b, y).

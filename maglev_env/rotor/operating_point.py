@@ -4,7 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from maglev_env.loop.magnets.law import force, force_law
+from maglev_env.loop.magnets.law import force
+from maglev_env.loop.magnets.kinds import force_law
 from maglev_env.rig.rig import with_parameters
 from maglev_env.rotor.linear import (
     at_planes, control_matrices, control_response, controllers, held_current, mechanics, probe_readings,

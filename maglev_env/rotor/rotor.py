@@ -13,7 +13,7 @@ from scipy.optimize import brentq
 
 from maglev_env.design.motor import Motor
 from maglev_env.design.thermal import ThermalMass
-from maglev_env.rig.excitation import is_number
+from maglev_env.fields import is_number
 from maglev_env.loop.gains import Gains
 from maglev_env.rig.rig import MAX_FILE_BYTES, ROTORS, Rig, load_rig
 from maglev_env.fields import check_known, check_range, increasing_pair, quantity, table_as
@@ -170,7 +170,7 @@ class Rotor:
     def __post_init__(self) -> None:
         if tuple(self.gains) not in CONTROLS:
             raise ValueError(f"[gains]: {', '.join(self.gains)}; give translation and tilt, or a and b")
-        if self.axis.axes != 1 or self.axis.magnet not in ("hybrid_pair", "electromagnet_pair"):
+        if self.axis.axes != 1 or "pair" not in self.axis.capabilities:
             raise ValueError(f"axis: rig {self.axis.name} is not one axis of a pair of magnets")
         if not (isinstance(self.gravity, tuple) and len(self.gravity) == 3) or not all(map(is_number, self.gravity)):
             raise ValueError(f"gravity = {self.gravity!r}; give three accelerations, m/s2")

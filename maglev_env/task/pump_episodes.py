@@ -5,8 +5,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from maglev_env.fields import is_number
 from maglev_env.loop.gains import Gains
-from maglev_env.rig.excitation import is_number
 from maglev_env.rotor.rotor import CONTROLS, Rotor
 from maglev_env.task.episodes import START, scaled_rig, tolerance_factors
 from maglev_env.task.gain_box import GainBox, gain_box

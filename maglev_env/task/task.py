@@ -10,10 +10,12 @@ import numpy as np
 from maglev_env.design.defaults import with_defaults
 from maglev_env.evaluation.evaluate import Evaluation, evaluate, score_target
 from maglev_env.evaluation.score import ScoreTarget, stacked
-from maglev_env.experiment import SENSORS, Experiment, axis_experiment, rig_sensors
+from maglev_env.experiment import SENSORS, Experiment, axis_experiment
+from maglev_env.fields import is_number
 from maglev_env.loop.effect import Effects, check_effects
-from maglev_env.rig.excitation import is_number, lines_at
+from maglev_env.rig.excitation import lines_at
 from maglev_env.rig.rig import Rig, axis_rig, load_rig
+from maglev_env.rig.self_sensor import rig_sensors
 from maglev_env.task.episodes import Episode, check_randomization, draw_episode
 from maglev_env.task.gain_box import TUNED, GainBox, gain_box
 from maglev_env.task.observation import BANDS, Layout
@@ -136,7 +138,7 @@ def make_task(
         raise ValueError(f"sensor = {sensor!r}; use one of {', '.join(SENSORS)}")
     check_episode(budget, move)
     loaded = with_defaults(loaded)
-    check_effects(effects or {}, loaded)
+    check_effects(effects or {}, loaded.capabilities, loaded.name)
     check_randomization(loaded, randomization)
     box = gain_box(loaded, tuned, bounds)
     # A rotor with two axes is scored by the worse one, against the target of x.

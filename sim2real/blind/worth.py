@@ -177,7 +177,7 @@ def written_point(diagnosis: Mapping, answer: Answer, rig: Rig) -> Point:
     point = Point(effects, answer.changes)
     try:
         e = experiment_at(protocol_experiment(rig, rig.gains), point)
-        check_effects(e.effects, e.rig)
+        check_effects(e.effects, e.rig.capabilities, e.rig.name)
     except ValueError:
         return Point({}, {})
     return point

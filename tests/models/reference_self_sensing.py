@@ -12,7 +12,7 @@ from scipy.signal import bilinear, butter
 
 from maglev_env.experiment import Experiment, self_sensors
 from maglev_env.loop.effect import effect_value
-from maglev_env.loop.magnets.law import force_law
+from maglev_env.loop.magnets.kinds import force_law
 from selfsense.sensor import SelfSensor
 
 MU_0 = 4e-7 * np.pi

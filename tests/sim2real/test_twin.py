@@ -13,7 +13,8 @@ from scipy import signal, stats
 import sim2real.blind
 from maglev_env.experiment import Experiment
 from maglev_env.kernel.simulate import simulate_records
-from maglev_env.loop.magnets import law as magnetics
+from maglev_env.loop.magnets.kinds import force_law
+from maglev_env.loop.magnets.law import force
 from maglev_env.recordings.campaign import load_campaign
 from maglev_env.recordings.recording import read_recording
 from maglev_env.rig.excitation import Excitation
@@ -119,7 +120,7 @@ def test_force_law_is_the_nominal_one_when_nothing_bends(change):
     rig = with_parameters(load_rig("hmb_free"), {"negative_stiffness": -12.5e3 * (1 + change)})
     m = machine(Truth("hmb_free").parameters, {"negative_stiffness": {"change": change}}, "sealed")
     for y, i in [(0.0, 0.0), (1e-4, 0.3), (-2e-4, -1.0)]:
-        assert stepping._pull(m, y, i) == pytest.approx(magnetics.force(magnetics.force_law(rig), y, i), rel=1e-12)
+        assert stepping._pull(m, y, i) == pytest.approx(force(force_law(rig), y, i), rel=1e-12)
 
 
 @pytest.mark.parametrize("forms", ["sealed", "development"])

@@ -10,7 +10,8 @@ from maglev_env.experiment import Experiment
 from maglev_env.linear.loop import loop_response
 from maglev_env.loop.effect import EFFECTS, effect, effect_value
 from maglev_env.loop.gains import Gains, controller_response
-from maglev_env.loop.magnets.law import force_law, linearise
+from maglev_env.loop.magnets.kinds import force_law
+from maglev_env.loop.magnets.law import linearise
 from maglev_env.rig.rig import Rig, with_parameters
 from maglev_env.task.episodes import WIDE, log_spread, scaled_rig, wide_factors
 from tuning.campaign.recorded_sets import GainSet

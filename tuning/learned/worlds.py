@@ -44,7 +44,7 @@ class World:
     def draw(self, rng: np.random.Generator) -> tuple[Task, Task]:
         """The task of a group, and that on which the best gains of its rigs are searched for, which is always the quick
         one; the effect comes from rng."""
-        names = [name for name in SIZES if meaningful(name, self.rig)]
+        names = [name for name in SIZES if meaningful(name, self.rig.capabilities)]
         chosen: Effects = {}
         if self.effects and names and rng.random() >= PLAIN:
             name = names[rng.integers(len(names))]

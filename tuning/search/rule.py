@@ -3,7 +3,8 @@
 import numpy as np
 
 from maglev_env.loop.gains import controller_response, of_axis, with_gains
-from maglev_env.loop.magnets.law import force_law, linearise
+from maglev_env.loop.magnets.kinds import force_law
+from maglev_env.loop.magnets.law import linearise
 from maglev_env.task.episodes import Episode
 from maglev_env.task.task import Task
 from tuning.tuner import Trials

@@ -1,28 +1,10 @@
 """Force laws of the magnets: what they pull, linearised and calibrated (D eq 3.9-3.13; Schweitzer and Maslen 2009)."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import singledispatch
 from math import inf, isinf
-from typing import TYPE_CHECKING
 
 import numpy as np
-
-from selfsense.coil import MU_0, coil_inductance
-
-if TYPE_CHECKING:
-    from maglev_env.rig.rig import Rig
-
-__all__ = [
-    "MU_0",
-    "ForceLaw",
-    "SingleSidedLaw",
-    "balancing_bias",
-    "force",
-    "force_law",
-    "geometric_law",
-    "inductance",
-    "linearise",
-]
 
 
 @dataclass(frozen=True)
@@ -71,74 +53,6 @@ class SingleSidedLaw:
     bias_current: float
     gain_scale: float
     stiffness_scale: float
-
-
-def force_law(rig: "Rig") -> ForceLaw | SingleSidedLaw:
-    """The rig's force law, calibrated to its actuator_gain and negative_stiffness where it gives them.
-
-    ValueError for a rig without magnets.
-    """
-    law = geometric_law(rig)
-    gain, stiffness = linearise(law)
-    return replace(
-        law,
-        gain_scale=1.0 if rig.actuator_gain is None else rig.actuator_gain / gain,
-        stiffness_scale=1.0 if rig.negative_stiffness is None else rig.negative_stiffness / stiffness,
-    )
-
-
-def geometric_law(rig: "Rig") -> ForceLaw | SingleSidedLaw:
-    """The law that the rig's geometry alone gives, without calibration. ValueError for a rig without magnets."""
-    match rig.magnet:
-        case "hybrid_pair":
-            magnet_flux, magnet_gap = _magnet_circuit(rig)
-            coil_gap = 0.0 if rig.flux_path == "gap" else magnet_gap
-            return _pair(rig, rig.bearings * rig.pole_area / (2 * MU_0), magnet_flux, magnet_gap, coil_gap)
-        case "electromagnet_pair":
-            return _pair(rig, rig.bearings * rig.pole_area / MU_0, 0.0, 0.0, 0.0)
-        case "electromagnet":
-            return _single(rig, iron_pull=_iron_pull(rig))
-        case "magnet_coil":
-            return _single(rig, magnet_pull=rig.force_constant, exponent=rig.force_exponent)
-    raise ValueError(f"rig {rig.name}: magnet = {rig.magnet!r} has no force law")
-
-
-def balancing_bias(rig: "Rig") -> float:
-    """Bias current (A) with which a single-sided magnet carries the weight at y = 0, i = 0.
-
-    Negative where a magnet's attraction to the iron of its coil exceeds its weight: the coil then pushes.
-    """
-    weight = rig.mass * rig.gravity
-    if rig.magnet == "electromagnet":
-        return rig.gap * (weight / _iron_pull(rig)) ** 0.5
-    magnet_flux, magnet_gap = _magnet_circuit(rig)
-    attraction = rig.pole_area / (2 * MU_0) * (magnet_flux / (rig.gap + magnet_gap)) ** 2
-    return (weight - attraction) * rig.gap**rig.force_exponent / rig.force_constant
-
-
-def _magnet_circuit(rig: "Rig") -> tuple[float, float]:
-    """A permanent magnet's flux density times air gap (T m), and its reluctance as an air gap of one face (m)."""
-    mu_m = rig.recoil_permeability * MU_0
-    reluctance_gap = 0.5 * MU_0 * rig.magnet_length * rig.pole_area / (mu_m * rig.magnet_area)
-    return 0.5 * MU_0 * rig.remanence * rig.magnet_length / mu_m, reluctance_gap
-
-
-def _iron_pull(rig: "Rig") -> float:
-    return rig.bearings * MU_0 * rig.turns**2 * rig.pole_area / 4
-
-
-def _pair(rig: "Rig", area: float, magnet_flux: float, magnet_gap: float, coil_gap: float) -> ForceLaw:
-    coil_flux = 0.5 * MU_0 * rig.turns
-    return ForceLaw(area, rig.gap, magnet_flux, magnet_gap, coil_flux, coil_gap, rig.bias_current, 1.0, 1.0)
-
-
-def _single(rig: "Rig", iron_pull: float = 0.0, magnet_pull: float = 0.0, exponent: float = 1.0) -> SingleSidedLaw:
-    area, weight = rig.pole_area / (2 * MU_0), rig.mass * rig.gravity
-    bias = rig.bias_current or balancing_bias(rig)
-    flux, magnet_gap = _magnet_circuit(rig)
-    return SingleSidedLaw(
-        rig.gap, iron_pull, magnet_pull, exponent, area, flux, magnet_gap, weight, bias, 1.0, 1.0
-    )  # fmt: skip
 
 
 @singledispatch
@@ -199,18 +113,3 @@ def _(law: SingleSidedLaw, displacement: np.ndarray | float, current: np.ndarray
     attraction = law.area * (law.magnet_flux / (x + law.magnet_gap)) ** 2
     resting = bias * (iron * bias + magnet) + attraction - law.weight
     return law.stiffness_scale * resting + i * (iron * (2 * bias + i) + magnet)
-
-
-def inductance(rig: "Rig", displacement: np.ndarray | float = 0.0) -> np.ndarray | float:
-    """Inductance (H) of the upper coil with the rotor at displacement (m); shape of displacement.
-
-    A magnet below a coil pulls in proportion to the current, so its coil's inductance is the same everywhere:
-    coil_inductance. ValueError where a rig does not give it, or has no coil.
-    """
-    if rig.magnet == "none":
-        raise ValueError(f"rig {rig.name}: magnet = 'none' has no coil")
-    if rig.magnet != "magnet_coil":
-        return coil_inductance(rig.gap - displacement, rig.turns, rig.pole_area)
-    if rig.coil_inductance is None:
-        raise ValueError(f"rig {rig.name}: coil_inductance is missing; a magnet below a coil needs it measured")
-    return rig.coil_inductance + 0 * displacement

@@ -21,7 +21,8 @@ from estimation.stability import margin_arrays, margins
 from maglev_env.evaluation.evaluate import force_statistics
 from maglev_env.experiment import protocol_experiment
 from maglev_env.kernel.simulate import simulate_statistics
-from maglev_env.loop.magnets.law import force_law, linearise
+from maglev_env.loop.magnets.kinds import force_law
+from maglev_env.loop.magnets.law import linearise
 from maglev_env.rig.excitation import lines_at
 from maglev_env.rig.rig import load_rig
 from maglev_workbench.commands.bench.figures import Figure

@@ -13,7 +13,8 @@ from maglev_env.kernel.rows import LANES
 from maglev_env.linear.loop import closed_loop
 from maglev_env.loop.axes import Cross
 from maglev_env.loop.gains import Gains, LinearController, state_space
-from maglev_env.loop.magnets.law import force, force_law
+from maglev_env.loop.magnets.kinds import force_law
+from maglev_env.loop.magnets.law import force
 from maglev_env.rig.rig import Noise, Rig, load_rig
 from maglev_workbench.commands.bench.figures import Figure
 from maglev_workbench.commands.bench.timing import Size, alternately, stepper

@@ -7,7 +7,8 @@ from typing import Any
 import numpy as np
 
 from estimation.stability import iso_14839_2_zone
-from maglev_env.loop.magnets.law import force_law, linearise
+from maglev_env.loop.magnets.kinds import force_law
+from maglev_env.loop.magnets.law import linearise
 from maglev_env.rotor.identification import Protocol, RotorIdentification, identify_runs
 from maglev_env.rotor.lanes import Run
 from maglev_env.rotor.linear import closed_loop_poles, probe_readings, unbalance_response, undamped_frequencies

@@ -13,8 +13,8 @@ from stable_baselines3.common.env_checker import check_env as sb3_check_env
 import maglev_env
 from maglev_env.envs.testing import check_vector_env
 from maglev_env.evaluation.score import WEIGHTS
-from maglev_env.experiment import rig_sensors
 from maglev_env.rig.rig import load_rig
+from maglev_env.rig.self_sensor import rig_sensors
 
 SENSED = {"sensor": "self_sensing", "protocol": "quick"}
 TOLD = {"gap_error_rms", "gap_error_bias", "gap_error_worst", "added_phase", "margin_lost"}

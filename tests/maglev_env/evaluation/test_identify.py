@@ -15,7 +15,8 @@ from maglev_env.experiment import Experiment, protocol_experiment
 from maglev_env.kernel.simulate import simulate_records
 from maglev_env.linear.loop import loop_response
 from maglev_env.loop.gains import LinearController
-from maglev_env.loop.magnets.law import force_law, linearise
+from maglev_env.loop.magnets.kinds import force_law
+from maglev_env.loop.magnets.law import linearise
 from maglev_env.recordings.campaign import load_campaign
 from maglev_env.recordings.campaign_writer import write_campaign
 from maglev_env.recordings.files import write_csv

@@ -50,7 +50,7 @@ def scaled(e, factor):
 
 def with_all(e):
     """Every effect that is a plain parameter and has a meaning on the rig."""
-    return replace(e, effects={name: v for name, v in ALL_EFFECTS.items() if meaningful(name, e.rig)})
+    return replace(e, effects={name: v for name, v in ALL_EFFECTS.items() if meaningful(name, e.rig.capabilities)})
 
 
 def ideal(e):

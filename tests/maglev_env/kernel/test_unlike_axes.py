@@ -14,7 +14,8 @@ from maglev_env.kernel.simulate import simulate_records
 from maglev_env.linear.loop import expected_statistics, without_noise
 from maglev_env.loop.effect import effect
 from maglev_env.loop.gains import Gains
-from maglev_env.loop.magnets.law import force_law, linearise
+from maglev_env.loop.magnets.kinds import force_law
+from maglev_env.loop.magnets.law import linearise
 from maglev_env.rig.excitation import Excitation
 from maglev_env.rig.rig import Noise, load_rig
 

@@ -14,7 +14,8 @@ from maglev_env.loop.axes import Cross
 from maglev_env.loop.eddy import BRANCHES, eddy_branches
 from maglev_env.loop.effect import effect
 from maglev_env.loop.gains import NO_CONTROLLER, Gains
-from maglev_env.loop.magnets.law import force, force_law, linearise
+from maglev_env.loop.magnets.kinds import force_law
+from maglev_env.loop.magnets.law import force, linearise
 from maglev_env.rig.rig import Rig, load_rig
 
 RATE = 20000.0

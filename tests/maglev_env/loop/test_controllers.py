@@ -14,7 +14,8 @@ from maglev_env.kernel.simulate import simulate_records
 from maglev_env.linear.loop import closed_loop_poles, without_noise
 from maglev_env.loop.effect import effect
 from maglev_env.loop.gains import Gains, LinearController, controller_response, state_space
-from maglev_env.loop.magnets.law import force_law, linearise
+from maglev_env.loop.magnets.kinds import force_law
+from maglev_env.loop.magnets.law import linearise
 from maglev_env.rig.excitation import Excitation
 from maglev_env.rig.rig import Rig, load_rig
 

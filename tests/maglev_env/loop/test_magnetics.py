@@ -8,9 +8,10 @@ import pytest
 from reference_simulator import force_law as written_out
 
 from maglev_env.loop.magnets.energy import coenergy
-from maglev_env.loop.magnets.law import MU_0, balancing_bias, force, force_law, inductance, linearise
+from maglev_env.loop.magnets.kinds import balancing_bias, force_law, inductance
+from maglev_env.loop.magnets.law import force, linearise
 from maglev_env.rig.rig import Rig, load_rig, with_parameters
-from selfsense.coil import coil_inductance
+from selfsense.coil import MU_0, coil_inductance
 
 RAW = {"actuator_gain": None, "negative_stiffness": None, "bearings": 1}
 GRAVITY = 9.80665

@@ -23,12 +23,13 @@ from maglev_env.linear.loop import closed_loop_poles, expected_statistics, loop_
 from maglev_env.loop.axes import Cross
 from maglev_env.loop.effect import effect
 from maglev_env.loop.gains import Gains
-from maglev_env.loop.self_sensor import SelfSensing, self_sensor
+from maglev_env.loop.self_sensor import SelfSensing
 from maglev_env.recordings.campaign import load_campaign
 from maglev_env.recordings.campaign_writer import write_campaign
 from maglev_env.recordings.recording import read_recording, simulated_recording
 from maglev_env.rig.excitation import Excitation, lines_at
 from maglev_env.rig.rig import load_rig, rig_from_toml
+from maglev_env.rig.self_sensor import self_sensor
 from maglev_workbench.cli import app
 from selfsense import kernel_rows as rows
 from selfsense.linear import tracking

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from maglev_env.loop.magnets.law import force, force_law
+from maglev_env.loop.magnets.kinds import force_law
+from maglev_env.loop.magnets.law import force
 from maglev_env.rotor.lanes import Run
 from maglev_env.rotor.linear import at_planes, control_matrices, unbalance_response
 from maglev_env.rotor.rotor import CONTROLS, Rotor, Runout, Touchdown, Unbalance, load_rotor

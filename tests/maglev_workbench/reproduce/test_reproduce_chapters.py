@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from estimation.planar import axis_statistics
-from maglev_env.loop.magnets.law import force_law, linearise
+from maglev_env.loop.magnets.kinds import force_law
+from maglev_env.loop.magnets.law import linearise
 from maglev_env.rig.rig import axis_rig, load_rig
 from maglev_workbench.commands.reproduce.chapters.actuator_gain import MODE
 from maglev_workbench.commands.reproduce.chapters.radial import LARGEST, SHAKER

@@ -10,8 +10,8 @@ from typer.testing import CliRunner
 
 from estimation.sphs import harmonic_range, sphs, synthesise
 from maglev_env.design.defaults import with_defaults
-from maglev_env.experiment import rig_sensors
 from maglev_env.rig.rig import load_rig
+from maglev_env.rig.self_sensor import rig_sensors
 from maglev_workbench.cli import app
 from maglev_workbench.commands.selfsense.calibrate import sources as calibrate_sources
 from maglev_workbench.commands.selfsense.calibrate.numbers import lag_at, lags, surely_within

@@ -8,8 +8,8 @@ import pytest
 from typer.testing import CliRunner
 
 from maglev_env.design.defaults import with_defaults
-from maglev_env.experiment import rig_sensors
 from maglev_env.rig.rig import load_rig
+from maglev_env.rig.self_sensor import rig_sensors
 from maglev_workbench.cli import app
 from selfsense.linear import tracking
 

@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from maglev_env.experiment import protocol_experiment, rig_sensors
+from maglev_env.experiment import protocol_experiment
 from maglev_env.linear.loop import closed_loop_poles
 from maglev_env.loop.gains import with_gains
 from maglev_env.rig.rig import load_rig
+from maglev_env.rig.self_sensor import rig_sensors
 from maglev_workbench.cli import app
 from maglev_workbench.commands.selfsense.levitate import command as levitate
 from maglev_workbench.commands.selfsense.levitate.experiments import SEEDS, compare, map_plan

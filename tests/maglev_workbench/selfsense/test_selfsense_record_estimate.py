@@ -11,10 +11,10 @@ from scipy.io import savemat
 from typer.testing import CliRunner
 
 from maglev_env.design.defaults import with_defaults
-from maglev_env.experiment import rig_sensors
 from maglev_env.recordings.campaign import load_campaign
 from maglev_env.recordings.recording import read_recording
 from maglev_env.rig.rig import load_rig
+from maglev_env.rig.self_sensor import rig_sensors
 from maglev_workbench.cli import app
 from maglev_workbench.commands.selfsense.record.command import Motion, recorded_coil
 from selfsense.design import design_pi

@@ -9,7 +9,8 @@ import pytest
 from scipy.optimize import brentq
 from typer.testing import CliRunner
 
-from maglev_env.loop.magnets.law import force, force_law
+from maglev_env.loop.magnets.kinds import force_law
+from maglev_env.loop.magnets.law import force
 from maglev_env.rig.rig import load_rig
 from maglev_workbench.cli import app
 from maglev_workbench.commands.selfsense.robustness import command as robustness

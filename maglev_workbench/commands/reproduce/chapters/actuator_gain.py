@@ -7,7 +7,8 @@ import numpy as np
 from maglev_env.experiment import Experiment
 from maglev_env.kernel.simulate import simulate_statistics
 from maglev_env.loop.gains import NO_CONTROLLER
-from maglev_env.loop.magnets.law import ForceLaw, force, force_law, geometric_law, linearise
+from maglev_env.loop.magnets.kinds import force_law, geometric_law
+from maglev_env.loop.magnets.law import ForceLaw, force, linearise
 from maglev_env.rig.excitation import Excitation
 from maglev_env.rig.rig import Rig, axis_rig, load_rig
 from maglev_workbench.commands.reproduce.chapters.figures import by_frequency

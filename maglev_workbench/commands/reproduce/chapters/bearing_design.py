@@ -10,7 +10,8 @@ from scipy.optimize import brentq
 from maglev_env.design.pid_rules import ControlledAxis, rightmost_pole, stability_conditions
 from maglev_env.design.stator import StatorSection, attraction
 from maglev_env.loop.gains import Gains
-from maglev_env.loop.magnets.law import ForceLaw, geometric_law, inductance, linearise
+from maglev_env.loop.magnets.kinds import geometric_law, inductance
+from maglev_env.loop.magnets.law import ForceLaw, linearise
 from maglev_env.rig.rig import Rig, load_rig, with_parameters
 from maglev_workbench.commands.reproduce.chapters.item import Item, Outcome, Row
 from maglev_workbench.page import COLOURS, labelled_axis, styled

@@ -9,7 +9,8 @@ from estimation.effective import pid_effective_coefficients
 from estimation.max_likelihood import maximum_likelihood
 from maglev_env.experiment import Experiment
 from maglev_env.linear.loop import without_noise
-from maglev_env.loop.magnets.law import force_law, linearise
+from maglev_env.loop.magnets.kinds import force_law
+from maglev_env.loop.magnets.law import linearise
 from maglev_env.rig.rig import load_rig
 from maglev_workbench.commands.reproduce.chapters.figures import by_frequency
 from maglev_workbench.commands.reproduce.chapters.item import Item, Outcome, Row

@@ -9,7 +9,8 @@ from estimation.effective import pid_effective_coefficients
 from maglev_env.experiment import Experiment
 from maglev_env.linear.loop import loop_response, without_noise
 from maglev_env.loop.gains import Gains
-from maglev_env.loop.magnets.law import force_law, linearise
+from maglev_env.loop.magnets.kinds import force_law
+from maglev_env.loop.magnets.law import linearise
 from maglev_env.rig.rig import Rig, load_rig
 from maglev_workbench.commands.reproduce.chapters.figures import by_frequency
 from maglev_workbench.commands.reproduce.chapters.item import Item, Outcome, Row

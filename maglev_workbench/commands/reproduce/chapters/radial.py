@@ -10,7 +10,8 @@ from estimation.periods import LineStatistics
 from estimation.planar import axis_statistics
 from maglev_env.experiment import Experiment
 from maglev_env.linear.loop import expected_statistics, loop_response
-from maglev_env.loop.magnets.law import force_law, linearise
+from maglev_env.loop.magnets.kinds import force_law
+from maglev_env.loop.magnets.law import linearise
 from maglev_env.rig.rig import Rig, axis_rig, load_rig
 from maglev_workbench.commands.reproduce.chapters.figures import by_frequency
 from maglev_workbench.commands.reproduce.chapters.item import Item, Outcome, Row

@@ -4,11 +4,11 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from maglev_env.design.defaults import with_defaults
-from maglev_env.experiment import rig_sensors
 from maglev_env.recordings.campaign import Campaign, RecordingSpec, load_campaign
 from maglev_env.recordings.files import write_npz
 from maglev_env.rig.excitation import Excitation
 from maglev_env.rig.rig import load_rig
+from maglev_env.rig.self_sensor import rig_sensors
 from maglev_workbench.columns import column_source
 from maglev_workbench.commands.selfsense.estimate.recorded_coils import Coil, SensedCoil, coils_of, read_coil, sense
 from maglev_workbench.commands.selfsense.estimate.report import (

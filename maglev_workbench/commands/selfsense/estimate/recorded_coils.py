@@ -6,12 +6,12 @@ from typing import Literal
 
 import numpy as np
 
-from maglev_env.experiment import rig_sensors
 from maglev_env.loop.axes import suffixes
 from maglev_env.recordings.campaign import Campaign, RecordingSpec
 from maglev_env.recordings.files import read_columns
 from maglev_env.recordings.recording import read_recording
 from maglev_env.rig.rig import Rig
+from maglev_env.rig.self_sensor import rig_sensors
 from selfsense.recorded import RecordedGap, estimate_recorded
 from selfsense.sensor import SelfSensor
 

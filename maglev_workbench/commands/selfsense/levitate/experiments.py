@@ -9,19 +9,14 @@ from estimation.frequency_response import frequency_response
 from estimation.planar import axis_statistics
 from estimation.stability import margin_arrays
 from maglev_env.evaluation.evaluate import Evaluation, evaluate
-from maglev_env.experiment import (
-    Experiment,
-    axis_experiment,
-    protocol_experiment,
-    recorded_channels,
-    rig_sensors,
-)
+from maglev_env.experiment import Experiment, axis_experiment, protocol_experiment, recorded_channels
 from maglev_env.kernel.simulate import simulate_records, simulate_statistics
 from maglev_env.linear.loop import closed_loop_poles, loop_response, without_noise
 from maglev_env.loop.axes import AXES
 from maglev_env.loop.gains import of_axis
 from maglev_env.rig.excitation import lines_at
 from maglev_env.rig.rig import Rig
+from maglev_env.rig.self_sensor import rig_sensors
 from selfsense.sensor import SelfSensor
 from tuning.sweep import Axis, Sweep, gain_sets
 

@@ -11,7 +11,8 @@ import numpy as np
 from scipy.interpolate import CubicHermiteSpline
 from scipy.linalg import solve_discrete_are
 
-from maglev_env.loop.magnets.law import force_law, linearise
+from maglev_env.loop.magnets.kinds import force_law
+from maglev_env.loop.magnets.law import linearise
 from maglev_env.rig.rig import Rig, axis_rig
 from selfsense.averaged import AveragedMagnet, Levitation, levitate, linear_model, sampled
 from selfsense.coil import Coil

@@ -6,8 +6,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from maglev_env.evaluation.evaluate import Evaluation, evaluate
-from maglev_env.experiment import protocol_experiment, rig_sensors
+from maglev_env.experiment import protocol_experiment
 from maglev_env.rig.rig import Rig
+from maglev_env.rig.self_sensor import rig_sensors
 from maglev_workbench.commands.selfsense.loop_facts import mean_with_half_width
 from selfsense.robustness import MismatchErrors, mismatches, robustness
 from selfsense.sensor import SelfSensor

@@ -1,0 +1,33 @@
+"""One electromagnet above the rotor: its pull on iron must balance the weight."""
+
+from maglev_env.loop.magnets.check import check_balance, refuse_flux_path, refuse_remanence
+from maglev_env.loop.magnets.circuit import single_sided_law
+from maglev_env.loop.magnets.law import SingleSidedLaw
+from maglev_env.loop.magnets.magnet import Magnet, MagnetKind
+from selfsense.coil import MU_0
+
+
+def law(m: Magnet) -> SingleSidedLaw:
+    """Pull in proportion to (current / distance)^2; its bias balances the weight where none is given."""
+    return single_sided_law(m, m.bias_current or balancing_bias(m), iron_pull=_iron_pull(m))
+
+
+def balancing_bias(m: Magnet) -> float:
+    """Bias current (A) with which it carries the weight at y = 0, i = 0."""
+    return m.gap * (m.mass * m.gravity / _iron_pull(m)) ** 0.5
+
+
+def check(m: Magnet) -> None:
+    """ValueError for what belongs to permanent magnets, for two axes, and when the bias misses the weight."""
+    refuse_remanence(m)
+    refuse_flux_path(m)
+    check_balance(m, law, balancing_bias, "turns, pole_area")
+
+
+def _iron_pull(m: Magnet) -> float:
+    return m.bearings * MU_0 * m.turns**2 * m.pole_area / 4
+
+
+KIND = MagnetKind(
+    law, check, pull=lambda m: "electromagnet", pair=False, inductance_follows_gap=True, balancing_bias=balancing_bias
+)

@@ -1,0 +1,74 @@
+"""The registry of magnet kinds, and what is asked of a magnet whatever its kind: law, bias, inductance and check."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from maglev_env.loop.magnets import electromagnet, electromagnet_pair, hybrid_pair, magnet_coil
+from maglev_env.loop.magnets.law import ForceLaw, SingleSidedLaw, linearise
+from maglev_env.loop.magnets.magnet import Magnet, MagnetKind
+from selfsense.coil import coil_inductance
+
+KINDS: Mapping[str, MagnetKind] = {
+    "hybrid_pair": hybrid_pair.KIND,
+    "electromagnet_pair": electromagnet_pair.KIND,
+    "electromagnet": electromagnet.KIND,
+    "magnet_coil": magnet_coil.KIND,
+}
+NO_MAGNET = "none"
+MAGNETS = (*KINDS, NO_MAGNET)  # what a rig's magnet may be
+
+
+def force_law(m: Magnet) -> ForceLaw | SingleSidedLaw:
+    """A magnet's force law, calibrated to its actuator_gain and negative_stiffness where they are given.
+
+    Raises:
+        ValueError: there is no magnet.
+    """
+    law = geometric_law(m)
+    gain, stiffness = linearise(law)
+    return replace(
+        law,
+        gain_scale=1.0 if m.actuator_gain is None else m.actuator_gain / gain,
+        stiffness_scale=1.0 if m.negative_stiffness is None else m.negative_stiffness / stiffness,
+    )
+
+
+def geometric_law(m: Magnet) -> ForceLaw | SingleSidedLaw:
+    """The law that a magnet's geometry alone gives, without calibration. ValueError where there is no magnet."""
+    if m.magnet not in KINDS:
+        raise ValueError(f"rig {m.name}: magnet = {m.magnet!r} has no force law")
+    return KINDS[m.magnet].law(m)
+
+
+def inductance(m: Magnet, displacement: np.ndarray | float = 0.0) -> np.ndarray | float:
+    """Inductance (H) of the upper coil with the rotor at displacement (m); shape of displacement.
+
+    A magnet below a coil pulls in proportion to the current, so its coil's inductance is the same everywhere:
+    coil_inductance.
+
+    Raises:
+        ValueError: that inductance is not given, or there is no coil.
+    """
+    if m.magnet not in KINDS:
+        raise ValueError(f"rig {m.name}: magnet = {m.magnet!r} has no coil")
+    if KINDS[m.magnet].inductance_follows_gap:
+        return coil_inductance(m.gap - displacement, m.turns, m.pole_area)
+    if m.coil_inductance is None:
+        raise ValueError(f"rig {m.name}: coil_inductance is missing; a magnet below a coil needs it measured")
+    return m.coil_inductance + 0 * displacement
+
+
+def check_magnet(m: Magnet) -> None:
+    """Check that a magnet's values make it work; ranges are taken as checked.
+
+    Raises:
+        ValueError: names the parameter that is missing, belongs to another kind, or does not carry the weight.
+    """
+    for name, kind in KINDS.items():
+        for parameter in kind.own:
+            if name != m.magnet and getattr(m, parameter) is not None:
+                raise ValueError(f"{parameter} belongs to magnet = {name!r}; leave it out for {m.magnet!r}")
+    if m.magnet in KINDS:
+        KINDS[m.magnet].check(m)

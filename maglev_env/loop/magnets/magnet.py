@@ -1,0 +1,100 @@
+"""What a magnet is to its laws and checks: its values, and the contract that every kind of magnet fulfils."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Protocol
+
+from maglev_env.loop.magnets.law import ForceLaw, SingleSidedLaw
+
+
+class Magnet(Protocol):
+    """The values that force laws and checks of one axis read, SI; a `Rig` has them all, with their physical ranges."""
+
+    @property
+    def name(self) -> str: ...
+
+    @property
+    def magnet(self) -> str:
+        """The kind: a name of `kinds.KINDS`, or "none"."""
+        ...
+
+    @property
+    def axes(self) -> int: ...
+
+    @property
+    def mass(self) -> float: ...
+
+    @property
+    def gravity(self) -> float: ...
+
+    @property
+    def gap(self) -> float: ...
+
+    @property
+    def turns(self) -> float: ...
+
+    @property
+    def pole_area(self) -> float: ...
+
+    @property
+    def magnet_area(self) -> float: ...
+
+    @property
+    def magnet_length(self) -> float: ...
+
+    @property
+    def remanence(self) -> float: ...
+
+    @property
+    def recoil_permeability(self) -> float: ...
+
+    @property
+    def force_constant(self) -> float | None: ...
+
+    @property
+    def force_exponent(self) -> float | None: ...
+
+    @property
+    def flux_path(self) -> str:
+        """Where the control flux closes: "gap" or "magnet"."""
+        ...
+
+    @property
+    def bearings(self) -> int: ...
+
+    @property
+    def bias_current(self) -> float: ...
+
+    @property
+    def actuator_gain(self) -> float | None: ...
+
+    @property
+    def negative_stiffness(self) -> float | None: ...
+
+    @property
+    def coil_inductance(self) -> float | None: ...
+
+
+@dataclass(frozen=True)
+class MagnetKind:
+    """One kind of magnet: all that other modules need to know about it, in the file of its name.
+
+    Args:
+        law: the force law that a magnet's geometry alone gives, without calibration.
+        check: raises ValueError naming the parameter that is missing, belongs to another kind, or does not carry the
+            weight; ranges are taken as checked.
+        pull: name of the compiled pull that simulates it, see `kernel.pieces`.
+        pair: whether two opposed magnets pull on the rotor.
+        inductance_follows_gap: whether the coil's inductance tells the gap, so that the coil can sense it.
+        balancing_bias: bias current (A) with which a single-sided magnet carries the weight at y = 0, i = 0; None for
+            a pair.
+        own: parameters that no other kind has; a magnet of another kind is refused with them.
+    """
+
+    law: Callable[[Magnet], ForceLaw | SingleSidedLaw]
+    check: Callable[[Magnet], None]
+    pull: Callable[[Magnet], str]
+    pair: bool
+    inductance_follows_gap: bool
+    balancing_bias: Callable[[Magnet], float] | None = None
+    own: tuple[str, ...] = ()

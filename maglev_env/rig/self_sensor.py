@@ -1,0 +1,71 @@
+"""The self-sensors of a rig: its coils, supply and estimator as its parameters and its [self_sensing] table say."""
+
+from dataclasses import replace
+from functools import lru_cache
+
+from maglev_env.loop.magnets.kinds import KINDS, force_law
+from maglev_env.loop.magnets.law import ForceLaw
+from maglev_env.loop.self_sensor import PATHS
+from maglev_env.rig.rig import Rig, axis_rig
+from selfsense.coil import Coil
+from selfsense.design import design_pi
+from selfsense.sensor import Estimator, SelfSensor
+from selfsense.supply import Acquisition, Supply
+
+LEAST_GAP, LARGEST_GAP = 0.02, 2.0  # of the rig's gap: where the estimator is held
+
+
+def rig_sensors(rig: Rig, nominal: Rig | None = None) -> tuple[SelfSensor, ...]:
+    """The self-sensor of each axis of a rig, their estimators made for the nominal one; see `self_sensor`."""
+    believed = nominal or rig
+    return tuple(self_sensor(axis_rig(rig, axis), axis_rig(believed, axis)) for axis in range(rig.axes))
+
+
+def coil_of(rig: Rig) -> Coil:
+    """The upper coil of a one-axis rig. ValueError for a rig whose coil's inductance does not follow the gap."""
+    sensing = [name for name, kind in KINDS.items() if kind.inductance_follows_gap]
+    if rig.magnet not in sensing:
+        raise ValueError(
+            f"rig {rig.name}: magnet = {rig.magnet!r} has no coil whose inductance follows the gap: "
+            f"self-sensing needs a magnet of the kind {', '.join(sensing)}; use the probe"
+        )
+    law = force_law(rig)
+    coil_gap = law.coil_gap if isinstance(law, ForceLaw) else 0.0
+    reach = rig.gap + law.magnet_gap
+    return Coil(
+        turns=rig.turns,
+        pole_area=rig.pole_area,
+        resistance=rig.coil_resistance,
+        core_length=rig.self_sensing.core_length + 2 * coil_gap,
+        magnet_emf=rig.turns * rig.pole_area * law.magnet_flux / reach**2,
+        bias_field=law.magnet_flux / reach,
+    )
+
+
+def self_sensor(rig: Rig, nominal: Rig | None = None) -> SelfSensor:
+    """The self-sensor of a one-axis rig, its estimator made for the nominal rig (default: the rig itself).
+
+    ValueError as `coil_of`, or when no estimator gains reach the lag that is asked for.
+    """
+    s, believed = rig.self_sensing, nominal or rig
+    supply = Supply(rig.supply_voltage, s.pwm_frequency, 2, s.dead_time)
+    acquisition = Acquisition(s.sample_rate, s.adc_bits, s.current_range, rig.noise.current)
+    estimator = _estimator(replace(coil_of(believed), magnet_emf=0.0, bias_field=0.0), believed)
+    return SelfSensor(coil_of(rig), supply, acquisition, estimator, believed.gap)
+
+
+def _estimator(coil: Coil, rig: Rig) -> Estimator:
+    s = rig.self_sensing
+    span = (LEAST_GAP * rig.gap, LARGEST_GAP * rig.gap)
+    plain = Estimator(coil, rig.supply_voltage, s.kp or 0.0, s.ki or 0.0, span, PATHS[s.forward_path]())
+    if s.kp is not None:
+        return plain
+    sensor = SelfSensor(coil, Supply(rig.supply_voltage, s.pwm_frequency), Acquisition(s.sample_rate), plain, rig.gap)
+    kp, ki = _designed(sensor, s.lag, s.lag_frequency)
+    return replace(plain, kp=kp, ki=ki)
+
+
+@lru_cache(maxsize=256)
+def _designed(sensor: SelfSensor, lag: float, frequency: float) -> tuple[float, float]:
+    design = design_pi(sensor, lag, frequency)
+    return design.kp, design.ki
