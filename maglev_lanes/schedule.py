@@ -16,7 +16,7 @@ from itertools import islice
 from time import perf_counter
 from typing import TYPE_CHECKING, TypeVar
 
-from maglev_env.code_version import code_version
+from maglev_lanes.code_version import code_version
 
 if TYPE_CHECKING:
     from distributed import Client, Future

@@ -11,7 +11,6 @@ from tuning.search.evolution import DifferentialEvolution
 from tuning.study.study import experiments
 from tuning.tuner import Trials, Tuner
 
-WHOLE = 10**6  # more than any population: asks for all of it
 AGAIN = 8  # fresh repetitions that score what a tuner would recommend
 
 
@@ -92,31 +91,6 @@ def optima(
     trials = side_by_side(task, episodes, tuners, budget, 10 * k, threads)
     points = np.stack([t.points[t.best] for t in trials])
     return points, rescored(task, episodes, points, seed, threads)
-
-
-def optimum(
-    task: Tuning,
-    episode: Any,
-    search: Tuner,
-    generations: int,
-    start: np.ndarray,
-    number: int = 0,
-    place: Callable[[np.ndarray], np.ndarray] = lambda asked: asked,
-) -> np.ndarray:
-    """The point (k,) that scores best on one rig over so many populations of a search, start when none scores.
-
-    number: of the experiments, from which their noise is drawn; place: from what the search asks for to points.
-    """
-    best, score = start, -1.0
-    for _ in range(generations):
-        asked = search.ask(WHOLE)
-        points = place(asked)
-        found = experiments(task, [episode] * len(points), points, [number] * len(points))
-        search.tell(replace(found, points=asked))
-        if found.score[found.best] > score:
-            best, score = points[found.best], float(found.score[found.best])
-    search.close()
-    return best
 
 
 def _part(trials: Trials, at: slice) -> Trials:

@@ -9,13 +9,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from maglev_env.code_version import code_version
 from maglev_env.evaluation.evaluate import Evaluation, evaluate
 from maglev_env.experiment import protocol_experiment
 from maglev_env.loop.effect import Effects
 from maglev_env.loop.gains import Controllers, Gains, of_axis, with_gains
 from maglev_env.recordings.files import atomic_file, write_text_atomic
 from maglev_env.rig.rig import Rig
+from maglev_lanes.code_version import code_version
 
 if TYPE_CHECKING:
     import xarray as xr

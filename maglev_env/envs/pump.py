@@ -1,8 +1,16 @@
 """The spinning rotor's environments; the docstring of the scalar one is their specification."""
 
+from typing import TYPE_CHECKING
+
 from maglev_env.envs.single import RigEnv
 from maglev_env.envs.vector import RigVectorEnv
-from maglev_env.task.pump import make_rotor_task
+from maglev_env.task.pump import RotorTask, make_rotor_task
+from maglev_env.task.pump_episodes import RotorEpisode
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from maglev_env.envs.pictures.frames import History
 
 
 class PumpRotorEnv(RigEnv):
@@ -93,8 +101,16 @@ class PumpRotorEnv(RigEnv):
 
     make_task = staticmethod(make_rotor_task)
 
+    @staticmethod
+    def picture(task: RotorTask, episode: RotorEpisode, history: "History") -> "Figure":
+        """The figure that `render` draws: the last experiment's run-up, and the scores of those so far."""
+        from maglev_env.envs.pictures.pump import rotor_figure
+
+        return rotor_figure(task, episode, history)
+
 
 class PumpRotorVectorEnv(RigVectorEnv):
     """`num_envs` environments as `PumpRotorEnv` specifies them, bit for bit, in one batch; as `RigVectorEnv`."""
 
     make_task = staticmethod(make_rotor_task)
+    picture = staticmethod(PumpRotorEnv.picture)

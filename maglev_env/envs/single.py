@@ -1,14 +1,20 @@
 """The scalar environment; its docstring is the specification of all of them."""
 
 from collections.abc import Callable
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import gymnasium as gym
 import numpy as np
 from gymnasium import logger, spaces
 from gymnasium.error import InvalidAction
 
-from maglev_env.task.task import Tuning, infos, make_task, rewards
+from maglev_env.task.episodes import Episode
+from maglev_env.task.task import Task, Tuning, infos, make_task, rewards
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from maglev_env.envs.pictures.frames import History
 
 
 class RigEnv(gym.Env[np.ndarray, np.ndarray]):
@@ -93,6 +99,19 @@ class RigEnv(gym.Env[np.ndarray, np.ndarray]):
         self._canvas = None
         self._episode = None
 
+    @staticmethod
+    def picture(task: Task, episode: Episode, history: "History") -> "Figure":
+        """The figure that `render` draws of an episode.
+
+        Args:
+            task: what is tuned.
+            episode: one of its episodes.
+            history: (action (k,), info) of its experiments so far, oldest first, the start included.
+        """
+        from maglev_env.envs.pictures.episode import episode_figure
+
+        return episode_figure(task, episode, history)
+
     @property
     def observation_names(self) -> tuple[str, ...]:
         """What each element of the observation is."""
@@ -122,9 +141,9 @@ class RigEnv(gym.Env[np.ndarray, np.ndarray]):
             return None
         if self._episode is None:
             raise gym.error.ResetNeeded("call reset before render")
-        from maglev_env.envs.pictures.episode import draw_frame, show
+        from maglev_env.envs.pictures.window import draw_frame, show
 
-        frame = draw_frame(self.task, self._episode, self._history)
+        frame = draw_frame(self.picture(self.task, self._episode, self._history))
         if self.render_mode == "rgb_array":
             return frame
         self._canvas = show(frame, self._canvas)
@@ -133,7 +152,7 @@ class RigEnv(gym.Env[np.ndarray, np.ndarray]):
     def close(self) -> None:
         """Close the window, if there is one."""
         if self._canvas is not None:
-            from maglev_env.envs.pictures.episode import hide
+            from maglev_env.envs.pictures.window import hide
 
             hide(self._canvas)
             self._canvas = None

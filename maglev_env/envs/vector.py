@@ -25,6 +25,7 @@ class RigVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
     """
 
     make_task: Callable[..., Tuning] = staticmethod(make_task)
+    picture = staticmethod(RigEnv.picture)
     metadata = RigEnv.metadata | {"autoreset_mode": AutoresetMode.NEXT_STEP}
 
     def __init__(
@@ -95,10 +96,10 @@ class RigVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             return None
         if any(e is None for e in self._episodes):
             raise gym.error.ResetNeeded("call reset before render")
-        from maglev_env.envs.pictures.episode import draw_frame
+        from maglev_env.envs.pictures.window import draw_frame
 
         pairs = zip(self._episodes, self._histories, strict=True)
-        return tuple(draw_frame(self.task, episode, history) for episode, history in pairs)
+        return tuple(draw_frame(self.picture(self.task, episode, history)) for episode, history in pairs)
 
     def _seed(self, seed: int | Sequence[int | None] | None, mask: np.ndarray) -> None:
         if seed is None or isinstance(seed, int | np.integer):

@@ -1,17 +1,12 @@
 """The controller's rows of a lane: those that change when the same lanes run under other gains."""
 
-from dataclasses import replace
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from maglev_env.kernel import rows as k
 from maglev_env.experiment import Experiment
 from maglev_env.loop.gains import Controllers, Gains, LinearController, numerator_of, of_axis
+from maglev_env.kernel.step import Structure
 from maglev_env.kernel.rows import axis_rows, filter_row
-
-if TYPE_CHECKING:
-    from maglev_env.kernel.lanes import LaneBatch
 
 PID_ROWS = [k.KP, k.KD, k.KI, k.DECAY_D, k.DECAY_I]
 
@@ -29,9 +24,16 @@ def filter_constants(controller: LinearController, order: int) -> np.ndarray:
     return np.concatenate([b[:1], np.array([b[1:], a[1:], 0 * a[1:]]).T.reshape(-1)])
 
 
-def with_controllers(batch: "LaneBatch", controllers: Controllers, experiment: Experiment) -> "LaneBatch":
-    """The lanes of a batch without substeps, all of them under other controllers of the same kind and order."""
-    s, rows = batch.structure, batch.rows.copy()
+def with_controllers(rows: np.ndarray, s: Structure, controllers: Controllers, experiment: Experiment) -> np.ndarray:
+    """Rows of lanes without substeps, all of them under other controllers of the same kind and order.
+
+    Args:
+        rows: of a `LaneBatch`, shape (rows, lanes); left as they are.
+        s: the structure of the lanes.
+        controllers: the other ones.
+        experiment: one of the lanes'.
+    """
+    rows = rows.copy()
     size, dt = axis_rows(1, s.controller_order, s.flexible), 1 / experiment.rig.control_rate
     for axis in range(s.axes):
         gains, first = of_axis(controllers, axis), axis * size
@@ -41,4 +43,4 @@ def with_controllers(batch: "LaneBatch", controllers: Controllers, experiment: E
             values = filter_constants(gains, s.controller_order)
             start = first + filter_row(1)
             rows[start : start + values.size] = values[:, None]
-    return replace(batch, rows=rows)
+    return rows

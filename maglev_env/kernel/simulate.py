@@ -164,7 +164,8 @@ def steady_spectra(
     schedule = ([tail] if tail else []) + [whole] * (transient // n + periods)
 
     def run(prepared: _Block) -> None:
-        batch = with_controllers(prepared.batch, experiment.gains, experiment)
+        rows = with_controllers(prepared.batch.rows, prepared.batch.structure, experiment.gains, experiment)
+        batch = replace(prepared.batch, rows=rows)
         block = replace(prepared, batch=batch, experiment=experiment)
         state = _State(block)
         outputs = len(batch.structure.channels)

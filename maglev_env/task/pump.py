@@ -3,7 +3,6 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -23,9 +22,6 @@ from maglev_env.task.pump_episodes import (
     rotor_box,
 )
 from maglev_env.task.task import Task, check_episode
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 LADDER = tuple(range(0, 14_001, 1000))  # rpm
 UNBALANCE = (0.5, 2.0)  # factors that "tolerances" draws
@@ -123,12 +119,6 @@ class RotorTask:
             columns |= dict(zip(self.layout.identified(name), values, strict=True))
         up = {name: getattr(found.run_up, name) for name in ("peak", "once", "coil_rms", "copper_loss")}
         return columns | up | {name: getattr(found, name) for name in _TOLD}
-
-    def picture(self, episode: RotorEpisode, history: Sequence[tuple[np.ndarray, dict[str, Any]]]) -> "Figure":
-        """The last experiment's run-up and the scores of those so far, (action, info), oldest first."""
-        from maglev_env.envs.pictures.pump import rotor_figure
-
-        return rotor_figure(self, episode, history)
 
 
 _TOLD = (

@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -20,9 +20,6 @@ from maglev_env.task.episodes import Episode, check_randomization, draw_episode
 from maglev_env.task.gain_box import TUNED, GainBox, gain_box
 from maglev_env.task.observation import BANDS, Layout
 from maglev_env.task.protocol import env_protocol
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 TOUCHDOWN_REWARD = -1.0
 
@@ -50,9 +47,6 @@ class Tuning(Protocol):
 
     def told(self, found: Any) -> dict[str, np.ndarray]:
         """What of it goes into the info beside gains and terms: arrays (n, ...) by name."""
-
-    def picture(self, episode: Any, history: Sequence[tuple[np.ndarray, dict[str, Any]]]) -> "Figure":
-        """An episode's experiments so far, (action, info), oldest first."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,12 +103,6 @@ class Task:
     def told(self, found: Evaluation) -> dict[str, np.ndarray]:
         """Estimates, margins, peaks and the score, (n, ...) by name."""
         return {name: getattr(found, name) for name in _TOLD} | found.margins
-
-    def picture(self, episode: Episode, history: Sequence[tuple[np.ndarray, dict[str, Any]]]) -> "Figure":
-        """An episode's experiments so far, (action, info), oldest first."""
-        from maglev_env.envs.pictures.episode import episode_figure
-
-        return episode_figure(self, episode, history)
 
 
 def make_task(

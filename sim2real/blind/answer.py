@@ -13,8 +13,8 @@ from tempfile import TemporaryDirectory
 from time import perf_counter
 from typing import Any, Protocol
 
-from maglev_env.code_version import DIAGNOSING, code_version
 from maglev_env.recordings.files import write_text_atomic
+from maglev_lanes.code_version import DIAGNOSING, code_version
 from maglev_lanes.processes import fresh_pool
 from sim2real.blind.cases import ANSWER_SCHEMA, ANSWERS, CAMPAIGNS, parse_diagnosis, seal_of
 

@@ -9,8 +9,8 @@ import pytest
 from scipy.stats import binom
 from sealed_sets import by_name, diagnosis, label, no_gap, seal
 
-from maglev_env.code_version import DIAGNOSING, code_version
 from maglev_env.loop.effect import EFFECTS
+from maglev_lanes.code_version import DIAGNOSING, code_version
 from sim2real.blind import scoring
 from sim2real.blind.alike import ALIKE, ALWAYS, AT_ONE_SPEED, alike, alike_sets
 from sim2real.blind.answer import answer_all

@@ -10,10 +10,10 @@ from maglev_env.loop.gains import Gains
 from maglev_env.rig.rig import Rig
 from maglev_env.task.episodes import Episode
 from maglev_env.task.task import Task
-from tuning import lockstep
 from tuning.campaign.recorded_sets import DRAWS, GainSet, Response, pooled
 from tuning.campaign.rig_fit import IdentifiedRig, measured_sensitivity
 from tuning.search.evolution import DifferentialEvolution
+from tuning.search.optimum import searched_optimum
 from tuning.study.recommendation import Verdict, verdict_of
 from tuning.study.study import experiments
 
@@ -102,4 +102,4 @@ def optimum(model: Model, start: Gains, rng: np.random.Generator) -> np.ndarray:
         return low + (high - low) * (asked + 1) / 2
 
     # Of number 1: the noise of number 0 judges what is found.
-    return lockstep.optimum(model.task, model.own[0], search, GENERATIONS, np.clip(best, low, high), 1, place)
+    return searched_optimum(model.task, model.own[0], search, GENERATIONS, np.clip(best, low, high), 1, place)

@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from maglev_env.code_version import code_version
 from maglev_env.recordings.files import write_text_atomic
+from maglev_lanes.code_version import code_version
 from maglev_lanes.processes import fresh_pool
 from sim2real.blind.worth import AGAIN, PRESET, SIMULATORS, CaseWorth, Recommended, TwinCase, recommended
 from tuning.search.optuna_search import OptunaTuner

@@ -6,8 +6,8 @@ import numpy as np
 
 from maglev_env.task.episodes import Episode, log_spread, scaled_rig, wide_factors
 from maglev_env.task.task import Task
-from tuning.lockstep import optimum
 from tuning.search.evolution import DifferentialEvolution
+from tuning.search.optimum import searched_optimum
 from tuning.study.study import experiments
 from tuning.tuner import Trials
 
@@ -93,7 +93,7 @@ class ModelBased:
         """The point that scores best on the model."""
         model, k = self._model(self._theta), len(self._task.box.names)
         search = DifferentialEvolution(k, int(self._rng.integers(2**31)), SEARCH)
-        return optimum(self._task, model, search, GENERATIONS, np.asarray(self._episode.start))
+        return searched_optimum(self._task, model, search, GENERATIONS, np.asarray(self._episode.start))
 
     def _features(self, info: dict) -> tuple[np.ndarray, np.ndarray]:
         """What an experiment identified, and its standard deviations with the model's own error; nan: unknown."""

@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from maglev_env.code_version import code_version
 from maglev_env.task.task import Tuning, infos
+from maglev_lanes.code_version import code_version
 from tuning.study.folder import claim, locked
 from tuning.tuner import Trials, Tuner
 

@@ -1,14 +1,12 @@
 """One picture of an episode: orbit, coefficients, sensitivity against the ISO zones, and the gains tried."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from gymnasium import logger
 from matplotlib import colormaps
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 
@@ -50,76 +48,11 @@ from maglev_env.linear.loop import loop_response
 from maglev_env.loop.axes import suffixes
 from maglev_env.rig.excitation import lines_at
 from maglev_env.task.episodes import Episode
-from maglev_env.task.task import Task, Tuning
+from maglev_env.task.task import Task
 
 COEFFICIENTS = {"stiffness": (1e-3, "N/mm"), "damping": (1.0, "N s/m")}
 SENSITIVITY_LIMITS, SENSITIVITY_TOP = (3.0, 4.0, 5.0), 6.5  # ISO 14839-3; a fixed scale keeps frames comparable
 NORMAL_95 = 1.96
-
-
-@dataclass
-class Window:
-    """What `show` draws in; figure None: there is no window, or no longer one."""
-
-    figure: Any
-    image: Any
-
-
-def draw_frame(task: Tuning, episode: Any, history: History) -> np.ndarray:
-    """Picture (720, 960, 3) uint8 of an episode's last experiment and the gains tried so far; equal for equal inputs.
-
-    history: (action (k,), info) of its experiments, oldest first, the start included. Needs no display.
-    """
-    canvas = FigureCanvasAgg(task.picture(episode, history))
-    canvas.draw()
-    return np.asarray(canvas.buffer_rgba())[..., :3].copy()
-
-
-def show(frame: np.ndarray, window: Window | None) -> Window:
-    """Put a frame (height, width, 3) into a window, opened when window is None; warns once when none can be."""
-    if window is None:
-        window = _opened(frame)
-    if window.figure is None:
-        return window
-    import matplotlib.pyplot as plt
-
-    if plt.fignum_exists(window.figure.number):
-        window.image.set_data(frame)
-        window.figure.canvas.draw_idle()
-        window.figure.canvas.flush_events()
-    else:  # closed by whoever looked at it
-        window.figure = None
-    return window
-
-
-def hide(window: Window) -> None:
-    """Close the window, if there is one."""
-    if window.figure is not None:
-        import matplotlib.pyplot as plt
-
-        plt.close(window.figure)
-        window.figure = None
-
-
-def _opened(frame: np.ndarray) -> Window:
-    import matplotlib.pyplot as plt
-    from matplotlib.backends import BackendFilter, backend_registry
-
-    figure = None
-    try:
-        figure = plt.figure(figsize=SIZE, dpi=DPI)
-        if plt.get_backend().lower() in backend_registry.list_builtin(BackendFilter.NON_INTERACTIVE):
-            raise RuntimeError(f"matplotlib's backend {plt.get_backend()} opens no windows")
-        axes = figure.add_axes((0, 0, 1, 1))
-        axes.axis("off")
-        image = axes.imshow(frame)
-        figure.show()
-    except Exception as error:  # every window toolkit has its own
-        if figure is not None:
-            plt.close(figure)
-        logger.warn(f"render_mode='human' shows nothing: {error}; use render_mode='rgb_array' where there is no screen")
-        return Window(None, None)
-    return Window(figure, image)
 
 
 def episode_figure(task: Task, episode: Episode, history: History) -> Figure:

@@ -6,8 +6,8 @@ from pathlib import Path
 
 from rich.table import Table
 
-from maglev_env.code_version import DIAGNOSING, code_version
 from maglev_env.recordings.files import write_text_atomic
+from maglev_lanes.code_version import DIAGNOSING, code_version
 from maglev_lanes.schedule import Workers, workers
 from maglev_workbench.commands.blind.figures import save_reliability
 from maglev_workbench.commands.blind.report import blind_json, blind_markdown, blind_page

@@ -9,12 +9,12 @@ from maglev_env.recordings.files import write_text_atomic
 from maglev_env.rig.rig import load_rig
 from maglev_env.task.task import Task, make_task
 from maglev_lanes.schedule import workers
+from maglev_workbench.commands.compare.numbers import figures
 from maglev_workbench.commands.compare.report import (
     compare_json,
     compare_markdown,
     compare_page,
     compare_table,
-    figures,
     summary,
 )
 from maglev_workbench.console import console, progress_bar, require_folder, write_json

@@ -4,6 +4,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from maglev_workbench.commands.compare.numbers import Table
 from maglev_workbench.page import COLOURS, shaded, styled
 from tuning.comparison.compare import Comparison
 from tuning.methods import METHODS
@@ -11,14 +12,12 @@ from tuning.methods import METHODS
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure
 
-    from maglev_workbench.commands.compare.report import Table
-
 PALETTE = ("#999999", *COLOURS, "#CC79A7", "#E69F00", "#56B4E9", "#000000", "#882255")  # Okabe and Ito's, and two
 DASHES = ("solid", "dash", "dot", "dashdot", "longdash")
 LEAST = 1e-4  # a logarithmic axis has no 0
 
 
-def course_figure(found: Comparison, of: "Table") -> "Figure":
+def course_figure(found: Comparison, of: Table) -> "Figure":
     """Median regret of every tuner against experiments, with its interval."""
     import plotly.graph_objects as go
 
@@ -37,7 +36,7 @@ def course_figure(found: Comparison, of: "Table") -> "Figure":
     return styled(figure, 480)
 
 
-def profile_figure(found: Comparison, of: "Table", thresholds: np.ndarray) -> "Figure":
+def profile_figure(found: Comparison, of: Table, thresholds: np.ndarray) -> "Figure":
     """Share of rigs below a regret, with its interval, a panel per budget."""
     import plotly.graph_objects as go
     from plotly.subplots import make_subplots
@@ -59,7 +58,7 @@ def profile_figure(found: Comparison, of: "Table", thresholds: np.ndarray) -> "F
     return styled(figure, 440)
 
 
-def improvement_figure(found: Comparison, of: "Table") -> "Figure":
+def improvement_figure(found: Comparison, of: Table) -> "Figure":
     """Probability that the row's tuner beats the column's on a rig, with its interval, a panel per budget."""
     import plotly.graph_objects as go
     from plotly.subplots import make_subplots

@@ -1,14 +1,13 @@
 """A comparison of tuners as tables, page, markdown and JSON."""
 
-from dataclasses import dataclass
 from itertools import zip_longest
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from maglev_workbench.commands.compare.figures import course_figure, improvement_figure, profile_figure
+from maglev_workbench.commands.compare.numbers import THRESHOLDS, Table
 from maglev_workbench.page import markdown_table, note, number, page, plain, rig_facts, table
-from tuning.comparison.aggregates import improvement, interquartile_mean, median, performance_profile, resamples
 from tuning.comparison.compare import Comparison
 
 if TYPE_CHECKING:
@@ -16,7 +15,6 @@ if TYPE_CHECKING:
 
 TITLE = "Tuners compared"
 HEAD = ("budget", "tuner", "median regret", "IQM of regret", "touch-\ndowns\nper 100", "s per\ntuning", "own\n%")
-THRESHOLDS = np.geomspace(1e-3, 1, 61)  # of regret, where the profiles are drawn
 HOW_TO_READ = (
     "Every tuner had the same budget of experiments, one at a time, on the same rigs, drawn wide around the nominal "
     "and seen by none before. Simple regret: the best score known of a rig (by a long search, or by any tuner here if "
@@ -27,44 +25,6 @@ HOW_TO_READ = (
     "own: the share of it in which the tuner chooses, not the experiments. The grid is laid out for the largest "
     "budget; tpe and gp draw their first ten gain sets at random, as Optuna has it."
 )
-
-
-@dataclass(frozen=True, eq=False)
-class Figures:
-    """Of one tuner at one budget, each with its 95 % interval: median and iqm (3,) of regret, profile
-    (3, THRESHOLDS) of rigs below a regret, better (3,) by other tuner: the probability to beat it on a rig;
-    touchdowns per 100 experiments, seconds per tuning of one rig, share of these that the tuner itself takes."""
-
-    median: np.ndarray
-    iqm: np.ndarray
-    profile: np.ndarray
-    better: dict[str, np.ndarray]
-    touchdowns: float
-    seconds: float
-    own: float
-
-
-Table = dict[tuple[int, str], Figures]  # by checkpoint and tuner
-
-
-def figures(found: Comparison) -> Table:
-    """All figures of a comparison; the same rigs are resampled for every tuner."""
-    draws = resamples(len(found.best), found.made_by["seed"])
-    of: Table = {}
-    for j, n in enumerate(found.checkpoints):
-        regret = {m: found.regret(m, n) for m in found.reached(n)}
-        for m in regret:
-            result, runs = found.results[m], regret[m].size
-            of[n, m] = Figures(
-                median(regret[m], draws),
-                interquartile_mean(regret[m], draws),
-                performance_profile(regret[m], THRESHOLDS, draws),
-                {o: improvement(regret[m], regret[o], draws) for o in regret if o != m},
-                100 * float(result.touchdowns[..., j].sum()) / (runs * n),
-                float(result.seconds[j]) / runs,
-                float(result.tuner_seconds[j] / result.seconds[j]),
-            )
-    return of
 
 
 def compare_table(found: Comparison, of: Table) -> "rich.table.Table":

@@ -193,7 +193,7 @@ def test_the_picture_shows_the_last_run_up(actions):
     env.reset(seed=0)
     for action in actions:
         _, _, _, _, info = env.step(np.array(action, np.float32))
-    figure: Figure = env.task.picture(env._episode, env._history)
+    figure: Figure = env.picture(env.task, env._episode, env._history)
     by_label = {axes.get_label(): axes for axes in figure.axes}
     assert set(by_label) == {"motion", "current", "identified", "tried"}
     line = by_label["motion"].lines[0]

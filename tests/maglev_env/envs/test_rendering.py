@@ -18,7 +18,8 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import to_hex
 
 from estimation.stability import iso_14839_2_zone, iso_14839_3_zone
-from maglev_env.envs.pictures.episode import RED, ZONES, draw_frame, episode_figure, hide, show
+from maglev_env.envs.pictures.episode import RED, ZONES, episode_figure
+from maglev_env.envs.pictures.window import draw_frame, hide, show
 from maglev_env.kernel.simulate import simulate_records
 from maglev_env.linear.loop import loop_response, without_noise
 from maglev_env.rig.rig import Target, load_rig
@@ -64,10 +65,10 @@ def experiment_of(task, episode, history):
 @pytest.mark.parametrize("rig", ["hmb_free", "hmb_radial", "eframe"])
 def test_a_frame_is_an_image_and_equal_inputs_give_equal_pixels(rig):
     task, episode, history = played(GOOD, OTHER, rig=rig)
-    frame = draw_frame(task, episode, history)
+    frame = draw_frame(episode_figure(task, episode, history))
     assert frame.shape == (720, 960, 3) and frame.dtype == np.uint8 and frame.flags.c_contiguous
-    assert np.array_equal(frame, draw_frame(task, episode, history))
-    assert not np.array_equal(frame, draw_frame(task, episode, history[:1]))
+    assert np.array_equal(frame, draw_frame(episode_figure(task, episode, history)))
+    assert not np.array_equal(frame, draw_frame(episode_figure(task, episode, history[:1])))
 
 
 def test_the_environment_renders_its_last_experiment_and_rendering_changes_nothing():
@@ -136,7 +137,9 @@ def test_a_touchdown_is_marked_at_the_wall_at_its_time_and_nothing_is_made_up(ri
         assert not panel(figure, name).containers
         assert "no estimate" in [t.get_text() for t in panel(figure, name).texts]
     assert not marks(panel(figure, "sensitivity"), RED, "o")
-    assert not np.array_equal(draw_frame(task, episode, history), draw_frame(task, episode, history[:1]))
+    assert not np.array_equal(
+        draw_frame(episode_figure(task, episode, history)), draw_frame(episode_figure(task, episode, history[:1]))
+    )
 
 
 def test_a_late_touchdown_is_simulated_to_its_end():
@@ -154,7 +157,7 @@ def test_a_touchdown_within_the_first_sample_is_drawn():
     assert history[-1][1]["touchdown_time"] == 0.0
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        draw_frame(task, episode, history)
+        draw_frame(episode_figure(task, episode, history))
 
 
 @pytest.mark.parametrize("name, scale", [("stiffness", 1e-3), ("damping", 1.0)])
@@ -253,7 +256,7 @@ def test_the_heading_says_where_the_episode_is_and_a_name_is_no_formula():
     first, second = (texts(episode_figure(task, episode, history[:n])) for n in (1, 2))
     assert "a$b_{$: start, before 7 experiments" in first and "a$b_{$: experiment 1 of 7" in second
     assert f"score {history[1][1]['score']:.3f}" in second
-    draw_frame(task, episode, history)
+    draw_frame(episode_figure(task, episode, history))
 
 
 def test_an_unstable_loop_that_stays_up_is_said_to_be_unstable():

@@ -8,7 +8,7 @@ import pytest
 from reference_simulator import force_law as written_out
 
 from maglev_env.loop.magnets.energy import coenergy
-from maglev_env.loop.magnets.kinds import balancing_bias, force_law, inductance
+from maglev_env.loop.magnets.kinds import KINDS, force_law, inductance
 from maglev_env.loop.magnets.law import force, linearise
 from maglev_env.rig.rig import Rig, load_rig, with_parameters
 from selfsense.coil import MU_0, coil_inductance
@@ -28,6 +28,10 @@ RIGS = {
     "air coil, n = 1": replace(COIL, force_exponent=1.0, force_constant=1e-2),
     "iron coil": CORED,
 }
+
+
+def balancing_bias(rig):
+    return KINDS[rig.magnet].balancing_bias(rig)
 
 
 @pytest.fixture(params=RIGS)
