@@ -16,6 +16,7 @@ from maglev_env.kernel.simulate import simulate_statistics
 from maglev_env.loop.gains import Gains
 from maglev_env.rig.excitation import lines_at
 from maglev_env.rig.rig import load_rig
+from maglev_env.task.protocol import env_protocol
 
 TARGET = ScoreTarget(30e3, 30.0, 2.5, 0.35e-3, 0.5, 0.35e-3)
 GOOD = {"stiffness": 30e3, "damping": 30.0, "peak_sensitivity": 2.0, "displacement": 0.0, "current": 0.0}
@@ -131,3 +132,11 @@ def test_an_x_y_rig_is_scored_by_its_worse_axis():
     assert (both.peak_displacement > np.max([one.peak_displacement for one in single], axis=0)).all()
     np.testing.assert_allclose(both.score, scores.min(axis=0), rtol=0.02)
     assert (np.diff(scores, axis=0) != 0).all() and np.abs(np.diff(scores, axis=0)).min() > 0.05
+
+
+def test_the_peak_sensitivity_scatters_as_its_standard_error_says():
+    rig = load_rig("hmb_free")
+    quick = replace(rig, protocol=env_protocol(rig, "quick"))
+    e = evaluate([protocol_experiment(quick, seed=seed) for seed in range(200)], threads=1)
+    spread = e.margins["peak_sensitivity"].std(ddof=1)
+    assert spread / np.sqrt(np.mean(e.peak_sensitivity_se**2)) == pytest.approx(1.0, abs=0.15)

@@ -463,3 +463,26 @@ def test_a_current_alone_stands_for_the_force(injected):
     campaign, signals = injected
     bare = only(signals, "displacement", "injection", "current")
     assert identify(bare, campaign.rig, campaign.mass).actuator.gain == pytest.approx(1.46, rel=0.02)
+
+
+def test_an_uncertain_actuator_gain_widens_the_intervals_by_what_it_moves():
+    """The force of a magnet scales with its gain, and with it the whole of k - m w^2: far more than k alone, above."""
+    rig = load_rig("hmb_free")
+    e = Experiment(rig, rig.gains, (Excitation("sphs", "current", 5.0, tuple(range(4, 61)), 0.1),), 6, 2, seed=3)
+    found = identify(only(recorded(e), "displacement", "current", "injection"), rig, rig.mass, False, 30.0, 0.0)
+    layout = np.array([[b.f_lo, b.f_hi] for b in found.bands])
+    force = found.statistics.channels.index("force")
+    scale = np.ones(len(found.statistics.channels))
+    scale[force] += found.actuator.gain_se / found.actuator.gain
+    other = replace(
+        found.statistics,
+        mean=found.statistics.mean * scale[:, None],
+        covariance=found.statistics.covariance * np.outer(scale, scale)[:, :, None],
+    )
+    alone, moved = (maximum_likelihood(s, layout, rig.mass) for s in (found.statistics, other))
+    for i, band in enumerate(found.bands[:6]):  # 20 to 200 Hz; above, the gain is not what is uncertain
+        expected = np.hypot(alone.stiffness_se[i], moved.stiffness[i] - alone.stiffness[i])
+        assert band.stiffness_se == pytest.approx(expected, rel=0.1)
+        reach = np.hypot(alone.stiffness[i] - alone.stiffness_low[i], 1.96 * (moved.stiffness[i] - alone.stiffness[i]))
+        assert band.stiffness - band.stiffness_ci[0] == pytest.approx(reach, rel=0.1)
+        assert reach > 1.1 * (alone.stiffness[i] - alone.stiffness_low[i])

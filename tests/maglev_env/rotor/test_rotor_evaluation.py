@@ -9,7 +9,7 @@ from maglev_env.loop.gains import Gains
 from maglev_env.rotor.evaluation import RotorEvaluation, evaluate_rotors, rotor_target
 from maglev_env.rotor.identification import Protocol
 from maglev_env.rotor.linear import at_planes, closed_loop_poles, unbalance_response
-from maglev_env.rotor.rotor import Rotor, Unbalance, load_rotor
+from maglev_env.rotor.rotor import Rotor, Runout, Unbalance, load_rotor
 from maglev_env.rotor.run_up import run_up, seeds_of
 
 PUMP = load_rotor("pump")
@@ -166,3 +166,32 @@ def test_bad_input_is_named():
     with pytest.raises(ValueError, match="do not hold it up"):
         rotor_target(ROTORS[1], [0.0])
     assert seeds_of((1, 2), 2) == [(1, 2), (1, 2)] and seeds_of([5, (6, 7)], 2) == [(5,), (6, 7)]
+
+
+def quiet() -> Rotor:
+    """The pump without noise, converters and all that turns; no weight, but for what a test gives it."""
+    axis = replace(PUMP.axis, adc_bits=0, dac_bits=0, noise=replace(PUMP.axis.noise, displacement=0.0))
+    return replace(PUMP, axis=axis, unbalance=Unbalance(), runout=Runout(), gravity=(0.0, 0.0, 0.0))
+
+
+def test_the_radial_peak_is_how_far_the_rotor_is_from_the_centre_in_whatever_direction():
+    # One m/s2 on the springs of both bearings: their controllers' gain at rest and the magnets' own stiffness.
+    axis, gains = PUMP.axis, PUMP.gains["translation"]
+    sag = PUMP.body.mass / (axis.actuator_gain * (gains.kp + gains.ki) + axis.negative_stiffness)
+    pulls = [(0.6, 0.8, 0.0), (-0.8, 0.6, 0.0), (0.0, -1.0, 0.0)]
+    found = run_up([replace(quiet(), gravity=pull) for pull in pulls], [0.0])
+    assert found.peak == pytest.approx(np.full((3, 1, 2), sag), rel=1e-3)
+
+
+def test_the_axial_probe_reads_how_the_rotor_swings_and_how_its_face_tilts():
+    # Let go beside its place of rest g / w^2, an undamped mass swings about that as far: 12 times at 50 Hz.
+    w = 2 * np.pi * 50.0
+    spring = PUMP.body.mass * w**2 / 2  # of each bearing
+    axial = replace(PUMP.axial, displacement=(0.0, 1e-4), force=(0.0, -spring * 1e-4), damping=0.0)
+    swings = run_up([replace(quiet(), axial=axial, gravity=(0.0, 0.0, -0.2))], [0.0])
+    assert swings.once[0, 0] == pytest.approx([0.0, 0.0, 0.2 / w**2], rel=1e-4, abs=1e-12)
+    # A couple unbalance tilts the face that the probe looks at, away from the axis.
+    rpm = np.array([6000.0, 12_000.0])
+    tilted = replace(quiet(), unbalance=Unbalance(couple=2e-8))
+    tilt = abs(unbalance_response(tilted, rpm * np.pi / 30)[:, 1])
+    assert run_up([tilted], rpm).once[0, :, 2] == pytest.approx(PUMP.axial.probe_radius * tilt, rel=0.01)

@@ -4,11 +4,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy import stats
 
 from maglev_env.task.task import make_task
 from tuning.search.rule import DissertationRule
-from tuning.study.recommendation import PEAK_SENSITIVITY, recommend
+from tuning.study.recommendation import PEAK_SENSITIVITY, recommend, verdict_of
 from tuning.study.study import experiments
+from tuning.tuner import Trials
 
 pytestmark = pytest.mark.slow
 TASK = make_task(protocol="quick", randomization="wide")
@@ -49,6 +51,22 @@ def test_copies_of_refused_gains_do_not_take_the_place_of_others():
     found = recommend(NOMINAL, EPISODE, trials, seed=0, candidates=2)
     assert len(found.refused) == 1
     np.testing.assert_array_equal(found.chosen.point, trials.points[-1])
+
+
+def test_the_intervals_of_a_verdict_leave_out_one_of_forty_at_either_end():
+    n, own = 4000, 100
+    scatter = stats.norm.ppf((np.arange(n) + 0.5) / n)
+    info = tuple(
+        {"peak_sensitivity": 2.0 + 0.1 * v, "phase_margin": 40.0 + v, "peak_displacement": 0.0} for v in scatter
+    )
+    scores = np.concatenate([np.linspace(0.4, 0.6, own), np.linspace(0.2, 0.8, n - own)])
+    again = Trials(np.zeros((n, 3)), scores, np.zeros((n, 1)), info, np.zeros(n, bool))
+    found = verdict_of(np.zeros(3), again, own, EPISODE)
+    assert found.reason is None and found.score == pytest.approx(0.5)
+    assert found.score_se == pytest.approx(0.2 / np.sqrt(12 * own), rel=0.02)  # evenly spread over 0.2
+    assert found.intervals["peak_sensitivity"] == pytest.approx((2 - 0.196, 2 + 0.196), abs=1e-3)
+    assert found.intervals["phase_margin"] == pytest.approx((40 - 1.96, 40 + 1.96), abs=1e-2)
+    assert found.intervals["score"] == pytest.approx((0.2 + 0.025 * 0.6, 0.8 - 0.025 * 0.6), abs=1e-3)
 
 
 def test_nothing_that_failed_is_recommended():
