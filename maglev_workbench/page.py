@@ -1,7 +1,6 @@
 """One self-contained HTML page: heading, summary, tables, interactive figures, and what made it."""
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import asdict, is_dataclass
 from html import escape
 from math import floor, inf, isfinite, isnan, log10
 from pathlib import Path
@@ -134,21 +133,6 @@ def with_interval(value: float | None, low: float | None, high: float | None) ->
     if abs(high + low - 2 * value) <= 0.2 * (high - low):
         return f"{value:.{places}f} ±{number(half, max(1, min(2, places + 1 + floor(log10(half)))))}"
     return f"{value:.{places}f} [{low:.{places}f}, {high:.{places}f}]"
-
-
-def plain(value: Any) -> Any:
-    """Anything of results as plain JSON data: dataclasses to dicts, arrays to lists, nan and infinities to None."""
-    if is_dataclass(value) and not isinstance(value, type):
-        value = asdict(value)
-    if isinstance(value, np.ndarray | np.generic):
-        value = value.tolist()
-    if isinstance(value, Mapping):
-        return {str(k): plain(v) for k, v in value.items()}
-    if isinstance(value, list | tuple):
-        return [plain(v) for v in value]
-    if isinstance(value, float) and not isfinite(value):
-        return None
-    return value
 
 
 def styled(figure: "Figure", height: int) -> "Figure":

@@ -1,4 +1,3 @@
-import ast
 import hashlib
 import json
 import tomllib
@@ -10,7 +9,6 @@ import numpy as np
 import pytest
 from scipy import signal, stats
 
-import sim2real.blind
 from maglev_env.experiment import Experiment
 from maglev_env.kernel.simulate import simulate_records
 from maglev_env.loop.magnets.kinds import force_law
@@ -29,19 +27,6 @@ from sim2real.blind.sizing import search, sized
 from sim2real.blind.threshold import LEVEL, Detector, critical, linear_loop
 from sim2real.blind.twin import LoopFailed, Truth, simulate, twin_periods
 
-TWIN = (
-    "excitation",
-    "forms",
-    "generate",
-    "machine",
-    "menu",
-    "rigs",
-    "sizing",
-    "stepping",
-    "threshold",
-    "twin",
-    "write",
-)
 OPEN_LOOP = PID(0.0, 0.0, 0.0, 1e-4, 0.0318)
 SAMPLES = 10_000
 
@@ -67,18 +52,6 @@ def nominal_rig(name: str, folder: Path):
         return load_rig(name)
     (folder / "rig.toml").write_text(RIGS[name].toml)
     return load_rig(folder / "rig.toml")
-
-
-def test_shares_no_code_with_the_simulator():
-    folder = Path(sim2real.blind.__file__).parent
-    forbidden = {"maglev_env", "maglev_lanes", "selfsense", "tuning", "estimation"}
-    for name in TWIN:
-        for node in ast.walk(ast.parse((folder / f"{name}.py").read_text())):
-            imported = [a.name for a in node.names] if isinstance(node, ast.Import) else []
-            imported += [node.module or ""] if isinstance(node, ast.ImportFrom) else []
-            assert not forbidden & {module.partition(".")[0] for module in imported}, name
-            own = {module.removeprefix("sim2real.blind").lstrip(".") for module in imported if "sim2real" in module}
-            assert own <= {"", *TWIN}, name
 
 
 def test_nominal_numbers_are_those_of_the_rig_files(tmp_path):

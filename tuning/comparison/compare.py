@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from maglev_env.recordings.json_data import plain
 from maglev_env.task.episodes import Episode
 from maglev_env.task.task import Task
 from maglev_lanes.code_version import code_version
-from maglev_workbench.page import plain
 from tuning.comparison.runs import CHUNK, Runs, stored_parts
 from tuning.lockstep import Course, judged, optima, rescored
 from tuning.methods import LEARNED, LONGEST, METHODS, make_tuner, policy_digest

@@ -6,13 +6,14 @@ from rich.table import Table
 
 from maglev_env.loop.axes import AXES
 from maglev_env.recordings.campaign import load_campaign
+from maglev_env.recordings.json_data import plain
 from maglev_env.recordings.quality import Quality, recording_quality
 from maglev_env.recordings.recording import read_recording
 from maglev_env.recordings.signals import recorded_signals
 from maglev_env.recordings.spectra import axis_signals
 from maglev_env.rig.rig import axis_rig
 from maglev_workbench.console import console, require_folder, write_json
-from maglev_workbench.page import plain, write_page
+from maglev_workbench.page import write_page
 from maglev_workbench.record_page import record_page
 
 

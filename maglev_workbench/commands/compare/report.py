@@ -5,9 +5,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from maglev_env.recordings.json_data import plain
 from maglev_workbench.commands.compare.figures import course_figure, improvement_figure, profile_figure
 from maglev_workbench.commands.compare.numbers import THRESHOLDS, Table
-from maglev_workbench.page import markdown_table, note, number, page, plain, rig_facts, table
+from maglev_workbench.page import markdown_table, note, number, page, rig_facts, table
 from tuning.comparison.compare import Comparison
 
 if TYPE_CHECKING:

@@ -5,8 +5,9 @@ from dataclasses import asdict, dataclass
 from math import inf, isfinite
 from typing import TYPE_CHECKING, Any
 
+from maglev_env.recordings.json_data import plain
 from maglev_workbench.commands.compare.twin_figures import NAMES, WORDS, before_after_figure
-from maglev_workbench.page import markdown_table, note, number, page, plain, table
+from maglev_workbench.page import markdown_table, note, number, page, table
 from sim2real.blind import worth
 from sim2real.blind.worth import CORRECTED, NOMINAL, SIMULATORS, TWIN, CaseWorth, Total, reduction, totals
 

@@ -4,9 +4,10 @@ import os
 from pathlib import Path
 
 from maglev_env.recordings.campaign import load_campaign
+from maglev_env.recordings.json_data import plain
 from maglev_workbench.commands.diagnose.report import diagnose_page, terminal
 from maglev_workbench.console import console, progress_bar, require_folder, write_json
-from maglev_workbench.page import plain, write_page
+from maglev_workbench.page import write_page
 from sim2real.corrected import write_corrected
 from sim2real.diagnosis import diagnose
 

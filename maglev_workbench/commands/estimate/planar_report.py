@@ -8,6 +8,7 @@ import numpy as np
 from estimation.planar import CONDITION_LIMIT
 from maglev_env.evaluation.identification import NORMAL_95
 from maglev_env.evaluation.identification_planar import PlanarIdentification
+from maglev_env.recordings.json_data import plain
 from maglev_workbench.commands.estimate.figures import COEFFICIENTS
 from maglev_workbench.commands.estimate.planar_figures import (
     ELEMENTS,
@@ -17,7 +18,7 @@ from maglev_workbench.commands.estimate.planar_figures import (
     row_sum_panels,
 )
 from maglev_workbench.commands.estimate.report import MISFIT, POOR_FIT, ROWS
-from maglev_workbench.page import facts, note, number, plain, table, with_interval
+from maglev_workbench.page import facts, note, number, table, with_interval
 
 if TYPE_CHECKING:
     import rich.table

@@ -7,6 +7,7 @@ from importlib.metadata import version
 from typing import TYPE_CHECKING, Any, Literal
 
 from maglev_env.evaluation.identification import Band, Identification, Stability
+from maglev_env.recordings.json_data import plain
 from maglev_workbench.commands.estimate.figures import (
     COEFFICIENTS,
     coefficients,
@@ -15,7 +16,7 @@ from maglev_workbench.commands.estimate.figures import (
     receptance,
     sensitivity,
 )
-from maglev_workbench.page import facts, note, number, page, plain, with_interval
+from maglev_workbench.page import facts, note, number, page, with_interval
 
 if TYPE_CHECKING:
     import rich.table

@@ -4,8 +4,9 @@ from collections.abc import Sequence
 from math import isfinite
 from typing import Any
 
+from maglev_env.recordings.json_data import plain
 from maglev_workbench.commands.reproduce.chapters.item import Item, Outcome, Row
-from maglev_workbench.page import facts, markdown_table, note, number, page, plain, table
+from maglev_workbench.page import facts, markdown_table, note, number, page, table
 
 TITLE = "The dissertation's experiments, run anew"
 ROUNDING = 1e-9  # relative differences below are the arithmetic's

@@ -10,9 +10,10 @@ from rich.table import Table
 
 from estimation.stability import iso_14839_3_zone
 from maglev_env.loop.gains import Gains
+from maglev_env.recordings.json_data import plain
 from maglev_env.rotor.operating_point import sag
 from maglev_workbench.commands.runup.study import Report, whirl
-from maglev_workbench.page import facts, note, number, page, plain, table
+from maglev_workbench.page import facts, note, number, page, table
 
 HEAD = ("rpm", "peak a\nµm", "peak b\nµm", "1x a\nµm", "linear\nµm", "axial\nµm", "coil\nA rms", "copper\nW")
 HEAD += ("zone", "touchdown")

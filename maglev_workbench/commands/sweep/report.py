@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from maglev_env.evaluation.score import WEIGHTS
+from maglev_env.recordings.json_data import plain
 from maglev_workbench.commands.sweep.figures import SHOWN, best_bands, over_gains
-from maglev_workbench.page import note, number, page, plain, rig_facts, table, with_interval
+from maglev_workbench.page import note, number, page, rig_facts, table, with_interval
 
 if TYPE_CHECKING:
     import rich.table

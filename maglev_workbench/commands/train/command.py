@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 from rich.table import Table
 
+from maglev_env.recordings.json_data import plain
 from maglev_env.rig.rig import load_rig
 from maglev_env.task.task import make_task
 from maglev_lanes.code_version import code_version
 from maglev_lanes.schedule import workers
 from maglev_workbench.console import console, progress_bar, require_folder, write_json
-from maglev_workbench.page import plain
 from tuning.comparison.compare import held_out
 from tuning.learned.policy import HistoryPolicy, load_policy, save_policy
 from tuning.learned.training import Plan, train

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from maglev_env.recordings.json_data import plain
 from maglev_workbench.commands.tune.next_recording import excitation_words, in_words, summary
 from maglev_workbench.page import (
     COLOURS,
@@ -14,7 +15,6 @@ from maglev_workbench.page import (
     note,
     number,
     page,
-    plain,
     rig_facts,
     shaded,
     styled,

@@ -9,13 +9,14 @@ import numpy as np
 
 from maglev_env.loop.effect import parse_effects
 from maglev_env.loop.gains import of_axis
+from maglev_env.recordings.json_data import plain
 from maglev_env.rig.rig import load_rig
 from maglev_env.task.episodes import Episode
 from maglev_env.task.task import make_task
 from maglev_lanes.schedule import workers
 from maglev_workbench.commands.tune.report import tune_json, tune_page, tune_tables
 from maglev_workbench.console import console, progress_bar, require_folder, write_json
-from maglev_workbench.page import plain, write_page
+from maglev_workbench.page import write_page
 from tuning.methods import LEARNED, make_tuner, policy_digest, policy_of
 from tuning.study.recommendation import recommend
 from tuning.study.study import JOURNAL, run_study

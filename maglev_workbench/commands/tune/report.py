@@ -5,8 +5,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from maglev_env.recordings.json_data import plain
 from maglev_env.task.task import Task
-from maglev_workbench.page import COLOURS, STAR, note, number, page, plain, rig_facts, styled, table
+from maglev_workbench.page import COLOURS, STAR, note, number, page, rig_facts, styled, table
 from tuning.study.recommendation import Recommendation, Verdict
 from tuning.study.study import Outcome
 

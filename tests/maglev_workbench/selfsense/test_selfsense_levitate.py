@@ -11,6 +11,7 @@ from typer.testing import CliRunner
 from maglev_env.experiment import protocol_experiment
 from maglev_env.linear.loop import closed_loop_poles
 from maglev_env.loop.gains import with_gains
+from maglev_env.recordings.json_data import plain
 from maglev_env.rig.rig import load_rig
 from maglev_env.rig.self_sensor import rig_sensors
 from maglev_workbench.cli import app
@@ -20,7 +21,6 @@ from maglev_workbench.commands.selfsense.levitate.figures import cost_map, sensi
 from maglev_workbench.commands.selfsense.levitate.numbers import levitate_json
 from maglev_workbench.commands.selfsense.levitate.report import levitate_page, levitate_summary
 from maglev_workbench.commands.selfsense.loop_facts import mean_with_half_width
-from maglev_workbench.page import plain
 from selfsense.linear import tracking
 
 RUN = CliRunner()

@@ -11,6 +11,7 @@ from typer.testing import CliRunner
 
 from maglev_env.loop.magnets.kinds import force_law
 from maglev_env.loop.magnets.law import force
+from maglev_env.recordings.json_data import plain
 from maglev_env.rig.rig import load_rig
 from maglev_workbench.cli import app
 from maglev_workbench.commands.selfsense.robustness import command as robustness
@@ -30,7 +31,6 @@ from maglev_workbench.commands.selfsense.robustness.report import (
     robustness_summary,
     robustness_table,
 )
-from maglev_workbench.page import plain
 from selfsense.calibration import static_sweep
 from selfsense.robustness import expected_gap
 

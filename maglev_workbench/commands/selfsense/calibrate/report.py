@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from maglev_env.recordings.json_data import plain
 from maglev_workbench.commands.selfsense.calibrate.figures import bode, line
 from maglev_workbench.commands.selfsense.calibrate.numbers import (
     MEASURED_AT,
@@ -29,7 +30,7 @@ from maglev_workbench.commands.selfsense.calibrate.sources import (
     Static,
 )
 from maglev_workbench.commands.selfsense.rig_sensor import made_by, reading_text
-from maglev_workbench.page import facts, note, number, page, plain, table, with_interval
+from maglev_workbench.page import facts, note, number, page, table, with_interval
 
 if TYPE_CHECKING:
     import rich.table

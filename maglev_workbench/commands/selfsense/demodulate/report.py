@@ -7,10 +7,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from maglev_env.recordings.json_data import plain
 from maglev_workbench.commands.selfsense.demodulate.figures import comparison, enlarged
 from maglev_workbench.commands.selfsense.demodulate.study import METHODS, Demodulation, GapError
 from maglev_workbench.commands.selfsense.rig_sensor import made_by, reading_text, sampling_note
-from maglev_workbench.page import note, number, page, plain, table
+from maglev_workbench.page import note, number, page, table
 
 if TYPE_CHECKING:
     import rich.table

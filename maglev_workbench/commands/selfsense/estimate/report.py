@@ -8,11 +8,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from maglev_env.recordings.json_data import plain
 from maglev_env.rig.rig import Rig
 from maglev_workbench.commands.selfsense.estimate.figures import gap_figure, ripple_figure
 from maglev_workbench.commands.selfsense.estimate.recorded_coils import SensedCoil
 from maglev_workbench.commands.selfsense.rig_sensor import made_by
-from maglev_workbench.page import note, number, page, plain, table
+from maglev_workbench.page import note, number, page, table
 from selfsense.validity import AT_END, CLIPPED, CONVERGING, NO_RIPPLE
 
 if TYPE_CHECKING:

@@ -10,9 +10,9 @@ from maglev_env.evaluation.evaluate import Evaluation
 from maglev_env.evaluation.score import WEIGHTS
 from maglev_env.loop.axes import AXES
 from maglev_env.loop.gains import as_table
+from maglev_env.recordings.json_data import plain
 from maglev_workbench.commands.selfsense.levitate.experiments import SEEDS, SENSORS, Comparison
 from maglev_workbench.commands.selfsense.loop_facts import mean_with_half_width
-from maglev_workbench.page import plain
 
 # Label with unit, factor from SI.
 QUANTITIES = {

@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from maglev_env.recordings.json_data import plain
 from maglev_workbench.commands.selfsense.design.figures import LAG_IN_D, MARGIN_IN_D
 from maglev_workbench.commands.selfsense.rate_limit.figures import rate_map
 from maglev_workbench.commands.selfsense.rate_limit.rate_map import (
@@ -16,7 +17,7 @@ from maglev_workbench.commands.selfsense.rate_limit.rate_map import (
     as_predicted,
 )
 from maglev_workbench.commands.selfsense.rig_sensor import DISSERTATION_RATE, made_by, sampling_note
-from maglev_workbench.page import note, number, page, plain, table
+from maglev_workbench.page import note, number, page, table
 from selfsense.design import LEAST_MARGIN
 
 if TYPE_CHECKING:

@@ -6,10 +6,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from maglev_env.recordings.json_data import plain
 from maglev_workbench.commands.selfsense.rig_sensor import made_by, sampling_note
 from maglev_workbench.commands.selfsense.rivals.experiments import AVERAGED, NAMES, Result, Rivalry
 from maglev_workbench.commands.selfsense.rivals.figures import series
-from maglev_workbench.page import note, number, page, plain, table
+from maglev_workbench.page import note, number, page, table
 from selfsense.averaged import observability
 
 if TYPE_CHECKING:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from maglev_env.loop.gains import as_table
+from maglev_env.recordings.json_data import plain
 from maglev_workbench.commands.selfsense.loop_facts import loop_facts, mean_with_half_width
 from maglev_workbench.commands.selfsense.robustness.experiments import (
     AS_BELIEVED,
@@ -18,7 +19,7 @@ from maglev_workbench.commands.selfsense.robustness.experiments import (
     change_of,
 )
 from maglev_workbench.commands.selfsense.robustness.figures import robustness_figure
-from maglev_workbench.page import note, number, page, plain, table, with_interval
+from maglev_workbench.page import note, number, page, table, with_interval
 
 if TYPE_CHECKING:
     import rich.table
