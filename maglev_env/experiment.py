@@ -6,6 +6,7 @@ from math import inf
 
 import numpy as np
 
+from maglev_env.channels import MEASURED, SPECTRAL, simulated_channels
 from maglev_env.fields import is_number
 from maglev_env.loop.axes import suffixes
 from maglev_env.loop.effect import EFFECTS, NO_EFFECTS, Effects, check_effects, effect_value
@@ -15,9 +16,6 @@ from maglev_env.rig.rig import Rig, axis_rig
 from maglev_env.rig.self_sensor import rig_sensors
 from selfsense.sensor import SelfSensor
 
-# Channels of a recording, and those whose spectra the estimators use; the injection is digital and known exactly.
-CHANNELS = ("displacement", "command", "current", "force")
-SPECTRAL = ("displacement", "command", "force", "injection")
 SENSORS = ("probe", "self_sensing")
 
 
@@ -151,12 +149,11 @@ def spectral_channels(e: Experiment) -> tuple[str, ...]:
 
 
 def recorded_channels(e: Experiment) -> tuple[str, ...]:
-    """CHANNELS of an experiment's records, and with self-sensing the position that was sensed."""
-    first, second, *others = CHANNELS
-    return (first, second, *(("position",) if e.sensor != "probe" else ()), *others)
+    """Channels of an experiment's records, and with self-sensing the position that was sensed."""
+    return simulated_channels(sensed=e.sensor != "probe")
 
 
-def channels_of(rig: Rig, names: Sequence[str] = CHANNELS) -> tuple[str, ...]:
+def channels_of(rig: Rig, names: Sequence[str] = MEASURED) -> tuple[str, ...]:
     """Names with the suffix of each axis, channel after channel: displacement_x, displacement_y, ... on an x-y rig."""
     return tuple(name + suffix for name in names for suffix in suffixes(rig.axes))
 

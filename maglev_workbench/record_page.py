@@ -9,6 +9,7 @@ import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
 from estimation.periods import line_statistics, period_spectra, split_periods
+from maglev_env.channels import MEASURED
 from maglev_workbench.page import page, styled
 
 if TYPE_CHECKING:
@@ -31,8 +32,8 @@ def record_page(title: str, recordings: Sequence[tuple[str, "xr.Dataset"]]) -> s
 
 
 def _channels(dataset: "xr.Dataset") -> list[str]:
-    kinds = ("displacement", "force", "command", "current")
-    return sorted((n for n in dataset.data_vars if _kind(n) in kinds), key=lambda n: (kinds.index(_kind(n)), n))
+    shown = (n for n in dataset.data_vars if _kind(n) in MEASURED)
+    return sorted(shown, key=lambda n: (MEASURED.index(_kind(n)), n))
 
 
 def _kind(channel: str) -> str:

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from estimation.periods import period_spectra, split_periods, transient_periods
+from maglev_env.channels import MEASURED, SHOWN_BY
 from maglev_env.experiment import Experiment, sampling
 from maglev_env.linear.loop import without_noise
 from maglev_env.loop.axes import suffixes
@@ -17,9 +18,6 @@ from maglev_env.recordings.signals import recorded_signals
 from maglev_env.rig.excitation import PLACES, axis_excitations, lines_at
 from maglev_env.rig.rig import Rig
 from sim2real.tones import ON_LINE, Tone, near_tones, remove_tones
-
-EXCITED_BY = {"force": "force", "current": "injection", "reference": "reference"}
-MEASURED = ("displacement", "command", "current", "force")
 
 
 @dataclass(frozen=True)
@@ -113,7 +111,7 @@ def _record(campaign: Campaign, spec: RecordingSpec) -> Record:
     names = suffixes(axes)
     channels = {
         kind: np.array([signals.channels[kind + s] for s in names])
-        for kind in (*MEASURED, "injection", "reference")
+        for kind in dict.fromkeys((*MEASURED, *SHOWN_BY.values()))
         if all(kind + s in signals.channels for s in names)
     }
     if "displacement" not in channels:
@@ -181,7 +179,7 @@ def _waves(
     waves = {}
     for place, on in driven.items():
         spectrum = np.zeros((axes, n // 2 + 1), complex)
-        if (channel := channels.get(EXCITED_BY[place])) is not None:
+        if (channel := channels.get(SHOWN_BY[place])) is not None:
             per_period = e.recorded_per_period
             means = channel[:, whole].reshape(axes, -1, per_period).mean(axis=1)
             found = period_spectra(means, lines)

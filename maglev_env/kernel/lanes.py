@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from maglev_env.channels import NOISY
 from maglev_env.kernel import rows as k
 from maglev_env.loop.effect import effect_value
 from maglev_env.experiment import Experiment, axis_experiment, moving_mass, self_sensors
@@ -29,8 +30,6 @@ from maglev_env.loop.magnets.kinds import KINDS, force_law
 from maglev_env.loop.axes import NO_CROSS
 from maglev_env.kernel.sensing_lanes import sensed_structure, sensing_rows, timing_of
 from selfsense.kernel_rows import GAP as COIL_GAP
-
-SEEDED = ("displacement", "current", "force")  # noise channels, each with a stream of its own
 
 
 @dataclass(frozen=True)
@@ -111,7 +110,7 @@ def lane_batch(experiments: Sequence[Experiment], substeps: int = 1) -> LaneBatc
                 [filter_constants(e.gains, structure.controller_order) for e in own]
             ).T
         parts.append(rows)
-        states = [np.random.SeedSequence(e.seed).generate_state(len(SEEDED), np.uint64) for e in own]
+        states = [np.random.SeedSequence(e.seed).generate_state(len(NOISY), np.uint64) for e in own]
         seeds.append(np.array(states).T)
     if structure.coupled:
         for axis, rows in enumerate(parts):

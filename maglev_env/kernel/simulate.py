@@ -9,11 +9,12 @@ import scipy.fft
 
 from estimation.periods import LineStatistics, line_statistics
 from maglev_env.rig.excitation import lines_at
-from maglev_env.experiment import SPECTRAL, Experiment, recorded_channels, sampling, spectral_channels
+from maglev_env.experiment import Experiment, recorded_channels, sampling, spectral_channels
 from maglev_env.kernel.step import TILE, Structure, kernel
 from maglev_env.kernel.rows import ALIVE, CURRENT_SQ, LANES, PEAK_SQ, STEPS
 from maglev_env.kernel.controllers import with_controllers
-from maglev_env.kernel.lanes import SEEDED, LaneBatch, lane_batch, structure_of, timing_of
+from maglev_env.channels import NOISY, SPECTRAL
+from maglev_env.kernel.lanes import LaneBatch, lane_batch, structure_of, timing_of
 from maglev_lanes.threads import over_threads
 from selfsense.kernel_rows import OFF_PEAK, OFF_SQ, OFF_SUM, SENSOR_ROWS
 from maglev_lanes.noise import line_noise, series_noise
@@ -123,7 +124,7 @@ def simulate_records(experiments: Sequence[Experiment], substeps: int = 1, threa
                 records[member, names.index("force"), :, span] = force
                 for name, rms in (("current", noise.current), ("force", noise.force)):
                     for axis in range(axes if rms else 0):
-                        seed = state.seeds[axis, SEEDED.index(name), lane]
+                        seed = state.seeds[axis, NOISY.index(name), lane]
                         records[member, names.index(name), axis, span] += series_noise(seed, rms, i, n)
         for lane, time in zip(block.members, state.touchdown_time(), strict=False):
             if not np.isnan(time):
@@ -288,7 +289,7 @@ def _periods(
     out = _aligned((axes, outputs, LANES, e.samples_per_period * (block.substeps if oversampled else 1)))
     out[:] = 0.0  # past the last touchdown of a block nothing is written: what memory held may be no number
     tile = _aligned((TILE * axes * outputs * LANES,))
-    kernel_seeds = np.ascontiguousarray(state.seeds[:, SEEDED.index("displacement")]).reshape(-1)
+    kernel_seeds = np.ascontiguousarray(state.seeds[:, NOISY.index("displacement")]).reshape(-1)
     for waves in schedule:
         clocks = state.step, state.timing
         done = step(state.rows.reshape(-1), kernel_seeds, state.history, *clocks, *waves, tile, out.reshape(-1))
@@ -324,7 +325,7 @@ def _block_spectra(
         of_lines = scipy.fft.rfft(out, axis=-1)[..., lines].transpose(2, 1, 0, 3) * (2 / n)
         spectra[:, :2], spectra[:, 4:] = of_lines[:, :2], of_lines[:, 2:]
         for axis in range(axes):
-            seeds = state.seeds[axis, SEEDED.index("force")]
+            seeds = state.seeds[axis, NOISY.index("force")]
             spectra[:, 2, axis] = applied["force"][axis] + line_noise(seeds, block.force_noise, period, n, lines)
         spectra[:, 3] = applied["current"]
         yield spectra.reshape(LANES, -1, len(lines))

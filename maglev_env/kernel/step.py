@@ -14,6 +14,7 @@ from pathlib import Path
 import numba as nb
 import numpy as np
 
+from maglev_env.channels import step_channels
 from maglev_env.kernel import effect_rows, effects as kernel_effects, pieces as kernel_pieces, rows as kernel_rows
 from selfsense import kernel_pieces as sensor_source
 from selfsense import kernel_rows as sensor_rows
@@ -72,8 +73,8 @@ W = LANES
 # The compiler's disk cache looks at this file alone; naming what it was compiled from keeps it from serving stale code.
 _PARTS = (kernel_pieces, kernel_rows, kernel_effects, effect_rows, noise_source, sensor_source, sensor_rows)
 SOURCES = int(sha256(b"".join(Path(part.__file__).read_bytes() for part in _PARTS)).hexdigest()[:15], 16)
-# Output channels of a block, per sample and axis; with self-sensing the true position stands before the current.
-DISPLACEMENT, COMMAND, POSITION = range(3)
+# Where the step writes; the current is the last channel, with a sensed position before it or without.
+DISPLACEMENT, COMMAND, POSITION = map(step_channels(sensed=True).index, ("displacement", "command", "position"))
 # Samples gathered before they are written out lane by lane, so that a lane's series is contiguous.
 TILE = 8
 
@@ -105,7 +106,7 @@ class Structure:
     @property
     def channels(self) -> tuple[str, ...]:
         """What the kernel can write, in this order."""
-        return ("displacement", "command", *(("position",) if self.sensed else ()), "current")
+        return step_channels(sensed=bool(self.sensed))
 
 
 @cache

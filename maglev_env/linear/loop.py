@@ -11,7 +11,8 @@ from scipy.linalg import expm, schur
 from scipy.linalg.lapack import dgebal
 
 from estimation.periods import LineStatistics
-from maglev_env.experiment import SPECTRAL, Experiment, axis_experiment, channels_of, moving_mass, self_sensors
+from maglev_env.channels import SPECTRAL
+from maglev_env.experiment import Experiment, axis_experiment, channels_of, moving_mass, self_sensors
 from maglev_env.linear.axis import POSITION, VELOCITY, cross_terms, linear_axis
 from maglev_env.loop.effect import effect_value, split_delay
 from maglev_env.loop.gains import controller_response, of_axis, state_space

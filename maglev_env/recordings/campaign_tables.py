@@ -4,25 +4,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from typing import Any
 
+from maglev_env.channels import RECORDED, SHOWN_BY
 from maglev_env.fields import check_known, is_number
 from maglev_env.rig.excitation import MAX_HARMONIC, Excitation, check_interleaved
 from maglev_env.rig.rig import excitation_from_table
 
-CHANNEL_UNITS: Mapping[str, str] = {
-    "reference": "m",
-    "displacement": "m",
-    "command": "A",
-    "current": "A",
-    "voltage": "V",
-    "force": "N",
-    "injection": "A",
-    "gap_estimate": "m",
-    "speed": "rad/s",
-}
-# The channel that shows what is applied at each place of an excitation.
-EXCITATION_CHANNEL: Mapping[str, str] = {"force": "force", "current": "injection", "reference": "reference"}
 _AXES = ("", "_x", "_y", "_z")
-CHANNELS = ("time", *(name + axis for name in CHANNEL_UNITS for axis in _AXES))
+CAMPAIGN_CHANNELS = ("time", *(name + axis for name in RECORDED for axis in _AXES))
 
 _EXCITATION_KEYS = (*(f.name for f in fields(Excitation)), "harmonics", "periods")
 
@@ -53,7 +41,7 @@ def excitations_table(value: Any, rate: float, channels: Mapping) -> tuple[tuple
             periods.add(stated)
         elif stated is not None:
             raise ValueError(f"excitation: periods has no meaning with kind = {excitation.kind!r}")
-        channel = EXCITATION_CHANNEL[excitation.at]
+        channel = SHOWN_BY[excitation.at]
         unknown = excitation.kind in ("multisine", "low_crest", "recorded")
         if unknown and not any(channel + axis in channels for axis in _AXES):
             why = "its phases are unknown" if excitation.periodic else "its waveform is that channel"
@@ -81,7 +69,7 @@ def _check_lines(table: Mapping[str, Any], rate: float) -> None:
 
 def channel_table(name: str, value: Any) -> ChannelSource:
     """The checked source of one channel of [recording.channels]."""
-    check_known({name: value}, CHANNELS, "[recording.channels]")
+    check_known({name: value}, CAMPAIGN_CHANNELS, "[recording.channels]")
     where = f"channel {name}"
     table = table_of(value, where)
     check_known(table, ("from", "weights", "scale", "offset"), where)

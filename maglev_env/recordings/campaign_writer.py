@@ -12,7 +12,7 @@ from maglev_env.experiment import Experiment
 from maglev_env.fields import check_known
 from maglev_env.loop.gains import Controllers, Gains, as_table
 from maglev_env.recordings.campaign import ROLES, SCHEMA
-from maglev_env.recordings.campaign_tables import CHANNELS
+from maglev_env.recordings.campaign_tables import CAMPAIGN_CHANNELS
 from maglev_env.recordings.files import write_csv, write_mat, write_npz, write_text_atomic
 from maglev_env.rig.excitation import Excitation
 from maglev_env.rig.rig import PRESETS, load_rig, with_parameters
@@ -77,7 +77,7 @@ def _check(recordings: Sequence[tuple[str, str, "xr.Dataset", Experiment | None]
             raise ValueError(f"recording name {name!r} is used twice")
         if role not in ROLES:
             raise ValueError(f"recording {name!r}: role = {role!r}; use one of {', '.join(ROLES)}")
-        check_known(dict.fromkeys(map(str, dataset.data_vars)), CHANNELS, f"recording {name!r}")
+        check_known(dict.fromkeys(map(str, dataset.data_vars)), CAMPAIGN_CHANNELS, f"recording {name!r}")
         if dataset.sizes["time"] < 2:
             raise ValueError(f"recording {name!r} has fewer than two samples")
 

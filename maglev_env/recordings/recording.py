@@ -10,11 +10,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from estimation.periods import period_spectra, split_periods
+from maglev_env.channels import MEASURED, SHOWN_BY, unit_of
 from maglev_env.experiment import Experiment, channels_of, recorded_channels, sampling, self_sensors
 from maglev_env.loop.axes import AXES, suffixes
 from maglev_env.loop.gains import as_table
 from maglev_env.recordings.campaign import Campaign, ChannelSource, RecordingSpec
-from maglev_env.recordings.campaign_tables import CHANNEL_UNITS, EXCITATION_CHANNEL
 from maglev_env.recordings.files import Columns, read_columns
 from maglev_env.rig.excitation import Excitation, lines_at
 
@@ -26,7 +26,6 @@ STEP_TOLERANCE = 0.01
 # A clipped channel rests at its extreme value, and passes the values next to it quickly. A quantised sine rests at its
 # top level too, but at most 2.4 times as long as at the next one.
 CLIPPED_SHARE, CLIPPED_RUN, CLIPPED_RATIO = 1e-3, 4, 6
-CLIPPING_CHANNELS = ("displacement", "force", "current", "command")
 LINE_SIGNIFICANCE, LINE_FLOOR = 3.0, 1e-6
 
 
@@ -57,7 +56,7 @@ def read_recording(campaign: Campaign, spec: RecordingSpec) -> "xr.Dataset":
             continue
         channels[name] = values
         _check_moves(path, name, values, spec)
-        if name.partition("_")[0] in CLIPPING_CHANNELS:
+        if name.partition("_")[0] in MEASURED:
             for column in source.columns:  # a mean of probes hides the clipping of one
                 _check_clipping(f"{path}: channel {name!r} (column {column!r})", raw[column][window], spec.start)
     rig = {} if campaign.rig is None else {"rig": campaign.rig.name}
@@ -99,13 +98,13 @@ def simulated_recording(experiment: Experiment, record: np.ndarray) -> "xr.Datas
             channels[f"gap_estimate{end}"] = sensor.gap - read
             channels[f"displacement{end}"] = channels.pop(f"position{end}")
     if not rig.controlled:  # nothing commands or carries a current
-        channels = {name: values for name, values in channels.items() if name.startswith(("displacement", "force"))}
+        channels = {name: values for name, values in channels.items() if unit_of(name) != "A"}
     multiple, every = sampling(rate, rig.control_rate)
     for place, offset in (("current", 0.0), ("reference", experiment.offset)):
         if lines_at(experiment.excitations, place).size or offset:
             waves = np.atleast_2d(experiment.waveform(place))
             waves[0] += offset
-            for name, wave in zip(channels_of(rig, [EXCITATION_CHANNEL[place]]), waves, strict=True):
+            for name, wave in zip(channels_of(rig, [SHOWN_BY[place]]), waves, strict=True):
                 channels[name] = np.tile(np.repeat(wave, multiple)[::every], periods)
     made = {
         "gains": as_table(experiment.gains) if rig.controlled else None,
@@ -184,11 +183,6 @@ def _dataset(
     time = ("time", np.arange(samples) / rate, {"units": "s"})
     attributes = {"file": file, "role": role, "sample_rate": float(rate), "experiment": json.dumps(made)}
     return xr.Dataset(variables, {"time": time}, attributes)
-
-
-def unit_of(channel: str) -> str:
-    """SI unit of a channel, also of one with an axis suffix."""
-    return CHANNEL_UNITS[channel if channel in CHANNEL_UNITS else channel[:-2]]
 
 
 def _raw_columns(columns: Columns, spec: RecordingSpec) -> dict[str, np.ndarray]:

@@ -7,12 +7,10 @@ import numpy as np
 
 from estimation.local_polynomial import local_polynomial
 from estimation.periods import LineStatistics, held, line_statistics, period_spectra, split_periods, transient_periods
+from maglev_env.channels import ANALYSED, SHOWN_BY
 from maglev_env.loop.axes import AXES
 from maglev_env.loop.gains import Controllers, of_axis
-from maglev_env.recordings.campaign_tables import EXCITATION_CHANNEL
 from maglev_env.rig.excitation import PLACES, Excitation, axis_excitations, lines_at
-
-ANALYSED = ("displacement", "command", "force", "current", "injection")
 
 
 @dataclass(frozen=True)
@@ -122,7 +120,7 @@ def _periodic(signals: RecordedSignals) -> tuple[LineStatistics, int, int]:
 
 def _aperiodic(signals: RecordedSignals, excitation: Excitation) -> LineStatistics:
     names, stack = _stacked(signals)
-    name = EXCITATION_CHANNEL[excitation.at]
+    name = SHOWN_BY[excitation.at]
     if signals.axes == 2:
         shares = zip(excitation.components, AXES, strict=True)
         reference: str | np.ndarray = sum(c * _channel(signals, f"{name}_{axis}") for c, axis in shares)

@@ -1,6 +1,6 @@
 """What drives an experiment: periodic multisines at the force, the current or the reference."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from itertools import pairwise
@@ -10,12 +10,13 @@ import numpy as np
 
 from estimation.crest import low_crest
 from estimation.sphs import Multisine, random_phase, sphs, synthesise
+from maglev_env.channels import SHOWN_BY, Place, unit_of
 from maglev_env.fields import is_number
 
 KINDS = ("sphs", "multisine", "low_crest", "recorded", "none")
-PLACES = ("force", "current", "reference")
+PLACES: tuple[Place, ...] = tuple(SHOWN_BY)
 MAX_HARMONIC = 1_000_000
-UNITS = {"force": "N", "current": "A", "reference": "m"}
+UNITS: Mapping[Place, str] = {place: unit_of(channel) for place, channel in SHOWN_BY.items()}
 
 
 @dataclass(frozen=True)
@@ -32,7 +33,7 @@ class Excitation:
     """
 
     kind: Literal["sphs", "multisine", "low_crest", "recorded", "none"]
-    at: Literal["force", "current", "reference"] = "force"
+    at: Place = "force"
     fundamental: float = 1.0
     lines: tuple[int, ...] = ()
     amplitude: float = 1.0

@@ -8,6 +8,7 @@ from math import inf
 from pathlib import Path
 from typing import Any
 
+from maglev_env.channels import NOISY
 from maglev_env.fields import check_known, check_range, increasing_pair, is_number, quantity, table_as
 from maglev_env.loop.axes import AXES, NO_CROSS, Cross
 from maglev_env.loop.card import Need
@@ -61,6 +62,10 @@ class Noise:
             v = getattr(self, f.name)
             if not (is_number(v) and v >= 0):
                 raise ValueError(f"[noise]: {f.name} = {v} must be a number, at least 0")
+
+
+if apart := {f.name for f in fields(Noise)} ^ set(NOISY):
+    raise ImportError(f"noise of {apart.pop()}: it stands in one of rig.Noise and the table of channels alone")
 
 
 @dataclass(frozen=True)

@@ -9,9 +9,10 @@ from estimation.frequency_response import frequency_response
 from estimation.max_likelihood import maximum_likelihood
 from estimation.periods import line_statistics, period_spectra
 from estimation.stability import margin_arrays
+from maglev_env.channels import SPECTRAL
 from maglev_env.evaluation.evaluate import force_statistics, score_target
 from maglev_env.evaluation.score import score, terms
-from maglev_env.experiment import SPECTRAL, Experiment, protocol_experiment
+from maglev_env.experiment import Experiment, protocol_experiment
 from maglev_env.loop.effect import NO_EFFECTS, Effects, check_effects, effect
 from maglev_env.loop.gains import Gains
 from maglev_env.rig.excitation import lines_at

@@ -15,8 +15,9 @@ from estimation.least_squares import least_squares
 from estimation.max_likelihood import maximum_likelihood
 from estimation.periods import line_statistics
 from estimation.stability import margin_arrays
+from maglev_env.channels import SPECTRAL
 from maglev_env.evaluation.evaluate import evaluate, force_statistics, score_target
-from maglev_env.experiment import SPECTRAL, Experiment, protocol_experiment
+from maglev_env.experiment import Experiment, protocol_experiment
 from maglev_env.kernel.lanes import lane_batch, structure_of
 from maglev_env.kernel.rows import LANES
 from maglev_env.kernel.simulate import simulate_statistics

@@ -4,6 +4,7 @@ from dataclasses import asdict
 from pathlib import Path
 from textwrap import wrap
 
+from maglev_env.channels import ANALYSED
 from maglev_env.loop.gains import Gains
 from maglev_env.recordings.campaign import Campaign
 from maglev_env.recordings.campaign_tables import ChannelSource
@@ -74,9 +75,7 @@ def toml_block(advice: Advice, campaign: Campaign | None) -> str:
             "[[recording.excitation]]",
             {**excitation_table(e), "periods": protocol.periods + protocol.transient_periods},
         )
-    names = {
-        name: ChannelSource((name,), (1.0,)) for name in ("force", "displacement", "command", "current", "injection")
-    }
+    names = {name: ChannelSource((name,), (1.0,)) for name in ANALYSED}
     channels = last.channels if last else names
     return "\n".join([*lines, "", "[recording.channels]", *(_channel(n, c) for n, c in channels.items())]) + "\n"
 

@@ -9,8 +9,9 @@ from reference_simulator import simulate
 from estimation.bands import sliding_bands
 from estimation.max_likelihood import maximum_likelihood
 from estimation.periods import line_statistics, period_spectra
+from maglev_env.channels import MEASURED
 from maglev_env.evaluation.evaluate import force_statistics
-from maglev_env.experiment import CHANNELS, Experiment, protocol_experiment
+from maglev_env.experiment import Experiment, protocol_experiment
 from maglev_env.kernel import step as kernel
 from maglev_env.kernel.simulate import simulate_records, simulate_statistics
 from maglev_env.linear.loop import expected_statistics, without_noise
@@ -83,7 +84,7 @@ def test_agrees_with_a_tight_solve_ivp_over_a_fifth_of_a_second(case):
     displacement, command, current = simulate(e, samples)
     record = simulate_records([e])[0][:, :samples]
     for name, expected in (("displacement", displacement), ("command", command), ("current", current)):
-        got = record[CHANNELS.index(name)]
+        got = record[MEASURED.index(name)]
         rms = np.sqrt(np.mean(expected**2))
         # Required 5e-6; a timing slip of 1 ns would already show as 1e-6.
         assert np.sqrt(np.mean((got - expected) ** 2)) <= 5e-7 * rms, name
@@ -141,7 +142,7 @@ def test_statistics_in_the_loop_equal_those_of_the_full_record():
     fast = simulate_statistics([e])
     record = simulate_records([e])[0]
     names = ("displacement", "command", "force")
-    signals = np.stack([record[CHANNELS.index(n)] for n in names]).reshape(3, -1, e.samples_per_period)
+    signals = np.stack([record[MEASURED.index(n)] for n in names]).reshape(3, -1, e.samples_per_period)
     lines = lines_at(e.excitations)
     kept = [period_spectra(signals[:, p], lines) for p in range(e.transient_periods, signals.shape[1])]
     slow = line_statistics(kept, e.fundamental, lines, names)
@@ -163,9 +164,9 @@ def test_reading_noise_is_white_gaussian_and_independent_between_channels():
     still = Excitation("sphs", "force", 1.0, (1,), 1e-12)
     e = Experiment(rig, rig.gains, (still,), periods=5, transient_periods=0, seed=7)
     records = simulate_records([e, replace(e, seed=8)])
-    z = records[0][CHANNELS.index("displacement")] / 1e-5
-    f = records[0][CHANNELS.index("force")] / 0.1
-    other = records[1][CHANNELS.index("displacement")] / 1e-5
+    z = records[0][MEASURED.index("displacement")] / 1e-5
+    f = records[0][MEASURED.index("force")] / 0.1
+    other = records[1][MEASURED.index("displacement")] / 1e-5
     n = z.size
     for noise in (z, f):
         assert abs(noise.mean()) < 4 / np.sqrt(n)
@@ -203,19 +204,19 @@ def test_converters_quantise_and_limit_as_stated():
     rig = load_rig("hmb_free")
     e = quick(rig=replace(rig, noise=Noise(), dac_bits=8, adc_bits=10))
     record = simulate_records([e])[0]
-    volts = record[CHANNELS.index("displacement")] * rig.probe_gain / (20 / 2**10)
-    amperes = record[CHANNELS.index("command")] / (20 / 2**8)
+    volts = record[MEASURED.index("displacement")] * rig.probe_gain / (20 / 2**10)
+    amperes = record[MEASURED.index("command")] / (20 / 2**8)
     np.testing.assert_allclose(volts, np.round(volts), atol=1e-9)
     np.testing.assert_allclose(amperes, np.round(amperes), atol=1e-9)
     assert np.unique(np.round(volts)).size > 5
     violent = scaled(quick(rig=replace(rig, noise=Noise(), clearance=0.34e-3)), 1e4)
-    pushed = simulate_records([violent])[0][CHANNELS.index("command")]
+    pushed = simulate_records([violent])[0][MEASURED.index("command")]
     assert np.nanmax(np.abs(pushed)) <= 10.0
 
 
 def test_a_static_reference_moves_the_rotor_by_what_the_loop_gain_allows():
     e = scaled(without_noise(quick(offset=2e-5, periods=4, transient_periods=4)), 1e-6)
-    settled = simulate_records([e])[0][CHANNELS.index("displacement"), -1]
+    settled = simulate_records([e])[0][MEASURED.index("displacement"), -1]
     gain = (e.gains.kp + e.gains.ki) * 5.7 / -12.5e3
     assert settled == pytest.approx(2e-5 * gain / (1 + gain), rel=0.02)
 

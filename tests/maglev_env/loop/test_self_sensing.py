@@ -13,11 +13,12 @@ from typer.testing import CliRunner
 
 from estimation.frequency_response import frequency_response
 from estimation.stability import margin_arrays
+from maglev_env.channels import NOISY
 from maglev_env.design.defaults import with_defaults
 from maglev_env.evaluation.evaluate import evaluate
 from maglev_env.experiment import Experiment, axis_experiment, protocol_experiment, recorded_channels, self_sensors
 from maglev_env.kernel.rows import LANES
-from maglev_env.kernel.simulate import SEEDED, _blocks, _State, simulate_records, simulate_statistics
+from maglev_env.kernel.simulate import _blocks, _State, simulate_records, simulate_statistics
 from maglev_env.kernel.step import TILE, kernel
 from maglev_env.linear.loop import closed_loop_poles, expected_statistics, loop_response, without_noise
 from maglev_env.loop.axes import Cross
@@ -159,7 +160,7 @@ def coil_currents(e, samples):
     outputs = len(recorded_channels(e)) - 1  # without the force
     step = kernel(block.batch.structure, outputs)
     tile, out = np.empty(TILE * outputs * LANES), np.empty(outputs * LANES)
-    seeds = np.ascontiguousarray(state.seeds[:, SEEDED.index("displacement")]).reshape(-1)
+    seeds = np.ascontiguousarray(state.seeds[:, NOISY.index("displacement")]).reshape(-1)
     waves = [np.resize(e.waveform(place), samples) for place in ("force", "current", "reference")]
     found = np.empty((2, samples))
     for t in range(samples):

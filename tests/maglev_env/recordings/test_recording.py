@@ -10,7 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from estimation.sphs import random_phase, sphs, synthesise
-from maglev_env.experiment import CHANNELS, Experiment, protocol_experiment
+from maglev_env.channels import MEASURED
+from maglev_env.experiment import Experiment, protocol_experiment
 from maglev_env.kernel.simulate import simulate_records
 from maglev_env.loop.effect import effect
 from maglev_env.loop.gains import Gains, LinearController
@@ -47,7 +48,7 @@ def pedestal():
 def test_simulated_recordings_are_labelled(free, pedestal):
     experiment, dataset = free
     assert dataset.sizes == {"time": 6000}
-    assert set(dataset.data_vars) == {*CHANNELS, "injection", "reference"}
+    assert set(dataset.data_vars) == {*MEASURED, "injection", "reference"}
     assert {v: dataset[v].attrs["units"] for v in ("displacement", "force", "injection", "reference")} == {
         "displacement": "m",
         "force": "N",
@@ -70,7 +71,7 @@ def test_simulated_records_must_fit_their_experiment(free):
     experiment, dataset = free
     with pytest.raises(ValueError, match="shape"):
         simulated_recording(experiment, np.zeros((2, 6000)))
-    record = np.array([dataset[c].values for c in CHANNELS])
+    record = np.array([dataset[c].values for c in MEASURED])
     record[:, 1234:] = np.nan
     with pytest.raises(ValueError, match=r"touched down at 0\.0617 s \(sample 1234\)"):
         simulated_recording(experiment, record)
@@ -348,7 +349,7 @@ def radial():
 
 def test_simulated_x_y_recordings_have_every_channel_of_both_axes(radial):
     experiment, dataset = radial
-    names = [f"{name}_{axis}" for name in (*CHANNELS, "injection", "reference") for axis in "xy"]
+    names = [f"{name}_{axis}" for name in (*MEASURED, "injection", "reference") for axis in "xy"]
     assert list(dataset.data_vars) == names and dataset.sizes == {"time": 6000}
     assert dataset["force_y"].attrs["units"] == "N" and dataset["injection_x"].attrs["units"] == "A"
     slanted, across, y = (e.waveform(20_000.0) for e in SLANTED)

@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from maglev_env.channels import unit_of
 from maglev_env.loop.axes import suffixes
 from maglev_env.recordings.campaign_writer import write_campaign
 from maglev_env.recordings.json_data import plain
-from maglev_env.recordings.recording import unit_of
 from maglev_workbench.commands.selfsense.demodulate.study import check_motion
 from maglev_workbench.commands.selfsense.rig_sensor import load_sensor, reading_text
 from maglev_workbench.console import console, progress_bar, require_folder, write_json
