@@ -17,7 +17,9 @@ from maglev_workbench.options import (
     friendly,
     given,
 )
+from tuning.methods import METHODS
 
+_SLOW = ", ".join(name for name, method in METHODS.items() if method.longest is not None)
 app = typer.Typer()
 
 
@@ -26,9 +28,7 @@ app = typer.Typer()
 def tune(
     context: typer.Context,
     rig: RigOption = "hmb_free",
-    method: Annotated[
-        str, typer.Option(help="grid, sobol, de, cma-es, tpe, gp, rule (the dissertation's), learned or model.")
-    ] = "model",
+    method: Annotated[str, typer.Option(help=f"Tuner: {', '.join(METHODS)}.")] = "model",
     budget: Annotated[int, typer.Option(min=1, help="Experiments.")] = 10,
     batch: Annotated[int, typer.Option(min=1, help="Experiments asked for together.")] = 1,
     tuned: Annotated[list[str], typer.Option("--tune", help="A gain to tune (default: kp, ki, kd); repeat.")] = [],  # noqa: B006
@@ -71,7 +71,7 @@ def compare(
     context: typer.Context,
     methods: Annotated[
         list[str] | None,
-        typer.Argument(metavar="METHOD", help="As of maglev tune (default: all but gp, which takes long)."),
+        typer.Argument(metavar="METHOD", help=f"As of maglev tune (default: all but {_SLOW}, which takes long)."),
     ] = None,
     rig: RigOption = "hmb_free",
     rigs: Annotated[int, typer.Option(help="How many rigs, drawn wide around the nominal.")] = 20,

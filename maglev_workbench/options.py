@@ -2,14 +2,16 @@
 
 from collections.abc import Callable
 from functools import wraps
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
-RigOption = Annotated[
-    str, typer.Option(help="Preset (hmb_free, hmb_radial, hmb_axial, pedestal, eframe) or a rig TOML.")
-]
+# A preset is a file. Its folder is looked up without loading the simulator, which would delay every --help.
+_RIGS = Path(find_spec("maglev_env").submodule_search_locations[0], "rigs")
+_PRESETS = ", ".join(sorted(file.stem for file in _RIGS.glob("*.toml")))
+RigOption = Annotated[str, typer.Option(help=f"Preset ({_PRESETS}) or a rig TOML.")]
 EffectOption = Annotated[
     list[str],
     typer.Option("--effect", help="Effect beside the rig's own, e.g. delay=75e-6; repeat. See: maglev effects."),

@@ -1,12 +1,12 @@
 """Every name stands in one registry, and whatever a name needs is there: what is missing fails here by its name."""
 
 from dataclasses import replace
-from importlib import resources
 from pathlib import Path
 
 import numpy as np
 import pytest
 import xarray as xr
+from typer.testing import CliRunner
 
 from maglev_env.channels import CHANNELS, NOISY, RECORDED, simulated_channels, step_channels
 from maglev_env.loop.magnets.kinds import KINDS, check_magnet, force_law, inductance
@@ -15,7 +15,11 @@ from maglev_env.recordings.campaign import load_campaign
 from maglev_env.recordings.campaign_writer import write_campaign
 from maglev_env.recordings.recording import read_recording
 from maglev_env.rig.excitation import PLACES
-from maglev_env.rig.rig import PRESETS, Noise, Rig, load_rig
+from maglev_env.rig.rig import PRESETS, ROTORS, Noise, Rig, load_rig
+from maglev_env.rotor.rotor import load_rotor
+from maglev_env.task.task import make_task
+from maglev_workbench.cli import app
+from tuning.methods import METHODS, make_tuner
 
 ROOT = Path(__file__).parents[1]
 FORMATS = (ROOT / "docs" / "formats.md").read_text()
@@ -78,4 +82,25 @@ def test_a_magnet_has_all_that_a_rig_needs_of_it(kind):
 @pytest.mark.parametrize("name", PRESETS)
 def test_a_preset_is_named_by_its_file(name):
     assert load_rig(name).name == name
-    assert (resources.files("maglev_env") / "rigs" / f"{name}.toml").is_file()
+
+
+@pytest.mark.parametrize("name", ROTORS)
+def test_a_rotor_is_named_by_its_file(name):
+    assert load_rotor(name).name == name
+
+
+@pytest.mark.parametrize("name", METHODS)
+def test_a_tuner_asks_in_the_box_and_as_its_entry_says(name):
+    task = make_task(protocol="quick", randomization="wide")
+    episode = task.draw(np.random.default_rng(1))
+    asked, again = (make_tuner(name, task, episode, 5, 27).ask(4) for _ in range(2))
+    assert asked.ndim == 2 and 1 <= len(asked) <= 4 and asked.shape[1] == len(task.box.names)
+    assert (abs(asked) <= 1).all()
+    np.testing.assert_array_equal(asked, again)
+    assert METHODS[name].safe_start == np.allclose(asked[0], episode.start)
+    assert METHODS[name].about
+
+
+def test_help_names_every_tuner_and_preset():
+    shown = " ".join(CliRunner().invoke(app, ["tune", "--help"], env={"COLUMNS": "200"}).output.split())
+    assert all(name in shown for name in (*METHODS, *PRESETS))

@@ -1,51 +1,108 @@
-"""Every tuner by its name, made for one rig."""
+"""The registry of tuners: each by its name, made for one rig. It loads a tuner when one is made."""
 
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from maglev_env.task.episodes import Episode
-from maglev_env.task.task import Task
-from tuning.search.evolution import DifferentialEvolution
-from tuning.search.model_based import ModelBased
-from tuning.search.optuna_search import OptunaTuner
-from tuning.search.rule import DissertationRule
-from tuning.search.space_filling import Grid, Sobol
-from tuning.tuner import Tuner
-
 if TYPE_CHECKING:
+    from maglev_env.task.episodes import Episode
+    from maglev_env.task.task import Task
     from tuning.learned.policy import HistoryPolicy
+    from tuning.tuner import Tuner
+
+
+@dataclass(frozen=True)
+class Method:
+    """A tuner as its name stands for it.
+
+    Args:
+        about: what it is, in a few words for a list of all.
+        make: the tuner for a task, one of its episodes, a seed and a budget of experiments.
+        safe_start: whether it asks for the episode's safe start first.
+        longest: most experiments on a rig that a comparison gives it, where asking costs more the more it was told;
+            None: any number. Such a tuner takes part in a comparison only when it is named.
+    """
+
+    about: str
+    make: "Callable[[Task, Episode, int, int], Tuner]"
+    safe_start: bool = True
+    longest: int | None = None
+
+
+def _grid(task: "Task", episode: "Episode", seed: int, budget: int) -> "Tuner":
+    from tuning.search.space_filling import Grid
+
+    return Grid(len(task.box.names), seed, budget)
+
+
+def _sobol(task: "Task", episode: "Episode", seed: int, budget: int) -> "Tuner":
+    from tuning.search.space_filling import Sobol
+
+    return Sobol(len(task.box.names), seed)
+
+
+def _evolution(task: "Task", episode: "Episode", seed: int, budget: int) -> "Tuner":
+    from tuning.search.evolution import DifferentialEvolution
+
+    return DifferentialEvolution(len(task.box.names), seed, start=episode.start)
+
+
+def _optuna(sampler: str) -> "Callable[[Task, Episode, int, int], Tuner]":
+    def make(task: "Task", episode: "Episode", seed: int, budget: int) -> "Tuner":
+        from tuning.search.optuna_search import OptunaTuner
+
+        return OptunaTuner(len(task.box.names), seed, sampler, episode.start)
+
+    return make
+
+
+def _rule(task: "Task", episode: "Episode", seed: int, budget: int) -> "Tuner":
+    from tuning.search.rule import DissertationRule
+
+    return DissertationRule(task, episode)
+
+
+def _learned(task: "Task", episode: "Episode", seed: int, budget: int) -> "Tuner":
+    from tuning.learned.tuner import LearnedTuner, shipped_policy
+
+    return LearnedTuner(task, episode, shipped_policy(task), seed)
+
+
+def _model(task: "Task", episode: "Episode", seed: int, budget: int) -> "Tuner":
+    from tuning.search.model_based import ModelBased
+
+    return ModelBased(task, episode, seed)
+
 
 LEARNED = "learned"
-# From the task, its episode, a seed and the budget; all but grid and sobol begin at the episode's safe start.
-METHODS: Mapping[str, Callable[[Task, Episode, int, int], Tuner]] = {
-    "grid": lambda task, episode, seed, budget: Grid(len(task.box.names), seed, budget),
-    "sobol": lambda task, episode, seed, budget: Sobol(len(task.box.names), seed),
-    "de": lambda task, episode, seed, budget: DifferentialEvolution(len(task.box.names), seed, start=episode.start),
-    "cma-es": lambda task, episode, seed, budget: OptunaTuner(len(task.box.names), seed, "cma-es", episode.start),
-    "tpe": lambda task, episode, seed, budget: OptunaTuner(len(task.box.names), seed, "tpe", episode.start),
-    "gp": lambda task, episode, seed, budget: OptunaTuner(len(task.box.names), seed, "gp", episode.start),
-    "rule": lambda task, episode, seed, budget: DissertationRule(task, episode),
-    LEARNED: lambda task, episode, seed, budget: _learned(task, episode, seed, None),
-    "model": lambda task, episode, seed, budget: ModelBased(task, episode, seed),
+METHODS: Mapping[str, Method] = {
+    "grid": Method("points on a grid", _grid, safe_start=False),
+    "sobol": Method("points that fill the box evenly", _sobol, safe_start=False),
+    "de": Method("differential evolution", _evolution),
+    "cma-es": Method("Optuna's evolution with an adapted covariance", _optuna("cma-es")),
+    "tpe": Method("Optuna's tree of Parzen estimators", _optuna("tpe")),
+    "gp": Method("Optuna's Gaussian process", _optuna("gp"), longest=30),
+    "rule": Method("the dissertation's rule", _rule),
+    LEARNED: Method("a policy learned on simulated rigs", _learned),
+    "model": Method("fits the rig's parameters, then searches on them", _model),
 }
-
-# What asking costs grows with what was told: a comparison runs these no longer than so many experiments.
-LONGEST: Mapping[str, int] = {"gp": 30}
 
 
 def make_tuner(
-    method: str, task: Task, episode: Episode, seed: int, budget: int, policy: "HistoryPolicy | None" = None
-) -> Tuner:
+    method: str, task: "Task", episode: "Episode", seed: int, budget: int, policy: "HistoryPolicy | None" = None
+) -> "Tuner":
     """The tuner of that name; policy: of the learned one, None for that of this package. ValueError lists the names, or
     says why a policy does not serve."""
     if method not in METHODS:
         raise ValueError(f"method {method!r} is unknown; use one of {', '.join(METHODS)}")
     if policy is None:
-        return METHODS[method](task, episode, seed, budget)
+        return METHODS[method].make(task, episode, seed, budget)
     if method != LEARNED:
         raise ValueError(f"method {method} takes no policy; leave it out, or use {LEARNED}")
-    return _learned(task, episode, seed, policy)
+    from tuning.learned.tuner import LearnedTuner
+
+    return LearnedTuner(task, episode, policy, seed)
 
 
 def policy_of(path: Path | None) -> "HistoryPolicy | None":
@@ -57,14 +114,8 @@ def policy_of(path: Path | None) -> "HistoryPolicy | None":
     return load_policy(path)[0]
 
 
-def policy_digest(task: Task, policy: "HistoryPolicy | None") -> str:
+def policy_digest(task: "Task", policy: "HistoryPolicy | None") -> str:
     """What tells the learned tuner's policy from others: of its weights; None stands for that of this package."""
     from tuning.learned.tuner import shipped_policy
 
     return (policy or shipped_policy(task)).digest
-
-
-def _learned(task: Task, episode: Episode, seed: int, policy: "HistoryPolicy | None") -> Tuner:
-    from tuning.learned.tuner import LearnedTuner, shipped_policy
-
-    return LearnedTuner(task, episode, policy or shipped_policy(task), seed)

@@ -4,6 +4,7 @@ import tomllib
 from collections.abc import Mapping
 from dataclasses import MISSING, dataclass, field, fields, replace
 from importlib import resources
+from importlib.resources.abc import Traversable
 from math import inf
 from pathlib import Path
 from typing import Any
@@ -20,9 +21,16 @@ from maglev_env.rig.excitation import Excitation, axis_excitations, check_harmon
 
 SCHEMA = "maglev-rig/1"
 FLUX_PATHS = ("gap", "magnet")
-PRESETS = ("hmb_free", "hmb_radial", "hmb_axial", "pedestal", "eframe")
-ROTORS = ("pump",)  # presets of `rotor.rotor`, beside these
+RIG_FOLDER, ROTOR_FOLDER = (resources.files("maglev_env") / name for name in ("rigs", "rotors"))
 MAX_FILE_BYTES = 1_000_000
+
+
+def _presets(folder: Traversable) -> tuple[str, ...]:
+    """Names of the TOML files in a folder of this package."""
+    return tuple(sorted(file.name.removesuffix(".toml") for file in folder.iterdir() if file.name.endswith(".toml")))
+
+
+PRESETS, ROTORS = _presets(RIG_FOLDER), _presets(ROTOR_FOLDER)  # a preset is a file; rotors are those of `rotor.rotor`
 
 
 @dataclass(frozen=True)
@@ -230,7 +238,7 @@ def axis_rig(rig: Rig, axis: int) -> Rig:
 def load_rig(source: str | Path) -> Rig:
     """A preset by name, or a rig TOML by path. ValueError names the file and key; OSError when it cannot be read."""
     if str(source) in PRESETS:
-        text = (resources.files("maglev_env") / "rigs" / f"{source}.toml").read_text()
+        text = (RIG_FOLDER / f"{source}.toml").read_text()
         return rig_from_toml(text, str(source))
     path = Path(source)
     if str(source) in ROTORS:

@@ -3,7 +3,6 @@
 import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
-from importlib import resources
 from math import log1p
 from pathlib import Path
 from typing import Any
@@ -15,7 +14,7 @@ from maglev_env.design.motor import Motor
 from maglev_env.design.thermal import ThermalMass
 from maglev_env.fields import is_number
 from maglev_env.loop.gains import Gains
-from maglev_env.rig.rig import MAX_FILE_BYTES, ROTORS, Rig, load_rig
+from maglev_env.rig.rig import MAX_FILE_BYTES, ROTOR_FOLDER, ROTORS, Rig, load_rig
 from maglev_env.fields import check_known, check_range, increasing_pair, quantity, table_as
 
 SCHEMA = "maglev-rotor/1"
@@ -201,7 +200,7 @@ def hollow_cylinder(mass: float, inner: float, outer: float, length: float) -> t
 def load_rotor(source: str | Path) -> Rotor:
     """A preset by name, or a rotor TOML by path. ValueError names the file and key; OSError when it cannot be read."""
     if str(source) in ROTORS:
-        text, where = (resources.files("maglev_env") / "rigs" / f"{source}.toml").read_text(), str(source)
+        text, where = (ROTOR_FOLDER / f"{source}.toml").read_text(), str(source)
     else:
         path = Path(source)
         if path.suffix != ".toml":

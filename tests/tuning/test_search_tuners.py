@@ -4,10 +4,11 @@ import numpy as np
 import pytest
 
 from tuning.search.evolution import DifferentialEvolution
-from tuning.search.optuna_search import SAMPLERS, OptunaTuner
+from tuning.search.optuna_search import OptunaTuner
 from tuning.search.space_filling import Grid, Sobol
 from tuning.tuner import Trials
 
+SAMPLERS = ("tpe", "cma-es", "gp")
 PEAK = np.array([0.35, -0.2, 0.6])
 MAKERS = {
     "sobol": lambda seed: Sobol(3, seed),

@@ -14,7 +14,7 @@ from maglev_env.task.task import Task
 from maglev_lanes.code_version import code_version
 from tuning.comparison.runs import CHUNK, Runs, stored_parts
 from tuning.lockstep import Course, judged, optima, rescored
-from tuning.methods import LEARNED, LONGEST, METHODS, make_tuner, policy_digest
+from tuning.methods import LEARNED, METHODS, make_tuner, policy_digest
 from tuning.study.folder import LOCK, claim, load_arrays, locked, save_arrays
 
 if TYPE_CHECKING:
@@ -30,8 +30,9 @@ BETWEEN = (1, 3, 10, 30, 100, 300, 1000, 3000)  # where a course is looked at be
 
 @dataclass(frozen=True, eq=False)
 class Result:
-    """One tuner after each of m checkpoints, nan beyond those that LONGEST lets it reach: score (rigs, repeats, m) of
-    its best-scored gains under fresh noise; touchdowns (rigs, repeats, m) on the way; seconds (m,) of all its rigs
+    """One tuner after each of m checkpoints, nan beyond those that its `Method.longest` lets it reach.
+
+    score (rigs, repeats, m) of its best-scored gains under fresh noise; touchdowns (rigs, repeats, m) on the way; seconds (m,) of all its rigs
     together, and tuner_seconds (m,), those of them that it took itself to ask and to be told; reused: whether an
     earlier run had made it."""
 
@@ -137,8 +138,9 @@ def check_policy(task: Task, methods: Sequence[str], policy: "HistoryPolicy | No
 
 
 def budget_of(method: str, budgets: Sequence[int]) -> int:
-    """How many experiments a tuner makes on a rig: the largest budget that LONGEST allows it, or else the smallest."""
-    return max((b for b in budgets if b <= LONGEST.get(method, b)), default=budgets[0])
+    """How many experiments a tuner makes on a rig: the largest budget that it takes, or else the smallest."""
+    longest = METHODS[method].longest
+    return max((b for b in budgets if longest is None or b <= longest), default=budgets[0])
 
 
 def held_out(task: Task, n_rigs: int, repeats: int, seed: int) -> tuple[list[Episode], list[Episode], list[int]]:

@@ -1,13 +1,14 @@
 """Searches of Optuna behind the tuners' contract: TPE, CMA-ES and a Gaussian process."""
 
 import warnings
-from collections.abc import Callable
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from tuning.tuner import Trials
 
-SAMPLERS = ("tpe", "cma-es", "gp")
+if TYPE_CHECKING:
+    from optuna.samplers import BaseSampler
 
 
 class OptunaTuner:
@@ -20,7 +21,7 @@ class OptunaTuner:
         optuna.logging.set_verbosity(optuna.logging.ERROR)  # it warns of an optional package that only saves time
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", optuna.exceptions.ExperimentalWarning)
-            self._study = optuna.create_study(direction="maximize", sampler=_samplers()[sampler](seed))
+            self._study = optuna.create_study(direction="maximize", sampler=_sampler(sampler, seed))
         self._space = {f"x{j}": optuna.distributions.FloatDistribution(-1.0, 1.0) for j in range(dimension)}
         if start is not None:
             self._study.enqueue_trial(dict(zip(self._space, map(float, start), strict=True)))
@@ -36,11 +37,14 @@ class OptunaTuner:
         self._open = []
 
 
-def _samplers() -> dict[str, Callable]:
+def _sampler(name: str, seed: int) -> "BaseSampler":
     from optuna.samplers import CmaEsSampler, GPSampler, TPESampler
 
-    return {
-        "tpe": lambda seed: TPESampler(seed=seed, multivariate=True, constant_liar=True),
-        "cma-es": lambda seed: CmaEsSampler(seed=seed),
-        "gp": lambda seed: GPSampler(seed=seed, deterministic_objective=False),
-    }
+    match name:
+        case "tpe":
+            return TPESampler(seed=seed, multivariate=True, constant_liar=True)
+        case "cma-es":
+            return CmaEsSampler(seed=seed)
+        case "gp":
+            return GPSampler(seed=seed, deterministic_objective=False)
+    raise ValueError(f"sampler = {name!r}: Optuna's tpe, cma-es and gp are made here")

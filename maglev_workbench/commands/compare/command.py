@@ -25,8 +25,6 @@ from tuning.methods import LEARNED, METHODS, policy_of
 if TYPE_CHECKING:
     from tuning.learned.policy import HistoryPolicy
 
-SLOW = ("gp",)  # run only when named
-
 
 def run(
     methods: Sequence[str],
@@ -83,8 +81,8 @@ def run(
 
 
 def _default(task: Task, policy: "HistoryPolicy | None") -> list[str]:
-    """All that are not SLOW; the learned one where a policy serves."""
-    methods = [m for m in METHODS if m not in SLOW]
+    """All that take any budget; the learned one where a policy serves."""
+    methods = [name for name, method in METHODS.items() if method.longest is None]
     try:
         check_policy(task, methods, policy)
     except ValueError as error:

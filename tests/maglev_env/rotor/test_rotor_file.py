@@ -8,7 +8,7 @@ import pytest
 from maglev_env.rig.rig import load_rig
 from maglev_env.rotor.rotor import Axial, Body, Touchdown, hollow_cylinder, load_rotor
 
-TEXT = (resources.files("maglev_env") / "rigs" / "pump.toml").read_text()
+TEXT = (resources.files("maglev_env") / "rotors" / "pump.toml").read_text()
 
 
 def changed(tmp_path, old: str, new: str):
