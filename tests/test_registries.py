@@ -82,6 +82,7 @@ def test_a_magnet_has_all_that_a_rig_needs_of_it(kind):
 @pytest.mark.parametrize("name", PRESETS)
 def test_a_preset_is_named_by_its_file(name):
     assert load_rig(name).name == name
+    assert f"`{name}`" in (ROOT / "README.md").read_text()
 
 
 @pytest.mark.parametrize("name", ROTORS)

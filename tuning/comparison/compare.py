@@ -32,9 +32,10 @@ BETWEEN = (1, 3, 10, 30, 100, 300, 1000, 3000)  # where a course is looked at be
 class Result:
     """One tuner after each of m checkpoints, nan beyond those that its `Method.longest` lets it reach.
 
-    score (rigs, repeats, m) of its best-scored gains under fresh noise; touchdowns (rigs, repeats, m) on the way; seconds (m,) of all its rigs
-    together, and tuner_seconds (m,), those of them that it took itself to ask and to be told; reused: whether an
-    earlier run had made it."""
+    score (rigs, repeats, m) of its best-scored gains under fresh noise; touchdowns (rigs, repeats, m) on the way;
+    seconds (m,) of all its rigs together, and tuner_seconds (m,), those of them that it took itself to ask and to be
+    told; reused: whether an earlier run had made it.
+    """
 
     score: np.ndarray
     touchdowns: np.ndarray
