@@ -8,6 +8,7 @@ from selfsense.forward_path import BUTTERWORTH
 from selfsense.linear import LinearSensor, linearise
 from selfsense.sensor import SelfSensor
 
+STATES = 4  # amplitude difference and its slope, delay, integral
 PROBED = 500.0  # Hz: where the lag of the forward path beyond its low-pass is taken from
 
 
@@ -28,7 +29,7 @@ def baseband(sensor: SelfSensor) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     interval = 1 / sensor.acquisition.rate
     kp, ki = sensor.estimator.kp + sensor.estimator.ki * interval / 2, sensor.estimator.ki
     # States: amplitude difference and its slope, delay, integral. The delayed error is x3 - (gap - estimate).
-    a, b = np.zeros((4, 4)), np.zeros(4)
+    a, b = np.zeros((STATES, STATES)), np.zeros(STATES)
     estimate = np.array([kp, 0.0, 0.0, 1.0])
     a[0, 1] = 1.0
     a[1, :2] = -(corner**2), -corner / BUTTERWORTH

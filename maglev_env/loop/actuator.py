@@ -1,10 +1,15 @@
 """The actuator's block: what lies between the coil's current and the force on the rotor."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from math import inf
+
+import numpy as np
 
 from maglev_env.loop import eddy
 from maglev_env.loop.card import EffectCard, Parameter, relative
+from maglev_env.loop.magnets.law import ForceLaw, SingleSidedLaw, linearise
+from maglev_env.loop.system import System, Values
 
 EFFECTS: Mapping[str, EffectCard] = {
     "actuator_gain": EffectCard(
@@ -55,3 +60,45 @@ EFFECTS: Mapping[str, EffectCard] = {
         flexible=True,
     ),
 }
+
+
+STATES = eddy.STATES
+
+
+def pulling_current(system: System, values: Values, current: np.ndarray) -> np.ndarray:
+    """From the coil's current to the one that pulls, both signals in A, with the tangent of hysteresis.
+
+    For currents far below its width hysteresis takes its whole strength.
+    """
+    pulls = eddy.pulling_current(system, values, current)
+    return pulls - values.effect("hysteresis")[:, None] * current
+
+
+def force(values: Values, pulling: np.ndarray, displacement: np.ndarray) -> np.ndarray:
+    """Force (N) of the magnets about their eccentricity and i = 0.
+
+    Args:
+        values: of the lanes.
+        pulling: the current that pulls, A.
+        displacement: of the rotor, m.
+    """
+    laws = [
+        replace(law, saturation=saturation) if isinstance(law, ForceLaw) else law
+        for law, saturation in zip(values.laws, values.effect("saturation").tolist(), strict=True)
+    ]
+    gain, stiffness = _tangents(values, laws, values.effect("eccentricity"))
+    return gain[:, None] * pulling - stiffness[:, None] * displacement
+
+
+def central_tangent(values: Values) -> tuple[np.ndarray, np.ndarray]:
+    """Actuator gain (N/A) and stiffness (N/m) of centred magnets that do not saturate, (n,) each; 0 without magnets."""
+    return _tangents(values, values.laws, np.zeros(len(values.laws)))
+
+
+def _tangents(
+    values: Values, laws: Sequence[ForceLaw | SingleSidedLaw | None], offset: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Actuator gain and stiffness of laws at offsets (m), with the effects that change them in proportion."""
+    found = [linearise(law, y) if law else (0.0, 0.0) for law, y in zip(laws, offset.tolist(), strict=True)]
+    gain, stiffness = np.array(found).T
+    return gain * (1 + values.effect("actuator_gain")), stiffness * (1 + values.effect("negative_stiffness"))

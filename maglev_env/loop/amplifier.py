@@ -6,6 +6,7 @@ from math import inf
 import numpy as np
 
 from maglev_env.loop.card import EffectCard, Parameter, first_order
+from maglev_env.loop.system import System, Values
 
 EFFECTS: Mapping[str, EffectCard] = {
     "amplifier_lag": EffectCard(
@@ -28,3 +29,11 @@ EFFECTS: Mapping[str, EffectCard] = {
         dither="always",
     ),
 }
+
+
+STATES = ("amplifier", "amplifier_lag")
+
+
+def coil_current(system: System, values: Values, command: np.ndarray) -> np.ndarray:
+    """The amplifier's poles: from the command to the coil's current, both signals in A."""
+    return system.lags(STATES, (values.rig("amplifier_time_constant"), values.effect("amplifier_lag")), command)

@@ -5,11 +5,13 @@ Maslen 2005, IEEE Trans. Magn. 41).
 """
 
 from collections.abc import Mapping
+from functools import lru_cache
 from math import inf
 
 import numpy as np
 
 from maglev_env.loop.card import EffectCard, Parameter
+from maglev_env.loop.system import System, Values
 
 EFFECTS: Mapping[str, EffectCard] = {
     "eddy_current": EffectCard(
@@ -27,6 +29,7 @@ EFFECTS: Mapping[str, EffectCard] = {
 }
 BRANCHES = 8
 LOW, HIGH = 0.9, 2200.0  # Hz: where the branches are fitted
+STATES = tuple(f"eddy{k}" for k in range(BRANCHES))
 _FIT = np.geomspace(LOW, HIGH, 100)
 
 
@@ -66,3 +69,19 @@ def _poles(corner: np.ndarray, order: np.ndarray) -> np.ndarray:
     ends = np.arcsinh(np.log(np.stack([low, np.broadcast_to(high, low.shape)]) / corner) / width)
     along = ends[0, ..., None] + (ends[1] - ends[0])[..., None] * np.linspace(0, 1, BRANCHES)
     return corner[..., None] * np.exp(width[..., None] * np.sinh(along))
+
+
+@lru_cache(64)
+def _remembered(corner_hz: bytes, order: bytes) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The branches of arrays given by their bytes: the lanes of many recordings share their effect."""
+    return eddy_branches(np.frombuffer(corner_hz), np.frombuffer(order))
+
+
+def pulling_current(system: System, values: Values, current: np.ndarray) -> np.ndarray:
+    """The branches: from the coil's current to the one that pulls, both signals in A."""
+    corner, order = values.effect("eddy_current"), values.effect("eddy_current", "order")
+    direct, weights, rates = _remembered(corner.tobytes(), order.tobytes())
+    branches = system.signals(STATES)
+    rates = (rates * system.step[:, None])[:, :, None] * (current[:, None] - branches)
+    system.put_all(STATES, rates, np.isfinite(corner))
+    return direct[:, None] * current + (weights[:, None] @ branches)[:, 0]

@@ -2,8 +2,11 @@
 
 from collections.abc import Mapping
 
+import numpy as np
+
 from maglev_env.loop.card import EffectCard, Parameter, relative
 from maglev_env.loop.resonance import RESONANCE_DAMPING, RESONANCE_FREQUENCY
+from maglev_env.loop.system import System, Values
 
 EFFECTS: Mapping[str, EffectCard] = {
     "mass": EffectCard(
@@ -65,3 +68,43 @@ EFFECTS: Mapping[str, EffectCard] = {
         not_sealed="the sealed twin has one axis",
     ),
 }
+
+
+MOTION = ("position", "velocity")
+BODY = ("body", "body_velocity")  # of the second body, relative to the mover
+STATES = ("bristle", *BODY)
+
+
+def support(system: System, values: Values) -> np.ndarray:
+    """Force (N) of the support and of friction about rest, where bristles are a spring in series with the slip."""
+    position, velocity = (system.signal(name) for name in MOTION)
+    stiffness = values.rig("support_stiffness") * (1 + values.effect("support_stiffness"))
+    damping = values.rig("support_damping") + values.effect("damping")
+    rub, slip, presliding = (values.effect("friction", key) for key in ("force", "velocity", "presliding"))
+    sticks = presliding > 0
+    damping = damping + np.where(sticks, 0.0, rub / slip)
+    bent = system.signal("bristle")
+    gives_way = np.where(sticks, presliding, 1.0)[:, None]
+    system.put("bristle", (velocity - slip[:, None] * bent) / gives_way, sticks)
+    springing = np.where(sticks, rub, 0.0)
+    return -stiffness[:, None] * position - damping[:, None] * velocity - springing[:, None] * bent
+
+
+def motion(system: System, values: Values, acceleration: np.ndarray) -> None:
+    """The rotor as bearing and held force accelerate it (m per unit of time squared), and the second body with it."""
+    system.integrate(MOTION)
+    system.put(MOTION[1], second_body(system, values, acceleration))
+
+
+def second_body(system: System, values: Values, acceleration: np.ndarray) -> np.ndarray:
+    """The rotor's acceleration with the second body on its spring, from that by all other forces on the rotor.
+
+    Relative to the rotor the body is an oscillator of 1 + ratio times its stiffness, driven by those other forces.
+    """
+    frequency = values.effect("support_resonance")
+    ratio = np.where(frequency > 0, values.effect("support_resonance", "mass_ratio"), 0.0)
+    damping_ratio = values.effect("support_resonance", "damping_ratio")
+    returning = system.oscillator(BODY, frequency, damping_ratio, 1 + ratio)
+    system.put(BODY[1], returning - acceleration)
+    system.there[:, system.at(*BODY)] = (ratio > 0)[:, None]
+    return acceleration - (ratio / (1 + ratio))[:, None] * returning

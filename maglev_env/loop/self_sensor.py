@@ -1,10 +1,17 @@
 """Self-sensing: the table of a rig that says which supply, acquisition and estimator take the probe's place."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, fields
 
+import numpy as np
+
 from maglev_env.fields import is_number
+from maglev_env.loop.system import System
+from selfsense.baseband import STATES as BASEBAND
+from selfsense.baseband import baseband
 from selfsense.design import LAG, LAG_AT
 from selfsense.forward_path import AnalogPath, DigitalPath
+from selfsense.sensor import SelfSensor
 from selfsense.supply import Acquisition, Supply, check_rates
 
 PATHS = {"digital": DigitalPath, "analog": AnalogPath}
@@ -52,3 +59,15 @@ class SelfSensing:
             check_rates(supply, Acquisition(self.sample_rate, self.adc_bits, self.current_range))
         except ValueError as error:
             raise ValueError(f"[self_sensing]: {error}") from None
+
+
+STATES = tuple(f"estimator{k}" for k in range(BASEBAND))
+
+
+def reading(system: System, sensors: Sequence[SelfSensor], displacement: np.ndarray) -> np.ndarray:
+    """The displacement (m) that each lane's self-sensor reads, from the rotor's own, both as signals."""
+    own = system.signals(STATES)
+    a, b, c = (np.array(part) for part in zip(*map(baseband, sensors), strict=True))
+    rates = a @ own + b[:, :, None] * displacement[:, None]
+    system.put_all(STATES, rates * system.step[:, None, None])
+    return (c[:, None] @ own)[:, 0]

@@ -2,8 +2,11 @@
 
 from collections.abc import Mapping
 
+import numpy as np
+
 from maglev_env.loop.card import EffectCard, Parameter, decay, first_order, phase, relative
 from maglev_env.loop.resonance import RESONANCE_DAMPING, RESONANCE_FREQUENCY
+from maglev_env.loop.system import System, Values
 
 EFFECTS: Mapping[str, EffectCard] = {
     "sensor_gain": EffectCard(
@@ -54,3 +57,33 @@ EFFECTS: Mapping[str, EffectCard] = {
         not_fitted="a tone: it is found by its frequency, see `sim2real.tones`",
     ),
 }
+
+
+_MOUNT, _PROBE = ("mount", "mount_velocity"), ("probe", "probe_lag")
+STATES = (*_MOUNT, *_PROBE)
+
+
+def reading(system: System, values: Values, displacement: np.ndarray, bearing: np.ndarray) -> np.ndarray:
+    """What the probe reads, before its gain, as its mount moves.
+
+    Args:
+        system: with all of STATES.
+        values: of its lanes.
+        displacement: of the rotor, m.
+        bearing: acceleration of the rotor by the bearing, m per unit of time squared.
+
+    Returns:
+        The displacement read, m.
+    """
+    frequency = values.effect("sensor_resonance")
+    coupling = np.where(frequency > 0, values.effect("sensor_resonance", "coupling"), 0.0)
+    returning = system.oscillator(_MOUNT, frequency, values.effect("sensor_resonance", "damping_ratio"))
+    position, velocity = _MOUNT
+    system.put(velocity, returning - coupling[:, None] * bearing)
+    system.there[:, system.at(*_MOUNT)] = (coupling != 0)[:, None]
+    return probe(system, values, displacement - system.signal(position))
+
+
+def probe(system: System, values: Values, seen: np.ndarray) -> np.ndarray:
+    """The probe's poles: from the displacement that it sees to the one that it reads, both signals in m."""
+    return system.lags(_PROBE, (values.rig("sensor_time_constant"), values.effect("sensor_lag")), seen)

@@ -1,0 +1,49 @@
+"""The numbers of a batch of one-axis experiments, as the blocks of the loop ask for them."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from maglev_env.experiment import Experiment
+from maglev_env.loop.effect import Effects, effect_value
+from maglev_env.loop.magnets.kinds import force_law
+from maglev_env.loop.magnets.law import ForceLaw, SingleSidedLaw
+from maglev_env.rig.rig import Rig
+
+
+@dataclass(frozen=True)
+class LaneValues:
+    """Lanes of one-axis rigs with their effects: the `Values` that the blocks of the loop take.
+
+    Args:
+        rigs: of every lane, with one axis each.
+        effects: of every lane.
+    """
+
+    rigs: tuple[Rig, ...]
+    effects: tuple[Effects, ...]
+
+    def effect(self, name: str, parameter: str | None = None) -> np.ndarray:
+        """A parameter of an effect (default: its first) in every lane, (n,); where absent the value that means so."""
+        return np.array([effect_value(effects, name, parameter) for effects in self.effects])
+
+    def rig(self, name: str) -> np.ndarray:
+        """A parameter of the rig in every lane, (n,)."""
+        return np.array([getattr(rig, name) for rig in self.rigs])
+
+    @cached_property
+    def mass(self) -> np.ndarray:
+        """Moving mass, kg, its effect included: (n,)."""
+        return self.rig("mass") * (1 + self.effect("mass"))
+
+    @cached_property
+    def laws(self) -> tuple[ForceLaw | SingleSidedLaw | None, ...]:
+        """Each lane's force law without its effects; None without magnets."""
+        return tuple(force_law(rig) if rig.controlled else None for rig in self.rigs)
+
+
+def lane_values(own: Sequence[Experiment]) -> LaneValues:
+    """The values of one-axis experiments, a lane each."""
+    return LaneValues(tuple(e.rig for e in own), tuple(e.effects for e in own))
