@@ -1,16 +1,23 @@
-"""Exact linear chains of a lane: what poles between command, force and reading do over one integration step."""
+"""Exact linear chains of a lane: what the poles between command, force and reading do over one integration step.
+
+The blocks of the loop write the equations; the unit of time is the step h, so velocities are h v and accelerations
+h^2 a.
+"""
 
 from collections.abc import Sequence
 
 import numpy as np
 
-from maglev_env.loop.effect import effect_value, split_delay
-from maglev_env.experiment import Experiment, moving_mass
-from maglev_env.loop.magnets.law import linearise
-from maglev_env.loop.magnets.kinds import force_law
+from maglev_env.experiment import Experiment
+from maglev_env.loop import amplifier, sensor
+from maglev_env.loop.effect import split_delay
+from maglev_env.loop.mechanics import MOTION
+from maglev_env.loop.system import System, Values
 from maglev_lanes.matrix_exponential import expm
 
-# Derivatives at the start of the cubic with values and slopes (y0, v0, y1, v1) at both ends of a unit step.
+# A motion y as a cubic: states of its derivatives, and those at the start from values and slopes (y0, v0, y1, v1) at
+# both ends of a unit step.
+CUBIC = ("y", "y'", "y''", "y'''")
 HERMITE = np.array([[1, 0, 0, 0], [0, 1, 0, 0], [-6, -4, 6, -2], [12, 6, -12, 6]])
 
 
@@ -25,92 +32,71 @@ def delays(own: Sequence[Experiment]) -> tuple[np.ndarray, np.ndarray]:
     return whole, fraction
 
 
-def sensor_poles(own: Sequence[Experiment]) -> np.ndarray:
-    """Time constants (s) of the probe and its further lag, those that are there first, (n, 2)."""
-    return _poles([(e.rig.sensor_time_constant, effect_value(e.effects, "sensor_lag")) for e in own])
-
-
-def amplifier_poles(own: Sequence[Experiment]) -> np.ndarray:
-    """Time constants (s) of the amplifier and its further lag, those that are there first, (n, 2)."""
-    return _poles([(e.rig.amplifier_time_constant, effect_value(e.effects, "amplifier_lag")) for e in own])
-
-
-def actuator(e: Experiment) -> tuple[float, float]:
-    """The force law's current scale, and the acceleration per ampere (m/s2 A) at the centre."""
-    if not e.rig.controlled:
-        return 1.0, 0.0
-    law, change = force_law(e.rig), 1 + effect_value(e.effects, "actuator_gain")
-    return law.gain_scale * change, linearise(law)[0] * change / moving_mass(e)
-
-
-def _poles(pairs: list[tuple[float, float]]) -> np.ndarray:
-    """Non-zero time constants first, shape (n, 2)."""
-    return np.array([sorted(pair, key=lambda t: t == 0) for pair in pairs])
-
-
-def sensor_rows(poles: np.ndarray, h: np.ndarray) -> np.ndarray:
+def sensor_rows(values: Values, h: np.ndarray) -> np.ndarray:
     """Next probe states from (z1, z2, y0, h v0, y1, h v1) with y the cubic through both ends; shape (12, n)."""
-    n = len(poles)
-    # States z1, z2 and the scaled derivatives y, h y', h^2 y'', h^3 y''' of the cubic, over one unit of tau / h.
-    a = np.zeros((n, 6, 6))
-    _put_poles(a, poles, h, first=0, source=2)
-    a[:, 2, 3] = a[:, 3, 4] = a[:, 4, 5] = 1.0
-    step = expm(a)[:, :2]
+    system = System((*sensor.PROBE, *CUBIC), h, packed=True)
+    sensor.probe(system, values, system.signal("y"))
+    system.integrate(CUBIC)
+    step = expm(system.a)[:, :2]
     rows = np.concatenate([step[:, :, :2], step[:, :, 2:] @ HERMITE], axis=2)
-    return rows.reshape(n, 12).T
+    return rows.reshape(len(h), 12).T
 
 
 def sensor_current_rows(
-    sensor: np.ndarray, amplifier: np.ndarray, h: np.ndarray, switch: np.ndarray, pull: np.ndarray, cubic: np.ndarray
+    driving: Values, seeing: Values, h: np.ndarray, switch: np.ndarray, pull: np.ndarray, cubic: np.ndarray
 ) -> np.ndarray:
     """What the probe states gain over the cubic motion, from (x1, x2, old command, new command); shape (8, n).
 
-    The current bends the motion inside a step by more than a cubic can follow. Its exact effect on the probe, with
-    the acceleration pull (m per step^2 and ampere) of the centred rotor, less what the cubic through the ends of that
-    same motion gives.
+    The current bends the motion inside a step by more than a cubic can follow. Its exact effect on the probe of the
+    centred rotor, less what the cubic through the ends of that same motion gives.
+
+    Args:
+        driving: lanes whose amplifiers carry the current.
+        seeing: lanes whose probes see the motion.
+        h: integration steps, s, (n,).
+        switch: when the new command begins to act, s, (n,).
+        pull: acceleration, m per step^2 and ampere, (n,).
+        cubic: the probes' `sensor_rows`.
     """
-    n = len(sensor)
-    # States x1, x2, command, y, v, z1, z2, over one unit of tau / h.
-    a = np.zeros((n, 7, 7))
-    source = _put_poles(a, amplifier, h, first=0, source=2)
-    a[:, 4, source], a[:, 3, 4] = pull, 1.0
-    _put_poles(a, sensor, h, first=5, source=3)
-    end = switched(a, switch / h, np.ones(n))
+    n = len(h)
+    system = System((*amplifier.STATES, "command", *MOTION, *sensor.PROBE), h, packed=True)
+    coil = amplifier.coil_current(system, driving, system.signal("command"))
+    position, velocity = MOTION
+    system.integrate(MOTION)
+    system.put(velocity, pull[:, None] * coil)
+    sensor.probe(system, seeing, system.signal(position))
+    end = switched(system.a, switch / h, np.ones(n))
     rows = cubic.T.reshape(n, 2, 6)
     return (end[:, 5:7] - rows[:, :, 4:] @ end[:, 3:5]).reshape(n, 8).T
 
 
-def _put_poles(a: np.ndarray, poles: np.ndarray, h: np.ndarray, first: int, source: int) -> int:
-    """Write a cascade of poles into the system matrices a, fed by state `source`; returns its output state."""
-    for j in range(poles.shape[1]):
-        rate = h / poles[:, j]
-        a[:, first + j, first + j], a[:, first + j, source] = -rate, rate
-        source = first + j
-    return source
+def actuator_rows(values: Values, h: np.ndarray, switch: np.ndarray) -> np.ndarray:
+    """Next states and nodal currents (see `nodal`) from (x1, x2, old command, new command); shape (20, n).
 
-
-def actuator_rows(poles: np.ndarray, h: np.ndarray, switch: np.ndarray) -> np.ndarray:
-    """Next states and nodal currents from (x1, x2, old command, new command); shape (20, n).
-
-    The new command acts from `switch` (s) on. The three nodal currents c0, c1, c2 stand for the current in the
-    integration step so that its impulse (c0 + 4 c1 + c2) h / 6 and its displacement (c0 + 2 c1) h^2 / 6 are exact.
+    The new command acts from `switch` (s) on.
     """
-    n, order = poles.shape
-    # States x1, x2, command, integral and double integral of the current, over one unit of tau / h.
-    a = np.zeros((n, 5, 5))
-    source = _put_poles(a, poles, h, first=0, source=2)
-    a[:, 3, source] = a[:, 4, 3] = 1.0
-    s = switch / h
-    full = switched(a, s, np.ones(n))
-    middle = switched(a, np.minimum(s, 0.5), np.full(n, 0.5))
-    mean, moment = full[:, 3], 2 * full[:, 4]
-    # Without a pole the command itself may jump inside the step: its mean stands for the middle.
-    c1 = middle[:, order - 1] if order else mean
-    c0 = 3 * moment - 2 * c1
-    c2 = 6 * mean - 4 * c1 - c0
-    next_states = full[:, :2].copy()
-    next_states[:, order:] = 0.0
-    return np.concatenate([next_states, c0[:, None], c1[:, None], c2[:, None]], axis=1).reshape(n, 20).T
+    n = len(h)
+    system = System((*amplifier.STATES, "command", "impulse", "displacement"), h, packed=True)
+    coil = amplifier.coil_current(system, values, system.signal("command"))
+    system.put("impulse", coil)
+    system.integrate(("displacement", "impulse"))
+    s, there = switch / h, system.there[:, :2, None]
+    full = switched(system.a, s, np.ones(n))
+    halfway = switched(system.a, np.minimum(s, 0.5), np.full(n, 0.5))
+    mean = full[:, 3]
+    middle = np.where(there.any(axis=1), np.einsum("ni,nij->nj", coil, halfway), mean)
+    return np.concatenate([full[:, :2] * there, nodal(mean, full[:, 4], middle)], axis=1).reshape(n, 20).T
+
+
+def nodal(impulse: np.ndarray, displacement: np.ndarray, middle: np.ndarray) -> np.ndarray:
+    """Three currents c0, c1, c2 that stand for the current in the integration step, (n, 3, .).
+
+    Its impulse (c0 + 4 c1 + c2) h / 6 and its displacement (c0 + 2 c1) h^2 / 6 are exact, and c1 is the current in the
+    middle of the step. Without a pole the current itself may jump inside the step: its mean, the impulse, is given for
+    the middle.
+    """
+    c0 = 3 * (2 * displacement) - 2 * middle
+    return np.stack([c0, middle, 6 * impulse - 4 * middle - c0], axis=1)
 
 
 def switched(a: np.ndarray, switch: np.ndarray, end: np.ndarray, command: int = 2) -> np.ndarray:

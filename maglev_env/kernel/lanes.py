@@ -12,19 +12,12 @@ from maglev_env.experiment import Experiment, axis_experiment, moving_mass, self
 from maglev_env.loop.gains import Gains, LinearController
 from maglev_env.kernel.step import Structure
 from maglev_env.kernel.rows import axis_rows, effect_row, filter_row
-from maglev_env.kernel.exact import (
-    actuator,
-    actuator_rows,
-    amplifier_poles,
-    delays,
-    sensor_current_rows,
-    sensor_poles,
-    sensor_rows,
-    steps,
-)
+from maglev_env.kernel.exact import actuator_rows, delays, sensor_current_rows, sensor_rows, steps
 from maglev_env.kernel.controllers import PID_ROWS, filter_constants, pid_constants
 from maglev_env.kernel.effect_lanes import FLEXIBLE, effect_constants, write_cross_bend
+from maglev_env.lane_values import lane_values
 from maglev_env.linear.axis import cross_terms
+from maglev_env.loop import actuator
 from maglev_env.loop.magnets.law import SingleSidedLaw
 from maglev_env.loop.magnets.kinds import KINDS, force_law
 from maglev_env.loop.axes import NO_CROSS
@@ -122,8 +115,9 @@ def lane_batch(experiments: Sequence[Experiment], substeps: int = 1) -> LaneBatc
                 write_cross_bend(effects, pull, own, other, substeps)
             else:
                 _cross_chains(rows, terms, own, other, structure, substeps)
+            scales = actuator.current_scale(lane_values(other))
             rows[[k.CROSS_K, k.CROSS_C, k.CROSS_GAIN, k.CROSS_SENSOR]] = np.array(
-                [_cross(t, *pair, substeps) for t, *pair in zip(terms, own, other, strict=True)]
+                [_cross(*lane, substeps) for lane in zip(terms, own, scales, strict=True)]
             ).T
     if structure.axes == 2:  # the bore is round, and no pole may be met in either axis
         nearest = np.minimum(parts[0][k.LIMIT_SQ], parts[1][k.LIMIT_SQ])
@@ -139,20 +133,16 @@ def lane_batch(experiments: Sequence[Experiment], substeps: int = 1) -> LaneBatc
 
 def _chains(rows: np.ndarray, own: Sequence[Experiment], structure: Structure, substeps: int) -> None:
     """Write the exact chains of one axis."""
-    dt, fraction = steps(own), delays(own)[1]
-    sensor, amplifier = sensor_poles(own), amplifier_poles(own)
-    gain_scale, pull = np.array([actuator(e) for e in own]).T
+    dt, fraction, values = steps(own), delays(own)[1], lane_values(own)
+    gain_scale, pull = actuator.current_scale(values), actuator.central_tangent(values)[0] / values.mass
     h = dt / substeps
     for s in range(substeps):
         chain = rows[s * k.CHAIN_ROWS :]
         switch = np.clip(fraction - s * h, 0, h)
         if structure.sensor_poles:
-            probe = sensor[:, : structure.sensor_poles]
-            chain[k.SENSOR : k.SENSOR_CURRENT] = cubic = sensor_rows(probe, h)
-            chain[k.SENSOR_CURRENT : k.ACTUATOR] = sensor_current_rows(
-                probe, amplifier[:, : structure.actuator_poles], h, switch, pull * h**2, cubic
-            )
-        chain[k.ACTUATOR : k.ARRIVED] = actuator_rows(amplifier[:, : structure.actuator_poles], h, switch)
+            chain[k.SENSOR : k.SENSOR_CURRENT] = cubic = sensor_rows(values, h)
+            chain[k.SENSOR_CURRENT : k.ACTUATOR] = sensor_current_rows(values, values, h, switch, pull * h**2, cubic)
+        chain[k.ACTUATOR : k.ARRIVED] = actuator_rows(values, h, switch)
         # States stay in amperes; the currents that make force carry the calibration.
         chain[k.ACTUATOR + 2 * 4 : k.ARRIVED] *= gain_scale
 
@@ -168,29 +158,24 @@ def _cross_chains(
     """Write what the other axis' current adds to this axis' motion inside a step, as its probe sees it."""
     if not structure.sensor_poles:
         return
-    sensor, h, fraction = sensor_poles(own), steps(own) / substeps, delays(own)[1]
-    amplifier = amplifier_poles(other)
-    pull = np.array([gain / moving_mass(e) for (_, _, gain, _), e in zip(terms, own, strict=True)])
+    h, fraction, seeing, driving = steps(own) / substeps, delays(own)[1], lane_values(own), lane_values(other)
+    pull = np.array([gain for _, _, gain, _ in terms]) / seeing.mass
     for s in range(substeps):
         chain = rows[s * k.CHAIN_ROWS :]
+        switch, cubic = np.clip(fraction - s * h, 0, h), chain[k.SENSOR : k.SENSOR_CURRENT]
         chain[k.CROSS_CURRENT : k.CROSS_CURRENT + 8] = sensor_current_rows(
-            sensor[:, : structure.sensor_poles],
-            amplifier[:, : structure.actuator_poles],
-            h,
-            np.clip(fraction - s * h, 0, h),
-            pull * h**2,
-            chain[k.SENSOR : k.SENSOR_CURRENT],
+            driving, seeing, h, switch, pull * h**2, cubic
         )
 
 
 def _cross(
-    terms: tuple[float, ...], own: Experiment, other: Experiment, substeps: int
+    terms: tuple[float, ...], own: Experiment, current_scale: float, substeps: int
 ) -> tuple[float, float, float, float]:
-    """The other axis' terms in this one, in the kernel's units: force times h^2 / m, current calibrated."""
+    """The other axis' terms in this one, in the kernel's units: force times h^2 / m, current as its law scales it."""
     stiffness, damping, gain, sensor = terms
     h = 1 / own.rig.control_rate / substeps
     per_mass = h**2 / moving_mass(own)
-    return stiffness * per_mass, damping * per_mass / h, gain * per_mass / actuator(other)[0], sensor
+    return stiffness * per_mass, damping * per_mass / h, gain * per_mass / current_scale, sensor
 
 
 def _parameters(e: Experiment, substeps: int) -> np.ndarray:

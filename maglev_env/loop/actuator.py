@@ -90,6 +90,11 @@ def force(values: Values, pulling: np.ndarray, displacement: np.ndarray) -> np.n
     return gain[:, None] * pulling - stiffness[:, None] * displacement
 
 
+def current_scale(values: Values) -> np.ndarray:
+    """How the calibrated force law scales the current, (n,); 1 without magnets."""
+    return np.array([law.gain_scale if law else 1.0 for law in values.laws]) * (1 + values.effect("actuator_gain"))
+
+
 def central_tangent(values: Values) -> tuple[np.ndarray, np.ndarray]:
     """Actuator gain (N/A) and stiffness (N/m) of centred magnets that do not saturate, (n,) each; 0 without magnets."""
     return _tangents(values, values.laws, np.zeros(len(values.laws)))

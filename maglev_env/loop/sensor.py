@@ -59,8 +59,8 @@ EFFECTS: Mapping[str, EffectCard] = {
 }
 
 
-_MOUNT, _PROBE = ("mount", "mount_velocity"), ("probe", "probe_lag")
-STATES = (*_MOUNT, *_PROBE)
+MOUNT, PROBE = ("mount", "mount_velocity"), ("probe", "probe_lag")
+STATES = (*MOUNT, *PROBE)
 
 
 def reading(system: System, values: Values, displacement: np.ndarray, bearing: np.ndarray) -> np.ndarray:
@@ -77,13 +77,13 @@ def reading(system: System, values: Values, displacement: np.ndarray, bearing: n
     """
     frequency = values.effect("sensor_resonance")
     coupling = np.where(frequency > 0, values.effect("sensor_resonance", "coupling"), 0.0)
-    returning = system.oscillator(_MOUNT, frequency, values.effect("sensor_resonance", "damping_ratio"))
-    position, velocity = _MOUNT
+    returning = system.oscillator(MOUNT, frequency, values.effect("sensor_resonance", "damping_ratio"))
+    position, velocity = MOUNT
     system.put(velocity, returning - coupling[:, None] * bearing)
-    system.there[:, system.at(*_MOUNT)] = (coupling != 0)[:, None]
+    system.there[:, system.at(*MOUNT)] = (coupling != 0)[:, None]
     return probe(system, values, displacement - system.signal(position))
 
 
 def probe(system: System, values: Values, seen: np.ndarray) -> np.ndarray:
     """The probe's poles: from the displacement that it sees to the one that it reads, both signals in m."""
-    return system.lags(_PROBE, (values.rig("sensor_time_constant"), values.effect("sensor_lag")), seen)
+    return system.lags(PROBE, (values.rig("sensor_time_constant"), values.effect("sensor_lag")), seen)

@@ -1,12 +1,14 @@
 """Lanes of the rotor kernel: rotors at their speeds as blocks of its rows."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from maglev_env.kernel.exact import actuator_rows, sensor_rows
+from maglev_env.lane_values import LaneValues
 from maglev_env.loop.magnets.kinds import force_law
+from maglev_env.rig.rig import Rig
 from maglev_env.rotor import rows as r
 from maglev_env.rotor.linear import LEAST_LAG, control_matrices, controllers
 from maglev_env.rotor.rotor import Rotor
@@ -65,9 +67,9 @@ def _column(run: Run, substeps: int) -> np.ndarray:
         law.area / 2, law.magnet_flux, law.gap + law.magnet_gap, law.coil_flux, law.gap + law.coil_gap,
         law.bias_current, law.gain_scale, law.stiffness_scale, REACH * law.gap,
     )  # fmt: skip
-    step = np.array([h])
-    x[r.CHAIN : r.CHAIN + 5] = sensor_rows(_poles(axis.sensor_time_constant), step)[[0, 2, 3, 4, 5], 0]
-    nodes = actuator_rows(_poles(axis.amplifier_time_constant), step, np.zeros(1))[:, 0].reshape(5, 4)[:, 0]
+    step, lagging = np.array([h]), LaneValues((_lagging(axis),), ({},))
+    x[r.CHAIN : r.CHAIN + 5] = sensor_rows(lagging, step)[[0, 2, 3, 4, 5], 0]
+    nodes = actuator_rows(lagging, step, np.zeros(1))[:, 0].reshape(5, 4)[:, 0]
     x[r.DECAYS : r.DECAYS + 4] = nodes[[0, 2, 3, 4]]
     lsb, u_lsb = (2 * axis.voltage_range / 2**bits for bits in (axis.adc_bits or IDEAL, axis.dac_bits or IDEAL))
     x[[r.COUNTS, r.COUNT_MAX, r.PER_COUNT]] = axis.probe_gain / lsb, axis.voltage_range / lsb, lsb / axis.probe_gain
@@ -86,6 +88,8 @@ def _column(run: Run, substeps: int) -> np.ndarray:
     return x
 
 
-def _poles(time_constant: float) -> np.ndarray:
-    """Time constants (1, 1) s."""
-    return np.array([[max(time_constant, LEAST_LAG)]])
+def _lagging(axis: Rig) -> Rig:
+    """The axis with at least a short lag of its probe and its amplifier, which the kernel expects."""
+    times = {name: getattr(axis, name) for name in ("sensor_time_constant", "amplifier_time_constant")}
+    short = {name: LEAST_LAG for name, time in times.items() if time < LEAST_LAG}
+    return replace(axis, **short) if short else axis

@@ -1,0 +1,98 @@
+"""Exact linear chains of flexible lanes: with eddy currents, the probe's mount and a second body, whether there or not.
+
+Chain states are counted as the blocks have them: x1 and x2 of the amplifier, the branches, and the four of the sensor:
+mount, its velocity, z1 and z2. Units of time as in `exact`.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from maglev_env.kernel.exact import CUBIC, HERMITE, nodal, switched
+from maglev_env.loop import amplifier, eddy, mechanics, sensor
+from maglev_env.loop.system import System, Values
+from maglev_lanes.matrix_exponential import expm
+
+CARRIED = (*amplifier.STATES, *eddy.STATES)  # from the command to the current that pulls
+_CURRENT = (*CARRIED, "command", "impulse", "displacement", *sensor.STATES)
+
+
+@dataclass(frozen=True)
+class CurrentMaps:
+    """One step from (x1, x2, branches, old command, new command).
+
+    Args:
+        nodes: (n, 3, .), nodal currents (see `exact.nodal`) of the current that pulls.
+        ahead: (n, 2 + BRANCHES, .), next x1, x2 and branches.
+        motion: (n, 2, .), where a unit of that current, as an acceleration, takes the mover, and its velocity.
+        seen: (n, 4, .), next mount, mount_v, z1, z2.
+    """
+
+    nodes: np.ndarray
+    ahead: np.ndarray
+    motion: np.ndarray
+    seen: np.ndarray
+
+
+def current_maps(driving: Values, seeing: Values, h: np.ndarray, switch: np.ndarray) -> CurrentMaps:
+    """Maps of the actuators of `driving` and the probes of `seeing`; the command changes at a share of the step."""
+    n = len(h)
+    system = System(_CURRENT, h)
+    pulls = eddy.pulling_current(system, driving, amplifier.coil_current(system, driving, system.signal("command")))
+    system.put("impulse", pulls)
+    system.integrate(("displacement", "impulse"))
+    sensor.reading(system, seeing, system.signal("displacement"), pulls)
+    command, impulse, displacement = system.at("command", "impulse", "displacement")
+    end = switched(system.a, switch, np.ones(n), command)
+    short = command + 1
+    halfway = switched(system.a[:, :short, :short], np.minimum(switch, 0.5), np.full(n, 0.5), command)
+    lagged = system.there[:, system.at(*amplifier.STATES)].any(axis=1)
+    middle = np.where(lagged[:, None], np.einsum("ni,nij->nj", pulls[:, :short], halfway), end[:, impulse])
+    return CurrentMaps(
+        nodes=nodal(end[:, impulse], end[:, displacement], middle),
+        ahead=system.shown[:, system.at(*CARRIED)] @ end,
+        motion=end[:, [displacement, impulse]],
+        seen=system.shown[:, system.at(*sensor.STATES)] @ end,
+    )
+
+
+def probe_map(values: Values, h: np.ndarray) -> np.ndarray:
+    """Next mount, its velocity, z1 and z2 from (z1, z2, mount, mount_v, moved, pushed, y0, h v0, y1, h v1): (n, 4, 10).
+
+    y is the cubic through both ends; the mount sees an acceleration of the bearing that is linear in time and moves
+    the mover by `moved` and speeds it by `pushed`.
+    """
+    acceleration = ("acceleration", "acceleration'")
+    system = System((*sensor.STATES, *CUBIC, *acceleration), h)
+    system.integrate(CUBIC)
+    system.integrate(acceleration)
+    sensor.reading(system, values, system.signal("y"), system.signal("acceleration"))
+    end = system.shown[:, system.at(*sensor.STATES)] @ expm(system.a)
+    cubic = end[:, :, 4:8] @ HERMITE
+    linear = end[:, :, 8:] @ np.array([[6, -2], [-12, 6]])
+    return np.concatenate([end[:, :, 2:4], end[:, :, :2], linear, cubic], axis=2)
+
+
+def bend(maps: CurrentMaps, probe: np.ndarray, pull: np.ndarray) -> np.ndarray:
+    """What mount, mount_v, z1, z2 gain over the smooth motion that `probe_map` takes from both its ends: (n, 4, .)."""
+    # From rest the acceleration moves and speeds the mover just as far as it comes.
+    smooth = (probe[:, :, 4:6] + probe[:, :, 8:]) @ maps.motion
+    return pull[:, None, None] * (maps.seen - smooth)
+
+
+def body_maps(values: Values, h: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The second body relative to the mover under the mover's acceleration by other forces; zeros without one.
+
+    Returns:
+        Its position and velocity in the middle of the step from (position, velocity, acceleration), (n, 2, 3); at the
+        end from (position, velocity), (n, 2, 2), and what the accelerations at the start, in the middle and at the end
+        add there, (n, 2, 3): a parabola through the three.
+    """
+    parabola = ("acceleration", "acceleration'", "acceleration''")
+    system = System((*mechanics.BODY, *parabola), h)
+    system.integrate(parabola)
+    mechanics.second_body(system, values, system.signal("acceleration"))
+    there = (values.effect("support_resonance") > 0)[:, None, None]
+    middle, end = (there * expm(system.a * span)[:, :2] for span in (0.5, 1.0))
+    nodes = np.array([[1, 0, 0], [-3, 4, -1], [4, -8, 4]])  # value, slope, bend at the start from the three nodes
+    return middle[:, :, :3], end[:, :, :2], end[:, :, 2:] @ nodes
