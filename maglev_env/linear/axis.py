@@ -43,7 +43,7 @@ def linear_axis(e: Experiment) -> LinearAxis:
     reading_states = self_sensor.STATES if sensors else sensor.STATES
     states = (*mechanics.MOTION, *amplifier.STATES, *actuator.STATES, *mechanics.STATES, *reading_states)
     # The bearing's acceleration is an input at first, so that the other axis can add to it where it acts.
-    system = System((*states, "force", "command", "bearing"), _SECOND)
+    system = System((*states, "force", "command", "bearing"), _SECOND, lean=True)
     position, held, bearing = (system.signal(name) for name in (mechanics.MOTION[0], "force", "bearing"))
 
     current = amplifier.coil_current(system, values, system.signal("command"))

@@ -114,7 +114,9 @@ def closed_loop(
     commands = np.concatenate([command, stored])  # now, one sample ago, ...
     m[:n] += b_new @ commands[delay * axes : (delay + 1) * axes] + b_old @ commands[(delay + 1) * axes :][:axes]
     m[held:] = commands[: (delay + 1) * axes]
-    return m, np.pad(b_force, ((0, size - n), (0, 0))), np.pad(c, ((0, 0), (0, size - n)))
+    from_force, to_reading = np.zeros((size, axes)), np.zeros((axes, size))
+    from_force[:n], to_reading[:, :n] = b_force, c
+    return m, from_force, to_reading
 
 
 def expected_statistics(experiment: Experiment, lines: np.ndarray) -> LineStatistics:

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from math import inf
+from math import inf, isfinite
 
 import numpy as np
 
@@ -83,7 +83,7 @@ def force(values: Values, pulling: np.ndarray, displacement: np.ndarray) -> np.n
         displacement: of the rotor, m.
     """
     laws = [
-        replace(law, saturation=saturation) if isinstance(law, ForceLaw) else law
+        replace(law, saturation=saturation) if isfinite(saturation) else law
         for law, saturation in zip(values.laws, values.effect("saturation").tolist(), strict=True)
     ]
     gain, stiffness = _tangents(values, laws, values.effect("eccentricity"))

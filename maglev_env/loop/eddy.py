@@ -80,8 +80,10 @@ def _remembered(corner_hz: bytes, order: bytes) -> tuple[np.ndarray, np.ndarray,
 def pulling_current(system: System, values: Values, current: np.ndarray) -> np.ndarray:
     """The branches: from the coil's current to the one that pulls, both signals in A."""
     corner, order = values.effect("eddy_current"), values.effect("eddy_current", "order")
+    if system.without(STATES, there := np.isfinite(corner)):
+        return current
     direct, weights, rates = _remembered(corner.tobytes(), order.tobytes())
     branches = system.signals(STATES)
     rates = (rates * system.step[:, None])[:, :, None] * (current[:, None] - branches)
-    system.put_all(STATES, rates, np.isfinite(corner))
+    system.put_all(STATES, rates, there)
     return direct[:, None] * current + (weights[:, None] @ branches)[:, 0]

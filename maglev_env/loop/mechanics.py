@@ -83,11 +83,14 @@ def support(system: System, values: Values) -> np.ndarray:
     rub, slip, presliding = (values.effect("friction", key) for key in ("force", "velocity", "presliding"))
     sticks = presliding > 0
     damping = damping + np.where(sticks, 0.0, rub / slip)
+    smooth = -stiffness[:, None] * position - damping[:, None] * velocity
+    if system.without(("bristle",), sticks):
+        return smooth
     bent = system.signal("bristle")
     gives_way = np.where(sticks, presliding, 1.0)[:, None]
     system.put("bristle", (velocity - slip[:, None] * bent) / gives_way, sticks)
     springing = np.where(sticks, rub, 0.0)
-    return -stiffness[:, None] * position - damping[:, None] * velocity - springing[:, None] * bent
+    return smooth - springing[:, None] * bent
 
 
 def motion(system: System, values: Values, acceleration: np.ndarray) -> None:
@@ -103,8 +106,10 @@ def second_body(system: System, values: Values, acceleration: np.ndarray) -> np.
     """
     frequency = values.effect("support_resonance")
     ratio = np.where(frequency > 0, values.effect("support_resonance", "mass_ratio"), 0.0)
+    if system.without(BODY, there := ratio > 0):
+        return acceleration
     damping_ratio = values.effect("support_resonance", "damping_ratio")
     returning = system.oscillator(BODY, frequency, damping_ratio, 1 + ratio)
     system.put(BODY[1], returning - acceleration)
-    system.there[:, system.at(*BODY)] = (ratio > 0)[:, None]
+    system.there[:, system.at(*BODY)] = there[:, None]
     return acceleration - (ratio / (1 + ratio))[:, None] * returning

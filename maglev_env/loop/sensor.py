@@ -77,10 +77,12 @@ def reading(system: System, values: Values, displacement: np.ndarray, bearing: n
     """
     frequency = values.effect("sensor_resonance")
     coupling = np.where(frequency > 0, values.effect("sensor_resonance", "coupling"), 0.0)
+    if system.without(MOUNT, there := coupling != 0):
+        return probe(system, values, displacement)
     returning = system.oscillator(MOUNT, frequency, values.effect("sensor_resonance", "damping_ratio"))
     position, velocity = MOUNT
     system.put(velocity, returning - coupling[:, None] * bearing)
-    system.there[:, system.at(*MOUNT)] = (coupling != 0)[:, None]
+    system.there[:, system.at(*MOUNT)] = there[:, None]
     return probe(system, values, displacement - system.signal(position))
 
 

@@ -45,6 +45,8 @@ class System:
         step: the unit of time (s), (n,).
         packed: whether a lane's absent lags come last in their cascade, whatever their names, so that a kernel with a
             single pole finds it in the first place.
+        lean: whether states that no lane has may be left out, which saves the time of writing their equations. An
+            exact chain keeps them, so that a lane's matrix does not depend on the lanes beside it.
 
     Attributes:
         a: (n, S, S), in 1 / unit of time.
@@ -54,9 +56,9 @@ class System:
             enters it.
     """
 
-    def __init__(self, states: Sequence[str], step: np.ndarray, packed: bool = False):
+    def __init__(self, states: Sequence[str], step: np.ndarray, packed: bool = False, lean: bool = False):
         lanes, size = len(step), len(states)
-        self.step, self.packed = step, packed
+        self.step, self.packed, self.lean = step, packed, lean
         self.a = np.zeros((lanes, size, size))
         self.there = np.ones((lanes, size), dtype=bool)
         self._states = np.broadcast_to(np.eye(size), (lanes, size, size))
@@ -74,6 +76,13 @@ class System:
     def signals(self, names: Sequence[str]) -> np.ndarray:
         """Several states as signals, (n, names, S)."""
         return self._states[:, self.at(*names)]
+
+    def without(self, names: Sequence[str], there: np.ndarray) -> bool:
+        """Whether the equations of these states are left out; there: which lanes have them, (n,)."""
+        if not self.lean or there.any():
+            return False
+        self.there[:, self.at(*names)] = False
+        return True
 
     def put(self, name: str, rate: np.ndarray, there: np.ndarray | bool = True) -> None:
         """Write a state's derivative (a signal, per unit of time), and which lanes have the state."""
@@ -101,15 +110,14 @@ class System:
         Returns:
             What leaves the last.
         """
-        times = np.stack(time_constants, axis=1)
         if self.packed:
-            times = np.take_along_axis(times, np.argsort(times == 0, axis=1, kind="stable"), axis=1)
-        there = times > 0
-        rates = np.where(there, self.step[:, None] / np.where(there, times, 1.0), 0.0)
-        for k, name in enumerate(names):
-            at, own = self._at[name], self.signal(name)
-            self.put(name, rates[:, k, None] * (signal - own), there[:, k])
-            self.shown[:, at] = signal = np.where(there[:, k, None], own, signal)
+            times = np.array(time_constants)
+            time_constants = np.take_along_axis(times, np.argsort(times == 0, axis=0, kind="stable"), axis=0)
+        for name, time in zip(names, time_constants, strict=True):
+            there, own = time > 0, self.signal(name)
+            rate = np.divide(self.step, time, out=np.zeros(len(time)), where=there)
+            self.put(name, rate[:, None] * (signal - own), there)
+            self.shown[:, self._at[name]] = signal = np.where(there[:, None], own, signal)
         return signal
 
     def oscillator(

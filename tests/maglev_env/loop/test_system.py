@@ -55,3 +55,12 @@ def test_a_chain_of_integrals():
     system = System(("x", "x'", "x''"), STEP)
     system.integrate(("x", "x'", "x''"))
     np.testing.assert_array_equal(system.a, np.tile(np.eye(3, k=1), (4, 1, 1)))
+
+
+def test_a_lean_system_leaves_out_what_no_lane_has():
+    nobody, someone = np.zeros(4, dtype=bool), np.array([False, True, False, False])
+    for lean in (False, True):
+        system = System(("a", "b", "c"), STEP, lean=lean)
+        assert system.without(("a", "b"), nobody) == lean
+        np.testing.assert_array_equal(system.there, np.tile([not lean, not lean, True], (4, 1)))
+        assert not system.without(("c",), someone) and system.there[:, 2].all()
