@@ -123,7 +123,10 @@ MUTANTS = (
     Mutant(
         "actuator-moment",
         "The displacement that a changing current makes within a step is halved.",
-        (("mean, moment = full[:, 3], 2 * full[:, 4]", "mean, moment = full[:, 3], full[:, 4]"),),
+        (
+            ("mean, moment = full[:, 3], 2 * full[:, 4]", "mean, moment = full[:, 3], full[:, 4]"),
+            ("c0 = 3 * (2 * displacement) - 2 * middle", "c0 = 3 * displacement - 2 * middle"),
+        ),
         ("test_simulate.py",),
     ),
     Mutant(
@@ -153,6 +156,7 @@ MUTANTS = (
                 'damping = 2 * effect_value(e.effects, name, "damping_ratio") * w',
                 'damping = effect_value(e.effects, name, "damping_ratio") * w',
             ),
+            ("= -2 * damping_ratio * stiffer * turn", "= -damping_ratio * stiffer * turn"),
         ),
         ("test_linear_effects.py",),
     ),
