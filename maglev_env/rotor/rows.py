@@ -18,7 +18,7 @@ MAGNETS, PROBES, FLUID_K, FLUID_C, CLEARANCE, TOUCH_K, TOUCH_D, TOUCH_MU, SURFAC
 # The pair's force law of one bearing (see `magnetics.ForceLaw`); what its field may see of the displacement.
 AREA, FLUX_M, GAP_M, FLUX_C, GAP_C, BIAS, SCALE, CALIBRATION, REACH = 71, 72, 73, 74, 75, 76, 77, 78, 79
 # Probe: next state from itself and the cubic through both ends (5). Amplifier: what is still missing of the command at
-# the end, and at the three nodes that stand for the current in the integration (4); see `lane_chains.actuator_rows`.
+# the end, and at the three nodes that stand for the current in the integration (4); see `kernel.exact.actuator_rows`.
 CHAIN, DECAYS = 80, 85
 # Converters and control: as in the axis kernel; into and out of the controllers (2 x 2 each), gains per controller.
 COUNTS, COUNT_MAX, PER_COUNT, NOISE, PER_U, U_MAX, U_COUNT = 89, 90, 91, 92, 93, 94, 95
