@@ -1,4 +1,4 @@
-"""Signals in; stiffness, damping and stability out, with their uncertainty. Knows no rig."""
+"""Estimators: signals in; stiffness, damping and stability out, with their uncertainty. They know no rig."""
 
 from estimation.actuator import ActuatorEstimate, actuator_estimate
 from estimation.bands import band_slices, sliding_bands

@@ -1,4 +1,7 @@
-"""What a magnet does to a rotor of known mass, from the current through it: no force transducer needed."""
+"""Actuator gain and the magnet's own stiffness and damping of a rotor of known mass, from the coil current.
+
+No force transducer is needed: the known mass sets the scale of the force.
+"""
 
 from dataclasses import dataclass, replace
 
@@ -10,8 +13,15 @@ from estimation.periods import LineStatistics
 
 @dataclass(frozen=True)
 class ActuatorEstimate:
-    """gain N/A, and stiffness N/m (negative: the magnet's own) and damping N s/m of the uncontrolled rotor, each with
-    *_se; cost_ratio and discrepancy as in `ModalEstimate`."""
+    """Result of `actuator_estimate`; every quantity has a standard error of the same name with the suffix `_se`.
+
+    Attributes:
+        gain: Force per current, N/A.
+        stiffness: Stiffness of the uncontrolled rotor, N/m (negative: the magnet pulls away from the centre).
+        damping: Damping of the uncontrolled rotor, N s/m.
+        cost_ratio: As in `ModalEstimate`.
+        discrepancy: As in `ModalEstimate`.
+    """
 
     gain: float
     stiffness: float
@@ -26,9 +36,17 @@ class ActuatorEstimate:
 def actuator_estimate(statistics: LineStatistics, mass: float) -> ActuatorEstimate:
     """Fit gain I = (k - m w^2 + j w c) Y over all lines of one record by errors-in-variables maximum likelihood.
 
-    statistics: channels "current" and "displacement" at lines that an injection excites; being responses to it, noise
-    that runs around the loop does not bias them. mass kg, which sets the scale. A current that flows the other way has
-    a negative gain. ValueError for fewer than four lines, or a mass that is not positive.
+    The amplitudes are responses to an injected signal, so noise that runs around the control loop does not bias them.
+
+    Args:
+        statistics: Channels "current" and "displacement" at lines that an injection excites.
+        mass: Moving mass, kg; it sets the scale of the force.
+
+    Returns:
+        The estimate. A current that flows in the opposite direction gives a negative gain.
+
+    Raises:
+        ValueError: Fewer than four lines, or a mass that is not positive.
     """
     if not mass > 0:
         raise ValueError(f"mass = {mass} kg must be positive; the known mass sets the scale of the actuator gain")
@@ -41,7 +59,7 @@ def actuator_estimate(statistics: LineStatistics, mass: float) -> ActuatorEstima
 
 
 def as_force(statistics: LineStatistics, channel: str, gain: float) -> LineStatistics:
-    """The statistics with one channel, times gain, as the force, and any recorded force left out."""
+    """Statistics in which one channel, multiplied by gain, replaces the force; a recorded force is dropped."""
     keep = [i for i, name in enumerate(statistics.channels) if name != "force" or name == channel]
     names = [statistics.channels[i] for i in keep]
     factor = np.where(np.array(names) == channel, gain, 1.0)

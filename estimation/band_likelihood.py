@@ -1,14 +1,16 @@
-"""Compiled search behind `estimation.max_likelihood`: one band of one lane at a time.
+"""Compiled search behind `estimation.max_likelihood`; it treats one band of one lane at a time.
 
-The error e = F - Z Y of a line has the variance S and with the displacement's noise n_Y the covariance C = E[n_Y e*].
-With v = e / S the displacement freed of what the error says of its noise is Y - C v, and the cost |e|^2 / S has the
-half gradient -Re(v* Z_j (Y - C v)), Z_j = 1 for the stiffness and j w for the damping.
+Notation for one line: e = F - Z Y is the equation error, S its variance, n_Y the noise of the displacement and
+C = E[n_Y e*] its covariance with e. With v = e / S, the displacement corrected for the noise that e reveals is
+Y - C v. The cost |e|^2 / S then has the half gradient -Re(v* Z_j (Y - C v)), where Z_j is 1 for the stiffness and
+j w for the damping.
 """
 
 import numba as nb
 import numpy as np
 
-# Changes of the cost (a threshold is about 2) that no longer matter: for the estimate, and on the way to a bound.
+# Changes of the cost that count as converged: for the estimate, and while searching for a bound (a bound lies where
+# the cost has risen by about 2).
 _FINE, _ROUGH = 1e-8, 1e-4
 _ITERATIONS = 60
 _DOUBLINGS = 40
@@ -17,7 +19,7 @@ _INFINITE = 1e300
 
 @nb.njit(cache=True, nogil=True, error_model="numpy", inline="always")
 def _line(f, y, sff, syy, sfy, a, b):
-    """v, S, C and Y - C v of one line with the impedance Z = a + j b."""
+    """Return v, S, C and Y - C v (see the module docstring) of one line with the impedance Z = a + j b."""
     s = sff + (a * a + b * b) * syy - 2.0 * (a * sfy.real + b * sfy.imag)
     v = (f - complex(a, b) * y) * (1.0 / s)
     cov = np.conj(sfy) - complex(a, -b) * syy
@@ -37,7 +39,10 @@ def _cost(f, y, sff, syy, sfy, w, m, k, c):
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
 def _expand(f, y, sff, syy, sfy, w, m, k, c):
-    """Cost, half gradient (k, c), exact half Hessian (kk, kc, cc), and the positive part of its diagonal (kk, cc)."""
+    """Return the cost, its half gradient (k, c), its exact half Hessian (kk, kc, cc) and that Hessian's positive part.
+
+    The positive part is the Hessian's diagonal (kk, cc) without the terms that the noise subtracts.
+    """
     cost = gk = gc = pkk = hkc = pcc = nk = nc = 0.0
     for i in range(f.size):
         wi = w[i]
@@ -51,7 +56,7 @@ def _expand(f, y, sff, syy, sfy, w, m, k, c):
         pkk += share * (dk.real * dk.real + dk.imag * dk.imag)
         pcc += wi * wi * share * (dc.real * dc.real + dc.imag * dc.imag)
         hkc += wi * share * (dk.imag * dc.real - dk.real * dc.imag)
-        # What the noise of the displacement adds to the terms above in the mean.
+        # Subtracted below: the amount that displacement noise adds to these terms on average.
         nk += power * syy
         nc += wi * wi * power * syy
     return cost, gk, gc, pkk - nk, hkc, pcc - nc, pkk, pcc
@@ -59,7 +64,7 @@ def _expand(f, y, sff, syy, sfy, w, m, k, c):
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
 def _minimise(f, y, sff, syy, sfy, w, m, k, c, free_k, free_c, tolerance):
-    """Damped Newton over k, c or one of them; returns k, c, the cost and its half Hessian."""
+    """Damped Newton search over k and c, or over one of them; returns k, c, the cost and its half Hessian."""
     cost, gk, gc, hkk, hkc, hcc, pkk, pcc = _expand(f, y, sff, syy, sfy, w, m, k, c)
     damp = 1e-6
     for _ in range(_ITERATIONS):
@@ -77,7 +82,7 @@ def _minimise(f, y, sff, syy, sfy, w, m, k, c, free_k, free_c, tolerance):
                 gain = cost - trial
                 k, c, cost, gk, gc = k + sk, c + sc, trial, tk, tc
                 hkk, hkc, hcc, pkk, pcc = tkk, tkc, tcc, qkk, qcc
-                # A full step that gains what the quadratic says has arrived.
+                # Converged when a full step gains as much as the quadratic model predicts.
                 if gain <= tolerance or (damp <= 1e-6 and abs(gain - expected) <= tolerance):
                     break
                 damp = max(0.1 * damp, 1e-9)
@@ -90,10 +95,10 @@ def _minimise(f, y, sff, syy, sfy, w, m, k, c, free_k, free_c, tolerance):
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
 def _profile(f, y, sff, syy, sfy, w, m, k0, c0, k, c, step, slope, along_k):
-    """Lowest cost with one coefficient held `step` from the minimum (k0, c0).
+    """Lowest cost with one coefficient held at the distance `step` from the minimum (k0, c0).
 
-    The other starts where it costs least: where it last was (k, c), along the ridge, or at the minimum; in noise the
-    profile has side valleys, and a walk that stays in one would find no way back.
+    The other coefficient starts from the cheapest of three points: where it was last (k, c), along the ridge, or at
+    the minimum. Noise gives the profile side valleys, and a search that keeps to the last point could stay in one.
     """
     best, k1, c1 = np.inf, k0, c0
     for start in range(3):
@@ -110,7 +115,10 @@ def _profile(f, y, sff, syy, sfy, w, m, k0, c0, k, c, step, slope, along_k):
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
 def _bound(f, y, sff, syy, sfy, w, m, k0, c0, cost0, threshold, start, slope, along_k):
-    """Where the profile cost rises by threshold, walking from the minimum by `start`; infinite if it never does."""
+    """Coefficient at which the profile cost has risen by threshold; the search leaves the minimum in steps of `start`.
+
+    Infinite, with the sign of `start`, if the cost never rises that far.
+    """
     k, c = k0, c0
     inside, outside = 0.0, 0.0
     g_in, g_out = -1.0, 0.0
@@ -145,7 +153,10 @@ def _bound(f, y, sff, syy, sfy, w, m, k0, c0, cost0, threshold, start, slope, al
 
 @nb.njit(cache=True, nogil=True, error_model="numpy", inline="always")
 def _quadratic(a, b, re, im, sff, syy, sfy):
-    """Variance of a s_F^2 + b s_Y^2 + re Re s_FY + im Im s_FY times its Wishart freedom: tr(M C M C), M Hermitian."""
+    """Variance of a s_F^2 + b s_Y^2 + re Re s_FY + im Im s_FY, times the degrees of freedom of the Wishart covariance.
+
+    It equals tr(M C M C) with the Hermitian matrix M of the coefficients.
+    """
     g = complex(re, im) * 0.5
     p, q = a * sff + g * np.conj(sfy), a * sfy + g * syy
     u, v = np.conj(g) * sff + b * np.conj(sfy), np.conj(g) * sfy + b * syy
@@ -154,15 +165,18 @@ def _quadratic(a, b, re, im, sff, syy, sfy):
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
 def _sandwich(f, y, sff, syy, sfy, pf, py, pfy, w, m, k, c, periods, hkk, hkc, hcc, o):
-    """Standard errors that hold when the noise is not the same on all lines of the band; writes o[2:8] and o[10:12].
+    """Standard errors that hold although the noise differs between the lines of the band.
 
-    The pooled covariance weights the lines, the lines' own covariances say how much noise came through. The pooled one
-    is an estimate itself: where constant coefficients do not fit the band, other weights have another optimum (delta
-    method). Standard errors of k and c, their inflation over the inverse half Hessian, degrees of freedom
-    (Satterthwaite), then those of the cost: what noise alone makes of it, and its numerator freedom.
+    The pooled covariance weights the lines; the covariances of the single lines say how much noise entered. The pooled
+    covariance is itself estimated, and where constant coefficients do not fit the band, other weights move the
+    optimum; the delta method adds that variance.
+
+    Writes into o: [2:4] standard errors of k and c, [4:6] the ratio of their variances to the inverse half Hessian,
+    [6:8] their degrees of freedom (Satterthwaite), [10] the cost that noise alone is expected to leave and [11] the
+    numerator degrees of freedom of the cost.
     """
     most = 2.0 * f.size * (periods - 1)
-    # The optimum ran to infinity: nothing is known of k and c, and no interval will be bounded.
+    # Values for an optimum that ran to infinity: k and c are unknown and no interval is bounded.
     o[2] = o[3] = np.inf
     o[4] = o[5] = 1.0
     o[6] = o[7] = most
@@ -194,9 +208,9 @@ def _sandwich(f, y, sff, syy, sfy, pf, py, pfy, w, m, k, c, periods, hkk, hkc, h
         ka, kb, kr, ki = ka + tk, kb + tk * z - a * power, kr + power - 2.0 * a * tk, ki - 2.0 * b * tk
         ca, cb = ca + tc, cb + tc * z - wi * b * power
         cr, ci = cr - 2.0 * a * tc, ci + wi * power - 2.0 * b * tc
-    # A squared sample variance is 1 + 1 / (periods - 1) of the true square too large.
+    # The square of a sample variance exceeds the square of the true variance by the factor 1 + 1 / (periods - 1).
     thin = periods / (periods - 1.0)
-    # Lines of unequal noise pool to a covariance of less freedom.
+    # Lines of unequal noise give a pooled covariance with fewer degrees of freedom.
     count = min(thin * alike * alike / alike_square, float(f.size))
     of_k = _quadratic(ik * ka + ix * ca, ik * kb + ix * cb, ik * kr + ix * cr, ik * ki + ix * ci, pf, py, pfy)
     of_c = _quadratic(ix * ka + ic * ca, ix * kb + ic * cb, ix * kr + ic * cr, ix * ki + ic * ci, pf, py, pfy)
@@ -206,7 +220,7 @@ def _sandwich(f, y, sff, syy, sfy, pf, py, pfy, w, m, k, c, periods, hkk, hkc, h
     o[4], o[5] = sum_k / ik, sum_c / ic
     o[6] = min(2.0 * periods * sum_k * sum_k / square_k, most)
     o[7] = min(2.0 * periods * sum_c * sum_c / square_c, most)
-    # Leverages scaled to add up to 1 of the lines: noise takes the exact Hessian's far from that.
+    # The leverages are scaled to sum to one; those of the exact Hessian can be far from that in noise.
     sum_r = alike - by_hat / hats
     square_r = alike_square - 2.0 * cross / hats + hat_square / (hats * hats)
     o[10], o[11] = sum_r, min(2.0 * thin * sum_r * sum_r / square_r, 2.0 * (f.size - 1))
@@ -214,8 +228,11 @@ def _sandwich(f, y, sff, syy, sfy, pf, py, pfy, w, m, k, c, periods, hkk, hkc, h
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
 def estimate(force, disp, sff, syy, sfy, w, mass, slices, periods, out):
-    """Per lane and band into out (..., 14): k, c, then as `_sandwich`, the cost [8], the noise share [9], and how far
-    c moves with k, and k with c, along the ridge [12:14]."""
+    """Estimate every band of every lane.
+
+    Writes into out (lanes, bands, 14): [0:2] k and c; [2:8] and [10:12] as `_sandwich`; [8] the cost; [9] the noise
+    share; [12:14] the slopes dc/dk and dk/dc along the ridge of the cost.
+    """
     for lane in range(force.shape[0]):
         m = mass[lane]
         for band in range(slices.shape[0]):
@@ -226,7 +243,7 @@ def estimate(force, disp, sff, syy, sfy, w, mass, slices, periods, out):
                 continue
             pf, py = sff[lane, a:b].mean(), syy[lane, a:b].mean()
             pfy = sfy[lane, a:b].mean()
-            # Two starts: the moment estimator freed of noise, and D's least squares.
+            # Two starting points: the moment estimator corrected for noise, and the dissertation's least squares.
             best = _INFINITE
             k = c = hkk = hkc = hcc = 0.0
             power = 0.0
@@ -256,7 +273,10 @@ def estimate(force, disp, sff, syy, sfy, w, mass, slices, periods, out):
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
 def bounds(force, disp, sff, syy, sfy, w, mass, slices, found, threshold, out):
-    """Profile bounds (k low, k high, c low, c high) into out; found: as `estimate` left it; threshold (..., 2)."""
+    """Profile-likelihood bounds (k low, k high, c low, c high) of every band of every lane, written into out.
+
+    found is the output of `estimate`; threshold (lanes, bands, 2) is the rise of the cost that defines a bound.
+    """
     for lane in range(force.shape[0]):
         m = mass[lane]
         for band in range(slices.shape[0]):
@@ -272,7 +292,7 @@ def bounds(force, disp, sff, syy, sfy, w, mass, slices, found, threshold, out):
             power = 0.0
             for i in range(b - a):
                 power += abs(y[i]) ** 2
-            # Cost of an infinitely stiff or damped support: all displacement is noise.
+            # Cost of an infinitely stiff or damped support, for which all measured displacement would be noise.
             far = power / py - best if py > 0.0 else np.inf
             for j in range(4):
                 sign = -1.0 if j % 2 == 0 else 1.0

@@ -1,13 +1,22 @@
-"""Sliding estimation bands, as D App. C lays them: each starts `overlap` below the end of the one before."""
+"""Sliding estimation bands as in D App. C: each starts `overlap` below the end of the one before."""
 
 import numpy as np
 
 
 def sliding_bands(frequency: np.ndarray, width: float, overlap: float) -> np.ndarray:
-    """Bands (f_lo, f_hi), shape (bands, 2) in Hz, over the excited frequencies (n,); both ends belong to a band.
+    """Bands that slide over the excited frequencies.
 
-    The first starts at the lowest line, the last ends at or below the highest. ValueError when no band fits or a
-    band would hold fewer than two lines.
+    Args:
+        frequency: Excited frequencies (n,), Hz.
+        width: Width of a band, Hz.
+        overlap: Overlap of successive bands, Hz.
+
+    Returns:
+        Bands (bands, 2): lowest and highest frequency, Hz, both included. The first starts at the lowest line; the
+        last ends at or below the highest.
+
+    Raises:
+        ValueError: No band fits, or a band would hold fewer than two lines.
     """
     if not 0 <= overlap < width:
         raise ValueError(f"overlap {overlap} Hz must be at least 0 and smaller than the width {width} Hz")
@@ -25,7 +34,7 @@ def sliding_bands(frequency: np.ndarray, width: float, overlap: float) -> np.nda
 
 
 def band_slices(frequency: np.ndarray, bands: np.ndarray) -> np.ndarray:
-    """Index ranges (bands, 2), stop exclusive, of the sorted frequencies inside each band, ends included."""
+    """Index ranges (bands, 2), stop exclusive, of the sorted frequencies inside each band, both ends included."""
     tolerance = 1e-6
     starts = np.searchsorted(frequency, bands[:, 0] - tolerance)
     stops = np.searchsorted(frequency, bands[:, 1] + tolerance)

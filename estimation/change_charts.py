@@ -4,13 +4,16 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.optimize import brentq
 
-OVERSHOOT = 1.166  # mean excess over the threshold, both ends, that Siegmund's approximation adds to it
+OVERSHOOT = 1.166  # mean excess over the threshold at both ends, which Siegmund's approximation adds to the threshold
 
 
 class ChangeCharts:
-    """Page's CUSUM up and down for each of several coefficients; all start at zero again after an alarm.
+    """Page's CUSUM charts, upward and downward, of several coefficients; all return to zero after an alarm.
 
-    coefficients: how many; false_alarm_blocks and allowance as in `cusum_threshold`, the alarms of all charts counted.
+    Args:
+        coefficients: Number of coefficients.
+        false_alarm_blocks: As in `cusum_threshold`, counting the alarms of all charts together.
+        allowance: As in `cusum_threshold`.
     """
 
     def __init__(self, coefficients: int, false_alarm_blocks: float, allowance: float = 0.5) -> None:
@@ -20,9 +23,16 @@ class ChangeCharts:
         self._since = np.full((2, coefficients), np.nan)
 
     def update(self, time: float, innovation: ArrayLike) -> tuple[np.ndarray, float]:
-        """Alarm per coefficient (coefficients,) after its standard normal innovation, and since when, nan without.
+        """Advance all charts by one block.
 
-        That is the time of the first block of the rise that ended in the alarm, of the highest chart.
+        Args:
+            time: Time of the block, s.
+            innovation: Standard normal innovations (coefficients,).
+
+        Returns:
+            alarm: One flag per coefficient, (coefficients,).
+            onset: Time of the first block of the rise that caused the alarm, taken from the highest chart; nan without
+                an alarm.
         """
         innovation = np.asarray(innovation, dtype=float)
         raised = np.maximum(self._sums + np.stack([innovation, -innovation]) - self._allowance, 0.0)
@@ -36,10 +46,18 @@ class ChangeCharts:
 
 
 def cusum_threshold(false_alarm_blocks: float, allowance: float = 0.5, charts: int = 1) -> float:
-    """Threshold at which `charts` one-sided CUSUMs of standard normal values alarm once in false_alarm_blocks.
+    """Threshold at which `charts` one-sided CUSUM charts of standard normal values give the wanted false-alarm rate.
 
-    Siegmund (1985, Sequential Analysis, ch. 2): a chart runs (exp(2 a b) - 2 a b - 1) / (2 a^2) values, a the
-    allowance and b the threshold + 1.166. ValueError when the rate is too high for any threshold above zero.
+    By Siegmund (1985, Sequential Analysis, ch. 2) the mean run length of a chart is
+    (exp(2 a b) - 2 a b - 1) / (2 a^2) values, with the allowance a and b = threshold + 1.166.
+
+    Args:
+        false_alarm_blocks: Mean number of blocks between false alarms of any chart.
+        allowance: Amount subtracted from every value, standard deviations.
+        charts: Number of one-sided charts.
+
+    Raises:
+        ValueError: The rate is too high for any threshold above zero, or a value does not fit.
     """
     if not (np.isfinite(allowance) and allowance > 0):
         raise ValueError(f"CUSUM: allowance = {allowance} must be a positive number of standard deviations")
@@ -52,7 +70,7 @@ def cusum_threshold(false_alarm_blocks: float, allowance: float = 0.5, charts: i
             f"allowance {allowance:g}; ask for one in more than {least:.3g}"
         )
     target = charts * false_alarm_blocks
-    highest = np.log(2 * allowance**2 * target + 2) / allowance  # its run length is far above the target
+    highest = np.log(2 * allowance**2 * target + 2) / allowance  # the run length there is far above the target
     return float(brentq(lambda h: np.log(_run_length(h, allowance) / target), 0.0, highest))
 
 

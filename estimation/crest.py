@@ -1,7 +1,7 @@
-"""Multisines whose phases are optimised for a low crest factor: more force per peak, so less variance per line.
+"""Multisines whose phases are optimised for a low crest factor, which puts more force into each line for a given peak.
 
-Minimises the L_p norm of the period over the phases for rising p, which tends to the peak (Guillaume, Schoukens,
-Pintelon and Kollar, IEEE Trans. Instrum. Meas. 40, 1991, 982-989).
+The search minimises the L_p norm of one period over the phases for rising p; the norm tends to the peak (Guillaume,
+Schoukens, Pintelon and Kollar, IEEE Trans. Instrum. Meas. 40, 1991, 982-989).
 """
 
 import numpy as np
@@ -12,22 +12,31 @@ from scipy.optimize import minimize
 from estimation.sphs import Multisine, sphs, synthesise
 
 EXPONENTS = (4, 8, 16, 32, 64, 128, 256)
-ITERATIONS = 50  # per exponent; more gain less than another seed does
-OVERSAMPLING = 24  # grid points per cycle of the highest line, so that the peak between them is under 1 % higher
+ITERATIONS = 50  # per exponent; further iterations gain less than another seed does
+OVERSAMPLING = 24  # grid points per cycle of the highest line; the peak between grid points is then under 1 % higher
 
 
 def low_crest(
     lines: ArrayLike, samples_per_period: int, peak: float = 1.0, power: ArrayLike | None = None, seed: int = 0
 ) -> Multisine:
-    """Multisine of low crest factor, between samples too, whose sampled period peaks at exactly `peak`.
+    """Multisine of low crest factor, also between samples, whose sampled period peaks at exactly `peak`.
 
-    lines, samples_per_period, peak and power are those of `sphs`. The search starts from random phases: the same seed
-    gives the same phases, whatever the peak and the grid, on one machine (another processor may round its way to a
-    slightly different, equally low, minimum); other seeds give others. Flat lines 1..n with n in 100..250 reach 1.38
-    to 1.41, against 1.7 by Schroeder phases. Where the search does worse than these on the sampled grid (a few lines
-    only), they are returned. The samples are far from normally distributed: a nonlinear plant's best linear
-    approximation is not the one `random_phase` gives. Takes about 0.2 s for lines up to 250, in proportion to the
-    highest line. Raises ValueError on bad input.
+    Flat lines 1..n with n from 100 to 250 reach a crest factor of 1.38 to 1.41; Schroeder phases reach 1.7. Where the
+    search does worse than Schroeder phases on the sampled grid (only with a few lines), Schroeder phases are returned.
+    The samples are far from normally distributed, so the best linear approximation of a nonlinear plant differs from
+    the one that `random_phase` gives. The search takes about 0.2 s for lines up to 250, in proportion to the highest
+    line.
+
+    Args:
+        lines: As in `sphs`.
+        samples_per_period: As in `sphs`.
+        peak: As in `sphs`.
+        power: As in `sphs`.
+        seed: Seed of the random starting phases. On one machine the same seed gives the same phases for every peak
+            and grid; another processor may round to a slightly different minimum that is equally low.
+
+    Raises:
+        ValueError: Bad input.
     """
     schroeder = sphs(lines, samples_per_period, peak, power)
     start = np.random.default_rng(seed).uniform(0.0, 2 * np.pi, schroeder.lines.size)
@@ -41,11 +50,11 @@ def low_crest(
 def _minimise_peak(
     lines: NDArray[np.int64], amplitudes: NDArray[np.float64], phases: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    lines = lines // np.gcd.reduce(lines)  # a waveform that repeats within the period need be searched only once
+    lines = lines // np.gcd.reduce(lines)  # a waveform that repeats within the period is searched only once
     amplitudes = amplitudes / np.linalg.norm(amplitudes)
     points = scipy.fft.next_fast_len(OVERSAMPLING * int(lines[-1]), real=True)
     for exponent in EXPONENTS:
-        # conjugate gradients: L-BFGS-B is no better here, and the threads of its linear algebra stall on a busy machine
+        # Conjugate gradients: L-BFGS-B is no better here, and its threaded linear algebra stalls on a busy machine.
         options = {"maxiter": ITERATIONS}
         given = (lines, amplitudes, points, exponent)
         phases = minimize(_log_norm, phases, given, method="CG", jac=True, options=options).x
@@ -59,13 +68,16 @@ def _log_norm(
     points: int,
     exponent: int,
 ) -> tuple[float, NDArray[np.float64]]:
-    """Log of the L_p norm of the period on `points` samples and its gradient (n,) by the phases; p a power of two."""
+    """Log of the L_p norm of one period on `points` samples, and its gradient (n,) with respect to the phases.
+
+    The exponent p must be a power of two.
+    """
     lined = amplitudes * np.exp(1j * phases)
     spectrum = np.zeros(points // 2 + 1, dtype=complex)
     spectrum[lines] = lined / 2
     signal = scipy.fft.irfft(spectrum, n=points, norm="forward")
     peak = np.max(np.abs(signal))
-    signal /= peak  # or high powers underflow everywhere
+    signal /= peak  # without this scaling, high powers underflow everywhere
     power, raised = signal**2, signal.copy()
     for _ in range(exponent.bit_length() - 2):  # signal^(p - 1) by squaring; np.power would take most of the time
         raised *= power

@@ -1,18 +1,27 @@
-"""Curves over log frequency through values at lines: refined, smoothed, searched for peaks and crossings."""
+"""Curves over log frequency through values at lines: interpolation, smoothing, peaks and crossings."""
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import CubicSpline
 
-REFINEMENT = 16  # grid points per line interval, even in log frequency
+REFINEMENT = 16  # grid points per interval between lines, equally spaced in log frequency
 
 Array = NDArray[np.float64]
 
 
 def refine(frequency: ArrayLike, values: ArrayLike) -> tuple[Array, NDArray[np.complex128]]:
-    """Log frequency grid (m,), m = 16 (n - 1) + 1, and cubic spline of the values (..., m) on it, through all lines.
+    """Cubic spline through values at lines, on a finer grid of log frequency.
 
-    frequency (n,) Hz, increasing and positive, n >= 4; values (..., n) complex. Raises ValueError on bad frequencies.
+    Args:
+        frequency: Increasing positive frequencies (n,), Hz, n >= 4.
+        values: Complex values (..., n).
+
+    Returns:
+        grid: Log frequencies (m,), m = 16 (n - 1) + 1.
+        curve: Spline values (..., m).
+
+    Raises:
+        ValueError: Bad frequencies.
     """
     x = np.log(_checked_frequency(frequency))
     inside = x[:-1, None] + np.diff(x)[:, None] * (np.arange(REFINEMENT) / REFINEMENT)
@@ -21,23 +30,37 @@ def refine(frequency: ArrayLike, values: ArrayLike) -> tuple[Array, NDArray[np.c
 
 
 def largest(grid: Array, values: Array) -> tuple[Array, Array]:
-    """Maximum (...) of real values (..., m) on a log frequency grid (m,), and its frequency (...) in Hz.
+    """Maximum of real values on a grid of log frequency.
 
-    The frequency is the vertex of the parabola through the highest point and its neighbours.
+    Args:
+        grid: Log frequencies (m,).
+        values: Real values (..., m).
+
+    Returns:
+        maximum: The largest grid value (...).
+        frequency: Vertex (...) of the parabola through the largest value and its neighbours, Hz.
     """
     i = np.argmax(values, axis=-1)
     j = np.clip(i, 1, grid.size - 2)
     low, mid, high = (np.take_along_axis(values, (j + k)[..., None], axis=-1)[..., 0] for k in (-1, 0, 1))
     left, right = grid[j] - grid[j - 1], grid[j + 1] - grid[j]
     rise, fall = (mid - low) / left, (high - mid) / right
-    inner = (rise > fall) & (i == j)  # at an end, or on a plateau, the grid point itself
+    inner = (rise > fall) & (i == j)  # at an end of the grid or on a plateau, the grid point itself is taken
     step = np.divide(rise * right + fall * left, 2 * (rise - fall), out=np.zeros_like(rise), where=inner)
     return np.take_along_axis(values, i[..., None], axis=-1)[..., 0], np.exp(grid[i] + step)
 
 
 def crossings(grid: Array, level: Array, *others: Array) -> tuple[NDArray[np.bool_], *tuple[Array, ...]]:
-    """Sign changes of `level` (..., m): mask (..., m-1) per grid interval, then (..., m-1) the log frequency and each
-    of the others (..., m) at the crossing, all linear within the interval and without meaning where the mask is False.
+    """Sign changes of a curve, by linear interpolation within each grid interval.
+
+    Args:
+        grid: Log frequencies (m,).
+        level: Curve (..., m) whose sign changes are sought.
+        others: Further curves (..., m) to be evaluated at the crossings.
+
+    Returns:
+        A mask (..., m-1) of the intervals with a crossing, then the log frequency and each of the others at the
+        crossing, (..., m-1) each; these have no meaning where the mask is False.
     """
     a, b = level[..., :-1], level[..., 1:]
     found = (a > 0) != (b > 0)
@@ -46,7 +69,7 @@ def crossings(grid: Array, level: Array, *others: Array) -> tuple[NDArray[np.boo
 
 
 def least(values: Array, log_frequency: Array, key: Array) -> tuple[Array, Array]:
-    """Value and frequency in Hz, each (...), where key (..., m) is least; nan where that value is infinite."""
+    """Value and frequency in Hz, each (...), at the smallest key (..., m); nan where that value is infinite."""
     i = np.argmin(key, axis=-1)[..., None]
     value = np.take_along_axis(values, i, axis=-1)[..., 0]
     at = np.exp(np.take_along_axis(log_frequency, i, axis=-1)[..., 0])
@@ -54,12 +77,20 @@ def least(values: Array, log_frequency: Array, key: Array) -> tuple[Array, Array
 
 
 def smooth_response(frequency: ArrayLike, response: ArrayLike, variance: ArrayLike) -> NDArray[np.complex128]:
-    """Natural cubic smoothing spline of a response (n,) in log frequency, taken at its own frequencies.
+    """Natural cubic smoothing spline of a response over log frequency, evaluated at the response's own frequencies.
 
-    frequency (n,) Hz, increasing and positive, n >= 4; response (n,) complex; variance (n,) of it, E|noise|^2, which
-    weights the lines (zero everywhere: the response is returned as it is). How smooth is chosen by Mallows' Cp, so the
-    squared error summed over all lines is least; a narrow peak comes out somewhat low. Form of Green and Silverman,
-    Nonparametric Regression and Generalized Linear Models, 1994, chapter 2. Raises ValueError on bad input.
+    Mallows' Cp chooses the smoothness, which minimises the expected squared error summed over all lines; the top of a
+    narrow peak comes out somewhat low. Form of Green and Silverman, Nonparametric Regression and Generalized Linear
+    Models, 1994, chapter 2.
+
+    Args:
+        frequency: Increasing positive frequencies (n,), Hz, n >= 4.
+        response: Complex response (n,).
+        variance: Its noise variance E|noise|^2 (n,), which weights the lines. If all are zero, the response is
+            returned unchanged.
+
+    Raises:
+        ValueError: Bad input.
     """
     f, s = _checked_frequency(frequency), np.asarray(response, dtype=complex)
     noise = np.asarray(variance, dtype=float)
@@ -69,7 +100,7 @@ def smooth_response(frequency: ArrayLike, response: ArrayLike, variance: ArrayLi
         raise ValueError(f"variance must hold {f.size} finite values >= 0, one per frequency")
     if not np.any(noise):
         return s
-    weight = 1 / np.sqrt(np.maximum(noise, 1e-6 * np.max(noise)))  # a line without noise must not outweigh all
+    weight = 1 / np.sqrt(np.maximum(noise, 1e-6 * np.max(noise)))  # so that a line without noise does not dominate
     h, k = np.diff(np.log(f)), np.arange(f.size - 2)
     bend = np.zeros((f.size, k.size))  # second differences
     bend[k, k], bend[k + 1, k], bend[k + 2, k] = 1 / h[:-1], -1 / h[:-1] - 1 / h[1:], 1 / h[1:]
@@ -79,7 +110,7 @@ def smooth_response(frequency: ArrayLike, response: ArrayLike, variance: ArrayLi
     roughness = np.maximum(roughness, 1e-15 * roughness[-1])
     part = basis.T @ (weight * s)
     penalty = np.geomspace(1e-3 / roughness[-1], 1e3 / roughness[2], 200)[:, None]
-    # The two smallest belong to straight lines, which are never penalised.
+    # The two smallest eigenvalues belong to straight lines, which are never penalised.
     keep = 1 / (1 + penalty * np.concatenate([[0.0, 0.0], roughness[2:]]))
     risk = np.sum((1 - keep) ** 2 * np.abs(part) ** 2 + 2 * keep, axis=1)
     return basis @ (keep[np.argmin(risk)] * part) / weight

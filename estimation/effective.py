@@ -1,7 +1,7 @@
-"""Effective stiffness and damping: what a controller should give by its transfer function alone.
+"""Effective stiffness and damping: the values that the controller's transfer function alone would give.
 
-Dissertation (D) eq 4.5-4.7. Delay, amplifier, sensor and eddy currents are left out unless they are put into the
-controller response; the difference from the identified ("actual") coefficients is what those cost.
+Dissertation (D) eq 4.5-4.7. Delay, amplifier, sensor and eddy currents are left out unless the controller response
+contains them. The difference from the identified ("actual") coefficients is the effect of what was left out.
 """
 
 import numpy as np
@@ -11,12 +11,23 @@ from numpy.typing import ArrayLike, NDArray
 def effective_coefficients(
     frequency: ArrayLike, controller_response: ArrayLike, actuator_gain: float, negative_stiffness: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Effective (stiffness N/m, damping N s/m), each (..., n), per frequency: D eq 4.5.
+    """Effective stiffness and damping at each frequency, D eq 4.5.
 
-    frequency (n,) Hz, positive; controller_response (..., n) complex A/m from displacement to the current that opposes
-    it, so a positive proportional gain is a positive stiffness; actuator_gain N/A; negative_stiffness N/m, <= 0:
-    k = negative_stiffness + actuator_gain Re G, c = actuator_gain Im G / w. Springs beside the magnet add to k. Raises
-    ValueError on bad shapes or values.
+    k = negative_stiffness + actuator_gain Re G and c = actuator_gain Im G / w.
+
+    Args:
+        frequency: Positive frequencies (n,), Hz.
+        controller_response: Complex response G (..., n), A/m, from displacement to the current that opposes it; a
+            positive proportional gain is then a positive stiffness.
+        actuator_gain: Force per current, N/A.
+        negative_stiffness: Stiffness of the magnet, N/m, at most 0. Springs beside the magnet add to k.
+
+    Returns:
+        stiffness: Effective stiffness (..., n), N/m.
+        damping: Effective damping (..., n), N s/m.
+
+    Raises:
+        ValueError: Bad shapes or values.
     """
     omega = _angular(frequency)
     response = np.asarray(controller_response, dtype=complex)
@@ -35,12 +46,26 @@ def pid_effective_coefficients(
     actuator_gain: float,
     negative_stiffness: float,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Effective (stiffness N/m, damping N s/m), each (n,), of a PID with an ideal integrator: D eq 4.7.
+    """Effective stiffness and damping of a PID controller with an ideal integrator, D eq 4.7.
 
-    G(s) = kp + ki / s + kd s / (1 + td s), D eq 4.6, with kp A/m, ki A/(m s), kd A s/m, td s; frequency (n,) Hz,
-    positive; actuator_gain N/A; negative_stiffness N/m, <= 0. D eq 4.7 follows from eq 4.5 and 4.6 without error. The
-    integrator of D eq 3.27 is a first-order low-pass instead; use `effective_coefficients` with its response. Raises
-    ValueError on bad values.
+    G(s) = kp + ki / s + kd s / (1 + td s), D eq 4.6. The integrator of D eq 3.27 is a first-order low-pass instead;
+    for that one, use `effective_coefficients` with its response.
+
+    Args:
+        frequency: Positive frequencies (n,), Hz.
+        kp: Proportional gain, A/m.
+        ki: Integral gain, A/(m s).
+        kd: Derivative gain, A s/m.
+        td: Time constant of the derivative filter, s.
+        actuator_gain: Force per current, N/A.
+        negative_stiffness: Stiffness of the magnet, N/m, at most 0.
+
+    Returns:
+        stiffness: Effective stiffness (n,), N/m.
+        damping: Effective damping (n,), N s/m.
+
+    Raises:
+        ValueError: Bad values.
     """
     omega = _angular(frequency)
     _check_negative(negative_stiffness)

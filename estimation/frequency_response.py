@@ -12,11 +12,14 @@ _POOL = 7
 
 
 def frequency_response(statistics: LineStatistics, output: str, source: str) -> tuple[np.ndarray, np.ndarray]:
-    """Response output / source and its variance E|n|^2, each (..., n).
+    """Frequency response of one channel to another, and its variance.
 
-    The ratio of period means is the excitation-as-instrument estimate S_yr / S_ur for a periodic excitation r, so
-    noise that runs around a loop does not bias it (Pintelon and Schoukens 2012, ch. 2). Lines where the source
-    has no power give nan.
+    The ratio of period means equals the estimate S_yr / S_ur with the periodic excitation r as instrument, so noise
+    that runs around a control loop does not bias it (Pintelon and Schoukens 2012, ch. 2).
+
+    Returns:
+        response: Output / source (..., n); nan at lines where the source has no power.
+        variance: Noise variance E|n|^2 of the response (..., n).
     """
     y, u = statistics.amplitude(output), statistics.amplitude(source)
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -28,26 +31,36 @@ def frequency_response(statistics: LineStatistics, output: str, source: str) -> 
 
 
 def pooled_variance(variance: np.ndarray) -> np.ndarray:
-    """Variances (..., n) of a response averaged over seven neighbouring lines.
+    """Variances (..., n) of a response, averaged over seven neighbouring lines.
 
-    A variance from P periods scatters with 2 (P - 1) degrees of freedom; intervals that take it as known undercover.
+    A variance estimated from P periods scatters with 2 (P - 1) degrees of freedom; intervals that treat it as exact
+    cover too little.
     """
     return uniform_filter1d(variance, _POOL, axis=-1)
 
 
 def instrumented_response(output: np.ndarray, source: np.ndarray, instrument: np.ndarray) -> np.ndarray:
-    """S_yr / S_ur over the leading axis (periods, realisations): spectra (records, n) each; shape (n,).
+    """Response estimated with an instrument, S_yr / S_ur, from several records.
 
-    Unbiased where the plain ratio S_yu / S_uu tends to -1 / controller because noise runs around the loop.
+    It is unbiased where noise runs around a control loop; there the plain ratio S_yu / S_uu tends to -1 / controller.
+
+    Args:
+        output: Spectra of the output (records, n); the records are periods or realisations.
+        source: Spectra of the source (records, n).
+        instrument: Spectra of the excitation (records, n).
+
+    Returns:
+        The response (n,).
     """
     r = np.conj(instrument)
     return (output * r).sum(axis=0) / (source * r).sum(axis=0)
 
 
 def coherence(statistics: LineStatistics, channel: str) -> np.ndarray:
-    """Share of one period's power at each line that repeats in every period, 0..1, shape (..., n).
+    """Share of one period's power at each line that repeats in every period, 0 to 1, shape (..., n).
 
-    |mean|^2 is freed of its own noise: a line of pure noise gives 0 more often than not, and 0.4 / P on average.
+    The expected noise power is subtracted from |mean|^2, so a line of pure noise gives 0 more often than not, and
+    0.4 / P on average over P periods.
     """
     noise = statistics.cross(channel, channel)
     signal = np.maximum(np.abs(statistics.amplitude(channel)) ** 2 - noise, 0.0)
@@ -57,10 +70,14 @@ def coherence(statistics: LineStatistics, channel: str) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Distortion:
-    """Repeating power at unexcited lines, relative to the excited lines' rms; None where no such lines exist.
+    """Repeating power at lines that are not excited, relative to the excited lines' rms amplitude.
 
-    even, odd: rms amplitude ratios, freed of noise; *_p: p-value that the lines hold noise alone; noise: rms ratio of
-    the noise on the mean.
+    Attributes:
+        even: Rms amplitude ratio at even lines, corrected for noise; None where no such lines exist.
+        odd: The same at odd lines.
+        even_p: p-value of the hypothesis that the even lines hold noise alone; None where it cannot be tested.
+        odd_p: The same at odd lines.
+        noise: Ratio of the rms noise on the mean.
     """
 
     even: float | None
@@ -71,10 +88,16 @@ class Distortion:
 
 
 def distortion(statistics: LineStatistics, channel: str, excited: np.ndarray) -> Distortion:
-    """Even and odd nonlinear distortion of one record (no leading dimensions) from its detection lines.
+    """Even and odd nonlinear distortion of one record, from its detection lines.
 
-    Detection lines are those of `statistics` that are not in `excited`. Null: per line |mean|^2 / var is
-    F(2, 2(P-1)); Fisher's sum over the lines.
+    The test for each line is |mean|^2 / variance, which is F(2, 2 (P - 1)) distributed for noise alone; Fisher's sum
+    combines the lines.
+
+    Args:
+        statistics: Line statistics without leading dimensions. Their lines that are not in `excited` are the
+            detection lines.
+        channel: Channel to be examined.
+        excited: Excited lines.
     """
     is_excited = np.isin(statistics.lines, excited)
     power = np.abs(statistics.amplitude(channel)) ** 2

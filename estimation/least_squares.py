@@ -1,9 +1,9 @@
 """Stiffness and damping of one axis by plain least squares on the receptance, as the dissertation (D) does.
 
-The equations are D eq 4.13-4.22 and the statistics of D Appendix C. Both sides of eq 4.13 carry the measured
-receptance G, so noise on it biases the result: with rho = sum |G|^2 / sum (|G|^2 + sigma_G^2) over a narrow band the
+The equations are D eq 4.13-4.22 and the statistics those of D Appendix C. Both sides of eq 4.13 contain the measured
+receptance G, so its noise biases the result: with rho = sum |G|^2 / sum (|G|^2 + sigma_G^2) over a narrow band, the
 stiffness tends to rho k + (1 - rho) m w^2 and the damping to rho c, while R2 stays high. Where |G| is not far above its
-noise this estimate must not be trusted, however good the fit looks.
+noise, this estimate must not be trusted, however good the fit looks.
 """
 
 from dataclasses import dataclass
@@ -20,10 +20,18 @@ COEFFICIENTS = 2
 class LeastSquares:
     """Result of `least_squares`; every field has the leading shape (...) of the receptance, () for one band.
 
-    stiffness N/m, damping N s/m, with standard errors stiffness_se and damping_se (D eq 4.22); r2 and r2_adjusted
-    (D eq 4.20); goodness_of_fit = sqrt(max(r2_adjusted, 0)), what D's tables report (Appendix C); t_stiffness and
-    t_damping, the coefficients over their standard errors; stiffness_significant and damping_significant, whether
-    these reach the two-sided 95 % quantile of Student's t.
+    Attributes:
+        stiffness: N/m.
+        damping: N s/m.
+        stiffness_se: Standard error (D eq 4.22), N/m.
+        damping_se: Standard error (D eq 4.22), N s/m.
+        r2: Coefficient of determination (D eq 4.20).
+        r2_adjusted: The same, adjusted for the number of coefficients.
+        goodness_of_fit: sqrt(max(r2_adjusted, 0)), as D's tables report it (Appendix C).
+        t_stiffness: Stiffness over its standard error.
+        t_damping: Damping over its standard error.
+        stiffness_significant: Whether |t_stiffness| reaches the two-sided 95 % quantile of Student's t.
+        damping_significant: Whether |t_damping| does.
     """
 
     stiffness: NDArray[np.float64]
@@ -42,11 +50,17 @@ class LeastSquares:
 def least_squares(frequency: ArrayLike, receptance: ArrayLike, mass: ArrayLike) -> LeastSquares:
     """Stiffness and damping of one band from its receptance, D eq 4.13-4.22.
 
-    frequency (n,) Hz, n >= 2; receptance (..., n) complex m/N, Y / F of period averages; mass kg, scalar or broadcast
-    with (...). The 2n rows are the real and imaginary parts of G (k + j w c) = 1 + m w^2 G. R2 is taken about the mean
-    of the right-hand side (Appendix C). Residual variance has 2n - 3 degrees of freedom (D eq 4.21; Appendix C's
-    2N - 5 belongs to its five coefficients). Raises ValueError on bad shapes, values that are not finite, or a
-    receptance that is zero on the whole band.
+    The 2n rows are the real and imaginary parts of G (k + j w c) = 1 + m w^2 G. R2 is taken about the mean of the
+    right-hand side (Appendix C). The residual variance has 2n - 3 degrees of freedom (D eq 4.21); the 2N - 5 of
+    Appendix C belongs to its five coefficients.
+
+    Args:
+        frequency: Frequencies (n,), Hz, n >= 2.
+        receptance: Y / F of period averages, complex (..., n), m/N.
+        mass: Moving mass, kg, scalar or broadcast with (...).
+
+    Raises:
+        ValueError: Bad shapes, values that are not finite, or a receptance that is zero on the whole band.
     """
     f = np.asarray(frequency, dtype=float)
     g = np.asarray(receptance, dtype=complex)
@@ -66,7 +80,7 @@ def least_squares(frequency: ArrayLike, receptance: ArrayLike, mass: ArrayLike) 
     if np.any(normal_k == 0):
         raise ValueError("receptance must not be zero on the whole band; check the displacement channel")
 
-    # The two columns of W_F are orthogonal line by line, so the normal equations (D eq 4.19) fall apart.
+    # The two columns of W_F are orthogonal line by line, so the normal equations (D eq 4.19) decouple.
     target = m * omega**2 * g + 1
     inner = np.conj(g) * target
     stiffness = np.sum(inner.real, axis=-1) / normal_k

@@ -1,4 +1,4 @@
-"""One block of lines, and what it measures of stiffness and damping about what is known before it."""
+"""One block of lines, and the measurement of stiffness and damping that it gives together with prior knowledge."""
 
 from dataclasses import dataclass
 
@@ -19,9 +19,13 @@ NEEDS = {
 class Block:
     """Lines of one block of whole excitation periods.
 
-    time s of its end; force (n,) N and displacement (n,) m, complex peak amplitudes; noise (n,) variance E|n|^2 of the
-    displacement lines, m^2, inf where a line is to be left out; force_noise (n,), N^2, that of the force lines, in so
-    far as it is independent of the displacement's (default: the force is exact).
+    Attributes:
+        time: End of the block, s.
+        force: Complex peak amplitudes (n,), N.
+        displacement: Complex peak amplitudes (n,), m.
+        noise: Noise variance E|n|^2 of the displacement lines (n,), m^2; inf leaves a line out.
+        force_noise: Noise variance of the force lines (n,), N^2, as far as it is independent of the displacement's.
+            By default the force is exact.
     """
 
     time: float
@@ -32,7 +36,11 @@ class Block:
 
 
 def checked_block(block: Block, frequency: np.ndarray) -> Block:
-    """The block as arrays, one value per line of frequency (n,). ValueError when it does not fit them."""
+    """The block as arrays with one value per line of frequency (n,).
+
+    Raises:
+        ValueError: The block does not fit the lines.
+    """
     where, n = f"block at {block.time} s", frequency.size
     arrays = {name: np.asarray(getattr(block, name), dtype=complex) for name in ("force", "displacement")}
     arrays |= {name: np.asarray(getattr(block, name), dtype=float) for name in ("noise", "force_noise")}
@@ -53,11 +61,23 @@ def checked_block(block: Block, frequency: np.ndarray) -> Block:
 def measured_at_mode(
     block: Block, w: np.ndarray, mass: float, prior: np.ndarray, prior_variance: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, float]:
-    """A checked block as a measurement (2,) of k and c, its variance (2,), and the lines' chi-square about it.
+    """A checked block as one measurement of stiffness k and damping c.
 
-    w (n,) rad/s; mass kg; prior (2,) and prior_variance (2,) of k and c before it. The model is linearised where the
-    posterior is highest, searched from the prior; where that explains the lines badly, as when a stiffness far off or
-    of the other sign has its own minimum, also from least squares on the receptance (D eq 4.19).
+    The model is linearised at the highest posterior density, which is searched from the prior. If the lines are
+    explained badly there, the search also starts from least squares on the receptance (D eq 4.19): a stiffness that
+    is far off or has the other sign has a minimum of its own.
+
+    Args:
+        block: As `checked_block` returns it.
+        w: Angular frequencies (n,), rad/s.
+        mass: Moving mass, kg.
+        prior: Prior mean (2,) of k and c.
+        prior_variance: Prior variance (2,).
+
+    Returns:
+        measured: Measurement (2,) of k and c.
+        variance: Its variance (2,).
+        misfit: Chi-square of the lines about the measurement.
     """
     known = (block, w, mass, prior, prior_variance)
     found, cost = _searched(*known, prior)
@@ -75,9 +95,9 @@ def measured_at_mode(
 def _searched(
     block: Block, w: np.ndarray, mass: float, prior: np.ndarray, prior_variance: np.ndarray, point: np.ndarray
 ) -> tuple[tuple[np.ndarray, np.ndarray, float], float]:
-    """`measured_at_mode` of the minimum of the cost that Gauss-Newton reaches from a point, and the cost there.
+    """`measured_at_mode` for the minimum that Gauss-Newton steps reach from a point, and the cost there.
 
-    A step is halved as long as it makes things worse.
+    A step is halved for as long as it raises the cost.
     """
     measured, variance, misfit, cost = _linearised(block, w, mass, point)
     cost += np.sum((point - prior) ** 2 / prior_variance)
@@ -100,13 +120,13 @@ def _searched(
 def _linearised(
     block: Block, w: np.ndarray, mass: float, point: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, float, float]:
-    """Gauss-Newton's target (2,) from a point (2,), its variance, chi-square about it and at the point."""
+    """Gauss-Newton target (2,) from a point (2,), its variance (2,), and the chi-square about it and at the point."""
     z = point[0] - mass * w**2 + 1j * w * point[1]
     error = block.displacement - block.force / z
     total = block.noise + block.force_noise / np.abs(z) ** 2
     weight = 2 / total
-    # The slope dY/dk takes the force estimated from both channels, whose error is not correlated with the residual; the
-    # measured one's is, which would bias the stiffness by the force's noise share.
+    # The slope dY/dk uses the force estimated from both channels, whose error is uncorrelated with the residual. The
+    # error of the measured force is correlated with it and would bias the stiffness by the force's noise share.
     slope = -(block.force + weight / 2 * block.force_noise / np.conj(z) * error) / z**2
     along = weight * np.conj(slope) * error
     information = np.array([np.sum(weight * np.abs(slope) ** 2), np.sum(weight * np.abs(w * slope) ** 2)])

@@ -1,4 +1,4 @@
-"""Which lines of a multisine may be excited while the rotor spins: those clear of every harmonic of its speeds."""
+"""Choice of multisine lines for a spinning rotor: those clear of every harmonic of the rotation frequency."""
 
 from collections.abc import Sequence
 
@@ -14,12 +14,20 @@ def lines_off_spin(
     clearance_hz: float,
     least: int = 10,
 ) -> NDArray[np.int64]:
-    """The lines at least clearance_hz away from every spin harmonic at all speeds of interest.
+    """Lines that keep at least clearance_hz from every harmonic of the rotation frequency, at all given speeds.
 
-    lines (n,) harmonic numbers of the fundamental, Hz; speeds_rpm: speeds, or (low, high) for all speeds between;
-    harmonics: orders of the spin, 0.5 for a half-speed whirl; clearance_hz: one over the block's length lets
-    `estimation.spin` part them at little cost in noise. ValueError when a value does not fit, or fewer than `least`
-    lines remain: it then names the speeds and the lines that each takes.
+    Args:
+        lines: Harmonic numbers (n,) of the fundamental.
+        fundamental: Fundamental frequency, Hz.
+        speeds_rpm: Speeds in rpm; a pair (low, high) stands for all speeds between.
+        harmonics: Orders of the rotation frequency; 0.5 for a half-speed whirl.
+        clearance_hz: Smallest distance, Hz. One over the block's length lets `estimation.spin` separate lines and
+            harmonics at little cost in noise.
+        least: Smallest number of lines that must remain.
+
+    Raises:
+        ValueError: A value does not fit, or fewer than `least` lines remain; the message then names the speeds and
+            the lines that each removes.
     """
     lines, orders = np.asarray(lines), np.asarray(harmonics, dtype=float)
     if lines.ndim != 1 or lines.size == 0 or not np.issubdtype(lines.dtype, np.integer) or lines.min() < 1:
@@ -52,7 +60,7 @@ def _taken(
         raise ValueError(f"lines off spin: speed {speed} rpm must be a positive number or (low, high)")
     low, high = ends[0] / 60 * orders[:, None], ends[-1] / 60 * orders[:, None]
     distance = np.maximum(np.maximum(low - frequency, frequency - high), 0.0)
-    # A line placed just at the clearance must not fall to rounding; one on a harmonic falls even without clearance.
+    # A line exactly at the clearance must not be lost to rounding; a line on a harmonic is lost even at zero clearance.
     return np.any(distance <= 1e-9 * frequency, axis=0) | np.any(distance < clearance - 1e-9 * frequency, axis=0)
 
 

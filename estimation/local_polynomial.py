@@ -1,13 +1,14 @@
 """Line statistics of a record whose excitation never repeats (noise, a chirp, hammer blows): local polynomial method.
 
-Over a narrow window of DFT bins k + r an output is G(k + r) U(k + r) + T(k + r) and noise, with the response G to the
-recorded excitation U and the transient T (what runs into the record less what runs out of it: leakage) both smooth.
-Quadratics in r for both, by least squares, need no taper and leave the noise as the residual (Schoukens, Vandersypen,
-Barbe and Pintelon, European Journal of Control 15, 2009; Pintelon and Schoukens 2012, ch. 7).
+Over a narrow window of DFT bins k + r an output is G(k + r) U(k + r) + T(k + r) plus noise. Both the response G to the
+recorded excitation U and the transient T (the leakage caused by different states at the start and end of the record)
+are smooth. Least squares with quadratics in r for both need no taper and leave the noise as the residual (Schoukens,
+Vandersypen, Barbe and Pintelon, European Journal of Control 15, 2009; Pintelon and Schoukens 2012, ch. 7).
 
-Windows do not overlap, and each reports its response at three bins: at the zeros of the third discrete Legendre
-polynomial the values of a quadratic fit are uncorrelated and a cubic does not bias them (Christoffel-Darboux; exact
-for constant |U|). The three together know all that the window knows; its centre alone is 1.5 times as uncertain.
+Windows do not overlap, and each reports its response at three bins, the zeros of the third discrete Legendre
+polynomial. There the values of a quadratic fit are uncorrelated and a cubic term does not bias them
+(Christoffel-Darboux; exact for constant |U|). The three values together hold all the information of the window; the
+value at its centre alone is 1.5 times as uncertain.
 """
 
 import numpy as np
@@ -15,11 +16,11 @@ import scipy.fft
 
 from estimation.periods import LineStatistics
 
-_TERMS = 3  # of each quadratic; also the lines of a window
-_NARROWEST = 21  # bins: 15 residual degrees of freedom
+_TERMS = 3  # terms of each quadratic, and also lines per window
+_NARROWEST = 21  # bins of the narrowest window, which leaves 15 residual degrees of freedom
 _MOST_LINES = 1000
 _RANGE = 1e-4  # 40 dB of power
-_DISTINCT = 0.1  # share of the excitation that no transient can be; below it the three lines are hardly independent
+_DISTINCT = 0.1  # share of the excitation that no transient can mimic; below it the three lines are hardly independent
 _ROUNDING = 1e-12  # of the strongest bin's amplitude
 _BINS_AT_ONCE = 1 << 16
 
@@ -34,26 +35,34 @@ def local_polynomial(
 ) -> LineStatistics:
     """Responses of all channels to a recorded excitation, as the line statistics of an equivalent periodic record.
 
-    signals (channels, samples) in SI, sample_rate Hz. reference: the channel that excites, or an array (samples,) to
-    which every channel responds. It counts as exact. Noise in its reading, of n times its power, turns G into
-    G / (1 + n) and looks like output noise; noise that a feedback brings to it biases G too. Then what was commanded
-    or injected is the reference to take: the ratio of two channels' responses to it is free of both.
+    Each window contributes three lines. The returned `mean` is the response times a real effective amplitude of the
+    reference, about that of one bin; lines that are known better have a larger amplitude. All lines of a window share
+    the `covariance` of the noise in one bin divided by `periods`. A window of 3 (P + 1) bins leaves 3 (P - 1) complex
+    degrees of freedom, which its lines share; `periods` is P, which is right for everything that pools lines and
+    cautious for a single line. A constant offset does no harm; a drift affects little above the lowest window.
 
-    band (low, high) Hz: where bins are used; by default where the reference's power density, over 21 bins, is within
-    40 dB of its highest, in one piece. resolution: average distance of lines, Hz. Windows are three times as wide and
-    should be narrower than a resonance at half power (when as wide, G errs by 1 % there). Default 7 bins, that is
-    7 / duration, but no more than 1000 lines: state the band to resolve more of a long record. Windows whose excitation
-    is missing or could be a transient are left out: where a chirp starts and ends with the record, or around a single
-    blow so near an end of the record that its phase turns less than twice over a window.
+    Args:
+        signals: Signals (channels, samples) in SI units.
+        channels: Names of the channels.
+        sample_rate: Hz.
+        reference: The channel that excites, or an array (samples,) to which every channel responds. It is treated as
+            exact: noise in its reading with n times its power turns G into G / (1 + n) and looks like output noise,
+            and noise that a feedback brings into it biases G as well. In those cases use the commanded or injected
+            signal as the reference; the ratio of two channels' responses to it is free of both errors.
+        band: Lowest and highest frequency used, Hz. By default the contiguous band around the strongest window in
+            which the reference's power density, over 21 bins, is within 40 dB of its highest.
+        resolution: Average distance of lines, Hz. A window is three times as wide and should be narrower than the
+            half-power width of a resonance (at equal width, G is wrong by 1 % there). The default is 7 bins, that is
+            7 / duration, but no more than 1000 lines; state the band to resolve more of a long record.
 
-    Returned `mean` is the response times an effective amplitude of the reference, real, about that of one bin: lines
-    that are known better are larger, and all of a window have the `covariance` of its noise in one bin over `periods`.
-    A window of 3 (P + 1) bins leaves 3 (P - 1) complex degrees of freedom, which its lines share. `periods` is P:
-    right for all that pools lines, and cautious for one line alone.
+    Returns:
+        Line statistics. Windows whose excitation is missing or could be a transient are left out: where a chirp
+        starts and ends with the record, or around a single blow so near an end of the record that its phase turns
+        less than twice over a window.
 
-    A constant offset does no harm, and a drift little above the lowest window. ValueError for wrong shapes, values not
-    finite, an unknown channel, a record too short, a reference without power, a band or resolution that the record
-    does not have.
+    Raises:
+        ValueError: Wrong shapes, values that are not finite, an unknown channel, a record that is too short, a
+            reference without power, or a band or resolution that the record does not allow.
     """
     _check(signals, channels, sample_rate, reference)
     known = channels.index(reference) if isinstance(reference, str) else None
@@ -80,7 +89,7 @@ def local_polynomial(
             "that differs from a transient (a single blow near an end of the record, a few lines): choose another "
             "band, a coarser resolution, or the periods of a periodic excitation"
         )
-    if known is not None:  # exact, not within rounding
+    if known is not None:  # make the reference's own response exact, not only within rounding
         response[:, :, known] = 1
         noise[:, known], noise[:, :, known] = 0, 0
 
@@ -101,14 +110,19 @@ def local_polynomial(
 def _fit(
     u: np.ndarray, z: np.ndarray, at: np.ndarray, floor: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Least squares in windows u (w, bins), z (w, bins, channels). Which are sound (w,), and of these: responses
-    (s, 3, channels) at bins `at` from the centre, their variance (s, 3) per unit of noise, and the noise covariance of
-    one bin (s, channels, channels)."""
+    """Least squares in windows u (w, bins) of the reference and z (w, bins, channels) of all channels.
+
+    Returns:
+        sound: Which windows are usable (w,); the other results hold these s windows only.
+        response: Responses (s, 3, channels) at bins `at` from the centre.
+        variance: Their variance (s, 3) per unit of noise.
+        noise: Noise covariance of one bin (s, channels, channels).
+    """
     width = u.shape[1]
     basis = np.linalg.qr(np.linspace(-1, 1, width)[:, None] ** np.arange(_TERMS))[0] * np.sqrt(width)
     design = np.concatenate([np.broadcast_to(basis, (len(u), *basis.shape)), u[:, :, None] * basis], axis=-1)
     q, r = np.linalg.qr(design)
-    r = r[:, _TERMS:, _TERMS:]  # what of U is no transient
+    r = r[:, _TERMS:, _TERMS:]  # the part of U that a transient cannot explain
     power = np.sum(np.abs(u) ** 2, axis=1)
     distinct = np.abs(np.diagonal(r, axis1=1, axis2=2)).min(axis=1) ** 2
     sound = (power > width * floor**2) & (distinct > _DISTINCT * power)
@@ -123,7 +137,7 @@ def _fit(
 
 
 def _spectrum(signal: np.ndarray) -> np.ndarray:
-    """Complex amplitudes of all bins. A constant is in bin 0 alone, which is never used."""
+    """Complex amplitudes of all bins. A constant offset is in bin 0 alone, which is never used."""
     return scipy.fft.rfft(signal) * (2 / len(signal))
 
 
@@ -137,7 +151,7 @@ def _bins(band: tuple[float, float], sample_rate: float, samples: int) -> tuple[
 
 
 def _excited(excitation: np.ndarray, samples: int) -> tuple[int, int]:
-    """First bin, and the one after the last, of the stretch of windows around the strongest within 40 dB of it."""
+    """First bin, and the one after the last, of the contiguous windows around the strongest that are within 40 dB."""
     count = ((samples + 1) // 2 - 1) // _NARROWEST
     power = np.mean(np.abs(excitation[1 : 1 + count * _NARROWEST]).reshape(count, -1) ** 2, axis=1)
     strongest = int(np.argmax(power))
@@ -147,7 +161,7 @@ def _excited(excitation: np.ndarray, samples: int) -> tuple[int, int]:
 
 
 def _width(bins: int, spacing: float, resolution: float | None) -> int:
-    """Bins of a window: odd, for its centre to be a bin, and a multiple of 3, for whole `periods`."""
+    """Bins of a window: odd, so that its centre is a bin, and a multiple of 3, so that `periods` is whole."""
     if resolution is None:
         width = max(_NARROWEST, -(-_TERMS * bins // _MOST_LINES))
         width += -(width - _TERMS) % (2 * _TERMS)

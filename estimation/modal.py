@@ -1,4 +1,4 @@
-"""One mass, stiffness and damping for a whole record: for records whose moving mass is not known."""
+"""One mass, stiffness and damping for a whole record, for rigs whose moving mass is not known."""
 
 from dataclasses import dataclass
 
@@ -10,15 +10,22 @@ from scipy.optimize import least_squares as minimise
 
 from estimation.periods import LineStatistics
 
-_POOL = 15  # lines over which the noise covariance is averaged: its own scatter drops to a few per cent
+_POOL = 15  # lines over which the noise covariance is averaged; its own scatter falls to a few per cent
 
 
 @dataclass(frozen=True)
 class ModalEstimate:
-    """mass kg, stiffness N/m, damping N s/m, natural_frequency Hz, damping_ratio, each with *_se.
+    """Result of `modal_estimate`; each of the first five quantities has a standard error with the suffix `_se`.
 
-    cost_ratio: residual power over what the measured noise explains (1 for a perfect model). discrepancy: rms
-    displacement, as a share of the record's, that the model cannot follow; it widens the standard errors.
+    Attributes:
+        mass: kg.
+        stiffness: N/m.
+        damping: N s/m.
+        natural_frequency: Hz.
+        damping_ratio: Dimensionless.
+        cost_ratio: Residual power over the power that the measured noise explains; 1 for a perfect model.
+        discrepancy: Rms displacement that the model cannot follow, as a share of the record's. It widens the
+            standard errors.
     """
 
     mass: float
@@ -38,12 +45,16 @@ class ModalEstimate:
 def modal_estimate(statistics: LineStatistics) -> ModalEstimate:
     """Errors-in-variables maximum likelihood of F = (k - m w^2 + j w c) Y over all lines of one record.
 
-    A rig that is not quite linear leaves more than noise; weighting by noise alone would then let the quietest lines
-    decide. So where the residual exceeds its noise at p < 0.01, a displacement variance common to all lines is added,
-    as much as makes the residual what its weights expect (the random-effects estimate of meta-analysis).
+    A rig that is not quite linear leaves more residual than noise alone, and weights from the noise alone would let
+    the quietest lines decide. Where the residual exceeds its noise at p < 0.01, a displacement variance common to all
+    lines is therefore added, just large enough that the residual agrees with its weights (the random-effects estimate
+    of meta-analysis).
 
-    statistics: channels "force" and "displacement", no leading dimensions, at least four lines. ValueError when there
-    are fewer, or when the fit has no positive mass and stiffness (no resonance in the excited band).
+    Args:
+        statistics: Channels "force" and "displacement", no leading dimensions, at least four lines.
+
+    Raises:
+        ValueError: Fewer than four lines, or no positive mass and stiffness fit (no resonance in the excited band).
     """
     fit = global_fit(statistics)
     k, c, m = fit.values
@@ -64,8 +75,14 @@ def modal_estimate(statistics: LineStatistics) -> ModalEstimate:
 
 @dataclass(frozen=True)
 class GlobalFit:
-    """values (3,): k, c, m of F = (k - m w^2 + j w c) Y with their covariance (3, 3), before anything is asked of their
-    signs; cost_ratio and discrepancy as in `ModalEstimate`."""
+    """Fit of F = (k - m w^2 + j w c) Y, before any check of the signs.
+
+    Attributes:
+        values: k, c and m, (3,).
+        covariance: Their covariance (3, 3).
+        cost_ratio: As in `ModalEstimate`.
+        discrepancy: As in `ModalEstimate`.
+    """
 
     values: np.ndarray
     covariance: np.ndarray
@@ -74,7 +91,11 @@ class GlobalFit:
 
 
 def global_fit(statistics: LineStatistics) -> GlobalFit:
-    """The fit behind `modal_estimate`. ValueError for fewer than four lines."""
+    """The fit behind `modal_estimate`.
+
+    Raises:
+        ValueError: Fewer than four lines.
+    """
     f, y = statistics.amplitude("force"), statistics.amplitude("displacement")
     if f.ndim != 1 or f.size < 4:
         raise ValueError(f"mass estimate: {f.size} lines; at least four excited lines are needed")
@@ -123,7 +144,7 @@ def _linear_start(f: np.ndarray, y: np.ndarray, w: np.ndarray) -> np.ndarray:
 def _fit(
     f: np.ndarray, y: np.ndarray, w: np.ndarray, noise: _Noise, extra: float, start: np.ndarray
 ) -> tuple[OptimizeResult, float]:
-    """Levenberg-Marquardt from `start` (k, c, m): the fit in SI, and its residual power over the expected."""
+    """Levenberg-Marquardt search from `start` (k, c, m): the fit in SI units, and its residual over expected power."""
     # A record without noise is weighted as if its force had a relative noise of 1e-9.
     s_f = noise.force + 1e-18 * np.mean(np.abs(f) ** 2)
     s_y = noise.displacement + extra

@@ -12,13 +12,23 @@ from estimation.sphs import Multisine
 
 
 def orthogonal_multisines(multisine: Multisine, axes: int = 2) -> tuple[tuple[Multisine, ...], ...]:
-    """Inputs [experiment][axis] of `axes` experiments, all on every line of every axis: (s, s) and (s, -s) for two.
+    """Inputs of `axes` experiments that drive every axis on every line; for two axes, (s, s) and (s, -s).
 
-    On each line the matrix U (axes, experiments) of complex inputs is sqrt(axes) |amplitude| times a unitary one. So
-    it inverts at condition 1, and each entry of the response Y U^-1 has 1 / axes of the variance it has when every
-    experiment drives one axis. The unitary matrix is Hadamard's for 1, 2, 4, 8 ... axes: signs, which keep the peak.
-    For other numbers it is the DFT's: phase shifts, which raise the peak of `low_crest` up to twofold and that of
-    `sphs` by about 1.15; take the peak of `synthesise` and scale. Raises ValueError if axes < 1.
+    On each line the matrix U (axes, experiments) of complex inputs is sqrt(axes) |amplitude| times a unitary matrix.
+    Its condition number is therefore 1, and each entry of the response Y U^-1 has 1 / axes of the variance that it
+    would have if every experiment drove one axis. For 1, 2, 4, 8 ... axes the unitary matrix is a Hadamard matrix,
+    whose signs keep the peak. For other numbers it is the DFT matrix, whose phase shifts raise the peak of
+    `low_crest` up to twofold and that of `sphs` by a factor of about 1.15; then scale by the peak of `synthesise`.
+
+    Args:
+        multisine: The signal s of one axis.
+        axes: Number of axes.
+
+    Returns:
+        Multisines, indexed [experiment][axis].
+
+    Raises:
+        ValueError: axes < 1.
     """
     if axes < 1:
         raise ValueError("axes must be at least 1")
@@ -33,11 +43,20 @@ def orthogonal_multisines(multisine: Multisine, axes: int = 2) -> tuple[tuple[Mu
 
 
 def interleaved_lines(lines: ArrayLike, axes: int = 2) -> tuple[NDArray[np.int64], ...]:
-    """Lines dealt out to the axes in turn, one array per axis, so that one record drives each axis on lines of its own.
+    """Lines dealt out to the axes in turn, so that one record drives each axis on lines of its own.
 
-    lines (n,) strictly increasing harmonic numbers. The axes' numbers of lines differ by one at most, each axis covers
-    the whole band at `axes` times the spacing, and odd lines stay odd. The response to an axis is then known on its
-    own lines only. Raises ValueError unless 1 <= axes <= n and the lines increase strictly from 1 or above.
+    The numbers of lines of the axes differ by one at most, each axis covers the whole band at `axes` times the
+    spacing, and odd lines stay odd. The response to an axis is then known on that axis's lines only.
+
+    Args:
+        lines: Strictly increasing harmonic numbers (n,).
+        axes: Number of axes.
+
+    Returns:
+        One array of lines per axis.
+
+    Raises:
+        ValueError: Unless 1 <= axes <= n and the lines increase strictly from 1 or above.
     """
     values = np.array(lines)
     if values.ndim != 1 or not np.issubdtype(values.dtype, np.integer):

@@ -1,4 +1,4 @@
-"""Periodic records to line spectra: means over whole periods, their covariance, and how many periods to drop."""
+"""Line spectra of periodic records: means over whole periods, their covariance, and how many periods to drop."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
@@ -7,16 +7,21 @@ import numpy as np
 import scipy.fft
 from scipy import stats
 
-NEIGHBOURS = 8  # lines that are tested for a transient together
+NEIGHBOURS = 8  # neighbouring lines that are tested for a transient together
 
 
 @dataclass(frozen=True)
 class LineStatistics:
     """Complex amplitudes (peak, cosine convention) of several channels at spectral lines, over P periods.
 
-    frequency (n,) Hz; lines (n,) harmonic numbers; channels names; mean (..., channels, n);
-    covariance (..., channels, channels, n) of the mean, E[n_a conj(n_b)], sample covariance over periods divided by P.
-    Leading dimensions are lanes.
+    Attributes:
+        frequency: Frequencies (n,), Hz.
+        lines: Harmonic numbers (n,).
+        channels: Names of the channels.
+        mean: Mean amplitudes (..., channels, n); the leading dimensions are lanes.
+        covariance: Covariance of the mean, E[n_a conj(n_b)], (..., channels, channels, n): the sample covariance over
+            periods divided by P.
+        periods: P.
     """
 
     frequency: np.ndarray
@@ -41,7 +46,7 @@ class LineStatistics:
         return c.real if a == b else c
 
     def at_lines(self, lines: Sequence[int] | np.ndarray) -> "LineStatistics":
-        """The same at a subset of its lines."""
+        """The same statistics at a subset of the lines."""
         keep = np.isin(self.lines, np.asarray(lines))
         return replace(
             self,
@@ -55,8 +60,13 @@ class LineStatistics:
 def held(statistics: LineStatistics, channel: str, sample_rate: float) -> LineStatistics:
     """The statistics with a zero-order-held channel turned into the continuous signal that acts on the plant.
 
-    A force that a converter holds over each sample of 1 / sample_rate (Hz) acts half a sample late: its lines are
-    multiplied by sinc(f T) e^(-j pi f T). Without this, k + j w c carries k T / 2 too much damping.
+    A force that a converter holds over each sample period T = 1 / sample_rate acts half a sample late: its lines are
+    multiplied by sinc(f T) e^(-j pi f T). Without this, the damping of k + j w c would be too large by k T / 2.
+
+    Args:
+        statistics: Line statistics.
+        channel: The held channel.
+        sample_rate: Rate of the converter, Hz.
     """
     x = statistics.frequency / sample_rate
     factor = np.ones((len(statistics.channels), len(x)), complex)
@@ -77,9 +87,18 @@ def period_spectra(signals: np.ndarray, lines: np.ndarray) -> np.ndarray:
 def line_statistics(
     spectra: Iterable[np.ndarray], fundamental: float, lines: np.ndarray, channels: tuple[str, ...]
 ) -> LineStatistics:
-    """Mean and covariance over periods of per-period spectra (..., channels, n), one period at a time (Welford).
+    """Mean and covariance over periods, taking one period at a time (Welford).
 
-    Memory does not grow with the number of periods. ValueError for fewer than two periods.
+    Memory does not grow with the number of periods.
+
+    Args:
+        spectra: Spectra (..., channels, n), one item per period.
+        fundamental: Fundamental frequency, Hz.
+        lines: Harmonic numbers (n,).
+        channels: Names of the channels.
+
+    Raises:
+        ValueError: Fewer than two periods.
     """
     mean = second = None
     count = 0
@@ -98,9 +117,10 @@ def line_statistics(
 
 
 def split_periods(signals: np.ndarray, samples_per_period: int) -> np.ndarray:
-    """Whole periods (periods, channels, samples) of signals (channels, total); the caller reports what is left over.
+    """Whole periods (periods, channels, samples) of signals (channels, total); a remainder at the end is dropped.
 
-    ValueError for fewer than two whole periods.
+    Raises:
+        ValueError: Fewer than two whole periods.
     """
     periods = signals.shape[-1] // samples_per_period
     if periods < 2:
@@ -113,12 +133,13 @@ def split_periods(signals: np.ndarray, samples_per_period: int) -> np.ndarray:
 
 
 def transient_periods(spectra: np.ndarray, level: float = 1e-3) -> int:
-    """How many leading periods of spectra (periods, n), one channel, are not yet steady.
+    """Number of leading periods of spectra (periods, n) of one channel that are not yet steady.
 
-    Each leading period is compared with all later ones: per line |Z_p - mean|^2 over its predicted variance is
-    F(2, 2(q-1)) for q later periods, and Fisher's sum over lines is chi-square when the period is steady. So is that
-    over a few neighbours, where a lightly damped mode rings: the least of both chances counts, for as many as there
-    are. At least three periods are kept, so a record of three or fewer cannot be tested.
+    Each leading period is compared with all later ones. For a steady period, |Z_p - mean|^2 over its predicted variance
+    is F(2, 2 (q - 1)) distributed at each line, with q later periods, and Fisher's sum over the lines is chi-square.
+    The same test over groups of neighbouring lines finds the ringing of a lightly damped mode; the smallest p-value
+    counts, corrected for the number of tests. At least three periods are kept, so a record of three or fewer cannot be
+    tested.
     """
     first = 0
     while len(spectra) - first > 3:

@@ -1,8 +1,8 @@
 """Stiffness and damping matrices of two coupled axes, F = (K - w^2 diag(m_x, m_y) + j w C) (X, Y), per band.
 
-The dissertation (D) fits the eight coefficients of eq 5.5-5.9 to one excitation. That moves x and y along one line and
-tells only what each row does along it (`row_sums`); two independent excitations tell the coefficients apart.
-Matrices are indexed (force axis, motion axis): stiffness[..., 0, 1] is k_xy.
+The dissertation (D) fits the eight coefficients of eq 5.5-5.9 to one excitation. One excitation moves x and y along one
+line and reveals only the combination of coefficients along it (`row_sums`); two independent excitations separate the
+coefficients. Matrices are indexed (force axis, motion axis): stiffness[..., 0, 1] is k_xy.
 """
 
 from collections.abc import Iterator, Sequence
@@ -18,22 +18,35 @@ from estimation.max_likelihood import BandEstimate, maximum_likelihood
 from estimation.periods import LineStatistics
 from estimation.planar_lines import CHANNELS, Mass, PlanarLines, checked_masses, equation_rows, planar_lines
 
-CONDITION_LIMIT = 30.0  # Belsley, Kuh and Welsch 1980: from here on collinearity harms
-_FORCE_NOISE = 3.0  # times the noise power: what the noise of many lines never reaches
-_NOISE_LEVEL = 1e-3  # chance that noise alone passes for motion in a direction of its own
+CONDITION_LIMIT = 30.0  # Belsley, Kuh and Welsch 1980: above this condition number collinearity does harm
+_FORCE_NOISE = 3.0  # times the noise power: a level that the noise of many lines never reaches
+_NOISE_LEVEL = 1e-3  # probability that noise alone is taken for motion in an independent direction
 
 
 @dataclass(frozen=True)
 class PlanarEstimate:
-    """Per lane and band; stiffness N/m and damping N s/m (..., bands, 2, 2), the rest (..., bands) unless said.
+    """Estimates per lane and band; stiffness and damping (..., bands, 2, 2), all others (..., bands) unless stated.
 
-    *_se standard errors; *_low, *_high profile-likelihood bounds, -inf or inf where the data do not bound them; cost at
-    the minimum; fit_p: p-value that constant coefficients explain the band; informative: all eight intervals are
-    bounded; noise_share: share of the measured |X|^2 + |Y|^2 that is noise; condition: condition number of the columns
-    X, Y, j w X, j w Y, each scaled to length 1 and freed of noise (inf: not told from noise, or all forces act along
-    one direction); *_inflation
-    (..., bands, 2, 2): variance inflation factors, the same in both rows; identifiable: condition <= CONDITION_LIMIT,
-    elsewhere all but condition, inflation and noise share is nan.
+    Where the coefficients are not identifiable, everything but condition, inflation and noise share is nan.
+
+    Attributes:
+        stiffness: N/m.
+        damping: N s/m.
+        stiffness_se: Standard error, N/m.
+        damping_se: Standard error, N s/m.
+        stiffness_low: Lower profile-likelihood bound; -inf where the data do not bound it.
+        stiffness_high: Upper bound; inf where the data do not bound it.
+        damping_low: Lower bound of the damping.
+        damping_high: Upper bound of the damping.
+        stiffness_inflation: Variance inflation factors (..., bands, 2, 2), equal in both rows.
+        damping_inflation: The same for the damping.
+        cost: Cost at the minimum.
+        fit_p: p-value of the hypothesis that constant coefficients explain the band.
+        informative: Whether all eight intervals are bounded.
+        noise_share: Share of the measured |X|^2 + |Y|^2 that is noise.
+        condition: Condition number of the columns X, Y, j w X, j w Y, each scaled to length 1 and corrected for noise;
+            inf where they cannot be distinguished from noise or all forces act along one direction.
+        identifiable: Whether condition <= CONDITION_LIMIT.
     """
 
     stiffness: np.ndarray
@@ -56,11 +69,16 @@ class PlanarEstimate:
 
 @dataclass(frozen=True)
 class RowSums:
-    """What one excitation tells: the direct coefficients of each axis, and the motion they hold for.
+    """What one excitation reveals: the direct coefficients of each axis, and the motion for which they hold.
 
-    x, y: one-axis estimates. With ratio = Y / X (complex, (..., bands)) constant over the band x.stiffness is
-    k_xx + Re(ratio) k_xy - w Im(ratio) c_xy and x.damping c_xx + Re(ratio) c_xy + Im(ratio) k_xy / w; y likewise with
-    1 / ratio. Where x = y they are the row sums. ratio_spread: rms deviation of the lines from ratio, freed of noise.
+    With ratio = Y / X constant over the band, x.stiffness is k_xx + Re(ratio) k_xy - w Im(ratio) c_xy and x.damping is
+    c_xx + Re(ratio) c_xy + Im(ratio) k_xy / w; y likewise with 1 / ratio. For x = y they are the row sums.
+
+    Attributes:
+        x: One-axis estimate of x.
+        y: One-axis estimate of y.
+        ratio: Complex ratio Y / X (..., bands).
+        ratio_spread: Rms deviation of the lines from ratio, corrected for noise, (..., bands).
     """
 
     x: BandEstimate
@@ -72,8 +90,10 @@ class RowSums:
 def axis_statistics(statistics: LineStatistics, axis: Literal["x", "y"]) -> LineStatistics:
     """The channels of one axis under their one-axis names: "force_x" becomes "force".
 
-    The one-axis estimators then give D's direct coefficients (eq 5.10-5.12): the force is the component along the axis.
-    ValueError when the axis has no force or no displacement.
+    The one-axis estimators then give D's direct coefficients (eq 5.10-5.12); the force is the component along the axis.
+
+    Raises:
+        ValueError: The axis has no force or no displacement.
     """
     keep = [i for i, name in enumerate(statistics.channels) if name.endswith(f"_{axis}")]
     for name in (f"force_{axis}", f"displacement_{axis}"):
@@ -89,7 +109,7 @@ def axis_statistics(statistics: LineStatistics, axis: Literal["x", "y"]) -> Line
 def row_sums(
     statistics: LineStatistics, bands: np.ndarray, mass: Mass, intervals: bool = True, level: float = 0.95
 ) -> RowSums:
-    """Direct coefficients of both axes from one record; arguments as in `eight_coefficients`."""
+    """Direct coefficients of both axes from one record; the arguments are those of `eight_coefficients`."""
     masses, shape = checked_masses([statistics], bands, mass)
     x, y = (
         maximum_likelihood(axis_statistics(statistics, axis), bands, m.reshape(shape), intervals, level)
@@ -103,7 +123,7 @@ def row_sums(
         xx, yy, yx = (
             a[..., start:stop].sum(-1) for a in (np.abs(dx) ** 2 - nx, np.abs(dy) ** 2 - ny, dy * np.conj(dx) - nyx)
         )
-        with np.errstate(divide="ignore", invalid="ignore"):  # x may stand still
+        with np.errstate(divide="ignore", invalid="ignore"):  # x may be at rest
             ratio[..., b] = yx / xx
             spread[..., b] = np.sqrt(np.maximum(yy / xx - np.abs(yx / xx) ** 2, 0.0))
     return RowSums(x, y, ratio, spread)
@@ -116,14 +136,25 @@ def eight_coefficients(
     intervals: bool = True,
     level: float = 0.95,
 ) -> PlanarEstimate:
-    """Minimise sum e^H S^-1 e, e = F - Z (X, Y), S its covariance, over the lines of all records in each band.
+    """Minimise sum e^H S^-1 e over the lines of all records in each band, with e = F - Z (X, Y) and its covariance S.
 
-    records: channels `CHANNELS` at their force lines, the same lanes in each, lines and periods of their own; bands
-    (b, 2) Hz; mass kg, of both axes or a tuple (m_x, m_y), each a scalar or one per lane. Errors-in-variables
-    maximum likelihood as in `maximum_likelihood`: covariances pooled over band and record weight the lines, the lines'
-    own covariances set standard errors, thresholds of the profile and the fit test. Lanes with nan give nan.
-    intervals=False leaves the bounds nan. ValueError when a channel is missing, a band holds no line or too few of a
-    record for its covariance (lines x (periods - 1) < 4), mass is not positive, or the records differ in lanes.
+    Errors-in-variables maximum likelihood as in `maximum_likelihood`: covariances pooled over band and record weight
+    the lines; the lines' own covariances determine standard errors, profile thresholds and the fit test.
+
+    Args:
+        records: Line statistics with the channels `CHANNELS` at their force lines. All have the same lanes; lines and
+            periods may differ.
+        bands: Bands (b, 2), Hz.
+        mass: Moving mass, kg: one value for both axes or a tuple (m_x, m_y), each a scalar or one per lane.
+        intervals: False leaves the bounds nan.
+        level: Confidence level of the intervals.
+
+    Returns:
+        The estimates; lanes that contain nan give nan.
+
+    Raises:
+        ValueError: A channel is missing, a band holds no line or too few lines of a record for its covariance
+            (lines x (periods - 1) < 4), the mass is not positive, or the records differ in lanes.
     """
     masses, shape = checked_masses(records, bands, mass)
     for i, record in enumerate(records):
@@ -146,7 +177,7 @@ def eight_coefficients(
         condition[along_one_line, b], factors[along_one_line, b] = np.inf, np.inf
         ok = condition[:, b] <= CONDITION_LIMIT
         some = replace(lines, u=lines.u[ok], own=lines.own[ok])
-        # Two starts: the moment estimator freed of noise, and plain least squares.
+        # Two starting points: the moment estimator corrected for noise, and plain least squares.
         starts = np.stack([_row_solutions(moments[ok] - part * noise[ok]) for part in (1, 0)], axis=1)
         found[ok, b], ends[ok, b] = _search(some, masses[ok], starts, level if intervals else None)
         fit_p[ok, b] = _fit_p(found[ok, b, 32:], np.bincount(lines.record), lines.periods)
@@ -163,7 +194,7 @@ def eight_coefficients(
 
 
 def _moments(lines: PlanarLines, masses: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Real second moments (lanes, 6, 6) of the `equation_rows`, each record over its force power, and their noise."""
+    """Second moments (lanes, 6, 6) of the `equation_rows`, relative to the force power of each record; their noise."""
     power = lines.per_record((np.abs(lines.u[..., :2]) ** 2).sum(-1))
     rows = equation_rows(lines, masses) * (1 / np.sqrt(power))[:, lines.record, None, None]
     values = (rows @ lines.u[..., None])[..., 0]
@@ -174,8 +205,8 @@ def _moments(lines: PlanarLines, masses: np.ndarray) -> tuple[np.ndarray, np.nda
 def _one_direction(lines: PlanarLines) -> np.ndarray:
     """Whether the forces of all lines act along one direction, (lanes,).
 
-    Each line then tells one combination of the coefficients, and only an assumption on how they vary from line to line
-    would tell more: that is not what constant coefficients are assumed for.
+    Each line then reveals one combination of the coefficients. Only their assumed variation from line to line could
+    reveal more, and that is not the purpose of assuming constant coefficients.
     """
     force, own = lines.u[..., :2], lines.own[..., :2, :2]
     scale = 1 / lines.per_record((np.abs(force) ** 2).sum(-1))[:, lines.record]
@@ -195,17 +226,17 @@ def _row_solutions(moments: np.ndarray) -> np.ndarray:
 
 
 def _collinearity(lines: PlanarLines, moments: np.ndarray, noise: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Condition number (lanes,) and variance inflation (lanes, 4) of the columns X, Y, j w X, j w Y, freed of noise.
+    """Condition number (lanes,) and variance inflation (lanes, 4) of the columns X, Y, j w X, j w Y without noise.
 
-    In a direction that nothing moves in, noise stands for motion, and with its mean taken off what is left is of either
-    sign. Its power there over what the covariances say is F-distributed: the condition is infinite unless the power in
-    every direction is more than noise reaches with a chance of `_NOISE_LEVEL`.
+    In a direction without motion only noise remains, and after its mean is subtracted the rest may have either sign.
+    The ratio of the power there to the power that the covariances predict is F-distributed. The condition number is
+    infinite unless the power in every direction exceeds what noise reaches with the probability `_NOISE_LEVEL`.
     """
     power = (np.abs(lines.u[..., :2]) ** 2).sum(-1)
     own = lines.own[..., [2, 3], [2, 3]].real / lines.per_record(power)[:, lines.record, None]
-    # Satterthwaite: lines of unequal noise count for fewer; a squared sample variance is P / (P - 1) of the true one.
+    # Satterthwaite: lines of unequal noise count for fewer; the square of a sample variance is P / (P - 1) too large.
     periods = lines.periods[lines.record][:, None]
-    with np.errstate(divide="ignore", invalid="ignore"):  # without noise
+    with np.errstate(divide="ignore", invalid="ignore"):  # the record may be free of noise
         lines_alike = own.sum(axis=1) ** 2 / (own**2 * (periods - 1) / periods).sum(axis=1)
         periods_alike = own.sum(axis=1) ** 2 / (own**2 / periods).sum(axis=1)
     upper = 2 * np.fmin(lines_alike, len(periods)).min(axis=-1)
@@ -230,7 +261,7 @@ def _collinearity(lines: PlanarLines, moments: np.ndarray, noise: np.ndarray) ->
 def _search(
     lines: PlanarLines, masses: np.ndarray, starts: np.ndarray, level: float | None
 ) -> tuple[np.ndarray, np.ndarray]:
-    """What `planar_likelihood.estimate` finds (lanes, 35) and the bounds (lanes, 8, 2), nan without a level."""
+    """Output of `planar_likelihood.estimate` (lanes, 35), and the bounds (lanes, 8, 2), nan without a level."""
     u, own, pooled = (np.ascontiguousarray(a) for a in (lines.u, lines.own, lines.per_record(lines.own)))
     rest = (lines.record, lines.w, masses)
     found, inverses = np.empty((len(masses), 35)), np.empty((len(masses), 8, 8))
@@ -243,16 +274,24 @@ def _search(
 
 
 def _fit_p(found: np.ndarray, count: np.ndarray, periods: np.ndarray) -> np.ndarray:
-    """p-value of the cost; found (lanes, 3): cost, what noise alone makes of it, its freedom; count lines per record.
+    """p-value of the cost.
 
-    With weights from the records the cost is a sum of Lawley-Hotelling traces of two complex channels: an F with their
-    mean and variance (complex inverse Wishart moments). nan where lines and periods are too few for these.
+    With weights from the records themselves, the cost is a sum of Lawley-Hotelling traces of two complex channels. It
+    is approximated by an F distribution of the same mean and variance (complex inverse Wishart moments).
+
+    Args:
+        found: Cost, its expectation for noise alone, and its degrees of freedom, (lanes, 3).
+        count: Lines per record.
+        periods: Periods per record.
+
+    Returns:
+        p-values (lanes,); nan where there are too few lines and periods for the moments to exist.
     """
     cost, expected, freedom = found.T
     most = 4.0 * count.sum() - 8.0
     if most <= 0:
         return np.full(len(found), np.nan)
-    inner = count * (periods - 1) * (freedom / most)[:, None]  # of the weights, fewer where lines differ in noise
+    inner = count * (periods - 1) * (freedom / most)[:, None]  # freedom of the weights; fewer for unequal noise
     outer = count / count.sum() * freedom[:, None] / 4
     with np.errstate(divide="ignore", invalid="ignore"):
         mean = outer * 2 * inner / (inner - 2)

@@ -1,6 +1,6 @@
 """Stiffness and damping matrices of two coupled axes by plain least squares, as the dissertation (D) fits them.
 
-Noise on the displacement biases it; `estimation.planar` has the estimator that stays unbiased.
+Displacement noise biases this estimate; `estimation.planar` has the estimator that stays unbiased.
 """
 
 from collections.abc import Sequence
@@ -15,9 +15,22 @@ from estimation.planar_lines import Mass, checked_masses, equation_rows, planar_
 
 @dataclass(frozen=True, eq=False)
 class PlanarLeastSquares:
-    """Per lane and band: stiffness N/m and damping N s/m with standard errors, t and significance (two-sided 95 % of
-    Student's t), each (..., bands, 2, 2); r2 and r2_adjusted (..., bands, 2) per force axis; condition (..., bands) of
-    the columns X, Y, j w X, j w Y as measured, in which noise passes for independent motion."""
+    """Estimates per lane and band.
+
+    Attributes:
+        stiffness: (..., bands, 2, 2), N/m.
+        damping: (..., bands, 2, 2), N s/m.
+        stiffness_se: Standard error, N/m.
+        damping_se: Standard error, N s/m.
+        stiffness_t: Stiffness over its standard error.
+        damping_t: Damping over its standard error.
+        stiffness_significant: Whether |t| reaches the two-sided 95 % quantile of Student's t.
+        damping_significant: The same for the damping.
+        r2: Coefficient of determination per force axis, (..., bands, 2).
+        r2_adjusted: The same, adjusted for the number of coefficients.
+        condition: Condition number (..., bands) of the measured columns X, Y, j w X, j w Y; noise appears in them as
+            independent motion.
+    """
 
     stiffness: np.ndarray
     damping: np.ndarray
@@ -35,12 +48,20 @@ class PlanarLeastSquares:
 def planar_least_squares(records: Sequence[LineStatistics], bands: np.ndarray, mass: Mass) -> PlanarLeastSquares:
     """Plain least squares on the responses G = (X, Y) / |F| of all records, D eq 5.5-5.9 and Appendix C.
 
-    D drives through one input and divides by its force; here both components are measured and |F| is their magnitude
-    on the line. Rows of one axis: Re and Im of G_x (k_xx + j w c_xx) + G_y (k_xy + j w c_xy) = F_x / |F| + m_x w^2 G_x.
-    R2 is taken about the mean of the right-hand side; residual variance has 2 n - 4 degrees of freedom, as Appendix C
-    counts. Noise on G biases it as it does `least_squares`, and a single excitation is fitted, not refused: see
-    condition. Columns that depend on each other to rounding give nan. Arguments and ValueErrors as
-    `eight_coefficients`; also when a band holds fewer than three lines.
+    D drives through one input and divides by its force; here both components are measured, and |F| is their magnitude
+    at the line. The rows of one axis are the real and imaginary parts of
+    G_x (k_xx + j w c_xx) + G_y (k_xy + j w c_xy) = F_x / |F| + m_x w^2 G_x. R2 is taken about the mean of the
+    right-hand side; the residual variance has 2 n - 4 degrees of freedom, as in Appendix C. Noise on G biases the
+    result as it does in `least_squares`. A single excitation is fitted and not refused; check `condition`. Columns that
+    are linearly dependent to within rounding give nan.
+
+    Args:
+        records: As in `eight_coefficients`.
+        bands: As in `eight_coefficients`.
+        mass: As in `eight_coefficients`.
+
+    Raises:
+        ValueError: As `eight_coefficients`, and when a band holds fewer than three lines.
     """
     masses, shape = checked_masses(records, bands, mass, fewest=3)
     size = (len(masses), len(bands))
@@ -70,7 +91,7 @@ def planar_least_squares(records: Sequence[LineStatistics], bands: np.ndarray, m
         t = values / errors
     parts = []
     for a in (values, errors, t, np.abs(t) >= limit[:, None, None]):
-        # (column, row) to stiffness and damping, each (row, column).
+        # From (column, row) to stiffness and damping, each (row, column).
         a = np.swapaxes(a.reshape(*shape, len(bands), 2, 2, 2), -1, -2)
         parts += [a[..., 0, :, :], a[..., 1, :, :]]
     ends = (a.reshape(*shape, len(bands), 2) for a in (r2, adjusted))

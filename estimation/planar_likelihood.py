@@ -1,15 +1,16 @@
-"""Compiled search behind `estimation.planar`: one band, one lane at a time.
+"""Compiled search behind `estimation.planar`; it treats one band of one lane at a time.
 
-A line's channels are u = (F_x, F_y, X, Y) with noise covariance N; its error e = A u, A = (I, -Z), has covariance
-S = A N A^H. With v = S^-1 e and C = E[(n_X, n_Y) n_e^H] the displacement freed of what the error says of its noise is
-(X, Y) - C v, and the cost e^H v has the half gradient -Re(v^H Z_j ((X, Y) - C v)). Coefficients are k_xx, k_xy, k_yx,
-k_yy, c_xx, c_xy, c_yx, c_yy.
+The channels of a line are u = (F_x, F_y, X, Y) with noise covariance N. The error e = A u with A = (I, -Z) has the
+covariance S = A N A^H. With v = S^-1 e and C = E[(n_X, n_Y) n_e^H], the displacement corrected for the noise that e
+reveals is (X, Y) - C v, and the cost e^H v has the half gradient -Re(v^H Z_j ((X, Y) - C v)). The coefficients are
+k_xx, k_xy, k_yx, k_yy, c_xx, c_xy, c_yx, c_yy.
 """
 
 import numba as nb
 import numpy as np
 
-# Changes of the cost (a threshold is about 2) that no longer matter: for the estimate, and on the way to a bound.
+# Changes of the cost that count as converged: for the estimate, and while searching for a bound (a bound lies where
+# the cost has risen by about 2).
 _FINE, _ROUGH = 1e-9, 1e-4
 _ITERATIONS = 100
 _WALK = 45
@@ -19,7 +20,7 @@ _compiled = nb.njit(cache=True, nogil=True, error_model="numpy")
 
 @_compiled
 def _line(u, n, w, m, t):
-    """Error e (2), its covariance S and C of one line with channels u and noise n."""
+    """Error e (2), its covariance S and the covariance C of one line with channels u and noise n."""
     z11, z12 = complex(t[0] - m[0] * w * w, w * t[4]), complex(t[1], w * t[5])
     z21, z22 = complex(t[2], w * t[6]), complex(t[3] - m[1] * w * w, w * t[7])
     e1, e2 = u[0] - z11 * u[2] - z12 * u[3], u[1] - z21 * u[2] - z22 * u[3]
@@ -52,7 +53,7 @@ def _cost(u, noise, record, w, m, t):
 
 @_compiled
 def _expand(u, noise, record, w, m, t, g, h, scale):
-    """Half gradient g (8) and exact half Hessian h (8, 8; lower triangle) of the cost; scale: h's positive diagonal."""
+    """Half gradient g (8) and exact half Hessian h (8, 8; lower triangle); scale: positive part of its diagonal."""
     g[:] = 0.0
     h[:] = 0.0
     scale[:] = 0.0
@@ -64,7 +65,7 @@ def _expand(u, noise, record, w, m, t, g, h, scale):
         y = (u[i, 2] - c11 * v1 - c12 * v2, u[i, 3] - c21 * v1 - c22 * v2)
         v = (v1, v2)
         c = ((np.conj(c11), np.conj(c12)), (np.conj(c21), np.conj(c22)))
-        # Inverse of S's Cholesky factor.
+        # Inverse of the Cholesky factor of S.
         p11 = 1.0 / np.sqrt(s11)
         l21 = np.conj(s12) * p11
         p22 = 1.0 / np.sqrt(s22 - (l21.real * l21.real + l21.imag * l21.imag))
@@ -86,7 +87,7 @@ def _expand(u, noise, record, w, m, t, g, h, scale):
             scale[j] += q[j, 0] * q[j, 0] + q[j, 1] * q[j, 1] + q[j, 2] * q[j, 2] + q[j, 3] * q[j, 3]
             for k in range(j + 1):
                 h[j, k] += q[j, 0] * q[k, 0] + q[j, 1] * q[k, 1] + q[j, 2] * q[k, 2] + q[j, 3] * q[k, 3]
-        # What the noise of the displacement adds to the terms above in the mean.
+        # Subtract the amount that displacement noise adds to these terms on average.
         for j in range(4):
             for k in range(4):
                 part = np.conj(v[j // 2]) * v[k // 2] * n[2 + j % 2, 2 + k % 2]
@@ -98,7 +99,7 @@ def _expand(u, noise, record, w, m, t, g, h, scale):
 
 @_compiled
 def _newton(g, h, scale, damp, held, a, x):
-    """x = -(h + damp scale)^-1 g with coefficient `held` fixed (-1: none); False where not positive definite."""
+    """x = -(h + damp scale)^-1 g with coefficient `held` fixed (-1: none); returns False if not positive definite."""
     for j in range(8):
         for k in range(j + 1):
             a[j, k] = 0.0 if j == held or k == held else h[j, k]
@@ -131,7 +132,7 @@ def _newton(g, h, scale, damp, held, a, x):
 
 @_compiled
 def _minimise(u, noise, record, w, m, t, held, tolerance):
-    """Damped Newton from t, which it moves to the minimum; returns the cost there."""
+    """Damped Newton search from t, which is moved to the minimum; returns the cost there."""
     g, h, scale = np.empty(8), np.empty((8, 8)), np.empty(8)
     a, step = np.empty((8, 8)), np.empty(8)
     cost = _cost(u, noise, record, w, m, t)
@@ -150,7 +151,7 @@ def _minimise(u, noise, record, w, m, t, held, tolerance):
                 gain = cost - trial
                 t[:] = step
                 cost, fresh = trial, True
-                # A full step that gains what the quadratic says has arrived.
+                # Converged when a full step gains as much as the quadratic model predicts.
                 if gain <= tolerance or (damp <= 1e-6 and abs(gain - expected) <= tolerance):
                     break
                 damp = max(0.1 * damp, 1e-9)
@@ -163,13 +164,16 @@ def _minimise(u, noise, record, w, m, t, held, tolerance):
 
 @_compiled
 def _bound(u, noise, record, w, m, best, cost0, j, threshold, start, ridge):
-    """Where the profile cost of coefficient j rises by threshold, from its minimum by `start`; infinite if never."""
+    """Value of coefficient j at which its profile cost has risen by threshold; infinite if it never does.
+
+    The search leaves the minimum in steps that begin with `start`.
+    """
     t, trial, last = np.empty(8), np.empty(8), best.copy()
     inside, g_in, outside, g_out = 0.0, -1.0, 0.0, 0.0
     step, before = start, 0.0
     for tries in range(_WALK):
-        # The others start where it costs least: on the path so far, on the ridge, or at the minimum. In noise the
-        # profile has side valleys, and a walk that stays in one would find no way back.
+        # The other coefficients start from the cheapest of three points: on the path so far, on the ridge, or at the
+        # minimum. Noise gives the profile side valleys, and a search that keeps to its path could stay in one.
         least = np.inf
         for way in range(3):
             for i in range(8):
@@ -204,10 +208,11 @@ def _bound(u, noise, record, w, m, best, cost0, j, threshold, start, ridge):
 
 @_compiled
 def _spread(u, noise, own, record, w, m, t, inverse, periods, out):
-    """Sandwich standard errors etc. of `estimate` from the inverse half Hessian; writes out[8:32] and out[33:35].
+    """Sandwich standard errors and related values of `estimate`, from the inverse half Hessian.
 
-    The pooled covariance weights the lines, the lines' own covariances say how much noise came through. The pooled one
-    is an estimate itself: where constant coefficients do not fit the band, other weights have another optimum.
+    The pooled covariance weights the lines; the covariances of the single lines say how much noise entered. The pooled
+    covariance is itself estimated, and where constant coefficients do not fit the band, other weights move the
+    optimum. Writes out[8:32] and out[33:35].
     """
     lines = w.size
     total, square, most = np.zeros(8), np.zeros(8), 0.0
@@ -228,13 +233,13 @@ def _spread(u, noise, own, record, w, m, t, inverse, periods, out):
         a_of[0], a_of[1] = v[0], v[1]
         for b in range(2):
             a_of[2 + b] = -(np.conj(z[0, b]) * v[0] + np.conj(z[1, b]) * v[1])
-        freedom = 2.0 * periods[record[i]]  # a squared sample variance is P / (P - 1) of the true square
+        freedom = 2.0 * periods[record[i]]  # the square of a sample variance is P / (P - 1) times the true square
         most += 2.0 * (periods[record[i]] - 1.0)
         share = (_solved(s11, s12, s22, o11 + 0j, np.conj(o12))[0] + _solved(s11, s12, s22, o12, o22 + 0j)[1]).real
         alike[record[i]] += share
         alike_square[record[i]] += share * share / (1.0 + 0.5 / (periods[record[i]] - 1.0))
         for j in range(8):
-            # Change of Z along the j-th row of the inverse: times the displacement, and its adjoint times v.
+            # Change of Z along the j-th row of the inverse: applied to the displacement, and its adjoint applied to v.
             d11, d12 = complex(inverse[j, 0], wi * inverse[j, 4]), complex(inverse[j, 1], wi * inverse[j, 5])
             d21, d22 = complex(inverse[j, 2], wi * inverse[j, 6]), complex(inverse[j, 3], wi * inverse[j, 7])
             zy1, zy2 = d11 * y[0] + d12 * y[1], d21 * y[0] + d22 * y[1]
@@ -243,12 +248,12 @@ def _spread(u, noise, own, record, w, m, t, inverse, periods, out):
             power = abs(q1) ** 2 * o11 + abs(q2) ** 2 * o22 + 2.0 * (np.conj(q1) * o12 * q2).real
             total[j] += power
             square[j] += power * power / freedom
-            # Leverage: the same with the j-th unit vector on the left.
+            # Leverage: the same with the j-th unit vector on the left side.
             row, col = (j % 4) // 2, j % 2
             unit = y[col] * (1.0 if j < 4 else 1j * wi)
             r1, r2 = _solved(s11, s12, s22, unit if row == 0 else 0j, unit if row == 1 else 0j)
             share -= 0.5 * (np.conj(r1) * (o11 * q1 + o12 * q2) + np.conj(r2) * (np.conj(o12) * q1 + o22 * q2)).real
-            # The half gradient changes with the pooled covariance by Re(a^H dN b).
+            # The half gradient changes by Re(a^H dN b) when the pooled covariance changes by dN.
             back1, back2 = np.conj(c11) * zv1 + np.conj(c21) * zv2, np.conj(c12) * zv1 + np.conj(c22) * zv2
             b_of[0], b_of[1] = _solved(s11, s12, s22, zy1 - back1, zy2 - back2)
             for b in range(2):
@@ -266,7 +271,7 @@ def _spread(u, noise, own, record, w, m, t, inverse, periods, out):
     for j in range(8):
         scatter = 0.0
         for r in range(periods.size):
-            # Lines of unequal noise pool to a covariance of less freedom.
+            # Lines of unequal noise give a pooled covariance with fewer degrees of freedom.
             half, count = np.dot(turn[r, j], noise[r]), min(alike[r] ** 2 / alike_square[r], (record == r).sum())
             scatter += 2.0 * (half * half.T).sum().real / (count * (periods[r] - 1.0))
         out[8 + j] = np.sqrt(0.5 * (total[j] + scatter))
@@ -277,14 +282,25 @@ def _spread(u, noise, own, record, w, m, t, inverse, periods, out):
 
 @_compiled
 def estimate(u, noise, own, record, w, mass, periods, starts, out, inverses):
-    """Per lane into out (lanes, 35): coefficients, standard errors, inflation of the thresholds, freedom (8 each), cost
-    [32], what noise alone makes of it [33], its numerator freedom [34]; inverses (lanes, 8, 8) of the half Hessian.
+    """Estimate the coefficients of every lane.
 
-    u (lanes, n, 4); noise (lanes, records, 4, 4) pooled; own (lanes, n, 4, 4); record (n,); starts (lanes, 2, 8).
+    Args:
+        u: Channels (lanes, n, 4).
+        noise: Pooled covariances (lanes, records, 4, 4).
+        own: Covariances of the lines (lanes, n, 4, 4).
+        record: Record of each line (n,).
+        w: Angular frequencies (n,), rad/s.
+        mass: Masses (lanes, 2), kg.
+        periods: Periods per record.
+        starts: Starting points (lanes, 2, 8).
+        out: Result (lanes, 35): coefficients [0:8], standard errors [8:16], inflation of the thresholds [16:24],
+            degrees of freedom [24:32], cost [32], its expectation for noise alone [33] and its numerator degrees of
+            freedom [34].
+        inverses: Result (lanes, 8, 8): inverse half Hessian.
     """
     g, h, scale = np.empty(8), np.empty((8, 8)), np.empty(8)
     a, x = np.empty((8, 8)), np.empty(8)
-    none = np.int64(-1)  # a literal would have the search compiled a second time
+    none = np.int64(-1)  # typed, because a literal would have the search compiled a second time
     for lane in range(u.shape[0]):
         best, t = np.inf, np.full(8, np.nan)
         for s in range(2):
@@ -294,7 +310,7 @@ def estimate(u, noise, own, record, w, mass, periods, starts, out, inverses):
                 best, t = cost, trial
         o = out[lane]
         o[:8], o[32] = t, best
-        # The optimum ran to infinity: nothing is known of it, and no interval will be bounded.
+        # Values for an optimum that ran to infinity: it is unknown, and no interval is bounded.
         o[8:16], o[16:32], inverses[lane] = np.inf, 1.0, 0.0
         o[33], o[34] = 2.0 * w.size - 4.0, 4.0 * w.size - 8.0
         _expand(u[lane], noise[lane], record, w, mass[lane], t, g, h, scale)
@@ -311,7 +327,7 @@ def estimate(u, noise, own, record, w, mass, periods, starts, out, inverses):
 
 @_compiled
 def bounds(u, noise, record, w, mass, found, inverses, threshold, out):
-    """Profile bounds (lanes, 8, 2) into out; found, inverses: as `estimate` left them; threshold (lanes, 8)."""
+    """Profile bounds (lanes, 8, 2) into out; found and inverses as `estimate` left them; threshold (lanes, 8)."""
     for lane in range(u.shape[0]):
         o = found[lane]
         for j in range(8):

@@ -1,4 +1,4 @@
-"""What the estimators of two coupled axes share: the lines of their records in a band, and what is asked of them."""
+"""What the estimators of two coupled axes share: the lines of a band and the checks of input."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -15,8 +15,15 @@ Mass = float | np.ndarray | tuple[float | np.ndarray, float | np.ndarray]
 
 @dataclass(frozen=True)
 class PlanarLines:
-    """All lines of one band: channels u (lanes, n, 4), covariance own (lanes, n, 4, 4), w rad/s (n,), record (n,) as an
-    index into periods (records,), those of the records that have lines here."""
+    """All lines of one band.
+
+    Attributes:
+        u: Channels (lanes, n, 4).
+        own: Covariance of each line (lanes, n, 4, 4).
+        w: Angular frequencies (n,), rad/s.
+        record: Index (n,) of each line's record into periods.
+        periods: Periods (records,) of the records that have lines in this band.
+    """
 
     u: np.ndarray
     own: np.ndarray
@@ -32,11 +39,21 @@ class PlanarLines:
 def checked_masses(
     records: Sequence[LineStatistics], bands: np.ndarray, mass: Mass, fewest: int = 1
 ) -> tuple[np.ndarray, tuple[int, ...]]:
-    """Masses (lanes, 2) in kg of both axes, and the shape (...) of the lanes, which masses run over flat.
+    """Masses of both axes, checked together with the records and bands.
 
-    records, bands and mass as in `eight_coefficients`; fewest: lines a band must hold, of all records together.
-    ValueError when there is no record, a channel is missing, the records differ in lanes, a band holds too few lines,
-    or a mass is not positive.
+    Args:
+        records: As in `eight_coefficients`.
+        bands: As in `eight_coefficients`.
+        mass: As in `eight_coefficients`.
+        fewest: Number of lines that a band must hold, of all records together.
+
+    Returns:
+        masses: Masses (lanes, 2), kg, with the lanes flattened.
+        shape: Shape (...) of the lanes.
+
+    Raises:
+        ValueError: There is no record, a channel is missing, the records differ in lanes, a band holds too few lines,
+            or a mass is not positive.
     """
     if not records:
         raise ValueError("no record is given; two with different directions of the force tell all eight coefficients")
@@ -64,7 +81,7 @@ def checked_masses(
 
 
 def planar_lines(records: Sequence[LineStatistics], edges: np.ndarray) -> PlanarLines:
-    """The lines of all records within edges (f_lo, f_hi) Hz, at least one; see `checked_masses`."""
+    """The lines of all records within edges (f_lo, f_hi) Hz, at least one line; see `checked_masses`."""
     means, covariances, frequencies, periods = [], [], [], []
     for record in records:
         ((start, stop),) = band_slices(record.frequency, edges[None])
@@ -85,7 +102,10 @@ def planar_lines(records: Sequence[LineStatistics], edges: np.ndarray) -> Planar
 
 
 def equation_rows(lines: PlanarLines, masses: np.ndarray) -> np.ndarray:
-    """What makes X, Y, j w X, j w Y, F_x + m_x w^2 X and F_y + m_y w^2 Y of a line's channels, (lanes, n, 6, 4)."""
+    """Matrices (lanes, n, 6, 4) that turn a line's channels into the terms of the equations of motion.
+
+    The terms are X, Y, j w X, j w Y, F_x + m_x w^2 X and F_y + m_y w^2 Y.
+    """
     rows = np.zeros((len(masses), len(lines.w), 6, 4), complex)
     for axis in range(2):
         rows[:, :, axis, 2 + axis] = 1.0

@@ -1,8 +1,8 @@
-"""Periodic multisines: which harmonics a period excites, with which amplitudes and phases.
+"""Periodic multisines: which harmonics a period excites, and with which amplitudes and phases.
 
-Schroeder-phased harmonic sequences (SPHS) follow Appendix A of the dissertation (D), random-phase multisines and odd
-grids with detection lines follow Pintelon and Schoukens. A line is a harmonic number of the fundamental; a period is
-sampled on a grid of N samples, so line l lies at l * sample_rate / N hertz and must stay below N / 2.
+Schroeder-phased harmonic sequences (SPHS) follow Appendix A of the dissertation (D); random-phase multisines and odd
+grids with detection lines follow Pintelon and Schoukens. A line is a harmonic number of the fundamental. A period is
+sampled at N points, so line l lies at l * sample_rate / N hertz and must stay below N / 2.
 """
 
 from collections.abc import Iterable
@@ -14,10 +14,15 @@ from numpy.typing import ArrayLike, NDArray
 
 @dataclass(frozen=True, eq=False)
 class Multisine:
-    """A period of sum_i amplitudes[i] cos(2 pi lines[i] t / T + phases[i]).
+    """A period of sum_i amplitudes[i] cos(2 pi lines[i] t / T + phases[i]). The arrays are copied and read-only.
 
-    lines (n,) strictly increasing harmonic numbers >= 1; amplitudes (n,) peak amplitude of each line in the signal's
-    unit; phases (n,) rad. The arrays are copied and read-only. Raises ValueError if they do not fit this.
+    Attributes:
+        lines: Strictly increasing harmonic numbers (n,), at least 1.
+        amplitudes: Peak amplitudes (n,) of the lines, in the signal's unit.
+        phases: Phases (n,), rad.
+
+    Raises:
+        ValueError: The arrays do not satisfy this.
     """
 
     lines: NDArray[np.int64]
@@ -38,12 +43,19 @@ class Multisine:
 
 
 def schroeder_phases(power: ArrayLike, lines: ArrayLike | None = None) -> NDArray[np.float64]:
-    """Schroeder phases (n,) in rad, D eq A.3 summed: phi_n = -2 pi sum over m < n of (n - m) P_m.
+    """Schroeder phases in rad, D eq A.3 summed: phi_n = -2 pi sum over m < n of (n - m) P_m.
 
-    power (n,): positive power per excited line, in any unit; it is normalised to a sum of 1 (D eq A.1). lines (n,):
-    the harmonics excited (default: consecutive). Suppressed harmonics between them count as lines of zero power, in
-    steps of the lines' common spacing, so that odd lines are as flat as consecutive ones. Raises ValueError if power
-    is empty or not positive or the lines do not fit it.
+    Args:
+        power: Positive power (n,) per excited line, in any unit; it is normalised to a sum of 1 (D eq A.1).
+        lines: Excited harmonics (n,), by default consecutive. Suppressed harmonics between them count as lines of
+            zero power, in steps of the lines' common spacing, so that odd lines give as flat a signal as consecutive
+            ones.
+
+    Returns:
+        Phases (n,), rad.
+
+    Raises:
+        ValueError: The power is empty or not positive, or the lines do not match it.
     """
     share = _checked_power(power)
     steps = np.diff(_checked_lines(lines)) if lines is not None else np.ones(share.size - 1, dtype=np.int64)
@@ -54,9 +66,10 @@ def schroeder_phases(power: ArrayLike, lines: ArrayLike | None = None) -> NDArra
 
 
 def synthesise(multisine: Multisine, samples_per_period: int) -> NDArray[np.float64]:
-    """One period (N,) of the multisine, by inverse FFT, in the unit of its amplitudes.
+    """One period (N,) of the multisine by inverse FFT, in the unit of its amplitudes.
 
-    samples_per_period: N. Raises ValueError if a line does not lie below N / 2.
+    Raises:
+        ValueError: A line does not lie below samples_per_period / 2.
     """
     _check_grid(multisine.lines, samples_per_period)
     spectrum = np.zeros(samples_per_period // 2 + 1, dtype=complex)
@@ -67,10 +80,17 @@ def synthesise(multisine: Multisine, samples_per_period: int) -> NDArray[np.floa
 def sphs(lines: ArrayLike, samples_per_period: int, peak: float = 1.0, power: ArrayLike | None = None) -> Multisine:
     """Schroeder-phased multisine whose sampled period peaks at exactly `peak`.
 
-    lines (n,) harmonics; samples_per_period: the grid on which the peak is taken; peak: largest absolute value, in the
-    signal's unit; power (n,): relative power per line, flat by default. Amplitudes are in proportion to sqrt(2 P), with
-    which the total power is 1 before scaling; D eq A.2 has sqrt(P / 2), which gives 1/4. Raises ValueError on bad
-    input.
+    Amplitudes are proportional to sqrt(2 P), which makes the total power 1 before scaling; D eq A.2 has sqrt(P / 2),
+    which makes it 1/4.
+
+    Args:
+        lines: Harmonics (n,).
+        samples_per_period: Grid on which the peak is determined.
+        peak: Largest absolute value, in the signal's unit.
+        power: Relative power (n,) per line, equal by default.
+
+    Raises:
+        ValueError: Bad input.
     """
     lines, share = _checked_design(lines, samples_per_period, power)
     return _scaled(lines, share, schroeder_phases(share, lines), samples_per_period, peak)
@@ -81,8 +101,17 @@ def random_phase(
 ) -> Multisine:
     """Multisine with phases drawn evenly from [0, 2 pi), scaled as in `sphs`.
 
-    seed: the same seed gives the same phases. Several seeds show the stochastic part of nonlinear distortion, which
-    one fixed set of phases cannot. Raises ValueError on bad input.
+    Several seeds reveal the stochastic part of nonlinear distortion, which one fixed set of phases cannot.
+
+    Args:
+        lines: As in `sphs`.
+        samples_per_period: As in `sphs`.
+        seed: Seed of the phases.
+        peak: As in `sphs`.
+        power: As in `sphs`.
+
+    Raises:
+        ValueError: Bad input.
     """
     lines, share = _checked_design(lines, samples_per_period, power)
     phases = np.random.default_rng(seed).uniform(0.0, 2 * np.pi, lines.size)
@@ -90,9 +119,10 @@ def random_phase(
 
 
 def harmonic_range(first: int, last: int, suppressed: Iterable[int] = ()) -> NDArray[np.int64]:
-    """All harmonics first..last (both included) but the suppressed ones, for instance mains or shaft orders.
+    """All harmonics first..last (both included) without the suppressed ones, for instance mains or shaft orders.
 
-    Raises ValueError if the range is not 1 <= first <= last or if nothing is left.
+    Raises:
+        ValueError: The range is not 1 <= first <= last, or nothing is left.
     """
     _check_range(first, last)
     lines = np.setdiff1d(np.arange(first, last + 1), np.fromiter(suppressed, dtype=np.int64))
@@ -102,7 +132,11 @@ def harmonic_range(first: int, last: int, suppressed: Iterable[int] = ()) -> NDA
 
 
 def odd_lines(first: int, last: int) -> NDArray[np.int64]:
-    """The odd harmonics in first..last (both included). Raises ValueError if there are none."""
+    """The odd harmonics in first..last (both included).
+
+    Raises:
+        ValueError: There are none.
+    """
     _check_range(first, last)
     lines = np.arange(first + (first + 1) % 2, last + 1, 2)
     if lines.size == 0:
@@ -113,11 +147,22 @@ def odd_lines(first: int, last: int) -> NDArray[np.int64]:
 def odd_random_grid(
     first: int, last: int, seed: int, group: int = 4
 ) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
-    """Odd multisine lines with detection lines: (excited, detection_odd, detection_even), harmonic numbers.
+    """Odd multisine lines with detection lines (Pintelon and Schoukens).
 
-    Of each `group` consecutive odd harmonics one, drawn at random by `seed`, is not excited: what appears there is odd
-    nonlinear distortion; what appears at the even harmonics is even distortion (Pintelon and Schoukens). A last group
-    that is not full keeps all its lines. Raises ValueError if group < 2 or the range holds no full group.
+    In each group of consecutive odd harmonics one, drawn at random, is not excited. Power that appears there is odd
+    nonlinear distortion; power at the even harmonics is even distortion. An incomplete last group keeps all its lines.
+
+    Args:
+        first: First harmonic.
+        last: Last harmonic.
+        seed: Seed of the draw.
+        group: Odd harmonics per group.
+
+    Returns:
+        Harmonic numbers (excited, detection_odd, detection_even).
+
+    Raises:
+        ValueError: group < 2, or the range holds no complete group.
     """
     odd = odd_lines(first, last)
     if group < 2:
@@ -132,7 +177,11 @@ def odd_random_grid(
 
 
 def crest_factor(signal: ArrayLike) -> float:
-    """Largest absolute value of signal (N,) over its root mean square. Raises ValueError if it is empty or zero."""
+    """Largest absolute value of signal (N,) over its root mean square.
+
+    Raises:
+        ValueError: The signal is empty or zero.
+    """
     values = np.asarray(signal, dtype=float)
     if values.ndim != 1 or not np.any(values):
         raise ValueError("signal must be a one-dimensional array that is not all zero")

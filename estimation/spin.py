@@ -1,7 +1,7 @@
-"""Line amplitudes of a block that also holds tones of the spin, which need not fit whole turns into it.
+"""Line amplitudes of a block that also holds tones of the rotation, which need not fit whole turns into the block.
 
-The lines and the spin's harmonics are fitted together. Fitting and subtracting the spin alone would take up what of the
-lines leaks into its harmonics, a bias of the order of 1 / (pi times their distance in bins).
+The lines and the rotation's harmonics are fitted together. If the rotation were fitted and subtracted alone, it would
+absorb the leakage of the lines into its harmonics, a bias of the order of 1 / (pi times their distance in bins).
 """
 
 from dataclasses import dataclass
@@ -10,16 +10,20 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.linalg import cho_factor, cho_solve
 
-CLOSEST = 0.1  # bins: nearer, the noise of a line would rise more than 30-fold
+CLOSEST = 0.1  # bins; at a smaller distance the noise of a line would rise more than 30-fold
 SPEED_STEPS = 20
 
 
 @dataclass(frozen=True, eq=False)
 class LinesBesideSpin:
-    """amplitude (..., n) of the lines and spin (..., h) of the harmonics: complex, peak, cosine of the first sample.
+    """Amplitudes are complex peak values with the cosine phase at the first sample.
 
-    inflation (n,): variance of a line's amplitude in white noise over that of the block without spin, 4 s^2 / samples;
-    noise (..., n): that variance, E|n|^2, from the residual.
+    Attributes:
+        amplitude: Amplitudes (..., n) of the lines.
+        spin: Amplitudes (..., h) of the rotation's harmonics.
+        inflation: Variance (n,) of a line's amplitude in white noise, relative to that of a block without rotation,
+            4 s^2 / samples.
+        noise: That variance E|n|^2 (..., n), from the residual.
     """
 
     amplitude: np.ndarray
@@ -31,16 +35,22 @@ class LinesBesideSpin:
 def lines_beside_spin(
     samples: ArrayLike, rate: float, frequency: ArrayLike, spin_hz: float, harmonics: ArrayLike
 ) -> LinesBesideSpin:
-    """Least squares of a constant, the lines and the spin's harmonics on blocks of samples (..., samples).
+    """Least squares of a constant, the lines and the rotation's harmonics; unbiased for rotation tones of any size.
 
-    rate Hz; frequency (n,) Hz of the lines; spin_hz: turns per second, which must be known to a small part of a turn
-    over the block (`spin_speed`); harmonics: orders of the spin. Unbiased whatever the size of the spin's tones.
-    ValueError when a tone lies within a tenth of a bin of another, or at or above half the rate.
+    Args:
+        samples: Blocks (..., samples).
+        rate: Sampling rate, Hz.
+        frequency: Frequencies (n,) of the lines, Hz.
+        spin_hz: Rotation frequency, Hz; it must be known to a small part of a turn over the block (`spin_speed`).
+        harmonics: Orders of the rotation frequency.
+
+    Raises:
+        ValueError: A tone lies within a tenth of a bin of another, or at or above half the rate.
     """
     samples, tones = _checked(samples, rate, frequency, spin_hz, harmonics)
     n, count = np.size(frequency), samples.shape[-1]
     design = _design(tones, count, rate)
-    # Tones this far apart keep the normal equations well conditioned, and they take a small part of the time of a QR.
+    # At this distance of the tones the normal equations are well conditioned and much faster than a QR decomposition.
     normal = cho_factor(design.T @ design)
     projected = samples @ design
     found = cho_solve(normal, projected.reshape(-1, design.shape[1]).T).T.reshape(projected.shape)
@@ -53,10 +63,13 @@ def lines_beside_spin(
 
 
 def spin_speed(samples: ArrayLike, rate: float, frequency: ArrayLike, spin_hz: float, harmonics: ArrayLike) -> float:
-    """Turns per second that fit one block (samples,) best, near spin_hz; otherwise as `lines_beside_spin`.
+    """Rotation frequency in Hz, near spin_hz, that fits one block (samples,) best.
 
-    Gauss-Newton on the one speed of all harmonics. Unbalance or runout must stand out of the noise. ValueError when the
-    fit leaves spin_hz by more than half a bin.
+    Gauss-Newton search for the one frequency of all harmonics; unbalance or runout must stand out of the noise. The
+    other arguments are those of `lines_beside_spin`.
+
+    Raises:
+        ValueError: The fit leaves spin_hz by more than half a bin.
     """
     samples = np.asarray(samples, dtype=float)
     if samples.ndim != 1:

@@ -1,8 +1,8 @@
 """Stability margins of a loop from its measured sensitivity, with intervals.
 
 A sensitivity S = 1 / (1 + L) measured on a running loop belongs to a stable closed loop, so every crossing of L is a
-distance to instability. Nothing is known outside the excited lines: a margin not found there is missing, with a reason.
-Peak sensitivity and peak displacement are graded by ISO 14839-3 and ISO 14839-2.
+distance to instability. Nothing is known outside the excited lines; a margin that is not found there is missing, with a
+reason. Peak sensitivity and peak displacement are graded by ISO 14839-3 and ISO 14839-2.
 """
 
 from collections.abc import Mapping
@@ -14,28 +14,34 @@ from numpy.typing import ArrayLike, NDArray
 from estimation.curves import crossings, largest, least, refine, smooth_response
 
 CONFIDENCE = 0.95
-MISSING_SHARE = 0.05  # an interval end is withheld when more draws than this lack the margin
+MISSING_SHARE = 0.05  # an interval end is withheld when the margin is absent in a larger share of the draws
 
 Array = NDArray[np.float64]
 Interval = tuple[float | None, float | None]
 
 
-UNRESOLVED = 1.5  # a peak so much above its nearest lines is the interpolation's
+UNRESOLVED = 1.5  # a peak higher than this many times its nearest lines comes from the interpolation
 
 
 @dataclass(frozen=True)
 class Margins:
-    """Margins of one loop; None where the lines hold none, and `reasons` then says why, by field name.
+    """Margins of one loop; None where the lines hold none.
 
-    peak_sensitivity: largest |S|. gain_margin_high: factor > 1 by which the loop gain may rise; gain_margin_low:
-    largest factor < 1 to which it may fall (loops around an unstable plant have one). phase_margin: smallest phase
-    change in deg, of either sign, that brings L to -1. delay_margin: smallest added delay in s that does.
-    disk_margin: 1 / max |S - 1/2|, the balanced one (skew 0). Each has its frequency in Hz. A peak at the first or last
-    line is reported with a reason: it bounds the true one from one side only.
+    Noise biases the values to the cautious side (peaks up, margins down). The intervals allow for that, so a value may
+    lie at the end of its own interval. A peak at the first or last line is reported with a reason, because it bounds
+    the true peak from one side only.
 
-    intervals: 95 % (low, high) by name for the six quantities and peak_frequency; an end is None where the lines do not
-    bound it; empty without draws. Noise biases the values to the cautious side (peaks up, margins down). The intervals
-    allow for that, so a value may lie at the end of its own.
+    Attributes:
+        peak_sensitivity: Largest |S|.
+        gain_margin_high: Factor > 1 by which the loop gain may rise.
+        gain_margin_low: Largest factor < 1 to which the loop gain may fall (loops around an unstable plant have one).
+        phase_margin: Smallest phase change of either sign that brings L to -1, deg.
+        delay_margin: Smallest added delay that brings L to -1, s.
+        disk_margin: 1 / max |S - 1/2|, the balanced disk margin (skew 0).
+        peak_frequency: Frequency of the peak, Hz; each margin has its frequency in a field of the same form.
+        reasons: Why a value is missing or bounds the true one from one side only, by field name.
+        intervals: 95 % intervals (low, high) by name, for the six quantities and peak_frequency. An end is None where
+            the lines do not bound it; empty without draws.
     """
 
     peak_sensitivity: float
@@ -55,7 +61,11 @@ class Margins:
 
 
 def loop_gain(sensitivity: ArrayLike) -> NDArray[np.complex128]:
-    """Loop gain L = 1 / S - 1 of sensitivities (...), complex. Raises ValueError where S is zero or not finite."""
+    """Loop gain L = 1 / S - 1 of complex sensitivities (...).
+
+    Raises:
+        ValueError: S is zero or not finite.
+    """
     s = np.asarray(sensitivity, dtype=complex)
     if not np.all(np.isfinite(s)) or np.any(s == 0):
         raise ValueError("sensitivity must be finite and not zero; leave out lines without a value")
@@ -63,10 +73,16 @@ def loop_gain(sensitivity: ArrayLike) -> NDArray[np.complex128]:
 
 
 def peak_sensitivity(frequency: ArrayLike, sensitivity: ArrayLike) -> tuple[Array, Array]:
-    """Largest |S| and its frequency in Hz, each (...), of many loops: the same numbers as in `margins`.
+    """Largest |S| and its frequency in Hz, each (...), of many loops; the same numbers as in `margins`.
 
-    frequency (n,) Hz, increasing, n >= 4; sensitivity (..., n) complex. L is interpolated by a cubic spline in log
-    frequency (`estimation.curves`). Raises ValueError on bad input.
+    L is interpolated by a cubic spline in log frequency (`estimation.curves`).
+
+    Args:
+        frequency: Increasing frequencies (n,), Hz, n >= 4.
+        sensitivity: Complex sensitivities (..., n).
+
+    Raises:
+        ValueError: Bad input.
     """
     return _peak(*_refined(frequency, sensitivity))
 
@@ -74,8 +90,14 @@ def peak_sensitivity(frequency: ArrayLike, sensitivity: ArrayLike) -> tuple[Arra
 def margin_arrays(frequency: ArrayLike, sensitivity: ArrayLike) -> dict[str, Array]:
     """Margins of many loops: the numeric fields of `Margins` by name, each (...), nan where missing.
 
-    frequency (n,) Hz, increasing, n >= 4; sensitivity (..., n) complex. Needs about 2 kB of memory per loop and line;
-    pass very large batches in parts. Raises ValueError on bad input.
+    It needs about 2 kB of memory per loop and line; divide very large batches.
+
+    Args:
+        frequency: Increasing frequencies (n,), Hz, n >= 4.
+        sensitivity: Complex sensitivities (..., n).
+
+    Raises:
+        ValueError: Bad input.
     """
     return _margin_arrays(*_refined(frequency, sensitivity))
 
@@ -88,7 +110,7 @@ def _margin_arrays(grid: Array, gain: NDArray[np.complex128]) -> dict[str, Array
         out[name], out[f"{name}_frequency"] = least(factor, at, factor)
     out["gain_margin_low"] = 1 / out["gain_margin_low"]
     found, at, re_at, im_at = crossings(grid, re**2 + im**2 - 1, re, im)
-    lag = np.where(found, np.arctan2(-im_at, -re_at), np.inf)  # phase of -L: what lag brings L to -1
+    lag = np.where(found, np.arctan2(-im_at, -re_at), np.inf)  # phase of -L, the phase lag that brings L to -1
     out["phase_margin"], out["phase_margin_frequency"] = least(np.degrees(np.abs(lag)), at, np.abs(lag))
     lag[found] %= 2 * np.pi
     delay = lag / (2 * np.pi * np.exp(at))
@@ -104,9 +126,15 @@ def margins(
 ) -> Margins:
     """Margins of one loop with 95 % intervals by a seeded parametric bootstrap.
 
-    frequency (n,) Hz, increasing, n >= 4; sensitivity (n,) complex; variance (n,) of it, E|noise|^2, circular complex
-    Gaussian and independent between lines; draws: 0 for no intervals, else at least 100. Raises ValueError on bad
-    input.
+    Args:
+        frequency: Increasing frequencies (n,), Hz, n >= 4.
+        sensitivity: Complex sensitivity (n,).
+        variance: Its variance E|noise|^2 (n,); the noise is circular complex Gaussian and independent between lines.
+        draws: Number of bootstrap draws, at least 100; 0 for no intervals.
+        seed: Seed of the draws.
+
+    Raises:
+        ValueError: Bad input.
     """
     f, s = np.asarray(frequency, dtype=float), np.asarray(sensitivity, dtype=complex)
     noise = np.asarray(variance, dtype=float)
@@ -124,14 +152,23 @@ def margins(
 
 
 def iso_14839_3_zone(peak_sensitivity: float) -> str:
-    """Zone of ISO 14839-3 by peak |S|: "A" below 3, "B" below 4, "C" below 5, "D". ValueError if negative."""
+    """Zone of ISO 14839-3 by the peak of |S|: "A" below 3, "B" below 4, "C" below 5, otherwise "D".
+
+    Raises:
+        ValueError: The value is negative.
+    """
     return _zone("peak_sensitivity", peak_sensitivity, (3.0, 4.0, 5.0))
 
 
 def iso_14839_2_zone(peak_displacement: float, clearance: float) -> str:
-    """Zone of ISO 14839-2 by peak displacement over minimum clearance (same unit): "A" below 0.3, 0.4, 0.5, "D".
+    """Zone of ISO 14839-2 by peak displacement over minimum clearance: "A" below 0.3, "B" 0.4, "C" 0.5, otherwise "D".
 
-    Raises ValueError if peak_displacement is negative or clearance is not positive.
+    Args:
+        peak_displacement: In the unit of clearance.
+        clearance: Smallest clearance.
+
+    Raises:
+        ValueError: peak_displacement is negative or clearance is not positive.
     """
     if not clearance > 0:
         raise ValueError("clearance must be positive")
@@ -145,7 +182,8 @@ def _zone(name: str, value: float, limits: tuple[float, ...]) -> str:
 
 
 def _refined(frequency: ArrayLike, sensitivity: ArrayLike) -> tuple[Array, NDArray[np.complex128]]:
-    # L and not S: near a sharp peak of S, L is still smooth (peaks of 8-15 at 5 Hz lines: 0.03 % against 8 %).
+    # L is interpolated and not S: near a sharp peak of S, L is still smooth. For peaks of 8 to 15 at lines 5 Hz apart
+    # the error is 0.03 % instead of 8 %.
     gain = loop_gain(sensitivity)
     if gain.ndim == 0 or gain.shape[-1] != np.size(frequency):
         raise ValueError(f"sensitivity must have {np.size(frequency)} lines in its last dimension, one per frequency")
@@ -158,7 +196,7 @@ def _peak(grid: Array, gain: NDArray[np.complex128]) -> tuple[Array, Array]:
 
 
 def _gain_crossings(grid: Array, gain: NDArray[np.complex128]) -> dict[str, tuple[Array, Array]]:
-    """Per side (factor > 1 up, or down, to instability; inf where none) and log frequency at each interval."""
+    """Gain factor to instability per side (greater than 1; inf where none) and log frequency, at each grid interval."""
     found, at, re_at = crossings(grid, gain.imag, gain.real)
     high = np.divide(-1, re_at, out=np.full_like(re_at, np.inf), where=found & (re_at < 0) & (re_at > -1))
     return {"gain_margin_high": (high, at), "gain_margin_low": (np.where(found & (re_at < -1), -re_at, np.inf), at)}
@@ -175,8 +213,8 @@ def _quantiles(values: Array) -> tuple[float, float]:
 def _intervals(
     f: Array, s: NDArray[np.complex128], variance: Array, values: Mapping[str, float], draws: int, seed: int
 ) -> dict[str, Interval]:
-    # Draws around the noisy estimate would add its bias a second time; the smoothed curve has next to none.
-    # L is smoothed and not S, as it has no sharp peak; |dL| = |dS| / |S|^2.
+    # Draws around the noisy estimate would add its bias a second time; the smoothed curve has almost none. L is
+    # smoothed and not S, because L has no sharp peak; |dL| = |dS| / |S|^2.
     centre = 1 / (1 + smooth_response(f, loop_gain(s), variance / np.abs(s) ** 4))
     middle = margin_arrays(f, centre)
     noise = np.random.default_rng(seed).standard_normal((2, draws, f.size)) * np.sqrt(variance / 2)
@@ -184,12 +222,13 @@ def _intervals(
     drawn = _margin_arrays(grid, gain)
     ends: dict[str, tuple[float, float]] = {}
     for name in ("peak_sensitivity", "peak_frequency", "phase_margin", "delay_margin", "disk_margin"):
-        # Reflected in the logarithm: the bias that the draws show is taken off.
+        # The draws are reflected in the logarithm, which subtracts the bias that they show.
         low, high = _quantiles(drawn[name])
         scale = values[name] * float(middle[name])
         ends[name] = scale / high, scale / low
     for name, (factor, at) in _gain_crossings(grid, gain).items():
-        # Noise adds crossings: the near end takes each draw's worst, the far end the one next to the smooth curve's.
+        # Noise adds crossings: the near end takes the worst of each draw, the far end the one closest to the crossing
+        # of the smooth curve.
         away = np.where(np.isinf(factor), np.inf, np.abs(at - np.log(middle[f"{name}_frequency"])))
         near, far = _quantiles(least(factor, at, factor)[0])[0], _quantiles(least(factor, at, away)[0])[1]
         far = np.nan if np.isnan(middle[name]) else far
@@ -201,7 +240,7 @@ def _intervals(
         ends["peak_sensitivity"], ends["peak_frequency"] = (ends["peak_sensitivity"][0], np.nan), (np.nan, np.nan)
     if _at_edge(f, values["disk_margin_frequency"]):
         ends["disk_margin"] = (np.nan, ends["disk_margin"][1])
-    # A strongly biased value may leave its own interval on the cautious side: the interval then reaches out to it.
+    # A strongly biased value may lie outside its interval on the cautious side; the interval is then extended to it.
     held = {
         name: np.array([np.minimum(pair[0], values[name]), np.maximum(pair[1], values[name])])
         for name, pair in ends.items()

@@ -1,11 +1,12 @@
-"""Stiffness and damping tracked on line, block by block, from the response to a known force, with changes detected.
+"""Stiffness and damping tracked on line, block by block, from the response to a known force, with change detection.
 
-The displacement lines of a block are Y = F / Z plus noise, Z = k - m w^2 + j w c: nonlinear in k and c, but the noise
-is additive and the force known, so there is no errors-in-variables bias. The filter is an extended Kalman filter that
-iterates its linearisation to the posterior mode (Bell and Cathey 1993, IEEE Trans. Autom. Control 38, 294-297): with
-the covariance open, at the start and after a change, one linearisation misses by more than its standard error, and the
-sigma points of an unscented transform, out where the resonance is another, by several. As dY/dc = j w dY/dk is at
-right angles to dY/dk, a linearised block is one measurement of k and one of c, independent.
+The displacement lines of a block are Y = F / Z plus noise, with Z = k - m w^2 + j w c. This is nonlinear in k and c,
+but the noise is additive and the force is known, so there is no errors-in-variables bias. The filter is an extended
+Kalman filter that iterates its linearisation to the posterior mode (Bell and Cathey 1993, IEEE Trans. Autom. Control
+38, 294-297). The iteration is needed where the covariance is large, at the start and after a change: there a single
+linearisation is wrong by more than its standard error, and an unscented transform by several, because its sigma points
+lie where the resonance is elsewhere. As dY/dc = j w dY/dk is at right angles to dY/dk, a linearised block is one
+measurement of k and an independent one of c.
 """
 
 from dataclasses import dataclass, fields
@@ -20,13 +21,22 @@ from estimation.line_block import Block, checked_block, measured_at_mode
 
 @dataclass(frozen=True)
 class TrackerSettings:
-    """What is known beforehand; drifts and deviations are relative to the size of the first guesses.
+    """Prior knowledge; drifts and deviations are relative to the magnitude of the first guesses.
 
-    stiffness N/m (may be negative) and damping N s/m: first guesses; mass kg; stiffness_drift and damping_drift: random
-    walk per square root of a second, 0.001 for 0.1 % in 1 s; start: standard deviation of the first guesses; opening:
-    standard deviation added when a change is found; false_alarm_blocks: mean number of blocks from one false alarm to
-    the next, of stiffness or damping; allowance: that of the CUSUM charts, half the shift that they find fastest, in
-    standard deviations of a block's innovation. ValueError for values that do not fit.
+    Attributes:
+        stiffness: First guess, N/m; may be negative.
+        damping: First guess, N s/m.
+        mass: Moving mass, kg.
+        stiffness_drift: Random walk per square root of a second; 0.001 is 0.1 % in 1 s.
+        damping_drift: The same for the damping.
+        start: Standard deviation of the first guesses.
+        opening: Standard deviation added when a change is found.
+        false_alarm_blocks: Mean number of blocks between false alarms of stiffness or damping.
+        allowance: Allowance of the CUSUM charts in standard deviations of a block's innovation: half of the shift that
+            they find fastest.
+
+    Raises:
+        ValueError: Values that do not fit.
     """
 
     stiffness: float
@@ -57,12 +67,19 @@ class TrackerSettings:
 
 @dataclass(frozen=True, eq=False)
 class Tracked:
-    """State after one block, or after each of several: then every field has the leading dimension blocks.
+    """State after one block, or after each of several; then every field has the leading dimension blocks.
 
-    time s; stiffness N/m and damping N s/m with standard errors (the errors are normal: 1.96 of them either side hold
-    95 %); innovation (..., 2) of stiffness and damping, standard normal while the model holds; chi_square of all lines
-    about their prediction, of `freedom` degrees of freedom; alarm (..., 2): a change of stiffness, of damping found in
-    this block; onset s: end of the block in which that change seems to have begun, nan without alarm.
+    Attributes:
+        time: s.
+        stiffness: N/m.
+        damping: N s/m.
+        stiffness_se: Standard error; the errors are normal, so 1.96 of them on either side hold 95 %.
+        damping_se: Standard error.
+        innovation: (..., 2) of stiffness and damping, standard normal while the model holds.
+        chi_square: Chi-square of all lines about their prediction.
+        freedom: Its degrees of freedom.
+        alarm: (..., 2): whether a change of stiffness or of damping was found in this block.
+        onset: End of the block in which that change seems to have begun, s; nan without an alarm.
     """
 
     time: float | np.ndarray
@@ -80,11 +97,18 @@ class Tracked:
 class Tracker:
     """On-line tracker: `update` takes one block after the other.
 
-    settings; frequency (n,) Hz of the lines. A change opens the covariance in the block that shows it and once more in
-    the next, as it may have come in the middle of a block. Simulated, 0.94 to 0.97 of the 95 % intervals hold a truth
-    that wanders as stated where a block alone knows the damping to 7 % or better. Where it does so only to 16 %, the
-    first 10 s cover 0.91 and read the damping low by up to half a standard error, as a block that reads it low claims
-    to know it well: take longer blocks or more force. ValueError when the frequencies do not fit.
+    A change opens the covariance in the block that shows it and again in the next, as it may have come in the middle of
+    a block. In simulations 0.94 to 0.97 of the 95 % intervals hold a truth that drifts as stated, if one block alone
+    determines the damping to 7 % or better. If it does so only to 16 %, the coverage in the first 10 s is 0.91 and the
+    damping reads low by up to half a standard error, because a block that reads low also claims a small error; use
+    longer blocks or more force.
+
+    Args:
+        settings: Prior knowledge.
+        frequency: Frequencies (n,) of the lines, Hz.
+
+    Raises:
+        ValueError: The frequencies do not fit.
     """
 
     def __init__(self, settings: TrackerSettings, frequency: ArrayLike) -> None:
@@ -107,7 +131,11 @@ class Tracker:
         self._time, self._reopen = -np.inf, False
 
     def update(self, block: Block) -> Tracked:
-        """State after this block. ValueError when it does not fit the lines or comes before the last one."""
+        """State after this block.
+
+        Raises:
+            ValueError: The block does not fit the lines, or comes before the last one.
+        """
         if not np.isfinite(block.time) or block.time <= self._time:
             raise ValueError(f"tracker: block at {block.time} s must come after the last one, at {self._time} s")
         block = checked_block(block, self.frequency)
@@ -139,11 +167,19 @@ def track(
     noise: ArrayLike | None = None,
     force_noise: ArrayLike = 0.0,
 ) -> Tracked:
-    """The states after each block of a recorded stream, by `Tracker`, stacked.
+    """The states after each block of a recorded stream by `Tracker`, stacked.
 
-    frequency (n,) Hz; time (blocks,) s; displacement (blocks, n); force, noise and force_noise broadcast with it and as
-    in `Block`. noise None: `noise_from_scatter`, constant over the record. ValueError when a shape or value does not
-    fit.
+    Args:
+        settings: As in `Tracker`.
+        frequency: Frequencies (n,) of the lines, Hz.
+        time: Ends (blocks,) of the blocks, s.
+        force: As in `Block`; broadcast with displacement.
+        displacement: Amplitudes (blocks, n), m.
+        noise: As in `Block`; broadcast with displacement. None: `noise_from_scatter`, constant over the record.
+        force_noise: As in `Block`; broadcast with displacement.
+
+    Raises:
+        ValueError: A shape or value does not fit.
     """
     time, displacement = np.asarray(time, dtype=float), np.asarray(displacement)
     if time.ndim != 1 or time.size == 0 or displacement.ndim != 2 or len(displacement) != time.size:
@@ -169,11 +205,18 @@ def track(
 
 
 def noise_from_scatter(force: ArrayLike, displacement: ArrayLike) -> np.ndarray:
-    """Variance E|n|^2 (n,) of the displacement lines from the scatter of Y / F between successive blocks.
+    """Variance E|n|^2 (n,) of the displacement lines, from the scatter of Y / F between successive blocks.
 
-    force and displacement (blocks, n), no force zero. The median of the squared differences, over ln 2 that of a
-    complex normal: changes and shocks in a few blocks do not enter. A line's standard deviation is then known to about
-    0.85 / sqrt(blocks). Noise of the force is included, as displacement. ValueError for fewer than 10 blocks.
+    It is the median of the squared differences over ln 2, the median for a complex normal variable, so changes and
+    shocks in a few blocks have no effect. A line's standard deviation is then known to about 0.85 / sqrt(blocks). Noise
+    of the force is included, expressed as displacement.
+
+    Args:
+        force: Amplitudes (blocks, n), N, none of them zero.
+        displacement: Amplitudes (blocks, n), m.
+
+    Raises:
+        ValueError: Fewer than 10 blocks, or values that are not finite.
     """
     force, displacement = np.asarray(force), np.asarray(displacement)
     if force.shape != displacement.shape or force.ndim != 2 or len(force) < 10:
