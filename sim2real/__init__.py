@@ -1,4 +1,4 @@
-"""A campaign of recordings in, a diagnosis out: where the gap lies, what causes it, how far it closes."""
+"""Sim-to-real diagnosis: from a campaign of recordings to where the gap lies, what causes it and how far it closes."""
 
 from importlib import import_module
 from typing import Any

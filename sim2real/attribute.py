@@ -1,4 +1,4 @@
-"""Which effect: candidates fitted in closed loop, alone and in pairs."""
+"""Which effect explains the gap: candidate effects are fitted in closed loop, alone and in pairs."""
 
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -11,14 +11,14 @@ from sim2real.problem import Problem
 from sim2real.screening import Start, extended, kept, screened
 from sim2real.simulated import DITHERED, MAY_BE_DITHERED, tolerances
 
-FIRST, ITERATIONS = 3, 20  # steps of a fit from every start that is followed, and more of the better one
-SEEDS, PAIRS = 4, 8  # best single effects that a second one is added to, and pairs that are fitted, in a round
-SPARE = 30  # starts of an effect that are tried instead of one that touches down
-BLURRED, BLURRED_SHARE = 4, 0.5  # best fits that are tried with noise that blurs them, and what they may leave
+FIRST, ITERATIONS = 3, 20  # steps of a fit from every start that is followed; further steps of the better one
+SEEDS, PAIRS = 4, 8  # per round: best single effects to which a second one is added, and pairs that are fitted
+SPARE = 30  # other starts of an effect that are tried when one makes the rotor touch down
+BLURRED, BLURRED_SHARE = 4, 0.5  # best fits that are repeated with sensor noise, and share of the gap they may leave
 SWAPPED = 2  # best pairs of which either effect is tried with others
-NO_GAP = 12.0  # cost that no single effect saves beyond calibration: then no pair is looked for
-ABOUT = 30.0  # cost above the best that a simpler candidate may have to be taken for it
-CLOSE, CLOSE_SHARE = 500.0, 0.5  # cost above the best within which the errors of a fit are of interest
+NO_GAP = 12.0  # if no single effect lowers the cost of calibration by more than this, no pair is tried
+ABOUT = 30.0  # cost above the best within which a candidate of fewer effects is preferred
+CLOSE, CLOSE_SHARE = 500.0, 0.5  # cost above the best within which the standard errors of a fit are computed
 
 Progress = Callable[[str], None]
 
@@ -35,14 +35,20 @@ class Candidate:
 
     @property
     def predictive(self) -> float:
-        """Expected cost of other records like these: what was fitted and twice its free parameters (Akaike 1974)."""
+        """Expected cost of further records of this kind: fitted cost plus twice the free parameters (Akaike 1974)."""
         return self.fit.cost + 2.0 * len(self.fit.hypothesis.coordinates)
 
 
 @dataclass(frozen=True)
 class Attribution:
-    """nominal: cost of the nominal rig as it is (inf where it touches down). candidates: calibration alone
-    first, then singles and pairs. expected: cost of the true model, twice the number of complex residuals."""
+    """All fitted candidates of a campaign.
+
+    Attributes:
+        nominal: Cost of the unchanged nominal rig; inf where it touches down.
+        candidates: Calibration alone first, then single effects and pairs.
+        expected: Cost of the true model, twice the number of complex residuals.
+        problem: The problem that was fitted.
+    """
 
     nominal: float
     candidates: tuple[Candidate, ...]
@@ -57,7 +63,7 @@ class Attribution:
 
     @property
     def simplest(self) -> Candidate:
-        """The one with fewest effects of those that are about as good as the best."""
+        """The candidate with the fewest effects among those that are about as good as the best."""
         least = min(c.predictive for c in self.candidates)
         near = [c for c in self.candidates if c.predictive < least + ABOUT]
         return min(near, key=lambda c: (len(c.effects), c.predictive))
@@ -70,7 +76,8 @@ class Attribution:
 def attribute(problem: Problem, progress: Progress = lambda text: None) -> Attribution:
     """Fit calibration alone, each effect that has a meaning on the rig, and the most promising pairs.
 
-    ValueError when no hypothesis at all levitates under the recorded gains.
+    Raises:
+        ValueError: No hypothesis levitates under the recorded gains.
     """
     rig = problem.parts[0].record.nominal
     allowed = tolerances(rig)
@@ -108,7 +115,7 @@ def _may_blur(effects: Collection[str]) -> bool:
 
 
 def _blurred(problem: Problem, fits: Sequence[Fit]) -> list[Fit]:
-    """The fits, of which the best ones whose effects noise may blur are fitted so too, and the better kept."""
+    """The fits, with the best ones that noise may smooth fitted again with noise; the better of both is kept."""
     least = min(f.cost for f in fits)
     enough = least + BLURRED_SHARE * (fits[0].cost - least)
     able = [f for f in fits if f.cost < enough and _may_blur(f.hypothesis.effects)]
@@ -123,8 +130,11 @@ def _blurred(problem: Problem, fits: Sequence[Fit]) -> list[Fit]:
 
 
 def _singles(problem: Problem, seeds: Sequence[Fit], names: Sequence[str], allowed: Mapping[str, float]) -> list[Fit]:
-    """Each effect alone, from the starts that promise most: beside the untouched nominal rig, and beside calibration
-    alone, which a missing effect may have driven far away."""
+    """Fit each effect alone, from its most promising starts.
+
+    Starts are placed beside the untouched nominal rig and beside calibration alone, because a missing effect may have
+    driven the calibration far away.
+    """
     fits: list[Fit] = []
     for seed in seeds:
         jobs = [
@@ -142,8 +152,11 @@ def _singles(problem: Problem, seeds: Sequence[Fit], names: Sequence[str], allow
 
 
 def _begun(problem: Problem, chosen: Sequence[Start], ranked: Sequence[Start]) -> list[Fit]:
-    """Fits at the chosen starts; at another one of its effects, the best on all records, where that on the screened
-    record alone touches down on others."""
+    """Fits at the chosen starts.
+
+    Where a start passed on the screened record but touches down on another record, the best of the other starts of its
+    effects, on all records, replaces it.
+    """
     fits = begin([s.hypothesis for s in chosen], [s.u for s in chosen], problem.data, problem.simulate)
     fallen = {s.hypothesis.effects: i for i, s in enumerate(chosen) if not np.isfinite(fits[i].cost)}
     spare = {names: [s for s in ranked if s.hypothesis.effects == names][:SPARE] for names in fallen}
@@ -156,9 +169,16 @@ def _begun(problem: Problem, chosen: Sequence[Start], ranked: Sequence[Start]) -
 
 
 def _pairs(problem: Problem, singles: Sequence[Fit]) -> tuple[list[Fit], list[Fit]]:
-    """Pairs, and the single effects again. A second effect is tried beside each of the best single ones, then beside
-    either effect of the best pairs as that pair has it: what alone does best in the place of two need not be one of
-    them. In the end either effect is fitted alone from where the best pairs have it."""
+    """Fit pairs, and the single effects again.
+
+    A second effect is tried beside each of the best single ones, and then beside either effect of the best pairs at
+    its values in the pair: the single effect that best replaces two need not be one of them. Finally, either effect
+    of the best pairs is fitted alone from its values in the pair.
+
+    Returns:
+        pairs: Fits of pairs.
+        singles: The better fit of each single effect.
+    """
     seeds = sorted((f for f in singles if np.isfinite(f.cost)), key=lambda f: f.cost)[:SEEDS]
     found = _round(problem, singles, seeds, ())
     found += _round(problem, singles, _halves(problem, found), {frozenset(f.hypothesis.effects) for f in found})
@@ -169,7 +189,7 @@ def _pairs(problem: Problem, singles: Sequence[Fit]) -> tuple[list[Fit], list[Fi
 
 
 def _halves(problem: Problem, pairs: Sequence[Fit]) -> list[Fit]:
-    """Either effect of the best pairs alone, as the pair has it; without what touches down."""
+    """Either effect of the best pairs alone, at its values in the pair; without those that touch down."""
     halves: dict[str, tuple[Hypothesis, np.ndarray]] = {}
     for f in sorted((f for f in pairs if np.isfinite(f.cost)), key=lambda f: f.cost)[:SWAPPED]:
         n, both = len(COORDINATES[f.hypothesis.effects[0]]), len(f.hypothesis.coordinates)
@@ -183,7 +203,7 @@ def _halves(problem: Problem, pairs: Sequence[Fit]) -> list[Fit]:
 def _round(
     problem: Problem, singles: Sequence[Fit], seeds: Sequence[Fit], known: Collection[frozenset[str]]
 ) -> list[Fit]:
-    """The pairs, other than those known, that a linear look promises most, fitted: any effect beside a seed's."""
+    """Fit the most promising new pairs, found by a linear prediction: any effect beside the effect of a seed."""
     differentiate(seeds, problem.data, problem.simulate, True)
     jobs = []
     for seed in seeds:

@@ -1,4 +1,4 @@
-"""The corrected rig as a rig TOML: the nominal one with what closes the gap, for sweeps and environments."""
+"""The corrected rig as a rig TOML: the nominal rig with what closes the gap, for sweeps and environments."""
 
 import json
 from collections.abc import Mapping, Sequence
@@ -19,14 +19,14 @@ _LINE = 100
 
 
 def corrected_rig(diagnosis: Diagnosis) -> Rig:
-    """The campaign's rig at the point that closes its gap, its name ending in "-corrected"."""
+    """The campaign's rig at the point that closes its gap; its name ends in "-corrected"."""
     rig = diagnosis.campaign.rig
     at = experiment_at(Experiment(rig, rig.gains or NO_CONTROLLER, ()), diagnosis.corrected)
     return replace(at.rig, name=f"{rig.name}-corrected", effects=at.effects)
 
 
 def corrected_toml(diagnosis: Diagnosis) -> str:
-    """`corrected_rig` as a rig TOML that `load_rig` reads back equal; comments say where it comes from."""
+    """`corrected_rig` as a rig TOML that `load_rig` reads back unchanged; comments state its origin."""
     head = [
         f"Made by maglev diagnose from the campaign {diagnosis.campaign.folder.resolve().name}.",
         sentence(diagnosis),
@@ -46,12 +46,16 @@ def corrected_toml(diagnosis: Diagnosis) -> str:
 
 
 def write_corrected(diagnosis: Diagnosis, path: str | Path) -> None:
-    """Write `corrected_toml`, atomically. OSError when it cannot be written."""
+    """Write `corrected_toml` atomically.
+
+    Raises:
+        OSError: The file cannot be written.
+    """
     write_text_atomic(path, corrected_toml(diagnosis))
 
 
 def rig_toml(rig: Rig) -> str:
-    """A rig as a TOML (schema maglev-rig/1); what has its default is left out."""
+    """A rig as a TOML (schema maglev-rig/1); values equal to their defaults are left out."""
     top = {"schema": SCHEMA, "name": rig.name, "magnet": rig.magnet} | ({"axes": rig.axes} if rig.axes != 1 else {})
     defaults = {f.name: f.default for f in fields(Rig)}
     parameters = {name: getattr(rig, name) for name in PARAMETERS if getattr(rig, name) != defaults[name]}

@@ -1,4 +1,4 @@
-"""A campaign in, a diagnosis out: where the gap lies, which effect causes it, how far it shrinks."""
+"""The diagnosis of a campaign: where the gap lies, which effect causes it, and how far it shrinks."""
 
 import time
 from collections.abc import Callable, Mapping
@@ -23,18 +23,30 @@ from sim2real.simulated import Point
 from sim2real.unsynchronised import Sighting, evidence, sightings, spin_costs, tone_parameters
 
 SCHEMA = "maglev-diagnosis/1"
-HELD_OUT_EVERY = 4  # without a holdout every fourth line is kept from the fits
+HELD_OUT_EVERY = 4  # without a holdout recording, every fourth line is withheld from the fits
 
 
 @dataclass(frozen=True)
 class Diagnosis:
-    """What a campaign says of the nominal simulator.
+    """What a campaign shows about the nominal simulator.
 
-    verdict: "no_gap", "explained", "ambiguous" or "unexplained". cause: names of the effects; of an ambiguous one the
-    class that the campaign cannot tell apart, "a+b" for two together; ("unknown",) when unexplained. which: every
-    hypothesis with its probability. corrected: the point that closes the gap (calibration alone where nothing is
-    named). choice: what the gap does to the choice of gains (None: nothing is named, or
-    the rig's protocol cannot score gains). seconds: wall time. notes: what was assumed, or could not be told.
+    Attributes:
+        verdict: "no_gap", "explained", "ambiguous" or "unexplained".
+        cause: Names of the effects. For an ambiguous verdict, the alternatives that the campaign cannot distinguish,
+            with "a+b" for two effects together; ("unknown",) for an unexplained one.
+        where: Where the gap lies.
+        which: Every hypothesis with its probability.
+        indistinguishable: Sets of causes that the campaign cannot distinguish.
+        next_experiment: The most useful next recording, if one is needed.
+        gap: How far the gap shrinks.
+        corrected: The point that closes the gap (calibration alone where no effect is named).
+        campaign: The campaign.
+        attribution: The fitted candidates.
+        judged: The recordings or lines on which the gap is judged.
+        choice: How the gap changes the choice of gains; None where no effect is named or the rig's protocol cannot
+            score gains.
+        seconds: Wall time, s.
+        notes: What was assumed, or could not be determined.
     """
 
     verdict: str
@@ -53,7 +65,7 @@ class Diagnosis:
     notes: tuple[str, ...]
 
     def to_json(self) -> dict[str, Any]:
-        """The diagnosis as schema maglev-diagnosis/1; SI units, None for what cannot be told."""
+        """The diagnosis as schema maglev-diagnosis/1, in SI units; None for what could not be determined."""
         which = [
             {
                 "effects": list(e.effects),
@@ -101,9 +113,16 @@ class Diagnosis:
 def diagnose(
     campaign: str | Path | Campaign, seed: int = 0, progress: Callable[[str], None] = lambda text: None
 ) -> Diagnosis:
-    """Diagnose a campaign folder; progress is told of each step, seed draws the foils and the bootstrap.
+    """Diagnose a campaign.
 
-    ValueError or OSError as `read_records`, and when nothing levitates under the recorded gains.
+    Args:
+        campaign: A campaign folder, or a loaded campaign.
+        seed: Seed of the foils and of the bootstrap.
+        progress: Called with the name of each step.
+
+    Raises:
+        ValueError: As `read_records`, or no hypothesis levitates under the recorded gains.
+        OSError: A file cannot be read.
     """
     begun = time.perf_counter()
     progress("reading")
@@ -161,7 +180,7 @@ def diagnose(
 
 
 def _where(fitted: Problem, attribution: Attribution, tones: float) -> Where:
-    """Of what calibration leaves; of the linear nominal loop, opened, where the rotor touches down with it."""
+    """Locate what calibration leaves; if the rotor touches down there, what the opened linear nominal loop leaves."""
     calibration = attribution.calibration.fit
     if np.isfinite(calibration.cost):
         return locate(fitted, calibration.residual, tones)
@@ -169,7 +188,7 @@ def _where(fitted: Problem, attribution: Attribution, tones: float) -> Where:
 
 
 def _corrected(fitted: Problem, candidate: Candidate, effects: tuple[str, ...], seen: list[Sighting]) -> Point:
-    """The candidate's point, with the tones among the effects."""
+    """The candidate's point, with the tones added to its effects."""
     if not np.isfinite(candidate.fit.cost):
         return Point({}, {})
     point = candidate.fit.hypothesis.point(candidate.fit.u)
@@ -178,7 +197,7 @@ def _corrected(fitted: Problem, candidate: Candidate, effects: tuple[str, ...], 
 
 
 def _parameters(candidate: Candidate) -> Mapping[str, dict[str, float]]:
-    """Fitted parameters with their standard errors, by "effect.parameter" and, of tolerances, by parameter."""
+    """Fitted parameters with standard errors, named "effect.parameter", or "parameter (relative)" for tolerances."""
     fit, found = candidate.fit, {}
     sd = np.sqrt(np.maximum(np.diag(fit.covariance()), 0.0))
     for i, c in enumerate(fit.hypothesis.coordinates):
@@ -206,5 +225,5 @@ def _choice(choice: GainChoice) -> dict[str, Any]:
 
 
 def block_of(name: str) -> str:
-    """Block of an effect, or of several written "a+b"."""
+    """Block of an effect, or of several effects written "a+b"."""
     return "+".join(dict.fromkeys(EFFECTS[part].block for part in name.split("+")))

@@ -1,4 +1,4 @@
-"""Least squares of many hypotheses at once: every trial step and every column of a Jacobian is a lane."""
+"""Least squares of many hypotheses at once: every trial step and every Jacobian column is a lane of the simulator."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -9,23 +9,40 @@ from sim2real.hypotheses import Hypothesis
 from sim2real.simulated import Point
 
 Simulate = Callable[[Sequence[Point]], np.ndarray]  # (n, K) complex, whitened; nan where the rotor touched down
-REFRESH = 2
+REFRESH = 2  # steps after which the Jacobian's rows of the tolerances are computed again
 STEP, CALIBRATION_STEP = 0.004, 0.04  # of finite differences, in coordinates and in tolerances
-# Factors on the Levenberg-Marquardt parameter that every iteration tries: a valley may be a thousand times as long as
-# it is wide, where one parameter does nearly what others do together.
+# Factors on the Levenberg-Marquardt parameter that every iteration tries. They span decades because a valley of the
+# cost may be a thousand times as long as it is wide, where one parameter does nearly what others do together.
 DAMPING = (1e-3, 0.05, 3.0)
-CONVERGED, SHARE = 0.3, 1e-5  # cost, and share of the cost
-EDGE = 1e-6  # in coordinates: how near a bound counts as at it
-FAR = 4.0  # tolerances that one step may go, beside as far as it has come
-REFUSED, SHORTER = 4, 30.0  # how often shorter steps are tried, and factor on the damping for them
+CONVERGED, SHARE = 0.3, 1e-5  # gain of a step that counts as converged: absolute cost, and share of the cost
+EDGE = 1e-6  # distance, in coordinates, within which a bound counts as reached
+FAR = 4.0  # tolerances that one step may move, added to the distance already covered
+REFUSED, SHORTER = 4, 30.0  # how often shorter steps are tried, and the factor on the damping that shortens them
+# A fit is abandoned when it is far behind the best: steps before this is tested, share of the best saving that it may
+# be behind, factor on that share per step, and cost that it may be behind in any case.
 PATIENCE, HOPELESS, KEEPING_UP, SMALL = 3, 0.4, 0.65, 100.0
 
 
 @dataclass(eq=False)
 class Fit:
-    """A hypothesis at coordinates u: residual (K,) complex whitened, jacobian (size, K) of the prediction (None:
-    not yet known), and cost = sum |r|^2 + sum of squared changes in tolerances, -2 ln of the likelihood but for a
-    constant; each complex residual counts twice, so |r|^2 is scaled to variance 1 per real part."""
+    """A hypothesis at coordinates u.
+
+    The cost is sum |r|^2 plus the sum of the squared changes in units of their tolerances: -2 ln of the likelihood
+    except for a constant. A complex residual counts twice; |r|^2 is scaled to variance 1 per real part.
+
+    Attributes:
+        hypothesis: The hypothesis.
+        u: Coordinates (size,).
+        residual: Whitened complex residual (K,).
+        cost: Cost at u.
+        jacobian: Derivative (size, K) of the prediction; None while unknown.
+        damping: Levenberg-Marquardt parameter.
+        age: Steps since the tolerances' rows were computed.
+        refused: Consecutive iterations without a lower trial step, as where all of them touch down.
+        fresh: Whether all rows were computed at u.
+        idle: Whether the last iteration gained too little.
+        done: Whether the fit has ended.
+    """
 
     hypothesis: Hypothesis
     u: np.ndarray
@@ -33,9 +50,9 @@ class Fit:
     cost: float
     jacobian: np.ndarray | None = None
     damping: float = 1e-3
-    age: int = 0  # steps since the tolerances' rows were found
-    refused: int = 0  # times in a row that no trial step led lower, as where all of them touch down
-    fresh: bool = False  # whether all rows were found at u
+    age: int = 0
+    refused: int = 0
+    fresh: bool = False
     idle: bool = False
     done: bool = False
 
@@ -45,21 +62,21 @@ class Fit:
 
     @property
     def normal(self) -> np.ndarray:
-        """Hessian of the cost / 2, (size, size)."""
+        """Hessian of half the cost, (size, size)."""
         return (self.jacobian @ self.jacobian.conj().T).real + np.diag(self.prior)
 
     @property
     def gradient(self) -> np.ndarray:
-        """Of the cost / 2 against a step, (size,)."""
+        """Negative gradient of half the cost, (size,)."""
         return (self.jacobian @ self.residual.conj()).real - self.prior * self.u
 
     def covariance(self) -> np.ndarray:
-        """Of the coordinates, (size, size)."""
+        """Covariance of the coordinates, (size, size)."""
         return np.linalg.pinv(self.normal, hermitian=True)
 
 
 def share_calibrations(fits: Sequence[Fit], known: Fit) -> None:
-    """Begin with the Jacobian's rows of the tolerances that another fit has: they hardly depend on a small effect."""
+    """Start with the Jacobian's tolerance rows of another fit, because they hardly depend on a small effect."""
     if known.jacobian is None or not np.isfinite(known.cost):
         return
     first = len(known.hypothesis.coordinates)
@@ -76,7 +93,7 @@ def cost_of(residual: np.ndarray, u: np.ndarray, prior: np.ndarray) -> float:
 
 
 def begin(hypotheses: Sequence[Hypothesis], u: Sequence[np.ndarray], data: np.ndarray, simulate: Simulate) -> list[Fit]:
-    """Fits at given coordinates, their Jacobians not yet known; inf where the rotor touches down."""
+    """Fits at given coordinates, without Jacobians; the cost is inf where the rotor touches down."""
     if not hypotheses:
         return []
     u = [h.bounded(v) for h, v in zip(hypotheses, u, strict=True)]
@@ -91,7 +108,7 @@ def begin(hypotheses: Sequence[Hypothesis], u: Sequence[np.ndarray], data: np.nd
 
 
 def differentiate(fits: Sequence[Fit], data: np.ndarray, simulate: Simulate, calibrations: bool) -> None:
-    """Fill in the Jacobian's rows of the effects' parameters, and with `calibrations` those of the tolerances."""
+    """Fill in the Jacobian's rows of the effects' parameters and, with `calibrations`, those of the tolerances."""
     jobs: list[tuple[Fit, int, float]] = []
     points: list[Point] = []
     for fit in fits:
@@ -116,11 +133,17 @@ def differentiate(fits: Sequence[Fit], data: np.ndarray, simulate: Simulate, cal
 
 
 def iterate(fits: Sequence[Fit], data: np.ndarray, simulate: Simulate, most: int) -> None:
-    """Levenberg-Marquardt steps of all fits together, at most `most`; tolerances' rows are refreshed now and then.
+    """Levenberg-Marquardt steps of all fits together; the rows of the tolerances are refreshed now and then.
 
-    A fit is done when two steps in a row save no more than CONVERGED, or have no more to hope for, or no shorter step
-    leads lower, the last with fresh rows throughout. From PATIENCE steps on, one stays as it is that is farther behind
-    the best than a share, less at every step, of what that has saved.
+    A fit ends when two successive steps gain no more than CONVERGED, promise no more, or find no lower point with
+    shorter steps; the second of them must use fresh rows throughout. From PATIENCE steps on, a fit is also abandoned
+    when it is behind the best by more than a share, shrinking at every step, of what the best has saved.
+
+    Args:
+        fits: Fits; changed in place.
+        data: Whitened data (K,).
+        simulate: Predicts the data at points.
+        most: Largest number of steps.
     """
     begun = max((f.cost for f in fits if np.isfinite(f.cost)), default=np.inf)
     for iteration in range(most):
@@ -160,18 +183,18 @@ def iterate(fits: Sequence[Fit], data: np.ndarray, simulate: Simulate, most: int
             f.done = idle and f.idle and f.age == 0
             f.idle = idle
             if idle:
-                f.age = REFRESH  # whether there is anything left to gain is told by fresh rows alone
+                f.age = REFRESH  # only fresh rows can show whether anything is left to gain
             if id(f) not in best:
                 f.damping *= SHORTER
                 continue
             u, residual, f.fresh = f.u, f.residual, False
             f.cost, f.damping, f.u, f.residual = best[id(f)]
-            moved = f.u - u  # Broyden: what the step taught of the rows that are not found anew
+            moved = f.u - u  # Broyden update: what the step revealed about rows that are not computed again
             f.jacobian += np.outer(moved, residual - f.residual - moved @ f.jacobian) / max(moved @ moved, 1e-300)
 
 
 def _steps(fit: Fit) -> list[np.ndarray]:
-    """Bounded trial points, one for each damping that is tried."""
+    """Bounded trial points, one for each damping tried."""
     found = []
     far, normal, gradient = reach(fit.hypothesis, fit.u), fit.normal, fit.gradient
     for factor in DAMPING:
@@ -187,7 +210,7 @@ def reach(hypothesis: Hypothesis, u: np.ndarray) -> np.ndarray:
 
 
 def _solved(fit: Fit, normal: np.ndarray, gradient: np.ndarray, damping: float) -> np.ndarray:
-    """The damped step (size,) of a fit's normal equations, along the bounds that it would cross at once."""
+    """The damped step (size,) of a fit's normal equations; coordinates that would cross a bound at once stay fixed."""
     normal = normal + damping * np.diag(np.diag(normal) + 1e-12)
     inside = np.ones(gradient.size, bool)
     while True:

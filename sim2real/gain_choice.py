@@ -1,4 +1,4 @@
-"""What a gap does to tuning: how alike two simulators rank gains, and what the choice of the wrong one costs."""
+"""Effect of a gap on tuning: how similarly two simulators rank gains, and what choosing by the wrong one costs."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -14,26 +14,26 @@ from maglev_env.rig.excitation import lines_at
 from maglev_env.rig.rig import Rig
 from sim2real.simulated import Point, experiment_at
 
-FACTORS = tuple((kp, kd) for kp in (0.7, 1.0, 1.4) for kd in (0.7, 1.0, 1.4, 2.0))  # on the rig's kp and kd
+FACTORS = tuple((kp, kd) for kp in (0.7, 1.0, 1.4) for kd in (0.7, 1.0, 1.4, 2.0))  # factors on the rig's kp and kd
 
 
 @dataclass(frozen=True)
 class GainChoice:
-    """Scores, 0..1, that a nominal and a corrected simulator give every one of FACTORS."""
+    """Scores, 0 to 1, of all gain sets in FACTORS on the nominal and on the corrected simulator."""
 
     nominal: np.ndarray
     corrected: np.ndarray
 
     @property
     def rank_correlation(self) -> float | None:
-        """Spearman's; None where one of both scores all sets alike."""
+        """Spearman's rank correlation; None where either simulator gives all sets the same score."""
         if np.ptp(self.nominal) == 0 or np.ptp(self.corrected) == 0:
             return None
         return float(spearmanr(self.nominal, self.corrected).statistic)
 
     @property
     def regret(self) -> float:
-        """What the nominal simulator's choice scores below the best set, both judged by the corrected simulator."""
+        """Score lost by choosing on the nominal simulator, judged by the corrected simulator."""
         return float(self.corrected.max() - self.corrected[np.argmax(self.nominal)])
 
     @property
@@ -43,7 +43,11 @@ class GainChoice:
 
 
 def gain_sets(gains: Controllers) -> list[Controllers]:
-    """Controllers with every one of FACTORS on kp and kd. ValueError for other controllers than PID."""
+    """Controllers with every one of FACTORS on kp and kd.
+
+    Raises:
+        ValueError: The controllers are not PID.
+    """
     axes = gains if isinstance(gains, tuple) else (gains,)
     if not all(isinstance(g, Gains) for g in axes):
         raise ValueError("gain sets need PID gains, not a controller's numerator and denominator")
@@ -52,8 +56,10 @@ def gain_sets(gains: Controllers) -> list[Controllers]:
 
 
 def gain_choice(rig: Rig, corrected: Point, speed_rpm: float = 0.0) -> GainChoice | None:
-    """Both simulators' scores of the gain sets; None where a rig has no PID gains, they do not stabilise
-    it, or its protocol cannot score them."""
+    """Scores of the gain sets on both simulators.
+
+    None where the rig has no PID gains, they do not stabilise it, or its protocol cannot score them.
+    """
     gains: Sequence[object] = rig.gains if isinstance(rig.gains, tuple) else (rig.gains,)
     driven = rig.protocol is not None and all(
         lines_at(rig.protocol.excitations, at).size for at in ("force", "current")

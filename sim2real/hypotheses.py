@@ -1,4 +1,4 @@
-"""Hypotheses: which effects may explain a gap, what of them is fitted, and where a fit starts."""
+"""Hypotheses: which effects may explain a gap, which of their parameters are fitted, and where a fit starts."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -10,14 +10,14 @@ from maglev_env.loop.effect import EFFECTS, meaningful
 from maglev_env.rig.rig import Rig
 from sim2real.simulated import TOLERANCE_EFFECTS, Point
 
-# Found by their frequencies instead of fitted on spectral lines.
+# Effects that are found by their frequencies and not fitted on spectral lines.
 TONES = tuple(name for name, card in EFFECTS.items() if card.not_fitted)
 CALIBRATION, NONE, UNKNOWN = "calibration", "none", "unknown"
 
 
 @dataclass(frozen=True)
 class Coordinate:
-    """How a fit moves one parameter: on a logarithmic scale, or in units of `scale`."""
+    """How a fit moves one parameter: on a logarithmic scale (scale None), or in units of `scale`."""
 
     effect: str
     parameter: str
@@ -35,11 +35,11 @@ class Coordinate:
 
     @property
     def signed(self) -> bool:
-        """Whether its sign may turn."""
+        """Whether its sign may change during a fit."""
         return self.scale is not None and EFFECTS[self.effect].parameters[self.parameter].low < 0
 
     def reach(self, u: float) -> float:
-        """How far a single step of a fit may go."""
+        """Largest change in a single step of a fit."""
         if self.scale is not None:
             return 3.0 + 1.5 * abs(u)
         return 0.15 if self.parameter == "frequency" else 0.7
@@ -50,16 +50,21 @@ COORDINATES: Mapping[str, tuple[Coordinate, ...]] = {
     for name, card in EFFECTS.items()
     if not card.not_fitted
 }
-# A lag is rarely one pole alone: which share of its time may pass as delay, 1 sigma and most; it ends where a delay
-# of its own is what is fitted.
+# Real lags are not pure first-order. Up to MOST_FORM of a fitted lag (prior standard deviation FORM_SHARE) may be
+# modelled as dead time, unless a delay of its own is fitted.
 FORM, FORM_SHARE, MOST_FORM = "form of amplifier_lag", 0.2, 0.5
 RESONANCES = tuple(name for name, card in EFFECTS.items() if card.resonance)
 
 
 @dataclass(frozen=True)
 class Hypothesis:
-    """Named effects (none: calibration only), the nominal parameters that their tolerance lets move, and whether noise
-    blurs the effects."""
+    """What is assumed to cause the gap.
+
+    Attributes:
+        effects: Names of the effects; none for calibration alone.
+        tolerances: Relative standard deviations of the nominal parameters that may move.
+        dithered: Whether sensor noise smooths the effects.
+    """
 
     effects: tuple[str, ...]
     tolerances: Mapping[str, float]
@@ -71,13 +76,13 @@ class Hypothesis:
 
     @property
     def calibrated(self) -> tuple[str, ...]:
-        """Parameters within tolerance, without those that an effect frees altogether, and the form of a lag."""
+        """Nominal parameters within tolerance, except those that an effect frees entirely; the form of a lag."""
         freed = {t for t, name in TOLERANCE_EFFECTS.items() if name in self.effects}
         formed = "amplifier_lag" in self.effects and "delay" not in self.effects
         return (*(name for name in self.tolerances if name not in freed), *([FORM] if formed else []))
 
     def sigma(self, name: str) -> float:
-        """What a unit of a calibrated coordinate stands for."""
+        """Relative change that one unit of a calibrated coordinate stands for."""
         return FORM_SHARE if name == FORM else self.tolerances[name]
 
     @property
@@ -86,7 +91,7 @@ class Hypothesis:
 
     @property
     def prior(self) -> np.ndarray:
-        """Prior precision of each coordinate (size,): 1 for what is calibrated, 0 for an effect's parameter."""
+        """Prior precision of each coordinate (size,): 1 for calibrated parameters, 0 for parameters of effects."""
         free = len(self.coordinates)
         return np.concatenate([np.zeros(free), np.ones(self.size - free)])
 
@@ -103,7 +108,7 @@ class Hypothesis:
         return Point(effects, changes, self.dithered)
 
     def bounded(self, u: np.ndarray) -> np.ndarray:
-        """Coordinates moved into their bounds; a change of a nominal parameter stays above -90 %."""
+        """Coordinates moved to within their bounds; a nominal parameter may not fall by more than 90 %."""
         bounded = np.array(u, float)
         for i, c in enumerate(self.coordinates):
             bounded[i] = c.to_bounds(bounded[i])

@@ -1,4 +1,4 @@
-"""Which hypothesis to believe: probabilities over none, calibration, effects, pairs and unknown, and the verdict."""
+"""Which hypothesis to believe: probabilities of none, calibration, effects, pairs and unknown, and the verdict."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -14,17 +14,27 @@ from sim2real.unsynchronised import FOREIGN
 
 @dataclass(frozen=True)
 class Belief:
-    """How evidence becomes probability; learned on development campaigns, see docs/blind.md.
+    """How evidence becomes probability. The values were tuned on development campaigns, see docs/blind.md.
 
-    Costs differ by a few units where noise decides, and by shares of the whole gap where the form of an effect does:
-    a cost above the best one by d counts as freedom ln(1 + d / (freedom + form)), which is d when small and grows
-    slowly beyond what another form of the same effects leaves behind: form_share of the gap, and the form_share of each
-    effect's card of what that effect saves. prior_*: odds against calibration, of all singles together, of all pairs
-    together, and of the untouched nominal rig. leftover: times its share that an effect may leave of a single group's
-    gap; group_sd, group_cost: what a free correction of a group must explain beyond the noise, and costs;
-    unknown_cost: log odds against anything unknown where no group is left unexplained; parameter_cost, search_cost: of
-    every parameter of an effect beyond its first, and of looking for a frequency: what noise alone lets them save.
-    form_cost: of a form that may leave more than WIDE_FORM of the gap, per factor e: it predicts every cost less well.
+    Costs differ by a few units where noise decides, and by shares of the whole gap where the form of an effect does. A
+    cost that exceeds the best by d therefore counts as freedom ln(1 + d / (freedom + form)): about d when d is small,
+    and growing slowly beyond what another form of the same effects leaves unexplained.
+
+    Attributes:
+        freedom: Cost difference above which the logarithm bends.
+        form_share: Share of the gap that another form may leave; the form_share of each effect's card adds its share
+            of what that effect saves.
+        prior_singles: Prior odds of all single effects together, against calibration.
+        prior_pairs: Prior odds of all pairs together.
+        prior_none: Prior odds of the untouched nominal rig.
+        leftover: Multiple of its form share that an effect may leave of a single group's gap.
+        group_sd: Standard deviations beyond the noise that a free correction of a group must explain.
+        group_cost: Cost of such a correction.
+        unknown_cost: Log odds against an unknown cause where no group is left unexplained.
+        parameter_cost: Cost of each parameter of an effect beyond its first, which noise alone lets it save.
+        search_cost: The same for searching a frequency.
+        form_cost: Penalty on a form that may leave more than WIDE_FORM of the gap, per factor e, because it predicts
+            every cost less sharply.
     """
 
     freedom: float = 30.0
@@ -43,18 +53,27 @@ class Belief:
 
 BELIEF = Belief()
 WIDE_FORM = 0.01
-CLASS_SHARE = 0.15  # of the best one's probability: what has as much is not told from it
-NOISE_INFLATION = 1.5  # of the scatter of a group's cost: its noise is estimated too
+CLASS_SHARE = 0.15  # hypotheses with at least this share of the best one's probability are not distinguished from it
+NOISE_INFLATION = 1.5  # factor on the scatter of a group's cost, because its noise is estimated too
 SIGNIFICANT = 5.0  # standard deviations of a group's excess
 
 
 @dataclass(frozen=True)
 class Evidence:
-    """What beliefs are made from. effects: of each candidate, calibration first; cost: predictive, of each (inf: it
-    touches down); nominal: of the untouched nominal rig; excess (candidates, G): cost of groups of residuals (by
-    output, kind of line and octave, named in groups) beyond the noise, of scatter (G,) under noise alone; tones:
-    chi-square of each family of tones that was found; spin: cost of each effect that may explain what turns with the
-    rotor."""
+    """What probabilities are computed from.
+
+    Groups are residuals of the same output, kind of line and octave.
+
+    Attributes:
+        effects: Effects of each candidate, calibration first.
+        cost: Predictive cost of each candidate; inf where it touches down.
+        nominal: Cost of the untouched nominal rig.
+        excess: Cost of each group beyond the noise, (candidates, G).
+        scatter: Scatter (G,) of that cost under noise alone.
+        groups: Output, kind and octave (Hz) of each group.
+        tones: Chi-square of each family of tones that was found.
+        spin: Cost of each effect that may explain what turns with the rotor.
+    """
 
     effects: tuple[tuple[str, ...], ...]
     cost: np.ndarray
@@ -68,8 +87,16 @@ class Evidence:
 
 @dataclass(frozen=True)
 class Entry:
-    """One hypothesis: effects, or ("none",), ("calibration",), ("unknown",); candidate: index of its fit (None: it has
-    none); explained_worst_group: least share of any significant group's gap that it explains (None: there is none)."""
+    """One hypothesis.
+
+    Attributes:
+        effects: Its effects, or ("none",), ("calibration",) or ("unknown",).
+        probability: Its probability.
+        cost: Its cost.
+        candidate: Index of its fit; None where there is none.
+        explained_worst_group: Smallest share that it explains of any significant group's gap; None without such a
+            group.
+    """
 
     effects: tuple[str, ...]
     probability: float
@@ -87,7 +114,7 @@ def evidence_of(attribution: Attribution, tones: Mapping[str, float], spin: Mapp
     label = label.reshape(-1)
     residuals = [c.fit.residual for c in attribution.candidates]
     cost = np.array([c.predictive for c in attribution.candidates])
-    if not np.isfinite(cost[0]):  # nothing stands without an effect: the gap is that of the opened nominal loop
+    if not np.isfinite(cost[0]):  # no rotor levitates without an effect: use the gap of the opened nominal loop
         residuals[0] = p.opened_residual()
     excess = [np.bincount(label, abs(r) ** 2, count.size) - 2.0 * count for r in residuals]
     return Evidence(
@@ -103,7 +130,7 @@ def evidence_of(attribution: Attribution, tones: Mapping[str, float], spin: Mapp
 
 
 def entries(evidence: Evidence, belief: Belief = BELIEF) -> list[Entry]:
-    """All hypotheses with their probabilities, which sum to one, the most probable first."""
+    """All hypotheses with their probabilities, which sum to one; the most probable first."""
     alive = np.isfinite(evidence.cost)
     best = int(np.argmin(np.where(alive, evidence.cost, np.inf)))
     before = evidence.excess[0]
@@ -126,7 +153,7 @@ def entries(evidence: Evidence, belief: Belief = BELIEF) -> list[Entry]:
     scale = belief.freedom + np.array([forms[candidate or 0] for *_, candidate in rows])
     logs = np.log([prior for *_, prior, _ in rows]) - 0.5 * belief.freedom * np.log1p((costs - costs.min()) / scale)
     logs -= belief.form_cost * np.log(np.maximum(scale / (belief.freedom + WIDE_FORM * gap), 1.0))
-    # The unknown is the best of them with a free correction of every group that it leaves.
+    # The unknown cause is the best hypothesis with a free correction of every group that it leaves unexplained.
     foreign = evidence.tones.get(FOREIGN, 0.0)
     rows.append(((UNKNOWN,), float(costs.min() - saved - foreign), 1.0, None))
     gain = (
@@ -144,8 +171,11 @@ def entries(evidence: Evidence, belief: Belief = BELIEF) -> list[Entry]:
 
 
 def _forms(evidence: Evidence, gap: float, belief: Belief) -> np.ndarray:
-    """Cost that another form of the effects of each candidate may leave: shares of what each effect saves beside the
-    others of the candidate, or of the whole gap where that is not known."""
+    """Cost that another form of the effects of each candidate may leave.
+
+    It is a share of what each effect saves beside the candidate's other effects, or of the whole gap where that is not
+    known.
+    """
     cost = {frozenset(names): c for names, c in zip(evidence.effects, evidence.cost, strict=True)}
     found = np.full(len(evidence.effects), belief.form_share * gap)
     for i, names in enumerate(evidence.effects):
@@ -160,8 +190,11 @@ _Row = tuple[tuple[str, ...], float, float, int | None]
 
 
 def _with_tones(rows: list[_Row], evidence: Evidence, priors: Mapping[int, float]) -> list[_Row]:
-    """The hypotheses beside tones: without them they cost what the tones weigh; calibration and single effects may have
-    them explained, but for foreign ones, which only the unknown explains."""
+    """The hypotheses with and without tones as causes.
+
+    Without them a hypothesis costs what the tones weigh. Calibration and single effects may have them explained,
+    except foreign ones, which only the unknown cause explains.
+    """
     total, foreign = sum(evidence.tones.values()), evidence.tones.get(FOREIGN, 0.0)
     named: list[tuple[tuple[str, ...], float]] = [((), 0.0)]
     if "pickup" in evidence.tones:
@@ -189,7 +222,7 @@ def complexity(names: tuple[str, ...], belief: Belief) -> float:
 
 
 def _worst(evidence: Evidence, before: np.ndarray, candidate: int | None) -> float | None:
-    """Least share of a significant group's gap beyond calibration that a candidate explains."""
+    """Smallest share of a significant group's gap beyond calibration that a candidate explains."""
     if not candidate:
         return None
     significant = before > SIGNIFICANT * evidence.scatter
@@ -200,7 +233,12 @@ def _worst(evidence: Evidence, before: np.ndarray, candidate: int | None) -> flo
 
 
 def verdict(found: Sequence[Entry]) -> tuple[str, tuple[str, ...]]:
-    """no_gap, explained, ambiguous or unexplained, and the cause: names, of a pair hypothesis in a class as "a+b"."""
+    """The verdict and the cause; in a class of alternatives a pair is written "a+b".
+
+    Returns:
+        verdict: "no_gap", "explained", "ambiguous" or "unexplained".
+        cause: Names of the effects.
+    """
     mass = {kind: sum(e.probability for e in found if e.effects == (kind,)) for kind in (NONE, CALIBRATION, UNKNOWN)}
     named = [e for e in found if e.effects[0] not in mass]
     effects = sum(e.probability for e in named)
@@ -210,7 +248,7 @@ def verdict(found: Sequence[Entry]) -> tuple[str, tuple[str, ...]]:
         return "unexplained", (UNKNOWN,)
     alike: list[Entry] = []
     for e in named:
-        more = any(set(e.effects) > set(other.effects) for other in alike)  # the same and something needless
+        more = any(set(e.effects) > set(other.effects) for other in alike)  # the same effects and a superfluous one
         if e.probability >= CLASS_SHARE * named[0].probability and not more:
             alike.append(e)
     if len(alike) == 1:

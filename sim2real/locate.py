@@ -1,4 +1,4 @@
-"""Where the gap lies: which block of the loop, which band, which kind of lines, and what is unsynchronised."""
+"""Where the gap lies: in which block of the loop, which band, which kind of lines, and what is unsynchronised."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -7,21 +7,27 @@ import numpy as np
 
 from sim2real.problem import KINDS, Part, Problem
 
-# Segments of the loop that ratios of recorded channels isolate, as blocks.
+# Segments of the loop that ratios of recorded channels isolate, named by their blocks.
 DRIVE = "controller+amplifier"
 ACTUATOR, RECEPTANCE, PLANT = "actuator", "mechanics+sensor", "actuator+mechanics+sensor"
 WHOLE = "controller+amplifier+actuator+mechanics+sensor"
 OCTAVE_THIRDS = 3
 SIGNIFICANT = 5.0  # standard deviations of a band's cost under noise alone
-CONTROLLER_SD = 6.0
+CONTROLLER_SD = 6.0  # distance above which the recorded controller is not the one described
 
 
 @dataclass(frozen=True)
 class Where:
-    """Shares of the noise-weighted gap, each summing to one where there is a gap: blocks; bands (f_lo, f_hi, share) of
-    third octaves; kind of lines: linear, even, odd, unsynchronised. significant: whether any of it is beyond noise.
-    controller: distance of the recorded command from the law described, in standard deviations of its resolution
-    (None: no command recorded)."""
+    """Shares of the noise-weighted gap; each set of shares sums to one where there is a gap.
+
+    Attributes:
+        blocks: Share of each block or segment.
+        bands: (f_lo, f_hi, share) of third octaves, Hz.
+        kind: Share of each kind of lines: linear, even, odd, unsynchronised.
+        significant: Whether any of it exceeds the noise.
+        controller: Distance of the recorded command from the described control law, in standard deviations of its
+            resolution; None where no command was recorded.
+    """
 
     blocks: Mapping[str, float]
     bands: tuple[tuple[float, float, float], ...]
@@ -31,7 +37,13 @@ class Where:
 
 
 def locate(problem: Problem, residual: np.ndarray, unsynchronised: float = 0.0) -> Where:
-    """Of a whitened residual (K,) that a simulation leaves, calibrated or not; unsynchronised: excess cost of tones."""
+    """Locate a whitened residual.
+
+    Args:
+        problem: The problem.
+        residual: Whitened residual (K,) that a simulation leaves, calibrated or not.
+        unsynchronised: Excess cost of tones.
+    """
     power = abs(residual) ** 2 - 2.0
     thirds = np.floor(OCTAVE_THIRDS * np.log2(problem.frequency)).astype(int)
     linear = problem.kind < KINDS.index("even")
@@ -87,7 +99,7 @@ def _of_part(part: Part, r: np.ndarray, on: np.ndarray) -> dict[str, float]:
     raw = r * part.noise[..., part.used] / np.sqrt(2)
     plant, amplifier = outputs.index("plant"), outputs.index("amplifier")
     gain = (part.opened.plant / part.opened.amplifier)[:, part.used]
-    rest = raw[plant] - gain * raw[amplifier]  # from the current, not the command, to the reading
+    rest = raw[plant] - gain * raw[amplifier]  # from the current (not the command) to the reading
     variance = part.noise[plant] ** 2 + abs(part.opened.plant / part.opened.amplifier) ** 2 * part.noise[amplifier] ** 2
     sd = np.sqrt(variance[:, part.used] / 2)
     either = on[plant] | on[amplifier]
@@ -104,8 +116,11 @@ def _excess(r: np.ndarray, on: np.ndarray) -> float:
 
 
 def _actuator_or_not(part: Part, rest: np.ndarray, sd: np.ndarray, on: np.ndarray) -> dict[str, float]:
-    """Split what lies between current and reading: force and current lines of one third octave tell the actuator's
-    change a from the receptance's m, as rest = a G i + m (G i + H f)."""
+    """Split the gap between current and reading into actuator and receptance.
+
+    Force and current lines of one third octave separate the actuator's change a from the receptance's change m, because
+    rest = a G i + m (G i + H f).
+    """
     record, used = part.record, part.used
     current = record.mean("current")[:, used]
     gain = (part.opened.plant / part.opened.amplifier)[:, used]
@@ -126,7 +141,7 @@ def _actuator_or_not(part: Part, rest: np.ndarray, sd: np.ndarray, on: np.ndarra
 
 
 def _told_apart(part: Part, on: np.ndarray) -> list[np.ndarray]:
-    """Neighbouring third octaves (n,) taken together until each has two lines of the force and two of the current."""
+    """Neighbouring third octaves (n,), merged until each has two lines of the force and two of the current."""
     record, used = part.record, part.used
     kinds = [record.driven[place][:, used].any(axis=0) & on for place in ("force", "current")]
     thirds = np.floor(OCTAVE_THIRDS * np.log2(record.frequency[used])).astype(int)
@@ -143,7 +158,7 @@ def _told_apart(part: Part, on: np.ndarray) -> list[np.ndarray]:
 
 
 def controller_distance(problem: Problem) -> float | None:
-    """Largest rms distance (standard deviations) of a record's command from what its gains make of its reading."""
+    """Largest rms distance, in standard deviations, of a record's command from the command that its gains give."""
     worst = None
     for part in problem.parts:
         r = part.record

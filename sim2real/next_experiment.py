@@ -1,4 +1,4 @@
-"""What to measure next: of a menu, the recording that separates the remaining candidates most for its cost."""
+"""What to measure next: the recording of a menu that best separates the remaining candidates for its effort."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -15,18 +15,25 @@ from sim2real.opened import opened_loop, stated_noise
 from sim2real.records import Record
 from sim2real.simulated import Point, predictor
 
-OFFSET, GAINS = 0.1, (0.8, 1.3)  # of the gap; on kp and kd
-REMAINING = 4  # candidates that are told apart
-SEPARATED = 4.7  # cost between two candidates below which they are alike (a likelihood ratio of about ten)
-ENOUGH = 25.0  # beyond this more separation is not worth more effort
+OFFSET, GAINS = 0.1, (0.8, 1.3)  # offset as a share of the gap; factors on kp and kd
+REMAINING = 4  # candidates to be separated
+SEPARATED = 4.7  # cost between two candidates below which they count as alike (a likelihood ratio of about ten)
+ENOUGH = 25.0  # separation above which more effort is not worthwhile
 
 
 @dataclass(frozen=True)
 class Proposal:
-    """what to record, why, and the expected separation: cost (-2 ln likelihood ratio) between the two candidates that
-    it separates least. table: every item of the menu with its separation. change: what differs from the first
-    recording: "amplitude" (factor), "offset" (m), "gains" (factors on kp and kd), "excitation" (at, lines and peak, N
-    or A; what drove these lines so far leaves them), "channels" (recorded beside), "speed" (another one)."""
+    """A proposed recording.
+
+    Attributes:
+        what: What to record.
+        why: The reason.
+        expected_separation: Cost (-2 ln likelihood ratio) between the two candidates that it separates least.
+        table: Every item of the menu with its separation.
+        change: What differs from the first recording: "amplitude" (factor), "offset" (m), "gains" (factors on kp and
+            kd), "excitation" (at, lines and peak, N or A; these lines are no longer driven otherwise), "channels"
+            (recorded in addition), "speed" (another one).
+    """
 
     what: str
     why: str
@@ -47,14 +54,14 @@ class Proposal:
 @dataclass(frozen=True)
 class _Item:
     what: str
-    effort: float  # relative: a change of software 1, of wiring 2, of hardware 3
+    effort: float  # relative: 1 for a change of software, 2 of wiring, 3 of hardware
     record: Record
     outputs: tuple[str, ...]
     change: Mapping[str, Any]
 
 
 def propose(attribution: Attribution, found: Sequence[Entry]) -> Proposal | None:
-    """The most useful next recording for what remains; None where a single candidate is left and nothing is unknown."""
+    """The most useful next recording; None where one candidate is left and nothing is unknown."""
     tones = {name for e in found[:REMAINING] for name in e.effects if name in ("runout", "unbalance")}
     if len(tones) == 2:
         return Proposal(
@@ -68,9 +75,9 @@ def propose(attribution: Attribution, found: Sequence[Entry]) -> Proposal | None
     best = max((e.probability for e in found if e.candidate), default=0.0)
     for e in found:
         if len(likely) >= 2 and e.probability < CLASS_SHARE * best:
-            break  # what is told already need not be told again
+            break  # candidates that are already separated need no further recording
         fit = attribution.candidates[e.candidate].fit if e.candidate else None
-        # The same with something needless added is no rival to tell apart.
+        # The same effects with a superfluous one added are not a rival hypothesis.
         if fit and not any(set(fit.hypothesis.effects) >= set(f.hypothesis.effects) for f in likely):
             likely.append(fit)
     fits = likely[:REMAINING]
@@ -81,7 +88,7 @@ def propose(attribution: Attribution, found: Sequence[Entry]) -> Proposal | None
     table = [(item, value) for item, value in table if np.isfinite(value)]
     if not table:
         return None
-    # The least effort that surely tells them apart; where none does, the most for its effort.
+    # Choose the least effort that certainly separates them; where none does, the most separation per effort.
     sure = [row for row in table if row[1] >= ENOUGH]
     pick = min(sure, key=lambda row: row[0].effort) if sure else max(table, key=lambda row: row[1] / row[0].effort)
     chosen, value = pick
@@ -92,7 +99,7 @@ def propose(attribution: Attribution, found: Sequence[Entry]) -> Proposal | None
 
 
 def menu(base: Record) -> list[_Item]:
-    """Recordings that could be made, beside one that was."""
+    """Recordings that could be made in addition to one that was made."""
     rig, has_current = base.nominal, "current" in base.periods
     outputs = ("plant", "amplifier") if has_current else ("plant",)
     items = [_Item("the same at twice the amplitude", 1.0, _scaled(base, 2.0), outputs, {"amplitude": 2.0})]
@@ -131,8 +138,10 @@ def _scaled(base: Record, factor: float) -> Record:
 
 
 def _excited(base: Record, place: str, peak: float) -> Record:
-    """With a random-phase multisine on lines that nothing drives, the odd ones if there are any; where all are driven
-    every second one is taken over."""
+    """The record with a random-phase multisine on lines that nothing drives, odd ones if there are any.
+
+    Where all lines are driven, every second one is taken over.
+    """
     rng = np.random.default_rng(0)
     free = base.lines[~base.excited]
     lines = odd if (odd := free[free % 2 == 1]).size else free
@@ -157,8 +166,10 @@ def _without(wave: np.ndarray, lines: np.ndarray) -> np.ndarray:
 
 
 def _separation(item: _Item, fits: Sequence[Fit]) -> float:
-    """Least cost by which any two candidates differ in a recording, the other one refitted to old and new together;
-    -inf where no candidate stands it."""
+    """Smallest cost by which any two candidates differ in a recording; -inf where one of them touches down in it.
+
+    The other candidate is refitted to the old and the new recordings together.
+    """
     opened = replace(opened_loop(item.record), outputs=item.outputs)
     predict = predictor(item.record, opened)
     weights = np.sqrt(2 / stated_noise(item.record, opened) * item.record.count)

@@ -1,13 +1,13 @@
-"""The loop opened: spectra turned into what each block adds, with the noise of each told from its periods.
+"""The opened loop: spectra are turned into the contribution of each block, whose noise is measured over its periods.
 
-With the nominal responses A (command to current) and P (command to reading), and the command U = C (reference -
-reading) + injection that a digital controller makes of its reading exactly, the combinations
+Let A (command to current) and P (command to reading) be the nominal responses. A digital controller computes the
+command U = C (reference - reading) + injection exactly from its reading. The combinations
 
     amplifier   I - A U          plant   D - P U
 
-carry, for white noise in the probe and in the current's reading, just that noise, each its own, whatever runs around
-the loop: feedback correlates the channels and colours their noise, these do not. They are linear in the recorded
-spectra, so measured and simulated ones go through the same transform.
+then contain, for white noise in the probe and in the current measurement, that noise alone, each its own, although the
+feedback correlates the channels and colours their noise. They are linear in the recorded spectra, so measured and
+simulated spectra go through the same transform.
 """
 
 from collections.abc import Mapping
@@ -24,18 +24,26 @@ from maglev_env.rig.rig import axis_rig
 from sim2real.records import Record
 from sim2real.tones import near_tones
 
-WINDOW, NARROW, STEEP = 7, 1, 1.8  # lines to either side over which noise is pooled; where it is steep, the fewer
+# Lines on either side over which noise is pooled: WINDOW, or NARROW where the noise is steeper than STEEP.
+WINDOW, NARROW, STEEP = 7, 1, 1.8
 BESIDE = 2.5  # lines beside a tone of known origin that are not judged
-LOUD, FALSE_ALARM = 2.0, 1e-8  # mean power over the shape of the noise in a band, and chance, that count as loud
-LOUDEST = 6.0  # times the noise that the rig states, as a standard deviation, that noise may have
-CLIPPED = 3.0  # times the fitted shape that a line may pull at it
-OUTLIER = 12.0  # a line whose own variance is so many times that around it keeps its own
+LOUD, FALSE_ALARM = 2.0, 1e-8  # a band is loud above this mean power over the noise shape, and below this probability
+LOUDEST = 6.0  # largest noise standard deviation, as a multiple of the one that the rig states
+CLIPPED = 3.0  # multiple of the fitted shape at which a line's weight in the fit is clipped
+OUTLIER = 12.0  # a line whose variance exceeds its surroundings by this factor keeps its own variance
 
 
 @dataclass(frozen=True)
 class Opened:
-    """The nominal responses of a record's blocks, (axes, n) each: controller, amplifier (A/A), plant (m/A, from command
-    to reading), receptance (m/N, of the opened loop), and which outputs its channels give."""
+    """The nominal responses of a record's blocks, (axes, n) each.
+
+    Attributes:
+        controller: A/m.
+        amplifier: A/A.
+        plant: From command to reading, m/A.
+        receptance: Of the opened loop, m/N.
+        outputs: Outputs that the record's channels give.
+    """
 
     controller: np.ndarray
     amplifier: np.ndarray
@@ -44,7 +52,7 @@ class Opened:
     outputs: tuple[str, ...]
 
     def residuals(self, displacement: np.ndarray, current: np.ndarray | None) -> np.ndarray:
-        """(..., outputs, axes, n) of spectra (..., axes, n); what the injection and the force add is left out."""
+        """Residuals (..., outputs, axes, n) of spectra (..., axes, n), without what injection and force contribute."""
         command = -self.controller * displacement
         found = {"plant": displacement - self.plant * command}
         if current is not None:
@@ -63,7 +71,7 @@ class Opened:
 
 
 def opened_loop(record: Record) -> Opened:
-    """Nominal responses at a record's lines, under its own gains."""
+    """Nominal responses at a record's lines, under the record's gains."""
     e, found = record.experiment, []
     for axis in range(record.axes):
         r = loop_response(axis_experiment(e, axis), record.frequency)
@@ -73,12 +81,12 @@ def opened_loop(record: Record) -> Opened:
 
 
 def noise_of(record: Record, opened: Opened) -> np.ndarray:
-    """Standard deviation (outputs, axes, n) of the mean residuals: of a complex one, E|n|^2 = sd^2.
+    """Standard deviation (outputs, axes, n) of the mean complex residuals, E|n|^2 = sd^2.
 
-    From the spread over periods, pooled over neighbouring lines after its shape is taken out: white noise, noise of the
-    current through the plant and noise of the force through the receptance, in shares fitted to the record. A line of
-    its own noise, as a tone makes, keeps it. To this the resolution of the converters is added where nothing dithers
-    it, and the noise with which an exciting force is known.
+    It comes from the spread over periods, pooled over neighbouring lines after dividing by its shape. The shape is the
+    sum of white noise, current noise through the plant and force noise through the receptance, in proportions fitted to
+    the record. A line with extra noise, as from a tone, keeps its own variance. Added are the resolution of the
+    converters where no noise dithers it, and the uncertainty of a measured exciting force.
     """
     own, shapes = _spread(record, opened)
     resolution = _resolution(record, opened)
@@ -99,7 +107,7 @@ def noise_of(record: Record, opened: Opened) -> np.ndarray:
 
 
 def _spread(record: Record, opened: Opened, first: int = 0) -> tuple[np.ndarray, dict[str, tuple[np.ndarray, ...]]]:
-    """Variance of the residuals over periods from `first` on (outputs, axes, n), of one, and shapes it may have."""
+    """Variance (outputs, axes, n) of one period's residuals over the periods from `first`, and its possible shapes."""
     periods = opened.residuals(record.periods["displacement"], record.periods.get("current"))
     own = periods[first:].var(axis=0, ddof=1)
     return own, {
@@ -109,7 +117,7 @@ def _spread(record: Record, opened: Opened, first: int = 0) -> tuple[np.ndarray,
 
 
 def stated_noise(record: Record, opened: Opened) -> np.ndarray:
-    """Variance (outputs, axes, n) of one period's residuals by the noise and the converters that the rig states."""
+    """Variance (outputs, axes, n) of one period's residuals from the noise and the converters that the rig states."""
     noise, resolution = record.nominal.noise, _resolution(record, opened)
     white = {"plant": noise.displacement**2, "amplifier": noise.current**2}
     n = record.experiment.recorded_per_period
@@ -117,20 +125,25 @@ def stated_noise(record: Record, opened: Opened) -> np.ndarray:
 
 
 def loud_bands(record: Record, opened: Opened) -> list[tuple[float, float, float]]:
-    """Third octaves (f_lo, f_hi in Hz, chi-square beyond its expectation) in which the reading or the current varies
-    from period to period much more than noise of any of its shapes does, for the current of about the size that the rig
-    states: something unsynchronised is there."""
+    """Third octaves in which something unsynchronised is present.
+
+    There the reading or the current varies from period to period much more than noise of any of the shapes does. The
+    shape of the current's noise is limited to about the size that the rig states.
+
+    Returns:
+        (f_lo, f_hi, chi-square beyond its expectation) of each band, Hz.
+    """
     own, shapes = _spread(record, opened, 1 if record.dropped == 0 and record.count > 3 else 0)
     freedom, stated = 2 * (record.count - 1), stated_noise(record, opened)
     noise = record.nominal.noise
     thirds, found = np.floor(3 * np.log2(record.frequency)).astype(int), []
     e = record.experiment
-    apart = ~near_tones(record.frequency, BESIDE * e.fundamental, e.speed_rpm)  # a tone leaks into lines beside it
+    apart = ~near_tones(record.frequency, BESIDE * e.fundamental, e.speed_rpm)  # a tone leaks into neighbouring lines
     for tone in record.tones:
         apart &= abs(record.frequency - tone.frequency) > BESIDE * e.fundamental
     for (j, name), axis in product(enumerate(opened.outputs), range(record.axes)):
         _, shape = _pooled(own[j, axis], np.array([s[axis] for s in shapes[name]]), record.count - 1)
-        if name == "amplifier" and noise.current:  # the rotor may be shaken by anything, the current by nothing
+        if name == "amplifier" and noise.current:  # external forces shake the rotor, but nothing drives the current
             shape = np.minimum(shape, LOUDEST**2 * stated[j, axis])
         ratio = own[j, axis] / shape
         for third in np.unique(thirds[apart]):
@@ -144,31 +157,36 @@ def loud_bands(record: Record, opened: Opened) -> list[tuple[float, float, float
 
 
 def _pooled(own: np.ndarray, shapes: np.ndarray, freedom: int) -> tuple[np.ndarray, np.ndarray]:
-    """Variances (n,) of `freedom` complex degrees smoothed over neighbours, their common shape taken out, and it."""
+    """Variances (n,) of `freedom` complex degrees of freedom, smoothed over neighbours after dividing by their shape.
+
+    Returns:
+        smooth: Smoothed variances (n,).
+        shape: The common shape (n,).
+    """
     tiny = np.finfo(float).tiny
     scale = shape = np.full_like(own, max(float(np.median(own)), own.mean() * 1e-12 + tiny))
-    for _ in range(12):  # weights by the fit itself: a variance scatters in proportion to its size
+    for _ in range(12):  # weights from the fit itself, because a variance scatters in proportion to its size
         columns = shapes / scale
         norms = np.maximum(np.linalg.norm(columns, axis=1), tiny)
-        shares, _ = nnls((columns / norms[:, None]).T, np.minimum(own / scale, CLIPPED))  # not drawn by tones
+        shares, _ = nnls((columns / norms[:, None]).T, np.minimum(own / scale, CLIPPED))  # clipped against tones
         shape = np.maximum(shapes.T @ (shares / norms), tiny)
         scale = shape
     ratio = own / shape
     kept = ratio < OUTLIER * np.median(ratio) / np.log(2) ** (1 / max(freedom, 1)) + tiny
     smooth, local = (_neighbours(ratio, kept, width) for width in (WINDOW, NARROW))
-    smooth = np.where(local > STEEP * smooth, local, smooth)  # noise that rises faster than its window follows
+    smooth = np.where(local > STEEP * smooth, local, smooth)  # where noise rises faster than the wide window follows
     return np.where(kept, smooth, ratio) * shape, shape
 
 
 def _neighbours(ratio: np.ndarray, kept: np.ndarray, width: int) -> np.ndarray:
-    """Mean of the kept values within so many lines to either side."""
+    """Mean of the kept values within `width` lines on either side."""
     kernel = np.ones(2 * width + 1)
     total, count = (np.convolve(v, kernel, "same") for v in (np.where(kept, ratio, 0.0), kept.astype(float)))
     return np.where(count > 0, total / np.maximum(count, 1), ratio)
 
 
 def _resolution(record: Record, opened: Opened) -> Mapping[str, np.ndarray]:
-    """Variance (axes, n) of a line by the converters' resolution, taken as white and not averaged over periods."""
+    """Variance (axes, n) of a line from the converters' resolution, as white noise that periods do not average."""
     rig, n = record.experiment.rig, record.experiment.recorded_per_period
     found = {"plant": np.zeros(opened.plant.shape), "amplifier": np.zeros(opened.plant.shape)}
     for axis in range(record.axes):

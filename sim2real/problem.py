@@ -10,15 +10,24 @@ from sim2real.opened import Opened, noise_of, opened_loop
 from sim2real.records import Record
 from sim2real.simulated import Point, Predictor, predictor, together
 
-# Detection lines are looked at up to so many times the line below which this share of the driven ones lies.
+# Detection lines are used up to DENSE_REACH times the DENSE quantile of the driven lines.
 DENSE, DENSE_REACH = 0.75, 1.2
-KINDS = ("force", "current", "reference", "even", "odd")  # what drives a line, or of which detection lines it is
+KINDS = ("force", "current", "reference", "even", "odd")  # what drives a line, or the kind of a detection line
 
 
 @dataclass(frozen=True)
 class Part:
-    """One record's share: measured residuals and their noise (outputs, axes, n), lines used (n,), and its slice of the
-    stacked vector."""
+    """One record's share of the problem.
+
+    Attributes:
+        record: The record.
+        opened: Its opened loop.
+        predictor: Predicts its residuals.
+        measured: Measured residuals (outputs, axes, n).
+        noise: Their standard deviation (outputs, axes, n).
+        used: Lines that are used (n,).
+        place: Its slice of the stacked vector.
+    """
 
     record: Record
     opened: Opened
@@ -31,8 +40,18 @@ class Part:
 
 @dataclass(frozen=True)
 class Problem:
-    """Stacked, whitened: data (K,) complex, of variance 1 per real part; record, output, axis, line and kind (K,) of
-    each; `KINDS`, `outputs` and `parts` name them."""
+    """All records, stacked and whitened.
+
+    Attributes:
+        parts: The records.
+        data: Whitened complex data (K,), of variance 1 per real part.
+        record: Index (K,) into parts.
+        output: Index (K,) into outputs.
+        axis: Axis (K,).
+        frequency: Frequency (K,), Hz.
+        kind: Index (K,) into `KINDS`.
+        outputs: Names of the outputs.
+    """
 
     parts: tuple[Part, ...]
     data: np.ndarray
@@ -44,11 +63,18 @@ class Problem:
     outputs: tuple[str, ...]
 
     def simulate(self, points: Sequence[Point], settled: bool = True) -> np.ndarray:
-        """Whitened predictions (n, K) at each point; nan where the rotor touches down in any recording. Not settled:
-        modes may still ring, as far as the nominal loop is settled."""
+        """Whitened predictions at each point.
+
+        Args:
+            points: The points.
+            settled: False lets the points' modes ring; only the nominal loop's transient is then waited for.
+
+        Returns:
+            Predictions (n, K); nan where the rotor touches down in any recording.
+        """
         found = np.empty((len(points), self.data.size), complex)
         period = 1 / self.parts[0].record.experiment.fundamental
-        with single_blas():  # matrices of lanes are small: more threads only wait for each other
+        with single_blas():  # the matrices of lanes are small, so several threads would only wait for each other
             dithering = self.parts[0].record.nominal.noise.displacement > 0
             groups = together(points, period, dithering) if settled else [((0.0, False), list(range(len(points))))]
             for (lasts, dithered), which in groups:
@@ -63,7 +89,7 @@ class Problem:
         return found
 
     def opened_residual(self) -> np.ndarray:
-        """What the linear nominal rig leaves (K,), its loop opened: no rotor needs to stand for that."""
+        """Residual (K,) of the linear nominal rig with its loop opened, which exists even if no rotor levitates."""
         found = np.empty_like(self.data)
         for part in self.parts:
             off = (part.measured - part.opened.driven(part.record)) * np.sqrt(2) / part.noise
@@ -72,18 +98,18 @@ class Problem:
 
     @property
     def loudest(self) -> Part:
-        """The record that moves the rotor most: what is not linear shows there."""
+        """The record with the largest motion, in which nonlinearity shows most."""
         return max(self.parts, key=lambda part: float((abs(part.measured) ** 2).sum()))
 
     def only(self, part: Part) -> "Problem":
-        """One record alone."""
+        """The problem of one record alone."""
         at = part.place
         columns = (self.data, self.record, self.output, self.axis, self.frequency, self.kind)
         alone = replace(part, place=slice(0, at.stop - at.start))
         return Problem((alone,), *(c[at] for c in columns), self.outputs)
 
     def split(self, every: int) -> tuple["Problem", "Problem"]:
-        """Without every n-th excited line, and those lines alone."""
+        """Two problems: one without every n-th excited line, and one of those lines alone."""
         kept, withheld = [], []
         for part in self.parts:
             driven = np.flatnonzero(part.record.excited & part.used)
@@ -96,14 +122,16 @@ class Problem:
 
 
 def informative(record: Record) -> np.ndarray:
-    """Lines (n,) worth fitting: the driven ones, and among them the detection lines as far as driven ones are dense;
-    without those on which tones of known origin would lie."""
+    """Lines (n,) worth fitting: the driven ones, and detection lines as far as the driven ones are dense.
+
+    Lines on which tones of known origin would lie are left out.
+    """
     reach = DENSE_REACH * np.quantile(record.lines[record.excited], DENSE)
     return (record.excited | (record.lines <= reach)) & ~record.masked
 
 
 def line_kinds(record: Record) -> np.ndarray:
-    """Index into KINDS of every line (axes, n); what drives it along that axis, or else along the other."""
+    """Index into KINDS of every line (axes, n): what drives it along that axis, or else along the other."""
     kinds = np.where(record.lines % 2 == 0, KINDS.index("even"), KINDS.index("odd"))
     kinds = np.repeat(kinds[None], record.axes, axis=0)
     for place, on in record.driven.items():
@@ -114,7 +142,12 @@ def line_kinds(record: Record) -> np.ndarray:
 
 
 def assemble(records: Sequence[Record], lines: Sequence[np.ndarray] | None = None) -> Problem:
-    """Stack records; lines: which ones of each record (n,), default all but those of tones of known origin."""
+    """Stack records into one problem.
+
+    Args:
+        records: The records.
+        lines: Lines used of each record (n,); by default those that `informative` selects.
+    """
     parts, at = [], 0
     names = ("plant", "amplifier")
     columns: dict[str, list[np.ndarray]] = {k: [] for k in ("data", "record", "output", "axis", "frequency", "kind")}

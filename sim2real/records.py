@@ -1,4 +1,4 @@
-"""A campaign as a diagnosis needs it: per recording the spectra of its steady periods, and what drove it."""
+"""A campaign as a diagnosis needs it: for each recording, the spectra of its steady periods and what drove it."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -24,12 +24,21 @@ from sim2real.tones import ON_LINE, Tone, near_tones, remove_tones
 class Record:
     """One recording, steady and periodic.
 
-    nominal: the rig as the campaign states it. experiment: it without noise and converters, under this recording's
-    gains and excitations. lines (n,) harmonic numbers and frequency (n,) Hz. periods: channel -> per-period complex
-    amplitudes (P, axes, n). driven: place -> (axes, n) whether that line is excited there. waves: place -> one period
-    (axes, samples) at the control rate. series: channel -> (axes, samples) of the steady periods, from `start` s after
-    the recording's first sample. dropped: transient periods. tones: found between the harmonics, and taken out. notes:
-    what was assumed.
+    Attributes:
+        name: File name.
+        role: "fit" or "holdout".
+        nominal: The rig as the campaign states it.
+        experiment: The rig without noise and converters, under this recording's gains and excitations.
+        lines: Harmonic numbers (n,).
+        frequency: Frequencies (n,), Hz.
+        periods: Complex amplitudes of each period (P, axes, n), by channel.
+        driven: Whether each line is excited (axes, n), by place.
+        waves: One period (axes, samples) at the control rate, by place.
+        series: Steady periods (axes, samples), by channel.
+        start: Time of the first steady sample after the recording's first sample, s.
+        dropped: Number of transient periods.
+        tones: Tones that were found between the harmonics and removed.
+        notes: What was assumed.
     """
 
     name: str
@@ -59,7 +68,7 @@ class Record:
 
     @property
     def count(self) -> int:
-        """Periods kept."""
+        """Number of periods kept."""
         return len(self.periods["displacement"])
 
     def mean(self, channel: str) -> np.ndarray:
@@ -67,7 +76,7 @@ class Record:
         return self.periods[channel].mean(axis=0)
 
     def driving(self, place: str) -> np.ndarray:
-        """Complex amplitudes (axes, n) of what drove the rig at "force" (N), "current" (A) or "reference" (m)."""
+        """Complex amplitudes (axes, n) of the excitation at "force" (N), "current" (A) or "reference" (m)."""
         return period_spectra(self.waves[place], self.lines)
 
     @property
@@ -77,10 +86,14 @@ class Record:
 
 
 def read_records(campaign: str | Path | Campaign) -> tuple[Campaign, tuple[Record, ...]]:
-    """Every recording of a campaign that names its rig.
+    """Read every recording of a campaign that names its rig.
 
-    ValueError says what is wrong with a file (see `read_recording`), or what a diagnosis lacks: a rig, a displacement,
-    a periodic excitation, gains of a rotor that cannot stand without.
+    Returns:
+        The campaign and its records.
+
+    Raises:
+        ValueError: A file is wrong (see `read_recording`), or something that a diagnosis needs is missing: a rig, a
+            displacement, a periodic excitation, or the gains of a rotor that cannot levitate without control.
     """
     loaded = campaign if isinstance(campaign, Campaign) else load_campaign(campaign)
     if loaded.rig is None:
@@ -174,7 +187,7 @@ def _waves(
     whole: slice,
     offset: np.ndarray,
 ) -> dict[str, np.ndarray]:
-    """One period of what drove the rig, at the control rate: the excited lines of the channels, or their design."""
+    """One period of each excitation at the control rate: the excited lines of its channel, or of its design."""
     axes, n = e.rig.axes, e.samples_per_period
     waves = {}
     for place, on in driven.items():
@@ -183,7 +196,7 @@ def _waves(
             per_period = e.recorded_per_period
             means = channel[:, whole].reshape(axes, -1, per_period).mean(axis=1)
             found = period_spectra(means, lines)
-            if place == "force" and hold_rate is None:  # a continuous force: the held sequence with these lines
+            if place == "force" and hold_rate is None:  # a continuous force: find the held sequence with these lines
                 x = lines * e.fundamental / e.rig.control_rate
                 found = found / (np.sinc(x) * np.exp(-1j * np.pi * x))
             spectrum[:, lines] = np.where(on, found, 0.0) * (n / 2)
@@ -195,7 +208,11 @@ def _waves(
 
 
 def _check_apart(campaign: Campaign, records: tuple[Record, ...]) -> None:
-    """ValueError when a holdout is one of the fit recordings again."""
+    """Refuse a holdout that repeats one of the fit recordings.
+
+    Raises:
+        ValueError: Two recordings hold the same displacement.
+    """
     for judged in (r for r in records if r.role == "holdout"):
         for fitted in (r for r in records if r.role == "fit"):
             one, other = judged.series["displacement"], fitted.series["displacement"]

@@ -1,4 +1,4 @@
-"""A diagnosis in words and curves: what a table, a page and the corrected rig's comment say of it."""
+"""A diagnosis in words and curves, for a table, a page and the comment of the corrected rig."""
 
 from dataclasses import dataclass
 from math import floor, isfinite, log10
@@ -13,18 +13,25 @@ from sim2real.judge import Entry
 from sim2real.problem import Part
 from sim2real.simulated import Point
 
-FEWEST = 3  # lines that make a curve
+FEWEST = 3  # lines that a curve needs
 SHOWN_BANDS, LEAST_SHARE = 3, 0.05
 _PREFIXES = ((1e9, "G"), (1e6, "M"), (1e3, "k"), (1.0, ""), (1e-3, "m"), (1e-6, "u"), (1e-9, "n"))
 _PREFIXED = ("s", "Hz", "m", "m/s", "N", "A", "V", "T")
 _DIGITS = 4
-NO_ERROR = 1e-8  # of the value: a smaller standard error is that of a parameter the recordings do not tell
+NO_ERROR = 1e-8  # of the value: a smaller standard error belongs to a parameter that the recordings do not determine
 
 
 @dataclass(frozen=True)
 class Correction:
-    """One parameter of the corrected rig in SI: of an effect ("delay.time"), or the relative change of a nominal one
-    within its tolerance ("mass", is_change). se: standard error, None where it is not known."""
+    """One parameter of the corrected rig.
+
+    Attributes:
+        name: "effect.parameter" such as "delay.time", or a nominal parameter such as "mass".
+        value: Value in SI units, or the relative change.
+        se: Standard error; None where it is not known.
+        unit: Unit of the value.
+        is_change: Whether the value is a relative change of a nominal parameter within its tolerance.
+    """
 
     name: str
     value: float
@@ -38,10 +45,18 @@ class Correction:
 
 @dataclass(frozen=True)
 class Curve:
-    """A closed-loop response of a judged recording, measured with standard deviation sd of a complex value
-    (E|n|^2 = sd^2), and simulated on the nominal and on the corrected rig: all (n,), simulated ones nan where the rotor
-    touches down. kind: "receptance" (m/N, displacement over force) or "sensitivity" (command over injection). axis:
-    "x", "y", or "" of a one-axis rig."""
+    """A closed-loop response of a judged recording, measured and simulated.
+
+    Attributes:
+        kind: "receptance" (m/N, displacement over force) or "sensitivity" (command over injection).
+        record: Name of the recording.
+        axis: "x" or "y"; "" for a one-axis rig.
+        frequency: Frequencies (n,), Hz.
+        measured: Measured response (n,).
+        sd: Standard deviation (n,) of the complex value, E|n|^2 = sd^2.
+        nominal: Response of the nominal rig (n,); nan where the rotor touches down.
+        corrected: Response of the corrected rig (n,); nan where the rotor touches down.
+    """
 
     kind: str
     record: str
@@ -53,7 +68,7 @@ class Curve:
     corrected: np.ndarray
 
     def distance(self, simulated: np.ndarray) -> np.ndarray:
-        """Of a simulated curve from the measured one, in its noise: rms 1 where only noise is between them."""
+        """Distance of a simulated curve in units of the noise; its rms is 1 where the curves differ by noise alone."""
         return abs(simulated - self.measured) / self.sd
 
 
@@ -80,7 +95,7 @@ def corrections(diagnosis: Diagnosis) -> tuple[Correction, ...]:
 
 
 def quantity(value: float, se: float | None, unit: str, is_change: bool = False) -> str:
-    """A value with its standard error in a readable unit: "75.0 +- 1.2 us", of a relative change "+3.1 +- 0.4 %"."""
+    """A value with its standard error in a readable unit: "75.0 +- 1.2 us"; "+3.1 +- 0.4 %" for a relative change."""
     if is_change:
         return f"{_with_se(100 * value, se and 100 * se, '+')} %"
     if unit == "kg m":
@@ -103,14 +118,14 @@ def _with_se(value: float, se: float | None, sign: str = "") -> str:
 
 
 def spoken(name: str, with_effect: bool) -> str:
-    """A parameter "effect.parameter" in words, its effect's name before it or not."""
+    """A parameter "effect.parameter" in words, with or without the name of its effect."""
     effect, _, key = name.partition(".")
     words = key.removesuffix("_hz").replace("_", " ")
     return f"{effect} {words}" if with_effect else words
 
 
 def percent(share: float) -> str:
-    """A share or probability; what is nearly all or nothing says so."""
+    """A share or probability in per cent; values close to 0 or 1 are given as "< 1 %" or "> 99 %"."""
     if share > 0.995:
         return "> 99 %" if share < 1 else "100 %"
     return "< 1 %" if 0 < share < 0.005 else f"{100 * share:.0f} %"
@@ -144,7 +159,7 @@ def sentence(diagnosis: Diagnosis) -> str:
 
 
 def most(diagnosis: Diagnosis) -> str:
-    """The segment of the loop with the largest share of the gap; "" where nothing lies anywhere."""
+    """The segment of the loop with the largest share of the gap; "" where there is no gap."""
     blocks = diagnosis.where.blocks
     return max(blocks, key=lambda name: blocks[name]) if any(blocks.values()) else ""
 
@@ -192,10 +207,10 @@ def _blocks(joined: str) -> str:
 
 
 def curves(diagnosis: Diagnosis) -> tuple[Curve, ...]:
-    """The receptance and the sensitivity, of each axis, of the first judged recordings that show them."""
+    """Receptance and sensitivity of each axis, from the first judged recordings that show them."""
     found: dict[tuple[str, str], Curve] = {}
     corrected = diagnosis.corrected
-    # A tone is no line of the excitation: simulated with it a period would not repeat.
+    # A tone is not a line of the excitation: with it, a simulated period would not repeat.
     lines = Point({n: v for n, v in corrected.effects.items() if n not in TONES}, corrected.changes)
     for part in diagnosis.judged.parts:
         shown = _shown(part)
@@ -209,7 +224,7 @@ def curves(diagnosis: Diagnosis) -> tuple[Curve, ...]:
 
 
 def _shown(part: Part) -> dict[tuple[str, str], np.ndarray]:
-    """Lines (n,) of each response that a part tells, by (kind, axis)."""
+    """Lines (n,) of each response that a part shows, by (kind, axis)."""
     record, found = part.record, {}
     for kind, place in (("receptance", "force"), ("sensitivity", "current")):
         for axis in range(record.axes):

@@ -1,4 +1,4 @@
-"""Where fits start: every start of an effect beside a known fit, looked at on one record, the others following it."""
+"""Starting points of fits: every start of an effect beside a known fit is tested on one record, the others follow."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -10,8 +10,8 @@ from sim2real.hypotheses import COORDINATES, Hypothesis
 from sim2real.problem import Problem
 from sim2real.simulated import TOLERANCE_EFFECTS
 
-MOST_SCALED = 10.0  # times its start that a linear look may make a size
-RESONANT, APART = 3, 0.2  # starts of a resonance that are followed, and how far apart, of ln frequency
+MOST_SCALED = 10.0  # multiple of its start that a linear prediction may give a size
+RESONANT, APART = 3, 0.2  # starts of a resonance that are followed, and their least distance in ln frequency
 
 
 @dataclass(frozen=True)
@@ -24,12 +24,12 @@ class Start:
 
 
 def extended(hypothesis: Hypothesis, effects: np.ndarray, near: Fit) -> np.ndarray:
-    """Coordinates of the effects, with the tolerances where another fit has them."""
+    """Coordinates of the effects, with the tolerances at their values in another fit."""
     known = dict(zip(near.hypothesis.calibrated, near.u[len(near.hypothesis.coordinates) :], strict=True))
     if not np.isfinite(near.cost):
         known = {}
     effects = effects.copy()
-    for i, c in enumerate(hypothesis.coordinates):  # what is free now begins where its tolerance had moved it
+    for i, c in enumerate(hypothesis.coordinates):  # a parameter that is now free begins where its tolerance moved it
         for name in known.keys() - set(hypothesis.calibrated):
             if TOLERANCE_EFFECTS.get(name) == c.effect and c.scale:
                 effects[i] += known[name] * hypothesis.sigma(name) / c.scale
@@ -37,9 +37,18 @@ def extended(hypothesis: Hypothesis, effects: np.ndarray, near: Fit) -> np.ndarr
 
 
 def screened(problem: Problem, jobs: Sequence[tuple[Fit, Hypothesis, np.ndarray]]) -> list[Start]:
-    """Starts (a seed's fit, a hypothesis that adds an effect to it, coordinates), the cheapest first; what a start
-    touches down with is left out. Beside a seed whose Jacobian is known the size of the effect and everything that the
-    seed fits are moved as well, by a linear look."""
+    """Rank starting points by their cost on one record.
+
+    Beside a seed whose Jacobian is known, the size of the effect and everything that the seed fits are moved as well,
+    by a linear prediction.
+
+    Args:
+        problem: The problem.
+        jobs: A seed's fit, a hypothesis that adds an effect to it, and coordinates.
+
+    Returns:
+        Starts, the lowest cost first; those that make the rotor touch down are left out.
+    """
     if not jobs:
         return []
     loudest = problem.loudest
@@ -58,7 +67,7 @@ def screened(problem: Problem, jobs: Sequence[tuple[Fit, Hypothesis, np.ndarray]
         if key not in looks:
             looks[key] = _Look(seed, h, loudest.place)
         tried += [(h, v) for v in looks[key].followed(u, p - (single.data - looks[key].residual))]
-    # A linear look goes too far where an effect is large: what counts is the cost of where it leads.
+    # A linear prediction goes too far where an effect is large, so the cost is simulated where it leads.
     predicted = single.simulate([h.point(v) for h, v in tried], settled=False) if tried else []
     found += [_start(single, h, v, p) for (h, v), p in zip(tried, predicted, strict=True) if np.isfinite(p).all()]
     return sorted(found, key=lambda start: start.cost)
@@ -69,8 +78,10 @@ def _start(single: Problem, h: Hypothesis, u: np.ndarray, predicted: np.ndarray)
 
 
 def kept(starts: Sequence[Start]) -> list[Start]:
-    """The best start of each hypothesis, and of resonances some of clearly different frequency, as each is a minimum
-    of its own."""
+    """The best start of each hypothesis.
+
+    Of resonances, several starts of clearly different frequency are kept, because each is a minimum of its own.
+    """
     found: list[Start] = []
     for start in starts:
         h = start.hypothesis
@@ -83,7 +94,7 @@ def kept(starts: Sequence[Start]) -> list[Start]:
 
 
 class _Look:
-    """The linear look at a seed's residual on one record, when a hypothesis adds an effect to what the seed fits."""
+    """Linear prediction of a seed's residual on one record, for a hypothesis that adds an effect to the seed's."""
 
     def __init__(self, seed: Fit, h: Hypothesis, at: slice) -> None:
         known = len(seed.hypothesis.coordinates)
@@ -100,8 +111,14 @@ class _Look:
         self.signed = any(c.signed for c in COORDINATES[h.effects[-1]])
 
     def followed(self, u: np.ndarray, change: np.ndarray) -> list[np.ndarray]:
-        """Coordinates of a start, its effect scaled to fit the residual best, with all else following it; change:
-        what the start adds to the seed's prediction. Sizes on a logarithmic scale stay."""
+        """Coordinates of a start with its effect scaled to fit the residual best and all else following it.
+
+        Sizes on a logarithmic scale are kept.
+
+        Args:
+            u: Coordinates of the start.
+            change: What the start adds to the seed's prediction.
+        """
         cross = (self.jacobian @ change.conj()).real
         without = u.copy()
         for i, c in zip(range(self.new.start, self.new.stop), COORDINATES[self.h.effects[-1]], strict=True):
@@ -114,7 +131,7 @@ class _Look:
         return [self._moved(without + part * (u - without), cross, part) for part in (share, 0.5 * share)]
 
     def _share(self, change: np.ndarray, cross: np.ndarray) -> float:
-        """Share of a change that fits the residual best once the other parameters may follow."""
+        """Share of a change that fits the residual best when the other parameters may follow."""
         own = np.vdot(change, change).real - cross @ self.solve @ cross
         along = np.vdot(change, self.residual).real - cross @ self.solve @ self.gradient
         if own <= 1e-9 * np.vdot(change, change).real or (along <= 0 and not self.signed):

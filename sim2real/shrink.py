@@ -1,4 +1,4 @@
-"""How far the gap shrinks, on recordings that chose nothing: in units of the noise, and in an engineer's words."""
+"""How far the gap shrinks on recordings that no fit has used: in units of the noise, and in engineering quantities."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -12,14 +12,19 @@ from sim2real.problem import Part, Problem
 from sim2real.simulated import Point
 
 RESAMPLES = 400
-BLOCK = 8  # neighbouring residuals drawn together: what is left over is alike on neighbouring lines
-FREE = 20.0  # tolerances instead of one: as good as no prior, "refit all parameters"
+BLOCK = 8  # neighbouring residuals drawn together, because what remains is similar on neighbouring lines
+FREE = 20.0  # factor on the tolerances that makes them as good as no prior, for "refit all parameters"
 
 
 @dataclass(frozen=True)
 class Words:
-    """What an engineer asks of a loop: stiffness (N/m) and damping (N s/m) in the rig's target band and peak
-    sensitivity, nan where the lines do not tell."""
+    """Engineering quantities of a loop, nan where the lines do not determine them.
+
+    Attributes:
+        stiffness: In the rig's target band, N/m.
+        damping: In the rig's target band, N s/m.
+        peak_sensitivity: Largest |S|.
+    """
 
     stiffness: float
     damping: float
@@ -28,10 +33,19 @@ class Words:
 
 @dataclass(frozen=True)
 class Gap:
-    """The gap, sqrt(cost / n) in units of the noise: before (nominal), calibrated, after, and of the noise alone
-    (floor); None where the rotor touches down. closed_fraction of the excess before, with its 95 % interval.
-    judged_on: "holdout" or "held-out lines". words: of the recordings judged: measured, before, after. foils: gap after
-    refitting every parameter without prior, and with another effect."""
+    """The gap sqrt(cost / n), in units of the noise; None where the rotor touches down.
+
+    Attributes:
+        before: Gap of the nominal rig.
+        calibrated: Gap after calibration alone.
+        after: Gap of the corrected rig.
+        floor: Gap of the noise alone.
+        closed_fraction: Share of the excess before that is closed.
+        closed_fraction_ci: Its 95 % interval.
+        judged_on: "holdout" or "held-out lines".
+        words: Engineering quantities of the judged recordings: "measured", "before" and "after".
+        foils: Gap after refitting every parameter without a prior, and with another effect, for comparison.
+    """
 
     before: float | None
     calibrated: float | None
@@ -45,7 +59,15 @@ class Gap:
 
 
 def shrink(judged: Problem, attribution: Attribution, chosen: Candidate | None, held_out: str, seed: int) -> Gap:
-    """Judge a chosen hypothesis (None: nothing to add, calibration stands) on recordings that no fit has seen."""
+    """Judge a chosen hypothesis on recordings that no fit has used.
+
+    Args:
+        judged: The recordings to judge on.
+        attribution: The fitted candidates.
+        chosen: The chosen candidate; None judges calibration alone.
+        held_out: What is judged on, "holdout" or "held-out lines".
+        seed: Seed of the foil and of the bootstrap.
+    """
     chosen = chosen if chosen is not None else attribution.calibration
     other = _another(attribution, chosen, seed)
     refitted = _refitted(attribution)
@@ -77,8 +99,11 @@ def _gap(residual: np.ndarray) -> float | None:
 
 
 def closed(before: np.ndarray, after: np.ndarray, seed: int) -> tuple[float | None, tuple[float, float] | None]:
-    """1 - (V_after - n) / (V_before - n) with its 95 % bootstrap interval over blocks of neighbouring residuals; None
-    where the rotor touched down before (all of an infinite gap), or where there was no gap to close."""
+    """Closed share of the gap, 1 - (V_after - n) / (V_before - n), with a 95 % block-bootstrap interval.
+
+    The blocks are neighbouring residuals. The share is 1 without an interval where the rotor touched down before (an
+    infinite gap closed), and None where it touches down after or where there was no gap to close.
+    """
     if not np.isfinite(after).all():
         return None, None
     if not np.isfinite(before).all():
@@ -95,7 +120,7 @@ def closed(before: np.ndarray, after: np.ndarray, seed: int) -> tuple[float | No
 
 
 def _another(attribution: Attribution, chosen: Candidate, seed: int) -> Fit | None:
-    """Some other single effect, drawn by the seed."""
+    """Another single effect, drawn with the seed."""
     others = [
         c.fit
         for c in attribution.candidates
@@ -105,7 +130,7 @@ def _another(attribution: Attribution, chosen: Candidate, seed: int) -> Fit | No
 
 
 def _refitted(attribution: Attribution) -> Fit | None:
-    """Every nominal parameter with a tolerance fitted without it."""
+    """Every nominal parameter that has a tolerance, fitted without it."""
     base = attribution.calibration.fit
     if not np.isfinite(base.cost) or not base.hypothesis.tolerances:
         return None
@@ -117,7 +142,12 @@ def _refitted(attribution: Attribution) -> Fit | None:
 
 
 def _words(problem: Problem, residual: np.ndarray | None) -> Words:
-    """Averages over the judged recordings; residual: of a simulation (None: what was measured)."""
+    """Averages over the judged recordings.
+
+    Args:
+        problem: The recordings.
+        residual: Residual of a simulation; None for the measured quantities.
+    """
     found = [_of_part(part, residual) for part in problem.parts if part.record.axes == 1]
     if not found:
         return Words(np.nan, np.nan, np.nan)

@@ -1,4 +1,4 @@
-"""What a hypothesis predicts of a campaign: its lanes simulated under every recording's own waves and gains."""
+"""What a hypothesis predicts for a campaign: its lanes are simulated with each recording's own waveforms and gains."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -15,25 +15,30 @@ from maglev_env.rig.rig import Rig, with_parameters
 from sim2real.opened import Opened
 from sim2real.records import Record
 
-# A tolerance of one of these parameters is a small effect of the name beside it.
+# A tolerance of one of these parameters is a small effect of the given name.
 TOLERANCE_EFFECTS = {card.nominal: name for name, card in EFFECTS.items() if card.nominal}
-SETTLED = 3e-5  # of a transient's size at the start, where the period begins that is looked at
-RUNG_OUT = 6.5  # time constants after which a mode's ringing counts as gone
-LASTING = (0, 0.5, 1, 2, 3, 4, 6, 9, 12)  # periods: points of which the modes ring about as long run together
+SETTLED = 3e-5  # share of its initial size to which a transient must have decayed before the evaluated period
+RUNG_OUT = 6.5  # time constants after which the ringing of a mode is neglected
+LASTING = (0, 0.5, 1, 2, 3, 4, 6, 9, 12)  # periods: points whose modes ring about as long are simulated together
 MOST_TRANSIENT = 12  # periods
-# Noise of the reading dithers what is not smooth: lanes with it run with the noise that the rig states, over so many
-# periods, as its chance is not that of the record. It always blurs a limit; loops of hysteresis and friction are
-# blurred in some forms and not in others.
+# Sensor noise smooths hard nonlinearities (dithering). These effects are simulated with the noise that the rig states,
+# averaged over DITHER_PERIODS, because the simulated noise is not that of the record. Limits are always smoothed;
+# hysteresis and friction are smoothed in some forms and not in others.
 DITHER_PERIODS = 6
 DITHERED, MAY_BE_DITHERED = ({n for n, card in EFFECTS.items() if card.dither == how} for how in ("always", "maybe"))
-# Names the flexible kernel without changing anything: lanes of all hypotheses then share one block.
+# A zero-strength effect that selects the flexible kernel, so that all hypotheses can be simulated in one batch.
 NEUTRAL: Effects = effect("friction", 0.0)
 
 
 @dataclass(frozen=True)
 class Point:
-    """One set of parameters: effects, and relative changes of the nominal rig's parameters within their tolerance;
-    dithered: whether noise blurs the effects."""
+    """One set of parameters.
+
+    Attributes:
+        effects: Effects with their parameters.
+        changes: Relative changes of the nominal rig's parameters within their tolerance.
+        dithered: Whether sensor noise smooths the effects.
+    """
 
     effects: Effects
     changes: Mapping[str, float]
@@ -49,14 +54,14 @@ def experiment_at(e: Experiment, point: Point) -> Experiment:
         if known is None:
             parameters[name] = getattr(e.rig, name) * (1 + change)
         elif known not in effects:
-            own = effect_value(e.rig.effects, known)  # what a corrected rig has already
+            own = effect_value(e.rig.effects, known)  # a corrected rig may have this effect already
             effects[known] = {"change": own + change + own * change}
     rig = with_parameters(e.rig, parameters) if parameters else e.rig
     return replace(e, rig=rig, effects=effects)
 
 
 def tolerances(rig: Rig) -> dict[str, float]:
-    """Relative 1-sigma tolerances of the rig that a simulation can follow."""
+    """Relative 1-sigma tolerances of the rig that a simulation can represent."""
     stated = {name: sigma for name, sigma in rig.tolerance.items() if sigma > 0 and getattr(rig, name)}
     return {
         name: sigma
@@ -67,24 +72,30 @@ def tolerances(rig: Rig) -> dict[str, float]:
 
 @dataclass(frozen=True)
 class Predictor:
-    """Predicts the opened loop's residuals of one record. transient: control samples simulated before the period
-    that is looked at."""
+    """Predicts the opened loop's residuals of one record.
+
+    Attributes:
+        record: The record.
+        opened: Its opened loop.
+        transient: Control samples simulated before the evaluated period.
+        known: Contribution of noise to the nominal rig, by transient.
+    """
 
     record: Record
     opened: Opened
     transient: int
-    known: dict[int, np.ndarray] = field(default_factory=dict, compare=False)  # what noise adds, by transient
+    known: dict[int, np.ndarray] = field(default_factory=dict, compare=False)
 
     @property
     def kind(self) -> tuple:
-        """Records of one kind may share their lanes."""
+        """Key of the records that may share their lanes."""
         e = self.record.experiment
         controllers = e.gains if isinstance(e.gains, tuple) else (e.gains,)
         orders = tuple(None if isinstance(c, Gains) else c.order for c in controllers)
         return orders, e.speed_rpm, e.rig.mass
 
     def lanes(self, points: Sequence[Point], dithered: bool = False) -> list:
-        """Lanes at every point, for records of this kind; dithered: with the noise that the rig states."""
+        """Lanes at every point, for records of this kind; dithered lanes have the noise that the rig states."""
         e = self.record.experiment
         if dithered:
             noise = replace(e.rig.noise, displacement=self.record.nominal.noise.displacement)
@@ -94,8 +105,16 @@ class Predictor:
         )
 
     def of(self, lanes: list, settling: float = 0.0, dithered: bool = False) -> np.ndarray:
-        """(n, outputs, axes, lines) of prepared lanes that take at least so long (s) to settle; nan where the rotor
-        touches down. Of dithered ones what the same noise makes of the nominal rig is taken off again."""
+        """Residuals of prepared lanes.
+
+        Args:
+            lanes: Lanes from `lanes`.
+            settling: Time that they take to settle, s.
+            dithered: Whether they have noise; the effect of the same noise on the nominal rig is then subtracted.
+
+        Returns:
+            Residuals (n, outputs, axes, lines); nan where the rotor touches down.
+        """
         r = self.record
         longest = MOST_TRANSIENT * r.experiment.samples_per_period
         transient = max(self.transient, min(ceil(settling * r.nominal.control_rate), longest))
@@ -105,12 +124,12 @@ class Predictor:
             if transient not in self.known:
                 plain = [Point({}, {})]
                 noisy, clean = (steady_spectra(self.lanes(plain, on), *own)[0] for on in (True, False))
-                self.known[transient] = np.nan_to_num(noisy - clean)  # naught where the nominal rig does not stand
+                self.known[transient] = np.nan_to_num(noisy - clean)  # zero where the nominal rig does not levitate
             spectra -= self.known[transient]
         return self.opened.residuals(spectra[:, 0], spectra[:, 1])
 
     def __call__(self, points: Sequence[Point]) -> np.ndarray:
-        """(n, outputs, axes, lines) at every point."""
+        """Residuals (n, outputs, axes, lines) at every point."""
         return self.of(self.lanes(points), max(map(settling, points), default=0.0))
 
 
@@ -120,14 +139,22 @@ def modes_of(point: Point) -> list[Mapping[str, float]]:
 
 
 def settling(point: Point) -> float:
-    """How long the slowest mode among a point's effects rings (s), 0 without one."""
+    """Ringing time of the slowest mode among a point's effects, s; 0 without a mode."""
     rates = (2 * pi * mode["frequency"] * mode["damping_ratio"] for mode in modes_of(point))
     return max((RUNG_OUT / rate for rate in rates), default=0.0)
 
 
 def together(points: Sequence[Point], period: float, dithering: bool) -> list[tuple[tuple[float, bool], list[int]]]:
-    """Points, by index, that are simulated together: ((settling time in s, whether noise dithers them), which); period
-    in s."""
+    """Points grouped by what can be simulated together.
+
+    Args:
+        points: The points.
+        period: Excitation period, s.
+        dithering: Whether the rig has sensor noise.
+
+    Returns:
+        ((settling time in s, whether noise dithers them), indices of the points) of each group.
+    """
     steps = np.array(LASTING) * period
     groups: dict[tuple[float, bool], list[int]] = {}
     for i, point in enumerate(points):
@@ -138,7 +165,7 @@ def together(points: Sequence[Point], period: float, dithering: bool) -> list[tu
 
 
 def predictor(record: Record, opened: Opened) -> Predictor:
-    """With the transient that the nominal closed loop needs; an unstable nominal one gets the longest."""
+    """Predictor with the transient that the nominal closed loop needs; an unstable loop gets the longest."""
     radius = abs(closed_loop_poles(record.experiment)).max()
     most = MOST_TRANSIENT * record.experiment.samples_per_period
     samples = most if radius >= 1 else ceil(log(SETTLED) / log(radius))

@@ -1,4 +1,4 @@
-"""What is not synchronised with the excitation: tones of the mains, of the spin, and of unknown origin."""
+"""Signals that are not synchronised with the excitation: tones of the mains, of the rotation, and of unknown origin."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -10,18 +10,23 @@ from scipy.optimize import minimize_scalar
 
 MAINS = (50.0, 60.0)  # Hz
 HARMONICS = 3
-FALSE_ALARM = 1e-5  # that noise alone shows a tone somewhere in a record
-NEIGHBOURS = 25  # bins to either side that a tone must stand out from
+FALSE_ALARM = 1e-5  # probability that noise alone shows a tone somewhere in a record
+NEIGHBOURS = 25  # bins on either side above which a tone must stand out
 MOST = 8  # tones per record
-ON_LINE = 0.1  # of the line spacing within which a tone counts as lying on a line
-NEAR = 2e-3  # of a frequency, that mains and spin are off
-SAME = 0.6  # bins of the record's resolution within which two frequencies are one
+ON_LINE = 0.1  # share of the line spacing within which a tone counts as lying on a line
+NEAR = 2e-3  # relative uncertainty of the frequencies of mains and rotation
+SAME = 0.6  # bins of the record's resolution within which two frequencies count as one
 
 
 @dataclass(frozen=True)
 class Tone:
-    """A sinusoid of a record: frequency (Hz), complex amplitude of each channel (axes,), and the power of the
-    displacement's over that of its noise, as a chi-square of two degrees."""
+    """A sinusoid in a record.
+
+    Attributes:
+        frequency: Hz.
+        amplitude: Complex amplitudes (axes,) by channel.
+        chi2: Power of the displacement over that of its noise, as a chi-square of two degrees of freedom per axis.
+    """
 
     frequency: float
     amplitude: Mapping[str, np.ndarray]
@@ -29,7 +34,7 @@ class Tone:
 
 
 def families(speed_rpm: float) -> dict[str, tuple[float, ...]]:
-    """Frequencies (Hz) by origin: "pickup" of either mains, "spin" of a turning rotor."""
+    """Frequencies (Hz) by origin: "pickup" of 50 or 60 Hz mains, and "spin" of a rotating rotor."""
     found = {f"pickup {f:g} Hz": tuple(f * n for n in range(1, HARMONICS + 1)) for f in MAINS}
     if speed_rpm > 0:
         found["spin"] = tuple(speed_rpm / 60 * n for n in range(1, HARMONICS + 1))
@@ -39,7 +44,16 @@ def families(speed_rpm: float) -> dict[str, tuple[float, ...]]:
 def remove_tones(
     channels: Mapping[str, np.ndarray], per_period: int, rate: float
 ) -> tuple[dict[str, np.ndarray], list[Tone]]:
-    """Channels (axes, samples) of whole periods without the tones that lie between the harmonics, and those tones."""
+    """Remove the tones that lie between the harmonics.
+
+    Args:
+        channels: Whole periods (axes, samples) by channel.
+        per_period: Samples per period.
+        rate: Sampling rate, Hz.
+
+    Returns:
+        The channels without the tones, and the tones.
+    """
     cleaned = {name: values.copy() for name, values in channels.items()}
     found: list[Tone] = []
     while len(found) < MOST:
@@ -86,7 +100,7 @@ def _strongest(values: np.ndarray, per_period: int) -> tuple[float, float] | Non
 
 
 def _around(values: np.ndarray, per_period: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Bins between the harmonics, their power, and that of the noise around them."""
+    """Bins between the harmonics, their power, and the power of the noise around them."""
     count = values.shape[1] // per_period
     power = (abs(np.fft.rfft(_without_period(values, per_period), axis=1)) ** 2).sum(axis=0)
     between = np.arange(power.size) % count != 0
@@ -97,8 +111,12 @@ def _around(values: np.ndarray, per_period: int) -> tuple[np.ndarray, np.ndarray
 
 
 def tone_at(values: np.ndarray, frequency: float, per_period: int, rate: float) -> tuple[np.ndarray, float]:
-    """Complex amplitudes (axes,) at a frequency (Hz) between the harmonics of values (axes, samples), and their power
-    over that of the noise around, as a chi-square of two degrees."""
+    """Amplitude of values (axes, samples) at a frequency between the harmonics.
+
+    Returns:
+        amplitude: Complex amplitudes (axes,).
+        chi2: Their power over that of the surrounding noise, as a chi-square of two degrees of freedom per axis.
+    """
     total = values.shape[1]
     bins, _, level = _around(values, per_period)
     at = frequency * total / rate
@@ -129,7 +147,7 @@ def _amplitude(rest: np.ndarray, frequency: float, per_period: int, total: int) 
 
 
 def near_tones(frequency: np.ndarray, width: float, speed_rpm: float) -> np.ndarray:
-    """Whether frequencies (n,) lie within a width (Hz) of where a tone of a known origin may."""
+    """Whether frequencies (n,) lie within a width (Hz) of a possible tone of known origin."""
     near = np.zeros(frequency.size, bool)
     for tones in families(speed_rpm).values():
         for f in tones:
@@ -138,7 +156,7 @@ def near_tones(frequency: np.ndarray, width: float, speed_rpm: float) -> np.ndar
 
 
 def origin(frequency: float, speed_rpm: float, resolution: float) -> str | None:
-    """The family that a tone belongs to, or None."""
+    """The family to which a tone belongs, or None."""
     off = {
         name: min(abs(frequency - f) / (SAME * resolution + NEAR * f) for f in tones)
         for name, tones in families(speed_rpm).items()
@@ -148,8 +166,10 @@ def origin(frequency: float, speed_rpm: float, resolution: float) -> str | None:
 
 
 def outstanding(own: np.ndarray, around: Sequence[float] | np.ndarray) -> float:
-    """Chi-square that whitened residuals (m,) at a tone's lines show beyond their neighbours', 0 where nothing stands
-    out at 1e-4."""
+    """Chi-square by which whitened residuals (m,) at a tone's lines exceed their neighbours; 0 if not significant.
+
+    The level of significance is 1e-4.
+    """
     level = max(1.0, float(np.median(abs(np.asarray(around)) ** 2)) / (2 * np.log(2))) if len(around) else 1.0
     chi2 = float((abs(own) ** 2).sum()) / level
     return chi2 if stats.chi2.sf(chi2, 2 * own.size) < 1e-4 else 0.0

@@ -1,4 +1,4 @@
-"""Evidence of tones: pickup, what turns with the rotor, and what nothing known explains."""
+"""Evidence of tones: mains pickup, effects of the rotation, and tones that nothing known explains."""
 
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
@@ -16,18 +16,28 @@ from sim2real.simulated import Point, experiment_at, modes_of
 from sim2real.tones import HARMONICS, MAINS, NEAR, ON_LINE, families, origin, outstanding, tone_at
 
 FOREIGN = "foreign"
-AROUND = 12  # lines to either side that a tone on a line must stand out from
+AROUND = 12  # lines on either side above which a tone on a line must stand out
 NO_TANGENT = {name for name, card in EFFECTS.items() if not card.linear}
-TOGETHER = 1e-4  # chance that noise shows as much at the frequency of rotation, in all records
-RINGING = 0.25  # octaves from a fitted mode within which a tone is its ringing
-BESIDE_MODE = 1.4  # twice the octaves from a fitted mode within which loud noise is its own
-FORM = 0.05  # of an amplitude: what a model of it may miss
+TOGETHER = 1e-4  # probability that noise in all records shows as much at the rotation frequency
+RINGING = 0.25  # octaves from a fitted mode within which a tone is attributed to its ringing
+BESIDE_MODE = 1.4  # twice the octaves from a fitted mode within which loud noise is attributed to it
+FORM = 0.05  # relative error of an amplitude that its model may make
 
 
 @dataclass(frozen=True)
 class Sighting:
-    """A tone in one record, as the opened loop's residual (m) at its frequency with its standard deviation and the
-    receptance there (m/N); harmonic 1 is the family's fundamental."""
+    """A tone in one record.
+
+    Attributes:
+        record: Index of the record.
+        family: Its origin.
+        harmonic: Order within the family; 1 is the fundamental.
+        frequency: Hz.
+        size: Residual of the opened loop at that frequency, m.
+        sd: Standard deviation of the size, m.
+        receptance: Receptance at that frequency, m/N.
+        chi2: Chi-square of the tone.
+    """
 
     record: int
     family: str
@@ -40,7 +50,7 @@ class Sighting:
 
 
 def sightings(problem: Problem, point: Point) -> list[Sighting]:
-    """Tones of every part: those found between the harmonics, and those on a line that a point's simulation leaves."""
+    """Tones of every part: those found between the harmonics, and those on lines that a point's simulation leaves."""
     found = []
     for i, part in enumerate(problem.parts):
         found += _between(i, part, point) + _on_lines(i, part, point) + _bands(i, part, point)
@@ -48,14 +58,15 @@ def sightings(problem: Problem, point: Point) -> list[Sighting]:
     turning = {s.record for s in found if s.family == "spin" and s.harmonic == 1}
     rest = [s for i, part in enumerate(problem.parts) if i not in turning for s in _unseen(i, part, point)]
     axes = problem.parts[0].record.axes
-    # Where to look is known: all records together show what none does; and how little there is at a speed tells, too.
+    # At a known rotation frequency, pooling the records finds tones that no single record shows; and where the rotation
+    # is seen in some records, a small amplitude in the others is evidence as well.
     if turning or stats.chi2.sf(sum(s.chi2 for s in rest), 2 * axes * len(rest)) < TOGETHER:
         found += rest
     return found
 
 
 def _one_family(problem: Problem, found: list[Sighting]) -> list[Sighting]:
-    """A rotor that turns near the mains' frequency: tones that the one family explains alone are not of two."""
+    """Assign tones to one family where it explains them all, for a rotor that turns near the mains frequency."""
     present = {s.family for s in found}
     for name in ("pickup", "spin"):
         others = {family for family in present if not family.startswith(name)}
@@ -68,7 +79,7 @@ def _one_family(problem: Problem, found: list[Sighting]) -> list[Sighting]:
 
 
 def _within(problem: Problem, s: Sighting, others: Collection[str]) -> Sighting | None:
-    """A sighting as one of another family, if that has a tone so near."""
+    """A sighting renamed to another family that has a tone close enough; None if there is none."""
     e = problem.parts[s.record].record.experiment
     for name, tones in families(e.speed_rpm).items():
         for harmonic, f in enumerate(tones, 1):
@@ -96,7 +107,7 @@ def _between(index: int, part: Part, point: Point) -> list[Sighting]:
     for tone in record.tones:
         name = origin(tone.frequency, speed, resolution) or FOREIGN
         if name == FOREIGN and any(abs(np.log2(tone.frequency / f)) < RINGING for f in modes):
-            continue  # noise that a lightly damped mode rings with
+            continue  # noise that excites a lightly damped mode
         harmonic = 1
         if name != FOREIGN:
             harmonic = int(np.argmin([abs(tone.frequency - f) for f in families(speed)[name]])) + 1
@@ -108,7 +119,7 @@ def _between(index: int, part: Part, point: Point) -> list[Sighting]:
 
 
 def _unseen(index: int, part: Part, point: Point) -> list[Sighting]:
-    """What is found at the frequency of rotation where no tone stands out; none where a line hides it."""
+    """Amplitude at the rotation frequency of a record in which no tone stands out; nothing where a line hides it."""
     e = part.record.experiment
     f = e.speed_rpm / 60
     if f == 0 or abs(f / e.fundamental - round(f / e.fundamental)) < ON_LINE:
@@ -120,7 +131,7 @@ def _unseen(index: int, part: Part, point: Point) -> list[Sighting]:
 
 
 def _opened(record: Record, point: Point, frequency: float, amplitude: np.ndarray) -> tuple[float, float]:
-    """Size (m) of a tone of the reading, the loop opened as a point has it, and the receptance (m/N) there."""
+    """Size (m) of a reading's tone with the loop opened as at a point, and the receptance (m/N) there."""
     linear = {name: values for name, values in point.effects.items() if name not in NO_TANGENT}
     e = axis_experiment(experiment_at(record.experiment, replace(point, effects=linear)), 0)
     r = loop_response(e, np.array([frequency]))
@@ -129,16 +140,19 @@ def _opened(record: Record, point: Point, frequency: float, amplitude: np.ndarra
 
 
 def _bands(index: int, part: Part, point: Point) -> list[Sighting]:
-    """Loud bands, as foreign tones of unknown size. For noise to be white the loop is opened as a point has it, and as
-    the nominal rig does, for what noise meets is not the tangent of a friction; what is loud is so in both."""
+    """Loud bands, as foreign tones of unknown size.
+
+    The noise is white only if the loop is opened correctly. It is opened as at the point and as on the nominal rig,
+    because noise does not meet the tangent of a friction; a band must be loud in both.
+    """
     if not point.effects.keys().isdisjoint(NO_TANGENT):
-        return []  # what they make of the loop's noise has no shape of its own
+        return []  # these effects give the loop's noise no definite shape
     corrected = replace(part.record, experiment=experiment_at(part.record.experiment, point))
     opened = [replace(opened_loop(r), outputs=part.opened.outputs) for r in (corrected, part.record)]
     loops = [loud_bands(r, o) for r, o in zip((corrected, part.record), opened, strict=True)]
     loud = min(loops, key=lambda bands: sum(chi2 for *_, chi2 in bands))
     modes = [mode["frequency"] for mode in modes_of(point)]
-    # Next to a lightly damped mode noise is as loud as the mode is sharp, which no fit knows so well.
+    # Near a lightly damped mode the noise depends on the mode's damping, which no fit determines well enough.
     loud = [band for band in loud if all(abs(np.log2(f * f / (band[0] * band[1]))) > BESIDE_MODE for f in modes)]
     return [Sighting(index, FOREIGN, 1, (lo * hi) ** 0.5, 0.0, 0.0, 0.0, chi2) for lo, hi, chi2 in loud]
 
@@ -172,8 +186,11 @@ def _on_lines(index: int, part: Part, point: Point) -> list[Sighting]:
 
 
 def spin_costs(problem: Problem, found: list[Sighting]) -> dict[str, float]:
-    """Cost of "runout" (the same reading at every speed) and of "unbalance" (a force that grows with the square of the
-    speed) as what the sightings at 1x are; harmonics tell nothing: a bearing makes them of either."""
+    """Cost of explaining the tones at the rotation frequency by "runout" and by "unbalance".
+
+    A runout gives the same reading at every speed; an unbalance is a force that grows with the square of the speed.
+    Harmonics are not used, because a bearing produces them from either.
+    """
     own = [s for s in found if s.family == "spin" and s.harmonic == 1]
     if not own:
         return {"runout": 0.0, "unbalance": 0.0}
@@ -190,7 +207,7 @@ def _misfit(size: np.ndarray, shape: np.ndarray, weight: np.ndarray) -> float:
 
 
 def tone_parameters(problem: Problem, found: list[Sighting], effect: str) -> Mapping[str, float]:
-    """Parameters of runout, pickup or unbalance from their sightings; phases are left at their default."""
+    """Parameters of runout, pickup or unbalance from their sightings; phases keep their default."""
     family = "spin" if effect in ("runout", "unbalance") else "pickup"
     own = [s for s in found if s.family.startswith(family)]
     sizes = [_weighed([(s.size, s.chi2) for s in own if s.harmonic == h]) for h in range(1, HARMONICS + 1)]
@@ -211,5 +228,5 @@ def tone_parameters(problem: Problem, found: list[Sighting], effect: str) -> Map
 
 
 def _weighed(values: list[tuple[float, float]]) -> float:
-    """Mean of (value, chi-square), by how surely each was seen; 0 of none."""
+    """Mean of (value, chi-square) pairs, weighted by how clearly each was seen; 0 without any."""
     return float(np.average([v for v, _ in values], weights=[w for _, w in values])) if values else 0.0

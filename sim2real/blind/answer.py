@@ -1,5 +1,7 @@
-"""Answer a sealed set: every campaign diagnosed by itself, without the labels, in processes or on other machines,
-resumable."""
+"""Answer a sealed set: every campaign is diagnosed alone and without the labels, in processes or on other machines.
+
+An interrupted run can be resumed.
+"""
 
 import json
 import os
@@ -18,24 +20,30 @@ from maglev_lanes.code_version import DIAGNOSING, code_version
 from maglev_lanes.processes import fresh_pool
 from sim2real.blind.cases import ANSWER_SCHEMA, ANSWERS, CAMPAIGNS, parse_diagnosis, seal_of
 
-OPENED = "blind.json"  # what opening writes: from then on the truth is known
+OPENED = "blind.json"  # written when the set is opened; from then on the truth is known
 
-# The folder of a campaign in, a diagnosis (schema maglev-diagnosis/1) as JSON data out.
+# From the folder of a campaign to a diagnosis (schema maglev-diagnosis/1) as JSON data.
 Diagnose = Callable[[Path], dict]
 
 
 class Workers(Protocol):
-    """Machines that share out work, without a file system in common."""
+    """Machines that share the work and have no common file system."""
 
     def each(
         self, function: Callable[[Any], dict], items: Iterable[Any], died: Callable[[float], dict] | None = None
     ) -> Iterator[tuple[int, dict]]:
-        """(index, function(item)) as they are done; died(seconds) for an item that ends every process it runs in."""
+        """Results (index, function(item)) as they arrive.
+
+        Args:
+            function: What to do with an item.
+            items: The items.
+            died: Gives the result, from the seconds spent, of an item that ends every process in which it runs.
+        """
 
 
 @dataclass(frozen=True)
 class Answered:
-    """How many campaigns were answered now, were answered before, and of both together failed."""
+    """Number of campaigns answered now, answered before, and failed among both."""
 
     new: int
     reused: int
@@ -56,13 +64,21 @@ def answer_all(
     diagnose: Diagnose = diagnose,
     workers: Workers | None = None,
 ) -> Answered:
-    """Answer every campaign of the sealed set in `folder`, into its answers/, each file written whole.
+    """Answer every campaign of the sealed set in `folder`; each answer is written to answers/ as a whole file.
 
-    Answers of this version of the code to this set are kept; others are given anew. A diagnosis that fails is kept as
-    an error, which is a wrong answer; so is one that ends its process. processes: default all cores, each with linear
-    algebra on one thread; 1 works in this process. workers: instead of processes; the files of a campaign are sent to
-    them. progress is called with the number of campaigns done. ValueError when there is nothing to answer, or the set
-    was opened already: an answer after that proves nothing.
+    Answers by this version of the code to this set are kept; others are given again. A diagnosis that fails, or that
+    ends its process, is kept as an error and counts as a wrong answer.
+
+    Args:
+        folder: The sealed set.
+        processes: Number of processes, each with single-threaded linear algebra; by default all cores. 1 works in
+            this process.
+        progress: Called with the number of campaigns done.
+        diagnose: Diagnoses a campaign folder.
+        workers: Used instead of processes; the files of a campaign are sent to them.
+
+    Raises:
+        ValueError: There is nothing to answer, or the set was opened already, after which an answer proves nothing.
     """
     seal, made_by = seal_of(folder), code_version(DIAGNOSING)
     campaigns = sorted(path.parent for path in (folder / CAMPAIGNS).glob("*/campaign.toml"))
@@ -94,19 +110,19 @@ def _reusable(path: Path, seal: str, made_by: str) -> bool:
 
 
 def _answer(campaign: Path, diagnose: Diagnose) -> dict:
-    """Seconds, and the diagnosis or why there is none."""
+    """The time taken, and the diagnosis or the reason why there is none."""
     started = perf_counter()
     try:
         data = json.loads(json.dumps(diagnose(campaign), allow_nan=False))
-        parse_diagnosis(data, 0.0, "")  # an answer that cannot be scored is found out before the seal is broken
+        parse_diagnosis(data, 0.0, "")  # finds an answer that cannot be scored before the seal is broken
         outcome: dict = {"diagnosis": data}
-    except Exception as error:  # whatever goes wrong in a diagnosis is a wrong answer, not the end of the check
+    except Exception as error:  # any failure of a diagnosis is a wrong answer and must not end the check
         outcome = {"error": f"{type(error).__name__}: {error}"}
     return {"seconds": perf_counter() - started, **outcome}
 
 
 def _outcomes(campaigns: Sequence[Path], processes: int, diagnose: Diagnose) -> Iterator[tuple[Path, dict]]:
-    """(campaign, outcome) as they are done."""
+    """(campaign, outcome) as they arrive."""
     if min(processes, len(campaigns)) <= 1:
         for campaign in campaigns:
             yield campaign, _answer(campaign, diagnose)
@@ -119,7 +135,7 @@ def _outcomes(campaigns: Sequence[Path], processes: int, diagnose: Diagnose) -> 
                 yield futures[future], future.result()
             except BrokenProcessPool:
                 lost.append(futures[future])
-    # A process that dies takes those beside it along: each that was lost gets a process of its own.
+    # A process that dies takes its neighbours with it, so each lost campaign gets a process of its own.
     for campaign in sorted(lost):
         started = perf_counter()
         with fresh_pool(1) as pool:
@@ -130,14 +146,14 @@ def _outcomes(campaigns: Sequence[Path], processes: int, diagnose: Diagnose) -> 
 
 
 def _sent(campaigns: Sequence[Path], workers: Workers, diagnose: Diagnose) -> Iterator[tuple[Path, dict]]:
-    """(campaign, outcome) as workers have done them."""
+    """(campaign, outcome) as the workers return them."""
     files = ((c.name, {p.name: p.read_bytes() for p in c.iterdir() if p.is_file()}) for c in campaigns)
     for i, outcome in workers.each(partial(_answer_sent, diagnose), files, _died):
         yield campaigns[i], outcome
 
 
 def _answer_sent(diagnose: Diagnose, campaign: tuple[str, dict[str, bytes]]) -> dict:
-    """On a worker: the answer to a campaign that came as its name and its files."""
+    """Runs on a worker: the answer to a campaign that was sent as its name and its files."""
     name, files = campaign
     with TemporaryDirectory(prefix="maglev-") as temporary:
         folder = Path(temporary) / name

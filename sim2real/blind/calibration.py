@@ -1,4 +1,4 @@
-"""Whether stated probabilities are kept: reliability in bins and the expected calibration error."""
+"""Whether stated probabilities are correct: reliability in bins and the expected calibration error."""
 
 from dataclasses import dataclass
 
@@ -9,7 +9,13 @@ BINS = 10
 
 @dataclass(frozen=True)
 class Reliability:
-    """Per occupied bin of the stated probability, arrays (b,): mean stated, share right, and how many."""
+    """Reliability in each occupied bin of the stated probability.
+
+    Attributes:
+        stated: Mean stated probability (b,).
+        right: Share that was right (b,).
+        count: Number of cases (b,).
+    """
 
     stated: np.ndarray
     right: np.ndarray
@@ -17,7 +23,11 @@ class Reliability:
 
 
 def reliability(top: np.ndarray) -> Reliability:
-    """Bins of equal width over 0..1; top (n, 2): stated probability, and 1 where it was right, else 0."""
+    """Reliability in bins of equal width over 0..1.
+
+    Args:
+        top: Stated probability, and 1 where it was right or 0, (n, 2).
+    """
     which = np.minimum((top[:, 0] * BINS).astype(int), BINS - 1)
     count = np.bincount(which, minlength=BINS)
     stated, right = (np.bincount(which, top[:, column], BINS) for column in (0, 1))
@@ -28,7 +38,7 @@ def reliability(top: np.ndarray) -> Reliability:
 def calibration_error(top: np.ndarray) -> float:
     """Expected calibration error (Naeini et al. 2015): mean |share right - mean stated| over bins, weighted by count.
 
-    top as in `reliability`. Chance alone gives more than 0 in bins with few cases.
+    The argument is that of `reliability`. In bins with few cases chance alone gives more than 0.
     """
     r = reliability(top)
     return float(np.abs(r.right - r.stated) @ r.count / r.count.sum())

@@ -20,8 +20,18 @@ NO_GAP, UNKNOWN = frozenset({"none"}), frozenset({"unknown"})
 
 @dataclass(frozen=True)
 class Case:
-    """The truth of one campaign: kind (one of KINDS), names of its effects, its size in multiples of the detection
-    threshold (of a pair the smaller one; None without an effect), and its rig and channel set. label: as written."""
+    """The truth of one campaign.
+
+    Attributes:
+        id: Identity of the campaign.
+        kind: One of KINDS.
+        rig: Name of the rig.
+        channels: Name of the channel set.
+        effects: Names of its effects.
+        size: Size in multiples of the detection threshold, of a pair the smaller one; None without an effect.
+        speeds: Speeds of rotation of its recordings, rpm.
+        label: The label as written.
+    """
 
     id: str
     kind: str
@@ -40,7 +50,7 @@ class Case:
 
 @dataclass(frozen=True)
 class Hypothesis:
-    """One entry of a diagnosis' `which`: effects, probability, and values of "effect.parameter"."""
+    """One entry of a diagnosis' `which`: its effects, its probability, and the values of "effect.parameter"."""
 
     effects: frozenset[str]
     probability: float
@@ -49,11 +59,18 @@ class Hypothesis:
 
 @dataclass(frozen=True)
 class Answer:
-    """What was answered; error: why there is no diagnosis (None when there is one).
+    """An answer to a campaign.
 
-    cause: the hypotheses of the verdict, one when explained, several when ambiguous, else none. blocks: share of the
-    gap by block. seconds: of the diagnosis; version: of the code that gave it. changes: relative ones
-    of nominal parameters within their tolerance, that go with the cause.
+    Attributes:
+        error: Why there is no diagnosis; None when there is one.
+        verdict: The verdict.
+        cause: Hypotheses of the verdict: one when explained, several when ambiguous, otherwise none.
+        which: Every hypothesis with its probability.
+        blocks: Share of the gap by block.
+        closed_fraction: Share of the gap that the diagnosis closes.
+        seconds: Duration of the diagnosis, s.
+        version: Version of the code that gave it.
+        changes: Relative changes of nominal parameters within tolerance that belong to the cause.
     """
 
     error: str | None
@@ -68,7 +85,11 @@ class Answer:
 
 
 def seal_of(folder: Path) -> str:
-    """SHA-256 of the labels as it was published before any answer. ValueError when the folder holds no sealed set."""
+    """SHA-256 of the labels, published before any answer.
+
+    Raises:
+        ValueError: The folder holds no sealed set.
+    """
     path = folder / SEAL
     if not path.is_file():
         raise ValueError(f"{folder} holds no {SEAL}: make a sealed set there first (maglev blind generate)")
@@ -76,7 +97,11 @@ def seal_of(folder: Path) -> str:
 
 
 def open_labels(folder: Path) -> tuple[Case, ...]:
-    """The truth of every campaign. ValueError when the labels are not the sealed ones or lack something."""
+    """The truth of every campaign.
+
+    Raises:
+        ValueError: The labels are not the sealed ones, or are incomplete.
+    """
     raw = (folder / LABELS).read_bytes()
     if (found := sha256(raw).hexdigest()) != seal_of(folder):
         raise ValueError(f"{folder / LABELS} has the SHA-256 {found}, not that in {SEAL}: it was changed")
@@ -107,7 +132,11 @@ def _case(folder: Path, label: Mapping[str, Any]) -> Case:
 
 
 def read_answer(path: Path, seal: str) -> Answer:
-    """One answer. ValueError when it is missing or was given to another sealed set."""
+    """Read one answer.
+
+    Raises:
+        ValueError: It is missing, or was given to another sealed set.
+    """
     if not path.is_file():
         raise ValueError(f"{path} is missing: every campaign must be answered first (maglev blind answer)")
     data = json.loads(path.read_text())
@@ -119,7 +148,11 @@ def read_answer(path: Path, seal: str) -> Answer:
 
 
 def parse_diagnosis(d: Mapping[str, Any], seconds: float, version: str) -> Answer:
-    """A diagnosis (schema maglev-diagnosis/1, as JSON data) as an answer; ValueError says what is wrong with it."""
+    """A diagnosis (schema maglev-diagnosis/1, as JSON data) as an answer.
+
+    Raises:
+        ValueError: The diagnosis is not valid; the message says why.
+    """
     if d.get("schema") != DIAGNOSIS_SCHEMA or d.get("verdict") not in VERDICTS:
         raise ValueError(
             f"diagnosis: schema {d.get('schema')!r}, verdict {d.get('verdict')!r}; "

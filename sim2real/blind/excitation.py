@@ -1,4 +1,4 @@
-"""What drives a recording of the twin: odd random-phase multisines with detection lines, interleaved."""
+"""Excitation of the twin's recordings: interleaved odd random-phase multisines with detection lines."""
 
 from dataclasses import dataclass, replace
 
@@ -7,19 +7,19 @@ import numpy as np
 FUNDAMENTAL = 2.0  # Hz
 SHAKER_LAST, INJECTION_LAST = 125, 999  # harmonics: 250 Hz and 2 kHz
 HIGH_LINES = 40
-GROUP = 5  # of so many consecutive odd harmonics one is left out and one given to the injection
+GROUP = 5  # of this many consecutive odd harmonics, one is left out and one is given to the injection
 
 
 @dataclass(frozen=True)
 class Grid:
-    """Excited harmonics of FUNDAMENTAL: of the shaker (none: no shaker) and of the injection."""
+    """Excited harmonics of FUNDAMENTAL: those of the shaker (none without a shaker) and those of the injection."""
 
     force: tuple[int, ...]
     injection: tuple[int, ...]
 
     @property
     def lines(self) -> np.ndarray:
-        """Excited and detection lines: every harmonic up to the shaker's last, and the injection's above."""
+        """Excited and detection lines: every harmonic up to the shaker's last, and the injection's lines above."""
         return np.union1d(np.arange(1, SHAKER_LAST + 1), self.injection)
 
 
@@ -33,12 +33,12 @@ class Drive:
     reference: float = 0.0
 
     def scaled(self, factor: float) -> "Drive":
-        """The same at another amplitude."""
+        """The same drive at another amplitude."""
         return replace(self, force=self.force * factor, injection=self.injection * factor)
 
 
 def draw_grid(rng: np.random.Generator, shaker: bool) -> Grid:
-    """Lines of a campaign. Without a shaker the injection takes the shaker's lines too."""
+    """Draw the lines of a campaign. Without a shaker, the injection also takes the shaker's lines."""
     odd = np.arange(1, SHAKER_LAST + 1, 2)
     force, low = [], []
     for start in range(0, odd.size, GROUP):
@@ -53,7 +53,7 @@ def draw_grid(rng: np.random.Generator, shaker: bool) -> Grid:
 
 
 def draw_drive(rng: np.random.Generator, grid: Grid, force_peak: float, injection_peak: float, samples: int) -> Drive:
-    """A realisation of random phases on a grid, flat amplitudes, scaled to the peaks (N, A) over `samples` a period."""
+    """Random phases on a grid with equal amplitudes, scaled to the peaks (N, A) over `samples` per period."""
     force = _multisine(rng, grid.force, force_peak, samples)
     return Drive(grid, force, _multisine(rng, grid.injection, injection_peak, samples))
 

@@ -1,8 +1,8 @@
-"""Effects in the twin's own forms: parameters and named effects to the constants of a `Machine`.
+"""Effects in the twin's own forms: from parameters and named effects to the constants of a `Machine`.
 
-The sealed and the development generator realise the same effect differently, so that what is learned on the one is not
-learned on the other. Labels are in the words of the vocabulary: a time constant is the sum of the lags it stands for,
-an eddy corner is where the half-order asymptote crosses one.
+The sealed and the development generator realise the same effect differently, so that what is tuned on one is not fitted
+to the other. Labels use the vocabulary of the diagnosis: a time constant is the sum of the lags that it stands for, and
+an eddy corner is where the half-order asymptote reaches one.
 """
 
 from collections.abc import Mapping
@@ -18,17 +18,17 @@ Forms = Literal["sealed", "development"]
 Effects = Mapping[str, Mapping[str, float]]
 MU_0 = 4e-7 * pi
 LADDER = {"sealed": 10, "development": 7}
-# Thresholds of the play operators over the width, and their shares.
+# Thresholds of the play operators relative to the width, and their shares.
 PLAYS = {
     "sealed": (np.array([0.2, 0.6, 1.0, 1.4, 1.8]), np.full(5, 0.2)),
     "development": (np.array([0.4, 1.0, 1.6]), np.array([0.3, 0.4, 0.3])),
 }
-SQUARE_SHARE, SQUARE_SPEED = 0.1, 5e-3  # of the damping, at m/s
+SQUARE_SHARE, SQUARE_SPEED = 0.1, 5e-3  # share of the damping that is quadratic, and the speed at which it is, m/s
 STATIC_OVER_COULOMB = {"sealed": 1.2, "development": 1.3}
 
 
 def magnets(p: Mapping[str, float]) -> dict[str, float]:
-    """The constants of the force law of a hybrid pair, its control flux through the gaps, calibrated to the rig."""
+    """Constants of the force law of a hybrid pair whose control flux crosses the gaps, calibrated to the rig."""
     coil_flux = 0.5 * MU_0 * p["turns"]
     mu_m = p["recoil_permeability"] * MU_0
     magnet_flux = 0.5 * MU_0 * p["remanence"] * p["magnet_length"] / mu_m
@@ -41,7 +41,7 @@ def magnets(p: Mapping[str, float]) -> dict[str, float]:
         lower = magnet_flux / (down + magnet_gap) + coil_flux * (p["bias_current"] - i) / down
         return area * (upper**2 - lower**2)
 
-    # Complex steps: derivatives without a difference of near numbers.
+    # Complex steps give derivatives without the difference of nearly equal numbers.
     gain, stiffness = pull(0, 1j * step).imag / step, -pull(1j * step, 0).imag / step
     return {
         "area": area,
@@ -57,11 +57,11 @@ def magnets(p: Mapping[str, float]) -> dict[str, float]:
 def ladder(corner_hz: float, diffusion: float, depth: int) -> tuple[np.ndarray, np.ndarray]:
     """Rates (1/s) and shares of 1 / (1 + r (z coth z - 1)), z^2 = s diffusion: a gap and a solid plate in series.
 
-    The plate's reluctance is the Cauer ladder z coth z = 1 + z^2 / (3 + z^2 / (5 + ...)), cut at `depth`; r places the
-    asymptote 1 / (1 + sqrt(s / w)) at the corner. What the shares leave of 1 passes at once.
+    The plate's reluctance is the Cauer ladder z coth z = 1 + z^2 / (3 + z^2 / (5 + ...)), truncated at `depth`; r
+    places the asymptote 1 / (1 + sqrt(s / w)) at the corner. The rest of 1 beyond the shares passes without lag.
     """
     ratio = 1 / sqrt(2 * pi * corner_hz * diffusion)
-    top, bottom = np.array([1.0]), np.array([2.0 * depth + 1.0])  # the last rung as a fraction of polynomials in z^2
+    top, bottom = np.array([1.0]), np.array([2.0 * depth + 1.0])  # the last rung as a ratio of polynomials in z^2
     for odd in range(2 * depth - 1, 1, -2):
         top, bottom = bottom, np.polyadd(odd * bottom, np.polymul(top, [1.0, 0.0]))
     rung = np.polymul(top, [1.0, 0.0])  # z coth z - 1 = z^2 top / bottom
@@ -72,9 +72,14 @@ def ladder(corner_hz: float, diffusion: float, depth: int) -> tuple[np.ndarray, 
 
 
 def machine(p: Mapping[str, float], effects: Effects, forms: Forms) -> Machine:
-    """The twin of a rig with parameters p (the truth) and effects, {name: {parameter: value}} in SI.
+    """The twin of a rig.
 
-    Tones (runout, pickup, unbalance, vibration) and dropped samples are signals, not constants: see `twin.simulate`.
+    Tones (runout, pickup, unbalance, vibration) and dropped samples are signals and not constants; see `twin.simulate`.
+
+    Args:
+        p: True parameters, SI.
+        effects: {name: {parameter: value}}, SI.
+        forms: Which forms realise the effects.
     """
     sealed = forms == "sealed"
     changed = dict(p)

@@ -1,4 +1,4 @@
-"""Sealed sets of campaigns: a plan of cases, each drawn and sized on its own, and the labels in a file elsewhere."""
+"""Sealed sets of campaigns: a plan of cases, each drawn and sized separately, and the labels in a separate file."""
 
 import hashlib
 import json
@@ -21,19 +21,19 @@ from sim2real.blind.threshold import Detector
 from sim2real.blind.twin import LoopFailed, Truth, simulate
 from sim2real.blind.write import CHANNELS, Written, write_campaign
 
-PERIODS = 9  # the first is the transient from rest
-SHARES = {"none": 1 / 6, "pair": 1 / 6, "unknown": 1 / 6}  # the rest is single
+PERIODS = 9  # the first one is the transient from rest
+SHARES = {"none": 1 / 6, "pair": 1 / 6, "unknown": 1 / 6}  # the other cases are single effects
 SIZES = (0.5, 100.0)  # multiples of the threshold, log-uniform
 PAIR_SIZES = (3.0, 100.0)
-SAME_BLOCK = 0.15  # of the pairs
-SPUN = 0.15  # of the campaigns without an effect of rotation, so that a speed tells nothing
+SAME_BLOCK = 0.15  # share of the pairs whose effects are in one block
+SPUN = 0.15  # share of the campaigns that rotate without an effect of rotation, so that a speed reveals nothing
 OFFSET = 0.05  # of the gap
 ATTEMPTS = 30
 
 
 @dataclass(frozen=True)
 class Case:
-    """One campaign to be made: its place in the set, rig, channel set, kind, and its effects by name."""
+    """One campaign to be made: its number in the set, rig, channel set, kind, and the names of its effects."""
 
     number: int
     rig: str
@@ -43,7 +43,7 @@ class Case:
 
 
 def plan(count: int, seed: int) -> list[Case]:
-    """`count` cases in shuffled order: kinds by their shares, effects, rigs and channel sets in turn."""
+    """`count` cases in shuffled order: kinds by their shares; effects, rigs and channel sets in turn."""
     rng = np.random.default_rng([seed, 0])
     numbers = {kind: round(count * share) for kind, share in SHARES.items()}
     kinds = [kind for kind, n in numbers.items() for _ in range(n)]
@@ -80,7 +80,11 @@ def _pair(rng: np.random.Generator, rig: str) -> tuple[str, ...]:
 
 
 def make(case: Case, seed: int, forms: Forms) -> tuple[list[Written], dict]:
-    """The recordings of a case and its label. RuntimeError when no draw of it stands."""
+    """The recordings of a case and its label.
+
+    Raises:
+        RuntimeError: No draw of the case levitates.
+    """
     rig = RIGS[case.rig]
     for attempt in range(ATTEMPTS):
         rng = np.random.default_rng([seed, case.number, attempt])
@@ -96,7 +100,7 @@ def make(case: Case, seed: int, forms: Forms) -> tuple[list[Written], dict]:
         try:
             found = [sized(name, size, detector, rng) for name, size in zip(case.effects, wanted, strict=True)]
             if case.kind == "pair" and min(f.multiple for f in found) < 0.9 * low:
-                if attempt % 3 == 2:  # an effect that cannot get so large here: another pair
+                if attempt % 3 == 2:  # an effect cannot become this large here, so draw another pair
                     case = replace(case, effects=_pair(rng, case.rig))
                 continue
             done = _recorded(truth, found, recordings, rng)
@@ -173,10 +177,24 @@ def generate(
     forms: Forms = "sealed",
     labels: str | Path | None = None,
 ) -> str:
-    """Write `count` campaigns into a new folder and their labels beside it; returns the SHA-256 of the label file.
+    """Write campaigns into a new folder and their labels beside it.
 
-    labels: default FOLDER-labels.json, outside the folder so that nobody diagnosing it meets them. The same seed gives
-    the same bytes whatever the number of processes. ValueError when the folder holds anything or the labels exist.
+    The same seed gives the same bytes for any number of processes.
+
+    Args:
+        folder: New or empty folder.
+        count: Number of campaigns.
+        seed: Seed of the set.
+        processes: Number of processes.
+        forms: Which forms realise the effects.
+        labels: File of the labels; by default FOLDER-labels.json, outside the folder, so that nobody who diagnoses the
+            folder sees them.
+
+    Returns:
+        SHA-256 of the label file.
+
+    Raises:
+        ValueError: The folder is not empty, the labels exist, or a value does not fit.
     """
     folder = Path(folder)
     labels = folder.with_name(f"{folder.name}-labels.json") if labels is None else Path(labels)
@@ -192,7 +210,7 @@ def generate(
     if processes == 1:
         found = [produce(case) for case in cases]
     else:
-        # An executor says so when one of its processes dies; a pool would wait for ever.
+        # An executor reports the death of one of its processes; a pool would wait for ever.
         with ProcessPoolExecutor(processes, mp_context=multiprocessing.get_context("spawn")) as pool:
             found = list(pool.map(produce, cases))
     text = json.dumps(found, indent=1) + "\n"

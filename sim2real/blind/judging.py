@@ -1,4 +1,4 @@
-"""One answer against the truth: every way in which it is right or wrong. A failed answer is wrong in all of them."""
+"""One answer judged against the truth in every respect. A failed answer is wrong in all of them."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -9,19 +9,30 @@ from sim2real.blind.alike import alike_sets
 from sim2real.blind.cases import NO_GAP, Answer, Case
 
 _CALIBRATION = frozenset({"calibration"})
-_LEVEL = 0.9  # of the smallest set of hypotheses that must hold the truth
+_LEVEL = 0.9  # probability of the smallest set of hypotheses that must hold the truth
 
 
 @dataclass(frozen=True)
 class Judgement:
-    """A case, its answer, and:
+    """How an answer compares with the truth.
 
-    false_alarm: the verdict is not no_gap. right_class: the truth is in the cause, and every other member of an
-    ambiguous cause is alike to it on these channels; class_size: members of the cause that holds it, 0 when none does;
-    alone: the only member. abstained: ambiguous with the truth among others, or unexplained, or below the detection
-    threshold no_gap. right_block: see `right_block`. one_named: the truth shares an effect with every member of the
-    cause, or one alike, and with some member by name. second: a pair was named. flagged: unexplained. top_right and
-    top_probability: of the most probable hypothesis; covered: the smallest set that reaches 0.9 holds the truth.
+    Attributes:
+        case: The case.
+        answer: The answer.
+        false_alarm: The verdict is not no_gap.
+        right_class: The truth is in the cause, and every other member of an ambiguous cause is alike to it on these
+            channels.
+        class_size: Number of members of the cause that holds the truth; 0 when it does not.
+        alone: The truth is the only member.
+        abstained: Ambiguous with the truth among others, or unexplained, or no_gap below the detection threshold.
+        right_block: See `right_block`.
+        one_named: The truth shares an effect, or one that is alike, with every member of the cause, and with some
+            member by name.
+        second: A pair was named.
+        flagged: The verdict is unexplained.
+        top_right: The most probable hypothesis is the truth.
+        top_probability: Its probability.
+        covered: The smallest set of hypotheses that reaches a probability of 0.9 holds the truth.
     """
 
     case: Case
@@ -41,13 +52,13 @@ class Judgement:
 
 
 def judge(case: Case, answer: Answer) -> Judgement:
-    """Judge an answer; "none" and "calibration" are one hypothesis, as parameters of a rig are never nominal."""
+    """Judge an answer. "none" and "calibration" are one hypothesis, because a real rig is never exactly nominal."""
     failed, truth = answer.error is not None, case.truth
     size, one_speed = case.size or 0.0, len(case.speeds) == 1
     held = truth in answer.cause
     close = held and all(alike_sets(truth, member, case.channels, size, one_speed) for member in answer.cause)
     ranked = merged(answer)
-    top = ranked[0] if ranked else (frozenset(), 1.0)  # no answer at all counts as a sure one
+    top = ranked[0] if ranked else (frozenset(), 1.0)  # a missing answer counts as a certain one
     return Judgement(
         case,
         answer,
@@ -78,8 +89,11 @@ def _touches(truth: frozenset[str], member: frozenset[str], case: Case, one_spee
 
 
 def right_block(case: Case, answer: Answer) -> bool:
-    """Whether the cause has an effect in a block of the truth; when unexplained, whether the block with the largest
-    share of the gap, or one of those merged under its name, is a block of the truth; of effects with a name only."""
+    """Whether the cause has an effect in a block of the truth.
+
+    When unexplained: whether the block with the largest share of the gap, or one of those merged under its name, is a
+    block of the truth. Only effects of the vocabulary have a block.
+    """
     blocks = {EFFECTS[name].block for name in case.effects if name in EFFECTS}
     if answer.verdict == "unexplained" and answer.blocks:
         return bool(blocks & set(max(answer.blocks, key=answer.blocks.get).split("+")))
@@ -87,7 +101,7 @@ def right_block(case: Case, answer: Answer) -> bool:
 
 
 def merged(answer: Answer) -> list[tuple[frozenset[str], float]]:
-    """(effects, probability), the most probable first; "calibration" is added to "none"."""
+    """(effects, probability), the most probable first; the probability of "calibration" is added to "none"."""
     total: dict[frozenset[str], float] = {}
     for one in answer.which:
         key = NO_GAP if one.effects == _CALIBRATION else one.effects
@@ -111,5 +125,5 @@ SIZES = ((0.0, 1.0), (1.0, 10.0), (10.0, inf))  # multiples of the detection thr
 
 
 def size_range(case: Case) -> tuple[float, float] | None:
-    """The one of SIZES that a case falls in; None without an effect."""
+    """The range of SIZES that holds a case; None without an effect."""
     return None if case.size is None else next((lo, hi) for lo, hi in SIZES if lo <= case.size < hi)

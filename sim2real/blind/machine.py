@@ -1,4 +1,4 @@
-"""The constants of one twin, as the compiled stepping reads them."""
+"""The constants of one twin, in the form that the compiled stepping reads."""
 
 from typing import NamedTuple
 
@@ -13,11 +13,12 @@ PLATE, PLATE_ON_BASE = 1, 2
 
 
 class Machine(NamedTuple):
-    """A rig with its effects, SI; the defaults mean that an effect is absent.
+    """A rig with its effects, in SI units; with the defaults an effect is absent.
 
-    Magnets: magnet_flux (T m) / (x + magnet_gap) and coil_flux (T m/A) I / x are the fields of a gap x; area in N/T^2.
-    amplifier, sensor: nominal poles (s). amplifier_extra, sensor_extra: further poles (s). eddy_rates (1/s) with
-    eddy_shares of the current, the rest of it passes at once. stops (A) with stop_shares: hysteresis.
+    Magnets: magnet_flux (T m) / (x + magnet_gap) and coil_flux (T m/A) I / x are the fields of a gap x; area is in
+    N/T^2. amplifier and sensor are the time constants of the nominal poles (s), amplifier_extra and sensor_extra those
+    of further poles. eddy_rates (1/s) belong to eddy_shares of the current; the rest passes without lag. stops (A) with
+    stop_shares describe hysteresis.
     """
 
     mass: float

@@ -1,4 +1,4 @@
-"""What the generator may inject: every effect's block, size parameter, limits, and what else is drawn."""
+"""What the generator may inject: the block, size parameter and limits of every effect, and what else is drawn."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -10,9 +10,17 @@ Draw = Callable[[np.random.Generator], dict[str, float]]
 
 @dataclass(frozen=True)
 class Kind:
-    """An effect: its block, the parameter that its size sets, a size to start a search from, and the largest sizes.
+    """An effect that can be given a size: value = size^power.
 
-    value = size^power; with `low`, the sign is drawn and negative sizes reach to low. others: its other parameters.
+    Attributes:
+        block: Its block.
+        parameter: The parameter that its size sets.
+        start: Size at which a search starts.
+        high: Largest size.
+        low: If not zero, the sign is drawn, and negative sizes extend to low.
+        power: Exponent.
+        others: Draws its other parameters.
+        rig: The only rig on which it has a meaning; None for any rig.
     """
 
     block: str
@@ -43,7 +51,7 @@ def _tone(rng: np.random.Generator) -> dict[str, float]:
 
 
 def _foreign(rng: np.random.Generator) -> dict[str, float]:
-    """A tone between the lines, or narrow-band noise as a sum of many."""
+    """A tone between the lines, or narrow-band noise as a sum of many tones."""
     tones = int(rng.choice([1, 16]))
     center = 2 * rng.integers(8, 110) + rng.uniform(0.4, 1.6)
     values: dict[str, float] = {"tones": tones}
@@ -94,7 +102,7 @@ EFFECTS: Mapping[str, Kind] = {
     "support_resonance": Kind("mechanics", "mass_ratio", 0.0015, 0.6, others=_mode),
     "unbalance": Kind("external", "moment", 1e-8, 3e-6, others=_tone),
 }
-# What no vocabulary names.
+# Effects that the vocabulary of the diagnosis does not contain.
 UNKNOWN: Mapping[str, Kind] = {
     "deadband": Kind("controller", "half_width", 1e-4, 0.1),
     "gain_drift": Kind("actuator", "change", 0.02, 0.4, low=-0.4),
@@ -110,5 +118,5 @@ SPINNING = ("runout", "unbalance")
 
 
 def known_on(rig: str) -> list[str]:
-    """Effects of the vocabulary that mean something on a rig."""
+    """Effects of the vocabulary that have a meaning on a rig."""
     return [name for name, kind in EFFECTS.items() if kind.rig in (None, rig)]

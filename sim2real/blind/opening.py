@@ -1,4 +1,4 @@
-"""A sealed set opened: labels checked against their seal, every answer judged, every figure in one place."""
+"""Opening a sealed set: labels are checked against their seal, every answer is judged, figures are collected."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -18,9 +18,20 @@ from sim2real.blind.twin import Truth
 
 @dataclass(frozen=True)
 class Opened:
-    """A scored set: seal and version of the answers, hash over them, all judgements, and the figures; see `scoring`.
+    """A scored set; for the figures see `scoring`.
 
-    rows: every target. by_size, by_channels, by_rig: part -> rows. failed: how many campaigns got no diagnosis.
+    Attributes:
+        labels_sha256: Seal of the labels.
+        answers_sha256: Hash over the answers.
+        version: Version of the code that gave the answers.
+        judged: All judgements.
+        failed: Number of campaigns without a diagnosis.
+        rows: Figures of every target.
+        by_size: Figures for each range of sizes.
+        by_channels: Figures for each channel set.
+        by_rig: Figures for each rig.
+        reliability: Reliability of the stated probabilities.
+        regrets: Regret of the sampled cases.
     """
 
     labels_sha256: str
@@ -39,8 +50,13 @@ class Opened:
 def open_set(folder: Path, progress: Callable[[int], None] | None = None) -> Opened:
     """Check the seal of the set in `folder` and score its answers.
 
-    progress is called with the number of campaigns done whose gains are tried on the twin. ValueError when labels were
-    changed, or an answer is missing, of another set, or of other code than the rest.
+    Args:
+        folder: The sealed set, answered.
+        progress: Called with the number of campaigns whose gains were tried on the twin.
+
+    Raises:
+        ValueError: Labels were changed, or an answer is missing, belongs to another set, or was given by other code
+            than the rest.
     """
     seal, cases = seal_of(folder), open_labels(folder)
     paths = [folder / ANSWERS / f"{case.id}.json" for case in cases]
@@ -66,7 +82,7 @@ def open_set(folder: Path, progress: Callable[[int], None] | None = None) -> Ope
 
 
 def _rig_and_truth(folder: Path, j: Judgement) -> tuple[Rig, Truth]:
-    """The nominal rig as the campaign states it, and the truth that the twin is."""
+    """The nominal rig as the campaign states it, and the truth of the twin."""
     label = j.case.label
     truth = Truth(label["rig"], label["deviations"], label["effects"], label["forms"], label["speed_rpm"])
     return load_campaign(folder / CAMPAIGNS / j.case.id).rig, truth

@@ -1,4 +1,4 @@
-"""What a diagnosis is worth to the engineer: how much better the gains are that the corrected simulator recommends."""
+"""The value of a diagnosis to the engineer: how much better the gains are that the corrected simulator recommends."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -31,7 +31,7 @@ CASES = 24
 
 @dataclass(frozen=True)
 class CaseRegret:
-    """Scores on the twin, 0..1: of the best gain set, and of those that the nominal and corrected simulator choose."""
+    """Scores on the twin, 0 to 1, of the best gain set and of those that the two simulators choose."""
 
     id: str
     best: float
@@ -40,7 +40,7 @@ class CaseRegret:
 
 
 def sampled(judged: Sequence[Judgement]) -> list[Judgement]:
-    """The first CASES singles of at least 10 times the threshold, right or wrong; the seed has shuffled their order."""
+    """The first CASES singles of at least 10 times the threshold, right or wrong; the seed shuffled their order."""
     large = (j for j in judged if j.case.kind == "single" and size_range(j.case) == LARGE)
     return sorted(large, key=lambda j: j.case.id)[:CASES]
 
@@ -48,7 +48,11 @@ def sampled(judged: Sequence[Judgement]) -> list[Judgement]:
 def case_regret(answer: Answer, rig: Rig, truth: Truth, case_id: str) -> CaseRegret:
     """Let both simulators choose among the gain sets, and score every set on the twin.
 
-    rig: the campaign's nominal rig, with gains and a protocol that excites force and current.
+    Args:
+        answer: The answer.
+        rig: The campaign's nominal rig, with gains and a protocol that excites force and current.
+        truth: The truth of the twin.
+        case_id: Identity of the case.
     """
     choice = gain_choice(rig, Point(correction(answer, rig), answer.changes), truth.speed_rpm)
     planned = [replace(protocol_experiment(rig, one), speed_rpm=truth.speed_rpm) for one in gain_sets(rig.gains)]
@@ -58,9 +62,9 @@ def case_regret(answer: Answer, rig: Rig, truth: Truth, case_id: str) -> CaseReg
 
 
 def correction(answer: Answer, rig: Rig) -> Effects:
-    """The effects by which an answer would correct the nominal rig: of its cause, the most probable member.
+    """The effects by which an answer corrects the nominal rig: the most probable member of its cause.
 
-    None when nothing was named, or when the simulator refuses what was named.
+    No effects when nothing was named, or when the simulator refuses what was named.
     """
     named = [h for h in answer.which if h.effects in answer.cause]
     if not named:
@@ -81,8 +85,14 @@ def correction(answer: Answer, rig: Rig) -> Effects:
 
 @dataclass(frozen=True)
 class TwinScore:
-    """What the twin makes of gains: score 0..1; peak |S| as the injection lines show it and the largest reading in m,
-    both nan when the loop failed; failure: how it did ("the rotor touched down", "a converter clipped"), else None."""
+    """Result of gains on the twin.
+
+    Attributes:
+        score: 0 to 1.
+        peak_sensitivity: Peak of |S| at the injection lines; nan when the loop failed.
+        displacement: Largest reading, m; nan when the loop failed.
+        failure: How the loop failed ("the rotor touched down", "a converter clipped"); None if it did not.
+    """
 
     score: float
     peak_sensitivity: float
@@ -91,12 +101,12 @@ class TwinScore:
 
 
 def twin_score(e: Experiment, truth: Truth) -> float:
-    """Score of an experiment's gains run on the twin, 0 when it touches down or clips; estimated as `evaluate` does."""
+    """Score of an experiment's gains on the twin, estimated as `evaluate` does; 0 after touchdown or clipping."""
     return twin_run(e, truth).score
 
 
 def twin_run(e: Experiment, truth: Truth) -> TwinScore:
-    """An experiment's gains run on the twin, with noise from its seed; estimated as `evaluate` does."""
+    """Run an experiment's gains on the twin, with noise from its seed; estimated as `evaluate` does."""
     force, current = (lines_at(e.excitations, at) for at in ("force", "current"))
     drive = Drive(Grid(tuple(force), tuple(current)), e.waveform("force"), e.waveform("current"))
     try:
@@ -125,12 +135,12 @@ def twin_run(e: Experiment, truth: Truth) -> TwinScore:
 
 
 def pid(gains: Gains) -> PID:
-    """The gains as the twin takes them."""
+    """The gains in the form that the twin takes."""
     return PID(gains.kp, gains.ki, gains.kd, gains.td, gains.ti)
 
 
 def regret_row(cases: Sequence[CaseRegret]) -> Row:
-    """By what share the corrected simulators' regret, summed over cases, is below the nominal ones'."""
+    """Share by which the corrected simulators' regret, summed over cases, is below that of the nominal ones."""
     losses = np.array([(c.best - c.nominal, c.best - c.corrected) for c in cases]).reshape(-1, 2)
     return row(
         "regret, corrected against nominal",
@@ -143,7 +153,7 @@ def regret_row(cases: Sequence[CaseRegret]) -> Row:
 
 
 def change(losses: np.ndarray) -> float:
-    """Of losses (n, 2), nominal and corrected: the sum of the second relative to that of the first, less 1."""
+    """Relative change from the sum of the first column (nominal) to the second (corrected), of losses (n, 2)."""
     nominal, corrected = losses.sum(axis=0)
     if nominal == 0:
         return 0.0 if corrected == 0 else np.inf

@@ -1,4 +1,4 @@
-"""The rigs of the twin: their nominal numbers, and the TOML of the one that is no preset."""
+"""The rigs of the twin: their nominal values, and the TOML of the one that is not a preset."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -19,8 +19,15 @@ class PID:
 class TwinRig:
     """Nominal parameters of a rig, SI, named as in a rig TOML.
 
-    source: what campaign.toml names as the rig. tolerance: relative 1-sigma uncertainty. noise: rms per sample of the
-    readings. force_peak, injection_peak: of the excitations, N and A. toml: text of the rig file, None for a preset.
+    Attributes:
+        source: What campaign.toml names as the rig.
+        parameters: Nominal parameters.
+        gains: PID gains.
+        noise: Rms per sample of the readings.
+        tolerance: Relative 1-sigma uncertainties.
+        force_peak: Peak of the force excitation, N.
+        injection_peak: Peak of the injection, A.
+        toml: Text of the rig file; None for a preset.
     """
 
     source: str
@@ -52,7 +59,7 @@ _HYBRID_PAIR = {
     "sensor_time_constant": 1.6e-5,
     "probe_gain": 8000.0,
 }
-_CONVERTERS = {"adc_bits": 16, "dac_bits": 14, "voltage_range": 10.0, "control_rate": 20000.0}  # a rig TOML's defaults
+_CONVERTERS = {"adc_bits": 16, "dac_bits": 14, "voltage_range": 10.0, "control_rate": 20000.0}  # defaults of a rig TOML
 _GAINS = PID(8000.0, 2000.0, 5.2, 1e-4, 0.0318)
 _NOISE = {"displacement": 0.5e-6, "force": 5e-3, "current": 2e-3}
 _TOLERANCE = {

@@ -1,4 +1,4 @@
-"""The figures of a blind check: every target with its interval, over all campaigns and over parts of them."""
+"""The figures of a blind check: every target with its interval, over all campaigns and over subsets of them."""
 
 from collections import Counter
 from collections.abc import Callable, Sequence
@@ -16,7 +16,7 @@ _RESAMPLES = 2000
 
 @dataclass(frozen=True)
 class Target:
-    """What a figure should reach: floor, and the ambitious range it should lie in. at_most: small is good."""
+    """What a figure should reach: a floor, and an ambitious range. at_most: small values are good."""
 
     floor: float
     ambitious: tuple[float, float]
@@ -25,10 +25,18 @@ class Target:
 
 @dataclass(frozen=True)
 class Row:
-    """A figure with its 95 % interval over n campaigns (nan when n = 0), in a unit ("share", "s" or "").
+    """A figure with its 95 % interval over n campaigns (nan for n = 0).
 
-    verdict: "ambitious", "floor", "missed", "" without a target or "no cases". decided: the whole interval lies on one
-    side of the floor, so that other campaigns would hardly change whether it is met.
+    Attributes:
+        name: Name of the figure.
+        value: Its value.
+        low: Lower end of the interval.
+        high: Upper end of the interval.
+        n: Number of campaigns.
+        unit: "share", "s" or "".
+        target: Its target, if any.
+        verdict: "ambitious", "floor", "missed", "no cases", or "" without a target.
+        decided: The whole interval lies on one side of the floor, so other campaigns would hardly change the verdict.
     """
 
     name: str
@@ -44,7 +52,7 @@ class Row:
 
 @dataclass(frozen=True)
 class Share:
-    """A share: over the campaigns of one kind in a range of sizes (None: of any), how many are good."""
+    """A share: how many campaigns of one kind in a range of sizes (None: any) are good."""
 
     name: str
     kind: str | None
@@ -93,7 +101,7 @@ def row(name: str, value: float, interval: tuple[float, float], n: int, unit: st
 
 
 def share_row(share: Share, judged: Sequence[Judgement], any_size: bool = False) -> Row:
-    """A share over judged campaigns, with Wilson's interval (1927); any_size: whatever the sizes that it asks for."""
+    """A share over judged campaigns, with Wilson's interval (1927); any_size ignores the range of sizes."""
     sizes = None if any_size else share.sizes
     of = [j for j in judged if (share.kind in (None, j.case.kind)) and (sizes is None or size_range(j.case) == sizes)]
     name = share.name + ("" if sizes is None else f", {size_words(sizes)}")
@@ -105,13 +113,13 @@ def share_row(share: Share, judged: Sequence[Judgement], any_size: bool = False)
 
 
 def size_words(sizes: tuple[float, float]) -> str:
-    """A range of sizes as tables write it."""
+    """A range of sizes as it is written in tables."""
     low, high = sizes
     return f"< {high:g} x" if not low else f">= {low:g} x" if high == inf else f"{low:g}-{high:g} x"
 
 
 def rows(judged: Sequence[Judgement]) -> list[Row]:
-    """Every figure of the table of targets but the regret, over these campaigns."""
+    """Every figure of the table of targets except the regret, over these campaigns."""
     right = [j.answer.closed_fraction for j in judged if j.right_class and _large_single(j)]
     seconds = [j.answer.seconds for j in judged]
     top = np.array([(j.top_probability, j.top_right) for j in judged], dtype=float).reshape(-1, 2)
@@ -145,7 +153,7 @@ def rows(judged: Sequence[Judgement]) -> list[Row]:
 
 
 def by_size(judged: Sequence[Judgement]) -> dict[str, list[Row]]:
-    """The shares that depend on a size, in each range of sizes."""
+    """The shares that depend on a size, for each range of sizes."""
     sized = {(s.name, s.kind): s for s in SHARES if s.kind not in (None, "none")}.values()
     return {
         size_words(sizes): [share_row(s, [j for j in judged if size_range(j.case) == sizes], True) for s in sized]
@@ -154,12 +162,12 @@ def by_size(judged: Sequence[Judgement]) -> dict[str, list[Row]]:
 
 
 def by(judged: Sequence[Judgement], part: Callable[[Judgement], str]) -> dict[str, list[Row]]:
-    """The figures of `rows` for each part of the campaigns, e.g. each channel set."""
+    """The figures of `rows` for each part of the campaigns, for example each channel set."""
     return {name: rows([j for j in judged if part(j) == name]) for name in sorted({part(j) for j in judged})}
 
 
 def bootstrap(data: np.ndarray, statistic: Callable[[np.ndarray], float]) -> tuple[float, float]:
-    """95 % percentile interval of a statistic over resampled rows of data (n, ...), nan for none; always the same."""
+    """95 % percentile interval of a statistic over resampled rows of data (n, ...); nan without rows; reproducible."""
     if not len(data):
         return nan, nan
     draws = np.random.default_rng(0).integers(len(data), size=(_RESAMPLES, len(data)))
@@ -169,23 +177,23 @@ def bootstrap(data: np.ndarray, statistic: Callable[[np.ndarray], float]) -> tup
 
 
 def named_in_class(judged: Sequence[Judgement]) -> Counter[int]:
-    """Singles at LARGE by how many members the cause that holds the truth has; 0: it does not."""
+    """Number of singles at LARGE by the number of members of the cause that holds the truth; 0 when none does."""
     return Counter(j.class_size for j in judged if _large_single(j))
 
 
 def confusion(judged: Sequence[Judgement]) -> Counter[tuple[str, str]]:
-    """How often a truth got an answer, both in words."""
+    """How often each truth got each answer, both in words."""
     return Counter((truth_words(j), answer_words(j)) for j in judged)
 
 
 def truth_words(j: Judgement) -> str:
-    """The truth of a case: its effects, an unknown one in brackets."""
+    """The truth of a case: its effects; an unknown one is given in brackets."""
     names = " + ".join(sorted(j.case.effects)) or "none"
     return f"[{names}]" if j.case.kind == "unknown" else names
 
 
 def answer_words(j: Judgement) -> str:
-    """The answer: its cause, the members of a class separated by "or", or its verdict."""
+    """The answer: its cause, with the members of a class separated by "or", or its verdict."""
     return " or ".join(sorted(" + ".join(sorted(member)) for member in j.answer.cause)) or j.answer.verdict
 
 

@@ -1,4 +1,4 @@
-"""The parameters with which an effect has a given size in a campaign, in multiples of its threshold."""
+"""The parameters that give an effect a certain size in a campaign, in multiples of its detection threshold."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -10,15 +10,21 @@ from sim2real.blind.menu import KINDS, Kind
 from sim2real.blind.threshold import Detector
 from sim2real.blind.twin import TONAL, LoopFailed
 
-TOLERANCE = 0.05  # of a size that is asked for
+TOLERANCE = 0.05  # relative tolerance of the wanted size
 EVALUATIONS = 9
-FARTHEST = 8.0  # factor of one step of the search
+FARTHEST = 8.0  # largest factor of one step of the search
 
 
 @dataclass(frozen=True)
 class Sized:
-    """An effect of a size: its parameters, the size in multiples of the threshold, the parameter at the threshold (nan
-    where the effect cannot get there)."""
+    """An effect of a certain size.
+
+    Attributes:
+        name: Name of the effect.
+        values: Its parameters.
+        multiple: Its size in multiples of the threshold.
+        threshold: Value of the size parameter at the threshold; nan where the effect cannot get there.
+    """
 
     name: str
     values: dict[str, float]
@@ -27,7 +33,7 @@ class Sized:
 
 
 def sized(name: str, wanted: float, detector: Detector, rng: np.random.Generator) -> Sized:
-    """An effect with its other parameters drawn, as near to the size that is wanted as physics and the loop allow."""
+    """An effect with its other parameters drawn, as close to the wanted size as physics and the loop allow."""
     kind, others = KINDS[name], KINDS[name].others(rng)
     sign = 1.0 if not kind.low or rng.random() < 0.5 else -1.0
     high = kind.high if sign > 0 else -kind.low
@@ -51,7 +57,7 @@ def _value(kind: Kind, size: float, sign: float) -> float:
 
 
 def _linear_size(name: str, values: dict[str, float], detector: Detector) -> float:
-    """The size of an effect whose size is in proportion to its parameter."""
+    """The size of an effect whose size is proportional to its parameter."""
     if name in PARAMETER_OF:
         return detector.parameter_size(PARAMETER_OF[name], values["change"])
     spin = detector.truth.speed_rpm / 60
@@ -70,10 +76,13 @@ def _linear_size(name: str, values: dict[str, float], detector: Detector) -> flo
 
 
 def search(measure: Callable[[float], float], wanted: float, start: float, high: float) -> tuple[float, float]:
-    """Where a growing measure is `wanted`, at most `high`, and what it is there; (argument, measure).
+    """Argument at which an increasing measure is `wanted`, at most `high`, and the measure there.
 
-    Where the measure fails (LoopFailed) lies too far; LoopFailed when nothing else is found. Steps in logarithms, as
-    the measure is nearly a power.
+    Arguments at which the measure fails (LoopFailed) count as too large. Steps are taken in logarithms, because the
+    measure is nearly a power of its argument.
+
+    Raises:
+        LoopFailed: Nothing else is found.
     """
     low, below, found = 0.0, 0.0, (0.0, 0.0)
     x, failed = min(start, high), False

@@ -1,4 +1,4 @@
-"""The twin's clockwork: classical Runge-Kutta steps of every state between control samples, compiled."""
+"""Time stepping of the twin: classical Runge-Kutta steps of every state between control samples, compiled."""
 
 import numba as nb
 import numpy as np
@@ -6,16 +6,19 @@ import numpy as np
 from sim2real.blind.machine import ARCTAN, LUGRE, PLATE, SOFT
 
 OK, TOUCHDOWN, CLIPPED = 0, 1, 2
-# Mechanical states; a plain rotor has the first two.
+# Indices of the mechanical states; a plain rotor has the first two.
 Y, V, BODY, BODY_V, BASE, BASE_V, PLATE_Y, PLATE_V, BRISTLE, STATES = range(10)
-BASE_RATIO, BASE_DAMPING = 3.5, 0.1  # of the base below the probe's plate: frequency over the plate's, damping ratio
-TANH_SPEED = 2e-4  # m/s over which friction without bristles changes sign
+BASE_RATIO, BASE_DAMPING = (
+    3.5,
+    0.1,
+)  # of the base below the probe's plate: frequency relative to the plate's, damping ratio
+TANH_SPEED = 2e-4  # speed over which friction without bristles changes its sign, m/s
 LIMIT_SHARPNESS = 6.0
 
 
 @nb.njit(cache=True, inline="always")
 def _iron(m, field):
-    """The field that is left of one that iron without a knee would have, T."""
+    """Field of saturating iron (T) in place of the field that iron without a knee would have."""
     x = field / m.knee
     if m.knee_kind == ARCTAN:
         return m.knee * (2 / np.pi) * np.arctan(np.pi / 2 * x)
@@ -24,7 +27,7 @@ def _iron(m, field):
 
 @nb.njit(cache=True, inline="always")
 def _pull(m, y, i):
-    """Force (N) of the magnets at displacement y and current i, from the four gap fields; calibrated."""
+    """Calibrated force (N) of the magnets at displacement y and current i, from the four gap fields."""
     up, down = m.gap - y, m.gap + y
     coil_up, coil_down, driving = m.coil_flux / up, m.coil_flux / down, m.gain_scale * i
     rest_up = m.magnet_flux / (up + m.magnet_gap) + coil_up * m.bias
@@ -40,7 +43,7 @@ def _pull(m, y, i):
 
 @nb.njit(cache=True, inline="always")
 def _slopes(m, s, i, outside, full, d):
-    """Time derivatives d of the mechanical states s under the current i (A) and the outside force (N)."""
+    """Time derivatives d of the mechanical states s, under the current i (A) and the external force (N)."""
     y, v = s[0], s[1]
     bearing = _pull(m, y + m.offset, i)
     bearing -= (m.spring + m.spring_cubic * y * y) * y + (m.damper + m.drag_square * abs(v)) * v
@@ -75,7 +78,7 @@ def _slopes(m, s, i, outside, full, d):
 
 @nb.njit(cache=True, inline="always")
 def _coil(m, i, u):
-    """di/dt (A/s) of the amplifier at current i under the command u, its coil voltage limited."""
+    """di/dt (A/s) of the amplifier at current i under the command u, with a limited coil voltage."""
     if m.voltage == np.inf:
         return (u - i) / m.amplifier
     asked = m.inductance * (u - i) / m.amplifier + m.resistance * i
@@ -88,7 +91,7 @@ def _coil(m, i, u):
 
 @nb.njit(cache=True, inline="always")
 def _through(state, rates, j, old, new, span):
-    """A first-order lag over a span whose input runs straight from old to new; returns and keeps its output."""
+    """Advance a first-order lag whose input runs linearly from old to new; returns and stores its output."""
     x = rates[j] * span
     left = np.exp(-x)
     slope = (1.0 - left) / x
@@ -98,12 +101,12 @@ def _through(state, rates, j, old, new, span):
 
 @nb.njit(cache=True, inline="always")
 def _magnetised(m, i, eddy, stops):
-    """The current that the force sees (A) behind eddy currents and hysteresis, its stop operators moved to i."""
+    """The current that produces the force (A), after eddy currents and hysteresis; moves the stop operators to i."""
     seen = i
     for j in range(eddy.size):
         seen += m.eddy_shares[j] * (eddy[j] - i)
     through = seen
-    for j in range(stops.size):  # stops hold the play's position; current less play is the stop operator
+    for j in range(stops.size):  # stops hold the positions of the play; current minus play is the stop operator
         stops[j] = min(max(stops[j], through - m.stops[j]), through + m.stops[j])
         seen -= m.stop_shares[j] * (through - stops[j])
     if m.asymmetry != 0.0:
@@ -115,9 +118,22 @@ def _magnetised(m, i, eddy, stops):
 def step_record(m, gains, force, injection, reference, noise, misread, push, held, substeps, quantised, out):
     """Advance a loop from rest over out.shape[1] control samples; force and injection repeat.
 
-    gains (5,): kp, ki, kd, td, ti. noise, misread (samples,): added to what the probe shows, m. push (samples + 1,):
-    force that runs straight from sample to sample, N. held (samples,): where the command is dropped. out (3, samples):
-    displacement, command, current. Returns OK, TOUCHDOWN or CLIPPED.
+    Args:
+        m: Constants of the twin.
+        gains: kp, ki, kd, td, ti, (5,).
+        force: One period of the force, N.
+        injection: One period of the injection, A.
+        reference: Static reference, m.
+        noise: Noise of the probe (samples,), m.
+        misread: Error of the probe's reading (samples,), m.
+        push: External force (samples + 1,), linear between samples, N.
+        held: Samples at which the command is dropped (samples,).
+        substeps: Runge-Kutta steps per control sample.
+        quantised: Whether converters round.
+        out: Result (3, samples): displacement, command, current.
+
+    Returns:
+        OK, TOUCHDOWN or CLIPPED.
     """
     samples, period = out.shape[1], force.size
     dt = 1.0 / m.rate
@@ -168,7 +184,7 @@ def step_record(m, gains, force, injection, reference, noise, misread, push, hel
             u_now = (1.0 - part) * acting[newer] if newer >= 0 else 0.0
             if part > 0.0 and older >= 0:
                 u_now += part * acting[older]
-            # The coil, and what follows it, at the step's start, middle and end: nothing mechanical acts back on it.
+            # The coil and what follows it, at the start, middle and end of the step; the mechanics do not act back.
             c1 = _coil(m, coil, u_now)
             c2 = _coil(m, coil + 0.5 * h * c1, u_now)
             c3 = _coil(m, coil + 0.5 * h * c2, u_now)
@@ -212,7 +228,7 @@ def step_record(m, gains, force, injection, reference, noise, misread, push, hel
                 s[q] += h / 6.0 * (k1[q] + 2.0 * k2[q] + 2.0 * k3[q] + k4[q])
             if not abs(s[0]) < m.gap:
                 return TOUCHDOWN
-            # The probe looks at the rotor from its mount.
+            # The probe measures the rotor relative to its mount.
             y0, y2 = start[0] - start[6], s[0] - s[6]
             middle = 0.5 * (y0 + y2) + h / 8.0 * (start[1] - start[7] - s[1] + s[7])
             g1 = (y0 - sensor) / m.sensor

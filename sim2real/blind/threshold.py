@@ -1,10 +1,11 @@
-"""How large an effect is against the noise and the tolerances of a campaign: the power of chi-square tests.
+"""Size of an effect relative to the noise and the tolerances of a campaign: the power of chi-square tests.
 
 A gap delta between mean spectra, in units of the noise of the means, is calibrated away as far as parameters within
-their tolerances do: the minimum over theta, in tolerances, of |delta - J theta|^2 + |theta|^2, which is
-delta^H Sigma^-1 delta with Sigma the noise plus J Lambda J^T. What remains is tested at as many degrees of freedom as
-there are values, the calibration at as many as there are parameters: alone, the many values would hide that a parameter
-is ten tolerances off. At the threshold the more telling of these 1 % tests has power one half.
+their tolerances allow: the minimum over theta, in tolerances, of |delta - J theta|^2 + |theta|^2. This equals
+delta^H Sigma^-1 delta, where Sigma is the noise plus J Lambda J^T. The remainder is tested with as many degrees of
+freedom as there are values, the calibration with as many as there are parameters; without this second test, the many
+values would hide that a parameter is off by ten tolerances. At the threshold the more sensitive of these 1 % tests has
+a power of one half.
 """
 
 from collections.abc import Sequence
@@ -20,23 +21,27 @@ from sim2real.blind.rigs import PID, RIGS
 from sim2real.blind.twin import Truth, simulate
 
 LEVEL, POWER = 0.01, 0.5
-SUBSTEPS = 4  # both sides of a difference have the same step, so a coarser one serves
-STEP = 0.1  # of a parameter's tolerance, for its derivative
-STOCHASTIC_PERIODS = 8  # an effect that acts at random is averaged over the recording's periods
+SUBSTEPS = 4  # coarser than in recordings, because both sides of a difference use the same step
+STEP = 0.1  # step for the derivative, in units of a parameter's tolerance
+STOCHASTIC_PERIODS = 8  # periods over which an effect that acts at random is averaged
 
 
 def critical(freedom: int) -> float:
-    """Non-centrality with which a chi-square test of LEVEL at this many degrees of freedom has power POWER."""
+    """Non-centrality at which a chi-square test of LEVEL with these degrees of freedom has the power POWER."""
     limit = stats.chi2.isf(LEVEL, freedom)
     return optimize.brentq(lambda x: stats.ncx2.sf(limit, freedom, x) - POWER, 1e-3, 20 * limit)
 
 
 @dataclass(frozen=True)
 class Loop:
-    """The undisturbed loop, linear, at some frequencies (n,).
+    """The undisturbed linear loop at some frequencies (n,).
 
-    sensitivity: of the probe's reading to the probe's noise, true gain over nominal included; controller: command over
-    error; amplifier: current over command; compliance (m/N): reading over a force, the loop open.
+    Attributes:
+        sensitivity: From the probe's noise to its reading, including true over nominal gain.
+        controller: Command over error.
+        amplifier: Current over command.
+        plant: Reading over command.
+        compliance: Reading over a force with the loop open, m/N.
     """
 
     sensitivity: np.ndarray
@@ -47,7 +52,7 @@ class Loop:
 
 
 def linear_loop(truth: Truth, gains: PID, frequencies: np.ndarray) -> Loop:
-    """The loop of a truth without its effects, sampled, from the held command to the reading."""
+    """The sampled loop of a truth without its effects, from the held command to the reading."""
     p = truth.parameters
     m = machine(p, {}, truth.forms)
     dt, ratio = 1 / m.rate, m.probe / m.probe_nominal
@@ -73,10 +78,13 @@ def linear_loop(truth: Truth, gains: PID, frequencies: np.ndarray) -> Loop:
 
 @dataclass(frozen=True)
 class Detector:
-    """A campaign as a test of it sees it.
+    """A campaign as a test sees it.
 
-    truth: undisturbed. recordings: those to fit. periods: kept of each. with_current: recorded beside the displacement;
-    the command then tells nothing that these two do not.
+    Attributes:
+        truth: The undisturbed truth.
+        recordings: The recordings to be fitted.
+        periods: Number of periods kept of each.
+        with_current: Whether the current is recorded beside the displacement; the command then adds no information.
     """
 
     truth: Truth
@@ -85,7 +93,7 @@ class Detector:
     with_current: bool
 
     def whitened(self, effects: Effects, deviations: dict[str, float] | None = None) -> np.ndarray:
-        """Mean spectra of all recordings without noise, in units of its standard deviation: real, one row."""
+        """Mean spectra of all recordings without noise, in units of its standard deviation, as one real row."""
         truth = replace(self.truth, effects=effects, deviations=deviations or self.truth.deviations)
         kept = STOCHASTIC_PERIODS if "dropped_samples" in effects else 1
         parts = []
@@ -95,8 +103,10 @@ class Detector:
         return np.concatenate(parts)
 
     def whiten(self, gains: PID, drive: Drive, channels: dict[str, np.ndarray]) -> np.ndarray:
-        """The mean over all periods but the first, as `whitened`. The noise of displacement and current in the loop is
-        one: what the displacement's tells of the current's is taken out of it."""
+        """Whitened mean over all periods but the first.
+
+        In the loop, the noise of the current contains that of the displacement; this part is subtracted.
+        """
         n, lines, p = drive.force.size, drive.grid.lines, self.truth.parameters
         noise, loop = RIGS[self.truth.rig].noise, linear_loop(self.truth, gains, lines * FUNDAMENTAL)
         per_mean = np.sqrt(4 / (n * self.periods))  # standard deviation of a line's mean for unit noise per sample
@@ -131,7 +141,7 @@ class Detector:
 
     @cached_property
     def limits(self) -> tuple[float, float]:
-        """Critical non-centralities of what remains of a gap, and of its calibration."""
+        """Critical non-centralities of the remainder of a gap and of its calibration."""
         return critical(self.baseline.size), critical(len(RIGS[self.truth.rig].tolerance))
 
     def size(self, effects: Effects) -> float:
@@ -139,7 +149,7 @@ class Detector:
         return self._size(self.whitened(effects) - self.baseline)
 
     def parameter_size(self, name: str, change: float) -> float:
-        """As `size`, of a relative change of one uncertain parameter, linear: the others may pass for a part of it."""
+        """Size of a relative change of one uncertain parameter, linearised; the others may absorb part of it."""
         tolerance = RIGS[self.truth.rig].tolerance
         return self._size(self.jacobian[:, list(tolerance).index(name)] * (change / tolerance[name]))
 
@@ -150,7 +160,7 @@ class Detector:
         return float(np.sqrt(max(rest @ rest / remains, theta @ theta / calibration)))
 
     def drift_size(self, change: float) -> float:
-        """As `size`, of an actuator gain that drifts by a relative change over the recording: scatter over periods."""
+        """Size of an actuator gain that drifts by a relative change over the recording: scatter over periods."""
         tolerance = list(RIGS[self.truth.rig].tolerance)
         slope = self.jacobian[:, tolerance.index("actuator_gain")]
         per_unit = slope @ slope / RIGS[self.truth.rig].tolerance["actuator_gain"] ** 2 / self.periods
@@ -159,11 +169,11 @@ class Detector:
         return float(np.sqrt(per_unit * (steps @ steps) / critical(freedom)))
 
     def tone_size(self, amplitude: float, frequency: float, at_force: bool) -> float:
-        """As `size`, of one line (Hz) in the full record: amplitude in m beside the probe, or in N on the rotor."""
+        """Size of one line in the full record: amplitude in m at the probe, or in N on the rotor; frequency in Hz."""
         samples = self.periods * self.recordings[0][1].force.size
         variance = 4 * RIGS[self.truth.rig].noise["displacement"] ** 2 / samples
         loop = linear_loop(self.truth, self.recordings[0][0], np.array([frequency]))
         ratio = self.truth.parameters["probe_gain"] / self.truth.parameters["probe_nominal"]
-        shown = amplitude * (abs(loop.compliance[0]) / ratio if at_force else 1.0)  # the loop changes both alike
+        shown = amplitude * (abs(loop.compliance[0]) / ratio if at_force else 1.0)  # the loop changes both equally
         count = len(self.recordings)
         return float(np.sqrt(2 * count * shown**2 / variance / critical(2 * count)))

@@ -1,4 +1,4 @@
-"""The twin itself: a truth, gains and a drive in; what would have been recorded out."""
+"""The twin itself: from a truth, gains and a drive to what would have been recorded."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -21,9 +21,15 @@ class LoopFailed(ValueError):
 
 @dataclass(frozen=True)
 class Truth:
-    """What is so: rig name, relative deviation of each parameter from nominal, effects, their forms, rotation 1/min.
+    """The true system.
 
-    start: the share of a minute that tones have run when a recording starts.
+    Attributes:
+        rig: Name of the rig.
+        deviations: Relative deviation of each parameter from nominal.
+        effects: Its effects.
+        forms: Forms that realise the effects.
+        speed_rpm: Speed of rotation, rpm.
+        start: Time that tones have run when a recording starts, as a share of a minute.
     """
 
     rig: str
@@ -51,10 +57,21 @@ def simulate(
     seed: int | tuple[int, ...] | None,
     substeps: int = SUBSTEPS,
 ) -> dict[str, np.ndarray]:
-    """Channels (periods * samples_per_period,) from rest: displacement, command, current, force, injection, reference.
+    """Simulate a recording from rest.
 
-    seed: of the noise and of what is random in an effect; None: neither noise nor quantisation. substeps: Runge-Kutta
-    steps per control sample. LoopFailed when the rotor touches down or a converter clips.
+    Args:
+        truth: The true system.
+        gains: PID gains.
+        drive: Excitation.
+        periods: Number of periods.
+        seed: Seed of the noise and of random effects; None gives neither noise nor quantisation.
+        substeps: Runge-Kutta steps per control sample.
+
+    Returns:
+        Channels (periods * samples_per_period,): displacement, command, current, force, injection, reference.
+
+    Raises:
+        LoopFailed: The rotor touches down or a converter clips.
     """
     p, noise = truth.parameters, RIGS[truth.rig].noise
     samples = periods * drive.force.size
@@ -80,13 +97,13 @@ def simulate(
 
 
 def twin_periods(truth: Truth, gains: PID, drive: Drive, seed: int | None, periods: int = 9) -> dict[str, np.ndarray]:
-    """As `simulate`, each channel (periods, samples_per_period), the first period the transient from rest."""
+    """As `simulate`, with each channel (periods, samples_per_period); the first period is the transient from rest."""
     channels = simulate(truth, gains, drive, periods, seed)
     return {name: values.reshape(periods, -1) for name, values in channels.items()}
 
 
 def _tones(truth: Truth, samples: int, rate: float) -> tuple[np.ndarray, np.ndarray]:
-    """What the probe shows beside the displacement (samples,), m, and the outside force (samples + 1,), N."""
+    """Error of the probe's reading (samples,), m, and the external force (samples + 1,), N."""
     time = 60 * truth.start + np.arange(samples + 1) / rate
     shown, push = np.zeros(samples + 1), np.zeros(samples + 1)
     for name, e in truth.effects.items():

@@ -1,4 +1,4 @@
-"""What a diagnosis is worth in gains: every rig of an opened set as nominal and as corrected simulator and as twin."""
+"""The value of a diagnosis in gains: every rig of an opened set as nominal and corrected simulator and as twin."""
 
 import json
 from collections.abc import Mapping, Sequence
@@ -24,18 +24,26 @@ from sim2real.blind.twin import Truth
 from sim2real.simulated import Point, experiment_at
 
 NOMINAL, CORRECTED, TWIN = SIMULATORS = ("nominal", "corrected", "twin")
-PRESET = "preset"  # gains of the rig, before any tuning
-FACTORS = {"kp": 3.0, "ki": 10.0, "kd": 3.0}  # to either side of the preset, where a rig gives no bounds
+PRESET = "preset"  # the rig's gains before any tuning
+FACTORS = {"kp": 3.0, "ki": 10.0, "kd": 3.0}  # range on either side of the preset, where a rig gives no bounds
 AGAIN = 8  # runs with fresh noise that score recommended gains on the twin
 LEAST = 0.70  # share by which corrected simulators should have less regret than nominal ones
 
 
 @dataclass(frozen=True)
 class TwinCase:
-    """A large single of an opened set.
+    """A case of an opened set with a single large effect.
 
-    truth, answer: in words; right: the answer names the true effect, or a class alike that holds it. rig: nominal, as
-    the campaign states it; twin: what is so; corrected: the point that the answer puts in place of the nominal one.
+    Attributes:
+        id: Identity of the campaign.
+        channels: Name of the channel set.
+        size: Size in multiples of the detection threshold.
+        truth: The truth in words.
+        answer: The answer in words.
+        right: Whether the answer names the true effect, or a class of alike effects that holds it.
+        rig: The nominal rig as the campaign states it.
+        twin: The true system.
+        corrected: The point that the answer puts in place of the nominal one.
     """
 
     id: str
@@ -62,7 +70,7 @@ class TwinCase:
 
     @cached_property
     def target(self) -> ScoreTarget:
-        """That of the nominal rig, whatever simulates it."""
+        """The target of the nominal rig, whichever system is simulated."""
         return score_target(self.rig)
 
     def experiments(self, points: np.ndarray, seeds: Sequence[int]) -> list[Experiment]:
@@ -74,7 +82,7 @@ class TwinCase:
         return found
 
     def scores(self, simulator: str, points: np.ndarray, seeds: Sequence[int]) -> tuple[np.ndarray, np.ndarray]:
-        """Scores (n,) that one of SIMULATORS gives points (n, k) of the box, and whether the loop failed (n,)."""
+        """Scores (n,) of points (n, k) of the box on one of SIMULATORS, and whether the loop failed (n,)."""
         planned = self.experiments(points, seeds)
         if simulator == TWIN:
             runs = [twin_run(e, self.twin) for e in planned]
@@ -86,11 +94,17 @@ class TwinCase:
 
 @dataclass(frozen=True)
 class Recommended:
-    """Gains that tuning on one simulator recommends; gains: by name, SI.
+    """Gains that tuning on one simulator recommends.
 
-    promised: their score where they were tuned, score: on the twin, mean of AGAIN runs. peak_sensitivity and
-    displacement (m): means of the runs that stood, nan when none did; failures: of the runs, touchdowns or clipping.
-    tried, failed: experiments that tuning took, and in how many of them the loop failed.
+    Attributes:
+        gains: Gains by name, SI.
+        promised: Their score where they were tuned.
+        score: Their score on the twin, mean of AGAIN runs.
+        peak_sensitivity: Mean of the runs that levitated; nan if none did.
+        displacement: Mean of the runs that levitated, m; nan if none did.
+        failures: Number of runs with touchdown or clipping.
+        tried: Number of experiments that tuning took.
+        failed: Number of these in which the loop failed.
     """
 
     gains: Mapping[str, float]
@@ -105,7 +119,7 @@ class Recommended:
 
 @dataclass(frozen=True)
 class CaseWorth:
-    """What each of SIMULATORS recommends for one case, and PRESET."""
+    """What tuning on each of SIMULATORS recommends for one case, and PRESET."""
 
     id: str
     rig: str
@@ -118,19 +132,26 @@ class CaseWorth:
 
     @property
     def best(self) -> float:
-        """The best score on the twin that anything here reached."""
+        """The best score on the twin among the recommendations."""
         return max(r.score for r in self.by.values())
 
     def regret(self, name: str) -> float:
-        """How far below that one of them stays."""
+        """How far one recommendation stays below that."""
         return self.best - self.by[name].score
 
 
 @dataclass(frozen=True)
 class Total:
-    """Over all cases, of one of SIMULATORS or PRESET: sum of the regrets with its 95 % interval over cases, median peak
-    sensitivity (inf where the loop failed), in how many cases the loop failed in any run, and how many experiments of
-    tuning took place and failed."""
+    """Totals over all cases for one of SIMULATORS or PRESET.
+
+    Attributes:
+        regret: Sum of the regrets.
+        interval: Its 95 % interval over cases.
+        peak_sensitivity: Median; inf where the loop failed.
+        failures: Number of cases in which the loop failed in any run.
+        tried: Number of experiments that tuning took.
+        failed: Number of these that failed.
+    """
 
     regret: float
     interval: tuple[float, float]
@@ -141,9 +162,10 @@ class Total:
 
 
 def twin_cases(folder: Path, most: int | None = None) -> list[TwinCase]:
-    """Singles of at least 10 times the threshold, right or wrong, the first `most` of them.
+    """Singles of at least 10 times the threshold, right or wrong; the first `most` of them.
 
-    ValueError when the set is not opened yet, its labels were changed, or there is no such case.
+    Raises:
+        ValueError: The set is not opened yet, its labels were changed, or there is no such case.
     """
     seal = seal_of(folder)
     if not (folder / OPENED).is_file():
@@ -168,9 +190,9 @@ def _case(folder: Path, case: Case, seal: str) -> TwinCase:
 
 
 def written_point(diagnosis: Mapping, answer: Answer, rig: Rig) -> Point:
-    """The corrected simulator that a diagnosis (JSON data) wrote; from its cause where it wrote none.
+    """The corrected simulator that a diagnosis (JSON data) wrote, or the one of its cause where it wrote none.
 
-    The nominal one when the simulator refuses it.
+    It is the nominal one if the simulator refuses it.
     """
     written = diagnosis.get("corrected")
     effects = correction(answer, rig) if written is None else written["effects"]
@@ -186,7 +208,7 @@ def written_point(diagnosis: Mapping, answer: Answer, rig: Rig) -> Point:
 def recommended(
     case: TwinCase, point: np.ndarray, promised: float, tried: int, failed: int, seeds: Sequence[int]
 ) -> Recommended:
-    """A point (k,) of the box scored on the twin, once with the noise of each seed."""
+    """Score a point (k,) of the box on the twin, once with the noise of each seed."""
     runs = [twin_run(e, case.twin) for e in case.experiments(np.tile(point, (len(seeds), 1)), seeds)]
     stood = [r for r in runs if r.failure is None]
     gains = dict(zip(case.box.names, case.box.gains(point).tolist(), strict=True))
@@ -199,7 +221,7 @@ def recommended(
 
 
 def totals(cases: Sequence[CaseWorth]) -> dict[str, Total]:
-    """By PRESET and SIMULATORS, over at least one case."""
+    """Totals of PRESET and SIMULATORS over at least one case."""
     found = {}
     for name in (PRESET, *SIMULATORS):
         regret = np.array([c.regret(name) for c in cases])
@@ -217,8 +239,13 @@ def totals(cases: Sequence[CaseWorth]) -> dict[str, Total]:
 
 
 def reduction(cases: Sequence[CaseWorth], name: str = CORRECTED) -> tuple[float, float, float]:
-    """By what share the regret of `name`, summed over cases, is below the nominal simulators', with its 95 % bootstrap
-    interval over cases: (value, low, high)."""
+    """Share by which the regret of `name`, summed over cases, is below that of the nominal simulators.
+
+    Returns:
+        value: The share.
+        low: Lower end of its 95 % bootstrap interval over cases.
+        high: Upper end.
+    """
     losses = np.array([(c.regret(NOMINAL), c.regret(name)) for c in cases])
     low, high = bootstrap(losses, change)
     return -change(losses), -high, -low

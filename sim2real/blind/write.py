@@ -1,4 +1,4 @@
-"""Campaign folders as the workbench reads them, with nothing in them that tells the truth."""
+"""Campaign folders in the form that the workbench reads, without anything that reveals the truth."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -14,12 +14,12 @@ CHANNELS: Mapping[str, tuple[str, ...]] = {
     "no_force": ("displacement", "command", "current", "injection"),
     "displacement": ("displacement", "force", "injection"),
 }
-_PLACES = (("force", "force"), ("injection", "current"))  # channel and where an excitation acts
+_PLACES = (("force", "force"), ("injection", "current"))  # channel, and the place at which it excites
 
 
 @dataclass(frozen=True)
 class Written:
-    """A recording to be written: name, role, what made it, and its channels (samples,) in SI."""
+    """A recording to be written: its name, role, origin, and channels (samples,) in SI units."""
 
     name: str
     role: str
@@ -30,10 +30,13 @@ class Written:
 
 
 def write_campaign(folder: Path, rig: TwinRig, channels: str, recordings: Sequence[Written]) -> None:
-    """campaign.toml, an .npz per recording, and rig.toml where the rig is no preset. OSError when not writable.
+    """Write campaign.toml, one .npz per recording, and rig.toml where the rig is not a preset.
 
     Converter readings are written as counts with their scale, as a converter gives them; other readings in single
     precision. The reference is written where it is not zero.
+
+    Raises:
+        OSError: The folder cannot be written.
     """
     folder.mkdir(parents=True)
     p = rig.parameters
