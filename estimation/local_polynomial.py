@@ -3,7 +3,7 @@
 Over a narrow window of DFT bins k + r an output is G(k + r) U(k + r) + T(k + r) plus noise. Both the response G to the
 recorded excitation U and the transient T (the leakage caused by different states at the start and end of the record)
 are smooth. Least squares with quadratics in r for both need no taper and leave the noise as the residual (Schoukens,
-Vandersypen, Barbe and Pintelon, European Journal of Control 15, 2009; Pintelon and Schoukens 2012, ch. 7).
+Vandersteen, Barbe and Pintelon, European Journal of Control 15, 2009; Pintelon and Schoukens 2012, ch. 7).
 
 Windows do not overlap, and each reports its response at three bins, the zeros of the third discrete Legendre
 polynomial. There the values of a quadratic fit are uncorrelated and a cubic term does not bias them
