@@ -55,7 +55,7 @@ def actuator_estimate(statistics: LineStatistics, mass: float) -> ActuatorEstima
     gain = mass / m
     slopes = np.array([[0, 0, -gain / m], [gain, 0, -k * gain / m], [0, gain, -c * gain / m]])
     se = np.sqrt(np.diag(slopes @ fit.covariance @ slopes.T))
-    return ActuatorEstimate(gain, k * gain, c * gain, *se, fit.cost_ratio, fit.discrepancy)
+    return ActuatorEstimate(gain, k * gain, c * gain, *se, cost_ratio=fit.cost_ratio, discrepancy=fit.discrepancy)
 
 
 def as_force(statistics: LineStatistics, channel: str, gain: float) -> LineStatistics:

@@ -38,7 +38,7 @@ class ChangeCharts:
         raised = np.maximum(self._sums + np.stack([innovation, -innovation]) - self._allowance, 0.0)
         self._since[(self._sums == 0) & (raised > 0)] = time
         self._sums = raised
-        alarm = (raised > self.threshold).any(axis=0)
+        alarm = np.any(raised > self.threshold, axis=0)
         if not alarm.any():
             return alarm, np.nan
         self._sums = np.zeros_like(raised)
@@ -71,7 +71,8 @@ def cusum_threshold(false_alarm_blocks: float, allowance: float = 0.5, charts: i
         )
     target = charts * false_alarm_blocks
     highest = np.log(2 * allowance**2 * target + 2) / allowance  # the run length there is far above the target
-    return float(brentq(lambda h: np.log(_run_length(h, allowance) / target), 0.0, highest))
+    root = brentq(lambda h: np.log(_run_length(h, allowance) / target), 0.0, highest)
+    return float(root)  # pyright: ignore[reportArgumentType]  # scipy's types count full_output=True in
 
 
 def _run_length(threshold: float, allowance: float) -> float:

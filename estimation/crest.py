@@ -75,7 +75,7 @@ def _log_norm(
     lined = amplitudes * np.exp(1j * phases)
     spectrum = np.zeros(points // 2 + 1, dtype=complex)
     spectrum[lines] = lined / 2
-    signal = scipy.fft.irfft(spectrum, n=points, norm="forward")
+    signal = np.asarray(scipy.fft.irfft(spectrum, n=points, norm="forward"))
     peak = np.max(np.abs(signal))
     signal /= peak  # without this scaling, high powers underflow everywhere
     power, raised = signal**2, signal.copy()

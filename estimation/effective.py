@@ -30,7 +30,7 @@ def effective_coefficients(
         ValueError: Bad shapes or values.
     """
     omega = _angular(frequency)
-    response = np.asarray(controller_response, dtype=complex)
+    response = np.asarray(controller_response, dtype=np.complex128)
     if response.ndim == 0 or response.shape[-1] != omega.size:
         raise ValueError(f"controller_response must have {omega.size} values in its last dimension, one per frequency")
     _check_negative(negative_stiffness)

@@ -82,8 +82,9 @@ def measured_at_mode(
     known = (block, w, mass, prior, prior_variance)
     found, cost = _searched(*known, prior)
     if cost > 4 * w.size:  # twice its mean over 2 n degrees of freedom
-        squares = np.abs(block.displacement) ** 2 / block.noise
-        lines = np.conj(block.displacement) * block.force / block.noise
+        displacement, force, noise = map(np.asarray, (block.displacement, block.force, block.noise))
+        squares = np.abs(displacement) ** 2 / noise
+        lines = np.conj(displacement) * force / noise
         stiffness = (lines.real + mass * w**2 * squares).sum() / squares.sum()
         start = np.array([stiffness, (w * lines.imag).sum() / (w**2 * squares).sum()])
         other, other_cost = _searched(*known, start)

@@ -66,9 +66,10 @@ def local_polynomial(
     """
     _check(signals, channels, sample_rate, reference)
     known = channels.index(reference) if isinstance(reference, str) else None
+    exciting = signals[channels.index(reference)] if isinstance(reference, str) else reference
     samples = signals.shape[1]
     spacing = sample_rate / samples
-    excitation = _spectrum(reference if known is None else signals[known])
+    excitation = _spectrum(exciting)
     floor = _ROUNDING * np.max(np.abs(excitation[1:]))
     first, stop = _excited(excitation, samples) if band is None else _bins(band, sample_rate, samples)
     width = _width(stop - first, spacing, resolution)
@@ -138,7 +139,7 @@ def _fit(
 
 def _spectrum(signal: np.ndarray) -> np.ndarray:
     """Complex amplitudes of all bins. A constant offset is in bin 0 alone, which is never used."""
-    return scipy.fft.rfft(signal) * (2 / len(signal))
+    return np.asarray(scipy.fft.rfft(signal)) * (2 / len(signal))
 
 
 def _bins(band: tuple[float, float], sample_rate: float, samples: int) -> tuple[int, int]:

@@ -86,7 +86,7 @@ def maximum_likelihood(
     n = force.shape[-1]
     # A record without noise is weighted as if its force had a relative noise of 1e-9.
     floor = 1e-18 * np.mean(np.abs(force) ** 2, axis=-1, keepdims=True)
-    flat = [
+    f, y, sff, syy, sfy = (
         np.ascontiguousarray(a.reshape(-1, n))
         for a in (
             force,
@@ -95,10 +95,10 @@ def maximum_likelihood(
             statistics.cross("displacement", "displacement"),
             statistics.cross("force", "displacement"),
         )
-    ]
+    )
     slices = band_slices(statistics.frequency, bands)
     masses = np.ascontiguousarray(np.broadcast_to(mass, shape).reshape(-1))
-    data = (*flat, 2 * np.pi * statistics.frequency, masses, slices)
+    data = (f, y, sff, syy, sfy, 2 * np.pi * statistics.frequency, masses, slices)
     found = np.full((len(masses), len(bands), 14), np.nan)
     ends = np.full((len(masses), len(bands), 4), np.nan)
     band_likelihood.estimate(*data, statistics.periods, found)
@@ -108,7 +108,9 @@ def maximum_likelihood(
     found, ends = found.reshape(*shape, len(bands), 14), ends.reshape(*shape, len(bands), 4)
     k, c, k_se, c_se, *_, cost, share, expected, freedom = np.moveaxis(found[..., :12], -1, 0)
     fit_p = special.fdtrc(freedom, freedom * (statistics.periods - 1), cost / expected)
-    return BandEstimate(k, c, k_se, c_se, *np.moveaxis(ends, -1, 0), cost, fit_p, np.isfinite(ends).all(axis=-1), share)
+    k_low, k_high, c_low, c_high = np.moveaxis(ends, -1, 0)
+    informative = np.all(np.isfinite(ends), axis=-1)
+    return BandEstimate(k, c, k_se, c_se, k_low, k_high, c_low, c_high, cost, fit_p, informative, share)
 
 
 def lane(estimate: BandEstimate, index: int) -> BandEstimate:

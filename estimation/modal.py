@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import stats
 from scipy.ndimage import uniform_filter1d
 from scipy.optimize import OptimizeResult, brentq
@@ -116,7 +117,9 @@ def global_fit(statistics: LineStatistics) -> GlobalFit:
             path.append(trial.x)
             return np.log(at)
 
-        extra = np.exp(brentq(excess, np.log(low), np.log(high), xtol=1e-3)) if excess(np.log(low)) > 0 else 0.0
+        if excess(np.log(low)) > 0:
+            root = brentq(excess, np.log(low), np.log(high), xtol=1e-3)
+            extra = np.exp(root)  # pyright: ignore[reportArgumentType, reportCallIssue]  # scipy's full_output=True
         fit, _ = _fit(f, y, w, noise, extra, path[-1])
     covariance = np.linalg.inv(fit.jac.T @ fit.jac) * 0.5
     return GlobalFit(fit.x, covariance, float(ratio), float(np.sqrt(extra / power)))
@@ -129,12 +132,12 @@ class _Noise:
     cross: np.ndarray
 
 
-def _pooled(statistics: LineStatistics, a: str, b: str) -> np.ndarray:
-    c = statistics.cross(a, b)
-    return uniform_filter1d(c.real, _POOL) + 1j * uniform_filter1d(c.imag, _POOL)
+def _pooled(statistics: LineStatistics, a: str, b: str) -> NDArray[np.complex128]:
+    c = np.asarray(statistics.cross(a, b), dtype=np.complex128)
+    return np.asarray(uniform_filter1d(c.real, _POOL) + 1j * uniform_filter1d(c.imag, _POOL), dtype=np.complex128)
 
 
-def _linear_start(f: np.ndarray, y: np.ndarray, w: np.ndarray) -> np.ndarray:
+def _linear_start(f: NDArray[np.complex128], y: NDArray[np.complex128], w: np.ndarray) -> np.ndarray:
     scale = np.array([1.0, np.mean(w), np.mean(w**2)])
     columns = np.stack([y, 1j * w * y, -(w**2) * y], axis=1) / scale
     real = np.concatenate([columns.real, columns.imag]), np.concatenate([f.real, f.imag])

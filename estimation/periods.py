@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy.fft
+from numpy.typing import NDArray
 from scipy import stats
 
 NEIGHBOURS = 8  # neighbouring lines that are tested for a transient together
@@ -36,7 +37,7 @@ class LineStatistics:
             raise ValueError(f"channel {channel!r} is missing; the record has {', '.join(self.channels)}")
         return self.channels.index(channel)
 
-    def amplitude(self, channel: str) -> np.ndarray:
+    def amplitude(self, channel: str) -> NDArray[np.complex128]:
         """Mean complex amplitude (..., n)."""
         return self.mean[..., self.index(channel), :]
 
@@ -81,7 +82,7 @@ def held(statistics: LineStatistics, channel: str, sample_rate: float) -> LineSt
 def period_spectra(signals: np.ndarray, lines: np.ndarray) -> np.ndarray:
     """Complex amplitudes (channels, lines) of one period of signals (channels, samples)."""
     n = signals.shape[-1]
-    return scipy.fft.rfft(signals, axis=-1)[..., np.asarray(lines)] * (2.0 / n)
+    return np.asarray(scipy.fft.rfft(signals, axis=-1))[..., np.asarray(lines)] * (2.0 / n)
 
 
 def line_statistics(
@@ -110,7 +111,7 @@ def line_statistics(
         before = z - mean
         mean += before / count
         second += before[..., :, None, :] * np.conj(z - mean)[..., None, :, :]
-    if count < 2:
+    if count < 2 or mean is None or second is None:
         raise ValueError(f"{count} whole periods: at least two are needed for a covariance; record longer")
     lines = np.asarray(lines)
     return LineStatistics(lines * fundamental, lines, channels, mean, second / (count - 1) / count, count)
@@ -152,7 +153,9 @@ def transient_periods(spectra: np.ndarray, level: float = 1e-3) -> int:
         ratio = np.abs(spectra[first] - later.mean(axis=0))[usable] ** 2 / variance[usable]
         fisher = -2 * stats.f.logsf(ratio, 2, 2 * (q - 1))
         starts = np.arange(0, fisher.size, NEIGHBOURS)
-        local = stats.chi2.sf(np.add.reduceat(fisher, starts), 2 * np.diff([*starts, fisher.size])).min() * starts.size
+        local = (
+            stats.chi2.sf(np.add.reduceat(fisher, starts), 2 * np.diff(starts, append=fisher.size)).min() * starts.size
+        )
         if 2 * min(stats.chi2.sf(fisher.sum(), 2 * fisher.size), local) > level:
             return first
         first += 1

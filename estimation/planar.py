@@ -243,7 +243,7 @@ def _collinearity(lines: PlanarLines, moments: np.ndarray, noise: np.ndarray) ->
     lower = 2 * np.fmin(periods_alike, (periods - 1).sum()).min(axis=-1)
     passing = special.fdtri(upper, lower, 1 - _NOISE_LEVEL)
     condition, factors = np.full(len(moments), np.nan), np.full((len(moments), 4), np.nan)
-    some = np.isfinite(moments).all((1, 2)) & np.isfinite(noise).all((1, 2))
+    some = np.asarray(np.isfinite(moments).all((1, 2)) & np.isfinite(noise).all((1, 2)))
     condition[some], factors[some] = np.inf, np.inf
     length = np.sqrt(np.diagonal(moments, axis1=1, axis2=2)[:, :4])
     scale = 1 / np.where(length > 0, length, 1.0)

@@ -94,5 +94,5 @@ def planar_least_squares(records: Sequence[LineStatistics], bands: np.ndarray, m
         # From (column, row) to stiffness and damping, each (row, column).
         a = np.swapaxes(a.reshape(*shape, len(bands), 2, 2, 2), -1, -2)
         parts += [a[..., 0, :, :], a[..., 1, :, :]]
-    ends = (a.reshape(*shape, len(bands), 2) for a in (r2, adjusted))
-    return PlanarLeastSquares(*parts, *ends, condition.reshape(*shape, len(bands)))
+    r2, adjusted = (a.reshape(*shape, len(bands), 2) for a in (r2, adjusted))
+    return PlanarLeastSquares(*parts, r2=r2, r2_adjusted=adjusted, condition=condition.reshape(*shape, len(bands)))

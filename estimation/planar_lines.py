@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from estimation.bands import band_slices
 from estimation.periods import LineStatistics
@@ -26,7 +27,7 @@ class PlanarLines:
     """
 
     u: np.ndarray
-    own: np.ndarray
+    own: NDArray[np.complex128]
     w: np.ndarray
     record: np.ndarray
     periods: np.ndarray
@@ -66,7 +67,7 @@ def checked_masses(
             )
         if record.mean.shape[:-2] != shape:
             raise ValueError(f"record {i} has lanes {record.mean.shape[:-2]}, record 0 has {shape}; they must agree")
-    lines = sum(np.diff(band_slices(record.frequency, bands), axis=1)[:, 0] for record in records)
+    lines = np.sum([np.diff(band_slices(record.frequency, bands), axis=1)[:, 0] for record in records], axis=0)
     if np.any(lines < fewest):
         f_lo, f_hi = bands[np.argmin(lines)]
         raise ValueError(

@@ -7,6 +7,7 @@ reason. Peak sensitivity and peak displacement are graded by ISO 14839-3 and ISO
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -66,10 +67,10 @@ def loop_gain(sensitivity: ArrayLike) -> NDArray[np.complex128]:
     Raises:
         ValueError: S is zero or not finite.
     """
-    s = np.asarray(sensitivity, dtype=complex)
+    s = np.asarray(sensitivity, dtype=np.complex128)
     if not np.all(np.isfinite(s)) or np.any(s == 0):
         raise ValueError("sensitivity must be finite and not zero; leave out lines without a value")
-    return 1 / s - 1
+    return np.asarray(1 / s - 1, dtype=np.complex128)
 
 
 def peak_sensitivity(frequency: ArrayLike, sensitivity: ArrayLike) -> tuple[Array, Array]:
@@ -147,7 +148,7 @@ def margins(
     values = {name: float(value) for name, value in margin_arrays(f, s).items()}
     reasons = _reasons(f, np.abs(s), values)
     intervals = _intervals(f, s, noise, values, draws, seed) if draws else {}
-    fields = {name: None if np.isnan(value) else value for name, value in values.items()}
+    fields: dict[str, Any] = {name: None if np.isnan(value) else value for name, value in values.items()}
     return Margins(**fields, reasons=reasons, intervals=intervals)
 
 
@@ -241,11 +242,14 @@ def _intervals(
     if _at_edge(f, values["disk_margin_frequency"]):
         ends["disk_margin"] = (np.nan, ends["disk_margin"][1])
     # A strongly biased value may lie outside its interval on the cautious side; the interval is then extended to it.
-    held = {
-        name: np.array([np.minimum(pair[0], values[name]), np.maximum(pair[1], values[name])])
-        for name, pair in ends.items()
+    return {
+        name: (_known(np.minimum(low, values[name])), _known(np.maximum(high, values[name])))
+        for name, (low, high) in ends.items()
     }
-    return {name: tuple(None if np.isnan(end) else float(end) for end in pair) for name, pair in held.items()}
+
+
+def _known(end: float) -> float | None:
+    return None if np.isnan(end) else float(end)
 
 
 def _at_edge(f: Array, at: float) -> bool:

@@ -10,6 +10,7 @@ measurement of k and an independent one of c.
 """
 
 from dataclasses import dataclass, fields
+from typing import Any
 
 import numpy as np
 from filterpy.kalman import KalmanFilter
@@ -155,7 +156,9 @@ class Tracker:
         freedom = 2 * int(np.count_nonzero(np.isfinite(block.noise)))
         chi_square = misfit + float(innovation @ innovation)
         errors = np.sqrt(np.diag(f.P))
-        return Tracked(block.time, *f.x, *errors, innovation, chi_square, freedom, alarm, onset)
+        k, c = f.x
+        k_se, c_se = errors
+        return Tracked(block.time, k, c, k_se, c_se, innovation, chi_square, freedom, alarm, onset)
 
 
 def track(
@@ -186,13 +189,14 @@ def track(
         raise ValueError(
             f"track: displacement has the shape {displacement.shape}, time {time.shape}; give (blocks, n) and (blocks,)"
         )
-    given = {"force": force, "noise": noise, "force_noise": force_noise}
+    given: dict[str, Any] = {"force": force, "noise": noise, "force_noise": force_noise}
     for name, a in given.items():
         try:
             given[name] = None if a is None else np.broadcast_to(a, displacement.shape)
         except ValueError:
             raise ValueError(
-                f"track: {name} has the shape {np.shape(a)}; it must broadcast with displacement {displacement.shape}"
+                f"track: {name} has the shape {np.shape(given[name])}; it must broadcast with displacement "
+                f"{displacement.shape}"
             ) from None
     if noise is None:
         given["noise"] = np.broadcast_to(noise_from_scatter(given["force"], displacement), displacement.shape)

@@ -8,6 +8,7 @@ from dataclasses import dataclass, fields
 from functools import partial
 from math import isfinite, sqrt
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -17,6 +18,7 @@ from scipy.signal import place_poles
 
 from selfsense.coil import is_number
 
+Value = float | np.ndarray
 CLOSEST = 0.95  # of the gap: a displacement beyond it is contact
 
 
@@ -77,8 +79,8 @@ class AveragedMagnet:
 
 
 def slopes(
-    m: AveragedMagnet, y: ArrayLike, v: ArrayLike, i: ArrayLike, voltage: ArrayLike, force: ArrayLike = 0.0
-) -> tuple[ArrayLike, ArrayLike, ArrayLike]:
+    m: AveragedMagnet, y: Value, v: Value, i: Value, voltage: Value, force: Value = 0.0
+) -> tuple[Value, Value, Value]:
     """Rates of displacement, velocity and current of the nonlinear model under voltage (V) and an outer force (N)."""
     width = m.gap - y
     inductance = m.inductance * m.gap / width
@@ -173,17 +175,18 @@ def levitate(
         raise ValueError(f"levitate: rate = {rate} Hz and supply = {supply} V must be positive")
     lanes = force.shape[:-1]
     first = magnets[0]
-    rig = first if len(magnets) == 1 else SimpleNamespace(**_columns(magnets))
+    rig: Any = first if len(magnets) == 1 else SimpleNamespace(**_columns(magnets))
     a, b, _ = linear_model(first)
     t = first.time_scale
     poles = np.array([-0.5 / t, -0.75 / t, -1 / t - first.resistance / first.inductance])
-    feedback = place_poles(*sampled(a, b, rate), np.exp(poles / rate)).gain_matrix[0]
+    feedback = place_poles(*sampled(a, b, rate), np.exp(poles / rate)).gain_matrix[0]  # pyright: ignore[reportAttributeAccessIssue]
     x = np.moveaxis(np.broadcast_to(np.asarray(start, dtype=float), (*lanes, 3)), -1, 0).copy()
     atol = np.repeat(1e-9 * first.units, x[0].size)
     states, voltage = np.empty((3, *force.shape)), np.empty(force.shape)
 
     def slope(_: float, flat: np.ndarray, volts: np.ndarray, newtons: np.ndarray) -> np.ndarray:
-        return np.concatenate([np.ravel(s) for s in slopes(rig, *flat.reshape(3, *lanes), volts, newtons)])
+        y, v, i = flat.reshape(3, *lanes)
+        return np.concatenate([np.ravel(s) for s in slopes(rig, y, v, i, volts, newtons)])
 
     for n in range(force.shape[-1]):
         reach = np.abs(x[0]).max() / np.min(rig.gap)
@@ -200,13 +203,13 @@ def levitate(
             x.ravel(),
             1 / rate,
             rtol=1e-9,
-            atol=atol,
+            atol=atol,  # pyright: ignore[reportArgumentType]  # one per state
             first_step=1 / rate,
         )
         while solver.status == "running":
             solver.step()
         x = solver.y.reshape(x.shape)
-    return Levitation(*states, voltage, force)
+    return Levitation(states[0], states[1], states[2], voltage, force)
 
 
 def _columns(magnets: Sequence[AveragedMagnet]) -> dict[str, np.ndarray]:

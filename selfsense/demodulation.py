@@ -20,7 +20,13 @@ def ripple_amplitude(coil: Coil, supply: Supply, gap: ArrayLike, drive: ArrayLik
     Half of D eq 6.20: a ripple without its mean swings to both sides, D's has all its height on one. Shapes broadcast.
     """
     swing = 2.0 if supply.states == 2 else 1.0
-    height = swing * supply.voltage / supply.frequency * _duty_product(supply, drive) / coil.inductance(gap)
+    height = (
+        swing
+        * supply.voltage
+        / supply.frequency
+        * _duty_product(supply, drive)
+        / coil.inductance(np.asarray(gap, dtype=float))
+    )
     return height / 4
 
 

@@ -145,7 +145,10 @@ def _calibrated(statistics: LineStatistics) -> DynamicCalibration:
         g,
         error,
         polarity,
-        *(float(v) for v in (delay, delay_se, delay - half, delay + half)),
+        float(delay),
+        float(delay_se),
+        float(delay - half),
+        float(delay + half),
         gain,
         _bandwidth(statistics.frequency, np.abs(g), error, gain / np.sqrt(2)),
     )

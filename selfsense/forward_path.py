@@ -75,7 +75,7 @@ def low_pass_section(corner: float, rate: float) -> np.ndarray:
 @lru_cache(maxsize=256)  # sensors by the hundred share few filters
 def tustin(numerator: tuple[float, ...], denominator: tuple[float, ...], rate: float) -> np.ndarray:
     """b0, b1, b2, a1, a2 of a filter of second order in s, highest power first, by Tustin's rule (D eq 6.22)."""
-    b, a = bilinear(numerator, denominator, rate)
+    b, a = map(np.asarray, bilinear(numerator, denominator, rate))
     b = np.concatenate([np.zeros(3 - len(b)), b])
     section = np.array([*b, *a[1:]])
     section.flags.writeable = False

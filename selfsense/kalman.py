@@ -25,7 +25,7 @@ class MagnetFilter(ExtendedKalmanFilter):
     def predict_x(self, u: float = 0.0) -> None:
         """One sample under a held voltage u (V): Runge-Kutta of 4th order, and its transition F."""
         m, h, x = self.magnet, self.interval, self.x.tolist()
-        a = h * jacobian(m, *x, u)
+        a = h * jacobian(m, *x, voltage=u)
         # What the voltage does to the current depends on the displacement through the inductance. Where the voltage
         # errs, or feeds back a displacement measured otherwise, this would pass for knowledge of the displacement:
         # estimates 36 um off where the filter claims 12.

@@ -152,7 +152,7 @@ def linearise(sensor: SelfSensor, drive: float = 0.0) -> LinearSensor:
     if coil.back_emf:
         moved = coil.magnet_emf * _phi(decay)
         by_gap, by_last_gap = moved - lost, -moved - lost
-        reading, direct = inverse, per_gap * linkage
+        reading, direct = float(inverse), per_gap * linkage
     else:
         volts, ending = per_gap * sensor.supply.voltage, moment * rate
         by_gap = volts * decay ** (1 / 3) * ending - inverse * lost
@@ -267,7 +267,7 @@ def _converged(sensor: SelfSensor, integral: np.ndarray, amplitude: float, drive
             f"estimator: no gap in its range {low} .. {high} m has the coil's amplitude, {amplitude:.3g} A at a drive "
             f"of {drive}; correct its coil and voltage, or widen gap_range"
         )
-    return brentq(excess, low, high, xtol=1e-12)
+    return brentq(excess, low, high, xtol=1e-12)  # pyright: ignore[reportReturnType]  # full_output is False
 
 
 def _slopes(sections: Sections, rms: bool, current: np.ndarray) -> Slopes:

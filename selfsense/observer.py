@@ -31,7 +31,7 @@ def design_observer(magnet: AveragedMagnet, rate: float, poles: ArrayLike) -> Ob
     force F leaves the displacement wrong by F / stiffness whatever the poles: it and a displacement leave the same
     trace in the current. ValueError when the poles do not fit or the magnet is not observable.
     """
-    poles = np.asarray(poles, dtype=complex)
+    poles = np.asarray(poles, dtype=np.complex128)
     if poles.shape != (3,) or len(set(poles.tolist())) < 3 or not np.all(poles.real < 0):
         raise ValueError(f"observer: poles = {poles} must be three distinct numbers left of the imaginary axis")
     if not np.allclose(np.sort_complex(poles), np.sort_complex(poles.conj())):
@@ -43,7 +43,7 @@ def design_observer(magnet: AveragedMagnet, rate: float, poles: ArrayLike) -> Ob
         raise ValueError("observer: the displacement leaves no trace in the current; it needs emf and stiffness")
     a, b, c = linear_model(magnet)
     transition, inputs = sampled(a, b, rate)
-    gain = place_poles(transition.T, c.T, np.exp(poles / rate)).gain_matrix.T
+    gain = place_poles(transition.T, c.T, np.exp(poles / rate)).gain_matrix.T  # pyright: ignore[reportAttributeAccessIssue]
     return Observer(transition - gain @ c, inputs[:, 0], gain[:, 0])
 
 

@@ -12,7 +12,7 @@ from scipy.ndimage import uniform_filter1d
 from scipy.signal import lfilter
 
 from maglev_lanes.noise import FAST
-from selfsense.forward_path import ForwardPath, response
+from selfsense.forward_path import AnalogPath, ForwardPath, response
 from selfsense.kernel import SOURCES
 from selfsense.kernel_pieces import SensorStructure, sensor_pieces
 from selfsense.kernel_rows import ESTIMATE, FORWARD, LANES, MODEL, SENSOR_ROWS
@@ -110,7 +110,7 @@ def find_pwm_frequency(voltage: ArrayLike, rate: float, path: ForwardPath) -> fl
     volts = np.asarray(voltage, dtype=float)
     power = np.abs(np.fft.rfft((volts - volts.mean()) * np.hanning(volts.size))) ** 2
     frequency = np.fft.rfftfreq(volts.size, 1 / rate)
-    corner = path.centre if path.rms else path.high_pass
+    corner = path.centre if isinstance(path, AnalogPath) else path.high_pass
     power[frequency < corner / 10] = 0.0  # the drive: slower than any ripple that the path lets through
     # The lowest of the strong lines: sampling can make a harmonic the strongest. Then the peak around it.
     lowest = frequency[np.argmax(power >= 0.25 * power.max())]

@@ -50,9 +50,11 @@ def simulate(
         for start in range(0, len(members), LANES):
             own = members[start : start + LANES]
             lanes = np.array(own + own[-1:] * (LANES - len(own)))
-            pick = [_rows_of(a, lanes) for a in (gap, drive)]
+            gaps, drives = (_rows_of(a, lanes) for a in (gap, drive))
             block = [sensors[i] for i in lanes]
-            out[:, own] = _run_block(structure, block, np.array(seeds)[lanes], *pick, every, samples)[:, : len(own)]
+            out[:, own] = _run_block(structure, block, np.array(seeds)[lanes], gaps, drives, every, samples)[
+                :, : len(own)
+            ]
     rate = sensors[0].acquisition.rate
     time = (np.arange(samples // every) + 1) * (every / rate)
     return SensedGap(time, out[0], out[1], out[2], out[3] * rate)

@@ -63,7 +63,7 @@ def gap_validity(
     half_duty = voltage / pwm_frequency / 8 / coil.inductance(estimate)
     touching = 1e-9 * (high - low)
     faults = {
-        NO_RIPPLE: ~(amplitude >= SMALLEST_RIPPLE * half_duty) | noise_only,
+        NO_RIPPLE: ~(amplitude >= SMALLEST_RIPPLE * half_duty) | np.asarray(noise_only),
         AT_END: ~((estimate > low + touching) & (estimate < high - touching)),
         CLIPPED: np.broadcast_to(clipped, estimate.shape),
     }

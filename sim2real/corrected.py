@@ -20,7 +20,7 @@ _LINE = 100
 
 def corrected_rig(diagnosis: Diagnosis) -> Rig:
     """The campaign's rig at the point that closes its gap; its name ends in "-corrected"."""
-    rig = diagnosis.campaign.rig
+    rig = diagnosis.rig
     at = experiment_at(Experiment(rig, rig.gains or NO_CONTROLLER, ()), diagnosis.corrected)
     return replace(at.rig, name=f"{rig.name}-corrected", effects=at.effects)
 

@@ -10,6 +10,7 @@ import numpy as np
 
 from maglev_env.loop.effect import EFFECTS
 from maglev_env.recordings.campaign import Campaign
+from maglev_env.rig.rig import Rig
 from sim2real.attribute import Attribution, Candidate, attribute
 from sim2real.gain_choice import GainChoice, gain_choice
 from sim2real.hypotheses import CALIBRATION, TONES, Coordinate
@@ -63,6 +64,11 @@ class Diagnosis:
     choice: GainChoice | None
     seconds: float
     notes: tuple[str, ...]
+
+    @property
+    def rig(self) -> Rig:
+        """The nominal rig."""
+        return self.attribution.problem.parts[0].record.nominal
 
     def to_json(self) -> dict[str, Any]:
         """The diagnosis as schema maglev-diagnosis/1, in SI units; None for what could not be determined."""
@@ -173,7 +179,7 @@ def diagnose(
         loaded,
         attribution,
         judged,
-        gain_choice(loaded.rig, corrected, speed) if corrected.effects else None,
+        gain_choice(records[0].nominal, corrected, speed) if corrected.effects else None,
         time.perf_counter() - begun,
         tuple(dict.fromkeys(notes)),
     )
