@@ -43,7 +43,7 @@ class LineStatistics:
 
     def cross(self, a: str, b: str) -> np.ndarray:
         """Covariance of the means of two channels, (..., n); real when a is b."""
-        c = self.covariance[..., self.index(a), self.index(b), :]
+        c = np.asarray(self.covariance[..., self.index(a), self.index(b), :], dtype=np.complex128)
         return c.real if a == b else c
 
     def at_lines(self, lines: Sequence[int] | np.ndarray) -> "LineStatistics":

@@ -1,6 +1,6 @@
-"""A magnet's ripple-free current and voltage: what they say of the rotor through the back-EMF alone (D 2.6.2).
+"""The ripple-free current and voltage of a magnet, which reveal the rotor through the back-EMF alone (D 2.6.2).
 
-The rivals of the parameter estimator: an observer and a Kalman filter that see no ripple, only this model's current.
+Observer and Kalman filter, the competitors of the parameter estimator, use this averaged model and see no ripple.
 """
 
 from collections.abc import Sequence
@@ -19,21 +19,31 @@ from scipy.signal import place_poles
 from selfsense.coil import is_number
 
 Value = float | np.ndarray
-CLOSEST = 0.95  # of the gap: a displacement beyond it is contact
+CLOSEST = 0.95  # share of the gap; a larger displacement counts as contact
 
 
 @dataclass(frozen=True)
 class AveragedMagnet:
-    """A rotor (kg) before a magnet of one equivalent coil, averaged over the PWM period, SI.
+    """A rotor before a magnet with one equivalent coil, averaged over the PWM period, SI.
 
-    displacement y narrows the gap (m, at rest); actuator_gain k_i (N/A); stiffness k (N/m), negative for a magnet;
-    inductance (H) at rest; resistance (ohm); emf k_e (V s/m), equal to actuator_gain where nothing is lost, and to its
-    n-th part for one of n like coils with an amplifier each; damping (N s/m).
-    Law: the coil's own flux crosses the gap on ideal iron, L(y) = L gap / (gap - y); the permanent magnet's flux
-    linkage grows by k_e per displacement. Linkage lambda = L(y) i + k_e y; with the co-energy
+    The coil's own flux crosses the gap on ideal iron, L(y) = L gap / (gap - y); the flux linkage of the permanent
+    magnet grows by k_e per displacement. The linkage is lambda = L(y) i + k_e y; with the co-energy
     W = L(y) i^2 / 2 + k_i y i - k y^2 / 2 the force is dW/dy. The EMF per speed d lambda / dy = L' i + k_e and the
-    force per current L' i + k_i are then one number (reciprocity) where k_e = k_i.
-    ValueError when a value is not a finite number in its physical range.
+    force per current L' i + k_i are equal (reciprocity) where k_e = k_i.
+
+    Attributes:
+        mass: kg.
+        actuator_gain: k_i, N/A.
+        stiffness: k, N/m; negative for a magnet.
+        inductance: At rest, H.
+        resistance: ohm.
+        emf: k_e, V s/m. Equal to actuator_gain without losses, and to its n-th part for one of n equal coils that
+            have an amplifier each.
+        gap: At rest, m; a displacement y narrows it.
+        damping: N s/m.
+
+    Raises:
+        ValueError: A value is not a finite number in its physical range.
     """
 
     mass: float
@@ -62,12 +72,14 @@ class AveragedMagnet:
 
     @property
     def units(self) -> np.ndarray:
-        """Natural units (3,) of displacement, velocity, current: gap, gap per `time_scale`, and the current k_i gap / L
-        that holds the flux over one gap."""
+        """Natural units (3,) of displacement, velocity and current.
+
+        They are the gap, the gap per `time_scale`, and the current k_i gap / L that holds the flux over one gap.
+        """
         return self.gap * np.array([1.0, 1 / self.time_scale, self.actuator_gain / self.inductance])
 
     def flux_linkage(self, y: ArrayLike, i: ArrayLike) -> np.ndarray:
-        """Flux linkage (V s) beyond that at rest, at displacement y (m) and current i (A)."""
+        """Flux linkage (V s) beyond the linkage at rest, at displacement y (m) and current i (A)."""
         y, i = np.asarray(y), np.asarray(i)
         return self.inductance * self.gap / (self.gap - y) * i + self.emf * y
 
@@ -81,7 +93,7 @@ class AveragedMagnet:
 def slopes(
     m: AveragedMagnet, y: Value, v: Value, i: Value, voltage: Value, force: Value = 0.0
 ) -> tuple[Value, Value, Value]:
-    """Rates of displacement, velocity and current of the nonlinear model under voltage (V) and an outer force (N)."""
+    """Rates of displacement, velocity and current of the nonlinear model, under voltage (V) and external force (N)."""
     width = m.gap - y
     inductance = m.inductance * m.gap / width
     slope = inductance / width
@@ -118,10 +130,10 @@ def linear_model(m: AveragedMagnet) -> tuple[np.ndarray, np.ndarray, np.ndarray]
 
 
 def observability(m: AveragedMagnet) -> tuple[int, float]:
-    """Rank and condition number of the linear model's observability matrix [C; C A; C A^2] in scaled units.
+    """Rank and condition number of the linear model's observability matrix [C; C A; C A^2] in natural units.
 
-    Units: those of the magnet, and `time_scale`. Displacement is seen through the force that stiffness makes of it and
-    the EMF of the speed that follows: without emf the rank is 1, without stiffness 2; below 3 the condition is inf.
+    A displacement is seen through the force that the stiffness makes of it and the EMF of the resulting speed. Without
+    emf the rank is 1, without stiffness 2; below 3 the condition number is inf.
     """
     a, _, c = linear_model(m)
     a, c = a * m.units * m.time_scale / m.units[:, None], c * m.units / m.units[2]
@@ -141,8 +153,15 @@ def sampled(a: np.ndarray, b: np.ndarray, rate: float) -> tuple[np.ndarray, np.n
 
 @dataclass(frozen=True)
 class Levitation:
-    """Samples (..., n) of a levitated rotor: at time n / rate (s) displacement (m), velocity (m/s) and current (A), and
-    the voltage (V) and outer force (N) held from there to the next sample."""
+    """Samples (..., n) of a levitated rotor at the times n / rate.
+
+    Attributes:
+        displacement: m.
+        velocity: m/s.
+        current: A.
+        voltage: Voltage held until the next sample, V.
+        force: External force held until the next sample, N.
+    """
 
     displacement: np.ndarray
     velocity: np.ndarray
@@ -158,12 +177,17 @@ def levitate(
     supply: float = 24.0,
     start: ArrayLike = (0.0, 0.0, 0.0),
 ) -> Levitation:
-    """Levitate the nonlinear model by feedback of its true state, integrated by scipy's DOP853 to 1e-9.
+    """Levitate the nonlinear model by feedback of its true state, integrated with scipy's DOP853 to 1e-9.
 
-    force: outer force (..., n), N, held over each sample of 1 / rate (Hz); leading dimensions are lanes. magnet: one,
-    or one per lane (lanes, n); the feedback is designed for the first. supply: limit of the voltage (V), held over each
-    sample too. start (3,) or (..., 3): displacement, velocity, current. ValueError when an input does not fit or the
-    rotor comes within 5 % of the gap of a contact.
+    Args:
+        magnet: One magnet, or one for each lane of force (lanes, n); the feedback is designed for the first.
+        force: External force (..., n), N, held over each sample; the leading dimensions are lanes.
+        rate: Sampling rate, Hz.
+        supply: Limit of the voltage, V, which is held over each sample.
+        start: Displacement, velocity and current at the start, (3,) or (..., 3).
+
+    Raises:
+        ValueError: An input does not fit, or the rotor comes within 5 % of the gap of a contact.
     """
     magnets = [magnet] if isinstance(magnet, AveragedMagnet) else list(magnet)
     force = np.asarray(force, dtype=float)
@@ -213,5 +237,5 @@ def levitate(
 
 
 def _columns(magnets: Sequence[AveragedMagnet]) -> dict[str, np.ndarray]:
-    # `slopes` works on lanes of parameters as on lanes of states.
+    # `slopes` works on arrays of parameters in the same way as on arrays of states.
     return {f.name: np.array([getattr(m, f.name) for m in magnets]) for f in fields(AveragedMagnet)}

@@ -9,15 +9,18 @@ from selfsense.linear import LinearSensor, linearise
 from selfsense.sensor import SelfSensor
 
 STATES = 4  # amplitude difference and its slope, delay, integral
-PROBED = 500.0  # Hz: where the lag of the forward path beyond its low-pass is taken from
+PROBED = 500.0  # Hz; the lag of the forward path beyond its low-pass is taken at this frequency
 
 
 @lru_cache(maxsize=1024)
 def baseband(sensor: SelfSensor) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """A (4, 4), B (4,), C (4,) from true to sensed displacement (m), in continuous time, at half duty.
 
-    The low-pass behind the rectifier, the rest of the forward path as a Pade delay, and the PI controller, closed;
-    holds up to about 4 kHz (see `linear.tracking` for the sampled response). ValueError as `linear.linearise`.
+    The closed loop consists of the low-pass behind the rectifier, the rest of the forward path as a Pade delay, and the
+    PI controller. It holds up to about 4 kHz; see `linear.tracking` for the sampled response.
+
+    Raises:
+        ValueError: As `linear.linearise`.
     """
     linear = _linear(sensor)
     corner = 2 * np.pi * sensor.estimator.path.low_pass
@@ -46,9 +49,12 @@ def baseband(sensor: SelfSensor) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 @lru_cache(maxsize=1024)
 def growth_rate(sensor: SelfSensor) -> float:
-    """Rate (1/s) at which a small error of the sampled estimator grows by itself, at half duty; below 0: it decays.
+    """Rate (1/s) at which a small error of the sampled estimator grows at half duty; negative if it decays.
 
-    `baseband` is too slow a model to see it. ValueError as `linear.linearise`.
+    `baseband` is too slow a model to show it.
+
+    Raises:
+        ValueError: As `linear.linearise`.
     """
     linear = _linear(sensor)
     cycle = linear.direct.size / linear.rate

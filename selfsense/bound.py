@@ -1,11 +1,12 @@
-"""How well a gap can be read at all: the Cramer-Rao bound of the ripple, and how near to it the estimator comes.
+"""Accuracy limit of a gap reading: the Cramer-Rao bound of the ripple, and how close the estimator comes to it.
 
-A reading is i_k = s_k(gap) + slow current + noise, with s the ripple at a known switching voltage. Over a window of N
-samples, the slow current's unknown mean and slope projected out, the information on a constant gap is N P / sigma^2,
-P the mean square of ds/dgap. Averaged over N = rate T samples, a bandwidth of 1 / (2 T), that is a white gap noise of
-2 sigma^2 / (rate P) m^2/Hz, one-sided. An estimator that weighs sample k by w_k moves by h = sum of w ds/dgap over a
-PWM period per period of changed gap and has the variance sigma^2 sum w^2, at least sigma^2 sum h^2 / (P samples per
-period) by Cauchy's inequality: the same noise times the integral of its tracking |T|^2, its noise bandwidth.
+A reading is i_k = s_k(gap) + slow current + noise, where s is the ripple at a known switching voltage. Over a window of
+N samples, with the unknown mean and slope of the slow current projected out, the information on a constant gap is
+N P / sigma^2, where P is the mean square of ds/dgap. Averaged over N = rate T samples, a bandwidth of 1 / (2 T), this
+is a white gap noise of 2 sigma^2 / (rate P) m^2/Hz, one-sided. An estimator that weights sample k by w_k moves by h,
+the sum of w ds/dgap over a PWM period, per period of changed gap. Its variance is sigma^2 sum w^2, which is at least
+sigma^2 sum h^2 / (P samples per period) by Cauchy's inequality: the same noise times the integral of its tracking
+|T|^2, which is its noise bandwidth.
 """
 
 from collections.abc import Sequence
@@ -28,12 +29,16 @@ LINES = 2000  # frequencies of the noise bandwidth's integral
 
 @dataclass(frozen=True)
 class NoisePoint:
-    """The estimator at one resolution and noise beside its bound; all errors in m.
+    """The estimator at one resolution and noise level beside its bound; all errors in m.
 
-    bits of the converter (0: ideal); noise (A rms). bound: on the rms error at the estimator's noise bandwidth; rms:
-    of its deviation from the run without noise and converter, `bias` the mean of that; total: rms of its deviation
-    from the true gap, lag and switching ripple included. demodulator: rms deviation of `demodulated_gap` on the same
-    readings, at its own noise bandwidth.
+    Attributes:
+        bits: Resolution of the converter; 0 for an ideal one.
+        noise: A rms.
+        bound: Bound on the rms error at the estimator's noise bandwidth.
+        rms: Deviation from the run without noise and converter.
+        bias: Mean of that deviation.
+        total: Rms deviation from the true gap, including lag and switching ripple.
+        demodulator: Rms deviation of `demodulated_gap` on the same readings, at its own noise bandwidth.
     """
 
     bits: int
@@ -51,10 +56,13 @@ class NoisePoint:
 
 
 def ripple_sensitivity(sensor: SelfSensor, drive: float = 0.0) -> np.ndarray:
-    """d current / d gap (A/m) at the samples of a cycle of whole PWM periods (n,), steady, without mean and slope.
+    """Steady d current / d gap (A/m) at the samples (n,) of a cycle of whole PWM periods, without mean and slope.
 
-    From the simulated coil at two gaps around rest, so core, dead time and states count. The slope is that from one
-    cycle to the next, as over a long window. ValueError when the supply makes no ripple at this drive.
+    It comes from the simulated coil at two gaps around rest, so core, dead time and states are included. The slope is
+    taken from one cycle to the next, as over a long window.
+
+    Raises:
+        ValueError: The supply makes no ripple at this drive.
     """
     cycle, _ = samples_and_periods(sensor)
     samples = cycle * (2 + ceil(STEADY * sensor.acquisition.rate / cycle))
@@ -72,18 +80,22 @@ def ripple_sensitivity(sensor: SelfSensor, drive: float = 0.0) -> np.ndarray:
 
 
 def cramer_rao_density(sensor: SelfSensor, drive: float = 0.0) -> float:
-    """Lowest noise density (m/sqrt(Hz), one-sided) of an unbiased gap from this sensor's readings at a constant drive.
+    """Lowest noise density (m/sqrt(Hz), one-sided) of an unbiased gap estimate at a constant drive.
 
-    `Acquisition.reading_noise` counts as white and normal. ValueError as `ripple_sensitivity`.
+    `Acquisition.reading_noise` is treated as white and normal.
+
+    Raises:
+        ValueError: As `ripple_sensitivity`.
     """
     power = np.mean(ripple_sensitivity(sensor, drive) ** 2)
     return float(sensor.acquisition.reading_noise * np.sqrt(2 / (sensor.acquisition.rate * power)))
 
 
 def cramer_rao_rms(sensor: SelfSensor, noise_bandwidth: float, drive: float = 0.0) -> float:
-    """Lowest rms error (m) of an unbiased gap at a noise bandwidth (Hz, one-sided).
+    """Lowest rms error (m) of an unbiased gap estimate at a noise bandwidth (Hz, one-sided).
 
-    ValueError when the bandwidth is not positive, and as `cramer_rao_density`.
+    Raises:
+        ValueError: The bandwidth is not positive, or as `cramer_rao_density`.
     """
     if not (isfinite(noise_bandwidth) and noise_bandwidth > 0):
         raise ValueError(f"noise_bandwidth = {noise_bandwidth} Hz must be a positive number")
@@ -91,12 +103,14 @@ def cramer_rao_rms(sensor: SelfSensor, noise_bandwidth: float, drive: float = 0.
 
 
 def noise_bandwidth(sensor: SelfSensor, drive: float = 0.0) -> float:
-    """Noise bandwidth (Hz, one-sided) of the estimator: integral of |T|^2 up to half the PWM frequency.
+    """Noise bandwidth (Hz, one-sided) of the estimator: the integral of |T|^2 up to half the PWM frequency.
 
-    T answers to what the gap does to the ripple. What the motion does to a standing current also leaks through the
-    high-pass, at a drive of 0.6 so much that it would double the integral; the bound counts it as slow current. Above
-    half the PWM frequency a gap cannot be told from its image. Core losses are left out. ValueError when the estimator
-    is unstable, and as `linear.linearise`.
+    T is the response to the effect of the gap on the ripple. The effect of motion on a standing current also leaks
+    through the high-pass; at a drive of 0.6 it would double the integral. The bound counts it as slow current. Above
+    half the PWM frequency a gap cannot be distinguished from its image. Core losses are left out.
+
+    Raises:
+        ValueError: The estimator is unstable, or as `linear.linearise`.
     """
     if not stable(sensor, drive):
         raise ValueError(f"estimator: unstable at a drive of {drive}, its noise grows without end; lower kp and ki")
@@ -110,13 +124,16 @@ def noise_bandwidth(sensor: SelfSensor, drive: float = 0.0) -> float:
 
 
 def forward_path_cost(sensor: SelfSensor, drive: float = 0.0) -> float:
-    """Noise of the estimator's forward path over the bound at low frequency, small noise: 1 if it were matched.
+    """Noise of the estimator's forward path over the bound, at low frequency and small noise; 1 for a matched filter.
 
-    A rectifier weighs samples by the sign of the filtered ripple, a true rms by the filtered ripple itself, both passed
-    back through the filters. Of a core without losses. ValueError as `ripple_sensitivity`.
+    A rectifier weights samples by the sign of the filtered ripple, a true rms by the filtered ripple itself, both
+    passed back through the filters. The core is taken as free of losses.
+
+    Raises:
+        ValueError: As `ripple_sensitivity`.
     """
     slope = ripple_sensitivity(sensor, drive)
-    # The ripple has the shape of its slope: the gap only scales it.
+    # The ripple has the same shape as its slope, because the gap only scales it.
     filters = response(sensor.estimator.path.sections(sensor.acquisition.rate)[0], unit_circle(slope.size))
     filtered = np.fft.ifft(filters * np.fft.fft(slope)).real
     weight = filtered if sensor.estimator.path.rms else np.sign(filtered)
@@ -134,11 +151,23 @@ def noise_sweep(
     seeds: int = 4,
     seed: int = 0,
 ) -> list[NoisePoint]:
-    """The simulated estimator along a sine of the gap (m, Hz) at every resolution and every noise (A), bits first.
+    """Simulate the estimator along a sine of the gap, at every resolution and every noise level, bits first.
 
-    Two periods, each rounded to whole samples, after a first one, of `seeds` runs whose noise comes from `seed`.
-    ValueError when a point has neither noise nor a converter, seeds or frequency is not positive, or a value is out of
-    the range of `Acquisition`, `simulate` or `noise_bandwidth`.
+    Two periods, rounded to whole samples, are evaluated after a first one.
+
+    Args:
+        sensor: The sensor.
+        bits: Resolutions.
+        noises: Noise levels, A.
+        drive: Constant drive.
+        amplitude: Amplitude of the gap, m.
+        frequency: Frequency of the gap, Hz.
+        seeds: Number of runs per point.
+        seed: Seed of their noise.
+
+    Raises:
+        ValueError: A point has neither noise nor a converter, seeds or frequency is not positive, or a value is out of
+            the range of `Acquisition`, `simulate` or `noise_bandwidth`.
     """
     if not 0 < frequency <= sensor.supply.frequency / 10:
         raise ValueError(f"frequency = {frequency} Hz must be positive and at most a tenth of the PWM frequency")

@@ -13,11 +13,19 @@ from selfsense.validity import AT_END, SETTLING, refuse_invalid
 
 @dataclass(frozen=True)
 class StaticCalibration:
-    """output = gain * displacement + offset over linear_range, with standard errors, all in the units given.
+    """The line output = gain * displacement + offset over linear_range, in the units given.
 
-    largest_deviation: of a point in the range from the line; linearity_error: that as a share of full scale, which is
-    gain times the width of the range; saturated_below, saturated_above: from where outward the output gains less than
-    half of what the line does, None where the data do not show it.
+    Attributes:
+        gain: Slope of the line.
+        offset: Its offset.
+        gain_se: Standard error of the gain.
+        offset_se: Standard error of the offset.
+        largest_deviation: Largest deviation from the line of a point in the range.
+        linearity_error: That deviation as a share of full scale, which is gain times the width of the range.
+        linear_range: Displacements over which the line holds.
+        saturated_below: Displacement below which the output changes less than half as much as the line; None where
+            the data do not show it.
+        saturated_above: The same above the range.
     """
 
     gain: float
@@ -34,13 +42,21 @@ class StaticCalibration:
 def static_calibration(
     displacement: ArrayLike, output: ArrayLike, tolerance: float = 0.01, rest: float | None = None
 ) -> StaticCalibration:
-    """Line of output (n,) over displacement (n,) in the widest range that it fits within a share of full scale.
+    """Fit a line to output over displacement, in the widest range in which it is linear within a tolerance.
 
-    rest: a displacement that the range must hold, by default the smallest. tolerance: the largest deviation that still
-    counts as linear; 1 % lies between the reading errors of a dial gauge and a millivolt (D Table 6.1: 0.39 %) and
-    what the first saturated point does (8 %). Standard errors from the deviations, with n - 2 degrees of freedom and
-    the range taken as given: where noise alone reaches the tolerance, the range shrinks to what fits by chance.
-    ValueError when data do not fit or no three displacements lie on a line that well.
+    The standard errors come from the deviations, with n - 2 degrees of freedom and the range taken as given. Where
+    noise alone reaches the tolerance, the range shrinks to what fits by chance.
+
+    Args:
+        displacement: Displacements (n,).
+        output: Outputs (n,).
+        tolerance: Largest deviation that counts as linear, as a share of full scale. 1 % lies between the reading
+            errors of a dial gauge and a millivolt (D Table 6.1: 0.39 %) and the deviation of the first saturated
+            point (8 %).
+        rest: A displacement that the range must contain, by default the smallest.
+
+    Raises:
+        ValueError: The data do not fit, or no three displacements lie on a line this well.
     """
     x, y = _finite("displacement", displacement), _finite("output", output)
     if x.shape != y.shape:
@@ -85,10 +101,12 @@ def static_calibration(
 def static_sweep(
     sensor: SelfSensor, gaps: ArrayLike, drive: float = 0.0, periods: int = 50, seed: int = 0
 ) -> np.ndarray:
-    """Mean estimate (n,) m of a simulated sensor held at gaps (n,) m, over whole PWM periods (at least so many).
+    """Mean estimates (n,) m of a simulated sensor held at gaps (n,) m, over whole PWM periods, at least `periods`.
 
-    A gap outside the estimator's range reads as its end. seed: of the reading's noise. ValueError when the estimate
-    cannot be trusted for another reason.
+    A gap outside the estimator's range reads as the end of the range. The seed is that of the reading noise.
+
+    Raises:
+        ValueError: The estimate cannot be trusted for another reason.
     """
     gaps = _finite("gaps", gaps)
     if periods < 1:
@@ -103,7 +121,7 @@ def static_sweep(
 
 
 def _saturated(x: np.ndarray, y: np.ndarray, edge: float, gain: float) -> float | None:
-    """From where on, outward from the edge of the linear range, all of the output gains less than half of the line."""
+    """Displacement from which on, outward from the linear range, the output always gains less than half of the line."""
     out = np.abs(x - x[-1]) <= abs(edge - x[-1])
     x, y = x[out], y[out]
     for k in range(x.size - 1):

@@ -1,4 +1,4 @@
-"""The coil of one magnet: what its current does with a voltage and a gap (D eq 6.6-6.14)."""
+"""The coil of one magnet: its current as a function of voltage and gap (D eq 6.6-6.14)."""
 
 from dataclasses import dataclass, fields
 from math import isfinite
@@ -9,14 +9,14 @@ MU_0 = 4e-7 * np.pi
 
 
 def is_number(value: object) -> bool:
-    """Whether a value is a finite real number, and not a truth value."""
+    """Whether a value is a finite real number and not a truth value."""
     try:
         return (
             isinstance(value, int | float | np.integer | np.floating)
             and not isinstance(value, bool)
             and isfinite(value)
         )
-    except OverflowError:  # a whole number beyond floats
+    except OverflowError:  # an integer beyond the range of floats
         return False
 
 
@@ -24,13 +24,23 @@ def is_number(value: object) -> bool:
 class Coil:
     """A coil whose flux crosses two air gaps and a core, SI.
 
-    core_length: length of the core over its relative permeability (m), the air gap that its reluctance equals.
-    back_emf: whether the current follows D eq 6.12, or eq 6.13 without the voltage of the motion. magnet_emf (V s/m):
-    voltage per widening of the gap by a permanent magnet in the circuit, positive where the flux drops. bias_field (T):
-    of that magnet. saturation_field (T): where the core's reluctance has doubled; it rises with the 8th power.
-    lamination (m): thickness of the core's sheets, whose eddy currents (permeability relative, conductivity S/m) hold
-    the flux back; 0: none. Raises ValueError when a value is not a finite number in its physical range, or when eddy
-    currents or saturation are asked for without a core or without the back-EMF.
+    Attributes:
+        turns: Number of turns.
+        pole_area: m^2.
+        resistance: ohm.
+        core_length: Length of the core over its relative permeability, m: the air gap of equal reluctance.
+        back_emf: Whether the current follows D eq 6.12, or eq 6.13 without the voltage of the motion.
+        magnet_emf: Voltage per speed of the widening gap caused by a permanent magnet in the circuit, V s/m; positive
+            where the flux drops.
+        bias_field: Field of that magnet, T.
+        saturation_field: Field at which the core's reluctance has doubled, T; it rises with the 8th power.
+        lamination: Thickness of the core's sheets, m, whose eddy currents delay the flux; 0 for none.
+        permeability: Relative permeability of the sheets.
+        conductivity: Conductivity of the sheets, S/m.
+
+    Raises:
+        ValueError: A value is not a finite number in its physical range, or eddy currents or saturation are requested
+            without a core or without the back-EMF.
     """
 
     turns: float

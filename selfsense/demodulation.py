@@ -1,4 +1,4 @@
-"""Switching-noise demodulation (D 6.2): the gap from the ripple's amplitude alone, and what a moving duty does."""
+"""Switching-noise demodulation (D 6.2): the gap from the ripple's amplitude alone, and the error of a moving duty."""
 
 from dataclasses import replace
 from math import ceil, isfinite
@@ -11,13 +11,14 @@ from selfsense.sensor import SelfSensor, samples_and_periods
 from selfsense.simulate import simulate
 from selfsense.supply import Acquisition, Supply
 
-_SETTLED = 50  # of 1 / low_pass (Hz): both filters are at rest to 1e-12 by then
+_SETTLED = 50  # of 1 / low_pass (Hz); both filters have then settled to 1e-12
 
 
 def ripple_amplitude(coil: Coil, supply: Supply, gap: ArrayLike, drive: ArrayLike = 0.0) -> np.ndarray:
-    """Mean rectified ripple (A) of a coil without resistance at a gap (m) and a constant drive (-1 .. 1).
+    """Mean rectified ripple (A) of a coil without resistance, at a gap (m) and a constant drive (-1 .. 1).
 
-    Half of D eq 6.20: a ripple without its mean swings to both sides, D's has all its height on one. Shapes broadcast.
+    It is half of D eq 6.20, because a ripple without its mean swings to both sides and D counts its full height.
+    Shapes broadcast.
     """
     swing = 2.0 if supply.states == 2 else 1.0
     height = (
@@ -31,11 +32,14 @@ def ripple_amplitude(coil: Coil, supply: Supply, gap: ArrayLike, drive: ArrayLik
 
 
 def path_factor(sensor: SelfSensor, drive: float = 0.0) -> float:
-    """What the sampled forward path makes of the ripple: its settled output over `ripple_amplitude`.
+    """Settled output of the sampled forward path over `ripple_amplitude`.
 
-    For the coil and the voltage that the estimator believes in, at the rest gap and a constant drive (-1 .. 1). It
-    holds the filters' gain, the rectifier's few samples per period and the coil's resistance: 1.038 with the standard
-    coil, the digital path and 10 samples per period. ValueError when that drive makes no ripple.
+    It is computed for the coil and voltage that the estimator assumes, at the rest gap and a constant drive (-1 .. 1).
+    It contains the filters' gain, the few samples per period of the rectifier, and the coil's resistance: 1.038 with
+    the standard coil, the digital path and 10 samples per period.
+
+    Raises:
+        ValueError: This drive makes no ripple.
     """
     estimator = sensor.estimator
     supply = Supply(estimator.voltage, sensor.supply.frequency, sensor.supply.states)
@@ -48,15 +52,17 @@ def path_factor(sensor: SelfSensor, drive: float = 0.0) -> float:
 
 
 def demodulated_gap(amplitude: ArrayLike, sensor: SelfSensor, drive: float = 0.0) -> np.ndarray:
-    """Gap (m) from the amplitude (A) behind the forward path, as if the drive (-1 .. 1) never changed.
+    """Gap (m) from the amplitude (A) behind the forward path, assuming a constant drive (-1 .. 1); shape of amplitude.
 
-    The calibration is that of what the estimator believes at the sensor's rest gap (`path_factor`); the coil's
-    resistance bends it by 0.3 % of a gap of 0.5 mm for the standard coil. Shape of amplitude. ValueError when the drive
-    makes no ripple.
+    The calibration uses what the estimator assumes at the sensor's rest gap (`path_factor`). The coil's resistance
+    bends it by 0.3 % at a gap of 0.5 mm for the standard coil.
+
+    Raises:
+        ValueError: The drive makes no ripple.
     """
     coil = sensor.estimator.coil
     supply = Supply(sensor.estimator.voltage, sensor.supply.frequency, sensor.supply.states)
-    # The ripple is proportional to core_length + 2 gap, which is twice the gap plus half the core.
+    # The ripple is proportional to core_length + 2 gap.
     per_gap = path_factor(sensor, drive) * ripple_amplitude(coil, supply, sensor.gap, drive)
     per_gap = per_gap / (sensor.gap + coil.core_length / 2)
     return np.asarray(amplitude, dtype=float) / per_gap - coil.core_length / 2
@@ -65,12 +71,15 @@ def demodulated_gap(amplitude: ArrayLike, sensor: SelfSensor, drive: float = 0.0
 def demodulation_error(
     gap: ArrayLike, coil: Coil, supply: Supply, drive: ArrayLike, assumed: float = 0.0
 ) -> np.ndarray:
-    """How far (m) the demodulated gap lies above the gap when the drive is not the one assumed.
+    """Distance (m) by which the demodulated gap exceeds the gap when the drive is not the assumed one.
 
-    From the factor alpha (1 - alpha) of D eq 6.20; two states, half assumed: -(gap + core_length / 2) drive^2. A path
-    adds what its high-pass and its few samples make of another shape: with D's corners, 0.7 % of the gap at a duty of
-    0.6 and 100 samples per PWM period, up to 5 % at 10 samples. Shapes broadcast. ValueError when the assumed drive
-    makes no ripple.
+    It follows from the factor alpha (1 - alpha) of D eq 6.20; for two states with half duty assumed it is
+    -(gap + core_length / 2) drive^2. A forward path adds the effect of its high-pass and of few samples on another
+    ripple shape: with D's corners, 0.7 % of the gap at a duty of 0.6 and 100 samples per PWM period, and up to 5 % at
+    10 samples. Shapes broadcast.
+
+    Raises:
+        ValueError: The assumed drive makes no ripple.
     """
     _check_drive(supply, assumed)
     ratio = _duty_product(supply, drive) / _duty_product(supply, assumed)
@@ -78,10 +87,16 @@ def demodulation_error(
 
 
 def duty_swing(frequency: float, inductance: float, current: float, voltage: float) -> float:
-    """Swing of the duty about one half that drives a current (A, peak) at a frequency (Hz): alpha_m of D eq 6.25.
+    """Swing of the duty about one half, alpha_m of D eq 6.25, that drives a current; the drive swings twice as much.
 
-    inductance H, voltage V of the supply; two states, resistance neglected. The drive swings by twice as much.
-    ValueError above one half, where the supply cannot follow.
+    Args:
+        frequency: Hz.
+        inductance: H.
+        current: Peak, A.
+        voltage: Voltage of a supply with two states, V; the resistance is neglected.
+
+    Raises:
+        ValueError: The swing exceeds one half, so the supply cannot follow.
     """
     swing = np.pi * frequency * inductance * current / voltage
     if not 0 <= swing <= 0.5:
@@ -93,7 +108,7 @@ def duty_swing(frequency: float, inductance: float, current: float, voltage: flo
 
 
 def _duty_product(supply: Supply, drive: ArrayLike) -> np.ndarray:
-    """alpha (1 - alpha), alpha the share of a PWM period at the upper level."""
+    """alpha (1 - alpha), where alpha is the share of a PWM period at the upper level."""
     drive = np.asarray(drive, dtype=float)
     alpha = (1 + drive) / 2 if supply.states == 2 else np.abs(drive)
     return alpha * (1 - alpha)

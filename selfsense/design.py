@@ -1,8 +1,8 @@
-"""Gains of the estimator's PI controller: from its open loop's phase margin, and against the lag of its estimate.
+"""Gains of the estimator's PI controller, from the phase margin of its open loop and the lag of its estimate.
 
-The open loop is the sampled one at half duty, where the ripple and with it the loop's gain is largest. It lags more
-than its low-pass: the high-pass delays the ripple's envelope, and an estimate acts a sample late. So less lag of the
-estimate costs phase margin, and the margin alone nearly fixes the peak and the noise bandwidth.
+The open loop is the sampled loop at half duty, where the ripple and with it the loop gain is largest. It lags more than
+its low-pass: the high-pass delays the ripple's envelope, and an estimate acts one sample late. A smaller lag of the
+estimate therefore costs phase margin, and the margin alone nearly determines the peak and the noise bandwidth.
 """
 
 from dataclasses import astuple, dataclass, fields, replace
@@ -13,21 +13,29 @@ from numpy.typing import ArrayLike
 from selfsense.linear import LinearSensor, controller_response, linearise, strongest_drive
 from selfsense.sensor import SelfSensor
 
-# Degrees at Hz, within dB: at 35 degrees a varying duty moves the estimate a tenth of what it moves the amplitude.
+# Largest lag in degrees at this frequency in Hz, and droop in dB. At 35 degrees a varying duty moves the estimate a
+# tenth as much as it moves the amplitude.
 LAG, LAG_AT, DROOP = 35.0, 4000.0, 1.0
-LEAST_MARGIN = 10.0  # deg, of a design: below it the estimate rings
+LEAST_MARGIN = 10.0  # smallest phase margin of a design, deg; below it the estimate rings
 _GRID = 600  # frequencies of a curve
-_INSIDE = 60  # of them below the frequency whose lag counts
-_CANDIDATES, _ZOOMS = 200, 3  # crossovers tried, and how often around the best of them
+_INSIDE = 60  # frequencies below the one at which the lag is required
+_CANDIDATES, _ZOOMS = 200, 3  # crossovers tried, and repetitions around the best of them
 
 
 @dataclass(frozen=True)
 class PIDesign:
-    """PI gains kp (m/A) and ki (m/(A s)) and what they bring; floats, or arrays (n,) of a trade-off.
+    """PI gains and their properties; floats, or arrays (n,) of a trade-off.
 
-    crossover (Hz), phase_margin (deg) and gain_margin (a factor) of the open loop; bandwidth (Hz): where estimated over
-    true gap has dropped by 3 dB from its static value; lag (deg) at the frequency designed for; peak, over the static
-    value; noise_bandwidth (Hz): integral of its square up to half the sampling rate.
+    Attributes:
+        kp: m/A.
+        ki: m/(A s).
+        crossover: Of the open loop, Hz.
+        phase_margin: Of the open loop, deg.
+        gain_margin: Of the open loop, a factor.
+        bandwidth: Frequency at which estimated over true gap is 3 dB below its static value, Hz.
+        lag: At the frequency designed for, deg.
+        peak: Relative to the static value.
+        noise_bandwidth: Integral of the squared response up to half the sampling rate, Hz.
     """
 
     kp: float | np.ndarray
@@ -47,9 +55,10 @@ def with_gains(sensor: SelfSensor, kp: float, ki: float) -> SelfSensor:
 
 
 def pi_gains(sensor: SelfSensor, crossover: float, phase_margin: float) -> tuple[float, float]:
-    """kp (m/A) and ki (m/(A s)) with which the open loop crosses 1 at crossover (Hz) with a phase margin (deg).
+    """Gains kp (m/A) and ki (m/(A s)) for a crossover (Hz) of the open loop with a phase margin (deg).
 
-    ValueError when the phase that this takes is not one of a PI controller, which lags by 0 to 90 degrees.
+    Raises:
+        ValueError: The required controller phase is outside the 0 to 90 degrees of lag of a PI controller.
     """
     linear = linearise(sensor, strongest_drive(sensor.supply))
     if not 0 < crossover < linear.rate / 2:
@@ -66,12 +75,15 @@ def pi_gains(sensor: SelfSensor, crossover: float, phase_margin: float) -> tuple
 
 
 def design_pi(sensor: SelfSensor, lag: float = LAG, at: float = LAG_AT, droop: float = DROOP) -> PIDesign:
-    """The gains with the most phase margin whose estimate lags at most `lag` degrees at `at` Hz.
+    """Gains with the largest phase margin whose estimate lags by at most `lag` degrees at `at` Hz.
 
-    Up to there the estimate stays within `droop` dB below its static value, so that its bandwidth is wider than `at`.
-    The more it may droop, the less integral part is left: at 3 dB and little lag next to none, and the estimate creeps.
-    For 25 kHz, 250 kHz and the digital path, 50 degrees leave 52 of margin; 20 degrees 14, or 26 with 2.9 dB of droop.
-    ValueError when no gains with 10 degrees of margin reach the lag.
+    Up to that frequency the estimate stays within `droop` dB below its static value, so its bandwidth is larger than
+    `at`. The more droop is allowed, the smaller the integral part: at 3 dB and a small lag almost none is left, and the
+    estimate creeps. For 25 kHz, 250 kHz and the digital path, a lag of 50 degrees leaves 52 degrees of margin; a lag of
+    20 degrees leaves 14, or 26 with 2.9 dB of droop.
+
+    Raises:
+        ValueError: No gains with 10 degrees of margin reach the lag.
     """
     band = _Band.of(sensor, at, droop)
     if not 0 < lag < 360:
@@ -97,9 +109,9 @@ def design_pi(sensor: SelfSensor, lag: float = LAG, at: float = LAG_AT, droop: f
 def trade_off(
     sensor: SelfSensor, margins: ArrayLike | None = None, at: float = LAG_AT, droop: float = DROOP
 ) -> PIDesign:
-    """For phase margins (n,) in degrees (default 30 to 85) the gains with the smallest lag at `at` Hz, arrays (n,).
+    """Gains with the smallest lag at `at` Hz for phase margins (n,) in degrees (by default 30 to 85), as arrays (n,).
 
-    droop as in `design_pi`. Where no gains stay within it, everything but the phase margin is nan.
+    The droop is that of `design_pi`. Where no gains stay within it, everything but the phase margin is nan.
     """
     margins = np.arange(30.0, 86.0, 5.0) if margins is None else np.asarray(margins, dtype=float)
     band, rows = _Band.of(sensor, at, droop), []
@@ -112,7 +124,11 @@ def trade_off(
 
 
 def assess(sensor: SelfSensor, at: float = LAG_AT) -> PIDesign:
-    """What the gains of a sensor bring, with the lag at `at` Hz. ValueError when they are not stable."""
+    """Properties of a sensor's gains, with the lag at `at` Hz.
+
+    Raises:
+        ValueError: The gains are not stable.
+    """
     linear = linearise(sensor, strongest_drive(sensor.supply))
     kp, ki = sensor.estimator.kp, sensor.estimator.ki
     if not linear.growth(kp, ki) < 1:
@@ -141,9 +157,11 @@ def assess(sensor: SelfSensor, at: float = LAG_AT) -> PIDesign:
 
 @dataclass(frozen=True)
 class _Band:
-    """What a search for gains needs: forward responses at frequencies that the loop may cross at, up to where a
-    proportional controller has no margin left; over all frequencies; and with the coil's inside the band that must not
-    droop below the least tracking."""
+    """Responses that a search for gains needs.
+
+    These are the forward responses at possible crossover frequencies, up to where a proportional controller has no
+    margin left; over all frequencies; and, with the coil's response, inside the band that must not droop below `least`.
+    """
 
     linear: LinearSensor
     crossover: np.ndarray
@@ -173,7 +191,7 @@ class _Band:
 
 
 def _smallest_lag(band: _Band, margin: float) -> tuple[float, float, float]:
-    """Smallest lag (deg) at the end of the band with a phase margin (deg), infinite if none; and its kp and ki."""
+    """Smallest lag (deg) at the end of the band for a phase margin (deg), inf if none; and its kp and ki."""
     rate, best = band.linear.rate, (np.inf, np.nan, np.nan)
     low, high = band.crossover[[0, -1]]
     for _ in range(_ZOOMS):
@@ -192,7 +210,7 @@ def _smallest_lag(band: _Band, margin: float) -> tuple[float, float, float]:
 
 
 def _lags(band: _Band, kp: np.ndarray, ki: np.ndarray) -> np.ndarray:
-    """Lag (deg, n) at the end of the band; infinite where the estimate droops, or the loop crosses 1 elsewhere too."""
+    """Lag (deg, n) at the end of the band; inf where the estimate droops or the loop crosses 1 more than once."""
     rate, column = band.linear.rate, (kp[:, None], ki[:, None])
     above = np.abs(controller_response(*column, rate, band.curve) * band.over) > 1
     controller = controller_response(*column, rate, band.inside)
@@ -215,7 +233,7 @@ def _curve(linear: LinearSensor, n: int) -> np.ndarray:
 
 
 def _static(linear: LinearSensor) -> float:
-    """Estimated over true gap at rest."""
+    """Static ratio of estimated to true gap."""
     return float(np.abs(linear.coil(0.0) / linear.forward(0.0)))
 
 

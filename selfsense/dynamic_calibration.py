@@ -17,13 +17,19 @@ from selfsense.validity import SETTLING, refuse_invalid
 
 @dataclass(frozen=True)
 class DynamicCalibration:
-    """Response of an estimate to a displacement at n lines: frequency (n,) Hz, response (n,) complex, standard_error
-    (n,), the root of E|n|^2.
+    """Response of an estimate to a displacement at n lines. The errors contain noise, not what repeats every period.
 
-    delay (s): of the pure delay that fits best, less than half a period, its standard error and 95 % bounds; polarity:
-    1, or -1 where the estimate falls with the displacement; gain: magnitude at the three lowest lines, or the lowest
-    hundredth; bandwidth (Hz): where the response falls 3 dB below it, inf where no line shows that. The errors hold the
-    noise, not what repeats in every period.
+    Attributes:
+        frequency: Hz, (n,).
+        response: Complex, (n,).
+        standard_error: Root of E|n|^2, (n,).
+        polarity: 1, or -1 where the estimate falls with the displacement.
+        delay: Best-fitting pure delay, less than half a period, s.
+        delay_se: Its standard error.
+        delay_low: Its lower 95 % bound.
+        delay_high: Its upper 95 % bound.
+        gain: Magnitude at the three lowest lines, or the lowest hundredth of them.
+        bandwidth: Frequency at which the response is 3 dB below the gain, Hz; inf where no line shows it.
     """
 
     frequency: np.ndarray
@@ -40,7 +46,8 @@ class DynamicCalibration:
     def lag(self, frequency: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
         """Phase lag (rad) at frequencies (Hz) and its standard error, interpolated between lines; shape of frequency.
 
-        ValueError outside the lines measured.
+        Raises:
+            ValueError: A frequency is outside the measured lines.
         """
         at = np.asarray(frequency, dtype=float)
         first, last = self.frequency[[0, -1]]
@@ -55,11 +62,19 @@ class DynamicCalibration:
 def dynamic_calibration(
     displacement: ArrayLike, estimate: ArrayLike, rate: float, fundamental: float, lines: ArrayLike, periods: int
 ) -> DynamicCalibration:
-    """Response of an estimate to a periodic displacement, both (samples,) at rate (Hz), from its last whole periods.
+    """Response of an estimate to a periodic displacement, from the last whole periods of a record.
 
-    fundamental: Hz; lines: harmonics that the displacement excites; periods: how many of the record's last ones are
-    used, two or more; what lies before is the transient. ValueError when the record is shorter, a period is not a
-    whole number of samples, a sample used is not finite or a line is not excited.
+    Args:
+        displacement: (samples,).
+        estimate: (samples,).
+        rate: Hz.
+        fundamental: Hz.
+        lines: Harmonics that the displacement excites.
+        periods: Number of last periods used, at least two; the samples before them are the transient.
+
+    Raises:
+        ValueError: The record is too short, a period is not a whole number of samples, a used sample is not finite, or
+            a line is not excited.
     """
     signals = [np.asarray(s, dtype=float) for s in (displacement, estimate)]
     lines, per_period = np.asarray(lines), _samples_per_period(rate, fundamental, periods)
@@ -96,10 +111,21 @@ def simulated_dynamic(
 ) -> DynamicCalibration:
     """Dynamic calibration of a simulated sensor whose gap follows a Schroeder multisine (D 6.3.2).
 
-    fundamental, top (Hz): every harmonic of the one up to the other; amplitude (m): its peak. Periods are simulated
-    side by side, each with noise of its own. The estimate is kept at every sample: at one per PWM period its ripple,
-    which the motion modulates, would fold onto the lines (0.5 % at 4 kHz with the standard coil). A second at 250 kHz
-    takes 150 MB for up to 16 periods. ValueError when the estimate cannot be trusted all along.
+    Periods are simulated side by side, each with its own noise. The estimate is kept at every sample: at one sample per
+    PWM period, its ripple, which the motion modulates, would fold onto the lines (0.5 % at 4 kHz with the standard
+    coil). One second at 250 kHz takes 150 MB for up to 16 periods.
+
+    Args:
+        sensor: The sensor.
+        fundamental: Hz.
+        top: Highest excited frequency, Hz; every harmonic up to it is excited.
+        amplitude: Peak, m.
+        periods: Number of periods.
+        drive: Constant drive.
+        seed: Seed of the noise.
+
+    Raises:
+        ValueError: The estimate cannot be trusted throughout.
     """
     rate = sensor.acquisition.rate
     per_period = _samples_per_period(rate, fundamental, periods)
@@ -126,8 +152,8 @@ def _calibrated(statistics: LineStatistics) -> DynamicCalibration:
     w = 2 * np.pi * statistics.frequency
     delay, polarity = _correlation_peak(statistics.lines, power * g)
     delay /= statistics.frequency[0] / statistics.lines[0]
-    # Least squares of G on e^(-j w delay), which is the peak of the correlation: linear in G, so a noisy line pulls to
-    # neither side.
+    # Least squares of G on e^(-j w delay), which is the peak of the correlation. It is linear in G, so a noisy line
+    # causes no bias.
     upright, weight = polarity * g, w**2 * power
     for _ in range(10):
         turned = weight * upright * np.exp(1j * w * delay)
@@ -155,9 +181,9 @@ def _calibrated(statistics: LineStatistics) -> DynamicCalibration:
 
 
 def _correlation_peak(lines: np.ndarray, cross: np.ndarray) -> tuple[float, int]:
-    """Delay, in periods from -1/2 to 1/2, at which the correlation of two signals peaks, and the peak's sign.
+    """Delay, in periods from -1/2 to 1/2, at which the correlation of two signals peaks, and the sign of the peak.
 
-    cross (n,): conj(X) Y at the lines. On a grid of a sixteenth of the highest line's period.
+    cross (n,) is conj(X) Y at the lines. The grid is a sixteenth of the highest line's period.
     """
     spectrum = np.zeros(8 * int(lines[-1]) + 1, complex)
     spectrum[lines] = cross
@@ -168,7 +194,7 @@ def _correlation_peak(lines: np.ndarray, cross: np.ndarray) -> tuple[float, int]
 
 
 def _bandwidth(frequency: np.ndarray, magnitude: np.ndarray, error: np.ndarray, level: float) -> float:
-    """First frequency (Hz) at which a magnitude falls below a level, by more than noise does."""
+    """First frequency (Hz) at which a magnitude falls below a level by more than its noise."""
     below = np.flatnonzero(magnitude + 2 * error < level)
     above = np.flatnonzero(magnitude[: below[0]] >= level) if below.size else below
     if not above.size:

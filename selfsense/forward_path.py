@@ -36,9 +36,9 @@ class DigitalPath:
 class AnalogPath:
     """The analog path: two band-pass stages, then the root of the low-passed square (true rms).
 
-    centre and low_pass in Hz; gain 1.15 and quality 0.83 per stage (D 6.4.1.2): 30 kHz wide as D has it, but from 14 to
-    44 kHz (-3 dB), not from 10 to 40. The low-pass is the averaging of the rms converter and its two-pole filter, whose
-    corner D does not give.
+    The gain of 1.15 and quality of 0.83 per stage are those of D 6.4.1.2. The pass band is 30 kHz wide as D states, but
+    reaches from 14 to 44 kHz (-3 dB) and not from 10 to 40. The low-pass stands for the averaging of the rms converter
+    and its two-pole filter, whose corner D does not give. centre and low_pass are in Hz.
     """
 
     centre: float = 25e3
@@ -54,7 +54,7 @@ class AnalogPath:
     def sections(self, rate: float) -> tuple[np.ndarray, np.ndarray]:
         """Second-order sections (2, 5) before the square and (1, 5) behind it, by Tustin's rule at rate (Hz).
 
-        The band-pass is warped so that its centre stays where it is.
+        The band-pass is prewarped so that its centre frequency is kept.
         """
         _check_below_half(self.centre, rate)
         w = 2 * rate * np.tan(pi * self.centre / rate)
@@ -72,7 +72,7 @@ def low_pass_section(corner: float, rate: float) -> np.ndarray:
     return tustin((0.0, 0.0, w**2), (1.0, w / BUTTERWORTH, w**2), rate)
 
 
-@lru_cache(maxsize=256)  # sensors by the hundred share few filters
+@lru_cache(maxsize=256)  # hundreds of sensors share a few filters
 def tustin(numerator: tuple[float, ...], denominator: tuple[float, ...], rate: float) -> np.ndarray:
     """b0, b1, b2, a1, a2 of a filter of second order in s, highest power first, by Tustin's rule (D eq 6.22)."""
     b, a = map(np.asarray, bilinear(numerator, denominator, rate))
@@ -83,7 +83,7 @@ def tustin(numerator: tuple[float, ...], denominator: tuple[float, ...], rate: f
 
 
 def response(sections: np.ndarray, z: np.ndarray) -> np.ndarray:
-    """Response of sections (n, 5) in a row at points z of the plane; shape of z."""
+    """Response of sections (n, 5) in series at points z of the complex plane; shape of z."""
     d = 1 / np.asarray(z)
     total = np.ones(d.shape, complex)
     for b0, b1, b2, a1, a2 in sections:

@@ -1,4 +1,4 @@
-"""An extended Kalman filter of the averaged magnet, and how it and the observer stand against what they do not know."""
+"""An extended Kalman filter of the averaged magnet, and how it and the observer tolerate unknown disturbances."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -26,9 +26,9 @@ class MagnetFilter(ExtendedKalmanFilter):
         """One sample under a held voltage u (V): Runge-Kutta of 4th order, and its transition F."""
         m, h, x = self.magnet, self.interval, self.x.tolist()
         a = h * jacobian(m, *x, voltage=u)
-        # What the voltage does to the current depends on the displacement through the inductance. Where the voltage
-        # errs, or feeds back a displacement measured otherwise, this would pass for knowledge of the displacement:
-        # estimates 36 um off where the filter claims 12.
+        # The effect of the voltage on the current depends on the displacement through the inductance. Where the voltage
+        # is wrong, or feeds back a displacement measured otherwise, this would be taken for information on the
+        # displacement: estimates were then off by 36 um where the filter claimed 12.
         a[2, 0] = 0.0
         self.F = self._I + a @ (self._I + a @ (self._I + a @ (self._I + a / 4) / 3) / 2)
         k1 = slopes(m, *x, u)
@@ -43,9 +43,10 @@ def _ahead(x: Sequence[float], rate: Sequence[float], time: float) -> list[float
 
 
 def process_noise(magnet: AveragedMagnet, rate: float, force_noise: float, voltage_noise: float = 0.0) -> np.ndarray:
-    """Covariance (3, 3) that white force (N/sqrt(Hz)) and voltage (V/sqrt(Hz)) noise, one-sided, add per sample.
+    """Covariance (3, 3) per sample from white force (N/sqrt(Hz)) and voltage (V/sqrt(Hz)) noise, one-sided.
 
-    Of the linear model, exact (Van Loan 1978)."""
+    It is exact for the linear model (Van Loan 1978).
+    """
     a, _, _ = linear_model(magnet)
     block = np.zeros((6, 6))
     block[:3, :3], block[3:, 3:] = -a, a.T
@@ -65,14 +66,27 @@ def run(
     voltage_noise: float = 0.0,
     start_deviation: ArrayLike | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Displacement (n,), m, and the standard deviation (n,) that the filter claims for it, each from samples up to it.
+    """Estimate the displacement from current and voltage, each estimate from the samples up to it.
 
-    current (n,), A, with white noise of current_noise (A rms per sample); voltage (n,), V, held from each sample to the
-    next at rate (Hz). force_noise (N/sqrt(Hz)) and voltage_noise (V/sqrt(Hz)), one-sided: white force on the rotor, and
-    white error of the voltage. start_deviation (3,): of displacement, velocity and current from rest; default a 30th of
-    the magnet's units. Up to there the claim holds; a tenth off, 10 to 30 ms pass before it does. Estimates end at 95 %
-    of the gap. A constant force stays unseen, as in `design_observer`. ValueError when an input does not fit, or the
-    record does not fit the magnet at all.
+    Estimates end at 95 % of the gap. A constant force stays unseen, as in `design_observer`.
+
+    Args:
+        magnet: Model.
+        voltage: (n,), V, held from each sample to the next.
+        current: (n,), A.
+        rate: Hz.
+        force_noise: White force on the rotor, N/sqrt(Hz), one-sided.
+        current_noise: White noise of the current, A rms per sample.
+        voltage_noise: White error of the voltage, V/sqrt(Hz), one-sided.
+        start_deviation: Deviation of displacement, velocity and current from rest at the start, (3,); by default a
+            30th of the magnet's units. Up to that the claimed deviation holds; a tenth off, it holds after 10 to
+            30 ms.
+
+    Returns:
+        Displacement (n,), m, and the standard deviation (n,) that the filter claims for it.
+
+    Raises:
+        ValueError: An input does not fit, or the record does not match the magnet at all.
     """
     voltage, current = checked_signals("Kalman filter", voltage, current)
     if current.ndim != 1:
@@ -116,13 +130,16 @@ def compare(
     step: float = 0.5,
     seed: int = 0,
 ) -> dict[str, dict[str, float]]:
-    """Errors of observer and filter, both designed for `magnet`, on records of rigs that differ from it.
+    """Errors of observer and filter, both designed for `magnet`, on records of magnets that differ from it.
 
-    Rows: nominal; resistance, supply voltage and inductance each 20 % above what both believe; a force step (N) at a
-    third of the record. Columns, rms in um over its second half: the motion itself, the error of the observer (its
-    `poles` in 1/s) and of the filter; and the filter's own standard deviation at the end. Records: the nonlinear model,
-    levitated by its true state for duration (s), sampled at rate (Hz), under the noise of `run`. The estimates do not
-    close the loop; where the filter's do, a fifth of the resistance or the supply drops the rotor within 0.1 s.
+    The records come from the nonlinear model, levitated by its true state under the noise of `run`. The estimates do
+    not close the loop; if the filter's estimates did, an error of a fifth in resistance or supply would drop the rotor
+    within 0.1 s.
+
+    Returns:
+        Rows: nominal; resistance, supply voltage and inductance each 20 % above the assumed value; a force step (N) at
+        a third of the record. Columns, rms in um over the second half: the motion itself, the error of the observer
+        (its `poles` in 1/s) and of the filter; and the filter's claimed standard deviation at the end.
     """
     n = round(duration * rate)
     rng = np.random.default_rng(seed)
@@ -156,5 +173,5 @@ def compare(
 
 
 def _late_rms(values: np.ndarray) -> float:
-    """Root mean square of the second half, in millionths."""
+    """Root mean square of the second half, in units of 1e-6."""
     return 1e6 * float(np.sqrt(np.mean(values[len(values) // 2 :] ** 2)))

@@ -1,8 +1,8 @@
 """The parameter estimator as a linear periodic system around a converged orbit: its responses and its stability.
 
 A wrong gap changes the slope of the simulated current in proportion to the switching voltage, the rectifier passes the
-change with the sign of the ripple, and the low-pass averages it (D 6.2.1, 6.3); all of it repeats with the PWM. Eddy
-currents, saturation, dead time and what limits the estimate are left out; `simulate` has them.
+change with the sign of the ripple, and the low-pass averages it (D 6.2.1, 6.3); all of this repeats with the PWM. Eddy
+currents, saturation, dead time and limits of the estimate are left out; `simulate` includes them.
 """
 
 from dataclasses import dataclass
@@ -16,14 +16,19 @@ from selfsense.forward_path import response, unit_circle
 from selfsense.sensor import SelfSensor, samples_and_periods
 from selfsense.supply import Supply
 
-LEAK = 1e-9  # of a current per sample at least: a coil without resistance would hold a pole on the circle
+LEAK = 1e-9  # least decay of a current per sample: a coil without resistance would have a pole on the unit circle
 Sections = tuple[np.ndarray, np.ndarray]
 
 
 @dataclass(frozen=True)
 class Slopes:
-    """A forward path on the orbit of a current of N samples: slopes (N,) of the rectifier and of what follows the
-    low-pass, and the mean amplitude (A)."""
+    """A forward path on the orbit of a current of N samples.
+
+    Attributes:
+        rectifier: Slopes (N,) of the rectifier.
+        root: Slopes (N,) of what follows the low-pass.
+        amplitude: Mean amplitude, A.
+    """
 
     rectifier: np.ndarray
     root: np.ndarray
@@ -32,12 +37,22 @@ class Slopes:
 
 @dataclass(frozen=True)
 class LinearSensor:
-    """A sensor at rest, linearised; its PI gains do not enter. Sample k ends interval k of the N of a cycle.
+    """A sensor at rest, linearised, without its PI gains. Sample k ends interval k of the N intervals of a cycle.
 
-    rate (Hz); sections before (n, 5) and behind (1, 5) the rectifier; estimate (m): where the estimator converges.
-    Simulated current: decay over a sample, by_estimate (N,) A/m: what the estimate of the sample before adds to it.
-    Coil: coil_decay; by_gap and by_last_gap (N,): what the gap at this sample and at the one before add to its state, a
-    flux linkage, or a current without the back-EMF; reading = inverse state + direct (N,) gap.
+    Attributes:
+        rate: Hz.
+        sections: Filter sections before (n, 5) and behind (1, 5) the rectifier.
+        estimate: Gap to which the estimator converges, m.
+        decay: Decay of the simulated current over a sample.
+        by_estimate: Change of the simulated current by the estimate of the sample before, (N,), A/m.
+        simulated: Slopes for the simulated current.
+        coil_decay: Decay of the coil's state over a sample; the state is a flux linkage, or a current without the
+            back-EMF.
+        by_gap: Change of that state by the gap at this sample, (N,).
+        by_last_gap: Change of that state by the gap at the sample before, (N,).
+        inverse: Reading = inverse state + direct gap.
+        direct: See inverse, (N,).
+        actual: Slopes for the real current.
     """
 
     rate: float
@@ -54,17 +69,17 @@ class LinearSensor:
     actual: Slopes
 
     def forward(self, frequency: ArrayLike) -> np.ndarray:
-        """Estimated gap (m) to amplitude of the simulated ripple (A), complex; frequency in Hz, any shape."""
+        """Response of the simulated ripple's amplitude (A) to the estimated gap (m); frequency in Hz, any shape."""
         z, images = self._images(frequency)
         spectrum = np.fft.fft(self.by_estimate) / z / (1 - self.decay / images)
         return self._demodulated(self.simulated, spectrum, images).mean(axis=-1)
 
     def coil(self, frequency: ArrayLike) -> np.ndarray:
-        """True gap (m) to amplitude of the real ripple (A), complex; frequency in Hz, any shape."""
+        """Response of the real ripple's amplitude (A) to the true gap (m); frequency in Hz, any shape."""
         return self._amplitude(*self._images(frequency)).mean(axis=-1)
 
     def tracked(self, kp: float, ki: float, frequency: ArrayLike) -> np.ndarray:
-        """Estimated over true gap, complex, with gains kp (m/A) and ki (m/(A s)); frequency in Hz, any shape."""
+        """Ratio of estimated to true gap with gains kp (m/A) and ki (m/(A s)); frequency in Hz, any shape."""
         z, images = self._images(frequency)
         turn = z ** np.arange(self.direct.size)
         force = self._amplitude(z, images) * turn
@@ -78,14 +93,15 @@ class LinearSensor:
             return state, estimates
 
         forced, _ = cycle(np.zeros((*force.shape[:-1], len(gains), 1)))
-        # A steady cycle ends where it began, turned by z^N.
+        # A steady cycle ends where it began, multiplied by z^N.
         whole = (turn[..., -1:] * z)[..., None] * np.eye(len(gains))
         return (cycle(np.linalg.solve(whole - self.cycle_map(kp, ki), forced))[1] / turn).mean(axis=-1)
 
     def cycle_map(self, kp: ArrayLike, ki: ArrayLike) -> np.ndarray:
-        """What one cycle does to a small change of the estimator's state, (..., n, n), with gains kp and ki (...).
+        """Matrix (..., n, n) of one cycle for small changes of the estimator's state, with gains kp and ki (...).
 
-        State: simulated current, two of each section before and behind the rectifier, integral, estimate.
+        The state holds the simulated current, two values of each section before and behind the rectifier, the integral
+        and the estimate.
         """
         steps, rows, gains = self._steps(*np.broadcast_arrays(np.asarray(kp, dtype=float), np.asarray(ki, dtype=float)))
         total = np.broadcast_to(np.eye(steps.shape[-1]), (*gains.shape[:-1], steps.shape[-1]))
@@ -94,7 +110,7 @@ class LinearSensor:
         return total
 
     def growth(self, kp: ArrayLike, ki: ArrayLike) -> np.ndarray:
-        """Factor by which a small error grows over one cycle in the long run, for gains (...); stable below 1."""
+        """Long-run growth of a small error per cycle, for gains (...); the estimator is stable below 1."""
         return np.abs(np.linalg.eigvals(self.cycle_map(kp, ki))).max(axis=-1)
 
     def _images(self, frequency: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
@@ -103,12 +119,12 @@ class LinearSensor:
         return z, z * unit_circle(self.direct.size)
 
     def _amplitude(self, z: np.ndarray, images: np.ndarray) -> np.ndarray:
-        """True gap (m) to amplitude (A) at each sample of a cycle (..., N)."""
+        """Response of the amplitude (A) to the true gap (m) at each sample of a cycle, (..., N)."""
         state = np.fft.fft(self.by_gap + self.by_last_gap / z) / (1 - self.coil_decay / images)
         return self._demodulated(self.actual, self.inverse * state + np.fft.fft(self.direct), images)
 
     def _demodulated(self, slopes: Slopes, spectrum: np.ndarray, images: np.ndarray) -> np.ndarray:
-        """Amplitude at each sample of a cycle (..., N) that a current brings whose images have a spectrum (..., N)."""
+        """Amplitude at each sample of a cycle (..., N), from the spectrum (..., N) of a current's images."""
         before, behind = self.sections
         ripple = np.fft.ifft(spectrum * response(before, images))
         amplitude = np.fft.ifft(np.fft.fft(ripple * slopes.rectifier) * response(behind, images))
@@ -132,9 +148,11 @@ class LinearSensor:
 
 
 def linearise(sensor: SelfSensor, drive: float = 0.0) -> LinearSensor:
-    """A sensor at its resting gap and a constant drive (-1 .. 1), linearised.
+    """A sensor linearised at its resting gap and a constant drive (-1 .. 1).
 
-    ValueError when the drive lets no current ripple, or when no gap in the estimator's range has the coil's amplitude.
+    Raises:
+        ValueError: The current does not ripple at this drive, or no gap in the estimator's range gives the coil's
+            amplitude.
     """
     _check_drive(sensor, drive)
     coil, model, rate = sensor.coil, sensor.estimator.coil, sensor.acquisition.rate
@@ -146,7 +164,7 @@ def linearise(sensor: SelfSensor, drive: float = 0.0) -> LinearSensor:
     late = coil.resistance * inverse * (moment - interval / 2 * integral)
     linkage = _steady(sensor.supply.voltage * (_phi(decay) * integral + late), decay)
     actual = _slopes(sections, rms, inverse * linkage)
-    # What the resistance takes from a wider gap within an interval, half by the gap at either end of it.
+    # Voltage lost in the resistance within an interval for a wider gap, half of it due to the gap at either end.
     within = sensor.supply.voltage * decay ** (2 / 3) * (interval * integral - moment)
     lost = coil.resistance * per_gap / 2 * (interval * decay * np.roll(linkage, 1) + within)
     if coil.back_emf:
@@ -173,10 +191,13 @@ def strongest_drive(supply: Supply) -> float:
 
 
 def forward_response(sensor: SelfSensor, frequency: ArrayLike, drive: float = 0.0) -> np.ndarray:
-    """What an error of the estimated gap (m) does to the amplitude difference (A) at the same frequency (Hz), complex.
+    """Complex response of the amplitude difference (A) to an error of the estimated gap (m) at the same frequency.
 
-    The mean of the periodic response over the cycle, exact for the sampled estimator as a sum over the harmonics of
-    the PWM, and with the sample by which an estimate acts later. Shape of frequency. ValueError as `linearise`.
+    It is the mean of the periodic response over the cycle, exact for the sampled estimator as a sum over the PWM
+    harmonics, and includes the sample by which an estimate acts later. Shape of frequency (Hz).
+
+    Raises:
+        ValueError: As `linearise`.
     """
     return linearise(sensor, drive).forward(frequency)
 
@@ -188,24 +209,34 @@ def controller_response(kp: ArrayLike, ki: ArrayLike, rate: float, frequency: Ar
 
 
 def tracking(sensor: SelfSensor, frequency: ArrayLike, drive: float = 0.0) -> np.ndarray:
-    """Estimated over true gap, complex, at frequencies (Hz), any shape; of a sensor that is stable.
+    """Complex ratio of estimated to true gap at frequencies (Hz) of any shape, for a stable sensor.
 
-    With what the loop carries from one harmonic of the PWM to another and back. Without that, which is below 1 % at
-    half duty, it is C G_coil / (1 + C G_forward). ValueError as `linearise`.
+    It includes what the loop carries from one PWM harmonic to another and back. Without this part, which is below 1 %
+    at half duty, it is C G_coil / (1 + C G_forward).
+
+    Raises:
+        ValueError: As `linearise`.
     """
     return linearise(sensor, drive).tracked(sensor.estimator.kp, sensor.estimator.ki, frequency)
 
 
 def monodromy(sensor: SelfSensor, drive: float = 0.0) -> np.ndarray:
-    """What one cycle does to a small change of the estimator's state (n, n), see `LinearSensor.cycle_map`.
+    """Matrix (n, n) of one cycle for small changes of the estimator's state, see `LinearSensor.cycle_map`.
 
-    n is 7 with the digital path and 9 with the analog one. ValueError as `linearise`.
+    n is 7 with the digital path and 9 with the analog path.
+
+    Raises:
+        ValueError: As `linearise`.
     """
     return linearise(sensor, drive).cycle_map(sensor.estimator.kp, sensor.estimator.ki)
 
 
 def stable(sensor: SelfSensor, drive: float = 0.0) -> bool:
-    """Whether a small error of the estimator dies out. ValueError as `linearise`."""
+    """Whether a small error of the estimator decays.
+
+    Raises:
+        ValueError: As `linearise`.
+    """
     return bool(linearise(sensor, drive).growth(sensor.estimator.kp, sensor.estimator.ki) < 1)
 
 
@@ -221,16 +252,16 @@ def _check_drive(sensor: SelfSensor, drive: float) -> None:
 
 
 def _levels(supply: Supply, drive: float, samples: int, periods: int) -> tuple[np.ndarray, np.ndarray]:
-    """Integral (s) of the levels over each interval of a cycle, and their first moment (s^2) from its start."""
+    """Integral (s) of the voltage levels over each interval of a cycle, and their first moment (s^2) from its start."""
     alpha, on, off = (abs(drive), np.sign(drive), 0.0) if supply.states == 3 else ((1 + drive) / 2, 1.0, -1.0)
     turns = np.arange(samples + 1) * periods
     whole, part, step = turns // samples, turns % samples / samples, periods / samples
     first, rest = np.minimum(part, alpha), np.maximum(part - alpha, 0)
-    # The running integral and its own integral, in periods, of whole periods and of what follows them.
+    # The running integral and its own integral, in periods: of whole periods, and of what follows them.
     mean, area = on * alpha + off * (1 - alpha), on * alpha * (1 - alpha / 2) + off * (1 - alpha) ** 2 / 2
     once = whole * mean + on * first + off * rest
     twice = whole * (area + mean * ((whole - 1) / 2 + part)) + on * first * (first / 2 + rest) + off * rest**2 / 2
-    # By parts: the moment is the interval times the integral at its end, less the area under it.
+    # By parts: the moment is the interval times the integral at its end, minus the area under it.
     return np.diff(once) / supply.frequency, (step * once[1:] - np.diff(twice)) / supply.frequency**2
 
 
@@ -244,7 +275,7 @@ def _phi(decay: float) -> float:
 
 
 def _steady(driving: np.ndarray, decay: float) -> np.ndarray:
-    """The periodic y (N,) of y_k = decay y_k-1 + driving_k."""
+    """The periodic solution y (N,) of y_k = decay y_k-1 + driving_k."""
     return np.fft.ifft(np.fft.fft(driving) / (1 - decay / unit_circle(driving.size))).real
 
 

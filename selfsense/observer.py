@@ -1,6 +1,6 @@
 """A linear state observer of the averaged magnet: displacement from its current and voltage (D 2.6.2).
 
-`averaged_signals` takes the ripple out of a switching supply's record, so that observers can be given it.
+`averaged_signals` removes the ripple from the record of a switching supply, so that it can be given to observers.
 """
 
 from dataclasses import dataclass
@@ -25,11 +25,18 @@ class Observer:
 
 
 def design_observer(magnet: AveragedMagnet, rate: float, poles: ArrayLike) -> Observer:
-    """Luenberger observer of the linear model, sampled exactly under a held voltage at rate (Hz).
+    """Luenberger observer of the linear model, sampled exactly under a held voltage.
 
-    poles (3,): of its error in 1/s, distinct, left of the imaginary axis, complex ones in pairs. A constant outer
-    force F leaves the displacement wrong by F / stiffness whatever the poles: it and a displacement leave the same
-    trace in the current. ValueError when the poles do not fit or the magnet is not observable.
+    A constant external force F makes the displacement wrong by F / stiffness for any poles, because it leaves the same
+    trace in the current as a displacement.
+
+    Args:
+        magnet: Model.
+        rate: Hz.
+        poles: Poles (3,) of the error, 1/s: distinct, left of the imaginary axis, complex ones in pairs.
+
+    Raises:
+        ValueError: The poles do not fit, or the magnet is not observable.
     """
     poles = np.asarray(poles, dtype=np.complex128)
     if poles.shape != (3,) or len(set(poles.tolist())) < 3 or not np.all(poles.real < 0):
@@ -48,9 +55,15 @@ def design_observer(magnet: AveragedMagnet, rate: float, poles: ArrayLike) -> Ob
 
 
 def observe(observer: Observer, voltage: ArrayLike, current: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
-    """Displacement (m) and velocity (m/s), (..., n), each from the samples before it, beginning at rest.
+    """Displacement (m) and velocity (m/s), (..., n), each from the samples before it, starting at rest.
 
-    current (..., n), A; voltage (..., n), V, held from each sample to the next. ValueError when they do not fit.
+    Args:
+        observer: The observer.
+        voltage: (..., n), V, held from each sample to the next.
+        current: (..., n), A.
+
+    Raises:
+        ValueError: The signals do not fit.
     """
     voltage, current = checked_signals("observer", voltage, current)
     states = np.zeros((*current.shape, 3))
@@ -65,8 +78,13 @@ def observe(observer: Observer, voltage: ArrayLike, current: ArrayLike) -> tuple
 
 @dataclass(frozen=True)
 class AveragedSignals:
-    """Ripple-free signals (..., n): at time (n,) s the mean current (A) over the PWM period around it, and the voltage
-    (V) that, held from there to the next, moves it."""
+    """Ripple-free signals.
+
+    Attributes:
+        time: (n,), s.
+        current: Mean over the PWM period around the time, (..., n), A.
+        voltage: Voltage that, held until the next time, explains the current's change, (..., n), V.
+    """
 
     time: np.ndarray
     current: np.ndarray
@@ -78,12 +96,23 @@ def averaged_signals(
 ) -> AveragedSignals:
     """Average a rippling current over every PWM period, and its switching voltage so that the two belong together.
 
-    current (..., samples) A; switching likewise, the voltage over the supply's `voltage` (V) as its mean since the
-    sample before (`simulate`, every = 1); the first sample is 1 / rate (Hz) after the record's begin. The mean of a
-    flux over a sliding period obeys the coil's equation with the sliding mean of the voltage; from one period's middle
-    to the next that mean weighs two periods as a triangle. Edges between samples leave a mean current off by up to
-    voltage pwm_frequency / (4 L rate^2). n is the number of whole periods less one. ValueError when shapes differ, a
-    period is not a whole number of samples, or fewer than two periods are given.
+    The mean of a flux over a sliding period obeys the coil's equation with the sliding mean of the voltage. From the
+    middle of one period to the middle of the next, that mean weights the two periods with a triangle. Edges between
+    samples cause an error of the mean current of up to voltage pwm_frequency / (4 L rate^2).
+
+    Args:
+        current: (..., samples), A.
+        switching: (..., samples): voltage over the supply's `voltage`, as its mean since the sample before (see
+            `simulate` with every = 1). The first sample is 1 / rate after the start of the record.
+        voltage: Of the supply, V.
+        rate: Hz.
+        pwm_frequency: Hz.
+
+    Returns:
+        Signals at n times, the number of whole periods less one.
+
+    Raises:
+        ValueError: Shapes differ, a period is not a whole number of samples, or there are fewer than two periods.
     """
     current, switching = np.asarray(current, dtype=float), np.asarray(switching, dtype=float)
     if current.ndim == 0 or current.shape != switching.shape:
@@ -110,7 +139,11 @@ def averaged_signals(
 
 
 def checked_signals(where: str, voltage: ArrayLike, current: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
-    """Both as finite arrays of one shape (..., n); ValueError names what is wrong `where`."""
+    """Both signals as finite arrays of one shape (..., n).
+
+    Raises:
+        ValueError: They are not; the message begins with `where`.
+    """
     voltage, current = np.asarray(voltage, dtype=float), np.asarray(current, dtype=float)
     if current.ndim == 0 or current.shape[-1] == 0 or voltage.shape != current.shape:
         raise ValueError(f"{where}: voltage {voltage.shape} and current {current.shape} must be samples of one shape")

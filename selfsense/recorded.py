@@ -1,4 +1,4 @@
-"""The parameter estimator on recorded coil current and switching voltage: the very filter that is simulated."""
+"""The parameter estimator on recorded coil current and switching voltage, with the same filter as in simulation."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -21,7 +21,7 @@ from selfsense.supply import Acquisition, Supply, check_rates
 from selfsense.validity import AT_END, CLIPPED, CONVERGING, NO_RIPPLE, Stretch, gap_validity
 
 W = LANES
-_CARRIER = 0.05  # of the power: pulses of 3 % duty hold more in their fundamental, white noise less
+_CARRIER = 0.05  # least share of the power: pulses of 3 % duty hold more in their fundamental, white noise less
 _REMEDIES = {
     CLIPPED: "the current stays on the end of its converter's range; check its scale, or widen that range",
     NO_RIPPLE: "the current carries no ripple of the switching voltage; check both channels, their scales and the duty",
@@ -32,9 +32,16 @@ _REMEDIES = {
 
 @dataclass(frozen=True)
 class RecordedGap:
-    """A gap out of recorded signals, arrays (samples,): at `time` (s, from the first sample) the estimated gap (m, nan
-    where invalid) and the amplitude of the ripple behind the forward path (A); valid: where the gap can be trusted;
-    reasons: the stretches where it cannot; pwm_frequency (Hz)."""
+    """A gap from recorded signals.
+
+    Attributes:
+        time: From the first sample, (samples,), s.
+        gap: Estimated gap, (samples,), m; nan where invalid.
+        amplitude: Amplitude of the ripple behind the forward path, (samples,), A.
+        valid: Where the gap can be trusted, (samples,).
+        reasons: The stretches where it cannot.
+        pwm_frequency: Hz.
+    """
 
     time: np.ndarray
     gap: np.ndarray
@@ -54,17 +61,26 @@ def estimate_recorded(
     voltage_sampling: Literal["mean", "point"] = "mean",
     pwm_frequency: float | None = None,
 ) -> RecordedGap:
-    """Estimate the gap from coil current (A) and switching voltage (V), (samples,) each, sampled together at rate (Hz).
+    """Estimate the gap from coil current and switching voltage that were sampled together.
 
-    gap (m): where the estimate starts. current_range (A): of the converter that read the current, inf where it cannot
-    clip; readings within 1 % of it count as clipped. The voltage is measured, so `estimator.voltage` does not enter.
-    voltage_sampling: "mean" since the sample before, as a timer or an integrator reads it, which is exact; or "point",
-    instants, joined by the trapezoid rule, which misplaces an edge by up to half a sample. Simulated with a duty
-    within 0.1 of one half, the gap then reads wrong by up to 10 % at 10 samples per PWM period, 1.5 % at 40 and 0.6 %
-    at 100; by a third of that where the samples drift against the switching, which turns a part of it into noise.
-    pwm_frequency (Hz): default, found in the voltage, where one above half the rate passes for its alias.
-    ValueError when samples do not fit each other, are not finite, or are slower than twice the PWM frequency (ten
-    times for instants); when the voltage does not switch; and when no sample carries a gap.
+    Args:
+        current: (samples,), A.
+        voltage: (samples,), V. It is measured, so `estimator.voltage` is not used.
+        rate: Hz.
+        estimator: The estimator.
+        gap: Where the estimate starts, m.
+        current_range: Range of the converter that read the current, A; inf where it cannot clip. Readings within 1 %
+            of it count as clipped.
+        voltage_sampling: "mean" since the sample before, as a timer or an integrator reads it, which is exact; or
+            "point", instants joined by the trapezoid rule, which misplaces an edge by up to half a sample. Simulated
+            with a duty within 0.1 of one half, the gap is then wrong by up to 10 % at 10 samples per PWM period, 1.5 %
+            at 40 and 0.6 % at 100; by a third of that where the samples drift against the switching, which turns a
+            part of the error into noise.
+        pwm_frequency: Hz; by default found in the voltage, where one above half the rate is taken for its alias.
+
+    Raises:
+        ValueError: The samples do not fit each other, are not finite, or are slower than twice the PWM frequency (ten
+            times for instants); the voltage does not switch; or no sample carries a gap.
     """
     current, volts = _series("current", current), _series("voltage", voltage)
     if current.size != volts.size:
@@ -82,12 +98,12 @@ def estimate_recorded(
     if pwm_frequency is None:
         pwm_frequency = find_pwm_frequency(volts, rate, estimator.path)
     check_rates(Supply(frequency=pwm_frequency), acquisition)
-    # The estimator knows the supply by its voltage alone: any PWM frequency gives it the same rows.
+    # The estimator depends on the supply through its voltage only: any PWM frequency gives it the same rows.
     stand_in = Supply(frequency=rate / 2)
     sensor = SelfSensor(estimator.coil, stand_in, acquisition, replace(estimator, voltage=1.0), gap)
     block = np.zeros((SENSOR_ROWS, W))
     block[:, 0] = sensor_rows([sensor])[:, 0]
-    block[MODEL, 0] = current[0]  # both paths then start from the same step, and their difference from none
+    block[MODEL, 0] = current[0]  # both paths then start from the same step, so their difference starts from zero
     if voltage_sampling == "point":
         _check_instants(rate, pwm_frequency)
         volts = np.concatenate([volts[:1], (volts[1:] + volts[:-1]) / 2])
@@ -104,15 +120,19 @@ def estimate_recorded(
 
 
 def find_pwm_frequency(voltage: ArrayLike, rate: float, path: ForwardPath) -> float:
-    """The frequency (Hz) at which a voltage (samples,), sampled at rate (Hz), switches: its strongest line in reach of
-    the forward path, within 1 / record length. ValueError when nothing stands out there.
+    """Switching frequency (Hz) of a voltage (samples,): its strongest line that the forward path passes.
+
+    The resolution is 1 / record length.
+
+    Raises:
+        ValueError: No line stands out.
     """
     volts = np.asarray(voltage, dtype=float)
     power = np.abs(np.fft.rfft((volts - volts.mean()) * np.hanning(volts.size))) ** 2
     frequency = np.fft.rfftfreq(volts.size, 1 / rate)
     corner = path.centre if isinstance(path, AnalogPath) else path.high_pass
-    power[frequency < corner / 10] = 0.0  # the drive: slower than any ripple that the path lets through
-    # The lowest of the strong lines: sampling can make a harmonic the strongest. Then the peak around it.
+    power[frequency < corner / 10] = 0.0  # remove the drive, which is slower than any ripple that the path passes
+    # Take the lowest of the strong lines, because sampling can make a harmonic the strongest; then the peak around it.
     lowest = frequency[np.argmax(power >= 0.25 * power.max())]
     near = np.abs(frequency - lowest) <= np.maximum(0.02 * lowest, 2 * frequency[1])
     top = int(np.argmax(np.where(near, power, 0.0)))
@@ -126,7 +146,7 @@ def find_pwm_frequency(voltage: ArrayLike, rate: float, path: ForwardPath) -> fl
 
 @cache
 def _recorder(rms: bool) -> Callable[..., None]:
-    """The compiled loop over samples, of lane 0 of a block."""
+    """The compiled loop over samples, for lane 0 of a block."""
     sources = SOURCES
     *_, converge = sensor_pieces(0, SensorStructure(rms, False, False, False, False, False, False, False))
 
@@ -165,9 +185,9 @@ def _check_instants(rate: float, pwm_frequency: float) -> None:
 def _noise_only(
     current: np.ndarray, volts: np.ndarray, amplitude: np.ndarray, rate: float, frequency: float, path: ForwardPath
 ) -> np.ndarray:
-    """Where the voltage does not switch, or the amplitude (A) is not that of a current that ripples at its frequency.
+    """Where the voltage does not switch, or the amplitude (A) is not that of a ripple at the switching frequency.
 
-    A ripple's fundamental makes up 0.78 (duty near 0 or 1) to 1 of its amplitude, that of noise some 0.2.
+    The fundamental of a ripple is 0.78 (duty near 0 or 1) to 1 of its amplitude; that of noise is about 0.2.
     """
     window = max(round(8 * rate / frequency), 64)
     mixer = np.exp(-2j * np.pi * frequency / rate * np.arange(current.size))
@@ -177,13 +197,13 @@ def _noise_only(
     before, ((*b, a1, a2),) = path.sections(rate)
     gain = np.abs(response(before, np.exp(2j * np.pi * frequency / rate)))
     expected = ripple * gain * (1 / np.sqrt(2) if path.rms else 2 / np.pi)
-    expected = lfilter(b, [1, a1, a2], expected)  # as late as the amplitude
+    expected = lfilter(b, [1, a1, a2], expected)  # delayed as much as the amplitude
     return (expected < 0.5 * amplitude) | (switching < 0.05 * np.abs(volts).max())
 
 
 def _refuse(reasons: tuple[Stretch, ...], samples: int) -> None:
     lengths = {r: sum(s.stop - s.start for s in reasons if s.reason == r) for r in _REMEDIES}
-    # What explains the others comes first in _REMEDIES; that nothing settles explains nothing.
+    # _REMEDIES begins with the faults that explain others; that nothing settles explains nothing.
     worst = max(lengths, key=lambda r: round(10 * lengths[r] / samples) if r != CONVERGING else 0.5)
     first = next(s for s in reasons if s.reason == worst)
     raise ValueError(

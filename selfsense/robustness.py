@@ -1,8 +1,8 @@
-"""What a wrong belief of coil and supply costs the gap, for the parameter estimator and for demodulation alone.
+"""Errors of the gap from wrong assumptions about coil and supply, for the parameter estimator and for demodulation.
 
-Believed constants shift and stretch the estimate; a static calibration takes that back. What bends the ripple does not
-go away: a saturated core, whose slope moves with the current, and eddy currents, which jump at every edge. Samples
-locked to the PWM (10 per period) take such a jump all or not at all as the duty moves; 10.5 per period average it.
+Wrong constants shift and stretch the estimate, which a static calibration corrects. What bends the ripple remains: a
+saturated core, whose slope changes with the current, and eddy currents, which jump at every edge. Samples locked to the
+PWM (10 per period) see such a jump entirely or not at all as the duty moves; 10.5 per period average it.
 """
 
 from collections.abc import Mapping
@@ -14,17 +14,26 @@ from selfsense.sensor import SelfSensor, samples_and_periods
 from selfsense.simulate import simulate
 
 STEPS = 5  # resting gaps of a static calibration
-PERIODS = 3  # of the motion, the first not counted
+PERIODS = 3  # periods of the motion; the first is not evaluated
 
 
 @dataclass(frozen=True)
 class MismatchErrors:
     """One mismatch: static errors at half duty, and errors along a moving gap while the duty moves.
 
-    offset (m) at rest and gain of the estimate over the gap, beside what `expected_gap` says. raw: rms error (m) of the
-    estimate; estimator and demodulator: rms errors (m) after both were calibrated, offset and gain, at steps of the
-    gap at half duty with the same mismatch. *_duty: rms (m) of what the moving duty alone adds to the reading, against
-    the same motion at half duty, calibrated likewise: without what both lag behind the motion.
+    Attributes:
+        name: Name of the mismatch.
+        offset: Error at rest, m.
+        expected_offset: The same by `expected_gap`.
+        gain: Estimate over gap.
+        expected_gain: The same by `expected_gap`.
+        raw: Rms error of the estimate, m.
+        estimator: Rms error of the estimator after calibration of offset and gain, at steps of the gap at half duty
+            with the same mismatch, m.
+        demodulator: The same of the demodulator, m.
+        estimator_duty: Rms contribution of the moving duty alone, m: the difference from the same motion at half duty,
+            calibrated in the same way, which excludes the lag behind the motion.
+        demodulator_duty: The same of the demodulator, m.
     """
 
     name: str
@@ -40,12 +49,12 @@ class MismatchErrors:
 
     @property
     def suppression(self) -> float:
-        """How many times the demodulator's rms error is the estimator's, lag and all."""
+        """Rms error of the demodulator over that of the estimator, including lag."""
         return self.demodulator / self.estimator
 
     @property
     def duty_suppression(self) -> float:
-        """The same of what the duty alone adds."""
+        """The same ratio for the contribution of the duty alone."""
         return self.demodulator_duty / self.estimator_duty
 
 
@@ -57,11 +66,18 @@ def mismatches(
     bias_field: float = 0.55,
     dead_time: float = 1e-6,
 ) -> dict[str, SelfSensor]:
-    """The sensor as believed, and with one thing at a time in its coil or supply that the estimator does not know of.
+    """The sensor as assumed, and with one unknown deviation at a time in its coil or supply.
 
-    Supply voltage, resistance, pole area and core length by +-change; a core of sheets (m); a core that saturates (T)
-    around a magnet's field (T); dead time (s), which the estimator sees in the switching voltage. ValueError when the
-    coil has no core, for its losses need one.
+    Args:
+        sensor: The sensor.
+        change: Relative change of supply voltage, resistance, pole area and core length, in both directions.
+        lamination: Thickness of the sheets of a core with eddy currents, m.
+        saturation_field: Saturation field of a core, T.
+        bias_field: Field of the magnet in that core, T.
+        dead_time: Dead time, s, which the estimator sees in the switching voltage.
+
+    Raises:
+        ValueError: The coil has no core, which eddy currents and saturation need.
     """
     coil, supply = sensor.coil, sensor.supply
     if coil.core_length == 0:
@@ -81,11 +97,11 @@ def mismatches(
 
 
 def expected_gap(sensor: SelfSensor, gap: float) -> float:
-    """Gap (m) at which the estimator settles at half duty, resistance and the ripple's harmonics neglected.
+    """Gap (m) at which the estimator settles at half duty, neglecting resistance and the ripple's harmonics.
 
-    (V / V_m) (K_m / K) (g + l / 2) - l_m / 2, K mu_0 N^2 A of coil and belief (index m), l the core's length over its
-    permeability. Eddy currents make l complex, l z coth z at the PWM frequency; saturation adds its slope at the
-    magnet's field, 9 l (B / B_sat)^8.
+    (V / V_m) (K_m / K) (g + l / 2) - l_m / 2, where K is mu_0 N^2 A of the coil and of the assumed coil (index m), and
+    l is the core's length over its permeability. Eddy currents make l complex, l z coth z at the PWM frequency;
+    saturation adds its slope at the magnet's field, 9 l (B / B_sat)^8.
     """
     coil, believed = sensor.coil, sensor.estimator.coil
     core = coil.core_length + 0j
@@ -101,11 +117,20 @@ def expected_gap(sensor: SelfSensor, gap: float) -> float:
 def robustness(
     sensors: Mapping[str, SelfSensor], amplitude: float = 50e-6, frequency: float = 100.0, duty: float = 0.1
 ) -> list[MismatchErrors]:
-    """Errors of each sensor along a sine of its gap (m, Hz) while the duty moves by +-duty about one half, in cosine.
+    """Errors of each sensor along a sine of its gap while the duty moves about one half as a cosine.
 
-    The frequency is rounded to whole PWM periods, and errors are those of means over a PWM period, so that the ripple
-    left on a reading is no error; it would burden the demodulator most. ValueError when amplitude, frequency or duty
-    are out of range, a supply has not two states, or an estimate runs into the end of its gap_range.
+    The frequency is rounded to whole PWM periods. Errors are those of means over a PWM period, so the ripple that is
+    left on a reading does not count; it would mainly affect the demodulator.
+
+    Args:
+        sensors: Sensors by name.
+        amplitude: Amplitude of the gap, m.
+        frequency: Frequency of the gap, Hz.
+        duty: Amplitude of the duty.
+
+    Raises:
+        ValueError: Amplitude, frequency or duty is out of range, a supply does not have two states, or an estimate
+            reaches the end of its gap_range.
     """
     if not 0 < duty < 0.5:
         raise ValueError(f"duty = {duty} must be above 0 and below 0.5, where no ripple is left")
@@ -161,7 +186,7 @@ def _errors(name: str, sensor: SelfSensor, amplitude: float, frequency: float, s
 
 
 def _calibrated(reading: np.ndarray, steps: np.ndarray) -> np.ndarray:
-    """Gaps (2, n) of the two moving records behind the static ones of a reading (STEPS + 2, n)."""
+    """Gaps (2, n) of the two moving records, calibrated by the static records of a reading (STEPS + 2, n)."""
     return np.polyval(np.polyfit(reading[:STEPS].mean(axis=-1), steps, 1), reading[STEPS:])
 
 

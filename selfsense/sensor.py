@@ -1,4 +1,4 @@
-"""A self-sensor: coil, supply, acquisition and parameter estimator, and what the lane kernel needs to know of them."""
+"""A self-sensor: coil, supply, acquisition and parameter estimator, and the values that the lane kernel needs."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -13,16 +13,26 @@ from selfsense.forward_path import DigitalPath, ForwardPath
 from selfsense.kernel_pieces import SensorStructure
 from selfsense.supply import Acquisition, Supply, check_rates
 
-LARGEST_DECAY = 0.3  # of a sample: up to here the kernel's series of e^-x holds 1e-5
+LARGEST_DECAY = 0.3  # per sample; up to this the kernel's series of e^-x is accurate to 1e-5
 
 
 @dataclass(frozen=True)
 class Estimator:
-    """The parameter estimator of Maslen, Noh and Montie: what it believes of coil and supply, and its PI gains.
+    """The parameter estimator of Maslen, Noh and Montie: its assumed coil and supply, and its PI gains.
 
-    A simulated inductor sees the same switching voltage; two identical forward paths compare its ripple with the
-    coil's; a PI controller, kp (m/A) and ki (m/(A s)), moves the estimated gap until they agree, in gap_range (m).
-    `design.design_pi` finds gains. ValueError when a value is out of range, or the believed coil has core losses.
+    A simulated inductor receives the same switching voltage, two identical forward paths compare its ripple with the
+    coil's, and a PI controller moves the estimated gap until they agree. `design.design_pi` finds gains.
+
+    Attributes:
+        coil: Assumed coil.
+        voltage: Assumed supply voltage, V.
+        kp: m/A.
+        ki: m/(A s).
+        gap_range: Smallest and largest estimated gap, m.
+        path: Forward path.
+
+    Raises:
+        ValueError: A value is out of range, or the assumed coil has core losses.
     """
 
     coil: Coil
@@ -47,7 +57,7 @@ class Estimator:
             and self.gap_range[0] + self.coil.core_length > 0
         ):
             raise ValueError(f"estimator: gap_range = {self.gap_range!r} m must be two rising gaps above 0")
-        object.__setattr__(self, "gap_range", tuple(self.gap_range))  # a sensor can be the key of a cache
+        object.__setattr__(self, "gap_range", tuple(self.gap_range))  # so that a sensor can be the key of a cache
         if not isinstance(self.path, ForwardPath):
             raise ValueError(f"estimator: path = {self.path!r}; use a DigitalPath or an AnalogPath")
         if self.coil.has_core_losses:
@@ -58,10 +68,21 @@ class Estimator:
 
 @dataclass(frozen=True)
 class SelfSensor:
-    """A coil as it is, its supply and acquisition, and the estimator that reads the gap from its current.
+    """A real coil, its supply and acquisition, and the estimator that reads the gap from its current.
 
-    gap (m): at rest, where estimator and displacement begin. displacement = scale (gap - estimate) + shift (m), both
-    from a static calibration. ValueError when the parts do not fit together.
+    The displacement is scale (gap - estimate) + shift (m); scale and shift come from a static calibration.
+
+    Attributes:
+        coil: The real coil.
+        supply: Its supply.
+        acquisition: How current and voltage are read.
+        estimator: The estimator.
+        gap: At rest, m, where estimate and displacement begin.
+        scale: Dimensionless.
+        shift: m.
+
+    Raises:
+        ValueError: The parts do not fit together.
     """
 
     coil: Coil
@@ -92,7 +113,7 @@ class SelfSensor:
 
 
 def largest_gap(sensor: SelfSensor) -> float:
-    """Gap (m) up to which the coil's current can be followed from sample to sample, inf without resistance."""
+    """Largest gap (m) at which the coil's current can be followed from sample to sample; inf without resistance."""
     coil = sensor.coil
     if coil.resistance == 0:
         return inf
@@ -100,7 +121,11 @@ def largest_gap(sensor: SelfSensor) -> float:
 
 
 def samples_and_periods(sensor: SelfSensor) -> tuple[int, int]:
-    """The smallest whole numbers of samples and PWM periods that last equally long; ValueError above 10,000 samples."""
+    """The smallest whole numbers of samples and PWM periods that last equally long.
+
+    Raises:
+        ValueError: More than 10,000 samples.
+    """
     ratio = whole_ratio(sensor.acquisition.rate, sensor.supply.frequency)
     if ratio is None or ratio[0] > 10_000:
         raise ValueError(
@@ -111,13 +136,13 @@ def samples_and_periods(sensor: SelfSensor) -> tuple[int, int]:
 
 
 def whole_ratio(rate: float, other: float) -> tuple[int, int] | None:
-    """rate / other as whole numbers, the second at most 1,000, to 1e-9; None where it is none."""
+    """rate / other as integers, the second at most 1,000, to within 1e-9; None where there are none."""
     ratio = Fraction(rate / other).limit_denominator(1000)
     return ratio.as_integer_ratio() if abs(float(ratio) * other / rate - 1) <= 1e-9 else None
 
 
 def structure_of(sensor: SelfSensor, regulated: bool) -> SensorStructure:
-    """The kernel that a sensor needs; regulated: its supply follows a mean current, not a given drive."""
+    """The kernel that a sensor needs; regulated means that its supply follows a mean current and not a given drive."""
     return SensorStructure(
         rms=sensor.estimator.path.rms,
         emf=sensor.coil.back_emf,
@@ -131,7 +156,7 @@ def structure_of(sensor: SelfSensor, regulated: bool) -> SensorStructure:
 
 
 def sensor_rows(sensors: Sequence[SelfSensor]) -> np.ndarray:
-    """Rows (SENSOR_ROWS, n) of n sensors at rest, the coil without current."""
+    """Rows (SENSOR_ROWS, n) of n sensors at rest, their coils without current."""
     return np.array([_rows(sensor) for sensor in sensors]).T
 
 

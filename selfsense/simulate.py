@@ -1,4 +1,4 @@
-"""Run self-sensors at the level of single switching edges, in lanes."""
+"""Simulation of self-sensors at the level of single switching edges, in lanes."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -11,14 +11,20 @@ from selfsense.kernel_pieces import SensorStructure
 from selfsense.kernel_rows import LANES
 from selfsense.sensor import SelfSensor, largest_gap, samples_and_periods, sensor_rows, structure_of
 
-CHUNK = 2000  # samples between two looks at the waveforms: keeps a block's buffers in the cache
+CHUNK = 2000  # samples per call of the kernel, so that a block's buffers stay in the cache
 
 
 @dataclass(frozen=True)
 class SensedGap:
-    """What n self-sensors read, arrays (n, samples): at `time` (s) the estimated gap (m), the amplitude of the ripple
-    behind the forward path (A), the coil current as read (A), and the switching voltage over the supply's, its mean
-    since the sample before (-1 .. 1)."""
+    """Readings of n self-sensors.
+
+    Attributes:
+        time: (samples,), s.
+        estimate: Estimated gap, (n, samples), m.
+        amplitude: Amplitude of the ripple behind the forward path, (n, samples), A.
+        current: Coil current as read, (n, samples), A.
+        switching: Switching voltage over the supply's, as its mean since the sample before, (n, samples), -1 .. 1.
+    """
 
     time: np.ndarray
     estimate: np.ndarray
@@ -30,12 +36,19 @@ class SensedGap:
 def simulate(
     sensors: Sequence[SelfSensor], gap: ArrayLike, drive: ArrayLike = 0.0, every: int = 1, seed: int = 0
 ) -> SensedGap:
-    """Sensors (n) that share acquisition rate and PWM frequency, along a gap (m) and a drive (-1 .. 1, see `Supply`).
+    """Simulate sensors that share acquisition rate and PWM frequency, along a gap and a drive.
 
-    gap: (samples,) for every sensor or (n, samples), at the samples after the first at rest, linear in between; drive:
-    likewise, or one number; it counts where a PWM period begins. every: so many samples per one kept, a divisor of
-    CHUNK. seed: of the reading's noise. ValueError when shapes do not fit, the sensors do not share their rates, or a
-    gap is not above 0 or so wide that the current decays too far within a sample.
+    Args:
+        sensors: The n sensors.
+        gap: Gap at the samples after the first at rest, linear in between, m: (samples,) for every sensor or
+            (n, samples).
+        drive: Drive (-1 .. 1, see `Supply`): like gap, or one number; it is taken where a PWM period begins.
+        every: Samples per sample kept, a divisor of CHUNK.
+        seed: Seed of the reading noise.
+
+    Raises:
+        ValueError: Shapes do not fit, the sensors do not share their rates, or a gap is not positive or so wide that
+            the current decays too much within a sample.
     """
     n, gap = len(sensors), np.atleast_2d(np.asarray(gap, dtype=float))
     samples = gap.shape[1]

@@ -1,4 +1,4 @@
-"""What drives a coil and what reads its current: switching supply and sampled acquisition."""
+"""The switching supply that drives a coil, and the sampled acquisition that reads its current."""
 
 from dataclasses import dataclass
 from math import hypot, sqrt
@@ -8,12 +8,21 @@ from selfsense.coil import is_number
 
 @dataclass(frozen=True)
 class Supply:
-    """A switching amplifier: voltage (V), PWM frequency (Hz), states, and dead time (s) between its switches.
+    """A switching amplifier.
 
-    The drive is the mean voltage asked for, over `voltage`, in -1 .. 1. With two states the output is +voltage for the
-    first (1 + drive) / 2 of a period and -voltage for the rest (D Fig. 6.3); with three it is voltage times the sign of
-    the drive for |drive| of a period, then 0. Edges lie where they fall, not at samples. During a dead time the coil's
-    current holds the voltage against itself. ValueError when a value is out of range.
+    The drive is the requested mean voltage over `voltage`, -1 .. 1. With two states the output is +voltage for the
+    first (1 + drive) / 2 of a period and -voltage for the rest (D Fig. 6.3). With three states it is voltage times the
+    sign of the drive for |drive| of a period, then 0. Edges lie between samples where they fall. During a dead time the
+    coil's current holds the voltage against itself.
+
+    Attributes:
+        voltage: V.
+        frequency: PWM frequency, Hz.
+        states: 2 or 3.
+        dead_time: Between its switches, s.
+
+    Raises:
+        ValueError: A value is out of range.
     """
 
     voltage: float = 24.0
@@ -37,10 +46,18 @@ class Supply:
 
 @dataclass(frozen=True)
 class Acquisition:
-    """How current and switching voltage are read: rate (Hz), bits over +-current_range (A; 0: ideal), noise (A rms).
+    """How current and switching voltage are read.
 
     The switching voltage of a sample is its mean since the sample before, as a timer or an integrator reads it.
-    ValueError when a value is out of range.
+
+    Attributes:
+        rate: Hz.
+        bits: Resolution over +-current_range; 0 for an ideal converter.
+        current_range: A.
+        noise: A rms.
+
+    Raises:
+        ValueError: A value is out of range.
     """
 
     rate: float = 250e3
@@ -64,12 +81,12 @@ class Acquisition:
 
     @property
     def reading_noise(self) -> float:
-        """Noise of one reading (A rms): the current's own, and the converter's count over sqrt(12).
+        """Noise of one reading (A rms): the current's own noise, and one count of the converter over sqrt(12).
 
-        A count is noise where the noise spans half a count, or where ripple and slow current wander over tens of
+        Rounding acts as noise where the noise spans half a count, or where ripple and slow current move over tens of
         counts: 8 bits on a ripple of a twelfth of their range. With 6 bits, or at rest without noise, the same counts
-        come back every PWM period: an error that is no white noise, which no average takes away, or that spares the
-        estimator's band. A ratio to the Cramer-Rao bound far above 1, or below, then says so.
+        return every PWM period. This error is not white: no averaging removes it, or it lies outside the estimator's
+        band. A ratio to the Cramer-Rao bound far above 1, or below 1, shows this.
         """
         return hypot(self.noise, self.resolution / sqrt(12))
 
@@ -80,7 +97,11 @@ class Acquisition:
 
 
 def check_rates(supply: Supply, acquisition: Acquisition) -> None:
-    """ValueError unless the current is sampled at least twice in a PWM period: below that its ripple folds back."""
+    """Check that the current is sampled at least twice in a PWM period; otherwise its ripple is aliased.
+
+    Raises:
+        ValueError: It is not.
+    """
     if acquisition.rate < 2 * supply.frequency * (1 - 1e-12):
         raise ValueError(
             f"acquisition: rate = {acquisition.rate:g} Hz is below twice the PWM frequency ({supply.frequency:g} Hz): "

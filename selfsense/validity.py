@@ -1,7 +1,7 @@
 """Where an estimated gap can be trusted: the ripple must carry it, the range must hold it, the loop must have settled.
 
-An estimator without ripple stands still and one at the end of its range is pushed against it: both show a plausible
-number that says nothing of the gap.
+An estimator without ripple stands still, and one at the end of its range is pushed against it. Both show a plausible
+number that contains no information on the gap.
 """
 
 from collections.abc import Sequence
@@ -16,15 +16,15 @@ from selfsense.sensor import Estimator, SelfSensor
 from selfsense.simulate import SensedGap
 
 NO_RIPPLE, AT_END, CLIPPED, CONVERGING = "no ripple", "end of gap_range", "current clipped", "converging"
-SMALLEST_RIPPLE = 0.1  # of the ripple at half duty: there the loop is ten times slower; a duty of 0.025 or 0.975
-SETTLED = 10.0  # time constants of the loop after a fault: 1 mm has become 45 nm
-SLIDING = 3.0  # time constants before a fault shows, in which the estimate may be on its way there
-SETTLING = 0.02  # s given to a simulated sensor before it is used; one that needs longer is refused
+SMALLEST_RIPPLE = 0.1  # of the ripple at half duty, where the loop is ten times slower; a duty of 0.025 or 0.975
+SETTLED = 10.0  # time constants of the loop after a fault, in which 1 mm becomes 45 nm
+SLIDING = 3.0  # time constants before a fault shows, in which the estimate may be moving towards it
+SETTLING = 0.02  # settling time of a simulated sensor, s; one that needs longer is refused
 
 
 @dataclass(frozen=True)
 class Stretch:
-    """Samples start .. stop - 1 that carry no gap, and the reason."""
+    """Samples start .. stop - 1, which carry no gap, and the reason."""
 
     start: int
     stop: int
@@ -33,8 +33,12 @@ class Stretch:
 
 @dataclass(frozen=True)
 class Validity:
-    """valid (samples,): whether a sample of the estimate can be trusted; reasons: the stretches that cannot be, which
-    may overlap where there are several reasons."""
+    """Where an estimate can be trusted.
+
+    Attributes:
+        valid: Whether a sample can be trusted, (samples,).
+        reasons: The stretches that cannot; they may overlap where there are several reasons.
+    """
 
     valid: np.ndarray
     reasons: tuple[Stretch, ...]
@@ -50,13 +54,22 @@ def gap_validity(
     clipped: ArrayLike = False,
     noise_only: ArrayLike = False,
 ) -> Validity:
-    """Which samples of an estimated gap (m) and its ripple's amplitude (A), both (samples,), can be trusted.
+    """Which samples of an estimated gap can be trusted.
 
-    rate (Hz): of these samples; voltage (V) and pwm_frequency (Hz): of the supply; clipped, noise_only (samples,):
-    where the current was clipped, where its amplitude is no ripple. Invalid are these, an amplitude below
-    SMALLEST_RIPPLE of that of a half duty at the estimated gap, an estimate on the end of its range, the SLIDING time
-    constants of the loop before such a fault, and the SETTLED ones after it or after the first sample. The loop's pole
-    lies at ki S / (1 + kp S), S the amplitude per gap, so it settles more slowly where the ripple is smaller.
+    Not valid are clipped samples, samples without ripple, an amplitude below SMALLEST_RIPPLE of that at half duty and
+    the estimated gap, an estimate at the end of its range, the SLIDING time constants of the loop before such a fault,
+    and the SETTLED ones after it or after the first sample. The loop's pole is at ki S / (1 + kp S), where S is the
+    amplitude per gap, so the loop settles more slowly where the ripple is smaller.
+
+    Args:
+        estimate: Estimated gap, (samples,), m.
+        amplitude: Amplitude of its ripple, (samples,), A.
+        rate: Rate of these samples, Hz.
+        estimator: The estimator.
+        voltage: Of the supply, V.
+        pwm_frequency: Of the supply, Hz.
+        clipped: Where the current was clipped, (samples,).
+        noise_only: Where the amplitude is not a ripple, (samples,).
     """
     estimate, amplitude = np.asarray(estimate, dtype=float), np.asarray(amplitude, dtype=float)
     coil, (low, high) = estimator.coil, estimator.gap_range
@@ -69,13 +82,13 @@ def gap_validity(
     }
     path = 1 / (BUTTERWORTH * 2 * pi * estimator.path.low_pass)
     faults[NO_RIPPLE][: ceil(3 * path * rate)] = False  # the filters fill
-    # An amplitude above any that this supply makes is a start-up of the filters, not a faster loop.
+    # An amplitude larger than this supply can make is a start-up of the filters and not a faster loop.
     sensitivity = 2 * np.minimum(amplitude, 2 * half_duty) / (coil.core_length + 2 * estimate)
     pull = estimator.ki * sensitivity
     pace = pull / (1 + estimator.kp * sensitivity + path * pull)
     elapsed = np.cumsum(pace) / rate
     any_fault = np.logical_or.reduce(list(faults.values()))
-    # Time constants since the last fault: at a fault the clock restarts, and before the first sample it stood at 0.
+    # Time constants since the last fault: the clock restarts at a fault, and before the first sample it is at 0.
     settling = elapsed - np.maximum.accumulate(np.where(any_fault, elapsed, 0.0)) < SETTLED
     stretches = []
     for reason, fault in faults.items():
@@ -89,10 +102,12 @@ def gap_validity(
 
 
 def sensed_validity(sensed: SensedGap, sensors: Sequence[SelfSensor]) -> tuple[Validity, ...]:
-    """`gap_validity` of what `simulate` returned for these sensors, one by one.
+    """`gap_validity` for each sensor of a simulation.
 
-    A clipped current shows only in the samples kept: keep all of them where the converter's range may be left.
-    ValueError when the numbers of sensors differ.
+    A clipped current shows only in the samples kept; keep all of them where the converter's range may be exceeded.
+
+    Raises:
+        ValueError: The numbers of sensors differ.
     """
     if len(sensors) != len(sensed.estimate):
         raise ValueError(f"{len(sensors)} sensors for {len(sensed.estimate)} estimates; give those that were simulated")
@@ -100,7 +115,7 @@ def sensed_validity(sensed: SensedGap, sensors: Sequence[SelfSensor]) -> tuple[V
     for i, s in enumerate(sensors):
         estimate, amplitude = sensed.estimate[i], sensed.amplitude[i]
         adc = s.acquisition
-        # The highest count lies one below the range, the lowest on it.
+        # The highest count is one below the end of the range, the lowest is at its end.
         clipped = adc.bits > 0 and np.abs(sensed.current[i]) > adc.current_range - 1.5 * adc.resolution
         noise_only = amplitude < 2 * _noise_amplitude(s)
         supply = (s.supply.voltage, s.supply.frequency)
@@ -109,7 +124,11 @@ def sensed_validity(sensed: SensedGap, sensors: Sequence[SelfSensor]) -> tuple[V
 
 
 def refuse_invalid(sensed: SensedGap, sensors: Sequence[SelfSensor], start: int, allowed: str = "") -> None:
-    """ValueError when `sensed_validity` finds a reason, but the allowed one, at sample `start` or later."""
+    """Refuse a simulation that is not valid from sample `start` on, except for the allowed reason.
+
+    Raises:
+        ValueError: `sensed_validity` finds another reason.
+    """
     for found in sensed_validity(sensed, sensors):
         bad = [s for s in found.reasons if s.stop > start and s.reason != allowed]
         if bad:
@@ -121,7 +140,7 @@ def refuse_invalid(sensed: SensedGap, sensors: Sequence[SelfSensor], start: int,
 
 
 def _noise_amplitude(sensor: SelfSensor) -> float:
-    """Mean amplitude (A) behind the forward path of the reading's noise and rounding alone."""
+    """Mean amplitude (A) behind the forward path that the reading's noise and rounding alone produce."""
     adc, path = sensor.acquisition, sensor.estimator.path
     before, _ = path.sections(adc.rate)
     power = np.mean(np.abs(response(before, unit_circle(1024))) ** 2)
