@@ -1,4 +1,4 @@
-"""Matrix exponentials of lanes: many lanes, recordings and trial steps share most of their matrices."""
+"""Matrix exponentials of lanes, remembered, because many lanes, recordings and trial steps share their matrices."""
 
 from functools import lru_cache
 
@@ -7,7 +7,7 @@ from scipy import linalg
 
 
 def expm(matrices: np.ndarray) -> np.ndarray:
-    """Exponentials of (n, m, m), each different one computed once and remembered."""
+    """Exponentials of matrices (n, m, m); each distinct matrix is computed once and remembered."""
     matrices = np.ascontiguousarray(matrices, dtype=np.float64)
     size = matrices.shape[-1]
     return np.array([_one(m.tobytes(), size) for m in matrices])

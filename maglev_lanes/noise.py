@@ -1,11 +1,11 @@
-"""White noise, addressed rather than drawn: any sample or spectral line of any seed without the ones before it."""
+"""White noise by address: any sample or spectral line of any seed is computed without the ones before it."""
 
 import numba as nb
 import numpy as np
 
 FAST = {"contract", "nsz", "arcp", "reassoc"}
 _GOLDEN = np.uint64(0x9E3779B97F4A7C15)
-# Sum of four 16-bit uniforms, then an odd polynomial that gives it the normal's 2nd, 4th and 6th moment.
+# The sum of four 16-bit uniform numbers, and an odd polynomial that gives it the normal's 2nd, 4th and 6th moments.
 _UNIFORM_MEAN = 131070.0
 _PER_UNIFORM_STD = float(1.0 / np.sqrt(4 * (65536.0**2 - 1) / 12))
 _G1, _G3, _G5 = 9.71507118e-01, 8.82926499e-04, 2.33126057e-03
@@ -34,9 +34,16 @@ def _pairs(seeds, first, lines, out):
 
 
 def line_noise(seeds: np.ndarray, rms: np.ndarray, period: int, samples: int, lines: np.ndarray) -> np.ndarray:
-    """Complex amplitudes (n, lines) that white noise of rms (n,) has at lines of one period of so many samples.
+    """Complex amplitudes (n, lines) of white noise at lines of one period.
 
-    seeds (n,) uint64. White in time is white over the lines of a period, so a few lines cost a few numbers.
+    Noise that is white in time is white over the lines of a period, so a few lines need only a few random numbers.
+
+    Args:
+        seeds: (n,) uint64.
+        rms: (n,).
+        period: Number of the period.
+        samples: Samples per period.
+        lines: Lines.
     """
     out = np.empty((len(seeds), len(lines)), complex)
     _pairs(np.ascontiguousarray(seeds), np.uint64(period) * np.uint64(samples + 2), np.asarray(lines, np.int64), out)
@@ -44,7 +51,7 @@ def line_noise(seeds: np.ndarray, rms: np.ndarray, period: int, samples: int, li
 
 
 def series_noise(seed: np.uint64, rms: float, period: int, samples: int) -> np.ndarray:
-    """The same noise in time: one period (samples,), whose lines are those of `line_noise`."""
+    """The same noise in time: one period (samples,) whose lines are those of `line_noise`."""
     lines = np.arange(samples // 2 + 1)
     spectrum = line_noise(np.array([seed], np.uint64), np.array([rms]), period, samples, lines)[0] * (samples / 2)
     for real in (0, samples // 2) if samples % 2 == 0 else (0,):

@@ -1,4 +1,4 @@
-"""Processes of this machine for work that the interpreter lock would slow down in threads."""
+"""Processes on this machine, for work that the interpreter lock would slow down in threads."""
 
 import os
 import signal
@@ -12,10 +12,10 @@ _THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA
 
 @contextmanager
 def fresh_pool(processes: int) -> Iterator[ProcessPoolExecutor]:
-    """Fresh processes, one thread each; the libraries read that from the environment when they are first imported."""
+    """New processes with one thread each; libraries read this from the environment when they are first imported."""
     before = {name: os.environ.get(name) for name in _THREADS}
     os.environ.update(dict.fromkeys(_THREADS, "1"))
-    # Ctrl-C ends them at once, not after what they have begun.
+    # Ctrl-C ends them at once and not after the work that they have begun.
     at_once = {"initializer": signal.signal, "initargs": (signal.SIGINT, signal.SIG_DFL)}
     pool = ProcessPoolExecutor(processes, mp_context=get_context("spawn"), **at_once)
     try:

@@ -1,7 +1,7 @@
-"""Work on many machines: the workers of a Dask scheduler, or of this machine, that `--scheduler` names.
+"""Work on many machines: on the workers of a Dask scheduler, or of this machine, that `--scheduler` names.
 
-A worker may die at any moment: Dask gives its work to another one. Nothing is scattered, for what lies only on a worker
-dies with it; every task carries all that it needs.
+A worker may die at any time; Dask then gives its work to another one. No data is stored on workers, because it would be
+lost with them; every task carries all that it needs.
 """
 
 import asyncio
@@ -24,13 +24,13 @@ if TYPE_CHECKING:
 Item, Result = TypeVar("Item"), TypeVar("Result")
 
 TIMEOUT = 10.0  # s, to reach a scheduler and its first worker
-_AHEAD = 2  # tasks under way per worker: one runs, one has arrived
-# Other versions of these, other last digits, or other gains asked for.
+_AHEAD = 2  # tasks per worker at a time: one runs, one has arrived
+# Packages of which another version could change the last digits, or the gains that are proposed.
 _ALIKE = ("maglev-workbench", "numpy", "scipy", "numba", "optuna", "cmaes", "torch")
 _SETTINGS = {
-    # A campaign of recordings travels as one task of some 13 MB, of which Dask would warn.
+    # A campaign of recordings is sent as one task of some 13 MB; without this Dask would warn.
     "distributed.admin.large-graph-warning-threshold": "1GB",
-    # Dask lets workers hand freed memory back at once, and every array then costs its page faults: half the speed.
+    # Dask makes workers return freed memory at once; every new array then causes page faults, which halves the speed.
     "distributed.nanny.pre-spawn-environ.MALLOC_TRIM_THRESHOLD_": None,
 }
 _ADDRESS = re.compile(r"(?:tcp|tls)://(\[[^\]\s]+\]|[^\s:/\[\]]+):(\d{1,5})")
@@ -38,20 +38,20 @@ _LOCAL = re.compile(r"local:([1-9]\d{0,3})")
 
 
 class Workers:
-    """Workers of one thread each behind a client; what they return does not depend on how many there are."""
+    """Workers of one thread each behind a client; their results do not depend on their number."""
 
     def __init__(self, client: "Client", address: str) -> None:
         self._client, self._address, self._code = client, address, code_version()
 
     def __len__(self) -> int:
-        """How many there are now, but at least 1: one that died comes back, or another one does."""
+        """Their present number, but at least 1, because a worker that died comes back or is replaced."""
         try:
             return max(1, len(self._client.nthreads()))
         except OSError as error:
             raise self._gone() from error
 
     def map(self, function: Callable[[Item], Result], items: Iterable[Item]) -> list[Result]:
-        """function(item) for every item, in their order. Errors as `each`."""
+        """function(item) for every item, in order; errors as in `each`."""
         return [result for _, result in sorted(self.each(function, items), key=lambda pair: pair[0])]
 
     def each(
@@ -60,12 +60,23 @@ class Workers:
         items: Iterable[Item],
         died: Callable[[float], Result] | None = None,
     ) -> Iterator[tuple[int, Result]]:
-        """(index, function(item)) as they are done; items are taken only as workers can have them.
+        """Apply a function to items on the workers.
 
-        An item whose workers die again and again is tried once more when nothing else runs, so that no other can be to
-        blame. If they still die, died(seconds) stands for its result; without it, OSError. OSError too when the
-        scheduler goes away, ValueError from a worker of another version of the code, else whatever function raises.
-        What has not begun is dropped when the caller stops.
+        Items are taken only as fast as workers can have them. An item whose workers die repeatedly is tried once more
+        when nothing else runs, so that no other item can be the cause. What has not begun is dropped when the caller
+        stops.
+
+        Args:
+            function: What to apply.
+            items: The items.
+            died: Gives the result, from the seconds spent, of an item whose workers still die.
+
+        Returns:
+            Pairs (index, function(item)) as they arrive.
+
+        Raises:
+            OSError: The scheduler is gone, or workers die and `died` is not given.
+            ValueError: A worker has another version of the code.
         """
         lost: list[tuple[int, Item]] = []
         yield from self._each(function, enumerate(items), lambda i, item: lost.append((i, item)))
@@ -104,7 +115,7 @@ class Workers:
                 except CancelledError as error:
                     raise self._gone() from error
         finally:
-            if self._client.status == "running":  # one that is closed has dropped them
+            if self._client.status == "running":  # a closed client has already dropped them
                 self._client.cancel(list(under_way))
 
     def _gone(self) -> OSError:
@@ -113,12 +124,17 @@ class Workers:
 
 @contextmanager
 def workers(address: str | None, here: int | None = None) -> Iterator[Workers | None]:
-    """The workers at an address while the context lasts; None without one.
+    """The workers at an address while the context lasts; None without an address.
 
-    address: tcp://host:port (or tls://) of a Dask scheduler, or local:N for N processes of this machine, which end with
-    the context. here: the threads or processes asked of this machine, which must then be None. ValueError when the
-    address is not one, Dask is not installed, or the workers run other versions or several threads each; OSError when
-    no scheduler or no worker answers within TIMEOUT.
+    Args:
+        address: tcp://host:port (or tls://) of a Dask scheduler, or local:N for N processes of this machine, which end
+            with the context.
+        here: The number of threads or processes requested on this machine, which must then be None.
+
+    Raises:
+        ValueError: The address is not valid, Dask is not installed, or the workers have other versions or several
+            threads each.
+        OSError: No scheduler or no worker answers within TIMEOUT.
     """
     if address is None:
         yield None
@@ -145,7 +161,7 @@ def workers(address: str | None, here: int | None = None) -> Iterator[Workers | 
                 with Client(cluster) as client:
                     yield Workers(client, address)
             finally:
-                with suppress(TimeoutError):  # a busy machine; what is slow to end now ends with this process
+                with suppress(TimeoutError):  # on a busy machine; what is slow to end now ends with this process
                     cluster.close()
             return
         _answers(address, remote[1].strip("[]"), int(remote[2]))
@@ -155,20 +171,25 @@ def workers(address: str | None, here: int | None = None) -> Iterator[Workers | 
 
 
 def dask_setup(worker: object) -> None:
-    """Called by Dask in each process of local:N, which leaves Ctrl-C to the one that started it."""
+    """Called by Dask in each process of local:N, which leaves Ctrl-C to the process that started it."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
 def _there(code: str, function: Callable[[Item], Result], item: Item) -> Result:
-    """On a worker: function(item), if the code is the same; workers come and go, so every task asks."""
+    """Runs on a worker: function(item), if the code is the same; every task checks, as workers come and go."""
     if code_version() != code:
         raise ValueError(_other("a worker", "maglev-workbench", code_version(), code))
     return function(item)
 
 
 def _answers(address: str, host: str, port: int) -> None:
-    """OSError unless a scheduler is there. A client would try a closed port again and again, and wait for ever on
-    one where something else listens."""
+    """Check that a scheduler answers.
+
+    A Dask client would try a closed port again and again, and wait for ever at a port where something else listens.
+
+    Raises:
+        OSError: No scheduler answers.
+    """
     from distributed import Security, rpc
 
     async def ask() -> None:
@@ -178,13 +199,13 @@ def _answers(address: str, host: str, port: int) -> None:
 
     try:
         asyncio.run(asyncio.wait_for(ask(), TIMEOUT))
-    except Exception as error:  # what does not speak Dask's protocol can make its reader raise anything
+    except Exception as error:  # an answer in another protocol can make Dask's reader raise anything
         why = str(error) or f"silent for {TIMEOUT:g} s"
         raise OSError(f"no Dask scheduler answers at {address} ({why}): start one with dask scheduler") from error
 
 
 def _check(client: "Client", address: str) -> None:
-    """Every worker there now has one thread and the versions of this machine."""
+    """Check that every present worker has one thread and the versions of this machine."""
     from distributed import TimeoutError as TimedOut
 
     try:

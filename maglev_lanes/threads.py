@@ -1,4 +1,4 @@
-"""Work that releases the interpreter lock, spread over cores: in order, interruptible, the same on any number."""
+"""Work that releases the interpreter lock, spread over cores; results are in order and the same for any number."""
 
 import os
 from collections.abc import Callable, Iterator, Sequence
@@ -13,10 +13,15 @@ Item, Result = TypeVar("Item"), TypeVar("Result")
 
 
 def over_threads(work: Callable[[Item], Result], items: Sequence[Item], threads: int | None) -> Iterator[Result]:
-    """work(item) for every item, in their order; threads: None for all cores. An interrupt drops what has not begun.
+    """work(item) for every item, in order. An interrupt drops what has not begun.
 
-    Meanwhile linear algebra keeps to one thread each: on matrices as small as ours its own threads only wait for each
-    other, and cost ten times what they bring.
+    Meanwhile linear algebra uses one thread: on matrices as small as these its own threads mostly wait for each other
+    and cost ten times what they gain.
+
+    Args:
+        work: What to do.
+        items: The items.
+        threads: Number of threads; None for all cores.
     """
     threads = min(threads or os.cpu_count() or 1, len(items))
     with single_blas():
@@ -33,7 +38,7 @@ def over_threads(work: Callable[[Item], Result], items: Sequence[Item], threads:
 
 @contextmanager
 def single_blas() -> Iterator[None]:
-    """Linear algebra on one thread while it lasts."""
+    """Limits linear algebra to one thread while the context lasts."""
     with _blas().limit(limits=1, user_api="blas"):
         yield
 

@@ -16,8 +16,13 @@ AGAIN = 8  # fresh repetitions that score what a tuner would recommend
 
 @dataclass(frozen=True)
 class Course:
-    """One tuner on n rigs: points (n, budget, k) that it asked for, in order; score (n, budget) and touchdown
-    (n, budget) that it was told."""
+    """The experiments of one tuner on n rigs, in order.
+
+    Attributes:
+        points: Points that it asked for, (n, budget, k).
+        score: Scores that it was told, (n, budget).
+        touchdown: Touchdowns that it was told, (n, budget).
+    """
 
     points: np.ndarray
     score: np.ndarray
@@ -33,7 +38,7 @@ def side_by_side(
     threads: int | None = None,
     progress: Callable[[int], None] = lambda n: None,
 ) -> list[Trials]:
-    """Trials of every tuner on its own episode, `budget` experiments each, at most `batch` at a time."""
+    """Trials of every tuner on its own episode: `budget` experiments each, at most `batch` at a time."""
     done: list[Trials | None] = [None] * len(tuners)
     while open_ := [i for i, t in enumerate(done) if t is None or len(t) < budget]:
         counts = [0 if done[i] is None else len(done[i]) for i in open_]
@@ -62,8 +67,12 @@ def course(trials: Sequence[Trials]) -> Course:
 def judged(
     task: Tuning, episodes: Sequence[Any], found: Course, checkpoints: Sequence[int], seed: int
 ) -> tuple[np.ndarray, np.ndarray]:
-    """After so many experiments of each rig: score (n, checkpoints) of the best-scored gains so far, measured anew
-    under noise from seed, and touchdowns (n, checkpoints) so far."""
+    """Evaluate what a tuner would recommend after certain numbers of experiments.
+
+    Returns:
+        score: Score of the best gains so far, measured again under noise from seed, (n, checkpoints).
+        touchdowns: Number of touchdowns so far, (n, checkpoints).
+    """
     best, down = np.zeros((2, len(episodes), len(checkpoints)))
     for j, n in enumerate(checkpoints):
         chosen = found.score[:, :n].argmax(axis=1)
@@ -75,7 +84,7 @@ def judged(
 def rescored(
     task: Tuning, episodes: Sequence[Any], points: np.ndarray, seed: int, threads: int | None = None
 ) -> np.ndarray:
-    """Mean score (n,) of one point (n, k) on each episode over AGAIN repetitions with noise of its own."""
+    """Mean score (n,) of one point (n, k) on each episode, over AGAIN repetitions with their own noise."""
     rng = np.random.default_rng(seed)
     fresh = [replace(e, seed=int(rng.integers(2**63))) for e in episodes for _ in range(AGAIN)]
     found = experiments(task, fresh, np.repeat(points, AGAIN, axis=0), [0] * len(fresh), threads)
@@ -85,7 +94,7 @@ def rescored(
 def optima(
     task: Tuning, episodes: Sequence[Any], seed: int, budget: int = 600, threads: int | None = None
 ) -> tuple[np.ndarray, np.ndarray]:
-    """About the best that each rig allows: points (n, k) and their scores (n,) under fresh noise, by a long search."""
+    """Near-optimal points (n, k) of each rig and their scores (n,) under fresh noise, by a long search."""
     k = len(task.box.names)
     tuners = [DifferentialEvolution(k, seed + i, 10, e.start) for i, e in enumerate(episodes)]
     trials = side_by_side(task, episodes, tuners, budget, 10 * k, threads)

@@ -1,4 +1,4 @@
-"""Gain sweeps: every gain set through the same identification experiment, chunk by chunk on disk, resumable."""
+"""Gain sweeps: every gain set through the same identification experiment, stored in chunks and resumable."""
 
 import json
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -29,7 +29,7 @@ UNITS = {"kp": "A/m", "ki": "A/(m s)", "kd": "A s/m"}
 
 @dataclass(frozen=True)
 class Axis:
-    """One swept gain: low and high bound in SI and the number of grid points."""
+    """One swept gain: lowest and highest value in SI, and the number of grid points."""
 
     low: float
     high: float
@@ -38,8 +38,17 @@ class Axis:
 
 @dataclass(frozen=True)
 class Sweep:
-    """A sweep: rig, axes by gain name (others stay at the preset), log or linear spacing, Sobol points or 0 for the
-    full grid, effects of the simulated rig, seed of every noise, and what reads the displacement."""
+    """A sweep.
+
+    Attributes:
+        rig: The rig.
+        axes: Axes by gain name; other gains stay at the preset.
+        log: Logarithmic spacing.
+        sobol: Number of Sobol points; 0 for the full grid.
+        effects: Effects of the simulated rig.
+        seed: Seed of all noise.
+        sensor: What reads the displacement.
+    """
 
     rig: Rig
     axes: Mapping[str, Axis]
@@ -66,7 +75,7 @@ class Sweep:
 
 
 def parse_axis(text: str) -> Axis:
-    """Read `lo:hi:n` (or `value`, held fixed) as the command line writes it."""
+    """Read `lo:hi:n` (or `value`, kept constant) as written on the command line."""
     parts = text.split(":")
     try:
         if len(parts) == 1:
@@ -78,7 +87,7 @@ def parse_axis(text: str) -> Axis:
 
 
 def default_axes(rig: Rig, points: Mapping[str, int] | None = None) -> dict[str, Axis]:
-    """The rig's gain bounds as axes: 16 x 4 x 16 points unless told."""
+    """The rig's gain bounds as axes, by default with 16 x 4 x 16 points."""
     points = points or {"kp": 16, "ki": 4, "kd": 16}
     missing = [name for name in SWEPT if name not in rig.bounds]
     if missing:
@@ -116,11 +125,24 @@ def run_sweep(
     progress: Callable[[int, bool], None] | None = None,
     workers: "Workers | None" = None,
 ) -> "xr.Dataset":
-    """Run or resume a sweep in folder `out`; the dataset has dims experiment and band, gains as coordinates.
+    """Run or resume a sweep in a folder.
 
-    Finished chunks on disk are reused, so an interrupted sweep equals an uninterrupted one bit for bit; so does one
-    whose chunks workers made. progress is called with (experiments, reused). ValueError when `out` holds another sweep;
-    OSError when it cannot be written.
+    Finished chunks are reused. An interrupted sweep, and one whose chunks workers made, equal an uninterrupted one bit
+    for bit.
+
+    Args:
+        sweep: The sweep.
+        out: Folder of the results.
+        threads: Number of threads; None for all cores.
+        progress: Called with (experiments, reused).
+        workers: Where to run.
+
+    Returns:
+        Dataset with the dimensions experiment and band, and the gains as coordinates.
+
+    Raises:
+        ValueError: `out` holds another sweep.
+        OSError: `out` cannot be written.
     """
     gains = gain_sets(sweep)
     chunks = out / "chunks"
@@ -153,7 +175,7 @@ def run_sweep(
 
 
 def description(sweep: Sweep, n: int) -> dict[str, object]:
-    """What made the results, as JSON data; `identity` is a hash of all of it."""
+    """What the results depend on, as JSON data; `identity` is a hash of all of it."""
     data: dict[str, object] = {
         "schema": "maglev-sweep-folder/1",
         "version": code_version(),
@@ -172,14 +194,14 @@ def description(sweep: Sweep, n: int) -> dict[str, object]:
 
 @dataclass(frozen=True)
 class _Chunk:
-    """Neighbouring gain sets of a sweep and the number of the first, of which their noise is drawn."""
+    """Neighbouring gain sets of a sweep, and the number of the first one, from which their noise is drawn."""
 
     sweep: Sweep
     start: int
     gains: Sequence[Controllers]
 
     def columns(self, threads: int | None = 1, progress: Callable[[int], None] | None = None) -> dict[str, np.ndarray]:
-        """Every array of their evaluation."""
+        """All arrays of their evaluation."""
         s = self.sweep
         experiments = [
             protocol_experiment(s.rig, gains, s.effects, (s.seed, i), s.sensor)
@@ -191,14 +213,14 @@ class _Chunk:
 def _made(
     chunks: Sequence[_Chunk], threads: int | None, progress: Callable[[int], None], workers: "Workers | None"
 ) -> Iterator[tuple[_Chunk, dict[str, np.ndarray]]]:
-    """Chunks and their columns as they are done."""
+    """Chunks and their columns as they are finished."""
     if workers is None:
         for chunk in chunks:
             yield chunk, chunk.columns(threads, progress)
         return
     for i, columns in workers.each(_Chunk.columns, chunks):
         yield chunks[i], columns
-        progress(len(chunks[i].gains))  # after it is on the disk
+        progress(len(chunks[i].gains))  # after the caller has stored the chunk
 
 
 def _claim(sweep: Sweep, out: Path, n: int) -> None:

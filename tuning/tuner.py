@@ -1,4 +1,4 @@
-"""The contract of every tuner, whether a library's search, a rule or a learned policy."""
+"""The contract of every tuner: a library's search, a rule or a learned policy."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
@@ -9,9 +9,15 @@ import numpy as np
 
 @dataclass(frozen=True, eq=False)
 class Trials:
-    """n experiments: points (n, k) of the box [-1, 1]^k; score (n,) in [0, 1], 0 where the loop is unstable;
-    observation (n, size), as the environments encode what was identified; info (n,): the same in SI; touchdown (n,)
-    whether the rotor touched down."""
+    """Results of n experiments.
+
+    Attributes:
+        points: Points of the box [-1, 1]^k, (n, k).
+        score: (n,) in 0 to 1; 0 where the loop is unstable.
+        observation: Identified values as the environments encode them, (n, size).
+        info: The same in SI, (n,).
+        touchdown: Whether the rotor touched down, (n,).
+    """
 
     points: np.ndarray
     score: np.ndarray
@@ -30,18 +36,18 @@ class Trials:
 
     @property
     def best(self) -> int:
-        """Index of the highest score; of equal ones the first."""
+        """Index of the highest score, the first of equal ones."""
         return int(np.argmax(self.score))
 
 
 class Tuner(Protocol):
-    """Asks for experiments and is told what they found, in any number at a time; all it draws comes from its seed.
+    """Asks for experiments and is told their results, in any number at a time; all its randomness comes from its seed.
 
-    A tuner is told everything it asked for, in the order asked, before it asks again.
+    A tuner is told everything that it asked for, in the same order, before it asks again.
     """
 
     def ask(self, n: int) -> np.ndarray:
-        """Points (m, k) of the box to try next, at most n, at least one."""
+        """Points (m, k) of the box to try next, with 1 <= m <= n."""
 
     def tell(self, trials: Trials) -> None:
-        """What the points asked for last have found."""
+        """Receive the results of the points asked for last."""

@@ -1,4 +1,4 @@
-"""What an identified rig says of gains: scores and margins over its posterior and by the measured plant; the best."""
+"""Candidate gains on an identified rig: scores and margins over its posterior and on the measured plant; optimum."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -17,15 +17,21 @@ from tuning.search.optimum import searched_optimum
 from tuning.study.recommendation import Verdict, verdict_of
 from tuning.study.study import experiments
 
-REPEATS, RIGS = 8, 32  # repetitions on the identified rig, and rigs from its posterior, that judge gains
-SEARCH, GENERATIONS = 8, 14  # population per gain, and how often it is renewed
+REPEATS, RIGS = 8, 32  # repetitions on the identified rig, and rigs from its posterior, by which gains are judged
+SEARCH, GENERATIONS = 8, 14  # population per gain, and number of generations
 
 
 @dataclass(frozen=True, eq=False)
 class Prediction:
-    """What the identified rig says of gains: verdict, over noise and the parameters' posterior; held: whether the rotor
-    stays levitated in all of them; margins: those that the measured plant gives with their controller, None where no
-    injection showed it; response: that sensitivity."""
+    """What the identified rig predicts for gains.
+
+    Attributes:
+        gains: The gains.
+        verdict: Verdict over noise and the parameters' posterior.
+        held: Whether the rotor levitates in all of these simulations.
+        margins: Margins of the measured plant with these gains; None where no injection showed it.
+        response: The sensitivity that these margins belong to.
+    """
 
     gains: Gains
     verdict: Verdict
@@ -35,8 +41,11 @@ class Prediction:
 
     @property
     def peak(self) -> tuple[float, float]:
-        """Interval of the peak sensitivity, the wider end of both; by the plant, as far as any line alone may reach:
-        where it is hardly known, the interval of the largest of them says little."""
+        """Interval of the peak sensitivity, with the wider end of model and measured plant.
+
+        For the measured plant the upper end is the largest value that any single line may have: where the plant is
+        hardly known, the interval of the largest line is too narrow.
+        """
         low, high = self.verdict.intervals.get("peak_sensitivity", (np.nan, np.inf))
         if self.margins is None:
             return low, high
@@ -47,8 +56,15 @@ class Prediction:
 
 @dataclass(frozen=True, eq=False)
 class Model:
-    """The task, its box as wide as the recorded gains; corners (2, k): the rig's own bounds in it; episodes of the
-    identified rig and of its posterior; plant, as measured."""
+    """The model by which gains are judged.
+
+    Attributes:
+        task: The task; its box covers the recorded gains.
+        corners: Corners (2, k) of the rig's own bounds in that box.
+        own: Episodes of the identified rig.
+        spread: Episodes of rigs from its posterior.
+        plant: The measured plant, if known.
+    """
 
     task: Task
     corners: np.ndarray
@@ -66,7 +82,7 @@ class Model:
 def model_of(
     task: Task, corners: np.ndarray, identified: IdentifiedRig, good: Sequence[GainSet], rng: np.random.Generator
 ) -> Model:
-    """The model by which gains are judged; every choice comes from rng."""
+    """The model by which gains are judged; every random choice comes from rng."""
     start = np.zeros(len(task.box.names))
 
     def episode(rig: Rig) -> Episode:
@@ -78,7 +94,7 @@ def model_of(
 
 
 def predict(model: Model, gains: Gains, seed: int) -> Prediction:
-    """Gains on the identified rig, on rigs of its posterior, and on the plant as measured."""
+    """Predict gains on the identified rig, on rigs of its posterior, and on the measured plant."""
     point, lanes = model.point(gains), [*model.own, *model.spread]
     again = experiments(model.task, lanes, np.tile(point, (len(lanes), 1)), [0] * len(lanes))
     verdict = verdict_of(point, again, len(model.own), model.own[0])
@@ -92,7 +108,7 @@ def predict(model: Model, gains: Gains, seed: int) -> Prediction:
 
 
 def optimum(model: Model, start: Gains, rng: np.random.Generator) -> np.ndarray:
-    """The point that scores best on the identified rig, within the rig's bounds; the search begins at start too."""
+    """Best-scoring point on the identified rig within the rig's bounds; the search also begins at `start`."""
     low, high = model.corners
     best = model.point(start)
     inside = np.clip(2 * (best - low) / (high - low) - 1, -1.0, 1.0)
@@ -101,5 +117,5 @@ def optimum(model: Model, start: Gains, rng: np.random.Generator) -> np.ndarray:
     def place(asked: np.ndarray) -> np.ndarray:
         return low + (high - low) * (asked + 1) / 2
 
-    # Of number 1: the noise of number 0 judges what is found.
+    # Experiment number 1, because the noise of number 0 judges the result.
     return searched_optimum(model.task, model.own[0], search, GENERATIONS, np.clip(best, low, high), 1, place)

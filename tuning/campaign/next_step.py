@@ -1,4 +1,4 @@
-"""The next experiment on a real rig: toward the best gains of the identified rig, as far as its margins allow."""
+"""The next experiment on a real rig: towards the best gains of the identified rig, as far as its margins allow."""
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
@@ -15,20 +15,32 @@ from tuning.campaign.recorded_sets import GainSet, Shown, shown
 from tuning.campaign.rig_fit import IdentifiedRig, fit_rig
 from tuning.study.recommendation import GAIN_MARGIN, PEAK_SENSITIVITY, PHASE_MARGIN
 
-EARLY, AIM = 3, 3.0  # for so many gain sets the peak sensitivity stays in zone A of ISO 14839-3
-LOUDER = 2.0  # most that one step may change the controller's response by, at any frequency
-SHARES = (1.0, 0.85, 0.7, 0.55, 0.4, 0.3, 0.2, 0.1)  # of the way to the optimum that are tried, the farthest first
-GAINED, CALMER = 0.01, 0.9  # least gain in score worth an experiment; from a loop beyond its limits, the peak must fall
-SAME = 1e-3  # of the box: gains nearer than that are equal
+EARLY, AIM = 3, 3.0  # for the first gain sets, the peak sensitivity must stay in zone A of ISO 14839-3
+LOUDER = 2.0  # largest factor by which one step may change the controller's response, at any frequency
+SHARES = (1.0, 0.85, 0.7, 0.55, 0.4, 0.3, 0.2, 0.1)  # shares of the way to the optimum that are tried, in this order
+GAINED, CALMER = 0.01, 0.9  # least gain in score worth an experiment; factor on the peak of a loop beyond its limits
+SAME = 1e-3  # of the box; gains closer than this count as equal
 
 
 @dataclass(frozen=True, eq=False)
 class Advice:
-    """sets with what each showed and, where it did not fail, its prediction. identified: None before any set held.
+    """What to record next, or why to stop.
 
-    Either next (the gains to try, predicted unless they are the start) with why, share of the way to the optimum and
-    what limited it; or stop, the reason, and keep: the index of the set to keep, None where none holds up. refused:
-    (index, reason) of better sets that are not kept. notes: what else to know.
+    Attributes:
+        task: The tuning task.
+        sets: The recorded gain sets.
+        shown: What each set showed; None where it failed.
+        predicted: Its prediction; None where it failed.
+        identified: The identified rig; None before any set levitated.
+        next: Gains to try next; None to stop.
+        prediction: Their prediction, unless they are the start.
+        why: Why these gains.
+        share: Share of the way to the optimum.
+        limited: What limited that share.
+        stop: Why to stop.
+        keep: Index of the set to keep; None where none holds up.
+        refused: (index, reason) of better sets that are not kept.
+        notes: What else to know.
     """
 
     task: Task
@@ -54,10 +66,17 @@ class Advice:
 def next_step(
     rig: Rig, sets: Sequence[GainSet], tuned: Sequence[str] = TUNED, budget: int = 10, seed: int = 0
 ) -> Advice:
-    """What to record next on the rig whose recordings are given, or that it is time to stop; see `Advice`.
+    """Decide what to record next on a rig, or that it is time to stop.
 
-    rig: nominal, of one axis. budget: recordings in all, but those that only judge (role holdout). ValueError for a rig
-    of two axes or without a controlled magnet, or gains that differ in what is not tuned.
+    Args:
+        rig: Nominal rig of one axis.
+        sets: Recorded gain sets.
+        tuned: Names of the tuned gains.
+        budget: Number of recordings in all, except those with the role holdout.
+        seed: Seed of every choice.
+
+    Raises:
+        ValueError: The rig has two axes or no controlled magnet, or the sets differ in gains that are not tuned.
     """
     task, corners = _task(rig, sets, tuned)
     good = [i for i, s in enumerate(sets) if s.failed is None]
@@ -127,7 +146,7 @@ def _start(advice: Advice, preset: Gains) -> Advice:
 
 
 def _rating(advice: Advice, i: int) -> float:
-    """Score that a set showed, or where its recordings cannot tell, that of the identified rig."""
+    """Measured score of a set or, where its recordings do not determine it, its score on the identified rig."""
     measured = advice.shown[i].score
     return measured if np.isfinite(measured) else advice.predicted[i].verdict.score
 
@@ -138,7 +157,7 @@ def _ranked(advice: Advice) -> list[int]:
 
 
 def _doubt(advice: Advice, i: int) -> str | None:
-    """Why a set that was recorded is not to be kept."""
+    """Why a recorded set is not to be kept."""
     seen = advice.shown[i]
     if seen.margins is not None and seen.peak_bound > PEAK_SENSITIVITY:
         return f"its measured peak sensitivity is up to {seen.peak_bound:.3g}, beyond zone B of ISO 14839-3"
@@ -156,7 +175,7 @@ def _stopped(advice: Advice, why: str, **changes: object) -> Advice:
 
 
 def _toward(advice: Advice, model: Model, goal: np.ndarray, seed: int) -> Advice:
-    """The farthest step from the nearest set that held toward the goal that is surely allowed and worth it."""
+    """The farthest worthwhile step towards the goal, from the nearest set that levitated, that is certainly allowed."""
     best = _ranked(advice)[0]
     good = [i for i, p in enumerate(advice.predicted) if p]
     sound = [i for i in good if _doubt(advice, i) is None] or good
@@ -188,7 +207,7 @@ def _toward(advice: Advice, model: Model, goal: np.ndarray, seed: int) -> Advice
 
 
 def _beyond(advice: Advice, model: Model, anchor: int, point: np.ndarray) -> str | None:
-    """Why a point is too far from what held, whatever a model says."""
+    """Why a point is too far from gains that levitated, whatever a model predicts."""
     apart = [float(np.linalg.norm(model.point(s.gains) - point)) for s in advice.sets]
     nearest = int(np.argmin(apart))
     if advice.sets[nearest].failed:
@@ -205,14 +224,14 @@ def _beyond(advice: Advice, model: Model, anchor: int, point: np.ndarray) -> str
 
 
 def _unsafe(advice: Advice, prediction: Prediction, anchor: Prediction) -> str | None:
-    """Why gains may not be tried: peak sensitivity or margins that may leave their limits, touchdown, instability."""
+    """Why gains must not be tried: peak sensitivity or margins that may exceed their limits, touchdown, instability."""
     high = prediction.peak[1]
     if anchor.verdict.reason is not None and prediction.held and high <= CALMER * anchor.peak[1]:
-        return None  # the loop stands beyond its limits already, and this calms it
+        return None  # the loop is already beyond its limits, and these gains calm it
     if prediction.verdict.reason is not None:
         return prediction.verdict.reason
     early = sum(p is not None for p in advice.predicted) < EARLY
-    # Where the loop surely stands beyond the aim already, a step may at least not make it worse.
+    # Where the loop is certainly beyond the aim already, a step must at least not make it worse.
     limit = float(np.clip(np.nan_to_num(anchor.peak[0]), AIM, PEAK_SENSITIVITY)) if early else PEAK_SENSITIVITY
     if high > limit:
         return f"the peak sensitivity may reach {high:.3g}, above {limit:.3g}"

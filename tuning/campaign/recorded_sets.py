@@ -1,4 +1,4 @@
-"""What a campaign's recordings show at each gain set: responses of loop and plant, and what went wrong there."""
+"""What a campaign's recordings show at each gain set: responses of loop and plant, and failures."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -18,8 +18,8 @@ from maglev_env.recordings.signals import recorded_signals
 from maglev_env.recordings.spectra import RecordedSignals, record_spectra
 from maglev_env.rig.rig import Rig
 
-TOUCHED = 0.95  # of the clearance: the rotor was there, or its sensor's scale is wrong
-UNSTEADY = 0.02  # of the clearance: an rms that does not repeat and outweighs what does is a loop that swings by itself
+TOUCHED = 0.95  # share of the clearance that counts as touchdown (or the sensor's scale is wrong)
+UNSTEADY = 0.02  # share of the clearance: a larger rms that does not repeat and outweighs what does is self-oscillation
 DRAWS, LEAST_LINES = 200, 4  # draws of an interval; lines that a curve of margins needs
 LEVEL_SD = 3.92  # width of a 95 % interval in standard deviations
 
@@ -35,9 +35,19 @@ class Response:
 
 @dataclass(frozen=True, eq=False)
 class GainSet:
-    """All recordings at equal gains. receptance (m/N, from the continuous force), sensitivity (1) and plant (m/A, from
-    command to reading): None where nothing shows them. force: line statistics of the recordings that a force excites.
-    peak_displacement m; current_rms A; failed: why nothing is identified here, or None."""
+    """All recordings at equal gains.
+
+    Attributes:
+        gains: The gains.
+        files: The recordings.
+        receptance: From the continuous force, m/N; None where nothing shows it.
+        sensitivity: None where nothing shows it.
+        plant: From command to reading, m/A; None where nothing shows it.
+        force: Line statistics of the recordings that a force excites.
+        peak_displacement: m.
+        current_rms: A.
+        failed: Why nothing is identified here, or None.
+    """
 
     gains: Gains
     files: tuple[str, ...]
@@ -52,8 +62,17 @@ class GainSet:
 
 @dataclass(frozen=True)
 class Shown:
-    """What a gain set showed, with standard errors; nan where the recordings do not show it. stiffness N/m and damping
-    N s/m in the target band; margins of the measured sensitivity."""
+    """Results of a gain set with standard errors; nan where the recordings do not show them.
+
+    Attributes:
+        stiffness: In the target band, N/m.
+        stiffness_se: Its standard error.
+        damping: In the target band, N s/m.
+        damping_se: Its standard error.
+        margins: Margins of the measured sensitivity.
+        score: 0 to 1.
+        score_se: Its standard error.
+    """
 
     stiffness: float
     stiffness_se: float
@@ -65,17 +84,19 @@ class Shown:
 
     @property
     def peak_bound(self) -> float:
-        """Upper 95 % bound of the peak sensitivity, or the value where the lines do not bound it; inf unmeasured."""
+        """Upper 95 % bound of the peak sensitivity, or its value where the lines do not bound it; inf if unmeasured."""
         if self.margins is None:
             return np.inf
         return self.margins.intervals["peak_sensitivity"][1] or self.margins.peak_sensitivity
 
 
 def recorded_sets(campaign: Campaign) -> list[GainSet]:
-    """The fit recordings of a one-axis campaign by their gains, in the order recorded.
+    """The fit recordings of a one-axis campaign, grouped by their gains, in the order recorded.
 
-    ValueError names a recording without PID gains, one that cannot be read, or one that shows nothing of the loop; a
-    clipped channel, a touchdown and a loop that swings by itself make a failed set instead.
+    A clipped channel, a touchdown and self-oscillation make a failed set.
+
+    Raises:
+        ValueError: A recording has no PID gains, cannot be read, or shows nothing of the loop.
     """
     groups: dict[Gains, list[RecordingSpec]] = {}
     for spec in campaign.recordings:
@@ -87,7 +108,7 @@ def recorded_sets(campaign: Campaign) -> list[GainSet]:
 
 
 def shown(found: GainSet, target: ScoreTarget, band: tuple[float, float], mass: float, seed: int = 0) -> Shown:
-    """Coefficients, margins and score of a gain set that did not fail, for a moving mass (kg) and target band (Hz)."""
+    """Coefficients, margins and score of a set that did not fail, for a moving mass (kg) and a target band (Hz)."""
     coefficients = [maximum_likelihood(f, np.array([band]), mass, intervals=False) for f in found.force]
     k, k_se = _mean([(c.stiffness[0], c.stiffness_se[0]) for c in coefficients])
     c, c_se = _mean([(c.damping[0], c.damping_se[0]) for c in coefficients])
@@ -107,12 +128,12 @@ def shown(found: GainSet, target: ScoreTarget, band: tuple[float, float], mass: 
 
 
 def pooled(parts: Sequence[Response]) -> Response | None:
-    """Responses of one thing as one: at each line the mean with inverse variances as weights; None of none."""
+    """Several measurements of one response as one: at each line the mean weighted by inverse variances."""
     if not parts:
         return None
     frequency, at = np.unique(np.round(np.concatenate([p.frequency for p in parts]), 9), return_inverse=True)
     value, variance = (np.concatenate([getattr(p, name) for p in parts]) for name in ("value", "variance"))
-    weight = 1 / np.maximum(variance, 1e-18 * np.abs(value) ** 2)  # a recording without noise does not weigh infinitely
+    weight = 1 / np.maximum(variance, 1e-18 * np.abs(value) ** 2)  # so that a recording without noise stays finite
     total = np.bincount(at, weight)
     mean = np.bincount(at, weight * value.real) + 1j * np.bincount(at, weight * value.imag)
     return Response(frequency, mean / total, 1 / total)
@@ -133,7 +154,7 @@ def _one(campaign: Campaign, spec: RecordingSpec, gains: Gains) -> GainSet:
     try:
         dataset = read_recording(campaign, spec)
     except ValueError as error:
-        if "clipped at" in str(error):  # a saturated channel is what the gains did, any other fault is the file's
+        if "clipped at" in str(error):  # a saturated channel is caused by the gains, any other fault by the file
             return _failed(gains, spec, str(error).partition(f"{where}: ")[2] or str(error))
         raise
     signals = _at_control_rate(recorded_signals(campaign, spec, dataset), rig)
@@ -189,7 +210,7 @@ def _response(statistics: LineStatistics, output: str, source: str) -> Response:
 
 
 def _at_control_rate(signals: RecordedSignals, rig: Rig) -> RecordedSignals:
-    """Faster recordings thinned to the control samples, at which the loop's responses are defined."""
+    """Faster recordings, reduced to the control samples at which the loop's responses are defined."""
     try:
         multiple, _ = sampling(signals.sample_rate, rig.control_rate)
     except ValueError:
@@ -206,7 +227,7 @@ def _per_period(signals: RecordedSignals) -> int:
 
 
 def _swings(signals: RecordedSignals, rig: Rig) -> str | None:
-    """Why the loop looks unstable: what does not repeat from period to period is large and outweighs what does."""
+    """Why the loop looks unstable: motion that does not repeat between periods is large and outweighs what does."""
     n, moved = _per_period(signals), signals.channels["displacement"]
     periods = moved[: moved.size // n * n].reshape(-1, n)[1:]
     if len(periods) < 2:
@@ -223,7 +244,7 @@ def _failed(gains: Gains, spec: RecordingSpec, why: str) -> GainSet:
 
 
 def _joined(gains: Gains, parts: list[GainSet]) -> GainSet:
-    """Recordings at equal gains as one set; it failed when one of them did."""
+    """Recordings at equal gains as one set, which failed if one of them did."""
     failed = next((p.failed for p in parts if p.failed), None)
     files = tuple(file for p in parts for file in p.files)
     curves = [
@@ -237,7 +258,7 @@ def _joined(gains: Gains, parts: list[GainSet]) -> GainSet:
 
 
 def _mean(values: Sequence[tuple[float, float]]) -> tuple[float, float]:
-    """Mean and its standard error of estimates (value, standard error)."""
+    """Mean and its standard error, from estimates (value, standard error)."""
     if not values:
         return np.nan, np.nan
     v, se = np.array(values, float).T

@@ -16,17 +16,23 @@ from maglev_env.rig.rig import Rig, with_parameters
 from maglev_env.task.episodes import WIDE, log_spread, scaled_rig, wide_factors
 from tuning.campaign.recorded_sets import GainSet
 
-MODEL_ERROR = 0.01  # relative, of a linear model of few parameters at any line
-DELAY_SPREAD, MOST_DELAY = 2.0, 20.0  # control samples: 1 sigma before anything is measured, and the most tried
-FACTORS = 4.0  # the most that a parameter may differ from the nominal one
-CONTRADICTED = 25.0  # misfit from which the rig is none of this model: five times what noise and model error explain
+MODEL_ERROR = 0.01  # relative error of a linear model of few parameters, at any line
+DELAY_SPREAD, MOST_DELAY = 2.0, 20.0  # control samples: prior standard deviation, and largest value
+FACTORS = 4.0  # largest factor by which a parameter may differ from the nominal one
+CONTRADICTED = 25.0  # misfit above which the model is wrong: residuals five times as large as noise and model error
 
 
 @dataclass(frozen=True, eq=False)
 class IdentifiedRig:
-    """nominal rig; names (p,) of what was fitted, "delay" last; theta (p,): ln of parameter over nominal, and the delay
-    in control samples, with covariance (p, p), its scale that of the misfit; misfit: mean squared residual over what
-    noise and MODEL_ERROR explain, about 1 or less where the model holds."""
+    """A rig identified from recordings.
+
+    Attributes:
+        nominal: The nominal rig.
+        names: Names (p,) of the fitted parameters, "delay" last.
+        theta: Values (p,): ln of parameter over nominal, and the delay in control samples.
+        covariance: Covariance (p, p), scaled by the misfit where that exceeds 1.
+        misfit: Mean squared residual over what noise and MODEL_ERROR explain; about 1 or less where the model holds.
+    """
 
     nominal: Rig
     names: tuple[str, ...]
@@ -39,11 +45,11 @@ class IdentifiedRig:
         return self.misfit > CONTRADICTED
 
     def rig(self, theta: np.ndarray | None = None) -> Rig:
-        """The rig at fitted parameters theta (p,), default the best; it has the delay as an effect."""
+        """The rig at parameters theta (p,), by default the best; it has the delay as an effect."""
         return _rig(self.nominal, self.names, self.theta if theta is None else theta)
 
     def drawn(self, n: int, rng: np.random.Generator) -> list[Rig]:
-        """n rigs from the posterior, normal in theta; a delay below zero is none."""
+        """n rigs drawn from the posterior, which is normal in theta; negative delays are set to zero."""
         draws = rng.multivariate_normal(self.theta, self.covariance, n, method="eigh")
         draws[:, :-1] = np.clip(draws[:, :-1], -np.log(FACTORS), np.log(FACTORS))
         draws[:, -1] = np.clip(draws[:, -1], 0.0, _most_delay(self.nominal))
@@ -64,11 +70,13 @@ class IdentifiedRig:
 
 
 def fit_rig(rig: Rig, sets: Sequence[GainSet]) -> IdentifiedRig:
-    """Least squares of the linearised loop's receptance and sensitivity against those measured, all sets together.
+    """Fit the linearised loop's receptance and sensitivity to the measured ones, all sets together.
 
-    Mass, actuator gain, negative stiffness and whatever else the rig gives a range or a tolerance for move on a
-    logarithmic scale, their ranges as normal prior; a delay is fitted beside them, which every digital loop has.
-    ValueError when no set shows anything.
+    Mass, actuator gain, negative stiffness and every other parameter with a range or tolerance move on a logarithmic
+    scale with a normal prior. A delay, which every digital loop has, is fitted as well.
+
+    Raises:
+        ValueError: No set shows anything.
     """
     sets = [s for s in sets if s.failed is None]
     if not sets:
@@ -81,7 +89,7 @@ def fit_rig(rig: Rig, sets: Sequence[GainSet]) -> IdentifiedRig:
     frequency = np.unique(np.concatenate([c.frequency for s in sets for c in (s.receptance, s.sensitivity) if c]))
     z, dt = np.exp(2j * np.pi * frequency / rig.control_rate), 1 / rig.control_rate
     controllers = [controller_response(s.gains, z, dt) for s in sets]
-    rows = []  # of each measured curve: its controller, which of the frequencies, its kind, values and deviations
+    rows = []  # for each measured curve: controller, indices of its frequencies, kind, values and deviations
     for s, c in zip(sets, controllers, strict=True):
         for kind, curve in (("receptance", s.receptance), ("sensitivity", s.sensitivity)):
             if curve is not None:
@@ -89,7 +97,7 @@ def fit_rig(rig: Rig, sets: Sequence[GainSet]) -> IdentifiedRig:
                 sd = np.sqrt((curve.variance + (MODEL_ERROR * np.abs(curve.value)) ** 2) / 2)
                 rows.append((c[at], at, kind, curve.value, sd))
     x = frequency * dt
-    held = np.sinc(x) * np.exp(-1j * np.pi * x)  # the model's force is held, the measured one is freed of its hold
+    held = np.sinc(x) * np.exp(-1j * np.pi * x)  # the model's force is held, while the hold of the measured is removed
 
     def residuals(theta: np.ndarray) -> np.ndarray:
         loop = loop_response(Experiment(_rig(rig, names, theta), rig.gains, ()), frequency)
@@ -112,7 +120,7 @@ def fit_rig(rig: Rig, sets: Sequence[GainSet]) -> IdentifiedRig:
 
 
 def _parameters(rig: Rig) -> tuple[tuple[str, ...], np.ndarray]:
-    """What is fitted, the delay last, and its spread (p,) before anything is measured."""
+    """Names of the fitted parameters, the delay last, and their prior standard deviations (p,)."""
     ranges: Mapping[str, tuple[float, float]] = {
         **dict.fromkeys(("mass", "actuator_gain", "negative_stiffness", "amplifier_time_constant"), WIDE),
         **wide_factors(rig),
@@ -124,12 +132,12 @@ def _parameters(rig: Rig) -> tuple[tuple[str, ...], np.ndarray]:
 
 
 def _most_delay(rig: Rig) -> float:
-    """Control samples, within what the effect allows."""
+    """Largest delay in control samples, within the bounds of the effect."""
     return min(MOST_DELAY, 0.999 * EFFECTS["delay"].parameters["time"].high * rig.control_rate)
 
 
 def _seen(rig: Rig, name: str, frequency: np.ndarray) -> bool:
-    """Whether the linearised loop depends on a parameter at all: a converter's resolution does not show there."""
+    """Whether the linearised loop depends on a parameter; it does not on a converter's resolution, for example."""
     one, other = (loop_response(Experiment(r, rig.gains, ()), frequency) for r in (rig, scaled_rig(rig, {name: 1.01})))
     return not (np.allclose(one.plant, other.plant, 1e-9, 0) and np.allclose(one.receptance, other.receptance, 1e-9, 0))
 
@@ -143,7 +151,7 @@ def _rig(nominal: Rig, names: Sequence[str], theta: np.ndarray) -> Rig:
 def measured_sensitivity(
     plant: np.ndarray, variance: np.ndarray, frequency: np.ndarray, gains: Gains, control_rate: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """S = 1 / (1 + C P) and its variance, each (n,), of other gains on a plant (n,) that was measured."""
+    """S = 1 / (1 + C P) and its variance, (n,) each, of other gains on a measured plant (n,)."""
     z = np.exp(2j * np.pi * frequency / control_rate)
     c = controller_response(gains, z, 1 / control_rate)
     s = 1 / (1 + c * plant)

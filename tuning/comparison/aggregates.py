@@ -1,7 +1,8 @@
-"""What n rigs say of tuners, with 95 % intervals (Agarwal et al., NeurIPS 2021: Deep RL at the edge of the precipice).
+"""Statistics of tuners over n rigs, with 95 % intervals (Agarwal et al., NeurIPS 2021: Deep RL at the edge of the
+precipice).
 
-Their tasks are fixed and the runs drawn, so runs are resampled within each task. Here the rigs are drawn and a new rig
-is what one asks about: whole rigs are resampled, each with all its repeats, and the same ones for every tuner.
+In that work the tasks are fixed and the runs random, so runs are resampled within each task. Here the rigs are random
+and a new rig is of interest, so whole rigs are resampled with all their repeats, and the same ones for every tuner.
 """
 
 import numpy as np
@@ -17,25 +18,27 @@ def resamples(rigs: int, seed: int) -> np.ndarray:
 
 
 def median(values: np.ndarray, draws: np.ndarray) -> np.ndarray:
-    """Median of all values (rigs, repeats), and the ends of its interval: (3,)."""
+    """Median of all values (rigs, repeats) and the ends of its interval, (3,)."""
     return _with_ends(np.median(values), np.median(_drawn(values, draws), axis=1), len(values))
 
 
 def interquartile_mean(values: np.ndarray, draws: np.ndarray) -> np.ndarray:
-    """Mean of the middle half of all values (rigs, repeats), and the ends of its interval: (3,)."""
+    """Mean of the middle half of all values (rigs, repeats) and the ends of its interval, (3,)."""
     return _with_ends(trim_mean(values.ravel(), 0.25), trim_mean(_drawn(values, draws), 0.25, axis=1), len(values))
 
 
 def performance_profile(values: np.ndarray, thresholds: np.ndarray, draws: np.ndarray) -> np.ndarray:
-    """Share of values (rigs, repeats) below rising thresholds (m,), and pointwise the ends of its interval: (3, m)."""
+    """Share of values (rigs, repeats) below rising thresholds (m,), and pointwise ends of its interval, (3, m)."""
     value, low, high = _mean(np.mean(values[..., None] < thresholds, axis=1), draws)
     # A share below a threshold bounds those below all others on one side.
     return np.stack([value, np.minimum.accumulate(low[::-1])[::-1], np.maximum.accumulate(high)])
 
 
 def improvement(one: np.ndarray, other: np.ndarray, draws: np.ndarray) -> np.ndarray:
-    """Probability that `one` is below `other` on a rig, every repeat with every repeat and ties for half, and the ends
-    of its interval: (3,). Values (rigs, repeats) of the same rigs."""
+    """Probability that `one` is below `other` on the same rig, and the ends of its interval, (3,).
+
+    Every repeat is compared with every repeat; ties count half. Values are (rigs, repeats).
+    """
     a, b = one[:, :, None], other[:, None, :]
     return _mean(np.mean((a < b) + 0.5 * (a == b), axis=(1, 2))[:, None], draws)[:, 0]
 
@@ -45,20 +48,22 @@ def _drawn(values: np.ndarray, draws: np.ndarray) -> np.ndarray:
 
 
 def _mean(per_rig: np.ndarray, draws: np.ndarray) -> np.ndarray:
-    """Mean over rigs (rigs, m) of numbers in [0, 1] with ends, (3, m)."""
+    """Mean over rigs of numbers (rigs, m) in [0, 1], with the ends of its interval, (3, m)."""
     n = len(per_rig)
-    # By how often each rig was drawn, which needs far less memory than the draws themselves.
+    # Weights by how often each rig was drawn need far less memory than the draws themselves.
     weights = np.stack([np.bincount(row, minlength=n) for row in draws]) / n
     value, low, high = _with_ends(per_rig.mean(axis=0), weights @ per_rig, n)
-    # Where all rigs agree resampling sees no spread: the ends of Clopper and Pearson (1934) for 0 or n out of n.
+    # Where all rigs agree, resampling shows no spread: use the ends of Clopper and Pearson (1934) for 0 or n out of n.
     least = ((1 - LEVEL) / 2) ** (1 / n)
     low, high = np.where(value == 1, least, np.fmax(low, 0)), np.where(value == 0, 1 - least, np.fmin(high, 1))
     return np.stack([value, low, high])
 
 
 def _with_ends(value: np.ndarray, redrawn: np.ndarray, rigs: int) -> np.ndarray:
-    """Expanded percentiles (Hesterberg 2015, American Statistician 69): with few rigs the plain ones are too narrow.
-    nan for one rig, which says nothing of others."""
+    """Expanded percentiles (Hesterberg 2015, American Statistician 69), as plain ones are too narrow with few rigs.
+
+    nan for one rig, which shows nothing about others.
+    """
     if rigs < 2:
         return np.stack([value, np.full_like(value, np.nan), np.full_like(value, np.nan)])
     tail = norm.cdf(-np.sqrt(rigs / (rigs - 1)) * t.ppf((1 + LEVEL) / 2, rigs - 1))

@@ -1,4 +1,4 @@
-"""Tuners compared: equal budgets on the same rigs, which none of them has seen; per tuner on disk, resumable."""
+"""Comparison of tuners with equal budgets on the same unseen rigs; results per tuner are stored and reused."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, fields, replace
@@ -23,18 +23,21 @@ if TYPE_CHECKING:
 
 SCHEMA = "maglev-compare-folder/1"
 SPEC, RIGS, PARTS = "comparison.json", "rigs.npz", "parts"
-HELD_OUT = 271828  # beside the seed: rigs that the same seed draws for anything else are others
-SEARCH = 600  # experiments that look for the best each rig allows
-BETWEEN = (1, 3, 10, 30, 100, 300, 1000, 3000)  # where a course is looked at beside the budgets
+HELD_OUT = 271828  # mixed into the seed so that comparison rigs never coincide with rigs drawn elsewhere
+SEARCH = 600  # experiments that search for the best score of each rig
+BETWEEN = (1, 3, 10, 30, 100, 300, 1000, 3000)  # numbers of experiments that are evaluated besides the budgets
 
 
 @dataclass(frozen=True, eq=False)
 class Result:
-    """One tuner after each of m checkpoints, nan beyond those that its `Method.longest` lets it reach.
+    """Results of one tuner at m checkpoints; nan beyond the largest that its `Method.longest` allows.
 
-    score (rigs, repeats, m) of its best-scored gains under fresh noise; touchdowns (rigs, repeats, m) on the way;
-    seconds (m,) of all its rigs together, and tuner_seconds (m,), those of them that it took itself to ask and to be
-    told; reused: whether an earlier run had made it.
+    Attributes:
+        score: Score of its best gains under fresh noise, (rigs, repeats, m).
+        touchdowns: Number of touchdowns so far, (rigs, repeats, m).
+        seconds: Time for all rigs together, (m,), s.
+        tuner_seconds: Part of that time that the tuner itself took to ask and be told, (m,), s.
+        reused: Whether an earlier run made the results.
     """
 
     score: np.ndarray
@@ -46,8 +49,15 @@ class Result:
 
 @dataclass(frozen=True, eq=False)
 class Comparison:
-    """checkpoints (m,), experiments; budgets, those of them that were asked for; best (rigs, repeats) score known of
-    each rig under the noise of each repeat; results by method; made_by: all that they depend on, as JSON data."""
+    """A comparison of tuners.
+
+    Attributes:
+        checkpoints: Numbers of experiments (m,).
+        budgets: Those of them that were requested.
+        best: Best known score of each rig under the noise of each repeat, (rigs, repeats).
+        results: Results by method.
+        made_by: Everything that they depend on, as JSON data.
+    """
 
     checkpoints: tuple[int, ...]
     budgets: tuple[int, ...]
@@ -56,11 +66,11 @@ class Comparison:
     made_by: dict[str, Any]
 
     def reached(self, budget: int) -> list[str]:
-        """The tuners that were run so far."""
+        """The tuners that were run up to this budget."""
         return [m for m, r in self.results.items() if np.isfinite(r.seconds[self.checkpoints.index(budget)])]
 
     def regret(self, method: str, budget: int) -> np.ndarray:
-        """Simple regret (rigs, repeats): best known score of the rig less that of the tuner's gains; 0 or more."""
+        """Simple regret (rigs, repeats): best known score of the rig minus that of the tuner's gains, at least 0."""
         return self.best - self.results[method].score[..., self.checkpoints.index(budget)]
 
 
@@ -76,13 +86,26 @@ def compare(
     policy: "HistoryPolicy | None" = None,
     workers: "Workers | None" = None,
 ) -> Comparison:
-    """Run every tuner on the same n_rigs rigs drawn by the task, `repeats` times with other noise and tuner seeds, one
-    experiment at a time; its gains are scored by fresh noise, the same for all. policy: of the learned one, None for
-    that of this package; workers: where it runs, which changes nothing but the times.
+    """Run every tuner on the same rigs, and score its gains under fresh noise that is the same for all.
 
-    Finished runs of a tuner are in the folder and not made again, whatever others are asked for beside it; progress is
-    told the name and number of experiments finished. ValueError for unknown methods, numbers out of range, a policy
-    that does not serve, or a folder of another comparison; BlockingIOError while another process works there.
+    Finished runs of a tuner are kept in the folder and not repeated, whichever other tuners are requested.
+
+    Args:
+        task: The task that draws the rigs.
+        methods: Names of the tuners.
+        n_rigs: Number of rigs.
+        budgets: Increasing numbers of experiments.
+        repeats: Repetitions with other noise and tuner seeds.
+        seed: Seed of rigs, noise and tuners.
+        folder: Folder of the results.
+        progress: Called with the name of what advances and the number of experiments finished.
+        policy: Policy of the learned tuner; None for that of this package.
+        workers: Where it runs, which affects the times only.
+
+    Raises:
+        ValueError: Unknown methods, numbers out of range, a policy that does not fit, or a folder of another
+            comparison.
+        BlockingIOError: Another process works in the folder.
     """
     methods, budgets = tuple(dict.fromkeys(methods)), tuple(budgets)
     check_comparison(methods, n_rigs, budgets, repeats)
@@ -119,7 +142,11 @@ def compare(
 
 
 def check_comparison(methods: Sequence[str], n_rigs: int, budgets: Sequence[int], repeats: int) -> None:
-    """ValueError unless methods are known, budgets increase from 1 or more, and there are rigs and repeats."""
+    """Check the arguments of a comparison.
+
+    Raises:
+        ValueError: Methods are unknown, budgets do not increase from 1 or more, or there are no rigs or repeats.
+    """
     if unknown := [m for m in methods if m not in METHODS]:
         raise ValueError(f"method {unknown[0]!r} is unknown; use some of {', '.join(METHODS)}")
     if not methods:
@@ -131,7 +158,11 @@ def check_comparison(methods: Sequence[str], n_rigs: int, budgets: Sequence[int]
 
 
 def check_policy(task: Task, methods: Sequence[str], policy: "HistoryPolicy | None") -> None:
-    """ValueError where the learned tuner has no policy that serves the task, or there is one and no such tuner."""
+    """Check that the learned tuner has a policy that fits the task.
+
+    Raises:
+        ValueError: It has none, or a policy is given without the learned tuner.
+    """
     if LEARNED in methods:
         make_tuner(LEARNED, task, task.draw(np.random.default_rng(0)), 0, 1, policy)
     elif policy is not None:
@@ -139,15 +170,20 @@ def check_policy(task: Task, methods: Sequence[str], policy: "HistoryPolicy | No
 
 
 def budget_of(method: str, budgets: Sequence[int]) -> int:
-    """How many experiments a tuner makes on a rig: the largest budget that it takes, or else the smallest."""
+    """Number of experiments of a tuner on a rig: the largest budget that it takes, or else the smallest."""
     longest = METHODS[method].longest
     return max((b for b in budgets if longest is None or b <= longest), default=budgets[0])
 
 
 def held_out(task: Task, n_rigs: int, repeats: int, seed: int) -> tuple[list[Episode], list[Episode], list[int]]:
-    """Episodes of n_rigs rigs; n_rigs * repeats of them, rig by rig, that differ in their noise; seeds of the tuners.
+    """Unseen rigs with their noise.
 
-    Each rig comes from the seed and its number: fewer rigs are the first of more.
+    Each rig depends on the seed and its number, so fewer rigs are the first of more.
+
+    Returns:
+        rigs: Episodes of n_rigs rigs.
+        lanes: n_rigs * repeats episodes, rig by rig, that differ in their noise.
+        seeds: Seeds of the tuners.
     """
     rigs, lanes, seeds = [], [], []
     for i in range(n_rigs):
@@ -161,7 +197,7 @@ def held_out(task: Task, n_rigs: int, repeats: int, seed: int) -> tuple[list[Epi
 def _result(
     runs: Runs, parts: Sequence[dict[str, np.ndarray]], checkpoints: Sequence[int], seed: int
 ) -> dict[str, np.ndarray]:
-    """The arrays of a Result, all runs in one row."""
+    """The arrays of a Result, with all runs in one row."""
     whole = Course(*(np.concatenate([part[f.name] for part in parts]) for f in fields(Course)))
     reach = [n for n in checkpoints if n <= runs.budget]
     score, touchdowns = judged(runs.task, runs.lanes, whole, reach, seed)
@@ -172,7 +208,7 @@ def _result(
 
 
 def _label(method: str, policy: "HistoryPolicy | None", task: Task) -> str:
-    """The name of its results in a folder."""
+    """The name of a tuner's results in a folder."""
     return f"{method}-{policy_digest(task, policy)[:12]}" if method == LEARNED else method
 
 
@@ -185,7 +221,7 @@ def _best_by_search(
     progress: Callable[[str, int], None],
     workers: "Workers | None",
 ) -> np.ndarray:
-    """Score (lanes,) of what a long search finds on each rig, under the noise that scores the tuners."""
+    """Score (lanes,) of the best gains that a long search finds on each rig, under the noise that scores the tuners."""
     if path.exists():
         progress("best of each rig", SEARCH * len(rigs))
         return load_arrays(path)["score"]

@@ -1,4 +1,4 @@
-"""The runs of one tuner in a comparison: many rigs side by side, timed, stored in parts as soon as they are there."""
+"""Runs of one tuner in a comparison: many rigs side by side, timed, and stored in parts as they are finished."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from maglev_lanes.schedule import Workers
     from tuning.learned.policy import HistoryPolicy
 
-CHUNK = 50  # runs whose experiments go side by side, and are stored together
+CHUNK = 50  # runs whose experiments are simulated together and stored together
 
 
 class _Timed:
@@ -47,7 +47,7 @@ class _Timed:
 
 @dataclass(frozen=True, eq=False)
 class Runs:
-    """One tuner on lanes, each with its own seed."""
+    """One tuner on several lanes, each with its own seed."""
 
     task: Task
     method: str
@@ -60,7 +60,7 @@ class Runs:
 def stored_parts(
     runs: Runs, folder: Path, workers: "Workers | None", progress: Callable[[int], None]
 ) -> list[dict[str, np.ndarray]]:
-    """What `_experiments` finds for every CHUNK lanes, in order; stored as soon as it is there."""
+    """Results of `_experiments` for every CHUNK lanes, in order; each is stored as soon as it is finished."""
     folder.mkdir(parents=True, exist_ok=True)
     jobs, paths = [], []
     for i in range(0, len(runs.lanes), CHUNK):
@@ -90,7 +90,7 @@ def _experiments(runs: Runs, threads: int | None = None) -> dict[str, np.ndarray
         _Timed(make_tuner(runs.method, runs.task, e, s, runs.budget, runs.policy), spent)
         for e, s in zip(runs.lanes, runs.seeds, strict=True)
     ]
-    # Compiled code is loaded first, which is nobody's time.
+    # Load compiled code first, so that its time is not counted.
     experiments(runs.task, runs.lanes[:1], runs.lanes[0].start[None], 0, threads)
     started = perf_counter()
     trials = side_by_side(

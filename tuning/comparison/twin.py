@@ -1,4 +1,4 @@
-"""The same tuner on three simulators of one rig: nominal, corrected by a diagnosis, and the sealed twin itself."""
+"""The same tuner on three simulators of one rig: nominal, corrected by a diagnosis, and the true twin."""
 
 import json
 import os
@@ -19,16 +19,16 @@ from tuning.search.optuna_search import OptunaTuner
 from tuning.study.folder import claim, locked
 from tuning.tuner import Trials
 
-METHOD = "gp"  # needs the fewest experiments, which on a rig are what is dear
-CANDIDATES, REPEATS = 3, 5  # of the best-scored gains, repeated with fresh noise
-SHARE = 4  # at most a part of the budget in so many goes into that
+METHOD = "gp"  # needs the fewest experiments, which are expensive on a real rig
+CANDIDATES, REPEATS = 3, 5  # best-scored gains, and their repetitions with fresh noise
+SHARE = 4  # at most the budget divided by this is used for repetitions
 SPEC = "worth.json"
-_TUNING, _SCORING = 0, 1  # noise of tuning, and of the scores that count
+_TUNING, _SCORING = 0, 1  # noise of the tuning, and noise of the final scores
 
 
 @dataclass(frozen=True)
 class Tuned:
-    """Recommended point (k,) of the box, the score promised for it, experiments tried and how many failed."""
+    """Recommended point (k,) of the box, its promised score, number of experiments and how many of them failed."""
 
     point: np.ndarray
     promised: float
@@ -37,10 +37,10 @@ class Tuned:
 
 
 def tuned(case: TwinCase, simulator: str, budget: int, seed: int) -> Tuned:
-    """`budget` experiments on one of SIMULATORS, one at a time, the first with the preset gains.
+    """Tune one case with `budget` experiments on one of SIMULATORS, one at a time, the first with the preset gains.
 
-    The last of them repeat the best-scored gains where the budget allows for it: the best mean of the repetitions is
-    recommended then, not a lucky score. Seed and noise are the same for every simulator.
+    Where the budget allows, the last experiments repeat the best-scored gains, and the best mean is recommended, which
+    excludes lucky scores. Seed and noise are the same for every simulator.
     """
     candidates = min(CANDIDATES, budget // (SHARE * REPEATS))
     candidates = candidates if candidates > 1 else 0
@@ -64,7 +64,7 @@ def tuned(case: TwinCase, simulator: str, budget: int, seed: int) -> Tuned:
 
 
 def case_worth(case: TwinCase, budgets: Mapping[str, int], seed: int) -> CaseWorth:
-    """Tune on each of SIMULATORS with its budget, and score what each recommends on the twin, under the same noise."""
+    """Tune on each of SIMULATORS with its budget, and score each recommendation on the twin under the same noise."""
     fresh = _seeds(case, seed, _SCORING, AGAIN)
     chosen = {PRESET: Tuned(case.start, nan, 0, 0)} | {n: tuned(case, n, budgets[n], seed) for n in SIMULATORS}
     by = {n: recommended(case, t.point, t.promised, t.tried, t.failed, fresh) for n, t in chosen.items()}
@@ -80,11 +80,23 @@ def compare_simulators(
     processes: int | None = None,
     progress: Callable[[int], None] = lambda n: None,
 ) -> tuple[list[CaseWorth], int]:
-    """`case_worth` of every case, each kept in the folder when it is done, and how many of them were there already.
+    """`case_worth` of every case; each is stored in the folder as soon as it is finished.
 
-    budgets: experiments by simulator. made_by: what else the results depend on, as JSON data. processes: default all
-    cores; results do not depend on it. progress is called with numbers of cases done. ValueError when the folder holds
-    results made in another way; BlockingIOError while another process works there.
+    Args:
+        cases: The cases.
+        folder: Folder of the results.
+        budgets: Number of experiments by simulator.
+        seed: Seed of tuning and noise.
+        made_by: What else the results depend on, as JSON data.
+        processes: By default all cores; results do not depend on it.
+        progress: Called with numbers of cases done.
+
+    Returns:
+        The results, and how many of them existed already.
+
+    Raises:
+        ValueError: The folder holds results made in another way.
+        BlockingIOError: Another process works there.
     """
     if not all(n >= 1 for n in budgets.values()):
         raise ValueError(f"budgets of {', '.join(map(str, budgets.values()))}: give at least one experiment")
@@ -119,7 +131,7 @@ def _outcomes(cases: Sequence[TwinCase], budgets: Mapping[str, int], seed: int, 
 
 
 def _seeds(case: TwinCase, seed: int, purpose: int, count: int) -> list[int]:
-    """Of noise, the same whenever they are asked for."""
+    """Seeds of noise, reproducible for a case and a purpose."""
     rng = np.random.default_rng((seed, purpose, *case.id.encode()))
     return rng.integers(2**63, size=count).tolist()
 
@@ -132,7 +144,7 @@ def _data(found: CaseWorth) -> dict[str, Any]:
 
 
 def _read(path: Path) -> CaseWorth | None:
-    """A case that was stored; None when there is none, or the file is damaged."""
+    """A stored case; None when there is none or the file is damaged."""
     try:
         data = json.loads(path.read_text())
         by = {n: Recommended(**{k: nan if v is None else v for k, v in r.items()}) for n, r in data["by"].items()}

@@ -1,4 +1,4 @@
-"""A policy over stacked observations, and checkpoints of it that hold numbers and text alone."""
+"""A policy over stacked observations, and its checkpoints, which hold numbers and text only."""
 
 import json
 import zipfile
@@ -16,13 +16,20 @@ from maglev_env.recordings.files import atomic_file
 from maglev_env.task.task import Tuning
 
 SCHEMA = "maglev-policy/1"
-MOST_BYTES = 16_000_000  # of a checkpoint, unpacked
+MOST_BYTES = 16_000_000  # largest unpacked checkpoint
 
 
 @dataclass(frozen=True)
 class Shape:
-    """names of one observation's elements; gains that an action sets, and the ends of each, low and high, in SI; how
-    many observations are stacked; width of the two hidden layers."""
+    """What a policy reads and sets.
+
+    Attributes:
+        names: Names of one observation's elements.
+        gains: Gains that an action sets.
+        ends: Lowest and highest value of each gain, SI.
+        history: Number of stacked observations.
+        width: Width of the two hidden layers.
+    """
 
     names: tuple[str, ...]
     gains: tuple[str, ...]
@@ -42,8 +49,10 @@ def shape_for(task: Tuning, history: int, width: int) -> Shape:
 
 
 class HistoryPolicy(nn.Module):
-    """Stacked observations (n, inputs) to points (n, k) of the box [-1, 1]^k. The newest observation comes first; each
-    is followed by 1, and a place without one by 0."""
+    """From stacked observations (n, inputs) to points (n, k) of the box [-1, 1]^k.
+
+    The newest observation comes first. Each is followed by 1; empty places hold zeros and a 0.
+    """
 
     def __init__(self, shape: Shape) -> None:
         super().__init__()
@@ -63,7 +72,7 @@ class HistoryPolicy(nn.Module):
         return sha256(b"".join(value.numpy().tobytes() for value in self.state_dict().values())).hexdigest()
 
     def act(self, observations: np.ndarray) -> np.ndarray:
-        """Points (n, k) after observations (n, t, size), oldest first; the newest `history` of them count."""
+        """Points (n, k) from observations (n, t, size), oldest first; the newest `history` of them are used."""
         with torch.no_grad():
             return self(torch.from_numpy(stack(observations, self.shape.history))).numpy().astype(float)
 
@@ -79,7 +88,7 @@ def stack(observations: np.ndarray, history: int) -> np.ndarray:
 
 
 def save_policy(path: Path, policy: HistoryPolicy, made_by: Mapping[str, Any]) -> None:
-    """Write a checkpoint atomically: weights as arrays; shape and what made it as JSON text."""
+    """Write a checkpoint atomically: weights as arrays, shape and origin as JSON text."""
     head = json.dumps({"schema": SCHEMA, "shape": asdict(policy.shape), "made_by": made_by}, allow_nan=False)
     weights = {name: value.numpy() for name, value in policy.state_dict().items()}
     with atomic_file(path) as file:
@@ -87,9 +96,14 @@ def save_policy(path: Path, policy: HistoryPolicy, made_by: Mapping[str, Any]) -
 
 
 def load_policy(path: Path) -> tuple[HistoryPolicy, dict[str, Any]]:
-    """A checkpoint and what made it. Nothing in it is executed: pickled contents are refused.
+    """Read a checkpoint. Nothing in it is executed; pickled contents are refused.
 
-    ValueError when it is no checkpoint, is damaged, too large, or of another schema; OSError when it cannot be read.
+    Returns:
+        The policy and its origin.
+
+    Raises:
+        ValueError: It is not a checkpoint, is damaged, too large, or of another schema.
+        OSError: It cannot be read.
     """
     try:
         with zipfile.ZipFile(path) as archive:
@@ -109,6 +123,6 @@ def load_policy(path: Path) -> tuple[HistoryPolicy, dict[str, Any]]:
         policy.load_state_dict({name: torch.from_numpy(value) for name, value in arrays.items()})
     except OSError:
         raise
-    except Exception as error:  # a stranger's file makes the libraries raise nearly anything
+    except Exception as error:  # a foreign file can make the libraries raise almost anything
         raise ValueError(f"{path}: not a policy of this workbench ({error})") from None
     return policy.eval(), made_by

@@ -1,5 +1,5 @@
-"""Train a policy by reinforcement, with PPO (Schulman et al. 2017) or SAC (Haarnoja et al. 2018) of Stable-Baselines3,
-on episodes that run as a learned tuner's studies do."""
+"""Training of a policy by reinforcement, with PPO (Schulman et al. 2017) or SAC (Haarnoja et al. 2018) of
+Stable-Baselines3, on episodes that run like a learned tuner's studies."""
 
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -16,14 +16,14 @@ from tuning.learned.policy import HistoryPolicy, Shape, shape_for
 from tuning.learned.study_env import study_env
 
 ALGORITHMS = ("ppo", "sac")
-EPISODES = 4  # of every environment between two updates of PPO
+EPISODES = 4  # episodes of every environment between two updates of PPO
 ENTROPY = "auto_0.01"  # SAC's first weight of the entropy; rewards are of order 1
-KEPT = 200_000  # experiments in SAC's replay buffer, at most
-RANDOM = 0.1  # share of SAC's experiments that are made at random first, or its critic would know nothing else
-WARM_UP = 0.2  # share of the experiments over which the critic alone learns, where a policy is given
-SPREAD = (0.15, 0.5)  # standard deviation of the first actions around those of a policy given, and of a fresh one
+KEPT = 200_000  # largest number of experiments in SAC's replay buffer
+RANDOM = 0.1  # share of SAC's experiments that are random at the start, to give its critic something to compare
+WARM_UP = 0.2  # share of the experiments in which only the critic learns, if a policy is given
+SPREAD = (0.15, 0.5)  # standard deviation of the first actions, around those of a given policy and of a new one
 NUM_ENVS = 64
-ROWS = 50  # of the log
+ROWS = 50  # rows of the log
 
 
 def train_by_reinforcement(
@@ -37,20 +37,35 @@ def train_by_reinforcement(
     rate: float = 3e-4,
     progress: Callable[[int], None] = lambda done: None,
 ) -> tuple[HistoryPolicy, list[dict[str, float]]]:
-    """A policy for rigs of all the tasks alike (they share observations, gains and budget), and along the training
-    `experiments` made so far with the mean `return` of the episodes that ended since the row before.
+    """Train a policy for rigs of all tasks, which share observations, gains and budget.
 
     An episode is a study of one rig: its safe start, then budget - 1 experiments that the policy chooses. Its return is
-    the sum of their rewards (`maglev_env.task.task.rewards`), undiscounted. experiments: those that are chosen, in all,
-    rounded down to whole rounds of the num_envs environments (PPO: to whole rollouts of some episodes of each); the
-    safe starts come on top. width: of the policy, whose history is the budget. init: the policy to go on from, with its
-    width; what judges it is learned before it changes. rate: of learning. progress is told the experiments made so far.
-    The same seed gives the same policy on the same machine. ValueError names the argument that is wrong.
+    the undiscounted sum of their rewards (`maglev_env.task.task.rewards`). The same seed gives the same policy on the
+    same machine.
+
+    Args:
+        tasks: The tasks.
+        algorithm: "ppo" or "sac".
+        experiments: Number of chosen experiments in all, rounded down to whole rounds of the environments (for PPO to
+            whole rollouts of several episodes of each). The safe starts are not counted.
+        seed: Seed of the training.
+        init: Policy to continue from, with its width; the critic learns before it changes.
+        width: Width of a new policy; its history is the budget.
+        num_envs: Number of environments.
+        rate: Learning rate.
+        progress: Called with the number of experiments made so far.
+
+    Returns:
+        The policy; and a log with the number of `experiments` so far and the mean `return` of the episodes that ended
+        since the row before.
+
+    Raises:
+        ValueError: An argument is wrong; the message names it.
     """
     check_training(tasks, algorithm, experiments, init, num_envs)
     shape = shape_for(tasks[0], tasks[0].budget, width if init is None else init.shape.width)
     threads = torch.get_num_threads()
-    torch.set_num_threads(1)  # small networks: more threads cost more than they bring, and change rounding
+    torch.set_num_threads(1)  # small networks: more threads cost more than they gain, and change the rounding
     try:
         model = make_learner(tasks, shape, algorithm, experiments, seed, num_envs, rate, init)
         watch = _Watch(experiments, experiments * WARM_UP if init is not None else 0, progress)
@@ -64,7 +79,11 @@ def train_by_reinforcement(
 def check_training(
     tasks: Sequence[Tuning], algorithm: str, experiments: int, init: HistoryPolicy | None, num_envs: int = NUM_ENVS
 ) -> None:
-    """ValueError names what is wrong with arguments of `train_by_reinforcement`."""
+    """Check the arguments of `train_by_reinforcement`.
+
+    Raises:
+        ValueError: One of them is wrong; the message names it.
+    """
     if not tasks:
         raise ValueError("tasks: give at least one")
     if init is not None and init.shape != shape_for(tasks[0], tasks[0].budget, init.shape.width):
@@ -89,12 +108,12 @@ def make_learner(
     rate: float,
     init: HistoryPolicy | None = None,
 ) -> PPO | SAC:
-    """The learner before it has learned; its actor is init where given. Arguments as `train_by_reinforcement`."""
+    """The learner before training; its actor is init where given. Arguments as in `train_by_reinforcement`."""
     steps = tasks[0].budget - 1
     env = study_env(tasks, shape, num_envs)
-    # Derived, or environment i would draw the rigs that a test with the seed `seed + i` draws.
+    # A derived seed, because environment i would otherwise draw the same rigs as a test with the seed `seed + i`.
     derived = int(np.random.SeedSequence(seed).generate_state(1)[0])
-    # The budget is the end of a study, after which nothing counts: no discount, and no value beyond it.
+    # A study ends with its budget and nothing counts after it: no discount, and no value beyond the end.
     shared: dict[str, Any] = {"learning_rate": rate, "gamma": 1.0, "seed": derived, "device": "cpu"}
     layers, spread = [shape.width, shape.width], float(np.log(SPREAD[init is None]))
     model: PPO | SAC
@@ -103,7 +122,7 @@ def make_learner(
         nets = {"net_arch": {"pi": layers, "vf": layers}, "activation_fn": nn.ReLU, "log_std_init": spread}
         sizes = {"n_steps": episodes * steps, "batch_size": episodes * num_envs}  # whole episodes, whole batches
         model = PPO("MlpPolicy", env, **sizes, policy_kwargs=nets, **shared)
-        # The mean within the box, as a HistoryPolicy's action is; the optimiser already holds the layer's weights.
+        # The mean is limited to the box like a HistoryPolicy's action; the optimiser already holds the layer's weights.
         model.policy.action_net = nn.Sequential(model.policy.action_net, nn.Tanh())
     else:
         model = SAC(
@@ -140,7 +159,7 @@ def _linear(policy: HistoryPolicy) -> list[nn.Linear]:
 
 
 def _layers(model: PPO | SAC) -> list[nn.Linear]:
-    """Those of the actor's mean, in a HistoryPolicy's order."""
+    """Linear layers of the actor's mean, in the order of a HistoryPolicy."""
     if isinstance(model, PPO):
         parts = [*model.policy.mlp_extractor.policy_net, *model.policy.action_net]
     else:
@@ -149,7 +168,7 @@ def _layers(model: PPO | SAC) -> list[nn.Linear]:
 
 
 class _Watch(BaseCallback):
-    """Reports progress, writes the log, and holds the actor still for the first `still` experiments."""
+    """Reports progress, writes the log, and keeps the actor fixed during the first `still` experiments."""
 
     def __init__(self, experiments: int, still: float, progress: Callable[[int], None]) -> None:
         super().__init__()

@@ -17,9 +17,10 @@ from tuning.learned.policy import Shape, stack
 
 
 def study_env(tasks: Sequence[Tuning], shape: Shape, num_envs: int) -> VecEnv:
-    """Studies of rigs of the tasks, side by side, whose observations are `policy.stack` of what each study has seen.
+    """Studies of rigs of the tasks, side by side; an observation is `policy.stack` of all observations of a study.
 
-    ValueError when the tasks differ in observations, gains or budget, or leave nothing to choose.
+    Raises:
+        ValueError: The tasks differ in observations, gains or budget, or leave nothing to choose.
     """
     if len({(tuple(t.layout.names), tuple(t.box.names), t.budget) for t in tasks}) > 1:
         raise ValueError("tasks: they must share their observations, gains and budget")
@@ -37,8 +38,11 @@ class _Drawn:
 
 
 class _Studies:
-    """Tasks as one, run as a study runs them: the start is experiment 1 of the budget, points are taken as they are,
-    and a touchdown does not end a study. The infos hold no more than the first task's gains."""
+    """Several tasks as one, run like a study.
+
+    The start is experiment 1 of the budget, points are taken as given, and a touchdown does not end a study. The infos
+    hold only the gains of the first task.
+    """
 
     terminate_on_touchdown = False
 
@@ -75,7 +79,7 @@ class _StudyEnv(RigVectorEnv):
 
 
 class _Stacked(VecEnvWrapper):
-    """What each environment has observed in its episode, as a HistoryPolicy sees it."""
+    """Stacks the observations of each environment's episode as a HistoryPolicy reads them."""
 
     def __init__(self, env: VecEnv, history: int) -> None:
         size = history * (env.observation_space.shape[0] + 1)

@@ -1,5 +1,8 @@
-"""Train a policy by imitation: rigs are drawn, the best gains of each are searched for on its simulator, and the policy
-learns to name them from what its own experiments show (DAgger: Ross, Gordon and Bagnell 2011)."""
+"""Training of a policy by imitation (DAgger: Ross, Gordon and Bagnell 2011).
+
+Rigs are drawn, the best gains of each are searched on its simulator, and the policy learns to predict them from the
+results of its own experiments.
+"""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields, replace
@@ -18,14 +21,24 @@ from tuning.study.study import experiments
 if TYPE_CHECKING:
     from maglev_lanes.schedule import Workers
 
-SPREAD = 0.15  # of the noise on a policy's actions while it gathers: what it may meet later
-GROUP = 125  # rigs of one task, whose experiments run together
+SPREAD = 0.15  # standard deviation of the noise on a policy's actions while it collects data, for variety
+GROUP = 125  # rigs of one task whose experiments are simulated together
 
 
 @dataclass(frozen=True)
 class Plan:
-    """rigs drawn in all; rounds in which they are used, each with the policy that the ones before have made; search:
-    experiments for the best gains of each; epochs over everything gathered, after each round; batch, learning rate."""
+    """Size of a training.
+
+    Attributes:
+        rigs: Number of rigs in all.
+        rounds: Rounds in which they are used, each with the policy that the earlier rounds gave.
+        search: Experiments that search for the best gains of each rig.
+        epochs: Epochs over all data after each round.
+        batch: Batch size.
+        rate: Learning rate.
+        history: Number of stacked observations.
+        width: Width of the hidden layers.
+    """
 
     rigs: int = 6000
     rounds: int = 6
@@ -45,7 +58,7 @@ class Plan:
 
 @dataclass(frozen=True, eq=False)
 class Group:
-    """n rigs: best gains (n, k); observations (n, history, size) and scores (n, history) of the experiments made."""
+    """n rigs: best gains (n, k); observations (n, history, size) and scores (n, history) of their experiments."""
 
     best: np.ndarray
     seen: np.ndarray
@@ -57,7 +70,7 @@ DrawTasks = Callable[[np.random.Generator], tuple[Task, Task]]
 
 @dataclass(frozen=True, eq=False)
 class _Job:
-    """A group to gather: number of rigs, the policy so far, and the seed of every choice."""
+    """A group of rigs to collect data from: its size, the policy so far, and the seed of every choice."""
 
     draw_tasks: DrawTasks
     plan: Plan
@@ -74,18 +87,27 @@ def train(
     progress: Callable[[str, int], None] = lambda text, rigs: None,
     workers: "Workers | None" = None,
 ) -> tuple[HistoryPolicy, list[dict[str, float]]]:
-    """A policy for rigs of the tasks drawn (they share observations and gains; of each pair it observes the first, and
-    the best gains of the rigs are searched for on the second), and per round its mean score after one and after all
-    experiments of a rig, and its loss.
+    """Train a policy by imitation.
 
-    A finished group of rigs is in the folder and not made again, so that an interrupted training goes on; the same seed
-    gives the same policy on the same machine, with workers or without. progress is told the round and the rigs met
-    since.
+    A finished group of rigs is stored in the folder and not repeated, so that an interrupted training can be resumed.
+    The same seed gives the same policy on the same machine, with and without workers.
+
+    Args:
+        draw_tasks: Draws a pair of tasks, all with the same observations and gains: the policy observes the first, and
+            the best gains of its rigs are searched on the second.
+        plan: Size of the training.
+        seed: Seed of every choice.
+        folder: Where finished groups are stored.
+        progress: Called with the name of the round and the number of rigs since the last call.
+        workers: Where the groups are made.
+
+    Returns:
+        The policy; and for each round its mean score after one and after all experiments of a rig, and its loss.
     """
     groups: list[Group] = []
     log, policy = [], None
     threads = torch.get_num_threads()
-    torch.set_num_threads(1)  # sums come in the same order on any machine
+    torch.set_num_threads(1)  # so that sums are computed in the same order on any machine
     try:
         for turn in range(plan.rounds):
             said = f"round {turn + 1} of {plan.rounds}"
@@ -111,7 +133,7 @@ def _sizes(plan: Plan, turn: int) -> list[int]:
 def _gathered(
     jobs: Sequence[_Job], folder: Path | None, progress: Callable[[int], None], workers: "Workers | None"
 ) -> list[Group]:
-    """The groups of all jobs, in order: those that the folder holds, and the others made."""
+    """The groups of all jobs, in order: stored ones are read, others are made."""
     paths = [None if folder is None else folder / f"round-{j.seed[1] + 1}-{j.seed[2] + 1:03d}.npz" for j in jobs]
     groups = [_kept(path) for path in paths]
     todo = [i for i, group in enumerate(groups) if group is None]
@@ -142,7 +164,7 @@ def _kept(path: Path | None) -> Group | None:
 
 
 def _group(job: _Job, threads: int | None = None) -> Group:
-    """Rigs of one task; experiments on them under the policy with noise, or at random while there is none."""
+    """Rigs of one task, and experiments on them with the noisy policy, or at random while there is none."""
     plan, n, policy, rng = job.plan, job.n, job.policy, np.random.default_rng(job.seed)
     task, searched = job.draw_tasks(rng)
     episodes = [task.draw(rng) for _ in range(n)]
@@ -164,7 +186,7 @@ def _group(job: _Job, threads: int | None = None) -> Group:
 
 
 def _fit(shape: Shape, groups: Sequence[Group], plan: Plan, seed: int) -> tuple[HistoryPolicy, float]:
-    """A new policy fitted to everything gathered, and its loss in the last epoch."""
+    """A new policy fitted to all data, and its loss in the last epoch."""
     inputs = [stack(g.seen[:, :t], plan.history) for g in groups for t in range(1, plan.history)]
     targets = [g.best.astype(np.float32) for g in groups for _ in range(1, plan.history)]
     x, y = torch.from_numpy(np.concatenate(inputs)), torch.from_numpy(np.concatenate(targets))

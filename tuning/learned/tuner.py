@@ -1,4 +1,4 @@
-"""A trained policy behind the tuners' contract."""
+"""A trained policy as a tuner."""
 
 from contextlib import suppress
 from functools import cache
@@ -13,16 +13,22 @@ from tuning.learned.policy import HistoryPolicy, Shape, load_policy
 from tuning.tuner import Trials
 
 SHIPPED = Path(__file__).parent / "policies"
-JITTER = 0.03  # around what the policy names: tells points apart that are asked for together
+JITTER = 0.03  # noise around the policy's point that separates points asked for together
 
 
 class LearnedTuner:
-    """Tries the episode's safe start, then what the policy makes of everything observed so far; when it has as many
-    observations as it was trained on, the surroundings of what scored best."""
+    """Tries the episode's safe start, then what the policy computes from all observations so far.
+
+    When it has as many observations as it was trained with, it tries the surroundings of the best-scored point.
+    """
 
     def __init__(self, task: Task, episode: Episode, policy: HistoryPolicy, seed: int) -> None:
-        """Of the episode only its target and start are used. ValueError when the policy was trained for other gains or
-        observations than the task's; a policy that sees its target may serve a task whose observation leaves it out."""
+        """Set up for a rig; of the episode only its target and start are used.
+
+        Raises:
+            ValueError: The policy was trained for other gains or observations than the task's. A policy that observes
+                its target may serve a task whose observation leaves it out.
+        """
         own = policy.shape
         self._beside = np.clip(task.layout.of_target(stacked([episode.target]))[:, : _beside(own, task)], -1, 1)
         self._policy, self._start, self._seen = policy, np.asarray(episode.start, float), np.empty((0, len(own.names)))
@@ -45,7 +51,7 @@ class LearnedTuner:
     def tell(self, trials: Trials) -> None:
         self._told = trials if self._told is None else self._told + trials
         seen = np.concatenate([trials.observation, np.tile(self._beside, (len(trials), 1))], axis=1)
-        # It was trained on episodes as long as its history, whatever the budget is here.
+        # The policy was trained on episodes as long as its history, whatever the budget is here.
         count, history = len(self._seen) + 1 + np.arange(len(trials)), self._policy.shape.history
         seen[:, self._left] = np.clip(1 - 2 * count / history, -1, 1)
         self._seen = np.concatenate([self._seen, seen])
@@ -57,7 +63,11 @@ def _stored(path: Path) -> HistoryPolicy:
 
 
 def shipped_policy(task: Task) -> HistoryPolicy:
-    """The package's policy for the task's rig, gains and observations; ValueError when there is none."""
+    """The package's policy for the task's rig, gains and observations.
+
+    Raises:
+        ValueError: There is none.
+    """
     paths = sorted(SHIPPED.glob("*.npz"))
     for path in paths:
         with suppress(ValueError):
@@ -70,7 +80,11 @@ def shipped_policy(task: Task) -> HistoryPolicy:
 
 
 def _beside(own: Shape, task: Task) -> int:
-    """How many elements the policy expects beside the task's observation; ValueError when it fits neither way."""
+    """Number of elements that the policy expects in addition to the task's observation.
+
+    Raises:
+        ValueError: The policy does not fit the task.
+    """
     _same("gains", own.gains, task.box.names)
     if not np.allclose(np.transpose(own.ends), [task.box.low, task.box.high]):
         shown = ", ".join(f"{name} {low:g} .. {high:g}" for name, (low, high) in zip(own.gains, own.ends, strict=True))

@@ -1,4 +1,4 @@
-"""What a policy meets in training: rigs drawn wide, targets, and effects that a real rig may have."""
+"""Rigs for training: drawn over a wide range, with targets, and with effects that a real rig may have."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -10,7 +10,7 @@ from maglev_env.rig.rig import Rig
 from maglev_env.task.gain_box import TUNED
 from maglev_env.task.task import Task, make_task
 
-# First parameter of each from hardly seen to what changes the best gains clearly, drawn log-uniformly.
+# Range of the first parameter of each effect, from hardly visible to a clear change of the best gains; log-uniform.
 SIZES: Mapping[str, tuple[float, float]] = {
     "delay": (10e-6, 150e-6),
     "amplifier_lag": (10e-6, 150e-6),
@@ -24,8 +24,16 @@ PLAIN = 0.5  # share of the groups of rigs without an effect
 
 @dataclass(frozen=True)
 class World:
-    """Rigs drawn wide around `rig`, each with a target of its own, identified by the rig's full or quick protocol; with
-    effects, groups of them have one of SIZES. An episode has `budget` experiments."""
+    """Rigs drawn over a wide range around `rig`, each with its own target.
+
+    Attributes:
+        rig: The centre.
+        protocol: "full" or "quick" protocol of the rig.
+        tuned: Names of the tuned gains.
+        sensor: What reads the displacement.
+        effects: Whether groups of rigs may have one of SIZES.
+        budget: Number of experiments in an episode.
+    """
 
     rig: Rig
     protocol: str = "quick"
@@ -42,8 +50,10 @@ class World:
         )  # fmt: skip
 
     def draw(self, rng: np.random.Generator) -> tuple[Task, Task]:
-        """The task of a group, and that on which the best gains of its rigs are searched for, which is always the quick
-        one; the effect comes from rng."""
+        """The task of a group, and the task on which the best gains of its rigs are searched.
+
+        The second always has the quick protocol; the effect is drawn from rng.
+        """
         names = [name for name in SIZES if meaningful(name, self.rig.capabilities)]
         chosen: Effects = {}
         if self.effects and names and rng.random() >= PLAIN:

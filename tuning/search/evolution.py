@@ -1,4 +1,4 @@
-"""Differential evolution as scipy has it, turned round: its vectorised objective waits until it is told the scores."""
+"""scipy's differential evolution with reversed control: its vectorised objective waits until it is told the scores."""
 
 from queue import Queue
 from threading import Thread
@@ -8,7 +8,7 @@ from scipy.optimize import differential_evolution
 
 from tuning.tuner import Trials
 
-POPULATION = 15  # times the number of gains, scipy's own
+POPULATION = 15  # times the number of gains, scipy's default
 
 
 class _Ended(Exception):
@@ -16,16 +16,18 @@ class _Ended(Exception):
 
 
 class DifferentialEvolution:
-    """Storn and Price (1997), best1bin with dithered mutation, a population at a time; when it has converged it starts
-    anew from another population."""
+    """Storn and Price (1997), best1bin with dithered mutation, one population at a time.
+
+    After convergence it starts again from another population.
+    """
 
     def __init__(
         self, dimension: int, seed: int, population: int = POPULATION, start: np.ndarray | None = None
     ) -> None:
-        """start: a point (k,) that the first population has in the place of its first."""
+        """Start the search; the first population contains the point start (k,), if given."""
         self._asked: Queue[np.ndarray | Exception] = Queue(1)
         self._told: Queue[np.ndarray | None] = Queue(1)
-        self._waiting = np.empty((0, dimension))  # of the population, not yet asked for
+        self._waiting = np.empty((0, dimension))  # part of the population that was not asked for yet
         self._scores: list[np.ndarray] = []
         self._size = 0
         arguments = ([(-1.0, 1.0)] * dimension, np.random.default_rng(seed), population, start)
@@ -68,5 +70,5 @@ class DifferentialEvolution:
                 )  # fmt: skip
         except _Ended:
             return
-        except Exception as error:  # or who asks would wait for ever
+        except Exception as error:  # passed on, because the caller of ask would otherwise wait for ever
             self._asked.put(error)

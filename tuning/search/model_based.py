@@ -1,4 +1,4 @@
-"""Identify first, then search on what was identified: the rig's parameters within their spread, gains on its model."""
+"""Identify first, then search on the result: the parameters are fitted within their spread, gains on the model."""
 
 from dataclasses import replace
 
@@ -11,21 +11,26 @@ from tuning.search.optimum import searched_optimum
 from tuning.study.study import experiments
 from tuning.tuner import Trials
 
-STEPS, STEP, FAR = 4, 0.02, 0.25  # of Gauss and Newton: how many, for differences, and how far one may go
-AGAIN, MOST = 1.25, 24  # it fits anew when so much more was told, of so many experiments at most
-FLOOR, PEAK_ERROR, PHASE_ERROR = 0.005, 0.03, 2.0  # of the model itself: relative, relative, degrees
-SEARCH, GENERATIONS, JITTER = 8, 14, 0.05  # population per gain, how often it is renewed, and what tells repeats apart
+STEPS, STEP, FAR = 4, 0.02, 0.25  # Gauss-Newton: number of steps, finite difference, largest step
+AGAIN, MOST = 1.25, 24  # refit when the data have grown by 25 %, up to this number of experiments
+FLOOR, PEAK_ERROR, PHASE_ERROR = 0.005, 0.03, 2.0  # errors of the model itself: relative, relative, degrees
+SEARCH, GENERATIONS, JITTER = 8, 14, 0.05  # population per gain, generations, noise that separates repeated points
 
-MODEL = 31415  # beside the seed: the model's noise is not that of the experiments
+MODEL = 31415  # mixed into the seed so that the model's noise differs from that of the experiments
 
 
 class ModelBased:
-    """Tries a safe start, fits mass, actuator gain, stiffness and lags of a simulated rig to all that was identified so
-    far (nonlinear least squares with their spread as prior), and asks for the gains that score best on it."""
+    """Tries a safe start, then fits a simulated rig to all results so far and asks for the gains that score best on it.
+
+    Mass, actuator gain, stiffness and lags are fitted by nonlinear least squares with their spread as prior.
+    """
 
     def __init__(self, task: Task, episode: Episode, seed: int) -> None:
-        """Of the episode only its target and start are used, and of the task not its effects: what the rig drawn is,
-        and what else it has, is not known."""
+        """Set up for a rig.
+
+        Of the episode only its target and start are used, and the task's effects are not: the tuner does not know which
+        rig was drawn and what effects it has.
+        """
         self._task = replace(task, effects={})
         self._rng = np.random.default_rng((MODEL, seed))
         self._episode = Episode(task.rig, episode.target, episode.start, int(self._rng.integers(2**63)))
@@ -53,7 +58,7 @@ class ModelBased:
 
     @property
     def parameters(self) -> dict[str, float]:
-        """The rig's parameters as identified so far, over the nominal ones."""
+        """The rig's identified parameters, relative to the nominal ones."""
         return dict(zip(self._names, map(float, np.exp(self._theta)), strict=True))
 
     def _model(self, theta: np.ndarray) -> Episode:
@@ -61,7 +66,7 @@ class ModelBased:
         return replace(self._episode, rig=scaled_rig(self._task.rig, factors))
 
     def _fit(self) -> None:
-        """Every parameter moves in lanes beside the others, under the noise of the same seeds."""
+        """Fit all parameters; each moves in lanes beside the others, under noise of the same seeds."""
         known = np.flatnonzero(~self._told.touchdown)
         if not known.size:
             return
@@ -81,7 +86,7 @@ class ModelBased:
             self._theta = self._theta + np.clip(step, -FAR, FAR)
 
     def _residuals(self, found: Trials, measured: list, lanes: int) -> list[list[np.ndarray]]:
-        """Of each lane set, each experiment's whitened misfits; 0 where either side does not know."""
+        """Whitened residuals of each experiment for each set of lanes; 0 where either side is unknown."""
         rows = []
         for i in range(lanes):
             own = found.info[i * len(measured) : (i + 1) * len(measured)]
@@ -90,13 +95,13 @@ class ModelBased:
         return rows
 
     def _optimum(self) -> np.ndarray:
-        """The point that scores best on the model."""
+        """Best-scoring point on the model."""
         model, k = self._model(self._theta), len(self._task.box.names)
         search = DifferentialEvolution(k, int(self._rng.integers(2**31)), SEARCH)
         return searched_optimum(self._task, model, search, GENERATIONS, np.asarray(self._episode.start))
 
     def _features(self, info: dict) -> tuple[np.ndarray, np.ndarray]:
-        """What an experiment identified, and its standard deviations with the model's own error; nan: unknown."""
+        """Identified values of an experiment and their standard deviations including model error; nan: unknown."""
         unknown = np.full(len(self._task.layout.bands), np.nan)
         values, errors = [], []
         for name in ("band_stiffness", "band_damping"):

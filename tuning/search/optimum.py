@@ -10,7 +10,7 @@ from maglev_env.task.task import Tuning
 from tuning.study.study import experiments
 from tuning.tuner import Tuner
 
-WHOLE = 10**6  # more than any population: asks for all of it
+WHOLE = 10**6  # larger than any population: asks for all of it
 
 
 def searched_optimum(
@@ -22,9 +22,16 @@ def searched_optimum(
     number: int = 0,
     place: Callable[[np.ndarray], np.ndarray] = lambda asked: asked,
 ) -> np.ndarray:
-    """The point (k,) that scores best on one rig over so many populations of a search, start when none scores.
+    """Best-scoring point (k,) on one rig over several populations of a search; `start` if none scores.
 
-    number: of the experiments, from which their noise is drawn; place: from what the search asks for to points.
+    Args:
+        task: The task.
+        episode: The rig.
+        search: The search.
+        generations: Number of populations.
+        start: Point to return when none scores.
+        number: Number of the experiments, from which their noise is drawn.
+        place: Maps what the search asks for to points.
     """
     best, score = start, -1.0
     for _ in range(generations):

@@ -1,4 +1,4 @@
-"""Searches of Optuna behind the tuners' contract: TPE, CMA-ES and a Gaussian process."""
+"""Optuna's searches as tuners: TPE, CMA-ES and a Gaussian process."""
 
 import warnings
 from typing import TYPE_CHECKING
@@ -12,13 +12,13 @@ if TYPE_CHECKING:
 
 
 class OptunaTuner:
-    """One of Optuna's samplers on [-1, 1]^k; what is asked for together counts as lying there while it is not told."""
+    """One of Optuna's samplers on [-1, 1]^k. Points asked in one batch stay pending (constant liar) until told."""
 
     def __init__(self, dimension: int, seed: int, sampler: str, start: np.ndarray | None = None) -> None:
-        """start: the point (k,) asked for first."""
+        """Create the sampler; `start` is the point (k,) asked for first."""
         import optuna
 
-        optuna.logging.set_verbosity(optuna.logging.ERROR)  # it warns of an optional package that only saves time
+        optuna.logging.set_verbosity(optuna.logging.ERROR)  # it warns about an optional package that only saves time
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", optuna.exceptions.ExperimentalWarning)
             self._study = optuna.create_study(direction="maximize", sampler=_sampler(sampler, seed))

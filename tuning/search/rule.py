@@ -1,4 +1,4 @@
-"""The dissertation's rule (D eq 3.18 and 3.19): gains from wanted stiffness and damping, with the gain identified."""
+"""The dissertation's rule (D eq 3.18 and 3.19): gains from the wanted stiffness and damping with an identified gain."""
 
 import numpy as np
 
@@ -11,11 +11,14 @@ from tuning.tuner import Trials
 
 
 class DissertationRule:
-    """Tries a safe start; then k_p = (k - k_yy) / k_yi and k_d = c / k_yi for the wanted k and c, with the nominal k_yy
-    and the actuator gain k_yi that explains the stiffness just identified (4.5); once more after every experiment."""
+    """Tries a safe start, then k_p = (k - k_yy) / k_yi and k_d = c / k_yi for the wanted stiffness k and damping c.
+
+    k_yy is the nominal negative stiffness, and k_yi the actuator gain that explains the stiffness identified last
+    (D 4.5). The rule is applied again after every experiment.
+    """
 
     def __init__(self, task: Task, episode: Episode) -> None:
-        """Of the episode only its target and start are used."""
+        """Set up for a rig; of the episode only its target and start are used."""
         self._task, self._target = task, episode.target
         self._next = np.asarray(episode.start, float)
 

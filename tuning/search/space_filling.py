@@ -1,4 +1,4 @@
-"""Points spread over the box whatever is found there: Sobol's and a grid."""
+"""Points that fill the box regardless of the results: Sobol points and a grid."""
 
 import warnings
 
@@ -15,16 +15,16 @@ class Sobol:
         self._engine = qmc.Sobol(dimension, rng=np.random.default_rng(seed))
 
     def ask(self, n: int) -> np.ndarray:
-        with warnings.catch_warnings():  # balance is lost when a power of two is cut short, not the spread
+        with warnings.catch_warnings():  # cutting a power of two short loses balance, not the spread of the points
             warnings.simplefilter("ignore", UserWarning)
             return 2 * self._engine.random(n) - 1
 
     def tell(self, trials: Trials) -> None:
-        """Nothing is learned."""
+        """Results are not used."""
 
 
 class Grid:
-    """The largest full grid of [-1, 1]^k within a budget, in an order drawn from seed; then from its start again."""
+    """The largest full grid of [-1, 1]^k within a budget, in random order; then from its beginning again."""
 
     def __init__(self, dimension: int, seed: int, budget: int) -> None:
         per_axis = max(int(budget ** (1 / dimension) + 1e-9), 1)
@@ -38,4 +38,4 @@ class Grid:
         return self._points[at]
 
     def tell(self, trials: Trials) -> None:
-        """Nothing is learned."""
+        """Results are not used."""

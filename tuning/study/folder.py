@@ -1,4 +1,4 @@
-"""Folders of results: claimed by what they hold, and by one process at a time."""
+"""Folders of results, with a description of their contents and a lock for one process at a time."""
 
 import json
 from collections.abc import Iterator
@@ -17,7 +17,11 @@ LOCK = "lock"
 
 @contextmanager
 def locked(folder: Path, busy: str) -> Iterator[None]:
-    """The folder, made if need be, for this process alone; BlockingIOError with `busy` while another one has it."""
+    """The folder, created if necessary, for this process alone.
+
+    Raises:
+        BlockingIOError: Another process has it; the message is `busy`.
+    """
     folder.mkdir(parents=True, exist_ok=True)
     lock = FileLock(folder / LOCK, timeout=0)
     try:
@@ -31,9 +35,10 @@ def locked(folder: Path, busy: str) -> Iterator[None]:
 
 
 def claim(path: Path, spec: dict[str, Any], kind: str) -> None:
-    """Write what a folder holds (JSON data) to path, or check that it says the same already.
+    """Write the description of a folder (JSON data) to path, or check that the existing one is the same.
 
-    ValueError names what is different, or says that the file is no description of a `kind`.
+    Raises:
+        ValueError: Something differs (the message names it), or the file does not describe a `kind`.
     """
     if not path.exists():
         write_text_atomic(path, json.dumps(spec, indent=1) + "\n")
@@ -50,13 +55,17 @@ def claim(path: Path, spec: dict[str, Any], kind: str) -> None:
 
 
 def save_arrays(path: Path, arrays: dict[str, np.ndarray]) -> None:
-    """Write them as .npz, whole or not at all."""
+    """Write arrays as .npz, completely or not at all."""
     with atomic_file(path) as file:
         np.savez(file, **arrays)
 
 
 def load_arrays(path: Path) -> dict[str, np.ndarray]:
-    """What `save_arrays` wrote; ValueError when it is damaged."""
+    """Read what `save_arrays` wrote.
+
+    Raises:
+        ValueError: The file is damaged.
+    """
     try:
         with np.load(path, allow_pickle=False) as stored:
             return dict(stored)

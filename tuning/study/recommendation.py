@@ -1,4 +1,4 @@
-"""Which of the gains tried to recommend: those that hold up under fresh noise and on rigs within tolerance."""
+"""Recommendation among the gains tried: those that hold up under fresh noise and on rigs within tolerance."""
 
 from dataclasses import dataclass, replace
 
@@ -9,17 +9,24 @@ from maglev_env.task.task import Task
 from tuning.study.study import experiments
 from tuning.tuner import Trials
 
-NEAR = 0.02  # of the box: gains closer to better-scored ones stand or fall with them
+NEAR = 0.02  # of the box; gains closer than this to better-scored ones are not judged separately
 LEVEL = 0.95  # of the interval over noise and tolerance that must stay out of the forbidden zone
-# Worst that may be recommended: the ends of zone B of ISO 14839-3 and 14839-2, and margins as control texts ask for.
+# Worst values that may be recommended: ends of zone B of ISO 14839-3 and 14839-2, and the usual margins of control.
 PEAK_SENSITIVITY, DISPLACEMENT_SHARE, PHASE_MARGIN, GAIN_MARGIN = 4.0, 0.4, 20.0, 1.5
 
 
 @dataclass(frozen=True)
 class Verdict:
-    """Re-scored gains: point (k,); score, its mean over fresh noise on this very rig with standard error; intervals
-    (low, high) of score over rigs within tolerance, and over these and fresh noise of peak_sensitivity, phase_margin,
-    gain_margin_high and displacement_share; reason why they are refused, or None."""
+    """Gains scored again.
+
+    Attributes:
+        point: (k,).
+        score: Mean over fresh noise on the rig itself.
+        score_se: Its standard error.
+        intervals: (low, high) of score over rigs within tolerance; and, over these and fresh noise, of
+            peak_sensitivity, phase_margin, gain_margin_high and displacement_share.
+        reason: Why they are refused, or None.
+    """
 
     point: np.ndarray
     score: float
@@ -30,8 +37,12 @@ class Verdict:
 
 @dataclass(frozen=True)
 class Recommendation:
-    """chosen: the first of the best-scored gains that nothing speaks against, None where there is none; refused: those
-    before it, best first."""
+    """Which gains to use.
+
+    Attributes:
+        chosen: The first of the best-scored gains that are not refused; None where all are.
+        refused: Those before it, best first.
+    """
 
     chosen: Verdict | None
     refused: tuple[Verdict, ...]
@@ -40,8 +51,17 @@ class Recommendation:
 def recommend(
     task: Task, episode: Episode, trials: Trials, seed: int, candidates: int = 8, repeats: int = 16, rigs: int = 48
 ) -> Recommendation:
-    """Re-score up to so many of the best gains that differ: on the rig itself `repeats` times with fresh noise, and on
-    `rigs` drawn within its data-sheet tolerance (1 sigma, normal)."""
+    """Score the best distinct gains again and choose among them.
+
+    Args:
+        task: The task.
+        episode: The rig.
+        trials: What was tried.
+        seed: Seed of the noise.
+        candidates: Largest number of gains to score again.
+        repeats: Repetitions on the rig itself with fresh noise.
+        rigs: Number of rigs drawn within its data-sheet tolerance (1 sigma, normal).
+    """
     alive: list[int] = []
     for i in np.argsort(-trials.score, kind="stable"):
         apart = np.abs(trials.points[alive] - trials.points[i]).max(axis=1) > NEAR
@@ -65,7 +85,7 @@ def recommend(
 
 
 def verdict_of(point: np.ndarray, again: Trials, repeats: int, episode: Episode) -> Verdict:
-    """What trials of one point say of it: the first `repeats` on the rig itself, the others on rigs it may be."""
+    """Verdict on trials of one point: the first `repeats` on the rig itself, the others on rigs within tolerance."""
     scores = again.score[:repeats]
     columns = {
         name: np.array([one.get(name, np.nan) for one in again.info], float)
@@ -81,7 +101,7 @@ def verdict_of(point: np.ndarray, again: Trials, repeats: int, episode: Episode)
 
 
 def _reason(again: Trials, intervals: dict[str, tuple[float, float]]) -> str | None:
-    """What speaks against gains, in words with figures."""
+    """Why gains are refused, in words with figures."""
     down = int(again.touchdown.sum())
     if down:
         return f"the rotor touches down in {down} of {len(again)} repetitions within tolerance"

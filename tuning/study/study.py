@@ -1,4 +1,4 @@
-"""A study: one tuner on one rig, experiment after experiment, in a journal from which it goes on after a kill."""
+"""A study: one tuner on one rig, one experiment after another, with a journal from which it can be resumed."""
 
 import json
 import os
@@ -25,8 +25,14 @@ SPEC, JOURNAL = "study.json", "journal.jsonl"
 
 @dataclass(frozen=True)
 class Outcome:
-    """All trials in order; reused: how many of them an earlier run had made; dropped: whether a record of the journal
-    was broken, as by a kill while it was written, and its experiments made again."""
+    """Result of a study.
+
+    Attributes:
+        trials: All trials in order.
+        reused: Number of them that an earlier run made.
+        dropped: Whether a record of the journal was incomplete, as after a kill while it was written; its experiments
+            were repeated.
+    """
 
     trials: Trials
     reused: int
@@ -41,9 +47,17 @@ def experiments(
     threads: int | None = None,
     workers: "Workers | None" = None,
 ) -> Trials:
-    """Experiments at points (n, k) on as many episodes; first: count of each, from which its noise is drawn.
+    """Run experiments at points (n, k) on n episodes.
 
-    Threads and workers change nothing: an experiment is the same whatever runs beside it.
+    Threads and workers do not affect the results: an experiment is the same whatever runs beside it.
+
+    Args:
+        task: The task.
+        episodes: One episode for each point.
+        points: Points (n, k).
+        first: Number of each experiment, from which its noise is drawn; or that of the first.
+        threads: Number of threads; None for all cores.
+        workers: Where to run.
     """
     counts = list(first) if isinstance(first, Sequence) else [first + i for i in range(len(points))]
     if workers is not None:
@@ -72,12 +86,27 @@ def run_study(
     progress: Callable[[int, bool], None] = lambda done, reused: None,
     workers: "Workers | None" = None,
 ) -> Outcome:
-    """Run or go on with a study in a folder until `budget` experiments are made, `batch` at a time.
+    """Run or resume a study in a folder until `budget` experiments are made, `batch` at a time.
 
-    A tuner is a function of its seed and of what it was told: what the journal holds is told again instead of tried
-    again, so an interrupted study equals an uninterrupted one. made_by: what else the result depends on (rig, method,
-    arguments, seed), as JSON data. ValueError when the folder holds another study, or one of another version, or the
-    tuner asks for other points than the journal has; BlockingIOError while another process works on it.
+    A tuner depends only on its seed and on what it was told. The journal's experiments are told again and not repeated,
+    so an interrupted study equals an uninterrupted one.
+
+    Args:
+        folder: Folder of the study.
+        task: The task.
+        episode: The rig.
+        tuner: The tuner.
+        made_by: What else the result depends on (rig, method, arguments, seed), as JSON data.
+        budget: Number of experiments.
+        batch: Experiments at a time.
+        threads: Number of threads; None for all cores.
+        progress: Called with the number of new trials and whether all so far are reused.
+        workers: Where to run.
+
+    Raises:
+        ValueError: The folder holds another study, or one of another version, or the tuner asks for other points than
+            the journal holds.
+        BlockingIOError: Another process works on it.
     """
     if budget < 1 or batch < 1:
         raise ValueError(f"budget = {budget}, batch = {batch}: give at least one experiment")
@@ -110,7 +139,7 @@ def _run(folder, task, episode, tuner, made_by, budget, batch, threads, progress
 
 
 def _read(path: Path) -> tuple[list[Trials], bool]:
-    """Whole records of a journal, and whether something behind the last of them was cut off."""
+    """Complete records of a journal, and whether something after them was cut off."""
     if not path.exists():
         return [], False
     kept, end = [], 0
