@@ -9,19 +9,22 @@ from maglev_env.loop.magnets.kinds import force_law
 from maglev_env.loop.magnets.law import linearise
 from maglev_env.rig.rig import Rig
 
-ROBUST = 2.0  # peak sensitivity that needs no other variant
-# Net stiffness in units of the magnet's own, damping ratio, time constant of the derivative in 1 / w and its least in
-# samples. The first is well damped and quiet; the others need less of the control rate, at more noise in the command.
+ROBUST = 2.0  # peak sensitivity up to which no other variant is tried
+# Variants: net stiffness in units of the magnet's own, damping ratio, derivative time constant in units of 1 / w, and
+# its least value in samples. The first is well damped and quiet; the others need less control rate and are noisier.
 VARIANTS = ((1.0, 0.7, 0.1, 2.0), (0.7, 0.5, 0.05, 1.0), (0.5, 0.3, 0.0, 0.5), (0.3, 0.3, 0.0, 0.5))
-INTEGRAL_SHARE = 0.1  # of kp, with ten times the time constant of the mode: present, and harmless to the margins
+INTEGRAL_SHARE = 0.1  # of kp, with ten times the mode's time constant: effective, and harmless to the margins
 
 
 def default_gains(rig: Rig) -> Gains:
     """PID gains for a controlled one-axis rig that gives none, rounded to three digits.
 
-    The first of VARIANTS whose nominal sampled loop is stable with a peak sensitivity of at most ROBUST, else the one
-    with the lowest. ValueError when the rig has two axes or no magnets, its magnet no stiffness to scale by, or no
-    variant is stable: the control rate or a lag is then too slow for the magnet.
+    The first of VARIANTS is taken whose nominal sampled loop is stable with a peak sensitivity of at most ROBUST;
+    otherwise the one with the lowest.
+
+    Raises:
+        ValueError: The rig has two axes or no magnets, its magnet has no stiffness to scale by, or no variant is stable
+            because the control rate or a lag is too slow for the magnet.
     """
     if rig.axes != 1:
         raise ValueError(f"rig {rig.name} has {rig.axes} axes: ask for the gains of one (see axis_rig)")
@@ -54,9 +57,9 @@ def default_gains(rig: Rig) -> Gains:
 def _pole_placed(
     rig: Rig, gain: float, stiffness: float, net: float, damping_ratio: float, td_share: float, td_samples: float
 ) -> Gains:
-    """Gains that leave the magnet a stiffness of net |k_n| and damp it so; the derivative repays what the lags take.
+    """Gains for a net stiffness of net |k_n| and a damping ratio; the derivative compensates the lags.
 
-    A support adds to the stiffness, and is not asked to be damped beyond that.
+    A support adds to the stiffness, which is not damped further for it.
     """
     dt = 1 / rig.control_rate
     own = net * abs(stiffness) + max(stiffness, 0.0)
@@ -69,7 +72,7 @@ def _pole_placed(
 
 
 def _peak_sensitivity(rig: Rig, gains: Gains) -> float:
-    """Largest |S| of the nominal loop up to half the control rate, infinite when it is unstable."""
+    """Largest |S| of the nominal loop up to half the control rate; inf when it is unstable."""
     experiment = Experiment(rig, gains, ())
     if np.abs(closed_loop_poles(experiment)).max() >= 1:
         return np.inf

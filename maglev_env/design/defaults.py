@@ -1,4 +1,4 @@
-"""What a rig's TOML may leave out before the rig can be simulated and swept: gains, their bounds, the protocol."""
+"""Defaults of what a rig's TOML may leave out before it can be simulated and swept: gains, bounds, protocol."""
 
 from dataclasses import replace
 
@@ -11,21 +11,24 @@ from maglev_env.loop.gains import NO_CONTROLLER, Controllers, Gains, of_axis
 from maglev_env.rig.excitation import Excitation
 from maglev_env.rig.rig import Protocol, Rig, axis_rig
 
-# Around gains that levitate: mostly stable and well damped on rigs of every kind of magnet.
+# Factors on gains that levitate: mostly stable and well damped on rigs with every kind of magnet.
 BOUNDS = {"kp": (0.6, 2.5), "ki": (0.1, 10.0), "kd": (0.3, 3.0)}
-TOP, LOOP_TOP = 250.0, 2000.0  # Hz: highest force line, highest injection line, where the control rate allows them
-REACH = 0.05  # of the clearance, what the excitations move the rotor by: there the force law is still near its tangent
-_EVERY = 5  # one line in so many is the injection's
+TOP, LOOP_TOP = 250.0, 2000.0  # highest force line and highest injection line, where the control rate allows them, Hz
+REACH = 0.05  # share of the clearance by which the excitations move the rotor; the force law is nearly linear there
+_EVERY = 5  # every fifth line belongs to the injection
 
 
 def with_defaults(rig: Rig) -> Rig:
     """The rig with gains, bounds and protocol filled in where its TOML gives none.
 
-    Gains: see `default_gains`. Bounds: BOUNDS times the gains of x or the only axis. Protocol: five periods of 1 Hz,
-    force on four lines of five up to 250 Hz, at 45 degrees on an x-y rig, and on a controlled rig an injection at the
-    current on the fifth and on to 2 kHz, both together moving the rotor by 5 % of its clearance. ValueError when no
-    default gains stabilise the rig, those it gives leave it unstable, or nothing holds it, so that no amplitude is the
-    right one.
+    Gains are those of `default_gains`; bounds are BOUNDS times the gains of x or of the only axis. The protocol has
+    five periods of 1 Hz. A force excites four of five lines up to 250 Hz, at 45 degrees on an x-y rig; on a controlled
+    rig an injection into the current excites every fifth line and goes on to 2 kHz. Both together move the rotor by
+    5 % of its clearance.
+
+    Raises:
+        ValueError: No default gains stabilise the rig, its own gains leave it unstable, or nothing holds it, so that no
+            amplitude can be chosen.
     """
     if rig.gains is None:
         rig = replace(rig, gains=_gains(rig))
@@ -58,7 +61,7 @@ def _protocol(rig: Rig) -> Protocol:
     if rig.controlled:
         beyond = np.geomspace(top, min(LOOP_TOP, 0.4 * rig.control_rate), 41)[1:]
         injected = np.unique(np.concatenate([lines[free], np.round(beyond)])).astype(int)
-        for axis in range(rig.axes):  # x and y take turns, so that each axis' loop is seen by itself
+        for axis in range(rig.axes):  # x and y take alternate lines, so that the loop of each axis is seen separately
             own = tuple(map(int, injected[axis :: rig.axes]))
             parts.append(Excitation("sphs", "current", lines=own, direction=90.0 * axis))
     share = REACH * rig.clearance / len(parts)
@@ -66,7 +69,7 @@ def _protocol(rig: Rig) -> Protocol:
 
 
 def _reach(rig: Rig, part: Excitation) -> float:
-    """Largest reading (m) that a unit of the excitation makes on the linearised rig."""
+    """Largest reading (m) per unit of the excitation on the linearised rig."""
     e = Experiment(rig, rig.gains, (part,))
     if rig.controlled and np.abs(closed_loop_poles(e)).max() >= 1:
         raise ValueError(f"rig {rig.name}: its [gains] leave it unstable; correct them, or give a [protocol]")

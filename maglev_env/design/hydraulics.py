@@ -1,8 +1,8 @@
 """The axial pump on its mean radius: velocity triangles, pressure, blade numbers and blade angles (D 3.1.3, Table 3.1).
 
-Blade angles are measured from the axial direction, at the mean of hub and tip radius; the flow follows the blades and
-loses nothing, so that pressures are Euler's: rho U times what the impeller adds to the swirl. The straightener gives
-the flow a swirl at alpha_1 ahead of the impeller, in the direction of rotation.
+Blade angles are measured from the axial direction at the mean of hub and tip radius. The flow follows the blades
+without losses, so pressures are Euler's: rho U times the swirl that the impeller adds. The straightener gives the flow
+a swirl at alpha_1 ahead of the impeller, in the direction of rotation.
 """
 
 from dataclasses import dataclass, fields
@@ -34,11 +34,20 @@ MISPRINTS = (
 
 @dataclass(frozen=True)
 class Pump:
-    """What an impeller is designed for, SI.
+    """Design conditions of an impeller, SI.
 
-    flow_rate in m3/s, density in kg/m3, tip_radius, hub_radius and blade_thickness in m, open_fraction: share of the
-    annulus between hub and tip that the flow has, outlet_angle: beta_2 of the impeller's blades, rad. Raises ValueError
-    unless hub_radius < tip_radius, open_fraction is at most 1, outlet_angle within +-pi/2, and the rest above 0.
+    Attributes:
+        flow_rate: m3/s.
+        density: kg/m3.
+        tip_radius: m.
+        hub_radius: m.
+        blade_thickness: m.
+        open_fraction: Share of the annulus between hub and tip that is open to the flow.
+        outlet_angle: beta_2 of the impeller's blades, rad.
+
+    Raises:
+        ValueError: Unless hub_radius < tip_radius, open_fraction is at most 1, outlet_angle is within +-pi/2, and the
+            rest is positive.
     """
 
     flow_rate: float
@@ -63,7 +72,7 @@ class Pump:
 
     @property
     def mean_radius(self) -> float:
-        """m"""
+        """Mean of hub and tip radius, m."""
         return (self.tip_radius + self.hub_radius) / 2
 
     @property
@@ -74,11 +83,17 @@ class Pump:
 
 @dataclass(frozen=True)
 class Impeller:
-    """An impeller at its design point, angles in rad: what Table 3.1 lists.
+    """An impeller at its design point as in Table 3.1, angles in rad.
 
-    rotor_inlet_angle: beta_1; stator_inlet_angle: alpha_2, of the diffuser; straightener_angle: alpha_1, at its outlet;
-    flow_coefficient: phi = C_a / U; loading: psi = pressure / (rho U^2); blade_velocity: U, m/s; speed: rad/s;
-    pressure: Pa.
+    Attributes:
+        rotor_inlet_angle: beta_1.
+        stator_inlet_angle: alpha_2, of the diffuser.
+        straightener_angle: alpha_1, at its outlet.
+        flow_coefficient: phi = C_a / U.
+        loading: psi = pressure / (rho U^2).
+        blade_velocity: U, m/s.
+        speed: rad/s.
+        pressure: Pa.
     """
 
     rotor_inlet_angle: float
@@ -94,9 +109,11 @@ class Impeller:
 def impeller(pump: Pump, rotor_inlet_angle: float, stator_inlet_angle: float) -> Impeller:
     """The impeller whose velocity triangles have these angles (rad) at the design flow.
 
-    At the outlet U = C_a (tan alpha_2 + tan beta_2) and at the inlet U = C_a (tan alpha_1 + tan beta_1), so that
-    psi = (tan beta_1 - tan beta_2) phi; D's relations are these with beta_2 = 0. ValueError for angles outside
-    0 .. pi/2, which degrees would be.
+    At the outlet U = C_a (tan alpha_2 + tan beta_2) and at the inlet U = C_a (tan alpha_1 + tan beta_1), therefore
+    psi = (tan beta_1 - tan beta_2) phi; D's relations are these with beta_2 = 0.
+
+    Raises:
+        ValueError: Angles outside 0 .. pi/2, for instance because they are in degrees.
     """
     for name, angle in (("rotor_inlet_angle", rotor_inlet_angle), ("stator_inlet_angle", stator_inlet_angle)):
         if not 0 < angle < pi / 2:
@@ -119,10 +136,10 @@ def impeller(pump: Pump, rotor_inlet_angle: float, stator_inlet_angle: float) ->
 
 
 def pressure_rise(pump: Pump, design: Impeller, speed: np.ndarray | float, flow_rate: float) -> np.ndarray | float:
-    """Pressure (Pa), shape of speed (rad/s), of fixed blades at another speed and flow_rate (m3/s).
+    """Pressure (Pa) of fixed blades at other speeds (rad/s) and another flow rate (m3/s); shape of speed.
 
-    rho U (U - C_a (tan beta_2 + tan alpha_1)): the straightener and the impeller's outlet set the swirl, and what the
-    flow loses by meeting the impeller's inlet at another angle than beta_1 is left out.
+    It is rho U (U - C_a (tan beta_2 + tan alpha_1)): the straightener and the impeller's outlet determine the swirl.
+    Losses of a flow that meets the inlet at another angle than beta_1 are left out.
     """
     around = pump.mean_radius * speed
     axial = pump.axial_velocity * flow_rate / pump.flow_rate
@@ -130,15 +147,15 @@ def pressure_rise(pump: Pump, design: Impeller, speed: np.ndarray | float, flow_
 
 
 def blade_number(tip_radius: float, hub_radius: float, thickness: float) -> float:
-    """pi D_t / (h + t), not rounded: blades as far apart at the tip as they are high; lengths in m."""
+    """pi D_t / (h + t), not rounded: blades as far apart at the tip as they are high. Lengths in m."""
     return 2 * pi * tip_radius / (tip_radius - hub_radius + thickness)
 
 
 def blocked_share(blades: int, thickness: float, angle: float, radius: float) -> float:
-    """Share of the circumference at a radius (m) that blades of a thickness (m) at an angle (rad) take from the flow.
+    """Share of the circumference at a radius (m) that blades of a thickness (m) at an angle (rad) occupy.
 
-    A slanted blade is thickness / cos(angle) wide along the circumference; D's flow area leaves blades out. The result
-    is above 1 where they overlap.
+    A slanted blade is thickness / cos(angle) wide along the circumference. D's flow area ignores blades. The result
+    exceeds 1 where they overlap.
     """
     return blades * thickness / (2 * pi * radius * cos(angle))
 
@@ -146,9 +163,11 @@ def blocked_share(blades: int, thickness: float, angle: float, radius: float) ->
 def least_speed(pump: Pump, pressure: float, rotor_inlet_limit: float, stator_inlet_limit: float) -> Impeller:
     """The slowest impeller that gives a pressure (Pa), with beta_1 and alpha_2 (rad) up to a limit each.
 
-    The loading stays at most 1: the straightener gives no swirl against the rotation. Pressure alone is no objective:
-    it grows with both angles without end, so a search for the greatest only returns its limits. ValueError when the
-    limits do not reach the pressure.
+    The loading is at most 1: the straightener gives no swirl against the rotation. Pressure alone is not an objective,
+    because it grows with both angles without end and a search would only return their limits.
+
+    Raises:
+        ValueError: The limits do not reach the pressure.
     """
     most = impeller(pump, rotor_inlet_limit, stator_inlet_limit)
     if most.loading > 1:
@@ -159,7 +178,7 @@ def least_speed(pump: Pump, pressure: float, rotor_inlet_limit: float, stator_in
             f"raise rotor_inlet_limit or stator_inlet_limit"
         )
 
-    standing = max(0.0, -tan(pump.outlet_angle)) / tan(stator_inlet_limit)  # x[1] at which the rotor stands
+    standing = max(0.0, -tan(pump.outlet_angle)) / tan(stator_inlet_limit)  # x[1] at which the rotor does not turn
 
     def at(x: np.ndarray) -> Impeller:
         return impeller(pump, *np.arctan(x * np.tan([rotor_inlet_limit, stator_inlet_limit])))
@@ -181,7 +200,7 @@ def least_speed(pump: Pump, pressure: float, rotor_inlet_limit: float, stator_in
 
 
 def nearest_in_whole_degrees(pump: Pump, pressure: float) -> Impeller:
-    """The impeller with beta_1 and alpha_2 in whole degrees, loaded at most to 1, nearest in pressure (Pa)."""
+    """The impeller with beta_1 and alpha_2 in whole degrees and a loading up to 1 that is nearest in pressure (Pa)."""
     pairs = ((b, a) for b in range(1, 90) for a in range(1, 90))
     found = (impeller(pump, radians(b), radians(a)) for b, a in pairs if tan(radians(a)) + tan(pump.outlet_angle) > 0)
     return min((i for i in found if i.loading <= 1), key=lambda i: abs(i.pressure - pressure))

@@ -17,10 +17,20 @@ from selfsense.coil import is_number
 class Motor:
     """A motor of six coils in three phases, SI; speeds in rad/s.
 
-    turns: N, of each coil; radius: r, of the conductors, m; length: l, m; flux_density: B, peak in the gap, T;
-    pole_pairs; winding_resistance: of one phase, ohm; current_limit: A, peak of a phase; supply_voltage: V, d.c.,
-    of which a star-connected phase has 1 / sqrt(3) at most; viscous_drag: N m s, and quadratic_drag: N m s2, of the
-    rotor. Raises ValueError unless all are finite and above 0, the drags at least 0, and pole_pairs whole.
+    Attributes:
+        turns: N, of each coil.
+        radius: r, of the conductors, m.
+        length: l, m.
+        flux_density: B, peak in the gap, T.
+        pole_pairs: Number of pole pairs.
+        winding_resistance: Of one phase, ohm.
+        current_limit: A, peak of a phase.
+        supply_voltage: Direct voltage, V; a star-connected phase gets 1 / sqrt(3) of it at most.
+        viscous_drag: Of the rotor, N m s.
+        quadratic_drag: Of the rotor, N m s2.
+
+    Raises:
+        ValueError: Unless all are finite and positive, the drags at least 0, and pole_pairs is an integer.
     """
 
     turns: float
@@ -55,8 +65,8 @@ class Motor:
     def torque(self, current: float, phase: float = 0.0) -> float:
         """T = 6 N r l A B cos(phi), N m, at a current A (A) and phase phi (rad) (D eq 3.6).
 
-        It is N r l times the integral of B_g i_m over a full turn. D writes twice one from -7/8 pi to 7/8 pi, a range
-        that holds more than the half of the coil sides which its factor two stands for.
+        It is N r l times the integral of B_g i_m over a full turn. D writes twice an integral from -7/8 pi to 7/8 pi;
+        that range contains more than the half of the coil sides for which its factor two stands.
         """
         return self.torque_constant * current * cos(phase)
 
@@ -73,7 +83,7 @@ class Motor:
         return (self.viscous_drag + self.quadratic_drag * speed) * speed
 
     def greatest_current(self, speed: float) -> float:
-        """The largest peak current (A) within the current limit that the supply still drives against the back-EMF."""
+        """Largest peak current (A) within the limit that the supply can drive against the back-EMF."""
         left = (self.phase_voltage - self.back_emf(speed)) / self.winding_resistance
         return max(0.0, min(self.current_limit, left))
 
@@ -82,30 +92,39 @@ class Motor:
         return self.torque(self.greatest_current(speed))
 
     def current(self, speed: float) -> float:
-        """Peak current (A) that holds a speed against the drag. ValueError, with the torques, where none does."""
+        """Peak current (A) that keeps a speed against the drag.
+
+        Raises:
+            ValueError: No current does; the message gives the torques.
+        """
         self._check_reaches(speed)
         return self.drag_torque(speed) / self.torque_constant
 
     def copper_loss(self, speed: float) -> float:
-        """Heat (W) in the windings of the three phases while a speed is held. ValueError where it cannot be."""
+        """Heat (W) in the windings of the three phases while a speed is kept.
+
+        Raises:
+            ValueError: The speed cannot be kept.
+        """
         return 1.5 * self.winding_resistance * self.current(speed) ** 2
 
     def top_speed(self) -> float:
-        """The speed (rad/s) at which the drag takes all the torque there is; without drag that of no load."""
+        """The speed (rad/s) at which the drag uses all available torque; without drag the no-load speed."""
         no_load = self.phase_voltage / self.back_emf(1.0)
         return float(brentq(self._net, 0.0, no_load, xtol=1e-12 * no_load))
 
     def spin_up_time(self, to_rpm: float, inertia: float) -> float:
-        """Seconds from rest to a speed of to_rpm (rev/min) at the greatest torque, for a rotor of `inertia` (kg m2).
+        """Time (s) from rest to a speed (rev/min) at the greatest torque, for a rotor of `inertia` (kg m2).
 
-        ValueError for an inertia or speed that is not above 0, and for a speed at which no torque is left over.
+        Raises:
+            ValueError: Inertia or speed is not positive, or no torque is left at the speed.
         """
         for name, value in (("to_rpm", to_rpm), ("inertia", inertia)):
             if not (is_number(value) and value > 0):
                 raise ValueError(f"spin_up_time: {name} = {value!r} must be a number above 0")
         speed = to_rpm * pi / 30
         self._check_reaches(speed, accelerating=True)
-        # The torque bends where the supply begins to limit it: quadrature is exact on either side alone.
+        # The torque has a kink where the supply begins to limit it; quadrature is exact on either side.
         left = self.phase_voltage - self.winding_resistance * self.current_limit
         bend = min(max(left / self.back_emf(1.0), 0.0), speed)
         parts = [quad(lambda w: 1 / self._net(w), *ends, epsrel=1e-10)[0] for ends in ((0.0, bend), (bend, speed))]

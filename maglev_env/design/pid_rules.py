@@ -1,4 +1,4 @@
-"""PID gains from wanted stiffness and damping, and what keeps their loop stable (D eq 3.17-3.27)."""
+"""PID gains from wanted stiffness and damping, and the stability conditions of their loop (D eq 3.17-3.27)."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
@@ -13,9 +13,15 @@ from selfsense.coil import is_number
 class ControlledAxis:
     """A rotor on magnets alone, SI: m y'' + k_yy y + k_yi i = f (D eq 3.16).
 
-    mass m in kg; negative_stiffness k_yy in N/m; actuator_gain k_yi in N/A; amplifier_time_constant T_a in s;
-    loop_gain: A_s alpha_a, reading per displacement times current per command, 1 for gains in A/m. Raises ValueError
-    where one is not a number on its side of 0.
+    Attributes:
+        mass: m, kg.
+        negative_stiffness: k_yy, N/m.
+        actuator_gain: k_yi, N/A.
+        amplifier_time_constant: T_a, s.
+        loop_gain: A_s alpha_a, reading per displacement times current per command; 1 for gains in A/m.
+
+    Raises:
+        ValueError: A value is not a number of the right sign.
     """
 
     mass: float
@@ -33,7 +39,7 @@ class ControlledAxis:
 
     @property
     def current_per_displacement(self) -> float:
-        """|k_yy| / k_yi, A/m: the control current that holds the rotor against its magnets per displacement."""
+        """|k_yy| / k_yi, A/m: control current per displacement that holds the rotor against its magnets."""
         return -self.negative_stiffness / self.actuator_gain
 
 
@@ -54,8 +60,10 @@ class Condition:
 def gains_for(stiffness: float, damping: float, axis: ControlledAxis) -> tuple[float, float]:
     """k_p = (k - k_yy) / k_yi in A/m and k_d = c / k_yi in A s/m, for k in N/m and c in N s/m (D eq 3.18, 3.19).
 
-    They are what a loop without any lag would need; a lag of tau takes about tau (k - k_yy) off the damping. ValueError
-    for a stiffness or damping that is not above 0.
+    These gains hold for a loop without lag; a lag of tau reduces the damping by about tau (k - k_yy).
+
+    Raises:
+        ValueError: A stiffness or damping that is not positive.
     """
     for name, value in (("stiffness", stiffness), ("damping", damping)):
         if not value > 0:
@@ -67,12 +75,16 @@ def gains_for(stiffness: float, damping: float, axis: ControlledAxis) -> tuple[f
 def stability_conditions(
     axis: ControlledAxis, gains: Gains, current_per_displacement: float | None = None
 ) -> tuple[Condition, Condition, Condition, Condition]:
-    """The coefficients of D's eq 3.24 above 0, as conditions on the gains (D eq 3.25), and k_i > 0, which D leaves out.
+    """Positive coefficients of D's eq 3.24 as conditions on the gains (D eq 3.25), and k_i > 0, which D leaves out.
 
-    Each coefficient must be above 0 for every root to lie in the left half plane, but for order five that is not
-    enough: `is_stable` decides. current_per_displacement in A/m: None for |k_yy| / k_yi, which follows from 3.24
-    whatever makes the bias; D prints I_0 / g_0 for it, which it is for electromagnets alone and not with a permanent
-    magnet's bias. The PID is the ideal one of eq 3.21 (gains.ti is not in it) and the sensor has no lag.
+    Each coefficient must be positive for every root to lie in the left half plane, but for order five this is not
+    sufficient; `is_stable` decides. The PID is the ideal one of eq 3.21 (without gains.ti), and the sensor has no lag.
+
+    Args:
+        axis: The rotor on its magnets.
+        gains: The gains.
+        current_per_displacement: A/m; None for |k_yy| / k_yi, which follows from eq 3.24 for any kind of bias. D prints
+            I_0 / g_0, which is correct for electromagnets only and not for the bias of a permanent magnet.
     """
     needed = axis.current_per_displacement if current_per_displacement is None else current_per_displacement
     needed /= axis.loop_gain
@@ -88,7 +100,7 @@ def stability_conditions(
 def characteristic_polynomial(axis: ControlledAxis, gains: Gains, leaky: bool = False) -> np.ndarray:
     """Coefficients (6,) of s^5 ... s^0 whose roots (1/s) are the poles of the loop (D eq 3.24 times its denominators).
 
-    leaky: with the integrator of eq 3.27, k_i / (1 + T_i s), instead of k_i / s of eq 3.21.
+    leaky uses the integrator k_i / (1 + T_i s) of eq 3.27 instead of k_i / s of eq 3.21.
     """
     integrator = np.array([gains.ti, 1.0]) if leaky else np.array([1.0, 0.0])
     differentiator, lag = np.array([gains.td, 1.0]), np.array([axis.amplifier_time_constant, 1.0])
@@ -101,14 +113,17 @@ def characteristic_polynomial(axis: ControlledAxis, gains: Gains, leaky: bool = 
 
 
 def rightmost_pole(axis: ControlledAxis, gains: Gains, leaky: bool = False) -> float:
-    """Largest real part of the loop's poles, 1/s; below 0 it is stable."""
+    """Largest real part of the loop's poles, 1/s; the loop is stable below 0."""
     return float(np.roots(characteristic_polynomial(axis, gains, leaky)).real.max())
 
 
 def is_stable(coefficients: Sequence[float] | np.ndarray) -> bool:
-    """Whether every root of a real polynomial (highest power first) has a negative real part: Routh's array.
+    """Whether every root of a real polynomial (highest power first) has a negative real part, by Routh's array.
 
-    A root on the imaginary axis is not stable. ValueError for a polynomial without a leading coefficient.
+    A root on the imaginary axis is not stable.
+
+    Raises:
+        ValueError: The leading coefficient is missing.
     """
     p = np.asarray(coefficients, dtype=float)
     if p.ndim != 1 or p.size < 2 or p[0] == 0 or not np.isfinite(p).all():

@@ -1,4 +1,4 @@
-"""Campaigns worth recording: the rig's own SPHS record, and the fuller set that a diagnosis needs."""
+"""Campaigns worth recording: the rig's own SPHS recording, and the larger set that a diagnosis needs."""
 
 from dataclasses import dataclass, replace
 
@@ -27,9 +27,9 @@ class PlannedRecording:
 
 
 def sphs_campaign(rig: Rig, gains: Controllers, effects: Effects, seed: int) -> tuple[PlannedRecording, ...]:
-    """One recording by the rig's own protocol; on an x-y rig a second one with the force turned by 90 degrees.
+    """One recording with the rig's own protocol; on an x-y rig a second one with the force turned by 90 degrees.
 
-    Without the second the eight coefficients of x and y cannot be told apart.
+    Without the second one the eight coefficients of x and y cannot be separated.
     """
     run1 = protocol_experiment(rig, gains, effects, seed)
     if rig.axes == 1:
@@ -44,11 +44,13 @@ def _turned(excitations: tuple[Excitation, ...]) -> tuple[Excitation, ...]:
 
 
 def diagnosis_campaign(rig: Rig, gains: Controllers, effects: Effects, seed: int) -> tuple[PlannedRecording, ...]:
-    """Odd random-phase multisines with detection lines: two amplitudes, two realisations, and where a controller allows
-    it a second gain set and a static offset; on an x-y rig one with the force turned by 90 degrees; one more
-    realisation is held out. 8 periods each after one.
+    """Odd random-phase multisines with detection lines, 8 periods each after a first one.
 
-    ValueError when the rig's protocol excites no force to take fundamental, range and amplitude from.
+    The set has two amplitudes and two realisations; where a controller allows it, a second gain set and a static
+    offset; on an x-y rig one recording with the force turned by 90 degrees; and one more realisation as the holdout.
+
+    Raises:
+        ValueError: The rig's protocol excites no force from which fundamental, range and amplitude could be taken.
     """
     if rig.protocol is None or not lines_at(rig.protocol.excitations, "force").size:
         raise ValueError(f"rig {rig.name}: the diagnosis campaign needs a [protocol] with an excitation at the force")
@@ -103,7 +105,7 @@ def _diagnosis_lines(rig: Rig, rng: np.random.Generator) -> tuple[tuple[int, ...
 
 
 def _other_gains(rig: Rig, gains: Controllers, effects: Effects) -> Controllers:
-    """A second gain set, clearly apart, that keeps the simulated loop stable."""
+    """A second, clearly different gain set that keeps the simulated loop stable."""
     first = of_axis(gains, 0)
     if not isinstance(first, Gains):
         raise ValueError("the diagnosis campaign varies PID gains; the rig's controller is a numerator and denominator")

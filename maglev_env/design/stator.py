@@ -1,4 +1,4 @@
-"""Section of a hybrid bearing's stator, the coil that fits into it, and what the coils pull alone (D eq 3.1, 3.2)."""
+"""Section of a hybrid bearing's stator, the coil that fits into it, and the force of its coils (D eq 3.1, 3.2)."""
 
 from dataclasses import dataclass, fields
 from math import floor
@@ -12,10 +12,17 @@ _ROUNDING = 1e-9  # a window of exactly n wires holds n of them
 class StatorSection:
     """Lamination stack of one pole, lengths in m (D Fig 3.23, eq 3.1).
 
-    inner_diameter: d1, the rotor's plus two air gaps; outer_diameter: d2; core_thickness: t_l2, of the middle
-    lamination set that the coil is wound around; coil_length: axial room for layers of wire; hole_diameter: of the
-    bolts in the outer rim. Raises ValueError unless all are above 0 and
-    hole_diameter < t_l2 < (d5 - d1) / 2: a thinner core is cut by its bolt, a thicker one leaves the coil no window.
+    Attributes:
+        inner_diameter: d1, the rotor's diameter plus two air gaps.
+        outer_diameter: d2.
+        core_thickness: t_l2, of the middle lamination set around which the coil is wound.
+        wire_diameter: Of the coil's wire.
+        coil_length: Axial room for layers of wire.
+        hole_diameter: Of the bolts in the outer rim.
+
+    Raises:
+        ValueError: Unless all are positive and hole_diameter < t_l2 < (d5 - d1) / 2: a thinner core is cut by its bolt,
+            a thicker one leaves the coil no window.
     """
 
     inner_diameter: float
@@ -67,15 +74,22 @@ class StatorSection:
 
     @property
     def turns(self) -> int:
-        """Turns that fit, square-packed: the most that the window holds, not what a winder gets into it."""
+        """Turns that fit with square packing: the most that the window holds, more than a winder achieves."""
         return self.turns_per_layer * self.layers
 
 
 def attraction(turns: float, current: float, gap: float, pole_area: float, bearings: int = 1) -> float:
-    """Force (N) of the coils alone, no magnet, on both faces of each magnet: mu_0 N^2 A_g I^2 / (4 g^2) (D eq 3.2).
+    """Force (N) of the coils without magnets, on both faces of each magnet: mu_0 N^2 A_g I^2 / (4 g^2) (D eq 3.2).
 
-    current in A, gap in m, pole_area of one face in m2, bearings: magnets that pull together. ValueError unless gap and
-    pole_area are above 0.
+    Args:
+        turns: Of each coil.
+        current: A.
+        gap: m.
+        pole_area: Of one face, m2.
+        bearings: Number of magnets that pull together.
+
+    Raises:
+        ValueError: Unless gap and pole_area are positive.
     """
     for name, value in (("gap", gap), ("pole_area", pole_area)):
         if not value > 0:

@@ -1,4 +1,4 @@
-"""How a pump's housing warms up: one heat capacity behind one thermal resistance, and what readings tell of them.
+"""Warming of a pump's housing: one heat capacity behind one thermal resistance, and their identification.
 
 D 3.5.3 gives two readings: 22 C at the start and 40 C after two hours at 14,000 rpm in air.
 """
@@ -14,9 +14,14 @@ from selfsense.coil import is_number
 
 @dataclass(frozen=True)
 class ThermalMass:
-    """capacity C dT/dt = loss - (T - ambient) / resistance: capacity in J/K, resistance to the ambient in K/W.
+    """capacity dT/dt = loss - (T - ambient) / resistance, with one temperature for the whole body.
 
-    One temperature for the whole body. Raises ValueError unless both are numbers above 0.
+    Attributes:
+        capacity: C, J/K.
+        resistance: R, to the ambient, K/W.
+
+    Raises:
+        ValueError: Unless both are positive numbers.
     """
 
     capacity: float
@@ -46,12 +51,14 @@ class ThermalMass:
 
 
 def final_rise(rise: float, duration: float, time_constant: ArrayLike) -> NDArray[np.float64]:
-    """R P (K), the rise that a body ends at, given one rise (K) after a duration (s) from the ambient's temperature.
+    """Final rise R P (K), given one rise (K) after a duration (s) from the ambient temperature.
 
-    time_constant (n,) s has to be assumed: one reading gives one equation, R P (1 - exp(-duration / tau)) = rise. It
-    says that R P >= rise and that the initial slope R P / tau = P / C is at least rise / duration, and no more: neither
-    tau nor R P, and even from both P, R and C cannot be told apart without one of them. ValueError for a duration or
-    time constant that is not above 0.
+    One reading gives one equation, R P (1 - exp(-duration / tau)) = rise, so the time constant (n,) s must be assumed.
+    The reading shows that R P >= rise and that the initial slope P / C is at least rise / duration, but neither tau
+    nor R P; and even from both, P, R and C cannot be separated without one of them.
+
+    Raises:
+        ValueError: A duration or time constant that is not positive.
     """
     tau = np.asarray(time_constant, dtype=float)
     if not (duration > 0 and np.all(tau > 0)):
@@ -62,8 +69,11 @@ def final_rise(rise: float, duration: float, time_constant: ArrayLike) -> NDArra
 def fit_rise(time: ArrayLike, temperature: ArrayLike, ambient: float) -> tuple[float, float]:
     """Final rise R P (K) and time constant (s) by least squares, from readings (n,) at time (n,) s after the start.
 
-    Assumes a constant loss and ambient, and the start at the ambient's temperature. ValueError for fewer than two
-    readings after time 0, and for readings too straight to have a time constant below ten times their span.
+    Loss and ambient temperature are taken as constant, and the start as at the ambient temperature.
+
+    Raises:
+        ValueError: Fewer than two readings after time 0, or readings too straight for a time constant below ten times
+            their span.
     """
     t, rise = np.asarray(time, dtype=float), np.asarray(temperature, dtype=float) - ambient
     if t.ndim != 1 or t.shape != rise.shape or not (np.isfinite(t).all() and np.isfinite(rise).all()):

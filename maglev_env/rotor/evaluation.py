@@ -1,4 +1,4 @@
-"""Score rotors as a rig would be scored: run them up, identify them at standstill and at top speed, grade them."""
+"""Scoring of rotors: run them up, identify them at standstill and at top speed, and grade the results."""
 
 import pickle
 from collections.abc import Sequence
@@ -16,19 +16,29 @@ from maglev_env.rotor.run_up import SPEEDS, RunUp, Seeds, checked_speeds, run_up
 from maglev_env.evaluation.score import ScoreTarget, score, terms
 
 PROTOCOL = Protocol()
-CHUNK = 64  # runs identified together: keeps their spectra near 40 MB
+CHUNK = 64  # runs identified together, which keeps their spectra near 40 MB
 
 
 @dataclass(frozen=True)
 class RotorEvaluation:
-    """n scored rotors; arrays (n,) unless said otherwise, nan where nothing is known.
+    """n scored rotors; arrays (n,) unless stated, nan where nothing is known.
 
-    identification: one at each of id_speeds (k,) rpm. pole_radius (n, 2): of the linearised loop at standstill and at
-    the top speed of the run-up. peak_displacement m and current_rms A: the largest over speeds and planes or coils.
-    peak_sensitivity: the largest over controllers and id_speeds. displacement_zone and sensitivity_zone: letters of ISO
-    14839-2 and -3, "" where unknown. touchdown_speed rpm: the lowest with a contact; touchdown_time s: of the first
-    one there, or the end of the identification where only its injection brought one about. terms: each that of the
-    worst mode, controller, plane or speed; score; feasible: stable at both speeds, and it never touched down.
+    Attributes:
+        run_up: The run-up.
+        id_speeds: Speeds of the identifications, (k,), rpm.
+        identification: One identification for each of these speeds.
+        pole_radius: Of the linearised loop at standstill and at the top speed of the run-up, (n, 2).
+        peak_displacement: Largest over speeds and planes, m.
+        current_rms: Largest over speeds and coils, A.
+        peak_sensitivity: Largest over controllers and id_speeds.
+        displacement_zone: Letter of ISO 14839-2; "" where unknown.
+        sensitivity_zone: Letter of ISO 14839-3; "" where unknown.
+        touchdown_time: Time of the first contact at touchdown_speed, or the end of the identification where only its
+            injection caused one, s.
+        touchdown_speed: Lowest speed with a contact, rpm.
+        terms: Score terms, each of the worst mode, controller, plane or speed.
+        score: 0 to 1.
+        feasible: Stable at both speeds and without touchdown.
     """
 
     run_up: RunUp
@@ -47,13 +57,18 @@ class RotorEvaluation:
     feasible: np.ndarray
 
     def identified(self, name: str) -> np.ndarray:
-        """A field of the identifications, stiffness (n, k, 2) for one."""
+        """A field of the identifications, (n, k, 2) for stiffness for example."""
         return _stacked(self.identification, name)
 
 
 def rotor_target(rotor: Rotor, id_speeds: Sequence[float], protocol: Protocol = PROTOCOL) -> ScoreTarget:
-    """What a rotor's own gains give without noise, stiffness and damping (k, 2) by id_speeds (rpm) and mode; the rest
-    is its axis'. ValueError when they do not hold it up at these speeds."""
+    """Score target from a rotor's own gains without noise.
+
+    Stiffness and damping are (k, 2) by id_speeds (rpm) and mode; the other values are those of the rotor's axis.
+
+    Raises:
+        ValueError: The gains do not levitate the rotor at these speeds.
+    """
     return _target(pickle.dumps((rotor, tuple(map(float, id_speeds)), protocol)))
 
 
@@ -82,12 +97,20 @@ def evaluate_rotors(
     threads: int | None = None,
     target: ScoreTarget | None = None,
 ) -> RotorEvaluation:
-    """Run up, identify and score rotors under their own gains; how their controllers act is the same for all.
+    """Run up, identify and score rotors under their own gains. The controllers of all must act in the same way.
 
-    speeds rpm, of the run-up; id_speeds default to standstill and the top one. seed: one for all, or one for each; a
-    rotor's result depends on its seed, and not on the others or on threads. target: default every rotor's own
-    `rotor_target`; where gains are tried, give that of the preset ones. ValueError for no rotors or controllers of two
-    kinds, for speeds that are not finite, a target for other id_speeds, and as `run_up` and `rotor_target`.
+    Args:
+        rotors: The rotors.
+        speeds: Speeds of the run-up, rpm.
+        id_speeds: Speeds of the identifications, rpm; by default standstill and the top speed.
+        protocol: The identification experiment.
+        seed: One for all, or one for each rotor; a rotor's result depends on its seed alone.
+        threads: Number of threads; results do not depend on it.
+        target: By default each rotor's own `rotor_target`; when gains are compared, give that of the preset gains.
+
+    Raises:
+        ValueError: No rotors, controllers of two kinds, speeds that are not finite, a target for other id_speeds, or as
+            `run_up` and `rotor_target`.
     """
     if not rotors:
         raise ValueError("rotors: give at least one")
@@ -117,7 +140,7 @@ _LEVELS = ("peak_sensitivity", "clearance", "current_limit", "gap")
 def _identified(
     runs: Sequence[Run], k: int, protocol: Protocol, threads: int | None
 ) -> tuple[RotorIdentification, ...]:
-    """Identifications of runs, k of each rotor in turn, by which of the k they are."""
+    """Identifications of runs, k for each rotor in turn, grouped by their number among the k."""
     parts = [identify_runs(runs[i : i + CHUNK], protocol, threads) for i in range(0, len(runs), CHUNK)]
     columns = {}
     for f in fields(RotorIdentification):
@@ -154,7 +177,7 @@ def _scored(
 ) -> RotorEvaluation:
     stiffness, damping, sensitivity = (_stacked(identified, n) for n in ("stiffness", "damping", "peak_sensitivity"))
     peak, current = up.peak.max(axis=(1, 2)), up.coil_rms.max(axis=(1, 2))
-    # Every term falls with what makes it worse: the least over modes and speeds is the worst one's.
+    # Every term falls when its quantity gets worse, so the least over modes and speeds is that of the worst.
     every = terms(target, stiffness, damping, sensitivity, peak[:, None, None], current[:, None, None])
     worst = {name: values.min(axis=(1, 2)) for name, values in every.items()}
     peak_sensitivity = sensitivity.max(axis=(1, 2))
@@ -180,7 +203,7 @@ def _scored(
 
 
 def _touchdown(up: RunUp, at: np.ndarray, sensitivity: np.ndarray, length: float) -> tuple[np.ndarray, np.ndarray]:
-    """Time (n,) s and speed (n,) rpm of the touchdown, nan without one; length s: of the identification."""
+    """Time (n,) s and speed (n,) rpm of the touchdown, nan without one; length is that of the identification, s."""
     order = np.argsort(abs(up.speed_rpm), kind="stable")
     lowest = order[up.touched_down[:, order].argmax(axis=1)]
     time = np.fmin.reduce(up.first_contact, axis=2)[np.arange(len(lowest)), lowest]

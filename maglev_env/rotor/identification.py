@@ -1,8 +1,8 @@
-"""Stiffness, damping and sensitivity of a levitated rotor at any speed, from currents injected beside its controllers.
+"""Stiffness, damping and sensitivity of a levitated rotor at any speed, from currents injected at its controllers.
 
-The injection turns forward: in isotropic bearings the complex displacement x + i y then answers at that frequency
-alone, and (k - M w^2 + I_p speed w + i w c) Q = F of each mode keeps its single degree of freedom while it spins. Lines
-lie half-way between multiples of twice the fundamental, where no harmonic of such a speed can be.
+The injection rotates forward. In isotropic bearings the complex displacement x + i y then responds at that frequency
+alone, and (k - M w^2 + I_p speed w + i w c) Q = F keeps each mode a single degree of freedom while the rotor spins. The
+lines lie half-way between multiples of twice the fundamental, where such a speed has no harmonics.
 """
 
 from collections.abc import Sequence
@@ -23,8 +23,8 @@ from maglev_env.rotor.simulate import Spun, reduced
 
 MODES = ("translation", "tilt")
 UNITS = {"translation": ("N/m", "N s/m"), "tilt": ("N m/rad", "N m s/rad")}
-TOP = 2000.0  # Hz: crossings of the loop lie below it
-DENSITY = 26  # lines per controller, spaced by their ratio
+TOP = 2000.0  # highest line, Hz; the loop's crossings lie below it
+DENSITY = 26  # lines per controller, with a constant ratio between neighbours
 
 
 def period_samples(rotor: Rotor, fundamental: float) -> int:
@@ -36,26 +36,38 @@ def period_samples(rotor: Rotor, fundamental: float) -> int:
 
 
 def turning(wave: np.ndarray) -> np.ndarray:
-    """A periodic wave (n,) in x, and in y what makes all its lines turn forward: (2, n)."""
+    """A periodic wave (n,) in x and the wave in y that makes all its lines rotate forward, (2, n)."""
     return np.array([wave, np.fft.irfft(-1j * np.fft.rfft(wave), len(wave))])
 
 
 def forward(rows: np.ndarray) -> np.ndarray:
-    """What turns forward of complex amplitudes (..., 2 n, lines) in x and y: (..., n, lines)."""
+    """The forward-rotating part of complex amplitudes (..., 2 n, lines) in x and y, (..., n, lines)."""
     return (rows[..., ::2, :] + 1j * rows[..., 1::2, :]) / 2
 
 
 def motion(rotor: Rotor, seen: np.ndarray, frequency: np.ndarray) -> np.ndarray:
-    """Centre of mass and tilt (..., 2, lines), m and rad, from forward amplitudes of the probes at a and b (..., 2,
-    lines) at frequency (lines,) Hz; their lag is taken off."""
+    """Motion of the centre of mass and tilt (..., 2, lines), m and rad, with the probes' lag removed.
+
+    Args:
+        rotor: The rotor.
+        seen: Forward amplitudes of the probes at a and b, (..., 2, lines).
+        frequency: (lines,), Hz.
+    """
     lag = 1 + 2j * np.pi * frequency * rotor.axis.sensor_time_constant
     return np.linalg.inv(mechanics(rotor).probes[::2, :2]) @ (seen * lag)
 
 
 @dataclass(frozen=True)
 class Protocol:
-    """The identification experiment: fundamental Hz, of which the lines are odd multiples; peak A of the injection
-    beside each controller; periods that settle, and periods kept; the band (Hz) whose coefficients are told."""
+    """The identification experiment.
+
+    Attributes:
+        fundamental: Hz; the lines are odd multiples of it.
+        amplitude: Peak of the injection at each controller, A.
+        settle: Periods to settle.
+        periods: Periods that are kept.
+        band: Band in which coefficients are estimated, Hz.
+    """
 
     fundamental: float = 25 / 6
     amplitude: float = 0.05
@@ -64,18 +76,22 @@ class Protocol:
     band: tuple[float, float] = (60.0, 180.0)
 
     def samples(self, rotor: Rotor) -> int:
-        """Control samples of a period; ValueError unless they are whole."""
+        """Control samples per period.
+
+        Raises:
+            ValueError: The number is not whole.
+        """
         return period_samples(rotor, self.fundamental)
 
     @property
     def lines(self) -> tuple[np.ndarray, np.ndarray]:
-        """Harmonics injected beside the first and the second controller: 1, 5, 9 ... and 3, 7, 11 ..., thinned out."""
+        """Harmonics injected at the first and the second controller: thinned out from 1, 5, 9 ... and 3, 7, 11 ..."""
         grid = np.geomspace(3, TOP / self.fundamental, 2 * DENSITY)
         first, second = (np.unique((np.rint((part - o) / 4) * 4 + o).astype(int)) for o, part in ((1, grid), (3, grid)))
         return first[first > 0], second[second > 0]
 
     def injection(self, rotor: Rotor) -> np.ndarray:
-        """One period (4, samples) A of what is added to the commands, turning forward in x and y."""
+        """One period (4, samples) A of the signals added to the commands, rotating forward in x and y."""
         n, found = self.samples(rotor), []
         _, out = control_matrices(rotor)
         for lines in self.lines:
@@ -85,9 +101,18 @@ class Protocol:
 
 @dataclass(frozen=True)
 class RotorIdentification:
-    """Of n runs, modes as MODES: stiffness and damping (n, 2) in the protocol's band with standard errors, of the rotor
-    in its bearings under control (N/m, N s/m; N m/rad, N m s/rad); peak_sensitivity (n, 2) and its frequency (Hz), of
-    each controller; frequency (2 arrays, Hz) and sensitivity (2 arrays (n, lines)) of it; nan after a touchdown."""
+    """Results of n runs for the modes MODES; nan after a touchdown.
+
+    Attributes:
+        stiffness: Of the rotor in its bearings under control, in the protocol's band, (n, 2), N/m and N m/rad.
+        stiffness_se: Standard error.
+        damping: (n, 2), N s/m and N m s/rad.
+        damping_se: Standard error.
+        peak_sensitivity: Of each controller, (n, 2).
+        peak_frequency: Its frequency, Hz.
+        frequency: Frequencies of the sensitivity, 2 arrays, Hz.
+        sensitivity: 2 arrays (n, lines).
+    """
 
     stiffness: np.ndarray
     stiffness_se: np.ndarray
@@ -102,7 +127,7 @@ class RotorIdentification:
 def identify_runs(
     runs: Sequence[Run], protocol: Protocol = Protocol(), threads: int | None = None
 ) -> RotorIdentification:
-    """Inject, record and estimate, every run by itself. Runs share the control rate and how their controllers act."""
+    """Inject, record and estimate each run separately. Runs share the control rate and how their controllers act."""
     rotor = runs[0].rotor
     n = protocol.samples(rotor)
     waves = protocol.injection(rotor)
@@ -118,7 +143,7 @@ def identify_runs(
 
 
 def _spectra(spun: Spun, n: int) -> np.ndarray:
-    """Per-period complex amplitudes (runs, periods, 4, n // 2 + 1) of the probes; nan where the rotor touched down."""
+    """Complex amplitudes of the probes in each period, (runs, periods, 4, n // 2 + 1); nan after a touchdown."""
     probes = spun.channels[:, :4]
     found = scipy.fft.rfft(probes.reshape(*probes.shape[:2], -1, n), axis=-1) * (2 / n)
     found[np.isfinite(spun.first_contact).any(axis=1)] = np.nan
@@ -126,7 +151,7 @@ def _spectra(spun: Spun, n: int) -> np.ndarray:
 
 
 def _of_run(run: Run, spectra: np.ndarray, drive: np.ndarray, protocol: Protocol, n: int) -> tuple:
-    """Stiffness, its error, damping, its error, peak and its frequency (2 each), and sensitivities."""
+    """Stiffness, its error, damping, its error, peak and its frequency (2 each), and the sensitivities."""
     if np.isnan(spectra).any():
         nothing = np.full(2, np.nan)
         return (nothing,) * 6 + ([np.full(lines.size, np.nan, complex) for lines in protocol.lines],)
@@ -154,13 +179,13 @@ def _of_run(run: Run, spectra: np.ndarray, drive: np.ndarray, protocol: Protocol
 def _mode(
     run: Run, mode: int, motion: np.ndarray, force: np.ndarray, lines: np.ndarray, protocol: Protocol
 ) -> tuple[float, float, float, float]:
-    """Stiffness, damping and their standard errors, in order k, se, c, se, of one mode in the protocol's band."""
+    """Stiffness and damping of one mode in the protocol's band with standard errors, in the order k, se, c, se."""
     rotor, w = run.rotor, 2 * np.pi * lines * protocol.fundamental
     low, high = protocol.band
     driven = abs(force) > 1e-6 * abs(force).max()
     used = driven & (w >= 2 * np.pi * low) & (w <= 2 * np.pi * high)
     gyroscopic = (rotor.body.polar_inertia * run.speed if mode else 0.0) * w
-    # What gyroscopics hold is taken off the force, so that a single mass, spring and damper is left.
+    # The gyroscopic part is subtracted from the force, so that a single mass, spring and damper remains.
     pushed = np.broadcast_to(force, motion.shape) - gyroscopic * motion
     channels = np.stack([pushed, motion], axis=1)[..., used]
     statistics: LineStatistics = line_statistics(channels, protocol.fundamental, lines[used], ("force", "displacement"))

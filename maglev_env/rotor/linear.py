@@ -1,6 +1,6 @@
 """The levitated rotor linearised about the centre: modes, poles, unbalance response and sensitivity, in closed form.
 
-Complex notation of isotropic rotors (Genta 2005; Schweitzer and Maslen 2009, ch. 10) is written out in real x and y.
+The complex notation of isotropic rotors (Genta 2005; Schweitzer and Maslen 2009, ch. 10) is written in real x and y.
 """
 
 from dataclasses import dataclass
@@ -16,14 +16,21 @@ from maglev_env.rotor.rotor import CONTROLS, Rotor
 # Coordinates q = (x, tilt of x, y, tilt of y); planes and directions in the order (a, x), (a, y), (b, x), (b, y).
 MOTIONS = ("x", "tilt_x", "y", "tilt_y")
 AXES = ("a_x", "a_y", "b_x", "b_y")
-LEAST_LAG = 1e-9  # s: a lag of nothing is one of this
+LEAST_LAG = 1e-9  # s; replaces a lag of zero
 
 
 @dataclass(frozen=True)
 class Mechanics:
-    """M q'' + (D + speed G) q' + K q = B i + f: mass, damping, gyroscopic (per rad/s) and stiffness matrices (4, 4) in
-    m and rad, magnets' negative stiffness and fluid included; B (4, 4) N or N m per ampere of each plane's coils;
-    probes (4, 4) from q to what is read."""
+    """M q'' + (D + speed G) q' + K q = B i + f in m and rad.
+
+    Attributes:
+        mass: M, (4, 4).
+        damping: D, (4, 4).
+        gyroscopic: G, (4, 4), per rad/s.
+        stiffness: K, (4, 4), with the magnets' negative stiffness and the fluid.
+        drive: B, (4, 4), N or N m per ampere of each plane's coils.
+        probes: From q to the readings, (4, 4).
+    """
 
     mass: np.ndarray
     damping: np.ndarray
@@ -34,13 +41,13 @@ class Mechanics:
 
 
 def at_planes(first: float, second: float) -> np.ndarray:
-    """Displacements in x and y at two positions (m) along the axis from q: (4, 4), as `AXES`."""
+    """Matrix (4, 4), ordered as `AXES`, from q to the displacements in x and y at two positions (m) along the axis."""
     rows = [[1.0, z, 0.0, 0.0] if d == 0 else [0.0, 0.0, 1.0, z] for z in (first, second) for d in range(2)]
     return np.array(rows)
 
 
 def mechanics(rotor: Rotor) -> Mechanics:
-    """Linearised at the centre and at no current."""
+    """The mechanics linearised at the centre and at zero current."""
     gain, stiffness = linearise(force_law(rotor.axis))
     at = at_planes(*rotor.planes.magnets)
     inertia, polar = rotor.moving_inertia, rotor.body.polar_inertia
@@ -57,9 +64,11 @@ def mechanics(rotor: Rotor) -> Mechanics:
 
 
 def undamped_frequencies(rotor: Rotor, stiffness: float, speed: float = 0.0) -> np.ndarray:
-    """Natural frequencies (Hz) of the rotor on an undamped spring (N/m) in each direction at each magnet plane,
-    spinning at speed (rad/s): whirl modes, sorted, backward ones negative."""
-    # In x + i y and the tilts alike: M z'' - i speed G z' + K z = 0, whose exp(i w t) turn forward where w > 0.
+    """Natural frequencies (Hz) of the rotor on an undamped spring (N/m) in each direction at each magnet plane.
+
+    They are the whirl modes at speed (rad/s), sorted; backward modes are negative.
+    """
+    # For x + i y and the tilts: M z'' - i speed G z' + K z = 0, whose solutions exp(i w t) rotate forward where w > 0.
     at = at_planes(*rotor.planes.magnets)[::2, :2]
     inverse = np.diag([1 / rotor.moving_mass, 1 / rotor.moving_inertia])
     turn = 1j * speed * inverse @ np.diag([0.0, rotor.body.polar_inertia])
@@ -68,8 +77,10 @@ def undamped_frequencies(rotor: Rotor, stiffness: float, speed: float = 0.0) -> 
 
 
 def control_matrices(rotor: Rotor) -> tuple[np.ndarray, np.ndarray]:
-    """From readings to what the controllers act on, and from their outputs to commands: (4, 4), as `AXES` and, of the
-    controllers, (first, x), (first, y), (second, x), (second, y)."""
+    """Matrices (4, 4) from readings to the controllers' inputs, and from their outputs to commands.
+
+    Readings and commands are ordered as `AXES`; controllers as (first, x), (first, y), (second, x), (second, y).
+    """
     if tuple(rotor.gains) == CONTROLS[0]:
         into, out = np.array([[0.5, 0.5], [-0.5, 0.5]]), np.array([[1.0, -1.0], [1.0, 1.0]])
     else:
@@ -78,26 +89,28 @@ def control_matrices(rotor: Rotor) -> tuple[np.ndarray, np.ndarray]:
 
 
 def controllers(rotor: Rotor) -> list[Gains]:
-    """Gains of the four controllers: of the first in x and y, then of the second."""
+    """Gains of the four controllers: the first one in x and y, then the second one."""
     return [g for g in rotor.gains.values() for _ in range(2)]
 
 
 def control_response(rotor: Rotor, frequency: np.ndarray) -> np.ndarray:
-    """What the four controllers make of their errors (n, 4), A/m, at frequency (n,) Hz."""
+    """Responses of the four controllers to their errors (n, 4), A/m, at frequency (n,) Hz."""
     dt = 1 / rotor.axis.control_rate
     z = np.exp(2j * np.pi * np.asarray(frequency) * dt)
     return np.stack([controller_response(g, z, dt) for g in controllers(rotor)], axis=-1)
 
 
 def held_current(rotor: Rotor, frequency: np.ndarray) -> np.ndarray:
-    """Current per command (n,) at frequency (n,) Hz above 0: held over a control sample, behind the amplifier's lag."""
+    """Current per command (n,) at frequency (n,) Hz > 0: held over a control sample and delayed by the amplifier."""
     s, dt = 2j * np.pi * np.asarray(frequency), 1 / rotor.axis.control_rate
     return (1 - np.exp(-s * dt)) / (s * dt) / (1 + s * rotor.axis.amplifier_time_constant)
 
 
 def continuous(rotor: Rotor, speed: float) -> np.ndarray:
-    """Rates (16, 24): of q, q', the probes' and the amplifiers' states, from these, held commands (4) and generalised
-    forces (4) at the centre of mass."""
+    """Rate matrix (16, 24) of q, q', and the states of probes and amplifiers.
+
+    Its columns are these states, the held commands (4) and the generalised forces (4) at the centre of mass.
+    """
     m, axis = mechanics(rotor), rotor.axis
     n = len(MOTIONS)
     inverse = np.linalg.inv(m.mass)
@@ -116,14 +129,14 @@ def continuous(rotor: Rotor, speed: float) -> np.ndarray:
 
 
 def sampled(rotor: Rotor, speed: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """A (16, 16), B (16, 4) from held commands and C (4, 16) to readings over one control sample at speed (rad/s)."""
+    """A (16, 16), B (16, 4) from held commands, C (4, 16) to readings, over one control sample at speed (rad/s)."""
     rates = continuous(rotor, speed)
     whole = expm(np.vstack([rates, np.zeros((8, 24))]) / rotor.axis.control_rate)
     return whole[:16, :16], whole[:16, 16:20], np.eye(16)[8:12]
 
 
 def closed_loop_poles(rotor: Rotor, speed: float = 0.0) -> np.ndarray:
-    """Poles (24,) in the z-plane of the sampled loop at speed (rad/s); stable when all lie inside the unit circle."""
+    """Poles (24,) of the sampled loop in the z-plane at speed (rad/s); stable when all lie inside the unit circle."""
     a, b, c = sampled(rotor, speed)
     into, out = control_matrices(rotor)
     parts = [state_space(g, 1 / rotor.axis.control_rate) for g in controllers(rotor)]
@@ -134,7 +147,7 @@ def closed_loop_poles(rotor: Rotor, speed: float = 0.0) -> np.ndarray:
 
 
 def sensitivity(rotor: Rotor, frequency: np.ndarray, speed: float = 0.0) -> np.ndarray:
-    """Response (n, 4, 4) of what the controllers put out to what is injected there, at frequency (Hz)."""
+    """Response (n, 4, 4) of the controllers' outputs to an injection at these outputs, at frequency (Hz)."""
     a, b, c = sampled(rotor, speed)
     into, out = control_matrices(rotor)
     dt = 1 / rotor.axis.control_rate
@@ -144,15 +157,17 @@ def sensitivity(rotor: Rotor, frequency: np.ndarray, speed: float = 0.0) -> np.n
 
 
 def unbalance_response(rotor: Rotor, speeds: np.ndarray) -> np.ndarray:
-    """Complex amplitudes (n, 4) of q at speeds (n,) rad/s > 0, against exp(i speed t), of the sampled loop: to the
-    unbalance, and to the runout, which the probes feed back."""
+    """Complex amplitudes (n, 4) of q against exp(i speed t) at speeds (n,) rad/s > 0, in the sampled loop.
+
+    The response is to the unbalance and to the runout, which the probes feed back.
+    """
     found = np.empty((len(speeds), 4), complex)
     into, out = control_matrices(rotor)
     dt = 1 / rotor.axis.control_rate
     for i, speed in enumerate(np.asarray(speeds, float)):
         rates = continuous(rotor, speed)
         force, runout = rotating(rotor, speed)
-        # What turns with the rotor drives the states at exp(i w t): its own answer, and the held commands' beside it.
+        # What rotates drives the states at exp(i w t): its own response, and in addition that of the held commands.
         driven = rates[:, 20:] @ force
         driven[8:12] += runout / max(rotor.axis.sensor_time_constant, LEAST_LAG)
         steady = np.linalg.solve(1j * speed * np.eye(16) - rates[:, :16], driven)
@@ -167,8 +182,10 @@ def unbalance_response(rotor: Rotor, speeds: np.ndarray) -> np.ndarray:
 
 
 def rotating(rotor: Rotor, speed: float) -> tuple[np.ndarray, np.ndarray]:
-    """Complex amplitudes against exp(i speed t): generalised forces (4,) of the unbalance, and readings (4,) of the
-    runout; what turns forward is (1, -i) in x and y."""
+    """Complex amplitudes against exp(i speed t): forces (4,) of the unbalance, and readings (4,) of the runout.
+
+    A forward rotation is (1, -i) in x and y.
+    """
     u, r = rotor.unbalance, rotor.runout
     couple = u.couple * np.exp(1j * np.radians(u.angle))
     force = speed**2 * np.array([u.static, couple, -1j * u.static, -1j * couple])
@@ -177,7 +194,7 @@ def rotating(rotor: Rotor, speed: float) -> tuple[np.ndarray, np.ndarray]:
 
 
 def probe_readings(rotor: Rotor, q: np.ndarray, speeds: np.ndarray) -> np.ndarray:
-    """What the probes read (n, 4) of q (n, 4) and the runout, against exp(i speed t) at speeds (n,) rad/s."""
+    """Readings (n, 4) of the probes for motion q (n, 4) and the runout, against exp(i speed t) at speeds (n,) rad/s."""
     w = np.asarray(speeds)[:, None]
     seen = q @ mechanics(rotor).probes.T + rotating(rotor, 1.0)[1]
     return seen / (1 + 1j * w * rotor.axis.sensor_time_constant)

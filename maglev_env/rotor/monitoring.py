@@ -1,8 +1,8 @@
-"""Stiffness and damping of the bearings watched while the pump runs, by a small SPHS beside the translation controller.
+"""Monitoring of the bearings' stiffness and damping while the pump runs, by a small SPHS at the translation controller.
 
-D 5.2.3: with the actuator gain known, the bearings themselves can shake the rotor in operation. The injection turns
-forward as in `identification`, on lines clear of the spin; every period is a block, in which lines and spin are fitted
-together and from which the tracker goes on.
+D 5.2.3: with a known actuator gain, the bearings themselves can excite the rotor in operation. The injection rotates
+forward as in `identification`, on lines clear of the rotation's harmonics. Every period is a block in which lines and
+rotation are fitted together; the tracker continues from block to block.
 """
 
 from collections.abc import Sequence
@@ -23,15 +23,22 @@ from maglev_env.rotor.operating_point import at_operating_point
 from maglev_env.rotor.rotor import CONTROLS, Rotor
 from maglev_env.rotor.simulate import spin
 
-ORDERS = (1, 2, 3)  # harmonics of the spin
-WIDE = np.array([1e14, 1e8])  # variances of a prior that says nothing, (N/m)^2 and (N s/m)^2
+ORDERS = (1, 2, 3)  # harmonics of the rotation
+WIDE = np.array([1e14, 1e8])  # variances of an uninformative prior, (N/m)^2 and (N s/m)^2
 
 
 @dataclass(frozen=True)
 class MonitorPlan:
-    """fundamental Hz, one period of which is a block; amplitude A, peak, of the injection in each direction; band Hz of
-    its lines; settle: blocks before the first; drift of stiffness and damping, relative, per square root of a second;
-    false_alarm_blocks as in `TrackerSettings`."""
+    """Settings of the monitoring.
+
+    Attributes:
+        fundamental: Hz; one period of it is a block.
+        amplitude: Peak of the injection in each direction, A.
+        band: Band of its lines, Hz.
+        settle: Blocks before the first one that is used.
+        drift: Relative drift of stiffness and damping per square root of a second.
+        false_alarm_blocks: As in `TrackerSettings`.
+    """
 
     fundamental: float = 4.0
     amplitude: float = 0.02
@@ -43,10 +50,19 @@ class MonitorPlan:
 
 @dataclass(frozen=True)
 class Monitored:
-    """time (blocks,) s, ends of the blocks; tracked: state after each; expected (2, 2): stiffness N/m and damping N s/m
-    before and after, of the linear model along the orbit, and centred (2, 2), of that about the centre; change: s at
-    which the rotor changed; frequency (n,) Hz of the lines; mass kg that the tracker works with, see `monitor`;
-    spin_hz: turns per second as found in the first block."""
+    """A monitored rotor.
+
+    Attributes:
+        time: Ends of the blocks, (blocks,), s.
+        tracked: State after each block.
+        expected: Stiffness N/m and damping N s/m before and after the change, (2, 2), of the linear model along the
+            orbit.
+        centred: The same of the linear model about the centre, (2, 2).
+        change: Time at which the rotor changed, s.
+        frequency: Frequencies of the lines, (n,), Hz.
+        mass: Mass that the tracker assumes, kg; see `monitor`.
+        spin_hz: Rotation frequency found in the first block, Hz.
+    """
 
     time: np.ndarray
     tracked: Tracked
@@ -59,12 +75,12 @@ class Monitored:
 
     @cached_property
     def alarms(self) -> np.ndarray:
-        """Times (n,) s of blocks with an alarm of stiffness or damping."""
+        """Times (n,) s of the blocks with an alarm of stiffness or damping."""
         return self.time[self.tracked.alarm.any(axis=-1)]
 
     @property
     def delay(self) -> float:
-        """s from the change to the end of the first block that shows it, nan where none does."""
+        """Time from the change to the end of the first block that shows it, s; nan where none does."""
         later = self.alarms[self.alarms > self.change]
         return float(later[0] - self.change) if later.size else np.nan
 
@@ -78,12 +94,24 @@ def monitor(
     plan: MonitorPlan = MonitorPlan(),
     seed: int = 0,
 ) -> Monitored:
-    """Track a rotor at a speed over so many blocks, of which the first `change` are of `before`, the others of `after`.
+    """Track a rotor that changes while it runs.
 
-    The controller's lead and delay make the stiffness rise with frequency, as if the rotor were lighter; the tracker
-    takes the mass that the linear model of `before` shows over the lines, so that its stiffness is one number. Known
-    are the injected current, the gain at the centre and the nominal speed. ValueError unless 10 <= change < blocks, for
-    another speed than one above 0, a rotor without a translation controller, and one that touches down.
+    The controller's lead and delay make the stiffness rise with frequency, as if the rotor were lighter. The tracker
+    uses the mass that the linear model of `before` shows over the lines, so that its stiffness is one number. It knows
+    the injected current, the actuator gain at the centre and the nominal speed.
+
+    Args:
+        before: The rotor in the first `change` blocks.
+        after: The rotor in the other blocks.
+        speed_rpm: Speed, rpm.
+        blocks: Number of blocks.
+        change: Number of blocks before the change.
+        plan: Settings.
+        seed: Seed of the noise.
+
+    Raises:
+        ValueError: Unless 10 <= change < blocks; a speed that is not positive; a rotor without a translation
+            controller; or a touchdown.
     """
     if not 10 <= change < blocks:
         raise ValueError(f"monitor: change = {change} of {blocks} blocks; at least 10 must come before it, one after")
@@ -111,7 +139,7 @@ def monitor(
     mass = float(-np.polyfit(w**2, z.real, 1)[0])
 
     def model(rotor: Rotor) -> np.ndarray:
-        # What the tracker would settle at with nothing but this response: its constants over the lines.
+        # Constants over the lines at which the tracker would settle if this were the only response.
         y = force[0] / _stiffness(rotor, f, speed, before)
         return measured_at_mode(checked_block(Block(0.0, force[0], y, noise), f), w, mass, guess, WIDE)[0]
 
@@ -129,7 +157,7 @@ def monitor(
 
 
 def _recorded(runs: Sequence[Run], counts: Sequence[int], settle: int, injection: np.ndarray) -> np.ndarray:
-    """Probes (blocks, 4, n) m over so many periods of the injection (4, n) A in one run and the next, which goes on."""
+    """Probes (blocks, 4, n) m over periods of the injection (4, n) A, in one run continued by the next."""
     records, start, n = [], None, injection.shape[1]
     for stage, (run, count) in enumerate(zip(runs, counts, strict=True)):
         skipped = 0 if stage else settle * n
@@ -142,12 +170,12 @@ def _recorded(runs: Sequence[Run], counts: Sequence[int], settle: int, injection
 
 
 def _force(rotor: Rotor, current: np.ndarray, frequency: np.ndarray) -> np.ndarray:
-    """Force (n,) N of so much added to both commands: held, through amplifiers and actuators."""
+    """Force (n,) N of a current added to both commands: held, then through amplifiers and actuators."""
     return mechanics(rotor).drive[0, [0, 2]].sum() * current * held_current(rotor, frequency)
 
 
 def _stiffness(rotor: Rotor, frequency: np.ndarray, speed: float, known: Rotor) -> np.ndarray:
-    """Injected force, as `known` computes it, over the answer of the rotor: complex (n,) N/m, of the linear model."""
+    """Complex ratio (n,) N/m of the injected force, as computed for `known`, to the rotor's response (linear model)."""
     a, b, c = sampled(rotor, speed)
     into, out = control_matrices(rotor)
     z = np.exp(2j * np.pi * frequency / rotor.axis.control_rate)

@@ -1,4 +1,4 @@
-"""The rotor linearised where it turns: about the place to which its weight pulls it, and along its orbit."""
+"""The rotor linearised where it runs: about the position to which its weight pulls it, and along its orbit."""
 
 from dataclasses import replace
 
@@ -13,22 +13,22 @@ from maglev_env.rotor.linear import (
 )  # fmt: skip
 from maglev_env.rotor.rotor import Rotor
 
-ANGLES = 64  # of a turn: the law's harmonics fall fast
-STEP_I, STEP_X = 1e-4, 1e-9  # A and m of the differences
+ANGLES = 64  # per turn; the harmonics of the force law decrease fast
+STEP_I, STEP_X = 1e-4, 1e-9  # steps of the differences, A and m
 
 
 def sag(rotor: Rotor) -> np.ndarray:
-    """Where the weight holds the turning rotor: q (4,) m and rad, as `linear.MOTIONS`, of the linear model."""
+    """Position q (4,), m and rad, ordered as `linear.MOTIONS`, at which the weight is carried; of the linear model."""
     m, load = mechanics(rotor), np.array([rotor.gravity[0], 0.0, rotor.gravity[1], 0.0]) * rotor.body.mass
     return np.linalg.solve(m.stiffness + m.drive @ _static_control(rotor), load)
 
 
 def at_operating_point(rotor: Rotor, speed: float) -> Rotor:
-    """The rotor with the actuator gain and stiffness that a small motion beside its orbit at speed (rad/s) sees.
+    """The rotor with the actuator gain and stiffness that small motion beside its orbit at speed (rad/s) experiences.
 
-    Both are the force law's slopes, averaged over a turn, over x and y and over the two bearings, along displacement
+    Both are slopes of the force law, averaged over a turn, over x and y and over the two bearings, along displacement
     and current of the linear model: the constant part of a loop that varies with the turn (Magnus and Winkler, Hill's
-    equation). What differs between x and y, or turns, is left out.
+    equation). Differences between x and y, and the rotating part, are left out.
     """
     axis, at, law = rotor.axis, at_planes(*rotor.planes.magnets), force_law(rotor.axis)
     into, out = control_matrices(rotor)
@@ -47,7 +47,7 @@ def at_operating_point(rotor: Rotor, speed: float) -> Rotor:
 
 
 def _static_control(rotor: Rotor) -> np.ndarray:
-    """Amperes that the controllers take off at rest per m and rad of q: (4, 4)."""
+    """Current that the controllers subtract at rest, A per m and rad of q, (4, 4)."""
     into, out = control_matrices(rotor)
     gains = np.diag([g.kp + g.ki for g in controllers(rotor)])
     return out @ gains @ into @ mechanics(rotor).probes

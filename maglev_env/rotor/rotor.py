@@ -18,12 +18,12 @@ from maglev_env.rig.rig import MAX_FILE_BYTES, ROTOR_FOLDER, ROTORS, Rig, load_r
 from maglev_env.fields import check_known, check_range, increasing_pair, quantity, table_as
 
 SCHEMA = "maglev-rotor/1"
-# What the two controllers of each direction act on: the mean and half the difference of both planes, or each plane.
+# Inputs of the two controllers of each direction: the mean and half the difference of both planes, or each plane.
 CONTROLS = (("translation", "tilt"), ("a", "b"))
 
 
 class _Checked:
-    """Checks its own fields when it is made."""
+    """Checks its own fields on construction."""
 
     def __post_init__(self) -> None:
         for f in fields(self):
@@ -34,9 +34,16 @@ class _Checked:
 
 @dataclass(frozen=True)
 class Body(_Checked):
-    """mass kg; inertias kg m2 about the centre of mass, across and along the axis; radius of the surface m.
+    """The rotor's body.
 
-    ValueError for inertias that no body can have: the polar one is at most twice the transverse one.
+    Attributes:
+        mass: kg.
+        transverse_inertia: About the centre of mass, across the axis, kg m2.
+        polar_inertia: Along the axis, kg m2.
+        radius: Of the surface, m.
+
+    Raises:
+        ValueError: Inertias that no body can have: the polar one is at most twice the transverse one.
     """
 
     mass: float = quantity("kg", 1e-6, 1e5)
@@ -55,7 +62,7 @@ class Body(_Checked):
 
 @dataclass(frozen=True)
 class Planes(_Checked):
-    """Where magnets and probes sit along the axis (m, from the centre of mass, a before b)."""
+    """Positions of magnets and probes along the axis, m from the centre of mass, a before b."""
 
     magnets: tuple[float, float]
     probes: tuple[float, float]
@@ -69,8 +76,15 @@ class Planes(_Checked):
 
 @dataclass(frozen=True)
 class Axial(_Checked):
-    """The passive axial support of one bearing: force N against displacement m as computed or measured; damping N s/m,
-    of both; clearance m; how far from the axis an axial probe looks, m."""
+    """The passive axial support of one bearing.
+
+    Attributes:
+        displacement: m.
+        force: At these displacements, computed or measured, N.
+        damping: Of both bearings, N s/m.
+        clearance: m.
+        probe_radius: Distance of an axial probe from the axis, m.
+    """
 
     displacement: tuple[float, ...]
     force: tuple[float, ...]
@@ -87,7 +101,7 @@ class Axial(_Checked):
 
     @property
     def stiffness(self) -> float:
-        """N/m of one bearing: least squares through the force at rest, which symmetry says is none."""
+        """Stiffness of one bearing, N/m: least squares through zero force at rest, which follows from symmetry."""
         z, f = np.array(self.displacement), np.array(self.force)
         off = f - np.interp(0.0, z, f)
         return float(-(z @ off) / (z @ z))
@@ -100,7 +114,7 @@ class Axial(_Checked):
 
 @dataclass(frozen=True)
 class Unbalance(_Checked):
-    """static kg m (mass times eccentricity); couple kg m2 (product of inertia); angle between them, degrees."""
+    """static: mass times eccentricity, kg m; couple: product of inertia, kg m2; angle between them, degrees."""
 
     static: float = quantity("kg m", 0.0, 1.0, 0.0)
     couple: float = quantity("kg m2", 0.0, 1.0, 0.0)
@@ -109,7 +123,7 @@ class Unbalance(_Checked):
 
 @dataclass(frozen=True)
 class Runout(_Checked):
-    """What each probe plane reads once per turn without motion: amplitude m, phase degrees."""
+    """Reading of each probe plane once per turn without motion: amplitude m, phase degrees."""
 
     amplitude: tuple[float, float] = (0.0, 0.0)
     phase: tuple[float, float] = (0.0, 0.0)
@@ -117,7 +131,7 @@ class Runout(_Checked):
 
 @dataclass(frozen=True)
 class Fluid(_Checked):
-    """What a fluid adds: mass kg, transverse inertia kg m2; stiffness N/m and damping N s/m at each magnet plane."""
+    """Effect of a fluid: mass kg, transverse inertia kg m2; stiffness N/m and damping N s/m at each magnet plane."""
 
     added_mass: float = quantity("kg", 0.0, 1e5, 0.0)
     added_inertia: float = quantity("kg m2", 0.0, 1e6, 0.0)
@@ -127,7 +141,7 @@ class Fluid(_Checked):
 
 @dataclass(frozen=True)
 class Touchdown(_Checked):
-    """Contact at the clearance: stiffness N/m, restitution of a blow at so much speed m/s, friction coefficient."""
+    """Contact at the clearance: stiffness N/m, restitution of an impact at a speed m/s, friction coefficient."""
 
     stiffness: float = quantity("N/m", 1.0, 1e10, 2e6)
     restitution: float = quantity("", 0.05, 1.0, 0.6)
@@ -136,8 +150,11 @@ class Touchdown(_Checked):
 
     @property
     def damping(self) -> float:
-        """Per m/s: contact force = stiffness depth (1 + damping speed) (Hunt and Crossley 1975), with which the blow at
-        `speed` v returns at r v: (1 + d v) exp(-d v) = (1 - r d v) exp(r d v), its energy integral, solved for d."""
+        """Damping d, per m/s, in contact force = stiffness depth (1 + d speed) (Hunt and Crossley 1975).
+
+        An impact at `speed` v must rebound at r v. The energy integral gives (1 + d v) exp(-d v) =
+        (1 - r d v) exp(r d v), which is solved for d.
+        """
         r = self.restitution
         if r == 1.0:
             return 0.0
@@ -147,9 +164,24 @@ class Touchdown(_Checked):
 
 @dataclass(frozen=True)
 class Rotor:
-    """A free rotor. axis: one radial axis of both bearings together (see `Rig`), of which each has half; gains: by
-    what they act on (`CONTROLS`); clearance: of the axis, in both planes; gravity: m/s2 along x, y and z; motor and
-    thermal mass where known: the simulation holds the speed that it is told, whatever drives it."""
+    """A free rotor.
+
+    Attributes:
+        name: Its name.
+        axis: One radial axis of both bearings together (see `Rig`); each bearing has half of it.
+        body: Its body.
+        planes: Positions of magnets and probes.
+        axial: Its passive axial support.
+        gains: By what they act on (`CONTROLS`).
+        unbalance: Its unbalance.
+        runout: Its runout.
+        fluid: Effect of a fluid.
+        touchdown: Contact at the axis' clearance, in both planes.
+        gravity: Along x, y and z, m/s2.
+        bounds: Bounds of the gains.
+        motor: Its motor, if known; the simulation keeps the given speed, whatever drives it.
+        thermal: Its thermal mass, if known.
+    """
 
     name: str
     axis: Rig
@@ -182,23 +214,28 @@ class Rotor:
 
     @property
     def moving_mass(self) -> float:
-        """kg, fluid included."""
+        """Moving mass, kg, with the fluid."""
         return self.body.mass + self.fluid.added_mass
 
     @property
     def moving_inertia(self) -> float:
-        """kg m2 across the axis, fluid included."""
+        """Inertia across the axis, kg m2, with the fluid."""
         return self.body.transverse_inertia + self.fluid.added_inertia
 
 
 def hollow_cylinder(mass: float, inner: float, outer: float, length: float) -> tuple[float, float]:
-    """Transverse and polar inertia (kg m2) of a hollow cylinder of so much mass (kg); radii and length in m."""
+    """Transverse and polar inertia (kg m2) of a hollow cylinder; mass in kg, radii and length in m."""
     square = inner**2 + outer**2
     return mass * (3 * square + length**2) / 12, mass * square / 2
 
 
 def load_rotor(source: str | Path) -> Rotor:
-    """A preset by name, or a rotor TOML by path. ValueError names the file and key; OSError when it cannot be read."""
+    """Load a preset by name, or a rotor TOML by path.
+
+    Raises:
+        ValueError: A value does not fit; the message names the file and key.
+        OSError: The file cannot be read.
+    """
     if str(source) in ROTORS:
         text, where = (ROTOR_FOLDER / f"{source}.toml").read_text(), str(source)
     else:

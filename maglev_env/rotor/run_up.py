@@ -1,4 +1,4 @@
-"""The run-up: a rotor at a ladder of speeds, how far it moves, what its coils draw, and whether it touches down."""
+"""The run-up: a rotor at a series of speeds, how far it moves, its coil currents, and whether it touches down."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
@@ -9,21 +9,29 @@ from maglev_env.rotor.lanes import Run
 from maglev_env.rotor.rotor import Rotor
 from maglev_env.rotor.simulate import Spun, reduced
 
-SPEEDS = np.arange(0.0, 14_001.0, 500.0)  # rpm, as the dissertation ran it up (3.5)
-SETTLE, MEASURE = 0.36, 0.24  # s; what is measured is whole turns at every multiple of 250 rpm
+SPEEDS = np.arange(0.0, 14_001.0, 500.0)  # rpm, as in the dissertation (D 3.5)
+SETTLE, MEASURE = 0.36, 0.24  # s; the measured time holds whole turns at every multiple of 250 rpm
 
-# One seed for all rotors, or a list of one for each: whole numbers from 0 on, or tuples of them.
+# One seed for all rotors, or a list with one for each: integers from 0 on, or tuples of them.
 Seed = int | tuple[int, ...]
 Seeds = Seed | list[Seed]
 
 
 @dataclass(frozen=True)
 class RunUp:
-    """n rotors at s speeds (rpm): peak (n, s, 2), largest radial reading at the probe planes, from the centre
-    as ISO 14839-2 takes it, m, at least the clearance after a touchdown; once (n, s, 3), amplitude at the speed of
-    rotation of the probes in x at a and b and of an axial probe, m (at standstill the square root of twice the
-    variance); coil_rms (n, s, 4) A about the mean; copper_loss (n, s) W, bias included;
-    contact (n, s, 3) N and first_contact (n, s, 3) s, nan without one, as `simulate.PLACES`."""
+    """n rotors at s speeds.
+
+    Attributes:
+        speed_rpm: (s,), rpm.
+        peak: Largest radial reading at the probe planes from the centre, as in ISO 14839-2, (n, s, 2), m; at least the
+            clearance after a touchdown.
+        once: Amplitude at the rotation frequency of the probes in x at a and b and of an axial probe, (n, s, 3), m; at
+            standstill the square root of twice the variance.
+        coil_rms: About the mean, (n, s, 4), A.
+        copper_loss: With the bias, (n, s), W.
+        contact: As `simulate.PLACES`, (n, s, 3), N.
+        first_contact: As `simulate.PLACES`, (n, s, 3), s; nan without contact.
+    """
 
     speed_rpm: np.ndarray
     peak: np.ndarray
@@ -35,12 +43,16 @@ class RunUp:
 
     @property
     def touched_down(self) -> np.ndarray:
-        """Whether anything was touched, (n, s)."""
+        """Whether there was any contact, (n, s)."""
         return np.isfinite(self.first_contact).any(axis=-1)
 
 
 def seeds_of(seed: Seeds, n: int) -> list[tuple[int, ...]]:
-    """A seed for each of n rotors; ValueError where there are not n."""
+    """A seed for each of n rotors.
+
+    Raises:
+        ValueError: Their number is not n.
+    """
     seeds = list(seed) if isinstance(seed, list) else [seed] * n
     if len(seeds) != n:
         raise ValueError(f"seed: {len(seeds)} seeds for {n} rotors; give one for all, or a list of one for each")
@@ -48,7 +60,11 @@ def seeds_of(seed: Seeds, n: int) -> list[tuple[int, ...]]:
 
 
 def checked_speeds(name: str, values: Sequence[float]) -> np.ndarray:
-    """Speeds (s,) rpm; ValueError unless they are one or more finite numbers."""
+    """Speeds (s,) rpm.
+
+    Raises:
+        ValueError: They are not one or more finite numbers.
+    """
     found = np.atleast_1d(np.asarray(values, float))
     if found.ndim != 1 or not found.size or not np.isfinite(found).all():
         raise ValueError(f"{name}: give one or more finite numbers, rpm")
@@ -56,10 +72,18 @@ def checked_speeds(name: str, values: Sequence[float]) -> np.ndarray:
 
 
 def run_up(rotors: Sequence[Rotor], speeds: np.ndarray = SPEEDS, seed: Seeds = 0, threads: int | None = None) -> RunUp:
-    """Each rotor at each speed (rpm) by itself, from rest in the centre, under its own gains.
+    """Simulate each rotor at each speed separately, from rest in the centre, under its own gains.
 
-    seed: one for all rotors, or one for each; where a rotor stands among the others does not matter. A rotor that
-    touches down is reported as such and goes on. ValueError for speeds that are not finite numbers, or other seeds.
+    A rotor that touches down is reported, and its simulation continues.
+
+    Args:
+        rotors: The rotors.
+        speeds: rpm.
+        seed: One for all, or one for each; the order of the rotors does not matter.
+        threads: Number of threads.
+
+    Raises:
+        ValueError: Speeds that are not finite numbers, or wrong seeds.
     """
     seeds = seeds_of(seed, len(rotors))
     speeds = checked_speeds("speeds", speeds)
@@ -78,7 +102,7 @@ def _measured(spun: Spun, runs: Sequence[Run]) -> RunUp:
     moving = channels - mean
     radial = np.hypot(channels[:, 0:4:2], channels[:, 1:4:2]).max(axis=-1)
     rotors = [run.rotor for run in runs]
-    touched = np.isfinite(spun.first_contact[:, :2]).any(axis=1)  # it reached the bearing, and may lie there still
+    touched = np.isfinite(spun.first_contact[:, :2]).any(axis=1)  # it reached the bearing and may still lie there
     clearance = np.array([rotor.axis.clearance for rotor in rotors])
     radial = np.where(touched[:, None], np.maximum(radial, clearance[:, None]), radial)
     apart = np.array([np.diff(rotor.planes.probes)[0] for rotor in rotors])
@@ -91,7 +115,7 @@ def _measured(spun: Spun, runs: Sequence[Run]) -> RunUp:
         turn = np.exp(-1j * run.speed * t)
         once[i] = abs(2 * (watched * turn).mean(axis=-1)) if run.speed else np.sqrt(2) * watched.std(axis=-1)
     rms = moving[:, 4:8].std(axis=-1)
-    # Opposite coils carry the bias plus and minus the control current, of which the mean holds the weight.
+    # Opposite coils carry the bias plus and minus the control current, whose mean carries the weight.
     bias = np.array([rotor.axis.bias_current for rotor in rotors])
     resistance = np.array([rotor.axis.coil_resistance for rotor in rotors])
     squares = (channels[:, 4:8] ** 2).mean(axis=-1).sum(axis=-1)

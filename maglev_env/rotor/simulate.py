@@ -1,4 +1,4 @@
-"""Free rotors simulated in lanes: to recordings, or reduced block by block."""
+"""Simulation of free rotors in lanes: as recordings, or reduced block by block."""
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, fields
@@ -18,10 +18,17 @@ Reduced = TypeVar("Reduced")
 
 @dataclass(frozen=True)
 class Spun:
-    """n runs: channels (n, 9, samples) as `CHANNELS`, m and A; state (n, 10) at the end, q and its rates (m, rad); of
-    contacts the greatest force (n, 3) N, time of the first (n, 3) s, nan without one, as `PLACES`, from the very start;
-    rubbed (n,) J that friction took; end (n, 32), all states at the end, the turn, coils and controllers included, from
-    which another recording goes on."""
+    """n simulated runs.
+
+    Attributes:
+        channels: As `CHANNELS`, (n, 9, samples), m and A.
+        state: q and its rates at the end, (n, 10), m and rad.
+        contact: Greatest contact force since the start, as `PLACES`, (n, 3), N.
+        first_contact: Time of the first contact, (n, 3), s; nan without one.
+        rubbed: Energy lost to friction, (n,), J.
+        end: All states at the end, with the turn, coils and controllers, (n, 32); another recording can continue from
+            them.
+    """
 
     channels: np.ndarray
     state: np.ndarray
@@ -41,11 +48,21 @@ def spin(
     start: np.ndarray | None = None,
     threads: int | None = None,
 ) -> Spun:
-    """Record runs over so many control samples, after so many more to settle; from rest in the centre, or from `start`:
-    q and rates (10,) of all, or `Spun.end` (n, 32) of as many runs. Give these other seeds, or their noise repeats.
+    """Record runs, after a time to settle, from rest in the centre or from a given state.
 
-    injection (4, n) A, added to the commands as `linear.AXES`, and force (5, n), generalised forces along q, N and N m,
-    repeat every n samples from the start on. ValueError as `reduced`.
+    Args:
+        runs: The runs.
+        samples: Control samples recorded.
+        settle: Control samples before them.
+        injection: Currents added to the commands, ordered as `linear.AXES`, (4, n), A, repeated from the start on.
+        force: Generalised forces along q, (5, n), N and N m, repeated from the start on.
+        substeps: Integration steps per control sample.
+        start: q and rates (10,) of all runs, or `Spun.end` (n, 32) of as many runs. Runs that continue need other
+            seeds, or their noise repeats.
+        threads: Number of threads.
+
+    Raises:
+        ValueError: As `reduced`.
     """
     parts = reduced(runs, samples, lambda spun, _: spun, settle, injection, force, substeps, start, threads)
     found = list(zip(*([getattr(p, f.name) for f in fields(Spun)] for p in parts), strict=True))
@@ -63,9 +80,10 @@ def reduced(
     start: np.ndarray | None = None,
     threads: int | None = None,
 ) -> Iterator[Reduced]:
-    """What `reduce` makes of each block of runs, in their order: recordings of many need not be there at once.
+    """Results of `reduce` for each block of runs, in order, so that many recordings need not exist at once.
 
-    ValueError when runs differ in control rate, or a waveform or start has another shape than said.
+    Raises:
+        ValueError: Runs differ in control rate, or a waveform or start has the wrong shape.
     """
     if not runs:
         raise ValueError("give at least one run")
