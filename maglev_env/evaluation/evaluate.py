@@ -1,4 +1,4 @@
-"""Score gain sets the way a rig would be scored: simulate the identification experiment, estimate, score."""
+"""Scoring of gain sets as on a real rig: simulate the identification experiment, estimate, score."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields, replace
@@ -21,21 +21,36 @@ from maglev_env.rig.excitation import lines_at
 from maglev_env.rig.rig import Rig, axis_rig
 from maglev_lanes.threads import over_threads
 
-CHUNK = 64  # experiments estimated together: keeps the largest temporary near 10 MB per thread
+CHUNK = 64  # experiments estimated together, which keeps the largest temporary near 10 MB per thread
 
 
 @dataclass(frozen=True)
 class Evaluation:
-    """n scored experiments; arrays (n,) unless said otherwise, nan where the rotor touched down.
+    """n scored experiments; arrays (n,) unless stated, nan where the rotor touched down.
 
-    bands (b, 2) Hz with band_stiffness, band_damping and their *_se (n, b) by maximum likelihood; stiffness, damping
-    and their 95 % bounds in the rig's target band, and ls_* beside them; margins: name -> (n,), nan where the crossing
-    lies outside the injection lines; peak_sensitivity_se; pole_radius of the simulated loop, linearised; terms; score;
-    feasible: that loop is stable and the rotor never touched down (it may also lean near a pole, unstable at centre).
-    gap_error_*: of the sensed displacement, m; added_phase: lag (degrees) of self-sensing beyond the probe's where the
-    phase margin is taken, and margin_lost: phase margin (degrees) that the probe would have had more; nan with a probe.
-    axis: of an x-y rig everything is that of the axis with the lower score, 0 (x) or 1 (y), by D's direct coefficients;
-    peak_displacement is radial and current_rms the larger one.
+    For an x-y rig every value is that of the axis with the lower score, by D's direct coefficients; there
+    peak_displacement is radial and current_rms is the larger one.
+
+    Attributes:
+        bands: (b, 2), Hz.
+        band_stiffness: By maximum likelihood, (n, b); likewise band_damping and the standard errors *_se.
+        stiffness: In the rig's target band, with the 95 % bounds *_low and *_high; likewise damping. ls_* are the
+            least-squares values.
+        margins: Margins by name, (n,); nan where the crossing lies outside the injection lines.
+        peak_sensitivity_se: Standard error.
+        peak_displacement: m.
+        current_rms: A.
+        touchdown_time: s.
+        gap_error_rms: Of the sensed displacement, m; likewise gap_error_bias and gap_error_worst.
+        added_phase: Lag of self-sensing beyond the probe's at the frequency of the phase margin, degrees; nan with a
+            probe.
+        margin_lost: Phase margin that a probe would have in addition, degrees; nan with a probe.
+        pole_radius: Of the simulated loop, linearised.
+        terms: Score terms.
+        score: 0 to 1.
+        feasible: The linearised loop is stable and the rotor never touched down. A rotor may also stay near a pole
+            although it is unstable in the centre.
+        axis: 0 (x) or 1 (y).
     """
 
     bands: np.ndarray
@@ -69,9 +84,12 @@ class Evaluation:
 
 
 def score_target(rig: Rig) -> ScoreTarget:
-    """A one-axis rig's target; a stiffness or damping it does not give is that of its nominal loop at its preset gains.
+    """Target of a one-axis rig; a stiffness or damping that it does not give is that of its nominal preset loop.
 
-    For an axis of an x-y rig see `rig.axis_rig`. ValueError when the preset gains do not stabilise the nominal loop.
+    For an axis of an x-y rig see `rig.axis_rig`.
+
+    Raises:
+        ValueError: The preset gains do not stabilise the nominal loop.
     """
     t = rig.target
     stiffness, damping = t.stiffness, t.damping
@@ -97,7 +115,7 @@ def _nominal_coefficients(rig: Rig) -> tuple[float, float]:
 
 
 def force_statistics(statistics: LineStatistics, experiment: Experiment) -> LineStatistics:
-    """The force lines, with the converter's hold taken out of the force."""
+    """The force lines with the converter's hold removed from the force."""
     lines = lines_at(experiment.excitations, "force")
     if not lines.size:
         raise ValueError("experiment: stiffness and damping need an excitation at the force")
@@ -111,12 +129,17 @@ def evaluate(
     targets: Sequence[ScoreTarget] | None = None,
     bands: np.ndarray | None = None,
 ) -> Evaluation:
-    """Simulate, estimate and score experiments of one kind of rig (gains, parameters, effects and seeds may differ).
+    """Simulate, estimate and score experiments of one kind of rig; gains, parameters, effects and seeds may differ.
 
-    threads: default all cores; results do not depend on it. progress is called with the number of experiments done.
-    targets: one per experiment, for every axis; default that of the first rig. bands (b, 2) Hz: default the sliding
-    ones of the first rig's protocol. ValueError when the experiments do not share excitations and schedule, or lack a
-    force or a current excitation.
+    Args:
+        experiments: The experiments.
+        threads: Number of threads, by default all cores; results do not depend on it.
+        progress: Called with the number of experiments done.
+        targets: One per experiment, for every axis; by default that of the first rig.
+        bands: Bands (b, 2), Hz; by default the sliding ones of the first rig's protocol.
+
+    Raises:
+        ValueError: The experiments do not share excitations and schedule, or lack a force or a current excitation.
     """
     if not experiments:
         raise ValueError("give at least one experiment")
@@ -148,7 +171,7 @@ def _evaluate_chunk(
     parts = [_of_axis(experiments, axis, simulated, radius, target, bands) for axis, target in enumerate(targets)]
     if len(parts) == 1:
         return parts[0]
-    # A rotor is as good as its worse axis.
+    # A rotor is only as good as its worse axis.
     worse = np.argmin([part.score for part in parts], axis=0)
     return _combined(parts, lambda values: np.choose(worse.reshape(-1, *[1] * (values[0].ndim - 1)), values))
 
@@ -161,7 +184,7 @@ def _of_axis(
     target: ScoreTarget,
     bands: np.ndarray | None,
 ) -> Evaluation:
-    """Estimates and scores of one axis of already simulated experiments."""
+    """Estimates and scores of one axis of simulated experiments."""
     whole, first = experiments[0], axis_experiment(experiments[0], axis)
     protocol, band = whole.rig.protocol, np.array([whole.rig.target.band], dtype=float)
     alive = np.isnan(simulated.touchdown_time)
@@ -230,8 +253,17 @@ def _of_axis(
 def _sensing_cost(
     probe_lag: np.ndarray, injection: LineStatistics, sensitivity: np.ndarray, margins: dict[str, np.ndarray]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """What self-sensing costs beyond a probe, degrees (n,) each: lag added at the phase margin's crossover, and phase
-    margin lost, from what it did to the injection lines. probe_lag (n,): time constant of the probe, s."""
+    """Cost of self-sensing compared with a probe, degrees (n,) each, from its effect on the injection lines.
+
+    Args:
+        probe_lag: Time constant of the probe, (n,), s.
+        injection: Statistics of the injection lines.
+        sensitivity: Sensitivity at these lines.
+        margins: Margins of the loop.
+
+    Returns:
+        Lag added at the crossover of the phase margin, and phase margin lost.
+    """
     frequency = injection.frequency
     read, was = (injection.mean[:, injection.channels.index(name)] for name in ("displacement", "position"))
     probe = 1 / (1 + 2j * np.pi * frequency * probe_lag[:, None])
@@ -254,7 +286,7 @@ def _scatter(values: np.ndarray, alive: np.ndarray) -> np.ndarray:
 
 
 def _combined(parts: Sequence[Evaluation], join: Callable[[list[np.ndarray]], np.ndarray]) -> Evaluation:
-    """One evaluation with every array joined from those of the parts; their bands are the same."""
+    """One evaluation with every array joined from those of the parts, which have the same bands."""
     joined = {}
     for f in fields(Evaluation):
         values = [getattr(p, f.name) for p in parts]

@@ -1,4 +1,4 @@
-"""From one recording to stiffness, damping and stability with their uncertainty: the `maglev estimate` pipeline."""
+"""Identification of one recording: stiffness, damping and stability with their uncertainty, for `maglev estimate`."""
 
 from dataclasses import dataclass, replace
 
@@ -21,12 +21,12 @@ from maglev_env.recordings.spectra import RecordedSignals, RecordSpectra, record
 from maglev_env.rig.rig import Rig
 
 NORMAL_95 = 1.959964
-BIAS_SHARE = 0.5  # least squares is called biased when noise moves it by half its own standard error
+BIAS_SHARE = 0.5  # least squares counts as biased when noise moves it by half of its own standard error
 
 
 @dataclass(frozen=True)
 class Band:
-    """One estimation band: Hz, SI, 95 % intervals with -inf or inf where unbounded."""
+    """One estimation band in SI units, with 95 % intervals that are -inf or inf where they are not bounded."""
 
     f_lo: float
     f_hi: float
@@ -51,7 +51,7 @@ class Band:
 
 @dataclass(frozen=True)
 class Stability:
-    """Margins with intervals; source: "injection" (measured) or "assumes the nominal actuator"."""
+    """Margins with intervals; source is "injection" (measured) or "assumes the nominal actuator"."""
 
     source: str
     margins: Margins
@@ -64,7 +64,7 @@ class Stability:
 
 @dataclass(frozen=True)
 class Identification:
-    """Everything one recording says. notes: what was assumed, dropped or could not be had, in words."""
+    """Everything that one recording shows; notes say what was assumed, dropped or not available."""
 
     bands: tuple[Band, ...]
     mass: float
@@ -88,11 +88,18 @@ def identify(
     band_width: float | None = None,
     band_overlap: float | None = None,
 ) -> Identification:
-    """Identify one axis of a recording; see `Identification`, and `axis_signals` for one of two axes.
+    """Identify one axis of a recording; for one of two axes see `axis_signals`.
 
-    rig: nominal rig, for the protocol's bands, the clearance and the margins that assume its actuator; mass kg is
-    needed unless estimate_mass. Bands default to the rig's protocol, else to 12 excited lines with two thirds
-    overlap. ValueError says what is missing.
+    Args:
+        signals: The recording.
+        rig: Nominal rig, for the protocol's bands, the clearance and margins that assume its actuator.
+        mass: Moving mass, kg; required unless estimate_mass.
+        estimate_mass: Whether the mass is estimated.
+        band_width: Width of the bands, Hz; by default that of the rig's protocol, otherwise 12 excited lines.
+        band_overlap: Their overlap, Hz; by default that of the rig's protocol, otherwise two thirds.
+
+    Raises:
+        ValueError: Something is missing; the message says what.
     """
     notes = list(signals.assumed)
     if "displacement" not in signals.channels:
@@ -159,7 +166,7 @@ def identify(
 
 
 def band_layout(force: LineStatistics, rig: Rig | None, width: float | None, overlap: float | None) -> np.ndarray:
-    """Estimation bands (b, 2) Hz: as stated, else the rig's protocol's, else 12 lines with two thirds overlap."""
+    """Estimation bands (b, 2) Hz: as stated, or as in the rig's protocol, or 12 lines with an overlap of two thirds."""
     if width is None and rig is not None and rig.protocol is not None:
         width, overlap = rig.protocol.band_width, rig.protocol.band_overlap if overlap is None else overlap
     if width is None:
@@ -207,7 +214,7 @@ def _through_magnets(
             "channel force; or one at the current or reference, the channel current, and a known mass"
         )
     excited = statistics.at_lines(lines)
-    # What a converter puts out it holds; a current behind an amplifier's lag only where that is stated.
+    # A converter holds its output; a current behind an amplifier's lag is taken as held only where that is stated.
     hold_rate = signals.hold_rate or (signals.sample_rate if drive == "command" else None)
     if hold_rate:
         excited = held(excited, drive, hold_rate)
@@ -218,14 +225,14 @@ def _through_magnets(
 
 
 def _with_gain_uncertainty(band: Band, share: float, mass: float) -> Band:
-    """The band with its intervals widened by a relative error of the actuator gain: it scales k - m w^2 and c."""
+    """The band with intervals widened by a relative error of the actuator gain, which scales k - m w^2 and c."""
     w = np.pi * (band.f_lo + band.f_hi)
     wide = _widened(band, "stiffness", share * abs(band.stiffness - mass * w**2))
     return _widened(wide, "damping", share * abs(band.damping))
 
 
 def _widened(band: Band, name: str, se: float) -> Band:
-    """The band with one coefficient's interval and standard error widened by an independent standard error."""
+    """The band with the interval and standard error of one coefficient widened by an independent standard error."""
     value, (low, high) = getattr(band, name), getattr(band, f"{name}_ci")
     ci = (
         float(value - np.hypot(value - low, NORMAL_95 * se)),
@@ -235,12 +242,12 @@ def _widened(band: Band, name: str, se: float) -> Band:
 
 
 def _with_mass_uncertainty(band: Band, mass_se: float) -> Band:
-    """The band with its stiffness interval widened by m w^2's share: a wrong mass moves k by w^2 as much."""
+    """The band with its stiffness interval widened by a mass error, which changes k by w^2 times as much."""
     return _widened(band, "stiffness", mass_se * (np.pi * (band.f_lo + band.f_hi)) ** 2)
 
 
 def _effective(frequency: float, signals: RecordedSignals, rig: Rig | None) -> tuple[float | None, float | None]:
-    """D eq 4.5 with the digital controller's own response: what the gains alone promise, support included."""
+    """D eq 4.5 with the digital controller's own response: the values of the gains alone, with the support."""
     if rig is None or not rig.controlled or signals.gains is None:
         return None, None
     gain, stiffness = linearise(force_law(rig))

@@ -14,11 +14,18 @@ from maglev_env.rig.rig import Rig, axis_rig
 
 @dataclass(frozen=True)
 class PlanarIdentification:
-    """What recordings of one loop say together. bands (b, 2) Hz.
+    """What recordings of one loop show together.
 
-    estimate, least_squares: the eight coefficients, nan in bands where the recordings move x and y along one line only.
-    row_sums: what each recording tells by itself, in their order. bearing_stiffness, bearing_damping (b, 2, 2): the
-    estimate less the rig's support, all of it in x and all of it in y; None without a support.
+    Attributes:
+        bands: (b, 2), Hz.
+        masses: Of x and y, kg.
+        estimate: The eight coefficients; nan in bands where all recordings move x and y along one line.
+        least_squares: The same by least squares.
+        row_sums: What each recording shows by itself, in order.
+        bearing_stiffness: (b, 2, 2), the estimate without the rig's support, taken off in x and in y; None without a
+            support.
+        bearing_damping: The same for the damping.
+        notes: What was assumed or not available.
     """
 
     bands: np.ndarray
@@ -38,10 +45,12 @@ def identify_planar(
     band_width: float | None = None,
     band_overlap: float | None = None,
 ) -> PlanarIdentification:
-    """The eight coefficients from x-y recordings made with the same controllers; see `PlanarIdentification`.
+    """The eight coefficients from x-y recordings made with the same controllers.
 
-    Bands as `identify` lays them. mass kg, of both axes where the rig does not give one its own. ValueError when a
-    channel or a force excitation is missing.
+    The bands are those of `identify`. The mass (kg) is that of both axes where the rig does not give one its own.
+
+    Raises:
+        ValueError: A channel or a force excitation is missing.
     """
     if not records:
         raise ValueError("the eight coefficients need at least one recording, better two")

@@ -1,4 +1,4 @@
-"""One number for a gain set: named terms in (0, 1], weighted geometrically."""
+"""The score of a gain set: named terms in (0, 1], combined as a weighted geometric mean."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
@@ -17,7 +17,7 @@ WEIGHTS: Mapping[str, float] = {
 
 @dataclass(frozen=True)
 class ScoreTarget:
-    """What the terms are measured against, all known: N/m, N s/m, peak |S|, m, A rms, m; numbers, or arrays (n,)."""
+    """Reference values of the terms in N/m, N s/m, peak |S|, m, A rms and m; numbers, or arrays (n,)."""
 
     stiffness: float
     damping: float
@@ -28,7 +28,7 @@ class ScoreTarget:
 
 
 def stacked(targets: Sequence[ScoreTarget]) -> ScoreTarget:
-    """n targets as one, every field an array (n,)."""
+    """n targets as one, with every field an array (n,)."""
     return ScoreTarget(*(np.array([getattr(t, f.name) for t in targets]) for f in fields(ScoreTarget)))
 
 
@@ -41,11 +41,16 @@ def terms(
     current: np.ndarray,
     gap_error: np.ndarray | float = 0.0,
 ) -> dict[str, np.ndarray]:
-    """Score terms in (0, 1], arrays of one shape.
+    """Score terms in (0, 1], arrays of one shape. A stiffness or damping that is not positive gives 0.
 
-    stiffness N/m and damping N s/m as identified in the target band; peak_sensitivity from the injection lines;
-    displacement: largest reading, m; current: rms, A; gap_error: rms of the sensed gap, m (0 with a probe).
-    A stiffness or damping that is not positive gives 0.
+    Args:
+        target: Reference values.
+        stiffness: Identified in the target band, N/m.
+        damping: Identified in the target band, N s/m.
+        peak_sensitivity: From the injection lines.
+        displacement: Largest reading, m.
+        current: Rms, A.
+        gap_error: Rms of the sensed gap, m; 0 with a probe.
     """
     with np.errstate(invalid="ignore", divide="ignore"):
         return {

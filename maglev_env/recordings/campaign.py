@@ -33,13 +33,22 @@ _RECORDING_KEYS = (
 
 @dataclass(frozen=True)
 class RecordingSpec:
-    """One recording of a campaign, as campaign.toml states it.
+    """One recording of a campaign as campaign.toml states it.
 
-    file: relative to the campaign's folder. sample_rate in Hz. start: first sample used, from 0. samples: how many
-    (None: all to the end). periods: whole periods in them, where stated. gains: PID gains or a linear controller, one
-    for all axes or one each for x and y; None: the rotor runs uncontrolled.
-    intersample: between samples the force is band-limited ("bl", a reading) or held by a converter ("zoh"); None: not
-    stated, see `recorded.recorded_signals`.
+    Attributes:
+        file: Relative to the campaign's folder.
+        role: "fit" or "holdout".
+        sample_rate: Hz.
+        start: First sample used, counted from 0.
+        samples: Number of samples used; None for all to the end.
+        periods: Number of whole periods in them, where stated.
+        speed_rpm: Speed of rotation.
+        gains: PID gains or a linear controller, one for all axes or one each for x and y; None for an uncontrolled
+            rotor.
+        excitations: What excites the rig.
+        channels: Where each channel comes from.
+        intersample: Force between samples: band-limited ("bl", a reading) or held by a converter ("zoh"); None where
+            it is not stated, see `signals.recorded_signals`.
     """
 
     file: str
@@ -56,14 +65,14 @@ class RecordingSpec:
 
     @property
     def samples_per_period(self) -> int | None:
-        """Samples in a period of the excitation; None when nothing periodic drives the recording."""
+        """Samples per period of the excitation; None when nothing periodic excites the recording."""
         periodic = [e for e in self.excitations if e.periodic]
         return periodic[0].samples_per_period(self.sample_rate) if periodic else None
 
 
 @dataclass(frozen=True)
 class Campaign:
-    """A folder of recordings, the nominal rig (None: not known) and the moving mass in kg (None: to be estimated)."""
+    """A folder of recordings, its nominal rig (None: not known) and moving mass in kg (None: to be estimated)."""
 
     folder: Path
     rig: Rig | None
@@ -72,13 +81,16 @@ class Campaign:
 
 
 def load_campaign(folder_or_toml: str | Path) -> Campaign:
-    """Read and check campaign.toml (schema maglev-campaign/1); the data files are only looked for, not read.
+    """Read and check campaign.toml (schema maglev-campaign/1); data files must exist, but are not read.
 
-    [parameters] override the rig; without a rig they may give the mass. `periods` of an excitation states how many
-    whole periods are used from `start` on, transients included; without it and without `samples`, everything to the end
-    is used. A random-phase multisine needs its channel, because its phases are unknown. An SPHS may lack its channel:
-    its phases are then those of the design, and a period of it must begin exactly at `start`, with the design's sign.
-    ValueError names the file, the recording and the key; OSError when campaign.toml or a data file is not there.
+    [parameters] override values of the rig; without a rig they may give the mass. `periods` of an excitation states the
+    number of whole periods used from `start` on, transients included; without it and without `samples`, everything to
+    the end is used. A random-phase multisine needs its channel, because its phases are unknown. An SPHS may lack its
+    channel; its phases are then those of the design, and a period must begin exactly at `start` with the design's sign.
+
+    Raises:
+        ValueError: A value does not fit; the message names the file, the recording and the key.
+        OSError: campaign.toml or a data file does not exist.
     """
     path = Path(folder_or_toml)
     path = path / "campaign.toml" if path.is_dir() else path
@@ -108,8 +120,13 @@ def _campaign(folder: Path, data: dict[str, Any]) -> Campaign:
 
 
 def campaign_rig(folder: Path, source: Any, parameters: dict[str, Any]) -> tuple[Rig | None, float | None]:
-    """The nominal rig that a campaign.toml in the folder names, with its [parameters], and the moving mass in kg; None
-    where it says neither. ValueError when they do not fit."""
+    """The nominal rig that a campaign.toml names, with its [parameters], and the moving mass in kg.
+
+    Either is None where it is not stated.
+
+    Raises:
+        ValueError: They do not fit.
+    """
     if source is None:
         check_known(parameters, ("mass",), "[parameters] without a rig")
         if "mass" not in parameters:
@@ -180,7 +197,7 @@ def _checked_recording(file: str, table: dict[str, Any]) -> RecordingSpec:
 def _data_file(folder: Path, file: Any) -> str:
     if not isinstance(file, str) or not file:
         raise ValueError(f"file = {file!r}; give the name of a data file beside campaign.toml")
-    pure = PureWindowsPath(file)  # knows both kinds of separators and drives
+    pure = PureWindowsPath(file)  # recognises separators and drives of both kinds of systems
     inside = not pure.anchor and ".." not in pure.parts
     if not inside or not (folder / file).resolve().is_relative_to(folder.resolve()):
         raise ValueError(f"file = {file!r} leaves the campaign folder; put the file inside and name it relative to it")

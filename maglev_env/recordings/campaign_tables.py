@@ -17,7 +17,7 @@ _EXCITATION_KEYS = (*(f.name for f in fields(Excitation)), "harmonics", "periods
 
 @dataclass(frozen=True)
 class ChannelSource:
-    """Where a channel comes from: SI value = scale * (sum of weights * columns) + offset."""
+    """Source of a channel: SI value = scale * (sum of weights * columns) + offset."""
 
     columns: tuple[str, ...]
     weights: tuple[float, ...]
@@ -26,7 +26,7 @@ class ChannelSource:
 
 
 def excitations_table(value: Any, rate: float, channels: Mapping) -> tuple[tuple[Excitation, ...], int | None]:
-    """The checked excitations of a recording sampled at `rate` (Hz), and their common number of periods if stated."""
+    """The checked excitations of a recording sampled at `rate` (Hz), and their common number of periods, if stated."""
     if not value:
         raise ValueError('excitation is missing; write excitation = { kind = "none" } when nothing was excited')
     tables = [table_of(t, "excitation") for t in (value if isinstance(value, list) else [value])]
@@ -59,7 +59,7 @@ def _check_lines(table: Mapping[str, Any], rate: float) -> None:
     fundamental = number_of(table, "fundamental", 1.0, "excitation")
     for key in ("lines", "harmonics"):
         for line in _list_of(table.get(key, []), f"excitation: {key}"):
-            # Bounded before a range is laid out: a slip of the pen must not take gigabytes.
+            # Checked before a range is expanded, because a typing error must not allocate gigabytes.
             if type(line) is not int or not 1 <= line <= MAX_HARMONIC or line * fundamental >= rate / 2:
                 raise ValueError(
                     f"excitation: {key}: {line!r} is not a whole number from 1 to below half the rate, "
@@ -96,7 +96,7 @@ def table_of(value: Any, where: str) -> dict[str, Any]:
 
 
 def number_of(table: Mapping[str, Any], key: str, default: float | None = None, where: str = "") -> float:
-    """A finite number from a table; without a default it must be there."""
+    """A finite number from a table; it is required where there is no default."""
     value, name = table.get(key, default), f"{where}: {key}" if where else key
     if value is None:
         raise ValueError(f"{name} is missing")
@@ -106,7 +106,7 @@ def number_of(table: Mapping[str, Any], key: str, default: float | None = None, 
 
 
 def whole_of(table: Mapping[str, Any], key: str, default: int | None, least: int) -> int | None:
-    """A whole number from a table, at least `least`."""
+    """An integer from a table, at least `least`."""
     value = table.get(key, default)
     if value is not None and (type(value) is not int or value < least):
         raise ValueError(f"{key} = {value!r} must be a whole number, at least {least}")

@@ -33,14 +33,26 @@ def write_campaign(
     data_format: Literal["npz", "mat", "csv"] = "npz",
     overwrite: bool = False,
 ) -> Path:
-    """Write a campaign folder and return the path of its campaign.toml, which is written last.
+    """Write a campaign folder; its campaign.toml is written last.
 
-    rig_source: preset, or path of a rig TOML, which is copied to rig.toml beside the campaign. parameters: overrides of
-    it. recordings: (name, role, simulated dataset, its experiment); the whole dataset is written, transient periods
-    included, with a time column, and the experiment gives gains and excitations; None where no loop ran and nothing was
-    excited, as for a coil alone. Effects, offset and seed are not written: a campaign holds what an engineer knows.
-    Reading gives the same variables back, bit for bit.
-    ValueError when something does not fit the format, or the campaign exists and overwrite is not set.
+    Effects, offset and seed are not written, because a campaign holds what an engineer knows. Reading gives the same
+    variables back, bit for bit.
+
+    Args:
+        folder: The folder.
+        rig_source: A preset, or the path of a rig TOML, which is copied to rig.toml in the folder.
+        parameters: Values that override those of the rig.
+        recordings: Name, role, simulated dataset and its experiment. The whole dataset is written with a time column,
+            transient periods included; the experiment gives gains and excitations. It is None where no loop ran and
+            nothing was excited, as for a coil alone.
+        data_format: Format of the data files.
+        overwrite: Whether an existing campaign is replaced.
+
+    Returns:
+        Path of campaign.toml.
+
+    Raises:
+        ValueError: Something does not fit the format, or the campaign exists and overwrite is not set.
     """
     folder = Path(folder)
     target = folder / "campaign.toml"
@@ -136,7 +148,7 @@ def toml_value(value: Any) -> str:
         return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
     if isinstance(value, list | tuple):
         text = ", ".join(map(toml_value, value))
-        if len(text) < _LINE // 2 or any(isinstance(v, str) for v in value):  # a break inside a string would change it
+        if len(text) < _LINE // 2 or any(isinstance(v, str) for v in value):  # a line break would change a string
             return f"[{text}]"
         return "[\n" + fill(text, _LINE, **_WRAP) + "\n]"
     return repr(int(value)) if isinstance(value, int) else repr(float(value))

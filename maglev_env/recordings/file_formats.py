@@ -1,6 +1,7 @@
-"""What `files` reads from: each format's top-level names, and a reader of one value below them.
+"""Readers of the file formats: for each, its top-level names and a function that reads one value below them.
 
-Nothing in a file is executed: no pickles, no links to other files, sizes bounded before memory is asked for.
+Nothing in a file is executed: there is no unpickling, links to other files are not followed, and sizes are checked
+before memory is allocated.
 """
 
 import csv
@@ -26,11 +27,11 @@ Reader = Callable[[str, Steps], Any]
 
 
 class Refused(ValueError):
-    """What is wrong with one column or file, still without their names."""
+    """A fault of one column or file, still without their names."""
 
 
 def bounded(size: int, what: str) -> None:
-    """Raise Refused when `what` would take more than MAX_DATA_BYTES."""
+    """Raise Refused if `what` would take more than MAX_DATA_BYTES."""
     if size > MAX_DATA_BYTES:
         raise Refused(f"{what} holds {size} bytes, more than the limit of {MAX_DATA_BYTES}; split the recording")
 
@@ -43,7 +44,7 @@ def _unknown(name: str, names: Sequence[str], what: str) -> Refused:
 
 
 def split_name(name: str, roots: Sequence[str]) -> tuple[str, Steps]:
-    """A top-level name and the steps below it (Refused if unknown); the name may hold dots, as CSV headers do."""
+    """A top-level name and the steps below it, Refused if unknown; the name may contain dots, as CSV headers do."""
     for root in sorted(roots, key=len, reverse=True):
         rest = name.removeprefix(root)
         if name.startswith(root) and re.fullmatch(f"(?:{_STEP.pattern})*", rest):
@@ -52,7 +53,7 @@ def split_name(name: str, roots: Sequence[str]) -> tuple[str, Steps]:
 
 
 def _follow(value: Any, steps: Steps, open_level: Callable[[Any], Any]) -> Any:
-    """Walk down structs (dict), struct or cell arrays (list) and matrix columns (ndarray)."""
+    """Follow steps through structs (dict), struct or cell arrays (list) and matrix columns (ndarray)."""
     value = open_level(value)
     for step in steps:
         if isinstance(value, str) or (isinstance(step, str) and isinstance(value, np.ndarray)):
@@ -97,7 +98,7 @@ def open_mat5(path: Path) -> tuple[tuple[str, ...], Reader]:
     """Names and reader of a MATLAB v5 file."""
     variables = open_variables(path)
 
-    @cache  # a dSPACE struct holds every channel: parse it once
+    @cache  # a dSPACE struct holds every channel, so it is parsed once
     def variable(root: str) -> Any:
         return variables.read(root, MAX_DATA_BYTES)
 
@@ -123,7 +124,7 @@ def _open_hdf5(file: Any, node: Any, matlab: bool) -> Any:
     if isinstance(node, h5py.Reference):
         node = file[node]
     if isinstance(node, h5py.Group):
-        # Only hard links: soft and external ones could lead out of the file.
+        # Only hard links, because soft and external ones could lead out of the file.
         members = {n: node[n] for n in node if isinstance(node.get(n, getlink=True), h5py.HardLink)}
         if matlab and members and all(_holds_references(m) and "MATLAB_class" not in m.attrs for m in members.values()):
             bounded(sum(m.nbytes for m in members.values()), node.name)
@@ -198,7 +199,7 @@ def open_csv(path: Path) -> tuple[tuple[str, ...], Reader]:
 
 
 def _full_rows(rows: Iterator[list[str]], width: int) -> Iterator[list[str]]:
-    """The data rows, none of them short, long or blank; blank ones are accepted at the end of the file only."""
+    """The data rows, none too short, too long or blank; blank rows are accepted at the end of the file only."""
     blank = None
     for sample, row in enumerate(rows):
         if not row:

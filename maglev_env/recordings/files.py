@@ -1,4 +1,4 @@
-"""Data files: columns out of .mat (v5 and v7.3), .csv, .npz, .h5 and .nc of strangers; the same written atomically."""
+"""Data files: columns read from .mat (v5 and v7.3), .csv, .npz, .h5 and .nc of any origin, and written atomically."""
 
 import os
 import re
@@ -28,22 +28,28 @@ class Columns:
     def column(self, name: str) -> np.ndarray:
         """One column, shape (samples,), float64, in the file's own unit.
 
-        name: a top-level name, or an expression such as "mb10.Y[0].Data": .field of a struct, [n] (0-based) of a struct
-        or cell array, and last [j] for column j of a matrix. ValueError names the file and column, lists what there
-        is when the name is unknown, and says so when the column is not one row of numbers or the file is damaged.
+        Args:
+            name: A top-level name, or an expression such as "mb10.Y[0].Data": .field of a struct, [n] (from 0) of a
+                struct or cell array, and last [j] for column j of a matrix.
+
+        Raises:
+            ValueError: The name is unknown (the message lists what exists), the column is not one row of numbers, or
+                the file is damaged.
         """
         try:
             return formats.vector(self._read(*formats.split_name(name, self.names)))
         except formats.Refused as problem:
             raise ValueError(f"{self.path}: column {name!r}: {problem}") from None
-        except Exception as error:  # a damaged file makes the libraries raise nearly anything
+        except Exception as error:  # a damaged file can make the libraries raise almost anything
             raise ValueError(f"{self.path}: column {name!r}: the file is truncated or damaged ({error})") from error
 
 
 def read_columns(path: str | Path) -> Columns:
     """Open a data file by its suffix: .mat (v5 or v7.3), .csv with a header line, .npz, .h5 or .nc (netCDF 4).
 
-    OSError when it cannot be read; ValueError when it is too large, damaged or of another kind.
+    Raises:
+        OSError: It cannot be read.
+        ValueError: It is too large, damaged or of another kind.
     """
     path = Path(path)
     kind = path.suffix.lower()
@@ -84,20 +90,32 @@ def atomic_file(path: Path) -> Iterator[BinaryIO]:
 
 
 def write_text_atomic(path: str | Path, text: str) -> None:
-    """Write UTF-8 text so that a reader sees the old file or the whole new one. OSError when it cannot be written."""
+    """Write UTF-8 text so that a reader sees either the old file or the complete new one.
+
+    Raises:
+        OSError: It cannot be written.
+    """
     with atomic_file(Path(path)) as file:
         file.write(text.encode())
 
 
 def write_npz(path: str | Path, columns: Mapping[str, np.ndarray]) -> None:
-    """Write columns, each (samples,), to an .npz file, atomically. ValueError when they differ in length."""
+    """Write columns (samples,) to an .npz file, atomically.
+
+    Raises:
+        ValueError: They differ in length.
+    """
     columns = _writable(path, columns)
     with atomic_file(Path(path)) as file:
         np.savez(file, **columns)
 
 
 def write_mat(path: str | Path, columns: Mapping[str, np.ndarray]) -> None:
-    """Write columns, each (samples,), to a MATLAB v5 file as column vectors, atomically. ValueError as `write_npz`."""
+    """Write columns (samples,) to a MATLAB v5 file as column vectors, atomically.
+
+    Raises:
+        ValueError: As `write_npz`.
+    """
     from scipy.io import savemat
 
     columns = _writable(path, columns)
@@ -106,7 +124,11 @@ def write_mat(path: str | Path, columns: Mapping[str, np.ndarray]) -> None:
 
 
 def write_csv(path: str | Path, columns: Mapping[str, np.ndarray]) -> None:
-    """Write columns, each (samples,), as CSV with a header line, 17 digits, atomically. ValueError as `write_npz`."""
+    """Write columns (samples,) as CSV with a header line and 17 digits, atomically.
+
+    Raises:
+        ValueError: As `write_npz`.
+    """
     columns = _writable(path, columns)
     with atomic_file(Path(path)) as file:
         np.savetxt(file, np.column_stack(list(columns.values())), "%.17g", ",", header=",".join(columns), comments="")

@@ -1,7 +1,7 @@
-"""MATLAB v5 files, read without scipy: its reader can crash the process on a damaged file, this one only raises.
+"""MATLAB v5 files, read without scipy, whose reader can crash the process on a damaged file; this one only raises.
 
-Format: MathWorks, "MAT-File Format", chapter 1. Numbers, structs, objects and cells are read; text, sparse matrices,
-function handles and opaque objects come out as a str that says what they are.
+Format: MathWorks, "MAT-File Format", chapter 1. Numbers, structs, objects and cells are read. Text, sparse matrices,
+function handles and opaque objects are returned as a str that says what they are.
 """
 
 import math
@@ -18,7 +18,7 @@ _TYPES = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8"
 _MATRIX, _COMPRESSED = 14, 15
 _CELL, _STRUCT, _OBJECT, _FIRST_NUMERIC, _LAST_NUMERIC = 1, 2, 3, 6, 15
 _COMPLEX = 0x0800
-_NAME_WITHIN = 4096  # a variable's name lies in this many first bytes
+_NAME_WITHIN = 4096  # a variable's name lies within its first bytes
 
 
 @dataclass(frozen=True)
@@ -31,7 +31,8 @@ class Variables:
     def read(self, name: str, limit: int) -> Any:
         """A variable as ndarray, dict (struct), list (cells, or structs of an array, column by column) or str.
 
-        ValueError or struct.error where the bytes are no such thing, or hold more than `limit` bytes.
+        Raises:
+            ValueError: The bytes are not such a variable, or hold more than `limit` bytes; also struct.error.
         """
         kind, data = self.elements[name]
         if kind == _COMPRESSED:
@@ -44,7 +45,11 @@ class Variables:
 
 
 def open_variables(path: Path) -> Variables:
-    """The variables of a v5 file. ValueError, struct.error or zlib.error when it is damaged or of another kind."""
+    """The variables of a v5 file.
+
+    Raises:
+        ValueError: It is damaged or of another kind; also struct.error or zlib.error.
+    """
     data = memoryview(path.read_bytes())
     order = {b"IM": "<", b"MI": ">"}.get(bytes(data[126:_HEADER]))
     if order is None:
@@ -62,7 +67,7 @@ def open_variables(path: Path) -> Variables:
         name = _Matrix(head, order).name
         if name in elements:
             raise ValueError(f"the variable {name} is there twice")
-        if name:  # MATLAB's own workspace of function handles has none
+        if name:  # MATLAB's own workspace of function handles has no name
             elements[name] = (kind, body)
     return Variables(elements, order)
 
@@ -71,7 +76,7 @@ def _element(data: memoryview, position: int, order: str) -> tuple[int, memoryvi
     """Type and body of the element at a position, and where the next one begins."""
     kind, size = struct.unpack_from(order + "II", data, position)
     start = position + 8
-    if kind >> 16:  # small element: size and type share one word, the body is the next
+    if kind >> 16:  # small element: size and type share one word, and the body is the next word
         kind, size, start = kind & 0xFFFF, kind >> 16, position + 4
         following = position + 8
     else:
@@ -82,7 +87,7 @@ def _element(data: memoryview, position: int, order: str) -> tuple[int, memoryvi
 
 
 class _Matrix:
-    """A cursor over the body of one miMATRIX element; its head is read at once."""
+    """A cursor over the body of one miMATRIX element; its header is read at once."""
 
     def __init__(self, data: memoryview, order: str) -> None:
         self._data, self._order, self._position = data, order, 0
@@ -137,7 +142,7 @@ class _Matrix:
         return _Matrix(body, self._order).value()
 
     def _count(self, arrays_each: int) -> int:
-        """How many elements the shape promises; refused when the bytes left cannot hold them."""
+        """Number of elements that the shape states; refused when the remaining bytes cannot hold them."""
         count = math.prod(self._shape)
         if min(self._shape, default=0) < 0 or 8 * count * max(arrays_each, 1) > max(len(self._data), 8):
             raise ValueError(f"an array of shape {self._shape} goes beyond the end")

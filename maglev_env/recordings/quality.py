@@ -1,4 +1,4 @@
-"""Is a recording good enough, and for what: what an engineer checks before trusting an estimate."""
+"""Whether a recording is good enough, and for what: the checks of an engineer before trusting an estimate."""
 
 from dataclasses import dataclass
 
@@ -9,14 +9,23 @@ from estimation.sphs import crest_factor
 from maglev_env.recordings.spectra import RecordedSignals, RecordSpectra, record_spectra
 from maglev_env.rig.rig import Rig
 
-GOOD_SNR = 10.0  # amplitude over noise of the mean: one line then gives 10 %
+GOOD_SNR = 10.0  # amplitude over noise of the mean; one line then gives 10 %
 POOR_SNR = 3.0
 
 
 @dataclass(frozen=True)
 class ChannelQuality:
-    """One channel: rms and crest factor; resolution (usual step between readings, in its unit) and its share of the
-    rms; snr (amplitude over noise of the period mean, per excited line): median and worst, None if never excited."""
+    """One channel.
+
+    Attributes:
+        name: Its name.
+        rms: In its unit.
+        crest: Crest factor.
+        resolution: Usual step between readings, in its unit.
+        resolution_share: That step as a share of the rms.
+        snr_median: Median amplitude over noise of the period mean, over the excited lines; None if never excited.
+        snr_worst: The same for the worst line.
+    """
 
     name: str
     rms: float
@@ -29,8 +38,10 @@ class ChannelQuality:
 
 @dataclass(frozen=True)
 class BandQuality:
-    """Displacement at force lines, or without any at all excited ones, in one band (Hz): median amplitude over noise,
-    coherence, and a verdict in words."""
+    """Quality of one band (Hz): median amplitude over noise, coherence, and a verdict in words.
+
+    It refers to the displacement at force lines or, without any, at all excited lines.
+    """
 
     f_lo: float
     f_hi: float
@@ -41,8 +52,17 @@ class BandQuality:
 
 @dataclass(frozen=True)
 class Quality:
-    """periods kept, transient_periods dropped, leftover samples; can: what the recording serves for and, where it does
-    not, what is missing; problems: what to mend before recording again."""
+    """Quality of a recording.
+
+    Attributes:
+        periods: Steady periods.
+        transient_periods: Dropped periods.
+        leftover: Samples that belong to no whole period.
+        channels: Quality of each channel.
+        bands: Quality of each band.
+        can: For each use, "yes" or what is missing.
+        problems: What to correct before recording again.
+    """
 
     periods: int
     transient_periods: int
@@ -54,9 +74,10 @@ class Quality:
 
 
 def recording_quality(signals: RecordedSignals, rig: Rig | None = None, bands: int = 8) -> Quality:
-    """Check one axis of a recording, against its rig's clearance where the rig is known.
+    """Check one axis of a recording, against the rig's clearance where the rig is known.
 
-    ValueError when nothing excites it, or a periodic one holds fewer than two periods.
+    Raises:
+        ValueError: Nothing excites it, or a periodic recording holds fewer than two periods.
     """
     spectra = record_spectra(signals)
     statistics, dropped = spectra.all, spectra.transient_periods
@@ -128,7 +149,7 @@ def _bands(spectra: RecordSpectra, count: int) -> tuple[BandQuality, ...]:
 
 
 def _uses(signals: RecordedSignals, spectra: RecordSpectra) -> dict[str, str]:
-    """What the recording serves for: "yes", or what is missing."""
+    """For each use of the recording, "yes" or what is missing."""
     have, force, injection = signals.channels.keys(), *(spectra.driven[p] for p in ("force", "current"))
     stiffness = "yes" if force.size and {"force", "displacement"} <= have else "no: needs force and displacement"
     if not force.size and {"current", "displacement"} <= have:

@@ -1,4 +1,4 @@
-"""A recording: labelled channels in SI units against time, checked at the boundary; measured and simulated alike."""
+"""A recording: labelled channels in SI units against time, checked on reading; the same for measured and simulated."""
 
 import json
 from collections.abc import Mapping
@@ -23,19 +23,22 @@ if TYPE_CHECKING:
 
 MEAN_RATE_TOLERANCE = 1e-4
 STEP_TOLERANCE = 0.01
-# A clipped channel rests at its extreme value, and passes the values next to it quickly. A quantised sine rests at its
-# top level too, but at most 2.4 times as long as at the next one.
+# A clipped channel stays at its extreme value and passes the values next to it quickly. A quantised sine also stays at
+# its top level, but at most 2.4 times as long as at the next one.
 CLIPPED_SHARE, CLIPPED_RUN, CLIPPED_RATIO = 1e-3, 4, 6
 LINE_SIGNIFICANCE, LINE_FLOOR = 3.0, 1e-6
 
 
 def read_recording(campaign: Campaign, spec: RecordingSpec) -> "xr.Dataset":
-    """A recording of a campaign: one float64 variable per channel in SI (attribute `units`) over `time` (s, from 0).
+    """Read a recording: one float64 variable per channel in SI (attribute `units`) over `time` (s, from 0).
 
-    Attributes: file, role, sample_rate (Hz), and experiment, a JSON object with the gains or controller, excitations,
-    speed_rpm, intersample, whole periods in the dataset, and the rig's name where known. Samples after the last whole
-    period are kept. ValueError names the file, the channel and the sample (counted from 0 in the file) that is wrong;
-    OSError when the file cannot be read.
+    Attributes of the dataset are file, role, sample_rate (Hz), and experiment, a JSON object with the gains or
+    controller, excitations, speed_rpm, intersample, the number of whole periods, and the rig's name where known.
+    Samples after the last whole period are kept.
+
+    Raises:
+        ValueError: Something is wrong; the message names the file, the channel and the sample (from 0 in the file).
+        OSError: The file cannot be read.
     """
     path = campaign.folder / spec.file
     columns = read_columns(path)
@@ -57,7 +60,7 @@ def read_recording(campaign: Campaign, spec: RecordingSpec) -> "xr.Dataset":
         channels[name] = values
         _check_moves(path, name, values, spec)
         if name.partition("_")[0] in MEASURED:
-            for column in source.columns:  # a mean of probes hides the clipping of one
+            for column in source.columns:  # a mean of several probes would hide the clipping of one
                 _check_clipping(f"{path}: channel {name!r} (column {column!r})", raw[column][window], spec.start)
     rig = {} if campaign.rig is None else {"rig": campaign.rig.name}
     experiment = {
@@ -75,12 +78,14 @@ def read_recording(campaign: Campaign, spec: RecordingSpec) -> "xr.Dataset":
 
 
 def simulated_recording(experiment: Experiment, record: np.ndarray) -> "xr.Dataset":
-    """The recording of one lane of `simulate_records`, record (channels, samples), transient periods included.
+    """The recording of one lane of `simulate_records`, record (channels, samples), with its transient periods.
 
-    Beside the channels of `experiment.channels_of` it has the exact injection and reference where the experiment
-    applies one. With self-sensing, displacement is what an ideal reference probe reads, and gap_estimate what the loop
-    runs on. The experiment attribute also names the effects, offset, seed, transient_periods and version.
-    ValueError when the record does not fit the experiment, or when the rotor touched down.
+    It has the channels of `experiment.channels_of`, and the exact injection and reference where the experiment applies
+    them. With self-sensing, displacement is the reading of an ideal reference probe, and gap_estimate is what the loop
+    uses. The experiment attribute also names the effects, offset, seed, transient_periods and version.
+
+    Raises:
+        ValueError: The record does not fit the experiment, or the rotor touched down.
     """
     rig, rate = experiment.rig, experiment.recorded_rate
     names = channels_of(rig, recorded_channels(experiment))
@@ -97,7 +102,7 @@ def simulated_recording(experiment: Experiment, record: np.ndarray) -> "xr.Datas
             read = (channels[f"displacement{end}"] - sensor.shift) / sensor.scale
             channels[f"gap_estimate{end}"] = sensor.gap - read
             channels[f"displacement{end}"] = channels.pop(f"position{end}")
-    if not rig.controlled:  # nothing commands or carries a current
+    if not rig.controlled:  # there is no command and no current
         channels = {name: values for name, values in channels.items() if unit_of(name) != "A"}
     multiple, every = sampling(rate, rig.control_rate)
     for place, offset in (("current", 0.0), ("reference", experiment.offset)):
@@ -122,10 +127,13 @@ def simulated_recording(experiment: Experiment, record: np.ndarray) -> "xr.Datas
 
 
 def check_excited(dataset: "xr.Dataset", spec: RecordingSpec) -> None:
-    """ValueError when the force channel does not carry every line that a periodic force excitation states.
+    """Check that the force channel carries every line that a periodic force excitation states.
 
     A line counts when its mean amplitude over periods exceeds 3 standard deviations of that mean, and 1e-6 of the
     strongest line. Nothing is checked without such an excitation or its channel.
+
+    Raises:
+        ValueError: A line is missing.
     """
     for excitation in spec.excitations:
         if excitation.periodic and excitation.at == "force":
@@ -135,8 +143,10 @@ def check_excited(dataset: "xr.Dataset", spec: RecordingSpec) -> None:
 
 
 def _force_along(dataset: "xr.Dataset", excitation: Excitation) -> tuple[str, np.ndarray | None]:
-    """The force in the direction of an excitation, and on an x-y rig across it, (1 or 2, samples), with the name of its
-    channel; None where it was not recorded."""
+    """The force along an excitation's direction and, on an x-y rig, across it, (1 or 2, samples).
+
+    With it comes the name of its channel; None where it was not recorded.
+    """
     planar = [f"force_{axis}" for axis in AXES]
     if all(name in dataset for name in planar):
         x, y = (dataset[name].values for name in planar)
@@ -148,7 +158,7 @@ def _force_along(dataset: "xr.Dataset", excitation: Excitation) -> tuple[str, np
 
 def _check_lines(name: str, forces: np.ndarray, lines: np.ndarray, spec: RecordingSpec) -> None:
     periods = split_periods(forces, spec.samples_per_period)
-    # The first period may hold the start of the excitation.
+    # The first period may contain the start of the excitation.
     spectra = np.array([period_spectra(p, lines) for p in periods[1 if len(periods) > 2 else 0 :]])
     whole = np.abs(spectra.mean(axis=0))
     amplitude, noise = whole[0], np.sqrt(spectra.var(axis=0, ddof=1)[0] / len(spectra))

@@ -1,4 +1,4 @@
-"""From a campaign's recording to the arrays that identification and checks work on."""
+"""From a campaign's recording to the arrays that identification and checks use."""
 
 from dataclasses import replace
 from typing import TYPE_CHECKING
@@ -16,11 +16,14 @@ if TYPE_CHECKING:
 
 
 def recorded_signals(campaign: Campaign, spec: RecordingSpec, dataset: "xr.Dataset") -> RecordedSignals:
-    """A recording as arrays: of two axes when it has the displacement of x and of y, else of one.
+    """A recording as arrays: of two axes when it has the displacement of x and of y, otherwise of one.
 
-    Where the campaign does not say how the force behaves between samples, a designed force on a named rig, recorded at
-    a multiple or fraction of its control rate, is taken as held by its converter, as the nominal rig is defined; any
-    other as continuous. ValueError when nothing is excited, or a held force's rates do not fit.
+    Where the campaign does not state the force between samples, a designed force on a named rig, recorded at a multiple
+    or fraction of its control rate, is taken as held by its converter, as the nominal rig is defined; any other force
+    is taken as continuous.
+
+    Raises:
+        ValueError: Nothing is excited, or the rates of a held force do not fit.
     """
     where = campaign.folder / spec.file
     if all(e.kind == "none" for e in spec.excitations):
@@ -35,7 +38,7 @@ def recorded_signals(campaign: Campaign, spec: RecordingSpec, dataset: "xr.Datas
         channels, spec.sample_rate, spec.excitations, hold_rate, spec.gains, (*assumed, *why), max(1, len(lettered))
     )
     if len(lettered) == 1:
-        if not any(e.direction for e in spec.excitations):  # of one axis it is not said which way: along it
+        if not any(e.direction for e in spec.excitations):  # without a stated direction, the force acts along the axis
             along = tuple(replace(e, direction=90.0 * lettered[0]) for e in spec.excitations)
             signals = replace(signals, excitations=along)
         return axis_signals(replace(signals, axes=2), lettered[0])
@@ -43,7 +46,7 @@ def recorded_signals(campaign: Campaign, spec: RecordingSpec, dataset: "xr.Datas
 
 
 def _designed(campaign: Campaign, spec: RecordingSpec, excitation: Excitation) -> np.ndarray:
-    """One period as the controller of a named rig makes it, at the rate of the recording."""
+    """One period as the controller of a named rig generates it, at the rate of the recording."""
     if campaign.rig is None:
         return excitation.waveform(spec.sample_rate)
     try:
@@ -56,7 +59,7 @@ def _designed(campaign: Campaign, spec: RecordingSpec, excitation: Excitation) -
 def _stand_in(
     campaign: Campaign, channels: dict[str, np.ndarray], spec: RecordingSpec, lettered: list[int]
 ) -> list[str]:
-    """Fill in the injection channels of a designed sequence; what was assumed for it."""
+    """Fill in the injection channels of a designed sequence; returns what was assumed."""
     injected = [e for e in spec.excitations if e.periodic and e.at == "current"]
     turned = any(e.direction for e in spec.excitations)
     samples = next(iter(channels.values())).size
@@ -65,7 +68,7 @@ def _stand_in(
         name = f"injection_{AXES[axis]}" if lettered else "injection"
         share = [1.0 if len(lettered) == 1 and not turned else e.components[axis] for e in injected]
         if any(share) and name not in channels:
-            # A stated Schroeder injection is digital: its design is what was injected.
+            # A stated Schroeder injection is digital, so its design is what was injected.
             one = sum(c * _designed(campaign, spec, e) for c, e in zip(share, injected, strict=True))
             channels[name] = np.resize(one, samples)
             done.append(f"no {name} channel: the designed sequence, a period starting at the first sample, stands in")
@@ -73,7 +76,7 @@ def _stand_in(
 
 
 def _hold(campaign: Campaign, spec: RecordingSpec) -> tuple[float | None, list[str]]:
-    """Hz at which the force, or without one the current, is held (None: continuous), and what was assumed of it."""
+    """Rate (Hz) at which the force, or without one the current, is held (None: continuous), and what was assumed."""
     at_force = [e for e in spec.excitations if e.at == "force" and e.kind != "none"]
     designed = any(e.periodic for e in at_force)
     rate = spec.sample_rate

@@ -1,4 +1,4 @@
-"""A recording as arrays, and its line statistics: by whole periods, or by local polynomials where nothing repeats."""
+"""A recording as arrays, and its line statistics: from whole periods, or by local polynomials where nothing repeats."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
@@ -15,12 +15,19 @@ from maglev_env.rig.excitation import PLACES, Excitation, axis_excitations, line
 
 @dataclass(frozen=True)
 class RecordedSignals:
-    """A recording as arrays: channel name -> (samples,) in SI, sample_rate Hz, and what excited it.
+    """A recording as arrays.
 
-    axes: 2 when its channels end in _x and _y. axis: which one of two axes these signals are of. hold_rate: Hz at which
-    a converter held the force channel (without one, the current), None where it is the reading of a continuous one.
-    elsewhere: harmonics that something else drives, across the axis that these signals are of. assumed: in words, what
-    was assumed to get here.
+    Attributes:
+        channels: Channels (samples,) in SI.
+        sample_rate: Hz.
+        excitations: What excited it.
+        hold_rate: Rate at which a converter held the force channel (without one, the current), Hz; None for a reading
+            of a continuous one.
+        gains: Controller.
+        assumed: What was assumed, in words.
+        axes: 2 when its channels end in _x and _y.
+        axis: Which of two axes these signals belong to.
+        elsewhere: Harmonics that are driven otherwise, across the axis of these signals.
     """
 
     channels: dict[str, np.ndarray]
@@ -40,11 +47,14 @@ class RecordedSignals:
 
 @dataclass(frozen=True)
 class RecordSpectra:
-    """Line statistics of a recording: at every line that it resolves, and of its force lines with the force freed of
-    its converter's hold.
+    """Line statistics of a recording.
 
-    driven: lines excited at "force", "current" and "reference". transient_periods: leading ones that were dropped;
-    leftover: samples that no period takes.
+    Attributes:
+        all: At every line that it resolves.
+        force: At its force lines, with the hold of the force's converter removed.
+        driven: Lines excited at "force", "current" and "reference".
+        transient_periods: Leading periods that were dropped.
+        leftover: Samples that belong to no period.
     """
 
     all: LineStatistics
@@ -57,13 +67,13 @@ class RecordSpectra:
 def axis_signals(signals: RecordedSignals, axis: int) -> RecordedSignals:
     """One axis (0: x, 1: y) of an x-y recording under one-axis names, with what excites it along that axis.
 
-    D's direct coefficients (eq 5.10-5.12) are those of these signals.
+    They give D's direct coefficients (eq 5.10-5.12).
     """
     if signals.axes == 1:
         return signals
     ending = f"_{AXES[axis]}"
     other = f"_{AXES[1 - axis]}"
-    # What belongs to no axis, as the speed does, goes with each; a channel of this axis comes before it.
+    # A channel that belongs to no axis, such as the speed, goes with each; a channel of this axis takes precedence.
     shared = {
         name: v for name, v in signals.channels.items() if not name.endswith((ending, other)) and name not in ANALYSED
     }
@@ -75,11 +85,13 @@ def axis_signals(signals: RecordedSignals, axis: int) -> RecordedSignals:
 
 
 def record_spectra(signals: RecordedSignals) -> RecordSpectra:
-    """Line statistics of one recording; the force freed of its converter's hold.
+    """Line statistics of one recording, with the hold of the force's converter removed.
 
-    A periodic one gives every harmonic up to the highest excited, over its steady periods; another one the lines of
-    `local_polynomial` against the channel that its excitation is recorded in. ValueError when nothing is excited, or
-    several excitations are not periodic.
+    A periodic recording gives every harmonic up to the highest excited one, over its steady periods. Another one gives
+    the lines of `local_polynomial` with respect to the channel that holds its excitation.
+
+    Raises:
+        ValueError: Nothing is excited, or several excitations are not periodic.
     """
     if all(e.kind == "none" for e in signals.excitations):
         raise ValueError("nothing is excited along this axis: there is no response to it")
