@@ -92,8 +92,19 @@ METHODS: Mapping[str, Method] = {
 def make_tuner(
     method: str, task: "Task", episode: "Episode", seed: int, budget: int, policy: "HistoryPolicy | None" = None
 ) -> "Tuner":
-    """The tuner of that name; policy: of the learned one, None for that of this package. ValueError lists the names, or
-    says why a policy does not serve."""
+    """The tuner of a name.
+
+    Args:
+        method: Name of the tuner.
+        task: The task.
+        episode: The rig.
+        seed: Seed of the tuner.
+        budget: Number of experiments.
+        policy: Policy of the learned tuner; None for that of this package.
+
+    Raises:
+        ValueError: The name is unknown (the message lists the names), or a policy does not fit.
+    """
     if method not in METHODS:
         raise ValueError(f"method {method!r} is unknown; use one of {', '.join(METHODS)}")
     if policy is None:
@@ -106,7 +117,7 @@ def make_tuner(
 
 
 def policy_of(path: Path | None) -> "HistoryPolicy | None":
-    """The policy of a checkpoint, None without one. Errors: see `load_policy`."""
+    """The policy of a checkpoint, None without one. Errors as in `load_policy`."""
     if path is None:
         return None
     from tuning.learned.policy import load_policy
@@ -115,7 +126,7 @@ def policy_of(path: Path | None) -> "HistoryPolicy | None":
 
 
 def policy_digest(task: "Task", policy: "HistoryPolicy | None") -> str:
-    """What tells the learned tuner's policy from others: of its weights; None stands for that of this package."""
+    """Hash of the weights of the learned tuner's policy; None stands for that of this package."""
     from tuning.learned.tuner import shipped_policy
 
     return (policy or shipped_policy(task)).digest
