@@ -4,9 +4,40 @@ Heavy parts load on first use; the environments are registered with Gymnasium on
 """
 
 from importlib import import_module
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from maglev_env.envs.registration import register_envs
+
+if TYPE_CHECKING:
+    from maglev_env.design.defaults import with_defaults as with_defaults
+    from maglev_env.envs.pump import PumpRotorEnv as PumpRotorEnv
+    from maglev_env.envs.pump import PumpRotorVectorEnv as PumpRotorVectorEnv
+    from maglev_env.envs.single import RigEnv as RigEnv
+    from maglev_env.envs.vector import RigVectorEnv as RigVectorEnv
+    from maglev_env.evaluation.evaluate import Evaluation as Evaluation
+    from maglev_env.evaluation.evaluate import evaluate as evaluate
+    from maglev_env.evaluation.identification import identify as identify
+    from maglev_env.experiment import Experiment as Experiment
+    from maglev_env.experiment import protocol_experiment as protocol_experiment
+    from maglev_env.kernel.simulate import simulate_records as simulate_records
+    from maglev_env.kernel.simulate import simulate_statistics as simulate_statistics
+    from maglev_env.loop.effect import EFFECTS as EFFECTS
+    from maglev_env.loop.effect import effect as effect
+    from maglev_env.loop.gains import Gains as Gains
+    from maglev_env.loop.self_sensor import SelfSensing as SelfSensing
+    from maglev_env.recordings.campaign import load_campaign as load_campaign
+    from maglev_env.recordings.campaign_writer import write_campaign as write_campaign
+    from maglev_env.recordings.recording import read_recording as read_recording
+    from maglev_env.recordings.signals import recorded_signals as recorded_signals
+    from maglev_env.recordings.spectra import RecordedSignals as RecordedSignals
+    from maglev_env.rig.excitation import Excitation as Excitation
+    from maglev_env.rig.rig import Rig as Rig
+    from maglev_env.rig.rig import load_rig as load_rig
+    from maglev_env.rig.rig import with_parameters as with_parameters
+    from maglev_env.rig.self_sensor import rig_sensors as rig_sensors
+    from maglev_env.rotor.evaluation import RotorEvaluation as RotorEvaluation
+    from maglev_env.rotor.evaluation import evaluate_rotors as evaluate_rotors
+    from maglev_env.rotor.rotor import load_rotor as load_rotor
 
 _HOME = {
     "Gains": "loop.gains",
@@ -48,3 +79,7 @@ def __getattr__(name: str) -> Any:
     if name not in _HOME:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     return getattr(import_module(f"{__name__}.{_HOME[name]}"), name)
+
+
+def __dir__() -> list[str]:
+    return __all__

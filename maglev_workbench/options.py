@@ -1,6 +1,7 @@
-"""Options and errors that every command shares."""
+"""Options, checks and errors that every command shares; light, because all of them are loaded for `maglev --help`."""
 
-from collections.abc import Callable
+import os
+from collections.abc import Callable, Iterable
 from functools import wraps
 from importlib.util import find_spec
 from pathlib import Path
@@ -17,6 +18,7 @@ EffectOption = Annotated[
     typer.Option("--effect", help="Effect beside the rig's own, e.g. delay=75e-6; repeat. See: maglev effects."),
 ]
 JsonOption = Annotated[Path | None, typer.Option("--json", help="Also write the result as JSON to this file.")]
+DocsOption = Annotated[Path | None, typer.Option(help="Also write the tables as markdown to this file.")]
 SensorOption = Annotated[
     str, typer.Option(help="What reads the displacement: probe, or self_sensing (the rig's own coils).")
 ]
@@ -32,6 +34,7 @@ SchedulerOption = Annotated[
         help="Dask scheduler, tcp://host:8786, or local:N for N processes here; results do not change.",
     ),
 ]
+_WRITTEN = {"json_file": "--json", "docs": "--docs", "picture": "--picture"}  # files that any command may write
 
 
 def given(context: typer.Context) -> list[str]:
@@ -40,12 +43,60 @@ def given(context: typer.Context) -> list[str]:
     return [name for name, source in sources.items() if source and source.name == "COMMANDLINE"]
 
 
+def require_choice(value: str, known: Iterable[str], option: str) -> None:
+    """Check that an option has one of the known values. ValueError lists them."""
+    if value not in (choices := tuple(known)):
+        raise ValueError(f"{option} {value}: use one of {', '.join(choices)}")
+
+
+def require_file(path: Path | None, option: str) -> None:
+    """Check, before any work, that a file can be written later.
+
+    Args:
+        path: the file; None where the option was not given.
+        option: its name on the command line, for the message.
+
+    Raises:
+        ValueError: when the path is a folder, or its folder is missing or read-only.
+    """
+    if path is None:
+        return
+    if path.is_dir():
+        raise ValueError(f"{option} {path} is a folder; name a file")
+    if not path.parent.is_dir():
+        raise ValueError(f"{option} {path}: the folder {path.parent} does not exist; create it or choose another")
+    if not os.access(path.parent, os.W_OK):
+        raise ValueError(f"{option} {path}: the folder {path.parent} cannot be written to; choose another")
+
+
+def require_folder(path: Path, option: str = "--out") -> None:
+    """Check, before any work, that results can be written into a folder, which may have to be made first.
+
+    Args:
+        path: the folder.
+        option: its name on the command line, for the message.
+
+    Raises:
+        ValueError: when the path is a file, or the folder or the nearest one above it that exists is read-only.
+    """
+    there = next(p for p in (path, *path.absolute().parents) if p.exists())
+    if not there.is_dir():
+        raise ValueError(f"{option} {path}: {there} is a file; name a folder")
+    if not os.access(there, os.W_OK):
+        raise ValueError(f"{option} {path}: the folder {there} cannot be written to; choose another")
+
+
 def friendly(command: Callable[..., None]) -> Callable[..., None]:
-    """Bad input or files end with one message and exit code 2, Ctrl-C with 130."""
+    """Bad input or files end with one message and exit code 2, Ctrl-C with 130.
+
+    Files that --json, --docs and --picture name are checked before the command begins.
+    """
 
     @wraps(command)
     def run(*args: Any, **kwargs: Any) -> None:
         try:
+            for name, option in _WRITTEN.items():
+                require_file(kwargs.get(name), option)
             command(*args, **kwargs)
         except (ValueError, OSError) as error:
             typer.secho(f"maglev: {error}", fg=typer.colors.RED, err=True)

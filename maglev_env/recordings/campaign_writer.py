@@ -20,7 +20,11 @@ from maglev_env.rig.rig import PRESETS, load_rig, with_parameters
 if TYPE_CHECKING:
     import xarray as xr
 
-_WRITERS = {"npz": write_npz, "mat": write_mat, "csv": write_csv}
+FORMATS = {
+    "npz": write_npz,
+    "mat": write_mat,
+    "csv": write_csv,
+}  # by the ending of the file
 _LINE = 120
 _WRAP = {"initial_indent": "    ", "subsequent_indent": "    ", "break_long_words": False, "break_on_hyphens": False}
 
@@ -58,8 +62,8 @@ def write_campaign(
     target = folder / "campaign.toml"
     if target.exists() and not overwrite:
         raise ValueError(f"{target} exists; choose another folder, or overwrite it explicitly")
-    if data_format not in _WRITERS:
-        raise ValueError(f"data_format = {data_format!r}; use one of {', '.join(_WRITERS)}")
+    if data_format not in FORMATS:
+        raise ValueError(f"data_format = {data_format!r}; use one of {', '.join(FORMATS)}")
     with_parameters(load_rig(rig_source), parameters)
     _check(recordings)
     preset = rig_source in PRESETS
@@ -73,7 +77,7 @@ def write_campaign(
         write_text_atomic(folder / "rig.toml", rig_text)
     for name, _, dataset, _ in recordings:
         columns = {str(channel): dataset[channel].values for channel in dataset.data_vars}
-        _WRITERS[data_format](folder / f"{name}.{data_format}", {"time": dataset["time"].values, **columns})
+        FORMATS[data_format](folder / f"{name}.{data_format}", {"time": dataset["time"].values, **columns})
     write_text_atomic(target, "\n".join(lines) + "\n")
     return target
 

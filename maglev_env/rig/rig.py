@@ -251,7 +251,11 @@ def load_rig(source: str | Path) -> Rig:
         )
     if path.stat().st_size > MAX_FILE_BYTES:
         raise ValueError(f"{path}: larger than {MAX_FILE_BYTES} bytes; that is not a rig file")
-    return rig_from_toml(path.read_text(), str(path))
+    try:
+        text = path.read_text(encoding="utf-8")
+    except UnicodeDecodeError as error:
+        raise ValueError(f"{path}: {error}") from error
+    return rig_from_toml(text, str(path))
 
 
 def rig_from_toml(text: str, where: str) -> Rig:

@@ -244,7 +244,11 @@ def load_rotor(source: str | Path) -> Rotor:
             raise ValueError(f"rotor {str(source)!r} is neither a preset ({', '.join(ROTORS)}) nor a .toml file")
         if path.stat().st_size > MAX_FILE_BYTES:
             raise ValueError(f"{path}: larger than {MAX_FILE_BYTES} bytes; that is not a rotor file")
-        text, where = path.read_text(), str(path)
+        where = str(path)
+        try:
+            text = path.read_text(encoding="utf-8")
+        except UnicodeDecodeError as error:
+            raise ValueError(f"{path}: {error}") from error
     try:
         return _build(tomllib.loads(text), Path(where).parent)
     except (ValueError, TypeError, ArithmeticError, RecursionError) as error:

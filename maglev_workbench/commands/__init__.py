@@ -1,1 +1,18 @@
-"""One folder for every command of `maglev`."""
+"""A folder for every command, of the name that is typed; its `command.py` holds a typer application named `app`."""
+
+from collections.abc import Sequence
+from importlib import import_module
+
+import typer
+
+
+def add_commands(app: typer.Typer, package: str, names: Sequence[str]) -> None:
+    """Add the commands of these folders to an application.
+
+    Args:
+        app: what they are added to.
+        package: where the folders lie.
+        names: their names, in the order of the help.
+    """
+    for name in names:
+        app.add_typer(import_module(f"{package}.{name}.command").app)

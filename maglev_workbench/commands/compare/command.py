@@ -1,65 +1,112 @@
 """`maglev compare`: every tuner with the same budgets on the same rigs, as table, page, markdown and JSON."""
 
-from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import Annotated
 
-from maglev_env.loop.effect import parse_effects
-from maglev_env.recordings.files import write_text_atomic
-from maglev_env.rig.rig import load_rig
-from maglev_env.task.task import Task, make_task
-from maglev_lanes.schedule import workers
-from maglev_workbench.commands.compare.numbers import figures
-from maglev_workbench.commands.compare.report import (
-    compare_json,
-    compare_markdown,
-    compare_page,
-    compare_table,
-    summary,
+import typer
+
+from maglev_workbench.options import (
+    DocsOption,
+    EffectOption,
+    JsonOption,
+    PolicyOption,
+    RigOption,
+    SchedulerOption,
+    SeedOption,
+    friendly,
+    given,
+    require_folder,
 )
-from maglev_workbench.console import console, progress_bar, require_folder, write_json
-from maglev_workbench.page import write_page
-from tuning.comparison.compare import SEARCH, budget_of, check_comparison, check_policy, compare
-from tuning.methods import LEARNED, METHODS, policy_of
+from tuning.methods import METHODS
 
-if TYPE_CHECKING:
-    from tuning.learned.policy import HistoryPolicy
+SLOW = ", ".join(name for name, method in METHODS.items() if method.longest is not None)
+app = typer.Typer()
 
 
-def run(
-    methods: Sequence[str],
-    rig: str,
-    n_rigs: int,
-    budgets: str,
-    repeats: int,
-    protocol: str,
-    effects: Sequence[str],
-    seed: int,
-    policy: Path | None,
-    scheduler: str | None,
-    out: Path | None,
-    docs: Path | None,
-    json_file: Path | None,
+@app.command(
+    epilog="Examples: maglev compare de tpe model --rigs 12 --protocol quick --out my-comparison; "
+    "maglev compare --twin sealed"
+)
+@friendly
+def compare(
+    context: typer.Context,
+    methods: Annotated[
+        list[str] | None,
+        typer.Argument(metavar="METHOD", help=f"As of maglev tune (default: all but {SLOW}, which takes long)."),
+    ] = None,
+    rig: RigOption = "hmb_free",
+    rigs: Annotated[int, typer.Option(help="How many rigs, drawn wide around the nominal.")] = 20,
+    budgets: Annotated[
+        str,
+        typer.Option(help="Experiments after which to compare; with --twin (60) on each, or on simulators,twin."),
+    ] = "10,30",
+    repeats: Annotated[int, typer.Option(help="Runs on every rig, with other noise.")] = 1,
+    protocol: Annotated[str, typer.Option(help="full, or quick: an eighth of the time, coarser.")] = "full",
+    effect: EffectOption = [],  # noqa: B006
+    twin: Annotated[
+        Path | None,
+        typer.Option(help="Instead: folder of an opened sealed set; what its diagnoses are worth, scored on its twin."),
+    ] = None,
+    cases: Annotated[int, typer.Option(min=1, help="With --twin: so many of its large single effects.")] = 24,
+    processes: Annotated[int | None, typer.Option(min=1, help="With --twin (default: all cores).")] = None,
+    seed: SeedOption = 0,
+    policy: PolicyOption = None,
+    scheduler: SchedulerOption = None,
+    out: Annotated[Path | None, typer.Option(help="Folder of the results; an interrupted run resumes there.")] = None,
+    docs: DocsOption = None,
+    json_file: JsonOption = None,
 ) -> None:
-    """See `maglev_workbench.cli_tuning.compare`."""
-    require_folder(json_file, "--json")
-    require_folder(docs, "--docs")
+    """Compare tuners on the same unseen rigs with equal budgets: regret with intervals, touchdowns, time.
+
+    With --twin: tune on the nominal simulator, on the one that a diagnosis corrected, and on the sealed twin itself,
+    and score all three on the twin: what diagnosis is worth in score, peak sensitivity and touchdowns.
+    """
+    from maglev_workbench.commands.compare.asked import check_options, default_methods, parse_budgets
+
+    named = given(context)
+    check_options(twin is not None, named)
+    if twin is not None:
+        from maglev_workbench.commands.compare import twin as on_twin
+
+        on_twin.run(twin, budgets if "budgets" in named else None, cases, processes, seed, out, docs, json_file)
+        return
+    from maglev_env.loop.effect import parse_effects
+    from maglev_env.recordings.files import write_text_atomic
+    from maglev_env.rig.rig import load_rig
+    from maglev_env.task.task import make_task
+    from maglev_lanes.schedule import workers
+    from maglev_workbench.commands.compare.numbers import figures
+    from maglev_workbench.commands.compare.report import (
+        compare_json,
+        compare_markdown,
+        compare_page,
+        compare_table,
+        summary,
+    )
+    from maglev_workbench.console import console, progress_bar, write_json
+    from maglev_workbench.page import write_page
+    from tuning.comparison import compare as comparison
+    from tuning.methods import policy_of
+
     own = policy_of(policy)
-    steps = _budgets(budgets)
-    check_comparison(methods or METHODS, n_rigs, steps, repeats)
+    steps = parse_budgets(budgets)
+    comparison.check_comparison(methods or METHODS, rigs, steps, repeats)
     loaded = load_rig(rig)
-    task = make_task(loaded, effects=parse_effects(effects), protocol=protocol, randomization="wide", budget=steps[-1])
-    chosen = list(methods) or _default(task, own)
-    check_policy(task, chosen, own)
-    folder, runs = out or Path(f"compare-{loaded.name}"), n_rigs * repeats
+    task = make_task(loaded, effects=parse_effects(effect), protocol=protocol, randomization="wide", budget=steps[-1])
+    chosen = list(methods or ()) or default_methods(task, own)
+    comparison.check_policy(task, chosen, own)
+    folder, runs = out or Path(f"compare-{loaded.name}"), rigs * repeats
+    require_folder(folder)
     with workers(scheduler) as spread, progress_bar() as bar:
-        line = bar.add_task("", total=SEARCH * n_rigs + sum(runs * budget_of(m, steps) for m in set(chosen)))
+        line = bar.add_task(
+            "", total=comparison.SEARCH * rigs + sum(runs * comparison.budget_of(m, steps) for m in set(chosen))
+        )
 
         def advance(name: str, count: int) -> None:
             bar.update(line, advance=count, description=name)
 
         try:
-            found = compare(task, chosen, n_rigs, steps, repeats, seed, folder, advance, own, spread)
+            found = comparison.compare(task, chosen, rigs, steps, repeats, seed, folder, advance, own, spread)
         except KeyboardInterrupt:
             console.print(f"stopped; what is finished is in {folder}: run the same command again to go on")
             raise
@@ -69,8 +116,8 @@ def run(
     write_json(folder / "compare.json", data)
     write_json(json_file, data)
     if docs is not None:
-        asked = "".join(f" --effect {e}" for e in effects)
-        options = f"--rigs {n_rigs} --budgets {budgets} --repeats {repeats} --protocol {protocol}{asked} --seed {seed}"
+        asked = "".join(f" --effect {e}" for e in effect)
+        options = f"--rigs {rigs} --budgets {budgets} --repeats {repeats} --protocol {protocol}{asked} --seed {seed}"
         command = " ".join(["maglev compare", *found.results, f"--rig {rig}", options])
         write_text_atomic(docs, compare_markdown(found, of, command))
     console.print(compare_table(found, of))
@@ -78,23 +125,3 @@ def run(
     if reused:
         console.print(f"reused from {folder}: {', '.join(reused)}")
     console.print(f"{summary(found, of)}\npage  {page}")
-
-
-def _default(task: Task, policy: "HistoryPolicy | None") -> list[str]:
-    """All that take any budget; the learned one where a policy serves."""
-    methods = [name for name, method in METHODS.items() if method.longest is None]
-    try:
-        check_policy(task, methods, policy)
-    except ValueError as error:
-        if policy is not None:
-            raise
-        console.print(f"without {LEARNED}: {error}", markup=False)
-        methods.remove(LEARNED)
-    return methods
-
-
-def _budgets(text: str) -> tuple[int, ...]:
-    try:
-        return tuple(int(part) for part in text.split(","))
-    except ValueError:
-        raise ValueError(f"--budgets {text!r}: give whole numbers of experiments, as 10,30") from None

@@ -1,5 +1,6 @@
 """A comparison of tuners as tables, page, markdown and JSON."""
 
+from importlib.metadata import version
 from itertools import zip_longest
 from typing import TYPE_CHECKING, Any
 
@@ -103,6 +104,7 @@ def compare_json(found: Comparison, of: Table) -> dict[str, Any]:
     return plain(
         {
             "schema": "maglev-compare/1",
+            "version": version("maglev-workbench"),
             "made_by": found.made_by,
             "budgets": found.budgets,
             "checkpoints": found.checkpoints,

@@ -1,11 +1,10 @@
 """`maglev compare --twin`: tuning on nominal and corrected simulator and on the sealed twin, all scored on the twin."""
 
 import json
-from collections.abc import Sequence
 from pathlib import Path
 
 from maglev_env.recordings.files import write_text_atomic
-from maglev_workbench.commands.blind.command import SET
+from maglev_workbench.commands.blind.sealed_set import SET
 from maglev_workbench.commands.compare.twin_report import (
     Compared,
     summary,
@@ -14,14 +13,14 @@ from maglev_workbench.commands.compare.twin_report import (
     twin_page,
     twin_tables,
 )
-from maglev_workbench.console import console, progress_bar, require_folder, write_json
+from maglev_workbench.console import console, progress_bar, write_json
+from maglev_workbench.options import require_folder
 from maglev_workbench.page import write_page
 from sim2real.blind.cases import answers_digest, open_labels, seal_of
 from sim2real.blind.worth import CORRECTED, NOMINAL, TWIN, twin_cases
 from tuning.comparison.twin import compare_simulators
 
 BUDGET = 60
-OWN = ("twin", "cases", "budgets", "processes", "seed", "out", "docs", "json_file")  # options of compare
 
 
 def run(
@@ -34,12 +33,15 @@ def run(
     docs: Path | None,
     json_file: Path | None,
 ) -> None:
-    """See `maglev_workbench.cli_tuning.compare`. budget: experiments on each, or "simulators,twin"; None: BUDGET."""
-    require_folder(json_file, "--json")
-    require_folder(docs, "--docs")
+    """Compare the simulators on the twin; the options are those of `maglev compare`.
+
+    Args:
+        budget: experiments on each, or "simulators,twin"; None: BUDGET.
+    """
     budgets = parse_budgets(budget)
     chosen, seal = twin_cases(folder, cases), seal_of(folder)
     results = out or folder / "worth"
+    require_folder(results)
     with progress_bar() as bar:
         line = bar.add_task("tune and score on the twin", total=len(chosen))
         try:
@@ -80,18 +82,6 @@ def parse_budgets(text: str | None) -> dict[str, int]:
             f"--budgets {text!r}: with --twin give one number of experiments, or simulators,twin as 300,60"
         )
     return {NOMINAL: numbers[0], CORRECTED: numbers[0], TWIN: numbers[-1]}
-
-
-def check_options(twin: bool, given: Sequence[str]) -> None:
-    """ValueError for options of `maglev compare`, by parameter name, that do not go together with or without --twin."""
-    if twin and (other := [name for name in given if name not in OWN]):
-        shown = "METHOD" if other[0] == "methods" else f"--{other[0]}"
-        raise ValueError(
-            f"{shown} makes no sense with --twin: rigs, effects and protocol are those of the sealed set, and one "
-            "tuner works on all three simulators; leave it out"
-        )
-    if not twin and (other := [name for name in given if name in ("cases", "processes")]):
-        raise ValueError(f"--{other[0]} goes with --twin only; leave it out, or name an opened set by --twin")
 
 
 def _command(folder: Path, budgets: dict[str, int], cases: int, seed: int) -> str:

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
+from importlib.metadata import version
 from math import inf, isfinite
 from typing import TYPE_CHECKING, Any
 
@@ -141,6 +142,7 @@ def twin_json(found: Compared) -> dict[str, Any]:
     return plain(
         {
             "schema": SCHEMA,
+            "version": version("maglev-workbench"),
             "set": found.made,
             "labels_sha256": found.labels_sha256,
             "seed": found.seed,

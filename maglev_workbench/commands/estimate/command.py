@@ -1,59 +1,55 @@
 """`maglev estimate`: a campaign, or one file for a first look, to stiffness, damping and margins."""
 
-from dataclasses import dataclass
 from pathlib import Path
+from typing import Annotated
 
-from rich.markup import escape
+import typer
 
-from maglev_env.evaluation.identification import Identification, identify
-from maglev_env.evaluation.identification_planar import PlanarIdentification, identify_planar
-from maglev_env.loop.axes import AXES
-from maglev_env.recordings.campaign import Campaign, RecordingSpec, load_campaign
-from maglev_env.recordings.recording import read_recording
-from maglev_env.recordings.signals import recorded_signals
-from maglev_env.recordings.spectra import RecordedSignals, axis_signals
-from maglev_env.rig.excitation import Excitation, parse_lines
-from maglev_env.rig.rig import Rig, axis_rig
-from maglev_workbench.columns import column_source
-from maglev_workbench.commands.estimate.planar_report import planar_json, planar_sections, planar_table
-from maglev_workbench.commands.estimate.report import estimate_json, estimate_page, estimate_table
-from maglev_workbench.console import console, progress_bar, require_folder, write_json
-from maglev_workbench.page import write_page
+from maglev_workbench.options import JsonOption, friendly, require_choice, require_file
 
 METHODS = ("ls", "ml", "both")
+app = typer.Typer()
 
 
-@dataclass(frozen=True)
-class OneFile:
-    """How to read a single file: rate Hz (None: not given), fundamental Hz, lines first:last[:step], or recorded (not
-    periodic), columns name[*scale] of force and displacement, first sample and how many, and the force "bl" or "zoh"
-    between samples."""
-
-    rate: float | None
-    fundamental: float
-    lines: str
-    recorded: bool
-    force: str
-    displacement: str
-    start: int
-    samples: int | None
-    intersample: str | None
-
-
-def run(
-    source: Path,
-    method: str,
-    estimate_mass: bool,
-    band_width: float | None,
-    band_overlap: float | None,
-    mass: float | None,
-    one: OneFile,
-    out: Path | None,
-    json_file: Path | None,
+@app.command(epilog="Example: maglev estimate my-rig --method both --json estimate.json")
+@friendly
+def estimate(
+    source: Annotated[Path, typer.Argument(help="Campaign folder, or one .mat, .csv, .npz or .h5 file.")],
+    method: Annotated[str, typer.Option(help="ls (the dissertation's), ml or both.")] = "both",
+    estimate_mass: Annotated[bool, typer.Option("--estimate-mass", help="Fit the moving mass too.")] = False,
+    band_width: Annotated[float | None, typer.Option(help="Width of the estimation bands, Hz.")] = None,
+    band_overlap: Annotated[float | None, typer.Option(help="Overlap of neighbouring bands, Hz.")] = None,
+    rate: Annotated[float | None, typer.Option(help="One file: sample rate, Hz.")] = None,
+    fundamental: Annotated[float, typer.Option(help="One file: fundamental of the excitation, Hz.")] = 1.0,
+    lines: Annotated[str, typer.Option(help="One file: excited harmonics, first:last[:step].")] = "1:250",
+    recorded: Annotated[bool, typer.Option("--recorded", help="One file: the force is not periodic.")] = False,
+    force: Annotated[str, typer.Option(help="One file: column of the force, name[*scale].")] = "force",
+    displacement: Annotated[str, typer.Option(help="One file: column of the displacement.")] = "displacement",
+    mass: Annotated[float | None, typer.Option(help="Moving mass, kg (overrides the campaign's).")] = None,
+    start: Annotated[int, typer.Option(min=0, help="One file: first sample used.")] = 0,
+    samples: Annotated[
+        int | None, typer.Option(min=1, help="One file: how many samples (default: to the end).")
+    ] = None,
+    intersample: Annotated[
+        str | None,
+        typer.Option(help="One file: the force between samples, bl (continuous) or zoh (held by a converter)."),
+    ] = None,
+    out: Annotated[Path | None, typer.Option(help="HTML page (default: beside the source).")] = None,
+    json_file: JsonOption = None,
 ) -> None:
-    """See `maglev_workbench.cli.estimate`."""
-    if method not in METHODS:
-        raise ValueError(f"--method {method}: use one of {', '.join(METHODS)}")
+    """Stiffness, damping, margins and distortion of recordings, with honest intervals."""
+    from rich.markup import escape
+
+    from maglev_env.recordings.campaign import load_campaign
+    from maglev_workbench.commands.estimate.one_file import OneFile, one_file_campaign
+    from maglev_workbench.commands.estimate.planar_report import planar_json, planar_sections, planar_table
+    from maglev_workbench.commands.estimate.recordings import identify_campaign
+    from maglev_workbench.commands.estimate.report import estimate_json, estimate_page, estimate_table
+    from maglev_workbench.commands.estimate.terminal import say
+    from maglev_workbench.console import console, progress_bar, write_json
+    from maglev_workbench.page import write_page
+
+    require_choice(method, METHODS, "--method")
     if mass is not None and not mass > 0:
         raise ValueError(f"--mass {mass} kg must be positive")
     if mass is not None and estimate_mass:
@@ -62,117 +58,32 @@ def run(
         raise FileNotFoundError(f"{source} does not exist; name a campaign folder or a data file")
     if band_width is not None and not band_width > 0:
         raise ValueError(f"--band-width {band_width} Hz must be positive")
-    is_campaign = source.is_dir() or source.suffix == ".toml"
-    campaign = load_campaign(source) if is_campaign else _single(source, mass, one)
-    page = out or (campaign.folder / "estimate.html" if is_campaign else source.with_suffix(".html"))
-    require_folder(page, "--out")
-    require_folder(json_file, "--json")
+    if source.is_dir() or source.suffix == ".toml":
+        campaign = load_campaign(source)
+        page = out or campaign.folder / "estimate.html"
+    else:
+        one = OneFile(rate, fundamental, lines, recorded, force, displacement, start, samples, intersample)
+        campaign = one_file_campaign(source, mass, one)
+        page = out or source.with_suffix(".html")
+    require_file(page, "--out")
     mass = campaign.mass if mass is None else mass
-    results: list[tuple[str, Identification]] = []
-    planar: list[tuple[str, PlanarIdentification]] = []
     with progress_bar() as bar:
-        loops: dict[tuple, list[tuple[str, RecordedSignals]]] = {}
-        for spec in bar.track(campaign.recordings, description="estimate"):
-            signals = recorded_signals(campaign, spec, read_recording(campaign, spec))
-            try:
-                results += _axes(spec.file, signals, campaign.rig, mass, estimate_mass, band_width, band_overlap)
-            except ValueError as error:
-                raise ValueError(f"{campaign.folder / spec.file}: {error}") from error
-            if signals.axes == 2 and spec.role == "fit" and mass is not None:
-                loops.setdefault((spec.gains, spec.speed_rpm), []).append((spec.file, signals))
-        for members in loops.values():
-            records = [signals for _, signals in members]
-            found = identify_planar(records, campaign.rig, mass, band_width, band_overlap)
-            planar.append((" + ".join(file for file, _ in members), found))
+        found = identify_campaign(
+            campaign, mass, estimate_mass, band_width, band_overlap, lambda s: bar.track(s, description="estimate")
+        )
     rig = f"{campaign.rig.name}, {mass:g} kg" if campaign.rig else "not given"
     made_by = {"Rig": rig, "Campaign": str(campaign.folder)}
-    write_page(page, estimate_page(results, made_by, [planar_sections(*one) for one in planar]))
-    report = estimate_json(results, method)
-    write_json(json_file, report | {"planar": [planar_json(*one) for one in planar]} if planar else report)
-    for file, found in results:
+    write_page(page, estimate_page(found.axes, made_by, [planar_sections(*both) for both in found.planar]))
+    report = estimate_json(found.axes, method)
+    planar = {"planar": [planar_json(*both) for both in found.planar]} if found.planar else {}
+    write_json(json_file, report | planar)
+    for file, one_axis in found.axes:
         console.print(f"\n[bold]{escape(file)}[/]")
-        console.print(estimate_table(found, method))
-        _say(found)
-    for files, found in planar:
+        console.print(estimate_table(one_axis, method))
+        say(one_axis)
+    for files, both in found.planar:
         console.print(f"\n[bold]x and y together: {escape(files)}[/]")
-        console.print(planar_table(found))
-        for note in found.notes:
+        console.print(planar_table(both))
+        for note in both.notes:
             console.print(f"  note: {note}")
     console.print(f"page  {page}")
-
-
-def _axes(
-    file: str, signals: RecordedSignals, rig: Rig | None, mass: float | None, *options: object
-) -> list[tuple[str, Identification]]:
-    """The identification of a recording, of each axis by itself where there are two."""
-    parts = [(file, signals)]
-    if signals.axes == 2:
-        parts = [(f"{file}, {name}", axis_signals(signals, axis)) for axis, name in enumerate(AXES)]
-        # An axis that nothing pushes along tells nothing by itself.
-        pushed = [(name, own) for name, own in parts if any(e.at == "force" for e in own.excitations)]
-        parts = pushed or [(name, own) for name, own in parts if own.excitations]
-    found = []
-    for name, own in parts:
-        one = rig if rig is None or own.axis is None else axis_rig(rig, own.axis)
-        # A mass given stands for the rig's common one; an axis may have its own share of it.
-        share = mass if mass is None or one is None or rig is None else mass * one.mass / rig.mass
-        found.append((name, identify(own, one, share, *options)))
-    return found
-
-
-def _say(found: Identification) -> None:
-    if found.modal:
-        m = found.modal
-        console.print(f"mass {m.mass:.5g} +- {1.96 * m.mass_se:.2g} kg")
-    if found.actuator:
-        a = found.actuator
-        console.print(f"actuator gain {a.gain:.4g} +- {1.96 * a.gain_se:.2g} N/A")
-        console.print(f"stiffness without control {a.stiffness / 1e3:.4g} +- {1.96 * a.stiffness_se / 1e3:.2g} kN/m")
-    if found.natural_frequency is not None:
-        console.print(f"natural frequency {found.natural_frequency:.2f} Hz, damping ratio {found.damping_ratio:.4f}")
-    d = found.distortion
-    for name, level, p in (("even", d.even, d.even_p), ("odd", d.odd, d.odd_p)):
-        if level is not None:
-            console.print(
-                f"{name} distortion {level:.2%} of the excited lines" + (f" (p = {p:.2g})" if p is not None else "")
-            )
-    if found.stability:
-        s = found.stability
-        ci = s.margins.intervals.get("peak_sensitivity")
-        bounds = " .. ".join("?" if v is None else f"{v:.2f}" for v in ci) if ci else "no interval"
-        console.print(
-            f"peak sensitivity {s.margins.peak_sensitivity:.2f} ({bounds}), "
-            f"ISO 14839-3 zone {s.iso_14839_3_zone}; {s.source}"
-        )
-        if "peak_sensitivity" in s.margins.reasons:
-            console.print(f"  [yellow]![/] peak sensitivity: {s.margins.reasons['peak_sensitivity']}")
-        for name, unit in (("gain_margin_low", ""), ("gain_margin_high", ""), ("phase_margin", " deg")):
-            value = getattr(s.margins, name)
-            text = f"{value:.3g}{unit}" if value is not None else s.margins.reasons.get(name, "not found")
-            console.print(f"{name.replace('_', ' ')} {text}")
-    for note in found.notes:
-        console.print(f"  note: {note}")
-
-
-def _single(path: Path, mass: float | None, one: OneFile) -> Campaign:
-    if one.rate is None or not one.rate > 0:
-        raise ValueError(f"{path}: one file needs its sample rate: --rate HZ")
-    if one.recorded:
-        excitation = Excitation("recorded", "force")
-    else:
-        excitation = Excitation("sphs", "force", one.fundamental, parse_lines(one.lines))
-    channels = {"force": column_source(one.force), "displacement": column_source(one.displacement)}
-    spec = RecordingSpec(
-        path.name,
-        "fit",
-        one.rate,
-        one.start,
-        one.samples,
-        None,
-        0.0,
-        None,
-        (excitation,),
-        channels,
-        one.intersample,
-    )
-    return Campaign(path.parent, None, mass, (spec,))

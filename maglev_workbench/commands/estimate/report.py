@@ -61,7 +61,7 @@ def estimate_json(results: Sequence[tuple[str, Identification]], method: Method)
                 "notes": found.notes,
             }
         )
-    return {"schema": "maglev-estimate/1", "recordings": plain(recordings)}
+    return {"schema": "maglev-estimate/1", "version": version("maglev-workbench"), "recordings": plain(recordings)}
 
 
 def estimate_table(identification: Identification, method: Method) -> "rich.table.Table":

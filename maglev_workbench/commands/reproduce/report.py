@@ -1,6 +1,7 @@
 """What the reproduced experiments say, as a page, as markdown and as JSON."""
 
 from collections.abc import Sequence
+from importlib.metadata import version
 from math import isfinite
 from typing import Any
 
@@ -80,6 +81,7 @@ def reproduce_json(done: Done, seed: int) -> dict[str, Any]:
     return plain(
         {
             "schema": "maglev-reproduce/1",
+            "version": version("maglev-workbench"),
             "seed": seed,
             "items": [
                 {

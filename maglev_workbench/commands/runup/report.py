@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import asdict
+from importlib.metadata import version
 from typing import Any
 
 import numpy as np
@@ -70,6 +71,7 @@ def run_up_json(found: Report) -> dict[str, Any]:
     return plain(
         {
             "schema": "maglev-runup/1",
+            "version": version("maglev-workbench"),
             "rotor": found.rotor.name,
             "gains": {name: asdict(gains) for name, gains in found.rotor.gains.items()},
             "seed": found.seed,

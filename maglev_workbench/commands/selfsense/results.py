@@ -4,18 +4,18 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from maglev_workbench.console import console, require_folder, write_json
+from maglev_workbench.console import console, write_json
+from maglev_workbench.options import require_file
 from maglev_workbench.page import write_page
 
 if TYPE_CHECKING:
     from rich.table import Table
 
 
-def page_file(out: Path | None, command: str, json_file: Path | None) -> Path:
-    """The page's file: out, or selfsense-<command>.html here. ValueError where page or JSON cannot be written."""
+def page_file(out: Path | None, command: str) -> Path:
+    """The page's file: out, or selfsense-<command>.html here. ValueError where it cannot be written."""
     page = out or Path(f"selfsense-{command}.html")
-    require_folder(page, "--out")
-    require_folder(json_file, "--json")
+    require_file(page, "--out")
     return page
 
 

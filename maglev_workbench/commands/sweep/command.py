@@ -1,44 +1,73 @@
 """`maglev sweep`: run or resume, then the table, the dataset, the page and the JSON."""
 
-from collections.abc import Mapping, Sequence
 from pathlib import Path
-from time import perf_counter
+from typing import Annotated
 
-from maglev_env.design.defaults import with_defaults
-from maglev_env.loop.effect import parse_effects
-from maglev_env.rig.rig import load_rig
-from maglev_lanes.schedule import workers
-from maglev_workbench.commands.sweep.report import sweep_page, sweep_summary, sweep_table
-from maglev_workbench.console import console, progress_bar, require_folder, write_json
-from maglev_workbench.page import write_page
-from tuning.sweep import SWEPT, Sweep, default_axes, gain_sets, parse_axis, run_sweep
+import typer
+
+from maglev_workbench.options import (
+    EffectOption,
+    JsonOption,
+    RigOption,
+    SchedulerOption,
+    SeedOption,
+    SensorOption,
+    ThreadsOption,
+    friendly,
+    require_choice,
+    require_folder,
+)
+
+app = typer.Typer()
 
 
-def run(
-    rig: str,
-    axes: Mapping[str, str | None],
-    log: bool | None,
-    sobol: int,
-    effects: Sequence[str],
-    seed: int,
-    sensor: str,
-    threads: int | None,
-    scheduler: str | None,
-    out: Path | None,
-    json_file: Path | None,
+@app.command(epilog="Example: maglev sweep --rig hmb_free --kp 4000:16000:16 --kd 2:12:16 --out my-sweep")
+@friendly
+def sweep(
+    rig: RigOption = "hmb_free",
+    kp: Annotated[str | None, typer.Option(help="lo:hi:n in A/m, or one value.")] = None,
+    ki: Annotated[str | None, typer.Option(help="lo:hi:n in A/(m s), or one value.")] = None,
+    kd: Annotated[str | None, typer.Option(help="lo:hi:n in A s/m, or one value.")] = None,
+    log: Annotated[
+        bool | None, typer.Option("--log/--linear", help="Spacing (default: log over the rig's bounds).")
+    ] = None,
+    sobol: Annotated[int, typer.Option(min=0, help="So many Sobol points instead of the grid.")] = 0,
+    effect: EffectOption = [],  # noqa: B006
+    sensor: SensorOption = "probe",
+    seed: SeedOption = 0,
+    threads: ThreadsOption = None,
+    scheduler: SchedulerOption = None,
+    out: Annotated[Path | None, typer.Option(help="Folder of the results; an interrupted sweep resumes there.")] = None,
+    json_file: JsonOption = None,
 ) -> None:
-    """See `maglev_workbench.cli.sweep`."""
+    """Score every gain set of a grid (or Sobol set) by a simulated SPHS experiment: table, dataset and HTML maps.
+
+    Without --kp, --ki and --kd it sweeps the rig's bounds; with some of them, the others stay at the preset.
+    """
+    from time import perf_counter
+
+    from maglev_env.design.defaults import with_defaults
+    from maglev_env.experiment import SENSORS
+    from maglev_env.loop.effect import parse_effects
+    from maglev_env.rig.rig import load_rig
+    from maglev_lanes.schedule import workers
+    from maglev_workbench.commands.sweep.report import sweep_page, sweep_summary, sweep_table
+    from maglev_workbench.console import console, progress_bar, write_json
+    from maglev_workbench.page import write_page
+    from tuning.sweep import SWEPT, Sweep, default_axes, gain_sets, parse_axis, run_sweep
+
+    require_choice(sensor, SENSORS, "--sensor")
     loaded = load_rig(rig)
     if not loaded.controlled:
         raise ValueError(f"rig {loaded.name} has no controlled magnet: there is nothing to sweep")
     loaded = with_defaults(loaded)
-    given = {name: parse_axis(text) for name, text in axes.items() if text is not None}
-    chosen = {n: given[n] for n in SWEPT if n in given} or default_axes(loaded)
+    given = {name: parse_axis(text) for name, text in (("kp", kp), ("ki", ki), ("kd", kd)) if text is not None}
+    axes = {n: given[n] for n in SWEPT if n in given} or default_axes(loaded)
     if log is None:
-        log = not given and all(axis.low > 0 for axis in chosen.values())
-    plan = Sweep(loaded, chosen, log, sobol, parse_effects(effects), seed, sensor)
+        log = not given and all(axis.low > 0 for axis in axes.values())
+    plan = Sweep(loaded, axes, log, sobol, parse_effects(effect), seed, sensor)
     folder = out or Path(f"sweep-{loaded.name}")
-    require_folder(json_file, "--json")
+    require_folder(folder)
     total = len(gain_sets(plan))
     reused = 0
     started = perf_counter()

@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Mapping
+from importlib.metadata import version
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -63,6 +64,7 @@ def sweep_summary(dataset: "xr.Dataset", seconds: float, reused: int) -> dict[st
     n, rows = dataset.sizes["experiment"], best_rows(dataset, 1)
     return {
         "schema": "maglev-sweep/1",
+        "version": version("maglev-workbench"),
         "n": n,
         "stable": int(dataset["feasible"].sum()),
         "best": {name: rows[0][name] for name in ("gains", "score", "terms")} if rows else None,

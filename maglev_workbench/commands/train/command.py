@@ -1,44 +1,68 @@
 """`maglev train`: a policy that tunes rigs it has not seen, trained, judged on rigs kept back, and stored."""
 
-from collections.abc import Callable
-from dataclasses import asdict
 from pathlib import Path
-from time import perf_counter
-from typing import Any
+from typing import Annotated
 
-import numpy as np
-from rich.table import Table
+import typer
 
-from maglev_env.recordings.json_data import plain
-from maglev_env.rig.rig import load_rig
-from maglev_env.task.task import make_task
-from maglev_lanes.code_version import code_version
-from maglev_lanes.schedule import workers
-from maglev_workbench.console import console, progress_bar, require_folder, write_json
-from tuning.comparison.compare import held_out
-from tuning.learned.policy import HistoryPolicy, load_policy, save_policy
-from tuning.learned.training import Plan, train
-from tuning.learned.tuner import LearnedTuner
-from tuning.learned.worlds import World
-from tuning.lockstep import course, judged, side_by_side
-from tuning.study.folder import claim, locked
+from maglev_workbench.options import (
+    JsonOption,
+    RigOption,
+    SchedulerOption,
+    SeedOption,
+    friendly,
+    require_choice,
+    require_folder,
+)
 
 SCHEMA = "maglev-training/1"
 BY = ("imitation", "ppo", "sac")
 SPEC, POLICY, GROUPS = "training.json", "policy.npz", "groups"
-TASKS = 16  # groups of rigs that differ in their effect, side by side in ppo and sac
 EXPERIMENTS = 100_000  # of ppo and sac, where none are asked for
-CHECKPOINTS = (1, 2, 3, 5, 10)  # experiments after which a policy is judged
+app = typer.Typer()
 
 
-def run(
-    rig: str, by: str, protocol: str, rigs: int | None, experiments: int | None, judged: int, init: Path | None,
-    seed: int, scheduler: str | None, out: Path | None, json_file: Path | None,
-) -> None:  # fmt: skip
-    """See `maglev_workbench.cli_tuning.train`."""
-    require_folder(json_file, "--json")
-    if by not in BY:
-        raise ValueError(f"--by {by}: use one of {', '.join(BY)}")
+@app.command(
+    epilog="Example: maglev train --rigs 1200 --out mine && maglev tune --method learned --policy mine/policy.npz"
+)
+@friendly
+def train(
+    rig: RigOption = "hmb_free",
+    by: Annotated[
+        str, typer.Option(help="imitation (of searched optima), or ppo or sac (Stable-Baselines3).")
+    ] = "imitation",
+    protocol: Annotated[str, typer.Option(help="What the policy is to observe: full, or quick.")] = "full",
+    rigs: Annotated[int | None, typer.Option(min=1, help="Imitation: rigs drawn in all (default: 6000).")] = None,
+    experiments: Annotated[
+        int | None, typer.Option(min=1, help="ppo and sac: experiments in all (default: 100,000).")
+    ] = None,
+    judged: Annotated[int, typer.Option("--held-out", min=2, help="Rigs kept back, on which it is judged.")] = 100,
+    init: Annotated[Path | None, typer.Option(help="ppo and sac: a policy to begin with.")] = None,
+    seed: SeedOption = 0,
+    scheduler: SchedulerOption = None,
+    out: Annotated[
+        Path | None, typer.Option(help="Folder of the policy; an interrupted imitation resumes there.")
+    ] = None,
+    json_file: JsonOption = None,
+) -> None:
+    """Train a policy that tunes rigs it has not seen: drawn wide, with targets and effects of their own."""
+    from dataclasses import asdict
+    from time import perf_counter
+
+    from maglev_env.recordings.json_data import plain
+    from maglev_env.rig.rig import load_rig
+    from maglev_lanes.code_version import code_version
+    from maglev_lanes.schedule import workers
+    from maglev_workbench.commands.train.report import held_out_table
+    from maglev_workbench.commands.train.training import judge, reinforced
+    from maglev_workbench.console import console, progress_bar, write_json
+    from tuning.learned.policy import load_policy, save_policy
+    from tuning.learned.training import Plan
+    from tuning.learned.training import train as train_by_imitation
+    from tuning.learned.worlds import World
+    from tuning.study.folder import claim, locked
+
+    require_choice(by, BY, "--by")
     if init is not None and by == BY[0]:
         raise ValueError("--init: imitation begins anew; leave it out, or use --by ppo or sac")
     if scheduler is not None and by != BY[0]:
@@ -57,16 +81,17 @@ def run(
 
         check_training([world.task()], by, experiments, begun)
     folder = out or Path(f"train-{world.rig.name}")
-    made_by: dict[str, Any] = {
+    require_folder(folder)
+    made_by = {
         "schema": SCHEMA, "version": code_version(), "by": by, "seed": seed,
         "world": plain(asdict(world)), "plan": asdict(plan) if by == "imitation" else {"experiments": experiments},
         "init": None if init is None else str(init),
     }  # fmt: skip
     started = perf_counter()
-    with locked(folder, "another process trains there; wait, or choose another folder"):
+    with workers(scheduler) as spread, locked(folder, "another process trains there; wait, or choose another folder"):
         claim(folder / SPEC, made_by, "training")
         (folder / GROUPS).mkdir(exist_ok=True)
-        with workers(scheduler) as spread, progress_bar() as bar:
+        with progress_bar() as bar:
             total = rigs if by == "imitation" else experiments
             line = bar.add_task("train", total=total)
 
@@ -75,9 +100,9 @@ def run(
 
             try:
                 if by == "imitation":
-                    policy, log = train(world.draw, plan, seed, folder / GROUPS, advance, spread)
+                    policy, log = train_by_imitation(world.draw, plan, seed, folder / GROUPS, advance, spread)
                 else:
-                    policy, log = _reinforced(world, by, experiments, seed, begun, advance)
+                    policy, log = reinforced(world, by, experiments, seed, begun, advance)
             except KeyboardInterrupt:
                 if by == BY[0]:
                     console.print(f"stopped; finished groups of rigs are in {folder}: run it again to go on")
@@ -92,48 +117,5 @@ def run(
     data = {"schema": SCHEMA, "made_by": made_by, "log": log, "held_out": found, "seconds": seconds}
     write_json(folder / "train.json", data)
     write_json(json_file, data)
-    console.print(_table(found, judged))
+    console.print(held_out_table(found, judged))
     console.print(f"{seconds:.0f} s\npolicy  {folder / POLICY}")
-
-
-def _reinforced(
-    world: World, by: str, experiments: int, seed: int, init: HistoryPolicy | None, advance: Callable[[str, int], None]
-) -> tuple[HistoryPolicy, list[dict[str, float]]]:
-    from tuning.learned.reinforcement import train_by_reinforcement
-
-    rng, done = np.random.default_rng(seed), 0
-
-    def told(made: int) -> None:
-        nonlocal done
-        advance(by, made - done)
-        done = made
-
-    tasks = [world.draw(rng)[0] for _ in range(TASKS)]
-    return train_by_reinforcement(tasks, by, experiments, seed, init, progress=told)
-
-
-def judge(world: World, policy: HistoryPolicy, rigs: int, seed: int) -> dict[str, Any]:
-    """Mean score with standard error of the best gains so far, after CHECKPOINTS experiments on rigs drawn wide with
-    the preset's target and no effect, as `maglev compare` draws them; touchdowns on the way."""
-    task = make_task(
-        world.rig, world.tuned, randomization="wide", protocol=world.protocol, sensor=world.sensor,
-        budget=CHECKPOINTS[-1],
-    )  # fmt: skip
-    _, lanes, seeds = held_out(task, rigs, 1, seed)
-    tuners = [LearnedTuner(task, e, policy, s) for e, s in zip(lanes, seeds, strict=True)]
-    found = course(side_by_side(task, lanes, tuners, CHECKPOINTS[-1]))
-    score, touchdowns = judged(task, lanes, found, CHECKPOINTS, seed)
-    se = score.std(axis=0, ddof=1) / np.sqrt(rigs)
-    return {
-        "rigs": rigs, "after": list(CHECKPOINTS), "score": score.mean(axis=0).tolist(), "se": se.tolist(),
-        "touchdowns": int(touchdowns[:, -1].sum()),
-    }  # fmt: skip
-
-
-def _table(found: dict[str, Any], rigs: int) -> Table:
-    grid = Table(title=f"{rigs} rigs not met in training; {found['touchdowns']} touchdowns")
-    for name in ("experiments", "mean score", "95 %"):
-        grid.add_column(name, justify="right")
-    for n, score, se in zip(found["after"], found["score"], found["se"], strict=True):
-        grid.add_row(str(n), f"{score:.4f}", f"± {1.96 * se:.4f}")
-    return grid

@@ -12,7 +12,8 @@ from maglev_env.recordings.files import write_text_atomic
 from maglev_env.rig.rig import Rig
 from maglev_workbench.commands.tune.campaign_report import campaign_json, campaign_page, campaign_tables
 from maglev_workbench.commands.tune.next_recording import commented, excitation_words, summary, toml_block
-from maglev_workbench.console import console, require_folder, write_json
+from maglev_workbench.console import console, write_json
+from maglev_workbench.options import require_folder
 from maglev_workbench.page import write_page
 from tuning.campaign.next_step import TUNED, next_step
 from tuning.campaign.recorded_sets import recorded_sets
@@ -29,9 +30,13 @@ def run(
     json_file: Path | None,
     named: Sequence[str] = (),
 ) -> None:
-    """See `maglev_workbench.cli_tuning.tune`; named: names of all options on the command line.
+    """Propose the next recording, or say why to stop; the options are those of `maglev tune`.
 
-    ValueError for options that mean nothing with a campaign, a campaign without a rig, recordings of no use.
+    Args:
+        named: names of all options on the command line.
+
+    Raises:
+        ValueError: for options that mean nothing with a campaign, a campaign without a rig, recordings of no use.
     """
     if extra := [name for name in named if name not in MEANT]:
         words = {"json_file": "json", "tuned": "tune"}
@@ -40,12 +45,12 @@ def run(
             f"{those}: not with --campaign, which takes rig and recordings from its folder and proposes one experiment "
             "at a time; it goes with --budget, --tune, --seed, --out and --json"
         )
-    require_folder(json_file, "--json")
     folder, rig, campaign = _read(source)
+    target = out or folder / "tune"
+    require_folder(target)
     tuned = tuple(tuned) or TUNED
     sets = recorded_sets(campaign) if campaign and rig.axes == 1 else []
     advice = next_step(rig, sets, tuned, budget, seed)
-    target = out or folder / "tune"
     target.mkdir(parents=True, exist_ok=True)
     block = toml_block(advice, campaign)
     made_by = {

@@ -1,46 +1,80 @@
 """`maglev tune`: a budget of simulated experiments, and which gains to take from them."""
 
-from collections.abc import Sequence
-from dataclasses import asdict
 from pathlib import Path
-from time import perf_counter
+from typing import Annotated
 
-import numpy as np
+import typer
 
-from maglev_env.loop.effect import parse_effects
-from maglev_env.loop.gains import of_axis
-from maglev_env.recordings.json_data import plain
-from maglev_env.rig.rig import load_rig
-from maglev_env.task.episodes import Episode
-from maglev_env.task.task import make_task
-from maglev_lanes.schedule import workers
-from maglev_workbench.commands.tune.report import tune_json, tune_page, tune_tables
-from maglev_workbench.console import console, progress_bar, require_folder, write_json
-from maglev_workbench.page import write_page
-from tuning.methods import LEARNED, make_tuner, policy_digest, policy_of
-from tuning.study.recommendation import recommend
-from tuning.study.study import JOURNAL, run_study
+from maglev_workbench.options import (
+    EffectOption,
+    JsonOption,
+    PolicyOption,
+    RigOption,
+    SchedulerOption,
+    SeedOption,
+    SensorOption,
+    ThreadsOption,
+    friendly,
+    given,
+    require_folder,
+)
+from tuning.methods import METHODS
+
+app = typer.Typer()
 
 
-def run(
-    rig: str,
-    method: str,
-    budget: int,
-    batch: int,
-    tuned: Sequence[str],
-    protocol: str,
-    effects: Sequence[str],
-    sensor: str,
-    seed: int,
-    policy: Path | None,
-    threads: int | None,
-    scheduler: str | None,
-    out: Path | None,
-    json_file: Path | None,
+@app.command(epilog="Example: maglev tune --method model --budget 10 --effect delay=75e-6 --out my-study")
+@friendly
+def tune(
+    context: typer.Context,
+    rig: RigOption = "hmb_free",
+    method: Annotated[str, typer.Option(help=f"Tuner: {', '.join(METHODS)}.")] = "model",
+    budget: Annotated[int, typer.Option(min=1, help="Experiments.")] = 10,
+    batch: Annotated[int, typer.Option(min=1, help="Experiments asked for together.")] = 1,
+    tuned: Annotated[list[str], typer.Option("--tune", help="A gain to tune (default: kp, ki, kd); repeat.")] = [],  # noqa: B006
+    protocol: Annotated[str, typer.Option(help="full, or quick: an eighth of the time, coarser.")] = "full",
+    effect: EffectOption = [],  # noqa: B006
+    sensor: SensorOption = "probe",
+    seed: SeedOption = 0,
+    policy: PolicyOption = None,
+    threads: ThreadsOption = None,
+    scheduler: SchedulerOption = None,
+    campaign: Annotated[
+        Path | None,
+        typer.Option(help="A real rig's campaign folder: propose the next recording, or stop (--budget: recordings)."),
+    ] = None,
+    out: Annotated[Path | None, typer.Option(help="Folder of the study; an interrupted one resumes there.")] = None,
+    json_file: JsonOption = None,
 ) -> None:
-    """See `maglev_workbench.cli_tuning.tune`."""
-    require_folder(json_file, "--json")
-    loaded, chosen = load_rig(rig), parse_effects(effects)
+    """Spend a budget of experiments on a simulated rig, and recommend gains that hold up, or say why none does.
+
+    With --campaign the rig is real: what is recorded so far says which gains to record next, or which to keep.
+    """
+    if campaign is not None:
+        from maglev_workbench.commands.tune import campaign as real
+
+        real.run(campaign, budget, tuned, seed, out, json_file, given(context))
+        return
+    from dataclasses import asdict
+    from time import perf_counter
+
+    import numpy as np
+
+    from maglev_env.loop.effect import parse_effects
+    from maglev_env.loop.gains import of_axis
+    from maglev_env.recordings.json_data import plain
+    from maglev_env.rig.rig import load_rig
+    from maglev_env.task.episodes import Episode
+    from maglev_env.task.task import make_task
+    from maglev_lanes.schedule import workers
+    from maglev_workbench.commands.tune.report import tune_json, tune_page, tune_tables
+    from maglev_workbench.console import console, progress_bar, write_json
+    from maglev_workbench.page import write_page
+    from tuning.methods import LEARNED, make_tuner, policy_digest, policy_of
+    from tuning.study.recommendation import recommend
+    from tuning.study.study import JOURNAL, run_study
+
+    loaded, chosen = load_rig(rig), parse_effects(effect)
     task = make_task(
         loaded, tuned or ("kp", "ki", "kd"), effects=chosen, protocol=protocol, sensor=sensor, budget=budget
     )
@@ -49,6 +83,7 @@ def run(
     own = policy_of(policy)
     tuner = make_tuner(method, task, episode, seed, budget, own)
     folder = out or Path(f"tune-{loaded.name}-{method}")
+    require_folder(folder)
     made_by = {
         "method": method, "seed": seed, "rig": plain(asdict(task.rig)), "effects": plain(chosen), "sensor": sensor,
         "tuned": list(task.box.names), "steps": budget if method == "grid" else None,

@@ -1,6 +1,7 @@
 """A study as tables, page and JSON: what was tried, what is recommended, and what is refused and why."""
 
 from collections.abc import Iterable
+from importlib.metadata import version
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -88,6 +89,7 @@ def tune_json(
     return plain(
         {
             "schema": "maglev-tune/1",
+            "version": version("maglev-workbench"),
             "made_by": made_by,
             "recommended": told(advice.chosen) if advice.chosen else None,
             "refused": [told(v) for v in advice.refused],

@@ -6,6 +6,7 @@ from importlib import resources
 
 import numpy as np
 import pytest
+from command_line import maglev
 from scipy import stats
 
 from estimation.max_likelihood import maximum_likelihood
@@ -26,8 +27,6 @@ from maglev_env.recordings.signals import recorded_signals
 from maglev_env.recordings.spectra import RecordedSignals, axis_signals
 from maglev_env.rig.excitation import Excitation, lines_at
 from maglev_env.rig.rig import axis_rig, load_rig, rig_from_toml
-from maglev_workbench.commands.check import command as command_check
-from maglev_workbench.commands.estimate import command as command_estimate
 
 PRESET = (resources.files("maglev_env") / "rigs" / "hmb_radial.toml").read_text()
 # Axes that cannot be mistaken for one another: springs, damping and controllers of their own.
@@ -229,9 +228,13 @@ def crossed(folder, *directions, **noise):
 
 
 def estimated(campaign, folder):
-    command_estimate.run(
-        campaign.folder, "ml", False, None, None, None, None, folder / "page.html", folder / "found.json"
-    )
+    return by_command("estimate", campaign, folder, "--method", "ml")
+
+
+def by_command(name, campaign, folder, *options):
+    """What a command writes as JSON of a campaign."""
+    files = ["--out", folder / "page.html", "--json", folder / "found.json"]
+    maglev(name, campaign.folder, *options, *files)
     return json.loads((folder / "found.json").read_text())
 
 
@@ -251,8 +254,7 @@ def test_the_command_gives_each_axis_its_own_mass(tmp_path):
 
 def test_the_command_checks_a_recording_driven_along_one_axis(tmp_path):
     campaign = crossed(tmp_path, 0.0)
-    command_check.run(campaign.folder, tmp_path / "page.html", tmp_path / "found.json")
-    assert json.loads((tmp_path / "found.json").read_text())["recordings"]
+    assert by_command("check", campaign, tmp_path)["recordings"]
 
 
 def test_the_command_estimates_the_axis_that_is_driven(tmp_path):

@@ -4,23 +4,14 @@ import json
 from hashlib import sha256
 
 import pytest
-from typer.testing import CliRunner
+from command_line import maglev
 
 import sim2real
-from maglev_workbench.cli import app
-from maglev_workbench.commands.blind import command as command_blind
 from sim2real import gain_choice
 from sim2real.blind import generate as generator
 
-RUN = CliRunner()
 KINDS = ("none", "single", "single", "pair", "unknown", "none")
 EFFECTS = ((), ("delay",), ("mass",), ("delay", "damping"), ("deadband",), ())
-
-
-def run(*arguments, code=0):
-    result = RUN.invoke(app, [str(a) for a in arguments])
-    assert result.exit_code == code, result.output + str(result.exception)
-    return " ".join(result.output.split())
 
 
 class Said:
@@ -60,25 +51,20 @@ def made_by_hand(folder, count, seed, processes=1, labels=None):
 @pytest.fixture
 def by_hand(monkeypatch):
     monkeypatch.setattr(sim2real, "diagnose", Said, raising=False)
-    monkeypatch.setattr(command_blind, "generate_set", made_by_hand)
-
-
-def test_every_command_has_an_example():
-    for command in ("generate", "answer", "open", "run"):
-        assert "Example: maglev blind" in run("blind", command, "--help")
+    monkeypatch.setattr(generator, "generate", made_by_hand)
 
 
 def test_a_set_is_generated_answered_and_opened(tmp_path, by_hand):
     out, docs, js = tmp_path / "set", tmp_path / "blind.md", tmp_path / "b.json"
-    text = run("blind", "generate", "--count", 6, "--seed", 3, "--out", out)
+    text = maglev("blind", "generate", "--count", 6, "--seed", 3, "--out", out)
     digest = sha256((out / "labels.json").read_bytes()).hexdigest()
     assert digest in text and (out / "labels.sha256").read_text().split() == [digest, "labels.json"]
-    assert "not empty" in run("blind", "generate", "--count", 6, "--seed", 3, "--out", out, code=2)
-    assert "missing" in run("blind", "open", out, code=2)
-    assert "6 answered, 0 reused, 1 of both failed" in run("blind", "answer", out, "--processes", 1)
-    assert "0 answered, 6 reused" in run("blind", "answer", out, "--processes", 1, "--json", js)
+    assert "not empty" in maglev("blind", "generate", "--count", 6, "--seed", 3, "--out", out, code=2)
+    assert "missing" in maglev("blind", "open", out, code=2)
+    assert "6 answered, 0 reused, 1 of both failed" in maglev("blind", "answer", out, "--processes", 1)
+    assert "0 answered, 6 reused" in maglev("blind", "answer", out, "--processes", 1, "--json", js)
     assert json.loads(js.read_text())["reused"] == 6
-    assert "false alarm" in run("blind", "open", out, "--docs", docs, "--json", js)
+    assert "false alarm" in maglev("blind", "open", out, "--docs", docs, "--json", js)
     data = json.loads(js.read_text())
     assert data == json.loads((out / "blind.json").read_text()) and data["schema"] == "maglev-blind/1"
     targets = {row["name"]: row for row in data["targets"]}
@@ -94,28 +80,28 @@ def test_a_set_is_generated_answered_and_opened(tmp_path, by_hand):
     assert "(blind.png)" in markdown and (tmp_path / "blind.png").read_bytes().startswith(b"\x89PNG")
     assert all(line.count("|") >= 3 for line in markdown.splitlines() if line.startswith("|"))
     (out / "answers" / "c0001.json").unlink()
-    assert "opened already" in run("blind", "answer", out, "--processes", 1, code=2)
+    assert "opened already" in maglev("blind", "answer", out, "--processes", 1, code=2)
 
 
 def test_changed_labels_are_not_scored(tmp_path, by_hand):
-    run("blind", "generate", "--count", 6, "--seed", 3, "--out", tmp_path / "s")
-    run("blind", "answer", tmp_path / "s", "--processes", 1)
+    maglev("blind", "generate", "--count", 6, "--seed", 3, "--out", tmp_path / "s")
+    maglev("blind", "answer", tmp_path / "s", "--processes", 1)
     labels = tmp_path / "s" / "labels.json"
     labels.write_text(labels.read_text().replace("mass", "delay"))
-    assert "it was changed" in run("blind", "open", tmp_path / "s", code=2)
+    assert "it was changed" in maglev("blind", "open", tmp_path / "s", code=2)
     assert not (tmp_path / "s" / "blind.json").exists()
 
 
 def test_run_does_it_all_and_goes_on_where_it_stopped(tmp_path, by_hand):
     out = tmp_path / "set"
-    run("blind", "generate", "--count", 24, "--seed", 3, "--out", out)
-    assert "seed 3" in run("blind", "run", "--seed", 4, "--quick", "--out", out, code=2)
-    text = run("blind", "run", "--seed", 3, "--quick", "--processes", 1, "--out", out)
+    maglev("blind", "generate", "--count", 24, "--seed", 3, "--out", out)
+    assert "seed 3" in maglev("blind", "run", "--seed", 4, "--quick", "--out", out, code=2)
+    text = maglev("blind", "run", "--seed", 3, "--quick", "--processes", 1, "--out", out)
     assert "6 answered" in text and (out / "blind.html").exists()
-    again = run("blind", "run", "--seed", 3, "--quick", "--processes", 1, "--out", out)
+    again = maglev("blind", "run", "--seed", 3, "--quick", "--processes", 1, "--out", out)
     assert "0 answered, 6 reused" in again  # and the same figures once more
-    assert "does not exist" in run("blind", "open", out, "--docs", tmp_path / "no" / "b.md", code=2)
-    assert "no whole sealed set" in run("blind", "answer", tmp_path, code=2)
+    assert "does not exist" in maglev("blind", "open", out, "--docs", tmp_path / "no" / "b.md", code=2)
+    assert "no whole sealed set" in maglev("blind", "answer", tmp_path, code=2)
 
 
 @pytest.mark.slow
@@ -125,9 +111,9 @@ def test_the_generators_labels_are_read(tmp_path, monkeypatch):
     monkeypatch.setattr(generator, "plan", lambda count, seed: plan)
     monkeypatch.setattr(generator, "SIZES", (20.0, 21.0))
     monkeypatch.setattr(gain_choice, "FACTORS", ((1.0, 1.0), (1.0, 1.4)))
-    run("blind", "generate", "--count", 1, "--seed", 5, "--processes", 1, "--out", tmp_path / "s")
-    run("blind", "answer", tmp_path / "s", "--processes", 1)
-    run("blind", "open", tmp_path / "s", "--json", tmp_path / "b.json")
+    maglev("blind", "generate", "--count", 1, "--seed", 5, "--processes", 1, "--out", tmp_path / "s")
+    maglev("blind", "answer", tmp_path / "s", "--processes", 1)
+    maglev("blind", "open", tmp_path / "s", "--json", tmp_path / "b.json")
     data = json.loads((tmp_path / "b.json").read_text())
     found = data["cases"][0]
     assert (found["kind"], found["effects"], found["right_class"]) == ("single", ["runout"], False)

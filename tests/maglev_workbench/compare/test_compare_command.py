@@ -1,21 +1,15 @@
 """`maglev compare` as a user runs it."""
 
 import json
+from functools import partial
 
 import pytest
-from typer.testing import CliRunner
+from command_line import maglev
 
-from maglev_workbench.cli import app
 from tuning.learned.tuner import SHIPPED
 
-RUN = CliRunner()
+run = partial(maglev, "compare")
 SMALL = ("--rigs", 3, "--budgets", "1,2", "--protocol", "quick")
-
-
-def run(*arguments, code=0):
-    result = RUN.invoke(app, ["compare", *map(str, arguments)])
-    assert result.exit_code == code, result.output + str(result.exception)
-    return " ".join(result.output.split())
 
 
 @pytest.mark.slow
@@ -66,10 +60,6 @@ def test_an_interrupt_says_how_to_go_on(tmp_path, monkeypatch):
         (("--budgets", "0,10"), "give increasing"),
         (("--budgets", "ten"), "give whole numbers"),
         (("--rig", "pedestal"), "no controlled magnet"),
-        (("--protocol", "slow"), "use one of full, quick"),
-        (("--effect", "dely=1"), "dely"),
-        (("--json", "nowhere/a.json"), "does not exist"),
-        (("--docs", "nowhere/a.md"), "does not exist"),
     ],
 )
 def test_bad_input_is_refused_before_any_work(tmp_path, monkeypatch, arguments, words):

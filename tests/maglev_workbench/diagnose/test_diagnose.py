@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
+from command_line import maglev
 
 from maglev_env.design.protocols import diagnosis_campaign
 from maglev_env.kernel.simulate import simulate_records
@@ -15,8 +15,6 @@ from maglev_env.recordings.campaign_writer import write_campaign
 from maglev_env.recordings.recording import simulated_recording
 from maglev_env.rig.excitation import Excitation
 from maglev_env.rig.rig import load_rig
-from maglev_workbench.cli import app
-from maglev_workbench.commands.diagnose import command as command_diagnose
 from maglev_workbench.commands.diagnose.figures import loop_diagram
 from maglev_workbench.commands.diagnose.report import diagnose_page, terminal
 from maglev_workbench.console import console
@@ -24,15 +22,8 @@ from sim2real import attribute
 from sim2real.diagnosis import diagnose
 from sim2real.report import corrections, curves
 
-RUN = CliRunner()
 DELAY = effect("delay", 7.5e-5)
 INJECTED = ((65, 93, 121, 155, 197, 255, 331, 427), (73, 101, 133, 173, 219, 283, 367, 475))
-
-
-def run(*arguments, code=0):
-    result = RUN.invoke(app, [str(a) for a in arguments])
-    assert result.exit_code == code, result.output + str(result.exception)
-    return " ".join(result.output.split())
 
 
 def record(folder, rig="hmb_free", effects=DELAY, names=("base", "holdout"), parameters=None):
@@ -87,7 +78,7 @@ def shown(diagnosis):
 def test_the_command_writes_page_data_and_corrected_rig(tmp_path, monkeypatch):
     few(monkeypatch, "delay", "mass")
     folder = record(tmp_path / "rig-7")
-    text = run("diagnose", folder, "--json", tmp_path / "d.json")
+    text = maglev("diagnose", folder, "--json", tmp_path / "d.json")
     out = folder / "diagnosis"
     assert sorted(p.name for p in out.iterdir()) == ["corrected.toml", "diagnosis.html", "diagnosis.json"]
     data = json.loads((out / "diagnosis.json").read_text())
@@ -175,7 +166,7 @@ def test_every_verdict_has_a_page(diagnosed):
 def test_a_nominal_rig_that_touches_down_is_still_reported(tmp_path, monkeypatch):
     few(monkeypatch, "actuator_gain", "negative_stiffness")
     folder = record(tmp_path / "c", effects={}, parameters={"negative_stiffness": -6e4})
-    text = run("diagnose", folder, "--out", tmp_path / "out")
+    text = maglev("diagnose", folder, "--out", tmp_path / "out")
     assert "does not levitate before" in text
     data = json.loads((tmp_path / "out" / "diagnosis.json").read_text())
     assert data["gap"]["before"] is None
@@ -212,13 +203,13 @@ def test_without_a_holdout_the_lines_that_were_kept_out_judge(tmp_path, monkeypa
     ],
 )
 def test_what_cannot_be_done_is_refused_before_any_work(tmp_path, monkeypatch, arguments, said):
-    monkeypatch.setattr(command_diagnose, "diagnose", lambda *a: pytest.fail("worked"))
+    monkeypatch.setattr("sim2real.diagnosis.diagnose", lambda *a: pytest.fail("worked"))
     (tmp_path / "a.csv").write_text("y\n0\n")
     (tmp_path / "campaign.toml").write_text(
         'schema = "maglev-campaign/1"\n[[recording]]\nfile = "a.csv"\nsample_rate = 20000.0\n'
         'excitation = { kind = "none" }\n[recording.channels]\ndisplacement = { from = "y" }\n'
     )
-    assert said in run("diagnose", *(a.format(tmp_path) for a in arguments), code=2)
+    assert said in maglev("diagnose", *(a.format(tmp_path) for a in arguments), code=2)
 
 
 def test_a_campaign_without_a_rig_is_refused(tmp_path):
@@ -227,12 +218,12 @@ def test_a_campaign_without_a_rig_is_refused(tmp_path):
         'schema = "maglev-campaign/1"\n[[recording]]\nfile = "a.csv"\nsample_rate = 20000.0\n'
         'excitation = { kind = "none" }\n[recording.channels]\ndisplacement = { from = "y" }\n'
     )
-    assert "rig is missing" in run("diagnose", tmp_path, code=2)
-    assert "Example: maglev diagnose" in run("diagnose", "--help")
+    assert "rig is missing" in maglev("diagnose", tmp_path, code=2)
+    assert "Example: maglev diagnose" in maglev("diagnose", "--help")
 
 
 def test_the_list_of_effects_says_what_identifies_each():
-    text = run("effects")
+    text = maglev("effects")
     assert "identified" in text
     for name in EFFECTS:
         assert name in text.replace(" ", "") or name[:8] in text

@@ -3,24 +3,18 @@
 import json
 import subprocess
 import sys
+from functools import partial
 from math import nan
 
 import pytest
-from typer.testing import CliRunner
+from command_line import maglev
 
-from maglev_workbench.cli import app
-from maglev_workbench.commands.reproduce import command as command_reproduce
+from maglev_workbench.commands.reproduce.chapters import registry
 from maglev_workbench.commands.reproduce.chapters.item import Item, Outcome, Row
 from maglev_workbench.commands.reproduce.chapters.registry import HOME, chosen
 from maglev_workbench.commands.reproduce.report import cells, reproduce_markdown
 
-RUN = CliRunner()
-
-
-def run(*arguments, code=0):
-    result = RUN.invoke(app, ["reproduce", *(str(a) for a in arguments)])
-    assert result.exit_code == code, result.output + str(result.exception)
-    return " ".join(result.output.split())
+run = partial(maglev, "reproduce")
 
 
 def test_items_are_run_and_written(tmp_path):
@@ -50,17 +44,9 @@ def test_equal_runs_give_equal_files(tmp_path):
         assert (tmp_path / f"a{ending}").read_bytes() == (tmp_path / f"b{ending}").read_bytes()
 
 
-def test_what_is_wrong_is_said_before_any_work(tmp_path, monkeypatch):
-    def never(seed):
-        raise AssertionError("no item may run")
-
+def test_an_unknown_name_is_told_the_known_ones():
     text = run("sphs", "pedestral", code=2)
     assert "'pedestral' is unknown" in text and all(name in text for name in HOME)
-    monkeypatch.setattr(command_reproduce, "chosen", lambda names: [Item("x", "x", "x", never)])
-    assert "--json" in run("--json", tmp_path / "no" / "r.json", code=2)
-    assert "--docs" in run("--docs", tmp_path / "no" / "r.md", code=2)
-    (tmp_path / "file").write_text("")
-    assert "is a file" in run("--out", tmp_path / "file", code=2)
 
 
 def test_a_stopped_run_leaves_nothing(tmp_path, monkeypatch):
@@ -68,7 +54,7 @@ def test_a_stopped_run_leaves_nothing(tmp_path, monkeypatch):
         raise KeyboardInterrupt
 
     items = [Item("fine", "Fine", "1", lambda seed: Outcome(())), Item("stopped", "Stopped", "2", stopped)]
-    monkeypatch.setattr(command_reproduce, "chosen", lambda names: items)
+    monkeypatch.setattr(registry, "chosen", lambda names: items)
     run("--out", tmp_path / "o", "--docs", tmp_path / "r.md", "--json", tmp_path / "r.json", code=130)
     assert not list(tmp_path.iterdir())
 

@@ -2,27 +2,21 @@
 
 import json
 from dataclasses import replace
+from functools import partial
+from pathlib import Path
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
+from command_line import maglev
 
 from maglev_env.rotor.linear import closed_loop_poles
 from maglev_env.rotor.rotor import ROTORS, load_rotor
 from maglev_env.rotor.run_up import run_up
-from maglev_workbench.cli import app
-from maglev_workbench.commands.runup import command as command_runup
 from maglev_workbench.commands.runup import study as runup
-from maglev_workbench.commands.runup.command import parse_speeds, with_chosen_gains
+from maglev_workbench.commands.runup.asked import parse_speeds, with_chosen_gains
 
-RUN = CliRunner()
+run = partial(maglev, "runup")
 PUMP = load_rotor("pump")
-
-
-def run(*arguments, code=0):
-    result = RUN.invoke(app, ["runup", *(str(a) for a in arguments)])
-    assert result.exit_code == code, result.output + str(result.exception)
-    return " ".join(result.output.split())
 
 
 def test_table_page_and_json(tmp_path):
@@ -71,7 +65,7 @@ def test_a_touchdown_is_told_and_is_no_error(tmp_path):
 
 
 def test_out_of_the_motors_reach_is_said_before_any_work(tmp_path, monkeypatch):
-    monkeypatch.setattr(command_runup, "report", lambda *_: pytest.fail("no simulation may run"))
+    monkeypatch.setattr(runup, "report", lambda *_: pytest.fail("no simulation may run"))
     text = run("--speeds", "0:16000:500", "--out", tmp_path / "x", code=2)
     assert "16000 rpm is out of reach" in text and "N m against a drag of" in text and "lower --speeds" in text
     assert not (tmp_path / "x").exists()
@@ -90,7 +84,6 @@ def test_out_of_the_motors_reach_is_said_before_any_work(tmp_path, monkeypatch):
         (["--gains", "tilt.kp=much"], "much"),
         (["--gains", "tilt.td=0"], "td = 0.0 s must be positive"),
         (["--picture", "r.doc"], "end it in .png, .svg, .pdf"),
-        (["--json", "no/r.json"], "the folder no does not exist"),
     ],
 )
 def test_bad_input(arguments, words, tmp_path, monkeypatch):
@@ -127,7 +120,7 @@ def test_modes():
 
 
 def test_motor_and_thermal_tables(tmp_path):
-    text = (command_runup.Path(runup.__file__).parents[3] / "maglev_env" / "rigs" / "pump.toml").read_text()
+    text = (Path(runup.__file__).parents[3] / "maglev_env" / "rigs" / "pump.toml").read_text()
     path = tmp_path / "own.toml"
     path.write_text(text.replace("turns = 21 ", "turns = -21 "))
     with pytest.raises(ValueError, match=r"own.toml: motor: turns = -21 must be a number above 0"):

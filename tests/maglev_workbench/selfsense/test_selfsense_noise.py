@@ -1,21 +1,14 @@
 """`maglev selfsense noise`: errors against a bound by hand, and what is said of coarse converters."""
 
 import json
+from functools import partial
 from importlib.resources import files
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
+from command_line import maglev
 
-from maglev_workbench.cli import app
-
-RUN = CliRunner()
-
-
-def run(*arguments, code=0):
-    result = RUN.invoke(app, ["selfsense", "noise", *map(str, arguments)])
-    assert result.exit_code == code, result.output + str(result.exception)
-    return " ".join(result.output.split())
+run = partial(maglev, "selfsense", "noise")
 
 
 def rig_file(folder, table, noise="2e-3"):
@@ -122,17 +115,3 @@ def test_the_record_follows_the_seed(made, tmp_path):
     assert np.abs(errors[0] - errors[1]).max() > 1e-6
     first = made[1]["record"]
     np.testing.assert_array_equal(errors[0], np.array(first["error"]) - first["quiet"])
-
-
-@pytest.mark.parametrize(
-    ("arguments", "told"),
-    [
-        (["--rig", "hmb_axial"], "no coil whose inductance follows the gap"),
-        (["--json", "nowhere/n.json"], "--json nowhere/n.json: the folder nowhere does not exist"),
-        (["--out", "nowhere/n.html"], "--out nowhere/n.html: the folder nowhere does not exist"),
-    ],
-)
-def test_bad_input(arguments, told, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    assert told in run(*arguments, code=2)
-    assert not list(tmp_path.iterdir())

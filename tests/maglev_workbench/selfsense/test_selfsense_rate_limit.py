@@ -2,27 +2,21 @@
 
 import json
 from dataclasses import replace
+from functools import partial
 from importlib.resources import files
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
+from command_line import maglev
 
-from maglev_workbench.cli import app
 from maglev_workbench.commands.selfsense.rate_limit import rate_map
 from maglev_workbench.commands.selfsense.rate_limit.rate_map import Gains, as_predicted, settled
 from maglev_workbench.commands.selfsense.rig_sensor import load_sensor
 from selfsense.design import assess, with_gains
 from selfsense.linear import stable
 
-RUN = CliRunner()
+run = partial(maglev, "selfsense", "rate-limit")
 GAIN = 609.8  # A/m: of the digital path at rest
-
-
-def run(*arguments, code=0):
-    result = RUN.invoke(app, ["selfsense", "rate-limit", *map(str, arguments)])
-    assert result.exit_code == code, result.output + str(result.exception)
-    return " ".join(result.output.split())
 
 
 def sampled(rate, loop, integral):
@@ -130,20 +124,6 @@ def test_a_supply_that_165_kHz_is_too_slow_for(tmp_path, small_map):
     output = run("--rig", rig, "--out", tmp_path / "r.html", "--json", tmp_path / "r.json")
     assert "At 165 kHz this supply cannot be sampled" in output
     assert json.loads((tmp_path / "r.json").read_text())["limits"] == []
-
-
-@pytest.mark.parametrize(
-    ("arguments", "told"),
-    [
-        (["--rig", "pedestal"], "no coil whose inductance follows the gap"),
-        (["--json", "nowhere/r.json"], "--json nowhere/r.json: the folder nowhere does not exist"),
-        (["--out", "nowhere/r.html"], "--out nowhere/r.html: the folder nowhere does not exist"),
-    ],
-)
-def test_bad_input(arguments, told, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    assert told in run(*arguments, code=2)
-    assert not list(tmp_path.iterdir())
 
 
 def test_a_path_that_no_rate_of_the_map_suits_is_refused(tmp_path, monkeypatch):

@@ -1,25 +1,19 @@
 """`maglev selfsense rivals`: errors of three estimators of one motion, and the pieces they come from."""
 
 import json
+from functools import partial
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
+from command_line import maglev
 
-from maglev_workbench.cli import app
 from maglev_workbench.commands.selfsense.rig_sensor import load_sensor
 from maglev_workbench.commands.selfsense.rivals import experiments as rivals_experiments
 from maglev_workbench.commands.selfsense.rivals.experiments import _fitted, _levitate, _noise, cases, poles_of
 from selfsense.averaged import levitate, linear_model, sampled
 from selfsense.kalman import process_noise
 
-RUN = CliRunner()
-
-
-def run(*arguments, code=0):
-    result = RUN.invoke(app, ["selfsense", "rivals", *map(str, arguments)])
-    assert result.exit_code == code, result.output + str(result.exception)
-    return " ".join(result.output.split())
+run = partial(maglev, "selfsense", "rivals")
 
 
 @pytest.fixture(scope="module")
@@ -114,17 +108,3 @@ def test_each_ignorance_costs_whom_it_should(tmp_path, monkeypatch):
     page = (tmp_path / "v.html").read_text()
     for text in ("the state observer reads a motion of", "20 % more coil resistance"):
         assert text in page and text in output
-
-
-@pytest.mark.parametrize(
-    ("arguments", "told"),
-    [
-        (["--rig", "hmb_axial"], "no coil whose inductance follows the gap"),
-        (["--json", "nowhere/v.json"], "--json nowhere/v.json: the folder nowhere does not exist"),
-        (["--out", "nowhere/v.html"], "--out nowhere/v.html: the folder nowhere does not exist"),
-    ],
-)
-def test_bad_input(arguments, told, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    assert told in run(*arguments, code=2)
-    assert not list(tmp_path.iterdir())

@@ -93,7 +93,7 @@ def test_summary_counts_only_what_was_computed_now():
     data = dataset(GRID, HALF)
     summary = sweep_summary(data, seconds=2.0, reused=14)
     json.dumps(summary, allow_nan=False)
-    assert set(summary) == {"schema", "n", "stable", "best", "seconds", "experiments_per_second", "reused"}
+    assert set(summary) == {"schema", "version", "n", "stable", "best", "seconds", "experiments_per_second", "reused"}
     assert (summary["schema"], summary["n"], summary["stable"]) == ("maglev-sweep/1", 24, sum(HALF))
     assert summary["experiments_per_second"] == 5.0
     assert summary["best"]["score"] == pytest.approx(0.8)

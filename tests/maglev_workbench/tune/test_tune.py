@@ -1,20 +1,13 @@
 """`maglev tune` as a user runs it."""
 
 import json
+from functools import partial
 
 import pytest
-from typer.testing import CliRunner
+from command_line import maglev
 
-from maglev_workbench.cli import app
-
-RUN = CliRunner()
+run = partial(maglev, "tune")
 QUICK = ("--protocol", "quick")
-
-
-def run(*arguments, code=0):
-    result = RUN.invoke(app, ["tune", *map(str, arguments)])
-    assert result.exit_code == code, result.output + str(result.exception)
-    return " ".join(result.output.split())
 
 
 @pytest.mark.slow
@@ -48,9 +41,6 @@ def test_gains_that_do_not_hold_up_are_refused_in_words(tmp_path):
         (("--budget", 0), "Invalid value"),
         (("--rig", "pedestal"), "no controlled magnet"),
         (("--tune", "kq"), "no gain 'kq'"),
-        (("--protocol", "slow"), "use one of full, quick"),
-        (("--effect", "dely=1"), "dely"),
-        (("--json", "nowhere/a.json"), "does not exist"),
     ],
 )
 def test_bad_input_is_refused_before_any_work(tmp_path, monkeypatch, arguments, words):

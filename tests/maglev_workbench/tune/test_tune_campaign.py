@@ -3,10 +3,11 @@
 import json
 import tomllib
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
+from command_line import maglev
 
 from maglev_env.design.defaults import with_defaults
 from maglev_env.experiment import protocol_experiment
@@ -16,16 +17,9 @@ from maglev_env.recordings.campaign_writer import write_campaign
 from maglev_env.recordings.recording import simulated_recording
 from maglev_env.rig.rig import load_rig
 from maglev_env.task.protocol import env_protocol
-from maglev_workbench.cli import app
 
-RUN = CliRunner()
+run = partial(maglev, "tune")
 HEAD = 'schema = "maglev-campaign/1"\n'
-
-
-def run(*arguments, code=0):
-    result = RUN.invoke(app, ["tune", *map(str, arguments)])
-    assert result.exit_code == code, result.output + str(result.exception)
-    return " ".join(result.output.split())
 
 
 def recorded(folder, change=lambda dataset: dataset, rig="hmb_free"):
@@ -110,7 +104,6 @@ def test_the_next_recording_keeps_the_channels_of_the_last(tmp_path):
         (("--rig", "hmb_free"), "--rig: not with --campaign"),
         (("--method", "de", "--effect", "delay=1e-5"), "--method, --effect: not with --campaign"),
         (("--tune", "kq"), "no gain 'kq'"),
-        (("--json", "nowhere/a.json"), "does not exist"),
     ],
 )
 def test_options_that_mean_nothing_are_refused(tmp_path, arguments, words):

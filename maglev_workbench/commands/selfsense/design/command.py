@@ -1,18 +1,36 @@
 """`maglev selfsense design`: PI gains of the rig's estimator for a lag, and what the lag costs."""
 
-from pathlib import Path
+from typing import Annotated
 
-from maglev_workbench.commands.selfsense.design.report import design_json, design_page, design_summary, design_table
-from maglev_workbench.commands.selfsense.design.study import STEPS, study
-from maglev_workbench.commands.selfsense.results import page_file, publish
-from maglev_workbench.commands.selfsense.rig_sensor import load_sensor
-from maglev_workbench.console import progress_bar
+import typer
+
+from maglev_workbench.commands.selfsense.options import PageOption
+from maglev_workbench.options import JsonOption, RigOption, friendly
+
+app = typer.Typer()
 
 
-def run(rig: str, lag: float | None, at: float | None, droop: float, out: Path | None, json_file: Path | None) -> None:
-    """See `maglev_workbench.commands.selfsense.cli.design`."""
+@app.command(epilog="Example: maglev selfsense design --lag 20")
+@friendly
+def design(
+    rig: RigOption = "hmb_free",
+    lag: Annotated[
+        float | None, typer.Option(help="Largest lag of the estimate at --at, degrees (default: the rig's).")
+    ] = None,
+    at: Annotated[float | None, typer.Option(help="Frequency of that lag, Hz (default: the rig's).")] = None,
+    droop: Annotated[float, typer.Option(help="Largest droop of the estimate below --at, dB.")] = 1.0,
+    out: PageOption = None,
+    json_file: JsonOption = None,
+) -> None:
+    """PI gains of the estimator: lag against phase margin, with the price in noise."""
+    from maglev_workbench.commands.selfsense.design.report import design_json, design_page, design_summary, design_table
+    from maglev_workbench.commands.selfsense.design.study import STEPS, study
+    from maglev_workbench.commands.selfsense.results import page_file, publish
+    from maglev_workbench.commands.selfsense.rig_sensor import load_sensor
+    from maglev_workbench.console import progress_bar
+
     loaded, sensor = load_sensor(rig)
-    page = page_file(out, "design", json_file)
+    page = page_file(out, "design")
     own = loaded.self_sensing
     lag, at = own.lag if lag is None else lag, own.lag_frequency if at is None else at
     with progress_bar() as bar:

@@ -1,20 +1,36 @@
 """`maglev selfsense levitate`: what self-sensing costs a levitation loop, beside the same experiment with the probe."""
 
-from pathlib import Path
+from typing import Annotated
 
-from maglev_workbench.commands.selfsense.levitate.experiments import SEEDS, compare, map_plan
-from maglev_workbench.commands.selfsense.levitate.numbers import levitate_json
-from maglev_workbench.commands.selfsense.levitate.report import levitate_page, levitate_summary, levitate_table
-from maglev_workbench.commands.selfsense.results import page_file, publish
-from maglev_workbench.commands.selfsense.rig_sensor import load_sensor
-from maglev_workbench.console import progress_bar
+import typer
+
+from maglev_workbench.commands.selfsense.options import PageOption
+from maglev_workbench.options import JsonOption, RigOption, SeedOption, ThreadsOption, friendly
+
+app = typer.Typer()
 
 
-def run(rig: str, points: int, seed: int, threads: int | None, out: Path | None, json_file: Path | None) -> None:
-    """See `maglev_workbench.commands.selfsense.cli.levitate`."""
+@app.command(epilog="Example: maglev selfsense levitate --rig hmb_free --points 12")
+@friendly
+def levitate(
+    rig: RigOption = "hmb_free",
+    points: Annotated[int, typer.Option(min=2, help="Of kp and of kd in the map over the rig's bounds.")] = 16,
+    seed: SeedOption = 0,
+    threads: ThreadsOption = None,
+    out: PageOption = None,
+    json_file: JsonOption = None,
+) -> None:
+    """The same SPHS experiment with the probe and with self-sensing, side by side, and over gains what that costs."""
+    from maglev_workbench.commands.selfsense.levitate.experiments import SEEDS, compare, map_plan
+    from maglev_workbench.commands.selfsense.levitate.numbers import levitate_json
+    from maglev_workbench.commands.selfsense.levitate.report import levitate_page, levitate_summary, levitate_table
+    from maglev_workbench.commands.selfsense.results import page_file, publish
+    from maglev_workbench.commands.selfsense.rig_sensor import load_sensor
+    from maglev_workbench.console import progress_bar
+
     loaded, _ = load_sensor(rig)
     plan = map_plan(loaded, points, seed)
-    page = page_file(out, "levitate", json_file)
+    page = page_file(out, "levitate")
     with progress_bar() as bar:
         task = bar.add_task(f"levitate {loaded.name}", total=2 * (SEEDS + points**2))
         found = compare(plan, threads, lambda n: bar.advance(task, n))

@@ -1,18 +1,30 @@
 """`maglev selfsense noise`: what converter bits and current noise leave of the gap, beside the Cramer-Rao bound."""
 
-from pathlib import Path
+import typer
 
-from maglev_workbench.commands.selfsense.noise.report import noise_json, noise_page, noise_summary, noise_table
-from maglev_workbench.commands.selfsense.noise.study import plan, study
-from maglev_workbench.commands.selfsense.results import page_file, publish
-from maglev_workbench.commands.selfsense.rig_sensor import load_sensor
-from maglev_workbench.console import progress_bar
+from maglev_workbench.commands.selfsense.options import PageOption
+from maglev_workbench.options import JsonOption, RigOption, SeedOption, friendly
+
+app = typer.Typer()
 
 
-def run(rig: str, seed: int, out: Path | None, json_file: Path | None) -> None:
-    """See `maglev_workbench.commands.selfsense.cli.noise`."""
+@app.command(epilog="Example: maglev selfsense noise")
+@friendly
+def noise(
+    rig: RigOption = "hmb_free",
+    seed: SeedOption = 0,
+    out: PageOption = None,
+    json_file: JsonOption = None,
+) -> None:
+    """Error of the estimated gap against converter bits and current noise, beside the Cramer-Rao bound."""
+    from maglev_workbench.commands.selfsense.noise.report import noise_json, noise_page, noise_summary, noise_table
+    from maglev_workbench.commands.selfsense.noise.study import plan, study
+    from maglev_workbench.commands.selfsense.results import page_file, publish
+    from maglev_workbench.commands.selfsense.rig_sensor import load_sensor
+    from maglev_workbench.console import progress_bar
+
     loaded, sensor = load_sensor(rig)
-    page = page_file(out, "noise", json_file)
+    page = page_file(out, "noise")
     with progress_bar() as bar:
         task = bar.add_task(f"noise {loaded.name}", total=len(plan(sensor)))
         found = study(loaded, sensor, seed, lambda: bar.advance(task))

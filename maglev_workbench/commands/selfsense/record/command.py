@@ -1,55 +1,54 @@
 """`maglev selfsense record`: a simulated coil, its current and switching voltage beside the true displacement."""
 
-from dataclasses import asdict, dataclass
-from importlib.metadata import version
-from math import pi
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import Annotated
 
-import numpy as np
+import typer
 
-from maglev_env.channels import unit_of
-from maglev_env.loop.axes import suffixes
-from maglev_env.recordings.campaign_writer import write_campaign
-from maglev_env.recordings.json_data import plain
-from maglev_workbench.commands.selfsense.demodulate.study import check_motion
-from maglev_workbench.commands.selfsense.rig_sensor import load_sensor, reading_text
-from maglev_workbench.console import console, progress_bar, require_folder, write_json
-from selfsense.sensor import SelfSensor
-from selfsense.simulate import simulate
-
-if TYPE_CHECKING:
-    import xarray as xr
+from maglev_workbench.commands.selfsense.options import AmplitudeOption, FrequencyOption, SwingOption
+from maglev_workbench.options import JsonOption, RigOption, SeedOption, friendly, require_choice, require_folder
 
 NAME = "coil"
-FORMATS = ("npz", "mat", "csv")
 LONGEST = 10.0  # s: 2.6 million samples at 262.5 kHz
+app = typer.Typer()
 
 
-@dataclass(frozen=True)
-class Motion:
-    """What is recorded for so many seconds: the gap moves by amplitude (m) sin at frequency (Hz), the duty by
-    duty_swing cos about one half."""
+@app.command(epilog="Example: maglev selfsense record --format mat --out coil && maglev selfsense estimate coil")
+@friendly
+def record(
+    rig: RigOption = "hmb_free",
+    frequency: FrequencyOption = 100.0,
+    amplitude: AmplitudeOption = 50e-6,
+    duty_swing: SwingOption = 0.1,
+    seconds: Annotated[float, typer.Option(min=0.01, help="Length of the recording, s.")] = 0.1,
+    seed: SeedOption = 0,
+    data_format: Annotated[str, typer.Option("--format", help="npz, mat or csv.")] = "npz",
+    out: Annotated[Path, typer.Option(help="Folder of the campaign to write.")] = Path("coil"),
+    json_file: JsonOption = None,
+) -> None:
+    """Record a simulated coil (current, switching voltage, true displacement) as a campaign folder."""
+    from dataclasses import asdict
+    from importlib.metadata import version
 
-    frequency: float
-    amplitude: float
-    duty_swing: float
-    seconds: float
+    from maglev_env.loop.axes import suffixes
+    from maglev_env.recordings.campaign_writer import FORMATS, write_campaign
+    from maglev_env.recordings.json_data import plain
+    from maglev_workbench.commands.selfsense.demodulate.study import check_motion
+    from maglev_workbench.commands.selfsense.record.recording import Motion, recorded_coil
+    from maglev_workbench.commands.selfsense.rig_sensor import load_sensor, reading_text
+    from maglev_workbench.console import console, progress_bar, write_json
 
-
-def run(rig: str, motion: Motion, seed: int, data_format: str, out: Path, json_file: Path | None) -> None:
-    """See `maglev_workbench.commands.selfsense.cli.record`."""
-    if data_format not in FORMATS:
-        raise ValueError(f"--format {data_format}: use one of {', '.join(FORMATS)}")
+    require_choice(data_format, FORMATS, "--format")
+    require_folder(out)
     if (out / "campaign.toml").exists():
         raise ValueError(f"{out / 'campaign.toml'} exists; choose another --out or delete the folder")
-    require_folder(json_file, "--json")
     loaded, sensor = load_sensor(rig)
-    check_motion(sensor, motion.frequency, motion.amplitude)
-    if not 0 <= motion.duty_swing <= 0.5:
-        raise ValueError(f"--duty-swing {motion.duty_swing:g}: the duty varies about one half; use 0 to 0.5")
-    if motion.seconds > LONGEST:
-        raise ValueError(f"--seconds {motion.seconds:g}: use up to {LONGEST:g}; a recording holds every sample")
+    check_motion(sensor, frequency, amplitude)
+    if not 0 <= duty_swing <= 0.5:
+        raise ValueError(f"--duty-swing {duty_swing:g}: the duty varies about one half; use 0 to 0.5")
+    if seconds > LONGEST:
+        raise ValueError(f"--seconds {seconds:g}: use up to {LONGEST:g}; a recording holds every sample")
+    motion = Motion(frequency, amplitude, duty_swing, seconds)
     with progress_bar() as bar:
         task = bar.add_task(f"record {loaded.name}", total=2)
         dataset = recorded_coil(sensor, motion, seed, suffixes(loaded.axes)[0])
@@ -74,26 +73,3 @@ def run(rig: str, motion: Motion, seed: int, data_format: str, out: Path, json_f
         "channels": list(map(str, dataset.data_vars)),
     }
     write_json(json_file, plain(summary))
-
-
-def recorded_coil(sensor: SelfSensor, motion: Motion, seed: int, suffix: str = "") -> "xr.Dataset":
-    """The coil's current (A, as read), switching voltage (V, mean since the sample before) and the displacement (m): at
-    rest less gap; over time (s) from 0, the first sample being one interval after the coil was without current.
-
-    suffix: of the channels' names, _x on an x-y rig.
-    """
-    import xarray as xr
-
-    rate = sensor.acquisition.rate
-    elapsed = (np.arange(round(motion.seconds * rate)) + 1) / rate
-    phase = 2 * pi * motion.frequency * elapsed
-    gap = sensor.gap + motion.amplitude * np.sin(phase)
-    sensed = simulate([sensor], gap, 2 * motion.duty_swing * np.cos(phase), seed=seed)
-    channels = {
-        "current": sensed.current[0],
-        "voltage": sensor.supply.voltage * sensed.switching[0],
-        "displacement": sensor.gap - gap,
-    }
-    variables = {f"{name}{suffix}": ("time", v, {"units": unit_of(name)}) for name, v in channels.items()}
-    time = ("time", np.arange(elapsed.size) / rate, {"units": "s"})
-    return xr.Dataset(variables, {"time": time}, {"sample_rate": rate})

@@ -1,18 +1,30 @@
 """`maglev selfsense rivals`: state observer and Kalman filter beside the parameter estimator, on the same motion."""
 
-from pathlib import Path
+import typer
 
-from maglev_workbench.commands.selfsense.results import page_file, publish
-from maglev_workbench.commands.selfsense.rig_sensor import load_sensor
-from maglev_workbench.commands.selfsense.rivals.experiments import PARTS, cases, compare
-from maglev_workbench.commands.selfsense.rivals.report import rivals_json, rivals_page, rivals_summary, rivals_table
-from maglev_workbench.console import progress_bar
+from maglev_workbench.commands.selfsense.options import PageOption
+from maglev_workbench.options import JsonOption, RigOption, SeedOption, friendly
+
+app = typer.Typer()
 
 
-def run(rig: str, seed: int, out: Path | None, json_file: Path | None) -> None:
-    """See `maglev_workbench.commands.selfsense.cli.rivals`."""
+@app.command(epilog="Example: maglev selfsense rivals")
+@friendly
+def rivals(
+    rig: RigOption = "hmb_free",
+    seed: SeedOption = 0,
+    out: PageOption = None,
+    json_file: JsonOption = None,
+) -> None:
+    """State-space observer and extended Kalman filter on the averaged current, beside the parameter estimator."""
+    from maglev_workbench.commands.selfsense.results import page_file, publish
+    from maglev_workbench.commands.selfsense.rig_sensor import load_sensor
+    from maglev_workbench.commands.selfsense.rivals.experiments import PARTS, cases, compare
+    from maglev_workbench.commands.selfsense.rivals.report import rivals_json, rivals_page, rivals_summary, rivals_table
+    from maglev_workbench.console import progress_bar
+
     loaded, sensor = load_sensor(rig)
-    page = page_file(out, "rivals", json_file)
+    page = page_file(out, "rivals")
     planned = cases(loaded, sensor)
     with progress_bar() as bar:
         task = bar.add_task(f"rivals {loaded.name}", total=PARTS + len(planned))

@@ -4,8 +4,8 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from maglev_env.recordings.json_data import plain
-from maglev_workbench.commands.blind.figures import reliability_figure
-from maglev_workbench.commands.blind.tables import DEFINITIONS, HEAD, cells, missed, tables
+from maglev_workbench.commands.blind.open.figures import reliability_figure
+from maglev_workbench.commands.blind.open.tables import DEFINITIONS, HEAD, cells, missed, tables
 from maglev_workbench.page import markdown_table, note, page, table
 from sim2real.blind.judging import Judgement
 from sim2real.blind.opening import Opened

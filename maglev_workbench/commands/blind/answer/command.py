@@ -1,0 +1,31 @@
+"""`maglev blind answer`: every campaign of a sealed set diagnosed."""
+
+import typer
+
+from maglev_workbench.commands.blind.options import FolderArgument, ProcessesOption
+from maglev_workbench.options import JsonOption, SchedulerOption, friendly
+
+app = typer.Typer()
+
+
+@app.command(epilog="Example: maglev blind answer sealed")
+@friendly
+def answer(
+    folder: FolderArgument,
+    processes: ProcessesOption = None,
+    scheduler: SchedulerOption = None,
+    json_file: JsonOption = None,
+) -> None:
+    """Diagnose every campaign of a sealed set, never reading the labels; an interrupted run resumes.
+
+    Campaigns are sent to the workers of a --scheduler: they need not see the folder.
+    """
+    from maglev_lanes.code_version import DIAGNOSING, code_version
+    from maglev_lanes.schedule import workers
+    from maglev_workbench.commands.blind import sealed_set
+    from maglev_workbench.console import write_json
+
+    with workers(scheduler, processes) as spread:
+        found = sealed_set.answer(folder, processes, spread)
+    counts = {"answered": found.new, "reused": found.reused, "failed": found.failed}
+    write_json(json_file, {"schema": "maglev-blind-answers/1", "version": code_version(DIAGNOSING), **counts})

@@ -1,0 +1,17 @@
+"""`maglev blind open`: the answers to a sealed set scored against its labels."""
+
+import typer
+
+from maglev_workbench.commands.blind.options import FolderArgument, PageDocsOption
+from maglev_workbench.options import JsonOption, friendly
+
+app = typer.Typer()
+
+
+@app.command("open", epilog="Example: maglev blind open sealed --docs docs/blind.md")
+@friendly
+def open_(folder: FolderArgument, docs: PageDocsOption = None, json_file: JsonOption = None) -> None:
+    """Check the seal, score every answer against the truth, and write the page; from then on the set is spent."""
+    from maglev_workbench.commands.blind.open.opening import open_folder
+
+    open_folder(folder, docs, json_file)

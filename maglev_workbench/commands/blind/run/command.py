@@ -1,0 +1,52 @@
+"""`maglev blind run`: a sealed set generated, answered and opened in one go."""
+
+from typing import Annotated
+
+import typer
+
+from maglev_workbench.commands.blind.options import (
+    COUNT,
+    CountOption,
+    FolderOption,
+    PageDocsOption,
+    ProcessesOption,
+    SetSeedOption,
+)
+from maglev_workbench.options import JsonOption, SchedulerOption, friendly
+
+app = typer.Typer()
+
+
+@app.command(epilog="Example: maglev blind run --seed 7 --out sealed --docs docs/blind.md")
+@friendly
+def run(
+    out: FolderOption,
+    seed: SetSeedOption,
+    count: CountOption = COUNT,
+    quick: Annotated[bool, typer.Option("--quick", help="24 campaigns: shows that it runs, proves little.")] = False,
+    processes: ProcessesOption = None,
+    scheduler: SchedulerOption = None,
+    docs: PageDocsOption = None,
+    json_file: JsonOption = None,
+) -> None:
+    """Generate, answer and open in one go; what an interrupted run has finished is used.
+
+    A --scheduler answers; its set is generated here.
+    """
+    from maglev_lanes.schedule import workers
+    from maglev_workbench.commands.blind import sealed_set
+    from maglev_workbench.commands.blind.open.opening import open_folder
+    from maglev_workbench.console import console
+    from sim2real.blind.cases import seal_of
+
+    count = 24 if quick else count
+    with workers(scheduler) as spread:
+        if (out / sealed_set.SET).exists():
+            made = sealed_set.made_of(out)
+            if (made["count"], made["seed"]) != (count, seed):
+                raise ValueError(f"{out} holds {made['count']} campaigns of seed {made['seed']}; choose another --out")
+            console.print(f"{count} campaigns of seed {seed} are there; SHA-256 of their labels\n{seal_of(out)}")
+        else:
+            sealed_set.generate(out, count, seed, processes)
+        sealed_set.answer(out, processes, spread)
+    open_folder(out, docs, json_file)

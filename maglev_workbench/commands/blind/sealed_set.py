@@ -1,0 +1,62 @@
+"""A sealed set made and answered: what `generate`, `answer` and `run` share."""
+
+import json
+import os
+from pathlib import Path
+
+from maglev_env.recordings.files import write_text_atomic
+from maglev_lanes.code_version import DIAGNOSING, code_version
+from maglev_lanes.schedule import Workers
+from maglev_workbench.console import console, progress_bar, write_json
+from maglev_workbench.options import require_folder
+from sim2real.blind import generate as generator
+from sim2real.blind.answer import Answered, answer_all
+from sim2real.blind.cases import ANSWERS, CAMPAIGNS, LABELS, SEAL
+
+SET = "set.json"  # how the set was made: nothing of its truth
+
+
+def generate(out: Path, count: int, seed: int, processes: int | None) -> dict:
+    """Make a sealed set: campaigns, labels, their seal, and how it was made, which is returned.
+
+    Args:
+        out: an empty folder, or one to be made.
+        processes: None: as many as there are cores.
+
+    Raises:
+        ValueError: when the folder is not empty.
+    """
+    require_folder(out)
+    if out.exists() and any(out.iterdir()):
+        raise ValueError(f"{out} is not empty; choose another --out or delete it")
+    out.mkdir(parents=True, exist_ok=True)
+    with progress_bar() as bar:
+        bar.add_task(f"generate {count} campaigns", total=None)
+        seal = generator.generate(out / CAMPAIGNS, count, seed, processes or os.cpu_count() or 1, labels=out / LABELS)
+    console.print(f"SHA-256 of the labels\n{seal}")
+    write_text_atomic(out / SEAL, f"{seal}  {LABELS}\n")
+    data = {"schema": "maglev-blind-set/1", "count": count, "seed": seed, "version": code_version(DIAGNOSING)}
+    write_json(out / SET, data)
+    return {**data, "labels_sha256": seal}
+
+
+def answer(folder: Path, processes: int | None, spread: Workers | None) -> Answered:
+    """Diagnose every campaign of a set that is not diagnosed yet, on workers where there are some."""
+    made_of(folder)
+    with progress_bar() as bar:
+        task = bar.add_task("diagnose", total=len(list((folder / CAMPAIGNS).glob("*/campaign.toml"))))
+        try:
+            found = answer_all(folder, processes, lambda n: bar.advance(task, n), workers=spread)
+        except KeyboardInterrupt:
+            console.print(f"stopped; what is answered is in {folder / ANSWERS}: run the same command again to go on")
+            raise
+    console.print(f"{found.new} answered, {found.reused} reused, {found.failed} of both failed")
+    return found
+
+
+def made_of(folder: Path) -> dict:
+    """How a set was made. ValueError where the folder holds none."""
+    path = folder / SET
+    if not path.is_file():
+        raise ValueError(f"{folder} holds no whole sealed set: make one there first (maglev blind generate)")
+    return json.loads(path.read_text())

@@ -1,0 +1,44 @@
+"""What the options of `maglev compare` ask for: methods, budgets, and which of them go together."""
+
+from collections.abc import Sequence
+
+from maglev_env.task.task import Task
+from maglev_workbench.console import console
+from tuning.comparison.compare import check_policy
+from tuning.learned.policy import HistoryPolicy
+from tuning.methods import LEARNED, METHODS
+
+OWN = ("twin", "cases", "budgets", "processes", "seed", "out", "docs", "json_file")  # options of --twin
+
+
+def check_options(twin: bool, given: Sequence[str]) -> None:
+    """ValueError for options of `maglev compare`, by parameter name, that do not go together with or without --twin."""
+    if twin and (other := [name for name in given if name not in OWN]):
+        shown = "METHOD" if other[0] == "methods" else f"--{other[0]}"
+        raise ValueError(
+            f"{shown} makes no sense with --twin: rigs, effects and protocol are those of the sealed set, and one "
+            "tuner works on all three simulators; leave it out"
+        )
+    if not twin and (other := [name for name in given if name in ("cases", "processes")]):
+        raise ValueError(f"--{other[0]} goes with --twin only; leave it out, or name an opened set by --twin")
+
+
+def default_methods(task: Task, policy: HistoryPolicy | None) -> list[str]:
+    """All that take any budget; the learned one where a policy serves."""
+    methods = [name for name, method in METHODS.items() if method.longest is None]
+    try:
+        check_policy(task, methods, policy)
+    except ValueError as error:
+        if policy is not None:
+            raise
+        console.print(f"without {LEARNED}: {error}", markup=False)
+        methods.remove(LEARNED)
+    return methods
+
+
+def parse_budgets(text: str) -> tuple[int, ...]:
+    """Numbers of experiments, of 10,30. ValueError says what to give."""
+    try:
+        return tuple(int(part) for part in text.split(","))
+    except ValueError:
+        raise ValueError(f"--budgets {text!r}: give whole numbers of experiments, as 10,30") from None

@@ -1,0 +1,39 @@
+"""What the terminal says of an identification below its table."""
+
+from maglev_env.evaluation.identification import Identification
+from maglev_workbench.console import console
+
+
+def say(found: Identification) -> None:
+    """Print mass, actuator, mode, distortion, margins and notes, as far as they were found."""
+    if found.modal:
+        m = found.modal
+        console.print(f"mass {m.mass:.5g} +- {1.96 * m.mass_se:.2g} kg")
+    if found.actuator:
+        a = found.actuator
+        console.print(f"actuator gain {a.gain:.4g} +- {1.96 * a.gain_se:.2g} N/A")
+        console.print(f"stiffness without control {a.stiffness / 1e3:.4g} +- {1.96 * a.stiffness_se / 1e3:.2g} kN/m")
+    if found.natural_frequency is not None:
+        console.print(f"natural frequency {found.natural_frequency:.2f} Hz, damping ratio {found.damping_ratio:.4f}")
+    d = found.distortion
+    for name, level, p in (("even", d.even, d.even_p), ("odd", d.odd, d.odd_p)):
+        if level is not None:
+            console.print(
+                f"{name} distortion {level:.2%} of the excited lines" + (f" (p = {p:.2g})" if p is not None else "")
+            )
+    if found.stability:
+        s = found.stability
+        ci = s.margins.intervals.get("peak_sensitivity")
+        bounds = " .. ".join("?" if v is None else f"{v:.2f}" for v in ci) if ci else "no interval"
+        console.print(
+            f"peak sensitivity {s.margins.peak_sensitivity:.2f} ({bounds}), "
+            f"ISO 14839-3 zone {s.iso_14839_3_zone}; {s.source}"
+        )
+        if "peak_sensitivity" in s.margins.reasons:
+            console.print(f"  [yellow]![/] peak sensitivity: {s.margins.reasons['peak_sensitivity']}")
+        for name, unit in (("gain_margin_low", ""), ("gain_margin_high", ""), ("phase_margin", " deg")):
+            value = getattr(s.margins, name)
+            text = f"{value:.3g}{unit}" if value is not None else s.margins.reasons.get(name, "not found")
+            console.print(f"{name.replace('_', ' ')} {text}")
+    for note in found.notes:
+        console.print(f"  note: {note}")

@@ -1,0 +1,25 @@
+"""What the terminal says of one reproduced experiment."""
+
+from rich.markup import escape
+from rich.table import Table
+
+from maglev_workbench.commands.reproduce.chapters.item import Item, Outcome
+from maglev_workbench.commands.reproduce.report import HEAD, cells
+from maglev_workbench.console import console
+
+
+def show(item: Item, outcome: Outcome) -> None:
+    """Print its figures beside the published ones, what explains a difference, and its notes."""
+    grid = Table(title=f"{item.name}: {escape(item.title)} ({escape(item.source)})", title_justify="left")
+    for heading in HEAD:
+        grid.add_column(heading, justify="left" if heading in ("figure", "verdict") else "right")
+    colours = {True: "green", False: "red", None: None}
+    for row in outcome.rows:
+        grid.add_row(*map(escape, cells(row)), style=colours[row.agrees])
+    console.print(grid)
+    for row in outcome.rows:
+        if row.reason:
+            console.print(f"  [bold]{escape(row.name)}[/]: {escape(row.reason)}", highlight=False)
+    for sentence in outcome.notes:
+        console.print(f"  {escape(sentence)}", highlight=False)
+    console.print()

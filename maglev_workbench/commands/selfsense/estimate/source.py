@@ -1,0 +1,43 @@
+"""Where the coil's recordings come from, a campaign or one file, and where each estimated gap goes."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from maglev_env.recordings.campaign import Campaign, RecordingSpec, load_campaign
+from maglev_env.rig.excitation import Excitation
+from maglev_workbench.columns import column_source
+from maglev_workbench.commands.selfsense.estimate.recorded_coils import Coil
+
+
+@dataclass(frozen=True)
+class OneFile:
+    """How to read a single file: rate Hz (None: not given), columns name[*scale] of the current and the voltage."""
+
+    rate: float | None = None
+    current: str = "current"
+    voltage: str = "voltage"
+
+
+def source_campaign(source: Path, one: OneFile) -> Campaign:
+    """The campaign, or one of a single file. ValueError and FileNotFoundError say what is missing or too much."""
+    if not source.exists():
+        raise FileNotFoundError(f"{source} does not exist; name a campaign folder or a data file")
+    if source.is_dir() or source.suffix == ".toml":
+        if one != OneFile():
+            raise ValueError(f"--rate, --current and --voltage go with one file; the campaign {source} states its own")
+        return load_campaign(source)
+    if one.rate is None or not 0 < one.rate < float("inf"):
+        raise ValueError(f"{source}: one file needs its sample rate: --rate HZ")
+    channels = {"current": column_source(one.current), "voltage": column_source(one.voltage)}
+    excitations = (Excitation("none"),)
+    spec = RecordingSpec(source.name, "fit", one.rate, 0, None, None, 0.0, None, excitations, channels)
+    return Campaign(source.parent, None, None, (spec,))
+
+
+def estimate_files(page: Path, coils: list[Coil]) -> list[Path]:
+    """Where each estimated gap goes: beside the page, named after it, and after the recording where there are more."""
+    if len(coils) == 1:
+        return [page.with_suffix(".npz")]
+    names = ["-".join((*Path(c.spec.file).with_suffix("").parts, *filter(None, [c.suffix.lstrip("_")]))) for c in coils]
+    unique = [n if names.count(n) == 1 else f"{n}-{i}" for i, n in enumerate(names, 1)]
+    return [page.with_name(f"{page.stem}-{name}.npz") for name in unique]

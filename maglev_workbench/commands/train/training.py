@@ -1,0 +1,57 @@
+"""Training by reinforcement for `maglev train`, and how a trained policy is judged on rigs kept back."""
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from maglev_env.task.task import make_task
+from tuning.comparison.compare import held_out
+from tuning.learned.policy import HistoryPolicy
+from tuning.learned.tuner import LearnedTuner
+from tuning.learned.worlds import World
+from tuning.lockstep import course, judged, side_by_side
+
+TASKS = 16  # groups of rigs that differ in their effect, side by side in ppo and sac
+CHECKPOINTS = (1, 2, 3, 5, 10)  # experiments after which a policy is judged
+
+
+def reinforced(
+    world: World, by: str, experiments: int, seed: int, init: HistoryPolicy | None, advance: Callable[[str, int], None]
+) -> tuple[HistoryPolicy, list[dict[str, float]]]:
+    """A policy trained by ppo or sac on rigs drawn from the world, and the log of its training.
+
+    Args:
+        experiments: in all.
+        init: a policy to begin with.
+        advance: told by what and how many experiments were made since it was told last.
+    """
+    from tuning.learned.reinforcement import train_by_reinforcement
+
+    rng, done = np.random.default_rng(seed), 0
+
+    def told(made: int) -> None:
+        nonlocal done
+        advance(by, made - done)
+        done = made
+
+    tasks = [world.draw(rng)[0] for _ in range(TASKS)]
+    return train_by_reinforcement(tasks, by, experiments, seed, init, progress=told)
+
+
+def judge(world: World, policy: HistoryPolicy, rigs: int, seed: int) -> dict[str, Any]:
+    """Mean score with standard error of the best gains so far, after CHECKPOINTS experiments on rigs drawn wide with
+    the preset's target and no effect, as `maglev compare` draws them; touchdowns on the way."""
+    task = make_task(
+        world.rig, world.tuned, randomization="wide", protocol=world.protocol, sensor=world.sensor,
+        budget=CHECKPOINTS[-1],
+    )  # fmt: skip
+    _, lanes, seeds = held_out(task, rigs, 1, seed)
+    tuners = [LearnedTuner(task, e, policy, s) for e, s in zip(lanes, seeds, strict=True)]
+    found = course(side_by_side(task, lanes, tuners, CHECKPOINTS[-1]))
+    score, touchdowns = judged(task, lanes, found, CHECKPOINTS, seed)
+    se = score.std(axis=0, ddof=1) / np.sqrt(rigs)
+    return {
+        "rigs": rigs, "after": list(CHECKPOINTS), "score": score.mean(axis=0).tolist(), "se": se.tolist(),
+        "touchdowns": int(touchdowns[:, -1].sum()),
+    }  # fmt: skip
