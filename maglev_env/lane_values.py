@@ -20,10 +20,12 @@ class LaneValues:
     Args:
         rigs: of every lane, with one axis each.
         effects: of every lane.
+        speeds: of rotation of every lane, 1/min; none where no lane turns.
     """
 
     rigs: tuple[Rig, ...]
     effects: tuple[Effects, ...]
+    speeds: tuple[float, ...] = ()
 
     def effect(self, name: str, parameter: str | None = None) -> np.ndarray:
         """A parameter of an effect (default: its first) in every lane, (n,); where absent the value that means so."""
@@ -43,7 +45,22 @@ class LaneValues:
         """Each lane's force law without its effects; None without magnets."""
         return tuple(force_law(rig) if rig.controlled else None for rig in self.rigs)
 
+    @property
+    def inductance(self) -> np.ndarray:
+        """The coil's, H, infinite where the rig does not give it: (n,)."""
+        return np.array([rig.coil_inductance or np.inf for rig in self.rigs])
+
+    @property
+    def noise(self) -> np.ndarray:
+        """Rms of the reading's noise, m: (n,)."""
+        return np.array([rig.noise.displacement for rig in self.rigs])
+
+    @property
+    def speed(self) -> np.ndarray:
+        """Of rotation, rad/s: (n,)."""
+        return 2 * np.pi / 60 * np.array(self.speeds)
+
 
 def lane_values(own: Sequence[Experiment]) -> LaneValues:
     """The values of one-axis experiments, a lane each."""
-    return LaneValues(tuple(e.rig for e in own), tuple(e.effects for e in own))
+    return LaneValues(tuple(e.rig for e in own), tuple(e.effects for e in own), tuple(e.speed_rpm for e in own))

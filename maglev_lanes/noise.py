@@ -3,7 +3,9 @@
 import numba as nb
 import numpy as np
 
-FAST = {"contract", "nsz", "arcp", "reassoc"}
+from maglev_lanes.layout import FAST
+from maglev_lanes.pieces import piece
+
 _GOLDEN = np.uint64(0x9E3779B97F4A7C15)
 # The sum of four 16-bit uniform numbers, and an odd polynomial that gives it the normal's 2nd, 4th and 6th moments.
 _UNIFORM_MEAN = 131070.0
@@ -11,8 +13,8 @@ _PER_UNIFORM_STD = float(1.0 / np.sqrt(4 * (65536.0**2 - 1) / 12))
 _G1, _G3, _G5 = 9.71507118e-01, 8.82926499e-04, 2.33126057e-03
 
 
-@nb.njit(fastmath=FAST, error_model="numpy", inline="always")
-def normal(seed, count):
+@piece
+def drawn(seed, count):
     """The count-th standard normal of a 64-bit seed (SplitMix64, within 4.57 standard deviations)."""
     z = seed + count * _GOLDEN
     z = (z ^ (z >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
@@ -23,6 +25,11 @@ def normal(seed, count):
     w = (np.float64(np.int64(s)) - _UNIFORM_MEAN) * _PER_UNIFORM_STD
     w2 = w * w
     return w * (_G1 + w2 * (_G3 + w2 * _G5))
+
+
+# Compiled on its own, with the name of a plain function: kernels take `drawn`, because one that is compiled has another
+# name in every process, and no disk cache finds a kernel that holds it.
+normal = nb.njit(fastmath=FAST, error_model="numpy", inline="always")(drawn)
 
 
 @nb.njit(cache=True, nogil=True)

@@ -2,22 +2,14 @@
 
 from collections.abc import Callable
 from functools import cache
-from hashlib import sha256
-from pathlib import Path
 
-import numba as nb
 import numpy as np
 
-from selfsense import kernel_pieces, kernel_rows
-from maglev_lanes import noise as noise_source
+from maglev_lanes.compiled import compiled
 from selfsense.kernel_pieces import SensorStructure, sensor_pieces
 from selfsense.kernel_rows import ESTIMATE, FORWARD, GAP, LANES, READING, VOLT_SECONDS
-from maglev_lanes.noise import FAST
 
 W = LANES
-# The compiler's disk cache looks at this file alone; naming what it was compiled from keeps it from serving stale code.
-_PARTS = (kernel_pieces, kernel_rows, noise_source)
-SOURCES = int(sha256(b"".join(Path(part.__file__).read_bytes() for part in _PARTS)).hexdigest()[:15], 16)
 # What is written per sample: estimated gap (m), amplitude of the ripple behind the forward path (A), current reading
 # (A), levels of the switching voltage times seconds since the sample before (s).
 CHANNELS = ("estimate", "amplitude", "current", "volt_seconds")
@@ -36,10 +28,9 @@ def kernel(structure: SensorStructure, outputs: int) -> Callable[..., None]:
 
 
 def _make(structure, outputs):
-    sources, drifting = SOURCES, structure.drifting
+    sources, drifting = 0, structure.drifting  # see `compiled`
     switch, advance, advance_across, read, _ = sensor_pieces(0, structure)
 
-    @nb.njit(fastmath=FAST, error_model="numpy", nogil=True, cache=True)
     def step(x, seeds, first_sample, samples, per_cycle, cycle, every, gap, drive, out):
         if sources == 0:
             return
@@ -78,4 +69,4 @@ def _make(structure, outputs):
                         out[3 * kept * W + o + i] = x[VOLT_SECONDS * W + i]
                 written += 1
 
-    return step
+    return compiled(step)

@@ -7,7 +7,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numba.extending import register_jitable
 
 from selfsense.kernel_rows import (
     ACTUAL, ALPHA, BEFORE, BEHIND, BIAS_FIELD, COIL, CORE_SHARE, COUNTS, COUNT_MAX, DEAD, EDDY, EDDY_RATE,
@@ -16,12 +15,11 @@ from selfsense.kernel_rows import (
     MODEL_VOLTAGE, NOISE, OFF, ON, PERIOD, PER_COUNT, PER_FIELD, READING, RESISTANCE, RISE, SATURATED, SIMULATED,
     STATES_3, VOLTAGE, VOLT_SECONDS,
 )  # fmt: skip
-from maglev_lanes.noise import normal
+from maglev_lanes.noise import drawn
+from maglev_lanes.pieces import piece
 
 W = LANES
 MODES = len(EDDY_RATES)
-# As a plain function: a compiled one has another name in every process, and kernels that hold it no disk cache.
-drawn = register_jitable(forceinline=True)(normal.py_func)
 
 
 @dataclass(frozen=True)
@@ -46,7 +44,7 @@ def sensor_pieces(first: int, structure: SensorStructure) -> tuple[Callable, ...
     rms, emf, core = structure.rms, structure.emf, structure.core
     dead, regulated, adc, noise = structure.dead, structure.regulated, structure.adc, structure.noise
 
-    @register_jitable(forceinline=True)
+    @piece
     def saturated(x, i, linkage):
         """Current (A) that the core's saturation adds at a flux linkage."""
         rest = x[b + BIAS_FIELD * W + i]
@@ -55,7 +53,7 @@ def sensor_pieces(first: int, structure: SensorStructure) -> tuple[Callable, ...
         bent = field * (square_now * square_now) * (square_now * square_now)
         return x[b + SATURATED * W + i] * (bent - rest * (square_rest * square_rest) * (square_rest * square_rest))
 
-    @register_jitable(forceinline=True)
+    @piece
     def current(x, i, gap):
         """Coil current, A, at a gap."""
         state = x[b + COIL * W + i]
@@ -69,12 +67,12 @@ def sensor_pieces(first: int, structure: SensorStructure) -> tuple[Callable, ...
             now = now + x[b + CORE_SHARE * W + i] * held + saturated(x, i, state)
         return now
 
-    @register_jitable(forceinline=True)
+    @piece
     def averaged(x):
         """(1 - e^-x) / x, the mean of e^-t over 0 .. x, to 1e-5 up to x = 0.3."""
         return 1.0 - x * (0.5 - x * (1.0 / 6.0 - x * (1.0 / 24.0 - x * (1.0 / 120.0))))
 
-    @register_jitable(forceinline=True)
+    @piece
     def faded(x):
         """e^-x to 3e-6 for any x above 0, however large: a series to the 16th power."""
         a = x * (1.0 / 16.0)
@@ -84,7 +82,7 @@ def sensor_pieces(first: int, structure: SensorStructure) -> tuple[Callable, ...
         e = e * e
         return e * e
 
-    @register_jitable(forceinline=True)
+    @piece
     def segment(x, i, level, dt, gap_start, gap_end, speed):
         """Advance the coil over dt seconds at one level of the supply, its gap in between linear."""
         state = x[b + COIL * W + i]
@@ -126,7 +124,7 @@ def sensor_pieces(first: int, structure: SensorStructure) -> tuple[Callable, ...
                 x[r] = state + rise - slope * kept - (state - x[r]) * fade
             x[b + COIL * W + i] = state + rise
 
-    @register_jitable(forceinline=True)
+    @piece
     def switch(x, i, drive, gap):
         """Begin a PWM period with a drive in -1 .. 1, or with the mean current that its end should have."""
         now = current(x, i, gap)
@@ -149,7 +147,7 @@ def sensor_pieces(first: int, structure: SensorStructure) -> tuple[Callable, ...
             toward = now * (x[b + ON * W + i] - x[b + OFF * W + i])
             x[b + RISE * W + i] = 0.0 if whole or toward <= 0.0 else x[b + DEAD * W + i]
 
-    @register_jitable(forceinline=True)
+    @piece
     def conduct(x, i, start, share, gap_start, gap_end):
         """Advance the coil from `start` over `share` of a PWM period, its edges where they fall."""
         alpha, on, off = x[b + ALPHA * W + i], x[b + ON * W + i], x[b + OFF * W + i]
@@ -176,7 +174,7 @@ def sensor_pieces(first: int, structure: SensorStructure) -> tuple[Callable, ...
         held = until - wait
         x[b + VOLT_SECONDS * W + i] += (on * held + off * (share - held)) * period
 
-    @register_jitable(forceinline=True)
+    @piece
     def filtered(x, i, path, value):
         """One sample through a forward path (transposed direct form II)."""
         for stage in range(2 if rms else 1):
@@ -192,7 +190,7 @@ def sensor_pieces(first: int, structure: SensorStructure) -> tuple[Callable, ...
         x[s + W] = x[f + 2 * W] * value - x[f + 4 * W] * y
         return max(y, 0.0) ** 0.5 if rms else y
 
-    @register_jitable(forceinline=True)
+    @piece
     def converge(x, i, reading, volt_seconds):
         """One sample of the parameter estimator from the current and the levels' integral since the last sample."""
         interval, model = x[b + INTERVAL * W + i], x[b + MODEL * W + i]
@@ -210,14 +208,14 @@ def sensor_pieces(first: int, structure: SensorStructure) -> tuple[Callable, ...
         x[b + ESTIMATE * W + i] = min(max(integral + x[b + KP * W + i] * error, low), high)
         x[b + FORWARD * W + i] = forward
 
-    @register_jitable(forceinline=True)
+    @piece
     def advance(x, i, start, share, gap_end):
         """Advance the coil over a sample interval, `share` of a PWM period from `start` on, inside one period."""
         x[b + VOLT_SECONDS * W + i] = 0.0
         conduct(x, i, start, share, x[b + GAP * W + i], gap_end)
         x[b + GAP * W + i] = gap_end
 
-    @register_jitable(forceinline=True)
+    @piece
     def advance_across(x, i, start, share, gap_end, drive):
         """The same where a PWM period ends inside the interval and the next begins with a drive."""
         before, gap_start = 1.0 - start, x[b + GAP * W + i]
@@ -228,7 +226,7 @@ def sensor_pieces(first: int, structure: SensorStructure) -> tuple[Callable, ...
         conduct(x, i, 0.0, share - before, edge, gap_end)
         x[b + GAP * W + i] = gap_end
 
-    @register_jitable(forceinline=True)
+    @piece
     def read(x, i, seed, count):
         """Read the current at the end of a sample interval and let the estimator converge on it."""
         gap = x[b + GAP * W + i]

@@ -1,6 +1,7 @@
 """Rows of one self-sensor in a lane block: state of coil, supply and estimator, then their constants."""
 
-LANES = 16
+from maglev_lanes.layout import LANES as LANES
+
 # z coth z, z^2 = s tau, is 1 + sum of weight s tau / (s tau + rate): to 2.5e-3 up to |s tau| = 50 (0.23 mm at 48 kHz),
 # to 1.6e-2 up to 300. The first of the series' own modes, rates n^2 pi^2, come far too late after an edge.
 EDDY_RATES = (10.05, 52.35, 289.2, 4228.0)

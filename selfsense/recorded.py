@@ -5,15 +5,13 @@ from dataclasses import dataclass, replace
 from functools import cache
 from typing import Literal
 
-import numba as nb
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.ndimage import uniform_filter1d
 from scipy.signal import lfilter
 
-from maglev_lanes.noise import FAST
+from maglev_lanes.compiled import compiled
 from selfsense.forward_path import AnalogPath, ForwardPath, response
-from selfsense.kernel import SOURCES
 from selfsense.kernel_pieces import SensorStructure, sensor_pieces
 from selfsense.kernel_rows import ESTIMATE, FORWARD, LANES, MODEL, SENSOR_ROWS
 from selfsense.sensor import Estimator, SelfSensor, sensor_rows
@@ -147,10 +145,9 @@ def find_pwm_frequency(voltage: ArrayLike, rate: float, path: ForwardPath) -> fl
 @cache
 def _recorder(rms: bool) -> Callable[..., None]:
     """The compiled loop over samples, for lane 0 of a block."""
-    sources = SOURCES
+    sources = 0  # see `compiled`
     *_, converge = sensor_pieces(0, SensorStructure(rms, False, False, False, False, False, False, False))
 
-    @nb.njit(fastmath=FAST, error_model="numpy", nogil=True, cache=True)
     def run(x, current, volt_seconds, estimate, amplitude):
         if sources == 0:
             return
@@ -159,7 +156,7 @@ def _recorder(rms: bool) -> Callable[..., None]:
             estimate[n] = x[ESTIMATE * W]
             amplitude[n] = x[FORWARD * W]
 
-    return run
+    return compiled(run)
 
 
 def _series(name: str, values: ArrayLike) -> np.ndarray:

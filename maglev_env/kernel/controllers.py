@@ -2,13 +2,14 @@
 
 import numpy as np
 
-from maglev_env.kernel import rows as k
 from maglev_env.experiment import Experiment
+from maglev_env.kernel.layout import AXIS, filter_size
+from maglev_env.kernel.structure import Structure
+from maglev_env.loop.controller import DECAY_D, DECAY_I, KD, KI, KP
 from maglev_env.loop.gains import Controllers, Gains, LinearController, numerator_of, of_axis
-from maglev_env.kernel.step import Structure
-from maglev_env.kernel.rows import axis_rows, filter_row
+from maglev_lanes.layout import row
 
-PID_ROWS = [k.KP, k.KD, k.KI, k.DECAY_D, k.DECAY_I]
+PID_ROWS = [row(offset) for offset in (KP, KD, KI, DECAY_D, DECAY_I)]
 
 
 def pid_constants(gains: Gains, dt: float) -> tuple[float, ...]:
@@ -33,14 +34,13 @@ def with_controllers(rows: np.ndarray, s: Structure, controllers: Controllers, e
         controllers: the other ones.
         experiment: one of the lanes'.
     """
-    rows = rows.copy()
-    size, dt = axis_rows(1, s.controller_order, s.flexible), 1 / experiment.rig.control_rate
+    rows, dt = rows.copy(), 1 / experiment.rig.control_rate
     for axis in range(s.axes):
-        gains, first = of_axis(controllers, axis), axis * size
+        gains, first = of_axis(controllers, axis), axis * row(AXIS)
         if isinstance(gains, Gains):
-            rows[[first + row for row in PID_ROWS]] = np.array(pid_constants(gains, dt))[:, None]
+            rows[[first + at for at in PID_ROWS]] = np.array(pid_constants(gains, dt))[:, None]
         else:
             values = filter_constants(gains, s.controller_order)
-            start = first + filter_row(1)
+            start = s.axes * row(AXIS) + axis * row(filter_size(s.controller_order))
             rows[start : start + values.size] = values[:, None]
     return rows

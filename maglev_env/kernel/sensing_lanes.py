@@ -2,12 +2,14 @@
 
 from collections.abc import Sequence
 
-import numpy as np
 
-from maglev_env.kernel import rows as k
 from maglev_env.experiment import Experiment, self_sensors
+from maglev_env.loop.effect import effect_value
 from maglev_env.loop.magnets.kinds import force_law
-from selfsense import kernel_rows as sensing
+from maglev_env.loop.magnets.rows import GAP
+from maglev_env.loop.self_sensing_pieces import COIL_GAP, REST_CURRENT, SELF, SHIFT
+from maglev_env.loop.sensor import Z1
+from maglev_lanes.layout import LaneRows
 from selfsense.kernel_pieces import SensorStructure
 from selfsense.sensor import SelfSensor, samples_and_periods, sensor_rows, structure_of, whole_ratio
 
@@ -42,10 +44,9 @@ def sensed_structure(sensors: Sequence[SelfSensor]) -> SensorStructure | None:
     return SensorStructure(*(any(column) for column in zip(*(vars(s).values() for s in structures), strict=True)))
 
 
-def sensing_rows(own: Sequence[Experiment], rows: np.ndarray) -> np.ndarray:
-    """Rows (SENSOR_ROWS, n) of the self-sensors of one axis' experiments; its first reading goes to the axis' rows."""
-    found = sensor_rows([self_sensors(e)[0] for e in own])
-    found[sensing.GAP] = rows[k.GAP]
-    found[sensing.REST_CURRENT] = [force_law(e.rig).bias_current for e in own]
-    rows[k.Z1] = found[sensing.SHIFT]
-    return found
+def write_self_sensors(x: LaneRows, own: Sequence[Experiment]) -> None:
+    """Write the self-sensors of one axis' experiments, and their first reading, into an axis whose magnets stand."""
+    x[SELF] = sensor_rows([self_sensors(e)[0] for e in own])
+    x[COIL_GAP] = x[GAP] - [effect_value(e.effects, "eccentricity") for e in own]
+    x[REST_CURRENT] = [force_law(e.rig).bias_current for e in own]
+    x[Z1] = x[SHIFT]

@@ -9,15 +9,20 @@ import scipy.fft
 
 from estimation.periods import LineStatistics, line_statistics
 from maglev_env.rig.excitation import lines_at
-from maglev_env.experiment import Experiment, recorded_channels, sampling, spectral_channels
-from maglev_env.kernel.step import TILE, Structure, kernel
-from maglev_env.kernel.rows import ALIVE, CURRENT_SQ, LANES, PEAK_SQ, STEPS
-from maglev_env.kernel.controllers import with_controllers
 from maglev_env.channels import NOISY, SPECTRAL
+from maglev_env.experiment import Experiment, recorded_channels, sampling, spectral_channels
+from maglev_env.kernel.advance import TILE, kernel
+from maglev_env.kernel.controllers import with_controllers
 from maglev_env.kernel.lanes import LaneBatch, lane_batch, structure_of, timing_of
-from maglev_lanes.threads import over_threads
-from selfsense.kernel_rows import OFF_PEAK, OFF_SQ, OFF_SUM, SENSOR_ROWS
+from maglev_env.kernel.layout import AXIS
+from maglev_env.kernel.structure import Structure
+from maglev_env.loop.amplifier import CURRENT_SQ
+from maglev_env.loop.mechanics import ALIVE, STEPS
+from maglev_env.loop.self_sensing_pieces import OFF_PEAK, OFF_SQ, OFF_SUM
+from maglev_env.loop.sensor import PEAK_SQ
+from maglev_lanes.layout import LANES, row
 from maglev_lanes.noise import line_noise, series_noise
+from maglev_lanes.threads import over_threads
 
 
 @dataclass(frozen=True)
@@ -86,7 +91,7 @@ def simulate_statistics(
         members, kept = block.members[alive], np.flatnonzero(alive)
         mean[members], covariance[members] = result.mean[kept], result.covariance[kept]
         samples = first.periods * first.samples_per_period
-        peak[members] = np.sqrt(state.rows[PEAK_SQ, kept])
+        peak[members] = np.sqrt(state.axis_rows(PEAK_SQ)[0, kept])
         rms[members] = np.sqrt(state.axis_rows(CURRENT_SQ)[:, kept].max(axis=0) / samples)
         errors[:, members] = state.gap_errors(samples)[:, kept]
         touchdown[block.members[~alive]] = state.touchdown_time()[: len(block.members)][~alive]
@@ -205,39 +210,32 @@ class _State:
         self.timing = batch.timing
         self.step = 0
         self._per_second = block.experiment.rig.control_rate * block.substeps
-        self._sensed = self.axes * SENSOR_ROWS if batch.structure.sensed else 0
+        self._sensing = batch.structure.sensed is not None
 
-    def axis_rows(self, row: int) -> np.ndarray:
+    def axis_rows(self, offset: int) -> np.ndarray:
         """One row of every axis, (axes, LANES), a view."""
-        whole = len(self.rows) - self._sensed
-        return self.rows[row : whole : whole // self.axes]
-
-    def sensor_rows(self, row: int) -> np.ndarray:
-        """One row of every axis' self-sensor, (axes, LANES), a view; (0, LANES) with a probe."""
-        return self.rows[len(self.rows) - self._sensed + row :: SENSOR_ROWS][: self.axes if self._sensed else 0]
+        return self.rows[row(offset) : self.axes * row(AXIS) : row(AXIS)]
 
     def forget(self) -> None:
         """Start anew what is gathered over the kept periods."""
-        for row in (PEAK_SQ, CURRENT_SQ):
-            self.axis_rows(row)[:] = 0.0
-        for row in (OFF_SUM, OFF_SQ, OFF_PEAK):
-            self.sensor_rows(row)[:] = 0.0
+        for gathered in (PEAK_SQ, CURRENT_SQ, OFF_SUM, OFF_SQ, OFF_PEAK):
+            self.axis_rows(gathered)[:] = 0.0
 
     def gap_errors(self, samples: int) -> np.ndarray:
         """Rms, bias and largest of the sensed displacement's error over so many samples, (3, LANES), m."""
-        if not self._sensed:
+        if not self._sensing:
             return np.full((3, LANES), np.nan)
-        rms, bias = np.sqrt(self.sensor_rows(OFF_SQ) / samples), self.sensor_rows(OFF_SUM) / samples
-        all_three = np.stack([rms, bias, self.sensor_rows(OFF_PEAK)])
+        rms, bias = np.sqrt(self.axis_rows(OFF_SQ) / samples), self.axis_rows(OFF_SUM) / samples
+        all_three = np.stack([rms, bias, self.axis_rows(OFF_PEAK)])
         return np.take_along_axis(all_three, rms.argmax(axis=0)[None, None], axis=1)[:, 0]
 
     def alive(self) -> np.ndarray:
         """Which lanes have not touched down."""
-        return self.rows[ALIVE] > 0
+        return self.rows[row(ALIVE)] > 0
 
     def touchdown_time(self) -> np.ndarray:
         """Seconds to touchdown per lane, nan for lanes still alive."""
-        return np.where(self.alive(), np.nan, self.rows[STEPS] / self._per_second)
+        return np.where(self.alive(), np.nan, self.rows[row(STEPS)] / self._per_second)
 
 
 def _aligned(shape: tuple[int, ...]) -> np.ndarray:
@@ -285,13 +283,14 @@ def _periods(
     """Output (axes, outputs, LANES, samples) of each stretch of waves in a schedule; the buffer is reused. Ends when
     all have touched down."""
     e, axes = block.experiment, state.axes
-    step = kernel(block.batch.structure, outputs, block.substeps, oversampled)
+    structure = block.batch.structure
+    step, switches = kernel(structure), structure.switches(outputs, block.substeps, oversampled)
     out = _aligned((axes, outputs, LANES, e.samples_per_period * (block.substeps if oversampled else 1)))
     out[:] = 0.0  # past the last touchdown of a block nothing is written: what memory held may be no number
-    tile = _aligned((TILE * axes * outputs * LANES,))
+    tile = _aligned((TILE * axes * len(structure.channels) * LANES,))
     kernel_seeds = np.ascontiguousarray(state.seeds[:, NOISY.index("displacement")]).reshape(-1)
     for waves in schedule:
-        clocks = state.step, state.timing
+        clocks = state.step, state.timing, switches
         done = step(state.rows.reshape(-1), kernel_seeds, state.history, *clocks, *waves, tile, out.reshape(-1))
         state.step += done
         yield out

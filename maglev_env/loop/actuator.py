@@ -7,9 +7,13 @@ from math import inf, isfinite
 import numpy as np
 
 from maglev_env.loop import eddy
+from maglev_env.loop.amplifier import X2
 from maglev_env.loop.card import EffectCard, Parameter, relative
+from maglev_env.loop.exponential import faded
 from maglev_env.loop.magnets.law import ForceLaw, SingleSidedLaw, linearise
 from maglev_env.loop.system import System, Values
+from maglev_lanes.layout import LaneRows, rows_after
+from maglev_lanes.pieces import piece
 
 EFFECTS: Mapping[str, EffectCard] = {
     "actuator_gain": EffectCard(
@@ -107,3 +111,39 @@ def _tangents(
     found = [linearise(law, y) if law else (0.0, 0.0) for law, y in zip(laws, offset.tolist(), strict=True)]
     gain, stiffness = np.array(found).T
     return gain * (1 + values.effect("actuator_gain")), stiffness * (1 + values.effect("negative_stiffness"))
+
+
+# Rows of a lane. HELD: state of Dahl's hysteresis, -1 .. 1; HOLD: the current by which it lags, A; PER_WIDTH: 1 / A.
+HELD, HOLD, PER_WIDTH, END = rows_after(eddy.END, "HELD HOLD PER_WIDTH")
+
+
+def fill(x: LaneRows, values: Values) -> None:
+    """Write the constants of hysteresis."""
+    width = values.effect("hysteresis", "width")
+    x[HOLD], x[PER_WIDTH] = current_scale(values) * values.effect("hysteresis") * width, 1 / width
+
+
+@piece
+def hold(x, k):
+    """The current by which hysteresis lags as the step begins."""
+    return x[k + HOLD] * x[k + HELD]
+
+
+@piece
+def hold_at(x, k, held):
+    """That current at another state of the hysteresis."""
+    return x[k + HOLD] * held
+
+
+@piece
+def held_next(x, k, x2):
+    """State of the hysteresis at the end of a step that takes the coil's current to x2 (Dahl 1968)."""
+    change = x2 - x[k + X2]
+    toward = 1.0 if change > 0.0 else -1.0
+    return toward + (x[k + HELD] - toward) * faded(abs(change) * x[k + PER_WIDTH])
+
+
+@piece
+def store_held(x, k, held):
+    x[k + HELD] = held
+    return 0.0

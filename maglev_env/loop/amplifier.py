@@ -1,12 +1,17 @@
 """The amplifier's block: what lies between the command and the coil's current."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from math import inf
 
 import numpy as np
 
+from maglev_env.loop import controller
 from maglev_env.loop.card import EffectCard, Parameter, first_order
+from maglev_env.loop.controller import ACTING, ARRIVED, U_OLD, U
 from maglev_env.loop.system import System, Values
+from maglev_lanes.layout import LANES as W
+from maglev_lanes.layout import LaneRows, rows_after
+from maglev_lanes.pieces import piece
 
 EFFECTS: Mapping[str, EffectCard] = {
     "amplifier_lag": EffectCard(
@@ -37,3 +42,113 @@ STATES = ("amplifier", "amplifier_lag")
 def coil_current(system: System, values: Values, command: np.ndarray) -> np.ndarray:
     """The amplifier's poles: from the command to the coil's current, both signals in A."""
     return system.lags(STATES, (values.rig("amplifier_time_constant"), values.effect("amplifier_lag")), command)
+
+
+# Rows of a lane. X1, X2: outputs of the poles, A. NEXT: both at the end of the step, and NODES: three nodal currents
+# that stand for the coil's in the integration step (see `maglev_env.kernel.exact`), each from (x1, x2, old command, new
+# command). OPEN: 1 where no pole follows the command. The command that the voltage allows is KEPT x1 +- REACH.
+X1, X2, CURRENT_SQ, NEXT, NODES, OPEN, KEPT, REACH, END = rows_after(
+    controller.END, "X1 X2 CURRENT_SQ NEXT[8] NODES[12] OPEN KEPT REACH"
+)
+
+
+def fill(x: LaneRows, values: Values, h: np.ndarray) -> None:
+    """Write what the voltage allows in steps of h (s), (n,)."""
+    first, voltage = values.rig("amplifier_time_constant"), values.effect("amplifier_voltage_limit")
+    x[OPEN] = (first == 0) & (values.effect("amplifier_lag") == 0)
+    inductance, resistance = values.inductance, values.rig("coil_resistance")
+    # Where the full voltage takes the current in a step, as a command that the first pole follows to there.
+    eased = np.where(resistance > 0, _approached(h, inductance / np.where(resistance > 0, resistance, 1.0)), 0.0)
+    slope = np.where(resistance > 0, eased / np.where(resistance > 0, resistance, 1.0), h / inductance)
+    per_volt = slope / _approached(h, first)
+    limited = np.isfinite(voltage)
+    x[REACH] = np.where(limited, np.where(limited, voltage, 0.0) * per_volt, np.inf)
+    x[KEPT] = np.where(limited, 1 - resistance * per_volt, 0.0)
+
+
+def _approached(h: np.ndarray, time_constant: np.ndarray) -> np.ndarray:
+    """Share of its way that a pole has gone after h."""
+    return -np.expm1(-h / np.where(time_constant > 0, time_constant, 1e-300))
+
+
+def commands(delayed: bool, limited: bool) -> tuple[Callable, Callable]:
+    """Pieces: the command that acted before, and the one that acts from now on, as far as the voltage allows."""
+    acting = ACTING if delayed else U
+
+    @piece
+    def allowed(x, k, u):
+        if not limited:
+            return u
+        kept, reach = x[k + KEPT] * x[k + X1], x[k + REACH]
+        return min(max(u, kept - reach), kept + reach)
+
+    @piece
+    def old(x, k):
+        return allowed(x, k, x[k + U_OLD]) if delayed else 0.0
+
+    @piece
+    def new(x, k):
+        return allowed(x, k, x[k + acting])
+
+    return old, new
+
+
+def carried(poles: int, delayed: bool, limited: bool) -> Callable[[int], Callable]:
+    """A maker of pieces: from the offset of four rows, what the amplifier's states and commands at `source` carry."""
+    old, new = commands(delayed, limited)
+
+    def by_rows(first: int) -> Callable:
+        @piece
+        def total(x, k, source):
+            found = x[k + first + 3 * W] * new(x, source)
+            if poles >= 1:
+                found = found + x[k + first] * x[source + X1]
+            if poles == 2:
+                found = found + x[k + first + W] * x[source + X2]
+            if delayed:
+                found = found + x[k + first + 2 * W] * old(x, source)
+            return found
+
+        return total
+
+    return by_rows
+
+
+def coil(poles: int, delayed: bool, limited: bool) -> Callable:
+    """A piece: the coil's current as a step begins."""
+
+    @piece
+    def now(x, k):
+        if limited:
+            # Without a pole it is the command itself, as far as the voltage allows.
+            held, u = x[k + X2], arrived(x, k)
+            kept, reach = x[k + KEPT] * x[k + X1], x[k + REACH]
+            return held + x[k + OPEN] * (min(max(u, kept - reach), kept + reach) - held)
+        if poles == 2:
+            return x[k + X2]
+        if poles == 1:
+            return x[k + X1]
+        return arrived(x, k) if delayed else x[k + U]
+
+    return now
+
+
+@piece
+def arrived(x, k):
+    """The command that acts as a step begins."""
+    new = x[k + ARRIVED]
+    return new * x[k + ACTING] + (1.0 - new) * x[k + U_OLD]
+
+
+def store_current(poles: int) -> Callable:
+    """A piece that writes the states at the end of the step."""
+
+    @piece
+    def store(x, k, x1, x2):
+        if poles >= 1:
+            x[k + X1] = x1
+        if poles == 2:
+            x[k + X2] = x2
+        return 0.0
+
+    return store

@@ -2,7 +2,15 @@
 
 from collections.abc import Mapping
 
+import numpy as np
+
+from maglev_env.loop import second_body
 from maglev_env.loop.card import EffectCard, Parameter
+from maglev_env.loop.converter import quantised
+from maglev_env.loop.system import Values
+from maglev_lanes.layout import LANES as W
+from maglev_lanes.layout import LaneRows, rows_after
+from maglev_lanes.pieces import piece
 
 EFFECTS: Mapping[str, EffectCard] = {
     "delay": EffectCard(
@@ -13,3 +21,54 @@ EFFECTS: Mapping[str, EffectCard] = {
         ("magnets",),
     ),
 }
+
+
+# Rows of a lane. U: the command, A. ACTING, U_OLD: what acts from now on and what acted before, where a delay lies
+# between. D, XI: states of the PID. SHOWN: the reading at this sample; ERROR, RAW: what enters and leaves a linear
+# controller.
+U, ACTING, U_OLD, D, XI, ERROR, RAW, _CONSTANTS = rows_after(second_body.END, "U ACTING U_OLD D XI ERROR RAW")
+# ARRIVED: 1 where the new command acts already as a substep begins.
+KP, KD, KI, DECAY_D, DECAY_I, PER_U_COUNT, U_COUNT_MAX, U_COUNT, U_ROUNDS, DELAY_STEPS, ARRIVED, END = rows_after(
+    _CONSTANTS, "KP KD KI DECAY_D DECAY_I PER_U_COUNT U_COUNT_MAX U_COUNT U_ROUNDS DELAY_STEPS ARRIVED"
+)
+FILTER_STATE = 3  # rows of a linear controller for each power of 1 / z: b, a, state
+
+
+def fill(x: LaneRows, values: Values) -> None:
+    """Write the constants of lanes, but for the controller's own."""
+    current_range, bits = values.rig("voltage_range") * values.rig("amplifier_gain"), values.rig("dac_bits")
+    count = np.where(bits > 0, 2 * current_range / 2.0**bits, 1.0)
+    x[PER_U_COUNT], x[U_COUNT_MAX], x[U_COUNT], x[U_ROUNDS] = 1 / count, current_range / count, count, bits > 0
+
+
+@piece
+def pid(x, k, error):
+    """The command of a PID before it is limited; its states go on to the next sample."""
+    lag, xi = error - x[k + D], x[k + XI]
+    u = x[k + KP] * error + x[k + KD] * lag + x[k + KI] * xi
+    x[k + D] = error - lag * x[k + DECAY_D]
+    x[k + XI] = error + (xi - error) * x[k + DECAY_I]
+    return u
+
+
+@piece
+def command(x, k, u):
+    """Write and return the command (A) that the converter makes of u."""
+    found = quantised(u * x[k + PER_U_COUNT], x[k + U_COUNT_MAX], x[k + U_ROUNDS]) * x[k + U_COUNT]
+    x[k + U] = found
+    return found
+
+
+@piece
+def filter_output(x, k, f):
+    """The command of a linear controller whose rows begin at f: b0, then (b, a, state) for each power of 1 / z."""
+    u = x[f] * x[k + ERROR] + x[f + 3 * W]
+    x[k + RAW] = u
+    return u
+
+
+@piece
+def filter_ahead(x, k, g):
+    """Take one of its states to the next sample (transposed direct form II)."""
+    fed = x[g] * x[k + ERROR] - x[g + W] * x[k + RAW]
+    x[g + 2 * W] = fed + x[g + 5 * W]

@@ -10,8 +10,13 @@ from math import inf
 
 import numpy as np
 
+from maglev_env.loop import amplifier
+from maglev_env.loop.amplifier import X1, X2
 from maglev_env.loop.card import EffectCard, Parameter
 from maglev_env.loop.system import System, Values
+from maglev_lanes.layout import LANES as W
+from maglev_lanes.layout import rows_after
+from maglev_lanes.pieces import piece
 
 EFFECTS: Mapping[str, EffectCard] = {
     "eddy_current": EffectCard(
@@ -87,3 +92,31 @@ def pulling_current(system: System, values: Values, current: np.ndarray) -> np.n
     rates = (rates * system.step[:, None])[:, :, None] * (current[:, None] - branches)
     system.put_all(STATES, rates, there)
     return direct[:, None] * current + (weights[:, None] @ branches)[:, 0]
+
+
+# Rows of a lane. EDDY: currents of the branches, A. EDDY_NODES: what each adds to the three nodal currents; EDDY_NEXT:
+# each at the end of the step from x1, x2 and itself; EDDY_COMMANDS: from the old and the new command.
+EDDY, EDDY_NODES, EDDY_NEXT, EDDY_COMMANDS, END = rows_after(
+    amplifier.END,
+    f"EDDY[{BRANCHES}] EDDY_NODES[{3 * BRANCHES}] EDDY_NEXT[{3 * BRANCHES}] EDDY_COMMANDS[{2 * BRANCHES}]",
+)
+
+
+@piece
+def eddy_node(x, k, node):
+    """What the branches add to the nodal current at row `node` (0, 1 or 2 times W)."""
+    total = 0.0
+    for j in range(BRANCHES):
+        total = total + x[k + EDDY_NODES + node + 3 * j * W] * x[k + EDDY + j * W]
+    return total
+
+
+@piece
+def store_eddy(x, k, old, new):
+    """Take the branches to the end of the step, under the old and the new command."""
+    x1, x2 = x[k + X1], x[k + X2]
+    for j in range(BRANCHES):
+        n, c = k + EDDY_NEXT + 3 * j * W, k + EDDY_COMMANDS + 2 * j * W
+        branch = x[n] * x1 + x[n + W] * x2 + x[n + 2 * W] * x[k + EDDY + j * W]
+        x[k + EDDY + j * W] = branch + x[c] * old + x[c + W] * new
+    return 0.0

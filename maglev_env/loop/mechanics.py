@@ -5,8 +5,12 @@ from collections.abc import Mapping
 import numpy as np
 
 from maglev_env.loop.card import EffectCard, Parameter, relative
+from maglev_env.loop.exponential import faded
+from maglev_env.loop.magnets import rows
 from maglev_env.loop.resonance import RESONANCE_DAMPING, RESONANCE_FREQUENCY
 from maglev_env.loop.system import System, Values
+from maglev_lanes.layout import LaneRows, rows_after
+from maglev_lanes.pieces import piece
 
 EFFECTS: Mapping[str, EffectCard] = {
     "mass": EffectCard(
@@ -113,3 +117,155 @@ def second_body(system: System, values: Values, acceleration: np.ndarray) -> np.
     system.put(BODY[1], returning - acceleration)
     system.there[:, system.at(*BODY)] = there[:, None]
     return acceleration - (ratio / (1 + ratio))[:, None] * returning
+
+
+# Rows of a lane (see `maglev_lanes.layout`). Velocities are h v and accelerations h^2 a, in displacement per step.
+# STEPS: made until touchdown. CROSS: what the other axis' displacement, velocity and calibrated current do to this one.
+Y, V, ALIVE, STEPS, PER_MASS, LIMIT_SQ, SPRING, DAMPER, CROSS_SPRING, CROSS_DAMPER, CROSS_GAIN, _FRICTION = rows_after(
+    rows.END, "Y V ALIVE STEPS PER_MASS LIMIT_SQ SPRING DAMPER CROSS_SPRING CROSS_DAMPER CROSS_GAIN"
+)
+# Friction. BENT: how far the bristles of a friction that sticks are deflected, as a share of where they slide;
+# SLIP_SQ: the slip velocity squared; PER_BEND: deflection per m.
+BENT, FRICTION, SLIP_SQ, PER_BEND, END = rows_after(_FRICTION, "BENT FRICTION SLIP_SQ PER_BEND")
+SIXTH = 1.0 / 6.0
+
+
+def fill(x: LaneRows, values: Values, h: np.ndarray) -> None:
+    """Write the constants of lanes at integration steps of h (s), (n,)."""
+    # The kernel's velocity is h v and its acceleration h^2 a, so every force carries h^2 / m.
+    per_mass = h**2 / values.mass
+    x[ALIVE], x[PER_MASS] = 1.0, per_mass
+    x[SPRING] = values.rig("support_stiffness") * (1 + values.effect("support_stiffness")) * per_mass
+    x[DAMPER] = (values.rig("support_damping") + values.effect("damping")) * per_mass / h
+    # The force law is singular where the rotor meets a pole; contact comes first.
+    centred = np.maximum(0.999 * values.rig("gap") - abs(values.effect("eccentricity")), 0.0)
+    x[LIMIT_SQ] = np.minimum(values.rig("clearance"), centred) ** 2
+    x[FRICTION] = friction = values.effect("friction") * per_mass
+    slip, bristle = values.effect("friction", "velocity") * h, values.effect("friction", "presliding")
+    # A step cannot follow a force that turns faster than it changes the velocity: it would chatter about rest.
+    x[SLIP_SQ] = np.where(bristle > 0, slip, np.maximum(slip, 0.5 * friction)) ** 2
+    # Nor one that springs faster than a radian in a step; bristles that give way in less act a quarter of it late.
+    x[PER_BEND] = np.where(bristle > 0, 1 / np.maximum(np.where(bristle > 0, bristle, 1.0), friction), 0.0)
+
+
+@piece
+def position(x, k):
+    return x[k + Y]
+
+
+@piece
+def velocity(x, k):
+    return x[k + V]
+
+
+@piece
+def held_force(x, k, force):
+    """Acceleration by a force from outside (N)."""
+    return force * x[k + PER_MASS]
+
+
+@piece
+def spring(x, k, y):
+    """Acceleration back to the centre by the support's spring."""
+    return x[k + SPRING] * y
+
+
+@piece
+def damping(x, k, v):
+    """Deceleration by the support's damper."""
+    return x[k + DAMPER] * v
+
+
+@piece
+def sliding(x, k, v):
+    """Deceleration by friction that depends on the velocity alone."""
+    return x[k + FRICTION] * v / np.sqrt(v * v + x[k + SLIP_SQ])
+
+
+@piece
+def cross_force(x, k, y, current):
+    """Acceleration of this axis by the displacement and the current of the other one."""
+    return x[k + CROSS_GAIN] * current - x[k + CROSS_SPRING] * y
+
+
+@piece
+def cross_damping(x, k, v):
+    """Deceleration of this axis by the velocity of the other one."""
+    return x[k + CROSS_DAMPER] * v
+
+
+# Friction that sticks: its force follows the way of the mover, not its velocity.
+@piece
+def bristles(x, k):
+    """How far the bristles are bent as the step begins, -1 .. 1."""
+    return x[k + BENT]
+
+
+@piece
+def deflect_bristles(x, k, bent, moved):
+    """How far they are after half a step that moved the mover so far: exact at constant velocity, and without slip
+    (Dahl) for any motion that does not turn back. Never beyond 1, however stiff they are."""
+    path = np.sqrt(moved * moved + 0.25 * x[k + SLIP_SQ])
+    toward = moved / path
+    return toward + (bent - toward) * faded(path * x[k + PER_BEND])
+
+
+@piece
+def friction(x, k, bent):
+    """Deceleration by bristles bent so far."""
+    return x[k + FRICTION] * bent
+
+
+@piece
+def store_bristles(x, k, bent):
+    x[k + BENT] = bent
+    return 0.0
+
+
+# Where a constant acceleration takes a free mass by the middle and the end of a step, and where Nystrom's quadrature of
+# accelerations at the start (a1), in the middle (am) and at the end (a4) takes it.
+@piece
+def y_middle(x, k, y, v, a):
+    return y + 0.5 * v + 0.125 * a
+
+
+@piece
+def v_middle(x, k, v, a):
+    return v + 0.5 * a
+
+
+@piece
+def y_end(x, k, y, v, a):
+    return y + v + 0.5 * a
+
+
+@piece
+def v_end(x, k, v, a):
+    return v + a
+
+
+@piece
+def y_next(x, k, y, v, a1, am, a4):
+    return y + v + (a1 + 2.0 * am) * SIXTH
+
+
+@piece
+def v_next(x, k, v, a1, am, a4):
+    return v + (a1 + 4.0 * am + a4) * SIXTH
+
+
+@piece
+def touch_down(x, k, distance_sq):
+    """Whether the lane lives on (1 or 0): nothing beyond the clearance is simulated."""
+    alive = x[k + ALIVE] if distance_sq < x[k + LIMIT_SQ] else 0.0
+    x[k + ALIVE] = alive
+    x[k + STEPS] += alive
+    return alive
+
+
+@piece
+def store_state(x, k, y, v, alive):
+    """Write the motion; a lane that has touched down stays where it was."""
+    x[k + Y] = y if alive > 0.0 else x[k + Y]
+    x[k + V] = v * alive
+    return 0.0

@@ -1,12 +1,18 @@
 """The sensor's block: what lies between the rotor's displacement and the reading."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 
 import numpy as np
 
+from maglev_env.loop import actuator
 from maglev_env.loop.card import EffectCard, Parameter, decay, first_order, phase, relative
+from maglev_env.loop.converter import quantised
+from maglev_env.loop.mechanics import Y
 from maglev_env.loop.resonance import RESONANCE_DAMPING, RESONANCE_FREQUENCY
 from maglev_env.loop.system import System, Values
+from maglev_lanes.layout import LANES as W
+from maglev_lanes.layout import LaneRows, rows_after
+from maglev_lanes.pieces import piece
 
 EFFECTS: Mapping[str, EffectCard] = {
     "sensor_gain": EffectCard(
@@ -89,3 +95,132 @@ def reading(system: System, values: Values, displacement: np.ndarray, bearing: n
 def probe(system: System, values: Values, seen: np.ndarray) -> np.ndarray:
     """The probe's poles: from the displacement that it sees to the one that it reads, both signals in m."""
     return system.lags(PROBE, (values.rig("sensor_time_constant"), values.effect("sensor_lag")), seen)
+
+
+# Rows of a lane. Z1, Z2: outputs of the probe's poles, m. SEEN: what enters the reading, with the other axis' share;
+# DRAWN: its noise over its rms.
+# CUBIC: next z1, z2 from (z1, z2, y0, v0, y1, v1), the motion taken as a cubic; BEND, CROSS_BEND: what the currents of
+# this axis and of the other one add to that, from (x1, x2, old command, new command).
+Z1, Z2, SEEN, DRAWN, PEAK_SQ, _CONSTANTS = rows_after(actuator.END, "Z1 Z2 SEEN DRAWN PEAK_SQ")
+PROBE_COUNTS, COUNT_MAX, PER_COUNT, ROUNDS, NOISE, CROSS_SENSOR, CUBIC, BEND, CROSS_BEND, _MOUNT = rows_after(
+    _CONSTANTS, "PROBE_COUNTS COUNT_MAX PER_COUNT ROUNDS NOISE CROSS_SENSOR CUBIC[12] BEND[8] CROSS_BEND[8]"
+)
+# The mount of the probe: its position and velocity. MOUNT_NEXT: both, and MOUNT_SEEN: what z1 and z2 gain, from (mount,
+# velocity, how far the bearing moved and by how much it sped the mover); MOUNT_BEND, MOUNT_CROSS: as BEND, of both.
+MOUNT_Y, MOUNT_V, MOUNT_NEXT, MOUNT_SEEN, MOUNT_BEND, MOUNT_CROSS, _TONES = rows_after(
+    _MOUNT, "MOUNT_Y MOUNT_V MOUNT_NEXT[8] MOUNT_SEEN[8] MOUNT_BEND[8] MOUNT_CROSS[8]"
+)
+# Two turning pointers (cosine, sine), of the shaft with the runout's phase and of the mains with the pickup's; their
+# turn in a step, and amplitudes of three harmonics each.
+SHAFT_C, SHAFT_S, MAINS_C, MAINS_S, TURN_C, TURN_S, MAINS_TURN_C, MAINS_TURN_S, RUNOUT, PICKUP, END = rows_after(
+    _TONES, "SHAFT_C SHAFT_S MAINS_C MAINS_S TURN_C TURN_S MAINS_TURN_C MAINS_TURN_S RUNOUT[3] PICKUP[3]"
+)
+
+
+def fill(x: LaneRows, values: Values, probe: bool) -> None:
+    """Write the constants of the reading; probe: false for an estimated gap, which passes no converter."""
+    bits, gain = values.rig("adc_bits"), values.rig("probe_gain")
+    true_gain = gain * (1 + values.effect("sensor_gain"))
+    lsb = np.where(bits > 0, 2 * values.rig("voltage_range") / 2.0**bits, 1.0)
+    x[PROBE_COUNTS], x[COUNT_MAX], x[PER_COUNT] = true_gain / lsb, values.rig("voltage_range") / lsb, lsb / gain
+    if not probe:
+        x[PROBE_COUNTS], x[COUNT_MAX], x[PER_COUNT] = true_gain / gain, np.inf, 1.0
+    x[ROUNDS], x[NOISE] = (bits > 0) & probe, values.noise
+
+
+def fill_tones(x: LaneRows, values: Values, h: np.ndarray, axis: int) -> None:
+    """Write runout and pickup at steps of h (s), (n,); the shaft comes a quarter of a turn later in y."""
+    mains = 2 * np.pi * values.effect("pickup", "frequency")
+    x[TURN_C], x[TURN_S] = np.cos(values.speed * h), np.sin(values.speed * h)
+    x[MAINS_TURN_C], x[MAINS_TURN_S] = np.cos(mains * h), np.sin(mains * h)
+    begun, phase = values.effect("runout", "phase") - axis * np.pi / 2, values.effect("pickup", "phase")
+    x[SHAFT_C], x[SHAFT_S], x[MAINS_C], x[MAINS_S] = np.cos(begun), np.sin(begun), np.cos(phase), np.sin(phase)
+    for name, first in (("runout", RUNOUT), ("pickup", PICKUP)):
+        x[first] = values.effect(name) * values.effect(name, "harmonics") ** np.arange(3)[:, None]
+
+
+def seen(poles: int) -> int:
+    """The row that the probe's converter reads."""
+    return (Y, Z1, Z2)[poles]
+
+
+@piece
+def shown(x, k, sensed):
+    """The displacement (m) that the converter makes of what is sensed."""
+    return quantised(sensed * x[k + PROBE_COUNTS], x[k + COUNT_MAX], x[k + ROUNDS]) * x[k + PER_COUNT]
+
+
+@piece
+def cross_seen(x, k, own, other):
+    """What is sensed where the other axis' motion takes part."""
+    return own + x[k + CROSS_SENSOR] * other
+
+
+@piece
+def z1_next(x, k, y, v, y1, v1):
+    """First probe state at the end of the step: its exact answer to the cubic through both ends of the motion."""
+    q = k + CUBIC
+    return x[q] * x[k + Z1] + x[q + 2 * W] * y + x[q + 3 * W] * v + x[q + 4 * W] * y1 + x[q + 5 * W] * v1
+
+
+@piece
+def z2_next(x, k, y, v, y1, v1):
+    """The second one."""
+    q = k + CUBIC + 6 * W
+    own = x[q] * x[k + Z1] + x[q + W] * x[k + Z2]
+    return own + x[q + 2 * W] * y + x[q + 3 * W] * v + x[q + 4 * W] * y1 + x[q + 5 * W] * v1
+
+
+def by_mount(first: int) -> Callable:
+    """A piece: what the mount and its reaction to the bearing add to a number, from the offset of four rows."""
+
+    @piece
+    def total(x, k, moved, pushed):
+        q = k + first
+        return x[q] * x[k + MOUNT_Y] + x[q + W] * x[k + MOUNT_V] + x[q + 2 * W] * moved + x[q + 3 * W] * pushed
+
+    return total
+
+
+def store_reading(poles: int) -> Callable:
+    """A piece that writes the probe's states at the end of the step."""
+
+    @piece
+    def store(x, k, z1, z2):
+        if poles >= 1:
+            x[k + Z1] = z1
+        if poles == 2:
+            x[k + Z2] = z2
+        return 0.0
+
+    return store
+
+
+@piece
+def store_mount(x, k, mount, mount_v):
+    x[k + MOUNT_Y], x[k + MOUNT_V] = mount, mount_v
+    return 0.0
+
+
+@piece
+def harmonics(x, first, c):
+    """Three harmonics of amplitudes from `first` on, of an angle with cosine c."""
+    square = c * c
+    total = x[first] * c + x[first + W] * (2.0 * square - 1.0)
+    return total + x[first + 2 * W] * (c * (4.0 * square - 3.0))
+
+
+@piece
+def tone(x, k):
+    """What runout and pickup add to the reading."""
+    return harmonics(x, k + RUNOUT, x[k + SHAFT_C]) + harmonics(x, k + PICKUP, x[k + MAINS_C])
+
+
+@piece
+def turn_pointers(x, k):
+    """Turn the pointers of shaft and mains to the end of the step."""
+    c, s, tc, ts = x[k + SHAFT_C], x[k + SHAFT_S], x[k + TURN_C], x[k + TURN_S]
+    x[k + SHAFT_C], x[k + SHAFT_S] = c * tc - s * ts, s * tc + c * ts
+    c, s, tc, ts = x[k + MAINS_C], x[k + MAINS_S], x[k + MAINS_TURN_C], x[k + MAINS_TURN_S]
+    x[k + MAINS_C], x[k + MAINS_S] = c * tc - s * ts, s * tc + c * ts
+    return 0.0

@@ -26,6 +26,21 @@ class Values(Protocol):
         """Each lane's force law without its effects; None without magnets."""
         ...
 
+    @property
+    def inductance(self) -> np.ndarray:
+        """The coil's, H, infinite where the rig does not give it: (n,)."""
+        ...
+
+    @property
+    def noise(self) -> np.ndarray:
+        """Rms of the reading's noise, m: (n,)."""
+        ...
+
+    @property
+    def speed(self) -> np.ndarray:
+        """Of rotation, rad/s: (n,)."""
+        ...
+
     def effect(self, name: str, parameter: str | None = None) -> np.ndarray:
         """A parameter of an effect (default: its first) in every lane, (n,); where absent the value that means so."""
         ...

@@ -6,26 +6,19 @@ branches, so that loops over lanes become full-width vector instructions.
 
 from collections.abc import Callable
 from functools import cache
-from hashlib import sha256
-from pathlib import Path
 
-import numba as nb
 import numpy as np
 
-from maglev_env.rotor import pieces, rows
 from maglev_env.rotor.pieces import advance
 from maglev_env.rotor.rows import (
     CHANNELS, COMMAND, COS, COUNT_MAX, COUNTS, CURRENT, D, DECAY_D, DECAY_I, INTO, KD, KI, KP, LANES, NOISE, OUT,
     PER_COUNT, PER_U, PROBE, Q, SIN, U_COUNT, U_MAX, XI,
 )  # fmt: skip
-from maglev_lanes import noise as noise_source
-from maglev_lanes.noise import FAST, normal
+from maglev_lanes.compiled import compiled
+from maglev_lanes.noise import drawn
 
 W = LANES
 TILE = 8  # samples gathered before they are written out lane by lane
-# The compiler's disk cache looks at this file alone; naming what it was compiled from keeps it from serving stale code.
-_PARTS = (pieces, rows, noise_source)
-SOURCES = int(sha256(b"".join(Path(part.__file__).read_bytes() for part in _PARTS)).hexdigest()[:15], 16)
 
 
 @cache
@@ -40,10 +33,9 @@ def kernel(substeps: int = 1) -> Callable[..., None]:
 
 
 def _make(substeps):
-    sources, channels = SOURCES, len(CHANNELS)
+    sources, channels = 0, len(CHANNELS)  # sources: see `compiled`
     width = channels * W
 
-    @nb.njit(fastmath=FAST, error_model="numpy", nogil=True, cache=True)
     def step(x, seeds, first_sample, h, force, injection, tile, out):
         if sources == 0:
             return
@@ -53,7 +45,7 @@ def _make(substeps):
             count = np.uint64(np.int64(first_sample + t + 1))
             for q in range(4):
                 for i in range(W):
-                    sensed = x[(PROBE + q) * W + i] + x[NOISE * W + i] * normal(seeds[q * W + i], count)
+                    sensed = x[(PROBE + q) * W + i] + x[NOISE * W + i] * drawn(seeds[q * W + i], count)
                     counts = np.rint(sensed * x[COUNTS * W + i])
                     top = x[COUNT_MAX * W + i]
                     tile[o + q * W + i] = min(max(counts, -top), top) * x[PER_COUNT * W + i]
@@ -98,4 +90,4 @@ def _make(substeps):
             x[COS * W + i] /= size
             x[SIN * W + i] /= size
 
-    return step
+    return compiled(step)

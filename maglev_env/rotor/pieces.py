@@ -1,7 +1,6 @@
 """Pieces of the rotor kernel, inlined where they are used: what happens to one lane at one instant, on scalars, SI."""
 
 import numpy as np
-from numba.extending import register_jitable
 
 from maglev_env.rotor.rows import (
     AREA, AXIAL_C, AXIAL_K, AXIAL_STOP, BIAS, CALIBRATION, CHAIN, CLEARANCE, COMMAND, CONTACT, COS, COUPLE, CURRENT,
@@ -9,6 +8,7 @@ from maglev_env.rotor.rows import (
     PER_INERTIA, PER_MASS, PROBE, PROBES, Q, QD, REACH, RUBBED, RUNOUT, SCALE, SIN, SPEED, STATIC, SURFACE, TOUCH_D,
     TOUCH_K, TOUCH_MU, TURN_COS, TURN_SIN,
 )  # fmt: skip
+from maglev_lanes.pieces import piece
 
 W = LANES
 SLIP = 1e-3  # m/s below which friction fades
@@ -16,7 +16,7 @@ WRECKED = 4.0  # square of the clearances from the centre
 TINY = 1e-12  # m: keeps the direction of a centred rotor defined
 
 
-@register_jitable(forceinline=True)
+@piece
 def pull(x, i, y, current):
     """Force of one bearing along one direction (see `magnetics.force`): one division for both gaps."""
     y = min(max(y, -x[REACH * W + i]), x[REACH * W + i])
@@ -33,7 +33,7 @@ def pull(x, i, y, current):
     return x[AREA * W + i] * (at_rest + drive * driven)
 
 
-@register_jitable(forceinline=True)
+@piece
 def contact(x, i, px, py, vx, vy):
     """Force of the touchdown bearing at a plane: along x and y, its normal part, and what friction takes (W)."""
     r = np.sqrt(px * px + py * py + TINY * TINY)
@@ -46,7 +46,7 @@ def contact(x, i, px, py, vx, vy):
     return -normal * nx + rub * ny, -normal * ny - rub * nx, normal, rub * slip
 
 
-@register_jitable(forceinline=True)
+@piece
 def accelerations(x, i, q0, q1, q2, q3, q4, v0, v1, v2, v3, v4, c0, c1, c2, c3, cos, sin, fx, ftx, fy, fty, fz):
     """Of the five coordinates, at coil currents c and the turn's cosine and sine, with generalised forces f; and the
     contact forces at a, b and the stop, and the power that friction takes."""
@@ -75,7 +75,7 @@ def accelerations(x, i, q0, q1, q2, q3, q4, v0, v1, v2, v3, v4, c0, c1, c2, c3, 
     return a0, a1, a2, a3, a4, touch_a, touch_b, hit, lost_a + lost_b
 
 
-@register_jitable(forceinline=True)
+@piece
 def read(x, i, p, y, v, y1, v1, r, rv, r1, rv1):
     """Next state of probe p: its exact answer to the cubic through both ends of motion and runout (rates times h)."""
     c = CHAIN * W + i
@@ -84,7 +84,7 @@ def read(x, i, p, y, v, y1, v1, r, rv, r1, rv1):
     x[at] = x[c] * x[at] + start + end
 
 
-@register_jitable(forceinline=True)
+@piece
 def advance(x, i, h, at, fx, ftx, fy, fty, fz):
     """One integration step of h (s), the at-th, under held commands and forces: Runge and Kutta's, 4th order, on nodes
     of the coil currents with which its quadrature is exact; noted: contacts, and what friction takes."""

@@ -1,6 +1,6 @@
 """Rows of the rotor kernel's block: states, constants of the body, its supports and its control; and its channels."""
 
-from selfsense.kernel_rows import LANES as LANES
+from maglev_lanes.layout import LANES as LANES
 
 # Generalised coordinates x, tilt of x, y, tilt of y, z (m, rad) and their rates; the turn's cosine and sine.
 Q, QD, COS, SIN = 0, 5, 10, 11

@@ -4,6 +4,8 @@ from maglev_env.loop.magnets.check import check_balance, refuse_flux_path, refus
 from maglev_env.loop.magnets.circuit import single_sided_law
 from maglev_env.loop.magnets.law import SingleSidedLaw
 from maglev_env.loop.magnets.magnet import Magnet, MagnetKind
+from maglev_env.loop.magnets.rows import BIAS, CALIBRATION, FLUX_C, GAP, WEIGHT
+from maglev_lanes.pieces import piece
 from selfsense.coil import MU_0
 
 
@@ -28,6 +30,13 @@ def _iron_pull(m: Magnet) -> float:
     return m.bearings * MU_0 * m.turns**2 * m.pole_area / 4
 
 
-KIND = MagnetKind(
-    law, check, pull=lambda m: "electromagnet", pair=False, inductance_follows_gap=True, balancing_bias=balancing_bias
-)
+@piece
+def pull(x, k, y, current):
+    """Acceleration (see `magnets.law.SingleSidedLaw`), less the weight."""
+    coil = x[k + FLUX_C] / (x[k + GAP] - y)
+    bias, drive = x[k + BIAS] * coil, current * coil
+    at_bias = x[k + CALIBRATION] * (bias * bias) - x[k + WEIGHT]
+    return at_bias + drive * (2.0 * bias + drive)
+
+
+KIND = MagnetKind(law, check, pull, pair=False, inductance_follows_gap=True, balancing_bias=balancing_bias)

@@ -1,8 +1,12 @@
 """Two opposed hybrid magnets: permanent magnets give the bias, coils the control flux (D eq 3.9-3.13)."""
 
+import numpy as np
+
 from maglev_env.loop.magnets.circuit import magnet_circuit, pair_law
 from maglev_env.loop.magnets.law import ForceLaw
 from maglev_env.loop.magnets.magnet import Magnet, MagnetKind
+from maglev_env.loop.magnets.rows import BIAS, CALIBRATION, FLUX_C, FLUX_M, GAP_C, GAP_C_SQ, GAP_M, GAP_M_SQ, KNEE
+from maglev_lanes.pieces import piece
 from selfsense.coil import MU_0
 
 
@@ -19,4 +23,42 @@ def check(m: Magnet) -> None:
         raise ValueError("remanence: a hybrid pair needs its magnets' remanence in T")
 
 
-KIND = MagnetKind(law, check, pull=lambda m: m.flux_path, pair=True, inductance_follows_gap=True)
+@piece
+def pull(x, k, y, current):
+    """Acceleration (see `magnets.law.force`): one division for both gaps, from sums and differences of the fields."""
+    y2 = y * y
+    a, c = x[k + GAP_C_SQ] - y2, x[k + GAP_M_SQ] - y2
+    inverse = 1.0 / (a * c)
+    magnet, coil = x[k + FLUX_M] * (a * inverse), x[k + FLUX_C] * (c * inverse)
+    reach = x[k + GAP_C]
+    bias = x[k + BIAS] * coil
+    field_sum = x[k + GAP_M] * magnet + reach * bias
+    slope = magnet + bias
+    drive = current * coil
+    bent = reach * (field_sum + drive * y) + slope * y2
+    return x[k + CALIBRATION] * (y * field_sum * slope) + drive * bent
+
+
+@piece
+def saturated_pull(x, k, y, current):
+    """The same where the iron saturates: each gap's B^2 becomes B^2 / sqrt(1 + (B / B_s)^4)."""
+    own, far = x[k + GAP_M] - y, x[k + GAP_M] + y
+    near, wide = x[k + GAP_C] - y, x[k + GAP_C] + y
+    inverse = 1.0 / ((own * far) * (near * wide))
+    magnet = x[k + FLUX_M] * (near * wide * inverse)
+    coil = x[k + FLUX_C] * (own * far * inverse)
+    upper_coil, lower_coil = coil * wide, coil * near
+    bias, knee = x[k + BIAS], x[k + KNEE]
+    upper, lower = magnet * far + bias * upper_coil, magnet * own + bias * lower_coil
+    s1, s2 = upper + current * upper_coil, lower - current * lower_coil
+    s1, s2, s3, s4 = s1 * s1, s2 * s2, upper * upper, lower * lower
+    r1, r2 = np.sqrt(1.0 + knee * (s1 * s1)), np.sqrt(1.0 + knee * (s2 * s2))
+    r3, r4 = np.sqrt(1.0 + knee * (s3 * s3)), np.sqrt(1.0 + knee * (s4 * s4))
+    # One division for all four; the fields are twice themselves, as in sums and differences of both gaps.
+    first_two, last_two = r1 * r2, r3 * r4
+    inverse = 0.25 / (first_two * last_two)
+    at_rest = (s3 * r4 - s4 * r3) * (first_two * inverse)
+    return (s1 * r2 - s2 * r1) * (last_two * inverse) + (x[k + CALIBRATION] - 1.0) * at_rest
+
+
+KIND = MagnetKind(law, check, pull, saturated_pull, pair=True, inductance_follows_gap=True)

@@ -20,6 +20,13 @@ NO_MAGNET = "none"
 MAGNETS = (*KINDS, NO_MAGNET)  # what a rig's magnet may be
 
 
+def simulated_as(name: str) -> str:
+    """The first kind of magnet whose pull in the kernel is that of a kind, or "none"."""
+    if name == NO_MAGNET:
+        return name
+    return next(other for other, kind in KINDS.items() if kind.pull is KINDS[name].pull)
+
+
 def force_law(m: Magnet) -> ForceLaw | SingleSidedLaw:
     """A magnet's force law, calibrated to its actuator_gain and negative_stiffness where they are given.
 

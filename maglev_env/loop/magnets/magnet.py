@@ -83,7 +83,8 @@ class MagnetKind:
         law: the force law that a magnet's geometry alone gives, without calibration.
         check: raises ValueError naming the parameter that is missing, belongs to another kind, or does not carry the
             weight; ranges are taken as checked.
-        pull: name of the compiled pull that simulates it, see `kernel.pieces`.
+        pull: piece of the kernel (x, k, y, current): the acceleration of lane k by it. Kinds may share one.
+        saturated_pull: the same of iron that saturates; None where that is not simulated.
         pair: whether two opposed magnets pull on the rotor.
         inductance_follows_gap: whether the coil's inductance tells the gap, so that the coil can sense it.
         balancing_bias: bias current (A) with which a single-sided magnet carries the weight at y = 0, i = 0; None for
@@ -93,8 +94,9 @@ class MagnetKind:
 
     law: Callable[[Magnet], ForceLaw | SingleSidedLaw]
     check: Callable[[Magnet], None]
-    pull: Callable[[Magnet], str]
-    pair: bool
-    inductance_follows_gap: bool
+    pull: Callable[..., float]
+    saturated_pull: Callable[..., float] | None = None
+    pair: bool = False
+    inductance_follows_gap: bool = False
     balancing_bias: Callable[[Magnet], float] | None = None
     own: tuple[str, ...] = ()

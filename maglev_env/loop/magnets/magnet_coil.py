@@ -4,6 +4,8 @@ from maglev_env.loop.magnets.check import check_balance, refuse_flux_path
 from maglev_env.loop.magnets.circuit import magnet_attraction, single_sided_law
 from maglev_env.loop.magnets.law import SingleSidedLaw
 from maglev_env.loop.magnets.magnet import Magnet, MagnetKind
+from maglev_env.loop.magnets.rows import BIAS, CALIBRATION, EXPONENT, FLUX_C, FLUX_M, GAP, GAP_M, WEIGHT
+from maglev_lanes.pieces import piece
 
 
 def law(m: Magnet) -> SingleSidedLaw:
@@ -34,10 +36,19 @@ def check(m: Magnet) -> None:
     check_balance(m, law, balancing_bias, "force_constant, force_exponent")
 
 
+@piece
+def pull(x, k, y, current):
+    """Acceleration (see `magnets.law.SingleSidedLaw`), less the weight."""
+    coil = x[k + FLUX_C] * (x[k + GAP] - y) ** (-x[k + EXPONENT])
+    magnet = x[k + FLUX_M] / (x[k + GAP_M] - y)
+    at_bias = coil * x[k + BIAS] + magnet * magnet
+    return x[k + CALIBRATION] * at_bias - x[k + WEIGHT] + coil * current
+
+
 KIND = MagnetKind(
     law,
     check,
-    pull=lambda m: "magnet_coil",
+    pull,
     pair=False,
     inductance_follows_gap=False,
     balancing_bias=balancing_bias,

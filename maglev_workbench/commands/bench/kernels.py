@@ -9,13 +9,13 @@ from scipy.integrate import solve_ivp
 
 from maglev_env.design.defaults import with_defaults
 from maglev_env.experiment import Experiment, protocol_experiment
-from maglev_env.kernel.rows import LANES
 from maglev_env.linear.loop import closed_loop
 from maglev_env.loop.axes import Cross
 from maglev_env.loop.gains import Gains, LinearController, state_space
 from maglev_env.loop.magnets.kinds import force_law
 from maglev_env.loop.magnets.law import force
 from maglev_env.rig.rig import Noise, Rig, load_rig
+from maglev_lanes.layout import LANES
 from maglev_workbench.commands.bench.figures import Figure
 from maglev_workbench.commands.bench.timing import Size, alternately, stepper
 from maglev_workbench.console import console

@@ -19,11 +19,11 @@ from maglev_env.channels import SPECTRAL
 from maglev_env.evaluation.evaluate import evaluate, force_statistics, score_target
 from maglev_env.experiment import Experiment, protocol_experiment
 from maglev_env.kernel.lanes import lane_batch, structure_of
-from maglev_env.kernel.rows import LANES
 from maglev_env.kernel.simulate import simulate_statistics
 from maglev_env.linear.loop import closed_loop_poles
 from maglev_env.rig.excitation import PLACES, lines_at
 from maglev_env.rig.rig import load_rig
+from maglev_lanes.layout import LANES
 from maglev_lanes.noise import line_noise
 from maglev_lanes.threads import over_threads
 from maglev_workbench.commands.bench.figures import Figure

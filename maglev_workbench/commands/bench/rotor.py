@@ -5,12 +5,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from maglev_env.kernel.rows import LANES
 from maglev_env.rotor.kernel import TILE, kernel
 from maglev_env.rotor.lanes import Run, block
 from maglev_env.rotor.rotor import Rotor, load_rotor
 from maglev_env.rotor.rows import CHANNELS
 from maglev_env.rotor.run_up import run_up
+from maglev_lanes.layout import LANES
 from maglev_workbench.commands.bench.figures import Figure
 from maglev_workbench.commands.bench.kernels import quiet_experiment
 from maglev_workbench.commands.bench.timing import Size, alternately, stepper

@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 from scipy.integrate import solve_ivp
 
-from maglev_env.kernel.rows import LANES
 from maglev_env.rig.rig import load_rig
 from maglev_env.rig.self_sensor import rig_sensors
+from maglev_lanes.layout import LANES
 from maglev_workbench.commands.bench.figures import Figure
 from maglev_workbench.commands.bench.kernels import quiet_experiment
 from maglev_workbench.commands.bench.timing import Size, alternately, stepper

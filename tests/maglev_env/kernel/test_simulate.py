@@ -12,13 +12,13 @@ from estimation.periods import line_statistics, period_spectra
 from maglev_env.channels import MEASURED
 from maglev_env.evaluation.evaluate import force_statistics
 from maglev_env.experiment import Experiment, protocol_experiment
-from maglev_env.kernel import step as kernel
 from maglev_env.kernel.simulate import simulate_records, simulate_statistics
 from maglev_env.linear.loop import expected_statistics, without_noise
 from maglev_env.loop.effect import effect, meaningful
 from maglev_env.loop.gains import Gains
 from maglev_env.rig.excitation import Excitation, lines_at
 from maglev_env.rig.rig import Noise, axis_rig, load_rig
+from maglev_lanes.layout import LANES
 from maglev_lanes.noise import line_noise, series_noise
 
 ALL_EFFECTS = {
@@ -125,12 +125,12 @@ def test_half_the_step_moves_no_estimate_by_a_fiftieth_of_its_standard_error():
 
 
 def test_a_lane_has_the_same_bits_alone_among_others_and_on_any_number_of_threads():
-    gains = [Gains(8000 + 100 * i, 2000, 5.2) for i in range(2 * kernel.LANES + 5)]
+    gains = [Gains(8000 + 100 * i, 2000, 5.2) for i in range(2 * LANES + 5)]
     batch = [quick(gains=g, seed=i, effects=effect("delay", 3e-5) if i % 3 == 0 else {}) for i, g in enumerate(gains)]
     together = simulate_statistics(batch, threads=2)
     serial = simulate_statistics(batch, threads=1)
     np.testing.assert_array_equal(together.statistics.mean, serial.statistics.mean)
-    for i in (0, 1, kernel.LANES, len(batch) - 1):
+    for i in (0, 1, LANES, len(batch) - 1):
         alone = simulate_statistics([batch[i]])
         np.testing.assert_array_equal(alone.statistics.mean[0], together.statistics.mean[i])
         np.testing.assert_array_equal(alone.statistics.covariance[0], together.statistics.covariance[i])

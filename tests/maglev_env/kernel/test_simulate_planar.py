@@ -7,7 +7,6 @@ import pytest
 from reference_simulator import simulate
 
 from maglev_env.experiment import Experiment, axis_experiment, channels_of
-from maglev_env.kernel.rows import LANES
 from maglev_env.kernel.simulate import simulate_records, simulate_statistics
 from maglev_env.linear.loop import without_noise
 from maglev_env.loop.axes import Cross
@@ -15,6 +14,7 @@ from maglev_env.loop.effect import effect
 from maglev_env.loop.gains import NO_CONTROLLER, Gains
 from maglev_env.rig.excitation import Excitation, lines_at
 from maglev_env.rig.rig import load_rig
+from maglev_lanes.layout import LANES
 
 FREE = replace(load_rig("hmb_free"), axes=2, support_stiffness=500.0, protocol=None)
 OTHER_Y = {

@@ -17,13 +17,13 @@ from maglev_env.channels import NOISY
 from maglev_env.design.defaults import with_defaults
 from maglev_env.evaluation.evaluate import evaluate
 from maglev_env.experiment import Experiment, axis_experiment, protocol_experiment, recorded_channels, self_sensors
-from maglev_env.kernel.rows import LANES
+from maglev_env.kernel.advance import TILE, kernel
 from maglev_env.kernel.simulate import _blocks, _State, simulate_records, simulate_statistics
-from maglev_env.kernel.step import TILE, kernel
 from maglev_env.linear.loop import closed_loop_poles, expected_statistics, loop_response, without_noise
 from maglev_env.loop.axes import Cross
 from maglev_env.loop.effect import effect
 from maglev_env.loop.gains import Gains
+from maglev_env.loop.self_sensing_pieces import SELF
 from maglev_env.loop.self_sensor import SelfSensing
 from maglev_env.recordings.campaign import load_campaign
 from maglev_env.recordings.campaign_writer import write_campaign
@@ -31,6 +31,7 @@ from maglev_env.recordings.recording import read_recording, simulated_recording
 from maglev_env.rig.excitation import Excitation, lines_at
 from maglev_env.rig.rig import load_rig, rig_from_toml
 from maglev_env.rig.self_sensor import self_sensor
+from maglev_lanes.layout import LANES
 from maglev_workbench.cli import app
 from selfsense import kernel_rows as rows
 from selfsense.linear import tracking
@@ -158,17 +159,19 @@ def coil_currents(e, samples):
     (block,) = _blocks([e], 1)
     state = _State(block)
     outputs = len(recorded_channels(e)) - 1  # without the force
-    step = kernel(block.batch.structure, outputs)
+    structure = block.batch.structure
+    step, switches = kernel(structure), structure.switches(outputs)
     tile, out = np.empty(TILE * outputs * LANES), np.empty(outputs * LANES)
     seeds = np.ascontiguousarray(state.seeds[:, NOISY.index("displacement")]).reshape(-1)
     waves = [np.resize(e.waveform(place), samples) for place in ("force", "current", "reference")]
     found = np.empty((2, samples))
     for t in range(samples):
         linkage, gap, first, second = (
-            state.sensor_rows(row)[0, 0] for row in (rows.COIL, rows.GAP, rows.INVERSE_0, rows.INVERSE_1)
+            state.axis_rows(SELF + row * LANES)[0, 0] for row in (rows.COIL, rows.GAP, rows.INVERSE_0, rows.INVERSE_1)
         )
         found[:, t] = linkage * (first + second * gap), gap
-        step(state.rows.reshape(-1), seeds, state.history, t, state.timing, *(w[t : t + 1] for w in waves), tile, out)
+        clocks = t, state.timing, switches
+        step(state.rows.reshape(-1), seeds, state.history, *clocks, *(w[t : t + 1] for w in waves), tile, out)
     return found
 
 

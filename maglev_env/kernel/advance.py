@@ -1,0 +1,117 @@
+"""The lane kernel: one compiled loop that steps LANES simulations of the loop together, in one axis or x-y.
+
+A block is flat arrays with LANES consecutive values per variable (see `maglev_env.kernel.layout`). Blocks are always
+full, so a lane's bits do not depend on how many others run beside it.
+"""
+
+from collections.abc import Callable
+from functools import cache
+
+import numpy as np
+
+from maglev_env.kernel.layout import AXIS, filter_size
+from maglev_env.kernel.sample import delay, draw, mix_piece, peak, read_pieces, substep_piece
+from maglev_env.kernel.sensing import sensing_pieces
+from maglev_env.kernel.step import move_piece
+from maglev_env.kernel.structure import Structure
+from maglev_env.loop.mechanics import ALIVE
+from maglev_lanes.compiled import compiled
+from maglev_lanes.layout import LANES
+
+W = LANES
+# Samples gathered before they are written out lane by lane, so that a lane's series is contiguous.
+TILE = 8
+
+
+def kernel(structure: Structure) -> Callable[..., int]:
+    """The compiled stepper of a structure, shared by all structures that differ only in what is read at run time.
+
+    Called as step(block, seeds, history, first_step, timing, switches, force, injection, reference, tile, out), all
+    arrays flat, axis after axis. It advances the block over the control samples of the waveforms.
+
+    Args of the stepper:
+        timing: of self-sensors: so many current samples in so many substeps, so many in so many PWM periods.
+        switches: see `Structure.switches`: converters, noise and controller; leading channels written; so many
+            substeps per control sample; whether a sample is written for every substep.
+        force, injection, reference: N, A, m at every control sample.
+        tile: scratch of TILE samples of all channels.
+        out: filled, (axes, outputs, LANES, samples).
+
+    Returns of the stepper:
+        The control samples done: fewer when every lane has touched down.
+    """
+    return _kernel(structure.compiled)
+
+
+@cache
+def _kernel(structure: Structure) -> Callable[..., int]:
+    sources = 0  # see `compiled`
+    axes, channels, delayed = structure.axes, len(structure.channels), structure.delayed
+    planar, coupled, sensing = axes == 2, structure.coupled, structure.sensed is not None
+    filters, per_filter = axes * AXIS, filter_size(structure.controller_order)
+    kept = filters + axes * per_filter
+    controlled = structure.magnets != "none"
+    read, control, note_late = read_pieces(structure)
+    mix, load_substep, move = mix_piece(structure), substep_piece(structure), move_piece(structure)
+    sensors_begin, sensors_follow = sensing_pieces(structure)
+
+    def step(x, seeds, history, first_step, timing, switches, force, injection, reference, tile, out):
+        if sources == 0:
+            return 0
+        noisy, outputs, substeps, oversampled = switches[0] != 0, switches[1], switches[2], switches[3] != 0
+        lanes = seeds.size // axes
+        slots = history.size // axes
+        mask = np.int64(slots // W - 1)
+        samples = force.size // axes
+        written = samples * substeps if oversampled else samples
+        for t in range(samples):
+            now = np.int64(first_step + t)
+            for s in range(substeps):
+                n = t * substeps + s if oversampled else t
+                reading = s == 0 or oversampled
+                # Readings between control samples take noise from counts 2^40 apart, so that the noise at control
+                # samples is the same at every recorded rate.
+                count = np.uint64(now + 1 + (np.int64(s) << 40))
+                if delayed and substeps > 1:
+                    load_substep(x, kept, s)
+                if coupled and reading:
+                    mix(x)
+                o = (n % TILE) * axes * channels * W
+                for a in range(axes if reading else 0):
+                    b, p = a * AXIS, o + a * channels * W
+                    if noisy:
+                        draw(x, b, seeds, a * W, lanes, count)
+                    wanted, injected = reference[a * samples + t], injection[a * samples + t]
+                    if not controlled or s > 0:
+                        read(x, b, tile, p, 1.0 if s == 0 else 0.0)
+                    else:
+                        control(x, b, tile, p, wanted, injected, filters + a * per_filter)
+                    if delayed and s == 0:
+                        delay(x, b, history, a * slots, mask, now)
+                    note_late(x, b, tile, p)
+                if planar and reading:
+                    peak(x, tile, o, channels * W)
+                if sensing:
+                    sensors_begin(x)
+                move(x, force[t], force[samples + t] if planar else 0.0)
+                if sensing:
+                    sensors_follow(x, seeds, now * substeps + s, timing)
+                if n % TILE == TILE - 1 and (oversampled or s == substeps - 1):
+                    for a in range(axes):
+                        for c in range(outputs * W):
+                            to = (a * outputs * W + c) * written + n - (TILE - 1)
+                            for j in range(TILE):
+                                out[to + j] = tile[(j * axes + a) * channels * W + c]
+            if t % TILE == TILE - 1:
+                living = 0.0
+                for i in range(W):
+                    living += x[ALIVE + i]
+                if living == 0.0:
+                    return t + 1
+        for n in range(written - written % TILE, written):
+            for a in range(axes):
+                for c in range(outputs * W):
+                    out[(a * outputs * W + c) * written + n] = tile[((n % TILE) * axes + a) * channels * W + c]
+        return samples
+
+    return compiled(step)

@@ -1,0 +1,188 @@
+"""The pieces of the loop's blocks as one step needs them: chosen by what a structure has, and lifted to its axes."""
+
+from collections.abc import Callable
+from types import SimpleNamespace
+
+from maglev_env.kernel.layout import AXIS
+from maglev_env.kernel.structure import Structure
+from maglev_env.loop import actuator, amplifier, eddy, external, mechanics, second_body, sensor
+from maglev_env.loop.magnets.kinds import KINDS
+from maglev_env.loop.magnets.rows import OFFSET
+from maglev_lanes.layout import LANES as W
+from maglev_lanes.pair import Lifts
+from maglev_lanes.pieces import piece
+
+
+def parts(s: Structure) -> SimpleNamespace:
+    """Everything that happens in a step, as pieces of both axes at once (see `maglev_lanes.pair`)."""
+    lift = Lifts(s.axes, AXIS)
+    return SimpleNamespace(
+        **_motion(s, lift), **_forces(s, lift), **_currents(s, lift), **_probe(s, lift), both=lift.both()
+    )
+
+
+def _motion(s: Structure, lift: Lifts) -> dict[str, Callable]:
+    mover = second_body if s.flexible else mechanics
+    found = {
+        name: lift.each(getattr(mover, name), numbers)
+        for name, numbers in (
+            ("y_middle", 3), ("v_middle", 2), ("y_end", 3), ("v_end", 2), ("y_next", 5), ("v_next", 4),
+        )
+    }  # fmt: skip
+    return found | {
+        "position": lift.each(mechanics.position, 0),
+        "velocity": lift.each(mechanics.velocity, 0),
+        "distance_sq": lift.distance_sq(),
+        "touch_down": mechanics.touch_down,
+        "store_state": lift.each(mechanics.store_state, 3),
+        "store_body": lift.each(second_body.store_body, 3),
+    }
+
+
+def _forces(s: Structure, lift: Lifts) -> dict[str, Callable]:
+    """Accelerations by the bearing and from outside, and friction that sticks."""
+    coupled, sticking, supported = s.coupled, s.sticking, s.supported
+    sliding_too, flexible, controlled = s.flexible and not s.sticking, s.flexible, s.magnets != "none"
+    kind = KINDS.get(s.magnets)
+    pull = kind and (kind.saturated_pull if s.saturating else kind.pull)
+
+    @piece
+    def bearing(x, k, y, current):
+        total = 0.0
+        if controlled:
+            total = pull(x, k, y + x[k + OFFSET] if flexible else y, current)
+        return total - mechanics.spring(x, k, y) if supported else total
+
+    @piece
+    def support(x, k, v):
+        total = mechanics.damping(x, k, v) if supported else 0.0
+        return total + mechanics.sliding(x, k, v) if sliding_too else total
+
+    own_force, own_damping = lift.each(bearing, 2), lift.each(support, 1)
+    if not coupled:
+        force, damping = own_force, own_damping
+    else:
+        cross_force, cross_damping = lift.crossed(mechanics.cross_force, 2), lift.crossed(mechanics.cross_damping, 1)
+
+        @piece
+        def force(x, k, y, current):
+            return own_force(x, k, y, current) + cross_force(x, k, y, current)
+
+        @piece
+        def damping(x, k, v):
+            return own_damping(x, k, v) + cross_damping(x, k, v)
+
+    outside = [external.outside(node) if flexible else mechanics.held_force for node in range(3)]
+    found = {name: lift.each(f, 1) for name, f in zip(("push_start", "push_middle", "push_end"), outside, strict=True)}
+    found |= {
+        "bristles": lift.each(mechanics.bristles if sticking else piece(lambda x, k: 0.0), 0),
+        "deflect_bristles": lift.each(
+            mechanics.deflect_bristles if sticking else piece(lambda x, k, bent, moved: 0.0), 2
+        ),
+        "friction": lift.each(mechanics.friction if sticking else piece(lambda x, k, bent: 0.0), 1),
+        "store_bristles": lift.each(mechanics.store_bristles, 1),
+    }
+    return found | {"force": force, "damping": damping}
+
+
+def _currents(s: Structure, lift: Lifts) -> dict[str, Callable]:
+    """Nodal currents that pull, and the actuator's states at the end of the step."""
+    controlled, flexible = s.magnets != "none", s.flexible
+    carried = amplifier.carried(s.actuator_poles, s.delayed, flexible)
+    old, new = amplifier.commands(s.delayed, flexible)
+    nodes = [carried(amplifier.NODES + 4 * node * W) for node in range(3)]
+    start_of, middle_of, end_of = nodes
+    x1_of, x2_of = carried(amplifier.NEXT), carried(amplifier.NEXT + 4 * W)
+
+    @piece
+    def start(x, k):
+        if not controlled:
+            return 0.0
+        now = start_of(x, k, k)
+        return now + eddy.eddy_node(x, k, 0) - actuator.hold(x, k) if flexible else now
+
+    @piece
+    def middle(x, k, held):
+        if not controlled:
+            return 0.0
+        now = middle_of(x, k, k)
+        if not flexible:
+            return now
+        return now + eddy.eddy_node(x, k, W) - 0.5 * (actuator.hold(x, k) + actuator.hold_at(x, k, held))
+
+    @piece
+    def end(x, k, held):
+        if not controlled:
+            return 0.0
+        now = end_of(x, k, k)
+        return now + eddy.eddy_node(x, k, 2 * W) - actuator.hold_at(x, k, held) if flexible else now
+
+    @piece
+    def x1_next(x, k):
+        return x1_of(x, k, k) if controlled else 0.0
+
+    @piece
+    def x2_next(x, k):
+        return x2_of(x, k, k) if controlled else 0.0
+
+    @piece
+    def held_next(x, k, x2):
+        return actuator.held_next(x, k, x2) if flexible and controlled else 0.0
+
+    store_current = amplifier.store_current(s.actuator_poles)
+
+    @piece
+    def store(x, k, x1, x2, held):
+        if controlled:
+            if flexible:
+                eddy.store_eddy(x, k, old(x, k), new(x, k))
+                actuator.store_held(x, k, held)
+            store_current(x, k, x1, x2)
+        return 0.0
+
+    return {
+        "current_start": lift.each(start, 0),
+        "current_middle": lift.each(middle, 1),
+        "current_end": lift.each(end, 1),
+        "x1_next": lift.each(x1_next, 0),
+        "x2_next": lift.each(x2_next, 0),
+        "held_next": lift.each(held_next, 1),
+        "store_current": lift.each(store, 3),
+    }
+
+
+def _probe(s: Structure, lift: Lifts) -> dict[str, Callable]:
+    """The probe's and its mount's states at the end of the step."""
+    coupled, controlled = s.coupled, s.magnets != "none"
+    carried = amplifier.carried(s.actuator_poles, s.delayed, s.flexible)
+
+    def bent(own: Callable, numbers: int, first: int, other: int) -> Callable:
+        """What the motion makes of a state, with what the currents of this axis and of the other one add to it."""
+        by_own = carried(first)
+        if controlled and numbers == 4:
+            whole = lift.each(piece(lambda x, k, y, v, y1, v1: own(x, k, y, v, y1, v1) + by_own(x, k, k)), 4)
+        elif controlled:
+            whole = lift.each(piece(lambda x, k, moved, pushed: own(x, k, moved, pushed) + by_own(x, k, k)), 2)
+        else:
+            return lift.each(own, numbers)
+        if not coupled:
+            return whole
+        by_other = lift.across(carried(other))
+        if numbers == 4:
+            return piece(lambda x, k, y, v, y1, v1: whole(x, k, y, v, y1, v1) + by_other(x, k))
+        return piece(lambda x, k, moved, pushed: whole(x, k, moved, pushed) + by_other(x, k))
+
+    row = 4 * W
+    return {
+        "z1_next": bent(sensor.z1_next, 4, sensor.BEND, sensor.CROSS_BEND),
+        "z2_next": bent(sensor.z2_next, 4, sensor.BEND + row, sensor.CROSS_BEND + row),
+        "mount_next": bent(sensor.by_mount(sensor.MOUNT_NEXT), 2, sensor.MOUNT_BEND, sensor.MOUNT_CROSS),
+        "mount_v_next": bent(
+            sensor.by_mount(sensor.MOUNT_NEXT + row), 2, sensor.MOUNT_BEND + row, sensor.MOUNT_CROSS + row
+        ),
+        "z1_by_mount": lift.each(sensor.by_mount(sensor.MOUNT_SEEN), 2),
+        "z2_by_mount": lift.each(sensor.by_mount(sensor.MOUNT_SEEN + row), 2),
+        "store_reading": lift.each(sensor.store_reading(s.sensor_poles), 2),
+        "store_mount": lift.each(sensor.store_mount, 2),
+        "turn_pointers": lift.each(sensor.turn_pointers, 0),
+    }

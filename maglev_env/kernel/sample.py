@@ -1,0 +1,148 @@
+"""What happens once per control sample to all lanes of an axis: read and control; and what is written of it."""
+
+from collections.abc import Callable
+
+import numpy as np
+
+from maglev_env.channels import step_channels
+from maglev_env.kernel.layout import AXIS, of_substep
+from maglev_env.kernel.structure import Structure
+from maglev_env.loop import amplifier, sensor
+from maglev_env.loop.controller import ACTING, DELAY_STEPS, ERROR, U, U_OLD, command, filter_ahead, filter_output, pid
+from maglev_env.loop.mechanics import Y
+from maglev_env.loop.self_sensing_pieces import note_error
+from maglev_env.loop.sensor import DRAWN, NOISE, PEAK_SQ, SEEN, Z1, cross_seen, tone
+from maglev_lanes.layout import LANES as W
+from maglev_lanes.noise import drawn
+from maglev_lanes.pieces import piece
+
+# Where a sample's channels lie in a tile; the current is the last one, with a sensed position before it or without.
+COMMAND, POSITION = map(step_channels(sensed=True).index, ("command", "position"))
+
+
+@piece
+def draw(x, b, seeds, first, lanes, count):
+    """Draw the noise of this reading of the axis at b.
+
+    lanes: their number, not as a constant: a loop so short would be unrolled, and then not become vector instructions.
+    """
+    for i in range(lanes):
+        x[b + i + DRAWN] = drawn(seeds[first + i], count)
+
+
+def read_pieces(s: Structure) -> tuple[Callable, Callable, Callable]:
+    """What is read, commanded and recorded of the axis at b, into its sample at o of the tile.
+
+    Returns:
+        read(x, b, tile, o, off); off: 1 where the reading's error counts, else 0.
+        control(x, b, tile, o, reference, injection, f): reads too, and writes the command; f: where the axis' linear
+        controller lies.
+        late(x, b, tile, o): behind the delay, records the current where it depends on the delay.
+    """
+    own, current_at = Z1 if s.sensed else sensor.seen(s.sensor_poles), (POSITION + (s.sensed is not None)) * W
+    row, toned, planar, sensing = SEEN if s.coupled else own, s.flexible and not s.sensed, s.axes == 2, bool(s.sensed)
+    coil = amplifier.coil(s.actuator_poles, s.delayed, s.flexible)
+    order = s.controller_order
+    depends = s.actuator_poles == 0 or s.flexible  # the current on what the delay brings
+
+    @piece
+    def note_reading(x, k, tile, o, off):
+        sensed = x[k + row] + tone(x, k) if toned else x[k + row]
+        now = sensor.shown(x, k, sensed + x[k + NOISE] * x[k + DRAWN])
+        tile[o] = now
+        if not planar:
+            x[k + PEAK_SQ] = max(x[k + PEAK_SQ], now * now)
+        if sensing:
+            y = x[k + Y]
+            note_error(x, k, off * (now - y))
+            tile[o + POSITION * W] = y
+        return now
+
+    @piece
+    def note_current(x, k, tile, o):
+        current = coil(x, k)
+        x[k + amplifier.CURRENT_SQ] += current * current
+        tile[o + current_at] = current
+
+    # All of this shares a loop: smaller ones would be unrolled, and then not become vector instructions.
+    @piece
+    def read(x, b, tile, o, off):
+        for i in range(W):
+            k = b + i
+            note_reading(x, k, tile, o + i, off)
+            tile[o + i + COMMAND * W] = x[k + U]
+            if not depends:
+                note_current(x, k, tile, o + i)
+
+    @piece
+    def control(x, b, tile, o, reference, injection, f):
+        for i in range(W):
+            k = b + i
+            error = reference - note_reading(x, k, tile, o + i, 1.0)
+            if order == 0:
+                u = pid(x, k, error)
+            else:
+                x[k + ERROR] = error
+                u = filter_output(x, k, f + i)
+            tile[o + i + COMMAND * W] = command(x, k, u + injection)
+            if not depends:
+                note_current(x, k, tile, o + i)
+        for j in range(order):
+            for i in range(W):
+                filter_ahead(x, b + i, f + (1 + 3 * j) * W + i)
+
+    @piece
+    def late(x, b, tile, o):
+        for i in range(W if depends else 0):
+            note_current(x, b + i, tile, o + i)
+
+    return read, control, late
+
+
+def mix_piece(s: Structure) -> Callable:
+    """mix(x): what each axis' sensor senses with its share of the other axis' motion."""
+    own = Z1 if s.sensed else sensor.seen(s.sensor_poles)
+
+    @piece
+    def mix(x):
+        for k in range(W):
+            z_x, z_y = x[k + own], x[k + AXIS + own]
+            x[k + SEEN], x[k + AXIS + SEEN] = cross_seen(x, k, z_x, z_y), cross_seen(x, k + AXIS, z_y, z_x)
+
+    return mix
+
+
+@piece
+def delay(x, b, history, h, mask, now):
+    """Keep the command in the history of the axis at h, and take out the one that acts and the one before."""
+    kept = h + (now & mask) * W
+    for i in range(W):
+        history[kept + i] = x[b + i + U]
+    for i in range(W):
+        behind = now - np.int64(x[b + i + DELAY_STEPS])
+        x[b + i + ACTING] = history[h + (behind & mask) * W + i]
+        x[b + i + U_OLD] = history[h + ((behind - 1) & mask) * W + i]
+
+
+@piece
+def peak(x, tile, o, stride):
+    """Gather the largest radial displacement shown; the second axis' sample lies `stride` behind the first's."""
+    for k in range(W):
+        x_shown, y_shown = tile[o + k], tile[o + stride + k]
+        x[k + PEAK_SQ] = max(x[k + PEAK_SQ], x_shown * x_shown + y_shown * y_shown)
+
+
+def substep_piece(s: Structure) -> Callable:
+    """load(x, kept, substep): put the rows that a substep has for itself where the step finds them."""
+    axes, rows = s.axes, of_substep(s.flexible)
+    count = len(rows)
+
+    @piece
+    def load(x, kept, substep):
+        for a in range(axes):
+            for j in range(count):
+                to, at = a * AXIS + rows[j], kept + ((substep * axes + a) * count + j) * W
+                for i in range(W):
+                    x[to + i] = x[at + i]
+
+    return load

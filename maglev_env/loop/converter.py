@@ -1,0 +1,12 @@
+"""A converter between numbers and voltages, as a piece of kernels."""
+
+import numpy as np
+
+from maglev_lanes.pieces import piece
+
+
+@piece
+def quantised(counts, top, rounds):
+    """Counts that a converter with limits -top .. top gives; rounds: 1, or 0 for an ideal one."""
+    whole = np.rint(counts) if rounds > 0.0 else counts
+    return min(max(whole, -top), top)

@@ -1,0 +1,84 @@
+"""Kernels that are compiled once and kept on disk under a key made from everything that they use.
+
+The compiler's own disk cache looks at the file of the compiled function alone, and refers to functions of other files
+by their names. A kernel therefore carries a fingerprint of all code that it reaches, and is compiled anew when any of
+that changes.
+"""
+
+from collections.abc import Callable, Iterator
+from hashlib import sha256
+from inspect import getclosurevars
+from types import BuiltinFunctionType, CodeType, FunctionType, ModuleType
+
+from maglev_lanes.layout import FAST
+from maglev_lanes.pair import Pair, teach_pairs
+from maglev_lanes.pieces import register
+
+OWN = ("maglev_lanes", "selfsense", "maglev_env")  # packages whose code ends up in kernels
+
+
+def compiled(kernel: Callable) -> Callable:
+    """The compiled kernel, from the disk cache where the same code has been compiled before.
+
+    Args:
+        kernel: a function in a factory, which uses a variable `sources` of the factory, so that its value becomes part
+            of the key of the disk cache. It is set here.
+    """
+    import numba as nb
+
+    teach_pairs()
+    register()
+    at = kernel.__code__.co_freevars.index("sources")
+    kernel.__closure__[at].cell_contents = fingerprint(kernel)
+    return nb.njit(fastmath=FAST, error_model="numpy", nogil=True, cache=True)(kernel)
+
+
+def fingerprint(function: Callable) -> int:
+    """A number that changes with the code of a function, of every own function that it reaches, and their constants.
+
+    Comments, and functions of the same files that it does not use, leave it unchanged.
+    """
+    found = sha256()
+    for part in _parts(function, set()):
+        found.update(repr(part).encode())
+    return int(found.hexdigest()[:15], 16)
+
+
+def _parts(value: object, seen: set[int]) -> Iterator[object]:
+    """Everything that a value stands for in compiled code."""
+    function = getattr(value, "py_func", value)  # of one that is compiled on its own
+    if isinstance(function, FunctionType):
+        if not function.__module__.startswith(OWN):
+            yield function.__module__, function.__qualname__
+        elif id(function) not in seen:
+            seen.add(id(function))
+            yield from _code(function.__code__)
+            used = getclosurevars(function)
+            for name, other in sorted((used.globals | used.nonlocals).items()):
+                yield name
+                if isinstance(other, ModuleType):
+                    attributes = sorted(set(function.__code__.co_names) & vars(other).keys())
+                    for attribute in attributes if other.__name__.startswith(OWN) else ():
+                        yield from _parts(vars(other)[attribute], seen)
+                elif name != "sources":
+                    yield from _parts(other, seen)
+    elif value is Pair:
+        yield from _code(teach_pairs.__wrapped__.__code__)
+    elif isinstance(value, type | BuiltinFunctionType):
+        yield value.__name__
+    elif isinstance(value, tuple | list):
+        for item in value:
+            yield from _parts(item, seen)
+    elif isinstance(value, set | frozenset):
+        yield sorted(value)
+    else:
+        yield value
+
+
+def _code(code: CodeType) -> Iterator[object]:
+    yield code.co_code, code.co_names
+    for constant in code.co_consts:
+        if isinstance(constant, CodeType):
+            yield from _code(constant)
+        else:
+            yield constant
