@@ -32,7 +32,7 @@ def with_defaults(rig: Rig) -> Rig:
     """
     if rig.gains is None:
         rig = replace(rig, gains=_gains(rig))
-    first = of_axis(rig.gains, 0)
+    first = of_axis(rig.gains or NO_CONTROLLER, 0)
     if rig.controlled and not rig.bounds and isinstance(first, Gains):
         span = {name: (getattr(first, name) * low, getattr(first, name) * high) for name, (low, high) in BOUNDS.items()}
         rig = replace(rig, bounds={name: pair for name, pair in span.items() if pair[1] > pair[0]})
@@ -49,7 +49,7 @@ def _gains(rig: Rig) -> Controllers:
         return NO_CONTROLLER
     if rig.axes == 1:
         return default_gains(rig)
-    return tuple(default_gains(axis_rig(rig, axis)) for axis in range(2))
+    return default_gains(axis_rig(rig, 0)), default_gains(axis_rig(rig, 1))
 
 
 def _protocol(rig: Rig) -> Protocol:
@@ -70,7 +70,7 @@ def _protocol(rig: Rig) -> Protocol:
 
 def _reach(rig: Rig, part: Excitation) -> float:
     """Largest reading (m) per unit of the excitation on the linearised rig."""
-    e = Experiment(rig, rig.gains, (part,))
+    e = Experiment(rig, rig.gains or NO_CONTROLLER, (part,))
     if rig.controlled and np.abs(closed_loop_poles(e)).max() >= 1:
         raise ValueError(f"rig {rig.name}: its [gains] leave it unstable; correct them, or give a [protocol]")
     lines, axes = np.array(part.lines), rig.axes

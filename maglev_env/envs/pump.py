@@ -1,11 +1,10 @@
 """The spinning rotor's environments; the docstring of the scalar one is their specification."""
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from maglev_env.envs.single import RigEnv
 from maglev_env.envs.vector import RigVectorEnv
-from maglev_env.task.pump import RotorTask, make_rotor_task
-from maglev_env.task.pump_episodes import RotorEpisode
+from maglev_env.task.pump import make_rotor_task
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -102,7 +101,7 @@ class PumpRotorEnv(RigEnv):
     make_task = staticmethod(make_rotor_task)
 
     @staticmethod
-    def picture(task: RotorTask, episode: RotorEpisode, history: "History") -> "Figure":
+    def picture(task: Any, episode: Any, history: "History") -> "Figure":
         """The figure that `render` draws: the last experiment's run-up, and the scores of those so far."""
         from maglev_env.envs.pictures.pump import rotor_figure
 

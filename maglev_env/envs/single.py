@@ -8,8 +8,7 @@ import numpy as np
 from gymnasium import logger, spaces
 from gymnasium.error import InvalidAction
 
-from maglev_env.task.episodes import Episode
-from maglev_env.task.task import Task, Tuning, infos, make_task, rewards
+from maglev_env.task.task import Tuning, infos, make_task, rewards
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -100,7 +99,7 @@ class RigEnv(gym.Env[np.ndarray, np.ndarray]):
         self._episode = None
 
     @staticmethod
-    def picture(task: Task, episode: Episode, history: "History") -> "Figure":
+    def picture(task: Any, episode: Any, history: "History") -> "Figure":
         """The figure that `render` draws of an episode.
 
         Args:
@@ -172,17 +171,18 @@ def spaces_of(task: Tuning) -> tuple[spaces.Box, spaces.Box]:
     return action, spaces.Box(-1.0, 1.0, (len(task.layout.names),), np.float32)
 
 
-def checked_actions(actions: np.ndarray, space: spaces.Box, n: int) -> np.ndarray:
+def checked_actions(actions: np.ndarray, space: spaces.Space, n: int) -> np.ndarray:
     """Actions (n, k) as float64, clipped into the box with a warning.
 
     InvalidAction names what is wrong: the shape, or a value that is not a number.
     """
+    shape = space.shape or ()
     try:
         checked = np.array(actions, dtype=np.float64)
     except (TypeError, ValueError) as error:
-        raise InvalidAction(f"action: {error}; give numbers of shape {space.shape}") from error
-    if checked.shape != (n, *space.shape):
-        raise InvalidAction(f"action has the shape {checked.shape[1:]}, not {space.shape}: one element per gain")
+        raise InvalidAction(f"action: {error}; give numbers of shape {shape}") from error
+    if checked.shape != (n, *shape):
+        raise InvalidAction(f"action has the shape {checked.shape[1:]}, not {shape}: one element per gain")
     if np.isnan(checked).any():
         raise InvalidAction("action holds nan; give numbers in [-1, 1]")
     if (np.abs(checked) > 1).any():

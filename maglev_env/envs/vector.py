@@ -51,7 +51,8 @@ class RigVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         self._counts = np.zeros(num_envs, int)
         self._done = np.zeros(num_envs, bool)
         self._histories: list[list] = [[] for _ in range(num_envs)]
-        self._observations = np.zeros(self.observation_space.shape, np.float32)
+        self._size = len(self.task.box.names)
+        self._observations = np.zeros((num_envs, len(self.task.layout.names)), np.float32)
 
     @property
     def mode(self) -> AutoresetMode:
@@ -68,7 +69,7 @@ class RigVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             if mask.shape != (self.num_envs,) or mask.dtype != np.bool_ or not mask.any():
                 raise ValueError(f"reset_mask: give {self.num_envs} booleans, at least one of them true")
         self._seed(seed, mask)
-        _, told, _ = self._measure(np.flatnonzero(mask), fresh=mask, actions=np.zeros(self.action_space.shape))
+        _, told, _ = self._measure(np.flatnonzero(mask), fresh=mask, actions=np.zeros((self.num_envs, self._size)))
         return self._observations.copy(), self._gathered(np.flatnonzero(mask), told)
 
     def step(self, actions: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
@@ -141,9 +142,9 @@ class RigVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         final_obs = np.full(self.num_envs, None, dtype=object)
         for i in ended:
             final_obs[i] = self._observations[i].copy()
-            final_info = self._add_info(final_info, told[i], i)
+            final_info = self._add_info(final_info, told[i], int(i))
         done = self._done.copy()
-        _, again, _ = self._measure(ended, done, np.zeros(self.action_space.shape))
+        _, again, _ = self._measure(ended, done, np.zeros((self.num_envs, self._size)))
         latest = list(told)
         for i, one in zip(ended, again, strict=True):
             latest[i] = one

@@ -17,8 +17,9 @@ from maglev_env.experiment import Experiment, axis_experiment
 from maglev_env.kernel.simulate import SimulatedStatistics, simulate_statistics
 from maglev_env.linear.loop import closed_loop_poles, expected_statistics, pole_radii
 from maglev_env.loop.axes import AXES
+from maglev_env.loop.gains import NO_CONTROLLER
 from maglev_env.rig.excitation import lines_at
-from maglev_env.rig.rig import Rig, axis_rig
+from maglev_env.rig.rig import Protocol, Rig, axis_rig
 from maglev_lanes.threads import over_threads
 
 CHUNK = 64  # experiments estimated together, which keeps the largest temporary near 10 MB per thread
@@ -99,9 +100,15 @@ def score_target(rig: Rig) -> ScoreTarget:
     return ScoreTarget(stiffness, damping, t.peak_sensitivity, rig.clearance, t.current_limit, rig.gap)
 
 
+def _protocol(rig: Rig) -> Protocol:
+    if rig.protocol is None:
+        raise ValueError(f"rig {rig.name}: its TOML has no [protocol], by which gains are scored; give one")
+    return rig.protocol
+
+
 def _nominal_coefficients(rig: Rig) -> tuple[float, float]:
-    p = rig.protocol
-    experiment = Experiment(rig, rig.gains, p.excitations, p.periods, p.transient_periods)
+    p = _protocol(rig)
+    experiment = Experiment(rig, rig.gains or NO_CONTROLLER, p.excitations, p.periods, p.transient_periods)
     radius = np.abs(closed_loop_poles(experiment)).max()
     if radius >= 1:
         raise ValueError(
@@ -186,7 +193,7 @@ def _of_axis(
 ) -> Evaluation:
     """Estimates and scores of one axis of simulated experiments."""
     whole, first = experiments[0], axis_experiment(experiments[0], axis)
-    protocol, band = whole.rig.protocol, np.array([whole.rig.target.band], dtype=float)
+    band = np.array([whole.rig.target.band], dtype=float)
     alive = np.isnan(simulated.touchdown_time)
     statistics = _lanes(simulated.statistics, alive)
     if whole.rig.axes == 2:
@@ -195,6 +202,7 @@ def _of_axis(
     mass = np.array([rig.mass for rig in rigs])[alive]
     force = force_statistics(statistics, first)
     if bands is None:
+        protocol = _protocol(whole.rig)
         bands = sliding_bands(force.frequency, protocol.band_width, protocol.band_overlap)
     sliding = maximum_likelihood(force, bands, mass, intervals=False)
     in_target = maximum_likelihood(force, band, mass)

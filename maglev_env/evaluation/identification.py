@@ -15,6 +15,7 @@ from estimation.periods import LineStatistics, held
 from estimation.stability import Margins, iso_14839_2_zone, iso_14839_3_zone, margins
 from maglev_env.experiment import Experiment
 from maglev_env.linear.loop import LoopResponse, loop_response
+from maglev_env.loop.gains import NO_CONTROLLER
 from maglev_env.loop.magnets.kinds import force_law
 from maglev_env.loop.magnets.law import linearise
 from maglev_env.recordings.spectra import RecordedSignals, RecordSpectra, record_spectra
@@ -257,7 +258,7 @@ def _effective(frequency: float, signals: RecordedSignals, rig: Rig | None) -> t
 
 
 def _nominal(rig: Rig, signals: RecordedSignals, frequency: np.ndarray) -> LoopResponse:
-    return loop_response(Experiment(rig, signals.gains, ()), frequency)
+    return loop_response(Experiment(rig, signals.gains or NO_CONTROLLER, ()), frequency)
 
 
 def _crossing(bands: tuple[Band, ...], mass: float) -> tuple[float | None, float | None]:

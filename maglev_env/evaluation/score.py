@@ -19,12 +19,12 @@ WEIGHTS: Mapping[str, float] = {
 class ScoreTarget:
     """Reference values of the terms in N/m, N s/m, peak |S|, m, A rms and m; numbers, or arrays (n,)."""
 
-    stiffness: float
-    damping: float
-    peak_sensitivity: float
-    clearance: float
-    current_limit: float
-    gap: float
+    stiffness: float | np.ndarray
+    damping: float | np.ndarray
+    peak_sensitivity: float | np.ndarray
+    clearance: float | np.ndarray
+    current_limit: float | np.ndarray
+    gap: float | np.ndarray
 
 
 def stacked(targets: Sequence[ScoreTarget]) -> ScoreTarget:

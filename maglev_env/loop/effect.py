@@ -61,10 +61,11 @@ def effect(name: str, value: float | None = None, **values: float) -> dict[str, 
             raise ValueError(
                 f"effect {name}.{key} = {v} is outside {parameter.low} .. {parameter.high} {parameter.unit}"
             )
-    missing = [key for key, parameter in kind.parameters.items() if key not in values and parameter.default is None]
+    given = {key: values.get(key, parameter.default) for key, parameter in kind.parameters.items()}
+    missing = [key for key, v in given.items() if v is None]
     if missing:
         raise ValueError(f"effect {name}: give {', '.join(missing)}")
-    return {name: {key: values.get(key, parameter.default) for key, parameter in kind.parameters.items()}}
+    return {name: {key: v for key, v in given.items() if v is not None}}
 
 
 def parse_effect(text: str) -> dict[str, dict[str, float]]:
@@ -112,8 +113,8 @@ def effect_value(effects: Effects, name: str, parameter: str | None = None) -> f
     """A parameter of an effect (default: its first), or where the effect is absent the value that means so."""
     parameters = EFFECTS[name].parameters
     key = parameter or next(iter(parameters))
-    rest = parameters[key].absent if parameters[key].default is None else parameters[key].default
-    return effects.get(name, {}).get(key, rest)
+    default = parameters[key].default
+    return effects.get(name, {}).get(key, parameters[key].absent if default is None else default)
 
 
 def split_delay(effects: Effects, dt: float) -> tuple[int, float]:

@@ -77,10 +77,15 @@ def of_axis(controllers: Controllers, axis: int) -> Controller:
 def with_gains(controllers: Controllers, **changes: float) -> Controllers:
     """The controllers with some gains replaced in every axis; ValueError for a linear controller, which has none."""
     if isinstance(controllers, tuple):
-        return tuple(with_gains(one, **changes) for one in controllers)
-    if changes and not isinstance(controllers, Gains):
+        x, y = (_with_gains(one, **changes) for one in controllers)
+        return x, y
+    return _with_gains(controllers, **changes)
+
+
+def _with_gains(controller: Controller, **changes: float) -> Controller:
+    if changes and not isinstance(controller, Gains):
         raise ValueError(f"{', '.join(changes)}: the rig's controller is given by numerator and denominator, not gains")
-    return replace(controllers, **changes)
+    return replace(controller, **changes)
 
 
 def as_table(controllers: Controllers) -> dict:

@@ -183,7 +183,7 @@ def _checked_recording(file: str, table: dict[str, Any]) -> RecordingSpec:
         file=file,
         role=role,
         sample_rate=rate,
-        start=whole_of(table, "start", 0, 0),
+        start=whole_of(table, "start", 0, 0) or 0,
         samples=samples,
         periods=periods,
         speed_rpm=number_of(table, "speed_rpm", 0.0),

@@ -16,7 +16,7 @@ from maglev_env.loop.axes import AXES, suffixes
 from maglev_env.loop.gains import as_table
 from maglev_env.recordings.campaign import Campaign, ChannelSource, RecordingSpec
 from maglev_env.recordings.files import Columns, read_columns
-from maglev_env.rig.excitation import Excitation, lines_at
+from maglev_env.rig.excitation import Excitation, Place, lines_at
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -105,7 +105,8 @@ def simulated_recording(experiment: Experiment, record: np.ndarray) -> "xr.Datas
     if not rig.controlled:  # there is no command and no current
         channels = {name: values for name, values in channels.items() if unit_of(name) != "A"}
     multiple, every = sampling(rate, rig.control_rate)
-    for place, offset in (("current", 0.0), ("reference", experiment.offset)):
+    offsets: dict[Place, float] = {"current": 0.0, "reference": experiment.offset}
+    for place, offset in offsets.items():
         if lines_at(experiment.excitations, place).size or offset:
             waves = np.atleast_2d(experiment.waveform(place))
             waves[0] += offset
@@ -139,7 +140,8 @@ def check_excited(dataset: "xr.Dataset", spec: RecordingSpec) -> None:
         if excitation.periodic and excitation.at == "force":
             name, forces = _force_along(dataset, excitation)
             if forces is not None:
-                _check_lines(name, forces, np.array(excitation.lines), spec)
+                per_period = excitation.samples_per_period(spec.sample_rate)
+                _check_lines(name, forces, np.array(excitation.lines), per_period, spec.sample_rate / per_period)
 
 
 def _force_along(dataset: "xr.Dataset", excitation: Excitation) -> tuple[str, np.ndarray | None]:
@@ -152,12 +154,12 @@ def _force_along(dataset: "xr.Dataset", excitation: Excitation) -> tuple[str, np
         x, y = (dataset[name].values for name in planar)
         c, s = excitation.components
         return "force", np.array([c * x + s * y, c * y - s * x])
-    forces = [name for name in dataset.data_vars if name.partition("_")[0] == "force"]
+    forces = [name for name in map(str, dataset.data_vars) if name.partition("_")[0] == "force"]
     return (forces[0], dataset[forces[0]].values[None]) if len(forces) == 1 else ("force", None)
 
 
-def _check_lines(name: str, forces: np.ndarray, lines: np.ndarray, spec: RecordingSpec) -> None:
-    periods = split_periods(forces, spec.samples_per_period)
+def _check_lines(name: str, forces: np.ndarray, lines: np.ndarray, per_period: int, fundamental: float) -> None:
+    periods = split_periods(forces, per_period)
     # The first period may contain the start of the excitation.
     spectra = np.array([period_spectra(p, lines) for p in periods[1 if len(periods) > 2 else 0 :]])
     whole = np.abs(spectra.mean(axis=0))
@@ -165,7 +167,6 @@ def _check_lines(name: str, forces: np.ndarray, lines: np.ndarray, spec: Recordi
     missing = (amplitude <= LINE_SIGNIFICANCE * noise) | (amplitude <= LINE_FLOOR * whole.max())
     if missing.any():
         line = int(lines[np.argmax(missing)])
-        fundamental = spec.sample_rate / spec.samples_per_period
         raise ValueError(
             f"channel {name!r}: no excitation at line {line} ({line * fundamental:g} Hz), and at "
             f"{missing.sum()} of {lines.size} stated lines in all; correct the excitation's lines, fundamental or start"

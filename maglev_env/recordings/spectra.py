@@ -135,7 +135,8 @@ def _aperiodic(signals: RecordedSignals, excitation: Excitation) -> LineStatisti
     name = SHOWN_BY[excitation.at]
     if signals.axes == 2:
         shares = zip(excitation.components, AXES, strict=True)
-        reference: str | np.ndarray = sum(c * _channel(signals, f"{name}_{axis}") for c, axis in shares)
+        parts = [c * _channel(signals, f"{name}_{axis}") for c, axis in shares]
+        reference: str | np.ndarray = parts[0] + parts[1]
     elif name in names:
         reference = name
     else:

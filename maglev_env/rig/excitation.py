@@ -132,9 +132,10 @@ def parse_lines(text: str) -> tuple[int, ...]:
     return lines
 
 
-def parse_excitation(text: str, fundamental: float, kind: str = "sphs") -> Excitation:
+def parse_excitation(text: str, fundamental: float, kind: Any = "sphs") -> Excitation:
     """A multisine from `place=lines@peak`, e.g. `force=1:249:2@0.4` (N); on an x-y rig `place=lines@peak@degrees`."""
-    place, equals, rest = text.partition("=")
+    at, equals, rest = text.partition("=")
+    place: Any = at.strip()
     lines, *numbers = rest.split("@")
     if not equals or not 1 <= len(numbers) <= 2:
         raise ValueError(f"excitation {text!r}: write place=first:last:step@peak, e.g. force=1:250@0.4")
@@ -142,7 +143,7 @@ def parse_excitation(text: str, fundamental: float, kind: str = "sphs") -> Excit
         amplitude, direction = (*map(float, numbers), 0.0)[:2]
     except ValueError:
         raise ValueError(f"excitation {text!r}: the peak {numbers[0]!r} or the direction is not a number") from None
-    return Excitation(kind, place.strip(), fundamental, parse_lines(lines), amplitude, direction=direction)
+    return Excitation(kind, place, fundamental, parse_lines(lines), amplitude, direction=direction)
 
 
 def check_harmonics(lines: Iterable[Any], name: str) -> None:

@@ -14,7 +14,7 @@ from maglev_env.fields import check_known, check_range, increasing_pair, is_numb
 from maglev_env.loop.axes import AXES, NO_CROSS, Cross
 from maglev_env.loop.card import Need
 from maglev_env.loop.effect import EFFECTS, Effects, check_effects, effect
-from maglev_env.loop.gains import Controllers, Gains, LinearController, of_axis
+from maglev_env.loop.gains import Controller, Controllers, Gains, LinearController, of_axis
 from maglev_env.loop.magnets.kinds import KINDS, MAGNETS, NO_MAGNET, check_magnet
 from maglev_env.loop.self_sensor import SelfSensing
 from maglev_env.rig.excitation import Excitation, axis_excitations, check_harmonics, check_interleaved
@@ -90,7 +90,8 @@ class Target:
     def __post_init__(self) -> None:
         for name in ("stiffness", "damping", "peak_sensitivity", "current_limit"):
             value = getattr(self, name)
-            if not (value is None and name in ("stiffness", "damping")) and not (is_number(value) and value > 0):
+            optional = name in ("stiffness", "damping") and getattr(self, name) is None
+            if not optional and not (is_number(value) and value > 0):
                 raise ValueError(f"[target]: {name} = {value!r} must be a number above 0")
 
 
@@ -358,13 +359,21 @@ def controllers_from_table(table: Any, where: str) -> Controllers:
         for axis in AXES:
             if isinstance(table[axis], Mapping) and any(key in AXES for key in table[axis]):
                 raise ValueError(f"{where}.{axis}: x and y again; give one controller")
-        return tuple(controllers_from_table(table[axis], f"{where}.{axis}") for axis in AXES)
+        x, y = (_controller_from_table(table[axis], f"{where}.{axis}") for axis in AXES)
+        return x, y
+    return _controller_from_table(table, where)
+
+
+def _controller_from_table(table: Any, where: str) -> Controller:
+    if not isinstance(table, Mapping):
+        raise ValueError(f"{where} = {table!r} must be a table")
     cls = LinearController if {"numerator", "denominator"} & set(table) else Gains
     check_known(table, [f.name for f in fields(cls)], where)
     if missing := [f.name for f in fields(cls) if f.default is MISSING and f.name not in table]:
         raise ValueError(f"{where}: {', '.join(missing)} missing")
     try:
-        return cls(**{key: tuple(v) if isinstance(v, list) else v for key, v in table.items()})
+        values: dict[str, Any] = {key: tuple(v) if isinstance(v, list) else v for key, v in table.items()}
+        return cls(**values)
     except ValueError as error:
         raise ValueError(f"{where}: {error}") from None
 

@@ -68,4 +68,4 @@ def _estimator(coil: Coil, rig: Rig) -> Estimator:
 @lru_cache(maxsize=256)
 def _designed(sensor: SelfSensor, lag: float, frequency: float) -> tuple[float, float]:
     design = design_pi(sensor, lag, frequency)
-    return design.kp, design.ki
+    return float(design.kp), float(design.ki)

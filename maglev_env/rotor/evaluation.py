@@ -4,6 +4,7 @@ import pickle
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 
@@ -13,7 +14,7 @@ from maglev_env.rotor.lanes import Run
 from maglev_env.rotor.linear import closed_loop_poles
 from maglev_env.rotor.rotor import Rotor
 from maglev_env.rotor.run_up import SPEEDS, RunUp, Seeds, checked_speeds, run_up, seeds_of
-from maglev_env.evaluation.score import ScoreTarget, score, terms
+from maglev_env.evaluation.score import ScoreTarget, score, stacked, terms
 
 PROTOCOL = Protocol()
 CHUNK = 64  # runs identified together, which keeps their spectra near 40 MB
@@ -123,9 +124,8 @@ def evaluate_rotors(
         raise ValueError(f"target: its stiffness is not one per speed and mode; make it for {at.tolist()} rpm")
     seeds = seeds_of(seed, len(rotors))
     if target is None:
-        own = [rotor_target(rotor, at, protocol) for rotor in rotors]
-        target = ScoreTarget(*(np.array([getattr(t, f.name) for t in own]) for f in fields(ScoreTarget)))
-        levels = {name: getattr(target, name)[:, None, None] for name in _LEVELS}
+        target = stacked([rotor_target(rotor, at.tolist(), protocol) for rotor in rotors])
+        levels: dict[str, Any] = {name: getattr(target, name)[:, None, None] for name in _LEVELS}
         target = replace(target, **levels)
     up = run_up(rotors, speeds, [(*s, 0) for s in seeds], threads)
     runs = [Run(r, v, (*s, 1, j)) for r, s in zip(rotors, seeds, strict=True) for j, v in enumerate(map(float, at))]
@@ -142,17 +142,14 @@ def _identified(
 ) -> tuple[RotorIdentification, ...]:
     """Identifications of runs, k for each rotor in turn, grouped by their number among the k."""
     parts = [identify_runs(runs[i : i + CHUNK], protocol, threads) for i in range(0, len(runs), CHUNK)]
-    columns = {}
-    for f in fields(RotorIdentification):
-        values = [getattr(part, f.name) for part in parts]
-        if f.name == "sensitivity":
-            columns[f.name] = tuple(np.concatenate(one) for one in zip(*values, strict=True))
-        elif f.name != "frequency":
-            columns[f.name] = np.concatenate(values)
+    first, second = (np.concatenate([part.sensitivity[c] for part in parts]) for c in range(2))
+    names = [f.name for f in fields(RotorIdentification) if f.name not in ("sensitivity", "frequency")]
+    columns = {name: np.concatenate([getattr(part, name) for part in parts]) for name in names}
     return tuple(
         RotorIdentification(
             frequency=parts[0].frequency,
-            **{n: tuple(c[j::k] for c in v) if isinstance(v, tuple) else v[j::k] for n, v in columns.items()},
+            sensitivity=(first[j::k], second[j::k]),
+            **{n: v[j::k] for n, v in columns.items()},
         )
         for j in range(k)
     )
@@ -208,6 +205,6 @@ def _touchdown(up: RunUp, at: np.ndarray, sensitivity: np.ndarray, length: float
     lowest = order[up.touched_down[:, order].argmax(axis=1)]
     time = np.fmin.reduce(up.first_contact, axis=2)[np.arange(len(lowest)), lowest]
     lost = np.isnan(sensitivity).any(axis=2)
-    alone = np.isnan(time) & lost.any(axis=1)
+    alone = np.isnan(time) & np.any(lost, axis=1)
     speed = np.where(np.isnan(time), np.nan, up.speed_rpm[lowest])
     return np.where(alone, length, time), np.where(alone, at[lost.argmax(axis=1)], speed)

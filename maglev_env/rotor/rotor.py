@@ -26,7 +26,7 @@ class _Checked:
     """Checks its own fields on construction."""
 
     def __post_init__(self) -> None:
-        for f in fields(self):
+        for f in fields(self):  # pyright: ignore[reportArgumentType]  # every subclass is a dataclass
             value = getattr(self, f.name)
             for one in value if isinstance(value, tuple) else (value,) if f.metadata else ():
                 check_range(f.name, one, f.metadata or {"unit": "", "low": -1e9, "high": 1e9})
@@ -159,7 +159,7 @@ class Touchdown(_Checked):
         if r == 1.0:
             return 0.0
         a = brentq(lambda a: log1p(a) - a - log1p(-r * a) - r * a, 1e-3 * (1 - r), (1 - 1e-12) / r, xtol=1e-14)
-        return a / self.speed
+        return a / self.speed  # pyright: ignore[reportOperatorIssue]  # full_output is False
 
 
 @dataclass(frozen=True)

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, fields
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from maglev_env.rotor.lanes import Run
 from maglev_env.rotor.rotor import Rotor
@@ -59,7 +60,7 @@ def seeds_of(seed: Seeds, n: int) -> list[tuple[int, ...]]:
     return [one if isinstance(one, tuple) else (int(one),) for one in seeds]
 
 
-def checked_speeds(name: str, values: Sequence[float]) -> np.ndarray:
+def checked_speeds(name: str, values: ArrayLike) -> np.ndarray:
     """Speeds (s,) rpm.
 
     Raises:

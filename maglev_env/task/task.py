@@ -25,14 +25,22 @@ TOUCHDOWN_REWARD = -1.0
 
 
 class Tuning(Protocol):
-    """What an environment asks of its task. An episode has a `start`, the first action; what was found has
-    touchdown_time (n,), nan without one, score (n,) and terms."""
+    """What an environment asks of its task.
 
-    name: str
-    box: GainBox
-    layout: Any  # has the names of the observation's elements
-    budget: int
-    terminate_on_touchdown: bool
+    An episode has a `start`, the first action. What was found has touchdown_time (n,), nan without one, score (n,) and
+    terms. The layout has the names of the observation's elements.
+    """
+
+    @property
+    def name(self) -> str: ...
+    @property
+    def box(self) -> GainBox: ...
+    @property
+    def layout(self) -> Any: ...
+    @property
+    def budget(self) -> int: ...
+    @property
+    def terminate_on_touchdown(self) -> bool: ...
 
     def tried(self, last: np.ndarray, actions: np.ndarray) -> np.ndarray:
         """Points of the box (..., k) that actions ask for after `last`."""
