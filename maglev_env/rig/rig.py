@@ -269,7 +269,7 @@ def rig_from_toml(text: str, where: str) -> Rig:
         raise ValueError(f"{where}: {error}") from error
 
 
-# What one axis may have otherwise than the rig: not what belongs to the one bore, controller board and kind of magnet.
+# Parameters that [axis.x] and [axis.y] may override: all but those of the common bore, controller board and magnet kind.
 _COMMON = ("control_rate", "clearance", "gravity", "flux_path", "adc_bits", "dac_bits")
 _PER_AXIS = [name for name in PARAMETERS if name not in _COMMON]
 _TABLES = (

@@ -41,7 +41,10 @@ class Curve:
 
 @dataclass(frozen=True)
 class Piece:
-    """A piece of the self-sensing record: time (s), position and sensed reading (m), each (n,); why: of all others."""
+    """A piece of the self-sensing record: time (s), position and sensed reading (m), each (n,).
+
+    why: The reason this stretch was chosen for the plot.
+    """
 
     time: np.ndarray
     position: np.ndarray
