@@ -269,7 +269,7 @@ def rig_from_toml(text: str, where: str) -> Rig:
         raise ValueError(f"{where}: {error}") from error
 
 
-# Parameters that [axis.x] and [axis.y] may override: all but those of the common bore, controller board and magnet kind.
+# Parameters that [axis.x] and [axis.y] may override: all but those of the common bore, controller board and magnet.
 _COMMON = ("control_rate", "clearance", "gravity", "flux_path", "adc_bits", "dac_bits")
 _PER_AXIS = [name for name in PARAMETERS if name not in _COMMON]
 _TABLES = (

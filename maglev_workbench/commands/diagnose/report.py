@@ -183,7 +183,7 @@ def _gap_lines(d: Diagnosis) -> list[str]:
     if foils and d.corrected.effects:
         text = "Foils: " + ", ".join(f"{name} leaves {number(value)}" for name, value in foils.items()) + "."
         if g.after is not None and min(foils.values()) < NO_BETTER * g.after:
-            text += " The named effect fits no better than these controls, so the diagnosis is weak."
+            text += " The named effect does not beat them, so the diagnosis is weak."
         lines.append(text)
     if d.choice is not None:
         lines.append(_choice_line(d.choice))
