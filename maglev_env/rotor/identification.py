@@ -28,7 +28,11 @@ DENSITY = 26  # lines per controller, with a constant ratio between neighbours
 
 
 def period_samples(rotor: Rotor, fundamental: float) -> int:
-    """Control samples of a period; ValueError unless they are whole."""
+    """Control samples per period.
+
+    Raises:
+        ValueError: The number is not whole.
+    """
     n = rotor.axis.control_rate / fundamental
     if abs(n - round(n)) > 1e-9 * n:
         raise ValueError(f"fundamental = {fundamental} Hz: a period of {n:g} control samples is not whole")
