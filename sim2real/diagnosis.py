@@ -67,8 +67,10 @@ class Diagnosis:
 
     @property
     def rig(self) -> Rig:
-        """The nominal rig."""
-        return self.attribution.problem.parts[0].record.nominal
+        """The nominal rig, which every diagnosed campaign names."""
+        if self.campaign.rig is None:
+            raise ValueError(f"{self.campaign.folder}: the campaign names no rig, so nothing can be corrected")
+        return self.campaign.rig
 
     def to_json(self) -> dict[str, Any]:
         """The diagnosis as schema maglev-diagnosis/1, in SI units; None for what could not be determined."""
