@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from drawn_spectra import draw, expected_force_statistics, rig_experiment, two_channels, within
+from likelihood_records import BAND, M, statistics
 from scipy import stats
-from test_max_likelihood import BAND, M, statistics
 
 from estimation.bands import sliding_bands
 from estimation.frequency_response import frequency_response

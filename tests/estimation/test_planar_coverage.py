@@ -5,8 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from drawn_spectra import draw
-from scipy import stats
-from test_planar import (
+from planar_records import (
     DAMPING,
     DIAGONALS,
     MASS,
@@ -17,6 +16,7 @@ from test_planar import (
     noise_levels,
     planar_record,
 )
+from scipy import stats
 
 from estimation.planar import eight_coefficients, row_sums
 

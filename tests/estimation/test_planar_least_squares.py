@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 from drawn_spectra import draw, record
+from planar_records import BAND, MASS, STIFFNESS, SYMMETRIC, VERTICAL, F, diagonal_records, noise_levels, planar_record
 from scipy.stats import t as student_t
-from test_planar import BAND, MASS, STIFFNESS, SYMMETRIC, VERTICAL, F, diagonal_records, noise_levels, planar_record
 
 from estimation.planar import eight_coefficients
 from estimation.planar_least_squares import planar_least_squares

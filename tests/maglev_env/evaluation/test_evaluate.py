@@ -5,7 +5,7 @@ from dataclasses import replace
 import control as ct
 import numpy as np
 import pytest
-from test_linear import control_loop
+from control_loops import control_loop
 
 from estimation.frequency_response import frequency_response, pooled_variance
 from estimation.stability import margins

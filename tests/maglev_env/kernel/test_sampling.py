@@ -5,8 +5,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from planar_rigs import COUPLED, EVERY_EFFECT, GAINS
 from reference_simulator import simulate as simulate_slowly
-from test_simulate_planar import COUPLED, EVERY_EFFECT, GAINS
 
 from maglev_env.experiment import Experiment, sampling
 from maglev_env.kernel import simulate

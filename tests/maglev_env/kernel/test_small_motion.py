@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from test_linear_effects import ALL, COUPLED, EACH, FREE
+from effect_cases import ALL, COUPLED, EACH, FREE
 
 from maglev_env.experiment import Experiment
 from maglev_env.kernel.simulate import simulate_records, simulate_statistics

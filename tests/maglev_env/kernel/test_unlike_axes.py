@@ -4,10 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from controller_cases import BALL, pushed
+from planar_loops import check_every_line, small
+from planar_rigs import COUPLED, FREE, UNLIKE, axes_of, oblique
 from reference_simulator import simulate
-from test_controllers import BALL, pushed
-from test_linear_planar import check_every_line, small
-from test_simulate_planar import COUPLED, FREE, UNLIKE, axes_of, oblique
 
 from maglev_env.experiment import Experiment, axis_experiment
 from maglev_env.kernel.simulate import simulate_records

@@ -5,26 +5,13 @@ from dataclasses import replace
 import control as ct
 import numpy as np
 import pytest
+from control_loops import DT, control_loop
 
 from maglev_env.experiment import protocol_experiment
 from maglev_env.linear.loop import closed_loop_poles, discrete_plant, loop_response, pole_radii
 from maglev_env.loop.effect import effect
 from maglev_env.loop.gains import Gains
 from maglev_env.rig.rig import axis_rig, load_rig
-
-DT = 1 / 20000.0
-
-
-def control_loop(e):
-    """The loop gain from python-control's own discretisation of transfer functions."""
-    s, z = ct.tf("s"), ct.tf([1, 0], [1], DT)
-    rig, g = e.rig, e.gains
-    k = rig.support_stiffness - 12.5e3
-    plant = 5.7 / (rig.mass * s**2 + rig.support_damping * s + k)
-    plant = plant / (1 + rig.amplifier_time_constant * s) / (1 + rig.sensor_time_constant * s)
-    a_d, a_i = np.exp(-DT / g.td), np.exp(-DT / g.ti)
-    pid = g.kp + g.kd / g.td * (z - 1) / (z - a_d) + g.ki * (1 - a_i) / (z - a_i)
-    return ct.sample_system(ct.ss(plant), DT, "zoh") * ct.ss(pid)
 
 
 @pytest.mark.parametrize("name", ["hmb_free", "hmb_radial"])

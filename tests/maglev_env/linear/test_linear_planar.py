@@ -4,12 +4,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from planar_loops import check_every_line, small
+from planar_rigs import COUPLED, CROSS, EVERY_EFFECT, FREE, GAINS, OTHER_Y, UNLIKE
 from scipy.signal import dlsim
-from test_simulate_planar import COUPLED, CROSS, EVERY_EFFECT, FREE, GAINS, OTHER_Y, UNLIKE
 
 from maglev_env.experiment import Experiment, axis_experiment
 from maglev_env.kernel.simulate import simulate_records, simulate_statistics
-from maglev_env.linear.loop import closed_loop, closed_loop_poles, expected_statistics, loop_response, without_noise
+from maglev_env.linear.loop import closed_loop, closed_loop_poles, expected_statistics, loop_response
 from maglev_env.loop.effect import effect
 from maglev_env.loop.gains import Gains, LinearController
 from maglev_env.rig.excitation import Excitation
@@ -20,17 +21,6 @@ PAIR = (
     LinearController((60000.0, -53000.0), (1.0, -0.6)),
     LinearController((40000.0, -34000.0, 500.0), (1.0, -0.5, 0.1)),
 )
-
-
-def small(rig=COUPLED, gains=GAINS, lines=(2, 6, 10, 16), **changes):
-    """20 ms periods, 1 nm of motion: force, injection and reference in oblique directions."""
-    excitations = (
-        Excitation("sphs", "force", 50.0, tuple(range(1, 20, 2)), 1e-4, direction=30.0),
-        Excitation("sphs", "current", 50.0, lines, 1e-5, direction=-50.0),
-        Excitation("multisine", "reference", 50.0, (4, 8, 12), 1e-9, seed=1, direction=160.0),
-    )
-    e = without_noise(Experiment(rig, gains, excitations, periods=2, transient_periods=60))
-    return replace(e, **changes)
 
 
 def physical(s, delay=0.0):
@@ -140,15 +130,6 @@ def test_the_sampled_system_run_by_scipy_is_the_small_simulated_motion(gains):
     got = simulate_records([e])[0][:2].T
     error, rms = np.sqrt(np.mean((got - expected) ** 2, axis=0)), np.sqrt(np.mean(expected**2, axis=0))
     assert (error <= 1e-6 * rms).all()
-
-
-def check_every_line(e):
-    got = simulate_statistics([e]).statistics
-    expected = expected_statistics(e, got.lines)
-    assert got.channels == expected.channels
-    for channel in got.channels:
-        error = np.abs(got.amplitude(channel)[0] - expected.amplitude(channel))
-        assert (error <= 1e-5 * np.abs(expected.amplitude(channel))).all(), channel
 
 
 @pytest.mark.parametrize("effects", [{}, EVERY_EFFECT], ids=["nominal", "every effect"])

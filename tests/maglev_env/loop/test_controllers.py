@@ -4,19 +4,18 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from controller_cases import BALL, SLOW, driven, pushed
+from planar_rigs import COUPLED
 from reference_simulator import simulate
 from scipy.signal import butter, ss2tf
-from test_simulate_planar import COUPLED
 
-from maglev_env.design.default_gains import default_gains
-from maglev_env.experiment import Experiment, axis_experiment
+from maglev_env.experiment import axis_experiment
 from maglev_env.kernel.simulate import simulate_records
-from maglev_env.linear.loop import closed_loop_poles, without_noise
+from maglev_env.linear.loop import closed_loop_poles
 from maglev_env.loop.effect import effect
 from maglev_env.loop.gains import Gains, LinearController, controller_response, state_space
 from maglev_env.loop.magnets.kinds import force_law
 from maglev_env.loop.magnets.law import linearise
-from maglev_env.rig.excitation import Excitation
 from maglev_env.rig.rig import Rig, load_rig
 
 DT = 1 / 20000.0
@@ -47,15 +46,6 @@ CONTROLLERS = {
     "order 5, the PID and a roll-off": in_series(as_polynomials(PID), ROLL_OFF),
     "order 0, a gain": LinearController((2000.0,), (1.0,)),
 }
-
-
-def driven(rig, controller, fundamental=50.0, force=1.0, current=0.1):
-    """20 ms periods of force and injection on interleaved lines."""
-    excitations = (
-        Excitation("sphs", "force", fundamental, tuple(range(1, 20, 2)), force),
-        Excitation("sphs", "current", fundamental, (2, 6, 10, 20, 40), current),
-    )
-    return without_noise(Experiment(rig, controller, excitations, periods=2, transient_periods=0))
 
 
 def check_against_the_slow_simulator(e, samples, tolerance):
@@ -161,8 +151,6 @@ def test_a_pid_beside_a_linear_controller_is_refused():
         simulate_records([e])
 
 
-SLOW = {"control_rate": 4000.0, "amplifier_time_constant": 5e-4, "sensor_time_constant": 1e-4, "probe_gain": 500.0}
-BALL = Rig("ball", "electromagnet", mass=0.058, gap=10e-3, turns=1000, pole_area=3e-4, bearings=2, **SLOW)
 COIL = Rig("coil", "magnet_coil", mass=0.02, gap=15e-3, force_constant=2e-8, force_exponent=4.0, **SLOW)
 RIGS = {
     "electromagnet": BALL,
@@ -173,13 +161,6 @@ RIGS = {
     "coil that pushes": replace(COIL, remanence=1.0, magnet_length=5e-3, magnet_area=1e-4),
     "electromagnet pair": replace(load_rig("eframe"), protocol=None, control_rate=20000.0),
 }
-
-
-def pushed(rig, share):
-    """Force and injection, 100 ms periods, with a peak of a share of the weight or, for a pair, of stiffness x gap."""
-    gain, stiffness = linearise(force_law(rig))
-    peak = share * (abs(stiffness) * rig.gap if rig.magnet.endswith("pair") else rig.mass * rig.gravity)
-    return driven(rig, default_gains(rig), 10.0, peak, 0.05 * peak / gain)
 
 
 @pytest.mark.slow

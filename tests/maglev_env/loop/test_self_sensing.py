@@ -7,8 +7,8 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
+from planar_rigs import UNLIKE
 from reference_self_sensing import simulate as simulate_slowly
-from test_simulate_planar import UNLIKE
 from typer.testing import CliRunner
 
 from estimation.frequency_response import frequency_response

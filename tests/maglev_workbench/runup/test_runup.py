@@ -120,7 +120,7 @@ def test_modes():
 
 
 def test_motor_and_thermal_tables(tmp_path):
-    text = (Path(runup.__file__).parents[3] / "maglev_env" / "rigs" / "pump.toml").read_text()
+    text = (Path(runup.__file__).parents[3] / "maglev_env" / "rotors" / "pump.toml").read_text()
     path = tmp_path / "own.toml"
     path.write_text(text.replace("turns = 21 ", "turns = -21 "))
     with pytest.raises(ValueError, match=r"own.toml: motor: turns = -21 must be a number above 0"):
