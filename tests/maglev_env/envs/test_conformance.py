@@ -66,7 +66,7 @@ def test_gymnasium_and_sb3_find_nothing_to_say(task):
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         warnings.filterwarnings("ignore", message=".*where there is no screen")  # of its "human" check
-        check_env(make(task, render_mode="rgb_array").unwrapped)
+        check_env(make(task, render_mode="rgb_array", **quick(task)).unwrapped)
         sb3_check_env(make(task, **quick(task)).unwrapped)
 
 
@@ -78,7 +78,7 @@ def test_the_vector_environment_is_the_scalar_one_bit_for_bit(task, mode):
     check_vector_env(
         lambda n: gym.make_vec(name, num_envs=n, autoreset_mode=mode, **arguments, **more),
         lambda: make(task, **more),
-        steps=5 if name == PUMP else 11,
+        steps=4 if name == PUMP else 7,  # past the end of an episode of `wild`, and on
     )
 
 
@@ -88,7 +88,7 @@ def test_twin_rollouts_are_equal(task):
     starts = [env.reset(seed=7) for env in twins]
     assert data_equivalence(*starts, exact=True)
     twins[0].action_space.seed(8)
-    for _ in range(12 if task[0] == PUMP else 50):
+    for _ in range(6 if task[0] == PUMP else 20):
         action = twins[0].action_space.sample()
         one, two = (env.step(action) for env in twins)
         assert data_equivalence(one, two, exact=True)
@@ -116,7 +116,7 @@ def test_no_element_of_the_observation_is_constant_and_starts_are_random(task):
 @pytest.mark.slow
 def test_thousands_of_random_steps_stay_in_the_space(task):
     name, arguments = task
-    envs, total = {"maglev/HMBFree-v0": (250, 4_000), PUMP: (40, 160)}.get(name, (250, 1_500))
+    envs, total = {"maglev/HMBFree-v0": (250, 4_000), PUMP: (20, 80)}.get(name, (100, 600))
     env = gym.make_vec(name, num_envs=envs, **arguments, **(wild(task) | {"budget": 3}))
     observations = [env.reset(seed=1)[0]]
     env.action_space.seed(1)
