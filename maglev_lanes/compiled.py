@@ -36,7 +36,7 @@ def compiled(kernel: Callable) -> Callable:
 def fingerprint(function: Callable) -> int:
     """A number that changes with the code of a function, of every own function that it reaches, and their constants.
 
-    Comments, and functions of the same files that it does not use, leave it unchanged.
+    Comments, docstrings, and functions of the same files that it does not use leave it unchanged.
     """
     found = sha256()
     for part in _parts(function, set()):
@@ -52,7 +52,7 @@ def _parts(value: object, seen: set[int]) -> Iterator[object]:
             yield function.__module__, function.__qualname__
         elif id(function) not in seen:
             seen.add(id(function))
-            yield from _code(function.__code__)
+            yield from _code(function.__code__, function.__doc__)
             used = getclosurevars(function)
             for name, other in sorted((used.globals | used.nonlocals).items()):
                 yield name
@@ -63,7 +63,7 @@ def _parts(value: object, seen: set[int]) -> Iterator[object]:
                 elif name != "sources":
                     yield from _parts(other, seen)
     elif value is Pair:
-        yield from _code(teach_pairs.__wrapped__.__code__)
+        yield from _code(teach_pairs.__wrapped__.__code__, teach_pairs.__doc__)
     elif isinstance(value, type | BuiltinFunctionType):
         yield value.__name__
     elif isinstance(value, tuple | list):
@@ -75,10 +75,10 @@ def _parts(value: object, seen: set[int]) -> Iterator[object]:
         yield value
 
 
-def _code(code: CodeType) -> Iterator[object]:
+def _code(code: CodeType, doc: str | None) -> Iterator[object]:
     yield code.co_code, code.co_names
     for constant in code.co_consts:
         if isinstance(constant, CodeType):
-            yield from _code(constant)
-        else:
+            yield from _code(constant, None)
+        elif constant is None or constant != doc:
             yield constant

@@ -115,7 +115,7 @@ MUTANTS = (
     Mutant(
         "kernel-hysteresis-middle",
         "Hysteresis holds back twice as much current in the middle of an integration step.",
-        (("c1 - hold * (0.5 * (held + after))", "c1 - hold * (held + after)"),),
+        (("0.5 * (actuator.hold(x, k) + actuator", "(actuator.hold(x, k) + actuator"),),
         ("test_effects_simulated.py",),
         "effect and hysteresis",
         slow=True,
@@ -134,8 +134,8 @@ MUTANTS = (
         "Runout and unbalance reach y a quarter of a turn before x: the shaft turns backward.",
         (
             (
-                'begun = _values(own, "runout", "phase") - quarter',
-                'begun = _values(own, "runout", "phase") + quarter',
+                'values.effect("runout", "phase") - axis * np.pi / 2',
+                'values.effect("runout", "phase") + axis * np.pi / 2',
             ),
         ),
         ("test_effects_simulated.py", "test_simulate_planar.py"),

@@ -1,0 +1,87 @@
+"""The step is made of vector instructions in every variant of the kernel: a loop that falls back to single numbers
+would cost three to four times as much, and no result would show it."""
+
+import re
+from dataclasses import replace
+
+import numba as nb
+import pytest
+from llvmlite import binding
+
+from maglev_env.experiment import protocol_experiment
+from maglev_env.kernel.advance import kernel
+from maglev_env.kernel.lanes import structure_of
+from maglev_env.loop.axes import Cross
+from maglev_env.loop.effect import effect
+from maglev_env.rig.rig import Rig, load_rig
+from maglev_lanes.layout import FAST
+
+pytestmark = pytest.mark.skipif(
+    not binding.get_host_cpu_features().get("avx"),
+    reason="this processor has no AVX: its instructions have other names",
+)
+ONE = protocol_experiment(load_rig("hmb_free"))
+XY = replace(ONE, rig=replace(ONE.rig, axes=2))
+COUPLED = replace(XY, rig=replace(XY.rig, cross=Cross(stiffness_xy=100.0, gain_yx=0.1, damping_xy=0.1, sensor_yx=0.01)))
+SUPPORTED = replace(ONE, rig=replace(ONE.rig, support_stiffness=1e4, support_damping=5.0))
+BALL = replace(
+    ONE,
+    rig=Rig("ball", "electromagnet", mass=0.058, gap=10e-3, turns=1000, pole_area=3e-4, amplifier_time_constant=1e-4),
+)
+STICKING = effect("eddy_current", 1e3) | effect("friction", force=0.02, presliding=1e-6)
+
+
+def with_effects(e, **values):
+    return replace(e, effects={name: v for key, value in values.items() for name, v in effect(key, value).items()})
+
+
+VARIANTS = {
+    "supported": SUPPORTED,
+    "electromagnet": BALL,
+    "second amplifier pole": with_effects(ONE, amplifier_lag=1e-4),
+    "delay": with_effects(ONE, delay=75e-6),
+    "delay without amplifier": with_effects(
+        replace(ONE, rig=replace(ONE.rig, amplifier_time_constant=0.0)), delay=6e-5
+    ),
+    "second sensor pole": with_effects(ONE, sensor_lag=1e-5),
+    "saturation": with_effects(ONE, saturation=1.5),
+    "x-y": XY,
+    "x-y, coupled": COUPLED,
+    "x-y, second amplifier pole": with_effects(XY, amplifier_lag=1e-4),
+    "flexible": with_effects(ONE, eddy_current=1e3),
+    "sticking": replace(ONE, effects=STICKING),
+    "flexible x-y, coupled": with_effects(COUPLED, eddy_current=1e3),
+    "self-sensing": replace(ONE, sensor="self_sensing"),
+}
+
+
+def assembly(e):
+    """Of the kernel, made anew: what comes from the disk cache cannot be looked at."""
+    step = nb.njit(fastmath=FAST, error_model="numpy", nogil=True)(kernel(structure_of(e)).py_func)
+    numbers, whole = nb.float64[::1], nb.int64[::1]
+    step.compile((numbers, nb.uint64[::1], numbers, nb.int64, whole, whole, *[numbers] * 5))
+    (text,) = step.inspect_asm().values()
+    return text
+
+
+def count(text, names, kind):
+    return len(re.findall(rf"\bv(?:{names}){kind}\b", text))
+
+
+def check(e):
+    text = assembly(e)
+    arithmetic = "mul|add|sub|fn?m(?:add|sub)[0-9]+"
+    assert count(text, arithmetic, "pd") > count(text, arithmetic, "sd")
+    # The pull, the only division of a step but for friction's and hysteresis'.
+    assert count(text, "div", "pd") >= 3
+    assert count(text, "div", "sd") == 0
+
+
+def test_the_plain_step_is_made_of_vector_instructions():
+    check(ONE)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("variant", VARIANTS)
+def test_the_step_is_made_of_vector_instructions(variant):
+    check(VARIANTS[variant])
