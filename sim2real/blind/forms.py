@@ -177,6 +177,13 @@ def _support_resonance(e: Mapping, p: Mapping, m: Machine, sealed: bool) -> dict
     }
 
 
+def _asymmetric_gain(e: Mapping, p: Mapping, m: Machine, sealed: bool) -> dict:
+    return {
+        "curve_at": np.array([-1.0, 0.0, 1.0]),
+        "curve_to": np.array([-1.0 + e["change"], 0.0, 1.0 + e["change"]]),
+    }
+
+
 _FORMS = {
     "delay": lambda e, p, m, sealed: {"delay": m.delay + e["time"]},
     "amplifier_lag": _amplifier_lag,
@@ -192,7 +199,7 @@ _FORMS = {
     "support_resonance": _support_resonance,
     "deadband": lambda e, p, m, sealed: {"deadband": e["half_width"]},
     "gain_drift": lambda e, p, m, sealed: {"drift": e["change"]},
-    "asymmetric_gain": lambda e, p, m, sealed: {"asymmetry": e["change"]},
+    "asymmetric_gain": _asymmetric_gain,
     "cubic_spring": lambda e, p, m, sealed: {"spring_cubic": e["coefficient"]},
     "quadratic_probe": lambda e, p, m, sealed: {"probe_square": e["coefficient"]},
     "probe_backlash": lambda e, p, m, sealed: {"backlash": e["half_width"]},

@@ -69,7 +69,8 @@ class Machine(NamedTuple):
     body_rate: float = 0.0
     body_damping: float = 0.0
     deadband: float = 0.0
-    asymmetry: float = 0.0
+    curve_at: np.ndarray = NONE  # currents (A) at which a static curve of the current that pulls is known
+    curve_to: np.ndarray = NONE  # the current (A) that pulls there; linear between and beyond
     drift: float = 0.0  # of the actuator gain, over the whole recording
     probe_square: float = 0.0
     backlash: float = 0.0

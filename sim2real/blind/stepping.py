@@ -109,8 +109,12 @@ def _magnetised(m, i, eddy, stops):
     for j in range(stops.size):  # stops hold the positions of the play; current minus play is the stop operator
         stops[j] = min(max(stops[j], through - m.stops[j]), through + m.stops[j])
         seen -= m.stop_shares[j] * (through - stops[j])
-    if m.asymmetry != 0.0:
-        seen *= 1.0 + m.asymmetry * np.sign(seen)
+    if m.curve_at.size:
+        j = 0
+        while j < m.curve_at.size - 2 and seen > m.curve_at[j + 1]:
+            j += 1
+        slope = (m.curve_to[j + 1] - m.curve_to[j]) / (m.curve_at[j + 1] - m.curve_at[j])
+        seen = m.curve_to[j] + slope * (seen - m.curve_at[j])
     return seen
 
 
