@@ -55,6 +55,15 @@ EFFECTS: Mapping[str, EffectCard] = {
         ("pair",),
         form_share=0.02,
     ),
+    "actuator_offset": EffectCard(
+        "actuator",
+        {"current": Parameter("A", -10.0, 10.0, scale=0.02, starts=(-0.2, -0.02, 0.02, 0.2))},
+        "a constant error of the current that pulls, as a drifted zero of the amplifier makes",
+        "displacement and current at two static offsets",
+        ("magnets",),
+        flexible=True,
+        linear=False,  # the tangent of a pair changes with its square alone
+    ),
     "eccentricity": EffectCard(
         "actuator",
         {"offset": Parameter("m", -0.01, 0.01, scale=1e-5, starts=(-4e-5, -5e-6, 5e-6, 4e-5))},
@@ -113,26 +122,28 @@ def _tangents(
     return gain * (1 + values.effect("actuator_gain")), stiffness * (1 + values.effect("negative_stiffness"))
 
 
-# Rows of a lane. HELD: state of Dahl's hysteresis, -1 .. 1; HOLD: the current by which it lags, A; PER_WIDTH: 1 / A.
-HELD, HOLD, PER_WIDTH, END = rows_after(eddy.END, "HELD HOLD PER_WIDTH")
+# Rows of a lane. HELD: state of Dahl's hysteresis, -1 .. 1; HOLD: the current by which it lags, A; PER_WIDTH: 1 / A;
+# ZERO: the current that pulls where the coil carries none, A.
+HELD, HOLD, PER_WIDTH, ZERO, END = rows_after(eddy.END, "HELD HOLD PER_WIDTH ZERO")
 
 
 def fill(x: LaneRows, values: Values) -> None:
-    """Write the constants of hysteresis."""
-    width = values.effect("hysteresis", "width")
-    x[HOLD], x[PER_WIDTH] = current_scale(values) * values.effect("hysteresis") * width, 1 / width
+    """Write the constants of hysteresis and of the offset."""
+    width, scale = values.effect("hysteresis", "width"), current_scale(values)
+    x[HOLD], x[PER_WIDTH] = scale * values.effect("hysteresis") * width, 1 / width
+    x[ZERO] = scale * values.effect("actuator_offset")
 
 
 @piece
 def hold(x, k):
-    """The current by which hysteresis lags as the step begins."""
-    return x[k + HOLD] * x[k + HELD]
+    """What the coil's current has more than the one that pulls as the step begins: hysteresis less the offset."""
+    return x[k + HOLD] * x[k + HELD] - x[k + ZERO]
 
 
 @piece
 def hold_at(x, k, held):
     """That current at another state of the hysteresis."""
-    return x[k + HOLD] * held
+    return x[k + HOLD] * held - x[k + ZERO]
 
 
 @piece

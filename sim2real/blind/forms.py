@@ -199,6 +199,10 @@ _FORMS = {
     "support_resonance": _support_resonance,
     "deadband": lambda e, p, m, sealed: {"deadband": e["half_width"]},
     "gain_drift": lambda e, p, m, sealed: {"drift": e["change"]},
+    "actuator_offset": lambda e, p, m, sealed: {
+        "curve_at": np.array([-1.0, 1.0]),
+        "curve_to": e["current"] + np.array([-1.0, 1.0]),
+    },
     "asymmetric_gain": _asymmetric_gain,
     "cubic_spring": lambda e, p, m, sealed: {"spring_cubic": e["coefficient"]},
     "quadratic_probe": lambda e, p, m, sealed: {"probe_square": e["coefficient"]},

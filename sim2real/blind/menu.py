@@ -77,6 +77,7 @@ EFFECTS: Mapping[str, Kind] = {
     ),
     "hysteresis": Kind("actuator", "strength", 4e-3, 0.5, others=lambda rng: {"width": _log(rng, 0.02, 0.1)}),
     "saturation": Kind("actuator", "field", 0.4, 1.0, power=-1),
+    "actuator_offset": Kind("actuator", "current", 0.03, 0.5, low=-0.5),
     "eccentricity": Kind("actuator", "offset", 4.5e-6, 1.2e-4, low=-1.2e-4),
     "sensor_gain": Kind("sensor", "change", 0.1, 0.6, low=-0.4),
     "sensor_lag": Kind("sensor", "time_constant", 2e-6, 3e-4),
