@@ -24,7 +24,7 @@ def reproduce(
 ) -> None:
     """Run the dissertation's experiments anew: its figures, ours, the difference and what explains it."""
     from maglev_env.recordings.files import write_text_atomic
-    from maglev_workbench.commands.reproduce.chapters import registry
+    from maglev_workbench.commands.reproduce import registry
     from maglev_workbench.commands.reproduce.report import reproduce_json, reproduce_markdown, reproduce_page, summary
     from maglev_workbench.commands.reproduce.terminal import show
     from maglev_workbench.console import console, progress_bar, write_json

@@ -6,7 +6,7 @@ from math import isfinite
 from typing import Any
 
 from maglev_env.recordings.json_data import plain
-from maglev_workbench.commands.reproduce.chapters.item import Item, Outcome, Row
+from maglev_workbench.commands.reproduce.item import Item, Outcome, Row
 from maglev_workbench.page import facts, markdown_table, note, number, page, table
 
 TITLE = "The dissertation's experiments, run anew"
@@ -108,7 +108,7 @@ def _with_unit(text: str, unit: str) -> str:
 
 
 def _command(done: Done, seed: int) -> str:
-    from maglev_workbench.commands.reproduce.chapters.registry import HOME
+    from maglev_workbench.commands.reproduce.registry import HOME
 
     names = "" if len(done) == len(HOME) else "".join(f" {item.name}" for item, _ in done)
     return f"maglev reproduce{names} --seed {seed}"

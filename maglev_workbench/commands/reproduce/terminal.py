@@ -3,7 +3,7 @@
 from rich.markup import escape
 from rich.table import Table
 
-from maglev_workbench.commands.reproduce.chapters.item import Item, Outcome
+from maglev_workbench.commands.reproduce.item import Item, Outcome
 from maglev_workbench.commands.reproduce.report import HEAD, cells
 from maglev_workbench.console import console
 

@@ -11,8 +11,8 @@ from maglev_env.loop.magnets.kinds import force_law, geometric_law
 from maglev_env.loop.magnets.law import ForceLaw, force, linearise
 from maglev_env.rig.excitation import Excitation
 from maglev_env.rig.rig import Rig, axis_rig, load_rig
-from maglev_workbench.commands.reproduce.chapters.figures import by_frequency
-from maglev_workbench.commands.reproduce.chapters.item import Item, Outcome, Row
+from maglev_workbench.commands.reproduce.chapter_figures import by_frequency
+from maglev_workbench.commands.reproduce.item import Item, Outcome, Row
 
 ECCENTRICITIES = np.array([0.0, 0.1, 0.15, 0.2, 0.3, 0.4, 0.5])
 MODE = 270.0  # Hz, of rotor and pedestal on the force transducer: the text says above it

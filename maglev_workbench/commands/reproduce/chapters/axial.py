@@ -6,10 +6,10 @@ from estimation.bands import sliding_bands
 from estimation.max_likelihood import maximum_likelihood
 from maglev_env.loop.effect import effect
 from maglev_env.rig.rig import load_rig
-from maglev_workbench.commands.reproduce.chapters.figures import by_frequency
-from maglev_workbench.commands.reproduce.chapters.item import Item, Outcome, Row
+from maglev_workbench.commands.reproduce.chapter_figures import by_frequency
 from maglev_workbench.commands.reproduce.chapters.radial import largest_direct_stiffness
 from maglev_workbench.commands.reproduce.chapters.shaker import Shaker, least_squares_bands, simulated
+from maglev_workbench.commands.reproduce.item import Item, Outcome, Row
 
 # Hz: Table 5.4, the middle of where Figure 5.27 fits poorly, and where noise alone fits worst.
 BANDS = np.array([[18.0, 28.0], [30.0, 40.0], [80.0, 90.0]])

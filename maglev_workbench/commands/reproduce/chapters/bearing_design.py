@@ -13,7 +13,7 @@ from maglev_env.loop.gains import Gains
 from maglev_env.loop.magnets.kinds import geometric_law, inductance
 from maglev_env.loop.magnets.law import ForceLaw, linearise
 from maglev_env.rig.rig import Rig, load_rig, with_parameters
-from maglev_workbench.commands.reproduce.chapters.item import Item, Outcome, Row
+from maglev_workbench.commands.reproduce.item import Item, Outcome, Row
 from maglev_workbench.page import COLOURS, labelled_axis, styled
 
 if TYPE_CHECKING:

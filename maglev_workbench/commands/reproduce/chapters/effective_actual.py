@@ -12,9 +12,9 @@ from maglev_env.linear.loop import without_noise
 from maglev_env.loop.magnets.kinds import force_law
 from maglev_env.loop.magnets.law import linearise
 from maglev_env.rig.rig import load_rig
-from maglev_workbench.commands.reproduce.chapters.figures import by_frequency
-from maglev_workbench.commands.reproduce.chapters.item import Item, Outcome, Row
+from maglev_workbench.commands.reproduce.chapter_figures import by_frequency
 from maglev_workbench.commands.reproduce.chapters.shaker import Shaker, least_squares_bands, simulated, with_noise
+from maglev_workbench.commands.reproduce.item import Item, Outcome, Row
 
 SHAKER = Shaker(200, 0.7)
 SWITCHING = 12.5e-6  # m: 100 mV (4.4.3) at 8 V/mm

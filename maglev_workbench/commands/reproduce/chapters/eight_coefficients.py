@@ -8,8 +8,8 @@ from estimation.planar_least_squares import planar_least_squares
 from maglev_env.loop.magnets.kinds import force_law
 from maglev_env.loop.magnets.law import linearise
 from maglev_env.rig.rig import axis_rig, load_rig
-from maglev_workbench.commands.reproduce.chapters.item import Item, Outcome, Row
 from maglev_workbench.commands.reproduce.chapters.shaker import Shaker, simulated
+from maglev_workbench.commands.reproduce.item import Item, Outcome, Row
 from maglev_workbench.page import COLOURS, styled
 
 BAND = np.array([[65.0, 80.0]])

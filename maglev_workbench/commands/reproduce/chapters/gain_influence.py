@@ -12,9 +12,9 @@ from maglev_env.loop.gains import Gains
 from maglev_env.loop.magnets.kinds import force_law
 from maglev_env.loop.magnets.law import linearise
 from maglev_env.rig.rig import Rig, load_rig
-from maglev_workbench.commands.reproduce.chapters.figures import by_frequency
-from maglev_workbench.commands.reproduce.chapters.item import Item, Outcome, Row
+from maglev_workbench.commands.reproduce.chapter_figures import by_frequency
 from maglev_workbench.commands.reproduce.chapters.shaker import Shaker, least_squares_bands, receptance, simulated
+from maglev_workbench.commands.reproduce.item import Item, Outcome, Row
 
 SHAKER = Shaker(200, 0.7)
 FACTOR = {"kp": 1.25, "ki": 2.0, "kd": 1.25}

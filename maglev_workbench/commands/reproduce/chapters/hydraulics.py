@@ -17,7 +17,7 @@ from maglev_env.design.hydraulics import (
     nearest_in_whole_degrees,
     pressure_rise,
 )
-from maglev_workbench.commands.reproduce.chapters.item import Item, Outcome, Row
+from maglev_workbench.commands.reproduce.item import Item, Outcome, Row
 from maglev_workbench.page import COLOURS, styled
 
 if TYPE_CHECKING:

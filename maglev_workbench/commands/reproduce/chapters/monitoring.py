@@ -8,7 +8,7 @@ import numpy as np
 from maglev_env.rig.rig import with_parameters
 from maglev_env.rotor.monitoring import Monitored, monitor
 from maglev_env.rotor.rotor import Rotor, load_rotor
-from maglev_workbench.commands.reproduce.chapters.item import Item, Outcome, Row
+from maglev_workbench.commands.reproduce.item import Item, Outcome, Row
 from maglev_workbench.page import COLOURS, shaded, styled
 
 if TYPE_CHECKING:

@@ -4,9 +4,9 @@ import numpy as np
 
 from estimation.max_likelihood import maximum_likelihood
 from maglev_env.rig.rig import load_rig
-from maglev_workbench.commands.reproduce.chapters.figures import by_frequency
-from maglev_workbench.commands.reproduce.chapters.item import Item, Outcome, Row
+from maglev_workbench.commands.reproduce.chapter_figures import by_frequency
 from maglev_workbench.commands.reproduce.chapters.shaker import Shaker, least_squares_bands, receptance, simulated
+from maglev_workbench.commands.reproduce.item import Item, Outcome, Row
 
 BANDS = np.array([[60.0, 70.0], [50.0, 80.0], [40.0, 90.0], [30.0, 100.0]])
 STIFFNESS = (134.5, 134.1, 133.2, 131.8)  # kN/m

@@ -10,8 +10,7 @@ from estimation.planar import axis_statistics
 from maglev_env.loop.magnets.kinds import force_law
 from maglev_env.loop.magnets.law import linearise
 from maglev_env.rig.rig import axis_rig, load_rig
-from maglev_workbench.commands.reproduce.chapters.figures import by_frequency
-from maglev_workbench.commands.reproduce.chapters.item import Item, Outcome, Row
+from maglev_workbench.commands.reproduce.chapter_figures import by_frequency
 from maglev_workbench.commands.reproduce.chapters.radial import SHAKER, SWITCHING
 from maglev_workbench.commands.reproduce.chapters.shaker import (
     least_squares_bands,
@@ -19,6 +18,7 @@ from maglev_workbench.commands.reproduce.chapters.shaker import (
     simulated,
     with_noise,
 )
+from maglev_workbench.commands.reproduce.item import Item, Outcome, Row
 
 DIGITAL = (0.7, 0.9, 1.1)  # k_p as 5.3.3 counts it; only 0.9 is published
 FACTOR = 8000.0  # A/m: 8 V/mm times 1 A/V

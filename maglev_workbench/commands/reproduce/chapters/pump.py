@@ -11,7 +11,6 @@ from maglev_env.rotor.operating_point import sag
 from maglev_env.rotor.rotor import Rotor, load_rotor
 from maglev_env.rotor.run_up import RunUp, run_up
 from maglev_env.rotor.simulate import spin
-from maglev_workbench.commands.reproduce.chapters.item import Item, Outcome, Row
 from maglev_workbench.commands.reproduce.chapters.pump_damping import (
     FALL,
     TOP,
@@ -21,6 +20,7 @@ from maglev_workbench.commands.reproduce.chapters.pump_damping import (
     forward_tilt,
     with_inertia,
 )
+from maglev_workbench.commands.reproduce.item import Item, Outcome, Row
 from maglev_workbench.commands.runup.study import readings
 from maglev_workbench.page import COLOURS, styled
 

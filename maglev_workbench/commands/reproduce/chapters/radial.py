@@ -13,8 +13,7 @@ from maglev_env.linear.loop import expected_statistics, loop_response
 from maglev_env.loop.magnets.kinds import force_law
 from maglev_env.loop.magnets.law import linearise
 from maglev_env.rig.rig import Rig, axis_rig, load_rig
-from maglev_workbench.commands.reproduce.chapters.figures import by_frequency
-from maglev_workbench.commands.reproduce.chapters.item import Item, Outcome, Row
+from maglev_workbench.commands.reproduce.chapter_figures import by_frequency
 from maglev_workbench.commands.reproduce.chapters.shaker import (
     Shaker,
     least_squares_bands,
@@ -22,6 +21,7 @@ from maglev_workbench.commands.reproduce.chapters.shaker import (
     simulated,
     with_noise,
 )
+from maglev_workbench.commands.reproduce.item import Item, Outcome, Row
 from maglev_workbench.page import number
 
 SHAKER = Shaker(250, 1.5, direction=45.0)

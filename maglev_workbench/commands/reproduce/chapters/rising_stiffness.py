@@ -5,14 +5,14 @@ import numpy as np
 from estimation.bands import sliding_bands
 from estimation.max_likelihood import maximum_likelihood
 from maglev_env.rig.rig import load_rig
-from maglev_workbench.commands.reproduce.chapters.figures import by_frequency
-from maglev_workbench.commands.reproduce.chapters.item import Item, Outcome, Row
+from maglev_workbench.commands.reproduce.chapter_figures import by_frequency
 from maglev_workbench.commands.reproduce.chapters.shaker import (
     Shaker,
     least_squares_bands,
     least_squares_limit,
     simulated,
 )
+from maglev_workbench.commands.reproduce.item import Item, Outcome, Row
 
 DRAWS = 40
 BANDS = np.array([[25.0, 35.0], [145.0, 155.0], [235.0, 245.0]])

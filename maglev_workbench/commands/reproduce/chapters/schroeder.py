@@ -4,7 +4,7 @@ import numpy as np
 
 from estimation.crest import low_crest
 from estimation.sphs import crest_factor, random_phase, schroeder_phases, sphs, synthesise
-from maglev_workbench.commands.reproduce.chapters.item import Item, Outcome, Row
+from maglev_workbench.commands.reproduce.item import Item, Outcome, Row
 from maglev_workbench.page import COLOURS, styled
 
 LINES = np.arange(1, 251)

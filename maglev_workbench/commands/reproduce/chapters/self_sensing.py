@@ -1,6 +1,5 @@
 """Chapter 6: self-sensing by demodulation and by the parameter estimator, simulated and on the calibration rig."""
 
-from maglev_workbench.commands.reproduce.chapters.item import Item
 from maglev_workbench.commands.reproduce.chapters.self_sensing_circuit import band_pass, static_table
 from maglev_workbench.commands.reproduce.chapters.self_sensing_demodulation import (
     estimator_tracking,
@@ -9,6 +8,7 @@ from maglev_workbench.commands.reproduce.chapters.self_sensing_demodulation impo
 )
 from maglev_workbench.commands.reproduce.chapters.self_sensing_dynamic import dynamic_calibration
 from maglev_workbench.commands.reproduce.chapters.self_sensing_estimator import estimator_response, lowest_rate
+from maglev_workbench.commands.reproduce.item import Item
 
 ITEMS: tuple[Item, ...] = (
     Item("half-ripple", "The demodulated ripple is half of its closed form", "eq 6.20, App. D", half_ripple),

@@ -6,8 +6,8 @@ from math import sqrt
 import numpy as np
 from scipy.optimize import brentq
 
-from maglev_workbench.commands.reproduce.chapters.item import Outcome, Row
 from maglev_workbench.commands.reproduce.chapters.self_sensing_sensor import dissertation_sensor, lines_figure
+from maglev_workbench.commands.reproduce.item import Outcome, Row
 from maglev_workbench.commands.selfsense.calibrate.figures import line
 from maglev_workbench.commands.selfsense.calibrate.numbers import gain_interval
 from maglev_workbench.commands.selfsense.calibrate.sources import Axis, Static, simulated

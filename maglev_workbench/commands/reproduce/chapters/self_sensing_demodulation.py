@@ -5,8 +5,8 @@ from math import ceil
 
 import numpy as np
 
-from maglev_workbench.commands.reproduce.chapters.item import Outcome, Row
 from maglev_workbench.commands.reproduce.chapters.self_sensing_sensor import dissertation_sensor, lines_figure
+from maglev_workbench.commands.reproduce.item import Outcome, Row
 from maglev_workbench.commands.selfsense.demodulate.figures import comparison
 from maglev_workbench.commands.selfsense.demodulate.study import METHODS, compare
 from maglev_workbench.commands.selfsense.rig_sensor import load_sensor

@@ -10,7 +10,6 @@ from maglev_env.design.defaults import with_defaults
 from maglev_env.experiment import protocol_experiment
 from maglev_env.linear.loop import closed_loop_poles, loop_response
 from maglev_env.rig.rig import load_rig
-from maglev_workbench.commands.reproduce.chapters.item import Outcome, Row
 from maglev_workbench.commands.reproduce.chapters.self_sensing_sensor import (
     LAG_AT,
     LAG_IN_D,
@@ -18,6 +17,7 @@ from maglev_workbench.commands.reproduce.chapters.self_sensing_sensor import (
     dissertation_sensor,
     lines_figure,
 )
+from maglev_workbench.commands.reproduce.item import Outcome, Row
 from maglev_workbench.commands.selfsense.calibrate.numbers import MEASURED_AT, MEASURED_LAG
 from maglev_workbench.commands.selfsense.calibrate.sources import PEAK
 from maglev_workbench.commands.selfsense.design.figures import MARGIN_IN_D

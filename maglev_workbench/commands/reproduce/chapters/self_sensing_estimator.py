@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from maglev_workbench.commands.reproduce.chapters.item import Outcome, Row
 from maglev_workbench.commands.reproduce.chapters.self_sensing_sensor import (
     LAG_AT,
     LAG_IN_D,
@@ -12,6 +11,7 @@ from maglev_workbench.commands.reproduce.chapters.self_sensing_sensor import (
     dissertation_sensor,
     lines_figure,
 )
+from maglev_workbench.commands.reproduce.item import Outcome, Row
 from maglev_workbench.commands.selfsense.calibrate.figures import bode
 from maglev_workbench.commands.selfsense.calibrate.sources import FUNDAMENTAL, PEAK, TOP, Dynamic
 from maglev_workbench.commands.selfsense.design.figures import MARGIN_IN_D

@@ -6,10 +6,10 @@ from estimation.bands import sliding_bands
 from estimation.planar import axis_statistics
 from maglev_env.loop.effect import effect
 from maglev_env.rig.rig import load_rig
-from maglev_workbench.commands.reproduce.chapters.figures import by_frequency
-from maglev_workbench.commands.reproduce.chapters.item import Item, Outcome, Row
+from maglev_workbench.commands.reproduce.chapter_figures import by_frequency
 from maglev_workbench.commands.reproduce.chapters.radial import SHAKER
 from maglev_workbench.commands.reproduce.chapters.shaker import least_squares_bands, receptance, simulated
+from maglev_workbench.commands.reproduce.item import Item, Outcome, Row
 
 SPEED = 8000.0  # 1/min
 ROTOR = 0.08012  # kg

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from importlib import import_module
 
-from maglev_workbench.commands.reproduce.chapters.item import Item
+from maglev_workbench.commands.reproduce.item import Item
 
 # Name on the command line -> module of this package that holds it.
 HOME = {
