@@ -14,7 +14,7 @@ from maglev_env.rig.rig import load_rig
 
 
 def test_the_loop_rests_where_its_command_makes_up_for_the_offset():
-    # At rest kp y = command and k_i (command - i0) = k y with k < 0: the stable loop answers a drifted zero like a load.
+    # At rest command = -kp y and k_i (command + i0) = k y with k < 0: the loop answers a drifted zero like a load.
     rig = replace(load_rig("hmb_free"), protocol=None)
     gains = Gains(8000.0, 0.0, 5.2)
     tiny = Excitation("sphs", "force", 50.0, (1, 2), 1e-9)
