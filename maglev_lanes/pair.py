@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from functools import cache
 from typing import NamedTuple
 
-from maglev_lanes.pieces import piece
+from maglev_lanes.pieces import INLINED, piece
 
 
 class Pair(NamedTuple):
@@ -34,7 +34,7 @@ def teach_pairs() -> None:
     from numba.core import types
     from numba.extending import overload
 
-    inlined = {"jit_options": {"forceinline": True}}
+    inlined = {"jit_options": INLINED}
 
     def is_pair(a) -> bool:
         return isinstance(a, types.BaseNamedTuple) and a.instance_class is Pair

@@ -5,6 +5,8 @@ from typing import TypeVar
 
 Function = TypeVar("Function", bound=Callable)
 
+# How the compiler takes them: without what only a function that is called on its own needs, which costs time.
+INLINED = {"forceinline": True, "no_cfunc_wrapper": True, "no_cpython_wrapper": True}
 _waiting: list[Callable] = []  # pieces that the compiler does not know yet
 
 
@@ -24,4 +26,4 @@ def register() -> None:
     from numba.extending import register_jitable
 
     while _waiting:
-        register_jitable(forceinline=True)(_waiting.pop())
+        register_jitable(**INLINED)(_waiting.pop())
