@@ -11,6 +11,7 @@ from maglev_env.design.defaults import with_defaults
 from maglev_env.experiment import Experiment, protocol_experiment
 from maglev_env.linear.loop import closed_loop
 from maglev_env.loop.axes import Cross
+from maglev_env.loop.effect import effect
 from maglev_env.loop.gains import Gains, LinearController, state_space
 from maglev_env.loop.magnets.kinds import force_law
 from maglev_env.loop.magnets.law import force
@@ -21,7 +22,9 @@ from maglev_workbench.commands.bench.timing import Size, alternately, stepper
 from maglev_workbench.console import console
 
 # Beside the quiet one-axis kernel; names of figures.
-VARIANTS = ("xy", "xy_coupled", "linear_controller", "electromagnet", "magnet_coil")
+VARIANTS = (
+    "xy", "xy_coupled", "linear_controller", "electromagnet", "magnet_coil", "amplifier_lag", "delay", "eddy_current",
+)  # fmt: skip
 CROSS = Cross(stiffness_xy=100.0, stiffness_yx=-100.0, damping_xy=0.1, gain_xy=0.2, sensor_xy=0.01)
 _LAGS = {"amplifier_time_constant": 1e-4, "sensor_time_constant": 1.6e-5, "control_rate": 20e3}  # those of hmb_free
 _LINEAR_SHARE, _IVP_SHARE = 30, 600  # the slow simulators run so small a part of the experiment
@@ -73,6 +76,9 @@ def variants(one: Experiment) -> dict[str, Experiment]:
         "linear_controller": replace(one, gains=fifth_order(one.gains, 1 / one.rig.control_rate)),
         "electromagnet": protocol_experiment(with_defaults(ball)),
         "magnet_coil": protocol_experiment(with_defaults(coil)),
+        "amplifier_lag": replace(one, effects=effect("amplifier_lag", 1e-4)),
+        "delay": replace(one, effects=effect("delay", 75e-6)),
+        "eddy_current": replace(one, effects=effect("eddy_current", 1400.0)),
     }
 
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 
+from maglev_workbench.commands.bench.compiling import compile_figures
 from maglev_workbench.commands.bench.environments import environment_figures
 from maglev_workbench.commands.bench.estimators import estimator_figures
 from maglev_workbench.commands.bench.figures import Figure
@@ -15,6 +16,7 @@ from maglev_workbench.console import progress_bar
 
 SECTIONS: dict[str, Callable[[Size], dict[str, Figure]]] = {
     "kernel": kernel_figures,
+    "compiling": compile_figures,
     "other simulators": reference_figures,
     "kernel on threads": thread_figures,
     "parts of an evaluation": part_figures,
@@ -28,7 +30,7 @@ SECTIONS: dict[str, Callable[[Size], dict[str, Figure]]] = {
 
 
 def measure(size: Size) -> dict[str, Figure]:
-    """Every figure of the benchmark, by name: about a minute, and as much again where kernels are not yet compiled."""
+    """Every figure of the benchmark, by name: about a minute and a half, and half a minute more where kernels are not yet compiled."""
     found: dict[str, Figure] = {}
     with progress_bar() as bar:
         task = bar.add_task("measuring", total=len(SECTIONS))

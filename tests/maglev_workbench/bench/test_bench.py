@@ -36,6 +36,7 @@ NAMES = {
         "lanes_speedup",
         *(f"kernel_{v}_{end}" for v in VARIANTS for end in ("ns_per_step_and_lane", "over_one_axis")),
     },
+    "compiling": {"cold_first_evaluation_seconds", "cold_kernels_compiled", "cold_kernel_seconds"},
     "other simulators": {
         "experiments_per_second_and_core",
         *(f"{s}_seconds" for s in SIMULATORS),
@@ -171,6 +172,15 @@ def test_variants_compile_what_they_are_named_after_and_fly():
         "linear_controller": {"controller_order": 5},
         "electromagnet": {"magnets": "electromagnet"},
         "magnet_coil": {"magnets": "magnet_coil"},
+        "amplifier_lag": {"actuator_poles": 2},
+        "delay": {"delayed": True},
+        "eddy_current": {
+            "flexible": True,
+            "supported": True,
+            "sensor_poles": 2,
+            "actuator_poles": 2,
+            "delayed": True,
+        },
     }
     for name, e in kinds.items():
         assert structure_of(e) == replace(plain, **expected[name])
