@@ -30,7 +30,10 @@ SECTIONS: dict[str, Callable[[Size], dict[str, Figure]]] = {
 
 
 def measure(size: Size) -> dict[str, Figure]:
-    """Every figure of the benchmark, by name: about a minute and a half, and half a minute more where kernels are not yet compiled."""
+    """Every figure of the benchmark, by name.
+
+    It takes about a minute and a half, and half a minute more where kernels are not yet compiled.
+    """
     found: dict[str, Figure] = {}
     with progress_bar() as bar:
         task = bar.add_task("measuring", total=len(SECTIONS))
