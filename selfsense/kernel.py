@@ -7,7 +7,8 @@ import numpy as np
 
 from maglev_lanes.compiled import compiled
 from selfsense.kernel_pieces import SensorStructure, sensor_pieces
-from selfsense.kernel_rows import ESTIMATE, FORWARD, GAP, LANES, READING, VOLT_SECONDS
+from maglev_lanes.layout import LANES
+from selfsense.kernel_rows import ESTIMATE, FORWARD, GAP, READING, VOLT_SECONDS
 
 W = LANES
 # What is written per sample: estimated gap (m), amplitude of the ripple behind the forward path (A), current reading
@@ -29,7 +30,7 @@ def kernel(structure: SensorStructure, outputs: int) -> Callable[..., None]:
 
 def _make(structure, outputs):
     sources, drifting = 0, structure.drifting  # see `compiled`
-    switch, advance, advance_across, read, _ = sensor_pieces(0, structure)
+    switch, advance, advance_across, read, _ = sensor_pieces(structure)
 
     def step(x, seeds, first_sample, samples, per_cycle, cycle, every, gap, drive, out):
         if sources == 0:
@@ -43,7 +44,7 @@ def _make(structure, outputs):
             r = n * W
             if at == 0:
                 for i in range(W):
-                    switch(x, i, drive[r + i], x[GAP * W + i])
+                    switch(x, i, drive[r + i], x[GAP + i])
             count = np.uint64(np.int64(first_sample + n + 1))
             # One loop each, as large as it gets: small ones are unrolled before they can become vector instructions.
             if drifting and at + per_cycle > cycle:
@@ -57,16 +58,16 @@ def _make(structure, outputs):
             if (first_sample + n + 1) % every == 0:
                 o = written * W
                 for i in range(W):
-                    out[o + i] = x[ESTIMATE * W + i]
+                    out[o + i] = x[ESTIMATE + i]
                 if outputs > 1:
                     for i in range(W):
-                        out[kept * W + o + i] = x[FORWARD * W + i]
+                        out[kept * W + o + i] = x[FORWARD + i]
                 if outputs > 2:
                     for i in range(W):
-                        out[2 * kept * W + o + i] = x[READING * W + i]
+                        out[2 * kept * W + o + i] = x[READING + i]
                 if outputs > 3:
                     for i in range(W):
-                        out[3 * kept * W + o + i] = x[VOLT_SECONDS * W + i]
+                        out[3 * kept * W + o + i] = x[VOLT_SECONDS + i]
                 written += 1
 
     return compiled(step)

@@ -11,9 +11,10 @@ from scipy.ndimage import uniform_filter1d
 from scipy.signal import lfilter
 
 from maglev_lanes.compiled import compiled
+from maglev_lanes.layout import LANES, row
 from selfsense.forward_path import AnalogPath, ForwardPath, response
 from selfsense.kernel_pieces import SensorStructure, sensor_pieces
-from selfsense.kernel_rows import ESTIMATE, FORWARD, LANES, MODEL, SENSOR_ROWS
+from selfsense.kernel_rows import ESTIMATE, FORWARD, MODEL, SENSOR_ROWS
 from selfsense.sensor import Estimator, SelfSensor, sensor_rows
 from selfsense.supply import Acquisition, Supply, check_rates
 from selfsense.validity import AT_END, CLIPPED, CONVERGING, NO_RIPPLE, Stretch, gap_validity
@@ -101,7 +102,7 @@ def estimate_recorded(
     sensor = SelfSensor(estimator.coil, stand_in, acquisition, replace(estimator, voltage=1.0), gap)
     block = np.zeros((SENSOR_ROWS, W))
     block[:, 0] = sensor_rows([sensor])[:, 0]
-    block[MODEL, 0] = current[0]  # both paths then start from the same step, so their difference starts from zero
+    block[row(MODEL), 0] = current[0]  # both paths then start from the same step, so their difference starts from zero
     if voltage_sampling == "point":
         _check_instants(rate, pwm_frequency)
         volts = np.concatenate([volts[:1], (volts[1:] + volts[:-1]) / 2])
@@ -146,15 +147,15 @@ def find_pwm_frequency(voltage: ArrayLike, rate: float, path: ForwardPath) -> fl
 def _recorder(rms: bool) -> Callable[..., None]:
     """The compiled loop over samples, for lane 0 of a block."""
     sources = 0  # see `compiled`
-    *_, converge = sensor_pieces(0, SensorStructure(rms, False, False, False, False, False, False, False))
+    *_, converge = sensor_pieces(SensorStructure(rms, False, False, False, False, False, False, False))
 
     def run(x, current, volt_seconds, estimate, amplitude):
         if sources == 0:
             return
         for n in range(current.size):
             converge(x, 0, current[n], volt_seconds[n])
-            estimate[n] = x[ESTIMATE * W]
-            amplitude[n] = x[FORWARD * W]
+            estimate[n] = x[ESTIMATE]
+            amplitude[n] = x[FORWARD]
 
     return compiled(run)
 

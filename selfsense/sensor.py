@@ -7,6 +7,7 @@ from math import inf
 
 import numpy as np
 
+from maglev_lanes.layout import LaneRows
 from selfsense import kernel_rows as k
 from selfsense.coil import Coil, is_number
 from selfsense.forward_path import DigitalPath, ForwardPath
@@ -161,11 +162,11 @@ def sensor_rows(sensors: Sequence[SelfSensor]) -> np.ndarray:
 
 
 def _rows(s: SelfSensor) -> np.ndarray:
-    rows = np.zeros(k.SENSOR_ROWS)
+    rows = LaneRows(np.zeros((k.SENSOR_ROWS, 1)))
     coil, model, rate = s.coil, s.estimator.coil, s.acquisition.rate
-    rows[[k.GAP, k.ESTIMATE, k.INTEGRAL, k.REST_GAP]] = s.gap
-    rows[[k.ALPHA, k.ON, k.OFF]] = 0.5, 1.0, -1.0
-    rows[[k.INVERSE_0, k.INVERSE_1]] = _inverse(coil)
+    rows[k.GAP] = rows[k.ESTIMATE] = rows[k.INTEGRAL] = rows[k.REST_GAP] = s.gap
+    rows[k.ALPHA], rows[k.ON], rows[k.OFF] = 0.5, 1.0, -1.0
+    rows[k.INVERSE_0], rows[k.INVERSE_1] = _inverse(coil)
     rows[k.RESISTANCE], rows[k.VOLTAGE] = coil.resistance, s.supply.voltage
     rows[k.MAGNET_EMF], rows[k.EDDY_RATE] = coil.magnet_emf, 1.0
     per_length = coil.core_length / coil.constant
@@ -181,16 +182,15 @@ def _rows(s: SelfSensor) -> np.ndarray:
     if s.acquisition.bits:
         rows[k.COUNTS], rows[k.PER_COUNT] = 1 / s.acquisition.resolution, s.acquisition.resolution
         rows[k.COUNT_MAX] = 2.0 ** (s.acquisition.bits - 1)
-    rows[[k.MODEL_INVERSE_0, k.MODEL_INVERSE_1]] = _inverse(model)
+    rows[k.MODEL_INVERSE_0], rows[k.MODEL_INVERSE_1] = _inverse(model)
     rows[k.MODEL_RESISTANCE], rows[k.MODEL_VOLTAGE] = model.resistance, s.estimator.voltage
     rows[k.INTERVAL] = 1 / rate
     rows[k.KP], rows[k.KI_INTERVAL] = s.estimator.kp, s.estimator.ki / rate
     rows[k.LOWEST], rows[k.HIGHEST] = s.estimator.gap_range
     before, behind = s.estimator.path.sections(rate)
-    rows[k.BEFORE : k.BEFORE + before.size] = before.ravel()
-    rows[k.BEHIND : k.BEHIND + behind.size] = behind.ravel()
+    rows[k.BEFORE], rows[k.BEHIND] = before.reshape(-1, 1), behind.reshape(-1, 1)
     rows[k.SCALE], rows[k.SHIFT] = s.scale, s.shift
-    return rows
+    return rows.values[:, 0]
 
 
 def _inverse(coil: Coil) -> tuple[float, float]:

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
+from maglev_lanes.layout import LANES
 from selfsense.kernel import CHANNELS, kernel
 from selfsense.kernel_pieces import SensorStructure
-from selfsense.kernel_rows import LANES
 from selfsense.sensor import SelfSensor, largest_gap, samples_and_periods, sensor_rows, structure_of
 
 CHUNK = 2000  # samples per call of the kernel, so that a block's buffers stay in the cache

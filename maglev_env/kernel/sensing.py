@@ -20,7 +20,7 @@ def sensing_pieces(s: Structure) -> tuple[Callable, Callable]:
     """
     structure = s.sensed or SensorStructure(*[False] * len(fields(SensorStructure)))
     planar, drifting = s.axes == 2, structure.drifting
-    switch, advance, across, read, _ = sensor_pieces(SELF // W, structure)
+    switch, advance, across, read, _ = sensor_pieces(structure)
     current = carried_current(s.actuator_poles, s.delayed, s.flexible)
     begun, target = step_begun(current), wanted_current(current)
 
@@ -43,27 +43,27 @@ def sensing_pieces(s: Structure) -> tuple[Callable, Callable]:
             ahead = (m - start * period + period) * per_tick - tick
             if at == 0:
                 for i in range(W):
-                    switch(x, i, target(x, i, ahead), x[i + COIL_GAP])
+                    switch(x, i + SELF, target(x, i, ahead), x[i + COIL_GAP])
                     if planar:
                         k = i + AXIS
-                        switch(x, k, target(x, k, ahead), x[k + COIL_GAP])
+                        switch(x, k + SELF, target(x, k, ahead), x[k + COIL_GAP])
             if drifting and at + per_cycle > cycle:
                 later = ahead + period * per_tick
                 for i in range(W):
-                    across(x, i, start, share, gap(x, i, here), target(x, i, later))
-                    read(x, i, seeds[i], count)
+                    across(x, i + SELF, start, share, gap(x, i, here), target(x, i, later))
+                    read(x, i + SELF, seeds[i], count)
                     if planar:
                         k = i + AXIS
-                        across(x, k, start, share, gap(x, k, here), target(x, k, later))
-                        read(x, k, seeds[W + i], count)
+                        across(x, k + SELF, start, share, gap(x, k, here), target(x, k, later))
+                        read(x, k + SELF, seeds[W + i], count)
             else:
                 for i in range(W):
-                    advance(x, i, start, share, gap(x, i, here))
-                    read(x, i, seeds[i], count)
+                    advance(x, i + SELF, start, share, gap(x, i, here))
+                    read(x, i + SELF, seeds[i], count)
                     if planar:
                         k = i + AXIS
-                        advance(x, k, start, share, gap(x, k, here))
-                        read(x, k, seeds[W + i], count)
+                        advance(x, k + SELF, start, share, gap(x, k, here))
+                        read(x, k + SELF, seeds[W + i], count)
         for i in range(W):
             show(x, i)
             if planar:

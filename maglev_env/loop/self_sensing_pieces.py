@@ -8,20 +8,15 @@ from maglev_env.loop.controller import ACTING, U
 from maglev_env.loop.magnets.rows import GAP, OFFSET
 from maglev_env.loop.mechanics import V, Y
 from maglev_env.loop.sensor import Z1
-from maglev_lanes.layout import LANES as W
 from maglev_lanes.pieces import piece
 from selfsense import kernel_rows as rows
 
 SELF = external.END  # where the self-sensor's rows begin
-END = SELF + rows.SENSOR_ROWS * W
-BEGUN_Y, BEGUN_V, BEGUN_CURRENT, REST_CURRENT, REST_GAP, SCALE, SHIFT, ESTIMATE = (
-    SELF + row * W
-    for row in (
-        rows.BEGUN_Y, rows.BEGUN_V, rows.BEGUN_CURRENT, rows.REST_CURRENT,
-        rows.REST_GAP, rows.SCALE, rows.SHIFT, rows.ESTIMATE,
-    )
-)  # fmt: skip
-COIL_GAP, OFF_SUM, OFF_SQ, OFF_PEAK = (SELF + row * W for row in (rows.GAP, rows.OFF_SUM, rows.OFF_SQ, rows.OFF_PEAK))
+END = SELF + rows.END
+BEGUN_Y, BEGUN_V, BEGUN_CURRENT = SELF + rows.BEGUN_Y, SELF + rows.BEGUN_V, SELF + rows.BEGUN_CURRENT
+REST_CURRENT, REST_GAP, COIL_GAP = SELF + rows.REST_CURRENT, SELF + rows.REST_GAP, SELF + rows.GAP
+SCALE, SHIFT, ESTIMATE = SELF + rows.SCALE, SELF + rows.SHIFT, SELF + rows.ESTIMATE
+OFF_SUM, OFF_SQ, OFF_PEAK = SELF + rows.OFF_SUM, SELF + rows.OFF_SQ, SELF + rows.OFF_PEAK
 
 
 def carried_current(poles: int, delayed: bool, flexible: bool) -> Callable:

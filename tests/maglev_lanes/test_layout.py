@@ -23,9 +23,9 @@ def test_rows_follow_each_other():
     assert (row(first), row(several), row(last), row(end)) == (3, 4, 8, 9)
 
 
-@pytest.mark.parametrize("block", BLOCKS[:-1])
+@pytest.mark.parametrize("block", [*(f"maglev_env.loop.{name}" for name in BLOCKS[:-1]), "selfsense.kernel_rows"])
 def test_every_row_is_declared_under_its_own_name(block):
-    source = Path(import_module(f"maglev_env.loop.{block}").__file__).read_text()
+    source = Path(import_module(block).__file__).read_text()
     found = DECLARED.findall(source)
     assert found
     for names, _, declared in found:

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from maglev_lanes.layout import LANES, row
 from selfsense import kernel_rows as k
 from selfsense.coil import Coil
 from selfsense.forward_path import AnalogPath, DigitalPath
@@ -87,16 +88,17 @@ def kernel_step_over_a_cycle(sensor, drive):
     """Jacobian (n, n) of the kernel's estimator over one cycle, by small changes of its converged state."""
     step = kernel(structure_of(sensor, regulated=False), len(CHANNELS))
     cycle, periods = samples_and_periods(sensor)
-    rows = np.ascontiguousarray(sensor_rows([sensor] * k.LANES))
+    rows = np.ascontiguousarray(sensor_rows([sensor] * LANES))
     settle = 500 * cycle
 
     def run(n):
-        waves = np.full(n * k.LANES, sensor.gap), np.full(n * k.LANES, drive), np.empty(len(CHANNELS) * n * k.LANES)
-        step(rows.reshape(-1), np.zeros(k.LANES, np.uint64), 0, n, periods, cycle, 1, *waves)
+        waves = np.full(n * LANES, sensor.gap), np.full(n * LANES, drive), np.empty(len(CHANNELS) * n * LANES)
+        step(rows.reshape(-1), np.zeros(LANES, np.uint64), 0, n, periods, cycle, 1, *waves)
 
     run(settle)
     before = range(4) if sensor.estimator.path.rms else range(2)
-    states = [k.MODEL, *(k.SIMULATED + i for i in before), k.SIMULATED + 4, k.SIMULATED + 5, k.INTEGRAL, k.ESTIMATE]
+    simulated = row(k.SIMULATED)
+    states = [row(k.MODEL), *(simulated + i for i in (*before, 4, 5)), row(k.INTEGRAL), row(k.ESTIMATE)]
     small = np.array([1e-7] * (len(states) - 2) + [1e-9] * 2)
     rows[states, range(len(states))] += small
     run(cycle)

@@ -167,7 +167,7 @@ def coil_currents(e, samples):
     found = np.empty((2, samples))
     for t in range(samples):
         linkage, gap, first, second = (
-            state.axis_rows(SELF + row * LANES)[0, 0] for row in (rows.COIL, rows.GAP, rows.INVERSE_0, rows.INVERSE_1)
+            state.axis_rows(SELF + row)[0, 0] for row in (rows.COIL, rows.GAP, rows.INVERSE_0, rows.INVERSE_1)
         )
         found[:, t] = linkage * (first + second * gap), gap
         clocks = t, state.timing, switches
