@@ -6,7 +6,6 @@ Every piece takes the block x and the index k of the lane in the sensor's rows, 
 from collections.abc import Callable
 from dataclasses import dataclass
 
-import numpy as np
 
 from selfsense.kernel_rows import (
     ACTUAL, ALPHA, BEFORE, BEHIND, BIAS_FIELD, COIL, CORE_SHARE, COUNTS, COUNT_MAX, DEAD, EDDY, EDDY_RATE,
@@ -16,6 +15,7 @@ from selfsense.kernel_rows import (
     STATES_3, VOLTAGE, VOLT_SECONDS,
 )  # fmt: skip
 from maglev_lanes.noise import drawn
+from maglev_lanes.converter import quantised
 from maglev_lanes.layout import LANES
 from maglev_lanes.pieces import piece
 
@@ -235,8 +235,7 @@ def sensor_pieces(structure: SensorStructure) -> tuple[Callable, ...]:
             reading = reading + x[k + NOISE] * drawn(seed, count)
         if adc:
             top = x[k + COUNT_MAX]
-            counts = np.rint(reading * x[k + COUNTS])
-            reading = min(max(counts, -top), top - 1.0) * x[k + PER_COUNT]
+            reading = quantised(reading * x[k + COUNTS], -top, top - 1.0, 1.0) * x[k + PER_COUNT]
         x[k + READING] = reading
         converge(x, k, reading, x[k + VOLT_SECONDS])
 

@@ -6,8 +6,8 @@ import numpy as np
 
 from maglev_env.loop import second_body
 from maglev_env.loop.card import EffectCard, Parameter
-from maglev_env.loop.converter import quantised
 from maglev_env.loop.system import Values
+from maglev_lanes.converter import quantised
 from maglev_lanes.layout import LANES as W
 from maglev_lanes.layout import LaneRows, rows_after
 from maglev_lanes.pieces import piece
@@ -42,19 +42,26 @@ def fill(x: LaneRows, values: Values) -> None:
 
 
 @piece
+def pid_step(error, d, xi, kp, kd, ki, decay_d, decay_i):
+    """The command of a PID, kp e + kd (e - d) + ki xi with kd over the lag's time, and its next states d and xi."""
+    lag = error - d
+    return kp * error + kd * lag + ki * xi, error - lag * decay_d, error + (xi - error) * decay_i
+
+
+@piece
 def pid(x, k, error):
     """The command of a PID before it is limited; its states go on to the next sample."""
-    lag, xi = error - x[k + D], x[k + XI]
-    u = x[k + KP] * error + x[k + KD] * lag + x[k + KI] * xi
-    x[k + D] = error - lag * x[k + DECAY_D]
-    x[k + XI] = error + (xi - error) * x[k + DECAY_I]
+    u, x[k + D], x[k + XI] = pid_step(
+        error, x[k + D], x[k + XI], x[k + KP], x[k + KD], x[k + KI], x[k + DECAY_D], x[k + DECAY_I]
+    )
     return u
 
 
 @piece
 def command(x, k, u):
     """Write and return the command (A) that the converter makes of u."""
-    found = quantised(u * x[k + PER_U_COUNT], x[k + U_COUNT_MAX], x[k + U_ROUNDS]) * x[k + U_COUNT]
+    top = x[k + U_COUNT_MAX]
+    found = quantised(u * x[k + PER_U_COUNT], -top, top, x[k + U_ROUNDS]) * x[k + U_COUNT]
     x[k + U] = found
     return found
 

@@ -6,10 +6,10 @@ import numpy as np
 
 from maglev_env.loop import actuator
 from maglev_env.loop.card import EffectCard, Parameter, decay, first_order, phase, relative
-from maglev_env.loop.converter import quantised
 from maglev_env.loop.mechanics import Y
 from maglev_env.loop.resonance import RESONANCE_DAMPING, RESONANCE_FREQUENCY
 from maglev_env.loop.system import System, Values
+from maglev_lanes.converter import quantised
 from maglev_lanes.layout import LANES as W
 from maglev_lanes.layout import LaneRows, rows_after
 from maglev_lanes.pieces import piece
@@ -147,7 +147,8 @@ def seen(poles: int) -> int:
 @piece
 def shown(x, k, sensed):
     """The displacement (m) that the converter makes of what is sensed."""
-    return quantised(sensed * x[k + PROBE_COUNTS], x[k + COUNT_MAX], x[k + ROUNDS]) * x[k + PER_COUNT]
+    top = x[k + COUNT_MAX]
+    return quantised(sensed * x[k + PROBE_COUNTS], -top, top, x[k + ROUNDS]) * x[k + PER_COUNT]
 
 
 @piece
@@ -217,10 +218,14 @@ def tone(x, k):
 
 
 @piece
+def turned(c, s, turn_c, turn_s):
+    """Cosine and sine of an angle and its turn together."""
+    return c * turn_c - s * turn_s, s * turn_c + c * turn_s
+
+
+@piece
 def turn_pointers(x, k):
     """Turn the pointers of shaft and mains to the end of the step."""
-    c, s, tc, ts = x[k + SHAFT_C], x[k + SHAFT_S], x[k + TURN_C], x[k + TURN_S]
-    x[k + SHAFT_C], x[k + SHAFT_S] = c * tc - s * ts, s * tc + c * ts
-    c, s, tc, ts = x[k + MAINS_C], x[k + MAINS_S], x[k + MAINS_TURN_C], x[k + MAINS_TURN_S]
-    x[k + MAINS_C], x[k + MAINS_S] = c * tc - s * ts, s * tc + c * ts
+    x[k + SHAFT_C], x[k + SHAFT_S] = turned(x[k + SHAFT_C], x[k + SHAFT_S], x[k + TURN_C], x[k + TURN_S])
+    x[k + MAINS_C], x[k + MAINS_S] = turned(x[k + MAINS_C], x[k + MAINS_S], x[k + MAINS_TURN_C], x[k + MAINS_TURN_S])
     return 0.0

@@ -9,12 +9,15 @@ from functools import cache
 
 import numpy as np
 
+from maglev_env.loop.controller import pid_step
 from maglev_env.rotor.pieces import advance
 from maglev_env.rotor.rows import (
-    CHANNELS, COMMAND, COS, COUNT_MAX, COUNTS, CURRENT, D, DECAY_D, DECAY_I, INTO, KD, KI, KP, LANES, NOISE, OUT,
+    CHANNELS, COMMAND, COS, COUNT_MAX, COUNTS, CURRENT, D, DECAY_D, DECAY_I, INTO, KD, KI, KP, NOISE, OUT,
     PER_COUNT, PER_U, PROBE, Q, SIN, U_COUNT, U_MAX, XI,
 )  # fmt: skip
 from maglev_lanes.compiled import compiled
+from maglev_lanes.converter import quantised
+from maglev_lanes.layout import LANES
 from maglev_lanes.noise import drawn
 
 W = LANES
@@ -45,32 +48,31 @@ def _make(substeps):
             count = np.uint64(np.int64(first_sample + t + 1))
             for q in range(4):
                 for i in range(W):
-                    sensed = x[(PROBE + q) * W + i] + x[NOISE * W + i] * drawn(seeds[q * W + i], count)
-                    counts = np.rint(sensed * x[COUNTS * W + i])
-                    top = x[COUNT_MAX * W + i]
-                    tile[o + q * W + i] = min(max(counts, -top), top) * x[PER_COUNT * W + i]
-                    tile[o + (4 + q) * W + i] = x[(CURRENT + q) * W + i]
+                    sensed = x[i + PROBE + q * W] + x[i + NOISE] * drawn(seeds[q * W + i], count)
+                    top = x[i + COUNT_MAX]
+                    counts = quantised(sensed * x[i + COUNTS], -top, top, 1.0)
+                    tile[o + q * W + i] = counts * x[i + PER_COUNT]
+                    tile[o + (4 + q) * W + i] = x[i + CURRENT + q * W]
             for i in range(W):
-                tile[o + 8 * W + i] = x[(Q + 4) * W + i]
+                tile[o + 8 * W + i] = x[i + Q + 4 * W]
             for d in range(2):
                 for i in range(W):
                     a, b = tile[o + d * W + i], tile[o + (2 + d) * W + i]
-                    e = -(x[INTO * W + i] * a + x[(INTO + 1) * W + i] * b)
-                    e_2 = -(x[(INTO + 2) * W + i] * a + x[(INTO + 3) * W + i] * b)
-                    # Controller c acts with kp e + kd (e - d) / td + ki xi, as the axis kernel's.
+                    e = -(x[i + INTO] * a + x[i + INTO + W] * b)
+                    e_2 = -(x[i + INTO + 2 * W] * a + x[i + INTO + 3 * W] * b)
                     c, c_2 = d * W + i, (2 + d) * W + i
-                    lag, lag_2 = e - x[D * W + c], e_2 - x[D * W + c_2]
-                    xi, xi_2 = x[XI * W + c], x[XI * W + c_2]
-                    u = x[KP * W + c] * e + x[KD * W + c] * lag + x[KI * W + c] * xi
-                    u_2 = x[KP * W + c_2] * e_2 + x[KD * W + c_2] * lag_2 + x[KI * W + c_2] * xi_2
-                    x[D * W + c], x[D * W + c_2] = e - lag * x[DECAY_D * W + c], e_2 - lag_2 * x[DECAY_D * W + c_2]
-                    x[XI * W + c] = e + (xi - e) * x[DECAY_I * W + c]
-                    x[XI * W + c_2] = e_2 + (xi_2 - e_2) * x[DECAY_I * W + c_2]
-                    first = x[OUT * W + i] * u + x[(OUT + 1) * W + i] * u_2 + injection[d * samples + t]
-                    second = x[(OUT + 2) * W + i] * u + x[(OUT + 3) * W + i] * u_2 + injection[(2 + d) * samples + t]
-                    top, per, lsb = x[U_MAX * W + i], x[PER_U * W + i], x[U_COUNT * W + i]
-                    x[COMMAND * W + c] = min(max(np.rint(first * per), -top), top) * lsb
-                    x[COMMAND * W + c_2] = min(max(np.rint(second * per), -top), top) * lsb
+                    u, x[c + D], x[c + XI] = pid_step(
+                        e, x[c + D], x[c + XI], x[c + KP], x[c + KD], x[c + KI], x[c + DECAY_D], x[c + DECAY_I]
+                    )
+                    u_2, x[c_2 + D], x[c_2 + XI] = pid_step(
+                        e_2, x[c_2 + D], x[c_2 + XI],
+                        x[c_2 + KP], x[c_2 + KD], x[c_2 + KI], x[c_2 + DECAY_D], x[c_2 + DECAY_I],
+                    )  # fmt: skip
+                    first = x[i + OUT] * u + x[i + OUT + W] * u_2 + injection[d * samples + t]
+                    second = x[i + OUT + 2 * W] * u + x[i + OUT + 3 * W] * u_2 + injection[(2 + d) * samples + t]
+                    top, per, lsb = x[i + U_MAX], x[i + PER_U], x[i + U_COUNT]
+                    x[c + COMMAND] = quantised(first * per, -top, top, 1.0) * lsb
+                    x[c_2 + COMMAND] = quantised(second * per, -top, top, 1.0) * lsb
             fx, ftx, fy = force[t], force[samples + t], force[2 * samples + t]
             fty, fz = force[3 * samples + t], force[4 * samples + t]
             for s in range(substeps):
@@ -86,8 +88,8 @@ def _make(substeps):
                 out[c * samples + t] = tile[(t % TILE) * width + c]
         # Turns are exact to rounding; what rounding leaves of their size is taken off once a call.
         for i in range(W):
-            size = np.sqrt(x[COS * W + i] * x[COS * W + i] + x[SIN * W + i] * x[SIN * W + i])
-            x[COS * W + i] /= size
-            x[SIN * W + i] /= size
+            size = np.sqrt(x[i + COS] * x[i + COS] + x[i + SIN] * x[i + SIN])
+            x[i + COS] /= size
+            x[i + SIN] /= size
 
     return compiled(step)

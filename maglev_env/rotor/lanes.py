@@ -12,6 +12,7 @@ from maglev_env.rig.rig import Rig
 from maglev_env.rotor import rows as r
 from maglev_env.rotor.linear import LEAST_LAG, control_matrices, controllers
 from maglev_env.rotor.rotor import Rotor
+from maglev_lanes.layout import LANES, LaneRows
 
 REACH = 0.98  # of the gap: nearer to a pole its field is no law's any more
 IDEAL = 48  # bits of a converter that the rig calls ideal
@@ -36,56 +37,59 @@ def block(runs: Sequence[Run], substeps: int = 1) -> tuple[np.ndarray, np.ndarra
     LANES runs fills the rest."""
     columns = [_column(run, substeps) for run in runs]
     seeds = [np.random.SeedSequence(run.seed).generate_state(4, np.uint64) for run in runs]
-    pad = np.minimum(np.arange(r.LANES), len(runs) - 1)
+    pad = np.minimum(np.arange(LANES), len(runs) - 1)
     return np.ascontiguousarray(np.array(columns).T[:, pad]), np.ascontiguousarray(np.array(seeds).T[:, pad])
 
 
 def _column(run: Run, substeps: int) -> np.ndarray:
     rotor, axis = run.rotor, run.rotor.axis
     law, h, dt = force_law(axis), 1 / (axis.control_rate * substeps), 1 / axis.control_rate
-    x = np.zeros(r.ROWS)
-    x[r.COS] = 1.0
-    x[r.FIRST : r.FIRST + 3] = np.inf
+    x = LaneRows(np.zeros((r.ROWS, 1)))
+    x[r.COS], x[r.FIRST] = 1.0, np.full((3, 1), np.inf)
     turn = run.speed * h
-    x[[r.HALF_COS, r.HALF_SIN, r.TURN_COS, r.TURN_SIN]] = np.cos(turn / 2), np.sin(turn / 2), np.cos(turn), np.sin(turn)
+    x[r.HALF_COS], x[r.HALF_SIN], x[r.TURN_COS], x[r.TURN_SIN] = (
+        np.cos(turn / 2),
+        np.sin(turn / 2),
+        np.cos(turn),
+        np.sin(turn),
+    )
     x[r.SPEED] = run.speed
     couple = rotor.unbalance.couple * np.exp(1j * np.radians(rotor.unbalance.angle)) * run.speed**2
-    x[r.STATIC], x[r.COUPLE], x[r.COUPLE + 1] = rotor.unbalance.static * run.speed**2, couple.real, couple.imag
+    x[r.STATIC], x[r.COUPLE] = rotor.unbalance.static * run.speed**2, [[couple.real], [couple.imag]]
     runout = np.array(rotor.runout.amplitude) * np.exp(1j * np.radians(rotor.runout.phase))
-    x[r.RUNOUT : r.RUNOUT + 4] = np.stack([runout.real, runout.imag], axis=1).ravel()
+    x[r.RUNOUT] = np.stack([runout.real, runout.imag], axis=1).reshape(4, 1)
     x[r.PER_MASS], x[r.PER_INERTIA] = 1 / rotor.moving_mass, 1 / rotor.moving_inertia
     x[r.GYRO] = run.speed * rotor.body.polar_inertia / rotor.moving_inertia
-    x[r.GRAVITY : r.GRAVITY + 3] = np.array(rotor.gravity) * rotor.body.mass / rotor.moving_mass
-    x[[r.AXIAL_K, r.AXIAL_C, r.AXIAL_STOP]] = 2 * rotor.axial.stiffness, rotor.axial.damping, rotor.axial.clearance
-    x[r.MAGNETS : r.MAGNETS + 2], x[r.PROBES : r.PROBES + 2] = rotor.planes.magnets, rotor.planes.probes
-    x[[r.FLUID_K, r.FLUID_C, r.CLEARANCE]] = rotor.fluid.stiffness, rotor.fluid.damping, axis.clearance
+    x[r.GRAVITY] = np.reshape(rotor.gravity, (3, 1)) * rotor.body.mass / rotor.moving_mass
+    x[r.AXIAL_K], x[r.AXIAL_C], x[r.AXIAL_STOP] = 2 * rotor.axial.stiffness, rotor.axial.damping, rotor.axial.clearance
+    x[r.MAGNETS], x[r.PROBES] = np.reshape(rotor.planes.magnets, (2, 1)), np.reshape(rotor.planes.probes, (2, 1))
+    x[r.FLUID_K], x[r.FLUID_C], x[r.CLEARANCE] = rotor.fluid.stiffness, rotor.fluid.damping, axis.clearance
     touch = rotor.touchdown
-    x[[r.TOUCH_K, r.TOUCH_D, r.TOUCH_MU]] = touch.stiffness, touch.damping, touch.friction
+    x[r.TOUCH_K], x[r.TOUCH_D], x[r.TOUCH_MU] = touch.stiffness, touch.damping, touch.friction
     x[r.SURFACE] = run.speed * rotor.body.radius
-    magnets = [r.AREA, r.FLUX_M, r.GAP_M, r.FLUX_C, r.GAP_C, r.BIAS, r.SCALE, r.CALIBRATION, r.REACH]
-    x[magnets] = (
-        law.area / 2, law.magnet_flux, law.gap + law.magnet_gap, law.coil_flux, law.gap + law.coil_gap,
-        law.bias_current, law.gain_scale, law.stiffness_scale, REACH * law.gap,
-    )  # fmt: skip
+    x[r.AREA], x[r.BIAS], x[r.REACH] = law.area / 2, law.bias_current, REACH * law.gap
+    x[r.FLUX_M], x[r.GAP_M] = law.magnet_flux, law.gap + law.magnet_gap
+    x[r.FLUX_C], x[r.GAP_C] = law.coil_flux, law.gap + law.coil_gap
+    x[r.SCALE], x[r.CALIBRATION] = law.gain_scale, law.stiffness_scale
     step, lagging = np.array([h]), LaneValues((_lagging(axis),), ({},))
-    x[r.CHAIN : r.CHAIN + 5] = sensor_rows(lagging, step)[[0, 2, 3, 4, 5], 0]
-    nodes = actuator_rows(lagging, step, np.zeros(1))[:, 0].reshape(5, 4)[:, 0]
-    x[r.DECAYS : r.DECAYS + 4] = nodes[[0, 2, 3, 4]]
+    x[r.CHAIN] = sensor_rows(lagging, step)[[0, 2, 3, 4, 5]]
+    nodes = actuator_rows(lagging, step, np.zeros(1)).reshape(5, 4, 1)[:, 0]
+    x[r.DECAYS] = nodes[[0, 2, 3, 4]]
     lsb, u_lsb = (2 * axis.voltage_range / 2**bits for bits in (axis.adc_bits or IDEAL, axis.dac_bits or IDEAL))
-    x[[r.COUNTS, r.COUNT_MAX, r.PER_COUNT]] = axis.probe_gain / lsb, axis.voltage_range / lsb, lsb / axis.probe_gain
+    x[r.COUNTS], x[r.COUNT_MAX], x[r.PER_COUNT] = axis.probe_gain / lsb, axis.voltage_range / lsb, lsb / axis.probe_gain
     x[r.NOISE] = axis.noise.displacement
-    x[[r.PER_U, r.U_MAX, r.U_COUNT]] = (
+    x[r.PER_U], x[r.U_MAX], x[r.U_COUNT] = (
         1 / (axis.amplifier_gain * u_lsb), axis.voltage_range / u_lsb, axis.amplifier_gain * u_lsb,
     )  # fmt: skip
     into, out = control_matrices(rotor)
-    x[r.INTO : r.INTO + 4], x[r.OUT : r.OUT + 4] = into[::2, ::2].ravel(), out[::2, ::2].ravel()
+    x[r.INTO], x[r.OUT] = into[::2, ::2].reshape(4, 1), out[::2, ::2].reshape(4, 1)
     gains = controllers(rotor)
-    x[r.KP : r.KP + 4] = [g.kp for g in gains]
-    x[r.KI : r.KI + 4] = [g.ki for g in gains]
-    x[r.KD : r.KD + 4] = [g.kd / g.td for g in gains]
-    x[r.DECAY_D : r.DECAY_D + 4] = [np.exp(-dt / g.td) for g in gains]
-    x[r.DECAY_I : r.DECAY_I + 4] = [np.exp(-dt / g.ti) for g in gains]
-    return x
+    x[r.KP] = [[g.kp] for g in gains]
+    x[r.KI] = [[g.ki] for g in gains]
+    x[r.KD] = [[g.kd / g.td] for g in gains]
+    x[r.DECAY_D] = [[np.exp(-dt / g.td)] for g in gains]
+    x[r.DECAY_I] = [[np.exp(-dt / g.ti)] for g in gains]
+    return x.values[:, 0]
 
 
 def _lagging(axis: Rig) -> Rig:

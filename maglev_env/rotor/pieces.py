@@ -2,12 +2,14 @@
 
 import numpy as np
 
+from maglev_env.loop.sensor import turned
 from maglev_env.rotor.rows import (
     AREA, AXIAL_C, AXIAL_K, AXIAL_STOP, BIAS, CALIBRATION, CHAIN, CLEARANCE, COMMAND, CONTACT, COS, COUPLE, CURRENT,
-    DECAYS, FIRST, FLUID_C, FLUID_K, FLUX_C, FLUX_M, GAP_C, GAP_M, GRAVITY, GYRO, HALF_COS, HALF_SIN, LANES, MAGNETS,
+    DECAYS, FIRST, FLUID_C, FLUID_K, FLUX_C, FLUX_M, GAP_C, GAP_M, GRAVITY, GYRO, HALF_COS, HALF_SIN, MAGNETS,
     PER_INERTIA, PER_MASS, PROBE, PROBES, Q, QD, REACH, RUBBED, RUNOUT, SCALE, SIN, SPEED, STATIC, SURFACE, TOUCH_D,
     TOUCH_K, TOUCH_MU, TURN_COS, TURN_SIN,
 )  # fmt: skip
+from maglev_lanes.layout import LANES
 from maglev_lanes.pieces import piece
 
 W = LANES
@@ -19,18 +21,18 @@ TINY = 1e-12  # m: keeps the direction of a centred rotor defined
 @piece
 def pull(x, i, y, current):
     """Force of one bearing along one direction (see `magnetics.force`): one division for both gaps."""
-    y = min(max(y, -x[REACH * W + i]), x[REACH * W + i])
-    gap_m, gap_c = x[GAP_M * W + i], x[GAP_C * W + i]
+    y = min(max(y, -x[i + REACH]), x[i + REACH])
+    gap_m, gap_c = x[i + GAP_M], x[i + GAP_C]
     y2 = y * y
     m2, c2 = gap_m * gap_m - y2, gap_c * gap_c - y2
     inverse = 1.0 / (m2 * c2)
-    magnet, coil = x[FLUX_M * W + i] * (c2 * inverse), x[FLUX_C * W + i] * (m2 * inverse)
+    magnet, coil = x[i + FLUX_M] * (c2 * inverse), x[i + FLUX_C] * (m2 * inverse)
     q_up, q_low = coil * (gap_c + y), coil * (gap_c - y)
-    bias, drive = x[BIAS * W + i], x[SCALE * W + i] * current
+    bias, drive = x[i + BIAS], x[i + SCALE] * current
     b_up, b_low = magnet * (gap_m + y) + bias * q_up, magnet * (gap_m - y) + bias * q_low
-    at_rest = x[CALIBRATION * W + i] * ((b_up - b_low) * (b_up + b_low))
+    at_rest = x[i + CALIBRATION] * ((b_up - b_low) * (b_up + b_low))
     driven = 2.0 * (b_up * q_up + b_low * q_low) + drive * ((q_up - q_low) * (q_up + q_low))
-    return x[AREA * W + i] * (at_rest + drive * driven)
+    return x[i + AREA] * (at_rest + drive * driven)
 
 
 @piece
@@ -38,11 +40,11 @@ def contact(x, i, px, py, vx, vy):
     """Force of the touchdown bearing at a plane: along x and y, its normal part, and what friction takes (W)."""
     r = np.sqrt(px * px + py * py + TINY * TINY)
     nx, ny = px / r, py / r
-    depth = max(r - x[CLEARANCE * W + i], 0.0)
+    depth = max(r - x[i + CLEARANCE], 0.0)
     approach, around = nx * vx + ny * vy, nx * vy - ny * vx
-    normal = max(x[TOUCH_K * W + i] * depth * (1.0 + x[TOUCH_D * W + i] * approach), 0.0)
-    slip = around + x[SURFACE * W + i]
-    rub = x[TOUCH_MU * W + i] * normal * slip / np.sqrt(slip * slip + SLIP * SLIP)
+    normal = max(x[i + TOUCH_K] * depth * (1.0 + x[i + TOUCH_D] * approach), 0.0)
+    slip = around + x[i + SURFACE]
+    rub = x[i + TOUCH_MU] * normal * slip / np.sqrt(slip * slip + SLIP * SLIP)
     return -normal * nx + rub * ny, -normal * ny - rub * nx, normal, rub * slip
 
 
@@ -50,36 +52,35 @@ def contact(x, i, px, py, vx, vy):
 def accelerations(x, i, q0, q1, q2, q3, q4, v0, v1, v2, v3, v4, c0, c1, c2, c3, cos, sin, fx, ftx, fy, fty, fz):
     """Of the five coordinates, at coil currents c and the turn's cosine and sine, with generalised forces f; and the
     contact forces at a, b and the stop, and the power that friction takes."""
-    za, zb = x[MAGNETS * W + i], x[(MAGNETS + 1) * W + i]
+    za, zb = x[i + MAGNETS], x[i + MAGNETS + W]
     ax, ay, bx, by = q0 + za * q1, q2 + za * q3, q0 + zb * q1, q2 + zb * q3
     vax, vay, vbx, vby = v0 + za * v1, v2 + za * v3, v0 + zb * v1, v2 + zb * v3
-    k, c = x[FLUID_K * W + i], x[FLUID_C * W + i]
+    k, c = x[i + FLUID_K], x[i + FLUID_C]
     t_ax, t_ay, touch_a, lost_a = contact(x, i, ax, ay, vax, vay)
     t_bx, t_by, touch_b, lost_b = contact(x, i, bx, by, vbx, vby)
     f_ax = pull(x, i, ax, c0) - k * ax - c * vax + t_ax
     f_ay = pull(x, i, ay, c1) - k * ay - c * vay + t_ay
     f_bx = pull(x, i, bx, c2) - k * bx - c * vbx + t_bx
     f_by = pull(x, i, by, c3) - k * by - c * vby + t_by
-    static = x[STATIC * W + i]
-    couple_c, couple_s = x[COUPLE * W + i], x[(COUPLE + 1) * W + i]
-    per_mass, per_inertia, gyro = x[PER_MASS * W + i], x[PER_INERTIA * W + i], x[GYRO * W + i]
-    a0 = (f_ax + f_bx + static * cos + fx) * per_mass + x[GRAVITY * W + i]
-    a2 = (f_ay + f_by + static * sin + fy) * per_mass + x[(GRAVITY + 1) * W + i]
+    static = x[i + STATIC]
+    couple_c, couple_s = x[i + COUPLE], x[i + COUPLE + W]
+    per_mass, per_inertia, gyro = x[i + PER_MASS], x[i + PER_INERTIA], x[i + GYRO]
+    a0 = (f_ax + f_bx + static * cos + fx) * per_mass + x[i + GRAVITY]
+    a2 = (f_ay + f_by + static * sin + fy) * per_mass + x[i + GRAVITY + W]
     a1 = (za * f_ax + zb * f_bx + couple_c * cos - couple_s * sin + ftx) * per_inertia - gyro * v3
     a3 = (za * f_ay + zb * f_by + couple_s * cos + couple_c * sin + fty) * per_inertia + gyro * v1
-    stop = x[AXIAL_STOP * W + i]
+    stop = x[i + AXIAL_STOP]
     over = max(abs(q4) - stop, 0.0)
     side = np.copysign(1.0, q4)
-    hit = max(x[TOUCH_K * W + i] * over * (1.0 + x[TOUCH_D * W + i] * side * v4), 0.0)
-    a4 = (fz - x[AXIAL_K * W + i] * q4 - x[AXIAL_C * W + i] * v4 - side * hit) * per_mass + x[(GRAVITY + 2) * W + i]
+    hit = max(x[i + TOUCH_K] * over * (1.0 + x[i + TOUCH_D] * side * v4), 0.0)
+    a4 = (fz - x[i + AXIAL_K] * q4 - x[i + AXIAL_C] * v4 - side * hit) * per_mass + x[i + GRAVITY + 2 * W]
     return a0, a1, a2, a3, a4, touch_a, touch_b, hit, lost_a + lost_b
 
 
 @piece
 def read(x, i, p, y, v, y1, v1, r, rv, r1, rv1):
     """Next state of probe p: its exact answer to the cubic through both ends of motion and runout (rates times h)."""
-    c = CHAIN * W + i
-    at = (PROBE + p) * W + i
+    c, at = i + CHAIN, i + PROBE + p * W
     start, end = x[c + W] * (y + r) + x[c + 2 * W] * (v + rv), x[c + 3 * W] * (y1 + r1) + x[c + 4 * W] * (v1 + rv1)
     x[at] = x[c] * x[at] + start + end
 
@@ -88,20 +89,20 @@ def read(x, i, p, y, v, y1, v1, r, rv, r1, rv1):
 def advance(x, i, h, at, fx, ftx, fy, fty, fz):
     """One integration step of h (s), the at-th, under held commands and forces: Runge and Kutta's, 4th order, on nodes
     of the coil currents with which its quadrature is exact; noted: contacts, and what friction takes."""
-    cos, sin = x[COS * W + i], x[SIN * W + i]
-    hc, hs = x[HALF_COS * W + i], x[HALF_SIN * W + i]
-    tc, ts = x[TURN_COS * W + i], x[TURN_SIN * W + i]
-    cos_h, sin_h = cos * hc - sin * hs, sin * hc + cos * hs
-    cos_1, sin_1 = cos * tc - sin * ts, sin * tc + cos * ts
-    q0, q1, q2, q3, q4 = x[Q * W + i], x[(Q + 1) * W + i], x[(Q + 2) * W + i], x[(Q + 3) * W + i], x[(Q + 4) * W + i]
-    v0, v1, v2 = x[QD * W + i], x[(QD + 1) * W + i], x[(QD + 2) * W + i]
-    v3, v4 = x[(QD + 3) * W + i], x[(QD + 4) * W + i]
-    u0, u1, u2 = x[COMMAND * W + i], x[(COMMAND + 1) * W + i], x[(COMMAND + 2) * W + i]
-    u3 = x[(COMMAND + 3) * W + i]
-    d0, d1 = x[CURRENT * W + i] - u0, x[(CURRENT + 1) * W + i] - u1
-    d2, d3 = x[(CURRENT + 2) * W + i] - u2, x[(CURRENT + 3) * W + i] - u3
-    end, begin = x[DECAYS * W + i], x[(DECAYS + 1) * W + i]
-    middle, last = x[(DECAYS + 2) * W + i], x[(DECAYS + 3) * W + i]
+    cos, sin = x[i + COS], x[i + SIN]
+    hc, hs = x[i + HALF_COS], x[i + HALF_SIN]
+    tc, ts = x[i + TURN_COS], x[i + TURN_SIN]
+    cos_h, sin_h = turned(cos, sin, hc, hs)
+    cos_1, sin_1 = turned(cos, sin, tc, ts)
+    q0, q1, q2, q3, q4 = x[i + Q], x[i + Q + W], x[i + Q + 2 * W], x[i + Q + 3 * W], x[i + Q + 4 * W]
+    v0, v1, v2 = x[i + QD], x[i + QD + W], x[i + QD + 2 * W]
+    v3, v4 = x[i + QD + 3 * W], x[i + QD + 4 * W]
+    u0, u1, u2 = x[i + COMMAND], x[i + COMMAND + W], x[i + COMMAND + 2 * W]
+    u3 = x[i + COMMAND + 3 * W]
+    d0, d1 = x[i + CURRENT] - u0, x[i + CURRENT + W] - u1
+    d2, d3 = x[i + CURRENT + 2 * W] - u2, x[i + CURRENT + 3 * W] - u3
+    end, begin = x[i + DECAYS], x[i + DECAYS + W]
+    middle, last = x[i + DECAYS + 2 * W], x[i + DECAYS + 3 * W]
     j0, j1, j2, j3 = u0 + begin * d0, u1 + begin * d1, u2 + begin * d2, u3 + begin * d3
     a0, a1, a2, a3, a4, n_a, n_b, n_z, lost = accelerations(
         x, i, q0, q1, q2, q3, q4, v0, v1, v2, v3, v4, j0, j1, j2, j3, cos, sin, fx, ftx, fy, fty, fz
@@ -132,17 +133,17 @@ def advance(x, i, h, at, fx, ftx, fy, fty, fz):
     r2, r3 = v2 + s * (a2 + 2.0 * (b2 + c2) + e2), v3 + s * (a3 + 2.0 * (b3 + c3) + e3)
     r4 = v4 + s * (a4 + 2.0 * (b4 + c4) + e4)
     # Pressed in as deep as the clearance a rotor is wrecked: it stays where it is, and no number runs away.
-    za, zb = x[MAGNETS * W + i], x[(MAGNETS + 1) * W + i]
+    za, zb = x[i + MAGNETS], x[i + MAGNETS + W]
     ax, ay, bx, by = q0 + za * q1, q2 + za * q3, q0 + zb * q1, q2 + zb * q3
     far = max(ax * ax + ay * ay, bx * bx + by * by)
-    whole = 1.0 if far < WRECKED * x[CLEARANCE * W + i] * x[CLEARANCE * W + i] else 0.0
+    whole = 1.0 if far < WRECKED * x[i + CLEARANCE] * x[i + CLEARANCE] else 0.0
     p0, p1, p2 = q0 + whole * (p0 - q0), q1 + whole * (p1 - q1), q2 + whole * (p2 - q2)
     p3, p4 = q3 + whole * (p3 - q3), q4 + whole * (p4 - q4)
     r0, r1, r2, r3, r4 = whole * r0, whole * r1, whole * r2, whole * r3, whole * r4
-    spin = h * x[SPEED * W + i]
+    spin = h * x[i + SPEED]
     for p in range(2):
-        zp = x[(PROBES + p) * W + i]
-        rc, rs = x[(RUNOUT + 2 * p) * W + i], x[(RUNOUT + 2 * p + 1) * W + i]
+        zp = x[i + PROBES + p * W]
+        rc, rs = x[i + RUNOUT + (2 * p) * W], x[i + RUNOUT + (2 * p + 1) * W]
         ox, oy, ox_1, oy_1 = rc * cos - rs * sin, rs * cos + rc * sin, rc * cos_1 - rs * sin_1, rs * cos_1 + rc * sin_1
         read(
             x, i, 2 * p, q0 + zp * q1, h * (v0 + zp * v1), p0 + zp * p1, h * (r0 + zp * r1),
@@ -152,17 +153,17 @@ def advance(x, i, h, at, fx, ftx, fy, fty, fz):
             x, i, 2 * p + 1, q2 + zp * q3, h * (v2 + zp * v3), p2 + zp * p3, h * (r2 + zp * r3),
             oy, spin * ox, oy_1, spin * ox_1,
         )  # fmt: skip
-    x[Q * W + i], x[(Q + 1) * W + i], x[(Q + 2) * W + i] = p0, p1, p2
-    x[(Q + 3) * W + i], x[(Q + 4) * W + i] = p3, p4
-    x[QD * W + i], x[(QD + 1) * W + i], x[(QD + 2) * W + i] = r0, r1, r2
-    x[(QD + 3) * W + i], x[(QD + 4) * W + i] = r3, r4
-    x[CURRENT * W + i], x[(CURRENT + 1) * W + i] = u0 + end * d0, u1 + end * d1
-    x[(CURRENT + 2) * W + i], x[(CURRENT + 3) * W + i] = u2 + end * d2, u3 + end * d3
-    x[COS * W + i], x[SIN * W + i] = cos_1, sin_1
-    x[CONTACT * W + i] = max(x[CONTACT * W + i], n_a)
-    x[(CONTACT + 1) * W + i] = max(x[(CONTACT + 1) * W + i], n_b)
-    x[(CONTACT + 2) * W + i] = max(x[(CONTACT + 2) * W + i], n_z)
-    x[FIRST * W + i] = min(x[FIRST * W + i], at if n_a > 0.0 else np.inf)
-    x[(FIRST + 1) * W + i] = min(x[(FIRST + 1) * W + i], at if n_b > 0.0 else np.inf)
-    x[(FIRST + 2) * W + i] = min(x[(FIRST + 2) * W + i], at if n_z > 0.0 else np.inf)
-    x[RUBBED * W + i] += whole * s * (lost + 2.0 * (lost_b + lost_c) + lost_e)
+    x[i + Q], x[i + Q + W], x[i + Q + 2 * W] = p0, p1, p2
+    x[i + Q + 3 * W], x[i + Q + 4 * W] = p3, p4
+    x[i + QD], x[i + QD + W], x[i + QD + 2 * W] = r0, r1, r2
+    x[i + QD + 3 * W], x[i + QD + 4 * W] = r3, r4
+    x[i + CURRENT], x[i + CURRENT + W] = u0 + end * d0, u1 + end * d1
+    x[i + CURRENT + 2 * W], x[i + CURRENT + 3 * W] = u2 + end * d2, u3 + end * d3
+    x[i + COS], x[i + SIN] = cos_1, sin_1
+    x[i + CONTACT] = max(x[i + CONTACT], n_a)
+    x[i + CONTACT + W] = max(x[i + CONTACT + W], n_b)
+    x[i + CONTACT + 2 * W] = max(x[i + CONTACT + 2 * W], n_z)
+    x[i + FIRST] = min(x[i + FIRST], at if n_a > 0.0 else np.inf)
+    x[i + FIRST + W] = min(x[i + FIRST + W], at if n_b > 0.0 else np.inf)
+    x[i + FIRST + 2 * W] = min(x[i + FIRST + 2 * W], at if n_z > 0.0 else np.inf)
+    x[i + RUBBED] += whole * s * (lost + 2.0 * (lost_b + lost_c) + lost_e)

@@ -9,9 +9,11 @@ import numpy as np
 from maglev_env.rotor import rows as r
 from maglev_env.rotor.kernel import TILE, kernel
 from maglev_env.rotor.lanes import Run, block
-from maglev_env.rotor.rows import CHANNELS, LANES
+from maglev_env.rotor.rows import CHANNELS
+from maglev_lanes.layout import LANES, row
 from maglev_lanes.threads import over_threads
 
+STATES = row(r.CONTACT)  # rows of the states, which come first
 PLACES = ("bearing a", "bearing b", "axial stop")
 Reduced = TypeVar("Reduced")
 
@@ -95,8 +97,8 @@ def reduced(
     ]
     if start is not None:
         start = np.asarray(start, float)
-        if start.shape not in ((10,), (len(runs), r.CONTACT)):
-            raise ValueError(f"start: {start.shape}; give q and rates (10,), or the end ({len(runs)}, {r.CONTACT})")
+        if start.shape not in ((10,), (len(runs), STATES)):
+            raise ValueError(f"start: {start.shape}; give q and rates (10,), or the end ({len(runs)}, {STATES})")
         start = np.broadcast_to(start, (len(runs), start.shape[-1]))
     blocks = [slice(i, i + LANES) for i in range(0, len(runs), LANES)]
 
@@ -131,12 +133,12 @@ def _spun(
         if count:
             step(rows.reshape(-1), seeds.reshape(-1), first, h, *own, tile, out.reshape(-1))
     n = len(runs)
-    found = rows[r.FIRST : r.FIRST + 3, :n].T * h
+    found = rows[row(r.FIRST) : row(r.FIRST) + 3, :n].T * h
     return Spun(
         out[:, :n].transpose(1, 0, 2),
-        rows[r.Q : r.Q + 10, :n].T.copy(),
-        rows[r.CONTACT : r.CONTACT + 3, :n].T.copy(),
+        rows[row(r.Q) : row(r.Q) + 10, :n].T.copy(),
+        rows[row(r.CONTACT) : row(r.CONTACT) + 3, :n].T.copy(),
         np.where(np.isfinite(found), found, np.nan),
-        rows[r.RUBBED, :n].copy(),
-        rows[: r.CONTACT, :n].T.copy(),
+        rows[row(r.RUBBED), :n].copy(),
+        rows[:STATES, :n].T.copy(),
     )

@@ -23,7 +23,9 @@ def test_rows_follow_each_other():
     assert (row(first), row(several), row(last), row(end)) == (3, 4, 8, 9)
 
 
-@pytest.mark.parametrize("block", [*(f"maglev_env.loop.{name}" for name in BLOCKS[:-1]), "selfsense.kernel_rows"])
+@pytest.mark.parametrize(
+    "block", [*(f"maglev_env.loop.{name}" for name in BLOCKS[:-1]), "selfsense.kernel_rows", "maglev_env.rotor.rows"]
+)
 def test_every_row_is_declared_under_its_own_name(block):
     source = Path(import_module(block).__file__).read_text()
     found = DECLARED.findall(source)

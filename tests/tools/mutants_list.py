@@ -255,8 +255,8 @@ MUTANTS = (
         "Dead time puts off the falling edge for currents of the wrong sign.",
         (
             (
-                "against = current(x, i, edge) * (on - off) < 0.0",
-                "against = current(x, i, edge) * (on - off) > 0.0",
+                "against = current(x, k, edge) * (on - off) < 0.0",
+                "against = current(x, k, edge) * (on - off) > 0.0",
             ),
         ),
         ("test_coil.py",),

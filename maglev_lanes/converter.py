@@ -6,7 +6,7 @@ from maglev_lanes.pieces import piece
 
 
 @piece
-def quantised(counts, top, rounds):
-    """Counts that a converter with limits -top .. top gives; rounds: 1, or 0 for an ideal one."""
+def quantised(counts, low, high, rounds):
+    """Counts that a converter gives, within low .. high; rounds: 1, or 0 for an ideal one."""
     whole = np.rint(counts) if rounds > 0.0 else counts
-    return min(max(whole, -top), top)
+    return min(max(whole, low), high)
