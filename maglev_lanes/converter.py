@@ -1,4 +1,4 @@
-"""A converter between numbers and voltages, as a piece of kernels."""
+"""Quantisation and limits of a converter between numbers and voltages, as a piece for kernels."""
 
 import numpy as np
 
@@ -7,6 +7,6 @@ from maglev_lanes.pieces import piece
 
 @piece
 def quantised(counts, low, high, rounds):
-    """Counts that a converter gives, within low .. high; rounds: 1, or 0 for an ideal one."""
+    """Output counts of a converter with the limits low .. high; rounds: 1, or 0 for an ideal converter."""
     whole = np.rint(counts) if rounds > 0.0 else counts
     return min(max(whole, low), high)

@@ -1,4 +1,4 @@
-"""The actuator's block: what lies between the coil's current and the force on the rotor."""
+"""The actuator's block: from the coil's current to the force on the rotor."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -39,7 +39,7 @@ EFFECTS: Mapping[str, EffectCard] = {
             "strength": Parameter("", 0.0, 0.9, scale=0.05, starts=(0.05, 0.3)),
             "width": Parameter("A", 1e-4, 100.0, 0.1, starts=(0.01, 0.05, 0.2)),
         },
-        "a share of the current lags by a width, as Dahl's rate-independent model has it (Dahl 1968)",
+        "a share of the current lags by a width in A, by Dahl's rate-independent model (Dahl 1968)",
         "current and displacement at two amplitudes",
         ("magnets",),
         flexible=True,
@@ -50,7 +50,7 @@ EFFECTS: Mapping[str, EffectCard] = {
     "saturation": EffectCard(
         "actuator",
         {"field": Parameter("T", 0.1, 100.0, absent=inf, starts=(0.7, 1.0, 1.5, 2.2))},
-        "the iron bends: B^2 of each gap becomes B^2 / sqrt(1 + (B / B_s)^4)",
+        "the iron saturates: B^2 of each gap becomes B^2 / sqrt(1 + (B / B_s)^4)",
         "current and displacement at two amplitudes",
         ("pair",),
         form_share=0.02,
@@ -58,16 +58,16 @@ EFFECTS: Mapping[str, EffectCard] = {
     "actuator_offset": EffectCard(
         "actuator",
         {"current": Parameter("A", -10.0, 10.0, scale=0.02, starts=(-0.2, -0.02, 0.02, 0.2))},
-        "a constant error of the current that pulls, as a drifted zero of the amplifier makes",
+        "a constant error of the force-producing current, for instance a drifted zero of the amplifier",
         "displacement and current at two static offsets",
         ("magnets",),
         flexible=True,
-        linear=False,  # the tangent of a pair changes with its square alone
+        linear=False,  # the tangent of a pair changes only with the square of the offset
     ),
     "eccentricity": EffectCard(
         "actuator",
         {"offset": Parameter("m", -0.01, 0.01, scale=1e-5, starts=(-4e-5, -5e-6, 5e-6, 4e-5))},
-        "the magnetic centre lies beside the sensed one, D 5.2.3",
+        "the magnetic centre is offset from the sensed centre, D 5.2.3",
         "displacement at two static offsets",
         ("magnets",),
         flexible=True,
@@ -79,21 +79,32 @@ STATES = eddy.STATES
 
 
 def pulling_current(system: System, values: Values, current: np.ndarray) -> np.ndarray:
-    """From the coil's current to the one that pulls, both signals in A, with the tangent of hysteresis.
+    """The force-producing current from the coil's current, with the tangent of hysteresis.
 
-    For currents far below its width hysteresis takes its whole strength.
+    For currents far below its width, hysteresis subtracts its whole strength.
+
+    Args:
+        system: with all of STATES; the states of the eddy currents are written.
+        values: of its lanes.
+        current: signal of the coil's current, A.
+
+    Returns:
+        Signal of the force-producing current, A.
     """
     pulls = eddy.pulling_current(system, values, current)
     return pulls - values.effect("hysteresis")[:, None] * current
 
 
 def force(values: Values, pulling: np.ndarray, displacement: np.ndarray) -> np.ndarray:
-    """Force (N) of the magnets about their eccentricity and i = 0.
+    """Force of the magnets, linearised at their eccentricity and i = 0.
 
     Args:
         values: of the lanes.
-        pulling: the current that pulls, A.
-        displacement: of the rotor, m.
+        pulling: signal of the force-producing current, A.
+        displacement: signal of the rotor's displacement, m.
+
+    Returns:
+        Signal of the force, N.
     """
     laws = [
         replace(law, saturation=saturation) if isfinite(saturation) else law
@@ -104,31 +115,31 @@ def force(values: Values, pulling: np.ndarray, displacement: np.ndarray) -> np.n
 
 
 def current_scale(values: Values) -> np.ndarray:
-    """How the calibrated force law scales the current, (n,); 1 without magnets."""
+    """Factor (n,) on the current by the calibrated force law (1 without magnets) and the effect actuator_gain."""
     return np.array([law.gain_scale if law else 1.0 for law in values.laws]) * (1 + values.effect("actuator_gain"))
 
 
 def central_tangent(values: Values) -> tuple[np.ndarray, np.ndarray]:
-    """Actuator gain (N/A) and stiffness (N/m) of centred magnets that do not saturate, (n,) each; 0 without magnets."""
+    """Actuator gain (N/A) and stiffness (N/m) of centred, unsaturated magnets, (n,) each; 0 without magnets."""
     return _tangents(values, values.laws, np.zeros(len(values.laws)))
 
 
 def _tangents(
     values: Values, laws: Sequence[ForceLaw | SingleSidedLaw | None], offset: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Actuator gain and stiffness of laws at offsets (m), with the effects that change them in proportion."""
+    """Actuator gain and stiffness of laws at offsets (m), with the effects that scale them."""
     found = [linearise(law, y) if law else (0.0, 0.0) for law, y in zip(laws, offset.tolist(), strict=True)]
     gain, stiffness = np.array(found).T
     return gain * (1 + values.effect("actuator_gain")), stiffness * (1 + values.effect("negative_stiffness"))
 
 
-# Rows of a lane. HELD: state of Dahl's hysteresis, -1 .. 1; HOLD: the current by which it lags, A; PER_WIDTH: 1 / A;
-# ZERO: the current that pulls where the coil carries none, A.
+# Rows of a lane. HELD: state of Dahl's hysteresis, -1 .. 1; HOLD: largest current by which the force lags, A;
+# PER_WIDTH: one over the width, 1/A; ZERO: force-producing current at zero coil current, A.
 HELD, HOLD, PER_WIDTH, ZERO, END = rows_after(eddy.END, "HELD HOLD PER_WIDTH ZERO")
 
 
 def fill(x: LaneRows, values: Values) -> None:
-    """Write the constants of hysteresis and of the offset."""
+    """Write the constants of hysteresis and of the actuator's offset."""
     width, scale = values.effect("hysteresis", "width"), current_scale(values)
     x[HOLD], x[PER_WIDTH] = scale * values.effect("hysteresis") * width, 1 / width
     x[ZERO] = scale * values.effect("actuator_offset")
@@ -136,19 +147,19 @@ def fill(x: LaneRows, values: Values) -> None:
 
 @piece
 def hold(x, k):
-    """What the coil's current has more than the one that pulls as the step begins: hysteresis less the offset."""
+    """Coil current minus force-producing current at the start of the step, A: hysteresis minus the offset."""
     return x[k + HOLD] * x[k + HELD] - x[k + ZERO]
 
 
 @piece
 def hold_at(x, k, held):
-    """That current at another state of the hysteresis."""
+    """The same difference of currents for a given state of the hysteresis."""
     return x[k + HOLD] * held - x[k + ZERO]
 
 
 @piece
 def held_next(x, k, x2):
-    """State of the hysteresis at the end of a step that takes the coil's current to x2 (Dahl 1968)."""
+    """State of the hysteresis at the end of a step in which the coil's current changes to x2 (Dahl 1968)."""
     change = x2 - x[k + X2]
     toward = 1.0 if change > 0.0 else -1.0
     return toward + (x[k + HELD] - toward) * faded(abs(change) * x[k + PER_WIDTH])

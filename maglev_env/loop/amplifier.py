@@ -1,4 +1,4 @@
-"""The amplifier's block: what lies between the command and the coil's current."""
+"""The amplifier's block: from the command to the coil's current."""
 
 from collections.abc import Callable, Mapping
 from math import inf
@@ -25,7 +25,7 @@ EFFECTS: Mapping[str, EffectCard] = {
     "amplifier_voltage_limit": EffectCard(
         "amplifier",
         {"voltage": Parameter("V", 1e-3, 1e5, absent=inf, starts=tuple(np.geomspace(0.1, 20.0, 40)))},
-        "|L di/dt + R i| <= V: the coil's current cannot follow faster",
+        "|L di/dt + R i| <= V: the voltage limits how fast the coil's current can change",
         "command and current at two amplitudes",
         ("coil",),
         flexible=True,
@@ -40,24 +40,26 @@ STATES = ("amplifier", "amplifier_lag")
 
 
 def coil_current(system: System, values: Values, command: np.ndarray) -> np.ndarray:
-    """The amplifier's poles: from the command to the coil's current, both signals in A."""
+    """Signal of the coil's current (A): the command (a signal, A) after the amplifier's poles."""
     return system.lags(STATES, (values.rig("amplifier_time_constant"), values.effect("amplifier_lag")), command)
 
 
-# Rows of a lane. X1, X2: outputs of the poles, A. NEXT: both at the end of the step, and NODES: three nodal currents
-# that stand for the coil's in the integration step (see `maglev_env.kernel.exact`), each from (x1, x2, old command, new
-# command). OPEN: 1 where no pole follows the command. The command that the voltage allows is KEPT x1 +- REACH.
+# Rows of a lane. X1, X2: outputs of the poles, A. NEXT: coefficients of both outputs at the end of the step; NODES:
+# coefficients of three nodal currents that represent the coil's current in the integration step (see
+# `maglev_env.kernel.exact`). Each has four, for (x1, x2, old command, new command). OPEN: 1 where the amplifier has no
+# pole. The voltage limits the command to the range KEPT x1 +- REACH.
 X1, X2, CURRENT_SQ, NEXT, NODES, OPEN, KEPT, REACH, END = rows_after(
     controller.END, "X1 X2 CURRENT_SQ NEXT[8] NODES[12] OPEN KEPT REACH"
 )
 
 
 def fill(x: LaneRows, values: Values, h: np.ndarray) -> None:
-    """Write what the voltage allows in steps of h (s), (n,)."""
+    """Write the constants of the voltage limit for integration steps of h (s), (n,)."""
     first, voltage = values.rig("amplifier_time_constant"), values.effect("amplifier_voltage_limit")
     x[OPEN] = (first == 0) & (values.effect("amplifier_lag") == 0)
     inductance, resistance = values.inductance, values.rig("coil_resistance")
-    # Where the full voltage takes the current in a step, as a command that the first pole follows to there.
+    # The limit is expressed as a command: the one with which the first pole reaches, in one step, the current that the
+    # full voltage would reach.
     eased = np.where(resistance > 0, _approached(h, inductance / np.where(resistance > 0, resistance, 1.0)), 0.0)
     slope = np.where(resistance > 0, eased / np.where(resistance > 0, resistance, 1.0), h / inductance)
     per_volt = slope / _approached(h, first)
@@ -67,12 +69,17 @@ def fill(x: LaneRows, values: Values, h: np.ndarray) -> None:
 
 
 def _approached(h: np.ndarray, time_constant: np.ndarray) -> np.ndarray:
-    """Share of its way that a pole has gone after h."""
+    """Share of a step change that a first-order pole has completed after the time h."""
     return -np.expm1(-h / np.where(time_constant > 0, time_constant, 1e-300))
 
 
 def commands(delayed: bool, limited: bool) -> tuple[Callable, Callable]:
-    """Pieces: the command that acted before, and the one that acts from now on, as far as the voltage allows."""
+    """Pieces that give the old and the new command of a step, A, clipped to what the voltage allows.
+
+    Args:
+        delayed: whether a delay lies between the controller's command and the one that acts.
+        limited: whether the voltage is limited.
+    """
     acting = ACTING if delayed else U
 
     @piece
@@ -94,7 +101,17 @@ def commands(delayed: bool, limited: bool) -> tuple[Callable, Callable]:
 
 
 def carried(poles: int, delayed: bool, limited: bool) -> Callable[[int], Callable]:
-    """A maker of pieces: from the offset of four rows, what the amplifier's states and commands at `source` carry."""
+    """A maker of pieces for linear combinations of the amplifier's states and commands.
+
+    Args:
+        poles: number of the amplifier's poles, 0 .. 2.
+        delayed: as in `commands`.
+        limited: as in `commands`.
+
+    Returns:
+        A function from the offset of four rows of coefficients, for (x1, x2, old command, new command), to the piece
+        (x, k, source) that applies those of lane k to the states of lane `source`.
+    """
     old, new = commands(delayed, limited)
 
     def by_rows(first: int) -> Callable:
@@ -115,12 +132,12 @@ def carried(poles: int, delayed: bool, limited: bool) -> Callable[[int], Callabl
 
 
 def coil(poles: int, delayed: bool, limited: bool) -> Callable:
-    """A piece: the coil's current as a step begins."""
+    """A piece that gives the coil's current at the start of a step, A; arguments as `carried`."""
 
     @piece
     def now(x, k):
         if limited:
-            # Without a pole it is the command itself, as far as the voltage allows.
+            # Without a pole the current is the command itself, within the range that the voltage allows.
             held, u = x[k + X2], arrived(x, k)
             kept, reach = x[k + KEPT] * x[k + X1], x[k + REACH]
             return held + x[k + OPEN] * (min(max(u, kept - reach), kept + reach) - held)
@@ -135,13 +152,13 @@ def coil(poles: int, delayed: bool, limited: bool) -> Callable:
 
 @piece
 def arrived(x, k):
-    """The command that acts as a step begins."""
+    """The command that acts at the start of a step, A."""
     new = x[k + ARRIVED]
     return new * x[k + ACTING] + (1.0 - new) * x[k + U_OLD]
 
 
 def store_current(poles: int) -> Callable:
-    """A piece that writes the states at the end of the step."""
+    """A piece that stores the states of the poles at the end of the step."""
 
     @piece
     def store(x, k, x1, x2):

@@ -1,4 +1,4 @@
-"""Rigs of two axes: their names, and what couples them."""
+"""Rigs with two axes: the names of the axes and the coupling between them."""
 
 from dataclasses import dataclass, fields
 
@@ -9,10 +9,16 @@ AXES = ("x", "y")
 
 @dataclass(frozen=True)
 class Cross:
-    """What one axis does to the other; _xy is y's share in x.
+    """Linear coupling between the axes; _xy is the influence of y on x, _yx that of x on y.
 
-    stiffness (N/m): force on x of -stiffness_xy times y; damping (N s/m) likewise; gain (N/A): force on x per ampere
-    in y; sensor: share of y in the reading of x. Raises ValueError when a value is not finite.
+    Args:
+        stiffness_xy, stiffness_yx: N/m; the force on x is -stiffness_xy times y.
+        damping_xy, damping_yx: N s/m; the force on x is -damping_xy times the velocity in y.
+        gain_xy, gain_yx: N/A; force on x per ampere in y.
+        sensor_xy, sensor_yx: share of y in the reading of x.
+
+    Raises:
+        ValueError: A value is not finite.
     """
 
     stiffness_xy: float = 0.0
@@ -31,7 +37,7 @@ class Cross:
                 raise ValueError(f"[cross]: {f.name} = {value!r} is not a finite number")
 
     def onto(self, axis: int) -> tuple[float, float, float, float]:
-        """Stiffness, damping, gain and sensor share that the other axis has in axis 0 (x) or 1 (y)."""
+        """Stiffness, damping, gain and sensor share by which the other axis acts on axis 0 (x) or 1 (y)."""
         pair = ("xy", "yx")[axis]
         return tuple(getattr(self, f"{name}_{pair}") for name in ("stiffness", "damping", "gain", "sensor"))
 
@@ -40,5 +46,5 @@ NO_CROSS = Cross()
 
 
 def suffixes(axes: int) -> tuple[str, ...]:
-    """What channels of each axis end with: nothing on a one-axis rig, else _x and _y."""
+    """Suffixes of the channel names: an empty one on a one-axis rig, else _x and _y."""
     return ("",) if axes == 1 else tuple(f"_{axis}" for axis in AXES)

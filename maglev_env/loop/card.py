@@ -1,4 +1,4 @@
-"""The card of an effect: all that other modules need to know about it, in the file of its block.
+"""The card of an effect: everything that other modules need to know about it, in the file of its block.
 
 A new effect is a card, its states and its compiled piece in one block's file, and a form in the sealed twin
 (`sim2real.blind`), which shares no code with the simulator on purpose.
@@ -20,11 +20,11 @@ class Parameter:
         unit: SI unit, empty for a share.
         low, high: bounds.
         default: value when the user gives none; None for the first parameter, which must be given.
-        absent: value with which the effect does nothing.
-        scale: size at which the effect is plain on a small rotor; the unit of a fit's steps. None: a fit moves the
-            logarithm of the parameter.
-        starts: values at which a fit may start. Every combination of the parameters' starts is tried in a lane, and
-            the best are followed.
+        absent: value with which the effect changes nothing.
+        scale: value at which the effect is clearly visible on a small rotor; the unit of a fit's steps. None: a fit
+            varies the logarithm of the parameter.
+        starts: values at which a fit may start. Every combination of the parameters' starts is tried, and the best
+            ones are refined.
     """
 
     unit: str
@@ -47,16 +47,16 @@ class EffectCard:
         identified_by: the recorded channels that distinguish it from similar effects.
         needs: what a rig must have for the effect to mean anything, see `loop.effect.NEEDS`.
         flexible: whether only the flexible kernel simulates it; the plain one leaves it out for speed.
-        linear: whether a linear loop stands for it in a diagnosis.
+        linear: whether a diagnosis may compute it with the linearised loop.
         resonance: whether it is a mode whose frequency must be searched for.
-        nominal: the rig parameter whose relative change the effect is, so that a tolerance of that parameter is a
-            small effect.
-        form_share: share of the gap that it explains which remains, at most, when the true effect follows another
-            formula of the same name.
+        nominal: the rig parameter that the effect changes by a relative amount; a deviation within that parameter's
+            tolerance is then a small effect.
+        form_share: the formula of a real effect may differ from the one here. Largest share of the explained
+            sim-to-real gap that may remain for this reason.
         dither: whether sensor noise smooths it, so that it is simulated with noise and averaged: "always", "maybe"
             (both ways are tried) or "never".
-        not_fitted: why a diagnosis does not fit it on spectral lines; empty where it does.
-        not_sealed: why the sealed check has no rig with it; empty where it has.
+        not_fitted: why a diagnosis does not fit it on spectral lines; empty if it does.
+        not_sealed: why the sealed check has no rig with it; empty if it has one.
     """
 
     block: Block
@@ -75,12 +75,12 @@ class EffectCard:
 
 
 def relative(starts: tuple[float, ...]) -> dict[str, Parameter]:
-    """The parameter of an effect that changes a nominal value in proportion."""
+    """The parameter of an effect that changes a nominal value by a relative amount."""
     return {"change": Parameter("", -0.9, 9.0, scale=0.1, starts=starts)}
 
 
 def first_order(starts: tuple[float, ...] = (1e-5, 1e-4)) -> dict[str, Parameter]:
-    """The parameter of one more first-order lag."""
+    """The parameter of an additional first-order lag."""
     return {"time_constant": Parameter("s", 0.0, 0.01, scale=1e-5, starts=starts)}
 
 
@@ -90,5 +90,5 @@ def phase() -> Parameter:
 
 
 def decay() -> Parameter:
-    """Amplitude of each further harmonic of a tone over the one before it; there are three in all."""
+    """Ratio of the amplitudes of successive harmonics of a tone; a tone has three harmonics."""
     return Parameter("", 0.0, 0.9, 0.0)

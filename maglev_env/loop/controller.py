@@ -1,4 +1,4 @@
-"""The controller's block: what lies between the reading and the command."""
+"""The controller's block: from the reading to the command."""
 
 from collections.abc import Mapping
 
@@ -23,11 +23,10 @@ EFFECTS: Mapping[str, EffectCard] = {
 }
 
 
-# Rows of a lane. U: the command, A. ACTING, U_OLD: what acts from now on and what acted before, where a delay lies
-# between. D, XI: states of the PID. SHOWN: the reading at this sample; ERROR, RAW: what enters and leaves a linear
-# controller.
+# Rows of a lane. U: the command, A. ACTING, U_OLD: with a delay, the command that acts from now on and the one that
+# acted before. D, XI: states of the PID. ERROR, RAW: input and output of a linear controller.
 U, ACTING, U_OLD, D, XI, ERROR, RAW, _CONSTANTS = rows_after(second_body.END, "U ACTING U_OLD D XI ERROR RAW")
-# ARRIVED: 1 where the new command acts already as a substep begins.
+# ARRIVED: 1 if the new command already acts at the start of a substep.
 KP, KD, KI, DECAY_D, DECAY_I, PER_U_COUNT, U_COUNT_MAX, U_COUNT, U_ROUNDS, DELAY_STEPS, ARRIVED, END = rows_after(
     _CONSTANTS, "KP KD KI DECAY_D DECAY_I PER_U_COUNT U_COUNT_MAX U_COUNT U_ROUNDS DELAY_STEPS ARRIVED"
 )
@@ -35,7 +34,7 @@ FILTER_STATE = 3  # rows of a linear controller for each power of 1 / z: b, a, s
 
 
 def fill(x: LaneRows, values: Values) -> None:
-    """Write the constants of lanes, but for the controller's own."""
+    """Write the constants of the command's converter; those of the controller itself are written elsewhere."""
     current_range, bits = values.rig("voltage_range") * values.rig("amplifier_gain"), values.rig("dac_bits")
     count = np.where(bits > 0, 2 * current_range / 2.0**bits, 1.0)
     x[PER_U_COUNT], x[U_COUNT_MAX], x[U_COUNT], x[U_ROUNDS] = 1 / count, current_range / count, count, bits > 0
@@ -50,7 +49,7 @@ def pid_step(error, d, xi, kp, kd, ki, decay_d, decay_i):
 
 @piece
 def pid(x, k, error):
-    """The command of a PID before it is limited; its states go on to the next sample."""
+    """Command of a PID (A) before the converter limits it; advances its states to the next sample."""
     u, x[k + D], x[k + XI] = pid_step(
         error, x[k + D], x[k + XI], x[k + KP], x[k + KD], x[k + KI], x[k + DECAY_D], x[k + DECAY_I]
     )
@@ -59,7 +58,7 @@ def pid(x, k, error):
 
 @piece
 def command(x, k, u):
-    """Write and return the command (A) that the converter makes of u."""
+    """Store and return the command (A) after the converter has rounded and limited u."""
     top = x[k + U_COUNT_MAX]
     found = quantised(u * x[k + PER_U_COUNT], -top, top, x[k + U_ROUNDS]) * x[k + U_COUNT]
     x[k + U] = found
@@ -68,7 +67,7 @@ def command(x, k, u):
 
 @piece
 def filter_output(x, k, f):
-    """The command of a linear controller whose rows begin at f: b0, then (b, a, state) for each power of 1 / z."""
+    """Command of a linear controller whose rows start at f: b0, then (b, a, state) for each power of 1 / z."""
     u = x[f] * x[k + ERROR] + x[f + 3 * W]
     x[k + RAW] = u
     return u
@@ -76,6 +75,6 @@ def filter_output(x, k, f):
 
 @piece
 def filter_ahead(x, k, g):
-    """Take one of its states to the next sample (transposed direct form II)."""
+    """Advance one of its states to the next sample (transposed direct form II)."""
     fed = x[g] * x[k + ERROR] - x[g + W] * x[k + RAW]
     x[g + 2 * W] = fed + x[g + 5 * W]

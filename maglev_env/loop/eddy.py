@@ -1,7 +1,8 @@
-"""Eddy currents: the fractional lag of solid iron as a few first-order branches, which have states and poles.
+"""Eddy currents: the fractional lag of solid iron, approximated by a few first-order branches.
 
-1 / (1 + (s / w)^order) from the coil's current to the one that pulls; order 1/2 is thick solid iron (Zhu, Knospe and
-Maslen 2005, IEEE Trans. Magn. 41).
+The transfer function from the coil's current to the force-producing one is 1 / (1 + (s / w)^order); order 1/2 is thick
+solid iron (Zhu, Knospe and Maslen 2005, IEEE Trans. Magn. 41). A fractional lag has no finite set of states, but the
+branches have, so that the kernel and the linear loop can simulate them.
 """
 
 from collections.abc import Mapping
@@ -33,7 +34,7 @@ EFFECTS: Mapping[str, EffectCard] = {
     ),
 }
 BRANCHES = 8
-LOW, HIGH = 0.9, 2200.0  # Hz: where the branches are fitted
+LOW, HIGH = 0.9, 2200.0  # Hz: band in which the branches are fitted
 STATES = tuple(f"eddy{k}" for k in range(BRANCHES))
 _FIT = np.geomspace(LOW, HIGH, 100)
 
@@ -41,19 +42,26 @@ _FIT = np.geomspace(LOW, HIGH, 100)
 def eddy_branches(
     corner_hz: float | np.ndarray, order: float | np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Direct share (...), weights (..., BRANCHES) and rates (..., BRANCHES) 1/s, of corners (Hz) and orders (...).
+    """First-order branches that approximate fractional lags.
 
-    With branches x' = rate (i - x), the current that pulls is direct i + sum weights x, and direct + sum weights = 1.
-    From 1 Hz to 2 kHz within 0.3 % and 0.2 degrees of the fractional lag for corners of 50 Hz and more and orders
-    0.3 .. 0.98; with lower corners, and above 2 kHz, within some per cent and degrees. Smooth in both. An infinite
-    corner gives direct 1 and weights 0.
+    With branches x' = rate (i - x), the force-producing current is direct i + sum weights x, and
+    direct + sum weights = 1. From 1 Hz to 2 kHz the result is within 0.3 % and 0.2 degrees of the fractional lag, for
+    corners from 50 Hz and orders 0.3 .. 0.98; for lower corners and above 2 kHz, within a few per cent and degrees. It
+    is a smooth function of corner and order.
+
+    Args:
+        corner_hz: Hz; any shape (...). Infinite: no lag, which gives direct 1 and weights 0.
+        order: same shape.
+
+    Returns:
+        Direct share (...), weights (..., BRANCHES) and rates (..., BRANCHES) in 1/s.
     """
     corner, a = np.broadcast_arrays(np.asarray(corner_hz, dtype=float), np.asarray(order, dtype=float))
     finite = np.isfinite(corner)
     hz = _poles(np.where(finite, corner, HIGH), a)
-    # Unknown are the weights alone: 1 - sum weights j f / (j f + pole) is 1 at zero frequency whatever they are.
+    # Only the weights are unknown: 1 - sum weights j f / (j f + pole) is 1 at zero frequency for any weights.
     s = 1j * _FIT
-    bent = 1 + (s / corner[..., None]) ** a[..., None]  # one over the response: makes the errors relative
+    bent = 1 + (s / corner[..., None]) ** a[..., None]  # one over the response; makes the errors of the fit relative
     matrix = -(s[:, None] / (s[:, None] + hz[..., None, :])) * bent[..., None]
     wanted = 1 - bent
     q, r = np.linalg.qr(np.concatenate([matrix.real, matrix.imag], axis=-2))
@@ -64,10 +72,11 @@ def eddy_branches(
 
 
 def _poles(corner: np.ndarray, order: np.ndarray) -> np.ndarray:
-    """Corner frequencies (..., BRANCHES), Hz: log-spaced afar, closer together near the corner the nearer order is 1.
+    """Corner frequencies (..., BRANCHES), Hz, of the branches.
 
-    The fractional lag is a continuum of poles, logistic in log frequency, that narrows to one pole at order 1. The
-    constants are those with the smallest largest error.
+    The fractional lag is a continuum of poles with a logistic density in log frequency, which narrows to one pole at
+    order 1. So the poles are spaced logarithmically far from the corner, and the closer together near it, the closer
+    the order is to 1. The constants were optimised for the smallest maximum error.
     """
     width, high = 6.2 * (1 - order) ** 0.68, 4600.0
     low = 1 / (np.exp(-6.2 * order) / 0.0066 + 2 / corner)
@@ -78,12 +87,12 @@ def _poles(corner: np.ndarray, order: np.ndarray) -> np.ndarray:
 
 @lru_cache(64)
 def _remembered(corner_hz: bytes, order: bytes) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The branches of arrays given by their bytes: the lanes of many recordings share their effect."""
+    """The branches of arrays given as bytes; cached, because the lanes of many recordings share their effect."""
     return eddy_branches(np.frombuffer(corner_hz), np.frombuffer(order))
 
 
 def pulling_current(system: System, values: Values, current: np.ndarray) -> np.ndarray:
-    """The branches: from the coil's current to the one that pulls, both signals in A."""
+    """Signal of the force-producing current (A): the coil's current (a signal, A) after the branches."""
     corner, order = values.effect("eddy_current"), values.effect("eddy_current", "order")
     if system.without(STATES, there := np.isfinite(corner)):
         return current
@@ -94,8 +103,9 @@ def pulling_current(system: System, values: Values, current: np.ndarray) -> np.n
     return direct[:, None] * current + (weights[:, None] @ branches)[:, 0]
 
 
-# Rows of a lane. EDDY: currents of the branches, A. EDDY_NODES: what each adds to the three nodal currents; EDDY_NEXT:
-# each at the end of the step from x1, x2 and itself; EDDY_COMMANDS: from the old and the new command.
+# Rows of a lane. EDDY: currents of the branches, A. EDDY_NODES: coefficients of each branch in the three nodal
+# currents. EDDY_NEXT: coefficients of x1, x2 and the branch itself for its value at the end of the step;
+# EDDY_COMMANDS: those of the old and the new command.
 EDDY, EDDY_NODES, EDDY_NEXT, EDDY_COMMANDS, END = rows_after(
     amplifier.END,
     f"EDDY[{BRANCHES}] EDDY_NODES[{3 * BRANCHES}] EDDY_NEXT[{3 * BRANCHES}] EDDY_COMMANDS[{2 * BRANCHES}]",
@@ -104,7 +114,7 @@ EDDY, EDDY_NODES, EDDY_NEXT, EDDY_COMMANDS, END = rows_after(
 
 @piece
 def eddy_node(x, k, node):
-    """What the branches add to the nodal current at row `node` (0, 1 or 2 times W)."""
+    """Contribution of the branches to the nodal current at row `node` (0, 1 or 2 times W), A."""
     total = 0.0
     for j in range(BRANCHES):
         total = total + x[k + EDDY_NODES + node + 3 * j * W] * x[k + EDDY + j * W]
@@ -113,7 +123,7 @@ def eddy_node(x, k, node):
 
 @piece
 def store_eddy(x, k, old, new):
-    """Take the branches to the end of the step, under the old and the new command."""
+    """Advance the branches to the end of the step, with the old and the new command (A)."""
     x1, x2 = x[k + X1], x[k + X2]
     for j in range(BRANCHES):
         n, c = k + EDDY_NEXT + 3 * j * W, k + EDDY_COMMANDS + 2 * j * W

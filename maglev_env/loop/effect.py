@@ -1,4 +1,4 @@
-"""Effects beyond the nominal rig: the registry of all cards, and effects as data, read, checked and looked up."""
+"""Effects beyond the nominal rig: the registry of all cards; reading, checking and looking up effects as data."""
 
 from collections.abc import Iterable, Mapping, Set
 from math import floor, isnan
@@ -7,7 +7,7 @@ from maglev_env.loop import actuator, amplifier, controller, external, mechanics
 from maglev_env.loop.card import EffectCard, Need
 
 BLOCKS = ("sensor", "controller", "amplifier", "actuator", "mechanics", "external")
-# In words, what a rig must have for an effect that needs it.
+# Descriptions, for messages, of what a rig must have so that an effect has a meaning.
 NEEDS: Mapping[Need, str] = {
     "magnets": "magnets",
     "pair": "a pair of magnets",
@@ -18,7 +18,11 @@ NEEDS: Mapping[Need, str] = {
 
 
 def _registry(*blocks: Mapping[str, EffectCard]) -> dict[str, EffectCard]:
-    """All cards in one table. ImportError names a card that lacks what the diagnosis needs, or stands twice."""
+    """All cards in one table.
+
+    Raises:
+        ImportError: Two cards have the same name, or a card lacks what a diagnosis needs.
+    """
     found: dict[str, EffectCard] = {}
     for block in blocks:
         if twice := found.keys() & block.keys():
@@ -44,9 +48,18 @@ NO_EFFECTS: Effects = {}
 
 
 def effect(name: str, value: float | None = None, **values: float) -> dict[str, dict[str, float]]:
-    """One checked effect as {name: {parameter: value}}; a bare value sets the first parameter.
+    """One checked effect as data.
 
-    Raises ValueError naming the effect or parameter that is unknown, missing or out of bounds.
+    Args:
+        name: of the effect, a key of `EFFECTS`.
+        value: of its first parameter.
+        values: of its parameters by name, SI.
+
+    Returns:
+        {name: {parameter: value}} with the defaults of the parameters that are not given.
+
+    Raises:
+        ValueError: The effect or a parameter is unknown, missing or out of bounds; the message names it.
     """
     kind = EFFECTS.get(name)
     if kind is None:
@@ -69,7 +82,11 @@ def effect(name: str, value: float | None = None, **values: float) -> dict[str, 
 
 
 def parse_effect(text: str) -> dict[str, dict[str, float]]:
-    """Read `delay=75e-6` or `sensor_lag.time_constant=2e-5,other=...` as the command line writes it."""
+    """An effect from the command line's notation: `delay=75e-6` or `friction.force=0.05,velocity=1e-3`.
+
+    Raises:
+        ValueError: As `effect`, or a value is not a number.
+    """
     head, _, rest = text.partition("=")
     name, _, first = head.partition(".")
     pairs = [(first or None, rest)] if "," not in rest else []
@@ -90,12 +107,15 @@ def parse_effect(text: str) -> dict[str, dict[str, float]]:
 
 
 def check_effects(effects: Effects, capabilities: Set[Need], rig: str) -> None:
-    """Raise ValueError unless every effect is known, complete, inside its bounds and has a meaning on a rig.
+    """Check that every effect is known, complete, within its bounds and meaningful on a rig.
 
     Args:
         effects: the effects.
         capabilities: what the rig has, see `NEEDS`.
         rig: its name, for the message.
+
+    Raises:
+        ValueError: An effect is not; the message names it.
     """
     for name, values in effects.items():
         effect(name, **values)
@@ -110,7 +130,7 @@ def meaningful(name: str, capabilities: Set[Need]) -> bool:
 
 
 def effect_value(effects: Effects, name: str, parameter: str | None = None) -> float:
-    """A parameter of an effect (default: its first), or where the effect is absent the value that means so."""
+    """A parameter of an effect (default: its first); if the effect is absent, the value that changes nothing."""
     parameters = EFFECTS[name].parameters
     key = parameter or next(iter(parameters))
     default = parameters[key].default
@@ -118,14 +138,18 @@ def effect_value(effects: Effects, name: str, parameter: str | None = None) -> f
 
 
 def split_delay(effects: Effects, dt: float) -> tuple[int, float]:
-    """The delay effect as whole samples of dt (s) and the rest, s in 0 .. dt."""
+    """The effect delay as a number of whole samples of dt (s) and the remaining time, 0 .. dt (s)."""
     delay = effect_value(effects, "delay")
     whole = floor(delay / dt * (1 + 1e-12))
     return whole, min(max(delay - whole * dt, 0.0), dt)
 
 
 def parse_effects(texts: Iterable[str]) -> dict[str, dict[str, float]]:
-    """Several `--effect` values as one mapping; ValueError when one is named twice."""
+    """Several `--effect` values as one mapping.
+
+    Raises:
+        ValueError: As `parse_effect`, or an effect is given twice.
+    """
     merged: dict[str, dict[str, float]] = {}
     for text in texts:
         parsed = parse_effect(text)

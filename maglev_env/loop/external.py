@@ -1,4 +1,4 @@
-"""What acts from outside the loop."""
+"""The external block: forces on the rotor from outside the loop."""
 
 from collections.abc import Callable, Mapping
 
@@ -25,14 +25,15 @@ EFFECTS: Mapping[str, EffectCard] = {
 }
 
 
-# The unbalance's acceleration at the start, in the middle and at the end of a step, of the shaft's cosine and sine.
+# Coefficients of the shaft pointer's cosine and sine for the unbalance's acceleration at the start, the middle and the
+# end of a step.
 UNBALANCE, END = rows_after(sensor.END, "UNBALANCE[6]")
 
 
 def fill(x: LaneRows, values: Values, h: np.ndarray) -> None:
-    """Write the unbalance of lanes at integration steps of h (s), (n,)."""
+    """Write the constants of the unbalance for integration steps of h (s), (n,)."""
     force = values.effect("unbalance") * values.speed**2 * h**2 / values.mass
-    # From the runout's phase, with which the shaft's pointer turns.
+    # Relative to the runout's phase, because the shaft's pointer carries that phase.
     ahead = values.effect("unbalance", "phase") - values.effect("runout", "phase")
     for node in range(3):
         angle = ahead + 0.5 * node * values.speed * h
@@ -40,7 +41,7 @@ def fill(x: LaneRows, values: Values, h: np.ndarray) -> None:
 
 
 def outside(node: int) -> Callable:
-    """A piece: acceleration from outside at node 0, 1 or 2 of a step, by the held force and the unbalance."""
+    """A piece that gives the acceleration by the held force and the unbalance at node 0, 1 or 2 of a step."""
     first = UNBALANCE + 2 * node * W
 
     @piece

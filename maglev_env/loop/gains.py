@@ -1,4 +1,4 @@
-"""Controllers of an axis: PID gains, as the digital controller of the nominal rig uses them, or any linear filter."""
+"""Controllers of an axis: PID gains as the nominal rig's digital controller uses them, or any linear filter."""
 
 from dataclasses import asdict, dataclass, replace
 from math import exp
@@ -11,10 +11,17 @@ from maglev_env.loop.axes import AXES
 
 @dataclass(frozen=True)
 class Gains:
-    """Gains of command = kp e + kd (e - d) / td + ki x, where d and x low-pass e with td and ti (D eq 3.27).
+    """Gains of command = kp e + kd (e - d) / td + ki x, where d and x are e after low-pass filters (D eq 3.27).
 
-    kp in A/m, ki in A/(m s) (x has unit gain at d.c., so the integrator leaks), kd in A s/m, td and ti in s.
-    Raises ValueError when a gain is not a finite number or a time constant is not positive.
+    Args:
+        kp: A/m.
+        ki: A/(m s); the filter of x has unit gain at zero frequency, so the integrator leaks.
+        kd: A s/m.
+        td: time constant of the filter of d, s.
+        ti: time constant of the filter of x, s.
+
+    Raises:
+        ValueError: A gain is not a finite number, or a time constant is not positive.
     """
 
     kp: float
@@ -34,10 +41,15 @@ class Gains:
 
 @dataclass(frozen=True)
 class LinearController:
-    """Any linear controller: command / error = numerator / denominator in z, highest power first, in A/m.
+    """Any linear controller: command / error = numerator / denominator in z (A/m), at the control rate.
 
-    It runs at the control rate. Raises ValueError unless the coefficients are finite, the denominator starts with 1 and
-    the numerator is not longer than it.
+    Args:
+        numerator: coefficients, highest power of z first.
+        denominator: likewise; it starts with 1.
+
+    Raises:
+        ValueError: A coefficient is not finite, the denominator does not start with 1, or the numerator is longer than
+            the denominator.
     """
 
     numerator: tuple[float, ...]
@@ -75,7 +87,11 @@ def of_axis(controllers: Controllers, axis: int) -> Controller:
 
 
 def with_gains(controllers: Controllers, **changes: float) -> Controllers:
-    """The controllers with some gains replaced in every axis; ValueError for a linear controller, which has none."""
+    """The controllers with some gains replaced in every axis.
+
+    Raises:
+        ValueError: A controller is linear and therefore has no gains.
+    """
     if isinstance(controllers, tuple):
         x, y = (_with_gains(one, **changes) for one in controllers)
         return x, y
@@ -89,14 +105,14 @@ def _with_gains(controller: Controller, **changes: float) -> Controller:
 
 
 def as_table(controllers: Controllers) -> dict:
-    """The controllers as a rig or campaign TOML writes them."""
+    """The controllers as the [gains] table of a rig or campaign TOML."""
     if isinstance(controllers, tuple):
         return {axis: asdict(one) for axis, one in zip(AXES, controllers, strict=True)}
     return asdict(controllers)
 
 
 def state_space(controller: Controller, dt: float) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
-    """A (n, n), B (n,), C (n,), D of command against error, sampled every dt (s)."""
+    """State-space matrices A (n, n), B (n,), C (n,) and D from error (m) to command (A), sampled every dt (s)."""
     if isinstance(controller, Gains):
         a_d, a_i = exp(-dt / controller.td), exp(-dt / controller.ti)
         slope = controller.kd / controller.td
@@ -114,7 +130,7 @@ def state_space(controller: Controller, dt: float) -> tuple[np.ndarray, np.ndarr
 
 
 def numerator_of(controller: LinearController) -> np.ndarray:
-    """The numerator with as many coefficients as the denominator."""
+    """The numerator, padded with leading zeros to as many coefficients as the denominator, (order + 1,)."""
     return np.concatenate([np.zeros(controller.order + 1 - len(controller.numerator)), controller.numerator])
 
 

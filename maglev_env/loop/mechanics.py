@@ -1,4 +1,4 @@
-"""The mechanics' block: the rotor's mass, its support, friction and what else moves with it."""
+"""The mechanics' block: the rotor's mass, its support, friction and a second body on the rotor."""
 
 from collections.abc import Mapping
 
@@ -40,10 +40,10 @@ EFFECTS: Mapping[str, EffectCard] = {
         {
             "force": Parameter("N", 0.0, 1e4, scale=0.02, starts=(0.05,)),
             "velocity": Parameter("m/s", 1e-5, 10.0, 1e-3, starts=(3e-4, 3e-3)),
-            # The smallest presliding is as good as none.
+            # The smallest presliding distance has no visible effect; it represents friction without presliding.
             "presliding": Parameter("m", 1e-9, 1e-3, 0.0, starts=(1e-9, 3e-7, 3e-6)),
         },
-        "Coulomb's, smooth about rest: F v / sqrt(v^2 + v_s^2); with presliding z_s it sticks: F z / z_s, "
+        "Coulomb friction, smooth about rest: F v / sqrt(v^2 + v_s^2); with presliding z_s it sticks: F z / z_s, "
         "dz/dt = v - sqrt(v^2 + v_s^2) z / z_s (Dahl 1968; Canudas de Wit et al. 1995)",
         "force and displacement at two amplitudes",
         flexible=True,
@@ -58,7 +58,7 @@ EFFECTS: Mapping[str, EffectCard] = {
             "damping_ratio": RESONANCE_DAMPING,
             "mass_ratio": Parameter("", 0.0, 2.0, 0.05, scale=0.02, starts=(0.01,)),
         },
-        "a second body on a spring on the mover; its frequency is that of the second body on a mover held fast",
+        "a second body on a spring on the mover; frequency: that of the second body while the mover is fixed",
         "force and displacement across the resonance",
         flexible=True,
         resonance=True,
@@ -80,7 +80,10 @@ STATES = ("bristle", *BODY)
 
 
 def support(system: System, values: Values) -> np.ndarray:
-    """Force (N) of the support and of friction about rest, where bristles are a spring in series with the slip."""
+    """Signal of the force (N) by the support and by friction linearised at rest.
+
+    The bristles of friction that sticks act as a spring in series with the viscous slip.
+    """
     position, velocity = (system.signal(name) for name in MOTION)
     stiffness = values.rig("support_stiffness") * (1 + values.effect("support_stiffness"))
     damping = values.rig("support_damping") + values.effect("damping")
@@ -98,15 +101,30 @@ def support(system: System, values: Values) -> np.ndarray:
 
 
 def motion(system: System, values: Values, acceleration: np.ndarray) -> None:
-    """The rotor as bearing and held force accelerate it (m per unit of time squared), and the second body with it."""
+    """Write the rotor's equations of motion, and those of the second body.
+
+    Args:
+        system: with all of MOTION and STATES.
+        values: of its lanes.
+        acceleration: signal of the rotor's acceleration by bearing and held force, m per unit of time squared.
+    """
     system.integrate(MOTION)
     system.put(MOTION[1], second_body(system, values, acceleration))
 
 
 def second_body(system: System, values: Values, acceleration: np.ndarray) -> np.ndarray:
-    """The rotor's acceleration with the second body on its spring, from that by all other forces on the rotor.
+    """The rotor's acceleration including the force of the second body's spring and damper.
 
-    Relative to the rotor the body is an oscillator of 1 + ratio times its stiffness, driven by those other forces.
+    Relative to the rotor, the body is an oscillator with (1 + mass ratio) times its stiffness and damping, driven by
+    all other forces on the rotor.
+
+    Args:
+        system: with all of BODY, whose equations are written.
+        values: of its lanes.
+        acceleration: signal of the acceleration by all other forces, m per unit of time squared.
+
+    Returns:
+        Signal of the rotor's acceleration, m per unit of time squared.
     """
     frequency = values.effect("support_resonance")
     ratio = np.where(frequency > 0, values.effect("support_resonance", "mass_ratio"), 0.0)
@@ -119,32 +137,35 @@ def second_body(system: System, values: Values, acceleration: np.ndarray) -> np.
     return acceleration - (ratio / (1 + ratio))[:, None] * returning
 
 
-# Rows of a lane (see `maglev_lanes.layout`). Velocities are h v and accelerations h^2 a, in displacement per step.
-# STEPS: made until touchdown. CROSS: what the other axis' displacement, velocity and calibrated current do to this one.
+# Rows of a lane (see `maglev_lanes.layout`). Velocities are stored as h v and accelerations as h^2 a, in m. STEPS:
+# number of steps until touchdown. CROSS_...: coupling of the other axis' displacement, velocity and calibrated current
+# into this axis.
 Y, V, ALIVE, STEPS, PER_MASS, LIMIT_SQ, SPRING, DAMPER, CROSS_SPRING, CROSS_DAMPER, CROSS_GAIN, _FRICTION = rows_after(
     rows.END, "Y V ALIVE STEPS PER_MASS LIMIT_SQ SPRING DAMPER CROSS_SPRING CROSS_DAMPER CROSS_GAIN"
 )
-# Friction. BENT: how far the bristles of a friction that sticks are deflected, as a share of where they slide;
-# SLIP_SQ: the slip velocity squared; PER_BEND: deflection per m.
+# Friction. BENT: deflection of the bristles of friction that sticks, as a share of the deflection at which they slide;
+# SLIP_SQ: the slip velocity squared; PER_BEND: relative deflection per m of motion.
 BENT, FRICTION, SLIP_SQ, PER_BEND, END = rows_after(_FRICTION, "BENT FRICTION SLIP_SQ PER_BEND")
 SIXTH = 1.0 / 6.0
 
 
 def fill(x: LaneRows, values: Values, h: np.ndarray) -> None:
-    """Write the constants of lanes at integration steps of h (s), (n,)."""
+    """Write the constants of the mechanics for integration steps of h (s), (n,)."""
     # The kernel's velocity is h v and its acceleration h^2 a, so every force carries h^2 / m.
     per_mass = h**2 / values.mass
     x[ALIVE], x[PER_MASS] = 1.0, per_mass
     x[SPRING] = values.rig("support_stiffness") * (1 + values.effect("support_stiffness")) * per_mass
     x[DAMPER] = (values.rig("support_damping") + values.effect("damping")) * per_mass / h
-    # The force law is singular where the rotor meets a pole; contact comes first.
+    # The force law is singular where the rotor touches a pole, so contact is assumed just before that.
     centred = np.maximum(0.999 * values.rig("gap") - abs(values.effect("eccentricity")), 0.0)
     x[LIMIT_SQ] = np.minimum(values.rig("clearance"), centred) ** 2
     x[FRICTION] = friction = values.effect("friction") * per_mass
     slip, bristle = values.effect("friction", "velocity") * h, values.effect("friction", "presliding")
-    # A step cannot follow a force that turns faster than it changes the velocity: it would chatter about rest.
+    # If the friction force could reverse the velocity within one step, the solution would chatter about rest. The slip
+    # velocity therefore has a lower bound.
     x[SLIP_SQ] = np.where(bristle > 0, slip, np.maximum(slip, 0.5 * friction)) ** 2
-    # Nor one that springs faster than a radian in a step; bristles that give way in less act a quarter of it late.
+    # Likewise the bristles' spring is limited to one radian per step, which delays stiffer bristles by up to a quarter
+    # of a step.
     x[PER_BEND] = np.where(bristle > 0, 1 / np.maximum(np.where(bristle > 0, bristle, 1.0), friction), 0.0)
 
 
@@ -160,13 +181,13 @@ def velocity(x, k):
 
 @piece
 def held_force(x, k, force):
-    """Acceleration by a force from outside (N)."""
+    """Acceleration by an external force (N)."""
     return force * x[k + PER_MASS]
 
 
 @piece
 def spring(x, k, y):
-    """Acceleration back to the centre by the support's spring."""
+    """Deceleration by the support's spring at the displacement y."""
     return x[k + SPRING] * y
 
 
@@ -178,7 +199,7 @@ def damping(x, k, v):
 
 @piece
 def sliding(x, k, v):
-    """Deceleration by friction that depends on the velocity alone."""
+    """Deceleration by friction that depends on the velocity only."""
     return x[k + FRICTION] * v / np.sqrt(v * v + x[k + SLIP_SQ])
 
 
@@ -194,17 +215,20 @@ def cross_damping(x, k, v):
     return x[k + CROSS_DAMPER] * v
 
 
-# Friction that sticks: its force follows the way of the mover, not its velocity.
+# Friction that sticks: its force depends on the distance that the mover has travelled, not on its velocity.
 @piece
 def bristles(x, k):
-    """How far the bristles are bent as the step begins, -1 .. 1."""
+    """Relative deflection of the bristles at the start of the step, -1 .. 1."""
     return x[k + BENT]
 
 
 @piece
 def deflect_bristles(x, k, bent, moved):
-    """How far they are after half a step that moved the mover so far: exact at constant velocity, and without slip
-    (Dahl) for any motion that does not turn back. Never beyond 1, however stiff they are."""
+    """Relative deflection of the bristles after half a step in which the mover moved by `moved` (m).
+
+    The result is exact at constant velocity, and without slip velocity (Dahl) for any motion that does not reverse. It
+    stays within -1 .. 1 for any stiffness of the bristles.
+    """
     path = np.sqrt(moved * moved + 0.25 * x[k + SLIP_SQ])
     toward = moved / path
     return toward + (bent - toward) * faded(path * x[k + PER_BEND])
@@ -212,7 +236,7 @@ def deflect_bristles(x, k, bent, moved):
 
 @piece
 def friction(x, k, bent):
-    """Deceleration by bristles bent so far."""
+    """Deceleration by the bristles at the relative deflection `bent`."""
     return x[k + FRICTION] * bent
 
 
@@ -222,8 +246,8 @@ def store_bristles(x, k, bent):
     return 0.0
 
 
-# Where a constant acceleration takes a free mass by the middle and the end of a step, and where Nystrom's quadrature of
-# accelerations at the start (a1), in the middle (am) and at the end (a4) takes it.
+# Motion of a free mass: _middle and _end assume a constant acceleration a; _next is Nystrom's quadrature of the
+# accelerations at the start (a1), the middle (am) and the end (a4) of the step.
 @piece
 def y_middle(x, k, y, v, a):
     return y + 0.5 * v + 0.125 * a
@@ -256,7 +280,7 @@ def v_next(x, k, v, a1, am, a4):
 
 @piece
 def touch_down(x, k, distance_sq):
-    """Whether the lane lives on (1 or 0): nothing beyond the clearance is simulated."""
+    """1 while the lane continues, 0 after touchdown: nothing beyond the clearance is simulated."""
     alive = x[k + ALIVE] if distance_sq < x[k + LIMIT_SQ] else 0.0
     x[k + ALIVE] = alive
     x[k + STEPS] += alive
@@ -265,7 +289,7 @@ def touch_down(x, k, distance_sq):
 
 @piece
 def store_state(x, k, y, v, alive):
-    """Write the motion; a lane that has touched down stays where it was."""
+    """Store the motion; after touchdown a lane keeps its position."""
     x[k + Y] = y if alive > 0.0 else x[k + Y]
     x[k + V] = v * alive
     return 0.0

@@ -1,7 +1,8 @@
 """The second body of effect support_resonance, beside the mechanics' block: its rows and its pieces of the kernel.
 
-The centre of mass of the mover and the second body moves as a free mass does. The second body against the mover is an
-oscillator that all other acceleration of the mover drives. Both maps are exact for accelerations at three nodes.
+The common centre of mass of mover and second body moves like a free mass. The second body relative to the mover is an
+oscillator, driven by the mover's acceleration by all other forces. For a given acceleration at the three nodes of a
+step, both motions are computed exactly.
 """
 
 import numpy as np
@@ -12,8 +13,9 @@ from maglev_lanes.layout import LANES as W
 from maglev_lanes.layout import LaneRows, rows_after
 from maglev_lanes.pieces import piece
 
-# BODY_Y, BODY_V: against the mover. Both bodies' shares of the whole mass. Maps of (position, velocity, acceleration)
-# to the middle, of (position, velocity) to the end, and what accelerations at the three nodes add there.
+# BODY_Y, BODY_V: motion relative to the mover. BODY_SHARE, MOVER_SHARE: shares of the total mass. TO_MIDDLE:
+# coefficients of (position, velocity, acceleration) for the middle of the step; TO_END: those of (position, velocity)
+# for its end; BY_NODES: those of the accelerations at the three nodes for its end.
 BODY_Y, BODY_V, BODY_SHARE, MOVER_SHARE, TO_MIDDLE, TO_END, BY_NODES, END = rows_after(
     mechanics.END, "BODY_Y BODY_V BODY_SHARE MOVER_SHARE TO_MIDDLE[6] TO_END[4] BY_NODES[6]"
 )
@@ -21,7 +23,7 @@ SIXTH = 1.0 / 6.0
 
 
 def fill(x: LaneRows, values: Values, maps: tuple[np.ndarray, np.ndarray, np.ndarray]) -> None:
-    """Write how the masses share, and the second body's maps (see `maglev_env.kernel.exact_flexible.body_maps`)."""
+    """Write the shares of the mass, and the second body's maps (see `maglev_env.kernel.exact_flexible.body_maps`)."""
     there = values.effect("support_resonance") > 0
     ratio = np.where(there, values.effect("support_resonance", "mass_ratio"), 0.0)
     x[BODY_SHARE], x[MOVER_SHARE] = ratio / (1 + ratio), 1 / (1 + ratio)
@@ -72,21 +74,21 @@ def v_next(x, k, v, a1, am, a4):
 
 @piece
 def body_y_next(x, k, a1, am, a4):
-    """Position of the second body against the mover at the end of the step."""
+    """Position of the second body relative to the mover at the end of the step."""
     q, n = k + TO_END, k + BY_NODES
     return x[q] * x[k + BODY_Y] + x[q + W] * x[k + BODY_V] + x[n] * a1 + x[n + W] * am + x[n + 2 * W] * a4
 
 
 @piece
 def body_v_next(x, k, a1, am, a4):
-    """Its velocity there."""
+    """Velocity of the second body relative to the mover at the end of the step."""
     q, n = k + TO_END + 2 * W, k + BY_NODES + 3 * W
     return x[q] * x[k + BODY_Y] + x[q + W] * x[k + BODY_V] + x[n] * a1 + x[n + W] * am + x[n + 2 * W] * a4
 
 
 @piece
 def gone(x, k, a1, am, a4):
-    """How far the second body moves the mover from the centre of mass within the step."""
+    """Change, within the step, of the mover's distance from the common centre of mass."""
     return x[k + BODY_SHARE] * (body_y_next(x, k, a1, am, a4) - x[k + BODY_Y])
 
 

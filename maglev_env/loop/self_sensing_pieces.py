@@ -1,4 +1,4 @@
-"""The self-sensor's block in a kernel: how the rotor's motion and the amplifier reach the coil, and its reading."""
+"""The self-sensor's block in a kernel: what the coil sees of the rotor's motion and the amplifier, and its reading."""
 
 from collections.abc import Callable
 
@@ -20,7 +20,13 @@ OFF_SUM, OFF_SQ, OFF_PEAK = SELF + rows.OFF_SUM, SELF + rows.OFF_SQ, SELF + rows
 
 
 def carried_current(poles: int, delayed: bool, flexible: bool) -> Callable:
-    """A piece: the control current now, as the nominal amplifier carries it."""
+    """A piece that gives the present control current (A) after the nominal amplifier.
+
+    Args:
+        poles: number of the amplifier's poles, 0 .. 2.
+        delayed: whether a delay lies between the controller's command and the one that acts.
+        flexible: whether the kernel is the flexible one.
+    """
     acting = ACTING if delayed else U
 
     @piece
@@ -35,7 +41,7 @@ def carried_current(poles: int, delayed: bool, flexible: bool) -> Callable:
 
 
 def step_begun(current: Callable) -> Callable:
-    """A piece: remember with what a step begins."""
+    """A piece that stores the motion and the current at the start of a step."""
 
     @piece
     def begin(x, k):
@@ -47,7 +53,7 @@ def step_begun(current: Callable) -> Callable:
 
 @piece
 def gap(x, k, here):
-    """The coil's gap at a fraction of the step just made: the cubic through both ends of the motion."""
+    """The coil's gap (m) at a fraction of the last step, by the cubic through the motion at both its ends."""
     rest = 1.0 - here
     ends = x[k + BEGUN_Y] * (rest * rest * (1.0 + 2.0 * here)) + x[k + Y] * (here * here * (3.0 - 2.0 * here))
     bend = x[k + BEGUN_V] * rest - x[k + V] * here
@@ -55,8 +61,10 @@ def gap(x, k, here):
 
 
 def wanted_current(current: Callable) -> Callable:
-    """A piece: the coil's mean current wanted at a time in steps from the beginning of the step, its change carried
-    on."""
+    """A piece that gives the wanted mean coil current (A) at a time `ahead`, in steps from the start of the step.
+
+    The change of the current within the step is extrapolated linearly.
+    """
 
     @piece
     def target(x, k, ahead):
@@ -68,14 +76,14 @@ def wanted_current(current: Callable) -> Callable:
 
 @piece
 def show(x, k):
-    """Write the displacement that the estimated gap stands for where the probe's state would be."""
+    """Store the displacement that corresponds to the estimated gap in the row of the probe's state."""
     x[k + Z1] = x[k + SCALE] * (x[k + REST_GAP] - x[k + ESTIMATE]) + x[k + SHIFT]
     return 0.0
 
 
 @piece
 def note_error(x, k, off):
-    """Gather by how much the reading is off, m."""
+    """Accumulate sum, sum of squares and peak of the reading's error (m)."""
     x[k + OFF_SUM] += off
     x[k + OFF_SQ] += off * off
     x[k + OFF_PEAK] = max(x[k + OFF_PEAK], abs(off))

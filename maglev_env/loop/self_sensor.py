@@ -1,4 +1,4 @@
-"""Self-sensing: the table of a rig that says which supply, acquisition and estimator take the probe's place."""
+"""Self-sensing: the table of a rig that describes the supply, acquisition and estimator that replace the probe."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
@@ -19,12 +19,23 @@ PATHS = {"digital": DigitalPath, "analog": AnalogPath}
 
 @dataclass(frozen=True)
 class SelfSensing:
-    """A rig's [self_sensing] table; supply_voltage, coil and current noise are the rig's own.
+    """A rig's [self_sensing] table; supply voltage, coil and current noise are parameters of the rig itself.
 
-    pwm_frequency and sample_rate in Hz, dead_time in s, core_length (m): of the core over its relative permeability;
-    adc_bits (0: ideal) over +-current_range (A); forward_path digital or analog. kp (m/A) and ki (m/(A s)) of the
-    estimator: where not given, those with the most phase margin at a lag of `lag` degrees at lag_frequency (Hz).
-    ValueError when a value is not of its kind or out of its range.
+    Args:
+        pwm_frequency: Hz.
+        sample_rate: of the current, Hz.
+        dead_time: of the supply, s.
+        core_length: length of the core divided by its relative permeability, m.
+        adc_bits: of the current's converter; 0: ideal.
+        current_range: the converter covers +-current_range, A.
+        forward_path: "digital" or "analog".
+        kp: gain of the estimator, m/A; None for kp and ki: those with the largest phase margin at the given lag.
+        ki: gain of the estimator, m/(A s).
+        lag: of the estimated gap at lag_frequency, degrees.
+        lag_frequency: Hz.
+
+    Raises:
+        ValueError: A value has the wrong type or is out of its range.
     """
 
     pwm_frequency: float = 25e3
@@ -65,7 +76,13 @@ STATES = tuple(f"estimator{k}" for k in range(BASEBAND))
 
 
 def reading(system: System, sensors: Sequence[SelfSensor], displacement: np.ndarray) -> np.ndarray:
-    """The displacement (m) that each lane's self-sensor reads, from the rotor's own, both as signals."""
+    """Signal of the displacement (m) that each lane's self-sensor reads.
+
+    Args:
+        system: with all of STATES, whose equations are written.
+        sensors: one of each lane.
+        displacement: signal of the rotor's displacement, m.
+    """
     own = system.signals(STATES)
     a, b, c = (np.array(part) for part in zip(*map(baseband, sensors), strict=True))
     rates = a @ own + b[:, :, None] * displacement[:, None]

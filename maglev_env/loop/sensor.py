@@ -1,4 +1,4 @@
-"""The sensor's block: what lies between the rotor's displacement and the reading."""
+"""The sensor's block: from the rotor's displacement to the reading."""
 
 from collections.abc import Callable, Mapping
 
@@ -44,7 +44,7 @@ EFFECTS: Mapping[str, EffectCard] = {
     "runout": EffectCard(
         "sensor",
         {"amplitude": Parameter("m", 0.0, 1e-3), "harmonics": decay(), "phase": phase()},
-        "the sensed surface is not round: a reading at 1x, 2x and 3x of the speed",
+        "the sensed surface is not round: adds to the reading at 1x, 2x and 3x of the speed of rotation",
         "displacement at two speeds",
         flexible=True,
         not_fitted="a tone: it is found by its frequency, see `sim2real.tones`",
@@ -57,7 +57,7 @@ EFFECTS: Mapping[str, EffectCard] = {
             "harmonics": decay(),
             "phase": phase(),
         },
-        "mains in the probe's cable: a reading at 50 Hz and its harmonics",
+        "the mains couple into the probe's cable: adds to the reading at 50 Hz and its harmonics",
         "displacement at standstill",
         flexible=True,
         not_fitted="a tone: it is found by its frequency, see `sim2real.tones`",
@@ -70,16 +70,16 @@ STATES = (*MOUNT, *PROBE)
 
 
 def reading(system: System, values: Values, displacement: np.ndarray, bearing: np.ndarray) -> np.ndarray:
-    """What the probe reads, before its gain, as its mount moves.
+    """The displacement that the probe reads, before its gain, with the motion of its mount.
 
     Args:
-        system: with all of STATES.
+        system: with all of STATES, whose equations are written.
         values: of its lanes.
-        displacement: of the rotor, m.
-        bearing: acceleration of the rotor by the bearing, m per unit of time squared.
+        displacement: signal of the rotor's displacement, m.
+        bearing: signal of the rotor's acceleration by the bearing, m per unit of time squared.
 
     Returns:
-        The displacement read, m.
+        Signal of the displacement read, m.
     """
     frequency = values.effect("sensor_resonance")
     coupling = np.where(frequency > 0, values.effect("sensor_resonance", "coupling"), 0.0)
@@ -93,32 +93,39 @@ def reading(system: System, values: Values, displacement: np.ndarray, bearing: n
 
 
 def probe(system: System, values: Values, seen: np.ndarray) -> np.ndarray:
-    """The probe's poles: from the displacement that it sees to the one that it reads, both signals in m."""
+    """Signal of the displacement read (m): the displacement seen (a signal, m) after the probe's poles."""
     return system.lags(PROBE, (values.rig("sensor_time_constant"), values.effect("sensor_lag")), seen)
 
 
-# Rows of a lane. Z1, Z2: outputs of the probe's poles, m. SEEN: what enters the reading, with the other axis' share;
-# DRAWN: its noise over its rms.
-# CUBIC: next z1, z2 from (z1, z2, y0, v0, y1, v1), the motion taken as a cubic; BEND, CROSS_BEND: what the currents of
-# this axis and of the other one add to that, from (x1, x2, old command, new command).
+# Rows of a lane. Z1, Z2: outputs of the probe's poles, m. SEEN: input of the converter, with the other axis' share, m;
+# DRAWN: the reading's noise over its rms. CUBIC: coefficients of (z1, z2, y0, v0, y1, v1) for z1 and z2 at the end of
+# the step, for a motion that is a cubic in time. BEND, CROSS_BEND: corrections by the currents of this axis and of the
+# other one, coefficients of (x1, x2, old command, new command).
 Z1, Z2, SEEN, DRAWN, PEAK_SQ, _CONSTANTS = rows_after(actuator.END, "Z1 Z2 SEEN DRAWN PEAK_SQ")
 PROBE_COUNTS, COUNT_MAX, PER_COUNT, ROUNDS, NOISE, CROSS_SENSOR, CUBIC, BEND, CROSS_BEND, _MOUNT = rows_after(
     _CONSTANTS, "PROBE_COUNTS COUNT_MAX PER_COUNT ROUNDS NOISE CROSS_SENSOR CUBIC[12] BEND[8] CROSS_BEND[8]"
 )
-# The mount of the probe: its position and velocity. MOUNT_NEXT: both, and MOUNT_SEEN: what z1 and z2 gain, from (mount,
-# velocity, how far the bearing moved and by how much it sped the mover); MOUNT_BEND, MOUNT_CROSS: as BEND, of both.
+# The probe's mount: MOUNT_Y, MOUNT_V its position and velocity. MOUNT_NEXT: coefficients for both at the end of the
+# step, MOUNT_SEEN: for their contribution to z1 and z2, of (position, velocity, change of the mover's position and of
+# its velocity by the bearing). MOUNT_BEND, MOUNT_CROSS: as BEND and CROSS_BEND, for the mount.
 MOUNT_Y, MOUNT_V, MOUNT_NEXT, MOUNT_SEEN, MOUNT_BEND, MOUNT_CROSS, _TONES = rows_after(
     _MOUNT, "MOUNT_Y MOUNT_V MOUNT_NEXT[8] MOUNT_SEEN[8] MOUNT_BEND[8] MOUNT_CROSS[8]"
 )
-# Two turning pointers (cosine, sine), of the shaft with the runout's phase and of the mains with the pickup's; their
-# turn in a step, and amplitudes of three harmonics each.
+# Two rotating pointers (cosine, sine): the shaft's with the runout's phase and the mains' with the pickup's. TURN:
+# their rotation in a step. RUNOUT, PICKUP: amplitudes of three harmonics each.
 SHAFT_C, SHAFT_S, MAINS_C, MAINS_S, TURN_C, TURN_S, MAINS_TURN_C, MAINS_TURN_S, RUNOUT, PICKUP, END = rows_after(
     _TONES, "SHAFT_C SHAFT_S MAINS_C MAINS_S TURN_C TURN_S MAINS_TURN_C MAINS_TURN_S RUNOUT[3] PICKUP[3]"
 )
 
 
 def fill(x: LaneRows, values: Values, probe: bool) -> None:
-    """Write the constants of the reading; probe: false for an estimated gap, which passes no converter."""
+    """Write the constants of the reading.
+
+    Args:
+        x: written.
+        values: of the lanes.
+        probe: false for a gap estimated by self-sensing, which passes no converter.
+    """
     bits, gain = values.rig("adc_bits"), values.rig("probe_gain")
     true_gain = gain * (1 + values.effect("sensor_gain"))
     lsb = np.where(bits > 0, 2 * values.rig("voltage_range") / 2.0**bits, 1.0)
@@ -129,7 +136,7 @@ def fill(x: LaneRows, values: Values, probe: bool) -> None:
 
 
 def fill_tones(x: LaneRows, values: Values, h: np.ndarray, axis: int) -> None:
-    """Write runout and pickup at steps of h (s), (n,); the shaft comes a quarter of a turn later in y."""
+    """Write runout and pickup for steps of h (s), (n,); in y (axis 1) the shaft is a quarter of a turn later."""
     mains = 2 * np.pi * values.effect("pickup", "frequency")
     x[TURN_C], x[TURN_S] = np.cos(values.speed * h), np.sin(values.speed * h)
     x[MAINS_TURN_C], x[MAINS_TURN_S] = np.cos(mains * h), np.sin(mains * h)
@@ -140,40 +147,43 @@ def fill_tones(x: LaneRows, values: Values, h: np.ndarray, axis: int) -> None:
 
 
 def seen(poles: int) -> int:
-    """The row that the probe's converter reads."""
+    """The row that the probe's converter reads, for a number of probe poles."""
     return (Y, Z1, Z2)[poles]
 
 
 @piece
 def shown(x, k, sensed):
-    """The displacement (m) that the converter makes of what is sensed."""
+    """The sensed displacement (m) after the converter has rounded and limited it."""
     top = x[k + COUNT_MAX]
     return quantised(sensed * x[k + PROBE_COUNTS], -top, top, x[k + ROUNDS]) * x[k + PER_COUNT]
 
 
 @piece
 def cross_seen(x, k, own, other):
-    """What is sensed where the other axis' motion takes part."""
+    """The sensed displacement (m) with the other axis' share."""
     return own + x[k + CROSS_SENSOR] * other
 
 
 @piece
 def z1_next(x, k, y, v, y1, v1):
-    """First probe state at the end of the step: its exact answer to the cubic through both ends of the motion."""
+    """First probe state at the end of the step, exact for the cubic through the motion at both ends of the step."""
     q = k + CUBIC
     return x[q] * x[k + Z1] + x[q + 2 * W] * y + x[q + 3 * W] * v + x[q + 4 * W] * y1 + x[q + 5 * W] * v1
 
 
 @piece
 def z2_next(x, k, y, v, y1, v1):
-    """The second one."""
+    """Second probe state at the end of the step, likewise."""
     q = k + CUBIC + 6 * W
     own = x[q] * x[k + Z1] + x[q + W] * x[k + Z2]
     return own + x[q + 2 * W] * y + x[q + 3 * W] * v + x[q + 4 * W] * y1 + x[q + 5 * W] * v1
 
 
 def by_mount(first: int) -> Callable:
-    """A piece: what the mount and its reaction to the bearing add to a number, from the offset of four rows."""
+    """A piece that gives the mount's contribution to a value; its four coefficients are in the rows from `first`.
+
+    The arguments `moved` and `pushed` are the mover's change of position and of velocity by the bearing.
+    """
 
     @piece
     def total(x, k, moved, pushed):
@@ -184,7 +194,7 @@ def by_mount(first: int) -> Callable:
 
 
 def store_reading(poles: int) -> Callable:
-    """A piece that writes the probe's states at the end of the step."""
+    """A piece that stores the probe's states at the end of the step."""
 
     @piece
     def store(x, k, z1, z2):
@@ -205,7 +215,7 @@ def store_mount(x, k, mount, mount_v):
 
 @piece
 def harmonics(x, first, c):
-    """Three harmonics of amplitudes from `first` on, of an angle with cosine c."""
+    """Sum of three harmonics of an angle with cosine c; their amplitudes are in three rows from `first`."""
     square = c * c
     total = x[first] * c + x[first + W] * (2.0 * square - 1.0)
     return total + x[first + 2 * W] * (c * (4.0 * square - 3.0))
@@ -213,7 +223,7 @@ def harmonics(x, first, c):
 
 @piece
 def tone(x, k):
-    """What runout and pickup add to the reading."""
+    """Contribution of runout and pickup to the reading, m."""
     return harmonics(x, k + RUNOUT, x[k + SHAFT_C]) + harmonics(x, k + PICKUP, x[k + MAINS_C])
 
 
@@ -225,7 +235,7 @@ def turned(c, s, turn_c, turn_s):
 
 @piece
 def turn_pointers(x, k):
-    """Turn the pointers of shaft and mains to the end of the step."""
+    """Rotate the pointers of shaft and mains to the end of the step."""
     x[k + SHAFT_C], x[k + SHAFT_S] = turned(x[k + SHAFT_C], x[k + SHAFT_S], x[k + TURN_C], x[k + TURN_S])
     x[k + MAINS_C], x[k + MAINS_S] = turned(x[k + MAINS_C], x[k + MAINS_S], x[k + MAINS_TURN_C], x[k + MAINS_TURN_S])
     return 0.0

@@ -1,7 +1,7 @@
-"""Linear equations of the loop over a batch of lanes: named states into which every block writes its own.
+"""Linear equations of the loop for a batch of lanes: named states, whose derivatives each block writes.
 
-A signal is an array (n, S): what it takes of each of the S states, in each of n lanes. A block's function takes the
-signals that enter the block, writes the derivatives of the block's states, and returns the signal that leaves it.
+A signal is an array (n, S): its coefficients of the S states in each of n lanes. A block's function takes the signals
+that enter the block, writes the derivatives of the block's states, and returns the signal that leaves the block.
 """
 
 from collections.abc import Sequence
@@ -14,35 +14,35 @@ from maglev_env.loop.magnets.law import ForceLaw, SingleSidedLaw
 
 
 class Values(Protocol):
-    """The numbers of n lanes, each of one axis, as the blocks ask for them; `maglev_env.lane_values` makes them."""
+    """Parameters of n lanes, each of one axis, as the blocks read them; `maglev_env.lane_values` implements it."""
 
     @property
     def mass(self) -> np.ndarray:
-        """Moving mass, kg, its effect included: (n,)."""
+        """Moving mass (kg) including the effect mass, (n,)."""
         ...
 
     @property
     def laws(self) -> Sequence[ForceLaw | SingleSidedLaw | None]:
-        """Each lane's force law without its effects; None without magnets."""
+        """Force law of each lane without its effects; None without magnets."""
         ...
 
     @property
     def inductance(self) -> np.ndarray:
-        """The coil's, H, infinite where the rig does not give it: (n,)."""
+        """Inductance of the coil (H), infinite if the rig does not give it, (n,)."""
         ...
 
     @property
     def noise(self) -> np.ndarray:
-        """Rms of the reading's noise, m: (n,)."""
+        """Rms of the reading's noise (m), (n,)."""
         ...
 
     @property
     def speed(self) -> np.ndarray:
-        """Of rotation, rad/s: (n,)."""
+        """Speed of rotation (rad/s), (n,)."""
         ...
 
     def effect(self, name: str, parameter: str | None = None) -> np.ndarray:
-        """A parameter of an effect (default: its first) in every lane, (n,); where absent the value that means so."""
+        """A parameter of an effect (default: its first) in every lane, (n,); where absent, its neutral value."""
         ...
 
     def rig(self, name: str) -> np.ndarray:
@@ -51,24 +51,24 @@ class Values(Protocol):
 
 
 class System:
-    """Equations dx/dt = a x of S named states in n lanes, with t in a unit of time of each lane's own.
+    """Equations dx/dt = a x of S named states in n lanes; the unit of time t may differ between lanes.
 
-    Inputs and held values are states whose derivative nobody writes.
+    Inputs and held values are states whose derivative stays zero.
 
     Args:
         states: names, in the order of the matrices.
         step: the unit of time (s), (n,).
-        packed: whether a lane's absent lags come last in their cascade, whatever their names, so that a kernel with a
-            single pole finds it in the first place.
-        lean: whether states that no lane has may be left out, which saves the time of writing their equations. An
-            exact chain keeps them, so that a lane's matrix does not depend on the lanes beside it.
+        packed: whether a lane's absent lags are moved to the end of their cascade, so that a kernel with a single pole
+            always finds it in the first state.
+        lean: whether states that no lane has may be left out, which saves the time of writing their equations. The
+            exact chains of the kernel keep them, so that a lane's matrix does not depend on the other lanes.
 
     Attributes:
         a: (n, S, S), in 1 / unit of time.
-        there: (n, S), whether a lane has the state. Nothing else depends on a state that is absent, and it may be
+        there: (n, S), whether a lane has the state. No other equation depends on an absent state, so it may be
             dropped.
-        shown: (n, S, S), what is read as each state: the state itself, or in place of an absent lag the signal that
-            enters it.
+        shown: (n, S, S), the signal that replaces each state when it is read: the state itself, or for an absent lag
+            the signal that enters it.
     """
 
     def __init__(self, states: Sequence[str], step: np.ndarray, packed: bool = False, lean: bool = False):
@@ -81,11 +81,11 @@ class System:
         self._at = {name: k for k, name in enumerate(states)}
 
     def at(self, *names: str) -> list[int]:
-        """Where states stand in the matrices."""
+        """Indices of states in the matrices."""
         return [self._at[name] for name in names]
 
     def signal(self, name: str) -> np.ndarray:
-        """A state as a signal; read only."""
+        """A state as a signal, (n, S); read only."""
         return self._states[:, self._at[name]]
 
     def signals(self, names: Sequence[str]) -> np.ndarray:
@@ -93,37 +93,54 @@ class System:
         return self._states[:, self.at(*names)]
 
     def without(self, names: Sequence[str], there: np.ndarray) -> bool:
-        """Whether the equations of these states are left out; there: which lanes have them, (n,)."""
+        """Whether the equations of these states can be left out, which are then marked as absent.
+
+        Args:
+            names: of the states.
+            there: (n,), which lanes have them.
+        """
         if not self.lean or there.any():
             return False
         self.there[:, self.at(*names)] = False
         return True
 
     def put(self, name: str, rate: np.ndarray, there: np.ndarray | bool = True) -> None:
-        """Write a state's derivative (a signal, per unit of time), and which lanes have the state."""
+        """Write a state's derivative and which lanes have the state.
+
+        Args:
+            name: of the state.
+            rate: signal of its derivative, per unit of time.
+            there: (n,), which lanes have it.
+        """
         at = self._at[name]
         self.a[:, at], self.there[:, at] = rate, there
 
     def put_all(self, names: Sequence[str], rates: np.ndarray, there: np.ndarray | bool = True) -> None:
-        """Write the derivatives (n, names, S) of several states that a lane has together or not at all."""
+        """Write the derivatives of several states that a lane has either all or none of.
+
+        Args:
+            names: of the states.
+            rates: signals of their derivatives per unit of time, (n, names, S).
+            there: (n,), which lanes have them.
+        """
         at = self.at(*names)
         self.a[:, at], self.there[:, at] = rates, np.expand_dims(there, -1)
 
     def integrate(self, names: Sequence[str]) -> None:
-        """Make each of these states the integral of the one after it."""
+        """Write that each of these states is the integral of the following one."""
         for name, following in pairwise(names):
             self.a[:, self._at[name], self._at[following]] = 1.0
 
     def lags(self, names: Sequence[str], time_constants: Sequence[np.ndarray], signal: np.ndarray) -> np.ndarray:
-        """Lags 1 / (1 + s T) one after the other.
+        """Write a cascade of lags 1 / (1 + s T).
 
         Args:
             names: their states.
-            time_constants: s, (n,) each; a lane has no lag where it is 0, and the signal passes.
-            signal: what enters the first.
+            time_constants: s, (n,) each; where it is 0 the lane has no lag and the signal passes unchanged.
+            signal: input of the first lag.
 
         Returns:
-            What leaves the last.
+            Output of the last lag, a signal.
         """
         if self.packed:
             times = np.array(time_constants)
@@ -142,7 +159,7 @@ class System:
         damping_ratio: np.ndarray,
         stiffer: np.ndarray | float = 1.0,
     ) -> np.ndarray:
-        """A second-order mode: writes that its position changes with its velocity.
+        """A second-order mode: writes the derivative of its position; the caller writes that of its velocity.
 
         Args:
             names: states of its position and its velocity.
@@ -151,7 +168,7 @@ class System:
             stiffer: factor (n,) on its spring and its damper.
 
         Returns:
-            The acceleration by its spring and its damper, per unit of time squared.
+            Signal of the acceleration by its spring and its damper, per unit of time squared.
         """
         position, velocity = names
         self.integrate(names)

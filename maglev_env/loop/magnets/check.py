@@ -1,16 +1,16 @@
-"""Checks that kinds of magnet share: what belongs to permanent magnets alone, and that the bias carries the weight."""
+"""Checks that several kinds of magnet share: parameters of permanent magnets only, and the balance of the weight."""
 
 from collections.abc import Callable
 
 from maglev_env.loop.magnets.law import SingleSidedLaw, force, linearise
 from maglev_env.loop.magnets.magnet import Magnet
 
-BALANCE = 0.01  # share of the weight by which the pull of a given bias may miss it
+BALANCE = 0.01  # tolerance between the pull of a given bias and the weight, as a share of the weight
 MAX_BIAS = 1e3  # A
 
 
 def refuse_remanence(m: Magnet) -> None:
-    """ValueError when an electromagnet is given a permanent magnet."""
+    """Raise ValueError if an electromagnet has the remanence of a permanent magnet."""
     if m.remanence:
         raise ValueError(
             f"remanence = {m.remanence} T: an {m.magnet} has no permanent magnet; leave it out, or use another magnet"
@@ -18,7 +18,7 @@ def refuse_remanence(m: Magnet) -> None:
 
 
 def refuse_flux_path(m: Magnet) -> None:
-    """ValueError when the control flux of other than a hybrid pair is said to close through a permanent magnet."""
+    """Raise ValueError if flux_path = "magnet"; only the control flux of a hybrid pair can close through a magnet."""
     if m.flux_path == "magnet":
         raise ValueError(f"flux_path = 'magnet' belongs to the hybrid_pair; leave it out for the {m.magnet}")
 
@@ -26,13 +26,16 @@ def refuse_flux_path(m: Magnet) -> None:
 def check_balance(
     m: Magnet, law_of: Callable[[Magnet], SingleSidedLaw], bias_of: Callable[[Magnet], float], geometry: str
 ) -> None:
-    """ValueError unless a single-sided magnet has one axis and a weight, which its bias carries.
+    """Check that a single-sided magnet has one axis and that its bias carries the weight.
 
     Args:
         m: the magnet's values.
-        law_of: its law by geometry alone.
-        bias_of: its balancing bias (A).
-        geometry: names of the parameters that set its pull, for the message.
+        law_of: gives its law by geometry alone.
+        bias_of: gives its balancing bias (A).
+        geometry: names of the parameters that determine its pull, for the message.
+
+    Raises:
+        ValueError: There are two axes, no weight, or the bias does not carry the weight.
     """
     if m.axes != 1:
         raise ValueError(f"axes = {m.axes}: one {m.magnet} carries a weight along one axis; use axes = 1, or a pair")

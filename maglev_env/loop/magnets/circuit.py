@@ -6,7 +6,10 @@ from selfsense.coil import MU_0
 
 
 def magnet_circuit(m: Magnet) -> tuple[float, float]:
-    """A permanent magnet's flux density times air gap (T m), and its reluctance as an air gap of one face (m)."""
+    """A permanent magnet's flux density times air gap (T m), and its reluctance as the length of an air gap (m).
+
+    The reluctance is that of the equivalent air gap at one pole face.
+    """
     mu_m = m.recoil_permeability * MU_0
     reluctance_gap = 0.5 * MU_0 * m.magnet_length * m.pole_area / (mu_m * m.magnet_area)
     return 0.5 * MU_0 * m.remanence * m.magnet_length / mu_m, reluctance_gap
@@ -19,7 +22,7 @@ def magnet_attraction(m: Magnet) -> float:
 
 
 def pair_law(m: Magnet, area: float, magnet_flux: float, magnet_gap: float, coil_gap: float) -> ForceLaw:
-    """The uncalibrated law of two opposed magnets; arguments as the fields of `ForceLaw`."""
+    """The uncalibrated law of two opposed magnets; the arguments are fields of `ForceLaw`."""
     coil_flux = 0.5 * MU_0 * m.turns
     return ForceLaw(area, m.gap, magnet_flux, magnet_gap, coil_flux, coil_gap, m.bias_current, 1.0, 1.0)
 
@@ -27,7 +30,7 @@ def pair_law(m: Magnet, area: float, magnet_flux: float, magnet_gap: float, coil
 def single_sided_law(
     m: Magnet, bias: float, iron_pull: float = 0.0, magnet_pull: float = 0.0, exponent: float = 1.0
 ) -> SingleSidedLaw:
-    """The uncalibrated law of one magnet above the rotor; bias (A), the others as the fields of `SingleSidedLaw`."""
+    """The uncalibrated law of one magnet above the rotor, with bias in A; the others are fields of `SingleSidedLaw`."""
     area, weight = m.pole_area / (2 * MU_0), m.mass * m.gravity
     flux, magnet_gap = magnet_circuit(m)
     return SingleSidedLaw(

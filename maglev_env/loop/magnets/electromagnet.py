@@ -1,4 +1,4 @@
-"""One electromagnet above the rotor: its pull on iron must balance the weight."""
+"""One electromagnet above the rotor; its pull on the iron must balance the weight."""
 
 from maglev_env.loop.magnets.check import check_balance, refuse_flux_path, refuse_remanence
 from maglev_env.loop.magnets.circuit import single_sided_law
@@ -10,17 +10,17 @@ from selfsense.coil import MU_0
 
 
 def law(m: Magnet) -> SingleSidedLaw:
-    """Pull in proportion to (current / distance)^2; its bias balances the weight where none is given."""
+    """A pull in proportion to (current / distance)^2. If no bias is given, it is the one that balances the weight."""
     return single_sided_law(m, m.bias_current or balancing_bias(m), iron_pull=_iron_pull(m))
 
 
 def balancing_bias(m: Magnet) -> float:
-    """Bias current (A) with which it carries the weight at y = 0, i = 0."""
+    """Bias current (A) with which the magnet carries the weight at y = 0, i = 0."""
     return m.gap * (m.mass * m.gravity / _iron_pull(m)) ** 0.5
 
 
 def check(m: Magnet) -> None:
-    """ValueError for what belongs to permanent magnets, for two axes, and when the bias misses the weight."""
+    """Raise ValueError for parameters of permanent magnets, for two axes, and if the bias does not carry the weight."""
     refuse_remanence(m)
     refuse_flux_path(m)
     check_balance(m, law, balancing_bias, "turns, pole_area")
@@ -32,7 +32,7 @@ def _iron_pull(m: Magnet) -> float:
 
 @piece
 def pull(x, k, y, current):
-    """Acceleration (see `magnets.law.SingleSidedLaw`), less the weight."""
+    """Acceleration by the magnet minus that by the weight (see `magnets.law.SingleSidedLaw`)."""
     coil = x[k + FLUX_C] / (x[k + GAP] - y)
     bias, drive = x[k + BIAS] * coil, current * coil
     at_bias = x[k + CALIBRATION] * (bias * bias) - x[k + WEIGHT]

@@ -9,12 +9,12 @@ from selfsense.coil import MU_0
 
 
 def law(m: Magnet) -> ForceLaw:
-    """The hybrid law whose control flux closes through the gaps, without its permanent magnet; both pole faces."""
+    """A hybrid pair without permanent magnet whose control flux closes through the gaps; both pole faces."""
     return pair_law(m, m.bearings * m.pole_area / MU_0, 0.0, 0.0, 0.0)
 
 
 def check(m: Magnet) -> None:
-    """ValueError when there is a permanent magnet, no bias, or a flux path that only hybrid magnets have."""
+    """Raise ValueError for a permanent magnet, a missing bias, or a flux path that only hybrid magnets have."""
     refuse_remanence(m)
     if not m.bias_current:
         raise ValueError(

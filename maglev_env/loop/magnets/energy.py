@@ -1,4 +1,4 @@
-"""Magnetic co-energy of the force laws, in closed form: its slope in the displacement is the force."""
+"""Magnetic co-energy of the force laws in closed form; its derivative by the displacement is the force."""
 
 from collections.abc import Callable
 from functools import singledispatch
@@ -10,13 +10,21 @@ from maglev_env.loop.magnets.law import ForceLaw, SingleSidedLaw
 
 @singledispatch
 def coenergy(law: ForceLaw, displacement: np.ndarray | float, current: np.ndarray | float) -> np.ndarray | float:
-    """Co-energy W (J) of a law at displacement y (m) and control current (A), which broadcast; force = +dW/dy.
+    """Co-energy W of a law; force = +dW/dy at constant current.
 
-    The slope is at constant current: a shrinking gap raises the co-energy and the force acts that way. The weight of
-    the single-sided laws enters as -m g y. Calibrated as the force: stiffness_scale W(y, 0) + [W(y, s i) - W(y, 0)]
-    with s = gain_scale. Parts that no displacement changes are left out. Without calibration d2W/di2 is the sum of the
-    inductances of the electromagnets' coils; D's hybrid law (area n_b A_g / (2 mu_0)) counts one pole face per magnet,
-    so its W is half the co-energy of the magnetic circuit.
+    A shrinking gap raises the co-energy, and the force acts in that direction. The weight of the single-sided laws
+    enters as -m g y. The calibration is that of the force: stiffness_scale W(y, 0) + [W(y, s i) - W(y, 0)] with
+    s = gain_scale. Terms that do not depend on the displacement are left out. Without calibration d2W/di2 is the sum of
+    the inductances of an electromagnet pair's coils. D's hybrid law (area n_b A_g / (2 mu_0)) counts one pole face per
+    magnet, so its W is half the co-energy of the magnetic circuit.
+
+    Args:
+        law: the force law.
+        displacement: y, m.
+        current: control current i, A; broadcasts with displacement.
+
+    Returns:
+        W in J, in the common shape of displacement and current.
     """
     return _calibrated(_pair, law, displacement, current)
 
@@ -39,7 +47,7 @@ def _calibrated(
 def _pair(law: ForceLaw, y: np.ndarray | float, i: np.ndarray | float) -> np.ndarray | float:
     total = 0.0
     for gap, current in ((law.gap - y, law.bias_current + i), (law.gap + y, law.bias_current - i)):
-        # Integrals of B^2 from the gap outward: the magnet's own, the coil's own, and twice their product.
+        # Integrals of B^2 over larger gaps: the magnet's field squared, the coil's squared, and twice their product.
         coil = law.coil_flux * current
         total = total + law.magnet_flux**2 / (gap + law.magnet_gap) + coil**2 / (gap + law.coil_gap)
         apart = law.magnet_gap - law.coil_gap
@@ -50,7 +58,7 @@ def _pair(law: ForceLaw, y: np.ndarray | float, i: np.ndarray | float) -> np.nda
 
 def _single(law: SingleSidedLaw, y: np.ndarray | float, i: np.ndarray | float) -> np.ndarray | float:
     gap, current = law.gap - y, law.bias_current + i
-    # The integral of x^-n from the gap to the resting gap: a logarithm for n = 1, and smooth toward it.
+    # The integral of x^-n from the gap to the resting gap is a logarithm for n = 1; expm1 keeps it accurate near n = 1.
     nearer, n = -np.log(gap / law.gap), law.exponent - 1
     reach = np.expm1(n * nearer) / n if n else nearer
     magnet = law.magnet_pull * law.gap**-n * current * reach

@@ -1,4 +1,4 @@
-"""Two opposed hybrid magnets: permanent magnets give the bias, coils the control flux (D eq 3.9-3.13)."""
+"""Two opposed hybrid magnets: permanent magnets make the bias flux, coils the control flux (D eq 3.9-3.13)."""
 
 import numpy as np
 
@@ -18,14 +18,17 @@ def law(m: Magnet) -> ForceLaw:
 
 
 def check(m: Magnet) -> None:
-    """ValueError when there is no permanent magnet."""
+    """Raise ValueError if there is no permanent magnet."""
     if not m.remanence:
         raise ValueError("remanence: a hybrid pair needs its magnets' remanence in T")
 
 
 @piece
 def pull(x, k, y, current):
-    """Acceleration (see `magnets.law.force`): one division for both gaps, from sums and differences of the fields."""
+    """Acceleration (see `magnets.law.force`).
+
+    It is computed from sums and differences of both gaps' fields, which needs one division only.
+    """
     y2 = y * y
     a, c = x[k + GAP_C_SQ] - y2, x[k + GAP_M_SQ] - y2
     inverse = 1.0 / (a * c)
@@ -41,7 +44,7 @@ def pull(x, k, y, current):
 
 @piece
 def saturated_pull(x, k, y, current):
-    """The same where the iron saturates: each gap's B^2 becomes B^2 / sqrt(1 + (B / B_s)^4)."""
+    """Acceleration with iron that saturates: each gap's B^2 becomes B^2 / sqrt(1 + (B / B_s)^4)."""
     own, far = x[k + GAP_M] - y, x[k + GAP_M] + y
     near, wide = x[k + GAP_C] - y, x[k + GAP_C] + y
     inverse = 1.0 / ((own * far) * (near * wide))
@@ -54,7 +57,7 @@ def saturated_pull(x, k, y, current):
     s1, s2, s3, s4 = s1 * s1, s2 * s2, upper * upper, lower * lower
     r1, r2 = np.sqrt(1.0 + knee * (s1 * s1)), np.sqrt(1.0 + knee * (s2 * s2))
     r3, r4 = np.sqrt(1.0 + knee * (s3 * s3)), np.sqrt(1.0 + knee * (s4 * s4))
-    # One division for all four; the fields are twice themselves, as in sums and differences of both gaps.
+    # One division serves all four terms. The fields here are twice the physical ones, as in `pull`.
     first_two, last_two = r1 * r2, r3 * r4
     inverse = 0.25 / (first_two * last_two)
     at_rest = (s3 * r4 - s4 * r3) * (first_two * inverse)

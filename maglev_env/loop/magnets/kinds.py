@@ -1,4 +1,4 @@
-"""The registry of magnet kinds, and what is asked of a magnet whatever its kind: law, bias, inductance and check."""
+"""The registry of magnet kinds, and functions for magnets of any kind: law, inductance and check."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -17,21 +17,21 @@ KINDS: Mapping[str, MagnetKind] = {
     "magnet_coil": magnet_coil.KIND,
 }
 NO_MAGNET = "none"
-MAGNETS = (*KINDS, NO_MAGNET)  # what a rig's magnet may be
+MAGNETS = (*KINDS, NO_MAGNET)  # valid values of a rig's magnet
 
 
 def simulated_as(name: str) -> str:
-    """The first kind of magnet whose pull in the kernel is that of a kind, or "none"."""
+    """The first kind of magnet that has the same pull in the kernel, or "none"; such kinds can share a batch."""
     if name == NO_MAGNET:
         return name
     return next(other for other, kind in KINDS.items() if kind.pull is KINDS[name].pull)
 
 
 def force_law(m: Magnet) -> ForceLaw | SingleSidedLaw:
-    """A magnet's force law, calibrated to its actuator_gain and negative_stiffness where they are given.
+    """A magnet's force law, calibrated to its actuator_gain and negative_stiffness if they are given.
 
     Raises:
-        ValueError: there is no magnet.
+        ValueError: There is no magnet.
     """
     law = geometric_law(m)
     gain, stiffness = linearise(law)
@@ -43,7 +43,11 @@ def force_law(m: Magnet) -> ForceLaw | SingleSidedLaw:
 
 
 def geometric_law(m: Magnet) -> ForceLaw | SingleSidedLaw:
-    """The law that a magnet's geometry alone gives, without calibration. ValueError where there is no magnet."""
+    """The force law by a magnet's geometry alone, without calibration.
+
+    Raises:
+        ValueError: There is no magnet.
+    """
     if m.magnet not in KINDS:
         raise ValueError(f"rig {m.name}: magnet = {m.magnet!r} has no force law")
     return KINDS[m.magnet].law(m)
@@ -52,11 +56,11 @@ def geometric_law(m: Magnet) -> ForceLaw | SingleSidedLaw:
 def inductance(m: Magnet, displacement: np.ndarray | float = 0.0) -> np.ndarray | float:
     """Inductance (H) of the upper coil with the rotor at displacement (m); shape of displacement.
 
-    A magnet below a coil pulls in proportion to the current, so its coil's inductance is the same everywhere:
-    coil_inductance.
+    A magnet below a coil pulls in proportion to the current, so the inductance of its coil does not depend on the
+    displacement: it is coil_inductance.
 
     Raises:
-        ValueError: that inductance is not given, or there is no coil.
+        ValueError: There is no coil, or coil_inductance is needed and not given.
     """
     if m.magnet not in KINDS:
         raise ValueError(f"rig {m.name}: magnet = {m.magnet!r} has no coil")
@@ -68,10 +72,10 @@ def inductance(m: Magnet, displacement: np.ndarray | float = 0.0) -> np.ndarray 
 
 
 def check_magnet(m: Magnet) -> None:
-    """Check that a magnet's values make it work; ranges are taken as checked.
+    """Check that a magnet's values are consistent; their ranges have been checked before.
 
     Raises:
-        ValueError: names the parameter that is missing, belongs to another kind, or does not carry the weight.
+        ValueError: A parameter is missing, belongs to another kind, or does not carry the weight; the message names it.
     """
     for name, kind in KINDS.items():
         for parameter in kind.own:

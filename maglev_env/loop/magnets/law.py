@@ -1,4 +1,4 @@
-"""Force laws of the magnets: what they pull, linearised and calibrated (D eq 3.9-3.13; Schweitzer and Maslen 2009)."""
+"""Force laws of the magnets and their linearisation (D eq 3.9-3.13; Schweitzer and Maslen 2009)."""
 
 from dataclasses import dataclass
 from functools import singledispatch
@@ -13,10 +13,20 @@ class ForceLaw:
 
     With b(x) = magnet_flux / (x + magnet_gap) and q(x) = coil_flux / (x + coil_gap) for the upper (x = gap - y) and
     lower (x = gap + y) magnet, B = b + q (bias_current +- gain_scale i), and
-    f = area [ stiffness_scale (B_u^2 - B_l^2)|_(i=0) + the rest ].
-    Where the iron saturates, each B^2 is B^2 / sqrt(1 + (B / saturation)^4); saturation in T, infinite: it does not.
-    Fluxes in T m and T m/A, gaps in m. area in N/T^2 is n_b A_g / (2 mu_0) for hybrid magnets, one pole face each as D
-    counts them, and n_b A_g / mu_0 for electromagnets (magnet_flux = 0), both faces.
+    f = area [ stiffness_scale (B_u^2 - B_l^2)|_(i=0) + the part that depends on i ].
+
+    Args:
+        area: N/T^2; n_b A_g / (2 mu_0) for hybrid magnets, one pole face each as D counts them, and n_b A_g / mu_0 for
+            electromagnets (magnet_flux = 0), both faces.
+        gap: m.
+        magnet_flux: T m.
+        magnet_gap: reluctance of the permanent magnet as an air gap, m.
+        coil_flux: T m/A.
+        coil_gap: the part of that reluctance that the control flux passes, m.
+        bias_current: A.
+        gain_scale: calibration of the actuator gain.
+        stiffness_scale: calibration of the negative stiffness.
+        saturation: T; with it each B^2 becomes B^2 / sqrt(1 + (B / saturation)^4). Infinite: no saturation.
     """
 
     area: float
@@ -38,8 +48,20 @@ class SingleSidedLaw:
     With x = gap - y, I = bias_current + gain_scale i and
     p(y, I) = iron_pull I^2 / x^2 + magnet_pull I / x^exponent + area (magnet_flux / (x + magnet_gap))^2 - weight,
     f = stiffness_scale p(y, bias_current) + [p(y, I) - p(y, bias_current)].
-    iron_pull (N m2/A2) of the coil on iron, 0 for a magnet below a coil; magnet_pull (N m^exponent/A) of the coil on a
-    magnet, 0 for an electromagnet; the third term is that magnet's attraction to the iron of the coil; weight in N.
+    The third term is the attraction of a permanent magnet on the rotor to the iron of the coil.
+
+    Args:
+        gap: m.
+        iron_pull: of the coil on iron, N m2/A2; 0 for a magnet below a coil.
+        magnet_pull: of the coil on a permanent magnet, N m^exponent/A; 0 for an electromagnet.
+        exponent: of that pull.
+        area: N/T^2.
+        magnet_flux: T m.
+        magnet_gap: reluctance of the permanent magnet as an air gap, m.
+        weight: N.
+        bias_current: A.
+        gain_scale: calibration of the actuator gain.
+        stiffness_scale: calibration of the negative stiffness.
     """
 
     gap: float
@@ -57,9 +79,10 @@ class SingleSidedLaw:
 
 @singledispatch
 def linearise(law: ForceLaw, displacement: float = 0.0) -> tuple[float, float]:
-    """Actuator gain df/di (N/A) and stiffness -df/dy (N/m) of a law at a displacement (m) and i = 0, differentiated.
+    """Actuator gain df/di (N/A) and stiffness -df/dy (N/m) of a law at a displacement (m) and i = 0.
 
-    The stiffness is negative, but for a magnet that its coil pushes away it may be positive.
+    They are exact derivatives. The stiffness is negative, except that of a magnet which its coil pushes away: it may be
+    positive.
     """
     gain = stiffness = 0.0
     for gap in (law.gap - displacement, law.gap + displacement):
@@ -83,9 +106,15 @@ def _(law: SingleSidedLaw, displacement: float = 0.0) -> tuple[float, float]:
 
 @singledispatch
 def force(law: ForceLaw, displacement: np.ndarray | float, current: np.ndarray | float) -> np.ndarray | float:
-    """Force (N) of a law toward the upper magnet at displacement (m) and control current (A), which broadcast.
+    """Force of a law, positive toward the upper magnet. Pairs: D eq 3.10, with both flux paths.
 
-    Pairs: D eq 3.10, both flux paths. The weight is in the single-sided laws alone.
+    Args:
+        law: the force law; single-sided laws include the weight, those of pairs do not.
+        displacement: m.
+        current: control current, A; broadcasts with displacement.
+
+    Returns:
+        N, in the common shape of displacement and current.
     """
     upper, lower = law.gap - displacement, law.gap + displacement
     qu, ql = law.coil_flux / (upper + law.coil_gap), law.coil_flux / (lower + law.coil_gap)
@@ -102,7 +131,7 @@ def force(law: ForceLaw, displacement: np.ndarray | float, current: np.ndarray |
 
 
 def _saturated(field: np.ndarray | float, law: ForceLaw) -> np.ndarray | float:
-    """What stands for the squared field (T^2) of a gap: as the square where small, bent to a constant beyond."""
+    """The squared field (T^2) of a gap with saturation: the square of small fields, and a constant for large ones."""
     return field**2 / np.sqrt(1 + (field / law.saturation) ** 4)
 
 

@@ -1,4 +1,4 @@
-"""What a magnet is to its laws and checks: its values, and the contract that every kind of magnet fulfils."""
+"""The values that a magnet's laws and checks read, and the contract that every kind of magnet fulfils."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -8,7 +8,7 @@ from maglev_env.loop.magnets.law import ForceLaw, SingleSidedLaw
 
 
 class Magnet(Protocol):
-    """The values that force laws and checks of one axis read, SI; a `Rig` has them all, with their physical ranges."""
+    """The values that force laws and checks of one axis read, SI; a `Rig` has them all and checks their ranges."""
 
     @property
     def name(self) -> str: ...
@@ -77,19 +77,19 @@ class Magnet(Protocol):
 
 @dataclass(frozen=True)
 class MagnetKind:
-    """One kind of magnet: all that other modules need to know about it, in the file of its name.
+    """One kind of magnet: everything that other modules need to know about it, in the file of its name.
 
     Args:
-        law: the force law that a magnet's geometry alone gives, without calibration.
-        check: raises ValueError naming the parameter that is missing, belongs to another kind, or does not carry the
-            weight; ranges are taken as checked.
-        pull: piece of the kernel (x, k, y, current): the acceleration of lane k by it. Kinds may share one.
-        saturated_pull: the same of iron that saturates; None where that is not simulated.
+        law: gives the force law by a magnet's geometry alone, without calibration.
+        check: raises ValueError that names the parameter which is missing, belongs to another kind, or does not carry
+            the weight; ranges have been checked before.
+        pull: piece of the kernel (x, k, y, current): acceleration of lane k by the magnet. Kinds may share one.
+        saturated_pull: the same for iron that saturates; None if that is not simulated.
         pair: whether two opposed magnets pull on the rotor.
-        inductance_follows_gap: whether the coil's inductance tells the gap, so that the coil can sense it.
+        inductance_follows_gap: whether the coil's inductance depends on the gap, so that the coil can sense it.
         balancing_bias: bias current (A) with which a single-sided magnet carries the weight at y = 0, i = 0; None for
             a pair.
-        own: parameters that no other kind has; a magnet of another kind is refused with them.
+        own: parameters that no other kind has; giving them for another kind is an error.
     """
 
     law: Callable[[Magnet], ForceLaw | SingleSidedLaw]

@@ -1,4 +1,4 @@
-"""A magnet on the rotor below a coil: a measured pull force_constant (N m^n/A) times current over distance^n."""
+"""A magnet on the rotor below a coil, whose measured pull is force_constant (N m^n/A) times current over distance^n."""
 
 from maglev_env.loop.magnets.check import check_balance, refuse_flux_path
 from maglev_env.loop.magnets.circuit import magnet_attraction, single_sided_law
@@ -9,21 +9,21 @@ from maglev_lanes.pieces import piece
 
 
 def law(m: Magnet) -> SingleSidedLaw:
-    """Pull linear in the current; its bias balances the weight where none is given."""
+    """A pull linear in the current. If no bias is given, it is the one that balances the weight."""
     bias = m.bias_current or balancing_bias(m)
     return single_sided_law(m, bias, magnet_pull=m.force_constant, exponent=m.force_exponent)
 
 
 def balancing_bias(m: Magnet) -> float:
-    """Bias current (A) with which it carries the weight at y = 0, i = 0.
+    """Bias current (A) with which the coil carries the weight at y = 0, i = 0.
 
-    Negative where the magnet's attraction to the iron of its coil exceeds the weight: the coil then pushes.
+    It is negative if the magnet's attraction to the iron of the coil exceeds the weight; the coil then pushes.
     """
     return (m.mass * m.gravity - magnet_attraction(m)) * m.gap**m.force_exponent / m.force_constant
 
 
 def check(m: Magnet) -> None:
-    """ValueError for what is missing or belongs to other kinds, for two axes, and when the bias misses the weight."""
+    """Raise ValueError for missing parameters or those of other kinds, two axes, or a bias that misses the weight."""
     refuse_flux_path(m)
     for name in KIND.own:
         if getattr(m, name) is None:
@@ -38,7 +38,7 @@ def check(m: Magnet) -> None:
 
 @piece
 def pull(x, k, y, current):
-    """Acceleration (see `magnets.law.SingleSidedLaw`), less the weight."""
+    """Acceleration by the magnet minus that by the weight (see `magnets.law.SingleSidedLaw`)."""
     coil = x[k + FLUX_C] * (x[k + GAP] - y) ** (-x[k + EXPONENT])
     magnet = x[k + FLUX_M] / (x[k + GAP_M] - y)
     at_bias = coil * x[k + BIAS] + magnet * magnet

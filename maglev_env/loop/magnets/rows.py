@@ -7,9 +7,9 @@ import numpy as np
 from maglev_env.loop.magnets.law import ForceLaw, SingleSidedLaw
 from maglev_lanes.layout import LaneRows, rows_after
 
-# GAP_C, GAP_M: the gap that the coil's and the magnet's flux pass, with the magnet where they pass it; _SQ: squares.
-# Fluxes in root(h^2 / m N). OFFSET: where the magnets' centre lies, m. KNEE: what saturates the fields of a pair.
-# WEIGHT, EXPONENT: of a single magnet.
+# GAP_C, GAP_M: air gaps of the coil's and the magnet's flux, including the reluctance of the permanent magnet where the
+# flux passes it; _SQ: their squares. Fluxes are scaled so that a squared field is an acceleration h^2 f / m. OFFSET:
+# position of the magnetic centre, m. KNEE: saturation constant of a pair's fields. WEIGHT, EXPONENT: of one magnet.
 GAP, GAP_C, GAP_M, GAP_C_SQ, GAP_M_SQ, FLUX_M, FLUX_C, BIAS, CALIBRATION, OFFSET, KNEE, _SINGLE = rows_after(
     0, "GAP GAP_C GAP_M GAP_C_SQ GAP_M_SQ FLUX_M FLUX_C BIAS CALIBRATION OFFSET KNEE"
 )
@@ -28,7 +28,7 @@ def fill(
         x: written.
         laws: of every lane, all of one kind.
         per_mass: step squared over moving mass, s2/kg, (n,).
-        effect: the first parameter of an effect in every lane, (n,).
+        effect: gives the first parameter of an effect in every lane, (n,).
     """
 
     def law(name: str) -> np.ndarray:
@@ -39,10 +39,10 @@ def fill(
     x[CALIBRATION] = law("stiffness_scale") * (1 + effect("negative_stiffness"))
     if isinstance(laws[0], SingleSidedLaw):
         x[FLUX_M] = np.sqrt(law("area") * per_mass) * law("magnet_flux")
-        # Calibration scales the nominal balance; what another mass weighs beyond it is not the magnet's.
+        # Calibration scales the nominal balance of pull and weight, but not the additional weight of another mass.
         x[WEIGHT] = (x[CALIBRATION] * law("weight") + law("weight") * effect("mass")) * per_mass
         x[EXPONENT] = law("exponent")
-        # An electromagnet's field squares, a magnet's pull is linear in the current.
+        # The pull on iron is quadratic in the current, so its root is stored; that on a magnet is linear.
         iron, magnet = law("iron_pull") * per_mass, law("magnet_pull") * per_mass
         x[FLUX_C] = np.where(magnet != 0, magnet, np.sqrt(iron))
     else:
