@@ -1,6 +1,7 @@
 """Magnetically levitated rigs: physics, effects, the lane simulator, experiments, recordings and the score.
 
-Heavy parts load on first use; the environments are registered with Gymnasium on import.
+The public names are imported on first use, which keeps the import fast; the environments are registered with Gymnasium
+on import.
 """
 
 from importlib import import_module

@@ -1,7 +1,7 @@
-"""The one table of channels: every signal of a loop that is simulated, recorded or analysed. All other lists derive
-from it.
+"""The table of channels: every signal of a loop that is simulated, recorded or analysed.
 
-A new channel is a row here and one in docs/formats.md, and what makes or uses it.
+All other lists of channels derive from it. A new channel needs a row here, one in docs/formats.md, and the code that
+makes or uses it.
 """
 
 from collections.abc import Mapping
@@ -18,13 +18,13 @@ class Channel:
     Args:
         unit: SI unit.
         meaning: what it is, for the documentation.
-        simulated: where it comes from in a simulated record. "step": the compiled step writes it; "sensing": likewise,
-            with self-sensing only; "drive": it is the reading of what drives the rig; None: not in the record.
+        simulated: its source in a simulated record. "step": the compiled step writes it; "sensing": likewise, but only
+            with self-sensing; "drive": it is the reading of the excitation; None: not in the record.
         recorded: whether a campaign may name it.
-        spectra: whose line spectra the estimators use: those of simulations and recordings ("all"), of recordings
-            alone ("recorded"), or none (None).
-        noisy: whether a rig's [noise] has a level for it; each noisy channel has a stream of its own.
-        shows: place of an excitation that this channel shows, see `rig.excitation`.
+        spectra: whether estimators use its line spectra: for simulations and recordings ("all"), for recordings only
+            ("recorded"), or never (None).
+        noisy: whether a rig's [noise] has a level for it; each noisy channel has its own noise stream.
+        shows: place of the excitation that this channel measures, see `rig.excitation`.
     """
 
     unit: str
@@ -63,7 +63,7 @@ def step_channels(sensed: bool = False) -> tuple[str, ...]:
     return tuple(name for name in simulated_channels(sensed) if CHANNELS[name].simulated != "drive")
 
 
-MEASURED = simulated_channels()  # what a simulated and a measured loop both have
+MEASURED = simulated_channels()  # channels that both a simulated and a measured loop have
 SPECTRAL = tuple(name for name, c in CHANNELS.items() if c.spectra == "all")
 ANALYSED = tuple(name for name, c in CHANNELS.items() if c.spectra)
 NOISY = tuple(name for name, c in CHANNELS.items() if c.noisy)

@@ -1,4 +1,4 @@
-"""An experiment: a rig with its effects and gains, what excites it, for how long, and the seed of its noise."""
+"""An experiment: a rig with effects and gains, its excitations and duration, and the seed of its noise."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
@@ -23,13 +23,22 @@ SENSORS = ("probe", "self_sensing")
 class Experiment:
     """Everything that determines a simulated record.
 
-    excitations: periodic, on lines of one common fundamental; none where only linear responses are asked. periods: how
-    many are kept, after transient_periods that are dropped. offset: static reference, m, in x on an x-y rig. seed: of
-    every noise channel. sample_rate: of the recording, Hz: the control rate (None), or an integer multiple or fraction.
-    sensor: what reads the displacement: "probe", "self_sensing" by the rig's own coils (see `self_sensing`), or a
-    self-sensor for each axis. speed_rpm: of rotation, 1/min.
-    effects: the rig's own are added to those given, but for one of the same name; they stay when `replace` changes the
-    rig. Raises ValueError when the parts do not fit together.
+    Args:
+        rig: the rig.
+        gains: its controllers.
+        excitations: periodic, on different lines of one fundamental; may be empty if only linear responses are needed.
+        periods: number of periods that are kept.
+        transient_periods: number of periods before them that are dropped.
+        effects: beyond the nominal rig. The rig's own effects are added, except those of the same name; they stay when
+            `replace` changes the rig.
+        offset: static reference, m, in x on an x-y rig.
+        seed: of the noise of all channels.
+        sample_rate: of the recording, Hz: an integer multiple or fraction of the control rate; None: the control rate.
+        sensor: "probe", "self_sensing" by the rig's own coils (see `loop.self_sensor`), or a self-sensor for each axis.
+        speed_rpm: speed of rotation, 1/min.
+
+    Raises:
+        ValueError: A value is not valid, or the parts do not fit together; the message says which.
     """
 
     rig: Rig
@@ -125,9 +134,13 @@ class Experiment:
         return self.sample_rate or self.rig.control_rate
 
     def waveform(self, place: str) -> np.ndarray:
-        """One period of what drives "force" (N), "current" (A) or "reference" (m, without the offset); or zeros.
+        """One period of the excitation at a place, zeros without one.
 
-        At the control rate, shape (samples_per_period,), on an x-y rig (2, samples_per_period).
+        Args:
+            place: "force" (N), "current" (A) or "reference" (m, without the offset).
+
+        Returns:
+            At the control rate, (samples_per_period,), or (2, samples_per_period) on an x-y rig.
         """
         total = np.zeros((self.rig.axes, self.samples_per_period))
         for e in self.excitations:
@@ -137,36 +150,44 @@ class Experiment:
 
 
 def self_sensors(e: Experiment) -> tuple[SelfSensor, ...]:
-    """The self-sensor of each axis, empty with a probe. ValueError when a rig's coils cannot sense."""
+    """The self-sensor of each axis; empty with a probe.
+
+    Raises:
+        ValueError: The rig's coils cannot sense the gap.
+    """
     if e.sensor == "probe":
         return ()
     return e.sensor if isinstance(e.sensor, tuple) else rig_sensors(e.rig)
 
 
 def spectral_channels(e: Experiment) -> tuple[str, ...]:
-    """SPECTRAL channels of an experiment, and with self-sensing the position that its readings stand for."""
+    """SPECTRAL channels of an experiment; with self-sensing also the true position."""
     return channels_of(e.rig, (*SPECTRAL, *(("position",) if e.sensor != "probe" else ())))
 
 
 def recorded_channels(e: Experiment) -> tuple[str, ...]:
-    """Channels of an experiment's records, and with self-sensing the position that was sensed."""
+    """Channels of an experiment's records; with self-sensing also the true position."""
     return simulated_channels(sensed=e.sensor != "probe")
 
 
 def channels_of(rig: Rig, names: Sequence[str] = MEASURED) -> tuple[str, ...]:
-    """Names with the suffix of each axis, channel after channel: displacement_x, displacement_y, ... on an x-y rig."""
+    """Names of a rig's channels, on an x-y rig with the suffix of each axis: displacement_x, displacement_y, ..."""
     return tuple(name + suffix for name in names for suffix in suffixes(rig.axes))
 
 
 def moving_mass(e: Experiment) -> float:
-    """Mass (kg) that moves in a one-axis experiment, its effect included."""
+    """Moving mass (kg) of a one-axis experiment, including the effect mass."""
     return e.rig.mass * (1 + effect_value(e.effects, "mass"))
 
 
 def sampling(sample_rate: float, control_rate: float) -> tuple[int, int]:
-    """Samples recorded per control sample, and control samples per sample recorded: one of them is 1.
+    """Ratio of the recorded rate and the control rate (Hz).
 
-    ValueError when the rates (Hz) are not in an integer ratio.
+    Returns:
+        Recorded samples per control sample, and control samples per recorded sample; one of the two is 1.
+
+    Raises:
+        ValueError: The ratio of the rates is not an integer or one over an integer.
     """
     for ratio, pair in ((sample_rate / control_rate, (1, 0)), (control_rate / sample_rate, (0, 1))):
         if ratio > 1 - 1e-9 and abs(ratio - round(ratio)) < 1e-9 * ratio:
@@ -177,12 +198,17 @@ def sampling(sample_rate: float, control_rate: float) -> tuple[int, int]:
     )
 
 
-# Words that no user's seed will hold, so that no two axes of any experiments share their noise.
+# Mixed into the seed so that the two axes have different noise; users are unlikely to choose these numbers as seeds.
 _AXIS_SEEDS = (0x9E3779B97F4A7C15, 0xC2B2AE3D27D4EB4F)
 
 
 def axis_experiment(e: Experiment, axis: int) -> Experiment:
-    """One axis' rig, controller and seed of an experiment, and what of its excitations acts along that axis."""
+    """One axis of an experiment, with its rig, controller and seed, and the excitations' components along it.
+
+    Args:
+        e: the experiment; returned unchanged if it has one axis.
+        axis: 0 (x) or 1 (y).
+    """
     if e.rig.axes == 1:
         return e
     seed = (*(e.seed if isinstance(e.seed, tuple) else (e.seed,)), _AXIS_SEEDS[axis])
@@ -201,9 +227,15 @@ def protocol_experiment(
     seed: int | tuple[int, ...] = 0,
     sensor: str | tuple[SelfSensor, ...] = "probe",
 ) -> Experiment:
-    """The rig's own SPHS protocol at the given gains (default: the rig's preset gains).
+    """The rig's own protocol as an experiment.
 
-    ValueError when the rig has no protocol, or magnets but no gains: see `defaults.with_defaults`.
+    Args:
+        rig: with a protocol.
+        gains: default: the rig's preset gains.
+        effects, seed, sensor: as in `Experiment`.
+
+    Raises:
+        ValueError: The rig has no protocol, or it has magnets but no gains; `defaults.with_defaults` adds them.
     """
     p, gains = rig.protocol, gains or rig.gains or (None if rig.controlled else NO_CONTROLLER)
     if p is None or gains is None:

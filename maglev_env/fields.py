@@ -1,4 +1,4 @@
-"""Fields of dataclasses that TOML files fill: units, physical ranges, and messages that name what is wrong."""
+"""Fields of dataclasses that are read from TOML files: units, physical ranges, and messages that name the error."""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import MISSING, field, fields
@@ -7,21 +7,30 @@ from typing import Any
 
 
 def is_number(value: Any) -> bool:
-    """Whether a value is a finite number, and no boolean."""
+    """Whether a value is a finite number and not a boolean."""
     try:
         return isinstance(value, int | float) and not isinstance(value, bool) and isfinite(value)
-    except OverflowError:  # a whole number beyond floats
+    except OverflowError:  # an integer too large for a float
         return False
 
 
 def quantity(unit: str, low: float, high: float, default: Any = MISSING) -> Any:
-    """A dataclass field with its unit and physical range; whole numbers where low is one."""
+    """A dataclass field with its unit and physical range; if low is an int, values must be whole numbers."""
     metadata = {"unit": unit, "low": low, "high": high}
     return field(metadata=metadata) if default is MISSING else field(default=default, metadata=metadata)
 
 
 def check_range(name: str, value: Any, metadata: Mapping[str, Any]) -> None:
-    """ValueError unless a value, if there is one, is a number within a field's physical range."""
+    """Check that a value is a number within a field's physical range; None is accepted.
+
+    Args:
+        name: of the field, for messages.
+        value: to check.
+        metadata: of the field, with unit, low and high.
+
+    Raises:
+        ValueError: It is not.
+    """
     if value is None:
         return
     whole = isinstance(metadata["low"], int)
@@ -35,21 +44,25 @@ def check_range(name: str, value: Any, metadata: Mapping[str, Any]) -> None:
 
 
 def table_as(cls: type, data: Mapping[str, Any], name: str) -> Any:
-    """The dataclass that [name] of a file fills; ValueError names an unknown key."""
+    """The dataclass from table [name] of a file; without the table its defaults.
+
+    Raises:
+        ValueError: A key is unknown; the message names it.
+    """
     table = data.get(name, {})
     check_known(table, [f.name for f in fields(cls)], f"[{name}]")
     return cls(**table)
 
 
 def check_known(keys: Iterable[str], known: Iterable[str], where: str) -> None:
-    """ValueError for the first key that is not known, with those that are."""
+    """Raise ValueError for the first key that is unknown; the message lists the known ones."""
     for key in keys:
         if key not in known:
             raise ValueError(f"{where}: unknown key {key!r}; known keys: {', '.join(sorted(known))}")
 
 
 def increasing_pair(value: Any, where: str) -> tuple[float, float]:
-    """The value as two increasing numbers, or ValueError."""
+    """The value as two increasing numbers; ValueError if it is anything else."""
     if not (isinstance(value, list | tuple) and len(value) == 2 and all(map(is_number, value)) and value[0] < value[1]):
         raise ValueError(f"{where} = {value!r} must be two increasing numbers")
     return value[0], value[1]

@@ -1,4 +1,4 @@
-"""The numbers of a batch of one-axis experiments, as the blocks of the loop ask for them."""
+"""The parameters of a batch of one-axis experiments, as the blocks of the loop read them."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -15,12 +15,12 @@ from maglev_env.rig.rig import Rig
 
 @dataclass(frozen=True)
 class LaneValues:
-    """Lanes of one-axis rigs with their effects: the `Values` that the blocks of the loop take.
+    """Lanes of one-axis rigs with their effects; implements `Values`, which the blocks of the loop read.
 
     Args:
         rigs: of every lane, with one axis each.
         effects: of every lane.
-        speeds: of rotation of every lane, 1/min; none where no lane turns.
+        speeds: speed of rotation of every lane, 1/min; may be empty if no lane rotates.
     """
 
     rigs: tuple[Rig, ...]
@@ -28,7 +28,7 @@ class LaneValues:
     speeds: tuple[float, ...] = ()
 
     def effect(self, name: str, parameter: str | None = None) -> np.ndarray:
-        """A parameter of an effect (default: its first) in every lane, (n,); where absent the value that means so."""
+        """A parameter of an effect (default: its first) in every lane, (n,); where absent, its neutral value."""
         return np.array([effect_value(effects, name, parameter) for effects in self.effects])
 
     def rig(self, name: str) -> np.ndarray:
@@ -37,30 +37,30 @@ class LaneValues:
 
     @cached_property
     def mass(self) -> np.ndarray:
-        """Moving mass, kg, its effect included: (n,)."""
+        """Moving mass (kg) including the effect mass, (n,)."""
         return self.rig("mass") * (1 + self.effect("mass"))
 
     @cached_property
     def laws(self) -> tuple[ForceLaw | SingleSidedLaw | None, ...]:
-        """Each lane's force law without its effects; None without magnets."""
+        """Force law of each lane without its effects; None without magnets."""
         return tuple(force_law(rig) if rig.controlled else None for rig in self.rigs)
 
     @property
     def inductance(self) -> np.ndarray:
-        """The coil's, H, infinite where the rig does not give it: (n,)."""
+        """Inductance of the coil (H), infinite if the rig does not give it, (n,)."""
         return np.array([rig.coil_inductance or np.inf for rig in self.rigs])
 
     @property
     def noise(self) -> np.ndarray:
-        """Rms of the reading's noise, m: (n,)."""
+        """Rms of the reading's noise (m), (n,)."""
         return np.array([rig.noise.displacement for rig in self.rigs])
 
     @property
     def speed(self) -> np.ndarray:
-        """Of rotation, rad/s: (n,)."""
+        """Speed of rotation (rad/s), (n,)."""
         return 2 * np.pi / 60 * np.array(self.speeds)
 
 
 def lane_values(own: Sequence[Experiment]) -> LaneValues:
-    """The values of one-axis experiments, a lane each."""
+    """The values of one-axis experiments, one lane each."""
     return LaneValues(tuple(e.rig for e in own), tuple(e.effects for e in own), tuple(e.speed_rpm for e in own))

@@ -10,20 +10,20 @@ from maglev_env.loop import actuator, amplifier, mechanics, self_sensor, sensor
 from maglev_env.loop.effect import effect_value
 from maglev_env.loop.system import System
 
-POSITION, VELOCITY = 0, 1  # the first two states; the last two columns are the held force and the held command
+POSITION, VELOCITY = 0, 1  # indices of the first two states; the last two are the held force and the held command
 _SECOND = np.ones(1)  # the unit of time
 
 
 @dataclass(frozen=True)
 class LinearAxis:
-    """States of one axis, then its held force (N) and command (A): n of both together.
+    """Linear equations of one axis; its n states include the held force (N) and the held command (A), which come last.
 
     Args:
-        rates: (n, n), derivatives of the states, without what the other axis adds.
-        current: (n,), the coil's current, A.
-        pulling: (n,), the current that makes force, A.
-        reading: (n,), the displacement read, m, before sensor_gain.
-        driven: (n,), what each derivative gains per unit of acceleration by the bearing.
+        rates: (n, n), derivatives of the states per second, without the coupling to another axis.
+        current: (n,), signal of the coil's current, A.
+        pulling: (n,), signal of the force-producing current, A.
+        reading: (n,), signal of the displacement read, m, before sensor_gain.
+        driven: (n,), change of each derivative per unit of acceleration by the bearing.
     """
 
     rates: np.ndarray
@@ -34,15 +34,16 @@ class LinearAxis:
 
 
 def linear_axis(e: Experiment) -> LinearAxis:
-    """The states of a one-axis experiment: position, velocity, then those of each block that it has.
+    """The linear equations of a one-axis experiment: position, velocity, then the states of each block.
 
-    Voltage limit, runout, pickup and unbalance have no linear part. The bearing (magnets, support and friction, and
-    what the other axis' bearing does here) moves the probe's mount; the held force and the second body do not.
+    Voltage limit, runout, pickup and unbalance have no linear part. The reaction to the bearing's force (magnets,
+    support, friction and the coupling to another axis) moves the probe's mount; the held force and the second body do
+    not.
     """
     values, sensors = lane_values([e]), self_sensors(e)
     reading_states = self_sensor.STATES if sensors else sensor.STATES
     states = (*mechanics.MOTION, *amplifier.STATES, *actuator.STATES, *mechanics.STATES, *reading_states)
-    # The bearing's acceleration is an input at first, so that the other axis can add to it where it acts.
+    # The bearing's acceleration is first written as an input, so that the coupling to another axis can be added to it.
     system = System((*states, "force", "command", "bearing"), _SECOND, lean=True)
     position, held, bearing = (system.signal(name) for name in (mechanics.MOTION[0], "force", "bearing"))
 
@@ -63,8 +64,18 @@ def linear_axis(e: Experiment) -> LinearAxis:
 
 
 def cross_terms(e: Experiment, axis: int, other: Experiment) -> tuple[float, float, float, float]:
-    """What the other axis (its one-axis experiment) does to this one, as `Cross.onto`; cross_coupling adds its share of
-    the other's magnets as they pull at the centre, unsaturated."""
+    """Coupling of the other axis into this one.
+
+    The effect cross_coupling adds its share of the tangent of the other axis' magnets, centred and unsaturated.
+
+    Args:
+        e: one-axis experiment of this axis.
+        axis: 0 (x) or 1 (y), this axis.
+        other: one-axis experiment of the other axis.
+
+    Returns:
+        Stiffness (N/m), damping (N s/m), gain (N/A) and sensor share, as `Cross.onto`.
+    """
     stiffness, damping, gain, sensor_share = e.rig.cross.onto(axis)
     if ratio := effect_value(e.effects, "cross_coupling"):
         own_gain, own_stiffness = (float(v[0]) for v in actuator.central_tangent(lane_values([other])))

@@ -1,6 +1,6 @@
-"""The linearised loop's exact sampled-data frequency responses: what a noise-free small experiment measures.
+"""Exact sampled-data frequency responses of the linearised loop: the result of a small experiment without noise.
 
-Effects enter with their linear part (see `linear_axis`); eddy currents by the branches that the simulator has too.
+Effects enter with their linear part (see `linear_axis`), eddy currents with the same branches as in the simulator.
 """
 
 from collections.abc import Sequence
@@ -22,13 +22,18 @@ from selfsense.baseband import growth_rate
 
 @dataclass(frozen=True)
 class LoopResponse:
-    """Responses of the sampled loop at frequencies (n,) Hz: complex (n,), or (n, 2, 2) on an x-y rig, [to, from] axis.
+    """Responses of the sampled loop: complex (n,), or (n, 2, 2) on an x-y rig with indices [to, from] axis.
 
-    controller (A/m) from error to command; plant (m/A) from command to displacement reading; receptance (m/N) from
-    the held force to the reading and force_to_command (A/N) in closed loop; loop_gain = controller * plant;
-    sensitivity = 1 / (1 + loop_gain), also the response command / injection. amplifier (A/A) from command to the coil's
-    current at the control samples, delay included: what is left of it without an amplifier pole is the delay in whole
-    samples, a begun one counting as whole.
+    Args:
+        frequency: (n,), Hz.
+        controller: from error to command, A/m.
+        plant: from command to displacement reading, m/A.
+        receptance: from the held force to the reading in closed loop, m/N.
+        force_to_command: from the held force to the command in closed loop, A/N.
+        loop_gain: controller * plant.
+        sensitivity: 1 / (1 + loop_gain), which is also the response command / injection.
+        amplifier: from command to the coil's current at the control samples, A/A, including the delay. Without an
+            amplifier pole it is the delay in samples, rounded up.
     """
 
     frequency: np.ndarray
@@ -42,7 +47,12 @@ class LoopResponse:
 
 
 def loop_response(experiment: Experiment, frequency: np.ndarray) -> LoopResponse:
-    """Exact zero-order-hold discretisation of the linearised rig with its effects, closed by its controllers."""
+    """Responses of the linearised rig with its effects, exactly discretised and closed by its controllers.
+
+    Args:
+        experiment: with rig, effects, sensor and gains; its excitations are not used.
+        frequency: (n,), Hz.
+    """
     axes, dt = experiment.rig.axes, 1 / experiment.rig.control_rate
     z = np.exp(2j * np.pi * np.asarray(frequency, dtype=float) * dt)
     controller = np.zeros((len(z), axes, axes), complex)
@@ -55,7 +65,8 @@ def loop_response(experiment: Experiment, frequency: np.ndarray) -> LoopResponse
     late = z[:, None, None] ** float(-whole)
     from_command = late * (from_states @ b_new + (from_states @ b_old) / z[:, None, None])
     plant, amplifier = from_command[:, :axes], from_command[:, axes:]
-    # A command that is the current itself has changed at a sample only when the delay is of whole samples.
+    # Without an amplifier pole the current jumps with the command: at a sample it has its new value only if the delay
+    # is a whole number of samples.
     amplifier = amplifier + current[:, n + axes :] * (late / z[:, None, None] if fraction else late)
     loop = controller @ plant
     sensitivity = np.linalg.inv(np.eye(axes) + loop)
@@ -65,10 +76,17 @@ def loop_response(experiment: Experiment, frequency: np.ndarray) -> LoopResponse
 
 
 def closed_loop_poles(experiment: Experiment, plant: tuple[np.ndarray, ...] | None = None) -> np.ndarray:
-    """Poles (z-plane) of the linearised sampled loop; stable when all lie inside the unit circle.
+    """Poles (z-plane) of the linearised sampled loop, which is stable if all are inside the unit circle.
 
-    With self-sensing those of its baseband model, and for an estimator that is unstable by itself its growth. plant:
-    its `discrete_plant`, where known.
+    With self-sensing the baseband model of the sensor is used; the growth of an estimator that is unstable by itself is
+    added as a pole.
+
+    Args:
+        experiment: with rig, effects, sensor and gains.
+        plant: its `discrete_plant`, if it has been computed already.
+
+    Returns:
+        Complex, (poles,).
     """
     poles = np.linalg.eigvals(closed_loop(experiment, plant)[0])
     growth = np.array([growth_rate(sensor) for sensor in self_sensors(experiment)])
@@ -77,7 +95,7 @@ def closed_loop_poles(experiment: Experiment, plant: tuple[np.ndarray, ...] | No
 
 def pole_radii(experiments: Sequence[Experiment]) -> np.ndarray:
     """The largest magnitude (n,) of each experiment's `closed_loop_poles`."""
-    plants: dict[tuple, tuple[np.ndarray, ...]] = {}  # by all that they depend on: not by gains
+    plants: dict[tuple, tuple[np.ndarray, ...]] = {}  # keyed by everything that they depend on, which excludes gains
     found = []
     for e in experiments:
         effects = tuple((name, *values.items()) for name, values in e.effects.items())
@@ -91,8 +109,15 @@ def pole_radii(experiments: Sequence[Experiment]) -> np.ndarray:
 def closed_loop(
     experiment: Experiment, plant: tuple[np.ndarray, ...] | None = None
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """A, B, C of the linearised sampled loop from the held force of each axis (N) to its displacement reading (m);
-    plant: its `discrete_plant`, where known."""
+    """The linearised sampled loop from the held force of each axis (N) to its displacement reading (m).
+
+    Args:
+        experiment: with rig, effects, sensor and gains.
+        plant: its `discrete_plant`, if it has been computed already.
+
+    Returns:
+        State-space matrices A (s, s), B (s, axes) and C (axes, s).
+    """
     dt = 1 / experiment.rig.control_rate
     a, b_force, b_old, b_new, c = plant or discrete_plant(experiment)
     delay, _ = split_delay(experiment.effects, dt)
@@ -120,9 +145,13 @@ def closed_loop(
 
 
 def expected_statistics(experiment: Experiment, lines: np.ndarray) -> LineStatistics:
-    """Noise-free line means of the linearised experiment, with the covariance that its noise would give them.
+    """Noise-free means of the linearised experiment at its lines, with the covariance that its noise would cause.
 
-    The noise of self-sensing's estimate is left out, and so are runout, pickup and unbalance.
+    The noise of a self-sensing estimate is left out, and so are runout, pickup and unbalance.
+
+    Args:
+        experiment: with periodic excitations.
+        lines: (f,), harmonic numbers of the experiment's fundamental.
     """
     frequency = np.asarray(lines) * experiment.fundamental
     response = loop_response(experiment, frequency)
@@ -141,12 +170,12 @@ def expected_statistics(experiment: Experiment, lines: np.ndarray) -> LineStatis
     command = to_command @ force + s @ (injection + controller @ reference)
     displacement = receptance @ force + plant @ s @ (injection + controller @ reference)
     mean = np.concatenate([displacement, command, force, injection], axis=1)[..., 0].T
-    # Resolution of each axis' converter, as white noise beside the probe's own.
+    # The rounding of each axis' converter acts as white noise, in addition to the probe's own noise.
     own = [axis_rig(rig, axis) for axis in range(axes)]
     lsb = np.array([2 * r.voltage_range / 2**r.adc_bits / r.probe_gain if r.adc_bits else 0.0 for r in own])
     power = rig.noise.displacement**2 + lsb**2 / 12 if experiment.sensor == "probe" else 0.0 * lsb
     noise = 4 / (n * experiment.periods)
-    # Reading noise runs around the loop: the reading is (1 + P C)^-1 of it, the command -C times that.
+    # Noise of the reading passes through the loop: the reading has (1 + P C)^-1 times it, the command -C times that.
     reading = np.linalg.inv(np.eye(axes) + plant @ controller)
     ways = np.concatenate([reading, -controller @ reading, np.zeros((len(reading), 2 * axes, axes))], axis=1)
     covariance = np.einsum("nia,a,nja->ijn", ways, power, ways.conj()) * noise
@@ -157,8 +186,13 @@ def expected_statistics(experiment: Experiment, lines: np.ndarray) -> LineStatis
 
 
 def discrete_plant(experiment: Experiment) -> tuple[np.ndarray, ...]:
-    """A (n, n), B_force, B_old, B_new (n, axes), C (axes, n) over one control sample, from held forces and commands to
-    displacement readings; each command changes from old to new inside the sample when a delay has a fraction."""
+    """The plant over one control sample, from held forces (N) and commands (A) to displacement readings (m).
+
+    With a delay that is not a whole number of samples, each command changes from old to new within the sample.
+
+    Returns:
+        A (n, n); B_force, B_old and B_new (n, axes) each; C (axes, n).
+    """
     m, c, _ = _continuous(experiment)
     return *_discrete(experiment, m), c
 
@@ -175,8 +209,12 @@ def _discrete(experiment: Experiment, m: np.ndarray) -> tuple[np.ndarray, ...]:
 
 
 def _resolvent(a: np.ndarray, rows: np.ndarray, z: np.ndarray) -> np.ndarray:
-    """rows (z - A)^-1 at every z (f,): (f, rows, n). Triangular once by unitary steps, which any A allows."""
-    a, _, _, scale, _ = dgebal(a, scale=1)  # metres beside metres per second would cost digits
+    """rows (z - A)^-1 at every z (f,), shape (f, rows, n).
+
+    A Schur decomposition makes A triangular once, so that each frequency needs a back substitution only; unlike an
+    eigendecomposition it is accurate for any A.
+    """
+    a, _, _, scale, _ = dgebal(a, scale=1)  # balancing: states of very different size would lose accuracy
     triangular, basis = schur(a, output="complex")
     wanted = (rows * scale) @ basis
     solved = np.empty((len(a), len(z), len(rows)), complex)
@@ -187,15 +225,19 @@ def _resolvent(a: np.ndarray, rows: np.ndarray, z: np.ndarray) -> np.ndarray:
 
 
 def _continuous(experiment: Experiment) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Rates (n, n) of all axes' states, then held forces, then held commands; readings (axes, states) of those states
-    and coil currents (axes, n)."""
+    """Linear equations of all axes in continuous time.
+
+    Returns:
+        Rates (n, n) of the states of all axes, then their held forces, then their held commands; readings
+        (axes, states) in m; coil currents (axes, n) in A.
+    """
     axes = experiment.rig.axes
     views = [axis_experiment(experiment, axis) for axis in range(axes)]
     parts = [linear_axis(view) for view in views]
     starts = np.cumsum([0, *(len(part.rates) - 2 for part in parts)])
     states = int(starts[-1])
     n = states + 2 * axes
-    # Where an axis' states, its force and its command lie among those of all axes.
+    # Indices of each axis' states, force and command among those of all axes.
     own = [np.r_[starts[axis] : starts[axis + 1], states + axis, states + axes + axis] for axis in range(axes)]
     m, c, current = np.zeros((n, n)), np.zeros((axes, n)), np.zeros((axes, n))
     for axis, part in enumerate(parts):
@@ -213,7 +255,7 @@ def _continuous(experiment: Experiment) -> tuple[np.ndarray, np.ndarray, np.ndar
 
 
 def without_noise(experiment: Experiment) -> Experiment:
-    """The experiment on ideal converters and noiseless channels: what remains is the deterministic rig."""
+    """The experiment with ideal converters and without noise."""
     quiet = replace(experiment.rig.noise, displacement=0.0, force=0.0, current=0.0)
     sensing = replace(experiment.rig.self_sensing, adc_bits=0)
     rig = replace(experiment.rig, noise=quiet, adc_bits=0, dac_bits=0, self_sensing=sensing)

@@ -1,4 +1,4 @@
-"""What drives an experiment: periodic multisines at the force, the current or the reference."""
+"""Excitations of an experiment: periodic multisines at the force, the current or the reference."""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
@@ -23,13 +23,20 @@ UNITS: Mapping[Place, str] = {place: unit_of(channel) for place, channel in SHOW
 class Excitation:
     """One periodic excitation; several of them on different lines may share a record.
 
-    kind: "sphs" (Schroeder phases, D App. A), "multisine" (random phases drawn from `seed`) or "low_crest" (phases
-    optimised for a low crest factor, see `estimation.low_crest`).
-    at: "force" (N, on the rotor), "current" (A, added to the command) or "reference" (m).
-    fundamental in Hz; lines are harmonic numbers; amplitude is the peak of the period, in the unit of `at`. direction:
-    degrees from x toward y in which it acts on an x-y rig.
-    "recorded" and "none" describe recordings that no multisine drives; they cannot be synthesised. band (low, high) Hz:
-    where a recorded one is used (None: where it has power).
+    Args:
+        kind: "sphs" (Schroeder phases, D App. A), "multisine" (random phases drawn from `seed`) or "low_crest" (phases
+            optimised for a low crest factor, see `estimation.low_crest`). "recorded" (another measured excitation) and
+            "none" describe recordings; they cannot be synthesised.
+        at: "force" (N, on the rotor), "current" (A, added to the command) or "reference" (m).
+        fundamental: Hz.
+        lines: harmonic numbers, increasing.
+        amplitude: peak of the period, in the unit of `at`.
+        seed: of random and optimised phases.
+        direction: in which it acts on an x-y rig, degrees from x toward y.
+        band: (low, high) in Hz, where a "recorded" excitation is used; None: where it has power.
+
+    Raises:
+        ValueError: A value is not valid; the message names it.
     """
 
     kind: Literal["sphs", "multisine", "low_crest", "recorded", "none"]
@@ -76,13 +83,17 @@ class Excitation:
 
     @property
     def components(self) -> np.ndarray:
-        """Shares in x and y, shape (2,): cosine and sine of the direction, exact in multiples of 90 degrees."""
-        angle = np.deg2rad(float(self.direction))  # numpy takes no whole number beyond 64 bits
+        """Shares in x and y, shape (2,): cosine and sine of the direction, exact for multiples of 90 degrees."""
+        angle = np.deg2rad(float(self.direction))  # numpy does not accept integers beyond 64 bits
         shares = np.array([np.cos(angle), np.sin(angle)])
         return np.where(np.abs(shares) < 1e-12, 0.0, shares)
 
     def samples_per_period(self, sample_rate: float) -> int:
-        """Samples in one period; ValueError when the period is not a whole number of them."""
+        """Number of samples in one period.
+
+        Raises:
+            ValueError: The period is not a whole number of samples.
+        """
         n = sample_rate / self.fundamental
         if abs(n - round(n)) > 1e-6 * n:
             raise ValueError(
@@ -92,7 +103,11 @@ class Excitation:
         return round(n)
 
     def multisine(self, sample_rate: float) -> Multisine:
-        """The designed multisine on the sample grid of `sample_rate` (Hz)."""
+        """The multisine on the sample grid of `sample_rate` (Hz).
+
+        Raises:
+            ValueError: As `samples_per_period`, or a line is not below half of the sample rate.
+        """
         n = self.samples_per_period(sample_rate)
         if 2 * self.lines[-1] >= n:
             raise ValueError(
@@ -112,15 +127,19 @@ class Excitation:
 
 @lru_cache(maxsize=64)
 def _low_crest(lines: tuple[int, ...], samples: int, seed: int) -> Multisine:
-    """Designed once per process: an optimisation of some tenths of a second."""
+    """The optimised multisine, cached because the optimisation takes some tenths of a second."""
     return low_crest(lines, samples, seed=seed)
 
 
 def parse_lines(text: str) -> tuple[int, ...]:
-    """Harmonics from `first:last` or `first:last:step`; ValueError when it is not that."""
+    """Harmonic numbers from the text `first:last` or `first:last:step`.
+
+    Raises:
+        ValueError: The text has another form, or it contains no harmonic from 1 up.
+    """
     try:
         first, last, *step = (int(part) for part in text.split(":"))
-        if last > MAX_HARMONIC:  # bounded before a range is laid out: a slip of the pen must not take gigabytes
+        if last > MAX_HARMONIC:  # checked before the range is built: a typing error must not use gigabytes of memory
             raise ValueError
         lines = tuple(range(first, last + 1, *step))
     except (ValueError, TypeError):
@@ -133,7 +152,16 @@ def parse_lines(text: str) -> tuple[int, ...]:
 
 
 def parse_excitation(text: str, fundamental: float, kind: Any = "sphs") -> Excitation:
-    """A multisine from `place=lines@peak`, e.g. `force=1:249:2@0.4` (N); on an x-y rig `place=lines@peak@degrees`."""
+    """A multisine from the text `place=lines@peak`, e.g. `force=1:249:2@0.4`.
+
+    Args:
+        text: lines as in `parse_lines`, peak in the unit of the place; on an x-y rig `place=lines@peak@degrees`.
+        fundamental: Hz.
+        kind: as in `Excitation`.
+
+    Raises:
+        ValueError: The text has another form, or a value is not valid.
+    """
     at, equals, rest = text.partition("=")
     place: Any = at.strip()
     lines, *numbers = rest.split("@")
@@ -147,26 +175,37 @@ def parse_excitation(text: str, fundamental: float, kind: Any = "sphs") -> Excit
 
 
 def check_harmonics(lines: Iterable[Any], name: str) -> None:
-    """ValueError unless all are whole numbers from 1 to MAX_HARMONIC; before a range between them is laid out."""
+    """Check harmonic numbers, before a range between them is built, which could use too much memory.
+
+    Raises:
+        ValueError: One is not a whole number from 1 to MAX_HARMONIC.
+    """
     for line in lines:
         if isinstance(line, bool) or not isinstance(line, int | np.integer) or not 1 <= line <= MAX_HARMONIC:
             raise ValueError(f"excitation: {name}: {line!r} is not a whole number from 1 to {MAX_HARMONIC}")
 
 
 def lines_at(excitations: Iterable[Excitation], place: str | None = None) -> np.ndarray:
-    """Sorted harmonic numbers that periodic excitations drive at "force", "current" or "reference" (None: anywhere)."""
+    """Sorted harmonic numbers (lines,) of the periodic excitations at "force", "current" or "reference" (None: all)."""
     lines = [e.lines for e in excitations if e.periodic and place in (None, e.at)]
     return np.unique(np.concatenate(lines)) if lines else np.zeros(0, int)
 
 
 def axis_excitations(excitations: Iterable[Excitation], axis: int) -> tuple[Excitation, ...]:
-    """The excitations that act along axis 0 (x) or 1 (y), as far as they do; 180 degrees is against the axis."""
+    """Components of the excitations along axis 0 (x) or 1 (y), without those that are zero.
+
+    The direction of a component is 0, or 180 degrees if it acts against the axis.
+    """
     acting = [(e, float(e.components[axis])) for e in excitations]
     return tuple(replace(e, amplitude=e.amplitude * abs(c), direction=0.0 if c > 0 else 180.0) for e, c in acting if c)
 
 
 def check_interleaved(excitations: tuple[Excitation, ...]) -> None:
-    """Raise ValueError unless the periodic excitations share a fundamental and no line."""
+    """Check that the periodic excitations have the same fundamental and different lines.
+
+    Raises:
+        ValueError: They have not.
+    """
     taken: dict[int, str] = {}
     fundamentals = {e.fundamental for e in excitations if e.periodic}
     if len(fundamentals) > 1:

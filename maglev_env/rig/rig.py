@@ -30,12 +30,23 @@ def _presets(folder: Traversable) -> tuple[str, ...]:
     return tuple(sorted(file.name.removesuffix(".toml") for file in folder.iterdir() if file.name.endswith(".toml")))
 
 
-PRESETS, ROTORS = _presets(RIG_FOLDER), _presets(ROTOR_FOLDER)  # a preset is a file; rotors are those of `rotor.rotor`
+PRESETS, ROTORS = _presets(RIG_FOLDER), _presets(ROTOR_FOLDER)  # a preset is a file; `rotor.rotor` reads the rotors
 
 
 @dataclass(frozen=True)
 class Protocol:
-    """The rig's identification experiment: what is excited, for how long, and the estimation bands (Hz)."""
+    """The rig's identification experiment.
+
+    Args:
+        excitations: with the same fundamental and different lines.
+        periods: number of recorded periods, at least 2.
+        transient_periods: number of periods before them, which are not recorded.
+        band_width: width of the estimation bands, Hz.
+        band_overlap: overlap of neighbouring bands, Hz.
+
+    Raises:
+        ValueError: A value is not valid; the message names it.
+    """
 
     excitations: tuple[Excitation, ...]
     periods: int = 5
@@ -59,7 +70,16 @@ class Protocol:
 
 @dataclass(frozen=True)
 class Noise:
-    """White noise, rms per sample: displacement (m, inside the loop), force (N) and current (A) readings."""
+    """Rms per sample of the white noise on the readings.
+
+    Args:
+        displacement: m; this noise also enters the control loop.
+        force: N.
+        current: A.
+
+    Raises:
+        ValueError: A value is not a number or negative.
+    """
 
     displacement: float = 0.0
     force: float = 0.0
@@ -78,8 +98,18 @@ if apart := {f.name for f in fields(Noise)} ^ set(NOISY):
 
 @dataclass(frozen=True)
 class Target:
-    """What a good support is: target stiffness N/m and damping N s/m (None: those of the preset gains) in band (Hz),
-    the largest peak sensitivity, and the rms current (A) at which the current term halves."""
+    """Targets of the score.
+
+    Args:
+        band: (low, high) in Hz, in which stiffness and damping are compared.
+        stiffness: N/m; None: that of the preset gains.
+        damping: N s/m; None: that of the preset gains.
+        peak_sensitivity: largest acceptable one.
+        current_limit: rms current at which the score's current term is a half, A.
+
+    Raises:
+        ValueError: A value is not a positive number.
+    """
 
     band: tuple[float, float] = (60.0, 120.0)
     stiffness: float | None = None
@@ -97,14 +127,35 @@ class Target:
 
 @dataclass(frozen=True)
 class Rig:
-    """Physical parameters of a levitated rotor, SI; each field's metadata holds its unit and physical range.
+    """Physical parameters of a levitated rotor, SI; each field's metadata has its unit and physical range.
 
-    A rig of two axes has the same parameters in x and y but for what per_axis changes; cross couples them, gains is one
-    controller for both or a pair (None: not stated, see `defaults.with_defaults`), and the clearance is round.
-    actuator_gain (N/A) and negative_stiffness (N/m, < 0), when given, calibrate the magnet's force law. force_constant
-    and force_exponent are a magnet_coil's. bias_current = 0 of a single-sided magnet: the one that carries the weight.
-    effects: what the rig has beyond these parameters, in every experiment on it.
-    adc_bits or dac_bits = 0 means an ideal converter.
+    A rig with two axes has the same parameters in x and y except those in per_axis; its clearance is a circle.
+
+    Args:
+        name: for messages and reports.
+        magnet: the kind of magnet, a name of `magnets.kinds.KINDS`, or "none".
+        clearance: 0: that of the gap.
+        force_constant, force_exponent: of a magnet_coil only.
+        flux_path: where the control flux of a hybrid pair closes: "gap" or "magnet".
+        bias_current: 0 for a single-sided magnet: the one that carries the weight.
+        actuator_gain: measured df/di, which calibrates the magnet's force law; None: by geometry.
+        negative_stiffness: measured -df/dy (< 0), likewise.
+        adc_bits, dac_bits: 0: an ideal converter.
+        axes: 1, or 2 for x and y.
+        per_axis: parameters that differ in axis "x" or "y".
+        cross: coupling of the two axes.
+        gains: one controller for both axes, or a pair; None: not given, see `defaults.with_defaults`.
+        noise: of the readings.
+        bounds: (low, high) of gains, for tuning.
+        protocol: the identification experiment; None: not given.
+        target: of the score.
+        tolerance: relative 1-sigma uncertainty of parameters.
+        randomization: (low, high) factors of parameters that are drawn wide.
+        self_sensing: supply, acquisition and estimator of self-sensing.
+        effects: beyond these parameters, in every experiment on the rig.
+
+    Raises:
+        ValueError: A value is not valid or does not fit the others; the message names it.
     """
 
     name: str
@@ -195,7 +246,7 @@ class Rig:
 
     @property
     def capabilities(self) -> frozenset[Need]:
-        """What the rig has of that which effects need, see `loop.effect.NEEDS`."""
+        """The needs of effects that this rig fulfils, see `loop.effect.NEEDS`."""
         stated: dict[Need, bool] = {
             "magnets": self.controlled,
             "pair": self.controlled and KINDS[self.magnet].pair,
@@ -214,7 +265,13 @@ PARAMETERS: Mapping[str, Mapping[str, Any]] = {
 
 
 def with_parameters(rig: Rig, parameters: Mapping[str, Any]) -> Rig:
-    """The rig with some physical parameters replaced; ValueError names an unknown or unphysical one."""
+    """The rig with some physical parameters replaced.
+
+    A clearance that equals the gap follows a new gap.
+
+    Raises:
+        ValueError: A parameter is unknown or outside its physical range; the message names it.
+    """
     check_known(parameters, PARAMETERS, "[parameters]")
     if "gap" in parameters and "clearance" not in parameters and rig.clearance == rig.gap:
         parameters = {**parameters, "clearance": parameters["gap"]}
@@ -222,9 +279,9 @@ def with_parameters(rig: Rig, parameters: Mapping[str, Any]) -> Rig:
 
 
 def axis_rig(rig: Rig, axis: int) -> Rig:
-    """Axis 0 (x) or 1 (y) of a rig as a one-axis rig with its own parameters and controller, uncoupled.
+    """Axis 0 (x) or 1 (y) of a rig as an uncoupled one-axis rig with its own parameters and controller.
 
-    Of the protocol it has its share: what acts along the axis, as much of it as does.
+    Its protocol has the components of the excitations along this axis.
     """
     if rig.axes == 1:
         return rig
@@ -237,7 +294,12 @@ def axis_rig(rig: Rig, axis: int) -> Rig:
 
 
 def load_rig(source: str | Path) -> Rig:
-    """A preset by name, or a rig TOML by path. ValueError names the file and key; OSError when it cannot be read."""
+    """A preset by name, or a rig TOML by path.
+
+    Raises:
+        ValueError: The rig is not valid; the message names file and key.
+        OSError: The file cannot be read.
+    """
     if str(source) in PRESETS:
         text = (RIG_FOLDER / f"{source}.toml").read_text()
         return rig_from_toml(text, str(source))
@@ -260,16 +322,24 @@ def load_rig(source: str | Path) -> Rig:
 
 
 def rig_from_toml(text: str, where: str) -> Rig:
-    """Parse and check a rig TOML (schema maglev-rig/1); `where` names it in messages."""
+    """A checked rig from the text of a rig TOML (schema maglev-rig/1).
+
+    Args:
+        text: of the file.
+        where: name of the file for messages.
+
+    Raises:
+        ValueError: The rig is not valid; the message names file and key.
+    """
     try:
         return _build(tomllib.loads(text))
     except RecursionError:
-        raise ValueError(f"{where}: tables or lists lie too deep; a rig file has one level of them") from None
+        raise ValueError(f"{where}: tables or lists are nested too deeply; a rig file has one level of them") from None
     except (ValueError, TypeError, ArithmeticError) as error:
         raise ValueError(f"{where}: {error}") from error
 
 
-# Parameters that [axis.x] and [axis.y] may override: all but those of the common bore, controller board and magnet.
+# Parameters that [axis.x] and [axis.y] may override: all except those of the common bore, controller board and magnet.
 _COMMON = ("control_rate", "clearance", "gravity", "flux_path", "adc_bits", "dac_bits")
 _PER_AXIS = [name for name in PARAMETERS if name not in _COMMON]
 _TABLES = (
@@ -326,7 +396,7 @@ def _build(data: dict[str, Any]) -> Rig:
 
 
 def _effects(tables: Mapping[str, Any]) -> Effects:
-    """[effects] with one table per effect; what a table leaves out has its default."""
+    """[effects] with one table per effect; parameters that are not given have their defaults."""
     found: dict[str, Mapping[str, float]] = {}
     for name, values in tables.items():
         check_known((name,), EFFECTS, "[effects]")
@@ -345,9 +415,14 @@ def _effects(tables: Mapping[str, Any]) -> Effects:
 
 
 def controllers_from_table(table: Any, where: str) -> Controllers:
-    """Controllers from a TOML table: gains, numerator and denominator, or a table of either for each of x and y.
+    """Controllers from a TOML table.
 
-    ValueError names the axis that is missing, or the key that is unknown or missing; `where` begins its message.
+    Args:
+        table: gains, or numerator and denominator; or one table of either kind for each of x and y.
+        where: start of messages.
+
+    Raises:
+        ValueError: An axis is missing, or a key is unknown or missing; the message names it.
     """
     if not isinstance(table, Mapping):
         raise ValueError(f"{where} = {table!r} must be a table")
@@ -387,7 +462,15 @@ def _protocol(data: dict[str, Any]) -> Protocol:
 
 
 def excitation_from_table(table: Mapping[str, Any], ignored: tuple[str, ...] = ()) -> Excitation:
-    """An Excitation from a TOML table; `harmonics = [first, last]` is short for all lines between them."""
+    """An Excitation from a TOML table.
+
+    Args:
+        table: fields of `Excitation`; `harmonics = [first, last]` may replace the list of all lines between them.
+        ignored: keys of the table that belong to something else.
+
+    Raises:
+        ValueError: A key is unknown or missing, or a value is not valid.
+    """
     table = {k: v for k, v in table.items() if k not in ignored}
     harmonics = table.pop("harmonics", None)
     if harmonics is not None:

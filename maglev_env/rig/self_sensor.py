@@ -1,4 +1,4 @@
-"""The self-sensors of a rig: its coils, supply and estimator as its parameters and its [self_sensing] table say."""
+"""The self-sensors of a rig: coils, supply and estimator from its parameters and its [self_sensing] table."""
 
 from dataclasses import replace
 from functools import lru_cache
@@ -12,17 +12,21 @@ from selfsense.design import design_pi
 from selfsense.sensor import Estimator, SelfSensor
 from selfsense.supply import Acquisition, Supply
 
-LEAST_GAP, LARGEST_GAP = 0.02, 2.0  # of the rig's gap: where the estimator is held
+LEAST_GAP, LARGEST_GAP = 0.02, 2.0  # limits of the estimated gap, as shares of the rig's gap
 
 
 def rig_sensors(rig: Rig, nominal: Rig | None = None) -> tuple[SelfSensor, ...]:
-    """The self-sensor of each axis of a rig, their estimators made for the nominal one; see `self_sensor`."""
+    """The self-sensor of each axis of a rig, with estimators designed for the nominal rig; see `self_sensor`."""
     believed = nominal or rig
     return tuple(self_sensor(axis_rig(rig, axis), axis_rig(believed, axis)) for axis in range(rig.axes))
 
 
 def coil_of(rig: Rig) -> Coil:
-    """The upper coil of a one-axis rig. ValueError for a rig whose coil's inductance does not follow the gap."""
+    """The upper coil of a one-axis rig.
+
+    Raises:
+        ValueError: The inductance of the rig's coil does not depend on the gap.
+    """
     sensing = [name for name, kind in KINDS.items() if kind.inductance_follows_gap]
     if rig.magnet not in sensing:
         raise ValueError(
@@ -43,9 +47,14 @@ def coil_of(rig: Rig) -> Coil:
 
 
 def self_sensor(rig: Rig, nominal: Rig | None = None) -> SelfSensor:
-    """The self-sensor of a one-axis rig, its estimator made for the nominal rig (default: the rig itself).
+    """The self-sensor of a one-axis rig.
 
-    ValueError as `coil_of`, or when no estimator gains reach the lag that is asked for.
+    Args:
+        rig: its coil, supply and acquisition.
+        nominal: the rig for which the estimator is designed (default: the rig itself).
+
+    Raises:
+        ValueError: As `coil_of`, or no gains of the estimator reach the wanted lag.
     """
     s, believed = rig.self_sensing, nominal or rig
     supply = Supply(rig.supply_voltage, s.pwm_frequency, 2, s.dead_time)
