@@ -1,4 +1,4 @@
-"""The spinning rotor's environments; the docstring of the scalar one is their specification."""
+"""The environments of a spinning rotor; the docstring of the scalar one specifies both."""
 
 from typing import TYPE_CHECKING, Any
 
@@ -15,8 +15,9 @@ if TYPE_CHECKING:
 class PumpRotorEnv(RigEnv):
     """Tune both controllers of a free rotor in two magnetic bearings; one step is one run-up with identification.
 
-    The rotor has five degrees of freedom, spins, is unbalanced and can touch down. At every speed of the ladder it
-    starts from rest in the centre; at standstill and at the top speed currents that turn forward identify it.
+    The rotor has five degrees of freedom, spins, is unbalanced and can touch down. At every speed of the ladder the
+    simulation starts with the rotor at rest in the centre. At standstill and at the top speed it is identified with
+    forward-rotating currents.
 
     ## Action space
     `Box(-1, 1, (k,), float32)`, one element per gain in `tuned` of the first controller and then of the second, mapped
@@ -53,23 +54,23 @@ class PumpRotorEnv(RigEnv):
     | k | the gains just tried, as the action that gives them | | | |
     | 1 | experiments left over the budget | none | half | all |
 
-    What a touchdown left unknown is said so above; what was seen at other speeds stays.
+    "Unknown" above is the value after a touchdown; results at other speeds remain.
 
     ## Reward
-    The score of the experiment in [0, 1] (`evaluation.score`; every term that of the worst mode, controller, plane or
-    speed); 0 for a loop that is unstable at standstill or at the top speed; -1 for a touchdown.
+    The score of the experiment in [0, 1] (`evaluation.score`; every term is that of the worst mode, controller, plane
+    or speed); 0 for a loop that is unstable at standstill or at the top speed; -1 for a touchdown.
 
     ## Start
-    A rotor is drawn around the nominal one, and one experiment is made half-way between the rotor's preset gains and a
-    random point of the box. It does not count.
+    A rotor is drawn around the nominal one. The first observation is that of an experiment half-way between the rotor's
+    preset gains and a random point of the box, which does not count against the budget.
 
     ## End
     Truncated after `budget` experiments. Terminated by a touchdown if `terminate_on_touchdown`.
 
     ## Info
-    What is not known, such as an estimate after a touchdown, is left out.
+    Unknown values, such as an estimate after a touchdown, are left out.
 
-    | key | what |
+    | key | meaning |
     |---|---|
     | kp_translation ... | gains tried, named by controller (kp ... with "common") |
     | stiffness_translation_0_rpm ... | also damping, both with `_se`: N/m, N s/m; tilt N m/rad, N m s/rad |
@@ -87,11 +88,11 @@ class PumpRotorEnv(RigEnv):
     - `rotor`: preset name, path of a rotor TOML, or a `Rotor`. `control`: see above.
     - `tuned`: gains to tune, of kp, ki, kd, td, ti. `bounds`: {gain: (low, high)} for both, instead of the rotor's.
     - `randomization`: "none", or "tolerances": the axis' data-sheet uncertainty (inertias go with the mass), and static
-      and couple unbalance each times a factor drawn log-uniformly from `unbalance`, (0.5, 2) by default. What the
-      identification knows of probes, actuators and mass is the drawn rotor's.
-    - `speeds`: the ladder, rpm; by default 0 to 14000 by 1000. One of 0 rpm alone identifies at standstill only, and
-      has half of the elements above that are per speed.
-    - `move`: None, or by how much of the box (0 .. 2) an action moves the gains tried last.
+      and couple unbalance each times a factor drawn log-uniformly from `unbalance`, (0.5, 2) by default. The
+      identification uses the drawn rotor's probes, actuators and mass.
+    - `speeds`: the ladder, rpm; by default 0 to 14000 in steps of 1000. With 0 rpm alone the rotor is identified at
+      standstill only, and the observation has half of the elements that are per speed.
+    - `move`: None, or the share of the box (0 .. 2) by which an action can move the gains tried last.
     - `budget`: experiments per episode. `render_mode`: "rgb_array" or "human".
 
     ## Versions
@@ -109,7 +110,7 @@ class PumpRotorEnv(RigEnv):
 
 
 class PumpRotorVectorEnv(RigVectorEnv):
-    """`num_envs` environments as `PumpRotorEnv` specifies them, bit for bit, in one batch; as `RigVectorEnv`."""
+    """`num_envs` environments in one batch, with the results of `PumpRotorEnv` bit for bit; see `RigVectorEnv`."""
 
     make_task = staticmethod(make_rotor_task)
     picture = staticmethod(PumpRotorEnv.picture)

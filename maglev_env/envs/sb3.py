@@ -1,4 +1,4 @@
-"""The vector environment for Stable-Baselines3, which cannot take a `gymnasium.make_vec` itself."""
+"""The vector environment for Stable-Baselines3, which does not accept Gymnasium's vector environments."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -14,8 +14,11 @@ from maglev_env.envs.vector import RigVectorEnv
 class SB3VecEnv(VecEnv):
     """A `RigVectorEnv` in same-step autoreset as an SB3 `VecEnv`; wrap it in SB3's `VecMonitor` for episode returns.
 
-    infos hold what `RigEnv` tells, at the end of an episode also `terminal_observation` and `TimeLimit.truncated`.
-    ValueError for another autoreset mode.
+    The infos are those of `RigEnv`; at the end of an episode they also have `terminal_observation` and
+    `TimeLimit.truncated`.
+
+    Raises:
+        ValueError: The environment has another autoreset mode.
     """
 
     def __init__(self, env: RigVectorEnv) -> None:
@@ -66,7 +69,7 @@ class SB3VecEnv(VecEnv):
         return [getattr(self.env, attr_name) for _ in self._get_indices(indices)]
 
     def set_attr(self, attr_name: str, value: Any, indices: Any = None) -> None:
-        """Refused: the environments of a batch share their attributes."""
+        """Raises AttributeError: the environments of a batch share their attributes."""
         raise AttributeError(f"{attr_name}: the environments of a batch share their attributes; make another batch")
 
     def env_method(self, method_name: str, *args: Any, indices: Any = None, **kwargs: Any) -> list[Any]:
@@ -79,6 +82,6 @@ class SB3VecEnv(VecEnv):
         return [False for _ in self._get_indices(indices)]
 
     def _split(self, info: dict[str, Any]) -> list[dict[str, Any]]:
-        """One dictionary per environment of a vector environment's."""
+        """The infos of a vector environment as one dictionary per environment."""
         names = [name for name in info if not name.startswith(("_", "final_"))]
         return [{n: info[n][i] for n in names if info[f"_{n}"][i]} for i in range(self.num_envs)]

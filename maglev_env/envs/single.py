@@ -1,4 +1,4 @@
-"""The scalar environment; its docstring is the specification of all of them."""
+"""The scalar environment; its docstring specifies all environments of rigs."""
 
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
@@ -50,37 +50,38 @@ class RigEnv(gym.Env[np.ndarray, np.ndarray]):
     | 1 | experiments left over the budget | none | half | all |
     | 2 | target k, c over k*, c*, with `draw_target` | 1/5 | 1 | 5 (logarithm) |
 
-    After a touchdown estimates are 0, standard errors and levels 1, margins -1.
+    After a touchdown the estimates are 0, standard errors and levels 1, and margins -1.
 
     ## Reward
     The score of the experiment (see `evaluation.score`), in [0, 1]; 0 for an unstable loop; -1 for a touchdown.
 
     ## Start
-    A rig is drawn around the nominal one, with `draw_target` a target too, and one experiment is made half-way between
-    the rig's preset gains and a random point of the box. It does not count.
+    A rig is drawn around the nominal one, and with `draw_target` also a target. The first observation is that of an
+    experiment half-way between the rig's preset gains and a random point of the box, which does not count against the
+    budget.
 
     ## End
     Truncated after `budget` experiments. Terminated by a touchdown if `terminate_on_touchdown`.
 
     ## Info
-    The gains tried and what the experiment says, in SI: stiffness and damping in the target band with 95 % bounds and
-    per band with standard errors, margins, peak_displacement (m), current_rms (A), touchdown_time (s), pole_radius,
-    feasible, axis (the worse one, 0 or 1), score and its terms (`term_*`). What is not known, such as an estimate
-    after a touchdown, is left out.
+    The gains tried and the results of the experiment, in SI: stiffness and damping in the target band with 95 % bounds
+    and per band with standard errors, margins, peak_displacement (m), current_rms (A), touchdown_time (s), pole_radius,
+    feasible, axis (the worse one, 0 or 1), score and its terms (`term_*`). Unknown values, such as an estimate after a
+    touchdown, are left out.
 
     ## Arguments
-    - `rig`: preset name, path of a rig TOML, or a `Rig`; what its TOML lacks is filled in by `with_defaults`.
+    - `rig`: preset name, path of a rig TOML, or a `Rig`; `with_defaults` fills in what its TOML does not give.
     - `tuned`: gains to tune, of kp, ki, kd, td, ti. `bounds`: {gain: (low, high)} instead of the rig's.
     - `randomization`: "none", "tolerances" (the rig's data-sheet uncertainty) or "wide" (its [randomization], else 0.75
       to 1.35 times every parameter that has a tolerance). `draw_target`: draw k* and c* too, 0.8 to 1.5 times.
     - `effects`: any of `maglev effects`, {name: {parameter: value}}, unknown to the agent.
     - `protocol`: "full" (the rig's SPHS protocol) or "quick" (an eighth of the time, two to five times the error).
-    - `move`: None, or by how much of the box (0 .. 2) an action moves the gains tried last.
-    - `sensor`: "probe", or "self_sensing": the rig's own coils, read by an estimator that is made for the nominal rig;
-      the score then counts the error of the sensed gap, and the info has it and what phase margin it costs.
+    - `move`: None, or the share of the box (0 .. 2) by which an action can move the gains tried last.
+    - `sensor`: "probe", or "self_sensing" by the rig's own coils and an estimator designed for the nominal rig; the
+      score then includes the error of the estimated gap, and the info has this error and the lost phase margin.
     - `budget`: experiments per episode. `render_mode`: "rgb_array" or "human".
 
-    On an x-y rig the same gains hold in both axes and everything is that of the worse one.
+    On an x-y rig both axes have the same gains, and all results are those of the worse axis.
 
     ## Versions
     - v0: first.
@@ -103,7 +104,7 @@ class RigEnv(gym.Env[np.ndarray, np.ndarray]):
         """The figure that `render` draws of an episode.
 
         Args:
-            task: what is tuned.
+            task: that of the environment.
             episode: one of its episodes.
             history: (action (k,), info) of its experiments so far, oldest first, the start included.
         """
@@ -113,11 +114,11 @@ class RigEnv(gym.Env[np.ndarray, np.ndarray]):
 
     @property
     def observation_names(self) -> tuple[str, ...]:
-        """What each element of the observation is."""
+        """Name of each element of the observation."""
         return self.task.layout.names
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[np.ndarray, dict]:
-        """Draw an episode and make its first experiment. No options are known."""
+        """Draw an episode and make its first experiment; there are no options."""
         super().reset(seed=seed)
         self._episode, self._count, self._history = self.task.draw(self.np_random), 0, []
         observation, _, info, _ = self._measure(self._episode.start)
@@ -174,7 +175,8 @@ def spaces_of(task: Tuning) -> tuple[spaces.Box, spaces.Box]:
 def checked_actions(actions: np.ndarray, space: spaces.Space, n: int) -> np.ndarray:
     """Actions (n, k) as float64, clipped into the box with a warning.
 
-    InvalidAction names what is wrong: the shape, or a value that is not a number.
+    Raises:
+        InvalidAction: The shape is wrong, or a value is not a number; the message says which.
     """
     shape = space.shape or ()
     try:

@@ -18,11 +18,19 @@ def check_vector_env(
     steps: int = 25,
     seed: int = 0,
 ) -> None:
-    """Raise AssertionError, saying what is wrong, unless a vector environment keeps Gymnasium's contract.
+    """Check that a vector environment keeps Gymnasium's contract.
 
-    make_vector(num_envs) makes it. make_single() makes the scalar environment that it must equal exactly; None leaves
-    that out. Within `steps` random steps at least one episode must end, or autoreset is not checked: AssertionError.
-    The vector environment must be deterministic given its seed, and environment i seeded seed + i.
+    The vector environment must be deterministic for a given seed, and its environment i must have the seed seed + i.
+
+    Args:
+        make_vector: makes the vector environment from num_envs.
+        make_single: makes the scalar environment whose results must be equal exactly; None: not checked.
+        num_envs: of the vector environment.
+        steps: number of random steps; at least one episode must end within them, so that autoreset is checked.
+        seed: of environments and actions.
+
+    Raises:
+        AssertionError: It does not; the message says what is wrong.
     """
     env = make_vector(num_envs)
     try:
@@ -85,7 +93,7 @@ def _actions(env: VectorEnv, steps: int, seed: int) -> list[Any]:
 
 
 def _rollout(env: VectorEnv, actions: list[Any], seed: int) -> list[tuple]:
-    """(observations, infos) of reset, then the results of every step, kept as they were returned."""
+    """(observations, infos) of reset, then the results of every step, not copied, so that reused arrays are found."""
     results: list[tuple] = [env.reset(seed=seed)]
     for action in actions:
         results.append(env.step(action))
@@ -114,8 +122,8 @@ def _check_autoreset(env: VectorEnv, results: list[tuple]) -> None:
         ended = results[t][2] | results[t][3]
         if mode is AutoresetMode.NEXT_STEP:
             after = results[t + 1]
-            assert (after[1][ended] == 0).all(), f"step {t + 1}: an environment that starts anew has a reward"
-            assert not (after[2] | after[3])[ended].any(), f"step {t + 1}: an environment that starts anew ends at once"
+            assert (after[1][ended] == 0).all(), f"step {t + 1}: an environment that restarts has a reward"
+            assert not (after[2] | after[3])[ended].any(), f"step {t + 1}: an environment that restarts ends at once"
         elif mode is AutoresetMode.SAME_STEP:
             info = results[t][4]
             assert {"final_obs", "_final_obs"} <= info.keys(), f"step {t}: an episode ended without final_obs in infos"

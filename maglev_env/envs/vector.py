@@ -1,4 +1,4 @@
-"""The same environment many at a time: every step is one batch of the lane simulator."""
+"""Many environments at a time: every step is one batch of the lane simulator."""
 
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -17,11 +17,18 @@ _Outcome = tuple[np.ndarray, list[dict[str, Any]], np.ndarray]
 
 
 class RigVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
-    """`num_envs` environments as `RigEnv` specifies them, bit for bit, in one batch.
+    """`num_envs` environments in one batch, with the results of `RigEnv` bit for bit.
 
-    autoreset_mode: NEXT_STEP (Gymnasium's default), SAME_STEP (`final_obs` and `final_info` in the infos) or DISABLED
-    (reset with `options={"reset_mask": ...}`). threads: default all cores; results do not depend on it. Other arguments
-    as `RigEnv`. ValueError names the argument that is wrong.
+    Args:
+        num_envs: number of environments.
+        render_mode: None or "rgb_array".
+        autoreset_mode: NEXT_STEP (Gymnasium's default), SAME_STEP (`final_obs` and `final_info` in the infos) or
+            DISABLED (reset with `options={"reset_mask": ...}`).
+        threads: default: all cores; results do not depend on it.
+        arguments: as `RigEnv`.
+
+    Raises:
+        ValueError: An argument is not valid; the message names it.
     """
 
     make_task: Callable[..., Tuning] = staticmethod(make_task)
@@ -62,7 +69,12 @@ class RigVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
     def reset(
         self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
     ) -> tuple[np.ndarray, dict[str, Any]]:
-        """Start every episode, or those of `options["reset_mask"]`; environment i has the seed seed + i, or seed[i]."""
+        """Start new episodes.
+
+        Args:
+            seed: environment i has the seed seed + i, or seed[i] of a sequence.
+            options: "reset_mask" (num_envs,) bool selects the environments; default: all.
+        """
         mask = np.ones(self.num_envs, bool)
         if options and "reset_mask" in options:
             mask = np.asarray(options["reset_mask"])
@@ -73,7 +85,7 @@ class RigVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         return self._observations.copy(), self._gathered(np.flatnonzero(mask), told)
 
     def step(self, actions: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
-        """One experiment in every environment; with NEXT_STEP those that had ended start anew instead."""
+        """One experiment in every environment; with NEXT_STEP those that had ended restart instead."""
         if any(e is None for e in self._episodes):
             raise gym.error.ResetNeeded("call reset before the first step")
         checked = checked_actions(actions, self.single_action_space, self.num_envs)
@@ -117,7 +129,16 @@ class RigVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
                 self._rngs[i] = seeding.np_random(seeds[i])[0]
 
     def _measure(self, members: np.ndarray, fresh: np.ndarray, actions: np.ndarray) -> _Outcome:
-        """One experiment of each member, a new episode's first where fresh: rewards, infos, whether it touched down."""
+        """One experiment of each member.
+
+        Args:
+            members: indices of environments.
+            fresh: (num_envs,), which of them start a new episode.
+            actions: (num_envs, k).
+
+        Returns:
+            Rewards, infos and whether the rotor touched down, for each member.
+        """
         tried = np.array(actions, dtype=np.float64)
         for i in members:
             if fresh[i]:
@@ -136,7 +157,7 @@ class RigVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         return rewards(found), told, np.isfinite(found.touchdown_time)
 
     def _restarted(self, told: list[dict[str, Any]]) -> dict[str, Any]:
-        """Start anew what has ended; its last observation and info go to final_obs and final_info."""
+        """Restart ended episodes; their last observations and infos go to final_obs and final_info."""
         ended = np.flatnonzero(self._done)
         final_info: dict[str, Any] = {}
         final_obs = np.full(self.num_envs, None, dtype=object)

@@ -1,4 +1,4 @@
-"""Episodes: a rig drawn around the nominal one, a target, where tuning starts."""
+"""Episodes: a rig drawn around the nominal one, a target, and the starting point of tuning."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -11,14 +11,21 @@ from maglev_env.rig.rig import Rig, axis_rig, with_parameters
 from maglev_env.task.gain_box import GainBox
 
 RANDOMIZATIONS = ("none", "tolerances", "wide")
-WIDE = (0.75, 1.35)  # factors of a parameter drawn wide whose rig states no [randomization]
-TARGET_RANGE = (0.8, 1.5)  # factors of a drawn target over the nominal one
-START = 0.5  # weight of the random point in where tuning starts; the rest is the preset
+WIDE = (0.75, 1.35)  # range of the factors of "wide" for a rig without [randomization]
+TARGET_RANGE = (0.8, 1.5)  # range of the ratio of a drawn target to the nominal one
+START = 0.5  # weight of a random point in the starting point of tuning; the rest is the preset
 
 
 @dataclass(frozen=True, eq=False)
 class Episode:
-    """A drawn rig, what it is scored against, the first action (k,) and the seed of its noise."""
+    """One drawn tuning problem.
+
+    Args:
+        rig: drawn around the nominal one.
+        target: of the score.
+        start: the first action, (k,) in [-1, 1].
+        seed: of the noise of its experiments.
+    """
 
     rig: Rig
     target: ScoreTarget
@@ -27,7 +34,7 @@ class Episode:
 
 
 def check_randomization(rig: Rig, randomization: str) -> None:
-    """ValueError when the name is unknown, or the rig states nothing to draw."""
+    """Raise ValueError if the name is unknown, or the rig gives no ranges to draw from."""
     if randomization not in RANDOMIZATIONS:
         raise ValueError(f"randomization = {randomization!r}; use one of {', '.join(RANDOMIZATIONS)}")
     if randomization == "tolerances" and not rig.tolerance:
@@ -37,22 +44,25 @@ def check_randomization(rig: Rig, randomization: str) -> None:
 
 
 def wide_factors(rig: Rig) -> Mapping[str, tuple[float, float]]:
-    """Factors that "wide" draws log-uniformly: the rig's [randomization], else WIDE for what has a tolerance."""
+    """Ranges (low, high) from which "wide" draws factors log-uniformly, by parameter.
+
+    They are the rig's [randomization]; without it, WIDE for every parameter that has a tolerance.
+    """
     return rig.randomization or {name: WIDE for name in rig.tolerance if getattr(rig, name) is not None}
 
 
 def log_spread(ends: tuple[float, float]) -> float:
-    """Standard deviation of the logarithm of a factor that is drawn log-uniformly between its ends."""
+    """Standard deviation of the logarithm of a factor that is drawn log-uniformly between two ends."""
     return float(np.log(ends[1] / ends[0]) / np.sqrt(12))
 
 
 def tolerance_factors(rig: Rig, rng: np.random.Generator) -> dict[str, float]:
-    """Factors of its parameters within their data-sheet tolerance (1 sigma, of the logarithm), in the rig's order."""
+    """Random log-normal factors by parameter; the rig's [tolerance] is the standard deviation of the logarithm."""
     return {name: float(np.exp(rng.normal(0.0, sigma))) for name, sigma in rig.tolerance.items()}
 
 
 def scaled_rig(rig: Rig, factors: Mapping[str, float]) -> Rig:
-    """The rig with its parameters, those of single axes too, times factors; what it leaves open stays so."""
+    """The rig with parameters multiplied by factors, also those of single axes; parameters that are None stay None."""
     changed = {name: getattr(rig, name) * factor for name, factor in factors.items() if getattr(rig, name) is not None}
     scaled = with_parameters(rig, changed)
     if rig.axes == 2:  # an axis' own parameters vary with the rig's
@@ -65,7 +75,16 @@ def scaled_rig(rig: Rig, factors: Mapping[str, float]) -> Rig:
 def draw_episode(
     rig: Rig, target: ScoreTarget, box: GainBox, randomization: str, draw_target: bool, rng: np.random.Generator
 ) -> Episode:
-    """One episode; every choice comes from rng, in a fixed order."""
+    """Draw one episode; all random numbers come from rng, in a fixed order.
+
+    Args:
+        rig: the nominal rig, with gains.
+        target: the nominal target.
+        box: of the gains to tune.
+        randomization: one of RANDOMIZATIONS.
+        draw_target: whether stiffness and damping of the target are drawn too.
+        rng: source of all random numbers.
+    """
     factors: Mapping[str, float] = {}
     if randomization == "tolerances":
         factors = tolerance_factors(rig, rng)

@@ -9,13 +9,20 @@ from maglev_env.loop.gains import Controllers, Gains, of_axis, with_gains
 from maglev_env.rig.rig import Rig
 
 TUNED = ("kp", "ki", "kd")
-WIDE_RANGE = 5.0  # a range whose ends differ by as much is divided logarithmically
-TIME_CONSTANTS = (0.3, 3.0)  # bounds of td and ti around the preset, where the rig gives none
+WIDE_RANGE = 5.0  # a range whose ends have at least this ratio is mapped logarithmically
+TIME_CONSTANTS = (0.3, 3.0)  # bounds of td and ti relative to the preset, if the rig gives none
 
 
 @dataclass(frozen=True, eq=False)
 class GainBox:
-    """names (k,) of the gains tuned; low and high (k,) in their units; log (k,): mapped logarithmically."""
+    """Mapping between actions and gains.
+
+    Args:
+        names: of the k gains that are tuned.
+        low: (k,), lower bounds in the gains' units.
+        high: (k,), upper bounds.
+        log: (k,), whether a gain is mapped logarithmically.
+    """
 
     names: tuple[str, ...]
     low: np.ndarray
@@ -41,14 +48,22 @@ class GainBox:
         return self.actions([getattr(gains, name) for name in self.names])
 
     def applied(self, preset: Controllers, values: np.ndarray) -> Controllers:
-        """The preset controllers with the box's gains at values (k,) in their units."""
+        """The preset controllers with the box's gains set to values (k,) in their units."""
         return with_gains(preset, **dict(zip(self.names, map(float, values), strict=True)))
 
 
 def gain_box(rig: Rig, tuned: Sequence[str] = TUNED, bounds: Mapping[str, Sequence[float]] | None = None) -> GainBox:
-    """The box of some gains of a rig: bounds where given, else the rig's, else a range around its td and ti.
+    """The box of some gains of a rig.
 
-    ValueError names the argument: a gain that does not exist, is named twice or has no bounds, or an empty range.
+    Args:
+        rig: with PID gains.
+        tuned: names of the gains.
+        bounds: (low, high) by name. For other gains the rig's bounds are used; without those, for td and ti, a range
+            around the preset.
+
+    Raises:
+        ValueError: A gain does not exist, is named twice or has no bounds, or its range is empty; the message names the
+            argument.
     """
     known = [f.name for f in fields(Gains)]
     tuned, bounds = tuple(tuned), dict(bounds or {})

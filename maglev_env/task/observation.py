@@ -1,4 +1,4 @@
-"""The observation: what one identification experiment says, as numbers in [-1, 1]."""
+"""The observation: the result of one identification experiment as numbers in [-1, 1]."""
 
 from dataclasses import dataclass
 from typing import ClassVar
@@ -9,14 +9,21 @@ from maglev_env.evaluation.evaluate import Evaluation
 from maglev_env.evaluation.score import ScoreTarget
 
 BANDS = 5
-# Margins, each from bad (-1) to good (1); a crossing that lies outside the lines counts as far away.
+# Margins, each scaled from bad (-1) to good (1); a crossing outside the measured lines counts as a good margin.
 MARGINS = ("peak_sensitivity", "gain_margin_high", "phase_margin", "disk_margin")
 
 
 @dataclass(frozen=True, eq=False)
 class Layout:
-    """bands (b, 2) Hz; names of the gains tuned; nominal target, the unit of stiffness and damping; budget of
-    experiments; whether the target is part of the observation."""
+    """The elements of an observation.
+
+    Args:
+        bands: (b, 2), Hz.
+        gains: names of the gains that are tuned.
+        nominal: nominal target, by which stiffness and damping are scaled.
+        budget: number of experiments in an episode.
+        drawn_target: whether the target is part of the observation.
+    """
 
     bands: np.ndarray
     gains: tuple[str, ...]
@@ -28,7 +35,7 @@ class Layout:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """What each element is, in order."""
+        """Name of each element, in order."""
         per_band = [
             f"{name}_{low:.0f}_{high:.0f}_hz"
             for name in ("stiffness", "damping", "stiffness_se", "damping_se")
@@ -41,9 +48,18 @@ class Layout:
     def encode(
         self, e: Evaluation, targets: ScoreTarget, actions: np.ndarray, experiments_left: np.ndarray
     ) -> np.ndarray:
-        """Observations (n, len(names)) float32. targets: arrays (n,); actions (n, k); experiments_left (n,).
+        """Observations of n experiments.
 
-        After a touchdown estimates are 0, their standard errors and levels 1, margins -1.
+        After a touchdown the estimates are 0, their standard errors and the levels 1, and the margins -1.
+
+        Args:
+            e: results of the experiments.
+            targets: with arrays (n,).
+            actions: (n, k).
+            experiments_left: (n,).
+
+        Returns:
+            (n, len(names)), float32.
         """
         n, k, c = len(e.score), self.nominal.stiffness, self.nominal.damping
         down = ~np.isnan(e.touchdown_time)
@@ -68,7 +84,7 @@ class Layout:
         return np.clip(np.concatenate(parts, axis=1).reshape(n, -1), -1.0, 1.0).astype(np.float32)
 
     def of_target(self, targets: ScoreTarget) -> np.ndarray:
-        """The elements (n, 2) that say what the targets, arrays (n,), are."""
+        """The elements (n, 2) of the targets, which hold arrays (n,)."""
         stiffness, damping = (
             ratio(targets.stiffness / self.nominal.stiffness),
             ratio(targets.damping / self.nominal.damping),
@@ -81,18 +97,18 @@ def _filled(x: np.ndarray, value: float) -> np.ndarray:
 
 
 def _signed(x: np.ndarray) -> np.ndarray:
-    """Signed logarithm: 0 at 0, about a half at 1, 1 at 20; unknown is 0."""
+    """Signed logarithmic scale: 0 at 0, about a half at 1, 1 at 20; 0 for unknown values."""
     return _filled(np.arcsinh(10 * x) / np.arcsinh(200.0), 0.0)
 
 
 def decades(x: np.ndarray, low: float, high: float) -> np.ndarray:
-    """-1 at 10^low, 1 at 10^high and where unknown."""
+    """Logarithmic scale: -1 at 10^low, 1 at 10^high; 1 for unknown values."""
     with np.errstate(invalid="ignore", divide="ignore"):
         return _filled(2 * (np.log10(x) - low) / (high - low) - 1, 1.0)
 
 
 def ratio(x: np.ndarray) -> np.ndarray:
-    """Logarithm of a ratio: 0 on target, +-1 a factor of five off; -1 where not positive, 0 where unknown."""
+    """Logarithm of a ratio: 0 at the target, +-1 at a factor of five; -1 if not positive, 0 for unknown values."""
     with np.errstate(invalid="ignore", divide="ignore"):
         scaled = np.log(np.where(x > 0, x, np.nan)) / np.log(5.0)
     return np.where(np.isnan(x), 0.0, np.where(x > 0, scaled, -1.0))

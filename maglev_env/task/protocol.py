@@ -8,18 +8,20 @@ from maglev_env.rig.excitation import lines_at
 from maglev_env.rig.rig import Protocol, Rig
 
 PROTOCOLS = ("full", "quick")
-_COARSER = 5  # the quick fundamental over the full one
-_EVERY = 3  # of the quick lines, one in so many is the injection's
+_COARSER = 5  # ratio of the quick fundamental to the full one
+_EVERY = 3  # every third of the quick lines belongs to the injection
 _PERIODS = 3
 
 
 def env_protocol(rig: Rig, name: str) -> Protocol:
-    """The rig's protocol ("full"), or one of five times its fundamental and three periods ("quick").
+    """The rig's protocol ("full"), or one with five times its fundamental and three periods ("quick").
 
-    The quick one takes an eighth of the time; with fewer lines over a shorter time its standard errors are two to five
-    times those of the full one, and a sharp resonance may fall between its lines: on hmb_radial it reads a peak
-    sensitivity of 4.6 where the full one reads 5.3. Peaks, places and directions are those of the full one. ValueError
-    for another name.
+    The quick protocol takes an eighth of the time. Because it has fewer lines and a shorter record, its standard errors
+    are two to five times larger, and a sharp resonance may fall between its lines: on hmb_radial it measures a peak
+    sensitivity of 4.6, the full protocol 5.3. Amplitudes, places and directions are those of the full protocol.
+
+    Raises:
+        ValueError: The name is another one.
     """
     if name not in PROTOCOLS:
         raise ValueError(f"protocol = {name!r}; use one of {', '.join(PROTOCOLS)}")

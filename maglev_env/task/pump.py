@@ -24,16 +24,24 @@ from maglev_env.task.pump_episodes import (
 from maglev_env.task.task import Task, check_episode
 
 LADDER = tuple(range(0, 14_001, 1000))  # rpm
-UNBALANCE = (0.5, 2.0)  # factors that "tolerances" draws
-# Of each identification: what a mode's and a controller's number is named by, in the order of the observation.
+UNBALANCE = (0.5, 2.0)  # range of the factors that "tolerances" draws
+# Quantities of each identification, per mode and per controller, in the order of the observation.
 _OF_MODES = ("stiffness", "damping", "stiffness_se", "damping_se")
 _OF_CONTROLLERS = ("peak_sensitivity", "peak_frequency")
 
 
 @dataclass(frozen=True, eq=False)
 class RotorLayout:
-    """speeds (s,) of the run-up and id_speeds (k,), rpm; controllers; gains tuned; target of the nominal rotor, the
-    unit of stiffness and damping; budget of experiments."""
+    """The elements of an observation.
+
+    Args:
+        speeds: of the run-up, (s,), rpm.
+        id_speeds: of the identifications, (k,), rpm.
+        controllers: their names.
+        gains: names of the gains that are tuned.
+        target: of the nominal rotor, by which stiffness and damping are scaled.
+        budget: number of experiments in an episode.
+    """
 
     speeds: tuple[float, ...]
     id_speeds: tuple[float, ...]
@@ -43,21 +51,29 @@ class RotorLayout:
     budget: int
 
     def identified(self, name: str) -> tuple[str, ...]:
-        """Names of one quantity by speed and mode or controller."""
+        """Names of one quantity's elements, by speed and then by mode or controller."""
         of = MODES if name in _OF_MODES else self.controllers
         return tuple(f"{name}_{one}_{speed:g}_rpm" for speed in self.id_speeds for one in of)
 
     @property
     def names(self) -> tuple[str, ...]:
-        """What each element is, in order."""
+        """Name of each element, in order."""
         found = [n for name in (*_OF_MODES, "peak_sensitivity") for n in self.identified(name)]
         displacement = [f"displacement_{speed:g}_rpm" for speed in self.speeds]
         return (*found, *displacement, "current", "feasible", *self.gains, "experiments_left")
 
     def encode(self, e: RotorEvaluation, actions: np.ndarray, experiments_left: np.ndarray) -> np.ndarray:
-        """Observations (n, len(names)) float32 of actions (n, k) and experiments_left (n,).
+        """Observations of n experiments.
 
-        Where a rotor touched down ratios are 0, standard errors and the displacement 1, peak sensitivities -1.
+        After a touchdown ratios are 0, standard errors and the displacement 1, and peak sensitivities -1.
+
+        Args:
+            e: results of the experiments.
+            actions: (n, k).
+            experiments_left: (n,).
+
+        Returns:
+            (n, len(names)), float32.
         """
         n, t = len(e.score), self.target
         parts = [ratio(e.identified(name) / getattr(t, name)) for name in ("stiffness", "damping")]
@@ -74,7 +90,7 @@ class RotorLayout:
 
 @dataclass(frozen=True, eq=False)
 class RotorTask:
-    """What the arguments of an environment mean, checked; see `envs.pump.PumpRotorEnv`. preset: action (k,)."""
+    """Checked arguments of `envs.pump.PumpRotorEnv`; preset: the rotor's own gains as an action (k,)."""
 
     rotor: Rotor
     tuned: tuple[str, ...]
@@ -91,17 +107,27 @@ class RotorTask:
 
     @property
     def name(self) -> str:
-        """The rotor's."""
+        """Name of the rotor."""
         return self.rotor.name
 
     def draw(self, rng: np.random.Generator) -> RotorEpisode:
-        """A new episode; all of it comes from rng."""
+        """A new episode; all its random numbers come from rng."""
         return draw_rotor_episode(self.rotor, self.preset, self.randomization, self.unbalance, rng)
 
     def measure(
         self, episodes: Sequence[RotorEpisode], actions: np.ndarray, counts: Sequence[int], threads: int | None
     ) -> tuple[RotorEvaluation, np.ndarray]:
-        """Evaluation and observations (n, size) of experiment counts[i] (from 0, the start) of each episode."""
+        """One experiment of each episode.
+
+        Args:
+            episodes: n of them.
+            actions: (n, k).
+            counts: number of the experiment in each episode; 0 is the start.
+            threads: None: all cores.
+
+        Returns:
+            The evaluation, and observations (n, size).
+        """
         every = zip(episodes, self.box.gains(actions), strict=True)
         rotors = [gains_at(episode.rotor, gains, self.tuned) for episode, gains in every]
         seeds = [(episode.seed, count) for episode, count in zip(episodes, counts, strict=True)]
@@ -112,7 +138,7 @@ class RotorTask:
         return found, own.encode(found, actions, self.budget - np.asarray(counts))
 
     def told(self, found: RotorEvaluation) -> dict[str, np.ndarray]:
-        """What was identified and seen in the run-up, poles, zones and the score, (n, ...) by name."""
+        """Identified values, run-up, poles, zones and the score, arrays (n, ...) by name."""
         columns = {}
         for name in (*_OF_MODES, *_OF_CONTROLLERS):
             values = found.identified(name).reshape(len(found.score), -1).T
@@ -139,7 +165,12 @@ def make_rotor_task(
     terminate_on_touchdown: bool = False,
     move: float | None = None,
 ) -> RotorTask:
-    """Check an environment's arguments; ValueError (OSError for a rotor that cannot be read) names the argument."""
+    """The task of checked arguments, see `envs.pump.PumpRotorEnv`.
+
+    Raises:
+        ValueError: An argument is not valid; the message names it.
+        OSError: The rotor's file cannot be read.
+    """
     loaded = rotor if isinstance(rotor, Rotor) else load_rotor(rotor)
     check_episode(budget, move)
     factors = check_draw(loaded, randomization, unbalance)

@@ -1,4 +1,4 @@
-"""Episodes of a spinning rotor: its axis, body and unbalance drawn around the nominal ones, and where tuning starts."""
+"""Episodes of a spinning rotor: axis, body and unbalance drawn around the nominal ones, and tuning's starting point."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -17,7 +17,7 @@ RANDOMIZATIONS = ("none", "tolerances")
 
 @dataclass(frozen=True, eq=False)
 class RotorEpisode:
-    """A drawn rotor, the first action (k,) and the seed of its noise."""
+    """A drawn rotor, the first action (k,) and the seed of the noise of its experiments."""
 
     rotor: Rotor
     start: np.ndarray
@@ -25,9 +25,17 @@ class RotorEpisode:
 
 
 def controlled(rotor: Rotor, control: str) -> Rotor:
-    """The rotor with controllers of a kind of CONTROL; "common" keeps its own kind, both with the first one's gains.
+    """The rotor with another kind of controllers.
 
-    Equal gains of translation and tilt are those of both planes; ValueError for others, and for an unknown kind.
+    Translation and tilt controllers with equal gains are the same as controllers of both planes with these gains, so
+    only equal gains can be converted.
+
+    Args:
+        rotor: with two controllers.
+        control: one of CONTROL; "common" keeps the rotor's own kind and gives both the gains of the first one.
+
+    Raises:
+        ValueError: The kind is unknown, or the gains differ and cannot be converted.
     """
     if control not in CONTROL:
         raise ValueError(f"control = {control!r}; use one of {', '.join(CONTROL)}")
@@ -46,7 +54,15 @@ def controlled(rotor: Rotor, control: str) -> Rotor:
 def rotor_box(
     rotor: Rotor, control: str, tuned: Sequence[str], bounds: Mapping[str, Sequence[float]] | None
 ) -> GainBox:
-    """The box of some gains of both controllers, named kp_tilt for one, or of both together, named kp."""
+    """The box of some gains of both controllers.
+
+    Args:
+        rotor: with the controllers of `control`.
+        control: one of CONTROL; with "common" an element of the box is a gain of both controllers (kp), otherwise of
+            one (kp_tilt).
+        tuned: names of the gains of each controller.
+        bounds: (low, high) by name; otherwise the rotor's.
+    """
     boxes = []
     for gains in rotor.gains.values():
         rig = replace(rotor.axis, name=rotor.name, gains=gains, bounds={**rotor.axis.bounds, **rotor.bounds})
@@ -58,7 +74,7 @@ def rotor_box(
 
 
 def gains_at(rotor: Rotor, gains: np.ndarray, tuned: Sequence[str]) -> Rotor:
-    """The rotor with the gains (k,) of its box: those tuned of the first controller, then of the second, or of both."""
+    """The rotor with the gains (k,) of its box: of the first controller, then the second, or of both."""
     rows = np.broadcast_to(np.reshape(gains, (-1, len(tuned))), (2, len(tuned)))
     pairs = zip(rotor.gains.items(), rows, strict=True)
     return replace(
@@ -73,7 +89,11 @@ def preset_of(rotor: Rotor, tuned: Sequence[str], box: GainBox) -> np.ndarray:
 
 
 def check_draw(rotor: Rotor, randomization: str, unbalance: Sequence[float]) -> tuple[float, float]:
-    """The factors of the unbalance; ValueError for an unknown randomization, no tolerances, or no such factors."""
+    """The checked range of the unbalance's factors.
+
+    Raises:
+        ValueError: The randomization is unknown, the rotor has no tolerances, or the range is not valid.
+    """
     if randomization not in RANDOMIZATIONS:
         raise ValueError(f"randomization = {randomization!r}; use one of {', '.join(RANDOMIZATIONS)}")
     if randomization == "tolerances" and not rotor.axis.tolerance:
@@ -87,12 +107,20 @@ def check_draw(rotor: Rotor, randomization: str, unbalance: Sequence[float]) -> 
 def draw_rotor_episode(
     rotor: Rotor, preset: np.ndarray, randomization: str, unbalance: tuple[float, float], rng: np.random.Generator
 ) -> RotorEpisode:
-    """One episode; every choice comes from rng, in a fixed order."""
+    """Draw one episode; all random numbers come from rng, in a fixed order.
+
+    Args:
+        rotor: the nominal rotor.
+        preset: its gains as an action, (k,).
+        randomization: one of RANDOMIZATIONS.
+        unbalance: range of the factors of static and couple unbalance.
+        rng: source of all random numbers.
+    """
     drawn = rotor
     if randomization == "tolerances":
         axis, body, u = rotor.axis, rotor.body, rotor.unbalance
         factors = tolerance_factors(axis, rng)
-        # A heavier rotor is one of denser material: its inertias go with its mass.
+        # A heavier rotor is assumed to be of denser material, so its inertias are proportional to its mass.
         dense = factors.get("mass", 1.0)
         heavy = {n: getattr(body, n) * dense for n in ("mass", "transverse_inertia", "polar_inertia")}
         static, couple = map(float, np.exp(rng.uniform(*np.log(unbalance), size=2)))

@@ -25,10 +25,10 @@ TOUCHDOWN_REWARD = -1.0
 
 
 class Tuning(Protocol):
-    """What an environment asks of its task.
+    """The task of an environment, as the environment uses it.
 
-    An episode has a `start`, the first action. What was found has touchdown_time (n,), nan without one, score (n,) and
-    terms. The layout has the names of the observation's elements.
+    An episode has a `start`, the first action. The result of `measure` has touchdown_time (n,), nan without one,
+    score (n,) and terms. The layout has the names of the observation's elements.
     """
 
     @property
@@ -43,7 +43,7 @@ class Tuning(Protocol):
     def terminate_on_touchdown(self) -> bool: ...
 
     def tried(self, last: np.ndarray, actions: np.ndarray) -> np.ndarray:
-        """Points of the box (..., k) that actions ask for after `last`."""
+        """Points of the box (..., k) that actions (..., k) select after the point `last`."""
 
     def draw(self, rng: np.random.Generator) -> Any:
         """A new episode."""
@@ -51,15 +51,15 @@ class Tuning(Protocol):
     def measure(
         self, episodes: Sequence[Any], actions: np.ndarray, counts: Sequence[int], threads: int | None
     ) -> tuple[Any, np.ndarray]:
-        """What was found, and observations (n, size), in experiment counts[i] of each episode."""
+        """Results and observations (n, size) of experiment counts[i] of each episode."""
 
     def told(self, found: Any) -> dict[str, np.ndarray]:
-        """What of it goes into the info beside gains and terms: arrays (n, ...) by name."""
+        """Results for the info, in addition to gains and terms: arrays (n, ...) by name."""
 
 
 @dataclass(frozen=True, eq=False)
 class Task:
-    """What the arguments of an environment mean, checked; see `envs.single.RigEnv`."""
+    """Checked arguments of an environment, see `envs.single.RigEnv`."""
 
     rig: Rig
     box: GainBox
@@ -75,21 +75,31 @@ class Task:
 
     @property
     def name(self) -> str:
-        """The rig's."""
+        """Name of the rig."""
         return self.rig.name
 
     def tried(self, last: np.ndarray, actions: np.ndarray) -> np.ndarray:
-        """Points of the box (..., k) that actions ask for after `last`: the actions themselves, or moves from there."""
+        """Points of the box (..., k) after the point `last`: the actions, or with `move` steps from `last`."""
         return actions if self.move is None else np.clip(last + self.move * actions, -1.0, 1.0)
 
     def draw(self, rng: np.random.Generator) -> Episode:
-        """A new episode; all of it comes from rng."""
+        """A new episode; all its random numbers come from rng."""
         return draw_episode(self.rig, self.target, self.box, self.randomization, self.draw_target, rng)
 
     def measure(
         self, episodes: Sequence[Episode], actions: np.ndarray, counts: Sequence[int], threads: int | None
     ) -> tuple[Evaluation, np.ndarray]:
-        """Evaluation and observations (n, size) of experiment counts[i] (from 0, the start) of each episode."""
+        """One experiment of each episode.
+
+        Args:
+            episodes: n of them.
+            actions: (n, k).
+            counts: number of the experiment in each episode; 0 is the start.
+            threads: None: all cores.
+
+        Returns:
+            The evaluation, and observations (n, size).
+        """
         gains = self.box.gains(actions)
         experiments = [self.experiment(e, g, count) for e, g, count in zip(episodes, gains, counts, strict=True)]
         targets = [e.target for e in episodes]
@@ -98,18 +108,18 @@ class Task:
         return found, self.layout.encode(found, stacked(targets), actions, left)
 
     def experiment(self, episode: Episode, gains: np.ndarray, count: int) -> Experiment:
-        """The count-th identification experiment of an episode at the given gains (k,)."""
+        """Identification experiment number `count` of an episode, at gains (k,)."""
         rig, p = episode.rig, episode.rig.protocol
         tried = self.box.applied(rig.gains, gains)
         seed = (episode.seed, count)
-        # A drawn rig is sensed by an estimator made for the nominal one.
+        # The estimator of a drawn rig is designed for the nominal rig, because the drawn parameters are not known.
         sensor = "probe" if self.sensor == "probe" else rig_sensors(rig, self.rig)
         return Experiment(
             rig, tried, p.excitations, p.periods, p.transient_periods, self.effects, seed=seed, sensor=sensor
         )
 
     def told(self, found: Evaluation) -> dict[str, np.ndarray]:
-        """Estimates, margins, peaks and the score, (n, ...) by name."""
+        """Estimates, margins, peaks and the score, arrays (n, ...) by name."""
         return {name: getattr(found, name) for name in _TOLD} | found.margins
 
 
@@ -126,7 +136,12 @@ def make_task(
     terminate_on_touchdown: bool = False,
     move: float | None = None,
 ) -> Task:
-    """Check an environment's arguments; ValueError (OSError for a rig that cannot be read) names the argument."""
+    """The task of checked arguments, see `envs.single.RigEnv`.
+
+    Raises:
+        ValueError: An argument is not valid; the message names it.
+        OSError: The rig's file cannot be read.
+    """
     loaded = rig if isinstance(rig, Rig) else load_rig(rig)
     if not loaded.controlled:
         raise ValueError(f"rig = {loaded.name!r} has no controlled magnet: there are no gains to tune")
@@ -137,7 +152,7 @@ def make_task(
     check_effects(effects or {}, loaded.capabilities, loaded.name)
     check_randomization(loaded, randomization)
     box = gain_box(loaded, tuned, bounds)
-    # A rotor with two axes is scored by the worse one, against the target of x.
+    # A rig with two axes is scored by the worse axis, against the target of x.
     target = score_target(axis_rig(loaded, 0))
     loaded = replace(loaded, protocol=env_protocol(loaded, protocol))
     p = loaded.protocol
@@ -150,7 +165,7 @@ def make_task(
 
 
 def check_episode(budget: int, move: float | None) -> None:
-    """ValueError unless the budget is a count of experiments, and move None or a share of the box."""
+    """Raise ValueError unless the budget is a number of experiments, and move is None or a share of the box."""
     if isinstance(budget, bool) or not isinstance(budget, int) or budget < 1:
         raise ValueError(f"budget = {budget!r} experiments; give a whole number, at least 1")
     if move is not None and not (is_number(move) and 0 < move <= 2):
@@ -158,7 +173,7 @@ def check_episode(budget: int, move: float | None) -> None:
 
 
 def _bands(nominal: Experiment) -> np.ndarray:
-    """BANDS bands of equal width that share out the force lines; every axis needs two lines in each."""
+    """BANDS bands (BANDS, 2) of equal width, Hz, over the force lines; every axis needs two lines in each band."""
     rig, frequency = nominal.rig, []
     for axis in range(rig.axes):
         own = axis_experiment(nominal, axis)
@@ -175,12 +190,12 @@ def _bands(nominal: Experiment) -> np.ndarray:
 
 
 def rewards(found: Any) -> np.ndarray:
-    """Reward (n,): the score in [0, 1], 0 where the loop is unstable, TOUCHDOWN_REWARD where the rotor touched down."""
+    """Reward (n,): the score in [0, 1], 0 for an unstable loop, TOUCHDOWN_REWARD after a touchdown."""
     return np.where(np.isnan(found.touchdown_time), found.score, TOUCHDOWN_REWARD)
 
 
 def infos(task: Tuning, found: Any, actions: np.ndarray) -> list[dict[str, Any]]:
-    """What each experiment says in SI: gains, estimates, margins, score and its terms; what is unknown is left out."""
+    """Results of each experiment, SI: gains, estimates, margins, score and its terms; unknown values are left out."""
     gains = task.box.gains(actions)
     columns: dict[str, np.ndarray] = {name: gains[:, j] for j, name in enumerate(task.box.names)}
     columns |= task.told(found)
@@ -203,5 +218,5 @@ _TOLD = (
 
 
 def _known(values: np.ndarray) -> np.ndarray:
-    """Whether each of the values (n, ...) says something whole."""
+    """Whether each of the n values (n, ...) is known completely, (n,)."""
     return values != "" if values.dtype.kind == "U" else ~np.isnan(values).any(axis=tuple(range(1, values.ndim)))

@@ -74,19 +74,21 @@ def episode_figure(task: Task, episode: Episode, history: History) -> Figure:
 
 
 def _motion(e: Experiment, info: dict[str, Any]) -> tuple[np.ndarray, np.ndarray]:
-    """Time (n,) s and displacement (axes, n) µm, from rest to the end of the first period or to touchdown: the probe's
-    reading, or with self-sensing where the rotor is."""
+    """Time (n,) in s and displacement (axes, n) in µm, from rest to the end of the first period or to the touchdown.
+
+    The displacement is the probe's reading, or with self-sensing the rotor's true position.
+    """
     down, rate, axes = "touchdown_time" in info, e.recorded_rate, e.rig.axes
     periods = int(info.get("touchdown_time", 0.0) * e.fundamental) + 1
-    # Of the rig's noise only the displacement's reaches the rotor; the other channels' costs time and is not drawn.
+    # Only the displacement's noise affects the rotor. That of the other channels is not simulated, which saves time.
     rig = replace(e.rig, noise=replace(e.rig.noise, force=0.0, current=0.0))
     record = simulate_records([replace(e, rig=rig, periods=periods, transient_periods=0)], threads=1)[0]
     names = recorded_channels(e)
     shown = names.index("position" if "position" in names else "displacement")
     displacement = record.reshape(len(names), axes, -1)[shown] * 1e6
     known = max(1, int(np.isfinite(displacement[0]).sum()))
-    displacement = np.nan_to_num(displacement[:, :known])  # a first sample not known: at rest
-    if down:  # within the sample after the last reading the rotor is at the wall
+    displacement = np.nan_to_num(displacement[:, :known])  # an unknown first sample: the rotor is at rest
+    if down:  # the rotor reaches the wall within the sample after the last reading
         last, length = displacement[:, -1:], np.linalg.norm(displacement[:, -1])
         wall = (last / length if length else np.eye(axes)[:, :1]) * e.rig.clearance * 1e6
         displacement = np.append(displacement, wall, axis=1)
@@ -103,12 +105,12 @@ def _motion_title(axes: Axes, e: Experiment, info: dict[str, Any]) -> None:
 
 
 def _magnification(largest: float, room: float) -> int:
-    """The factor, of 1, 2, 5, 10, ..., by which a motion fits a room."""
+    """The largest factor of 1, 2, 5, 10, ..., with which a motion fits into the available space."""
     return max([1, *(f for f in (2, 5, 10, 20, 50, 100) if f * largest <= room)])
 
 
 def _draw_motion(axes: Axes, e: Experiment, info: dict[str, Any]) -> None:
-    """Displacement of one axis against time between the walls, magnified above when it is small."""
+    """Displacement of one axis over time between the walls; a small one is also drawn magnified above."""
     time, (y,) = _motion(e, info)
     wall, end = e.rig.clearance * 1e6, time[-1] * (1.06 if "touchdown_time" in info else 1.0)
     for zone, low, high in zip("ABCD", (0.0, *DISPLACEMENT_LIMITS), (*DISPLACEMENT_LIMITS, 1.0), strict=True):
@@ -132,7 +134,7 @@ def _draw_motion(axes: Axes, e: Experiment, info: dict[str, Any]) -> None:
 
 
 def _draw_orbit(axes: Axes, e: Experiment, info: dict[str, Any]) -> None:
-    """Displacement y against x inside the clearance circle, magnified beside it when it is small."""
+    """Displacement y over x inside the clearance circle; a small one is also drawn magnified beside it."""
     _, (x, y) = _motion(e, info)
     wall = e.rig.clearance * 1e6
     axes.set_facecolor(WALL)
@@ -158,7 +160,7 @@ def _draw_orbit(axes: Axes, e: Experiment, info: dict[str, Any]) -> None:
 
 
 def _draw_coefficients(pair: Sequence[Axes], task: Task, episode: Episode, info: dict[str, Any]) -> None:
-    """Stiffness over damping per band, and in the target band against the target, all with 95 % bars."""
+    """Stiffness above damping: per band, and in the target band beside the target, all with 95 % error bars."""
     bands, band = task.layout.bands, task.rig.target.band
     for axes, name, (scale, unit) in zip(pair, COEFFICIENTS, COEFFICIENTS.values(), strict=True):
         target = getattr(episode.target, name) * scale
@@ -180,7 +182,7 @@ def _draw_coefficients(pair: Sequence[Axes], task: Task, episode: Episode, info:
         if len(known) == 1:
             axes.text(0.5, 0.2, "no estimate", transform=axes.transAxes, ha="center", fontsize=NORMAL, color=RED)
         put_axis(axes, "x", (0.0, max(bands[-1, 1], band[1]) * 1.02), "frequency / Hz" if axes is pair[-1] else "")
-        # A bar far longer than what is known would flatten the rest: it runs out of the panel.
+        # A very long error bar would compress the other values, so it may extend beyond the panel.
         room = 0.5 * np.ptp(known) or 0.5 * target
         put_axis(axes, "y", (min(known) - room, max(known) + room), f"{name} / {unit}")
     pair[0].tick_params(labelbottom=False)

@@ -1,4 +1,4 @@
-"""What pictures of episodes share: panels, their axes, the heading and the tries; sizes and colours."""
+"""Common parts of the pictures of episodes: panels, axes, heading, tried gains, sizes and colours."""
 
 from collections.abc import Sequence
 from textwrap import wrap
@@ -38,7 +38,7 @@ def put_title(axes: Axes, text: str, colour: str = "black") -> None:
 
 
 def put_axis(axes: Axes, which: str, ends: tuple[float, float], label: str, log: bool = False) -> None:
-    """Limits, scale, label and a few ticks of the x or y axis: ticks are most of the time a frame takes."""
+    """Set limits, scale, label and a few ticks of the x or y axis; drawing ticks takes most of the time of a frame."""
     if log:
         decades = 10.0 ** np.arange(np.floor(np.log10(ends[0])), np.log10(ends[1]))
         steps = (1.0, 2.0, 5.0) if ends[1] < 100 * ends[0] else (1.0,)
@@ -82,7 +82,7 @@ def draw_scores(axes: Axes, task: Tuning, history: History) -> None:
 
 
 def draw_tries(axes: Axes, x: np.ndarray, y: np.ndarray, history: History) -> None:
-    """Tries at x, y (n,) coloured by score in their order: the last one ringed, touchdowns as crosses."""
+    """Draw tries at x, y (n,) in their order, coloured by score: a ring marks the last one, crosses mark touchdowns."""
     scores = np.array([info["score"] for _, info in history])
     down = np.array(["touchdown_time" in info for _, info in history])
     axes.plot(x, y, color=WALL, lw=0.8, zorder=1)

@@ -44,7 +44,7 @@ def rotor_figure(task: RotorTask, episode: RotorEpisode, history: History) -> Fi
 
 
 def _ladder(task: RotorTask) -> tuple[np.ndarray, np.ndarray, tuple[float, float]]:
-    """Order of the speeds, the speeds (krpm) in it, and the ends of their axis."""
+    """Indices that sort the speeds, the sorted speeds (krpm), and the limits of their axis."""
     speeds = np.array(task.layout.speeds) / 1000
     order = speeds.argsort()
     low, high = speeds.min(), speeds.max()
@@ -53,7 +53,7 @@ def _ladder(task: RotorTask) -> tuple[np.ndarray, np.ndarray, tuple[float, float
 
 
 def _draw_run_up(axes: Axes, task: RotorTask, episode: RotorEpisode, info: dict) -> None:
-    """Peak displacement at both planes against speed, on the zones of ISO 14839-2."""
+    """Peak displacement at both planes over the speed, on the zones of ISO 14839-2."""
     order, speeds, ends = _ladder(task)
     wall = episode.rotor.axis.clearance * 1e6
     low = 1e-3 * wall

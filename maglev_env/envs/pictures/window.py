@@ -13,21 +13,29 @@ from maglev_env.envs.pictures.frames import DPI, SIZE
 
 @dataclass
 class Window:
-    """What `show` draws in; figure None: there is no window, or no longer one."""
+    """The window in which `show` draws; figure None: it could not be opened, or it has been closed."""
 
     figure: Any
     image: Any
 
 
 def draw_frame(figure: Figure) -> np.ndarray:
-    """A figure as a picture (720, 960, 3) uint8, equal for equal figures; needs no display."""
+    """A figure as an image (720, 960, 3) uint8; equal figures give equal images, and no display is needed."""
     canvas = FigureCanvasAgg(figure)
     canvas.draw()
     return np.asarray(canvas.buffer_rgba())[..., :3].copy()
 
 
 def show(frame: np.ndarray, window: Window | None) -> Window:
-    """Put a frame (height, width, 3) into a window, opened when window is None; warns once when none can be."""
+    """Show a frame (height, width, 3) in a window.
+
+    Args:
+        frame: the image.
+        window: None: a new one is opened; if that fails, a warning is given once.
+
+    Returns:
+        The window, for the next call.
+    """
     if window is None:
         window = _opened(frame)
     if window.figure is None:
@@ -38,7 +46,7 @@ def show(frame: np.ndarray, window: Window | None) -> Window:
         window.image.set_data(frame)
         window.figure.canvas.draw_idle()
         window.figure.canvas.flush_events()
-    else:  # closed by whoever looked at it
+    else:  # closed by the user
         window.figure = None
     return window
 
