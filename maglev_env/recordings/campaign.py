@@ -16,6 +16,7 @@ from maglev_env.recordings.campaign_tables import (
     table_of,
     whole_of,
 )
+from maglev_env.recordings.text_layout import TextLayout, layout_table
 from maglev_env.rig.excitation import Excitation
 from maglev_env.rig.rig import PRESETS, Rig, controllers_from_table, load_rig, with_parameters
 
@@ -27,7 +28,7 @@ ROLES = ("fit", "holdout")
 INTERSAMPLE = ("bl", "zoh")
 _RECORDING_KEYS = (
     *("file", "role", "sample_rate", "start", "samples", "speed_rpm", "intersample"),
-    *("gains", "controller", "excitation", "channels"),
+    *("gains", "controller", "excitation", "channels", "format"),
 )
 
 
@@ -49,6 +50,7 @@ class RecordingSpec:
         channels: Where each channel comes from.
         intersample: Force between samples: band-limited ("bl", a reading) or held by a converter ("zoh"); None where
             it is not stated, see `signals.recorded_signals`.
+        layout: What is stated of how a text file is written; None: nothing.
     """
 
     file: str
@@ -62,6 +64,7 @@ class RecordingSpec:
     excitations: tuple[Excitation, ...]
     channels: Mapping[str, ChannelSource]
     intersample: Literal["bl", "zoh"] | None = None
+    layout: TextLayout | None = None
 
     @property
     def samples_per_period(self) -> int | None:
@@ -191,6 +194,7 @@ def _checked_recording(file: str, table: dict[str, Any]) -> RecordingSpec:
         excitations=excitations,
         channels=channels,
         intersample=intersample,
+        layout=layout_table(table["format"]) if "format" in table else None,
     )
 
 

@@ -4,13 +4,11 @@ Nothing in a file is executed: there is no unpickling, links to other files are 
 before memory is allocated.
 """
 
-import csv
 import difflib
 import re
 import zipfile
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from functools import cache
-from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +18,6 @@ from maglev_env.recordings.matlab5 import open_variables
 
 MAX_DATA_BYTES = 2 * 1024**3
 _STEP = re.compile(r"\.([A-Za-z_]\w*)|\[(\d{1,9})\]")
-_CSV_ROWS = 65536
 
 Steps = list[str | int]
 Reader = Callable[[str, Steps], Any]
@@ -52,7 +49,7 @@ def split_name(name: str, roots: Sequence[str]) -> tuple[str, Steps]:
     raise _unknown(re.split(r"[.\[]", name)[0] or name, roots, "column")
 
 
-def _follow(value: Any, steps: Steps, open_level: Callable[[Any], Any]) -> Any:
+def follow(value: Any, steps: Steps, open_level: Callable[[Any], Any] = lambda value: value) -> Any:
     """Follow steps through structs (dict), struct or cell arrays (list) and matrix columns (ndarray)."""
     value = open_level(value)
     for step in steps:
@@ -102,7 +99,7 @@ def open_mat5(path: Path) -> tuple[tuple[str, ...], Reader]:
     def variable(root: str) -> Any:
         return variables.read(root, MAX_DATA_BYTES)
 
-    return tuple(variables.elements), lambda root, steps: _follow(variable(root), steps, lambda value: value)
+    return tuple(variables.elements), lambda root, steps: follow(variable(root), steps)
 
 
 def open_hdf5(path: Path, matlab: bool) -> tuple[tuple[str, ...], Reader]:
@@ -111,7 +108,7 @@ def open_hdf5(path: Path, matlab: bool) -> tuple[tuple[str, ...], Reader]:
 
     def read(root: str, steps: Steps) -> Any:
         with h5py.File(path, "r") as file:
-            return _follow(file, [root, *steps], lambda node: _open_hdf5(file, node, matlab))
+            return follow(file, [root, *steps], lambda node: _open_hdf5(file, node, matlab))
 
     with h5py.File(path, "r") as file:
         return tuple(name for name in file if not name.startswith("#")), read
@@ -165,58 +162,7 @@ def open_npz(path: Path) -> tuple[tuple[str, ...], Reader]:
                 if "allow_pickle" in str(error):
                     raise Refused("holds pickled objects, which are never loaded; save plain numbers") from None
                 raise
-            return _follow(value, steps, lambda value: value)
+            return follow(value, steps)
 
     with np.load(path, allow_pickle=False) as archive:
         return tuple(archive.files), read
-
-
-def open_csv(path: Path) -> tuple[tuple[str, ...], Reader]:
-    """Names and reader of a CSV file: UTF-8, one header line, commas between columns, points in numbers."""
-    problems: dict[str, str] = {}
-    with path.open(newline="", encoding="utf-8-sig") as file:
-        rows = csv.reader(file)
-        names = [name.strip() for name in next(rows, [])]
-        if len(set(names)) < len(names) or not all(names) or all(map(_is_number, names)):
-            raise Refused("the first line must hold the column names, different ones, separated by commas")
-        values: dict[str, list[np.ndarray]] = {name: [np.empty(0)] for name in names}
-        complete, first = _full_rows(rows, len(names)), 0
-        while batch := list(islice(complete, _CSV_ROWS)):
-            for name, cells in zip(names, zip(*batch, strict=True), strict=True):
-                try:
-                    values[name].append(np.array(list(map(float, cells))))
-                except ValueError:
-                    bad = next(i for i, cell in enumerate(cells) if not _is_number(cell))
-                    problems.setdefault(name, f"{cells[bad]!r} at sample {first + bad} is not a number")
-            first += len(batch)
-
-    def read(root: str, steps: Steps) -> Any:
-        if root in problems:
-            raise Refused(problems[root])
-        return _follow(np.concatenate(values[root]), steps, lambda value: value)
-
-    return tuple(names), read
-
-
-def _full_rows(rows: Iterator[list[str]], width: int) -> Iterator[list[str]]:
-    """The data rows, none too short, too long or blank; blank rows are accepted at the end of the file only."""
-    blank = None
-    for sample, row in enumerate(rows):
-        if not row:
-            blank = sample if blank is None else blank
-        elif blank is not None:
-            raise Refused(f"the row of sample {blank} is blank")
-        elif len(row) != width:
-            raise Refused(
-                f"the row of sample {sample} has {len(row)} values, the header {width} names (separator: a comma)"
-            )
-        else:
-            yield row
-
-
-def _is_number(cell: str) -> bool:
-    try:
-        float(cell)
-    except ValueError:
-        return False
-    return True

@@ -1,4 +1,4 @@
-"""Data files: columns read from .mat (v5 and v7.3), .csv, .npz, .h5 and .nc of any origin, and written atomically."""
+"""Data files: columns read from .mat (v5 and v7.3), text, .npz, .h5 and .nc of any origin, and written atomically."""
 
 import os
 import re
@@ -12,40 +12,57 @@ from typing import BinaryIO
 import numpy as np
 
 from maglev_env.recordings import file_formats as formats
+from maglev_env.recordings.text_files import open_text
+from maglev_env.recordings.text_layout import TextLayout
 
-SUFFIXES = (".mat", ".csv", ".npz", ".h5", ".nc")
+TEXT = (".csv", ".tsv", ".txt", ".dat", ".lvm")
+SUFFIXES = (".mat", *TEXT, ".npz", ".h5", ".nc")
 _HDF5 = b"\x89HDF\r\n\x1a\n"
 
 
 @dataclass(frozen=True)
 class Columns:
-    """The columns of one data file: its path, its top-level names, and `column` to read them."""
+    """The columns of one data file, and `column` to read them.
+
+    Attributes:
+        path: Its path.
+        names: Top-level names.
+        positions: Of a text file, the names by position, "[0]", "[1]", ..., which every column has.
+        notes: What was told from the file rather than stated, in words.
+    """
 
     path: Path
     names: tuple[str, ...]
     _read: formats.Reader
+    positions: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
 
     def column(self, name: str) -> np.ndarray:
         """One column, shape (samples,), float64, in the file's own unit.
 
         Args:
             name: A top-level name, or an expression such as "mb10.Y[0].Data": .field of a struct, [n] (from 0) of a
-                struct or cell array, and last [j] for column j of a matrix.
+                struct or cell array, and last [j] for column j of a matrix; or, of a text file, "[j]" for column j.
 
         Raises:
             ValueError: The name is unknown (the message lists what exists), the column is not one row of numbers, or
                 the file is damaged.
         """
         try:
-            return formats.vector(self._read(*formats.split_name(name, self.names)))
+            known = self.positions if name in self.positions else self.names
+            return formats.vector(self._read(*formats.split_name(name, known)))
         except formats.Refused as problem:
             raise ValueError(f"{self.path}: column {name!r}: {problem}") from None
         except Exception as error:  # a damaged file can make the libraries raise almost anything
             raise ValueError(f"{self.path}: column {name!r}: the file is truncated or damaged ({error})") from error
 
 
-def read_columns(path: str | Path) -> Columns:
-    """Open a data file by its suffix: .mat (v5 or v7.3), .csv with a header line, .npz, .h5 or .nc (netCDF 4).
+def read_columns(path: str | Path, layout: TextLayout | None = None) -> Columns:
+    """Open a data file by its suffix: .mat (v5 or v7.3), text (TEXT), .npz, .h5 or .nc (netCDF 4).
+
+    Args:
+        path: The file.
+        layout: What is known of how a text file is written; the rest is told from its lines.
 
     Raises:
         OSError: It cannot be read.
@@ -67,8 +84,9 @@ def read_columns(path: str | Path) -> Columns:
         formats.bounded(size, "the file")
         if hdf5:
             return Columns(path, *formats.open_hdf5(path, matlab=kind == ".mat"))
-        opener = {".mat": formats.open_mat5, ".csv": formats.open_csv, ".npz": formats.open_npz}[kind]
-        return Columns(path, *opener(path))
+        if kind in TEXT:
+            return Columns(path, *open_text(path, layout or TextLayout()))
+        return Columns(path, *(formats.open_mat5(path) if kind == ".mat" else formats.open_npz(path)))
     except formats.Refused as problem:
         raise ValueError(f"{path}: {problem}") from None
     except Exception as error:

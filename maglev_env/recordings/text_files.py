@@ -1,0 +1,130 @@
+"""Columns of text files as programs write them: .csv, .tsv, .txt, .dat and LabVIEW's .lvm."""
+
+import codecs
+from collections import deque
+from collections.abc import Iterator
+from itertools import islice
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from maglev_env.recordings.file_formats import Reader, Refused, Steps, follow
+from maglev_env.recordings.text_layout import (
+    STATE_IT,
+    Layout,
+    TextLayout,
+    cells_of,
+    find_layout,
+    is_left_out,
+    is_number,
+)
+
+MAX_PREAMBLE = 1000  # lines above the numbers
+_TAIL = 200
+_BLOCK = 65536
+_BOMS = {codecs.BOM_UTF8: "utf-8-sig", codecs.BOM_UTF16_LE: "utf-16", codecs.BOM_UTF16_BE: "utf-16"}
+
+
+def open_text(path: Path, stated: TextLayout) -> tuple[tuple[str, ...], Reader, tuple[str, ...], tuple[str, ...]]:
+    """Names, reader, positions and notes of a text file.
+
+    A column is asked for by its name in the header, or by its position, "[j]" from 0. A column without a name, or whose
+    name another one has too, goes by its position alone.
+
+    Raises:
+        Refused: The lines are no table of numbers, or can be read in two ways.
+    """
+    encoding, notes = _encoding(path)
+    with path.open(encoding=encoding) as file:
+        head = list(islice(file, MAX_PREAMBLE))
+        tail = list(deque(file, _TAIL)) or head[-_TAIL:]
+    layout = find_layout([line.rstrip("\n") for line in head], [line.rstrip("\n") for line in tail], stated)
+    positions = {f"[{j}]": j for j in range(len(layout.names))}
+    once = {name: j for j, name in enumerate(layout.names) if name and layout.names.count(name) == 1}
+    names = tuple(n if n in once else f"[{j}]" for j, n in enumerate(layout.names))
+    with path.open(encoding=encoding) as file:
+        table, problems = _table(file, layout)
+
+    def read(root: str, steps: Steps) -> Any:
+        j = once[root] if root in once else positions[root]
+        if j in problems:
+            raise Refused(problems[j])
+        return follow(table[:, j].copy(), steps)
+
+    twice = {name for name in layout.names if layout.names.count(name) > 1} - {""}
+    notes += [f"several columns are called {name!r}: they go by position" for name in sorted(twice)]
+    return names, read, tuple(positions), (*notes, *layout.notes)
+
+
+def _encoding(path: Path) -> tuple[str, list[str]]:
+    """The encoding of a file: by its byte order mark, UTF-8 where its bytes fit, else Latin-1."""
+    decoder = codecs.getincrementaldecoder("utf-8")()
+    with path.open("rb") as file:
+        start = file.read(4)
+        for mark, name in _BOMS.items():
+            if start.startswith(mark):
+                return name, ["the file is UTF-16"] if name == "utf-16" else []
+        file.seek(0)
+        latin = False
+        while block := file.read(1 << 20):
+            if b"\0" in block:
+                raise Refused("it holds zero bytes: no text, or UTF-16 without a byte order mark; save it as UTF-8")
+            try:
+                latin or decoder.decode(block)
+            except UnicodeDecodeError:
+                latin = True
+    return ("latin-1", ["the file is not UTF-8: read as Latin-1"]) if latin else ("utf-8", [])
+
+
+def _table(file: Iterator[str], layout: Layout) -> tuple[np.ndarray, dict[int, str]]:
+    """The numbers (samples, columns), and for each column that does not hold numbers alone, where."""
+    columns = len(layout.names)
+    parts: list[np.ndarray] = [np.empty((0, columns))]
+    problems: dict[int, str] = {}
+    lines, blank = enumerate(file, 1), None
+    for _ in range(layout.first):
+        next(lines)
+    sample = 0
+    while block := list(islice(lines, _BLOCK)):
+        rows = []
+        for number, line in block:
+            if is_left_out(line):
+                blank = number if blank is None else blank
+            elif blank is not None:
+                raise Refused(f"line {blank} (before sample {sample + len(rows)}) is blank or a comment among numbers")
+            else:
+                rows.append((number, line))
+        parts.append(_numbers(rows, layout, sample, problems))
+        sample += len(rows)
+    return np.concatenate(parts), problems
+
+
+def _numbers(rows: list[tuple[int, str]], layout: Layout, sample: int, problems: dict[int, str]) -> np.ndarray:
+    separator, columns = layout.separator, len(layout.names)
+    if not rows:
+        return np.empty((0, columns))
+    if columns == layout.width:
+        try:
+            text = (line.replace(",", ".") if layout.decimal == "," else line for _, line in rows)
+            values = np.loadtxt(
+                text, delimiter=None if separator == " " else separator, comments=None, quotechar='"', ndmin=2
+            )
+            if values.shape == (len(rows), columns):
+                return values
+        except ValueError:
+            pass  # read cell by cell, so that the message can name the line and the column
+    values = np.full((len(rows), columns), np.nan)
+    for i, (number, line) in enumerate(rows):
+        cells = cells_of(line, separator)
+        if not columns <= len(cells) <= layout.width or any(cells[columns:]):
+            raise Refused(
+                f"line {number} (sample {sample + i}) has {len(cells)} values, the other lines {columns} columns; "
+                f"thousands separators are not read; if the columns are told wrongly, {STATE_IT}"
+            )
+        for j, cell in enumerate(cells[:columns]):
+            if is_number(cell, layout.decimal):
+                values[i, j] = float(cell.replace(",", "."))
+            else:
+                problems.setdefault(j, f"{cell!r} in line {number} (sample {sample + i}) is not a number")
+    return values

@@ -1,0 +1,160 @@
+"""Text files as programs of many kinds write them, and what is refused because it can be read in two ways."""
+
+import numpy as np
+import pytest
+
+from maglev_env.recordings import text_files
+from maglev_env.recordings.files import read_columns
+from maglev_env.recordings.text_layout import TextLayout, layout_table
+
+T, Y = [0.0, 0.001, 0.002], [0.1234, -5.5, 2e-3]
+LABVIEW = """LabVIEW Measurement\t
+Writer_Version\t2
+Separator\tTab
+Date\t2025/12/17
+***End_of_Header***\t
+
+Channels\t1\t
+Samples\t3\t
+X0\t0.0\t
+Delta_X\t0.001\t
+***End_of_Header***\t
+X_Value\tVoltage\tComment
+"""
+
+
+def rows(separator, decimal=".", end=""):
+    lines = [f"{t:.6f}{separator}{y:.6e}{end}" for t, y in zip(T, Y, strict=True)]
+    return "".join(line.replace(".", decimal) + "\n" for line in lines)
+
+
+LAYOUTS = {
+    "comma, header.csv": "t,y\n" + rows(","),
+    "semicolon.csv": "t;y\n" + rows(";"),
+    "semicolon, decimal comma.csv": "t;y\n" + rows(";", ","),
+    "tab.tsv": "t\ty\n" + rows("\t"),
+    "tab, decimal comma.txt": "t\ty\n" + rows("\t", ","),
+    "blanks.dat": "  t   y\n" + rows("    "),
+    "trailing separators.csv": "t;y;\n" + rows(";", end=";"),
+    "trailing in numbers alone.csv": "t,y\n" + rows(",", end=","),
+    "comment names.txt": "# recorded yesterday\n# t y\n" + rows(" "),
+    "labelled comment.txt": "# Fecha: 2025-12-17T21:01:34.788\n# Columnas: t y\n#\n" + rows("\t"),
+    "percent.txt": "% MATLAB\n% t,y\n" + rows(","),
+    "units.csv": "t;y\ns;mm\n" + rows(";", ","),
+    "bracketed units.csv": "t,y\n(ms),(V)\n" + rows(","),
+    "free text.csv": "Oscilloscope 12, serial 3\n\nt,y\n" + rows(","),
+    "labview.lvm": LABVIEW.replace("X_Value", "t").replace("Voltage", "y") + rows("\t"),
+    "windows.csv": ("t,y\n" + rows(",")).replace("\n", "\r\n"),
+    "quoted.csv": '"t","y"\n' + rows(","),
+}
+
+
+@pytest.mark.parametrize("name", LAYOUTS)
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16", "latin-1"])
+def test_files_of_many_programs_give_the_same_columns(tmp_path, name, encoding):
+    path = tmp_path / name
+    path.write_bytes(LAYOUTS[name].encode(encoding))
+    columns = read_columns(path)
+    np.testing.assert_array_equal(columns.column("t"), T)
+    np.testing.assert_array_equal(columns.column("y"), Y)
+    np.testing.assert_array_equal(columns.column("[1]"), Y)
+
+
+def test_what_was_told_from_the_file_is_said(tmp_path):
+    path = tmp_path / "x.csv"
+    path.write_bytes(("Gerät 7\nZeit;Weg\ns;µm\n" + rows(";", ",")).encode("latin-1"))
+    notes = " | ".join(read_columns(path).notes)
+    for word in ("Latin-1", "semicolons between columns and a decimal comma", "named by line 2", "line 3 is taken as"):
+        assert word in notes
+    path.write_text("t,y\n" + rows(","))
+    assert not read_columns(path).notes
+
+
+@pytest.mark.parametrize(("separator", "decimal"), [(",", "."), (";", ","), ("\t", "."), ("   ", ".")])
+def test_without_a_header_columns_go_by_position_from_zero(tmp_path, separator, decimal):
+    path = tmp_path / "x.txt"
+    path.write_text(rows(separator, decimal))
+    columns = read_columns(path)
+    assert columns.names == ("[0]", "[1]") and 'position, "[0]" to "[1]"' in columns.notes[-1]
+    np.testing.assert_array_equal(columns.column("[1]"), Y)
+    with pytest.raises(ValueError, match=r"there is no column '\[2\]'"):
+        columns.column("[2]")
+
+
+@pytest.mark.parametrize(
+    ("text", "column", "words"),
+    [
+        ("F,y\n1,2\n3,abc\n", "y", ["column 'y'", "'abc' in line 3 (sample 1) is not a number"]),
+        ("F,y\n1,2\n3,\n", "y", ["'' in line 3 (sample 1)"]),
+        ("F,y\n1,2\n3\n", "F", ["line 3 (sample 1) has 1 values, the other lines 2 columns"]),
+        ("F,y\n1,2\n\n3,4\n", "F", ["line 3 (before sample 1) is blank"]),
+        ("F,y\n1.5,2\n# pause\n3.5,4\n", "F", ["line 3 (before sample 1) is blank or a comment"]),
+        ("1,2\n3,4\n", "F", ["'3,4'", "a comma between columns or a decimal comma", "format = {"]),
+        ("y\n1,234\n5,678\n", "y", ["a comma between columns or a decimal comma", "format = {"]),
+        ("F;y\n1;1,234\n2;5,678\n", "y", ["'5,678'", "thousands separator", "format = {"]),
+        ('F,y\n1,"1,234"\n2,"5,678"\n', "y", ["'5,678'", "thousands separator"]),
+        ("F;y\n1;1.234,5\n2;5.678,5\n", "y", ["'1.234,5' holds a thousands separator"]),
+        ("F,F\n3.5,4\n", "F", ["there is no column 'F'", "Available: [0], [1]"]),
+        ("F,y,z\n1.5,2\n3.5,4\n", "F", ["line 1 has 3 names, the numbers below it 2 columns", "header = 0"]),
+        ("", "F", ["is empty"]),
+        ("F,y\n", "F", ["column 'F'", "is empty"]),
+        ("a\0b", "F", ["zero bytes"]),
+    ],
+)
+def test_errors_name_line_and_column(tmp_path, text, column, words):
+    path = tmp_path / "x.csv"
+    path.write_text(text)
+    with pytest.raises(ValueError) as error:
+        read_columns(path).column(column)
+    for word in [str(path), *words]:
+        assert word in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("text", "layout", "name", "expected"),
+    [
+        ("1,2\n3,4\n", TextLayout(separator=","), "[1]", [2, 4]),
+        ("1,2\n3,4\n", TextLayout(decimal=","), "[0]", [1.2, 3.4]),
+        ("y\n1,234\n5,678\n", TextLayout(decimal=","), "y", [1.234, 5.678]),
+        ("F;y\n1;1,234\n2;5,678\n", TextLayout(decimal=","), "y", [1.234, 5.678]),
+        ("a,b\nF,y\n1.5,2\n3.5,4\n", TextLayout(header=1), "a", [1.5, 3.5]),
+        ("a,b\nF,y\n1.5,2\n3.5,4\n", TextLayout(header=0), "[0]", [1.5, 3.5]),
+        ("1,2\n1.5,2\n3.5,4\n", TextLayout(header=0), "[0]", [1, 1.5, 3.5]),
+    ],
+)
+def test_what_is_stated_decides(tmp_path, text, layout, name, expected):
+    path = tmp_path / "x.csv"
+    path.write_text(text)
+    np.testing.assert_array_equal(read_columns(path, layout).column(name), expected)
+
+
+@pytest.mark.parametrize(
+    ("table", "word"),
+    [
+        ({"separator": "|"}, "separator = '|'"),
+        ({"decimal": ";"}, "decimal = ';'"),
+        ({"header": -1}, "header = -1"),
+        ({"head": 1}, "unknown key 'head'"),
+        ([], "must be a table"),
+    ],
+)
+def test_a_format_that_does_not_fit_is_refused(table, word):
+    with pytest.raises(ValueError) as error:
+        layout_table(table)
+    assert word in str(error.value)
+
+
+def test_only_what_is_asked_for_is_read_and_names_as_they_stand(tmp_path):
+    path = tmp_path / "x.csv"
+    path.write_text('\ufeff"F [N]",probe.left,note\r\n1,2,ok\r\n3,4e-3,bad\r\n\r\n', encoding="utf-8")
+    np.testing.assert_array_equal(read_columns(path).column("F [N]"), [1, 3])
+    np.testing.assert_array_equal(read_columns(path).column("probe.left"), [2, 4e-3])
+
+
+def test_blocks_join(tmp_path, monkeypatch):
+    monkeypatch.setattr(text_files, "_BLOCK", 4)
+    path = tmp_path / "x.csv"
+    path.write_text("F,y\n" + "".join(f"{i},{'x' if i == 9 else i}\n" for i in range(11)))
+    np.testing.assert_array_equal(read_columns(path).column("F"), np.arange(11))
+    with pytest.raises(ValueError, match=r"'x' in line 11 \(sample 9\)"):
+        read_columns(path).column("y")
