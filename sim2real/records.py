@@ -131,7 +131,7 @@ def _record(campaign: Campaign, spec: RecordingSpec) -> Record:
         raise ValueError(f"{where}: the channel displacement is missing; nothing is known of the rotor without it")
     multiple, every = sampling(spec.sample_rate, rig.control_rate)
     channels = {kind: values[:, ::multiple] for kind, values in channels.items()}
-    excitations = tuple(e for e in signals.excitations if e.periodic)
+    excitations = tuple(e.on_grid(signals.sample_rate) for e in signals.excitations if e.periodic)
     offset = channels["reference"].mean(axis=1) if "reference" in channels else np.zeros(axes)
     rate = None if every == 1 else spec.sample_rate
     e = Experiment(rig, gains, excitations, sample_rate=rate, speed_rpm=spec.speed_rpm)

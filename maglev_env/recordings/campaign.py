@@ -68,9 +68,12 @@ class RecordingSpec:
 
     @property
     def samples_per_period(self) -> int | None:
-        """Samples per period of the excitation; None when nothing periodic excites the recording."""
+        """Samples after which the excitation repeats on the sample grid; None when nothing periodic excites it.
+
+        Where the fundamental does not divide the rate, that is the smallest block of several periods.
+        """
         periodic = [e for e in self.excitations if e.periodic]
-        return periodic[0].samples_per_period(self.sample_rate) if periodic else None
+        return periodic[0].block(self.sample_rate)[0] if periodic else None
 
 
 @dataclass(frozen=True)
@@ -175,13 +178,18 @@ def _checked_recording(file: str, table: dict[str, Any]) -> RecordingSpec:
     excitations, periods = excitations_table(table.get("excitation"), rate, channels)
     samples = whole_of(table, "samples", None, 1)
     if periods is not None:
-        per_period = next(e for e in excitations if e.periodic).samples_per_period(rate)
-        if samples not in (None, periods * per_period):
+        block, of = next(e for e in excitations if e.periodic).block(rate)
+        if periods % of:
             raise ValueError(
-                f"samples = {samples} are not {periods} periods of {per_period} samples, {periods * per_period}; "
+                f"periods = {periods}: only {of} periods together are whole samples ({block}); give a multiple of {of}"
+            )
+        wanted = periods // of * block
+        if samples not in (None, wanted):
+            raise ValueError(
+                f"samples = {samples} are not {periods} periods of {block / of:g} samples, {wanted}; "
                 "give samples or the excitation's periods"
             )
-        samples = periods * per_period
+        samples = wanted
     return RecordingSpec(
         file=file,
         role=role,

@@ -37,7 +37,7 @@ def excitations_table(value: Any, rate: float, channels: Mapping) -> tuple[tuple
         excitation = excitation_from_table(table, ignored=("periods",))
         stated = whole_of(table, "periods", None, 2)
         if excitation.periodic:
-            excitation.samples_per_period(rate)
+            excitation.block(rate)
             periods.add(stated)
         elif stated is not None:
             raise ValueError(f"excitation: periods has no meaning with kind = {excitation.kind!r}")

@@ -14,39 +14,46 @@ from maglev_env.channels import MEASURED, SHOWN_BY, unit_of
 from maglev_env.experiment import Experiment, channels_of, recorded_channels, sampling, self_sensors
 from maglev_env.loop.axes import AXES, suffixes
 from maglev_env.loop.gains import as_table
+from maglev_env.recordings.alarms import alarms_text, clock_alarms, find_alarms, touched_rail
 from maglev_env.recordings.campaign import Campaign, ChannelSource, RecordingSpec
 from maglev_env.recordings.files import Columns, read_columns
+from maglev_env.recordings.masking import MOST_MASKED
+from maglev_env.recordings.time_stamps import check_clock
 from maglev_env.rig.excitation import Excitation, Place, lines_at
 
 if TYPE_CHECKING:
     import xarray as xr
 
-MEAN_RATE_TOLERANCE = 1e-4
-STEP_TOLERANCE = 0.01
-# A clipped channel stays at its extreme value and passes the values next to it quickly. A quantised sine also stays at
-# its top level, but at most 2.4 times as long as at the next one.
-CLIPPED_SHARE, CLIPPED_RUN, CLIPPED_RATIO = 1e-3, 4, 6
 LINE_SIGNIFICANCE, LINE_FLOOR = 3.0, 1e-6
 
 
-def read_recording(campaign: Campaign, spec: RecordingSpec) -> "xr.Dataset":
+def read_recording(campaign: Campaign, spec: RecordingSpec, alarmed: bool = False) -> "xr.Dataset":
     """Read a recording: one float64 variable per channel in SI (attribute `units`) over `time` (s, from 0).
 
-    Attributes of the dataset are file, role, sample_rate (Hz), and experiment, a JSON object with the gains or
-    controller, excitations, speed_rpm, intersample, the number of whole periods, and the rig's name where known.
-    Samples after the last whole period are kept.
+    Attributes of the dataset are file, role, sample_rate (Hz), notes (what was decided about the file and its clock, in
+    words), alarms (see `alarms.alarms_of`), and experiment, a JSON object with the gains or controller, excitations,
+    speed_rpm, intersample, the number of whole periods, and the rig's name where known. Samples after the last whole
+    period are kept. Jittered time stamps are resampled at the stated rate.
+
+    Where samples were clipped, or missing and bridged, the dataset has a boolean coordinate `masked` over time
+    (`masking.masked_samples` gives it for any recording); clipped channels keep their readings there. They are at most
+    MOST_MASKED of all; more is refused.
+
+    Args:
+        campaign: The campaign.
+        spec: One of its recordings.
+        alarmed: Whether a recording with an alarm that refuses it is given all the same, for showing.
 
     Raises:
         ValueError: Something is wrong; the message names the file, the channel and the sample (from 0 in the file).
         OSError: The file cannot be read.
     """
-    path = campaign.folder / spec.file
-    columns = read_columns(path)
+    path, rate = campaign.folder / spec.file, spec.sample_rate
+    columns = read_columns(path, spec.layout)
     raw = _raw_columns(columns, spec)
     window = _window(path, spec, next(iter(raw.values())).size)
-    channels = {}
-    for name, source in spec.channels.items():
-        values = _combine(raw, source)[window]
+    combined = {name: _combine(raw, source)[window] for name, source in spec.channels.items()}
+    for name, values in combined.items():
         finite = np.isfinite(values)
         if not finite.all():
             at = spec.start + int(np.argmin(finite))
@@ -54,14 +61,24 @@ def read_recording(campaign: Campaign, spec: RecordingSpec) -> "xr.Dataset":
                 f"{path}: channel {name!r}: sample {at} is {values[at - spec.start]}, not a finite number; "
                 "mend it, or use `start` and `samples` to leave it out"
             )
-        if name == "time":
-            _check_time(path, values, spec)
+    time = combined.pop("time", np.zeros(0))
+    try:
+        clock = check_clock(time, rate)
+    except ValueError as error:
+        raise ValueError(f"{path}: channel 'time': {error}") from None
+    alarms = clock_alarms(clock, rate, spec.start)
+    masked = np.zeros(window.stop - window.start, bool)
+    one_axis = campaign.rig if campaign.rig is not None and campaign.rig.axes == 1 else None
+    for name, values in combined.items():
+        if name.partition("_")[0] not in MEASURED or not np.ptp(values):
             continue
-        channels[name] = values
-        _check_moves(path, name, values, spec)
-        if name.partition("_")[0] in MEASURED:
-            for column in source.columns:  # a mean of several probes would hide the clipping of one
-                _check_clipping(f"{path}: channel {name!r} (column {column!r})", raw[column][window], spec.start)
+        for column in spec.channels[name].columns:  # a mean of several probes would hide the clipping of one
+            alarm, at = touched_rail(name, column, raw[column][window], values, rate, spec.start, one_axis)
+            if alarm:
+                alarms.append(alarm)
+                masked |= at & (alarm.severity == "warning")
+    channels = {name: clock.resampled(values) for name, values in combined.items()}
+    masked = clock.marked(masked)
     rig = {} if campaign.rig is None else {"rig": campaign.rig.name}
     experiment = {
         "gains": spec.gains and as_table(spec.gains),
@@ -69,7 +86,21 @@ def read_recording(campaign: Campaign, spec: RecordingSpec) -> "xr.Dataset":
         "intersample": spec.intersample,
         **rig,
     }
-    dataset = _dataset(channels, spec.sample_rate, spec.file, spec.role, spec.excitations, experiment)
+    dataset = _dataset(channels, rate, spec.file, spec.role, spec.excitations, experiment)
+    alarms = [*find_alarms(dataset, spec.start, one_axis), *alarms]
+    alarms = sorted(alarms, key=lambda a: (a.severity != "refuse", a.code != "lost levitation"))
+    dataset.attrs["notes"] = [*columns.notes, *clock.notes]
+    dataset.attrs["alarms"] = alarms_text(alarms)
+    if masked.any() and masked.mean() <= MOST_MASKED:
+        dataset = dataset.assign_coords(masked=("time", masked))
+        dataset.attrs["notes"].append(f"{masked.mean():.2%} of the samples are masked: clipped or missing")
+    if alarmed:
+        return dataset
+    for alarm in alarms:
+        if alarm.severity == "refuse":
+            raise ValueError(f"{path}: {alarm.sentence}")
+    for name, values in channels.items():
+        _check_moves(path, name, values, spec)
     try:
         check_excited(dataset, spec)
     except ValueError as error:
@@ -140,8 +171,8 @@ def check_excited(dataset: "xr.Dataset", spec: RecordingSpec) -> None:
         if excitation.periodic and excitation.at == "force":
             name, forces = _force_along(dataset, excitation)
             if forces is not None:
-                per_period = excitation.samples_per_period(spec.sample_rate)
-                _check_lines(name, forces, np.array(excitation.lines), per_period, spec.sample_rate / per_period)
+                block = excitation.block(spec.sample_rate)
+                _check_lines(name, forces, np.array(excitation.lines), block, excitation.fundamental)
 
 
 def _force_along(dataset: "xr.Dataset", excitation: Excitation) -> tuple[str, np.ndarray | None]:
@@ -158,10 +189,12 @@ def _force_along(dataset: "xr.Dataset", excitation: Excitation) -> tuple[str, np
     return (forces[0], dataset[forces[0]].values[None]) if len(forces) == 1 else ("force", None)
 
 
-def _check_lines(name: str, forces: np.ndarray, lines: np.ndarray, per_period: int, fundamental: float) -> None:
-    periods = split_periods(forces, per_period)
+def _check_lines(
+    name: str, forces: np.ndarray, lines: np.ndarray, block: tuple[int, int], fundamental: float
+) -> None:
+    periods = split_periods(forces, block[0])
     # The first period may contain the start of the excitation.
-    spectra = np.array([period_spectra(p, lines) for p in periods[1 if len(periods) > 2 else 0 :]])
+    spectra = np.array([period_spectra(p, lines * block[1]) for p in periods[1 if len(periods) > 2 else 0 :]])
     whole = np.abs(spectra.mean(axis=0))
     amplitude, noise = whole[0], np.sqrt(spectra.var(axis=0, ddof=1)[0] / len(spectra))
     missing = (amplitude <= LINE_SIGNIFICANCE * noise) | (amplitude <= LINE_FLOOR * whole.max())
@@ -185,7 +218,7 @@ def _dataset(
 
     samples = next(iter(channels.values())).size
     periodic = [e for e in excitations if e.periodic]
-    periods = samples // periodic[0].samples_per_period(rate) if periodic else None
+    periods = samples // periodic[0].block(rate)[0] if periodic else None
     made = {"excitations": [asdict(e) for e in excitations], "periods": periods, **experiment}
     variables = {
         name: ("time", np.array(values, dtype=np.float64), {"units": unit_of(name)})
@@ -235,24 +268,6 @@ def _window(path: Path, spec: RecordingSpec, total: int) -> slice:
     return slice(spec.start, stop)
 
 
-def _check_time(path: Path, time: np.ndarray, spec: RecordingSpec) -> None:
-    if time.size < 2:
-        return
-    expected = 1 / spec.sample_rate
-    off = np.abs(np.diff(time) - expected)
-    if off.max() > STEP_TOLERANCE * expected:
-        at = int(np.argmax(off > STEP_TOLERANCE * expected))
-        raise ValueError(
-            f"{path}: channel 'time': the step after sample {spec.start + at} is {time[at + 1] - time[at]:g} s, not "
-            f"{expected:g} s as sample_rate = {spec.sample_rate:g} Hz says: a gap, a jump or another rate"
-        )
-    mean = (time[-1] - time[0]) / (time.size - 1)
-    if abs(mean / expected - 1) > MEAN_RATE_TOLERANCE:
-        raise ValueError(
-            f"{path}: channel 'time': mean rate {1 / mean:.8g} Hz, not sample_rate = {spec.sample_rate:g} Hz"
-        )
-
-
 def _check_moves(path: Path, name: str, values: np.ndarray, spec: RecordingSpec) -> None:
     along = {"_x": 0, "_y": 1}.get(name[-2:])
     driven = any(
@@ -261,20 +276,3 @@ def _check_moves(path: Path, name: str, values: np.ndarray, spec: RecordingSpec)
     kind = name.partition("_")[0]
     if (kind == "displacement" or (kind == "force" and driven)) and values.min() == values.max():
         raise ValueError(f"{path}: channel {name!r} is {values[0]:g} in every sample; is the sensor connected?")
-
-
-def _check_clipping(where: str, values: np.ndarray, start: int) -> None:
-    for level, nearest in ((values.max(), np.max), (values.min(), np.min)):
-        at = values == level
-        share, run = at.mean(), at[: 1 - CLIPPED_RUN].copy()
-        for shift in range(1, CLIPPED_RUN):
-            run &= at[shift : at.size - CLIPPED_RUN + 1 + shift]
-        if share < CLIPPED_SHARE or not run.any() or at.all():
-            continue
-        next_level = nearest(values[~at])
-        if at.sum() >= CLIPPED_RATIO * (values == next_level).sum():
-            first = start + int(np.argmax(run))
-            raise ValueError(
-                f"{where}: clipped at {level:g} from sample {first} on ({share:.2%} of the samples): "
-                "nothing can be identified from it; record again with less amplitude or gain"
-            )

@@ -8,6 +8,7 @@ import numpy as np
 from maglev_env.experiment import sampling
 from maglev_env.loop.axes import AXES
 from maglev_env.recordings.campaign import Campaign, RecordingSpec
+from maglev_env.recordings.masking import bridged, masked_periods, masked_samples
 from maglev_env.recordings.spectra import RecordedSignals, axis_signals
 from maglev_env.rig.excitation import Excitation
 
@@ -28,14 +29,24 @@ def recorded_signals(campaign: Campaign, spec: RecordingSpec, dataset: "xr.Datas
     where = campaign.folder / spec.file
     if all(e.kind == "none" for e in spec.excitations):
         raise ValueError(f"{where}: no excitation is stated; stiffness and damping need one")
-    channels = {str(name): dataset[name].values for name in dataset.data_vars}
+    masked = masked_samples(dataset)
+    channels = {str(name): bridged(dataset[name].values, masked) for name in dataset.data_vars}
     lettered = [axis for axis, name in enumerate(AXES) if f"displacement_{name}" in channels]
     if campaign.rig is not None and campaign.rig.axes == 2 and not lettered:
         raise ValueError(f"{where}: rig {campaign.rig.name} has two axes; name the channels displacement_x, ... or _y")
     assumed = _stand_in(campaign, channels, spec, lettered)
     hold_rate, why = _hold(campaign, spec)
+    left_out, respected = _masked(spec, masked)
+    notes = (*dataset.attrs.get("notes", ()), *respected, *assumed, *why)
     signals = RecordedSignals(
-        channels, spec.sample_rate, spec.excitations, hold_rate, spec.gains, (*assumed, *why), max(1, len(lettered))
+        channels,
+        spec.sample_rate,
+        spec.excitations,
+        hold_rate,
+        spec.gains,
+        notes,
+        max(1, len(lettered)),
+        left_out=left_out,
     )
     if len(lettered) == 1:
         if not any(e.direction for e in spec.excitations):  # without a stated direction, the force acts along the axis
@@ -45,8 +56,20 @@ def recorded_signals(campaign: Campaign, spec: RecordingSpec, dataset: "xr.Datas
     return signals
 
 
+def _masked(spec: RecordingSpec, masked: np.ndarray) -> tuple[tuple[int, ...], list[str]]:
+    """The periods that spectra leave out because they hold masked samples, and what is said of it."""
+    if not masked.any():
+        return (), []
+    left_out = masked_periods(masked, spec.samples_per_period) if spec.samples_per_period else ()
+    if left_out:
+        shown = ", ".join(str(p) for p in left_out)
+        return left_out, [f"periods {shown} (from 0) hold masked samples: spectra leave them out"]
+    return (), ["masked samples are bridged by straight lines: too few periods are free of them"]
+
+
 def _designed(campaign: Campaign, spec: RecordingSpec, excitation: Excitation) -> np.ndarray:
     """One period as the controller of a named rig generates it, at the rate of the recording."""
+    excitation = excitation.on_grid(spec.sample_rate)
     if campaign.rig is None:
         return excitation.waveform(spec.sample_rate)
     try:

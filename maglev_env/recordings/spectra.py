@@ -28,6 +28,7 @@ class RecordedSignals:
         axes: 2 when its channels end in _x and _y.
         axis: Which of two axes these signals belong to.
         elsewhere: Harmonics that are driven otherwise, across the axis of these signals.
+        left_out: Periods, from 0, that spectra leave out because they hold masked samples.
     """
 
     channels: dict[str, np.ndarray]
@@ -39,6 +40,7 @@ class RecordedSignals:
     axes: int = 1
     axis: int | None = None
     elsewhere: np.ndarray = field(default_factory=lambda: np.zeros(0, int))
+    left_out: tuple[int, ...] = ()
 
     @property
     def periodic(self) -> bool:
@@ -118,11 +120,13 @@ def _stacked(signals: RecordedSignals) -> tuple[tuple[str, ...], np.ndarray]:
 
 def _periodic(signals: RecordedSignals) -> tuple[LineStatistics, int, int]:
     periodic = [e for e in signals.excitations if e.periodic]
-    per_period = periodic[0].samples_per_period(signals.sample_rate)
+    per_period, every = periodic[0].block(signals.sample_rate)
     names, stack = _stacked(signals)
     driven = np.union1d(lines_at(periodic), signals.elsewhere)
     lines = np.arange(1, driven.max() + 1)
-    spectra = np.stack([period_spectra(p, lines) for p in split_periods(stack, per_period)])
+    # What was bridged in a masked period is left out before the transient is looked for.
+    periods = np.delete(split_periods(stack, per_period), list(signals.left_out), axis=0)
+    spectra = np.stack([period_spectra(p, lines * every) for p in periods])
     moved = [i for i, name in enumerate(names) if name.partition("_")[0] == "displacement"]
     seen = spectra[:, moved][..., np.isin(lines, driven)].reshape(len(spectra), -1)
     dropped = transient_periods(seen)

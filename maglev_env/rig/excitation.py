@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
+from fractions import Fraction
 from functools import lru_cache
 from itertools import pairwise
 from typing import Any, Literal
@@ -16,6 +17,7 @@ from maglev_env.fields import is_number
 KINDS = ("sphs", "multisine", "low_crest", "recorded", "none")
 PLACES: tuple[Place, ...] = tuple(SHOWN_BY)
 MAX_HARMONIC = 1_000_000
+MOST_BLOCK = 1000  # periods in a block that is a whole number of samples
 UNITS: Mapping[Place, str] = {place: unit_of(channel) for place, channel in SHOWN_BY.items()}
 
 
@@ -101,6 +103,32 @@ class Excitation:
                 f"a period would be {n:.6g} samples; choose a fundamental that gives a whole number"
             )
         return round(n)
+
+    def block(self, sample_rate: float) -> tuple[int, int]:
+        """Samples and periods of the smallest block that holds whole numbers of both.
+
+        Raises:
+            ValueError: No block of up to MOST_BLOCK periods does; the message names fundamentals that fit.
+        """
+        n = sample_rate / self.fundamental
+        if abs(n - round(n)) <= 1e-6 * n:
+            return round(n), 1
+        whole = Fraction(n).limit_denominator(MOST_BLOCK)
+        if abs(float(whole) - n) > 1e-9 * n:
+            near = sample_rate / round(n) if n > 1 else sample_rate / 2
+            raise ValueError(
+                f"excitation: fundamental {self.fundamental} Hz at the rate {sample_rate} Hz: a period would be "
+                f"{n:.9g} samples, and no whole number of samples holds up to {MOST_BLOCK} whole periods; "
+                f"{near:.12g} Hz would fit ({round(n)} samples)"
+            )
+        return whole.numerator, whole.denominator
+
+    def on_grid(self, sample_rate: float) -> "Excitation":
+        """The same signal with the block as its period: a fundamental that divides the rate, and lines to match."""
+        periods = self.block(sample_rate)[1] if self.periodic else 1
+        if periods == 1:
+            return self
+        return replace(self, fundamental=self.fundamental / periods, lines=tuple(n * periods for n in self.lines))
 
     def multisine(self, sample_rate: float) -> Multisine:
         """The multisine on the sample grid of `sample_rate` (Hz).

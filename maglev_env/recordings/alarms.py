@@ -1,0 +1,317 @@
+"""Alarms of a recording: lost levitation, stuck readings, missing or double samples, rails; one rule each.
+
+A rule compares a recording with itself, so that it needs no rig, and says nothing of a sound one (the tests count false
+alarms on simulated records of every preset).
+"""
+
+import json
+from collections.abc import Iterable
+from dataclasses import asdict, dataclass
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+
+from maglev_env.channels import unit_of
+from maglev_env.recordings.masking import MOST_MASKED, clipped_samples
+from maglev_env.recordings.time_stamps import Clock
+from maglev_env.rig.rig import Rig
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+Code = Literal["lost levitation", "stuck reading", "samples", "rail"]
+
+# A state counts when it lasts so long (s), and for so many samples: longer than a loop that still works rests at a
+# limit, shorter than a rotor needs to be caught again.
+STAY, STAY_SAMPLES = 0.02, 10
+RAIL_WIDTH, RAIL_DWELL = 0.01, 0.7  # of the range; a sine dwells in its outer 1 % half as long as in its outer 4 %
+CHATTER = 0.4  # share of a window at the limit: noise takes the command off it again and again
+# The working range is the middle half of the controlled readings, wider by so many times its width on either side: 2.5
+# amplitudes of a sine. Quartiles, because a record that is lost half of the time moves from stop to stop in between.
+WIDENED = 1.25
+STUCK_RATIO, STUCK_SAMPLES = 4, 10
+STUCK_JUMP = 3  # a stuck reading jumps when it is released; a quantised one moves on by a step
+MOST_EVENTS = 10
+READINGS = ("displacement", "current", "command", "force", "gap_estimate")
+
+
+@dataclass(frozen=True)
+class Alarm:
+    """What is wrong with a recording.
+
+    Attributes:
+        code: Which rule.
+        channel: Whose.
+        time: When it begins, s from the first sample used.
+        sentence: What happened, when, and how to cut or mend it.
+        severity: "refuse": nothing is identified from the recording as it is; "warning": it is used with care.
+    """
+
+    code: Code
+    channel: str
+    time: float
+    sentence: str
+    severity: Literal["refuse", "warning"]
+
+
+def alarms_of(dataset: "xr.Dataset") -> tuple[Alarm, ...]:
+    """The alarms that `read_recording` found."""
+    return tuple(Alarm(**a) for a in json.loads(dataset.attrs.get("alarms", "[]")))
+
+
+def alarms_text(alarms: Iterable[Alarm]) -> str:
+    """Alarms as the attribute of a dataset."""
+    return json.dumps([asdict(a) for a in alarms])
+
+
+def find_alarms(dataset: "xr.Dataset", start: int = 0, rig: Rig | None = None) -> tuple[Alarm, ...]:
+    """Lost levitation, stuck readings and repeated samples of a recording.
+
+    Args:
+        dataset: As `read_recording` makes it.
+        start: Sample of the file at which it begins, for the sentences.
+        rig: Its nominal rig, for its clearance.
+    """
+    found = lost_levitation(dataset, start, rig)
+    lost = {a.channel for a in found}
+    stuck = [a for a in stuck_readings(dataset, start) if a.channel not in lost]
+    return (*found, *stuck, *repeated_samples(dataset, start))
+
+
+def lost_levitation(dataset: "xr.Dataset", start: int = 0, rig: Rig | None = None) -> list[Alarm]:
+    """The rotor leaves its working range, and stays there while the command is at a limit or the reading is flat.
+
+    The working range is that of the samples at which neither holds, widened; and no more than the rig's clearance.
+    """
+    rate, found = dataset.attrs["sample_rate"], []
+    stay = max(STAY_SAMPLES, round(STAY * rate))
+    for name in _of_kind(dataset, "displacement"):
+        y, end = dataset[name].values, name.removeprefix("displacement")
+        efforts = [dataset[kind + end].values for kind in ("command", "voltage", "current") if kind + end in dataset]
+        idle = _flat(y, stay)
+        for effort in efforts[:1]:
+            idle |= _at_rail(effort, stay)
+        working = y[~idle]
+        if not idle.any() or working.size < 2 * stay:
+            continue
+        low, high = np.quantile(working, (0.25, 0.75))
+        low, high = low - WIDENED * (high - low), high + WIDENED * (high - low)
+        if "reference" + end in dataset:
+            wanted = dataset["reference" + end].values
+            low, high = min(low, wanted.min()), max(high, wanted.max())
+        away = (y < low) | (y > high)
+        if rig is not None:
+            away |= np.abs(y) > rig.clearance
+        lost = _mostly(away & idle, stay)
+        spells = _runs(lost)
+        if not spells:
+            continue
+        first, last = spells[0][0], spells[-1][1]
+        sound = max(_gaps(spells, y.size), key=lambda part: part[1] - part[0])
+        longest = max(spells, key=lambda part: part[1] - part[0])
+        rests = float(np.median(y[slice(*longest)]))
+        again = f", and {len(spells) - 1} more times, until {last / rate:.4g} s" if len(spells) > 1 else ""
+        until = f" until {last / rate:.4g} s" if len(spells) == 1 and last < y.size else ""
+        cut = (
+            f"use the longest stretch in between: start = {start + sound[0]}, samples = {sound[1] - sound[0]}"
+            if sound[1] - sound[0] > 2 * stay
+            else "record again"
+        )
+        found.append(
+            Alarm(
+                "lost levitation",
+                name,
+                first / rate,
+                f"levitation is lost at {first / rate:.4g} s{until}{again}: {name} rests near {_si(rests, 'm')}, "
+                f"outside of its working range of {_si(low, 'm')} to {_si(high, 'm')} ({lost.mean():.1%} of the "
+                f"record); {cut}",
+                "refuse",
+            )
+        )
+    return found
+
+
+def stuck_readings(dataset: "xr.Dataset", start: int = 0) -> list[Alarm]:
+    """A channel repeats a value for much longer than it does elsewhere, and jumps when it is released, or never is."""
+    rate, found = dataset.attrs["sample_rate"], []
+    moving = [n for n in dataset.data_vars if n.partition("_")[0] in READINGS and np.ptp(dataset[n].values) > 0]
+    for name in (n for n in dataset.data_vars if n.partition("_")[0] in READINGS):
+        values = dataset[name].values
+        if np.ptp(values) == 0:
+            if name not in moving and moving and name.partition("_")[0] not in ("force",) and values.size > 1:
+                text = f"{name} is {values[0]:g} {unit_of(name)} in every sample while {moving[0]} moves"
+                found.append(Alarm("stuck reading", name, 0.0, f"{text}; is it connected?", "refuse"))
+            continue
+        change = np.flatnonzero(np.diff(values))
+        edges = np.concatenate([[-1], change, [values.size - 1]])
+        lengths = np.diff(edges)
+        order = np.argsort(-lengths, kind="stable")[: MOST_EVENTS + 1]
+        top = lengths[order]
+        falls = [k for k in range(len(top) - 1) if top[k] >= STUCK_RATIO * top[k + 1] and top[k] >= STUCK_SAMPLES]
+        usual = float(np.median(np.abs(np.diff(values)[change])))
+        spells = []
+        for k in sorted(order[: falls[-1] + 1]) if falls else []:
+            first, last = int(edges[k]) + 1, int(edges[k + 1]) + 1
+            jump = abs(values[last] - values[last - 1]) if last < values.size else np.inf
+            extreme = values[first] in (values.min(), values.max())
+            off = first == 0 and values[0] == 0 and not name.startswith("displacement")  # not switched on yet
+            if jump > STUCK_JUMP * usual and not extreme and not off:
+                spells.append((first, last))
+        if spells:
+            first, last = spells[0]
+            more = f", and {len(spells) - 1} more times" if len(spells) > 1 else ""
+            sound = max(_gaps(spells, values.size), key=lambda part: part[1] - part[0])
+            found.append(
+                Alarm(
+                    "stuck reading",
+                    name,
+                    first / rate,
+                    f"{name} is stuck at {values[first]:.4g} {unit_of(name)} from {first / rate:.4g} s on for "
+                    f"{(last - first) / rate:.3g} s{more}; leave it out: start = {start + sound[0]}, samples = "
+                    f"{sound[1] - sound[0]}",
+                    "refuse",
+                )
+            )
+    return found
+
+
+def repeated_samples(dataset: "xr.Dataset", start: int = 0) -> list[Alarm]:
+    """All channels repeat at once more often than their resolution explains: samples that were stored twice."""
+    rate = dataset.attrs["sample_rate"]
+    values = [dataset[n].values for n in dataset.data_vars if n.partition("_")[0] in READINGS]
+    values = [v for v in values if np.ptp(v) > 0]
+    if len(values) < 2:
+        return []
+    equal = np.all([np.diff(v) == 0 for v in values], axis=0)
+    count, size = int(equal.sum()), equal.size
+    explained = min(_explained(v) for v in values) * size
+    if count <= 5 + 10 * explained or max(b - a for a, b in _runs(equal)) >= STUCK_SAMPLES:
+        return []
+    first = int(np.argmax(equal)) + 1
+    severity = "refuse" if count > MOST_MASKED * size else "warning"
+    text = (
+        f"{count} samples repeat the one before in every channel ({count / size:.2%}), the first at "
+        f"{first / rate:.4g} s (sample {start + first}): they were stored twice, and the time axis is stretched there"
+    )
+    return [Alarm("samples", "all channels", first / rate, text, severity)]
+
+
+def clock_alarms(clock: Clock, rate: float, start: int = 0) -> list[Alarm]:
+    """What the time stamps tell of missing and double samples."""
+    found, size = [], clock.kept.size
+    if clock.backward is not None:
+        at = clock.backward
+        text = f"time runs backward after {at / rate:.4g} s (sample {start + at}); cut the record there: samples = {at}"
+        found.append(Alarm("samples", "time", at / rate, text, "refuse"))
+    if clock.gaps:
+        at, missing = clock.gaps[0]
+        total = sum(lost for _, lost in clock.gaps)
+        when = float(clock.instants[at]) / rate if clock.instants is not None else at / rate
+        edges = [0, *[i + 1 for i, _ in clock.gaps], size]
+        longest = int(np.argmax(np.diff(edges)))
+        text = (
+            f"{missing} samples are missing after {when:.4g} s (sample {start + at}), {total} in all in "
+            f"{len(clock.gaps)} gaps ({total / (size + total):.2%})"
+        )
+        few = total <= MOST_MASKED * (size + total)
+        cut = f"; use start = {start + edges[longest]}, samples = {edges[longest + 1] - edges[longest]}"
+        text += "; they are bridged and masked" if few else cut
+        found.append(Alarm("samples", "time", when, text, "warning" if few else "refuse"))
+    if clock.repeated:
+        at, few = clock.repeated[0], len(clock.repeated) <= MOST_MASKED * size
+        text = f"{len(clock.repeated)} time stamps repeat, the first at {at / rate:.4g} s (sample {start + at})"
+        text += "; these samples are left out" if few else "; record again"
+        found.append(Alarm("samples", "time", at / rate, text, "warning" if few else "refuse"))
+    return found
+
+
+def touched_rail(
+    name: str, column: str, raw: np.ndarray, values: np.ndarray, rate: float, start: int = 0, rig: Rig | None = None
+) -> tuple[Alarm | None, np.ndarray]:
+    """A reading stays at its extreme value, or reaches the end of the rig's converter.
+
+    Args:
+        name: Channel.
+        column: One of its columns in the file.
+        raw: That column, (samples,).
+        values: The channel in SI, (samples,).
+        rate: Hz.
+        start: Sample of the file at which both begin.
+        rig: The nominal rig of one axis, for its converter.
+
+    Returns:
+        The alarm, and the samples at the rail, (samples,) bool.
+    """
+    at = clipped_samples(raw)
+    what = "stays at its extreme value"
+    if rig is not None and name.startswith("displacement") and rig.adc_bits:
+        reach = rig.voltage_range / rig.probe_gain * (1 - 2.0 ** (1 - rig.adc_bits))
+        if (beyond := np.abs(values) >= reach).any():
+            at, what = at | beyond, f"reaches the converter's range of +-{_si(reach, 'm')}"
+    if not at.any():
+        return None, at
+    first, few = int(np.argmax(at)), at.mean() <= MOST_MASKED
+    text = (
+        f"channel {name!r} (column {column!r}) is clipped at {raw[first]:g} from {first / rate:.4g} s (sample "
+        f"{start + first}) on: it {what} in {at.mean():.2%} of the samples"
+    )
+    text += "; they are masked" if few else "; nothing can be identified from it: record with less amplitude or gain"
+    return Alarm("rail", name, first / rate, text, "warning" if few else "refuse"), at
+
+
+def _of_kind(dataset: "xr.Dataset", kind: str) -> list[str]:
+    return [str(name) for name in dataset.data_vars if str(name).partition("_")[0] == kind]
+
+
+def _explained(values: np.ndarray) -> float:
+    """Share of samples that repeat by resolution alone: the step of the readings over the spread of their changes."""
+    steps = np.abs(np.diff(values))
+    return min(1.0, float(steps[steps > 0].min()) / (2.5 * max(float(np.median(steps)) / 0.67, 1e-300)))
+
+
+def _flat(values: np.ndarray, stay: int) -> np.ndarray:
+    """Samples in runs of one value that last at least `stay`."""
+    out = np.zeros(values.size, bool)
+    for first, last in _runs(np.diff(values) == 0):
+        if last + 1 - first >= stay:
+            out[first : last + 1] = True
+    return out
+
+
+def _at_rail(effort: np.ndarray, stay: int) -> np.ndarray:
+    """Samples at the largest or smallest effort, where the record dwells there as at a limit."""
+    span, out = np.ptp(effort), np.zeros(effort.size, bool)
+    for distance in (effort.max() - effort, effort - effort.min()):
+        near = distance <= RAIL_WIDTH * span
+        if near.sum() >= max(stay, RAIL_DWELL * (distance <= 4 * RAIL_WIDTH * span).sum()):
+            out |= _mostly(near, stay, CHATTER)
+    return out
+
+
+def _mostly(at: np.ndarray, stay: int, share: float = 0.8) -> np.ndarray:
+    """Windows of `stay` samples in which `at` holds for at least a share of them: (samples,) bool."""
+    if at.size < stay:
+        return np.zeros_like(at)
+    sums = np.concatenate([[0], np.cumsum(at)])
+    starts = np.flatnonzero(sums[stay:] - sums[:-stay] >= share * stay)
+    edges = np.zeros(at.size + 1, int)
+    np.add.at(edges, starts, 1)
+    np.add.at(edges, starts + stay, -1)
+    return np.cumsum(edges)[:-1] > 0
+
+
+def _runs(at: np.ndarray) -> list[tuple[int, int]]:
+    """First and end of every run of True."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], at, [False]]).astype(np.int8)))
+    return [(int(a), int(b)) for a, b in edges.reshape(-1, 2)]
+
+
+def _gaps(spells: list[tuple[int, int]], size: int) -> list[tuple[int, int]]:
+    """The stretches between spells."""
+    ends = [0, *[b for _, b in spells]]
+    starts = [*[a for a, _ in spells], size]
+    return list(zip(ends, starts, strict=True))
+
+
+def _si(value: float, unit: str) -> str:
+    return f"{value * 1e3:.4g} m{unit}" if abs(value) >= 1e-4 else f"{value * 1e6:.4g} u{unit}"

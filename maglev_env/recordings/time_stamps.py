@@ -1,0 +1,117 @@
+"""A channel of time stamps against the stated rate: jitter that is taken out, samples that are missing or double."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.interpolate import Akima1DInterpolator
+
+STEP_TOLERANCE = 0.01  # of a step: a clock as regular as this is taken as it stands
+MEAN_RATE_TOLERANCE = 1e-4
+JITTERED_RATE_TOLERANCE = 0.02  # a jittered record is resampled, so its own mean rate need not be the stated one
+# A step that is longer or shorter by more than this share is no jitter: a sample is missing, or there twice. Half a
+# step is where rounding to the nearest sample changes.
+MOST_JITTER = 0.5
+_DIGITS = 9
+
+
+@dataclass(frozen=True)
+class Clock:
+    """What the time stamps of a recording say.
+
+    Attributes:
+        instants: When the samples were taken, (samples,), in steps of the stated rate from the first one on; None: the
+            clock is regular and the samples stand as they are.
+        kept: Samples that are used, (samples,) bool: not those whose stamp repeats.
+        gaps: First sample of every gap, and how many are missing in it.
+        repeated: Samples whose stamp repeats the one before.
+        backward: First sample after which time runs backward, None if none.
+        notes: In words.
+    """
+
+    instants: np.ndarray | None
+    kept: np.ndarray
+    gaps: tuple[tuple[int, int], ...]
+    repeated: tuple[int, ...]
+    backward: int | None
+    notes: tuple[str, ...]
+
+    def resampled(self, values: np.ndarray) -> np.ndarray:
+        """Values (samples,) at the steps of the stated rate, by local cubics that do not overshoot (Akima)."""
+        if self.instants is None:
+            return values
+        instants, values = self.instants[self.kept], values[self.kept]
+        grid = np.arange(int(np.floor(instants[-1] + 1e-9)) + 1)
+        return np.asarray(Akima1DInterpolator(instants, values, method="makima")(np.minimum(grid, instants[-1])))
+
+    def marked(self, masked: np.ndarray) -> np.ndarray:
+        """A mask (samples,) of readings at the steps of the stated rate, with the steps in gaps and beside repeats."""
+        if self.instants is None:
+            return masked
+        instants = self.instants[self.kept]
+        grid = np.arange(int(np.floor(instants[-1] + 1e-9)) + 1)
+        found = np.interp(grid, instants, masked[self.kept].astype(float)) > 0
+        for first, _ in self.gaps:
+            found |= (grid > self.instants[first] + 1e-9) & (grid < self.instants[first + 1] - 1e-9)
+        found[np.clip(np.rint(self.instants[list(self.repeated)]).astype(int), 0, grid.size - 1)] = True
+        return found
+
+
+def check_clock(time: np.ndarray, rate: float) -> Clock:
+    """Compare time stamps (samples,) in s with the stated rate in Hz.
+
+    Raises:
+        ValueError: They belong to another rate.
+    """
+    everything = np.ones(time.size, bool)
+    regular = Clock(None, everything, (), (), None, ())
+    if time.size < 3:
+        return regular
+    step = 1 / rate
+    steps = np.diff(time)
+    mean, median = (time[-1] - time[0]) / steps.size, float(np.median(steps))
+    if _only_rounded(time, step):
+        return regular
+    if np.abs(steps - step).max() <= (1 + 1e-6) * STEP_TOLERANCE * step:
+        if abs(mean * rate - 1) > MEAN_RATE_TOLERANCE:
+            raise ValueError(f"mean rate {1 / mean:.8g} Hz, not sample_rate = {rate:g} Hz")
+        return regular
+    late, repeated = steps > (1 + MOST_JITTER) * median, steps == 0
+    early = (steps < (1 - MOST_JITTER) * median) & ~repeated
+    backward = np.flatnonzero(steps < 0)
+    usual = ~(late | early | repeated)
+    own = float(steps[usual].mean()) if usual.any() else median
+    if abs(own * rate - 1) > JITTERED_RATE_TOLERANCE:
+        raise ValueError(f"its usual step is {own:.6g} s ({1 / own:.6g} Hz), not that of sample_rate = {rate:g} Hz")
+    reached = np.maximum.accumulate(time)
+    kept = np.concatenate([[True], time[1:] > reached[:-1]])
+    gaps = tuple((int(i), max(1, round(steps[i] / own) - 1)) for i in np.flatnonzero(late))
+    off = steps[usual] - own
+    notes = []
+    if np.abs(off).max(initial=0.0) > STEP_TOLERANCE * step:
+        notes.append(
+            f"time stamps jitter by {np.sqrt(np.mean(off**2)):.3g} s rms, {np.abs(off).max():.3g} s at worst "
+            f"({np.abs(off).max() / step:.0%} of a step): resampled at {rate:g} Hz"
+        )
+    if early.any():
+        notes.append(f"{early.sum()} steps are shorter than half of the usual one")
+    instants = (reached - time[0]) * rate
+    return Clock(
+        instants,
+        kept,
+        gaps,
+        tuple(int(i) + 1 for i in np.flatnonzero(repeated)),
+        int(backward[0]) if backward.size else None,
+        tuple(notes),
+    )
+
+
+def _only_rounded(time: np.ndarray, step: float) -> bool:
+    """Whether the stamps are those of a regular clock, printed with few digits."""
+    for digits in range(_DIGITS):
+        scaled = (time - time[0]) * 10.0**digits
+        if np.abs(scaled - np.rint(scaled)).max() < 1e-4:
+            ideal = np.arange(time.size) * step
+            off = time - time[0] - ideal
+            quantum = 10.0**-digits
+            return quantum < 0.5 * step and float(np.ptp(off)) <= 1.001 * quantum
+    return False
