@@ -6,10 +6,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import plotly.graph_objects as go
+from maglev_env.recordings.alarms import alarms_of
 from plotly.subplots import make_subplots
 
 from estimation.periods import line_statistics, period_spectra, split_periods
 from maglev_env.channels import MEASURED
+from maglev_env.rig.excitation import Excitation
 from maglev_workbench.page import page, styled
 
 if TYPE_CHECKING:
@@ -28,7 +30,8 @@ def record_page(title: str, recordings: Sequence[tuple[str, "xr.Dataset"]]) -> s
     made_by = {"recordings": ", ".join(name for name, _ in recordings)}
     if recordings:
         made_by["experiment"] = recordings[0][1].attrs.get("experiment", "")
-    return page(title, f"{len(recordings)} recording(s).", sections, made_by)
+    alarms = [f"{name}: {alarm.sentence}." for name, dataset in recordings for alarm in alarms_of(dataset)]
+    return page(title, " ".join([*alarms, f"{len(recordings)} recording(s)."]), sections, made_by)
 
 
 def _channels(dataset: "xr.Dataset") -> list[str]:
@@ -42,9 +45,8 @@ def _kind(channel: str) -> str:
 
 def _samples_per_period(dataset: "xr.Dataset") -> int:
     excitations = json.loads(dataset.attrs["experiment"]).get("excitations") or []
-    fundamentals = [e["fundamental"] for e in excitations if e.get("kind") in ("sphs", "multisine", "low_crest")]
-    n = dataset.sizes["time"]
-    return round(dataset.attrs["sample_rate"] / fundamentals[0]) if fundamentals else n
+    periodic = [one for one in (Excitation(**e) for e in excitations) if one.periodic]
+    return periodic[0].block(dataset.attrs["sample_rate"])[0] if periodic else dataset.sizes["time"]
 
 
 def _time(dataset: "xr.Dataset") -> go.Figure:

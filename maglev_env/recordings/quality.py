@@ -1,11 +1,12 @@
 """Whether a recording is good enough, and for what: the checks of an engineer before trusting an estimate."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from estimation.frequency_response import coherence
 from estimation.sphs import crest_factor
+from maglev_env.recordings.alarms import Alarm
 from maglev_env.recordings.spectra import RecordedSignals, RecordSpectra, record_spectra
 from maglev_env.rig.rig import Rig
 
@@ -62,6 +63,7 @@ class Quality:
         bands: Quality of each band.
         can: For each use, "yes" or what is missing.
         problems: What to correct before recording again.
+        alarms: What went wrong while it was recorded; with one, nothing is "good" or "yes".
     """
 
     periods: int
@@ -71,14 +73,65 @@ class Quality:
     bands: tuple[BandQuality, ...]
     can: dict[str, str]
     problems: tuple[str, ...]
+    alarms: tuple[Alarm, ...] = ()
 
 
-def recording_quality(signals: RecordedSignals, rig: Rig | None = None, bands: int = 8) -> Quality:
+def recording_quality(
+    signals: RecordedSignals, rig: Rig | None = None, bands: int = 8, alarms: tuple[Alarm, ...] = ()
+) -> Quality:
     """Check one axis of a recording, against the rig's clearance where the rig is known.
 
+    A recording that nothing periodic and no recorded waveform excites gives its levels, and what can be done with it.
+
+    Args:
+        signals: The recording.
+        rig: Its nominal rig.
+        bands: Number of bands.
+        alarms: What `read_recording` found.
+
     Raises:
-        ValueError: Nothing excites it, or a periodic recording holds fewer than two periods.
+        ValueError: A periodic recording holds fewer than two periods, or several recorded waveforms excite it.
     """
+    if all(e.kind == "none" for e in signals.excitations):
+        return _alarmed(_unexcited(signals, rig), alarms)
+    return _alarmed(_excited(signals, rig, bands), alarms)
+
+
+def _unexcited(signals: RecordedSignals, rig: Rig | None) -> Quality:
+    """Levels alone, and what each command makes of a recording without an excitation."""
+    channels = tuple(_channel(name, values, None) for name, values in signals.channels.items())
+    known = {"command", "displacement"} <= signals.channels.keys() and signals.gains is not None
+    source = "the command less what the controller makes of the displacement" if known else "its waveform is not known"
+    why = f"no: no excitation is stated ({source}); state it, or record an injection, reference or force"
+    uses = dict.fromkeys(("estimate", "margins", "tune"), why)
+    uses["diagnose"] = "no: needs an SPHS or a multisine" if rig is not None else "no: needs a rig, and a multisine"
+    return Quality(0, 0, 0, channels, (), uses, _beyond(signals, rig))
+
+
+def _alarmed(quality: Quality, alarms: tuple[Alarm, ...]) -> Quality:
+    """The quality with alarms: nothing is "good" or "yes" beside one."""
+    if not alarms:
+        return quality
+    worst = alarms[0]
+    refused = worst.severity == "refuse"
+    why = f"{'no' if refused else 'with care'}: {worst.code} at {worst.time:.4g} s"
+    can = {use: why if refused or verdict.startswith("yes") else verdict for use, verdict in quality.can.items()}
+    verdict = worst.code if refused else "usable"
+    bands = tuple(replace(b, verdict=verdict if refused or b.verdict == "good" else b.verdict) for b in quality.bands)
+    return replace(quality, can=can, bands=bands, alarms=alarms)
+
+
+def _beyond(signals: RecordedSignals, rig: Rig | None) -> tuple[str, ...]:
+    reach = np.abs(signals.channels["displacement"]).max() if rig and "displacement" in signals.channels else 0.0
+    if not rig or reach <= rig.clearance:
+        return ()
+    return (
+        f"displacement reaches {reach:.3g} m, beyond the rig's clearance of {rig.clearance:g} m: "
+        "check its scale and offset in [recording.channels]",
+    )
+
+
+def _excited(signals: RecordedSignals, rig: Rig | None, bands: int) -> Quality:
     spectra = record_spectra(signals)
     statistics, dropped = spectra.all, spectra.transient_periods
     problems = []
@@ -91,12 +144,7 @@ def recording_quality(signals: RecordedSignals, rig: Rig | None = None, bands: i
         if c.resolution_share > 0.05:
             share = f"{c.resolution_share:.0%}"
             problems.append(f"{c.name}: one converter step is {share} of the rms: raise the amplitude")
-    reach = np.abs(signals.channels["displacement"]).max() if rig and "displacement" in signals.channels else 0.0
-    if rig and reach > rig.clearance:
-        problems.append(
-            f"displacement reaches {reach:.3g} m, beyond the rig's clearance of {rig.clearance:g} m: "
-            "check its scale and offset in [recording.channels]"
-        )
+    problems.extend(_beyond(signals, rig))
     force = [c for c in channels if c.name == "force"]
     if signals.periodic and force and force[0].crest > 4:
         problems.append(f"force: crest factor {force[0].crest:.1f}; Schroeder phases reach 1.7, optimised ones 1.4")
@@ -110,15 +158,14 @@ def recording_quality(signals: RecordedSignals, rig: Rig | None = None, bands: i
     return Quality(statistics.periods, dropped, spectra.leftover, channels, per_band, uses, tuple(problems))
 
 
-def _channel(name: str, values: np.ndarray, spectra: RecordSpectra) -> ChannelQuality:
-    statistics = spectra.all
+def _channel(name: str, values: np.ndarray, spectra: RecordSpectra | None) -> ChannelQuality:
     steps = np.diff(np.unique(values))
     rms = float(np.sqrt(np.mean((values - values.mean()) ** 2)))
     resolution = float(np.median(steps)) if steps.size else 0.0
     median = worst = None
-    if name in statistics.channels and name != "injection":
+    if spectra is not None and name in spectra.all.channels and name != "injection":
         lines = spectra.driven["force"] if name == "force" else np.concatenate([*spectra.driven.values()])
-        excited = statistics.at_lines(lines)
+        excited = spectra.all.at_lines(lines)
         noise = np.sqrt(excited.cross(name, name))
         with np.errstate(divide="ignore", invalid="ignore"):
             snr = np.abs(excited.amplitude(name)) / noise

@@ -94,10 +94,10 @@ def read_recording(campaign: Campaign, spec: RecordingSpec, alarmed: bool = Fals
     if masked.any() and masked.mean() <= MOST_MASKED:
         dataset = dataset.assign_coords(masked=("time", masked))
         dataset.attrs["notes"].append(f"{masked.mean():.2%} of the samples are masked: clipped or missing")
-    if alarmed:
-        return dataset
     for alarm in alarms:
         if alarm.severity == "refuse":
+            if alarmed:
+                return dataset
             raise ValueError(f"{path}: {alarm.sentence}")
     for name, values in channels.items():
         _check_moves(path, name, values, spec)

@@ -16,8 +16,13 @@ if TYPE_CHECKING:
     import xarray as xr
 
 
-def recorded_signals(campaign: Campaign, spec: RecordingSpec, dataset: "xr.Dataset") -> RecordedSignals:
+def recorded_signals(
+    campaign: Campaign, spec: RecordingSpec, dataset: "xr.Dataset", excited: bool = True
+) -> RecordedSignals:
     """A recording as arrays: of two axes when it has the displacement of x and of y, otherwise of one.
+
+    Masked samples are bridged by straight lines; spectra leave out the periods that hold them, where enough others
+    remain. `excited`: refuse a recording that nothing excites.
 
     Where the campaign does not state the force between samples, a designed force on a named rig, recorded at a multiple
     or fraction of its control rate, is taken as held by its converter, as the nominal rig is defined; any other force
@@ -27,7 +32,7 @@ def recorded_signals(campaign: Campaign, spec: RecordingSpec, dataset: "xr.Datas
         ValueError: Nothing is excited, or the rates of a held force do not fit.
     """
     where = campaign.folder / spec.file
-    if all(e.kind == "none" for e in spec.excitations):
+    if excited and all(e.kind == "none" for e in spec.excitations):
         raise ValueError(f"{where}: no excitation is stated; stiffness and damping need one")
     masked = masked_samples(dataset)
     channels = {str(name): bridged(dataset[name].values, masked) for name in dataset.data_vars}
