@@ -6,11 +6,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import plotly.graph_objects as go
-from maglev_env.recordings.alarms import alarms_of
 from plotly.subplots import make_subplots
 
 from estimation.periods import line_statistics, period_spectra, split_periods
 from maglev_env.channels import MEASURED
+from maglev_env.recordings.alarms import alarms_of
 from maglev_env.rig.excitation import Excitation
 from maglev_workbench.page import page, styled
 

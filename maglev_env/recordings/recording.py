@@ -189,9 +189,7 @@ def _force_along(dataset: "xr.Dataset", excitation: Excitation) -> tuple[str, np
     return (forces[0], dataset[forces[0]].values[None]) if len(forces) == 1 else ("force", None)
 
 
-def _check_lines(
-    name: str, forces: np.ndarray, lines: np.ndarray, block: tuple[int, int], fundamental: float
-) -> None:
+def _check_lines(name: str, forces: np.ndarray, lines: np.ndarray, block: tuple[int, int], fundamental: float) -> None:
     periods = split_periods(forces, block[0])
     # The first period may contain the start of the excitation.
     spectra = np.array([period_spectra(p, lines * block[1]) for p in periods[1 if len(periods) > 2 else 0 :]])

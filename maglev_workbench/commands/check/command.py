@@ -17,10 +17,13 @@ def check(
     out: Annotated[Path | None, typer.Option(help="HTML page (default: in the campaign folder).")] = None,
     json_file: JsonOption = None,
 ) -> None:
-    """Is a campaign good enough, and for what: noise, transients, quantisation, crest, lines, missing channels."""
+    """Is a campaign good enough, and for what: alarms, noise, transients, quantisation, crest, lines, channels."""
     from importlib.metadata import version
 
+    from rich.markup import escape
+
     from maglev_env.loop.axes import AXES
+    from maglev_env.recordings.alarms import alarms_of
     from maglev_env.recordings.campaign import load_campaign
     from maglev_env.recordings.json_data import plain
     from maglev_env.recordings.quality import recording_quality
@@ -38,21 +41,27 @@ def check(
     require_file(page, "--out")
     found, datasets = [], []
     for spec in loaded.recordings:
-        dataset = read_recording(loaded, spec)
-        signals = recorded_signals(loaded, spec, dataset)
+        dataset = read_recording(loaded, spec, alarmed=True)
+        alarms = alarms_of(dataset)
+        for alarm in alarms:
+            style = "bold red" if alarm.severity == "refuse" else "yellow"
+            console.print(f"[{style}]ALARM[/] {escape(f'{spec.file}: {alarm.sentence}')}", soft_wrap=True)
+        signals = recorded_signals(loaded, spec, dataset, excited=False)
         for axis in range(signals.axes):
             own = axis_signals(signals, axis)
             name = spec.file if signals.axes == 1 else f"{spec.file}, {AXES[axis]}"
-            if not own.excitations:
+            if not own.excitations and any(e.kind != "none" for e in spec.excitations):
                 console.print(f"{name}: nothing is excited along this axis")
                 continue
             rig = loaded.rig if loaded.rig is None or own.axis is None else axis_rig(loaded.rig, own.axis)
-            quality = recording_quality(own, rig)
+            quality = recording_quality(own, rig, alarms=alarms)
             found.append((name, quality))
             for table in quality_tables(name, quality):
                 console.print(table)
             for problem in quality.problems:
                 console.print(f"  [yellow]![/] {problem}")
+        for note in dataset.attrs["notes"]:
+            console.print(f"  note: {escape(note)}", soft_wrap=True)
         datasets.append((spec.file, dataset))
     write_page(page, record_page(f"Check of {loaded.folder.name}", datasets))
     console.print(f"page  {page}")

@@ -6,10 +6,10 @@ from maglev_env.recordings.quality import Quality
 
 
 def quality_tables(file: str, q: Quality) -> list[Table]:
-    """Tables of the channels, of the bands, and of what the recording is good for."""
+    """Tables of the channels, of the bands where something is excited, and of what the recording is good for."""
     dropped = f", {q.transient_periods} of transient dropped" if q.transient_periods else ""
     channels = Table("channel", "rms", "crest", "step / rms", "signal / noise, median", "worst line")
-    channels.title = f"{file}: {q.periods} steady periods{dropped}"
+    channels.title = f"{file}: {q.periods} steady periods{dropped}" if q.periods else f"{file}: nothing repeats"
     for c in q.channels:
         snr = ["-" if v is None else f"{v:.3g}" for v in (c.snr_median, c.snr_worst)]
         channels.add_row(c.name, f"{c.rms:.3g}", f"{c.crest:.2f}", f"{c.resolution_share:.1e}", *snr)
@@ -19,4 +19,4 @@ def quality_tables(file: str, q: Quality) -> list[Table]:
     uses = Table("good for", "")
     for use, verdict in q.can.items():
         uses.add_row(use, verdict, style=None if verdict.startswith("yes") else "yellow")
-    return [channels, bands, uses]
+    return [channels, bands, uses] if q.bands else [channels, uses]
