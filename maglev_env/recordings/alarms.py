@@ -23,14 +23,18 @@ Code = Literal["lost levitation", "stuck reading", "samples", "rail"]
 
 # A state counts when it lasts so long (s), and for so many samples: longer than a loop that still works rests at a
 # limit, shorter than a rotor needs to be caught again.
-STAY, STAY_SAMPLES = 0.02, 10
+STAY, STAY_SAMPLES = 0.05, 10
+REST_SHARE = 0.3  # of such a time that the rotor is at a stop, as none does that overshoots
 RAIL_WIDTH, RAIL_DWELL = 0.01, 0.7  # of the range; a sine dwells in its outer 1 % half as long as in its outer 4 %
+STOP_WIDTH = 0.1  # of the range of the readings
 CHATTER = 0.4  # share of a window at the limit: noise takes the command off it again and again
 # The working range is the middle half of the controlled readings, wider by so many times its width on either side: 2.5
 # amplitudes of a sine. Quartiles, because a record that is lost half of the time moves from stop to stop in between.
 WIDENED = 1.25
 STUCK_RATIO, STUCK_SAMPLES = 4, 10
-STUCK_JUMP = 3  # a stuck reading jumps when it is released; a quantised one moves on by a step
+# A stuck reading jumps when it is released, or it lasts although the others swing as elsewhere; a quantised one moves
+# on by a step, and rests while all is at rest.
+STUCK_JUMP, STUCK_LONG, STUCK_SWING = 3, 20, 0.25
 MOST_EVENTS = 10
 READINGS = ("displacement", "current", "command", "force", "gap_estimate")
 
@@ -88,10 +92,17 @@ def lost_levitation(dataset: "xr.Dataset", start: int = 0, rig: Rig | None = Non
     for name in _of_kind(dataset, "displacement"):
         y, end = dataset[name].values, name.removeprefix("displacement")
         efforts = [dataset[kind + end].values for kind in ("command", "voltage", "current") if kind + end in dataset]
-        idle = _flat(y, stay)
-        for effort in efforts[:1]:
-            idle |= _at_rail(effort, stay)
-        working = y[~idle]
+        if not efforts:
+            continue  # nothing says that it is levitated
+        effort = efforts[0]
+        # A rotor at a stop is where it never goes beyond; elsewhere a flat reading is the sensor's. The controller
+        # works against the stop, while it rests where a loop only rests.
+        least, most = np.quantile(y, (0.005, 0.995))
+        stop = np.minimum(y - least, most - y) <= STOP_WIDTH * (most - least)
+        idle, flat = _at_rail(effort, stay), _flat(y, stay)
+        working = y[~(idle | flat)]
+        for part in (slice(*run) for run in _runs(flat & stop)):
+            idle[part] |= np.ptp(effort[part]) > STUCK_SWING * np.ptp(effort)
         if not idle.any() or working.size < 2 * stay:
             continue
         low, high = np.quantile(working, (0.25, 0.75))
@@ -102,12 +113,12 @@ def lost_levitation(dataset: "xr.Dataset", start: int = 0, rig: Rig | None = Non
         away = (y < low) | (y > high)
         if rig is not None:
             away |= np.abs(y) > rig.clearance
-        lost = _mostly(away & idle, stay)
-        spells = _runs(lost)
+        spells = [run for run in _runs(_mostly(away & idle, stay)) if stop[slice(*run)].mean() >= REST_SHARE]
         if not spells:
             continue
         first, last = spells[0][0], spells[-1][1]
         sound = max(_gaps(spells, y.size), key=lambda part: part[1] - part[0])
+        share = sum(last - first for first, last in spells) / y.size
         longest = max(spells, key=lambda part: part[1] - part[0])
         rests = float(np.median(y[slice(*longest)]))
         again = f", and {len(spells) - 1} more times, until {last / rate:.4g} s" if len(spells) > 1 else ""
@@ -123,7 +134,7 @@ def lost_levitation(dataset: "xr.Dataset", start: int = 0, rig: Rig | None = Non
                 name,
                 first / rate,
                 f"levitation is lost at {first / rate:.4g} s{until}{again}: {name} rests near {_si(rests, 'm')}, "
-                f"outside of its working range of {_si(low, 'm')} to {_si(high, 'm')} ({lost.mean():.1%} of the "
+                f"outside of its working range of {_si(low, 'm')} to {_si(high, 'm')} ({share:.1%} of the "
                 f"record); {cut}",
                 "refuse",
             )
@@ -138,7 +149,7 @@ def stuck_readings(dataset: "xr.Dataset", start: int = 0) -> list[Alarm]:
     for name in (n for n in dataset.data_vars if n.partition("_")[0] in READINGS):
         values = dataset[name].values
         if np.ptp(values) == 0:
-            if name not in moving and moving and name.partition("_")[0] not in ("force",) and values.size > 1:
+            if name not in moving and moving and name.partition("_")[0] not in ("force", "command"):
                 text = f"{name} is {values[0]:g} {unit_of(name)} in every sample while {moving[0]} moves"
                 found.append(Alarm("stuck reading", name, 0.0, f"{text}; is it connected?", "refuse"))
             continue
@@ -152,10 +163,15 @@ def stuck_readings(dataset: "xr.Dataset", start: int = 0) -> list[Alarm]:
         spells = []
         for k in sorted(order[: falls[-1] + 1]) if falls else []:
             first, last = int(edges[k]) + 1, int(edges[k + 1]) + 1
-            jump = abs(values[last] - values[last - 1]) if last < values.size else np.inf
+            jumps = last < values.size and abs(values[last] - values[last - 1]) > STUCK_JUMP * usual
+            swings = lengths[k] >= STUCK_LONG * top[falls[-1] + 1] and any(
+                np.ptp(dataset[other].values[first:last]) > STUCK_SWING * np.ptp(dataset[other].values)
+                for other in moving
+                if other != name
+            )
             extreme = values[first] in (values.min(), values.max())
             off = first == 0 and values[0] == 0 and not name.startswith("displacement")  # not switched on yet
-            if jump > STUCK_JUMP * usual and not extreme and not off:
+            if (jumps or swings) and not extreme and not off:
                 spells.append((first, last))
         if spells:
             first, last = spells[0]
@@ -178,13 +194,15 @@ def stuck_readings(dataset: "xr.Dataset", start: int = 0) -> list[Alarm]:
 def repeated_samples(dataset: "xr.Dataset", start: int = 0) -> list[Alarm]:
     """All channels repeat at once more often than their resolution explains: samples that were stored twice."""
     rate = dataset.attrs["sample_rate"]
-    values = [dataset[n].values for n in dataset.data_vars if n.partition("_")[0] in READINGS]
-    values = [v for v in values if np.ptp(v) > 0]
-    if len(values) < 2:
+    moving = [n for n in dataset.data_vars if n.partition("_")[0] in READINGS and np.ptp(dataset[n].values) > 0]
+    if len(moving) < 2:
         return []
+    # A command repeats where the displacement does, which is all that the controller sees.
+    sensed = [n for n in moving if n.startswith("displacement")] or moving
+    values = [dataset[n].values for n in moving]
     equal = np.all([np.diff(v) == 0 for v in values], axis=0)
     count, size = int(equal.sum()), equal.size
-    explained = min(_explained(v) for v in values) * size
+    explained = min(_explained(dataset[n].values) for n in sensed) * size
     if count <= 5 + 10 * explained or max(b - a for a, b in _runs(equal)) >= STUCK_SAMPLES:
         return []
     first = int(np.argmax(equal)) + 1

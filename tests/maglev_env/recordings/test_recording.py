@@ -277,7 +277,9 @@ def test_csv_text_names_the_sample_and_the_channel(tmp_path):
     (tmp_path / "r.csv").write_text("\n".join(lines))
     (tmp_path / "campaign.toml").write_text((HEAD + SOURCES).replace("npz", "csv"))
     campaign = load_campaign(tmp_path)
-    with pytest.raises(ValueError, match=r"r\.csv: column 'y': 'oops' in line 19 \(sample 17\) is not a number \(channel 'displ"):
+    with pytest.raises(
+        ValueError, match=r"r\.csv: column 'y': 'oops' in line 19 \(sample 17\) is not a number \(channel 'displ"
+    ):
         read_recording(campaign, campaign.recordings[0])
 
 
