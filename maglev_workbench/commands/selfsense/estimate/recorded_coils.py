@@ -95,7 +95,7 @@ def read_coil(campaign: Campaign, coil: Coil) -> Signals:
     spec, end = coil.spec, coil.suffix
     others = [f"voltage{end}", *(name for name in ("time", f"displacement{end}") if name in spec.channels)]
     dataset = read_recording(campaign, replace(spec, channels={name: spec.channels[name] for name in others}))
-    source, columns = spec.channels[f"current{end}"], read_columns(coil.path)
+    source, columns = spec.channels[f"current{end}"], read_columns(coil.path, spec.layout)
     parts = [w * columns.column(name) for w, name in zip(source.weights, source.columns, strict=True)]
     sizes = {part.size for part in parts}
     if len(sizes) > 1:
