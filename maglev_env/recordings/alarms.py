@@ -36,6 +36,7 @@ STUCK_RATIO, STUCK_SAMPLES = 4, 10
 # on by a step, and rests while all is at rest.
 STUCK_JUMP, STUCK_LONG, STUCK_SWING = 3, 20, 0.25
 MOST_EVENTS = 10
+MOST_EXPLAINED = 0.2  # share of samples that repeat by the resolution of the displacement
 READINGS = ("displacement", "current", "command", "force", "gap_estimate")
 
 
@@ -197,12 +198,15 @@ def repeated_samples(dataset: "xr.Dataset", start: int = 0) -> list[Alarm]:
     moving = [n for n in dataset.data_vars if n.partition("_")[0] in READINGS and np.ptp(dataset[n].values) > 0]
     if len(moving) < 2:
         return []
-    # A command repeats where the displacement does, which is all that the controller sees.
-    sensed = [n for n in moving if n.startswith("displacement")] or moving
+    # The controller sees the displacement alone: where that repeats, command and current do so, too, and no coincidence
+    # of channels tells a double sample from a coarse reading.
+    sensed = {n: _explained(dataset[n].values) for n in moving if not n.startswith("command")}
+    if not sensed or max((p for n, p in sensed.items() if n.startswith("displacement")), default=0) > MOST_EXPLAINED:
+        return []
     values = [dataset[n].values for n in moving]
     equal = np.all([np.diff(v) == 0 for v in values], axis=0)
     count, size = int(equal.sum()), equal.size
-    explained = min(_explained(dataset[n].values) for n in sensed) * size
+    explained = float(np.prod([*sensed.values()])) * size
     if count <= 5 + 10 * explained or max(b - a for a, b in _runs(equal)) >= STUCK_SAMPLES:
         return []
     first = int(np.argmax(equal)) + 1
@@ -284,7 +288,8 @@ def _of_kind(dataset: "xr.Dataset", kind: str) -> list[str]:
 def _explained(values: np.ndarray) -> float:
     """Share of samples that repeat by resolution alone: the step of the readings over the spread of their changes."""
     steps = np.abs(np.diff(values))
-    return min(1.0, float(steps[steps > 0].min()) / (2.5 * max(float(np.median(steps)) / 0.67, 1e-300)))
+    real = steps > 1e-6 * steps.max()  # steps below are rounding of the same converter step
+    return min(1.0, float(steps[real].min()) / (2.5 * max(float(np.median(steps)) / 0.67, 1e-300)))
 
 
 def _flat(values: np.ndarray, stay: int) -> np.ndarray:

@@ -334,7 +334,7 @@ def test_a_clipped_multisine_is_found(seed, level, bits, sign):
     step = 4 / 2**bits
     clipped = sign * np.round(np.minimum(signal, top) / step) * step
     at = clipped_samples(clipped)
-    assert at.any() and np.unique(clipped[at]).size == 1 and abs(at.mean() - (signal >= top).mean()) < 1e-3
+    assert at.any() and np.unique(clipped[at]).size == 1 and abs(at.mean() - (signal >= top).mean()) < 5e-3
 
 
 SLANTED = (
