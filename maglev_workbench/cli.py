@@ -10,6 +10,7 @@ from maglev_workbench.commands import add_commands
 
 COMMANDS = (  # in the order of `maglev --help`
     "sweep",
+    "new",
     "estimate",
     "check",
     "diagnose",

@@ -109,12 +109,22 @@ def load_campaign(folder_or_toml: str | Path) -> Campaign:
     if path.stat().st_size > MAX_FILE_BYTES:
         raise ValueError(f"{path}: larger than {MAX_FILE_BYTES} bytes; that is not a campaign file")
     try:
-        return _campaign(path.parent, tomllib.loads(path.read_text(encoding="utf-8")))
+        return parse_campaign(path.parent, tomllib.loads(path.read_text(encoding="utf-8")))
     except (ValueError, TypeError, ArithmeticError, RecursionError) as error:
         raise ValueError(f"{path}: {error}") from error
 
 
-def _campaign(folder: Path, data: dict[str, Any]) -> Campaign:
+def parse_campaign(folder: Path, data: Mapping[str, Any]) -> Campaign:
+    """A campaign from the content of a campaign.toml.
+
+    Args:
+        folder: The campaign's folder.
+        data: The file's tables.
+
+    Raises:
+        OSError: A data file does not exist.
+        ValueError: The content does not fit; the recording and the key are named.
+    """
     if data.get("schema") != SCHEMA:
         raise ValueError(f'schema = {data.get("schema")!r}; this version reads schema = "{SCHEMA}"')
     check_known(data, ("schema", "rig", "parameters", "recording"), "top level")

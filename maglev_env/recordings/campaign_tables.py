@@ -12,7 +12,7 @@ from maglev_env.rig.rig import excitation_from_table
 _AXES = ("", "_x", "_y", "_z")
 CAMPAIGN_CHANNELS = ("time", *(name + axis for name in RECORDED for axis in _AXES))
 
-_EXCITATION_KEYS = (*(f.name for f in fields(Excitation)), "harmonics", "periods")
+_EXCITATION_KEYS = (*(f.name for f in fields(Excitation)), "harmonics", "periods", "period_samples")
 
 
 @dataclass(frozen=True)
@@ -33,6 +33,7 @@ def excitations_table(value: Any, rate: float, channels: Mapping) -> tuple[tuple
     found, periods = [], set()
     for table in tables:
         check_known(table, _EXCITATION_KEYS, "excitation")
+        table = _in_hertz(table, rate)
         _check_lines(table, rate)
         excitation = excitation_from_table(table, ignored=("periods",))
         stated = whole_of(table, "periods", None, 2)
@@ -53,6 +54,16 @@ def excitations_table(value: Any, rate: float, channels: Mapping) -> tuple[tuple
     if len(periods - {None}) > 1:
         raise ValueError(f"excitation: periods {sorted(periods - {None})} differ; one recording has one number of them")
     return tuple(found), next(iter(periods - {None}), None)
+
+
+def _in_hertz(table: Mapping[str, Any], rate: float) -> dict[str, Any]:
+    """The table with its fundamental in Hz, which may be stated by the samples of a period instead."""
+    samples = whole_of(table, "period_samples", None, 2)
+    if samples is None:
+        return dict(table)
+    if "fundamental" in table:
+        raise ValueError("excitation: give the fundamental or period_samples, not both")
+    return {name: value for name, value in table.items() if name != "period_samples"} | {"fundamental": rate / samples}
 
 
 def _check_lines(table: Mapping[str, Any], rate: float) -> None:

@@ -18,6 +18,7 @@ from maglev_env.recordings.matlab5 import open_variables
 
 MAX_DATA_BYTES = 2 * 1024**3
 _STEP = re.compile(r"\.([A-Za-z_]\w*)|\[(\d{1,9})\]")
+_MOST_TEXT = 4096  # characters of a text that are read
 
 Steps = list[str | int]
 Reader = Callable[[str, Steps], Any]
@@ -136,7 +137,7 @@ def _open_hdf5(file: Any, node: Any, matlab: bool) -> Any:
     if _holds_references(node):
         return list(node[()].ravel())
     if node.attrs.get("MATLAB_class") == b"char":
-        return "text"
+        return "".join(map(chr, np.asarray(node[()]).ravel(order="F").tolist()[:_MOST_TEXT]))
     if node.attrs.get("MATLAB_empty", 0):
         return np.empty(0)
     values = np.asarray(node[()])

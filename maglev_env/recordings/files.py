@@ -3,11 +3,11 @@
 import os
 import re
 import secrets
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import BinaryIO
+from typing import Any, BinaryIO
 
 import numpy as np
 
@@ -48,13 +48,33 @@ class Columns:
             ValueError: The name is unknown (the message lists what exists), the column is not one row of numbers, or
                 the file is damaged.
         """
+        return self._at(name, formats.vector)
+
+    def value(self, name: str) -> Any:
+        """What stands at a name or expression, as `column` takes it.
+
+        Returns:
+            An array, a struct (dict) or struct or cell array (list), whose parts are named by longer expressions, or
+            a text.
+
+        Raises:
+            ValueError: As `column`.
+        """
+        return self._at(name, lambda value: value)
+
+    def _at(self, name: str, read_as: Callable[[Any], Any]) -> Any:
         try:
             known = self.positions if name in self.positions else self.names
-            return formats.vector(self._read(*formats.split_name(name, known)))
+            return read_as(self._read(*formats.split_name(name, known)))
         except formats.Refused as problem:
             raise ValueError(f"{self.path}: column {name!r}: {problem}") from None
         except Exception as error:  # a damaged file can make the libraries raise almost anything
             raise ValueError(f"{self.path}: column {name!r}: the file is truncated or damaged ({error})") from error
+
+
+def is_data_file(path: Path) -> bool:
+    """Whether a path names a file that `read_columns` reads."""
+    return path.is_file() and path.suffix.lower() in SUFFIXES
 
 
 def read_columns(path: str | Path, layout: TextLayout | None = None) -> Columns:

@@ -16,7 +16,8 @@ import numpy as np
 _HEADER = 128
 _TYPES = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8", 12: "i8", 13: "u8"}
 _MATRIX, _COMPRESSED = 14, 15
-_CELL, _STRUCT, _OBJECT, _FIRST_NUMERIC, _LAST_NUMERIC = 1, 2, 3, 6, 15
+_CELL, _STRUCT, _OBJECT, _CHAR, _FIRST_NUMERIC, _LAST_NUMERIC = 1, 2, 3, 4, 6, 15
+_ENCODINGS = {1: "latin-1", 2: "latin-1", 4: "utf-16-{}", 16: "utf-8", 17: "utf-16-{}", 18: "utf-32-{}"}  # of text
 _COMPLEX = 0x0800
 _NAME_WITHIN = 4096  # a variable's name lies within its first bytes
 
@@ -120,7 +121,11 @@ class _Matrix:
             names = [text[i : i + width].split("\0")[0] for i in range(0, len(text), width)]
             rows = [{name: self._matrix() for name in names} for _ in range(self._count(len(names)))]
             return rows[0] if len(rows) == 1 else rows
-        return "text, a sparse matrix or an object"
+        if self._class == _CHAR:
+            kind, body = self._next()
+            encoding = _ENCODINGS.get(kind, "latin-1").format("le" if self._order == "<" else "be")
+            return bytes(body).decode(encoding, "replace")
+        return "a sparse matrix or an object"
 
     def _next(self) -> tuple[int, memoryview]:
         kind, body, self._position = _element(self._data, self._position, self._order)

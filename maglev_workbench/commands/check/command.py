@@ -13,8 +13,9 @@ app = typer.Typer()
 @app.command(epilog="Example: maglev check my-rig")
 @friendly
 def check(
-    campaign: Annotated[Path, typer.Argument(help="Campaign folder.")],
-    out: Annotated[Path | None, typer.Option(help="HTML page (default: in the campaign folder).")] = None,
+    campaign: Annotated[Path, typer.Argument(help="Campaign folder, or one data file.")],
+    rate: Annotated[float | None, typer.Option(help="One file: sample rate, Hz, where it does not tell it.")] = None,
+    out: Annotated[Path | None, typer.Option(help="HTML page (default: beside the campaign or file).")] = None,
     json_file: JsonOption = None,
 ) -> None:
     """Is a campaign good enough, and for what: alarms, noise, transients, quantisation, crest, lines, channels."""
@@ -25,6 +26,8 @@ def check(
     from maglev_env.loop.axes import AXES
     from maglev_env.recordings.alarms import alarms_of
     from maglev_env.recordings.campaign import load_campaign
+    from maglev_env.recordings.files import is_data_file
+    from maglev_env.recordings.guess.verified import guessed_campaign
     from maglev_env.recordings.json_data import plain
     from maglev_env.recordings.quality import recording_quality
     from maglev_env.recordings.recording import read_recording
@@ -36,8 +39,14 @@ def check(
     from maglev_workbench.page import write_page
     from maglev_workbench.record_page import record_page
 
-    loaded = load_campaign(campaign)
-    page = out or loaded.folder / "check.html"
+    if is_data_file(campaign):
+        loaded, guess = guessed_campaign(campaign, rate)
+        page = out or campaign.with_name(f"{campaign.stem}-check.html")
+        for one in guess.guesses:
+            console.print(f"guess: {one.what}: {escape(one.reason)}")
+    else:
+        loaded = load_campaign(campaign)
+        page = out or loaded.folder / "check.html"
     require_file(page, "--out")
     found, datasets = [], []
     for spec in loaded.recordings:

@@ -5,15 +5,18 @@ from typing import Annotated
 
 import typer
 
-from maglev_workbench.options import JsonOption, friendly, require_choice, require_file
+from maglev_workbench.options import JsonOption, friendly, given, require_choice, require_file
 
 METHODS = ("ls", "ml", "both")
+# A file that is described by one of these is read by them alone; without any, it is guessed what it holds.
+ONE_FILE = {"rate", "fundamental", "lines", "recorded", "force", "displacement", "start", "samples", "intersample"}
 app = typer.Typer()
 
 
 @app.command(epilog="Example: maglev estimate my-rig --method both --json estimate.json")
 @friendly
 def estimate(
+    context: typer.Context,
     source: Annotated[Path, typer.Argument(help="Campaign folder, or one .mat, .csv, .npz or .h5 file.")],
     method: Annotated[str, typer.Option(help="ls (the dissertation's), ml or both.")] = "both",
     estimate_mass: Annotated[bool, typer.Option("--estimate-mass", help="Fit the moving mass too.")] = False,
@@ -41,6 +44,7 @@ def estimate(
     from rich.markup import escape
 
     from maglev_env.recordings.campaign import load_campaign
+    from maglev_env.recordings.guess.verified import guessed_campaign
     from maglev_workbench.commands.estimate.one_file import OneFile, one_file_campaign
     from maglev_workbench.commands.estimate.planar_report import planar_json, planar_sections, planar_table
     from maglev_workbench.commands.estimate.recordings import identify_campaign
@@ -61,6 +65,11 @@ def estimate(
     if source.is_dir() or source.suffix == ".toml":
         campaign = load_campaign(source)
         page = out or campaign.folder / "estimate.html"
+    elif not set(given(context)) & ONE_FILE:
+        campaign, guess = guessed_campaign(source, mass=mass)
+        page = out or source.with_suffix(".html")
+        for found in guess.guesses:
+            console.print(f"guess: {found.what}: {escape(found.reason)}")
     else:
         one = OneFile(rate, fundamental, lines, recorded, force, displacement, start, samples, intersample)
         campaign = one_file_campaign(source, mass, one)

@@ -35,7 +35,16 @@ class OneFile:
 
 
 def one_file_campaign(path: Path, mass: float | None, one: OneFile) -> Campaign:
-    """A campaign of this one recording, without a rig; mass in kg. ValueError where the sample rate is missing."""
+    """A campaign of this one recording, without a rig.
+
+    Args:
+        path: the file.
+        mass: moving mass, kg; None where it is not known.
+        one: how to read it, as stated.
+
+    Raises:
+        ValueError: the sample rate is missing.
+    """
     if one.rate is None or not one.rate > 0:
         raise ValueError(f"{path}: one file needs its sample rate: --rate HZ")
     if one.recorded:

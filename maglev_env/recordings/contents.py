@@ -1,0 +1,98 @@
+"""All that a data file holds: every column, number and text below its top-level names."""
+
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from maglev_env.recordings.files import Columns
+
+_FIELD = re.compile(r"[A-Za-z_]\w*")  # what a column expression can name
+_MOST_PARTS, _MOST_COLUMNS = 200, 64  # of one struct or cell array, of one matrix
+_DEEPEST = 8
+
+
+@dataclass(frozen=True)
+class Contents:
+    """What is in a file.
+
+    Args:
+        columns: expression, as `Columns.column` takes it, -> values (samples,) in the file's own unit; all equally
+            long.
+        numbers: expression -> single number.
+        texts: expression -> text.
+        unused: what was left out and why, in words.
+    """
+
+    columns: dict[str, np.ndarray]
+    numbers: dict[str, float]
+    texts: dict[str, str]
+    unused: tuple[str, ...]
+
+
+def contents(columns: Columns) -> Contents:
+    """Everything in an open file.
+
+    Args:
+        columns: the file.
+
+    Returns:
+        Columns of the most common length, single numbers, texts.
+
+    Raises:
+        ValueError: the file holds no column of at least 8 numbers, or is damaged.
+    """
+    found: dict[str, np.ndarray] = {}
+    numbers: dict[str, float] = {}
+    texts: dict[str, str] = {}
+    unused: list[str] = []
+    for name in columns.names:
+        for expression, value in _below(columns, name, 0, unused):
+            if isinstance(value, str):
+                texts[expression] = value
+            elif value.size == 1:
+                numbers[expression] = float(value[0])
+            else:
+                found[expression] = value
+    lengths = [values.size for values in found.values() if values.size >= 8]
+    if not lengths:
+        raise ValueError(
+            f"{columns.path}: no column of at least 8 numbers in it; names: {', '.join(columns.names[:30])}"
+        )
+    # The longest of the most common lengths: a struct may hold several rasters.
+    common = max(set(lengths), key=lambda n: (lengths.count(n), n))
+    others = [f"{n} has {v.size} values, not {common} as the others" for n, v in found.items() if v.size != common]
+    return Contents({n: v for n, v in found.items() if v.size == common}, numbers, texts, (*unused, *others))
+
+
+def _below(columns: Columns, expression: str, depth: int, unused: list[str]) -> Iterator[tuple[str, np.ndarray | str]]:
+    """Columns, numbers and texts at and below an expression; what cannot be read goes to `unused`."""
+    try:
+        value = columns.value(expression)
+    except ValueError as error:  # a text among the numbers of a column, a link that leads out of the file
+        unused.append(str(error).removeprefix(f"{columns.path}: "))
+        return
+    if isinstance(value, str):
+        yield expression, value
+    elif isinstance(value, np.ndarray) and value.dtype.kind in "fiub" and value.size:
+        yield from _vectors(expression, value)
+    elif depth < _DEEPEST:
+        for part in _parts(expression, value):
+            yield from _below(columns, part, depth + 1, unused)
+
+
+def _parts(expression: str, value: Any) -> list[str]:
+    if isinstance(value, dict):
+        return [f"{expression}.{key}" for key in value if _FIELD.fullmatch(key)]
+    return [f"{expression}[{i}]" for i in range(min(len(value), _MOST_PARTS))] if isinstance(value, list) else []
+
+
+def _vectors(expression: str, value: np.ndarray) -> Iterator[tuple[str, np.ndarray]]:
+    """The columns of an array; of one that is no matrix, itself."""
+    if value.size == max(value.shape, default=1):
+        yield expression, np.array(value.reshape(-1), dtype=float)
+    elif value.ndim == 2 and value.shape[1] <= min(_MOST_COLUMNS, value.shape[0]):
+        for j in range(value.shape[1]):
+            yield f"{expression}[{j}]", np.array(value[:, j], dtype=float)

@@ -1,0 +1,264 @@
+"""Which column of a file is which channel: by names, by units, and by what the values do."""
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from maglev_env.channels import RECORDED, unit_of
+from maglev_env.recordings.contents import Contents
+from maglev_env.recordings.guess import behaviour as shown
+from maglev_env.recordings.guess.evidence import LIKELY, OPEN, SURE
+from maglev_env.recordings.guess.units import Unit, header_unit, known_unit
+from maglev_env.recordings.guess.words import meaning
+
+_NAMES_BESIDE = ("Name", "name", "Label", "label", "blockName")  # texts of a struct that name its values
+_UNITS_BESIDE = ("Unit", "unit", "Units", "units", "XUnit")
+# Sizes that a channel without a unit is likely to have in SI, rms or mean; beyond them it is in a smaller unit.
+_LARGEST_M = 0.05
+_NOT_CURRENT = 3.0  # times the size of the current beyond which a "command" is a voltage
+
+
+@dataclass(frozen=True)
+class ColumnGuess:
+    """What one column is taken for.
+
+    Args:
+        column: expression, as `Columns.column` takes it.
+        label: what the file calls it.
+        channel: channel of a campaign; "" where the column is not used.
+        scale: SI value of one of the file's units.
+        reason: the evidence.
+        confidence: from 0 to 1.
+        ask: what the user should state; empty where nothing is open.
+    """
+
+    column: str
+    label: str
+    channel: str
+    scale: float
+    reason: str
+    confidence: float
+    ask: str = ""
+
+
+def guess_columns(found: Contents) -> tuple[ColumnGuess, ...]:
+    """A guess for every column of a file, in the file's order.
+
+    Args:
+        found: what is in the file.
+
+    Returns:
+        No channel is given to two columns. Columns along x and y end in _x and _y where both displacements are there.
+    """
+    labels = {name: _label(name, found.texts) for name in found.columns}
+    values = {name: v[: shown.MOST] for name, v in found.columns.items()}
+    units = {name: unit for name, (_, unit) in labels.items()}
+    guesses = {name: _by_name(name, label, unit, values[name]) for name, (label, unit) in labels.items()}
+    guesses = _one_each(guesses)
+    guesses = _voltage(guesses, units, values)
+    guesses = _by_behaviour(guesses, values)
+    guesses = {n: _resting(g, values[n]) for n, g in guesses.items()}
+    return tuple(_scaled(g, units[name], values[name], guesses, values) for name, g in guesses.items())
+
+
+def _label(expression: str, texts: Mapping[str, str]) -> tuple[str, Unit | None]:
+    """What the file calls a column, and its unit: by a text beside it, else by the last part of its name."""
+    above = expression.rpartition(".")[0]
+    beside = next((texts[f"{above}.{key}"] for key in _NAMES_BESIDE if texts.get(f"{above}.{key}", "").strip()), "")
+    unit = next((u for key in _UNITS_BESIDE if (u := known_unit(texts.get(f"{above}.{key}", "")))), None)
+    name = beside.strip().strip('"').replace("\\n", " ") if above and beside else expression
+    if above and not beside:
+        parts = [p for p in re.split(r"[.\[\]]+", expression) if p and not p.isdigit()]
+        telling = [p for p in parts if meaning(header_unit(p)[0]).channel]
+        name = telling[-1] if telling else expression
+    elif beside and "/" in beside:
+        parts = [p for p in beside.replace('"', "").split("/") if p.strip()]
+        telling = [p for p in parts if meaning(header_unit(p)[0]).channel]
+        name = telling[-1] if telling else parts[-1]
+    label, in_header = header_unit(name)
+    return label, unit or in_header
+
+
+def _by_name(column: str, label: str, unit: Unit | None, values: np.ndarray) -> ColumnGuess:
+    said = meaning("" if re.fullmatch(r"\[\d+\]", label) else label, unit.si if unit else "")
+    if not np.isfinite(values).all():
+        return ColumnGuess(column, label, "", 1.0, "holds values that are no finite numbers", SURE)
+    if said.channel is None:
+        return ColumnGuess(column, label, "", 1.0, "", 0.0)
+    if said.channel == "time" and not shown.is_time(values):
+        return ColumnGuess(column, label, "", 1.0, f'called "{label}", but does not rise with equal steps', SURE)
+    called = f'called "{label}"' + (f" in {unit.text}" if unit else "")
+    if said.channel != "time" and said.channel not in RECORDED:
+        return ColumnGuess(column, label, "", 1.0, f"{called}: {said.channel} is not a channel", SURE)
+    if unit and unit.si != _unit(said.channel):
+        why = f"{called}: {said.channel} would be in {_unit(said.channel)}, not in {unit.si}"
+        if said.channel == "displacement" and unit.si == "V":  # the probe's own voltage: m/V is the user's to state
+            return ColumnGuess(column, label, "displacement", 1.0, f"{called}: the probe's voltage", LIKELY)
+        return ColumnGuess(column, label, "", 1.0, why, LIKELY)
+    sure = min(1.0, said.confidence + (0.15 if unit else 0.0))
+    suffix = f"_{said.axis}" if said.axis else ""
+    return ColumnGuess(column, label, said.channel + suffix, 1.0, called, sure)
+
+
+def _unit(channel: str) -> str:
+    return "s" if channel == "time" else unit_of(channel)
+
+
+def _one_each(guesses: dict[str, ColumnGuess]) -> dict[str, ColumnGuess]:
+    """Every channel to one column; axes only where both have a displacement."""
+    plain = {n: g for n, g in guesses.items() if g.channel == "displacement"}
+    named = {header: n for n in plain if (header := guesses[n].label.lower()) in ("x", "y")}
+    if len(plain) == 2 and set(named) == {"x", "y"}:  # two columns called x and y are two axes
+        for header, n in named.items():
+            guesses[n] = replace(guesses[n], channel=f"displacement_{header}")
+    planar = {"displacement_x", "displacement_y"} <= {g.channel for g in guesses.values()}
+    if not planar:
+        guesses = {n: replace(g, channel=g.channel.removesuffix("_x").removesuffix("_y")) for n, g in guesses.items()}
+        guesses = {n: replace(g, channel=g.channel.removesuffix("_z")) for n, g in guesses.items()}
+    best: dict[str, str] = {}
+    for n, g in guesses.items():
+        if g.channel and (g.channel not in best or g.confidence > guesses[best[g.channel]].confidence):
+            best[g.channel] = n
+    return {n: g if best.get(g.channel, n) == n else _second(g, guesses[best[g.channel]]) for n, g in guesses.items()}
+
+
+def _second(guess: ColumnGuess, first: ColumnGuess) -> ColumnGuess:
+    why = f'{guess.reason}: also {guess.channel}, but "{first.label}" is taken'
+    ask = f"which column is the {guess.channel}" if guess.confidence >= first.confidence else ""
+    return replace(guess, channel="", reason=why, ask=ask, confidence=OPEN if ask else LIKELY)
+
+
+def _voltage(
+    guesses: dict[str, ColumnGuess], units: Mapping[str, Unit | None], values: Mapping[str, np.ndarray]
+) -> dict[str, ColumnGuess]:
+    """A command without a unit whose size is not that of the current is the amplifier's voltage."""
+    by_channel = {g.channel: n for n, g in guesses.items() if g.channel}
+    if not {"command", "current"} <= by_channel.keys() or "voltage" in by_channel:
+        return guesses
+    command, current = by_channel["command"], by_channel["current"]
+    sizes = [float(np.sqrt(np.mean(values[n] ** 2))) for n in (command, current)]
+    if units[command] or shown.alike(values[command], values[current]) or not sizes[0] > _NOT_CURRENT * sizes[1]:
+        return guesses
+    why = f"{guesses[command].reason}, {sizes[0] / sizes[1]:.3g} times the size of {current}, and does not move as it"
+    ask = "whether this column is the voltage at the coil"
+    taken = replace(guesses[command], channel="voltage", reason=why, confidence=LIKELY, ask=ask)
+    return guesses | {command: taken}
+
+
+def _resting(guess: ColumnGuess, values: np.ndarray) -> ColumnGuess:
+    """A constant column is no reading; a constant reference is one."""
+    if not guess.channel.startswith(("gap_estimate", "voltage", "injection", "speed")) or not shown.is_constant(values):
+        return guess
+    return replace(guess, channel="", reason=f"{guess.reason}, but {values[0]:g} in every sample")
+
+
+def _by_behaviour(guesses: dict[str, ColumnGuess], values: Mapping[str, np.ndarray]) -> dict[str, ColumnGuess]:
+    """Fill in channels of columns whose names say nothing."""
+    guesses = dict(guesses)
+
+    def unknown() -> list[str]:
+        return [n for n, g in guesses.items() if not g.reason]
+
+    def taken() -> dict[str, str]:
+        return {g.channel: n for n, g in guesses.items() if g.channel}
+
+    def take(name: str, channel: str, reason: str, sure: float) -> None:
+        ask = f"whether this column is the {channel}" if channel and sure < SURE else ""
+        guesses[name] = replace(guesses[name], channel=channel, reason=reason, confidence=sure, ask=ask)
+
+    for n in unknown():
+        if shown.is_constant(values[n]):
+            take(n, "", f"{values[n][0]:g} in every sample", SURE)
+        elif "time" not in taken() and shown.is_time(values[n]):
+            take(n, "time", "rises all the time with equal steps", SURE)
+        elif shown.is_time(values[n]):
+            take(n, "", "a second column that rises with equal steps: a counter", SURE)
+    for n in unknown():
+        others = {
+            o: values[o] for o, g in guesses.items() if o != n and g.channel in ("", "displacement") and o in values
+        }
+        others = {o: v for o, v in others.items() if not shown.is_constant(v) and not shown.is_time(v)}
+        of, match = shown.derivative_of(values[n], others)
+        if of and shown.roughness(values[of]) < 0.2:
+            take(n, "", f"follows the slope of {of} (correlation {match:.2f}): its velocity", LIKELY)
+    for n in unknown():
+        if not {"reference", "reference_x"} & taken().keys() and (count := shown.steps_in(values[n])):
+            take(n, "reference", f"piecewise constant, {count} changes", LIKELY)
+    if "displacement" not in taken() and "displacement_x" not in taken():
+        _displacement(unknown(), taken(), values, take)
+    _pair(unknown(), taken(), values, take)
+    for n in unknown():
+        if "voltage" not in taken() and "command" in taken() and "current" in taken():
+            take(n, "voltage", "what is left beside command and current", OPEN)
+        elif "command" not in taken() and len(unknown()) == 1 and "displacement" in taken():
+            take(n, "command", "the only column left beside the displacement", OPEN)
+        else:
+            take(n, "", "neither its name nor its values say what it is", 0.0)
+            guesses[n] = replace(guesses[n], ask="which channel it is, if any")
+    return guesses
+
+
+def _displacement(names: list[str], taken: Mapping[str, str], values: Mapping[str, np.ndarray], take) -> None:
+    """The displacement: nearest to the reference in size, else the smoothest."""
+    if not names:
+        return
+    if "reference" in taken:
+        wanted = values[taken["reference"]]
+        apart = {n: abs(np.median(values[n]) - np.median(wanted)) + values[n].std() for n in names}
+        best = min(apart, key=lambda n: apart[n])
+        size = abs(np.median(wanted)) + wanted.std()
+        if apart[best] < 3 * size:
+            return take(best, "displacement", "of all columns nearest to the reference in size", LIKELY)
+    best = min(names, key=lambda n: shown.roughness(values[n]))
+    return take(best, "displacement", "the smoothest column", OPEN)
+
+
+def _pair(names: list[str], taken: Mapping[str, str], values: Mapping[str, np.ndarray], take) -> None:
+    """Command and current: two columns of one size that move together, the command first."""
+    known = taken.get("command") or taken.get("current")
+    for i, a in enumerate(names):
+        for b in names[i + 1 :]:
+            if not known and (close := shown.alike(values[a], values[b])):
+                first, then = (a, b) if shown.leads(values[a], values[b]) else (b, a)
+                take(first, "command", f"moves as {then} (correlation {close:.3f}), before it", LIKELY)
+                return take(then, "current", f"moves as {first} (correlation {close:.3f}), after it", LIKELY)
+    if known and not {"command", "current"} <= taken.keys():
+        missing = "current" if "command" in taken else "command"
+        for n in names:
+            if close := shown.alike(values[n], values[known]):
+                return take(n, missing, f"moves as {known} (correlation {close:.3f})", LIKELY)
+    return None
+
+
+def _scaled(
+    guess: ColumnGuess,
+    unit: Unit | None,
+    values: np.ndarray,
+    guesses: Mapping[str, ColumnGuess],
+    all_values: Mapping[str, np.ndarray],
+) -> ColumnGuess:
+    """The guess with its scale; without a unit in the header, by the size of the values."""
+    if not guess.channel:
+        return guess
+    si = _unit(guess.channel)
+    if unit and unit.si == si:
+        return replace(guess, scale=unit.scale)
+    if unit:
+        ask = f"scale in {si} per {unit.text}"
+        return replace(guess, ask=ask, confidence=min(guess.confidence, OPEN))
+    span = f"{np.min(values):.4g} .. {np.max(values):.4g}"
+    if guess.channel == "time":
+        return replace(guess, reason=f"{guess.reason}, no unit, taken as s")
+    scale, why = 1.0, f"no unit, {span}, taken as {si}"
+    if si == "m":
+        # Reference and displacement of one file are in one unit: the larger of them tells it.
+        lengths = [all_values[n] for n, g in guesses.items() if g.channel and _unit(g.channel) == "m"]
+        size = max(float(np.abs(v).max()) for v in lengths)
+        scale, name = (1.0, "m") if size < _LARGEST_M else (1e-3, "mm") if size < 50 else (1e-6, "um")
+        why = f"no unit, {span}, of that size taken as {name}"
+    ask = "; ".join(filter(None, (guess.ask, "unit of this column")))
+    return replace(
+        guess, scale=scale, reason=f"{guess.reason}; {why}", ask=ask, confidence=min(guess.confidence, LIKELY)
+    )

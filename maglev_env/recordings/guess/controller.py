@@ -1,0 +1,127 @@
+"""Is the command exactly a PID filter of the displacement? Then its gains are known without a word from the user."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import minimize
+from scipy.signal import lfilter
+
+from maglev_env.loop.gains import Gains
+
+_MOST = 6000  # samples that are fitted
+_EXACT = 1.0  # rms residual of an exact fit, in steps of the converter
+_ROUNDING = 1e-6  # of the command's standard deviation, where the command has no steps
+_TD, _TI = np.geomspace(0.3, 300.0, 12), np.geomspace(20.0, 1e5, 8)  # samples
+
+
+@dataclass(frozen=True)
+class ControllerFit:
+    """The PID that fits a command best.
+
+    Args:
+        gains: in A/m, A/(m s), A s/m, s, s, for the displacement as it is given.
+        bias: A, constant part of the command.
+        residual: rms of what the fit leaves, A.
+        step: step of the command's converter, A.
+        share: of the command's variance that the fit leaves.
+        exact: whether nothing but the converter's rounding is left.
+        late: samples by which the command follows.
+    """
+
+    gains: Gains
+    bias: float
+    residual: float
+    step: float
+    share: float
+    exact: bool
+    late: int
+
+
+def fit_controller(
+    displacement: np.ndarray,
+    command: np.ndarray,
+    rate: float,
+    reference: np.ndarray | None = None,
+    injection: np.ndarray | None = None,
+) -> ControllerFit | None:
+    """Fit the recursion of `loop.gains` to a recorded command.
+
+    Args:
+        displacement: m, (samples,).
+        command: A, (samples,).
+        rate: Hz.
+        reference: m, (samples,); None: constant.
+        injection: A, (samples,), part of the command; None: none.
+
+    Returns:
+        The best of PID controllers that answer at once or one sample late; None where the command does not move.
+    """
+    error = -displacement if reference is None else reference - displacement
+    wanted = command if injection is None else command - injection
+    # Where the command rests at its limits it is no linear filter of anything.
+    free = (command > command.min()) & (command < command.max())
+    begin = _liveliest(free, min(_MOST, command.size))
+    window = slice(begin, begin + _MOST)
+    error, wanted, free = error[window], wanted[window], free[window]
+    if free.sum() < 50 or np.ptp(wanted[free]) == 0 or np.ptp(error[free]) == 0:
+        return None
+    spread = float(wanted[free].std())
+    steps = np.diff(np.unique(command[window]))
+    step = float(np.min(steps[steps > 1e-9 * spread], initial=np.inf))
+    best = min((_fit(error, wanted, free, rate, late) for late in (0, 1)), key=lambda f: f[0])
+    residual, gains, bias, late = best
+    exact = residual <= max(_EXACT * step if np.isfinite(step) else 0.0, _ROUNDING * spread)
+    # A command that moves by a few steps alone is matched within a step by anything.
+    exact = exact and residual < 0.05 * spread
+    return ControllerFit(gains, bias, residual, step, (residual / spread) ** 2, exact, late)
+
+
+def _liveliest(free: np.ndarray, length: int) -> int:
+    """Start of the window with the most samples away from the limits."""
+    inside = np.concatenate([[0], np.cumsum(free)])
+    return int(np.argmax(inside[length:] - inside[:-length]))
+
+
+def _fit(
+    error: np.ndarray, wanted: np.ndarray, free: np.ndarray, rate: float, late: int
+) -> tuple[float, Gains, float, int]:
+    """Residual, gains and bias of the best PID; the time constants by search, the rest by least squares."""
+    if late:
+        error, wanted, free = error[:-late], wanted[late:], free[late:]
+    n = np.arange(error.size)
+
+    def columns(td: float, ti: float) -> np.ndarray:
+        a_d, a_i = np.exp(-1 / td), np.exp(-1 / ti)
+        d = lfilter([0.0, 1 - a_d], [1.0, -a_d], error - error[0])
+        x = lfilter([0.0, 1 - a_i], [1.0, -a_i], error - error[0])
+        # Beside the three parts: the bias, and what both filters held when the record began.
+        decay = [a**n for a in (a_d, a_i) if a > 1e-300]
+        return np.stack([error, error - error[0] - d, x, np.ones(error.size), *decay], axis=1)
+
+    def solve(td: float, ti: float) -> tuple[float, np.ndarray]:
+        matrix = columns(td, ti)[free]
+        scale = np.maximum(np.sqrt((matrix**2).mean(axis=0)), 1e-300)
+        solution = np.linalg.lstsq(matrix / scale, wanted[free], rcond=1e-13)[0]
+        return float(np.sqrt(np.mean((wanted[free] - matrix / scale @ solution) ** 2))), solution / scale
+
+    best = _search(lambda td, ti: solve(td, ti)[0])
+    residual, (kp, slope, ki, bias, *_) = solve(*best)
+    td, ti = best[0] / rate, best[1] / rate
+    return residual, Gains(float(kp), float(ki), float(slope * td), td, ti), float(bias), late
+
+
+def _search(residual: Callable[[float, float], float]) -> tuple[float, float]:
+    """The time constants in samples with the least residual."""
+    grid = sorted((residual(td, ti), td, ti) for td in _TD for ti in _TI)
+    found = []
+    for _, td, ti in grid[:2]:
+        start = np.log([td, ti])
+        result = minimize(
+            lambda p: np.log(residual(*np.exp(np.clip(p, -3, 14))) + 1e-300),
+            start,
+            method="Nelder-Mead",
+            options={"maxiter": 160, "xatol": 1e-6, "fatol": 1e-6},
+        )
+        found.append((result.fun, *np.exp(np.clip(result.x, -3, 14))))
+    return min(found)[1:]

@@ -1,0 +1,120 @@
+"""What excited a recording: lines of the injection, reference or force, or in words what else happened."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from maglev_env.channels import SHOWN_BY
+from maglev_env.recordings.guess.evidence import LIKELY, OPEN, SURE, Guess
+from maglev_env.recordings.guess.period import Lines, lines_of, period_of
+from maglev_env.recordings.guess.shape import shape_of
+
+_CLEANEST_FIRST = ("current", "reference", "force")  # an injection and a reference are made, a force is measured
+_SMALL = 1e-6  # of a channel's largest value: below it a channel does not move
+Table = dict[str, Any]
+
+
+def guess_excitation(channels: Mapping[str, np.ndarray], rate: float) -> tuple[list[Table], Guess]:
+    """The excitation tables of a recording.
+
+    Args:
+        channels: channel -> values (samples,) in SI.
+        rate: sample rate, Hz.
+
+    Returns:
+        Tables as [[recording.excitation]] takes them, and the evidence. Where nothing that is recorded excites, one
+        table of kind "none".
+    """
+    moving = {
+        (place, name): values
+        for place in _CLEANEST_FIRST
+        for name, values in channels.items()
+        if name in (SHOWN_BY[place], f"{SHOWN_BY[place]}_x", f"{SHOWN_BY[place]}_y") and _moves(values)
+    }
+    period, of = _common_period(moving)
+    if period:
+        tables, words = _periodic(moving, period, rate)
+        if tables:
+            reason = f"{of} repeats every {period} samples: {'; '.join(words)}"
+            return tables, Guess("excitation", tables, reason, SURE)
+    return _aperiodic(moving, channels, rate)
+
+
+def _moves(values: np.ndarray) -> bool:
+    return bool(np.ptp(values) > _SMALL * max(np.abs(values).max(), 1e-300))
+
+
+def _common_period(moving: Mapping[tuple[str, str], np.ndarray]) -> tuple[int, str]:
+    """Samples of the longest period that a channel shows, and that channel; 0 where none repeats."""
+    found = [(p[0], name) for (_, name), values in moving.items() if (p := period_of(values))]
+    return max(found, default=(0, ""))
+
+
+def _periodic(moving: Mapping[tuple[str, str], np.ndarray], period: int, rate: float) -> tuple[list[Table], list[str]]:
+    """A table for every channel with lines of its own."""
+    taken: set[int] = set()
+    tables, words = [], []
+    for (place, name), values in moving.items():
+        lines = lines_of(values, period)
+        own = tuple(k for k in lines.harmonics if k not in taken)
+        # What is left of a force beside the lines of the injection is the bearing's answer to it, unless it is strong.
+        strongest = max(lines.amplitudes, default=0.0)
+        own_strongest = max(
+            (a for k, a in zip(lines.harmonics, lines.amplitudes, strict=True) if k in own), default=0.0
+        )
+        if not own or own_strongest < 0.1 * strongest:
+            continue
+        taken |= set(own)
+        tables.append(_table(place, name, own, lines, period, rate))
+        words.append(_in_words(name, own, rate / period, lines))
+    return tables, words
+
+
+def _table(place: str, name: str, own: tuple[int, ...], lines: Lines, period: int, rate: float) -> Table:
+    whole = own == tuple(range(own[0], own[-1] + 1)) and len(own) > 1
+    return {
+        # The phases are not used where the channel is recorded: of the multisines this one claims nothing of them.
+        "kind": "multisine",
+        "at": place,
+        **({"direction": 90.0} if name.endswith("_y") else {}),
+        "fundamental": rate / period,
+        **({"harmonics": [own[0], own[-1]]} if whole else {"lines": list(own)}),
+        "amplitude": float(f"{lines.peak:.4g}"),
+    }
+
+
+def _in_words(name: str, own: tuple[int, ...], fundamental: float, lines: Lines) -> str:
+    if len(own) == 1:
+        return f"{name} is one sine of {own[0] * fundamental:.6g} Hz, peak {lines.peak:.3g}"
+    steps = np.unique(np.diff(own))
+    every = (
+        f", every {steps[0]}" if steps.size == 1 and steps[0] > 1 else "" if steps.size == 1 else ", not all of them"
+    )
+    return (
+        f"{name} has {len(own)} lines from {own[0] * fundamental:.6g} to {own[-1] * fundamental:.6g} Hz{every}, "
+        f"{lines.periods} periods"
+    )
+
+
+def _aperiodic(
+    moving: Mapping[tuple[str, str], np.ndarray], channels: Mapping[str, np.ndarray], rate: float
+) -> tuple[list[Table], Guess]:
+    shapes = {key: shape_of(values, rate) for key, values in moving.items()}
+    for wanted in ("noise", "chirp", "steps", "other"):
+        for (place, name), (shape, why) in shapes.items():
+            if shape == wanted and not name.endswith(("_x", "_y")):
+                reason = f"{name} does not repeat, {shape}: {why}" if shape != "other" else f"{name} moves: {why}"
+                return [{"kind": "recorded", "at": place}], Guess("excitation", shape, reason, LIKELY)
+    moved = next((channels[n] for n in ("displacement", "displacement_x") if n in channels), None)
+    known = "no force, injection or reference in the file moves" if not moving else "several axes move without a period"
+    hover = [{"kind": "none"}]
+    if moved is None or not _moves(moved):
+        return hover, Guess("excitation", "none", known, OPEN, "what excited the rotor, if anything")
+    if found := period_of(moved):
+        hint = f"{known}; the displacement repeats every {found[0]} samples, {rate / found[0]:.6g} Hz"
+    else:
+        shape, why = shape_of(moved, rate)
+        hint = f"{known}; the displacement is {shape}: {why}"
+    ask = "what excited the rotor, if anything (hover: leave it; a stored column: name it in the channels)"
+    return hover, Guess("excitation", "none", hint, OPEN, ask)

@@ -1,0 +1,167 @@
+"""One data file of unknown origin as a recording of a campaign: every guess with its evidence."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from maglev_env.recordings.contents import contents
+from maglev_env.recordings.files import read_columns
+from maglev_env.recordings.guess.columns import ColumnGuess, guess_columns
+from maglev_env.recordings.guess.controller import ControllerFit, fit_controller
+from maglev_env.recordings.guess.evidence import LIKELY, OPEN, SURE, Guess
+from maglev_env.recordings.guess.excitation import guess_excitation
+from maglev_env.recordings.guess.rate import guess_rate
+
+_ONE_SIDED = 0.02  # of its largest value, that a current of one sign may read below zero
+_CARRIES = 2.0  # mean current over its standard deviation that holds a weight
+
+
+@dataclass(frozen=True)
+class RecordingGuess:
+    """What a file holds.
+
+    Args:
+        file: its name, relative to the campaign.
+        columns: a guess for each of its columns.
+        rate: sample rate, Hz.
+        excitation: tables of the excitation, and the evidence.
+        excitations: the tables themselves.
+        controller: what the command says of the controller.
+        gains: as a campaign takes them; None where they are not known.
+        rotor: "suspended" or "supported", or None.
+        notes: what else was seen.
+    """
+
+    file: str
+    columns: tuple[ColumnGuess, ...]
+    rate: Guess
+    excitation: Guess
+    excitations: tuple[Mapping[str, Any], ...]
+    controller: Guess
+    gains: Mapping[str, float] | None
+    rotor: Guess
+    notes: tuple[str, ...] = ()
+
+    @property
+    def channels(self) -> dict[str, ColumnGuess]:
+        """The columns that are used, by channel."""
+        return {c.channel: c for c in self.columns if c.channel}
+
+    @property
+    def guesses(self) -> list[Guess]:
+        """All guesses of this file."""
+        columns = [Guess(f"column {c.column}", c.channel or None, c.reason, c.confidence, c.ask) for c in self.columns]
+        return [*columns, self.rate, self.excitation, self.controller, self.rotor]
+
+    def table(self) -> dict[str, Any]:
+        """The [[recording]] of a campaign; its sample rate is 0 where it is not known."""
+        table: dict[str, Any] = {"file": self.file, "role": "fit", "sample_rate": self.rate.value or 0.0}
+        if self.gains:
+            table["gains"] = dict(self.gains)
+        table["excitation"] = [dict(e) for e in self.excitations]
+        table["channels"] = {
+            name: {"from": c.column, **({"scale": c.scale} if c.scale != 1.0 else {})}
+            for name, c in self.channels.items()
+        }
+        return table
+
+
+def guess_recording(path: Path, folder: Path | None = None, rate: float | None = None) -> RecordingGuess:
+    """Guess everything that a campaign needs of one data file.
+
+    Args:
+        path: the file.
+        folder: the campaign's folder; None: that of the file.
+        rate: sample rate in Hz where the user states it.
+
+    Returns:
+        The guesses.
+
+    Raises:
+        OSError: the file cannot be read.
+        ValueError: it is no data file, or holds no columns.
+    """
+    file = read_columns(path)
+    found = contents(file)
+    columns = guess_columns(found)
+    by_channel = {c.channel: found.columns[c.column] * c.scale for c in columns if c.channel}
+    time = next((c for c in columns if c.channel == "time"), None)
+    guessed = guess_rate(found.columns[time.column] if time else None, time.scale if time else 1.0, found.numbers,
+                         time.label if time else "time")  # fmt: skip
+    if rate is not None:
+        guessed = Guess("sample_rate", rate, f"{rate:g} Hz: stated", 1.0)
+    if time and guessed.value is None:  # a counter: no time
+        columns = tuple(replace(c, channel="", reason=guessed.reason) if c is time else c for c in columns)
+    known = guessed.value or 1.0  # Hz; periods are counted in samples, so that they can be found before the rate is
+    tables, excitation = guess_excitation({n: v for n, v in by_channel.items() if n != "time"}, known)
+    gains, controller = _controller(by_channel, guessed.value)
+    return RecordingGuess(
+        file=path.name if folder is None else path.resolve().relative_to(folder.resolve()).as_posix(),
+        columns=columns,
+        rate=guessed,
+        excitation=excitation,
+        excitations=tuple(tables),
+        controller=controller,
+        gains=gains,
+        rotor=_rotor(by_channel),
+        notes=(*file.notes, *found.unused),
+    )
+
+
+def _controller(channels: Mapping[str, np.ndarray], rate: float | None) -> tuple[dict[str, float] | None, Guess]:
+    ask = "the controller: gains = { kp, ki, kd, td, ti } or controller = { numerator, denominator }"
+    if not {"displacement", "command"} <= channels.keys():
+        return None, Guess("controller", None, "it takes displacement and command to tell", 0.0, ask)
+    if not rate:
+        return None, Guess("controller", None, "it takes the sample rate to tell", 0.0, ask)
+    fit = fit_controller(
+        channels["displacement"], channels["command"], rate, channels.get("reference"), channels.get("injection")
+    )
+    if fit is None:
+        return None, Guess("controller", None, "the command does not move", 0.0, ask)
+    if not fit.exact or fit.late:
+        return None, Guess("controller", None, _not_a_pid(fit), OPEN, ask)
+    g = fit.gains
+    gains = {name: float(f"{getattr(g, name):.7g}") for name in ("kp", "ki", "kd", "td", "ti")}
+    how = f"one step of its converter ({fit.step:.3g} A)" if np.isfinite(fit.step) else "rounding"
+    reason = f"the command is a PID of the displacement to {fit.residual:.2g} A rms, within {how}"
+    sign = "" if g.kp > 0 else "whether the displacement is measured away from the magnet (kp is negative): scale < 0"
+    return gains, Guess("controller", gains, reason, SURE, sign)
+
+
+def _not_a_pid(fit: ControllerFit) -> str:
+    if fit.exact:
+        g = fit.gains
+        return (
+            f"the command is a PID of the displacement one sample before (kp {g.kp:.4g}, ki {g.ki:.4g}, kd {g.kd:.4g}, "
+            f"td {g.td:.3g} s, ti {g.ti:.3g} s): state it as controller with its delay"
+        )
+    return (
+        f"the command is no PID of the displacement alone: the best leaves {fit.share:.1%} of its power, "
+        f"{fit.residual:.2g} A rms (another form, a decimated or filtered log, a limit, or "
+        "something unstored in the command)"
+    )
+
+
+def _rotor(channels: Mapping[str, np.ndarray]) -> Guess:
+    ask = "whether the rotor hangs below a magnet or is supported"
+    for name in ("current", "command"):
+        if name in channels:
+            values = channels[name]
+            mean, spread = float(values.mean()), float(values.std())
+            if spread and values.min() > -_ONE_SIDED * values.max():
+                reason = f"{name} from {values.min():.3g} to {values.max():.3g} A, of one sign: a single magnet"
+                return Guess("rotor", "suspended", reason, LIKELY, ask)
+            if abs(mean) > _CARRIES * spread:
+                ratio = f"{abs(mean) / spread:.1f} times" if spread else "without"
+                reason = f"mean {name} {mean:.3g} A, {ratio} its standard deviation: it may carry a weight"
+                return Guess("rotor", "suspended", reason, OPEN, ask)
+            reason = f"mean {name} {mean:.3g} A, less than {_CARRIES:g} standard deviations: "
+            reason += "a pair of magnets, or a support, carries the weight"
+            return Guess("rotor", "supported", reason, OPEN, ask)
+    if "force" in channels:
+        return Guess("rotor", "supported", "a force and no current: nothing seems to levitate it", OPEN, ask)
+    return Guess("rotor", None, "neither current nor force", 0.0, ask)

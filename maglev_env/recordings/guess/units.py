@@ -1,0 +1,64 @@
+"""Units in column headers: `pos [mm]`, `i (A)`, `gap_um`, `Weg / mm`."""
+
+import math
+import re
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Unit:
+    """A unit as a header writes it.
+
+    Args:
+        text: as written.
+        si: the SI unit that it is a multiple of.
+        scale: SI value of one of it.
+    """
+
+    text: str
+    si: str
+    scale: float
+
+
+_PREFIXES = {"": 1.0, "m": 1e-3, "u": 1e-6, "µ": 1e-6, "μ": 1e-6, "n": 1e-9, "k": 1e3}
+_UNITS = {
+    **{f"{p}{si}": (si, factor) for si in ("m", "A", "V", "N", "s") for p, factor in _PREFIXES.items()},
+    **{"sec": ("s", 1.0), "micron": ("m", 1e-6), "microns": ("m", 1e-6), "cm": ("m", 1e-2), "mils": ("m", 25.4e-6)},
+    **{"rad/s": ("rad/s", 1.0), "rpm": ("rad/s", math.pi / 30), "1/min": ("rad/s", math.pi / 30)},
+    **{"m/s": ("m/s", 1.0), "mm/s": ("m/s", 1e-3), "m/s2": ("m/s2", 1.0), "m/s^2": ("m/s2", 1.0)},
+    "g": ("m/s2", 9.80665),
+    **{"Hz": ("Hz", 1.0), "kHz": ("Hz", 1e3), "C": ("C", 1.0), "°C": ("C", 1.0), "%": ("%", 0.01)},
+}  # fmt: skip
+_FOLDED = {name.lower(): name for name in reversed(_UNITS) if name.lower() not in ("mn", "ma", "mv", "ms")}
+_FOLDED |= {"ma": "mA", "mv": "mV", "ms": "ms", "mn": "mN"}
+_BRACKETS = re.compile(r"^(.*?)[\s_,]*[\[(<{]\s*(?:in\s+)?([^\])>}]+?)\s*[\])>}]\s*$")
+_BEHIND = re.compile(r"^(.*\S)\s*(?:\s/\s*|/|\s+in\s+|,\s*)([^\s/]+(?:/[^\s/]+)?)$")
+_LAST = re.compile(r"^(.+?)[_\s]([A-Za-zµμ]{1,7})$")
+
+
+def known_unit(text: str) -> Unit | None:
+    """The unit of this name; None where there is none such."""
+    name = text.strip()
+    name = name if name in _UNITS else _FOLDED.get(name.lower(), "")
+    return Unit(text.strip(), *_UNITS[name]) if name else None
+
+
+def header_unit(header: str) -> tuple[str, Unit | None]:
+    """A header without its unit, and the unit.
+
+    Args:
+        header: as the file has it.
+
+    Returns:
+        The name, and the unit in brackets, behind a slash, "in" or a comma, or as the last word; None without one.
+    """
+    header = header.strip()
+    for pattern in (_BRACKETS, _BEHIND):
+        if (found := pattern.match(header)) and (unit := known_unit(found[2])):
+            return found[1].strip(" _,"), unit
+    if found := _LAST.match(header):
+        # A single last letter may as well be an index: of those only the units' own capitals count, and s and m not.
+        unit = known_unit(found[2]) if len(found[2]) > 1 or found[2] in ("A", "V", "N") else None
+        if unit:
+            return found[1], unit
+    return header, None

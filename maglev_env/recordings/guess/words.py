@@ -1,0 +1,131 @@
+"""What the names of columns mean: words and abbreviations of English, German, Spanish and French laboratories."""
+
+import re
+import unicodedata
+from dataclasses import dataclass
+
+# A word that stands for a quantity. Single letters and their like are listed apart, because they say less.
+_WORDS = {
+    "time": "time zeit tiempo temps tempo timestamp clock seconds sekunden segundos elapsed",
+    "displacement": "position pos displacement displ disp gap airgap weg auslenkung spalt luftspalt posicion lage "
+    "desplazamiento entrehierro distance abstand hoehe height altura deplacement entrefer probe wirbelstrom kugel",
+    "current": "current curr cur strom corriente courant amps ampere spulenstrom icoil imeas iact",
+    "voltage": "voltage volt volts spannung voltaje tension spulenspannung",
+    "force": "force kraft fuerza loadcell shaker kraftsensor kraftmessdose",
+    "velocity": "velocity vel geschwindigkeit velocidad vitesse ydot xdot zdot derivative ableitung",
+    "speed": "rpm omega drehzahl speed revs rotation giro",
+    "acceleration": "acceleration accel acc beschleunigung aceleracion",
+    "error": "error err fehler regelabweichung abweichung deviation",
+    "count": "index idx sample samples nr number count zaehler muestra",
+    "temperature": "temp temperature temperatur temperatura",
+    "output": "output stellgroesse stell stellsignal controller reglerausgang control salida mando commande",
+}
+_LETTERS = {
+    "time": "t ts",
+    "displacement": "y x z h yl xl",
+    "current": "i",
+    "voltage": "uc ucoil",
+    "force": "f fx fy fz",
+    "velocity": "v dy dx dz vy vx",
+    "acceleration": "a ay ax",
+    "error": "e",
+    "count": "n k",
+    "output": "u",
+}
+_WANTED = (
+    "ref reference setpoint sp soll sollwert set desired des wanted target yd yref xref iref command cmd demand "
+    "referencia consigna vorgabe fuehrungsgroesse kommando rsoll w r"
+)
+_ESTIMATED = "hat obs observer est estimate estimated estimado schaetz schaetzwert geschaetzt observador"
+_INJECTED = (
+    "inj injection injected injektion dither exc excitation anregung stoerung disturbance perturbation noise rauschen "
+    "chirp sweep multisine testsignal excitacion"
+)
+_AXES = ("x", "y", "z")
+_PLACEHOLDER = re.compile(r"(c|col|column|columna|spalte|kanal|channel|ch|var|unnamed:?|data|values?)?[_ ]?\d*")
+_WITHOUT_MEANING = {"data", "value", "values", "signals", "signal", "out", "in", "model", "root", "y1", "mess", "meas"}
+
+
+@dataclass(frozen=True)
+class Meaning:
+    """What a name says.
+
+    Args:
+        channel: the channel of a campaign; a quantity that is none ("velocity", "error", ...); None: says nothing.
+        axis: "x", "y" or "z" where a letter stands beside the quantity; else empty.
+        confidence: from 0 to 1.
+        word: what in the name says so.
+    """
+
+    channel: str | None
+    axis: str = ""
+    confidence: float = 0.0
+    word: str = ""
+
+
+def plain_words(name: str) -> list[str]:
+    """The words of a name in small letters: without accents, split at signs, digits and changes to capitals."""
+    name = re.sub("[äÄ]", "ae", re.sub("[öÖ]", "oe", re.sub("[üÜ]", "ue", name.replace("ß", "ss"))))
+    name = unicodedata.normalize("NFKD", name).encode("ascii", "ignore").decode()
+    name = re.sub(r"([a-z])([A-Z])", r"\1 \2", name)
+    return [w for w in re.split(r"[^a-z]+", name.lower()) if w]
+
+
+def _one_of(words: list[str], listed: str) -> str:
+    return next((w for w in words if w in listed.split()), "")
+
+
+def meaning(name: str, si: str = "") -> Meaning:
+    """What the name of a column means.
+
+    Args:
+        name: without its unit.
+        si: SI unit that the header states, which settles what the name leaves open.
+
+    Returns:
+        The channel with the confidence in it.
+    """
+    words = [w for w in plain_words(name) if w not in _WITHOUT_MEANING]
+    if not words or _PLACEHOLDER.fullmatch(name.strip().lower()):
+        words = []
+    quantity, word, sure = _quantity(words, name)
+    axis = next((w for w in words if w in _AXES and w != word), "")
+    wanted, estimated, injected = (_one_of(words, listed) for listed in (_WANTED, _ESTIMATED, _INJECTED))
+    if si == "A" and quantity in ("", "output", "displacement", "voltage") and not injected:
+        quantity, wanted = "current", wanted or (word if quantity == "output" else "")
+    if si == "V" and quantity in ("", "output"):
+        quantity, wanted, estimated = "voltage", "", ""
+    if not quantity and not injected and si:
+        quantity = {"m": "displacement", "N": "force", "s": "time", "rad/s": "speed", "m/s": "velocity"}.get(si, "")
+        word, sure = f"[{si}]", 0.6 if not wanted else 0.85
+    said = word or wanted or injected
+    if not said:
+        return Meaning(None)
+    if quantity in ("", "current", "output", "force") and injected:
+        channel = {"N": "force", "m": "reference"}.get(si, "force" if quantity == "force" else "injection")
+        return Meaning(channel, axis, 0.85, injected)
+    if estimated and quantity in ("displacement", ""):
+        return Meaning("gap_estimate", axis, 0.7, estimated)
+    if estimated and quantity != "velocity":
+        return Meaning("estimate", axis, 0.7, estimated)
+    channel = {
+        ("displacement", True): "reference",
+        ("current", True): "command",
+        ("output", True): "command",
+        ("output", False): "command",
+        ("", True): "command" if wanted in ("command", "cmd", "kommando") else "reference",
+    }.get((quantity, bool(wanted)), quantity)
+    return Meaning(channel, axis, max(sure, 0.85 if len(wanted) > 1 else 0.6 if wanted else 0.0), said)
+
+
+def _quantity(words: list[str], name: str) -> tuple[str, str, float]:
+    """The quantity that the words state, the word, and the confidence in it."""
+    for table, sure in ((_WORDS, 0.95), (_LETTERS, 0.75)):
+        for w in words:
+            for quantity, listed in table.items():
+                if w in listed.split():
+                    # The states x1, x2, x3 of a model: only the first is known to be a position.
+                    if w == "x" and re.search(r"x_?[2-9]$", name.lower()):
+                        return "", "", 0.0
+                    return quantity, w, sure
+    return "", "", 0.0

@@ -1,0 +1,97 @@
+"""campaign.toml with the evidence of every guess as a comment."""
+
+from collections.abc import Sequence
+from textwrap import wrap
+
+from maglev_env.recordings.campaign import SCHEMA
+from maglev_env.recordings.campaign_writer import toml_value
+from maglev_env.recordings.guess.columns import ColumnGuess
+from maglev_env.recordings.guess.evidence import Guess
+from maglev_env.recordings.guess.recording import RecordingGuess
+from maglev_env.rig.rig import PRESETS
+from maglev_workbench.commands.new.stated import Stated
+
+PLEASE = "please state:"
+_WIDTH = 118
+
+
+def campaign_text(guesses: Sequence[RecordingGuess], stated: Stated) -> str:
+    """The content of campaign.toml.
+
+    Args:
+        guesses: one for each file.
+        stated: what the user said.
+
+    Returns:
+        TOML that `load_campaign` reads, but for a sample rate that is not known and stands as 0.
+    """
+    lines = [
+        "# A first description of these files, guessed. Every guess stands with its evidence; what could not be known,",
+        f'# or should be looked at, is marked "{PLEASE}". Then: maglev check on this folder.',
+        f"schema = {toml_value(SCHEMA)}",
+    ]
+    if stated.rig:
+        lines.append(f"rig = {toml_value(stated.rig)}")
+    else:
+        lines += _comment(
+            f"{PLEASE} the rig, a preset ({', '.join(PRESETS)}) or rig.toml once it is filled in. Without one, "
+            "estimate knows only the mass, and diagnose and tune have nothing to compare with."
+        )
+        lines.append('# rig = "rig.toml"')
+    if stated.mass is not None:
+        lines += ["", "[parameters]", f"mass = {toml_value(stated.mass)}  # kg, stated"]
+    elif not stated.rig:
+        lines += ["", *_comment(f"{PLEASE} the moving mass in kg (estimate --estimate-mass fits it from a force).")]
+        lines += ["# [parameters]", "# mass = 0.1"]
+    for guess in guesses:
+        lines += _recording(guess)
+    return "\n".join(lines) + "\n"
+
+
+def _recording(guess: RecordingGuess) -> list[str]:
+    lines = ["", "[[recording]]", f"file = {toml_value(guess.file)}", 'role = "fit"']
+    for note in guess.notes:
+        lines += _comment(f"note: {note}")
+    lines += _evidence(guess.rate)
+    lines.append(f"sample_rate = {toml_value(float(guess.rate.value or 0.0))}")
+    lines += _evidence(guess.rotor)
+    lines += _evidence(guess.controller)
+    if guess.gains:
+        # The table in one line: a table header would end the recording's own keys.
+        parts = ", ".join(f"{name} = {toml_value(value)}" for name, value in guess.gains.items())
+        lines.append(f"gains = {{ {parts} }}")
+    if guess.excitation.value != "none":
+        lines += _comment(
+            f'{PLEASE} intersample = "zoh" where a converter holds the excitation, "bl" where it is smooth.'
+        )
+    lines += _evidence(guess.excitation)
+    for table in guess.excitations:
+        lines += ["", "[[recording.excitation]]", *(f"{key} = {toml_value(value)}" for key, value in table.items())]
+    lines += ["", "[recording.channels]  # SI value = scale * column + offset"]
+    for name, column in guess.channels.items():
+        lines += _column(column)
+        scale = f", scale = {toml_value(column.scale)}" if column.scale != 1.0 else ""
+        lines.append(f"{name} = {{ from = {toml_value(column.column)}{scale} }}")
+    for column in guess.columns:
+        if not column.channel:
+            lines += _comment(f"not used: {column.column!r}: {_with_ask(column.reason, column.ask)}")
+    return lines
+
+
+def _column(column: ColumnGuess) -> list[str]:
+    return _comment(f"{column.channel} ({column.confidence:.0%}): {_with_ask(column.reason, column.ask)}")
+
+
+def _evidence(guess: Guess) -> list[str]:
+    shown = f"{guess.what}" + (f": {guess.value}" if isinstance(guess.value, str) else "")
+    return _comment(f"{shown} ({guess.confidence:.0%}): {_with_ask(guess.reason, guess.ask)}")
+
+
+def _with_ask(reason: str, ask: str) -> str:
+    return f"{reason}. {PLEASE} {ask}" if ask else reason
+
+
+def _comment(text: str) -> list[str]:
+    """A comment of one line or several; no character of a file can end it."""
+    text = "".join(c if c.isprintable() else " " for c in text)
+    return [f"# {line}" for line in wrap(text, _WIDTH)]

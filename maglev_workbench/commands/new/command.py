@@ -1,0 +1,119 @@
+"""`maglev new`: from data files of unknown origin to a commented campaign.toml."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from maglev_workbench.options import JsonOption, friendly, require_choice, require_folder
+
+app = typer.Typer()
+
+
+@app.command(epilog="Example: maglev new run.mat")
+@friendly
+def new(
+    source: Annotated[
+        list[Path], typer.Argument(help="Data files (.mat .csv .txt .npz .h5 ...), or a folder of them.")
+    ],
+    rate: Annotated[float | None, typer.Option(help="Sample rate, Hz, where a file does not tell it.")] = None,
+    mass: Annotated[float | None, typer.Option(help="Moving mass, kg.")] = None,
+    rig: Annotated[str | None, typer.Option(help="Preset that the rig is; without it a rig.toml skeleton.")] = None,
+    magnet: Annotated[str | None, typer.Option(help="Magnet kind of the rig.toml skeleton.")] = None,
+    force: Annotated[bool, typer.Option("--force", help="Overwrite campaign.toml and rig.toml.")] = False,
+    out: Annotated[
+        Path | None, typer.Option(help="Folder of the campaign; files outside it are copied (default: the files').")
+    ] = None,
+    json_file: JsonOption = None,
+) -> None:
+    """Guess what data files hold, and write a commented campaign.toml that `maglev check` takes."""
+    from dataclasses import replace
+    from importlib.metadata import version
+
+    from rich.markup import escape
+    from rich.table import Table
+
+    from maglev_env.loop.magnets.kinds import MAGNETS
+    from maglev_env.recordings.files import write_text_atomic
+    from maglev_env.recordings.guess.recording import guess_recording
+    from maglev_env.recordings.guess.verified import verified
+    from maglev_env.recordings.json_data import plain
+    from maglev_env.rig.rig import load_rig
+    from maglev_workbench.commands.new import questions
+    from maglev_workbench.commands.new.campaign_text import PLEASE, campaign_text
+    from maglev_workbench.commands.new.files import bring, campaign_folder, data_files
+    from maglev_workbench.commands.new.rig_text import rig_text
+    from maglev_workbench.commands.new.stated import Stated
+    from maglev_workbench.console import console, write_json
+
+    for name, value in (("--rate", rate), ("--mass", mass)):
+        if value is not None and not value > 0:
+            raise ValueError(f"{name} {value} must be positive")
+    if rig is not None:
+        load_rig(rig)
+    if magnet is not None:
+        require_choice(magnet, MAGNETS, "--magnet")
+    files = data_files(source)
+    folder = campaign_folder(files, out)
+    require_folder(folder)
+    if (folder / "campaign.toml").exists() and not force:
+        raise ValueError(f"{folder / 'campaign.toml'} exists; choose another --out, or overwrite it with --force")
+    stated, guesses, refused = Stated(rate, mass, rig, magnet), [], {}
+    asking = questions.interactive()
+    for file in files:
+        try:
+            guess = guess_recording(file, rate=rate)
+            if asking and guess.rate.value is None and (told := questions.ask_rate(file.name)):
+                guess = guess_recording(file, rate=told)
+            guesses.append(questions.ask_units(guess) if asking else guess)
+        except ValueError as error:
+            refused[file] = str(error)
+    if not guesses:
+        raise ValueError(next(iter(refused.values())))
+    stated = questions.ask_rig(stated) if asking else stated
+    inside, copied = bring([f for f in files if f not in refused], folder)
+    names = [f.resolve().relative_to(folder.resolve()).as_posix() for f in inside]
+    guesses = [verified(replace(g, file=name), folder) for g, name in zip(guesses, names, strict=True)]
+
+    for g in guesses:
+        table = Table("guess", "taken as", "sure", "evidence", title=escape(g.file))
+        for one in g.guesses:
+            taken = (
+                one.value if isinstance(one.value, str | float) else "-" if one.value is None else "see campaign.toml"
+            )
+            table.add_row(one.what, escape(f"{taken}"), f"{one.confidence:.0%}", escape(one.reason))
+        console.print(table)
+        for note in g.notes:
+            console.print(f"  note: {escape(note)}")
+    for message in refused.values():
+        console.print(f"  [yellow]![/] left out: {escape(message)}")
+    known = next((g for g in guesses if g.gains), None)
+    if rig is None:
+        skeleton = folder / "rig.toml"
+        if force or not skeleton.exists():
+            text = rig_text(stated, known.gains if known else None, known.rate.value if known else None)
+            write_text_atomic(skeleton, text)
+            console.print(f"rig skeleton  {skeleton}")
+        else:
+            console.print(f"{skeleton} is kept as it is")
+    write_text_atomic(folder / "campaign.toml", campaign_text(guesses, stated))
+    write_json(
+        json_file,
+        {
+            "schema": "maglev-new/1",
+            "version": version("maglev-workbench"),
+            "campaign": str(folder / "campaign.toml"),
+            "recordings": [{"file": g.file, "guesses": plain(g.guesses), "notes": list(g.notes)} for g in guesses],
+            "left_out": [{"file": str(f), "reason": r} for f, r in refused.items()],
+        },
+    )
+    for file in copied:
+        console.print(f"copied  {file}")
+    console.print(f"campaign  {folder / 'campaign.toml'}")
+    open_points = questions.unsettled(guesses)
+    if open_points:
+        console.print(f'{len(open_points)} points are marked "{PLEASE}" there; most are confirmations')
+    for g in guesses:
+        if g.rate.value is None:
+            console.print(f"[yellow]![/] {escape(g.file)}: sample_rate is not known and stands as 0: state it first")
+    console.print(f"next  maglev check {folder}")

@@ -1,0 +1,65 @@
+"""The data files that `maglev new` is pointed at, and the campaign's folder."""
+
+import shutil
+from collections.abc import Sequence
+from pathlib import Path
+
+from maglev_env.recordings.files import SUFFIXES, atomic_file
+
+
+def data_files(sources: Sequence[Path]) -> list[Path]:
+    """The data files among files and folders, in order.
+
+    Args:
+        sources: files, and folders whose data files (not those of folders below) are taken.
+
+    Raises:
+        FileNotFoundError: a source does not exist.
+        ValueError: a folder holds no data file.
+    """
+    found: list[Path] = []
+    for source in sources:
+        if not source.exists():
+            raise FileNotFoundError(f"{source} does not exist; name data files or a folder of them")
+        if source.is_dir():
+            inside = sorted(p for p in source.iterdir() if p.is_file() and p.suffix.lower() in SUFFIXES)
+            if not inside:
+                raise ValueError(f"{source} holds no data file ({', '.join(SUFFIXES)})")
+            found += inside
+        else:
+            found.append(source)
+    return list(dict.fromkeys(found))
+
+
+def campaign_folder(files: Sequence[Path], out: Path | None) -> Path:
+    """The folder of the campaign: `out`, else that of the files. ValueError where they lie in several."""
+    if out is not None:
+        return out
+    folders = {f.resolve().parent for f in files}
+    if len(folders) > 1:
+        raise ValueError("the files lie in several folders; name the campaign's folder: --out FOLDER")
+    return files[0].parent
+
+
+def bring(files: Sequence[Path], folder: Path) -> tuple[list[Path], list[Path]]:
+    """The files as they lie in the folder, and those that were copied there.
+
+    Raises:
+        ValueError: a different file of the same name is there already.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    inside, copied = [], []
+    for file in files:
+        if file.resolve().is_relative_to(folder.resolve()):
+            inside.append(file)
+            continue
+        target = folder / file.name
+        if target.exists():
+            if target.read_bytes() != file.read_bytes():
+                raise ValueError(f"{target} exists and is not {file}; choose another --out")
+        else:
+            with file.open("rb") as data, atomic_file(target) as written:
+                shutil.copyfileobj(data, written)
+            copied.append(target)
+        inside.append(target)
+    return inside, copied

@@ -1,0 +1,72 @@
+"""What the terminal asks, where somebody sits at it."""
+
+import sys
+from collections.abc import Sequence
+from dataclasses import replace
+
+import typer
+
+from maglev_env.loop.magnets.kinds import MAGNETS
+from maglev_env.recordings.guess.recording import RecordingGuess
+from maglev_env.recordings.guess.units import known_unit
+from maglev_workbench.commands.new.stated import Stated
+
+
+def interactive() -> bool:
+    """Whether somebody can answer: input and output are a terminal."""
+    return sys.stdin.isatty() and sys.stdout.isatty()
+
+
+def ask_rig(stated: Stated) -> Stated:
+    """Mass and magnet, where they are not stated; an empty answer leaves them open."""
+    if stated.mass is None:
+        answer = typer.prompt("Moving mass in kg (empty: not known)", default="", show_default=False)
+        stated = replace(stated, mass=_positive(answer, "mass"))
+    if stated.magnet is None and stated.rig is None:
+        answer = typer.prompt(f"Magnet: {', '.join(MAGNETS)} (empty: state it later)", default="", show_default=False)
+        if answer and answer not in MAGNETS:
+            raise ValueError(f"magnet {answer}: use one of {', '.join(MAGNETS)}")
+        stated = replace(stated, magnet=answer or None)
+    return stated
+
+
+def ask_rate(file: str) -> float | None:
+    """The sample rate of a file without time."""
+    return _positive(
+        typer.prompt(f"Sample rate of {file} in Hz (empty: later)", default="", show_default=False), "rate"
+    )
+
+
+def ask_units(guess: RecordingGuess) -> RecordingGuess:
+    """Units of columns whose header states none; an empty answer takes the guess."""
+    return replace(guess, columns=tuple(_asked(c) for c in guess.columns))
+
+
+def _asked(column):
+    if not column.channel or "unit of this column" not in column.ask:
+        return column
+    answer = typer.prompt(
+        f"Unit of column {column.column} ({column.channel}; {column.reason}; empty: as guessed)",
+        default="",
+        show_default=False,
+    )
+    if not answer:
+        return column
+    unit = known_unit(answer)
+    if unit is None:
+        raise ValueError(f"unit {answer}: not known; leave it empty, and state scale in campaign.toml")
+    return replace(column, scale=unit.scale, ask="", confidence=1.0, reason=f"{column.reason}; unit stated: {answer}")
+
+
+def _positive(answer: str, what: str) -> float | None:
+    if not answer:
+        return None
+    value = float(answer)
+    if not value > 0:
+        raise ValueError(f"{what} = {answer} must be positive")
+    return value
+
+
+def unsettled(guesses: Sequence[RecordingGuess]) -> list[str]:
+    """What campaign.toml asks for, in words."""
+    return [f"{g.file}: {one.what}: {one.ask}" for g in guesses for one in g.guesses if one.ask]

@@ -1,0 +1,63 @@
+"""A skeleton of rig.toml: what the magnet kind needs, to be stated by the engineer."""
+
+from collections.abc import Mapping
+
+from maglev_env.loop.magnets.kinds import MAGNETS, NO_MAGNET
+from maglev_env.rig.rig import SCHEMA
+from maglev_workbench.commands.new.campaign_text import PLEASE
+from maglev_workbench.commands.new.stated import Stated
+
+_COIL = {
+    "turns": "200", "pole_area": "1e-4         # m2", "gap": "1e-3               # m, at the operating point",
+    "clearance": "1e-3         # m, to touchdown", "bias_current": "1.0       # A",
+}  # fmt: skip
+_BELOW = {name: text for name, text in _COIL.items() if name != "bias_current"}
+_NEEDED: Mapping[str, Mapping[str, str]] = {
+    "hybrid_pair": {
+        **{name: text for name, text in _COIL.items() if name != "bias_current"},
+        "magnet_area": "1e-4       # m2", "magnet_length": "5e-3     # m", "remanence": "1.2          # T",
+    },
+    "electromagnet_pair": _COIL,
+    "electromagnet": _BELOW,
+    "magnet_coil": {
+        "force_constant": "2e-8    # N m^n / A", "force_exponent": "4.0", "coil_inductance": "1e-2   # H",
+        "gap": "1e-2               # m, at the operating point", "clearance": "5e-3         # m, to touchdown",
+    },
+    NO_MAGNET: {"support_stiffness": "1e4  # N/m", "support_damping": "1.0    # N s/m"},
+}  # fmt: skip
+
+
+def rig_text(stated: Stated, gains: Mapping[str, float] | None, control_rate: float | None) -> str:
+    """The skeleton; what is known stands, the rest is commented out with a value of the usual form.
+
+    Args:
+        stated: mass and magnet kind, where the user stated them.
+        gains: the controller, where a recording shows it.
+        control_rate: Hz, where a recording shows that its controller runs at its sample rate.
+    """
+    magnet = stated.magnet or NO_MAGNET
+    chosen = f'magnet = "{magnet}"' if stated.magnet else f'# magnet = "electromagnet"  # {PLEASE} {", ".join(MAGNETS)}'
+    mass = f"mass = {stated.mass!r}" if stated.mass is not None else f"# mass = 0.1                 # {PLEASE} kg"
+    lines = [
+        "# A skeleton: take the # from a line when its value is right, then name this file in campaign.toml.",
+        f'schema = "{SCHEMA}"',
+        'name = "mine"',
+        chosen,
+        "",
+        "[parameters]  # SI; all keys: docs/formats.md",
+        mass,
+        *(f"# {name} = {text}  # {PLEASE} yours" if "#" not in text else f"# {name} = {text}: {PLEASE} yours"
+          for name, text in _NEEDED[magnet].items()),
+    ]  # fmt: skip
+    if control_rate:
+        lines.append(f"control_rate = {control_rate!r}    # Hz: the command follows the displacement sample by sample")
+    else:
+        lines.append(f"# control_rate = 20000.0      # Hz: {PLEASE} yours")
+    lines += [
+        f"# actuator_gain = 1.0         # N/A, where it was measured: {PLEASE} yours",
+        f"# negative_stiffness = -1e3   # N/m, likewise: {PLEASE} yours",
+    ]
+    if gains:
+        lines += ["", "[gains]  # found in the recordings", *(f"{name} = {value!r}" for name, value in gains.items())]
+    lines += ["", "[tolerance]  # relative 1-sigma uncertainty of what you know", "# mass = 0.005"]
+    return "\n".join(lines) + "\n"
