@@ -6,6 +6,7 @@ MOST = 20_000  # samples that are looked at
 _JITTER = 0.5  # largest rms deviation of a time step, of the median step
 _LEVELS = 0.25  # share of samples at which a piecewise constant signal may change
 _DERIVATIVE = 0.85  # correlation with the slope of another column
+_MOST_LAG = 10  # samples by which a current follows its command
 _ALIKE = 0.9  # correlation of two readings of the same quantity
 
 
@@ -49,11 +50,13 @@ def _smooth(values: np.ndarray, width: int = 3) -> np.ndarray:
 
 
 def alike(a: np.ndarray, b: np.ndarray) -> float:
-    """How far two signals (samples,) are the same quantity: their correlation where level and size agree, else 0."""
+    """How far two signals (samples,) are the same quantity: their correlation at the best lag of a few samples, where
+    level and size agree, else 0."""
     spread = max(a.std(), b.std())
     if not spread or min(a.std(), b.std()) < 0.3 * spread or abs(a.mean() - b.mean()) > spread:
         return 0.0
-    close = correlation(a, b)
+    lags = range(-_MOST_LAG, _MOST_LAG + 1)
+    close = max(correlation(a[max(-k, 0) : a.size - max(k, 0)], b[max(k, 0) : b.size - max(-k, 0)]) for k in lags)
     return close if close >= _ALIKE else 0.0
 
 

@@ -52,19 +52,22 @@ def guess_columns(found: Contents) -> tuple[ColumnGuess, ...]:
     Returns:
         No channel is given to two columns. Columns along x and y end in _x and _y where both displacements are there.
     """
-    labels = {name: _label(name, found.texts) for name in found.columns}
+    labels = {name: _label(name, found) for name in found.columns}
     values = {name: v[: shown.MOST] for name, v in found.columns.items()}
     units = {name: unit for name, (_, unit) in labels.items()}
     guesses = {name: _by_name(name, label, unit, values[name]) for name, (label, unit) in labels.items()}
     guesses = _one_each(guesses)
-    guesses = _voltage(guesses, units, values)
+    guesses = _voltage(_not_a_length(guesses, units, values), units, values)
     guesses = _by_behaviour(guesses, values)
     guesses = {n: _resting(g, values[n]) for n, g in guesses.items()}
     return tuple(_scaled(g, units[name], values[name], guesses, values) for name, g in guesses.items())
 
 
-def _label(expression: str, texts: Mapping[str, str]) -> tuple[str, Unit | None]:
+def _label(expression: str, found: Contents) -> tuple[str, Unit | None]:
     """What the file calls a column, and its unit: by a text beside it, else by the last part of its name."""
+    texts = found.texts
+    if listed := _listed(expression, found):
+        return header_unit(listed)
     above = expression.rpartition(".")[0]
     beside = next((texts[f"{above}.{key}"] for key in _NAMES_BESIDE if texts.get(f"{above}.{key}", "").strip()), "")
     unit = next((u for key in _UNITS_BESIDE if (u := known_unit(texts.get(f"{above}.{key}", "")))), None)
@@ -81,11 +84,23 @@ def _label(expression: str, texts: Mapping[str, str]) -> tuple[str, Unit | None]
     return label, unit or in_header
 
 
+def _listed(expression: str, found: Contents) -> str:
+    """The name of a matrix column in a cell array of as many texts as there are columns; "" where there is none."""
+    matrix, _, place = expression.removesuffix("]").rpartition("[")
+    if not matrix or not place.isdigit():
+        return ""
+    columns = sum(name.startswith(f"{matrix}[") for name in found.columns)
+    lists: dict[str, list[str]] = {}
+    for name, text in found.texts.items():
+        lists.setdefault(name.rpartition("[")[0], []).append(text)
+    return next((texts[int(place)] for name, texts in lists.items() if name and len(texts) == columns > 1), "")
+
+
 def _by_name(column: str, label: str, unit: Unit | None, values: np.ndarray) -> ColumnGuess:
     said = meaning("" if re.fullmatch(r"\[\d+\]", label) else label, unit.si if unit else "")
     if not np.isfinite(values).all():
         return ColumnGuess(column, label, "", 1.0, "holds values that are no finite numbers", SURE)
-    if said.channel is None:
+    if said.channel is None or (len(said.word) == 1 and said.channel != "time" and shown.is_time(values)):
         return ColumnGuess(column, label, "", 1.0, "", 0.0)
     if said.channel == "time" and not shown.is_time(values):
         return ColumnGuess(column, label, "", 1.0, f'called "{label}", but does not rise with equal steps', SURE)
@@ -128,6 +143,20 @@ def _second(guess: ColumnGuess, first: ColumnGuess) -> ColumnGuess:
     why = f'{guess.reason}: also {guess.channel}, but "{first.label}" is taken'
     ask = f"which column is the {guess.channel}" if guess.confidence >= first.confidence else ""
     return replace(guess, channel="", reason=why, ask=ask, confidence=OPEN if ask else LIKELY)
+
+
+def _not_a_length(
+    guesses: dict[str, ColumnGuess], units: Mapping[str, Unit | None], values: Mapping[str, np.ndarray]
+) -> dict[str, ColumnGuess]:
+    """A set point without a unit that moves as the current is the command."""
+    by_channel = {g.channel: n for n, g in guesses.items() if g.channel}
+    if not {"reference", "current"} <= by_channel.keys() or "command" in by_channel:
+        return guesses
+    wanted, current = by_channel["reference"], by_channel["current"]
+    if units[wanted] or not (close := shown.alike(values[wanted], values[current])):
+        return guesses
+    why = f"{guesses[wanted].reason}, moves as {current} (correlation {close:.3f})"
+    return guesses | {wanted: replace(guesses[wanted], channel="command", reason=why)}
 
 
 def _voltage(
@@ -189,10 +218,11 @@ def _by_behaviour(guesses: dict[str, ColumnGuess], values: Mapping[str, np.ndarr
     if "displacement" not in taken() and "displacement_x" not in taken():
         _displacement(unknown(), taken(), values, take)
     _pair(unknown(), taken(), values, take)
-    for n in unknown():
+    left = unknown()
+    for n in left:
         if "voltage" not in taken() and "command" in taken() and "current" in taken():
             take(n, "voltage", "what is left beside command and current", OPEN)
-        elif "command" not in taken() and len(unknown()) == 1 and "displacement" in taken():
+        elif "command" not in taken() and len(left) == 1 and "displacement" in taken():
             take(n, "command", "the only column left beside the displacement", OPEN)
         else:
             take(n, "", "neither its name nor its values say what it is", 0.0)

@@ -69,12 +69,17 @@ def fit_controller(
     spread = float(wanted[free].std())
     steps = np.diff(np.unique(command[window]))
     step = float(np.min(steps[steps > 1e-9 * spread], initial=np.inf))
-    best = min((_fit(error, wanted, free, rate, late) for late in (0, 1)), key=lambda f: f[0])
-    residual, gains, bias, late = best
-    exact = residual <= max(_EXACT * step if np.isfinite(step) else 0.0, _ROUNDING * spread)
     # A command that moves by a few steps alone is matched within a step by anything.
-    exact = exact and residual < 0.05 * spread
+    enough = min(max(_EXACT * step if np.isfinite(step) else 0.0, _ROUNDING * spread), 0.05 * spread)
+    residual, gains, bias, late = _fit(error, wanted, free, rate, 0)
+    if residual > enough:
+        residual, gains, bias, late = min((residual, gains, bias, late), _fit(error, wanted, free, rate, 1), key=_first)
+    exact = residual <= enough
     return ControllerFit(gains, bias, residual, step, (residual / spread) ** 2, exact, late)
+
+
+def _first(fit: tuple[float, Gains, float, int]) -> float:
+    return fit[0]
 
 
 def _liveliest(free: np.ndarray, length: int) -> int:

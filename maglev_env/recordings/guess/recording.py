@@ -95,8 +95,8 @@ def guess_recording(path: Path, folder: Path | None = None, rate: float | None =
         guessed = Guess("sample_rate", rate, f"{rate:g} Hz: stated", 1.0)
     if time and guessed.value is None:  # a counter: no time
         columns = tuple(replace(c, channel="", reason=guessed.reason) if c is time else c for c in columns)
-    known = guessed.value or 1.0  # Hz; periods are counted in samples, so that they can be found before the rate is
-    tables, excitation = guess_excitation({n: v for n, v in by_channel.items() if n != "time"}, known)
+    signals = {n: v for n, v in by_channel.items() if n != "time"}
+    tables, excitation = guess_excitation(signals, guessed.value)
     gains, controller = _controller(by_channel, guessed.value)
     return RecordingGuess(
         file=path.name if folder is None else path.resolve().relative_to(folder.resolve()).as_posix(),

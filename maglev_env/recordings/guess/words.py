@@ -9,7 +9,7 @@ _WORDS = {
     "time": "time zeit tiempo temps tempo timestamp clock seconds sekunden segundos elapsed",
     "displacement": "position pos displacement displ disp gap airgap weg auslenkung spalt luftspalt posicion lage "
     "desplazamiento entrehierro distance abstand hoehe height altura deplacement entrefer probe wirbelstrom kugel",
-    "current": "current curr cur strom corriente courant amps ampere spulenstrom icoil imeas iact",
+    "current": "current curr cur strom corriente courant amps ampere spulenstrom icoil",
     "voltage": "voltage volt volts spannung voltaje tension spulenspannung",
     "force": "force kraft fuerza loadcell shaker kraftsensor kraftmessdose",
     "velocity": "velocity vel geschwindigkeit velocidad vitesse ydot xdot zdot derivative ableitung",
@@ -33,14 +33,15 @@ _LETTERS = {
     "output": "u",
 }
 _WANTED = (
-    "ref reference setpoint sp soll sollwert set desired des wanted target yd yref xref iref command cmd demand "
-    "referencia consigna vorgabe fuehrungsgroesse kommando rsoll w r"
+    "ref reference setpoint sp soll sollwert set desired des wanted target yd command cmd demand "
+    "referencia consigna vorgabe fuehrungsgroesse kommando w r"
 )
 _ESTIMATED = "hat obs observer est estimate estimated estimado schaetz schaetzwert geschaetzt observador"
 _INJECTED = (
-    "inj injection injected injektion dither exc excitation anregung stoerung disturbance perturbation noise rauschen "
+    "inj injection injected injektion dither exc excitation anregung stoerung stoergroesse disturbance perturbation noise rauschen "
     "chirp sweep multisine testsignal excitacion"
 )
+_GLUED = re.compile("^([iyxzhuf])(ref|soll|cmd|set|des|obs|hat|est|meas|mess|ist|act|inj)$")  # a letter with a word
 _AXES = ("x", "y", "z")
 _PLACEHOLDER = re.compile(r"(c|col|column|columna|spalte|kanal|channel|ch|var|unnamed:?|data|values?)?[_ ]?\d*")
 _WITHOUT_MEANING = {"data", "value", "values", "signals", "signal", "out", "in", "model", "root", "y1", "mess", "meas"}
@@ -68,11 +69,16 @@ def plain_words(name: str) -> list[str]:
     name = re.sub("[äÄ]", "ae", re.sub("[öÖ]", "oe", re.sub("[üÜ]", "ue", name.replace("ß", "ss"))))
     name = unicodedata.normalize("NFKD", name).encode("ascii", "ignore").decode()
     name = re.sub(r"([a-z])([A-Z])", r"\1 \2", name)
-    return [w for w in re.split(r"[^a-z]+", name.lower()) if w]
+    return " ".join(_GLUED.sub(r"\1 \2", w) for w in re.split(r"[^a-z]+", name.lower())).split()
 
 
-def _one_of(words: list[str], listed: str) -> str:
-    return next((w for w in words if w in listed.split()), "")
+def _one_of(words: list[str], listed: str, compound: bool = False) -> str:
+    """The first of the words that is listed, or with `compound` is put together with a listed one: "sollstrom"."""
+    known = listed.split()
+    if found := next((w for w in words if w in known), ""):
+        return found
+    long = tuple(k for k in known if len(k) >= 4)
+    return next((w for w in words if compound and long and (w.startswith(long) or w.endswith(long))), "")
 
 
 def meaning(name: str, si: str = "") -> Meaning:
@@ -90,7 +96,8 @@ def meaning(name: str, si: str = "") -> Meaning:
         words = []
     quantity, word, sure = _quantity(words, name)
     axis = next((w for w in words if w in _AXES and w != word), "")
-    wanted, estimated, injected = (_one_of(words, listed) for listed in (_WANTED, _ESTIMATED, _INJECTED))
+    wanted, injected = _one_of(words, _WANTED, True), _one_of(words, _INJECTED, True)
+    estimated = _one_of(words, _ESTIMATED)
     if si == "A" and quantity in ("", "output", "displacement", "voltage") and not injected:
         quantity, wanted = "current", wanted or (word if quantity == "output" else "")
     if si == "V" and quantity in ("", "output"):
@@ -120,10 +127,10 @@ def meaning(name: str, si: str = "") -> Meaning:
 
 def _quantity(words: list[str], name: str) -> tuple[str, str, float]:
     """The quantity that the words state, the word, and the confidence in it."""
-    for table, sure in ((_WORDS, 0.95), (_LETTERS, 0.75)):
+    for table, sure, compound in ((_WORDS, 0.95, False), (_LETTERS, 0.75, False), (_WORDS, 0.85, True)):
         for w in words:
             for quantity, listed in table.items():
-                if w in listed.split():
+                if _one_of([w], listed, compound):
                     # The states x1, x2, x3 of a model: only the first is known to be a position.
                     if w == "x" and re.search(r"x_?[2-9]$", name.lower()):
                         return "", "", 0.0

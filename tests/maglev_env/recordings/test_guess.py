@@ -1,0 +1,187 @@
+"""Guesses about columns, rate, excitation and controller, each from made-up signals."""
+
+import numpy as np
+import pytest
+from scipy.signal import chirp, lfilter
+
+from maglev_env.loop.gains import Gains, state_space
+from maglev_env.recordings.contents import Contents
+from maglev_env.recordings.guess.columns import guess_columns
+from maglev_env.recordings.guess.controller import fit_controller
+from maglev_env.recordings.guess.excitation import guess_excitation
+from maglev_env.recordings.guess.rate import guess_rate
+from maglev_env.recordings.guess.units import header_unit
+from maglev_env.recordings.guess.words import meaning
+
+RATE = 1000.0
+N = 8000
+T = np.arange(N) / RATE
+RNG = np.random.default_rng(7)
+SLOW = lfilter([0.02], [1, -0.98], RNG.standard_normal(N))  # a displacement of no particular kind
+
+
+@pytest.mark.parametrize(
+    ("header", "name", "si", "scale"),
+    [
+        ("pos [mm]", "pos", "m", 1e-3),
+        ("i (A)", "i", "A", 1.0),
+        ("gap_um", "gap", "m", 1e-6),
+        ("Weg / mm", "Weg", "m", 1e-3),
+        ("Strom in mA", "Strom", "A", 1e-3),
+        ("F_N", "F", "N", 1.0),
+        ("Position in µm", "Position", "m", 1e-6),
+        ("Time, s", "Time", "s", 1.0),
+        ("speed [rpm]", "speed", "rad/s", np.pi / 30),
+    ],
+)
+def test_units_stand_in_headers_in_many_ways(header, name, si, scale):
+    found, unit = header_unit(header)
+    assert (found, unit.si, unit.scale) == (name, si, pytest.approx(scale))
+
+
+@pytest.mark.parametrize("header", ["y_m", "y_s", "x1", "t", "dy_obs", "i_ref"])
+def test_an_index_is_no_unit(header):
+    assert header_unit(header) == (header, None)
+
+
+NAMES = {
+    "time": "t time Zeit tiempo timestamp",
+    "displacement": "y x1 pos gap Weg posicion Auslenkung displacement Luftspalt rotorPosition",
+    "current": "i current Strom corriente i_coil Iststrom iMeas coil_current",
+    "command": "i_ref iref_A command Sollstrom i_soll currentCommand u cmd Stellgröße",
+    "reference": "ref yd setpoint Sollwert y_ref r referencia w",
+    "force": "F force Kraft fuerza",
+    "injection": "inj dither excitation Anregung i_inj Störgröße",
+    "gap_estimate": "y_obs y_hat",
+    "velocity": "v dy_obs velocity Geschwindigkeit x_dot_vel",
+    None: "c1 column2 Spalte3 x2 foo [4]",
+}
+
+
+@pytest.mark.parametrize(("channel", "name"), [(c, n) for c, names in NAMES.items() for n in names.split()])
+def test_names_of_several_languages_and_laboratories(channel, name):
+    assert meaning(*header_unit(name)[:1]).channel == channel
+
+
+def test_a_unit_settles_what_a_name_leaves_open():
+    assert meaning("u", "V").channel == "voltage" and meaning("u", "A").channel == "command"
+    assert meaning("ref", "A").channel in ("command", "reference") and meaning("noise", "N").channel == "force"
+
+
+def columns(**values):
+    return {
+        c.column: c for c in guess_columns(Contents({n: np.asarray(v, float) for n, v in values.items()}, {}, {}, ()))
+    }
+
+
+def test_columns_without_names_go_by_what_they_do():
+    wanted = 5e-3 + 1e-3 * (np.floor(T) % 2)
+    command = 0.5 + 40 * (SLOW * 1e-3)
+    current = lfilter([0.3], [1, -0.7], command - 0.5) + 0.5
+    found = columns(
+        **{"[0]": T, "[1]": wanted, "[2]": 5e-3 + SLOW * 1e-4, "[3]": command, "[4]": current, "[5]": T * 0 + 2}
+    )
+    assert [c.channel for c in found.values()] == ["time", "reference", "displacement", "command", "current", ""]
+    assert all(c.ask for c in found.values() if c.channel not in ("time", ""))  # nothing of it is taken silently
+
+
+def test_a_column_called_time_that_jumps_back_is_none():
+    found = columns(t=np.r_[T[: N // 2], T[: N // 2]], y=SLOW)
+    assert found["t"].channel == "" and "does not rise" in found["t"].reason
+
+
+def test_two_of_a_kind_are_asked_for_and_one_is_taken():
+    found = columns(t=T, y=SLOW, pos=SLOW + 0.1)
+    assert [c.channel for c in found.values()].count("displacement") == 1
+
+
+def test_x_and_y_are_axes_where_both_are_there():
+    found = columns(t=T, pos_x=SLOW, pos_y=SLOW[::-1], i_x=SLOW * 3, i_y=SLOW[::-1] * 3)
+    assert {c.channel for c in found.values()} == {"time", "displacement_x", "displacement_y", "current_x", "current_y"}
+
+
+def test_a_voltage_called_u_is_no_command():
+    found = columns(t=T, y=SLOW, i=SLOW, u=10 * RNG.standard_normal(N))
+    assert found["u"].channel == "voltage" and found["u"].ask
+
+
+@pytest.mark.parametrize(("size", "scale"), [(1e-3, 1.0), (2.0, 1e-3), (300.0, 1e-6)])
+def test_a_length_without_unit_is_scaled_by_its_size_and_asked_for(size, scale):
+    (y,) = columns(y=size * SLOW / np.abs(SLOW).max()).values()
+    assert y.scale == scale and "unit" in y.ask
+
+
+def test_rate_from_time_from_a_number_or_unknown():
+    jittered = T + RNG.uniform(-2e-5, 2e-5, N)
+    found = guess_rate(jittered, 1.0, {})
+    assert found.value == pytest.approx(RATE, rel=1e-4) and "jitter" in found.reason
+    assert guess_rate(T * 1e3, 1e-3, {}).value == RATE
+    assert guess_rate(None, 1.0, {"run.fs": 500.0}).value == 500.0
+    assert guess_rate(None, 1.0, {"Capture.SamplingPeriod": 5e-5}).value == 20000.0
+    assert guess_rate(None, 1.0, {}).ask and guess_rate(np.arange(100.0), 1.0, {}).value is None
+
+
+def test_a_multisine_is_found_with_its_lines_under_noise():
+    lines = [2, 3, 5, 9, 14, 30]
+    wave = sum(np.cos(2 * np.pi * (4 * k * T + k * k / 7)) for k in lines)
+    (table,), why = guess_excitation({"injection": wave, "displacement": SLOW}, RATE)
+    assert (table["kind"], table["at"], table["fundamental"], table["lines"]) == ("multisine", "current", 4.0, lines)
+    assert "250 samples" in why.reason
+    (table,), _ = guess_excitation({"force": wave + 0.05 * RNG.standard_normal(N)}, RATE)
+    assert table["lines"] == lines and table["at"] == "force"
+
+
+SIGNALS = {
+    "noise": RNG.standard_normal(N),
+    "chirp": chirp(T, 1.0, T[-1], 100.0),
+    "steps": np.repeat(RNG.uniform(-1, 1, 8), N // 8),
+}
+
+
+@pytest.mark.parametrize("kind", SIGNALS)
+def test_what_does_not_repeat_is_said_in_words(kind):
+    tables, why = guess_excitation({"reference": SIGNALS[kind], "displacement": SLOW}, RATE)
+    assert tables == [{"kind": "recorded", "at": "reference"}] and why.value == kind
+
+
+def test_one_sine_and_hover():
+    (table,), why = guess_excitation({"reference": np.sin(2 * np.pi * 5 * T), "displacement": SLOW}, RATE)
+    assert table["lines"] == [1] and table["fundamental"] == 5.0 and "one sine of 5 Hz" in why.reason
+    tables, why = guess_excitation({"reference": np.full(N, 3e-3), "displacement": SLOW}, RATE)
+    assert tables == [{"kind": "none"}] and why.ask
+
+
+GAINS = Gains(8000.0, 2000.0, 5.2, 4e-3, 0.3)
+
+
+def commanded(error: np.ndarray, rounded: float = 0.0) -> np.ndarray:
+    a, b, c, d = state_space(GAINS, 1 / RATE)
+    state, out = np.zeros(2), []
+    for e in error:
+        out.append(c @ state + d * e)
+        state = a @ state + b * e
+    return np.round(np.array(out) / rounded) * rounded if rounded else np.array(out)
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+def test_a_pid_is_told_from_its_command_to_the_converters_step(sign):
+    y, wanted = sign * 1e-4 * SLOW, np.where(T > 4, 1e-5, 0.0)
+    fit = fit_controller(y, commanded(sign * (wanted - y), 1e-3) + 0.01, RATE, reference=wanted)
+    assert fit.exact and fit.late == 0 and np.sign(fit.gains.kp) == sign
+    for name in ("kp", "ki", "kd", "td", "ti"):
+        expected = getattr(GAINS, name) * (sign if name[0] == "k" else 1)
+        assert getattr(fit.gains, name) == pytest.approx(expected, rel=0.05)
+
+
+def test_an_injection_that_is_recorded_is_taken_off_and_one_that_is_not_spoils_the_fit():
+    y, w = 1e-4 * SLOW, 0.1 * RNG.standard_normal(N)
+    command = commanded(-y) + w
+    assert fit_controller(y, command, RATE, injection=w).exact
+    assert not fit_controller(y, command, RATE).exact
+    assert fit_controller(y, np.zeros(N), RATE) is None
+
+
+def test_a_controller_that_answers_a_sample_late_is_said_to():
+    y = 1e-4 * SLOW
+    fit = fit_controller(y, np.r_[0.0, commanded(-y)[:-1]], RATE)
+    assert fit.exact and fit.late == 1

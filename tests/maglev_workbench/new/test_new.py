@@ -1,0 +1,133 @@
+"""`maglev new`: files of other programs become a campaign that `maglev check` takes."""
+
+import json
+import shutil
+import tomllib
+from pathlib import Path
+
+import numpy as np
+import pytest
+from campaigns import planned
+from command_line import maglev
+from foreign_files import LAYOUTS
+
+from maglev_env.kernel.simulate import simulate_records
+from maglev_env.recordings.campaign import load_campaign
+from maglev_env.recordings.guess.recording import guess_recording
+from maglev_env.recordings.recording import read_recording, simulated_recording
+from maglev_env.rig.rig import load_rig
+
+RATE, FUNDAMENTAL = 20000.0, 4.0
+
+
+@pytest.fixture(scope="module")
+def record() -> dict[str, np.ndarray]:
+    experiment = planned(load_rig("hmb_free"), names=("base",))[0].experiment
+    dataset = simulated_recording(experiment, simulate_records([experiment])[0])
+    return {"time": dataset.time.values, **{str(n): dataset[n].values for n in dataset.data_vars}}
+
+
+@pytest.fixture(scope="module")
+def foreign(record, tmp_path_factory) -> dict[str, Path]:
+    """Every layout in one folder."""
+    folder = tmp_path_factory.mktemp("foreign")
+    return {layout.__name__: layout(folder, record) for layout in LAYOUTS}
+
+
+@pytest.mark.parametrize("layout", [f.__name__ for f in LAYOUTS])
+def test_every_layout_is_read_as_what_it_is(foreign, record, layout):
+    guess = guess_recording(foreign[layout], rate=RATE if layout == "timeless" else None)
+    stored = {"displacement", "command", "current"} | ({"force", "injection"} if layout != "headerless" else set())
+    assert stored == set(guess.channels) - {"time"}
+    assert guess.rate.value == RATE
+    for name in stored:
+        column = guess.channels[name]
+        raw = _column(foreign[layout], column.column) * column.scale
+        np.testing.assert_allclose(raw, record[name], rtol=1e-5, atol=1e-9 + 1e-6 * (name != "displacement"))
+    if layout == "headerless":  # what was injected is not in the file: neither it nor the controller can be told
+        assert guess.excitation.value == "none" and guess.gains is None and guess.excitation.ask
+    else:
+        assert {e["at"] for e in guess.excitations} == {"current", "force"}
+        assert {e["fundamental"] for e in guess.excitations} == {FUNDAMENTAL}
+        assert guess.gains["kp"] == pytest.approx(8000.0, rel=1e-3) and guess.gains["kd"] == pytest.approx(
+            5.2, rel=1e-3
+        )
+    assert all(g.reason for g in guess.guesses)
+
+
+def _column(file: Path, name: str) -> np.ndarray:
+    from maglev_env.recordings.files import read_columns
+
+    return read_columns(file).column(name)
+
+
+@pytest.mark.slow
+def test_check_runs_on_what_new_wrote_after_one_edit_that_a_comment_asks_for(foreign, tmp_path):
+    folder = tmp_path / "all"
+    shutil.copytree(next(iter(foreign.values())).parent, folder)
+    text = maglev("new", folder, "--json", tmp_path / "new.json")
+    assert "next maglev check" in text
+    target = folder / "campaign.toml"
+    written = target.read_text()
+    assert written.count("sample_rate = 0.0") == 1  # of the file without time; a comment above it asks
+    before = written[: written.index("sample_rate = 0.0")].splitlines()
+    assert any("please state: sample rate in Hz" in line for line in before[-3:])
+    assert "timeless.csv" in maglev("check", folder, code=2)
+    target.write_text(written.replace("sample_rate = 0.0", "sample_rate = 20000.0"))
+    maglev("check", folder, "--json", tmp_path / "check.json")
+    checked = json.loads((tmp_path / "check.json").read_text())
+    assert len(checked["recordings"]) == len(LAYOUTS) - 1 and len(checked["without_excitation"]) == 1
+    assert all(r["can"]["stiffness and damping"] == "yes" for r in checked["recordings"])
+    guesses = json.loads((tmp_path / "new.json").read_text())["recordings"]
+    assert all(0 <= g["confidence"] <= 1 and g["reason"] for r in guesses for g in r["guesses"])
+    assert tomllib.loads((folder / "rig.toml").read_text())["gains"]["kp"] == pytest.approx(8000.0, rel=1e-3)
+
+
+def test_every_guess_stands_in_the_campaign_with_its_evidence(foreign, tmp_path):
+    maglev("new", foreign["csv_units"], "--out", tmp_path / "c", "--mass", 0.08, "--rig", "hmb_free")
+    written = (tmp_path / "c" / "campaign.toml").read_text()
+    assert "20000 Hz: mean step of column Time" in written and 'called "Gap sensor" in um' in written
+    campaign = load_campaign(tmp_path / "c")
+    assert campaign.mass == 0.08 and campaign.rig.name == "hmb_free"
+    dataset = read_recording(campaign, campaign.recordings[0])
+    assert {"displacement", "force", "injection"} <= set(dataset.data_vars)
+    assert (tmp_path / "c" / "units.csv").exists() and not (tmp_path / "c" / "rig.toml").exists()
+
+
+def test_nothing_is_overwritten_without_force(foreign, tmp_path):
+    target = tmp_path / "campaign.toml"
+    target.write_text("mine")
+    (tmp_path / "rig.toml").write_text("mine too")
+    shutil.copy(foreign["npz"], tmp_path)
+    assert "--force" in maglev("new", tmp_path, code=2) and target.read_text() == "mine"
+    target.unlink()
+    maglev("new", tmp_path)
+    assert (tmp_path / "rig.toml").read_text() == "mine too"
+    maglev("new", tmp_path, "--force", "--magnet", "electromagnet")
+    assert 'magnet = "electromagnet"' in (tmp_path / "rig.toml").read_text()
+
+
+def test_a_file_that_cannot_be_read_is_left_out_and_named(foreign, tmp_path):
+    shutil.copy(foreign["npz"], tmp_path / "good.npz")
+    (tmp_path / "bad.mat").write_bytes(b"not a file of MATLAB")
+    text = maglev("new", tmp_path)
+    assert "left out" in text and "bad.mat" in text
+    assert [r.file for r in load_campaign(tmp_path).recordings] == ["good.npz"]
+
+
+def test_names_in_a_file_cannot_write_into_the_campaign(tmp_path, record):
+    rows = np.column_stack([record["time"], record["displacement"], record["force"]])[:2000]
+    header = '"t","y""]\nrole = ""holdout","F\t[N]"'
+    text = header + "\n" + "\n".join(",".join(f"{v:.9g}" for v in row) for row in rows)
+    (tmp_path / "odd.csv").write_text(text.replace("\nrole", " role"))
+    maglev("new", tmp_path)
+    assert load_campaign(tmp_path).recordings[0].role == "fit"
+
+
+def test_check_and_estimate_take_one_bare_file(foreign, tmp_path):
+    file = shutil.copy(foreign["semicolon"], tmp_path)
+    text = maglev("check", file)
+    assert "guess: sample_rate" in text and "stiffness and damping" in text
+    text = maglev("estimate", file, "--mass", 0.0801, "--band-width", 80, "--band-overlap", 40, "--method", "ml")
+    assert "guess:" in text and "stiffness" in text
+    assert "--rate" in maglev("check", shutil.copy(foreign["timeless"], tmp_path), code=2)
