@@ -15,12 +15,12 @@ _SMALL = 1e-6  # of a channel's largest value: below it a channel does not move
 Table = dict[str, Any]
 
 
-def guess_excitation(channels: Mapping[str, np.ndarray], rate: float) -> tuple[list[Table], Guess]:
+def guess_excitation(channels: Mapping[str, np.ndarray], rate: float | None) -> tuple[list[Table], Guess]:
     """The excitation tables of a recording.
 
     Args:
         channels: channel -> values (samples,) in SI.
-        rate: sample rate, Hz.
+        rate: sample rate, Hz; None where it is not known: periods are then stated in samples.
 
     Returns:
         Tables as [[recording.excitation]] takes them, and the evidence. Where nothing that is recorded excites, one
@@ -51,7 +51,9 @@ def _common_period(moving: Mapping[tuple[str, str], np.ndarray]) -> tuple[int, s
     return max(found, default=(0, ""))
 
 
-def _periodic(moving: Mapping[tuple[str, str], np.ndarray], period: int, rate: float) -> tuple[list[Table], list[str]]:
+def _periodic(
+    moving: Mapping[tuple[str, str], np.ndarray], period: int, rate: float | None
+) -> tuple[list[Table], list[str]]:
     """A table for every channel with lines of its own."""
     taken: set[int] = set()
     tables, words = [], []
@@ -67,38 +69,36 @@ def _periodic(moving: Mapping[tuple[str, str], np.ndarray], period: int, rate: f
             continue
         taken |= set(own)
         tables.append(_table(place, name, own, lines, period, rate))
-        words.append(_in_words(name, own, rate / period, lines))
+        words.append(_in_words(name, own, rate and rate / period, lines))
     return tables, words
 
 
-def _table(place: str, name: str, own: tuple[int, ...], lines: Lines, period: int, rate: float) -> Table:
+def _table(place: str, name: str, own: tuple[int, ...], lines: Lines, period: int, rate: float | None) -> Table:
     whole = own == tuple(range(own[0], own[-1] + 1)) and len(own) > 1
     return {
         # The phases are not used where the channel is recorded: of the multisines this one claims nothing of them.
         "kind": "multisine",
         "at": place,
         **({"direction": 90.0} if name.endswith("_y") else {}),
-        "fundamental": rate / period,
+        **({"fundamental": rate / period} if rate else {"period_samples": period}),
         **({"harmonics": [own[0], own[-1]]} if whole else {"lines": list(own)}),
         "amplitude": float(f"{lines.peak:.4g}"),
     }
 
 
-def _in_words(name: str, own: tuple[int, ...], fundamental: float, lines: Lines) -> str:
+def _in_words(name: str, own: tuple[int, ...], fundamental: float | None, lines: Lines) -> str:
+    in_hertz = (lambda k: f"{k * fundamental:.6g} Hz") if fundamental else (lambda k: f"{k} per period")
     if len(own) == 1:
-        return f"{name} is one sine of {own[0] * fundamental:.6g} Hz, peak {lines.peak:.3g}"
+        return f"{name} is one sine of {in_hertz(own[0])}, peak {lines.peak:.3g}"
     steps = np.unique(np.diff(own))
     every = (
         f", every {steps[0]}" if steps.size == 1 and steps[0] > 1 else "" if steps.size == 1 else ", not all of them"
     )
-    return (
-        f"{name} has {len(own)} lines from {own[0] * fundamental:.6g} to {own[-1] * fundamental:.6g} Hz{every}, "
-        f"{lines.periods} periods"
-    )
+    return f"{name} has {len(own)} lines from {in_hertz(own[0])} to {in_hertz(own[-1])}{every}, {lines.periods} periods"
 
 
 def _aperiodic(
-    moving: Mapping[tuple[str, str], np.ndarray], channels: Mapping[str, np.ndarray], rate: float
+    moving: Mapping[tuple[str, str], np.ndarray], channels: Mapping[str, np.ndarray], rate: float | None
 ) -> tuple[list[Table], Guess]:
     shapes = {key: shape_of(values, rate) for key, values in moving.items()}
     for wanted in ("noise", "chirp", "steps", "other"):
@@ -112,7 +112,9 @@ def _aperiodic(
     if moved is None or not _moves(moved):
         return hover, Guess("excitation", "none", known, OPEN, "what excited the rotor, if anything")
     if found := period_of(moved):
-        hint = f"{known}; the displacement repeats every {found[0]} samples, {rate / found[0]:.6g} Hz"
+        hint = f"{known}; the displacement repeats every {found[0]} samples" + (
+            f", {rate / found[0]:.6g} Hz" if rate else ""
+        )
     else:
         shape, why = shape_of(moved, rate)
         hint = f"{known}; the displacement is {shape}: {why}"

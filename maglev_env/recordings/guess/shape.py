@@ -11,12 +11,12 @@ _BROAD = 0.05  # flatness of a spectrum that makes it noise
 _REST = 0.02  # rms of the second half over that of the first, or the reverse, of a signal that only settles
 
 
-def shape_of(values: np.ndarray, rate: float) -> tuple[str, str]:
+def shape_of(values: np.ndarray, rate: float | None) -> tuple[str, str]:
     """The kind of an aperiodic signal.
 
     Args:
         values: the signal (samples,).
-        rate: its sample rate, Hz.
+        rate: its sample rate, Hz; None where it is not known.
 
     Returns:
         One of "constant", "steps", "chirp", "noise", "other", and the evidence in words.
@@ -26,15 +26,18 @@ def shape_of(values: np.ndarray, rate: float) -> tuple[str, str]:
     if count := steps_in(values):
         levels = np.unique(values).size
         return "steps", f"{count} changes between {levels} levels, constant between them"
+    unit = "Hz" if rate else "cycles a sample"
     length = max(16, values.size // _SEGMENTS)
-    frequency, _, power = spectrogram(values - values.mean(), rate, nperseg=length, noverlap=0, detrend="constant")
+    frequency, _, power = spectrogram(
+        values - values.mean(), rate or 1.0, nperseg=length, noverlap=0, detrend="constant"
+    )
     strongest = power.argmax(axis=0)
     near = np.abs(np.arange(len(frequency))[:, None] - strongest) <= 2
     tonal = (power * near).sum(axis=0) / np.maximum(power.sum(axis=0), 1e-300)
     track = frequency[strongest]
     trend = correlation(track, np.arange(track.size, dtype=float))
     if np.median(tonal) > _NARROW and abs(trend) > 0.85 and track.max() > 2 * max(track.min(), frequency[1]):
-        return "chirp", f"one tone that moves from {track[0]:.3g} to {track[-1]:.3g} Hz"
+        return "chirp", f"one tone that moves from {track[0]:.3g} to {track[-1]:.3g} {unit}"
     mean = power.mean(axis=1)[1:]
     flat = float(np.exp(np.mean(np.log(np.maximum(mean, 1e-300)))) / mean.mean())
     if flat > _BROAD:

@@ -38,8 +38,8 @@ _WANTED = (
 )
 _ESTIMATED = "hat obs observer est estimate estimated estimado schaetz schaetzwert geschaetzt observador"
 _INJECTED = (
-    "inj injection injected injektion dither exc excitation anregung stoerung stoergroesse disturbance perturbation noise rauschen "
-    "chirp sweep multisine testsignal excitacion"
+    "inj injection injected injektion dither exc excitation anregung stoerung stoergroesse disturbance perturbation "
+    "noise rauschen chirp sweep multisine testsignal excitacion"
 )
 _GLUED = re.compile("^([iyxzhuf])(ref|soll|cmd|set|des|obs|hat|est|meas|mess|ist|act|inj)$")  # a letter with a word
 _AXES = ("x", "y", "z")
