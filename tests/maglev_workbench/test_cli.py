@@ -108,7 +108,8 @@ def test_one_file_can_be_looked_at_without_a_campaign(campaign, tmp_path):
     maglev("estimate", campaign, "--band-width", 60, "--json", tmp_path / "c.json", "--method", "ml")
     one, two = (json.loads((tmp_path / f"{n}.json").read_text())["recordings"][0]["bands"] for n in "oc")
     assert [b["stiffness"] for b in one][:3] == pytest.approx([b["stiffness"] for b in two][:3], rel=1e-3)
-    assert "sample rate" in maglev("estimate", file, "--mass", 0.5, code=2)
+    assert "sample rate" in maglev("estimate", file, "--mass", 0.5, "--lines", "1:40", code=2)
+    assert "guess: sample_rate: 20000 Hz" in maglev("estimate", file, "--mass", 0.5)
     assert "force" in maglev("estimate", file, *common, "--mass", 0.5, "--force", "F", code=2)
 
 

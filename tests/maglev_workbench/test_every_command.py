@@ -31,6 +31,7 @@ displacement = { from = "y" }
 NEEDED = {
     "estimate": ["good"],
     "check": ["good"],
+    "new": ["good"],
     "diagnose": ["good"],
     "selfsense estimate": ["good"],
     "blind generate": ["--seed", "1", "--out", "set"],
@@ -48,7 +49,7 @@ WRITTEN = ("json_file", "docs", "picture")  # files, beside `out`
 READ = ("source", "campaign", "folder", "twin", "compare", "init", "policy")  # files and folders that must be there
 RIGS = ("rig", "rotor")
 CHOICES = ("protocol", "method", "methods", "sensor", "data_format", "by", "effect", "scheduler", "item", "tuned")
-CHOICES += ("kind",)
+CHOICES += ("kind", "magnet")
 
 
 def walk(command: Any, path: tuple[str, ...] = ()) -> Iterator[tuple[str, Any]]:

@@ -18,7 +18,9 @@ def new(
     ],
     rate: Annotated[float | None, typer.Option(help="Sample rate, Hz, where a file does not tell it.")] = None,
     mass: Annotated[float | None, typer.Option(help="Moving mass, kg.")] = None,
-    rig: Annotated[str | None, typer.Option(help="Preset that the rig is; without it a rig.toml skeleton.")] = None,
+    rig: Annotated[
+        str | None, typer.Option(help="Preset or rig TOML of the rig; without it a rig.toml skeleton is written.")
+    ] = None,
     magnet: Annotated[str | None, typer.Option(help="Magnet kind of the rig.toml skeleton.")] = None,
     force: Annotated[bool, typer.Option("--force", help="Overwrite campaign.toml and rig.toml.")] = False,
     out: Annotated[
@@ -41,7 +43,7 @@ def new(
     from maglev_env.rig.rig import load_rig
     from maglev_workbench.commands.new import questions
     from maglev_workbench.commands.new.campaign_text import PLEASE, campaign_text
-    from maglev_workbench.commands.new.files import bring, campaign_folder, data_files
+    from maglev_workbench.commands.new.files import bring, campaign_folder, data_files, rig_beside
     from maglev_workbench.commands.new.rig_text import rig_text
     from maglev_workbench.commands.new.stated import Stated
     from maglev_workbench.console import console, write_json
@@ -72,6 +74,7 @@ def new(
         raise ValueError(next(iter(refused.values())))
     stated = questions.ask_rig(stated) if asking else stated
     inside, copied = bring([f for f in files if f not in refused], folder)
+    stated = replace(stated, rig=None if rig is None else rig_beside(rig, folder))
     names = [f.resolve().relative_to(folder.resolve()).as_posix() for f in inside]
     guesses = [verified(replace(g, file=name), folder) for g, name in zip(guesses, names, strict=True)]
 
@@ -88,7 +91,7 @@ def new(
     for message in refused.values():
         console.print(f"  [yellow]![/] left out: {escape(message)}")
     known = next((g for g in guesses if g.gains), None)
-    if rig is None:
+    if stated.rig is None:
         skeleton = folder / "rig.toml"
         if force or not skeleton.exists():
             text = rig_text(stated, known.gains if known else None, known.rate.value if known else None)

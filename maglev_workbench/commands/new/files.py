@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from maglev_env.recordings.files import SUFFIXES, atomic_file
+from maglev_env.rig.rig import PRESETS
 
 
 def data_files(sources: Sequence[Path]) -> list[Path]:
@@ -39,6 +40,18 @@ def campaign_folder(files: Sequence[Path], out: Path | None) -> Path:
     if len(folders) > 1:
         raise ValueError("the files lie in several folders; name the campaign's folder: --out FOLDER")
     return files[0].parent
+
+
+def rig_beside(rig: str, folder: Path) -> str:
+    """A rig as campaign.toml names it: a preset, or a TOML in the folder, to which one from elsewhere is copied.
+
+    Raises:
+        ValueError: another file of that name is there.
+    """
+    if rig in PRESETS:
+        return rig
+    inside, _ = bring([Path(rig)], folder)
+    return inside[0].resolve().relative_to(folder.resolve()).as_posix()
 
 
 def bring(files: Sequence[Path], folder: Path) -> tuple[list[Path], list[Path]]:
