@@ -41,7 +41,7 @@ def derivative_of(values: np.ndarray, others: dict[str, np.ndarray]) -> tuple[st
     """The column whose slope these values follow, with the correlation; "" where none is."""
     # The slope of a smooth signal only: differences of a noisy one are noise.
     found = {name: abs(correlation(values, np.gradient(_smooth(other)))) for name, other in others.items()}
-    best = max(found, key=found.get, default="")
+    best = max(found, key=lambda name: found[name], default="")
     return (best, found[best]) if best and found[best] >= _DERIVATIVE else ("", 0.0)
 
 

@@ -74,14 +74,15 @@ def _periodic(
 
 
 def _table(place: str, name: str, own: tuple[int, ...], lines: Lines, period: int, rate: float | None) -> Table:
-    whole = own == tuple(range(own[0], own[-1] + 1)) and len(own) > 1
+    first, last = own[0], own[-1]
+    whole = first < last == first + len(own) - 1
     return {
         # The phases are not used where the channel is recorded: of the multisines this one claims nothing of them.
         "kind": "multisine",
         "at": place,
         **({"direction": 90.0} if name.endswith("_y") else {}),
         **({"fundamental": rate / period} if rate else {"period_samples": period}),
-        **({"harmonics": [own[0], own[-1]]} if whole else {"lines": list(own)}),
+        **({"harmonics": [first, last]} if whole else {"lines": list(own)}),
         "amplitude": float(f"{lines.peak:.4g}"),
     }
 

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
-import scipy.fft
+from scipy.fft import next_fast_len
 
 _MOST = 1 << 20  # samples that are looked at
 _LEAST = 0.8  # correlation of a signal with itself one period later
@@ -43,9 +43,9 @@ def period_of(values: np.ndarray) -> tuple[int, float] | None:
     n, power = values.size, float(values @ values)
     if n < 16 or not power > 0:
         return None
-    size = scipy.fft.next_fast_len(2 * n, real=True)
-    spectrum = scipy.fft.rfft(values, size)
-    products = scipy.fft.irfft(np.abs(spectrum) ** 2, size)[: n // 2 + 1]
+    size = next_fast_len(2 * n, real=True)
+    spectrum = np.fft.rfft(values, size)
+    products = np.fft.irfft(np.abs(spectrum) ** 2, size)[: n // 2 + 1]
     # The powers of both overlapping parts, so that a stretch of rest at one end does not look like a repetition.
     running = np.concatenate([[0.0], np.cumsum(values**2)])
     lags = np.arange(n // 2 + 1)
@@ -79,7 +79,7 @@ def lines_of(values: np.ndarray, period: int) -> Lines:
     count = values.size // period
     whole = values[values.size - count * period :].reshape(count, period)
     steady = whole[1:] if count > 2 else whole
-    spectra = scipy.fft.rfft(steady, axis=1)[:, 1 : (period - 1) // 2 + 1] * (2 / period)
+    spectra = np.fft.rfft(steady, axis=1)[:, 1 : (period - 1) // 2 + 1] * (2 / period)
     amplitude = np.abs(spectra.mean(axis=0))
     noise = np.sqrt(spectra.var(axis=0, ddof=1) / len(steady)) if len(steady) > 1 else np.zeros_like(amplitude)
     strong = (amplitude > _SIGNIFICANT * noise) & (amplitude > _STRONG * amplitude.max())

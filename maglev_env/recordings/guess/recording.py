@@ -51,6 +51,11 @@ class RecordingGuess:
         return {c.channel: c for c in self.columns if c.channel}
 
     @property
+    def labels(self) -> list[str]:
+        """What the file calls its columns."""
+        return [c.label for c in self.columns]
+
+    @property
     def guesses(self) -> list[Guess]:
         """All guesses of this file."""
         columns = [Guess(f"column {c.column}", c.channel or None, c.reason, c.confidence, c.ask) for c in self.columns]

@@ -25,9 +25,9 @@ _LETTERS = {
     "displacement": "y x z h yl xl",
     "current": "i",
     "voltage": "uc ucoil",
-    "force": "f fx fy fz",
+    "force": "f",
     "velocity": "v dy dx dz vy vx",
-    "acceleration": "a ay ax",
+    "acceleration": "ay ax",
     "error": "e",
     "count": "n k",
     "output": "u",
@@ -41,7 +41,8 @@ _INJECTED = (
     "inj injection injected injektion dither exc excitation anregung stoerung stoergroesse disturbance perturbation "
     "noise rauschen chirp sweep multisine testsignal excitacion"
 )
-_GLUED = re.compile("^([iyxzhuf])(ref|soll|cmd|set|des|obs|hat|est|meas|mess|ist|act|inj)$")  # a letter with a word
+# A letter with a word or an axis: "iref", "iy".
+_GLUED = re.compile("^([iyxzhuf])(ref|soll|cmd|set|des|obs|hat|est|meas|mess|ist|act|inj)$|^([iuf])([xyz])$")
 _AXES = ("x", "y", "z")
 _PLACEHOLDER = re.compile(r"(c|col|column|columna|spalte|kanal|channel|ch|var|unnamed:?|data|values?)?[_ ]?\d*")
 _WITHOUT_MEANING = {"data", "value", "values", "signals", "signal", "out", "in", "model", "root", "y1", "mess", "meas"}
@@ -69,7 +70,7 @@ def plain_words(name: str) -> list[str]:
     name = re.sub("[äÄ]", "ae", re.sub("[öÖ]", "oe", re.sub("[üÜ]", "ue", name.replace("ß", "ss"))))
     name = unicodedata.normalize("NFKD", name).encode("ascii", "ignore").decode()
     name = re.sub(r"([a-z])([A-Z])", r"\1 \2", name)
-    return " ".join(_GLUED.sub(r"\1 \2", w) for w in re.split(r"[^a-z]+", name.lower())).split()
+    return " ".join(_GLUED.sub(r"\1\3 \2\4", w) for w in re.split(r"[^a-z]+", name.lower())).split()
 
 
 def _one_of(words: list[str], listed: str, compound: bool = False) -> str:

@@ -67,6 +67,8 @@ def new(
             guess = guess_recording(file, rate=rate)
             if asking and guess.rate.value is None and (told := questions.ask_rate(file.name)):
                 guess = guess_recording(file, rate=told)
+            if not guess.channels:
+                raise ValueError(f"{file}: no column is known by name or behaviour: {', '.join(guess.labels)}")
             guesses.append(questions.ask_units(guess) if asking else guess)
         except ValueError as error:
             refused[file] = str(error)

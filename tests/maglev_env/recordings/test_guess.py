@@ -185,3 +185,9 @@ def test_a_controller_that_answers_a_sample_late_is_said_to():
     y = 1e-4 * SLOW
     fit = fit_controller(y, np.r_[0.0, commanded(-y)[:-1]], RATE)
     assert fit.exact and fit.late == 1
+
+
+def test_parts_that_a_controller_has_not_get_no_gains():
+    y = 1e-4 * SLOW
+    fit = fit_controller(y, np.round(-250 * y, 5), RATE)
+    assert fit.exact and (fit.gains.ki, fit.gains.kd) == (0.0, 0.0) and fit.gains.kp == pytest.approx(250.0, rel=1e-3)
