@@ -7,6 +7,7 @@ from dataclasses import replace
 import typer
 
 from maglev_env.loop.magnets.kinds import MAGNETS
+from maglev_env.recordings.guess.columns import ColumnGuess
 from maglev_env.recordings.guess.recording import RecordingGuess
 from maglev_env.recordings.guess.units import known_unit
 from maglev_workbench.commands.new.stated import Stated
@@ -42,7 +43,7 @@ def ask_units(guess: RecordingGuess) -> RecordingGuess:
     return replace(guess, columns=tuple(_asked(c) for c in guess.columns))
 
 
-def _asked(column):
+def _asked(column: ColumnGuess) -> ColumnGuess:
     if not column.channel or "unit of this column" not in column.ask:
         return column
     answer = typer.prompt(
@@ -61,9 +62,12 @@ def _asked(column):
 def _positive(answer: str, what: str) -> float | None:
     if not answer:
         return None
-    value = float(answer)
+    try:
+        value = float(answer)
+    except ValueError:
+        value = 0.0
     if not value > 0:
-        raise ValueError(f"{what} = {answer} must be positive")
+        raise ValueError(f"{what} = {answer} must be a positive number")
     return value
 
 

@@ -10,12 +10,15 @@ import pytest
 from campaigns import planned
 from command_line import maglev
 from foreign_files import LAYOUTS
+from typer.testing import CliRunner
 
 from maglev_env.kernel.simulate import simulate_records
 from maglev_env.recordings.campaign import load_campaign
 from maglev_env.recordings.guess.recording import guess_recording
 from maglev_env.recordings.recording import read_recording, simulated_recording
 from maglev_env.rig.rig import load_rig
+from maglev_workbench.cli import app
+from maglev_workbench.commands.new import questions
 
 RATE, FUNDAMENTAL = 20000.0, 4.0
 
@@ -114,6 +117,22 @@ def test_a_file_that_cannot_be_read_is_left_out_and_named(foreign, tmp_path):
     text = maglev("new", tmp_path)
     assert "left out" in text and "bad.mat" in text
     assert [r.file for r in load_campaign(tmp_path).recordings] == ["good.npz"]
+
+
+@pytest.mark.parametrize(
+    ("layout", "answers"),
+    [("timeless", ["20000", "0.08", "electromagnet"]), ("npz", [*["", "mA", "", "", ""], "", ""])],
+)
+def test_a_terminal_is_asked_what_the_file_does_not_tell(foreign, tmp_path, monkeypatch, layout, answers):
+    monkeypatch.setattr(questions, "interactive", lambda: True)
+    file = shutil.copy(foreign[layout], tmp_path)
+    result = CliRunner().invoke(app, ["new", str(file)], input="\n".join(answers) + "\n")
+    assert result.exit_code == 0, result.output
+    campaign = load_campaign(tmp_path)
+    assert campaign.recordings[0].sample_rate == RATE
+    assert campaign.mass == (0.08 if layout == "timeless" else None)
+    if layout == "npz":  # columns in the file's order: x, i_ref, ...
+        assert campaign.recordings[0].channels["command"].scale == 1e-3
 
 
 def test_names_in_a_file_cannot_write_into_the_campaign(tmp_path, record):
