@@ -1,0 +1,150 @@
+"""Windows of DFT lines: how a record of any shape is compared with a simulation of it.
+
+The discrete Fourier transform of a whole record, without a taper, is a response times its excitation plus a transient:
+what runs into the record less what runs out of it. The transient and slow drift are smooth over a narrow window of
+lines, so a quadratic in the line number is projected out of every window. What is left of a residual (measured less
+simulated) is then noise, whose variance is the scatter about a local polynomial model of the same window (Schoukens,
+Vandersypen, Barbe and Pintelon, European Journal of Control 15, 2009), pooled over neighbouring windows.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import scipy.fft
+
+WIDTH = 21  # lines of a window
+TERMS = 3  # of the polynomial that stands for transient and drift
+POOLED = 5  # windows whose noise is pooled
+_RANK = 1e-6  # share of the strongest direction below which the excitation of a window adds no direction of its own
+
+
+@dataclass(frozen=True)
+class LineWindows:
+    """Adjoining windows of WIDTH lines of a record.
+
+    Args:
+        samples: length of the record.
+        sample_rate: in Hz.
+        first: number of the first line of the first window (1 is one period in the whole record).
+        count: number of windows.
+    """
+
+    samples: int
+    sample_rate: float
+    first: int
+    count: int
+
+    @property
+    def frequency(self) -> np.ndarray:
+        """Frequencies (count, WIDTH) of the lines, Hz."""
+        lines = self.first + np.arange(self.count * WIDTH)
+        return (lines * self.sample_rate / self.samples).reshape(self.count, WIDTH)
+
+    @property
+    def centre(self) -> np.ndarray:
+        """Frequency (count,) of the middle line of each window, Hz."""
+        return self.frequency[:, WIDTH // 2]
+
+    @cached_property
+    def _complement(self) -> np.ndarray:
+        """Orthonormal directions (WIDTH, WIDTH - TERMS) in which no quadratic has a part."""
+        basis = np.linspace(-1, 1, WIDTH)[:, None] ** np.arange(TERMS)
+        return np.linalg.qr(basis, mode="complete")[0][:, TERMS:]
+
+    def spectrum(self, signals: np.ndarray) -> np.ndarray:
+        """Complex amplitudes (..., count, WIDTH) of signals (..., samples)."""
+        lines = slice(self.first, self.first + self.count * WIDTH)
+        found = scipy.fft.rfft(signals, axis=-1)[..., lines] * (2 / self.samples)
+        return found.reshape(*found.shape[:-1], self.count, WIDTH)
+
+    def project(self, spectrum: np.ndarray) -> np.ndarray:
+        """Spectra (..., count, WIDTH) without transient and drift, (..., count, WIDTH - TERMS)."""
+        return spectrum @ self._complement
+
+    def noise(self, residual: np.ndarray, excitation: np.ndarray) -> "WindowNoise":
+        """The noise of a residual, told from what the excitation explains of it.
+
+        Args:
+            residual: measured less simulated spectra, opened so that their noise is smooth, (..., count, WIDTH).
+            excitation: spectrum (count, WIDTH) of what drove the record, or (inputs, count, WIDTH).
+
+        Returns:
+            Variance of one line, pooled over POOLED windows, and the test of what the excitation still explains.
+        """
+        driven = np.atleast_3d(excitation.T).T if excitation.ndim == 2 else excitation
+        powers = np.linspace(-1, 1, WIDTH)[:, None] ** np.arange(TERMS)
+        inputs = np.moveaxis(driven, 0, -1)  # (count, WIDTH, inputs)
+        columns = (inputs[..., None] * powers[:, None, :]).reshape(self.count, WIDTH, -1)
+        columns = np.swapaxes(np.swapaxes(columns, 1, 2) @ self._complement, 1, 2)
+        u, s, _ = np.linalg.svd(columns, full_matrices=False)
+        kept = s > _RANK * np.maximum(s[:, :1], 1e-300)
+        kept &= s > 0
+        u = np.where(kept[:, None, :], u, 0.0)
+        rank = kept.sum(axis=1)
+        y = self.project(residual)
+        inside = np.einsum("wlk,...wl->...wk", np.conj(u), y)
+        explained = np.sum(abs(inside) ** 2, axis=-1)
+        freedom = WIDTH - TERMS - rank
+        rest = np.maximum(np.sum(abs(y) ** 2, axis=-1) - explained, 0.0)
+        variance = _pooled(rest) / _pooled(freedom.astype(float))
+        return WindowNoise(variance, _pooled(freedom.astype(float)), explained, rank)
+
+
+@dataclass(frozen=True)
+class WindowNoise:
+    """Noise of the windows of a residual.
+
+    Args:
+        variance: E|n|^2 of one line, (..., count).
+        freedom: complex degrees of freedom of that variance, (count,).
+        explained: power that the excitation explains in each window, (..., count).
+        rank: number of complex directions that could explain it, (count,).
+    """
+
+    variance: np.ndarray
+    freedom: np.ndarray
+    explained: np.ndarray
+    rank: np.ndarray
+
+    @property
+    def misfit(self) -> np.ndarray:
+        """Explained power per direction over the noise, (..., count): F distributed with 2 rank and 2 freedom degrees
+        of freedom where nothing but noise is left."""
+        return self.explained / np.maximum(self.rank, 1) / np.maximum(self.variance, 1e-300)
+
+
+def line_windows(samples: int, sample_rate: float, band: tuple[float, float]) -> LineWindows:
+    """The windows of a record within a band.
+
+    Args:
+        samples: length of the record.
+        sample_rate: in Hz.
+        band: lowest and highest frequency, Hz.
+
+    Raises:
+        ValueError: when the band does not lie within the record, or holds fewer than POOLED windows.
+    """
+    low, high = band
+    if not 0 <= low < high <= sample_rate / 2:
+        raise ValueError(f"band {low:g} .. {high:g} Hz must increase and lie within 0 .. {sample_rate / 2:g} Hz")
+    first = max(int(np.ceil(low * samples / sample_rate - 1e-6)), 1)
+    stop = min(int(np.floor(high * samples / sample_rate + 1e-6)) + 1, (samples + 1) // 2)
+    count = (stop - first) // WIDTH
+    if count < POOLED:
+        least = (POOLED * WIDTH + 1) / (high - low)
+        raise ValueError(
+            f"{samples / sample_rate:.3g} s hold {max(stop - first, 0)} lines between {low:g} and {high:g} Hz, and "
+            f"{POOLED * WIDTH} are needed: record at least {least:.3g} s, or widen the band"
+        )
+    return LineWindows(samples, sample_rate, first, count)
+
+
+def _pooled(values: np.ndarray) -> np.ndarray:
+    """Sums (..., count) over POOLED windows around each; at the ends over as many as there are."""
+    reach = POOLED // 2
+    padded = np.concatenate(
+        [np.zeros((*values.shape[:-1], reach + 1)), values, np.zeros((*values.shape[:-1], reach))], -1
+    )
+    total = np.cumsum(padded, axis=-1)
+    return total[..., POOLED:] - total[..., :-POOLED]
