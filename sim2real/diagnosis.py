@@ -17,6 +17,7 @@ from sim2real.hypotheses import CALIBRATION, TONES, Coordinate
 from sim2real.judge import Entry, entries, evidence_of, verdict
 from sim2real.locate import CONTROLLER_SD, Where, locate
 from sim2real.next_experiment import Proposal, propose
+from sim2real.open_record import OpenRecord
 from sim2real.problem import Problem, assemble
 from sim2real.records import read_records
 from sim2real.shrink import Gap, errors, shrink
@@ -24,6 +25,7 @@ from sim2real.simulated import Point
 from sim2real.unsynchronised import Sighting, evidence, sightings, spin_costs, tone_parameters
 
 SCHEMA = "maglev-diagnosis/1"
+LOUDER = 1.05  # times its noise that a record without a period may seem to have under a wrong simulation
 HELD_OUT_EVERY = 4  # without a holdout recording, every fourth line is withheld from the fits
 
 
@@ -145,6 +147,13 @@ def diagnose(
         judged_on = "held-out lines"
         notes.append("no recording is a holdout: the gap is judged on every fourth line, which no fit has seen")
     attribution = attribute(fitted, progress)
+    if any(isinstance(r, OpenRecord) for r in records):
+        # The noise of a record without a period is what a good simulation leaves of it.
+        best = min(attribution.candidates, key=lambda c: c.predictive).fit
+        near = best.hypothesis.point(best.u)
+        again, judged = fitted.again(near), judged.again(near)
+        if any(np.median(old.noise / new.noise) > LOUDER for old, new in zip(fitted.parts, again.parts, strict=True)):
+            fitted, attribution = again, attribute(again, progress)
     progress("judging")
     base = attribution.simplest
     seen = sightings(fitted, base.fit.hypothesis.point(base.fit.u))
@@ -163,7 +172,7 @@ def diagnose(
     gap = shrink(judged, attribution, picked, judged_on, seed)
     alike = (cause,) if worded == "ambiguous" else ()
     proposal = None
-    if worded in ("ambiguous", "unexplained"):
+    if worded in ("ambiguous", "unexplained") and not isinstance(fitted.loudest.record, OpenRecord):
         progress("next experiment")
         proposal = propose(attribution, found)
     alone = picked or attribution.calibration

@@ -5,7 +5,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from maglev_env.kernel.replay import replayed
 from maglev_lanes.threads import single_blas
+from sim2real.open_evidence import measured_of, nominal_loop, open_noise, opened_of
+from sim2real.open_record import OpenRecord
 from sim2real.opened import Opened, noise_of, opened_loop
 from sim2real.records import Record
 from sim2real.simulated import Point, Predictor, predictor, together
@@ -29,7 +32,7 @@ class Part:
         place: Its slice of the stacked vector.
     """
 
-    record: Record
+    record: Record | OpenRecord
     opened: Opened
     predictor: Predictor
     measured: np.ndarray
@@ -73,7 +76,8 @@ class Problem:
             Predictions (n, K); nan where the rotor touches down in any recording.
         """
         found = np.empty((len(points), self.data.size), complex)
-        period = 1 / self.parts[0].record.experiment.fundamental
+        periodic = [p.record.experiment.fundamental for p in self.parts if not isinstance(p.record, OpenRecord)]
+        period = 1 / periodic[0] if periodic else 1.0  # without a period nothing needs to settle
         with single_blas():  # the matrices of lanes are small, so several threads would only wait for each other
             dithering = self.parts[0].record.nominal.noise.displacement > 0
             groups = together(points, period, dithering) if settled else [((0.0, False), list(range(len(points))))]
@@ -108,7 +112,11 @@ class Problem:
         alone = replace(part, place=slice(0, at.stop - at.start))
         return Problem((alone,), *(c[at] for c in columns), self.outputs)
 
-    def split(self, every: int) -> tuple["Problem", "Problem"]:
+    def again(self, near: Point) -> "Problem":
+        """The same lines, with the noise that a point leaves of records without a period."""
+        return assemble([p.record for p in self.parts], [p.used for p in self.parts], near)
+
+    def split(self, every: int, near: Point | None = None) -> tuple["Problem", "Problem"]:
         """Two problems: one without every n-th excited line, and one of those lines alone."""
         kept, withheld = [], []
         for part in self.parts:
@@ -118,19 +126,34 @@ class Problem:
             kept.append(part.used & ~out)
             withheld.append(out)
         records = [p.record for p in self.parts]
-        return assemble(records, kept), assemble(records, withheld)
+        return assemble(records, kept, near), assemble(records, withheld, near)
 
 
-def informative(record: Record) -> np.ndarray:
+def _evidence(record: Record | OpenRecord, near: Point | None) -> tuple[Opened, np.ndarray, np.ndarray]:
+    """The opened nominal loop of a record, what was measured in its coordinates, and their noise."""
+    if isinstance(record, OpenRecord):
+        loop = nominal_loop(record)
+        opened = opened_of(record, loop)
+        lanes = predictor(record, opened).lanes([near or Point({}, {})])
+        predicted = replayed(lanes, record.experiment, record.waves)[0]
+        return opened, measured_of(record, loop, opened.outputs), open_noise(record, loop, opened.outputs, predicted)
+    opened = opened_loop(record)
+    current = record.mean("current") if "current" in record.periods else None
+    return opened, opened.residuals(record.mean("displacement"), current), noise_of(record, opened)
+
+
+def informative(record: Record | OpenRecord) -> np.ndarray:
     """Lines (n,) worth fitting: the driven ones, and detection lines as far as the driven ones are dense.
 
     Lines on which tones of known origin would lie are left out.
     """
+    if isinstance(record, OpenRecord):
+        return record.excited
     reach = DENSE_REACH * np.quantile(record.lines[record.excited], DENSE)
     return (record.excited | (record.lines <= reach)) & ~record.masked
 
 
-def line_kinds(record: Record) -> np.ndarray:
+def line_kinds(record: Record | OpenRecord) -> np.ndarray:
     """Index into KINDS of every line (axes, n): what drives it along that axis, or else along the other."""
     kinds = np.where(record.lines % 2 == 0, KINDS.index("even"), KINDS.index("odd"))
     kinds = np.repeat(kinds[None], record.axes, axis=0)
@@ -141,22 +164,22 @@ def line_kinds(record: Record) -> np.ndarray:
     return kinds
 
 
-def assemble(records: Sequence[Record], lines: Sequence[np.ndarray] | None = None) -> Problem:
+def assemble(
+    records: Sequence[Record | OpenRecord], lines: Sequence[np.ndarray] | None = None, near: Point | None = None
+) -> Problem:
     """Stack records into one problem.
 
     Args:
         records: The records.
         lines: Lines used of each record (n,); by default those that `informative` selects.
+        near: The best known parameters; the noise of records without a period is what a simulation there leaves.
     """
     parts, at = [], 0
     names = ("plant", "amplifier")
     columns: dict[str, list[np.ndarray]] = {k: [] for k in ("data", "record", "output", "axis", "frequency", "kind")}
     for i, record in enumerate(records):
         used = informative(record) if lines is None else lines[i]
-        opened = opened_loop(record)
-        current = record.mean("current") if "current" in record.periods else None
-        measured = opened.residuals(record.mean("displacement"), current)
-        noise = noise_of(record, opened)
+        opened, measured, noise = _evidence(record, near)
         shape = (*measured.shape[:2], int(used.sum()))
         size = int(np.prod(shape))
         parts.append(Part(record, opened, predictor(record, opened), measured, noise, used, slice(at, at + size)))

@@ -8,6 +8,7 @@ import numpy as np
 from sim2real.attribute import Attribution, Candidate
 from sim2real.fitting import Fit, begin, iterate
 from sim2real.hypotheses import Hypothesis
+from sim2real.open_record import OpenRecord
 from sim2real.problem import Part, Problem
 from sim2real.simulated import Point
 
@@ -142,13 +143,14 @@ def _refitted(attribution: Attribution) -> Fit | None:
 
 
 def _words(problem: Problem, residual: np.ndarray | None) -> Words:
-    """Averages over the judged recordings.
+    """Averages over the judged recordings that have a period.
 
     Args:
         problem: The recordings.
         residual: Residual of a simulation; None for the measured quantities.
     """
-    found = [_of_part(part, residual) for part in problem.parts if part.record.axes == 1]
+    periodic = [p for p in problem.parts if p.record.axes == 1 and not isinstance(p.record, OpenRecord)]
+    found = [_of_part(part, residual) for part in periodic]
     if not found:
         return Words(np.nan, np.nan, np.nan)
     with np.errstate(all="ignore"):

@@ -12,6 +12,8 @@ from maglev_env.linear.loop import closed_loop_poles
 from maglev_env.loop.effect import EFFECTS, Effects, effect, effect_value, meaningful
 from maglev_env.loop.gains import Gains
 from maglev_env.rig.rig import Rig, with_parameters
+from sim2real.open_evidence import Replay, nominal_loop
+from sim2real.open_record import OpenRecord
 from sim2real.opened import Opened
 from sim2real.records import Record
 
@@ -81,9 +83,10 @@ class Predictor:
         known: Contribution of noise to the nominal rig, by transient.
     """
 
-    record: Record
+    record: Record | OpenRecord
     opened: Opened
     transient: int
+    replay: Replay | None = None
     known: dict[int, np.ndarray] = field(default_factory=dict, compare=False)
 
     @property
@@ -115,6 +118,8 @@ class Predictor:
         Returns:
             Residuals (n, outputs, axes, lines); nan where the rotor touches down.
         """
+        if self.replay is not None:
+            return self.replay.of(lanes)
         r = self.record
         longest = MOST_TRANSIENT * r.experiment.samples_per_period
         transient = max(self.transient, min(ceil(settling * r.nominal.control_rate), longest))
@@ -164,8 +169,10 @@ def together(points: Sequence[Point], period: float, dithering: bool) -> list[tu
     return sorted(groups.items())
 
 
-def predictor(record: Record, opened: Opened) -> Predictor:
+def predictor(record: Record | OpenRecord, opened: Opened) -> Predictor:
     """Predictor with the transient that the nominal closed loop needs; an unstable loop gets the longest."""
+    if isinstance(record, OpenRecord):
+        return Predictor(record, opened, 0, Replay(record, nominal_loop(record), opened.outputs))
     radius = abs(closed_loop_poles(record.experiment)).max()
     most = MOST_TRANSIENT * record.experiment.samples_per_period
     samples = most if radius >= 1 else ceil(log(SETTLED) / log(radius))

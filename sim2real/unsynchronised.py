@@ -9,6 +9,7 @@ from scipy import stats
 from maglev_env.experiment import axis_experiment
 from maglev_env.linear.loop import loop_response
 from maglev_env.loop.effect import EFFECTS
+from sim2real.open_record import OpenRecord
 from sim2real.opened import loud_bands, opened_loop
 from sim2real.problem import Part, Problem
 from sim2real.records import Record
@@ -100,6 +101,8 @@ def evidence(found: list[Sighting]) -> dict[str, float]:
 def _between(index: int, part: Part, point: Point) -> list[Sighting]:
     modes = [mode["frequency"] for mode in modes_of(point)]
     record, found = part.record, []
+    if not record.tones:
+        return []
     speed = record.experiment.speed_rpm
     resolution = record.experiment.fundamental / (
         record.series["displacement"].shape[1] / record.experiment.recorded_per_period
@@ -122,7 +125,7 @@ def _unseen(index: int, part: Part, point: Point) -> list[Sighting]:
     """Amplitude at the rotation frequency of a record in which no tone stands out; nothing where a line hides it."""
     e = part.record.experiment
     f = e.speed_rpm / 60
-    if f == 0 or abs(f / e.fundamental - round(f / e.fundamental)) < ON_LINE:
+    if f == 0 or isinstance(part.record, OpenRecord) or abs(f / e.fundamental - round(f / e.fundamental)) < ON_LINE:
         return []
     values = part.record.series["displacement"]
     amplitude, chi2 = tone_at(values, f, e.recorded_per_period, e.recorded_per_period * e.fundamental)
@@ -145,6 +148,8 @@ def _bands(index: int, part: Part, point: Point) -> list[Sighting]:
     The noise is white only if the loop is opened correctly. It is opened as at the point and as on the nominal rig,
     because noise does not meet the tangent of a friction; a band must be loud in both.
     """
+    if isinstance(part.record, OpenRecord):
+        return []  # its noise is told from the scatter of neighbouring lines, and so are bands of it
     if not point.effects.keys().isdisjoint(NO_TANGENT):
         return []  # these effects give the loop's noise no definite shape
     corrected = replace(part.record, experiment=experiment_at(part.record.experiment, point))

@@ -282,10 +282,10 @@ def _periods(
 ) -> Iterator[np.ndarray]:
     """Output (axes, outputs, LANES, samples) of each stretch of waves in a schedule; the buffer is reused. Ends when
     all have touched down."""
-    e, axes = block.experiment, state.axes
-    structure = block.batch.structure
+    axes, structure = state.axes, block.batch.structure
     step, switches = kernel(structure), structure.switches(outputs, block.substeps, oversampled)
-    out = _aligned((axes, outputs, LANES, e.samples_per_period * (block.substeps if oversampled else 1)))
+    longest = max(waves[0].size for waves in schedule) // axes
+    out = _aligned((axes, outputs, LANES, longest * (block.substeps if oversampled else 1)))
     out[:] = 0.0  # past the last touchdown of a block nothing is written: what memory held may be no number
     tile = _aligned((TILE * axes * len(structure.channels) * LANES,))
     kernel_seeds = np.ascontiguousarray(state.seeds[:, NOISY.index("displacement")]).reshape(-1)

@@ -1,0 +1,184 @@
+"""A recording that never repeats, as evidence: set-point steps, a chirp, noise that nobody stored, one sine, hover.
+
+Where the logged displacement is what the controller read, what was added to its command is known exactly, sensor noise
+included: w = command - C(-displacement), with C the controller's own recursion. The closed loop of a hypothesis is
+simulated under this w. Its reading differs from the recorded one by the loop's answer to the sensor noise, to what
+else disturbs it and to the unknown start. Opened at the fixed nominal loop, (1 + P0 C) times that difference is white
+for white sensor noise, and is looked at in windows of lines with the transient projected out
+(`estimation.line_windows`). Data and simulation go through the same linear map.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from scipy.signal import lfilter, ss2tf
+
+from estimation.line_windows import POOLED, TERMS, WIDTH, LineWindows
+from maglev_env.experiment import Experiment
+from maglev_env.linear.loop import closed_loop_poles
+from maglev_env.loop.gains import Controller, state_space
+from maglev_env.rig.rig import Rig
+
+KEPT = WIDTH - TERMS  # coordinates of a window
+SETTLING = 8.0  # time constants of the nominal closed loop that are simulated but not compared
+LONGEST_SETTLING = 0.2  # of a record
+MOST_SAMPLES = 30_000  # a longer record is compared over its stretch that is driven most
+TOP = 0.4  # of the control rate: highest frequency that is compared
+TELLING = 0.01  # of the noise: above the last window in which what drives the loop moves it as much nothing is compared
+
+
+@dataclass(frozen=True)
+class OpenRecord:
+    """One recording without a period; it stands beside `records.Record` wherever evidence is looked at.
+
+    Args:
+        name, role: as the campaign has them.
+        nominal: the rig as the campaign states it.
+        experiment: the rig without noise and converters, under this recording's gains.
+        waves: place -> (axes, samples) of what drives the simulation, from the recording's first sample on.
+        series: channel -> (axes, samples) of displacement and, where recorded, current.
+        first: samples that are simulated but not compared.
+        windows: lines that are compared.
+        notes: what was assumed.
+    """
+
+    name: str
+    role: str
+    nominal: Rig
+    experiment: Experiment
+    waves: Mapping[str, np.ndarray]
+    series: Mapping[str, np.ndarray]
+    first: int
+    windows: LineWindows
+    notes: tuple[str, ...] = ()
+
+    tones = ()
+    dropped = 0
+
+    @property
+    def axes(self) -> int:
+        return self.experiment.rig.axes
+
+    @property
+    def count(self) -> int:
+        """Periods kept, as it were."""
+        return 1
+
+    @cached_property
+    def frequency(self) -> np.ndarray:
+        """Middle of the window of each coordinate (n,), Hz."""
+        return np.repeat(self.windows.centre, KEPT)
+
+    @property
+    def lines(self) -> np.ndarray:
+        """Numbers (n,) of the coordinates."""
+        return np.arange(self.frequency.size)
+
+    @property
+    def masked(self) -> np.ndarray:
+        return np.zeros(self.frequency.size, bool)
+
+    @cached_property
+    def driven(self) -> Mapping[str, np.ndarray]:
+        """Place -> (axes, n) whether a coordinate is driven there."""
+        return {place: np.repeat(np.ptp(w, axis=1) > 0, self.frequency.size).reshape(self.axes, -1)
+                for place, w in self.waves.items()}  # fmt: skip
+
+    @property
+    def excited(self) -> np.ndarray:
+        return np.ones(self.frequency.size, bool)
+
+    @cached_property
+    def periods(self) -> Mapping[str, np.ndarray]:
+        """Channel -> (1, axes, n), its coordinates."""
+        return {name: self.coordinates(values)[None] for name, values in self.series.items()}
+
+    def mean(self, channel: str) -> np.ndarray:
+        return self.periods[channel][0]
+
+    def driving(self, place: str) -> np.ndarray:
+        """Coordinates (axes, n) of what drives the rig at "force" (N), "current" (A) or "reference" (m)."""
+        return self.coordinates(self.waves[place])
+
+    def spectrum(self, series: np.ndarray) -> np.ndarray:
+        """Lines (..., windows, WIDTH) of series (..., samples) over the part that is compared."""
+        return self.windows.spectrum(series[..., self.first : self.first + self.windows.samples])
+
+    def coordinates(self, series: np.ndarray) -> np.ndarray:
+        """Coordinates (..., n) of series (..., samples): lines without transient and drift."""
+        found = self.windows.project(self.spectrum(series))
+        return found.reshape(*found.shape[:-2], -1)
+
+
+def recovered_injection(controller: Controller, command: np.ndarray, displacement: np.ndarray, dt: float) -> np.ndarray:
+    """What was added to a controller's output, (samples,): the command less what the controller makes of the reading.
+
+    Args:
+        controller: of this axis; it starts at rest.
+        command: in A, after the converter.
+        displacement: what the controller read, m.
+        dt: control step, s.
+    """
+    a, b, c, d = state_space(controller, dt)
+    if len(b) == 0:
+        return command + d * displacement
+    numerator, denominator = ss2tf(a, b[:, None], c[None], np.array([[d]]))
+    return command - lfilter(numerator[0], denominator, -displacement)
+
+
+@dataclass(frozen=True)
+class Stretch:
+    """The part of a recording that is simulated from `start` on, of which the first `settling` samples are not
+    compared, and the windows of the rest."""
+
+    start: int
+    settling: int
+    windows: LineWindows
+    notes: tuple[str, ...] = ()
+
+    @property
+    def samples(self) -> slice:
+        return slice(self.start, self.start + self.settling + self.windows.samples)
+
+
+def compared(e: Experiment, driven: np.ndarray, displacement: np.ndarray) -> Stretch:
+    """What of a recording is compared.
+
+    Args:
+        e: the nominal experiment.
+        driven: (inputs, samples), what drives it: forces (N), injections (A) and references (m) of each axis.
+        displacement: (axes, samples), the reading.
+
+    Raises:
+        ValueError: when the recording is too short for windows of lines.
+    """
+    rate, samples = e.rig.control_rate, driven.shape[1]
+    radius = float(abs(closed_loop_poles(e)).max())
+    most = int(LONGEST_SETTLING * min(samples, MOST_SAMPLES))
+    settling = most if radius >= 1 else min(int(np.ceil(SETTLING / -np.log(radius))), most)
+    start, length, notes = 0, samples - settling, []
+    if length > MOST_SAMPLES:
+        moved = driven - driven.mean(axis=1, keepdims=True)
+        energy = np.cumsum(np.sum(moved**2 / np.maximum(moved.var(axis=1, keepdims=True), 1e-300), axis=0))
+        begin = np.arange(settling, samples - MOST_SAMPLES + 1, MOST_SAMPLES // 50)
+        start = int(begin[np.argmax(energy[begin + MOST_SAMPLES - 1] - energy[begin])]) - settling
+        length = MOST_SAMPLES
+        notes.append(
+            f"of {samples / rate:.3g} s the {length / rate:.3g} s from {(start + settling) / rate:.3g} s on are "
+            "compared, in which the loop is driven most"
+        )
+    count = int((TOP * length - 1) // WIDTH)
+    if count < POOLED:
+        raise ValueError(
+            f"{samples} samples are too few to compare; record at least {int(WIDTH * (POOLED + 1) / TOP) + settling}"
+        )
+    whole = LineWindows(length, rate, 1, count)
+    kept = slice(start + settling, start + settling + length)
+    told = whole.noise(whole.spectrum(displacement[:, kept]), whole.spectrum(driven[:, kept]))
+    share = (told.explained / np.maximum(told.rank, 1) / np.maximum(told.variance, 1e-300) - 1).max(axis=0)
+    smooth = np.convolve(share, np.ones(POOLED) / POOLED, "same")
+    telling = np.flatnonzero(smooth > max(TELLING, 4 / np.sqrt(POOLED * KEPT)))
+    last = max(int(telling[-1]) if telling.size else count - 1, POOLED - 1)
+    return Stretch(start, settling, replace(whole, count=last + 1), tuple(notes))
