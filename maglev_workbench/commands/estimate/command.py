@@ -47,6 +47,7 @@ def estimate(
     from maglev_env.recordings.guess.verified import guessed_campaign
     from maglev_workbench.commands.estimate.one_file import OneFile, one_file_campaign
     from maglev_workbench.commands.estimate.planar_report import planar_json, planar_sections, planar_table
+    from maglev_workbench.commands.estimate.pooled_report import pooled_json, pooled_lines, pooled_table
     from maglev_workbench.commands.estimate.recordings import identify_campaign
     from maglev_workbench.commands.estimate.report import estimate_json, estimate_page, estimate_table
     from maglev_workbench.commands.estimate.terminal import say
@@ -85,7 +86,8 @@ def estimate(
     write_page(page, estimate_page(found.axes, made_by, [planar_sections(*both) for both in found.planar]))
     report = estimate_json(found.axes, method)
     planar = {"planar": [planar_json(*both) for both in found.planar]} if found.planar else {}
-    write_json(json_file, report | planar)
+    together = {"pooled": pooled_json(found.pooled)} if found.pooled else {}
+    write_json(json_file, report | planar | together)
     for file, one_axis in found.axes:
         console.print(f"\n[bold]{escape(file)}[/]")
         console.print(estimate_table(one_axis, method))
@@ -95,4 +97,9 @@ def estimate(
         console.print(planar_table(both))
         for note in both.notes:
             console.print(f"  note: {note}")
+    if found.pooled is not None:
+        console.print(f"\n[bold]{campaign.rig.name} in {len(campaign.recordings)} recording(s)[/]")
+        console.print(pooled_table(found.pooled))
+        for line in pooled_lines(found.pooled):
+            console.print(f"  [yellow]![/] {escape(line)}")
     console.print(f"page  {page}")

@@ -1,7 +1,7 @@
 """Every recording of a campaign identified: each axis by itself, and x and y together where both were pushed."""
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from maglev_env.evaluation.identification import Identification, identify
 from maglev_env.evaluation.identification_planar import PlanarIdentification, identify_planar
@@ -11,16 +11,21 @@ from maglev_env.recordings.recording import read_recording
 from maglev_env.recordings.signals import recorded_signals
 from maglev_env.recordings.spectra import RecordedSignals, axis_signals
 from maglev_env.rig.rig import Rig, axis_rig
+from sim2real.pooled import Pooled, pooled
+from sim2real.records import read_records
 
 Track = Callable[[Iterable[RecordingSpec]], Iterable[RecordingSpec]]
 
 
 @dataclass(frozen=True)
 class Identified:
-    """What was found, each beside the recordings it was found in: of single axes, and of x and y together."""
+    """What was found, each beside the recordings it was found in: of single axes, of x and y together, and of the named
+    rig in all recordings (None without a rig). open: recordings without an excitation that repeats or is recorded."""
 
     axes: list[tuple[str, Identification]]
     planar: list[tuple[str, PlanarIdentification]]
+    open: list[str]
+    pooled: Pooled | None = None
 
 
 def identify_campaign(
@@ -43,9 +48,12 @@ def identify_campaign(
     Raises:
         ValueError: names the file that cannot be identified and says why.
     """
-    found = Identified([], [])
+    found = Identified([], [], [])
     loops: dict[tuple, list[tuple[str, RecordedSignals]]] = {}
     for spec in track(campaign.recordings):
+        if campaign.rig is not None and all(e.kind == "none" for e in spec.excitations):
+            found.open.append(spec.file)
+            continue
         signals = recorded_signals(campaign, spec, read_recording(campaign, spec))
         try:
             found.axes.extend(_axes(spec.file, signals, campaign.rig, mass, estimate_mass, band_width, band_overlap))
@@ -57,6 +65,8 @@ def identify_campaign(
         records = [signals for _, signals in members]
         both = identify_planar(records, campaign.rig, mass, band_width, band_overlap)
         found.planar.append((" + ".join(file for file, _ in members), both))
+    if found.open:
+        found = replace(found, pooled=pooled([r for r in read_records(campaign)[1] if r.role == "fit"]))
     return found
 
 

@@ -1,0 +1,178 @@
+"""One rig, many recordings: stiffness, damping and actuator gain by one fit of all of them, beside the nominal rig.
+
+Recordings of any shape take part: periodic ones by their lines, others as `open_record` compares them. What is known of
+the nominal rig within a tolerance stays a prior, so a scale that no recording tells (of mass, gain and stiffness
+together, where no force is recorded) has the interval that the tolerances leave.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import stats
+
+from maglev_env.loop.effect import meaningful
+from maglev_env.loop.magnets.kinds import force_law
+from maglev_env.loop.magnets.law import linearise
+from maglev_env.rig.rig import Rig
+from sim2real.fitting import Fit, begin, differentiate, iterate
+from sim2real.hypotheses import Hypothesis
+from sim2real.open_record import OpenRecord
+from sim2real.problem import assemble
+from sim2real.records import Record
+from sim2real.simulated import tolerances
+
+# What is identified, each as an effect of this name, and its unit.
+UNITS = {
+    "actuator_gain": "N/A",
+    "negative_stiffness": "N/m",
+    "support_stiffness": "N/m",
+    "damping": "N s/m",
+    "delay": "s",
+}
+MOST_STEPS = 20
+UNBOUNDED = 0.5  # relative standard error from which the recordings do not bound a coefficient
+CLEAR = 3.0  # standard errors, for one coefficient alone, from which a recording disagrees with all of them
+SIGNIFICANT = 3.0  # standard deviations of the misfit under noise alone
+
+
+@dataclass(frozen=True)
+class Coefficient:
+    """One identified coefficient.
+
+    Attributes:
+        name: As the rig or its effect is named.
+        unit: SI.
+        value: Identified.
+        se: Its standard error, widened by the misfit.
+        nominal: Value of the nominal rig.
+        bounded: Whether the recordings, with the tolerances of all other parameters, bound it.
+    """
+
+    name: str
+    unit: str
+    value: float
+    se: float
+    nominal: float
+    bounded: bool
+
+    @property
+    def interval(self) -> tuple[float, float]:
+        """95 % interval."""
+        reach = float(stats.norm.isf(0.025)) * self.se
+        return self.value - reach, self.value + reach
+
+    @property
+    def change(self) -> float | None:
+        """Relative change against the nominal value; None where that is zero."""
+        return (self.value - self.nominal) / abs(self.nominal) if self.nominal else None
+
+    @property
+    def apart(self) -> float:
+        """Standard errors from the nominal value."""
+        return (self.value - self.nominal) / self.se if self.se > 0 else 0.0
+
+
+@dataclass(frozen=True)
+class Pooled:
+    """A pooled estimate.
+
+    Attributes:
+        coefficients: What was identified.
+        misfit: Mean square of the whitened residual over its expectation; 1 where the model explains everything.
+        disagreements: Sentences about recordings that disagree with all of them together.
+        of_each: Recording -> its own coefficients, where there are several recordings.
+    """
+
+    coefficients: tuple[Coefficient, ...]
+    misfit: float
+    disagreements: tuple[str, ...]
+    of_each: dict[str, tuple[Coefficient, ...]]
+
+
+def pooled(records: Sequence[Record | OpenRecord], progress: Callable[[str], None] = lambda text: None) -> Pooled:
+    """Fit one rig to all records in closed loop.
+
+    Args:
+        records: Of one campaign.
+        progress: Called with each step.
+
+    Raises:
+        ValueError: The rotor touches down in the simulation with the nominal parameters.
+    """
+    rig = records[0].nominal
+    progress("all recordings")
+    fit = _fitted(records)
+    whole = _coefficients(rig, fit)
+    of_each, apart = {}, []
+    if len(records) > 1:
+        for record in records:
+            progress(record.name)
+            of_each[record.name] = found = _coefficients(rig, _fitted([record], fit))
+            apart += _disagreements(record.name, found, whole)
+    return Pooled(whole, _misfit(fit), tuple(apart), of_each)
+
+
+def _fitted(records: Sequence[Record | OpenRecord], near: Fit | None = None) -> Fit:
+    rig = records[0].nominal
+    names = tuple(name for name in UNITS if meaningful(name, rig.capabilities))
+    allowed = {name: sigma for name, sigma in tolerances(rig).items() if name not in UNITS}
+    h = Hypothesis(names, allowed)
+    u = np.zeros(h.size) if near is None else near.u
+    problem = assemble(records, near=None if near is None else h.point(near.u))
+    for _ in range(1 if near is not None else 2):
+        (fit,) = begin([h], [u], problem.data, problem.simulate)
+        if not np.isfinite(fit.cost):
+            raise ValueError(
+                f"rig {rig.name}: the rotor touches down in the simulation of the recordings; check gains, units and "
+                "the sign of the displacement"
+            )
+        iterate([fit], problem.data, problem.simulate, MOST_STEPS)
+        u = fit.u
+        if any(isinstance(r, OpenRecord) for r in records):
+            problem = problem.again(h.point(u))  # their noise is what a good simulation leaves
+    (fit,) = begin([h], [u], problem.data, problem.simulate)
+    differentiate([fit], problem.data, problem.simulate, True)
+    return fit
+
+
+def _misfit(fit: Fit) -> float:
+    return float(np.mean(abs(fit.residual) ** 2) / 2)
+
+
+def _coefficients(rig: Rig, fit: Fit) -> tuple[Coefficient, ...]:
+    """Coefficients of a fit."""
+    misfit = _misfit(fit)
+    widening = np.sqrt(misfit) if misfit > 1 + SIGNIFICANT / np.sqrt(fit.residual.size) else 1.0
+    sd = np.sqrt(np.diag(fit.covariance())) * widening
+    found = []
+    for c, u, spread in zip(fit.hypothesis.coordinates, fit.u, sd, strict=False):
+        nominal, scale = _nominal(rig, c.effect), c.scale or 1.0
+        relative = c.parameter == "change"
+        size = abs(nominal) if relative else 1.0
+        change, se = c.value(float(u)) * size, float(spread) * scale * size
+        bounded = not relative or se < UNBOUNDED * size
+        value = nominal + (change if nominal >= 0 else -change) if relative else nominal + change
+        found.append(Coefficient(c.effect, UNITS[c.effect], value, se, nominal, bounded))
+    return tuple(found)
+
+
+def _nominal(rig: Rig, name: str) -> float:
+    """The nominal value that an identified change refers to."""
+    if name in ("actuator_gain", "negative_stiffness"):
+        return float(linearise(force_law(rig))[name == "negative_stiffness"])
+    return {"support_stiffness": rig.support_stiffness, "damping": rig.support_damping, "delay": 0.0}[name]
+
+
+def _disagreements(name: str, own: Sequence[Coefficient], whole: Sequence[Coefficient]) -> list[str]:
+    limit = float(stats.norm.isf(stats.norm.sf(CLEAR) / len(own)))
+    found = []
+    for a, b in zip(own, whole, strict=True):
+        # The whole contains the recording, so their difference varies by what the others add.
+        spread = np.sqrt(max(a.se**2 - b.se**2, 0.25 * a.se**2))
+        if a.bounded and spread > 0 and abs(a.value - b.value) > limit * spread:
+            found.append(
+                f"{name}: {a.name.replace('_', ' ')} {a.value:.4g} +- {a.se:.2g} {a.unit}, and {b.value:.4g} of all "
+                f"recordings together: {abs(a.value - b.value) / spread:.1f} standard errors apart"
+            )
+    return found

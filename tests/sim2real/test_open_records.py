@@ -1,0 +1,103 @@
+"""Recordings that never repeat, of a bench of another hand: their injection, likelihood, estimate and diagnosis."""
+
+import bench_loop
+import numpy as np
+import pytest
+from bench_loop import Bench, write_campaign
+
+from maglev_env.loop.gains import Gains
+from sim2real import diagnose
+from sim2real.open_record import OpenRecord, recovered_injection
+from sim2real.pooled import pooled
+from sim2real.problem import assemble
+from sim2real.records import read_records
+from sim2real.simulated import Point
+
+
+@pytest.fixture
+def campaign(tmp_path):
+    def made(bench, kinds, seconds=2.0, seed=0):
+        return write_campaign(tmp_path, bench, kinds, seconds, seed)
+
+    return made
+
+
+def test_the_injection_is_recovered_to_the_converter_step():
+    run = bench_loop.record(Bench(), "noise", 0.5, 3)
+    injection, _ = bench_loop.excitation("noise", 0.5, np.random.default_rng(3))
+    gains = Gains(bench_loop.KP, bench_loop.KI, bench_loop.KD, bench_loop.TD, bench_loop.TI)
+    found = recovered_injection(gains, run["command"], run["displacement"], 1 / bench_loop.RATE)
+    assert abs(found - injection).max() < 0.51 * bench_loop.DAC  # sensor noise of 1 um would make 50 times as much
+
+
+@pytest.mark.parametrize("kind", ["noise", "chirp", "steps", "sine"])
+def test_the_true_loop_leaves_white_noise_of_the_variance_that_is_told(campaign, kind):
+    _, (record,) = read_records(campaign(Bench(), {kind: "fit"}))
+    assert isinstance(record, OpenRecord)
+    problem = assemble([record])
+    residual = problem.data - problem.simulate([Point({}, {})])[0]
+    for output in (0, 1):
+        power = abs(residual[problem.output == output]) ** 2 / 2
+        assert power.mean() == pytest.approx(1.0, abs=5 / np.sqrt(power.size))
+        low = power[: power.size // 10]
+        assert low.mean() == pytest.approx(1.0, abs=5 / np.sqrt(low.size))
+
+
+def test_a_delay_far_below_the_noise_of_a_sample_is_seen(campaign):
+    _, (record,) = read_records(campaign(Bench(delay=20e-6), {"noise": "fit"}))
+    problem = assemble([record])
+    nominal, true = problem.data - problem.simulate([Point({}, {}), Point({"delay": {"time": 20e-6}}, {})])
+    assert np.sum(abs(nominal) ** 2) - np.sum(abs(true) ** 2) > 100
+
+
+def test_a_pooled_estimate_names_the_recording_that_disagrees(campaign, tmp_path):
+    folder = campaign(Bench(stiffness=-0.05, delay=30e-6), {"noise": "fit", "chirp": "fit", "steps": "fit"})
+    _, records = read_records(folder)
+    found = pooled(records)
+    truth = {"negative_stiffness": 0.95 * bench_loop.STIFFNESS, "delay": 30e-6, "actuator_gain": bench_loop.GAIN}
+    for c in found.coefficients:
+        if c.name in truth:
+            assert abs(c.value - truth[c.name]) < 4 * c.se and c.bounded
+    assert found.misfit == pytest.approx(1.0, abs=0.03) and not found.disagreements
+    np.savez(tmp_path / "chirp.npz", **bench_loop.record(Bench(stiffness=0.1, delay=30e-6), "chirp", 2.0, 9))
+    again = pooled(read_records(folder)[1])
+    assert any(line.startswith("chirp.npz: negative stiffness") for line in again.disagreements)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", ["noise", "chirp", "steps"])
+def test_intervals_cover_what_they_claim(campaign, kind):
+    bench = Bench(stiffness=-0.05, delay=30e-6)
+    truth = {"negative_stiffness": 0.95 * bench_loop.STIFFNESS, "delay": 30e-6}
+    inside = []
+    for seed in range(60):
+        _, records = read_records(campaign(bench, {kind: "fit"}, seed=10 * seed))
+        found = {c.name: c for c in pooled(records).coefficients}
+        inside += [found[n].interval[0] < value < found[n].interval[1] for n, value in truth.items()]
+    assert 0.88 < np.mean(inside) < 0.99  # 120 intervals of 95 %: 3.3 standard deviations
+
+
+@pytest.mark.slow
+def test_a_delay_is_named_from_noise_steps_and_a_chirp(campaign):
+    kinds = {"noise": "fit", "steps": "fit", "chirp": "fit", "noise-2": "holdout"}
+    found = diagnose(campaign(Bench(delay=45e-6), kinds))
+    assert found.verdict == "explained" and found.cause == ("delay",)
+    assert found.corrected.effects["delay"]["time"] == pytest.approx(45e-6, abs=1e-6)
+    assert found.gap.closed_fraction > 0.95 and found.gap.judged_on == "holdout"
+
+
+@pytest.mark.slow
+def test_a_sound_bench_has_no_gap(campaign):
+    found = diagnose(campaign(Bench(), {"noise": "fit", "steps": "fit", "noise-2": "holdout"}))
+    assert found.verdict == "no_gap"
+
+
+def test_a_recording_that_nothing_known_drives_is_refused_with_what_to_record(campaign):
+    folder = campaign(Bench(), {"noise": "fit"})
+    text = (folder / "campaign.toml").read_text()
+    (folder / "campaign.toml").write_text(text.replace('command = { from = "command" }\n', ""))
+    with pytest.raises(ValueError, match="nothing that is known drives this recording"):
+        read_records(folder)
+    (folder / "campaign.toml").write_text(text.replace("sample_rate = 20000.0", "sample_rate = 10000.0"))
+    with pytest.raises(ValueError, match="below the control rate"):
+        read_records(folder)
