@@ -1,7 +1,7 @@
-"""A workbench for magnetically levitated rotors: the `maglev` command, and its parts from Python.
+"""A workbench for magnetically levitated rotors: the `maglev` command, and its functions for use from Python.
 
 The public names are those of `maglev_env` (rigs, experiments, simulation, evaluation, recordings, environments) and of
-`sim2real` (diagnosis). They load on first use, so that `maglev --help` answers at once.
+`sim2real` (diagnosis). They are imported on first use, so that `maglev --help` is fast.
 """
 
 from importlib import import_module

@@ -1,7 +1,7 @@
 """The `maglev` command: the table of all commands.
 
-Each name is a folder of `maglev_workbench.commands`, whose `command.py` holds the options and what runs. It imports
-what it needs when it runs, so that `--help` answers at once.
+Each name is a folder of `maglev_workbench.commands`, whose `command.py` has the command's options and its function. The
+function imports what it needs when it is called, so that `--help` is fast.
 """
 
 import typer

@@ -1,4 +1,4 @@
-"""Columns of a single data file as options name them."""
+"""Columns of a single data file, as options on the command line name them."""
 
 from math import isfinite
 
@@ -6,7 +6,11 @@ from maglev_env.recordings.campaign_tables import ChannelSource
 
 
 def column_source(text: str) -> ChannelSource:
-    """The source of a channel from `name` or `name*scale`; ValueError when the scale is no number other than zero."""
+    """The source of a channel from the text `name` or `name*scale`.
+
+    Raises:
+        ValueError: The scale is not a number other than zero.
+    """
     name, star, factor = text.rpartition("*")
     if not star:
         return ChannelSource((text,), (1.0,), 1.0, 0.0)

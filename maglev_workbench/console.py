@@ -1,4 +1,4 @@
-"""What every command shares: JSON files, progress and the console."""
+"""JSON files, progress bars and the console, for all commands."""
 
 import json
 from pathlib import Path
@@ -13,13 +13,13 @@ console = Console()
 
 
 def write_json(path: Path | None, data: dict[str, Any]) -> None:
-    """Write data as strict JSON (no nan), atomically; nothing when path is None."""
+    """Write data as strict JSON (without nan), atomically; does nothing if path is None."""
     if path is not None:
         write_text_atomic(path, json.dumps(data, indent=1, allow_nan=False) + "\n")
 
 
 def progress_bar() -> Progress:
-    """A bar on standard error with counts and times; silent when not on a terminal."""
+    """A progress bar on standard error with counts and times; it shows nothing if that is not a terminal."""
     error = Console(stderr=True)
     return Progress(
         TextColumn("{task.description}"),

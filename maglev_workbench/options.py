@@ -1,4 +1,7 @@
-"""Options, checks and errors that every command shares; light, because all of them are loaded for `maglev --help`."""
+"""Options, checks and error messages for all commands.
+
+This module imports little, because `maglev --help` loads it.
+"""
 
 import os
 from collections.abc import Callable, Iterable
@@ -9,20 +12,20 @@ from typing import Annotated, Any
 
 import typer
 
-# A preset is a file. Its folder is looked up without loading the simulator, which would delay every --help.
+# A preset is a file. Its folder is found without importing the simulator, which would delay --help.
 _RIGS = Path(find_spec("maglev_env").submodule_search_locations[0], "rigs")
 _PRESETS = ", ".join(sorted(file.stem for file in _RIGS.glob("*.toml")))
 RigOption = Annotated[str, typer.Option(help=f"Preset ({_PRESETS}) or a rig TOML.")]
 EffectOption = Annotated[
     list[str],
-    typer.Option("--effect", help="Effect beside the rig's own, e.g. delay=75e-6; repeat. See: maglev effects."),
+    typer.Option("--effect", help="Effect added to the rig's own, e.g. delay=75e-6; repeat. See: maglev effects."),
 ]
 JsonOption = Annotated[Path | None, typer.Option("--json", help="Also write the result as JSON to this file.")]
 DocsOption = Annotated[Path | None, typer.Option(help="Also write the tables as markdown to this file.")]
 SensorOption = Annotated[
-    str, typer.Option(help="What reads the displacement: probe, or self_sensing (the rig's own coils).")
+    str, typer.Option(help="Sensor of the displacement: probe, or self_sensing (the rig's own coils).")
 ]
-SeedOption = Annotated[int, typer.Option(min=0, help="Seed of every noise and random choice.")]
+SeedOption = Annotated[int, typer.Option(min=0, help="Seed of all noise and random choices.")]
 PolicyOption = Annotated[
     Path | None, typer.Option(help="Checkpoint of the learned tuner (default: the one of this package).")
 ]
@@ -34,17 +37,21 @@ SchedulerOption = Annotated[
         help="Dask scheduler, tcp://host:8786, or local:N for N processes here; results do not change.",
     ),
 ]
-_WRITTEN = {"json_file": "--json", "docs": "--docs", "picture": "--picture"}  # files that any command may write
+_WRITTEN = {"json_file": "--json", "docs": "--docs", "picture": "--picture"}  # options that name a file to write
 
 
 def given(context: typer.Context) -> list[str]:
-    """Names of the parameters that are on the command line."""
+    """Names of the parameters that the user has given on the command line."""
     sources = {name: context.get_parameter_source(name) for name in context.params}
     return [name for name, source in sources.items() if source and source.name == "COMMANDLINE"]
 
 
 def require_choice(value: str, known: Iterable[str], option: str) -> None:
-    """Check that an option has one of the known values. ValueError lists them."""
+    """Check that an option has one of the known values.
+
+    Raises:
+        ValueError: It has not; the message lists the known values.
+    """
     if value not in (choices := tuple(known)):
         raise ValueError(f"{option} {value}: use one of {', '.join(choices)}")
 
@@ -53,11 +60,11 @@ def require_file(path: Path | None, option: str) -> None:
     """Check, before any work, that a file can be written later.
 
     Args:
-        path: the file; None where the option was not given.
+        path: the file; None if the option was not given.
         option: its name on the command line, for the message.
 
     Raises:
-        ValueError: when the path is a folder, or its folder is missing or read-only.
+        ValueError: The path is a folder, or its folder is missing or read-only.
     """
     if path is None:
         return
@@ -70,14 +77,14 @@ def require_file(path: Path | None, option: str) -> None:
 
 
 def require_folder(path: Path, option: str = "--out") -> None:
-    """Check, before any work, that results can be written into a folder, which may have to be made first.
+    """Check, before any work, that results can be written into a folder, which need not exist yet.
 
     Args:
         path: the folder.
         option: its name on the command line, for the message.
 
     Raises:
-        ValueError: when the path is a file, or the folder or the nearest one above it that exists is read-only.
+        ValueError: The path is a file, or the folder (or the nearest existing folder above it) is read-only.
     """
     there = next(p for p in (path, *path.absolute().parents) if p.exists())
     if not there.is_dir():
@@ -87,9 +94,9 @@ def require_folder(path: Path, option: str = "--out") -> None:
 
 
 def friendly(command: Callable[..., None]) -> Callable[..., None]:
-    """Bad input or files end with one message and exit code 2, Ctrl-C with 130.
+    """A command that reports invalid input or files with one message and exit code 2, and Ctrl-C with 130.
 
-    Files that --json, --docs and --picture name are checked before the command begins.
+    The files of --json, --docs and --picture are checked before the command begins.
     """
 
     @wraps(command)

@@ -1,4 +1,4 @@
-"""One self-contained HTML page: heading, summary, tables, interactive figures, and what made it."""
+"""A self-contained HTML page: heading, summary, tables, interactive figures, and how it was made."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from html import escape
@@ -15,7 +15,7 @@ from maglev_env.rig.excitation import UNITS
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure, Scatter
 
-COLOURS = ("#0072B2", "#D55E00", "#009E73")  # Okabe and Ito: told apart by every eye
+COLOURS = ("#0072B2", "#D55E00", "#009E73")  # Okabe and Ito's palette, which colour-blind readers can distinguish
 INFEASIBLE, STAR = "#D9D9D9", "#E8000B"
 ISO_LIMITS = {3.0: "A | B", 4.0: "B | C", 5.0: "C | D"}  # peak |S|, ISO 14839-3
 _SIGNIFICANT = 4
@@ -34,10 +34,13 @@ table.facts th { color: #555; width: 14em; } footer { margin: 3em 0; }
 def page(
     title: str, summary: str, sections: "Sequence[tuple[str, str | Figure]]", made_by: Mapping[str, object]
 ) -> str:
-    """The HTML of one page, readable without a network.
+    """The HTML of one page, which includes plotly.js once and so needs no network.
 
-    sections: (heading or "", content); content is a plotly Figure or an HTML fragment whose strings the caller has
-    escaped. title, summary, headings and made_by are plain text and escaped here. plotly.js is in the page once.
+    Args:
+        title: plain text, as are summary, headings and made_by; they are escaped here.
+        summary: one or two sentences below the title.
+        sections: (heading or "", content); content is a plotly Figure, or HTML whose strings the caller has escaped.
+        made_by: names and values that say how the page was made, for its foot.
     """
     parts, drawn = [], 0
     for heading, content in sections:
@@ -50,7 +53,7 @@ def page(
             content.to_html(
                 full_html=False,
                 include_plotlyjs=drawn == 1,
-                div_id=f"figure-{drawn}",  # plotly's own ids are random: equal results must give equal pages
+                div_id=f"figure-{drawn}",  # plotly's own ids are random, but equal results must give equal pages
                 config={"displaylogo": False, "responsive": True},
             )
         )
@@ -63,7 +66,11 @@ def page(
 
 
 def write_page(path: Path, html: str) -> None:
-    """Write a page so that a reader sees the old one or the whole new one. OSError when it cannot be written."""
+    """Write a page atomically: a reader sees either the old page or the whole new one.
+
+    Raises:
+        OSError: It cannot be written.
+    """
     write_text_atomic(path, html)
 
 
@@ -89,7 +96,7 @@ def facts(pairs: Iterable[tuple[str, object]]) -> str:
 
 
 def rig_facts(rig: Mapping[str, Any]) -> dict[str, str]:
-    """What a page says of a rig and its protocol; rig: a `Rig` as JSON data, empty where it is not known."""
+    """Names and values that describe a rig and its protocol; rig: a `Rig` as JSON data, empty if it is not known."""
     if not rig:
         return {"Rig": "not known"}
     found = {"Rig": f"{rig['name']} ({rig['magnet']}), {rig['mass']:g} kg"}
@@ -102,12 +109,12 @@ def rig_facts(rig: Mapping[str, Any]) -> dict[str, str]:
 
 
 def note(text: str) -> str:
-    """HTML of a paragraph in a quieter colour; escaped."""
+    """HTML of a paragraph in grey; the text is escaped."""
     return f'<p class="note">{escape(text)}</p>'
 
 
 def number(value: float | None, digits: int = 3) -> str:
-    """A number to so many significant digits without an exponent where that is readable; a dash for nothing."""
+    """A number with some significant digits, without an exponent if that is readable; a dash for None or nan."""
     if value is None or isnan(value):
         return "–"
     if not isfinite(value):
@@ -119,7 +126,7 @@ def number(value: float | None, digits: int = 3) -> str:
 
 
 def with_interval(value: float | None, low: float | None, high: float | None) -> str:
-    """A value with its 95 % interval, to the digits that the interval gives: 43.04 ±0.20, or 43.0 [12.0, ∞]."""
+    """A value with its 95 % interval, rounded to the digits that the interval supports: 43.04 ±0.20, 43.0 [12.0, ∞]."""
     if value is None or isnan(value):
         return "–"
     low, high = -inf if low is None or isnan(low) else low, inf if high is None or isnan(high) else high
@@ -136,7 +143,7 @@ def with_interval(value: float | None, low: float | None, high: float | None) ->
 
 
 def styled(figure: "Figure", height: int) -> "Figure":
-    """The figure in the pages' common style, height in px."""
+    """Apply the common style of the pages to a figure and return it; height in px."""
     font = {"family": "system-ui, sans-serif", "size": 13}
     figure.update_layout(template="plotly_white", height=height, font=font, margin={"l": 70, "r": 30, "t": 50, "b": 60})
     figure.update_xaxes(showline=True, linecolor="#888", mirror=True, ticks="outside")
@@ -145,7 +152,7 @@ def styled(figure: "Figure", height: int) -> "Figure":
 
 
 def labelled_axis(title: str, values: np.ndarray, log: bool) -> dict[str, Any]:
-    """Axis settings for values in display units, positive if log; a logarithmic axis is labelled at 1, 2 and 5."""
+    """Axis settings for values in display units (positive if log); a logarithmic axis has labels at 1, 2 and 5."""
     axis: dict[str, Any] = {"title_text": title, "type": "log" if log else "linear"}
     if log:
         decades = range(floor(log10(values.min())), floor(log10(values.max())) + 1)
@@ -155,9 +162,12 @@ def labelled_axis(title: str, values: np.ndarray, log: bool) -> dict[str, Any]:
 
 
 def colour_panels(scales: Sequence[tuple[str, str, float, float]], x: Mapping, y: Mapping) -> "Figure":
-    """Four empty panels over the same two axes (see `labelled_axis`).
+    """A figure of four empty panels with the same two axes.
 
-    scales: (label, colour scale, least, greatest) of the panels, which become coloraxis1 to 4.
+    Args:
+        scales: (label, colour scale, lowest and highest value) of the panels, for coloraxis1 to 4.
+        x: settings of the x axis, see `labelled_axis`.
+        y: settings of the y axis.
     """
     from plotly.subplots import make_subplots
 
@@ -171,7 +181,7 @@ def colour_panels(scales: Sequence[tuple[str, str, float, float]], x: Mapping, y
 
 
 def shaded(x: ArrayLike, low: ArrayLike, high: ArrayLike, colour: str, **trace: Any) -> "Scatter":
-    """A shaded band between low and high, each (n,), broken where either is not finite."""
+    """A shaded band between low and high, each (n,), with gaps where either is not finite."""
     from plotly.graph_objects import Scatter
 
     x, low, high = (np.asarray(a, dtype=float) for a in (x, low, high))
@@ -188,9 +198,9 @@ def shaded(x: ArrayLike, low: ArrayLike, high: ArrayLike, colour: str, **trace: 
 
 
 def mark_iso_zones(figure: "Figure", row: int | None = None, col: int | None = None, log: bool = False) -> None:
-    """Lines across a panel of |S| where the zones of ISO 14839-3 meet; log: its y axis is logarithmic."""
+    """Draw the limits of the zones of ISO 14839-3 into a panel of |S|; log: its y axis is logarithmic."""
     for limit, zones in ISO_LIMITS.items():
         figure.add_hline(limit, row=row, col=col, line={"color": "#666", "width": 1, "dash": "dash"})
         label = {"text": f"{zones} at {limit:g}", "xref": "x domain", "x": 1, "xanchor": "right", "yanchor": "bottom"}
-        y = log10(limit) if log else limit  # annotations, unlike shapes, take the exponent
+        y = log10(limit) if log else limit  # annotations, unlike shapes, need the exponent on a logarithmic axis
         figure.add_annotation(**label, y=y, row=row, col=col, showarrow=False, font={"size": 10, "color": "#666"})

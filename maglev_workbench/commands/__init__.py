@@ -1,4 +1,4 @@
-"""A folder for every command, of the name that is typed; its `command.py` holds a typer application named `app`."""
+"""A folder for every command, with the command's name; its `command.py` has a typer application named `app`."""
 
 from collections.abc import Sequence
 from importlib import import_module
@@ -10,8 +10,8 @@ def add_commands(app: typer.Typer, package: str, names: Sequence[str]) -> None:
     """Add the commands of these folders to an application.
 
     Args:
-        app: what they are added to.
-        package: where the folders lie.
+        app: the application to which they are added.
+        package: the package that contains the folders.
         names: their names, in the order of the help.
     """
     for name in names:

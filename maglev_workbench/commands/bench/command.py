@@ -1,4 +1,4 @@
-"""`maglev bench`: the kernel, whole evaluations, every estimator and memory, beside references of the same run."""
+"""`maglev bench`: speed and memory of kernel, evaluations and estimators, with references measured in the same run."""
 
 import os
 from pathlib import Path
@@ -8,7 +8,7 @@ import typer
 
 from maglev_workbench.options import JsonOption, friendly, require_file
 
-_BUSY = 0.75  # load average per core from which on other work is in the way
+_BUSY = 0.75  # load average per core above which other processes disturb the measurement
 app = typer.Typer()
 
 
@@ -16,10 +16,10 @@ app = typer.Typer()
 @friendly
 def bench(
     out: Annotated[Path, typer.Option(help="HTML page to write.")] = Path("bench.html"),
-    compare: Annotated[Path | None, typer.Option(help="What --json wrote in an earlier run: compare with it.")] = None,
+    compare: Annotated[Path | None, typer.Option(help="JSON file of an earlier run to compare with.")] = None,
     json_file: JsonOption = None,
 ) -> None:
-    """Speed and memory of simulator and estimators, beside references measured in the same run; about a minute."""
+    """Measure speed and memory of simulator and estimators, and of references in the same run; about a minute."""
     from maglev_workbench.commands.bench import sections
     from maglev_workbench.commands.bench.figures import as_json, read_results, results_here
     from maglev_workbench.commands.bench.report import bench_page, show
@@ -31,7 +31,7 @@ def bench(
     old = read_results(compare) if compare else None
     load = os.getloadavg()[0] if hasattr(os, "getloadavg") else 0.0  # not on Windows
     if load > _BUSY * (os.cpu_count() or 1):
-        console.print(f"warning: other work is running here (load average {load:.1f}): figures will be worse for it")
+        console.print(f"warning: other work is running here (load average {load:.1f}), so the figures will be worse")
     results = results_here(sections.measure(Size()))
     write_json(json_file, as_json(results))
     write_page(out, bench_page(results, old))

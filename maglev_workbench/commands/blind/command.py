@@ -1,6 +1,6 @@
-"""`maglev blind`: diagnoses checked on sealed campaigns of a twin that shares no code with them.
+"""`maglev blind`: checks diagnoses on sealed campaigns of a twin that shares no code with the diagnosis.
 
-The table of its commands, each in the folder of its name.
+This is the table of its commands, each in the folder of its name.
 """
 
 import typer

@@ -1,4 +1,4 @@
-"""A sealed set made and answered: what `generate`, `answer` and `run` share."""
+"""Making and answering a sealed set, for `generate`, `answer` and `run`."""
 
 import json
 import os
@@ -13,18 +13,23 @@ from sim2real.blind import generate as generator
 from sim2real.blind.answer import Answered, answer_all
 from sim2real.blind.cases import ANSWERS, CAMPAIGNS, LABELS, SEAL
 
-SET = "set.json"  # how the set was made: nothing of its truth
+SET = "set.json"  # says how the set was made; it contains no labels
 
 
 def generate(out: Path, count: int, seed: int, processes: int | None) -> dict:
-    """Make a sealed set: campaigns, labels, their seal, and how it was made, which is returned.
+    """Make a sealed set: campaigns, labels, their seal, and a description of how it was made.
 
     Args:
-        out: an empty folder, or one to be made.
+        out: an empty folder, or one that does not exist yet.
+        count: number of campaigns.
+        seed: of the whole set.
         processes: None: as many as there are cores.
 
+    Returns:
+        The description, as in set.json.
+
     Raises:
-        ValueError: when the folder is not empty.
+        ValueError: The folder is not empty.
     """
     require_folder(out)
     if out.exists() and any(out.iterdir()):
@@ -41,7 +46,7 @@ def generate(out: Path, count: int, seed: int, processes: int | None) -> dict:
 
 
 def answer(folder: Path, processes: int | None, spread: Workers | None) -> Answered:
-    """Diagnose every campaign of a set that is not diagnosed yet, on workers where there are some."""
+    """Diagnose every campaign of a set that has no answer yet, on workers if there are any."""
     made_of(folder)
     with progress_bar() as bar:
         task = bar.add_task("diagnose", total=len(list((folder / CAMPAIGNS).glob("*/campaign.toml"))))
@@ -55,7 +60,11 @@ def answer(folder: Path, processes: int | None, spread: Workers | None) -> Answe
 
 
 def made_of(folder: Path) -> dict:
-    """How a set was made. ValueError where the folder holds none."""
+    """How a set was made.
+
+    Raises:
+        ValueError: The folder contains no complete set.
+    """
     path = folder / SET
     if not path.is_file():
         raise ValueError(f"{folder} holds no whole sealed set: make one there first (maglev blind generate)")

@@ -1,4 +1,4 @@
-"""What the options of `maglev compare` ask for: methods, budgets, and which of them go together."""
+"""Options of `maglev compare`: methods, budgets, and the check of their combinations."""
 
 from collections.abc import Sequence
 
@@ -12,7 +12,15 @@ OWN = ("twin", "cases", "budgets", "processes", "seed", "out", "docs", "json_fil
 
 
 def check_options(twin: bool, given: Sequence[str]) -> None:
-    """ValueError for options of `maglev compare`, by parameter name, that do not go together with or without --twin."""
+    """Check the combination of options of `maglev compare`.
+
+    Args:
+        twin: whether --twin was given.
+        given: parameter names of all options on the command line.
+
+    Raises:
+        ValueError: An option has no meaning with --twin, or without it.
+    """
     if twin and (other := [name for name in given if name not in OWN]):
         shown = "METHOD" if other[0] == "methods" else f"--{other[0]}"
         raise ValueError(
@@ -24,7 +32,7 @@ def check_options(twin: bool, given: Sequence[str]) -> None:
 
 
 def default_methods(task: Task, policy: HistoryPolicy | None) -> list[str]:
-    """All that take any budget; the learned one where a policy serves."""
+    """All tuners that accept any budget; the learned one only if a policy fits the task."""
     methods = [name for name, method in METHODS.items() if method.longest is None]
     try:
         check_policy(task, methods, policy)
@@ -37,7 +45,11 @@ def default_methods(task: Task, policy: HistoryPolicy | None) -> list[str]:
 
 
 def parse_budgets(text: str) -> tuple[int, ...]:
-    """Numbers of experiments, of 10,30. ValueError says what to give."""
+    """Numbers of experiments from a text such as 10,30.
+
+    Raises:
+        ValueError: The text has another form.
+    """
     try:
         return tuple(int(part) for part in text.split(","))
     except ValueError:

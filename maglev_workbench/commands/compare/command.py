@@ -1,4 +1,4 @@
-"""`maglev compare`: every tuner with the same budgets on the same rigs, as table, page, markdown and JSON."""
+"""`maglev compare`: compares tuners with the same budgets on the same rigs, as table, page, markdown and JSON."""
 
 from pathlib import Path
 from typing import Annotated
@@ -32,23 +32,25 @@ def compare(
     context: typer.Context,
     methods: Annotated[
         list[str] | None,
-        typer.Argument(metavar="METHOD", help=f"As of maglev tune (default: all but {SLOW}, which takes long)."),
+        typer.Argument(metavar="METHOD", help=f"Tuners as in maglev tune (default: all except {SLOW}, which is slow)."),
     ] = None,
     rig: RigOption = "hmb_free",
-    rigs: Annotated[int, typer.Option(help="How many rigs, drawn wide around the nominal.")] = 20,
+    rigs: Annotated[int, typer.Option(help="Number of rigs, drawn widely around the nominal one.")] = 20,
     budgets: Annotated[
         str,
-        typer.Option(help="Experiments after which to compare; with --twin (60) on each, or on simulators,twin."),
+        typer.Option(
+            help="Numbers of experiments after which to compare; with --twin (60) on each, or on simulators,twin."
+        ),
     ] = "10,30",
-    repeats: Annotated[int, typer.Option(help="Runs on every rig, with other noise.")] = 1,
-    protocol: Annotated[str, typer.Option(help="full, or quick: an eighth of the time, coarser.")] = "full",
+    repeats: Annotated[int, typer.Option(help="Runs on every rig, with different noise.")] = 1,
+    protocol: Annotated[str, typer.Option(help="full, or quick: an eighth of the time, less accurate.")] = "full",
     effect: EffectOption = [],  # noqa: B006
     twin: Annotated[
         Path | None,
-        typer.Option(help="Instead: folder of an opened sealed set; what its diagnoses are worth, scored on its twin."),
+        typer.Option(help="Instead of drawn rigs: folder of an opened sealed set, to score its diagnoses on its twin."),
     ] = None,
-    cases: Annotated[int, typer.Option(min=1, help="With --twin: so many of its large single effects.")] = 24,
-    processes: Annotated[int | None, typer.Option(min=1, help="With --twin (default: all cores).")] = None,
+    cases: Annotated[int, typer.Option(min=1, help="With --twin: number of its large single effects.")] = 24,
+    processes: Annotated[int | None, typer.Option(min=1, help="With --twin: processes (default: all cores).")] = None,
     seed: SeedOption = 0,
     policy: PolicyOption = None,
     scheduler: SchedulerOption = None,
@@ -59,7 +61,7 @@ def compare(
     """Compare tuners on the same unseen rigs with equal budgets: regret with intervals, touchdowns, time.
 
     With --twin: tune on the nominal simulator, on the one that a diagnosis corrected, and on the sealed twin itself,
-    and score all three on the twin: what diagnosis is worth in score, peak sensitivity and touchdowns.
+    and score all three on the twin. This shows the benefit of the diagnosis in score, peak sensitivity and touchdowns.
     """
     from maglev_workbench.commands.compare.asked import check_options, default_methods, parse_budgets
 
@@ -108,7 +110,7 @@ def compare(
         try:
             found = comparison.compare(task, chosen, rigs, steps, repeats, seed, folder, advance, own, spread)
         except KeyboardInterrupt:
-            console.print(f"stopped; what is finished is in {folder}: run the same command again to go on")
+            console.print(f"stopped; finished work is in {folder}: run the same command again to continue")
             raise
     of = figures(found)
     page, data = folder / "compare.html", compare_json(found, of)

@@ -1,4 +1,4 @@
-"""Plots of a comparison: regret against experiments, performance profiles, which tuner beats which."""
+"""Plots of a comparison: regret over experiments, performance profiles, probabilities of improvement."""
 
 from typing import TYPE_CHECKING
 
@@ -18,7 +18,7 @@ LEAST = 1e-4  # a logarithmic axis has no 0
 
 
 def course_figure(found: Comparison, of: Table) -> "Figure":
-    """Median regret of every tuner against experiments, with its interval."""
+    """Median regret of every tuner over the number of experiments, with its interval."""
     import plotly.graph_objects as go
 
     figure = go.Figure()
@@ -59,7 +59,7 @@ def profile_figure(found: Comparison, of: Table, thresholds: np.ndarray) -> "Fig
 
 
 def improvement_figure(found: Comparison, of: Table) -> "Figure":
-    """Probability that the row's tuner beats the column's on a rig, with its interval, a panel per budget."""
+    """Probability that the row's tuner is better than the column's on a rig, with its interval, a panel per budget."""
     import plotly.graph_objects as go
     from plotly.subplots import make_subplots
 

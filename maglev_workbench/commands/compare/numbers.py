@@ -7,14 +7,17 @@ import numpy as np
 from tuning.comparison.aggregates import improvement, interquartile_mean, median, performance_profile, resamples
 from tuning.comparison.compare import Comparison
 
-THRESHOLDS = np.geomspace(1e-3, 1, 61)  # of regret, where the profiles are drawn
+THRESHOLDS = np.geomspace(1e-3, 1, 61)  # values of regret at which the profiles are computed
 
 
 @dataclass(frozen=True, eq=False)
 class Figures:
-    """Of one tuner at one budget, each with its 95 % interval: median and iqm (3,) of regret, profile
-    (3, THRESHOLDS) of rigs below a regret, better (3,) by other tuner: the probability to beat it on a rig;
-    touchdowns per 100 experiments, seconds per tuning of one rig, share of these that the tuner itself takes."""
+    """Figures of one tuner at one budget; arrays (3, ...) are value, lower and upper end of the 95 % interval.
+
+    They are: median and iqm (3,) of the regret; profile (3, THRESHOLDS), the share of rigs below a regret; better (3,)
+    by other tuner, the probability of a lower regret on a rig; touchdowns per 100 experiments; seconds per tuning of
+    one rig; and the share of that time which the tuner itself takes.
+    """
 
     median: np.ndarray
     iqm: np.ndarray
@@ -29,7 +32,7 @@ Table = dict[tuple[int, str], Figures]  # by checkpoint and tuner
 
 
 def figures(found: Comparison) -> Table:
-    """All figures of a comparison; the same rigs are resampled for every tuner."""
+    """All figures of a comparison; the bootstrap resamples the same rigs for every tuner."""
     draws = resamples(len(found.best), found.made_by["seed"])
     of: Table = {}
     for j, n in enumerate(found.checkpoints):

@@ -30,7 +30,7 @@ HOW_TO_READ = (
 
 
 def compare_table(found: Comparison, of: Table) -> "rich.table.Table":
-    """What a terminal shows."""
+    """The table for a terminal."""
     from rich import box
     from rich.table import Table as Grid
 
@@ -45,7 +45,7 @@ def compare_table(found: Comparison, of: Table) -> "rich.table.Table":
 
 
 def summary(found: Comparison, of: Table) -> str:
-    """Which tuner has the least regret at each budget."""
+    """A sentence with the tuner of the least regret at each budget."""
     parts = []
     for n in filter(found.reached, found.budgets):
         best = min(found.reached(n), key=lambda m: of[n, m].median[0])
@@ -70,7 +70,7 @@ def compare_page(found: Comparison, of: Table) -> str:
 
 
 def compare_markdown(found: Comparison, of: Table, command: str) -> str:
-    """The same without the plots; of the probabilities, those between every two tuners at each budget."""
+    """The same as markdown, without the plots; probabilities are given for every pair of tuners at each budget."""
     parts = [f"# {TITLE}", summary(found, of), HOW_TO_READ, f"Made by `{command}`."]
     parts.append(markdown_table([name.replace("-\n", "") for name in HEAD], _rows(found, of)))
     for n in found.budgets:
@@ -84,7 +84,7 @@ def compare_markdown(found: Comparison, of: Table, command: str) -> str:
 
 
 def compare_json(found: Comparison, of: Table) -> dict[str, Any]:
-    """Schema maglev-compare/1. Intervals are (value, low, high); scores by rig, repeat and checkpoint."""
+    """JSON data of schema maglev-compare/1. Intervals are (value, low, high); scores by rig, repeat and checkpoint."""
     results = [
         {
             "method": m,
@@ -123,7 +123,7 @@ def _title(found: Comparison) -> str:
 
 
 def _rows(found: Comparison, of: Table) -> list[tuple[str, ...]]:
-    """By budget, least regret first."""
+    """Rows of every budget, sorted by regret."""
     rows = []
     for n in found.budgets:
         for m in sorted(found.reached(n), key=lambda m, n=n: of[n, m].median[0]):

@@ -1,4 +1,4 @@
-"""`maglev compare --twin`: tuning on nominal and corrected simulator and on the sealed twin, all scored on the twin."""
+"""`maglev compare --twin`: tunes on nominal and corrected simulator and on the sealed twin, and scores on the twin."""
 
 import json
 from pathlib import Path
@@ -72,7 +72,11 @@ def run(
 
 
 def parse_budgets(text: str | None) -> dict[str, int]:
-    """Experiments by simulator, of "60" (all alike) or "300,60" (simulators, twin). ValueError says what to give."""
+    """Experiments by simulator, from the text "60" (the same for all) or "300,60" (simulators, twin).
+
+    Raises:
+        ValueError: The text has another form.
+    """
     try:
         numbers = [int(part) for part in text.split(",")] if text is not None else [BUDGET]
     except ValueError:

@@ -16,11 +16,14 @@ NAMES = (PRESET, *SIMULATORS)
 WORDS = {PRESET: "preset gains", NOMINAL: "nominal simulator", CORRECTED: "corrected simulator", TWIN: "twin itself"}
 PALETTE = {PRESET: "#999999", NOMINAL: COLOURS[1], CORRECTED: COLOURS[0], TWIN: COLOURS[2]}
 SYMBOLS = {PRESET: "x-thin-open", NOMINAL: "circle", CORRECTED: "circle", TWIN: "diamond-open"}
-HIGHEST = 8.0  # peak |S| that is drawn; beyond, and where the loop fails, the mark lies there
+HIGHEST = 8.0  # largest peak |S| in the plot; larger ones, and loops that fail, are drawn at this value
 
 
 def before_after_figure(cases: Sequence[CaseWorth]) -> "Figure":
-    """A bar per case from the nominal to the corrected simulator's gains, the largest improvement on top."""
+    """A bar per case from the score with the nominal simulator's gains to that with the corrected one's.
+
+    The case with the largest improvement is on top.
+    """
     from plotly.subplots import make_subplots
 
     ordered = sorted(cases, key=lambda c: c.by[CORRECTED].score - c.by[NOMINAL].score)

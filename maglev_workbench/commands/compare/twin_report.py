@@ -1,4 +1,4 @@
-"""What diagnosis is worth, as tables, page, markdown and JSON."""
+"""The benefit of diagnosis in tuning, as tables, page, markdown and JSON."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
@@ -33,7 +33,7 @@ GAIN_HEAD = ("campaign", "tuned on", "kp, A/m", "ki, A/(m s)", "kd, A s/m", "pro
 
 @dataclass(frozen=True)
 class Compared:
-    """A finished comparison: its cases, budgets by simulator, the seed, how the set was made, and its seal."""
+    """A finished comparison: its cases, budgets by simulator, seed, the description of the set, and its seal."""
 
     cases: Sequence[CaseWorth]
     budgets: Mapping[str, int]
@@ -43,7 +43,7 @@ class Compared:
 
     @property
     def reduction(self) -> tuple[float, float, float]:
-        """Of the corrected simulators' regret, with its interval."""
+        """Relative reduction of the regret by corrected simulators, with its interval."""
         return reduction(self.cases)
 
     @property
@@ -52,7 +52,7 @@ class Compared:
 
 
 def budget_words(budgets: Mapping[str, int]) -> str:
-    """Which budgets they were, and whether they were equal."""
+    """The budgets in words, and whether they were equal."""
     if len(set(budgets.values())) == 1:
         return f"equal budgets of {budgets[TWIN]} experiments"
     if budgets[NOMINAL] == budgets[CORRECTED]:
@@ -61,7 +61,7 @@ def budget_words(budgets: Mapping[str, int]) -> str:
 
 
 def summary(found: Compared) -> str:
-    """The regrets, how far the corrected one is below the nominal, and whether that is enough."""
+    """Sentences with the regrets, the reduction by corrected simulators, and whether it reaches the target."""
     of, (value, low, high) = totals(found.cases), found.reduction
     wanted = _share(worth.LEAST)
     sums = ", ".join(f"{of[name].regret:.2f} by the {WORDS[name]}" for name in SIMULATORS)
@@ -93,7 +93,7 @@ def how_to_read(found: Compared) -> str:
 
 
 def twin_tables(found: Compared) -> "list[rich.table.Table]":
-    """For a terminal: scores and peak sensitivity by case, and the totals."""
+    """Tables for a terminal: scores and peak sensitivity by case, and the totals."""
     rows = [(c.id, c.truth, "yes" if c.right else "no", *(_both(c, name) for name in NAMES)) for c in found.cases]
     return [_grid(("case", "truth", "right", *NAMES), rows, "score | peak |S|"), _grid(TOTAL_HEAD, total_rows(found))]
 
@@ -124,7 +124,7 @@ def twin_page(found: Compared) -> str:
 
 
 def twin_markdown(found: Compared, command: str) -> str:
-    """The same without the plot."""
+    """The same as markdown, without the plot."""
     parts = [f"# {TITLE}", summary(found), how_to_read(found), f"Made by `{command}`."]
     parts.append(markdown_table(TOTAL_HEAD, total_rows(found)))
     for heading, head, rows in (
@@ -138,7 +138,7 @@ def twin_markdown(found: Compared, command: str) -> str:
 
 
 def twin_json(found: Compared) -> dict[str, Any]:
-    """Schema maglev-twin/1. Reductions are (value, low, high); None where a loop failed."""
+    """JSON data of schema maglev-twin/1. Reductions are (value, low, high); None if a loop failed."""
     return plain(
         {
             "schema": SCHEMA,
@@ -161,7 +161,7 @@ def twin_json(found: Compared) -> dict[str, Any]:
 
 
 def total_rows(found: Compared) -> list[tuple[str, ...]]:
-    """Rows under TOTAL_HEAD."""
+    """Rows of the table with the columns TOTAL_HEAD."""
     of = totals(found.cases)
     return [_total_row(found, name, of[name]) for name in NAMES]
 
@@ -185,7 +185,7 @@ def _total_row(found: Compared, name: str, t: Total) -> tuple[str, ...]:
 
 
 def part_rows(found: Compared) -> list[tuple[str, ...]]:
-    """Rows under PART_HEAD: of right answers and of the others."""
+    """Rows of the table with the columns PART_HEAD: for right answers and for the others."""
     rows = []
     for words, right in (("right", True), ("wrong or none", False)):
         if cases := [c for c in found.cases if c.right == right]:
@@ -197,7 +197,7 @@ def part_rows(found: Compared) -> list[tuple[str, ...]]:
 
 
 def case_rows(found: Compared) -> list[tuple[str, ...]]:
-    """Rows under CASE_HEAD."""
+    """Rows of the table with the columns CASE_HEAD."""
     rows = []
     for c in found.cases:
         scores = (f"{c.by[name].score:.3f}" for name in NAMES)
@@ -209,7 +209,7 @@ def case_rows(found: Compared) -> list[tuple[str, ...]]:
 
 
 def gain_rows(found: Compared) -> list[tuple[str, ...]]:
-    """Rows under GAIN_HEAD."""
+    """Rows of the table with the columns GAIN_HEAD."""
     return [
         (c.id, WORDS[name], *(number(g) for g in r.gains.values()), number(r.promised), f"{r.score:.3f}")
         for c in found.cases

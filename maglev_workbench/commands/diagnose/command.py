@@ -1,4 +1,4 @@
-"""`maglev diagnose`: a campaign to what makes simulator and rig differ, and the corrected rig."""
+"""`maglev diagnose`: finds why simulator and rig differ from a campaign, and writes the corrected rig."""
 
 from pathlib import Path
 from typing import Annotated
@@ -20,7 +20,7 @@ def diagnose(
     ] = None,
     json_file: JsonOption = None,
 ) -> None:
-    """Why simulator and rig differ: where, which effect or none that is known, how far it closes, what to measure."""
+    """Find out why simulator and rig differ: where, by which effect (or an unknown one), and what to measure next."""
     from importlib.metadata import version
 
     from maglev_env.recordings.campaign import load_campaign

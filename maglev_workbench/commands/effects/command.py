@@ -1,4 +1,4 @@
-"""`maglev effects`: what can be added to a simulated rig."""
+"""`maglev effects`: lists the effects that can be added to a simulated rig."""
 
 import typer
 

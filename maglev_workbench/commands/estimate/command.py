@@ -1,4 +1,4 @@
-"""`maglev estimate`: a campaign, or one file for a first look, to stiffness, damping and margins."""
+"""`maglev estimate`: stiffness, damping and margins from a campaign, or from one file for a first look."""
 
 from pathlib import Path
 from typing import Annotated
@@ -18,7 +18,7 @@ app = typer.Typer()
 def estimate(
     context: typer.Context,
     source: Annotated[Path, typer.Argument(help="Campaign folder, or one .mat, .csv, .npz or .h5 file.")],
-    method: Annotated[str, typer.Option(help="ls (the dissertation's), ml or both.")] = "both",
+    method: Annotated[str, typer.Option(help="ls (least squares), ml (maximum likelihood) or both.")] = "both",
     estimate_mass: Annotated[bool, typer.Option("--estimate-mass", help="Fit the moving mass too.")] = False,
     band_width: Annotated[float | None, typer.Option(help="Width of the estimation bands, Hz.")] = None,
     band_overlap: Annotated[float | None, typer.Option(help="Overlap of neighbouring bands, Hz.")] = None,
@@ -27,11 +27,13 @@ def estimate(
     lines: Annotated[str, typer.Option(help="One file: excited harmonics, first:last[:step].")] = "1:250",
     recorded: Annotated[bool, typer.Option("--recorded", help="One file: the force is not periodic.")] = False,
     force: Annotated[str, typer.Option(help="One file: column of the force, name[*scale].")] = "force",
-    displacement: Annotated[str, typer.Option(help="One file: column of the displacement.")] = "displacement",
+    displacement: Annotated[
+        str, typer.Option(help="One file: column of the displacement, name[*scale].")
+    ] = "displacement",
     mass: Annotated[float | None, typer.Option(help="Moving mass, kg (overrides the campaign's).")] = None,
     start: Annotated[int, typer.Option(min=0, help="One file: first sample used.")] = 0,
     samples: Annotated[
-        int | None, typer.Option(min=1, help="One file: how many samples (default: to the end).")
+        int | None, typer.Option(min=1, help="One file: number of samples (default: to the end).")
     ] = None,
     intersample: Annotated[
         str | None,
@@ -40,7 +42,7 @@ def estimate(
     out: Annotated[Path | None, typer.Option(help="HTML page (default: beside the source).")] = None,
     json_file: JsonOption = None,
 ) -> None:
-    """Stiffness, damping, margins and distortion of recordings, with honest intervals."""
+    """Estimate stiffness, damping, margins and distortion from recordings, with confidence intervals."""
     from rich.markup import escape
 
     from maglev_env.recordings.campaign import load_campaign

@@ -30,7 +30,7 @@ def in_words(band: Band, method: str, name: str) -> str:
 
 
 def coefficients(bands: Sequence[Band]) -> "Figure":
-    """Stiffness and damping against frequency: maximum likelihood with bars, least squares, effective ones."""
+    """Stiffness and damping over frequency: maximum likelihood with error bars, least squares, effective values."""
     from plotly.graph_objects import Scatter
     from plotly.subplots import make_subplots
 
@@ -47,7 +47,7 @@ def coefficients(bands: Sequence[Band]) -> "Figure":
         bottom, top = np.nanmin(core), np.nanmax(core)
         pad = 0.15 * (top - bottom) + 0.02 * abs(top) + 1e-12
         figure.update_yaxes(range=[bottom - pad, top + pad], row=1, col=col)
-        reach = 2 * (top - bottom + 2 * pad)  # stands for infinity: beyond the panel
+        reach = 2 * (top - bottom + 2 * pad)  # replaces infinity: extends beyond the panel
         low, high = np.clip(low, bottom - reach, ml), np.clip(high, ml, top + reach)
         symbols = ["x-thin-open" if b else "circle" for b in biased]
         marker = {"symbol": symbols, "size": [8 if b else 3 for b in biased]}
@@ -86,7 +86,7 @@ def receptance(found: Identification) -> "Figure":
         low, high = (20 * np.log10(np.maximum(size + s * sigma, size / 100)) for s in (-2, 2))
         turn = np.degrees(np.arcsin(np.minimum(1.0, 2 * sigma / size)))
         turn = np.where(2 * sigma >= size, 360.0, turn)
-        phase = (np.degrees(np.angle(g)) + 270) % 360 - 270  # from -270 to 90: a mass's -180 is not at the seam
+        phase = (np.degrees(np.angle(g)) + 270) % 360 - 270  # -270 to 90, so that -180 of a mass does not jump
         decibels = 20 * np.log10(size)
     figure = styled(make_subplots(2, 1, shared_xaxes=True, vertical_spacing=0.06), 560)
     line = {"mode": "lines+markers", "line": {"color": COLOURS[0], "width": 1.2}, "marker": {"size": 3}}
@@ -102,7 +102,7 @@ def receptance(found: Identification) -> "Figure":
 
 
 def sensitivity(found: Stability) -> "Figure":
-    """|S| against frequency with 95 % bands and the limits of ISO 14839-3."""
+    """|S| over frequency with 95 % bands and the limits of ISO 14839-3."""
     from plotly.graph_objects import Figure, Scatter
 
     size, half = np.abs(found.sensitivity), 1.96 * np.sqrt(found.variance / 2)

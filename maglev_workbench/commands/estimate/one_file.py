@@ -1,4 +1,4 @@
-"""A single data file read without a campaign, for a first look."""
+"""A single data file that is read without a campaign, for a first look."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,8 +19,8 @@ class OneFile:
         recorded: the force is not periodic.
         force, displacement: columns, name[*scale].
         start: first sample used.
-        samples: how many; None: to the end.
-        intersample: the force between samples, "bl" or "zoh"; None where it was not given.
+        samples: number of samples used; None: to the end.
+        intersample: the force between samples, "bl" or "zoh"; None if it was not given.
     """
 
     rate: float | None
@@ -39,11 +39,11 @@ def one_file_campaign(path: Path, mass: float | None, one: OneFile) -> Campaign:
 
     Args:
         path: the file.
-        mass: moving mass, kg; None where it is not known.
+        mass: moving mass, kg; None if it is not known.
         one: how to read it, as stated.
 
     Raises:
-        ValueError: the sample rate is missing.
+        ValueError: The sample rate is missing.
     """
     if one.rate is None or not one.rate > 0:
         raise ValueError(f"{path}: one file needs its sample rate: --rate HZ")

@@ -1,4 +1,4 @@
-"""Figures of x-y identification: the four stiffnesses or dampings against frequency, and the row sums."""
+"""Figures of x-y identification: the four stiffnesses or dampings over frequency, and the row sums."""
 
 import re
 from collections.abc import Sequence
@@ -16,13 +16,13 @@ if TYPE_CHECKING:
 
 ELEMENTS = {"xx": (0, 0), "xy": (0, 1), "yx": (1, 0), "yy": (1, 1)}  # force axis, motion axis
 SYMBOLS = {"stiffness": "k", "damping": "c"}
-SUMS = ("{0}_xx + r {0}_xy", "{0}_yy + {0}_yx / r")  # what motion along y = r x tells of a row, r real
+SUMS = ("{0}_xx + r {0}_xy", "{0}_yy + {0}_yx / r")  # the sums that motion along y = r x determines, for real r
 _SHADE = "#EEE"
 
 
 @dataclass(frozen=True)
 class _Series:
-    """Points of one panel, (bands,) in the panel's unit; good: the data bound them."""
+    """Points of one panel, (bands,), in the panel's unit; good: their intervals are bounded."""
 
     label: str
     colour: str
@@ -33,7 +33,7 @@ class _Series:
 
 
 def coefficient_matrix(found: PlanarIdentification, name: str) -> "Figure":
-    """The four of "stiffness" or "damping" in the places they have in the matrix, with 95 % bars and least squares."""
+    """The four elements of "stiffness" or "damping", arranged as in the matrix, with 95 % bars and least squares."""
     from plotly.graph_objects import Scatter
 
     scale, unit = COEFFICIENTS[name]
@@ -51,14 +51,14 @@ def coefficient_matrix(found: PlanarIdentification, name: str) -> "Figure":
         style = {"hovertemplate": text, "name": "least squares", "legendgroup": "LS", "showlegend": p == 0}
         figure.add_trace(Scatter(**trace, **style), row=p // 2 + 1, col=p % 2 + 1)
     for first, last in _runs(~known):
-        # Each band reaches half-way to its neighbours' centres.
+        # Each band extends half-way to the centres of its neighbours.
         edges = np.concatenate([found.bands[:1, 0], (centre[1:] + centre[:-1]) / 2, found.bands[-1:, 1]])
         figure.add_vrect(edges[first], edges[last + 1], fillcolor=_SHADE, line_width=0, layer="below")
     return figure
 
 
 def row_sum_panels(found: PlanarIdentification, names: Sequence[str]) -> "Figure":
-    """What each recording (its name in names) tells along its line of motion: stiffness above, damping below."""
+    """Row sums of each recording (its name in names) along its line of motion: stiffness above, damping below."""
     titles, series, units = [], [], []
     for name, (scale, unit) in COEFFICIENTS.items():
         for axis, text in zip("xy", SUMS, strict=True):
@@ -82,7 +82,7 @@ def _panels(centre: np.ndarray, titles: list[str], series: list[list[_Series]], 
         place = {"row": p // 2 + 1, "col": p % 2 + 1}
         bottom, top = _range(panel)
         figure.update_yaxes(range=[bottom, top], **place)
-        reach = 2 * (top - bottom)  # stands for infinity: beyond the panel
+        reach = 2 * (top - bottom)  # replaces infinity: extends beyond the panel
         for one in panel:
             low, high = np.clip(one.low, bottom - reach, one.value), np.clip(one.high, one.value, top + reach)
             known = np.isfinite(one.value)
@@ -109,7 +109,7 @@ def _panels(centre: np.ndarray, titles: list[str], series: list[list[_Series]], 
 
 
 def _range(panel: list[_Series]) -> tuple[float, float]:
-    """Ends of a panel: the bounded points and nearly all of their bars; of all points where none is bounded."""
+    """Limits of a panel: the bounded points and nearly all of their bars; all points if none is bounded."""
     some = [one.good & np.isfinite(one.value) for one in panel]
     if not any(each.any() for each in some):
         some = [np.isfinite(one.value) for one in panel]

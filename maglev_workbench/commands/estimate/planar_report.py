@@ -33,19 +33,21 @@ _LAST = {"stiffness": "condition\nnumber", "damping": "\ntrust", "bearing": "bea
 
 
 def planar_json(files: str, found: PlanarIdentification) -> dict[str, Any]:
-    """The eight coefficients as JSON data, SI; what is missing, unbounded or not to be told apart is None.
+    """The eight coefficients as JSON data, SI; missing, unbounded or indistinguishable values are None.
 
-    Coefficients are {xx, xy, yx, yy}, force axis first, each {value, se, ci}. condition and inflation None: infinite.
-    row_sums: one entry per recording, in the order of files; ratio {re, im} is y / x of the motion they hold for.
+    Coefficients are {xx, xy, yx, yy}, force axis first, each {value, se, ci}. A condition or inflation of None means
+    infinite. row_sums has one entry per recording, in the order of files; its ratio {re, im} is y / x of the motion for
+    which the sums hold.
     """
     bands = [_json_band(found, b) for b in range(len(found.bands))]
     return plain({"files": files, "masses": found.masses, "bands": bands, "notes": found.notes})
 
 
 def planar_table(found: PlanarIdentification) -> "rich.table.Table":
-    """Bands for a terminal, at most 30 rows of them, in blocks: stiffness, damping and, with a support, the bearing.
+    """Table of the bands for a terminal, with at most 30 rows in each block.
 
-    Bands where x and y move along one line have no coefficients but the row sums of the first recording, last.
+    The blocks are stiffness, damping and, with a support, the bearing alone. Bands in which x and y move along one line
+    have no coefficients; the last block gives their row sums by the first recording.
     """
     from rich import box
     from rich.table import Table
@@ -148,7 +150,7 @@ def _json_sums(found: PlanarIdentification, recording: int, b: int) -> dict[str,
 
 
 def _blocks(found: PlanarIdentification) -> list[str]:
-    """What there is to tabulate of the eight coefficients."""
+    """The blocks of the eight coefficients that can be tabulated."""
     if not found.estimate.identifiable.any():
         return []
     return [name for name in _BLOCKS if name != "bearing" or found.bearing_stiffness is not None]
@@ -218,7 +220,7 @@ def _sum_cells(found: PlanarIdentification, recording: int, b: int) -> list[str]
 
 
 def _ratio(ratio: complex) -> str:
-    """A number where x and y move in step or against each other, else magnitude and angle."""
+    """y / x as text: a real number if x and y move in phase or in antiphase, else magnitude and angle."""
     size, angle = abs(ratio), np.degrees(np.angle(ratio))
     turned = np.isfinite(size) and 1 <= abs(angle) <= 179
     value = size if turned else ratio.real
@@ -227,7 +229,7 @@ def _ratio(ratio: complex) -> str:
 
 
 def _foldable(head: list[str], rows: list[list[str]]) -> str:
-    """HTML of a table, folded away where it is longer than a screen."""
+    """HTML of a table; a long one is folded."""
     html = table(head, rows)
     return html if len(rows) <= ROWS else f"<details><summary>Table of {len(rows)} bands</summary>{html}</details>"
 
@@ -246,7 +248,7 @@ def _facts(found: PlanarIdentification) -> list[tuple[str, str]]:
 
 
 def _sum_sections(files: str, found: PlanarIdentification) -> "list[tuple[str, str | Figure]]":
-    """Row sums of the bands where x and y move along one line, with a figure where that is every band."""
+    """Row sums of the bands in which x and y move along one line, with a figure if these are all bands."""
     known = found.estimate.identifiable
     names = files.split(" + ")
     if len(names) != len(found.row_sums):

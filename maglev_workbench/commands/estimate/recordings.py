@@ -1,4 +1,4 @@
-"""Every recording of a campaign identified: each axis by itself, and x and y together where both were pushed."""
+"""Identification of every recording of a campaign: each axis alone, and x and y together if both were excited."""
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
@@ -19,8 +19,14 @@ Track = Callable[[Iterable[RecordingSpec]], Iterable[RecordingSpec]]
 
 @dataclass(frozen=True)
 class Identified:
-    """What was found, each beside the recordings it was found in: of single axes, of x and y together, and of the named
-    rig in all recordings (None without a rig). open: recordings without an excitation that repeats or is recorded."""
+    """Results with the names of their recordings.
+
+    Attributes:
+        axes: Identification of single axes.
+        planar: Identification of x and y together.
+        open: Recordings without an excitation that repeats or is recorded.
+        pooled: The named rig in all recordings, where some are open.
+    """
 
     axes: list[tuple[str, Identification]]
     planar: list[tuple[str, PlanarIdentification]]
@@ -39,14 +45,14 @@ def identify_campaign(
     """Identify every recording.
 
     Args:
-        campaign: where the recordings are.
-        mass: moving mass, kg; None where it is not known.
-        estimate_mass: fit it too.
+        campaign: with the recordings.
+        mass: moving mass, kg; None if it is not known.
+        estimate_mass: whether the mass is fitted too.
         band_width, band_overlap: of the estimation bands, Hz; None: the defaults.
         track: wraps the loop over the recordings, to show progress.
 
     Raises:
-        ValueError: names the file that cannot be identified and says why.
+        ValueError: A file cannot be identified; the message names it and says why.
     """
     found = Identified([], [], [])
     loops: dict[tuple, list[tuple[str, RecordedSignals]]] = {}
@@ -73,17 +79,17 @@ def identify_campaign(
 def _axes(
     file: str, signals: RecordedSignals, rig: Rig | None, mass: float | None, *options: object
 ) -> list[tuple[str, Identification]]:
-    """The identification of a recording, of each axis by itself where there are two."""
+    """The identification of a recording; with two axes, of each axis alone."""
     parts = [(file, signals)]
     if signals.axes == 2:
         parts = [(f"{file}, {name}", axis_signals(signals, axis)) for axis, name in enumerate(AXES)]
-        # An axis that nothing pushes along tells nothing by itself.
+        # An axis that is not excited cannot be identified alone.
         pushed = [(name, own) for name, own in parts if any(e.at == "force" for e in own.excitations)]
         parts = pushed or [(name, own) for name, own in parts if own.excitations]
     found = []
     for name, own in parts:
         one = rig if rig is None or own.axis is None else axis_rig(rig, own.axis)
-        # A mass given stands for the rig's common one; an axis may have its own share of it.
+        # A given mass replaces the rig's common one; the ratio of an axis' own mass to the common one is kept.
         share = mass if mass is None or one is None or rig is None else mass * one.mass / rig.mass
         found.append((name, identify(own, one, share, *options)))
     return found

@@ -23,9 +23,10 @@ if TYPE_CHECKING:
     from plotly.graph_objects import Figure
 
 Method = Literal["ls", "ml", "both"]
-# Constant coefficients do not describe a band that noise does not rule when both say so: adjusted R2 and p of the fit.
+# If noise does not dominate a band, and both adjusted R2 and p of the fit are below these limits, constant coefficients
+# do not describe the band.
 POOR_FIT, MISFIT = 0.9, 1e-3
-ROWS = 30  # bands that a terminal shows
+ROWS = 30  # largest number of bands in a terminal's table
 _SHARED = ("f_lo", "f_hi")
 _MARGINS = {  # label, factor from SI, unit
     "peak_sensitivity": ("Peak |S|", 1.0, ""),
@@ -38,9 +39,11 @@ _MARGINS = {  # label, factor from SI, unit
 
 
 def estimate_json(results: Sequence[tuple[str, Identification]], method: Method) -> dict[str, Any]:
-    """Recordings as JSON data, schema maglev-estimate/1, SI; what is missing or unbounded is None.
+    """Recordings as JSON data, schema maglev-estimate/1, SI; missing or unbounded values are None.
 
-    results: (file, identification); method "both" gives two entries per band, "ml" before "ls".
+    Args:
+        results: (file, identification).
+        method: "ml", "ls" or "both"; the last gives two entries per band, "ml" before "ls".
     """
     wanted = ("ml", "ls") if method == "both" else (method,)
     recordings = []
@@ -65,7 +68,7 @@ def estimate_json(results: Sequence[tuple[str, Identification]], method: Method)
 
 
 def estimate_table(identification: Identification, method: Method) -> "rich.table.Table":
-    """Bands for a terminal, at most 30 rows: the estimates by `method`, their fit, and which of them to trust."""
+    """Table of the bands for a terminal, at most 30 rows: estimates by `method`, their fit, marks of doubtful ones."""
     from rich import box
     from rich.table import Table
 
@@ -97,10 +100,12 @@ def estimate_page(
     made_by: Mapping[str, object] | None = None,
     more: "Sequence[Sequence[tuple[str, str | Figure]]]" = (),
 ) -> str:
-    """The HTML of all recordings: coefficients against frequency, receptance, |S| and margins, notes.
+    """The HTML of all recordings: coefficients over frequency, receptance, |S| and margins, notes.
 
-    made_by: what the caller knows of their origin, such as the campaign and the rig. more: groups of sections of
-    `maglev_workbench.page.page` that follow those of the recordings.
+    Args:
+        results: (file, identification).
+        made_by: names and values of their origin, such as the campaign and the rig.
+        more: groups of sections of `maglev_workbench.page.page` that follow those of the recordings.
     """
     sections: list[tuple[str, str | Figure]] = []
     for file, found in results:

@@ -1,11 +1,11 @@
-"""What the terminal says of an identification below its table."""
+"""Lines for the terminal below the table of an identification."""
 
 from maglev_env.evaluation.identification import Identification
 from maglev_workbench.console import console
 
 
 def say(found: Identification) -> None:
-    """Print mass, actuator, mode, distortion, margins and notes, as far as they were found."""
+    """Print mass, actuator, mode, distortion, margins and notes, as far as they are known."""
     if found.modal:
         m = found.modal
         console.print(f"mass {m.mass:.5g} +- {1.96 * m.mass_se:.2g} kg")

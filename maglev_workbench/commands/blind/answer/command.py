@@ -1,4 +1,4 @@
-"""`maglev blind answer`: every campaign of a sealed set diagnosed."""
+"""`maglev blind answer`: diagnoses every campaign of a sealed set."""
 
 import typer
 
@@ -16,9 +16,9 @@ def answer(
     scheduler: SchedulerOption = None,
     json_file: JsonOption = None,
 ) -> None:
-    """Diagnose every campaign of a sealed set, never reading the labels; an interrupted run resumes.
+    """Diagnose every campaign of a sealed set without reading the labels; an interrupted run resumes.
 
-    Campaigns are sent to the workers of a --scheduler: they need not see the folder.
+    Campaigns are sent to the workers of a --scheduler, which need no access to the folder.
     """
     from maglev_lanes.code_version import DIAGNOSING, code_version
     from maglev_lanes.schedule import workers

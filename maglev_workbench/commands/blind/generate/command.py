@@ -1,4 +1,4 @@
-"""`maglev blind generate`: campaigns of an independent twin, their labels sealed."""
+"""`maglev blind generate`: writes campaigns of an independent twin and seals their labels."""
 
 import typer
 
@@ -17,7 +17,7 @@ def generate(
     processes: ProcessesOption = None,
     json_file: JsonOption = None,
 ) -> None:
-    """Write campaigns of an independent twin, and seal their labels: prints the SHA-256 of what is not to be read."""
+    """Write campaigns of an independent twin and seal their labels: prints the SHA-256 of the labels."""
     from maglev_workbench.commands.blind import sealed_set
     from maglev_workbench.console import write_json
 

@@ -1,4 +1,4 @@
-"""`maglev blind open`: the answers to a sealed set scored against its labels."""
+"""`maglev blind open`: scores the answers to a sealed set against its labels."""
 
 import typer
 
@@ -11,7 +11,7 @@ app = typer.Typer()
 @app.command("open", epilog="Example: maglev blind open sealed --docs docs/blind.md")
 @friendly
 def open_(folder: FolderArgument, docs: PageDocsOption = None, json_file: JsonOption = None) -> None:
-    """Check the seal, score every answer against the truth, and write the page; from then on the set is spent."""
+    """Check the seal, score every answer against the labels, and write the page; the set cannot be used again."""
     from maglev_workbench.commands.blind.open.opening import open_folder
 
     open_folder(folder, docs, json_file)

@@ -1,4 +1,4 @@
-"""Reliability of the stated probabilities, drawn for the page and for the markdown."""
+"""Reliability plots of the stated probabilities, for the page and for the markdown."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -14,7 +14,7 @@ STATED, RIGHT = "stated probability of the most probable hypothesis", "share rig
 
 
 def reliability_figure(r: Reliability) -> "Figure":
-    """Share right against stated probability, with the number of campaigns at each point."""
+    """Share of right answers over stated probability, with the number of campaigns at each point."""
     import plotly.graph_objects as go
 
     figure = go.Figure(go.Scatter(x=[0, 1], y=[0, 1], mode="lines", line={"color": "#999", "dash": "dash"}))
@@ -26,7 +26,11 @@ def reliability_figure(r: Reliability) -> "Figure":
 
 
 def save_reliability(path: Path, r: Reliability) -> None:
-    """The same as a PNG. OSError when it cannot be written."""
+    """Write the same plot as a PNG.
+
+    Raises:
+        OSError: It cannot be written.
+    """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 

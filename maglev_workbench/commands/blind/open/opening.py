@@ -1,4 +1,4 @@
-"""A sealed set opened: scored, and written as JSON, page and markdown; what `open` and `run` share."""
+"""Opening a sealed set: it is scored and written as JSON, page and markdown, for `open` and `run`."""
 
 from pathlib import Path
 
@@ -18,7 +18,7 @@ from sim2real.blind.regret import CASES
 
 
 def open_folder(folder: Path, docs: Path | None, json_file: Path | None) -> None:
-    """Check the seal, score every answer, write the results into the folder and to the files, and print them."""
+    """Check the seal, score every answer, write the results into the folder and the files, and print them."""
     made = made_of(folder)
     cases = min(CASES, sum(case.kind == "single" and (case.size or 0) >= 10 for case in open_labels(folder)))
     with progress_bar() as bar:
@@ -40,7 +40,7 @@ def show(opened: Opened) -> None:
     """Print the table of the targets."""
     grid = Table(title=f"maglev blind: {len(opened.judged)} sealed campaigns, {opened.failed} without an answer")
     for heading in HEAD:
-        if heading != "ambitious":  # a terminal is narrow; the page has it
+        if heading != "ambitious":  # left out because a terminal is narrow; the page has it
             grid.add_column(heading, justify="left" if heading in ("figure", "verdict") else "right")
     for row in opened.rows:
         grid.add_row(*(cell for heading, cell in zip(HEAD, cells(row), strict=True) if heading != "ambitious"))

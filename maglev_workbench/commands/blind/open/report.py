@@ -15,7 +15,7 @@ TITLE = "The blind check of diagnoses"
 
 
 def blind_page(opened: Opened, made: Mapping[str, Any]) -> str:
-    """HTML of the check; made: how the set was made, as set.json holds it."""
+    """HTML of the check; made: how the set was made, the content of set.json."""
     targets = table(HEAD, map(cells, opened.rows))
     sections = [
         ("Targets", targets + "".join(note(line) for line in missed(opened))),
@@ -27,7 +27,7 @@ def blind_page(opened: Opened, made: Mapping[str, Any]) -> str:
 
 
 def blind_markdown(opened: Opened, made: Mapping[str, Any], picture: str) -> str:
-    """The same as a markdown page; picture: name of the reliability plot beside it."""
+    """The same as markdown; picture: file name of the reliability plot in the same folder."""
     parts = [f"# {TITLE}", summary(opened), markdown_table(HEAD, map(cells, opened.rows))]
     if lines := missed(opened):
         parts += ["Not reached, or not settled by so many campaigns:", "\n".join(f"- {line}" for line in lines)]
@@ -61,7 +61,7 @@ def blind_json(opened: Opened, made: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def summary(opened: Opened) -> str:
-    """One sentence."""
+    """One sentence with the number of targets that were reached."""
     aimed = [r for r in opened.rows if r.target and r.n]
     counts = [sum(r.verdict == verdict for r in aimed) for verdict in ("ambitious", "floor", "missed")]
     return (

@@ -45,7 +45,7 @@ class TextTable:
 
 
 def tables(opened: Opened) -> list[TextTable]:
-    """Every table below that of the targets."""
+    """All tables that follow the table of the targets."""
     return [
         _parts("By size", opened.by_size),
         _parts("By channel set", opened.by_channels),
@@ -59,7 +59,7 @@ def tables(opened: Opened) -> list[TextTable]:
 
 
 def amount(value: float, unit: str) -> str:
-    """A figure in its unit."""
+    """A figure as text in its unit."""
     if not isfinite(value):
         return number(value)
     if unit == "share":
@@ -68,7 +68,7 @@ def amount(value: float, unit: str) -> str:
 
 
 def cells(row: Row) -> tuple[str, ...]:
-    """A figure as a row under HEAD."""
+    """A figure as the cells of a row with the columns HEAD."""
     interval = f"{amount(row.low, row.unit)} .. {amount(row.high, row.unit)}" if row.n else "–"
     target = row.target
     verdict = row.verdict if row.decided or row.verdict in ("", "no cases") else f"({row.verdict})"
@@ -90,12 +90,12 @@ def _best(row: Row) -> str:
 
 
 def _round(value: float, unit: str) -> str:
-    """A target as it was set, without the digits of a measurement."""
+    """A target as text, with only the digits with which it was set."""
     return f"{100 * value:g} %" if unit == "share" else f"{value:g} {unit}".strip()
 
 
 def missed(opened: Opened) -> list[str]:
-    """In words, the figures below their floor, and those that only this many campaigns cannot settle."""
+    """Descriptions of the figures that miss their floor, and of those that so few campaigns cannot decide."""
     words = {True: "misses the floor", False: "misses the floor, which its interval holds"}
     unsure = "meets the floor, which its interval holds"
     return [
@@ -106,7 +106,7 @@ def missed(opened: Opened) -> list[str]:
 
 
 def _parts(heading: str, parts: Mapping[str, Sequence[Row]]) -> TextTable:
-    """Figures down, parts across: value, interval and number of campaigns."""
+    """A table with a row per figure and a column per part: value, interval and number of campaigns."""
     across = list(parts.values())
     rows = []
     for same in zip(*across, strict=True):
@@ -133,7 +133,7 @@ def _confusion(opened: Opened) -> TextTable:
 
 
 def _wrong(opened: Opened) -> TextTable:
-    """Large singles that were not named: what one would look into first."""
+    """Large single effects that were not named, which are the first errors to investigate."""
     rows = []
     for j in sorted(opened.judged, key=lambda j: j.case.id):
         if j.case.kind == "single" and (j.case.size or 0) >= LARGE[0] and not j.right_class:

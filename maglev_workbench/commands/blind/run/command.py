@@ -1,4 +1,4 @@
-"""`maglev blind run`: a sealed set generated, answered and opened in one go."""
+"""`maglev blind run`: generates, answers and opens a sealed set in one run."""
 
 from typing import Annotated
 
@@ -23,15 +23,15 @@ def run(
     out: FolderOption,
     seed: SetSeedOption,
     count: CountOption = COUNT,
-    quick: Annotated[bool, typer.Option("--quick", help="24 campaigns: shows that it runs, proves little.")] = False,
+    quick: Annotated[bool, typer.Option("--quick", help="Only 24 campaigns: a test run that proves little.")] = False,
     processes: ProcessesOption = None,
     scheduler: SchedulerOption = None,
     docs: PageDocsOption = None,
     json_file: JsonOption = None,
 ) -> None:
-    """Generate, answer and open in one go; what an interrupted run has finished is used.
+    """Generate, answer and open a sealed set in one run; an interrupted run resumes.
 
-    A --scheduler answers; its set is generated here.
+    The workers of a --scheduler answer; the set itself is generated on this machine.
     """
     from maglev_lanes.schedule import workers
     from maglev_workbench.commands.blind import sealed_set
