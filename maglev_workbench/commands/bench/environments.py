@@ -1,4 +1,4 @@
-"""Gymnasium environments: experiments per second of batches, and what the wrapper costs over the bare evaluation."""
+"""Gymnasium environments: experiments per second of batches, and the overhead over the bare evaluation."""
 
 import contextlib
 from functools import partial
@@ -18,8 +18,11 @@ _PEER_STEPS = 2000
 
 
 def environment_figures(size: Size) -> dict[str, Figure]:
-    """Experiments per second of 1, 8, 64 and 512 environments; the batch of 64 against its experiments evaluated bare;
-    control samples per second, and gym-electric-motor's where it is installed."""
+    """Experiments per second of 1, 8, 64 and 512 environments, and ratios.
+
+    The batch of 64 is compared with the evaluation of the same experiments without environments, and control samples
+    per second with those of gym-electric-motor, if it is installed.
+    """
     found = {}
     for n in (1, 8, 64, size.memory_sets[1]):
         env = gym.make_vec(ID, num_envs=n)
@@ -53,8 +56,8 @@ def _bare(env: gym.vector.VectorEnv, actions: np.ndarray) -> partial:
 
 
 def _peer_rate() -> float | None:
-    """Control samples per second of gym-electric-motor; None where it is not installed or does not run here."""
-    with contextlib.suppress(Exception):  # whatever keeps a peer from running is not ours to fail on
+    """Control samples per second of gym-electric-motor; None if it is not installed or does not run here."""
+    with contextlib.suppress(Exception):  # the benchmark must not fail because another package does
         import gym_electric_motor
 
         env = gym_electric_motor.make(PEER)

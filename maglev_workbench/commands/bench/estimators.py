@@ -1,4 +1,4 @@
-"""Every estimator's time on one core: milliseconds per gain set where lanes share the work, else per recording."""
+"""Time of every estimator on one core, in ms per gain set if lanes share the work, else per recording."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -113,7 +113,7 @@ def _two_axes(pair: tuple[LineStatistics, LineStatistics], mass: float) -> Works
 
 
 def _recordings(size: Size) -> Works:
-    """What is done once per recording: margins with intervals, distortion, and responses without periods."""
+    """Estimators that run once per recording: margins with intervals, distortion, responses without periods."""
     first = protocol_experiment(load_rig("hmb_free"))
     statistics = simulate_statistics([first], threads=1).statistics
     record = replace(statistics, mean=statistics.mean[0], covariance=statistics.covariance[0])

@@ -1,4 +1,4 @@
-"""Figures of a benchmark with what they were measured on, kept as JSON, and compared with those of an earlier run."""
+"""Figures of a benchmark and the machine they were measured on, as JSON, and the comparison with an earlier run."""
 
 import json
 import os
@@ -21,7 +21,7 @@ Better = Literal["lower", "higher"] | None
 
 @dataclass(frozen=True)
 class Figure:
-    """One number measured. better: which way is better, None where neither is."""
+    """One measured number; better: "lower" or "higher", None if neither is better."""
 
     value: float
     unit: str
@@ -30,7 +30,7 @@ class Figure:
 
 @dataclass(frozen=True)
 class Results:
-    """All figures of a run by name, when (UTC, ISO 8601) and on what they were measured."""
+    """All figures of a run by name, with the time (UTC, ISO 8601) and the machine."""
 
     date: str
     machine: str
@@ -42,7 +42,7 @@ class Results:
 
 @dataclass(frozen=True)
 class Change:
-    """A figure in two runs; ratio: new over old, None where the old one is zero; worse: by more than TOLERANCE."""
+    """A figure in two runs; ratio: new over old, None if the old one is zero; worse: by more than TOLERANCE."""
 
     old: float
     new: float
@@ -58,7 +58,7 @@ def results_here(figures: dict[str, Figure]) -> Results:
 
 
 def _processor() -> str:
-    """The processor's model where the system tells it."""
+    """The processor's model, if the system gives it."""
     listed = Path("/proc/cpuinfo")
     if listed.exists():  # on Linux processor() gives the architecture or nothing
         for line in listed.read_text().splitlines():
@@ -74,7 +74,11 @@ def as_json(results: Results) -> dict[str, Any]:
 
 
 def read_results(path: Path) -> Results:
-    """Results that `as_json` described. ValueError says what of the file is wrong, where, and what to do."""
+    """Results from a file with the data of `as_json`.
+
+    Raises:
+        ValueError: The file is not valid; the message says what is wrong and what to do.
+    """
     advice = "give a file that `maglev bench --json` wrote"
     if not path.is_file():
         raise ValueError(f"--compare {path}: no such file; {advice}")
@@ -130,7 +134,7 @@ def changes(old: Results, new: Results) -> dict[str, Change]:
 
 
 def differences(old: Results, new: Results) -> list[str]:
-    """What else than the code differs between two runs, in words."""
+    """Differences between two runs other than the code (machine, versions), in words."""
     before, now = ({**asdict(r), **r.versions} for r in (old, new))
     names = [name for name in (*_HOST, *sorted({*old.versions, *new.versions})) if name != "versions"]
     return [f"{n}: {before.get(n)} then, {now.get(n)} now" for n in names if before.get(n) != now.get(n)]

@@ -1,4 +1,4 @@
-"""The lane kernel by what is compiled into it, and its distance to general simulators of the same loop."""
+"""Speed of the lane kernel's variants, and of general simulators of the same loop."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -27,7 +27,7 @@ VARIANTS = (
 )  # fmt: skip
 CROSS = Cross(stiffness_xy=100.0, stiffness_yx=-100.0, damping_xy=0.1, gain_xy=0.2, sensor_xy=0.01)
 _LAGS = {"amplifier_time_constant": 1e-4, "sensor_time_constant": 1.6e-5, "control_rate": 20e3}  # those of hmb_free
-_LINEAR_SHARE, _IVP_SHARE = 30, 600  # the slow simulators run so small a part of the experiment
+_LINEAR_SHARE, _IVP_SHARE = 30, 600  # the slow simulators run one over this number of the experiment
 
 
 def kernel_figures(size: Size) -> dict[str, Figure]:
@@ -55,7 +55,7 @@ def kernel_figures(size: Size) -> dict[str, Figure]:
 
 
 def quiet_experiment() -> Experiment:
-    """The protocol of hmb_free without noise: what the kernel alone is measured on."""
+    """The protocol of hmb_free without noise, with which the kernel alone is measured."""
     return protocol_experiment(replace(load_rig("hmb_free"), noise=Noise()))
 
 
@@ -65,7 +65,7 @@ def _lanes(e: Experiment) -> list[Experiment]:
 
 
 def variants(one: Experiment) -> dict[str, Experiment]:
-    """Experiments that compile something else in, at the same rate, lags and converters as the one-axis one."""
+    """Experiments that need other variants of the kernel, with the rate, lags and converters of the one-axis one."""
     turned = tuple(replace(x, direction=45.0) for x in one.excitations)  # both axes move
     xy = replace(one, rig=replace(one.rig, axes=2), excitations=turned)
     ball = Rig("ball", "electromagnet", mass=0.058, gap=10e-3, turns=1000, pole_area=3e-4, **_LAGS)
@@ -112,7 +112,7 @@ def reference_figures(size: Size) -> dict[str, Figure]:
 
 
 def _references(e: Experiment, samples: int) -> dict[str, tuple[Callable[[], object], float]]:
-    """Work, and what its seconds are multiplied by to give those of all samples."""
+    """Functions to time, and the factors from their seconds to the seconds for all samples."""
     a, b, c = closed_loop(e)
     dt, d = 1 / e.rig.control_rate, np.zeros((1, 1))
     u = e.waveform("force")[: samples // _LINEAR_SHARE]

@@ -20,9 +20,9 @@ _MB = 1e6
 
 
 def memory_figures(size: Size) -> dict[str, Figure]:
-    """Peaks of evaluating few and many gain sets on one thread, as numpy and Python allocate and as the system sees it.
+    """Peak memory of evaluating few and many gain sets on one thread, as allocated by numpy and Python.
 
-    peak_rss_growth: what the larger evaluation, after the smaller one, adds to the process' peak resident memory.
+    peak_rss_growth is the growth of the process' peak resident memory from the smaller to the larger evaluation.
     """
     few, many = size.memory_sets
     with ProcessPoolExecutor(1, get_context("spawn")) as pool:  # this process' own peak may hide that of an evaluation
@@ -39,7 +39,7 @@ def memory_figures(size: Size) -> dict[str, Figure]:
 def evaluation_peaks(sets: tuple[int, int]) -> tuple[list[int], int | None]:
     """Peak bytes that each evaluation allocates, and growth of the peak resident memory from the first to the second.
 
-    The latter is None where the system does not tell it.
+    The latter is None if the system does not give it.
     """
     experiment = protocol_experiment(load_rig("hmb_free"))
     evaluate([experiment], threads=1)  # compiles
@@ -64,7 +64,7 @@ def _peak_resident() -> int | None:
 
 
 def block_figures() -> dict[str, Figure]:
-    """Bytes per lane of a block: what it holds while it runs, and its output of one period."""
+    """Bytes per lane of a block: its state while it runs, and its output of one period."""
     e = quiet_experiment()
     batch = lane_batch([e])
     held = batch.rows.nbytes + batch.seeds.nbytes + batch.history_length * batch.rows.itemsize

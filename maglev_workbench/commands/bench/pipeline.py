@@ -1,4 +1,4 @@
-"""Whole evaluations: gain sets per second, what each part takes, and how both scale with threads."""
+"""Whole evaluations: gain sets per second, the time of each part, and the scaling with threads."""
 
 import os
 from collections.abc import Callable, Sequence
@@ -92,10 +92,10 @@ def _run(steppers: Sequence[Callable[[], None]], threads: int) -> None:
 
 
 def part_figures(size: Size) -> dict[str, Figure]:
-    """Milliseconds per gain set of each part of an evaluation on one thread, and what they explain of the whole.
+    """Milliseconds per gain set of each part of an evaluation on one thread, and their share of the whole.
 
-    evaluation_cores_used: processor time of all threads over that of the calling one: above 1 the linear algebra runs
-    threads of its own, which cost more than they bring on matrices as small as these.
+    evaluation_cores_used is the processor time of all threads over that of the calling one. If it is above 1, the
+    linear algebra library starts its own threads, which slow down operations on such small matrices.
     """
     experiments = [replace(protocol_experiment(load_rig("hmb_free")), seed=i) for i in range(size.lanes)]
     repeats = 2 * size.repeats
@@ -124,7 +124,7 @@ def _cores_used(work: Callable[[], object], repeats: int) -> float:
 
 
 def _parts(experiments: list[Experiment], calls: int) -> dict[str, Callable[[], object]]:
-    """What `evaluate` does with the experiments of one chunk, one after the other; the kernel for one period."""
+    """The parts of `evaluate` for the experiments of one chunk, in order; the kernel for one period only."""
     e = experiments[0]
     rig, n, lines = e.rig, e.samples_per_period, lines_at(e.excitations)
     s = simulate_statistics(experiments, threads=1).statistics

@@ -1,4 +1,4 @@
-"""The figures of a benchmark on the console and as a page, beside those of an earlier run."""
+"""The figures of a benchmark on the console and as a page, compared with those of an earlier run."""
 
 from typing import TYPE_CHECKING
 
@@ -77,7 +77,7 @@ def _rows(results: Results, old: Results | None, found: dict[str, Change]) -> li
 
 
 def _remarks(results: Results, old: Results | None, found: dict[str, Change]) -> list[str]:
-    """What a comparison says beyond its numbers."""
+    """Remarks on a comparison: how many figures are worse, and differences other than the code."""
     if not old:
         return []
     worse = sum(change.worse for change in found.values())

@@ -19,8 +19,11 @@ _IVP_SECONDS = 2e-3
 
 
 def self_sensing_figures(size: Size) -> dict[str, Figure]:
-    """Milliseconds of one core per simulated second and lane: supply, coil, converter and estimator at 250 kHz; the
-    same in the loop of hmb_free; and solve_ivp with the switching edges as events, of one coil without estimator."""
+    """Milliseconds of one core per simulated second and lane.
+
+    They are measured for supply, coil, converter and estimator at 250 kHz; for the same in the loop of hmb_free; and
+    for solve_ivp with the switching edges as events, for one coil without estimator.
+    """
     sensor = rig_sensors(load_rig("hmb_free"))[0]
     samples = int(_SECONDS * sensor.acquisition.rate)
     time = np.arange(1, samples + 1) / sensor.acquisition.rate

@@ -1,4 +1,4 @@
-"""How figures are timed: the best of several repeats, in turn with whatever they are compared to."""
+"""Timing: the best of several repeats, alternating with the references."""
 
 from collections.abc import Callable, Hashable, Mapping
 from dataclasses import dataclass, replace
@@ -15,11 +15,11 @@ ENOUGH = 8.0  # s
 
 @dataclass(frozen=True)
 class Size:
-    """How much is run for each figure: more of it makes figures scatter less.
+    """Amount of work for each figure; more of it reduces the scatter.
 
-    lanes simulated, or gain sets evaluated, together; repeats of each timing; xy_lanes for the x-y estimators, which
-    take longest; seconds of the record that is not periodic; gain sets of the smaller and the larger evaluation whose
-    memory is measured.
+    The fields are: lanes that are simulated, or gain sets that are evaluated, together; repeats of each timing;
+    xy_lanes for the x-y estimators, which are the slowest; seconds of the record that is not periodic; gain sets of the
+    smaller and the larger evaluation whose memory is measured.
     """
 
     lanes: int = 64
@@ -30,9 +30,9 @@ class Size:
 
 
 def alternately(works: Mapping[Name, Callable[[], object]], repeats: int) -> dict[Name, float]:
-    """Best seconds of each work. They run in turn, so that a drift of the machine's speed meets all of them alike.
+    """Shortest time (s) of each function; they alternate, so that changes of the machine's speed affect all equally.
 
-    Fewer repeats, two at least, where these have taken ENOUGH seconds: a slow machine must not measure for minutes.
+    After ENOUGH seconds the repeats end (there are at least two), so that a slow machine does not measure for minutes.
     """
     best, begun = dict.fromkeys(works, inf), perf_counter()
     for done in range(repeats):
@@ -48,8 +48,8 @@ def alternately(works: Mapping[Name, Callable[[], object]], repeats: int) -> dic
 def stepper(experiments: list[Experiment], calls: int, outputs: int = 2) -> Callable[[], None]:
     """The kernel alone on one core: each of so many calls advances all experiments by one period.
 
-    The first outputs, displacement and command, are written out. Compiling, allocating and the transient are over when
-    this returns.
+    The first outputs, displacement and command, are stored. Compilation, allocation and the transient are finished when
+    this function returns.
     """
     blocks = list(block_periods([replace(e, periods=calls, transient_periods=1) for e in experiments], outputs))
     for periods in blocks:

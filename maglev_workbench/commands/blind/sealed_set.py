@@ -53,7 +53,9 @@ def answer(folder: Path, processes: int | None, spread: Workers | None) -> Answe
         try:
             found = answer_all(folder, processes, lambda n: bar.advance(task, n), workers=spread)
         except KeyboardInterrupt:
-            console.print(f"stopped; what is answered is in {folder / ANSWERS}: run the same command again to go on")
+            console.print(
+                f"stopped; finished answers are in {folder / ANSWERS}: run the same command again to continue"
+            )
             raise
     console.print(f"{found.new} answered, {found.reused} reused, {found.failed} of both failed")
     return found

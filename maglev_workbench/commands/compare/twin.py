@@ -55,7 +55,7 @@ def run(
                 lambda n: bar.advance(line, n),
             )
         except KeyboardInterrupt:
-            console.print(f"stopped; every finished case is in {results}: run the same command again to go on")
+            console.print(f"stopped; finished cases are in {results}: run the same command again to continue")
             raise
     path = folder / SET
     compared = Compared(found, budgets, seed, json.loads(path.read_text()) if path.is_file() else {}, seal)

@@ -1,4 +1,4 @@
-"""Figures of a diagnosis: the loop with the gap's share on its blocks, responses, ranking, gap, bands and kinds."""
+"""Figures of a diagnosis: the loop with the shares of the gap, responses, ranking, gap, bands and kinds of lines."""
 
 from collections.abc import Mapping, Sequence
 from html import escape
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from plotly.graph_objects import Figure
 
 LOOP = ("controller", "amplifier", "actuator", "mechanics", "sensor")
-SIGNALS = ("command", "current", "force", "displacement", "reading")  # what leaves each block of the loop
+SIGNALS = ("command", "current", "force", "displacement", "reading")  # output of each block of the loop
 GREY, GAP = "#444", COLOURS[1]
 FLOOR, SHOWN = 0.001, 9  # probability and number of hypotheses that the ranking shows
 _BOX, _STEP, _LEFT, _TOP, _HIGH, _ROW = 122, 208, 92, 66, 60, 28
@@ -23,8 +23,15 @@ _QUANTITY = {"receptance": ("displacement / force in um/N", 1e6), "sensitivity":
 
 
 def loop_diagram(diagnosis: Diagnosis, effects: Sequence[str]) -> str:
-    """The loop as SVG: below its blocks the segments that the channels isolate with their shares of the gap; the darker
-    a block, the more of it may lie there. effects: what is blamed, written into its blocks."""
+    """The loop as SVG.
+
+    Below the blocks are the segments that the recorded channels isolate, with their shares of the gap. The larger the
+    share that may belong to a block, the darker it is.
+
+    Args:
+        diagnosis: the diagnosis.
+        effects: the effects of the verdict, which are written into their blocks.
+    """
     where, controlled = diagnosis.where, diagnosis.campaign.rig.controlled
     names = LOOP if controlled else LOOP[3:]
     shares = {n: v for n, v in where.blocks.items() if where.significant and v > 0}
@@ -107,8 +114,11 @@ def _arrow(points: Sequence[tuple[float, float]]) -> str:
 
 
 def responses(curves: Sequence[Curve]) -> "Figure":
-    """Curves of one kind, a column for each axis: size, of a receptance the phase, and the distance from the measured
-    one in units of its noise."""
+    """Curves of one kind, a column for each axis.
+
+    The rows are the magnitude, for a receptance the phase, and the distance from the measured curve in units of its
+    noise.
+    """
     from plotly.subplots import make_subplots
 
     title, scale = _QUANTITY[curves[0].kind]
@@ -143,7 +153,7 @@ _STYLES = {
 
 
 def _drawn(curve: Curve) -> dict[str, np.ndarray]:
-    """What is finite of nominal, corrected and measured, in the order in which it is drawn."""
+    """Those of the nominal, corrected and measured curves that are finite, in drawing order."""
     return {name: getattr(curve, name) for name in _STYLES if np.isfinite(getattr(curve, name)).all()}
 
 
@@ -168,7 +178,7 @@ def _phases(figure: "Figure", curve: Curve, col: int) -> None:
     from plotly.graph_objects import Scatter
 
     for name, values in _drawn(curve).items():
-        phase = (np.degrees(np.angle(values)) + 270) % 360 - 270  # a mass's -180 is not at the seam
+        phase = (np.degrees(np.angle(values)) + 270) % 360 - 270  # -270 to 90, so that -180 of a mass does not jump
         text = f"%{{x:.4g}} Hz: %{{y:.4g}}°<extra>{name}</extra>"
         shown = {"showlegend": False, "hovertemplate": text}
         figure.add_trace(Scatter(x=curve.frequency, y=phase, **_STYLES[name], **shown), row=2, col=col)
@@ -191,7 +201,7 @@ def _distances(figure: "Figure", curve: Curve, row: int, col: int) -> None:
 
 
 def ranking(diagnosis: Diagnosis) -> "Figure":
-    """The most probable hypotheses as bars; what the verdict names is coloured."""
+    """The most probable hypotheses as bars; those of the verdict are coloured."""
     from plotly.graph_objects import Bar, Figure
 
     kept = [e for e in diagnosis.which if e.probability >= FLOOR][:SHOWN][::-1]
@@ -207,7 +217,7 @@ def ranking(diagnosis: Diagnosis) -> "Figure":
 
 
 def gap_bars(rows: Sequence[tuple[str, float | None]]) -> "Figure":
-    """Gaps in units of the noise, None where the rotor touches down, from the first at the top; dashed: noise alone."""
+    """Bars of gaps in units of the noise, the first one on top; None if the rotor touches down; dashed: noise alone."""
     from plotly.graph_objects import Bar, Figure
 
     rows = list(rows)[::-1]
@@ -236,7 +246,7 @@ def shares(diagnosis: Diagnosis) -> "Figure":
     low, high, share = np.array(diagnosis.where.bands).T
     text = "%{customdata}: %{y:.1%}<extra></extra>"
     bands = [f"{a:.3g} .. {b:.3g} Hz" for a, b in zip(low, high, strict=True)]
-    # On a logarithmic axis bars of one width in Hz would not be: each has a category.
+    # Bars of equal width in Hz look unequal on a logarithmic axis, so the axis has categories.
     figure.add_trace(Bar(x=[number(np.sqrt(a * b)) for a, b in zip(low, high, strict=True)], y=share, customdata=bands,
                          marker={"color": GAP}, hovertemplate=text), row=1, col=1)  # fmt: skip
     kind = diagnosis.where.kind

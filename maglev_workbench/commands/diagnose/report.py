@@ -1,4 +1,4 @@
-"""Reports of `maglev diagnose`: what a terminal shows, and one page."""
+"""Reports of `maglev diagnose`: text for a terminal, and a page."""
 
 from collections.abc import Sequence
 from html import escape
@@ -20,8 +20,8 @@ if TYPE_CHECKING:
     from plotly.graph_objects import Figure
     from rich.console import RenderableType
 
-NO_BETTER = 1.02  # times the gap after: a foil that leaves less does as well
-BEYOND = 3.0  # stated tolerances: a calibration that far off is not one
+NO_BETTER = 1.02  # a control effect that leaves less than this times the remaining gap fits as well as the named one
+BEYOND = 3.0  # a calibrated change of more than this many stated tolerances is marked
 TOP, LEAST = 5, 0.005  # hypotheses listed with their parameters, and their least probability
 _WORDS = {"stiffness": ("stiffness", 1e-3, "kN/m"), "damping": ("damping", 1.0, "N s/m"),
           "peak_sensitivity": ("peak |S|", 1.0, "")}  # fmt: skip
@@ -52,7 +52,7 @@ _GAP_HEAD = ("", "measured", "nominal", "error", "corrected", "error")
 
 
 def terminal(diagnosis: Diagnosis) -> "list[RenderableType]":
-    """What a terminal shows, in order, in 80 columns."""
+    """The parts of the text for a terminal, in order, in 80 columns."""
     from rich import box
     from rich.markup import escape as plain
     from rich.table import Table
@@ -61,7 +61,7 @@ def terminal(diagnosis: Diagnosis) -> "list[RenderableType]":
     parts += [f"  {plain(line)}" for line in where_in_words(diagnosis)]
     ranked = Table(box=box.SIMPLE_HEAD, pad_edge=False)
     for name in _RANK_HEAD:
-        if name != "where":  # a terminal is narrow, and the blocks stand above
+        if name != "where":  # left out because a terminal is narrow, and the blocks are given above
             side = "right" if name in ("probability", "worst group") else "left"
             ranked.add_column(name, justify=side, overflow="fold")
     for i, (name, probability, _, *rest) in enumerate(_ranked(diagnosis)):
@@ -109,7 +109,7 @@ def diagnose_page(diagnosis: Diagnosis) -> str:
 
 
 def _wrapped(html: str) -> str:
-    """A table whose cells may break: parameters of two effects are wider than a page."""
+    """A table whose cells may contain line breaks, because the parameters of two effects are wider than a page."""
     return html.replace("<td>", '<td style="white-space: normal">')
 
 
@@ -153,7 +153,7 @@ def _place(e: Entry) -> str:
 
 
 def _parameters(fitted: dict[str, dict[str, float]], several: bool) -> str:
-    """Parameters of effects; changes within tolerance are in the corrected rig's table."""
+    """Parameters of effects as text; changes within tolerance are in the table of the corrected rig."""
     found = []
     for name, at in fitted.items():
         effect, _, key = name.partition(".")
@@ -191,7 +191,7 @@ def _gap_lines(d: Diagnosis) -> list[str]:
 
 
 def _choice_line(choice: GainChoice) -> str:
-    """What the gap does to the choice of gains, in a sentence."""
+    """A sentence on how the gap changes the choice of gains."""
     nominal, corrected = (f"kp x {kp:g}, kd x {kd:g}" for kp, kd in choice.chosen)
     if nominal == corrected:
         text = f"Gains: of {len(choice.nominal)} sets both simulators choose {nominal}"
@@ -206,7 +206,7 @@ def _choice_line(choice: GainChoice) -> str:
 
 
 def _word_rows(d: Diagnosis) -> list[tuple[str, ...]]:
-    """Stiffness, damping and peak sensitivity, measured and simulated, where the lines tell them."""
+    """Stiffness, damping and peak sensitivity, measured and simulated, if the lines determine them."""
     rows = []
     for name, (label, scale, unit) in _WORDS.items():
         at = {when: getattr(words, name) * scale for when, words in d.gap.words.items()}

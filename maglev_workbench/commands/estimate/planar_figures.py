@@ -118,7 +118,7 @@ def _range(panel: list[_Series]) -> tuple[float, float]:
         return 0.0, 1.0
     bars = [np.concatenate([getattr(one, end)[each] for one, each in zip(panel, some, strict=True)])
             for end in ("low", "high")]  # fmt: skip
-    # One band's wide bar must not flatten the others.
+    # A wide error bar of one band must not compress the others.
     low, high = (np.quantile(bar[np.isfinite(bar)], q) if np.isfinite(bar).any() else values[0]
                  for bar, q in zip(bars, (0.1, 0.9), strict=True))  # fmt: skip
     bottom, top = min(values.min(), low), max(values.max(), high)

@@ -1,4 +1,4 @@
-"""Plots that several items share."""
+"""Plots for several items."""
 
 from collections.abc import Sequence
 from itertools import cycle
@@ -17,7 +17,7 @@ DASHES = ("solid", "dash", "dot", "dashdot")
 def by_frequency(
     frequency: np.ndarray, curves: Sequence[tuple[str, np.ndarray]], unit: str, log: bool = False
 ) -> "Figure":
-    """Named curves (n,) against frequency (n,) Hz; unit: title of the y axis; log: both axes logarithmic."""
+    """Named curves (n,) over frequency (n,) in Hz; unit: title of the y axis; log: both axes are logarithmic."""
     from plotly.graph_objects import Figure
 
     figure = Figure()

@@ -1,4 +1,4 @@
-"""`maglev reproduce`: the dissertation's experiments run anew, as tables, a page, JSON and markdown."""
+"""`maglev reproduce`: repeats the dissertation's experiments; results as tables, a page, JSON and markdown."""
 
 from pathlib import Path
 from typing import Annotated
@@ -22,7 +22,7 @@ def reproduce(
     seed: SeedOption = 0,
     json_file: JsonOption = None,
 ) -> None:
-    """Run the dissertation's experiments anew: its figures, ours, the difference and what explains it."""
+    """Repeat the dissertation's experiments: its figures, ours, the differences and their reasons."""
     from maglev_env.recordings.files import write_text_atomic
     from maglev_workbench.commands.reproduce import registry
     from maglev_workbench.commands.reproduce.report import reproduce_json, reproduce_markdown, reproduce_page, summary
@@ -39,7 +39,7 @@ def reproduce(
             bar.update(task, description=one.name)
             outcomes.append(one.run(seed))
             bar.advance(task)
-    done = list(zip(items, outcomes, strict=True))  # nothing is written before the last item is done
+    done = list(zip(items, outcomes, strict=True))  # nothing is written before the last item has finished
     for one, outcome in done:
         show(one, outcome)
     out.mkdir(parents=True, exist_ok=True)

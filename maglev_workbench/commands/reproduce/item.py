@@ -1,4 +1,4 @@
-"""What an experiment of the dissertation becomes: rows of published and found figures, plots, and what to know."""
+"""An experiment of the dissertation and its outcome: rows of published and found figures, plots and notes."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -23,14 +23,14 @@ class Row:
 
     @property
     def difference(self) -> float | None:
-        """(found - published) / published, None where that means nothing."""
+        """(found - published) / published, None if that has no meaning."""
         if isinstance(self.published, str) or not self.published:
             return None
         return (self.found - self.published) / self.published
 
     @property
     def agrees(self) -> bool | None:
-        """Whether the difference is within what was asked; None where nothing was asked."""
+        """Whether the difference is within the tolerance; None without a tolerance."""
         if self.within is None or self.difference is None:
             return None
         return bool(abs(self.difference) <= self.within)
@@ -38,7 +38,13 @@ class Row:
 
 @dataclass(frozen=True)
 class Outcome:
-    """rows of figures; plots: (heading, plotly figure); notes: sentences on what the evidence supports."""
+    """Result of an item.
+
+    Args:
+        rows: its figures.
+        plots: (heading, plotly figure).
+        notes: sentences on the conclusions that the results support.
+    """
 
     rows: tuple[Row, ...]
     plots: "tuple[tuple[str, Figure], ...]" = field(default=())
@@ -47,8 +53,14 @@ class Outcome:
 
 @dataclass(frozen=True)
 class Item:
-    """One experiment. name: as on the command line; title; source: section, table or figure of the dissertation; run:
-    from a seed to its outcome."""
+    """One experiment.
+
+    Args:
+        name: on the command line.
+        title: of its part of the page.
+        source: section, table or figure of the dissertation.
+        run: gives the outcome for a seed.
+    """
 
     name: str
     title: str

@@ -1,4 +1,4 @@
-"""The experiments by name, in the order of the dissertation's chapters; a module loads when its item is asked for."""
+"""The experiments by name, in the order of the dissertation's chapters; their modules are imported on demand."""
 
 from collections.abc import Sequence
 from importlib import import_module

@@ -1,4 +1,4 @@
-"""What the reproduced experiments say, as a page, as markdown and as JSON."""
+"""Results of the reproduced experiments as a page, as markdown and as JSON."""
 
 from collections.abc import Sequence
 from importlib.metadata import version
@@ -10,7 +10,7 @@ from maglev_workbench.commands.reproduce.item import Item, Outcome, Row
 from maglev_workbench.page import facts, markdown_table, note, number, page, table
 
 TITLE = "The dissertation's experiments, run anew"
-ROUNDING = 1e-9  # relative differences below are the arithmetic's
+ROUNDING = 1e-9  # smaller relative differences are rounding errors
 HEAD = ("figure", "published", "ours", "difference", "verdict")
 OVERVIEW = ("experiment", "name", "agree", "differ", "only shown")
 DIGITS = 4
@@ -25,7 +25,7 @@ Done = Sequence[tuple[Item, Outcome]]
 
 
 def cells(row: Row) -> tuple[str, ...]:
-    """A row as text under HEAD."""
+    """The cells of a row with the columns HEAD."""
     difference = row.difference
     known = difference is not None and isfinite(difference)
     shown = f"{100 * difference if abs(difference) > ROUNDING else 0:+.3g} %" if known else "–"
@@ -34,7 +34,7 @@ def cells(row: Row) -> tuple[str, ...]:
 
 
 def summary(done: Done) -> str:
-    """One sentence."""
+    """One sentence with the number of figures that agree."""
     asked = [row.agrees for _, outcome in done for row in outcome.rows if row.agrees is not None]
     figures = sum(len(outcome.rows) for _, outcome in done)
     return (
@@ -44,7 +44,7 @@ def summary(done: Done) -> str:
 
 
 def _overview(done: Done) -> list[tuple[str, ...]]:
-    """Of each item how many figures agree, differ, and are only shown."""
+    """Rows with the number of figures of each item that agree, differ, and are only shown."""
     rows = []
     for item, outcome in done:
         asked = [row.agrees for row in outcome.rows]
@@ -66,7 +66,7 @@ def reproduce_page(done: Done, seed: int) -> str:
 
 
 def reproduce_markdown(done: Done, seed: int) -> str:
-    """The same without the plots, as a markdown page."""
+    """The same as markdown, without the plots."""
     parts = [f"# {TITLE}", summary(done), HOW_TO_READ, f"Made by `{_command(done, seed)} --docs FILE`."]
     parts.append(markdown_table(OVERVIEW, _overview(done)))
     for item, outcome in done:
@@ -77,7 +77,7 @@ def reproduce_markdown(done: Done, seed: int) -> str:
 
 
 def reproduce_json(done: Done, seed: int) -> dict[str, Any]:
-    """Everything but the plots as JSON data, schema maglev-reproduce/1."""
+    """Everything except the plots as JSON data, schema maglev-reproduce/1."""
     return plain(
         {
             "schema": "maglev-reproduce/1",

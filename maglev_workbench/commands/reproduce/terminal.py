@@ -1,4 +1,4 @@
-"""What the terminal says of one reproduced experiment."""
+"""Text for the terminal on one reproduced experiment."""
 
 from rich.markup import escape
 from rich.table import Table
@@ -9,7 +9,7 @@ from maglev_workbench.console import console
 
 
 def show(item: Item, outcome: Outcome) -> None:
-    """Print its figures beside the published ones, what explains a difference, and its notes."""
+    """Print its figures beside the published ones, the reasons of differences, and its notes."""
     grid = Table(title=f"{item.name}: {escape(item.title)} ({escape(item.source)})", title_justify="left")
     for heading in HEAD:
         grid.add_column(heading, justify="left" if heading in ("figure", "verdict") else "right")

@@ -1,4 +1,4 @@
-"""What the options of `maglev runup` ask for: speeds, and gains of the rotor's controllers."""
+"""Options of `maglev runup`: speeds, and gains of the rotor's controllers."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import fields, replace
@@ -13,7 +13,11 @@ MOST_SPEEDS = 2000
 
 
 def parse_speeds(text: str) -> np.ndarray:
-    """Speeds (n,) rpm of lo:hi:step, both ends included, or of one value. ValueError says what to write."""
+    """Speeds (n,) in rpm from the text lo:hi:step, both ends included, or from one value.
+
+    Raises:
+        ValueError: The text has another form, or gives too many speeds.
+    """
     try:
         values = [float(part) for part in text.split(":")]
     except ValueError:
@@ -32,9 +36,15 @@ def parse_speeds(text: str) -> np.ndarray:
 
 
 def with_chosen_gains(rotor: Rotor, gains: Mapping[str, float | None], single: Sequence[str]) -> Rotor:
-    """The rotor with gains replaced in both controllers, then single ones, as controller.gain=value.
+    """The rotor with other gains.
 
-    ValueError for what is not a controller or gain of the rotor, or not a number.
+    Args:
+        rotor: with two controllers.
+        gains: replaced in both controllers; None: unchanged.
+        single: controller.gain=value, replaced afterwards.
+
+    Raises:
+        ValueError: The rotor has no such controller or gain, or the value is not a number.
     """
     both = {name: value for name, value in gains.items() if value is not None}
     chosen = {name: replace(old, **both) for name, old in rotor.gains.items()}
@@ -55,7 +65,7 @@ def with_chosen_gains(rotor: Rotor, gains: Mapping[str, float | None], single: S
 
 
 def check_reach(rotor: Rotor, speeds: np.ndarray) -> None:
-    """ValueError when the rotor's motor does not hold one of the speeds (rpm)."""
+    """Raise ValueError if the rotor's motor cannot keep one of the speeds (rpm)."""
     if rotor.motor is None:
         return
     try:

@@ -1,4 +1,4 @@
-"""`maglev runup`: a rotor run up through a ladder of speeds, as a table, a page and JSON."""
+"""`maglev runup`: a rotor at a ladder of increasing speeds; results as a table, a page and JSON."""
 
 from pathlib import Path
 from typing import Annotated
@@ -29,7 +29,7 @@ def runup(
     json_file: JsonOption = None,
     picture: Annotated[Path | None, typer.Option(help="Also draw the response to this .png, .svg or .pdf.")] = None,
 ) -> None:
-    """Run a levitated rotor up: how far it moves at each speed, what coils and motor take, touchdowns and margins."""
+    """Run a levitated rotor up: displacement, power of coils and motor, touchdowns and margins at each speed."""
     from time import perf_counter
 
     from rich.markup import escape

@@ -58,7 +58,7 @@ def run_up(found: "Report") -> "Figure":
 
 
 def save_picture(found: "Report", path: Path) -> None:
-    """The run-up as a static picture, in the format that the path's ending names."""
+    """Write the run-up as a static picture, in the format of the path's suffix."""
     from matplotlib.figure import Figure
 
     from maglev_workbench.commands.runup.study import readings
@@ -81,7 +81,7 @@ def save_picture(found: "Report", path: Path) -> None:
 
 
 def campbell(found: "Report") -> "Figure":
-    """Whirl frequencies against speed with the line of the rotation: undamped, and of the closed loop."""
+    """Whirl frequencies over speed, undamped and of the closed loop, with the line of the rotation frequency."""
     from plotly.graph_objects import Figure
 
     from maglev_workbench.commands.runup.study import damped, whirl
@@ -123,7 +123,7 @@ def sensitivity(found: "Report") -> "Figure":
 
 
 def motor(found: "Report") -> "Figure":
-    """Torque, current and copper loss against speed."""
+    """Torque, current and copper loss over speed."""
     from plotly.subplots import make_subplots
 
     labels = {

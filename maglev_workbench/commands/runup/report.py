@@ -1,4 +1,4 @@
-"""What `maglev runup` finds of a rotor, as a table for the terminal, as JSON and as one HTML page."""
+"""Results of `maglev runup` as a table for the terminal, as JSON and as an HTML page."""
 
 from collections.abc import Sequence
 from dataclasses import asdict
@@ -54,7 +54,7 @@ def run_up_table(found: Report) -> Table:
 
 
 def run_up_json(found: Report) -> dict[str, Any]:
-    """JSON data, schema maglev-runup/1, SI units but for speeds in rpm."""
+    """JSON data, schema maglev-runup/1, SI units except for speeds in rpm."""
     up, motor = found.result, found.motor
     named = {
         "peak": up.peak[0], "once_per_turn": up.once[0, :, :2], "linear_model": found.expected,

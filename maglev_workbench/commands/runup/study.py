@@ -1,4 +1,4 @@
-"""A rotor run up and identified, with what the linear model, its motor and its thermal mass say beside it."""
+"""Run-up and identification of a rotor, with its linear model, motor and thermal model for comparison."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -19,7 +19,7 @@ from maglev_env.rotor.simulate import PLACES
 
 @dataclass(frozen=True)
 class Report:
-    """A rotor run up; identified: at id_speeds (k,) rpm, k runs; result: of this one rotor."""
+    """Results of one rotor; identified: k identifications at id_speeds (k,) in rpm; result: those of the run-up."""
 
     rotor: Rotor
     seed: int
@@ -29,7 +29,7 @@ class Report:
 
     @property
     def speeds(self) -> np.ndarray:
-        """(s,) rpm."""
+        """Speeds of the run-up (s,), rpm."""
         return self.result.speed_rpm
 
     @cached_property
@@ -39,7 +39,7 @@ class Report:
 
     @property
     def zones(self) -> list[str]:
-        """ISO 14839-2 by the larger peak of both planes, per speed."""
+        """Zone of ISO 14839-2 by the larger peak of both planes, per speed."""
         clearance = self.rotor.axis.clearance
         return [iso_14839_2_zone(float(peak), clearance) for peak in self.result.peak[0].max(axis=-1)]
 
@@ -55,7 +55,7 @@ class Report:
 
     @property
     def motor(self) -> dict[str, np.ndarray] | None:
-        """Torque N m, peak current A, copper loss W and power W (s,) that hold each speed, without its driver."""
+        """Torque (N m), peak current (A), copper loss (W) and power (W), (s,) each, at each speed, without driver."""
         motor, speeds = self.rotor.motor, abs(self.speeds) * np.pi / 30
         if motor is None:
             return None
@@ -66,19 +66,19 @@ class Report:
 
     @property
     def spin_up_time(self) -> float | None:
-        """s from rest to the greatest speed, None without a motor or speed."""
+        """Time (s) from rest to the greatest speed; None without a motor or without a speed above 0."""
         top = float(abs(self.speeds).max())
         motor = self.rotor.motor
         return motor.spin_up_time(top, self.rotor.body.polar_inertia) if motor is not None and top > 0 else None
 
     @property
     def heat(self) -> np.ndarray:
-        """W (s,) of coils and, where there is a motor, windings and drag: all of it stays in the housing."""
+        """Heat (W), (s,), of coils and, with a motor, windings and drag; all is assumed to stay in the housing."""
         return self.result.copper_loss[0] + (self.motor["power"] if self.motor else 0.0)
 
 
 def report(rotor: Rotor, speeds: np.ndarray, seed: int, threads: int | None) -> Report:
-    """Run up and identify at standstill and near the top speed, at one that keeps the lines clear of the spin."""
+    """Run up, and identify at standstill and near the top speed, where no harmonic of the rotation is on a line."""
     protocol = Protocol()
     clear = 120 * protocol.fundamental  # rpm: no harmonic of a multiple of it falls on a line
     top = float(speeds[abs(speeds).argmax()])
@@ -88,8 +88,15 @@ def report(rotor: Rotor, speeds: np.ndarray, seed: int, threads: int | None) -> 
 
 
 def readings(rotor: Rotor, speeds: np.ndarray) -> np.ndarray:
-    """Amplitude (s, 2) m that the probes in x at a and b read once per turn at speeds rpm, by the linear model; nan at
-    rest and where the loop is not stable."""
+    """Once-per-turn amplitude of the probes in x by the linear model.
+
+    Args:
+        rotor: the rotor.
+        speeds: (s,), rpm.
+
+    Returns:
+        (s, 2) at planes a and b, m; nan at rest and where the loop is not stable.
+    """
     found = np.full((len(speeds), 2), np.nan)
     for i, w in enumerate(np.asarray(speeds) * np.pi / 30):
         if w and abs(closed_loop_poles(rotor, w)).max() < 1:
@@ -99,13 +106,13 @@ def readings(rotor: Rotor, speeds: np.ndarray) -> np.ndarray:
 
 
 def spring(rotor: Rotor) -> float:
-    """N/m at each magnet plane: the proportional gain of the first controller and the magnets."""
+    """Stiffness (N/m) at each magnet plane, by the proportional gain of the first controller and the magnets."""
     gain, stiffness = linearise(force_law(rotor.axis))
     return (gain * next(iter(rotor.gains.values())).kp + stiffness) / 2
 
 
 def whirl(rotor: Rotor, speeds: np.ndarray) -> np.ndarray:
-    """Undamped frequencies (s, 4) Hz on that spring at speeds rpm, backward ones negative; nan on none."""
+    """Undamped whirl frequencies (s, 4) in Hz on `spring` at speeds (rpm); backward ones are negative; nan if none."""
     k = spring(rotor)
     if k <= 0:
         return np.full((len(speeds), 4), np.nan)
@@ -113,7 +120,7 @@ def whirl(rotor: Rotor, speeds: np.ndarray) -> np.ndarray:
 
 
 def damped(rotor: Rotor, speed_rpm: float, top: float = 500.0) -> np.ndarray:
-    """Frequency Hz and damping ratio (n, 2), below 0.95, of the closed loop's modes up to `top`, sorted."""
+    """Frequency (Hz) and damping ratio below 0.95 (n, 2) of the closed loop's modes up to `top` (Hz), sorted."""
     z = closed_loop_poles(rotor, speed_rpm * np.pi / 30)
     s = np.log(z[abs(z) > 1e-6]) * rotor.axis.control_rate
     s = s[(s.imag > 0.3 * abs(s)) & (s.imag < 2 * np.pi * top)]

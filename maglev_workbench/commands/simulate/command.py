@@ -1,4 +1,4 @@
-"""`maglev simulate`: a simulated rig recorded as a campaign folder."""
+"""`maglev simulate`: records a simulated rig as a campaign folder."""
 
 from pathlib import Path
 from typing import Annotated
@@ -26,18 +26,19 @@ def simulate(
     kp: Annotated[float | None, typer.Option(help="A/m (default: the rig's).")] = None,
     ki: Annotated[float | None, typer.Option(help="A/(m s).")] = None,
     kd: Annotated[float | None, typer.Option(help="A s/m.")] = None,
-    protocol: Annotated[str, typer.Option(help="sphs (the rig's own) or diagnosis (the good campaign).")] = "sphs",
+    protocol: Annotated[str, typer.Option(help="sphs (the rig's own) or diagnosis (for maglev diagnose).")] = "sphs",
     excite: Annotated[
         list[str],
         typer.Option(
-            help="Instead of the rig's: place=first:last[:step]@peak[@degrees], e.g. force=1:249:2@0.4; repeat."
+            help="Instead of the rig's: place=first:last[:step]@peak[@degrees], e.g. force=1:249:2@0.4; repeatable."
         ),
     ] = [],  # noqa: B006
-    kind: Annotated[str, typer.Option(help="Of --excite: sphs, multisine (random phases) or low_crest.")] = "sphs",
+    kind: Annotated[str, typer.Option(help="Kind of --excite: sphs, multisine (random phases) or low_crest.")] = "sphs",
     fundamental: Annotated[float | None, typer.Option(help="Fundamental of --excite, Hz (default: the rig's).")] = None,
     periods: Annotated[int | None, typer.Option(min=2, help="Periods kept after the transient.")] = None,
     sample_rate: Annotated[
-        float | None, typer.Option(help="Of the recording, Hz: a multiple or integer fraction of the control rate.")
+        float | None,
+        typer.Option(help="Rate of the recording, Hz: a multiple or integer fraction of the control rate."),
     ] = None,
     effect: EffectOption = [],  # noqa: B006
     sensor: SensorOption = "probe",
@@ -46,7 +47,7 @@ def simulate(
     out: Annotated[Path, typer.Option(help="Folder of the campaign to write.")] = Path("campaign"),
     json_file: JsonOption = None,
 ) -> None:
-    """Record a simulated rig as a campaign folder, in the form that real recordings are read from."""
+    """Record a simulated rig as a campaign folder, in the format of real recordings."""
     from maglev_env.design.defaults import with_defaults
     from maglev_env.experiment import SENSORS
     from maglev_env.loop.effect import parse_effects
@@ -68,7 +69,7 @@ def simulate(
     loaded = with_defaults(excited(load_rig(rig), asked))
     chosen = {name: value for name, value in (("kp", kp), ("ki", ki), ("kd", kd)) if value is not None}
     if chosen and not loaded.controlled:
-        raise ValueError(f"rig {loaded.name} has no magnets: gains mean nothing on it")
+        raise ValueError(f"rig {loaded.name} has no magnets, so it has no gains")
     planned = PROTOCOLS[protocol](loaded, with_gains(loaded.gains, **chosen), parse_effects(effect), seed)
     recordings = []
     with progress_bar() as bar:

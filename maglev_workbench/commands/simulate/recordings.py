@@ -1,4 +1,4 @@
-"""What `maglev simulate` records: the rig's own protocol, or excitations of the command line in its place."""
+"""Recordings of `maglev simulate`: by the rig's own protocol, or by excitations from the command line."""
 
 from dataclasses import dataclass, replace
 from importlib.metadata import version
@@ -21,7 +21,7 @@ PROTOCOLS = {"sphs": sphs_campaign, "diagnosis": diagnosis_campaign}
 
 @dataclass(frozen=True)
 class Recorded:
-    """What of the rig's protocol the command line replaces.
+    """Options of the command line that replace parts of the rig's protocol.
 
     Args:
         excite: excitations, place=first:last[:step]@peak[@degrees]; empty: the rig's own.
@@ -52,7 +52,11 @@ def excited(rig: Rig, recorded: Recorded) -> Rig:
 
 
 def record(plan: PlannedRecording, recorded: Recorded, sensor: str) -> "tuple[xr.Dataset, Experiment]":
-    """One simulated recording and its experiment. ValueError where the loop does not hold the rotor."""
+    """One simulated recording and its experiment.
+
+    Raises:
+        ValueError: The rotor touches down.
+    """
     e = replace(plan.experiment, sample_rate=recorded.sample_rate, sensor=sensor)
     e = e if recorded.periods is None else replace(e, periods=recorded.periods)
     found = simulate_records([e])[0]
@@ -71,7 +75,7 @@ def _words(gains: Controllers) -> str:
 
 
 def summary(rig: Rig, recordings: list[tuple[str, str, "xr.Dataset", Experiment]], toml: Path) -> dict[str, Any]:
-    """What --json writes; recordings: name, role, samples and experiment of each."""
+    """The data for --json; recordings: name, role, samples and experiment of each."""
     rows = [
         {"file": name, "role": role, "samples": d.sizes["time"], "periods": e.periods + e.transient_periods}
         for name, role, d, e in recordings

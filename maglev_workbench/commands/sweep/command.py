@@ -1,4 +1,4 @@
-"""`maglev sweep`: run or resume, then the table, the dataset, the page and the JSON."""
+"""`maglev sweep`: runs or resumes a sweep and writes table, dataset, page and JSON."""
 
 from pathlib import Path
 from typing import Annotated
@@ -31,7 +31,7 @@ def sweep(
     log: Annotated[
         bool | None, typer.Option("--log/--linear", help="Spacing (default: log over the rig's bounds).")
     ] = None,
-    sobol: Annotated[int, typer.Option(min=0, help="So many Sobol points instead of the grid.")] = 0,
+    sobol: Annotated[int, typer.Option(min=0, help="Number of Sobol points, instead of a grid.")] = 0,
     effect: EffectOption = [],  # noqa: B006
     sensor: SensorOption = "probe",
     seed: SeedOption = 0,
@@ -42,7 +42,7 @@ def sweep(
 ) -> None:
     """Score every gain set of a grid (or Sobol set) by a simulated SPHS experiment: table, dataset and HTML maps.
 
-    Without --kp, --ki and --kd it sweeps the rig's bounds; with some of them, the others stay at the preset.
+    Without --kp, --ki and --kd the sweep covers the rig's bounds; with some of them, the others stay at the preset.
     """
     from time import perf_counter
 
@@ -82,7 +82,7 @@ def sweep(
         try:
             dataset = run_sweep(plan, folder, threads, advance, spread)
         except KeyboardInterrupt:
-            console.print(f"stopped; what is finished is in {folder}: run the same command again to go on")
+            console.print(f"stopped; finished work is in {folder}: run the same command again to continue")
             raise
     seconds = perf_counter() - started
     summary = sweep_summary(dataset, seconds, reused)

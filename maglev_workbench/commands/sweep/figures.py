@@ -1,4 +1,4 @@
-"""Figures of a sweep: maps with the stability border, lines, points, and coefficients against frequency."""
+"""Figures of a sweep: maps with the stability border, lines, points, and coefficients over frequency."""
 
 from collections.abc import Mapping, Sequence
 from math import prod
@@ -37,11 +37,11 @@ _HOVER = _WHERE + (
     "phase margin %{customdata[7]:.3g}°<br>score %{customdata[6]:.3g}<extra></extra>"
 )
 _INFEASIBLE = _WHERE + "%{text}<extra>infeasible</extra>"
-WORST_SENSITIVITY = 6.0  # colours end here: beyond zone D a loop is no candidate
+WORST_SENSITIVITY = 6.0  # end of the colour scale: a loop with a larger peak is not useful
 
 
 def over_gains(dataset: "xr.Dataset") -> "list[tuple[str, str | Figure]]":
-    """The four quantities over the swept gains, as the layout of the sweep allows."""
+    """The four quantities over the swept gains, as maps, lines or points according to the layout of the sweep."""
     counts = {name: np.unique(dataset[name].values).size for name in SHOWN}
     swept = [name for name in SHOWN if counts[name] > 1]
     if not swept:
@@ -66,13 +66,13 @@ def over_gains(dataset: "xr.Dataset") -> "list[tuple[str, str | Figure]]":
 
 
 def _shown(dataset: "xr.Dataset", name: str, of: str = "") -> np.ndarray:
-    """A variable in display units (of its quantity `of`), (experiments,), nan where infeasible or unbounded."""
+    """A variable in display units of its quantity `of`, (experiments,); nan if infeasible or unbounded."""
     value = dataset[name].values * QUANTITIES[of or name][0]
     return np.where(dataset["feasible"].values & np.isfinite(value), value, np.nan)
 
 
 def _hover(dataset: "xr.Dataset") -> dict[str, np.ndarray]:
-    """customdata (experiments, 8) for _HOVER, and text (experiments,) that says why a set is infeasible."""
+    """customdata (experiments, 8) for _HOVER, and texts (experiments,) on why a set is infeasible."""
     gains = [dataset[name].values * scale for name, (scale, _) in SHOWN.items()]
     values = [*gains, *(_shown(dataset, name) for name in QUANTITIES), dataset["phase_margin"].values]
     times = dataset["touchdown_time"].values
@@ -95,14 +95,14 @@ def _gain_panels(dataset: "xr.Dataset", x: str, y: str) -> "Figure":
 
 
 def _reached_out(values: np.ndarray, log: bool) -> np.ndarray:
-    """Grid values with half a step more at either end, where the outer cells of a map end."""
+    """Grid values extended by half a step at either end, to the borders of a map's outer cells."""
     v = np.log(values) if log else values
     v = np.concatenate([v[:1] - (v[1] - v[0]) / 2, v, v[-1:] + (v[-1] - v[-2]) / 2])
     return np.exp(v) if log else v
 
 
 def _maps(dataset: "xr.Dataset", swept: Sequence[str]) -> "Figure":
-    """Heat maps over two gains with the stability border; a slider goes through the third gain."""
+    """Heat maps over two gains with the stability border; a slider selects the third gain."""
     x, y, *slid = ("kp", "kd", "ki") if len(swept) == 3 else swept
     order = np.lexsort([dataset[name].values for name in (x, y, *slid)])
     slices = order.reshape(-1, np.unique(dataset[y].values).size, np.unique(dataset[x].values).size)

@@ -24,7 +24,7 @@ _IN_TERMINAL = 9
 
 
 def best_rows(dataset: "xr.Dataset", count: int = 10) -> list[dict[str, Any]]:
-    """The best feasible gain sets, best first, as JSON data in SI; margins that the lines do not hold are None.
+    """The best feasible gain sets, best first, as JSON data in SI; margins outside the excited lines are None.
 
     Each: experiment, gains, score, terms, stiffness and damping with *_ci (95 %, an unbounded end None),
     peak_sensitivity with _se, phase_margin (deg), gain_margin_low and _high, peak_displacement, current_rms.
@@ -45,7 +45,7 @@ def best_rows(dataset: "xr.Dataset", count: int = 10) -> list[dict[str, Any]]:
 
 
 def sweep_table(dataset: "xr.Dataset", count: int = 10) -> "rich.table.Table":
-    """The best gain sets in 80 columns; margins, displacement and current are in the page and the dataset."""
+    """Table of the best gain sets in 80 columns; margins, displacement and current are in the page and the dataset."""
     from rich import box
     from rich.table import Table
 
@@ -60,7 +60,7 @@ def sweep_table(dataset: "xr.Dataset", count: int = 10) -> "rich.table.Table":
 
 
 def sweep_summary(dataset: "xr.Dataset", seconds: float, reused: int) -> dict[str, Any]:
-    """The sweep as JSON data, schema maglev-sweep/1, gains in SI; `reused` experiments were read and not computed."""
+    """The sweep as JSON data, schema maglev-sweep/1, gains in SI; reused: experiments read from the folder."""
     n, rows = dataset.sizes["experiment"], best_rows(dataset, 1)
     return {
         "schema": "maglev-sweep/1",

@@ -1,4 +1,4 @@
-"""`maglev train`: a policy that tunes rigs it has not seen, trained, judged on rigs kept back, and stored."""
+"""`maglev train`: trains a policy that tunes unseen rigs, tests it on held-out rigs, and stores it."""
 
 from pathlib import Path
 from typing import Annotated
@@ -18,7 +18,7 @@ from maglev_workbench.options import (
 SCHEMA = "maglev-training/1"
 BY = ("imitation", "ppo", "sac")
 SPEC, POLICY, GROUPS = "training.json", "policy.npz", "groups"
-EXPERIMENTS = 100_000  # of ppo and sac, where none are asked for
+EXPERIMENTS = 100_000  # default number of experiments of ppo and sac
 app = typer.Typer()
 
 
@@ -31,13 +31,13 @@ def train(
     by: Annotated[
         str, typer.Option(help="imitation (of searched optima), or ppo or sac (Stable-Baselines3).")
     ] = "imitation",
-    protocol: Annotated[str, typer.Option(help="What the policy is to observe: full, or quick.")] = "full",
-    rigs: Annotated[int | None, typer.Option(min=1, help="Imitation: rigs drawn in all (default: 6000).")] = None,
+    protocol: Annotated[str, typer.Option(help="Experiment that the policy observes: full, or quick.")] = "full",
+    rigs: Annotated[int | None, typer.Option(min=1, help="Imitation: total number of rigs (default: 6000).")] = None,
     experiments: Annotated[
-        int | None, typer.Option(min=1, help="ppo and sac: experiments in all (default: 100,000).")
+        int | None, typer.Option(min=1, help="ppo and sac: total number of experiments (default: 100,000).")
     ] = None,
-    judged: Annotated[int, typer.Option("--held-out", min=2, help="Rigs kept back, on which it is judged.")] = 100,
-    init: Annotated[Path | None, typer.Option(help="ppo and sac: a policy to begin with.")] = None,
+    judged: Annotated[int, typer.Option("--held-out", min=2, help="Number of held-out rigs for the test.")] = 100,
+    init: Annotated[Path | None, typer.Option(help="ppo and sac: initial policy.")] = None,
     seed: SeedOption = 0,
     scheduler: SchedulerOption = None,
     out: Annotated[
@@ -45,7 +45,7 @@ def train(
     ] = None,
     json_file: JsonOption = None,
 ) -> None:
-    """Train a policy that tunes rigs it has not seen: drawn wide, with targets and effects of their own."""
+    """Train a policy that tunes unseen rigs: drawn widely, with different targets and effects."""
     from dataclasses import asdict
     from time import perf_counter
 
@@ -73,7 +73,7 @@ def train(
         raise ValueError("--experiments: of ppo and sac; imitation takes --rigs")
     rigs, experiments = rigs or Plan().rigs, experiments or EXPERIMENTS
     world = World(load_rig(rig), protocol)
-    world.task()  # says what is wrong with it before any work
+    world.task()  # raises for invalid settings before any work
     plan = Plan(rigs=rigs)
     begun = None if init is None else load_policy(init)[0]
     if by != BY[0]:

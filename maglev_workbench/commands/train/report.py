@@ -1,4 +1,4 @@
-"""What the terminal says of a trained policy."""
+"""The terminal's table of a trained policy."""
 
 from typing import Any
 
@@ -6,7 +6,7 @@ from rich.table import Table
 
 
 def held_out_table(found: dict[str, Any], rigs: int) -> Table:
-    """Mean score with its 95 % interval by experiments, on rigs kept back."""
+    """Mean score with its 95 % interval by number of experiments, on held-out rigs."""
     grid = Table(title=f"{rigs} rigs not met in training; {found['touchdowns']} touchdowns")
     for name in ("experiments", "mean score", "95 %"):
         grid.add_column(name, justify="right")

@@ -1,4 +1,4 @@
-"""Training by reinforcement for `maglev train`, and how a trained policy is judged on rigs kept back."""
+"""Reinforcement learning for `maglev train`, and the test of a trained policy on held-out rigs."""
 
 from collections.abc import Callable
 from typing import Any
@@ -13,7 +13,7 @@ from tuning.learned.worlds import World
 from tuning.lockstep import course, judged, side_by_side
 
 TASKS = 16  # groups of rigs that differ in their effect, side by side in ppo and sac
-CHECKPOINTS = (1, 2, 3, 5, 10)  # experiments after which a policy is judged
+CHECKPOINTS = (1, 2, 3, 5, 10)  # numbers of experiments after which a policy is tested
 
 
 def reinforced(
@@ -22,9 +22,12 @@ def reinforced(
     """A policy trained by ppo or sac on rigs drawn from the world, and the log of its training.
 
     Args:
-        experiments: in all.
-        init: a policy to begin with.
-        advance: told by what and how many experiments were made since it was told last.
+        world: from which rigs are drawn.
+        by: "ppo" or "sac".
+        experiments: total number.
+        seed: of all random choices.
+        init: initial policy; None: a random one.
+        advance: called with a description and the number of experiments since the last call.
     """
     from tuning.learned.reinforcement import train_by_reinforcement
 
@@ -40,8 +43,10 @@ def reinforced(
 
 
 def judge(world: World, policy: HistoryPolicy, rigs: int, seed: int) -> dict[str, Any]:
-    """Mean score with standard error of the best gains so far, after CHECKPOINTS experiments on rigs drawn wide with
-    the preset's target and no effect, as `maglev compare` draws them; touchdowns on the way."""
+    """Mean score with standard error of the best gains so far after CHECKPOINTS experiments, and touchdowns.
+
+    The rigs are drawn widely with the preset's target and no effect, as by `maglev compare`.
+    """
     task = make_task(
         world.rig, world.tuned, randomization="wide", protocol=world.protocol, sensor=world.sensor,
         budget=CHECKPOINTS[-1],

@@ -1,4 +1,4 @@
-"""`maglev tune --campaign`: the next experiment on a real rig, one at a time, or that it is time to stop."""
+"""`maglev tune --campaign`: proposes the next experiment on a real rig, or to stop."""
 
 import tomllib
 from collections.abc import Sequence
@@ -18,7 +18,7 @@ from maglev_workbench.page import write_page
 from tuning.campaign.next_step import TUNED, next_step
 from tuning.campaign.recorded_sets import recorded_sets
 
-MEANT = ("campaign", "budget", "tuned", "seed", "out", "json_file")  # options that a real rig's tuning takes
+MEANT = ("campaign", "budget", "tuned", "seed", "out", "json_file")  # options that have a meaning for a real rig
 
 
 def run(
@@ -36,7 +36,7 @@ def run(
         named: names of all options on the command line.
 
     Raises:
-        ValueError: for options that mean nothing with a campaign, a campaign without a rig, recordings of no use.
+        ValueError: An option has no meaning with a campaign, the campaign has no rig, or the recordings are not usable.
     """
     if extra := [name for name in named if name not in MEANT]:
         words = {"json_file": "json", "tuned": "tune"}
@@ -74,7 +74,7 @@ def run(
 
 
 def _read(source: Path) -> tuple[Path, Rig, Campaign | None]:
-    """Folder, nominal rig and, once something is recorded, the campaign."""
+    """Folder, nominal rig and, if there are recordings, the campaign."""
     path = source / "campaign.toml" if source.is_dir() else source
     if not path.exists():
         raise FileNotFoundError(

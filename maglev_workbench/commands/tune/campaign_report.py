@@ -1,4 +1,4 @@
-"""What a campaign says to record next, or to keep, as tables, page and JSON."""
+"""The next recording that a campaign's tuning proposes, or the gains to keep, as tables, page and JSON."""
 
 from collections.abc import Iterable
 from dataclasses import asdict
@@ -43,7 +43,7 @@ MEASURED = "by the measured plant"
 
 
 def campaign_tables(advice: Advice) -> "Iterable[str | rich.table.Table]":
-    """What a terminal shows before the summary."""
+    """Tables for a terminal, before the summary."""
     from rich import box
     from rich.table import Table
 
@@ -92,7 +92,7 @@ def campaign_page(advice: Advice, block: str, made_by: dict[str, str]) -> str:
 
 
 def campaign_json(advice: Advice, made_by: dict[str, Any]) -> dict[str, Any]:
-    """Schema maglev-tune-campaign/1."""
+    """JSON data of schema maglev-tune-campaign/1."""
     sets = [
         {
             "gains": asdict(s.gains), "recordings": s.files, "failed": s.failed, "shown": _shown_json(one),
@@ -127,7 +127,7 @@ def campaign_json(advice: Advice, made_by: dict[str, Any]) -> dict[str, Any]:
 
 
 def sensitivity_figure(advice: Advice) -> "Figure":
-    """|S| as measured at every gain set, and predicted by the measured plant where to record next."""
+    """|S| as measured at every gain set, and as predicted by the measured plant at the next gains."""
     import plotly.graph_objects as go
 
     figure = go.Figure()

@@ -1,4 +1,4 @@
-"""`maglev tune`: a budget of simulated experiments, and which gains to take from them."""
+"""`maglev tune`: spends a budget of simulated experiments and recommends gains."""
 
 from pathlib import Path
 from typing import Annotated
@@ -29,10 +29,10 @@ def tune(
     context: typer.Context,
     rig: RigOption = "hmb_free",
     method: Annotated[str, typer.Option(help=f"Tuner: {', '.join(METHODS)}.")] = "model",
-    budget: Annotated[int, typer.Option(min=1, help="Experiments.")] = 10,
-    batch: Annotated[int, typer.Option(min=1, help="Experiments asked for together.")] = 1,
+    budget: Annotated[int, typer.Option(min=1, help="Number of experiments.")] = 10,
+    batch: Annotated[int, typer.Option(min=1, help="Number of experiments that are proposed together.")] = 1,
     tuned: Annotated[list[str], typer.Option("--tune", help="A gain to tune (default: kp, ki, kd); repeat.")] = [],  # noqa: B006
-    protocol: Annotated[str, typer.Option(help="full, or quick: an eighth of the time, coarser.")] = "full",
+    protocol: Annotated[str, typer.Option(help="full, or quick: an eighth of the time, less accurate.")] = "full",
     effect: EffectOption = [],  # noqa: B006
     sensor: SensorOption = "probe",
     seed: SeedOption = 0,
@@ -46,9 +46,9 @@ def tune(
     out: Annotated[Path | None, typer.Option(help="Folder of the study; an interrupted one resumes there.")] = None,
     json_file: JsonOption = None,
 ) -> None:
-    """Spend a budget of experiments on a simulated rig, and recommend gains that hold up, or say why none does.
+    """Spend a budget of experiments on a simulated rig and recommend robust gains, or say why there are none.
 
-    With --campaign the rig is real: what is recorded so far says which gains to record next, or which to keep.
+    With --campaign the rig is real: from the recordings so far, the next gains to record or to keep are proposed.
     """
     if campaign is not None:
         from maglev_workbench.commands.tune import campaign as real
@@ -97,7 +97,7 @@ def tune(
                 folder, task, episode, tuner, made_by, budget, batch, threads, lambda n, _: bar.advance(line, n), spread
             )
         except KeyboardInterrupt:
-            console.print(f"stopped; what is finished is in {folder}: run the same command again to go on")
+            console.print(f"stopped; finished work is in {folder}: run the same command again to continue")
             raise
     advice = recommend(task, episode, found.trials, seed)
     seconds = perf_counter() - started

@@ -1,4 +1,4 @@
-"""What to record next, or to keep: in words, and as TOML to paste."""
+"""The next recording, or the gains to keep: in words, and as TOML to paste."""
 
 from dataclasses import asdict
 from pathlib import Path
@@ -17,13 +17,13 @@ _FORMATS = (".mat", ".csv", ".npz", ".h5", ".nc")
 
 
 def in_words(advice: Advice, gains: Gains) -> str:
-    """The gains, those that are tuned first, in SI."""
+    """The gains as text in SI; those that are tuned come first."""
     names = (*advice.task.box.names, *(n for n in asdict(gains) if n not in advice.task.box.names))
     return ", ".join(f"{name} = {getattr(gains, name):.4g}" for name in names)
 
 
 def summary(advice: Advice) -> str:
-    """What to do, why, how sure it is, and how far the step was limited."""
+    """Sentences on what to do, why, the uncertainty, and the limitation of the step."""
     if advice.stop:
         text = f"STOP: {advice.stop}."
         if advice.keep is not None:
@@ -44,7 +44,7 @@ def summary(advice: Advice) -> str:
 
 
 def excitation_words(advice: Advice) -> list[str]:
-    """What to excite, by the rig's protocol."""
+    """The excitations to use, by the rig's protocol, as text."""
     p = advice.task.rig.protocol
     found = [
         f"{e.kind} at the {e.at}, {len(e.lines)} lines from {e.frequencies[0]:g} to {e.frequencies[-1]:g} Hz, peak "
@@ -55,7 +55,7 @@ def excitation_words(advice: Advice) -> list[str]:
 
 
 def commented(advice: Advice, block: str) -> str:
-    """The block as a file that says what it is."""
+    """The TOML block as a file, with comments that explain it."""
     return "".join(f"# {line}\n" for line in wrap(summary(advice), LINE - 2)) + "\n" + block
 
 
@@ -81,7 +81,7 @@ def toml_block(advice: Advice, campaign: Campaign | None) -> str:
 
 
 def _file(campaign: Campaign | None) -> str:
-    """A name that no recording has yet, in the format of the last one."""
+    """An unused file name for a recording, in the format of the last one."""
     if campaign is None:
         return "run1.mat"
     ending = Path(campaign.recordings[-1].file).suffix

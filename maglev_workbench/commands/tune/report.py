@@ -1,4 +1,4 @@
-"""A study as tables, page and JSON: what was tried, what is recommended, and what is refused and why."""
+"""A study as tables, page and JSON: tried gains, the recommendation, and refused gains with reasons."""
 
 from collections.abc import Iterable
 from importlib.metadata import version
@@ -22,7 +22,7 @@ HEAD = ("experiment", "score", "stiffness kN/m", "damping N s/m", "peak |S|", "p
 
 
 def summary(task: Task, found: Outcome, advice: Recommendation) -> str:
-    """What is recommended, with its spread; how many were refused before it."""
+    """Sentences on the recommended gains with their spread, and on the number of refused ones with a higher score."""
     if advice.chosen is None:
         why = advice.refused[0].reason if advice.refused else "no experiment gave a stable loop"
         return NONE + why + "."
@@ -44,7 +44,7 @@ def gains_in_words(task: Task, point: np.ndarray) -> str:
 
 
 def tune_tables(task: Task, found: Outcome, advice: Recommendation) -> "Iterable[str | rich.table.Table]":
-    """What a terminal shows."""
+    """Tables for a terminal."""
     from rich import box
     from rich.table import Table
 
@@ -78,7 +78,7 @@ def tune_page(task: Task, found: Outcome, advice: Recommendation, data: dict[str
 def tune_json(
     task: Task, found: Outcome, advice: Recommendation, made_by: dict[str, Any], seconds: float
 ) -> dict[str, Any]:
-    """Schema maglev-tune/1."""
+    """JSON data of schema maglev-tune/1."""
     trials = found.trials
 
     def told(v: Verdict) -> dict[str, Any]:
@@ -125,7 +125,7 @@ def course_figure(found: Outcome) -> "Figure":
 
 
 def where_figure(task: Task, found: Outcome, advice: Recommendation) -> "Figure":
-    """Each pair of the gains tried, coloured by score; a star where the recommended ones lie."""
+    """Scatter plots of each pair of tried gains, coloured by score; a star marks the recommended ones."""
     import plotly.graph_objects as go
     from plotly.subplots import make_subplots
 

@@ -1,4 +1,4 @@
-"""Section 5.2.3: the actuator gain, against frequency and eccentricity (Figures 5.11 to 5.14)."""
+"""Section 5.2.3: the actuator gain over frequency and eccentricity (Figures 5.11 to 5.14)."""
 
 from dataclasses import replace
 
@@ -21,7 +21,7 @@ SOFT_IRON = 1.2  # T: where iron begins to saturate
 
 
 def run(seed: int) -> Outcome:
-    """The rotor held by its force transducer and driven by SPHS at the current; then the law at each eccentricity."""
+    """The rotor is fixed by its force transducer and excited by SPHS at the current; then the law at eccentricities."""
     rig = axis_rig(load_rig("hmb_radial"), 0)
     frequency, gain = held_response(rig, seed)
     middle = gain[frequency <= 50]
@@ -80,7 +80,7 @@ def run(seed: int) -> Outcome:
 
 
 def held_response(rig: Rig, seed: int) -> tuple[np.ndarray, np.ndarray]:
-    """Lines (n,) Hz and the transducer's force over the voltage (n,) N/V, rotor held by the transducer alone."""
+    """Lines (n,) in Hz and the transducer's force over the voltage (n,) in N/V, rotor on the transducer only."""
     stiffness = rig.mass * (2 * np.pi * MODE) ** 2
     # The displacement on this spring stands for the transducer's reading: its noise, and no converter's steps.
     noise = replace(rig.noise, displacement=rig.noise.force / stiffness)

@@ -1,4 +1,4 @@
-"""Section 5.4: the axial direction, held passively (Table 5.4, Figures 5.27 and 5.28)."""
+"""Section 5.4: the axial direction, which is supported passively (Table 5.4, Figures 5.27 and 5.28)."""
 
 import numpy as np
 

@@ -32,7 +32,7 @@ WITHIN = 0.01
 
 
 def _pair(rig: Rig, flux_path: str) -> tuple[Rig, ForceLaw]:
-    """One pair of opposed magnets as its geometry has it, eq 3.10, with the control flux on a path."""
+    """The law of one pair of opposed magnets by its geometry, eq 3.10, for a path of the control flux."""
     raw = {"actuator_gain": None, "negative_stiffness": None, "flux_path": flux_path, "bearings": 1}
     one = with_parameters(rig, raw)
     return one, geometric_law(one)
@@ -136,7 +136,7 @@ def _conditions(_seed: int) -> Outcome:
 
 
 def _bound_rows(axis: ControlledAxis, gains: Gains, ratio: float) -> tuple[Row, Row, Row]:
-    """Eq 3.26 from 3.25 with the printed symbols."""
+    """Rows that derive eq 3.26 from 3.25 with the printed symbols."""
     slow = replace(axis, loop_gain=PRINTED_SENSOR_GAIN)
     _, damping, stiffness, _ = stability_conditions(slow, replace(gains, td=PRINTED_TD), ratio)
     quotient = PRINTED_BOUNDS[0] / PRINTED_BOUNDS[1]
@@ -168,7 +168,7 @@ def _pole_row(name: str, axis: ControlledAxis, gains: Gains, reason: str) -> Row
 
 
 def _border_rows(axis: ControlledAxis, gains: Gains) -> tuple[Row, Row]:
-    """Where the loop of eq 3.21 really loses stability, against what the corrected conditions say."""
+    """Rows that compare the gains at which the loop of eq 3.21 becomes unstable with the corrected conditions."""
     _, damping, stiffness, _ = stability_conditions(axis, gains)
     lowest = (stiffness.bound - gains.ki * gains.td, damping.bound - gains.kp * gains.td)
     kp = _border(axis, lambda v: replace(gains, kp=v), 0.5 * lowest[0], gains.kp)
@@ -207,7 +207,7 @@ def _eccentricity_figure(magnet: ForceLaw, gap: ForceLaw) -> "Figure":
 def _pole_figure(
     name: str, values: np.ndarray, measured: ControlledAxis, nominal: ControlledAxis, gains: Gains
 ) -> "Figure":
-    """Right-most pole over one gain for both actuator gains, with what the conditions ask of it."""
+    """Right-most pole over one gain for both actuator gains, with the limits by the conditions."""
     from plotly.graph_objects import Figure, Scatter
 
     figure, shown, marks = Figure(), 1e-3 * values, [("Table 3.5", getattr(gains, name), "black")]

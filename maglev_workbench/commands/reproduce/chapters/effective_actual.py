@@ -1,4 +1,4 @@
-"""Section 4.3.2: effective against actual stiffness and damping on the E-frame rig (Figures 4.7 and 4.8)."""
+"""Section 4.3.2: effective and actual stiffness and damping on the E-frame rig (Figures 4.7 and 4.8)."""
 
 from dataclasses import replace
 
@@ -24,7 +24,7 @@ LOW, MIDDLE, HIGH = 26.0, 60.0, 190.0  # Hz, centres of bands
 
 
 def run(seed: int) -> Outcome:
-    """Eq 4.7 beside least squares without noise, and both estimators with the 100 mV of 4.4.3."""
+    """Eq 4.7 and least squares without noise, then both estimators with the noise of 100 mV of section 4.4.3."""
     rig = load_rig("eframe")
     gain, pull = linearise(force_law(rig))
     g = rig.gains
@@ -99,7 +99,7 @@ def run(seed: int) -> Outcome:
 
 
 def _without_lags(rig):
-    """Actual stiffness (bands,) of the rig with an instant amplifier and probe, without noise."""
+    """Actual stiffness (bands,) of the rig with an amplifier and a probe without lag, and without noise."""
     fast = replace(rig, amplifier_time_constant=0.0, sensor_time_constant=0.0)
     clean = simulated([without_noise(Experiment(fast, rig.gains, ())).rig], SHAKER, [0]).statistics
     return least_squares_bands(clean, sliding_bands(clean.frequency, 10.0, 8.0), rig.mass).stiffness[0]

@@ -20,7 +20,7 @@ VERTICAL, ACROSS = (Shaker(250, 1.5, direction=angle) for angle in (45.0, 135.0)
 
 
 def run(seed: int) -> Outcome:
-    """The band of Table 5.3 from a vertical force, many times over; then with a second record, force turned by 90°."""
+    """The band of Table 5.3 from many records with a vertical force; then with a second record, force turned by 90°."""
     rig = load_rig("hmb_radial")
     seeds = np.arange(DRAWS) + 2 * DRAWS * seed
     first = simulated([rig] * DRAWS, VERTICAL, seeds.tolist()).statistics

@@ -1,4 +1,4 @@
-"""Section 4.4: what each PID gain does to stiffness, damping and the response at resonance (Figures 4.9 to 4.12)."""
+"""Section 4.4: influence of PID gains on stiffness, damping and the response at resonance (Figures 4.9 to 4.12)."""
 
 from dataclasses import replace
 
@@ -99,12 +99,12 @@ def run(seed: int) -> Outcome:
 
 
 def _lag(rig: Rig) -> float:
-    """Time (s) from the reading to the magnets' force at low frequency: half a sample of hold, amplifier and probe."""
+    """Delay (s) from the reading to the magnets' force at low frequency: half a hold period, amplifier and probe."""
     return 0.5 / rig.control_rate + rig.amplifier_time_constant + rig.sensor_time_constant
 
 
 def _light_peak(rig: Rig) -> float:
-    """Change in % of the largest response by K_p + 25 % on the linearised rig with little damping."""
+    """Change (%) of the largest response by 25 % more K_p on the linearised rig with little damping."""
     frequency = np.arange(10.0, 40.0, 0.01)
     gains: list[Gains] = [replace(rig.gains, kp=rig.gains.kp * by, **LIGHT) for by in (1.0, FACTOR["kp"])]
     before, after = (np.abs(loop_response(Experiment(rig, g, ()), frequency).receptance).max() for g in gains)

@@ -45,7 +45,7 @@ def _run(_seed: int) -> Outcome:
 
 
 def _table(found: Impeller) -> tuple[Row, ...]:
-    """What follows from the printed sizes and the two printed angles."""
+    """Rows that follow from the printed dimensions and the two printed angles."""
     blades = blade_number(PUMP.tip_radius, PUMP.hub_radius, PUMP.blade_thickness)
     area = "5 L/min through 5/6 of the annulus: an inferred factor, see the notes"
     mean = "on the mean of hub and tip radius, 4.95 mm: 943.22 rad/s gives 6.98 m/s at the tip"
@@ -66,7 +66,7 @@ def _table(found: Impeller) -> tuple[Row, ...]:
 
 
 def _optimised(best: Impeller, whole: Impeller) -> tuple[Row, ...]:
-    """What a search finds that knows the printed angles only as a limit, or not at all."""
+    """Rows of optimisations that have the printed angles as limits, or that do not use them."""
     slowest = "slowest impeller for 100 mmHg with β₁ up to 77°; the limit is inferred"
     nearest = "of all whole degrees with ψ ≤ 1, the pair nearest to 100 mmHg"
     return (

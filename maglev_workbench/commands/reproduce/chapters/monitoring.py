@@ -1,4 +1,4 @@
-"""Section 5.2.3: the pump's stiffness and damping watched in operation, as proposed there."""
+"""Section 5.2.3: monitoring of the pump's stiffness and damping in operation, as proposed there."""
 
 from dataclasses import replace
 from typing import TYPE_CHECKING
@@ -20,7 +20,7 @@ BEFORE, AFTER = slice(10, 40), slice(50, 80)
 
 
 def stiffer(rotor: Rotor, by: float) -> Rotor:
-    """With so much (N/m) less of the magnets' negative stiffness, of which the controller knows nothing."""
+    """The rotor with a smaller negative stiffness of the magnets, by `by` (N/m), and an unchanged controller."""
     axis = rotor.axis
     return replace(rotor, axis=with_parameters(axis, {"negative_stiffness": axis.negative_stiffness + by}))
 

@@ -1,4 +1,4 @@
-"""Section 5.3.3: what the proportional gain does to the radial stiffness (Figure 5.22), and the stiffness at rest."""
+"""Section 5.3.3: influence of the proportional gain on the radial stiffness (Figure 5.22), and stiffness at rest."""
 
 from dataclasses import replace
 
@@ -27,7 +27,7 @@ NATURAL = np.array([[65.0, 80.0]])
 
 
 def run(seed: int) -> Outcome:
-    """Three gains, with the probe's own noise and with that of 4.4.3."""
+    """Three gains, with the probe's own noise and with that of section 4.4.3."""
     rig = load_rig("hmb_radial")
     one = axis_rig(rig, 0)
     gain, pull = linearise(force_law(one))

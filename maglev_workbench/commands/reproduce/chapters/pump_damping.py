@@ -1,4 +1,4 @@
-"""What the linear model needs for the published run-up: a peak at 10,000 rpm that falls to 8 / 30 at 14,000."""
+"""The damping with which the linear model gives the published run-up: a peak at 10,000 rpm, 8 / 30 of it at 14,000."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -16,13 +16,13 @@ STEP = 100.0  # rpm, of the slope at the peak
 
 
 def fall(rotor: Rotor) -> float:
-    """Radial reading at 14,000 rpm over the largest from 4,000 on."""
+    """Ratio of the radial reading at 14,000 rpm to the largest one from 4,000 rpm."""
     found = readings(rotor, np.arange(4000.0, TOP + 1, 1000.0))[:, 0]
     return float(found[-1] / found.max())
 
 
 def with_inertia(rotor: Rotor, share: float) -> Rotor:
-    """With so many times the transverse inertia."""
+    """The rotor with its transverse inertia multiplied by `share`."""
     return replace(rotor, body=replace(rotor.body, transverse_inertia=share * rotor.body.transverse_inertia))
 
 

@@ -33,7 +33,7 @@ LARGEST = 1400e3  # N/m, of Figure 5.20
 
 @lru_cache(maxsize=2)
 def vertical(seed: int, noise: float) -> tuple[Rig, LineStatistics]:
-    """The rig and one record of it under the vertical shaker, with so much noise of the probes (m rms)."""
+    """The rig and a record of it under the vertical shaker, with a noise of the probes (m rms)."""
     rig = with_noise(load_rig("hmb_radial"), noise)
     return rig, simulated([rig], SHAKER, [seed]).statistics
 
@@ -47,7 +47,7 @@ def largest_direct_stiffness(seed: int) -> float:
 
 
 def mode(seed: int) -> Outcome:
-    """The natural frequency of pedestal, shaft and rotor in the bearings, simulated and by the stiffnesses' sum."""
+    """Natural frequency of pedestal, shaft and rotor in the bearings: simulated, and by the sum of the stiffnesses."""
     rig, statistics = vertical(seed, load_rig("hmb_radial").noise.displacement)
     x = axis_statistics(statistics, "x")
     g = np.abs(receptance(x)[0])
@@ -78,7 +78,7 @@ def mode(seed: int) -> Outcome:
 
 
 def direct(seed: int) -> Outcome:
-    """Direct coefficients by least squares and maximum likelihood at two noises, and what the spring's share does."""
+    """Direct coefficients by least squares and maximum likelihood at two noise levels, and the spring's influence."""
     rig, quiet = vertical(seed, load_rig("hmb_radial").noise.displacement)
     _, noisy = vertical(seed, SWITCHING)
     one = axis_rig(rig, 0)
@@ -128,7 +128,7 @@ def direct(seed: int) -> Outcome:
 
 
 def _actual(rig: Rig, bands: np.ndarray) -> np.ndarray:
-    """Exact stiffness (b,) N/m in x of the linearised loop at the bands' centres, spring included."""
+    """Exact stiffness (b,) in N/m in x of the linearised loop at the centres of the bands, including the spring."""
     f = bands.mean(axis=1)
     loop = loop_response(Experiment(axis_rig(rig, 0), axis_rig(rig, 0).gains, ()), f)
     x = f / rig.control_rate  # the force is held over each sample
@@ -136,7 +136,7 @@ def _actual(rig: Rig, bands: np.ndarray) -> np.ndarray:
 
 
 def _noise_asked(rig: Rig) -> float:
-    """Noise of the probe (m rms) with which least squares on the rig tends to LARGEST in the highest band."""
+    """Noise of the probe (m rms) for which least squares on the rig converges to LARGEST in the highest band."""
     e = Experiment(with_noise(rig, SWITCHING), rig.gains, (SHAKER.excitation,))
     expected = axis_statistics(expected_statistics(e, np.arange(235, 251)), "x")
     force = np.abs(expected.amplitude("force")) ** 2

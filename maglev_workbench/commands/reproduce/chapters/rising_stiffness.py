@@ -1,4 +1,4 @@
-"""The rise of stiffness with frequency (Figures 4.7, 5.17, 5.20, 5.27): what noise makes of a constant one."""
+"""Apparent rise of stiffness with frequency (Figures 4.7, 5.17, 5.20, 5.27) as an effect of noise."""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""Appendix A: the Schroeder-phased harmonic sequence, its power and how flat it is."""
+"""Appendix A: the Schroeder-phased harmonic sequence, its power and its crest factor."""
 
 import numpy as np
 

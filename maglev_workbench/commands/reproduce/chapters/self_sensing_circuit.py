@@ -25,7 +25,7 @@ FINE = 2.5e6  # Hz: Tustin's rule bends the filter's upper edge at 250 kHz
 
 
 def band_pass(seed: int) -> Outcome:
-    """Gain and edges of the band-pass stages, and what the rms converter makes of the ripple, Figures 6.18 to 6.20."""
+    """Gain and edges of the band-pass stages, and the rms converter's output for the ripple, Figures 6.18 to 6.20."""
     _, sensor = dissertation_sensor("analog", FINE)
     coil = replace(sensor.coil, resistance=0.0)
     sensor = replace(sensor, coil=coil, estimator=replace(sensor.estimator, coil=coil))

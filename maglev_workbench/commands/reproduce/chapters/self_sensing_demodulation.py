@@ -1,4 +1,4 @@
-"""Switching-noise demodulation and the parameter estimator beside it: eq 6.20 and Figures 6.9 to 6.13."""
+"""Switching-noise demodulation compared with the parameter estimator: eq 6.20 and Figures 6.9 to 6.13."""
 
 from dataclasses import dataclass, replace
 from math import ceil
@@ -23,7 +23,7 @@ _PERIODS = 4
 
 
 def half_ripple(seed: int) -> Outcome:
-    """What rectifier and filters of Appendix D make of the ripple, over eq 6.20."""
+    """Ratio of the output of Appendix D's rectifier and filters for the ripple to eq 6.20."""
     _, sensor = dissertation_sensor()
     # Unequal duties drive a mean current: without resistance it grows evenly, and the high-pass takes it away.
     coil = replace(sensor.coil, resistance=0.0)

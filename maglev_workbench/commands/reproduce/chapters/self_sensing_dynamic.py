@@ -35,7 +35,7 @@ _PERIODS = 4
 
 
 def dynamic_calibration(seed: int) -> Outcome:
-    """Lag, delay and dip of the simulated estimator beside the measured, and what would lag as much."""
+    """Lag, delay and dip of the simulated estimator and the measured ones, and an estimator that would lag as much."""
     rig, sensor = dissertation_sensor()
     quiet = _calibrated(sensor, seed)
     noisy = replace(sensor, acquisition=replace(sensor.acquisition, noise=NOISE))
@@ -138,7 +138,7 @@ def right_most_pole(sensor: SelfSensor | None) -> float:
 
 
 def _delay_margin(name: str) -> float:
-    """Delay (s) that a preset's loop with its probe stands."""
+    """Additional delay (s) at which a preset's loop with its probe becomes unstable."""
     rig = with_defaults(load_rig(name))
     frequency = np.geomspace(1.0, 0.45 * rig.control_rate, 2000)
     s = loop_response(protocol_experiment(rig), frequency).sensitivity
@@ -154,7 +154,7 @@ def _lag(found: DynamicCalibration, frequency: float) -> float:
 
 
 def _dip(found: DynamicCalibration) -> float:
-    """How far the phase at 75 Hz lies below the straight line between 50 and 100 Hz, degrees."""
+    """Difference (degrees) between the phase at 75 Hz and the straight line from 50 to 100 Hz."""
     return _lag(found, DIP) - (_lag(found, DIP - 25) + _lag(found, DIP + 25)) / 2
 
 

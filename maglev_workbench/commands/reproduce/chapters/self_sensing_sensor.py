@@ -36,7 +36,7 @@ def dissertation_sensor(path: str = "digital", rate: float = DISSERTATION_RATE) 
 
 
 def designed_for(sensor: SelfSensor, lag: float) -> SelfSensor:
-    """The sensor with the gains of most phase margin at a lag (degrees) at 4 kHz."""
+    """The sensor with the gains of the largest phase margin for a lag (degrees) at 4 kHz."""
     found = design_pi(sensor, lag, LAG_AT)
     return with_gains(sensor, found.kp, found.ki)
 

@@ -1,4 +1,4 @@
-"""What the dissertation's shaker experiments share: one SPHS force over every line, fitted band by band."""
+"""The dissertation's shaker experiments: one SPHS force on every line, and a fit in each band."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
@@ -22,8 +22,11 @@ PERIODS = 5  # averaged throughout the dissertation
 
 @dataclass(frozen=True)
 class Shaker:
-    """The shaker's SPHS over every harmonic of `fundamental` (Hz) up to `last`, amplitude N peak; direction degrees
-    from x toward y on an x-y rig; transient: periods dropped before the five that are kept."""
+    """The shaker's SPHS on every harmonic of `fundamental` (Hz) up to `last`.
+
+    amplitude is the peak (N); direction is in degrees from x toward y on an x-y rig; transient is the number of periods
+    that are dropped before the five that are kept.
+    """
 
     last: int
     amplitude: float
@@ -38,7 +41,7 @@ class Shaker:
 
 
 def with_noise(rig: Rig, displacement: float) -> Rig:
-    """The rig with another noise of the probe, m rms per sample."""
+    """The rig with another noise of the probe (m rms per sample)."""
     return replace(rig, noise=replace(rig.noise, displacement=displacement))
 
 
