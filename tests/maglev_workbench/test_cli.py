@@ -174,7 +174,7 @@ def test_ctrl_c_stops_a_sweep_with_130_and_the_next_run_goes_on(tmp_path):
         time.sleep(0.01)
     process.send_signal(signal.SIGINT)
     out, err = process.communicate(timeout=60)
-    assert process.returncode == 130 and "interrupted" in err and "go on" in out
+    assert process.returncode == 130 and "interrupted" in err and "continue" in out
     assert all(p.suffix == ".npz" for p in chunks.iterdir())
     finished = subprocess.run(command, capture_output=True, text=True, timeout=120)
     assert finished.returncode == 0 and "reused" in finished.stdout

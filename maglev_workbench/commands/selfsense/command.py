@@ -17,7 +17,7 @@ COMMANDS = (  # in the order of `maglev selfsense --help`
     "levitate",
 )
 
-group = typer.Typer(name="selfsense", help="The air gap from the coil current alone.", no_args_is_help=True)
+group = typer.Typer(name="selfsense", help="Estimate the air gap from the coil current alone.", no_args_is_help=True)
 add_commands(group, "maglev_workbench.commands.selfsense", COMMANDS)
 app = typer.Typer()
 app.add_typer(group)

@@ -1,4 +1,4 @@
-"""What pages on self-sensing in a loop share: means over seeds with their intervals, and what made the loop."""
+"""Common parts of pages on self-sensing in a loop: means over seeds with intervals, and facts on the loop."""
 
 from collections.abc import Mapping
 from dataclasses import asdict
@@ -13,7 +13,7 @@ from selfsense.sensor import SelfSensor
 
 
 def mean_with_half_width(samples: np.ndarray) -> tuple[float, float]:
-    """Mean of the finite samples (n,) and half its 95 % interval by Student's t; nan where too few are finite."""
+    """Mean of the finite samples (n,) and half its 95 % interval by Student's t; nan if too few are finite."""
     from scipy.stats import t
 
     good = samples[np.isfinite(samples)]
@@ -23,13 +23,13 @@ def mean_with_half_width(samples: np.ndarray) -> tuple[float, float]:
 
 
 def mean_in_words(samples: np.ndarray) -> str:
-    """The mean of samples (n,) with its 95 % interval."""
+    """The mean of samples (n,) with its 95 % interval, as text."""
     mean, half = mean_with_half_width(samples)
     return with_interval(mean, mean - half, mean + half) if np.isfinite(half) else number(mean)
 
 
 def loop_facts(rig: Rig, sensor: SelfSensor, **settings: object) -> Mapping[str, object]:
-    """What made a page on a loop: rig, sensor (of the first axis), excitation, gains, and own settings."""
+    """Names and values for a page's foot: rig, sensor (of the first axis), excitation, gains and settings."""
     gains = asdict(rig.gains) if isinstance(rig.gains, Gains) else as_table(rig.gains)
     words = ", ".join(f"{name} {value}" for name, value in gains.items())
     return made_by(rig, sensor, Excitation=rig_facts(asdict(rig))["Excitation"], Gains=words, **settings)

@@ -1,4 +1,4 @@
-"""How every `maglev selfsense` command begins and ends: where its page goes, and page, JSON and console."""
+"""Start and end of every `maglev selfsense` command: the path of its page; writing page, JSON and console."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -13,7 +13,11 @@ if TYPE_CHECKING:
 
 
 def page_file(out: Path | None, command: str) -> Path:
-    """The page's file: out, or selfsense-<command>.html here. ValueError where it cannot be written."""
+    """The page's file: out, or selfsense-<command>.html in the current folder.
+
+    Raises:
+        ValueError: It cannot be written.
+    """
     page = out or Path(f"selfsense-{command}.html")
     require_file(page, "--out")
     return page
@@ -22,7 +26,7 @@ def page_file(out: Path | None, command: str) -> Path:
 def publish(
     page: Path, html: str, json_file: Path | None, data: Mapping[str, Any], shown: "Table", summary: str
 ) -> None:
-    """Write page and JSON, then print table, summary and where the page is."""
+    """Write page and JSON, then print table, summary and the path of the page."""
     write_page(page, html)
     write_json(json_file, dict(data))
     console.print(shown)

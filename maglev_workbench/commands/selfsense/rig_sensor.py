@@ -1,4 +1,4 @@
-"""The self-sensor that a command works on, and what its page says of it."""
+"""The self-sensor of a command, and its description for the page."""
 
 from collections.abc import Mapping
 from dataclasses import asdict
@@ -15,20 +15,24 @@ DISSERTATION_RATE = 250e3  # Hz
 
 
 def load_sensor(rig: str) -> tuple[Rig, SelfSensor]:
-    """A rig (preset or TOML) and the self-sensor of its first axis. ValueError when its coils cannot sense."""
+    """A rig (preset or TOML) and the self-sensor of its first axis.
+
+    Raises:
+        ValueError: The rig's coils cannot sense the gap.
+    """
     loaded = with_defaults(load_rig(rig))
     return loaded, rig_sensors(loaded)[0]
 
 
 def reading_text(sensor: SelfSensor) -> str:
-    """Converter and noise of the coil current: 12 bits over ±5 A, 2 mA rms noise."""
+    """Converter and noise of the coil current as text, such as: 12 bits over ±5 A, 2 mA rms noise."""
     a = sensor.acquisition
     converter = f"{a.bits} bits over ±{a.current_range:g} A" if a.bits else "ideal converter"
     return f"{converter}, {1e3 * a.noise:g} mA rms noise"
 
 
 def sampling_note(sensor: SelfSensor) -> str:
-    """Which sampling rate the figures hold for, and where it is changed."""
+    """Sentences on the sampling rate of the figures, and on how to change it."""
     rate, pwm = sensor.acquisition.rate, sensor.supply.frequency
     text = (
         f"The coil current is sampled at {rate / 1e3:g} kHz, {rate / pwm:.4g} times per PWM period of {pwm / 1e3:g} kHz"
@@ -42,7 +46,7 @@ def sampling_note(sensor: SelfSensor) -> str:
 
 
 def made_by(rig: Rig, sensor: SelfSensor, **settings: object) -> Mapping[str, object]:
-    """What made a page: rig, coil, supply, reading, estimator, the command's own settings, version."""
+    """Names and values for a page's foot: rig, coil, supply, reading, estimator, the command's settings, version."""
     coil, e = sensor.coil, sensor.estimator
     return {
         **{name: text for name, text in rig_facts(asdict(rig)).items() if name != "Excitation"},

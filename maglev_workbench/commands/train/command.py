@@ -105,7 +105,9 @@ def train(
                     policy, log = reinforced(world, by, experiments, seed, begun, advance)
             except KeyboardInterrupt:
                 if by == BY[0]:
-                    console.print(f"stopped; finished groups of rigs are in {folder}: run it again to go on")
+                    console.print(
+                        f"stopped; finished groups of rigs are in {folder}: run the command again to continue"
+                    )
                 raise
         found = judge(world, policy, judged, seed)
         seconds = perf_counter() - started

@@ -21,7 +21,7 @@ def calibrate(
     out: PageOption = None,
     json_file: JsonOption = None,
 ) -> None:
-    """Static (gap steps: gain, linearity, range) and dynamic (SPHS: frequency response, delay) calibration.
+    """Calibrate a gap sensor: static (steps: gain, linearity, range) and dynamic (SPHS: frequency response, delay).
 
     SOURCE is a campaign with displacement and gap_estimate, or a .csv of displacement and output for the static one.
     """

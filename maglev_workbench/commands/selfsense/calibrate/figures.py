@@ -17,7 +17,7 @@ _PANEL = 3.0  # times the linear range's own deviations that the lower panel sho
 
 
 def line(s: Static) -> "Figure":
-    """Output over displacement with the line, and below what the points lie off it."""
+    """Output over displacement with the fitted line, and below it the deviations of the points from the line."""
     from plotly.graph_objects import Scatter
     from plotly.subplots import make_subplots
 

@@ -1,4 +1,4 @@
-"""Numbers of calibrations that table, page and JSON share: intervals, and the lag at a frequency."""
+"""Numbers of calibrations for table, page and JSON: intervals, and the lag at a frequency."""
 
 from math import sqrt
 from typing import Any
@@ -11,7 +11,7 @@ from maglev_workbench.commands.selfsense.calibrate.sources import Dynamic, Stati
 MEASURED_AT, MEASURED_LAG = 150.0, 30.0  # Hz, degrees: what the dissertation measured
 TOP_AT, TOP_LAG = 4000.0, 18.0  # and what it simulated
 _NEAR = 0.05  # of a frequency, within which lines are averaged
-_HIDDEN = 45.0  # degrees of half an interval: a phase that uncertain says nothing
+_HIDDEN = 45.0  # degrees: a phase whose interval has a larger half width is not reported
 
 
 def gain_interval(s: Static) -> tuple[float, float]:
@@ -23,7 +23,7 @@ def gain_interval(s: Static) -> tuple[float, float]:
 
 
 def deviation(s: Static) -> np.ndarray:
-    """Output less line, as a share of full scale (n,)."""
+    """Output minus line, as a share of full scale, (n,)."""
     low, high = s.found.linear_range
     line = s.found.gain * s.displacement + s.found.offset
     return (s.output - line) / abs(s.found.gain * (high - low))
@@ -35,7 +35,7 @@ def half_widths(d: Dynamic) -> np.ndarray:
 
 
 def surely_within(d: Dynamic) -> float:
-    """Frequency (Hz) up to which no line may lie 3 dB below the gain: a bandwidth that noise leaves certain."""
+    """Frequency (Hz) up to which, within the intervals, no line is 3 dB below the gain: the least bandwidth."""
     c = d.found
     doubtful = np.flatnonzero(np.abs(c.response) - half_widths(d) < c.gain / sqrt(2))
     last = doubtful[0] - 1 if doubtful.size else c.frequency.size - 1
@@ -43,11 +43,12 @@ def surely_within(d: Dynamic) -> float:
 
 
 def lag_at(d: Dynamic, frequency: float) -> tuple[float, float]:
-    """Lag (degrees) at a frequency (Hz) between the lines and half its 95 % interval, infinite when noise hides it.
+    """Lag (degrees) at a frequency (Hz), and half the width of its 95 % interval, which is infinite if noise hides it.
 
-    Of the lines within 5 % to either side, freed of the delay found and averaged by the displacement's power: what is
-    left hardly turns, so that noise cannot slip the phase by a turn. Weights from the few periods' own variances would
-    pick the lines that happened to scatter least, and the interval would be too narrow.
+    The lag is that of the lines within 5 % to either side. The phase of the fitted delay is removed first, so that the
+    rest changes little and noise cannot cause an error of a full turn. The lines are then averaged with the
+    displacement's power as weight. Weights from the variances over a few periods would favour lines that happen to
+    scatter little, and the interval would be too narrow.
     """
     c = d.found
     f = c.frequency
@@ -64,7 +65,7 @@ def lag_at(d: Dynamic, frequency: float) -> tuple[float, float]:
 
 
 def lags(d: Dynamic) -> dict[float, tuple[float, float]]:
-    """`lag_at` the dissertation's frequencies, or at the highest line below both, where noise does not hide it."""
+    """`lag_at` the dissertation's frequencies, or at the highest line below both, if noise does not hide it."""
     f = d.found.frequency
     inside = [at for at in (MEASURED_AT, TOP_AT) if f[0] <= at <= f[-1]] or [float(f[-1])]
     found = {at: lag_at(d, at) for at in inside}

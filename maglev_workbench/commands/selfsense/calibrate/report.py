@@ -55,7 +55,7 @@ def calibrate_tables(c: Calibration) -> "list[rich.table.Table]":
 
 
 def calibrate_summary(c: Calibration) -> str:
-    """The first static and dynamic calibration in sentences, and how many there are."""
+    """Sentences on the first static and the first dynamic calibration, and the number of others."""
     parts = []
     if c.static:
         s = c.static[0]

@@ -1,4 +1,4 @@
-"""What is calibrated: a simulated sensor, the recordings of a campaign, or a table of displacement and output."""
+"""Sources of a calibration: a simulated sensor, recordings of a campaign, or a table of displacement and output."""
 
 from collections.abc import Callable, Iterable
 from contextlib import suppress
@@ -24,13 +24,13 @@ LOWEST, HIGHEST = (1, 2, 3, 5), 22  # of the sweep, in tenths of the gap at rest
 FUNDAMENTAL, TOP, PEAK, PERIODS = 1.0, 4000.0, 0.2, 8  # Hz, Hz, of the gap at rest, of the simulated SPHS
 _SIGNIFICANT = 3.0  # standard deviations by which the displacement of a line must stand out
 _FEWEST = 3  # lines, or steps
-_BY_CHANCE = 6  # steps from which on three that lie on a line say nothing: in noise some three always may
-_ROWS = 500  # of a table; beyond it the search for the linear range takes minutes
+_BY_CHANCE = 6  # with this many steps or more, three of them may lie on a line by chance
+_ROWS = 500  # largest number of rows of a table; with more, the search for the linear range takes minutes
 
 
 @dataclass(frozen=True)
 class Axis:
-    """A quantity as it is shown: its name, its unit ("" where the data do not say), and that many of it in one SI."""
+    """A displayed quantity: its name, its unit ("" if the data do not give it), and the factor from SI to this unit."""
 
     name: str
     unit: str = ""
@@ -50,8 +50,11 @@ class Static:
 
 @dataclass(frozen=True)
 class Dynamic:
-    """A dynamic calibration over so many periods; at its lines the power of the displacement, in any unit, and the
-    response of the linear model where one is."""
+    """A dynamic calibration over a number of periods.
+
+    At each line it has the power of the displacement, in any unit, and the response of the linear model, if there is
+    one.
+    """
 
     name: str
     periods: int
@@ -62,7 +65,7 @@ class Dynamic:
 
 @dataclass(frozen=True)
 class Calibration:
-    """Everything that a source gave; notes: what was left out or assumed, in words."""
+    """All calibrations from a source; notes: sentences on data that were left out and on assumptions."""
 
     source: str
     static: tuple[Static, ...]
@@ -73,9 +76,15 @@ class Calibration:
 
 
 def simulated(rig: Rig, sensor: SelfSensor, progress: Callable[[], None]) -> Calibration:
-    """Gap steps beyond the estimator's range, and a Schroeder multisine of 1 to 4000 Hz; progress after each of both.
+    """Calibrations of a simulated sensor: gap steps beyond its range, and a Schroeder multisine of 1 to 4000 Hz.
 
-    ValueError when the estimate cannot be trusted.
+    Args:
+        rig: for names and notes.
+        sensor: the sensor to simulate.
+        progress: called after each of the two.
+
+    Raises:
+        ValueError: The estimate is not valid.
     """
     gaps, estimates = _sweep(sensor)
     axes = (Axis("gap", "mm", 1e3), Axis("estimated gap", "um", 1e6))
@@ -91,7 +100,7 @@ def simulated(rig: Rig, sensor: SelfSensor, progress: Callable[[], None]) -> Cal
 
 
 def _sweep(sensor: SelfSensor) -> tuple[np.ndarray, np.ndarray]:
-    """Gaps (m) and the mean estimate of each; from the smallest gap on whose ripple stands out of the noise."""
+    """Gaps (m) and the mean estimate of each, from the smallest gap whose ripple is larger than the noise."""
     for lowest in LOWEST[:-1]:
         with suppress(ValueError):
             return _swept(sensor, lowest)
@@ -105,7 +114,11 @@ def _swept(sensor: SelfSensor, lowest: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def from_csv(path: Path) -> Calibration:
-    """The static calibration of a table: columns displacement and output, or the first two. ValueError as its parts."""
+    """The static calibration of a table with the columns displacement and output, or of its first two columns.
+
+    Raises:
+        ValueError: The table is not valid, or as `widest`.
+    """
     columns = read_columns(path)
     names = ("displacement", "output") if {"displacement", "output"} <= set(columns.names) else columns.names[:2]
     if len(names) < 2:
@@ -128,9 +141,10 @@ def from_csv(path: Path) -> Calibration:
 
 
 def widest(x: np.ndarray, y: np.ndarray) -> StaticCalibration:
-    """The static calibration whose linear range covers the most of the output, wherever that range lies.
+    """The static calibration whose linear range covers the largest part of the output, at any position.
 
-    ValueError when no three points lie on a line, or of six or more only three.
+    Raises:
+        ValueError: No three points lie on a line, or only three of six or more.
     """
     found = []
     for rest in np.unique(np.quantile(x, np.linspace(0, 1, 9), method="nearest")):
@@ -152,10 +166,13 @@ def widest(x: np.ndarray, y: np.ndarray) -> StaticCalibration:
 def from_campaign(
     campaign: Campaign, source: Path, track: Callable[[Iterable[RecordingSpec]], Iterable[RecordingSpec]]
 ) -> Calibration:
-    """Every recording with displacement and gap_estimate: its response at the lines of its periodic excitation, or the
-    static calibration of the steps that its displacement makes.
+    """Calibrations from all recordings with displacement and gap_estimate.
 
-    ValueError when no recording has both channels, or none can be used.
+    A recording with a periodic excitation gives the response at its lines; one without gives the static calibration of
+    the steps of its displacement.
+
+    Raises:
+        ValueError: No recording has both channels, or none can be used.
     """
     static, dynamic, notes = [], [], []
     having = [(spec, pairs) for spec in campaign.recordings if (pairs := _pairs(spec))]
@@ -183,13 +200,13 @@ def from_campaign(
 
 
 def _pairs(spec: RecordingSpec) -> list[str]:
-    """Endings of the channels of which a recording has both."""
+    """Suffixes of the channels for which a recording has both displacement and gap_estimate."""
     endings = ("", *suffixes(2))
     return [e for e in endings if all(f"{n}{e}" in spec.channels for n in ("displacement", "gap_estimate"))]
 
 
 def _lines(spec: RecordingSpec, suffix: str) -> np.ndarray:
-    """Harmonics that excite the axis of channels with an ending."""
+    """Harmonics that excite the axis of the channels with a suffix."""
     if not suffix or not any(e.direction for e in spec.excitations):  # of one axis it is not said which way: along it
         return lines_at(spec.excitations)
     return lines_at(axis_excitations(spec.excitations, AXES.index(suffix[1:])))

@@ -1,18 +1,23 @@
-"""Levels at which a recorded displacement rests, and what a sensor reads there."""
+"""Levels at which a recorded displacement rests, and a sensor's reading at these levels."""
 
 import numpy as np
 
 from selfsense.validity import SETTLING
 
-_STILL = 0.02  # of the whole travel: so little a displacement may scatter within a piece of time that counts as a step
-_APART = 0.02  # of the whole travel: what lies closer together is one step
+_STILL = 0.02  # largest scatter of the displacement within a step, as a share of the whole travel
+_APART = 0.02  # smallest distance of two different steps, as a share of the whole travel
 
 
 def static_steps(displacement: np.ndarray, output: np.ndarray, rate: float) -> tuple[np.ndarray, np.ndarray]:
     """Displacement and output (n,), means over the pieces of time in which the displacement (samples,) hardly moves.
 
-    rate: Hz. Pieces last as long as a sensor needs to settle; those beside a move are left out, those within 2 % of the
-    travel are one step. A slow ramp counts as steps, noise and fast motion do not: n is then 0 or small.
+    Pieces last as long as a sensor needs to settle. Those next to a motion are left out, and those within 2 % of the
+    travel are one step. A slow ramp counts as steps; noise and fast motion do not, so that n is 0 or small.
+
+    Args:
+        displacement: (samples,).
+        output: (samples,).
+        rate: sample rate, Hz.
     """
     piece = max(2, round(SETTLING * rate))
     n = displacement.size // piece

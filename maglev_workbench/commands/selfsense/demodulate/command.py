@@ -1,4 +1,4 @@
-"""`maglev selfsense demodulate`: the gap from the ripple alone beside the estimator, with constant and varying duty."""
+"""`maglev selfsense demodulate`: demodulation of the ripple and the estimator, at constant and varying duty."""
 
 import typer
 
@@ -19,7 +19,7 @@ def demodulate(
     out: PageOption = None,
     json_file: JsonOption = None,
 ) -> None:
-    """Switching-noise demodulation beside the parameter estimator, with constant and with varying duty."""
+    """Compare switching-noise demodulation with the parameter estimator, at constant and at varying duty."""
     from maglev_workbench.commands.selfsense.demodulate.report import (
         demodulate_json,
         demodulate_page,

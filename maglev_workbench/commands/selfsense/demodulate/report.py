@@ -36,7 +36,7 @@ def demodulate_table(d: Demodulation) -> "rich.table.Table":
 
 
 def demodulate_summary(d: Demodulation) -> str:
-    """What the moving duty does to either gap, in sentences."""
+    """Sentences on the effect of the varying duty on both gaps."""
     varying, constant = d.traces["varying"], d.traces["constant"]
     wrong, good = (varying.errors[m] for m in METHODS)
     times = f"{number(varying.ratio, 2)} times less" if varying.ratio > _BETTER else "no better"

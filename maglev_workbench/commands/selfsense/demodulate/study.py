@@ -20,7 +20,7 @@ _LOWEST = 1.0  # Hz
 
 @dataclass(frozen=True)
 class GapError:
-    """Of a gap against the true one: rms and bias (m), the delay (s) and the rms (m) with that taken out."""
+    """Error of a gap: rms and bias (m), its delay (s), and the rms (m) after compensation of the delay."""
 
     rms: float
     bias: float
@@ -30,8 +30,10 @@ class GapError:
 
 @dataclass(frozen=True)
 class Trace:
-    """One duty: over time the drive (-1 .. 1), the gaps of METHODS (m), their errors, and those with a current that is
-    read without noise and rounding."""
+    """Results for one duty over time: the drive (-1 .. 1), the gaps of METHODS (m) and their errors.
+
+    The errors are given also for a current that is read without noise and rounding.
+    """
 
     drive: np.ndarray
     gaps: dict[str, np.ndarray]
@@ -40,7 +42,7 @@ class Trace:
 
     @property
     def ratio(self) -> float:
-        """rms error of the demodulator over the estimator's, lag counted."""
+        """Ratio of the demodulator's rms error to the estimator's, including the lag."""
         return self.errors["demodulated"].rms / self.errors["estimated"].rms
 
     @property
@@ -51,8 +53,11 @@ class Trace:
 
 @dataclass(frozen=True)
 class Demodulation:
-    """Both duties along one motion of the gap, over whole periods: time (s), gap (m), traces by DUTIES, the error (m)
-    of the demodulator in closed form, amplitude (A) of the current at the motion's frequency, path factor."""
+    """Results for both duties along one motion of the gap, over whole periods.
+
+    The fields are time (s), gap (m), traces by DUTIES, the demodulator's error (m) in closed form, the amplitude (A) of
+    the current at the motion's frequency, and the factor of the path.
+    """
 
     rig: Rig
     sensor: SelfSensor
@@ -110,7 +115,7 @@ def compare(
 
 
 def check_motion(sensor: SelfSensor, frequency: float, amplitude: float) -> None:
-    """ValueError unless a gap that moves with an amplitude (m) at a frequency (Hz) is one that can be sensed."""
+    """Raise ValueError unless a gap that moves with an amplitude (m) at a frequency (Hz) can be sensed."""
     highest = sensor.supply.frequency / 10
     if not (isfinite(frequency) and 0 < frequency <= highest):
         raise ValueError(
@@ -127,7 +132,7 @@ def check_motion(sensor: SelfSensor, frequency: float, amplitude: float) -> None
 
 
 def _errors(found: np.ndarray, rest: float, amplitude: float, frequency: float, time: np.ndarray) -> GapError:
-    """Of a gap (samples,) against rest + amplitude sin(w t), over whole periods."""
+    """Error of a gap (samples,) against rest + amplitude sin(w t), over whole periods."""
     w = 2 * pi * frequency
     motion = np.sin(w * time)
     error = found - rest - amplitude * motion

@@ -1,4 +1,4 @@
-"""`maglev selfsense design`: PI gains of the rig's estimator for a lag, and what the lag costs."""
+"""`maglev selfsense design`: PI gains of the rig's estimator for a lag, with phase margin and noise."""
 
 from typing import Annotated
 
@@ -22,7 +22,7 @@ def design(
     out: PageOption = None,
     json_file: JsonOption = None,
 ) -> None:
-    """PI gains of the estimator: lag against phase margin, with the price in noise."""
+    """Design the estimator's PI gains: trade-off of lag, phase margin and noise."""
     from maglev_workbench.commands.selfsense.design.report import design_json, design_page, design_summary, design_table
     from maglev_workbench.commands.selfsense.design.study import STEPS, study
     from maglev_workbench.commands.selfsense.results import page_file, publish

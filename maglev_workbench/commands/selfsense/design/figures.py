@@ -1,4 +1,4 @@
-"""Figures of estimator designs: estimated over true gap against frequency, and lag against phase margin."""
+"""Figures of estimator designs: frequency response of the estimated gap, and lag over phase margin."""
 
 from typing import TYPE_CHECKING
 
@@ -45,7 +45,7 @@ def responses(s: Study) -> "Figure":
 
 
 def trade(s: Study) -> "Figure":
-    """Lag against phase margin, with the hand calculation and the dissertation's figures; below, what it costs."""
+    """Lag over phase margin, with the hand calculation and the dissertation's figures; below it the noise."""
     from plotly.graph_objects import Scatter
     from plotly.subplots import make_subplots
 

@@ -32,7 +32,7 @@ def design_table(s: Study) -> "rich.table.Table":
 
 
 def design_summary(s: Study) -> str:
-    """The gains asked for, what they bring, and what the dissertation's figures mean."""
+    """Sentences on the wanted gains, their properties, and the dissertation's figures."""
     c = s.candidates[0]
     d = c.design
     noise = f", {number(1e6 * c.simulated_noise)} um rms of noise" if np.isfinite(c.noise) else ""
@@ -119,12 +119,12 @@ def _polar(frequency: np.ndarray, response: np.ndarray) -> dict[str, np.ndarray]
 
 
 def _integral(c: Candidate) -> str:
-    # A PI corner below 0.1 Hz is none.
+    # A PI corner below 0.1 Hz has no practical effect.
     return number(c.design.ki, 4) if c.design.ki > 0.6 * c.design.kp else "≈ 0"
 
 
 def _meaning(s: Study) -> str:
-    """One sentence on why little lag and much margin do not go together."""
+    """One sentence on why a small lag and a large phase margin exclude each other."""
     close, sagging = s.reference(20.0, 1.0), s.reference(20.0, 2.9)
     left = " of margin".join(f"{number(c.design.phase_margin, 2)}°" for c in (close, sagging) if c)
     if close and sagging:
@@ -147,7 +147,7 @@ def _meaning(s: Study) -> str:
 
 
 def _margin_by_hand(s: Study) -> float | None:
-    """Phase margin (deg) that an ideal low-pass would leave at 20 degrees of lag, None where it has none of MARGINS."""
+    """Phase margin (deg) with an ideal low-pass at 20 degrees of lag; None if it is outside MARGINS."""
     lags = ideal_low_pass(s.sensor.estimator.path.low_pass, s.at, MARGINS)
     return float(np.interp(20.0, lags, MARGINS)) if lags[0] < 20 < lags[-1] else None
 

@@ -1,4 +1,4 @@
-"""Designs of a rig's estimator: the one asked for beside those of 20 and 50 degrees, and the trade-off they lie on."""
+"""Designs of a rig's estimator: the wanted one, those for 20 and 50 degrees of lag, and their trade-off."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
@@ -59,7 +59,7 @@ class Study:
     noise_density: float
 
     def reference(self, lag: float, droop: float) -> Candidate | None:
-        """The candidate that was designed for this lag (deg) and droop (dB), None where no gains reach it."""
+        """The candidate that was designed for this lag (deg) and droop (dB); None if no gains reach it."""
         return next((c for c in self.candidates if (c.lag, c.droop) == (lag, droop)), None)
 
 

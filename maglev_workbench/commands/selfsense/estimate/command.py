@@ -1,4 +1,4 @@
-"""`maglev selfsense estimate`: the gap from recorded coil currents and switching voltages, faults flagged."""
+"""`maglev selfsense estimate`: the gap from recorded coil currents and switching voltages; invalid parts are marked."""
 
 from pathlib import Path
 from typing import Annotated
@@ -30,7 +30,7 @@ def estimate(
     ] = None,
     json_file: JsonOption = None,
 ) -> None:
-    """The gap from a recorded coil current and switching voltage; invalid stretches are flagged, never guessed."""
+    """Estimate the gap from recorded coil current and switching voltage; invalid parts are marked, not interpolated."""
     from maglev_env.design.defaults import with_defaults
     from maglev_env.recordings.files import write_npz
     from maglev_env.rig.rig import load_rig

@@ -1,4 +1,4 @@
-"""Figures of a recorded coil: its gap with the stretches that carry none, and a few PWM periods of its ripple."""
+"""Figures of a recorded coil: its gap with invalid parts marked, and a few PWM periods of its ripple."""
 
 from typing import TYPE_CHECKING
 
@@ -103,5 +103,5 @@ def _line(time: np.ndarray, values: np.ndarray, name: str, line: dict, legend: b
 
 
 def _means(values: np.ndarray, block: int) -> np.ndarray:
-    """Means over blocks of samples, nan where one is; what is left over at the end is dropped."""
+    """Means over blocks of samples, nan if a sample is nan; an incomplete block at the end is dropped."""
     return values[: values.size // block * block].reshape(-1, block).mean(axis=1)

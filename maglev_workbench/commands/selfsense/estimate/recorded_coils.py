@@ -1,4 +1,4 @@
-"""Coils in recordings: their current and switching voltage read, and the gap that the rig's estimator finds in them."""
+"""Coils in recordings: reading their current and switching voltage, and the gap by the rig's estimator."""
 
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -23,7 +23,7 @@ _ANOTHER_RIG = 0.5  # share by which the PWM frequency of a wrong rate or rig di
 
 @dataclass(frozen=True)
 class Coil:
-    """One coil of a recording: the ending of its channels, "", "_x" or "_y", and the file."""
+    """One coil of a recording: the suffix of its channels, "", "_x" or "_y", and the file."""
 
     path: Path
     spec: RecordingSpec
@@ -36,7 +36,7 @@ class Coil:
 
 @dataclass(frozen=True)
 class Signals:
-    """Of one coil, (samples,) each: current (A), voltage (V) and, where it was recorded, displacement (m)."""
+    """Signals of one coil, (samples,) each: current (A), voltage (V) and, if it was recorded, displacement (m)."""
 
     current: np.ndarray
     voltage: np.ndarray
@@ -56,7 +56,7 @@ class Comparison:
 
 @dataclass(frozen=True)
 class SensedCoil:
-    """A coil, its signals, the sensor whose estimator was used, what it found, and in words what looks odd."""
+    """A coil, its signals, the sensor whose estimator was used, its result, and notes on suspicious data."""
 
     coil: Coil
     signals: Signals
@@ -71,7 +71,11 @@ class SensedCoil:
 
 
 def coils_of(campaign: Campaign, spec: RecordingSpec) -> list[Coil]:
-    """The coils whose current and voltage a recording names. ValueError when one of a pair is missing, or all are."""
+    """The coils whose current and voltage a recording names.
+
+    Raises:
+        ValueError: Current or voltage of a coil is missing, or there is no coil.
+    """
     path = campaign.folder / spec.file
     found = []
     for suffix in SUFFIXES:
@@ -91,7 +95,7 @@ def coils_of(campaign: Campaign, spec: RecordingSpec) -> list[Coil]:
 
 
 def read_coil(campaign: Campaign, coil: Coil) -> Signals:
-    """The signals of a coil in SI; errors as `read_recording`, but a clipped current is no error: it is flagged."""
+    """The signals of a coil in SI; errors as `read_recording`, except that a clipped current is marked instead."""
     spec, end = coil.spec, coil.suffix
     others = [f"voltage{end}", *(name for name in ("time", f"displacement{end}") if name in spec.channels)]
     dataset = read_recording(campaign, replace(spec, channels={name: spec.channels[name] for name in others}))

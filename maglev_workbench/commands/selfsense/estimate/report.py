@@ -46,7 +46,7 @@ def estimate_table(rig: Rig, coils: Sequence[SensedCoil]) -> "rich.table.Table":
 
 
 def stretch_lines(coil: SensedCoil) -> list[str]:
-    """What the console says of the stretches without a gap and of what looks odd."""
+    """Lines for the console on the parts without a valid gap and on suspicious data."""
     rows = _stretches(coil)
     shares = ", ".join(f"{reason} {share:.2%}" for reason, share in _shares(coil).items())
     lines = [f"{coil.coil.name}: no gap in {1 - coil.valid_share:.2%} of the samples ({shares})"] if rows else []
@@ -57,7 +57,7 @@ def stretch_lines(coil: SensedCoil) -> list[str]:
 
 
 def estimate_summary(rig: Rig, coils: Sequence[SensedCoil]) -> str:
-    """The answer in a sentence or two."""
+    """The result in one or two sentences."""
     first = coils[0]
     if len(coils) > 1:
         shares = [100 * c.valid_share for c in coils]

@@ -1,4 +1,4 @@
-"""Where the coil's recordings come from, a campaign or one file, and where each estimated gap goes."""
+"""Source of the coil's recordings, a campaign or one file, and the files for the estimated gaps."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,7 +19,12 @@ class OneFile:
 
 
 def source_campaign(source: Path, one: OneFile) -> Campaign:
-    """The campaign, or one of a single file. ValueError and FileNotFoundError say what is missing or too much."""
+    """The campaign, or one that contains a single file.
+
+    Raises:
+        ValueError: An option is missing, or has no meaning for a campaign.
+        FileNotFoundError: The source does not exist.
+    """
     if not source.exists():
         raise FileNotFoundError(f"{source} does not exist; name a campaign folder or a data file")
     if source.is_dir() or source.suffix == ".toml":
@@ -35,7 +40,7 @@ def source_campaign(source: Path, one: OneFile) -> Campaign:
 
 
 def estimate_files(page: Path, coils: list[Coil]) -> list[Path]:
-    """Where each estimated gap goes: beside the page, named after it, and after the recording where there are more."""
+    """File of each estimated gap: in the page's folder, named after the page, and with several coils the recording."""
     if len(coils) == 1:
         return [page.with_suffix(".npz")]
     names = ["-".join((*Path(c.spec.file).with_suffix("").parts, *filter(None, [c.suffix.lstrip("_")]))) for c in coils]

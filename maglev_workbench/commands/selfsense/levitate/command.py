@@ -1,4 +1,4 @@
-"""`maglev selfsense levitate`: what self-sensing costs a levitation loop, beside the same experiment with the probe."""
+"""`maglev selfsense levitate`: compares a levitation loop with self-sensing with the same loop with the probe."""
 
 from typing import Annotated
 
@@ -14,13 +14,15 @@ app = typer.Typer()
 @friendly
 def levitate(
     rig: RigOption = "hmb_free",
-    points: Annotated[int, typer.Option(min=2, help="Of kp and of kd in the map over the rig's bounds.")] = 16,
+    points: Annotated[
+        int, typer.Option(min=2, help="Number of values of kp and of kd in the map over the rig's bounds.")
+    ] = 16,
     seed: SeedOption = 0,
     threads: ThreadsOption = None,
     out: PageOption = None,
     json_file: JsonOption = None,
 ) -> None:
-    """The same SPHS experiment with the probe and with self-sensing, side by side, and over gains what that costs."""
+    """Run the same SPHS experiment with the probe and with self-sensing, and map the difference over the gains."""
     from maglev_workbench.commands.selfsense.levitate.experiments import SEEDS, compare, map_plan
     from maglev_workbench.commands.selfsense.levitate.numbers import levitate_json
     from maglev_workbench.commands.selfsense.levitate.report import levitate_page, levitate_summary, levitate_table

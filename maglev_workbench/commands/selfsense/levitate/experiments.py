@@ -153,7 +153,7 @@ def _curve(e: Experiment, axis: int) -> Curve:
 
 
 def _piece(e: Experiment, axis: int) -> Piece:
-    """Around the largest error of the kept period, or up to a touchdown."""
+    """The stretch around the largest error of the kept period, or before a touchdown."""
     record = simulate_records([replace(e, periods=1)])[0]
     names = recorded_channels(e)
     reading, position = (record[names.index(name) * e.rig.axes + axis] for name in ("displacement", "position"))

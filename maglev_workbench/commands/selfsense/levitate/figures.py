@@ -116,7 +116,7 @@ def piece(shown: Piece) -> "Figure":
 
 
 def cost_map(c: Comparison) -> "Figure":
-    """What self-sensing costs over kp and kd, with the stability borders of both sensors."""
+    """Maps of the losses by self-sensing over kp and kd, with the stability borders of both sensors."""
     from plotly.graph_objects import Heatmap
 
     probe, sensed = (c.map[s] for s in SENSORS)
@@ -177,7 +177,7 @@ def _hover(c: Comparison) -> np.ndarray:
 
 
 def _edges(centres: np.ndarray, log: bool) -> np.ndarray:
-    """Where the cells of evenly spaced centres (n,) begin and end, (n + 1,)."""
+    """Borders (n + 1,) of the cells with evenly spaced centres (n,)."""
     v = np.log(centres) if log else centres
     half = (v[-1] - v[0]) / (2 * (v.size - 1))
     v = np.concatenate([v - half, v[-1:] + half])

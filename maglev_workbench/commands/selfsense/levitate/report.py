@@ -1,4 +1,4 @@
-"""What self-sensing costs a levitation loop: console table, page and JSON."""
+"""Comparison of self-sensing and probe in a levitation loop: console table, page and JSON."""
 
 from collections.abc import Mapping
 from typing import TYPE_CHECKING
@@ -45,7 +45,7 @@ def levitate_table(c: Comparison) -> "rich.table.Table":
 
 
 def levitate_summary(c: Comparison) -> str:
-    """What self-sensing costs, in sentences."""
+    """Sentences on the losses by self-sensing."""
     probe, sensed = (c.preset[s] for s in SENSORS)
     if not levitates(c, "self_sensing"):
         return f"{_failure(c)} {_counts(c)}"

@@ -1,4 +1,4 @@
-"""`maglev selfsense noise`: what converter bits and current noise leave of the gap, beside the Cramer-Rao bound."""
+"""`maglev selfsense noise`: error of the gap over converter bits and current noise, and the Cramer-Rao bound."""
 
 import typer
 
@@ -16,7 +16,7 @@ def noise(
     out: PageOption = None,
     json_file: JsonOption = None,
 ) -> None:
-    """Error of the estimated gap against converter bits and current noise, beside the Cramer-Rao bound."""
+    """Compute the gap's error over converter bits and current noise, and compare it with the Cramer-Rao bound."""
     from maglev_workbench.commands.selfsense.noise.report import noise_json, noise_page, noise_summary, noise_table
     from maglev_workbench.commands.selfsense.noise.study import plan, study
     from maglev_workbench.commands.selfsense.results import page_file, publish

@@ -14,8 +14,8 @@ from selfsense.bound import NoisePoint
 if TYPE_CHECKING:
     import rich.table
 
-_COARSE = 1 / 8  # of the ripple from peak to peak: a count above it repeats itself
-_LOST = 0.2  # of the gap, rms: the estimate runs into the ends of its range
+_COARSE = 1 / 8  # share of the peak-to-peak ripple; a larger count gives a rounding error that repeats every period
+_LOST = 0.2  # share of the gap; with a larger rms error the estimate reaches the limits of its range
 
 
 def noise_table(s: NoiseStudy) -> "rich.table.Table":
@@ -33,7 +33,7 @@ def noise_table(s: NoiseStudy) -> "rich.table.Table":
 
 
 def noise_summary(s: NoiseStudy) -> str:
-    """What the rig's own reading leaves, and where and why the estimator is far from the bound."""
+    """Sentences on the error with the rig's own reading, and on where and why it is far above the bound."""
     where = f"at the estimator's noise bandwidth of {s.bandwidth / 1e3:.3g} kHz"
     if s.own:
         text = (

@@ -1,4 +1,4 @@
-"""`maglev selfsense rate-limit`: how slowly the rig's estimator may be sampled, over its PI gains."""
+"""`maglev selfsense rate-limit`: the lowest sampling rate of the rig's estimator over its PI gains."""
 
 import typer
 
@@ -15,7 +15,7 @@ def rate_limit(
     out: PageOption = None,
     json_file: JsonOption = None,
 ) -> None:
-    """Lowest stable sampling rate of the estimator over its PI gains, with a published figure of 165 kHz on it."""
+    """Map the lowest stable sampling rate of the estimator over its PI gains, with a published value of 165 kHz."""
     from maglev_workbench.commands.selfsense.rate_limit.rate_map import STEPS, map_rates
     from maglev_workbench.commands.selfsense.rate_limit.report import rate_json, rate_page, rate_summary, rate_table
     from maglev_workbench.commands.selfsense.results import page_file, publish

@@ -1,4 +1,4 @@
-"""The lowest stable sampling rate over PI gains, and what the simulation says of some of them."""
+"""The lowest stable sampling rate over PI gains, and checks of some of them by simulation."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
@@ -76,7 +76,11 @@ class RateMap:
 
 
 def map_rates(rig: Rig, sensor: SelfSensor, progress: Callable[[], None] = lambda: None) -> RateMap:
-    """Map a rig's sensor. ValueError when it cannot be linearised."""
+    """The map of a rig's sensor.
+
+    Raises:
+        ValueError: The sensor cannot be linearised.
+    """
     rates = np.array([r for r in sampling_rates(sensor.supply, sensor.acquisition.rate) if _possible(sensor, r)])
     if rates.size == 0:
         raise ValueError(
@@ -162,13 +166,13 @@ def _settles(
 
 
 def settled(sensor: SelfSensor) -> bool:
-    """Whether the simulated estimate ends on one small orbit from gaps all over its range, at half duty, unnoisy."""
+    """Whether the simulated estimate settles from initial gaps over its whole range, at half duty and without noise."""
     ideal = replace(sensor, acquisition=replace(sensor.acquisition, bits=0, noise=0.0))
     low, high = sensor.estimator.gap_range
     starts = np.clip(np.array(_STARTS) * sensor.gap, low + 1e-3 * (high - low), high - 1e-3 * (high - low))
     drive = strongest_drive(sensor.supply)
     linear = linearise(sensor, drive)
-    # Ten time constants of what decays, or grows, most slowly.
+    # Ten time constants of the slowest pole, which decays or grows.
     pace = abs(np.log(linear.growth(sensor.estimator.kp, sensor.estimator.ki))) * linear.rate / linear.direct.size
     gap = np.full(round(np.clip(10 / pace, *_SECONDS) * linear.rate), sensor.gap)
     end = simulate([replace(ideal, gap=start) for start in starts], gap, drive).estimate[:, -gap.size // 10 :]

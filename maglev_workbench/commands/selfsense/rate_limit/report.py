@@ -41,7 +41,7 @@ def rate_table(m: RateMap) -> "rich.table.Table":
 
 
 def rate_summary(m: RateMap) -> str:
-    """How slowly the rig's design may be sampled, and where the dissertation's 165 kHz lies."""
+    """Sentences on the lowest rate of the rig's design, and on the dissertation's 165 kHz."""
     own, *others = m.designs
     close = next((g for g in others if g.asked_lag == 20), None)
     text = f"The rig's own gains are stable {_from(own)}" + (f", those for 20° of lag {_from(close)}" if close else "")

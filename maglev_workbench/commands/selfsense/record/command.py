@@ -1,4 +1,4 @@
-"""`maglev selfsense record`: a simulated coil, its current and switching voltage beside the true displacement."""
+"""`maglev selfsense record`: records a simulated coil: current, switching voltage and true displacement."""
 
 from pathlib import Path
 from typing import Annotated

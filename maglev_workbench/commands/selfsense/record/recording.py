@@ -1,4 +1,4 @@
-"""A simulated coil, recorded: its current and switching voltage beside the true displacement."""
+"""A recording of a simulated coil: its current, its switching voltage and the true displacement."""
 
 from dataclasses import dataclass
 from math import pi
@@ -16,8 +16,11 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Motion:
-    """What is recorded for so many seconds: the gap moves by amplitude (m) sin at frequency (Hz), the duty by
-    duty_swing cos about one half."""
+    """The motion that is recorded for `seconds`.
+
+    The gap moves sinusoidally with an amplitude (m) at a frequency (Hz); the duty varies as duty_swing cos about one
+    half.
+    """
 
     frequency: float
     amplitude: float

@@ -1,4 +1,4 @@
-"""`maglev selfsense rivals`: state observer and Kalman filter beside the parameter estimator, on the same motion."""
+"""`maglev selfsense rivals`: compares state observer, Kalman filter and parameter estimator on the same motion."""
 
 import typer
 
@@ -16,7 +16,7 @@ def rivals(
     out: PageOption = None,
     json_file: JsonOption = None,
 ) -> None:
-    """State-space observer and extended Kalman filter on the averaged current, beside the parameter estimator."""
+    """Compare a state observer and an extended Kalman filter on the averaged current with the parameter estimator."""
     from maglev_workbench.commands.selfsense.results import page_file, publish
     from maglev_workbench.commands.selfsense.rig_sensor import load_sensor
     from maglev_workbench.commands.selfsense.rivals.experiments import PARTS, cases, compare

@@ -1,7 +1,8 @@
 """Observer, Kalman filter and parameter estimator on the same levitated motion, switching edge by switching edge.
 
-The rivals get the best of everything: one equivalent coil whose back-EMF is all that energy allows, its current
-averaged over every PWM period from many samples, and the strength of the force. All three believe in the nominal rig.
+Observer and filter get ideal conditions: one equivalent coil with the largest back-EMF that conservation of energy
+allows, its current averaged over every PWM period from many samples, and the known strength of the force. All three
+use the parameters of the nominal rig.
 """
 
 from collections.abc import Callable, Sequence
@@ -153,7 +154,7 @@ def _noise(magnet: AveragedMagnet) -> tuple[float, float, float]:
 
 
 def _step(magnet: AveragedMagnet) -> float:
-    """A force (N) under which the levitated rotor gives way by GIVES_WAY of the gap in the end."""
+    """A force (N) that moves the levitated rotor by GIVES_WAY of the gap in the steady state."""
     rate, small = 25 / magnet.time_scale, 1e-3 * magnet.actuator_gain * magnet.units[2]
     ends = levitate(magnet, np.full(500, small), rate).displacement[-1]
     return float(small * GIVES_WAY * magnet.gap / ends)

@@ -33,7 +33,7 @@ def rivals_table(r: Rivalry) -> "rich.table.Table":
 
 
 def rivals_summary(r: Rivalry) -> str:
-    """Who reads the motion, nominal and not."""
+    """Sentences on the errors of the three methods, with nominal and with wrong parameters."""
     by_name = {one.case.name: one for one in r.results}
     nominal, hot, step = (by_name[name] for name in ("nominal", "resistance +20 %", "force step"))
     others = [by_name[f"{name} +20 %"] for name in ("supply voltage", "inductance")]

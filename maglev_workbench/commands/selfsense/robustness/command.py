@@ -1,4 +1,4 @@
-"""`maglev selfsense robustness`: what a wrong belief of coil and supply costs the gap and the levitation loop."""
+"""`maglev selfsense robustness`: influence of wrong coil and supply parameters on the gap and the levitation loop."""
 
 import typer
 
@@ -17,7 +17,7 @@ def robustness(
     out: PageOption = None,
     json_file: JsonOption = None,
 ) -> None:
-    """What a wrong supply voltage, resistance, pole area or core does to the gap and to the loop's margin."""
+    """Compute the influence of a wrong supply voltage, resistance, pole area or core on the gap and on the loop."""
     from maglev_workbench.commands.selfsense.results import page_file, publish
     from maglev_workbench.commands.selfsense.rig_sensor import load_sensor
     from maglev_workbench.commands.selfsense.robustness.experiments import SEEDS, measure_robustness, plan_robustness

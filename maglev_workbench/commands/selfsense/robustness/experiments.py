@@ -1,4 +1,4 @@
-"""Mismatches between coil and belief: their errors along a moving gap, and what they do in a rig's levitation loop."""
+"""Wrong parameters of the estimator: their errors along a moving gap, and their effect in a rig's levitation loop."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
@@ -66,7 +66,7 @@ def change_of(r: Robustness, loop: Loop, name: str) -> tuple[float, float]:
 
 
 def calibrated(sensor: SelfSensor, errors: MismatchErrors) -> SelfSensor:
-    """The sensor with what a static calibration around its resting gap found taken back."""
+    """The sensor with the correction of a static calibration around its resting gap."""
     return replace(sensor, scale=1 / errors.gain, shift=errors.offset / errors.gain)
 
 

@@ -1,4 +1,4 @@
-"""What mismatches cost a self-sensor and its loop: console table, page and JSON."""
+"""Influence of wrong parameters on a self-sensor and its loop: console table, page and JSON."""
 
 from dataclasses import asdict
 from importlib.metadata import version
@@ -49,7 +49,7 @@ def robustness_table(r: Robustness) -> "rich.table.Table":
 
 
 def robustness_summary(r: Robustness) -> str:
-    """What mismatches cost and what a calibration mends, in sentences."""
+    """Sentences on the influence of wrong parameters and on the benefit of a calibration."""
     wrong = {name: row.errors for name, row in r.rows.items() if name != AS_BELIEVED}
     at_rest = max(wrong, key=lambda name: abs(wrong[name].offset))
     raw, mended = (max(wrong, key=lambda name: getattr(wrong[name], of)) for of in ("raw", "estimator"))
