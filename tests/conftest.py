@@ -4,12 +4,17 @@ Most of its time goes into compiling kernels, so no two processes compile the sa
 go first, so that no process is left alone with one of them at the end.
 """
 
+import sys
 from collections import Counter
 from hashlib import sha256
 from pathlib import Path
 from tempfile import gettempdir
 
 import pytest
+
+# pytest puts this folder on the path. Its subfolders have the names of the packages, and would hide those of an
+# editable installation.
+sys.path = [entry for entry in sys.path if Path(entry or ".").resolve() != Path(__file__).parent]
 
 
 def pytest_configure(config: pytest.Config) -> None:

@@ -21,7 +21,7 @@ from maglev_env.task.task import make_task
 from maglev_workbench.cli import app
 from tuning.methods import METHODS, make_tuner
 
-ROOT = Path(__file__).parents[1]
+ROOT = Path(__file__).parents[2]
 FORMATS = (ROOT / "docs" / "formats.md").read_text()
 # One working magnet of each kind.
 MAGNETS = {
