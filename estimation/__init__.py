@@ -2,7 +2,6 @@
 
 from estimation.actuator import ActuatorEstimate, actuator_estimate
 from estimation.bands import band_slices, sliding_bands
-from estimation.crest import low_crest
 from estimation.effective import effective_coefficients, pid_effective_coefficients
 from estimation.frequency_response import (
     Distortion,
@@ -12,8 +11,10 @@ from estimation.frequency_response import (
     instrumented_response,
     pooled_variance,
 )
+from estimation.iso_14839 import iso_14839_2_zone, iso_14839_3_zone
 from estimation.least_squares import LeastSquares, least_squares
 from estimation.local_polynomial import local_polynomial
+from estimation.low_crest import low_crest
 from estimation.max_likelihood import BandEstimate, least_squares_bias, maximum_likelihood
 from estimation.modal import ModalEstimate, modal_estimate
 from estimation.orthogonal import interleaved_lines, orthogonal_multisines
@@ -38,15 +39,7 @@ from estimation.sphs import (
     sphs,
     synthesise,
 )
-from estimation.stability import (
-    Margins,
-    iso_14839_2_zone,
-    iso_14839_3_zone,
-    loop_gain,
-    margin_arrays,
-    margins,
-    peak_sensitivity,
-)
+from estimation.stability_margins import Margins, loop_gain, margin_arrays, margins, peak_sensitivity
 
 __all__ = [
     "ActuatorEstimate",

@@ -11,7 +11,7 @@ from estimation.least_squares import least_squares
 from estimation.max_likelihood import maximum_likelihood
 from estimation.periods import LineStatistics, held
 from estimation.planar import axis_statistics
-from estimation.stability import margin_arrays
+from estimation.stability_margins import margin_arrays
 from maglev_env.evaluation.score import ScoreTarget, score, stacked, terms
 from maglev_env.experiment import Experiment, axis_experiment
 from maglev_env.kernel.simulate import SimulatedStatistics, simulate_statistics

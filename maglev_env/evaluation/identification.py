@@ -8,11 +8,12 @@ from estimation.actuator import ActuatorEstimate, actuator_estimate, as_force
 from estimation.bands import band_slices, sliding_bands
 from estimation.effective import effective_coefficients
 from estimation.frequency_response import Distortion, coherence, distortion, frequency_response, pooled_variance
+from estimation.iso_14839 import iso_14839_2_zone, iso_14839_3_zone
 from estimation.least_squares import LeastSquares, least_squares
 from estimation.max_likelihood import BandEstimate, least_squares_bias, maximum_likelihood
 from estimation.modal import ModalEstimate, modal_estimate
 from estimation.periods import LineStatistics, held
-from estimation.stability import Margins, iso_14839_2_zone, iso_14839_3_zone, margins
+from estimation.stability_margins import Margins, margins
 from maglev_env.experiment import Experiment
 from maglev_env.linear.loop import LoopResponse, loop_response
 from maglev_env.loop.gains import NO_CONTROLLER

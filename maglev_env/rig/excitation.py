@@ -9,7 +9,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from estimation.crest import low_crest
+from estimation.low_crest import low_crest
 from estimation.sphs import Multisine, random_phase, sphs, synthesise
 from maglev_env.channels import SHOWN_BY, Place, unit_of
 from maglev_env.fields import is_number

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from estimation.stability import iso_14839_2_zone, iso_14839_3_zone
+from estimation.iso_14839 import iso_14839_2_zone, iso_14839_3_zone
 from maglev_env.rotor.identification import MODES, Protocol, RotorIdentification, identify_runs
 from maglev_env.rotor.lanes import Run
 from maglev_env.rotor.linear import closed_loop_poles

@@ -14,7 +14,7 @@ import scipy.fft
 from estimation.max_likelihood import maximum_likelihood
 from estimation.periods import LineStatistics, line_statistics
 from estimation.sphs import sphs, synthesise
-from estimation.stability import peak_sensitivity
+from estimation.stability_margins import peak_sensitivity
 from maglev_env.loop.gains import controller_response
 from maglev_env.rotor.lanes import Run
 from maglev_env.rotor.linear import control_matrices, held_current, mechanics

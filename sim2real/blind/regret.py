@@ -8,7 +8,7 @@ import numpy as np
 from estimation.frequency_response import frequency_response
 from estimation.max_likelihood import maximum_likelihood
 from estimation.periods import line_statistics, period_spectra
-from estimation.stability import margin_arrays
+from estimation.stability_margins import margin_arrays
 from maglev_env.channels import SPECTRAL
 from maglev_env.evaluation.evaluate import force_statistics, score_target
 from maglev_env.evaluation.score import score, terms

@@ -12,7 +12,7 @@ from estimation.local_polynomial import local_polynomial
 from estimation.max_likelihood import maximum_likelihood
 from estimation.modal import modal_estimate
 from estimation.periods import held
-from estimation.stability import margin_arrays, margins
+from estimation.stability_margins import margin_arrays, margins
 
 M, K, C = 0.13, 2471.0, 3.1  # 22 Hz, 3.8 Hz wide at half power
 RATE = 1000.0

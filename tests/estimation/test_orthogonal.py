@@ -3,7 +3,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from estimation.crest import low_crest
+from estimation.low_crest import low_crest
 from estimation.orthogonal import interleaved_lines, orthogonal_multisines
 from estimation.sphs import odd_lines, random_phase, sphs, synthesise
 

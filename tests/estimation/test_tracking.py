@@ -7,8 +7,8 @@ import pytest
 from filterpy.kalman import ExtendedKalmanFilter
 from scipy.optimize import least_squares
 
-from estimation.crest import low_crest
 from estimation.line_choice import lines_off_spin
+from estimation.low_crest import low_crest
 from estimation.periods import period_spectra
 from estimation.spin import lines_beside_spin
 from estimation.tracking import Block, Tracker, TrackerSettings, noise_from_scatter, track

@@ -67,7 +67,7 @@ MUTANTS = (
         "delay-margin-half-turn",
         "Delay margins wrap the phase lag at half a turn, so that loops with a lead get too small a margin.",
         (("lag[found] %= 2 * np.pi", "lag[found] %= np.pi"),),
-        ("test_stability.py",),
+        ("test_stability_margins.py",),
     ),
     Mutant(
         "periods-covariance-of-mean",

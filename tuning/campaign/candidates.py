@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from estimation.stability import Margins, margins
+from estimation.stability_margins import Margins, margins
 from maglev_env.loop.gains import Gains
 from maglev_env.rig.rig import Rig
 from maglev_env.task.episodes import Episode

@@ -8,7 +8,7 @@ import numpy as np
 from estimation.frequency_response import frequency_response, pooled_variance
 from estimation.max_likelihood import maximum_likelihood
 from estimation.periods import LineStatistics
-from estimation.stability import Margins, margins
+from estimation.stability_margins import Margins, margins
 from maglev_env.evaluation.score import ScoreTarget, score, terms
 from maglev_env.experiment import sampling
 from maglev_env.loop.gains import Gains, controller_response

@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 
-from estimation.stability import iso_14839_2_zone, iso_14839_3_zone
+from estimation.iso_14839 import iso_14839_2_zone, iso_14839_3_zone
 from maglev_env.envs.pictures.frames import (
     BAR,
     BAR_AT,

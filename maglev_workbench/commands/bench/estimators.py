@@ -7,17 +7,17 @@ import numpy as np
 import scipy.signal
 
 from estimation.bands import band_slices, sliding_bands
-from estimation.crest import low_crest
 from estimation.effective import pid_effective_coefficients
 from estimation.frequency_response import distortion, frequency_response, pooled_variance
 from estimation.least_squares import least_squares
 from estimation.local_polynomial import local_polynomial
+from estimation.low_crest import low_crest
 from estimation.max_likelihood import maximum_likelihood
 from estimation.modal import modal_estimate
 from estimation.periods import LineStatistics
 from estimation.planar import axis_statistics, eight_coefficients, row_sums
 from estimation.planar_least_squares import planar_least_squares
-from estimation.stability import margin_arrays, margins
+from estimation.stability_margins import margin_arrays, margins
 from maglev_env.evaluation.evaluate import force_statistics
 from maglev_env.experiment import protocol_experiment
 from maglev_env.kernel.simulate import simulate_statistics

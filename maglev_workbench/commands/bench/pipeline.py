@@ -14,7 +14,7 @@ from estimation.frequency_response import frequency_response
 from estimation.least_squares import least_squares
 from estimation.max_likelihood import maximum_likelihood
 from estimation.periods import line_statistics
-from estimation.stability import margin_arrays
+from estimation.stability_margins import margin_arrays
 from maglev_env.channels import SPECTRAL
 from maglev_env.evaluation.evaluate import evaluate, force_statistics, score_target
 from maglev_env.experiment import Experiment, protocol_experiment

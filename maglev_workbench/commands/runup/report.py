@@ -9,7 +9,7 @@ import numpy as np
 from rich.box import SIMPLE_HEAD
 from rich.table import Table
 
-from estimation.stability import iso_14839_3_zone
+from estimation.iso_14839 import iso_14839_3_zone
 from maglev_env.loop.gains import Gains
 from maglev_env.recordings.json_data import plain
 from maglev_env.rotor.operating_point import sag

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from estimation.stability import iso_14839_2_zone
+from estimation.iso_14839 import iso_14839_2_zone
 from maglev_env.loop.magnets.kinds import force_law
 from maglev_env.loop.magnets.law import linearise
 from maglev_env.rotor.identification import Protocol, RotorIdentification, identify_runs

@@ -17,7 +17,7 @@ from matplotlib.backend_bases import FigureManagerBase
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import to_hex
 
-from estimation.stability import iso_14839_2_zone, iso_14839_3_zone
+from estimation.iso_14839 import iso_14839_2_zone, iso_14839_3_zone
 from maglev_env.envs.pictures.episode import RED, ZONES, episode_figure
 from maglev_env.envs.pictures.window import draw_frame, hide, show
 from maglev_env.kernel.simulate import simulate_records

@@ -8,7 +8,7 @@ import pytest
 from control_loops import control_loop
 
 from estimation.frequency_response import frequency_response, pooled_variance
-from estimation.stability import margins
+from estimation.stability_margins import margins
 from maglev_env.evaluation.evaluate import evaluate, score_target
 from maglev_env.evaluation.score import WEIGHTS, ScoreTarget, score, terms
 from maglev_env.experiment import axis_experiment, protocol_experiment

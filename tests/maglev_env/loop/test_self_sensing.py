@@ -12,7 +12,7 @@ from reference_self_sensing import simulate as simulate_slowly
 from typer.testing import CliRunner
 
 from estimation.frequency_response import frequency_response
-from estimation.stability import margin_arrays
+from estimation.stability_margins import margin_arrays
 from maglev_env.channels import NOISY
 from maglev_env.design.defaults import with_defaults
 from maglev_env.evaluation.evaluate import evaluate

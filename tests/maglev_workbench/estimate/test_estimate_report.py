@@ -12,7 +12,7 @@ from rich.console import Console
 from estimation.frequency_response import Distortion
 from estimation.modal import ModalEstimate
 from estimation.periods import LineStatistics
-from estimation.stability import Margins
+from estimation.stability_margins import Margins
 from maglev_env.evaluation.identification import Band, Identification, Stability
 from maglev_workbench.commands.estimate.report import estimate_json, estimate_page, estimate_table
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from estimation.crest import low_crest
+from estimation.low_crest import low_crest
 from estimation.sphs import crest_factor, random_phase, schroeder_phases, sphs, synthesise
 from maglev_workbench.commands.reproduce.item import Item, Outcome, Row
 from maglev_workbench.page import COLOURS, styled

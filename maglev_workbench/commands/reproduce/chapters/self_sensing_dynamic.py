@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 from scipy.optimize import brentq
 
-from estimation.stability import margin_arrays
+from estimation.stability_margins import margin_arrays
 from maglev_env.design.defaults import with_defaults
 from maglev_env.experiment import protocol_experiment
 from maglev_env.linear.loop import closed_loop_poles, loop_response

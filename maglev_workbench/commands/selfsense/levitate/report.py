@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from estimation.stability import iso_14839_3_zone
+from estimation.iso_14839 import iso_14839_3_zone
 from maglev_env.evaluation.evaluate import Evaluation
 from maglev_env.evaluation.score import WEIGHTS
 from maglev_workbench.commands.selfsense.levitate.experiments import SEEDS, SENSORS, Comparison

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from estimation.crest import low_crest
+from estimation.low_crest import low_crest
 from estimation.sphs import crest_factor, harmonic_range, odd_lines, odd_random_grid, sphs, synthesise
 
 SAMPLES = 20_000

@@ -5,14 +5,8 @@ import control as ct
 import numpy as np
 import pytest
 
-from estimation.stability import (
-    iso_14839_2_zone,
-    iso_14839_3_zone,
-    loop_gain,
-    margin_arrays,
-    margins,
-    peak_sensitivity,
-)
+from estimation.iso_14839 import iso_14839_2_zone, iso_14839_3_zone
+from estimation.stability_margins import loop_gain, margin_arrays, margins, peak_sensitivity
 from maglev_env.design.defaults import with_defaults
 from maglev_env.experiment import Experiment
 from maglev_env.linear.loop import loop_response

@@ -2,7 +2,7 @@
 
 A sensitivity S = 1 / (1 + L) measured on a running loop belongs to a stable closed loop, so every crossing of L is a
 distance to instability. Nothing is known outside the excited lines; a margin that is not found there is missing, with a
-reason. Peak sensitivity and peak displacement are graded by ISO 14839-3 and ISO 14839-2.
+reason.
 """
 
 from collections.abc import Mapping
@@ -150,36 +150,6 @@ def margins(
     intervals = _intervals(f, s, noise, values, draws, seed) if draws else {}
     fields: dict[str, Any] = {name: None if np.isnan(value) else value for name, value in values.items()}
     return Margins(**fields, reasons=reasons, intervals=intervals)
-
-
-def iso_14839_3_zone(peak_sensitivity: float) -> str:
-    """Zone of ISO 14839-3 by the peak of |S|: "A" below 3, "B" below 4, "C" below 5, otherwise "D".
-
-    Raises:
-        ValueError: The value is negative.
-    """
-    return _zone("peak_sensitivity", peak_sensitivity, (3.0, 4.0, 5.0))
-
-
-def iso_14839_2_zone(peak_displacement: float, clearance: float) -> str:
-    """Zone of ISO 14839-2 by peak displacement over minimum clearance: "A" below 0.3, "B" 0.4, "C" 0.5, otherwise "D".
-
-    Args:
-        peak_displacement: In the unit of clearance.
-        clearance: Smallest clearance.
-
-    Raises:
-        ValueError: peak_displacement is negative or clearance is not positive.
-    """
-    if not clearance > 0:
-        raise ValueError("clearance must be positive")
-    return _zone("peak_displacement", peak_displacement / clearance, (0.3, 0.4, 0.5))
-
-
-def _zone(name: str, value: float, limits: tuple[float, ...]) -> str:
-    if not value >= 0:
-        raise ValueError(f"{name} must be a number that is not negative")
-    return "ABCD"[sum(value >= limit for limit in limits)]
 
 
 def _refined(frequency: ArrayLike, sensitivity: ArrayLike) -> tuple[Array, NDArray[np.complex128]]:
