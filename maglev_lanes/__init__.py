@@ -1,1 +1,1 @@
-"""What every lane simulation shares: noise addressed by seed, threads, processes and workers, matrix exponentials."""
+"""Common parts of all lane simulations: layout, noise addressed by seed, threads, processes, matrix exponentials."""

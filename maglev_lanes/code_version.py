@@ -1,4 +1,4 @@
-"""What code made a result: the package's version with a hash, for what is kept and must not be mixed with others."""
+"""Version and hash of the code that made a result, so that stored results of different code are not mixed."""
 
 from collections.abc import Sequence
 from functools import cache
@@ -13,8 +13,10 @@ ALL = (*DIAGNOSING, "tuning", "maglev_workbench")
 
 @cache
 def code_version(packages: Sequence[str] = ALL) -> str:
-    """Version and the first digits of a hash over all code and data in the packages, but what only checks it
-    (`sim2real.blind`)."""
+    """Version and the first digits of a hash over all code and data in the packages.
+
+    The checks in `sim2real.blind` are left out, because they do not change results.
+    """
     found = sha256()
     for package in packages:
         root = Path(find_spec(package).submodule_search_locations[0])

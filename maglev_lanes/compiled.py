@@ -1,8 +1,8 @@
 """Kernels that are compiled once and kept on disk under a key made from everything that they use.
 
-The compiler's own disk cache looks at the file of the compiled function alone, and refers to functions of other files
-by their names. A kernel therefore carries a fingerprint of all code that it reaches, and is compiled anew when any of
-that changes.
+The compiler's own disk cache only checks the file of the compiled function, and refers to functions of other files by
+their names. A kernel therefore has a fingerprint of all code that it reaches, and is compiled again when any of it
+changes.
 """
 
 from collections.abc import Callable, Iterator
@@ -18,7 +18,7 @@ OWN = ("maglev_lanes", "selfsense", "maglev_env")  # packages whose code ends up
 
 
 def compiled(kernel: Callable) -> Callable:
-    """The compiled kernel, from the disk cache where the same code has been compiled before.
+    """The compiled kernel, from the disk cache if the same code has been compiled before.
 
     Args:
         kernel: a function in a factory, which uses a variable `sources` of the factory, so that its value becomes part
@@ -45,7 +45,7 @@ def fingerprint(function: Callable) -> int:
 
 
 def _parts(value: object, seen: set[int]) -> Iterator[object]:
-    """Everything that a value stands for in compiled code."""
+    """The parts of a fingerprint by everything that a value refers to in compiled code."""
     function = getattr(value, "py_func", value)  # of one that is compiled on its own
     if isinstance(function, FunctionType):
         if not function.__module__.startswith(OWN):

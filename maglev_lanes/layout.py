@@ -1,6 +1,6 @@
 """Layout of a lane block: LANES consecutive values per variable, and rows that are named once, with computed offsets.
 
-Constant strides are what lets the compiler turn the loops over lanes into full-width vector instructions.
+Constant strides allow the compiler to turn the loops over lanes into full-width vector instructions.
 """
 
 from typing import TypeVar
@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 Index = TypeVar("Index", int, np.ndarray)
 
 LANES = 16
-# What the compiler may assume of floating-point numbers. Infinities and nans keep their meaning.
+# Assumptions on floating-point arithmetic that the compiler may make. Infinities and nans keep their meaning.
 FAST = {"contract", "nsz", "arcp", "reassoc"}
 
 

@@ -1,4 +1,4 @@
-"""Matrix exponentials of lanes, remembered, because many lanes, recordings and trial steps share their matrices."""
+"""Matrix exponentials of lanes, cached because many lanes, recordings and trial steps have the same matrices."""
 
 from functools import lru_cache
 

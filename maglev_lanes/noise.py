@@ -7,7 +7,8 @@ from maglev_lanes.layout import FAST
 from maglev_lanes.pieces import piece
 
 _GOLDEN = np.uint64(0x9E3779B97F4A7C15)
-# The sum of four 16-bit uniform numbers, and an odd polynomial that gives it the normal's 2nd, 4th and 6th moments.
+# The sum of four 16-bit uniform numbers, and an odd polynomial that gives it the 2nd, 4th and 6th moments of a normal
+# distribution.
 _UNIFORM_MEAN = 131070.0
 _PER_UNIFORM_STD = float(1.0 / np.sqrt(4 * (65536.0**2 - 1) / 12))
 _G1, _G3, _G5 = 9.71507118e-01, 8.82926499e-04, 2.33126057e-03
@@ -27,8 +28,8 @@ def drawn(seed, count):
     return w * (_G1 + w2 * (_G3 + w2 * _G5))
 
 
-# Compiled on its own, with the name of a plain function: kernels take `drawn`, because one that is compiled has another
-# name in every process, and no disk cache finds a kernel that holds it.
+# For calls from Python. Kernels use the plain function `drawn`: a compiled function has another name in every process,
+# so that the disk cache would not find a kernel which refers to it.
 normal = nb.njit(fastmath=FAST, error_model="numpy", inline="always")(drawn)
 
 

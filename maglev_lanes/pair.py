@@ -14,7 +14,7 @@ from maglev_lanes.pieces import INLINED, piece
 
 
 class Pair(NamedTuple):
-    """A number of each axis. Not a plain tuple, whose sum is its concatenation."""
+    """A number of each axis. It is not a plain tuple, because the sum of tuples is their concatenation."""
 
     x: float
     y: float
@@ -30,7 +30,7 @@ def of_y(a):
 
 @cache
 def teach_pairs() -> None:
-    """Make the compiler know what the operators do with pairs."""
+    """Register the operators on pairs with the compiler."""
     from numba.core import types
     from numba.extending import overload
 
@@ -70,8 +70,8 @@ class Lifts:
     """Lifts pieces f(x, k, a, b, ...) of one axis, which take the block, the lane's index and numbers.
 
     Args:
-        axes: 1 or 2; with 1 a piece stays what it is.
-        size: by how much the index of a lane in the second axis is larger.
+        axes: 1 or 2; with 1 a piece is not changed.
+        size: offset between the two axes of a lane.
     """
 
     axes: int
@@ -123,7 +123,7 @@ class Lifts:
         return piece(lambda x, k: Pair(f(x, k, k + n), f(x, k + n, k)))
 
     def both(self) -> Callable:
-        """A piece that makes of the numbers of two axes what formulas run on."""
+        """A piece that combines the numbers of both axes into a pair."""
         if self.axes == 1:
             return piece(lambda a, b: a)
         return piece(lambda a, b: Pair(a, b))

@@ -22,7 +22,7 @@ def piece(function: Function) -> Function:
 
 
 def register() -> None:
-    """Make the compiler know all pieces that were marked since the last call."""
+    """Register all pieces that were marked since the last call with the compiler."""
     from numba.extending import register_jitable
 
     while _waiting:

@@ -15,7 +15,7 @@ def fresh_pool(processes: int) -> Iterator[ProcessPoolExecutor]:
     """New processes with one thread each; libraries read this from the environment when they are first imported."""
     before = {name: os.environ.get(name) for name in _THREADS}
     os.environ.update(dict.fromkeys(_THREADS, "1"))
-    # Ctrl-C ends them at once and not after the work that they have begun.
+    # Ctrl-C ends them immediately, and not only after their current work.
     at_once = {"initializer": signal.signal, "initargs": (signal.SIGINT, signal.SIG_DFL)}
     pool = ProcessPoolExecutor(processes, mp_context=get_context("spawn"), **at_once)
     try:

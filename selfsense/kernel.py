@@ -11,8 +11,8 @@ from maglev_lanes.layout import LANES
 from selfsense.kernel_rows import ESTIMATE, FORWARD, GAP, READING, VOLT_SECONDS
 
 W = LANES
-# What is written per sample: estimated gap (m), amplitude of the ripple behind the forward path (A), current reading
-# (A), levels of the switching voltage times seconds since the sample before (s).
+# Channels per sample: estimated gap (m), amplitude of the ripple after the forward path (A), current reading (A),
+# integral of the switching voltage's level since the previous sample (s).
 CHANNELS = ("estimate", "amplitude", "current", "volt_seconds")
 
 
@@ -20,10 +20,14 @@ CHANNELS = ("estimate", "amplitude", "current", "volt_seconds")
 def kernel(structure: SensorStructure, outputs: int) -> Callable[..., None]:
     """The compiled stepper for a structure that writes the first `outputs` of CHANNELS.
 
-    Called as step(block, seeds, first_sample, samples, per_cycle, cycle, every, gap, drive, out), all arrays flat:
-    `per_cycle` PWM periods last as long as `cycle` samples. gap (samples, LANES) m at the samples; drive
-    (samples, LANES), of which those count at which a PWM period begins: -1 .. 1, or with a regulator the current (A)
-    at that period's end. out (outputs, samples // every, LANES): every so many samples, counted from sample 0.
+    Called as step(block, seeds, first_sample, samples, per_cycle, cycle, every, gap, drive, out), all arrays flat.
+
+    Args of the stepper:
+        per_cycle, cycle: `per_cycle` PWM periods last as long as `cycle` samples.
+        gap: (samples, LANES), m.
+        drive: (samples, LANES), used at the samples at which a PWM period begins: -1 .. 1, or with a regulator the
+            current (A) at that period's end.
+        out: filled, (outputs, samples // every, LANES): one of `every` samples, counted from sample 0.
     """
     return _make(structure, outputs)
 
@@ -46,7 +50,7 @@ def _make(structure, outputs):
                 for i in range(W):
                     switch(x, i, drive[r + i], x[GAP + i])
             count = np.uint64(np.int64(first_sample + n + 1))
-            # One loop each, as large as it gets: small ones are unrolled before they can become vector instructions.
+            # The loops are as large as possible, because the compiler unrolls small ones and does not vectorise them.
             if drifting and at + per_cycle > cycle:
                 for i in range(W):
                     advance_across(x, i, start, share, gap[r + i], drive[r + i])

@@ -25,9 +25,12 @@ MODES = len(EDDY_RATES)
 
 @dataclass(frozen=True)
 class SensorStructure:
-    """What is compiled in: true-rms (analog) paths, the motion's voltage, eddy currents and saturation, dead time,
-    a converter, reading noise, a sampling rate at which PWM periods begin between samples, and a current regulator
-    (else the drive is given)."""
+    """Parts that are compiled in.
+
+    They are true-rms (analog) paths, the voltage induced by motion, eddy currents, saturation, dead time, a converter,
+    reading noise, a sampling rate at which PWM periods begin between samples, and a current regulator (without it the
+    drive is given).
+    """
 
     rms: bool
     emf: bool
@@ -69,7 +72,7 @@ def sensor_pieces(structure: SensorStructure) -> tuple[Callable, ...]:
 
     @piece
     def averaged(x):
-        """(1 - e^-x) / x, the mean of e^-t over 0 .. x, to 1e-5 up to x = 0.3."""
+        """(1 - e^-x) / x, the mean of e^-t over 0 .. x, with an error below 1e-5 up to x = 0.3."""
         return 1.0 - x * (0.5 - x * (1.0 / 6.0 - x * (1.0 / 24.0 - x * (1.0 / 120.0))))
 
     @piece
@@ -84,7 +87,7 @@ def sensor_pieces(structure: SensorStructure) -> tuple[Callable, ...]:
 
     @piece
     def segment(x, k, level, dt, gap_start, gap_end, speed):
-        """Advance the coil over dt seconds at one level of the supply, its gap in between linear."""
+        """Advance the coil by dt (s) at one level of the supply, with a gap that changes linearly."""
         state = x[k + COIL]
         voltage = level * x[k + VOLTAGE]
         if emf:
@@ -126,7 +129,7 @@ def sensor_pieces(structure: SensorStructure) -> tuple[Callable, ...]:
 
     @piece
     def switch(x, k, drive, gap):
-        """Begin a PWM period with a drive in -1 .. 1, or with the mean current that its end should have."""
+        """Begin a PWM period with a drive in -1 .. 1, or with the wanted mean current (A) at its end."""
         now = current(x, k, gap)
         three = x[k + STATES_3]
         if regulated:
@@ -149,7 +152,7 @@ def sensor_pieces(structure: SensorStructure) -> tuple[Callable, ...]:
 
     @piece
     def conduct(x, k, start, share, gap_start, gap_end):
-        """Advance the coil from `start` over `share` of a PWM period, its edges where they fall."""
+        """Advance the coil from `start` over `share` of a PWM period, with exact times of the edges."""
         alpha, on, off = x[k + ALPHA], x[k + ON], x[k + OFF]
         period = x[k + PERIOD]
         per_share = (gap_end - gap_start) / share
@@ -217,7 +220,7 @@ def sensor_pieces(structure: SensorStructure) -> tuple[Callable, ...]:
 
     @piece
     def advance_across(x, k, start, share, gap_end, drive):
-        """The same where a PWM period ends inside the interval and the next begins with a drive."""
+        """The same if a PWM period ends inside the interval and the next one begins with a drive."""
         before, gap_start = 1.0 - start, x[k + GAP]
         edge = gap_start + (gap_end - gap_start) * (before / share)
         x[k + VOLT_SECONDS] = 0.0

@@ -2,13 +2,14 @@
 
 from maglev_lanes.layout import LANES, rows_after
 
-# z coth z, z^2 = s tau, is 1 + sum of weight s tau / (s tau + rate): to 2.5e-3 up to |s tau| = 50 (0.23 mm at 48 kHz),
-# to 1.6e-2 up to 300. The first of the series' own modes, rates n^2 pi^2, come far too late after an edge.
+# z coth z with z^2 = s tau is approximated by 1 + sum of weight s tau / (s tau + rate), with an error below 2.5e-3 up
+# to |s tau| = 50 (0.23 mm at 48 kHz) and below 1.6e-2 up to 300. The first modes of the exact series (rates n^2 pi^2)
+# would respond far too slowly after an edge.
 EDDY_RATES = (10.05, 52.35, 289.2, 4228.0)
 EDDY_WEIGHTS = (2.0917, 3.5239, 10.755, 87.523626)
 
-# State. COIL: the current (A), or the flux linkage (Wb) where the motion's voltage counts; ALPHA: share of the PWM
-# period spent at level ON, the rest at OFF; RISE, FALL: where its edges lie, dead time included;
+# State. COIL: the current (A), or the flux linkage (Wb) if the voltage by motion counts; ALPHA: share of the PWM
+# period spent at level ON, the rest at OFF; RISE, FALL: times of its edges, including dead time;
 # VOLT_SECONDS: levels times seconds since the last sample; MODEL: the simulated inductor's current; GAP: at the last
 # sample; FORWARD: amplitude of the ripple, A; INTEGRAL: of the convergence controller, m; EDDY: flux linkage that each
 # eddy mode lags to; ACTUAL, SIMULATED: the two forward paths.
@@ -31,8 +32,8 @@ MODEL_INVERSE_0, MODEL_INVERSE_1, MODEL_RESISTANCE, MODEL_VOLTAGE, INTERVAL, _GA
 KP, KI_INTERVAL, LOWEST, HIGHEST, BEFORE, BEHIND, _LOOP = rows_after(
     _GAINS, "KP KI_INTERVAL LOWEST HIGHEST BEFORE[10] BEHIND[5]"
 )
-# Of a sensor in a levitation loop: displacement = SCALE (REST_GAP - estimate) + SHIFT; the coil's current at rest; with
-# what rotor and current began the step whose samples are taken; how far readings were off.
+# Of a sensor in a levitation loop: displacement = SCALE (REST_GAP - estimate) + SHIFT; REST_CURRENT: the coil's current
+# at rest; BEGUN_...: motion and current at the start of the present step; OFF_...: accumulated errors of the readings.
 REST_GAP, SCALE, SHIFT, REST_CURRENT, BEGUN_Y, BEGUN_V, BEGUN_CURRENT, OFF_SUM, OFF_SQ, OFF_PEAK, END = rows_after(
     _LOOP, "REST_GAP SCALE SHIFT REST_CURRENT BEGUN_Y BEGUN_V BEGUN_CURRENT OFF_SUM OFF_SQ OFF_PEAK"
 )

@@ -19,7 +19,7 @@ from maglev_lanes.compiled import compiled
 from maglev_lanes.layout import LANES
 
 W = LANES
-# Samples gathered before they are written out lane by lane, so that a lane's series is contiguous.
+# Number of samples that are collected before they are written lane by lane, so that a lane's series is contiguous.
 TILE = 8
 
 
@@ -30,8 +30,9 @@ def kernel(structure: Structure) -> Callable[..., int]:
     arrays flat, axis after axis. It advances the block over the control samples of the waveforms.
 
     Args of the stepper:
-        timing: of self-sensors: so many current samples in so many substeps, so many in so many PWM periods.
-        switches: see `Structure.switches`: converters, noise and controller; leading channels written; so many
+        timing: of self-sensors, (4,): timing[0] current samples last as long as timing[1] substeps, and timing[2] of
+            them as long as timing[3] PWM periods.
+        switches: see `Structure.switches`: converters, noise and controller; number of channels that are written;
             substeps per control sample; whether a sample is written for every substep.
         force, injection, reference: N, A, m at every control sample.
         tile: scratch of TILE samples of all channels.

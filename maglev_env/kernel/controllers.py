@@ -1,4 +1,4 @@
-"""The controller's rows of a lane: those that change when the same lanes run under other gains."""
+"""The controller's rows of a lane, which are the only ones that change with the gains."""
 
 import numpy as np
 
@@ -26,13 +26,13 @@ def filter_constants(controller: LinearController, order: int) -> np.ndarray:
 
 
 def with_controllers(rows: np.ndarray, s: Structure, controllers: Controllers, experiment: Experiment) -> np.ndarray:
-    """Rows of lanes without substeps, all of them under other controllers of the same kind and order.
+    """A copy of the rows of lanes with other controllers of the same kind and order, for lanes without substeps.
 
     Args:
-        rows: of a `LaneBatch`, shape (rows, lanes); left as they are.
+        rows: of a `LaneBatch`, shape (rows, lanes); not changed.
         s: the structure of the lanes.
-        controllers: the other ones.
-        experiment: one of the lanes'.
+        controllers: the new controllers, for all lanes.
+        experiment: that of one of the lanes.
     """
     rows, dt = rows.copy(), 1 / experiment.rig.control_rate
     for axis in range(s.axes):

@@ -1,4 +1,4 @@
-"""Exact chains of flexible lanes as rows of the kernel; absent effects get values that change nothing."""
+"""Exact discretisations of flexible lanes as rows of the kernel; absent effects get values that change nothing."""
 
 import numpy as np
 
@@ -11,7 +11,7 @@ from maglev_env.loop.sensor import BEND, CROSS_BEND, CUBIC, MOUNT_BEND, MOUNT_CR
 from maglev_env.loop.system import Values
 from maglev_lanes.layout import LaneRows
 
-# Named, even with neutral values, these need the flexible kernel.
+# These effects select the flexible kernel, even with neutral values.
 FLEXIBLE = tuple(name for name, card in EFFECTS.items() if card.flexible)
 _X1, _X2, _E, _U = 0, 1, 2, 2 + BRANCHES  # what the maps of the current take: x1, x2, branches, both commands
 _CARRIED = [_X1, _X2, _U, _U + 1]
@@ -24,7 +24,7 @@ def write_flexible(x: LaneRows, values: Values, h: np.ndarray, switch: np.ndarra
         x: written.
         values: of its lanes.
         h: integration steps, s, (n,).
-        switch: when the new command begins to act, s, (n,).
+        switch: times at which the new command begins to act, s, (n,).
     """
     gain_scale, pull = actuator.current_scale(values), actuator.central_tangent(values)[0] / values.mass
     probe, maps = probe_map(values, h), current_maps(values, values, h, switch / h)
@@ -40,7 +40,7 @@ def write_flexible(x: LaneRows, values: Values, h: np.ndarray, switch: np.ndarra
 def write_flexible_cross(
     x: LaneRows, pull: np.ndarray, driving: Values, seeing: Values, h: np.ndarray, switch: np.ndarray
 ) -> None:
-    """Write what the other axis' current adds to the probe; pull: m/s2 per ampere, (n,)."""
+    """Write the coefficients of the other axis' current for the probe; pull: m/s2 per ampere, (n,)."""
     bent = bend(current_maps(driving, seeing, h, switch / h), probe_map(seeing, h), pull * h**2)
     x[MOUNT_CROSS], x[CROSS_BEND] = _rows(bent[:, :2, _CARRIED]), _rows(bent[:, 2:, _CARRIED])
 

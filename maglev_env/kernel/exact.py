@@ -1,7 +1,7 @@
-"""Exact linear chains of a lane: what the poles between command, force and reading do over one integration step.
+"""Exact discretisation of the linear parts of a lane: the poles between command, force and reading over one step.
 
-The blocks of the loop write the equations; the unit of time is the step h, so velocities are h v and accelerations
-h^2 a.
+The blocks of the loop write the equations; the unit of time is the integration step h, so velocities are h v and
+accelerations h^2 a.
 """
 
 from collections.abc import Sequence
@@ -15,8 +15,8 @@ from maglev_env.loop.mechanics import MOTION
 from maglev_env.loop.system import System, Values
 from maglev_lanes.matrix_exponential import expm
 
-# A motion y as a cubic: states of its derivatives, and those at the start from values and slopes (y0, v0, y1, v1) at
-# both ends of a unit step.
+# A motion y as a cubic: its derivatives are states, and their initial values follow from the values and slopes
+# (y0, v0, y1, v1) at both ends of a unit step.
 CUBIC = ("y", "y'", "y''", "y'''")
 HERMITE = np.array([[1, 0, 0, 0], [0, 1, 0, 0], [-6, -4, 6, -2], [12, 6, -12, 6]])
 
@@ -27,7 +27,7 @@ def steps(own: Sequence[Experiment]) -> np.ndarray:
 
 
 def delays(own: Sequence[Experiment]) -> tuple[np.ndarray, np.ndarray]:
-    """Whole samples and the rest (s) of every delay."""
+    """Number of whole samples, and the remaining time (s), of every delay."""
     whole, fraction = np.array([split_delay(e.effects, 1 / e.rig.control_rate) for e in own]).T
     return whole, fraction
 
@@ -45,16 +45,16 @@ def sensor_rows(values: Values, h: np.ndarray) -> np.ndarray:
 def sensor_current_rows(
     driving: Values, seeing: Values, h: np.ndarray, switch: np.ndarray, pull: np.ndarray, cubic: np.ndarray
 ) -> np.ndarray:
-    """What the probe states gain over the cubic motion, from (x1, x2, old command, new command); shape (8, n).
+    """Corrections of the probe states, coefficients of (x1, x2, old command, new command); shape (8, n).
 
-    The current bends the motion inside a step by more than a cubic can follow. Its exact effect on the probe of the
-    centred rotor, less what the cubic through the ends of that same motion gives.
+    Within a step the current changes the motion in a way that a cubic cannot represent. The correction is the exact
+    effect of the current on the probe of the centred rotor minus that of the cubic through the ends of the same motion.
 
     Args:
         driving: lanes whose amplifiers carry the current.
         seeing: lanes whose probes see the motion.
         h: integration steps, s, (n,).
-        switch: when the new command begins to act, s, (n,).
+        switch: times at which the new command begins to act, s, (n,).
         pull: acceleration, m per step^2 and ampere, (n,).
         cubic: the probes' `sensor_rows`.
     """
@@ -89,19 +89,22 @@ def actuator_rows(values: Values, h: np.ndarray, switch: np.ndarray) -> np.ndarr
 
 
 def nodal(impulse: np.ndarray, displacement: np.ndarray, middle: np.ndarray) -> np.ndarray:
-    """Three currents c0, c1, c2 that stand for the current in the integration step, (n, 3, .).
+    """Three currents c0, c1, c2 that represent the current in the integration step, (n, 3, .).
 
-    Its impulse (c0 + 4 c1 + c2) h / 6 and its displacement (c0 + 2 c1) h^2 / 6 are exact, and c1 is the current in the
-    middle of the step. Without a pole the current itself may jump inside the step: its mean, the impulse, is given for
-    the middle.
+    They give the exact impulse (c0 + 4 c1 + c2) h / 6 and the exact displacement (c0 + 2 c1) h^2 / 6, and c1 is the
+    current in the middle of the step. Without a pole the current may jump inside the step; then the mean (the impulse)
+    is used for the middle.
     """
     c0 = 3 * (2 * displacement) - 2 * middle
     return np.stack([c0, middle, 6 * impulse - 4 * middle - c0], axis=1)
 
 
 def switched(a: np.ndarray, switch: np.ndarray, end: np.ndarray, command: int = 2) -> np.ndarray:
-    """State map (n, states, command + 2) over [0, end] from the states before the command, the old and the new one:
-    state `command`, that changes at `switch`."""
+    """State map over [0, end] with a command that changes from old to new at `switch`.
+
+    Returns:
+        (n, states, command + 2), from the states before state number `command`, the old and the new command.
+    """
     first = expm(a * switch[:, None, None])
     second = expm(a * (end - switch)[:, None, None])
     state = np.concatenate([first[:, :, : command + 1], np.zeros((*a.shape[:2], 1))], axis=2)

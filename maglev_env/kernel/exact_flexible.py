@@ -1,7 +1,7 @@
-"""Exact linear chains of flexible lanes: with eddy currents, the probe's mount and a second body, whether there or not.
+"""Exact discretisation of flexible lanes, which always have eddy currents, the probe's mount and a second body.
 
-Chain states are counted as the blocks have them: x1 and x2 of the amplifier, the branches, and the four of the sensor:
-mount, its velocity, z1 and z2. Units of time as in `exact`.
+The order of the states is that of the blocks: x1 and x2 of the amplifier, the branches, then the four of the sensor:
+mount, its velocity, z1 and z2. The unit of time is that of `exact`.
 """
 
 from dataclasses import dataclass
@@ -22,10 +22,10 @@ class CurrentMaps:
     """One step from (x1, x2, branches, old command, new command).
 
     Args:
-        nodes: (n, 3, .), nodal currents (see `exact.nodal`) of the current that pulls.
-        ahead: (n, 2 + BRANCHES, .), next x1, x2 and branches.
-        motion: (n, 2, .), where a unit of that current, as an acceleration, takes the mover, and its velocity.
-        seen: (n, 4, .), next mount, mount_v, z1, z2.
+        nodes: (n, 3, .), nodal currents (see `exact.nodal`) of the force-producing current.
+        ahead: (n, 2 + BRANCHES, .), x1, x2 and branches at the end of the step.
+        motion: (n, 2, .), position and velocity of the mover at the end, if that current were its acceleration.
+        seen: (n, 4, .), mount, mount_v, z1, z2 at the end of the step.
     """
 
     nodes: np.ndarray
@@ -57,10 +57,13 @@ def current_maps(driving: Values, seeing: Values, h: np.ndarray, switch: np.ndar
 
 
 def probe_map(values: Values, h: np.ndarray) -> np.ndarray:
-    """Next mount, its velocity, z1 and z2 from (z1, z2, mount, mount_v, moved, pushed, y0, h v0, y1, h v1): (n, 4, 10).
+    """Mount, its velocity, z1 and z2 at the end of a step.
 
-    y is the cubic through both ends; the mount sees an acceleration of the bearing that is linear in time and moves
-    the mover by `moved` and speeds it by `pushed`.
+    y is the cubic through both ends. The bearing's acceleration, which moves the mount, is taken as linear in time; it
+    changes the mover's position by `moved` and its velocity by `pushed`.
+
+    Returns:
+        Coefficients of (z1, z2, mount, mount_v, moved, pushed, y0, h v0, y1, h v1), (n, 4, 10).
     """
     acceleration = ("acceleration", "acceleration'")
     system = System((*sensor.STATES, *CUBIC, *acceleration), h)
@@ -74,8 +77,8 @@ def probe_map(values: Values, h: np.ndarray) -> np.ndarray:
 
 
 def bend(maps: CurrentMaps, probe: np.ndarray, pull: np.ndarray) -> np.ndarray:
-    """What mount, mount_v, z1, z2 gain over the smooth motion that `probe_map` takes from both its ends: (n, 4, .)."""
-    # From rest the acceleration moves and speeds the mover just as far as it comes.
+    """Corrections of mount, mount_v, z1, z2 to the smooth motion that `probe_map` assumes, (n, 4, .)."""
+    # The mover starts at rest here, so that its motion at the end is the change by the acceleration.
     smooth = (probe[:, :, 4:6] + probe[:, :, 8:]) @ maps.motion
     return pull[:, None, None] * (maps.seen - smooth)
 

@@ -30,8 +30,8 @@ class LaneBatch:
     """Kernel inputs of n experiments of one structure.
 
     Args:
-        structure: what they share.
-        rows: at their start, (rows, n), see `maglev_env.kernel.layout`.
+        structure: their common structure.
+        rows: initial values, (rows, n), see `maglev_env.kernel.layout`.
         seeds: of the noise channels, (axes, 3, n).
         history_length: commands kept per axis and lane, a power of two.
         timing: of the self-sensors, (4,), as the kernel takes it.
@@ -45,7 +45,7 @@ class LaneBatch:
 
 
 def structure_of(experiment: Experiment) -> Structure:
-    """The kernel an experiment needs; what its rig and effects do not have is compiled out."""
+    """The structure of the kernel for an experiment; parts that its rig and effects do not need are compiled out."""
     effects = experiment.effects
     axes = [axis_experiment(experiment, axis) for axis in range(experiment.rig.axes)]
     rigs = [e.rig for e in axes]
@@ -78,7 +78,11 @@ def structure_of(experiment: Experiment) -> Structure:
 
 
 def _deepest(time_constants: Iterable[float]) -> int:
-    """0 or 1 pole; ValueError when one axis has it and the other does not."""
+    """Number of poles, 0 or 1.
+
+    Raises:
+        ValueError: One axis has the pole and the other one has not.
+    """
     poles = {int(t > 0) for t in time_constants}
     if len(poles) > 1:
         raise ValueError("experiment: a time constant is zero in one axis only; give it a small value there, 1e-6 s")
@@ -96,11 +100,11 @@ def lane_batch(experiments: Sequence[Experiment], substeps: int = 1) -> LaneBatc
     for axis, x in enumerate(axes):
         _fill(x, views[axis], values[axis], structure, axis, h)
         x[controller.DELAY_STEPS] = whole
-    if structure.axes == 2:  # the bore is round, and no pole may be met in either axis
+    if structure.axes == 2:  # the bore is a circle, so the smaller limit of both axes holds
         nearest = np.minimum(axes[0][mechanics.LIMIT_SQ], axes[1][mechanics.LIMIT_SQ])
         axes[0][mechanics.LIMIT_SQ] = axes[1][mechanics.LIMIT_SQ] = nearest
     pulls = [_cross(x, experiments, views, values, axis, h) for axis, x in enumerate(axes) if structure.coupled]
-    # What the commands carry differs between substeps where they change inside one.
+    # The coefficients of commands differ between substeps, because a command may change within one of them.
     rows, kept = row(of_substep(structure.flexible)), []
     for s in reversed(range(substeps if structure.delayed else 1)):
         switch = np.clip(fraction - s * h, 0, h)
@@ -121,7 +125,7 @@ def lane_batch(experiments: Sequence[Experiment], substeps: int = 1) -> LaneBatc
 def _fill(
     x: LaneRows, own: Sequence[Experiment], values: LaneValues, structure: Structure, axis: int, h: np.ndarray
 ) -> None:
-    """Write what every block of an axis needs, but for the exact chains."""
+    """Write the constants of every block of an axis, except the exact discretisations."""
     mechanics.fill(x, values, h)
     controller.fill(x, values)
     sensor.fill(x, values, probe=not structure.sensed)
@@ -148,7 +152,7 @@ def _filters(own: Sequence[Experiment], order: int) -> np.ndarray:
 
 
 def _chains(x: LaneRows, values: LaneValues, structure: Structure, h: np.ndarray, switch: np.ndarray) -> None:
-    """Write the exact chains of one axis for a substep, in which the new command begins to act at `switch` (s)."""
+    """Write the exact discretisation of one axis for a substep in which the new command acts from `switch` (s)."""
     if structure.flexible:
         write_flexible(x, values, h, switch)
         return
@@ -157,7 +161,7 @@ def _chains(x: LaneRows, values: LaneValues, structure: Structure, h: np.ndarray
         x[sensor.CUBIC] = cubic = sensor_rows(values, h)
         x[sensor.BEND] = sensor_current_rows(values, values, h, switch, pull * h**2, cubic)
     found = actuator_rows(values, h, switch)
-    # States stay in amperes; the currents that make force carry the calibration.
+    # States are in amperes; the calibration is applied to the force-producing currents.
     x[amplifier.NEXT], x[amplifier.NODES] = found[:8], found[8:] * gain_scale
 
 
@@ -169,7 +173,7 @@ def _cross(
     axis: int,
     h: np.ndarray,
 ) -> np.ndarray:
-    """Write what the other axis does to an axis, and return the acceleration (m/s2) per ampere of the other, (n,)."""
+    """Write the coupling of the other axis into an axis, and return its acceleration (m/s2) per ampere, (n,)."""
     other = 1 - axis
     terms = [cross_terms(e, axis, beside) for e, beside in zip(experiments, views[other], strict=True)]
     stiffness, damping, gain, sensed = np.array(terms).T
@@ -189,7 +193,7 @@ def _cross_chains(
     h: np.ndarray,
     switch: np.ndarray,
 ) -> None:
-    """Write what the other axis' current adds to this axis' motion inside a substep, as its probe sees it."""
+    """Write the correction of the probe for the motion that the other axis' current causes within a substep."""
     if structure.flexible:
         write_flexible_cross(x, pull, driving, seeing, h, switch)
     elif structure.sensor_poles:

@@ -1,5 +1,8 @@
-"""A block of the lane kernel: the rows of an axis as the blocks of the loop declare them, of every axis in turn; then
-each axis' linear controller; then, per substep and axis, the rows that every substep has for itself."""
+"""Layout of a block of the lane kernel.
+
+First come the rows of each axis, as the blocks of the loop declare them; then each axis' linear controller; then, for
+each substep and axis, the rows that differ between substeps.
+"""
 
 import numpy as np
 
@@ -10,19 +13,19 @@ from maglev_env.loop.eddy import BRANCHES, EDDY_COMMANDS
 from maglev_env.loop.sensor import BEND, CROSS_BEND, MOUNT_BEND, MOUNT_CROSS
 from maglev_lanes.layout import LANES
 
-AXIS = self_sensing_pieces.END  # size of an axis: by how much the index of a lane in the second one is larger
+AXIS = self_sensing_pieces.END  # size of an axis, which is the offset between the axes of a lane
 
 
 def filter_size(order: int) -> int:
-    """Size of an axis' linear controller of an order, 0 without: b0, then (b, a, state) for each power of 1 / z.
+    """Size of an axis' linear controller of an order: b0, then (b, a, state) for each power of 1 / z; 0 for order 0.
 
-    Three rows behind the last state stay zero, so that every state has a next one.
+    Three rows behind the last state stay zero, so that the update of every state can read a following one.
     """
     return (3 * order + 4) * LANES if order else 0
 
 
 def of_substep(flexible: bool) -> np.ndarray:
-    """Offsets of the rows that depend on when in a substep the command changes: what the commands themselves carry."""
+    """Offsets of the rows that depend on when the command changes within a substep: the coefficients of commands."""
     maps = [(NEXT, 2), (NODES, 3), (BEND, 2), (CROSS_BEND, 2)]
     if flexible:
         maps += [(MOUNT_BEND, 2), (MOUNT_CROSS, 2)]

@@ -1,4 +1,4 @@
-"""The pieces of the loop's blocks as one step needs them: chosen by what a structure has, and lifted to its axes."""
+"""The pieces of the loop's blocks for one step, selected for a structure and lifted to its axes."""
 
 from collections.abc import Callable
 from types import SimpleNamespace
@@ -14,7 +14,7 @@ from maglev_lanes.pieces import piece
 
 
 def parts(s: Structure) -> SimpleNamespace:
-    """Everything that happens in a step, as pieces of both axes at once (see `maglev_lanes.pair`)."""
+    """All pieces of a step, for both axes at once (see `maglev_lanes.pair`)."""
     lift = Lifts(s.axes, AXIS)
     return SimpleNamespace(
         **_motion(s, lift), **_forces(s, lift), **_currents(s, lift), **_probe(s, lift), both=lift.both()
@@ -40,7 +40,7 @@ def _motion(s: Structure, lift: Lifts) -> dict[str, Callable]:
 
 
 def _forces(s: Structure, lift: Lifts) -> dict[str, Callable]:
-    """Accelerations by the bearing and from outside, and friction that sticks."""
+    """Pieces for the accelerations by the bearing and from outside, and for friction that sticks."""
     coupled, sticking, supported = s.coupled, s.sticking, s.supported
     sliding_too, flexible, controlled = s.flexible and not s.sticking, s.flexible, s.magnets != "none"
     kind = KINDS.get(s.magnets)
@@ -86,7 +86,7 @@ def _forces(s: Structure, lift: Lifts) -> dict[str, Callable]:
 
 
 def _currents(s: Structure, lift: Lifts) -> dict[str, Callable]:
-    """Nodal currents that pull, and the actuator's states at the end of the step."""
+    """Pieces for the force-producing nodal currents, and for the actuator's states at the end of the step."""
     controlled, flexible = s.magnets != "none", s.flexible
     carried = amplifier.carried(s.actuator_poles, s.delayed, flexible)
     old, new = amplifier.commands(s.delayed, flexible)
@@ -152,12 +152,12 @@ def _currents(s: Structure, lift: Lifts) -> dict[str, Callable]:
 
 
 def _probe(s: Structure, lift: Lifts) -> dict[str, Callable]:
-    """The probe's and its mount's states at the end of the step."""
+    """Pieces for the states of the probe and its mount at the end of the step."""
     coupled, controlled = s.coupled, s.magnets != "none"
     carried = amplifier.carried(s.actuator_poles, s.delayed, s.flexible)
 
     def bent(own: Callable, numbers: int, first: int, other: int) -> Callable:
-        """What the motion makes of a state, with what the currents of this axis and of the other one add to it."""
+        """A state by the motion, corrected for the currents of this axis and of the other one."""
         by_own = carried(first)
         if controlled and numbers == 4:
             whole = lift.each(piece(lambda x, k, y, v, y1, v1: own(x, k, y, v, y1, v1) + by_own(x, k, k)), 4)

@@ -1,4 +1,4 @@
-"""What happens once per control sample to all lanes of an axis: read and control; and what is written of it."""
+"""Operations once per control sample for all lanes of an axis: read, control, and write the channels."""
 
 from collections.abc import Callable
 
@@ -16,7 +16,7 @@ from maglev_lanes.layout import LANES as W
 from maglev_lanes.noise import drawn
 from maglev_lanes.pieces import piece
 
-# Where a sample's channels lie in a tile; the current is the last one, with a sensed position before it or without.
+# Positions of a sample's channels in a tile; the current is the last one, after the position if there is one.
 COMMAND, POSITION = map(step_channels(sensed=True).index, ("command", "position"))
 
 
@@ -24,26 +24,27 @@ COMMAND, POSITION = map(step_channels(sensed=True).index, ("command", "position"
 def draw(x, b, seeds, first, lanes, count):
     """Draw the noise of this reading of the axis at b.
 
-    lanes: their number, not as a constant: a loop so short would be unrolled, and then not become vector instructions.
+    The number of lanes is an argument and not a constant, because the compiler would unroll such a short loop of
+    constant length and then not vectorise it.
     """
     for i in range(lanes):
         x[b + i + DRAWN] = drawn(seeds[first + i], count)
 
 
 def read_pieces(s: Structure) -> tuple[Callable, Callable, Callable]:
-    """What is read, commanded and recorded of the axis at b, into its sample at o of the tile.
+    """Functions that read, control and record the axis at b; they write into its sample at o of the tile.
 
     Returns:
-        read(x, b, tile, o, off); off: 1 where the reading's error counts, else 0.
-        control(x, b, tile, o, reference, injection, f): reads too, and writes the command; f: where the axis' linear
-        controller lies.
-        late(x, b, tile, o): behind the delay, records the current where it depends on the delay.
+        read(x, b, tile, o, off); off: 1 if the reading's error is accumulated, else 0.
+        control(x, b, tile, o, reference, injection, f): also reads, and writes the command; f: offset of the axis'
+        linear controller.
+        late(x, b, tile, o): is called after the delay and records the current if it depends on the delay.
     """
     own, current_at = Z1 if s.sensed else sensor.seen(s.sensor_poles), (POSITION + (s.sensed is not None)) * W
     row, toned, planar, sensing = SEEN if s.coupled else own, s.flexible and not s.sensed, s.axes == 2, bool(s.sensed)
     coil = amplifier.coil(s.actuator_poles, s.delayed, s.flexible)
     order = s.controller_order
-    depends = s.actuator_poles == 0 or s.flexible  # the current on what the delay brings
+    depends = s.actuator_poles == 0 or s.flexible  # whether the recorded current depends on the command after the delay
 
     @piece
     def note_reading(x, k, tile, o, off):
@@ -64,7 +65,7 @@ def read_pieces(s: Structure) -> tuple[Callable, Callable, Callable]:
         x[k + amplifier.CURRENT_SQ] += current * current
         tile[o + current_at] = current
 
-    # All of this shares a loop: smaller ones would be unrolled, and then not become vector instructions.
+    # All of this is in one loop: the compiler would unroll smaller ones and then not vectorise them.
     @piece
     def read(x, b, tile, o, off):
         for i in range(W):
@@ -100,7 +101,7 @@ def read_pieces(s: Structure) -> tuple[Callable, Callable, Callable]:
 
 
 def mix_piece(s: Structure) -> Callable:
-    """mix(x): what each axis' sensor senses with its share of the other axis' motion."""
+    """mix(x): adds the share of the other axis' motion to each axis' sensed displacement."""
     own = Z1 if s.sensed else sensor.seen(s.sensor_poles)
 
     @piece
@@ -114,7 +115,7 @@ def mix_piece(s: Structure) -> Callable:
 
 @piece
 def delay(x, b, history, h, mask, now):
-    """Keep the command in the history of the axis at h, and take out the one that acts and the one before."""
+    """Store the command in the history of the axis at h, and read the command that acts and the one before it."""
     kept = h + (now & mask) * W
     for i in range(W):
         history[kept + i] = x[b + i + U]
@@ -126,14 +127,14 @@ def delay(x, b, history, h, mask, now):
 
 @piece
 def peak(x, tile, o, stride):
-    """Gather the largest radial displacement shown; the second axis' sample lies `stride` behind the first's."""
+    """Update the largest radial displacement read; the second axis' sample is `stride` behind the first's."""
     for k in range(W):
         x_shown, y_shown = tile[o + k], tile[o + stride + k]
         x[k + PEAK_SQ] = max(x[k + PEAK_SQ], x_shown * x_shown + y_shown * y_shown)
 
 
 def substep_piece(s: Structure) -> Callable:
-    """load(x, kept, substep): put the rows that a substep has for itself where the step finds them."""
+    """load(x, kept, substep): copies the rows that differ between substeps to where the step reads them."""
     axes, rows = s.axes, of_substep(s.flexible)
     count = len(rows)
 

@@ -1,4 +1,4 @@
-"""Self-sensors in a step of the lane kernel: their coils followed from switching edge to switching edge."""
+"""Self-sensors in a step of the lane kernel: their coils are simulated from switching edge to switching edge."""
 
 from collections.abc import Callable
 from dataclasses import fields
@@ -14,9 +14,9 @@ from selfsense.kernel_pieces import SensorStructure, sensor_pieces
 
 
 def sensing_pieces(s: Structure) -> tuple[Callable, Callable]:
-    """begin(x) before the rotor's step, and follow(x, seeds, tick, timing) behind it, of all lanes and axes.
+    """Functions for all lanes and axes: begin(x) before the rotor's step, follow(x, seeds, tick, timing) after it.
 
-    tick: which step since the start. timing: so many current samples in so many steps, so many in so many PWM periods.
+    tick is the number of the step since the start; timing is that of `advance.kernel`.
     """
     structure = s.sensed or SensorStructure(*[False] * len(fields(SensorStructure)))
     planar, drifting = s.axes == 2, structure.drifting
@@ -31,7 +31,7 @@ def sensing_pieces(s: Structure) -> tuple[Callable, Callable]:
             if planar:
                 begun(x, i + AXIS)
 
-    # Each loop over lanes is as large as it gets: small ones are unrolled before they can become vector instructions.
+    # Each loop over lanes is as large as possible, because the compiler unrolls small ones and does not vectorise them.
     @piece
     def follow(x, seeds, tick, timing):
         ticks, cycle, per_cycle = timing[1], timing[2], timing[3]

@@ -1,4 +1,4 @@
-"""Self-sensors in the rotor's lanes: their clocks, what both axes' sensors need compiled in, and their rows."""
+"""Self-sensors in the rotor's lanes: their clocks, the common structure of both axes' sensors, and their rows."""
 
 from collections.abc import Sequence
 
@@ -15,9 +15,13 @@ from selfsense.sensor import SelfSensor, samples_and_periods, sensor_rows, struc
 
 
 def timing_of(experiment: Experiment, substeps: int = 1) -> tuple[int, int, int, int]:
-    """So many current samples of the self-sensors in so many substeps, so many in so many PWM periods; zeros without.
+    """Ratios of the self-sensors' clocks, (4,); (0, 1, 1, 1) without self-sensors.
 
-    ValueError when the rates are in no ratio of small whole numbers.
+    timing[0] current samples last as long as timing[1] substeps, and timing[2] of them as long as timing[3] PWM
+    periods.
+
+    Raises:
+        ValueError: The rates are not in a ratio of small whole numbers.
     """
     if experiment.sensor == "probe":
         return 0, 1, 1, 1
@@ -35,7 +39,10 @@ def timing_of(experiment: Experiment, substeps: int = 1) -> tuple[int, int, int,
 
 
 def sensed_structure(sensors: Sequence[SelfSensor]) -> SensorStructure | None:
-    """What the sensors of all axes need: what one of them has not, its constants make naught of. None without any."""
+    """The common structure of the sensors of all axes; None without sensors.
+
+    A part that only one of them has gets neutral constants for the others.
+    """
     structures = [structure_of(sensor, regulated=True) for sensor in sensors]
     if not structures:
         return None
@@ -45,7 +52,7 @@ def sensed_structure(sensors: Sequence[SelfSensor]) -> SensorStructure | None:
 
 
 def write_self_sensors(x: LaneRows, own: Sequence[Experiment]) -> None:
-    """Write the self-sensors of one axis' experiments, and their first reading, into an axis whose magnets stand."""
+    """Write the self-sensors of one axis' experiments and their first reading; the magnets' rows are written before."""
     x[SELF] = sensor_rows([self_sensors(e)[0] for e in own])
     x[COIL_GAP] = x[GAP] - [effect_value(e.effects, "eccentricity") for e in own]
     x[REST_CURRENT] = [force_law(e.rig).bias_current for e in own]

@@ -27,12 +27,14 @@ from maglev_lanes.threads import over_threads
 
 @dataclass(frozen=True)
 class SimulatedStatistics:
-    """n experiments that share excitations and periods, as the estimators need them.
+    """Results of n experiments that share excitations and periods, as the estimators need them.
 
-    statistics: lane axis first; lanes that touched down hold nan. touchdown_time (n,) s, nan when the rotor never
-    reached the clearance. peak_displacement (n,) m, radial on an x-y rig, and current_rms (n,) A, of the axis with the
-    larger one, over the kept periods. gap_error: what self-sensing read less what was, over the kept periods; of the
-    axis with the larger rms.
+    Args:
+        statistics: first axis: experiments; nan after a touchdown.
+        touchdown_time: (n,), s; nan without a touchdown.
+        peak_displacement: (n,), m, over the kept periods; radial on an x-y rig.
+        current_rms: (n,), A, over the kept periods; of the axis with the larger one.
+        gap_error: error of self-sensing over the kept periods; of the axis with the larger rms.
     """
 
     statistics: LineStatistics
@@ -63,10 +65,15 @@ class _Block:
 def simulate_statistics(
     experiments: Sequence[Experiment], substeps: int = 1, threads: int | None = None
 ) -> SimulatedStatistics:
-    """Line statistics of experiments that share excitations and schedule; gains, effects, rig and seed may differ.
+    """Statistics at the excited lines of experiments that share excitations and schedule.
 
-    The lines are the excited ones. threads: default all cores; it never changes a result. ValueError when experiments
-    do not share excitations, periods, offset and control rate, or keep fewer than two periods.
+    Args:
+        experiments: gains, effects, rig and seed may differ.
+        substeps: number of integration steps per control sample.
+        threads: default: all cores; it does not change the results.
+
+    Raises:
+        ValueError: Experiments differ in excitations, periods, offset or control rate, or keep fewer than two periods.
     """
     first = _common(experiments)
     if first.periods < 2:
@@ -103,10 +110,20 @@ def simulate_statistics(
 
 
 def simulate_records(experiments: Sequence[Experiment], substeps: int = 1, threads: int | None = None) -> np.ndarray:
-    """Time series (n, channels, samples) of `recorded_channels` at the recorded rate, transient periods included.
+    """Time series of experiments at the recorded rate, including the transient periods.
 
-    Samples after a touchdown are nan. A recorded rate above the control rate takes as many substeps. ValueError as
-    `simulate_statistics`, or when the period is not a whole number of recorded samples.
+    A recorded rate above the control rate needs as many substeps.
+
+    Args:
+        experiments: as for `simulate_statistics`.
+        substeps: as for `simulate_statistics`.
+        threads: as for `simulate_statistics`.
+
+    Returns:
+        (n, channels, samples) of `recorded_channels`; nan after a touchdown.
+
+    Raises:
+        ValueError: As `simulate_statistics`, or the period is not a whole number of recorded samples.
     """
     first = _common(experiments)
     multiple, every = sampling(first.recorded_rate, first.rig.control_rate)
@@ -141,7 +158,7 @@ def simulate_records(experiments: Sequence[Experiment], substeps: int = 1, threa
 
 
 def prepared(experiments: Sequence[Experiment]) -> list["_Block"]:
-    """Lanes ready for `steady_spectra`: what of experiments does not depend on their gains, excitations and offset."""
+    """Lanes for `steady_spectra`: the constants of experiments that do not depend on gains, excitations and offset."""
     return _blocks(experiments, 1)
 
 
@@ -154,12 +171,21 @@ def steady_spectra(
     periods: int = 1,
     threads: int | None = None,
 ) -> np.ndarray:
-    """Complex amplitudes (n, 2, axes, lines) of displacement and current, means over periods, after so many control
-    samples of the periodic waves before them; nan for a lane that touched down.
+    """Complex amplitudes of displacement and current under periodic waves.
 
-    lanes: see `prepared`; they run under the gains, period and recorded rate of the experiment, whose structure (see
-    `structure_of`) but for effects must be theirs. waves: one period (axes, samples_per_period) of "force" (N),
-    "current" (A) and "reference" (m, offset included) in place of what the excitations draw.
+    Args:
+        lanes: see `prepared`.
+        experiment: gives gains, period and recorded rate; its structure (see `structure_of`) must be that of the lanes,
+            except for effects.
+        waves: one period (axes, samples_per_period) of "force" (N), "current" (A) and "reference" (m, including the
+            offset), instead of the experiment's excitations.
+        lines: harmonic numbers, (lines,).
+        transient: number of control samples before the periods.
+        periods: number of periods in the mean.
+        threads: as for `simulate_statistics`.
+
+    Returns:
+        (n, 2, axes, lines), means over the periods; nan after a touchdown.
     """
     _, every = sampling(experiment.recorded_rate, experiment.rig.control_rate)
     count, n, axes = sum(len(block.members) for block in lanes), experiment.samples_per_period, experiment.rig.axes
@@ -190,7 +216,7 @@ def steady_spectra(
 
 
 def block_periods(experiments: Sequence[Experiment], outputs: int = 2) -> Iterator[Iterator[np.ndarray]]:
-    """The simulator alone: per block an iterator over periods of the first `outputs` kernel channels."""
+    """The simulator without statistics: for each block an iterator over periods of the first `outputs` channels."""
     first = _common(experiments)
     for block in _blocks(experiments, 1):
         yield _periods(block, _State(block), [_waves(first)] * (first.transient_periods + first.periods), outputs)
@@ -217,12 +243,12 @@ class _State:
         return self.rows[row(offset) : self.axes * row(AXIS) : row(AXIS)]
 
     def forget(self) -> None:
-        """Start anew what is gathered over the kept periods."""
+        """Reset the values that are accumulated over the kept periods."""
         for gathered in (PEAK_SQ, CURRENT_SQ, OFF_SUM, OFF_SQ, OFF_PEAK):
             self.axis_rows(gathered)[:] = 0.0
 
     def gap_errors(self, samples: int) -> np.ndarray:
-        """Rms, bias and largest of the sensed displacement's error over so many samples, (3, LANES), m."""
+        """Rms, bias and maximum of the sensed displacement's error over a number of samples, (3, LANES), m."""
         if not self._sensing:
             return np.full((3, LANES), np.nan)
         rms, bias = np.sqrt(self.axis_rows(OFF_SQ) / samples), self.axis_rows(OFF_SUM) / samples
@@ -239,7 +265,7 @@ class _State:
 
 
 def _aligned(shape: tuple[int, ...]) -> np.ndarray:
-    """Uninitialised doubles on a cache line's boundary: a vector load across two lines costs twice."""
+    """Uninitialised doubles that start at a cache line: a vector load across two cache lines takes twice the time."""
     count = int(np.prod(shape))
     raw = np.empty(count + 8)
     start = (-raw.ctypes.data % 64) // 8
@@ -286,7 +312,7 @@ def _periods(
     step, switches = kernel(structure), structure.switches(outputs, block.substeps, oversampled)
     longest = max(waves[0].size for waves in schedule) // axes
     out = _aligned((axes, outputs, LANES, longest * (block.substeps if oversampled else 1)))
-    out[:] = 0.0  # past the last touchdown of a block nothing is written: what memory held may be no number
+    out[:] = 0.0  # after the last touchdown nothing is written, and uninitialised memory may contain nan
     tile = _aligned((TILE * axes * len(structure.channels) * LANES,))
     kernel_seeds = np.ascontiguousarray(state.seeds[:, NOISY.index("displacement")]).reshape(-1)
     for waves in schedule:
@@ -299,14 +325,14 @@ def _periods(
 
 
 def _waves(e: Experiment) -> list[np.ndarray]:
-    """One period of force, injection and reference, axis after axis, as the kernel takes them."""
+    """One period of force, injection and reference, axis after axis, in the kernel's layout."""
     reference = np.atleast_2d(e.waveform("reference"))
     reference[0] += e.offset
     return [np.ravel(e.waveform("force")), np.ravel(e.waveform("current")), reference.reshape(-1)]
 
 
 def _line_amplitudes(e: Experiment, place: str, lines: np.ndarray) -> np.ndarray:
-    """Complex amplitudes (axes, lines) of what the experiment applies."""
+    """Complex amplitudes (axes, lines) of the experiment's excitation at a place."""
     return scipy.fft.rfft(np.atleast_2d(e.waveform(place)), axis=-1)[:, lines] * (2 / e.samples_per_period)
 
 

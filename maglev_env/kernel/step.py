@@ -1,6 +1,6 @@
 """The step of the loop, once for one axis and for two: read, control, amplify, pull, move, touch down.
 
-In two axes every number here is a pair (see `maglev_lanes.pair`). Each formula stands as a piece in its block's file.
+With two axes every number here is a pair (see `maglev_lanes.pair`). Each formula is a piece in its block's file.
 """
 
 from collections.abc import Callable
@@ -16,7 +16,8 @@ SIXTH = 1.0 / 6.0
 def move_piece(s: Structure) -> Callable:
     """move(x, force_x, force_y): one integration step of all lanes under held commands and forces (N).
 
-    Nystrom's method of 4th order: both middle stages share a position, so that the magnets are evaluated thrice.
+    It uses Nystrom's method of 4th order. Both middle stages have the same position, so that three evaluations of the
+    magnets are enough.
     """
     p = parts(s)
     flexible, sticking, probed, poles = s.flexible, s.sticking, s.sensed is None, s.sensor_poles

@@ -1,4 +1,4 @@
-"""What lanes that run together in a block have in common."""
+"""The common structure of the lanes in a block."""
 
 from dataclasses import dataclass, replace
 
@@ -10,8 +10,9 @@ from selfsense.kernel_pieces import SensorStructure
 
 @dataclass(frozen=True)
 class Structure:
-    """What a block's lanes share. Absent effects are compiled out; noise is read at run time, converters
-    are data.
+    """The common structure of a block's lanes.
+
+    Absent effects are compiled out. Whether there is noise is read at run time; converters are constants of the lanes.
 
     Args:
         magnets: the kind of magnet as it is simulated (see `kinds.simulated_as`), or "none".
@@ -24,8 +25,8 @@ class Structure:
         coupled: whether anything couples the axes.
         sensed: the self-sensors in the probes' place.
         saturating: whether fields of a pair saturate.
-        flexible: whether all other effects are there at once, two poles in each chain and a delay among them. A lane
-            without one carries neutral constants.
+        flexible: whether the kernel has all other effects at once, including two poles in each chain and a delay. A
+            lane without one of them has neutral constants.
         sticking: whether their friction sticks.
     """
 
@@ -45,14 +46,14 @@ class Structure:
 
     @property
     def channels(self) -> tuple[str, ...]:
-        """What the kernel can write, in this order."""
+        """Channels that the kernel can write, in order."""
         return step_channels(sensed=bool(self.sensed))
 
     @property
     def compiled(self) -> "Structure":
-        """The structure that shares this one's kernel: without what is read at run time."""
+        """The structure without the parts that are read at run time; structures with the same one share a kernel."""
         return replace(self, noise=False)
 
     def switches(self, outputs: int, substeps: int = 1, oversampled: bool = False) -> np.ndarray:
-        """What the kernel reads at run time: the rest of the structure, and how it runs (see `advance.kernel`)."""
+        """Switches that the kernel reads at run time (see `advance.kernel`)."""
         return np.array([self.noise, outputs, substeps, oversampled], dtype=np.int64)

@@ -21,16 +21,22 @@ from maglev_lanes.layout import LANES
 from maglev_lanes.noise import drawn
 
 W = LANES
-TILE = 8  # samples gathered before they are written out lane by lane
+TILE = 8  # number of samples that are collected before they are written lane by lane
 
 
 @cache
 def kernel(substeps: int = 1) -> Callable[..., None]:
-    """The compiled stepper, of so many integration steps per control sample.
+    """The compiled stepper with a number of integration steps per control sample.
 
-    Called as step(block, seeds, first_sample, h, force, injection, tile, out), all arrays flat: advances the block over
-    the samples of force (5, n) generalised forces (N, N m) and injection (4, n) A added to the commands, both held;
-    fills out (channels, LANES, n); tile is scratch (TILE channels LANES); h is the integration step in s.
+    Called as step(block, seeds, first_sample, h, force, injection, tile, out), all arrays flat. It advances the block
+    over the samples of the waveforms.
+
+    Args of the stepper:
+        h: integration step, s.
+        force: (5, n), generalised forces, N and N m, held between samples.
+        injection: (4, n), added to the commands, A, held between samples.
+        tile: scratch, (TILE channels LANES).
+        out: filled, (channels, LANES, n).
     """
     return _make(substeps)
 

@@ -2,15 +2,15 @@
 
 from maglev_lanes.layout import LANES, rows_after
 
-# Generalised coordinates x, tilt of x, y, tilt of y, z (m, rad) and their rates; the turn's cosine and sine. Per axis
-# in the order (a, x), (a, y), (b, x), (b, y): probe, coil current, command, PID states.
+# Generalised coordinates x, tilt of x, y, tilt of y, z (m, rad) and their rates; cosine and sine of the rotor's angle.
+# For each axis, in the order (a, x), (a, y), (b, x), (b, y): probe, coil current, command, PID states.
 Q, QD, COS, SIN, PROBE, CURRENT, COMMAND, D, XI, _FOUND = rows_after(
     0, "Q[5] QD[5] COS SIN PROBE[4] CURRENT[4] COMMAND[4] D[4] XI[4]"
 )
-# What was found on the way: greatest contact force (N) at a, b and the axial stop, sample of the first contact there,
-# and what friction took (J).
+# Accumulated results: greatest contact force (N) at a, b and the axial stop, sample of the first contact there, and the
+# energy (J) lost by friction.
 CONTACT, FIRST, RUBBED, _TURN = rows_after(_FOUND, "CONTACT[3] FIRST[3] RUBBED")
-# Turn over half a step and whole one; speed; static and couple unbalance, runout of both planes, m.
+# Rotation in half a step and in a whole one; speed; static and couple unbalance, runout of both planes, m.
 HALF_COS, HALF_SIN, TURN_COS, TURN_SIN, SPEED, STATIC, COUPLE, RUNOUT, _BODY = rows_after(
     _TURN, "HALF_COS HALF_SIN TURN_COS TURN_SIN SPEED STATIC COUPLE[2] RUNOUT[4]"
 )
@@ -22,14 +22,16 @@ PER_MASS, PER_INERTIA, GYRO, GRAVITY, AXIAL_K, AXIAL_C, AXIAL_STOP, _PLANES = ro
 MAGNETS, PROBES, FLUID_K, FLUID_C, CLEARANCE, TOUCH_K, TOUCH_D, TOUCH_MU, SURFACE, _LAW = rows_after(
     _PLANES, "MAGNETS[2] PROBES[2] FLUID_K FLUID_C CLEARANCE TOUCH_K TOUCH_D TOUCH_MU SURFACE"
 )
-# The pair's force law of one bearing (see `magnetics.ForceLaw`); what its field may see of the displacement.
+# Force law of the pair of one bearing (see `magnets.law.ForceLaw`); REACH: limit of the displacement in its field.
 AREA, FLUX_M, GAP_M, FLUX_C, GAP_C, BIAS, SCALE, CALIBRATION, REACH, _CHAINS = rows_after(
     _LAW, "AREA FLUX_M GAP_M FLUX_C GAP_C BIAS SCALE CALIBRATION REACH"
 )
-# Probe: next state from itself and the cubic through both ends. Amplifier: what is still missing of the command at
-# the end, and at the three nodes that stand for the current in the integration; see `kernel.exact.actuator_rows`.
+# CHAIN: coefficients for the probe's next state, of itself and of the cubic through both ends. DECAYS: remaining share
+# of a change of the command at the end of the step and at the three nodes of the current in the integration; see
+# `kernel.exact.actuator_rows`.
 CHAIN, DECAYS, _CONTROL = rows_after(_CHAINS, "CHAIN[5] DECAYS[4]")
-# Converters and control: as in the axis kernel; into and out of the controllers (2 x 2 each), gains per controller.
+# Converters and control as in the axis kernel. INTO, OUT: matrices (2 x 2) before and after the controllers; gains of
+# each controller.
 COUNTS, COUNT_MAX, PER_COUNT, NOISE, PER_U, U_MAX, U_COUNT, _GAINS = rows_after(
     _CONTROL, "COUNTS COUNT_MAX PER_COUNT NOISE PER_U U_MAX U_COUNT"
 )
@@ -37,5 +39,5 @@ INTO, OUT, KP, KI, KD, DECAY_D, DECAY_I, END = rows_after(
     _GAINS, "INTO[4] OUT[4] KP[4] KI[4] KD[4] DECAY_D[4] DECAY_I[4]"
 )
 ROWS = END // LANES
-# Channels written per control sample: what the four probes read, the four coil currents, and the axial displacement.
+# Channels per control sample: readings of the four probes, the four coil currents, and the axial displacement.
 CHANNELS = ("probe_ax", "probe_ay", "probe_bx", "probe_by", "coil_ax", "coil_ay", "coil_bx", "coil_by", "axial")
