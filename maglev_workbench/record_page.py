@@ -1,4 +1,4 @@
-"""Recordings as an engineer looks at them first: one period in time, and every line against its noise."""
+"""A page on recordings for a first look: one period over time, and every line with its noise."""
 
 import json
 from collections.abc import Sequence

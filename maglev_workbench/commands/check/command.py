@@ -14,11 +14,11 @@ app = typer.Typer()
 @friendly
 def check(
     campaign: Annotated[Path, typer.Argument(help="Campaign folder, or one data file.")],
-    rate: Annotated[float | None, typer.Option(help="One file: sample rate, Hz, where it does not tell it.")] = None,
+    rate: Annotated[float | None, typer.Option(help="One file: sample rate, Hz, if the file does not give it.")] = None,
     out: Annotated[Path | None, typer.Option(help="HTML page (default: beside the campaign or file).")] = None,
     json_file: JsonOption = None,
 ) -> None:
-    """Is a campaign good enough, and for what: alarms, noise, transients, quantisation, crest, lines, channels."""
+    """Check whether a campaign is good enough: alarms, noise, transients, quantisation, crest, lines, channels."""
     from importlib.metadata import version
 
     from rich.markup import escape

@@ -6,7 +6,7 @@ from maglev_env.recordings.quality import Quality
 
 
 def quality_tables(file: str, q: Quality) -> list[Table]:
-    """Tables of the channels, of the excited bands, and of the uses that the recording is good for."""
+    """Tables of the channels, of the excited bands, and of the uses for which the recording is good enough."""
     dropped = f", {q.transient_periods} of transient dropped" if q.transient_periods else ""
     channels = Table("channel", "rms", "crest", "step / rms", "signal / noise, median", "worst line")
     channels.title = f"{file}: {q.periods} steady periods{dropped}" if q.periods else f"{file}: nothing repeats"

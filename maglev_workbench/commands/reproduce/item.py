@@ -10,9 +10,16 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Row:
-    """One figure. published: number as printed, or its words where it is none, None where nothing is; found: ours, nan
-    where there is none; unit: of both, as shown; within: relative difference that counts as agreement (None: only
-    shown); reason: why they differ, or where the published one is wrong, with the evidence."""
+    """One figure beside the published one.
+
+    Args:
+        name: of the figure.
+        published: number as printed, or the words instead of a number; None: nothing is published.
+        found: our figure; nan: there is none.
+        unit: of both, as displayed.
+        within: relative difference that counts as agreement; None: the figure is only displayed.
+        reason: why they differ, or why the published one is wrong, with the evidence.
+    """
 
     name: str
     published: float | str | None

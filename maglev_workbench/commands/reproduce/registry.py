@@ -40,7 +40,7 @@ HOME = {
 
 
 def chosen(names: Sequence[str] = ()) -> list[Item]:
-    """The named items, each once and in the order of the chapters; all of them where none is named.
+    """The named items, each once and in the order of the chapters; without names all of them.
 
     ValueError for a name that is not known.
     """
