@@ -55,7 +55,7 @@ class LineWindows:
     def spectrum(self, signals: np.ndarray) -> np.ndarray:
         """Complex amplitudes (..., count, WIDTH) of signals (..., samples)."""
         lines = slice(self.first, self.first + self.count * WIDTH)
-        found = scipy.fft.rfft(signals, axis=-1)[..., lines] * (2 / self.samples)
+        found = np.asarray(scipy.fft.rfft(signals, axis=-1))[..., lines] * (2 / self.samples)
         return found.reshape(*found.shape[:-1], self.count, WIDTH)
 
     def project(self, spectrum: np.ndarray) -> np.ndarray:
