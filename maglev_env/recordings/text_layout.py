@@ -173,7 +173,11 @@ def _signs(rows: list[str], head: Sequence[str], stated: TextLayout) -> tuple[st
 def _comma_names(rows: list[str], head: Sequence[str]) -> bool:
     """Whether the line above the numbers holds as many names, with commas between them, as the numbers would."""
     lines = [line for line in head if not is_left_out(line)]
-    names = cells_of(next((above for above, line in pairwise(lines) if line in rows), ""), ",")
+
+    def numeric(line: str) -> bool:
+        return all(is_number(cell, ".") for cell in cells_of(line, ","))
+
+    names = cells_of(next((above for above, line in pairwise(lines) if numeric(line)), ""), ",")
     width = max(len(cells_of(row, ",")) for row in rows)
     return len(names) == width and not any(is_number(name, ".") for name in names)
 

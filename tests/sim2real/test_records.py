@@ -14,6 +14,7 @@ from maglev_env.recordings.campaign_writer import write_campaign
 from maglev_env.recordings.recording import simulated_recording
 from maglev_env.rig.excitation import Excitation
 from maglev_env.rig.rig import load_rig
+from sim2real.open_record import OpenRecord
 from sim2real.problem import KINDS, informative, line_kinds
 from sim2real.records import read_records
 
@@ -159,13 +160,13 @@ def test_a_rotor_that_cannot_stand_needs_its_gains(tmp_path):
         read_records(tmp_path)
 
 
-def test_an_aperiodic_excitation_is_refused(tmp_path):
+def test_an_aperiodic_excitation_is_read_as_an_open_record(tmp_path):
     path = campaign(tmp_path, names=("base",)) / "campaign.toml"
     text = path.read_text()
     start, end = text.index("\n[[recording.excitation]]"), text.index("\n[recording.channels]")
     path.write_text(text[:start] + '\n[[recording.excitation]]\nkind = "recorded"\nat = "force"\n' + text[end:])
-    with pytest.raises(ValueError, match="no periodic excitation"):
-        read_records(tmp_path)
+    _, (record,) = read_records(tmp_path)
+    assert isinstance(record, OpenRecord) and np.ptp(record.waves["force"]) > 0
 
 
 def test_two_axes_are_read_side_by_side(tmp_path):

@@ -198,6 +198,8 @@ def test_a_pair_in_two_axes_is_twice_a_pair_in_one():
     e = pushed(pair, 0.2)
     turned = tuple(replace(x, direction=90.0) for x in e.excitations)
     both = simulate_records([replace(e, rig=replace(e.rig, axes=2), excitations=turned)])[0].reshape(4, 2, -1)
-    np.testing.assert_array_equal(both[:, 1], simulate_records([e])[0])
+    # The compiled step of two axes contracts its sums otherwise: the last digits differ.
+    alone = simulate_records([e])[0]
+    np.testing.assert_allclose(both[:, 1], alone, rtol=1e-11, atol=1e-14 * abs(alone).max())
     assert not both[:, 0].any()
     assert axis_experiment(replace(e, rig=replace(e.rig, axes=2)), 1).rig.magnet == "electromagnet_pair"

@@ -260,9 +260,8 @@ def test_the_lags_interval_covers():
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("0,1\n1,2\n2,3\n", "first line must hold the column names"),
         ("a\n1\n2\n3\n", "one column"),
-        ("a,b\n1,2\n2,x\n3,4\n", "'x' at sample 1 is not a number"),
+        ("a,b\n1,2\n2,x\n3,4\n", "'x' in line 3 (sample 1) is not a number"),
         ("a,b\n1,2\n2,nan\n3,4\n", "column 'b': row 1 below the header is nan"),
         ("a,b\n1,2\n1,3\n1,4\n", "3 rows with 1 different values of 'a'"),
         ("a,b\n" + "".join(f"{i},{i}\n" for i in range(501)), "501 rows"),
