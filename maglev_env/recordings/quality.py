@@ -101,10 +101,16 @@ def _unexcited(signals: RecordedSignals, rig: Rig | None) -> Quality:
     """Levels alone, and what each command makes of a recording without an excitation."""
     channels = tuple(_channel(name, values, None) for name, values in signals.channels.items())
     known = {"command", "displacement"} <= signals.channels.keys() and signals.gains is not None
-    source = "the command less what the controller makes of the displacement" if known else "its waveform is not known"
-    why = f"no: no excitation is stated ({source}); state it, or record an injection, reference or force"
-    uses = dict.fromkeys(("estimate", "margins", "tune"), why)
-    uses["diagnose"] = "no: needs an SPHS or a multisine" if rig is not None else "no: needs a rig, and a multisine"
+    driven = known or not signals.channels.keys().isdisjoint(("injection", "reference", "force"))
+    why = "no: no excitation is stated; state it, or record an injection or force"
+    uses = dict.fromkeys(("estimate", "margins", "tune", "diagnose"), why)
+    if rig is None:
+        uses["diagnose"] = "no: needs a rig"
+    elif signals.sample_rate < rig.control_rate:
+        uses["estimate"] = uses["diagnose"] = "no: recorded below the control rate of the rig"
+    elif driven:
+        source = "command and displacement" if known else "the recorded drive"
+        uses["estimate"] = uses["diagnose"] = f"yes, in closed loop: {source} give what drove it"
     return Quality(0, 0, 0, channels, (), uses, _beyond(signals, rig))
 
 
