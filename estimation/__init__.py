@@ -26,8 +26,6 @@ from estimation.periods import (
     split_periods,
     transient_periods,
 )
-from estimation.planar import PlanarEstimate, RowSums, axis_statistics, eight_coefficients, row_sums
-from estimation.planar_least_squares import PlanarLeastSquares, planar_least_squares
 from estimation.sphs import (
     Multisine,
     crest_factor,
@@ -40,6 +38,8 @@ from estimation.sphs import (
     synthesise,
 )
 from estimation.stability_margins import Margins, loop_gain, margin_arrays, margins, peak_sensitivity
+from estimation.xy.planar import PlanarEstimate, RowSums, axis_statistics, eight_coefficients, row_sums
+from estimation.xy.planar_least_squares import PlanarLeastSquares, planar_least_squares
 
 __all__ = [
     "ActuatorEstimate",

@@ -10,8 +10,8 @@ from estimation.frequency_response import frequency_response
 from estimation.least_squares import least_squares
 from estimation.max_likelihood import maximum_likelihood
 from estimation.periods import LineStatistics, held
-from estimation.planar import axis_statistics
 from estimation.stability_margins import margin_arrays
+from estimation.xy.planar import axis_statistics
 from maglev_env.evaluation.score import ScoreTarget, score, stacked, terms
 from maglev_env.experiment import Experiment, axis_experiment
 from maglev_env.kernel.simulate import SimulatedStatistics, simulate_statistics

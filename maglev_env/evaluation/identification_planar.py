@@ -5,8 +5,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from estimation.planar import CONDITION_LIMIT, PlanarEstimate, RowSums, eight_coefficients, row_sums
-from estimation.planar_least_squares import PlanarLeastSquares, planar_least_squares
+from estimation.xy.planar import CONDITION_LIMIT, PlanarEstimate, RowSums, eight_coefficients, row_sums
+from estimation.xy.planar_least_squares import PlanarLeastSquares, planar_least_squares
 from maglev_env.evaluation.identification import band_layout
 from maglev_env.recordings.spectra import RecordedSignals, record_spectra
 from maglev_env.rig.rig import Rig, axis_rig

@@ -23,9 +23,9 @@ from scipy.optimize import brentq, minimize
 from scipy.stats import t as student_t
 
 from estimation.max_likelihood import maximum_likelihood
-from estimation.planar import axis_statistics, eight_coefficients, row_sums
-from estimation.planar_least_squares import planar_least_squares
-from estimation.planar_lines import CHANNELS
+from estimation.xy.planar import axis_statistics, eight_coefficients, row_sums
+from estimation.xy.planar_least_squares import planar_least_squares
+from estimation.xy.planar_lines import CHANNELS
 
 
 def matrices(estimate):

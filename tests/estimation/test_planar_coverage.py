@@ -18,7 +18,7 @@ from planar_records import (
 )
 from scipy import stats
 
-from estimation.planar import eight_coefficients, row_sums
+from estimation.xy.planar import eight_coefficients, row_sums
 
 RECORDS = 2000
 # The feedback of a magnetic bearing answers the displacement's noise with a force: N/m, x and y coupled.

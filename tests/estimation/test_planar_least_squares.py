@@ -6,8 +6,8 @@ from drawn_spectra import draw, record
 from planar_records import BAND, MASS, STIFFNESS, SYMMETRIC, VERTICAL, F, diagonal_records, noise_levels, planar_record
 from scipy.stats import t as student_t
 
-from estimation.planar import eight_coefficients
-from estimation.planar_least_squares import planar_least_squares
+from estimation.xy.planar import eight_coefficients
+from estimation.xy.planar_least_squares import planar_least_squares
 
 
 def test_least_squares_agrees_with_lstsq():

@@ -4,7 +4,7 @@ import numpy as np
 from drawn_spectra import draw
 
 from estimation.periods import LineStatistics
-from estimation.planar_lines import CHANNELS
+from estimation.xy.planar_lines import CHANNELS
 
 MASS = 0.92
 STIFFNESS = np.array([[130e3, 8e3], [-6e3, 125e3]])

@@ -15,9 +15,9 @@ from estimation.low_crest import low_crest
 from estimation.max_likelihood import maximum_likelihood
 from estimation.modal import modal_estimate
 from estimation.periods import LineStatistics
-from estimation.planar import axis_statistics, eight_coefficients, row_sums
-from estimation.planar_least_squares import planar_least_squares
 from estimation.stability_margins import margin_arrays, margins
+from estimation.xy.planar import axis_statistics, eight_coefficients, row_sums
+from estimation.xy.planar_least_squares import planar_least_squares
 from maglev_env.evaluation.evaluate import force_statistics
 from maglev_env.experiment import protocol_experiment
 from maglev_env.kernel.simulate import simulate_statistics

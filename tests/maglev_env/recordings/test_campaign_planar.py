@@ -11,7 +11,7 @@ from scipy import stats
 
 from estimation.max_likelihood import maximum_likelihood
 from estimation.periods import held
-from estimation.planar import axis_statistics, eight_coefficients
+from estimation.xy.planar import axis_statistics, eight_coefficients
 from maglev_env.design.protocols import sphs_campaign
 from maglev_env.evaluation.identification import identify
 from maglev_env.evaluation.identification_planar import identify_planar

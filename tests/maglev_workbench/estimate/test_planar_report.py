@@ -11,9 +11,9 @@ from rich.console import Console
 
 from estimation.max_likelihood import BandEstimate
 from estimation.periods import LineStatistics
-from estimation.planar import PlanarEstimate, RowSums, row_sums
-from estimation.planar_least_squares import PlanarLeastSquares
-from estimation.planar_lines import CHANNELS
+from estimation.xy.planar import PlanarEstimate, RowSums, row_sums
+from estimation.xy.planar_least_squares import PlanarLeastSquares
+from estimation.xy.planar_lines import CHANNELS
 from maglev_env.evaluation.identification_planar import PlanarIdentification
 from maglev_workbench.commands.estimate.planar_report import planar_json, planar_sections, planar_table
 from maglev_workbench.page import page

@@ -3,8 +3,8 @@
 import numpy as np
 
 from estimation.periods import LineStatistics
-from estimation.planar import CONDITION_LIMIT, eight_coefficients
-from estimation.planar_least_squares import planar_least_squares
+from estimation.xy.planar import CONDITION_LIMIT, eight_coefficients
+from estimation.xy.planar_least_squares import planar_least_squares
 from maglev_env.loop.magnets.kinds import force_law
 from maglev_env.loop.magnets.law import linearise
 from maglev_env.rig.rig import axis_rig, load_rig

@@ -6,7 +6,7 @@ import numpy as np
 
 from estimation.bands import sliding_bands
 from estimation.max_likelihood import maximum_likelihood
-from estimation.planar import axis_statistics
+from estimation.xy.planar import axis_statistics
 from maglev_env.loop.magnets.kinds import force_law
 from maglev_env.loop.magnets.law import linearise
 from maglev_env.rig.rig import axis_rig, load_rig

@@ -7,7 +7,7 @@ import numpy as np
 from estimation.bands import sliding_bands
 from estimation.max_likelihood import maximum_likelihood
 from estimation.periods import LineStatistics
-from estimation.planar import axis_statistics
+from estimation.xy.planar import axis_statistics
 from maglev_env.experiment import Experiment
 from maglev_env.linear.loop import expected_statistics, loop_response
 from maglev_env.loop.magnets.kinds import force_law

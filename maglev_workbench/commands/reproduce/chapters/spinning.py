@@ -3,7 +3,7 @@
 import numpy as np
 
 from estimation.bands import sliding_bands
-from estimation.planar import axis_statistics
+from estimation.xy.planar import axis_statistics
 from maglev_env.loop.effect import effect
 from maglev_env.rig.rig import load_rig
 from maglev_workbench.commands.reproduce.chapter_figures import by_frequency

@@ -6,8 +6,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from estimation.frequency_response import frequency_response
-from estimation.planar import axis_statistics
 from estimation.stability_margins import margin_arrays
+from estimation.xy.planar import axis_statistics
 from maglev_env.evaluation.evaluate import Evaluation, evaluate
 from maglev_env.experiment import Experiment, axis_experiment, protocol_experiment, recorded_channels
 from maglev_env.kernel.simulate import simulate_records, simulate_statistics

@@ -1,6 +1,6 @@
 """Stiffness and damping matrices of two coupled axes by plain least squares, as the dissertation (D) fits them.
 
-Displacement noise biases this estimate; `estimation.planar` has the estimator that stays unbiased.
+Displacement noise biases this estimate; `estimation.xy.planar` has the estimator that stays unbiased.
 """
 
 from collections.abc import Sequence
@@ -10,7 +10,7 @@ import numpy as np
 from scipy import special
 
 from estimation.periods import LineStatistics
-from estimation.planar_lines import Mass, checked_masses, equation_rows, planar_lines
+from estimation.xy.planar_lines import Mass, checked_masses, equation_rows, planar_lines
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,4 +1,4 @@
-"""Compiled search behind `estimation.planar`; it treats one band of one lane at a time.
+"""Compiled search behind `estimation.xy.planar`; it treats one band of one lane at a time.
 
 The channels of a line are u = (F_x, F_y, X, Y) with noise covariance N. The error e = A u with A = (I, -Z) has the
 covariance S = A N A^H. With v = S^-1 e and C = E[(n_X, n_Y) n_e^H], the displacement corrected for the noise that e

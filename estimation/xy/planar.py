@@ -12,11 +12,11 @@ from typing import Literal
 import numpy as np
 from scipy import special
 
-from estimation import planar_likelihood
 from estimation.bands import band_slices
 from estimation.max_likelihood import BandEstimate, maximum_likelihood
 from estimation.periods import LineStatistics
-from estimation.planar_lines import CHANNELS, Mass, PlanarLines, checked_masses, equation_rows, planar_lines
+from estimation.xy import planar_likelihood
+from estimation.xy.planar_lines import CHANNELS, Mass, PlanarLines, checked_masses, equation_rows, planar_lines
 
 CONDITION_LIMIT = 30.0  # Belsley, Kuh and Welsch 1980: above this condition number collinearity does harm
 _FORCE_NOISE = 3.0  # times the noise power: a level that the noise of many lines never reaches

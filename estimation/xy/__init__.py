@@ -1,0 +1,1 @@
+"""Two axes together: the eight coefficients of a bearing from recordings in x and y."""
