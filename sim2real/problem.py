@@ -116,7 +116,7 @@ class Problem:
         """The same lines, with the noise that a point leaves of records without a period."""
         return assemble([p.record for p in self.parts], [p.used for p in self.parts], near)
 
-    def split(self, every: int, near: Point | None = None) -> tuple["Problem", "Problem"]:
+    def split(self, every: int) -> tuple["Problem", "Problem"]:
         """Two problems: one without every n-th excited line, and one of those lines alone."""
         kept, withheld = [], []
         for part in self.parts:
@@ -126,7 +126,7 @@ class Problem:
             kept.append(part.used & ~out)
             withheld.append(out)
         records = [p.record for p in self.parts]
-        return assemble(records, kept, near), assemble(records, withheld, near)
+        return assemble(records, kept), assemble(records, withheld)
 
 
 def _evidence(record: Record | OpenRecord, near: Point | None) -> tuple[Opened, np.ndarray, np.ndarray]:
