@@ -24,7 +24,7 @@ class Structure:
         axes: 1 or 2.
         coupled: whether anything couples the axes.
         sensed: the self-sensors in the probes' place.
-        saturating: whether fields of a pair saturate.
+        shaped: whether iron saturates or the pull has an unusual exponent of the gap (see `kinds.shaped`).
         flexible: whether the kernel has all other effects at once, including two poles in each chain and a delay. A
             lane without one of them has neutral constants.
         sticking: whether their friction sticks.
@@ -40,7 +40,7 @@ class Structure:
     axes: int = 1
     coupled: bool = False
     sensed: SensorStructure | None = None
-    saturating: bool = False
+    shaped: bool = False
     flexible: bool = False
     sticking: bool = False
 

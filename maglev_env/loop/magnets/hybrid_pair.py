@@ -5,7 +5,20 @@ import numpy as np
 from maglev_env.loop.magnets.circuit import magnet_circuit, pair_law
 from maglev_env.loop.magnets.law import ForceLaw
 from maglev_env.loop.magnets.magnet import Magnet, MagnetKind
-from maglev_env.loop.magnets.rows import BIAS, CALIBRATION, FLUX_C, FLUX_M, GAP_C, GAP_C_SQ, GAP_M, GAP_M_SQ, KNEE
+from maglev_env.loop.magnets.powers import exponential, logarithm
+from maglev_env.loop.magnets.rows import (
+    BIAS,
+    CALIBRATION,
+    EXPONENT,
+    FLUX_C,
+    FLUX_M,
+    GAP_C,
+    GAP_C_SQ,
+    GAP_M,
+    GAP_M_SQ,
+    KNEE,
+    PER_GAP,
+)  # fmt: skip
 from maglev_lanes.pieces import piece
 from selfsense.coil import MU_0
 
@@ -43,8 +56,11 @@ def pull(x, k, y, current):
 
 
 @piece
-def saturated_pull(x, k, y, current):
-    """Acceleration with iron that saturates: each gap's B^2 becomes B^2 / sqrt(1 + (B / B_s)^4)."""
+def shaped_pull(x, k, y, current):
+    """Acceleration with iron that saturates, each gap's B^2 becoming B^2 / sqrt(1 + (B / B_s)^4), or another exponent.
+
+    Without either it is `pull`.
+    """
     own, far = x[k + GAP_M] - y, x[k + GAP_M] + y
     near, wide = x[k + GAP_C] - y, x[k + GAP_C] + y
     inverse = 1.0 / ((own * far) * (near * wide))
@@ -57,6 +73,9 @@ def saturated_pull(x, k, y, current):
     s1, s2, s3, s4 = s1 * s1, s2 * s2, upper * upper, lower * lower
     r1, r2 = np.sqrt(1.0 + knee * (s1 * s1)), np.sqrt(1.0 + knee * (s2 * s2))
     r3, r4 = np.sqrt(1.0 + knee * (s3 * s3)), np.sqrt(1.0 + knee * (s4 * s4))
+    closer, power = y * x[k + PER_GAP], -x[k + EXPONENT]
+    above, below = exponential(power * logarithm(1.0 - closer)), exponential(power * logarithm(1.0 + closer))
+    s1, s2, s3, s4 = above * s1, below * s2, above * s3, below * s4
     # One division serves all four terms. The fields here are twice the physical ones, as in `pull`.
     first_two, last_two = r1 * r2, r3 * r4
     inverse = 0.25 / (first_two * last_two)
@@ -64,4 +83,4 @@ def saturated_pull(x, k, y, current):
     return (s1 * r2 - s2 * r1) * (last_two * inverse) + (x[k + CALIBRATION] - 1.0) * at_rest
 
 
-KIND = MagnetKind(law, check, pull, saturated_pull, pair=True, inductance_follows_gap=True)
+KIND = MagnetKind(law, check, pull, shaped_pull, pair=True, inductance_follows_gap=True)
