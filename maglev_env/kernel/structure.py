@@ -24,7 +24,8 @@ class Structure:
         axes: 1 or 2.
         coupled: whether anything couples the axes.
         sensed: the self-sensors in the probes' place.
-        shaped: whether iron saturates or the pull has an unusual exponent of the gap (see `kinds.shaped`).
+        saturating: whether fields of a pair saturate.
+        steeper: whether the pull has an unusual falloff with the gap (see `kinds.steeper`).
         flexible: whether the kernel has all other effects at once, including two poles in each chain and a delay. A
             lane without one of them has neutral constants.
         sticking: whether their friction sticks.
@@ -40,7 +41,8 @@ class Structure:
     axes: int = 1
     coupled: bool = False
     sensed: SensorStructure | None = None
-    shaped: bool = False
+    saturating: bool = False
+    steeper: bool = False
     flexible: bool = False
     sticking: bool = False
 

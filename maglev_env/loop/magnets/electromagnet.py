@@ -101,7 +101,7 @@ def pull(x, k, y, current):
 
 
 @piece
-def shaped_pull(x, k, y, current):
+def _shaped(x, k, y, current):
     """The same for a pull that falls off with any exponent, or exponentially."""
     coil, bias = x[k + FLUX_C] * x[k + PER_GAP], x[k + BIAS]
     nearer = logarithm(1.0 - y * x[k + PER_GAP])
@@ -114,7 +114,7 @@ KIND = MagnetKind(
     law,
     check,
     pull,
-    shaped_pull,
+    lambda saturating, steeper: _shaped,
     pair=False,
     inductance_follows_gap=True,
     plain=square,

@@ -18,7 +18,6 @@ KINDS: Mapping[str, MagnetKind] = {
 }
 NO_MAGNET = "none"
 MAGNETS = (*KINDS, NO_MAGNET)  # valid values of a rig's magnet
-SHAPING = ("force_law", "saturation")  # effects for which a kernel needs the magnets' `shaped_pull`
 
 
 def simulated_as(name: str) -> str:
@@ -28,12 +27,10 @@ def simulated_as(name: str) -> str:
     return next(other for other, kind in KINDS.items() if kind.pull is KINDS[name].pull)
 
 
-def shaped(m: Magnet, effects: Container[str]) -> bool:
-    """Whether a magnet under these effects is simulated by the `shaped_pull` of its kind and not by its `pull`."""
+def steeper(m: Magnet, effects: Container[str]) -> bool:
+    """Whether a magnet under these effects has a falloff with the gap that only the `shaped_pull` of its kind has."""
     kind = KINDS.get(m.magnet)
-    if kind is None or kind.shaped_pull is None:
-        return False
-    return any(name in effects for name in SHAPING) or not kind.plain(m)
+    return bool(kind and kind.shaped_pull) and ("force_law" in effects or not kind.plain(m))
 
 
 def force_law(m: Magnet) -> ForceLaw | SingleSidedLaw:

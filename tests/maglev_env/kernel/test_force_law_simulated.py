@@ -79,6 +79,6 @@ def test_two_pairs_in_x_and_y_under_the_effect():
     own = {"bias_current": 1.3 * raw.bias_current}
     e = driven(replace(raw, axes=2, per_axis={"y": own}), raw.gains, 3.0, effect("force_law", 1.5, offset=0.3), 30.0)
     laws = [changed_law(one, 1.5, 0.3) for one in (raw, replace(raw, **own))]
-    assert structure_of(e).shaped and structure_of(e).axes == 2
+    assert structure_of(e).steeper and structure_of(e).axes == 2
     found, expected = compared(e, laws)
     assert_same(found, expected, 0.02 * raw.gap)

@@ -57,7 +57,7 @@ def pulls(rig, effects, y, i):
     rows, s = lane_batch([e]).rows, structure_of(e)
     x = np.repeat(rows, LANES, axis=1).ravel()
     kind = KINDS[s.magnets]
-    pull = kind.shaped_pull if s.shaped else kind.pull
+    pull = kind.shaped_pull(s.saturating, s.steeper) if s.saturating or s.steeper else kind.pull
     scale = rig.mass * rig.control_rate**2
     return scale * np.vectorize(lambda y, i: pull(x, 0, y, i))(y, i)
 
@@ -140,7 +140,7 @@ def test_an_electromagnet_pulls_as_it_was_measured(name):
     expected = per_square(4e-3 - y) * (bias + i) ** 2 - WEIGHT
     assert_same(force(law, y, i), expected)
     assert_same(pulls(rig, {}, y, i), expected, 1e-9)
-    assert structure_of(Experiment(rig, GAINS, ())).shaped == (name != "inductance")
+    assert structure_of(Experiment(rig, GAINS, ())).steeper == (name != "inductance")
     # The same with the constant from the bias instead.
     known = {key: value for key, value in stated.items() if key != "force_constant"}
     assert_same(
