@@ -8,7 +8,8 @@ from gap_laws import changed_law, levitated
 
 from maglev_env.experiment import Experiment
 from maglev_env.kernel.lanes import structure_of
-from maglev_env.kernel.simulate import simulate_records
+from maglev_env.kernel.replay import STRETCH, replayed
+from maglev_env.kernel.simulate import prepared, simulate_records
 from maglev_env.linear.loop import without_noise
 from maglev_env.loop.effect import effect
 from maglev_env.loop.gains import Gains
@@ -82,3 +83,17 @@ def test_two_pairs_in_x_and_y_under_the_effect():
     assert structure_of(e).steeper and structure_of(e).axes == 2
     found, expected = compared(e, laws)
     assert_same(found, expected, 0.02 * raw.gap)
+
+
+def test_a_replay_that_ends_far_from_the_centre_stands_to_its_end():
+    """What drives it ends with the record; that the ball then falls is no matter."""
+    e = driven(replace(BALL, clearance=0.8e-3), Gains(600.0, 400.0, 8.0, td=2e-3), 0.1, effect("force_law", 1.0))
+    samples = STRETCH // 2
+    wave = 0.5e-3 * np.minimum(np.arange(samples) / 1500.0, 1.0)
+    still = np.zeros(samples)
+    waves = {"force": still, "current": still, "reference": wave}
+    held = replayed(prepared([e]), e, waves)[0, 0, 0]
+    assert 0.6e-3 < held[-1] < 0.8e-3
+    jump = np.append(wave, np.zeros(STRETCH // 2))
+    both = {"force": 0 * jump, "current": 0 * jump, "reference": jump}
+    assert np.isnan(replayed(prepared([e]), e, both)).all()
