@@ -59,6 +59,11 @@ def check(m: Magnet) -> None:
     if m.force_constant is not None and m.bearings != 1:
         raise ValueError(f"bearings = {m.bearings}: the force_constant is that of all coils; leave bearings out")
     check_balance(m, law, balancing_bias, "turns, pole_area" if m.force_constant is None else "force_constant")
+    if m.force_constant is None and not m.bias_current and not knows_turns(m):
+        raise ValueError(
+            "bias_current is missing: nothing says how hard the electromagnet pulls; give the bias_current that "
+            "carries the weight at the gap, or turns and pole_area, or force_constant"
+        )
 
 
 def square(m: Magnet) -> bool:

@@ -202,6 +202,7 @@ def test_inductance_and_self_sensing_need_the_turns_and_take_the_gap_offset():
             "force_constant is missing: turns and pole_area give the pull for force_exponent = 2",
         ),
         ({"force_length": A}, "force_constant is missing"),
+        ({"turns": 1.0}, "bias_current is missing: nothing says how hard the electromagnet pulls"),
         ({"force_constant": 1e-4, "bearings": 2}, "bearings = 2: the force_constant is that of all coils"),
         ({"force_constant": 1e-4, "bias_current": 0.1}, "correct force_constant, gap or mass"),
         ({"force_constant": 1e-20}, "A would balance the weight"),
