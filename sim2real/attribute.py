@@ -34,6 +34,11 @@ class Candidate:
         return self.fit.hypothesis.effects
 
     @property
+    def contradicted(self) -> tuple[str, ...]:
+        """Effects whose fitted change contradicts the stated tolerance of their parameter."""
+        return self.fit.hypothesis.contradicted(self.fit.u)
+
+    @property
     def predictive(self) -> float:
         """Expected cost of further records of this kind: fitted cost plus twice the free parameters (Akaike 1974)."""
         return self.fit.cost + 2.0 * len(self.fit.hypothesis.coordinates)

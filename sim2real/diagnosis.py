@@ -166,6 +166,7 @@ def diagnose(
             f"the recorded controller is not the one described: its command is {where.controller:.0f} standard "
             "deviations from what the stated gains make of the reading; check gains, td, ti and the sign"
         )
+    notes += _contradictions(attribution)
     top = next((e for e in found if e.effects[0] not in ("none", CALIBRATION, "unknown")), None)
     chosen = top if worded in ("explained", "ambiguous") else None
     picked = None if chosen is None or chosen.candidate is None else attribution.candidates[chosen.candidate]
@@ -202,6 +203,22 @@ def _where(fitted: Problem, attribution: Attribution, tones: float) -> Where:
     if np.isfinite(calibration.cost):
         return locate(fitted, calibration.residual, tones)
     return locate(fitted, fitted.opened_residual(), tones)
+
+
+def _contradictions(attribution: Attribution) -> list[str]:
+    """A sentence for each single effect that would explain more than all others if the rig did not exclude it."""
+    allowed = min((c.predictive for c in attribution.candidates if not c.contradicted), default=np.inf)
+    found = []
+    for c in attribution.candidates:
+        if len(c.effects) == 1 and c.contradicted and c.predictive < allowed:
+            nominal = EFFECTS[c.effects[0]].nominal
+            change = c.fit.hypothesis.coordinates[0].value(float(c.fit.u[0]))
+            stated = attribution.problem.parts[0].record.nominal.tolerance[nominal]
+            found.append(
+                f"{c.effects[0]} {100 * change:+.3g} % would fit better than what is named, but the rig states "
+                f"{nominal} to within {100 * stated:.2g} % ([tolerance]); if that is wrong, correct it"
+            )
+    return found
 
 
 def _corrected(fitted: Problem, candidate: Candidate, effects: tuple[str, ...], seen: list[Sighting]) -> Point:

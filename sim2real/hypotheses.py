@@ -53,6 +53,10 @@ COORDINATES: Mapping[str, tuple[Coordinate, ...]] = {
 # Real lags are not pure first-order. Up to MOST_FORM of a fitted lag (prior standard deviation FORM_SHARE) may be
 # modelled as dead time, unless a delay of its own is fitted.
 FORM, FORM_SHARE, MOST_FORM = "form of amplifier_lag", 0.2, 0.5
+# A stated tolerance is also a prior of the effect that changes the same parameter. The effect stands for a parameter
+# that is wrong beyond its tolerance, so its prior is wider: its standard deviation is WIDER tolerances. A change of
+# more than EXCLUDED of these contradicts what the rig states, and is not an explanation.
+WIDER, EXCLUDED = 5.0, 3.0
 RESONANCES = tuple(name for name, card in EFFECTS.items() if card.resonance)
 
 
@@ -91,9 +95,21 @@ class Hypothesis:
 
     @property
     def prior(self) -> np.ndarray:
-        """Prior precision of each coordinate (size,): 1 for calibrated parameters, 0 for parameters of effects."""
-        free = len(self.coordinates)
-        return np.concatenate([np.zeros(free), np.ones(self.size - free)])
+        """Prior precision of each coordinate (size,): 1 for calibrated parameters; 0 for parameters of effects, except
+        changes of a nominal parameter whose tolerance is stated."""
+        own = [(c.scale or 0.0) / sd if (sd := self._prior_sd(c)) else 0.0 for c in self.coordinates]
+        return np.concatenate([np.square(own), np.ones(self.size - len(own))])
+
+    def _prior_sd(self, c: Coordinate) -> float | None:
+        """Prior standard deviation of a relative change of a nominal parameter; None where nothing is stated."""
+        nominal = EFFECTS[c.effect].nominal
+        return WIDER * self.tolerances[nominal] if nominal in self.tolerances else None
+
+    def contradicted(self, u: np.ndarray) -> tuple[str, ...]:
+        """Effects whose change at coordinates u contradicts the stated tolerance of their parameter."""
+        far = ((c, sd) for c, v in zip(self.coordinates, u, strict=False)
+               if (sd := self._prior_sd(c)) and abs(c.value(float(v))) > EXCLUDED * sd)  # fmt: skip
+        return tuple(c.effect for c, _ in far)
 
     def point(self, u: np.ndarray) -> Point:
         """The point at coordinates u (size,): effects first, then changes in units of their tolerance."""
@@ -108,19 +124,25 @@ class Hypothesis:
         return Point(effects, changes, self.dithered)
 
     def bounded(self, u: np.ndarray) -> np.ndarray:
-        """Coordinates moved to within their bounds; a nominal parameter may not fall by more than 90 %."""
+        """Coordinates moved to within their bounds.
+
+        A calibrated parameter may neither fall by more than 90 % nor contradict its tolerance.
+        """
         bounded = np.array(u, float)
         for i, c in enumerate(self.coordinates):
             bounded[i] = c.to_bounds(bounded[i])
         for i, name in enumerate(self.calibrated, len(self.coordinates)):
-            low, high = (0.0, MOST_FORM) if name == FORM else (-0.9, 9.0)
-            bounded[i] = np.clip(bounded[i], low / self.sigma(name), high / self.sigma(name))
+            sigma = self.sigma(name)
+            most = WIDER * EXCLUDED * sigma
+            low, high = (0.0, MOST_FORM) if name == FORM else (max(-0.9, -most), min(9.0, most))
+            bounded[i] = np.clip(bounded[i], low / sigma, high / sigma)
         return bounded
 
 
 def single_effects(rig: Rig) -> tuple[str, ...]:
-    """Effects that have a meaning on a rig and are fitted on lines."""
-    return tuple(name for name in COORDINATES if meaningful(name, rig.capabilities))
+    """Effects that have a meaning on a rig and are fitted on lines, except changes of what is stated as exact."""
+    exact = {TOLERANCE_EFFECTS.get(name) for name, sigma in rig.tolerance.items() if sigma == 0}
+    return tuple(name for name in COORDINATES if meaningful(name, rig.capabilities) and name not in exact)
 
 
 def starts(name: str) -> list[np.ndarray]:
