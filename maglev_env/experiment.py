@@ -55,7 +55,7 @@ class Experiment:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "effects", {**self.rig.effects, **self.effects})
-        check_effects(self.effects, self.rig.capabilities, self.rig.name)
+        check_effects(self.effects, self.rig)
         if not is_number(self.speed_rpm) or self.speed_rpm < 0:
             raise ValueError(f"experiment: speed_rpm = {self.speed_rpm!r} must be a number, at least 0")
         self._check_sensor()

@@ -7,7 +7,7 @@ import numpy as np
 
 from maglev_env.loop.effect import EFFECTS
 from sim2real.attribute import Attribution
-from sim2real.hypotheses import CALIBRATION, COORDINATES, NONE, UNKNOWN
+from sim2real.hypotheses import CALIBRATION, NONE, UNKNOWN, coordinates_of
 from sim2real.problem import KINDS
 from sim2real.unsynchronised import FOREIGN
 
@@ -220,7 +220,7 @@ def complexity(names: tuple[str, ...], belief: Belief) -> float:
     """Cost of the freedom that effects have beyond one parameter each."""
     found = 0.0
     for name in names:
-        parameters = [c.parameter for c in COORDINATES.get(name, ())]
+        parameters = [c.parameter for c in coordinates_of(name)]
         found += belief.parameter_cost * max(len(parameters) - 1, 0) + belief.search_cost * ("frequency" in parameters)
     return found
 

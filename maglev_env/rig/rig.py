@@ -12,7 +12,7 @@ from typing import Any
 from maglev_env.channels import NOISY
 from maglev_env.fields import check_known, check_range, increasing_pair, is_number, quantity, table_as
 from maglev_env.loop.axes import AXES, NO_CROSS, Cross
-from maglev_env.loop.card import Need
+from maglev_env.loop.card import Need, Scales
 from maglev_env.loop.effect import EFFECTS, Effects, check_effects, effect
 from maglev_env.loop.gains import Controller, Controllers, Gains, LinearController, of_axis
 from maglev_env.loop.magnets.kinds import KINDS, MAGNETS, NO_MAGNET, check_magnet
@@ -188,7 +188,7 @@ class Rig:
     adc_bits: int = quantity("bit", 0, 32, 16)
     dac_bits: int = quantity("bit", 0, 32, 14)
     voltage_range: float = quantity("V", 0.1, 1e4, 10.0)
-    control_rate: float = quantity("Hz", 100.0, 1e6, 20000.0)
+    control_rate: float = quantity("Hz", 10.0, 1e6, 20000.0)
     gravity: float = quantity("m/s2", 0.0, 100.0, 9.80665)
     axes: int = 1
     per_axis: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
@@ -237,12 +237,17 @@ class Rig:
             except ValueError as error:
                 raise ValueError(f"[axis.{name}]: {error}") from None
         check_magnet(self)
-        check_effects(self.effects, self.capabilities, self.name)
+        check_effects(self.effects, self)
 
     @property
     def controlled(self) -> bool:
         """Whether the rig has an actuator for a controller to use."""
         return self.magnet != NO_MAGNET
+
+    @property
+    def scales(self) -> Scales:
+        """What the bounds of effects are in proportion to."""
+        return Scales(1 / self.control_rate, self.mass)
 
     @property
     def capabilities(self) -> frozenset[Need]:
