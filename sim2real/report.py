@@ -7,6 +7,7 @@ import numpy as np
 
 from maglev_env.loop.axes import AXES
 from maglev_env.loop.effect import EFFECTS
+from maglev_env.units import prefixed
 from sim2real.diagnosis import Diagnosis, block_of
 from sim2real.hypotheses import CALIBRATION, NONE, TONES, UNKNOWN
 from sim2real.judge import Entry
@@ -15,8 +16,6 @@ from sim2real.simulated import Point
 
 FEWEST = 3  # lines that a curve needs
 SHOWN_BANDS, LEAST_SHARE = 3, 0.05
-_PREFIXES = ((1e9, "G"), (1e6, "M"), (1e3, "k"), (1.0, ""), (1e-3, "m"), (1e-6, "u"), (1e-9, "n"))
-_PREFIXED = ("s", "Hz", "m", "m/s", "N", "A", "V", "T")
 _DIGITS = 4
 NO_ERROR = 1e-8  # of the value: a smaller standard error belongs to a parameter that the recordings do not determine
 
@@ -98,12 +97,8 @@ def quantity(value: float, se: float | None, unit: str, is_change: bool = False)
     """A value with its standard error in a readable unit: "75.0 +- 1.2 us"; "+3.1 +- 0.4 %" for a relative change."""
     if is_change:
         return f"{_with_se(100 * value, se and 100 * se, '+')} %"
-    if unit == "kg m":
-        value, se, unit = 1e6 * value, se and 1e6 * se, "g mm"
-    if unit in _PREFIXED and value and isfinite(value):
-        factor, prefix = next((p for p in _PREFIXES if abs(value) >= p[0] * 0.9995), _PREFIXES[-1])
-        value, se, unit = value / factor, se and se / factor, prefix + unit
-    return f"{_with_se(value, se)} {unit}".rstrip()
+    factor, shown = prefixed(value, unit)
+    return f"{_with_se(value * factor, se and se * factor)} {shown}".rstrip()
 
 
 def _with_se(value: float, se: float | None, sign: str = "") -> str:

@@ -6,6 +6,7 @@ from importlib.metadata import version
 from typing import TYPE_CHECKING
 
 from maglev_env.loop.effect import EFFECTS
+from maglev_env.units import prefixed
 from maglev_workbench.commands.diagnose.figures import gap_bars, loop_diagram, ranking, responses, shares
 from maglev_workbench.page import note, number, page, table
 from sim2real.diagnosis import Diagnosis, block_of
@@ -23,8 +24,7 @@ if TYPE_CHECKING:
 NO_BETTER = 1.02  # a control effect that leaves less than this times the remaining gap fits as well as the named one
 BEYOND = 3.0  # a calibrated change of more than this many stated tolerances is marked
 TOP, LEAST = 5, 0.005  # hypotheses listed with their parameters, and their least probability
-_WORDS = {"stiffness": ("stiffness", 1e-3, "kN/m"), "damping": ("damping", 1.0, "N s/m"),
-          "peak_sensitivity": ("peak |S|", 1.0, "")}  # fmt: skip
+_WORDS = {"stiffness": ("stiffness", "N/m"), "damping": ("damping", "N s/m"), "peak_sensitivity": ("peak |S|", "")}
 _MEANING = {
     NONE: "the nominal rig as it is",
     CALIBRATION: "the nominal rig, its parameters changed within their tolerances",
@@ -208,7 +208,8 @@ def _choice_line(choice: GainChoice) -> str:
 def _word_rows(d: Diagnosis) -> list[tuple[str, ...]]:
     """Stiffness, damping and peak sensitivity, measured and simulated, if the lines determine them."""
     rows = []
-    for name, (label, scale, unit) in _WORDS.items():
+    for name, (label, si) in _WORDS.items():
+        scale, unit = prefixed(getattr(d.gap.words["measured"], name), si)
         at = {when: getattr(words, name) * scale for when, words in d.gap.words.items()}
         if at["measured"] == at["measured"]:
             off = {

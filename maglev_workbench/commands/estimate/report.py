@@ -15,6 +15,7 @@ from maglev_workbench.commands.estimate.figures import (
     in_words,
     receptance,
     sensitivity,
+    units_of,
 )
 from maglev_workbench.page import facts, note, number, page, with_interval
 
@@ -73,12 +74,13 @@ def estimate_table(identification: Identification, method: Method) -> "rich.tabl
     from rich.table import Table
 
     bands = identification.bands
+    units = units_of(bands)
     step = -(-len(bands) // ROWS)
     table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
     table.add_column("band\nHz", justify="right", no_wrap=True)
     for one in ("ls", "ml"):
         if method in (one, "both"):
-            for name, (_, unit) in COEFFICIENTS.items():
+            for name, (_, unit) in units.items():
                 table.add_column(f"{one.upper()} {name}\n{unit}", justify="right", min_width=len(name))
     table.add_column("adjusted\nR2", justify="right", no_wrap=True)
     table.add_column("\ntrust", no_wrap=True, min_width=13)
@@ -86,7 +88,7 @@ def estimate_table(identification: Identification, method: Method) -> "rich.tabl
         cells = [f"{band.f_lo:g}–{band.f_hi:g}"]
         for one in ("ls", "ml"):
             if method in (one, "both"):
-                cells += [in_words(band, one, name) for name in COEFFICIENTS]
+                cells += [in_words(band, one, name, scale) for name, (scale, _) in units.items()]
         style = "dim" if not band.informative else "yellow" if band.ls_biased else ""
         table.add_row(*cells, number(band.r2_adjusted), _trust(band), style=style)
     table.caption = "±, [ ]: 95 %. Yellow: noise biases least squares.\nDim: the data do not bound the estimate."
