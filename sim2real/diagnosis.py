@@ -2,7 +2,7 @@
 
 import time
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -11,10 +11,11 @@ import numpy as np
 from maglev_env.loop.effect import EFFECTS
 from maglev_env.recordings.campaign import Campaign
 from maglev_env.rig.rig import Rig
-from sim2real.attribute import Attribution, Candidate, attribute
+from sim2real.attribute import NO_GAP, Attribution, Candidate, attribute
 from sim2real.gain_choice import GainChoice, gain_choice
 from sim2real.hypotheses import CALIBRATION, TONES, Coordinate
 from sim2real.judge import Entry, entries, evidence_of, verdict
+from sim2real.leftover import Leftover, leftover
 from sim2real.locate import CONTROLLER_SD, Where, locate
 from sim2real.next_experiment import Proposal, propose
 from sim2real.open_record import OpenRecord
@@ -50,6 +51,7 @@ class Diagnosis:
             score gains.
         seconds: Wall time, s.
         notes: What was assumed, or could not be determined.
+        leftover: What the best partial explanation leaves, where the verdict is "unexplained".
     """
 
     verdict: str
@@ -66,6 +68,7 @@ class Diagnosis:
     choice: GainChoice | None
     seconds: float
     notes: tuple[str, ...]
+    leftover: Leftover | None = None
 
     @property
     def rig(self) -> Rig:
@@ -105,6 +108,8 @@ class Diagnosis:
                 "after": g.after,
                 "floor": g.floor,
                 "closed_fraction": g.closed_fraction,
+                "nominal_levitates": g.before is not None,
+                "fit": None if g.figures is None else asdict(g.figures),
                 "closed_fraction_ci": None if g.closed_fraction_ci is None else list(g.closed_fraction_ci),
                 "judged_on": g.judged_on,
                 "stiffness_error": errors(g, "stiffness"),
@@ -115,6 +120,7 @@ class Diagnosis:
             },
             "corrected": {"effects": {n: dict(v) for n, v in self.corrected.effects.items()},
                           "changes": dict(self.corrected.changes)},
+            "unexplained": None if self.leftover is None else self.leftover.to_json(),
             "notes": list(self.notes),
             "seconds": self.seconds,
         }  # fmt: skip
@@ -176,6 +182,11 @@ def diagnose(
     if worded in ("ambiguous", "unexplained") and not isinstance(fitted.loudest.record, OpenRecord):
         progress("next experiment")
         proposal = propose(attribution, found)
+    left = None
+    if worded == "unexplained":
+        progress("what is left")
+        partial = _partial(attribution, top)
+        left = leftover(attribution, judged, partial, _parameters(partial), seed)
     alone = picked or attribution.calibration
     corrected = _corrected(fitted, alone, () if chosen is None else chosen.effects, seen)
     speed = next(r.experiment.speed_rpm for r in records if r.role == "fit")
@@ -194,7 +205,17 @@ def diagnose(
         gain_choice(records[0].nominal, corrected, speed) if corrected.effects else None,
         time.perf_counter() - begun,
         tuple(dict.fromkeys(notes)),
+        left,
     )
+
+
+def _partial(attribution: Attribution, top: Entry | None) -> Candidate:
+    """The best partial explanation: the most probable effects, or calibration where none explains more than it."""
+    if top is not None and top.candidate:
+        best = attribution.candidates[top.candidate]
+    else:
+        best = min(attribution.candidates, key=lambda c: (bool(c.contradicted), c.predictive))
+    return best if best.predictive < attribution.calibration.predictive - NO_GAP else attribution.calibration
 
 
 def _where(fitted: Problem, attribution: Attribution, tones: float) -> Where:
