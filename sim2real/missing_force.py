@@ -17,7 +17,9 @@ from sim2real.simulated import Point
 
 BINS = 24  # of each quantity, with equally many samples
 PER_CYCLE = 4  # samples of a cycle of the highest line
-MOVING = 0.99  # share of the velocity's power below the highest line that is looked at: above it, only noise would be
+MOVING = (
+    0.99  # share of the displacement's power below the highest line that is looked at: above it, only noise would be
+)
 QUANTITIES = {"displacement": "m", "current": "A", "velocity": "m/s"}
 
 
@@ -91,7 +93,7 @@ def missing_force(part: Part, point: Point) -> tuple[Mapping[str, np.ndarray], i
         return None
     lines, samples, rate, found = spectra
     found["velocity"] = 2j * np.pi * lines * rate / samples * found["displacement"]
-    power = np.cumsum(np.sum(abs(found["velocity"]) ** 2, axis=0))
+    power = np.cumsum(np.sum(abs(found["displacement"]) ** 2, axis=0))
     top = int(np.searchsorted(power, MOVING * power[-1])) + 1
     short = min(samples, PER_CYCLE * (int(lines[top - 1]) + 1))
     series = {}

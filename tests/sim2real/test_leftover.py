@@ -79,7 +79,10 @@ def test_periodic_records_have_sections_and_json(tmp_path):
     found = left_of(assemble(read_records(folder)[1]))
     (heading, words), (_, figure), *_ = leftover_sections(found)
     assert heading and "calibration alone" in words and "base.npz" in words
-    assert {a.text.split(",")[0] for a in figure.layout.annotations} == {"residual / noise", "missing force"}
+    assert [a.text.partition(":")[0] for a in figure.layout.annotations] == [
+        "residual / noise",
+        *(f"missing force over the {name}" for name in ("displacement", "current", "velocity")),
+    ]
     data = plain(found.to_json())
     json.dumps(data, allow_nan=False)
     assert [p["quantity"] for p in data["missing_force"]] == ["displacement", "current", "velocity"]

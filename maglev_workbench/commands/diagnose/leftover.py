@@ -16,10 +16,10 @@ if TYPE_CHECKING:
     from plotly.graph_objects import Figure
 
 _NOTE = (
-    "Left: rms of the residual in units of its noise; 1 (dotted) is noise alone. Others: the force that would have to "
+    "First: rms of the residual in units of its noise; 1 (dotted) is noise alone. Others: the force that would have to "
     "act on the rotor for the simulation to be right, its mean over each quantity as simulated; shaded: two standard "
-    "errors. A slope over the displacement is a stiffness, a bend another force law; over the current an "
-    "actuator's law; over the velocity damping, or a step at zero friction."
+    "errors; %: the share of its power that this curve describes. A slope over the displacement is a stiffness, a bend "
+    "another force law; over the current an actuator's law; over the velocity damping, or a step at zero friction."
 )
 _HEAD = ("recording", "rms of the motion", "chi-square per degree of freedom", "share of what is left", "when")
 
@@ -50,9 +50,9 @@ def residual_figure(left: Leftover) -> "Figure":
     from plotly.graph_objects import Scatter
     from plotly.subplots import make_subplots
 
-    panels = len(left.profiles) + 1
-    titles = ["residual / noise", *(f"missing force, {percent(p.share)} told" for p in left.profiles)]
-    figure = styled(make_subplots(1, panels, subplot_titles=titles, horizontal_spacing=0.07), 400)
+    rows = 1 + len(left.profiles) // 2
+    titles = ["residual / noise", *(f"missing force over the {p.quantity}: {percent(p.share)}" for p in left.profiles)]
+    figure = styled(make_subplots(rows, 2, subplot_titles=titles, vertical_spacing=0.2), 120 + 270 * rows)
     curves = (("calibrated", left.before, COLOURS[1]), ("best partial", left.after, COLOURS[0]))
     seen = [1.0]
     for name, values, colour in curves:
@@ -67,20 +67,18 @@ def residual_figure(left: Leftover) -> "Figure":
     figure.update_yaxes(**labelled_axis("", ends, log=True), range=np.log10(ends), row=1, col=1)
     reach = max((float(abs(p.force).max()) for p in left.profiles), default=0.0)
     scale, unit = prefixed(reach, "N")
-    for col, profile in enumerate(left.profiles, 2):
-        _profile(figure, profile, scale, unit, col)
-    return figure.update_layout(legend={"orientation": "h", "y": -0.25})
+    for place, profile in enumerate(left.profiles, 1):
+        _profile(figure, profile, scale, unit, {"row": place // 2 + 1, "col": place % 2 + 1})
+    return figure.update_layout(legend={"orientation": "h", "y": -0.12})
 
 
-def _profile(figure: "Figure", p: Profile, scale: float, unit: str, col: int) -> None:
+def _profile(figure: "Figure", p: Profile, scale: float, unit: str, at: dict[str, int]) -> None:
     from plotly.graph_objects import Scatter
 
     across, across_unit = prefixed(float(abs(p.at).max()), QUANTITIES[p.quantity])
     x, y, se = p.at * across, p.force * scale, p.se * scale
-    figure.add_trace(shaded(x, y - 2 * se, y + 2 * se, COLOURS[0]), row=1, col=col)
+    figure.add_trace(shaded(x, y - 2 * se, y + 2 * se, COLOURS[0]), **at)
     text = f"%{{x:.3g}} {across_unit}: %{{y:.3g}} {unit}<extra></extra>"
-    figure.add_trace(
-        Scatter(x=x, y=y, line={"color": COLOURS[0]}, showlegend=False, hovertemplate=text), row=1, col=col
-    )
-    figure.update_xaxes(title_text=f"{p.quantity} in {across_unit}", row=1, col=col)
-    figure.update_yaxes(title_text=f"force in {unit}" if col == 2 else "", row=1, col=col)
+    figure.add_trace(Scatter(x=x, y=y, line={"color": COLOURS[0]}, showlegend=False, hovertemplate=text), **at)
+    figure.update_xaxes(title_text=f"{p.quantity} in {across_unit}", **at)
+    figure.update_yaxes(title_text=f"force in {unit}", **at)
