@@ -90,7 +90,7 @@ def estimate_table(identification: Identification, method: Method) -> "rich.tabl
             if method in (one, "both"):
                 cells += [in_words(band, one, name, scale) for name, (scale, _) in units.items()]
         style = "dim" if not band.informative else "yellow" if band.ls_biased else ""
-        table.add_row(*cells, number(band.r2_adjusted), _trust(band), style=style)
+        table.add_row(*cells, number(band.r2_adjusted), trust(band), style=style)
     table.caption = "±, [ ]: 95 %. Yellow: noise biases least squares.\nDim: the data do not bound the estimate."
     if step > 1:
         table.caption += f"\nOne band in {step} of {len(bands)} is shown; the page and the JSON hold all."
@@ -101,6 +101,7 @@ def estimate_page(
     results: Sequence[tuple[str, Identification]],
     made_by: Mapping[str, object] | None = None,
     more: "Sequence[Sequence[tuple[str, str | Figure]]]" = (),
+    answer: str = "",
 ) -> str:
     """The HTML of all recordings: coefficients over frequency, receptance, |S| and margins, notes.
 
@@ -108,6 +109,7 @@ def estimate_page(
         results: (file, identification).
         made_by: names and values of their origin, such as the campaign and the rig.
         more: groups of sections of `maglev_workbench.page.page` that follow those of the recordings.
+        answer: first sentence of the page.
     """
     sections: list[tuple[str, str | Figure]] = []
     for file, found in results:
@@ -118,7 +120,12 @@ def estimate_page(
     title = f"Estimate of {results[0][0]}" if len(results) == 1 else f"Estimate of {len(results)} recordings"
     summary = " ".join(f"{file}: {_summary(found)}" for file, found in results[:3])
     rest = f" {len(results) - 3} more below." if len(results) > 3 else ""
-    return page(title, summary + rest, sections, {**origin, "Version": version("maglev-workbench")})
+    return page(
+        title,
+        " ".join(filter(None, (answer, summary + rest))),
+        sections,
+        {**origin, "Version": version("maglev-workbench")},
+    )
 
 
 def _band(band: Band, method: str) -> dict[str, Any]:
@@ -130,7 +137,8 @@ def _band(band: Band, method: str) -> dict[str, Any]:
     return entry | {"method": method} | flags
 
 
-def _trust(band: Band) -> str:
+def trust(band: Band) -> str:
+    """What of a band may be trusted: "either" method, "ML" alone, "poor fit" or "uninformative"."""
     if not band.informative:
         return "uninformative"
     if band.ls_biased:
