@@ -71,7 +71,7 @@ def check(
             found.append((name, quality))
             said += [(table, False) for table in quality_tables(name, quality)]
             said += [(f"  [yellow]![/] {problem}", False) for problem in quality.problems]
-        said += [(f"  note: {escape(note)}", True) for note in dataset.attrs["notes"]]
+        said += [(f"  note: {escape(note)}", True) for note in signals.assumed]
         datasets.append((spec.file, dataset))
     answer = check_answer(used, alarmed)
     console.print(f"[bold]{escape(answer)}[/]")
