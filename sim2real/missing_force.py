@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from maglev_env.kernel.replay import replayed
+from sim2real.open_evidence import simulated_series
 from sim2real.open_record import OpenRecord
 from sim2real.problem import Part
 from sim2real.simulated import Point
@@ -131,7 +131,7 @@ def open_residual(part: Part, point: Point) -> tuple[np.ndarray, np.ndarray] | N
         down.
     """
     record, loop = part.record, part.predictor.replay.loop
-    series = replayed(part.predictor.lanes([point]), record.experiment, record.waves)[0]
+    series = simulated_series(record, part.predictor.lanes([point]))[0]
     if not np.isfinite(series).all():
         return None
     return record.windows.cleared(loop.opened(record, record.series["displacement"] - series[0], None)[0]), series

@@ -115,7 +115,8 @@ def pooled(records: Sequence[Record | OpenRecord], progress: Callable[[str], Non
 
 def _fitted(records: Sequence[Record | OpenRecord], near: Fit | None = None) -> Fit:
     rig = records[0].nominal
-    names = tuple(name for name in UNITS if meaningful(name, rig.capabilities))
+    hidden = frozenset.intersection(*(r.upstream if isinstance(r, OpenRecord) else frozenset() for r in records))
+    names = tuple(name for name in UNITS if meaningful(name, rig.capabilities) and name not in hidden)
     allowed = {name: sigma for name, sigma in tolerances(rig).items() if name not in UNITS}
     h = Hypothesis(names, allowed, scales=rig.scales)
     u = np.zeros(h.size) if near is None else near.u

@@ -26,13 +26,17 @@ class Scales:
     period: float
     mass: float
 
+    def wider(self, factor: float) -> "Scales":
+        """Scales whose units are all larger by a factor."""
+        return Scales(self.period * factor, self.mass * factor**2)
+
     def of(self, per: Per) -> float:
         """Unit, in SI, of numbers that are stated per this."""
         return {"": 1.0, "control period": self.period, "mass / control period": self.mass / self.period}[per]
 
 
 SMALL_ROTOR = Scales(5e-5, 0.08012)  # 80 g at 20 kHz
-SLOWEST = Scales(0.1, inf)  # no rig is slower: what is beyond its bounds is so on every rig
+SLOWEST = Scales(1.0, inf)  # no rig is slower: what is beyond its bounds is so on every rig
 
 
 @dataclass(frozen=True)

@@ -46,6 +46,7 @@ EFFECTS: Mapping[str, EffectCard] = _registry(
 
 Effects = Mapping[str, Mapping[str, float]]
 NO_EFFECTS: Effects = {}
+FINER = 100.0  # a rig's bounds are widened by this where its control period is that of a simulation, not of its own
 
 
 def effect(name: str, value: float | None = None, **values: float) -> dict[str, dict[str, float]]:
@@ -80,10 +81,10 @@ def effect(name: str, value: float | None = None, **values: float) -> dict[str, 
 
 
 def _check_bounds(name: str, key: str, v: float, scales: Scales, rig: str = "") -> None:
-    p = EFFECTS[name].parameters[key].on(scales)
+    of = EFFECTS[name].parameters[key]
+    p = of.on(scales)
     if isnan(v) or (v != p.absent and not p.low <= v <= p.high):
-        of = EFFECTS[name].parameters[key]
-        where = f"{p.low:.6g} .. {p.high:.6g} {p.unit}".strip() + (f" on rig {rig} ({of.bounds})" if of.per else "")
+        where = f"{p.low:.6g} .. {p.high:.6g} {p.unit}".strip() + (rig if of.per else "")
         raise ValueError(f"effect {name}.{key} = {v} is outside {where}")
 
 
@@ -127,15 +128,20 @@ class Levitated(Protocol):
     def scales(self) -> Scales: ...
 
 
-def check_effects(effects: Effects, rig: Levitated) -> None:
+def check_effects(effects: Effects, rig: Levitated, finer: float = 1.0) -> None:
     """Check that every effect is known, complete, within its bounds and meaningful on a rig.
+
+    Args:
+        effects: the effects.
+        rig: the rig.
+        finer: how many times shorter than the rig's own the control period may be in what is simulated.
 
     Raises:
         ValueError: An effect is not; the message names it.
     """
     for name, values in effects.items():
         for key, v in effect(name, **values)[name].items():
-            _check_bounds(name, key, v, rig.scales, rig.name)
+            _check_bounds(name, key, v, rig.scales.wider(finer), f" on rig {rig.name}")
         for need in EFFECTS[name].needs:
             if need not in rig.capabilities:
                 raise ValueError(f"effect {name} has no meaning on rig {rig.name}: it needs {NEEDS[need]}")

@@ -18,6 +18,7 @@ from maglev_env.recordings.alarms import alarms_text, clock_alarms, find_alarms,
 from maglev_env.recordings.campaign import Campaign, ChannelSource, RecordingSpec
 from maglev_env.recordings.files import Columns, read_columns
 from maglev_env.recordings.masking import MOST_MASKED
+from maglev_env.recordings.measurement_chain import corrected
 from maglev_env.recordings.time_stamps import check_clock
 from maglev_env.rig.excitation import Excitation, Place, lines_at
 
@@ -78,7 +79,10 @@ def read_recording(campaign: Campaign, spec: RecordingSpec, alarmed: bool = Fals
             if alarm:
                 alarms.append(alarm)
                 masked |= at & (alarm.severity == "warning")
-    channels = {name: clock.resampled(values) for name, values in combined.items()}
+    channels = {}
+    for name, values in combined.items():
+        source = spec.channels[name]
+        channels[name] = corrected(clock.resampled(values), rate, source.filter, source.delay)
     masked = clock.marked(masked)
     rig = {} if campaign.rig is None else {"rig": campaign.rig.name}
     experiment = {

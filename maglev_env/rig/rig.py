@@ -13,7 +13,7 @@ from maglev_env.channels import NOISY
 from maglev_env.fields import check_known, check_range, increasing_pair, is_number, quantity, table_as
 from maglev_env.loop.axes import AXES, NO_CROSS, Cross
 from maglev_env.loop.card import Need, Scales
-from maglev_env.loop.effect import EFFECTS, Effects, check_effects, effect
+from maglev_env.loop.effect import EFFECTS, FINER, Effects, check_effects, effect
 from maglev_env.loop.gains import Controller, Controllers, Gains, LinearController, of_axis
 from maglev_env.loop.magnets.kinds import KINDS, MAGNETS, NO_MAGNET, check_magnet
 from maglev_env.loop.self_sensor import SelfSensing
@@ -188,7 +188,7 @@ class Rig:
     adc_bits: int = quantity("bit", 0, 32, 16)
     dac_bits: int = quantity("bit", 0, 32, 14)
     voltage_range: float = quantity("V", 0.1, 1e4, 10.0)
-    control_rate: float = quantity("Hz", 10.0, 1e6, 20000.0)
+    control_rate: float = quantity("Hz", 1.0, 1e6, 20000.0)
     gravity: float = quantity("m/s2", 0.0, 100.0, 9.80665)
     axes: int = 1
     per_axis: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
@@ -237,7 +237,7 @@ class Rig:
             except ValueError as error:
                 raise ValueError(f"[axis.{name}]: {error}") from None
         check_magnet(self)
-        check_effects(self.effects, self)
+        check_effects(self.effects, self, FINER)  # a recording may be simulated at a finer rate
 
     @property
     def controlled(self) -> bool:
@@ -381,7 +381,7 @@ def _build(data: dict[str, Any]) -> Rig:
     target = dict(data.get("target", {}))
     if "band" in target:
         target["band"] = increasing_pair(target["band"], "[target] band")
-    return Rig(
+    rig = Rig(
         name=data["name"],
         magnet=data["magnet"],
         axes=data.get("axes", 1),
@@ -398,6 +398,8 @@ def _build(data: dict[str, Any]) -> Rig:
         self_sensing=table_as(SelfSensing, data, "self_sensing"),
         effects=_effects(data.get("effects", {})),
     )
+    check_effects(rig.effects, rig)
+    return rig
 
 
 def _effects(tables: Mapping[str, Any]) -> Effects:

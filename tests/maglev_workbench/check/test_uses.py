@@ -46,10 +46,10 @@ def test_an_unstored_excitation_is_for_estimate_and_diagnose(tmp_path):
 
 
 def test_the_reasons_are_the_commands_own(tmp_path):
-    """Without gains and command neither diagnosis nor tuning can begin; each refuses in the same words."""
+    """Without gains, command and current neither diagnosis nor tuning can begin; each refuses in the same words."""
     folder = write_campaign(tmp_path, Bench(), {"noise": "fit"}, 0.5, 0)
     text = (folder / "campaign.toml").read_text()
-    lines = [line for line in text.splitlines() if not line.startswith(("gains", "command"))]
+    lines = [line for line in text.splitlines() if not line.startswith(("gains", "command", "current"))]
     (folder / "campaign.toml").write_text("\n".join(lines))
     loaded = load_campaign(folder)
     found = by_command(loaded)
