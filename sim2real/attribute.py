@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from maglev_env.loop.effect import EFFECTS
 from sim2real.fitting import Fit, begin, differentiate, iterate, share_calibrations
 from sim2real.hypotheses import Hypothesis, coordinates_of, single_effects, starts
 from sim2real.problem import Problem
@@ -231,3 +232,33 @@ def _round(
     fits = _begun(problem, list(chosen.values()), ranked)
     iterate(fits, problem.data, problem.simulate, FIRST + ITERATIONS)
     return fits
+
+
+def contradictions(attribution: Attribution) -> list[str]:
+    """A sentence for each single effect that would explain more than all others if the rig did not exclude it."""
+    allowed = min((c.predictive for c in attribution.candidates if not c.contradicted), default=np.inf)
+    found = []
+    for c in attribution.candidates:
+        if len(c.effects) == 1 and c.contradicted and c.predictive < allowed:
+            nominal = EFFECTS[c.effects[0]].nominal
+            change = c.fit.hypothesis.coordinates[0].value(float(c.fit.u[0]))
+            stated = attribution.problem.parts[0].record.nominal.tolerance[nominal]
+            found.append(
+                f"{c.effects[0]} {100 * change:+.3g} % would fit better than what is named, but the rig states "
+                f"{nominal} to within {100 * stated:.2g} % ([tolerance]); if that is wrong, correct it"
+            )
+    return found
+
+
+def best_partial(attribution: Attribution, probable: int | None) -> Candidate:
+    """The best partial explanation: the most probable effects, or calibration where none explains more than it.
+
+    Args:
+        attribution: The fitted candidates.
+        probable: Index of the most probable candidate with effects; None or 0 where there is none.
+    """
+    if probable:
+        best = attribution.candidates[probable]
+    else:
+        best = min(attribution.candidates, key=lambda c: (bool(c.contradicted), c.predictive))
+    return best if best.predictive < attribution.calibration.predictive - NO_GAP else attribution.calibration

@@ -11,7 +11,7 @@ import numpy as np
 from maglev_env.loop.effect import EFFECTS
 from maglev_env.recordings.campaign import Campaign
 from maglev_env.rig.rig import Rig
-from sim2real.attribute import NO_GAP, Attribution, Candidate, attribute
+from sim2real.attribute import Attribution, Candidate, attribute, best_partial, contradictions
 from sim2real.gain_choice import GainChoice, gain_choice
 from sim2real.hypotheses import CALIBRATION, TONES, Coordinate
 from sim2real.judge import Entry, entries, evidence_of, verdict
@@ -172,7 +172,7 @@ def diagnose(
             f"the recorded controller is not the one described: its command is {where.controller:.0f} standard "
             "deviations from what the stated gains make of the reading; check gains, td, ti and the sign"
         )
-    notes += _contradictions(attribution)
+    notes += contradictions(attribution)
     top = next((e for e in found if e.effects[0] not in ("none", CALIBRATION, "unknown")), None)
     chosen = top if worded in ("explained", "ambiguous") else None
     picked = None if chosen is None or chosen.candidate is None else attribution.candidates[chosen.candidate]
@@ -185,7 +185,7 @@ def diagnose(
     left = None
     if worded == "unexplained":
         progress("what is left")
-        partial = _partial(attribution, top)
+        partial = best_partial(attribution, None if top is None else top.candidate)
         left = leftover(attribution, judged, partial, _parameters(partial), seed)
     alone = picked or attribution.calibration
     corrected = _corrected(fitted, alone, () if chosen is None else chosen.effects, seen)
@@ -209,37 +209,12 @@ def diagnose(
     )
 
 
-def _partial(attribution: Attribution, top: Entry | None) -> Candidate:
-    """The best partial explanation: the most probable effects, or calibration where none explains more than it."""
-    if top is not None and top.candidate:
-        best = attribution.candidates[top.candidate]
-    else:
-        best = min(attribution.candidates, key=lambda c: (bool(c.contradicted), c.predictive))
-    return best if best.predictive < attribution.calibration.predictive - NO_GAP else attribution.calibration
-
-
 def _where(fitted: Problem, attribution: Attribution, tones: float) -> Where:
     """Locate what calibration leaves; if the rotor touches down there, what the opened linear nominal loop leaves."""
     calibration = attribution.calibration.fit
     if np.isfinite(calibration.cost):
         return locate(fitted, calibration.residual, tones)
     return locate(fitted, fitted.opened_residual(), tones)
-
-
-def _contradictions(attribution: Attribution) -> list[str]:
-    """A sentence for each single effect that would explain more than all others if the rig did not exclude it."""
-    allowed = min((c.predictive for c in attribution.candidates if not c.contradicted), default=np.inf)
-    found = []
-    for c in attribution.candidates:
-        if len(c.effects) == 1 and c.contradicted and c.predictive < allowed:
-            nominal = EFFECTS[c.effects[0]].nominal
-            change = c.fit.hypothesis.coordinates[0].value(float(c.fit.u[0]))
-            stated = attribution.problem.parts[0].record.nominal.tolerance[nominal]
-            found.append(
-                f"{c.effects[0]} {100 * change:+.3g} % would fit better than what is named, but the rig states "
-                f"{nominal} to within {100 * stated:.2g} % ([tolerance]); if that is wrong, correct it"
-            )
-    return found
 
 
 def _corrected(fitted: Problem, candidate: Candidate, effects: tuple[str, ...], seen: list[Sighting]) -> Point:

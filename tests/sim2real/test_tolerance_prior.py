@@ -2,6 +2,7 @@
 
 import re
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -9,7 +10,9 @@ from bench_loop import Bench, write_campaign
 
 from maglev_env.rig.rig import RIG_FOLDER, load_rig
 from sim2real import attribute
+from sim2real.attribute import Attribution, Candidate, best_partial, contradictions
 from sim2real.diagnosis import diagnose
+from sim2real.fitting import Fit
 from sim2real.hypotheses import EXCLUDED, WIDER, Hypothesis, single_effects
 from sim2real.simulated import tolerances
 
@@ -73,3 +76,19 @@ def test_a_weighed_mass_is_not_named_for_an_error_of_gain_and_stiffness(tmp_path
     assert set(found.cause) >= {"actuator_gain"} or found.verdict == "unexplained"
     free = answer(recorded(tmp_path, HEAVY, "probe_gain = 0.02"))
     assert free.verdict == "explained" and free.cause == ("mass",)
+
+
+def fitted(effects, u, cost):
+    return Candidate(Fit(Hypothesis(effects, {"mass": 0.002}), np.array(u), np.zeros(1), cost))
+
+
+def test_what_contradicts_the_rig_is_said_and_never_a_partial_explanation():
+    rig = SimpleNamespace(nominal=SimpleNamespace(tolerance={"mass": 0.002}))
+    calibration, heavy = fitted((), [0.0], 1e5), fitted(("mass",), [-3.3], 1e3)
+    late, useless = fitted(("delay",), [1.0, 0.0], 5e4), fitted(("damping",), [1.0, 0.0], 1e5)
+    problem = SimpleNamespace(parts=[SimpleNamespace(record=rig)])
+    found = Attribution(2e5, (calibration, heavy, late, useless), 100.0, problem)
+    (said,) = contradictions(found)
+    assert said.startswith("mass -33 % would fit better") and "the rig states mass to within 0.2 %" in said
+    assert best_partial(found, None) is late is best_partial(found, 2)
+    assert best_partial(found, 3) is calibration  # a damping that explains nothing
