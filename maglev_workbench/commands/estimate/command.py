@@ -90,7 +90,8 @@ def estimate(
             campaign, mass, estimate_mass, band_width, band_overlap, lambda s: bar.track(s, description="estimate")
         )
     rig = f"{campaign.rig.name}, {mass:g} kg" if campaign.rig else "not given"
-    made_by = {"Rig": rig, "Campaign": str(campaign.folder)}
+    recordings = ", ".join(spec.file for spec in campaign.recordings)
+    made_by = {"Recordings": recordings, "Rig": rig, "Campaign": str(campaign.folder)}
     answer = estimate_answer(found.axes, found.pooled)
     more = [planar_sections(*both) for both in found.planar]
     more += [pooled_sections(found.pooled)] if found.pooled else []

@@ -33,7 +33,7 @@ def pooled_sections(found: Pooled) -> list[tuple[str, str]]:
 def _rows(found: Pooled) -> list[tuple[str, ...]]:
     rows = []
     for c in found.coefficients:
-        scale, unit = prefixed(c.nominal or c.value, c.unit)
+        scale, unit = prefixed(c.nominal or max(c.interval, key=abs), c.unit)
         low, high = (end * scale for end in c.interval)
         interval = f"{low:.5g} .. {high:.5g}" if c.bounded else "not bounded"
         change = "-" if c.change is None else f"{c.change:+.1%}"

@@ -117,7 +117,8 @@ def estimate_page(
     for group in more:
         sections += group
     origin = {"Recordings": ", ".join(file for file, _ in results), **(made_by or {})}
-    title = f"Estimate of {results[0][0]}" if len(results) == 1 else f"Estimate of {len(results)} recordings"
+    names = {0: "the rig in all recordings", 1: results[0][0] if results else ""}
+    title = f"Estimate of {names.get(len(results), f'{len(results)} recordings')}"
     summary = " ".join(f"{file}: {_summary(found)}" for file, found in results[:3])
     rest = f" {len(results) - 3} more below." if len(results) > 3 else ""
     return page(
