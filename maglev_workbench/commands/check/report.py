@@ -25,9 +25,9 @@ def uses_sections(found: Sequence[tuple[str, Sequence[Use]]]) -> list[tuple[str,
     """The same as a section of a page."""
     rows = [(file, u.command, u.verdict, u.reason, u.instead) for file, of in found for u in of]
     html = html_table(("recording", *_HEAD), rows)
-    return [
-        ("What each command makes of it", html.replace("<td>", '<td style="white-space: normal; text-align: left">'))
-    ]
+    for cell, wrapped in (("<th>", "left"), ("<td>", "left; white-space: normal")):
+        html = html.replace(cell, f'{cell[:-1]} style="text-align: {wrapped}">')
+    return [("What each command makes of it", html)]
 
 
 def uses_json(use: Use) -> dict[str, str]:
