@@ -1,5 +1,6 @@
 """What each command makes of a recording: its own rules are applied, so nothing is said here that it would not say."""
 
+import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
@@ -157,16 +158,19 @@ def _tune(alone: Campaign) -> tuple[Verdict, str]:
 def check_answer(found: Sequence[tuple[str, Sequence[Use]]], alarmed: int) -> str:
     """One sentence on what the recordings (file, uses) are usable for; alarmed: how many have alarms."""
     total = len(found)
-    able: dict[Verdict, list[str]] = {"yes": [], "with care": [], "no": []}
+    able: dict[Verdict, list[str]] = {"yes": [], "with care": []}
+    refused: dict[str, list[str]] = {}  # the reason in short -> the commands
     for i, command in enumerate(COMMANDS):
         own = [uses[i] for _, uses in found]
         usable = sum(use.verdict != "no" for use in own)
-        best: Verdict = next(v for v in able if any(use.verdict == v for use in own))
-        count = f" ({usable} of {total})" if total > 1 else ""
-        able[best].append(f"{command}{count}" if usable else f"{command} ({own[0].reason})")
+        if usable:
+            best: Verdict = "yes" if any(use.verdict == "yes" for use in own) else "with care"
+            able[best].append(command + (f" ({usable} of {total})" if total > 1 else ""))
+        else:
+            refused.setdefault(re.split("[;:] ", own[0].reason)[0], []).append(command)
     good = [f"for {_and(able['yes'])}"] if able["yes"] else []
     good += [f"with care for {_and(able['with care'])}"] if able["with care"] else []
-    bad = f"for {', '.join(able['no'])}" if able["no"] else ""
+    bad = "for " + ", ".join(f"{_and(commands)} ({why})" for why, commands in refused.items()) if refused else ""
     head = f"Usable {', '.join(good)}{'; not ' * bool(bad)}{bad}" if good else f"Not usable {bad}"
     return head + (f"; {alarmed} of {total} recording(s) with an alarm." if alarmed else ".")
 
