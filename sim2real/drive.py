@@ -15,20 +15,24 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 from scipy.signal import lfilter, ss2tf
 
-from maglev_env.design.default_gains import default_gains
+from maglev_env.design.default_gains import default_gains, pole_placed
 from maglev_env.experiment import Experiment, sampling
 from maglev_env.linear.loop import closed_loop_poles, without_noise
 from maglev_env.loop.effect import EFFECTS
-from maglev_env.loop.gains import NO_CONTROLLER, Controller, LinearController, of_axis, state_space
+from maglev_env.loop.gains import NO_CONTROLLER, Controller, Gains, LinearController, of_axis, state_space
 from maglev_env.loop.magnets.kinds import force_law
 from maglev_env.loop.magnets.law import linearise
 from maglev_env.recordings.campaign import RecordingSpec
 from maglev_env.rig.rig import Rig, axis_rig
 
-FASTEST = 30.0  # control samples of the stand-in within 2 pi time constants of the magnets' pull
+STIFF, DAMPED = 8.0, 0.8  # of the designed stand-in: net stiffness in that of the magnets, and damping ratio
+FASTEST = 30.0  # its control samples in a cycle of the mode that it makes
 TAPS = 4  # present and past readings that a fitted controller uses
 PAST = 2  # past outputs that it uses
 FITTED = 0.9  # share of the current's variance from which a fitted controller is the stand-in
+LEAK = 100.0  # time constant of the designed stand-in's leak, in integral times
+UNLIMITED = 1e4  # V: range of the converters of a stand-in
+NEAREST = 0.98  # of the gap: how near the simulated rotor may come to a magnet
 INSIDE = 0.9999  # largest pole of a fitted controller
 
 
@@ -116,6 +120,8 @@ def drive_of(rig: Rig, spec: RecordingSpec, channels: Mapping[str, np.ndarray]) 
         multiple, every = 1, 0
     if every == 1 and (spec.gains is not None or rig.support_stiffness > 0 or not rig.controlled):
         gains = spec.gains if spec.gains is not None else NO_CONTROLLER
+        if not rig.adc_bits and not rig.dac_bits:  # ideal converters have no range either
+            rig = replace(rig, voltage_range=UNLIMITED)
         e = without_noise(Experiment(rig, gains, (), speed_rpm=spec.speed_rpm))
         if rig.controlled and "command" in channels:
             note = "what drove the loop is the command less what the stated controller makes of the displacement"
@@ -148,6 +154,8 @@ def _stood_in(
     rig = replace(
         rig,
         control_rate=finer * spec.sample_rate,
+        voltage_range=UNLIMITED,
+        clearance=NEAREST * rig.gap if rig.controlled else rig.clearance,  # the recorded rotor did not touch down
         gains=None,
         amplifier_time_constant=0.0 if source == "current" else rig.amplifier_time_constant,
         effects={name: values for name, values in rig.effects.items() if name not in upstream},
@@ -163,7 +171,7 @@ def _stood_in(
     for axis, series in enumerate(zip(channels[source], reference, y, strict=True)):
         own, found = axis_rig(rig, axis), fitted_controller(*series)
         fits = found is not None and _stable(own, _slowed(found, finer))
-        controllers.append(_slowed(found, finer) if fits else default_gains(own))
+        controllers.append(_slowed(found, finer) if fits else _designed(own))
         how.append("one fitted to this recording" if fits else "one designed for the nominal rig")
     gains = controllers[0] if rig.axes == 1 else tuple(controllers)
     e = without_noise(Experiment(rig, gains, (), speed_rpm=spec.speed_rpm))
@@ -225,6 +233,19 @@ def fitted_controller(command: np.ndarray, reference: np.ndarray, displacement: 
     return LinearController(tuple(map(float, found[PAST : PAST + TAPS])), tuple(map(float, denominator)))
 
 
+def _designed(rig: Rig) -> Gains:
+    """Stiff gains with an integrator that hardly leaks: the simulated mass follows the recorded one closely, whatever
+    the offsets of the channels are; default gains where lags forbid that."""
+    gain, stiffness = linearise(force_law(rig))
+    stiff = pole_placed(rig, gain, stiffness or -rig.support_stiffness, STIFF, DAMPED, 0.1, 2.0)
+    for gains in (stiff, default_gains(rig)):
+        slow = LEAK * gains.ti
+        found = replace(gains, ki=LEAK * gains.kp, ti=slow)
+        if _stable(rig, found):
+            return found
+    return default_gains(rig)
+
+
 def _slowed(controller: LinearController, finer: int) -> LinearController:
     """The controller with the same response at a control rate `finer` times as high: z becomes z^finer."""
     if finer == 1:
@@ -238,7 +259,7 @@ def _slowed(controller: LinearController, finer: int) -> LinearController:
     return LinearController(spread(controller.numerator), spread(controller.denominator))
 
 
-def _stable(rig: Rig, controller: LinearController) -> bool:
+def _stable(rig: Rig, controller: Controller) -> bool:
     return bool(np.abs(closed_loop_poles(Experiment(rig, controller, ()))).max() < INSIDE)
 
 
@@ -246,5 +267,5 @@ def _finer(rig: Rig, rate: float) -> int:
     """Control samples of the stand-in for each recorded one."""
     own = [axis_rig(rig, axis) for axis in range(rig.axes)]
     stiffness = [abs(r.support_stiffness + (linearise(force_law(r))[1] if r.controlled else 0.0)) for r in own]
-    fastest = max(sqrt(k / r.mass) for k, r in zip(stiffness, own, strict=True))
+    fastest = max(sqrt(STIFF * k / r.mass) for k, r in zip(stiffness, own, strict=True))
     return max(1, ceil(FASTEST * fastest / (2 * pi) / rate))

@@ -13,6 +13,7 @@ from dataclasses import replace
 import numpy as np
 import scipy.fft
 
+from estimation.line_windows import POOLED
 from sim2real.open_loop import nominal_loop
 from sim2real.open_record import OpenRecord
 
@@ -46,7 +47,7 @@ def fed_back(record: OpenRecord, driving: np.ndarray, between: np.ndarray) -> Op
         abs(np.asarray(scipy.fft.rfft(y - y.mean(axis=1, keepdims=True)))[:, lines] * (2 / samples)) ** 2, 1
     )
     moved = np.mean(abs(loop.plant * simulated) ** 2, axis=-1)
-    told = (moved > CLEAR * floor[:, None]).any(axis=0)
+    told = _together((moved > CLEAR * floor[:, None]).any(axis=0))
     if not told.any():
         raise ValueError(
             "what is recorded of the drive moves the rotor no more than the noise does; record larger steps, or the "
@@ -58,6 +59,13 @@ def fed_back(record: OpenRecord, driving: np.ndarray, between: np.ndarray) -> Op
     bias = floor[:, None, None] * np.conj(back - true) / np.maximum(power, 1e-300)[..., None] * simulated
     found = record.windows.project(bias)
     return replace(record, told=told, bias=found.reshape(*found.shape[:-2], -1))
+
+
+def _together(told: np.ndarray) -> np.ndarray:
+    """The windows (windows,) that tell something, up to the first gap of POOLED windows after them."""
+    begun = np.cumsum(told) > 0
+    silent = begun & (np.convolve(told, np.ones(POOLED), "full")[: told.size] == 0)
+    return told & (np.cumsum(silent) == 0)
 
 
 def _regressed(command: np.ndarray, displacement: np.ndarray, z: np.ndarray) -> np.ndarray:

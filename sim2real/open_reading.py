@@ -13,6 +13,7 @@ from sim2real.channel_errors import ChannelError, channel_errors
 from sim2real.drive import Drive, drive_of
 from sim2real.fed_back import fed_back
 from sim2real.open_record import OpenRecord, compared
+from sim2real.static_evidence import rests_of
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -47,29 +48,34 @@ def open_record(campaign: Campaign, spec: RecordingSpec, dataset: "xr.Dataset") 
         stretch = compared(drive.experiment, spec.sample_rate / drive.multiple, known, channels["displacement"])
     except ValueError as error:
         raise ValueError(f"{where}: {error}") from None
-    part = stretch.samples
-    fine = slice(part.start * drive.every, part.stop * drive.every)
+    channels = {kind: values[:, stretch.samples] for kind, values in channels.items()}
+    lead = stretch.settling if drive.stand_in else 0
+    if drive.stand_in:
+        channels = {kind: _led_in(values, lead) for kind, values in channels.items()}
+        waves = drive.waves(channels)
+    else:
+        waves = {place: wave[:, stretch.samples] for place, wave in waves.items()}
     shown = ("displacement",) if drive.source == "current" else ("displacement", "current")
     record = OpenRecord(
         spec.file,
         spec.role,
         rig,
         drive.experiment,
-        {place: wave[:, fine] for place, wave in waves.items()},
-        {kind: channels[kind][:, part] for kind in shown if kind in channels},
-        stretch.settling,
+        waves,
+        {kind: channels[kind] for kind in shown if kind in channels},
+        stretch.settling + lead,
         stretch.windows,
         drive.every,
         drive.upstream,
         (*channel_errors(spec), *_untold(spec, drive)),
         drive.source,
+        rests_of(rig, spec, dataset),
         notes=(*dataset.attrs.get("notes", ()), *drive.notes, *stretch.notes),
     )
     if not drive.stand_in or drive.source is None:
         return record
     try:
-        driving = channels[drive.source][:, stretch.samples]
-        return fed_back(record, driving, drive.between(record.windows.frequency))
+        return fed_back(record, channels[drive.source], drive.between(record.windows.frequency))
     except ValueError as error:
         raise ValueError(f"{where}: {error}") from None
 
@@ -82,6 +88,12 @@ def _channels(rig: Rig, dataset: "xr.Dataset") -> dict[str, np.ndarray]:
         for kind in (*MEASURED, "injection", "reference")
         if all(kind + s in dataset for s in names)
     }
+
+
+def _led_in(series: np.ndarray, samples: int) -> np.ndarray:
+    """Series (axes, n) after a smooth rise from zero, (axes, samples + n): the simulated rotor starts at the centre."""
+    rise = 0.5 - 0.5 * np.cos(np.pi * np.arange(samples) / max(samples, 1))
+    return np.concatenate([series[:, :1] * rise, series], axis=1)
 
 
 def _untold(spec: RecordingSpec, drive: Drive) -> list[ChannelError]:

@@ -19,6 +19,7 @@ from maglev_env.experiment import Experiment
 from maglev_env.linear.loop import closed_loop_poles
 from maglev_env.rig.rig import Rig
 from sim2real.channel_errors import ChannelError
+from sim2real.static_evidence import Rests
 
 KEPT = WIDTH - TERMS  # coordinates of a window
 SETTLING = 8.0  # time constants of the nominal closed loop that are simulated but not compared
@@ -44,6 +45,7 @@ class OpenRecord:
         upstream: effects that act before what drives the simulation, and therefore do not show in this recording.
         errors: what may be wrong with its channels.
         source: channel from which the injection follows, "command" or "current"; None: none.
+        rests: what its means say of a suspended mass; None: nothing.
         bias: (axes, n), what fed-back noise may add to the opened displacement; None: nothing.
         told: (windows,) whether what drives the loop shows in a window; None: in all of them.
         notes: what was assumed.
@@ -61,6 +63,7 @@ class OpenRecord:
     upstream: frozenset[str] = frozenset()
     errors: tuple[ChannelError, ...] = ()
     source: str | None = None
+    rests: Rests | None = None
     bias: np.ndarray | None = None
     told: np.ndarray | None = None
     notes: tuple[str, ...] = ()

@@ -6,6 +6,8 @@ from functools import cached_property
 
 import numpy as np
 
+from maglev_env.experiment import Experiment
+from maglev_env.loop.gains import NO_CONTROLLER
 from maglev_lanes.threads import single_blas
 from sim2real.channel_errors import changes
 from sim2real.fed_back import UNSURE
@@ -15,11 +17,13 @@ from sim2real.open_loop import nominal_loop
 from sim2real.open_record import OpenRecord
 from sim2real.opened import Opened, noise_of, opened_loop
 from sim2real.records import Record
-from sim2real.simulated import Point, Predictor, predictor, together
+from sim2real.simulated import Point, Predictor, experiment_at, predictor, together
+from sim2real.static_evidence import StaticEstimate, coefficients_at, static_of
 
 # Detection lines are used up to DENSE_REACH times the DENSE quantile of the driven lines.
 DENSE, DENSE_REACH = 0.75, 1.2
-KINDS = ("force", "current", "reference", "even", "odd")  # what drives a line, or the kind of a detection line
+# What drives a line, the kind of a detection line, or the means of a mass at rest.
+KINDS = ("force", "current", "reference", "even", "odd", "rest")
 
 
 @dataclass(frozen=True)
@@ -59,6 +63,7 @@ class Problem:
         kind: Index (K,) into `KINDS`.
         outputs: Names of the outputs.
         nuisances: What is not known of the measurement.
+        static: What the means of a mass at rest say; its rows come last.
     """
 
     parts: tuple[Part, ...]
@@ -70,6 +75,7 @@ class Problem:
     kind: np.ndarray
     outputs: tuple[str, ...]
     nuisances: Nuisances
+    static: StaticEstimate | None = None
 
     @cached_property
     def data(self) -> np.ndarray:
@@ -101,6 +107,11 @@ class Problem:
                     predicted = part.predictor.of(prepared[kind], lasts, dithered)[..., part.used]
                     whitened = predicted * (np.sqrt(2) / part.noise[..., part.used])
                     found[which, part.place] = whitened.reshape(len(which), -1)
+        if self.static is not None:
+            nominal = Experiment(self.parts[0].record.nominal, NO_CONTROLLER, ())
+            at = [experiment_at(nominal, replace(p, effects={**nominal.rig.effects, **p.effects})) for p in points]
+            rows = self.static.whitened(np.array([coefficients_at(e) for e in at]))
+            found[:, -rows.shape[1] :] = rows
         return self.nuisances.without(found)
 
     def opened_residual(self) -> np.ndarray:
@@ -109,6 +120,8 @@ class Problem:
         for part in self.parts:
             off = (part.measured - part.opened.driven(part.record)) * np.sqrt(2) / part.noise
             found[part.place] = off[..., part.used].reshape(-1)
+        if self.static is not None:
+            found[-len(self.static.values) :] = 0.0
         return self.nuisances.without(found)
 
     @property
@@ -123,9 +136,10 @@ class Problem:
         alone = replace(part, place=slice(0, at.stop - at.start))
         return Problem((alone,), *(c[at] for c in columns), self.outputs, self.nuisances.within(at))
 
-    def again(self, near: Point) -> "Problem":
-        """The same lines, with the noise that a point leaves of records without a period."""
-        return assemble([p.record for p in self.parts], [p.used for p in self.parts], near)
+    def again(self, near: Point, louder: float = 1.0) -> "Problem":
+        """The same lines, with the noise that a point leaves of records without a period, times a factor."""
+        records, used = [p.record for p in self.parts], [p.used for p in self.parts]
+        return assemble(records, used, near, self.static is not None, louder)
 
     def split(self, every: int) -> tuple["Problem", "Problem"]:
         """Two problems: one without every n-th excited line, and one of those lines alone."""
@@ -137,7 +151,7 @@ class Problem:
             kept.append(part.used & ~out)
             withheld.append(out)
         records = [p.record for p in self.parts]
-        return assemble(records, kept), assemble(records, withheld)
+        return assemble(records, kept), assemble(records, withheld, rest=False)
 
 
 @dataclass(frozen=True)
@@ -197,7 +211,11 @@ def line_kinds(record: Record | OpenRecord) -> np.ndarray:
 
 
 def assemble(
-    records: Sequence[Record | OpenRecord], lines: Sequence[np.ndarray] | None = None, near: Point | None = None
+    records: Sequence[Record | OpenRecord],
+    lines: Sequence[np.ndarray] | None = None,
+    near: Point | None = None,
+    rest: bool = True,
+    louder: float = 1.0,
 ) -> Problem:
     """Stack records into one problem.
 
@@ -205,6 +223,8 @@ def assemble(
         records: The records.
         lines: Lines used of each record (n,); by default those that `informative` selects.
         near: The best known parameters; the noise of records without a period is what a simulation there leaves.
+        rest: Whether the means of a mass at rest are used.
+        louder: Factor on the noise of records without a period.
     """
     parts, nuisances, at = [], [], 0
     names = ("plant", "amplifier")
@@ -215,6 +235,7 @@ def assemble(
         used = informative(record) if lines is None else lines[i]
         evidence = _evidence(record, near)
         opened, measured, noise = evidence.opened, evidence.measured, evidence.noise
+        noise = noise * louder if isinstance(record, OpenRecord) else noise
         shape = (*measured.shape[:2], int(used.sum()))
         size = int(np.prod(shape))
         parts.append(Part(record, opened, predictor(record, opened), measured, noise, used, slice(at, at + size)))
@@ -232,6 +253,21 @@ def assemble(
         }
         for key, value in rows.items():
             columns[key].append(value.reshape(-1))
-    columns_of = {key: np.concatenate(value) for key, value in columns.items()}
+    static = static_of(records[0].nominal, [r.rests for r in records]) if rest else None
     sizes = [part.place.stop - part.place.start for part in parts]
-    return Problem(tuple(parts), outputs=names, nuisances=stacked(nuisances, sizes), **columns_of)
+    found = stacked(nuisances, sizes)
+    if static is not None:
+        rows = len(static.values)
+        last = {
+            "record": 0,
+            "output": 0,
+            "axis": 0,
+            "kind": KINDS.index("rest"),
+            "frequency": parts[0].record.frequency[0],
+        }
+        columns["whitened"].append(static.whitened(static.values).astype(complex))
+        for key, value in last.items():
+            columns[key].append(np.full(rows, value))
+        found = Nuisances(found.names, np.pad(found.columns, ((0, 0), (0, rows))))
+    columns_of = {key: np.concatenate(value) for key, value in columns.items()}
+    return Problem(tuple(parts), outputs=names, nuisances=found, static=static, **columns_of)

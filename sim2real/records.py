@@ -21,6 +21,7 @@ from maglev_env.rig.rig import Rig
 from sim2real.channel_errors import ChannelError, channel_errors
 from sim2real.open_reading import open_record
 from sim2real.open_record import OpenRecord
+from sim2real.static_evidence import Rests, rests_of
 from sim2real.tones import ON_LINE, Tone, near_tones, remove_tones
 
 if TYPE_CHECKING:
@@ -47,6 +48,7 @@ class Record:
         tones: Tones that were found between the harmonics and removed.
         notes: What was assumed.
         errors: What may be wrong with its channels.
+        rests: What its means say of a suspended mass; None: nothing.
     """
 
     name: str
@@ -64,6 +66,7 @@ class Record:
     tones: tuple[Tone, ...] = ()
     notes: tuple[str, ...] = ()
     errors: tuple[ChannelError, ...] = ()
+    rests: Rests | None = None
 
     @property
     def masked(self) -> np.ndarray:
@@ -185,6 +188,7 @@ def _record(campaign: Campaign, spec: RecordingSpec) -> Record | OpenRecord:
         tuple(tones),
         notes,
         channel_errors(spec),
+        rests_of(rig, spec, dataset),
     )
 
 

@@ -16,7 +16,7 @@ _EXCITATION_KEYS = (*(f.name for f in fields(Excitation)), "harmonics", "periods
 
 
 _TOLERANCES = ("scale_tolerance", "offset_tolerance", "delay_tolerance")
-_CHAIN = ("scale", "offset", "filter", "delay", *_TOLERANCES)
+_CHAIN = ("scale", "offset", "filter", "delay", "total", *_TOLERANCES)
 
 
 @dataclass(frozen=True)
@@ -26,6 +26,7 @@ class ChannelSource:
     Attributes:
         filter: Corner frequencies of first-order low-passes outside the control loop, Hz; they are undone.
         delay: By which the channel was read late, s; it is undone.
+        total: Whether a current is the total one; else it is the deviation from the rig's bias.
         scale_tolerance: Relative standard uncertainty of the scale.
         offset_tolerance: Standard uncertainty of the offset, SI; None: the mean of the channel is not known at all.
         delay_tolerance: Standard uncertainty of the delay, s; None: not stated.
@@ -37,6 +38,7 @@ class ChannelSource:
     offset: float = 0.0
     filter: tuple[float, ...] = ()
     delay: float = 0.0
+    total: bool = False
     scale_tolerance: float = 0.0
     offset_tolerance: float | None = None
     delay_tolerance: float | None = None
@@ -117,11 +119,14 @@ def channel_table(name: str, value: Any) -> ChannelSource:
     if any(corner <= 0 for corner in corners):
         raise ValueError(f"{where}: filter = {list(corners)}; give corner frequencies in Hz, above 0")
     delay = number_of(table, "delay", 0.0, where)
+    total = table.get("total", False)
+    if type(total) is not bool or (total and name.partition("_")[0] not in ("current", "command")):
+        raise ValueError(f"{where}: total = {total!r}; write total = true where a current or command includes the bias")
     sigma = {key: number_of(table, key, None, where) for key in _TOLERANCES if key in table}
     for key, value in sigma.items():
         if value < 0:
             raise ValueError(f"{where}: {key} = {value:g} must not be negative; it is a standard uncertainty")
-    return ChannelSource(tuple(columns), weights, scale, offset, corners, delay, **sigma)
+    return ChannelSource(tuple(columns), weights, scale, offset, corners, delay, total, **sigma)
 
 
 def table_of(value: Any, where: str) -> dict[str, Any]:
