@@ -136,7 +136,8 @@ def _far(diagnosis: Diagnosis) -> list[str]:
     stated = diagnosis.rig.tolerance
     moved = ((c, abs(c.value) / stated[c.name]) for c in corrections(diagnosis) if c.is_change and c.name in stated)
     return [
-        f"{c.name} {quantity(c.value, c.se and NORMAL_95 * c.se, c.unit, True)}{' (95 %)' if c.se else ''}, {far:.2g} tolerances off"
+        f"{c.name} {quantity(c.value, c.se and NORMAL_95 * c.se, c.unit, True)}{' (95 %)' if c.se else ''}, "
+        f"{far:.2g} tolerances off"
         for c, far in moved
         if far > BEYOND
     ]
