@@ -1,51 +1,47 @@
 """What an open record says and what a hypothesis predicts of it, as coordinates of the opened loop with their noise."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 
 from estimation.line_windows import WIDTH
-from maglev_env.experiment import axis_experiment
 from maglev_env.kernel.replay import replayed
-from maglev_env.linear.loop import loop_response
 from sim2real.open_record import KEPT, OpenRecord
-from sim2real.opened import Opened
+from sim2real.opened import Opened, nominal_blocks, outputs_of
 
 
 @dataclass(frozen=True)
 class Loop:
-    """The nominal loop at every line of a record's windows, (axes, windows, WIDTH) each."""
+    """The nominal loop at every line of a record's windows.
 
-    controller: np.ndarray
-    amplifier: np.ndarray
-    plant: np.ndarray
-    receptance: np.ndarray
+    Args:
+        blocks: responses (axes, windows * WIDTH), see `Opened`.
+        shape: windows, WIDTH.
+    """
+
+    blocks: Opened
+    shape: tuple[int, int]
 
     def opened(self, record: OpenRecord, displacement: np.ndarray, current: np.ndarray | None) -> np.ndarray:
         """Opened spectra (..., outputs, axes, windows, WIDTH) of series (..., axes, samples)."""
-        y = record.spectrum(displacement)
-        found = [y + self.plant * self.controller * y]
-        if current is not None:
-            found.append(record.spectrum(current) + self.amplifier * self.controller * y)
-        return np.stack(found, axis=-4)
+        y, i = (None if x is None else record.spectrum(x) for x in (displacement, current))
+        flat = [None if x is None else x.reshape(*x.shape[:-2], -1) for x in (y, i)]
+        found = self.blocks.residuals(*flat)
+        return found.reshape(*found.shape[:-1], *self.shape)
 
 
 def nominal_loop(record: OpenRecord) -> Loop:
     """The linear nominal loop under a record's gains."""
-    found = []
-    for axis in range(record.axes):
-        r = loop_response(axis_experiment(record.experiment, axis), record.windows.frequency.ravel())
-        found.append((r.controller, r.amplifier, r.plant, r.receptance / r.sensitivity))
-    shape = record.windows.frequency.shape
-    return Loop(*(np.array(v).reshape(record.axes, *shape) for v in zip(*found, strict=True)))
+    frequency, outputs = record.windows.frequency, outputs_of("current" in record.series, record.experiment)
+    blocks = nominal_blocks(record.experiment, frequency.ravel(), "amplifier" in outputs)
+    return Loop(Opened(*blocks, outputs), frequency.shape)
 
 
-def opened_of(record: OpenRecord, loop: Loop) -> Opened:
+def opened_of(loop: Loop) -> Opened:
     """The nominal blocks at the middle of each coordinate's window, in the form that periodic records have."""
-    outputs = ("plant", "amplifier") if "current" in record.series and record.experiment.rig.controlled else ("plant",)
-    blocks = (np.repeat(v[..., WIDTH // 2], KEPT, axis=-1) for v in vars(loop).values())
-    return Opened(*blocks, outputs)
+    blocks = [np.reshape(getattr(loop.blocks, f.name), (-1, *loop.shape)) for f in fields(Opened)[:-1]]
+    return Opened(*(np.repeat(v[..., WIDTH // 2], KEPT, axis=-1) for v in blocks), loop.blocks.outputs)
 
 
 @dataclass(frozen=True)

@@ -1,11 +1,11 @@
 """A recording that never repeats, as evidence: set-point steps, a chirp, noise that nobody stored, one sine, hover.
 
 Where the logged displacement is what the controller read, what was added to its command is known exactly, sensor noise
-included: w = command - C(-displacement), with C the controller's own recursion. The closed loop of a hypothesis is
-simulated under this w. Its reading differs from the recorded one by the loop's answer to the sensor noise, to what
-else disturbs it and to the unknown start. Opened at the fixed nominal loop, (1 + P0 C) times that difference is white
-for white sensor noise, and is looked at in windows of lines with the transient projected out
-(`estimation.line_windows`). Data and simulation go through the same linear map.
+included: w = command - C(reference, -displacement, -current), with C the controller's own recursion. The closed loop of
+a hypothesis is simulated under this w. Its reading differs from the recorded one by the loop's answer to the sensor
+noise, to what else disturbs it and to the unknown start. Opened at the fixed nominal loop (see `opened`), the
+differences of reading and current are white for white sensor noise, each its own, and are looked at in windows of lines
+with the transient projected out (`estimation.line_windows`). Data and simulation go through the same linear map.
 """
 
 from collections.abc import Mapping
@@ -18,7 +18,8 @@ from scipy.signal import lfilter, ss2tf
 from estimation.line_windows import POOLED, TERMS, WIDTH, LineWindows
 from maglev_env.experiment import Experiment
 from maglev_env.linear.loop import closed_loop_poles
-from maglev_env.loop.gains import Controller, state_space
+from maglev_env.loop.gains import Controller, digital, state_space
+from maglev_env.loop.linear_controller import LinearController
 from maglev_env.rig.rig import Rig
 
 KEPT = WIDTH - TERMS  # coordinates of a window
@@ -112,20 +113,34 @@ class OpenRecord:
         return found.reshape(*found.shape[:-2], -1)
 
 
-def recovered_injection(controller: Controller, command: np.ndarray, displacement: np.ndarray, dt: float) -> np.ndarray:
-    """What was added to a controller's output, (samples,): the command less what the controller makes of the reading.
+def recovered_injection(
+    controller: Controller,
+    command: np.ndarray,
+    displacement: np.ndarray,
+    dt: float,
+    reference: np.ndarray | None = None,
+    current: np.ndarray | None = None,
+) -> np.ndarray:
+    """What was added to a controller's output, (samples,): the command less what the controller makes of its inputs.
+
+    A limit acts on the controller's output, so the result is exact on the limit too.
 
     Args:
         controller: of this axis; it starts at rest.
         command: in A, after the converter.
         displacement: what the controller read, m.
         dt: control step, s.
+        reference: m; None: 0, then the result contains what the controller makes of it.
+        current: what the controller read, A; needed if it reads the current.
     """
-    a, b, c, d = state_space(controller, dt)
-    if len(b) == 0:
-        return command + d * displacement
+    own = digital(controller, dt)
+    if isinstance(own, LinearController):
+        signals = (reference, -displacement, None if current is None else -current)
+        return command - own.output(signals)
+    a, b, c, d = state_space(own, dt)
     numerator, denominator = ss2tf(a, b[:, None], c[None], np.array([[d]]))
-    return command - lfilter(numerator[0], denominator, -displacement)
+    error = -displacement if reference is None else reference - displacement
+    return command - lfilter(numerator[0], denominator, error)
 
 
 @dataclass(frozen=True)

@@ -133,7 +133,7 @@ def _evidence(record: Record | OpenRecord, near: Point | None) -> tuple[Opened, 
     """The opened nominal loop of a record, what was measured in its coordinates, and their noise."""
     if isinstance(record, OpenRecord):
         loop = nominal_loop(record)
-        opened = opened_of(record, loop)
+        opened = opened_of(loop)
         lanes = predictor(record, opened).lanes([near or Point({}, {})])
         predicted = replayed(lanes, record.experiment, record.waves)[0]
         return opened, measured_of(record, loop, opened.outputs), open_noise(record, loop, opened.outputs, predicted)

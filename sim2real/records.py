@@ -12,7 +12,7 @@ from maglev_env.channels import MEASURED, SHOWN_BY
 from maglev_env.experiment import Experiment, sampling
 from maglev_env.linear.loop import without_noise
 from maglev_env.loop.axes import suffixes
-from maglev_env.loop.gains import NO_CONTROLLER, of_axis
+from maglev_env.loop.gains import NO_CONTROLLER, Controllers, limited, of_axis, reads_current
 from maglev_env.recordings.campaign import Campaign, RecordingSpec, load_campaign
 from maglev_env.recordings.recording import read_recording
 from maglev_env.recordings.signals import recorded_signals
@@ -211,12 +211,20 @@ def _open_record(campaign: Campaign, spec: RecordingSpec, dataset: "xr.Dataset")
     if not rig.controlled:
         pass
     elif "command" in channels:
-        dt = 1 / rig.control_rate
-        waves["current"] = np.array([
-            recovered_injection(of_axis(gains, axis), u, y, dt)
-            for axis, (u, y) in enumerate(zip(channels["command"], channels["displacement"], strict=True))
-        ])  # fmt: skip
-        notes.append("what drove the loop is the command less what the stated controller makes of the displacement")
+        read = [name for name in ("displacement", "current") if name in channels]
+        if reads_current(gains, 1 / rig.control_rate) and "current" not in read:
+            raise ValueError(
+                f"{where}: its controller reads the current, but the channel current is missing: what was added to the "
+                "command does not follow from the displacement alone; record the current that the controller reads"
+            )
+        if "reference" in channels and limited(gains, 1 / rig.control_rate):
+            waves["reference"] = channels["reference"]  # the limit acts on what the reference asks for too
+        waves["current"] = _recovered(rig, gains, channels, waves["reference"], 0)
+        notes.append(
+            f"what drove the loop is the command less what the stated controller makes of the {' and '.join(read)}"
+            if reads_current(gains, 1 / rig.control_rate)
+            else "what drove the loop is the command less what the stated controller makes of the displacement"
+        )
     else:
         waves["current"] = channels.get("injection", nothing)
         waves["reference"] = channels.get("reference", nothing)
@@ -231,6 +239,9 @@ def _open_record(campaign: Campaign, spec: RecordingSpec, dataset: "xr.Dataset")
     except ValueError as error:
         raise ValueError(f"{where}: {error}") from None
     part = stretch.samples
+    if stretch.start and rig.controlled and "command" in channels:
+        # The simulation begins here with a controller at rest, and what it held then is part of what drove the loop.
+        waves["current"] = _recovered(rig, gains, channels, waves["reference"], stretch.start)
     return OpenRecord(
         spec.file,
         spec.role,
@@ -242,6 +253,20 @@ def _open_record(campaign: Campaign, spec: RecordingSpec, dataset: "xr.Dataset")
         stretch.windows,
         (*notes, *stretch.notes),
     )
+
+
+def _recovered(
+    rig: Rig, gains: Controllers, channels: Mapping[str, np.ndarray], reference: np.ndarray, start: int
+) -> np.ndarray:
+    """What was added to the controllers' output (axes, samples), with controllers at rest at sample `start`."""
+    read = [name for name in ("command", "displacement", "current") if name in channels]
+    found = np.zeros_like(channels["command"])
+    for axis in range(len(found)):
+        own = {name: channels[name][axis, start:] for name in read}
+        found[axis, start:] = recovered_injection(
+            of_axis(gains, axis), dt=1 / rig.control_rate, reference=reference[axis, start:], **own
+        )
+    return found
 
 
 def _waves(

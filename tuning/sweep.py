@@ -269,6 +269,7 @@ def _dataset(
     bands = parts[0]["bands"]
     coordinates: dict[str, tuple] = {"experiment": ("experiment", np.arange(len(gains)))}
     for f in fields(Gains):
-        coordinates[f.name] = ("experiment", np.array([getattr(of_axis(g, 0), f.name) for g in gains]))
+        if hasattr(of_axis(gains[0], 0), f.name):
+            coordinates[f.name] = ("experiment", np.array([getattr(of_axis(g, 0), f.name) for g in gains]))
     coordinates["band_low"], coordinates["band_high"] = ("band", bands[:, 0]), ("band", bands[:, 1])
     return xr.Dataset(variables, coordinates, attributes)
