@@ -23,12 +23,20 @@ class Loop:
     blocks: Opened
     shape: tuple[int, int]
 
-    def opened(self, record: OpenRecord, displacement: np.ndarray, current: np.ndarray | None) -> np.ndarray:
-        """Opened spectra (..., outputs, axes, windows, WIDTH) of series (..., axes, samples)."""
-        y, i = (None if x is None else record.spectrum(x) for x in (displacement, current))
-        flat = [None if x is None else x.reshape(*x.shape[:-2], -1) for x in (y, i)]
-        found = self.blocks.residuals(*flat)
-        return found.reshape(*found.shape[:-1], *self.shape)
+    def opened(
+        self, record: OpenRecord, displacement: np.ndarray, command: np.ndarray, current: np.ndarray | None
+    ) -> np.ndarray:
+        """Opened spectra (..., outputs, axes, windows, WIDTH) of series (..., axes, samples); command: by the readings.
+
+        They are those of `Opened.residuals`, but with the controller's part of the command in time: what an integral
+        remembers at the ends of a record would leak into the lowest windows.
+        """
+        plant, amplifier = (v.reshape(-1, *self.shape) for v in (self.blocks.plant, self.blocks.amplifier))
+        u = record.spectrum(command)
+        found = [record.spectrum(displacement) - plant * u]
+        if current is not None:
+            found.append(record.spectrum(current) - amplifier * u)
+        return np.stack(found, axis=-4)
 
 
 def nominal_loop(record: OpenRecord) -> Loop:
@@ -58,7 +66,7 @@ class Replay:
         series = replayed(lanes, r.experiment, r.waves)
         found = []
         for one in series:  # one lane's spectra in memory at a time
-            opened = self.loop.opened(r, one[0], one[1] if "amplifier" in self.outputs else None)
+            opened = self.loop.opened(r, one[0], one[2] - r.added, one[1] if "amplifier" in self.outputs else None)
             found.append(r.windows.project(opened).reshape(*opened.shape[:2], -1))
         return np.array(found)
 
@@ -66,7 +74,7 @@ class Replay:
 def measured_of(record: OpenRecord, loop: Loop, outputs: Sequence[str]) -> np.ndarray:
     """Opened coordinates (outputs, axes, n) of what was recorded."""
     current = record.series["current"] if "amplifier" in outputs else None
-    opened = loop.opened(record, record.series["displacement"], current)
+    opened = loop.opened(record, record.series["displacement"], record.command - record.added, current)
     return record.windows.project(opened).reshape(*opened.shape[:2], -1)
 
 
@@ -74,14 +82,16 @@ def open_noise(record: OpenRecord, loop: Loop, outputs: Sequence[str], predicted
     """Standard deviation (outputs, axes, n) of the coordinates' noise, E|n|^2 = sd^2.
 
     Args:
-        predicted: series (2, axes, samples) of the simulation nearest to the record, as `replayed` gives them; None or
+        predicted: series (3, axes, samples) of the simulation nearest to the record, as `replayed` gives them; None or
             nan where none stands: then the recorded series themselves are taken, and the noise comes out too large
             where the loop resonates.
     """
-    measured = np.stack([record.series[name] for name in ("displacement", "current") if name in record.series])
+    current = record.series["current"] if "amplifier" in outputs else None
+    measured, command = record.series["displacement"], record.command - record.added
     if predicted is not None and np.isfinite(predicted).all():
-        measured = measured - predicted[: len(measured)]
-    residual = loop.opened(record, measured[0], measured[1] if "amplifier" in outputs else None)
+        measured, command = measured - predicted[0], record.command - predicted[2]
+        current = None if current is None else current - predicted[1]
+    residual = loop.opened(record, measured, command, current)
     driven = np.concatenate([record.spectrum(w) for w in record.waves.values()])
     driven = driven[np.ptp(np.concatenate(list(record.waves.values())), axis=1) > 0]
     found = record.windows.noise(residual, driven if len(driven) else np.zeros((1, *record.windows.frequency.shape)))

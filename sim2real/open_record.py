@@ -40,6 +40,9 @@ class OpenRecord:
         experiment: the rig without noise and converters, under this recording's gains.
         waves: place -> (axes, samples) of what drives the simulation, from the recording's first sample on.
         series: channel -> (axes, samples) of displacement and, where recorded, current.
+        command: (axes, samples), recorded or computed from the other channels; zeros without a controller.
+        added: (axes, samples), what of the command does not depend on the readings: the injection, and what the
+            reference causes.
         first: samples that are simulated but not compared.
         windows: lines that are compared.
         notes: what was assumed.
@@ -51,6 +54,8 @@ class OpenRecord:
     experiment: Experiment
     waves: Mapping[str, np.ndarray]
     series: Mapping[str, np.ndarray]
+    command: np.ndarray
+    added: np.ndarray
     first: int
     windows: LineWindows
     notes: tuple[str, ...] = ()
@@ -133,14 +138,32 @@ def recovered_injection(
         reference: m; None: 0, then the result contains what the controller makes of it.
         current: what the controller read, A; needed if it reads the current.
     """
+    return command - controller_output(controller, displacement, dt, reference, current)
+
+
+def controller_output(
+    controller: Controller,
+    displacement: np.ndarray,
+    dt: float,
+    reference: np.ndarray | None = None,
+    current: np.ndarray | None = None,
+) -> np.ndarray:
+    """What a controller at rest makes of its inputs, (samples,); arguments as `recovered_injection`."""
     own = digital(controller, dt)
     if isinstance(own, LinearController):
-        signals = (reference, -displacement, None if current is None else -current)
-        return command - own.output(signals)
+        return own.output((reference, -displacement, None if current is None else -current))
     a, b, c, d = state_space(own, dt)
     numerator, denominator = ss2tf(a, b[:, None], c[None], np.array([[d]]))
-    error = -displacement if reference is None else reference - displacement
-    return command - lfilter(numerator[0], denominator, error)
+    return np.asarray(
+        lfilter(numerator[0], denominator, -displacement if reference is None else reference - displacement)
+    )
+
+
+def referred(controller: Controller, reference: np.ndarray, dt: float) -> np.ndarray:
+    """The part of a controller's output that the reference causes, (samples,), without a limit."""
+    own = digital(controller, dt)
+    free = replace(own, limit=None) if isinstance(own, LinearController) else own
+    return controller_output(free, np.zeros_like(reference), dt, reference)
 
 
 @dataclass(frozen=True)

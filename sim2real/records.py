@@ -18,7 +18,7 @@ from maglev_env.recordings.recording import read_recording
 from maglev_env.recordings.signals import recorded_signals
 from maglev_env.rig.excitation import PLACES, axis_excitations, lines_at
 from maglev_env.rig.rig import Rig
-from sim2real.open_record import OpenRecord, compared, recovered_injection
+from sim2real.open_record import OpenRecord, compared, controller_output, referred
 from sim2real.tones import ON_LINE, Tone, near_tones, remove_tones
 
 if TYPE_CHECKING:
@@ -208,24 +208,19 @@ def _open_record(campaign: Campaign, spec: RecordingSpec, dataset: "xr.Dataset")
     e = without_noise(Experiment(rig, gains, (), speed_rpm=spec.speed_rpm))
     nothing, notes = np.zeros_like(channels["displacement"]), []
     waves = {"force": channels.get("force", nothing), "current": nothing, "reference": nothing}
-    if not rig.controlled:
-        pass
-    elif "command" in channels:
-        read = [name for name in ("displacement", "current") if name in channels]
-        if reads_current(gains, 1 / rig.control_rate) and "current" not in read:
-            raise ValueError(
-                f"{where}: its controller reads the current, but the channel current is missing: what was added to the "
-                "command does not follow from the displacement alone; record the current that the controller reads"
-            )
-        if "reference" in channels and limited(gains, 1 / rig.control_rate):
-            waves["reference"] = channels["reference"]  # the limit acts on what the reference asks for too
-        waves["current"] = _recovered(rig, gains, channels, waves["reference"], 0)
-        notes.append(
-            f"what drove the loop is the command less what the stated controller makes of the {' and '.join(read)}"
-            if reads_current(gains, 1 / rig.control_rate)
-            else "what drove the loop is the command less what the stated controller makes of the displacement"
+    dt, recovered = 1 / rig.control_rate, rig.controlled and "command" in channels
+    if reads_current(gains, dt) and "current" not in channels:
+        raise ValueError(
+            f"{where}: its controller reads the current, but the channel current is missing: the command does not "
+            "follow from the displacement alone; record the current that the controller reads"
         )
-    else:
+    if recovered:
+        if "reference" in channels and limited(gains, dt):
+            waves["reference"] = channels["reference"]  # the limit acts on what the reference asks for too
+        waves["current"] = channels["command"] - _output(gains, channels, waves["reference"], dt)
+        read = "displacement and the current" if reads_current(gains, dt) else "displacement"
+        notes.append(f"what drove the loop is the command less what the stated controller makes of the {read}")
+    elif rig.controlled:
         waves["current"] = channels.get("injection", nothing)
         waves["reference"] = channels.get("reference", nothing)
     inputs = np.concatenate(list(waves.values()))
@@ -238,35 +233,34 @@ def _open_record(campaign: Campaign, spec: RecordingSpec, dataset: "xr.Dataset")
         stretch = compared(e, inputs, channels["displacement"])
     except ValueError as error:
         raise ValueError(f"{where}: {error}") from None
-    part = stretch.samples
-    if stretch.start and rig.controlled and "command" in channels:
-        # The simulation begins here with a controller at rest, and what it held then is part of what drove the loop.
-        waves["current"] = _recovered(rig, gains, channels, waves["reference"], stretch.start)
+    # The simulation begins here with a controller at rest, and what it held before is part of what drove the loop.
+    waves, channels = ({name: v[:, stretch.samples] for name, v in own.items()} for own in (waves, channels))
+    output = _output(gains, channels, waves["reference"], dt)
+    if recovered:
+        waves["current"] = channels["command"] - output
+    caused = [referred(of_axis(gains, axis), r, dt) for axis, r in enumerate(waves["reference"])]
     return OpenRecord(
         spec.file,
         spec.role,
         rig,
         e,
-        {place: wave[:, part] for place, wave in waves.items()},
-        {kind: channels[kind][:, part] for kind in ("displacement", "current") if kind in channels},
+        waves,
+        {kind: channels[kind] for kind in ("displacement", "current") if kind in channels},
+        output + waves["current"],
+        waves["current"] + caused,
         stretch.settling,
         stretch.windows,
         (*notes, *stretch.notes),
     )
 
 
-def _recovered(
-    rig: Rig, gains: Controllers, channels: Mapping[str, np.ndarray], reference: np.ndarray, start: int
-) -> np.ndarray:
-    """What was added to the controllers' output (axes, samples), with controllers at rest at sample `start`."""
-    read = [name for name in ("command", "displacement", "current") if name in channels]
-    found = np.zeros_like(channels["command"])
-    for axis in range(len(found)):
-        own = {name: channels[name][axis, start:] for name in read}
-        found[axis, start:] = recovered_injection(
-            of_axis(gains, axis), dt=1 / rig.control_rate, reference=reference[axis, start:], **own
-        )
-    return found
+def _output(gains: Controllers, channels: Mapping[str, np.ndarray], reference: np.ndarray, dt: float) -> np.ndarray:
+    """What the controllers, from rest, make of the channels and a reference (m), (axes, samples)."""
+    read = [name for name in ("displacement", "current") if name in channels]
+    return np.array([
+        controller_output(of_axis(gains, axis), dt=dt, reference=own, **{name: channels[name][axis] for name in read})
+        for axis, own in enumerate(reference)
+    ])  # fmt: skip
 
 
 def _waves(

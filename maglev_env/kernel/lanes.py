@@ -49,7 +49,9 @@ def structure_of(experiment: Experiment) -> Structure:
     effects = experiment.effects
     axes = [axis_experiment(experiment, axis) for axis in range(experiment.rig.axes)]
     rigs = [e.rig for e in axes]
-    order, of_error = controller_kind(experiment.gains, 1 / experiment.rig.control_rate)
+    order, of_error = 0, True
+    if experiment.rig.controlled:
+        order, of_error = controller_kind(experiment.gains, 1 / experiment.rig.control_rate)
     sensors = self_sensors(experiment)
     flexible = any(name in effects for name in FLEXIBLE)
     supported = any(r.support_stiffness > 0 or r.support_damping > 0 for r in rigs) or "damping" in effects

@@ -8,6 +8,7 @@ import numpy as np
 from maglev_env.experiment import Experiment
 from maglev_env.kernel.controllers import with_controllers
 from maglev_env.kernel.simulate import _Block, _periods, _State
+from maglev_lanes.layout import LANES
 from maglev_lanes.threads import over_threads
 
 STRETCH = 4096  # control samples that one call of the kernel advances
@@ -16,7 +17,7 @@ STRETCH = 4096  # control samples that one call of the kernel advances
 def replayed(
     lanes: Sequence[_Block], experiment: Experiment, waves: Mapping[str, np.ndarray], threads: int | None = None
 ) -> np.ndarray:
-    """Displacement readings and coil currents of lanes from rest, at the control rate.
+    """Displacement readings, coil currents and commands of lanes from rest, at the control rate.
 
     Args:
         lanes: see `simulate.prepared`; they run under the gains of the experiment.
@@ -25,15 +26,13 @@ def replayed(
         threads: None for all cores.
 
     Returns:
-        (n, 2, axes, samples); nan for a lane that touched down.
+        (n, 3, axes, samples); nan for a lane that touched down.
     """
     driven = [np.atleast_2d(waves[place]) for place in ("force", "current", "reference")]
     axes, samples = driven[0].shape
-    # Every call fills the same block, so the last stretch is as long as the others.
-    whole = [np.pad(w, ((0, 0), (0, -samples % STRETCH))) for w in driven]
-    schedule = [[w[:, at : at + STRETCH].ravel() for w in whole] for at in range(0, samples, STRETCH)]
+    schedule = [[w[:, at : at + STRETCH].ravel() for w in driven] for at in range(0, samples, STRETCH)]
     count = sum(len(block.members) for block in lanes)
-    found = np.full((count, 2, axes, samples), np.nan)
+    found = np.full((count, 3, axes, samples), np.nan)
 
     def run(prepared: _Block) -> None:
         structure = prepared.batch.structure
@@ -43,7 +42,9 @@ def replayed(
         outputs = len(structure.channels)
         for i, out in enumerate(_periods(block, state, schedule, outputs)):
             stretch = slice(i * STRETCH, min((i + 1) * STRETCH, samples))
-            kept = out[:, [0, outputs - 1], : len(block.members), : stretch.stop - stretch.start]
+            # A shorter last stretch fills the start of the same buffer.
+            filled = (axes, outputs, LANES, stretch.stop - stretch.start)
+            kept = out.reshape(-1)[: np.prod(filled)].reshape(filled)[:, [0, outputs - 1, 1], : len(block.members)]
             found[block.members, ..., stretch] = kept.transpose(2, 1, 0, 3)
         found[block.members[~state.alive()[: len(block.members)]]] = np.nan
 
