@@ -12,7 +12,9 @@ from planar_rigs import COUPLED, axes_of, oblique
 from reference_simulator import simulate
 from textbook_controllers import by_hand
 
-from maglev_env.experiment import Experiment
+from maglev_env.design.defaults import with_defaults
+from maglev_env.evaluation.evaluate import evaluate
+from maglev_env.experiment import Experiment, protocol_experiment
 from maglev_env.kernel.simulate import simulate_records, simulate_statistics
 from maglev_env.linear.loop import closed_loop, closed_loop_poles, expected_statistics, loop_response, without_noise
 from maglev_env.loop.controller_forms import Cascade, CurrentLoop, Pid, StateFeedback
@@ -203,3 +205,12 @@ def test_a_current_that_is_the_command_cannot_be_fed_back():
         Experiment(rig, rig.gains, ())
     with pytest.raises(ValueError, match="both axes PID gains"):
         simulate_records([oblique(COUPLED, gains=(Gains(8000.0, 2000.0, 5.2), PID))])
+
+
+@pytest.mark.slow
+def test_margins_of_a_simulated_experiment_are_those_at_the_reading():
+    rig = with_defaults(RIGS["ball under state feedback"])
+    e = protocol_experiment(rig)
+    frequency = np.geomspace(1.0, 0.45 * rig.control_rate, 400)
+    peak = abs(loop_response(e, frequency).sensitivity).max()
+    assert evaluate([e]).margins["peak_sensitivity"][0] == pytest.approx(peak, rel=0.01)
