@@ -113,7 +113,7 @@ def _periodic_spectra(part: Part, point: Point) -> _Spectra | None:
     if not np.isfinite(predicted).all():
         return None
     plant = opened.outputs.index("plant")
-    displacement = predicted[plant] / (1 + opened.plant * opened.controller)
+    displacement = predicted[plant] / opened.closed
     found = {"force": (part.measured - predicted)[plant] / opened.receptance, "displacement": displacement}
     if "amplifier" in opened.outputs:
         found["current"] = predicted[opened.outputs.index("amplifier")] - opened.amplifier * (

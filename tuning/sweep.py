@@ -12,7 +12,7 @@ import numpy as np
 from maglev_env.evaluation.evaluate import Evaluation, evaluate
 from maglev_env.experiment import protocol_experiment
 from maglev_env.loop.effect import Effects
-from maglev_env.loop.gains import Controllers, Gains, of_axis, with_gains
+from maglev_env.loop.gains import NO_CONTROLLER, Controllers, Gains, of_axis, with_gains
 from maglev_env.recordings.files import atomic_file, write_text_atomic
 from maglev_env.rig.rig import Rig
 from maglev_lanes.code_version import code_version
@@ -89,6 +89,8 @@ def parse_axis(text: str) -> Axis:
 def default_axes(rig: Rig, points: Mapping[str, int] | None = None) -> dict[str, Axis]:
     """The rig's gain bounds as axes, by default with 16 x 4 x 16 points."""
     points = points or {"kp": 16, "ki": 4, "kd": 16}
+    if lacking := [name for name in SWEPT if not hasattr(of_axis(rig.gains or NO_CONTROLLER, 0), name)]:
+        raise ValueError(f"rig {rig.name}: its controller has no {', '.join(lacking)}: a sweep varies those of a PID")
     missing = [name for name in SWEPT if name not in rig.bounds]
     if missing:
         raise ValueError(f"rig {rig.name}: [bounds] lacks {', '.join(missing)}; give --kp, --ki, --kd as lo:hi:n")
@@ -269,6 +271,7 @@ def _dataset(
     bands = parts[0]["bands"]
     coordinates: dict[str, tuple] = {"experiment": ("experiment", np.arange(len(gains)))}
     for f in fields(Gains):
-        coordinates[f.name] = ("experiment", np.array([getattr(of_axis(g, 0), f.name) for g in gains]))
+        if hasattr(of_axis(gains[0], 0), f.name):
+            coordinates[f.name] = ("experiment", np.array([getattr(of_axis(g, 0), f.name) for g in gains]))
     coordinates["band_low"], coordinates["band_high"] = ("band", bands[:, 0]), ("band", bands[:, 1])
     return xr.Dataset(variables, coordinates, attributes)

@@ -14,9 +14,10 @@ from estimation.max_likelihood import BandEstimate, least_squares_bias, maximum_
 from estimation.modal import ModalEstimate, modal_estimate
 from estimation.periods import LineStatistics, held
 from estimation.stability_margins import Margins, margins
+from maglev_env.evaluation.sensitivity import injected_sensitivity
 from maglev_env.experiment import Experiment
 from maglev_env.linear.loop import LoopResponse, loop_response
-from maglev_env.loop.gains import NO_CONTROLLER
+from maglev_env.loop.gains import NO_CONTROLLER, of_axis, reads_current
 from maglev_env.loop.magnets.kinds import force_law
 from maglev_env.loop.magnets.law import linearise
 from maglev_env.recordings.spectra import RecordedSignals, RecordSpectra, record_spectra
@@ -286,9 +287,11 @@ def _stability(
 ) -> tuple[Stability | None, str | None]:
     statistics, force, injected = spectra.all, spectra.force, spectra.driven["current"]
     if injected.size >= 4 and {"command", "injection"} <= signals.channels.keys():
-        loop = statistics.at_lines(injected)
-        s, variance = frequency_response(loop, "command", "injection")
+        loop, control_rate = statistics.at_lines(injected), rig and rig.control_rate
+        s, variance = injected_sensitivity(loop, (of_axis(signals.gains or NO_CONTROLLER, 0),), control_rate)
         source, why = "injection", None
+        if control_rate is None and signals.gains is not None and reads_current(signals.gains, 1.0):
+            why = "the controller reads the current: without a rig the margins hold at the command, not the reading"
     elif rig is not None and rig.controlled and signals.gains is not None and "force" in statistics.channels:
         nominal = _nominal(rig, signals, force.frequency)
         open_receptance = nominal.receptance / nominal.sensitivity

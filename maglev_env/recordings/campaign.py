@@ -17,8 +17,9 @@ from maglev_env.recordings.campaign_tables import (
     whole_of,
 )
 from maglev_env.recordings.text_layout import TextLayout, layout_table
+from maglev_env.rig.controller_tables import controllers_from_table
 from maglev_env.rig.excitation import Excitation
-from maglev_env.rig.rig import PRESETS, Rig, controllers_from_table, load_rig, with_parameters
+from maglev_env.rig.rig import PRESETS, Rig, load_rig, with_parameters
 
 __all__ = ["Campaign", "ChannelSource", "RecordingSpec", "load_campaign"]
 
@@ -44,7 +45,7 @@ class RecordingSpec:
         samples: Number of samples used; None for all to the end.
         periods: Number of whole periods in them, where stated.
         speed_rpm: Speed of rotation.
-        gains: PID gains or a linear controller, one for all axes or one each for x and y; None for an uncontrolled
+        gains: The controller, one for all axes or one each for x and y; None for an uncontrolled
             rotor.
         excitations: What excites the rig.
         channels: Where each channel comes from.

@@ -2,7 +2,7 @@
 
 import tomllib
 from collections.abc import Mapping
-from dataclasses import MISSING, dataclass, field, fields, replace
+from dataclasses import dataclass, field, fields, replace
 from importlib import resources
 from importlib.resources.abc import Traversable
 from math import inf
@@ -14,9 +14,10 @@ from maglev_env.fields import check_known, check_range, increasing_pair, is_numb
 from maglev_env.loop.axes import AXES, NO_CROSS, Cross
 from maglev_env.loop.card import Need, Scales
 from maglev_env.loop.effect import EFFECTS, FINER, Effects, check_effects, effect
-from maglev_env.loop.gains import Controller, Controllers, Gains, LinearController, of_axis
+from maglev_env.loop.gains import Controllers, Gains, of_axis
 from maglev_env.loop.magnets.kinds import KINDS, MAGNETS, NO_MAGNET, check_magnet
 from maglev_env.loop.self_sensor import SelfSensing
+from maglev_env.rig.controller_tables import controllers_from_table
 from maglev_env.rig.excitation import Excitation, axis_excitations, check_harmonics, check_interleaved
 
 SCHEMA = "maglev-rig/1"
@@ -423,45 +424,6 @@ def _effects(tables: Mapping[str, Any]) -> Effects:
         except ValueError as error:
             raise ValueError(f"[effects.{name}]: {error}") from None
     return found
-
-
-def controllers_from_table(table: Any, where: str) -> Controllers:
-    """Controllers from a TOML table.
-
-    Args:
-        table: gains, or numerator and denominator; or one table of either kind for each of x and y.
-        where: start of messages.
-
-    Raises:
-        ValueError: An axis is missing, or a key is unknown or missing; the message names it.
-    """
-    if not isinstance(table, Mapping):
-        raise ValueError(f"{where} = {table!r} must be a table")
-    if any(key in AXES for key in table):
-        for key in table:
-            check_known((key,), AXES, where)
-        if missing := [axis for axis in AXES if axis not in table]:
-            raise ValueError(f"{where}: axis {missing[0]} has none; give {where}.x and {where}.y, or one for both")
-        for axis in AXES:
-            if isinstance(table[axis], Mapping) and any(key in AXES for key in table[axis]):
-                raise ValueError(f"{where}.{axis}: x and y again; give one controller")
-        x, y = (_controller_from_table(table[axis], f"{where}.{axis}") for axis in AXES)
-        return x, y
-    return _controller_from_table(table, where)
-
-
-def _controller_from_table(table: Any, where: str) -> Controller:
-    if not isinstance(table, Mapping):
-        raise ValueError(f"{where} = {table!r} must be a table")
-    cls = LinearController if {"numerator", "denominator"} & set(table) else Gains
-    check_known(table, [f.name for f in fields(cls)], where)
-    if missing := [f.name for f in fields(cls) if f.default is MISSING and f.name not in table]:
-        raise ValueError(f"{where}: {', '.join(missing)} missing")
-    try:
-        values: dict[str, Any] = {key: tuple(v) if isinstance(v, list) else v for key, v in table.items()}
-        return cls(**values)
-    except ValueError as error:
-        raise ValueError(f"{where}: {error}") from None
 
 
 def _protocol(data: dict[str, Any]) -> Protocol:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 from maglev_env.design.protocols import PlannedRecording, diagnosis_campaign, sphs_campaign
 from maglev_env.experiment import Experiment
 from maglev_env.kernel.simulate import simulate_records
-from maglev_env.loop.gains import Controllers, Gains
+from maglev_env.loop.gains import Controllers, Gains, form_of
 from maglev_env.recordings.recording import simulated_recording
 from maglev_env.rig.excitation import parse_excitation
 from maglev_env.rig.rig import Protocol, Rig
@@ -70,7 +70,7 @@ def _words(gains: Controllers) -> str:
     if isinstance(gains, tuple):
         return " and ".join(map(_words, gains))
     if not isinstance(gains, Gains):
-        return "its linear controller"
+        return f"its controller ({form_of(gains) or 'transfer_function'})"
     return f"kp = {gains.kp:g} A/m, ki = {gains.ki:g} A/(m s), kd = {gains.kd:g} A s/m"
 
 

@@ -296,7 +296,7 @@ CONTROLLER = "[gains]\nnumerator = [1]\ndenominator = [1]\n[parameters]"
         (PLANAR, PLANAR[PLANAR.index("[gains.y]") : PLANAR.index("[proto")], "", ["gains: axis y has none", "gains.y"]),
         (PLANAR, "[gains.y]", "[gains.z]", ["gains: unknown key 'z'", "x, y"]),
         (PLANAR, "kp = 4.0", "", ["gains.y: kp missing"]),
-        (PLANAR, "kp = 4.0", "numerator = [1]", ["gains.y: unknown key 'ki'", "denominator, numerator"]),
+        (PLANAR, "kp = 4.0", "numerator = [1]", ["gains.y: unknown key 'ki'", "denominator, limit, numerator"]),
         (PLANAR, "direction = 60.0", "direction = inf", ["direction = inf", "degrees"]),
         (PLANAR, "seed = 5", "band = [1.0, 5.0]", ["band = (1.0, 5.0) Hz", "recorded one"]),
         (PLANAR, 'kind = "sphs"', 'kind = "recorded"\nband = [-1, 5]', ["band = (-1, 5) Hz", "two increasing"]),
