@@ -5,6 +5,7 @@ This module imports little, because `maglev --help` loads it.
 
 import os
 from collections.abc import Callable, Iterable
+from concurrent.futures import BrokenExecutor
 from functools import wraps
 from importlib.util import find_spec
 from pathlib import Path
@@ -107,6 +108,10 @@ def friendly(command: Callable[..., None]) -> Callable[..., None]:
             command(*args, **kwargs)
         except (ValueError, OSError) as error:
             typer.secho(f"maglev: {error}", fg=typer.colors.RED, err=True)
+            raise typer.Exit(2) from error
+        except (MemoryError, BrokenExecutor) as error:
+            why = "not enough memory" if isinstance(error, MemoryError) else "one of its processes was ended"
+            typer.secho(f"maglev: {why}: give it less to do at a time", fg=typer.colors.RED, err=True)
             raise typer.Exit(2) from error
         except KeyboardInterrupt:
             typer.secho("maglev: interrupted", fg=typer.colors.YELLOW, err=True)

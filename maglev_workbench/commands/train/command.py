@@ -50,6 +50,7 @@ def train(
     from time import perf_counter
 
     from maglev_env.recordings.json_data import plain
+    from maglev_env.recordings.result_folder import claim, locked
     from maglev_env.rig.rig import load_rig
     from maglev_lanes.code_version import code_version
     from maglev_lanes.schedule import workers
@@ -60,7 +61,6 @@ def train(
     from tuning.learned.training import Plan
     from tuning.learned.training import train as train_by_imitation
     from tuning.learned.worlds import World
-    from tuning.study.folder import claim, locked
 
     require_choice(by, BY, "--by")
     if init is not None and by == BY[0]:
@@ -88,7 +88,7 @@ def train(
         "init": None if init is None else str(init),
     }  # fmt: skip
     started = perf_counter()
-    with workers(scheduler) as spread, locked(folder, "another process trains there; wait, or choose another folder"):
+    with workers(scheduler) as spread, locked(folder):
         claim(folder / SPEC, made_by, "training")
         (folder / GROUPS).mkdir(exist_ok=True)
         with progress_bar() as bar:
