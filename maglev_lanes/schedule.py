@@ -28,6 +28,7 @@ if TYPE_CHECKING:
 Item, Result = TypeVar("Item"), TypeVar("Result")
 
 TIMEOUT = 10.0  # s, to reach a scheduler and its first worker
+MOST_PROCESSES = 256  # of local:N
 _AHEAD = 2  # tasks per worker at a time: one runs, one has arrived
 # Packages of which another version could change the last digits, or the gains that are proposed.
 _ALIKE = ("maglev-workbench", "numpy", "scipy", "numba", "optuna", "cmaes", "torch")
@@ -150,6 +151,8 @@ def workers(address: str | None, here: int | None = None) -> Iterator[Workers | 
         raise ValueError(
             f"--scheduler {address}: give tcp://host:8786, as dask scheduler prints it, or local:4 for 4 processes here"
         )
+    if local and int(local[1]) > MOST_PROCESSES:
+        raise ValueError(f"--scheduler {address}: up to {MOST_PROCESSES}; more processes than cores are no use")
     if here is not None:
         raise ValueError("give either --scheduler or a number of threads or processes: the scheduler's workers count")
     try:

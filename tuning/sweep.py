@@ -4,6 +4,7 @@ import json
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields
 from hashlib import sha256
+from math import prod
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -16,6 +17,7 @@ from maglev_env.loop.gains import Controllers, Gains, of_axis, with_gains
 from maglev_env.recordings.result_folder import claim, is_empty, load_arrays, locked, save_arrays
 from maglev_env.rig.rig import Rig
 from maglev_lanes.code_version import code_version
+from maglev_lanes.price import check_experiments
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -64,6 +66,10 @@ class Sweep:
             raise ValueError(
                 f"rig {self.rig.name} has no controlled magnet or no [protocol]: there is nothing to sweep"
             )
+        p = self.rig.protocol
+        period = max((self.rig.control_rate / e.fundamental for e in p.excitations if e.periodic), default=0.0)
+        count = self.sobol or prod(axis.points for axis in self.axes.values())
+        check_experiments(count, period * (p.periods + p.transient_periods), "sweep")
         if not self.axes:
             raise ValueError("sweep: give at least one of kp, ki, kd as lo:hi:n")
         for name, axis in self.axes.items():

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from maglev_env.channels import NOISY
-from maglev_env.fields import check_known, check_range, increasing_pair, is_number, quantity, table_as
+from maglev_env.fields import check_known, check_range, increasing_pair, is_number, quantity, table_as, toml_text
 from maglev_env.loop.axes import AXES, NO_CROSS, Cross
 from maglev_env.loop.card import Need
 from maglev_env.loop.effect import EFFECTS, Effects, check_effects, effect
@@ -18,11 +18,11 @@ from maglev_env.loop.gains import Controller, Controllers, Gains, LinearControll
 from maglev_env.loop.magnets.kinds import KINDS, MAGNETS, NO_MAGNET, check_magnet
 from maglev_env.loop.self_sensor import SelfSensing
 from maglev_env.rig.excitation import Excitation, axis_excitations, check_harmonics, check_interleaved
+from maglev_lanes.price import check_length
 
 SCHEMA = "maglev-rig/1"
 FLUX_PATHS = ("gap", "magnet")
 RIG_FOLDER, ROTOR_FOLDER = (resources.files("maglev_env") / name for name in ("rigs", "rotors"))
-MAX_FILE_BYTES = 1_000_000
 
 
 def _presets(folder: Traversable) -> tuple[str, ...]:
@@ -216,6 +216,7 @@ class Rig:
             raise ValueError("[axis], [cross] and gains per axis need axes = 2")
         if self.axes == 1 and self.protocol and any(e.components[1] for e in self.protocol.excitations):
             raise ValueError("[protocol]: an excitation's direction needs axes = 2")
+        self._check_protocol()
         if isinstance(self.gains, tuple) and len(self.gains) != 2:
             raise ValueError(f"gains: {len(self.gains)} controllers; give one for both axes, or one for each")
         for axis, own in self.per_axis.items():
@@ -238,6 +239,13 @@ class Rig:
                 raise ValueError(f"[axis.{name}]: {error}") from None
         check_magnet(self)
         check_effects(self.effects, self.capabilities, self.name)
+
+    def _check_protocol(self) -> None:
+        """Refuse an experiment of a length that nobody can have meant."""
+        p = self.protocol
+        for e in p.excitations if p and is_number(self.control_rate) else ():
+            if e.periodic:
+                check_length(self.control_rate / e.fundamental, p.periods + p.transient_periods, "[protocol]")
 
     @property
     def controlled(self) -> bool:
@@ -312,13 +320,7 @@ def load_rig(source: str | Path) -> Rig:
         raise FileNotFoundError(
             f"rig file {str(path)!r} does not exist; name a .toml with / between folders, or a preset"
         )
-    if path.stat().st_size > MAX_FILE_BYTES:
-        raise ValueError(f"{path}: larger than {MAX_FILE_BYTES} bytes; that is not a rig file")
-    try:
-        text = path.read_text(encoding="utf-8")
-    except UnicodeDecodeError as error:
-        raise ValueError(f"{path}: {error}") from error
-    return rig_from_toml(text, str(path))
+    return rig_from_toml(toml_text(path, "rig"), str(path))
 
 
 def rig_from_toml(text: str, where: str) -> Rig:

@@ -14,8 +14,8 @@ from maglev_env.design.motor import Motor
 from maglev_env.design.thermal import ThermalMass
 from maglev_env.fields import is_number
 from maglev_env.loop.gains import Gains
-from maglev_env.rig.rig import MAX_FILE_BYTES, ROTOR_FOLDER, ROTORS, Rig, load_rig
-from maglev_env.fields import check_known, check_range, increasing_pair, quantity, table_as
+from maglev_env.rig.rig import ROTOR_FOLDER, ROTORS, Rig, load_rig
+from maglev_env.fields import check_known, check_range, increasing_pair, quantity, table_as, toml_text
 
 SCHEMA = "maglev-rotor/1"
 # Inputs of the two controllers of each direction: the mean and half the difference of both planes, or each plane.
@@ -242,13 +242,7 @@ def load_rotor(source: str | Path) -> Rotor:
         path = Path(source)
         if path.suffix != ".toml":
             raise ValueError(f"rotor {str(source)!r} is neither a preset ({', '.join(ROTORS)}) nor a .toml file")
-        if path.stat().st_size > MAX_FILE_BYTES:
-            raise ValueError(f"{path}: larger than {MAX_FILE_BYTES} bytes; that is not a rotor file")
-        where = str(path)
-        try:
-            text = path.read_text(encoding="utf-8")
-        except UnicodeDecodeError as error:
-            raise ValueError(f"{path}: {error}") from error
+        text, where = toml_text(path, "rotor"), str(path)
     try:
         return _build(tomllib.loads(text), Path(where).parent)
     except (ValueError, TypeError, ArithmeticError, RecursionError) as error:

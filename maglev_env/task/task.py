@@ -20,6 +20,7 @@ from maglev_env.task.episodes import Episode, check_randomization, draw_episode
 from maglev_env.task.gain_box import TUNED, GainBox, gain_box
 from maglev_env.task.observation import BANDS, Layout
 from maglev_env.task.protocol import env_protocol
+from maglev_lanes.price import check_experiments
 
 TOUCHDOWN_REWARD = -1.0
 
@@ -168,6 +169,7 @@ def check_episode(budget: int, move: float | None) -> None:
     """Raise ValueError unless the budget is a number of experiments, and move is None or a share of the box."""
     if isinstance(budget, bool) or not isinstance(budget, int) or budget < 1:
         raise ValueError(f"budget = {budget!r} experiments; give a whole number, at least 1")
+    check_experiments(budget, 0, "budget")
     if move is not None and not (is_number(move) and 0 < move <= 2):
         raise ValueError(f"move = {move!r}; give a share of the box above 0 and up to 2, or None")
 

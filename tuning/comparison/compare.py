@@ -13,6 +13,7 @@ from maglev_env.recordings.result_folder import claim, is_empty, load_arrays, lo
 from maglev_env.task.episodes import Episode
 from maglev_env.task.task import Task
 from maglev_lanes.code_version import code_version
+from maglev_lanes.price import check_experiments
 from tuning.comparison.runs import CHUNK, Runs, stored_parts
 from tuning.lockstep import Course, judged, optima, rescored
 from tuning.methods import LEARNED, METHODS, make_tuner, policy_digest
@@ -155,6 +156,7 @@ def check_comparison(methods: Sequence[str], n_rigs: int, budgets: Sequence[int]
         raise ValueError(f"budgets = {', '.join(map(str, budgets))}: give increasing numbers of experiments, 1 or more")
     if n_rigs < 1 or repeats < 1:
         raise ValueError(f"rigs = {n_rigs}, repeats = {repeats}: give at least one of each")
+    check_experiments(n_rigs * max(SEARCH, repeats * budgets[-1]), 0, "rigs, repeats and budgets")
 
 
 def check_policy(task: Task, methods: Sequence[str], policy: "HistoryPolicy | None") -> None:

@@ -53,6 +53,7 @@ def train(
     from maglev_env.recordings.result_folder import claim, locked
     from maglev_env.rig.rig import load_rig
     from maglev_lanes.code_version import code_version
+    from maglev_lanes.price import check_experiments
     from maglev_lanes.schedule import workers
     from maglev_workbench.commands.train.report import held_out_table
     from maglev_workbench.commands.train.training import judge, reinforced
@@ -71,6 +72,7 @@ def train(
         raise ValueError(f"--rigs: of imitation; {by} draws as many as --experiments take")
     if experiments is not None and by == BY[0]:
         raise ValueError("--experiments: of ppo and sac; imitation takes --rigs")
+    check_experiments(max(rigs or 0, judged), 0, "--rigs and --held-out")
     rigs, experiments = rigs or Plan().rigs, experiments or EXPERIMENTS
     world = World(load_rig(rig), protocol)
     world.task()  # raises for invalid settings before any work
