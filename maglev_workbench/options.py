@@ -13,6 +13,8 @@ from typing import Annotated, Any
 
 import typer
 
+from maglev_workbench.heartbeat import heartbeat
+
 # A preset is a file. Its folder is found without importing the simulator, which would delay --help.
 _RIGS = Path(find_spec("maglev_env").submodule_search_locations[0], "rigs")
 _PRESETS = ", ".join(sorted(file.stem for file in _RIGS.glob("*.toml")))
@@ -105,7 +107,8 @@ def friendly(command: Callable[..., None]) -> Callable[..., None]:
         try:
             for name, option in _WRITTEN.items():
                 require_file(kwargs.get(name), option)
-            command(*args, **kwargs)
+            with heartbeat(command.__name__.strip("_").replace("_", "-")):
+                command(*args, **kwargs)
         except (ValueError, OSError) as error:
             typer.secho(f"maglev: {error}", fg=typer.colors.RED, err=True)
             raise typer.Exit(2) from error

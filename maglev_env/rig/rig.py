@@ -457,7 +457,10 @@ def _controller_from_table(table: Any, where: str) -> Controller:
 
 def _protocol(data: dict[str, Any]) -> Protocol:
     data = dict(data)
-    excitations = tuple(excitation_from_table(e) for e in data.pop("excitation", []))
+    tables = data.pop("excitation", [])
+    if not isinstance(tables, list):
+        raise ValueError(f"[protocol]: excitation = {tables!r} must be tables: [[protocol.excitation]]")
+    excitations = tuple(map(excitation_from_table, tables))
     if not excitations:
         raise ValueError("[protocol]: give at least one [[protocol.excitation]]")
     return table_as(Protocol, {"protocol": {**data, "excitations": excitations}}, "protocol")
@@ -473,6 +476,8 @@ def excitation_from_table(table: Mapping[str, Any], ignored: tuple[str, ...] = (
     Raises:
         ValueError: A key is unknown or missing, or a value is not valid.
     """
+    if not isinstance(table, Mapping):
+        raise ValueError(f"excitation: {table!r} must be a table with kind, at, lines, ...")
     table = {k: v for k, v in table.items() if k not in ignored}
     harmonics = table.pop("harmonics", None)
     if harmonics is not None:

@@ -269,6 +269,12 @@ def _build(data: dict[str, Any], folder: Path) -> Rotor:
     for key in ("name", "axis", "body", "planes", "axial", "gains"):
         if key not in data:
             raise ValueError(f"{key} is missing")
+    for key in ("gains", "bounds", *_TABLES):
+        if not isinstance(data.get(key, {}), dict):
+            raise ValueError(f"[{key}] = {data[key]!r} must be a table")
+    for key, gains in data["gains"].items():
+        if not isinstance(gains, dict):
+            raise ValueError(f"[gains] {key} = {gains!r} must be a table: [gains.{key}] with kp, ki, kd")
     parts = {
         name: table_as(cls, {name: {k: tuple(v) if isinstance(v, list) else v for k, v in data[name].items()}}, name)
         for name, cls in _TABLES.items()

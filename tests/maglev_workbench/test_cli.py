@@ -178,3 +178,11 @@ def test_ctrl_c_stops_a_sweep_with_130_and_the_next_run_goes_on(tmp_path):
     assert all(p.suffix == ".npz" for p in chunks.iterdir())
     finished = subprocess.run(command, capture_output=True, text=True, timeout=120)
     assert finished.returncode == 0 and "reused" in finished.stdout
+
+
+def test_what_simulate_writes_is_estimated_though_its_lines_are_wide_apart(tmp_path):
+    """The rig's bands of 15 Hz hold fewer than two of these lines, which are 10 Hz apart."""
+    maglev("simulate", "--excite", "force=1:49:2@0.4", "--fundamental", 5, "--out", tmp_path / "c")
+    maglev("estimate", tmp_path / "c", "--json", tmp_path / "e.json")
+    bands = json.loads((tmp_path / "e.json").read_text())["recordings"][0]["bands"]
+    assert len(bands) >= 2
