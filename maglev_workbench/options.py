@@ -112,6 +112,10 @@ def friendly(command: Callable[..., None]) -> Callable[..., None]:
         except (ValueError, OSError) as error:
             typer.secho(f"maglev: {error}", fg=typer.colors.RED, err=True)
             raise typer.Exit(2) from error
+        except ArithmeticError as error:
+            why = f"a number of the input is too large or too small to calculate with ({error})"
+            typer.secho(f"maglev: {why}; check the magnitudes of its values", fg=typer.colors.RED, err=True)
+            raise typer.Exit(2) from error
         except (MemoryError, BrokenExecutor) as error:
             why = "not enough memory" if isinstance(error, MemoryError) else "one of its processes was ended"
             typer.secho(f"maglev: {why}: give it less to do at a time", fg=typer.colors.RED, err=True)

@@ -170,13 +170,17 @@ def identify(
 def band_layout(force: LineStatistics, rig: Rig | None, width: float | None, overlap: float | None) -> np.ndarray:
     """Estimation bands (b, 2) Hz: as stated, or as in the rig's protocol, or 12 lines with an overlap of two thirds.
 
-    The bands of a protocol are those of its own excitation; where the lines are too far apart for them, 12 lines it is.
+    The bands of a protocol are those of its own excitation; where other lines do not fit them, 12 lines it is.
     """
-    spacing = np.diff(force.frequency)
-    if width is None and rig is not None and rig.protocol is not None and rig.protocol.band_width >= 2 * spacing.max():
-        width, overlap = rig.protocol.band_width, rig.protocol.band_overlap if overlap is None else overlap
+    if width is None and rig is not None and rig.protocol is not None:
+        own = rig.protocol.band_overlap if overlap is None else overlap
+        try:
+            return sliding_bands(force.frequency, rig.protocol.band_width, own)
+        except ValueError:
+            if overlap is not None:
+                raise
     if width is None:
-        width = min(12 * float(np.median(spacing)), float(np.ptp(force.frequency)))
+        width = min(12 * float(np.median(np.diff(force.frequency))), float(np.ptp(force.frequency)))
     return sliding_bands(force.frequency, width, 2 * width / 3 if overlap is None else overlap)
 
 

@@ -68,6 +68,9 @@ class Protocol:
             raise ValueError("[protocol]: band_overlap must be at least 0 and smaller than band_width")
 
 
+MOST_NOISE = 1e6  # rms of any channel, SI
+
+
 @dataclass(frozen=True)
 class Noise:
     """Rms per sample of the white noise on the readings.
@@ -88,8 +91,8 @@ class Noise:
     def __post_init__(self) -> None:
         for f in fields(self):
             v = getattr(self, f.name)
-            if not (is_number(v) and v >= 0):
-                raise ValueError(f"[noise]: {f.name} = {v} must be a number, at least 0")
+            if not (is_number(v) and 0 <= v <= MOST_NOISE):
+                raise ValueError(f"[noise]: {f.name} = {v} must be a number from 0 to {MOST_NOISE:g}")
 
 
 if apart := {f.name for f in fields(Noise)} ^ set(NOISY):

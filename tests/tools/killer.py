@@ -49,7 +49,7 @@ JOBS: dict[str, str] = {
             ("learned", 8),
         )
     },
-    "train": "train --protocol quick --rigs 3 --held-out 2 --out out",
+    "train": "train --protocol quick --rigs 6 --held-out 2 --out out",
     "compare": "compare sobol tpe --protocol quick --rigs 2 --budgets 2,4 --out out",
     "blind": "blind run --seed 7 --count 2 --processes 1 --out out",
 }  # fmt: skip
