@@ -1,5 +1,6 @@
 """The commands as a user runs them: results, JSON, exit codes and messages."""
 
+import errno
 import json
 import os
 import signal
@@ -155,6 +156,22 @@ def test_a_full_disk_is_named(campaign, tmp_path):
     if not os.access("/dev/full", os.W_OK):
         pytest.skip("no /dev/full here")
     assert "maglev:" in maglev("estimate", campaign, "--json", "/dev/full/e.json", code=2)
+
+
+def test_a_device_is_not_replaced_by_a_file(campaign):
+    assert "is not a regular file" in maglev("estimate", campaign, "--json", os.devnull, code=2)
+    assert not Path(os.devnull).is_file()
+
+
+def test_a_full_disk_in_the_middle_of_the_work_says_how_to_go_on(tmp_path, monkeypatch):
+    def full(*_):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr("tuning.sweep.save_arrays", full)
+    said = maglev("sweep", "--kp", "8000", "--out", tmp_path / "s", code=2)
+    assert "No space left on device; nothing that was finished is lost: make room" in said
+    monkeypatch.undo()
+    assert "1 gain sets" in maglev("sweep", "--kp", "8000", "--out", tmp_path / "s")
 
 
 @pytest.mark.slow
