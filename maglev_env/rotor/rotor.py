@@ -28,6 +28,8 @@ class _Checked:
     def __post_init__(self) -> None:
         for f in fields(self):  # pyright: ignore[reportArgumentType]  # every subclass is a dataclass
             value = getattr(self, f.name)
+            if not f.metadata and not isinstance(value, tuple):
+                raise ValueError(f"{f.name} = {value!r} must be a list of numbers")
             for one in value if isinstance(value, tuple) else (value,) if f.metadata else ():
                 check_range(f.name, one, f.metadata or {"unit": "", "low": -1e9, "high": 1e9})
 
@@ -127,6 +129,11 @@ class Runout(_Checked):
 
     amplitude: tuple[float, float] = (0.0, 0.0)
     phase: tuple[float, float] = (0.0, 0.0)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not len(self.amplitude) == len(self.phase) == 2:
+            raise ValueError("[runout]: give two amplitudes and two phases, of probe planes a and b")
 
 
 @dataclass(frozen=True)
