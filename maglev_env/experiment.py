@@ -10,7 +10,7 @@ from maglev_env.channels import MEASURED, SPECTRAL, simulated_channels
 from maglev_env.fields import is_number
 from maglev_env.loop.axes import suffixes
 from maglev_env.loop.effect import EFFECTS, FINER, NO_EFFECTS, Effects, check_effects, effect_value
-from maglev_env.loop.gains import NO_CONTROLLER, Controllers, of_axis, reads_current
+from maglev_env.loop.gains import NO_CONTROLLER, Controller, Controllers, of_axis, reads_current
 from maglev_env.rig.excitation import Excitation, axis_excitations, check_interleaved
 from maglev_env.rig.rig import Rig, axis_rig
 from maglev_env.rig.self_sensor import rig_sensors
@@ -59,6 +59,11 @@ class Experiment:
         if not is_number(self.speed_rpm) or self.speed_rpm < 0:
             raise ValueError(f"experiment: speed_rpm = {self.speed_rpm!r} must be a number, at least 0")
         self._check_sensor()
+        for gains in self.gains if isinstance(self.gains, tuple) else (self.gains,):
+            if not isinstance(gains, Controller):
+                raise ValueError(
+                    f"experiment: gains = {gains!r}; give Gains(kp=..., ki=..., kd=...), or one for each axis"
+                )
         check_interleaved(self.excitations)
         if not self.rig.controlled and any(e.at != "force" for e in self.excitations):
             raise ValueError(f"experiment: rig {self.rig.name} has no magnets: only a force can excite it")

@@ -171,14 +171,15 @@ def identify(
 def band_layout(force: LineStatistics, rig: Rig | None, width: float | None, overlap: float | None) -> np.ndarray:
     """Estimation bands (b, 2) Hz: as stated, or as in the rig's protocol, or 12 lines with an overlap of two thirds.
 
-    The last where the protocol's bands do not fit the lines, because the recording follows another plan.
+    The bands of a protocol are those of its own excitation; where other lines do not fit them, 12 lines it is.
     """
     if width is None and rig is not None and rig.protocol is not None:
-        usual = rig.protocol
+        own = rig.protocol.band_overlap if overlap is None else overlap
         try:
-            return sliding_bands(force.frequency, usual.band_width, usual.band_overlap if overlap is None else overlap)
+            return sliding_bands(force.frequency, rig.protocol.band_width, own)
         except ValueError:
-            overlap = None
+            if overlap is not None:
+                raise
     if width is None:
         width = min(12 * float(np.median(np.diff(force.frequency))), float(np.ptp(force.frequency)))
     return sliding_bands(force.frequency, width, 2 * width / 3 if overlap is None else overlap)

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path, PurePosixPath, PureWindowsPath
 from typing import Any, Literal
 
-from maglev_env.fields import check_known
+from maglev_env.fields import check_known, toml_text
 from maglev_env.loop.gains import Controllers
 from maglev_env.recordings.campaign_tables import (
     ChannelSource,
@@ -24,7 +24,6 @@ from maglev_env.rig.rig import PRESETS, Rig, load_rig, with_parameters
 __all__ = ["Campaign", "ChannelSource", "RecordingSpec", "load_campaign"]
 
 SCHEMA = "maglev-campaign/1"
-MAX_FILE_BYTES = 1_000_000
 ROLES = ("fit", "holdout")
 INTERSAMPLE = ("bl", "zoh")
 _RECORDING_KEYS = (
@@ -107,10 +106,9 @@ def load_campaign(folder_or_toml: str | Path) -> Campaign:
         raise ValueError(
             f"{path} is not a campaign folder or campaign.toml; `maglev estimate` also reads one data file"
         )
-    if path.stat().st_size > MAX_FILE_BYTES:
-        raise ValueError(f"{path}: larger than {MAX_FILE_BYTES} bytes; that is not a campaign file")
+    text = toml_text(path, "campaign")
     try:
-        return parse_campaign(path.parent, tomllib.loads(path.read_text(encoding="utf-8")))
+        return parse_campaign(path.parent, tomllib.loads(text))
     except (ValueError, TypeError, ArithmeticError, RecursionError) as error:
         raise ValueError(f"{path}: {error}") from error
 

@@ -74,9 +74,12 @@ def test_a_resumed_sweep_equals_an_uninterrupted_one_bit_for_bit(rig, tmp_path, 
 def test_a_folder_of_another_sweep_is_not_touched(rig, tmp_path):
     small = {"kp": Axis(8000.0, 8000.0, 1)}
     run_sweep(short_sweep(rig, axes=small), tmp_path / "mine")
-    for other in (short_sweep(rig, axes=small, seed=4), short_sweep(rig, axes=small, effects=effect("delay", 5e-5))):
-        with pytest.raises(ValueError, match="holds another sweep"):
-            run_sweep(other, tmp_path / "mine")
+    for words, changed in (("another seed", {"seed": 4}), ("another effects", {"effects": effect("delay", 5e-5)})):
+        with pytest.raises(ValueError, match=f"holds a sweep of {words}"):
+            run_sweep(short_sweep(rig, axes=small, **changed), tmp_path / "mine")
+    (tmp_path / "mine" / "chunks" / "0000000.npz").write_bytes(b"PK\x03\x04 no")
+    with pytest.raises(ValueError, match=r"0000000\.npz is damaged .*delete it"):
+        run_sweep(short_sweep(rig, axes=small), tmp_path / "mine")
     (tmp_path / "full").mkdir()
     (tmp_path / "full" / "thesis.txt").write_text("do not lose me")
     with pytest.raises(ValueError, match="not empty"):

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from rich.markup import escape
 
+from maglev_env.fields import toml_text
 from maglev_env.recordings.campaign import SCHEMA, Campaign, campaign_rig, load_campaign
 from maglev_env.recordings.files import write_text_atomic
 from maglev_env.rig.rig import Rig
@@ -81,8 +82,9 @@ def _read(source: Path) -> tuple[Path, Rig, Campaign | None]:
             f'{path} does not exist; begin with a campaign.toml of two lines: schema = "{SCHEMA}" and '
             'rig = "..." (a preset or a rig TOML beside it)'
         )
+    text = toml_text(path, "campaign")
     try:
-        data = tomllib.loads(path.read_text(encoding="utf-8"))
+        data = tomllib.loads(text)
         begun = bool(data.get("recording"))
         if not begun and data.get("schema") != SCHEMA:
             raise ValueError(f'schema = {data.get("schema")!r}; this version reads schema = "{SCHEMA}"')
