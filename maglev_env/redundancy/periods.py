@@ -1,0 +1,167 @@
+"""Period against period: samples that are missing, two records joined, spikes, drift."""
+
+import numpy as np
+from scipy import stats
+
+from estimation.periods import period_spectra
+from maglev_env.channels import unit_of
+from maglev_env.redundancy.finding import Finding
+from maglev_env.redundancy.view import View
+from maglev_env.rig.excitation import lines_at
+
+LEAST = 4  # periods
+SHIFTED, CLEARER = 0.5, 0.25  # samples; share of the difference that a shift must leave at most
+SPIKE = 14.0  # robust standard deviations; of 1e8 Gaussian samples the largest is 6, a sum of a few sines has 2
+OTHER = 20.0  # times the usual power of a period's difference from the others
+LEVEL = 1e-5  # probability of a drift under noise alone
+BENT = 3.0  # standard errors of the lowest lines that a drift bends them by
+
+
+def jumps(view: View) -> list[Finding]:
+    """Where the excitation goes on at another phase: missing or double samples, or another record."""
+    if not view.periodic:
+        return []
+    names, blocks = view.blocks
+    if len(blocks) < 3:
+        return []
+    name = next((n for n in ("injection", "force", "reference", "displacement") if n in view.recorded and n in names), "")
+    if not name:
+        return []
+    samples, every = view.block
+    lines = lines_at(view.excitations, {"injection": "current", "force": "force", "reference": "reference"}.get(name))
+    if lines.size < 4:
+        return []
+    spectra = period_spectra(blocks[:, names.index(name)], lines * every)
+    shifts = [_shift(spectra[p], spectra[p - 1], lines * every, samples) for p in range(2, len(spectra))]
+    found = [(p, shift, left) for p, (shift, left) in enumerate(shifts, 2) if abs(shift) > SHIFTED and left < CLEARER]
+    if not found:
+        return []
+    p = found[0][0]
+    total = sum(s for _, s, _ in found)
+    whole = round(total)
+    what = f"{whole} samples are missing" if whole > 0 else f"{-whole} samples are there twice"
+    text = (
+        f"all channels: {what} between {(p - 1) * samples / view.rate:.4g} and {(p + 1) * samples / view.rate:.4g} s: "
+        f"from there on {name} runs {abs(total):.4g} samples {'ahead' if total > 0 else 'behind'}; two records may be "
+        f"joined there; use a stretch before or after it (start, samples)"
+    )
+    return [Finding("missing samples", view.recording, "all channels", float(total), None, text, "contradiction")]
+
+
+def _shift(one: np.ndarray, other: np.ndarray, lines: np.ndarray, samples: int) -> tuple[float, float]:
+    """Samples by which a period runs ahead of another, and the share of their difference that the shift leaves."""
+    product = one * other.conj()
+    correlation = np.zeros(samples // 2 + 1, complex)
+    correlation[lines] = product
+    at = int(np.argmax(np.fft.irfft(correlation, samples)))
+    shift = -(at if at <= samples // 2 else at - samples)
+    w = 2 * np.pi * lines / samples
+    for _ in range(5):  # the angles that are left give the fraction
+        rest = np.angle(product * np.exp(-1j * w * shift))
+        weight = np.abs(product)
+        shift += float((weight * w * rest).sum() / (weight * w**2).sum())
+    power = (np.abs(one - other) ** 2).sum()
+    left = (np.abs(one - other * np.exp(1j * w * shift)) ** 2).sum()
+    return float(shift), float(left / power) if power else 1.0
+
+
+def outliers(view: View) -> list[Finding]:
+    """Samples or whole periods of a channel that are far from those of the other periods."""
+    if not view.periodic:
+        return []
+    names, blocks = view.blocks
+    found = []
+    if len(blocks) < LEAST:
+        return found
+    samples = view.block[0]
+    for i, name in enumerate(names):
+        if name not in view.recorded:
+            continue
+        rest = blocks[1:, i] - np.median(blocks[1:, i], axis=0)
+        rest = rest - np.median(rest, axis=1, keepdims=True)
+        kept = [p for p in range(len(rest)) if p + 1 not in view.left_out]
+        rest = rest[kept]
+        if not len(rest):
+            continue
+        sigma = 1.4826 * float(np.median(np.abs(rest)))
+        size = float(np.ptp(blocks[1:, i]))
+        if sigma <= 1e-9 * size:
+            sigma = max(float(np.median(np.abs(rest[rest != 0]))) if rest.any() else 0.0, 1e-4 * size)
+        power = np.mean(rest**2, axis=1)
+        worst = float(np.abs(rest).max())
+        p, k = np.unravel_index(int(np.argmax(np.abs(rest))), rest.shape)
+        when = ((kept[p] + 1) * samples + k) / view.rate
+        unit = unit_of(name)
+        if worst > SPIKE * sigma and worst > 0.01 * size and power.max() < OTHER * max(np.median(power), sigma**2):
+            text = (
+                f"{name}: a spike of {worst:.3g} {unit} at {when:.5g} s, {worst / sigma:.0f} times the noise; leave "
+                "its period out (start, samples)"
+            )
+            found.append(Finding("spike", view.recording, name, worst, None, text, "wiring"))
+        elif (ratio := float(power.max() / max(np.median(power), 1e-300))) > OTHER and power.max() > (0.01 * size) ** 2:
+            at = kept[int(np.argmax(power))] + 1
+            text = (
+                f"{name}: the period from {at * samples / view.rate:.4g} s on differs from the others by "
+                f"{np.sqrt(power.max()):.3g} {unit} rms, {np.sqrt(ratio):.0f} times as much as usual; something "
+                "happened there, or two records are joined: leave it out (start, samples)"
+            )
+            found.append(Finding("period", view.recording, name, float(np.sqrt(ratio)), None, text, "wiring"))
+    return found
+
+
+def drifts(view: View) -> list[Finding]:
+    """A drift of a channel's mean that bends its lowest lines: d per period adds d / (pi n) to harmonic n."""
+    if not view.periodic:
+        return []
+    names, blocks = view.blocks
+    found = []
+    if len(blocks) < LEAST:
+        return found
+    kept = [p for p in range(1, len(blocks)) if p not in view.left_out]
+    if len(kept) < LEAST - 1:
+        return found
+    lines = view.lines
+    for i, name in enumerate(names):
+        if name not in view.recorded or name not in lines.parts:
+            continue
+        means = blocks[kept, i].mean(axis=1)
+        slope, _, _, p, se = stats.linregress(kept, means)
+        if not (p < LEVEL and slope):
+            continue
+        parts = lines.parts[name]
+        amplitude, noise = np.abs(parts.mean(axis=0)), np.sqrt(parts.var(axis=0).mean(axis=-1) / len(parts))
+        bent = abs(slope) / (np.pi * lines.harmonics * view.block[1])
+        bad = (bent > BENT * noise) & (bent > 0.01 * amplitude)
+        if bad.any():
+            top = float(lines.frequency[bad].max())
+            unit = unit_of(name)
+            text = (
+                f"{name}: its mean drifts by {slope:.3g} {unit} per period, which bends its lines up to {top:.4g} Hz by "
+                f"{(bent / amplitude).max():.0%}; let it settle, or do not use these lines"
+            )
+            found.append(
+                Finding("drift", view.recording, name, float(slope), (slope - 2 * se, slope + 2 * se), text, "wiring")
+            )
+    return found
+
+
+def breaks(view: View) -> list[Finding]:
+    """In a recording that never repeats: samples at which the current jumps away from what the command explains."""
+    if view.periodic or not {"command", "current"} <= view.recorded or view.rig is None or not view.rig.controlled:
+        return []
+    dt = 1 / view.rate
+    a = np.exp(-dt / view.rig.amplifier_time_constant) if view.rig.amplifier_time_constant > 0 else 0.0
+    # Over one sample the current moves toward the command that is held: i+ = a i + (1 - a) u.
+    u, i = view.channels["command"], view.channels["current"]
+    rest = i[1:] - a * i[:-1] - (1 - a) * u[:-1]
+    rest = rest - np.median(rest)
+    sigma = 1.4826 * float(np.median(np.abs(rest)))
+    worst = float(np.abs(rest).max())
+    if sigma and worst > SPIKE * sigma and worst > 0.05 * np.ptp(i):
+        at = int(np.argmax(np.abs(rest)))
+        text = (
+            f"all channels: the current jumps by {worst:.3g} A at {at / view.rate:.5g} s, {worst / sigma:.0f} times as far "
+            "as the command explains elsewhere; samples are missing there, or two records are joined"
+        )
+        return [Finding("missing samples", view.recording, "all channels", None, None, text, "wiring")]
+    return []
