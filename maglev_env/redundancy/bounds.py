@@ -3,6 +3,8 @@
 import numpy as np
 
 from estimation.frequency_response import pooled_variance
+from maglev_env.loop.magnets.kinds import force_law
+from maglev_env.loop.magnets.law import linearise
 from maglev_env.redundancy.finding import Finding
 from maglev_env.redundancy.view import View
 
@@ -10,6 +12,7 @@ FREE = 1.05  # of the clearance to both sides
 LEVEL = 4.0  # standard errors
 SETTLED = 0.25  # |S - S of the highest lines| from which the sensitivity has reached its end
 LEAST_LINES = 8
+CENTRED, MOVED = 0.04, 1.0  # offsets that count: of the gap, and of the motion's standard deviation
 
 
 def clearance(view: View) -> list[Finding]:
@@ -31,6 +34,28 @@ def clearance(view: View) -> list[Finding]:
         )
         return [Finding("clearance", view.recording, "displacement", float(y.mean()), None, text, "wiring")]
     return []
+
+
+def balance(view: View) -> list[Finding]:
+    """Mean displacement and mean current of a pair of magnets: at rest the current's pull balances the stiffness.
+
+    Only for recordings that never repeat, whose operating point enters the comparison with a simulation.
+    """
+    rig = view.rig
+    if view.periodic or rig is None or "pair" not in rig.capabilities or not {"displacement", "current"} <= view.recorded:
+        return []
+    gain, stiffness = linearise(force_law(rig))
+    y, i = view.channels["displacement"], view.channels["current"]
+    total = stiffness + rig.support_stiffness
+    off = float(y.mean() - gain * i.mean() / total)
+    spread = float(y.std())
+    if abs(off) < max(CENTRED * rig.gap, MOVED * spread):
+        return []
+    text = (
+        f"displacement or current: their means ({y.mean():.3g} m, {i.mean():.3g} A) do not balance, by {off:.3g} m; check "
+        "the offsets of both columns; or an effect (eccentricity, actuator_offset) or a static load: run `maglev diagnose`"
+    )
+    return [Finding("balance", view.recording, "displacement or current", off, None, text, "effect")]
 
 
 def sensitivity(view: View) -> list[Finding]:

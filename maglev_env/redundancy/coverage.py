@@ -15,6 +15,8 @@ def uncovered(view: View, rows: Sequence[Row]) -> list[Finding]:
     free = [name for name in CHANNELS if name in view.recorded and name not in seen]
     if "mass" not in seen and view.mass is not None:
         free.append("mass")
+    if view.rig is None and "force" in view.recorded:
+        free.append("time between force and displacement")
     if not free:
         return []
     advice = []
@@ -24,6 +26,8 @@ def uncovered(view: View, rows: Sequence[Row]) -> list[Finding]:
     if "force" in free:
         advice.append("state the excitation's amplitude")
     if "command" in free or "current" in free:
-        advice.append("name the rig" if view.rig is None else "record command and current at the control rate")
+        advice.append("name the rig and its gains" if view.rig is None else "record command and current at the control rate")
+    if "time between force and displacement" in free and not any("name the rig" in a for a in advice):
+        advice.append("name the rig and its gains")
     text = f"not checkable here: {', '.join(free)}; {', '.join(advice)}"
     return [Finding("coverage", view.recording, " or ".join(free), None, None, text, "not checkable")]

@@ -5,13 +5,14 @@ import numpy as np
 from maglev_env.channels import SHOWN_BY, unit_of
 from maglev_env.redundancy.finding import Finding
 from maglev_env.redundancy.rows import MODEL, Row
-from maglev_env.redundancy.view import View
+from maglev_env.redundancy.view import Lines, View
 from maglev_env.rig.excitation import Excitation
 
 # How far a sound excitation may be from its stated peak: a shaker's amplifier is set by hand, a sequence is digital.
 SHAKER, DIGITAL = 0.1, 0.02
 SHAPE = 0.2  # relative: an unequal spectrum of a designed one
-DEAD, SIGNIFICANT = 0.01, 5.0  # of the median amplitude: a line without power, if it is below so many of its errors
+SIGNIFICANT, FLOOR = 3.0, 1e-6  # standard errors of a line's mean, and share of the strongest line: as `check_excited`
+MOST_DEAD, LEAST = 0.3, 12  # share of lines that noise may hide in every channel, and lines for which that is judged
 
 
 def designed(view: View) -> list[Row]:
@@ -72,24 +73,39 @@ def _sign(view: View, e: Excitation, mean: np.ndarray, harmonics: np.ndarray) ->
 
 
 def dead_lines(view: View) -> list[Finding]:
-    """Stated lines at which the recorded injection or reference has no power (`check_excited` does the force)."""
+    """Stated lines without power: in the recorded excitation itself, or, where that is not recorded, in any channel."""
+    if not view.periodic:
+        return []
     found = []
     for e in view.excitations:
         name = SHOWN_BY[e.at]
-        if not e.periodic or e.at == "force" or name not in view.recorded:
+        if not e.periodic or name not in view.recorded:
             continue
-        lines = view.lines.at(np.isin(view.lines.harmonics, e.lines))
-        parts = lines.parts[name]
-        amplitude = np.abs(parts.mean(axis=0))
-        error = np.sqrt(parts.var(axis=0, ddof=1) / len(parts))
-        level = float(np.median(amplitude[amplitude > 0])) if amplitude.any() else 0.0
-        dead = (amplitude <= SIGNIFICANT * error) & (amplitude <= DEAD * max(level, 1e-300)) if level else amplitude == 0
-        noisy = bool(np.median(amplitude) <= 3 * np.median(error))
-        if dead.any() or noisy:
-            count = int(dead.sum()) if dead.any() else int((amplitude <= 3 * error).sum())
+        dead = _dead(view, name, view.lines.at(np.isin(view.lines.harmonics, e.lines)))
+        if dead.any():
+            line = e.lines[int(np.argmax(dead))]
             text = (
-                f"{name}: no power at {count} of its {amplitude.size} stated lines; check the excitation's lines and "
-                f"fundamental, sample_rate, start, and column {view.columns.get(name, name)!r}"
+                f"channel {name!r}: no excitation at line {line} ({line * e.fundamental:g} Hz), and at {dead.sum()} of "
+                f"{dead.size} stated lines in all; correct the excitation's lines, fundamental, sample_rate or start, or "
+                f"column {view.columns.get(name, name)!r}"
             )
-            found.append(Finding("lines", view.recording, name, float(count), None, text, "contradiction"))
-    return found
+            found.append(Finding("lines", view.recording, name, float(dead.sum()), None, text, "contradiction"))
+    if found:
+        return found
+    shares = {n: float(_dead(view, n, view.lines).mean()) for n in view.lines.parts if n in view.recorded}
+    if shares and min(shares.values()) > MOST_DEAD and view.lines.frequency.size >= LEAST:
+        name = min(shares, key=lambda n: shares[n])
+        text = (
+            f"time: {shares[name]:.0%} of the stated lines move no channel, not even {name}; check sample_rate "
+            f"({view.rate:g} Hz), the excitation's fundamental and its lines"
+        )
+        return [Finding("lines", view.recording, "time", shares[name], None, text, "contradiction")]
+    return []
+
+
+def _dead(view: View, name: str, lines: Lines) -> np.ndarray:
+    """Lines (n,) at which a channel does not exceed its error, and hardly its strongest line."""
+    parts = lines.parts[name]
+    amplitude = np.abs(parts.mean(axis=0))
+    error = np.sqrt(parts.var(axis=0, ddof=1) / len(parts))
+    return (amplitude <= SIGNIFICANT * error) | (amplitude <= FLOOR * amplitude.max(initial=0.0))

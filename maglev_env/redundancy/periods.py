@@ -14,6 +14,8 @@ SHIFTED, CLEARER = 0.5, 0.25  # samples; share of the difference that a shift mu
 SPIKE = 14.0  # robust standard deviations; of 1e8 Gaussian samples the largest is 6, a sum of a few sines has 2
 OTHER = 20.0  # times the usual power of a period's difference from the others
 LEVEL = 1e-5  # probability of a drift under noise alone
+TAPS = 6  # commands from which the current is predicted
+JUMP = 0.03  # of the current's range
 BENT = 3.0  # standard errors of the lowest lines that a drift bends them by
 
 
@@ -146,22 +148,28 @@ def drifts(view: View) -> list[Finding]:
 
 
 def breaks(view: View) -> list[Finding]:
-    """In a recording that never repeats: samples at which the current jumps away from what the command explains."""
-    if view.periodic or not {"command", "current"} <= view.recorded or view.rig is None or not view.rig.controlled:
+    """In a recording that never repeats: samples at which the current jumps away from what the command explains.
+
+    What it explains is learned from the record itself: a linear prediction from the last two currents and the commands
+    around them, so that a lag or delay of the amplifier is no jump.
+    """
+    if view.periodic or not {"command", "current"} <= view.recorded:
         return []
-    dt = 1 / view.rate
-    a = np.exp(-dt / view.rig.amplifier_time_constant) if view.rig.amplifier_time_constant > 0 else 0.0
-    # Over one sample the current moves toward the command that is held: i+ = a i + (1 - a) u.
     u, i = view.channels["command"], view.channels["current"]
-    rest = i[1:] - a * i[:-1] - (1 - a) * u[:-1]
-    rest = rest - np.median(rest)
+    if i.size < 100 * TAPS or not np.ptp(i) or not np.ptp(u):
+        return []
+    at = np.arange(TAPS, i.size - 1)
+    past = np.stack([i[at - 1], i[at - 2], *(u[at - k] for k in range(-1, TAPS)), np.ones(at.size)], axis=1)
+    rest = i[at] - past @ np.linalg.lstsq(past, i[at], rcond=None)[0]
     sigma = 1.4826 * float(np.median(np.abs(rest)))
     worst = float(np.abs(rest).max())
-    if sigma and worst > SPIKE * sigma and worst > 0.05 * np.ptp(i):
-        at = int(np.argmax(np.abs(rest)))
-        text = (
-            f"all channels: the current jumps by {worst:.3g} A at {at / view.rate:.5g} s, {worst / sigma:.0f} times as far "
-            "as the command explains elsewhere; samples are missing there, or two records are joined"
-        )
-        return [Finding("missing samples", view.recording, "all channels", None, None, text, "wiring")]
-    return []
+    events = np.flatnonzero(np.abs(rest) > max(SPIKE * sigma, JUMP * float(np.ptp(i))))
+    # A nonlinear amplifier departs from any linear prediction again and again.
+    if not events.size or np.ptp(events) > TAPS + 2:
+        return []
+    when = float(at[events[0]]) / view.rate
+    text = (
+        f"all channels: the current jumps by {worst:.3g} A at {when:.5g} s, {worst / max(sigma, 1e-300):.0f} times as far "
+        "as the command explains elsewhere; samples are missing there, or two records are joined"
+    )
+    return [Finding("missing samples", view.recording, "all channels", None, None, text, "wiring")]

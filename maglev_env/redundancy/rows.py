@@ -132,7 +132,7 @@ def fit(
     off = y - turned.sum(axis=0)
     # Twice the weighted power is chi-square; where the residual is larger than the noise, errors grow with it.
     ratio = max(1.0, float((weight * np.abs(off) ** 2).sum() / max(y.size - len(normal) / 2, 1)))
-    se = np.sqrt(np.diag(np.linalg.pinv(normal)) / 2 * ratio)
+    se = np.sqrt(np.maximum(np.diag(np.linalg.pinv(normal)), 0.0) / 2 * ratio)
     k = len(gain)
     power = (weight * np.abs(y) ** 2).sum()
     left = (weight * (np.abs(off) ** 2 - (variance if periodic else 0.0))).sum() / power

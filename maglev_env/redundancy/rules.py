@@ -14,7 +14,7 @@ from maglev_env.recordings.recording import read_recording
 from maglev_env.recordings.signals import recorded_signals
 from maglev_env.recordings.spectra import RecordedSignals, axis_signals
 from maglev_env.redundancy.amplifier import amplified
-from maglev_env.redundancy.bounds import clearance, sensitivity
+from maglev_env.redundancy.bounds import balance, clearance, sensitivity
 from maglev_env.redundancy.cause import explained
 from maglev_env.redundancy.controller import controlled, stated_gains
 from maglev_env.redundancy.coverage import uncovered
@@ -39,11 +39,14 @@ RULES: Mapping[str, Callable[[View], list[Finding]]] = {
     "lines": dead_lines,
     "missing samples": jumps,
     "breaks": breaks,
+    "balance": balance,
     "spikes": outliers,
     "drift": drifts,
     "sensitivity": sensitivity,
     "gains": stated_gains,
 }
+# What exchanged columns or a wrong rate can look like.
+DOUBTFUL = ("mismatch", "controller", "lines", "scale", "sign", "filter", "shape", "clearance", "sensitivity", "delay")
 FINAL = ("clearance", "lines", "missing samples", "gains")  # rows would only repeat in other words what these found
 
 
@@ -59,26 +62,30 @@ def examine(campaign: Campaign) -> list[Finding]:
 
 def examine_recording(campaign: Campaign, spec: RecordingSpec) -> list[Finding]:
     """The findings of one recording: its alarms, then those of the rules."""
-    dataset = read_recording(campaign, spec, alarmed=True)
-    found = [
+    dataset = read_recording(campaign, spec, alarmed=True, unexcited=True)
+    alarms = [
         Finding(a.code, spec.file, a.channel, a.time, None, f"{a.channel}: {a.sentence}",
                 "contradiction" if a.severity == "refuse" else "quality")
         for a in alarms_of(dataset)
     ]  # fmt: skip
-    if any(f.kind == "contradiction" for f in found):
-        return found
     signals = recorded_signals(campaign, spec, dataset, excited=False)
     views = _views(campaign, spec, signals)
-    for view in views:
-        found += _findings(view)
-    if any(f.code in ("mismatch", "controller") for f in found):
-        found = _swapped(campaign, spec, signals) or _other_rate(views) or found
-    return found
+    if any(f.kind == "contradiction" for f in alarms):
+        # A wrong scale also seems to reach the end of a range.
+        return [*(f for view in views for f in clearance(view) if f.kind == "contradiction"), *alarms]
+    found = [f for view in views for f in _findings(view)]
+    if any(f.code in DOUBTFUL and f.kind in ("contradiction", "wiring") for f in found) or not all(
+        view.rig is None or view.rate == view.rig.control_rate for view in views
+    ):
+        found = _other_rate(campaign, spec, signals) or found
+    if any(f.code in DOUBTFUL and f.kind in ("contradiction", "wiring") for f in found):
+        found = _swapped(campaign, spec) or found
+    return [*alarms, *found]
 
 
 def _findings(view: View) -> list[Finding]:
     found = [finding for rule in RULES.values() for finding in rule(view)]
-    if not any(f.code in FINAL and f.kind != "quality" for f in found):
+    if not any(f.code in FINAL and f.kind == "contradiction" for f in found):
         rows = comparisons(view)
         found += explained(view, rows)
         found += uncovered(view, rows)
@@ -116,41 +123,55 @@ def _views(campaign: Campaign, spec: RecordingSpec, signals: RecordedSignals) ->
     return views
 
 
-def _swapped(campaign: Campaign, spec: RecordingSpec, signals: RecordedSignals) -> list[Finding]:
-    """Two columns exchanged: the one exchange under which every comparison agrees."""
-    names = [n for n in signals.channels if n in spec.channels]
-    found = []
+def _swapped(campaign: Campaign, spec: RecordingSpec) -> list[Finding]:
+    """Two columns exchanged: the one exchange under which all rules agree."""
+    names = [n for n in spec.channels if n != "time"]
     for one, other in combinations(names, 2):
-        changed = {**signals.channels, one: signals.channels[other], other: signals.channels[one]}
-        views = _views(campaign, spec, replace(signals, channels=changed))
-        rows = [row for view in views for row in comparisons(view)]
-        if rows and not any(row.off for row in rows):
-            found.append((one, other))
-    if not found:
-        return []
-    one, other = found[0]
-    text = (
-        f"{one} and {other}: their columns ({_column(spec, one)!r} and {_column(spec, other)!r}) are exchanged: the other "
-        "way round every comparison agrees; correct [recording.channels]"
-    )
-    return [Finding("swapped", spec.file, f"{one} or {other}", None, None, text, "contradiction")]
+        kinds, ends = zip(*(n.partition("_")[::2] for n in (one, other)), strict=True)
+        if len(set(kinds)) == len(set(ends)) == 2:
+            continue  # neither of one axis nor of one kind
+        channels = {**spec.channels, one: spec.channels[other], other: spec.channels[one]}
+        try:
+            exchanged = replace(spec, channels=channels)
+            dataset = read_recording(campaign, exchanged)
+            views = _views(campaign, exchanged, recorded_signals(campaign, exchanged, dataset, excited=False))
+        except ValueError:
+            continue
+        if _agrees(views):
+            text = (
+                f"{one} and {other}: their columns ({_column(spec, one)!r} and {_column(spec, other)!r}) are exchanged: "
+                "the other way round every comparison agrees; correct [recording.channels]"
+            )
+            return [Finding("swapped", spec.file, f"{one} or {other}", None, None, text, "contradiction")]
+    return []
 
 
 def _column(spec: RecordingSpec, name: str) -> str:
     return " + ".join(spec.channels[name].columns)
 
 
-def _other_rate(views: Iterable[View]) -> list[Finding]:
-    """A recording that never repeats whose comparisons agree at another rate."""
+def _other_rate(campaign: Campaign, spec: RecordingSpec, signals: RecordedSignals) -> list[Finding]:
+    """A recording that never repeats whose comparisons agree at the control rate, which is not the stated one."""
+    rig = campaign.rig
+    if rig is None or signals.periodic or signals.sample_rate == rig.control_rate:
+        return []
+    if not _agrees(_views(campaign, spec, replace(signals, sample_rate=rig.control_rate))):
+        return []
+    text = (
+        f"time: every comparison agrees at the control rate of {rig.control_rate:g} Hz; check sample_rate = "
+        f"{signals.sample_rate:g} Hz"
+    )
+    return [Finding("rate", spec.file, "time", signals.sample_rate / rig.control_rate, None, text, "contradiction")]
+
+
+def _agrees(views: Iterable[View]) -> bool:
+    """Whether there are comparisons and all agree, and no rule finds a contradiction."""
+    rows = []
     for view in views:
-        if view.periodic or view.rig is None:
-            continue
-        for factor in (0.25, 0.5, 2.0, 4.0):
-            rows = comparisons(replace(view, rate=view.rate * factor))
-            if rows and not any(row.off for row in rows):
-                text = f"time: every comparison agrees at {view.rate * factor:g} Hz; check sample_rate = {view.rate:g} Hz"
-                return [Finding("rate", view.recording, "time", factor, None, text, "contradiction")]
-    return []
+        if any(f.kind == "contradiction" for rule in RULES.values() for f in rule(view)):
+            return False
+        rows += comparisons(view)
+    return bool(rows) and not any(row.off for row in rows)
 
 
 def refusals(found: Iterable[Finding]) -> list[Finding]:
