@@ -39,10 +39,10 @@ def causes(rows: Sequence[Row], rate: float) -> list[Cause]:
 def _cause(name: str, rows: Sequence[Row], rate: float) -> Cause | None:
     with_it = [row for row in rows if name in row.powers]
     size, size_se = _mean([(r.powers[name] * r.size, r.gain_se + r.tolerance / LEVEL, r.gain_se) for r in with_it])
-    signs = {row.gain < 0 for row in with_it}
-    if len(signs) > 1:
+    signs = {row.gain < 0 for row in with_it if row.signed}
+    if len(signs) > 1 or (signs == {True} and name == "mass"):
         return None
-    negative = signs.pop()
+    negative = signs == {True}
     timed = [r for r in with_it if r.delay is not None]
     delay, delay_se = _mean(
         [(r.powers[name] * r.delay, r.delay_se + r.delay_tolerance / LEVEL, r.delay_se) for r in timed]
@@ -53,7 +53,7 @@ def _cause(name: str, rows: Sequence[Row], rate: float) -> Cause | None:
     for row in rows:
         power = row.powers.get(name, 0)
         gain_limit = row.tolerance + LEVEL * row.gain_se + (ROUGH + 0.02 * abs(size)) * abs(power)
-        if abs(row.size - power * size) > gain_limit or (row.gain < 0) != (negative and power != 0):
+        if abs(row.size - power * size) > gain_limit or (row.signed and (row.gain < 0) != (negative and power != 0)):
             return None
         if row.delay is not None:
             delay_limit = row.delay_tolerance + LEVEL * row.delay_se + slack * abs(power)
@@ -132,7 +132,11 @@ def _one(view: View, found: Sequence[Cause], rows: Sequence[Row]) -> Finding:
         samples, error = lead.delay * view.rate, 2 * lead.delay_se * view.rate
         says.append(f"{'late' if samples > 0 else 'early'} by {abs(samples):.3g} +- {error:.1g} samples")
         if not gained:
-            code, value, interval = "delay", lead.delay, (lead.delay - 2 * lead.delay_se, lead.delay + 2 * lead.delay_se)
+            code, value, interval = (
+                "delay",
+                lead.delay,
+                (lead.delay - 2 * lead.delay_se, lead.delay + 2 * lead.delay_se),
+            )
     names = " or ".join(c.name for c in named)
     against = " and ".join(dict.fromkeys(row.against for row in off))
     text = f"{names}: {' and '.join(says) or 'differs'} against {against}; {_advice(view, code, lead)}"
@@ -167,9 +171,7 @@ def _filtered(view: View, rows: Sequence[Row]) -> list[Finding]:
             if row.notes.get("twist"):
                 name = "injection"
             corner = 1 / (2 * np.pi * abs(row.lag))
-            text = (
-                f"{name}: it looks low-pass filtered at {corner:.4g} Hz against {row.against}; record it without a filter"
-            )
+            text = f"{name}: it looks low-pass filtered at {corner:.4g} Hz against {row.against}; take the filter out"
             kind: Kind = "wiring"
             if row.delay_effects:
                 kind = "effect"
@@ -185,18 +187,16 @@ def _controller(view: View, rows: Sequence[Row]) -> list[Finding]:
         f"(factor {row.gain:.3g}, {row.misfit:.0%} are left): check the gains, td, ti and control_rate, whether the "
         "controller limits or filters more than is stated, and that both columns belong to this loop"
     )
-    return [
-        Finding("controller", view.recording, "command or displacement or gains", row.gain, None, text, "wiring")
-    ]
+    return [Finding("controller", view.recording, "command or displacement or gains", row.gain, None, text, "wiring")]
 
 
 def _bent(view: View, row: Row) -> Finding:
     if row.code.startswith("designed"):
         name = next(iter(row.powers))
         text = (
-            f"{name}: its lines are unequal by {row.misfit:.0%} where the design has equal ones (they change as frequency "
-            f"to the power {row.notes['slope']:.2g}): a filter on column {view.columns.get(name, name)!r}, or the "
-            "exciter's own response"
+            f"{name}: its lines are unequal by {row.misfit:.0%} where the design has equal ones (they change as "
+            f"frequency to the power {row.notes['slope']:.2g}): a filter on column {view.columns.get(name, name)!r}, "
+            "or the exciter's own response"
         )
         return Finding("shape", view.recording, name, row.misfit, None, text, "quality")
     return _row(view, row)

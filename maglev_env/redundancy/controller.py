@@ -25,7 +25,7 @@ def controlled(view: View) -> list[Row]:
     found = compared(view, view.gains)
     if found is None:
         return []
-    again, out, driven = found
+    again, driven = found
     at = view.rig.control_rate
     common = {"tolerance": GAIN, "delay_tolerance": DELAY / at, "most_misfit": SHAPE}
     words = "what the stated controller makes of the displacement"
@@ -50,15 +50,15 @@ def applies(view: View) -> bool:
         return False
     if not {"displacement", "command"} <= view.recorded:
         return False
-    return view.periodic or ("injection" in view.recorded or "reference" in view.recorded) and at_control_rate(view)
+    return view.periodic or (("injection" in view.recorded or "reference" in view.recorded) and at_control_rate(view))
 
 
 def at_control_rate(view: View) -> bool:
     return view.rig is not None and abs(view.rate / view.rig.control_rate - 1) < 1e-9
 
 
-def compared(view: View, gains: Controller | None) -> tuple[Fit, np.ndarray, bool] | None:
-    """The fit under a controller, the command's spectra, and whether something drives the loop at its command."""
+def compared(view: View, gains: Controller | None) -> tuple[Fit, bool] | None:
+    """The fit under a controller, and whether something drives the loop at its command."""
     lines, parts = view.lines, view.lines.parts
     if gains is None:
         return None
@@ -74,7 +74,7 @@ def compared(view: View, gains: Controller | None) -> tuple[Fit, np.ndarray, boo
     moved = np.abs(drive).mean(axis=0) > NOTHING * np.abs(drive).max(initial=0.0)
     driven = int(moved.sum()) >= LEAST_LINES
     found = fit(out, [back, drive] if driven else [back], lines.frequency, view.rate, lines.periodic)
-    return None if found is None else (found, out, driven)
+    return None if found is None else (found, driven)
 
 
 def _filtered(view: View, misfit: float) -> tuple[float, float]:

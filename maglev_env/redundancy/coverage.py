@@ -26,7 +26,9 @@ def uncovered(view: View, rows: Sequence[Row]) -> list[Finding]:
     if "force" in free:
         advice.append("state the excitation's amplitude")
     if "command" in free or "current" in free:
-        advice.append("name the rig and its gains" if view.rig is None else "record command and current at the control rate")
+        advice.append(
+            "name the rig and its gains" if view.rig is None else "record command and current at the control rate"
+        )
     if "time between force and displacement" in free and not any("name the rig" in a for a in advice):
         advice.append("name the rig and its gains")
     text = f"not checkable here: {', '.join(free)}; {', '.join(advice)}"

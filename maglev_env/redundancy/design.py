@@ -3,6 +3,7 @@
 import numpy as np
 
 from maglev_env.channels import SHOWN_BY, unit_of
+from maglev_env.recordings.masking import clipped_samples
 from maglev_env.redundancy.finding import Finding
 from maglev_env.redundancy.rows import MODEL, Row
 from maglev_env.redundancy.view import Lines, View
@@ -10,8 +11,10 @@ from maglev_env.rig.excitation import Excitation
 
 # How far a sound excitation may be from its stated peak: a shaker's amplifier is set by hand, a sequence is digital.
 SHAKER, DIGITAL = 0.1, 0.02
+ALIKE = 0.9  # correlation with the designed period from which its sign is told
 SHAPE = 0.2  # relative: an unequal spectrum of a designed one
 SIGNIFICANT, FLOOR = 3.0, 1e-6  # standard errors of a line's mean, and share of the strongest line: as `check_excited`
+LEVELS = 100  # values of a waveform that is no sequence of steps
 MOST_DEAD, LEAST = 0.3, 12  # share of lines that noise may hide in every channel, and lines for which that is judged
 
 
@@ -39,6 +42,7 @@ def _row(view: View, e: Excitation) -> Row | None:
     spectrum = np.zeros(samples // 2 + 1, complex)
     spectrum[lines.harmonics * every] = mean * (samples / 2)
     peak = float(np.abs(np.fft.irfft(spectrum, samples)).max())
+    sign = _sign(view, e, mean)
     amplitude = np.abs(mean)
     level = float(np.median(amplitude))
     uneven = float(np.median(np.abs(amplitude - level))) / level if e.kind != "low_crest" else 0.0
@@ -46,30 +50,48 @@ def _row(view: View, e: Excitation) -> Row | None:
     return Row(
         f"designed {name}",
         {name: 1},
-        _sign(view, e, mean, lines.harmonics) * peak / e.amplitude,
+        (sign or 1) * peak / e.amplitude,
         float(np.sqrt(variance.sum()) / size) + MODEL / np.sqrt(len(mean)),
         DIGITAL if e.at == "current" else SHAKER,
         f"its stated {e.amplitude:g} {unit_of(name)} peak",
         misfit=uneven,
         most_misfit=SHAPE,
+        signed=sign != 0,
         notes={"slope": falls},
     )
 
 
-def _sign(view: View, e: Excitation, mean: np.ndarray, harmonics: np.ndarray) -> int:
-    """-1 where the recorded lines are the design's with the sign reversed and a period that begins as stated."""
+def _sign(view: View, e: Excitation, mean: np.ndarray) -> int:
+    """1 or -1 where the recorded lines are the design's or its negative, in a period that begins as stated; else 0."""
     if e.kind != "sphs":
-        return 1
+        return 0
     try:
         wave = e.on_grid(view.rate).multisine(view.rate)
     except ValueError:
-        return 1
+        return 0
     design = wave.amplitudes * np.exp(1j * wave.phases)
     if design.size != mean.size:
-        return 1
+        return 0
     agreement = np.vdot(design, mean).real / np.sqrt(np.vdot(design, design).real * np.vdot(mean, mean).real)
     direction = np.cos(np.deg2rad(e.direction))
-    return -1 if agreement * np.sign(direction or 1.0) < -0.9 else 1
+    known = agreement * np.sign(direction or 1.0)
+    return int(np.sign(known)) if abs(known) > ALIKE else 0
+
+
+def rails(view: View) -> list[Finding]:
+    """An injection that stays at its extreme value as a clipped one does; steps and squares have few values."""
+    name = "injection"
+    if name not in view.recorded:
+        return []
+    values = view.channels[name]
+    at = clipped_samples(values)
+    if not at.any() or np.unique(values).size < LEVELS:
+        return []
+    text = (
+        f"{name}: it stays at {values[at][0]:.4g} A in {at.mean():.2%} of the samples, as a clipped reading does; "
+        "record what acted"
+    )
+    return [Finding("rail", view.recording, name, float(at.mean()), None, text, "wiring")]
 
 
 def dead_lines(view: View) -> list[Finding]:
@@ -86,8 +108,8 @@ def dead_lines(view: View) -> list[Finding]:
             line = e.lines[int(np.argmax(dead))]
             text = (
                 f"channel {name!r}: no excitation at line {line} ({line * e.fundamental:g} Hz), and at {dead.sum()} of "
-                f"{dead.size} stated lines in all; correct the excitation's lines, fundamental, sample_rate or start, or "
-                f"column {view.columns.get(name, name)!r}"
+                f"{dead.size} stated lines in all; correct the excitation's lines, fundamental, sample_rate or start, "
+                f"or column {view.columns.get(name, name)!r}"
             )
             found.append(Finding("lines", view.recording, name, float(dead.sum()), None, text, "contradiction"))
     if found:

@@ -5,10 +5,8 @@ Only lines count at which the mass dominates: there the stiffness, which effects
 
 import numpy as np
 
-from estimation.modal import modal_estimate
 from maglev_env.loop.magnets.kinds import force_law
 from maglev_env.loop.magnets.law import linearise
-from maglev_env.recordings.spectra import RecordedSignals, record_spectra
 from maglev_env.redundancy.controller import at_control_rate
 from maglev_env.redundancy.rows import Fit, Row, fit, low_pass
 from maglev_env.redundancy.view import View
@@ -109,20 +107,32 @@ def _dominated(view: View) -> np.ndarray:
 
 
 def _without_rig(view: View) -> list[Row]:
-    """The mass that force and displacement show against the stated one."""
+    """The mass that force and displacement show against the stated one: F = (k - m w^2 + j w c) Y over all lines."""
     if not view.periodic or "force" not in view.recorded:
         return []
-    signals = RecordedSignals(dict(view.channels), view.rate, view.excitations, view.hold_rate, left_out=view.left_out)
-    force = record_spectra(signals).force
-    if force.lines.size < TOO_FEW:
+    lines = view.lines.at(view.place("force"))
+    if lines.frequency.size < TOO_FEW:
         return []
-    found = modal_estimate(force)
-    w = 2 * np.pi * force.frequency[-1]
-    if found.discrepancy > RIGLESS or abs(found.mass) * w**2 < DOMINATES * abs(found.stiffness):
-        return []  # nothing dominates, or no one mass moves
-    gain = view.mass / found.mass
+    force, y = lines.parts["force"].mean(axis=0), lines.parts["displacement"].mean(axis=0)
+    w = 2 * np.pi * lines.frequency
+    if view.hold_rate:
+        x = lines.frequency / view.hold_rate
+        force = force * np.sinc(x) * np.exp(-1j * np.pi * x)
+    size = np.maximum(np.abs(force), 1e-12 * np.abs(force).max())
+    columns = np.stack([y, 1j * w * y, -(w**2) * y]) / size  # relative errors, so that every line counts alike
+    scale = np.linalg.norm(columns, axis=1)
+    if not scale.all():
+        return []
+    real = np.concatenate([columns.real, columns.imag], axis=1) / scale[:, None]
+    wanted = np.concatenate([(force / size).real, (force / size).imag])
+    found, *_ = np.linalg.lstsq(real.T, wanted, rcond=None)
+    left = float(np.sqrt(np.mean((wanted - found @ real) ** 2) * 2))
+    error = np.sqrt(np.diag(np.linalg.pinv(real @ real.T))) * left / np.sqrt(2)
+    stiffness, _, mass = found / scale
+    if left > RIGLESS or abs(mass) * w[-1] ** 2 < DOMINATES * abs(stiffness):
+        return []  # no one mass moves, or it is not seen
     return [
-        Row("newton force", {"displacement": 1, "force": -1, "mass": 1}, float(gain),
-            float(abs(found.mass_se / found.mass)), RIGLESS, f"the force on {view.mass:g} kg",
+        Row("newton force", {"displacement": 1, "force": -1, "mass": 1}, float(view.mass / mass),
+            float(abs(error[2] / scale[2] / mass)), RIGLESS, f"the force on {view.mass:g} kg",
             gain_effects=FORCE_EFFECTS, delay_effects=DELAY_EFFECTS)
     ]  # fmt: skip

@@ -26,7 +26,9 @@ def jumps(view: View) -> list[Finding]:
     names, blocks = view.blocks
     if len(blocks) < 3:
         return []
-    name = next((n for n in ("injection", "force", "reference", "displacement") if n in view.recorded and n in names), "")
+    name = next(
+        (n for n in ("injection", "force", "reference", "displacement") if n in view.recorded and n in names), ""
+    )
     if not name:
         return []
     samples, every = view.block
@@ -138,8 +140,8 @@ def drifts(view: View) -> list[Finding]:
             top = float(lines.frequency[bad].max())
             unit = unit_of(name)
             text = (
-                f"{name}: its mean drifts by {slope:.3g} {unit} per period, which bends its lines up to {top:.4g} Hz by "
-                f"{(bent / amplitude).max():.0%}; let it settle, or do not use these lines"
+                f"{name}: its mean drifts by {slope:.3g} {unit} per period, which bends its lines up to {top:.4g} Hz "
+                f"by {(bent / amplitude).max():.0%}; let it settle, or do not use these lines"
             )
             found.append(
                 Finding("drift", view.recording, name, float(slope), (slope - 2 * se, slope + 2 * se), text, "wiring")
@@ -169,7 +171,7 @@ def breaks(view: View) -> list[Finding]:
         return []
     when = float(at[events[0]]) / view.rate
     text = (
-        f"all channels: the current jumps by {worst:.3g} A at {when:.5g} s, {worst / max(sigma, 1e-300):.0f} times as far "
-        "as the command explains elsewhere; samples are missing there, or two records are joined"
+        f"all channels: the current jumps by {worst:.3g} A at {when:.5g} s, {worst / max(sigma, 1e-300):.0f} times as "
+        "far as the command explains elsewhere; samples are missing there, or two records are joined"
     )
     return [Finding("missing samples", view.recording, "all channels", None, None, text, "wiring")]

@@ -1,8 +1,8 @@
 """A recorded channel against what others make of it: gain, sign and delay with their standard errors.
 
-Each rule of this kind is one fit: out = sum of g_i exp(-j w d_i) in_i over spectral lines. Under the null hypothesis all
-g_i are 1 and all d_i are 0, up to noise, whose variance is measured over periods or neighbouring lines, and up to what
-is known of the nominal parts (the tolerance of a row). Estimates are then normal, by the many lines they average.
+Each rule of this kind is one fit: out = sum of g_i exp(-j w d_i) in_i over spectral lines. Under the null hypothesis
+all g_i are 1 and all d_i are 0, up to noise, whose variance is measured over periods or neighbouring lines, and up to
+what is known of the nominal parts (the tolerance of a row). Estimates are then normal, by the many lines they average.
 """
 
 from collections.abc import Mapping, Sequence
@@ -21,13 +21,14 @@ LEVEL = 4.5  # standard errors: two-sided 7e-6, so that some hundred tests of a 
 
 @dataclass(frozen=True)
 class Fit:
-    """Gains (k,), delays (k,) in s, their standard errors, and the relative misfit that is left."""
+    """Gains (k,), delays (k,) in s, their standard errors, the relative misfit, and the weighted power that is left."""
 
     gain: np.ndarray
     delay: np.ndarray
     gain_se: np.ndarray
     delay_se: np.ndarray
     misfit: float
+    cost: float
 
 
 @dataclass(frozen=True)
@@ -36,7 +37,7 @@ class Row:
 
     Attributes:
         code: The rule's name.
-        powers: Channel or parameter -> +1 or -1: how a factor on it changes the gain. A delay of a channel counts alike.
+        powers: Channel or parameter -> +1 or -1: how a factor on it changes the gain; its delay counts alike.
         gain: 1 if all is well; negative for a reversed sign.
         gain_se: Its standard error, relative.
         tolerance: Of the gain's logarithm, from what is known of the nominal parts.
@@ -50,6 +51,7 @@ class Row:
         delay_effects: Likewise of delay and misfit.
         lag: Time constant (s) of a low-pass that explains more than a delay: > 0 of the first channel of `powers`,
             < 0 of the second; 0: none.
+        signed: Whether the sign of the gain is known.
     """
 
     code: str
@@ -66,6 +68,7 @@ class Row:
     gain_effects: tuple[str, ...] = ()
     delay_effects: tuple[str, ...] = ()
     lag: float = 0.0
+    signed: bool = True
     notes: Mapping[str, float] = field(default_factory=dict)
 
     @property
@@ -94,7 +97,12 @@ class Row:
 
 
 def fit(
-    out: np.ndarray, inputs: Sequence[np.ndarray], frequency: np.ndarray, rate: float, periodic: bool, delays: bool = True
+    out: np.ndarray,
+    inputs: Sequence[np.ndarray],
+    frequency: np.ndarray,
+    rate: float,
+    periodic: bool,
+    delays: bool = True,
 ) -> Fit | None:
     """Gains and delays from one or two inputs to an output.
 
@@ -131,7 +139,8 @@ def fit(
     normal = np.real((weight * j) @ j.conj().T)
     off = y - turned.sum(axis=0)
     # Twice the weighted power is chi-square; where the residual is larger than the noise, errors grow with it.
-    ratio = max(1.0, float((weight * np.abs(off) ** 2).sum() / max(y.size - len(normal) / 2, 1)))
+    cost = float((weight * np.abs(off) ** 2).sum())
+    ratio = max(1.0, cost / max(y.size - len(normal) / 2, 1))
     se = np.sqrt(np.maximum(np.diag(np.linalg.pinv(normal)), 0.0) / 2 * ratio)
     k = len(gain)
     power = (weight * np.abs(y) ** 2).sum()
@@ -139,7 +148,7 @@ def fit(
     if not periodic:  # what noise leaves cannot be told from misfit: only what is common to all segments counts
         left = _common(out, rest, weight.reshape(out.shape))
     found = np.zeros(k) if not delays else se[k:]
-    return Fit(gain, delay, se[:k], found, float(np.sqrt(max(left, 0.0))))
+    return Fit(gain, delay, se[:k], found, float(np.sqrt(max(left, 0.0))), cost)
 
 
 def _searched(
@@ -199,8 +208,8 @@ def low_pass(
     for size in np.geomspace(0.05, 200.0, 60) / rate:
         for sign in (1, -1):
             pole = 1 / (1 + 2j * np.pi * frequency * size)
-            one = fit(out if sign > 0 else out * pole, [source * pole if sign > 0 else source], frequency, rate, periodic,
-                      delays=False)  # fmt: skip
+            left, right = (out, source * pole) if sign > 0 else (out * pole, source)
+            one = fit(left, [right], frequency, rate, periodic, delays=False)
             if one is not None and one.misfit < least and one.gain[0] > 0:
                 least, best, found = one.misfit, float(sign * size), one
     return best, found

@@ -1,7 +1,7 @@
 """The registry of rules, and their application to a campaign."""
 
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import combinations
 
 import numpy as np
@@ -18,13 +18,13 @@ from maglev_env.redundancy.bounds import balance, clearance, sensitivity
 from maglev_env.redundancy.cause import explained
 from maglev_env.redundancy.controller import controlled, stated_gains
 from maglev_env.redundancy.coverage import uncovered
-from maglev_env.redundancy.design import dead_lines, designed
+from maglev_env.redundancy.design import dead_lines, designed, rails
 from maglev_env.redundancy.finding import ORDER, Finding
 from maglev_env.redundancy.newton import moved
 from maglev_env.redundancy.periods import breaks, drifts, jumps, outliers
 from maglev_env.redundancy.rows import Row
 from maglev_env.redundancy.view import View
-from maglev_env.rig.rig import axis_rig
+from maglev_env.rig.rig import axis_rig, with_parameters
 
 # Comparisons of channels. Each gives rows, which are explained together; see `cause`.
 ROWS: Mapping[str, Callable[[View], list[Row]]] = {
@@ -43,6 +43,7 @@ RULES: Mapping[str, Callable[[View], list[Finding]]] = {
     "spikes": outliers,
     "drift": drifts,
     "sensitivity": sensitivity,
+    "rail": rails,
     "gains": stated_gains,
 }
 # What exchanged columns or a wrong rate can look like.
@@ -64,10 +65,12 @@ def examine_recording(campaign: Campaign, spec: RecordingSpec) -> list[Finding]:
     """The findings of one recording: its alarms, then those of the rules."""
     dataset = read_recording(campaign, spec, alarmed=True, unexcited=True)
     alarms = [
-        Finding(a.code, spec.file, a.channel, a.time, None, f"{a.channel}: {a.sentence}",
+        Finding(a.code, spec.file, a.channel, a.time, None, a.sentence,
                 "contradiction" if a.severity == "refuse" else "quality")
         for a in alarms_of(dataset)
     ]  # fmt: skip
+    if not any(name.startswith("displacement") for name in spec.channels):
+        return alarms
     signals = recorded_signals(campaign, spec, dataset, excited=False)
     views = _views(campaign, spec, signals)
     if any(f.kind == "contradiction" for f in alarms):
@@ -79,7 +82,7 @@ def examine_recording(campaign: Campaign, spec: RecordingSpec) -> list[Finding]:
     ):
         found = _other_rate(campaign, spec, signals) or found
     if any(f.code in DOUBTFUL and f.kind in ("contradiction", "wiring") for f in found):
-        found = _swapped(campaign, spec) or found
+        found = _swapped(campaign, spec, " ".join(f.channel + f.message for f in found)) or found
     return [*alarms, *found]
 
 
@@ -109,7 +112,10 @@ def _views(campaign: Campaign, spec: RecordingSpec, signals: RecordedSignals) ->
         rig = campaign.rig and axis_rig(campaign.rig, which)
         controllers = [r.gains for r in campaign.recordings if r.gains is not None and r.gains != spec.gains]
         recorded = {name.removesuffix(suffix) if suffix else name: name for name in spec.channels}
-        mass = rig.mass if rig is not None and campaign.mass == campaign.rig.mass else campaign.mass
+        mass = campaign.mass
+        if rig is not None and mass is not None:  # a given mass replaces the common one; an axis' own keeps its ratio
+            rig = with_parameters(rig, {"mass": mass * rig.mass / campaign.rig.mass})
+            mass = rig.mass
         name = spec.file if not suffix else f"{spec.file}, {AXES[which]}"
         views.append(
             View(
@@ -118,18 +124,16 @@ def _views(campaign: Campaign, spec: RecordingSpec, signals: RecordedSignals) ->
                 own.excitations, frozenset(e.at for e in spec.excitations if e.amplitude != 1.0),
                 spec.gains and of_axis(spec.gains, which),
                 tuple(dict.fromkeys(of_axis(c, which) for c in controllers)), rig, mass, own.hold_rate, own.left_out,
-            ).at_control_rate()
+            )
         )  # fmt: skip
-    return views
+    # A coil recorded with its switching voltage ripples: the control samples alone would fold that back.
+    return [view if "voltage" in view.channels else view.at_control_rate() for view in views]
 
 
-def _swapped(campaign: Campaign, spec: RecordingSpec) -> list[Finding]:
-    """Two columns exchanged: the one exchange under which all rules agree."""
-    names = [n for n in spec.channels if n != "time"]
+def _swapped(campaign: Campaign, spec: RecordingSpec, said: str) -> list[Finding]:
+    """Two columns exchanged: the one exchange, of channels that findings name, under which all rules agree."""
+    names = [n for n in spec.channels if n.partition("_")[0] in said]
     for one, other in combinations(names, 2):
-        kinds, ends = zip(*(n.partition("_")[::2] for n in (one, other)), strict=True)
-        if len(set(kinds)) == len(set(ends)) == 2:
-            continue  # neither of one axis nor of one kind
         channels = {**spec.channels, one: spec.channels[other], other: spec.channels[one]}
         try:
             exchanged = replace(spec, channels=channels)
@@ -139,7 +143,7 @@ def _swapped(campaign: Campaign, spec: RecordingSpec) -> list[Finding]:
             continue
         if _agrees(views):
             text = (
-                f"{one} and {other}: their columns ({_column(spec, one)!r} and {_column(spec, other)!r}) are exchanged: "
+                f"{one} and {other}: columns {_column(spec, one)!r} and {_column(spec, other)!r} are exchanged: "
                 "the other way round every comparison agrees; correct [recording.channels]"
             )
             return [Finding("swapped", spec.file, f"{one} or {other}", None, None, text, "contradiction")]

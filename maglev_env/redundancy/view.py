@@ -125,7 +125,9 @@ class View:
         parts = {}
         for name in names:
             x = self.channels[name]
-            cut = np.stack([x[s : s + length] - x[s : s + length].mean() for s in starts]) if starts.size else x[None, :0]
+            cut = (
+                np.stack([x[s : s + length] - x[s : s + length].mean() for s in starts]) if starts.size else x[None, :0]
+            )
             parts[name] = np.fft.rfft(cut * window, axis=-1)[:, bins] if starts.size else np.zeros((0, bins.size))
         return Lines(bins * self.rate / length, parts, False, np.zeros(0, int))
 

@@ -1,4 +1,4 @@
-"""How often is a wrong recording used without a word, and a sound one accused? Seeded corruptions of simulated campaigns.
+"""How often is a wrong recording used without a word, and a sound one accused? Corruptions of simulated campaigns.
 
     python tests/tools/corruptions.py --count 300 --seed 1 --out result.json [--sound]
 
@@ -285,8 +285,8 @@ def corrupt(m: Made, kind: str, what: str, rng: np.random.Generator) -> Done | N
         corner = float(rng.choice([30.0, 100.0, 300.0]))
         a = np.exp(-2 * np.pi * corner / rate)
         columns[name] = lfilter([1 - a], [1, -a], x - x[0]) + x[0]
-        return Done(name, f"{name} low-passed at {corner:g} Hz",
-                    "a low-pass of one channel looks like another mass and damping" if kind == "mass only" else "")  # fmt: skip
+        why = "a low-pass of one channel looks like another mass and damping" if kind == "mass only" else ""
+        return Done(name, f"{name} low-passed at {corner:g} Hz", why)
     if what == "rate":
         factor = float(rng.choice([2.0, 0.5, 1.1]))
         table["sample_rate"] *= factor
@@ -312,7 +312,7 @@ def corrupt(m: Made, kind: str, what: str, rng: np.random.Generator) -> Done | N
         return Done("gains", f"kp x {f[0]}, kd x {f[1]}", why)
     if what == "file":
         for _ in range(20):
-            other, source, _ = made("x-y" if kind == "x-y" else "named" if kind != "open" else "named", rng, False)
+            other, source, _ = made("x-y" if kind == "x-y" else "named", rng, False)
             if other.rig.name != m.rig.name and set(names) - {"reference", "injection"} <= set(other.columns):
                 break
             if kind == "x-y":
@@ -334,8 +334,8 @@ def corrupt(m: Made, kind: str, what: str, rng: np.random.Generator) -> Done | N
     if what == "clipped":
         level = 0.6 * float(np.abs(x - x.mean()).max())
         columns[name] = np.clip(x, x.mean() - level, x.mean() + level)
-        return Done(name, f"{name} clipped at 60 %",
-                    "an injection is a stored sequence, of which rails say nothing" if name == "injection" else "")  # fmt: skip
+        why = "an injection is a stored sequence, of which rails say nothing" if name == "injection" else ""
+        return Done(name, f"{name} clipped at 60 %", why)
     if what == "offset":
         columns[name] = x + 3 * x.std()
         return Done(name, f"{name} + 3 rms")
@@ -350,8 +350,13 @@ def right(done: Done, what: str, found: list) -> tuple[bool, bool]:
     for code, channel, message in found:
         parts = {p.split("_")[0] for p in channel.replace(" or ", "|").split("|")}
         wanted = {p.split("_")[0] for p in done.channel.split("|")}
-        hit = done.channel in ("any", "time") or code == "samples" and done.channel == "all channels" or bool(parts & wanted) or "all channels" in channel
-        hit = hit or any(w in message for w in wanted) and code == "file"
+        hit = (
+            done.channel in ("any", "time")
+            or (code == "samples" and done.channel == "all channels")
+            or bool(parts & wanted)
+            or "all channels" in channel
+        )
+        hit = hit or (any(w in message for w in wanted) and code == "file")
         named |= hit
         caused |= hit and any(code.startswith(c) for c in codes)
     return named, caused
@@ -386,7 +391,10 @@ def estimates(folder: Path) -> dict[str, tuple[float, float]] | None:
         axis = file.partition(", ")[2]
         for i, b in enumerate(one.bands):
             if b.informative:
-                result[f"{axis} k {i}"], result[f"{axis} c {i}"] = (b.stiffness, b.stiffness_se), (b.damping, b.damping_se)
+                result[f"{axis} k {i}"], result[f"{axis} c {i}"] = (
+                    (b.stiffness, b.stiffness_se),
+                    (b.damping, b.damping_se),
+                )
         if one.stability and (ci := one.stability.margins.intervals.get("peak_sensitivity")) and None not in ci:
             result[f"{axis} Ms"] = one.stability.margins.peak_sensitivity, (ci[1] - ci[0]) / 3.92
     for c in found.pooled.coefficients if found.pooled else ():
@@ -431,8 +439,8 @@ def one_case(number: int, seed: int, sound: bool, folder: Path) -> dict[str, Any
             break
     m.write(folder / "c")
     found = warned(folder / "c")
-    case = {"number": number, "kind": kind, "rig": source, "what": what, "done": done.words, "uncovered": done.uncovered,
-            "warned": found[:4]}  # fmt: skip
+    case = {"number": number, "kind": kind, "rig": source, "what": what, "done": done.words,
+            "uncovered": done.uncovered, "warned": found[:4]}  # fmt: skip
     if found:
         case["channel"], case["cause"] = right(done, what, found)
         return case

@@ -34,10 +34,11 @@ def check(
     from maglev_env.recordings.signals import recorded_signals
     from maglev_env.recordings.spectra import axis_signals
     from maglev_env.rig.rig import axis_rig
-    from maglev_workbench.commands.check.report import quality_tables
+    from maglev_workbench.commands.check.report import problem_data, quality_tables, spoiled
     from maglev_workbench.console import console, write_json
     from maglev_workbench.page import write_page
     from maglev_workbench.record_page import record_page
+    from maglev_workbench.warned import warned
 
     if is_data_file(campaign):
         loaded, guess = guessed_campaign(campaign, rate)
@@ -48,13 +49,11 @@ def check(
         loaded = load_campaign(campaign)
         page = out or loaded.folder / "check.html"
     require_file(page, "--out")
+    warnings = warned(loaded, refuse=False)
     found, datasets = [], []
     for spec in loaded.recordings:
         dataset = read_recording(loaded, spec, alarmed=True)
         alarms = alarms_of(dataset)
-        for alarm in alarms:
-            style = "bold red" if alarm.severity == "refuse" else "yellow"
-            console.print(f"[{style}]ALARM[/] {escape(f'{spec.file}: {alarm.sentence}')}", soft_wrap=True)
         signals = recorded_signals(loaded, spec, dataset, excited=False)
         for axis in range(signals.axes):
             own = axis_signals(signals, axis)
@@ -63,12 +62,13 @@ def check(
                 console.print(f"{name}: nothing is excited along this axis")
                 continue
             rig = loaded.rig if loaded.rig is None or own.axis is None else axis_rig(loaded.rig, own.axis)
-            quality = recording_quality(own, rig, alarms=alarms)
+            quality = spoiled(recording_quality(own, rig, alarms=alarms), name, warnings)
             found.append((name, quality))
             for table in quality_tables(name, quality):
                 console.print(table)
             for problem in quality.problems:
                 console.print(f"  [yellow]![/] {problem}")
+                warnings.append(problem_data(name, problem))
         for note in dataset.attrs["notes"]:
             console.print(f"  note: {escape(note)}", soft_wrap=True)
         datasets.append((spec.file, dataset))
@@ -79,6 +79,7 @@ def check(
         {
             "schema": "maglev-check/1",
             "version": version("maglev-workbench"),
+            "warnings": warnings,
             "recordings": [{"file": f, **plain(q)} for f, q in found],
         },
     )

@@ -1,5 +1,9 @@
 """Tables of a recording's quality for the terminal."""
 
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
 from rich.table import Table
 
 from maglev_env.recordings.quality import Quality
@@ -20,3 +24,19 @@ def quality_tables(file: str, q: Quality) -> list[Table]:
     for use, verdict in q.can.items():
         uses.add_row(use, verdict, style=None if verdict.startswith("yes") else "yellow")
     return [channels, bands, uses] if q.bands else [channels, uses]
+
+
+def spoiled(q: Quality, name: str, warnings: Sequence[dict[str, Any]]) -> Quality:
+    """The quality of a recording that a warning contradicts: it is good for nothing until that is mended."""
+    own = [w for w in warnings if w["kind"] == "contradiction" and w["recording"] in (name, name.partition(", ")[0])]
+    if not own or q.alarms:
+        return q
+    why = f"no: {own[0]['code']}, {own[0]['channel']}"
+    bands = tuple(replace(b, verdict=own[0]["code"]) for b in q.bands)
+    return replace(q, can=dict.fromkeys(q.can, why), bands=bands)
+
+
+def problem_data(name: str, problem: str) -> dict[str, Any]:
+    """A problem of quality as one of the `warnings`."""
+    return {"code": "quality", "recording": name, "channel": problem.partition(":")[0] if ":" in problem else "",
+            "value": None, "interval": None, "message": problem, "kind": "quality"}  # fmt: skip

@@ -28,6 +28,7 @@ def diagnose(
     from maglev_workbench.commands.diagnose.report import diagnose_page, terminal
     from maglev_workbench.console import console, progress_bar, write_json
     from maglev_workbench.page import write_page
+    from maglev_workbench.warned import warned
     from sim2real import diagnosis
     from sim2real.corrected import write_corrected
 
@@ -36,6 +37,7 @@ def diagnose(
     require_folder(folder)
     if not folder.parent.is_dir():
         raise ValueError(f"--out {folder}: the folder {folder.parent} does not exist; create it or choose another")
+    warnings = warned(loaded)
     folder.mkdir(exist_ok=True)
     with progress_bar() as bar:
         task = bar.add_task("diagnose", total=None)
@@ -44,7 +46,7 @@ def diagnose(
             bar.update(task, description=f"diagnose: {step}", advance=1)
 
         found = diagnosis.diagnose(loaded, seed, advance)
-    report = plain(found.to_json()) | {"version": version("maglev-workbench")}
+    report = plain(found.to_json()) | {"warnings": warnings, "version": version("maglev-workbench")}
     files = {"rig ": folder / "corrected.toml", "data": folder / "diagnosis.json", "page": folder / "diagnosis.html"}
     write_corrected(found, files["rig "])
     write_json(files["data"], report)

@@ -1,5 +1,6 @@
 """`maglev estimate`: stiffness, damping and margins from a campaign, or from one file for a first look."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
@@ -55,6 +56,7 @@ def estimate(
     from maglev_workbench.commands.estimate.terminal import say
     from maglev_workbench.console import console, progress_bar, write_json
     from maglev_workbench.page import write_page
+    from maglev_workbench.warned import warned
 
     require_choice(method, METHODS, "--method")
     if mass is not None and not mass > 0:
@@ -79,6 +81,7 @@ def estimate(
         page = out or source.with_suffix(".html")
     require_file(page, "--out")
     mass = campaign.mass if mass is None else mass
+    warnings = warned(replace(campaign, mass=None if estimate_mass else mass))
     with progress_bar() as bar:
         found = identify_campaign(
             campaign, mass, estimate_mass, band_width, band_overlap, lambda s: bar.track(s, description="estimate")
@@ -89,7 +92,7 @@ def estimate(
     report = estimate_json(found.axes, method)
     planar = {"planar": [planar_json(*both) for both in found.planar]} if found.planar else {}
     together = {"pooled": pooled_json(found.pooled)} if found.pooled else {}
-    write_json(json_file, report | planar | together)
+    write_json(json_file, report | {"warnings": warnings} | planar | together)
     for file, one_axis in found.axes:
         console.print(f"\n[bold]{escape(file)}[/]")
         console.print(estimate_table(one_axis, method))
