@@ -37,7 +37,9 @@ def causes(rows: Sequence[Row], rate: float) -> list[Cause]:
 
 
 def _cause(name: str, rows: Sequence[Row], rate: float) -> Cause | None:
-    with_it = [row for row in rows if name in row.powers]
+    with_it = [row for row in rows if name in row.powers and row.known]
+    if not with_it:
+        return None
     size, size_se = _mean([(r.powers[name] * r.size, r.gain_se + r.tolerance / LEVEL, r.gain_se) for r in with_it])
     signs = {row.gain < 0 for row in with_it if row.signed}
     if len(signs) > 1 or (signs == {True} and name == "mass"):
@@ -51,8 +53,10 @@ def _cause(name: str, rows: Sequence[Row], rate: float) -> Cause | None:
         delay = 0.0
     slack = SAME_DELAY / rate
     for row in rows:
+        if not row.known:
+            continue
         power = row.powers.get(name, 0)
-        gain_limit = row.tolerance + LEVEL * row.gain_se + (ROUGH + 0.02 * abs(size)) * abs(power)
+        gain_limit = row.tolerance + LEVEL * row.gain_se + (ROUGH + 0.02 * abs(size) + row.misfit) * abs(power)
         if abs(row.size - power * size) > gain_limit or (row.signed and (row.gain < 0) != (negative and power != 0)):
             return None
         if row.delay is not None:
@@ -91,7 +95,7 @@ def explained(view: View, rows: Sequence[Row]) -> list[Finding]:
         return [_row(view, row) for row in off]
     # The rows of exact relations alone may have one cause, while an effect moves the others.
     sure = [row for row in rows if not (row.gain_effects or row.delay_effects)]
-    if found := causes(sure, view.rate):
+    if any(row.off for row in sure) and (found := causes(sure, view.rate)):
         rest = [_row(view, row) for row in off if row not in sure and not {c.name for c in found} & row.powers.keys()]
         return [_one(view, found, sure), *rest]
     return [_several(view, off)]

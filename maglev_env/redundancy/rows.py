@@ -16,12 +16,16 @@ FINE = 25  # points of each of the finer grids
 MODEL = 0.01  # of a line's amplitude: what the nominal responses are trusted to
 NEIGHBOURS = 9  # lines over which noise without periods is averaged
 LEAST_LINES = 6
+KNOWN = 0.2  # relative standard error from which a gain says nothing
 LEVEL = 4.5  # standard errors: two-sided 7e-6, so that some hundred tests of a campaign raise 0.1 % of false alarms
 
 
 @dataclass(frozen=True)
 class Fit:
-    """Gains (k,), delays (k,) in s, their standard errors, the relative misfit, and the weighted power that is left."""
+    """Gains (k,), delays (k,) in s, their standard errors (relative ones of the gains), misfit, and cost.
+
+    The misfit is relative; the cost is the weighted power that is left.
+    """
 
     gain: np.ndarray
     delay: np.ndarray
@@ -72,18 +76,25 @@ class Row:
     notes: Mapping[str, float] = field(default_factory=dict)
 
     @property
+    def known(self) -> bool:
+        """Whether noise leaves anything of gain and delay."""
+        return self.gain_se < KNOWN
+
+    @property
     def size(self) -> float:
         """Logarithm of the gain's magnitude."""
         return float(np.log(max(abs(self.gain), 1e-12)))
 
     def gain_off(self, size: float = 0.0, negative: bool = False) -> bool:
         """Whether the gain contradicts a stated factor exp(size) of either sign."""
+        if not self.known:
+            return False
         beyond = abs(self.size - size) > self.tolerance + LEVEL * self.gain_se
         return bool(beyond or (self.gain < 0) != negative)
 
     def delay_off(self, delay: float = 0.0) -> bool:
         """Whether the delay contradicts a stated one (s)."""
-        if self.delay is None:
+        if self.delay is None or not self.known:
             return False
         return bool(abs(self.delay - delay) > self.delay_tolerance + LEVEL * self.delay_se)
 
@@ -148,7 +159,7 @@ def fit(
     if not periodic:  # what noise leaves cannot be told from misfit: only what is common to all segments counts
         left = _common(out, rest, weight.reshape(out.shape))
     found = np.zeros(k) if not delays else se[k:]
-    return Fit(gain, delay, se[:k], found, float(np.sqrt(max(left, 0.0))), cost)
+    return Fit(gain, delay, se[:k] / np.abs(gain), found, float(np.sqrt(max(left, 0.0))), cost)
 
 
 def _searched(

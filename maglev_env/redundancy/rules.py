@@ -97,7 +97,7 @@ def _findings(view: View) -> list[Finding]:
 
 def comparisons(view: View) -> list[Row]:
     """The rows of one axis."""
-    return [row for rule in ROWS.values() for row in rule(view)]
+    return [row for rule in ROWS.values() for row in rule(view) if row.known or row.shape_off]
 
 
 def _views(campaign: Campaign, spec: RecordingSpec, signals: RecordedSignals) -> list[View]:
