@@ -1,5 +1,7 @@
 """Period against period: samples that are missing, two records joined, spikes, drift."""
 
+from itertools import pairwise
+
 import numpy as np
 from scipy import stats
 
@@ -10,7 +12,7 @@ from maglev_env.redundancy.view import View
 from maglev_env.rig.excitation import lines_at
 
 LEAST = 4  # periods
-SHIFTED, CLEARER = 0.5, 0.25  # samples; share of the difference that a shift must leave at most
+SHIFTED, COPY = 0.5, 0.2  # samples; share of a block's power that may differ from a shifted copy
 SPIKE = 14.0  # robust standard deviations; of 1e8 Gaussian samples the largest is 6, a sum of a few sines has 2
 OTHER = 20.0  # times the usual power of a period's difference from the others
 LEVEL = 1e-5  # probability of a drift under noise alone
@@ -36,24 +38,28 @@ def jumps(view: View) -> list[Finding]:
     if lines.size < 4:
         return []
     spectra = period_spectra(blocks[:, names.index(name)], lines * every)
-    shifts = [_shift(spectra[p], spectra[p - 1], lines * every, samples) for p in range(2, len(spectra))]
-    found = [(p, shift, left) for p, (shift, left) in enumerate(shifts, 2) if abs(shift) > SHIFTED and left < CLEARER]
+    shifts = [(p, *_shift(one, spectra[1], lines * every, samples)) for p, one in enumerate(spectra)]
+    # A block in which the jump lies is no shifted copy of the others.
+    whole_ones = [(p, shift) for p, shift, rest in shifts if rest < COPY]
+    around = samples / int(np.gcd.reduce(lines * every))  # after so many samples these lines repeat
+    steps = [(p, q, (b - a + around / 2) % around - around / 2) for (p, a), (q, b) in pairwise(whole_ones)]
+    found = [step for step in steps if abs(step[2]) > SHIFTED]
     if not found:
         return []
-    p = found[0][0]
-    total = sum(s for _, s, _ in found)
+    before, after, _ = found[0]
+    total = sum(shift for *_, shift in found)
     whole = round(total)
     what = f"{whole} samples are missing" if whole > 0 else f"{-whole} samples are there twice"
+    begin, end = (before + 1) * samples / view.rate, after * samples / view.rate
     text = (
-        f"all channels: {what} between {(p - 1) * samples / view.rate:.4g} and {(p + 1) * samples / view.rate:.4g} s: "
-        f"from there on {name} runs {abs(total):.4g} samples {'ahead' if total > 0 else 'behind'}; two records may be "
+        f"all channels: {what} between {begin:.4g} and {end:.4g} s: from there on {name} runs {abs(total):.4g} samples {'ahead' if total > 0 else 'behind'}; two records may be "
         f"joined there; use a stretch before or after it (start, samples)"
     )
     return [Finding("missing samples", view.recording, "all channels", float(total), None, text, "contradiction")]
 
 
 def _shift(one: np.ndarray, other: np.ndarray, lines: np.ndarray, samples: int) -> tuple[float, float]:
-    """Samples by which a period runs ahead of another, and the share of their difference that the shift leaves."""
+    """Samples by which a period runs ahead of another, and the share of its power that is no shifted copy."""
     product = one * other.conj()
     correlation = np.zeros(samples // 2 + 1, complex)
     correlation[lines] = product
@@ -64,7 +70,7 @@ def _shift(one: np.ndarray, other: np.ndarray, lines: np.ndarray, samples: int) 
         rest = np.angle(product * np.exp(-1j * w * shift))
         weight = np.abs(product)
         shift += float((weight * w * rest).sum() / (weight * w**2).sum())
-    power = (np.abs(one - other) ** 2).sum()
+    power = (np.abs(one) ** 2).sum()
     left = (np.abs(one - other * np.exp(1j * w * shift)) ** 2).sum()
     return float(shift), float(left / power) if power else 1.0
 

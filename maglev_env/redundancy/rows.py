@@ -128,27 +128,25 @@ def fit(
     Returns:
         The fit; None where there are too few lines, or no power.
     """
-    scatter = (lambda r: r.var(axis=0, ddof=1) / len(r)) if periodic else _local
-    flat = (lambda v: v.mean(axis=0)) if periodic else np.ravel
-    y, x = flat(out), np.array([flat(v) for v in inputs])
-    w = 2 * np.pi * (frequency if periodic else np.tile(frequency, len(out)))
-    if frequency.size < LEAST_LINES or not np.any(y) or not np.abs(x).any(axis=1).all():
+    y = out.mean(axis=0)[None] if periodic else out
+    x = np.array([v.mean(axis=0)[None] if periodic else v for v in inputs])
+    if frequency.size < LEAST_LINES or not np.any(y) or not np.abs(x).any(axis=(1, 2)).all():
         return None
+    w = 2 * np.pi * frequency
     reach = REACH / rate if delays else 0.0
     variance = np.zeros(y.shape)
     for _ in range(2):
         floor = variance + (MODEL * np.abs(y)) ** 2
         weight = 1 / np.maximum(floor, 1e-12 * floor.max())
         gain, delay = _searched(y, x, w, weight, reach, STEP / rate)
-        turned = gain[:, None] * x * np.exp(-1j * w * delay[:, None])
-        rest = out - sum(
-            g * v * np.exp(-2j * np.pi * frequency * d) for g, v, d in zip(gain, inputs, delay, strict=True)
-        )
-        variance = np.abs(scatter(rest)) if periodic else scatter(rest).ravel()
-    slopes = [turned / gain[:, None]] if not delays else [turned / gain[:, None], -1j * w * turned]
-    j = np.concatenate(slopes)
-    normal = np.real((weight * j) @ j.conj().T)
+        turn = gain[:, None, None] * np.exp(-1j * w * delay[:, None])[:, None]
+        rest = out - (turn * np.array(inputs)).sum(axis=0)
+        variance = rest.var(axis=0, ddof=1)[None] / len(rest) if periodic else _local(rest)
+    turned = turn * x
     off = y - turned.sum(axis=0)
+    slopes = [turned / gain[:, None, None]] if not delays else [turned / gain[:, None, None], -1j * w * turned]
+    j = np.concatenate(slopes).reshape(-1, y.size)
+    normal = np.real((weight.ravel() * j) @ j.conj().T)
     # Twice the weighted power is chi-square; where the residual is larger than the noise, errors grow with it.
     cost = float((weight * np.abs(off) ** 2).sum())
     ratio = max(1.0, cost / max(y.size - len(normal) / 2, 1))
@@ -157,7 +155,7 @@ def fit(
     power = (weight * np.abs(y) ** 2).sum()
     left = (weight * (np.abs(off) ** 2 - (variance if periodic else 0.0))).sum() / power
     if not periodic:  # what noise leaves cannot be told from misfit: only what is common to all segments counts
-        left = _common(out, rest, weight.reshape(out.shape))
+        left = _common(out, rest, weight)
     found = np.zeros(k) if not delays else se[k:]
     return Fit(gain, delay, se[:k] / np.abs(gain), found, float(np.sqrt(max(left, 0.0))), cost)
 
@@ -165,19 +163,21 @@ def fit(
 def _searched(
     y: np.ndarray, x: np.ndarray, w: np.ndarray, weight: np.ndarray, reach: float, step: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Gains and delays that leave the least weighted power."""
+    """Gains and delays that leave the least weighted power, for y (s, n), inputs x (k, s, n) and w (n,) in rad/s."""
+    cross = (weight * y * x.conj()).sum(axis=1)  # what a delay turns is the same in every segment
+    a = (weight * np.abs(x) ** 2).sum(axis=(1, 2))
+    both = (weight * x[0] * x[-1].conj()).sum(axis=0)
     centre, half = np.zeros(len(x)), reach
     points = max(1, 2 * round(reach / step) + 1)
     while True:
         grids = [c + (np.linspace(-half, half, points) if half else np.zeros(1)) for c in centre]
         turn = [np.exp(1j * np.outer(g, w)) for g in grids]  # e^(jwd): of the output against a delayed input
-        b = [np.real(t @ (weight * y * v.conj())) for t, v in zip(turn, x, strict=True)]
-        a = [float((weight * np.abs(v) ** 2).sum()) for v in x]
+        b = [np.real(t @ v) for t, v in zip(turn, cross, strict=True)]
         if len(x) == 1:
             best = (int(np.argmax(b[0] ** 2)),)
             gain = np.array([b[0][best[0]] / a[0]])
         else:
-            c = np.real((turn[0].conj() * (weight * x[0] * x[1].conj())) @ turn[1].T)
+            c = np.real((turn[0].conj() * both) @ turn[1].T)
             determinant = np.maximum(a[0] * a[1] - c**2, 1e-12 * a[0] * a[1])
             g0 = (a[1] * b[0][:, None] - c * b[1][None]) / determinant
             g1 = (a[0] * b[1][None] - c * b[0][:, None]) / determinant

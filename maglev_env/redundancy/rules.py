@@ -36,19 +36,20 @@ ROWS: Mapping[str, Callable[[View], list[Row]]] = {
 # Rules that stand by themselves.
 RULES: Mapping[str, Callable[[View], list[Finding]]] = {
     "clearance": clearance,
-    "lines": dead_lines,
     "missing samples": jumps,
+    "lines": dead_lines,
+    "gains": stated_gains,
     "breaks": breaks,
     "balance": balance,
     "spikes": outliers,
     "drift": drifts,
     "sensitivity": sensitivity,
     "rail": rails,
-    "gains": stated_gains,
 }
 # What exchanged columns or a wrong rate can look like.
 DOUBTFUL = ("mismatch", "controller", "lines", "scale", "sign", "filter", "shape", "clearance", "sensitivity", "delay")
-FINAL = ("clearance", "lines", "missing samples", "gains")  # rows would only repeat in other words what these found
+FINAL = ("clearance", "lines", "missing samples", "gains")  # others would only repeat in other words what these found
+FEW = 6  # channels of which every pair is tried
 
 
 def examine(campaign: Campaign) -> list[Finding]:
@@ -87,12 +88,13 @@ def examine_recording(campaign: Campaign, spec: RecordingSpec) -> list[Finding]:
 
 
 def _findings(view: View) -> list[Finding]:
-    found = [finding for rule in RULES.values() for finding in rule(view)]
-    if not any(f.code in FINAL and f.kind == "contradiction" for f in found):
-        rows = comparisons(view)
-        found += explained(view, rows)
-        found += uncovered(view, rows)
-    return found
+    found: list[Finding] = []
+    for rule in RULES.values():
+        found += rule(view)
+        if any(f.code in FINAL and f.kind == "contradiction" for f in found):
+            return found
+    rows = comparisons(view)
+    return [*found, *explained(view, rows), *uncovered(view, rows)]
 
 
 def comparisons(view: View) -> list[Row]:
@@ -121,7 +123,7 @@ def _views(campaign: Campaign, spec: RecordingSpec, signals: RecordedSignals) ->
             View(
                 name, own.sample_rate, own.channels, frozenset(recorded) & frozenset(own.channels),
                 {k: " + ".join(spec.channels[v].columns) for k, v in recorded.items()},
-                own.excitations, frozenset(e.at for e in spec.excitations if e.amplitude != 1.0),
+                own.excitations, spec.stated_peaks,
                 spec.gains and of_axis(spec.gains, which),
                 tuple(dict.fromkeys(of_axis(c, which) for c in controllers)), rig, mass, own.hold_rate, own.left_out,
             )
@@ -132,7 +134,9 @@ def _views(campaign: Campaign, spec: RecordingSpec, signals: RecordedSignals) ->
 
 def _swapped(campaign: Campaign, spec: RecordingSpec, said: str) -> list[Finding]:
     """Two columns exchanged: the one exchange, of channels that findings name, under which all rules agree."""
-    names = [n for n in spec.channels if n.partition("_")[0] in said]
+    names = [n for n in spec.channels if n != "time"]
+    if len(names) > FEW:
+        names = [n for n in names if n.partition("_")[0] in said]
     for one, other in combinations(names, 2):
         channels = {**spec.channels, one: spec.channels[other], other: spec.channels[one]}
         try:
