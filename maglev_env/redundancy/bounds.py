@@ -55,31 +55,36 @@ def balance(view: View) -> list[Finding]:
     gain, stiffness = linearise(force_law(rig))
     y, i = view.channels["displacement"], view.channels["current"]
     off = y - gain * i / (stiffness + rig.support_stiffness)
-    parts = np.array([part.mean() for part in np.array_split(off, PARTS)])
-    level, spread = float(off.mean()), float(y.std())
-    drift, _, _, _, se = stats.linregress(np.linspace(-0.5, 0.5, PARTS), parts)
     found = []
-    said = ""
-    if abs(level) > max(CENTRED * rig.gap, MOVED * spread):
-        said, size = f"do not balance, by {level:.3g} m", level
-    elif abs(drift) > max(0.5 * CENTRED * rig.gap, LEVEL * se):
-        said, size = f"drift apart, by {drift:.3g} m over the recording", float(drift)
-    if said:
+    if said := _apart(off, max(CENTRED * rig.gap, MOVED * float(y.std())), 0.5 * CENTRED * rig.gap, "m"):
         text = (
-            f"displacement or current: their means ({y.mean():.3g} m, {i.mean():.3g} A) {said}; check the offsets of "
-            "both columns; or an effect (eccentricity, actuator_offset) or a static load: run `maglev diagnose`"
+            f"displacement or current: their means ({y.mean():.3g} m, {i.mean():.3g} A) {said[1]}; check both columns; "
+            "or an effect (eccentricity, actuator_offset) or a static load: run `maglev diagnose`"
         )
-        found.append(Finding("balance", view.recording, "displacement or current", size, None, text, "effect"))
+        found.append(Finding(said[0], view.recording, "displacement or current", said[2], None, text, "effect"))
     if "command" in view.recorded:
         u = view.channels["command"]
-        apart = float(i.mean() - u.mean())
-        if abs(apart) > max(APART * float(u.std()), 5 * rig.noise.current):
+        least = max(APART * float(u.std()), 5 * rig.noise.current)
+        if said := _apart(i - u, least, least, "A"):
             text = (
-                f"command or current: their means are {u.mean():.3g} and {i.mean():.3g} A, and an amplifier keeps the "
-                "mean; check the offsets of both columns"
+                f"command or current: their means ({u.mean():.3g} and {i.mean():.3g} A) {said[1]}, and an amplifier "
+                "keeps the mean; check both columns"
             )
-            found.append(Finding("balance", view.recording, "command or current", apart, None, text, "wiring"))
+            found.append(Finding(said[0], view.recording, "command or current", said[2], None, text, "wiring"))
     return found
+
+
+def _apart(off: np.ndarray, level: float, least: float, unit: str) -> tuple[str, str, float] | None:
+    """Code, words and size of a difference (samples,) that should be zero: a drift above `least`, or a mean above
+    `level`; None where it is neither."""
+    parts = np.array([part.mean() for part in np.array_split(off, PARTS)])
+    drift, _, _, _, se = stats.linregress(np.linspace(-0.5, 0.5, PARTS), parts)
+    mean, drift = float(parts.mean()), float(drift)
+    if abs(drift) > max(least, LEVEL * se, abs(mean)):
+        return "drift", f"drift apart, by {drift:.3g} {unit} over the recording", drift
+    if abs(mean) > level:
+        return "balance", f"do not fit each other, by {mean:.3g} {unit}", mean
+    return None
 
 
 def sensitivity(view: View) -> list[Finding]:

@@ -52,8 +52,9 @@ def jumps(view: View) -> list[Finding]:
     what = f"{whole} samples are missing" if whole > 0 else f"{-whole} samples are there twice"
     begin, end = (before + 1) * samples / view.rate, after * samples / view.rate
     text = (
-        f"all channels: {what} between {begin:.4g} and {end:.4g} s: from there on {name} runs {abs(total):.4g} samples {'ahead' if total > 0 else 'behind'}; two records may be "
-        f"joined there; use a stretch before or after it (start, samples)"
+        f"all channels: {what} between {begin:.4g} and {end:.4g} s: from there on {name} runs "
+        f"{abs(total):.4g} samples {'ahead' if total > 0 else 'behind'}; two records may be joined there; use a "
+        "stretch before or after it (start, samples)"
     )
     return [Finding("missing samples", view.recording, "all channels", float(total), None, text, "contradiction")]
 
