@@ -131,7 +131,11 @@ def _one(view: View, found: Sequence[Cause], rows: Sequence[Row]) -> Finding:
         says.append("its sign is reversed")
         code = "sign"
     elif gained:
-        says.append(f"factor {factor:.3g} +- {reach:.1g}")
+        size_words = f"{factor:.3g} +- {reach:.1g}"
+        if lead.name in PARAMETERS:
+            says.append(f"what is stated is {size_words} times what is shown")
+        else:
+            says.append(f"factor {size_words}")
     if any(row.delay_off() for row in off):
         samples, error = lead.delay * view.rate, 2 * lead.delay_se * view.rate
         says.append(f"{'late' if samples > 0 else 'early'} by {abs(samples):.3g} +- {error:.1g} samples")

@@ -37,7 +37,7 @@ def diagnose(
     require_folder(folder)
     if not folder.parent.is_dir():
         raise ValueError(f"--out {folder}: the folder {folder.parent} does not exist; create it or choose another")
-    warnings = warned(loaded)
+    warnings = warned(loaded) if loaded.rig else []  # without a rig the diagnosis says what is missing
     folder.mkdir(exist_ok=True)
     with progress_bar() as bar:
         task = bar.add_task("diagnose", total=None)

@@ -20,7 +20,7 @@ from tuning.campaign.next_step import TUNED, next_step
 from tuning.campaign.recorded_sets import recorded_sets
 
 # Findings that gains can cause: such a set has failed, and that is a result.
-FAILURES = ("rail", "lost levitation", "stuck reading", "clearance", "sensitivity")
+FAILURES = ("rail", "lost levitation", "stuck reading", "clearance")
 MEANT = ("campaign", "budget", "tuned", "seed", "out", "json_file")  # options that have a meaning for a real rig
 
 

@@ -43,7 +43,12 @@ def estimate(
         estimate_table,
         stretch_lines,
     )
-    from maglev_workbench.commands.selfsense.estimate.source import OneFile, estimate_files, source_campaign
+    from maglev_workbench.commands.selfsense.estimate.source import (
+        OneFile,
+        estimate_files,
+        source_campaign,
+        without_currents,
+    )
     from maglev_workbench.commands.selfsense.rig_sensor import DEFAULT_RIG
     from maglev_workbench.console import console, progress_bar, write_json
     from maglev_workbench.page import write_page
@@ -60,8 +65,7 @@ def estimate(
     for file in files:
         if any(file.resolve() == coil.path.resolve() for coil in coils):
             raise ValueError(f"--out {page}: the estimated gap would overwrite the recording {file}; choose another")
-    # The estimator marks what is clipped or stuck in the current by itself.
-    warnings = warned(campaign, ("rail", "stuck reading"))
+    warnings = warned(without_currents(campaign))
     found = []
     with progress_bar() as bar:
         for coil in bar.track(coils, description=f"estimate {loaded.name}"):
