@@ -12,6 +12,9 @@ from maglev_env.redundancy.view import View
 from maglev_env.rig.excitation import lines_at
 
 LEAST = 4  # periods
+HELD = 0.05  # of a channel's variance that its lines must hold
+FAINT = 1e-3  # of the strongest line's power: lines that place no shift
+CLEAR = 6.0  # standard errors of a shift between periods
 SHIFTED, COPY = 0.5, 0.2  # samples; share of a block's power that may differ from a shifted copy
 SPIKE = 14.0  # robust standard deviations; of 1e8 Gaussian samples the largest is 6, a sum of a few sines has 2
 OTHER = 20.0  # times the usual power of a period's difference from the others
@@ -38,12 +41,23 @@ def jumps(view: View) -> list[Finding]:
     if lines.size < 4:
         return []
     spectra = period_spectra(blocks[:, names.index(name)], lines * every)
-    shifts = [(p, *_shift(one, spectra[1], lines * every, samples)) for p, one in enumerate(spectra)]
-    # A block in which the jump lies is no shifted copy of the others.
-    whole_ones = [(p, shift) for p, shift, rest in shifts if rest < COPY]
-    around = samples / int(np.gcd.reduce(lines * every))  # after so many samples these lines repeat
+    held = (np.abs(spectra) ** 2).sum(axis=1) / 2
+    if np.median(held / np.maximum(blocks[:, names.index(name)].var(axis=1), 1e-300)) < HELD:
+        return []  # the stated lines do not hold the channel's power: another rule says so
+    # The block that most others are copies of is the reference: the jump may lie in any one of them.
+    tried = [[(p, *_shift(one, other, lines * every, samples)) for p, one in enumerate(spectra)]
+             for other in (spectra[1], spectra[-1])]  # fmt: skip
+    shifts = max(tried, key=lambda found: sum(rest < COPY for *_, rest in found))
+    # A block in which the jump lies is no shifted copy of the others. The rotor's first period holds its transient.
+    first = 1 if name == "displacement" else 0
+    whole_ones = [(p, shift) for p, shift, rest in shifts[first:] if rest < COPY]
+    size = np.abs(spectra[1]) ** 2
+    spread = np.sqrt((size * (2 * np.pi * lines * every / samples) ** 2).sum() / size.sum())
+    error = float(np.sqrt(np.median([rest for *_, rest in shifts]) / lines.size) / spread)  # of one shift, samples
+    loud = size > FAINT * size.max(initial=0.0)
+    around = samples / int(np.gcd.reduce((lines * every)[loud]))  # after so many samples these lines repeat
     steps = [(p, q, (b - a + around / 2) % around - around / 2) for (p, a), (q, b) in pairwise(whole_ones)]
-    found = [step for step in steps if abs(step[2]) > SHIFTED]
+    found = [step for step in steps if abs(step[2]) > SHIFTED + CLEAR * error]
     if not found:
         return []
     before, after, _ = found[0]
