@@ -1,6 +1,6 @@
 """The rules of redundancy before every command that reads a campaign: warnings in the first lines, or a refusal."""
 
-from collections.abc import Collection
+from collections.abc import Collection, Iterable
 from typing import Any
 
 from rich.markup import escape
@@ -31,6 +31,12 @@ def warned(campaign: Campaign, allowed: Collection[str] = (), refuse: bool = Tru
     if refuse and (worst := [f for f in refusals(found) if f.code not in allowed]):
         more = f" ({len(worst) - 1} more: `maglev check` shows all)" if len(worst) > 1 else ""
         raise ValueError(f"{campaign.folder / worst[0].recording}: {worst[0].message}{more}")
+    return shown(found)
+
+
+def shown(found: Iterable[Finding]) -> list[dict[str, Any]]:
+    """Print findings, and give them as the `warnings` of a command's JSON."""
+    found = list(found)
     for finding in found:
         console.print(line(finding), soft_wrap=True)
     return as_data(found)

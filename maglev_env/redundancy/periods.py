@@ -7,7 +7,7 @@ from scipy import stats
 
 from estimation.periods import period_spectra
 from maglev_env.channels import unit_of
-from maglev_env.redundancy.finding import Finding
+from maglev_env.redundancy.finding import Finding, Kind
 from maglev_env.redundancy.view import View
 from maglev_env.rig.excitation import lines_at
 
@@ -64,13 +64,14 @@ def jumps(view: View) -> list[Finding]:
     total = sum(shift for *_, shift in found)
     whole = round(total)
     what = f"{whole} samples are missing" if whole > 0 else f"{-whole} samples are there twice"
+    kind: Kind = "wiring" if name == "displacement" else "contradiction"  # a rotor's phase may change by itself
     begin, end = (before + 1) * samples / view.rate, after * samples / view.rate
     text = (
         f"all channels: {what} between {begin:.4g} and {end:.4g} s: from there on {name} runs "
         f"{abs(total):.4g} samples {'ahead' if total > 0 else 'behind'}; two records may be joined there; use a "
         "stretch before or after it (start, samples)"
     )
-    return [Finding("missing samples", view.recording, "all channels", float(total), None, text, "contradiction")]
+    return [Finding("missing samples", view.recording, "all channels", float(total), None, text, kind)]
 
 
 def _shift(one: np.ndarray, other: np.ndarray, lines: np.ndarray, samples: int) -> tuple[float, float]:

@@ -48,6 +48,7 @@ def estimate(
 
     from maglev_env.recordings.campaign import load_campaign
     from maglev_env.recordings.guess.verified import guessed_campaign
+    from maglev_env.redundancy.result import doubtful
     from maglev_workbench.commands.estimate.one_file import OneFile, one_file_campaign
     from maglev_workbench.commands.estimate.planar_report import planar_json, planar_sections, planar_table
     from maglev_workbench.commands.estimate.pooled_report import pooled_json, pooled_lines, pooled_table
@@ -56,7 +57,7 @@ def estimate(
     from maglev_workbench.commands.estimate.terminal import say
     from maglev_workbench.console import console, progress_bar, write_json
     from maglev_workbench.page import write_page
-    from maglev_workbench.warned import warned
+    from maglev_workbench.warned import shown, warned
 
     require_choice(method, METHODS, "--method")
     if mass is not None and not mass > 0:
@@ -86,6 +87,7 @@ def estimate(
         found = identify_campaign(
             campaign, mass, estimate_mass, band_width, band_overlap, lambda s: bar.track(s, description="estimate")
         )
+    warnings += shown(finding for file, one in found.axes for finding in doubtful(file, one))
     rig = f"{campaign.rig.name}, {mass:g} kg" if campaign.rig else "not given"
     made_by = {"Rig": rig, "Campaign": str(campaign.folder)}
     write_page(page, estimate_page(found.axes, made_by, [planar_sections(*both) for both in found.planar]))

@@ -1,6 +1,7 @@
 """The rules on simulated recordings: silent on sound ones, and what was done to others named with channel and size."""
 
 import re
+from dataclasses import replace
 
 import bench_loop
 import campaigns
@@ -8,8 +9,12 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
+from maglev_env.evaluation.identification import identify
 from maglev_env.loop.effect import effect
 from maglev_env.recordings.campaign import load_campaign
+from maglev_env.recordings.recording import read_recording
+from maglev_env.recordings.signals import recorded_signals
+from maglev_env.redundancy.result import doubtful
 from maglev_env.redundancy.rules import as_data, examine
 
 
@@ -209,3 +214,15 @@ displacement = {{ from = "displacement" }}
     assert note.kind == "not checkable" and note.message.startswith("not checkable here: time between force and")
     (data,) = as_data([note])
     assert data.keys() == {"code", "recording", "channel", "value", "interval", "message", "kind"}
+
+
+def test_results_that_no_loop_can_have_are_said(sound):
+    campaign = load_campaign(sound)
+    spec = campaign.recordings[0]
+    signals = recorded_signals(campaign, spec, read_recording(campaign, spec))
+    found = identify(signals, campaign.rig, campaign.mass, band_width=60.0, band_overlap=20.0)
+    assert doubtful("base.npz", found) == []
+    low = replace(found.stability.margins, peak_sensitivity=0.9, intervals={"peak_sensitivity": (0.8, 0.95)})
+    poor = tuple(replace(b, fit_p=1e-9, r2_adjusted=0.5, informative=True, ls_biased=False) for b in found.bands)
+    codes = [f.code for f in doubtful("x", replace(found, bands=poor, stability=replace(found.stability, margins=low)))]
+    assert codes == ["fit", "sensitivity"]
