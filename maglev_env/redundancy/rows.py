@@ -12,7 +12,7 @@ import numpy as np
 from scipy.ndimage import uniform_filter1d
 
 REACH, STEP = 26.0, 0.5  # samples: delays that are searched, and the grid on which they are
-FINE = 25  # points of each of the finer grids
+FINE, FINEST = 25, 1e-3  # points of each of the finer grids, and the last one's width in steps of the first
 MODEL = 0.01  # of a line's amplitude: what the nominal responses are trusted to
 NEIGHBOURS = 9  # lines over which noise without periods is averaged
 LEAST_LINES = 6
@@ -171,7 +171,7 @@ def _searched(
     points = max(1, 2 * round(reach / step) + 1)
     while True:
         grids = [c + (np.linspace(-half, half, points) if half else np.zeros(1)) for c in centre]
-        turn = [np.exp(1j * np.outer(g, w)) for g in grids]  # e^(jwd): of the output against a delayed input
+        turn = [_turns(g, w) for g in grids]  # e^(jwd): of the output against a delayed input
         b = [np.real(t @ v) for t, v in zip(turn, cross, strict=True)]
         if len(x) == 1:
             best = (int(np.argmax(b[0] ** 2)),)
@@ -185,10 +185,18 @@ def _searched(
             best = np.unravel_index(int(np.argmax(won)), won.shape)
             gain = np.array([g0[best], g1[best]])
         centre = np.array([g[i] for g, i in zip(grids, best, strict=True)])
-        if half < 1e-4 * step or not half:
+        if half < FINEST * step or not half:
             return np.where(gain == 0, 1e-12, gain), centre
         spacing = 2 * half / (points - 1)
         half, points = 1.5 * spacing, FINE
+
+
+def _turns(delays: np.ndarray, w: np.ndarray) -> np.ndarray:
+    """exp(j w d) for evenly spaced delays (m,), (m, n); repeated products are much faster than exponentials."""
+    step = delays[1] - delays[0] if delays.size > 1 else 0.0
+    factors = np.tile(np.exp(1j * w * step), (delays.size, 1))
+    factors[0] = np.exp(1j * w * delays[0])
+    return np.multiply.accumulate(factors, axis=0)
 
 
 def _local(rest: np.ndarray) -> np.ndarray:
