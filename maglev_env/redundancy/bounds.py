@@ -4,6 +4,7 @@ import numpy as np
 from scipy import stats
 
 from estimation.frequency_response import pooled_variance
+from maglev_env.channels import unit_of
 from maglev_env.loop.magnets.kinds import force_law
 from maglev_env.loop.magnets.law import linearise
 from maglev_env.redundancy.finding import Finding
@@ -13,6 +14,8 @@ FREE = 1.05  # of the clearance to both sides
 LEVEL = 4.0  # standard errors
 SETTLED = 0.25  # |S - S of the highest lines| from which the sensitivity has reached its end
 LEAST_LINES = 8
+LEVELS = 100  # values of a waveform that is no sequence of steps
+OFTEN = 8  # times as many samples as at the next level; a sine's outermost level has 2.4 times as many
 PARTS, APART = 8, 0.3  # of a record, for a drift; of the command's standard deviation
 CENTRED, MOVED = 0.04, 1.0  # offsets that count: of the gap, and of the motion's standard deviation
 
@@ -37,6 +40,31 @@ def clearance(view: View) -> list[Finding]:
         )
         return [Finding("clearance", view.recording, "displacement", float(y.mean()), None, text, "wiring")]
     return []
+
+
+def rails(view: View) -> list[Finding]:
+    """A channel whose extreme value comes again and again, and hardly any value next to it: it is cut off there.
+
+    Unlike a converter's rail (`masking.clipped_samples`) the signal need not stay there, as a noisy one does not.
+    """
+    found = []
+    for name in ("injection", "command", "current", "displacement", "force"):
+        if name not in view.recorded:
+            continue
+        levels, counts = np.unique(view.channels[name], return_counts=True)
+        if levels.size < LEVELS:
+            continue  # steps and squares
+        ends = [(levels[i], counts[i]) for i, j in ((-1, -2), (0, 1)) if counts[i] >= OFTEN * max(counts[j], 2)]
+        share = sum(count for _, count in ends) / view.channels[name].size
+        if not ends:
+            continue
+        unit = unit_of(name)
+        text = (
+            f"{name}: it is cut off at {' and '.join(f'{level:.4g}' for level, _ in ends)} {unit}, in {share:.2%} of "
+            "the samples are; record with less amplitude, or what acted"
+        )
+        found.append(Finding("rail", view.recording, name, float(share), None, text, "wiring"))
+    return found
 
 
 def balance(view: View) -> list[Finding]:

@@ -3,7 +3,6 @@
 import numpy as np
 
 from maglev_env.channels import SHOWN_BY, unit_of
-from maglev_env.recordings.masking import clipped_samples
 from maglev_env.redundancy.finding import Finding
 from maglev_env.redundancy.rows import MODEL, Row
 from maglev_env.redundancy.view import Lines, View
@@ -14,7 +13,6 @@ SHAKER, DIGITAL = 0.1, 0.02
 ALIKE = 0.9  # correlation with the designed period from which its sign is told
 SHAPE = 0.2  # relative: an unequal spectrum of a designed one
 SIGNIFICANT, FLOOR = 3.0, 1e-6  # standard errors of a line's mean, and share of the strongest line: as `check_excited`
-LEVELS = 100  # values of a waveform that is no sequence of steps
 MOST_DEAD, LEAST = 0.3, 12  # share of lines that noise may hide in every channel, and lines for which that is judged
 
 
@@ -76,22 +74,6 @@ def _sign(view: View, e: Excitation, mean: np.ndarray) -> int:
     direction = np.cos(np.deg2rad(e.direction))
     known = agreement * np.sign(direction or 1.0)
     return int(np.sign(known)) if abs(known) > ALIKE else 0
-
-
-def rails(view: View) -> list[Finding]:
-    """An injection that stays at its extreme value as a clipped one does; steps and squares have few values."""
-    name = "injection"
-    if name not in view.recorded:
-        return []
-    values = view.channels[name]
-    at = clipped_samples(values)
-    if not at.any() or np.unique(values).size < LEVELS:
-        return []
-    text = (
-        f"{name}: it stays at {values[at][0]:.4g} A in {at.mean():.2%} of the samples, as a clipped reading does; "
-        "record what acted"
-    )
-    return [Finding("rail", view.recording, name, float(at.mean()), None, text, "wiring")]
 
 
 def dead_lines(view: View) -> list[Finding]:

@@ -19,6 +19,7 @@ SHIFTED, COPY = 0.5, 0.2  # samples; share of a block's power that may differ fr
 SPIKE = 14.0  # robust standard deviations; of 1e8 Gaussian samples the largest is 6, a sum of a few sines has 2
 OTHER = 20.0  # times the usual power of a period's difference from the others
 LEVEL = 1e-5  # probability of a drift under noise alone
+AGAIN, COINCIDE = 2, 0.4  # samples at an extreme value; share of the departures beside one of them
 TAPS = 6  # commands from which the current is predicted
 JUMP = 0.03  # of the current's range
 BENT = 3.0  # standard errors of the lowest lines that a drift bends them by
@@ -188,12 +189,29 @@ def breaks(view: View) -> list[Finding]:
     sigma = 1.4826 * float(np.median(np.abs(rest)))
     worst = float(np.abs(rest).max())
     events = np.flatnonzero(np.abs(rest) > max(SPIKE * sigma, JUMP * float(np.ptp(i))))
-    # A nonlinear amplifier departs from any linear prediction again and again.
-    if not events.size or np.ptp(events) > TAPS + 2:
+    if not events.size:
         return []
+    if np.ptp(events) > TAPS + 2:  # a nonlinear amplifier departs from any linear prediction again and again
+        return _cut_off(view, at[events])
     when = float(at[events[0]]) / view.rate
     text = (
         f"all channels: the current jumps by {worst:.3g} A at {when:.5g} s, {worst / max(sigma, 1e-300):.0f} times as "
         "far as the command explains elsewhere; samples are missing there, or two records are joined"
     )
     return [Finding("missing samples", view.recording, "all channels", None, None, text, "wiring")]
+
+
+def _cut_off(view: View, events: np.ndarray) -> list[Finding]:
+    """The channel that stands at one extreme value whenever the current departs from what the command explains."""
+    for name in ("command", "current"):
+        values = view.channels[name]
+        near = values[np.minimum(np.maximum(events[:, None] + np.arange(-TAPS, 2), 0), values.size - 1)]
+        for level in (values.max(), values.min()):
+            times = int((values == level).sum())
+            if times >= AGAIN and (near == level).any(axis=1).mean() > COINCIDE:
+                text = (
+                    f"{name}: it is cut off at {level:.4g} A, {times} times, and the current does not follow it there; "
+                    "record with less amplitude, or what acted"
+                )
+                return [Finding("rail", view.recording, name, float(level), None, text, "wiring")]
+    return []

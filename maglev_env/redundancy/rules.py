@@ -14,11 +14,11 @@ from maglev_env.recordings.recording import read_recording
 from maglev_env.recordings.signals import recorded_signals
 from maglev_env.recordings.spectra import RecordedSignals, axis_signals
 from maglev_env.redundancy.amplifier import amplified
-from maglev_env.redundancy.bounds import balance, clearance, sensitivity
+from maglev_env.redundancy.bounds import balance, clearance, rails, sensitivity
 from maglev_env.redundancy.cause import explained
 from maglev_env.redundancy.controller import controlled, stated_gains
 from maglev_env.redundancy.coverage import uncovered
-from maglev_env.redundancy.design import dead_lines, designed, rails
+from maglev_env.redundancy.design import dead_lines, designed
 from maglev_env.redundancy.finding import ORDER, Finding
 from maglev_env.redundancy.newton import moved
 from maglev_env.redundancy.periods import breaks, drifts, jumps, outliers
