@@ -51,6 +51,7 @@ class RecordingSpec:
         intersample: Force between samples: band-limited ("bl", a reading) or held by a converter ("zoh"); None where
             it is not stated, see `signals.recorded_signals`.
         layout: What is stated of how a text file is written; None: nothing.
+        stated_peaks: Places of the excitations whose amplitude is stated.
     """
 
     file: str
@@ -65,6 +66,7 @@ class RecordingSpec:
     channels: Mapping[str, ChannelSource]
     intersample: Literal["bl", "zoh"] | None = None
     layout: TextLayout | None = None
+    stated_peaks: frozenset[str] = frozenset()
 
     @property
     def samples_per_period(self) -> int | None:
@@ -212,7 +214,12 @@ def _checked_recording(file: str, table: dict[str, Any]) -> RecordingSpec:
         channels=channels,
         intersample=intersample,
         layout=layout_table(table["format"]) if "format" in table else None,
+        stated_peaks=frozenset(t.get("at", "force") for t in _tables(table["excitation"]) if "amplitude" in t),
     )
+
+
+def _tables(value: Any) -> list[Mapping[str, Any]]:
+    return value if isinstance(value, list) else [value]
 
 
 def _data_file(folder: Path, file: Any) -> str:

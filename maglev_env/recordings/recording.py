@@ -30,7 +30,9 @@ LINE_SIGNIFICANCE, LINE_FLOOR = 3.0, 1e-6
 LINES_SHOWN = 8  # of those without excitation that a message lists
 
 
-def read_recording(campaign: Campaign, spec: RecordingSpec, alarmed: bool = False) -> "xr.Dataset":
+def read_recording(
+    campaign: Campaign, spec: RecordingSpec, alarmed: bool = False, unexcited: bool = False
+) -> "xr.Dataset":
     """Read a recording: one float64 variable per channel in SI (attribute `units`) over `time` (s, from 0).
 
     Attributes of the dataset are file, role, sample_rate (Hz), notes (what was decided about the file and its clock, in
@@ -46,6 +48,7 @@ def read_recording(campaign: Campaign, spec: RecordingSpec, alarmed: bool = Fals
         campaign: The campaign.
         spec: One of its recordings.
         alarmed: Whether a recording with an alarm that refuses it is given all the same, for showing.
+        unexcited: Whether one whose force lacks stated lines is.
 
     Raises:
         ValueError: Something is wrong; the message names the file, the channel and the sample (from 0 in the file).
@@ -110,7 +113,8 @@ def read_recording(campaign: Campaign, spec: RecordingSpec, alarmed: bool = Fals
     for name, values in channels.items():
         _check_moves(path, name, values, spec)
     try:
-        check_excited(dataset, spec)
+        if not unexcited:
+            check_excited(dataset, spec)
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from None
     return dataset

@@ -81,6 +81,10 @@ def check_clock(time: np.ndarray, rate: float) -> Clock:
     backward = np.flatnonzero(steps < 0)
     usual = ~(late | early | repeated)
     own = float(steps[usual].mean()) if usual.any() else median
+    if own <= 0:
+        raise ValueError(
+            "it does not run on: more than half of the stamps repeat the one before; is it another column?"
+        )
     if abs(own * rate - 1) > JITTERED_RATE_TOLERANCE:
         raise ValueError(f"its usual step is {own:.6g} s ({1 / own:.6g} Hz), not that of sample_rate = {rate:g} Hz")
     reach = float(np.ptp(time / MOST_MISSING)) * rate  # divided first: a stamp may be near the largest number
