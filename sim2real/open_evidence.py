@@ -6,39 +6,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from estimation.line_windows import WIDTH
-from maglev_env.experiment import axis_experiment
 from maglev_env.kernel.replay import replayed
-from maglev_env.linear.loop import loop_response
+from maglev_env.loop.gains import of_axis
+from sim2real.drive import recovered_injection
+from sim2real.open_loop import Loop
 from sim2real.open_record import KEPT, OpenRecord
 from sim2real.opened import Opened
-
-
-@dataclass(frozen=True)
-class Loop:
-    """The nominal loop at every line of a record's windows, (axes, windows, WIDTH) each."""
-
-    controller: np.ndarray
-    amplifier: np.ndarray
-    plant: np.ndarray
-    receptance: np.ndarray
-
-    def opened(self, record: OpenRecord, displacement: np.ndarray, current: np.ndarray | None) -> np.ndarray:
-        """Opened spectra (..., outputs, axes, windows, WIDTH) of series (..., axes, samples)."""
-        y = record.spectrum(displacement)
-        found = [y + self.plant * self.controller * y]
-        if current is not None:
-            found.append(record.spectrum(current) + self.amplifier * self.controller * y)
-        return np.stack(found, axis=-4)
-
-
-def nominal_loop(record: OpenRecord) -> Loop:
-    """The linear nominal loop under a record's gains."""
-    found = []
-    for axis in range(record.axes):
-        r = loop_response(axis_experiment(record.experiment, axis), record.windows.frequency.ravel())
-        found.append((r.controller, r.amplifier, r.plant, r.receptance / r.sensitivity))
-    shape = record.windows.frequency.shape
-    return Loop(*(np.array(v).reshape(record.axes, *shape) for v in zip(*found, strict=True)))
 
 
 def opened_of(record: OpenRecord, loop: Loop) -> Opened:
@@ -46,6 +19,12 @@ def opened_of(record: OpenRecord, loop: Loop) -> Opened:
     outputs = ("plant", "amplifier") if "current" in record.series and record.experiment.rig.controlled else ("plant",)
     blocks = (np.repeat(v[..., WIDTH // 2], KEPT, axis=-1) for v in vars(loop).values())
     return Opened(*blocks, outputs)
+
+
+def simulated_series(record: OpenRecord, lanes: list) -> np.ndarray:
+    """Displacements and currents (n, 2, axes, samples) of prepared lanes at the recorded samples; nan where they touch
+    down."""
+    return replayed(lanes, record.experiment, record.waves)[..., :: record.every]
 
 
 @dataclass(frozen=True)
@@ -58,20 +37,52 @@ class Replay:
 
     def of(self, lanes: list) -> np.ndarray:
         """(n, outputs, axes, coordinates) of prepared lanes; nan where the rotor touches down."""
-        r = self.record
-        series = replayed(lanes, r.experiment, r.waves)
-        found = []
-        for one in series:  # one lane's spectra in memory at a time
-            opened = self.loop.opened(r, one[0], one[1] if "amplifier" in self.outputs else None)
-            found.append(r.windows.project(opened).reshape(*opened.shape[:2], -1))
-        return np.array(found)
+        series = simulated_series(self.record, lanes)
+        # One lane's spectra are in memory at a time.
+        return np.array([coordinates_of(self.record, self.loop, self.outputs, one) for one in series])
+
+
+def coordinates_of(record: OpenRecord, loop: Loop, outputs: Sequence[str], series: np.ndarray) -> np.ndarray:
+    """Opened coordinates (outputs, axes, n) of displacements and currents (2, axes, samples)."""
+    opened = loop.opened(record, series[0], series[1] if "amplifier" in outputs else None)
+    return record.windows.project(opened).reshape(*opened.shape[:2], -1)
 
 
 def measured_of(record: OpenRecord, loop: Loop, outputs: Sequence[str]) -> np.ndarray:
     """Opened coordinates (outputs, axes, n) of what was recorded."""
-    current = record.series["current"] if "amplifier" in outputs else None
-    opened = loop.opened(record, record.series["displacement"], current)
-    return record.windows.project(opened).reshape(*opened.shape[:2], -1)
+    series = record.series
+    return coordinates_of(
+        record, loop, outputs, np.stack([series["displacement"], series.get("current", series["displacement"])])
+    )
+
+
+def parts_of(record: OpenRecord, loop: Loop, predicted: np.ndarray) -> dict[str, dict[str, np.ndarray]]:
+    """What each channel adds to the opened residuals, see `channel_errors.changes`, (axes, windows, WIDTH).
+
+    All of it comes from the simulation, which is free of the sensor's noise.
+
+    Args:
+        predicted: displacement and current (2, axes, samples) of the simulation nearest to the record.
+    """
+    e, dt, every = record.experiment, 1 / record.experiment.rig.control_rate, record.every
+    y, i = (record.spectrum(series) for series in predicted)
+    found = {"displacement": {"plant": y}, "current": {"amplifier": i}}
+    force = record.waves["force"]
+    found["force"] = {"plant": -loop.receptance * record.spectrum(force[:, ::every])}
+    at_ticks = np.repeat(predicted[0], every, axis=1)
+    fed = [recovered_injection(of_axis(e.gains, a), w, x, dt) for a, (w, x) in
+           enumerate(zip(-record.waves["current"], at_ticks, strict=True))]  # fmt: skip
+    command = record.spectrum(-np.array(fed)[:, ::every])
+    if record.source == "command":
+        found["command"] = {"plant": -loop.plant * command, "amplifier": -loop.amplifier * command}
+    elif record.source == "current":
+        found["current"] = {"plant": -loop.plant * command}
+    else:
+        for channel, place in (("injection", "current"), ("reference", "reference")):
+            wave = record.spectrum(record.waves[place][:, ::every])
+            own = wave if place == "current" else loop.controller * wave
+            found[channel] = {"plant": -loop.plant * own, "amplifier": -loop.amplifier * own}
+    return found
 
 
 def open_noise(record: OpenRecord, loop: Loop, outputs: Sequence[str], predicted: np.ndarray | None) -> np.ndarray:
@@ -86,7 +97,5 @@ def open_noise(record: OpenRecord, loop: Loop, outputs: Sequence[str], predicted
     if predicted is not None and np.isfinite(predicted).all():
         measured = measured - predicted[: len(measured)]
     residual = loop.opened(record, measured[0], measured[1] if "amplifier" in outputs else None)
-    driven = np.concatenate([record.spectrum(w) for w in record.waves.values()])
-    driven = driven[np.ptp(np.concatenate(list(record.waves.values())), axis=1) > 0]
-    found = record.windows.noise(residual, driven if len(driven) else np.zeros((1, *record.windows.frequency.shape)))
+    found = record.windows.noise(residual, record.drives)
     return np.repeat(np.sqrt(found.variance), KEPT, axis=-1)

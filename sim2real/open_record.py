@@ -13,13 +13,13 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from scipy.signal import lfilter, ss2tf
 
 from estimation.line_windows import POOLED, TERMS, WIDTH, LineWindows
 from maglev_env.experiment import Experiment
 from maglev_env.linear.loop import closed_loop_poles
-from maglev_env.loop.gains import Controller, state_space
 from maglev_env.rig.rig import Rig
+from sim2real.channel_errors import ChannelError
+from sim2real.static_evidence import Rests
 
 KEPT = WIDTH - TERMS  # coordinates of a window
 SETTLING = 8.0  # time constants of the nominal closed loop that are simulated but not compared
@@ -37,10 +37,17 @@ class OpenRecord:
         name, role: as the campaign has them.
         nominal: the rig as the campaign states it.
         experiment: the rig without noise and converters, under this recording's gains.
-        waves: place -> (axes, samples) of what drives the simulation, from the recording's first sample on.
-        series: channel -> (axes, samples) of displacement and, where recorded, current.
+        waves: place -> (axes, samples * every) of what drives the simulation, at the control rate of the experiment.
+        series: channel -> (axes, samples) of displacement and, where it is compared, current.
         first: samples that are simulated but not compared.
         windows: lines that are compared.
+        every: control samples of the experiment for each recorded sample.
+        upstream: effects that act before what drives the simulation, and therefore do not show in this recording.
+        errors: what may be wrong with its channels.
+        source: channel from which the injection follows, "command" or "current"; None: none.
+        rests: what its means say of a suspended mass; None: nothing.
+        bias: (axes, n), what fed-back noise may add to the opened displacement; None: nothing.
+        told: (windows,) whether what drives the loop shows in a window; None: in all of them.
         notes: what was assumed.
     """
 
@@ -52,6 +59,13 @@ class OpenRecord:
     series: Mapping[str, np.ndarray]
     first: int
     windows: LineWindows
+    every: int = 1
+    upstream: frozenset[str] = frozenset()
+    errors: tuple[ChannelError, ...] = ()
+    source: str | None = None
+    rests: Rests | None = None
+    bias: np.ndarray | None = None
+    told: np.ndarray | None = None
     notes: tuple[str, ...] = ()
 
     tones = ()
@@ -88,7 +102,9 @@ class OpenRecord:
 
     @property
     def excited(self) -> np.ndarray:
-        return np.ones(self.frequency.size, bool)
+        if self.told is None:
+            return np.ones(self.frequency.size, bool)
+        return np.repeat(self.told, KEPT)
 
     @cached_property
     def periods(self) -> Mapping[str, np.ndarray]:
@@ -100,7 +116,14 @@ class OpenRecord:
 
     def driving(self, place: str) -> np.ndarray:
         """Coordinates (axes, n) of what drives the rig at "force" (N), "current" (A) or "reference" (m)."""
-        return self.coordinates(self.waves[place])
+        return self.coordinates(self.waves[place][:, :: self.every])
+
+    @property
+    def drives(self) -> np.ndarray:
+        """Spectra (inputs, windows, WIDTH) of all that varies of what drives the simulation."""
+        waves = np.concatenate(list(self.waves.values()))
+        moving = waves[np.ptp(waves, axis=1) > 0]
+        return self.spectrum((moving if len(moving) else waves[:1])[:, :: self.every])
 
     def spectrum(self, series: np.ndarray) -> np.ndarray:
         """Lines (..., windows, WIDTH) of series (..., samples) over the part that is compared."""
@@ -110,22 +133,6 @@ class OpenRecord:
         """Coordinates (..., n) of series (..., samples): lines without transient and drift."""
         found = self.windows.project(self.spectrum(series))
         return found.reshape(*found.shape[:-2], -1)
-
-
-def recovered_injection(controller: Controller, command: np.ndarray, displacement: np.ndarray, dt: float) -> np.ndarray:
-    """What was added to a controller's output, (samples,): the command less what the controller makes of the reading.
-
-    Args:
-        controller: of this axis; it starts at rest.
-        command: in A, after the converter.
-        displacement: what the controller read, m.
-        dt: control step, s.
-    """
-    a, b, c, d = state_space(controller, dt)
-    if len(b) == 0:
-        return command + d * displacement
-    numerator, denominator = ss2tf(a, b[:, None], c[None], np.array([[d]]))
-    return command - lfilter(numerator[0], denominator, -displacement)
 
 
 @dataclass(frozen=True)
@@ -143,28 +150,29 @@ class Stretch:
         return slice(self.start, self.start + self.settling + self.windows.samples)
 
 
-def compared(e: Experiment, driven: np.ndarray, displacement: np.ndarray) -> Stretch:
+def compared(e: Experiment, rate: float, driven: np.ndarray, displacement: np.ndarray) -> Stretch:
     """What of a recording is compared.
 
     Args:
         e: the nominal experiment.
+        rate: of the recording, Hz.
         driven: (inputs, samples), what drives it: forces (N), injections (A) and references (m) of each axis.
         displacement: (axes, samples), the reading.
 
     Raises:
         ValueError: when the recording is too short for windows of lines.
     """
-    rate, samples = e.rig.control_rate, driven.shape[1]
-    radius = float(abs(closed_loop_poles(e)).max())
-    most = int(LONGEST_SETTLING * min(samples, MOST_SAMPLES))
+    samples, longest = driven.shape[1], int(MOST_SAMPLES * rate / e.rig.control_rate)
+    radius = float(abs(closed_loop_poles(e)).max()) ** (e.rig.control_rate / rate)
+    most = int(LONGEST_SETTLING * min(samples, longest))
     settling = most if radius >= 1 else min(int(np.ceil(SETTLING / -np.log(radius))), most)
     start, length, notes = 0, samples - settling, []
-    if length > MOST_SAMPLES:
+    if length > longest:
         moved = driven - driven.mean(axis=1, keepdims=True)
         energy = np.cumsum(np.sum(moved**2 / np.maximum(moved.var(axis=1, keepdims=True), 1e-300), axis=0))
-        begin = np.arange(settling, samples - MOST_SAMPLES + 1, MOST_SAMPLES // 50)
-        start = int(begin[np.argmax(energy[begin + MOST_SAMPLES - 1] - energy[begin])]) - settling
-        length = MOST_SAMPLES
+        begin = np.arange(settling, samples - longest + 1, max(longest // 50, 1))
+        start = int(begin[np.argmax(energy[begin + longest - 1] - energy[begin])]) - settling
+        length = longest
         notes.append(
             f"of {samples / rate:.3g} s the {length / rate:.3g} s from {(start + settling) / rate:.3g} s on are "
             "compared, in which the loop is driven most"

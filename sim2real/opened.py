@@ -69,6 +69,24 @@ class Opened:
         }
         return np.stack([found[name] for name in self.outputs])
 
+    def parts(self, record: Record) -> dict[str, dict[str, np.ndarray]]:
+        """What each channel adds to the residuals, see `channel_errors.changes`, by the linear nominal rig, (axes, n).
+
+        A reading of the displacement enters the command too: the opened change is (1 + P C) times that of the reading,
+        which is what drives the opened loop.
+        """
+        force, injection, reference = map(record.driving, ("force", "current", "reference"))
+        driven = dict(zip(self.outputs, self.driven(record), strict=True))
+        found = {"displacement": {"plant": driven["plant"]}, "force": {"plant": -self.receptance * force}}
+        if "amplifier" in driven:
+            sensitivity = 1 / (1 + self.plant * self.controller)
+            displacement = sensitivity * driven["plant"]
+            found["displacement"]["amplifier"] = self.amplifier * self.controller * displacement
+            found["current"] = {"amplifier": driven["amplifier"] - self.amplifier * self.controller * displacement}
+        for channel, command in (("injection", injection), ("reference", self.controller * reference)):
+            found[channel] = {"plant": -self.plant * command, "amplifier": -self.amplifier * command}
+        return found
+
 
 def opened_loop(record: Record) -> Opened:
     """Nominal responses at a record's lines, under the record's gains."""

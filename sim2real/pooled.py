@@ -5,8 +5,8 @@ the nominal rig within a tolerance stays a prior, so a scale that no recording t
 together, where no force is recorded) has the interval that the tolerances leave.
 """
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import stats
@@ -21,6 +21,7 @@ from sim2real.open_record import OpenRecord
 from sim2real.problem import assemble
 from sim2real.records import Record
 from sim2real.simulated import tolerances
+from sim2real.static_evidence import StaticEstimate, static_of
 
 # What is identified, each as an effect of this name, and its unit.
 UNITS = {
@@ -30,6 +31,7 @@ UNITS = {
     "damping": "N s/m",
     "delay": "s",
 }
+AT_REST = "means and weight"
 MOST_STEPS = 20
 UNBOUNDED = 0.5  # relative standard error from which the recordings do not bound a coefficient
 CLEAR = 3.0  # standard errors, for one coefficient alone, from which a recording disagrees with all of them
@@ -102,24 +104,38 @@ def pooled(records: Sequence[Record | OpenRecord], progress: Callable[[str], Non
     """
     rig = records[0].nominal
     progress("all recordings")
-    fit = _fitted(records)
+    static = static_of(rig, [r.rests for r in records])
+    fit = _fitted(records, rest=False)
     whole = _coefficients(rig, fit)
-    of_each, apart = {}, []
+    of_each, apart, scattered = {}, [], set()
+    if static is not None:
+        of_each[AT_REST] = _at_rest(rig, static)
+        apart += _contradictions(whole, of_each[AT_REST])
+        if not apart:
+            fit = _fitted(records, fit, rest=True)
+            whole = _coefficients(rig, fit)
+    contradicted = bool(apart)
     if len(records) > 1:
         for record in records:
             progress(record.name)
             of_each[record.name] = found = _coefficients(rig, _fitted([record], fit))
-            apart += _disagreements(record.name, found, whole)
+            disagreed = _disagreements(record.name, found, whole)
+            apart += disagreed.values()
+            scattered |= disagreed.keys()
+        whole = tuple(_scattered(c, of_each, records) if c.name in scattered else c for c in whole)
+    if contradicted:
+        whole = _reaching(whole, of_each[AT_REST])
     return Pooled(whole, _misfit(fit), tuple(apart), of_each)
 
 
-def _fitted(records: Sequence[Record | OpenRecord], near: Fit | None = None) -> Fit:
+def _fitted(records: Sequence[Record | OpenRecord], near: Fit | None = None, rest: bool = False) -> Fit:
     rig = records[0].nominal
-    names = tuple(name for name in UNITS if meaningful(name, rig.capabilities))
+    hidden = frozenset.intersection(*(r.upstream if isinstance(r, OpenRecord) else frozenset() for r in records))
+    names = tuple(name for name in UNITS if meaningful(name, rig.capabilities) and name not in hidden)
     allowed = {name: sigma for name, sigma in tolerances(rig).items() if name not in UNITS}
     h = Hypothesis(names, allowed)
     u = np.zeros(h.size) if near is None else near.u
-    problem = assemble(records, near=None if near is None else h.point(near.u))
+    problem = assemble(records, near=None if near is None else h.point(near.u), rest=rest)
     for _ in range(1 if near is not None else 2):
         (fit,) = begin([h], [u], problem.data, problem.simulate)
         if not np.isfinite(fit.cost):
@@ -134,6 +150,41 @@ def _fitted(records: Sequence[Record | OpenRecord], near: Fit | None = None) -> 
     (fit,) = begin([h], [u], problem.data, problem.simulate)
     differentiate([fit], problem.data, problem.simulate, True)
     return fit
+
+
+def _at_rest(rig: Rig, static: StaticEstimate) -> tuple[Coefficient, ...]:
+    """What the means and the weight say."""
+    names = ("actuator_gain", "negative_stiffness")
+    sd = np.sqrt(np.diag(static.covariance))
+    return tuple(
+        Coefficient(name, UNITS[name], float(value), float(spread), _nominal(rig, name), True)
+        for name, value, spread in zip(names, static.values, sd, strict=False)
+    )
+
+
+def _contradictions(moving: Sequence[Coefficient], resting: Sequence[Coefficient]) -> list[str]:
+    """A sentence for each coefficient by motion that is far from what means and weight say."""
+    found, at_rest = [], {c.name: c for c in resting}
+    for c in moving:
+        if (other := at_rest.get(c.name)) is None or not c.bounded:
+            continue
+        apart = abs(c.value - other.value) / float(np.hypot(c.se, other.se))
+        if apart > CLEAR:
+            found.append(
+                f"{c.name.replace('_', ' ')} by motion is {c.value:.4g} +- {c.se:.2g} {c.unit}, and by means and "
+                f"weight {other.value:.4g} +- {other.se:.2g}: {apart:.1f} standard errors apart; check offset, scale "
+                "and timing of the current, and the force law"
+            )
+    return found
+
+
+def _reaching(moving: Sequence[Coefficient], resting: Sequence[Coefficient]) -> tuple[Coefficient, ...]:
+    """Coefficients whose intervals reach the contradicting ones of the mass at rest."""
+    reach, found = float(stats.norm.isf(0.025)), []
+    for c in moving:
+        other = next((r.value for r in resting if r.name == c.name), c.value)
+        found.append(replace(c, se=float(np.hypot(c.se, (other - c.value) / reach))))
+    return tuple(found)
 
 
 def _misfit(fit: Fit) -> float:
@@ -164,15 +215,25 @@ def _nominal(rig: Rig, name: str) -> float:
     return {"support_stiffness": rig.support_stiffness, "damping": rig.support_damping, "delay": 0.0}[name]
 
 
-def _disagreements(name: str, own: Sequence[Coefficient], whole: Sequence[Coefficient]) -> list[str]:
+def _disagreements(name: str, own: Sequence[Coefficient], whole: Sequence[Coefficient]) -> dict[str, str]:
+    """Coefficients of one recording that are far from those of all together, with a sentence for each."""
     limit = float(stats.norm.isf(stats.norm.sf(CLEAR) / len(own)))
-    found = []
+    found = {}
     for a, b in zip(own, whole, strict=True):
         # The whole contains the recording, so their difference varies by what the others add.
         spread = np.sqrt(max(a.se**2 - b.se**2, 0.25 * a.se**2))
         if a.bounded and spread > 0 and abs(a.value - b.value) > limit * spread:
-            found.append(
+            found[a.name] = (
                 f"{name}: {a.name.replace('_', ' ')} {a.value:.4g} +- {a.se:.2g} {a.unit}, and {b.value:.4g} of all "
                 f"recordings together: {abs(a.value - b.value) / spread:.1f} standard errors apart"
             )
     return found
+
+
+def _scattered(
+    c: Coefficient, of_each: Mapping[str, Sequence[Coefficient]], records: Sequence[Record | OpenRecord]
+) -> Coefficient:
+    """A coefficient whose interval includes what the recordings that disagree say of its model error."""
+    values = [own.value for r in records for own in of_each[r.name] if own.name == c.name and own.bounded]
+    scatter = np.sqrt(np.mean((np.array(values) - c.value) ** 2) / max(len(values) - 1, 1)) if values else 0.0
+    return replace(c, se=float(np.hypot(c.se, scatter)))

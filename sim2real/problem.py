@@ -1,21 +1,29 @@
 """The campaign as one least-squares problem: whitened residuals of every recording, output, axis and line."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
-from maglev_env.kernel.replay import replayed
+from maglev_env.experiment import Experiment
+from maglev_env.loop.gains import NO_CONTROLLER
 from maglev_lanes.threads import single_blas
-from sim2real.open_evidence import measured_of, nominal_loop, open_noise, opened_of
+from sim2real.channel_errors import changes
+from sim2real.fed_back import UNSURE
+from sim2real.nuisances import Nuisances, stacked
+from sim2real.open_evidence import measured_of, open_noise, opened_of, parts_of, simulated_series
+from sim2real.open_loop import nominal_loop
 from sim2real.open_record import OpenRecord
 from sim2real.opened import Opened, noise_of, opened_loop
 from sim2real.records import Record
-from sim2real.simulated import Point, Predictor, predictor, together
+from sim2real.simulated import Point, Predictor, experiment_at, predictor, together
+from sim2real.static_evidence import StaticEstimate, coefficients_at, static_of
 
 # Detection lines are used up to DENSE_REACH times the DENSE quantile of the driven lines.
 DENSE, DENSE_REACH = 0.75, 1.2
-KINDS = ("force", "current", "reference", "even", "odd")  # what drives a line, or the kind of a detection line
+# What drives a line, the kind of a detection line, or the means of a mass at rest.
+KINDS = ("force", "current", "reference", "even", "odd", "rest")
 
 
 @dataclass(frozen=True)
@@ -47,23 +55,32 @@ class Problem:
 
     Attributes:
         parts: The records.
-        data: Whitened complex data (K,), of variance 1 per real part.
+        whitened: Whitened complex data (K,), of variance 1 per real part.
         record: Index (K,) into parts.
         output: Index (K,) into outputs.
         axis: Axis (K,).
         frequency: Frequency (K,), Hz.
         kind: Index (K,) into `KINDS`.
         outputs: Names of the outputs.
+        nuisances: What is not known of the measurement.
+        static: What the means of a mass at rest say; its rows come last.
     """
 
     parts: tuple[Part, ...]
-    data: np.ndarray
+    whitened: np.ndarray
     record: np.ndarray
     output: np.ndarray
     axis: np.ndarray
     frequency: np.ndarray
     kind: np.ndarray
     outputs: tuple[str, ...]
+    nuisances: Nuisances
+    static: StaticEstimate | None = None
+
+    @cached_property
+    def data(self) -> np.ndarray:
+        """Whitened data (K,) without the directions in which nothing is known."""
+        return self.nuisances.without(self.whitened)
 
     def simulate(self, points: Sequence[Point], settled: bool = True) -> np.ndarray:
         """Whitened predictions at each point.
@@ -90,15 +107,22 @@ class Problem:
                     predicted = part.predictor.of(prepared[kind], lasts, dithered)[..., part.used]
                     whitened = predicted * (np.sqrt(2) / part.noise[..., part.used])
                     found[which, part.place] = whitened.reshape(len(which), -1)
-        return found
+        if self.static is not None:
+            nominal = Experiment(self.parts[0].record.nominal, NO_CONTROLLER, ())
+            at = [experiment_at(nominal, replace(p, effects={**nominal.rig.effects, **p.effects})) for p in points]
+            rows = self.static.whitened(np.array([coefficients_at(e) for e in at]))
+            found[:, -rows.shape[1] :] = rows
+        return self.nuisances.without(found)
 
     def opened_residual(self) -> np.ndarray:
         """Residual (K,) of the linear nominal rig with its loop opened, which exists even if no rotor levitates."""
-        found = np.empty_like(self.data)
+        found = np.empty_like(self.whitened)
         for part in self.parts:
             off = (part.measured - part.opened.driven(part.record)) * np.sqrt(2) / part.noise
             found[part.place] = off[..., part.used].reshape(-1)
-        return found
+        if self.static is not None:
+            found[-len(self.static.values) :] = 0.0
+        return self.nuisances.without(found)
 
     @property
     def loudest(self) -> Part:
@@ -108,13 +132,14 @@ class Problem:
     def only(self, part: Part) -> "Problem":
         """The problem of one record alone."""
         at = part.place
-        columns = (self.data, self.record, self.output, self.axis, self.frequency, self.kind)
+        columns = (self.whitened, self.record, self.output, self.axis, self.frequency, self.kind)
         alone = replace(part, place=slice(0, at.stop - at.start))
-        return Problem((alone,), *(c[at] for c in columns), self.outputs)
+        return Problem((alone,), *(c[at] for c in columns), self.outputs, self.nuisances.within(at))
 
     def again(self, near: Point) -> "Problem":
         """The same lines, with the noise that a point leaves of records without a period."""
-        return assemble([p.record for p in self.parts], [p.used for p in self.parts], near)
+        records, used = [p.record for p in self.parts], [p.used for p in self.parts]
+        return assemble(records, used, near, rest=self.static is not None)
 
     def split(self, every: int) -> tuple["Problem", "Problem"]:
         """Two problems: one without every n-th excited line, and one of those lines alone."""
@@ -126,20 +151,41 @@ class Problem:
             kept.append(part.used & ~out)
             withheld.append(out)
         records = [p.record for p in self.parts]
-        return assemble(records, kept), assemble(records, withheld)
+        return assemble(records, kept), assemble(records, withheld, rest=False)
 
 
-def _evidence(record: Record | OpenRecord, near: Point | None) -> tuple[Opened, np.ndarray, np.ndarray]:
-    """The opened nominal loop of a record, what was measured in its coordinates, and their noise."""
-    if isinstance(record, OpenRecord):
-        loop = nominal_loop(record)
-        opened = opened_of(record, loop)
-        lanes = predictor(record, opened).lanes([near or Point({}, {})])
-        predicted = replayed(lanes, record.experiment, record.waves)[0]
-        return opened, measured_of(record, loop, opened.outputs), open_noise(record, loop, opened.outputs, predicted)
-    opened = opened_loop(record)
-    current = record.mean("current") if "current" in record.periods else None
-    return opened, opened.residuals(record.mean("displacement"), current), noise_of(record, opened)
+@dataclass(frozen=True)
+class _Evidence:
+    """The opened nominal loop of a record, what was measured in its coordinates, its noise and nuisances."""
+
+    opened: Opened
+    measured: np.ndarray
+    noise: np.ndarray
+    nuisances: Mapping[str, np.ndarray]
+
+
+def _evidence(record: Record | OpenRecord, near: Point | None) -> _Evidence:
+    if not isinstance(record, OpenRecord):
+        opened = opened_loop(record)
+        current = record.mean("current") if "current" in record.periods else None
+        measured = opened.residuals(record.mean("displacement"), current)
+        nuisances = changes(record.errors, record.frequency, opened.outputs, opened.parts(record))
+        return _Evidence(opened, measured, noise_of(record, opened), nuisances)
+    loop = nominal_loop(record)
+    opened = opened_of(record, loop)
+    lanes = predictor(record, opened).lanes([near or Point({}, {})])
+    predicted = simulated_series(record, lanes)[0]
+    measured, noise = measured_of(record, loop, opened.outputs), open_noise(record, loop, opened.outputs, predicted)
+    nuisances = {}
+    if record.errors and np.isfinite(predicted).all():
+        lines = changes(record.errors, record.windows.frequency, opened.outputs, parts_of(record, loop, predicted))
+        nuisances = {name: record.windows.project(c).reshape(measured.shape) for name, c in lines.items()}
+    if record.bias is not None:
+        fed = np.zeros_like(measured)
+        fed[opened.outputs.index("plant")] = UNSURE * record.bias
+        measured = measured - fed / UNSURE
+        nuisances[f"fed-back noise in {record.name}"] = fed
+    return _Evidence(opened, measured, noise, nuisances)
 
 
 def informative(record: Record | OpenRecord) -> np.ndarray:
@@ -165,7 +211,10 @@ def line_kinds(record: Record | OpenRecord) -> np.ndarray:
 
 
 def assemble(
-    records: Sequence[Record | OpenRecord], lines: Sequence[np.ndarray] | None = None, near: Point | None = None
+    records: Sequence[Record | OpenRecord],
+    lines: Sequence[np.ndarray] | None = None,
+    near: Point | None = None,
+    rest: bool = True,
 ) -> Problem:
     """Stack records into one problem.
 
@@ -173,20 +222,26 @@ def assemble(
         records: The records.
         lines: Lines used of each record (n,); by default those that `informative` selects.
         near: The best known parameters; the noise of records without a period is what a simulation there leaves.
+        rest: Whether the means of a mass at rest are used.
     """
-    parts, at = [], 0
+    parts, nuisances, at = [], [], 0
     names = ("plant", "amplifier")
-    columns: dict[str, list[np.ndarray]] = {k: [] for k in ("data", "record", "output", "axis", "frequency", "kind")}
+    columns: dict[str, list[np.ndarray]] = {
+        k: [] for k in ("whitened", "record", "output", "axis", "frequency", "kind")
+    }
     for i, record in enumerate(records):
         used = informative(record) if lines is None else lines[i]
-        opened, measured, noise = _evidence(record, near)
+        evidence = _evidence(record, near)
+        opened, measured, noise = evidence.opened, evidence.measured, evidence.noise
         shape = (*measured.shape[:2], int(used.sum()))
         size = int(np.prod(shape))
         parts.append(Part(record, opened, predictor(record, opened), measured, noise, used, slice(at, at + size)))
         at += size
+        whitening = np.sqrt(2) / noise
+        nuisances.append({n: (c * whitening)[..., used].reshape(-1) for n, c in evidence.nuisances.items()})
         outputs = np.array([names.index(n) for n in opened.outputs])
         rows = {
-            "data": (measured * np.sqrt(2) / noise)[..., used],
+            "whitened": (measured * whitening)[..., used],
             "record": np.full(shape, i),
             "output": np.broadcast_to(outputs[:, None, None], shape),
             "axis": np.broadcast_to(np.arange(record.axes)[:, None], shape),
@@ -195,5 +250,21 @@ def assemble(
         }
         for key, value in rows.items():
             columns[key].append(value.reshape(-1))
-    stacked = {key: np.concatenate(value) for key, value in columns.items()}
-    return Problem(tuple(parts), outputs=names, **stacked)
+    static = static_of(records[0].nominal, [r.rests for r in records]) if rest else None
+    sizes = [part.place.stop - part.place.start for part in parts]
+    found = stacked(nuisances, sizes)
+    if static is not None:
+        rows = len(static.values)
+        last = {
+            "record": 0,
+            "output": 0,
+            "axis": 0,
+            "kind": KINDS.index("rest"),
+            "frequency": parts[0].record.frequency[0],
+        }
+        columns["whitened"].append(static.whitened(static.values).astype(complex))
+        for key, value in last.items():
+            columns[key].append(np.full(rows, value))
+        found = Nuisances(found.names, np.pad(found.columns, ((0, 0), (0, rows))))
+    columns_of = {key: np.concatenate(value) for key, value in columns.items()}
+    return Problem(tuple(parts), outputs=names, nuisances=found, static=static, **columns_of)

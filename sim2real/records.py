@@ -12,17 +12,20 @@ from maglev_env.channels import MEASURED, SHOWN_BY
 from maglev_env.experiment import Experiment, sampling
 from maglev_env.linear.loop import without_noise
 from maglev_env.loop.axes import suffixes
-from maglev_env.loop.gains import NO_CONTROLLER, of_axis
+from maglev_env.loop.gains import NO_CONTROLLER
 from maglev_env.recordings.campaign import Campaign, RecordingSpec, load_campaign
 from maglev_env.recordings.recording import read_recording
 from maglev_env.recordings.signals import recorded_signals
 from maglev_env.rig.excitation import PLACES, axis_excitations, lines_at
 from maglev_env.rig.rig import Rig
-from sim2real.open_record import OpenRecord, compared, recovered_injection
+from sim2real.channel_errors import ChannelError, channel_errors
+from sim2real.open_reading import open_record
+from sim2real.open_record import OpenRecord
+from sim2real.static_evidence import Rests, rests_of
 from sim2real.tones import ON_LINE, Tone, near_tones, remove_tones
 
 if TYPE_CHECKING:
-    import xarray as xr
+    pass
 
 
 @dataclass(frozen=True)
@@ -44,6 +47,8 @@ class Record:
         dropped: Number of transient periods.
         tones: Tones that were found between the harmonics and removed.
         notes: What was assumed.
+        errors: What may be wrong with its channels.
+        rests: What its means say of a suspended mass; None: nothing.
     """
 
     name: str
@@ -60,6 +65,8 @@ class Record:
     dropped: int
     tones: tuple[Tone, ...] = ()
     notes: tuple[str, ...] = ()
+    errors: tuple[ChannelError, ...] = ()
+    rests: Rests | None = None
 
     @property
     def masked(self) -> np.ndarray:
@@ -114,10 +121,10 @@ def read_records(campaign: str | Path | Campaign) -> tuple[Campaign, tuple[Recor
 
 
 def _record(campaign: Campaign, spec: RecordingSpec) -> Record | OpenRecord:
-    where = campaign.folder / spec.file
     dataset = read_recording(campaign, spec)
     if spec.samples_per_period is None:
-        return _open_record(campaign, spec, dataset)
+        return open_record(campaign, spec, dataset)
+    where = campaign.folder / spec.file
     signals = recorded_signals(campaign, spec, dataset)
     rig, axes = campaign.rig, campaign.rig.axes
     if signals.axes != axes:
@@ -180,67 +187,8 @@ def _record(campaign: Campaign, spec: RecordingSpec) -> Record | OpenRecord:
         dropped,
         tuple(tones),
         notes,
-    )
-
-
-def _open_record(campaign: Campaign, spec: RecordingSpec, dataset: "xr.Dataset") -> OpenRecord:
-    """A recording that does not repeat; ValueError says what a comparison with it lacks."""
-    where, rig = campaign.folder / spec.file, campaign.rig
-    names = suffixes(rig.axes)
-    channels = {
-        kind: np.array([dataset[kind + s].values for s in names])
-        for kind in (*MEASURED, "injection", "reference")
-        if all(kind + s in dataset for s in names)
-    }
-    if "displacement" not in channels:
-        raise ValueError(f"{where}: the channel displacement is missing; nothing is known of the rotor without it")
-    if rig.controlled and spec.gains is None and not rig.support_stiffness:
-        raise ValueError(f"{where}: neither gains nor controller; without a support the rotor cannot stand: state them")
-    multiple, every = sampling(spec.sample_rate, rig.control_rate)
-    if every > 1:
-        raise ValueError(
-            f"{where}: recorded at {spec.sample_rate:g} Hz, below the control rate of {rig.control_rate:g} Hz: what "
-            "the controller made of the readings between is not known; record every control sample, or a periodic "
-            "excitation"
-        )
-    channels = {kind: values[:, ::multiple] for kind, values in channels.items()}
-    gains = spec.gains if spec.gains is not None else NO_CONTROLLER
-    e = without_noise(Experiment(rig, gains, (), speed_rpm=spec.speed_rpm))
-    nothing, notes = np.zeros_like(channels["displacement"]), []
-    waves = {"force": channels.get("force", nothing), "current": nothing, "reference": nothing}
-    if not rig.controlled:
-        pass
-    elif "command" in channels:
-        dt = 1 / rig.control_rate
-        waves["current"] = np.array([
-            recovered_injection(of_axis(gains, axis), u, y, dt)
-            for axis, (u, y) in enumerate(zip(channels["command"], channels["displacement"], strict=True))
-        ])  # fmt: skip
-        notes.append("what drove the loop is the command less what the stated controller makes of the displacement")
-    else:
-        waves["current"] = channels.get("injection", nothing)
-        waves["reference"] = channels.get("reference", nothing)
-    inputs = np.concatenate(list(waves.values()))
-    if not np.ptp(inputs, axis=1).any():
-        raise ValueError(
-            f"{where}: nothing that is known drives this recording; record the command at the control rate (with the "
-            "gains, what was added to it follows), or the injection, reference or force"
-        )
-    try:
-        stretch = compared(e, inputs, channels["displacement"])
-    except ValueError as error:
-        raise ValueError(f"{where}: {error}") from None
-    part = stretch.samples
-    return OpenRecord(
-        spec.file,
-        spec.role,
-        rig,
-        e,
-        {place: wave[:, part] for place, wave in waves.items()},
-        {kind: channels[kind][:, part] for kind in ("displacement", "current") if kind in channels},
-        stretch.settling,
-        stretch.windows,
-        (*notes, *stretch.notes),
+        channel_errors(spec),
+        rests_of(rig, spec, dataset),
     )
 
 

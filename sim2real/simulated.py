@@ -12,7 +12,8 @@ from maglev_env.linear.loop import closed_loop_poles
 from maglev_env.loop.effect import EFFECTS, Effects, effect, effect_value, meaningful
 from maglev_env.loop.gains import Gains
 from maglev_env.rig.rig import Rig, with_parameters
-from sim2real.open_evidence import Replay, nominal_loop
+from sim2real.open_evidence import Replay
+from sim2real.open_loop import nominal_loop
 from sim2real.open_record import OpenRecord
 from sim2real.opened import Opened
 from sim2real.records import Record
@@ -95,7 +96,7 @@ class Predictor:
         e = self.record.experiment
         controllers = e.gains if isinstance(e.gains, tuple) else (e.gains,)
         orders = tuple(None if isinstance(c, Gains) else c.order for c in controllers)
-        return orders, e.speed_rpm, e.rig.mass
+        return orders, e.speed_rpm, e.rig.mass, e.rig.control_rate, e.rig.amplifier_time_constant
 
     def lanes(self, points: Sequence[Point], dithered: bool = False) -> list:
         """Lanes at every point, for records of this kind; dithered lanes have the noise that the rig states."""
@@ -103,9 +104,13 @@ class Predictor:
         if dithered:
             noise = replace(e.rig.noise, displacement=self.record.nominal.noise.displacement)
             e = replace(e, rig=replace(e.rig, noise=noise))
-        return prepared(
-            [experiment_at(e, replace(p, effects={**NEUTRAL, **e.rig.effects, **p.effects})) for p in points]
-        )
+        unseen = self.record.upstream if isinstance(self.record, OpenRecord) else ()
+        return prepared([
+            experiment_at(e, replace(p, effects={
+                name: values for name, values in {**NEUTRAL, **e.rig.effects, **p.effects}.items() if name not in unseen
+            }))
+            for p in points
+        ])  # fmt: skip
 
     def of(self, lanes: list, settling: float = 0.0, dithered: bool = False) -> np.ndarray:
         """Residuals of prepared lanes.

@@ -35,7 +35,7 @@ def default_gains(rig: Rig) -> Gains:
         raise ValueError(f"rig {rig.name}: a magnet without stiffness sets no scale for gains; give [gains]")
     best, lowest = None, np.inf
     for variant in VARIANTS:
-        gains = _pole_placed(rig, gain, stiffness, *variant)
+        gains = pole_placed(rig, gain, stiffness, *variant)
         peak = _peak_sensitivity(rig, gains)
         if peak < lowest:
             best, lowest = gains, peak
@@ -54,7 +54,7 @@ def default_gains(rig: Rig) -> Gains:
     return best
 
 
-def _pole_placed(
+def pole_placed(
     rig: Rig, gain: float, stiffness: float, net: float, damping_ratio: float, td_share: float, td_samples: float
 ) -> Gains:
     """Gains for a net stiffness of net |k_n| and a damping ratio; the derivative compensates the lags.

@@ -29,9 +29,10 @@ def replayed(
     """
     driven = [np.atleast_2d(waves[place]) for place in ("force", "current", "reference")]
     axes, samples = driven[0].shape
-    # Every call fills the same block, so the last stretch is as long as the others.
-    whole = [np.pad(w, ((0, 0), (0, -samples % STRETCH))) for w in driven]
-    schedule = [[w[:, at : at + STRETCH].ravel() for w in whole] for at in range(0, samples, STRETCH)]
+    # Every call fills the same block, so that all stretches are equally long; what lacks stands before the start.
+    lead = -samples % STRETCH
+    whole = [np.pad(w, ((0, 0), (lead, 0))) for w in driven]
+    schedule = [[w[:, at : at + STRETCH].ravel() for w in whole] for at in range(0, lead + samples, STRETCH)]
     count = sum(len(block.members) for block in lanes)
     found = np.full((count, 2, axes, samples), np.nan)
 
@@ -42,9 +43,9 @@ def replayed(
         state = _State(block)
         outputs = len(structure.channels)
         for i, out in enumerate(_periods(block, state, schedule, outputs)):
-            stretch = slice(i * STRETCH, min((i + 1) * STRETCH, samples))
-            kept = out[:, [0, outputs - 1], : len(block.members), : stretch.stop - stretch.start]
-            found[block.members, ..., stretch] = kept.transpose(2, 1, 0, 3)
+            first = max(i * STRETCH - lead, 0)
+            kept = out[:, [0, outputs - 1], : len(block.members), lead if i == 0 else 0 :]
+            found[block.members, ..., first : (i + 1) * STRETCH - lead] = kept.transpose(2, 1, 0, 3)
         found[block.members[~state.alive()[: len(block.members)]]] = np.nan
 
     for _ in over_threads(run, lanes, threads):

@@ -15,14 +15,33 @@ CAMPAIGN_CHANNELS = ("time", *(name + axis for name in RECORDED for axis in _AXE
 _EXCITATION_KEYS = (*(f.name for f in fields(Excitation)), "harmonics", "periods", "period_samples")
 
 
+_TOLERANCES = ("scale_tolerance", "offset_tolerance", "delay_tolerance")
+_CHAIN = ("scale", "offset", "filter", "delay", "total", *_TOLERANCES)
+
+
 @dataclass(frozen=True)
 class ChannelSource:
-    """Source of a channel: SI value = scale * (sum of weights * columns) + offset."""
+    """Source of a channel: SI value = scale * (sum of weights * columns) + offset, and what lies before the logging.
+
+    Attributes:
+        filter: Corner frequencies of first-order low-passes outside the control loop, Hz; they are undone.
+        delay: By which the channel was read late, s; it is undone.
+        total: Whether a current is the total one; else it is the deviation from the rig's bias.
+        scale_tolerance: Relative standard uncertainty of the scale.
+        offset_tolerance: Standard uncertainty of the offset, SI; None: the mean of the channel is not known at all.
+        delay_tolerance: Standard uncertainty of the delay, s; None: not stated.
+    """
 
     columns: tuple[str, ...]
     weights: tuple[float, ...]
     scale: float = 1.0
     offset: float = 0.0
+    filter: tuple[float, ...] = ()
+    delay: float = 0.0
+    total: bool = False
+    scale_tolerance: float = 0.0
+    offset_tolerance: float | None = None
+    delay_tolerance: float | None = None
 
 
 def excitations_table(value: Any, rate: float, channels: Mapping) -> tuple[tuple[Excitation, ...], int | None]:
@@ -83,7 +102,7 @@ def channel_table(name: str, value: Any) -> ChannelSource:
     check_known({name: value}, CAMPAIGN_CHANNELS, "[recording.channels]")
     where = f"channel {name}"
     table = table_of(value, where)
-    check_known(table, ("from", "weights", "scale", "offset"), where)
+    check_known(table, ("from", "weights", *_CHAIN), where)
     columns = table.get("from")
     columns = [columns] if isinstance(columns, str) else columns
     if not isinstance(columns, list) or not columns or not all(isinstance(c, str) for c in columns):
@@ -96,7 +115,18 @@ def channel_table(name: str, value: Any) -> ChannelSource:
     scale, offset = number_of(table, "scale", 1.0, where), number_of(table, "offset", 0.0, where)
     if scale == 0:
         raise ValueError(f"{where}: scale = 0 leaves nothing of the channel")
-    return ChannelSource(tuple(columns), weights, scale, offset)
+    corners = _numbers(table["filter"], f"{where}: filter") if "filter" in table else ()
+    if any(corner <= 0 for corner in corners):
+        raise ValueError(f"{where}: filter = {list(corners)}; give corner frequencies in Hz, above 0")
+    delay = number_of(table, "delay", 0.0, where)
+    total = table.get("total", False)
+    if type(total) is not bool or (total and name.partition("_")[0] not in ("current", "command")):
+        raise ValueError(f"{where}: total = {total!r}; write total = true where a current or command includes the bias")
+    sigma = {key: number_of(table, key, None, where) for key in _TOLERANCES if key in table}
+    for key, value in sigma.items():
+        if value < 0:
+            raise ValueError(f"{where}: {key} = {value:g} must not be negative; it is a standard uncertainty")
+    return ChannelSource(tuple(columns), weights, scale, offset, corners, delay, total, **sigma)
 
 
 def table_of(value: Any, where: str) -> dict[str, Any]:

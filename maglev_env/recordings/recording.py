@@ -14,10 +14,12 @@ from maglev_env.channels import MEASURED, SHOWN_BY, unit_of
 from maglev_env.experiment import Experiment, channels_of, recorded_channels, sampling, self_sensors
 from maglev_env.loop.axes import AXES, suffixes
 from maglev_env.loop.gains import as_table
+from maglev_env.loop.magnets.kinds import geometric_law
 from maglev_env.recordings.alarms import alarms_text, clock_alarms, find_alarms, touched_rail
 from maglev_env.recordings.campaign import Campaign, ChannelSource, RecordingSpec
 from maglev_env.recordings.files import Columns, read_columns
 from maglev_env.recordings.masking import MOST_MASKED
+from maglev_env.recordings.measurement_chain import corrected
 from maglev_env.recordings.time_stamps import check_clock
 from maglev_env.rig.excitation import Excitation, Place, lines_at
 
@@ -77,7 +79,12 @@ def read_recording(campaign: Campaign, spec: RecordingSpec, alarmed: bool = Fals
             if alarm:
                 alarms.append(alarm)
                 masked |= at & (alarm.severity == "warning")
-    channels = {name: clock.resampled(values) for name, values in combined.items()}
+    channels = {}
+    for name, values in combined.items():
+        source = spec.channels[name]
+        channels[name] = corrected(clock.resampled(values), rate, source.filter, source.delay)
+        if source.total:
+            channels[name] = channels[name] - _bias(campaign, path, name)
     masked = clock.marked(masked)
     rig = {} if campaign.rig is None else {"rig": campaign.rig.name}
     experiment = {
@@ -249,6 +256,15 @@ def _combine(raw: Mapping[str, np.ndarray], source: ChannelSource) -> np.ndarray
         weighted = [w * raw[column] for w, column in zip(source.weights, source.columns, strict=True)]
         value = source.scale * (sum(weighted[1:], weighted[0]))
         return value + source.offset if source.offset else value  # adding 0 would change the bits of -0.0
+
+
+def _bias(campaign: Campaign, path: Path, name: str) -> float:
+    """Bias current (A) of the campaign's rig, which a total current includes."""
+    if campaign.rig is None or not campaign.rig.controlled:
+        raise ValueError(
+            f"{path}: channel {name!r}: total = true needs a named rig with a magnet, whose bias it includes"
+        )
+    return geometric_law(campaign.rig).bias_current
 
 
 def _window(path: Path, spec: RecordingSpec, total: int) -> slice:

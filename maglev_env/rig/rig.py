@@ -188,7 +188,7 @@ class Rig:
     adc_bits: int = quantity("bit", 0, 32, 16)
     dac_bits: int = quantity("bit", 0, 32, 14)
     voltage_range: float = quantity("V", 0.1, 1e4, 10.0)
-    control_rate: float = quantity("Hz", 100.0, 1e6, 20000.0)
+    control_rate: float = quantity("Hz", 1.0, 1e6, 20000.0)
     gravity: float = quantity("m/s2", 0.0, 100.0, 9.80665)
     axes: int = 1
     per_axis: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)

@@ -1,6 +1,6 @@
 """The next recording, or the gains to keep: in words, and as TOML to paste."""
 
-from dataclasses import asdict
+from dataclasses import asdict, fields
 from pathlib import Path
 from textwrap import wrap
 
@@ -96,9 +96,10 @@ def _channel(name: str, source: ChannelSource) -> str:
     parts = [f"from = {toml_value(source.columns[0] if one else list(source.columns))}"]
     if not one or source.weights != (1.0,):
         parts.append(f"weights = {toml_value(list(source.weights))}")
+    usual = ChannelSource(source.columns, source.weights)
     parts += [
-        f"{key} = {toml_value(v)}"
-        for key, v in (("scale", source.scale), ("offset", source.offset))
-        if v != (key == "scale")
+        f"{field.name} = {toml_value(list(v) if isinstance(v, tuple) else v)}"
+        for field in fields(source)[2:]
+        if (v := getattr(source, field.name)) != getattr(usual, field.name)
     ]
     return f"{name} = {{ {', '.join(parts)} }}"

@@ -1,0 +1,79 @@
+"""What may be wrong with the channels of a recording, as its campaign states it: scales and delays within tolerance."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from maglev_env.recordings.campaign import RecordingSpec
+
+
+@dataclass(frozen=True)
+class ChannelError:
+    """One standard deviation of an error: true value = (1 + scale) * reading, `delay` seconds earlier.
+
+    Args:
+        name: for reports; an error of the same name is the same in all recordings.
+        channel: "displacement", "current", "force", ...
+        axis: 0 or 1.
+        scale: relative.
+        delay: s.
+    """
+
+    name: str
+    channel: str
+    axis: int = 0
+    scale: float = 0.0
+    delay: float = 0.0
+
+    def factor(self, frequency: np.ndarray) -> np.ndarray:
+        """Relative change of the channel's spectrum at frequencies in Hz."""
+        return self.scale + 2j * np.pi * frequency * self.delay
+
+    def applied(self, spectra: np.ndarray, frequency: np.ndarray) -> np.ndarray:
+        """Change of spectra (..., axes, *frequency.shape) of the channel: that of the other axis is none."""
+        found = np.zeros(spectra.shape, complex)
+        at = (..., self.axis, *(slice(None) for _ in frequency.shape))
+        found[at] = self.factor(frequency) * spectra[at]
+        return found
+
+
+def channel_errors(spec: RecordingSpec) -> tuple[ChannelError, ...]:
+    """The errors that a campaign states of a recording's channels."""
+    found = []
+    for name, source in spec.channels.items():
+        kind, _, letter = name.partition("_")
+        axis = 1 if letter == "y" else 0
+        if source.scale_tolerance:
+            found.append(ChannelError(f"scale of {name}", kind, axis, scale=source.scale_tolerance))
+        if source.delay_tolerance:
+            found.append(ChannelError(f"delay of {name}", kind, axis, delay=source.delay_tolerance))
+    return tuple(found)
+
+
+def changes(
+    errors: tuple[ChannelError, ...],
+    frequency: np.ndarray,
+    outputs: tuple[str, ...],
+    sizes: Mapping[str, Mapping[str, np.ndarray]],
+) -> dict[str, np.ndarray]:
+    """Change of the opened residuals, measured less predicted, by each error.
+
+    Args:
+        errors: of a recording.
+        frequency: of the lines, Hz, any shape.
+        outputs: "plant", and "amplifier" where the current is an output.
+        sizes: channel -> output -> what the channel adds to the residual of that output, free of noise,
+            (axes, *frequency.shape); what is predicted from it counts negative.
+
+    Returns:
+        Name -> (outputs, axes, *frequency.shape).
+    """
+    found = {}
+    for error in errors:
+        own = sizes.get(error.channel, {})
+        rows = [error.applied(own[o], frequency) if o in own else None for o in outputs]
+        if any(r is not None for r in rows):
+            shape = next(r.shape for r in rows if r is not None)
+            found[error.name] = np.stack([np.zeros(shape, complex) if r is None else r for r in rows])
+    return found

@@ -1,0 +1,58 @@
+"""What is not known of the measurement, marginalised: scales, delays and timing of channels within their tolerance.
+
+One standard deviation of a nuisance changes the whitened residual by a column c. With the columns C of all nuisances,
+the residual has the covariance 1 + C C^T. A fixed linear map takes that to 1 again; it acts on data and predictions
+alike, so that a fit loses just the direction in which nothing is known. A nuisance of a channel is shared by all
+recordings.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class Nuisances:
+    """The nuisances of stacked whitened data.
+
+    Args:
+        names: of the nuisances, (r,).
+        columns: (r, K) complex, change of the whitened residual for one standard deviation of each.
+    """
+
+    names: tuple[str, ...]
+    columns: np.ndarray
+
+    @cached_property
+    def _directions(self) -> tuple[np.ndarray, np.ndarray]:
+        """Orthonormal directions (q, 2 K), real, and the share (q,) that is taken out along each."""
+        stacked = np.concatenate([self.columns.real, self.columns.imag], axis=1)
+        _, s, directions = np.linalg.svd(stacked, full_matrices=False)
+        known = s > 1e-9
+        return directions[known], 1 - 1 / np.sqrt(1 + s[known] ** 2)
+
+    def without(self, whitened: np.ndarray) -> np.ndarray:
+        """Data or predictions (..., K) after the map."""
+        if not self.names:
+            return whitened
+        directions, share = self._directions
+        k = whitened.shape[-1]
+        along = whitened.real @ directions[:, :k].T + whitened.imag @ directions[:, k:].T
+        taken = (along * share) @ directions
+        return whitened - (taken[..., :k] + 1j * taken[..., k:])
+
+    def within(self, place: slice) -> "Nuisances":
+        """The nuisances of a part of the data."""
+        return Nuisances(self.names, self.columns[:, place])
+
+
+def stacked(found: Sequence[dict[str, np.ndarray]], sizes: Sequence[int]) -> Nuisances:
+    """Nuisances of stacked data from the columns (size,) of every part, by name."""
+    names = tuple(dict.fromkeys(name for own in found for name in own))
+    rows = [
+        np.concatenate([own.get(name, np.zeros(n, complex)) for own, n in zip(found, sizes, strict=True)])
+        for name in names
+    ]
+    return Nuisances(names, np.array(rows).reshape(len(names), sum(sizes)))

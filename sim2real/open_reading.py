@@ -1,0 +1,106 @@
+"""Read a recording without a period for comparison: what drives it, which part and which windows are compared."""
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from maglev_env.channels import MEASURED
+from maglev_env.loop.axes import suffixes
+from maglev_env.recordings.campaign import Campaign, RecordingSpec
+from maglev_env.recordings.masking import bridged, masked_samples
+from maglev_env.rig.rig import Rig
+from sim2real.channel_errors import ChannelError, channel_errors
+from sim2real.drive import Drive, drive_of
+from sim2real.fed_back import fed_back
+from sim2real.open_record import OpenRecord, compared
+from sim2real.static_evidence import rests_of
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+UNTOLD = 12**-0.5  # samples: standard deviation of the time between two readings of which nothing is stated
+
+
+def open_record(campaign: Campaign, spec: RecordingSpec, dataset: "xr.Dataset") -> OpenRecord:
+    """A recording that does not repeat.
+
+    Args:
+        campaign: that names its rig.
+        spec: the recording.
+        dataset: its channels.
+
+    Raises:
+        ValueError: a comparison with it lacks something; the message says what.
+    """
+    where, rig = campaign.folder / spec.file, campaign.rig
+    if rig is None:
+        raise ValueError(f"{where}: the campaign names no rig to compare with")
+    channels = _channels(rig, dataset)
+    if "displacement" not in channels:
+        raise ValueError(f"{where}: the channel displacement is missing; nothing is known of the rotor without it")
+    try:
+        drive = drive_of(rig, spec, channels)
+        channels = {kind: values[:, :: drive.multiple] for kind, values in channels.items()}
+        waves = drive.waves(channels)
+        known = np.concatenate([w[:, :: drive.every] for w in waves.values()])
+        if not np.ptp(known, axis=1).any():
+            raise ValueError("nothing that is known drives this recording: all of it is constant")
+        stretch = compared(drive.experiment, spec.sample_rate / drive.multiple, known, channels["displacement"])
+    except ValueError as error:
+        raise ValueError(f"{where}: {error}") from None
+    channels = {kind: values[:, stretch.samples] for kind, values in channels.items()}
+    lead = stretch.settling if drive.stand_in else 0
+    if drive.stand_in:
+        channels = {kind: _led_in(values, lead) for kind, values in channels.items()}
+        waves = drive.waves(channels)
+    else:
+        waves = {place: wave[:, stretch.samples] for place, wave in waves.items()}
+    shown = ("displacement",) if drive.source == "current" else ("displacement", "current")
+    record = OpenRecord(
+        spec.file,
+        spec.role,
+        rig,
+        drive.experiment,
+        waves,
+        {kind: channels[kind] for kind in shown if kind in channels},
+        stretch.settling + lead,
+        stretch.windows,
+        drive.every,
+        drive.upstream,
+        (*channel_errors(spec), *_untold(spec, drive)),
+        drive.source,
+        rests_of(rig, spec, dataset),
+        notes=(*dataset.attrs.get("notes", ()), *drive.notes, *stretch.notes),
+    )
+    if not drive.stand_in or drive.source is None:
+        return record
+    try:
+        return fed_back(record, channels[drive.source], drive.between(record.windows.frequency))
+    except ValueError as error:
+        raise ValueError(f"{where}: {error}") from None
+
+
+def _channels(rig: Rig, dataset: "xr.Dataset") -> dict[str, np.ndarray]:
+    """Channel -> (axes, samples), with masked samples bridged."""
+    names, masked = suffixes(rig.axes), masked_samples(dataset)
+    return {
+        kind: np.array([bridged(dataset[kind + s].values, masked) for s in names])
+        for kind in (*MEASURED, "injection", "reference")
+        if all(kind + s in dataset for s in names)
+    }
+
+
+def _led_in(series: np.ndarray, samples: int) -> np.ndarray:
+    """Series (axes, n) after a smooth rise from zero, (axes, samples + n): the simulated rotor starts at the centre."""
+    rise = 0.5 - 0.5 * np.cos(np.pi * np.arange(samples) / max(samples, 1))
+    return np.concatenate([series[:, :1] * rise, series], axis=1)
+
+
+def _untold(spec: RecordingSpec, drive: Drive) -> list[ChannelError]:
+    """The time between the readings of a stand-in's drive and of the displacement, where nothing is stated of it."""
+    stated = [s.delay_tolerance for name, s in spec.channels.items() if name.partition("_")[0] == drive.source]
+    if not drive.stand_in or drive.source is None or any(tolerance is not None for tolerance in stated):
+        return []
+    late = UNTOLD * drive.multiple / spec.sample_rate
+    name = f"time between {drive.source} and displacement"
+    return [ChannelError(name, drive.source, axis, delay=late) for axis in range(drive.experiment.rig.axes)]

@@ -1,0 +1,73 @@
+"""What means and weight say of a suspended mass, against a force law written down here."""
+
+import numpy as np
+import pytest
+
+from maglev_env.rig.rig import rig_from_toml
+from sim2real.static_evidence import Levels, Tolerances, levels_of, static_estimate
+
+MASS, GRAVITY, GAP, AIR = 0.02, 9.80665, 6e-3, 2e-3
+CONSTANT = 5e-5  # N m2/A2: pull = CONSTANT i^2 / x^2 with x = GAP + AIR - y
+TURNS, AREA = 800.0, 4 * CONSTANT / (4e-7 * np.pi * 800.0**2)
+RIG = rig_from_toml(
+    f"""
+schema = "maglev-rig/1"
+name = "ball"
+magnet = "electromagnet"
+[parameters]
+mass = {MASS}
+gap = {GAP + AIR}
+clearance = {GAP}
+turns = {TURNS}
+pole_area = {AREA}
+""",
+    "here",
+)
+BIAS = (GAP + AIR) * np.sqrt(MASS * GRAVITY / CONSTANT)
+CERTAIN = Tolerances(0.0, 0.0)
+
+
+def _levels(y, change=0.0, thicker=0.0):
+    """Exact levels of a magnet with another constant and another magnetic gap than the rig's."""
+    current = (GAP + AIR + thicker - y) * np.sqrt(MASS * GRAVITY / (CONSTANT * (1 + change))) - BIAS
+    tiny = np.full(y.size, 1e-6)
+    return Levels(y, current, tiny, tiny)
+
+
+def test_levels_tell_gain_and_stiffness_on_the_scale_of_the_weight():
+    y = np.linspace(-1e-3, 1e-3, 12)
+    found = static_estimate(RIG, _levels(y, 0.2, -5e-4), CERTAIN)
+    gap = GAP + AIR - 5e-4
+    bias = gap * np.sqrt(MASS * GRAVITY / (1.2 * CONSTANT))
+    assert found.gain == pytest.approx(2 * MASS * GRAVITY / bias, rel=1e-5)
+    assert found.stiffness == pytest.approx(-2 * MASS * GRAVITY / gap, rel=1e-5)
+
+
+def test_one_level_tells_the_gain_alone():
+    found = static_estimate(RIG, _levels(np.full(8, 1e-4), 0.2), CERTAIN)
+    assert found.stiffness is None and found.gain == pytest.approx(2 * MASS * GRAVITY / (BIAS / np.sqrt(1.2)), rel=1e-4)
+
+
+def test_intervals_cover_the_scatter_and_the_stated_offsets():
+    rng, y, inside = np.random.default_rng(1), np.repeat(np.linspace(-1e-3, 1e-3, 6), 4), []
+    truth = np.array([2 * MASS * GRAVITY / BIAS, -2 * MASS * GRAVITY / (GAP + AIR)])
+    exact = _levels(y)
+    for _ in range(200):
+        offsets = 5e-5 * rng.normal(), 5e-3 * rng.normal()
+        noisy = Levels(
+            y + 2e-5 * rng.normal(size=y.size) + offsets[0],
+            exact.current + 3e-3 * rng.normal(size=y.size) + offsets[1],
+            np.full(y.size, 2e-5),
+            np.full(y.size, 3e-3),
+        )
+        found = static_estimate(RIG, noisy, Tolerances(5e-5, 5e-3))
+        inside.append(abs(found.values - truth) < 1.96 * np.sqrt(np.diag(found.covariance)))
+    assert (np.mean(inside, axis=0) > 0.89).all() and (np.mean(inside, axis=0) < 0.995).all()
+
+
+def test_only_a_resting_mass_has_levels():
+    t = np.arange(4000) / 100
+    steps = 1e-3 * np.sign(np.sin(2 * np.pi * t / 20))
+    rest = levels_of(steps, 0.1 * steps, GAP)
+    assert rest.count > 30 and abs(abs(rest.displacement) - 1e-3).max() < 2e-5
+    assert levels_of(1e-3 * np.sin(2 * np.pi * t), t, GAP).count == 0
