@@ -171,7 +171,7 @@ amplifier_time_constant = 0.2
 """
     return Rig(
         "A", bench, records, toml, truth(bench, nominal, effect, law=form if effect != "law" else "steeper"),
-        {"ending": "csv", "separator": ";", "decimal": ",", "preamble": ["Kugel 58 g, Regler PID", "Messung vom 3. Mai"]},
+        {"ending": "csv", "separator": ";", "decimal": ",", "preamble": ["Kugel 58 g, PID", "Messung vom 3. Mai"]},
         {
             "time": ("Zeit [s]", 1.0, 0.0, 4),
             "reference": ("Sollabstand [mm]", -1e-3, gap, 4),

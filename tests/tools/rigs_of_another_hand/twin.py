@@ -20,7 +20,7 @@ from bench import Bench, run
 from physics import GRAVITY, Body, CurrentDrive, VoltageDrive, exponential, slopes
 from regulators import Cascade, Pid
 from rigs import Record, Rig, hanging, pole_area
-from write import write_campaign
+from write import run_all, write_campaign
 
 # What a diagnosis may call each truth; everything else but an abstention is wrong.
 RIGHT = {
@@ -261,7 +261,7 @@ def main() -> None:
             while not holds((found := campaign(seed))[0]):
                 seed += 100_000
             rig, use = found
-            write_campaign(folder, rig, use, index)
+            write_campaign(folder, rig, use, run_all(rig, index), gains="command" in use)
             print(folder, json.loads((folder / "truth.json").read_text())["effect"], flush=True)
 
 

@@ -42,8 +42,8 @@ def write_data(folder: Path, rig: Rig, record: Record, logs: dict[str, np.ndarra
     return path.name
 
 
-def recording_table(rig: Rig, record: Record, file: str, use: tuple[str, ...]) -> str:
-    """One [[recording]]; `use` are the channels that the engineer maps."""
+def recording_table(rig: Rig, record: Record, file: str, use: tuple[str, ...], gains: bool) -> str:
+    """One [[recording]]; `use` are the channels that the engineer maps, and gains whether the controller is stated."""
     controller = record.controller()
     top, bottom = (controller.outer if isinstance(controller, Cascade) else controller).polynomials()
     excitation = '{ kind = "recorded", at = "current" }' if "injection" in use else '{ kind = "none" }'
@@ -54,31 +54,41 @@ def recording_table(rig: Rig, record: Record, file: str, use: tuple[str, ...]) -
         f'role = "{record.role}"',
         f"sample_rate = {1 / rig.bench.dt:g}",
         f"excitation = {excitation}",
-        stated if "command" in use else "# the loop holds by a cascade",
+        stated if gains else "# nothing is known of the controller",
         "",
         "[recording.channels]",
     ]
     for channel in use:
         name, scale, offset, _ = rig.channels[channel]
+        chain = dict(rig.chain.get(channel, {}))
+        offset = 0.0 if chain.get("total") else offset
         source = f"{rig.layout['struct']}.{name}" if rig.layout["ending"] == "mat" else name
-        more = "".join(f", {key} = {value}" for key, value in rig.chain.get(channel, {}).items())
+        more = "".join(f", {key} = {json.dumps(value)}" for key, value in chain.items())
         lines.append(f'{channel} = {{ from = "{source}", scale = {scale!r}, offset = {offset!r}{more} }}')
     return "\n".join(lines)
 
 
-def write_campaign(folder: Path, rig: Rig, use: tuple[str, ...], seed: int, only: tuple[str, ...] = ()) -> None:
-    """Data files, rig.toml, campaign.toml and truth.json of a rig; `only` keeps the records of these names."""
+def write_campaign(
+    folder: Path,
+    rig: Rig,
+    use: tuple[str, ...],
+    logs: dict[str, dict[str, np.ndarray]],
+    gains: bool = True,
+) -> None:
+    """Data files, rig.toml, campaign.toml and truth.json of a rig; `logs` of each record, see `run_all`."""
     folder.mkdir(parents=True, exist_ok=True)
     tables = ['schema = "maglev-campaign/1"\nrig = "rig.toml"']
-    for index, record in enumerate(rig.records):
-        if only and record.name not in only:
-            continue
-        logs = record_logs(rig.bench, record, np.random.default_rng([seed, index]))
-        file = write_data(folder, rig, record, logs)
-        tables.append(recording_table(rig, record, file, use))
+    for record in rig.records:
+        file = write_data(folder, rig, record, logs[record.name])
+        tables.append(recording_table(rig, record, file, use, gains))
     (folder / "rig.toml").write_text(rig.rig_toml)
     (folder / "campaign.toml").write_text("\n\n".join(tables) + "\n")
     (folder / "truth.json").write_text(json.dumps(rig.truth, indent=1, default=float) + "\n")
+
+
+def run_all(rig: Rig, seed: int) -> dict[str, dict[str, np.ndarray]]:
+    """Name -> log of each record of a rig."""
+    return {r.name: record_logs(rig.bench, r, np.random.default_rng([seed, n])) for n, r in enumerate(rig.records)}
 
 
 def record_logs(bench: Bench, record: Record, rng: np.random.Generator) -> dict[str, np.ndarray]:
