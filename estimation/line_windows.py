@@ -47,7 +47,7 @@ class LineWindows:
         return self.frequency[:, WIDTH // 2]
 
     @cached_property
-    def _complement(self) -> np.ndarray:
+    def directions(self) -> np.ndarray:
         """Orthonormal directions (WIDTH, WIDTH - TERMS) in which no quadratic has a part."""
         basis = np.linspace(-1, 1, WIDTH)[:, None] ** np.arange(TERMS)
         return np.linalg.qr(basis, mode="complete")[0][:, TERMS:]
@@ -60,7 +60,7 @@ class LineWindows:
 
     def project(self, spectrum: np.ndarray) -> np.ndarray:
         """Spectra (..., count, WIDTH) without transient and drift, (..., count, WIDTH - TERMS)."""
-        return spectrum @ self._complement
+        return spectrum @ self.directions
 
     def noise(self, residual: np.ndarray, excitation: np.ndarray) -> "WindowNoise":
         """The noise of a residual, told from what the excitation explains of it.
@@ -76,7 +76,7 @@ class LineWindows:
         powers = np.linspace(-1, 1, WIDTH)[:, None] ** np.arange(TERMS)
         inputs = np.moveaxis(driven, 0, -1)  # (count, WIDTH, inputs)
         columns = (inputs[..., None] * powers[:, None, :]).reshape(self.count, WIDTH, -1)
-        columns = np.swapaxes(np.swapaxes(columns, 1, 2) @ self._complement, 1, 2)
+        columns = np.swapaxes(np.swapaxes(columns, 1, 2) @ self.directions, 1, 2)
         u, s, _ = np.linalg.svd(columns, full_matrices=False)
         kept = s > _RANK * np.maximum(s[:, :1], 1e-300)
         kept &= s > 0

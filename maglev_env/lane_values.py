@@ -9,7 +9,7 @@ import numpy as np
 from maglev_env.experiment import Experiment
 from maglev_env.loop.effect import Effects, effect_value
 from maglev_env.loop.magnets.kinds import force_law
-from maglev_env.loop.magnets.law import ForceLaw, SingleSidedLaw
+from maglev_env.loop.magnets.law import ForceLaw, SingleSidedLaw, reshaped
 from maglev_env.rig.rig import Rig
 
 
@@ -42,8 +42,11 @@ class LaneValues:
 
     @cached_property
     def laws(self) -> tuple[ForceLaw | SingleSidedLaw | None, ...]:
-        """Force law of each lane without its effects; None without magnets."""
-        return tuple(force_law(rig) if rig.controlled else None for rig in self.rigs)
+        """Force law of each lane with the effect force_law and without the others; None without magnets."""
+        return tuple(
+            _shaped(force_law(rig), effects) if rig.controlled else None
+            for rig, effects in zip(self.rigs, self.effects, strict=True)
+        )
 
     @property
     def inductance(self) -> np.ndarray:
@@ -59,6 +62,12 @@ class LaneValues:
     def speed(self) -> np.ndarray:
         """Speed of rotation (rad/s), (n,)."""
         return 2 * np.pi / 60 * np.array(self.speeds)
+
+
+def _shaped(law: ForceLaw | SingleSidedLaw, effects: Effects) -> ForceLaw | SingleSidedLaw:
+    if "force_law" not in effects:
+        return law
+    return reshaped(law, effect_value(effects, "force_law"), effect_value(effects, "force_law", "offset"))
 
 
 def lane_values(own: Sequence[Experiment]) -> LaneValues:

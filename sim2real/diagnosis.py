@@ -17,6 +17,7 @@ from sim2real.hypotheses import CALIBRATION, TONES, Coordinate
 from sim2real.judge import Entry, entries, evidence_of, verdict
 from sim2real.locate import CONTROLLER_SD, Where, locate
 from sim2real.next_experiment import Proposal, propose
+from sim2real.nonstationary import widening
 from sim2real.open_record import OpenRecord
 from sim2real.problem import Problem, assemble
 from sim2real.records import read_records
@@ -151,8 +152,17 @@ def diagnose(
         # The noise of a record without a period is what a good simulation leaves of it.
         best = min(attribution.candidates, key=lambda c: c.predictive).fit
         near = best.hypothesis.point(best.u)
-        again, judged = fitted.again(near), judged.again(near)
-        if any(np.median(old.noise / new.noise) > LOUDER for old, new in zip(fitted.parts, again.parts, strict=True)):
+        louder = float(widening(fitted, best).max(initial=1.0))
+        again, judged = fitted.again(near, louder), judged.again(near)
+        if louder > LOUDER:
+            notes.append(
+                f"errors at single moments, as at steps or kicks: the noise is taken as {louder:.2g} times as large as "
+                "it looks"
+            )
+        if any(
+            abs(np.log(np.median(old.noise / new.noise))) > np.log(LOUDER)
+            for old, new in zip(fitted.parts, again.parts, strict=True)
+        ):
             fitted, attribution = again, attribute(again, progress)
     progress("judging")
     base = attribution.simplest

@@ -213,9 +213,14 @@ def _with_tones(rows: list[_Row], evidence: Evidence, priors: Mapping[int, float
 
 
 def complexity(names: tuple[str, ...], belief: Belief) -> float:
-    """Cost of the freedom that effects have beyond one parameter each."""
+    """Cost of the freedom that effects have beyond one parameter each.
+
+    The parameters of an effect that is like another one while the motion is small count as one: there, they are.
+    """
     found = 0.0
     for name in names:
+        if name in EFFECTS and EFFECTS[name].linear_as:
+            continue
         parameters = [c.parameter for c in COORDINATES.get(name, ())]
         found += belief.parameter_cost * max(len(parameters) - 1, 0) + belief.search_cost * ("frequency" in parameters)
     return found

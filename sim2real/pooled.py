@@ -17,8 +17,9 @@ from maglev_env.loop.magnets.law import linearise
 from maglev_env.rig.rig import Rig
 from sim2real.fitting import Fit, begin, differentiate, iterate
 from sim2real.hypotheses import Hypothesis
+from sim2real.nonstationary import widening
 from sim2real.open_record import OpenRecord
-from sim2real.problem import assemble
+from sim2real.problem import Problem, assemble
 from sim2real.records import Record
 from sim2real.simulated import tolerances
 from sim2real.static_evidence import StaticEstimate, static_of
@@ -105,20 +106,20 @@ def pooled(records: Sequence[Record | OpenRecord], progress: Callable[[str], Non
     rig = records[0].nominal
     progress("all recordings")
     static = static_of(rig, [r.rests for r in records])
-    fit = _fitted(records, rest=False)
-    whole = _coefficients(rig, fit)
+    problem, fit = _fitted(records, rest=False)
+    whole = _coefficients(rig, problem, fit)
     of_each, apart, scattered = {}, [], set()
     if static is not None:
         of_each[AT_REST] = _at_rest(rig, static)
         apart += _contradictions(whole, of_each[AT_REST])
         if not apart:
-            fit = _fitted(records, fit, rest=True)
-            whole = _coefficients(rig, fit)
+            problem, fit = _fitted(records, fit, rest=True)
+            whole = _coefficients(rig, problem, fit)
     contradicted = bool(apart)
     if len(records) > 1:
         for record in records:
             progress(record.name)
-            of_each[record.name] = found = _coefficients(rig, _fitted([record], fit))
+            of_each[record.name] = found = _coefficients(rig, *_fitted([record], fit))
             disagreed = _disagreements(record.name, found, whole)
             apart += disagreed.values()
             scattered |= disagreed.keys()
@@ -128,7 +129,7 @@ def pooled(records: Sequence[Record | OpenRecord], progress: Callable[[str], Non
     return Pooled(whole, _misfit(fit), tuple(apart), of_each)
 
 
-def _fitted(records: Sequence[Record | OpenRecord], near: Fit | None = None, rest: bool = False) -> Fit:
+def _fitted(records: Sequence[Record | OpenRecord], near: Fit | None = None, rest: bool = False) -> tuple[Problem, Fit]:
     rig = records[0].nominal
     hidden = frozenset.intersection(*(r.upstream if isinstance(r, OpenRecord) else frozenset() for r in records))
     names = tuple(name for name in UNITS if meaningful(name, rig.capabilities) and name not in hidden)
@@ -149,7 +150,7 @@ def _fitted(records: Sequence[Record | OpenRecord], near: Fit | None = None, res
             problem = problem.again(h.point(u))  # their noise is what a good simulation leaves
     (fit,) = begin([h], [u], problem.data, problem.simulate)
     differentiate([fit], problem.data, problem.simulate, True)
-    return fit
+    return problem, fit
 
 
 def _at_rest(rig: Rig, static: StaticEstimate) -> tuple[Coefficient, ...]:
@@ -191,11 +192,11 @@ def _misfit(fit: Fit) -> float:
     return float(np.mean(abs(fit.residual) ** 2) / 2)
 
 
-def _coefficients(rig: Rig, fit: Fit) -> tuple[Coefficient, ...]:
+def _coefficients(rig: Rig, problem: Problem, fit: Fit) -> tuple[Coefficient, ...]:
     """Coefficients of a fit."""
     misfit = _misfit(fit)
-    widening = np.sqrt(misfit) if misfit > 1 + SIGNIFICANT / np.sqrt(fit.residual.size) else 1.0
-    sd = np.sqrt(np.diag(fit.covariance())) * widening
+    factor = np.sqrt(misfit) if misfit > 1 + SIGNIFICANT / np.sqrt(fit.residual.size) else 1.0
+    sd = np.sqrt(np.diag(fit.covariance())) * np.maximum(widening(problem, fit), factor)
     found = []
     for c, u, spread in zip(fit.hypothesis.coordinates, fit.u, sd, strict=False):
         nominal, scale = _nominal(rig, c.effect), c.scale or 1.0

@@ -136,10 +136,10 @@ class Problem:
         alone = replace(part, place=slice(0, at.stop - at.start))
         return Problem((alone,), *(c[at] for c in columns), self.outputs, self.nuisances.within(at))
 
-    def again(self, near: Point) -> "Problem":
-        """The same lines, with the noise that a point leaves of records without a period."""
+    def again(self, near: Point, louder: float = 1.0) -> "Problem":
+        """The same lines, with the noise that a point leaves of records without a period, times a factor."""
         records, used = [p.record for p in self.parts], [p.used for p in self.parts]
-        return assemble(records, used, near, rest=self.static is not None)
+        return assemble(records, used, near, self.static is not None, louder)
 
     def split(self, every: int) -> tuple["Problem", "Problem"]:
         """Two problems: one without every n-th excited line, and one of those lines alone."""
@@ -215,6 +215,7 @@ def assemble(
     lines: Sequence[np.ndarray] | None = None,
     near: Point | None = None,
     rest: bool = True,
+    louder: float = 1.0,
 ) -> Problem:
     """Stack records into one problem.
 
@@ -223,6 +224,7 @@ def assemble(
         lines: Lines used of each record (n,); by default those that `informative` selects.
         near: The best known parameters; the noise of records without a period is what a simulation there leaves.
         rest: Whether the means of a mass at rest are used.
+        louder: Factor on the noise of records without a period.
     """
     parts, nuisances, at = [], [], 0
     names = ("plant", "amplifier")
@@ -233,6 +235,7 @@ def assemble(
         used = informative(record) if lines is None else lines[i]
         evidence = _evidence(record, near)
         opened, measured, noise = evidence.opened, evidence.measured, evidence.noise
+        noise = noise * louder if isinstance(record, OpenRecord) else noise
         shape = (*measured.shape[:2], int(used.sum()))
         size = int(np.prod(shape))
         parts.append(Part(record, opened, predictor(record, opened), measured, noise, used, slice(at, at + size)))

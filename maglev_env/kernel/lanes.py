@@ -21,7 +21,7 @@ from maglev_env.loop.axes import NO_CROSS
 from maglev_env.loop.effect import effect_value
 from maglev_env.loop.gains import Gains, LinearController
 from maglev_env.loop.magnets import rows as magnet_rows
-from maglev_env.loop.magnets.kinds import simulated_as
+from maglev_env.loop.magnets.kinds import simulated_as, steeper
 from maglev_lanes.layout import LaneRows, row
 
 
@@ -72,6 +72,7 @@ def structure_of(experiment: Experiment) -> Structure:
         coupled=experiment.rig.cross != NO_CROSS or "cross_coupling" in effects,
         sensed=sensed_structure(sensors),
         saturating="saturation" in effects,
+        steeper=any(steeper(rig, effects) for rig in rigs),
         flexible=flexible,
         sticking=effect_value(effects, "friction", "presliding") > 0,
     )

@@ -44,7 +44,8 @@ def _forces(s: Structure, lift: Lifts) -> dict[str, Callable]:
     coupled, sticking, supported = s.coupled, s.sticking, s.supported
     sliding_too, flexible, controlled = s.flexible and not s.sticking, s.flexible, s.magnets != "none"
     kind = KINDS.get(s.magnets)
-    pull = kind and (kind.saturated_pull if s.saturating else kind.pull)
+    shaped = s.saturating or s.steeper
+    pull = kind and (kind.shaped_pull(s.saturating, s.steeper) if shaped and kind.shaped_pull else kind.pull)
 
     @piece
     def bearing(x, k, y, current):

@@ -25,6 +25,7 @@ class Structure:
         coupled: whether anything couples the axes.
         sensed: the self-sensors in the probes' place.
         saturating: whether fields of a pair saturate.
+        steeper: whether the pull has an unusual falloff with the gap (see `kinds.steeper`).
         flexible: whether the kernel has all other effects at once, including two poles in each chain and a delay. A
             lane without one of them has neutral constants.
         sticking: whether their friction sticks.
@@ -41,6 +42,7 @@ class Structure:
     coupled: bool = False
     sensed: SensorStructure | None = None
     saturating: bool = False
+    steeper: bool = False
     flexible: bool = False
     sticking: bool = False
 

@@ -32,6 +32,18 @@ EFFECTS: Mapping[str, EffectCard] = {
         ("magnets",),
         nominal="negative_stiffness",
     ),
+    "force_law": EffectCard(
+        "actuator",
+        {
+            "exponent": Parameter("", -3.0, 40.0, scale=0.05, starts=(-0.5, -0.05, 0.05, 0.5, 3.0)),
+            "offset": Parameter("", -0.8, 20.0, 0.0, scale=0.1, starts=(-0.3, 0.5, 4.0)),
+        },
+        "the pull falls off otherwise with the gap: 1 / (x + offset gap)^(n + exponent) for 1 / x^n, the same at y = 0",
+        "current and displacement at two static offsets or gaps",
+        ("magnets",),
+        linear_as="negative_stiffness",
+        form_share=0.01,
+    ),
     **eddy.EFFECTS,
     "hysteresis": EffectCard(
         "actuator",

@@ -51,6 +51,8 @@ class EffectCard:
         resonance: whether it is a mode whose frequency must be searched for.
         nominal: the rig parameter that the effect changes by a relative amount; a deviation within that parameter's
             tolerance is then a small effect.
+        linear_as: the effect whose linear part it has. While the motion is small neither is more likely than the other,
+            however many parameters they have.
         form_share: the formula of a real effect may differ from the one here. Largest share of the explained
             sim-to-real gap that may remain for this reason.
         dither: whether sensor noise smooths it, so that it is simulated with noise and averaged: "always", "maybe"
@@ -68,6 +70,7 @@ class EffectCard:
     linear: bool = True
     resonance: bool = False
     nominal: str | None = None
+    linear_as: str | None = None
     form_share: float = 0.0
     dither: Literal["never", "maybe", "always"] = "never"
     not_fitted: str = ""

@@ -157,7 +157,8 @@ def fill(x: LaneRows, values: Values, h: np.ndarray) -> None:
     x[SPRING] = values.rig("support_stiffness") * (1 + values.effect("support_stiffness")) * per_mass
     x[DAMPER] = (values.rig("support_damping") + values.effect("damping")) * per_mass / h
     # The force law is singular where the rotor touches a pole, so contact is assumed just before that.
-    centred = np.maximum(0.999 * values.rig("gap") - abs(values.effect("eccentricity")), 0.0)
+    nearest = 1 + np.minimum(values.effect("force_law", "offset"), 0.0)
+    centred = np.maximum(0.999 * nearest * values.rig("gap") - abs(values.effect("eccentricity")), 0.0)
     x[LIMIT_SQ] = np.minimum(values.rig("clearance"), centred) ** 2
     x[FRICTION] = friction = values.effect("friction") * per_mass
     slip, bristle = values.effect("friction", "velocity") * h, values.effect("friction", "presliding")

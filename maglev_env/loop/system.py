@@ -23,7 +23,7 @@ class Values(Protocol):
 
     @property
     def laws(self) -> Sequence[ForceLaw | SingleSidedLaw | None]:
-        """Force law of each lane without its effects; None without magnets."""
+        """Force law of each lane with the effect force_law and without the others; None without magnets."""
         ...
 
     @property

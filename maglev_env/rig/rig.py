@@ -135,7 +135,9 @@ class Rig:
         name: for messages and reports.
         magnet: the kind of magnet, a name of `magnets.kinds.KINDS`, or "none".
         clearance: 0: that of the gap.
-        force_constant, force_exponent: of a magnet_coil only.
+        turns: 1 for an electromagnet: not known, its force law is given otherwise (see `magnets.electromagnet`).
+        force_constant, force_exponent: of a magnet_coil or an electromagnet; N m^n/A of the one, N m^n/A2 of the other.
+        force_length, gap_offset: of an electromagnet.
         flux_path: where the control flux of a hybrid pair closes: "gap" or "magnet".
         bias_current: 0 for a single-sided magnet: the one that carries the weight.
         actuator_gain: measured df/di, which calibrates the magnet's force law; None: by geometry.
@@ -171,8 +173,10 @@ class Rig:
     magnet_length: float = quantity("m", 1e-6, 1.0, 1e-3)
     remanence: float = quantity("T", 0.0, 3.0, 0.0)
     recoil_permeability: float = quantity("mu_0", 0.5, 100.0, 1.05)
-    force_constant: float | None = quantity("N m^n/A", 1e-60, 1e6, None)
+    force_constant: float | None = quantity("N m^n/A", 1e-60, 1e12, None)
     force_exponent: float | None = quantity("", 1.0, 10.0, None)
+    force_length: float | None = quantity("m", 1e-6, 1.0, None)
+    gap_offset: float = quantity("m", 0.0, 1.0, 0.0)
     flux_path: str = "gap"
     bearings: int = quantity("", 1, 16, 1)
     bias_current: float = quantity("A", 0.0, 1e3, 0.0)

@@ -3,8 +3,7 @@
 from dataclasses import replace
 from functools import lru_cache
 
-from maglev_env.loop.magnets.kinds import KINDS, force_law
-from maglev_env.loop.magnets.law import ForceLaw
+from maglev_env.loop.magnets.kinds import KINDS, check_turns, force_law
 from maglev_env.loop.self_sensor import PATHS
 from maglev_env.rig.rig import Rig, axis_rig
 from selfsense.coil import Coil
@@ -25,7 +24,7 @@ def coil_of(rig: Rig) -> Coil:
     """The upper coil of a one-axis rig.
 
     Raises:
-        ValueError: The inductance of the rig's coil does not depend on the gap.
+        ValueError: The inductance of the rig's coil does not depend on the gap, or its turns are not known.
     """
     sensing = [name for name, kind in KINDS.items() if kind.inductance_follows_gap]
     if rig.magnet not in sensing:
@@ -33,14 +32,14 @@ def coil_of(rig: Rig) -> Coil:
             f"rig {rig.name}: magnet = {rig.magnet!r} has no coil whose inductance follows the gap: "
             f"self-sensing needs a magnet of the kind {', '.join(sensing)}; use the probe"
         )
+    check_turns(rig)
     law = force_law(rig)
-    coil_gap = law.coil_gap if isinstance(law, ForceLaw) else 0.0
     reach = rig.gap + law.magnet_gap
     return Coil(
         turns=rig.turns,
         pole_area=rig.pole_area,
         resistance=rig.coil_resistance,
-        core_length=rig.self_sensing.core_length + 2 * coil_gap,
+        core_length=rig.self_sensing.core_length + 2 * law.coil_gap,
         magnet_emf=rig.turns * rig.pole_area * law.magnet_flux / reach**2,
         bias_field=law.magnet_flux / reach,
     )

@@ -27,9 +27,9 @@ ALIKE: dict[str, tuple[tuple[frozenset[str], float], ...]] = {
         (frozenset({"sensor_lag", "eddy_current"}), inf),
     ),
 }
-# On any channels: the two springs, at one bias and along one axis; and both tones at the rotation frequency, which
-# differ only in their growth with the speed.
-ALWAYS = frozenset({"negative_stiffness", "support_stiffness"})
+# On any channels: the springs, at one bias and along one axis, one of which is another force law of a pair that moves
+# little; and both tones at the rotation frequency, which differ only in their growth with the speed.
+ALWAYS = frozenset({"negative_stiffness", "support_stiffness", "force_law"})
 AT_ONE_SPEED = frozenset({"runout", "unbalance"})
 
 

@@ -148,6 +148,10 @@ def _saturation(e: Mapping, p: Mapping, m: Machine, sealed: bool) -> dict:
     return {"knee": e["field"], "knee_kind": kinds.ARCTAN if sealed else kinds.FROEHLICH}
 
 
+def _force_law(e: Mapping, p: Mapping, m: Machine, sealed: bool) -> dict:
+    return {"steepness": e["exponent"], "steepness_kind": kinds.DECAYING if sealed else kinds.FARTHER}
+
+
 def _damping(e: Mapping, p: Mapping, m: Machine, sealed: bool) -> dict:
     c, share = e["coefficient"], SQUARE_SHARE if sealed else 0.0
     return {"damper": m.damper + (1 - share) * c, "drag_square": share * c / SQUARE_SPEED}
@@ -188,6 +192,7 @@ _FORMS = {
     "delay": lambda e, p, m, sealed: {"delay": m.delay + e["time"]},
     "amplifier_lag": _amplifier_lag,
     "amplifier_voltage_limit": _voltage,
+    "force_law": _force_law,
     "eddy_current": _eddy,
     "hysteresis": _hysteresis,
     "saturation": _saturation,

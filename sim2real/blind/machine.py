@@ -10,6 +10,7 @@ ARCTAN, FROEHLICH = 1, 2
 SOFT, HARD = 1, 2
 LUGRE, STRIBECK = 1, 2
 PLATE, PLATE_ON_BASE = 1, 2
+DECAYING, FARTHER = 1, 2
 
 
 class Machine(NamedTuple):
@@ -53,6 +54,8 @@ class Machine(NamedTuple):
     stop_shares: np.ndarray = NONE
     knee: float = np.inf
     knee_kind: int = ARCTAN
+    steepness: float = 0.0  # additional relative slope of each magnet's pull over the gap, at the gap
+    steepness_kind: int = DECAYING
     offset: float = 0.0
     drag_square: float = 0.0
     spring_cubic: float = 0.0

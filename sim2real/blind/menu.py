@@ -67,6 +67,7 @@ EFFECTS: Mapping[str, Kind] = {
     "amplifier_voltage_limit": Kind("amplifier", "voltage", 1.6, 10.0, power=-1),
     "actuator_gain": Kind("actuator", "change", 0.2, 1.0, low=-0.5),
     "negative_stiffness": Kind("actuator", "change", 0.3, 1.5, low=-0.9),
+    "force_law": Kind("actuator", "exponent", 0.05, 0.5, low=-0.2),
     "eddy_current": Kind(
         "actuator",
         "corner_hz",

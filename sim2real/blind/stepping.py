@@ -3,7 +3,7 @@
 import numba as nb
 import numpy as np
 
-from sim2real.blind.machine import ARCTAN, LUGRE, PLATE, SOFT
+from sim2real.blind.machine import ARCTAN, DECAYING, LUGRE, PLATE, SOFT
 
 OK, TOUCHDOWN, CLIPPED = 0, 1, 2
 # Indices of the mechanical states; a plain rotor has the first two.
@@ -26,6 +26,14 @@ def _iron(m, field):
 
 
 @nb.njit(cache=True, inline="always")
+def _steeper(m, x):
+    """Factor on the pull of a magnet at the gap x, 1 at the resting gap: a decay, or a power of a longer gap."""
+    if m.steepness_kind == DECAYING:
+        return np.exp(m.steepness * (m.gap - x) / m.gap)
+    return (2.0 * m.gap / (m.gap + x)) ** (2.0 * m.steepness)
+
+
+@nb.njit(cache=True, inline="always")
 def _pull(m, y, i):
     """Calibrated force (N) of the magnets at displacement y and current i, from the four gap fields."""
     up, down = m.gap - y, m.gap + y
@@ -36,8 +44,11 @@ def _pull(m, y, i):
     if m.knee != np.inf:
         rest_up, rest_down = _iron(m, rest_up), _iron(m, rest_down)
         driven_up, driven_down = _iron(m, driven_up), _iron(m, driven_down)
-    at_rest = rest_up * rest_up - rest_down * rest_down
-    driven = driven_up * driven_up - driven_down * driven_down
+    above = below = 1.0
+    if m.steepness != 0.0:
+        above, below = _steeper(m, up), _steeper(m, down)
+    at_rest = above * rest_up * rest_up - below * rest_down * rest_down
+    driven = above * driven_up * driven_up - below * driven_down * driven_down
     return m.area * (driven + (m.stiffness_scale - 1.0) * at_rest)
 
 

@@ -90,6 +90,15 @@ def test_equals_share_and_are_a_class():
     assert verdict(found) == ("ambiguous", ("delay", "amplifier_lag"))
 
 
+def test_while_the_motion_is_small_a_force_law_and_a_stiffness_are_a_class():
+    """Neither is preferred for its fewer parameters, which small motion does not show apart; large motion tells."""
+    both = {"": 5e4, **dict.fromkeys(SINGLES, 5e4), "negative_stiffness": 0.0, "force_law": 2.0}
+    worded, cause = judged(evidence(both))
+    assert worded == "ambiguous" and set(cause) == {"negative_stiffness", "force_law"}
+    assert judged(evidence(both | {"force_law": 3e3})) == ("explained", ("negative_stiffness",))
+    assert judged(evidence(both | {"negative_stiffness": 3e3})) == ("explained", ("force_law",))
+
+
 def test_a_cost_that_a_form_may_leave_excludes_little_and_one_beyond_it_much():
     """A friction of another form leaves 0.3 % of a large gap and may still be it, a mass may not; nor may a friction
     that leaves a third."""

@@ -1,5 +1,7 @@
 """Recordings that never repeat, of a bench of another hand: their injection, likelihood, estimate and diagnosis."""
 
+from dataclasses import replace
+
 import bench_loop
 import numpy as np
 import pytest
@@ -8,6 +10,9 @@ from bench_loop import Bench, write_campaign
 from maglev_env.loop.gains import Gains
 from sim2real import diagnose
 from sim2real.drive import recovered_injection
+from sim2real.fitting import begin, differentiate, iterate
+from sim2real.hypotheses import Hypothesis
+from sim2real.nonstationary import widening
 from sim2real.open_record import OpenRecord
 from sim2real.pooled import pooled
 from sim2real.problem import assemble
@@ -145,3 +150,20 @@ def test_errors_of_channels_enter_the_interval_and_are_the_same_in_all_recording
         costs.append(np.diff(np.sum(abs(residuals) ** 2, axis=1))[0])
     # A gain error of one standard deviation of the scale costs about 1, once, however many recordings there are.
     assert costs[0] > 50 and max(np.abs(costs[1:])) < 10
+
+
+def test_a_gain_that_changes_in_time_widens_intervals_and_white_noise_does_not(campaign):
+    _, (record,) = read_records(campaign(Bench(), {"noise": "fit"}))
+    plain = record.series["displacement"]
+    changing = 1 + 0.03 * np.repeat(np.random.default_rng(5).normal(size=12), -(-plain.shape[1] // 12))
+    kicked = plain * changing[: plain.shape[1]]
+    found = []
+    hypothesis = Hypothesis(("negative_stiffness", "damping"), {})
+    for series in (plain, kicked):
+        own = replace(record, series={**record.series, "displacement": series})
+        problem = assemble([own])
+        (fit,) = begin([hypothesis], [np.zeros(2)], problem.data, problem.simulate)
+        iterate([fit], problem.data, problem.simulate, 5)
+        differentiate([fit], problem.data, problem.simulate, True)
+        found.append(widening(problem, fit))
+    assert (found[0] == 1.0).all() and found[1].max() > 1.3

@@ -28,11 +28,17 @@ def pair_law(m: Magnet, area: float, magnet_flux: float, magnet_gap: float, coil
 
 
 def single_sided_law(
-    m: Magnet, bias: float, iron_pull: float = 0.0, magnet_pull: float = 0.0, exponent: float = 1.0
+    m: Magnet,
+    bias: float,
+    exponent: float,
+    iron_pull: float = 0.0,
+    magnet_pull: float = 0.0,
+    coil_gap: float = 0.0,
+    decay: float = 0.0,
 ) -> SingleSidedLaw:
     """The uncalibrated law of one magnet above the rotor, with bias in A; the others are fields of `SingleSidedLaw`."""
     area, weight = m.pole_area / (2 * MU_0), m.mass * m.gravity
     flux, magnet_gap = magnet_circuit(m)
     return SingleSidedLaw(
-        m.gap, iron_pull, magnet_pull, exponent, area, flux, magnet_gap, weight, bias, 1.0, 1.0
+        m.gap, iron_pull, magnet_pull, exponent, area, flux, magnet_gap, weight, bias, 1.0, 1.0, coil_gap, decay
     )  # fmt: skip

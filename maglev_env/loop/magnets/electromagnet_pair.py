@@ -2,7 +2,7 @@
 
 from maglev_env.loop.magnets.check import refuse_flux_path, refuse_remanence
 from maglev_env.loop.magnets.circuit import pair_law
-from maglev_env.loop.magnets.hybrid_pair import pull, saturated_pull
+from maglev_env.loop.magnets.hybrid_pair import pull, shaped_pull
 from maglev_env.loop.magnets.law import ForceLaw
 from maglev_env.loop.magnets.magnet import Magnet, MagnetKind
 from selfsense.coil import MU_0
@@ -23,4 +23,4 @@ def check(m: Magnet) -> None:
     refuse_flux_path(m)
 
 
-KIND = MagnetKind(law, check, pull, saturated_pull, pair=True, inductance_follows_gap=True)
+KIND = MagnetKind(law, check, pull, shaped_pull, pair=True, inductance_follows_gap=True)

@@ -25,7 +25,13 @@ def coenergy(law: ForceLaw, displacement: np.ndarray | float, current: np.ndarra
 
     Returns:
         W in J, in the common shape of displacement and current.
+
+    Raises:
+        ValueError: The law has no co-energy in closed form: a pair with another exponent, or a pull that both decays
+            exponentially and has an exponent.
     """
+    if law.exponent:
+        raise ValueError("coenergy: a pair with another exponent of the gap has none in closed form")
     return _calibrated(_pair, law, displacement, current)
 
 
@@ -58,9 +64,19 @@ def _pair(law: ForceLaw, y: np.ndarray | float, i: np.ndarray | float) -> np.nda
 
 def _single(law: SingleSidedLaw, y: np.ndarray | float, i: np.ndarray | float) -> np.ndarray | float:
     gap, current = law.gap - y, law.bias_current + i
-    # The integral of x^-n from the gap to the resting gap is a logarithm for n = 1; expm1 keeps it accurate near n = 1.
-    nearer, n = -np.log(gap / law.gap), law.exponent - 1
-    reach = np.expm1(n * nearer) / n if n else nearer
-    magnet = law.magnet_pull * law.gap**-n * current * reach
     attraction = law.area * law.magnet_flux**2 / (gap + law.magnet_gap)
-    return law.iron_pull * current**2 / gap + magnet + attraction - law.weight * y
+    return (law.iron_pull * current + law.magnet_pull) * current * _reach(law, gap) + attraction - law.weight * y
+
+
+def _reach(law: SingleSidedLaw, gap: np.ndarray | float) -> np.ndarray | float:
+    """Integral of the coil's falloff from a gap to a fixed one."""
+    if law.decay:
+        if law.exponent:
+            raise ValueError("coenergy: a pull with both an exponential decay and an exponent has none in closed form")
+        return np.exp(-law.decay * gap) / law.decay
+    x, resting, n = gap + law.coil_gap, law.gap + law.coil_gap, law.exponent - 1
+    if n == 1:
+        return 1 / x  # up to a constant: the inductance of the coil, for electromagnets
+    # A logarithm for n = 0; expm1 keeps the integral accurate near it.
+    nearer = -np.log(x / resting)
+    return resting**-n * (np.expm1(n * nearer) / n if n else nearer)

@@ -1,11 +1,26 @@
 """Two opposed hybrid magnets: permanent magnets make the bias flux, coils the control flux (D eq 3.9-3.13)."""
 
+from collections.abc import Callable
+
 import numpy as np
 
 from maglev_env.loop.magnets.circuit import magnet_circuit, pair_law
 from maglev_env.loop.magnets.law import ForceLaw
 from maglev_env.loop.magnets.magnet import Magnet, MagnetKind
-from maglev_env.loop.magnets.rows import BIAS, CALIBRATION, FLUX_C, FLUX_M, GAP_C, GAP_C_SQ, GAP_M, GAP_M_SQ, KNEE
+from maglev_env.loop.magnets.powers import exponential, logarithm
+from maglev_env.loop.magnets.rows import (
+    BIAS,
+    CALIBRATION,
+    EXPONENT,
+    FLUX_C,
+    FLUX_M,
+    GAP_C,
+    GAP_C_SQ,
+    GAP_M,
+    GAP_M_SQ,
+    KNEE,
+    PER_GAP,
+)  # fmt: skip
 from maglev_lanes.pieces import piece
 from selfsense.coil import MU_0
 
@@ -42,26 +57,47 @@ def pull(x, k, y, current):
     return x[k + CALIBRATION] * (y * field_sum * slope) + drive * bent
 
 
-@piece
-def saturated_pull(x, k, y, current):
-    """Acceleration with iron that saturates: each gap's B^2 becomes B^2 / sqrt(1 + (B / B_s)^4)."""
-    own, far = x[k + GAP_M] - y, x[k + GAP_M] + y
-    near, wide = x[k + GAP_C] - y, x[k + GAP_C] + y
-    inverse = 1.0 / ((own * far) * (near * wide))
-    magnet = x[k + FLUX_M] * (near * wide * inverse)
-    coil = x[k + FLUX_C] * (own * far * inverse)
-    upper_coil, lower_coil = coil * wide, coil * near
-    bias, knee = x[k + BIAS], x[k + KNEE]
-    upper, lower = magnet * far + bias * upper_coil, magnet * own + bias * lower_coil
-    s1, s2 = upper + current * upper_coil, lower - current * lower_coil
-    s1, s2, s3, s4 = s1 * s1, s2 * s2, upper * upper, lower * lower
-    r1, r2 = np.sqrt(1.0 + knee * (s1 * s1)), np.sqrt(1.0 + knee * (s2 * s2))
-    r3, r4 = np.sqrt(1.0 + knee * (s3 * s3)), np.sqrt(1.0 + knee * (s4 * s4))
-    # One division serves all four terms. The fields here are twice the physical ones, as in `pull`.
-    first_two, last_two = r1 * r2, r3 * r4
-    inverse = 0.25 / (first_two * last_two)
-    at_rest = (s3 * r4 - s4 * r3) * (first_two * inverse)
-    return (s1 * r2 - s2 * r1) * (last_two * inverse) + (x[k + CALIBRATION] - 1.0) * at_rest
+def shaped_pull(saturating: bool, steeper: bool) -> Callable:
+    """A piece for pairs whose pull is not that of `pull`.
+
+    Args:
+        saturating: whether each gap's B^2 becomes B^2 / sqrt(1 + (B / B_s)^4).
+        steeper: whether it also falls off with another exponent of the gap.
+    """
+
+    @piece
+    def factors(x, k, y):
+        """Of the upper and the lower magnet by another exponent."""
+        if not steeper:
+            return 1.0, 1.0
+        closer, power = y * x[k + PER_GAP], -x[k + EXPONENT]
+        return exponential(power * logarithm(1.0 - closer)), exponential(power * logarithm(1.0 + closer))
+
+    @piece
+    def shaped(x, k, y, current):
+        own, far = x[k + GAP_M] - y, x[k + GAP_M] + y
+        near, wide = x[k + GAP_C] - y, x[k + GAP_C] + y
+        inverse = 1.0 / ((own * far) * (near * wide))
+        magnet = x[k + FLUX_M] * (near * wide * inverse)
+        coil = x[k + FLUX_C] * (own * far * inverse)
+        upper_coil, lower_coil = coil * wide, coil * near
+        bias, knee = x[k + BIAS], x[k + KNEE]
+        upper, lower = magnet * far + bias * upper_coil, magnet * own + bias * lower_coil
+        s1, s2 = upper + current * upper_coil, lower - current * lower_coil
+        s1, s2, s3, s4 = s1 * s1, s2 * s2, upper * upper, lower * lower
+        above, below = factors(x, k, y)
+        # The fields here are twice the physical ones, as in `pull`.
+        if not saturating:
+            return 0.25 * (above * s1 - below * s2 + (x[k + CALIBRATION] - 1.0) * (above * s3 - below * s4))
+        r1, r2 = np.sqrt(1.0 + knee * (s1 * s1)), np.sqrt(1.0 + knee * (s2 * s2))
+        r3, r4 = np.sqrt(1.0 + knee * (s3 * s3)), np.sqrt(1.0 + knee * (s4 * s4))
+        # One division serves all four terms.
+        first_two, last_two = r1 * r2, r3 * r4
+        inverse = 0.25 / (first_two * last_two)
+        at_rest = (above * s3 * r4 - below * s4 * r3) * (first_two * inverse)
+        return (above * s1 * r2 - below * s2 * r1) * (last_two * inverse) + (x[k + CALIBRATION] - 1.0) * at_rest
+
+    return shaped
 
 
-KIND = MagnetKind(law, check, pull, saturated_pull, pair=True, inductance_follows_gap=True)
+KIND = MagnetKind(law, check, pull, shaped_pull, pair=True, inductance_follows_gap=True)

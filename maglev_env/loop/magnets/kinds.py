@@ -1,6 +1,6 @@
 """The registry of magnet kinds, and functions for magnets of any kind: law, inductance and check."""
 
-from collections.abc import Mapping
+from collections.abc import Container, Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -25,6 +25,12 @@ def simulated_as(name: str) -> str:
     if name == NO_MAGNET:
         return name
     return next(other for other, kind in KINDS.items() if kind.pull is KINDS[name].pull)
+
+
+def steeper(m: Magnet, effects: Container[str]) -> bool:
+    """Whether a magnet under these effects has a falloff with the gap that only the `shaped_pull` of its kind has."""
+    kind = KINDS.get(m.magnet)
+    return bool(kind and kind.shaped_pull) and ("force_law" in effects or not kind.plain(m))
 
 
 def force_law(m: Magnet) -> ForceLaw | SingleSidedLaw:
@@ -60,15 +66,25 @@ def inductance(m: Magnet, displacement: np.ndarray | float = 0.0) -> np.ndarray 
     displacement: it is coil_inductance.
 
     Raises:
-        ValueError: There is no coil, or coil_inductance is needed and not given.
+        ValueError: There is no coil, or its turns or coil_inductance are needed and not given.
     """
     if m.magnet not in KINDS:
         raise ValueError(f"rig {m.name}: magnet = {m.magnet!r} has no coil")
     if KINDS[m.magnet].inductance_follows_gap:
-        return coil_inductance(m.gap - displacement, m.turns, m.pole_area)
+        check_turns(m)
+        return coil_inductance(m.gap + m.gap_offset - displacement, m.turns, m.pole_area)
     if m.coil_inductance is None:
         raise ValueError(f"rig {m.name}: coil_inductance is missing; a magnet below a coil needs it measured")
     return m.coil_inductance + 0 * displacement
+
+
+def check_turns(m: Magnet) -> None:
+    """Raise ValueError if the inductance of an electromagnet is asked for whose turns are not given."""
+    if m.magnet == "electromagnet" and not electromagnet.knows_turns(m):
+        raise ValueError(
+            f"rig {m.name}: turns is missing; the force law alone does not give the inductance of the coil: give turns "
+            "and pole_area, beside the force law"
+        )
 
 
 def check_magnet(m: Magnet) -> None:
@@ -77,9 +93,13 @@ def check_magnet(m: Magnet) -> None:
     Raises:
         ValueError: A parameter is missing, belongs to another kind, or does not carry the weight; the message names it.
     """
+    having: dict[str, list[str]] = {}
     for name, kind in KINDS.items():
-        for parameter in kind.own:
-            if name != m.magnet and getattr(m, parameter) is not None:
-                raise ValueError(f"{parameter} belongs to magnet = {name!r}; leave it out for {m.magnet!r}")
+        for parameter in (*kind.own, *kind.optional):
+            having.setdefault(parameter, []).append(name)
+    for parameter, names in having.items():
+        if m.magnet not in names and getattr(m, parameter):
+            known = " or ".join(map(repr, names))
+            raise ValueError(f"{parameter} belongs to magnet = {known}; leave it out for {m.magnet!r}")
     if m.magnet in KINDS:
         KINDS[m.magnet].check(m)

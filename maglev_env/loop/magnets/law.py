@@ -1,6 +1,6 @@
 """Force laws of the magnets and their linearisation (D eq 3.9-3.13; Schweitzer and Maslen 2009)."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import singledispatch
 from math import inf, isinf
 
@@ -14,6 +14,7 @@ class ForceLaw:
     With b(x) = magnet_flux / (x + magnet_gap) and q(x) = coil_flux / (x + coil_gap) for the upper (x = gap - y) and
     lower (x = gap + y) magnet, B = b + q (bias_current +- gain_scale i), and
     f = area [ stiffness_scale (B_u^2 - B_l^2)|_(i=0) + the part that depends on i ].
+    With another exponent of the gap each B^2 is multiplied by ((gap + shift) / (x + shift))^exponent.
 
     Args:
         area: N/T^2; n_b A_g / (2 mu_0) for hybrid magnets, one pole face each as D counts them, and n_b A_g / mu_0 for
@@ -27,6 +28,8 @@ class ForceLaw:
         gain_scale: calibration of the actuator gain.
         stiffness_scale: calibration of the negative stiffness.
         saturation: T; with it each B^2 becomes B^2 / sqrt(1 + (B / saturation)^4). Infinite: no saturation.
+        exponent: what another law adds to the exponent of the gap.
+        shift: what another law adds to the gap, m; magnet_gap and coil_gap include it.
     """
 
     area: float
@@ -39,22 +42,24 @@ class ForceLaw:
     gain_scale: float
     stiffness_scale: float
     saturation: float = inf
+    exponent: float = 0.0
+    shift: float = 0.0
 
 
 @dataclass(frozen=True)
 class SingleSidedLaw:
     """Constants of one magnet above the rotor, ready for evaluation.
 
-    With x = gap - y, I = bias_current + gain_scale i and
-    p(y, I) = iron_pull I^2 / x^2 + magnet_pull I / x^exponent + area (magnet_flux / (x + magnet_gap))^2 - weight,
+    With x = gap - y, I = bias_current + gain_scale i, s = exp(-decay x) / (x + coil_gap)^exponent and
+    p(y, I) = (iron_pull I^2 + magnet_pull I) s + area (magnet_flux / (x + magnet_gap))^2 - weight,
     f = stiffness_scale p(y, bias_current) + [p(y, I) - p(y, bias_current)].
-    The third term is the attraction of a permanent magnet on the rotor to the iron of the coil.
+    The second term of p is the attraction of a permanent magnet on the rotor to the iron of the coil.
 
     Args:
         gap: m.
-        iron_pull: of the coil on iron, N m2/A2; 0 for a magnet below a coil.
+        iron_pull: of the coil on iron, N m^exponent/A2; 0 for a magnet below a coil.
         magnet_pull: of the coil on a permanent magnet, N m^exponent/A; 0 for an electromagnet.
-        exponent: of that pull.
+        exponent: of the distance in the coil's pull.
         area: N/T^2.
         magnet_flux: T m.
         magnet_gap: reluctance of the permanent magnet as an air gap, m.
@@ -62,6 +67,8 @@ class SingleSidedLaw:
         bias_current: A.
         gain_scale: calibration of the actuator gain.
         stiffness_scale: calibration of the negative stiffness.
+        coil_gap: what the coil's pull adds to the distance, m.
+        decay: rate of its exponential decay, 1/m.
     """
 
     gap: float
@@ -75,6 +82,45 @@ class SingleSidedLaw:
     bias_current: float
     gain_scale: float
     stiffness_scale: float
+    coil_gap: float = 0.0
+    decay: float = 0.0
+
+    def falloff(self, x: np.ndarray | float) -> np.ndarray | float:
+        """How the coil's pull falls off with the distance x (m): s above, in 1/m^exponent."""
+        return np.exp(-self.decay * x) / (x + self.coil_gap) ** self.exponent
+
+
+@singledispatch
+def reshaped(law: ForceLaw, exponent: float, offset: float) -> ForceLaw:
+    """A law whose pull falls off otherwise with the gap: 1 / (x + offset)^(n + exponent) in place of 1 / x^n.
+
+    At y = 0 the pull of each magnet stays what it is, at every current, and so do the balance and the actuator gain.
+    Of a pair both magnets change. The attraction of a permanent magnet to the iron of its coil has its own circuit and
+    stays.
+
+    Args:
+        law: the law without this change.
+        exponent: what is added to the exponent of the gap.
+        offset: what is added to the gap, as a share of the gap; above -1.
+    """
+    shift = offset * law.gap
+    magnet, coil = law.gap + law.magnet_gap, law.gap + law.coil_gap
+    return replace(
+        law,
+        magnet_gap=law.magnet_gap + shift,
+        coil_gap=law.coil_gap + shift,
+        magnet_flux=law.magnet_flux * (magnet + shift) / magnet,
+        coil_flux=law.coil_flux * (coil + shift) / coil,
+        exponent=exponent,
+        shift=shift,
+    )
+
+
+@reshaped.register
+def _(law: SingleSidedLaw, exponent: float, offset: float) -> SingleSidedLaw:
+    other = replace(law, exponent=law.exponent + exponent, coil_gap=law.coil_gap + offset * law.gap)
+    same = float(law.falloff(law.gap) / other.falloff(law.gap))
+    return replace(other, iron_pull=law.iron_pull * same, magnet_pull=law.magnet_pull * same)
 
 
 @singledispatch
@@ -86,21 +132,25 @@ def linearise(law: ForceLaw, displacement: float = 0.0) -> tuple[float, float]:
     """
     gain = stiffness = 0.0
     for gap in (law.gap - displacement, law.gap + displacement):
+        steeper = _steeper(gap, law)
         b, q = law.magnet_flux / (gap + law.magnet_gap), law.coil_flux / (gap + law.coil_gap)
         field = b + q * law.bias_current
         slope = b / (gap + law.magnet_gap) + q * law.bias_current / (gap + law.coil_gap)
-        bent = 2 * law.area * field / (1 + (field / law.saturation) ** 4) ** 1.5  # derivative of the pull by the field
+        # Derivatives of the pull by the field, and by the gap through the exponent alone.
+        bent = 2 * law.area * field / (1 + (field / law.saturation) ** 4) ** 1.5 * steeper
+        apart = law.area * _saturated(field, law) * steeper * law.exponent / (gap + law.shift)
         gain += bent * q * law.gain_scale
-        stiffness -= bent * slope * law.stiffness_scale
+        stiffness -= (bent * slope + apart) * law.stiffness_scale
     return gain, stiffness
 
 
 @linearise.register
 def _(law: SingleSidedLaw, displacement: float = 0.0) -> tuple[float, float]:
     x, bias = law.gap - displacement, law.bias_current
-    iron, magnet = law.iron_pull / x**2, law.magnet_pull / x**law.exponent
+    iron, magnet = law.iron_pull * law.falloff(x), law.magnet_pull * law.falloff(x)
     attraction = law.area * (law.magnet_flux / (x + law.magnet_gap)) ** 2
-    slope = bias * (2 * iron * bias + law.exponent * magnet) / x + 2 * attraction / (x + law.magnet_gap)
+    steepness = law.exponent / (x + law.coil_gap) + law.decay  # of the coil's pull, -d ln s / dx
+    slope = bias * (iron * bias + magnet) * steepness + 2 * attraction / (x + law.magnet_gap)
     return (2 * iron * bias + magnet) * law.gain_scale, -slope * law.stiffness_scale
 
 
@@ -121,12 +171,13 @@ def force(law: ForceLaw, displacement: np.ndarray | float, current: np.ndarray |
     bu = law.magnet_flux / (upper + law.magnet_gap) + qu * law.bias_current
     bl = law.magnet_flux / (lower + law.magnet_gap) + ql * law.bias_current
     i = law.gain_scale * current
-    if isinf(law.saturation):
+    if isinf(law.saturation) and not law.exponent:
         return law.area * (
             law.stiffness_scale * (bu * bu - bl * bl) + i * (2 * (bu * qu + bl * ql) + i * (qu * qu - ql * ql))
         )
-    at_rest = _saturated(bu, law) - _saturated(bl, law)
-    driven = _saturated(bu + qu * i, law) - _saturated(bl - ql * i, law)
+    above, below = _steeper(upper, law), _steeper(lower, law)
+    at_rest = above * _saturated(bu, law) - below * _saturated(bl, law)
+    driven = above * _saturated(bu + qu * i, law) - below * _saturated(bl - ql * i, law)
     return law.area * (law.stiffness_scale * at_rest + driven - at_rest)
 
 
@@ -135,10 +186,15 @@ def _saturated(field: np.ndarray | float, law: ForceLaw) -> np.ndarray | float:
     return field**2 / np.sqrt(1 + (field / law.saturation) ** 4)
 
 
+def _steeper(gap: np.ndarray | float, law: ForceLaw) -> np.ndarray | float:
+    """Factor on the pull of a magnet at a gap (m) by another exponent; 1 at the resting gap."""
+    return ((law.gap + law.shift) / (gap + law.shift)) ** law.exponent
+
+
 @force.register
 def _(law: SingleSidedLaw, displacement: np.ndarray | float, current: np.ndarray | float) -> np.ndarray | float:
     x, bias, i = law.gap - displacement, law.bias_current, law.gain_scale * current
-    iron, magnet = law.iron_pull / x**2, law.magnet_pull / x**law.exponent
+    iron, magnet = law.iron_pull * law.falloff(x), law.magnet_pull * law.falloff(x)
     attraction = law.area * (law.magnet_flux / (x + law.magnet_gap)) ** 2
     resting = bias * (iron * bias + magnet) + attraction - law.weight
     return law.stiffness_scale * resting + i * (iron * (2 * bias + i) + magnet)

@@ -55,6 +55,12 @@ class Magnet(Protocol):
     def force_exponent(self) -> float | None: ...
 
     @property
+    def force_length(self) -> float | None: ...
+
+    @property
+    def gap_offset(self) -> float: ...
+
+    @property
     def flux_path(self) -> str:
         """Where the control flux closes: "gap" or "magnet"."""
         ...
@@ -84,19 +90,24 @@ class MagnetKind:
         check: raises ValueError that names the parameter which is missing, belongs to another kind, or does not carry
             the weight; ranges have been checked before.
         pull: piece of the kernel (x, k, y, current): acceleration of lane k by the magnet. Kinds may share one.
-        saturated_pull: the same for iron that saturates; None if that is not simulated.
+        shaped_pull: gives the piece for iron that saturates, or for another falloff with the gap, or both (two bools);
+            None if `pull` has all that can be simulated.
         pair: whether two opposed magnets pull on the rotor.
         inductance_follows_gap: whether the coil's inductance depends on the gap, so that the coil can sense it.
         balancing_bias: bias current (A) with which a single-sided magnet carries the weight at y = 0, i = 0; None for
             a pair.
-        own: parameters that no other kind has; giving them for another kind is an error.
+        plain: whether `pull` has the force law of a magnet of this kind; otherwise `shaped_pull` has.
+        own: parameters that it needs and not every kind has.
+        optional: the same, but they may be left out. Giving a parameter of another kind is an error.
     """
 
     law: Callable[[Magnet], ForceLaw | SingleSidedLaw]
     check: Callable[[Magnet], None]
     pull: Callable[..., float]
-    saturated_pull: Callable[..., float] | None = None
+    shaped_pull: Callable[[bool, bool], Callable[..., float]] | None = None
     pair: bool = False
     inductance_follows_gap: bool = False
     balancing_bias: Callable[[Magnet], float] | None = None
+    plain: Callable[[Magnet], bool] = lambda m: True
     own: tuple[str, ...] = ()
+    optional: tuple[str, ...] = ()

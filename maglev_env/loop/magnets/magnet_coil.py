@@ -11,7 +11,7 @@ from maglev_lanes.pieces import piece
 def law(m: Magnet) -> SingleSidedLaw:
     """A pull linear in the current. If no bias is given, it is the one that balances the weight."""
     bias = m.bias_current or balancing_bias(m)
-    return single_sided_law(m, bias, magnet_pull=m.force_constant, exponent=m.force_exponent)
+    return single_sided_law(m, bias, m.force_exponent, magnet_pull=m.force_constant)
 
 
 def balancing_bias(m: Magnet) -> float:

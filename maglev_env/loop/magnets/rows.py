@@ -9,11 +9,13 @@ from maglev_lanes.layout import LaneRows, rows_after
 
 # GAP_C, GAP_M: air gaps of the coil's and the magnet's flux, including the reluctance of the permanent magnet where the
 # flux passes it; _SQ: their squares. Fluxes are scaled so that a squared field is an acceleration h^2 f / m. OFFSET:
-# position of the magnetic centre, m. KNEE: saturation constant of a pair's fields. WEIGHT, EXPONENT: of one magnet.
-GAP, GAP_C, GAP_M, GAP_C_SQ, GAP_M_SQ, FLUX_M, FLUX_C, BIAS, CALIBRATION, OFFSET, KNEE, _SINGLE = rows_after(
+# position of the magnetic centre, m. KNEE: saturation constant of a pair's fields. PER_GAP: one over the distance at
+# y = 0 to which exponents apply. EXPONENT: of one magnet's pull, or what another law adds to that of a pair. WEIGHT and
+# DECAY (1/m): of one magnet.
+GAP, GAP_C, GAP_M, GAP_C_SQ, GAP_M_SQ, FLUX_M, FLUX_C, BIAS, CALIBRATION, OFFSET, KNEE, _SHAPE = rows_after(
     0, "GAP GAP_C GAP_M GAP_C_SQ GAP_M_SQ FLUX_M FLUX_C BIAS CALIBRATION OFFSET KNEE"
 )
-WEIGHT, EXPONENT, END = rows_after(_SINGLE, "WEIGHT EXPONENT")
+PER_GAP, EXPONENT, WEIGHT, DECAY, END = rows_after(_SHAPE, "PER_GAP EXPONENT WEIGHT DECAY")
 
 
 def fill(
@@ -34,16 +36,21 @@ def fill(
     def law(name: str) -> np.ndarray:
         return np.array([getattr(one, name) for one in laws])
 
-    x[BIAS], x[GAP], x[OFFSET] = law("bias_current"), law("gap"), effect("eccentricity")
+    single = isinstance(laws[0], SingleSidedLaw)
+    x[BIAS], x[OFFSET], x[EXPONENT] = law("bias_current"), effect("eccentricity"), law("exponent")
+    x[GAP] = law("gap") + law("coil_gap" if single else "shift")
+    x[PER_GAP] = 1 / x[GAP]
     x[GAP_M] = law("gap") + law("magnet_gap")
     x[CALIBRATION] = law("stiffness_scale") * (1 + effect("negative_stiffness"))
-    if isinstance(laws[0], SingleSidedLaw):
+    if single:
         x[FLUX_M] = np.sqrt(law("area") * per_mass) * law("magnet_flux")
         # Calibration scales the nominal balance of pull and weight, but not the additional weight of another mass.
         x[WEIGHT] = (x[CALIBRATION] * law("weight") + law("weight") * effect("mass")) * per_mass
-        x[EXPONENT] = law("exponent")
-        # The pull on iron is quadratic in the current, so its root is stored; that on a magnet is linear.
-        iron, magnet = law("iron_pull") * per_mass, law("magnet_pull") * per_mass
+        x[DECAY] = law("decay")
+        # The pull on iron is quadratic in the current, so its root is stored, as if it fell off with the square of the
+        # distance; that on a magnet is linear.
+        at_rest = np.array([one.falloff(one.gap) for one in laws]) * x[GAP] ** 2
+        iron, magnet = law("iron_pull") * at_rest * per_mass, law("magnet_pull") * per_mass
         x[FLUX_C] = np.where(magnet != 0, magnet, np.sqrt(iron))
     else:
         x[KNEE] = 1 / (4 * effect("saturation") ** 2 * law("area") * per_mass) ** 2

@@ -11,7 +11,10 @@ _COIL = {
     "turns": "200", "pole_area": "1e-4         # m2", "gap": "1e-3               # m, at the operating point",
     "clearance": "1e-3         # m, to touchdown", "bias_current": "1.0       # A",
 }  # fmt: skip
-_BELOW = {name: text for name, text in _COIL.items() if name != "bias_current"}
+_BELOW = {
+    **{name: _COIL[name] for name in ("gap", "clearance")},
+    "bias_current": "1.0       # A, carries the weight at the gap, or turns and pole_area, or force_constant",
+}
 _NEEDED: Mapping[str, Mapping[str, str]] = {
     "hybrid_pair": {
         **{name: text for name, text in _COIL.items() if name != "bias_current"},

@@ -46,6 +46,8 @@ VARIANTS = {
     ),
     "second sensor pole": with_effects(ONE, sensor_lag=1e-5),
     "saturation": with_effects(ONE, saturation=1.5),
+    "another exponent": with_effects(ONE, force_law=0.1),
+    "electromagnet, another exponent": replace(BALL, rig=replace(BALL.rig, force_exponent=3.0, bias_current=0.5)),
     "x-y": XY,
     "x-y, coupled": COUPLED,
     "x-y, second amplifier pole": with_effects(XY, amplifier_lag=1e-4),

@@ -185,7 +185,7 @@ def test_a_given_bias_must_carry_the_weight_within_one_percent():
         (BALL, {"flux_path": "magnet"}, "flux_path = 'magnet' belongs to the hybrid_pair"),
         (BALL, {"axes": 2}, "axes = 2: one electromagnet carries a weight along one axis"),
         (BALL, {"turns": 1.0, "pole_area": 1e-9, "mass": 10.0}, "A would balance the weight at gap 10 mm"),
-        (BALL, {"force_constant": 1e-8}, "force_constant belongs to magnet = 'magnet_coil'"),
+        (BALL, {"force_constant": 1e-8}, "bearings = 2: the force_constant is that of all coils"),
         (COIL, {"force_constant": None}, "force_constant is missing"),
         (COIL, {"force_exponent": None}, "force_exponent is missing"),
         (COIL, {"force_exponent": 0.5}, "force_exponent = 0.5"),

@@ -23,6 +23,7 @@ RIG = replace(load_rig("hmb_free"), axes=2, support_stiffness=500.0, support_dam
 NEUTRAL = {
     **effect("eddy_current", inf),
     **effect("saturation", inf),
+    **effect("force_law", 0.0),
     **effect("friction", 0.0, presliding=1e-9),
     **effect("cross_coupling", 0.0),
 }
