@@ -5,7 +5,7 @@ the nominal rig within a tolerance stays a prior, so a scale that no recording t
 together, where no force is recorded) has the interval that the tolerances leave.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -123,7 +123,8 @@ def pooled(records: Sequence[Record | OpenRecord], progress: Callable[[str], Non
             disagreed = _disagreements(record.name, found, whole)
             apart += disagreed.values()
             scattered |= disagreed.keys()
-        whole = tuple(_scattered(c, of_each, records) if c.name in scattered else c for c in whole)
+        each = {c.name: [own for r in records for own in of_each[r.name] if own.name == c.name] for c in whole}
+        whole = tuple(across_recordings(c, each[c.name]) if c.name in scattered else c for c in whole)
     if contradicted:
         whole = _reaching(whole, of_each[AT_REST])
     return Pooled(whole, _misfit(fit), tuple(apart), of_each)
@@ -231,10 +232,15 @@ def _disagreements(name: str, own: Sequence[Coefficient], whole: Sequence[Coeffi
     return found
 
 
-def _scattered(
-    c: Coefficient, of_each: Mapping[str, Sequence[Coefficient]], records: Sequence[Record | OpenRecord]
-) -> Coefficient:
-    """A coefficient whose interval includes what the recordings that disagree say of its model error."""
-    values = [own.value for r in records for own in of_each[r.name] if own.name == c.name and own.bounded]
-    scatter = np.sqrt(np.mean((np.array(values) - c.value) ** 2) / max(len(values) - 1, 1)) if values else 0.0
-    return replace(c, se=float(np.hypot(c.se, scatter)))
+def across_recordings(c: Coefficient, each: Sequence[Coefficient]) -> Coefficient:
+    """A coefficient whose standard error is scaled by the Birge ratio of recordings that disagree.
+
+    Distances count in standard errors of their own recording, so that one that tells little cannot undo what the
+    others tell (R. T. Birge, Phys. Rev. 40, 1932; the scale factor of the Particle Data Group).
+
+    Args:
+        c: of all recordings.
+        each: the same of every recording alone.
+    """
+    z = np.array([(own.value - c.value) / own.se for own in each if own.bounded and own.se > 0])
+    return replace(c, se=c.se * float(np.sqrt(max(1.0, np.sum(z**2) / max(z.size - 1, 1)))))
