@@ -62,6 +62,10 @@ class LineWindows:
         """Spectra (..., count, WIDTH) without transient and drift, (..., count, WIDTH - TERMS)."""
         return spectrum @ self.directions
 
+    def cleared(self, spectrum: np.ndarray) -> np.ndarray:
+        """Spectra (..., count, WIDTH) with transient and drift taken out, in the same lines."""
+        return self.project(spectrum) @ self._complement.T
+
     def noise(self, residual: np.ndarray, excitation: np.ndarray) -> "WindowNoise":
         """The noise of a residual, told from what the excitation explains of it.
 

@@ -9,7 +9,7 @@ import numpy as np
 from maglev_env.channels import MEASURED, SPECTRAL, simulated_channels
 from maglev_env.fields import is_number
 from maglev_env.loop.axes import suffixes
-from maglev_env.loop.effect import EFFECTS, NO_EFFECTS, Effects, check_effects, effect_value
+from maglev_env.loop.effect import EFFECTS, FINER, NO_EFFECTS, Effects, check_effects, effect_value
 from maglev_env.loop.gains import NO_CONTROLLER, Controllers, of_axis
 from maglev_env.rig.excitation import Excitation, axis_excitations, check_interleaved
 from maglev_env.rig.rig import Rig, axis_rig
@@ -55,7 +55,7 @@ class Experiment:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "effects", {**self.rig.effects, **self.effects})
-        check_effects(self.effects, self.rig.capabilities, self.rig.name)
+        check_effects(self.effects, self.rig, FINER)
         if not is_number(self.speed_rpm) or self.speed_rpm < 0:
             raise ValueError(f"experiment: speed_rpm = {self.speed_rpm!r} must be a number, at least 0")
         self._check_sensor()

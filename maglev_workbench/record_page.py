@@ -22,16 +22,21 @@ _POINTS = 5000
 _PARTS = 16
 
 
-def record_page(title: str, recordings: Sequence[tuple[str, "xr.Dataset"]]) -> str:
-    """HTML of recordings (name, dataset as `read_recording` gives it)."""
-    sections = []
+def record_page(
+    title: str,
+    recordings: Sequence[tuple[str, "xr.Dataset"]],
+    answer: str = "",
+    first: Sequence[tuple[str, str]] = (),
+) -> str:
+    """HTML of recordings (name, dataset as `read_recording` gives it), after an answer and sections of its own."""
+    sections: list[tuple[str, str | go.Figure]] = [*first]
     for name, dataset in recordings:
         sections += [(f"{name}: last period", _time(dataset)), (f"{name}: lines and their noise", _spectra(dataset))]
     made_by = {"recordings": ", ".join(name for name, _ in recordings)}
     if recordings:
         made_by["experiment"] = recordings[0][1].attrs.get("experiment", "")
     alarms = [f"{name}: {alarm.sentence}." for name, dataset in recordings for alarm in alarms_of(dataset)]
-    return page(title, " ".join([*alarms, f"{len(recordings)} recording(s)."]), sections, made_by)
+    return page(title, " ".join(filter(None, [answer, *alarms, f"{len(recordings)} recording(s)."])), sections, made_by)
 
 
 def _channels(dataset: "xr.Dataset") -> list[str]:

@@ -1,12 +1,13 @@
 """Which effect explains the gap: candidate effects are fitted in closed loop, alone and in pairs."""
 
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
+from maglev_env.loop.effect import EFFECTS
 from sim2real.fitting import Fit, begin, differentiate, iterate, share_calibrations
-from sim2real.hypotheses import COORDINATES, Hypothesis, single_effects, starts
+from sim2real.hypotheses import Hypothesis, coordinates_of, single_effects, starts
 from sim2real.problem import Problem
 from sim2real.screening import Start, extended, kept, screened
 from sim2real.simulated import DITHERED, MAY_BE_DITHERED, tolerances
@@ -32,6 +33,11 @@ class Candidate:
     @property
     def effects(self) -> tuple[str, ...]:
         return self.fit.hypothesis.effects
+
+    @property
+    def contradicted(self) -> tuple[str, ...]:
+        """Effects whose fitted change contradicts the stated tolerance of their parameter."""
+        return self.fit.hypothesis.contradicted(self.fit.u)
 
     @property
     def predictive(self) -> float:
@@ -82,7 +88,7 @@ def attribute(problem: Problem, progress: Progress = lambda text: None) -> Attri
     rig = problem.parts[0].record.nominal
     allowed = tolerances(rig)
     progress("calibration")
-    base = Hypothesis((), allowed)
+    base = Hypothesis((), allowed, scales=rig.scales)
     untouched, *calibration = begin([base] * 2, [np.zeros(base.size)] * 2, problem.data, problem.simulate)
     nominal = untouched.cost
     if np.isfinite(nominal):
@@ -91,7 +97,7 @@ def attribute(problem: Problem, progress: Progress = lambda text: None) -> Attri
     iterate(calibration, problem.data, problem.simulate, ITERATIONS)
     differentiate(calibration, problem.data, problem.simulate, True)
     progress("single effects")
-    singles = _singles(problem, (untouched, calibration[0]), single_effects(rig), allowed)
+    singles = _singles(problem, (untouched, calibration[0]), single_effects(rig))
     pairs: list[Fit] = []
     least = min((f.cost for f in singles), default=np.inf)
     if not calibration[0].cost - least < NO_GAP:
@@ -129,7 +135,7 @@ def _blurred(problem: Problem, fits: Sequence[Fit]) -> list[Fit]:
     return [better.get(id(f), f) for f in fits]
 
 
-def _singles(problem: Problem, seeds: Sequence[Fit], names: Sequence[str], allowed: Mapping[str, float]) -> list[Fit]:
+def _singles(problem: Problem, seeds: Sequence[Fit], names: Sequence[str]) -> list[Fit]:
     """Fit each effect alone, from its most promising starts.
 
     Starts are placed beside the untouched nominal rig and beside calibration alone, because a missing effect may have
@@ -139,8 +145,8 @@ def _singles(problem: Problem, seeds: Sequence[Fit], names: Sequence[str], allow
     for seed in seeds:
         jobs = [
             (seed, h, extended(h, start, seed))
-            for h in (Hypothesis((name,), allowed) for name in names)
-            for start in starts(h.effects[0])
+            for h in map(seed.hypothesis.instead, names)
+            for start in starts(h.effects[0], h.scales)
         ]
         ranked = screened(problem, jobs)
         fits += _begun(problem, kept(ranked), ranked)
@@ -192,9 +198,9 @@ def _halves(problem: Problem, pairs: Sequence[Fit]) -> list[Fit]:
     """Either effect of the best pairs alone, at its values in the pair; without those that touch down."""
     halves: dict[str, tuple[Hypothesis, np.ndarray]] = {}
     for f in sorted((f for f in pairs if np.isfinite(f.cost)), key=lambda f: f.cost)[:SWAPPED]:
-        n, both = len(COORDINATES[f.hypothesis.effects[0]]), len(f.hypothesis.coordinates)
+        n, both = len(coordinates_of(f.hypothesis.effects[0])), len(f.hypothesis.coordinates)
         for name, u in zip(f.hypothesis.effects, (f.u[:n], f.u[n:both]), strict=True):
-            alone = Hypothesis((name,), f.hypothesis.tolerances)
+            alone = f.hypothesis.instead(name)
             halves.setdefault(name, (alone, extended(alone, u, f)))
     fits = begin([h for h, _ in halves.values()], [u for _, u in halves.values()], problem.data, problem.simulate)
     return [f for f in fits if np.isfinite(f.cost)]
@@ -213,10 +219,10 @@ def _round(
             name = other.hypothesis.effects[0]
             if name == first or {first, name} in known:
                 continue
-            h = Hypothesis((first, name), seed.hypothesis.tolerances)
-            tried = starts(name)
+            h = seed.hypothesis.instead(first, name)
+            tried = starts(name, h.scales)
             if np.isfinite(other.cost):
-                tried = [*tried, other.u[: len(COORDINATES[name])]]
+                tried = [*tried, other.u[: len(coordinates_of(name))]]
             jobs += [(seed, h, extended(h, np.concatenate([seed.u[:n], start]), seed)) for start in tried]
     chosen: dict[frozenset[str], Start] = {}
     ranked = screened(problem, jobs)
@@ -226,3 +232,33 @@ def _round(
     fits = _begun(problem, list(chosen.values()), ranked)
     iterate(fits, problem.data, problem.simulate, FIRST + ITERATIONS)
     return fits
+
+
+def contradictions(attribution: Attribution) -> list[str]:
+    """A sentence for each single effect that would explain more than all others if the rig did not exclude it."""
+    allowed = min((c.predictive for c in attribution.candidates if not c.contradicted), default=np.inf)
+    found = []
+    for c in attribution.candidates:
+        if len(c.effects) == 1 and c.contradicted and c.predictive < allowed:
+            nominal = EFFECTS[c.effects[0]].nominal
+            change = c.fit.hypothesis.coordinates[0].value(float(c.fit.u[0]))
+            stated = attribution.problem.parts[0].record.nominal.tolerance[nominal]
+            found.append(
+                f"{c.effects[0]} {100 * change:+.3g} % would fit better than what is named, but the rig states "
+                f"{nominal} to within {100 * stated:.2g} % ([tolerance]); if that is wrong, correct it"
+            )
+    return found
+
+
+def best_partial(attribution: Attribution, probable: int | None) -> Candidate:
+    """The best partial explanation: the most probable effects, or calibration where none explains more than it.
+
+    Args:
+        attribution: The fitted candidates.
+        probable: Index of the most probable candidate with effects; None or 0 where there is none.
+    """
+    if probable:
+        best = attribution.candidates[probable]
+    else:
+        best = min(attribution.candidates, key=lambda c: (bool(c.contradicted), c.predictive))
+    return best if best.predictive < attribution.calibration.predictive - NO_GAP else attribution.calibration

@@ -2,7 +2,7 @@
 
 import time
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -11,10 +11,11 @@ import numpy as np
 from maglev_env.loop.effect import EFFECTS
 from maglev_env.recordings.campaign import Campaign
 from maglev_env.rig.rig import Rig
-from sim2real.attribute import Attribution, Candidate, attribute
+from sim2real.attribute import Attribution, Candidate, attribute, best_partial, contradictions
 from sim2real.gain_choice import GainChoice, gain_choice
 from sim2real.hypotheses import CALIBRATION, TONES, Coordinate
 from sim2real.judge import Entry, entries, evidence_of, verdict
+from sim2real.leftover import Leftover, leftover
 from sim2real.locate import CONTROLLER_SD, Where, locate
 from sim2real.next_experiment import Proposal, propose
 from sim2real.nonstationary import widening
@@ -51,6 +52,7 @@ class Diagnosis:
             score gains.
         seconds: Wall time, s.
         notes: What was assumed, or could not be determined.
+        leftover: What the best partial explanation leaves, where the verdict is "unexplained".
     """
 
     verdict: str
@@ -67,6 +69,7 @@ class Diagnosis:
     choice: GainChoice | None
     seconds: float
     notes: tuple[str, ...]
+    leftover: Leftover | None = None
 
     @property
     def rig(self) -> Rig:
@@ -106,6 +109,8 @@ class Diagnosis:
                 "after": g.after,
                 "floor": g.floor,
                 "closed_fraction": g.closed_fraction,
+                "nominal_levitates": g.before is not None,
+                "fit": None if g.figures is None else asdict(g.figures),
                 "closed_fraction_ci": None if g.closed_fraction_ci is None else list(g.closed_fraction_ci),
                 "judged_on": g.judged_on,
                 "stiffness_error": errors(g, "stiffness"),
@@ -116,6 +121,7 @@ class Diagnosis:
             },
             "corrected": {"effects": {n: dict(v) for n, v in self.corrected.effects.items()},
                           "changes": dict(self.corrected.changes)},
+            "unexplained": None if self.leftover is None else self.leftover.to_json(),
             "notes": list(self.notes),
             "seconds": self.seconds,
         }  # fmt: skip
@@ -176,6 +182,7 @@ def diagnose(
             f"the recorded controller is not the one described: its command is {where.controller:.0f} standard "
             "deviations from what the stated gains make of the reading; check gains, td, ti and the sign"
         )
+    notes += contradictions(attribution)
     top = next((e for e in found if e.effects[0] not in ("none", CALIBRATION, "unknown")), None)
     chosen = top if worded in ("explained", "ambiguous") else None
     picked = None if chosen is None or chosen.candidate is None else attribution.candidates[chosen.candidate]
@@ -185,6 +192,11 @@ def diagnose(
     if worded in ("ambiguous", "unexplained") and not isinstance(fitted.loudest.record, OpenRecord):
         progress("next experiment")
         proposal = propose(attribution, found)
+    left = None
+    if worded == "unexplained":
+        progress("what is left")
+        partial = best_partial(attribution, None if top is None else top.candidate)
+        left = leftover(attribution, judged, partial, _parameters(partial), seed)
     alone = picked or attribution.calibration
     corrected = _corrected(fitted, alone, () if chosen is None else chosen.effects, seen)
     speed = next(r.experiment.speed_rpm for r in records if r.role == "fit")
@@ -203,6 +215,7 @@ def diagnose(
         gain_choice(records[0].nominal, corrected, speed) if corrected.effects else None,
         time.perf_counter() - begun,
         tuple(dict.fromkeys(notes)),
+        left,
     )
 
 

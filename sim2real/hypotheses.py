@@ -2,10 +2,12 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property, lru_cache
 from math import exp, log
 
 import numpy as np
 
+from maglev_env.loop.card import SMALL_ROTOR, Scales
 from maglev_env.loop.effect import EFFECTS, meaningful
 from maglev_env.rig.rig import Rig
 from sim2real.simulated import TOLERANCE_EFFECTS, Point
@@ -17,15 +19,16 @@ CALIBRATION, NONE, UNKNOWN = "calibration", "none", "unknown"
 
 @dataclass(frozen=True)
 class Coordinate:
-    """How a fit moves one parameter: on a logarithmic scale (scale None), or in units of `scale`."""
+    """How a fit moves one parameter: on a logarithmic scale (scale None), or in units of `scale`, within bounds."""
 
     effect: str
     parameter: str
-    scale: float | None = None
+    scale: float | None
+    low: float
+    high: float
 
     def value(self, u: float) -> float:
-        p = EFFECTS[self.effect].parameters[self.parameter]
-        return float(np.clip(exp(min(u, 700.0)) if self.scale is None else u * self.scale, p.low, p.high))
+        return float(np.clip(exp(min(u, 700.0)) if self.scale is None else u * self.scale, self.low, self.high))
 
     def at(self, value: float) -> float:
         return log(value) if self.scale is None else value / self.scale
@@ -36,7 +39,7 @@ class Coordinate:
     @property
     def signed(self) -> bool:
         """Whether its sign may change during a fit."""
-        return self.scale is not None and EFFECTS[self.effect].parameters[self.parameter].low < 0
+        return self.scale is not None and self.low < 0
 
     def reach(self, u: float) -> float:
         """Largest change in a single step of a fit."""
@@ -45,14 +48,25 @@ class Coordinate:
         return 0.15 if self.parameter == "frequency" else 0.7
 
 
-COORDINATES: Mapping[str, tuple[Coordinate, ...]] = {
-    name: tuple(Coordinate(name, key, p.scale) for key, p in card.parameters.items())
-    for name, card in EFFECTS.items()
-    if not card.not_fitted
-}
+FITTED = tuple(name for name in EFFECTS if name not in TONES)
+
+
+@lru_cache
+def coordinates_of(name: str, scales: Scales = SMALL_ROTOR) -> tuple[Coordinate, ...]:
+    """Coordinates of an effect on a rig of these scales; none of a tone."""
+    if name not in FITTED:
+        return ()
+    own = ((key, p.on(scales)) for key, p in EFFECTS[name].parameters.items())
+    return tuple(Coordinate(name, key, p.scale, p.low, p.high) for key, p in own)
+
+
 # Real lags are not pure first-order. Up to MOST_FORM of a fitted lag (prior standard deviation FORM_SHARE) may be
 # modelled as dead time, unless a delay of its own is fitted.
 FORM, FORM_SHARE, MOST_FORM = "form of amplifier_lag", 0.2, 0.5
+# A stated tolerance is also a prior of the effect that changes the same parameter. The effect stands for a parameter
+# that is wrong beyond its tolerance, so its prior is wider: its standard deviation is WIDER tolerances. A change of
+# more than EXCLUDED of these contradicts what the rig states, and is not an explanation.
+WIDER, EXCLUDED = 5.0, 3.0
 RESONANCES = tuple(name for name, card in EFFECTS.items() if card.resonance)
 
 
@@ -64,15 +78,21 @@ class Hypothesis:
         effects: Names of the effects; none for calibration alone.
         tolerances: Relative standard deviations of the nominal parameters that may move.
         dithered: Whether sensor noise smooths the effects.
+        scales: What the sizes of effects are in proportion to.
     """
 
     effects: tuple[str, ...]
     tolerances: Mapping[str, float]
     dithered: bool = False
+    scales: Scales = SMALL_ROTOR
 
-    @property
+    @cached_property
     def coordinates(self) -> tuple[Coordinate, ...]:
-        return tuple(c for name in self.effects for c in COORDINATES[name])
+        return tuple(c for name in self.effects for c in coordinates_of(name, self.scales))
+
+    def instead(self, *effects: str) -> "Hypothesis":
+        """Other effects on the same rig."""
+        return Hypothesis(effects, self.tolerances, scales=self.scales)
 
     @property
     def calibrated(self) -> tuple[str, ...]:
@@ -91,9 +111,21 @@ class Hypothesis:
 
     @property
     def prior(self) -> np.ndarray:
-        """Prior precision of each coordinate (size,): 1 for calibrated parameters, 0 for parameters of effects."""
-        free = len(self.coordinates)
-        return np.concatenate([np.zeros(free), np.ones(self.size - free)])
+        """Prior precision of each coordinate (size,): 1 for calibrated parameters; 0 for parameters of effects, except
+        changes of a nominal parameter whose tolerance is stated."""
+        own = [(c.scale or 0.0) / sd if (sd := self._prior_sd(c)) else 0.0 for c in self.coordinates]
+        return np.concatenate([np.square(own), np.ones(self.size - len(own))])
+
+    def _prior_sd(self, c: Coordinate) -> float | None:
+        """Prior standard deviation of a relative change of a nominal parameter; None where nothing is stated."""
+        nominal = EFFECTS[c.effect].nominal
+        return WIDER * self.tolerances[nominal] if nominal in self.tolerances else None
+
+    def contradicted(self, u: np.ndarray) -> tuple[str, ...]:
+        """Effects whose change at coordinates u contradicts the stated tolerance of their parameter."""
+        far = ((c, sd) for c, v in zip(self.coordinates, u, strict=False)
+               if (sd := self._prior_sd(c)) and abs(c.value(float(v))) > EXCLUDED * sd)  # fmt: skip
+        return tuple(c.effect for c, _ in far)
 
     def point(self, u: np.ndarray) -> Point:
         """The point at coordinates u (size,): effects first, then changes in units of their tolerance."""
@@ -108,23 +140,30 @@ class Hypothesis:
         return Point(effects, changes, self.dithered)
 
     def bounded(self, u: np.ndarray) -> np.ndarray:
-        """Coordinates moved to within their bounds; a nominal parameter may not fall by more than 90 %."""
+        """Coordinates moved to within their bounds.
+
+        A calibrated parameter may neither fall by more than 90 % nor contradict its tolerance.
+        """
         bounded = np.array(u, float)
         for i, c in enumerate(self.coordinates):
             bounded[i] = c.to_bounds(bounded[i])
         for i, name in enumerate(self.calibrated, len(self.coordinates)):
-            low, high = (0.0, MOST_FORM) if name == FORM else (-0.9, 9.0)
-            bounded[i] = np.clip(bounded[i], low / self.sigma(name), high / self.sigma(name))
+            sigma = self.sigma(name)
+            most = WIDER * EXCLUDED * sigma
+            low, high = (0.0, MOST_FORM) if name == FORM else (max(-0.9, -most), min(9.0, most))
+            bounded[i] = np.clip(bounded[i], low / sigma, high / sigma)
         return bounded
 
 
 def single_effects(rig: Rig) -> tuple[str, ...]:
-    """Effects that have a meaning on a rig and are fitted on lines."""
-    return tuple(name for name in COORDINATES if meaningful(name, rig.capabilities))
+    """Effects that have a meaning on a rig and are fitted on lines, except changes of what is stated as exact."""
+    exact = {TOLERANCE_EFFECTS.get(name) for name, sigma in rig.tolerance.items() if sigma == 0}
+    return tuple(name for name in FITTED if meaningful(name, rig.capabilities) and name not in exact)
 
 
-def starts(name: str) -> list[np.ndarray]:
-    """Coordinates at which a fit of one effect may start."""
-    grid = np.meshgrid(*(p.starts for p in EFFECTS[name].parameters.values()), indexing="ij")
+def starts(name: str, scales: Scales = SMALL_ROTOR) -> list[np.ndarray]:
+    """Coordinates at which a fit of one effect may start on a rig of these scales."""
+    own = coordinates_of(name, scales)
+    grid = np.meshgrid(*(p.on(scales).starts for p in EFFECTS[name].parameters.values()), indexing="ij")
     points = np.stack([g.ravel() for g in grid], axis=1)
-    return [np.array([c.at(float(v)) for c, v in zip(COORDINATES[name], row, strict=True)]) for row in points]
+    return [np.array([c.at(float(v)) for c, v in zip(own, row, strict=True)]) for row in points]

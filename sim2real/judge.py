@@ -7,7 +7,7 @@ import numpy as np
 
 from maglev_env.loop.effect import EFFECTS
 from sim2real.attribute import Attribution
-from sim2real.hypotheses import CALIBRATION, COORDINATES, NONE, UNKNOWN
+from sim2real.hypotheses import CALIBRATION, NONE, UNKNOWN, coordinates_of
 from sim2real.problem import KINDS
 from sim2real.unsynchronised import FOREIGN
 
@@ -66,7 +66,7 @@ class Evidence:
 
     Attributes:
         effects: Effects of each candidate, calibration first.
-        cost: Predictive cost of each candidate; inf where it touches down.
+        cost: Predictive cost of each candidate; inf where it touches down, or contradicts a stated tolerance.
         nominal: Cost of the untouched nominal rig.
         excess: Cost of each group beyond the noise, (candidates, G).
         scatter: Scatter (G,) of that cost under noise alone.
@@ -113,8 +113,10 @@ def evidence_of(attribution: Attribution, tones: Mapping[str, float], spin: Mapp
     names, label, count = np.unique(rows, axis=0, return_inverse=True, return_counts=True)
     label = label.reshape(-1)
     residuals = [c.fit.residual for c in attribution.candidates]
-    cost = np.array([c.predictive for c in attribution.candidates])
-    if not np.isfinite(cost[0]):  # no rotor levitates without an effect: use the gap of the opened nominal loop
+    cost = np.array([np.inf if c.contradicted else c.predictive for c in attribution.candidates])
+    if not np.isfinite(
+        attribution.calibration.fit.cost
+    ):  # no rotor levitates without an effect: use the gap of the opened nominal loop
         residuals[0] = p.opened_residual()
     excess = [np.bincount(label, abs(r) ** 2, count.size) - 2.0 * count for r in residuals]
     return Evidence(
@@ -132,6 +134,8 @@ def evidence_of(attribution: Attribution, tones: Mapping[str, float], spin: Mapp
 def entries(evidence: Evidence, belief: Belief = BELIEF) -> list[Entry]:
     """All hypotheses with their probabilities, which sum to one; the most probable first."""
     alive = np.isfinite(evidence.cost)
+    if not alive.any() and not np.isfinite(evidence.nominal):  # all that levitates contradicts a stated tolerance
+        return [Entry((UNKNOWN,), 1.0, np.inf, None, None)]
     best = int(np.argmin(np.where(alive, evidence.cost, np.inf)))
     before = evidence.excess[0]
     gap = max(float(before.sum() - evidence.excess[best].sum()), 0.0)
@@ -221,7 +225,7 @@ def complexity(names: tuple[str, ...], belief: Belief) -> float:
     for name in names:
         if name in EFFECTS and EFFECTS[name].linear_as:
             continue
-        parameters = [c.parameter for c in COORDINATES.get(name, ())]
+        parameters = [c.parameter for c in coordinates_of(name)]
         found += belief.parameter_cost * max(len(parameters) - 1, 0) + belief.search_cost * ("frequency" in parameters)
     return found
 

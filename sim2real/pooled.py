@@ -135,7 +135,7 @@ def _fitted(records: Sequence[Record | OpenRecord], near: Fit | None = None, res
     hidden = frozenset.intersection(*(r.upstream if isinstance(r, OpenRecord) else frozenset() for r in records))
     names = tuple(name for name in UNITS if meaningful(name, rig.capabilities) and name not in hidden)
     allowed = {name: sigma for name, sigma in tolerances(rig).items() if name not in UNITS}
-    h = Hypothesis(names, allowed)
+    h = Hypothesis(names, allowed, scales=rig.scales)
     u = np.zeros(h.size) if near is None else near.u
     problem = assemble(records, near=None if near is None else h.point(near.u), rest=rest)
     for _ in range(1 if near is not None else 2):

@@ -1,7 +1,7 @@
 """A diagnosis in words and curves, for a table, a page and the comment of the corrected rig."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
-from math import floor, isfinite, log10
 
 import numpy as np
 
@@ -10,15 +10,15 @@ from maglev_env.loop.effect import EFFECTS
 from sim2real.diagnosis import Diagnosis, block_of
 from sim2real.hypotheses import CALIBRATION, NONE, TONES, UNKNOWN
 from sim2real.judge import Entry
+from sim2real.leftover_words import fit_in_words, leaves, parameters_in_words, partial_in_words
+from sim2real.locate import Where
 from sim2real.problem import Part
+from sim2real.shrink import Gap
 from sim2real.simulated import Point
+from sim2real.words import percent, quantity
 
 FEWEST = 3  # lines that a curve needs
 SHOWN_BANDS, LEAST_SHARE = 3, 0.05
-_PREFIXES = ((1e9, "G"), (1e6, "M"), (1e3, "k"), (1.0, ""), (1e-3, "m"), (1e-6, "u"), (1e-9, "n"))
-_PREFIXED = ("s", "Hz", "m", "m/s", "N", "A", "V", "T")
-_DIGITS = 4
-NO_ERROR = 1e-8  # of the value: a smaller standard error belongs to a parameter that the recordings do not determine
 
 
 @dataclass(frozen=True)
@@ -94,53 +94,23 @@ def corrections(diagnosis: Diagnosis) -> tuple[Correction, ...]:
     return tuple(found)
 
 
-def quantity(value: float, se: float | None, unit: str, is_change: bool = False) -> str:
-    """A value with its standard error in a readable unit: "75.0 +- 1.2 us"; "+3.1 +- 0.4 %" for a relative change."""
-    if is_change:
-        return f"{_with_se(100 * value, se and 100 * se, '+')} %"
-    if unit == "kg m":
-        value, se, unit = 1e6 * value, se and 1e6 * se, "g mm"
-    if unit in _PREFIXED and value and isfinite(value):
-        factor, prefix = next((p for p in _PREFIXES if abs(value) >= p[0] * 0.9995), _PREFIXES[-1])
-        value, se, unit = value / factor, se and se / factor, prefix + unit
-    return f"{_with_se(value, se)} {unit}".rstrip()
-
-
-def _with_se(value: float, se: float | None, sign: str = "") -> str:
-    if not se or not isfinite(se) or se < NO_ERROR * abs(value):
-        return f"{value:{sign}.3g}"
-    places = 1 - floor(log10(se))
-    if value:
-        places = min(places, _DIGITS - 1 - floor(log10(abs(value))))
-    places = max(places, 0)
-    error = f"{se:.{places}f}" if float(f"{se:.{places}f}") else f"{se:.1g}"
-    return f"{value:{sign}.{places}f} +- {error}"
-
-
-def spoken(name: str, with_effect: bool) -> str:
-    """A parameter "effect.parameter" in words, with or without the name of its effect."""
-    effect, _, key = name.partition(".")
-    words = key.removesuffix("_hz").replace("_", " ")
-    return f"{effect} {words}" if with_effect else words
-
-
-def percent(share: float) -> str:
-    """A share or probability in per cent; values close to 0 or 1 are given as "< 1 %" or "> 99 %"."""
-    if share > 0.995:
-        return "> 99 %" if share < 1 else "100 %"
-    return "< 1 %" if 0 < share < 0.005 else f"{100 * share:.0f} %"
-
-
 def sentence(diagnosis: Diagnosis) -> str:
     """The verdict in one sentence."""
     probability = {e.effects: e.probability for e in diagnosis.which}
     if diagnosis.verdict == "no_gap":
         sure = probability.get((NONE,), 0.0) + probability.get((CALIBRATION,), 0.0)
         return f"There is no gap beyond the noise and the rig's stated tolerances ({percent(sure)})."
+    left = diagnosis.leftover
+    if diagnosis.verdict == "unexplained" and left is not None:
+        return (
+            f"No known effect explains the gap (unknown: {percent(probability.get((UNKNOWN,), 0.0))}); best partial "
+            f"explanation: {partial_in_words(left)}, which {leaves(left)}, most of it in "
+            f"{_blocks(_largest(left.where.blocks))}{_highest_band(left.where)}."
+        )
     if diagnosis.verdict == "unexplained":
         return (
             f"No known effect explains the gap (unknown: {percent(probability.get((UNKNOWN,), 0.0))}); most of it lies "
-            f"in {_blocks(most(diagnosis))}{_highest_band(diagnosis)}."
+            f"in {_blocks(_largest(diagnosis.where.blocks))}{_highest_band(diagnosis.where)}."
         )
     if diagnosis.verdict == "ambiguous":
         rows = [e for e in named(diagnosis) if "+".join(e.effects) in diagnosis.cause]
@@ -150,18 +120,31 @@ def sentence(diagnosis: Diagnosis) -> str:
             f"The gap is explained by {one_of}, in {blocks}; this campaign cannot tell them apart."
         )  # fmt: skip
     top = named(diagnosis)[0]
-    several = len(top.effects) > 1
-    shown = ", ".join(f"{spoken(c.name, several)} {c}" for c in corrections(diagnosis) if "." in c.name)
+    shown = [c for c in corrections(diagnosis) if "." in c.name]
+    values = parameters_in_words({c.name: {"value": c.value, "se": c.se} for c in shown}, len(top.effects) > 1)
     return (
         f"The gap is explained by {_and(top.effects)} ({percent(top.probability)}), in "
-        f"{_blocks(block_of('+'.join(top.effects)))}; {shown}."
+        f"{_blocks(block_of('+'.join(top.effects)))}; {values}{_closes(diagnosis.gap)}."
     )
 
 
-def most(diagnosis: Diagnosis) -> str:
-    """The segment of the loop with the largest share of the gap; "" where there is no gap."""
-    blocks = diagnosis.where.blocks
-    return max(blocks, key=lambda name: blocks[name]) if any(blocks.values()) else ""
+def _closes(gap: Gap) -> str:
+    """How much of the gap is closed, as the end of a sentence; where that has no meaning, the fit's own figures."""
+    if gap.closed_fraction is not None:
+        ends = gap.closed_fraction_ci
+        spread = "" if ends is None else f" (95 %: {100 * ends[0]:.0f} .. {100 * ends[1]:.0f})"
+        return f"; it closes {round(100 * gap.closed_fraction)} % of the gap{spread}"
+    if gap.before is None and gap.figures is not None:
+        fit = fit_in_words(gap.figures)
+        return (
+            f"; the nominal rig does not levitate with the recorded gains, so no share is closed; the fit leaves {fit}"
+        )
+    return ""
+
+
+def _largest(shares: Mapping[str, float]) -> str:
+    """The name with the largest share; empty where all are zero."""
+    return max(shares, key=lambda name: shares[name]) if any(shares.values()) else ""
 
 
 def where_in_words(diagnosis: Diagnosis) -> tuple[str, ...]:
@@ -183,8 +166,8 @@ def _shares(shares: dict[str, float]) -> str:
     return ", ".join(kept) or "spread evenly"
 
 
-def _highest_band(diagnosis: Diagnosis) -> str:
-    bands = diagnosis.where.bands
+def _highest_band(where: Where) -> str:
+    bands = where.bands
     if not bands or not any(share for *_, share in bands):
         return ""
     lo, hi, _ = max(bands, key=lambda b: b[2])

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sim2real.fitting import Fit, cost_of, reach
-from sim2real.hypotheses import COORDINATES, Hypothesis
+from sim2real.hypotheses import Hypothesis, coordinates_of
 from sim2real.problem import Problem
 from sim2real.simulated import TOLERANCE_EFFECTS
 
@@ -108,7 +108,7 @@ class _Look:
         normal = (self.jacobian @ self.jacobian.conj().T).real + np.diag(prior)
         self.solve = np.linalg.pinv(normal, hermitian=True)
         self.gradient = (self.jacobian @ self.residual.conj()).real - prior * seed.u[rows]
-        self.signed = any(c.signed for c in COORDINATES[h.effects[-1]])
+        self.signed = any(c.signed for c in coordinates_of(h.effects[-1]))
 
     def followed(self, u: np.ndarray, change: np.ndarray) -> list[np.ndarray]:
         """Coordinates of a start with its effect scaled to fit the residual best and all else following it.
@@ -121,7 +121,7 @@ class _Look:
         """
         cross = (self.jacobian @ change.conj()).real
         without = u.copy()
-        for i, c in zip(range(self.new.start, self.new.stop), COORDINATES[self.h.effects[-1]], strict=True):
+        for i, c in zip(range(self.new.start, self.new.stop), coordinates_of(self.h.effects[-1]), strict=True):
             if c.scale is not None and c.parameter != "order":
                 without[i] = 0.0
         if (without == u).all():

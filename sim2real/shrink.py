@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sim2real.attribute import Attribution, Candidate
+from sim2real.fit_figures import Figures, figures
 from sim2real.fitting import Fit, begin, iterate
 from sim2real.hypotheses import Hypothesis
 from sim2real.open_record import OpenRecord
@@ -41,11 +42,12 @@ class Gap:
         calibrated: Gap after calibration alone.
         after: Gap of the corrected rig.
         floor: Gap of the noise alone.
-        closed_fraction: Share of the excess before that is closed.
+        closed_fraction: Share of the excess before that is closed; None where the nominal rig does not levitate.
         closed_fraction_ci: Its 95 % interval.
         judged_on: "holdout" or "held-out lines".
         words: Engineering quantities of the judged recordings: "measured", "before" and "after".
         foils: Gap after refitting every parameter without a prior, and with another effect, for comparison.
+        figures: How well the corrected rig simulates the judged recordings; None where it touches down.
     """
 
     before: float | None
@@ -57,6 +59,7 @@ class Gap:
     judged_on: str
     words: Mapping[str, Words]
     foils: Mapping[str, float | None]
+    figures: Figures | None = None
 
 
 def shrink(judged: Problem, attribution: Attribution, chosen: Candidate | None, held_out: str, seed: int) -> Gap:
@@ -91,6 +94,7 @@ def shrink(judged: Problem, attribution: Attribution, chosen: Candidate | None, 
         held_out,
         words,
         {"refit all parameters": _gap(refit), "another effect": _gap(foil)},
+        figures(judged, after),
     )
 
 
@@ -102,13 +106,11 @@ def _gap(residual: np.ndarray) -> float | None:
 def closed(before: np.ndarray, after: np.ndarray, seed: int) -> tuple[float | None, tuple[float, float] | None]:
     """Closed share of the gap, 1 - (V_after - n) / (V_before - n), with a 95 % block-bootstrap interval.
 
-    The blocks are neighbouring residuals. The share is 1 without an interval where the rotor touched down before (an
-    infinite gap closed), and None where it touches down after or where there was no gap to close.
+    The blocks are neighbouring residuals. The share is None where the rotor touches down before or after, because
+    there is then no gap to compare with, or where there was no gap to close.
     """
-    if not np.isfinite(after).all():
+    if not (np.isfinite(before).all() and np.isfinite(after).all()):
         return None, None
-    if not np.isfinite(before).all():
-        return 1.0, None
     blocks = [np.add.reduceat(abs(r) ** 2 - 2.0, np.arange(0, r.size, BLOCK)) for r in (before, after)]
     total = blocks[0].sum()
     if total < 4.0 * np.sqrt(4.0 * before.size):

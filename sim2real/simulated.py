@@ -65,12 +65,12 @@ def experiment_at(e: Experiment, point: Point) -> Experiment:
 
 def tolerances(rig: Rig) -> dict[str, float]:
     """Relative 1-sigma tolerances of the rig that a simulation can represent."""
-    stated = {name: sigma for name, sigma in rig.tolerance.items() if sigma > 0 and getattr(rig, name)}
-    return {
-        name: sigma
-        for name, sigma in stated.items()
-        if name not in TOLERANCE_EFFECTS or meaningful(TOLERANCE_EFFECTS[name], rig.capabilities)
-    }
+
+    def simulated(name: str) -> bool:
+        effect_of = TOLERANCE_EFFECTS.get(name)  # it changes what the law gives, too, where the rig states no value
+        return bool(getattr(rig, name)) if effect_of is None else meaningful(effect_of, rig.capabilities)
+
+    return {name: sigma for name, sigma in rig.tolerance.items() if sigma > 0 and simulated(name)}
 
 
 @dataclass(frozen=True)

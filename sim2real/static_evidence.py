@@ -203,7 +203,9 @@ def _fitted(law: SingleSidedLaw, levels: Levels, several: bool) -> np.ndarray:
     y, i = levels.displacement, levels.current
 
     def pull(p: np.ndarray, at: np.ndarray | float, current: np.ndarray | float) -> np.ndarray | float:
-        own = replace(law, gap=law.gap + p[1] * law.gap) if several else law
+        own = law
+        if several:  # the gap of an exponential decay only scales the pull
+            own = replace(law, decay=law.decay * (1 + p[1])) if law.decay else replace(law, gap=law.gap * (1 + p[1]))
         return np.exp(p[0]) * (force(own, at, current) + law.weight)
 
     start = [np.log(law.weight / float(np.mean(pull(np.zeros(2), y, i)))), 0.0][: 1 + several]

@@ -168,11 +168,18 @@ def identify(
 
 
 def band_layout(force: LineStatistics, rig: Rig | None, width: float | None, overlap: float | None) -> np.ndarray:
-    """Estimation bands (b, 2) Hz: as stated, or as in the rig's protocol, or 12 lines with an overlap of two thirds."""
+    """Estimation bands (b, 2) Hz: as stated, or as in the rig's protocol, or 12 lines with an overlap of two thirds.
+
+    The last where the protocol's bands do not fit the lines, because the recording follows another plan.
+    """
     if width is None and rig is not None and rig.protocol is not None:
-        width, overlap = rig.protocol.band_width, rig.protocol.band_overlap if overlap is None else overlap
+        usual = rig.protocol
+        try:
+            return sliding_bands(force.frequency, usual.band_width, usual.band_overlap if overlap is None else overlap)
+        except ValueError:
+            overlap = None
     if width is None:
-        width = 12 * float(np.median(np.diff(force.frequency)))
+        width = min(12 * float(np.median(np.diff(force.frequency))), float(np.ptp(force.frequency)))
     return sliding_bands(force.frequency, width, 2 * width / 3 if overlap is None else overlap)
 
 

@@ -5,11 +5,38 @@ A new effect is a card, its states and its compiled piece in one block's file, a
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from math import inf
 from typing import Literal
 
 Block = Literal["sensor", "controller", "amplifier", "actuator", "mechanics", "external"]
 Need = Literal["magnets", "pair", "two_axes", "coil", "support"]
+Per = Literal["", "control period", "mass / control period"]
+
+
+@dataclass(frozen=True)
+class Scales:
+    """What sizes of effects are in proportion to on a rig: a lag that is small at 100 Hz is huge at 20 kHz.
+
+    Args:
+        period: control period, s.
+        mass: moving mass, kg.
+    """
+
+    period: float
+    mass: float
+
+    def wider(self, factor: float) -> "Scales":
+        """Scales whose units are all larger by a factor."""
+        return Scales(self.period * factor, self.mass * factor**2)
+
+    def of(self, per: Per) -> float:
+        """Unit, in SI, of numbers that are stated per this."""
+        return {"": 1.0, "control period": self.period, "mass / control period": self.mass / self.period}[per]
+
+
+SMALL_ROTOR = Scales(5e-5, 0.08012)  # 80 g at 20 kHz
+SLOWEST = Scales(1.0, inf)  # no rig is slower: what is beyond its bounds is so on every rig
 
 
 @dataclass(frozen=True)
@@ -25,6 +52,7 @@ class Parameter:
             varies the logarithm of the parameter.
         starts: values at which a fit may start. Every combination of the parameters' starts is tried, and the best
             ones are refined.
+        per: what bounds, scale and starts are multiples of; see `on`. Empty: they are in SI.
     """
 
     unit: str
@@ -34,6 +62,23 @@ class Parameter:
     absent: float = 0.0
     scale: float | None = None
     starts: tuple[float, ...] = ()
+    per: Per = ""
+
+    def on(self, scales: Scales) -> "Parameter":
+        """The parameter with bounds, scale and starts in SI on a rig of these scales."""
+        if not self.per:
+            return self
+        unit = scales.of(self.per)
+        scale = None if self.scale is None else self.scale * unit
+        starts = tuple(start * unit for start in self.starts)
+        return replace(self, low=self.low * unit, high=self.high * unit, scale=scale, starts=starts, per="")
+
+    @property
+    def bounds(self) -> str:
+        """The bounds in words: "0 .. 20 control periods (s)", "-0.9 .. 9"."""
+        plural = "s" if self.per == "control period" else ""
+        unit = f"{self.per}{plural} ({self.unit})" if self.per else self.unit
+        return f"{self.low:g} .. {self.high:g} {unit}".strip()
 
 
 @dataclass(frozen=True)
@@ -82,9 +127,9 @@ def relative(starts: tuple[float, ...]) -> dict[str, Parameter]:
     return {"change": Parameter("", -0.9, 9.0, scale=0.1, starts=starts)}
 
 
-def first_order(starts: tuple[float, ...] = (1e-5, 1e-4)) -> dict[str, Parameter]:
+def first_order() -> dict[str, Parameter]:
     """The parameter of an additional first-order lag."""
-    return {"time_constant": Parameter("s", 0.0, 0.01, scale=1e-5, starts=starts)}
+    return {"time_constant": Parameter("s", 0.0, 200.0, scale=0.2, starts=(0.2, 2.0), per="control period")}
 
 
 def phase() -> Parameter:

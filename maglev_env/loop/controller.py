@@ -15,7 +15,7 @@ from maglev_lanes.pieces import piece
 EFFECTS: Mapping[str, EffectCard] = {
     "delay": EffectCard(
         "controller",
-        {"time": Parameter("s", 0.0, 1e-3, scale=1e-5, starts=(1e-5, 7.5e-5))},
+        {"time": Parameter("s", 0.0, 20.0, scale=0.2, starts=(0.2, 1.5), per="control period")},
         "computation and hold delay e^(-s T), 1 to 1.5 samples on real controllers",
         "command and current",
         ("magnets",),

@@ -2,9 +2,10 @@
 
 from collections.abc import Iterable, Mapping, Set
 from math import floor, isnan
+from typing import Protocol
 
 from maglev_env.loop import actuator, amplifier, controller, external, mechanics, sensor
-from maglev_env.loop.card import EffectCard, Need
+from maglev_env.loop.card import SLOWEST, EffectCard, Need, Scales
 
 BLOCKS = ("sensor", "controller", "amplifier", "actuator", "mechanics", "external")
 # Descriptions, for messages, of what a rig must have so that an effect has a meaning.
@@ -45,6 +46,7 @@ EFFECTS: Mapping[str, EffectCard] = _registry(
 
 Effects = Mapping[str, Mapping[str, float]]
 NO_EFFECTS: Effects = {}
+FINER = 100.0  # a rig's bounds are widened by this where its control period is that of a simulation, not of its own
 
 
 def effect(name: str, value: float | None = None, **values: float) -> dict[str, dict[str, float]]:
@@ -70,15 +72,20 @@ def effect(name: str, value: float | None = None, **values: float) -> dict[str, 
         parameter = kind.parameters.get(key)
         if parameter is None:
             raise ValueError(f"effect {name}: no parameter {key!r}; it has {', '.join(kind.parameters)}")
-        if isnan(v) or (v != parameter.absent and not parameter.low <= v <= parameter.high):
-            raise ValueError(
-                f"effect {name}.{key} = {v} is outside {parameter.low} .. {parameter.high} {parameter.unit}"
-            )
+        _check_bounds(name, key, v, SLOWEST)
     given = {key: values.get(key, parameter.default) for key, parameter in kind.parameters.items()}
     missing = [key for key, v in given.items() if v is None]
     if missing:
         raise ValueError(f"effect {name}: give {', '.join(missing)}")
     return {name: {key: v for key, v in given.items() if v is not None}}
+
+
+def _check_bounds(name: str, key: str, v: float, scales: Scales, rig: str = "") -> None:
+    of = EFFECTS[name].parameters[key]
+    p = of.on(scales)
+    if isnan(v) or (v != p.absent and not p.low <= v <= p.high):
+        where = f"{p.low:.6g} .. {p.high:.6g} {p.unit}".strip() + (rig if of.per else "")
+        raise ValueError(f"effect {name}.{key} = {v} is outside {where}")
 
 
 def parse_effect(text: str) -> dict[str, dict[str, float]]:
@@ -106,22 +113,38 @@ def parse_effect(text: str) -> dict[str, dict[str, float]]:
     return effect(name.strip(), bare, **named)
 
 
-def check_effects(effects: Effects, capabilities: Set[Need], rig: str) -> None:
+class Levitated(Protocol):
+    """What of a rig decides which effects it may have."""
+
+    @property
+    def name(self) -> str: ...
+
+    @property
+    def capabilities(self) -> Set[Need]:
+        """See `NEEDS`."""
+        ...
+
+    @property
+    def scales(self) -> Scales: ...
+
+
+def check_effects(effects: Effects, rig: Levitated, finer: float = 1.0) -> None:
     """Check that every effect is known, complete, within its bounds and meaningful on a rig.
 
     Args:
         effects: the effects.
-        capabilities: what the rig has, see `NEEDS`.
-        rig: its name, for the message.
+        rig: the rig.
+        finer: how many times shorter than the rig's own the control period may be in what is simulated.
 
     Raises:
         ValueError: An effect is not; the message names it.
     """
     for name, values in effects.items():
-        effect(name, **values)
+        for key, v in effect(name, **values)[name].items():
+            _check_bounds(name, key, v, rig.scales.wider(finer), f" on rig {rig.name}")
         for need in EFFECTS[name].needs:
-            if need not in capabilities:
-                raise ValueError(f"effect {name} has no meaning on rig {rig}: it needs {NEEDS[need]}")
+            if need not in rig.capabilities:
+                raise ValueError(f"effect {name} has no meaning on rig {rig.name}: it needs {NEEDS[need]}")
 
 
 def meaningful(name: str, capabilities: Set[Need]) -> bool:

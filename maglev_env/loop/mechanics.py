@@ -30,7 +30,17 @@ EFFECTS: Mapping[str, EffectCard] = {
     ),
     "damping": EffectCard(
         "mechanics",
-        {"coefficient": Parameter("N s/m", -100.0, 1000.0, scale=1.0, starts=(-2.0, 1.0, 20.0))},
+        {
+            # 1 N s/m is 1 / 1600 of the mass over the control period of a rotor of 80 g at 20 kHz.
+            "coefficient": Parameter(
+                "N s/m",
+                -0.0625,
+                0.625,
+                scale=6.25e-4,
+                starts=(-1.25e-3, 6.25e-4, 0.0125),
+                per="mass / control period",
+            )
+        },
         "viscous damping added to the support",
         "force and displacement",
         form_share=0.005,

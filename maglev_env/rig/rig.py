@@ -12,8 +12,8 @@ from typing import Any
 from maglev_env.channels import NOISY
 from maglev_env.fields import check_known, check_range, increasing_pair, is_number, quantity, table_as
 from maglev_env.loop.axes import AXES, NO_CROSS, Cross
-from maglev_env.loop.card import Need
-from maglev_env.loop.effect import EFFECTS, Effects, check_effects, effect
+from maglev_env.loop.card import Need, Scales
+from maglev_env.loop.effect import EFFECTS, FINER, Effects, check_effects, effect
 from maglev_env.loop.gains import Controller, Controllers, Gains, LinearController, of_axis
 from maglev_env.loop.magnets.kinds import KINDS, MAGNETS, NO_MAGNET, check_magnet
 from maglev_env.loop.self_sensor import SelfSensing
@@ -241,12 +241,17 @@ class Rig:
             except ValueError as error:
                 raise ValueError(f"[axis.{name}]: {error}") from None
         check_magnet(self)
-        check_effects(self.effects, self.capabilities, self.name)
+        check_effects(self.effects, self, FINER)  # a recording may be simulated at a finer rate
 
     @property
     def controlled(self) -> bool:
         """Whether the rig has an actuator for a controller to use."""
         return self.magnet != NO_MAGNET
+
+    @property
+    def scales(self) -> Scales:
+        """What the bounds of effects are in proportion to."""
+        return Scales(1 / self.control_rate, self.mass)
 
     @property
     def capabilities(self) -> frozenset[Need]:
@@ -380,7 +385,7 @@ def _build(data: dict[str, Any]) -> Rig:
     target = dict(data.get("target", {}))
     if "band" in target:
         target["band"] = increasing_pair(target["band"], "[target] band")
-    return Rig(
+    rig = Rig(
         name=data["name"],
         magnet=data["magnet"],
         axes=data.get("axes", 1),
@@ -397,6 +402,8 @@ def _build(data: dict[str, Any]) -> Rig:
         self_sensing=table_as(SelfSensing, data, "self_sensing"),
         effects=_effects(data.get("effects", {})),
     )
+    check_effects(rig.effects, rig)
+    return rig
 
 
 def _effects(tables: Mapping[str, Any]) -> Effects:

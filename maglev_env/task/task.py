@@ -149,7 +149,7 @@ def make_task(
         raise ValueError(f"sensor = {sensor!r}; use one of {', '.join(SENSORS)}")
     check_episode(budget, move)
     loaded = with_defaults(loaded)
-    check_effects(effects or {}, loaded.capabilities, loaded.name)
+    check_effects(effects or {}, loaded)
     check_randomization(loaded, randomization)
     box = gain_box(loaded, tuned, bounds)
     # A rig with two axes is scored by the worse axis, against the target of x.

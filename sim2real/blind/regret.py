@@ -77,7 +77,7 @@ def correction(answer: Answer, rig: Rig) -> Effects:
             values[name][parameter] = value
     try:
         effects = {k: v for name in sorted(values) for k, v in effect(name, **values[name]).items()}
-        check_effects(effects, rig.capabilities, rig.name)
+        check_effects(effects, rig)
     except ValueError:
         return NO_EFFECTS
     return effects

@@ -199,7 +199,7 @@ def written_point(diagnosis: Mapping, answer: Answer, rig: Rig) -> Point:
     point = Point(effects, answer.changes)
     try:
         e = experiment_at(protocol_experiment(rig, rig.gains), point)
-        check_effects(e.effects, e.rig.capabilities, e.rig.name)
+        check_effects(e.effects, e.rig)
     except ValueError:
         return Point({}, {})
     return point

@@ -47,7 +47,7 @@ def test_what_cannot_be_told_is_none():
     noise = whitened(rng, np.zeros(SIZE))
     assert closed(noise, noise, 0) == (None, None)
     fallen = np.full(SIZE, np.nan + 0j)
-    assert closed(fallen, noise, 0) == (1.0, None)
+    assert closed(fallen, noise, 0) == (None, None)  # a rotor that fell gives nothing to compare with
     assert closed(noise + 3, fallen, 0) == (None, None)
     same = closed(noise + 3, noise + 3, 0)
     assert same[0] == 0.0 and same[1] == (0.0, 0.0)

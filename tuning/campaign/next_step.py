@@ -78,7 +78,7 @@ def next_step(
     Raises:
         ValueError: The rig has two axes or no controlled magnet, or the sets differ in gains that are not tuned.
     """
-    task, corners = _task(rig, sets, tuned)
+    task, corners = tuning_task(rig, sets, tuned)
     good = [i for i, s in enumerate(sets) if s.failed is None]
     nothing: tuple[None, ...] = (None,) * len(sets)
     notes = tuple(f"{', '.join(s.files)}: {s.failed}" for s in sets if s.failed)
@@ -105,7 +105,12 @@ def next_step(
     return _toward(advice, model, optimum(model, sets[_ranked(advice)[0]].gains, rng), seed)
 
 
-def _task(rig: Rig, sets: Sequence[GainSet], tuned: Sequence[str]) -> tuple[Task, np.ndarray]:
+def tuning_task(rig: Rig, sets: Sequence[GainSet], tuned: Sequence[str]) -> tuple[Task, np.ndarray]:
+    """The task of a campaign, its box wide enough for what was recorded, and the ends of the asked box as actions.
+
+    Raises:
+        ValueError: As `next_step`.
+    """
     if rig.axes != 1:
         raise ValueError(
             f"rig {rig.name} has two axes: a campaign is tuned one axis at a time; record one axis with a rig TOML of "

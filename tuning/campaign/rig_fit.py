@@ -133,7 +133,7 @@ def _parameters(rig: Rig) -> tuple[tuple[str, ...], np.ndarray]:
 
 def _most_delay(rig: Rig) -> float:
     """Largest delay in control samples, within the bounds of the effect."""
-    return min(MOST_DELAY, 0.999 * EFFECTS["delay"].parameters["time"].high * rig.control_rate)
+    return min(MOST_DELAY, 0.999 * EFFECTS["delay"].parameters["time"].on(rig.scales).high * rig.control_rate)
 
 
 def _seen(rig: Rig, name: str, frequency: np.ndarray) -> bool:

@@ -18,7 +18,7 @@ def check(
     out: Annotated[Path | None, typer.Option(help="HTML page (default: beside the campaign or file).")] = None,
     json_file: JsonOption = None,
 ) -> None:
-    """Check whether a campaign is good enough: alarms, noise, transients, quantisation, crest, lines, channels."""
+    """Check what a campaign is good for, by each command's own rules: alarms, noise, transients, lines, channels."""
     from importlib.metadata import version
 
     from rich.markup import escape
@@ -34,51 +34,58 @@ def check(
     from maglev_env.recordings.signals import recorded_signals
     from maglev_env.recordings.spectra import axis_signals
     from maglev_env.rig.rig import axis_rig
-    from maglev_workbench.commands.check.report import quality_tables
+    from maglev_workbench.commands.check.report import quality_tables, uses_json, uses_sections, uses_table
+    from maglev_workbench.commands.check.uses import check_answer, uses
     from maglev_workbench.console import console, write_json
     from maglev_workbench.page import write_page
     from maglev_workbench.record_page import record_page
 
+    said: list[tuple[object, bool]] = []  # what is printed, and whether its lines may be long
     if is_data_file(campaign):
         loaded, guess = guessed_campaign(campaign, rate)
         page = out or campaign.with_name(f"{campaign.stem}-check.html")
-        for one in guess.guesses:
-            console.print(f"guess: {one.what}: {escape(one.reason)}")
+        said += [(f"guess: {one.what}: {escape(one.reason)}", False) for one in guess.guesses]
     else:
         loaded = load_campaign(campaign)
         page = out or loaded.folder / "check.html"
     require_file(page, "--out")
-    found, datasets = [], []
+    found, datasets, used, alarmed = [], [], [], 0
     for spec in loaded.recordings:
         dataset = read_recording(loaded, spec, alarmed=True)
         alarms = alarms_of(dataset)
+        alarmed += bool(alarms)
         for alarm in alarms:
             style = "bold red" if alarm.severity == "refuse" else "yellow"
-            console.print(f"[{style}]ALARM[/] {escape(f'{spec.file}: {alarm.sentence}')}", soft_wrap=True)
+            said.append((f"[{style}]ALARM[/] {escape(f'{spec.file}: {alarm.sentence}')}", True))
+        used.append((spec.file, uses(loaded, spec, alarms)))
+        said.append((uses_table(*used[-1]), False))
         signals = recorded_signals(loaded, spec, dataset, excited=False)
         for axis in range(signals.axes):
             own = axis_signals(signals, axis)
             name = spec.file if signals.axes == 1 else f"{spec.file}, {AXES[axis]}"
             if not own.excitations and any(e.kind != "none" for e in spec.excitations):
-                console.print(f"{name}: nothing is excited along this axis")
+                said.append((f"{name}: nothing is excited along this axis", False))
                 continue
             rig = loaded.rig if loaded.rig is None or own.axis is None else axis_rig(loaded.rig, own.axis)
             quality = recording_quality(own, rig, alarms=alarms)
             found.append((name, quality))
-            for table in quality_tables(name, quality):
-                console.print(table)
-            for problem in quality.problems:
-                console.print(f"  [yellow]![/] {problem}")
-        for note in dataset.attrs["notes"]:
-            console.print(f"  note: {escape(note)}", soft_wrap=True)
+            said += [(table, False) for table in quality_tables(name, quality)]
+            said += [(f"  [yellow]![/] {problem}", False) for problem in quality.problems]
+        said += [(f"  note: {escape(note)}", True) for note in signals.assumed]
         datasets.append((spec.file, dataset))
-    write_page(page, record_page(f"Check of {loaded.folder.name}", datasets))
+    answer = check_answer(used, alarmed)
+    console.print(f"[bold]{escape(answer)}[/]")
+    for part, long in said:
+        console.print(part, soft_wrap=long)
+    write_page(page, record_page(f"Check of {loaded.folder.name}", datasets, answer, uses_sections(used)))
     console.print(f"page  {page}")
     write_json(
         json_file,
         {
             "schema": "maglev-check/1",
             "version": version("maglev-workbench"),
+            "answer": answer,
+            "commands": [{"file": file, **{u.command: uses_json(u) for u in of}} for file, of in used],
             "recordings": [{"file": f, **plain(q)} for f, q in found],
         },
     )

@@ -30,6 +30,7 @@ def diagnose(
     from maglev_workbench.page import write_page
     from sim2real import diagnosis
     from sim2real.corrected import write_corrected
+    from sim2real.report import sentence
 
     loaded = load_campaign(campaign)
     folder = out or loaded.folder / "diagnosis"
@@ -44,7 +45,9 @@ def diagnose(
             bar.update(task, description=f"diagnose: {step}", advance=1)
 
         found = diagnosis.diagnose(loaded, seed, advance)
-    report = plain(found.to_json()) | {"version": version("maglev-workbench")}
+    data = plain(found.to_json())
+    made_by = {"version": version("maglev-workbench"), "answer": sentence(found)}
+    report = {"schema": data["schema"]} | made_by | data
     files = {"rig ": folder / "corrected.toml", "data": folder / "diagnosis.json", "page": folder / "diagnosis.html"}
     write_corrected(found, files["rig "])
     write_json(files["data"], report)

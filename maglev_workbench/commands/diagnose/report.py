@@ -6,15 +6,19 @@ from importlib.metadata import version
 from typing import TYPE_CHECKING
 
 from maglev_env.loop.effect import EFFECTS
+from maglev_env.units import prefixed
 from maglev_workbench.commands.diagnose.figures import gap_bars, loop_diagram, ranking, responses, shares
+from maglev_workbench.commands.diagnose.leftover import leftover_sections
 from maglev_workbench.page import note, number, page, table
 from sim2real.diagnosis import Diagnosis, block_of
 from sim2real.gain_choice import GainChoice
 from sim2real.hypotheses import CALIBRATION, NONE, UNKNOWN
 from sim2real.judge import Entry
+from sim2real.leftover_words import fit_in_words, leftover_lines
 from sim2real.next_experiment import SEPARATED
-from sim2real.report import Correction, corrections, curves, percent, quantity, sentence, spoken, where_in_words
+from sim2real.report import Correction, corrections, curves, sentence, where_in_words
 from sim2real.shrink import errors
+from sim2real.words import percent, quantity, spoken
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure
@@ -23,8 +27,7 @@ if TYPE_CHECKING:
 NO_BETTER = 1.02  # a control effect that leaves less than this times the remaining gap fits as well as the named one
 BEYOND = 3.0  # a calibrated change of more than this many stated tolerances is marked
 TOP, LEAST = 5, 0.005  # hypotheses listed with their parameters, and their least probability
-_WORDS = {"stiffness": ("stiffness", 1e-3, "kN/m"), "damping": ("damping", 1.0, "N s/m"),
-          "peak_sensitivity": ("peak |S|", 1.0, "")}  # fmt: skip
+_WORDS = {"stiffness": ("stiffness", "N/m"), "damping": ("damping", "N s/m"), "peak_sensitivity": ("peak |S|", "")}
 _MEANING = {
     NONE: "the nominal rig as it is",
     CALIBRATION: "the nominal rig, its parameters changed within their tolerances",
@@ -59,6 +62,8 @@ def terminal(diagnosis: Diagnosis) -> "list[RenderableType]":
 
     parts: list[RenderableType] = [f"[bold]{plain(sentence(diagnosis))}[/]"]
     parts += [f"  {plain(line)}" for line in where_in_words(diagnosis)]
+    if diagnosis.leftover is not None:
+        parts += [f"  {plain(line)}" for line in leftover_lines(diagnosis.leftover)]
     ranked = Table(box=box.SIMPLE_HEAD, pad_edge=False)
     for name in _RANK_HEAD:
         if name != "where":  # left out because a terminal is narrow, and the blocks are given above
@@ -91,6 +96,7 @@ def diagnose_page(diagnosis: Diagnosis) -> str:
     sections: list[tuple[str, str | Figure]] = [
         ("Where the gap lies", loop_diagram(d, blamed)),
         ("", _list(where_in_words(d)) + note(_NOTES["where"])),
+        *([] if d.leftover is None else leftover_sections(d.leftover)),
         ("Which effect", ranking(d)),
         ("", _wrapped(table(_RANK_HEAD, [map(_typeset, row) for row in _ranked(d)])) + note(_NOTES["which"])),
         ("How far the gap shrinks", gap_bars(_gap_rows(d))),
@@ -178,7 +184,11 @@ def _gap_lines(d: Diagnosis) -> list[str]:
     if g.closed_fraction is not None:
         ends = g.closed_fraction_ci
         spread = f" (95 %: {100 * ends[0]:.0f} .. {100 * ends[1]:.0f})" if ends else ""
-        lines[0] = lines[0][:-1] + f"; {100 * g.closed_fraction:.0f} % closed{spread}."
+        lines[0] = lines[0][:-1] + f"; {round(100 * g.closed_fraction)} % closed{spread}."
+    if g.before is None:
+        lines[0] += " The nominal rig does not levitate with the recorded gains, so there is no share to close."
+    if g.figures is not None:
+        lines.append(f"The fit itself: {fit_in_words(g.figures)}.")
     foils = {name: value for name, value in g.foils.items() if value is not None}
     if foils and d.corrected.effects:
         text = "Foils: " + ", ".join(f"{name} leaves {number(value)}" for name, value in foils.items()) + "."
@@ -208,7 +218,8 @@ def _choice_line(choice: GainChoice) -> str:
 def _word_rows(d: Diagnosis) -> list[tuple[str, ...]]:
     """Stiffness, damping and peak sensitivity, measured and simulated, if the lines determine them."""
     rows = []
-    for name, (label, scale, unit) in _WORDS.items():
+    for name, (label, si) in _WORDS.items():
+        scale, unit = prefixed(getattr(d.gap.words["measured"], name), si)
         at = {when: getattr(words, name) * scale for when, words in d.gap.words.items()}
         if at["measured"] == at["measured"]:
             off = {

@@ -18,6 +18,6 @@ def effects() -> None:
 
     table = Table("effect", "block", "parameters", "identified by", "source")
     for name, kind in EFFECTS.items():
-        parameters = ", ".join(f"{k} {p.low:g} .. {p.high:g} {p.unit}".strip() for k, p in kind.parameters.items())
+        parameters = ", ".join(f"{k} {p.bounds}" for k, p in kind.parameters.items())
         table.add_row(name, kind.block, parameters, kind.identified_by, kind.source)
     console.print(table)

@@ -47,9 +47,15 @@ def estimate(
 
     from maglev_env.recordings.campaign import load_campaign
     from maglev_env.recordings.guess.verified import guessed_campaign
+    from maglev_workbench.commands.estimate.answer import estimate_answer
     from maglev_workbench.commands.estimate.one_file import OneFile, one_file_campaign
     from maglev_workbench.commands.estimate.planar_report import planar_json, planar_sections, planar_table
-    from maglev_workbench.commands.estimate.pooled_report import pooled_json, pooled_lines, pooled_table
+    from maglev_workbench.commands.estimate.pooled_report import (
+        pooled_json,
+        pooled_lines,
+        pooled_sections,
+        pooled_table,
+    )
     from maglev_workbench.commands.estimate.recordings import identify_campaign
     from maglev_workbench.commands.estimate.report import estimate_json, estimate_page, estimate_table
     from maglev_workbench.commands.estimate.terminal import say
@@ -84,12 +90,17 @@ def estimate(
             campaign, mass, estimate_mass, band_width, band_overlap, lambda s: bar.track(s, description="estimate")
         )
     rig = f"{campaign.rig.name}, {mass:g} kg" if campaign.rig else "not given"
-    made_by = {"Rig": rig, "Campaign": str(campaign.folder)}
-    write_page(page, estimate_page(found.axes, made_by, [planar_sections(*both) for both in found.planar]))
-    report = estimate_json(found.axes, method)
+    recordings = ", ".join(spec.file for spec in campaign.recordings)
+    made_by = {"Recordings": recordings, "Rig": rig, "Campaign": str(campaign.folder)}
+    answer = estimate_answer(found.axes, found.pooled)
+    more = [planar_sections(*both) for both in found.planar]
+    more += [pooled_sections(found.pooled)] if found.pooled else []
+    write_page(page, estimate_page(found.axes, made_by, more, answer))
+    report = estimate_json(found.axes, method) | {"answer": answer}
     planar = {"planar": [planar_json(*both) for both in found.planar]} if found.planar else {}
     together = {"pooled": pooled_json(found.pooled)} if found.pooled else {}
     write_json(json_file, report | planar | together)
+    console.print(f"[bold]{escape(answer)}[/]")
     for file, one_axis in found.axes:
         console.print(f"\n[bold]{escape(file)}[/]")
         console.print(estimate_table(one_axis, method))

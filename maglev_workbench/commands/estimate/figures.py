@@ -1,18 +1,26 @@
 """Figures of an identification: coefficients against frequency, the receptance, and |S|."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from estimation.frequency_response import frequency_response
 from maglev_env.evaluation.identification import Band, Identification, Stability
+from maglev_env.units import common_unit
 from maglev_workbench.page import COLOURS, labelled_axis, mark_iso_zones, shaded, styled, with_interval
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure
 
-COEFFICIENTS = {"stiffness": (1e-3, "kN/m"), "damping": (1.0, "N s/m")}  # factor from SI, unit
+COEFFICIENTS = {"stiffness": "N/m", "damping": "N s/m"}  # SI units
+Units = Mapping[str, tuple[float, str]]  # of each coefficient: factor from SI, and the unit in which it is shown
+
+
+def units_of(bands: Sequence[Band]) -> Units:
+    """Units that fit the size of the coefficients in these bands."""
+    sure = [b for b in bands if b.informative] or bands
+    return {name: common_unit((getattr(b, name) for b in sure), si) for name, si in COEFFICIENTS.items()}
 
 
 def estimate(band: Band, method: str, name: str) -> tuple[float, float, tuple[float, float]]:
@@ -23,8 +31,7 @@ def estimate(band: Band, method: str, name: str) -> tuple[float, float, tuple[fl
     return value, se, (value - 1.96 * se, value + 1.96 * se)
 
 
-def in_words(band: Band, method: str, name: str) -> str:
-    scale = COEFFICIENTS[name][0]
+def in_words(band: Band, method: str, name: str, scale: float) -> str:
     value, _, (low, high) = estimate(band, method, name)
     return with_interval(value * scale, low * scale, high * scale)
 
@@ -34,12 +41,13 @@ def coefficients(bands: Sequence[Band]) -> "Figure":
     from plotly.graph_objects import Scatter
     from plotly.subplots import make_subplots
 
-    titles = [f"{name} in {unit}" for name, (_, unit) in COEFFICIENTS.items()]
+    units = units_of(bands)
+    titles = [f"{name} in {unit}" for name, (_, unit) in units.items()]
     figure = styled(make_subplots(1, 2, subplot_titles=titles), 460)
     centre = np.array([(band.f_lo + band.f_hi) / 2 for band in bands])
     good = np.array([band.informative for band in bands])
     biased = np.array([band.ls_biased for band in bands])
-    for col, (name, (scale, unit)) in enumerate(COEFFICIENTS.items(), 1):
+    for col, (name, (scale, unit)) in enumerate(units.items(), 1):
         ml, low, high = scale * np.array([(getattr(b, name), *getattr(b, f"{name}_ci")) for b in bands]).T
         ls = scale * np.array([getattr(b, f"ls_{name}") for b in bands])
         promised = [getattr(b, f"effective_{name}") for b in bands]
@@ -59,7 +67,7 @@ def coefficients(bands: Sequence[Band]) -> "Figure":
                 ends = np.stack([low, high], axis=-1)[some]
                 bars = {"array": ends[:, 1] - ml[some], "arrayminus": ml[some] - ends[:, 0], "thickness": 1, "width": 2}
                 text = f"%{{x:g}} Hz: %{{y:.4g}} {unit}<br>%{{text}}<extra>{label}</extra>"
-                hover = [in_words(b, "ml", name) for b, wanted in zip(bands, some, strict=True) if wanted]
+                hover = [in_words(b, "ml", name, scale) for b, wanted in zip(bands, some, strict=True) if wanted]
                 trace = {"x": centre[some], "y": ml[some], "text": hover, "hovertemplate": text, "mode": "markers"}
                 style = {"marker": {"color": COLOURS[0], "symbol": symbol, "size": 6}, "opacity": opacity}
                 shown = {"name": label, "legendgroup": label, "showlegend": col == 1}

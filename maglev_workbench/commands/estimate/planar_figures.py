@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from maglev_env.evaluation.identification_planar import PlanarIdentification
-from maglev_workbench.commands.estimate.figures import COEFFICIENTS
+from maglev_env.units import common_unit
+from maglev_workbench.commands.estimate.figures import COEFFICIENTS, Units
 from maglev_workbench.page import COLOURS, styled, with_interval
 
 if TYPE_CHECKING:
@@ -32,11 +33,25 @@ class _Series:
     good: np.ndarray
 
 
+def planar_units(found: PlanarIdentification) -> Units:
+    """Units that fit the size of the direct coefficients; where none are known, of the row sums."""
+    known, sums = found.estimate.identifiable, found.row_sums
+    return {
+        name: common_unit(
+            getattr(found.estimate, name)[known][:, [0, 1], [0, 1]].ravel()
+            if known.any()
+            else np.concatenate([getattr(own, name) for s in sums for own in (s.x, s.y)] or [np.zeros(0)]),
+            si,
+        )
+        for name, si in COEFFICIENTS.items()
+    }
+
+
 def coefficient_matrix(found: PlanarIdentification, name: str) -> "Figure":
     """The four elements of "stiffness" or "damping", arranged as in the matrix, with 95 % bars and least squares."""
     from plotly.graph_objects import Scatter
 
-    scale, unit = COEFFICIENTS[name]
+    scale, unit = planar_units(found)[name]
     ml, ls, known = found.estimate, found.least_squares, found.estimate.identifiable
     values, low, high = (scale * getattr(ml, f"{name}{end}") for end in ("", "_low", "_high"))
     titles = [f"{SYMBOLS[name]}<sub>{element}</sub> in {unit}" for element in ELEMENTS]
@@ -60,7 +75,7 @@ def coefficient_matrix(found: PlanarIdentification, name: str) -> "Figure":
 def row_sum_panels(found: PlanarIdentification, names: Sequence[str]) -> "Figure":
     """Row sums of each recording (its name in names) along its line of motion: stiffness above, damping below."""
     titles, series, units = [], [], []
-    for name, (scale, unit) in COEFFICIENTS.items():
+    for name, (scale, unit) in planar_units(found).items():
         for axis, text in zip("xy", SUMS, strict=True):
             titles.append(re.sub("_(..)", r"<sub>\1</sub>", text.format(SYMBOLS[name])) + f" in {unit}")
             units.append(unit)

@@ -15,6 +15,7 @@ from maglev_workbench.commands.estimate.planar_figures import (
     SUMS,
     SYMBOLS,
     coefficient_matrix,
+    planar_units,
     row_sum_panels,
 )
 from maglev_workbench.commands.estimate.report import MISFIT, POOR_FIT, ROWS
@@ -59,11 +60,11 @@ def planar_table(found: PlanarIdentification) -> "rich.table.Table":
     for name in names:
         some = [b for b in shown if known[b] or name == "stiffness"]
         if some:
-            blocks.append((_head(name), [(_cells(found, name, b), _style(found, b)) for b in some]))
+            blocks.append((_head(found, name), [(_cells(found, name, b), _style(found, b)) for b in some]))
     sure = found.row_sums[0].x.informative & found.row_sums[0].y.informative
     sums = [(_sum_cells(found, 0, b), "" if sure[b] else "dim") for b in shown if not known[b]]
     if sums:
-        heads = [name.replace(" + ", "\n+ ") for name in _sum_head()]
+        heads = [name.replace(" + ", "\n+ ") for name in _sum_head(found)]
         blocks.append((["\n" * (2 - name.count("\n")) + name for name in heads], sums))
     result = Table(box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), caption_justify="left")
     for i, name in enumerate(blocks[0][0]):
@@ -96,9 +97,9 @@ def planar_sections(files: str, found: PlanarIdentification) -> "list[tuple[str,
         if name == "bearing":
             rows = [_cells(found, name, b)[:-1] for b in np.flatnonzero(known)]
             sections.append((f"Bearing alone, {files}", note("Total less the rig's support, which is taken as exact.")))
-            sections.append(("", _foldable(_head(name)[:-1], rows)))
+            sections.append(("", _foldable(_head(found, name)[:-1], rows)))
         else:
-            head, rows = _head(name), [_cells(found, name, b) for b in range(len(known))]
+            head, rows = _head(found, name), [_cells(found, name, b) for b in range(len(known))]
             if name == "damping":
                 head.append("adjusted R2\nx, y")
                 for cells, r2, told in zip(rows, found.least_squares.r2_adjusted, known, strict=True):
@@ -156,19 +157,20 @@ def _blocks(found: PlanarIdentification) -> list[str]:
     return [name for name in _BLOCKS if name != "bearing" or found.bearing_stiffness is not None]
 
 
-def _head(block: str) -> list[str]:
-    names = [f"{SYMBOLS[name]}_{element}\n{COEFFICIENTS[name][1]}" for name, element in _BLOCKS[block]]
+def _head(found: PlanarIdentification, block: str) -> list[str]:
+    units = planar_units(found)
+    names = [f"{SYMBOLS[name]}_{element}\n{units[name][1]}" for name, element in _BLOCKS[block]]
     return ["band\nHz", *names, _LAST[block]]
 
 
 def _cells(found: PlanarIdentification, block: str, b: int) -> list[str]:
-    cells = []
+    cells, units = [], planar_units(found)
     for name, element in _BLOCKS[block]:
         at = (b, *ELEMENTS[element])
         values = np.array([getattr(found.estimate, f"{name}{end}")[at] for end in ("", "_low", "_high")])
         if block == "bearing":
             values -= values[0] - getattr(found, f"bearing_{name}")[at]
-        cells.append(with_interval(*COEFFICIENTS[name][0] * values))
+        cells.append(with_interval(*units[name][0] * values))
     last = {"stiffness": number(found.estimate.condition[b]), "damping": _trust(found, b), "bearing": ""}
     return ["{:.4g}–{:.4g}".format(*found.bands[b]), *cells, last[block]]
 
@@ -205,15 +207,16 @@ def _legend(found: PlanarIdentification, styles: set[str], refused: bool) -> lis
     return texts
 
 
-def _sum_head() -> list[str]:
-    names = [f"{text.format(SYMBOLS[name])}\n{unit}" for name, (_, unit) in COEFFICIENTS.items() for text in SUMS]
+def _sum_head(found: PlanarIdentification) -> list[str]:
+    units = planar_units(found).items()
+    names = [f"{text.format(SYMBOLS[name])}\n{unit}" for name, (_, unit) in units for text in SUMS]
     return ["band\nHz", *names, "\nr = y / x"]
 
 
 def _sum_cells(found: PlanarIdentification, recording: int, b: int) -> list[str]:
     sums = found.row_sums[recording]
     cells = []
-    for name, (scale, _) in COEFFICIENTS.items():
+    for name, (scale, _) in planar_units(found).items():
         for own in (sums.x, sums.y):
             cells.append(with_interval(*(scale * getattr(own, f"{name}{end}")[b] for end in ("", "_low", "_high"))))
     return ["{:.4g}–{:.4g}".format(*found.bands[b]), *cells, _ratio(sums.ratio[b])]
@@ -270,5 +273,5 @@ def _sum_sections(files: str, found: PlanarIdentification) -> "list[tuple[str, s
         sections.append(("", note(text)))
     for recording, name in enumerate(names):
         rows = [_sum_cells(found, recording, b) for b in np.flatnonzero(~known)]
-        sections.append((name if len(names) > 1 else "", _foldable(_sum_head(), rows)))
+        sections.append((name if len(names) > 1 else "", _foldable(_sum_head(found), rows)))
     return sections

@@ -1,25 +1,45 @@
 """The pooled estimate of a named rig: a table of identified against nominal values, and JSON."""
 
+from html import escape
 from typing import TYPE_CHECKING, Any
 
+from maglev_env.units import prefixed
+from maglev_workbench.page import table as html_table
 from sim2real.pooled import Coefficient, Pooled
 
 if TYPE_CHECKING:
     import rich.table
 
 
+_HEAD = ("all recordings together", "identified", "95 %", "nominal", "change", "standard errors")
+
+
 def pooled_table(found: Pooled) -> "rich.table.Table":
     """Identified beside nominal coefficients, in percent and in standard errors."""
     from rich.table import Table
 
-    table = Table("all recordings together", "identified", "95 %", "nominal", "change", "standard errors")
+    table = Table(*_HEAD)
+    for row in _rows(found):
+        table.add_row(*row)
+    return table
+
+
+def pooled_sections(found: Pooled) -> list[tuple[str, str]]:
+    """The same table as a section of a page."""
+    lines = "".join(f"<li>{escape(line)}</li>" for line in pooled_lines(found))
+    return [("The rig in all recordings", html_table(_HEAD, _rows(found)) + (f"<ul>{lines}</ul>" if lines else ""))]
+
+
+def _rows(found: Pooled) -> list[tuple[str, ...]]:
+    rows = []
     for c in found.coefficients:
-        low, high = c.interval
+        scale, unit = prefixed(c.nominal or max(c.interval, key=abs), c.unit)
+        low, high = (end * scale for end in c.interval)
         interval = f"{low:.5g} .. {high:.5g}" if c.bounded else "not bounded"
         change = "-" if c.change is None else f"{c.change:+.1%}"
-        name = f"{c.name.replace('_', ' ')}, {c.unit}"
-        table.add_row(name, f"{c.value:.5g}", interval, f"{c.nominal:.5g}", change, f"{c.apart:+.1f}")
-    return table
+        name = f"{c.name.replace('_', ' ')}, {unit}"
+        rows.append((name, f"{c.value * scale:.5g}", interval, f"{c.nominal * scale:.5g}", change, f"{c.apart:+.1f}"))
+    return rows
 
 
 def pooled_lines(found: Pooled) -> list[str]:

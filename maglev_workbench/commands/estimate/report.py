@@ -15,6 +15,7 @@ from maglev_workbench.commands.estimate.figures import (
     in_words,
     receptance,
     sensitivity,
+    units_of,
 )
 from maglev_workbench.page import facts, note, number, page, with_interval
 
@@ -73,12 +74,13 @@ def estimate_table(identification: Identification, method: Method) -> "rich.tabl
     from rich.table import Table
 
     bands = identification.bands
+    units = units_of(bands)
     step = -(-len(bands) // ROWS)
     table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
     table.add_column("band\nHz", justify="right", no_wrap=True)
     for one in ("ls", "ml"):
         if method in (one, "both"):
-            for name, (_, unit) in COEFFICIENTS.items():
+            for name, (_, unit) in units.items():
                 table.add_column(f"{one.upper()} {name}\n{unit}", justify="right", min_width=len(name))
     table.add_column("adjusted\nR2", justify="right", no_wrap=True)
     table.add_column("\ntrust", no_wrap=True, min_width=13)
@@ -86,9 +88,9 @@ def estimate_table(identification: Identification, method: Method) -> "rich.tabl
         cells = [f"{band.f_lo:g}–{band.f_hi:g}"]
         for one in ("ls", "ml"):
             if method in (one, "both"):
-                cells += [in_words(band, one, name) for name in COEFFICIENTS]
+                cells += [in_words(band, one, name, scale) for name, (scale, _) in units.items()]
         style = "dim" if not band.informative else "yellow" if band.ls_biased else ""
-        table.add_row(*cells, number(band.r2_adjusted), _trust(band), style=style)
+        table.add_row(*cells, number(band.r2_adjusted), trust(band), style=style)
     table.caption = "±, [ ]: 95 %. Yellow: noise biases least squares.\nDim: the data do not bound the estimate."
     if step > 1:
         table.caption += f"\nOne band in {step} of {len(bands)} is shown; the page and the JSON hold all."
@@ -99,6 +101,7 @@ def estimate_page(
     results: Sequence[tuple[str, Identification]],
     made_by: Mapping[str, object] | None = None,
     more: "Sequence[Sequence[tuple[str, str | Figure]]]" = (),
+    answer: str = "",
 ) -> str:
     """The HTML of all recordings: coefficients over frequency, receptance, |S| and margins, notes.
 
@@ -106,6 +109,7 @@ def estimate_page(
         results: (file, identification).
         made_by: names and values of their origin, such as the campaign and the rig.
         more: groups of sections of `maglev_workbench.page.page` that follow those of the recordings.
+        answer: first sentence of the page.
     """
     sections: list[tuple[str, str | Figure]] = []
     for file, found in results:
@@ -113,10 +117,16 @@ def estimate_page(
     for group in more:
         sections += group
     origin = {"Recordings": ", ".join(file for file, _ in results), **(made_by or {})}
-    title = f"Estimate of {results[0][0]}" if len(results) == 1 else f"Estimate of {len(results)} recordings"
+    names = {0: "the rig in all recordings", 1: results[0][0] if results else ""}
+    title = f"Estimate of {names.get(len(results), f'{len(results)} recordings')}"
     summary = " ".join(f"{file}: {_summary(found)}" for file, found in results[:3])
     rest = f" {len(results) - 3} more below." if len(results) > 3 else ""
-    return page(title, summary + rest, sections, {**origin, "Version": version("maglev-workbench")})
+    return page(
+        title,
+        " ".join(filter(None, (answer, summary + rest))),
+        sections,
+        {**origin, "Version": version("maglev-workbench")},
+    )
 
 
 def _band(band: Band, method: str) -> dict[str, Any]:
@@ -128,7 +138,8 @@ def _band(band: Band, method: str) -> dict[str, Any]:
     return entry | {"method": method} | flags
 
 
-def _trust(band: Band) -> str:
+def trust(band: Band) -> str:
+    """What of a band may be trusted: "either" method, "ML" alone, "poor fit" or "uninformative"."""
     if not band.informative:
         return "uninformative"
     if band.ls_biased:

@@ -1,6 +1,7 @@
 """Lines for the terminal below the table of an identification."""
 
 from maglev_env.evaluation.identification import Identification
+from maglev_env.units import prefixed
 from maglev_workbench.console import console
 
 
@@ -11,8 +12,12 @@ def say(found: Identification) -> None:
         console.print(f"mass {m.mass:.5g} +- {1.96 * m.mass_se:.2g} kg")
     if found.actuator:
         a = found.actuator
-        console.print(f"actuator gain {a.gain:.4g} +- {1.96 * a.gain_se:.2g} N/A")
-        console.print(f"stiffness without control {a.stiffness / 1e3:.4g} +- {1.96 * a.stiffness_se / 1e3:.2g} kN/m")
+        for name, value, se, si in (
+            ("actuator gain", a.gain, a.gain_se, "N/A"),
+            ("stiffness without control", a.stiffness, a.stiffness_se, "N/m"),
+        ):
+            scale, unit = prefixed(value, si)
+            console.print(f"{name} {value * scale:.4g} +- {1.96 * se * scale:.2g} {unit}")
     if found.natural_frequency is not None:
         console.print(f"natural frequency {found.natural_frequency:.2f} Hz, damping ratio {found.damping_ratio:.4f}")
     d = found.distortion

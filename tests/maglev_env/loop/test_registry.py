@@ -33,7 +33,7 @@ FREQUENCY = np.geomspace(2.0, 2000.0, 30)
 def given(name):
     """The effect with the first values at which a diagnosis starts; where it does not fit it, a plain value."""
     parameters = EFFECTS[name].parameters
-    values = {key: p.starts[0] for key, p in parameters.items() if p.starts}
+    values = {key: p.on(RIG.scales).starts[0] for key, p in parameters.items() if p.starts}
     return effect(name, **values) if values else effect(name, 1e-6)
 
 

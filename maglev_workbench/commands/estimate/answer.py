@@ -1,0 +1,96 @@
+"""The answer of `maglev estimate` in one sentence: stiffness, damping and actuator gain over the trusted band."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from maglev_env.evaluation.identification import NORMAL_95, Band, Identification
+from maglev_env.units import prefixed
+from maglev_workbench.commands.estimate.figures import COEFFICIENTS
+from maglev_workbench.commands.estimate.report import trust
+from maglev_workbench.page import number, with_interval
+from sim2real.pooled import Coefficient, Pooled
+
+STEADY = (
+    4.0  # mean square of the bands' deviations, in their standard errors, up to which a coefficient is one constant
+)
+
+
+@dataclass(frozen=True)
+class Constant:
+    """A coefficient over the trusted bands, SI.
+
+    Attributes:
+        value: Its weighted mean over bands that do not overlap.
+        interval: Its 95 % interval, widened by the bands' scatter; the smallest and largest value where it varies.
+        varies: Whether it varies with frequency by more than its uncertainty.
+    """
+
+    value: float
+    interval: tuple[float, float]
+    varies: bool
+
+
+def trusted(bands: Sequence[Band]) -> list[Band]:
+    """Bands that bound their coefficients and that constant coefficients describe, without overlap."""
+    found: list[Band] = []
+    for band in bands:
+        if trust(band) in ("either", "ML") and (not found or band.f_lo >= found[-1].f_hi):
+            found.append(band)
+    return found
+
+
+def over_bands(bands: Sequence[Band], name: str) -> Constant:
+    """A coefficient over bands that do not overlap."""
+    value = np.array([getattr(b, name) for b in bands])
+    low, high = np.array([getattr(b, f"{name}_ci") for b in bands]).T
+    weight = ((high - low) / (2 * NORMAL_95)) ** -2.0
+    mean = float(np.average(value, weights=weight))
+    scatter = float(np.sum(weight * (value - mean) ** 2) / max(value.size - 1, 1))
+    if value.size > 1 and scatter > STEADY:
+        return Constant(mean, (float(value.min()), float(value.max())), True)
+    half = NORMAL_95 * float(np.sqrt(max(scatter, 1.0) / weight.sum()))
+    if value.size == 1:
+        return Constant(mean, (float(low[0]), float(high[0])), False)
+    return Constant(mean, (mean - half, mean + half), False)
+
+
+def estimate_answer(results: Sequence[tuple[str, Identification]], pooled: Pooled | None) -> str:
+    """One sentence on recordings (file, identification), and on all of them together where the rig was fitted."""
+    if pooled is not None:
+        return _of_all(pooled)
+    file, found = max(results, key=lambda one: len(trusted(one[1].bands)))
+    among = f"{file}: " if len(results) == 1 else f"{file}, which bounds most of {len(results)} recordings: "
+    sure = trusted(found.bands)
+    if not sure:
+        return f"{among}no band bounds stiffness and damping; `maglev check` says what to record instead."
+    parts = [_in_words(name, over_bands(sure, name)) for name in COEFFICIENTS]
+    if found.actuator is not None:
+        gain, se = found.actuator.gain, found.actuator.gain_se
+        scale, unit = prefixed(gain, "N/A")
+        half = NORMAL_95 * se * scale
+        parts.append(f"actuator gain {with_interval(gain * scale, gain * scale - half, gain * scale + half)} {unit}")
+    without = " without the controller" if found.actuator is not None else ""
+    return f"{among}{', '.join(parts)}{without} (95 %), trusted from {sure[0].f_lo:.4g} to {sure[-1].f_hi:.4g} Hz."
+
+
+def _in_words(name: str, found: Constant) -> str:
+    scale, unit = prefixed(found.value, COEFFICIENTS[name])
+    low, high = (end * scale for end in found.interval)
+    if found.varies:
+        return f"{name} varying from {number(low)} to {number(high)} {unit}"
+    return f"{name} {with_interval(found.value * scale, low, high)} {unit}"
+
+
+def _of_all(found: Pooled) -> str:
+    parts = [_coefficient(c) for c in found.coefficients if c.bounded]
+    loose = [c.name.replace("_", " ") for c in found.coefficients if not c.bounded]
+    text = f"The rig in all recordings: {', '.join(parts)} (95 %)" if parts else "The recordings bound no coefficient"
+    text += f"; not bounded: {', '.join(loose)}" if loose and parts else ""
+    return text + ("; the recordings disagree." if found.disagreements else ".")
+
+
+def _coefficient(c: Coefficient) -> str:
+    scale, unit = prefixed(max(c.interval, key=abs), c.unit)
+    return f"{c.name.replace('_', ' ')} {with_interval(c.value * scale, *(end * scale for end in c.interval))} {unit}"

@@ -1,0 +1,41 @@
+"""Values with their errors, shares and names of parameters, as a report writes them."""
+
+from math import floor, isfinite, log10
+
+from maglev_env.units import prefixed
+
+_DIGITS = 4
+NO_ERROR = 1e-8  # of the value: a smaller standard error belongs to a parameter that the recordings do not determine
+
+
+def quantity(value: float, se: float | None, unit: str, is_change: bool = False) -> str:
+    """A value with its standard error in a readable unit: "75.0 +- 1.2 us"; "+3.1 +- 0.4 %" for a relative change."""
+    if is_change:
+        return f"{_with_se(100 * value, se and 100 * se, '+')} %"
+    factor, shown = prefixed(value, unit)
+    return f"{_with_se(value * factor, se and se * factor)} {shown}".rstrip()
+
+
+def _with_se(value: float, se: float | None, sign: str = "") -> str:
+    if not se or not isfinite(se) or se < NO_ERROR * abs(value):
+        return f"{value:{sign}.3g}"
+    places = 1 - floor(log10(se))
+    if value:
+        places = min(places, _DIGITS - 1 - floor(log10(abs(value))))
+    places = max(places, 0)
+    error = f"{se:.{places}f}" if float(f"{se:.{places}f}") else f"{se:.1g}"
+    return f"{value:{sign}.{places}f} +- {error}"
+
+
+def spoken(name: str, with_effect: bool) -> str:
+    """A parameter "effect.parameter" in words, with or without the name of its effect."""
+    effect, _, key = name.partition(".")
+    words = key.removesuffix("_hz").replace("_", " ")
+    return f"{effect} {words}" if with_effect else words
+
+
+def percent(share: float) -> str:
+    """A share or probability in per cent; values close to 0 or 1 are given as "< 1 %" or "> 99 %"."""
+    if share > 0.995:
+        return "> 99 %" if share < 1 else "100 %"
+    return "< 1 %" if 0 < share < 0.005 else f"{100 * share:.0f} %"

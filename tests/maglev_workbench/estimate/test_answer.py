@@ -1,0 +1,76 @@
+"""The first sentence of `maglev estimate`, on identifications written by hand."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from test_estimate_report import band, identification
+
+from estimation.actuator import ActuatorEstimate
+from maglev_workbench.commands.estimate.answer import estimate_answer, over_bands, trusted
+from maglev_workbench.commands.estimate.pooled_report import pooled_sections
+from sim2real.pooled import Coefficient, Pooled
+
+SOFT = tuple(
+    band(f, stiffness=2.5, stiffness_ci=(2.4, 2.6), damping=0.003, damping_ci=(0.0029, 0.0031)) for f in (1.0, 16.0)
+)
+
+
+def test_the_sentence_has_values_intervals_and_the_trusted_band():
+    text = estimate_answer([("run1.npz", identification(bands=SOFT))], None)
+    assert text == (
+        "run1.npz: stiffness 2.500 ±0.071 N/m, damping 3.000 ±0.071 mN s/m (95 %), trusted from 1 to 31 Hz."
+    )
+
+
+def test_a_coefficient_that_varies_has_its_range():
+    rising = (band(1.0), band(16.0, stiffness=4e4, stiffness_ci=(3.99e4, 4.01e4)))
+    text = estimate_answer([("run1.npz", identification(bands=rising))], None)
+    assert "stiffness varying from 30.0 to 40.0 kN/m" in text and "damping 30.00 ±0.71 N s/m" in text
+
+
+def test_overlapping_and_unbounded_bands_do_not_count():
+    wide = band(31.0, informative=False, stiffness_ci=(-np.inf, np.inf))
+    assert [b.f_lo for b in trusted((band(1.0), band(4.0), band(16.0), wide))] == [1.0, 16.0]
+    found = over_bands([band(1.0)], "stiffness")
+    assert found.interval == (2.99e4, 3.01e4) and not found.varies
+
+
+def test_many_bands_cover_as_stated():
+    """The interval of the mean of 8 bands with their own noise, over 2000 draws."""
+    rng, inside = np.random.default_rng(0), 0
+    for _ in range(2000):
+        values = 3e4 + 50 * rng.standard_normal(8)
+        bands = [band(15.0 * i, stiffness=v, stiffness_ci=(v - 98, v + 98)) for i, v in enumerate(values)]
+        low, high = over_bands(bands, "stiffness").interval
+        inside += low <= 3e4 <= high
+    assert 0.93 < inside / 2000 < 0.99  # the scatter only widens it
+
+
+def test_the_best_of_several_recordings_answers_and_the_actuator_is_said():
+    none = identification(bands=(band(1.0, informative=False),))
+    gain = ActuatorEstimate(0.93, -50.0, 0.0, 0.01, 1.0, 0.1, 1.0, 0.0)
+    text = estimate_answer([("a", none), ("b", identification(bands=SOFT, actuator=gain))], None)
+    assert text.startswith("b, which bounds most of 2 recordings: ") and "actuator gain 0.930 ±0.020 N/A" in text
+    assert "without the controller" in text
+    assert "no band bounds stiffness and damping; `maglev check`" in estimate_answer([("a", none)], None)
+
+
+def test_all_recordings_together_answer_where_the_rig_was_fitted():
+    gain = Coefficient("actuator_gain", "N/A", 5.6, 0.05, 5.7, True)
+    loose = replace(gain, name="delay", unit="s", value=1e-5, se=1.0, bounded=False)
+    found = Pooled((gain, loose), 1.0, (), {})
+    assert estimate_answer([], found) == (
+        "The rig in all recordings: actuator gain 5.600 ±0.098 N/A (95 %); not bounded: delay."
+    )
+    assert estimate_answer([], replace(found, disagreements=("x",))).endswith("the recordings disagree.")
+    assert "bound no coefficient" in estimate_answer([], replace(found, coefficients=(loose,)))
+    ((_, html),) = pooled_sections(found)
+    assert "actuator gain, N/A" in html and "not bounded" in html
+
+
+@pytest.mark.parametrize("unit", ["N/m"])
+def test_a_table_of_all_recordings_fits_its_units(unit):
+    k = Coefficient("negative_stiffness", unit, -1.2e4, 100.0, -1.25e4, True)
+    ((_, html),) = pooled_sections(Pooled((k,), 1.5, (), {}))
+    assert "negative stiffness, kN/m" in html and "-12.5" in html and "times the noise" in html
