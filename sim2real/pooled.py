@@ -106,15 +106,15 @@ def pooled(records: Sequence[Record | OpenRecord], progress: Callable[[str], Non
     rig = records[0].nominal
     progress("all recordings")
     static = static_of(rig, [r.rests for r in records])
-    problem, fit = _fitted(records, rest=False)
-    whole = _coefficients(rig, problem, fit)
+    problem, fit, others = _fitted(records, rest=False)
+    whole = _coefficients(rig, problem, fit, others)
     of_each, apart, scattered = {}, [], set()
     if static is not None:
         of_each[AT_REST] = _at_rest(rig, static)
         apart += _contradictions(whole, of_each[AT_REST])
         if not apart:
-            problem, fit = _fitted(records, fit, rest=True)
-            whole = _coefficients(rig, problem, fit)
+            problem, fit, others = _fitted(records, fit, rest=True)
+            whole = _coefficients(rig, problem, fit, others)
     contradicted = bool(apart)
     if len(records) > 1:
         for record in records:
@@ -130,7 +130,10 @@ def pooled(records: Sequence[Record | OpenRecord], progress: Callable[[str], Non
     return Pooled(whole, _misfit(fit), tuple(apart), of_each)
 
 
-def _fitted(records: Sequence[Record | OpenRecord], near: Fit | None = None, rest: bool = False) -> tuple[Problem, Fit]:
+def _fitted(
+    records: Sequence[Record | OpenRecord], near: Fit | None = None, rest: bool = False
+) -> tuple[Problem, Fit, list[Fit]]:
+    """The problem, its fit, and the nominal rig and the start in the same problem."""
     rig = records[0].nominal
     hidden = frozenset.intersection(*(r.upstream if isinstance(r, OpenRecord) else frozenset() for r in records))
     names = tuple(name for name in UNITS if meaningful(name, rig.capabilities) and name not in hidden)
@@ -149,9 +152,20 @@ def _fitted(records: Sequence[Record | OpenRecord], near: Fit | None = None, res
         u = fit.u
         if any(isinstance(r, OpenRecord) for r in records):
             problem = problem.again(h.point(u))  # their noise is what a good simulation leaves
-    (fit,) = begin([h], [u], problem.data, problem.simulate)
+    starts = [np.zeros(h.size)] if near is None else [np.zeros(h.size), near.u]
+    fit, *others = begin([h] * (1 + len(starts)), [u, *starts], problem.data, problem.simulate)
     differentiate([fit], problem.data, problem.simulate, True)
-    return problem, fit
+    return problem, fit, others
+
+
+def least_spread(fit: Fit, other: Fit) -> np.ndarray:
+    """Least standard errors (size,) of a fit's coordinates that its likelihood ratio to another point allows.
+
+    That ratio bounds the ratio to every value of one coordinate that the point has, so no coordinate is further from
+    it, in standard errors, than its root; the curvature at the fit claims more where little is told. A unit of cost is
+    left for a fit that has not quite arrived.
+    """
+    return np.abs(fit.u - other.u) / np.sqrt(max(other.cost - fit.cost, 0.0) + 1.0)
 
 
 def _at_rest(rig: Rig, static: StaticEstimate) -> tuple[Coefficient, ...]:
@@ -193,11 +207,12 @@ def _misfit(fit: Fit) -> float:
     return float(np.mean(abs(fit.residual) ** 2) / 2)
 
 
-def _coefficients(rig: Rig, problem: Problem, fit: Fit) -> tuple[Coefficient, ...]:
-    """Coefficients of a fit."""
+def _coefficients(rig: Rig, problem: Problem, fit: Fit, others: Sequence[Fit]) -> tuple[Coefficient, ...]:
+    """Coefficients of a fit; `others` are points that its intervals must not exclude more than the likelihood does."""
     misfit = _misfit(fit)
     factor = np.sqrt(misfit) if misfit > 1 + SIGNIFICANT / np.sqrt(fit.residual.size) else 1.0
-    sd = np.sqrt(np.diag(fit.covariance())) * np.maximum(widening(problem, fit), factor)
+    sd = np.maximum.reduce([np.sqrt(np.diag(fit.covariance())), *(least_spread(fit, other) for other in others)])
+    sd = sd * np.maximum(widening(problem, fit), factor)
     found = []
     for c, u, spread in zip(fit.hypothesis.coordinates, fit.u, sd, strict=False):
         nominal, scale = _nominal(rig, c.effect), c.scale or 1.0

@@ -3,7 +3,9 @@
 import numpy as np
 import pytest
 
-from sim2real.pooled import Coefficient, across_recordings
+from sim2real.fitting import Fit, cost_of
+from sim2real.hypotheses import Hypothesis
+from sim2real.pooled import Coefficient, across_recordings, least_spread
 
 
 def _of(value, se):
@@ -24,3 +26,20 @@ def test_recordings_with_errors_of_their_own_widen_the_interval_to_cover_them():
 def test_a_recording_that_tells_little_does_not_undo_what_the_others_tell():
     whole = _of(1.0, 0.01)
     assert across_recordings(whole, [_of(1.0, 0.01), _of(1.0, 0.02), _of(0.3, 0.1)]).se < 5 * whole.se
+
+
+@pytest.mark.parametrize("power", [1, 2])
+def test_an_interval_excludes_a_point_no_more_than_the_likelihood_does(power):
+    # With the square of a coordinate, the data tell nothing of it where it is zero, but the curvature at a fit does.
+    rng, h, sd = np.random.default_rng(2), Hypothesis(("damping",), {}), 1 / np.sqrt(20)
+    wald, least = [], []
+    for _ in range(1000):
+        data = rng.standard_normal(20) + 1j * rng.standard_normal(20)
+        mean = float(data.real.mean())
+        u = np.sign(mean) * abs(mean) ** (1 / power)
+        best, true = (Fit(h, np.array([v]), data - p, cost_of(data - p, np.zeros(1), np.zeros(1)))
+                      for v, p in ((u, mean), (0.0, 0.0)))  # fmt: skip
+        wald.append(sd / (power * abs(u) ** (power - 1)))
+        least.append(abs(u) / max(wald[-1], float(least_spread(best, true)[0])))
+        assert power > 1 or least_spread(best, true)[0] < wald[-1]  # a straight line needs no widening
+    assert np.mean(np.array(least) < 1.96) > 0.93

@@ -126,7 +126,7 @@ def campaign(seed: int, effect: str | None = None) -> tuple[Rig, tuple[str, ...]
         command_step=(60.0 if d.cascade else 6.0) / 4096,
         sensor_lag=0.3e-3 + (size if effect == "sensor_lag" else 0.0),
         delay=size if effect == "delay" else 0.0,
-        substeps=20,
+        substeps=20 if d.cascade else 5,
         stops=(-0.9 * d.gap - 3e-3, 0.8 * d.gap),
         reading=reading,
         jitter=float(rng.choice([0.0, 0.0, 0.01])),
