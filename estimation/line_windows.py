@@ -64,7 +64,7 @@ class LineWindows:
 
     def cleared(self, spectrum: np.ndarray) -> np.ndarray:
         """Spectra (..., count, WIDTH) with transient and drift taken out, in the same lines."""
-        return self.project(spectrum) @ self._complement.T
+        return self.project(spectrum) @ self.directions.T
 
     def noise(self, residual: np.ndarray, excitation: np.ndarray) -> "WindowNoise":
         """The noise of a residual, told from what the excitation explains of it.

@@ -159,7 +159,7 @@ def diagnose(
         best = min(attribution.candidates, key=lambda c: c.predictive).fit
         near = best.hypothesis.point(best.u)
         louder = float(widening(fitted, best).max(initial=1.0))
-        again, judged = fitted.again(near, louder), judged.again(near)
+        again, judged = fitted.again(near, louder), judged.again(near, louder)
         if louder > LOUDER:
             notes.append(
                 f"errors at single moments, as at steps or kicks: the noise is taken as {louder:.2g} times as large as "

@@ -10,7 +10,7 @@ from maglev_env.loop.effect import EFFECTS
 from sim2real.diagnosis import Diagnosis, block_of
 from sim2real.hypotheses import CALIBRATION, NONE, TONES, UNKNOWN
 from sim2real.judge import Entry
-from sim2real.leftover_words import fit_in_words, leaves, parameters_in_words, partial_in_words
+from sim2real.leftover_words import NORMAL_95, fit_in_words, leaves, parameters_in_words, partial_in_words
 from sim2real.locate import Where
 from sim2real.problem import Part
 from sim2real.shrink import Gap
@@ -19,6 +19,7 @@ from sim2real.words import percent, quantity
 
 FEWEST = 3  # lines that a curve needs
 SHOWN_BANDS, LEAST_SHARE = 3, 0.05
+BEYOND = 3.0  # a calibrated change of more than this many stated tolerances is said
 
 
 @dataclass(frozen=True)
@@ -99,6 +100,8 @@ def sentence(diagnosis: Diagnosis) -> str:
     probability = {e.effects: e.probability for e in diagnosis.which}
     if diagnosis.verdict == "no_gap":
         sure = probability.get((NONE,), 0.0) + probability.get((CALIBRATION,), 0.0)
+        if far := _far(diagnosis):
+            return f"No effect is needed ({percent(sure)}), but the rig is not as stated: {', '.join(far)}."
         return f"There is no gap beyond the noise and the rig's stated tolerances ({percent(sure)})."
     left = diagnosis.leftover
     if diagnosis.verdict == "unexplained" and left is not None:
@@ -126,6 +129,18 @@ def sentence(diagnosis: Diagnosis) -> str:
         f"The gap is explained by {_and(top.effects)} ({percent(top.probability)}), in "
         f"{_blocks(block_of('+'.join(top.effects)))}; {values}{_closes(diagnosis.gap)}."
     )
+
+
+def _far(diagnosis: Diagnosis) -> list[str]:
+    """Calibrated parameters that have moved by more than BEYOND stated tolerances."""
+    stated = diagnosis.rig.tolerance
+    moved = ((c, abs(c.value) / stated[c.name]) for c in corrections(diagnosis) if c.is_change and c.name in stated)
+    return [
+        f"{c.name} {quantity(c.value, c.se and NORMAL_95 * c.se, c.unit, True)}{' (95 %)' if c.se else ''}, "
+        f"{far:.2g} tolerances off"
+        for c, far in moved
+        if far > BEYOND
+    ]
 
 
 def _closes(gap: Gap) -> str:

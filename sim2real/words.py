@@ -12,7 +12,7 @@ def quantity(value: float, se: float | None, unit: str, is_change: bool = False)
     """A value with its standard error in a readable unit: "75.0 +- 1.2 us"; "+3.1 +- 0.4 %" for a relative change."""
     if is_change:
         return f"{_with_se(100 * value, se and 100 * se, '+')} %"
-    factor, shown = prefixed(value, unit)
+    factor, shown = prefixed(value or se or 0.0, unit)
     return f"{_with_se(value * factor, se and se * factor)} {shown}".rstrip()
 
 

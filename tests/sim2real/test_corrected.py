@@ -149,7 +149,7 @@ def test_a_campaigns_parameters_are_in_it():
         (3.4e-8, 2e-9, "kg m", False, "0.0340 +- 0.0020 g mm"),
         (0.2066, 3e-14, "m/s", False, "207 mm/s"),
         (np.inf, None, "T", False, "inf T"),
-        (0.0, 1e-6, "s", False, "0.0000000 +- 0.0000010 s"),
+        (0.0, 1e-6, "s", False, "0.0 +- 1.0 us"),
     ],
 )
 def test_quantities_are_readable(value, se, unit, relative, said):
@@ -167,6 +167,10 @@ def entry(name, probability):
 def test_every_verdict_has_its_sentence():
     none = diagnosis(Point({}, {}), verdict="no_gap", cause=(), which=(entry("none", 0.7), entry("calibration", 0.25)))
     assert sentence(none) == "There is no gap beyond the noise and the rig's stated tolerances (95 %)."
+    far = diagnosis(Point({}, {"actuator_gain": 0.2}), verdict="no_gap", cause=(), which=none.which)
+    assert sentence(far) == (
+        "No effect is needed (95 %), but the rig is not as stated: actuator_gain +20 %, 4 tolerances off."
+    )
     unknown = diagnosis(Point({}, {}), verdict="unexplained", cause=("unknown",), which=(entry("unknown", 0.8),))
     assert sentence(unknown) == (
         "No known effect explains the gap (unknown: 80 %); most of it lies in the controller and the amplifier, around "

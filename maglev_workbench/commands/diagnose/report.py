@@ -16,7 +16,7 @@ from sim2real.hypotheses import CALIBRATION, NONE, UNKNOWN
 from sim2real.judge import Entry
 from sim2real.leftover_words import fit_in_words, leftover_lines
 from sim2real.next_experiment import SEPARATED
-from sim2real.report import Correction, corrections, curves, sentence, where_in_words
+from sim2real.report import BEYOND, Correction, corrections, curves, sentence, where_in_words
 from sim2real.shrink import errors
 from sim2real.words import percent, quantity, spoken
 
@@ -25,7 +25,6 @@ if TYPE_CHECKING:
     from rich.console import RenderableType
 
 NO_BETTER = 1.02  # a control effect that leaves less than this times the remaining gap fits as well as the named one
-BEYOND = 3.0  # a calibrated change of more than this many stated tolerances is marked
 TOP, LEAST = 5, 0.005  # hypotheses listed with their parameters, and their least probability
 _WORDS = {"stiffness": ("stiffness", "N/m"), "damping": ("damping", "N s/m"), "peak_sensitivity": ("peak |S|", "")}
 _MEANING = {
