@@ -15,7 +15,7 @@ from maglev_env.loop.effect import meaningful
 from maglev_env.loop.magnets.kinds import force_law
 from maglev_env.loop.magnets.law import linearise
 from maglev_env.rig.rig import Rig
-from sim2real.fitting import Fit, begin, differentiate, iterate
+from sim2real.fitting import CONVERGED, Fit, begin, differentiate, iterate
 from sim2real.hypotheses import Hypothesis
 from sim2real.nonstationary import widening
 from sim2real.open_record import OpenRecord
@@ -162,10 +162,10 @@ def least_spread(fit: Fit, other: Fit) -> np.ndarray:
     """Least standard errors (size,) of a fit's coordinates that its likelihood ratio to another point allows.
 
     That ratio bounds the ratio to every value of one coordinate that the point has, so no coordinate is further from
-    it, in standard errors, than its root; the curvature at the fit claims more where little is told. A unit of cost is
-    left for a fit that has not quite arrived.
+    it, in standard errors, than its root; the curvature at the fit claims more where little is told. What a fit may
+    lack to its optimum is added.
     """
-    return np.abs(fit.u - other.u) / np.sqrt(max(other.cost - fit.cost, 0.0) + 1.0)
+    return np.abs(fit.u - other.u) / np.sqrt(max(other.cost - fit.cost, 0.0) + CONVERGED)
 
 
 def _at_rest(rig: Rig, static: StaticEstimate) -> tuple[Coefficient, ...]:
