@@ -5,7 +5,7 @@ the nominal rig within a tolerance stays a prior, so a scale that no recording t
 together, where no force is recorded) has the interval that the tolerances leave.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -15,7 +15,7 @@ from maglev_env.loop.effect import meaningful
 from maglev_env.loop.magnets.kinds import force_law
 from maglev_env.loop.magnets.law import linearise
 from maglev_env.rig.rig import Rig
-from sim2real.fitting import Fit, begin, differentiate, iterate
+from sim2real.fitting import CONVERGED, Fit, begin, differentiate, iterate
 from sim2real.hypotheses import Hypothesis
 from sim2real.nonstationary import widening
 from sim2real.open_record import OpenRecord
@@ -106,15 +106,15 @@ def pooled(records: Sequence[Record | OpenRecord], progress: Callable[[str], Non
     rig = records[0].nominal
     progress("all recordings")
     static = static_of(rig, [r.rests for r in records])
-    problem, fit = _fitted(records, rest=False)
-    whole = _coefficients(rig, problem, fit)
+    problem, fit, others = _fitted(records, rest=False)
+    whole = _coefficients(rig, problem, fit, others)
     of_each, apart, scattered = {}, [], set()
     if static is not None:
         of_each[AT_REST] = _at_rest(rig, static)
         apart += _contradictions(whole, of_each[AT_REST])
         if not apart:
-            problem, fit = _fitted(records, fit, rest=True)
-            whole = _coefficients(rig, problem, fit)
+            problem, fit, others = _fitted(records, fit, rest=True)
+            whole = _coefficients(rig, problem, fit, others)
     contradicted = bool(apart)
     if len(records) > 1:
         for record in records:
@@ -123,13 +123,17 @@ def pooled(records: Sequence[Record | OpenRecord], progress: Callable[[str], Non
             disagreed = _disagreements(record.name, found, whole)
             apart += disagreed.values()
             scattered |= disagreed.keys()
-        whole = tuple(_scattered(c, of_each, records) if c.name in scattered else c for c in whole)
+        each = {c.name: [own for r in records for own in of_each[r.name] if own.name == c.name] for c in whole}
+        whole = tuple(across_recordings(c, each[c.name]) if c.name in scattered else c for c in whole)
     if contradicted:
         whole = _reaching(whole, of_each[AT_REST])
     return Pooled(whole, _misfit(fit), tuple(apart), of_each)
 
 
-def _fitted(records: Sequence[Record | OpenRecord], near: Fit | None = None, rest: bool = False) -> tuple[Problem, Fit]:
+def _fitted(
+    records: Sequence[Record | OpenRecord], near: Fit | None = None, rest: bool = False
+) -> tuple[Problem, Fit, list[Fit]]:
+    """The problem, its fit, and the nominal rig and the start in the same problem."""
     rig = records[0].nominal
     hidden = frozenset.intersection(*(r.upstream if isinstance(r, OpenRecord) else frozenset() for r in records))
     names = tuple(name for name in UNITS if meaningful(name, rig.capabilities) and name not in hidden)
@@ -148,9 +152,20 @@ def _fitted(records: Sequence[Record | OpenRecord], near: Fit | None = None, res
         u = fit.u
         if any(isinstance(r, OpenRecord) for r in records):
             problem = problem.again(h.point(u))  # their noise is what a good simulation leaves
-    (fit,) = begin([h], [u], problem.data, problem.simulate)
+    starts = [np.zeros(h.size)] if near is None else [np.zeros(h.size), near.u]
+    fit, *others = begin([h] * (1 + len(starts)), [u, *starts], problem.data, problem.simulate)
     differentiate([fit], problem.data, problem.simulate, True)
-    return problem, fit
+    return problem, fit, others
+
+
+def least_spread(fit: Fit, other: Fit) -> np.ndarray:
+    """Least standard errors (size,) of a fit's coordinates that its likelihood ratio to another point allows.
+
+    That ratio bounds the ratio to every value of one coordinate that the point has, so no coordinate is further from
+    it, in standard errors, than its root; the curvature at the fit claims more where little is told. What a fit may
+    lack to its optimum is added.
+    """
+    return np.abs(fit.u - other.u) / np.sqrt(max(other.cost - fit.cost, 0.0) + CONVERGED)
 
 
 def _at_rest(rig: Rig, static: StaticEstimate) -> tuple[Coefficient, ...]:
@@ -192,11 +207,12 @@ def _misfit(fit: Fit) -> float:
     return float(np.mean(abs(fit.residual) ** 2) / 2)
 
 
-def _coefficients(rig: Rig, problem: Problem, fit: Fit) -> tuple[Coefficient, ...]:
-    """Coefficients of a fit."""
+def _coefficients(rig: Rig, problem: Problem, fit: Fit, others: Sequence[Fit]) -> tuple[Coefficient, ...]:
+    """Coefficients of a fit; `others` are points that its intervals must not exclude more than the likelihood does."""
     misfit = _misfit(fit)
     factor = np.sqrt(misfit) if misfit > 1 + SIGNIFICANT / np.sqrt(fit.residual.size) else 1.0
-    sd = np.sqrt(np.diag(fit.covariance())) * np.maximum(widening(problem, fit), factor)
+    sd = np.maximum.reduce([np.sqrt(np.diag(fit.covariance())), *(least_spread(fit, other) for other in others)])
+    sd = sd * np.maximum(widening(problem, fit), factor)
     found = []
     for c, u, spread in zip(fit.hypothesis.coordinates, fit.u, sd, strict=False):
         nominal, scale = _nominal(rig, c.effect), c.scale or 1.0
@@ -231,10 +247,15 @@ def _disagreements(name: str, own: Sequence[Coefficient], whole: Sequence[Coeffi
     return found
 
 
-def _scattered(
-    c: Coefficient, of_each: Mapping[str, Sequence[Coefficient]], records: Sequence[Record | OpenRecord]
-) -> Coefficient:
-    """A coefficient whose interval includes what the recordings that disagree say of its model error."""
-    values = [own.value for r in records for own in of_each[r.name] if own.name == c.name and own.bounded]
-    scatter = np.sqrt(np.mean((np.array(values) - c.value) ** 2) / max(len(values) - 1, 1)) if values else 0.0
-    return replace(c, se=float(np.hypot(c.se, scatter)))
+def across_recordings(c: Coefficient, each: Sequence[Coefficient]) -> Coefficient:
+    """A coefficient whose standard error is scaled by the Birge ratio of recordings that disagree.
+
+    Distances count in standard errors of their own recording, so that one that tells little cannot undo what the
+    others tell (R. T. Birge, Phys. Rev. 40, 1932; the scale factor of the Particle Data Group).
+
+    Args:
+        c: of all recordings.
+        each: the same of every recording alone.
+    """
+    z = np.array([(own.value - c.value) / own.se for own in each if own.bounded and own.se > 0])
+    return replace(c, se=c.se * float(np.sqrt(max(1.0, np.sum(z**2) / max(z.size - 1, 1)))))

@@ -1,0 +1,45 @@
+"""Intervals over recordings that disagree, against the scatter of simulated pooled values."""
+
+import numpy as np
+import pytest
+
+from sim2real.fitting import Fit, cost_of
+from sim2real.hypotheses import Hypothesis
+from sim2real.pooled import Coefficient, across_recordings, least_spread
+
+
+def _of(value, se):
+    return Coefficient("actuator_gain", "N/A", float(value), float(se), 1.0, True)
+
+
+def test_recordings_with_errors_of_their_own_widen_the_interval_to_cover_them():
+    se, rng, z = np.array([0.01, 0.02, 0.04, 0.04, 0.05, 0.08]), np.random.default_rng(1), []
+    weight = se**-2 / np.sum(se**-2)
+    for _ in range(2000):
+        values = 1 + 5 * se * rng.standard_normal(se.size)  # five times what they state
+        whole = _of(values @ weight, np.sum(se**-2) ** -0.5)
+        wider = across_recordings(whole, [_of(v, s) for v, s in zip(values, se, strict=True)])
+        z.append((whole.value - 1) / wider.se)
+    assert 0.85 < np.mean(np.abs(z) < 1.96) < 0.99 and np.mean(z) == pytest.approx(0, abs=0.1)
+
+
+def test_a_recording_that_tells_little_does_not_undo_what_the_others_tell():
+    whole = _of(1.0, 0.01)
+    assert across_recordings(whole, [_of(1.0, 0.01), _of(1.0, 0.02), _of(0.3, 0.1)]).se < 5 * whole.se
+
+
+@pytest.mark.parametrize("power", [1, 2])
+def test_an_interval_excludes_a_point_no_more_than_the_likelihood_does(power):
+    # With the square of a coordinate, the data tell nothing of it where it is zero, but the curvature at a fit does.
+    rng, h, sd = np.random.default_rng(2), Hypothesis(("damping",), {}), 1 / np.sqrt(20)
+    wald, least = [], []
+    for _ in range(1000):
+        data = rng.standard_normal(20) + 1j * rng.standard_normal(20)
+        mean = float(data.real.mean())
+        u = np.sign(mean) * abs(mean) ** (1 / power)
+        best, true = (Fit(h, np.array([v]), data - p, cost_of(data - p, np.zeros(1), np.zeros(1)))
+                      for v, p in ((u, mean), (0.0, 0.0)))  # fmt: skip
+        wald.append(sd / (power * abs(u) ** (power - 1)))
+        least.append(abs(u) / max(wald[-1], float(least_spread(best, true)[0])))
+        assert power > 1 or least_spread(best, true)[0] < wald[-1]  # a straight line needs no widening
+    assert np.mean(np.array(least) < 1.96) > 0.91
