@@ -81,6 +81,8 @@ def check_clock(time: np.ndarray, rate: float) -> Clock:
     backward = np.flatnonzero(steps < 0)
     usual = ~(late | early | repeated)
     own = float(steps[usual].mean()) if usual.any() else median
+    if not own > 0:
+        raise ValueError("its time stamps do not advance")
     if abs(own * rate - 1) > JITTERED_RATE_TOLERANCE:
         raise ValueError(f"its usual step is {own:.6g} s ({1 / own:.6g} Hz), not that of sample_rate = {rate:g} Hz")
     reach = float(np.ptp(time / MOST_MISSING)) * rate  # divided first: a stamp may be near the largest number
@@ -115,8 +117,10 @@ def check_clock(time: np.ndarray, rate: float) -> Clock:
 def _only_rounded(time: np.ndarray, step: float) -> bool:
     """Whether the stamps are those of a regular clock, printed with few digits."""
     for digits in range(_DIGITS):
-        scaled = (time - time[0]) * 10.0**digits
-        if np.abs(scaled - np.rint(scaled)).max() < 1e-4:
+        with np.errstate(over="ignore", invalid="ignore"):  # stamps near the largest number
+            scaled = (time - time[0]) * 10.0**digits
+            whole = np.abs(scaled - np.rint(scaled)).max() < 1e-4
+        if whole:
             ideal = np.arange(time.size) * step
             off = time - time[0] - ideal
             quantum = 10.0**-digits
