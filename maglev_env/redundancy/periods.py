@@ -72,6 +72,8 @@ def jumps(view: View) -> list[Finding]:
     before, after, _ = found[0]
     total = sum(shift for *_, shift in found)
     whole = round(total)
+    if not whole:
+        return []  # it comes back: noise, or a period that something else disturbed
     what = f"{whole} samples are missing" if whole > 0 else f"{-whole} samples are there twice"
     begin, end = (before + 1) * samples / view.rate, after * samples / view.rate
     text = (
