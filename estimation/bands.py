@@ -2,6 +2,8 @@
 
 import numpy as np
 
+MOST = 10_000  # bands
+
 
 def sliding_bands(frequency: np.ndarray, width: float, overlap: float) -> np.ndarray:
     """Bands that slide over the excited frequencies.
@@ -22,6 +24,10 @@ def sliding_bands(frequency: np.ndarray, width: float, overlap: float) -> np.nda
         raise ValueError(f"overlap {overlap} Hz must be at least 0 and smaller than the width {width} Hz")
     first, last = float(np.min(frequency)), float(np.max(frequency))
     count = int(np.floor((last - first - width) / (width - overlap) + 1e-9)) + 1
+    if count > MOST:
+        raise ValueError(
+            f"an overlap of {overlap:g} Hz gives {count} bands of {width:g} Hz, more than {MOST}: lower it"
+        )
     if count < 1:
         raise ValueError(f"no band of {width} Hz fits between the excited lines {first:g} .. {last:g} Hz")
     starts = first + (width - overlap) * np.arange(count)

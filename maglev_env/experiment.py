@@ -10,7 +10,7 @@ from maglev_env.channels import MEASURED, SPECTRAL, simulated_channels
 from maglev_env.fields import is_number
 from maglev_env.loop.axes import suffixes
 from maglev_env.loop.effect import EFFECTS, FINER, NO_EFFECTS, Effects, check_effects, effect_value
-from maglev_env.loop.gains import NO_CONTROLLER, Controllers, of_axis
+from maglev_env.loop.gains import NO_CONTROLLER, Controller, Controllers, of_axis, reads_current
 from maglev_env.rig.excitation import Excitation, axis_excitations, check_interleaved
 from maglev_env.rig.rig import Rig, axis_rig
 from maglev_env.rig.self_sensor import rig_sensors
@@ -59,6 +59,11 @@ class Experiment:
         if not is_number(self.speed_rpm) or self.speed_rpm < 0:
             raise ValueError(f"experiment: speed_rpm = {self.speed_rpm!r} must be a number, at least 0")
         self._check_sensor()
+        for gains in self.gains if isinstance(self.gains, tuple) else (self.gains,):
+            if not isinstance(gains, Controller):
+                raise ValueError(
+                    f"experiment: gains = {gains!r}; give Gains(kp=..., ki=..., kd=...), or one for each axis"
+                )
         check_interleaved(self.excitations)
         if not self.rig.controlled and any(e.at != "force" for e in self.excitations):
             raise ValueError(f"experiment: rig {self.rig.name} has no magnets: only a force can excite it")
@@ -66,6 +71,7 @@ class Experiment:
             raise ValueError(f"experiment: rig {self.rig.name} has one axis; give one controller")
         if isinstance(self.gains, tuple) and len(self.gains) != 2:
             raise ValueError(f"experiment: {len(self.gains)} controllers; give one for both axes, or one for each")
+        self._check_current()
         if self.rig.axes == 1 and any(e.components[1] for e in self.excitations):
             raise ValueError(
                 f"experiment: rig {self.rig.name} has one axis: a direction is 0, or 180 degrees to act against it"
@@ -83,6 +89,16 @@ class Experiment:
             raise ValueError("experiment: periods must be at least 1 and transient_periods at least 0")
         if self.offset and abs(self.offset) >= self.rig.clearance:
             raise ValueError(f"experiment: offset {self.offset} m is beyond the clearance {self.rig.clearance} m")
+
+    def _check_current(self) -> None:
+        if not self.rig.controlled or not reads_current(self.gains, 1 / self.rig.control_rate):
+            return
+        if any(axis_rig(self.rig, axis).amplifier_time_constant == 0 for axis in range(self.rig.axes)):
+            raise ValueError(
+                f"experiment: the controller reads the coil's current, but rig {self.rig.name} has "
+                "amplifier_time_constant = 0, so that the current is the command itself; give the time constant: of a "
+                "coil at a voltage L / R"
+            )
 
     def _check_sensor(self) -> None:
         if isinstance(self.sensor, tuple):

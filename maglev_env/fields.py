@@ -3,7 +3,10 @@
 from collections.abc import Iterable, Mapping
 from dataclasses import MISSING, field, fields
 from math import isfinite
+from pathlib import Path
 from typing import Any
+
+MAX_FILE_BYTES = 1_000_000  # of a TOML file
 
 
 def is_number(value: Any) -> bool:
@@ -41,6 +44,23 @@ def check_range(name: str, value: Any, metadata: Mapping[str, Any]) -> None:
             f"{name} = {value} {metadata['unit']} is outside the physical range "
             f"{metadata['low']:g} .. {metadata['high']:g} (SI units)"
         )
+
+
+def toml_text(path: Path, kind: str) -> str:
+    """The text of a TOML file, of a rig for example, as `kind` says in messages.
+
+    Raises:
+        ValueError: It is not a regular file (a pipe would never end), too large, or not UTF-8.
+        OSError: It cannot be read.
+    """
+    if path.exists() and not path.is_file():
+        raise ValueError(f"{path}: not a regular file; name a {kind} file")
+    if path.stat().st_size > MAX_FILE_BYTES:
+        raise ValueError(f"{path}: larger than {MAX_FILE_BYTES} bytes; that is not a {kind} file")
+    try:
+        return path.read_text(encoding="utf-8")
+    except UnicodeDecodeError as error:
+        raise ValueError(f"{path}: {error}") from error
 
 
 def table_as(cls: type, data: Mapping[str, Any], name: str) -> Any:

@@ -2,6 +2,9 @@
 
 A worker may die at any time; Dask then gives its work to another one. No data is stored on workers, because it would be
 lost with them; every task carries all that it needs.
+
+Dask runs any code that it receives. The processes of local:N therefore take it only from holders of a certificate that
+lives in the memory of this process and its children, so that no other user of the machine can send them any.
 """
 
 import asyncio
@@ -13,6 +16,7 @@ from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from importlib.metadata import version
 from itertools import islice
+from tempfile import TemporaryDirectory
 from time import perf_counter
 from typing import TYPE_CHECKING, TypeVar
 
@@ -24,6 +28,7 @@ if TYPE_CHECKING:
 Item, Result = TypeVar("Item"), TypeVar("Result")
 
 TIMEOUT = 10.0  # s, to reach a scheduler and its first worker
+MOST_PROCESSES = 256  # of local:N
 _AHEAD = 2  # tasks per worker at a time: one runs, one has arrived
 # Packages of which another version could change the last digits, or the gains that are proposed.
 _ALIKE = ("maglev-workbench", "numpy", "scipy", "numba", "optuna", "cmaes", "torch")
@@ -33,6 +38,8 @@ _SETTINGS = {
     # Dask makes workers return freed memory at once; every new array then causes page faults, which halves the speed.
     "distributed.nanny.pre-spawn-environ.MALLOC_TRIM_THRESHOLD_": None,
 }
+# Beside their encrypted ports, Dask's processes serve pages, which cannot be switched off, but can be left empty.
+_NO_PAGES = {"distributed.scheduler.http.routes": [], "distributed.worker.http.routes": []}
 _ADDRESS = re.compile(r"(?:tcp|tls)://(\[[^\]\s]+\]|[^\s:/\[\]]+):(\d{1,5})")
 _LOCAL = re.compile(r"local:([1-9]\d{0,3})")
 
@@ -144,30 +151,48 @@ def workers(address: str | None, here: int | None = None) -> Iterator[Workers | 
         raise ValueError(
             f"--scheduler {address}: give tcp://host:8786, as dask scheduler prints it, or local:4 for 4 processes here"
         )
+    if local and int(local[1]) > MOST_PROCESSES:
+        raise ValueError(f"--scheduler {address}: up to {MOST_PROCESSES}; more processes than cores are no use")
     if here is not None:
         raise ValueError("give either --scheduler or a number of threads or processes: the scheduler's workers count")
     try:
         import dask
-        from distributed import Client, LocalCluster
+        from distributed import Client
+
+        if local:
+            import cryptography  # noqa: F401  for the temporary certificate
     except ImportError as error:
-        raise ValueError('--scheduler needs Dask: pip install "dask[distributed]"') from error
+        raise ValueError('--scheduler needs Dask: pip install "dask[distributed]" cryptography') from error
     with dask.config.set(_SETTINGS):
         if local:
-            cluster = LocalCluster(
-                n_workers=int(local[1]), threads_per_worker=1, host="127.0.0.1", memory_limit=0,
-                dashboard_address="127.0.0.1:0", silence_logs=logging.CRITICAL, preload=[__name__],
-            )  # fmt: skip
-            try:
-                with Client(cluster) as client:
-                    yield Workers(client, address)
-            finally:
-                with suppress(TimeoutError):  # on a busy machine; what is slow to end now ends with this process
-                    cluster.close()
+            with _processes(int(local[1])) as client:
+                yield Workers(client, address)
             return
         _answers(address, remote[1].strip("[]"), int(remote[2]))
         with Client(address, timeout=TIMEOUT, set_as_default=False) as client:
             _check(client, address)
             yield Workers(client, address)
+
+
+@contextmanager
+def _processes(n: int) -> "Iterator[Client]":
+    """A client of n processes of this machine, whose ports and files are closed to its other users."""
+    import dask
+    from distributed import Client, LocalCluster, Security
+
+    # The folder is created for this user alone; the default one is shared by all users.
+    with TemporaryDirectory(prefix="maglev-", ignore_cleanup_errors=True) as scratch, dask.config.set(_NO_PAGES):
+        cluster = LocalCluster(
+            n_workers=n, threads_per_worker=1, host="127.0.0.1", memory_limit=0, security=Security.temporary(),
+            local_directory=scratch, dashboard_address="127.0.0.1:0", scheduler_kwargs={"dashboard": False},
+            silence_logs=logging.CRITICAL, preload=[__name__],
+        )  # fmt: skip
+        try:
+            with Client(cluster) as client:
+                yield client
+        finally:
+            with suppress(TimeoutError):  # on a busy machine; what is slow to end now ends with this process
+                cluster.close()
 
 
 def dask_setup(worker: object) -> None:
@@ -201,7 +226,10 @@ def _answers(address: str, host: str, port: int) -> None:
         asyncio.run(asyncio.wait_for(ask(), TIMEOUT))
     except Exception as error:  # an answer in another protocol can make Dask's reader raise anything
         why = str(error) or f"silent for {TIMEOUT:g} s"
-        raise OSError(f"no Dask scheduler answers at {address} ({why}): start one with dask scheduler") from error
+        raise OSError(
+            f"no Dask scheduler answers at {address} ({why}): start one with dask scheduler; an encrypted one needs "
+            "tls:// and its certificate in Dask's settings"
+        ) from error
 
 
 def _check(client: "Client", address: str) -> None:

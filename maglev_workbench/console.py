@@ -1,6 +1,8 @@
 """JSON files, progress bars and the console, for all commands."""
 
 import json
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -8,6 +10,7 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
 from maglev_env.recordings.files import write_text_atomic
+from maglev_workbench.heartbeat import stages
 
 console = Console()
 
@@ -18,10 +21,14 @@ def write_json(path: Path | None, data: dict[str, Any]) -> None:
         write_text_atomic(path, json.dumps(data, indent=1, allow_nan=False) + "\n")
 
 
-def progress_bar() -> Progress:
-    """A progress bar on standard error with counts and times; it shows nothing if that is not a terminal."""
+@contextmanager
+def progress_bar() -> Iterator[Progress]:
+    """A progress bar on standard error with counts and times.
+
+    If that is not a terminal it shows nothing, and the command says how far it is from time to time.
+    """
     error = Console(stderr=True)
-    return Progress(
+    bar = Progress(
         TextColumn("{task.description}"),
         BarColumn(),
         MofNCompleteColumn(),
@@ -30,3 +37,16 @@ def progress_bar() -> Progress:
         console=error,
         disable=not error.is_terminal,
     )
+
+    def stage() -> str:
+        under_way = [task for task in bar.tasks if not task.finished]
+        return ", ".join(
+            f"{t.description} {t.completed:g}/{'?' if t.total is None else f'{t.total:g}'}" for t in under_way
+        )
+
+    stages.append(stage)
+    try:
+        with bar:
+            yield bar
+    finally:
+        stages.remove(stage)

@@ -3,14 +3,18 @@
 This module imports little, because `maglev --help` loads it.
 """
 
+import errno
 import os
 from collections.abc import Callable, Iterable
+from concurrent.futures import BrokenExecutor
 from functools import wraps
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
+
+from maglev_workbench.heartbeat import heartbeat
 
 # A preset is a file. Its folder is found without importing the simulator, which would delay --help.
 _RIGS = Path(find_spec("maglev_env").submodule_search_locations[0], "rigs")
@@ -37,6 +41,7 @@ SchedulerOption = Annotated[
         help="Dask scheduler, tcp://host:8786, or local:N for N processes here; results do not change.",
     ),
 ]
+_FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 _WRITTEN = {"json_file": "--json", "docs": "--docs", "picture": "--picture"}  # options that name a file to write
 
 
@@ -64,12 +69,14 @@ def require_file(path: Path | None, option: str) -> None:
         option: its name on the command line, for the message.
 
     Raises:
-        ValueError: The path is a folder, or its folder is missing or read-only.
+        ValueError: The path is a folder or a device, or its folder is missing or read-only.
     """
     if path is None:
         return
     if path.is_dir():
         raise ValueError(f"{option} {path} is a folder; name a file")
+    if path.exists() and not path.is_file():  # a device would be replaced by the file
+        raise ValueError(f"{option} {path} is not a regular file; name another one")
     if not path.parent.is_dir():
         raise ValueError(f"{option} {path}: the folder {path.parent} does not exist; create it or choose another")
     if not os.access(path.parent, os.W_OK):
@@ -104,9 +111,20 @@ def friendly(command: Callable[..., None]) -> Callable[..., None]:
         try:
             for name, option in _WRITTEN.items():
                 require_file(kwargs.get(name), option)
-            command(*args, **kwargs)
+            with heartbeat(command.__name__.strip("_").replace("_", "-")):
+                command(*args, **kwargs)
         except (ValueError, OSError) as error:
-            typer.secho(f"maglev: {error}", fg=typer.colors.RED, err=True)
+            full = isinstance(error, OSError) and error.errno in _FULL
+            more = "; nothing that was finished is lost: make room, and run the same command again" if full else ""
+            typer.secho(f"maglev: {error}{more}", fg=typer.colors.RED, err=True)
+            raise typer.Exit(2) from error
+        except ArithmeticError as error:
+            why = f"a number of the input is too large or too small to calculate with ({error})"
+            typer.secho(f"maglev: {why}; check the magnitudes of its values", fg=typer.colors.RED, err=True)
+            raise typer.Exit(2) from error
+        except (MemoryError, BrokenExecutor) as error:
+            why = "not enough memory" if isinstance(error, MemoryError) else "one of its processes was ended"
+            typer.secho(f"maglev: {why}: give it less to do at a time", fg=typer.colors.RED, err=True)
             raise typer.Exit(2) from error
         except KeyboardInterrupt:
             typer.secho("maglev: interrupted", fg=typer.colors.YELLOW, err=True)

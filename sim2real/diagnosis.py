@@ -28,6 +28,7 @@ from sim2real.unsynchronised import Sighting, evidence, sightings, spin_costs, t
 
 SCHEMA = "maglev-diagnosis/1"
 LOUDER = 1.05  # times its noise that a record without a period may seem to have under a wrong simulation
+WORSE = 1.05  # times the gap before: an explanation that leaves more on a holdout is none
 HELD_OUT_EVERY = 4  # without a holdout recording, every fourth line is withheld from the fits
 
 
@@ -187,6 +188,13 @@ def diagnose(
     chosen = top if worded in ("explained", "ambiguous") else None
     picked = None if chosen is None or chosen.candidate is None else attribution.candidates[chosen.candidate]
     gap = shrink(judged, attribution, picked, judged_on, seed)
+    if picked is not None and judged_on == "holdout" and _worse(gap):
+        notes.append(
+            f"{' with '.join(cause)} would explain the recordings that were fitted, but the holdout is simulated worse "
+            "with it than without: it is not named"
+        )
+        worded, cause, chosen, picked = "unexplained", ("unknown",), None, None
+        gap = shrink(judged, attribution, None, judged_on, seed)
     alike = (cause,) if worded == "ambiguous" else ()
     proposal = None
     if worded in ("ambiguous", "unexplained") and not isinstance(fitted.loudest.record, OpenRecord):
@@ -217,6 +225,11 @@ def diagnose(
         tuple(dict.fromkeys(notes)),
         left,
     )
+
+
+def _worse(gap: Gap) -> bool:
+    """Whether the corrected rig simulates the judged recordings worse than the nominal one, or not at all."""
+    return gap.before is not None and (gap.after is None or gap.after > WORSE * gap.before)
 
 
 def _where(fitted: Problem, attribution: Attribution, tones: float) -> Where:

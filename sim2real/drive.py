@@ -13,17 +13,18 @@ from math import ceil, pi, sqrt
 
 import numpy as np
 from scipy.interpolate import CubicSpline
-from scipy.signal import lfilter, ss2tf
 
 from maglev_env.design.default_gains import default_gains, pole_placed
 from maglev_env.experiment import Experiment, sampling
 from maglev_env.linear.loop import closed_loop_poles, without_noise
 from maglev_env.loop.effect import EFFECTS
-from maglev_env.loop.gains import NO_CONTROLLER, Controller, Gains, LinearController, of_axis, state_space
+from maglev_env.loop.gains import NO_CONTROLLER, Controller, Gains, limited, of_axis, reads_current
+from maglev_env.loop.linear_controller import LinearController
 from maglev_env.loop.magnets.kinds import force_law
 from maglev_env.loop.magnets.law import linearise
 from maglev_env.recordings.campaign import RecordingSpec
 from maglev_env.rig.rig import Rig, axis_rig
+from sim2real.controller_output import controller_output, referred
 
 STIFF, DAMPED = 8.0, 0.8  # of the designed stand-in: net stiffness in that of the magnets, and damping ratio
 FASTEST = 30.0  # its control samples in a cycle of the mode that it makes
@@ -34,6 +35,21 @@ LEAK = 100.0  # time constant of the designed stand-in's leak, in integral times
 UNLIMITED = 1e4  # V: range of the converters of a stand-in
 NEAREST = 0.98  # of the gap: how near the simulated rotor may come to a magnet
 INSIDE = 0.9999  # largest pole of a fitted controller
+
+
+@dataclass(frozen=True)
+class Driving:
+    """What drives a simulation.
+
+    Args:
+        waves: place -> (axes, samples * every) of "force" (N), "current" (A) and "reference" (m), at the control rate.
+        command: (axes, samples), of the controller from the recorded readings, with the injection.
+        added: (axes, samples), what of the command does not depend on the readings.
+    """
+
+    waves: Mapping[str, np.ndarray]
+    command: np.ndarray
+    added: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -61,30 +77,34 @@ class Drive:
     upstream: frozenset[str] = frozenset()
     notes: tuple[str, ...] = ()
 
-    def waves(self, channels: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
-        """What drives the simulation: place -> (axes, samples * every) of "force" (N), "current" (A), "reference" (m).
-
-        Args:
-            channels: channel -> (axes, samples), every `multiple`-th recorded sample.
-        """
-        y = channels["displacement"]
-        nothing = np.zeros_like(y)
-        waves = {
-            place: self._between(channels.get(name, nothing))
-            for place, name in (("force", "force"), ("current", "injection"), ("reference", "reference"))
-        }
-        if self.source is None:
-            return waves
-        samples = y.shape[1]
-        at_ticks = y
+    def driving(self, channels: Mapping[str, np.ndarray]) -> "Driving":
+        """What drives the simulation of channels -> (axes, samples), every `multiple`-th recorded sample."""
+        e, y = self.experiment, channels["displacement"]
+        dt, samples, nothing = 1 / e.rig.control_rate, y.shape[1], np.zeros_like(y)
+        ticks = {name: channels[name] for name in ("displacement", "current") if name in channels}
         if self.every > 1:
-            at_ticks = CubicSpline(np.arange(samples), y, axis=1)(np.arange(samples * self.every) / self.every)
-        dt, driving = 1 / self.experiment.rig.control_rate, self._between(channels[self.source])
-        injected = [
-            recovered_injection(of_axis(self.experiment.gains, axis), u, x, dt)
-            for axis, (u, x) in enumerate(zip(driving, at_ticks, strict=True))
-        ]
-        return {**waves, "current": np.array(injected), "reference": np.zeros_like(driving)}
+            at = np.arange(samples * self.every) / self.every
+            ticks = {"displacement": CubicSpline(np.arange(samples), y, axis=1)(at)}
+        reference = self._between(channels.get("reference", nothing))
+        if self.source is not None and not limited(e.gains, dt):
+            reference = np.zeros_like(reference)  # what it causes is part of the injection that follows
+        of = [of_axis(e.gains, axis) for axis in range(len(y))]
+        output = np.array([
+            controller_output(c, dt=dt, reference=r, **{name: values[axis] for name, values in ticks.items()})
+            for axis, (c, r) in enumerate(zip(of, reference, strict=True))
+        ])  # fmt: skip
+        if self.source is None:
+            injection = self._between(channels.get("injection", nothing))
+        else:
+            injection = self._between(channels[self.source]) - output
+        caused = np.array([referred(c, r, dt) for c, r in zip(of, reference, strict=True)])
+        waves = {
+            "force": self._between(channels.get("force", nothing)),
+            "current": injection,
+            "reference": reference,
+        }
+        sampled = slice(None, None, self.every)
+        return Driving(waves, (output + injection)[:, sampled], (injection + caused)[:, sampled])
 
     def between(self, frequency: np.ndarray) -> np.ndarray:
         """Spectrum of the drive at the control rate over that of its samples, at frequencies in Hz, any shape."""
@@ -123,8 +143,14 @@ def drive_of(rig: Rig, spec: RecordingSpec, channels: Mapping[str, np.ndarray]) 
         if not rig.adc_bits and not rig.dac_bits:  # ideal converters have no range either
             rig = replace(rig, voltage_range=UNLIMITED)
         e = without_noise(Experiment(rig, gains, (), speed_rpm=spec.speed_rpm))
+        if reads_current(gains, 1 / rig.control_rate) and "current" not in channels:
+            raise ValueError(
+                "its controller reads the current, but the channel current is missing: the command does not follow "
+                "from the displacement alone; record the current that the controller reads"
+            )
         if rig.controlled and "command" in channels:
-            note = "what drove the loop is the command less what the stated controller makes of the displacement"
+            read = "displacement and the current" if reads_current(gains, 1 / rig.control_rate) else "displacement"
+            note = f"what drove the loop is the command less what the stated controller makes of the {read}"
             return Drive(e, "command", multiple=multiple, notes=(note,))
         if any(
             np.ptp(channels[name], axis=1).any() for name in ("force", "injection", "reference") if name in channels
@@ -180,22 +206,6 @@ def _stood_in(
         f"{' and '.join(sorted(set(how)))} stands in for the controller"
     )
     return Drive(e, source, True, held, every=finer, upstream=upstream, notes=(note,))
-
-
-def recovered_injection(controller: Controller, command: np.ndarray, displacement: np.ndarray, dt: float) -> np.ndarray:
-    """What was added to a controller's output, (samples,): the command less what the controller makes of the reading.
-
-    Args:
-        controller: of this axis; it starts at rest.
-        command: in A, after the converter.
-        displacement: what the controller read, m.
-        dt: control step, s.
-    """
-    a, b, c, d = state_space(controller, dt)
-    if len(b) == 0:
-        return command + d * displacement
-    numerator, denominator = ss2tf(a, b[:, None], c[None], np.array([[d]]))
-    return command - lfilter(numerator[0], denominator, -displacement)
 
 
 def fitted_controller(command: np.ndarray, reference: np.ndarray, displacement: np.ndarray) -> LinearController | None:

@@ -14,7 +14,7 @@ import numpy as np
 import scipy.fft
 
 from estimation.line_windows import POOLED
-from sim2real.open_loop import nominal_loop
+from sim2real.nominal import nominal_blocks
 from sim2real.open_record import OpenRecord
 
 CLEAR = 4.0  # power of the motion that u_s causes, over that of the noise, from which a window is used
@@ -35,10 +35,12 @@ def fed_back(record: OpenRecord, driving: np.ndarray, between: np.ndarray) -> Op
     Raises:
         ValueError: nowhere does the drive move the rotor clearly more than the noise does.
     """
-    loop, u = nominal_loop(record), between * record.spectrum(driving)
+    blocks = nominal_blocks(record.experiment, record.windows.frequency.ravel(), False)
+    controller, _, plant, *_ = (np.reshape(b, (record.axes, *record.windows.frequency.shape)) for b in blocks)
+    u = between * record.spectrum(driving)
     readings = record.series["displacement"]
-    back = loop.controller / (1 + loop.controller * loop.plant)
-    simulated = u + back * (record.spectrum(readings) - loop.plant * u)
+    back = controller / (1 + controller * plant)
+    simulated = u + back * (record.spectrum(readings) - plant * u)
     power = np.mean(abs(simulated) ** 2, axis=-1)
     y = readings[:, record.first :]
     samples = y.shape[1]
@@ -46,7 +48,7 @@ def fed_back(record: OpenRecord, driving: np.ndarray, between: np.ndarray) -> Op
     floor = np.mean(
         abs(np.asarray(scipy.fft.rfft(y - y.mean(axis=1, keepdims=True)))[:, lines] * (2 / samples)) ** 2, 1
     )
-    moved = np.mean(abs(loop.plant * simulated) ** 2, axis=-1)
+    moved = np.mean(abs(plant * simulated) ** 2, axis=-1)
     told = _together((moved > CLEAR * floor[:, None]).any(axis=0))
     if not told.any():
         raise ValueError(
@@ -55,7 +57,7 @@ def fed_back(record: OpenRecord, driving: np.ndarray, between: np.ndarray) -> Op
         )
     z = np.exp(2j * np.pi * record.windows.frequency / record.windows.sample_rate)
     true = np.array([_regressed(c, x, z) for c, x in zip(driving, readings, strict=True)])
-    true = between * true / (1 + between * true * loop.plant)
+    true = between * true / (1 + between * true * plant)
     bias = floor[:, None, None] * np.conj(back - true) / np.maximum(power, 1e-300)[..., None] * simulated
     found = record.windows.project(bias)
     return replace(record, told=told, bias=found.reshape(*found.shape[:-2], -1))

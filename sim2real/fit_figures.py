@@ -26,7 +26,7 @@ class Figures:
 def _closed(part: Part) -> np.ndarray:
     """Factor (axes, used) from opened residuals of the reading to those of the reading itself."""
     opened = part.opened
-    return 1 / (1 + opened.plant * opened.controller)[:, part.used]
+    return 1 / opened.closed[:, part.used]
 
 
 def motion(part: Part) -> float:

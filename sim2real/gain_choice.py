@@ -50,7 +50,7 @@ def gain_sets(gains: Controllers) -> list[Controllers]:
     """
     axes = gains if isinstance(gains, tuple) else (gains,)
     if not all(isinstance(g, Gains) for g in axes):
-        raise ValueError("gain sets need PID gains, not a controller's numerator and denominator")
+        raise ValueError("gain sets need plain PID gains; the recording has another controller")
     sets = [tuple(replace(g, kp=kp * g.kp, kd=kd * g.kd) for g in axes) for kp, kd in FACTORS]
     return sets if isinstance(gains, tuple) else [one for (one,) in sets]
 

@@ -5,7 +5,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from maglev_env.loop.gains import linear_ones
 from sim2real.problem import KINDS, Part, Problem
+from sim2real.records import Record
 
 # Segments of the loop that ratios of recorded channels isolate, named by their blocks.
 DRIVE = "controller+amplifier"
@@ -26,7 +28,7 @@ class Where:
         kind: Share of each kind of lines: linear, even, odd, unsynchronised.
         significant: Whether any of it exceeds the noise.
         controller: Distance of the recorded command from the described control law, in standard deviations of its
-            resolution; None where no command was recorded.
+            resolution; None where no command was recorded, or where it does not follow from the recorded channels.
     """
 
     blocks: Mapping[str, float]
@@ -162,10 +164,12 @@ def controller_distance(problem: Problem) -> float | None:
     worst = None
     for part in problem.parts:
         r = part.record
-        if "command" not in r.periods or not r.experiment.rig.controlled:
+        if "command" not in r.periods or not r.experiment.rig.controlled or not _exact(r):
             continue
         injection, reference = map(r.driving, ("current", "reference"))
-        law = part.opened.controller * (reference - r.periods["displacement"]) + injection
+        law = part.opened.from_reference * reference - part.opened.controller * r.periods["displacement"] + injection
+        if "current" in r.periods:
+            law = law - part.opened.from_current * r.periods["current"]
         off = r.periods["command"] - law
         rig, n = r.nominal, r.experiment.recorded_per_period
         step = 2 * rig.voltage_range * rig.amplifier_gain / 2**rig.dac_bits if rig.dac_bits else 0.0
@@ -176,3 +180,12 @@ def controller_distance(problem: Problem) -> float | None:
         distance = float(np.sqrt(np.mean(abs(mean) ** 2 / noise)))
         worst = distance if worst is None else max(worst, distance)
     return worst
+
+
+def _exact(record: Record) -> bool:
+    """Whether the recorded channels give a record's command by linear filters."""
+    e = record.experiment
+    return all(
+        one.limit is None and not (one.reads_current and "current" not in record.periods)
+        for one in linear_ones(e.gains, 1 / e.rig.control_rate)
+    )

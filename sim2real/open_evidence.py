@@ -1,29 +1,26 @@
 """What an open record says and what a hypothesis predicts of it, as coordinates of the opened loop with their noise."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 
 from estimation.line_windows import WIDTH
 from maglev_env.kernel.replay import replayed
-from maglev_env.loop.gains import of_axis
-from sim2real.drive import recovered_injection
 from sim2real.open_loop import Loop
 from sim2real.open_record import KEPT, OpenRecord
 from sim2real.opened import Opened
 
 
-def opened_of(record: OpenRecord, loop: Loop) -> Opened:
+def opened_of(loop: Loop) -> Opened:
     """The nominal blocks at the middle of each coordinate's window, in the form that periodic records have."""
-    outputs = ("plant", "amplifier") if "current" in record.series and record.experiment.rig.controlled else ("plant",)
-    blocks = (np.repeat(v[..., WIDTH // 2], KEPT, axis=-1) for v in vars(loop).values())
-    return Opened(*blocks, outputs)
+    blocks = [np.reshape(getattr(loop.blocks, f.name), (-1, *loop.shape)) for f in fields(Opened)[:-1]]
+    return Opened(*(np.repeat(v[..., WIDTH // 2], KEPT, axis=-1) for v in blocks), loop.blocks.outputs)
 
 
 def simulated_series(record: OpenRecord, lanes: list) -> np.ndarray:
-    """Displacements and currents (n, 2, axes, samples) of prepared lanes at the recorded samples; nan where they touch
-    down."""
+    """Displacement, current and command (n, 3, axes, samples) of prepared lanes at the recorded samples; nan where they
+    touch down."""
     return replayed(lanes, record.experiment, record.waves)[..., :: record.every]
 
 
@@ -43,17 +40,20 @@ class Replay:
 
 
 def coordinates_of(record: OpenRecord, loop: Loop, outputs: Sequence[str], series: np.ndarray) -> np.ndarray:
-    """Opened coordinates (outputs, axes, n) of displacements and currents (2, axes, samples)."""
-    opened = loop.opened(record, series[0], series[1] if "amplifier" in outputs else None)
+    """Opened coordinates (outputs, axes, n) of displacement, current and command (3, axes, samples)."""
+    opened = loop.opened(record, series[0], series[2] - record.added, series[1] if "amplifier" in outputs else None)
     return record.windows.project(opened).reshape(*opened.shape[:2], -1)
+
+
+def measured_series(record: OpenRecord) -> np.ndarray:
+    """Displacement, current (zero where it is not compared) and command, (3, axes, samples)."""
+    displacement = record.series["displacement"]
+    return np.stack([displacement, record.series.get("current", np.zeros_like(displacement)), record.command])
 
 
 def measured_of(record: OpenRecord, loop: Loop, outputs: Sequence[str]) -> np.ndarray:
     """Opened coordinates (outputs, axes, n) of what was recorded."""
-    series = record.series
-    return coordinates_of(
-        record, loop, outputs, np.stack([series["displacement"], series.get("current", series["displacement"])])
-    )
+    return coordinates_of(record, loop, outputs, measured_series(record))
 
 
 def parts_of(record: OpenRecord, loop: Loop, predicted: np.ndarray) -> dict[str, dict[str, np.ndarray]]:
@@ -62,26 +62,28 @@ def parts_of(record: OpenRecord, loop: Loop, predicted: np.ndarray) -> dict[str,
     All of it comes from the simulation, which is free of the sensor's noise.
 
     Args:
-        predicted: displacement and current (2, axes, samples) of the simulation nearest to the record.
+        predicted: displacement, current and command (3, axes, samples) of the simulation nearest to the record.
     """
-    e, dt, every = record.experiment, 1 / record.experiment.rig.control_rate, record.every
-    y, i = (record.spectrum(series) for series in predicted)
-    found = {"displacement": {"plant": y}, "current": {"amplifier": i}}
-    force = record.waves["force"]
-    found["force"] = {"plant": -loop.receptance * record.spectrum(force[:, ::every])}
-    at_ticks = np.repeat(predicted[0], every, axis=1)
-    fed = [recovered_injection(of_axis(e.gains, a), w, x, dt) for a, (w, x) in
-           enumerate(zip(-record.waves["current"], at_ticks, strict=True))]  # fmt: skip
-    command = record.spectrum(-np.array(fed)[:, ::every])
+    y, i, command = (record.spectrum(series) for series in predicted)
+    plant, amplifier, receptance, referred = (
+        np.reshape(v, (-1, *loop.shape))
+        for v in (loop.blocks.plant, loop.blocks.amplifier, loop.blocks.receptance, loop.blocks.from_reference)
+    )
+    force, injection, reference = (
+        record.spectrum(record.waves[place][:, :: record.every]) for place in ("force", "current", "reference")
+    )
+    found = {
+        "displacement": {"plant": y},
+        "current": {"amplifier": i},
+        "force": {"plant": -receptance * force},
+    }
     if record.source == "command":
-        found["command"] = {"plant": -loop.plant * command, "amplifier": -loop.amplifier * command}
+        found["command"] = {"plant": -plant * command, "amplifier": -amplifier * command}
     elif record.source == "current":
-        found["current"] = {"plant": -loop.plant * command}
+        found["current"] = {"plant": -plant * command}
     else:
-        for channel, place in (("injection", "current"), ("reference", "reference")):
-            wave = record.spectrum(record.waves[place][:, ::every])
-            own = wave if place == "current" else loop.controller * wave
-            found[channel] = {"plant": -loop.plant * own, "amplifier": -loop.amplifier * own}
+        for channel, own in (("injection", injection), ("reference", referred * reference)):
+            found[channel] = {"plant": -plant * own, "amplifier": -amplifier * own}
     return found
 
 
@@ -89,13 +91,14 @@ def open_noise(record: OpenRecord, loop: Loop, outputs: Sequence[str], predicted
     """Standard deviation (outputs, axes, n) of the coordinates' noise, E|n|^2 = sd^2.
 
     Args:
-        predicted: series (2, axes, samples) of the simulation nearest to the record, as `replayed` gives them; None or
-            nan where none stands: then the recorded series themselves are taken, and the noise comes out too large
-            where the loop resonates.
+        predicted: series (3, axes, samples) of the simulation nearest to the record, as `simulated_series` gives them;
+            None or nan where none stands: then the recorded series themselves are taken, and the noise comes out too
+            large where the loop resonates.
     """
-    measured = np.stack([record.series[name] for name in ("displacement", "current") if name in record.series])
+    series = measured_series(record)
+    series[2] -= record.added
     if predicted is not None and np.isfinite(predicted).all():
-        measured = measured - predicted[: len(measured)]
-    residual = loop.opened(record, measured[0], measured[1] if "amplifier" in outputs else None)
+        series = measured_series(record) - predicted
+    residual = loop.opened(record, series[0], series[2], series[1] if "amplifier" in outputs else None)
     found = record.windows.noise(residual, record.drives)
     return np.repeat(np.sqrt(found.variance), KEPT, axis=-1)

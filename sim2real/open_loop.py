@@ -4,34 +4,41 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from maglev_env.experiment import axis_experiment
-from maglev_env.linear.loop import loop_response
+from sim2real.nominal import nominal_blocks, outputs_of
 from sim2real.open_record import OpenRecord
+from sim2real.opened import Opened
 
 
 @dataclass(frozen=True)
 class Loop:
-    """The nominal loop at every line of a record's windows, (axes, windows, WIDTH) each."""
+    """The nominal loop at every line of a record's windows.
 
-    controller: np.ndarray
-    amplifier: np.ndarray
-    plant: np.ndarray
-    receptance: np.ndarray
+    Args:
+        blocks: responses (axes, windows * WIDTH), see `Opened`.
+        shape: windows, WIDTH.
+    """
 
-    def opened(self, record: OpenRecord, displacement: np.ndarray, current: np.ndarray | None) -> np.ndarray:
-        """Opened spectra (..., outputs, axes, windows, WIDTH) of series (..., axes, samples)."""
-        y = record.spectrum(displacement)
-        found = [y + self.plant * self.controller * y]
+    blocks: Opened
+    shape: tuple[int, int]
+
+    def opened(
+        self, record: OpenRecord, displacement: np.ndarray, command: np.ndarray, current: np.ndarray | None
+    ) -> np.ndarray:
+        """Opened spectra (..., outputs, axes, windows, WIDTH) of series (..., axes, samples); command: by the readings.
+
+        They are those of `Opened.residuals`, but with the controller's part of the command in time: what an integral
+        remembers at the ends of a record would leak into the lowest windows.
+        """
+        plant, amplifier = (v.reshape(-1, *self.shape) for v in (self.blocks.plant, self.blocks.amplifier))
+        u = record.spectrum(command)
+        found = [record.spectrum(displacement) - plant * u]
         if current is not None:
-            found.append(record.spectrum(current) + self.amplifier * self.controller * y)
+            found.append(record.spectrum(current) - amplifier * u)
         return np.stack(found, axis=-4)
 
 
 def nominal_loop(record: OpenRecord) -> Loop:
     """The linear nominal loop under a record's gains."""
-    found = []
-    for axis in range(record.axes):
-        r = loop_response(axis_experiment(record.experiment, axis), record.windows.frequency.ravel())
-        found.append((r.controller, r.amplifier, r.plant, r.receptance / r.sensitivity))
-    shape = record.windows.frequency.shape
-    return Loop(*(np.array(v).reshape(record.axes, *shape) for v in zip(*found, strict=True)))
+    frequency, outputs = record.windows.frequency, outputs_of("current" in record.series, record.experiment)
+    blocks = nominal_blocks(record.experiment, frequency.ravel(), "amplifier" in outputs)
+    return Loop(Opened(*blocks, outputs), frequency.shape)

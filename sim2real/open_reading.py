@@ -41,28 +41,27 @@ def open_record(campaign: Campaign, spec: RecordingSpec, dataset: "xr.Dataset") 
     try:
         drive = drive_of(rig, spec, channels)
         channels = {kind: values[:, :: drive.multiple] for kind, values in channels.items()}
-        waves = drive.waves(channels)
+        waves = drive.driving(channels).waves
         known = np.concatenate([w[:, :: drive.every] for w in waves.values()])
         if not np.ptp(known, axis=1).any():
             raise ValueError("nothing that is known drives this recording: all of it is constant")
         stretch = compared(drive.experiment, spec.sample_rate / drive.multiple, known, channels["displacement"])
     except ValueError as error:
         raise ValueError(f"{where}: {error}") from None
-    channels = {kind: values[:, stretch.samples] for kind, values in channels.items()}
+    # The simulation begins here with a controller at rest: what it held before is part of what drove the loop.
     lead = stretch.settling if drive.stand_in else 0
-    if drive.stand_in:
-        channels = {kind: _led_in(values, lead) for kind, values in channels.items()}
-        waves = drive.waves(channels)
-    else:
-        waves = {place: wave[:, stretch.samples] for place, wave in waves.items()}
+    channels = {kind: _led_in(values[:, stretch.samples], lead) for kind, values in channels.items()}
+    driving = drive.driving(channels)
     shown = ("displacement",) if drive.source == "current" else ("displacement", "current")
     record = OpenRecord(
         spec.file,
         spec.role,
         rig,
         drive.experiment,
-        waves,
+        driving.waves,
         {kind: channels[kind] for kind in shown if kind in channels},
+        driving.command,
+        driving.added,
         stretch.settling + lead,
         stretch.windows,
         drive.every,

@@ -1,11 +1,11 @@
 """A recording that never repeats, as evidence: set-point steps, a chirp, noise that nobody stored, one sine, hover.
 
 Where the logged displacement is what the controller read, what was added to its command is known exactly, sensor noise
-included: w = command - C(-displacement), with C the controller's own recursion. The closed loop of a hypothesis is
-simulated under this w. Its reading differs from the recorded one by the loop's answer to the sensor noise, to what
-else disturbs it and to the unknown start. Opened at the fixed nominal loop, (1 + P0 C) times that difference is white
-for white sensor noise, and is looked at in windows of lines with the transient projected out
-(`estimation.line_windows`). Data and simulation go through the same linear map.
+included: w = command - C(reference, -displacement, -current), with C the controller's own recursion. The closed loop of
+a hypothesis is simulated under this w. Its reading differs from the recorded one by the loop's answer to the sensor
+noise, to what else disturbs it and to the unknown start. Opened at the fixed nominal loop (see `opened`), the
+differences of reading and current are white for white sensor noise, each its own, and are looked at in windows of lines
+with the transient projected out (`estimation.line_windows`). Data and simulation go through the same linear map.
 """
 
 from collections.abc import Mapping
@@ -39,6 +39,9 @@ class OpenRecord:
         experiment: the rig without noise and converters, under this recording's gains.
         waves: place -> (axes, samples * every) of what drives the simulation, at the control rate of the experiment.
         series: channel -> (axes, samples) of displacement and, where it is compared, current.
+        command: (axes, samples), recorded or computed from the other channels; zeros without a controller.
+        added: (axes, samples), what of the command does not depend on the readings: the injection, and what the
+            reference causes.
         first: samples that are simulated but not compared.
         windows: lines that are compared.
         every: control samples of the experiment for each recorded sample.
@@ -57,6 +60,8 @@ class OpenRecord:
     experiment: Experiment
     waves: Mapping[str, np.ndarray]
     series: Mapping[str, np.ndarray]
+    command: np.ndarray
+    added: np.ndarray
     first: int
     windows: LineWindows
     every: int = 1

@@ -1,7 +1,8 @@
 """The opened loop: spectra are turned into the contribution of each block, whose noise is measured over its periods.
 
 Let A (command to current) and P (command to reading) be the nominal responses. A digital controller computes the
-command U = C (reference - reading) + injection exactly from its reading. The combinations
+command U = C (reference - reading) + injection exactly from its reading; where it reads the current too, that has its
+part in U. The combinations
 
     amplifier   I - A U          plant   D - P U
 
@@ -18,9 +19,8 @@ import numpy as np
 from scipy import stats
 from scipy.optimize import nnls
 
-from maglev_env.experiment import axis_experiment
-from maglev_env.linear.loop import loop_response
 from maglev_env.rig.rig import axis_rig
+from sim2real.nominal import nominal_blocks, outputs_of
 from sim2real.records import Record
 from sim2real.tones import near_tones
 
@@ -37,11 +37,17 @@ OUTLIER = 12.0  # a line whose variance exceeds its surroundings by this factor 
 class Opened:
     """The nominal responses of a record's blocks, (axes, n) each.
 
+    Where the controller reads the current but the record does not have it, the current's loop stays closed, by the
+    nominal amplifier: controller, from_reference and from_injection then contain it, and from_current is 0.
+
     Attributes:
-        controller: A/m.
+        controller: From the negative reading to the command, A/m.
         amplifier: A/A.
         plant: From command to reading, m/A.
         receptance: Of the opened loop, m/N.
+        from_reference: From the reference to the command, A/m.
+        from_current: From the negative current to the command, A/A.
+        from_injection: From the injection to the command, A/A.
         outputs: Outputs that the record's channels give.
     """
 
@@ -49,20 +55,43 @@ class Opened:
     amplifier: np.ndarray
     plant: np.ndarray
     receptance: np.ndarray
+    from_reference: np.ndarray
+    from_current: np.ndarray
+    from_injection: np.ndarray
     outputs: tuple[str, ...]
 
     def residuals(self, displacement: np.ndarray, current: np.ndarray | None) -> np.ndarray:
         """Residuals (..., outputs, axes, n) of spectra (..., axes, n), without what injection and force contribute."""
         command = -self.controller * displacement
+        if current is not None:
+            command = command - self.from_current * current
         found = {"plant": displacement - self.plant * command}
         if current is not None:
             found["amplifier"] = current - self.amplifier * command
         return np.stack([found[name] for name in self.outputs], axis=-3)
 
+    def displacement(self, residuals: np.ndarray) -> np.ndarray:
+        """The displacement (axes, n) of which residuals (outputs, axes, n) are those: `residuals` backwards."""
+        plant = residuals[self.outputs.index("plant")]
+        command = self.controller * plant
+        if "amplifier" in self.outputs:
+            command = command + self.from_current * residuals[self.outputs.index("amplifier")]
+        return plant - self.plant * command / self.closed
+
+    @property
+    def closed(self) -> np.ndarray:
+        """1 + loop gain (axes, n): by how much smaller a disturbance is in closed loop."""
+        return 1 + self.controller * self.plant + self.from_current * self.amplifier
+
+    @property
+    def of_injection(self) -> np.ndarray:
+        """C (axes, n), A/m, with which the sensitivity is 1 - C displacement / injection."""
+        return self.controller / self.from_injection
+
     def driven(self, record: Record) -> np.ndarray:
         """What force, injection and reference add to `residuals` on the linear nominal rig, (outputs, axes, n)."""
         force, injection, reference = map(record.driving, ("force", "current", "reference"))
-        command = injection + self.controller * reference
+        command = self.from_injection * injection + self.from_reference * reference
         found = {
             "plant": self.plant * command + self.receptance * force,
             "amplifier": self.amplifier * command,
@@ -79,23 +108,19 @@ class Opened:
         driven = dict(zip(self.outputs, self.driven(record), strict=True))
         found = {"displacement": {"plant": driven["plant"]}, "force": {"plant": -self.receptance * force}}
         if "amplifier" in driven:
-            sensitivity = 1 / (1 + self.plant * self.controller)
-            displacement = sensitivity * driven["plant"]
+            displacement = driven["plant"] / self.closed
             found["displacement"]["amplifier"] = self.amplifier * self.controller * displacement
             found["current"] = {"amplifier": driven["amplifier"] - self.amplifier * self.controller * displacement}
-        for channel, command in (("injection", injection), ("reference", self.controller * reference)):
+        own = (("injection", self.from_injection * injection), ("reference", self.from_reference * reference))
+        for channel, command in own:
             found[channel] = {"plant": -self.plant * command, "amplifier": -self.amplifier * command}
         return found
 
 
 def opened_loop(record: Record) -> Opened:
     """Nominal responses at a record's lines, under the record's gains."""
-    e, found = record.experiment, []
-    for axis in range(record.axes):
-        r = loop_response(axis_experiment(e, axis), record.frequency)
-        found.append((r.controller, r.amplifier, r.plant, r.receptance / r.sensitivity))
-    outputs = ("plant", "amplifier") if "current" in record.periods and e.rig.controlled else ("plant",)
-    return Opened(*np.array(found).transpose(1, 0, 2), outputs)
+    outputs = outputs_of("current" in record.periods, record.experiment)
+    return Opened(*nominal_blocks(record.experiment, record.frequency, "amplifier" in outputs), outputs)
 
 
 def noise_of(record: Record, opened: Opened) -> np.ndarray:

@@ -172,7 +172,7 @@ def _evidence(record: Record | OpenRecord, near: Point | None) -> _Evidence:
         nuisances = changes(record.errors, record.frequency, opened.outputs, opened.parts(record))
         return _Evidence(opened, measured, noise_of(record, opened), nuisances)
     loop = nominal_loop(record)
-    opened = opened_of(record, loop)
+    opened = opened_of(loop)
     lanes = predictor(record, opened).lanes([near or Point({}, {})])
     predicted = simulated_series(record, lanes)[0]
     measured, noise = measured_of(record, loop, opened.outputs), open_noise(record, loop, opened.outputs, predicted)

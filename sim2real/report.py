@@ -236,8 +236,7 @@ def _curve(part: Part, kind: str, axis: str, on: np.ndarray, nominal: np.ndarray
     record, opened = part.record, part.opened
     a, plant = AXES.index(axis) if axis else 0, opened.outputs.index("plant")
     drive = record.driving("force" if kind == "receptance" else "current")[a, on]
-    closed = (1 + opened.plant * opened.controller)[a, on]
-    controller = opened.controller[a, on]
+    closed, controller = opened.closed[a, on], opened.of_injection[a, on]
 
     def response(displacement: np.ndarray) -> np.ndarray:
         return displacement / drive if kind == "receptance" else 1 - controller * displacement / drive
@@ -251,6 +250,6 @@ def _curve(part: Part, kind: str, axis: str, on: np.ndarray, nominal: np.ndarray
         record.frequency[on],
         response(measured),
         sd if kind == "receptance" else sd * abs(controller),
-        response(nominal[plant, a, on] / closed),
-        response(corrected[plant, a, on] / closed),
+        response(opened.displacement(nominal)[a, on]),
+        response(opened.displacement(corrected)[a, on]),
     )

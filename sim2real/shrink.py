@@ -166,12 +166,11 @@ def _of_part(part: Part, residual: np.ndarray | None) -> tuple[float, float, flo
     if residual is not None and not np.isfinite(residual[part.place]).all():
         return np.nan, np.nan, np.nan  # the rotor touched down
     record, used, opened = part.record, part.used, part.opened
-    plant = part.measured[opened.outputs.index("plant"), 0][used]
+    whole = part.measured.copy()
     if residual is not None:
-        shaped = residual[part.place].reshape(*part.measured.shape[:2], -1)[opened.outputs.index("plant"), 0]
-        plant = plant - shaped * part.noise[opened.outputs.index("plant"), 0][used] / np.sqrt(2)
-    controller, p = opened.controller[0, used], opened.plant[0, used]
-    displacement = plant / (1 + p * controller)
+        shaped = residual[part.place].reshape(*part.measured.shape[:2], -1)
+        whole[..., used] -= shaped * part.noise[..., used] / np.sqrt(2)
+    displacement, controller = opened.displacement(whole)[0, used], opened.of_injection[0, used]
     kinds, frequency = {name: on[0, used] for name, on in record.driven.items()}, record.frequency[used]
     stiffness = damping = peak = np.nan
     rig = record.nominal

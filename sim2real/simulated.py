@@ -7,10 +7,10 @@ from math import ceil, log, pi
 import numpy as np
 
 from maglev_env.experiment import Experiment
+from maglev_env.kernel.controllers import controller_kind
 from maglev_env.kernel.simulate import prepared, steady_spectra
 from maglev_env.linear.loop import closed_loop_poles
 from maglev_env.loop.effect import EFFECTS, Effects, effect, effect_value, meaningful
-from maglev_env.loop.gains import Gains
 from maglev_env.rig.rig import Rig, with_parameters
 from sim2real.open_evidence import Replay
 from sim2real.open_loop import nominal_loop
@@ -94,9 +94,8 @@ class Predictor:
     def kind(self) -> tuple:
         """Key of the records that may share their lanes."""
         e = self.record.experiment
-        controllers = e.gains if isinstance(e.gains, tuple) else (e.gains,)
-        orders = tuple(None if isinstance(c, Gains) else c.order for c in controllers)
-        return orders, e.speed_rpm, e.rig.mass, e.rig.control_rate, e.rig.amplifier_time_constant
+        kind = controller_kind(e.gains, 1 / e.rig.control_rate)
+        return kind, e.speed_rpm, e.rig.mass, e.rig.control_rate, e.rig.amplifier_time_constant
 
     def lanes(self, points: Sequence[Point], dithered: bool = False) -> list:
         """Lanes at every point, for records of this kind; dithered lanes have the noise that the rig states."""

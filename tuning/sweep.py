@@ -4,6 +4,7 @@ import json
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields
 from hashlib import sha256
+from math import prod
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -12,10 +13,11 @@ import numpy as np
 from maglev_env.evaluation.evaluate import Evaluation, evaluate
 from maglev_env.experiment import protocol_experiment
 from maglev_env.loop.effect import Effects
-from maglev_env.loop.gains import Controllers, Gains, of_axis, with_gains
-from maglev_env.recordings.files import atomic_file, write_text_atomic
+from maglev_env.loop.gains import NO_CONTROLLER, Controllers, Gains, of_axis, with_gains
+from maglev_env.recordings.result_folder import claim, is_empty, load_arrays, locked, save_arrays
 from maglev_env.rig.rig import Rig
 from maglev_lanes.code_version import code_version
+from maglev_lanes.price import check_experiments
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -24,6 +26,7 @@ if TYPE_CHECKING:
 
 CHUNK = 256
 SWEPT = ("kp", "ki", "kd")
+SPEC = "sweep.json"
 UNITS = {"kp": "A/m", "ki": "A/(m s)", "kd": "A s/m"}
 
 
@@ -63,6 +66,10 @@ class Sweep:
             raise ValueError(
                 f"rig {self.rig.name} has no controlled magnet or no [protocol]: there is nothing to sweep"
             )
+        p = self.rig.protocol
+        period = max((self.rig.control_rate / e.fundamental for e in p.excitations if e.periodic), default=0.0)
+        count = self.sobol or prod(axis.points for axis in self.axes.values())
+        check_experiments(count, period * (p.periods + p.transient_periods), "sweep")
         if not self.axes:
             raise ValueError("sweep: give at least one of kp, ki, kd as lo:hi:n")
         for name, axis in self.axes.items():
@@ -89,6 +96,8 @@ def parse_axis(text: str) -> Axis:
 def default_axes(rig: Rig, points: Mapping[str, int] | None = None) -> dict[str, Axis]:
     """The rig's gain bounds as axes, by default with 16 x 4 x 16 points."""
     points = points or {"kp": 16, "ki": 4, "kd": 16}
+    if lacking := [name for name in SWEPT if not hasattr(of_axis(rig.gains or NO_CONTROLLER, 0), name)]:
+        raise ValueError(f"rig {rig.name}: its controller has no {', '.join(lacking)}: a sweep varies those of a PID")
     missing = [name for name in SWEPT if name not in rig.bounds]
     if missing:
         raise ValueError(f"rig {rig.name}: [bounds] lacks {', '.join(missing)}; give --kp, --ki, --kd as lo:hi:n")
@@ -142,27 +151,32 @@ def run_sweep(
 
     Raises:
         ValueError: `out` holds another sweep.
+        BlockingIOError: Another process works on it.
         OSError: `out` cannot be written.
     """
+    with locked(out):
+        return _run(sweep, out, threads, progress or (lambda n, reused: None), workers)
+
+
+def _run(sweep, out, threads, advance, workers) -> "xr.Dataset":  # see run_sweep
+    if not (out / SPEC).exists() and not is_empty(out):
+        raise ValueError(f"{out} is not empty and holds no sweep; choose another --out")
     gains = gain_sets(sweep)
+    claim(out / SPEC, description(sweep, len(gains)), "sweep")
     chunks = out / "chunks"
-    _claim(sweep, out, len(gains))
     chunks.mkdir(exist_ok=True)
-    advance = progress or (lambda n, reused: None)
     parts, todo = {}, []
     for start in range(0, len(gains), CHUNK):
         path = chunks / f"{start:07d}.npz"
         if not path.exists():
             todo.append(_Chunk(sweep, start, gains[start : start + CHUNK]))
             continue
-        with np.load(path, allow_pickle=False) as stored:
-            parts[start] = dict(stored)
+        parts[start] = load_arrays(path)
         advance(len(gains[start : start + CHUNK]), True)
     for chunk, columns in _made(todo, threads, lambda n: advance(n, False), workers):
-        with atomic_file(chunks / f"{chunk.start:07d}.npz") as file:
-            np.savez(file, **columns)
+        save_arrays(chunks / f"{chunk.start:07d}.npz", columns)
         parts[chunk.start] = columns
-    made_by = json.loads((out / "sweep.json").read_text())
+    made_by = json.loads((out / SPEC).read_text())
     ordered = [parts[start] for start in sorted(parts)]
     result = _dataset(ordered, gains, {k: v if isinstance(v, str) else json.dumps(v) for k, v in made_by.items()})
     temporary = out / "sweep.part"
@@ -223,22 +237,6 @@ def _made(
         progress(len(chunks[i].gains))  # after the caller has stored the chunk
 
 
-def _claim(sweep: Sweep, out: Path, n: int) -> None:
-    out.mkdir(parents=True, exist_ok=True)
-    mine, path = description(sweep, n), out / "sweep.json"
-    if path.exists():
-        try:
-            theirs = json.loads(path.read_text()).get("identity")
-        except json.JSONDecodeError:
-            raise ValueError(f"{path} is not a sweep description; choose another --out") from None
-        if theirs != mine["identity"]:
-            raise ValueError(f"{out} holds another sweep (see {path}); choose another --out or delete it")
-        return
-    if any(out.iterdir()):
-        raise ValueError(f"{out} is not empty and holds no sweep; choose another --out")
-    write_text_atomic(path, json.dumps(mine, indent=1))
-
-
 def _along(axis: Axis, unit: np.ndarray, log: bool) -> np.ndarray:
     if log:
         return axis.low * (axis.high / axis.low) ** unit
@@ -269,6 +267,7 @@ def _dataset(
     bands = parts[0]["bands"]
     coordinates: dict[str, tuple] = {"experiment": ("experiment", np.arange(len(gains)))}
     for f in fields(Gains):
-        coordinates[f.name] = ("experiment", np.array([getattr(of_axis(g, 0), f.name) for g in gains]))
+        if hasattr(of_axis(gains[0], 0), f.name):
+            coordinates[f.name] = ("experiment", np.array([getattr(of_axis(g, 0), f.name) for g in gains]))
     coordinates["band_low"], coordinates["band_high"] = ("band", bands[:, 0]), ("band", bands[:, 1])
     return xr.Dataset(variables, coordinates, attributes)

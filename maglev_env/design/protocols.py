@@ -108,7 +108,7 @@ def _other_gains(rig: Rig, gains: Controllers, effects: Effects) -> Controllers:
     """A second, clearly different gain set that keeps the simulated loop stable."""
     first = of_axis(gains, 0)
     if not isinstance(first, Gains):
-        raise ValueError("the diagnosis campaign varies PID gains; the rig's controller is a numerator and denominator")
+        raise ValueError("the diagnosis campaign varies plain PID gains; the rig has another controller")
     for kp, kd in ((0.8, 1.2), (1.0, 1.3), (1.0, 0.8), (1.1, 1.0)):
         other = with_gains(gains, kp=first.kp * kp, kd=first.kd * kd)
         e = protocol_experiment(rig, other, effects)

@@ -1,6 +1,7 @@
 """The scalar environment; its docstring specifies all environments of rigs."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from inspect import signature
 from typing import TYPE_CHECKING, Any
 
 import gymnasium as gym
@@ -74,7 +75,7 @@ class RigEnv(gym.Env[np.ndarray, np.ndarray]):
     - `tuned`: gains to tune, of kp, ki, kd, td, ti. `bounds`: {gain: (low, high)} instead of the rig's.
     - `randomization`: "none", "tolerances" (the rig's data-sheet uncertainty) or "wide" (its [randomization], else 0.75
       to 1.35 times every parameter that has a tolerance). `draw_target`: draw k* and c* too, 0.8 to 1.5 times.
-    - `effects`: any of `maglev effects`, {name: {parameter: value}}, unknown to the agent.
+    - `effects`: any of `maglev effects`, {name: {parameter: value}} or {name: value}, unknown to the agent.
     - `protocol`: "full" (the rig's SPHS protocol) or "quick" (an eighth of the time, two to five times the error).
     - `move`: None, or the share of the box (0 .. 2) by which an action can move the gains tried last.
     - `sensor`: "probe", or "self_sensing" by the rig's own coils and an estimator designed for the nominal rig; the
@@ -93,11 +94,12 @@ class RigEnv(gym.Env[np.ndarray, np.ndarray]):
     def __init__(self, render_mode: str | None = None, **arguments: Any) -> None:
         if render_mode is not None and render_mode not in self.metadata["render_modes"]:
             raise ValueError(f"render_mode = {render_mode!r}; use one of {self.metadata['render_modes']}")
+        check_arguments(arguments, self.make_task)
         self.task: Tuning = self.make_task(**arguments)
         self.render_mode = render_mode
         self.action_space, self.observation_space = spaces_of(self.task)
         self._canvas = None
-        self._episode = None
+        self._episode, self._ended = None, False
 
     @staticmethod
     def picture(task: Any, episode: Any, history: "History") -> "Figure":
@@ -121,6 +123,7 @@ class RigEnv(gym.Env[np.ndarray, np.ndarray]):
         """Draw an episode and make its first experiment; there are no options."""
         super().reset(seed=seed)
         self._episode, self._count, self._history = self.task.draw(self.np_random), 0, []
+        self._ended = False
         observation, _, info, _ = self._measure(self._episode.start)
         return observation, info
 
@@ -128,11 +131,15 @@ class RigEnv(gym.Env[np.ndarray, np.ndarray]):
         """One experiment at the gains of an action."""
         if self._episode is None:
             raise gym.error.ResetNeeded("call reset before the first step")
+        if self._ended:
+            raise gym.error.ResetNeeded("the episode has ended: call reset before the next step")
         checked = checked_actions(np.asarray(action)[None], self.action_space, 1)[0]
         self._count += 1
         observation, reward, info, down = self._measure(self.task.tried(self._history[-1][0], checked))
         terminated = bool(down and self.task.terminate_on_touchdown)
-        return observation, reward, terminated, self._count >= self.task.budget, info
+        truncated = self._count >= self.task.budget
+        self._ended = terminated or truncated
+        return observation, reward, terminated, truncated, info
 
     def render(self) -> np.ndarray | None:
         """The last experiment and the gains tried so far: RGB (height, width, 3) uint8, or in a window."""
@@ -166,6 +173,14 @@ class RigEnv(gym.Env[np.ndarray, np.ndarray]):
         return observations[0], float(rewards(found)[0]), info, bool(np.isfinite(found.touchdown_time[0]))
 
 
+def check_arguments(arguments: Mapping[str, Any], make_task: Callable[..., Tuning]) -> None:
+    """Raise TypeError for the first argument that an environment does not know; the message lists those it knows."""
+    known = list(signature(make_task).parameters)
+    for name in arguments:
+        if name not in known:
+            raise TypeError(f"unknown argument {name!r} of the environment; it has {', '.join(known)}, render_mode")
+
+
 def spaces_of(task: Tuning) -> tuple[spaces.Box, spaces.Box]:
     """Action and observation space of one environment."""
     action = spaces.Box(-1.0, 1.0, (len(task.box.names),), np.float32)
@@ -176,17 +191,19 @@ def checked_actions(actions: np.ndarray, space: spaces.Space, n: int) -> np.ndar
     """Actions (n, k) as float64, clipped into the box with a warning.
 
     Raises:
-        InvalidAction: The shape is wrong, or a value is not a number; the message says which.
+        InvalidAction: The shape is wrong, or a value is not a finite number; the message says which.
     """
     shape = space.shape or ()
     try:
+        if np.iscomplexobj(actions):
+            raise TypeError("complex numbers")
         checked = np.array(actions, dtype=np.float64)
     except (TypeError, ValueError) as error:
         raise InvalidAction(f"action: {error}; give numbers of shape {shape}") from error
     if checked.shape != (n, *shape):
         raise InvalidAction(f"action has the shape {checked.shape[1:]}, not {shape}: one element per gain")
-    if np.isnan(checked).any():
-        raise InvalidAction("action holds nan; give numbers in [-1, 1]")
+    if not np.isfinite(checked).all():
+        raise InvalidAction("action holds nan or infinite values; give numbers in [-1, 1]")
     if (np.abs(checked) > 1).any():
         logger.warn("action outside the box [-1, 1]: clipped")
     return np.clip(checked, -1.0, 1.0)

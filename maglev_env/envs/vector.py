@@ -10,7 +10,7 @@ from gymnasium.utils import seeding
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
-from maglev_env.envs.single import RigEnv, checked_actions, spaces_of
+from maglev_env.envs.single import RigEnv, check_arguments, checked_actions, spaces_of
 from maglev_env.task.task import Tuning, infos, make_task, rewards
 
 _Outcome = tuple[np.ndarray, list[dict[str, Any]], np.ndarray]
@@ -47,6 +47,7 @@ class RigVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             raise ValueError(f"num_envs = {num_envs!r}; give a whole number, at least 1")
         if render_mode not in (None, "rgb_array"):
             raise ValueError(f"render_mode = {render_mode!r}; many environments render as 'rgb_array' only")
+        check_arguments(arguments, self.make_task)
         self.task: Tuning = self.make_task(**arguments)
         self.num_envs, self.render_mode, self.threads = num_envs, render_mode, threads
         self.metadata = RigEnv.metadata | {"autoreset_mode": AutoresetMode(autoreset_mode)}

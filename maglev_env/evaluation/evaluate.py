@@ -13,11 +13,12 @@ from estimation.periods import LineStatistics, held
 from estimation.stability_margins import margin_arrays
 from estimation.xy.planar import axis_statistics
 from maglev_env.evaluation.score import ScoreTarget, score, stacked, terms
+from maglev_env.evaluation.sensitivity import injected_sensitivity
 from maglev_env.experiment import Experiment, axis_experiment
 from maglev_env.kernel.simulate import SimulatedStatistics, simulate_statistics
 from maglev_env.linear.loop import closed_loop_poles, expected_statistics, pole_radii
 from maglev_env.loop.axes import AXES
-from maglev_env.loop.gains import NO_CONTROLLER
+from maglev_env.loop.gains import NO_CONTROLLER, of_axis
 from maglev_env.rig.excitation import lines_at
 from maglev_env.rig.rig import Protocol, Rig, axis_rig
 from maglev_lanes.threads import over_threads
@@ -210,7 +211,8 @@ def _of_axis(
     receptance, _ = frequency_response(force, "displacement", "force")
     ls = least_squares(force.frequency[start:stop], receptance[:, start:stop], mass)
     injection = statistics.at_lines(lines_at(first.excitations, "current"))
-    sensitivity, variance = frequency_response(injection, "command", "injection")
+    controllers = [of_axis(e.gains, axis) for e, lives in zip(experiments, alive, strict=True) if lives]
+    sensitivity, variance = injected_sensitivity(injection, controllers, whole.rig.control_rate)
     margins = margin_arrays(injection.frequency, sensitivity)
     nearest = np.abs(np.log(injection.frequency / margins["peak_frequency"][:, None])).argmin(axis=1)
     probe = np.array([rig.sensor_time_constant for rig in rigs])[alive]

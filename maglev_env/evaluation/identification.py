@@ -14,9 +14,10 @@ from estimation.max_likelihood import BandEstimate, least_squares_bias, maximum_
 from estimation.modal import ModalEstimate, modal_estimate
 from estimation.periods import LineStatistics, held
 from estimation.stability_margins import Margins, margins
+from maglev_env.evaluation.sensitivity import injected_sensitivity
 from maglev_env.experiment import Experiment
 from maglev_env.linear.loop import LoopResponse, loop_response
-from maglev_env.loop.gains import NO_CONTROLLER
+from maglev_env.loop.gains import NO_CONTROLLER, of_axis, reads_current
 from maglev_env.loop.magnets.kinds import force_law
 from maglev_env.loop.magnets.law import linearise
 from maglev_env.recordings.spectra import RecordedSignals, RecordSpectra, record_spectra
@@ -170,14 +171,15 @@ def identify(
 def band_layout(force: LineStatistics, rig: Rig | None, width: float | None, overlap: float | None) -> np.ndarray:
     """Estimation bands (b, 2) Hz: as stated, or as in the rig's protocol, or 12 lines with an overlap of two thirds.
 
-    The last where the protocol's bands do not fit the lines, because the recording follows another plan.
+    The bands of a protocol are those of its own excitation; where other lines do not fit them, 12 lines it is.
     """
     if width is None and rig is not None and rig.protocol is not None:
-        usual = rig.protocol
+        own = rig.protocol.band_overlap if overlap is None else overlap
         try:
-            return sliding_bands(force.frequency, usual.band_width, usual.band_overlap if overlap is None else overlap)
+            return sliding_bands(force.frequency, rig.protocol.band_width, own)
         except ValueError:
-            overlap = None
+            if overlap is not None:
+                raise
     if width is None:
         width = min(12 * float(np.median(np.diff(force.frequency))), float(np.ptp(force.frequency)))
     return sliding_bands(force.frequency, width, 2 * width / 3 if overlap is None else overlap)
@@ -286,9 +288,11 @@ def _stability(
 ) -> tuple[Stability | None, str | None]:
     statistics, force, injected = spectra.all, spectra.force, spectra.driven["current"]
     if injected.size >= 4 and {"command", "injection"} <= signals.channels.keys():
-        loop = statistics.at_lines(injected)
-        s, variance = frequency_response(loop, "command", "injection")
+        loop, control_rate = statistics.at_lines(injected), rig and rig.control_rate
+        s, variance = injected_sensitivity(loop, (of_axis(signals.gains or NO_CONTROLLER, 0),), control_rate)
         source, why = "injection", None
+        if control_rate is None and signals.gains is not None and reads_current(signals.gains, 1.0):
+            why = "the controller reads the current: without a rig the margins hold at the command, not the reading"
     elif rig is not None and rig.controlled and signals.gains is not None and "force" in statistics.channels:
         nominal = _nominal(rig, signals, force.frequency)
         open_receptance = nominal.receptance / nominal.sensitivity

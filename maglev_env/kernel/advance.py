@@ -49,7 +49,7 @@ def _kernel(structure: Structure) -> Callable[..., int]:
     sources = 0  # see `compiled`
     axes, channels, delayed = structure.axes, len(structure.channels), structure.delayed
     planar, coupled, sensing = axes == 2, structure.coupled, structure.sensed is not None
-    filters, per_filter = axes * AXIS, filter_size(structure.controller_order)
+    filters, per_filter = axes * AXIS, filter_size(structure.controller_order, structure.of_error)
     kept = filters + axes * per_filter
     controlled = structure.magnets != "none"
     read, control, note_late = read_pieces(structure)

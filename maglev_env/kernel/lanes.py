@@ -7,11 +7,11 @@ import numpy as np
 
 from maglev_env.channels import NOISY
 from maglev_env.experiment import Experiment, axis_experiment, self_sensors
-from maglev_env.kernel.controllers import PID_ROWS, filter_constants, pid_constants
+from maglev_env.kernel.controllers import PID_ROWS, controller_kind, filter_rows, pid_constants
 from maglev_env.kernel.effect_lanes import FLEXIBLE, write_flexible, write_flexible_cross
 from maglev_env.kernel.exact import actuator_rows, delays, sensor_current_rows, sensor_rows, steps
 from maglev_env.kernel.exact_flexible import body_maps
-from maglev_env.kernel.layout import AXIS, filter_size, of_substep
+from maglev_env.kernel.layout import AXIS, of_substep
 from maglev_env.kernel.sensing_lanes import sensed_structure, timing_of, write_self_sensors
 from maglev_env.kernel.structure import Structure
 from maglev_env.lane_values import LaneValues, lane_values
@@ -19,7 +19,7 @@ from maglev_env.linear.axis import cross_terms
 from maglev_env.loop import actuator, amplifier, controller, external, mechanics, second_body, sensor
 from maglev_env.loop.axes import NO_CROSS
 from maglev_env.loop.effect import effect_value
-from maglev_env.loop.gains import Gains, LinearController
+from maglev_env.loop.gains import Gains, digital
 from maglev_env.loop.magnets import rows as magnet_rows
 from maglev_env.loop.magnets.kinds import simulated_as, steeper
 from maglev_lanes.layout import LaneRows, row
@@ -49,9 +49,9 @@ def structure_of(experiment: Experiment) -> Structure:
     effects = experiment.effects
     axes = [axis_experiment(experiment, axis) for axis in range(experiment.rig.axes)]
     rigs = [e.rig for e in axes]
-    filters = [e.gains for e in axes if isinstance(e.gains, LinearController)]
-    if 0 < len(filters) < len(axes):
-        raise ValueError("experiment: give both axes PID gains, or both a linear controller")
+    order, of_error = 0, True
+    if experiment.rig.controlled:
+        order, of_error = controller_kind(experiment.gains, 1 / experiment.rig.control_rate)
     sensors = self_sensors(experiment)
     flexible = any(name in effects for name in FLEXIBLE)
     supported = any(r.support_stiffness > 0 or r.support_damping > 0 for r in rigs) or "damping" in effects
@@ -67,7 +67,8 @@ def structure_of(experiment: Experiment) -> Structure:
         actuator_poles=current_poles,
         delayed=flexible or effect_value(effects, "delay") > 0,
         noise=experiment.rig.noise.displacement > 0 and not sensors,
-        controller_order=max((max(1, f.order) for f in filters), default=0),
+        controller_order=order,
+        of_error=of_error,
         axes=len(axes),
         coupled=experiment.rig.cross != NO_CROSS or "cross_coupling" in effects,
         sensed=sensed_structure(sensors),
@@ -115,7 +116,7 @@ def lane_batch(experiments: Sequence[Experiment], substeps: int = 1) -> LaneBatc
             if structure.coupled:
                 _cross_chains(x, pulls[axis], values[1 - axis], values[axis], structure, h, switch)
         kept.insert(0, np.concatenate([x.values[rows] for x in axes]))
-    filters = [_filters(own, structure.controller_order) for own in views if structure.controller_order]
+    filters = [_filters(own, structure) for own in views if structure.controller_order]
     parts = [x.values for x in axes] + filters + (kept if structure.delayed and substeps > 1 else [])
     seeds = [[np.random.SeedSequence(e.seed).generate_state(len(NOISY), np.uint64) for e in own] for own in views]
     history = 1 << int(np.ceil(np.log2(whole.max() + 2)))
@@ -144,12 +145,9 @@ def _fill(
         write_self_sensors(x, own)
 
 
-def _filters(own: Sequence[Experiment], order: int) -> np.ndarray:
+def _filters(own: Sequence[Experiment], structure: Structure) -> np.ndarray:
     """Rows of the linear controllers of one axis."""
-    found = np.zeros((row(filter_size(order)), len(own)))
-    values = np.array([filter_constants(e.gains, order) for e in own]).T
-    found[: len(values)] = values
-    return found
+    return np.array([filter_rows(digital(e.gains, 1 / e.rig.control_rate), structure) for e in own]).T
 
 
 def _chains(x: LaneRows, values: LaneValues, structure: Structure, h: np.ndarray, switch: np.ndarray) -> None:

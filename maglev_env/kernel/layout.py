@@ -8,7 +8,7 @@ import numpy as np
 
 from maglev_env.loop import self_sensing_pieces
 from maglev_env.loop.amplifier import NEXT, NODES
-from maglev_env.loop.controller import ARRIVED
+from maglev_env.loop.controller import ARRIVED, ERROR_STATE, HEAD, INPUT_STATE
 from maglev_env.loop.eddy import BRANCHES, EDDY_COMMANDS
 from maglev_env.loop.sensor import BEND, CROSS_BEND, MOUNT_BEND, MOUNT_CROSS
 from maglev_lanes.layout import LANES
@@ -16,12 +16,14 @@ from maglev_lanes.layout import LANES
 AXIS = self_sensing_pieces.END  # size of an axis, which is the offset between the axes of a lane
 
 
-def filter_size(order: int) -> int:
-    """Size of an axis' linear controller of an order: b0, then (b, a, state) for each power of 1 / z; 0 for order 0.
+def filter_size(order: int, of_error: bool) -> int:
+    """Size of an axis' linear controller of an order, see `filter_constants` for its rows; 0 for order 0.
 
-    Three rows behind the last state stay zero, so that the update of every state can read a following one.
+    The rows of one power of 1 / z, behind the last one, stay zero, so that the update of every state can read a
+    following one.
     """
-    return (3 * order + 4) * LANES if order else 0
+    head, power = (1, ERROR_STATE) if of_error else (HEAD, INPUT_STATE)
+    return (head + (order + 1) * power) * LANES if order else 0
 
 
 def of_substep(flexible: bool) -> np.ndarray:
@@ -32,9 +34,3 @@ def of_substep(flexible: bool) -> np.ndarray:
     carried = [first + (4 * j + c) * LANES for first, count in maps for j in range(count) for c in (2, 3)]
     branches = [EDDY_COMMANDS + j * LANES for j in range(2 * BRANCHES if flexible else 0)]
     return np.array([ARRIVED, *carried, *branches])
-
-
-def block_size(axes: int, order: int, substeps: int, delayed: bool, flexible: bool) -> int:
-    """Numbers in a block."""
-    kept = substeps * len(of_substep(flexible)) * LANES if delayed and substeps > 1 else 0
-    return axes * (AXIS + filter_size(order) + kept)

@@ -8,7 +8,22 @@ from maglev_env.channels import step_channels
 from maglev_env.kernel.layout import AXIS, of_substep
 from maglev_env.kernel.structure import Structure
 from maglev_env.loop import amplifier, sensor
-from maglev_env.loop.controller import ACTING, DELAY_STEPS, ERROR, U, U_OLD, command, filter_ahead, filter_output, pid
+from maglev_env.loop.controller import (
+    ACTING,
+    DELAY_STEPS,
+    ERROR,
+    ERROR_STATE,
+    HEAD,
+    INPUT_STATE,
+    U_OLD,
+    U,
+    command,
+    filter_ahead,
+    filter_output,
+    inputs_ahead,
+    limited_output,
+    pid,
+)
 from maglev_env.loop.mechanics import Y
 from maglev_env.loop.self_sensing_pieces import note_error
 from maglev_env.loop.sensor import DRAWN, NOISE, PEAK_SQ, SEEN, Z1, cross_seen, tone
@@ -43,7 +58,7 @@ def read_pieces(s: Structure) -> tuple[Callable, Callable, Callable]:
     own, current_at = Z1 if s.sensed else sensor.seen(s.sensor_poles), (POSITION + (s.sensed is not None)) * W
     row, toned, planar, sensing = SEEN if s.coupled else own, s.flexible and not s.sensed, s.axes == 2, bool(s.sensed)
     coil = amplifier.coil(s.actuator_poles, s.delayed, s.flexible)
-    order = s.controller_order
+    order, of_error = s.controller_order, s.of_error
     depends = s.actuator_poles == 0 or s.flexible  # whether the recorded current depends on the command after the delay
 
     @piece
@@ -79,18 +94,23 @@ def read_pieces(s: Structure) -> tuple[Callable, Callable, Callable]:
     def control(x, b, tile, o, reference, injection, f):
         for i in range(W):
             k = b + i
-            error = reference - note_reading(x, k, tile, o + i, 1.0)
+            shown = note_reading(x, k, tile, o + i, 1.0)
             if order == 0:
-                u = pid(x, k, error)
-            else:
-                x[k + ERROR] = error
+                u = pid(x, k, reference - shown)
+            elif of_error:
+                x[k + ERROR] = reference - shown
                 u = filter_output(x, k, f + i)
+            else:
+                u = limited_output(x, f + i, reference, shown, coil(x, k))
             tile[o + i + COMMAND * W] = command(x, k, u + injection)
             if not depends:
                 note_current(x, k, tile, o + i)
         for j in range(order):
             for i in range(W):
-                filter_ahead(x, b + i, f + (1 + 3 * j) * W + i)
+                if of_error:
+                    filter_ahead(x, b + i, f + (1 + ERROR_STATE * j) * W + i)
+                else:
+                    inputs_ahead(x, f + i, f + (HEAD + INPUT_STATE * j) * W + i, reference)
 
     @piece
     def late(x, b, tile, o):

@@ -10,12 +10,14 @@ import scipy.fft
 from estimation.periods import LineStatistics, line_statistics
 from maglev_env.rig.excitation import lines_at
 from maglev_env.channels import NOISY, SPECTRAL
-from maglev_env.experiment import Experiment, recorded_channels, sampling, spectral_channels
+from maglev_env.experiment import Experiment, axis_experiment, recorded_channels, sampling, spectral_channels
 from maglev_env.kernel.advance import TILE, kernel
 from maglev_env.kernel.controllers import with_controllers
 from maglev_env.kernel.lanes import LaneBatch, lane_batch, structure_of, timing_of
 from maglev_env.kernel.layout import AXIS
 from maglev_env.kernel.structure import Structure
+from maglev_env.lane_values import lane_values
+from maglev_env.loop import actuator
 from maglev_env.loop.amplifier import CURRENT_SQ
 from maglev_env.loop.mechanics import ALIVE, STEPS
 from maglev_env.loop.self_sensing_pieces import OFF_PEAK, OFF_SQ, OFF_SUM
@@ -23,6 +25,8 @@ from maglev_env.loop.sensor import PEAK_SQ
 from maglev_lanes.layout import LANES, row
 from maglev_lanes.noise import line_noise, series_noise
 from maglev_lanes.threads import over_threads
+
+MOST_TURN = 0.1  # rad; the error of a step is then below 1e-6 of the motion
 
 
 @dataclass(frozen=True)
@@ -159,7 +163,15 @@ def simulate_records(experiments: Sequence[Experiment], substeps: int = 1, threa
 
 def prepared(experiments: Sequence[Experiment]) -> list["_Block"]:
     """Lanes for `steady_spectra`: the constants of experiments that do not depend on gains, excitations and offset."""
-    return _blocks(experiments, 1)
+    return _blocks(experiments, _enough_substeps(experiments[0]))
+
+
+def _enough_substeps(e: Experiment) -> int:
+    """Integration steps per control sample, in each of which the rotor turns by MOST_TURN at most on its stiffness."""
+    values = lane_values([axis_experiment(e, axis) for axis in range(e.rig.axes)])
+    stiffness = abs(actuator.central_tangent(values)[1]) + values.rig("support_stiffness")
+    turn = float(np.sqrt(stiffness / values.mass).max()) / e.rig.control_rate
+    return max(1, int(np.ceil(turn / MOST_TURN)))
 
 
 def steady_spectra(

@@ -21,6 +21,7 @@ class Structure:
         delayed: whether a delay lies between controller and amplifier.
         noise: whether the reading has noise.
         controller_order: of a linear controller; 0: the PID.
+        of_error: whether a linear controller is a filter of the error alone, without a limit.
         axes: 1 or 2.
         coupled: whether anything couples the axes.
         sensed: the self-sensors in the probes' place.
@@ -38,6 +39,7 @@ class Structure:
     delayed: bool
     noise: bool
     controller_order: int = 0
+    of_error: bool = True
     axes: int = 1
     coupled: bool = False
     sensed: SensorStructure | None = None

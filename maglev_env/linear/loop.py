@@ -5,6 +5,7 @@ Effects enter with their linear part (see `linear_axis`), eddy currents with the
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import product
 
 import numpy as np
 from scipy.linalg import expm, schur
@@ -15,7 +16,7 @@ from maglev_env.channels import SPECTRAL
 from maglev_env.experiment import Experiment, axis_experiment, channels_of, moving_mass, self_sensors
 from maglev_env.linear.axis import POSITION, VELOCITY, cross_terms, linear_axis
 from maglev_env.loop.effect import effect_value, split_delay
-from maglev_env.loop.gains import controller_response, of_axis, state_space
+from maglev_env.loop.gains import INPUTS, controller_response, of_axis, realised
 from maglev_env.rig.rig import axis_rig
 from selfsense.baseband import growth_rate
 
@@ -24,16 +25,22 @@ from selfsense.baseband import growth_rate
 class LoopResponse:
     """Responses of the sampled loop: complex (n,), or (n, 2, 2) on an x-y rig with indices [to, from] axis.
 
+    Where the controller reads the coil's current, that loop is closed in all of them: the loop is broken at the
+    reading.
+
     Args:
         frequency: (n,), Hz.
-        controller: from error to command, A/m.
+        controller: from the negative reading to the command, A/m; of a filter of the error from the error.
         plant: from command to displacement reading, m/A.
         receptance: from the held force to the reading in closed loop, m/N.
         force_to_command: from the held force to the command in closed loop, A/N.
         loop_gain: controller * plant.
-        sensitivity: 1 / (1 + loop_gain), which is also the response command / injection.
+        sensitivity: 1 / (1 + loop_gain), from an error of the reading to the reading; without a current that is read
+            also the response command / injection.
         amplifier: from command to the coil's current at the control samples, A/A, including the delay. Without an
             amplifier pole it is the delay in samples, rounded up.
+        from_reference: from the reference to the command with the loop open at the reading, A/m.
+        from_injection: likewise from the injection, A/A; 1 if the current is not read.
     """
 
     frequency: np.ndarray
@@ -44,6 +51,8 @@ class LoopResponse:
     loop_gain: np.ndarray
     sensitivity: np.ndarray
     amplifier: np.ndarray
+    from_reference: np.ndarray
+    from_injection: np.ndarray
 
 
 def loop_response(experiment: Experiment, frequency: np.ndarray) -> LoopResponse:
@@ -55,9 +64,9 @@ def loop_response(experiment: Experiment, frequency: np.ndarray) -> LoopResponse
     """
     axes, dt = experiment.rig.axes, 1 / experiment.rig.control_rate
     z = np.exp(2j * np.pi * np.asarray(frequency, dtype=float) * dt)
-    controller = np.zeros((len(z), axes, axes), complex)
-    for axis in range(axes):
-        controller[:, axis, axis] = controller_response(of_axis(experiment.gains, axis), z, dt)
+    controls = np.zeros((len(INPUTS), len(z), axes, axes), complex)
+    for (k, of), axis in product(enumerate(INPUTS), range(axes)):
+        controls[k, :, axis, axis] = controller_response(of_axis(experiment.gains, axis), z, dt, of)
     m, c, current = _continuous(experiment)
     a, b_force, b_old, b_new = _discrete(experiment, m)
     n, (whole, fraction) = len(a), split_delay(experiment.effects, dt)
@@ -68,10 +77,14 @@ def loop_response(experiment: Experiment, frequency: np.ndarray) -> LoopResponse
     # Without an amplifier pole the current jumps with the command: at a sample it has its new value only if the delay
     # is a whole number of samples.
     amplifier = amplifier + current[:, n + axes :] * (late / z[:, None, None] if fraction else late)
+    injected = np.linalg.inv(np.eye(axes) + controls[INPUTS.index("current")] @ amplifier)
+    referred, controller = (injected @ controls[INPUTS.index(of)] for of in ("reference", "reading"))
     loop = controller @ plant
     sensitivity = np.linalg.inv(np.eye(axes) + loop)
     receptance = np.linalg.inv(np.eye(axes) + plant @ controller) @ from_states[:, :axes] @ b_force
-    found = (controller, plant, receptance, -controller @ receptance, loop, sensitivity, amplifier)
+    found = (
+        controller, plant, receptance, -controller @ receptance, loop, sensitivity, amplifier, referred, injected
+    )  # fmt: skip
     return LoopResponse(np.asarray(frequency), *(m[:, 0, 0] if axes == 1 else m for m in found))
 
 
@@ -119,10 +132,10 @@ def closed_loop(
         State-space matrices A (s, s), B (s, axes) and C (axes, s).
     """
     dt = 1 / experiment.rig.control_rate
-    a, b_force, b_old, b_new, c = plant or discrete_plant(experiment)
+    a, b_force, b_old, b_new, c, current = plant or discrete_plant(experiment)
     delay, _ = split_delay(experiment.effects, dt)
     n, axes = len(a), len(c)
-    controllers = [state_space(of_axis(experiment.gains, axis), dt) for axis in range(axes)]
+    controllers = [realised(of_axis(experiment.gains, axis), dt) for axis in range(axes)]
     # States: plant, controllers, then the last delay + 1 commands of every axis, newest first.
     held = n + sum(len(k[1]) for k in controllers)
     size = held + (delay + 1) * axes
@@ -132,8 +145,9 @@ def closed_loop(
     first = n
     for axis, (ka, kb, kc, kd) in enumerate(controllers):
         own = slice(first, first + len(kb))
-        m[own, own], m[own, :n] = ka, -np.outer(kb, c[axis])
-        command[axis, own], command[axis, :n] = kc, -kd * c[axis]
+        read = -np.stack([c[axis], current[axis]])
+        m[own, own], m[own, :n] = ka, kb[:, 1:] @ read
+        command[axis, own], command[axis, :n] = kc, kd[1:] @ read
         first = own.stop
     stored = np.eye(size)[held:]
     commands = np.concatenate([command, stored])  # now, one sample ago, ...
@@ -156,10 +170,11 @@ def expected_statistics(experiment: Experiment, lines: np.ndarray) -> LineStatis
     frequency = np.asarray(lines) * experiment.fundamental
     response = loop_response(experiment, frequency)
     rig, n, axes = experiment.rig, experiment.samples_per_period, experiment.rig.axes
-    receptance, plant, s, controller, to_command = (
+    receptance, plant, s, controller, to_command, from_reference, from_injection = (
         m.reshape(-1, axes, axes)
         for m in (
-            response.receptance, response.plant, response.sensitivity, response.controller, response.force_to_command
+            response.receptance, response.plant, response.sensitivity, response.controller, response.force_to_command,
+            response.from_reference, response.from_injection,
         )
     )  # fmt: skip
 
@@ -167,8 +182,8 @@ def expected_statistics(experiment: Experiment, lines: np.ndarray) -> LineStatis
         return np.fft.rfft(np.atleast_2d(experiment.waveform(at)), axis=-1)[:, lines].T[..., None] * (2 / n)
 
     force, injection, reference = drive("force"), drive("current"), drive("reference")
-    command = to_command @ force + s @ (injection + controller @ reference)
-    displacement = receptance @ force + plant @ s @ (injection + controller @ reference)
+    put_in = s @ (from_injection @ injection + from_reference @ reference)
+    command, displacement = to_command @ force + put_in, receptance @ force + plant @ put_in
     mean = np.concatenate([displacement, command, force, injection], axis=1)[..., 0].T
     # The rounding of each axis' converter acts as white noise, in addition to the probe's own noise.
     own = [axis_rig(rig, axis) for axis in range(axes)]
@@ -191,10 +206,11 @@ def discrete_plant(experiment: Experiment) -> tuple[np.ndarray, ...]:
     With a delay that is not a whole number of samples, each command changes from old to new within the sample.
 
     Returns:
-        A (n, n); B_force, B_old and B_new (n, axes) each; C (axes, n).
+        A (n, n); B_force, B_old and B_new (n, axes) each; C (axes, n); and the coils' currents (axes, n) in A, without
+        what jumps with the command.
     """
-    m, c, _ = _continuous(experiment)
-    return *_discrete(experiment, m), c
+    m, c, current = _continuous(experiment)
+    return *_discrete(experiment, m), c, current[:, : c.shape[1]]
 
 
 def _discrete(experiment: Experiment, m: np.ndarray) -> tuple[np.ndarray, ...]:

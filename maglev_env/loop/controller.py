@@ -30,7 +30,11 @@ U, ACTING, U_OLD, D, XI, ERROR, RAW, _CONSTANTS = rows_after(second_body.END, "U
 KP, KD, KI, DECAY_D, DECAY_I, PER_U_COUNT, U_COUNT_MAX, U_COUNT, U_ROUNDS, DELAY_STEPS, ARRIVED, END = rows_after(
     _CONSTANTS, "KP KD KI DECAY_D DECAY_I PER_U_COUNT U_COUNT_MAX U_COUNT U_ROUNDS DELAY_STEPS ARRIVED"
 )
-FILTER_STATE = 3  # rows of a linear controller for each power of 1 / z: b, a, state
+ERROR_STATE = 3  # rows of a filter of the error for each power of 1 / z: b, a, state
+# Rows of a controller with several inputs: the coefficients of reference, reading and current without delay, the
+# limits, the reading, the current, and the command before and behind the limit (HEAD rows); then for each power of
+# 1 / z the coefficients of reference, reading and current, a, the one of what the limit cuts off, and the state.
+HEAD, INPUT_STATE = 9, 6
 
 
 def fill(x: LaneRows, values: Values) -> None:
@@ -78,3 +82,22 @@ def filter_ahead(x, k, g):
     """Advance one of its states to the next sample (transposed direct form II)."""
     fed = x[g] * x[k + ERROR] - x[g + W] * x[k + RAW]
     x[g + 2 * W] = fed + x[g + 5 * W]
+
+
+@piece
+def limited_output(x, f, reference, reading, current):
+    """Command (A) of a controller with several inputs whose rows start at f."""
+    x[f + 5 * W], x[f + 6 * W] = reading, current
+    u = x[f] * reference - x[f + W] * reading - x[f + 2 * W] * current + x[f + (HEAD + INPUT_STATE - 1) * W]
+    limited = min(max(u, x[f + 3 * W]), x[f + 4 * W])
+    x[f + 7 * W], x[f + 8 * W] = u, limited
+    return limited
+
+
+@piece
+def inputs_ahead(x, f, g, reference):
+    """Advance one of its states to the next sample (transposed direct form II); g: rows of its power of 1 / z."""
+    u = x[f + 7 * W]
+    fed = x[g] * reference - x[g + W] * x[f + 5 * W] - x[g + 2 * W] * x[f + 6 * W]
+    own = x[g + 3 * W] * u + x[g + 4 * W] * (u - x[f + 8 * W])
+    x[g + 5 * W] = fed - own + x[g + (2 * INPUT_STATE - 1) * W]

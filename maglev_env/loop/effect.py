@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Mapping, Set
 from math import floor, isnan
+from numbers import Real
 from typing import Protocol
 
 from maglev_env.loop import actuator, amplifier, controller, external, mechanics, sensor
@@ -111,6 +112,24 @@ def parse_effect(text: str) -> dict[str, dict[str, float]]:
         else:
             named[key.strip()] = number
     return effect(name.strip(), bare, **named)
+
+
+def as_effects(effects: Mapping[str, Mapping[str, float] | float]) -> Effects:
+    """Effects as `effect` gives them, where a bare number stands for the first parameter, as on the command line.
+
+    Raises:
+        ValueError: As `effect`, or what is given has another form.
+    """
+    if not isinstance(effects, Mapping):
+        raise ValueError(f"effects = {effects!r}; give {{name: value}} or {{name: {{parameter: value}}}}")
+    found: dict[str, Mapping[str, float]] = {}
+    for name, values in effects.items():
+        named = values if isinstance(values, Mapping) else {None: values}
+        for key, value in named.items():
+            if isinstance(value, bool) or not isinstance(value, Real):
+                raise ValueError(f"effect {name}: {f'{key} = ' if key else ''}{value!r} is not a number")
+        found |= effect(name, **values) if isinstance(values, Mapping) else effect(name, values)
+    return found
 
 
 class Levitated(Protocol):

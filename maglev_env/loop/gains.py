@@ -1,12 +1,15 @@
-"""Controllers of an axis: PID gains as the nominal rig's digital controller uses them, or any linear filter."""
+"""Controllers of an axis: PID gains as the nominal rig's digital controller uses them, a linear filter, or a form."""
 
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, fields, is_dataclass, replace
 from math import exp
+from typing import Any, Literal
 
 import numpy as np
 
 from maglev_env.fields import is_number
 from maglev_env.loop.axes import AXES
+from maglev_env.loop.controller_forms import FORMS, Form
+from maglev_env.loop.linear_controller import LinearController
 
 
 @dataclass(frozen=True)
@@ -39,43 +42,9 @@ class Gains:
                 raise ValueError(f"gains: {name} = {getattr(self, name)} s must be positive")
 
 
-@dataclass(frozen=True)
-class LinearController:
-    """Any linear controller: command / error = numerator / denominator in z (A/m), at the control rate.
-
-    Args:
-        numerator: coefficients, highest power of z first.
-        denominator: likewise; it starts with 1.
-
-    Raises:
-        ValueError: A coefficient is not finite, the denominator does not start with 1, or the numerator is longer than
-            the denominator.
-    """
-
-    numerator: tuple[float, ...]
-    denominator: tuple[float, ...]
-
-    def __post_init__(self) -> None:
-        for name in ("numerator", "denominator"):
-            values = getattr(self, name)
-            if not isinstance(values, tuple) or not values or not all(map(is_number, values)):
-                raise ValueError(f"controller: {name} = {values!r}; give finite numbers, the highest power of z first")
-        if self.denominator[0] != 1:
-            raise ValueError(
-                f"controller: the denominator starts with {self.denominator[0]:g}, not 1; divide numerator and "
-                f"denominator by it (and leave out leading zeros)"
-            )
-        if len(self.numerator) > len(self.denominator):
-            raise ValueError(
-                "controller: the numerator has a higher power of z than the denominator, so it would need the future"
-            )
-
-    @property
-    def order(self) -> int:
-        return len(self.denominator) - 1
-
-
-Controller = Gains | LinearController
+Controller = Gains | LinearController | Form
+Digital = Gains | LinearController
+INPUTS = ("reference", "reading", "current")
 # One controller for every axis, or one for each of x and y.
 Controllers = Controller | tuple[Controller, Controller]
 NO_CONTROLLER = Gains(0.0, 0.0, 0.0)
@@ -86,11 +55,16 @@ def of_axis(controllers: Controllers, axis: int) -> Controller:
     return controllers[axis] if isinstance(controllers, tuple) else controllers
 
 
+def digital(controller: Controller, dt: float) -> Digital:
+    """The controller as the recursion that runs every dt (s)."""
+    return controller if isinstance(controller, Digital) else controller.filter(dt)
+
+
 def with_gains(controllers: Controllers, **changes: float) -> Controllers:
     """The controllers with some gains replaced in every axis.
 
     Raises:
-        ValueError: A controller is linear and therefore has no gains.
+        ValueError: A controller has no gain of that name.
     """
     if isinstance(controllers, tuple):
         x, y = (_with_gains(one, **changes) for one in controllers)
@@ -99,42 +73,93 @@ def with_gains(controllers: Controllers, **changes: float) -> Controllers:
 
 
 def _with_gains(controller: Controller, **changes: float) -> Controller:
-    if changes and not isinstance(controller, Gains):
-        raise ValueError(f"{', '.join(changes)}: the rig's controller is given by numerator and denominator, not gains")
+    known = () if isinstance(controller, LinearController) else [f.name for f in fields(controller)]
+    if missing := [name for name in changes if name not in known]:
+        kind = "given by numerator and denominator" if not known else f'of the form "{form_of(controller)}"'
+        raise ValueError(f"{', '.join(missing)}: the rig's controller is {kind}, which has no such gain")
     return replace(controller, **changes)
+
+
+def form_of(controller: Controller) -> str | None:
+    """The controller's form in a file; None for plain gains."""
+    return next((name for name, cls in FORMS.items() if type(controller) is cls), None)
 
 
 def as_table(controllers: Controllers) -> dict:
     """The controllers as the [gains] table of a rig or campaign TOML."""
     if isinstance(controllers, tuple):
-        return {axis: asdict(one) for axis, one in zip(AXES, controllers, strict=True)}
-    return asdict(controllers)
+        return {axis: as_table(one) for axis, one in zip(AXES, controllers, strict=True)}
+    if isinstance(controllers, Gains):
+        return asdict(controllers)
+    form = {} if isinstance(controllers, LinearController) else {"form": form_of(controllers)}
+    return form | _stated(controllers)
+
+
+def _stated(part: Any) -> dict[str, Any]:
+    """The values of a controller or a part of it that are not the default ones."""
+    values = {f.name: getattr(part, f.name) for f in fields(part) if getattr(part, f.name) != f.default}
+    return {name: _stated(value) if is_dataclass(value) else value for name, value in values.items()}
+
+
+def realised(controller: Controller, dt: float) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """State-space matrices from reference, negative reading (m) and negative current (A) to the command (A).
+
+    Its limit is left out.
+
+    Returns:
+        A (n, n), B (n, 3), C (n,) and D (3,), sampled every dt (s).
+    """
+    controller = digital(controller, dt)
+    if isinstance(controller, Gains):
+        a_d, a_i = exp(-dt / controller.td), exp(-dt / controller.ti)
+        slope, on = controller.kd / controller.td, np.array([1.0, 1.0, 0.0])
+        return (
+            np.diag([a_d, a_i]),
+            np.outer([1 - a_d, 1 - a_i], on),
+            np.array([-slope, controller.ki]),
+            (controller.kp + slope) * on,
+        )
+    n = controller.order
+    b, a = controller.numerators, np.array(controller.denominator)
+    matrix = np.eye(n, k=1)
+    matrix[:, :1] -= a[1:, None]
+    return matrix, (b[:, 1:] - a[1:] * b[:, :1]).T, np.eye(1, n)[0] if n else np.zeros(0), b[:, 0]
 
 
 def state_space(controller: Controller, dt: float) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
-    """State-space matrices A (n, n), B (n,), C (n,) and D from error (m) to command (A), sampled every dt (s)."""
-    if isinstance(controller, Gains):
-        a_d, a_i = exp(-dt / controller.td), exp(-dt / controller.ti)
-        slope = controller.kd / controller.td
-        return (
-            np.diag([a_d, a_i]),
-            np.array([1 - a_d, 1 - a_i]),
-            np.array([-slope, controller.ki]),
-            controller.kp + slope,
-        )
-    n = controller.order
-    b, a = numerator_of(controller), np.array(controller.denominator)
-    matrix = np.eye(n, k=1)
-    matrix[:, :1] -= a[1:, None]
-    return matrix, b[1:] - a[1:] * b[0], np.eye(1, n)[0] if n else np.zeros(0), float(b[0])
+    """State-space matrices A (n, n), B (n,), C (n,) and D from the negative reading (m) to the command (A)."""
+    a, b, c, d = realised(controller, dt)
+    return a, b[:, 1], c, float(d[1])
 
 
-def numerator_of(controller: LinearController) -> np.ndarray:
-    """The numerator, padded with leading zeros to as many coefficients as the denominator, (order + 1,)."""
-    return np.concatenate([np.zeros(controller.order + 1 - len(controller.numerator)), controller.numerator])
+def controller_response(
+    controller: Controller, z: np.ndarray, dt: float, of: Literal["reference", "reading", "current"] = "reading"
+) -> np.ndarray:
+    """Response of the command to one input at points z (n,) of the unit circle.
 
-
-def controller_response(controller: Controller, z: np.ndarray, dt: float) -> np.ndarray:
-    """Command / error, A/m, at points z (n,) of the unit circle."""
-    a, b, c, d = state_space(controller, dt)
+    Args:
+        controller: of an axis.
+        z: (n,).
+        dt: control step, s.
+        of: "reference" (A/m), "reading" (its negative, A/m: that of the error too, if the error is all that acts) or
+            "current" (its negative, A/A).
+    """
+    a, b, c, d = realised(controller, dt)
+    b, d = b[:, INPUTS.index(of)], d[INPUTS.index(of)]
     return d + np.linalg.solve(z[:, None, None] * np.eye(len(a)) - a, b[:, None])[..., 0] @ c
+
+
+def reads_current(controllers: Controllers, dt: float) -> bool:
+    """Whether a controller has the coil's current as an input."""
+    return any(one.reads_current for one in linear_ones(controllers, dt))
+
+
+def limited(controllers: Controllers, dt: float) -> bool:
+    """Whether a controller's command has a limit."""
+    return any(one.limit is not None for one in linear_ones(controllers, dt))
+
+
+def linear_ones(controllers: Controllers, dt: float) -> list[LinearController]:
+    """The controllers of all axes that are no PID gains, as the recursions that run every dt (s)."""
+    found = (digital(one, dt) for one in (controllers if isinstance(controllers, tuple) else (controllers,)))
+    return [one for one in found if isinstance(one, LinearController)]

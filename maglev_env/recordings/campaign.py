@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path, PurePosixPath, PureWindowsPath
 from typing import Any, Literal
 
-from maglev_env.fields import check_known
+from maglev_env.fields import check_known, toml_text
 from maglev_env.loop.gains import Controllers
 from maglev_env.recordings.campaign_tables import (
     ChannelSource,
@@ -17,13 +17,13 @@ from maglev_env.recordings.campaign_tables import (
     whole_of,
 )
 from maglev_env.recordings.text_layout import TextLayout, layout_table
+from maglev_env.rig.controller_tables import controllers_from_table
 from maglev_env.rig.excitation import Excitation
-from maglev_env.rig.rig import PRESETS, Rig, controllers_from_table, load_rig, with_parameters
+from maglev_env.rig.rig import PRESETS, Rig, load_rig, with_parameters
 
 __all__ = ["Campaign", "ChannelSource", "RecordingSpec", "load_campaign"]
 
 SCHEMA = "maglev-campaign/1"
-MAX_FILE_BYTES = 1_000_000
 ROLES = ("fit", "holdout")
 INTERSAMPLE = ("bl", "zoh")
 _RECORDING_KEYS = (
@@ -44,13 +44,14 @@ class RecordingSpec:
         samples: Number of samples used; None for all to the end.
         periods: Number of whole periods in them, where stated.
         speed_rpm: Speed of rotation.
-        gains: PID gains or a linear controller, one for all axes or one each for x and y; None for an uncontrolled
+        gains: The controller, one for all axes or one each for x and y; None for an uncontrolled
             rotor.
         excitations: What excites the rig.
         channels: Where each channel comes from.
         intersample: Force between samples: band-limited ("bl", a reading) or held by a converter ("zoh"); None where
             it is not stated, see `signals.recorded_signals`.
         layout: What is stated of how a text file is written; None: nothing.
+        stated_peaks: Places of the excitations whose amplitude is stated.
     """
 
     file: str
@@ -65,6 +66,7 @@ class RecordingSpec:
     channels: Mapping[str, ChannelSource]
     intersample: Literal["bl", "zoh"] | None = None
     layout: TextLayout | None = None
+    stated_peaks: frozenset[str] = frozenset()
 
     @property
     def samples_per_period(self) -> int | None:
@@ -106,10 +108,9 @@ def load_campaign(folder_or_toml: str | Path) -> Campaign:
         raise ValueError(
             f"{path} is not a campaign folder or campaign.toml; `maglev estimate` also reads one data file"
         )
-    if path.stat().st_size > MAX_FILE_BYTES:
-        raise ValueError(f"{path}: larger than {MAX_FILE_BYTES} bytes; that is not a campaign file")
+    text = toml_text(path, "campaign")
     try:
-        return parse_campaign(path.parent, tomllib.loads(path.read_text(encoding="utf-8")))
+        return parse_campaign(path.parent, tomllib.loads(text))
     except (ValueError, TypeError, ArithmeticError, RecursionError) as error:
         raise ValueError(f"{path}: {error}") from error
 
@@ -213,7 +214,12 @@ def _checked_recording(file: str, table: dict[str, Any]) -> RecordingSpec:
         channels=channels,
         intersample=intersample,
         layout=layout_table(table["format"]) if "format" in table else None,
+        stated_peaks=frozenset(t.get("at", "force") for t in _tables(table["excitation"]) if "amplitude" in t),
     )
+
+
+def _tables(value: Any) -> list[Mapping[str, Any]]:
+    return value if isinstance(value, list) else [value]
 
 
 def _data_file(folder: Path, file: Any) -> str:

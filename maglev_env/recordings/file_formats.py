@@ -15,8 +15,10 @@ from typing import Any
 import numpy as np
 
 from maglev_env.recordings.matlab5 import open_variables
+from maglev_lanes.price import MOST_BYTES
 
-MAX_DATA_BYTES = 2 * 1024**3
+MAX_DATA_BYTES = MOST_BYTES  # of a file, unpacked; reading takes up to three times as much memory
+MAX_SAMPLES = 1 << 26  # of a column: 56 minutes at 20 kHz
 _STEP = re.compile(r"\.([A-Za-z_]\w*)|\[(\d{1,9})\]")
 _MOST_TEXT = 4096  # characters of a text that are read
 
@@ -87,6 +89,8 @@ def vector(value: Any) -> np.ndarray:
         raise Refused("holds text, complex values or objects, not real numbers")
     if value.size == 0:
         raise Refused("is empty")
+    if max(value.shape, default=1) > MAX_SAMPLES:
+        raise Refused(f"has {max(value.shape)} values, more than the limit of {MAX_SAMPLES}; split the recording")
     if value.size != max(value.shape, default=1):
         raise Refused(f"has the shape {value.shape}; choose one column with a last [j], from 0")
     return np.array(value.reshape(-1), dtype=np.float64)
@@ -98,7 +102,8 @@ def open_mat5(path: Path) -> tuple[tuple[str, ...], Reader]:
 
     @cache  # a dSPACE struct holds every channel, so it is parsed once
     def variable(root: str) -> Any:
-        return variables.read(root, MAX_DATA_BYTES)
+        bounded(variables.size(root), "unpacked")
+        return variables.read(root)
 
     return tuple(variables.elements), lambda root, steps: follow(variable(root), steps)
 
@@ -133,7 +138,7 @@ def _open_hdf5(file: Any, node: Any, matlab: bool) -> Any:
         return node
     if node.is_virtual or node.external:
         raise Refused("its values lie in another file; store them in this one")
-    bounded(node.nbytes, node.name)
+    bounded(max(node.nbytes, 8 * node.size), node.name)
     if _holds_references(node):
         return list(node[()].ravel())
     if node.attrs.get("MATLAB_class") == b"char":

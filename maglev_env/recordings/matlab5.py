@@ -29,18 +29,24 @@ class Variables:
     elements: dict[str, tuple[int, memoryview]]
     order: str
 
-    def read(self, name: str, limit: int) -> Any:
+    def size(self, name: str) -> int:
+        """Bytes that a variable takes when it is unpacked; also struct.error or zlib.error."""
+        kind, data = self.elements[name]
+        return _unpacked_size(data, self.order) if kind == _COMPRESSED else len(data)
+
+    def read(self, name: str) -> Any:
         """A variable as ndarray, dict (struct), list (cells, or structs of an array, column by column) or str.
 
         Raises:
-            ValueError: The bytes are not such a variable, or hold more than `limit` bytes; also struct.error.
+            ValueError: The bytes are not such a variable; also struct.error or zlib.error.
         """
         kind, data = self.elements[name]
         if kind == _COMPRESSED:
+            size = _unpacked_size(data, self.order)
             unpack = zlib.decompressobj()
-            data = memoryview(unpack.decompress(data, limit))
-            if not unpack.eof:
-                raise ValueError(f"it ends early, or unpacks to more than {limit} bytes")
+            data = memoryview(unpack.decompress(data, size))
+            if len(data) < size:
+                raise ValueError(f"it ends after {len(data)} of {size} bytes")
             kind, data, _ = _element(data, 0, self.order)
         return _Matrix(data, self.order).value()
 
@@ -71,6 +77,11 @@ def open_variables(path: Path) -> Variables:
         if name:  # MATLAB's own workspace of function handles has no name
             elements[name] = (kind, body)
     return Variables(elements, order)
+
+
+def _unpacked_size(data: memoryview, order: str) -> int:
+    """Bytes of the compressed element, which the tag at its beginning states, with the tag."""
+    return 8 + struct.unpack_from(order + "II", zlib.decompressobj().decompress(data, 8))[1]
 
 
 def _element(data: memoryview, position: int, order: str) -> tuple[int, memoryview, int]:

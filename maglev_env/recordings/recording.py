@@ -17,6 +17,7 @@ from maglev_env.loop.gains import as_table
 from maglev_env.loop.magnets.kinds import geometric_law
 from maglev_env.recordings.alarms import alarms_text, clock_alarms, find_alarms, touched_rail
 from maglev_env.recordings.campaign import Campaign, ChannelSource, RecordingSpec
+from maglev_env.recordings.derived import derived
 from maglev_env.recordings.files import Columns, read_columns
 from maglev_env.recordings.masking import MOST_MASKED
 from maglev_env.recordings.measurement_chain import corrected
@@ -30,7 +31,9 @@ LINE_SIGNIFICANCE, LINE_FLOOR = 3.0, 1e-6
 LINES_SHOWN = 8  # of those without excitation that a message lists
 
 
-def read_recording(campaign: Campaign, spec: RecordingSpec, alarmed: bool = False) -> "xr.Dataset":
+def read_recording(
+    campaign: Campaign, spec: RecordingSpec, alarmed: bool = False, unexcited: bool = False
+) -> "xr.Dataset":
     """Read a recording: one float64 variable per channel in SI (attribute `units`) over `time` (s, from 0).
 
     Attributes of the dataset are file, role, sample_rate (Hz), notes (what was decided about the file and its clock, in
@@ -46,6 +49,7 @@ def read_recording(campaign: Campaign, spec: RecordingSpec, alarmed: bool = Fals
         campaign: The campaign.
         spec: One of its recordings.
         alarmed: Whether a recording with an alarm that refuses it is given all the same, for showing.
+        unexcited: Whether one whose force lacks stated lines is.
 
     Raises:
         ValueError: Something is wrong; the message names the file, the channel and the sample (from 0 in the file).
@@ -86,6 +90,8 @@ def read_recording(campaign: Campaign, spec: RecordingSpec, alarmed: bool = Fals
         channels[name] = corrected(clock.resampled(values), rate, source.filter, source.delay)
         if source.total:
             channels[name] = channels[name] - _bias(campaign, path, name)
+    stand_ins, stood_in = derived(campaign.rig, channels, rate)
+    channels |= stand_ins
     masked = clock.marked(masked)
     rig = {} if campaign.rig is None else {"rig": campaign.rig.name}
     experiment = {
@@ -97,7 +103,7 @@ def read_recording(campaign: Campaign, spec: RecordingSpec, alarmed: bool = Fals
     dataset = _dataset(channels, rate, spec.file, spec.role, spec.excitations, experiment)
     alarms = [*find_alarms(dataset, spec.start, one_axis), *alarms]
     alarms = sorted(alarms, key=lambda a: (a.severity != "refuse", a.code != "lost levitation"))
-    dataset.attrs["notes"] = [*columns.notes, *clock.notes]
+    dataset.attrs["notes"] = [*columns.notes, *clock.notes, *stood_in]
     dataset.attrs["alarms"] = alarms_text(alarms)
     if masked.any() and masked.mean() <= MOST_MASKED:
         dataset = dataset.assign_coords(masked=("time", masked))
@@ -110,7 +116,8 @@ def read_recording(campaign: Campaign, spec: RecordingSpec, alarmed: bool = Fals
     for name, values in channels.items():
         _check_moves(path, name, values, spec)
     try:
-        check_excited(dataset, spec)
+        if not unexcited:
+            check_excited(dataset, spec)
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from None
     return dataset

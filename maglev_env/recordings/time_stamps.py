@@ -7,6 +7,7 @@ from scipy.interpolate import Akima1DInterpolator
 
 STEP_TOLERANCE = 0.01  # of a step: a clock as regular as this is taken as it stands
 MEAN_RATE_TOLERANCE = 1e-4
+MOST_MISSING = 100  # samples for each one that is there
 JITTERED_RATE_TOLERANCE = 0.02  # a jittered record is resampled, so its own mean rate need not be the stated one
 # A step that is longer or shorter by more than this share is no jitter: a sample is missing, or there twice. Half a
 # step is where rounding to the nearest sample changes.
@@ -60,7 +61,7 @@ def check_clock(time: np.ndarray, rate: float) -> Clock:
     """Compare time stamps (samples,) in s with the stated rate in Hz.
 
     Raises:
-        ValueError: They belong to another rate.
+        ValueError: They belong to another rate, or are far apart.
     """
     everything = np.ones(time.size, bool)
     regular = Clock(None, everything, (), (), None, ())
@@ -80,8 +81,18 @@ def check_clock(time: np.ndarray, rate: float) -> Clock:
     backward = np.flatnonzero(steps < 0)
     usual = ~(late | early | repeated)
     own = float(steps[usual].mean()) if usual.any() else median
+    if own <= 0:
+        raise ValueError(
+            "it does not run on: more than half of the stamps repeat the one before; is it another column?"
+        )
     if abs(own * rate - 1) > JITTERED_RATE_TOLERANCE:
         raise ValueError(f"its usual step is {own:.6g} s ({1 / own:.6g} Hz), not that of sample_rate = {rate:g} Hz")
+    reach = float(np.ptp(time / MOST_MISSING)) * rate  # divided first: a stamp may be near the largest number
+    if not reach <= time.size + MOST_MISSING:
+        raise ValueError(
+            f"its {time.size} time stamps reach from {time.min():g} to {time.max():g} s: of {MOST_MISSING} samples at "
+            f"sample_rate = {rate:g} Hz more than 99 would be missing"
+        )
     reached = np.maximum.accumulate(time)
     kept = np.concatenate([[True], time[1:] > reached[:-1]])
     gaps = tuple((int(i), max(1, round(steps[i] / own) - 1)) for i in np.flatnonzero(late))

@@ -2,7 +2,7 @@
 
 import tomllib
 from collections.abc import Mapping
-from dataclasses import MISSING, dataclass, field, fields, replace
+from dataclasses import dataclass, field, fields, replace
 from importlib import resources
 from importlib.resources.abc import Traversable
 from math import inf
@@ -10,19 +10,20 @@ from pathlib import Path
 from typing import Any
 
 from maglev_env.channels import NOISY
-from maglev_env.fields import check_known, check_range, increasing_pair, is_number, quantity, table_as
+from maglev_env.fields import check_known, check_range, increasing_pair, is_number, quantity, table_as, toml_text
 from maglev_env.loop.axes import AXES, NO_CROSS, Cross
 from maglev_env.loop.card import Need, Scales
 from maglev_env.loop.effect import EFFECTS, FINER, Effects, check_effects, effect
-from maglev_env.loop.gains import Controller, Controllers, Gains, LinearController, of_axis
+from maglev_env.loop.gains import Controllers, Gains, of_axis
 from maglev_env.loop.magnets.kinds import KINDS, MAGNETS, NO_MAGNET, check_magnet
 from maglev_env.loop.self_sensor import SelfSensing
+from maglev_env.rig.controller_tables import controllers_from_table
 from maglev_env.rig.excitation import Excitation, axis_excitations, check_harmonics, check_interleaved
+from maglev_lanes.price import check_length
 
 SCHEMA = "maglev-rig/1"
 FLUX_PATHS = ("gap", "magnet")
 RIG_FOLDER, ROTOR_FOLDER = (resources.files("maglev_env") / name for name in ("rigs", "rotors"))
-MAX_FILE_BYTES = 1_000_000
 
 
 def _presets(folder: Traversable) -> tuple[str, ...]:
@@ -68,6 +69,9 @@ class Protocol:
             raise ValueError("[protocol]: band_overlap must be at least 0 and smaller than band_width")
 
 
+MOST_NOISE = 1e6  # rms of any channel, SI
+
+
 @dataclass(frozen=True)
 class Noise:
     """Rms per sample of the white noise on the readings.
@@ -88,8 +92,8 @@ class Noise:
     def __post_init__(self) -> None:
         for f in fields(self):
             v = getattr(self, f.name)
-            if not (is_number(v) and v >= 0):
-                raise ValueError(f"[noise]: {f.name} = {v} must be a number, at least 0")
+            if not (is_number(v) and 0 <= v <= MOST_NOISE):
+                raise ValueError(f"[noise]: {f.name} = {v} must be a number from 0 to {MOST_NOISE:g}")
 
 
 if apart := {f.name for f in fields(Noise)} ^ set(NOISY):
@@ -220,6 +224,7 @@ class Rig:
             raise ValueError("[axis], [cross] and gains per axis need axes = 2")
         if self.axes == 1 and self.protocol and any(e.components[1] for e in self.protocol.excitations):
             raise ValueError("[protocol]: an excitation's direction needs axes = 2")
+        self._check_protocol()
         if isinstance(self.gains, tuple) and len(self.gains) != 2:
             raise ValueError(f"gains: {len(self.gains)} controllers; give one for both axes, or one for each")
         for axis, own in self.per_axis.items():
@@ -242,6 +247,13 @@ class Rig:
                 raise ValueError(f"[axis.{name}]: {error}") from None
         check_magnet(self)
         check_effects(self.effects, self, FINER)  # a recording may be simulated at a finer rate
+
+    def _check_protocol(self) -> None:
+        """Refuse an experiment of a length that nobody can have meant."""
+        p = self.protocol
+        for e in p.excitations if p and is_number(self.control_rate) else ():
+            if e.periodic:
+                check_length(self.control_rate / e.fundamental, p.periods + p.transient_periods, "[protocol]")
 
     @property
     def controlled(self) -> bool:
@@ -321,13 +333,7 @@ def load_rig(source: str | Path) -> Rig:
         raise FileNotFoundError(
             f"rig file {str(path)!r} does not exist; name a .toml with / between folders, or a preset"
         )
-    if path.stat().st_size > MAX_FILE_BYTES:
-        raise ValueError(f"{path}: larger than {MAX_FILE_BYTES} bytes; that is not a rig file")
-    try:
-        text = path.read_text(encoding="utf-8")
-    except UnicodeDecodeError as error:
-        raise ValueError(f"{path}: {error}") from error
-    return rig_from_toml(text, str(path))
+    return rig_from_toml(toml_text(path, "rig"), str(path))
 
 
 def rig_from_toml(text: str, where: str) -> Rig:
@@ -425,48 +431,12 @@ def _effects(tables: Mapping[str, Any]) -> Effects:
     return found
 
 
-def controllers_from_table(table: Any, where: str) -> Controllers:
-    """Controllers from a TOML table.
-
-    Args:
-        table: gains, or numerator and denominator; or one table of either kind for each of x and y.
-        where: start of messages.
-
-    Raises:
-        ValueError: An axis is missing, or a key is unknown or missing; the message names it.
-    """
-    if not isinstance(table, Mapping):
-        raise ValueError(f"{where} = {table!r} must be a table")
-    if any(key in AXES for key in table):
-        for key in table:
-            check_known((key,), AXES, where)
-        if missing := [axis for axis in AXES if axis not in table]:
-            raise ValueError(f"{where}: axis {missing[0]} has none; give {where}.x and {where}.y, or one for both")
-        for axis in AXES:
-            if isinstance(table[axis], Mapping) and any(key in AXES for key in table[axis]):
-                raise ValueError(f"{where}.{axis}: x and y again; give one controller")
-        x, y = (_controller_from_table(table[axis], f"{where}.{axis}") for axis in AXES)
-        return x, y
-    return _controller_from_table(table, where)
-
-
-def _controller_from_table(table: Any, where: str) -> Controller:
-    if not isinstance(table, Mapping):
-        raise ValueError(f"{where} = {table!r} must be a table")
-    cls = LinearController if {"numerator", "denominator"} & set(table) else Gains
-    check_known(table, [f.name for f in fields(cls)], where)
-    if missing := [f.name for f in fields(cls) if f.default is MISSING and f.name not in table]:
-        raise ValueError(f"{where}: {', '.join(missing)} missing")
-    try:
-        values: dict[str, Any] = {key: tuple(v) if isinstance(v, list) else v for key, v in table.items()}
-        return cls(**values)
-    except ValueError as error:
-        raise ValueError(f"{where}: {error}") from None
-
-
 def _protocol(data: dict[str, Any]) -> Protocol:
     data = dict(data)
-    excitations = tuple(excitation_from_table(e) for e in data.pop("excitation", []))
+    tables = data.pop("excitation", [])
+    if not isinstance(tables, list):
+        raise ValueError(f"[protocol]: excitation = {tables!r} must be tables: [[protocol.excitation]]")
+    excitations = tuple(map(excitation_from_table, tables))
     if not excitations:
         raise ValueError("[protocol]: give at least one [[protocol.excitation]]")
     return table_as(Protocol, {"protocol": {**data, "excitations": excitations}}, "protocol")
@@ -482,6 +452,8 @@ def excitation_from_table(table: Mapping[str, Any], ignored: tuple[str, ...] = (
     Raises:
         ValueError: A key is unknown or missing, or a value is not valid.
     """
+    if not isinstance(table, Mapping):
+        raise ValueError(f"excitation: {table!r} must be a table with kind, at, lines, ...")
     table = {k: v for k, v in table.items() if k not in ignored}
     harmonics = table.pop("harmonics", None)
     if harmonics is not None:

@@ -14,8 +14,8 @@ from maglev_env.design.motor import Motor
 from maglev_env.design.thermal import ThermalMass
 from maglev_env.fields import is_number
 from maglev_env.loop.gains import Gains
-from maglev_env.rig.rig import MAX_FILE_BYTES, ROTOR_FOLDER, ROTORS, Rig, load_rig
-from maglev_env.fields import check_known, check_range, increasing_pair, quantity, table_as
+from maglev_env.rig.rig import ROTOR_FOLDER, ROTORS, Rig, load_rig
+from maglev_env.fields import check_known, check_range, increasing_pair, quantity, table_as, toml_text
 
 SCHEMA = "maglev-rotor/1"
 # Inputs of the two controllers of each direction: the mean and half the difference of both planes, or each plane.
@@ -28,6 +28,8 @@ class _Checked:
     def __post_init__(self) -> None:
         for f in fields(self):  # pyright: ignore[reportArgumentType]  # every subclass is a dataclass
             value = getattr(self, f.name)
+            if not f.metadata and not isinstance(value, tuple):
+                raise ValueError(f"{f.name} = {value!r} must be a list of numbers")
             for one in value if isinstance(value, tuple) else (value,) if f.metadata else ():
                 check_range(f.name, one, f.metadata or {"unit": "", "low": -1e9, "high": 1e9})
 
@@ -127,6 +129,11 @@ class Runout(_Checked):
 
     amplitude: tuple[float, float] = (0.0, 0.0)
     phase: tuple[float, float] = (0.0, 0.0)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not len(self.amplitude) == len(self.phase) == 2:
+            raise ValueError("[runout]: give two amplitudes and two phases, of probe planes a and b")
 
 
 @dataclass(frozen=True)
@@ -242,13 +249,7 @@ def load_rotor(source: str | Path) -> Rotor:
         path = Path(source)
         if path.suffix != ".toml":
             raise ValueError(f"rotor {str(source)!r} is neither a preset ({', '.join(ROTORS)}) nor a .toml file")
-        if path.stat().st_size > MAX_FILE_BYTES:
-            raise ValueError(f"{path}: larger than {MAX_FILE_BYTES} bytes; that is not a rotor file")
-        where = str(path)
-        try:
-            text = path.read_text(encoding="utf-8")
-        except UnicodeDecodeError as error:
-            raise ValueError(f"{path}: {error}") from error
+        text, where = toml_text(path, "rotor"), str(path)
     try:
         return _build(tomllib.loads(text), Path(where).parent)
     except (ValueError, TypeError, ArithmeticError, RecursionError) as error:
@@ -275,6 +276,12 @@ def _build(data: dict[str, Any], folder: Path) -> Rotor:
     for key in ("name", "axis", "body", "planes", "axial", "gains"):
         if key not in data:
             raise ValueError(f"{key} is missing")
+    for key in ("gains", "bounds", *_TABLES):
+        if not isinstance(data.get(key, {}), dict):
+            raise ValueError(f"[{key}] = {data[key]!r} must be a table")
+    for key, gains in data["gains"].items():
+        if not isinstance(gains, dict):
+            raise ValueError(f"[gains] {key} = {gains!r} must be a table: [gains.{key}] with kp, ki, kd")
     parts = {
         name: table_as(cls, {name: {k: tuple(v) if isinstance(v, list) else v for k, v in data[name].items()}}, name)
         for name, cls in _TABLES.items()

@@ -12,7 +12,7 @@ from maglev_env.evaluation.evaluate import Evaluation, evaluate, score_target
 from maglev_env.evaluation.score import ScoreTarget, stacked
 from maglev_env.experiment import SENSORS, Experiment, axis_experiment
 from maglev_env.fields import is_number
-from maglev_env.loop.effect import Effects, check_effects
+from maglev_env.loop.effect import Effects, as_effects, check_effects
 from maglev_env.rig.excitation import lines_at
 from maglev_env.rig.rig import Rig, axis_rig, load_rig
 from maglev_env.rig.self_sensor import rig_sensors
@@ -20,6 +20,7 @@ from maglev_env.task.episodes import Episode, check_randomization, draw_episode
 from maglev_env.task.gain_box import TUNED, GainBox, gain_box
 from maglev_env.task.observation import BANDS, Layout
 from maglev_env.task.protocol import env_protocol
+from maglev_lanes.price import check_experiments
 
 TOUCHDOWN_REWARD = -1.0
 
@@ -129,7 +130,7 @@ def make_task(
     bounds: Mapping[str, Sequence[float]] | None = None,
     randomization: str = "none",
     draw_target: bool = False,
-    effects: Effects | None = None,
+    effects: Mapping[str, Mapping[str, float] | float] | None = None,
     protocol: str = "full",
     sensor: str = "probe",
     budget: int = 10,
@@ -149,25 +150,25 @@ def make_task(
         raise ValueError(f"sensor = {sensor!r}; use one of {', '.join(SENSORS)}")
     check_episode(budget, move)
     loaded = with_defaults(loaded)
-    check_effects(effects or {}, loaded)
+    effects = as_effects(effects or {})
+    check_effects(effects, loaded)
     check_randomization(loaded, randomization)
     box = gain_box(loaded, tuned, bounds)
     # A rig with two axes is scored by the worse axis, against the target of x.
     target = score_target(axis_rig(loaded, 0))
     loaded = replace(loaded, protocol=env_protocol(loaded, protocol))
     p = loaded.protocol
-    nominal = Experiment(
-        loaded, loaded.gains, p.excitations, p.periods, p.transient_periods, effects or {}, sensor=sensor
-    )
+    nominal = Experiment(loaded, loaded.gains, p.excitations, p.periods, p.transient_periods, effects, sensor=sensor)
     layout = Layout(_bands(nominal), box.names, target, budget, draw_target)
     ends = bool(terminate_on_touchdown)
-    return Task(loaded, box, layout, target, randomization, draw_target, effects or {}, budget, ends, move, sensor)
+    return Task(loaded, box, layout, target, randomization, draw_target, effects, budget, ends, move, sensor)
 
 
 def check_episode(budget: int, move: float | None) -> None:
     """Raise ValueError unless the budget is a number of experiments, and move is None or a share of the box."""
     if isinstance(budget, bool) or not isinstance(budget, int) or budget < 1:
         raise ValueError(f"budget = {budget!r} experiments; give a whole number, at least 1")
+    check_experiments(budget, 0, "budget")
     if move is not None and not (is_number(move) and 0 < move <= 2):
         raise ValueError(f"move = {move!r}; give a share of the box above 0 and up to 2, or None")
 

@@ -5,9 +5,12 @@ import json
 import os
 import signal
 import socket
+import stat
+import subprocess
 import sys
 import time
 from contextlib import ExitStack
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -74,8 +77,14 @@ def local():
 
 @pytest.fixture(scope="module")
 def address(local):
-    """The scheduler of the two processes, as one finds it that did not start them."""
-    return local._client.scheduler.address
+    """The scheduler of the two processes, as one finds it that did not start them, but whose settings hold its key."""
+    keys = {
+        "distributed.comm.tls.ca-file": local._client.security.tls_ca_file,
+        "distributed.comm.tls.client.cert": local._client.security.tls_client_cert,
+        "distributed.comm.tls.client.key": local._client.security.tls_client_key,
+    }
+    with dask.config.set(keys):
+        yield local._client.scheduler.address
 
 
 @pytest.fixture
@@ -290,3 +299,14 @@ def test_the_command_sweeps_on_a_scheduler(address, tmp_path):
         result = CliRunner().invoke(app, [*grid, *more])
         assert result.exit_code == 0, result.output + str(result.exception)
     same_chunks(tmp_path / "here", tmp_path / "there")
+
+
+@pytest.mark.slow
+def test_nobody_else_can_use_the_processes_of_this_machine(local):
+    """tests/tools/daskopen.py attacks from outside; with --unprotected it shows that its attacks do succeed."""
+    tool = Path(__file__).parents[1] / "tools" / "daskopen.py"
+    tried = subprocess.run([sys.executable, tool], capture_output=True, text=True, timeout=120)
+    assert tried.returncode == 0 and "0 of 49 succeeded" in tried.stdout, tried.stdout + tried.stderr
+    folders = local._client.run(lambda dask_worker: dask_worker.local_directory).values()
+    modes = {stat.S_IMODE(Path(folder).parents[1].stat().st_mode) for folder in folders}
+    assert modes == {0o700}

@@ -1,5 +1,6 @@
 """The commands as a user runs them: results, JSON, exit codes and messages."""
 
+import errno
 import json
 import os
 import signal
@@ -157,6 +158,22 @@ def test_a_full_disk_is_named(campaign, tmp_path):
     assert "maglev:" in maglev("estimate", campaign, "--json", "/dev/full/e.json", code=2)
 
 
+def test_a_device_is_not_replaced_by_a_file(campaign):
+    assert "is not a regular file" in maglev("estimate", campaign, "--json", os.devnull, code=2)
+    assert not Path(os.devnull).is_file()
+
+
+def test_a_full_disk_in_the_middle_of_the_work_says_how_to_go_on(tmp_path, monkeypatch):
+    def full(*_):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr("tuning.sweep.save_arrays", full)
+    said = maglev("sweep", "--kp", "8000", "--out", tmp_path / "s", code=2)
+    assert "No space left on device; nothing that was finished is lost: make room" in said
+    monkeypatch.undo()
+    assert "1 gain sets" in maglev("sweep", "--kp", "8000", "--out", tmp_path / "s")
+
+
 @pytest.mark.slow
 def test_ctrl_c_stops_a_sweep_with_130_and_the_next_run_goes_on(tmp_path):
     command = [sys.executable, "-m", "maglev_workbench.cli", "sweep", "--sobol", "768", "--out", str(tmp_path / "s")]
@@ -178,3 +195,11 @@ def test_ctrl_c_stops_a_sweep_with_130_and_the_next_run_goes_on(tmp_path):
     assert all(p.suffix == ".npz" for p in chunks.iterdir())
     finished = subprocess.run(command, capture_output=True, text=True, timeout=120)
     assert finished.returncode == 0 and "reused" in finished.stdout
+
+
+def test_what_simulate_writes_is_estimated_though_its_lines_are_wide_apart(tmp_path):
+    """The rig's bands of 15 Hz hold fewer than two of these lines, which are 10 Hz apart."""
+    maglev("simulate", "--excite", "force=1:49:2@0.4", "--fundamental", 5, "--out", tmp_path / "c")
+    maglev("estimate", tmp_path / "c", "--json", tmp_path / "e.json")
+    bands = json.loads((tmp_path / "e.json").read_text())["recordings"][0]["bands"]
+    assert len(bands) >= 2

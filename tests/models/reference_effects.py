@@ -178,7 +178,7 @@ def simulate_effects(e: Experiment, samples: int, rtol: float = 1e-11, max_step:
         for k, a in enumerate(axes):
             shown[k, t] = a.probe * (seen[k] + a.tones(t * dt)) / a.rig.probe_gain
             reference = waves["reference"][k, n] + (e.offset if k == 0 else 0.0)
-            commands[k, t] = a.output(reference - shown[k, t]) + waves["current"][k, n]
+            commands[k, t] = a.output(reference, shown[k, t], 0.0) + waves["current"][k, n]
         new = commands[:, t - whole].tolist() if t >= whole else [0.0] * len(axes)
         old = commands[:, t - whole - 1].tolist() if t >= whole + 1 else [0.0] * len(axes)
         currents[:, t] = [a.current(x, u) for a, u in zip(axes, old if fraction else new, strict=True)]

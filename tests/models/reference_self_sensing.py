@@ -167,7 +167,7 @@ def simulate(e: Experiment, samples: int) -> Run:
     now, volt_seconds = 0.0, 0.0
     for t in range(samples):
         reading = sensor.scale * (sensor.gap - estimator.gap) + sensor.shift
-        u = axis.output(waves["reference"][t] + e.offset - reading) + waves["current"][t]
+        u = axis.output(waves["reference"][t] + e.offset, reading, axis.current(x, 0.0)) + waves["current"][t]
         u = count * np.rint(u / count) if count else u
         u = min(max(u, -top), top)
         kept.append((reading, x[0], u, axis.current(x, u), coil.current))

@@ -7,6 +7,7 @@ from math import exp, hypot
 import numpy as np
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
+from textbook_controllers import by_hand
 
 from maglev_env.experiment import Experiment
 from maglev_env.loop.axes import Cross
@@ -90,7 +91,7 @@ class Axis:
         self.first_sensor = first + 2 + len(self.amplifier)
         self.size = 2 + len(self.amplifier) + len(self.sensor)
         self.lag = self.leak = 0.0
-        self.past = [(0.0, 0.0)] * 16  # (error, output), newest first
+        self.by_hand = by_hand(self.controller, self.dt)
 
     def seen(self, x):
         return x[self.first + self.size - 1] if self.sensor else x[self.first]
@@ -98,20 +99,14 @@ class Axis:
     def current(self, x, command):
         return x[self.first_sensor - 1] if self.amplifier else command
 
-    def output(self, error):
-        """The controller's output for the next error."""
-        g = self.controller
-        if isinstance(g, Gains):
-            u = g.kp * error + g.kd * (error - self.lag) / g.td + g.ki * self.leak
-            self.lag = error + (self.lag - error) * exp(-self.dt / g.td)
-            self.leak = error + (self.leak - error) * exp(-self.dt / g.ti)
-            return u
-        order = len(g.denominator) - 1
-        b = [0.0] * (order + 1 - len(g.numerator)) + list(g.numerator)
-        u = b[0] * error
-        for j in range(1, order + 1):
-            u += b[j] * self.past[j - 1][0] - g.denominator[j] * self.past[j - 1][1]
-        self.past = [(error, u), *self.past[:-1]]
+    def output(self, reference, reading, current):
+        """The controller's output for what it reads next."""
+        g, error = self.controller, reference - reading
+        if not isinstance(g, Gains):
+            return self.by_hand(reference, reading, current)
+        u = g.kp * error + g.kd * (error - self.lag) / g.td + g.ki * self.leak
+        self.lag = error + (self.lag - error) * exp(-self.dt / g.td)
+        self.leak = error + (self.leak - error) * exp(-self.dt / g.ti)
         return u
 
     def slopes(self, x, command, outside):
@@ -188,7 +183,7 @@ def simulate(e: Experiment, samples: int, between: int = 1) -> tuple[np.ndarray,
     for t in range(samples):
         for a, z in enumerate(readings(x)):
             limit = axes[a].rig.voltage_range * axes[a].rig.amplifier_gain
-            u = axes[a].output(reference[a][t] - z) + injection[a][t]
+            u = axes[a].output(reference[a][t], z, axes[a].current(x, 0.0)) + injection[a][t]
             commands[a, t] = min(max(u, -limit), limit)
         new = commands[:, t - whole].tolist() if t >= whole else [0.0] * len(axes)
         old = commands[:, t - whole - 1].tolist() if t >= whole + 1 else [0.0] * len(axes)

@@ -9,7 +9,7 @@ from bench_loop import Bench, write_campaign
 
 from maglev_env.loop.gains import Gains
 from sim2real import diagnose
-from sim2real.drive import recovered_injection
+from sim2real.controller_output import recovered_injection
 from sim2real.fitting import begin, differentiate, iterate
 from sim2real.hypotheses import Hypothesis
 from sim2real.nonstationary import widening

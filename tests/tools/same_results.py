@@ -40,7 +40,7 @@ IGNORED = {
     "version", "identity", "date", "seconds", "experiments_per_second", "tuner_seconds", "clock", "own", "__header__",
 }  # fmt: skip
 TIMED = {"compare"}  # jobs whose pages and printed tables tell times without a unit
-SKIPPED = {"lock", "journal.jsonl"}  # files that hold times and process ids; what they lead to is compared
+SKIPPED = {"lock", "lock.json", "journal.jsonl"}  # files that hold times and process ids; what they lead to is compared
 MASKS = (  # of text: code versions and what is made of them, clock times, and seconds and rates of runs
     (re.compile(r"Identity</th><td>[0-9a-f]{64}"), "IDENTITY"),
     (re.compile(r"\d+\.\d+\.\d+\+[0-9a-f]{12}"), "VERSION"),

@@ -1,9 +1,12 @@
 """Sweeps: the gain sets, the folder, and that an interrupted sweep equals an uninterrupted one bit for bit."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from short_sweeps import short_rig, short_sweep
 
+from maglev_env.loop.controller_forms import Pid, StateFeedback
 from maglev_env.loop.effect import effect
 from maglev_env.rig.rig import load_rig
 from tuning import sweep as module
@@ -71,9 +74,12 @@ def test_a_resumed_sweep_equals_an_uninterrupted_one_bit_for_bit(rig, tmp_path, 
 def test_a_folder_of_another_sweep_is_not_touched(rig, tmp_path):
     small = {"kp": Axis(8000.0, 8000.0, 1)}
     run_sweep(short_sweep(rig, axes=small), tmp_path / "mine")
-    for other in (short_sweep(rig, axes=small, seed=4), short_sweep(rig, axes=small, effects=effect("delay", 5e-5))):
-        with pytest.raises(ValueError, match="holds another sweep"):
-            run_sweep(other, tmp_path / "mine")
+    for words, changed in (("another seed", {"seed": 4}), ("another effects", {"effects": effect("delay", 5e-5)})):
+        with pytest.raises(ValueError, match=f"holds a sweep of {words}"):
+            run_sweep(short_sweep(rig, axes=small, **changed), tmp_path / "mine")
+    (tmp_path / "mine" / "chunks" / "0000000.npz").write_bytes(b"PK\x03\x04 no")
+    with pytest.raises(ValueError, match=r"0000000\.npz is damaged .*delete it"):
+        run_sweep(short_sweep(rig, axes=small), tmp_path / "mine")
     (tmp_path / "full").mkdir()
     (tmp_path / "full" / "thesis.txt").write_text("do not lose me")
     with pytest.raises(ValueError, match="not empty"):
@@ -88,3 +94,14 @@ def test_the_dataset_says_what_made_it_and_holds_every_gain_set(rig, tmp_path):
     assert 0 < stable.sum() < 20
     assert (d.score.values[~stable] == 0).all() and (d.score.values[stable] > 0).all()
     assert np.isfinite(d.stiffness.values[stable]).all() and np.isnan(d.touchdown_time.values[stable]).all()
+
+
+def test_a_form_is_swept_where_it_has_the_gains(rig):
+    own = Pid(8000.0, 2e4, 5.2, 1e-4, "measurement")
+    two = Sweep(replace(rig, gains=own), {"kp": Axis(7000.0, 8000.0, 2)})
+    assert gain_sets(two) == [replace(own, kp=7000.0), own]
+    other = replace(rig, gains=StateFeedback(8000.0, 5.2, 0.1))
+    with pytest.raises(ValueError, match="its controller has no kp, ki, kd"):
+        default_axes(other)
+    with pytest.raises(ValueError, match='kp: the rig\'s controller is of the form "state_feedback"'):
+        gain_sets(Sweep(other, {"kp": Axis(7000.0, 8000.0, 2)}))

@@ -142,7 +142,7 @@ def pooled(parts: Sequence[Response]) -> Response | None:
 def _gains(campaign: Campaign, spec: RecordingSpec) -> Gains:
     if isinstance(spec.gains, Gains):
         return spec.gains
-    what = "no gains are stated" if spec.gains is None else "its controller is given by numerator and denominator"
+    what = "no gains are stated" if spec.gains is None else "its controller is another one than plain PID gains"
     raise ValueError(
         f"{campaign.folder / spec.file}: {what}; tuning needs the PID gains it was recorded at: "
         "gains = { kp = ..., ki = ..., kd = ..., td = ..., ti = ... }"

@@ -9,13 +9,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from maglev_env.recordings.json_data import plain
+from maglev_env.recordings.result_folder import claim, is_empty, load_arrays, locked, save_arrays
 from maglev_env.task.episodes import Episode
 from maglev_env.task.task import Task
 from maglev_lanes.code_version import code_version
+from maglev_lanes.price import check_experiments
 from tuning.comparison.runs import CHUNK, Runs, stored_parts
 from tuning.lockstep import Course, judged, optima, rescored
 from tuning.methods import LEARNED, METHODS, make_tuner, policy_digest
-from tuning.study.folder import LOCK, claim, load_arrays, locked, save_arrays
 
 if TYPE_CHECKING:
     from maglev_lanes.schedule import Workers
@@ -117,7 +118,7 @@ def compare(
         "target": asdict(task.target), "draw_target": task.draw_target, "box": asdict(task.box),
     }  # fmt: skip
     made_by = {"schema": SCHEMA, "version": code_version(), **plain(made_by)}
-    with locked(folder, "another process compares there; wait, or choose another folder"):
+    with locked(folder):
         _claim(folder, made_by)
         rigs, lanes, seeds = held_out(task, n_rigs, repeats, seed)
         shape = (n_rigs, repeats, -1)
@@ -155,6 +156,7 @@ def check_comparison(methods: Sequence[str], n_rigs: int, budgets: Sequence[int]
         raise ValueError(f"budgets = {', '.join(map(str, budgets))}: give increasing numbers of experiments, 1 or more")
     if n_rigs < 1 or repeats < 1:
         raise ValueError(f"rigs = {n_rigs}, repeats = {repeats}: give at least one of each")
+    check_experiments(n_rigs * max(SEARCH, repeats * budgets[-1]), 0, "rigs, repeats and budgets")
 
 
 def check_policy(task: Task, methods: Sequence[str], policy: "HistoryPolicy | None") -> None:
@@ -242,7 +244,6 @@ def _searched(job: tuple[Task, Sequence[Episode], int, int]) -> np.ndarray:
 
 
 def _claim(folder: Path, made_by: dict[str, Any]) -> None:
-    others = [p.name for p in folder.iterdir() if p.name != LOCK and not p.name.startswith(".")]
-    if others and not (folder / SPEC).exists():
-        raise ValueError(f"{folder} holds {others[0]} and no comparison; choose another folder")
+    if not is_empty(folder) and not (folder / SPEC).exists():
+        raise ValueError(f"{folder} is not empty and holds no comparison; choose another folder")
     claim(folder / SPEC, made_by, "comparison")

@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from maglev_env.recordings.result_folder import load_arrays, save_arrays
 from maglev_env.task.episodes import Episode
 from maglev_env.task.task import Task
 from tuning.lockstep import course, side_by_side
 from tuning.methods import make_tuner
-from tuning.study.folder import load_arrays, save_arrays
 from tuning.study.study import experiments
 from tuning.tuner import Trials, Tuner
 

@@ -12,11 +12,11 @@ from typing import Any
 import numpy as np
 
 from maglev_env.recordings.files import write_text_atomic
+from maglev_env.recordings.result_folder import claim, locked
 from maglev_lanes.code_version import code_version
 from maglev_lanes.processes import fresh_pool
 from sim2real.blind.worth import AGAIN, PRESET, SIMULATORS, CaseWorth, Recommended, TwinCase, recommended
 from tuning.search.optuna_search import OptunaTuner
-from tuning.study.folder import claim, locked
 from tuning.tuner import Trials
 
 METHOD = "gp"  # needs the fewest experiments, which are expensive on a real rig
@@ -108,7 +108,7 @@ def compare_simulators(
         "seed": seed,
         **made_by,
     }
-    with locked(folder, "another process compares there; wait for it, or choose another folder"):
+    with locked(folder):
         claim(folder / SPEC, spec, "comparison of simulators")
         done = {case.id: read for case in cases if (read := _read(folder / f"{case.id}.json")) is not None}
         reused = len(done)

@@ -105,6 +105,8 @@ def load_policy(path: Path) -> tuple[HistoryPolicy, dict[str, Any]]:
         ValueError: It is not a checkpoint, is damaged, too large, or of another schema.
         OSError: It cannot be read.
     """
+    if path.exists() and not path.is_file():
+        raise ValueError(f"{path}: not a regular file; name a policy file")
     try:
         with zipfile.ZipFile(path) as archive:
             if sum(part.file_size for part in archive.infolist()) > MOST_BYTES:

@@ -12,10 +12,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 import torch
 
+from maglev_env.recordings.result_folder import load_arrays, save_arrays
 from maglev_env.task.task import Task
 from tuning.learned.policy import HistoryPolicy, Shape, shape_for, stack
 from tuning.lockstep import optima
-from tuning.study.folder import load_arrays, save_arrays
 from tuning.study.study import experiments
 
 if TYPE_CHECKING:

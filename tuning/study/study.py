@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from maglev_env.recordings.result_folder import claim, locked
 from maglev_env.task.task import Tuning, infos
 from maglev_lanes.code_version import code_version
-from tuning.study.folder import claim, locked
 from tuning.tuner import Trials, Tuner
 
 if TYPE_CHECKING:
@@ -110,7 +110,7 @@ def run_study(
     """
     if budget < 1 or batch < 1:
         raise ValueError(f"budget = {budget}, batch = {batch}: give at least one experiment")
-    with locked(folder, "another process works on this study; wait for it, or choose another folder"):
+    with locked(folder):
         return _run(folder, task, episode, tuner, made_by, budget, batch, threads, progress, workers)
 
 

@@ -168,7 +168,7 @@ def _voltage(
         return guesses
     command, current = by_channel["command"], by_channel["current"]
     sizes = [float(np.sqrt(np.mean(values[n] ** 2))) for n in (command, current)]
-    if units[command] or shown.alike(values[command], values[current]) or not sizes[0] > _NOT_CURRENT * sizes[1]:
+    if units[command] or shown.alike(values[command], values[current]) or not sizes[0] > _NOT_CURRENT * sizes[1] > 0:
         return guesses
     why = f"{guesses[command].reason}, {sizes[0] / sizes[1]:.3g} times the size of {current}, and does not move as it"
     ask = "whether this column is the voltage at the coil"

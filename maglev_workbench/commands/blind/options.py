@@ -8,7 +8,7 @@ import typer
 COUNT = 480
 FolderArgument = Annotated[Path, typer.Argument(help="Folder of the sealed set.")]
 FolderOption = Annotated[Path, typer.Option("--out", help="Folder of the sealed set.")]
-CountOption = Annotated[int, typer.Option(min=1, help="Number of campaigns.")]
+CountOption = Annotated[int, typer.Option(min=1, max=100_000, help="Number of campaigns.")]
 SetSeedOption = Annotated[int, typer.Option("--seed", min=0, help="Seed, which determines every byte of the set.")]
 ProcessesOption = Annotated[
     int | None, typer.Option(min=1, help="Processes (default: all cores); results do not change.")

@@ -5,6 +5,7 @@ import os
 from pathlib import Path
 
 from maglev_env.recordings.files import write_text_atomic
+from maglev_env.recordings.result_folder import is_empty, locked
 from maglev_lanes.code_version import DIAGNOSING, code_version
 from maglev_lanes.schedule import Workers
 from maglev_workbench.console import console, progress_bar, write_json
@@ -30,25 +31,27 @@ def generate(out: Path, count: int, seed: int, processes: int | None) -> dict:
 
     Raises:
         ValueError: The folder is not empty.
+        BlockingIOError: Another process works there.
     """
     require_folder(out)
-    if out.exists() and any(out.iterdir()):
-        raise ValueError(f"{out} is not empty; choose another --out or delete it")
-    out.mkdir(parents=True, exist_ok=True)
-    with progress_bar() as bar:
-        bar.add_task(f"generate {count} campaigns", total=None)
-        seal = generator.generate(out / CAMPAIGNS, count, seed, processes or os.cpu_count() or 1, labels=out / LABELS)
-    console.print(f"SHA-256 of the labels\n{seal}")
-    write_text_atomic(out / SEAL, f"{seal}  {LABELS}\n")
-    data = {"schema": "maglev-blind-set/1", "count": count, "seed": seed, "version": code_version(DIAGNOSING)}
-    write_json(out / SET, data)
+    with locked(out):
+        if not is_empty(out):
+            raise ValueError(f"{out} is not empty; choose another --out or delete it")
+        with progress_bar() as bar:
+            bar.add_task(f"generate {count} campaigns", total=None)
+            workers = processes or os.cpu_count() or 1
+            seal = generator.generate(out / CAMPAIGNS, count, seed, workers, labels=out / LABELS)
+        console.print(f"SHA-256 of the labels\n{seal}")
+        write_text_atomic(out / SEAL, f"{seal}  {LABELS}\n")
+        data = {"schema": "maglev-blind-set/1", "count": count, "seed": seed, "version": code_version(DIAGNOSING)}
+        write_json(out / SET, data)
     return {**data, "labels_sha256": seal}
 
 
 def answer(folder: Path, processes: int | None, spread: Workers | None) -> Answered:
     """Diagnose every campaign of a set that has no answer yet, on workers if there are any."""
     made_of(folder)
-    with progress_bar() as bar:
+    with locked(folder), progress_bar() as bar:
         task = bar.add_task("diagnose", total=len(list((folder / CAMPAIGNS).glob("*/campaign.toml"))))
         try:
             found = answer_all(folder, processes, lambda n: bar.advance(task, n), workers=spread)

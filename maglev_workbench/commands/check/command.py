@@ -33,12 +33,21 @@ def check(
     from maglev_env.recordings.recording import read_recording
     from maglev_env.recordings.signals import recorded_signals
     from maglev_env.recordings.spectra import axis_signals
+    from maglev_env.redundancy.rules import as_data, examine, refusals
     from maglev_env.rig.rig import axis_rig
-    from maglev_workbench.commands.check.report import quality_tables, uses_json, uses_sections, uses_table
+    from maglev_workbench.commands.check.report import (
+        problem_data,
+        quality_tables,
+        spoiled,
+        uses_json,
+        uses_sections,
+        uses_table,
+    )
     from maglev_workbench.commands.check.uses import check_answer, uses
     from maglev_workbench.console import console, write_json
     from maglev_workbench.page import write_page
     from maglev_workbench.record_page import record_page
+    from maglev_workbench.warned import shown
 
     said: list[tuple[object, bool]] = []  # what is printed, and whether its lines may be long
     if is_data_file(campaign):
@@ -49,15 +58,15 @@ def check(
         loaded = load_campaign(campaign)
         page = out or loaded.folder / "check.html"
     require_file(page, "--out")
+    findings = examine(loaded)
+    warnings = as_data(findings)
     found, datasets, used, alarmed = [], [], [], 0
     for spec in loaded.recordings:
         dataset = read_recording(loaded, spec, alarmed=True)
         alarms = alarms_of(dataset)
         alarmed += bool(alarms)
-        for alarm in alarms:
-            style = "bold red" if alarm.severity == "refuse" else "yellow"
-            said.append((f"[{style}]ALARM[/] {escape(f'{spec.file}: {alarm.sentence}')}", True))
-        used.append((spec.file, uses(loaded, spec, alarms)))
+        refused = next((f.message for f in refusals(findings) if f.recording.partition(", ")[0] == spec.file), "")
+        used.append((spec.file, uses(loaded, spec, alarms, refused)))
         said.append((uses_table(*used[-1]), False))
         signals = recorded_signals(loaded, spec, dataset, excited=False)
         for axis in range(signals.axes):
@@ -67,14 +76,16 @@ def check(
                 said.append((f"{name}: nothing is excited along this axis", False))
                 continue
             rig = loaded.rig if loaded.rig is None or own.axis is None else axis_rig(loaded.rig, own.axis)
-            quality = recording_quality(own, rig, alarms=alarms)
+            quality = spoiled(recording_quality(own, rig, alarms=alarms), name, warnings)
             found.append((name, quality))
             said += [(table, False) for table in quality_tables(name, quality)]
             said += [(f"  [yellow]![/] {problem}", False) for problem in quality.problems]
+            warnings += [problem_data(name, problem) for problem in quality.problems]
         said += [(f"  note: {escape(note)}", True) for note in signals.assumed]
         datasets.append((spec.file, dataset))
     answer = check_answer(used, alarmed)
     console.print(f"[bold]{escape(answer)}[/]")
+    shown(findings)
     for part, long in said:
         console.print(part, soft_wrap=long)
     write_page(page, record_page(f"Check of {loaded.folder.name}", datasets, answer, uses_sections(used)))
@@ -85,6 +96,7 @@ def check(
             "schema": "maglev-check/1",
             "version": version("maglev-workbench"),
             "answer": answer,
+            "warnings": warnings,
             "commands": [{"file": file, **{u.command: uses_json(u) for u in of}} for file, of in used],
             "recordings": [{"file": f, **plain(q)} for f, q in found],
         },

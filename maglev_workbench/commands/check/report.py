@@ -1,6 +1,8 @@
 """What a recording is good for, and its quality: tables for the terminal, a section of the page, JSON."""
 
 from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
 
 from rich.markup import escape
 from rich.table import Table
@@ -49,3 +51,19 @@ def quality_tables(file: str, q: Quality) -> list[Table]:
     for use, verdict in ((use, verdict) for use, verdict in q.can.items() if use not in COMMANDS):
         uses.add_row(use, verdict, style=None if verdict.startswith("yes") else "yellow")
     return [channels, *([bands] if q.bands else []), *([uses] if uses.row_count else [])]
+
+
+def spoiled(q: Quality, name: str, warnings: Sequence[dict[str, Any]]) -> Quality:
+    """The quality of a recording that a warning contradicts: it is good for nothing until that is mended."""
+    own = [w for w in warnings if w["kind"] == "contradiction" and w["recording"] in (name, name.partition(", ")[0])]
+    if not own or q.alarms:
+        return q
+    why = f"no: {own[0]['code']}, {own[0]['channel']}"
+    bands = tuple(replace(b, verdict=own[0]["code"]) for b in q.bands)
+    return replace(q, can=dict.fromkeys(q.can, why), bands=bands)
+
+
+def problem_data(name: str, problem: str) -> dict[str, Any]:
+    """A problem of quality as one of the `warnings`."""
+    return {"code": "quality", "recording": name, "channel": problem.partition(":")[0] if ":" in problem else "",
+            "value": None, "interval": None, "message": problem, "kind": "quality"}  # fmt: skip

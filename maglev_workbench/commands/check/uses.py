@@ -40,14 +40,17 @@ class Use:
     instead: str
 
 
-def uses(campaign: Campaign, spec: RecordingSpec, alarms: Sequence[Alarm] = ()) -> tuple[Use, ...]:
+def uses(campaign: Campaign, spec: RecordingSpec, alarms: Sequence[Alarm] = (), refused: str = "") -> tuple[Use, ...]:
     """The verdict of every command on one recording.
 
     Args:
         campaign: The campaign.
         spec: One of its recordings; its role does not matter.
         alarms: What was wrong while it was recorded: with one, nothing is simply "yes".
+        refused: What contradicts the recording, for which every command refuses it; empty: nothing.
     """
+    if refused:
+        return tuple(Use(name, "no", refused, "mend what is contradicted") for name in COMMANDS)
     alone = replace(campaign, recordings=(replace(spec, role="fit"),))
     rules: dict[str, Callable[[], tuple[Verdict, str]]] = {
         "diagnose": lambda: _diagnose(alone),

@@ -1,5 +1,6 @@
 """`maglev estimate`: stiffness, damping and margins from a campaign, or from one file for a first look."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
@@ -47,6 +48,7 @@ def estimate(
 
     from maglev_env.recordings.campaign import load_campaign
     from maglev_env.recordings.guess.verified import guessed_campaign
+    from maglev_env.redundancy.result import doubtful
     from maglev_workbench.commands.estimate.answer import estimate_answer
     from maglev_workbench.commands.estimate.one_file import OneFile, one_file_campaign
     from maglev_workbench.commands.estimate.planar_report import planar_json, planar_sections, planar_table
@@ -61,6 +63,7 @@ def estimate(
     from maglev_workbench.commands.estimate.terminal import say
     from maglev_workbench.console import console, progress_bar, write_json
     from maglev_workbench.page import write_page
+    from maglev_workbench.warned import shown, warned
 
     require_choice(method, METHODS, "--method")
     if mass is not None and not mass > 0:
@@ -85,10 +88,12 @@ def estimate(
         page = out or source.with_suffix(".html")
     require_file(page, "--out")
     mass = campaign.mass if mass is None else mass
+    warnings = warned(replace(campaign, mass=None if estimate_mass else mass))
     with progress_bar() as bar:
         found = identify_campaign(
             campaign, mass, estimate_mass, band_width, band_overlap, lambda s: bar.track(s, description="estimate")
         )
+    warnings += shown(finding for file, one in found.axes for finding in doubtful(file, one))
     rig = f"{campaign.rig.name}, {mass:g} kg" if campaign.rig else "not given"
     recordings = ", ".join(spec.file for spec in campaign.recordings)
     made_by = {"Recordings": recordings, "Rig": rig, "Campaign": str(campaign.folder)}
@@ -99,7 +104,7 @@ def estimate(
     report = estimate_json(found.axes, method) | {"answer": answer}
     planar = {"planar": [planar_json(*both) for both in found.planar]} if found.planar else {}
     together = {"pooled": pooled_json(found.pooled)} if found.pooled else {}
-    write_json(json_file, report | planar | together)
+    write_json(json_file, report | {"warnings": warnings} | planar | together)
     console.print(f"[bold]{escape(answer)}[/]")
     for file, one_axis in found.axes:
         console.print(f"\n[bold]{escape(file)}[/]")

@@ -29,10 +29,10 @@ def parse_speeds(text: str) -> np.ndarray:
     low, high, step = values
     if not (step > 0 and high >= low):
         raise ValueError(f"--speeds {text!r}: the step must be above 0 and lo at most hi")
-    count = int((high - low) / step * (1 + 1e-12)) + 1
-    if count > MOST_SPEEDS:
-        raise ValueError(f"--speeds {text!r}: {count} speeds; take a larger step, {MOST_SPEEDS} at most")
-    return low + step * np.arange(count)
+    count = (high - low) / step * (1 + 1e-12) + 1
+    if count >= MOST_SPEEDS + 1:
+        raise ValueError(f"--speeds {text!r}: {count:.4g} speeds; take a larger step, {MOST_SPEEDS} at most")
+    return low + step * np.arange(int(count))
 
 
 def with_chosen_gains(rotor: Rotor, gains: Mapping[str, float | None], single: Sequence[str]) -> Rotor:

@@ -53,6 +53,7 @@ def simulate(
     from maglev_env.loop.effect import parse_effects
     from maglev_env.loop.gains import with_gains
     from maglev_env.recordings.campaign_writer import FORMATS, write_campaign
+    from maglev_env.recordings.result_folder import locked
     from maglev_env.rig.rig import load_rig
     from maglev_workbench.commands.simulate.recordings import PROTOCOLS, Recorded, excited, record, summary
     from maglev_workbench.console import console, progress_bar, write_json
@@ -75,7 +76,8 @@ def simulate(
     with progress_bar() as bar:
         for plan in bar.track(planned, description=f"simulate {loaded.name}"):
             recordings.append((plan.name, plan.role, *record(plan, asked, sensor)))
-    toml = write_campaign(out, rig, {}, recordings, data_format)
+    with locked(out):
+        toml = write_campaign(out, rig, {}, recordings, data_format)
     page = out / "recordings.html"
     write_page(page, record_page(f"Simulated {loaded.name}", [(name, d) for name, _, d, _ in recordings]))
     console.print(f"{len(recordings)} recording(s) of {loaded.name}\ncampaign  {toml}\npage      {page}")

@@ -6,12 +6,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from maglev_env.design.protocols import PlannedRecording, diagnosis_campaign, sphs_campaign
-from maglev_env.experiment import Experiment
+from maglev_env.experiment import Experiment, recorded_channels
 from maglev_env.kernel.simulate import simulate_records
-from maglev_env.loop.gains import Controllers, Gains
+from maglev_env.loop.gains import Controllers, Gains, form_of
 from maglev_env.recordings.recording import simulated_recording
 from maglev_env.rig.excitation import parse_excitation
 from maglev_env.rig.rig import Protocol, Rig
+from maglev_lanes.price import check_bytes, check_length
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -59,6 +60,9 @@ def record(plan: PlannedRecording, recorded: Recorded, sensor: str) -> "tuple[xr
     """
     e = replace(plan.experiment, sample_rate=recorded.sample_rate, sensor=sensor)
     e = e if recorded.periods is None else replace(e, periods=recorded.periods)
+    periods, columns = e.periods + e.transient_periods, len(recorded_channels(e)) * e.rig.axes + 1
+    check_length(e.samples_per_period, periods, "--periods")
+    check_bytes(8 * columns * periods * e.recorded_rate / e.fundamental, f"recording {plan.name}")
     found = simulate_records([e])[0]
     try:
         return simulated_recording(e, found), e
@@ -70,7 +74,7 @@ def _words(gains: Controllers) -> str:
     if isinstance(gains, tuple):
         return " and ".join(map(_words, gains))
     if not isinstance(gains, Gains):
-        return "its linear controller"
+        return f"its controller ({form_of(gains) or 'transfer_function'})"
     return f"kp = {gains.kp:g} A/m, ki = {gains.ki:g} A/(m s), kd = {gains.kd:g} A s/m"
 
 

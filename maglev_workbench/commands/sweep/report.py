@@ -29,14 +29,15 @@ def best_rows(dataset: "xr.Dataset", count: int = 10) -> list[dict[str, Any]]:
     Each: experiment, gains, score, terms, stiffness and damping with *_ci (95 %, an unbounded end None),
     peak_sensitivity with _se, phase_margin (deg), gain_margin_low and _high, peak_displacement, current_rms.
     """
-    values = {str(name): dataset[name].values for name in (*dataset.data_vars, *GAINS, "experiment")}
+    gains = [name for name in GAINS if name in dataset.coords]  # a form of controller may have other ones
+    values = {str(name): dataset[name].values for name in (*dataset.data_vars, *gains, "experiment")}
     order = np.argsort(-np.where(values["feasible"], values["score"], -np.inf), kind="stable")
     direct = ("experiment", "score", "stiffness", "damping", "peak_sensitivity", "peak_sensitivity_se", "phase_margin",
               "gain_margin_low", "gain_margin_high", "peak_displacement", "current_rms")  # fmt: skip
     rows = []
     for i in order[: min(count, int(values["feasible"].sum()))]:
         row: dict[str, Any] = {name: values[name][i] for name in direct}
-        row["gains"] = {name: values[name][i] for name in GAINS}
+        row["gains"] = {name: values[name][i] for name in gains}
         row["terms"] = {name: values[f"term_{name}"][i] for name in WEIGHTS}
         for name in ("stiffness", "damping"):
             row[f"{name}_ci"] = (values[f"{name}_low"][i], values[f"{name}_high"][i])

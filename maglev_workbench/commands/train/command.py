@@ -50,8 +50,10 @@ def train(
     from time import perf_counter
 
     from maglev_env.recordings.json_data import plain
+    from maglev_env.recordings.result_folder import claim, locked
     from maglev_env.rig.rig import load_rig
     from maglev_lanes.code_version import code_version
+    from maglev_lanes.price import check_experiments
     from maglev_lanes.schedule import workers
     from maglev_workbench.commands.train.report import held_out_table
     from maglev_workbench.commands.train.training import judge, reinforced
@@ -60,7 +62,6 @@ def train(
     from tuning.learned.training import Plan
     from tuning.learned.training import train as train_by_imitation
     from tuning.learned.worlds import World
-    from tuning.study.folder import claim, locked
 
     require_choice(by, BY, "--by")
     if init is not None and by == BY[0]:
@@ -71,6 +72,7 @@ def train(
         raise ValueError(f"--rigs: of imitation; {by} draws as many as --experiments take")
     if experiments is not None and by == BY[0]:
         raise ValueError("--experiments: of ppo and sac; imitation takes --rigs")
+    check_experiments(max(rigs or 0, judged), 0, "--rigs and --held-out")
     rigs, experiments = rigs or Plan().rigs, experiments or EXPERIMENTS
     world = World(load_rig(rig), protocol)
     world.task()  # raises for invalid settings before any work
@@ -88,7 +90,7 @@ def train(
         "init": None if init is None else str(init),
     }  # fmt: skip
     started = perf_counter()
-    with workers(scheduler) as spread, locked(folder, "another process trains there; wait, or choose another folder"):
+    with workers(scheduler) as spread, locked(folder):
         claim(folder / SPEC, made_by, "training")
         (folder / GROUPS).mkdir(exist_ok=True)
         with progress_bar() as bar:

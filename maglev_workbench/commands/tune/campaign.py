@@ -7,6 +7,7 @@ from pathlib import Path
 
 from rich.markup import escape
 
+from maglev_env.fields import toml_text
 from maglev_env.recordings.campaign import SCHEMA, Campaign, campaign_rig, load_campaign
 from maglev_env.recordings.files import write_text_atomic
 from maglev_env.rig.rig import Rig
@@ -15,9 +16,12 @@ from maglev_workbench.commands.tune.next_recording import commented, excitation_
 from maglev_workbench.console import console, write_json
 from maglev_workbench.options import require_folder
 from maglev_workbench.page import write_page
+from maglev_workbench.warned import warned
 from tuning.campaign.next_step import TUNED, next_step
 from tuning.campaign.recorded_sets import recorded_sets
 
+# Findings that gains can cause: such a set has failed, and that is a result.
+FAILURES = ("rail", "lost levitation", "stuck reading", "clearance")
 MEANT = ("campaign", "budget", "tuned", "seed", "out", "json_file")  # options that have a meaning for a real rig
 
 
@@ -49,6 +53,7 @@ def run(
     target = out or folder / "tune"
     require_folder(target)
     tuned = tuple(tuned) or TUNED
+    warnings = warned(campaign, FAILURES) if campaign else []
     sets = recorded_sets(campaign) if campaign and rig.axes == 1 else []
     advice = next_step(rig, sets, tuned, budget, seed)
     target.mkdir(parents=True, exist_ok=True)
@@ -56,7 +61,7 @@ def run(
     made_by = {
         "campaign": str(folder), "budget": budget, "tuned": tuned, "seed": seed, "version": version("maglev-workbench")
     }  # fmt: skip
-    data = campaign_json(advice, made_by)
+    data = campaign_json(advice, made_by) | {"warnings": warnings}
     write_text_atomic(target / "next.toml", commented(advice, block))
     write_json(target / "tune.json", data)
     write_json(json_file, data)
@@ -81,8 +86,9 @@ def _read(source: Path) -> tuple[Path, Rig, Campaign | None]:
             f'{path} does not exist; begin with a campaign.toml of two lines: schema = "{SCHEMA}" and '
             'rig = "..." (a preset or a rig TOML beside it)'
         )
+    text = toml_text(path, "campaign")
     try:
-        data = tomllib.loads(path.read_text(encoding="utf-8"))
+        data = tomllib.loads(text)
         begun = bool(data.get("recording"))
         if not begun and data.get("schema") != SCHEMA:
             raise ValueError(f'schema = {data.get("schema")!r}; this version reads schema = "{SCHEMA}"')

@@ -220,7 +220,8 @@ def test_an_action_that_is_none_is_refused_and_one_outside_is_clipped_with_a_war
     with pytest.raises(gym.error.ResetNeeded):
         env.step(np.zeros(3))
     env.reset(seed=0)
-    for action, words in ((np.zeros(2), "shape"), (np.full(3, np.nan), "nan"), ("up", "action")):
+    wrong = ((np.zeros(2), "shape"), (np.full(3, np.nan), "nan"), ("up", "action"), (np.full(3, np.inf), "infinite"))
+    for action, words in (*wrong, (np.full(3, 0.1 + 1j), "complex"), ([1j, 0, 0], "complex")):
         with pytest.raises(gym.error.InvalidAction, match=words):
             env.step(action)
     with pytest.warns(UserWarning, match="clipped"):
@@ -234,3 +235,35 @@ def test_an_action_that_is_none_is_refused_and_one_outside_is_clipped_with_a_war
         batch.reset(seed=[1, 2, 3])
     with pytest.raises(ValueError, match="reset_mask"):
         batch.reset(options={"reset_mask": np.zeros(2, bool)})
+
+
+def test_a_step_after_the_end_asks_for_a_reset():
+    env = gym.make("maglev/HMBFree-v0", protocol="quick", budget=1)
+    env.reset(seed=0)
+    assert env.step(np.zeros(3, np.float32))[3]
+    with pytest.raises(gym.error.ResetNeeded, match="the episode has ended"):
+        env.step(np.zeros(3, np.float32))
+    env.reset()
+    assert env.step(np.zeros(3, np.float32))[3]
+
+
+def test_an_argument_that_is_unknown_is_refused_with_those_that_are_known(task):
+    name, arguments = task
+    for make_one in (gym.make, gym.make_vec):
+        with pytest.raises(TypeError, match=r"unknown argument 'budgett' .* it has .*tuned, .*budget, .*render_mode"):
+            make_one(name, **arguments, budgett=3)
+
+
+def test_an_effect_of_one_parameter_is_a_number_as_on_the_command_line():
+    envs = [
+        maglev_env.RigEnv(protocol="quick", effects=effects)
+        for effects in ({"delay": 7.5e-5}, {"delay": {"time": 7.5e-5}})
+    ]
+    assert envs[0].task.effects == envs[1].task.effects
+    for effects, words in (
+        ({"delay": "long"}, "not a number"),
+        (7.5e-5, "give {name"),
+        ({"delay": {"x": 1.0}}, "no par"),
+    ):
+        with pytest.raises(ValueError, match=words):
+            maglev_env.RigEnv(effects=effects)

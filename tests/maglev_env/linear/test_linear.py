@@ -63,7 +63,7 @@ def test_a_delay_is_its_phase_and_moves_the_poles_consistently(samples):
     # Nyquist at the poles: 1 + L(z) vanishes there.
     z = closed_loop_poles(late)
     slow = z[np.argmax(np.abs(z) * (np.abs(z.imag) > 1e-6))]
-    a, _, b_old, b_new, c = discrete_plant(late)
+    a, _, b_old, b_new, c, _ = discrete_plant(late)
     g, whole = e.gains, int(np.floor(samples + 1e-9))
     pid = g.kp + g.kd / g.td * (slow - 1) / (slow - np.exp(-DT / g.td))
     pid += g.ki * (1 - np.exp(-DT / g.ti)) / (slow - np.exp(-DT / g.ti))

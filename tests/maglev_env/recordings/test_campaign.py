@@ -317,7 +317,7 @@ RECORDED = 'kind = "recorded"\nat = "force"\n'
         (PLANAR, "direction = 30.0", "direction = nan", ["direction = nan", "degrees"]),
         (PLANAR, "[recording.gains.y]", "[recording.gains.z]", ["gains: unknown key 'z'", "known keys: x, y"]),
         (PLANAR, PLANAR[PLANAR.index("[recording.gains.y]") : PLANAR.index("[[recording.ex")], "", ["gains: axis y"]),
-        (PLANAR, "kd = 6.0", "numerator = [1.0]", ["gains.y", "unknown key 'kp'", "denominator, numerator"]),
+        (PLANAR, "kd = 6.0", "numerator = [1.0]", ["gains.y", "unknown key 'kp'", "denominator, limit, numerator"]),
         (PLANAR, "kd = 6.0", "", ["gains.y: kd missing"]),
         (PLANAR, "force_y", "force_w", ["unknown key 'force_w'", "force_x", "displacement_y"]),
         (PLANAR, "[0.7, 0.7] }\ndisp", "[0.7] }\ndisp", ["channel displacement_x: 1 weights for 2 columns"]),

@@ -1,3 +1,6 @@
+import struct
+import zlib
+
 import h5py
 import numpy as np
 import pytest
@@ -223,3 +226,17 @@ def test_a_failed_write_leaves_the_old_file(tmp_path):
         write_text_atomic(tmp_path / "t.toml", "\ud800")
     assert (tmp_path / "t.toml").read_text() == "a"
     assert len(list(tmp_path.iterdir())) == 2
+
+
+@pytest.mark.parametrize("kind", ["mat", "h5"])
+def test_small_files_that_unpack_to_gigabytes_are_refused_unread(tmp_path, kind):
+    """Their sizes are stated; none of their values is unpacked, of which nothing is here."""
+    path, values = tmp_path / f"a.{kind}", (1 << 27) + 1
+    if kind == "h5":
+        with h5py.File(path, "w") as file:
+            file.create_dataset("y", (values,), "i1", chunks=(1 << 20,), compression="gzip")
+    else:
+        packed = zlib.compress(struct.pack("<2I4I2I2i2I8s", 14, 8 * values, 6, 8, 6, 0, 5, 8, values, 1, 1, 1, b"y"))
+        path.write_bytes(b"MATLAB 5.0".ljust(124) + b"\x00\x01IM" + struct.pack("<2I", 15, len(packed)) + packed)
+    with pytest.raises(ValueError, match="bytes, more than the limit of 1073741824; split the recording"):
+        read_columns(path).column("y")

@@ -296,7 +296,7 @@ CONTROLLER = "[gains]\nnumerator = [1]\ndenominator = [1]\n[parameters]"
         (PLANAR, PLANAR[PLANAR.index("[gains.y]") : PLANAR.index("[proto")], "", ["gains: axis y has none", "gains.y"]),
         (PLANAR, "[gains.y]", "[gains.z]", ["gains: unknown key 'z'", "x, y"]),
         (PLANAR, "kp = 4.0", "", ["gains.y: kp missing"]),
-        (PLANAR, "kp = 4.0", "numerator = [1]", ["gains.y: unknown key 'ki'", "denominator, numerator"]),
+        (PLANAR, "kp = 4.0", "numerator = [1]", ["gains.y: unknown key 'ki'", "denominator, limit, numerator"]),
         (PLANAR, "direction = 60.0", "direction = inf", ["direction = inf", "degrees"]),
         (PLANAR, "seed = 5", "band = [1.0, 5.0]", ["band = (1.0, 5.0) Hz", "recorded one"]),
         (PLANAR, 'kind = "sphs"', 'kind = "recorded"\nband = [-1, 5]', ["band = (-1, 5) Hz", "two increasing"]),
@@ -449,3 +449,18 @@ def test_no_value_in_the_place_of_a_table_ends_in_another_error(name):
 def test_deep_nesting_is_a_value_error():
     with pytest.raises(ValueError, match=r"mine\.toml"):
         rig_from_toml(TOML + "gap = " + "[" * 5000, "mine.toml")
+
+
+@pytest.mark.parametrize("excitation", ["[5]", "5", '"sphs"', "{ kind = 5 }"])
+def test_an_excitation_that_is_no_table_is_refused(tmp_path, excitation):
+    path = tmp_path / "mine.toml"
+    text = 'schema = "maglev-rig/1"\nname = "mine"\nmagnet = "none"\n[parameters]\nmass = 1.0\n[protocol]\n'
+    path.write_text(f"{text}excitation = {excitation}\n")
+    with pytest.raises(ValueError, match=r"mine\.toml: .*excitation"):
+        load_rig(path)
+
+
+def test_controllers_that_are_none_are_refused():
+    e = protocol_experiment(load_rig("hmb_free"))
+    with pytest.raises(ValueError, match=r"gains = \{'kp': 1\.0\}; give Gains\(kp"):
+        replace(e, gains={"kp": 1.0})

@@ -80,3 +80,30 @@ def test_a_rotor_is_no_rig_and_says_where_to_go():
         load_rotor("hmb_free")
     with pytest.raises(ValueError, match="no body"):
         Body(1.0, 1.0, 2.1, 0.1)
+
+
+@pytest.mark.parametrize("table", ["bounds = 2", "fluid = false", 'touchdown = "x"', "gains = [1]"])
+def test_what_is_no_table_is_refused_by_name(tmp_path, table):
+    name = table.partition(" = ")[0]
+    head, *blocks = TEXT.split("\n[")
+    kept = [block for block in blocks if not block.startswith((f"{name}]", f"{name}."))]
+    path = tmp_path / "mine.toml"
+    path.write_text("\n[".join([f"{table}\n{head}", *kept]))
+    with pytest.raises(ValueError, match=rf"mine\.toml: \[{name}\] = .* must be a table"):
+        load_rotor(path)
+
+
+@pytest.mark.parametrize(
+    ("table", "words"),
+    [
+        ("[runout]\nphase = 3.0", "phase = 3.0 must be a list"),
+        ("[runout]\nphase = ['x', 'y']", "not a finite number"),
+        ("[runout]\namplitude = [1e-6]", "two amplitudes and two phases"),
+    ],
+)
+def test_a_runout_has_two_amplitudes_and_two_phases(tmp_path, table, words):
+    path = tmp_path / "mine.toml"
+    blocks = [block for block in TEXT.split("\n[") if not block.startswith("runout]")]
+    path.write_text("\n[".join(blocks) + f"\n{table}\n")
+    with pytest.raises(ValueError, match=words):
+        load_rotor(path)

@@ -5,7 +5,6 @@ import tomllib
 from dataclasses import replace
 from functools import partial
 
-import numpy as np
 import pytest
 from command_line import maglev
 
@@ -30,8 +29,10 @@ def recorded(folder, change=lambda dataset: dataset, rig="hmb_free"):
     return folder
 
 
-def scaled(dataset):
-    return dataset.assign(displacement=dataset.displacement * 0.36e-3 / np.abs(dataset.displacement).max())
+def touching(dataset):
+    y = dataset.displacement.copy()
+    y[len(y) // 2] = 0.36e-3
+    return dataset.assign(displacement=y)
 
 
 def test_without_a_recording_it_starts_at_the_preset(tmp_path):
@@ -65,7 +66,7 @@ def test_the_block_that_it_proposes_is_read_back_and_a_stop_gives_gains(tmp_path
 
 
 def test_a_touchdown_is_said_and_its_gains_are_not_kept(tmp_path):
-    text = run("--campaign", recorded(tmp_path, scaled), "--json", tmp_path / "a.json")
+    text = run("--campaign", recorded(tmp_path, touching), "--json", tmp_path / "a.json")
     data = json.loads((tmp_path / "a.json").read_text())
     assert "touchdown: the displacement reaches 103%" in data["sets"][0]["failed"]
     assert "STOP" in text and data["keep"] is None

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from filelock import FileLock
 
+from maglev_env.recordings.result_folder import LOCK
 from maglev_env.task.task import make_task
 from tuning.search.evolution import DifferentialEvolution
 from tuning.search.space_filling import Sobol
-from tuning.study.folder import LOCK
 from tuning.study.study import JOURNAL, run_study
 
 pytestmark = pytest.mark.slow

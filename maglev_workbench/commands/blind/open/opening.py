@@ -5,6 +5,7 @@ from pathlib import Path
 from rich.table import Table
 
 from maglev_env.recordings.files import write_text_atomic
+from maglev_env.recordings.result_folder import locked
 from maglev_workbench.commands.blind.open.figures import save_reliability
 from maglev_workbench.commands.blind.open.report import blind_json, blind_markdown, blind_page
 from maglev_workbench.commands.blind.open.tables import HEAD, cells
@@ -21,7 +22,7 @@ def open_folder(folder: Path, docs: Path | None, json_file: Path | None) -> None
     """Check the seal, score every answer, write the results into the folder and the files, and print them."""
     made = made_of(folder)
     cases = min(CASES, sum(case.kind == "single" and (case.size or 0) >= 10 for case in open_labels(folder)))
-    with progress_bar() as bar:
+    with locked(folder), progress_bar() as bar:
         task = bar.add_task("gains on the twin", total=cases)
         opened = open_set(folder, lambda n: bar.advance(task, n))
     data = blind_json(opened, made)

@@ -43,10 +43,16 @@ def estimate(
         estimate_table,
         stretch_lines,
     )
-    from maglev_workbench.commands.selfsense.estimate.source import OneFile, estimate_files, source_campaign
+    from maglev_workbench.commands.selfsense.estimate.source import (
+        OneFile,
+        estimate_files,
+        source_campaign,
+        without_currents,
+    )
     from maglev_workbench.commands.selfsense.rig_sensor import DEFAULT_RIG
     from maglev_workbench.console import console, progress_bar, write_json
     from maglev_workbench.page import write_page
+    from maglev_workbench.warned import warned
 
     page = out or Path("selfsense-estimate.html")
     require_file(page, "--out")
@@ -59,6 +65,7 @@ def estimate(
     for file in files:
         if any(file.resolve() == coil.path.resolve() for coil in coils):
             raise ValueError(f"--out {page}: the estimated gap would overwrite the recording {file}; choose another")
+    warnings = warned(without_currents(campaign))
     found = []
     with progress_bar() as bar:
         for coil in bar.track(coils, description=f"estimate {loaded.name}"):
@@ -71,7 +78,7 @@ def estimate(
         write_npz(file, {"time": coil.gap.time, "gap": coil.gap.gap, "displacement": coil.sensor.gap - coil.gap.gap})
     settings = {"source": str(source), "voltage_sampling": "point" if point_voltage else "mean"}
     write_page(page, estimate_page(loaded, found, settings))
-    write_json(json_file, estimate_json(loaded, found, settings, files))
+    write_json(json_file, estimate_json(loaded, found, settings, files) | {"warnings": warnings})
     console.print(estimate_table(loaded, found))
     for coil in found:
         for line in stretch_lines(coil):

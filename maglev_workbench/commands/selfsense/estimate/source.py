@@ -1,6 +1,6 @@
 """Source of the coil's recordings, a campaign or one file, and the files for the estimated gaps."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from maglev_env.recordings.campaign import Campaign, RecordingSpec, load_campaign
@@ -37,6 +37,15 @@ def source_campaign(source: Path, one: OneFile) -> Campaign:
     excitations = (Excitation("none"),)
     spec = RecordingSpec(source.name, "fit", one.rate, 0, None, None, 0.0, None, excitations, channels)
     return Campaign(source.parent, None, None, (spec,))
+
+
+def without_currents(campaign: Campaign) -> Campaign:
+    """The campaign without the currents of its coils: what is wrong with them, the estimator marks by itself."""
+    kept = [
+        replace(spec, channels={n: c for n, c in spec.channels.items() if n.partition("_")[0] != "current"})
+        for spec in campaign.recordings
+    ]
+    return replace(campaign, recordings=tuple(kept))
 
 
 def estimate_files(page: Path, coils: list[Coil]) -> list[Path]:

@@ -1,8 +1,13 @@
 """Folders of results, with a description of their contents and a lock for one process at a time."""
 
 import json
+import os
+import shlex
+import socket
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
+from datetime import datetime
 from pathlib import Path
 from typing import Any
 from zipfile import BadZipFile
@@ -12,26 +17,48 @@ from filelock import FileLock, Timeout
 
 from maglev_env.recordings.files import atomic_file, write_text_atomic
 
-LOCK = "lock"
+LOCK = "lock"  # locked while a process works in the folder; the system unlocks it when that process ends, however
+HOLDER = "lock.json"  # says which process that is
 
 
 @contextmanager
-def locked(folder: Path, busy: str) -> Iterator[None]:
+def locked(folder: Path) -> Iterator[None]:
     """The folder, created if necessary, for this process alone.
 
     Raises:
-        BlockingIOError: Another process has it; the message is `busy`.
+        BlockingIOError: Another process works there; the message says which, and since when.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    lock = FileLock(folder / LOCK, timeout=0)
+    lock, holder = FileLock(folder / LOCK, timeout=0), folder / HOLDER
     try:
         lock.acquire()
     except Timeout:
-        raise BlockingIOError(f"{folder}: {busy}") from None
+        raise BlockingIOError(
+            f"{folder}: another process works there{_who(holder)}; wait for it, or choose another folder"
+        ) from None
     try:
+        command = shlex.join([Path(sys.argv[0]).name, *sys.argv[1:]])
+        since = datetime.now().isoformat(" ", "seconds")
+        mine = {"process": os.getpid(), "host": socket.gethostname(), "command": command, "since": since}
+        write_text_atomic(holder, json.dumps(mine) + "\n")
         yield
     finally:
+        holder.unlink(missing_ok=True)
         lock.release()
+
+
+def _who(holder: Path) -> str:
+    """Which process holds a folder, as far as it has said so."""
+    try:
+        found = json.loads(holder.read_text())
+        return f" ({found['command'][:200]}, process {found['process']} on {found['host']}, since {found['since']})"
+    except (OSError, ValueError, TypeError, KeyError):
+        return ""
+
+
+def is_empty(folder: Path) -> bool:
+    """Whether a folder holds nothing but its lock and, from a process that was killed, unfinished files."""
+    return all(path.name in (LOCK, HOLDER) or path.name.startswith(".") for path in folder.iterdir())
 
 
 def claim(path: Path, spec: dict[str, Any], kind: str) -> None:
@@ -45,11 +72,16 @@ def claim(path: Path, spec: dict[str, Any], kind: str) -> None:
         return
     try:
         found = dict(json.loads(path.read_text()))
-    except (ValueError, TypeError):
+    except (ValueError, TypeError):  # no JSON, or no object
         raise ValueError(f"{path} is not the description of a {kind}; choose another folder") from None
     wanted = json.loads(json.dumps(spec))
     if different := [key for key in {**found, **wanted} if found.get(key) != wanted.get(key)]:
         key = different[0]
+        if key == "version":
+            raise ValueError(
+                f"{path.parent} holds a {kind} of another version of maglev ({found.get(key)!r}, not "
+                f"{wanted.get(key)!r}); go on with that version, or choose another folder"
+            )
         both = "" if isinstance(found.get(key), dict) else f" ({found.get(key)!r}, not {wanted.get(key)!r})"
         raise ValueError(f"{path.parent} holds a {kind} of another {key}{both}; choose another folder")
 

@@ -1,0 +1,59 @@
+"""The recorded current against what the nominal amplifier makes of the recorded command."""
+
+import numpy as np
+
+from maglev_env.redundancy.controller import at_control_rate
+from maglev_env.redundancy.rows import Fit, Row, fit, low_pass
+from maglev_env.redundancy.view import View
+
+GAIN = 0.1  # of an amplifier and its current sensor
+LAG = 0.1  # relative standard deviation of the amplifier's time constant where the rig states no tolerance
+WIDE = 4.0  # standard deviations of a tolerance that count as possible
+SHAPE = 0.1
+POINTS = 17  # time constants that are tried
+ALLOWED = 16.0  # rise of the cost within which a time constant is possible: four standard deviations
+DELAY = 0.3  # of a sample
+EFFECTS = ("delay", "amplifier_lag", "amplifier_voltage_limit")
+
+
+def amplified(view: View) -> list[Row]:
+    """Gain and delay from the command to the current.
+
+    Eddy currents and all that follows act behind the current, so no effect of the library changes the gain at low
+    frequency; its delay and its roll-off are those of `delay`, `amplifier_lag` and `amplifier_voltage_limit`.
+    """
+    if view.rig is None or not view.rig.controlled or not {"command", "current"} <= view.recorded:
+        return []
+    if not view.periodic and not at_control_rate(view):
+        return []
+    lines = view.lines
+    nominal = view.nominal(lines.frequency).amplifier
+    found = _within(view, nominal, WIDE * view.rig.tolerance.get("amplifier_time_constant", LAG))
+    if found is None:
+        return []
+    lag = 0.0
+    if found.misfit > SHAPE:
+        source = nominal * lines.parts["command"]
+        lag, _ = low_pass(lines.parts["current"], source, lines.frequency, view.rate, lines.periodic, found.misfit)
+    return [
+        Row("amplifier", {"current": 1, "command": -1}, float(found.gain[0]), float(found.gain_se[0]), GAIN,
+            "the command through the nominal amplifier", float(found.delay[0]), float(found.delay_se[0]),
+            DELAY / view.rate, found.misfit, SHAPE, (), EFFECTS, lag)
+    ]  # fmt: skip
+
+
+def _within(view: View, nominal: np.ndarray, share: float) -> Fit | None:
+    """Of the fits with a time constant within its tolerance that the lines allow, the one with the least delay."""
+    lines, t = view.lines, view.rig.amplifier_time_constant
+    w = 2j * np.pi * lines.frequency
+    fits = []
+    for change in np.linspace(-min(share, 0.9), share, POINTS) if t else [0.0]:
+        source = nominal * (1 + w * t) / (1 + w * t * (1 + change)) * lines.parts["command"]
+        one = fit(lines.parts["current"], [source], lines.frequency, view.rate, lines.periodic)
+        if one is not None:
+            fits.append(one)
+    if not fits:
+        return None
+    least = min(f.cost for f in fits)
+    allowed = [f for f in fits if f.cost <= least + ALLOWED * max(1.0, least / lines.frequency.size)]
+    return min(allowed, key=lambda f: abs(f.delay[0]))

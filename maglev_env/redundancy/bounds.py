@@ -1,0 +1,154 @@
+"""What no rotor and no loop can do: move farther than its clearance, or suppress disturbances at every frequency."""
+
+import numpy as np
+from scipy import stats
+
+from estimation.frequency_response import pooled_variance
+from maglev_env.channels import unit_of
+from maglev_env.loop.magnets.kinds import force_law
+from maglev_env.loop.magnets.law import linearise
+from maglev_env.redundancy.finding import Finding
+from maglev_env.redundancy.view import View
+
+FREE = 1.05  # of the clearance to both sides
+LEVEL = 4.0  # standard errors
+SETTLED = 0.25  # |S - S of the highest lines| from which the sensitivity has reached its end
+LEAST_LINES = 8
+LEVELS = 100  # values of a waveform that is no sequence of steps
+OFTEN = 8  # times as many samples as at the next level; a sine's outermost level has 2.4 times as many
+PARTS, APART = 8, 0.3  # of a record, for a drift; of the command's standard deviation
+CENTRED, MOVED = 0.04, 1.0  # offsets that count: of the gap, and of the motion's standard deviation
+
+
+def clearance(view: View) -> list[Finding]:
+    """The displacement within the rig's clearance: its range cannot be larger than the way from stop to stop."""
+    if view.rig is None or "displacement" not in view.recorded:
+        return []
+    y, free = view.channels["displacement"], view.rig.clearance
+    column = view.columns.get("displacement")
+    way, reach = float(np.ptp(y)), float(np.abs(y).max())
+    if way > 2 * FREE * free:
+        text = (
+            f"displacement: it moves over {way:.4g} m, and the rig's clearance leaves {2 * free:.4g} m, "
+            f"{way / (2 * free):.3g} times less; check the scale (the unit) of column {column!r}"
+        )
+        return [Finding("clearance", view.recording, "displacement", way / (2 * free), None, text, "contradiction")]
+    if reach > FREE * free:
+        text = (
+            f"displacement: its mean is {y.mean():.4g} m, beyond the clearance of {free:.4g} m; check the offset of "
+            f"column {column!r}"
+        )
+        return [Finding("clearance", view.recording, "displacement", float(y.mean()), None, text, "wiring")]
+    return []
+
+
+def rails(view: View) -> list[Finding]:
+    """A channel whose extreme value comes again and again, and hardly any value next to it: it is cut off there.
+
+    Unlike a converter's rail (`masking.clipped_samples`) the signal need not stay there, as a noisy one does not.
+    """
+    found = []
+    for name in ("injection", "command", "current", "displacement", "force"):
+        if name not in view.recorded:
+            continue
+        levels, counts = np.unique(view.channels[name], return_counts=True)
+        if levels.size < LEVELS:
+            continue  # steps and squares
+        ends = [(levels[i], counts[i]) for i, j in ((-1, -2), (0, 1)) if counts[i] >= OFTEN * max(counts[j], 2)]
+        share = sum(count for _, count in ends) / view.channels[name].size
+        if not ends:
+            continue
+        unit = unit_of(name)
+        text = (
+            f"{name}: it is cut off at {' and '.join(f'{level:.4g}' for level, _ in ends)} {unit}, in {share:.2%} of "
+            "the samples are; record with less amplitude, or what acted"
+        )
+        found.append(Finding("rail", view.recording, name, float(share), None, text, "wiring"))
+    return found
+
+
+def balance(view: View) -> list[Finding]:
+    """Mean displacement and mean current of a pair of magnets: at rest the current's pull balances the stiffness.
+
+    Only for recordings that never repeat, whose operating point enters the comparison with a simulation.
+    """
+    rig = view.rig
+    if (
+        view.periodic
+        or rig is None
+        or "pair" not in rig.capabilities
+        or not {"displacement", "current"} <= view.recorded
+    ):
+        return []
+    gain, stiffness = linearise(force_law(rig))
+    y, i = view.channels["displacement"], view.channels["current"]
+    off = y - gain * i / (stiffness + rig.support_stiffness)
+    found = []
+    if said := _apart(off, max(CENTRED * rig.gap, MOVED * float(y.std())), 0.5 * CENTRED * rig.gap, "m"):
+        text = (
+            f"displacement or current: their means ({y.mean():.3g} m, {i.mean():.3g} A) {said[1]}; check both columns; "
+            "or an effect (eccentricity, actuator_offset) or a static load: run `maglev diagnose`"
+        )
+        found.append(Finding(said[0], view.recording, "displacement or current", said[2], None, text, "effect"))
+    if "command" in view.recorded:
+        u = view.channels["command"]
+        least = max(APART * float(u.std()), 5 * rig.noise.current)
+        if said := _apart(i - u, least, least, "A"):
+            text = (
+                f"command or current: their means ({u.mean():.3g} and {i.mean():.3g} A) {said[1]}, and an amplifier "
+                "keeps the mean; check both columns"
+            )
+            found.append(Finding(said[0], view.recording, "command or current", said[2], None, text, "wiring"))
+    return found
+
+
+def _apart(off: np.ndarray, level: float, least: float, unit: str) -> tuple[str, str, float] | None:
+    """Code, words and size of a difference (samples,) that should be zero: a drift above `least`, or a mean above
+    `level`; None where it is neither."""
+    parts = np.array([part.mean() for part in np.array_split(off, PARTS)])
+    drift, _, _, _, se = stats.linregress(np.linspace(-0.5, 0.5, PARTS), parts)
+    mean, drift = float(parts.mean()), float(drift)
+    if abs(drift) > max(least, LEVEL * se, abs(mean)):
+        return "drift", f"drift apart, by {drift:.3g} {unit} over the recording", drift
+    if abs(mean) > level:
+        return "balance", f"do not fit each other, by {mean:.3g} {unit}", mean
+    return None
+
+
+def sensitivity(view: View) -> list[Finding]:
+    """Command per injection: far above the loop's bandwidth it is 1, and its peak is at least 1.
+
+    The integral of ln|S| over all frequencies is zero or positive for every loop whose gain falls off like a rotor's
+    (Bode; Freudenberg and Looze 1985 with unstable poles). So where |S| is below 1 at all measured lines, and has
+    come to rest at the highest of them, command and injection have different scales.
+    """
+    if not view.periodic or not {"command", "injection"} <= view.recorded:
+        return []
+    lines = view.lines.at(view.place("current"))
+    if lines.frequency.size < LEAST_LINES:
+        return []
+    u, j = lines.parts["command"], lines.parts["injection"]
+    if not np.abs(j.mean(axis=0)).all():
+        return []
+    s = u.mean(axis=0) / j.mean(axis=0)
+    rest = (u - s * j).var(axis=0, ddof=1) / len(u) / np.abs(j.mean(axis=0)) ** 2
+    error = np.sqrt(pooled_variance(rest))
+    size = np.abs(s)
+    peak = float((size + LEVEL * error).max())
+    if peak >= 1:
+        return []
+    top = slice(-max(LEAST_LINES // 2, s.size // 10), None)
+    end = float(np.mean(size[top]))
+    text = (
+        f"command or injection: the peak of |S| over {s.size} lines is {size.max():.3g}, below 1, which no loop with a "
+        "rotor can have (Bode's integral)"
+    )
+    if np.abs(s[top] - s[top].mean()).max() < SETTLED * end:
+        text += f"; at {lines.frequency[-1]:.4g} Hz it rests at {end:.3g} and should be 1; check both scales"
+        return [Finding("sensitivity", view.recording, "command or injection", float(size.max()), None, text,
+                        "contradiction")]  # fmt: skip
+    text = (
+        f"injection: |S| stays below 1 ({size.max():.3g} at most) up to {lines.frequency[-1]:.4g} Hz: its peak lies "
+        "higher, so the peak and the zone that are printed are too good; inject at higher frequencies"
+    )
+    return [Finding("sensitivity", view.recording, "injection", float(size.max()), None, text, "quality")]

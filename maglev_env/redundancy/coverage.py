@@ -1,0 +1,37 @@
+"""What no comparison of a recording covers, said so that nobody takes silence for a check."""
+
+from collections.abc import Sequence
+
+from maglev_env.redundancy.finding import Finding
+from maglev_env.redundancy.rows import Row
+from maglev_env.redundancy.view import View
+
+CHANNELS = ("displacement", "force", "current", "command")  # whose scales enter results
+
+
+def uncovered(view: View, rows: Sequence[Row]) -> list[Finding]:
+    """Scales that no row holds, in one finding."""
+    if "voltage" in view.channels:  # a coil's recording, of which only the gap is asked
+        return []
+    seen = {name for row in rows for name in row.powers}
+    free = [name for name in CHANNELS if name in view.recorded and name not in seen]
+    if "mass" not in seen and view.mass is not None:
+        free.append("mass")
+    if view.rig is None and "force" in view.recorded:
+        free.append("time between force and displacement")
+    if not free:
+        return []
+    advice = []
+    if "mass" in free or "displacement" in free:
+        advice.append("record the force with lines above the resonance" if "force" not in view.recorded
+                      else "excite at higher frequencies, where the mass dominates")  # fmt: skip
+    if "force" in free:
+        advice.append("state the excitation's amplitude")
+    if "command" in free or "current" in free:
+        advice.append(
+            "name the rig and its gains" if view.rig is None else "record command and current at the control rate"
+        )
+    if "time between force and displacement" in free and not any("name the rig" in a for a in advice):
+        advice.append("name the rig and its gains")
+    text = f"not checkable here: {', '.join(free)}; {', '.join(advice)}"
+    return [Finding("coverage", view.recording, " or ".join(free), None, None, text, "not checkable")]

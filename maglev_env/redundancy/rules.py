@@ -1,0 +1,200 @@
+"""The registry of rules, and their application to a campaign."""
+
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import replace
+from itertools import combinations
+
+import numpy as np
+
+from maglev_env.loop.axes import AXES
+from maglev_env.loop.gains import of_axis
+from maglev_env.recordings.alarms import alarms_of
+from maglev_env.recordings.campaign import Campaign, RecordingSpec
+from maglev_env.recordings.recording import read_recording
+from maglev_env.recordings.signals import recorded_signals
+from maglev_env.recordings.spectra import RecordedSignals, axis_signals
+from maglev_env.redundancy.amplifier import amplified
+from maglev_env.redundancy.bounds import balance, clearance, rails, sensitivity
+from maglev_env.redundancy.cause import explained
+from maglev_env.redundancy.controller import controlled, stated_gains
+from maglev_env.redundancy.coverage import uncovered
+from maglev_env.redundancy.design import dead_lines, designed
+from maglev_env.redundancy.finding import ORDER, Finding
+from maglev_env.redundancy.newton import moved
+from maglev_env.redundancy.periods import breaks, drifts, jumps, outliers
+from maglev_env.redundancy.rows import Row
+from maglev_env.redundancy.view import View
+from maglev_env.rig.rig import axis_rig, with_parameters
+
+# Comparisons of channels. Each gives rows, which are explained together; see `cause`.
+ROWS: Mapping[str, Callable[[View], list[Row]]] = {
+    "designed waveform": designed,
+    "controller": controlled,
+    "amplifier": amplified,
+    "Newton's law": moved,
+}
+# Rules that stand by themselves.
+RULES: Mapping[str, Callable[[View], list[Finding]]] = {
+    "clearance": clearance,
+    "missing samples": jumps,
+    "lines": dead_lines,
+    "gains": stated_gains,
+    "breaks": breaks,
+    "balance": balance,
+    "spikes": outliers,
+    "drift": drifts,
+    "sensitivity": sensitivity,
+    "rail": rails,
+}
+# What exchanged columns or a wrong rate can look like.
+DOUBTFUL = ("mismatch", "controller", "lines", "scale", "sign", "filter", "shape", "clearance", "sensitivity", "delay")
+FINAL = ("clearance", "lines", "missing samples", "gains")  # others would only repeat in other words what these found
+FEW = 6  # channels of which every pair is tried
+
+
+def examine(campaign: Campaign) -> list[Finding]:
+    """All findings of a campaign, the most serious first.
+
+    Raises:
+        ValueError, OSError: As `read_recording`.
+    """
+    found = [finding for spec in campaign.recordings for finding in examine_recording(campaign, spec)]
+    return sorted(found, key=lambda f: ORDER.index(f.kind))
+
+
+def examine_recording(campaign: Campaign, spec: RecordingSpec) -> list[Finding]:
+    """The findings of one recording: its alarms, then those of the rules."""
+    dataset = read_recording(campaign, spec, alarmed=True, unexcited=True)
+    alarms = [
+        Finding(a.code, spec.file, a.channel, a.time, None, a.sentence,
+                "contradiction" if a.severity == "refuse" else "quality")
+        for a in alarms_of(dataset)
+    ]  # fmt: skip
+    if not any(name.startswith("displacement") for name in spec.channels):
+        return alarms
+    signals = recorded_signals(campaign, spec, dataset, excited=False)
+    views = _views(campaign, spec, signals)
+    if any(f.kind == "contradiction" for f in alarms):
+        # A wrong scale also seems to reach the end of a range.
+        return [*(f for view in views for f in clearance(view) if f.kind == "contradiction"), *alarms]
+    found = [f for view in views for f in _findings(view)]
+    if any(f.code in DOUBTFUL and f.kind in ("contradiction", "wiring") for f in found) or not all(
+        view.rig is None or view.rate == view.rig.control_rate for view in views
+    ):
+        found = _other_rate(campaign, spec, signals) or found
+    if any(f.code in DOUBTFUL and f.kind in ("contradiction", "wiring") for f in found):
+        found = _swapped(campaign, spec, " ".join(f.channel + f.message for f in found)) or found
+    return [*alarms, *found]
+
+
+def _findings(view: View) -> list[Finding]:
+    found: list[Finding] = []
+    for rule in RULES.values():
+        found += rule(view)
+        if any(f.code in FINAL and f.kind == "contradiction" for f in found):
+            return found
+    rows = comparisons(view)
+    return [*found, *explained(view, rows), *uncovered(view, rows)]
+
+
+def comparisons(view: View) -> list[Row]:
+    """The rows of one axis."""
+    return [row for rule in ROWS.values() for row in rule(view) if row.known or row.shape_off]
+
+
+def _views(campaign: Campaign, spec: RecordingSpec, signals: RecordedSignals) -> list[View]:
+    views = []
+    for axis in range(signals.axes):
+        own = axis_signals(signals, axis)
+        moving = own.excitations or all(e.kind == "none" for e in spec.excitations)
+        if not moving:
+            continue
+        which = own.axis if own.axis is not None else 0
+        suffix = f"_{AXES[which]}" if own.axis is not None else ""
+        rig = campaign.rig and axis_rig(campaign.rig, which)
+        controllers = [r.gains for r in campaign.recordings if r.gains is not None and r.gains != spec.gains]
+        recorded = {name.removesuffix(suffix) if suffix else name: name for name in spec.channels}
+        mass = campaign.mass
+        if rig is not None and mass is not None:  # a given mass replaces the common one; an axis' own keeps its ratio
+            rig = with_parameters(rig, {"mass": mass * rig.mass / campaign.rig.mass})
+            mass = rig.mass
+        name = spec.file if not suffix else f"{spec.file}, {AXES[which]}"
+        views.append(
+            View(
+                name, own.sample_rate, own.channels, frozenset(recorded) & frozenset(own.channels),
+                {k: " + ".join(spec.channels[v].columns) for k, v in recorded.items()},
+                own.excitations, spec.stated_peaks,
+                spec.gains and of_axis(spec.gains, which),
+                tuple(dict.fromkeys(of_axis(c, which) for c in controllers)), rig, mass, own.hold_rate, own.left_out,
+            )
+        )  # fmt: skip
+    # A coil recorded with its switching voltage ripples: the control samples alone would fold that back.
+    return [view if "voltage" in view.channels else view.at_control_rate() for view in views]
+
+
+def _swapped(campaign: Campaign, spec: RecordingSpec, said: str) -> list[Finding]:
+    """Two columns exchanged: the one exchange, of channels that findings name, under which all rules agree."""
+    names = [n for n in spec.channels if n != "time"]
+    if len(names) > FEW:
+        names = [n for n in names if n.partition("_")[0] in said]
+    for one, other in combinations(names, 2):
+        channels = {**spec.channels, one: spec.channels[other], other: spec.channels[one]}
+        try:
+            exchanged = replace(spec, channels=channels)
+            dataset = read_recording(campaign, exchanged)
+            views = _views(campaign, exchanged, recorded_signals(campaign, exchanged, dataset, excited=False))
+        except ValueError:
+            continue
+        if _agrees(views):
+            text = (
+                f"{one} and {other}: columns {_column(spec, one)!r} and {_column(spec, other)!r} are exchanged: "
+                "the other way round every comparison agrees; correct [recording.channels]"
+            )
+            return [Finding("swapped", spec.file, f"{one} or {other}", None, None, text, "contradiction")]
+    return []
+
+
+def _column(spec: RecordingSpec, name: str) -> str:
+    return " + ".join(spec.channels[name].columns)
+
+
+def _other_rate(campaign: Campaign, spec: RecordingSpec, signals: RecordedSignals) -> list[Finding]:
+    """A recording that never repeats whose comparisons agree at the control rate, which is not the stated one."""
+    rig = campaign.rig
+    if rig is None or signals.periodic or signals.sample_rate == rig.control_rate:
+        return []
+    if not _agrees(_views(campaign, spec, replace(signals, sample_rate=rig.control_rate))):
+        return []
+    text = (
+        f"time: every comparison agrees at the control rate of {rig.control_rate:g} Hz; check sample_rate = "
+        f"{signals.sample_rate:g} Hz"
+    )
+    return [Finding("rate", spec.file, "time", signals.sample_rate / rig.control_rate, None, text, "contradiction")]
+
+
+def _agrees(views: Iterable[View]) -> bool:
+    """Whether there are comparisons and all agree, and no rule finds a contradiction."""
+    rows = []
+    for view in views:
+        if any(f.kind == "contradiction" for rule in RULES.values() for f in rule(view)):
+            return False
+        rows += comparisons(view)
+    return bool(rows) and not any(row.off for row in rows)
+
+
+def refusals(found: Iterable[Finding]) -> list[Finding]:
+    """Those because of which nothing is identified."""
+    return [f for f in found if f.kind == "contradiction"]
+
+
+def as_data(found: Iterable[Finding]) -> list[dict]:
+    """Findings as JSON data: `warnings`."""
+    return [
+        {
+            "code": f.code, "recording": f.recording, "channel": f.channel,
+            "value": None if f.value is None or not np.isfinite(f.value) else f.value,
+            "interval": None if f.interval is None or not np.isfinite(f.interval).all() else list(f.interval),
+            "message": f.message, "kind": f.kind,
+        }
+        for f in found
+    ]  # fmt: skip

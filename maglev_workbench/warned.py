@@ -1,0 +1,50 @@
+"""The rules of redundancy before every command that reads a campaign: warnings in the first lines, or a refusal."""
+
+from collections.abc import Collection, Iterable
+from typing import Any
+
+from rich.markup import escape
+
+from maglev_env.recordings.campaign import Campaign
+from maglev_env.redundancy.finding import Finding
+from maglev_env.redundancy.rules import as_data, examine, refusals
+from maglev_workbench.console import console
+
+_STYLE = {"contradiction": "bold red", "wiring": "bold yellow", "effect": "yellow", "quality": "yellow"}
+
+
+def warned(campaign: Campaign, allowed: Collection[str] = (), refuse: bool = True) -> list[dict[str, Any]]:
+    """Examine every recording and print what is found.
+
+    Args:
+        campaign: With its recordings.
+        allowed: Codes that the command itself judges; they do not refuse.
+        refuse: False for a command that only shows.
+
+    Returns:
+        `warnings` of the command's JSON.
+
+    Raises:
+        ValueError: A recording contradicts physics or its own description; the message says how.
+    """
+    found = examine(campaign)
+    if refuse and (worst := [f for f in refusals(found) if f.code not in allowed]):
+        more = f" ({len(worst) - 1} more: `maglev check` shows all)" if len(worst) > 1 else ""
+        raise ValueError(f"{campaign.folder / worst[0].recording}: {worst[0].message}{more}")
+    return shown(found)
+
+
+def shown(found: Iterable[Finding]) -> list[dict[str, Any]]:
+    """Print findings, and give them as the `warnings` of a command's JSON."""
+    found = list(found)
+    for finding in found:
+        console.print(line(finding), soft_wrap=True)
+    return as_data(found)
+
+
+def line(finding: Finding) -> str:
+    """One finding as a line of the terminal."""
+    word = {"contradiction": "ALARM", "not checkable": "note"}.get(finding.kind, "warning")
+    style = _STYLE.get(finding.kind)
+    mark = f"[{style}]{word}[/]" if style else f"  {word}:"
+    return f"{mark} {escape(f'{finding.recording}: {finding.message}')}"

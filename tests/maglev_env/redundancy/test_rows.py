@@ -1,0 +1,68 @@
+"""Gains and delays of one or two inputs: recovered, with errors that are those of their scatter."""
+
+import numpy as np
+import pytest
+
+from maglev_env.redundancy.rows import LEVEL, Row, fit, low_pass
+
+RATE, N, P = 1000.0, 80, 6
+F = np.linspace(2, 300, N)
+
+
+def spectra(rng, size=1.0):
+    return size * np.exp(2j * np.pi * rng.uniform(size=N))
+
+
+def noisy(rng, mean, sd):
+    return mean + sd * (rng.normal(size=(P, N)) + 1j * rng.normal(size=(P, N))) / np.sqrt(2)
+
+
+@pytest.mark.parametrize(("gain", "delay"), [(1.0, 0.0), (2.0, 1.0), (-0.5, -3.3), (9.81, 10.0)])
+def test_a_gain_and_a_delay_are_recovered(gain, delay):
+    rng = np.random.default_rng(1)
+    x = spectra(rng)
+    y = gain * x * np.exp(-2j * np.pi * F * delay / RATE)
+    found = fit(noisy(rng, y, 1e-3), [np.tile(x, (P, 1))], F, RATE, True)
+    assert found.gain[0] == pytest.approx(gain, rel=0.01)
+    assert found.delay[0] * RATE == pytest.approx(delay, abs=0.02) and found.misfit < 0.01
+
+
+def test_two_inputs_are_told_apart():
+    rng = np.random.default_rng(2)
+    a, b = spectra(rng), spectra(rng)
+    y = 1.5 * a * np.exp(-2j * np.pi * F * 2 / RATE) - 0.7 * b
+    found = fit(noisy(rng, y, 0.01), [np.tile(a, (P, 1)), np.tile(b, (P, 1))], F, RATE, True)
+    assert found.gain == pytest.approx([1.5, -0.7], rel=0.02)
+    assert found.delay * RATE == pytest.approx([2.0, 0.0], abs=0.05)
+
+
+@pytest.mark.parametrize("sd", [0.05, 0.5])
+def test_the_errors_are_those_of_the_scatter_and_a_null_raises_no_alarm(sd):
+    scores, alarms = [], 0
+    for seed in range(150):
+        rng = np.random.default_rng(seed)
+        x = spectra(rng)
+        found = fit(noisy(rng, x, sd), [np.tile(x, (P, 1))], F, RATE, True)
+        scores.append([(found.gain[0] - 1) / found.gain_se[0], found.delay[0] / found.delay_se[0]])
+        row = Row("r", {"a": 1, "b": -1}, found.gain[0], found.gain_se[0], 0.0, "b", found.delay[0], found.delay_se[0])
+        alarms += row.off
+    spread = np.std(scores, axis=0)
+    assert (spread > 0.75).all() and (spread < 1.25).all()  # the model's 1 % per line makes errors a little larger
+    assert alarms == 0 and np.abs(scores).max() < LEVEL
+
+
+def test_a_low_pass_is_told_from_a_delay_and_on_which_side_it_is():
+    rng = np.random.default_rng(3)
+    x = np.tile(spectra(rng), (P, 1))
+    pole = 1 / (1 + 2j * np.pi * F / 300)
+    for out, source, sign in ((x * pole, x, 1), (x, x * pole, -1)):
+        y = noisy(rng, out, 1e-3)
+        misfit = fit(y, [source], F, RATE, True).misfit
+        lag, _ = low_pass(y, source, F, RATE, True, misfit)
+        assert misfit > 0.05 and lag == pytest.approx(sign / 300, rel=0.1)
+
+
+def test_nothing_is_said_of_too_few_lines_or_without_power():
+    x = np.ones((P, N), complex)
+    assert fit(x[:, :4], [x[:, :4]], F[:4], RATE, True) is None
+    assert fit(x, [0 * x], F, RATE, True) is None

@@ -1,0 +1,228 @@
+"""The rules on simulated recordings: silent on sound ones, and what was done to others named with channel and size."""
+
+import re
+from dataclasses import replace
+
+import bench_loop
+import campaigns
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+
+from maglev_env.evaluation.identification import identify
+from maglev_env.loop.effect import effect
+from maglev_env.recordings.campaign import load_campaign
+from maglev_env.recordings.recording import read_recording
+from maglev_env.recordings.signals import recorded_signals
+from maglev_env.redundancy.result import doubtful
+from maglev_env.redundancy.rules import as_data, examine
+
+
+@pytest.fixture(scope="module")
+def sound(tmp_path_factory):
+    """One period-by-period recording of the free rotor with every channel."""
+    return campaigns.campaign(tmp_path_factory.mktemp("sound"), names=("base", "gains"))
+
+
+@pytest.fixture(scope="module")
+def open_folder(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("open")
+    return bench_loop.write_campaign(folder, bench_loop.Bench(noise=0.5e-6), {"noise": "fit"}, 1.5, 4)
+
+
+def changed(source, target, file, change, toml=lambda text: text):
+    """A copy of a campaign with the columns of one file changed in place, and its text."""
+    target.mkdir(exist_ok=True)
+    for path in source.glob("*.npz"):
+        columns = dict(np.load(path))
+        if path.stem == file:
+            change(columns)
+        np.savez(target / path.name, **columns)
+    (target / "campaign.toml").write_text(toml((source / "campaign.toml").read_text()))
+    return [f for f in examine(load_campaign(target)) if f.kind != "not checkable"]
+
+
+def scale(name, factor):
+    def change(columns):
+        columns[name] = columns[name] * factor
+
+    return change
+
+
+def late(name, samples):
+    def change(columns):
+        columns[name] = np.roll(columns[name], samples)
+
+    return change
+
+
+def test_sound_recordings_are_not_accused(sound, open_folder):
+    assert examine(load_campaign(sound)) == []
+    assert [f for f in examine(load_campaign(open_folder)) if f.kind != "not checkable"] == []
+
+
+@pytest.mark.parametrize(
+    ("channel", "factor", "kind"),
+    [
+        ("force", 2.0, "contradiction"),
+        ("displacement", 9.81, "contradiction"),
+        ("command", 0.5, "contradiction"),
+        ("current", 2.0, "contradiction"),
+        ("injection", 2.0, "contradiction"),
+        ("force", -1.0, "contradiction"),
+        ("displacement", -1.0, "contradiction"),
+        ("displacement", 1000.0, "contradiction"),
+    ],
+)
+def test_a_wrong_scale_or_sign_is_named_with_its_size(sound, tmp_path, channel, factor, kind):
+    found = changed(sound, tmp_path / "c", "base", scale(channel, factor))
+    first = found[0]
+    assert channel in first.channel.split(" or ") and first.kind == kind
+    assert "check the s" in first.message
+    if abs(factor) < 100 and factor > 0:
+        assert first.value == pytest.approx(factor, rel=0.03) and first.interval[0] < factor < first.interval[1]
+
+
+def test_the_doubled_force_reads_as_a_user_needs_it(sound, tmp_path):
+    found = changed(sound, tmp_path / "c", "base", scale("force", 2.0))
+    wanted = r"force: factor 2(\.0\d?)? \+- 0\.0\d* against its stated 0\.4 N peak and the force on 0\.08012 kg; "
+    assert re.match(wanted + r"check the scale of column 'force'$", found[0].message)
+
+
+def test_no_loop_has_a_peak_sensitivity_below_one(sound, tmp_path):
+    def change(columns):
+        columns["force"] = 2.0 * columns["force"]
+        columns["injection"] = 2.83 * columns["injection"]
+
+    found = changed(sound, tmp_path / "c", "base", change)
+    assert any(f.code == "sensitivity" and "below 1, which no loop" in f.message for f in found)
+    assert found[0].kind == "contradiction"
+
+
+@pytest.mark.parametrize("samples", [1, 10])
+def test_a_delay_is_named_in_samples(sound, tmp_path, samples):
+    found = changed(sound, tmp_path / "c", "base", late("displacement", samples))
+    assert "displacement" in found[0].channel and f"late by {samples}" in found[0].message
+
+
+def test_samples_that_are_missing_are_counted(sound, tmp_path):
+    def change(columns):
+        for name in columns:
+            columns[name] = np.delete(columns[name], slice(12_000, 12_137))
+
+    text = (sound / "campaign.toml").read_text()
+    assert "periods = 5" in text
+    found = changed(sound, tmp_path / "c", "base", change, lambda t: t.replace("periods = 5", "periods = 4", 2)
+                    .replace('time = { from = "time" }\n', ""))  # fmt: skip
+    assert found[0].code == "missing samples" and "137 samples are missing between" in found[0].message
+
+
+def test_a_filter_is_named_with_its_corner(sound, tmp_path):
+    a = np.exp(-2 * np.pi * 200 / 20_000)
+
+    def change(columns):
+        columns["command"] = lfilter([1 - a], [1, -a], columns["command"])
+
+    found = changed(sound, tmp_path / "c", "base", change)
+    assert found[0].code == "filter" and found[0].channel == "command" and found[0].value == pytest.approx(200, rel=0.2)
+
+
+def test_exchanged_columns_are_found(sound, tmp_path):
+    def change(columns):
+        columns["command"], columns["current"] = columns["current"], columns["command"]
+
+    found = changed(sound, tmp_path / "c", "base", change)
+    assert found[0].code == "swapped" and set(found[0].channel.split(" or ")) == {"command", "current"}
+
+
+def test_gains_of_another_recording_are_named(sound, tmp_path):
+    kp = re.findall(r"kp = ([\d.]+)", (sound / "campaign.toml").read_text())
+    kd = re.findall(r"kd = ([\d.]+)", (sound / "campaign.toml").read_text())
+    assert kp[0] != kp[1]
+
+    def toml(text):
+        return text.replace(f"kp = {kp[0]}", f"kp = {kp[1]}", 1).replace(f"kd = {kd[0]}", f"kd = {kd[1]}", 1)
+
+    found = changed(sound, tmp_path / "c", "base", lambda columns: None, toml)
+    assert found and found[0].channel == "command or displacement or gains"  # no recording states the true ones now
+
+    def third(text):
+        parts = text.split("[[recording]]")
+        return "[[recording]]".join([*parts[:2], parts[2], parts[1].replace(f"kp = {kp[0]}", f"kp = {kp[1]}")
+                                     .replace(f"kd = {kd[0]}", f"kd = {kd[1]}")])  # fmt: skip
+
+    found = changed(sound, tmp_path / "d", "base", lambda columns: None, third)
+    assert found[0].code == "gains" and f"kp = {float(kp[0]):g}" in found[0].message
+
+
+def test_a_wrong_mass_may_also_be_an_effect(sound, tmp_path):
+    found = changed(sound, tmp_path / "c", "base", lambda columns: None,
+                    lambda t: t.replace('rig = "hmb_free"', 'rig = "hmb_free"\n[parameters]\nmass = 0.16'))  # fmt: skip
+    assert "mass" in found[0].channel and found[0].kind == "effect" and "maglev diagnose" in found[0].message
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [("delay", 7.5e-5), ("amplifier_lag", 1e-4), ("actuator_gain", 0.5), ("mass", 0.4), ("sensor_gain", -0.3)],
+)
+def test_an_effect_does_not_read_as_a_wiring_error(tmp_path, name, value):
+    folder = campaigns.campaign(tmp_path, effects=effect(name, value), names=("base",))
+    found = examine(load_campaign(folder))
+    assert found and all(f.kind == "effect" and "run `maglev diagnose`" in f.message for f in found)
+
+
+def test_a_spike_and_a_drift_are_found(sound, tmp_path):
+    def change(columns):
+        columns["displacement"][13_000] += 1e-4
+        columns["current"] = columns["current"] + np.linspace(0, 1, columns["current"].size)
+
+    found = {f.code: f for f in changed(sound, tmp_path / "c", "base", change)}
+    assert re.search("a spike of [0-9.e-]+ m at 0.65 s", found["spike"].message)
+    assert found["drift"].channel == "current" and found["drift"].value == pytest.approx(0.2, rel=0.05)
+
+
+@pytest.mark.parametrize(("channel", "factor"), [("displacement", 2.0), ("current", 0.5), ("command", 2.0)])
+def test_a_recording_that_never_repeats_is_checked_too(open_folder, tmp_path, channel, factor):
+    found = changed(open_folder, tmp_path / "c", "noise", scale(channel, factor))
+    assert channel in found[0].channel and found[0].kind in ("effect", "wiring", "contradiction")
+
+
+def test_another_rate_than_the_stated_one_is_found(open_folder, tmp_path):
+    found = changed(open_folder, tmp_path / "c", "noise", lambda columns: None,
+                    lambda t: t.replace("sample_rate = 20000.0", "sample_rate = 10000.0"))  # fmt: skip
+    assert found[0].code == "rate" and "20000 Hz" in found[0].message
+
+
+def test_what_nothing_covers_is_said(sound, tmp_path):
+    toml = (sound / "campaign.toml").read_text().split("[[recording]]")[1]
+    lines = re.search(r"at = \"force\".*?(?=\n\n)", toml, re.S).group()
+    text = f"""schema = "maglev-campaign/1"
+[parameters]
+mass = 0.08
+[[recording]]
+file = "base.npz"
+sample_rate = 20000.0
+[[recording.excitation]]
+kind = "multisine"
+{lines}
+[recording.channels]
+force = {{ from = "force" }}
+displacement = {{ from = "displacement" }}
+"""
+    changed(sound, tmp_path / "c", "base", lambda columns: None, lambda _: text)
+    (note,) = examine(load_campaign(tmp_path / "c"))
+    assert note.kind == "not checkable" and note.message.startswith("not checkable here: time between force and")
+    (data,) = as_data([note])
+    assert data.keys() == {"code", "recording", "channel", "value", "interval", "message", "kind"}
+
+
+def test_results_that_no_loop_can_have_are_said(sound):
+    campaign = load_campaign(sound)
+    spec = campaign.recordings[0]
+    signals = recorded_signals(campaign, spec, read_recording(campaign, spec))
+    found = identify(signals, campaign.rig, campaign.mass, band_width=60.0, band_overlap=20.0)
+    assert doubtful("base.npz", found) == []
+    low = replace(found.stability.margins, peak_sensitivity=0.9, intervals={"peak_sensitivity": (0.8, 0.95)})
+    poor = tuple(replace(b, fit_p=1e-9, r2_adjusted=0.5, informative=True, ls_biased=False) for b in found.bands)
+    codes = [f.code for f in doubtful("x", replace(found, bands=poor, stability=replace(found.stability, margins=low)))]
+    assert codes == ["fit", "sensitivity"]
