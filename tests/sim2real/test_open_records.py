@@ -71,6 +71,15 @@ def test_a_pooled_estimate_names_the_recording_that_disagrees(campaign, tmp_path
     assert any(line.startswith("chirp.npz: negative stiffness") for line in again.disagreements)
 
 
+def test_a_recording_that_cannot_be_simulated_is_named(campaign):
+    folder = campaign(Bench(), {"noise": "fit", "steps": "fit"}, seconds=0.5)
+    text = (folder / "campaign.toml").read_text()
+    at = text.rindex("kp = ")
+    (folder / "campaign.toml").write_text(text[:at] + text[at:].replace(f"kp = {bench_loop.KP}", "kp = 100.0"))
+    with pytest.raises(ValueError, match=r"simulation of steps\.npz;"):
+        pooled(read_records(folder)[1])
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", ["noise", "steps"])
 def test_intervals_cover_what_they_claim(campaign, kind):
