@@ -27,16 +27,9 @@ from typing import Any
 import numpy as np
 from fuzz_inputs import prepare
 
-TIMES = (
-    "seconds",
-    "experiments_per_second",
-    "tuner_seconds",
-    "clock",
-    "date",
-    "own",
-    "reused",
-    "command",
-)  # differ always
+# What differs always: times, and the hash of a set's answers, which state theirs.
+TIMES = ("seconds", "experiments_per_second", "tuner_seconds", "clock", "date", "own", "reused", "command")
+TIMES += ("answers_sha256",)
 TIMED_ROW = "mean time per campaign"  # of a sealed set's results
 SKIPPED = ("lock", "lock.json")
 HOW = ("process", "process", "group", "twice", "disk", "second")
