@@ -6,37 +6,24 @@ import numpy as np
 import scipy.fft
 from scipy.signal import lfilter
 
-from maglev_env.rig.rig import Rig, axis_rig
-
 SLOWEST = 4.0  # periods in a record: slower motion than this cannot be told from the drift of an accelerometer
 
 
-def derived(
-    rig: Rig | None, channels: Mapping[str, np.ndarray], rate: float
-) -> tuple[dict[str, np.ndarray], list[str]]:
-    """Channels that follow from others, and what was assumed.
+def displacements(channels: Mapping[str, np.ndarray], rate: float) -> tuple[dict[str, np.ndarray], list[str]]:
+    """Displacements that follow from accelerations where none is recorded, and what was assumed.
 
     Args:
-        rig: nominal rig, where known: its coil's resistance and inductance turn a voltage into a current.
         channels: name -> (samples,), SI.
         rate: Hz.
     """
     found, notes = {}, []
     for name, values in channels.items():
         kind, mark, axis = name.partition("_")
-        end = mark + axis
-        if kind == "acceleration" and f"displacement{end}" not in channels:
-            found[f"displacement{end}"] = integrated_twice(values, rate)
+        displacement = f"displacement{mark}{axis}"
+        if kind == "acceleration" and displacement not in channels:
+            found[displacement] = integrated_twice(values, rate)
             notes.append(
-                f"displacement{end} is the acceleration integrated twice, from {SLOWEST * rate / values.size:.3g} Hz on"
-            )
-        known = rig is not None and rig.coil_resistance > 0 and rig.coil_inductance is not None
-        if kind == "voltage" and known and not {f"current{end}", f"command{end}"} & channels.keys():
-            own = axis_rig(rig, 1 if axis == "y" else 0)
-            found[f"current{end}"] = coil_current(values, rate, own.coil_resistance, own.coil_inductance)
-            notes.append(
-                f"current{end} is computed from the voltage with the coil's resistance and inductance; the voltage of "
-                "the motion is left out"
+                f"{displacement} is the acceleration integrated twice, from {SLOWEST * rate / values.size:.3g} Hz on"
             )
     return found, notes
 

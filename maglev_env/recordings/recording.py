@@ -17,7 +17,7 @@ from maglev_env.loop.gains import as_table
 from maglev_env.loop.magnets.kinds import geometric_law
 from maglev_env.recordings.alarms import alarms_text, clock_alarms, find_alarms, touched_rail
 from maglev_env.recordings.campaign import Campaign, ChannelSource, RecordingSpec
-from maglev_env.recordings.derived import derived
+from maglev_env.recordings.derived import displacements
 from maglev_env.recordings.files import Columns, read_columns
 from maglev_env.recordings.masking import MOST_MASKED
 from maglev_env.recordings.measurement_chain import corrected
@@ -90,7 +90,7 @@ def read_recording(
         channels[name] = corrected(clock.resampled(values), rate, source.filter, source.delay)
         if source.total:
             channels[name] = channels[name] - _bias(campaign, path, name)
-    stand_ins, stood_in = derived(campaign.rig, channels, rate)
+    stand_ins, stood_in = displacements(channels, rate)
     channels |= stand_ins
     masked = clock.marked(masked)
     rig = {} if campaign.rig is None else {"rig": campaign.rig.name}

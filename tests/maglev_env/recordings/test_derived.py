@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from maglev_env.recordings.derived import coil_current, derived, integrated_twice
-from maglev_env.rig.rig import load_rig, with_parameters
+from maglev_env.recordings.derived import coil_current, displacements, integrated_twice
 
 RATE = 2000.0
 T = np.arange(4000) / RATE
@@ -28,9 +27,6 @@ def test_a_voltage_becomes_the_current_of_the_coil():
     assert found[-1] == pytest.approx(1.5, abs=1e-4)
 
 
-def test_only_what_is_missing_is_derived():
-    rig = with_parameters(load_rig("hmb_free"), {"coil_resistance": 2.0, "coil_inductance": 1e-3})
-    found, notes = derived(rig, {"acceleration": T, "voltage": T}, RATE)
-    assert set(found) == {"displacement", "current"} and len(notes) == 2
-    assert derived(rig, {"displacement": T, "acceleration": T, "command": T, "voltage": T}, RATE) == ({}, [])
-    assert derived(None, {"voltage": T}, RATE)[0] == {}
+def test_a_recorded_displacement_is_kept():
+    found, notes = displacements({"acceleration_x": T, "displacement_y": T, "acceleration_y": T}, RATE)
+    assert set(found) == {"displacement_x"} and len(notes) == 1
