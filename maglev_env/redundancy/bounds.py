@@ -16,6 +16,7 @@ SETTLED = 0.25  # |S - S of the highest lines| from which the sensitivity has re
 LEAST_LINES = 8
 LEVELS = 100  # values of a waveform that is no sequence of steps
 OFTEN = 8  # times as many samples as at the next level; a sine's outermost level has 2.4 times as many
+TOGETHER, STEPPED = 0.95, 10.0  # correlation of slow parts that shows a sign; their range over the stated noise
 PARTS, APART = 8, 0.3  # of a record, for a drift; of the command's standard deviation
 CENTRED, MOVED = 0.04, 1.0  # offsets that count: of the gap, and of the motion's standard deviation
 
@@ -90,6 +91,16 @@ def balance(view: View) -> list[Finding]:
             "or an effect (eccentricity, actuator_offset) or a static load: run `maglev diagnose`"
         )
         found.append(Finding(said[0], view.recording, "displacement or current", said[2], None, text, "effect"))
+    means = [np.array([part.mean() for part in np.array_split(v, PARTS)]) for v in (y, i)]
+    together = float(np.corrcoef(*means)[0, 1]) if min(map(np.ptp, means)) > 0 else 0.0
+    expected = np.sign(gain / (stiffness + rig.support_stiffness))
+    if together * expected < -TOGETHER and np.ptp(means[0]) > STEPPED * rig.noise.displacement:
+        text = (
+            "displacement or current: its sign is reversed: their slow parts move "
+            f"{'together' if together > 0 else 'against each other'}, where nominal magnets do the opposite: "
+            "check the signs of both columns"
+        )
+        found.append(Finding("sign", view.recording, "displacement or current", -1.0, None, text, "wiring"))
     if "command" in view.recorded:
         u = view.channels["command"]
         least = max(APART * float(u.std()), 5 * rig.noise.current)
