@@ -31,6 +31,7 @@ FASTEST = 30.0  # its control samples in a cycle of the mode that it makes
 TAPS = 4  # present and past readings that a fitted controller uses
 PAST = 2  # past outputs that it uses
 FITTED = 0.9  # share of the current's variance from which a fitted controller is the stand-in
+HOLDING = 1.5  # stiffness at rest of a fitted controller, in that of the magnets
 LEAK = 100.0  # time constant of the designed stand-in's leak, in integral times
 UNLIMITED = 1e4  # V: range of the converters of a stand-in
 NEAREST = 0.98  # of the gap: how near the simulated rotor may come to a magnet
@@ -196,7 +197,7 @@ def _stood_in(
     controllers, how = [], []
     for axis, series in enumerate(zip(channels[source], reference, y, strict=True)):
         own, found = axis_rig(rig, axis), fitted_controller(*series)
-        fits = found is not None and _stable(own, _slowed(found, finer))
+        fits = found is not None and _holds(own, found) and _stable(own, _slowed(found, finer))
         controllers.append(_slowed(found, finer) if fits else _designed(own))
         how.append("one fitted to this recording" if fits else "one designed for the nominal rig")
     gains = controllers[0] if rig.axes == 1 else tuple(controllers)
@@ -267,6 +268,14 @@ def _slowed(controller: LinearController, finer: int) -> LinearController:
         return tuple(map(float, found))
 
     return LinearController(spread(controller.numerator), spread(controller.denominator))
+
+
+def _holds(rig: Rig, controller: LinearController) -> bool:
+    """Whether a controller is clearly stiffer at rest than the magnets; else a large motion or another law loses the
+    simulated mass, although the linear loop is stable. A controller fitted without its reference may come out softer
+    than it is."""
+    gain, stiffness = linearise(force_law(rig))
+    return abs(sum(controller.numerator)) * gain > HOLDING * abs(stiffness) * abs(sum(controller.denominator))
 
 
 def _stable(rig: Rig, controller: Controller) -> bool:
