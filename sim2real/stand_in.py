@@ -14,7 +14,7 @@ from maglev_env.loop.magnets.kinds import force_law
 from maglev_env.loop.magnets.law import linearise
 from maglev_env.rig.rig import Rig, axis_rig
 
-STIFF, DAMPED = 8.0, 0.8  # of the designed stand-in: net stiffness in that of the magnets, and damping ratio
+STIFF, DAMPED = 2.0, 0.8  # of the designed stand-in: net stiffness in that of the magnets, and damping ratio
 FASTEST = 30.0  # its control samples in a cycle of the mode that it makes
 TAPS = 4  # present and past readings that a fitted controller uses
 PAST = 2  # past outputs that it uses
