@@ -61,9 +61,10 @@ class Coefficient:
 
     @property
     def interval(self) -> tuple[float, float]:
-        """95 % interval."""
+        """95 % interval; a time is not negative."""
         reach = float(stats.norm.isf(0.025)) * self.se
-        return self.value - reach, self.value + reach
+        least = 0.0 if self.unit == "s" else -np.inf
+        return max(self.value - reach, least), self.value + reach
 
     @property
     def change(self) -> float | None:
