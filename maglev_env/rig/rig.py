@@ -251,7 +251,9 @@ class Rig:
     def _check_protocol(self) -> None:
         """Refuse an experiment of a length that nobody can have meant."""
         p = self.protocol
-        for e in p.excitations if p and is_number(self.control_rate) else ():
+        if p is None or not is_number(self.control_rate):
+            return
+        for e in p.excitations:
             if e.periodic:
                 check_length(self.control_rate / e.fundamental, p.periods + p.transient_periods, "[protocol]")
 
