@@ -107,7 +107,7 @@ def closed(before: np.ndarray, after: np.ndarray, seed: int) -> tuple[float | No
     """Closed share of the gap, 1 - (V_after - n) / (V_before - n), with a 95 % block-bootstrap interval.
 
     The blocks are neighbouring residuals. The share is None where the rotor touches down before or after, because
-    there is then no gap to compare with, or where there was no gap to close.
+    there is then no gap to compare with, or where no gap to close is clear: its own interval reaches zero.
     """
     if not (np.isfinite(before).all() and np.isfinite(after).all()):
         return None, None
@@ -118,6 +118,8 @@ def closed(before: np.ndarray, after: np.ndarray, seed: int) -> tuple[float | No
     rng = np.random.default_rng(seed)
     drawn = rng.integers(0, blocks[0].size, (RESAMPLES, blocks[0].size))
     b, a = (v[drawn].sum(axis=1) for v in blocks)
+    if np.quantile(b, 0.025) <= 0:
+        return None, None  # a share of what may be nothing has no interval
     lo, hi = np.quantile(1 - a / np.maximum(b, 1e-9), [0.025, 0.975])
     return float(1 - blocks[1].sum() / total), (float(lo), float(hi))
 
