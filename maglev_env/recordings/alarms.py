@@ -50,6 +50,7 @@ class Alarm:
         time: When it begins, s from the first sample used.
         sentence: What happened, when, and how to cut or mend it.
         severity: "refuse": nothing is identified from the recording as it is; "warning": it is used with care.
+        stretch: First sample of the file, and number of samples, of the longest part without it, where one is left.
     """
 
     code: Code
@@ -57,6 +58,7 @@ class Alarm:
     time: float
     sentence: str
     severity: Literal["refuse", "warning"]
+    stretch: tuple[int, int] | None = None
 
 
 def alarms_of(dataset: "xr.Dataset") -> tuple[Alarm, ...]:
@@ -124,9 +126,10 @@ def lost_levitation(dataset: "xr.Dataset", start: int = 0, rig: Rig | None = Non
         rests = float(np.median(y[slice(*longest)]))
         again = f", and {len(spells) - 1} more times, until {last / rate:.4g} s" if len(spells) > 1 else ""
         until = f" until {last / rate:.4g} s" if len(spells) == 1 and last < y.size else ""
+        stretch = (start + sound[0], sound[1] - sound[0]) if sound[1] - sound[0] > 2 * stay else None
         cut = (
-            f"use the longest stretch in between: start = {start + sound[0]}, samples = {sound[1] - sound[0]}"
-            if sound[1] - sound[0] > 2 * stay
+            f"use the longest stretch in between: start = {stretch[0]}, samples = {stretch[1]}"
+            if stretch
             else "record again"
         )
         found.append(
@@ -138,6 +141,7 @@ def lost_levitation(dataset: "xr.Dataset", start: int = 0, rig: Rig | None = Non
                 f"outside of its working range of {_si(low, 'm')} to {_si(high, 'm')} ({share:.1%} of the "
                 f"record); {cut}",
                 "refuse",
+                stretch,
             )
         )
     return found
