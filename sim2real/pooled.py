@@ -51,6 +51,7 @@ class Coefficient:
         se: Its standard error, widened by the misfit.
         nominal: Value of the nominal rig.
         bounded: Whether the recordings, with the tolerances of all other parameters, bound it.
+        at_limit: Whether the fit ended at the end of the range that it searches.
     """
 
     name: str
@@ -59,12 +60,14 @@ class Coefficient:
     se: float
     nominal: float
     bounded: bool
+    at_limit: bool = False
 
     @property
     def interval(self) -> tuple[float, float]:
-        """95 % interval."""
+        """95 % interval; a time is not negative."""
         reach = float(stats.norm.isf(0.025)) * self.se
-        return self.value - reach, self.value + reach
+        least = 0.0 if self.unit == "s" else -np.inf
+        return max(self.value - reach, least), self.value + reach
 
     @property
     def change(self) -> float | None:
@@ -225,7 +228,8 @@ def _coefficients(rig: Rig, problem: Problem, fit: Fit, others: Sequence[Fit]) -
         change, se = c.value(float(u)) * size, float(spread) * scale * size
         bounded = not relative or se < UNBOUNDED * size
         value = nominal + (change if nominal >= 0 else -change) if relative else nominal + change
-        found.append(Coefficient(c.effect, UNITS[c.effect], value, se, nominal, bounded))
+        ended = c.value(float(u)) in (c.low, c.high) and c.low < 0
+        found.append(Coefficient(c.effect, UNITS[c.effect], value, se, nominal, bounded, ended))
     return tuple(found)
 
 

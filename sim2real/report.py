@@ -149,6 +149,11 @@ def _closes(gap: Gap) -> str:
         ends = gap.closed_fraction_ci
         spread = "" if ends is None else f" (95 %: {100 * ends[0]:.0f} .. {100 * ends[1]:.0f})"
         return f"; it closes {round(100 * gap.closed_fraction)} % of the gap{spread}"
+    if gap.before is not None and gap.after is not None:
+        return (
+            f"; on the {gap.judged_on} the gap is {gap.before:.2g} times the noise before and {gap.after:.2g} after: "
+            "too near to the noise for a share that is closed"
+        )
     if gap.before is None and gap.figures is not None:
         fit = fit_in_words(gap.figures)
         return (

@@ -14,6 +14,7 @@ from sim2real.problem import Part, Problem
 from sim2real.simulated import Point
 
 RESAMPLES = 400
+SURE = 0.5  # of the gap before: how far its 95 % interval may reach down for a share that is closed
 BLOCK = 8  # neighbouring residuals drawn together, because what remains is similar on neighbouring lines
 FREE = 20.0  # factor on the tolerances that makes them as good as no prior, for "refit all parameters"
 
@@ -107,7 +108,7 @@ def closed(before: np.ndarray, after: np.ndarray, seed: int) -> tuple[float | No
     """Closed share of the gap, 1 - (V_after - n) / (V_before - n), with a 95 % block-bootstrap interval.
 
     The blocks are neighbouring residuals. The share is None where the rotor touches down before or after, because
-    there is then no gap to compare with, or where there was no gap to close.
+    there is then no gap to compare with, or where the gap to close is not known to within SURE of its size.
     """
     if not (np.isfinite(before).all() and np.isfinite(after).all()):
         return None, None
@@ -118,6 +119,8 @@ def closed(before: np.ndarray, after: np.ndarray, seed: int) -> tuple[float | No
     rng = np.random.default_rng(seed)
     drawn = rng.integers(0, blocks[0].size, (RESAMPLES, blocks[0].size))
     b, a = (v[drawn].sum(axis=1) for v in blocks)
+    if np.quantile(b, 0.025) < (1 - SURE) * total:
+        return None, None  # a share of what may be nothing means nothing
     lo, hi = np.quantile(1 - a / np.maximum(b, 1e-9), [0.025, 0.975])
     return float(1 - blocks[1].sum() / total), (float(lo), float(hi))
 

@@ -101,7 +101,8 @@ def read_recording(
         **rig,
     }
     dataset = _dataset(channels, rate, spec.file, spec.role, spec.excitations, experiment)
-    alarms = [*find_alarms(dataset, spec.start, one_axis), *alarms]
+    looked_at = dataset if clock.rows is None else dataset.assign_coords(row=("time", clock.rows))
+    alarms = [*find_alarms(looked_at, spec.start, one_axis), *alarms]
     alarms = sorted(alarms, key=lambda a: (a.severity != "refuse", a.code != "lost levitation"))
     dataset.attrs["notes"] = [*columns.notes, *clock.notes, *stood_in]
     dataset.attrs["alarms"] = alarms_text(alarms)

@@ -36,6 +36,15 @@ class Clock:
     backward: int | None
     notes: tuple[str, ...]
 
+    @property
+    def rows(self) -> np.ndarray | None:
+        """The sample that is nearest to each step of the stated rate, (steps,); None where they are the same."""
+        if self.instants is None:
+            return None
+        at = np.flatnonzero(self.kept)
+        grid = np.arange(int(np.floor(self.instants[at[-1]] + 1e-9)) + 1)
+        return np.rint(np.interp(grid, self.instants[at], at)).astype(int)
+
     def resampled(self, values: np.ndarray) -> np.ndarray:
         """Values (samples,) at the steps of the stated rate, by local cubics that do not overshoot (Akima)."""
         if self.instants is None:

@@ -44,7 +44,9 @@ def _row(view: View, e: Excitation) -> Row | None:
     amplitude = np.abs(mean)
     level = float(np.median(amplitude))
     uneven = float(np.median(np.abs(amplitude - level))) / level if e.kind != "low_crest" else 0.0
-    falls = float(np.polyfit(np.log(lines.frequency), np.log(np.maximum(amplitude, 1e-9 * level)), 1)[0])
+    falls = 0.0  # one line has no slope
+    if amplitude.size > 1:
+        falls = float(np.polyfit(np.log(lines.frequency), np.log(np.maximum(amplitude, 1e-9 * level)), 1)[0])
     return Row(
         f"designed {name}",
         {name: 1},

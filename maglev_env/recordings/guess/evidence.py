@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import Any
 
-SURE, LIKELY, OPEN = 0.9, 0.6, 0.4  # from LIKELY up a guess is used as it is; below, the user is asked
+STATED, SURE, LIKELY, OPEN = 1.0, 0.9, 0.6, 0.4  # from LIKELY up a guess is used as it is; below, the user is asked
 
 
 @dataclass(frozen=True)

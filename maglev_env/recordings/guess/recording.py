@@ -11,7 +11,7 @@ from maglev_env.recordings.contents import contents
 from maglev_env.recordings.files import read_columns
 from maglev_env.recordings.guess.columns import ColumnGuess, guess_columns
 from maglev_env.recordings.guess.controller import ControllerFit, fit_controller
-from maglev_env.recordings.guess.evidence import LIKELY, OPEN, SURE, Guess
+from maglev_env.recordings.guess.evidence import LIKELY, OPEN, STATED, SURE, Guess
 from maglev_env.recordings.guess.excitation import guess_excitation
 from maglev_env.recordings.guess.rate import guess_rate
 
@@ -33,6 +33,7 @@ class RecordingGuess:
         gains: as a campaign takes them; None where they are not known.
         rotor: "suspended" or "supported", or None.
         notes: what else was seen.
+        part: first sample that is used, and how many; None: the whole file.
     """
 
     file: str
@@ -44,6 +45,7 @@ class RecordingGuess:
     gains: Mapping[str, float] | None
     rotor: Guess
     notes: tuple[str, ...] = ()
+    part: tuple[int, int] | None = None
 
     @property
     def channels(self) -> dict[str, ColumnGuess]:
@@ -64,6 +66,8 @@ class RecordingGuess:
     def table(self) -> dict[str, Any]:
         """The [[recording]] of a campaign; its sample rate is 0 where it is not known."""
         table: dict[str, Any] = {"file": self.file, "role": "fit", "sample_rate": self.rate.value or 0.0}
+        if self.part:
+            table["start"], table["samples"] = self.part
         if self.gains:
             table["gains"] = dict(self.gains)
         table["excitation"] = [dict(e) for e in self.excitations]
@@ -74,13 +78,16 @@ class RecordingGuess:
         return table
 
 
-def guess_recording(path: Path, folder: Path | None = None, rate: float | None = None) -> RecordingGuess:
+def guess_recording(
+    path: Path, folder: Path | None = None, rate: float | None = None, part: tuple[int, int] | None = None
+) -> RecordingGuess:
     """Guess everything that a campaign needs of one data file.
 
     Args:
         path: the file.
         folder: the campaign's folder; None: that of the file.
         rate: sample rate in Hz where the user states it.
+        part: first sample that is used, and how many; None: the whole file.
 
     Returns:
         The guesses.
@@ -91,13 +98,16 @@ def guess_recording(path: Path, folder: Path | None = None, rate: float | None =
     """
     file = read_columns(path)
     found = contents(file)
+    if part:
+        used = slice(part[0], part[0] + part[1])
+        found = replace(found, columns={name: values[used] for name, values in found.columns.items()})
     columns = guess_columns(found)
     by_channel = {c.channel: found.columns[c.column] * c.scale for c in columns if c.channel}
     time = next((c for c in columns if c.channel == "time"), None)
     guessed = guess_rate(found.columns[time.column] if time else None, time.scale if time else 1.0, found.numbers,
                          time.label if time else "time")  # fmt: skip
     if rate is not None:
-        guessed = Guess("sample_rate", rate, f"{rate:g} Hz: stated", 1.0)
+        guessed = Guess("sample_rate", rate, f"{rate:g} Hz: stated", STATED)
     if time and guessed.value is None:  # a counter: no time
         columns = tuple(replace(c, channel="", reason=guessed.reason) if c is time else c for c in columns)
     signals = {n: v for n, v in by_channel.items() if n != "time"}
@@ -113,6 +123,7 @@ def guess_recording(path: Path, folder: Path | None = None, rate: float | None =
         gains=gains,
         rotor=_rotor(by_channel),
         notes=(*file.notes, *found.unused),
+        part=part,
     )
 
 

@@ -3,24 +3,29 @@
 from dataclasses import replace
 from pathlib import Path
 
-from maglev_env.recordings.alarms import alarms_of
+from maglev_env.recordings.alarms import Alarm, alarms_of
 from maglev_env.recordings.campaign import SCHEMA, Campaign, parse_campaign
-from maglev_env.recordings.guess.evidence import OPEN
+from maglev_env.recordings.guess.evidence import OPEN, STATED
 from maglev_env.recordings.guess.recording import RecordingGuess, guess_recording
+from maglev_env.recordings.guess.suspended import facing_the_magnet
 from maglev_env.recordings.recording import read_recording
 from maglev_env.recordings.signals import recorded_signals
 from maglev_env.recordings.spectra import axis_signals, record_spectra
 
+_MOST_CUTS = 4  # a rotor is often lost again where it was caught
 
-def verified(guess: RecordingGuess, folder: Path) -> RecordingGuess:
+
+def verified(guess: RecordingGuess, folder: Path, cuts: int = 0) -> RecordingGuess:
     """The guess with what reading the file by it shows.
 
     Args:
         guess: of a file in the folder.
         folder: of the campaign.
+        cuts: how often the file has been cut to the part that levitates.
 
     Returns:
-        Itself; without an excitation that gives no responses; with a note where the recording is refused.
+        Itself; of the longest stretch that levitates, where levitation is lost; without an excitation that gives no
+        responses; with a note where the recording is refused.
     """
     if guess.rate.value is None:
         return guess
@@ -29,7 +34,12 @@ def verified(guess: RecordingGuess, folder: Path) -> RecordingGuess:
         dataset = read_recording(campaign, campaign.recordings[0], alarmed=True)
     except ValueError as error:
         return replace(guess, notes=(*guess.notes, f"reading says: {error}"))
-    heard = [f"alarm: {alarm.sentence}" for alarm in alarms_of(dataset)]
+    alarms = alarms_of(dataset)
+    lost = next((alarm for alarm in alarms if alarm.code == "lost levitation" and alarm.stretch), None)
+    if lost and cuts < _MOST_CUTS:
+        return verified(_levitated(guess, folder, lost), folder, cuts + 1)
+    guess = facing_the_magnet(guess, dataset)
+    heard = [f"alarm: {alarm.sentence}" for alarm in alarms]
     said = [note for note in dataset.attrs["notes"] if note not in guess.notes]
     guess = replace(guess, notes=(*guess.notes, *said, *heard))
     if all(e.kind == "none" for e in campaign.recordings[0].excitations):
@@ -44,6 +54,14 @@ def verified(guess: RecordingGuess, folder: Path) -> RecordingGuess:
         nothing = replace(guess.excitation, reason=reason, confidence=OPEN, value="none")
         return replace(guess, excitation=nothing, excitations=({"kind": "none"},))
     return guess
+
+
+def _levitated(guess: RecordingGuess, folder: Path, lost: Alarm) -> RecordingGuess:
+    """The guess of the longest stretch that levitates; what was guessed or stated of the columns stays."""
+    stated = guess.rate.value if guess.rate.confidence == STATED else None
+    part = guess_recording(folder / guess.file, rate=stated, part=lost.stretch)
+    notes = dict.fromkeys((*guess.notes, *part.notes, f"{lost.sentence}; that stretch is taken"))
+    return replace(part, file=guess.file, columns=guess.columns, notes=tuple(notes))
 
 
 def guessed_campaign(

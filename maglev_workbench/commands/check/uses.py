@@ -131,10 +131,13 @@ def _margins(found: Sequence[Identification]) -> tuple[Verdict, str]:
 
 
 def _diagnose(alone: Campaign) -> tuple[Verdict, str]:
+    from sim2real.open_record import OpenRecord
     from sim2real.problem import assemble
     from sim2real.records import read_records
 
     loaded, records = read_records(alone)
+    if any(isinstance(r, OpenRecord) and r.upstream for r in records):
+        return "with care", "the current drives the simulation: nothing before it shows, and what follows is one block"
     channels = assemble(records).parts[0].opened.outputs
     if "amplifier" in channels or not loaded.rig.controlled:
         return "yes", "blocks can be told apart"

@@ -184,6 +184,8 @@ def _gap_lines(d: Diagnosis) -> list[str]:
         ends = g.closed_fraction_ci
         spread = f" (95 %: {100 * ends[0]:.0f} .. {100 * ends[1]:.0f})" if ends else ""
         lines[0] = lines[0][:-1] + f"; {round(100 * g.closed_fraction)} % closed{spread}."
+    elif g.before is not None and g.after is not None:
+        lines[0] += " It is too near to the noise for a share that is closed."
     if g.before is None:
         lines[0] += " The nominal rig does not levitate with the recorded gains, so there is no share to close."
     if g.figures is not None:

@@ -53,6 +53,7 @@ def estimate(
     from maglev_workbench.commands.estimate.one_file import OneFile, one_file_campaign
     from maglev_workbench.commands.estimate.planar_report import planar_json, planar_sections, planar_table
     from maglev_workbench.commands.estimate.pooled_report import (
+        each_table,
         pooled_json,
         pooled_lines,
         pooled_sections,
@@ -118,6 +119,8 @@ def estimate(
     if found.pooled is not None:
         console.print(f"\n[bold]{campaign.rig.name} in {len(campaign.recordings)} recording(s)[/]")
         console.print(pooled_table(found.pooled))
+        if found.pooled.of_each:
+            console.print(each_table(found.pooled))
         for line in pooled_lines(found.pooled):
             console.print(f"  [yellow]![/] {escape(line)}")
     console.print(f"page  {page}")

@@ -11,6 +11,7 @@ if TYPE_CHECKING:
     import rich.table
 
 
+LATE = ", such as a force that comes later than the current (its lag acts as negative damping)"
 _HEAD = ("all recordings together", "identified", "95 %", "nominal", "change", "standard errors")
 
 
@@ -27,7 +28,31 @@ def pooled_table(found: Pooled) -> "rich.table.Table":
 def pooled_sections(found: Pooled) -> list[tuple[str, str]]:
     """The same table as a section of a page."""
     lines = "".join(f"<li>{escape(line)}</li>" for line in pooled_lines(found))
-    return [("The rig in all recordings", html_table(_HEAD, _rows(found)) + (f"<ul>{lines}</ul>" if lines else ""))]
+    sections = [("The rig in all recordings", html_table(_HEAD, _rows(found)) + (f"<ul>{lines}</ul>" if lines else ""))]
+    if found.of_each:
+        sections.append(("Each recording alone", html_table(*_each(found))))
+    return sections
+
+
+def each_table(found: Pooled) -> "rich.table.Table":
+    """What each recording says alone, and the means with the weight, with standard errors."""
+    from rich.table import Table
+
+    head, rows = _each(found)
+    table = Table(*head)
+    for row in rows:
+        table.add_row(*row)
+    return table
+
+
+def _each(found: Pooled) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
+    """Head and rows: a coefficient a column, +- standard error; a dash where a recording says nothing of it."""
+    head = ("alone", *(f"{c.name.replace('_', ' ')}, {c.unit}" for c in found.coefficients))
+    rows = []
+    for name, own in found.of_each.items():
+        said = {c.name: f"{c.value:.4g} +- {c.se:.2g}" if c.bounded else "not bounded" for c in own}
+        rows.append((name, *(said.get(c.name, "-") for c in found.coefficients)))
+    return head, rows
 
 
 def _rows(found: Pooled) -> list[tuple[str, ...]]:
@@ -44,7 +69,13 @@ def _rows(found: Pooled) -> list[tuple[str, ...]]:
 
 def pooled_lines(found: Pooled) -> list[str]:
     """What is to be said below the table."""
-    lines = list(found.disagreements)
+    lines = [
+        f"{c.name.replace('_', ' ')} ended at the limit of what is searched, {c.value:.4g} {c.unit}: no estimate, but "
+        f"a sign that the rig's model lacks something{LATE if c.name == 'damping' and c.value < 0 else ''}"
+        for c in found.coefficients
+        if c.at_limit
+    ]
+    lines += found.disagreements
     if found.misfit > 1.1:
         lines.append(
             f"the rig's model leaves {found.misfit:.2g} times the noise: intervals are widened for it; "
@@ -72,4 +103,5 @@ def _coefficient(c: Coefficient) -> dict[str, Any]:
         "interval": list(c.interval) if c.bounded else None,
         "nominal": c.nominal,
         "change": c.change,
+        "at_limit": c.at_limit,
     }

@@ -54,6 +54,8 @@ def _recording(guess: RecordingGuess) -> list[str]:
         lines += _comment(f"note: {note}")
     lines += _evidence(guess.rate)
     lines.append(f"sample_rate = {toml_value(float(guess.rate.value or 0.0))}")
+    if guess.part:
+        lines += [f"start = {guess.part[0]}", f"samples = {guess.part[1]}"]
     lines += _evidence(guess.rotor)
     lines += _evidence(guess.controller)
     if guess.gains:

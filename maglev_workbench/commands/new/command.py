@@ -37,6 +37,7 @@ def new(
 
     from maglev_env.loop.magnets.kinds import MAGNETS
     from maglev_env.recordings.files import write_text_atomic
+    from maglev_env.recordings.guess.evidence import LIKELY
     from maglev_env.recordings.guess.recording import guess_recording
     from maglev_env.recordings.guess.verified import verified
     from maglev_env.recordings.json_data import plain
@@ -96,7 +97,8 @@ def new(
     if stated.rig is None:
         skeleton = folder / "rig.toml"
         if force or not skeleton.exists():
-            text = rig_text(stated, known.gains if known else None, known.rate.value if known else None)
+            hangs = all(g.rotor.value == "suspended" and g.rotor.confidence >= LIKELY for g in guesses)
+            text = rig_text(stated, known.gains if known else None, known.rate.value if known else None, hangs)
             write_text_atomic(skeleton, text)
             console.print(f"rig skeleton  {skeleton}")
         else:

@@ -30,15 +30,18 @@ _NEEDED: Mapping[str, Mapping[str, str]] = {
 }  # fmt: skip
 
 
-def rig_text(stated: Stated, gains: Mapping[str, float] | None, control_rate: float | None) -> str:
+def rig_text(
+    stated: Stated, gains: Mapping[str, float] | None, control_rate: float | None, suspended: bool = False
+) -> str:
     """The skeleton; what is known stands, the rest is commented out with a value of the usual form.
 
     Args:
         stated: mass and magnet kind, where the user stated them.
         gains: the controller, where a recording shows it.
         control_rate: Hz, where a recording shows that its controller runs at its sample rate.
+        suspended: whether the recordings show a rotor that hangs below a single magnet.
     """
-    magnet = stated.magnet or NO_MAGNET
+    magnet = stated.magnet or ("electromagnet" if suspended else NO_MAGNET)
     chosen = f'magnet = "{magnet}"' if stated.magnet else f'# magnet = "electromagnet"  # {PLEASE} {", ".join(MAGNETS)}'
     mass = f"mass = {stated.mass!r}" if stated.mass is not None else f"# mass = 0.1                 # {PLEASE} kg"
     lines = [

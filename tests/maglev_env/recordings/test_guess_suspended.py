@@ -1,0 +1,50 @@
+"""A ball below a coil, as a logger stores it: it falls at the start, and its gap is measured away from the magnet."""
+
+import numpy as np
+import pytest
+
+from maglev_env.recordings.alarms import alarms_of
+from maglev_env.recordings.campaign import SCHEMA, parse_campaign
+from maglev_env.recordings.guess.recording import guess_recording
+from maglev_env.recordings.guess.verified import verified
+from maglev_env.recordings.recording import read_recording
+
+RATE, FALLEN, SIZE = 100.0, 150, 3000
+MASS, GAIN, STIFFNESS, BIAS, GAP = 0.018, 0.93, 50.0, 0.38, 4e-3
+
+
+def stored(folder, *, fallen=FALLEN, sign=1.0):
+    """A file of a ball that rests on the floor under full current, is caught, and follows steps."""
+    rng = np.random.default_rng(3)
+    t = np.arange(SIZE) / RATE
+    wanted = np.where(t < 15, GAP, GAP + 1e-3)
+    gap = np.convolve(wanted, np.full(40, 1 / 40), "same") + 5e-5 * np.sin(2 * np.pi * 3.1 * t)
+    gap[:20], gap[-20:] = wanted[:20], wanted[-20:]
+    # The weight is carried where it rests, and moved by what is left: ki i = (ks + m w^2) (gap - 4 mm).
+    force = STIFFNESS * (gap - GAP) - MASS * np.gradient(np.gradient(gap, t), t)
+    current = BIAS + force / GAIN + 1e-3 * rng.standard_normal(SIZE)
+    gap += 1e-5 * rng.standard_normal(SIZE)
+    gap[:fallen], current[:fallen] = 0.02, 0.8
+    columns = np.column_stack([t, sign * gap, current, sign * wanted])
+    path = folder / "ball.txt"
+    np.savetxt(path, columns, fmt="%.6f", delimiter="\t", header="t\ty\ti\tyd", comments="")
+    return path
+
+
+def test_the_part_after_the_fall_is_taken_and_reads_without_alarms(tmp_path):
+    path = stored(tmp_path)
+    found = verified(guess_recording(path), tmp_path)
+    assert found.part is not None and FALLEN - 5 <= found.part[0] <= FALLEN + 50
+    assert sum(found.part) == SIZE
+    assert any("that stretch is taken" in note for note in found.notes)
+    campaign = parse_campaign(tmp_path, {"schema": SCHEMA, "recording": [found.table()]})
+    assert not alarms_of(read_recording(campaign, campaign.recordings[0]))
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_a_distance_from_the_magnet_is_turned_round(tmp_path, sign):
+    found = verified(guess_recording(stored(tmp_path, fallen=0, sign=sign)), tmp_path)
+    assert found.part is None and found.rotor.value == "suspended"
+    assert found.channels["displacement"].scale == found.channels["reference"].scale == -sign
+    assert ("offset = the gap" in found.channels["displacement"].ask) == (sign > 0)
+    assert "total = true" in found.channels["current"].ask
