@@ -47,6 +47,7 @@ CHANNELS: Mapping[str, Channel] = {
                      spectra="all", noisy=True, shows="force"),
     "injection": Channel("A", "added to the command", spectra="all", shows="current"),
     "reference": Channel("m", "wanted displacement", shows="reference"),
+    "acceleration": Channel("m/s2", "of the rotor; integrated twice where there is no displacement"),
     "voltage": Channel("V", "of the switching amplifier at the coil"),
     "gap_estimate": Channel("m", "output of a self-sensor"),
     "speed": Channel("rad/s", "of rotation"),

@@ -60,7 +60,7 @@ class Experiment:
             raise ValueError(f"experiment: speed_rpm = {self.speed_rpm!r} must be a number, at least 0")
         self._check_sensor()
         for gains in self.gains if isinstance(self.gains, tuple) else (self.gains,):
-            if not isinstance(gains, Controller):
+            if not isinstance(gains, Controller) and (gains is not None or self.rig.controlled):
                 raise ValueError(
                     f"experiment: gains = {gains!r}; give Gains(kp=..., ki=..., kd=...), or one for each axis"
                 )

@@ -11,6 +11,9 @@ from scipy.linalg import expm
 from selfsense.averaged import CLOSEST, AveragedMagnet, jacobian, levitate, linear_model, slopes
 from selfsense.observer import checked_signals, design_observer, observe
 
+# A running mean over MEMORY samples of the squared innovation, in its claimed variance, that no rotor causes.
+MEMORY, LOST = 200, 1e8
+
 POLES = (-40.0, -3000.0, -5000.0)  # 1/s: near those of the filter's steady state with the noise `compare` assumes
 
 
@@ -103,14 +106,15 @@ def run(
     f = MagnetFilter(magnet, rate, process_noise(magnet, rate, force_noise, voltage_noise), current_noise)
     f.P = np.diag(start_deviation) ** 2
     seen, limit = np.array([[0.0, 0.0, 1.0]]), CLOSEST * magnet.gap
-    found = np.empty((2, len(current)))
+    found, surprise = np.empty((2, len(current))), 1.0
     for n in range(len(current)):
         if n:
             f.predict(voltage[n - 1])
         f.update(current[n : n + 1], lambda _: seen, lambda x: x[2:])
         if abs(f.x[0]) > limit:
             f.x[:2] = np.copysign(limit, f.x[0]), 0.0  # a contact stops the rotor
-        if not f.P[0, 0] > 0:
+        surprise += (float(np.ravel(f.y)[0]) ** 2 / float(np.ravel(f.S)[0]) - surprise) / MEMORY
+        if not f.P[0, 0] > 0 or surprise > LOST:
             raise ValueError(
                 f"Kalman filter: lost at sample {n}, current and voltage do not fit this magnet; check their signs, "
                 "and resistance and inductance"

@@ -9,32 +9,22 @@ of the drive as (C' - C) n, so C' is fitted to the record where a linear control
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from math import ceil, pi, sqrt
+from math import pi
 
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from maglev_env.design.default_gains import default_gains, pole_placed
 from maglev_env.experiment import Experiment, sampling
-from maglev_env.linear.loop import closed_loop_poles, without_noise
+from maglev_env.linear.loop import without_noise
 from maglev_env.loop.effect import EFFECTS
-from maglev_env.loop.gains import NO_CONTROLLER, Controller, Gains, limited, of_axis, reads_current
-from maglev_env.loop.linear_controller import LinearController
-from maglev_env.loop.magnets.kinds import force_law
-from maglev_env.loop.magnets.law import linearise
+from maglev_env.loop.gains import NO_CONTROLLER, limited, of_axis, reads_current
 from maglev_env.recordings.campaign import RecordingSpec
 from maglev_env.rig.rig import Rig, axis_rig
 from sim2real.controller_output import controller_output, referred
+from sim2real.stand_in import finer_steps, stand_in
 
-STIFF, DAMPED = 8.0, 0.8  # of the designed stand-in: net stiffness in that of the magnets, and damping ratio
-FASTEST = 30.0  # its control samples in a cycle of the mode that it makes
-TAPS = 4  # present and past readings that a fitted controller uses
-PAST = 2  # past outputs that it uses
-FITTED = 0.9  # share of the current's variance from which a fitted controller is the stand-in
-LEAK = 100.0  # time constant of the designed stand-in's leak, in integral times
 UNLIMITED = 1e4  # V: range of the converters of a stand-in
 NEAREST = 0.98  # of the gap: how near the simulated rotor may come to a magnet
-INSIDE = 0.9999  # largest pole of a fitted controller
 
 
 @dataclass(frozen=True)
@@ -174,7 +164,7 @@ def _stood_in(
         source: "current", "command", or None for a rig without magnets.
         every: control samples of the rig for each recorded one; 0 where the rates do not fit.
     """
-    finer = _finer(rig, spec.sample_rate)
+    finer = finer_steps(rig, spec.sample_rate)
     upstream = frozenset(n for n, card in EFFECTS.items() if card.block in ("controller", "amplifier"))
     upstream = upstream if source == "current" else frozenset()
     rig = replace(
@@ -195,10 +185,9 @@ def _stood_in(
     reference = channels.get("reference", np.zeros_like(y))
     controllers, how = [], []
     for axis, series in enumerate(zip(channels[source], reference, y, strict=True)):
-        own, found = axis_rig(rig, axis), fitted_controller(*series)
-        fits = found is not None and _stable(own, _slowed(found, finer))
-        controllers.append(_slowed(found, finer) if fits else _designed(own))
-        how.append("one fitted to this recording" if fits else "one designed for the nominal rig")
+        controller, words = stand_in(axis_rig(rig, axis), finer, *series)
+        controllers.append(controller)
+        how.append(words)
     gains = controllers[0] if rig.axes == 1 else tuple(controllers)
     e = without_noise(Experiment(rig, gains, (), speed_rpm=spec.speed_rpm))
     note = (
@@ -206,76 +195,3 @@ def _stood_in(
         f"{' and '.join(sorted(set(how)))} stands in for the controller"
     )
     return Drive(e, source, True, held, every=finer, upstream=upstream, notes=(note,))
-
-
-def fitted_controller(command: np.ndarray, reference: np.ndarray, displacement: np.ndarray) -> LinearController | None:
-    """The linear controller that explains a command or current by the readings; None where none explains it.
-
-    The least-squares regression of each sample on PAST earlier ones and on TAPS readings and references.
-
-    Args:
-        command: (samples,), A.
-        reference: (samples,), m.
-        displacement: (samples,), m.
-    """
-    n = command.size - TAPS
-    if n < 20 * (PAST + 2 * TAPS):
-        return None
-
-    def past(signal: np.ndarray, first: int, count: int) -> np.ndarray:
-        return np.stack([signal[TAPS - k : TAPS - k + n] for k in range(first, first + count)], axis=1)
-
-    columns = np.concatenate(
-        [past(command, 1, PAST), past(-displacement, 0, TAPS), past(reference, 0, TAPS), np.ones((n, 1))], axis=1
-    )
-    scale = np.maximum(np.abs(columns).max(axis=0), 1e-300)
-    target = command[TAPS:]
-    found = np.linalg.lstsq(columns / scale, target, rcond=None)[0] / scale
-    left = target - columns @ found
-    if left.var() > (1 - FITTED) * target.var():
-        return None
-    denominator = np.array([1.0, *-found[:PAST]])
-    roots = np.roots(denominator)
-    if np.abs(roots).max(initial=0.0) > INSIDE:
-        roots = np.where(np.abs(roots) > INSIDE, roots * (INSIDE / np.abs(roots)), roots)
-        denominator = np.real(np.poly(roots))
-    denominator = np.pad(denominator, (0, max(0, TAPS - denominator.size)))
-    return LinearController(tuple(map(float, found[PAST : PAST + TAPS])), tuple(map(float, denominator)))
-
-
-def _designed(rig: Rig) -> Gains:
-    """Stiff gains with an integrator that hardly leaks: the simulated mass follows the recorded one closely, whatever
-    the offsets of the channels are; default gains where lags forbid that."""
-    gain, stiffness = linearise(force_law(rig))
-    stiff = pole_placed(rig, gain, stiffness or -rig.support_stiffness, STIFF, DAMPED, 0.1, 2.0)
-    for gains in (stiff, default_gains(rig)):
-        slow = LEAK * gains.ti
-        found = replace(gains, ki=LEAK * gains.kp, ti=slow)
-        if _stable(rig, found):
-            return found
-    return default_gains(rig)
-
-
-def _slowed(controller: LinearController, finer: int) -> LinearController:
-    """The controller with the same response at a control rate `finer` times as high: z becomes z^finer."""
-    if finer == 1:
-        return controller
-
-    def spread(values: tuple[float, ...]) -> tuple[float, ...]:
-        found = np.zeros((len(values) - 1) * finer + 1)
-        found[::finer] = values
-        return tuple(map(float, found))
-
-    return LinearController(spread(controller.numerator), spread(controller.denominator))
-
-
-def _stable(rig: Rig, controller: Controller) -> bool:
-    return bool(np.abs(closed_loop_poles(Experiment(rig, controller, ()))).max() < INSIDE)
-
-
-def _finer(rig: Rig, rate: float) -> int:
-    """Control samples of the stand-in for each recorded one."""
-    own = [axis_rig(rig, axis) for axis in range(rig.axes)]
-    stiffness = [abs(r.support_stiffness + (linearise(force_law(r))[1] if r.controlled else 0.0)) for r in own]
-    fastest = max(sqrt(STIFF * k / r.mass) for k, r in zip(stiffness, own, strict=True))
-    return max(1, ceil(FASTEST * fastest / (2 * pi) / rate))

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sim2real.open_evidence import simulated_series
+from sim2real.open_evidence import measured_series, simulated_series
 from sim2real.open_record import OpenRecord
 from sim2real.problem import Part
 from sim2real.simulated import Point
@@ -127,14 +127,15 @@ def open_residual(part: Part, point: Point) -> tuple[np.ndarray, np.ndarray] | N
     """Opened residual (axes, windows, WIDTH) of an open record's reading, without transient and drift.
 
     Returns:
-        The residual, and the simulated series (2, axes, samples) of reading and current; None where the rotor touches
-        down.
+        The residual, and the simulated series (3, axes, samples) of reading, current and command; None where the rotor
+        touches down.
     """
     record, loop = part.record, part.predictor.replay.loop
     series = simulated_series(record, part.predictor.lanes([point]))[0]
     if not np.isfinite(series).all():
         return None
-    return record.windows.cleared(loop.opened(record, record.series["displacement"] - series[0], None)[0]), series
+    off = measured_series(record) - series
+    return record.windows.cleared(loop.opened(record, off[0], off[2], None)[0]), series
 
 
 def _open_spectra(part: Part, point: Point) -> _Spectra | None:
@@ -143,9 +144,9 @@ def _open_spectra(part: Part, point: Point) -> _Spectra | None:
         return None
     opened, series = simulated
     flat = (record.axes, -1)
-    found = {"force": (opened / part.predictor.replay.loop.receptance).reshape(flat)} | {
+    found = {"force": opened.reshape(flat) / part.predictor.replay.loop.blocks.receptance} | {
         name: record.spectrum(values).reshape(flat)
-        for name, values in zip(("displacement", "current"), series, strict=True)
+        for name, values in zip(("displacement", "current"), series[:2], strict=True)
         if name in record.series
     }
     lines = windows.first + np.arange(found["force"].shape[1])

@@ -1,5 +1,6 @@
 """Read a recording without a period for comparison: what drives it, which part and which windows are compared."""
 
+from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -7,8 +8,9 @@ import numpy as np
 from maglev_env.channels import MEASURED
 from maglev_env.loop.axes import suffixes
 from maglev_env.recordings.campaign import Campaign, RecordingSpec
+from maglev_env.recordings.derived import coil_current
 from maglev_env.recordings.masking import bridged, masked_samples
-from maglev_env.rig.rig import Rig
+from maglev_env.rig.rig import Rig, axis_rig
 from sim2real.channel_errors import ChannelError, channel_errors
 from sim2real.drive import Drive, drive_of
 from sim2real.fed_back import fed_back
@@ -36,6 +38,13 @@ def open_record(campaign: Campaign, spec: RecordingSpec, dataset: "xr.Dataset") 
     if rig is None:
         raise ValueError(f"{where}: the campaign names no rig to compare with")
     channels = _channels(rig, dataset)
+    notes = list(dataset.attrs.get("notes", ()))
+    if (current := _current_by_voltage(rig, channels, spec.sample_rate)) is not None:
+        channels["current"] = current
+        notes.append(
+            "the current is computed from the voltage by the coil's resistance and inductance; the voltage that the "
+            "motion induces is left out"
+        )
     if "displacement" not in channels:
         raise ValueError(f"{where}: the channel displacement is missing; nothing is known of the rotor without it")
     try:
@@ -69,7 +78,7 @@ def open_record(campaign: Campaign, spec: RecordingSpec, dataset: "xr.Dataset") 
         (*channel_errors(spec), *_untold(spec, drive)),
         drive.source,
         rests_of(rig, spec, dataset),
-        notes=(*dataset.attrs.get("notes", ()), *drive.notes, *stretch.notes),
+        notes=(*notes, *drive.notes, *stretch.notes),
     )
     if not drive.stand_in or drive.source is None:
         return record
@@ -84,9 +93,21 @@ def _channels(rig: Rig, dataset: "xr.Dataset") -> dict[str, np.ndarray]:
     names, masked = suffixes(rig.axes), masked_samples(dataset)
     return {
         kind: np.array([bridged(dataset[kind + s].values, masked) for s in names])
-        for kind in (*MEASURED, "injection", "reference")
+        for kind in (*MEASURED, "injection", "reference", "voltage")
         if all(kind + s in dataset for s in names)
     }
+
+
+def _current_by_voltage(rig: Rig, channels: Mapping[str, np.ndarray], rate: float) -> np.ndarray | None:
+    """The coils' currents (axes, samples) where only their voltage is recorded and the rig knows the coil."""
+    coil = rig.coil_resistance > 0 and rig.coil_inductance is not None
+    if not coil or "voltage" not in channels or {"current", "command"} & channels.keys():
+        return None
+    own = [axis_rig(rig, axis) for axis in range(rig.axes)]
+    return np.array([
+        coil_current(u, rate, r.coil_resistance, r.coil_inductance)
+        for r, u in zip(own, channels["voltage"], strict=True)
+    ])  # fmt: skip
 
 
 def _led_in(series: np.ndarray, samples: int) -> np.ndarray:

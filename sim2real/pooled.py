@@ -63,9 +63,10 @@ class Coefficient:
 
     @property
     def interval(self) -> tuple[float, float]:
-        """95 % interval."""
+        """95 % interval; a time is not negative."""
         reach = float(stats.norm.isf(0.025)) * self.se
-        return self.value - reach, self.value + reach
+        least = 0.0 if self.unit == "s" else -np.inf
+        return max(self.value - reach, least), self.value + reach
 
     @property
     def change(self) -> float | None:
@@ -148,9 +149,10 @@ def _fitted(
     for _ in range(1 if near is not None else 2):
         (fit,) = begin([h], [u], problem.data, problem.simulate)
         if not np.isfinite(fit.cost):
+            lost = [p.record.name for p in problem.parts if not np.isfinite(fit.residual[p.place]).all()]
             raise ValueError(
-                f"rig {rig.name}: the rotor touches down in the simulation of the recordings; check gains, units and "
-                "the sign of the displacement"
+                f"rig {rig.name}: the rotor touches down in the simulation of {', '.join(lost)}; check gains, units "
+                "and the sign of the displacement, or leave these recordings out"
             )
         iterate([fit], problem.data, problem.simulate, MOST_STEPS)
         u = fit.u

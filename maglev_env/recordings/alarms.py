@@ -1,7 +1,7 @@
 """Alarms of a recording: lost levitation, stuck readings, missing or double samples, rails; one rule each.
 
-A rule compares a recording with itself, so that it needs no rig, and says nothing of a sound one (the tests count false
-alarms on simulated records of every preset).
+A rule compares a recording with itself, so that it needs no rig (only its clearance is used), and says nothing of a
+sound one (the tests count false alarms on simulated records).
 """
 
 import json
@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from maglev_env.channels import unit_of
+from maglev_env.recordings.levitation_losses import CAUGHT, levitation_losses, runs
 from maglev_env.recordings.masking import MOST_MASKED, clipped_samples
 from maglev_env.recordings.time_stamps import Clock
 from maglev_env.rig.rig import Rig
@@ -24,13 +25,6 @@ Code = Literal["lost levitation", "stuck reading", "samples", "rail"]
 # A state counts when it lasts so long (s), and for so many samples: longer than a loop that still works rests at a
 # limit, shorter than a rotor needs to be caught again.
 STAY, STAY_SAMPLES = 0.05, 10
-REST_SHARE = 0.3  # of such a time that the rotor is at a stop, as none does that overshoots
-RAIL_WIDTH, RAIL_DWELL = 0.01, 0.7  # of the range; a sine dwells in its outer 1 % half as long as in its outer 4 %
-STOP_WIDTH = 0.1  # of the range of the readings
-CHATTER = 0.4  # share of a window at the limit: noise takes the command off it again and again
-# The working range is the middle half of the controlled readings, wider by so many times its width on either side: 2.5
-# amplitudes of a sine. Quartiles, because a record that is lost half of the time moves from stop to stop in between.
-WIDENED = 1.25
 STUCK_RATIO, STUCK_SAMPLES = 4, 10
 # A stuck reading jumps when it is released, or it lasts although the others swing as elsewhere; a quantised one moves
 # on by a step, and rests while all is at rest.
@@ -75,8 +69,9 @@ def find_alarms(dataset: "xr.Dataset", start: int = 0, rig: Rig | None = None) -
     """Lost levitation, stuck readings and repeated samples of a recording.
 
     Args:
-        dataset: As `read_recording` makes it.
-        start: Sample of the file at which it begins, for the sentences.
+        dataset: As `read_recording` makes it; where it was resampled with a coordinate `row` over time, the row of
+            each sample from the first one used.
+        start: Row of the file at which it begins, for the sentences.
         rig: Its nominal rig, for its clearance.
     """
     found = lost_levitation(dataset, start, rig)
@@ -86,9 +81,10 @@ def find_alarms(dataset: "xr.Dataset", start: int = 0, rig: Rig | None = None) -
 
 
 def lost_levitation(dataset: "xr.Dataset", start: int = 0, rig: Rig | None = None) -> list[Alarm]:
-    """The rotor leaves its working range, and stays there while the command is at a limit or the reading is flat.
+    """The rotor is at a stop, or out of its working range while the command is at a limit, until it is caught again.
 
-    The working range is that of the samples at which neither holds, widened; and no more than the rig's clearance.
+    It is at a stop where it rests at the rig's clearance, or at the end of its readings while the command swings. The
+    working range is that of the samples without a stop or limit, widened; and no more than the rig's clearance.
     """
     rate, found = dataset.attrs["sample_rate"], []
     stay = max(STAY_SAMPLES, round(STAY * rate))
@@ -97,49 +93,25 @@ def lost_levitation(dataset: "xr.Dataset", start: int = 0, rig: Rig | None = Non
         efforts = [dataset[kind + end].values for kind in ("command", "voltage", "current") if kind + end in dataset]
         if not efforts:
             continue  # nothing says that it is levitated
-        effort = efforts[0]
-        # A rotor at a stop is where it never goes beyond; elsewhere a flat reading is the sensor's. The controller
-        # works against the stop, while it rests where a loop only rests.
-        least, most = np.quantile(y, (0.005, 0.995))
-        stop = np.minimum(y - least, most - y) <= STOP_WIDTH * (most - least)
-        idle, flat = _at_rail(effort, stay), _flat(y, stay)
-        working = y[~(idle | flat)]
-        for part in (slice(*run) for run in _runs(flat & stop)):
-            idle[part] |= np.ptp(effort[part]) > STUCK_SWING * np.ptp(effort)
-        if not idle.any() or working.size < 2 * stay:
-            continue
-        low, high = np.quantile(working, (0.25, 0.75))
-        low, high = low - WIDENED * (high - low), high + WIDENED * (high - low)
-        if "reference" + end in dataset:
-            wanted = dataset["reference" + end].values
-            low, high = min(low, wanted.min()), max(high, wanted.max())
-        away = (y < low) | (y > high)
-        if rig is not None:
-            away |= np.abs(y) > rig.clearance
-        spells = [run for run in _runs(_mostly(away & idle, stay)) if stop[slice(*run)].mean() >= REST_SHARE]
+        wanted = dataset["reference" + end].values if "reference" + end in dataset else None
+        spells, (low, high) = levitation_losses(y, efforts[0], wanted, stay, np.inf if rig is None else rig.clearance)
         if not spells:
             continue
-        first, last = spells[0][0], spells[-1][1]
         sound = max(_gaps(spells, y.size), key=lambda part: part[1] - part[0])
         share = sum(last - first for first, last in spells) / y.size
-        longest = max(spells, key=lambda part: part[1] - part[0])
-        rests = float(np.median(y[slice(*longest)]))
-        again = f", and {len(spells) - 1} more times, until {last / rate:.4g} s" if len(spells) > 1 else ""
-        until = f" until {last / rate:.4g} s" if len(spells) == 1 and last < y.size else ""
-        stretch = (start + sound[0], sound[1] - sound[0]) if sound[1] - sound[0] > 2 * stay else None
-        cut = (
-            f"use the longest stretch in between: start = {stretch[0]}, samples = {stretch[1]}"
-            if stretch
-            else "record again"
-        )
+        stretch = (start + sound[0], sound[1] - sound[0]) if sound[1] - sound[0] > CAUGHT * stay else None
+        there = np.concatenate([y[slice(*run)] for run in spells])
+        when = ", ".join(f"{a / rate:.4g} to {b / rate:.4g} s" for a, b in spells[:MOST_EVENTS])
+        more = f" and {len(spells) - MOST_EVENTS} more times" if len(spells) > MOST_EVENTS else ""
+        works = f", and works from {_si(low, 'm')} to {_si(high, 'm')}" if high > low else ""
+        cut = f"use the longest sound stretch: {_cut(dataset, start, sound)}" if stretch else "record again"
         found.append(
             Alarm(
                 "lost levitation",
                 name,
-                first / rate,
-                f"levitation is lost at {first / rate:.4g} s{until}{again}: {name} rests near {_si(rests, 'm')}, "
-                f"outside of its working range of {_si(low, 'm')} to {_si(high, 'm')} ({share:.1%} of the "
-                f"record); {cut}",
+                spells[0][0] / rate,
+                f"levitation is lost from {when}{more} ({share:.1%} of the record): {name} is at "
+                f"{_si(there.min(), 'm')} to {_si(there.max(), 'm')} there{works}; {cut}",
                 "refuse",
                 stretch,
             )
@@ -188,8 +160,7 @@ def stuck_readings(dataset: "xr.Dataset", start: int = 0) -> list[Alarm]:
                     name,
                     first / rate,
                     f"{name} is stuck at {values[first]:.4g} {unit_of(name)} from {first / rate:.4g} s on for "
-                    f"{(last - first) / rate:.3g} s{more}; leave it out: start = {start + sound[0]}, samples = "
-                    f"{sound[1] - sound[0]}",
+                    f"{(last - first) / rate:.3g} s{more}; leave it out: {_cut(dataset, start, sound)}",
                     "refuse",
                 )
             )
@@ -197,7 +168,13 @@ def stuck_readings(dataset: "xr.Dataset", start: int = 0) -> list[Alarm]:
 
 
 def repeated_samples(dataset: "xr.Dataset", start: int = 0) -> list[Alarm]:
-    """All channels repeat at once more often than their resolution explains: samples that were stored twice."""
+    """All channels repeat at once more often than their resolution explains: samples that were stored twice.
+
+    Nothing is said of a resampled recording: its time stamps tell of double samples, and between two equal readings
+    interpolation repeats a value that no converter step explains.
+    """
+    if "row" in dataset.coords:
+        return []
     rate = dataset.attrs["sample_rate"]
     moving = [n for n in dataset.data_vars if n.partition("_")[0] in READINGS and np.ptp(dataset[n].values) > 0]
     if len(moving) < 2:
@@ -205,13 +182,15 @@ def repeated_samples(dataset: "xr.Dataset", start: int = 0) -> list[Alarm]:
     # The controller sees the displacement alone: where that repeats, command and current do so, too, and no coincidence
     # of channels tells a double sample from a coarse reading.
     sensed = {n: _explained(dataset[n].values) for n in moving if not n.startswith("command")}
-    if not sensed or max((p for n, p in sensed.items() if n.startswith("displacement")), default=0) > MOST_EXPLAINED:
+    steady = max((p for n, p in sensed.items() if n.startswith("displacement")), default=0.0)
+    if not sensed or steady > MOST_EXPLAINED:
         return []
     values = [dataset[n].values for n in moving]
     equal = np.all([np.diff(v) == 0 for v in values], axis=0)
     count, size = int(equal.sum()), equal.size
-    explained = float(np.prod([*sensed.values()])) * size
-    if count <= 5 + 10 * explained or max(b - a for a, b in _runs(equal)) >= STUCK_SAMPLES:
+    # Two steady readings in a row give two equal commands, and a coarse current with them.
+    explained = max(10 * float(np.prod([*sensed.values()])), 2 * steady**2) * size
+    if count <= 5 + explained or max(b - a for a, b in runs(equal)) >= STUCK_SAMPLES:
         return []
     first = int(np.argmax(equal)) + 1
     severity = "refuse" if count > MOST_MASKED * size else "warning"
@@ -285,6 +264,15 @@ def touched_rail(
     return Alarm("rail", name, first / rate, text, "warning" if few else "refuse"), at
 
 
+def _cut(dataset: "xr.Dataset", start: int, part: tuple[int, int]) -> str:
+    """What a campaign states to use a part of a recording alone: rows of the file."""
+    first, last = part
+    if "row" in dataset.coords:
+        rows = dataset["row"].values
+        first, last = int(rows[first]), int(rows[last - 1]) + 1
+    return f"start = {start + first}, samples = {last - first}"
+
+
 def _of_kind(dataset: "xr.Dataset", kind: str) -> list[str]:
     return [str(name) for name in dataset.data_vars if str(name).partition("_")[0] == kind]
 
@@ -294,43 +282,6 @@ def _explained(values: np.ndarray) -> float:
     steps = np.abs(np.diff(values))
     real = steps > 1e-6 * steps.max()  # steps below are rounding of the same converter step
     return min(1.0, float(steps[real].min()) / (2.5 * max(float(np.median(steps)) / 0.67, 1e-300)))
-
-
-def _flat(values: np.ndarray, stay: int) -> np.ndarray:
-    """Samples in runs of one value that last at least `stay`."""
-    out = np.zeros(values.size, bool)
-    for first, last in _runs(np.diff(values) == 0):
-        if last + 1 - first >= stay:
-            out[first : last + 1] = True
-    return out
-
-
-def _at_rail(effort: np.ndarray, stay: int) -> np.ndarray:
-    """Samples at the largest or smallest effort, where the record dwells there as at a limit."""
-    span, out = np.ptp(effort), np.zeros(effort.size, bool)
-    for distance in (effort.max() - effort, effort - effort.min()):
-        near = distance <= RAIL_WIDTH * span
-        if near.sum() >= max(stay, RAIL_DWELL * (distance <= 4 * RAIL_WIDTH * span).sum()):
-            out |= _mostly(near, stay, CHATTER)
-    return out
-
-
-def _mostly(at: np.ndarray, stay: int, share: float = 0.8) -> np.ndarray:
-    """Windows of `stay` samples in which `at` holds for at least a share of them: (samples,) bool."""
-    if at.size < stay:
-        return np.zeros_like(at)
-    sums = np.concatenate([[0], np.cumsum(at)])
-    starts = np.flatnonzero(sums[stay:] - sums[:-stay] >= share * stay)
-    edges = np.zeros(at.size + 1, int)
-    np.add.at(edges, starts, 1)
-    np.add.at(edges, starts + stay, -1)
-    return np.cumsum(edges)[:-1] > 0
-
-
-def _runs(at: np.ndarray) -> list[tuple[int, int]]:
-    """First and end of every run of True."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], at, [False]]).astype(np.int8)))
-    return [(int(a), int(b)) for a, b in edges.reshape(-1, 2)]
 
 
 def _gaps(spells: list[tuple[int, int]], size: int) -> list[tuple[int, int]]:

@@ -17,6 +17,7 @@ from maglev_env.loop.gains import as_table
 from maglev_env.loop.magnets.kinds import geometric_law
 from maglev_env.recordings.alarms import alarms_text, clock_alarms, find_alarms, touched_rail
 from maglev_env.recordings.campaign import Campaign, ChannelSource, RecordingSpec
+from maglev_env.recordings.derived import displacements
 from maglev_env.recordings.files import Columns, read_columns
 from maglev_env.recordings.masking import MOST_MASKED
 from maglev_env.recordings.measurement_chain import corrected
@@ -89,6 +90,8 @@ def read_recording(
         channels[name] = corrected(clock.resampled(values), rate, source.filter, source.delay)
         if source.total:
             channels[name] = channels[name] - _bias(campaign, path, name)
+    stand_ins, stood_in = displacements(channels, rate)
+    channels |= stand_ins
     masked = clock.marked(masked)
     rig = {} if campaign.rig is None else {"rig": campaign.rig.name}
     experiment = {
@@ -98,9 +101,10 @@ def read_recording(
         **rig,
     }
     dataset = _dataset(channels, rate, spec.file, spec.role, spec.excitations, experiment)
-    alarms = [*find_alarms(dataset, spec.start, one_axis), *alarms]
+    looked_at = dataset if clock.rows is None else dataset.assign_coords(row=("time", clock.rows))
+    alarms = [*find_alarms(looked_at, spec.start, one_axis), *alarms]
     alarms = sorted(alarms, key=lambda a: (a.severity != "refuse", a.code != "lost levitation"))
-    dataset.attrs["notes"] = [*columns.notes, *clock.notes]
+    dataset.attrs["notes"] = [*columns.notes, *clock.notes, *stood_in]
     dataset.attrs["alarms"] = alarms_text(alarms)
     if masked.any() and masked.mean() <= MOST_MASKED:
         dataset = dataset.assign_coords(masked=("time", masked))

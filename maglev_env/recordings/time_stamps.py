@@ -36,6 +36,15 @@ class Clock:
     backward: int | None
     notes: tuple[str, ...]
 
+    @property
+    def rows(self) -> np.ndarray | None:
+        """The sample that is nearest to each step of the stated rate, (steps,); None where they are the same."""
+        if self.instants is None:
+            return None
+        at = np.flatnonzero(self.kept)
+        grid = np.arange(int(np.floor(self.instants[at[-1]] + 1e-9)) + 1)
+        return np.rint(np.interp(grid, self.instants[at], at)).astype(int)
+
     def resampled(self, values: np.ndarray) -> np.ndarray:
         """Values (samples,) at the steps of the stated rate, by local cubics that do not overshoot (Akima)."""
         if self.instants is None:
@@ -81,7 +90,7 @@ def check_clock(time: np.ndarray, rate: float) -> Clock:
     backward = np.flatnonzero(steps < 0)
     usual = ~(late | early | repeated)
     own = float(steps[usual].mean()) if usual.any() else median
-    if own <= 0:
+    if not own > 0:
         raise ValueError(
             "it does not run on: more than half of the stamps repeat the one before; is it another column?"
         )
@@ -119,8 +128,10 @@ def check_clock(time: np.ndarray, rate: float) -> Clock:
 def _only_rounded(time: np.ndarray, step: float) -> bool:
     """Whether the stamps are those of a regular clock, printed with few digits."""
     for digits in range(_DIGITS):
-        scaled = (time - time[0]) * 10.0**digits
-        if np.abs(scaled - np.rint(scaled)).max() < 1e-4:
+        with np.errstate(over="ignore", invalid="ignore"):  # stamps near the largest number
+            scaled = (time - time[0]) * 10.0**digits
+            whole = np.abs(scaled - np.rint(scaled)).max() < 1e-4
+        if whole:
             ideal = np.arange(time.size) * step
             off = time - time[0] - ideal
             quantum = 10.0**-digits

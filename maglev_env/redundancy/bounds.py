@@ -7,15 +7,18 @@ from estimation.frequency_response import pooled_variance
 from maglev_env.channels import unit_of
 from maglev_env.loop.magnets.kinds import force_law
 from maglev_env.loop.magnets.law import linearise
+from maglev_env.recordings.masking import MOST_MASKED
 from maglev_env.redundancy.finding import Finding
 from maglev_env.redundancy.view import View
 
 FREE = 1.05  # of the clearance to both sides
+BEYOND = 1.01  # of a converter's range: how well its ends are known
 LEVEL = 4.0  # standard errors
 SETTLED = 0.25  # |S - S of the highest lines| from which the sensitivity has reached its end
 LEAST_LINES = 8
 LEVELS = 100  # values of a waveform that is no sequence of steps
 OFTEN = 8  # times as many samples as at the next level; a sine's outermost level has 2.4 times as many
+TOGETHER, STEPPED = 0.95, 10.0  # correlation of slow parts that shows a sign; their range over the stated noise
 PARTS, APART = 8, 0.3  # of a record, for a drift; of the command's standard deviation
 CENTRED, MOVED = 0.04, 1.0  # offsets that count: of the gap, and of the motion's standard deviation
 
@@ -40,6 +43,37 @@ def clearance(view: View) -> list[Finding]:
         )
         return [Finding("clearance", view.recording, "displacement", float(y.mean()), None, text, "wiring")]
     return []
+
+
+def ranges(view: View) -> list[Finding]:
+    """Readings and commands within the range of the rig's converters, at which every simulation clips them.
+
+    Converters without a resolution (`adc_bits` = `dac_bits` = 0) have no range.
+    """
+    rig, found = view.rig, []
+    if rig is None or not (rig.adc_bits or rig.dac_bits):
+        return []
+    ends = {"displacement": (rig.voltage_range / rig.probe_gain, "voltage_range / probe_gain")}
+    if rig.controlled:
+        ends["command"] = (rig.voltage_range * rig.amplifier_gain, "voltage_range * amplifier_gain")
+    for name in ends.keys() & view.recorded:
+        (end, of), values = ends[name], np.abs(view.channels[name])
+        share = float(np.mean(values > BEYOND * end))
+        if not share:
+            continue
+        unit, size = unit_of(name), float(values.max())
+        text = (
+            f"{name}: it reaches {size:.4g} {unit}, in {share:.2%} of the samples beyond the +-{end:.4g} {unit} of the "
+            f"rig's converters ({of}), where the simulation clips it; correct {of.split()[0]}, {of.split()[-1]} or the "
+            f"scale of column {view.columns.get(name)!r}, or set adc_bits = dac_bits = 0 for converters without a range"
+        )
+        if name == "displacement" and end < rig.clearance:
+            text += f"; the clearance is {rig.clearance:.4g} m"
+        # A command may be recorded before its converter clips it; a reading comes from behind one.
+        refused = name == "displacement" and share > MOST_MASKED
+        kind = "contradiction" if refused else "wiring"
+        found.append(Finding("range", view.recording, name, size / end, None, text, kind))
+    return found
 
 
 def rails(view: View) -> list[Finding]:
@@ -90,6 +124,16 @@ def balance(view: View) -> list[Finding]:
             "or an effect (eccentricity, actuator_offset) or a static load: run `maglev diagnose`"
         )
         found.append(Finding(said[0], view.recording, "displacement or current", said[2], None, text, "effect"))
+    means = [np.array([part.mean() for part in np.array_split(v, PARTS)]) for v in (y, i)]
+    together = float(np.corrcoef(*means)[0, 1]) if min(map(np.ptp, means)) > 0 else 0.0
+    expected = np.sign(gain / (stiffness + rig.support_stiffness))
+    if together * expected < -TOGETHER and np.ptp(means[0]) > STEPPED * rig.noise.displacement:
+        text = (
+            "displacement or current: its sign is reversed: their slow parts move "
+            f"{'together' if together > 0 else 'against each other'}, where nominal magnets do the opposite: "
+            "check the signs of both columns"
+        )
+        found.append(Finding("sign", view.recording, "displacement or current", -1.0, None, text, "wiring"))
     if "command" in view.recorded:
         u = view.channels["command"]
         least = max(APART * float(u.std()), 5 * rig.noise.current)

@@ -14,6 +14,7 @@ from maglev_env.redundancy.rows import LEVEL, Row
 from maglev_env.redundancy.view import View
 
 PARAMETERS = ("mass", "actuator gain", "gains")
+LARGEST = 8.0  # factor that an effect may be: D measures an actuator gain of 4.5 times the computed one
 ROUGH = 0.02  # how well two rows must agree on a factor, beyond tolerance and errors
 SAME_DELAY = 0.3  # of a sample, likewise
 
@@ -102,8 +103,8 @@ def explained(view: View, rows: Sequence[Row]) -> list[Finding]:
 
 
 def _or_effect(row: Row) -> bool:
-    """Whether effects of the library can cause all that is off in a row; none reverses a sign."""
-    gain = not row.gain_off() or (bool(row.gain_effects) and row.gain > 0)
+    """Whether effects of the library can cause all that is off in a row; none reverses a sign or is so large."""
+    gain = not row.gain_off() or (bool(row.gain_effects) and row.gain > 0 and abs(row.size) < np.log(LARGEST))
     return gain and (not (row.delay_off() or row.shape_off) or bool(row.delay_effects))
 
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from maglev_env.loop.gains import Controller, Gains, LinearController, controller_response
+from maglev_env.loop.gains import Controller, Gains, controller_response, form_of, linear_ones
 from maglev_env.redundancy.finding import Finding
 from maglev_env.redundancy.rows import LEAST_LINES, Fit, Row, fit
 from maglev_env.redundancy.view import View
@@ -46,8 +46,10 @@ def controlled(view: View) -> list[Row]:
 
 def applies(view: View) -> bool:
     """Whether the relation can be looked at."""
-    if view.rig is None or not view.rig.controlled or not isinstance(view.gains, Gains | LinearController):
+    if view.rig is None or not view.rig.controlled or view.gains is None:
         return False
+    if any(one.limit is not None or one.reads_current for one in linear_ones(view.gains, 1 / view.rig.control_rate)):
+        return False  # the command does not follow from the displacement by a linear filter
     if not {"displacement", "command"} <= view.recorded:
         return False
     return view.periodic or (("injection" in view.recorded or "reference" in view.recorded) and at_control_rate(view))
@@ -62,14 +64,14 @@ def compared(view: View, gains: Controller | None) -> tuple[Fit, bool] | None:
     lines, parts = view.lines, view.lines.parts
     if gains is None:
         return None
-    response = controller_response(gains, np.exp(2j * np.pi * lines.frequency / view.rig.control_rate),
-                                   1 / view.rig.control_rate)  # fmt: skip
+    z, dt = np.exp(2j * np.pi * lines.frequency / view.rig.control_rate), 1 / view.rig.control_rate
+    response = controller_response(gains, z, dt)
     out, back = parts["command"], -response * parts["displacement"]
     drive = np.zeros_like(out)
     if "injection" in parts:
         drive = drive + parts["injection"]
     if "reference" in parts:
-        drive = drive + response * parts["reference"]
+        drive = drive + controller_response(gains, z, dt, "reference") * parts["reference"]
     # What is not driven at the command holds only rounding there.
     moved = np.abs(drive).mean(axis=0) > NOTHING * np.abs(drive).max(initial=0.0)
     driven = int(moved.sum()) >= LEAST_LINES
@@ -86,8 +88,9 @@ def _filtered(view: View, misfit: float) -> tuple[float, float]:
     response = controller_response(view.gains, np.exp(2j * np.pi * lines.frequency / view.rig.control_rate),
                                    1 / view.rig.control_rate)  # fmt: skip
     drive = parts.get("injection", np.zeros_like(parts["command"]))
+    z, dt = np.exp(2j * np.pi * lines.frequency / view.rig.control_rate), 1 / view.rig.control_rate
     if "reference" in parts:
-        drive = drive + response * parts["reference"]
+        drive = drive + controller_response(view.gains, z, dt, "reference") * parts["reference"]
     best, found = CLEARLY * misfit, (0.0, 0.0)
     total = parts["command"].mean(axis=0) if lines.periodic else parts["command"].ravel()
     for size in np.geomspace(0.05, 200.0, 60) / view.rate:
@@ -138,4 +141,5 @@ def _bad(found: Fit, view: View) -> bool:
 def _words(controller: Controller) -> str:
     if isinstance(controller, Gains):
         return f"kp = {controller.kp:g}, ki = {controller.ki:g}, kd = {controller.kd:g}"
-    return "the numerator and denominator"
+    form = form_of(controller)
+    return f'the controller of the form "{form}"' if form else "the numerator and denominator"

@@ -8,7 +8,7 @@ import numpy as np
 from maglev_env.loop.magnets.kinds import force_law
 from maglev_env.loop.magnets.law import linearise
 from maglev_env.redundancy.controller import at_control_rate
-from maglev_env.redundancy.rows import Fit, Row, fit, low_pass
+from maglev_env.redundancy.rows import MODEL, Fit, Row, fit, low_pass
 from maglev_env.redundancy.view import View
 
 DOMINATES = 1.5  # m w^2 over the stiffness, from which a line counts
@@ -18,6 +18,7 @@ STIFFNESS = 0.05  # what an error of the stiffness may do at these lines
 SHAPE, DELAY = 0.15, 0.3  # relative misfit; of a sample
 RIGLESS = 0.3  # a controlled rotor of unknown controller: its stiffness varies with frequency and looks like mass
 TOO_FEW = 12  # lines
+SEEN = 0.1  # noise over power of the displacement, up to which a line counts without a rig
 LOUD = 100.0  # power over the stated noise of the reading, from which a bin counts
 FORCE_EFFECTS = ("mass", "sensor_gain", "support_resonance", "sensor_resonance", "friction")
 CURRENT_EFFECTS = ("actuator_gain", "mass", "sensor_gain", "eddy_current", "saturation", "hysteresis")
@@ -111,6 +112,9 @@ def _without_rig(view: View) -> list[Row]:
     if not view.periodic or "force" not in view.recorded:
         return []
     lines = view.lines.at(view.place("force"))
+    y = lines.parts["displacement"]
+    noise = y.var(axis=0, ddof=1) / len(y) / np.maximum(np.abs(y.mean(axis=0)) ** 2, 1e-300)
+    lines, noise = lines.at(noise < SEEN), noise[noise < SEEN]
     if lines.frequency.size < TOO_FEW:
         return []
     force, y = lines.parts["force"].mean(axis=0), lines.parts["displacement"].mean(axis=0)
@@ -118,16 +122,17 @@ def _without_rig(view: View) -> list[Row]:
     if view.hold_rate:
         x = lines.frequency / view.hold_rate
         force = force * np.sinc(x) * np.exp(-1j * np.pi * x)
-    size = np.maximum(np.abs(force), 1e-12 * np.abs(force).max())
-    columns = np.stack([y, 1j * w * y, -(w**2) * y]) / size  # relative errors, so that every line counts alike
+    size = np.maximum(np.abs(force), 1e-12 * np.abs(force).max()) * np.sqrt(MODEL**2 + noise)
+    columns = np.stack([y, 1j * w * y, -(w**2) * y]) / size  # relative errors, with the noise of the displacement
     scale = np.linalg.norm(columns, axis=1)
     if not scale.all():
         return []
     real = np.concatenate([columns.real, columns.imag], axis=1) / scale[:, None]
     wanted = np.concatenate([(force / size).real, (force / size).imag])
     found, *_ = np.linalg.lstsq(real.T, wanted, rcond=None)
-    left = float(np.sqrt(np.mean((wanted - found @ real) ** 2) * 2))
-    error = np.sqrt(np.diag(np.linalg.pinv(real @ real.T))) * left / np.sqrt(2)
+    off = wanted - found @ real
+    left = float(np.sqrt((off**2).sum() / (wanted**2).sum()))
+    error = np.sqrt(np.diag(np.linalg.pinv(real @ real.T)) * np.mean(off**2))
     stiffness, _, mass = found / scale
     if left > RIGLESS or abs(mass) * w[-1] ** 2 < DOMINATES * abs(stiffness):
         return []  # no one mass moves, or it is not seen

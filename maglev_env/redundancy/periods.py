@@ -61,11 +61,20 @@ def jumps(view: View) -> list[Finding]:
     found = [step for step in steps if abs(step[2]) > SHIFTED + CLEAR * error]
     if not found:
         return []
+    kind: Kind = "wiring" if name == "displacement" else "contradiction"  # a rotor's phase may change by itself
+    halves = [abs(abs(step) - around / 2) < 2 for *_, step in found]
+    if all(halves) or len(found) > max(2, len(steps) / 3):
+        text = (
+            f"time: {name} does not repeat every {samples} samples as stated; check sample_rate ({view.rate:g} Hz) and "
+            "the excitation's fundamental"
+        )
+        return [Finding("lines", view.recording, "time", float(len(found)), None, text, kind)]
     before, after, _ = found[0]
     total = sum(shift for *_, shift in found)
     whole = round(total)
+    if not whole:
+        return []  # it comes back: noise, or a period that something else disturbed
     what = f"{whole} samples are missing" if whole > 0 else f"{-whole} samples are there twice"
-    kind: Kind = "wiring" if name == "displacement" else "contradiction"  # a rotor's phase may change by itself
     begin, end = (before + 1) * samples / view.rate, after * samples / view.rate
     text = (
         f"all channels: {what} between {begin:.4g} and {end:.4g} s: from there on {name} runs "

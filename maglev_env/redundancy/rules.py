@@ -14,7 +14,7 @@ from maglev_env.recordings.recording import read_recording
 from maglev_env.recordings.signals import recorded_signals
 from maglev_env.recordings.spectra import RecordedSignals, axis_signals
 from maglev_env.redundancy.amplifier import amplified
-from maglev_env.redundancy.bounds import balance, clearance, rails, sensitivity
+from maglev_env.redundancy.bounds import balance, clearance, rails, ranges, sensitivity
 from maglev_env.redundancy.cause import explained
 from maglev_env.redundancy.controller import controlled, stated_gains
 from maglev_env.redundancy.coverage import uncovered
@@ -36,6 +36,7 @@ ROWS: Mapping[str, Callable[[View], list[Row]]] = {
 # Rules that stand by themselves.
 RULES: Mapping[str, Callable[[View], list[Finding]]] = {
     "clearance": clearance,
+    "range": ranges,
     "missing samples": jumps,
     "lines": dead_lines,
     "gains": stated_gains,
@@ -48,7 +49,13 @@ RULES: Mapping[str, Callable[[View], list[Finding]]] = {
 }
 # What exchanged columns or a wrong rate can look like.
 DOUBTFUL = ("mismatch", "controller", "lines", "scale", "sign", "filter", "shape", "clearance", "sensitivity", "delay")
-FINAL = ("clearance", "lines", "missing samples", "gains")  # others would only repeat in other words what these found
+FINAL = (
+    "clearance",
+    "range",
+    "lines",
+    "missing samples",
+    "gains",
+)  # others would only repeat in other words what these found
 FEW = 6  # channels of which every pair is tried
 
 
@@ -76,7 +83,8 @@ def examine_recording(campaign: Campaign, spec: RecordingSpec) -> list[Finding]:
     views = _views(campaign, spec, signals)
     if any(f.kind == "contradiction" for f in alarms):
         # A wrong scale also seems to reach the end of a range.
-        return [*(f for view in views for f in clearance(view) if f.kind == "contradiction"), *alarms]
+        of_range = [f for view in views for rule in (clearance, ranges) for f in rule(view)]
+        return [*(f for f in of_range if f.kind == "contradiction"), *alarms]
     found = [f for view in views for f in _findings(view)]
     if any(f.code in DOUBTFUL and f.kind in ("contradiction", "wiring") for f in found) or not all(
         view.rig is None or view.rate == view.rig.control_rate for view in views

@@ -105,7 +105,7 @@ class Target:
     """Targets of the score.
 
     Args:
-        band: (low, high) in Hz, in which stiffness and damping are compared.
+        band: (low, high) in Hz, in which stiffness and damping are compared; a rig replaces None by `default_band`.
         stiffness: N/m; None: that of the preset gains.
         damping: N s/m; None: that of the preset gains.
         peak_sensitivity: largest acceptable one.
@@ -115,7 +115,7 @@ class Target:
         ValueError: A value is not a positive number.
     """
 
-    band: tuple[float, float] = (60.0, 120.0)
+    band: tuple[float, float] | None = None
     stiffness: float | None = None
     damping: float | None = None
     peak_sensitivity: float = 2.5
@@ -127,6 +127,12 @@ class Target:
             optional = name in ("stiffness", "damping") and getattr(self, name) is None
             if not optional and not (is_number(value) and value > 0):
                 raise ValueError(f"[target]: {name} = {value!r} must be a number above 0")
+
+
+def default_band(control_rate: float) -> tuple[float, float]:
+    """The target band of a rig that states none, Hz: 60 .. 120, and at control rates to which 120 Hz folds back an
+    eighth to a quarter of the rate (Hz)."""
+    return (60.0, 120.0) if control_rate > 240.0 else (control_rate / 8, control_rate / 4)
 
 
 @dataclass(frozen=True)
@@ -238,6 +244,8 @@ class Rig:
         for f in fields(self):
             if f.metadata:
                 check_range(f.name, getattr(self, f.name), f.metadata)
+        if self.target.band is None:
+            object.__setattr__(self, "target", replace(self.target, band=default_band(self.control_rate)))
         if self.clearance > self.gap:
             raise ValueError(f"clearance = {self.clearance} m is larger than the gap {self.gap} m")
         for axis, name in enumerate(AXES if self.per_axis else ()):
@@ -251,7 +259,9 @@ class Rig:
     def _check_protocol(self) -> None:
         """Refuse an experiment of a length that nobody can have meant."""
         p = self.protocol
-        for e in p.excitations if p and is_number(self.control_rate) else ():
+        if p is None or not is_number(self.control_rate):
+            return
+        for e in p.excitations:
             if e.periodic:
                 check_length(self.control_rate / e.fundamental, p.periods + p.transient_periods, "[protocol]")
 
@@ -288,7 +298,7 @@ PARAMETERS: Mapping[str, Mapping[str, Any]] = {
 def with_parameters(rig: Rig, parameters: Mapping[str, Any]) -> Rig:
     """The rig with some physical parameters replaced.
 
-    A clearance that equals the gap follows a new gap.
+    A clearance that equals the gap follows a new gap, and a default target band a new control rate.
 
     Raises:
         ValueError: A parameter is unknown or outside its physical range; the message names it.
@@ -296,6 +306,8 @@ def with_parameters(rig: Rig, parameters: Mapping[str, Any]) -> Rig:
     check_known(parameters, PARAMETERS, "[parameters]")
     if "gap" in parameters and "clearance" not in parameters and rig.clearance == rig.gap:
         parameters = {**parameters, "clearance": parameters["gap"]}
+    if rig.target.band == default_band(rig.control_rate):
+        parameters = {**parameters, "target": replace(rig.target, band=None)}
     return replace(rig, **parameters)
 
 
@@ -408,6 +420,12 @@ def _build(data: dict[str, Any]) -> Rig:
         self_sensing=table_as(SelfSensing, data, "self_sensing"),
         effects=_effects(data.get("effects", {})),
     )
+    # Here alone: a recording may be simulated under a slower stand-in for the controller.
+    if "band" in target and not target["band"][1] < rig.control_rate / 2:
+        raise ValueError(
+            f"[target] band = {list(target['band'])} Hz does not lie below half of the control rate of "
+            f"{rig.control_rate:g} Hz; leave it out, or give one such as {list(default_band(rig.control_rate))}"
+        )
     check_effects(rig.effects, rig)
     return rig
 

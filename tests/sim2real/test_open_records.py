@@ -71,6 +71,15 @@ def test_a_pooled_estimate_names_the_recording_that_disagrees(campaign, tmp_path
     assert any(line.startswith("chirp.npz: negative stiffness") for line in again.disagreements)
 
 
+def test_a_recording_that_cannot_be_simulated_is_named(campaign):
+    folder = campaign(Bench(), {"noise": "fit", "steps": "fit"}, seconds=0.5)
+    text = (folder / "campaign.toml").read_text()
+    at = text.rindex("kp = ")
+    (folder / "campaign.toml").write_text(text[:at] + text[at:].replace(f"kp = {bench_loop.KP}", "kp = 100.0"))
+    with pytest.raises(ValueError, match=r"simulation of steps\.npz;"):
+        pooled(read_records(folder)[1])
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", ["noise", "steps"])
 def test_intervals_cover_what_they_claim(campaign, kind):
@@ -167,3 +176,18 @@ def test_a_gain_that_changes_in_time_widens_intervals_and_white_noise_does_not(c
         differentiate([fit], problem.data, problem.simulate, True)
         found.append(widening(problem, fit))
     assert (found[0] == 1.0).all() and found[1].max() > 1.3
+
+
+def test_the_voltage_stands_for_a_missing_current(campaign, tmp_path):
+    folder = campaign(Bench(), {"noise": "fit"})
+    run = dict(np.load(folder / "noise.npz"))
+    resistance, inductance, rate = 2.0, 2e-4, bench_loop.RATE
+    decay = np.exp(-resistance / inductance / rate)
+    voltage = resistance * (np.roll(run["current"], -1) - decay * run["current"]) / (1 - decay)
+    np.savez(folder / "noise.npz", displacement=run["displacement"], voltage=voltage)
+    _edit(folder, 'command = { from = "command" }\n', "")
+    _edit(folder, 'current = { from = "current" }', 'voltage = { from = "voltage" }')
+    coil = f"parameters = {{ coil_resistance = {resistance}, coil_inductance = {inductance} }}"
+    _edit(folder, 'rig = "hmb_free"', f'rig = "hmb_free"\n{coil}')
+    _, (record,) = read_records(folder)
+    assert "computed from the voltage" in " ".join(record.notes) and record.source == "current"

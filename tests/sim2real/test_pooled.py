@@ -43,3 +43,8 @@ def test_an_interval_excludes_a_point_no_more_than_the_likelihood_does(power):
         least.append(abs(u) / max(wald[-1], float(least_spread(best, true)[0])))
         assert power > 1 or least_spread(best, true)[0] < wald[-1]  # a straight line needs no widening
     assert np.mean(np.array(least) < 1.96) > 0.91
+
+
+def test_an_interval_of_a_time_begins_at_zero():
+    delay = Coefficient("delay", "s", 2e-6, 3e-6, 0.0, True)
+    assert delay.interval[0] == 0.0 and delay.interval[1] == pytest.approx(2e-6 + 1.96 * 3e-6, rel=1e-3)

@@ -4,6 +4,8 @@ import math
 import re
 from dataclasses import dataclass
 
+from maglev_env.recordings.guess.words import meaning
+
 
 @dataclass(frozen=True)
 class Unit:
@@ -31,6 +33,8 @@ _UNITS = {
 }  # fmt: skip
 _FOLDED = {name.lower(): name for name in reversed(_UNITS) if name.lower() not in ("mn", "ma", "mv", "ms")}
 _FOLDED |= {"ma": "mA", "mv": "mV", "ms": "ms", "mn": "mN"}
+_SINGLE = {"m": ("displacement", "reference", "gap_estimate"), "s": ("time",)}
+_WORD = 3  # letters from which a name is a word
 _BRACKETS = re.compile(r"^(.*?)[\s_,]*[\[(<{]\s*(?:in\s+)?([^\])>}]+?)\s*[\])>}]\s*$")
 _BEHIND = re.compile(r"^(.*\S)\s*(?:\s/\s*|/|\s+in\s+|,\s*)([^\s/]+(?:/[^\s/]+)?)$")
 _LAST = re.compile(r"^(.+?)[_\s]([A-Za-zµμ]{1,7})$")
@@ -57,8 +61,10 @@ def header_unit(header: str) -> tuple[str, Unit | None]:
         if (found := pattern.match(header)) and (unit := known_unit(found[2])):
             return found[1].strip(" _,"), unit
     if found := _LAST.match(header):
-        # A single last letter may as well be an index: of those only the units' own capitals count, and s and m not.
-        unit = known_unit(found[2]) if len(found[2]) > 1 or found[2] in ("A", "V", "N") else None
+        # A single last letter may as well be an index or "measured": of those only the units' own capitals count, and
+        # m and s behind a whole word for a length or a time.
+        word = len(found[1]) >= _WORD and meaning(found[1]).channel in _SINGLE.get(found[2], ())
+        unit = known_unit(found[2]) if len(found[2]) > 1 or found[2] in ("A", "V", "N") or word else None
         if unit:
             return found[1], unit
     return header, None

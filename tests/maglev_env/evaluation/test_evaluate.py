@@ -49,7 +49,7 @@ def test_the_score_is_the_weighted_geometric_mean_and_zero_for_the_impossible():
 @pytest.fixture(scope="module")
 def scored():
     rig = load_rig("hmb_free")
-    gains = [rig.gains, Gains(1000.0, 100.0, 0.2), Gains(10000.0, 2000.0, 8.0), Gains(8000.0, 2000.0, 40.0)]
+    gains = [rig.gains, Gains(500.0, 100.0, 0.2), Gains(10000.0, 2000.0, 8.0), Gains(8000.0, 2000.0, 40.0)]
     experiments = [protocol_experiment(rig, g, seed=i) for i, g in enumerate(gains)]
     return experiments, evaluate(experiments)
 

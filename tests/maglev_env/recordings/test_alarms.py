@@ -1,14 +1,23 @@
 """Alarms stay silent on sound records of many kinds, and find what was done to them, with the time it begins."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
 import xarray as xr
 
-from maglev_env.recordings.alarms import alarms_of, alarms_text, clock_alarms, find_alarms, touched_rail
+from maglev_env.recordings.alarms import (
+    alarms_of,
+    alarms_text,
+    clock_alarms,
+    find_alarms,
+    lost_levitation,
+    touched_rail,
+)
 from maglev_env.recordings.masking import clipped_samples
 from maglev_env.recordings.time_stamps import check_clock
+from maglev_env.rig.rig import load_rig
 
 RATE, SAMPLES = 500.0, 6000
 KINDS = ("hover", "steps", "sine", "chirp", "noise", "burst and rest", "slow steps")
@@ -75,6 +84,7 @@ def rails(record):
 def test_sound_loops_raise_no_alarm():
     records = [r for kind in KINDS for r in closed_loops(kind, 60, seed=5)]
     assert len(records) > 300
+    assert not any(lost_levitation(r) for r in records)
     # A command that is at its limit for a while is a rail, and said; nothing else is wrong with these records.
     alarms = [[a for a in (*find_alarms(r), *rails(r)) if (a.code, a.channel) != ("rail", "command")] for r in records]
     assert sum(map(bool, alarms)) <= 0.01 * len(records), [a.sentence for found in alarms for a in found]
@@ -83,6 +93,38 @@ def test_sound_loops_raise_no_alarm():
 @pytest.fixture(scope="module")
 def loops():
     return [r for kind in KINDS[1:5] for r in closed_loops(kind, 15, seed=9)]
+
+
+def test_a_rotor_at_the_clearance_of_its_rig_is_lost_though_its_command_is_within_limits(loops):
+    rng = np.random.default_rng(7)
+    rig = replace(load_rig("hmb_axial"), clearance=20e-3, gap=25e-3)
+    record = loops[0]
+    y = record["displacement"].values.copy()
+    bounces = 20e-3 * (1 - 0.2 * (rng.random(1600) < 0.4)) + 2e-5 * rng.standard_normal(1600)
+    y[2000:3600], y[3620:4000], y[5000:5500] = bounces, -20e-3, 20e-3
+    (alarm,) = find_alarms(changed(record, displacement=y), 100, rig)
+    assert alarm.code == "lost levitation" and "lost from 4 to 8 s, 10 to 11 s (41.7%" in alarm.sentence
+    assert "start = 100, samples = 2000" in alarm.sentence
+    lying = changed(record, displacement=-20e-3 + 2e-5 * rng.standard_normal(SAMPLES))
+    assert "lost from 0 to 12 s (100.0% of the record)" in find_alarms(lying, 0, rig)[0].sentence
+    assert not find_alarms(record, 0, rig)
+
+
+def test_a_reading_at_its_end_while_the_integrator_unwinds_slowly_is_a_loss(loops):
+    record = loops[0]
+    y, u = record["displacement"].values.copy(), record["command"].values.copy()
+    y[2000:2400], u[2000:2400] = y.min(), u.min() + np.ptp(u) * np.linspace(0.4, 0.6, 400)
+    (alarm,) = find_alarms(changed(record, displacement=y, command=u))
+    assert "levitation is lost from 4 to 4.8 s" in alarm.sentence
+
+
+def test_the_cut_of_a_jittered_recording_counts_rows_of_the_file():
+    rng = np.random.default_rng(8)
+    y, u = rng.standard_normal((2, 3000)) * [[1e-3], [1.0]]
+    y[1000:], u[1000:] = 15e-3, 9.0
+    rows = np.round(np.arange(3000) * 0.99).astype(int)
+    record = dataset({"displacement": y, "command": u}).assign_coords(row=("time", rows))
+    assert "start = 5, samples = 990;" in find_alarms(record, 5)[0].sentence + ";"
 
 
 def changed(record, **values):
@@ -100,7 +142,7 @@ def test_a_rotor_that_falls_is_found_with_its_time(loops):
         found += alarm is not None and alarm.code == "lost levitation" and alarm.severity == "refuse"
         if alarm:
             late.append(alarm.time - at / RATE)
-            assert "use the longest stretch in between: start = " in alarm.sentence
+            assert "use the longest sound stretch: start = " in alarm.sentence
     assert found >= 0.95 * len(loops) and np.abs(late).max() < 0.05
 
 

@@ -32,6 +32,10 @@ SLOW = lfilter([0.02], [1, -0.98], RNG.standard_normal(N))  # a displacement of 
         ("Position in µm", "Position", "m", 1e-6),
         ("Time, s", "Time", "s", 1.0),
         ("speed [rpm]", "speed", "rad/s", np.pi / 30),
+        ("distance_m", "distance", "m", 1.0),
+        ("setpoint_m", "setpoint", "m", 1.0),
+        ("Weg_m", "Weg", "m", 1.0),
+        ("time_s", "time", "s", 1.0),
     ],
 )
 def test_units_stand_in_headers_in_many_ways(header, name, si, scale):
@@ -39,7 +43,25 @@ def test_units_stand_in_headers_in_many_ways(header, name, si, scale):
     assert (found, unit.si, unit.scale) == (name, si, pytest.approx(scale))
 
 
-@pytest.mark.parametrize("header", ["y_m", "y_s", "x1", "t", "dy_obs", "i_ref"])
+UNITS = {
+    **{"m": ("m", 1.0), "cm": ("m", 1e-2), "mm": ("m", 1e-3), "um": ("m", 1e-6), "µm": ("m", 1e-6), "nm": ("m", 1e-9)},
+    **{"A": ("A", 1.0), "mA": ("A", 1e-3), "uA": ("A", 1e-6), "V": ("V", 1.0), "mV": ("V", 1e-3), "kV": ("V", 1e3)},
+    **{"N": ("N", 1.0), "mN": ("N", 1e-3), "kN": ("N", 1e3), "s": ("s", 1.0), "ms": ("s", 1e-3), "us": ("s", 1e-6)},
+}
+NAMED = {"m": ("position", "setpoint", "gap"), "A": ("current", "Strom"), "V": ("coil_voltage",), "N": ("force",)}
+FORMS = ("{}_{}", "{} {}", "{} [{}]", "{}({})", "{}_[{}]", "{} / {}", "{} in {}", "{}, {}")
+
+
+@pytest.mark.parametrize("unit", UNITS)
+@pytest.mark.parametrize("form", FORMS)
+def test_every_unit_counts_in_every_form(unit, form):
+    si, scale = UNITS[unit]
+    for name in NAMED.get(si, ("time",)):
+        found, read = header_unit(form.format(name, unit))
+        assert (found, read.si, read.scale) == (name, si, pytest.approx(scale))
+
+
+@pytest.mark.parametrize("header", ["y_m", "y_s", "x1", "t", "dy_obs", "i_ref", "Weg_s", "current_m", "i_ref_m"])
 def test_an_index_is_no_unit(header):
     assert header_unit(header) == (header, None)
 
@@ -72,6 +94,20 @@ def columns(**values):
     return {
         c.column: c for c in guess_columns(Contents({n: np.asarray(v, float) for n, v in values.items()}, {}, {}, ()))
     }
+
+
+@pytest.mark.parametrize(("suffix", "scale"), [("m", 1.0), ("cm", 1e-2), ("mm", 1e-3), ("um", 1e-6)])
+def test_a_unit_in_the_name_decides_against_the_size_of_the_values(suffix, scale):
+    for size in (1e-4, 0.06, 3.0, 500.0):
+        guesses = columns(
+            **{"time_s": T, f"distance_{suffix}": size * SLOW, f"setpoint_{suffix}": np.repeat([0, size], N // 2)}
+        )
+        assert {g.channel: g.scale for g in guesses.values()} == {
+            "time": 1.0,
+            "displacement": scale,
+            "reference": scale,
+        }
+        assert not any("unit" in g.ask for g in guesses.values())
 
 
 def test_columns_without_names_go_by_what_they_do():

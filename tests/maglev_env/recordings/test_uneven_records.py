@@ -127,3 +127,16 @@ def test_quality_of_a_recording_that_nothing_excites(tmp_path):
     assert {"estimate", "diagnose", "tune"} <= quality.can.keys() and all(
         v.startswith("no") for v in quality.can.values()
     )
+
+
+@pytest.mark.parametrize(
+    ("stamps", "words"),
+    [
+        (np.zeros(50), "repeat the one before"),
+        (np.append(np.arange(49) * 1e-3, 1e308), "reach from 0 to 1e\\+308 s"),
+        (np.append(np.arange(49) * 1e-3, 1e4), "more than 99 would be missing"),
+    ],
+)
+def test_stamps_that_are_no_clock_are_refused(stamps, words):
+    with pytest.raises(ValueError, match=words):
+        check_clock(stamps, 1000.0)

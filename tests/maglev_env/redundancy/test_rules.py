@@ -14,8 +14,9 @@ from maglev_env.loop.effect import effect
 from maglev_env.recordings.campaign import load_campaign
 from maglev_env.recordings.recording import read_recording
 from maglev_env.recordings.signals import recorded_signals
+from maglev_env.redundancy.bounds import ranges
 from maglev_env.redundancy.result import doubtful
-from maglev_env.redundancy.rules import as_data, examine
+from maglev_env.redundancy.rules import _views, as_data, examine
 
 
 @pytest.fixture(scope="module")
@@ -226,3 +227,29 @@ def test_results_that_no_loop_can_have_are_said(sound):
     poor = tuple(replace(b, fit_p=1e-9, r2_adjusted=0.5, informative=True, ls_biased=False) for b in found.bands)
     codes = [f.code for f in doubtful("x", replace(found, bands=poor, stability=replace(found.stability, margins=low)))]
     assert codes == ["fit", "sensitivity"]
+
+
+@pytest.mark.parametrize(
+    ("name", "limits", "kind"),
+    [
+        ("displacement", {"probe_gain": 4.0}, "contradiction"),
+        ("command", {"amplifier_gain": 0.5}, "wiring"),
+        ("displacement", {"probe_gain": 4.0, "adc_bits": 0, "dac_bits": 14}, "contradiction"),
+        ("displacement", {"probe_gain": 4.0, "adc_bits": 0, "dac_bits": 0}, None),
+    ],
+)
+def test_a_reading_beyond_the_range_of_the_converters_is_named(sound, name, limits, kind):
+    """The limits are those of the rig's range, as shares of the largest reading: below 1 it is left."""
+    campaign = load_campaign(sound)
+    spec = campaign.recordings[0]
+    signals = recorded_signals(campaign, spec, read_recording(campaign, spec), excited=False)
+    (view,) = _views(campaign, spec, signals)
+    size, rig = float(np.abs(view.channels[name]).max()), view.rig
+    if "probe_gain" in limits:
+        limits = limits | {"probe_gain": limits["probe_gain"] * rig.voltage_range / size}
+    else:
+        limits = limits | {"amplifier_gain": limits["amplifier_gain"] * size / rig.voltage_range}
+    assert ranges(view) == []
+    found = [f for f in ranges(replace(view, rig=replace(rig, **limits))) if f.channel == name]
+    assert [f.kind for f in found] == ([kind] if kind else [])
+    assert all(set(limits) - {"adc_bits", "dac_bits"} <= set(re.findall(r"\w+", f.message)) for f in found)

@@ -26,6 +26,18 @@ support_stiffness = 1e4
 """
 
 
+SAMPLED = """schema = "maglev-rig/1"
+name = "ball"
+magnet = "electromagnet"
+[parameters]
+mass = 0.02
+gap = 5e-3
+turns = 1000
+pole_area = 1e-4
+control_rate = {rate}
+"""
+
+
 def test_presets_load_and_carry_the_published_numbers():
     rigs = {name: load_rig(name) for name in PRESETS}
     assert rigs["hmb_free"].mass == 0.08012 and rigs["hmb_free"].actuator_gain == 5.7
@@ -35,6 +47,15 @@ def test_presets_load_and_carry_the_published_numbers():
     assert rigs["hmb_axial"].mass == 0.13 and rigs["hmb_radial"].mass == 0.92
     for rig in rigs.values():
         assert rig.protocol is not None and rig.clearance <= rig.gap
+
+
+def test_a_default_target_band_lies_below_half_of_the_control_rate():
+    ball, slow = rig_from_toml(SAMPLED.format(rate=1000), "ball"), rig_from_toml(SAMPLED.format(rate=200), "ball")
+    assert ball.target.band == (60.0, 120.0) and slow.target.band == (25.0, 50.0)
+    assert with_parameters(ball, {"control_rate": 100.0}).target.band == (12.5, 25.0)
+    assert with_parameters(slow, {"control_rate": 1000.0}).target.band == (60.0, 120.0)
+    with pytest.raises(ValueError, match="does not lie below half of the control rate of 200 Hz; leave it out"):
+        rig_from_toml(SAMPLED.format(rate=200) + "[target]\nband = [60.0, 120.0]\n", "ball")
 
 
 @pytest.mark.parametrize(

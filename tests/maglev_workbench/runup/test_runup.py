@@ -78,7 +78,7 @@ def test_out_of_the_motors_reach_is_said_before_any_work(tmp_path, monkeypatch):
         (["--rotor", "none.toml"], "none.toml"),
         (["--speeds", "0:100"], "lo:hi:step"),
         (["--speeds", "5:1:1"], "the step must be above 0 and lo at most hi"),
-        (["--speeds", "0:14000:0.1"], "140001 speeds"),
+        (["--speeds", "0:14000:0.1"], "1.4e+05 speeds"),
         (["--gains", "pitch.kp=1"], "a controller of translation, tilt and a gain of kp, ki, kd, td, ti"),
         (["--gains", "tilt.kp"], "controller.gain=value"),
         (["--gains", "tilt.kp=much"], "much"),

@@ -56,7 +56,7 @@ VARIANTS = {
         {"current": {"total": True, "offset_tolerance": 0.003}, "displacement": LAID},
     ),
     "C": Variant(("time", "displacement", "command", "reference")),
-    "C-free": Variant(("time", "displacement", "command", "reference"), False),
+    "C-free": Variant(("time", "displacement", "command"), False, only=("run1", "run2", "run3", "run7")),
     "C-whole": Variant(("time", "displacement", "command", "reference"), only=("run1", "run2", "run3", "run4", "run7")),
     "D": Variant(("displacement", "command")),
     "D-current": Variant(("displacement", "command", "current"), chain={"current": METER_D}),

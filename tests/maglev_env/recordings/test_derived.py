@@ -1,0 +1,32 @@
+"""Channels that stand in for missing ones, against closed forms."""
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from maglev_env.recordings.derived import coil_current, displacements, integrated_twice
+
+RATE = 2000.0
+T = np.arange(4000) / RATE
+
+
+def test_an_acceleration_becomes_the_displacement_of_its_lines():
+    motion = 2e-5 * np.sin(2 * np.pi * 20 * T + 0.3) + 1e-6 * np.cos(2 * np.pi * 155 * T)
+    measured = -2e-5 * (40 * np.pi) ** 2 * np.sin(2 * np.pi * 20 * T + 0.3) - 1e-6 * (310 * np.pi) ** 2 * np.cos(
+        2 * np.pi * 155 * T
+    )
+    assert integrated_twice(measured + 0.4, RATE) == pytest.approx(motion, abs=1e-11)
+
+
+def test_a_voltage_becomes_the_current_of_the_coil():
+    voltage = np.where(T < 0.5, 1.0, 3.0)
+    found = coil_current(voltage, RATE, 2.0, 0.1)
+    exact = solve_ivp(lambda t, i: ((1.0 if t < 0.5 else 3.0) - 2.0 * i) / 0.1, (0, T[-1]), [0.5], t_eval=T,
+                      max_step=1 / RATE, rtol=1e-9, atol=1e-12).y[0]  # fmt: skip
+    assert found == pytest.approx(exact, abs=2e-3)  # the step falls between two steps of the integrator
+    assert found[-1] == pytest.approx(1.5, abs=1e-4)
+
+
+def test_a_recorded_displacement_is_kept():
+    found, notes = displacements({"acceleration_x": T, "displacement_y": T, "acceleration_y": T}, RATE)
+    assert set(found) == {"displacement_x"} and len(notes) == 1
