@@ -8,6 +8,8 @@ import numpy as np
 
 from maglev_env.channels import MEASURED
 from maglev_env.loop.axes import suffixes
+from maglev_env.loop.magnets.kinds import force_law
+from maglev_env.loop.magnets.law import linearise
 from maglev_env.recordings.campaign import Campaign, RecordingSpec
 from maglev_env.recordings.derived import coil_current
 from maglev_env.recordings.masking import bridged, masked_samples
@@ -16,7 +18,7 @@ from sim2real.channel_errors import ChannelError, channel_errors
 from sim2real.drive import Drive, drive_of
 from sim2real.fed_back import fed_back
 from sim2real.open_record import OpenRecord, compared
-from sim2real.static_evidence import rests_of
+from sim2real.static_evidence import can_rest, rests_of
 from sim2real.ticks import ticks_of
 
 if TYPE_CHECKING:
@@ -68,6 +70,8 @@ def open_record(campaign: Campaign, spec: RecordingSpec, dataset: "xr.Dataset") 
                 channels["injection"] = ticks.injection(0)
                 drive = replace(drive, source=None, notes=(*drive.notes, AT_TICKS))
         channels = {kind: values[:, :: drive.multiple] for kind, values in channels.items()}
+        if drive.source is not None and can_rest(rig):
+            channels[drive.source] = resting(rig, channels[drive.source], channels["displacement"])
         waves = drive.driving(channels).waves
         known = np.concatenate([w[:, :: drive.every] for w in waves.values()])
         if not np.ptp(known, axis=1).any():
@@ -128,6 +132,16 @@ def _current_by_voltage(rig: Rig, channels: Mapping[str, np.ndarray], rate: floa
         coil_current(u, rate, r.coil_resistance, r.coil_inductance)
         for r, u in zip(own, channels["voltage"], strict=True)
     ])  # fmt: skip
+
+
+def resting(rig: Rig, current: np.ndarray, displacement: np.ndarray) -> np.ndarray:
+    """A current (1, samples) whose mean lets the nominal mass rest where the recorded one does on average.
+
+    What a mean says of a suspended mass is evidence of its own (`static_evidence`). Here the weight of a rig whose
+    gain is not the nominal one would only pull the simulated mass off its place, up to touching down.
+    """
+    gain, stiffness = linearise(force_law(rig))
+    return current - current.mean() + stiffness / gain * displacement.mean()
 
 
 def _led_in(series: np.ndarray, samples: int) -> np.ndarray:

@@ -18,6 +18,7 @@ from maglev_env.rig.rig import Rig
 from sim2real.fitting import CONVERGED, Fit, begin, differentiate, iterate
 from sim2real.hypotheses import Hypothesis
 from sim2real.nonstationary import widening
+from sim2real.nuisances import Nuisances
 from sim2real.open_record import OpenRecord
 from sim2real.problem import Problem, assemble
 from sim2real.records import Record
@@ -149,7 +150,9 @@ def _fitted(
     for _ in range(1 if near is not None else 2):
         (fit,) = begin([h], [u], problem.data, problem.simulate)
         if not np.isfinite(fit.cost):
-            lost = [p.record.name for p in problem.parts if not np.isfinite(fit.residual[p.place]).all()]
+            apart = replace(problem, nuisances=Nuisances((), problem.nuisances.columns[:0]))  # else all are lost
+            (found,) = apart.simulate([h.point(u)])
+            lost = [p.record.name for p in problem.parts if not np.isfinite(found[p.place]).all()]
             raise ValueError(
                 f"rig {rig.name}: the rotor touches down in the simulation of {', '.join(lost)}; check gains, units "
                 "and the sign of the displacement, or leave these recordings out"

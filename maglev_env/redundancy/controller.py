@@ -11,6 +11,7 @@ GAIN, DELAY = 0.02, 0.15  # what rounding and another channel's clock may do: re
 SHAPE = 0.03  # relative misfit
 CLEARLY = 0.3  # of the misfit: a repair that leaves less is believed
 NOTHING = 1e-9
+LEVELS, CUT, LONGER = 100, 3, 2.5  # of a command: fewer levels are steps; samples at a limit, at least and to the next
 
 
 def controlled(view: View) -> list[Row]:
@@ -50,9 +51,19 @@ def applies(view: View) -> bool:
         return False
     if any(one.limit is not None or one.reads_current for one in linear_ones(view.gains, 1 / view.rig.control_rate)):
         return False  # the command does not follow from the displacement by a linear filter
-    if not {"displacement", "command"} <= view.recorded:
+    if not {"displacement", "command"} <= view.recorded or cut_off(view.channels["command"]):
         return False
     return view.periodic or (("injection" in view.recorded or "reference" in view.recorded) and at_control_rate(view))
+
+
+def cut_off(command: np.ndarray) -> bool:
+    """Whether a command (samples,) reaches a limit, be it for single samples as by the kick of a derivative at steps.
+
+    The outermost level of a signal that has no limit is rare, and that of a sine twice as frequent as the next.
+    """
+    levels, counts = np.unique(command, return_counts=True)
+    ends = ((0, 1), (-1, -2)) if levels.size >= LEVELS else ()
+    return any(counts[i] >= CUT and counts[i] > LONGER * counts[j] for i, j in ends)
 
 
 def at_control_rate(view: View) -> bool:

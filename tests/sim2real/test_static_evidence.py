@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from maglev_env.rig.rig import rig_from_toml
+from sim2real.open_reading import resting
 from sim2real.static_evidence import Levels, Tolerances, levels_of, static_estimate
 
 MASS, GRAVITY, GAP, AIR = 0.02, 9.80665, 6e-3, 2e-3
@@ -71,3 +72,12 @@ def test_only_a_resting_mass_has_levels():
     rest = levels_of(steps, 0.1 * steps, GAP)
     assert rest.count > 30 and abs(abs(rest.displacement) - 1e-3).max() < 2e-5
     assert levels_of(1e-3 * np.sin(2 * np.pi * t), t, GAP).count == 0
+
+
+@pytest.mark.parametrize("mean", [-0.3, 0.0, 0.2])
+def test_the_nominal_mass_rests_where_the_recorded_one_does_whatever_the_mean_current(mean):
+    wave = 0.01 * np.sin(np.arange(1000.0))[None]
+    found = resting(RIG, mean + wave, np.full((1, 1000), 1e-4))
+    pull = CONSTANT * (BIAS + found.mean()) ** 2 / (GAP + AIR - 1e-4) ** 2
+    assert pull == pytest.approx(MASS * GRAVITY, rel=1e-3)
+    assert found - found.mean() == pytest.approx(wave - wave.mean())

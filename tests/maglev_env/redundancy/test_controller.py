@@ -1,0 +1,21 @@
+"""A command that its limits cut off does not follow from the displacement by a linear controller."""
+
+import numpy as np
+
+from maglev_env.redundancy.controller import cut_off
+
+STEP = 6.0 / 4096
+
+
+def test_the_kicks_of_a_derivative_at_a_limit_are_told_and_noise_and_sines_are_not():
+    rng, n = np.random.default_rng(1), 30_000
+    said = []
+    for _ in range(200):
+        command = 0.9 + 0.03 * rng.standard_normal(n)
+        said.append(cut_off(np.rint(command / STEP) * STEP))
+        command[:: n // 20] += rng.choice([-2.0, 1.0], command[:: n // 20].size)
+        assert cut_off(np.rint(np.maximum(command, 0.0) / STEP) * STEP)
+    assert np.mean(said) < 0.02
+    for cycles in (0.5, 3.0, 50.3, 700.1):
+        sine = np.sin(2 * np.pi * cycles * np.arange(n) / n)
+        assert not cut_off(np.rint(sine / STEP) * STEP)
