@@ -38,7 +38,8 @@ class Channel:
 
 # Their order is that of the simulator's outputs, of the noise streams and of the spectra.
 CHANNELS: Mapping[str, Channel] = {
-    "displacement": Channel("m", "of the rotor from the centre, as the probe reads it", "step",
+    "displacement": Channel("m", "of the rotor from the centre, as the probe reads it; + is toward the (upper) magnet",
+                            "step",
                             spectra="all", noisy=True),
     "command": Channel("A", "current that the controller asks for, the injection included", "step", spectra="all"),
     "position": Channel("m", "true displacement, where the loop runs on a sensed one", "sensing", recorded=False),

@@ -113,13 +113,14 @@ class Drive:
         return (series[..., None] + (following - series)[..., None] * share).reshape(len(series), -1)
 
 
-def drive_of(rig: Rig, spec: RecordingSpec, channels: Mapping[str, np.ndarray]) -> Drive:
+def drive_of(rig: Rig, spec: RecordingSpec, channels: Mapping[str, np.ndarray], known: bool = True) -> Drive:
     """What drives a recording.
 
     Args:
         rig: as the campaign states it.
         spec: the recording.
         channels: channel -> (axes, samples) at the recording's rate.
+        known: whether the stated controller is what made the command of these channels.
 
     Raises:
         ValueError: nothing that is known drives the recording; the message says what to record.
@@ -128,7 +129,7 @@ def drive_of(rig: Rig, spec: RecordingSpec, channels: Mapping[str, np.ndarray]) 
         multiple, every = sampling(spec.sample_rate, rig.control_rate)
     except ValueError:
         multiple, every = 1, 0
-    if every == 1 and (spec.gains is not None or rig.support_stiffness > 0 or not rig.controlled):
+    if known and every == 1 and (spec.gains is not None or rig.support_stiffness > 0 or not rig.controlled):
         gains = spec.gains if spec.gains is not None else NO_CONTROLLER
         if not rig.adc_bits and not rig.dac_bits:  # ideal converters have no range either
             rig = replace(rig, voltage_range=UNLIMITED)

@@ -1,6 +1,7 @@
 """Read a recording without a period for comparison: what drives it, which part and which windows are compared."""
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -18,10 +19,16 @@ from sim2real.drive import Drive, drive_of
 from sim2real.fed_back import fed_back
 from sim2real.open_record import OpenRecord, compared
 from sim2real.static_evidence import can_rest, rests_of
+from sim2real.ticks import ticks_of
 
 if TYPE_CHECKING:
     import xarray as xr
 
+AT_TICKS = "the controller is computed at its own jittered ticks, and what drove the loop is resampled"
+NOT_AT_TICKS = (
+    "the stated controller is not used: the recording is resampled, and what it read at its own ticks is not known "
+    "(missing or double samples, a channel with a filter or delay, or another rate)"
+)
 UNTOLD = 12**-0.5  # samples: standard deviation of the time between two readings of which nothing is stated
 
 
@@ -51,6 +58,17 @@ def open_record(campaign: Campaign, spec: RecordingSpec, dataset: "xr.Dataset") 
         raise ValueError(f"{where}: the channel displacement is missing; nothing is known of the rotor without it")
     try:
         drive = drive_of(rig, spec, channels)
+        ticks = None
+        if dataset.attrs.get("resampled") and drive.source == "command" and not drive.stand_in:
+            # The controller is exact at its own ticks alone; where these are not known, another stands in for it.
+            if drive.multiple == 1 and spec.gains is not None:
+                ticks = ticks_of(dataset, spec.gains, rig.axes, rig.control_rate)
+            if ticks is None:
+                drive = drive_of(rig, spec, channels, known=False)
+                drive = replace(drive, notes=(NOT_AT_TICKS, *drive.notes))
+            else:
+                channels["injection"] = ticks.injection(0)
+                drive = replace(drive, source=None, notes=(*drive.notes, AT_TICKS))
         channels = {kind: values[:, :: drive.multiple] for kind, values in channels.items()}
         if drive.source is not None and can_rest(rig):
             channels[drive.source] = resting(rig, channels[drive.source], channels["displacement"])
@@ -59,6 +77,8 @@ def open_record(campaign: Campaign, spec: RecordingSpec, dataset: "xr.Dataset") 
         if not np.ptp(known, axis=1).any():
             raise ValueError("nothing that is known drives this recording: all of it is constant")
         stretch = compared(drive.experiment, spec.sample_rate / drive.multiple, known, channels["displacement"])
+        if ticks is not None and stretch.samples.start:
+            channels["injection"][:, stretch.samples.start :] = ticks.injection(stretch.samples.start)
     except ValueError as error:
         raise ValueError(f"{where}: {error}") from None
     # The simulation begins here with a controller at rest: what it held before is part of what drove the loop.
@@ -80,7 +100,7 @@ def open_record(campaign: Campaign, spec: RecordingSpec, dataset: "xr.Dataset") 
         drive.every,
         drive.upstream,
         (*channel_errors(spec), *_untold(spec, drive)),
-        drive.source,
+        "command" if ticks is not None else drive.source,
         rests_of(rig, spec, dataset),
         notes=(*notes, *drive.notes, *stretch.notes),
     )

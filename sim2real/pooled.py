@@ -89,12 +89,14 @@ class Pooled:
         misfit: Mean square of the whitened residual over its expectation; 1 where the model explains everything.
         disagreements: Sentences about recordings that disagree with all of them together.
         of_each: Recording -> its own coefficients, where there are several recordings.
+        held_out: Recordings that were not used, because their role is "holdout".
     """
 
     coefficients: tuple[Coefficient, ...]
     misfit: float
     disagreements: tuple[str, ...]
     of_each: dict[str, tuple[Coefficient, ...]]
+    held_out: tuple[str, ...] = ()
 
 
 def pooled(records: Sequence[Record | OpenRecord], progress: Callable[[str], None] = lambda text: None) -> Pooled:

@@ -12,6 +12,7 @@ from sim2real.hypotheses import CALIBRATION, NONE, TONES, UNKNOWN
 from sim2real.judge import Entry
 from sim2real.leftover_words import NORMAL_95, fit_in_words, leaves, parameters_in_words, partial_in_words
 from sim2real.locate import Where
+from sim2real.open_record import OpenRecord
 from sim2real.problem import Part
 from sim2real.shrink import Gap
 from sim2real.simulated import Point
@@ -229,6 +230,8 @@ def curves(diagnosis: Diagnosis) -> tuple[Curve, ...]:
 def _shown(part: Part) -> dict[tuple[str, str], np.ndarray]:
     """Lines (n,) of each response that a part shows, by (kind, axis)."""
     record, found = part.record, {}
+    if isinstance(record, OpenRecord) and record.upstream:
+        return found  # another controller stands in, and the loop that was measured is not known
     for kind, place in (("receptance", "force"), ("sensitivity", "current")):
         for axis in range(record.axes):
             on = record.driven[place][axis] & ~record.masked

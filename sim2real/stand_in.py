@@ -14,7 +14,10 @@ from maglev_env.loop.magnets.kinds import force_law
 from maglev_env.loop.magnets.law import linearise
 from maglev_env.rig.rig import Rig, axis_rig
 
-STIFF, DAMPED = 2.0, 0.8  # of the designed stand-in: net stiffness in that of the magnets, and damping ratio
+# Of the designed stand-in: net stiffness in that of the magnets, the stiffest first, and damping ratio. Stiff ones keep
+# the simulated mass where the recorded one was; but they turn noise into current, whose square biases the stiffness.
+STIFF, DAMPED = (8.0, 4.0, 2.0, 1.0), 0.8
+QUIET = 0.1  # of the current that pulls the rotor across the gap: what a stand-in may make of the noise
 FASTEST = 30.0  # its control samples in a cycle of the mode that it makes
 TAPS = 4  # present and past readings that a fitted controller uses
 PAST = 2  # past outputs that it uses
@@ -39,7 +42,7 @@ def stand_in(
     found = fitted_controller(driving, reference, displacement)
     if found is not None and holds(rig, found) and _stable(rig, _slowed(found, finer)):
         return _slowed(found, finer), "one fitted to this recording"
-    return _designed(rig), "one designed for the nominal rig"
+    return _designed(rig, displacement), "one designed for the nominal rig"
 
 
 def fitted_controller(command: np.ndarray, reference: np.ndarray, displacement: np.ndarray) -> LinearController | None:
@@ -77,15 +80,17 @@ def fitted_controller(command: np.ndarray, reference: np.ndarray, displacement: 
     return LinearController(tuple(map(float, found[PAST : PAST + TAPS])), tuple(map(float, denominator)))
 
 
-def _designed(rig: Rig) -> Gains:
-    """Stiff gains with an integrator that hardly leaks: the simulated mass follows the recorded one closely, whatever
-    the offsets of the channels are; default gains where lags forbid that."""
+def _designed(rig: Rig, displacement: np.ndarray) -> Gains:
+    """Gains with an integrator that hardly leaks: the simulated mass follows the recorded one in the mean, whatever the
+    offsets of the channels are. The stiffest that stay quiet; default gains where lags forbid all of them."""
     gain, stiffness = linearise(force_law(rig))
-    stiff = pole_placed(rig, gain, stiffness or -rig.support_stiffness, STIFF, DAMPED, 0.1, 2.0)
-    for gains in (stiff, default_gains(rig)):
-        slow = LEAK * gains.ti
-        found = replace(gains, ki=LEAK * gains.kp, ti=slow)
-        if _stable(rig, found):
+    noise = float(np.std(np.diff(displacement, 3)) / np.sqrt(20.0))  # of white noise; slow motion hardly counts
+    across = abs(stiffness) * rig.gap / gain
+    for stiff in STIFF:
+        gains = pole_placed(rig, gain, stiffness or -rig.support_stiffness, stiff, DAMPED, 0.1, 2.0)
+        found = replace(gains, ki=LEAK * gains.kp, ti=LEAK * gains.ti)
+        quiet = (gains.kp + gains.kd / gains.td) * noise < QUIET * across
+        if (quiet or stiff == STIFF[-1]) and _stable(rig, found):
             return found
     return default_gains(rig)
 
@@ -119,5 +124,5 @@ def finer_steps(rig: Rig, rate: float) -> int:
     """Control samples of the stand-in for each recorded one."""
     own = [axis_rig(rig, axis) for axis in range(rig.axes)]
     stiffness = [abs(r.support_stiffness + (linearise(force_law(r))[1] if r.controlled else 0.0)) for r in own]
-    fastest = max(sqrt(STIFF * k / r.mass) for k, r in zip(stiffness, own, strict=True))
+    fastest = max(sqrt(STIFF[0] * k / r.mass) for k, r in zip(stiffness, own, strict=True))
     return max(1, ceil(FASTEST * fastest / (2 * pi) / rate))

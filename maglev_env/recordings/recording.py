@@ -21,7 +21,7 @@ from maglev_env.recordings.derived import displacements
 from maglev_env.recordings.files import Columns, read_columns
 from maglev_env.recordings.masking import MOST_MASKED
 from maglev_env.recordings.measurement_chain import corrected
-from maglev_env.recordings.time_stamps import check_clock
+from maglev_env.recordings.time_stamps import Clock, check_clock
 from maglev_env.rig.excitation import Excitation, Place, lines_at
 
 if TYPE_CHECKING:
@@ -36,10 +36,15 @@ def read_recording(
 ) -> "xr.Dataset":
     """Read a recording: one float64 variable per channel in SI (attribute `units`) over `time` (s, from 0).
 
-    Attributes of the dataset are file, role, sample_rate (Hz), notes (what was decided about the file and its clock, in
-    words), alarms (see `alarms.alarms_of`), and experiment, a JSON object with the gains or controller, excitations,
-    speed_rpm, intersample, the number of whole periods, and the rig's name where known. Samples after the last whole
-    period are kept. Jittered time stamps are resampled at the stated rate.
+    Attributes of the dataset are file, role, sample_rate (Hz), resampled (whether it stands at other times than in the
+    file), notes (what was decided about the file and its clock, in words), alarms (see `alarms.alarms_of`), and
+    experiment, a JSON object with the gains or controller, excitations, speed_rpm, intersample, the number of whole
+    periods, and the rig's name where known. Samples after the last whole period are kept. Jittered time stamps are
+    resampled at the stated rate.
+
+    A resampled recording also has what was read at its own time stamps, as the controller saw it, as coordinates over
+    `tick`: `tick_time` (s) and `tick_displacement`, ...; not where samples are missing or double, or a channel is
+    corrected for a filter or delay.
 
     Where samples were clipped, or missing and bridged, the dataset has a boolean coordinate `masked` over time
     (`masking.masked_samples` gives it for any recording); clipped channels keep their readings there. They are at most
@@ -101,9 +106,11 @@ def read_recording(
         **rig,
     }
     dataset = _dataset(channels, rate, spec.file, spec.role, spec.excitations, experiment)
+    dataset = dataset.assign_coords(_ticks(campaign, spec, combined, clock))
     looked_at = dataset if clock.rows is None else dataset.assign_coords(row=("time", clock.rows))
     alarms = [*find_alarms(looked_at, spec.start, one_axis), *alarms]
     alarms = sorted(alarms, key=lambda a: (a.severity != "refuse", a.code != "lost levitation"))
+    dataset.attrs["resampled"] = clock.instants is not None
     dataset.attrs["notes"] = [*columns.notes, *clock.notes, *stood_in]
     dataset.attrs["alarms"] = alarms_text(alarms)
     if masked.any() and masked.mean() <= MOST_MASKED:
@@ -243,6 +250,21 @@ def _dataset(
     time = ("time", np.arange(samples) / rate, {"units": "s"})
     attributes = {"file": file, "role": role, "sample_rate": float(rate), "experiment": json.dumps(made)}
     return xr.Dataset(variables, {"time": time}, attributes)
+
+
+def _ticks(
+    campaign: Campaign, spec: RecordingSpec, combined: Mapping[str, np.ndarray], clock: Clock
+) -> dict[str, tuple[str, np.ndarray]]:
+    """Coordinates of a recording at its own time stamps."""
+    if clock.instants is None or clock.gaps or clock.repeated or clock.backward is not None:
+        return {}
+    found = {"tick_time": ("tick", clock.instants / spec.sample_rate)}
+    for name, values in combined.items():
+        source = spec.channels[name]
+        if not (source.filter or source.delay):
+            bias = _bias(campaign, campaign.folder / spec.file, name) if source.total else 0.0
+            found[f"tick_{name}"] = ("tick", values - bias)
+    return found
 
 
 def _raw_columns(columns: Columns, spec: RecordingSpec) -> dict[str, np.ndarray]:

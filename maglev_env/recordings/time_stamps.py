@@ -49,9 +49,7 @@ class Clock:
         """Values (samples,) at the steps of the stated rate, by local cubics that do not overshoot (Akima)."""
         if self.instants is None:
             return values
-        instants, values = self.instants[self.kept], values[self.kept]
-        grid = np.arange(int(np.floor(instants[-1] + 1e-9)) + 1)
-        return np.asarray(Akima1DInterpolator(instants, values, method="makima")(np.minimum(grid, instants[-1])))
+        return at_steps(self.instants[self.kept], values[self.kept])
 
     def marked(self, masked: np.ndarray) -> np.ndarray:
         """A mask (samples,) of readings at the steps of the stated rate, with the steps in gaps and beside repeats."""
@@ -64,6 +62,12 @@ class Clock:
             found |= (grid > self.instants[first] + 1e-9) & (grid < self.instants[first + 1] - 1e-9)
         found[np.clip(np.rint(self.instants[list(self.repeated)]).astype(int), 0, grid.size - 1)] = True
         return found
+
+
+def at_steps(instants: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """Values (samples,) at instants (samples,) in steps, at 0, 1, 2, ... steps up to the last instant."""
+    grid = np.arange(int(np.floor(instants[-1] + 1e-9)) + 1)
+    return np.asarray(Akima1DInterpolator(instants, values, method="makima")(np.clip(grid, instants[0], instants[-1])))
 
 
 def check_clock(time: np.ndarray, rate: float) -> Clock:

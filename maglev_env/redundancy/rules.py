@@ -3,6 +3,7 @@
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 from itertools import combinations
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -25,6 +26,9 @@ from maglev_env.redundancy.periods import breaks, drifts, jumps, outliers
 from maglev_env.redundancy.rows import Row
 from maglev_env.redundancy.view import View
 from maglev_env.rig.rig import axis_rig, with_parameters
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 # Comparisons of channels. Each gives rows, which are explained together; see `cause`.
 ROWS: Mapping[str, Callable[[View], list[Row]]] = {
@@ -79,7 +83,7 @@ def examine_recording(campaign: Campaign, spec: RecordingSpec) -> list[Finding]:
     ]  # fmt: skip
     if not any(name.startswith("displacement") for name in spec.channels):
         return alarms
-    signals = recorded_signals(campaign, spec, dataset, excited=False)
+    signals = recorded_signals(campaign, spec, _at_ticks(spec, dataset), excited=False)
     views = _views(campaign, spec, signals)
     if any(f.kind == "contradiction" for f in alarms):
         # A wrong scale also seems to reach the end of a range.
@@ -93,6 +97,16 @@ def examine_recording(campaign: Campaign, spec: RecordingSpec) -> list[Finding]:
     if any(f.code in DOUBTFUL and f.kind in ("contradiction", "wiring") for f in found):
         found = _swapped(campaign, spec, " ".join(f.channel + f.message for f in found)) or found
     return [*alarms, *found]
+
+
+def _at_ticks(spec: RecordingSpec, dataset: "xr.Dataset") -> "xr.Dataset":
+    """A resampled recording without a period as it was read at its own ticks, at which the controller ran."""
+    ticks = {name: f"tick_{name}" for name in map(str, dataset.data_vars)}
+    whole = "masked" not in dataset.coords and not any(e.periodic for e in spec.excitations)
+    if not whole or not all(tick in dataset.coords for tick in ticks.values()):
+        return dataset
+    read = {name: ("time", dataset[tick].values, dataset[name].attrs) for name, tick in ticks.items()}
+    return type(dataset)(read, attrs=dataset.attrs)
 
 
 def _findings(view: View) -> list[Finding]:

@@ -54,6 +54,15 @@ def test_what_cannot_be_told_is_none():
     assert closed(noise + 3, noise + 6, 0)[0] < -1  # worse than before
 
 
+def test_a_gap_that_is_hardly_above_the_noise_has_no_closed_share():
+    """Few blocks hold all of the gap, and the noise was taken too large elsewhere, as at steps."""
+    rng = np.random.default_rng(3)
+    before, after = 0.8 * whitened(rng, np.zeros(SIZE)), 0.7 * whitened(rng, np.zeros(SIZE))
+    before[: SIZE // 20] += 5.0
+    assert np.mean(abs(before) ** 2) / 2 > 1.1
+    assert closed(before, after, 0) == (None, None)
+
+
 @pytest.fixture(scope="module")
 def delayed(tmp_path_factory):
     """A campaign with a delay; calibration, the delay and the mass fitted to it."""

@@ -117,7 +117,9 @@ def estimate(
         for note in both.notes:
             console.print(f"  note: {note}")
     if found.pooled is not None:
-        console.print(f"\n[bold]{campaign.rig.name} in {len(campaign.recordings)} recording(s)[/]")
+        console.print(
+            f"\n[bold]{campaign.rig.name} in {len(campaign.recordings) - len(found.pooled.held_out)} recording(s)[/]"
+        )
         console.print(pooled_table(found.pooled))
         if found.pooled.of_each:
             console.print(each_table(found.pooled))

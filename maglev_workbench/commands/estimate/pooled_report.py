@@ -76,6 +76,8 @@ def pooled_lines(found: Pooled) -> list[str]:
         if c.at_limit
     ]
     lines += found.disagreements
+    if found.held_out:
+        lines.append(f"held out, and not used: {', '.join(found.held_out)}")
     if found.misfit > 1.1:
         lines.append(
             f"the rig's model leaves {found.misfit:.2g} times the noise: intervals are widened for it; "
@@ -90,6 +92,7 @@ def pooled_json(found: Pooled) -> dict[str, Any]:
         "coefficients": [_coefficient(c) for c in found.coefficients],
         "misfit": found.misfit,
         "disagreements": list(found.disagreements),
+        "held_out": list(found.held_out),
         "recordings": {name: [_coefficient(c) for c in own] for name, own in found.of_each.items()},
     }
 

@@ -72,7 +72,7 @@ def identify_campaign(
         both = identify_planar(records, campaign.rig, mass, band_width, band_overlap)
         found.planar.append((" + ".join(file for file, _ in members), both))
     if found.open:
-        found = replace(found, pooled=pooled([r for r in read_records(campaign)[1] if r.role == "fit"]))
+        found = replace(found, pooled=_pooled(campaign))
     return found
 
 
@@ -93,3 +93,10 @@ def _axes(
         share = mass if mass is None or one is None or rig is None else mass * one.mass / rig.mass
         found.append((name, identify(own, one, share, *options)))
     return found
+
+
+def _pooled(campaign: Campaign) -> Pooled:
+    """The rig in all recordings to fit; holdouts are for the diagnosis."""
+    records = read_records(campaign)[1]
+    held_out = tuple(r.name for r in records if r.role == "holdout")
+    return replace(pooled([r for r in records if r.role == "fit"]), held_out=held_out)

@@ -16,7 +16,7 @@ from maglev_env.recordings.recording import read_recording
 from maglev_env.recordings.signals import recorded_signals
 from maglev_env.redundancy.bounds import ranges
 from maglev_env.redundancy.result import doubtful
-from maglev_env.redundancy.rules import _views, as_data, examine
+from maglev_env.redundancy.rules import _at_ticks, _views, as_data, examine
 
 
 @pytest.fixture(scope="module")
@@ -253,3 +253,19 @@ def test_a_reading_beyond_the_range_of_the_converters_is_named(sound, name, limi
     found = [f for f in ranges(replace(view, rig=replace(rig, **limits))) if f.channel == name]
     assert [f.kind for f in found] == ([kind] if kind else [])
     assert all(set(limits) - {"adc_bits", "dac_bits"} <= set(re.findall(r"\w+", f.message)) for f in found)
+
+
+def test_a_loop_with_jittered_ticks_is_compared_at_its_own(open_folder, tmp_path):
+    columns = dict(np.load(open_folder / "noise.npz"))
+    size = columns["command"].size
+    jitter = np.random.default_rng(2).uniform(-0.2, 0.2, size)
+    np.savez(tmp_path / "noise.npz", **columns, time=(np.arange(size) + jitter) / bench_loop.RATE)
+    text = (open_folder / "campaign.toml").read_text()
+    (tmp_path / "campaign.toml").write_text(text + '\ntime = { from = "time" }\n')
+    campaign = load_campaign(tmp_path)
+    dataset = read_recording(campaign, campaign.recordings[0])
+    compared = _at_ticks(campaign.recordings[0], dataset)
+    for name in compared.data_vars:  # exactly as read, while resampling moves some by more than a converter step
+        assert (compared[name].values == columns[name]).all()
+        assert not np.isin(dataset[name].values[1:-1], columns[name]).all()
+    assert [f.message for f in examine(campaign) if f.kind != "not checkable"] == []
