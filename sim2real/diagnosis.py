@@ -19,9 +19,9 @@ from sim2real.leftover import Leftover, leftover
 from sim2real.locate import CONTROLLER_SD, Where, locate
 from sim2real.next_experiment import Proposal, propose
 from sim2real.nonstationary import widening
-from sim2real.open_record import OpenRecord
 from sim2real.problem import Problem, assemble
-from sim2real.records import read_records
+from sim2real.recorded.open_record import OpenRecord
+from sim2real.recorded.records import read_records
 from sim2real.shrink import Gap, errors, shrink
 from sim2real.simulated import Point
 from sim2real.unsynchronised import Sighting, evidence, sightings, spin_costs, tone_parameters
