@@ -22,7 +22,7 @@ from sim2real.problem import Problem, assemble
 from sim2real.recorded.nuisances import Nuisances
 from sim2real.recorded.open_record import OpenRecord
 from sim2real.recorded.records import Record
-from sim2real.recorded.static_evidence import StaticEstimate, static_of
+from sim2real.recorded.static_evidence import StaticEstimate, can_rest, of_weight, static_of
 from sim2real.simulated import tolerances
 
 # What is identified, each as an effect of this name, and its unit.
@@ -216,12 +216,23 @@ def _misfit(fit: Fit) -> float:
     return float(np.mean(abs(fit.residual) ** 2) / 2)
 
 
+def _of_mass(rig: Rig, fit: Fit) -> dict[str, tuple[int, float, float]]:
+    """How gain and stiffness grow with a suspended mass that is known to a tolerance: coordinate of the mass, relative
+    change for one unit of it, and power; nothing where the magnet carries no weight or the mass is exact."""
+    if "mass" not in fit.hypothesis.calibrated or not can_rest(rig):
+        return {}
+    at = len(fit.hypothesis.coordinates) + fit.hypothesis.calibrated.index("mass")
+    names = ("actuator_gain", "negative_stiffness")
+    return {name: (at, fit.hypothesis.sigma("mass"), p) for name, p in zip(names, of_weight(rig), strict=True)}
+
+
 def _coefficients(rig: Rig, problem: Problem, fit: Fit, others: Sequence[Fit]) -> tuple[Coefficient, ...]:
     """Coefficients of a fit; `others` are points that its intervals must not exclude more than the likelihood does."""
     misfit = _misfit(fit)
     factor = np.sqrt(misfit) if misfit > 1 + SIGNIFICANT / np.sqrt(fit.residual.size) else 1.0
     sd = np.maximum.reduce([np.sqrt(np.diag(fit.covariance())), *(least_spread(fit, other) for other in others)])
     sd = sd * np.maximum(widening(problem, fit), factor)
+    heavier, covariance = _of_mass(rig, fit), fit.covariance()
     found = []
     for c, u, spread in zip(fit.hypothesis.coordinates, fit.u, sd, strict=False):
         nominal, scale = _nominal(rig, c.effect), c.scale or 1.0
@@ -230,6 +241,13 @@ def _coefficients(rig: Rig, problem: Problem, fit: Fit, others: Sequence[Fit]) -
         change, se = c.value(float(u)) * size, float(spread) * scale * size
         bounded = not relative or se < UNBOUNDED * size
         value = nominal + (change if nominal >= 0 else -change) if relative else nominal + change
+        if c.effect in heavier:
+            # A heavier suspended mass needs more pull, which has more gain and stiffness.
+            at, sigma, power = heavier[c.effect]
+            value *= (1 + float(fit.u[at]) * sigma) ** power
+            own, more = np.copysign(scale * size, nominal), value * power * sigma
+            mixed = 2 * own * more * covariance[len(found), at] + more**2 * covariance[at, at]
+            se = float(np.sqrt(max(se**2 + mixed, 0.0)))
         ended = c.value(float(u)) in (c.low, c.high) and c.low < 0
         found.append(Coefficient(c.effect, UNITS[c.effect], value, se, nominal, bounded, ended))
     return tuple(found)

@@ -10,14 +10,14 @@ from maglev_env.experiment import Experiment
 from maglev_env.linear.loop import closed_loop_poles
 from maglev_env.loop.gains import Controller, Gains
 from maglev_env.loop.linear_controller import LinearController
-from maglev_env.loop.magnets.kinds import force_law
+from maglev_env.loop.magnets.kinds import force_law, geometric_law
 from maglev_env.loop.magnets.law import linearise
 from maglev_env.rig.rig import Rig, axis_rig
 
 # Of the designed stand-in: net stiffness in that of the magnets, the stiffest first, and damping ratio. Stiff ones keep
 # the simulated mass where the recorded one was; but they turn noise into current, whose square biases the stiffness.
 STIFF, DAMPED = (8.0, 4.0, 2.0, 1.0), 0.8
-QUIET = 0.1  # of the current that pulls the rotor across the gap: what a stand-in may make of the noise
+QUIET = 0.4  # of the bias current: what a stand-in may make of the noise
 FASTEST = 30.0  # its control samples in a cycle of the mode that it makes
 TAPS = 4  # present and past readings that a fitted controller uses
 PAST = 2  # past outputs that it uses
@@ -85,11 +85,11 @@ def _designed(rig: Rig, displacement: np.ndarray) -> Gains:
     offsets of the channels are. The stiffest that stay quiet; default gains where lags forbid all of them."""
     gain, stiffness = linearise(force_law(rig))
     noise = float(np.std(np.diff(displacement, 3)) / np.sqrt(20.0))  # of white noise; slow motion hardly counts
-    across = abs(stiffness) * rig.gap / gain
+    bias = geometric_law(rig).bias_current or abs(stiffness) * rig.gap / gain  # or what pulls across the gap
     for stiff in STIFF:
         gains = pole_placed(rig, gain, stiffness or -rig.support_stiffness, stiff, DAMPED, 0.1, 2.0)
         found = replace(gains, ki=LEAK * gains.kp, ti=LEAK * gains.ti)
-        quiet = (gains.kp + gains.kd / gains.td) * noise < QUIET * across
+        quiet = (gains.kp + gains.kd / gains.td) * noise < QUIET * bias
         if (quiet or stiff == STIFF[-1]) and _stable(rig, found):
             return found
     return default_gains(rig)

@@ -137,6 +137,29 @@ def coefficients_at(e: Experiment) -> np.ndarray:
     return np.array([float(pushed @ axis.pulling / (axis.pulling @ axis.pulling)), -float(pushed[POSITION])])
 
 
+def of_weight(rig: Rig) -> tuple[float, float]:
+    """How actuator gain and stiffness at the centre grow with the weight that is carried: d ln / d ln weight."""
+    law, h = geometric_law(rig), 1e-4
+
+    def balanced(weight: float) -> np.ndarray:
+        """Gain and stiffness with the current that carries a weight (N)."""
+        current, step = 0.0, 1e-5 * max(abs(law.bias_current), 1e-9)
+
+        def pull(y: float, i: float) -> float:
+            return float(force(law, y, i) + law.weight)
+
+        for _ in range(20):
+            slope = (pull(0.0, current + step) - pull(0.0, current - step)) / (2 * step)
+            current -= (pull(0.0, current) - weight) / slope
+        slope = (pull(0.0, current + step) - pull(0.0, current - step)) / (2 * step)
+        dy = 1e-5 * law.gap
+        return np.array([slope, (pull(dy, current) - pull(-dy, current)) / (2 * dy)])
+
+    more, less = (balanced(law.weight * (1 + d)) for d in (h, -h))
+    gain, stiffness = np.log(more / less) / (2 * h)
+    return float(gain), float(stiffness)
+
+
 def levels_of(displacement: np.ndarray, current: np.ndarray, gap: float) -> Levels:
     """The blocks of a record in which the mass rests: the means of their parts agree.
 

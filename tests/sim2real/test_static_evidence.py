@@ -5,7 +5,7 @@ import pytest
 
 from maglev_env.rig.rig import rig_from_toml
 from sim2real.recorded.open_reading import resting
-from sim2real.recorded.static_evidence import Levels, Tolerances, levels_of, static_estimate
+from sim2real.recorded.static_evidence import Levels, Tolerances, levels_of, of_weight, static_estimate
 
 MASS, GRAVITY, GAP, AIR = 0.02, 9.80665, 6e-3, 2e-3
 CONSTANT = 5e-5  # N m2/A2: pull = CONSTANT i^2 / x^2 with x = GAP + AIR - y
@@ -81,3 +81,8 @@ def test_the_nominal_mass_rests_where_the_recorded_one_does_whatever_the_mean_cu
     pull = CONSTANT * (BIAS + found.mean()) ** 2 / (GAP + AIR - 1e-4) ** 2
     assert pull == pytest.approx(MASS * GRAVITY, rel=1e-3)
     assert found - found.mean() == pytest.approx(wave - wave.mean())
+
+
+def test_gain_and_stiffness_grow_with_the_weight():
+    # k_i = 2 m g / I with I in proportion to the root of m, and k = 2 m g / x.
+    assert of_weight(RIG) == pytest.approx((0.5, 1.0), abs=1e-5)
