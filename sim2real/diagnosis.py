@@ -19,16 +19,16 @@ from sim2real.leftover import Leftover, leftover
 from sim2real.locate import CONTROLLER_SD, Where, locate
 from sim2real.next_experiment import Proposal, propose
 from sim2real.nonstationary import widening
-from sim2real.open_record import OpenRecord
 from sim2real.problem import Problem, assemble
-from sim2real.records import read_records
+from sim2real.recorded.open_record import OpenRecord
+from sim2real.recorded.records import read_records
 from sim2real.shrink import Gap, errors, shrink
 from sim2real.simulated import Point
 from sim2real.unsynchronised import Sighting, evidence, sightings, spin_costs, tone_parameters
 
 SCHEMA = "maglev-diagnosis/1"
 LOUDER = 1.05  # times its noise that a record without a period may seem to have under a wrong simulation
-WORSE = 1.05  # times the gap before: an explanation that leaves more on a holdout is none
+
 HELD_OUT_EVERY = 4  # without a holdout recording, every fourth line is withheld from the fits
 
 
@@ -190,8 +190,8 @@ def diagnose(
     gap = shrink(judged, attribution, picked, judged_on, seed)
     if picked is not None and judged_on == "holdout" and _worse(gap):
         notes.append(
-            f"{' with '.join(cause)} would explain the recordings that were fitted, but the holdout is simulated worse "
-            "with it than without: it is not named"
+            f"{' with '.join(cause)} would explain the recordings that were fitted, but the holdout is simulated no "
+            "better with it than without: it is not named"
         )
         worded, cause, chosen, picked = "unexplained", ("unknown",), None, None
         gap = shrink(judged, attribution, None, judged_on, seed)
@@ -228,8 +228,8 @@ def diagnose(
 
 
 def _worse(gap: Gap) -> bool:
-    """Whether the corrected rig simulates the judged recordings worse than the nominal one, or not at all."""
-    return gap.before is not None and (gap.after is None or gap.after > WORSE * gap.before)
+    """Whether the corrected rig simulates the judged recordings no better than the nominal one, or not at all."""
+    return gap.before is not None and (gap.after is None or gap.after >= gap.before)
 
 
 def _where(fitted: Problem, attribution: Attribution, tones: float) -> Where:

@@ -4,8 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sim2real.open_record import OpenRecord
 from sim2real.problem import Part, Problem
+from sim2real.recorded.open_record import OpenRecord
 
 
 @dataclass(frozen=True)

@@ -10,8 +10,8 @@ from sim2real.attribute import Attribution, Candidate
 from sim2real.fit_figures import Figures, figures, motion
 from sim2real.locate import Where, locate
 from sim2real.missing_force import Profile, open_residual, profiles
-from sim2real.open_record import OpenRecord
 from sim2real.problem import Part, Problem
+from sim2real.recorded.open_record import OpenRecord
 from sim2real.shrink import closed
 from sim2real.simulated import Point
 

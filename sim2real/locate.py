@@ -7,7 +7,7 @@ import numpy as np
 
 from maglev_env.loop.gains import linear_ones
 from sim2real.problem import KINDS, Part, Problem
-from sim2real.records import Record
+from sim2real.recorded.records import Record
 
 # Segments of the loop that ratios of recorded channels isolate, named by their blocks.
 DRIVE = "controller+amplifier"

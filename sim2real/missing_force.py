@@ -10,9 +10,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sim2real.open_evidence import measured_series, simulated_series
-from sim2real.open_record import OpenRecord
 from sim2real.problem import Part
+from sim2real.recorded.open_evidence import measured_series, simulated_series
+from sim2real.recorded.open_record import OpenRecord
 from sim2real.simulated import Point
 
 BINS = 24  # of each quantity, with equally many samples

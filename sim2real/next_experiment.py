@@ -11,8 +11,8 @@ from maglev_env.loop.gains import Gains, with_gains
 from sim2real.attribute import Attribution
 from sim2real.fitting import CALIBRATION_STEP, STEP, Fit
 from sim2real.judge import CLASS_SHARE, Entry
-from sim2real.opened import opened_loop, stated_noise
-from sim2real.records import Record
+from sim2real.recorded.opened import opened_loop, stated_noise
+from sim2real.recorded.records import Record
 from sim2real.simulated import Point, predictor
 
 OFFSET, GAINS = 0.1, (0.8, 1.3)  # offset as a share of the gap; factors on kp and kd

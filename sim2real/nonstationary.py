@@ -11,8 +11,8 @@ import scipy.fft
 
 from estimation.line_windows import WIDTH
 from sim2real.fitting import Fit
-from sim2real.open_record import KEPT, OpenRecord
 from sim2real.problem import Part, Problem
+from sim2real.recorded.open_record import KEPT, OpenRecord
 
 BLOCKS = 40
 SIGNIFICANT = 3.0  # standard deviations by which the ratio of the variances must exceed 1

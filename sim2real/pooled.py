@@ -18,12 +18,12 @@ from maglev_env.rig.rig import Rig
 from sim2real.fitting import CONVERGED, Fit, begin, differentiate, iterate
 from sim2real.hypotheses import Hypothesis
 from sim2real.nonstationary import widening
-from sim2real.nuisances import Nuisances
-from sim2real.open_record import OpenRecord
 from sim2real.problem import Problem, assemble
-from sim2real.records import Record
+from sim2real.recorded.nuisances import Nuisances
+from sim2real.recorded.open_record import OpenRecord
+from sim2real.recorded.records import Record
+from sim2real.recorded.static_evidence import StaticEstimate, static_of
 from sim2real.simulated import tolerances
-from sim2real.static_evidence import StaticEstimate, static_of
 
 # What is identified, each as an effect of this name, and its unit.
 UNITS = {

@@ -9,16 +9,16 @@ import numpy as np
 from maglev_env.experiment import Experiment
 from maglev_env.loop.gains import NO_CONTROLLER
 from maglev_lanes.threads import single_blas
-from sim2real.channel_errors import changes
-from sim2real.fed_back import UNSURE
-from sim2real.nuisances import Nuisances, stacked
-from sim2real.open_evidence import measured_of, open_noise, opened_of, parts_of, simulated_series
-from sim2real.open_loop import nominal_loop
-from sim2real.open_record import OpenRecord
-from sim2real.opened import Opened, noise_of, opened_loop
-from sim2real.records import Record
+from sim2real.recorded.channel_errors import changes
+from sim2real.recorded.fed_back import UNSURE
+from sim2real.recorded.nuisances import Nuisances, stacked
+from sim2real.recorded.open_evidence import measured_of, open_noise, opened_of, parts_of, simulated_series
+from sim2real.recorded.open_loop import nominal_loop
+from sim2real.recorded.open_record import OpenRecord
+from sim2real.recorded.opened import Opened, noise_of, opened_loop
+from sim2real.recorded.records import Record
+from sim2real.recorded.static_evidence import StaticEstimate, coefficients_at, static_of
 from sim2real.simulated import Point, Predictor, experiment_at, predictor, together
-from sim2real.static_evidence import StaticEstimate, coefficients_at, static_of
 
 # Detection lines are used up to DENSE_REACH times the DENSE quantile of the driven lines.
 DENSE, DENSE_REACH = 0.75, 1.2

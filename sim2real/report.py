@@ -12,8 +12,8 @@ from sim2real.hypotheses import CALIBRATION, NONE, TONES, UNKNOWN
 from sim2real.judge import Entry
 from sim2real.leftover_words import NORMAL_95, fit_in_words, leaves, parameters_in_words, partial_in_words
 from sim2real.locate import Where
-from sim2real.open_record import OpenRecord
 from sim2real.problem import Part
+from sim2real.recorded.open_record import OpenRecord
 from sim2real.shrink import Gap
 from sim2real.simulated import Point
 from sim2real.words import percent, quantity

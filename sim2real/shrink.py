@@ -9,8 +9,8 @@ from sim2real.attribute import Attribution, Candidate
 from sim2real.fit_figures import Figures, figures
 from sim2real.fitting import Fit, begin, iterate
 from sim2real.hypotheses import Hypothesis
-from sim2real.open_record import OpenRecord
 from sim2real.problem import Part, Problem
+from sim2real.recorded.open_record import OpenRecord
 from sim2real.simulated import Point
 
 RESAMPLES = 400

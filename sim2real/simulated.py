@@ -12,11 +12,11 @@ from maglev_env.kernel.simulate import prepared, steady_spectra
 from maglev_env.linear.loop import closed_loop_poles
 from maglev_env.loop.effect import EFFECTS, Effects, effect, effect_value, meaningful
 from maglev_env.rig.rig import Rig, with_parameters
-from sim2real.open_evidence import Replay
-from sim2real.open_loop import nominal_loop
-from sim2real.open_record import OpenRecord
-from sim2real.opened import Opened
-from sim2real.records import Record
+from sim2real.recorded.open_evidence import Replay
+from sim2real.recorded.open_loop import nominal_loop
+from sim2real.recorded.open_record import OpenRecord
+from sim2real.recorded.opened import Opened
+from sim2real.recorded.records import Record
 
 # A tolerance of one of these parameters is a small effect of the given name.
 TOLERANCE_EFFECTS = {card.nominal: name for name, card in EFFECTS.items() if card.nominal}

@@ -9,12 +9,12 @@ from scipy import stats
 from maglev_env.experiment import axis_experiment
 from maglev_env.linear.loop import loop_response
 from maglev_env.loop.effect import EFFECTS
-from sim2real.open_record import OpenRecord
-from sim2real.opened import loud_bands, opened_loop
 from sim2real.problem import Part, Problem
-from sim2real.records import Record
+from sim2real.recorded.open_record import OpenRecord
+from sim2real.recorded.opened import loud_bands, opened_loop
+from sim2real.recorded.records import Record
+from sim2real.recorded.tones import HARMONICS, MAINS, NEAR, ON_LINE, families, origin, outstanding, tone_at
 from sim2real.simulated import Point, experiment_at, modes_of
-from sim2real.tones import HARMONICS, MAINS, NEAR, ON_LINE, families, origin, outstanding, tone_at
 
 FOREIGN = "foreign"
 AROUND = 12  # lines on either side above which a tone on a line must stand out

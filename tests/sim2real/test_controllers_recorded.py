@@ -12,9 +12,9 @@ from ball_bench import record, write_campaign
 from maglev_env.loop.gains import as_table
 from maglev_env.recordings.campaign_writer import toml_value
 from maglev_env.rig.rig import rig_from_toml
-from sim2real.controller_output import recovered_injection
 from sim2real.problem import assemble
-from sim2real.records import read_records
+from sim2real.recorded.controller_output import recovered_injection
+from sim2real.recorded.records import read_records
 from sim2real.simulated import Point
 
 DOCS = Path(__file__).parents[2] / "docs" / "controllers.md"

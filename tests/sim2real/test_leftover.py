@@ -19,7 +19,7 @@ from sim2real.leftover import SEGMENTS, leftover
 from sim2real.leftover_words import leftover_lines
 from sim2real.missing_force import missing_force, profiles
 from sim2real.problem import assemble
-from sim2real.records import read_records
+from sim2real.recorded.records import read_records
 from sim2real.simulated import Point
 
 NOMINAL = Point({}, {})

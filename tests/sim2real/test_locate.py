@@ -13,7 +13,7 @@ from maglev_env.loop.gains import LinearController
 from maglev_env.rig.rig import load_rig
 from sim2real.locate import ACTUATOR, DRIVE, PLANT, RECEPTANCE, WHOLE, controller_distance, locate
 from sim2real.problem import assemble
-from sim2real.records import read_records
+from sim2real.recorded.records import read_records
 from sim2real.simulated import Point
 
 FREE = load_rig("hmb_free")

@@ -9,14 +9,14 @@ from bench_loop import Bench, write_campaign
 
 from maglev_env.loop.gains import Gains
 from sim2real import diagnose
-from sim2real.controller_output import recovered_injection
 from sim2real.fitting import begin, differentiate, iterate
 from sim2real.hypotheses import Hypothesis
 from sim2real.nonstationary import widening
-from sim2real.open_record import OpenRecord
 from sim2real.pooled import pooled
 from sim2real.problem import assemble
-from sim2real.records import read_records
+from sim2real.recorded.controller_output import recovered_injection
+from sim2real.recorded.open_record import OpenRecord
+from sim2real.recorded.records import read_records
 from sim2real.simulated import Point
 
 

@@ -10,9 +10,9 @@ from maglev_env.experiment import axis_experiment
 from maglev_env.linear.loop import expected_statistics, loop_response, without_noise
 from maglev_env.loop.gains import Gains, LinearController
 from maglev_env.rig.rig import load_rig
-from sim2real.opened import loud_bands, noise_of, opened_loop
 from sim2real.problem import assemble
-from sim2real.records import Record, read_records
+from sim2real.recorded.opened import loud_bands, noise_of, opened_loop
+from sim2real.recorded.records import Record, read_records
 from sim2real.simulated import Point
 
 FREE, RADIAL = load_rig("hmb_free"), load_rig("hmb_radial")

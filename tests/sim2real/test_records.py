@@ -14,9 +14,9 @@ from maglev_env.recordings.campaign_writer import write_campaign
 from maglev_env.recordings.recording import simulated_recording
 from maglev_env.rig.excitation import Excitation
 from maglev_env.rig.rig import load_rig
-from sim2real.open_record import OpenRecord
 from sim2real.problem import KINDS, informative, line_kinds
-from sim2real.records import read_records
+from sim2real.recorded.open_record import OpenRecord
+from sim2real.recorded.records import read_records
 
 FREE = load_rig("hmb_free")
 

@@ -14,7 +14,7 @@ from sim2real.attribute import Attribution, Candidate
 from sim2real.fitting import begin, iterate
 from sim2real.hypotheses import Hypothesis
 from sim2real.problem import assemble
-from sim2real.records import read_records
+from sim2real.recorded.records import read_records
 from sim2real.shrink import Gap, Words, closed, errors, shrink
 from sim2real.simulated import experiment_at, tolerances
 

@@ -6,7 +6,7 @@ from maglev_env.loop.gains import LinearController
 from maglev_env.loop.magnets.kinds import force_law
 from maglev_env.loop.magnets.law import linearise
 from maglev_env.rig.rig import load_rig
-from sim2real.stand_in import HOLDING, holds
+from sim2real.recorded.stand_in import HOLDING, holds
 
 
 @pytest.mark.parametrize("pole", [0.0, 0.5])

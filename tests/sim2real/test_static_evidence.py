@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from maglev_env.rig.rig import rig_from_toml
-from sim2real.open_reading import resting
-from sim2real.static_evidence import Levels, Tolerances, levels_of, static_estimate
+from sim2real.recorded.open_reading import resting
+from sim2real.recorded.static_evidence import Levels, Tolerances, levels_of, static_estimate
 
 MASS, GRAVITY, GAP, AIR = 0.02, 9.80665, 6e-3, 2e-3
 CONSTANT = 5e-5  # N m2/A2: pull = CONSTANT i^2 / x^2 with x = GAP + AIR - y

@@ -9,9 +9,9 @@ from maglev_env.loop.gains import Gains
 from maglev_env.recordings.campaign import load_campaign
 from maglev_env.recordings.recording import read_recording
 from maglev_env.recordings.time_stamps import at_steps
-from sim2real.controller_output import recovered_injection
-from sim2real.open_reading import AT_TICKS, NOT_AT_TICKS, open_record
-from sim2real.ticks import Ticks
+from sim2real.recorded.controller_output import recovered_injection
+from sim2real.recorded.open_reading import AT_TICKS, NOT_AT_TICKS, open_record
+from sim2real.recorded.ticks import Ticks
 
 RATE, N = 1000.0, 4000
 GAINS = Gains(2000.0, 5000.0, 10.0)

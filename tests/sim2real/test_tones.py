@@ -8,9 +8,9 @@ from scipy import signal
 from maglev_env.loop.effect import effect
 from sim2real.hypotheses import TONES
 from sim2real.problem import assemble
-from sim2real.records import read_records
+from sim2real.recorded.records import read_records
+from sim2real.recorded.tones import MOST, families, near_tones, origin, outstanding, remove_tones, tone_at
 from sim2real.simulated import Point, settling, together
-from sim2real.tones import MOST, families, near_tones, origin, outstanding, remove_tones, tone_at
 from sim2real.unsynchronised import Sighting, _one_family, evidence, spin_costs
 
 RATE, PER_PERIOD, PERIODS = 20e3, 2500, 8

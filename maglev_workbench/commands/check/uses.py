@@ -93,7 +93,7 @@ def _plain(error: ValueError, campaign: Campaign, spec: RecordingSpec) -> str:
 def _identified(alone: Campaign) -> list[Identification]:
     """The identifications of `maglev estimate`; empty for a record that never repeats, which it fits as a whole."""
     from maglev_workbench.commands.estimate.recordings import identify_campaign
-    from sim2real.records import read_records
+    from sim2real.recorded.records import read_records
 
     if alone.rig is not None and all(e.kind == "none" for e in alone.recordings[0].excitations):
         read_records(alone)  # refuses what the fit of the rig could not use
@@ -131,9 +131,9 @@ def _margins(found: Sequence[Identification]) -> tuple[Verdict, str]:
 
 
 def _diagnose(alone: Campaign) -> tuple[Verdict, str]:
-    from sim2real.open_record import OpenRecord
     from sim2real.problem import assemble
-    from sim2real.records import read_records
+    from sim2real.recorded.open_record import OpenRecord
+    from sim2real.recorded.records import read_records
 
     loaded, records = read_records(alone)
     if any(isinstance(r, OpenRecord) and r.upstream for r in records):

@@ -12,7 +12,7 @@ from maglev_env.recordings.signals import recorded_signals
 from maglev_env.recordings.spectra import RecordedSignals, axis_signals
 from maglev_env.rig.rig import Rig, axis_rig
 from sim2real.pooled import Pooled, pooled
-from sim2real.records import read_records
+from sim2real.recorded.records import read_records
 
 Track = Callable[[Iterable[RecordingSpec]], Iterable[RecordingSpec]]
 

@@ -11,7 +11,7 @@ from command_line import maglev
 from maglev_env.recordings.alarms import Alarm
 from maglev_env.recordings.campaign import load_campaign
 from maglev_workbench.commands.check.uses import COMMANDS, INSTEAD, Use, check_answer, uses
-from sim2real.records import read_records
+from sim2real.recorded.records import read_records
 from tuning.campaign.recorded_sets import recorded_sets
 
 

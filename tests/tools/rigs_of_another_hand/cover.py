@@ -24,7 +24,7 @@ from rigs import RIGS, Rig, hanging
 from write import run_all, write_campaign
 
 from sim2real.pooled import pooled
-from sim2real.records import read_records
+from sim2real.recorded.records import read_records
 
 KEPT = {
     "A": ("steps", "chirp", "sine", "hover"),

@@ -4,8 +4,9 @@
 
 OUT/NNN/verdict.json keeps each answer, so a run that was stopped continues. Each campaign is one of: named (the effect
 alone), ambiguous (it is among the alternatives), abstained (unexplained), refused (in words), missed ("no gap"),
-wrong (another cause), false alarm (a cause where there is none), clear (no cause, none named), traceback. A weighed
-mass must never be named.
+wrong (another cause), false alarm (a cause where there is none), clear (no cause, none named), traceback, or form (the
+law alone is named: every ball is pulled by an exponential, and a square is stated, so that is true). A weighed mass
+must never be named.
 """
 
 import argparse
@@ -17,12 +18,14 @@ import time
 from collections import Counter
 from pathlib import Path
 
-GOOD = ("named", "ambiguous", "abstained", "clear")
+GOOD = ("named", "ambiguous", "abstained", "clear", "form")
 
 
 def outcome(truth: dict, verdict: str, cause: list[str]) -> str:
     alternatives = [set(c.split("+")) for c in cause]
     right = set(truth["right"])
+    if cause == ["force_law"]:
+        return "named" if "force_law" in right else "form"
     if not right:
         return {"no_gap": "clear", "unexplained": "abstained"}.get(verdict, "false alarm")
     if verdict == "no_gap":

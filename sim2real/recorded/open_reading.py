@@ -14,12 +14,12 @@ from maglev_env.recordings.campaign import Campaign, RecordingSpec
 from maglev_env.recordings.derived import coil_current
 from maglev_env.recordings.masking import bridged, masked_samples
 from maglev_env.rig.rig import Rig, axis_rig
-from sim2real.channel_errors import ChannelError, channel_errors
-from sim2real.drive import Drive, drive_of
-from sim2real.fed_back import fed_back
-from sim2real.open_record import OpenRecord, compared
-from sim2real.static_evidence import can_rest, rests_of
-from sim2real.ticks import ticks_of
+from sim2real.recorded.channel_errors import ChannelError, channel_errors
+from sim2real.recorded.drive import Drive, drive_of
+from sim2real.recorded.fed_back import fed_back
+from sim2real.recorded.open_record import OpenRecord, compared
+from sim2real.recorded.static_evidence import can_rest, rests_of
+from sim2real.recorded.ticks import ticks_of
 
 if TYPE_CHECKING:
     import xarray as xr

@@ -14,8 +14,8 @@ import numpy as np
 import scipy.fft
 
 from estimation.line_windows import POOLED
-from sim2real.nominal import nominal_blocks
-from sim2real.open_record import OpenRecord
+from sim2real.recorded.nominal import nominal_blocks
+from sim2real.recorded.open_record import OpenRecord
 
 CLEAR = 4.0  # power of the motion that u_s causes, over that of the noise, from which a window is used
 FLOOR = (0.40, 0.49)  # of the sample rate: where the reading is taken to be noise alone

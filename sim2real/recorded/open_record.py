@@ -18,8 +18,8 @@ from estimation.line_windows import POOLED, TERMS, WIDTH, LineWindows
 from maglev_env.experiment import Experiment
 from maglev_env.linear.loop import closed_loop_poles
 from maglev_env.rig.rig import Rig
-from sim2real.channel_errors import ChannelError
-from sim2real.static_evidence import Rests
+from sim2real.recorded.channel_errors import ChannelError
+from sim2real.recorded.static_evidence import Rests
 
 KEPT = WIDTH - TERMS  # coordinates of a window
 SETTLING = 8.0  # time constants of the nominal closed loop that are simulated but not compared

@@ -20,8 +20,8 @@ from maglev_env.loop.effect import EFFECTS
 from maglev_env.loop.gains import NO_CONTROLLER, limited, of_axis, reads_current
 from maglev_env.recordings.campaign import RecordingSpec
 from maglev_env.rig.rig import Rig, axis_rig
-from sim2real.controller_output import controller_output, referred
-from sim2real.stand_in import finer_steps, stand_in
+from sim2real.recorded.controller_output import controller_output, referred
+from sim2real.recorded.stand_in import finer_steps, stand_in
 
 UNLIMITED = 1e4  # V: range of the converters of a stand-in
 NEAREST = 0.98  # of the gap: how near the simulated rotor may come to a magnet

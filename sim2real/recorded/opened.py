@@ -20,9 +20,9 @@ from scipy import stats
 from scipy.optimize import nnls
 
 from maglev_env.rig.rig import axis_rig
-from sim2real.nominal import nominal_blocks, outputs_of
-from sim2real.records import Record
-from sim2real.tones import near_tones
+from sim2real.recorded.nominal import nominal_blocks, outputs_of
+from sim2real.recorded.records import Record
+from sim2real.recorded.tones import near_tones
 
 # Lines on either side over which noise is pooled: WINDOW, or NARROW where the noise is steeper than STEEP.
 WINDOW, NARROW, STEEP = 7, 1, 1.8

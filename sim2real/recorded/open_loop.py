@@ -4,9 +4,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sim2real.nominal import nominal_blocks, outputs_of
-from sim2real.open_record import OpenRecord
-from sim2real.opened import Opened
+from sim2real.recorded.nominal import nominal_blocks, outputs_of
+from sim2real.recorded.open_record import OpenRecord
+from sim2real.recorded.opened import Opened
 
 
 @dataclass(frozen=True)

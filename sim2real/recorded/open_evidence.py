@@ -7,9 +7,9 @@ import numpy as np
 
 from estimation.line_windows import WIDTH
 from maglev_env.kernel.replay import replayed
-from sim2real.open_loop import Loop
-from sim2real.open_record import KEPT, OpenRecord
-from sim2real.opened import Opened
+from sim2real.recorded.open_loop import Loop
+from sim2real.recorded.open_record import KEPT, OpenRecord
+from sim2real.recorded.opened import Opened
 
 
 def opened_of(loop: Loop) -> Opened:

@@ -12,7 +12,7 @@ import numpy as np
 from maglev_env.loop.axes import suffixes
 from maglev_env.loop.gains import Controllers, of_axis, reads_current
 from maglev_env.recordings.time_stamps import at_steps
-from sim2real.controller_output import recovered_injection
+from sim2real.recorded.controller_output import recovered_injection
 
 if TYPE_CHECKING:
     import xarray as xr

@@ -1,0 +1,1 @@
+"""What the recordings of a campaign say: read, with what drove them, and opened at the nominal loop."""
