@@ -14,7 +14,7 @@ from sim2real.recorded.open_record import OpenRecord
 from sim2real.simulated import Point
 
 RESAMPLES = 400
-SURE = 0.5  # of the gap before: how far its 95 % interval may reach down for a share that is closed
+SURE = 0.9  # of the gap before: how far its 95 % interval may reach down for a share that is closed
 BLOCK = 8  # neighbouring residuals drawn together, because what remains is similar on neighbouring lines
 FREE = 20.0  # factor on the tolerances that makes them as good as no prior, for "refit all parameters"
 
@@ -108,14 +108,15 @@ def closed(before: np.ndarray, after: np.ndarray, seed: int) -> tuple[float | No
     """Closed share of the gap, 1 - (V_after - n) / (V_before - n), with a 95 % block-bootstrap interval.
 
     The blocks are neighbouring residuals. The share is None where the rotor touches down before or after, because
-    there is then no gap to compare with, or where the gap to close is not known to within SURE of its size.
+    there is then no gap to compare with, where the gap to close is not known to within SURE of its size, or where less
+    than the noise is left.
     """
     if not (np.isfinite(before).all() and np.isfinite(after).all()):
         return None, None
     blocks = [np.add.reduceat(abs(r) ** 2 - 2.0, np.arange(0, r.size, BLOCK)) for r in (before, after)]
-    total = blocks[0].sum()
-    if total < 4.0 * np.sqrt(4.0 * before.size):
-        return None, None
+    total, scatter = blocks[0].sum(), 4.0 * np.sqrt(4.0 * before.size)
+    if total < scatter or blocks[1].sum() < -scatter:
+        return None, None  # no gap before, or noise that is not as large as taken
     rng = np.random.default_rng(seed)
     drawn = rng.integers(0, blocks[0].size, (RESAMPLES, blocks[0].size))
     b, a = (v[drawn].sum(axis=1) for v in blocks)

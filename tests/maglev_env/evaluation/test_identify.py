@@ -374,7 +374,7 @@ def test_coefficients_and_margins_from_noise_agree_with_those_from_a_multisine(b
         assert np.sum(((a - b) / np.hypot(a_se, b_se)) ** 2) < stats.chi2.ppf(0.999, 6)
     peaks = [one.stability.margins.peak_sensitivity for one in found]
     exact = np.abs(loop_response(e, np.linspace(1.0, 60.0, 5000)).sensitivity).max()
-    np.testing.assert_allclose(peaks, exact, rtol=0.015)
+    np.testing.assert_allclose(peaks, exact, rtol=0.02)
     for one, other in (found, found[::-1]):
         assert one.stability.source == "assumes the nominal actuator" and one.stability.iso_14839_3_zone == "A"
         low, high = one.stability.margins.intervals["phase_margin"]
