@@ -12,7 +12,7 @@ from maglev_lanes.threads import single_blas
 from sim2real.recorded.channel_errors import changes
 from sim2real.recorded.fed_back import UNSURE
 from sim2real.recorded.nuisances import Nuisances, stacked
-from sim2real.recorded.open_evidence import measured_of, open_noise, opened_of, parts_of, simulated_series
+from sim2real.recorded.open_evidence import Replay, measured_of, open_noise, opened_of, parts_of, simulated_series
 from sim2real.recorded.open_loop import nominal_loop
 from sim2real.recorded.open_record import OpenRecord
 from sim2real.recorded.opened import Opened, noise_of, opened_loop
@@ -156,9 +156,10 @@ class Problem:
 
 @dataclass(frozen=True)
 class _Evidence:
-    """The opened nominal loop of a record, what was measured in its coordinates, its noise and nuisances."""
+    """The opened nominal loop of a record, and what predicts, was measured, is noise and is not known in it."""
 
     opened: Opened
+    predictor: Predictor
     measured: np.ndarray
     noise: np.ndarray
     nuisances: Mapping[str, np.ndarray]
@@ -170,11 +171,11 @@ def _evidence(record: Record | OpenRecord, near: Point | None) -> _Evidence:
         current = record.mean("current") if "current" in record.periods else None
         measured = opened.residuals(record.mean("displacement"), current)
         nuisances = changes(record.errors, record.frequency, opened.outputs, opened.parts(record))
-        return _Evidence(opened, measured, noise_of(record, opened), nuisances)
+        return _Evidence(opened, predictor(record, opened), measured, noise_of(record, opened), nuisances)
     loop = nominal_loop(record)
     opened = opened_of(loop)
-    lanes = predictor(record, opened).lanes([near or Point({}, {})])
-    predicted = simulated_series(record, lanes)[0]
+    predicts = Predictor(record, opened, 0, Replay(record, loop, opened.outputs))
+    predicted = simulated_series(record, predicts.lanes([near or Point({}, {})]))[0]
     measured, noise = measured_of(record, loop, opened.outputs), open_noise(record, loop, opened.outputs, predicted)
     nuisances = {}
     if record.errors and np.isfinite(predicted).all():
@@ -182,10 +183,10 @@ def _evidence(record: Record | OpenRecord, near: Point | None) -> _Evidence:
         nuisances = {name: record.windows.project(c).reshape(measured.shape) for name, c in lines.items()}
     if record.bias is not None:
         fed = np.zeros_like(measured)
-        fed[opened.outputs.index("plant")] = UNSURE * record.bias
-        measured = measured - fed / UNSURE
-        nuisances[f"fed-back noise in {record.name}"] = fed
-    return _Evidence(opened, measured, noise, nuisances)
+        fed[opened.outputs.index("plant")] = record.bias
+        measured = measured - fed
+        nuisances[f"fed-back noise in {record.name}"] = UNSURE * fed
+    return _Evidence(opened, predicts, measured, noise, nuisances)
 
 
 def informative(record: Record | OpenRecord) -> np.ndarray:
@@ -238,7 +239,7 @@ def assemble(
         noise = noise * louder if isinstance(record, OpenRecord) else noise
         shape = (*measured.shape[:2], int(used.sum()))
         size = int(np.prod(shape))
-        parts.append(Part(record, opened, predictor(record, opened), measured, noise, used, slice(at, at + size)))
+        parts.append(Part(record, opened, evidence.predictor, measured, noise, used, slice(at, at + size)))
         at += size
         whitening = np.sqrt(2) / noise
         nuisances.append({n: (c * whitening)[..., used].reshape(-1) for n, c in evidence.nuisances.items()})

@@ -13,7 +13,6 @@ from maglev_env.linear.loop import closed_loop_poles
 from maglev_env.loop.effect import EFFECTS, Effects, effect, effect_value, meaningful
 from maglev_env.rig.rig import Rig, with_parameters
 from sim2real.recorded.open_evidence import Replay
-from sim2real.recorded.open_loop import nominal_loop
 from sim2real.recorded.open_record import OpenRecord
 from sim2real.recorded.opened import Opened
 from sim2real.recorded.records import Record
@@ -173,10 +172,8 @@ def together(points: Sequence[Point], period: float, dithering: bool) -> list[tu
     return sorted(groups.items())
 
 
-def predictor(record: Record | OpenRecord, opened: Opened) -> Predictor:
+def predictor(record: Record, opened: Opened) -> Predictor:
     """Predictor with the transient that the nominal closed loop needs; an unstable loop gets the longest."""
-    if isinstance(record, OpenRecord):
-        return Predictor(record, opened, 0, Replay(record, nominal_loop(record), opened.outputs))
     radius = abs(closed_loop_poles(record.experiment)).max()
     most = MOST_TRANSIENT * record.experiment.samples_per_period
     samples = most if radius >= 1 else ceil(log(SETTLED) / log(radius))
