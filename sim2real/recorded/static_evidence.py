@@ -5,7 +5,7 @@ they give actuator gain and stiffness on the absolute scale of the weight. They 
 offsets and scales of both channels, within tolerances that the campaign states.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields, replace
 from typing import TYPE_CHECKING
 
@@ -140,22 +140,8 @@ def coefficients_at(e: Experiment) -> np.ndarray:
 def of_weight(rig: Rig) -> tuple[float, float]:
     """How actuator gain and stiffness at the centre grow with the weight that is carried: d ln / d ln weight."""
     law, h = geometric_law(rig), 1e-4
-
-    def balanced(weight: float) -> np.ndarray:
-        """Gain and stiffness with the current that carries a weight (N)."""
-        current, step = 0.0, 1e-5 * max(abs(law.bias_current), 1e-9)
-
-        def pull(y: float, i: float) -> float:
-            return float(force(law, y, i) + law.weight)
-
-        for _ in range(20):
-            slope = (pull(0.0, current + step) - pull(0.0, current - step)) / (2 * step)
-            current -= (pull(0.0, current) - weight) / slope
-        slope = (pull(0.0, current + step) - pull(0.0, current - step)) / (2 * step)
-        dy = 1e-5 * law.gap
-        return np.array([slope, (pull(dy, current) - pull(-dy, current)) / (2 * dy)])
-
-    more, less = (balanced(law.weight * (1 + d)) for d in (h, -h))
+    weights = law.weight * (1 + h), law.weight * (1 - h)
+    more, less = (_balanced(law, lambda y, i: force(law, y, i) + law.weight, weight, start=0.0) for weight in weights)
     gain, stiffness = np.log(more / less) / (2 * h)
     return float(gain), float(stiffness)
 
@@ -233,15 +219,29 @@ def _fitted(law: SingleSidedLaw, levels: Levels, several: bool) -> np.ndarray:
 
     start = [np.log(law.weight / float(np.mean(pull(np.zeros(2), y, i)))), 0.0][: 1 + several]
     p = least_squares(lambda p: pull(p, y, i) / law.weight - 1, start, x_scale=0.1).x
-    # The current that carries the weight at the centre, by Newton steps from the mean; the pull grows with it.
-    h, balance = 1e-5 * max(abs(law.bias_current), 1e-9), float(i.mean())
+    found = _balanced(law, lambda at, current: pull(p, at, current), law.weight, float(i.mean()))
+    return found[: 1 + several]
+
+
+def _balanced(
+    law: SingleSidedLaw, pull: Callable[[float, float], np.ndarray | float], weight: float, start: float
+) -> np.ndarray:
+    """Actuator gain (N/A) and stiffness (N/m) at the centre, (2,), with the current that carries a weight there.
+
+    Args:
+        law: gives the sizes of the differences.
+        pull: N at a displacement (m) and control current (A); it grows with the current.
+        weight: N.
+        start: current from which Newton's steps go, A.
+    """
+    di, dy, current = 1e-5 * max(abs(law.bias_current), 1e-9), 1e-5 * law.gap, start
+
+    def gain(at: float) -> float:
+        return float((pull(0.0, at + di) - pull(0.0, at - di)) / (2 * di))
+
     for _ in range(50):
-        slope = (pull(p, 0.0, balance + h) - pull(p, 0.0, balance - h)) / (2 * h)
-        balance -= float((pull(p, 0.0, balance) - law.weight) / slope)
-    gain = (pull(p, 0.0, balance + h) - pull(p, 0.0, balance - h)) / (2 * h)
-    dy = 1e-5 * law.gap
-    stiffness = -(pull(p, dy, balance) - pull(p, -dy, balance)) / (2 * dy)
-    return np.array([gain, stiffness][: 1 + several], float)
+        current -= (float(pull(0.0, current)) - weight) / gain(current)
+    return np.array([gain(current), -float(pull(dy, current) - pull(-dy, current)) / (2 * dy)])
 
 
 def _moved(levels: Levels, dy: np.ndarray | float, di: np.ndarray | float) -> Levels:
