@@ -96,10 +96,9 @@ def _filtered(view: View, misfit: float) -> tuple[float, float]:
     The second value is 1 where the injection is the filtered channel.
     """
     lines, parts = view.lines, view.lines.parts
-    response = controller_response(view.gains, np.exp(2j * np.pi * lines.frequency / view.rig.control_rate),
-                                   1 / view.rig.control_rate)  # fmt: skip
-    drive = parts.get("injection", np.zeros_like(parts["command"]))
     z, dt = np.exp(2j * np.pi * lines.frequency / view.rig.control_rate), 1 / view.rig.control_rate
+    response = controller_response(view.gains, z, dt)
+    drive = parts.get("injection", np.zeros_like(parts["command"]))
     if "reference" in parts:
         drive = drive + controller_response(view.gains, z, dt, "reference") * parts["reference"]
     best, found = CLEARLY * misfit, (0.0, 0.0)
