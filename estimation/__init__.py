@@ -9,6 +9,7 @@ from estimation.frequency_response import (
     distortion,
     frequency_response,
     instrumented_response,
+    loop_variance,
     pooled_variance,
 )
 from estimation.iso_14839 import iso_14839_2_zone, iso_14839_3_zone
@@ -73,6 +74,7 @@ __all__ = [
     "line_statistics",
     "local_polynomial",
     "loop_gain",
+    "loop_variance",
     "low_crest",
     "margin_arrays",
     "margins",

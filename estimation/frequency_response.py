@@ -8,7 +8,9 @@ from scipy.ndimage import uniform_filter1d
 
 from estimation.periods import LineStatistics
 
-_POOL = 7
+POOL = 7  # neighbouring lines whose noise is averaged
+LOCAL, CURVE = 9, 4  # neighbouring lines through which a cubic of log frequency is laid
+ROUGH_POOL = 21  # lines over which the scatter about the cubics is averaged
 
 
 def frequency_response(statistics: LineStatistics, output: str, source: str) -> tuple[np.ndarray, np.ndarray]:
@@ -36,7 +38,38 @@ def pooled_variance(variance: np.ndarray) -> np.ndarray:
     A variance estimated from P periods scatters with 2 (P - 1) degrees of freedom; intervals that treat it as exact
     cover too little.
     """
-    return uniform_filter1d(variance, _POOL, axis=-1)
+    return uniform_filter1d(variance, POOL, axis=-1)
+
+
+def loop_variance(frequency: np.ndarray, sensitivity: np.ndarray, variance: np.ndarray) -> np.ndarray:
+    """Variance of a measured sensitivity, from the scatter over periods and from that between neighbouring lines.
+
+    The noise is averaged as in `pooled_variance`, but in proportion to |S|^2, as noise at one place of the loop enters
+    S. What repeats with the period but scatters from line to line about a smooth loop gain is stochastic
+    nonlinear distortion (Pintelon and Schoukens 2012, ch. 4), and counts where it exceeds the noise.
+
+    Args:
+        frequency: (n,), Hz, increasing.
+        sensitivity: (n,).
+        variance: (n,), of its noise, E|n|^2.
+    """
+    size = np.abs(sensitivity) ** 2
+    noise = uniform_filter1d(variance / size, POOL) * size
+    if frequency.size < ROUGH_POOL or not np.any(noise):
+        return noise
+    error = (
+        np.sqrt(np.maximum(noise, 1e-12 * noise.max())) / size
+    )  # of the loop gain L = 1 / S - 1: |dL| = |dS| / |S|^2
+    gain, x = 1 / sensitivity - 1, np.log(frequency)
+    left = np.empty(frequency.size - LOCAL + 1)
+    for i in range(left.size):
+        part = slice(i, i + LOCAL)
+        columns = np.vander(x[part] - x[part].mean(), CURVE) / error[part, None]
+        target = gain[part] / error[part]
+        rest = target - columns @ np.linalg.lstsq(columns, target, rcond=None)[0]
+        left[i] = np.sum(np.abs(rest) ** 2) / (LOCAL - CURVE)
+    whole = np.pad(left, (LOCAL // 2, (LOCAL - 1) // 2), mode="edge")
+    return noise * np.maximum(1.0, uniform_filter1d(whole, ROUGH_POOL))
 
 
 def instrumented_response(output: np.ndarray, source: np.ndarray, instrument: np.ndarray) -> np.ndarray:

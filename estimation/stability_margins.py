@@ -28,9 +28,9 @@ UNRESOLVED = 1.5  # a peak higher than this many times its nearest lines comes f
 class Margins:
     """Margins of one loop; None where the lines hold none.
 
-    Noise biases the values to the cautious side (peaks up, margins down). The intervals allow for that, so a value may
-    lie at the end of its own interval. A peak at the first or last line is reported with a reason, because it bounds
-    the true peak from one side only.
+    The upper gain margin is that of a smooth curve through the lines. Noise biases the other values to the cautious
+    side (peaks up, margins down). The intervals allow for that, so a value may lie at the end of its own interval. A
+    peak at the first or last line is reported with a reason, because it bounds the true peak from one side only.
 
     Attributes:
         peak_sensitivity: Largest |S|.
@@ -91,7 +91,8 @@ def peak_sensitivity(frequency: ArrayLike, sensitivity: ArrayLike) -> tuple[Arra
 def margin_arrays(frequency: ArrayLike, sensitivity: ArrayLike) -> dict[str, Array]:
     """Margins of many loops: the numeric fields of `Margins` by name, each (...), nan where missing.
 
-    It needs about 2 kB of memory per loop and line; divide very large batches.
+    It needs about 2 kB of memory per loop and line; divide very large batches. The lines are taken as free of noise: an
+    upper gain margin is then too low where noise crosses the real axis; `margins` smooths before.
 
     Args:
         frequency: Increasing frequencies (n,), Hz, n >= 4.
@@ -146,8 +147,14 @@ def margins(
     if draws != 0 and draws < 100:
         raise ValueError("draws must be 0 (no intervals) or at least 100")
     values = {name: float(value) for name, value in margin_arrays(f, s).items()}
+    # Draws around the noisy estimate would add its bias a second time; the smoothed curve has almost none. L is
+    # smoothed and not S, because L has no sharp peak; |dL| = |dS| / |S|^2.
+    centre = 1 / (1 + smooth_response(f, loop_gain(s), noise / np.abs(s) ** 4))
+    middle = {name: float(value) for name, value in margin_arrays(f, centre).items()}
+    # Noise crosses the real axis wherever L is small, and the worst of such crossings is no margin of the loop.
+    values |= {name: middle[name] for name in ("gain_margin_high", "gain_margin_high_frequency")}
     reasons = _reasons(f, np.abs(s), values)
-    intervals = _intervals(f, s, noise, values, draws, seed) if draws else {}
+    intervals = _intervals(f, centre, noise, values, middle, draws, seed) if draws else {}
     fields: dict[str, Any] = {name: None if np.isnan(value) else value for name, value in values.items()}
     return Margins(**fields, reasons=reasons, intervals=intervals)
 
@@ -182,12 +189,15 @@ def _quantiles(values: Array) -> tuple[float, float]:
 
 
 def _intervals(
-    f: Array, s: NDArray[np.complex128], variance: Array, values: Mapping[str, float], draws: int, seed: int
+    f: Array,
+    centre: NDArray[np.complex128],
+    variance: Array,
+    values: Mapping[str, float],
+    middle: Mapping[str, float],
+    draws: int,
+    seed: int,
 ) -> dict[str, Interval]:
-    # Draws around the noisy estimate would add its bias a second time; the smoothed curve has almost none. L is
-    # smoothed and not S, because L has no sharp peak; |dL| = |dS| / |S|^2.
-    centre = 1 / (1 + smooth_response(f, loop_gain(s), variance / np.abs(s) ** 4))
-    middle = margin_arrays(f, centre)
+    """Intervals from draws around the smoothed sensitivity `centre`, whose margins are `middle`."""
     noise = np.random.default_rng(seed).standard_normal((2, draws, f.size)) * np.sqrt(variance / 2)
     grid, gain = _refined(f, centre + noise[0] + 1j * noise[1])
     drawn = _margin_arrays(grid, gain)
@@ -195,7 +205,7 @@ def _intervals(
     for name in ("peak_sensitivity", "peak_frequency", "phase_margin", "delay_margin", "disk_margin"):
         # The draws are reflected in the logarithm, which subtracts the bias that they show.
         low, high = _quantiles(drawn[name])
-        scale = values[name] * float(middle[name])
+        scale = values[name] * middle[name]
         ends[name] = scale / high, scale / low
     for name, (factor, at) in _gain_crossings(grid, gain).items():
         # Noise adds crossings: the near end takes the worst of each draw, the far end the one closest to the crossing

@@ -5,10 +5,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from estimation.actuator import ActuatorEstimate, actuator_estimate, as_force
+from estimation.band_mean import BandMean, band_mean
 from estimation.bands import band_slices, sliding_bands
 from estimation.effective import effective_coefficients
-from estimation.frequency_response import Distortion, coherence, distortion, frequency_response, pooled_variance
-from estimation.iso_14839 import iso_14839_2_zone, iso_14839_3_zone
+from estimation.frequency_response import Distortion, coherence, distortion, frequency_response, loop_variance
+from estimation.iso_14839 import iso_14839_3_zone
 from estimation.least_squares import LeastSquares, least_squares
 from estimation.max_likelihood import BandEstimate, least_squares_bias, maximum_likelihood
 from estimation.modal import ModalEstimate, modal_estimate
@@ -24,12 +25,18 @@ from maglev_env.recordings.spectra import RecordedSignals, RecordSpectra, record
 from maglev_env.rig.rig import Rig
 
 NORMAL_95 = 1.959964
+CLEAR_NOISE = 0.1  # share of the displacement's power that is noise, up to which least squares and means are trusted
+FEWEST_LINES = 4  # of a band whose mean is told from its constants
 BIAS_SHARE = 0.5  # least squares counts as biased when noise moves it by half of its own standard error
 
 
 @dataclass(frozen=True)
 class Band:
-    """One estimation band in SI units, with 95 % intervals that are -inf or inf where they are not bounded."""
+    """One estimation band in SI units, with 95 % intervals that are -inf or inf where they are not bounded.
+
+    Stiffness and damping are means over the band, and the ranges are those of their curves inside it. Where noise is
+    more than CLEAR_NOISE of the displacement, or lines are few, they are the constants that fit best, without ranges.
+    """
 
     f_lo: float
     f_hi: float
@@ -50,6 +57,8 @@ class Band:
     noise_share: float
     effective_stiffness: float | None
     effective_damping: float | None
+    stiffness_range: tuple[float, float] | None = None
+    damping_range: tuple[float, float] | None = None
 
 
 @dataclass(frozen=True)
@@ -59,7 +68,6 @@ class Stability:
     source: str
     margins: Margins
     iso_14839_3_zone: str
-    iso_14839_2_zone: str | None
     frequency: np.ndarray
     sensitivity: np.ndarray
     variance: np.ndarray
@@ -196,20 +204,31 @@ def _bands(
         ls: LeastSquares = least_squares(force.frequency[start:stop], receptance[start:stop], mass)
         biased = abs(bias_k[b]) > BIAS_SHARE * ls.stiffness_se or abs(bias_c[b]) > BIAS_SHARE * ls.damping_se
         effective = _effective(bands[b].mean(), signals, rig)
+        coefficients = _coefficients(force, bands[b], mass, ml, b, stop - start)
         result.append(
             Band(
                 float(bands[b, 0]), float(bands[b, 1]),
-                float(ml.stiffness[b]), float(ml.stiffness_se[b]),
-                (float(ml.stiffness_low[b]), float(ml.stiffness_high[b])),
-                float(ml.damping[b]), float(ml.damping_se[b]),
-                (float(ml.damping_low[b]), float(ml.damping_high[b])),
+                *(entry for c in coefficients for entry in (c.value, c.se, (c.low, c.high))),
                 float(ls.r2_adjusted),
                 float(ls.stiffness), float(ls.stiffness_se), float(ls.damping), float(ls.damping_se),
-                bool(biased or ml.noise_share[b] > 0.1), bool(ml.informative[b]),
-                float(ml.fit_p[b]), float(ml.noise_share[b]), *effective,
+                bool(biased or ml.noise_share[b] > CLEAR_NOISE), bool(ml.informative[b]),
+                float(ml.fit_p[b]), float(ml.noise_share[b]), *effective, *(c.range for c in coefficients),
             )
         )  # fmt: skip
     return tuple(result)
+
+
+def _coefficients(
+    force: LineStatistics, band: np.ndarray, mass: float, ml: BandEstimate, index: int, lines: int
+) -> tuple[BandMean, BandMean]:
+    """Stiffness and damping of one band: means where the record is clear, otherwise the constants that fit best."""
+    if ml.informative[index] and ml.noise_share[index] <= CLEAR_NOISE and lines >= FEWEST_LINES:
+        return band_mean(force, band, mass, (float(ml.stiffness[index]), float(ml.damping[index])))
+    k, c = (
+        BandMean(*(float(getattr(ml, name + ending)[index]) for ending in ("", "_se", "_low", "_high")), None)
+        for name in ("stiffness", "damping")
+    )
+    return k, c
 
 
 def _through_magnets(
@@ -304,10 +323,7 @@ def _stability(
         why = "no injection at the current: margins assume the nominal actuator and controller"
     else:
         return None, "no injection at the current and no nominal controller: nothing can be said of the loop's margins"
-    variance = pooled_variance(variance)
+    variance = loop_variance(loop.frequency, s, variance)
     found = margins(loop.frequency, s, variance)
-    zone2 = None
-    if rig is not None:
-        zone2 = iso_14839_2_zone(float(np.abs(signals.channels["displacement"]).max()), rig.clearance)
     zone3 = iso_14839_3_zone(found.peak_sensitivity)
-    return Stability(source, found, zone3, zone2, loop.frequency, s, variance), why
+    return Stability(source, found, zone3, loop.frequency, s, variance), why

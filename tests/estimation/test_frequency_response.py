@@ -5,7 +5,13 @@ import pytest
 from drawn_spectra import draw, two_channels
 from scipy import stats
 
-from estimation.frequency_response import coherence, distortion, frequency_response, instrumented_response
+from estimation.frequency_response import (
+    coherence,
+    distortion,
+    frequency_response,
+    instrumented_response,
+    loop_variance,
+)
 from estimation.periods import LineStatistics, line_statistics, period_spectra
 
 LINES = np.arange(1, 9)
@@ -139,3 +145,19 @@ def test_detection_lines_without_noise_have_a_level_but_no_p_value():
     s = LineStatistics(lines * 1.0, lines, ("y",), np.array([[1, 0.1, 0.2]], complex), np.zeros((1, 1, 3)), 5)
     d = distortion(s, "y", [1])
     assert (d.even, d.odd, d.even_p, d.odd_p) == (pytest.approx(0.1), pytest.approx(0.2), None, None)
+
+
+def test_scatter_between_lines_that_noise_does_not_explain_widens_a_loops_variance():
+    rng = np.random.default_rng(0)
+    f = np.geomspace(5.0, 2000.0, 90)
+    clean = 1 / (1 + 1 / (1 + 1j * f / 100) ** 2)
+    noise = np.full(f.size, 1e-6) * np.abs(clean) ** 2
+
+    def draw(scatter):
+        normal = (rng.standard_normal(f.size) + 1j * rng.standard_normal(f.size)) / np.sqrt(2)
+        return loop_variance(f, clean + normal * np.abs(clean) * scatter, noise)
+
+    quiet = np.mean([draw(1e-3) / noise for _ in range(40)])
+    rough = np.mean([draw(5e-3) / noise for _ in range(40)])
+    assert 1.0 <= quiet < 1.2  # noise alone, where only the larger of two estimates adds a little
+    assert 22 < rough < 28  # 25 times the variance that the periods show

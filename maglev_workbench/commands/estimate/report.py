@@ -134,6 +134,7 @@ def _band(band: Band, method: str) -> dict[str, Any]:
     for name in COEFFICIENTS:
         value, se, interval = estimate(band, method, name)
         entry |= {name: value, f"{name}_se": se, f"{name}_ci": interval}
+        entry[f"{name}_range"] = getattr(band, f"{name}_range") if method == "ml" else None
     flags = {name: getattr(band, name) for name in ("r2_adjusted", "ls_biased", "informative")}
     return entry | {"method": method} | flags
 
@@ -149,8 +150,7 @@ def trust(band: Band) -> str:
 
 
 def _stability(found: Stability) -> dict[str, Any]:
-    zones = {name: getattr(found, name) for name in ("iso_14839_3_zone", "iso_14839_2_zone")}
-    return {"source": found.source, **asdict(found.margins), **zones}
+    return {"source": found.source, **asdict(found.margins), "iso_14839_3_zone": found.iso_14839_3_zone}
 
 
 def _summary(found: Identification) -> str:
@@ -212,5 +212,4 @@ def _margins(found: Stability) -> list[tuple[str, str]]:
         at = getattr(found.margins, "peak_frequency" if name == "peak_sensitivity" else f"{name}_frequency")
         text = with_interval(value * scale, *ends) if name in found.margins.intervals else number(value * scale)
         rows.append((label, f"{text}{unit and ' ' + unit} at {number(at)} Hz" + (f"; {reason}" if reason else "")))
-    rows.append(("ISO 14839-3 zone", found.iso_14839_3_zone))
-    return [*rows, ("ISO 14839-2 zone", found.iso_14839_2_zone)] if found.iso_14839_2_zone else rows
+    return [*rows, ("ISO 14839-3 zone", found.iso_14839_3_zone)]

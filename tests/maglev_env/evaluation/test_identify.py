@@ -7,6 +7,8 @@ import pytest
 from scipy import stats
 from scipy.interpolate import CubicSpline
 
+from estimation.band_mean import band_mean
+from estimation.bands import band_slices
 from estimation.frequency_response import frequency_response
 from estimation.max_likelihood import maximum_likelihood
 from maglev_env.design.protocols import diagnosis_campaign, sphs_campaign
@@ -359,15 +361,16 @@ def test_coefficients_and_margins_from_noise_agree_with_those_from_a_multisine(b
         assert len(bands) == 6
         x = one.statistics.frequency / 1000
         exact = loop_response(e, 1000 * x).receptance / (np.sinc(x) * np.exp(-1j * np.pi * x))
-        names, mean = one.statistics.channels, one.statistics.mean.copy()
-        mean[names.index("displacement")] = exact * mean[names.index("force")]
-        truth = maximum_likelihood(replace(one.statistics, mean=mean), bands, e.rig.mass, intervals=False)
-        for name in ("stiffness", "damping"):
+        w = 2000 * np.pi * x
+        curves = {"stiffness": (1 / exact).real + e.rig.mass * w**2, "damping": (1 / exact).imag / w}
+        within = [slice(*ends) for ends in band_slices(one.statistics.frequency, bands)]
+        for name, curve in curves.items():
+            truth = np.array([curve[lines].mean() for lines in within])
             value, se = (np.array([getattr(b, name + end) for b in one.bands]) for end in ("", "_se"))
-            off = value - getattr(truth, name)
+            off = value - truth
             ends = np.array([getattr(b, f"{name}_ci") for b in one.bands])
-            bent = 1e-3 * np.abs(getattr(truth, name))
-            inside = (ends[:, 0] - bent < getattr(truth, name)) & (getattr(truth, name) < ends[:, 1] + bent)
+            bent = 1e-3 * np.abs(truth)
+            inside = (ends[:, 0] - bent < truth) & (truth < ends[:, 1] + bent)
             assert inside.sum() >= 5
             errors.append((off, np.hypot(se, bent)))
     for (a, a_se), (b, b_se) in zip(errors[:2], errors[2:], strict=True):
@@ -481,8 +484,9 @@ def test_an_uncertain_actuator_gain_widens_the_intervals_by_what_it_moves():
     )
     alone, moved = (maximum_likelihood(s, layout, rig.mass) for s in (found.statistics, other))
     for i, band in enumerate(found.bands[:6]):  # 20 to 200 Hz; above, the gain is not what is uncertain
-        expected = np.hypot(alone.stiffness_se[i], moved.stiffness[i] - alone.stiffness[i])
+        mean, _ = band_mean(found.statistics, layout[i], rig.mass, (alone.stiffness[i], alone.damping[i]))
+        expected = np.hypot(mean.se, moved.stiffness[i] - alone.stiffness[i])
         assert band.stiffness_se == pytest.approx(expected, rel=0.1)
-        reach = np.hypot(alone.stiffness[i] - alone.stiffness_low[i], 1.96 * (moved.stiffness[i] - alone.stiffness[i]))
+        reach = np.hypot(mean.value - mean.low, 1.96 * (moved.stiffness[i] - alone.stiffness[i]))
         assert band.stiffness - band.stiffness_ci[0] == pytest.approx(reach, rel=0.1)
         assert reach > 1.1 * (alone.stiffness[i] - alone.stiffness_low[i])

@@ -1,0 +1,86 @@
+"""Mean and range of stiffness and damping over a band in which they are not constant.
+
+The fit of constants lies somewhere inside the range of k(f), where the noise of the lines puts its weight, and its
+interval speaks of the noise alone. Here k and c are parabolas over the band, so that their means do not depend on the
+weights, and what the parabolas leave widens the interval: stochastic nonlinear distortion differs from line to line as
+noise does, but repeats with the period (Pintelon and Schoukens 2012, ch. 4).
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.polynomial.legendre import legval, legvander
+from scipy import optimize, stats
+
+from estimation.bands import band_slices
+from estimation.periods import LineStatistics
+
+DEGREE = 2
+SPARE = 4  # lines beyond one for each coefficient of k, so that what is left tells the distortion
+GRID = np.linspace(-1.0, 1.0, 21)  # where the range is read
+
+
+@dataclass(frozen=True)
+class BandMean:
+    """Mean of a coefficient over a band, N/m or N s/m.
+
+    Attributes:
+        value: the mean.
+        se: its standard error.
+        low: 95 % bound of the mean.
+        high: 95 % bound of the mean.
+        range: least and largest value of the fitted curve inside the band; None where constants were fitted.
+    """
+
+    value: float
+    se: float
+    low: float
+    high: float
+    range: tuple[float, float] | None
+
+
+def band_mean(
+    statistics: LineStatistics, band: np.ndarray, mass: float, start: tuple[float, float], level: float = 0.95
+) -> tuple[BandMean, BandMean]:
+    """Means of stiffness and damping over one band, by the errors-in-variables cost of `maximum_likelihood`.
+
+    Args:
+        statistics: channels "force" and "displacement" at the force lines, without leading dimensions.
+        band: (2,), Hz.
+        mass: moving mass, kg.
+        start: stiffness, N/m, and damping, N s/m, of the fit of constants.
+        level: confidence level.
+    """
+    ((first, stop),) = band_slices(statistics.frequency, band[None])
+    f = statistics.frequency[first:stop]
+    force, moved = (statistics.amplitude(name)[first:stop] for name in ("force", "displacement"))
+    floor = 1e-18 * np.mean(abs(force) ** 2)
+    sff, syy = (statistics.cross(n, n)[first:stop].mean() for n in ("force", "displacement"))
+    sfy = statistics.cross("force", "displacement")[first:stop].mean()
+    w = 2 * np.pi * f
+    degree = int(np.clip(f.size - SPARE, 0, DEGREE))
+    shape = legvander((2 * f - band.sum()) / (band[1] - band[0]), degree)
+    size = np.array([abs(start[0]) + mass * w.mean() ** 2, abs(start[0]) / w.mean() + mass * w.mean()])
+    size = np.repeat(size, degree + 1)
+
+    def left(parameters: np.ndarray) -> np.ndarray:
+        k, c = np.split(parameters * size, 2)
+        z = shape @ k - mass * w**2 + 1j * w * (shape @ c)
+        variance = sff + floor + abs(z) ** 2 * syy - 2 * np.real(np.conj(z) * sfy)
+        e = (force - z * moved) / np.sqrt(variance / 2)
+        return np.concatenate([e.real, e.imag])
+
+    guess = np.zeros((2, degree + 1))
+    guess[:, 0] = start
+    found = optimize.least_squares(left, guess.ravel() / size, method="lm")
+    spare = 2 * f.size - found.x.size
+    covariance = np.linalg.pinv(found.jac.T @ found.jac) * max(1.0, 2 * found.cost / spare) * np.outer(size, size)
+    reach = stats.t.ppf((1 + level) / 2, spare)
+
+    def mean(coefficients: np.ndarray, variance: float) -> BandMean:
+        value, se = float(coefficients[0]), float(np.sqrt(variance))
+        curve = legval(GRID, coefficients)
+        return BandMean(value, se, value - reach * se, value + reach * se, (float(curve.min()), float(curve.max())))
+
+    k, c = np.split(found.x * size, 2)
+    return mean(k, covariance[0, 0]), mean(c, covariance[degree + 1, degree + 1])
