@@ -4,13 +4,14 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy import stats
-from scipy.ndimage import uniform_filter1d
+from scipy.ndimage import median_filter, uniform_filter1d
 
 from estimation.periods import LineStatistics
 
 POOL = 7  # neighbouring lines whose noise is averaged
-LOCAL, CURVE = 9, 4  # neighbouring lines through which a cubic of log frequency is laid
-ROUGH_POOL = 21  # lines over which the scatter about the cubics is averaged
+LOCAL, CURVE = 6, 4  # neighbouring lines through which a cubic of log frequency is laid
+ROUGH_POOL = 41  # lines of whose scatter about the cubics the median is taken, so that a resonance is not distortion
+MEDIAN = stats.chi2.median(2 * (LOCAL - CURVE)) / (2 * (LOCAL - CURVE))  # of that scatter, for noise alone
 
 
 def frequency_response(statistics: LineStatistics, output: str, source: str) -> tuple[np.ndarray, np.ndarray]:
@@ -55,7 +56,7 @@ def loop_variance(frequency: np.ndarray, sensitivity: np.ndarray, variance: np.n
     """
     size = np.abs(sensitivity) ** 2
     noise = uniform_filter1d(variance / size, POOL) * size
-    if frequency.size < ROUGH_POOL or not np.any(noise):
+    if frequency.size < LOCAL or not np.any(noise):
         return noise
     error = (
         np.sqrt(np.maximum(noise, 1e-12 * noise.max())) / size
@@ -69,7 +70,7 @@ def loop_variance(frequency: np.ndarray, sensitivity: np.ndarray, variance: np.n
         rest = target - columns @ np.linalg.lstsq(columns, target, rcond=None)[0]
         left[i] = np.sum(np.abs(rest) ** 2) / (LOCAL - CURVE)
     whole = np.pad(left, (LOCAL // 2, (LOCAL - 1) // 2), mode="edge")
-    return noise * np.maximum(1.0, uniform_filter1d(whole, ROUGH_POOL))
+    return noise * np.maximum(1.0, median_filter(whole, ROUGH_POOL) / MEDIAN)
 
 
 def instrumented_response(output: np.ndarray, source: np.ndarray, instrument: np.ndarray) -> np.ndarray:

@@ -70,12 +70,17 @@ def held(statistics: LineStatistics, channel: str, sample_rate: float) -> LineSt
         sample_rate: Rate of the converter, Hz.
     """
     x = statistics.frequency / sample_rate
-    factor = np.ones((len(statistics.channels), len(x)), complex)
-    factor[statistics.index(channel)] = np.sinc(x) * np.exp(-1j * np.pi * x)
+    return multiplied(statistics, channel, np.sinc(x) * np.exp(-1j * np.pi * x))
+
+
+def multiplied(statistics: LineStatistics, channel: str, factor: np.ndarray) -> LineStatistics:
+    """The statistics with a channel multiplied by a response (n,), such as that of a known lag or its inverse."""
+    factors = np.ones((len(statistics.channels), len(factor)), complex)
+    factors[statistics.index(channel)] = factor
     return replace(
         statistics,
-        mean=statistics.mean * factor,
-        covariance=statistics.covariance * factor[:, None] * np.conj(factor[None, :]),
+        mean=statistics.mean * factors,
+        covariance=statistics.covariance * factors[:, None] * np.conj(factors[None, :]),
     )
 
 

@@ -28,9 +28,10 @@ UNRESOLVED = 1.5  # a peak higher than this many times its nearest lines comes f
 class Margins:
     """Margins of one loop; None where the lines hold none.
 
-    The upper gain margin is that of a smooth curve through the lines. Noise biases the other values to the cautious
-    side (peaks up, margins down). The intervals allow for that, so a value may lie at the end of its own interval. A
-    peak at the first or last line is reported with a reason, because it bounds the true peak from one side only.
+    The upper gain margin is that of a smooth curve through the lines, if that has one. Noise biases the other values to
+    the cautious side (peaks up, margins down). The intervals allow for that, so a value may lie at the end of its own
+    interval. A peak at the first or last line is reported with a reason, because it bounds the true peak from one side
+    only.
 
     Attributes:
         peak_sensitivity: Largest |S|.
@@ -152,7 +153,8 @@ def margins(
     centre = 1 / (1 + smooth_response(f, loop_gain(s), noise / np.abs(s) ** 4))
     middle = {name: float(value) for name, value in margin_arrays(f, centre).items()}
     # Noise crosses the real axis wherever L is small, and the worst of such crossings is no margin of the loop.
-    values |= {name: middle[name] for name in ("gain_margin_high", "gain_margin_high_frequency")}
+    if not np.isnan(middle["gain_margin_high"]):
+        values |= {name: middle[name] for name in ("gain_margin_high", "gain_margin_high_frequency")}
     reasons = _reasons(f, np.abs(s), values)
     intervals = _intervals(f, centre, noise, values, middle, draws, seed) if draws else {}
     fields: dict[str, Any] = {name: None if np.isnan(value) else value for name, value in values.items()}

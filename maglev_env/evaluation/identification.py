@@ -5,60 +5,24 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from estimation.actuator import ActuatorEstimate, actuator_estimate, as_force
-from estimation.band_mean import BandMean, band_mean
-from estimation.bands import band_slices, sliding_bands
-from estimation.effective import effective_coefficients
 from estimation.frequency_response import Distortion, coherence, distortion, frequency_response, loop_variance
 from estimation.iso_14839 import iso_14839_3_zone
-from estimation.least_squares import LeastSquares, least_squares
-from estimation.max_likelihood import BandEstimate, least_squares_bias, maximum_likelihood
 from estimation.modal import ModalEstimate, modal_estimate
 from estimation.periods import LineStatistics, held
 from estimation.stability_margins import Margins, margins
+from maglev_env.evaluation.bands import (
+    Band,
+    band_coefficients,
+    band_layout,
+    nominal_response,
+    with_gain_uncertainty,
+    with_mass_uncertainty,
+)
+from maglev_env.evaluation.known_chain import between_readings, coil_current, rotor_motion
 from maglev_env.evaluation.sensitivity import injected_sensitivity
-from maglev_env.experiment import Experiment
-from maglev_env.linear.loop import LoopResponse, loop_response
 from maglev_env.loop.gains import NO_CONTROLLER, of_axis, reads_current
-from maglev_env.loop.magnets.kinds import force_law
-from maglev_env.loop.magnets.law import linearise
 from maglev_env.recordings.spectra import RecordedSignals, RecordSpectra, record_spectra
 from maglev_env.rig.rig import Rig
-
-NORMAL_95 = 1.959964
-CLEAR_NOISE = 0.1  # share of the displacement's power that is noise, up to which least squares and means are trusted
-FEWEST_LINES = 4  # of a band whose mean is told from its constants
-BIAS_SHARE = 0.5  # least squares counts as biased when noise moves it by half of its own standard error
-
-
-@dataclass(frozen=True)
-class Band:
-    """One estimation band in SI units, with 95 % intervals that are -inf or inf where they are not bounded.
-
-    Stiffness and damping are means over the band, and the ranges are those of their curves inside it. Where noise is
-    more than CLEAR_NOISE of the displacement, or lines are few, they are the constants that fit best, without ranges.
-    """
-
-    f_lo: float
-    f_hi: float
-    stiffness: float
-    stiffness_se: float
-    stiffness_ci: tuple[float, float]
-    damping: float
-    damping_se: float
-    damping_ci: tuple[float, float]
-    r2_adjusted: float
-    ls_stiffness: float
-    ls_stiffness_se: float
-    ls_damping: float
-    ls_damping_se: float
-    ls_biased: bool
-    informative: bool
-    fit_p: float
-    noise_share: float
-    effective_stiffness: float | None
-    effective_damping: float | None
-    stiffness_range: tuple[float, float] | None = None
-    damping_range: tuple[float, float] | None = None
 
 
 @dataclass(frozen=True)
@@ -119,11 +83,15 @@ def identify(
     statistics, force, dropped = spectra.all, spectra.force, spectra.transient_periods
     actuator = None
     if not force.lines.size or "force" not in force.channels:
-        actuator, force, drive = _through_magnets(signals, spectra, mass, estimate_mass)
+        actuator, force, drive = _through_magnets(signals, spectra, rig, mass, estimate_mass)
         notes.append(
             f"no force is excited and recorded: the {drive} stands for it, its actuator gain fitted to the mass; "
             "stiffness and damping are those of the rotor without its controller"
         )
+    else:
+        force = rotor_motion(force, rig)
+    if rig is not None and rig.sensor_time_constant:
+        notes.append(f"the lag of the nominal probe, {rig.sensor_time_constant * 1e6:.3g} us, is taken out")
     if dropped:
         notes.append(f"the first {dropped} period(s) carry a transient and were dropped")
     if spectra.leftover:
@@ -151,11 +119,11 @@ def identify(
     if mass is None:
         raise ValueError("the moving mass is not known: give [parameters] mass, or estimate it with --estimate-mass")
     layout = band_layout(force, rig, band_width, band_overlap)
-    bands = _bands(force, mass, layout, signals, None if actuator else rig)
+    bands = band_coefficients(force, mass, layout, signals, None if actuator else rig)
     if modal:
-        bands = tuple(_with_mass_uncertainty(b, modal.mass_se) for b in bands)
+        bands = tuple(with_mass_uncertainty(b, modal.mass_se) for b in bands)
     if actuator:
-        bands = tuple(_with_gain_uncertainty(b, actuator.gain_se / abs(actuator.gain), mass) for b in bands)
+        bands = tuple(with_gain_uncertainty(b, actuator.gain_se / abs(actuator.gain), mass) for b in bands)
     sure = [b for b in bands if b.informative]
     if sure and np.mean([b.damping_ci[1] < 0 for b in sure]) > 0.8:
         notes.append("damping is negative nearly everywhere: is the sign of force or displacement flipped?")
@@ -176,63 +144,8 @@ def identify(
     )
 
 
-def band_layout(force: LineStatistics, rig: Rig | None, width: float | None, overlap: float | None) -> np.ndarray:
-    """Estimation bands (b, 2) Hz: as stated, or as in the rig's protocol, or 12 lines with an overlap of two thirds.
-
-    The bands of a protocol are those of its own excitation; where other lines do not fit them, 12 lines it is.
-    """
-    if width is None and rig is not None and rig.protocol is not None:
-        own = rig.protocol.band_overlap if overlap is None else overlap
-        try:
-            return sliding_bands(force.frequency, rig.protocol.band_width, own)
-        except ValueError:
-            if overlap is not None:
-                raise
-    if width is None:
-        width = min(12 * float(np.median(np.diff(force.frequency))), float(np.ptp(force.frequency)))
-    return sliding_bands(force.frequency, width, 2 * width / 3 if overlap is None else overlap)
-
-
-def _bands(
-    force: LineStatistics, mass: float, bands: np.ndarray, signals: RecordedSignals, rig: Rig | None
-) -> tuple[Band, ...]:
-    ml: BandEstimate = maximum_likelihood(force, bands, mass)
-    bias_k, bias_c = least_squares_bias(force, bands, mass, ml)
-    receptance, _ = frequency_response(force, "displacement", "force")
-    result = []
-    for b, (start, stop) in enumerate(band_slices(force.frequency, bands)):
-        ls: LeastSquares = least_squares(force.frequency[start:stop], receptance[start:stop], mass)
-        biased = abs(bias_k[b]) > BIAS_SHARE * ls.stiffness_se or abs(bias_c[b]) > BIAS_SHARE * ls.damping_se
-        effective = _effective(bands[b].mean(), signals, rig)
-        coefficients = _coefficients(force, bands[b], mass, ml, b, stop - start)
-        result.append(
-            Band(
-                float(bands[b, 0]), float(bands[b, 1]),
-                *(entry for c in coefficients for entry in (c.value, c.se, (c.low, c.high))),
-                float(ls.r2_adjusted),
-                float(ls.stiffness), float(ls.stiffness_se), float(ls.damping), float(ls.damping_se),
-                bool(biased or ml.noise_share[b] > CLEAR_NOISE), bool(ml.informative[b]),
-                float(ml.fit_p[b]), float(ml.noise_share[b]), *effective, *(c.range for c in coefficients),
-            )
-        )  # fmt: skip
-    return tuple(result)
-
-
-def _coefficients(
-    force: LineStatistics, band: np.ndarray, mass: float, ml: BandEstimate, index: int, lines: int
-) -> tuple[BandMean, BandMean]:
-    """Stiffness and damping of one band: means where the record is clear, otherwise the constants that fit best."""
-    if ml.informative[index] and ml.noise_share[index] <= CLEAR_NOISE and lines >= FEWEST_LINES:
-        return band_mean(force, band, mass, (float(ml.stiffness[index]), float(ml.damping[index])))
-    k, c = (
-        BandMean(*(float(getattr(ml, name + ending)[index]) for ending in ("", "_se", "_low", "_high")), None)
-        for name in ("stiffness", "damping")
-    )
-    return k, c
-
-
 def _through_magnets(
-    signals: RecordedSignals, spectra: RecordSpectra, mass: float | None, estimate_mass: bool
+    signals: RecordedSignals, spectra: RecordSpectra, rig: Rig | None, mass: float | None, estimate_mass: bool
 ) -> tuple[ActuatorEstimate, LineStatistics, str]:
     """The actuator, and the lines of an injection or reference with the current (else the command) as the force."""
     statistics = spectra.all
@@ -250,44 +163,12 @@ def _through_magnets(
         excited = held(excited, drive, hold_rate)
     if drive == "command":
         excited = replace(excited, channels=tuple("current" if n == drive else n for n in excited.channels))
+        excited = coil_current(excited, rig)
+    elif not hold_rate:
+        excited = between_readings(excited, rig, signals.sample_rate)
+    excited = rotor_motion(excited, rig)
     actuator = actuator_estimate(excited, mass)
     return actuator, as_force(excited, "current", actuator.gain), drive
-
-
-def _with_gain_uncertainty(band: Band, share: float, mass: float) -> Band:
-    """The band with intervals widened by a relative error of the actuator gain, which scales k - m w^2 and c."""
-    w = np.pi * (band.f_lo + band.f_hi)
-    wide = _widened(band, "stiffness", share * abs(band.stiffness - mass * w**2))
-    return _widened(wide, "damping", share * abs(band.damping))
-
-
-def _widened(band: Band, name: str, se: float) -> Band:
-    """The band with the interval and standard error of one coefficient widened by an independent standard error."""
-    value, (low, high) = getattr(band, name), getattr(band, f"{name}_ci")
-    ci = (
-        float(value - np.hypot(value - low, NORMAL_95 * se)),
-        float(value + np.hypot(high - value, NORMAL_95 * se)),
-    )
-    return replace(band, **{f"{name}_se": float(np.hypot(getattr(band, f"{name}_se"), se)), f"{name}_ci": ci})
-
-
-def _with_mass_uncertainty(band: Band, mass_se: float) -> Band:
-    """The band with its stiffness interval widened by a mass error, which changes k by w^2 times as much."""
-    return _widened(band, "stiffness", mass_se * (np.pi * (band.f_lo + band.f_hi)) ** 2)
-
-
-def _effective(frequency: float, signals: RecordedSignals, rig: Rig | None) -> tuple[float | None, float | None]:
-    """D eq 4.5 with the digital controller's own response: the values of the gains alone, with the support."""
-    if rig is None or not rig.controlled or signals.gains is None:
-        return None, None
-    gain, stiffness = linearise(force_law(rig))
-    controller = _nominal(rig, signals, np.array([frequency])).controller
-    k, c = effective_coefficients(np.array([frequency]), controller, gain, stiffness)
-    return float(k[0] + rig.support_stiffness), float(c[0] + rig.support_damping)
-
-
-def _nominal(rig: Rig, signals: RecordedSignals, frequency: np.ndarray) -> LoopResponse:
-    return loop_response(Experiment(rig, signals.gains or NO_CONTROLLER, ()), frequency)
 
 
 def _crossing(bands: tuple[Band, ...], mass: float) -> tuple[float | None, float | None]:
@@ -313,7 +194,7 @@ def _stability(
         if control_rate is None and signals.gains is not None and reads_current(signals.gains, 1.0):
             why = "the controller reads the current: without a rig the margins hold at the command, not the reading"
     elif rig is not None and rig.controlled and signals.gains is not None and "force" in statistics.channels:
-        nominal = _nominal(rig, signals, force.frequency)
+        nominal = nominal_response(rig, signals.gains, force.frequency)
         open_receptance = nominal.receptance / nominal.sensitivity
         feedback = nominal.controller * nominal.plant / open_receptance
         measured = statistics.at_lines(force.lines)

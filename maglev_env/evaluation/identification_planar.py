@@ -5,9 +5,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from estimation.periods import LineStatistics
 from estimation.xy.planar import CONDITION_LIMIT, PlanarEstimate, RowSums, eight_coefficients, row_sums
 from estimation.xy.planar_least_squares import PlanarLeastSquares, planar_least_squares
-from maglev_env.evaluation.identification import band_layout
+from maglev_env.evaluation.bands import band_layout
+from maglev_env.evaluation.known_chain import rotor_motion
+from maglev_env.loop.axes import AXES
 from maglev_env.recordings.spectra import RecordedSignals, record_spectra
 from maglev_env.rig.rig import Rig, axis_rig
 
@@ -54,7 +57,7 @@ def identify_planar(
     """
     if not records:
         raise ValueError("the eight coefficients need at least one recording, better two")
-    forces = [record_spectra(signals).force for signals in records]
+    forces = [_rotor_motion(record_spectra(signals).force, rig) for signals in records]
     if not all(force.lines.size for force in forces):
         raise ValueError("the eight coefficients need an excitation at the force in every recording")
     bands = band_layout(forces[0], rig, band_width, band_overlap)
@@ -87,3 +90,10 @@ def identify_planar(
         *bearing,
         tuple(notes),
     )
+
+
+def _rotor_motion(force: LineStatistics, rig: Rig | None) -> LineStatistics:
+    """The lines of both axes without the lags of their nominal probes."""
+    for axis, name in enumerate(AXES if rig is not None and rig.axes == 2 else ()):
+        force = rotor_motion(force, axis_rig(rig, axis), f"_{name}")
+    return force

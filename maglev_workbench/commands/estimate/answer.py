@@ -5,7 +5,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from maglev_env.evaluation.identification import NORMAL_95, Band, Identification
+from maglev_env.evaluation.bands import NORMAL_95, Band
+from maglev_env.evaluation.identification import Identification
 from maglev_env.units import prefixed
 from maglev_workbench.commands.estimate.figures import COEFFICIENTS
 from maglev_workbench.commands.estimate.report import trust

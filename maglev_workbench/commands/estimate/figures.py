@@ -6,7 +6,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from estimation.frequency_response import frequency_response
-from maglev_env.evaluation.identification import Band, Identification, Stability
+from maglev_env.evaluation.bands import Band
+from maglev_env.evaluation.identification import Identification, Stability
 from maglev_env.units import common_unit
 from maglev_workbench.page import COLOURS, labelled_axis, mark_iso_zones, shaded, styled, with_interval
 

@@ -6,7 +6,8 @@ from html import escape
 from importlib.metadata import version
 from typing import TYPE_CHECKING, Any, Literal
 
-from maglev_env.evaluation.identification import Band, Identification, Stability
+from maglev_env.evaluation.bands import Band
+from maglev_env.evaluation.identification import Identification, Stability
 from maglev_env.recordings.json_data import plain
 from maglev_workbench.commands.estimate.figures import (
     COEFFICIENTS,

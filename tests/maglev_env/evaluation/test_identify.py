@@ -490,3 +490,22 @@ def test_an_uncertain_actuator_gain_widens_the_intervals_by_what_it_moves():
         reach = np.hypot(mean.value - mean.low, 1.96 * (moved.stiffness[i] - alone.stiffness[i]))
         assert band.stiffness - band.stiffness_ci[0] == pytest.approx(reach, rel=0.1)
         assert reach > 1.1 * (alone.stiffness[i] - alone.stiffness_low[i])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("channels", [("current",), ()])
+def test_a_record_of_the_injection_alone_gives_gain_stiffness_damping_and_margins(channels):
+    """The rig has no damping: the lags of probe and amplifier and the current between its readings must leave none."""
+    rig = load_rig("hmb_free")
+    gain, stiffness = linearise(force_law(rig))
+    names = ("displacement", "injection", "command", *channels)
+    first = protocol_experiment(rig, rig.gains)
+    injected = tuple(e for e in first.excitations if e.at == "current")
+    z = []
+    for seed in range(8):
+        e = replace(first, seed=seed, excitations=injected)
+        found = identify(only(recorded(e, held=False), *names), rig, rig.mass)
+        a = found.actuator
+        z.append([(a.gain - gain) / a.gain_se, (a.stiffness - stiffness) / a.stiffness_se, a.damping / a.damping_se])
+        assert found.stability.source == "injection" and found.stability.margins.gain_margin_high > 10
+    assert (np.abs(np.mean(z, axis=0)) < 3 / np.sqrt(len(z))).all()  # without the chain the damping is off by 4 to 20

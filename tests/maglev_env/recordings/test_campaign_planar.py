@@ -9,8 +9,8 @@ import pytest
 from command_line import maglev
 from scipy import stats
 
-from estimation.max_likelihood import maximum_likelihood
-from estimation.periods import held
+from estimation.bands import band_slices
+from estimation.periods import held, multiplied
 from estimation.xy.planar import axis_statistics, eight_coefficients
 from maglev_env.design.protocols import sphs_campaign
 from maglev_env.evaluation.identification import identify
@@ -94,15 +94,21 @@ def test_each_axis_has_the_direct_coefficients_of_its_linear_loop(unlike, axis):
         found = identify(axis_signals(both, axis), axis_rig(campaign.rig, axis), campaign.mass, band_overlap=0.0)
         bands = np.array([(b.f_lo, b.f_hi) for b in found.bands])
         exact = axis_statistics(expected_statistics(e, lines_at(e.excitations, "force")), "xy"[axis])
-        exact = maximum_likelihood(held(exact, "force", 20_000.0), bands, campaign.mass, intervals=False)
+        exact = held(exact, "force", 20_000.0)
+        z = exact.amplitude("force") / (exact.amplitude("displacement") * unlagged(exact.frequency))
+        w = 2 * np.pi * exact.frequency
+        lines = [slice(*ends) for ends in band_slices(exact.frequency, bands)]
+        stiffness, damping = (
+            [curve[within].mean() for within in lines] for curve in (z.real + campaign.mass * w**2, z.imag / w)
+        )
         assert len(bands) == 16
-        for b, k, c in zip(found.bands, exact.stiffness, exact.damping, strict=True):
+        for b, k, c in zip(found.bands, stiffness, damping, strict=True):
             # The force law bends by some tenths of a percent at this amplitude.
             k_hits.append(b.stiffness_ci[0] - 2e-4 * k < k < b.stiffness_ci[1] + 2e-4 * k)
             c_hits.append(b.damping_ci[0] < c < b.damping_ci[1])
         middle = found.bands[4]
         assert middle.stiffness == pytest.approx((169e3, 160.5e3)[axis], rel=0.02)
-        assert middle.damping == pytest.approx(exact.damping[4], rel=0.01)
+        assert middle.damping == pytest.approx(damping[4], rel=0.01)
     assert inside(k_hits) and inside(c_hits)
 
 
@@ -117,7 +123,7 @@ def test_each_axis_has_the_margins_and_the_promise_of_its_own_controller(unlike,
         found = identify(axis_signals(both, axis), axis_rig(campaign.rig, axis), campaign.mass)
         assert found.stability.source == "injection"
         low, high = found.stability.margins.intervals["peak_sensitivity"]
-        assert 0.98 * low < peak < 1.02 * high and high / low < 1.05
+        assert 0.98 * low < peak < 1.02 * high and high / low < 1.08
         band = found.bands[20]
         z = np.exp(2j * np.pi * np.array([(band.f_lo + band.f_hi) / 2]) / 20_000)
         promised = 5.7 * controller_response(experiments[0].gains[axis], z, 1 / 20_000)[0]
@@ -136,6 +142,8 @@ def test_together_they_tell_eight_coefficients_of_which_four_are_nothing(unlike)
         held(held(expected_statistics(x, lines_at(x.excitations, "force")), "force_x", 2e4), "force_y", 2e4)
         for x in experiments
     ]
+    for name in ("displacement_x", "displacement_y"):
+        expected = [multiplied(one, name, unlagged(one.frequency)) for one in expected]
     exact = eight_coefficients(expected, found.bands, campaign.mass, intervals=False)
     bent = 2e-4 * 169e3  # of the force law
     hits = (e.stiffness_low - bent < exact.stiffness) & (exact.stiffness < e.stiffness_high + bent)
@@ -145,6 +153,11 @@ def test_together_they_tell_eight_coefficients_of_which_four_are_nothing(unlike)
     np.testing.assert_allclose(e.stiffness - found.bearing_stiffness, np.full((16, 2, 2), np.diag([134.5e3, 130e3])))
     np.testing.assert_allclose(e.damping - found.bearing_damping, np.full((16, 2, 2), np.diag([10.0, 15.0])))
     assert found.bearing_stiffness[4, 0, 0] == pytest.approx(34.5e3, rel=0.02)
+
+
+def unlagged(frequency):
+    """What takes the lag of the nominal probe out of a displacement."""
+    return 1 + 2j * np.pi * frequency * load_rig("hmb_radial").sensor_time_constant
 
 
 def test_one_direction_of_like_axes_tells_row_sums_only():
@@ -157,8 +170,10 @@ def test_one_direction_of_like_axes_tells_row_sums_only():
     x, y = found.row_sums[0].x, found.row_sums[0].y
     for axis, sums in enumerate((x, y)):
         own = identify(axis_signals(both, axis), axis_rig(rig, axis), rig.mass, band_overlap=0.0)
-        np.testing.assert_allclose(sums.stiffness, [b.stiffness for b in own.bands], rtol=1e-9)
-        np.testing.assert_allclose(sums.damping, [b.damping for b in own.bands], rtol=1e-9)
+        # One gives constants, the other means over the band.
+        for name in ("stiffness", "damping"):
+            mean, se = (np.array([getattr(b, name + end) for b in own.bands]) for end in ("", "_se"))
+            assert np.median(np.abs(getattr(sums, name) - mean) / se) < 1.0
 
 
 def _signals(e, dataset):

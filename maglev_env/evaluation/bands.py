@@ -1,0 +1,166 @@
+"""Stiffness and damping over the bands of one recording, with what widens their intervals."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from estimation.band_mean import BandMean, band_mean
+from estimation.bands import band_slices, sliding_bands
+from estimation.effective import effective_coefficients
+from estimation.frequency_response import frequency_response
+from estimation.least_squares import LeastSquares, least_squares
+from estimation.max_likelihood import BandEstimate, least_squares_bias, maximum_likelihood
+from estimation.periods import LineStatistics
+from maglev_env.experiment import Experiment
+from maglev_env.linear.loop import LoopResponse, loop_response
+from maglev_env.loop.gains import NO_CONTROLLER, Controllers
+from maglev_env.loop.magnets.kinds import force_law
+from maglev_env.loop.magnets.law import linearise
+from maglev_env.recordings.spectra import RecordedSignals
+from maglev_env.rig.rig import Rig
+
+NORMAL_95 = 1.959964
+BAND_LINES = 12  # of a band, where nobody states its width
+UNEVEN = 3.0  # ratio of the spacings of lines from which bands are counted in lines, not in Hz
+CLEAR_NOISE = 0.1  # share of the displacement's power that is noise, up to which least squares and means are trusted
+FEWEST_LINES = 4  # of a band whose mean is told from its constants
+BIAS_SHARE = 0.5  # least squares counts as biased when noise moves it by half of its own standard error
+
+
+@dataclass(frozen=True)
+class Band:
+    """One estimation band in SI units, with 95 % intervals that are -inf or inf where they are not bounded.
+
+    Stiffness and damping are means over the band, and the ranges are those of their curves inside it. Where noise is
+    more than CLEAR_NOISE of the displacement, or lines are few, they are the constants that fit best, without ranges.
+    """
+
+    f_lo: float
+    f_hi: float
+    stiffness: float
+    stiffness_se: float
+    stiffness_ci: tuple[float, float]
+    damping: float
+    damping_se: float
+    damping_ci: tuple[float, float]
+    r2_adjusted: float
+    ls_stiffness: float
+    ls_stiffness_se: float
+    ls_damping: float
+    ls_damping_se: float
+    ls_biased: bool
+    informative: bool
+    fit_p: float
+    noise_share: float
+    effective_stiffness: float | None
+    effective_damping: float | None
+    stiffness_range: tuple[float, float] | None = None
+    damping_range: tuple[float, float] | None = None
+
+
+def band_layout(force: LineStatistics, rig: Rig | None, width: float | None, overlap: float | None) -> np.ndarray:
+    """Estimation bands (b, 2) Hz: as stated, or as in the rig's protocol, or 12 lines with an overlap of two thirds.
+
+    Lines of uneven spacing are counted; otherwise 12 lines are 12 times their spacing.
+
+    The bands of a protocol are those of its own excitation; where other lines do not fit them, 12 lines it is.
+    """
+    if width is None and rig is not None and rig.protocol is not None:
+        own = rig.protocol.band_overlap if overlap is None else overlap
+        try:
+            return sliding_bands(force.frequency, rig.protocol.band_width, own)
+        except ValueError:
+            if overlap is not None:
+                raise
+    spacing = np.diff(force.frequency)
+    if width is None and overlap is None and spacing.max(initial=0.0) > UNEVEN * spacing.min(initial=np.inf):
+        first = np.arange(0, max(force.frequency.size - BAND_LINES, 0) + 1, BAND_LINES // 3)
+        last = np.minimum(first + BAND_LINES, force.frequency.size) - 1
+        return np.stack([force.frequency[first], force.frequency[last]], axis=1)
+    if width is None:
+        width = min(BAND_LINES * float(np.median(spacing)), float(np.ptp(force.frequency)))
+    return sliding_bands(force.frequency, width, 2 * width / 3 if overlap is None else overlap)
+
+
+def band_coefficients(
+    force: LineStatistics, mass: float, bands: np.ndarray, signals: RecordedSignals, rig: Rig | None
+) -> tuple[Band, ...]:
+    """Stiffness and damping of every band, by both methods.
+
+    Args:
+        force: Channels "force" and "displacement" at the force lines.
+        mass: Moving mass, kg.
+        bands: (b, 2), Hz.
+        signals: The recording.
+        rig: For the coefficients that its nominal controller gives; None for none.
+    """
+    ml: BandEstimate = maximum_likelihood(force, bands, mass)
+    bias_k, bias_c = least_squares_bias(force, bands, mass, ml)
+    receptance, _ = frequency_response(force, "displacement", "force")
+    result = []
+    for b, (start, stop) in enumerate(band_slices(force.frequency, bands)):
+        ls: LeastSquares = least_squares(force.frequency[start:stop], receptance[start:stop], mass)
+        biased = abs(bias_k[b]) > BIAS_SHARE * ls.stiffness_se or abs(bias_c[b]) > BIAS_SHARE * ls.damping_se
+        effective = _effective(bands[b].mean(), signals, rig)
+        coefficients = _coefficients(force, bands[b], mass, ml, b, stop - start)
+        result.append(
+            Band(
+                float(bands[b, 0]), float(bands[b, 1]),
+                *(entry for c in coefficients for entry in (c.value, c.se, (c.low, c.high))),
+                float(ls.r2_adjusted),
+                float(ls.stiffness), float(ls.stiffness_se), float(ls.damping), float(ls.damping_se),
+                bool(biased or ml.noise_share[b] > CLEAR_NOISE), bool(ml.informative[b]),
+                float(ml.fit_p[b]), float(ml.noise_share[b]), *effective, *(c.range for c in coefficients),
+            )
+        )  # fmt: skip
+    return tuple(result)
+
+
+def _coefficients(
+    force: LineStatistics, band: np.ndarray, mass: float, ml: BandEstimate, index: int, lines: int
+) -> tuple[BandMean, BandMean]:
+    """Stiffness and damping of one band: means where the record is clear, otherwise the constants that fit best."""
+    if ml.informative[index] and ml.noise_share[index] <= CLEAR_NOISE and lines >= FEWEST_LINES:
+        return band_mean(force, band, mass, (float(ml.stiffness[index]), float(ml.damping[index])))
+    k, c = (
+        BandMean(*(float(getattr(ml, name + ending)[index]) for ending in ("", "_se", "_low", "_high")), None)
+        for name in ("stiffness", "damping")
+    )
+    return k, c
+
+
+def with_gain_uncertainty(band: Band, share: float, mass: float) -> Band:
+    """The band with intervals widened by a relative error of the actuator gain, which scales k - m w^2 and c."""
+    w = np.pi * (band.f_lo + band.f_hi)
+    wide = _widened(band, "stiffness", share * abs(band.stiffness - mass * w**2))
+    return _widened(wide, "damping", share * abs(band.damping))
+
+
+def _widened(band: Band, name: str, se: float) -> Band:
+    """The band with the interval and standard error of one coefficient widened by an independent standard error."""
+    value, (low, high) = getattr(band, name), getattr(band, f"{name}_ci")
+    ci = (
+        float(value - np.hypot(value - low, NORMAL_95 * se)),
+        float(value + np.hypot(high - value, NORMAL_95 * se)),
+    )
+    return replace(band, **{f"{name}_se": float(np.hypot(getattr(band, f"{name}_se"), se)), f"{name}_ci": ci})
+
+
+def with_mass_uncertainty(band: Band, mass_se: float) -> Band:
+    """The band with its stiffness interval widened by a mass error, which changes k by w^2 times as much."""
+    return _widened(band, "stiffness", mass_se * (np.pi * (band.f_lo + band.f_hi)) ** 2)
+
+
+def _effective(frequency: float, signals: RecordedSignals, rig: Rig | None) -> tuple[float | None, float | None]:
+    """D eq 4.5 with the digital controller's own response: the values of the gains alone, with the support."""
+    if rig is None or not rig.controlled or signals.gains is None:
+        return None, None
+    gain, stiffness = linearise(force_law(rig))
+    controller = nominal_response(rig, signals.gains, np.array([frequency])).controller
+    k, c = effective_coefficients(np.array([frequency]), controller, gain, stiffness)
+    return float(k[0] + rig.support_stiffness), float(c[0] + rig.support_damping)
+
+
+def nominal_response(rig: Rig, gains: Controllers | None, frequency: np.ndarray) -> LoopResponse:
+    """Responses of the nominal loop under the controller of a recording."""
+    return loop_response(Experiment(rig, gains or NO_CONTROLLER, ()), frequency)

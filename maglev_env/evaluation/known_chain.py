@@ -1,0 +1,48 @@
+"""Line statistics of the rotor's own motion and of the coil's own current, by what the nominal rig says of both."""
+
+import numpy as np
+
+from estimation.periods import LineStatistics, multiplied
+from maglev_env.rig.rig import Rig
+
+
+def rotor_motion(statistics: LineStatistics, rig: Rig | None, ending: str = "") -> LineStatistics:
+    """The displacement without the lag T of the nominal probe, which would take k T off the damping.
+
+    Args:
+        statistics: with the channel "displacement".
+        rig: one axis; None leaves the statistics as they are.
+        ending: of the channel's name on one of two axes, such as "_x".
+    """
+    return _ahead(statistics, f"displacement{ending}", rig.sensor_time_constant if rig else 0.0)
+
+
+def coil_current(statistics: LineStatistics, rig: Rig | None) -> LineStatistics:
+    """The command, in the channel "current", behind the lag of the nominal amplifier."""
+    return _ahead(statistics, "current", -rig.amplifier_time_constant if rig else 0.0)
+
+
+def between_readings(statistics: LineStatistics, rig: Rig | None, sample_rate: float) -> LineStatistics:
+    """The current that flows between readings at the control ticks, which show it just before each step of the command.
+
+    Behind the lag T of an amplifier whose input is held, the current is a chain of exponentials. Its line differs from
+    that of its readings by the images of the hold, hence by the ratio of the continuous to the sampled lag. For the
+    damping that is as much as a delay of a part of the control period.
+
+    Args:
+        statistics: with the channel "current".
+        rig: one axis; None, or another sample rate than its control rate, leaves the statistics as they are.
+        sample_rate: of the readings, Hz.
+    """
+    if rig is None or not rig.amplifier_time_constant or sample_rate != rig.control_rate:
+        return statistics
+    x, lag = statistics.frequency / sample_rate, rig.amplifier_time_constant
+    kept, z = np.exp(-1 / (sample_rate * lag)), np.exp(2j * np.pi * x)
+    continuous = np.sinc(x) * np.exp(-1j * np.pi * x) / (1 + 2j * np.pi * statistics.frequency * lag)
+    return multiplied(statistics, "current", continuous * (z - kept) / (1 - kept))
+
+
+def _ahead(statistics: LineStatistics, channel: str, lag: float) -> LineStatistics:
+    """A channel with a first-order lag taken out, or put in where it is negative."""
+    response = 1 + 2j * np.pi * statistics.frequency * abs(lag)
+    return multiplied(statistics, channel, response if lag >= 0 else 1 / response) if lag else statistics
