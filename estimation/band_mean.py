@@ -75,7 +75,7 @@ def band_mean(
     found = optimize.least_squares(left, guess.ravel() / size, method="lm")
     spare = 2 * f.size - found.x.size
     covariance = np.linalg.pinv(found.jac.T @ found.jac) * max(1.0, 2 * found.cost / spare) * np.outer(size, size)
-    reach = stats.t.ppf((1 + level) / 2, spare)
+    reach = float(stats.t.ppf((1 + level) / 2, spare))
 
     def mean(coefficients: np.ndarray, variance: float) -> BandMean:
         value, se = float(coefficients[0]), float(np.sqrt(variance))

@@ -101,18 +101,33 @@ def band_coefficients(
     for b, (start, stop) in enumerate(band_slices(force.frequency, bands)):
         ls: LeastSquares = least_squares(force.frequency[start:stop], receptance[start:stop], mass)
         biased = abs(bias_k[b]) > BIAS_SHARE * ls.stiffness_se or abs(bias_c[b]) > BIAS_SHARE * ls.damping_se
-        effective = _effective(bands[b].mean(), signals, rig)
-        coefficients = _coefficients(force, bands[b], mass, ml, b, stop - start)
+        promised_k, promised_c = _effective(bands[b].mean(), signals, rig)
+        k, c = _coefficients(force, bands[b], mass, ml, b, stop - start)
         result.append(
             Band(
-                float(bands[b, 0]), float(bands[b, 1]),
-                *(entry for c in coefficients for entry in (c.value, c.se, (c.low, c.high))),
-                float(ls.r2_adjusted),
-                float(ls.stiffness), float(ls.stiffness_se), float(ls.damping), float(ls.damping_se),
-                bool(biased or ml.noise_share[b] > CLEAR_NOISE), bool(ml.informative[b]),
-                float(ml.fit_p[b]), float(ml.noise_share[b]), *effective, *(c.range for c in coefficients),
+                f_lo=float(bands[b, 0]),
+                f_hi=float(bands[b, 1]),
+                stiffness=k.value,
+                stiffness_se=k.se,
+                stiffness_ci=(k.low, k.high),
+                damping=c.value,
+                damping_se=c.se,
+                damping_ci=(c.low, c.high),
+                r2_adjusted=float(ls.r2_adjusted),
+                ls_stiffness=float(ls.stiffness),
+                ls_stiffness_se=float(ls.stiffness_se),
+                ls_damping=float(ls.damping),
+                ls_damping_se=float(ls.damping_se),
+                ls_biased=bool(biased or ml.noise_share[b] > CLEAR_NOISE),
+                informative=bool(ml.informative[b]),
+                fit_p=float(ml.fit_p[b]),
+                noise_share=float(ml.noise_share[b]),
+                effective_stiffness=promised_k,
+                effective_damping=promised_c,
+                stiffness_range=k.range,
+                damping_range=c.range,
             )
-        )  # fmt: skip
+        )
     return tuple(result)
 
 
@@ -122,11 +137,12 @@ def _coefficients(
     """Stiffness and damping of one band: means where the record is clear, otherwise the constants that fit best."""
     if ml.informative[index] and ml.noise_share[index] <= CLEAR_NOISE and lines >= FEWEST_LINES:
         return band_mean(force, band, mass, (float(ml.stiffness[index]), float(ml.damping[index])))
-    k, c = (
-        BandMean(*(float(getattr(ml, name + ending)[index]) for ending in ("", "_se", "_low", "_high")), None)
-        for name in ("stiffness", "damping")
-    )
-    return k, c
+
+    def constant(name: str) -> BandMean:
+        value, se, low, high = (float(getattr(ml, name + end)[index]) for end in ("", "_se", "_low", "_high"))
+        return BandMean(value, se, low, high, None)
+
+    return constant("stiffness"), constant("damping")
 
 
 def with_gain_uncertainty(band: Band, share: float, mass: float) -> Band:

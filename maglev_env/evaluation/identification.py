@@ -5,36 +5,20 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from estimation.actuator import ActuatorEstimate, actuator_estimate, as_force
-from estimation.frequency_response import Distortion, coherence, distortion, frequency_response, loop_variance
-from estimation.iso_14839 import iso_14839_3_zone
+from estimation.frequency_response import Distortion, coherence, distortion
 from estimation.modal import ModalEstimate, modal_estimate
 from estimation.periods import LineStatistics, held
-from estimation.stability_margins import Margins, margins
 from maglev_env.evaluation.bands import (
     Band,
     band_coefficients,
     band_layout,
-    nominal_response,
     with_gain_uncertainty,
     with_mass_uncertainty,
 )
 from maglev_env.evaluation.known_chain import between_readings, coil_current, rotor_motion
-from maglev_env.evaluation.sensitivity import injected_sensitivity
-from maglev_env.loop.gains import NO_CONTROLLER, of_axis, reads_current
+from maglev_env.evaluation.stability import Stability, stability_of
 from maglev_env.recordings.spectra import RecordedSignals, RecordSpectra, record_spectra
 from maglev_env.rig.rig import Rig
-
-
-@dataclass(frozen=True)
-class Stability:
-    """Margins with intervals; source is "injection" (measured) or "assumes the nominal actuator"."""
-
-    source: str
-    margins: Margins
-    iso_14839_3_zone: str
-    frequency: np.ndarray
-    sensitivity: np.ndarray
-    variance: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -135,7 +119,7 @@ def identify(
     bent = distortion(inner, "displacement", excited)
     if bent.even is None and bent.odd is None:
         notes.append("no detection lines: nonlinear distortion cannot be told from this excitation")
-    stability, why = _stability(signals, spectra, rig)
+    stability, why = stability_of(signals, spectra, rig)
     if why:
         notes.append(why)
     periods = statistics.periods
@@ -181,30 +165,3 @@ def _crossing(bands: tuple[Band, ...], mass: float) -> tuple[float | None, float
                 off_centre = abs(2 * natural - b.f_lo - b.f_hi) / (b.f_hi - b.f_lo)
                 found.append((off_centre, natural, b.damping / (2 * np.sqrt(b.stiffness * mass))))
     return (float(min(found)[1]), float(min(found)[2])) if found else (None, None)
-
-
-def _stability(
-    signals: RecordedSignals, spectra: RecordSpectra, rig: Rig | None
-) -> tuple[Stability | None, str | None]:
-    statistics, force, injected = spectra.all, spectra.force, spectra.driven["current"]
-    if injected.size >= 4 and {"command", "injection"} <= signals.channels.keys():
-        loop, control_rate = statistics.at_lines(injected), rig and rig.control_rate
-        s, variance = injected_sensitivity(loop, (of_axis(signals.gains or NO_CONTROLLER, 0),), control_rate)
-        source, why = "injection", None
-        if control_rate is None and signals.gains is not None and reads_current(signals.gains, 1.0):
-            why = "the controller reads the current: without a rig the margins hold at the command, not the reading"
-    elif rig is not None and rig.controlled and signals.gains is not None and "force" in statistics.channels:
-        nominal = nominal_response(rig, signals.gains, force.frequency)
-        open_receptance = nominal.receptance / nominal.sensitivity
-        feedback = nominal.controller * nominal.plant / open_receptance
-        measured = statistics.at_lines(force.lines)
-        receptance, noise = frequency_response(measured, "displacement", "force")
-        s, variance = 1 - feedback * receptance, np.abs(feedback) ** 2 * noise
-        loop, source = force, "assumes the nominal actuator"
-        why = "no injection at the current: margins assume the nominal actuator and controller"
-    else:
-        return None, "no injection at the current and no nominal controller: nothing can be said of the loop's margins"
-    variance = loop_variance(loop.frequency, s, variance)
-    found = margins(loop.frequency, s, variance)
-    zone3 = iso_14839_3_zone(found.peak_sensitivity)
-    return Stability(source, found, zone3, loop.frequency, s, variance), why

@@ -7,7 +7,8 @@ import numpy as np
 
 from estimation.frequency_response import frequency_response
 from maglev_env.evaluation.bands import Band
-from maglev_env.evaluation.identification import Identification, Stability
+from maglev_env.evaluation.identification import Identification
+from maglev_env.evaluation.stability import Stability
 from maglev_env.units import common_unit
 from maglev_workbench.page import COLOURS, labelled_axis, mark_iso_zones, shaded, styled, with_interval
 

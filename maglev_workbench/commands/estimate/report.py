@@ -7,7 +7,8 @@ from importlib.metadata import version
 from typing import TYPE_CHECKING, Any, Literal
 
 from maglev_env.evaluation.bands import Band
-from maglev_env.evaluation.identification import Identification, Stability
+from maglev_env.evaluation.identification import Identification
+from maglev_env.evaluation.stability import Stability
 from maglev_env.recordings.json_data import plain
 from maglev_workbench.commands.estimate.figures import (
     COEFFICIENTS,

@@ -509,3 +509,20 @@ def test_a_record_of_the_injection_alone_gives_gain_stiffness_damping_and_margin
         z.append([(a.gain - gain) / a.gain_se, (a.stiffness - stiffness) / a.stiffness_se, a.damping / a.damping_se])
         assert found.stability.source == "injection" and found.stability.margins.gain_margin_high > 10
     assert (np.abs(np.mean(z, axis=0)) < 3 / np.sqrt(len(z))).all()  # without the chain the damping is off by 4 to 20
+
+
+def test_margins_by_the_nominal_actuator_hold_within_its_tolerance():
+    """A rig whose gain is 2 sigma above the nominal one: the interval of the noise alone excludes its peak of |S|."""
+    rig = load_rig("hmb_free")
+    true = with_parameters(rig, {"actuator_gain": rig.actuator_gain * (1 + 1.5 * rig.tolerance["actuator_gain"])})
+    first = protocol_experiment(true, rig.gains)
+    e = replace(first, excitations=tuple(x for x in first.excitations if x.at == "force"), seed=5)
+    signals = only(recorded(e), "displacement", "force")
+    found, sure = (identify(signals, one, rig.mass).stability for one in (rig, replace(rig, tolerance={})))
+    f = np.linspace(20.0, 250.0, 4000)
+    peak = np.abs(loop_response(e, f).sensitivity).max()
+    assert "tolerance" not in str(sure) and found.source == sure.source == "assumes the nominal actuator"
+    low, high = found.margins.intervals["peak_sensitivity"]
+    assert low < peak < high
+    low, high = sure.margins.intervals["peak_sensitivity"]
+    assert not low < peak < high

@@ -14,7 +14,8 @@ from estimation.modal import ModalEstimate
 from estimation.periods import LineStatistics
 from estimation.stability_margins import Margins
 from maglev_env.evaluation.bands import Band
-from maglev_env.evaluation.identification import Identification, Stability
+from maglev_env.evaluation.identification import Identification
+from maglev_env.evaluation.stability import Stability
 from maglev_workbench.commands.estimate.report import estimate_json, estimate_page, estimate_table
 
 
