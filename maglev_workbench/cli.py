@@ -18,6 +18,7 @@ COMMANDS = (  # in the order of `maglev --help`
     "runup",
     "bench",
     "reproduce",
+    "coverage",
     "effects",
     "tune",
     "compare",

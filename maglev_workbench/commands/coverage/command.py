@@ -1,0 +1,45 @@
+"""`maglev coverage`: how often the intervals of `maglev estimate` hold the truth, by condition."""
+
+from typing import Annotated
+
+import typer
+
+from maglev_workbench.options import DocsOption, JsonOption, SeedOption, friendly
+
+app = typer.Typer()
+
+
+@app.command(epilog="Example: maglev coverage linear large --draws 200 --docs coverage.md")
+@friendly
+def coverage(
+    condition: Annotated[
+        list[str] | None, typer.Argument(metavar="CONDITION", help="Conditions by name (default: all).")
+    ] = None,
+    draws: Annotated[int, typer.Option(min=20, max=100_000, help="Experiments of each condition.")] = 200,
+    docs: DocsOption = None,
+    seed: SeedOption = 0,
+    json_file: JsonOption = None,
+) -> None:
+    """Count how often the 95 % intervals of the estimate hold the truth, on simulated experiments of many kinds.
+
+    A second of one core makes about one draw.
+    """
+    from maglev_env.fields import check_known
+    from maglev_env.recordings.files import write_text_atomic
+    from maglev_workbench.commands.coverage.conditions import CONDITIONS
+    from maglev_workbench.commands.coverage.report import coverage_json, coverage_markdown, coverage_table
+    from maglev_workbench.commands.coverage.study import coverage as counted
+    from maglev_workbench.console import console, progress_bar, write_json
+
+    chosen = condition or list(CONDITIONS)
+    check_known(chosen, CONDITIONS, "condition")
+    found = {}
+    with progress_bar() as bar:
+        task = bar.add_task("", total=draws * len(chosen))
+        for name in chosen:
+            bar.update(task, description=name)
+            found[name] = counted(CONDITIONS[name], draws, seed, lambda: bar.advance(task))
+    console.print(coverage_table(found))
+    write_json(json_file, coverage_json(found, seed))
+    if docs is not None:
+        write_text_atomic(docs, coverage_markdown(found, draws, seed))
