@@ -88,9 +88,11 @@ def explained(view: View, rows: Sequence[Row]) -> list[Finding]:
     bent = [row for row in off if row.shape_off and not (row.gain_off() or row.delay_off())]
     if len(bent) == len(off):
         return [_bent(view, row) for row in bent]
-    found = causes(rows, view.rate)
+    found, together = causes(rows, view.rate), _with_their_peak(rows, view.rate)
     if found:
-        return [_one(view, found, rows)]
+        return [_one(view, found, rows, together)]
+    if together:
+        return [_one(view, [], rows, together)]
     exact = [row for row in off if not _or_effect(row)]
     if not exact:
         return [_row(view, row) for row in off]
@@ -100,6 +102,12 @@ def explained(view: View, rows: Sequence[Row]) -> list[Finding]:
         rest = [_row(view, row) for row in off if row not in sure and not {c.name for c in found} & row.powers.keys()]
         return [_one(view, found, sure), *rest]
     return [_several(view, off)]
+
+
+def _with_their_peak(rows: Sequence[Row], rate: float) -> list[Cause]:
+    """Excitations that explain all rows if their stated peak is wrong alike: by one sensor, or before a gain."""
+    stated = {name for row in rows if row.code.startswith("designed") and not row.off for name in row.powers}
+    return [c for c in causes([r for r in rows if not r.code.startswith("designed")], rate) if c.name in stated]
 
 
 def _or_effect(row: Row) -> bool:
@@ -118,10 +126,10 @@ def _effects(rows: Sequence[Row]) -> str:
     return ", ".join(list(names)[:4])
 
 
-def _one(view: View, found: Sequence[Cause], rows: Sequence[Row]) -> Finding:
+def _one(view: View, found: Sequence[Cause], rows: Sequence[Row], together: Sequence[Cause] = ()) -> Finding:
     channels = [c for c in found if c.name not in PARAMETERS] or list(found)
     named = [*channels, *(c for c in found if c not in channels)]
-    lead = named[0]
+    lead = (named or together)[0]
     off = [row for row in rows if row.off and lead.name in row.powers] or [row for row in rows if row.off]
     sure = any(not _or_effect(row) for row in off)
     factor = (-1 if lead.negative else 1) * float(np.exp(lead.size))
@@ -146,16 +154,19 @@ def _one(view: View, found: Sequence[Cause], rows: Sequence[Row]) -> Finding:
                 lead.delay,
                 (lead.delay - 2 * lead.delay_se, lead.delay + 2 * lead.delay_se),
             )
-    names = " or ".join(c.name for c in named)
+    names = " or ".join([*(c.name for c in named), *(f"{c.name} with its stated peak" for c in together)])
     against = " and ".join(dict.fromkeys(row.against for row in off))
     text = f"{names}: {' and '.join(says) or 'differs'} against {against}; {_advice(view, code, lead)}"
+    if not named:
+        text += ", and whether a gain lies between it and what acts"
     kind: Kind = "wiring"
     if not sure:
         kind = "effect"
         text += f"; or an effect ({_effects(off)}): run `maglev diagnose`"
     elif len({row.code for row in off if lead.name in row.powers}) > 1 or lead.negative:
         kind = "contradiction"
-    return Finding(code, view.recording, names, float(value), interval, text, kind)
+    channel = " or ".join(c.name for c in (*named, *together))
+    return Finding(code, view.recording, channel, float(value), interval, text, kind)
 
 
 def _advice(view: View, code: str, cause: Cause) -> str:

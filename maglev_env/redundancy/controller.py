@@ -40,7 +40,8 @@ def controlled(view: View) -> list[Row]:
         name = "injection" if "injection" in view.channels else "reference"
         rows.append(
             Row("injection to command", {"command": 1, name: -1}, float(again.gain[1]), float(again.gain_se[1]),
-                against=f"the {name}", delay=float(again.delay[1]), delay_se=float(again.delay_se[1]), **common)
+                against=f"the {name} in the command", delay=float(again.delay[1]),
+                delay_se=float(again.delay_se[1]), **common)
         )  # fmt: skip
     return rows
 

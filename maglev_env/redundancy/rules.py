@@ -155,11 +155,15 @@ def _views(campaign: Campaign, spec: RecordingSpec, signals: RecordedSignals) ->
 
 
 def _swapped(campaign: Campaign, spec: RecordingSpec, said: str) -> list[Finding]:
-    """Two columns exchanged: the one exchange, of channels that findings name, under which all rules agree."""
+    """Two columns exchanged: the one exchange under which all rules agree.
+
+    Of many channels, those are tried of which findings name one or the other, and that share an axis or a quantity.
+    """
     names = [n for n in spec.channels if n != "time"]
-    if len(names) > FEW:
-        names = [n for n in names if n.partition("_")[0] in said]
     for one, other in combinations(names, 2):
+        (a, _, of), (b, _, of_other) = one.partition("_"), other.partition("_")
+        if len(names) > FEW and not ((a in said or b in said) and (a == b or of == of_other)):
+            continue
         channels = {**spec.channels, one: spec.channels[other], other: spec.channels[one]}
         try:
             exchanged = replace(spec, channels=channels)
