@@ -9,6 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from maglev_env.loop.gains import reads_current
 from maglev_env.redundancy.finding import Finding, Kind
 from maglev_env.redundancy.rows import LEVEL, Row
 from maglev_env.redundancy.view import View
@@ -202,12 +203,14 @@ def _filtered(view: View, rows: Sequence[Row]) -> list[Finding]:
 
 def _controller(view: View, rows: Sequence[Row]) -> list[Finding]:
     row = next(r for r in rows if r.code == "controller")
+    read = ["displacement", *(["current"] if reads_current(view.gains, 1 / view.rig.control_rate) else [])]
+    names = " or ".join(["command", *read, "gains"])
     text = (
-        f"command, displacement or gains: the command is not what the stated controller makes of the displacement "
-        f"(factor {row.gain:.3g}, {row.misfit:.0%} are left): check the gains, td, ti and control_rate, whether the "
-        "controller limits or filters more than is stated, and that both columns belong to this loop"
+        f"{names}: the command is not what the stated controller makes of the {' and the '.join(read)} (factor "
+        f"{row.gain:.3g}, {row.misfit:.0%} are left): check the gains, td, ti and control_rate, whether the controller "
+        "limits or filters otherwise than is stated, and that these columns belong to this loop"
     )
-    return [Finding("controller", view.recording, "command or displacement or gains", row.gain, None, text, "wiring")]
+    return [Finding("controller", view.recording, names, row.gain, None, text, "wiring")]
 
 
 def _bent(view: View, row: Row) -> Finding:

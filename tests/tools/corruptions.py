@@ -76,13 +76,20 @@ def right(done: Done, what: str, found: list) -> tuple[bool, bool]:
     return named, caused
 
 
-def warned(folder: Path) -> list[tuple[str, str, str]]:
-    """Warnings of a campaign as (code, channel, message); a refusal on reading counts as one."""
+def warned(folder: Path, done: Done) -> tuple[list[tuple[str, str, str]], bool]:
+    """Warnings of a campaign as (code, channel, message), and whether what was changed is named as not checkable.
+
+    A refusal on reading counts as a warning.
+    """
     try:
         found = examine(load_campaign(folder))
     except (ValueError, OSError) as error:
-        return [("file", _quoted(str(error)), str(error))]
-    return [(f.code, f.channel, f.message) for f in found if f.kind != "not checkable"]
+        return [("file", _quoted(str(error)), str(error))], False
+    noted = " ".join(f.channel for f in found if f.kind == "not checkable")
+    changed = [name.partition("_")[0] for name in done.channel.split("|")]
+    return [(f.code, f.channel, f.message) for f in found if f.kind != "not checkable"], any(
+        c in noted for c in changed
+    )
 
 
 def _quoted(text: str) -> str:
@@ -151,9 +158,10 @@ def one_case(number: int, seed: int, sound: bool, drawn: tuple[str, ...], folder
         if done is not None:
             break
     m.write(folder / "c")
-    found = warned(folder / "c")
+    found, noted = warned(folder / "c", done)
+    why = done.uncovered or ("named as not checkable" if noted and not found else "")
     case = {"number": number, "kind": kind, "rig": source, "what": what, "done": done.words,
-            "uncovered": done.uncovered, "warned": found[:4]}  # fmt: skip
+            "uncovered": why, "warned": found[:4]}  # fmt: skip
     if found:
         case["channel"], case["cause"] = right(done, what, found)
         return case
