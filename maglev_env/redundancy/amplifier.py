@@ -24,7 +24,7 @@ def amplified(view: View) -> list[Row]:
 
     Eddy currents and all that follows act behind the current, so no effect of the library changes the gain at low
     frequency; its delay and its roll-off are those of `delay`, `amplifier_lag` and `amplifier_voltage_limit`. A limit
-    of the voltage makes large steps smaller too, and bends them, which no scale does.
+    of the voltage makes large steps smaller too, and bends them, which no scale does. None makes the current early.
     """
     if view.rig is None or not view.rig.controlled or not {"command", "current"} <= view.recorded:
         return []
@@ -45,7 +45,7 @@ def amplified(view: View) -> list[Row]:
     return [
         Row("amplifier", {"current": 1, "command": -1}, float(found.gain[0]), float(found.gain_se[0]), GAIN,
             "the command through the nominal amplifier", float(found.delay[0]), float(found.delay_se[0]),
-            DELAY / view.rate, found.misfit, SHAPE, cut, EFFECTS, lag)
+            DELAY / view.rate, found.misfit, SHAPE, cut, EFFECTS if found.delay[0] > -DELAY / view.rate else (), lag)
     ]  # fmt: skip
 
 

@@ -204,6 +204,7 @@ def _filtered(view: View, rows: Sequence[Row]) -> list[Finding]:
 def _controller(view: View, rows: Sequence[Row]) -> list[Finding]:
     row = next(r for r in rows if r.code == "controller")
     read = ["displacement", *(["current"] if reads_current(view.gains, 1 / view.rig.control_rate) else [])]
+    read += ["reference"] if "reference" in view.recorded else []
     names = " or ".join(["command", *read, "gains"])
     text = (
         f"{names}: the command is not what the stated controller makes of the {' and the '.join(read)} (factor "

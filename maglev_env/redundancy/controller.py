@@ -52,12 +52,21 @@ def controlled(view: View) -> list[Row]:
     ]  # fmt: skip
     if found.driven:
         name = "injection" if "injection" in view.channels else "reference"
-        rows.append(
-            Row("injection to command", {"command": 1, name: -1}, float(again.gain[1]), float(again.gain_se[1]),
-                against=f"the {name} in the command", delay=float(again.delay[1]),
-                delay_se=float(again.delay_se[1]), **common)
-        )  # fmt: skip
+        rows.append(_added(view, name, again))
+    if found.driven and found.referred is not None and "injection" in view.channels and not _bad(again, view):
+        lines = view.lines  # beside a large injection the reference is told only with that taken off
+        rest = lines.parts["command"] - (found.drive - found.referred)
+        second = fit(rest, [found.back, found.referred], lines.frequency, view.rate, lines.periodic)
+        rows += [] if second is None else [_added(view, "reference", second)]
     return rows
+
+
+def _added(view: View, name: str, found: Fit) -> Row:
+    powers = {"command": 1, name: -1} | ({"gains": -1} if name == "reference" else {})
+    return Row(
+        f"{name} to command", powers, float(found.gain[1]), float(found.gain_se[1]), GAIN, f"the {name} in the command",
+        float(found.delay[1]), float(found.delay_se[1]), DELAY / view.rig.control_rate, most_misfit=SHAPE,
+    )  # fmt: skip
 
 
 def applies(view: View) -> bool:
@@ -103,13 +112,14 @@ def at_control_rate(view: View) -> bool:
 class Compared:
     """The fit under a controller, and spectra (s, n): what it makes of what it reads, and what is added to that.
 
-    `driven`: whether anything is added.
+    `driven`: whether anything is added. `referred`: the reference's share in that; None without one.
     """
 
     fit: Fit
     back: np.ndarray
     drive: np.ndarray
     driven: bool
+    referred: np.ndarray | None
 
 
 def compared(view: View, gains: Controller | None) -> Compared | None:
@@ -117,44 +127,48 @@ def compared(view: View, gains: Controller | None) -> Compared | None:
     if gains is None:
         return None
     lines, best = view.lines, None
-    for back, drive in _made(view, gains):
+    for back, injection, referred in _made(view, gains):
+        drive = injection if referred is None else injection + referred
         # What is not driven at the command holds only rounding there.
         moved = np.abs(drive).mean(axis=0) > NOTHING * np.abs(drive).max(initial=0.0)
         driven = int(moved.sum()) >= LEAST_LINES
         inputs = [back, drive] if driven else [back]
         found = fit(lines.parts["command"], inputs, lines.frequency, view.rate, lines.periodic)
         if found is not None and (best is None or found.cost < best.fit.cost):
-            best = Compared(found, back, drive, driven)
+            best = Compared(found, back, drive, driven, referred)
         if best is not None and not _bad(best.fit, view):
             break
     return best
 
 
-def _made(view: View, gains: Controller) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-    """Spectra (s, n) of what a controller makes of what it reads, and of what drives the loop at its command.
+def _made(view: View, gains: Controller) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray | None]]:
+    """Spectra (s, n) of what a controller makes of what it reads, of the injection, and of its share of the reference.
 
     Where nothing repeats, segments hold what came before them, so the controller runs through the whole record: from
     rest, or from its mean if the record began before, which a controller that integrates cannot take. A short one may
     still be told best by its response alone.
     """
     lines, parts = view.lines, view.lines.parts
-    drive = parts.get("injection", np.zeros_like(parts["command"]))
+    injection = parts.get("injection", np.zeros_like(parts["command"]))
     dt = 1 / view.rig.control_rate
-    limited = limited_in(view, gains)
     read = {name: view.channels[name] for name in READ if name in view.channels}
-    if limited or not lines.periodic:
-        yield _run(view, gains, read), drive  # the reference acts before a limit, together with the reading
-    if limited:
+    if limited_in(view, gains):  # the reference acts before the limit, together with the reading
+        yield _run(view, gains, read), injection, None
         return
     if not lines.periodic:
-        yield _run(view, gains, {name: values - values.mean() for name, values in read.items()}), drive
+        for inputs in (read, {name: values - values.mean() for name, values in read.items()}):
+            reference, referred = inputs.pop("reference", None), None
+            if reference is not None:
+                referred = _run(view, gains, {"displacement": np.zeros_like(reference), "reference": reference})
+            yield _run(view, gains, inputs), injection, referred
     z = np.exp(2j * np.pi * lines.frequency * dt)
     back = -controller_response(gains, z, dt) * parts["displacement"]
     if reads_current(gains, dt):
         back = back - controller_response(gains, z, dt, "current") * parts["current"]
+    referred = None
     if "reference" in parts:
-        drive = drive + controller_response(gains, z, dt, "reference") * parts["reference"]
-    yield back, drive
+        referred = controller_response(gains, z, dt, "reference") * parts["reference"]
+    yield back, injection, referred
 
 
 def _run(view: View, gains: Controller, read: Mapping[str, np.ndarray]) -> np.ndarray:

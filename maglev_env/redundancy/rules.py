@@ -95,7 +95,7 @@ def examine_recording(campaign: Campaign, spec: RecordingSpec) -> list[Finding]:
     ):
         found = _other_rate(campaign, spec, signals) or found
     if any(f.code in DOUBTFUL and f.kind in ("contradiction", "wiring") for f in found):
-        found = _swapped(campaign, spec, " ".join(f.channel + f.message for f in found)) or found
+        found = _swapped(campaign, spec) or found
     return [*alarms, *found]
 
 
@@ -154,15 +154,15 @@ def _views(campaign: Campaign, spec: RecordingSpec, signals: RecordedSignals) ->
     return [view if "voltage" in view.channels else view.at_control_rate() for view in views]
 
 
-def _swapped(campaign: Campaign, spec: RecordingSpec, said: str) -> list[Finding]:
+def _swapped(campaign: Campaign, spec: RecordingSpec) -> list[Finding]:
     """Two columns exchanged: the one exchange under which all rules agree.
 
-    Of many channels, those are tried of which findings name one or the other, and that share an axis or a quantity.
+    Of many channels, those are tried that share an axis or a quantity.
     """
     names = [n for n in spec.channels if n != "time"]
     for one, other in combinations(names, 2):
         (a, _, of), (b, _, of_other) = one.partition("_"), other.partition("_")
-        if len(names) > FEW and not ((a in said or b in said) and (a == b or of == of_other)):
+        if len(names) > FEW and a != b and of != of_other:
             continue
         channels = {**spec.channels, one: spec.channels[other], other: spec.channels[one]}
         try:

@@ -62,6 +62,7 @@ def test_a_sound_recording_is_silent_and_covered(tmp_path, name, limited):
         (PID, True, "command", -1.0),
         (CASCADE, True, "injection", 2.0),
         (CASCADE, False, "current", 1.5),
+        (PID, False, "reference", 0.5),
     ],
 )
 def test_a_wrong_scale_is_named(tmp_path, name, limited, channel, factor):
