@@ -16,10 +16,10 @@ from maglev_env.recordings.signals import recorded_signals
 from maglev_env.recordings.spectra import RecordedSignals, axis_signals
 from maglev_env.redundancy.amplifier import amplified
 from maglev_env.redundancy.bounds import balance, clearance, rails, ranges, sensitivity
-from maglev_env.redundancy.cause import explained
 from maglev_env.redundancy.controller import controlled, stated_gains
 from maglev_env.redundancy.coverage import uncovered
 from maglev_env.redundancy.design import dead_lines, designed
+from maglev_env.redundancy.explained import explained
 from maglev_env.redundancy.finding import ORDER, Finding
 from maglev_env.redundancy.newton import moved
 from maglev_env.redundancy.periods import breaks, drifts, jumps, outliers
@@ -30,7 +30,7 @@ from maglev_env.rig.rig import axis_rig, with_parameters
 if TYPE_CHECKING:
     import xarray as xr
 
-# Comparisons of channels. Each gives rows, which are explained together; see `cause`.
+# Comparisons of channels. Each gives rows, which are explained together; see `explained`.
 ROWS: Mapping[str, Callable[[View], list[Row]]] = {
     "designed waveform": designed,
     "controller": controlled,
@@ -116,7 +116,10 @@ def _findings(view: View) -> list[Finding]:
         if any(f.code in FINAL and f.kind == "contradiction" for f in found):
             return found
     rows = comparisons(view)
-    return [*found, *explained(view, rows), *uncovered(view, rows)]
+    why = explained(view, rows)
+    # A cause that is named explains what the peak of |S| can only doubt.
+    named = [f for f in why if f.code in ("scale", "sign") and f.kind == "contradiction"]
+    return [*named, *found, *(f for f in why if f not in named), *uncovered(view, rows)]
 
 
 def comparisons(view: View) -> list[Row]:

@@ -297,3 +297,15 @@ def test_a_loop_with_jittered_ticks_is_compared_at_its_own(open_folder, tmp_path
         assert (compared[name].values == columns[name]).all()
         assert not np.isin(dataset[name].values[1:-1], columns[name]).all()
     assert [f.message for f in examine(campaign) if f.kind != "not checkable"] == []
+
+
+def test_two_wrong_scales_are_named_each_with_its_size(sound, tmp_path):
+    def change(columns):
+        columns["force"] = 2.0 * columns["force"]
+        columns["injection"] = 2.83 * columns["injection"]
+
+    found = changed(sound, tmp_path / "c", "base", change)
+    assert [f.channel for f in found[:2]] == ["force", "injection"] and all(f.kind == "contradiction" for f in found)
+    assert [f.value for f in found[:2]] == [pytest.approx(2.0, rel=0.01), pytest.approx(2.83, rel=0.01)]
+    assert found[0].message.endswith("check the scale of column 'force'")
+    assert found[2].code == "sensitivity"
