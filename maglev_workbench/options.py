@@ -42,6 +42,7 @@ SchedulerOption = Annotated[
     ),
 ]
 _FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+_DENIED = (errno.EACCES, errno.EPERM, errno.EROFS)
 _WRITTEN = {"json_file": "--json", "docs": "--docs", "picture": "--picture"}  # options that name a file to write
 
 
@@ -114,9 +115,7 @@ def friendly(command: Callable[..., None]) -> Callable[..., None]:
             with heartbeat(command.__name__.strip("_").replace("_", "-")):
                 command(*args, **kwargs)
         except (ValueError, OSError) as error:
-            full = isinstance(error, OSError) and error.errno in _FULL
-            more = "; nothing that was finished is lost: make room, and run the same command again" if full else ""
-            typer.secho(f"maglev: {error}{more}", fg=typer.colors.RED, err=True)
+            typer.secho(f"maglev: {_said(error)}", fg=typer.colors.RED, err=True)
             raise typer.Exit(2) from error
         except ArithmeticError as error:
             why = f"a number of the input is too large or too small to calculate with ({error})"
@@ -131,3 +130,12 @@ def friendly(command: Callable[..., None]) -> Callable[..., None]:
             raise typer.Exit(130) from None
 
     return run
+
+
+def _said(error: ValueError | OSError) -> str:
+    """An error in one sentence, with what to do where the system itself refused."""
+    if isinstance(error, OSError) and error.errno in _FULL:
+        return f"{error}; nothing that was finished is lost: make room, and run the same command again"
+    if isinstance(error, OSError) and error.errno in _DENIED and error.filename:
+        return f"{error.filename}: no permission for it; change its rights, or name another file or folder"
+    return str(error)

@@ -159,6 +159,8 @@ def check_effects(effects: Effects, rig: Levitated, finer: float = 1.0) -> None:
         ValueError: An effect is not; the message names it.
     """
     for name, values in effects.items():
+        if not isinstance(values, Mapping):
+            raise ValueError(f'effect {name} = {values!r:.50}: give its parameters by name, as effect("{name}", value)')
         for key, v in effect(name, **values)[name].items():
             _check_bounds(name, key, v, rig.scales.wider(finer), f" on rig {rig.name}")
         for need in EFFECTS[name].needs:

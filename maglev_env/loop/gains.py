@@ -5,6 +5,7 @@ from math import exp
 from typing import Any, Literal
 
 import numpy as np
+from scipy.signal import lfilter, ss2tf
 
 from maglev_env.fields import is_number
 from maglev_env.loop.axes import AXES
@@ -147,6 +148,32 @@ def controller_response(
     a, b, c, d = realised(controller, dt)
     b, d = b[:, INPUTS.index(of)], d[INPUTS.index(of)]
     return d + np.linalg.solve(z[:, None, None] * np.eye(len(a)) - a, b[:, None])[..., 0] @ c
+
+
+def controller_output(
+    controller: Controller,
+    displacement: np.ndarray,
+    dt: float,
+    reference: np.ndarray | None = None,
+    current: np.ndarray | None = None,
+) -> np.ndarray:
+    """What a controller at rest makes of its inputs, (samples,), by its own recursion, with its limit.
+
+    Args:
+        controller: of an axis.
+        displacement: what the controller reads, m, (samples,).
+        dt: control step, s.
+        reference: m; None: 0.
+        current: what the controller reads, A; needed if it reads the current.
+    """
+    own = digital(controller, dt)
+    if isinstance(own, LinearController):
+        return own.output((reference, -displacement, None if current is None else -current))
+    a, b, c, d = state_space(own, dt)
+    numerator, denominator = ss2tf(a, b[:, None], c[None], np.array([[d]]))
+    return np.asarray(
+        lfilter(numerator[0], denominator, -displacement if reference is None else reference - displacement)
+    )
 
 
 def reads_current(controllers: Controllers, dt: float) -> bool:

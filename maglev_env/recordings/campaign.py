@@ -2,7 +2,7 @@
 
 import tomllib
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path, PurePosixPath, PureWindowsPath
 from typing import Any, Literal
 
@@ -16,6 +16,7 @@ from maglev_env.recordings.campaign_tables import (
     table_of,
     whole_of,
 )
+from maglev_env.recordings.files import OpenedFiles
 from maglev_env.recordings.text_layout import TextLayout, layout_table
 from maglev_env.rig.controller_tables import controllers_from_table
 from maglev_env.rig.excitation import Excitation
@@ -80,12 +81,16 @@ class RecordingSpec:
 
 @dataclass(frozen=True)
 class Campaign:
-    """A folder of recordings, its nominal rig (None: not known) and moving mass in kg (None: to be estimated)."""
+    """A folder of recordings, its nominal rig (None: not known) and moving mass in kg (None: to be estimated).
+
+    `files` are those that were read already.
+    """
 
     folder: Path
     rig: Rig | None
     mass: float | None
     recordings: tuple[RecordingSpec, ...]
+    files: OpenedFiles = field(default_factory=OpenedFiles, compare=False, repr=False)
 
 
 def load_campaign(folder_or_toml: str | Path) -> Campaign:

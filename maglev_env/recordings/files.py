@@ -5,7 +5,7 @@ import re
 import secrets
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -17,6 +17,7 @@ from maglev_env.recordings.text_layout import TextLayout
 
 TEXT = (".csv", ".tsv", ".txt", ".dat", ".lvm")
 SUFFIXES = (".mat", *TEXT, ".npz", ".h5", ".nc")
+KEPT = 2**28  # bytes of the files of a campaign whose columns stay in memory
 _HDF5 = b"\x89HDF\r\n\x1a\n"
 
 
@@ -111,6 +112,42 @@ def read_columns(path: str | Path, layout: TextLayout | None = None) -> Columns:
         raise ValueError(f"{path}: {problem}") from None
     except Exception as error:
         raise ValueError(f"{path}: cannot be read as {kind}: it is truncated or damaged ({error})") from error
+
+
+class OpenedFiles:
+    """Data files that are asked for again and again, each read once while all together are not too large.
+
+    The rules and then a command ask for the same recordings; a copy in another process begins anew.
+    """
+
+    def __init__(self) -> None:
+        self._room = KEPT
+        self._files: dict[tuple[Path, TextLayout | None], Columns] = {}
+
+    def columns(self, path: Path, layout: TextLayout | None = None) -> Columns:
+        """A file's columns; errors as `read_columns`."""
+        if (path, layout) not in self._files:
+            opened = read_columns(path, layout)
+            if (size := path.stat().st_size) > self._room:
+                return opened
+            self._room -= size
+            self._files[path, layout] = replace(opened, _read=_once(opened._read))
+        return self._files[path, layout]
+
+    def __reduce__(self) -> tuple:
+        return OpenedFiles, ()
+
+
+def _once(read: formats.Reader) -> formats.Reader:
+    found: dict[tuple, Any] = {}
+
+    def known(root: str, steps: formats.Steps) -> Any:
+        key = root, *steps
+        if key not in found:
+            found[key] = read(root, steps)
+        return found[key]
+
+    return known
 
 
 @contextmanager

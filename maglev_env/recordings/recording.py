@@ -18,7 +18,7 @@ from maglev_env.loop.magnets.kinds import geometric_law
 from maglev_env.recordings.alarms import alarms_text, clock_alarms, find_alarms, touched_rail
 from maglev_env.recordings.campaign import Campaign, ChannelSource, RecordingSpec
 from maglev_env.recordings.derived import displacements
-from maglev_env.recordings.files import Columns, read_columns
+from maglev_env.recordings.files import Columns
 from maglev_env.recordings.masking import MOST_MASKED
 from maglev_env.recordings.measurement_chain import corrected
 from maglev_env.recordings.time_stamps import Clock, check_clock
@@ -61,7 +61,7 @@ def read_recording(
         OSError: The file cannot be read.
     """
     path, rate = campaign.folder / spec.file, spec.sample_rate
-    columns = read_columns(path, spec.layout)
+    columns = campaign.files.columns(path, spec.layout)
     raw = _raw_columns(columns, spec)
     window = _window(path, spec, next(iter(raw.values())).size)
     combined = {name: _combine(raw, source)[window] for name, source in spec.channels.items()}

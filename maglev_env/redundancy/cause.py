@@ -1,20 +1,18 @@
-"""From rows that are off to the channel that is wrong: what one change explains all rows together.
+"""From rows that are off to the channel that is wrong: which change, or which two, explain all rows together.
 
 A factor or delay on one channel moves the gain or delay of every row that holds it, by its power there, and no other
 row. A cause is accepted if every row agrees with it within tolerance and error.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import combinations, product
 
 import numpy as np
 
-from maglev_env.redundancy.finding import Finding, Kind
 from maglev_env.redundancy.rows import LEVEL, Row
-from maglev_env.redundancy.view import View
 
 PARAMETERS = ("mass", "actuator gain", "gains")
-LARGEST = 8.0  # factor that an effect may be: D measures an actuator gain of 4.5 times the computed one
 ROUGH = 0.02  # how well two rows must agree on a factor, beyond tolerance and errors
 SAME_DELAY = 0.3  # of a sample, likewise
 
@@ -33,211 +31,66 @@ class Cause:
 
 def causes(rows: Sequence[Row], rate: float) -> list[Cause]:
     """Single causes that explain gains, signs and delays of all rows."""
-    names = dict.fromkeys(name for row in rows for name in row.powers)
-    return [c for name in names if (c := _cause(name, rows, rate)) is not None]
+    return [found[0] for name in _names(rows) if (found := _causes((name,), rows, rate)) is not None]
 
 
-def _cause(name: str, rows: Sequence[Row], rate: float) -> Cause | None:
-    with_it = [row for row in rows if name in row.powers and row.known]
-    if not with_it:
+def two_causes(rows: Sequence[Row], rate: float) -> tuple[Cause, ...]:
+    """The two causes that explain all rows together, where only one pair does and rows are left to check it by."""
+    pairs = [p for p in combinations(_names(rows), 2) if sum(bool({*p} & r.powers.keys()) for r in rows) > len(p)]
+    found = [one for pair in pairs if (one := _causes(pair, rows, rate)) is not None]
+    return found[0] if len(found) == 1 else ()
+
+
+def _names(rows: Sequence[Row]) -> list[str]:
+    return list(dict.fromkeys(name for row in rows for name in row.powers))
+
+
+def _causes(names: tuple[str, ...], rows: Sequence[Row], rate: float) -> tuple[Cause, ...] | None:
+    """The sizes, signs and delays of these causes; None where some row contradicts them all the same."""
+    rows = [row for row in rows if row.known]
+    with_it = [row for row in rows if row.powers.keys() & {*names}]
+    sizes = _mean(names, [(r, r.size, r.gain_se + r.tolerance / LEVEL, r.gain_se) for r in with_it])
+    late = tuple(name for name in names if name not in PARAMETERS)
+    delays = _mean(late, [(r, r.delay, r.delay_se + r.delay_tolerance / LEVEL, r.delay_se) for r in with_it
+                          if r.delay is not None])  # fmt: skip
+    if sizes is None:
         return None
-    size, size_se = _mean([(r.powers[name] * r.size, r.gain_se + r.tolerance / LEVEL, r.gain_se) for r in with_it])
-    signs = {row.gain < 0 for row in with_it if row.signed}
-    if len(signs) > 1 or (signs == {True} and name == "mass"):
-        return None
-    negative = signs == {True}
-    timed = [r for r in with_it if r.delay is not None]
-    delay, delay_se = _mean(
-        [(r.powers[name] * r.delay, r.delay_se + r.delay_tolerance / LEVEL, r.delay_se) for r in timed]
+    delays = {name: (0.0, 0.0) for name in names} | (delays or {})
+    signs = (s for s in product((False, True), repeat=len(names)) if not ("mass" in names and s[names.index("mass")]))
+    negative = next(
+        (dict(zip(names, s, strict=True)) for s in signs if _signs_agree(dict(zip(names, s, strict=True)), rows)), None
     )
-    if name in PARAMETERS:
-        delay = 0.0
+    if negative is None:
+        return None
     slack = SAME_DELAY / rate
     for row in rows:
-        if not row.known:
-            continue
-        power = row.powers.get(name, 0)
-        gain_limit = row.tolerance + LEVEL * row.gain_se + (ROUGH + 0.02 * abs(size) + row.misfit) * abs(power)
-        if abs(row.size - power * size) > gain_limit or (row.signed and (row.gain < 0) != (negative and power != 0)):
+        powers = {name: row.powers.get(name, 0) for name in names}
+        size, delay = (sum(power * of[name][0] for name, power in powers.items()) for of in (sizes, delays))
+        held = sum(map(abs, powers.values()))
+        gain_limit = row.tolerance + LEVEL * row.gain_se + (ROUGH + row.misfit) * held + 0.02 * abs(size)
+        if abs(row.size - size) > gain_limit:
             return None
-        if row.delay is not None:
-            delay_limit = row.delay_tolerance + LEVEL * row.delay_se + slack * abs(power)
-            if abs(row.delay - power * delay) > delay_limit:
-                return None
-    return Cause(name, size, negative, delay, size_se, delay_se)
+        if row.delay is not None and abs(row.delay - delay) > row.delay_tolerance + LEVEL * row.delay_se + slack * held:
+            return None
+    return tuple(Cause(n, sizes[n][0], negative[n], delays[n][0], sizes[n][1], delays[n][1]) for n in names)
 
 
-def _mean(values: Sequence[tuple[float, float, float]]) -> tuple[float, float]:
-    """Mean of (value, weight's standard deviation, standard error) and its standard error."""
-    if not values:
-        return 0.0, 0.0
-    v, spread, se = np.array(values).T
-    w = 1 / np.maximum(spread, 1e-12) ** 2
-    return float((w * v).sum() / w.sum()), float(np.sqrt((w**2 * se**2).sum()) / w.sum())
-
-
-def explained(view: View, rows: Sequence[Row]) -> list[Finding]:
-    """The findings of rows of which at least one is off."""
-    off = [row for row in rows if row.off]
-    if not off:
-        return []
-    if filtered := _filtered(view, rows):
-        return filtered
-    if any(row.shape_off for row in off if not row.delay_effects and row.code.startswith("controller")):
-        return _controller(view, rows)
-    bent = [row for row in off if row.shape_off and not (row.gain_off() or row.delay_off())]
-    if len(bent) == len(off):
-        return [_bent(view, row) for row in bent]
-    found = causes(rows, view.rate)
-    if found:
-        return [_one(view, found, rows)]
-    exact = [row for row in off if not _or_effect(row)]
-    if not exact:
-        return [_row(view, row) for row in off]
-    # The rows of exact relations alone may have one cause, while an effect moves the others.
-    sure = [row for row in rows if not (row.gain_effects or row.delay_effects)]
-    if any(row.off for row in sure) and (found := causes(sure, view.rate)):
-        rest = [_row(view, row) for row in off if row not in sure and not {c.name for c in found} & row.powers.keys()]
-        return [_one(view, found, sure), *rest]
-    return [_several(view, off)]
-
-
-def _or_effect(row: Row) -> bool:
-    """Whether effects of the library can cause all that is off in a row; none reverses a sign or is so large."""
-    gain = not row.gain_off() or (bool(row.gain_effects) and row.gain > 0 and abs(row.size) < np.log(LARGEST))
-    return gain and (not (row.delay_off() or row.shape_off) or bool(row.delay_effects))
-
-
-def _effects(rows: Sequence[Row]) -> str:
-    names: dict[str, None] = {}
-    for row in rows:
-        if row.gain_off():
-            names |= dict.fromkeys(row.gain_effects)
-        if row.delay_off() or row.shape_off:
-            names |= dict.fromkeys(row.delay_effects)
-    return ", ".join(list(names)[:4])
-
-
-def _one(view: View, found: Sequence[Cause], rows: Sequence[Row]) -> Finding:
-    channels = [c for c in found if c.name not in PARAMETERS] or list(found)
-    named = [*channels, *(c for c in found if c not in channels)]
-    lead = named[0]
-    off = [row for row in rows if row.off and lead.name in row.powers] or [row for row in rows if row.off]
-    sure = any(not _or_effect(row) for row in off)
-    factor = (-1 if lead.negative else 1) * float(np.exp(lead.size))
-    reach = 2 * lead.size_se * abs(factor)
-    says, code, value, interval = [], "scale", factor, (factor - reach, factor + reach)
-    gained = lead.negative or any(row.gain_off() for row in off)
-    if lead.negative and not any(abs(row.size) > row.tolerance + LEVEL * row.gain_se for row in off):
-        says.append("its sign is reversed")
-        code = "sign"
-    elif gained:
-        size_words = f"{factor:.3g} +- {reach:.1g}"
-        if lead.name in PARAMETERS:
-            says.append(f"what is stated is {size_words} times what is shown")
-        else:
-            says.append(f"factor {size_words}")
-    if any(row.delay_off() for row in off):
-        samples, error = lead.delay * view.rate, 2 * lead.delay_se * view.rate
-        says.append(f"{'late' if samples > 0 else 'early'} by {abs(samples):.3g} +- {error:.1g} samples")
-        if not gained:
-            code, value, interval = (
-                "delay",
-                lead.delay,
-                (lead.delay - 2 * lead.delay_se, lead.delay + 2 * lead.delay_se),
-            )
-    names = " or ".join(c.name for c in named)
-    against = " and ".join(dict.fromkeys(row.against for row in off))
-    text = f"{names}: {' and '.join(says) or 'differs'} against {against}; {_advice(view, code, lead)}"
-    kind: Kind = "wiring"
-    if not sure:
-        kind = "effect"
-        text += f"; or an effect ({_effects(off)}): run `maglev diagnose`"
-    elif len({row.code for row in off if lead.name in row.powers}) > 1 or lead.negative:
-        kind = "contradiction"
-    return Finding(code, view.recording, names, float(value), interval, text, kind)
-
-
-def _advice(view: View, code: str, cause: Cause) -> str:
-    if cause.name in PARAMETERS:
-        return {"mass": "check [parameters] mass", "gains": "check the stated gains"}.get(
-            cause.name, "check the rig's actuator_gain"
-        )
-    column = view.columns.get(cause.name, cause.name)
-    return {
-        "scale": f"check the scale of column {column!r}",
-        "sign": f"check the sign of column {column!r}",
-        "delay": f"check when column {column!r} is sampled",
-    }[code]
-
-
-def _filtered(view: View, rows: Sequence[Row]) -> list[Finding]:
-    """A low-pass on one channel."""
-    for row in rows:
-        if row.shape_off and row.lag:
-            names = list(row.powers)
-            name = names[0] if row.lag > 0 else names[1]
-            if row.notes.get("twist"):
-                name = "injection"
-            corner = 1 / (2 * np.pi * abs(row.lag))
-            text = f"{name}: it looks low-pass filtered at {corner:.4g} Hz against {row.against}; take the filter out"
-            kind: Kind = "wiring"
-            if row.delay_effects:
-                kind = "effect"
-                text += f", or an effect ({', '.join(row.delay_effects[:4])}): run `maglev diagnose`"
-            return [Finding("filter", view.recording, name, corner, None, text, kind)]
-    return []
-
-
-def _controller(view: View, rows: Sequence[Row]) -> list[Finding]:
-    row = next(r for r in rows if r.code == "controller")
-    text = (
-        f"command, displacement or gains: the command is not what the stated controller makes of the displacement "
-        f"(factor {row.gain:.3g}, {row.misfit:.0%} are left): check the gains, td, ti and control_rate, whether the "
-        "controller limits or filters more than is stated, and that both columns belong to this loop"
+def _signs_agree(negative: Mapping[str, bool], rows: Sequence[Row]) -> bool:
+    return all(
+        (row.gain < 0) == bool(sum(negative[n] for n in row.powers if n in negative) % 2) for row in rows if row.signed
     )
-    return [Finding("controller", view.recording, "command or displacement or gains", row.gain, None, text, "wiring")]
 
 
-def _bent(view: View, row: Row) -> Finding:
-    if row.code.startswith("designed"):
-        name = next(iter(row.powers))
-        text = (
-            f"{name}: its lines are unequal by {row.misfit:.0%} where the design has equal ones (they change as "
-            f"frequency to the power {row.notes['slope']:.2g}): a filter on column {view.columns.get(name, name)!r}, "
-            "or the exciter's own response"
-        )
-        return Finding("shape", view.recording, name, row.misfit, None, text, "quality")
-    return _row(view, row)
-
-
-def _row(view: View, row: Row) -> Finding:
-    says = []
-    if row.gain_off():
-        says.append(f"factor {row.gain:.3g} +- {2 * row.gain_se * abs(row.gain):.1g}")
-    if row.delay_off():
-        says.append(f"{'late' if row.delay > 0 else 'early'} by {abs(row.delay) * view.rate:.3g} samples")
-    if row.shape_off:
-        says.append(f"{row.misfit:.0%} are left unexplained")
-    names = " or ".join(name for name in row.powers)
-    text = f"{names}: {', '.join(says)} against {row.against}"
-    effects = _effects([row])
-    text += f": a scale, or an effect ({effects}): run `maglev diagnose`" if effects else "; check both"
-    kind: Kind = "effect" if _or_effect(row) else "wiring"
-    se = 2 * row.gain_se * abs(row.gain)
-    return Finding(row.code, view.recording, names, row.gain, (row.gain - se, row.gain + se), text, kind)
-
-
-def _several(view: View, off: Sequence[Row]) -> Finding:
-    parts = "; ".join(
-        f"{next(iter(row.powers))} is {row.gain:.3g} times {row.against}"
-        + (f" and {row.misfit:.0%} off in shape" if row.shape_off else "")
-        for row in off[:3]
-    )
-    names = " or ".join(dict.fromkeys(name for row in off for name in row.powers if name not in PARAMETERS))
-    text = (
-        f"{names}: no single cause explains this: {parts}. The file of another rig or recording, swapped columns, or "
-        "several errors: check file, columns and rig"
-    )
-    sure = len([row for row in off if not _or_effect(row)]) > 1
-    return Finding("mismatch", view.recording, names, None, None, text, "contradiction" if sure else "wiring")
+def _mean(
+    names: tuple[str, ...], values: Sequence[tuple[Row, float, float, float]]
+) -> dict[str, tuple[float, float]] | None:
+    """Sizes and standard errors of causes from (row, value, weight's standard deviation, standard error)."""
+    if not names or not values:
+        return None
+    powers = np.array([[row.powers.get(name, 0) for name in names] for row, *_ in values], float)
+    _, v, spread, se = (np.array(column, float if i else object) for i, column in enumerate(zip(*values, strict=True)))
+    spread = np.maximum(spread, 1e-12)
+    if np.linalg.matrix_rank(powers) < len(names):
+        return None
+    solve = np.linalg.pinv(powers / spread[:, None]) / spread
+    return dict(zip(names, zip(solve @ v, np.sqrt(solve**2 @ se**2), strict=True), strict=True))

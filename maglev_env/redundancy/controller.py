@@ -1,8 +1,19 @@
 """The recorded command against what the stated controller makes of the recorded displacement."""
 
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+
 import numpy as np
 
-from maglev_env.loop.gains import Controller, Gains, controller_response, form_of, linear_ones
+from maglev_env.loop.gains import (
+    Controller,
+    Gains,
+    controller_output,
+    controller_response,
+    form_of,
+    linear_ones,
+    reads_current,
+)
 from maglev_env.redundancy.finding import Finding
 from maglev_env.redundancy.rows import LEAST_LINES, Fit, Row, fit
 from maglev_env.redundancy.view import View
@@ -11,6 +22,8 @@ GAIN, DELAY = 0.02, 0.15  # what rounding and another channel's clock may do: re
 SHAPE = 0.03  # relative misfit
 CLEARLY = 0.3  # of the misfit: a repair that leaves less is believed
 NOTHING = 1e-9
+READ = ("displacement", "reference", "current")
+AT_LIMIT = 0.01  # of a controller's range: how near its ends it is taken as limited
 LEVELS, CUT, LONGER = 100, 3, 2.5  # of a command: fewer levels are steps; samples at a limit, at least and to the next
 
 
@@ -18,6 +31,7 @@ def controlled(view: View) -> list[Row]:
     """Gain and delay from the displacement to the command, and from what is injected to the command.
 
     A digital controller computes its command exactly; what remains is rounding, which the mean over periods averages.
+    Where it reached its limit, or nothing repeats, it is computed sample by sample.
     Without injection or reference in the file, a recording that does not repeat tells nothing: what was added to its
     command is then found by this very relation.
     """
@@ -26,34 +40,58 @@ def controlled(view: View) -> list[Row]:
     found = compared(view, view.gains)
     if found is None:
         return []
-    again, driven = found
+    again = found.fit
     at = view.rig.control_rate
     common = {"tolerance": GAIN, "delay_tolerance": DELAY / at, "most_misfit": SHAPE}
     words = "what the stated controller makes of the displacement"
-    lag, twist = (0.0, 0.0) if again.misfit <= SHAPE else _filtered(view, again.misfit)
+    lag, twist = (0.0, 0.0) if again.misfit <= SHAPE else _filtered(view, found)
     rows = [
         Row("controller", {"command": 1, "displacement": -1, "gains": -1}, float(again.gain[0]),
             float(again.gain_se[0]), against=words, delay=float(again.delay[0]), delay_se=float(again.delay_se[0]),
             misfit=again.misfit, lag=lag, notes={"twist": twist}, **common)
     ]  # fmt: skip
-    if driven:
+    if found.driven:
         name = "injection" if "injection" in view.channels else "reference"
-        rows.append(
-            Row("injection to command", {"command": 1, name: -1}, float(again.gain[1]), float(again.gain_se[1]),
-                against=f"the {name}", delay=float(again.delay[1]), delay_se=float(again.delay_se[1]), **common)
-        )  # fmt: skip
+        rows.append(_added(view, name, again))
+    if found.driven and found.referred is not None and "injection" in view.channels and not _bad(again, view):
+        lines = view.lines  # beside a large injection the reference is told only with that taken off
+        rest = lines.parts["command"] - (found.drive - found.referred)
+        second = fit(rest, [found.back, found.referred], lines.frequency, view.rate, lines.periodic)
+        rows += [] if second is None else [_added(view, "reference", second)]
     return rows
+
+
+def _added(view: View, name: str, found: Fit) -> Row:
+    powers = {"command": 1, name: -1} | ({"gains": -1} if name == "reference" else {})
+    return Row(
+        f"{name} to command", powers, float(found.gain[1]), float(found.gain_se[1]), GAIN, f"the {name} in the command",
+        float(found.delay[1]), float(found.delay_se[1]), DELAY / view.rig.control_rate, most_misfit=SHAPE,
+    )  # fmt: skip
 
 
 def applies(view: View) -> bool:
     """Whether the relation can be looked at."""
     if view.rig is None or not view.rig.controlled or view.gains is None:
         return False
-    if any(one.limit is not None or one.reads_current for one in linear_ones(view.gains, 1 / view.rig.control_rate)):
-        return False  # the command does not follow from the displacement by a linear filter
-    if not {"displacement", "command"} <= view.recorded or cut_off(view.channels["command"]):
+    inputs = {"displacement", "current"} if reads_current(view.gains, 1 / view.rig.control_rate) else {"displacement"}
+    if not {*inputs, "command"} <= view.recorded:
+        return False
+    if limited_in(view, view.gains):
+        if not at_control_rate(view):
+            return False
+    elif cut_off(view.channels["command"]):
         return False
     return view.periodic or (("injection" in view.recorded or "reference" in view.recorded) and at_control_rate(view))
+
+
+def limited_in(view: View, gains: Controller) -> bool:
+    """Whether a controller with a limit reached it."""
+    for one in linear_ones(gains, 1 / view.rig.control_rate):
+        if one.limit is not None:
+            (low, high), own = one.limit, view.channels["command"] - view.channels.get("injection", 0.0)
+            near = AT_LIMIT * (high - low)
+            return bool(own.max() > high - near or own.min() < low + near)
+    return False
 
 
 def cut_off(command: np.ndarray) -> bool:
@@ -70,53 +108,95 @@ def at_control_rate(view: View) -> bool:
     return view.rig is not None and abs(view.rate / view.rig.control_rate - 1) < 1e-9
 
 
-def compared(view: View, gains: Controller | None) -> tuple[Fit, bool] | None:
-    """The fit under a controller, and whether something drives the loop at its command."""
-    lines, parts = view.lines, view.lines.parts
+@dataclass(frozen=True)
+class Compared:
+    """The fit under a controller, and spectra (s, n): what it makes of what it reads, and what is added to that.
+
+    `driven`: whether anything is added. `referred`: the reference's share in that; None without one.
+    """
+
+    fit: Fit
+    back: np.ndarray
+    drive: np.ndarray
+    driven: bool
+    referred: np.ndarray | None
+
+
+def compared(view: View, gains: Controller | None) -> Compared | None:
+    """The command against a controller's."""
     if gains is None:
         return None
-    z, dt = np.exp(2j * np.pi * lines.frequency / view.rig.control_rate), 1 / view.rig.control_rate
-    response = controller_response(gains, z, dt)
-    out, back = parts["command"], -response * parts["displacement"]
-    drive = np.zeros_like(out)
-    if "injection" in parts:
-        drive = drive + parts["injection"]
+    lines, best = view.lines, None
+    for back, injection, referred in _made(view, gains):
+        drive = injection if referred is None else injection + referred
+        # What is not driven at the command holds only rounding there.
+        moved = np.abs(drive).mean(axis=0) > NOTHING * np.abs(drive).max(initial=0.0)
+        driven = int(moved.sum()) >= LEAST_LINES
+        inputs = [back, drive] if driven else [back]
+        found = fit(lines.parts["command"], inputs, lines.frequency, view.rate, lines.periodic)
+        if found is not None and (best is None or found.cost < best.fit.cost):
+            best = Compared(found, back, drive, driven, referred)
+        if best is not None and not _bad(best.fit, view):
+            break
+    return best
+
+
+def _made(view: View, gains: Controller) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray | None]]:
+    """Spectra (s, n) of what a controller makes of what it reads, of the injection, and of its share of the reference.
+
+    Where nothing repeats, segments hold what came before them, so the controller runs through the whole record: from
+    rest, or from its mean if the record began before, which a controller that integrates cannot take. A short one may
+    still be told best by its response alone.
+    """
+    lines, parts = view.lines, view.lines.parts
+    injection = parts.get("injection", np.zeros_like(parts["command"]))
+    dt = 1 / view.rig.control_rate
+    read = {name: view.channels[name] for name in READ if name in view.channels}
+    if limited_in(view, gains):  # the reference acts before the limit, together with the reading
+        yield _run(view, gains, read), injection, None
+        return
+    if not lines.periodic:
+        for inputs in (read, {name: values - values.mean() for name, values in read.items()}):
+            reference, referred = inputs.pop("reference", None), None
+            if reference is not None:
+                referred = _run(view, gains, {"displacement": np.zeros_like(reference), "reference": reference})
+            yield _run(view, gains, inputs), injection, referred
+    z = np.exp(2j * np.pi * lines.frequency * dt)
+    back = -controller_response(gains, z, dt) * parts["displacement"]
+    if reads_current(gains, dt):
+        back = back - controller_response(gains, z, dt, "current") * parts["current"]
+    referred = None
     if "reference" in parts:
-        drive = drive + controller_response(gains, z, dt, "reference") * parts["reference"]
-    # What is not driven at the command holds only rounding there.
-    moved = np.abs(drive).mean(axis=0) > NOTHING * np.abs(drive).max(initial=0.0)
-    driven = int(moved.sum()) >= LEAST_LINES
-    found = fit(out, [back, drive] if driven else [back], lines.frequency, view.rate, lines.periodic)
-    return None if found is None else (found, driven)
+        referred = controller_response(gains, z, dt, "reference") * parts["reference"]
+    yield back, injection, referred
 
 
-def _filtered(view: View, misfit: float) -> tuple[float, float]:
+def _run(view: View, gains: Controller, read: Mapping[str, np.ndarray]) -> np.ndarray:
+    made = controller_output(gains, dt=1 / view.rig.control_rate, **read)
+    return replace(view, channels={**view.channels, "command": made}).lines.parts["command"]
+
+
+def _filtered(view: View, found: Compared) -> tuple[float, float]:
     """Time constant of a low-pass on the command (> 0) or on the displacement (< 0) that explains the misfit.
 
     The second value is 1 where the injection is the filtered channel.
     """
-    lines, parts = view.lines, view.lines.parts
-    z, dt = np.exp(2j * np.pi * lines.frequency / view.rig.control_rate), 1 / view.rig.control_rate
-    response = controller_response(view.gains, z, dt)
-    drive = parts.get("injection", np.zeros_like(parts["command"]))
-    if "reference" in parts:
-        drive = drive + controller_response(view.gains, z, dt, "reference") * parts["reference"]
-    best, found = CLEARLY * misfit, (0.0, 0.0)
-    total = parts["command"].mean(axis=0) if lines.periodic else parts["command"].ravel()
+    lines, command, back, drive = view.lines, view.lines.parts["command"], found.back, found.drive
+    best, lag = CLEARLY * found.fit.misfit, (0.0, 0.0)
+    total = command.mean(axis=0) if lines.periodic else command.ravel()
     for size in np.geomspace(0.05, 200.0, 60) / view.rate:
         pole = 1 / (1 + 2j * np.pi * lines.frequency * size)
-        for who, command, shown, added in (
-            ("command", parts["command"] / pole, parts["displacement"], drive),
-            ("displacement", parts["command"], parts["displacement"] / pole, drive),
-            ("injection", parts["command"], parts["displacement"], drive / pole),
+        for who, rest in (
+            ("command", command / pole - back - drive),
+            ("displacement", command - back / pole - drive),
+            ("injection", command - back - drive / pole),
         ):
-            rest = command + response * shown - added
             rest = rest.mean(axis=0) if lines.periodic else rest.ravel()
             left = float(np.sqrt((np.abs(rest) ** 2).sum() / (np.abs(total) ** 2).sum()))
             if left < best:
-                best, found = left, ({"command": size, "displacement": -size, "injection": size}[who],
-                                     float(who == "injection"))  # fmt: skip
-    return found
+                best = left
+                lag = {"command": size, "displacement": -size, "injection": size}[who], float(who == "injection")
+    return lag
 
 
 def stated_gains(view: View) -> list[Finding]:
@@ -124,18 +204,18 @@ def stated_gains(view: View) -> list[Finding]:
     if not applies(view) or not view.others:
         return []
     own = compared(view, view.gains)
-    if own is None or not _bad(own[0], view):
+    if own is None or not _bad(own.fit, view):
         return []
     for other in view.others:
         found = compared(view, other)
-        if found is not None and not _bad(found[0], view):
+        if found is not None and not _bad(found.fit, view):
             words = _words(other)
             text = (
                 f"controller: the command is not what the stated gains make of the displacement (factor "
-                f"{own[0].gain[0]:.3g}, misfit {own[0].misfit:.1%}), but what {words} make of it, which other "
+                f"{own.fit.gain[0]:.3g}, misfit {own.fit.misfit:.1%}), but what {words} make of it, which other "
                 "recordings of this campaign state; correct the gains of this recording"
             )
-            return [Finding("gains", view.recording, "gains", float(own[0].gain[0]), None, text, "contradiction")]
+            return [Finding("gains", view.recording, "gains", float(own.fit.gain[0]), None, text, "contradiction")]
     return []
 
 

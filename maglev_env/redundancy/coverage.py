@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 
+from maglev_env.loop.gains import reads_current
 from maglev_env.redundancy.finding import Finding
 from maglev_env.redundancy.rows import Row
 from maglev_env.redundancy.view import View
@@ -15,6 +16,8 @@ def uncovered(view: View, rows: Sequence[Row]) -> list[Finding]:
         return []
     seen = {name for row in rows for name in row.powers}
     free = [name for name in CHANNELS if name in view.recorded and name not in seen]
+    if view.gains is not None and view.rig is not None and view.rig.controlled and "gains" not in seen:
+        free.append("gains")
     if "mass" not in seen and view.mass is not None:
         free.append("mass")
     if view.rig is None and "force" in view.recorded:
@@ -31,6 +34,10 @@ def uncovered(view: View, rows: Sequence[Row]) -> list[Finding]:
         advice.append(
             "name the rig and its gains" if view.rig is None else "record command and current at the control rate"
         )
+    if "gains" in free and view.rig is not None:
+        inputs = "displacement and current" if reads_current(view.gains, 1 / view.rig.control_rate) else "displacement"
+        driven = "" if view.known_drive else " and what is injected"
+        advice.append(f"record command, {inputs}{driven} at the control rate")
     if "time between force and displacement" in free and not any("name the rig" in a for a in advice):
         advice.append("name the rig and its gains")
     text = f"not checkable here: {', '.join(free)}; {', '.join(advice)}"

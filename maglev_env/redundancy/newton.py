@@ -38,7 +38,7 @@ def moved(view: View) -> list[Row]:
         return []
     keep = _dominated(view)
     if keep.sum() < TOO_FEW:
-        return []
+        return _without_rig(view)  # a mass that is stated too small seems to dominate nowhere
     lines = view.lines.at(keep)
     nominal = view.nominal(lines.frequency)
     compliance, plant = nominal.receptance / nominal.sensitivity, nominal.plant
@@ -102,13 +102,22 @@ def _dominated(view: View) -> np.ndarray:
         step = 2 * rig.voltage_range / 2**rig.adc_bits / rig.probe_gain if rig.adc_bits else 0.0
         white = rig.noise.displacement**2 + step**2 / 12
         length = round(view.rate / (lines.frequency[1] - lines.frequency[0])) if lines.frequency.size > 1 else 1
-        floor = white * 0.375 * length  # power of a Hann window
-        keep &= (np.abs(y) ** 2).mean(axis=0) > LOUD * max(floor, 1e-300)
+        window = 0.375 * length  # power of a Hann window
+        loud = (np.abs(y) ** 2).mean(axis=0) > LOUD * max(white * window, 1e-300)
+        # A filtered displacement is weak where the recorded current must move the rotor.
+        if rig.controlled and "current" in view.recorded:
+            nominal, current = view.nominal(lines.frequency), (np.abs(lines.parts["current"]) ** 2).mean(axis=0)
+            moving = np.abs(nominal.plant / nominal.amplifier) ** 2 * current > LOUD * white * window
+            loud |= moving & (current > LOUD * rig.noise.current**2 * window)
+        keep &= loud
     return keep
 
 
 def _without_rig(view: View) -> list[Row]:
-    """The mass that force and displacement show against the stated one: F = (k - m w^2 + j w c) Y over all lines."""
+    """The mass that force and displacement show against the stated one: F = (k - m w^2 + j w c) Y over all lines.
+
+    It needs nothing of the rig, and no line at which the stated mass dominates.
+    """
     if not view.periodic or "force" not in view.recorded:
         return []
     lines = view.lines.at(view.place("force"))

@@ -49,8 +49,8 @@ def jumps(view: View) -> list[Finding]:
     tried = [[(p, *_shift(one, other, lines * every, samples)) for p, one in enumerate(spectra)]
              for other in (spectra[1], spectra[-1])]  # fmt: skip
     shifts = max(tried, key=lambda found: sum(rest < COPY for *_, rest in found))
-    # A block in which the jump lies is no shifted copy of the others. The rotor's first period holds its transient.
-    first = 1 if name == "displacement" else 0
+    # A block in which the jump lies is no shifted copy of the others. The rotor's first periods hold its transient.
+    first = max(1, view.lines.first) if name == "displacement" else 0
     whole_ones = [(p, shift) for p, shift, rest in shifts[first:] if rest < COPY]
     size = np.abs(spectra[1]) ** 2
     spread = np.sqrt((size * (2 * np.pi * lines * every / samples) ** 2).sum() / size.sum())
@@ -102,31 +102,31 @@ def _shift(one: np.ndarray, other: np.ndarray, lines: np.ndarray, samples: int) 
 
 
 def outliers(view: View) -> list[Finding]:
-    """Samples or whole periods of a channel that are far from those of the other periods."""
+    """Samples or whole periods of a channel, of those that are used, that are far from those of the other periods."""
     if not view.periodic:
         return []
     names, blocks = view.blocks
     found = []
     if len(blocks) < LEAST:
         return found
-    samples = view.block[0]
+    samples, first = view.block[0], max(1, view.lines.first)  # a rotor that still rings is left out anyway
     for i, name in enumerate(names):
         if name not in view.recorded:
             continue
-        rest = blocks[1:, i] - np.median(blocks[1:, i], axis=0)
+        rest = blocks[first:, i] - np.median(blocks[first:, i], axis=0)
         rest = rest - np.median(rest, axis=1, keepdims=True)
-        kept = [p for p in range(len(rest)) if p + 1 not in view.left_out]
+        kept = [p for p in range(len(rest)) if p + first not in view.left_out]
         rest = rest[kept]
         if not len(rest):
             continue
         sigma = 1.4826 * float(np.median(np.abs(rest)))
-        size = float(np.ptp(blocks[1:, i]))
+        size = float(np.ptp(blocks[first:, i]))
         if sigma <= 1e-9 * size:
             sigma = max(float(np.median(np.abs(rest[rest != 0]))) if rest.any() else 0.0, 1e-4 * size)
         power = np.mean(rest**2, axis=1)
         worst = float(np.abs(rest).max())
         p, k = np.unravel_index(int(np.argmax(np.abs(rest))), rest.shape)
-        when = ((kept[p] + 1) * samples + k) / view.rate
+        when = ((kept[p] + first) * samples + k) / view.rate
         unit = unit_of(name)
         if worst > SPIKE * sigma and worst > 0.01 * size and power.max() < OTHER * max(np.median(power), sigma**2):
             text = (
@@ -135,7 +135,7 @@ def outliers(view: View) -> list[Finding]:
             )
             found.append(Finding("spike", view.recording, name, worst, None, text, "wiring"))
         elif (ratio := float(power.max() / max(np.median(power), 1e-300))) > OTHER and power.max() > (0.01 * size) ** 2:
-            at = kept[int(np.argmax(power))] + 1
+            at = kept[int(np.argmax(power))] + first
             text = (
                 f"{name}: the period from {at * samples / view.rate:.4g} s on differs from the others by "
                 f"{np.sqrt(power.max()):.3g} {unit} rms, {np.sqrt(ratio):.0f} times as much as usual; something "

@@ -205,12 +205,20 @@ def _local(rest: np.ndarray) -> np.ndarray:
 
 
 def _common(out: np.ndarray, rest: np.ndarray, weight: np.ndarray) -> float:
-    """Share of the output's power that the residual holds as one response to it in all segments."""
-    response = (rest * out.conj()).sum(axis=0) / np.maximum((np.abs(out) ** 2).sum(axis=0), 1e-300)
-    scatter = (np.abs(rest - response * out) ** 2).sum(axis=0) / np.maximum((np.abs(out) ** 2).sum(axis=0), 1e-300)
-    share = np.maximum(np.abs(response) ** 2 - scatter / max(len(out) - 1, 1), 0.0)
+    """Share of the output's power that the residual holds as one response in all segments.
+
+    Noise of the output is in the residual and in the output, and noise of the inputs in the residual and in what they
+    make, so what is common to the residual and to both of these counts.
+    """
+    power = np.maximum((np.abs(out) ** 2).sum(axis=0), 1e-300)
+    shares = []
+    for by in (out, out - rest):
+        own = np.maximum((np.abs(by) ** 2).sum(axis=0), 1e-300)
+        response = (rest * by.conj()).sum(axis=0) / own
+        scatter = (np.abs(rest - response * by) ** 2).sum(axis=0) / max(len(out) - 1, 1)
+        shares.append(np.maximum(np.abs(response) ** 2 * own - scatter, 0.0) / power)
     power = (weight * np.abs(out) ** 2).sum(axis=0)
-    return float((power * share).sum() / power.sum())
+    return float((power * np.minimum(*shares)).sum() / power.sum())
 
 
 def low_pass(

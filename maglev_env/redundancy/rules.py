@@ -16,10 +16,10 @@ from maglev_env.recordings.signals import recorded_signals
 from maglev_env.recordings.spectra import RecordedSignals, axis_signals
 from maglev_env.redundancy.amplifier import amplified
 from maglev_env.redundancy.bounds import balance, clearance, rails, ranges, sensitivity
-from maglev_env.redundancy.cause import explained
 from maglev_env.redundancy.controller import controlled, stated_gains
 from maglev_env.redundancy.coverage import uncovered
 from maglev_env.redundancy.design import dead_lines, designed
+from maglev_env.redundancy.explained import explained
 from maglev_env.redundancy.finding import ORDER, Finding
 from maglev_env.redundancy.newton import moved
 from maglev_env.redundancy.periods import breaks, drifts, jumps, outliers
@@ -30,7 +30,7 @@ from maglev_env.rig.rig import axis_rig, with_parameters
 if TYPE_CHECKING:
     import xarray as xr
 
-# Comparisons of channels. Each gives rows, which are explained together; see `cause`.
+# Comparisons of channels. Each gives rows, which are explained together; see `explained`.
 ROWS: Mapping[str, Callable[[View], list[Row]]] = {
     "designed waveform": designed,
     "controller": controlled,
@@ -95,7 +95,7 @@ def examine_recording(campaign: Campaign, spec: RecordingSpec) -> list[Finding]:
     ):
         found = _other_rate(campaign, spec, signals) or found
     if any(f.code in DOUBTFUL and f.kind in ("contradiction", "wiring") for f in found):
-        found = _swapped(campaign, spec, " ".join(f.channel + f.message for f in found)) or found
+        found = _swapped(campaign, spec) or found
     return [*alarms, *found]
 
 
@@ -116,7 +116,10 @@ def _findings(view: View) -> list[Finding]:
         if any(f.code in FINAL and f.kind == "contradiction" for f in found):
             return found
     rows = comparisons(view)
-    return [*found, *explained(view, rows), *uncovered(view, rows)]
+    why = explained(view, rows)
+    # A cause that is named explains what the peak of |S| can only doubt.
+    named = [f for f in why if f.code in ("scale", "sign") and f.kind == "contradiction"]
+    return [*named, *found, *(f for f in why if f not in named), *uncovered(view, rows)]
 
 
 def comparisons(view: View) -> list[Row]:
@@ -154,12 +157,16 @@ def _views(campaign: Campaign, spec: RecordingSpec, signals: RecordedSignals) ->
     return [view if "voltage" in view.channels else view.at_control_rate() for view in views]
 
 
-def _swapped(campaign: Campaign, spec: RecordingSpec, said: str) -> list[Finding]:
-    """Two columns exchanged: the one exchange, of channels that findings name, under which all rules agree."""
+def _swapped(campaign: Campaign, spec: RecordingSpec) -> list[Finding]:
+    """Two columns exchanged: the one exchange under which all rules agree.
+
+    Of many channels, those are tried that share an axis or a quantity.
+    """
     names = [n for n in spec.channels if n != "time"]
-    if len(names) > FEW:
-        names = [n for n in names if n.partition("_")[0] in said]
     for one, other in combinations(names, 2):
+        (a, _, of), (b, _, of_other) = one.partition("_"), other.partition("_")
+        if len(names) > FEW and a != b and of != of_other:
+            continue
         channels = {**spec.channels, one: spec.channels[other], other: spec.channels[one]}
         try:
             exchanged = replace(spec, channels=channels)

@@ -333,6 +333,8 @@ def load_rig(source: str | Path) -> Rig:
         ValueError: The rig is not valid; the message names file and key.
         OSError: The file cannot be read.
     """
+    if not isinstance(source, str | Path):
+        raise ValueError(f"rig = {source!r:.100}: give a preset's name, a .toml file, or a Rig")
     if str(source) in PRESETS:
         text = (RIG_FOLDER / f"{source}.toml").read_text()
         return rig_from_toml(text, str(source))

@@ -1,11 +1,10 @@
-"""What controllers make of recorded channels, by their own recursion from rest."""
+"""What was added to a recorded command, and what the reference adds, by the controllers' own recursion from rest."""
 
 from dataclasses import replace
 
 import numpy as np
-from scipy.signal import lfilter, ss2tf
 
-from maglev_env.loop.gains import Controller, digital, state_space
+from maglev_env.loop.gains import Controller, controller_output, digital
 from maglev_env.loop.linear_controller import LinearController
 
 
@@ -30,24 +29,6 @@ def recovered_injection(
         current: what the controller read, A; needed if it reads the current.
     """
     return command - controller_output(controller, displacement, dt, reference, current)
-
-
-def controller_output(
-    controller: Controller,
-    displacement: np.ndarray,
-    dt: float,
-    reference: np.ndarray | None = None,
-    current: np.ndarray | None = None,
-) -> np.ndarray:
-    """What a controller at rest makes of its inputs, (samples,); arguments as `recovered_injection`."""
-    own = digital(controller, dt)
-    if isinstance(own, LinearController):
-        return own.output((reference, -displacement, None if current is None else -current))
-    a, b, c, d = state_space(own, dt)
-    numerator, denominator = ss2tf(a, b[:, None], c[None], np.array([[d]]))
-    return np.asarray(
-        lfilter(numerator[0], denominator, -displacement if reference is None else reference - displacement)
-    )
 
 
 def referred(controller: Controller, reference: np.ndarray, dt: float) -> np.ndarray:

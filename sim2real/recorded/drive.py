@@ -17,10 +17,10 @@ from scipy.interpolate import CubicSpline
 from maglev_env.experiment import Experiment, sampling
 from maglev_env.linear.loop import without_noise
 from maglev_env.loop.effect import EFFECTS
-from maglev_env.loop.gains import NO_CONTROLLER, limited, of_axis, reads_current
+from maglev_env.loop.gains import NO_CONTROLLER, controller_output, limited, of_axis, reads_current
 from maglev_env.recordings.campaign import RecordingSpec
 from maglev_env.rig.rig import Rig, axis_rig
-from sim2real.recorded.controller_output import controller_output, referred
+from sim2real.recorded.controller_output import referred
 from sim2real.recorded.stand_in import finer_steps, stand_in
 
 UNLIMITED = 1e4  # V: range of the converters of a stand-in

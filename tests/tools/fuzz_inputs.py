@@ -5,6 +5,7 @@ import json
 import os
 import tomllib
 from collections.abc import Callable
+from copy import deepcopy
 from pathlib import Path
 from typing import Any, get_type_hints
 
@@ -180,13 +181,13 @@ def change_toml(rng: Rng, path: Path) -> None:
                 factor = pick(rng, (0.0, -1.0, 0.5, 0.9, 1.1, 2.0, 10.0, 1e3, 1e-3, 1e-9, 1e9))
                 table[key] = type(table[key])(table[key] * factor)
             elif what < 0.85:
-                table[key] = pick(rng, HOSTILE)
+                table[key] = deepcopy(pick(rng, HOSTILE))  # the next call must not find it changed
             elif what < 0.93:
                 del table[key]
             elif isinstance(table, dict):
-                table[pick(rng, TEXTS) or "k"] = table[key]
+                table[pick(rng, TEXTS) or "k"] = deepcopy(table[key])
             else:
-                table.append(table[key])
+                table.append(deepcopy(table[key]))
             break
     path.write_text(toml_of(data))
 

@@ -1,3 +1,4 @@
+import pickle
 import struct
 import zlib
 
@@ -8,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.io import savemat
 
-from maglev_env.recordings import file_formats
+from maglev_env.recordings import file_formats, files
 from maglev_env.recordings.files import read_columns, write_csv, write_mat, write_npz, write_text_atomic
 
 WRITERS = {".npz": write_npz, ".mat": write_mat, ".csv": write_csv}
@@ -240,3 +241,23 @@ def test_small_files_that_unpack_to_gigabytes_are_refused_unread(tmp_path, kind)
         path.write_bytes(b"MATLAB 5.0".ljust(124) + b"\x00\x01IM" + struct.pack("<2I", 15, len(packed)) + packed)
     with pytest.raises(ValueError, match="bytes, more than the limit of 1073741824; split the recording"):
         read_columns(path).column("y")
+
+
+def test_a_file_of_a_campaign_is_read_once_by_rules_and_commands(tmp_path, monkeypatch):
+    opened = []
+    monkeypatch.setattr(files, "read_columns", lambda *asked: opened.append(asked) or read_columns(*asked))
+    path, other = tmp_path / "a.csv", tmp_path / "b.npz"
+    path.write_text("y\n1\n2\n")
+    write_npz(other, {"y": np.array([3.0, 4.0])})
+    asked = files.OpenedFiles()
+    for _ in range(3):
+        np.testing.assert_array_equal(asked.columns(path).column("y"), [1, 2])
+        asked.columns(other).column("y")[0] = 9.0  # what one takes and changes the next does not see
+        np.testing.assert_array_equal(asked.columns(other).column("y"), [3, 4])
+    assert len(opened) == 2
+    pickle.loads(pickle.dumps(asked)).columns(path)
+    assert len(opened) == 3
+    monkeypatch.setattr(files, "KEPT", 10)
+    small = files.OpenedFiles()
+    small.columns(other), small.columns(other)
+    assert len(opened) == 5

@@ -172,6 +172,34 @@ def test_an_effect_does_not_read_as_a_wiring_error(tmp_path, name, value):
     assert found and all(f.kind == "effect" and "run `maglev diagnose`" in f.message for f in found)
 
 
+def test_an_injection_before_a_gain_is_told_although_its_stated_peak_agrees(sound, tmp_path):
+    def stated(text):
+        base, rest = text.split('file = "gains.npz"')
+        return re.sub(
+            r'(at = "current".*?amplitude = )([0-9.]+)', lambda m: f"{m[1]}{float(m[2]) / 5}", base, flags=re.S
+        ) + ('file = "gains.npz"' + rest)
+
+    (found, *_) = changed(sound, tmp_path / "c", "base", scale("injection", 0.2), stated)
+    assert found.channel == "injection" and found.value == pytest.approx(0.2, rel=0.02)
+    assert "injection with its stated peak: factor 0.2" in found.message and "a gain lies between" in found.message
+
+
+def test_a_mass_that_is_stated_too_small_to_dominate_anywhere_is_told(tmp_path):
+    # The rotor on its pedestal rings for more than one period, of which nothing is said either.
+    folder = campaigns.campaign(tmp_path, "pedestal", names=("base",), parameters={"mass": 0.3})
+    (found,) = examine(load_campaign(folder))
+    assert "mass" in found.channel and found.value == pytest.approx(0.3 / 0.79, rel=0.05)
+
+
+def test_a_displacement_that_a_filter_left_weak_is_missed_where_the_current_moves_the_rotor(open_folder, tmp_path):
+    def change(columns):
+        a = np.exp(-2 * np.pi * 20 / 20_000)
+        columns["displacement"] = lfilter([1 - a], [1, -a], columns["displacement"])
+
+    found = changed(open_folder, tmp_path / "c", "noise", change)
+    assert found[0].code == "filter" and found[0].channel == "displacement"
+
+
 def test_a_spike_and_a_drift_are_found(sound, tmp_path):
     def change(columns):
         columns["displacement"][13_000] += 1e-4
@@ -269,3 +297,15 @@ def test_a_loop_with_jittered_ticks_is_compared_at_its_own(open_folder, tmp_path
         assert (compared[name].values == columns[name]).all()
         assert not np.isin(dataset[name].values[1:-1], columns[name]).all()
     assert [f.message for f in examine(campaign) if f.kind != "not checkable"] == []
+
+
+def test_two_wrong_scales_are_named_each_with_its_size(sound, tmp_path):
+    def change(columns):
+        columns["force"] = 2.0 * columns["force"]
+        columns["injection"] = 2.83 * columns["injection"]
+
+    found = changed(sound, tmp_path / "c", "base", change)
+    assert [f.channel for f in found[:2]] == ["force", "injection"] and all(f.kind == "contradiction" for f in found)
+    assert [f.value for f in found[:2]] == [pytest.approx(2.0, rel=0.01), pytest.approx(2.83, rel=0.01)]
+    assert found[0].message.endswith("check the scale of column 'force'")
+    assert found[2].code == "sensitivity"

@@ -8,7 +8,6 @@ import numpy as np
 
 from maglev_env.loop.axes import suffixes
 from maglev_env.recordings.campaign import Campaign, RecordingSpec
-from maglev_env.recordings.files import read_columns
 from maglev_env.recordings.recording import read_recording
 from maglev_env.rig.rig import Rig
 from maglev_env.rig.self_sensor import rig_sensors
@@ -99,7 +98,7 @@ def read_coil(campaign: Campaign, coil: Coil) -> Signals:
     spec, end = coil.spec, coil.suffix
     others = [f"voltage{end}", *(name for name in ("time", f"displacement{end}") if name in spec.channels)]
     dataset = read_recording(campaign, replace(spec, channels={name: spec.channels[name] for name in others}))
-    source, columns = spec.channels[f"current{end}"], read_columns(coil.path, spec.layout)
+    source, columns = spec.channels[f"current{end}"], campaign.files.columns(coil.path, spec.layout)
     parts = [w * columns.column(name) for w, name in zip(source.weights, source.columns, strict=True)]
     sizes = {part.size for part in parts}
     if len(sizes) > 1:

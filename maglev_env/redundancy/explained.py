@@ -1,0 +1,196 @@
+"""The findings of rows that are off: their cause in words, or what differs where no cause explains them all."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from maglev_env.loop.gains import reads_current
+from maglev_env.redundancy.cause import PARAMETERS, Cause, causes, two_causes
+from maglev_env.redundancy.finding import Finding, Kind
+from maglev_env.redundancy.rows import LEVEL, Row
+from maglev_env.redundancy.view import View
+
+LARGEST = 8.0  # factor that an effect may be: D measures an actuator gain of 4.5 times the computed one
+
+
+def explained(view: View, rows: Sequence[Row]) -> list[Finding]:
+    """The findings of rows of which at least one is off."""
+    off = [row for row in rows if row.off]
+    if not off:
+        return []
+    if filtered := _filtered(view, rows):
+        return filtered
+    if any(row.shape_off for row in off if not row.delay_effects and row.code.startswith("controller")):
+        return _controller(view, rows)
+    bent = [row for row in off if row.shape_off and not (row.gain_off() or row.delay_off())]
+    if len(bent) == len(off):
+        return [_bent(view, row) for row in bent]
+    found, together = causes(rows, view.rate), _with_their_peak(rows, view.rate)
+    if found:
+        return [_one(view, found, rows, together)]
+    if together:
+        return [_one(view, [], rows, together)]
+    if both := two_causes(rows, view.rate):
+        return [_one(view, [cause], rows) for cause in both]
+    exact = [row for row in off if not _or_effect(row)]
+    if not exact:
+        return [_row(view, row) for row in off]
+    # The rows of exact relations alone may have one cause, while an effect moves the others.
+    sure = [row for row in rows if not (row.gain_effects or row.delay_effects)]
+    if any(row.off for row in sure) and (found := causes(sure, view.rate)):
+        rest = [_row(view, row) for row in off if row not in sure and not {c.name for c in found} & row.powers.keys()]
+        return [_one(view, found, sure), *rest]
+    return [_several(view, off)]
+
+
+def _with_their_peak(rows: Sequence[Row], rate: float) -> list[Cause]:
+    """Excitations that explain all rows if their stated peak is wrong alike: by one sensor, or before a gain."""
+    stated = {name for row in rows if row.code.startswith("designed") and not row.off for name in row.powers}
+    return [c for c in causes([r for r in rows if not r.code.startswith("designed")], rate) if c.name in stated]
+
+
+def _or_effect(row: Row) -> bool:
+    """Whether effects of the library can cause all that is off in a row; none reverses a sign or is so large."""
+    gain = not row.gain_off() or (bool(row.gain_effects) and row.gain > 0 and abs(row.size) < np.log(LARGEST))
+    return gain and (not (row.delay_off() or row.shape_off) or bool(row.delay_effects))
+
+
+def _effects(rows: Sequence[Row]) -> str:
+    names: dict[str, None] = {}
+    for row in rows:
+        if row.gain_off():
+            names |= dict.fromkeys(row.gain_effects)
+        if row.delay_off() or row.shape_off:
+            names |= dict.fromkeys(row.delay_effects)
+    return ", ".join(list(names)[:4])
+
+
+def _one(view: View, found: Sequence[Cause], rows: Sequence[Row], together: Sequence[Cause] = ()) -> Finding:
+    channels = [c for c in found if c.name not in PARAMETERS] or list(found)
+    named = [*channels, *(c for c in found if c not in channels)]
+    lead = (named or together)[0]
+    off = [row for row in rows if row.off and lead.name in row.powers] or [row for row in rows if row.off]
+    sure = any(not _or_effect(row) for row in off)
+    factor = (-1 if lead.negative else 1) * float(np.exp(lead.size))
+    reach = 2 * lead.size_se * abs(factor)
+    says, code, value, interval = [], "scale", factor, (factor - reach, factor + reach)
+    gained = lead.negative or any(row.gain_off() for row in off)
+    if lead.negative and not any(abs(row.size) > row.tolerance + LEVEL * row.gain_se for row in off):
+        says.append("its sign is reversed")
+        code = "sign"
+    elif gained:
+        size_words = f"{factor:.3g} +- {reach:.1g}"
+        if lead.name in PARAMETERS:
+            says.append(f"what is stated is {size_words} times what is shown")
+        else:
+            says.append(f"factor {size_words}")
+    if any(row.delay_off() for row in off):
+        samples, error = lead.delay * view.rate, 2 * lead.delay_se * view.rate
+        says.append(f"{'late' if samples > 0 else 'early'} by {abs(samples):.3g} +- {error:.1g} samples")
+        if not gained:
+            code, value, interval = (
+                "delay",
+                lead.delay,
+                (lead.delay - 2 * lead.delay_se, lead.delay + 2 * lead.delay_se),
+            )
+    names = " or ".join([*(c.name for c in named), *(f"{c.name} with its stated peak" for c in together)])
+    against = " and ".join(dict.fromkeys(row.against for row in off))
+    text = f"{names}: {' and '.join(says) or 'differs'} against {against}; {_advice(view, code, lead)}"
+    if not named:
+        text += ", and whether a gain lies between it and what acts"
+    kind: Kind = "wiring"
+    if not sure:
+        kind = "effect"
+        text += f"; or an effect ({_effects(off)}): run `maglev diagnose`"
+    elif len({row.code for row in off if lead.name in row.powers}) > 1 or lead.negative:
+        kind = "contradiction"
+    channel = " or ".join(c.name for c in (*named, *together))
+    return Finding(code, view.recording, channel, float(value), interval, text, kind)
+
+
+def _advice(view: View, code: str, cause: Cause) -> str:
+    if cause.name in PARAMETERS:
+        return {"mass": "check [parameters] mass", "gains": "check the stated gains"}.get(
+            cause.name, "check the rig's actuator_gain"
+        )
+    column = view.columns.get(cause.name, cause.name)
+    return {
+        "scale": f"check the scale of column {column!r}",
+        "sign": f"check the sign of column {column!r}",
+        "delay": f"check when column {column!r} is sampled",
+    }[code]
+
+
+def _filtered(view: View, rows: Sequence[Row]) -> list[Finding]:
+    """A low-pass on one channel."""
+    for row in rows:
+        if row.shape_off and row.lag:
+            names = list(row.powers)
+            name = names[0] if row.lag > 0 else names[1]
+            if row.notes.get("twist"):
+                name = "injection"
+            corner = 1 / (2 * np.pi * abs(row.lag))
+            text = f"{name}: it looks low-pass filtered at {corner:.4g} Hz against {row.against}; take the filter out"
+            kind: Kind = "wiring"
+            if row.delay_effects:
+                kind = "effect"
+                text += f", or an effect ({', '.join(row.delay_effects[:4])}): run `maglev diagnose`"
+            return [Finding("filter", view.recording, name, corner, None, text, kind)]
+    return []
+
+
+def _controller(view: View, rows: Sequence[Row]) -> list[Finding]:
+    row = next(r for r in rows if r.code == "controller")
+    read = ["displacement", *(["current"] if reads_current(view.gains, 1 / view.rig.control_rate) else [])]
+    read += ["reference"] if "reference" in view.recorded else []
+    names = " or ".join(["command", *read, "gains"])
+    text = (
+        f"{names}: the command is not what the stated controller makes of the {' and the '.join(read)} (factor "
+        f"{row.gain:.3g}, {row.misfit:.0%} are left): check the gains, td, ti and control_rate, whether the controller "
+        "limits or filters otherwise than is stated, and that these columns belong to this loop"
+    )
+    return [Finding("controller", view.recording, names, row.gain, None, text, "wiring")]
+
+
+def _bent(view: View, row: Row) -> Finding:
+    if row.code.startswith("designed"):
+        name = next(iter(row.powers))
+        text = (
+            f"{name}: its lines are unequal by {row.misfit:.0%} where the design has equal ones (they change as "
+            f"frequency to the power {row.notes['slope']:.2g}): a filter on column {view.columns.get(name, name)!r}, "
+            "or the exciter's own response"
+        )
+        return Finding("shape", view.recording, name, row.misfit, None, text, "quality")
+    return _row(view, row)
+
+
+def _row(view: View, row: Row) -> Finding:
+    says = []
+    if row.gain_off():
+        says.append(f"factor {row.gain:.3g} +- {2 * row.gain_se * abs(row.gain):.1g}")
+    if row.delay_off():
+        says.append(f"{'late' if row.delay > 0 else 'early'} by {abs(row.delay) * view.rate:.3g} samples")
+    if row.shape_off:
+        says.append(f"{row.misfit:.0%} are left unexplained")
+    names = " or ".join(name for name in row.powers)
+    text = f"{names}: {', '.join(says)} against {row.against}"
+    effects = _effects([row])
+    text += f": a scale, or an effect ({effects}): run `maglev diagnose`" if effects else "; check both"
+    kind: Kind = "effect" if _or_effect(row) else "wiring"
+    se = 2 * row.gain_se * abs(row.gain)
+    return Finding(row.code, view.recording, names, row.gain, (row.gain - se, row.gain + se), text, kind)
+
+
+def _several(view: View, off: Sequence[Row]) -> Finding:
+    parts = "; ".join(
+        f"{next(iter(row.powers))} is {row.gain:.3g} times {row.against}"
+        + (f" and {row.misfit:.0%} off in shape" if row.shape_off else "")
+        for row in off[:3]
+    )
+    names = " or ".join(dict.fromkeys(name for row in off for name in row.powers if name not in PARAMETERS))
+    text = (
+        f"{names}: no single cause explains this: {parts}. The file of another rig or recording, swapped columns, or "
+        "several errors: check file, columns and rig"
+    )
+    sure = len([row for row in off if not _or_effect(row)]) > 1
+    return Finding("mismatch", view.recording, names, None, None, text, "contradiction" if sure else "wiring")
