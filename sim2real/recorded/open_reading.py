@@ -12,6 +12,7 @@ from maglev_env.loop.magnets.kinds import force_law
 from maglev_env.loop.magnets.law import linearise
 from maglev_env.recordings.campaign import Campaign, RecordingSpec
 from maglev_env.recordings.derived import coil_current
+from maglev_env.recordings.left_out import TellsNothing
 from maglev_env.recordings.masking import bridged, masked_samples
 from maglev_env.rig.rig import Rig, axis_rig
 from sim2real.recorded.channel_errors import ChannelError, channel_errors
@@ -41,6 +42,7 @@ def open_record(campaign: Campaign, spec: RecordingSpec, dataset: "xr.Dataset") 
         dataset: its channels.
 
     Raises:
+        TellsNothing: nothing can be compared with it.
         ValueError: a comparison with it lacks something; the message says what.
     """
     where, rig = campaign.folder / spec.file, campaign.rig
@@ -75,10 +77,15 @@ def open_record(campaign: Campaign, spec: RecordingSpec, dataset: "xr.Dataset") 
         waves = drive.driving(channels).waves
         known = np.concatenate([w[:, :: drive.every] for w in waves.values()])
         if not np.ptp(known, axis=1).any():
-            raise ValueError("nothing that is known drives this recording: all of it is constant")
+            raise TellsNothing(
+                "nothing that is known drives this recording: all of it is constant",
+                "record set-point steps, a chirp or an injected multisine",
+            )
         stretch = compared(drive.experiment, spec.sample_rate / drive.multiple, known, channels["displacement"])
         if ticks is not None and stretch.samples.start:
             channels["injection"][:, stretch.samples.start :] = ticks.injection(stretch.samples.start)
+    except TellsNothing:
+        raise  # whoever reads all recordings names the file
     except ValueError as error:
         raise ValueError(f"{where}: {error}") from None
     # The simulation begins here with a controller at rest: what it held before is part of what drove the loop.
@@ -106,10 +113,7 @@ def open_record(campaign: Campaign, spec: RecordingSpec, dataset: "xr.Dataset") 
     )
     if not drive.stand_in or drive.source is None:
         return record
-    try:
-        return fed_back(record, channels[drive.source], drive.between(record.windows.frequency))
-    except ValueError as error:
-        raise ValueError(f"{where}: {error}") from None
+    return fed_back(record, channels[drive.source], drive.between(record.windows.frequency))
 
 
 def _channels(rig: Rig, dataset: "xr.Dataset") -> dict[str, np.ndarray]:
