@@ -51,4 +51,8 @@ def check_left(campaign: Campaign, left: Iterable[LeftOut], enough: bool) -> Non
     left = list(left)
     if len(campaign.recordings) == len(left) == 1:
         raise TellsNothing(left[0].reason, left[0].instead, campaign.folder / left[0].recording)
-    raise ValueError(f"{campaign.folder}: no recording to fit tells anything: {' | '.join(map(str, left))}")
+    alike: dict[tuple[str, str], list[str]] = {}
+    for one in left:
+        alike.setdefault((one.reason, one.instead), []).append(one.recording)
+    reasons = [str(LeftOut(", ".join(files), *why)) for why, files in alike.items()]
+    raise ValueError(f"{campaign.folder}: no recording to fit tells anything: {' | '.join(reasons)}")

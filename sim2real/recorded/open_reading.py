@@ -18,6 +18,7 @@ from maglev_env.rig.rig import Rig, axis_rig
 from sim2real.recorded.channel_errors import ChannelError, channel_errors
 from sim2real.recorded.drive import Drive, drive_of
 from sim2real.recorded.fed_back import fed_back
+from sim2real.recorded.not_stable import not_stable
 from sim2real.recorded.open_record import OpenRecord, compared
 from sim2real.recorded.static_evidence import can_rest, rests_of
 from sim2real.recorded.ticks import ticks_of
@@ -60,6 +61,13 @@ def open_record(campaign: Campaign, spec: RecordingSpec, dataset: "xr.Dataset") 
         raise ValueError(f"{where}: the channel displacement is missing; nothing is known of the rotor without it")
     try:
         drive = drive_of(rig, spec, channels)
+        if not drive.stand_in and (wrong := not_stable(drive.experiment)):
+            # The recorded loop held the rotor: what the magnets did is in their current, whatever made it. A command
+            # goes through the amplifier, which may be what is stated wrong.
+            if not rig.controlled or "current" not in channels:
+                raise TellsNothing(wrong, "correct it, or record the current in the coil")
+            drive = drive_of(rig, spec, channels, known=False)
+            drive = replace(drive, notes=(f"{wrong}; it is not used", *drive.notes))
         ticks = None
         if dataset.attrs.get("resampled") and drive.source == "command" and not drive.stand_in:
             # The controller is exact at its own ticks alone; where these are not known, another stands in for it.

@@ -1,6 +1,6 @@
 """Identification of every recording of a campaign: each axis alone, and x and y together if both were excited."""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 
 from maglev_env.evaluation.identification import Identification, identify
@@ -14,7 +14,8 @@ from maglev_env.recordings.signals import recorded_signals
 from maglev_env.recordings.spectra import RecordedSignals, axis_signals
 from maglev_env.rig.rig import Rig, axis_rig
 from sim2real.pooled import Pooled, pooled
-from sim2real.recorded.records import read_records
+from sim2real.recorded.open_record import OpenRecord
+from sim2real.recorded.records import Record, read_records
 from sim2real.standing import standing
 
 Track = Callable[[Iterable[RecordingSpec]], Iterable[RecordingSpec]]
@@ -108,4 +109,14 @@ def _pooled(campaign: Campaign) -> tuple[Campaign, Pooled]:
     """The campaign of what was used, and the rig in all recordings to fit; holdouts are for the diagnosis."""
     told, records = standing(*read_records(campaign))
     held_out = tuple(r.name for r in records if r.role == "holdout")
-    return told, replace(pooled([r for r in records if r.role == "fit"]), held_out=held_out)
+    fitted = [r for r in records if r.role == "fit"]
+    return told, replace(pooled(fitted), held_out=held_out, notes=_notes(fitted))
+
+
+def _notes(records: Sequence[Record | OpenRecord]) -> tuple[str, ...]:
+    """What was assumed of recordings, each once, with the recordings that it is about."""
+    about: dict[str, list[str]] = {}
+    for record in records:
+        for note in dict.fromkeys(record.notes):
+            about.setdefault(note, []).append(record.name)
+    return tuple(f"{', '.join(names)}: {note}" for note, names in about.items())
