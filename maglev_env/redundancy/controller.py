@@ -33,14 +33,14 @@ def controlled(view: View) -> list[Row]:
     lag, twist = (0.0, 0.0) if again.misfit <= SHAPE else _filtered(view, again.misfit)
     rows = [
         Row("controller", {"command": 1, "displacement": -1, "gains": -1}, float(again.gain[0]),
-            float(again.gain_se[0]), against=words, delay=float(again.delay[0]), delay_se=float(again.delay_se[0]),
+            float(again.gain_se[0]), against=words, delay=again.time(0), delay_se=float(again.delay_se[0]),
             misfit=again.misfit, lag=lag, notes={"twist": twist}, **common)
     ]  # fmt: skip
     if driven:
         name = "injection" if "injection" in view.channels else "reference"
         rows.append(
             Row("injection to command", {"command": 1, name: -1}, float(again.gain[1]), float(again.gain_se[1]),
-                against=f"the {name}", delay=float(again.delay[1]), delay_se=float(again.delay_se[1]), **common)
+                against=f"the {name}", delay=again.time(1), delay_se=float(again.delay_se[1]), **common)
         )  # fmt: skip
     return rows
 

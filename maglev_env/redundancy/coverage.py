@@ -6,6 +6,7 @@ from maglev_env.redundancy.finding import Finding
 from maglev_env.redundancy.rows import Row
 from maglev_env.redundancy.view import View
 
+DRIVEN = "injection to command"  # the row of what drives the loop
 CHANNELS = ("displacement", "force", "current", "command")  # whose scales enter results
 
 
@@ -19,6 +20,8 @@ def uncovered(view: View, rows: Sequence[Row]) -> list[Finding]:
         free.append("mass")
     if view.rig is None and "force" in view.recorded:
         free.append("time between force and displacement")
+    late = [row.against for row in rows if row.code == DRIVEN and row.delay is None]
+    free += [f"time of {drive}" for drive in late]
     if not free:
         return []
     advice = []
@@ -31,6 +34,8 @@ def uncovered(view: View, rows: Sequence[Row]) -> list[Finding]:
         advice.append(
             "name the rig and its gains" if view.rig is None else "record command and current at the control rate"
         )
+    if late:
+        advice.append("excite more than one line")
     if "time between force and displacement" in free and not any("name the rig" in a for a in advice):
         advice.append("name the rig and its gains")
     text = f"not checkable here: {', '.join(free)}; {', '.join(advice)}"
