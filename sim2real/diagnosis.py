@@ -23,6 +23,7 @@ from sim2real.nonstationary import widening
 from sim2real.problem import Problem, assemble
 from sim2real.recorded.open_record import OpenRecord
 from sim2real.recorded.records import read_records
+from sim2real.recorded.static_evidence import drift_in_words
 from sim2real.shrink import Gap, errors, shrink
 from sim2real.simulated import Point
 from sim2real.standing import standing
@@ -157,6 +158,8 @@ def diagnose(
         fitted, judged = fitted.split(HELD_OUT_EVERY)
         judged_on = "held-out lines"
         notes.append("no recording is a holdout: the gap is judged on every fourth line, which no fit has seen")
+    if fitted.static is not None and (drifts := drift_in_words(fitted.static)):
+        notes.append(drifts)
     attribution = attribute(fitted, progress)
     if any(isinstance(r, OpenRecord) for r in records):
         # The noise of a record without a period is what a good simulation leaves of it.

@@ -23,7 +23,7 @@ from sim2real.recorded.not_stable import not_stable
 from sim2real.recorded.nuisances import Nuisances
 from sim2real.recorded.open_record import OpenRecord
 from sim2real.recorded.records import Record
-from sim2real.recorded.static_evidence import StaticEstimate, can_rest, of_weight, static_of
+from sim2real.recorded.static_evidence import StaticEstimate, can_rest, drift_in_words, of_weight, static_of
 from sim2real.simulated import tolerances
 
 # What is identified, each as an effect of this name, and its unit.
@@ -91,7 +91,7 @@ class Pooled:
         disagreements: Sentences about recordings that disagree with all of them together.
         of_each: Recording -> its own coefficients, where there are several recordings.
         held_out: Recordings that were not used, because their role is "holdout".
-        notes: What was assumed of recordings.
+        notes: What was assumed.
     """
 
     coefficients: tuple[Coefficient, ...]
@@ -136,7 +136,8 @@ def pooled(records: Sequence[Record | OpenRecord], progress: Callable[[str], Non
         whole = tuple(across_recordings(c, each[c.name]) if c.name in scattered else c for c in whole)
     if contradicted:
         whole = _reaching(whole, of_each[AT_REST])
-    return Pooled(whole, _misfit(fit), tuple(apart), of_each)
+    notes = tuple(filter(None, [drift_in_words(static)])) if static is not None else ()
+    return Pooled(whole, _misfit(fit), tuple(apart), of_each, notes=notes)
 
 
 def _fitted(

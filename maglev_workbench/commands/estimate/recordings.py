@@ -110,7 +110,8 @@ def _pooled(campaign: Campaign) -> tuple[Campaign, Pooled]:
     told, records = standing(*read_records(campaign))
     held_out = tuple(r.name for r in records if r.role == "holdout")
     fitted = [r for r in records if r.role == "fit"]
-    return told, replace(pooled(fitted), held_out=held_out, notes=_notes(fitted))
+    found = pooled(fitted)
+    return told, replace(found, held_out=held_out, notes=(*found.notes, *_notes(fitted)))
 
 
 def _notes(records: Sequence[Record | OpenRecord]) -> tuple[str, ...]:
