@@ -203,7 +203,7 @@ def diagnose(
         gap = shrink(judged, attribution, None, judged_on, seed)
     alike = (cause,) if worded == "ambiguous" else ()
     proposal = None
-    if worded in ("ambiguous", "unexplained") and not isinstance(fitted.loudest.record, OpenRecord):
+    if worded in ("ambiguous", "unexplained"):
         progress("next experiment")
         proposal = propose(attribution, found)
     left = None
