@@ -1,15 +1,18 @@
 """The rules of redundancy before every command that reads a campaign: warnings in the first lines, or a refusal."""
 
 from collections.abc import Collection, Iterable
-from typing import Any
+from typing import Any, get_args
 
 from rich.markup import escape
 
+from maglev_env.recordings.alarms import Code
 from maglev_env.recordings.campaign import Campaign
 from maglev_env.redundancy.finding import Finding
 from maglev_env.redundancy.rules import as_data, examine, refusals
 from maglev_workbench.console import console
 
+# Findings because of which a command leaves a recording out and uses the others.
+LEAVING_OUT = get_args(Code)
 _STYLE = {"contradiction": "bold red", "wiring": "bold yellow", "effect": "yellow", "quality": "yellow"}
 
 

@@ -9,6 +9,7 @@ from maglev_env.loop.effect import EFFECTS
 from sim2real.fitting import Fit, begin, differentiate, iterate, share_calibrations
 from sim2real.hypotheses import Hypothesis, coordinates_of, single_effects, starts
 from sim2real.problem import Problem
+from sim2real.recorded.not_stable import not_stable
 from sim2real.screening import Start, extended, kept, screened
 from sim2real.simulated import DITHERED, MAY_BE_DITHERED, tolerances
 
@@ -106,9 +107,11 @@ def attribute(problem: Problem, progress: Progress = lambda text: None) -> Attri
     fits = _blurred(problem, [*calibration, *singles, *pairs])
     standing = [f for f in fits if np.isfinite(f.cost)]
     if not standing:
+        wrong = next(filter(None, (not_stable(part.record.experiment) for part in problem.parts)), None)
+        why = wrong or "check the gains, their units and the sign of the displacement"
         raise ValueError(
             f"campaign: neither the nominal rig {rig.name} nor any single effect levitates with the recorded gains; "
-            "check the gains, their units and the sign of the displacement"
+            f"{why}"
         )
     least = min(f.cost for f in standing)
     close = [f for f in standing if f is fits[0] or f.cost - least < CLOSE + CLOSE_SHARE * least]

@@ -10,6 +10,7 @@ import numpy as np
 
 from maglev_env.loop.effect import EFFECTS
 from maglev_env.recordings.campaign import Campaign
+from maglev_env.recordings.left_out import left_out_data
 from maglev_env.rig.rig import Rig
 from sim2real.attribute import Attribution, Candidate, attribute, best_partial, contradictions
 from sim2real.gain_choice import GainChoice, gain_choice
@@ -22,8 +23,10 @@ from sim2real.nonstationary import widening
 from sim2real.problem import Problem, assemble
 from sim2real.recorded.open_record import OpenRecord
 from sim2real.recorded.records import read_records
+from sim2real.recorded.static_evidence import drift_in_words
 from sim2real.shrink import Gap, errors, shrink
 from sim2real.simulated import Point
+from sim2real.standing import standing
 from sim2real.unsynchronised import Sighting, evidence, sightings, spin_costs, tone_parameters
 
 SCHEMA = "maglev-diagnosis/1"
@@ -46,7 +49,7 @@ class Diagnosis:
         next_experiment: The most useful next recording, if one is needed.
         gap: How far the gap shrinks.
         corrected: The point that closes the gap (calibration alone where no effect is named).
-        campaign: The campaign.
+        campaign: The campaign of the recordings that were used.
         attribution: The fitted candidates.
         judged: The recordings or lines on which the gap is judged.
         choice: How the gap changes the choice of gains; None where no effect is named or the rig's protocol cannot
@@ -124,6 +127,7 @@ class Diagnosis:
                           "changes": dict(self.corrected.changes)},
             "unexplained": None if self.leftover is None else self.leftover.to_json(),
             "notes": list(self.notes),
+            "left_out": left_out_data(self.campaign.left_out),
             "seconds": self.seconds,
         }  # fmt: skip
 
@@ -144,7 +148,7 @@ def diagnose(
     """
     begun = time.perf_counter()
     progress("reading")
-    loaded, records = read_records(campaign)
+    loaded, records = standing(*read_records(campaign))
     fitted = assemble([r for r in records if r.role == "fit"])
     holdouts = [r for r in records if r.role == "holdout"]
     notes = [note for r in records for note in r.notes]
@@ -154,6 +158,8 @@ def diagnose(
         fitted, judged = fitted.split(HELD_OUT_EVERY)
         judged_on = "held-out lines"
         notes.append("no recording is a holdout: the gap is judged on every fourth line, which no fit has seen")
+    if fitted.static is not None and (drifts := drift_in_words(fitted.static)):
+        notes.append(drifts)
     attribution = attribute(fitted, progress)
     if any(isinstance(r, OpenRecord) for r in records):
         # The noise of a record without a period is what a good simulation leaves of it.
@@ -197,7 +203,7 @@ def diagnose(
         gap = shrink(judged, attribution, None, judged_on, seed)
     alike = (cause,) if worded == "ambiguous" else ()
     proposal = None
-    if worded in ("ambiguous", "unexplained") and not isinstance(fitted.loudest.record, OpenRecord):
+    if worded in ("ambiguous", "unexplained"):
         progress("next experiment")
         proposal = propose(attribution, found)
     left = None

@@ -19,10 +19,11 @@ from sim2real.fitting import CONVERGED, Fit, begin, differentiate, iterate
 from sim2real.hypotheses import Hypothesis
 from sim2real.nonstationary import widening
 from sim2real.problem import Problem, assemble
+from sim2real.recorded.not_stable import not_stable
 from sim2real.recorded.nuisances import Nuisances
 from sim2real.recorded.open_record import OpenRecord
 from sim2real.recorded.records import Record
-from sim2real.recorded.static_evidence import StaticEstimate, can_rest, of_weight, static_of
+from sim2real.recorded.static_evidence import StaticEstimate, can_rest, drift_in_words, of_weight, static_of
 from sim2real.simulated import tolerances
 
 # What is identified, each as an effect of this name, and its unit.
@@ -90,6 +91,7 @@ class Pooled:
         disagreements: Sentences about recordings that disagree with all of them together.
         of_each: Recording -> its own coefficients, where there are several recordings.
         held_out: Recordings that were not used, because their role is "holdout".
+        notes: What was assumed.
     """
 
     coefficients: tuple[Coefficient, ...]
@@ -97,6 +99,7 @@ class Pooled:
     disagreements: tuple[str, ...]
     of_each: dict[str, tuple[Coefficient, ...]]
     held_out: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
 
 
 def pooled(records: Sequence[Record | OpenRecord], progress: Callable[[str], None] = lambda text: None) -> Pooled:
@@ -133,7 +136,8 @@ def pooled(records: Sequence[Record | OpenRecord], progress: Callable[[str], Non
         whole = tuple(across_recordings(c, each[c.name]) if c.name in scattered else c for c in whole)
     if contradicted:
         whole = _reaching(whole, of_each[AT_REST])
-    return Pooled(whole, _misfit(fit), tuple(apart), of_each)
+    notes = tuple(filter(None, [drift_in_words(static)])) if static is not None else ()
+    return Pooled(whole, _misfit(fit), tuple(apart), of_each, notes=notes)
 
 
 def _fitted(
@@ -153,10 +157,9 @@ def _fitted(
             apart = replace(problem, nuisances=Nuisances((), problem.nuisances.columns[:0]))  # else all are lost
             (found,) = apart.simulate([h.point(u)])
             lost = [p.record.name for p in problem.parts if not np.isfinite(found[p.place]).all()]
-            raise ValueError(
-                f"rig {rig.name}: the rotor touches down in the simulation of {', '.join(lost)}; check gains, units "
-                "and the sign of the displacement, or leave these recordings out"
-            )
+            wrong = next(filter(None, (not_stable(r.experiment) for r in records if r.name in lost)), None)
+            why = wrong or "check gains, units and the sign of the displacement, or leave these recordings out"
+            raise ValueError(f"rig {rig.name}: the rotor touches down in the simulation of {', '.join(lost)}; {why}")
         iterate([fit], problem.data, problem.simulate, MOST_STEPS)
         u = fit.u
         if any(isinstance(r, OpenRecord) for r in records):

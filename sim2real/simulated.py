@@ -72,6 +72,21 @@ def tolerances(rig: Rig) -> dict[str, float]:
     return {name: sigma for name, sigma in rig.tolerance.items() if sigma > 0 and simulated(name)}
 
 
+def lanes_of(record: Record | OpenRecord, points: Sequence[Point], dithered: bool = False) -> list:
+    """Prepared lanes of a record at every point; dithered lanes have the noise that the rig states."""
+    e = record.experiment
+    if dithered:
+        noise = replace(e.rig.noise, displacement=record.nominal.noise.displacement)
+        e = replace(e, rig=replace(e.rig, noise=noise))
+    unseen = record.upstream if isinstance(record, OpenRecord) else ()
+    return prepared([
+        experiment_at(e, replace(p, effects={
+            name: values for name, values in {**NEUTRAL, **e.rig.effects, **p.effects}.items() if name not in unseen
+        }))
+        for p in points
+    ])  # fmt: skip
+
+
 @dataclass(frozen=True)
 class Predictor:
     """Predicts the opened loop's residuals of one record.
@@ -98,17 +113,7 @@ class Predictor:
 
     def lanes(self, points: Sequence[Point], dithered: bool = False) -> list:
         """Lanes at every point, for records of this kind; dithered lanes have the noise that the rig states."""
-        e = self.record.experiment
-        if dithered:
-            noise = replace(e.rig.noise, displacement=self.record.nominal.noise.displacement)
-            e = replace(e, rig=replace(e.rig, noise=noise))
-        unseen = self.record.upstream if isinstance(self.record, OpenRecord) else ()
-        return prepared([
-            experiment_at(e, replace(p, effects={
-                name: values for name, values in {**NEUTRAL, **e.rig.effects, **p.effects}.items() if name not in unseen
-            }))
-            for p in points
-        ])  # fmt: skip
+        return lanes_of(self.record, points, dithered)
 
     def of(self, lanes: list, settling: float = 0.0, dithered: bool = False) -> np.ndarray:
         """Residuals of prepared lanes.

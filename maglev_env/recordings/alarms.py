@@ -30,6 +30,7 @@ STUCK_RATIO, STUCK_SAMPLES = 4, 10
 # on by a step, and rests while all is at rest.
 STUCK_JUMP, STUCK_LONG, STUCK_SWING = 3, 20, 0.25
 MOST_EVENTS = 10
+MOVES = 2.5  # converter steps between two readings in the middle of a motion
 MOST_EXPLAINED = 0.2  # share of samples that repeat by the resolution of the displacement
 READINGS = ("displacement", "current", "command", "force", "gap_estimate")
 
@@ -187,10 +188,15 @@ def repeated_samples(dataset: "xr.Dataset", start: int = 0) -> list[Alarm]:
         return []
     values = [dataset[n].values for n in moving]
     equal = np.all([np.diff(v) == 0 for v in values], axis=0)
+    if max((b - a for a, b in runs(equal)), default=0) >= STUCK_SAMPLES:
+        return []
+    # Where all turn round at once, as in each period of a slow sine, coarse readings repeat; one that is stored twice
+    # stands in the middle of a motion.
+    equal &= np.any([_in_motion(dataset[n].values) for n in sensed], axis=0)
     count, size = int(equal.sum()), equal.size
     # Two steady readings in a row give two equal commands, and a coarse current with them.
     explained = max(10 * float(np.prod([*sensed.values()])), 2 * steady**2) * size
-    if count <= 5 + explained or max(b - a for a, b in runs(equal)) >= STUCK_SAMPLES:
+    if count <= 5 + explained:
         return []
     first = int(np.argmax(equal)) + 1
     severity = "refuse" if count > MOST_MASKED * size else "warning"
@@ -279,9 +285,19 @@ def _of_kind(dataset: "xr.Dataset", kind: str) -> list[str]:
 
 def _explained(values: np.ndarray) -> float:
     """Share of samples that repeat by resolution alone: the step of the readings over the spread of their changes."""
+    return min(1.0, _step(values) / (2.5 * max(float(np.median(np.abs(np.diff(values)))) / 0.67, 1e-300)))
+
+
+def _step(values: np.ndarray) -> float:
+    """Smallest change of readings."""
     steps = np.abs(np.diff(values))
-    real = steps > 1e-6 * steps.max()  # steps below are rounding of the same converter step
-    return min(1.0, float(steps[real].min()) / (2.5 * max(float(np.median(steps)) / 0.67, 1e-300)))
+    return float(steps[steps > 1e-6 * steps.max()].min())  # steps below are rounding of the same converter step
+
+
+def _in_motion(values: np.ndarray) -> np.ndarray:
+    """Whether a reading moves on by several steps both before and after each of its changes, (samples - 1,) bool."""
+    fast = np.pad(np.abs(np.diff(values)) > MOVES * _step(values), 1)
+    return fast[:-2] & fast[2:]
 
 
 def _gaps(spells: list[tuple[int, int]], size: int) -> list[tuple[int, int]]:

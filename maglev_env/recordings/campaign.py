@@ -17,6 +17,7 @@ from maglev_env.recordings.campaign_tables import (
     whole_of,
 )
 from maglev_env.recordings.files import OpenedFiles
+from maglev_env.recordings.left_out import LeftOut
 from maglev_env.recordings.text_layout import TextLayout, layout_table
 from maglev_env.rig.controller_tables import controllers_from_table
 from maglev_env.rig.excitation import Excitation
@@ -81,9 +82,15 @@ class RecordingSpec:
 
 @dataclass(frozen=True)
 class Campaign:
-    """A folder of recordings, its nominal rig (None: not known) and moving mass in kg (None: to be estimated).
+    """A folder of recordings.
 
-    `files` are those that were read already.
+    Attributes:
+        folder: Where they lie.
+        rig: Nominal rig; None: not known.
+        mass: Moving mass, kg; None: to be estimated.
+        recordings: Those that are used.
+        files: Those that were read already.
+        left_out: Those that were found to tell nothing when they were read.
     """
 
     folder: Path
@@ -91,6 +98,7 @@ class Campaign:
     mass: float | None
     recordings: tuple[RecordingSpec, ...]
     files: OpenedFiles = field(default_factory=OpenedFiles, compare=False, repr=False)
+    left_out: tuple[LeftOut, ...] = ()
 
 
 def load_campaign(folder_or_toml: str | Path) -> Campaign:

@@ -15,7 +15,7 @@ CAMPAIGN_CHANNELS = ("time", *(name + axis for name in RECORDED for axis in _AXE
 _EXCITATION_KEYS = (*(f.name for f in fields(Excitation)), "harmonics", "periods", "period_samples")
 
 
-_TOLERANCES = ("scale_tolerance", "offset_tolerance", "delay_tolerance")
+_TOLERANCES = ("scale_tolerance", "offset_tolerance", "offset_drift", "delay_tolerance")
 _CHAIN = ("scale", "offset", "filter", "delay", "total", *_TOLERANCES)
 
 
@@ -30,6 +30,7 @@ class ChannelSource:
         scale_tolerance: Relative standard uncertainty of the scale.
         offset_tolerance: Standard uncertainty of the offset, SI; None: the mean of the channel is not known at all.
         delay_tolerance: Standard uncertainty of the delay, s; None: not stated.
+        offset_drift: Standard deviation of the offset from recording to recording, SI; None: not stated.
     """
 
     columns: tuple[str, ...]
@@ -42,6 +43,7 @@ class ChannelSource:
     scale_tolerance: float = 0.0
     offset_tolerance: float | None = None
     delay_tolerance: float | None = None
+    offset_drift: float | None = None
 
 
 def excitations_table(value: Any, rate: float, channels: Mapping) -> tuple[tuple[Excitation, ...], int | None]:

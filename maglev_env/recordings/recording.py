@@ -19,6 +19,7 @@ from maglev_env.recordings.alarms import alarms_text, clock_alarms, find_alarms,
 from maglev_env.recordings.campaign import Campaign, ChannelSource, RecordingSpec
 from maglev_env.recordings.derived import displacements
 from maglev_env.recordings.files import Columns
+from maglev_env.recordings.left_out import TellsNothing
 from maglev_env.recordings.masking import MOST_MASKED
 from maglev_env.recordings.measurement_chain import corrected
 from maglev_env.recordings.time_stamps import Clock, check_clock
@@ -57,6 +58,7 @@ def read_recording(
         unexcited: Whether one whose force lacks stated lines is.
 
     Raises:
+        TellsNothing: An alarm refuses the recording, or what should move does not.
         ValueError: Something is wrong; the message names the file, the channel and the sample (from 0 in the file).
         OSError: The file cannot be read.
     """
@@ -120,7 +122,8 @@ def read_recording(
         if alarm.severity == "refuse":
             if alarmed:
                 return dataset
-            raise ValueError(f"{path}: {alarm.sentence}")
+            reason, _, instead = alarm.sentence.rpartition("; ")  # its last part says how to cut or mend it
+            raise TellsNothing(reason or alarm.sentence, instead if reason else "record it again", path)
     for name, values in channels.items():
         _check_moves(path, name, values, spec)
     try:
@@ -322,4 +325,4 @@ def _check_moves(path: Path, name: str, values: np.ndarray, spec: RecordingSpec)
     )
     kind = name.partition("_")[0]
     if (kind == "displacement" or (kind == "force" and driven)) and values.min() == values.max():
-        raise ValueError(f"{path}: channel {name!r} is {values[0]:g} in every sample; is the sensor connected?")
+        raise TellsNothing(f"channel {name!r} is {values[0]:g} in every sample", "is the sensor connected?", path)

@@ -8,6 +8,7 @@ import numpy as np
 from maglev_env.experiment import sampling
 from maglev_env.loop.axes import AXES
 from maglev_env.recordings.campaign import Campaign, RecordingSpec
+from maglev_env.recordings.left_out import TellsNothing
 from maglev_env.recordings.masking import bridged, masked_periods, masked_samples
 from maglev_env.recordings.spectra import RecordedSignals, axis_signals
 from maglev_env.rig.excitation import Excitation
@@ -29,11 +30,12 @@ def recorded_signals(
     is taken as continuous.
 
     Raises:
-        ValueError: Nothing is excited, or the rates of a held force do not fit.
+        TellsNothing: Nothing is excited.
+        ValueError: The rates of a held force do not fit.
     """
     where = campaign.folder / spec.file
     if excited and all(e.kind == "none" for e in spec.excitations):
-        raise ValueError(f"{where}: no excitation is stated; stiffness and damping need one")
+        raise TellsNothing("no excitation is stated", "stiffness and damping need one", where)
     masked = masked_samples(dataset)
     channels = {str(name): bridged(dataset[name].values, masked) for name in dataset.data_vars}
     lettered = [axis for axis, name in enumerate(AXES) if f"displacement_{name}" in channels]

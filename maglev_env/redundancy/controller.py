@@ -47,7 +47,7 @@ def controlled(view: View) -> list[Row]:
     lag, twist = (0.0, 0.0) if again.misfit <= SHAPE else _filtered(view, found)
     rows = [
         Row("controller", {"command": 1, "displacement": -1, "gains": -1}, float(again.gain[0]),
-            float(again.gain_se[0]), against=words, delay=float(again.delay[0]), delay_se=float(again.delay_se[0]),
+            float(again.gain_se[0]), against=words, delay=again.time(0), delay_se=float(again.delay_se[0]),
             misfit=again.misfit, lag=lag, notes={"twist": twist}, **common)
     ]  # fmt: skip
     if found.driven:
@@ -65,7 +65,7 @@ def _added(view: View, name: str, found: Fit) -> Row:
     powers = {"command": 1, name: -1} | ({"gains": -1} if name == "reference" else {})
     return Row(
         f"{name} to command", powers, float(found.gain[1]), float(found.gain_se[1]), GAIN, f"the {name} in the command",
-        float(found.delay[1]), float(found.delay_se[1]), DELAY / view.rig.control_rate, most_misfit=SHAPE,
+        found.time(1), float(found.delay_se[1]), DELAY / view.rig.control_rate, most_misfit=SHAPE,
     )  # fmt: skip
 
 

@@ -7,6 +7,7 @@ from maglev_env.redundancy.finding import Finding
 from maglev_env.redundancy.rows import Row
 from maglev_env.redundancy.view import View
 
+DRIVEN = "injection to command"  # the row of what drives the loop
 CHANNELS = ("displacement", "force", "current", "command")  # whose scales enter results
 
 
@@ -22,6 +23,8 @@ def uncovered(view: View, rows: Sequence[Row]) -> list[Finding]:
         free.append("mass")
     if view.rig is None and "force" in view.recorded:
         free.append("time between force and displacement")
+    late = [row.against for row in rows if row.code == DRIVEN and row.delay is None]
+    free += [f"time of {drive}" for drive in late]
     if not free:
         return []
     advice = []
@@ -38,6 +41,8 @@ def uncovered(view: View, rows: Sequence[Row]) -> list[Finding]:
         inputs = "displacement and current" if reads_current(view.gains, 1 / view.rig.control_rate) else "displacement"
         driven = "" if view.known_drive else " and what is injected"
         advice.append(f"record command, {inputs}{driven} at the control rate")
+    if late:
+        advice.append("excite more than one line")
     if "time between force and displacement" in free and not any("name the rig" in a for a in advice):
         advice.append("name the rig and its gains")
     text = f"not checkable here: {', '.join(free)}; {', '.join(advice)}"

@@ -4,6 +4,7 @@ Only lines count at which the mass dominates: there the stiffness, which effects
 """
 
 import numpy as np
+import scipy.fft
 
 from maglev_env.loop.magnets.kinds import force_law
 from maglev_env.loop.magnets.law import linearise
@@ -19,7 +20,8 @@ SHAPE, DELAY = 0.15, 0.3  # relative misfit; of a sample
 RIGLESS = 0.3  # a controlled rotor of unknown controller: its stiffness varies with frequency and looks like mass
 TOO_FEW = 12  # lines
 SEEN = 0.1  # noise over power of the displacement, up to which a line counts without a rig
-LOUD = 100.0  # power over the stated noise of the reading, from which a bin counts
+LOUD = 100.0  # power over the stated or seen noise of the reading, from which a bin counts
+FLOOR = (0.40, 0.49)  # of the rate: where a reading is taken to be noise alone
 FORCE_EFFECTS = ("mass", "sensor_gain", "support_resonance", "sensor_resonance", "friction")
 CURRENT_EFFECTS = ("actuator_gain", "mass", "sensor_gain", "eddy_current", "saturation", "hysteresis")
 DELAY_EFFECTS = ("sensor_lag", "delay", "eddy_current", "amplifier_lag", "support_resonance", "sensor_resonance")
@@ -100,7 +102,7 @@ def _dominated(view: View) -> np.ndarray:
     if not lines.periodic:
         y = lines.parts["displacement"]
         step = 2 * rig.voltage_range / 2**rig.adc_bits / rig.probe_gain if rig.adc_bits else 0.0
-        white = rig.noise.displacement**2 + step**2 / 12
+        white = max(rig.noise.displacement**2 + step**2 / 12, _floor(view.channels["displacement"]))
         length = round(view.rate / (lines.frequency[1] - lines.frequency[0])) if lines.frequency.size > 1 else 1
         window = 0.375 * length  # power of a Hann window
         loud = (np.abs(y) ** 2).mean(axis=0) > LOUD * max(white * window, 1e-300)
@@ -111,6 +113,17 @@ def _dominated(view: View) -> np.ndarray:
             loud |= moving & (current > LOUD * rig.noise.current**2 * window)
         keep &= loud
     return keep
+
+
+def _floor(y: np.ndarray) -> float:
+    """Variance of white noise as large as what a reading (samples,) holds near half its rate, where no mass moves.
+
+    Where the reading is that noise, the controller has made the current of it: their ratio is the controller's.
+    """
+    window = np.hanning(y.size)
+    spectrum = np.asarray(scipy.fft.rfft((y - y.mean()) * window))
+    top = slice(*(int(share * y.size) for share in FLOOR))
+    return float(np.mean(np.abs(spectrum[top]) ** 2) / np.sum(window**2))
 
 
 def _without_rig(view: View) -> list[Row]:

@@ -16,15 +16,17 @@ FINE, FINEST = 25, 1e-3  # points of each of the finer grids, and the last one's
 MODEL = 0.01  # of a line's amplitude: what the nominal responses are trusted to
 NEIGHBOURS = 9  # lines over which noise without periods is averaged
 LEAST_LINES = 6
+ONE_LINE = 3.0  # a sine fills two lines of a Hann window
 KNOWN = 0.2  # relative standard error from which a gain says nothing
 LEVEL = 4.5  # standard errors: two-sided 7e-6, so that some hundred tests of a campaign raise 0.1 % of false alarms
 
 
 @dataclass(frozen=True)
 class Fit:
-    """Gains (k,), delays (k,) in s, their standard errors (relative ones of the gains), misfit, and cost.
+    """Gains (k,), delays (k,) in s, their standard errors (relative ones of the gains), misfit, cost, and lines (k,).
 
-    The misfit is relative; the cost is the weighted power that is left.
+    The misfit is relative; the cost is the weighted power that is left. Lines: how many hold what each input tells; of
+    segments the squared sum of their shares over the sum of squares.
     """
 
     gain: np.ndarray
@@ -33,6 +35,11 @@ class Fit:
     delay_se: np.ndarray
     misfit: float
     cost: float
+    lines: np.ndarray
+
+    def time(self, i: int) -> float | None:
+        """Delay of input i, s; None where its power is in one line: a delay and an error of phase look alike there."""
+        return float(self.delay[i]) if self.lines[i] > ONE_LINE else None
 
 
 @dataclass(frozen=True)
@@ -144,6 +151,10 @@ def fit(
         variance = rest.var(axis=0, ddof=1)[None] / len(rest) if periodic else _local(rest)
     turned = turn * x
     off = y - turned.sum(axis=0)
+    told = np.full(len(gain), float(frequency.size))
+    if not periodic:
+        share = (weight * np.abs(turned) ** 2).sum(axis=1)
+        told = share.sum(axis=1) ** 2 / (share**2).sum(axis=1)
     slopes = [turned / gain[:, None, None]] if not delays else [turned / gain[:, None, None], -1j * w * turned]
     j = np.concatenate(slopes).reshape(-1, y.size)
     normal = np.real((weight.ravel() * j) @ j.conj().T)
@@ -157,7 +168,7 @@ def fit(
     if not periodic:  # what noise leaves cannot be told from misfit: only what is common to all segments counts
         left = _common(out, rest, weight)
     found = np.zeros(k) if not delays else se[k:]
-    return Fit(gain, delay, se[:k] / np.abs(gain), found, float(np.sqrt(max(left, 0.0))), cost)
+    return Fit(gain, delay, se[:k] / np.abs(gain), found, float(np.sqrt(max(left, 0.0))), cost, told)
 
 
 def _searched(

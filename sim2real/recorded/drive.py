@@ -19,6 +19,7 @@ from maglev_env.linear.loop import without_noise
 from maglev_env.loop.effect import EFFECTS
 from maglev_env.loop.gains import NO_CONTROLLER, controller_output, limited, of_axis, reads_current
 from maglev_env.recordings.campaign import RecordingSpec
+from maglev_env.recordings.left_out import TellsNothing
 from maglev_env.rig.rig import Rig, axis_rig
 from sim2real.recorded.controller_output import referred
 from sim2real.recorded.stand_in import finer_steps, stand_in
@@ -123,7 +124,8 @@ def drive_of(rig: Rig, spec: RecordingSpec, channels: Mapping[str, np.ndarray], 
         known: whether the stated controller is what made the command of these channels.
 
     Raises:
-        ValueError: nothing that is known drives the recording; the message says what to record.
+        TellsNothing: nothing that is known drives the recording.
+        ValueError: the controller reads a current that is not recorded.
     """
     try:
         multiple, every = sampling(spec.sample_rate, rig.control_rate)
@@ -149,9 +151,10 @@ def drive_of(rig: Rig, spec: RecordingSpec, channels: Mapping[str, np.ndarray], 
             return Drive(e, multiple=multiple)
     source = next((name for name in ("current", "command") if rig.controlled and name in channels), None)
     if source is None and rig.controlled:
-        raise ValueError(
-            "nothing that is known drives this recording; record the current in the coil, or the command at the "
-            "control rate (with the gains, what was added to it follows), or the injection, reference or force"
+        raise TellsNothing(
+            "nothing that is known drives this recording",
+            "record the current in the coil, or the command at the control rate (with the gains, what was added to it "
+            "follows), or the injection, reference or force",
         )
     return _stood_in(rig, spec, channels, source, every)
 

@@ -14,6 +14,7 @@ import numpy as np
 import scipy.fft
 
 from estimation.line_windows import POOLED
+from maglev_env.recordings.left_out import TellsNothing
 from sim2real.recorded.nominal import nominal_blocks
 from sim2real.recorded.open_record import OpenRecord
 
@@ -33,7 +34,7 @@ def fed_back(record: OpenRecord, driving: np.ndarray, between: np.ndarray) -> Op
         between: (windows, WIDTH), what the drive between the samples is to the spectrum of the samples.
 
     Raises:
-        ValueError: nowhere does the drive move the rotor clearly more than the noise does.
+        TellsNothing: nowhere does the drive move the rotor clearly more than the noise does.
     """
     blocks = nominal_blocks(record.experiment, record.windows.frequency.ravel(), False)
     controller, _, plant, *_ = (np.reshape(b, (record.axes, *record.windows.frequency.shape)) for b in blocks)
@@ -51,9 +52,9 @@ def fed_back(record: OpenRecord, driving: np.ndarray, between: np.ndarray) -> Op
     moved = np.mean(abs(plant * simulated) ** 2, axis=-1)
     told = _together((moved > CLEAR * floor[:, None]).any(axis=0))
     if not told.any():
-        raise ValueError(
-            "what is recorded of the drive moves the rotor no more than the noise does; record larger steps, or the "
-            "command with the gains of the controller"
+        raise TellsNothing(
+            "what is recorded of the drive moves the rotor no more than the noise does",
+            "record larger steps, or the command with the gains of the controller",
         )
     z = np.exp(2j * np.pi * record.windows.frequency / record.windows.sample_rate)
     true = np.array([_regressed(c, x, z) for c, x in zip(driving, readings, strict=True)])

@@ -12,11 +12,13 @@ from maglev_env.loop.magnets.kinds import force_law
 from maglev_env.loop.magnets.law import linearise
 from maglev_env.recordings.campaign import Campaign, RecordingSpec
 from maglev_env.recordings.derived import coil_current
+from maglev_env.recordings.left_out import TellsNothing
 from maglev_env.recordings.masking import bridged, masked_samples
 from maglev_env.rig.rig import Rig, axis_rig
 from sim2real.recorded.channel_errors import ChannelError, channel_errors
 from sim2real.recorded.drive import Drive, drive_of
 from sim2real.recorded.fed_back import fed_back
+from sim2real.recorded.not_stable import not_stable
 from sim2real.recorded.open_record import OpenRecord, compared
 from sim2real.recorded.static_evidence import can_rest, rests_of
 from sim2real.recorded.ticks import ticks_of
@@ -41,6 +43,7 @@ def open_record(campaign: Campaign, spec: RecordingSpec, dataset: "xr.Dataset") 
         dataset: its channels.
 
     Raises:
+        TellsNothing: nothing can be compared with it.
         ValueError: a comparison with it lacks something; the message says what.
     """
     where, rig = campaign.folder / spec.file, campaign.rig
@@ -58,6 +61,13 @@ def open_record(campaign: Campaign, spec: RecordingSpec, dataset: "xr.Dataset") 
         raise ValueError(f"{where}: the channel displacement is missing; nothing is known of the rotor without it")
     try:
         drive = drive_of(rig, spec, channels)
+        if not drive.stand_in and (wrong := not_stable(drive.experiment)):
+            # The recorded loop held the rotor: what the magnets did is in their current, whatever made it. A command
+            # goes through the amplifier, which may be what is stated wrong.
+            if not rig.controlled or "current" not in channels:
+                raise TellsNothing(wrong, "correct it, or record the current in the coil")
+            drive = drive_of(rig, spec, channels, known=False)
+            drive = replace(drive, notes=(f"{wrong}; it is not used", *drive.notes))
         ticks = None
         if dataset.attrs.get("resampled") and drive.source == "command" and not drive.stand_in:
             # The controller is exact at its own ticks alone; where these are not known, another stands in for it.
@@ -75,10 +85,15 @@ def open_record(campaign: Campaign, spec: RecordingSpec, dataset: "xr.Dataset") 
         waves = drive.driving(channels).waves
         known = np.concatenate([w[:, :: drive.every] for w in waves.values()])
         if not np.ptp(known, axis=1).any():
-            raise ValueError("nothing that is known drives this recording: all of it is constant")
+            raise TellsNothing(
+                "nothing that is known drives this recording: all of it is constant",
+                "record set-point steps, a chirp or an injected multisine",
+            )
         stretch = compared(drive.experiment, spec.sample_rate / drive.multiple, known, channels["displacement"])
         if ticks is not None and stretch.samples.start:
             channels["injection"][:, stretch.samples.start :] = ticks.injection(stretch.samples.start)
+    except TellsNothing:
+        raise  # whoever reads all recordings names the file
     except ValueError as error:
         raise ValueError(f"{where}: {error}") from None
     # The simulation begins here with a controller at rest: what it held before is part of what drove the loop.
@@ -106,10 +121,7 @@ def open_record(campaign: Campaign, spec: RecordingSpec, dataset: "xr.Dataset") 
     )
     if not drive.stand_in or drive.source is None:
         return record
-    try:
-        return fed_back(record, channels[drive.source], drive.between(record.windows.frequency))
-    except ValueError as error:
-        raise ValueError(f"{where}: {error}") from None
+    return fed_back(record, channels[drive.source], drive.between(record.windows.frequency))
 
 
 def _channels(rig: Rig, dataset: "xr.Dataset") -> dict[str, np.ndarray]:

@@ -17,6 +17,7 @@ import numpy as np
 from estimation.line_windows import POOLED, TERMS, WIDTH, LineWindows
 from maglev_env.experiment import Experiment
 from maglev_env.linear.loop import closed_loop_poles
+from maglev_env.recordings.left_out import TellsNothing
 from maglev_env.rig.rig import Rig
 from sim2real.recorded.channel_errors import ChannelError
 from sim2real.recorded.static_evidence import Rests
@@ -165,7 +166,7 @@ def compared(e: Experiment, rate: float, driven: np.ndarray, displacement: np.nd
         displacement: (axes, samples), the reading.
 
     Raises:
-        ValueError: when the recording is too short for windows of lines.
+        TellsNothing: the recording is too short for windows of lines.
     """
     samples, longest = driven.shape[1], int(MOST_SAMPLES * rate / e.rig.control_rate)
     radius = float(abs(closed_loop_poles(e)).max()) ** (e.rig.control_rate / rate)
@@ -184,9 +185,8 @@ def compared(e: Experiment, rate: float, driven: np.ndarray, displacement: np.nd
         )
     count = int((TOP * length - 1) // WIDTH)
     if count < POOLED:
-        raise ValueError(
-            f"{samples} samples are too few to compare; record at least {int(WIDTH * (POOLED + 1) / TOP) + settling}"
-        )
+        least = int(WIDTH * (POOLED + 1) / TOP) + settling
+        raise TellsNothing(f"{samples} samples are too few to compare", f"record at least {least}")
     whole = LineWindows(length, rate, 1, count)
     kept = slice(start + settling, start + settling + length)
     told = whole.noise(whole.spectrum(displacement[:, kept]), whole.spectrum(driven[:, kept]))

@@ -1,9 +1,8 @@
 """A campaign as a diagnosis needs it: for each recording, the spectra of its steady periods and what drove it."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -14,6 +13,7 @@ from maglev_env.linear.loop import without_noise
 from maglev_env.loop.axes import suffixes
 from maglev_env.loop.gains import NO_CONTROLLER
 from maglev_env.recordings.campaign import Campaign, RecordingSpec, load_campaign
+from maglev_env.recordings.each_recording import check_left, each_recording
 from maglev_env.recordings.recording import read_recording
 from maglev_env.recordings.signals import recorded_signals
 from maglev_env.rig.excitation import PLACES, axis_excitations, lines_at
@@ -23,9 +23,6 @@ from sim2real.recorded.open_reading import open_record
 from sim2real.recorded.open_record import OpenRecord
 from sim2real.recorded.static_evidence import Rests, rests_of
 from sim2real.recorded.tones import ON_LINE, Tone, near_tones, remove_tones
-
-if TYPE_CHECKING:
-    pass
 
 
 @dataclass(frozen=True)
@@ -101,11 +98,12 @@ def read_records(campaign: str | Path | Campaign) -> tuple[Campaign, tuple[Recor
     """Read every recording of a campaign that names its rig.
 
     Returns:
-        The campaign and its records.
+        The campaign of the recordings that tell something, with the others in its `left_out`; and their records.
 
     Raises:
         ValueError: A file is wrong (see `read_recording`), or something that a diagnosis needs is missing: a rig, a
-            displacement, a periodic excitation, or the gains of a rotor that cannot levitate without control.
+            displacement, or the gains of a rotor that cannot levitate without control; or no recording to fit tells
+            anything.
     """
     loaded = campaign if isinstance(campaign, Campaign) else load_campaign(campaign)
     if loaded.rig is None:
@@ -113,11 +111,12 @@ def read_records(campaign: str | Path | Campaign) -> tuple[Campaign, tuple[Recor
             f"{loaded.folder / 'campaign.toml'}: rig is missing; a gap is measured against a nominal rig: name a "
             "preset or a rig TOML"
         )
-    records = tuple(_record(loaded, spec) for spec in loaded.recordings)
-    _check_apart(loaded, records)
-    if not any(r.role == "fit" for r in records):
+    if all(spec.role == "holdout" for spec in loaded.recordings):
         raise ValueError(f"{loaded.folder / 'campaign.toml'}: every recording is a holdout; give one the role fit")
-    return loaded, records
+    told, records = each_recording(loaded, lambda spec: _record(loaded, spec))
+    _check_apart(told, records)
+    check_left(loaded, told.left_out, any(r.role == "fit" for r in records))
+    return told, tuple(records)
 
 
 def _record(campaign: Campaign, spec: RecordingSpec) -> Record | OpenRecord:
@@ -221,7 +220,7 @@ def _waves(
     return waves
 
 
-def _check_apart(campaign: Campaign, records: tuple[Record | OpenRecord, ...]) -> None:
+def _check_apart(campaign: Campaign, records: Sequence[Record | OpenRecord]) -> None:
     """Refuse a holdout that repeats one of the fit recordings.
 
     Raises:

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.optimize import least_squares
+from scipy.stats import chi2
 
 from maglev_env.experiment import Experiment
 from maglev_env.linear.axis import POSITION, VELOCITY, linear_axis
@@ -22,8 +23,12 @@ from maglev_env.rig.rig import Rig
 if TYPE_CHECKING:
     import xarray as xr
 
-BLOCKS, LEAST, PARTS = 40, 25, 5  # blocks of a record, least samples of a block, and parts whose means must agree
-STILL = 0.01  # of the gap: largest change of the mean within a block
+BLOCKS, LEAST, PARTS = 40, 25, 5  # blocks of a record, least samples of a block, and parts of it
+STILL = 0.01  # of the gap: levels that are nearer to each other count as one
+SMALL = 0.02  # of the gap: standard deviation of the parts' means, up to which the force law is straight
+BALANCED = 5e-3  # of the weight: what the mean acceleration of a block may take
+TINY = 1e-9  # of the weight: least scatter of the pull
+DISAGREE = 1e-3  # probability under noise alone from which recordings rest at other currents
 APART = 5.0  # standard deviations: three times this, and three times STILL of the gap, levels must span for a stiffness
 GROUPS = 10  # of the jackknife
 
@@ -36,12 +41,14 @@ class Levels:
         displacement: (n,), m from the rig's centre.
         current: (n,), A from the rig's bias.
         displacement_sd, current_sd: (n,), standard deviations of these means.
+        recording: (n,), number of the recording.
     """
 
     displacement: np.ndarray
     current: np.ndarray
     displacement_sd: np.ndarray
     current_sd: np.ndarray
+    recording: np.ndarray
 
     @property
     def count(self) -> int:
@@ -54,12 +61,17 @@ class Levels:
 
 @dataclass(frozen=True)
 class Tolerances:
-    """What the campaign states of the two channels: standard uncertainties of offset (m, A) and relative scale."""
+    """What the campaign states of the two channels: standard uncertainties of offset (m, A) and relative scale.
+
+    The drifts are standard deviations of the offsets from recording to recording; nan: not stated.
+    """
 
     displacement_offset: float
     current_offset: float
     displacement_scale: float = 0.0
     current_scale: float = 0.0
+    displacement_drift: float = np.nan
+    current_drift: float = np.nan
 
 
 @dataclass(frozen=True)
@@ -79,12 +91,14 @@ class StaticEstimate:
         stiffness: N/m, negative; None where all levels are about the same.
         covariance: (2, 2) of both, or (1, 1).
         levels: number of levels.
+        drift: standard deviation of the current's offset from recording to recording, A.
     """
 
     gain: float
     stiffness: float | None
     covariance: np.ndarray
     levels: int
+    drift: float = 0.0
 
     @property
     def values(self) -> np.ndarray:
@@ -114,8 +128,10 @@ def rests_of(rig: Rig, spec: RecordingSpec, dataset: "xr.Dataset") -> Rests | No
         current.offset_tolerance,
         displacement.scale_tolerance,
         current.scale_tolerance,
+        *(np.nan if source.offset_drift is None else source.offset_drift for source in (displacement, current)),
     )
-    return Rests(levels_of(dataset["displacement"].values, dataset["current"].values, rig.gap), tolerances)
+    falls = rig.gravity / spec.sample_rate**2
+    return Rests(levels_of(dataset["displacement"].values, dataset["current"].values, rig.gap, falls), tolerances)
 
 
 def static_of(rig: Rig, rests: Sequence[Rests | None]) -> StaticEstimate | None:
@@ -123,7 +139,7 @@ def static_of(rig: Rig, rests: Sequence[Rests | None]) -> StaticEstimate | None:
     stated = [r for r in rests if r is not None]
     if not stated:
         return None
-    worst = Tolerances(*(max(getattr(r.tolerances, f.name) for r in stated) for f in fields(Tolerances)))
+    worst = Tolerances(*(np.fmax.reduce([getattr(r.tolerances, f.name) for r in stated]) for f in fields(Tolerances)))
     return static_estimate(rig, joined([r.levels for r in stated]), worst)
 
 
@@ -146,55 +162,63 @@ def of_weight(rig: Rig) -> tuple[float, float]:
     return float(gain), float(stiffness)
 
 
-def levels_of(displacement: np.ndarray, current: np.ndarray, gap: float) -> Levels:
-    """The blocks of a record in which the mass rests: the means of their parts agree.
+def levels_of(displacement: np.ndarray, current: np.ndarray, gap: float, falls: float) -> Levels:
+    """The blocks of a record in which the mass rests in the mean.
+
+    It need not stand still: where it moves little, the mean pull is that at the mean displacement, and it carries the
+    weight as far as nothing accelerates over the whole block.
 
     Args:
         displacement, current: (samples,), m and A.
         gap: m.
+        falls: acceleration of gravity, m per sample squared.
     """
     size = max(displacement.size // BLOCKS, LEAST)
-    found = []
+    found, at = [], np.arange(PARTS) * size / PARTS
     for begin in range(0, displacement.size - size + 1, size):
         part = slice(begin, begin + size)
         means = np.array([[p.mean() for p in np.array_split(s[part], PARTS)] for s in (displacement, current)])
-        if np.ptp(means[0]) < STILL * gap:
+        accelerated = abs(2 * np.polyfit(at, means[0], 2)[0])
+        if means[0].std() < SMALL * gap and accelerated < BALANCED * falls:
             found.append((*means.mean(axis=1), *(means.std(axis=1, ddof=1) / np.sqrt(PARTS))))
-    return Levels(*np.array(found).reshape(-1, 4).T)
+    return Levels(*np.array(found).reshape(-1, 4).T, np.zeros(len(found), int))
 
 
 def joined(levels: Sequence[Levels]) -> Levels:
     """The levels of several recordings together."""
-    return Levels(*(np.concatenate([getattr(own, f.name) for own in levels]) for f in fields(Levels)))
+    numbered = [replace(own, recording=np.full(own.count, number)) for number, own in enumerate(levels)]
+    return Levels(*(np.concatenate([getattr(own, f.name) for own in numbered]) for f in fields(Levels)))
 
 
 def static_estimate(rig: Rig, levels: Levels, tolerances: Tolerances) -> StaticEstimate | None:
     """Fit the force law's constant and gap to levels and weight; None where the mass never rests.
 
     The scatter of the levels about the law is told by the jackknife over groups of them, so it includes what the law
-    cannot fit.
+    cannot fit. Where a drift is stated, or the recordings disagree by more than their scatter, each has an offset of
+    its own (a coil that warms, an amplifier that drifts).
 
     Args:
         rig: nominal rig, whose force law gives the form.
         levels: of all recordings.
-        tolerances: of both channels, common to all recordings.
+        tolerances: of both channels; offsets and scales are common to all recordings.
     """
     if levels.count == 0:
         return None
     law = geometric_law(rig)
     distance = max(APART * float(np.median(levels.displacement_sd)), STILL * rig.gap)
     several = levels.count > 3 and np.ptp(levels.displacement) > 3 * distance
-    coefficients = _fitted(law, levels, several)
+    drift = _drift(law, levels, several, tolerances)
+    coefficients = _fitted(law, levels, several, drift)
     labels = np.arange(levels.count) % min(levels.count, GROUPS)
     covariance = np.zeros((coefficients.size, coefficients.size))
     if levels.count > coefficients.size + 1:
         groups = labels.max() + 1
-        left = np.array([_fitted(law, levels.of(labels != g), several) for g in range(groups)])
+        left = np.array([_fitted(law, levels.of(labels != g), several, drift) for g in range(groups)])
         covariance += (groups - 1) * np.atleast_2d(np.cov(left.T, ddof=0))
     else:
         noise = [_moved(levels, float(levels.displacement_sd.mean()), 0.0),
                  _moved(levels, 0.0, float(levels.current_sd.mean()))]  # fmt: skip
-        covariance += sum(_outer(_fitted(law, other, several) - coefficients) for other in noise)
+        covariance += sum(_outer(_fitted(law, other, several, drift) - coefficients) for other in noise)
     total = levels.current + law.bias_current
     for dy, di in (
         (tolerances.displacement_offset, 0.0),
@@ -202,25 +226,117 @@ def static_estimate(rig: Rig, levels: Levels, tolerances: Tolerances) -> StaticE
         (tolerances.displacement_scale * levels.displacement, 0.0),
         (0.0, tolerances.current_scale * total),
     ):
-        covariance += _outer(_fitted(law, _moved(levels, dy, di), several) - coefficients)
+        covariance += _outer(_fitted(law, _moved(levels, dy, di), several, drift) - coefficients)
+    for number in np.unique(levels.recording) if drift else ():
+        own = _moved(levels, 0.0, drift * (levels.recording == number))
+        covariance += _outer(_fitted(law, own, several, drift) - coefficients)
     covariance += _outer(coefficients * rig.tolerance.get("mass", 0.0))  # both are in proportion to the weight
-    return StaticEstimate(float(coefficients[0]), float(coefficients[1]) if several else None, covariance, levels.count)
+    stiffness = float(coefficients[1]) if several else None
+    return StaticEstimate(float(coefficients[0]), stiffness, covariance, levels.count, drift)
 
 
-def _fitted(law: SingleSidedLaw, levels: Levels, several: bool) -> np.ndarray:
+def drift_in_words(found: StaticEstimate) -> str:
+    """What is said of recordings that rest at other currents; empty where they agree."""
+    if not found.drift:
+        return ""
+    return (
+        f"means and weight: the current at the same place differs from recording to recording, by {found.drift:.2g} A "
+        "(a coil that warms, an amplifier or a probe that drifts); an offset of each is allowed for"
+    )
+
+
+def _drift(law: SingleSidedLaw, levels: Levels, several: bool, tolerances: Tolerances) -> float:
+    """Standard deviation (A) of the current's offset from recording to recording; 0 where nothing shows any.
+
+    Where the recordings disagree, the stated tolerance counts as one recording more: two alone would tell little.
+    """
+    gain, stiffness = _balanced(law, lambda y, i: force(law, y, i) + law.weight, law.weight, 0.0)
+    slope = abs(stiffness / gain)  # A/m
+    stated = np.array([tolerances.displacement_drift * slope, tolerances.current_drift])
+    if np.isfinite(stated).any():
+        return float(np.sqrt(np.nansum(stated**2)))
+    numbers = np.unique(levels.recording)
+    if numbers.size == 1:
+        return 0.0
+    known = tolerances.current_offset**2 + (tolerances.displacement_offset * slope) ** 2
+    drift = float(np.sqrt(known))
+    for _ in range(2):  # with an offset each, so that recordings at different levels do not tilt the curve instead
+        off = _departures(law, levels, several, drift)
+        own = [off[levels.recording == number] for number in numbers]
+        scatter = np.sqrt(sum(part.var() * part.size for part in own) / max(off.size - numbers.size, 1))
+        noise = np.array([scatter / np.sqrt(part.size) for part in own])
+        means = np.array([part.mean() for part in own])
+        means -= np.average(means, weights=noise**-2.0 if noise.all() else None)
+        if not noise.all() or np.sum((means / noise) ** 2) < chi2.isf(DISAGREE, numbers.size - 1):
+            return 0.0
+        drift = float(np.sqrt((max(np.sum(means**2 - noise**2), 0.0) + known) / numbers.size))
+    return drift
+
+
+def _departures(law: SingleSidedLaw, levels: Levels, several: bool, drift: float) -> np.ndarray:
+    """Currents (n,) beyond those at which the fitted law carries the weight, A."""
+    own, factor, _ = _law(law, levels, several, drift)
+    y, i = levels.displacement, levels.current
+    step = 1e-5 * max(abs(law.bias_current), 1e-9)
+    pulls = [factor * (force(own, y, at) + law.weight) for at in (i, i + step, i - step)]
+    return (pulls[0] - law.weight) / ((pulls[1] - pulls[2]) / (2 * step))
+
+
+def _fitted(law: SingleSidedLaw, levels: Levels, several: bool, drift: float = 0.0) -> np.ndarray:
     """Actuator gain (N/A) and, with several levels, stiffness (N/m) at the centre."""
+    own, factor, offset = _law(law, levels, several, drift)
+    start = float(np.mean(levels.current - offset))
+    found = _balanced(law, lambda at, i: factor * (force(own, at, i) + law.weight), law.weight, start)
+    return found[: 1 + several]
+
+
+def _law(law: SingleSidedLaw, levels: Levels, several: bool, drift: float) -> tuple[SingleSidedLaw, float, np.ndarray]:
+    """The law of the fitted gap, the factor on its whole pull, and the offset of each level's current (n,), A."""
+    same = np.zeros(levels.count, int)
+    p, left = _solved(law, levels, several, same, 0.0, 1.0)
+    if drift:
+        _, of_recording = np.unique(levels.recording, return_inverse=True)
+        count = of_recording.max() + 1
+        within = sum(left[of_recording == n].var() * (of_recording == n).sum() for n in range(count))
+        scatter = max(float(np.sqrt(within / max(left.size - count, 1))), TINY)
+        p, _ = _solved(law, levels, several, of_recording, drift, scatter)
+        return _stretched(law, p, several), float(np.exp(p[0])), drift * p[1 + several :][of_recording]
+    return _stretched(law, p, several), float(np.exp(p[0])), np.zeros(levels.count)
+
+
+def _solved(
+    law: SingleSidedLaw, levels: Levels, several: bool, of_recording: np.ndarray, drift: float, scatter: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Least squares for ln of the factor, relative change of the gap and, with a drift, offsets in units of it.
+
+    Args:
+        law: nominal.
+        levels: of all recordings.
+        several: whether the gap is fitted.
+        of_recording: (n,), number of the recording of each level, from 0.
+        drift: standard deviation of the offsets, A; 0 for none.
+        scatter: standard deviation of a level's pull over the weight.
+
+    Returns:
+        The parameters, and what they leave of each pull over the weight (n,).
+    """
     y, i = levels.displacement, levels.current
 
-    def pull(p: np.ndarray, at: np.ndarray | float, current: np.ndarray | float) -> np.ndarray | float:
-        own = law
-        if several:  # the gap of an exponential decay only scales the pull
-            own = replace(law, decay=law.decay * (1 + p[1])) if law.decay else replace(law, gap=law.gap * (1 + p[1]))
-        return np.exp(p[0]) * (force(own, at, current) + law.weight)
+    def left(p: np.ndarray) -> np.ndarray:
+        own = i - drift * p[1 + several :][of_recording] if drift else i
+        return np.exp(p[0]) * (force(_stretched(law, p, several), y, own) + law.weight) / law.weight - 1
 
-    start = [np.log(law.weight / float(np.mean(pull(np.zeros(2), y, i)))), 0.0][: 1 + several]
-    p = least_squares(lambda p: pull(p, y, i) / law.weight - 1, start, x_scale=0.1).x
-    found = _balanced(law, lambda at, current: pull(p, at, current), law.weight, float(i.mean()))
-    return found[: 1 + several]
+    start = np.zeros(1 + several + (of_recording.max() + 1 if drift else 0))
+    start[0] = np.log(law.weight / float(np.mean(force(law, y, i) + law.weight)))
+    p = least_squares(lambda p: np.append(left(p) / scatter, p[1 + several :] if drift else []), start, x_scale=0.1).x
+    return p, left(p)
+
+
+def _stretched(law: SingleSidedLaw, p: np.ndarray, several: bool) -> SingleSidedLaw:
+    """The law with the fitted gap; the gap of an exponential decay only scales the pull, so its length is fitted."""
+    if not several:
+        return law
+    return replace(law, decay=law.decay * (1 + p[1])) if law.decay else replace(law, gap=law.gap * (1 + p[1]))
 
 
 def _balanced(

@@ -1,5 +1,6 @@
 """Recordings that never repeat, of a bench of another hand: their injection, likelihood, estimate and diagnosis."""
 
+import re
 from dataclasses import replace
 
 import bench_loop
@@ -15,6 +16,7 @@ from sim2real.nonstationary import widening
 from sim2real.pooled import pooled
 from sim2real.problem import assemble
 from sim2real.recorded.controller_output import recovered_injection
+from sim2real.recorded.not_stable import not_stable
 from sim2real.recorded.open_record import OpenRecord
 from sim2real.recorded.records import read_records
 from sim2real.simulated import Point
@@ -72,12 +74,28 @@ def test_a_pooled_estimate_names_the_recording_that_disagrees(campaign, tmp_path
 
 
 def test_a_recording_that_cannot_be_simulated_is_named(campaign):
+    _, (noise, steps) = read_records(campaign(Bench(), {"noise": "fit", "steps": "fit"}, seconds=0.5))
+    thrown = replace(steps, waves={at: 60 * wave for at, wave in noise.waves.items()})
+    with pytest.raises(ValueError, match=r"simulation of steps\.npz; check gains"):
+        pooled([noise, thrown])
+
+
+def test_gains_under_which_the_nominal_loop_is_not_stable_are_said_and_not_used(campaign):
     folder = campaign(Bench(), {"noise": "fit", "steps": "fit"}, seconds=0.5)
     text = (folder / "campaign.toml").read_text()
     at = text.rindex("kp = ")
     (folder / "campaign.toml").write_text(text[:at] + text[at:].replace(f"kp = {bench_loop.KP}", "kp = 100.0"))
-    with pytest.raises(ValueError, match=r"simulation of steps\.npz;"):
-        pooled(read_records(folder)[1])
+    _, (noise, steps) = read_records(folder)
+    assert noise.source == "command" and not any("stable" in note for note in noise.notes)
+    assert steps.source == "current" and not not_stable(steps.experiment)
+    wrong = steps.notes[0]
+    # Less gain than the magnet's negative stiffness: the rotor leaves without a swing, faster than it falls freely.
+    pole = float(re.search(r"not stable \(pole (\S+) of the unit circle: it grows without a swing", wrong)[1])
+    assert 1 < pole < np.exp(np.sqrt(-bench_loop.STIFFNESS / bench_loop.MASS) / bench_loop.RATE) + 1e-4
+    assert "gains" in wrong and "delay" in wrong and wrong.endswith("it is not used")
+    _edit(folder, 'current = { from = "current" }', "")
+    told, (alone,) = read_records(folder)
+    assert alone.name == "noise.npz" and "not stable" in told.left_out[0].reason
 
 
 @pytest.mark.slow

@@ -1,11 +1,21 @@
 """What means and weight say of a suspended mass, against a force law written down here."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from maglev_env.rig.rig import rig_from_toml
 from sim2real.recorded.open_reading import resting
-from sim2real.recorded.static_evidence import Levels, Tolerances, levels_of, of_weight, static_estimate
+from sim2real.recorded.static_evidence import (
+    Levels,
+    Tolerances,
+    drift_in_words,
+    joined,
+    levels_of,
+    of_weight,
+    static_estimate,
+)
 
 MASS, GRAVITY, GAP, AIR = 0.02, 9.80665, 6e-3, 2e-3
 CONSTANT = 5e-5  # N m2/A2: pull = CONSTANT i^2 / x^2 with x = GAP + AIR - y
@@ -26,13 +36,14 @@ pole_area = {AREA}
 )
 BIAS = (GAP + AIR) * np.sqrt(MASS * GRAVITY / CONSTANT)
 CERTAIN = Tolerances(0.0, 0.0)
+FALLS = GRAVITY / 100.0**2  # m per sample squared at 100 Hz
 
 
 def _levels(y, change=0.0, thicker=0.0):
     """Exact levels of a magnet with another constant and another magnetic gap than the rig's."""
     current = (GAP + AIR + thicker - y) * np.sqrt(MASS * GRAVITY / (CONSTANT * (1 + change))) - BIAS
     tiny = np.full(y.size, 1e-6)
-    return Levels(y, current, tiny, tiny)
+    return Levels(y, current, tiny, tiny, np.zeros(y.size, int))
 
 
 def test_levels_tell_gain_and_stiffness_on_the_scale_of_the_weight():
@@ -60,6 +71,7 @@ def test_intervals_cover_the_scatter_and_the_stated_offsets():
             exact.current + 3e-3 * rng.normal(size=y.size) + offsets[1],
             np.full(y.size, 2e-5),
             np.full(y.size, 3e-3),
+            np.zeros(y.size, int),
         )
         found = static_estimate(RIG, noisy, Tolerances(5e-5, 5e-3))
         inside.append(abs(found.values - truth) < 1.96 * np.sqrt(np.diag(found.covariance)))
@@ -69,9 +81,12 @@ def test_intervals_cover_the_scatter_and_the_stated_offsets():
 def test_only_a_resting_mass_has_levels():
     t = np.arange(4000) / 100
     steps = 1e-3 * np.sign(np.sin(2 * np.pi * t / 20))
-    rest = levels_of(steps, 0.1 * steps, GAP)
+    rest = levels_of(steps, 0.1 * steps, GAP, FALLS)
     assert rest.count > 30 and abs(abs(rest.displacement) - 1e-3).max() < 2e-5
-    assert levels_of(1e-3 * np.sin(2 * np.pi * t), t, GAP).count == 0
+    assert levels_of(1e-3 * np.sin(2 * np.pi * t), t, GAP, FALLS).count == 0
+    assert levels_of(8e-5 * np.sin(2 * np.pi * 0.9 * t), t, GAP, FALLS).count == 40, "it carries its weight in the mean"
+    # The same at 10 kHz is a swing at 90 Hz, whose acceleration takes part of the pull in each block of 10 ms.
+    assert levels_of(8e-5 * np.sin(2 * np.pi * 0.9 * t), t, GAP, FALLS / 1e4).count < 8
 
 
 @pytest.mark.parametrize("mean", [-0.3, 0.0, 0.2])
@@ -86,3 +101,47 @@ def test_the_nominal_mass_rests_where_the_recorded_one_does_whatever_the_mean_cu
 def test_gain_and_stiffness_grow_with_the_weight():
     # k_i = 2 m g / I with I in proportion to the root of m, and k = 2 m g / x.
     assert of_weight(RIG) == pytest.approx((0.5, 1.0), abs=1e-5)
+
+
+def _drifting(rng, recordings, drift, levels=3):
+    """Levels of recordings whose currents are off by an offset each; 1 mA and 10 um of noise."""
+    own = []
+    for _ in range(recordings):
+        y = np.repeat(rng.uniform(-1e-3, 1e-3, levels), 6)
+        exact, n = _levels(y), y.size
+        current = exact.current + 1e-3 * rng.normal(size=n) + drift * rng.normal()
+        sd = np.full(n, 1e-5), np.full(n, 1e-3)
+        own.append(Levels(y + 1e-5 * rng.normal(size=n), current, *sd, np.zeros(n, int)))
+    return joined(own)
+
+
+TRUTH = np.array([2 * MASS * GRAVITY / BIAS, -2 * MASS * GRAVITY / (GAP + AIR)])
+
+
+def test_recordings_that_rest_at_other_currents_have_an_offset_each():
+    """Two of them at one level each would tilt the line; with an offset each, the levels within recordings tell it."""
+    low, high = np.repeat([-1e-3, 1e-3], 8), np.repeat([-1e-3, -0.9e-3], 8)
+    noise = iter(np.random.default_rng(2).normal(scale=2e-4, size=(2, 16)))
+    own = []
+    for y, offset in ((low, 0.0), (high, 0.03)):
+        exact = _levels(y)
+        own.append(replace(exact, current=exact.current + offset + next(noise)))
+    stated = Tolerances(1e-5, 5e-3)
+    found = static_estimate(RIG, joined(own), stated)
+    plain = static_estimate(RIG, replace(joined(own), recording=np.zeros(32, int)), stated)
+    assert 0.01 < found.drift < 0.04 and "from recording to recording" in drift_in_words(found)
+    assert abs(found.values[1] / TRUTH[1] - 1) < 0.04 < 0.08 < abs(plain.values[1] / TRUTH[1] - 1)
+    assert (abs(found.values - TRUTH) < 1.96 * np.sqrt(np.diag(found.covariance))).all()
+    assert plain.drift == 0 and drift_in_words(plain) == ""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("drift", "stated"), [(0.0, np.nan), (0.02, np.nan)])
+def test_intervals_cover_with_offsets_of_recordings(drift, stated):
+    rng, inside, seen = np.random.default_rng(4), [], 0
+    for _ in range(20):
+        found = static_estimate(RIG, _drifting(rng, 4, drift), Tolerances(1e-5, 2e-3, current_drift=stated))
+        inside.append(abs(found.values - TRUTH) < 1.96 * np.sqrt(np.diag(found.covariance)))
+        seen += found.drift > 0
+    assert (np.mean(inside, axis=0) > 0.75).all()  # of 20: 0.95 less 4 standard deviations
+    assert seen <= 1 if not drift else seen >= 18

@@ -29,8 +29,8 @@ class Advice:
     Attributes:
         task: The tuning task.
         sets: The recorded gain sets.
-        shown: What each set showed; None where it failed.
-        predicted: Its prediction; None where it failed.
+        shown: What each set showed; None where it failed or tells nothing.
+        predicted: Its prediction; None where it failed or tells nothing.
         identified: The identified rig; None before any set levitated.
         next: Gains to try next; None to stop.
         prediction: Their prediction, unless they are the start.
@@ -81,18 +81,23 @@ def next_step(
     task, corners = tuning_task(rig, sets, tuned)
     good = [i for i, s in enumerate(sets) if s.failed is None]
     nothing: tuple[None, ...] = (None,) * len(sets)
-    notes = tuple(f"{', '.join(s.files)}: {s.failed}" for s in sets if s.failed)
+    notes = tuple(f"{', '.join(s.files)}: {s.failed or s.untold}" for s in sets if s.failed or s.untold)
     if not good:
         failed = Advice(task, tuple(sets), nothing, nothing, None, notes=notes)
         if failed.recordings >= budget:
             return replace(failed, stop=f"the budget of {budget} recordings is used up, and none of them held")
         return _start(failed, with_defaults(rig).gains)
-    identified = fit_rig(task.rig, [sets[i] for i in good])
+    if all(sets[i].untold for i in good):
+        last = sets[good[-1]]
+        untried = Advice(task, tuple(sets), nothing, nothing, None, notes=notes)
+        return _designed(untried, last, last.untold or "", budget)
+    identified = fit_rig(task.rig, [sets[i] for i in good if not sets[i].untold])
     best = identified.rig()
-    seen = tuple(s and shown(s, task.target, task.rig.target.band, best.mass, seed) for s in _held(sets))
+    held = _held(sets)
+    seen = tuple(s and shown(s, task.target, task.rig.target.band, best.mass, seed) for s in held)
     rng = np.random.default_rng(seed)
-    model = model_of(task, corners, identified, [sets[i] for i in good], rng)
-    predicted = tuple(s and predict(model, s.gains, seed) for s in _held(sets))
+    model = model_of(task, corners, identified, [s for s in held if s], rng)
+    predicted = tuple(s and predict(model, s.gains, seed) for s in held)
     advice = Advice(task, tuple(sets), seen, predicted, identified, notes=notes)
     if identified.contradicted:
         return _stopped(
@@ -102,7 +107,10 @@ def next_step(
         )
     if advice.recordings >= budget:
         return _stopped(advice, f"the budget of {budget} recordings is used up")
-    return _toward(advice, model, optimum(model, sets[_ranked(advice)[0]].gains, rng), seed)
+    found = _toward(advice, model, optimum(model, sets[_ranked(advice)[0]].gains, rng), seed)
+    if found.stop and found.share == 0.0 and all(s.open for s in held if s):
+        return _designed(advice, sets[_ranked(advice)[0]], f"no step is surely allowed: {found.limited}", budget)
+    return found
 
 
 def tuning_task(rig: Rig, sets: Sequence[GainSet], tuned: Sequence[str]) -> tuple[Task, np.ndarray]:
@@ -135,7 +143,19 @@ def tuning_task(rig: Rig, sets: Sequence[GainSet], tuned: Sequence[str]) -> tupl
 
 
 def _held(sets: Sequence[GainSet]) -> list[GainSet | None]:
-    return [None if s.failed else s for s in sets]
+    """The sets that held and whose recordings tell something."""
+    return [None if s.failed or s.untold else s for s in sets]
+
+
+def _designed(advice: Advice, held: GainSet, why: str, budget: int) -> Advice:
+    """The rig's protocol at gains that held, where what was recorded without a period does not tell enough."""
+    if advice.recordings >= budget:
+        return replace(advice, stop=f"the budget of {budget} recordings is used up, and they tell no margins: {why}")
+    words = (
+        f"these gains held, but what was recorded at them does not tell how far one may go ({why}); record the "
+        "designed excitation below at the same gains"
+    )
+    return replace(advice, next=held.gains, why=words)
 
 
 def _start(advice: Advice, preset: Gains) -> Advice:

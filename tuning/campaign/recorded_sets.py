@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.ndimage import median_filter
 
 from estimation.frequency_response import frequency_response, pooled_variance
 from estimation.max_likelihood import maximum_likelihood
@@ -17,11 +18,14 @@ from maglev_env.recordings.recording import read_recording
 from maglev_env.recordings.signals import recorded_signals
 from maglev_env.recordings.spectra import RecordedSignals, record_spectra
 from maglev_env.rig.rig import Rig
+from tuning.campaign.open_recording import with_injection
 
 TOUCHED = 0.95  # share of the clearance that counts as touchdown (or the sensor's scale is wrong)
 UNSTEADY = 0.02  # share of the clearance: a larger rms that does not repeat and outweighs what does is self-oscillation
 DRAWS, LEAST_LINES = 200, 4  # draws of an interval; lines that a curve of margins needs
 LEVEL_SD = 3.92  # width of a 95 % interval in standard deviations
+KNOWN, SMOOTH = 0.3, 9  # relative noise of lines without a period that are used, and lines over which it is looked at
+MOST_DOUBT = 2.0  # times the peak sensitivity that single lines of a recording without a period may leave possible
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,6 +51,8 @@ class GainSet:
         peak_displacement: m.
         current_rms: A.
         failed: Why nothing is identified here, or None.
+        untold: Why recordings without a period do not tell the margins here, or None.
+        open: Whether all recordings are without a period.
     """
 
     gains: Gains
@@ -58,6 +64,8 @@ class GainSet:
     peak_displacement: float
     current_rms: float
     failed: str | None
+    untold: str | None = None
+    open: bool = False
 
 
 @dataclass(frozen=True)
@@ -93,10 +101,11 @@ class Shown:
 def recorded_sets(campaign: Campaign) -> list[GainSet]:
     """The fit recordings of a one-axis campaign, grouped by their gains, in the order recorded.
 
-    A clipped channel, a touchdown and self-oscillation make a failed set.
+    A clipped channel, a touchdown and self-oscillation make a failed set. Of a recording without a period, what was
+    added to its command drives the loop; where that cannot tell the margins, `untold` says why.
 
     Raises:
-        ValueError: A recording has no PID gains, cannot be read, or shows nothing of the loop.
+        ValueError: A recording has no PID gains, cannot be read, or its period shows nothing of the loop.
     """
     groups: dict[Gains, list[RecordingSpec]] = {}
     for spec in campaign.recordings:
@@ -157,21 +166,61 @@ def _one(campaign: Campaign, spec: RecordingSpec, gains: Gains) -> GainSet:
         if "clipped at" in str(error):  # a saturated channel is caused by the gains, any other fault by the file
             return _failed(gains, spec, str(error).partition(f"{where}: ")[2] or str(error))
         raise
-    signals = _at_control_rate(recorded_signals(campaign, spec, dataset), rig)
+    signals = _at_control_rate(recorded_signals(campaign, spec, dataset, excited=False), rig)
     if "displacement" not in signals.channels:
         raise ValueError(f"{where}: the channel displacement is missing; nothing is known of the rotor without it")
-    if not signals.periodic:
-        raise ValueError(f"{where}: no periodic excitation; tuning needs the rig's [protocol], an SPHS or a multisine")
     moved = signals.channels["displacement"]
     if (reach := float(np.abs(moved).max())) >= TOUCHED * rig.clearance:
         share = f"{reach / rig.clearance:.0%} of the clearance"
         return _failed(gains, spec, f"touchdown: the displacement reaches {share} (or its scale is wrong)")
+    if not signals.periodic:
+        return _open(with_injection(signals, dataset, rig, gains), rig, gains, spec)
     if why := _swings(signals, rig):
         return _failed(gains, spec, why)
     try:
         return _identified(signals, rig, gains, spec)
     except ValueError as error:
         raise ValueError(f"{where}: {error}") from error
+
+
+def _open(signals: RecordedSignals | str, rig: Rig, gains: Gains, spec: RecordingSpec) -> GainSet:
+    """A recording without a period: what it shows, or why it does not tell the margins."""
+    nothing = replace(_failed(gains, spec, ""), failed=None, open=True)
+    if isinstance(signals, str):
+        return replace(nothing, untold=signals)
+    try:
+        found = _identified(signals, rig, gains, spec)
+    except ValueError as error:
+        return replace(nothing, untold=str(error))
+    curves = {name: _known(getattr(found, name)) for name in ("sensitivity", "plant")}
+    return replace(found, **curves, untold=_untold(curves["sensitivity"]), open=True)
+
+
+def _known(curve: Response | None) -> Response | None:
+    """The widest band of a response in which noise leaves something of its lines; None where there is none."""
+    if curve is None:
+        return None
+    doubt = np.sqrt(curve.variance) / np.abs(curve.value)
+    told = np.concatenate([[False], median_filter(doubt, SMOOTH, mode="nearest") < KNOWN, [False]])
+    edges = np.flatnonzero(np.diff(told.astype(int))).reshape(-1, 2)
+    if not edges.size:
+        return None
+    first, last = max(edges, key=lambda e: np.log(curve.frequency[e[1] - 1] / curve.frequency[e[0]]))
+    band = slice(first, last)
+    return Response(curve.frequency[band], curve.value[band], curve.variance[band])
+
+
+def _untold(s: Response | None) -> str | None:
+    """Why a sensitivity does not bound its peak, or None."""
+    if s is None or s.value.size < LEAST_LINES:
+        return "what drives it is no more than the noise"
+    found = margins(s.frequency, s.value, s.variance, DRAWS)
+    if found.intervals["peak_sensitivity"][1] is None:
+        return found.reasons.get("peak_sensitivity", "its peak sensitivity is not bounded")
+    worst = float(np.max(np.abs(s.value) + LEVEL_SD / 2 * np.sqrt(s.variance / 2)))
+    if worst > MOST_DOUBT * found.peak_sensitivity:
+        return f"single lines leave a peak sensitivity of up to {worst:.3g}, {MOST_DOUBT:g} times the one seen"
+    return found.reasons.get("peak_sensitivity")
 
 
 def _identified(signals: RecordedSignals, rig: Rig, gains: Gains, spec: RecordingSpec) -> GainSet:
@@ -196,7 +245,7 @@ def _identified(signals: RecordedSignals, rig: Rig, gains: Gains, spec: Recordin
             f"it shows nothing of the loop: excite {LEAST_LINES} lines or more at the force (with the channel force) "
             "or at the current, best both as the rig's [protocol] does"
         )
-    kept = slice(spectra.transient_periods * _per_period(signals), None)
+    kept = slice(spectra.transient_periods * _per_period(signals) if signals.periodic else 0, None)
     current = signals.channels.get("current", signals.channels.get("command", np.full(1, np.nan)))
     return GainSet(
         gains, (spec.file,), receptance, sensitivity, plant, (spectra.force,) if receptance else (),
@@ -254,7 +303,8 @@ def _joined(gains: Gains, parts: list[GainSet]) -> GainSet:
     peaks, currents = [p.peak_displacement for p in parts], [p.current_rms for p in parts]
     known = not np.isnan(peaks).all()
     peak, current = (float(np.nanmax(v)) if known else np.nan for v in (peaks, currents))
-    return GainSet(gains, files, *curves, force, peak, current, failed)
+    untold = None if any(not p.untold for p in parts) else parts[-1].untold
+    return GainSet(gains, files, *curves, force, peak, current, failed, untold, all(p.open for p in parts))
 
 
 def _mean(values: Sequence[tuple[float, float]]) -> tuple[float, float]:

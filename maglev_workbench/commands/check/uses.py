@@ -155,6 +155,8 @@ def _tune(alone: Campaign) -> tuple[Verdict, str]:
     tuning_task(alone.rig, [found], TUNED)
     if found.failed:
         return "no", found.failed
+    if found.untold:
+        return "with care", f"it does not tell the margins: {found.untold}; the designed recording is proposed"
     if found.sensitivity is None or found.receptance is None:
         missing = "sensitivity (an injection)" if found.sensitivity is None else "receptance (a force)"
         return "with care", f"its {missing} is not shown, so it has no score"

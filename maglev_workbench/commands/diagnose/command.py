@@ -28,7 +28,7 @@ def diagnose(
     from maglev_workbench.commands.diagnose.report import diagnose_page, terminal
     from maglev_workbench.console import console, progress_bar, write_json
     from maglev_workbench.page import write_page
-    from maglev_workbench.warned import warned
+    from maglev_workbench.warned import LEAVING_OUT, warned
     from sim2real import diagnosis
     from sim2real.corrected import write_corrected
     from sim2real.report import sentence
@@ -38,7 +38,7 @@ def diagnose(
     require_folder(folder)
     if not folder.parent.is_dir():
         raise ValueError(f"--out {folder}: the folder {folder.parent} does not exist; create it or choose another")
-    warnings = warned(loaded) if loaded.rig else []  # without a rig the diagnosis says what is missing
+    warnings = warned(loaded, LEAVING_OUT) if loaded.rig else []  # without a rig the diagnosis says what is missing
     folder.mkdir(exist_ok=True)
     with progress_bar() as bar:
         task = bar.add_task("diagnose", total=None)

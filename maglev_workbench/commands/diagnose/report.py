@@ -85,6 +85,7 @@ def terminal(diagnosis: Diagnosis) -> "list[RenderableType]":
         parts.append(plain(f"{within}: {', '.join(f'{c.name} {c}' for c in found)}."))
     if diagnosis.next_experiment:
         parts.append(f"[bold]Measure next:[/] {plain(_next(diagnosis))}")
+    parts += [f"  [yellow]left out[/] {plain(str(one))}" for one in diagnosis.campaign.left_out]
     return parts + [f"  note: {plain(text)}" for text in diagnosis.notes]
 
 
@@ -108,6 +109,8 @@ def diagnose_page(diagnosis: Diagnosis) -> str:
         sections += [("The gap by band and by kind of line", shares(d)), ("", note(_NOTES["kind"]))]
     sections += _next_sections(d)
     sections.append(("The corrected rig", _corrections(corrections(d), d) + note(_NOTES["corrected"])))
+    if d.campaign.left_out:
+        sections.append(("Left out", _list([str(one) for one in d.campaign.left_out])))
     if d.notes:
         sections.append(("Notes", _list(d.notes)))
     return page(f"Diagnosis of {d.campaign.folder.resolve().name}", _typeset(sentence(d)), sections, _made_by(d))

@@ -44,10 +44,13 @@ def estimate(
     json_file: JsonOption = None,
 ) -> None:
     """Estimate stiffness, damping, margins and distortion from recordings, with confidence intervals."""
+    from html import escape as html
+
     from rich.markup import escape
 
     from maglev_env.recordings.campaign import load_campaign
     from maglev_env.recordings.guess.verified import guessed_campaign
+    from maglev_env.recordings.left_out import left_out_data
     from maglev_env.redundancy.result import doubtful
     from maglev_workbench.commands.estimate.answer import estimate_answer
     from maglev_workbench.commands.estimate.one_file import OneFile, one_file_campaign
@@ -64,7 +67,7 @@ def estimate(
     from maglev_workbench.commands.estimate.terminal import say
     from maglev_workbench.console import console, progress_bar, write_json
     from maglev_workbench.page import write_page
-    from maglev_workbench.warned import shown, warned
+    from maglev_workbench.warned import LEAVING_OUT, shown, warned
 
     require_choice(method, METHODS, "--method")
     if mass is not None and not mass > 0:
@@ -89,24 +92,30 @@ def estimate(
         page = out or source.with_suffix(".html")
     require_file(page, "--out")
     mass = campaign.mass if mass is None else mass
-    warnings = warned(replace(campaign, mass=None if estimate_mass else mass))
+    warnings = warned(replace(campaign, mass=None if estimate_mass else mass), LEAVING_OUT)
     with progress_bar() as bar:
         found = identify_campaign(
             campaign, mass, estimate_mass, band_width, band_overlap, lambda s: bar.track(s, description="estimate")
         )
     warnings += shown(finding for file, one in found.axes for finding in doubtful(file, one))
     rig = f"{campaign.rig.name}, {mass:g} kg" if campaign.rig else "not given"
-    recordings = ", ".join(spec.file for spec in campaign.recordings)
+    unused = {one.recording for one in found.left_out}
+    recordings = ", ".join(spec.file for spec in campaign.recordings if spec.file not in unused)
     made_by = {"Recordings": recordings, "Rig": rig, "Campaign": str(campaign.folder)}
     answer = estimate_answer(found.axes, found.pooled)
     more = [planar_sections(*both) for both in found.planar]
     more += [pooled_sections(found.pooled)] if found.pooled else []
+    if found.left_out:
+        more.append([("Left out", "<ul>" + "".join(f"<li>{html(str(one))}</li>" for one in found.left_out) + "</ul>")])
     write_page(page, estimate_page(found.axes, made_by, more, answer))
     report = estimate_json(found.axes, method) | {"answer": answer}
     planar = {"planar": [planar_json(*both) for both in found.planar]} if found.planar else {}
     together = {"pooled": pooled_json(found.pooled)} if found.pooled else {}
-    write_json(json_file, report | {"warnings": warnings} | planar | together)
+    left_out = {"left_out": left_out_data(found.left_out)}
+    write_json(json_file, report | {"warnings": warnings} | left_out | planar | together)
     console.print(f"[bold]{escape(answer)}[/]")
+    for one in found.left_out:
+        console.print(f"  [yellow]left out[/] {escape(str(one))}", soft_wrap=True)
     for file, one_axis in found.axes:
         console.print(f"\n[bold]{escape(file)}[/]")
         console.print(estimate_table(one_axis, method))
@@ -118,7 +127,8 @@ def estimate(
             console.print(f"  note: {note}")
     if found.pooled is not None:
         console.print(
-            f"\n[bold]{campaign.rig.name} in {len(campaign.recordings) - len(found.pooled.held_out)} recording(s)[/]"
+            f"\n[bold]{campaign.rig.name} in "
+            f"{len(campaign.recordings) - len(unused) - len(found.pooled.held_out)} recording(s)[/]"
         )
         console.print(pooled_table(found.pooled))
         if found.pooled.of_each:

@@ -83,7 +83,7 @@ def pooled_lines(found: Pooled) -> list[str]:
             f"the rig's model leaves {found.misfit:.2g} times the noise: intervals are widened for it; "
             "`maglev diagnose` looks for what is missing"
         )
-    return lines
+    return [*lines, *found.notes]
 
 
 def pooled_json(found: Pooled) -> dict[str, Any]:
@@ -93,6 +93,7 @@ def pooled_json(found: Pooled) -> dict[str, Any]:
         "misfit": found.misfit,
         "disagreements": list(found.disagreements),
         "held_out": list(found.held_out),
+        "notes": list(found.notes),
         "recordings": {name: [_coefficient(c) for c in own] for name, own in found.of_each.items()},
     }
 

@@ -1,18 +1,22 @@
 """Identification of every recording of a campaign: each axis alone, and x and y together if both were excited."""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 
 from maglev_env.evaluation.identification import Identification, identify
 from maglev_env.evaluation.identification_planar import PlanarIdentification, identify_planar
 from maglev_env.loop.axes import AXES
 from maglev_env.recordings.campaign import Campaign, RecordingSpec
+from maglev_env.recordings.each_recording import each_recording
+from maglev_env.recordings.left_out import LeftOut
 from maglev_env.recordings.recording import read_recording
 from maglev_env.recordings.signals import recorded_signals
 from maglev_env.recordings.spectra import RecordedSignals, axis_signals
 from maglev_env.rig.rig import Rig, axis_rig
 from sim2real.pooled import Pooled, pooled
-from sim2real.recorded.records import read_records
+from sim2real.recorded.open_record import OpenRecord
+from sim2real.recorded.records import Record, read_records
+from sim2real.standing import standing
 
 Track = Callable[[Iterable[RecordingSpec]], Iterable[RecordingSpec]]
 
@@ -26,12 +30,14 @@ class Identified:
         planar: Identification of x and y together.
         open: Recordings without an excitation that repeats or is recorded.
         pooled: The named rig in all recordings, where some are open.
+        left_out: Recordings that tell nothing.
     """
 
     axes: list[tuple[str, Identification]]
     planar: list[tuple[str, PlanarIdentification]]
     open: list[str]
     pooled: Pooled | None = None
+    left_out: tuple[LeftOut, ...] = ()
 
 
 def identify_campaign(
@@ -52,14 +58,15 @@ def identify_campaign(
         track: wraps the loop over the recordings, to show progress.
 
     Raises:
-        ValueError: A file cannot be identified; the message names it and says why.
+        ValueError: A file cannot be identified, or none tells anything; the message says why.
     """
     found = Identified([], [], [])
     loops: dict[tuple, list[tuple[str, RecordedSignals]]] = {}
-    for spec in track(campaign.recordings):
+
+    def identified(spec: RecordingSpec) -> None:
         if campaign.rig is not None and all(e.kind == "none" for e in spec.excitations):
             found.open.append(spec.file)
-            continue
+            return
         signals = recorded_signals(campaign, spec, read_recording(campaign, spec))
         try:
             found.axes.extend(_axes(spec.file, signals, campaign.rig, mass, estimate_mass, band_width, band_overlap))
@@ -67,13 +74,16 @@ def identify_campaign(
             raise ValueError(f"{campaign.folder / spec.file}: {error}") from error
         if signals.axes == 2 and spec.role == "fit" and mass is not None:
             loops.setdefault((spec.gains, spec.speed_rpm), []).append((spec.file, signals))
+
+    told, _ = each_recording(campaign, identified, track)
     for members in loops.values():
         records = [signals for _, signals in members]
         both = identify_planar(records, campaign.rig, mass, band_width, band_overlap)
         found.planar.append((" + ".join(file for file, _ in members), both))
     if found.open:
-        found = replace(found, pooled=_pooled(campaign))
-    return found
+        told, together = _pooled(campaign)
+        found = replace(found, pooled=together)
+    return replace(found, left_out=told.left_out)
 
 
 def _axes(
@@ -95,8 +105,19 @@ def _axes(
     return found
 
 
-def _pooled(campaign: Campaign) -> Pooled:
-    """The rig in all recordings to fit; holdouts are for the diagnosis."""
-    records = read_records(campaign)[1]
+def _pooled(campaign: Campaign) -> tuple[Campaign, Pooled]:
+    """The campaign of what was used, and the rig in all recordings to fit; holdouts are for the diagnosis."""
+    told, records = standing(*read_records(campaign))
     held_out = tuple(r.name for r in records if r.role == "holdout")
-    return replace(pooled([r for r in records if r.role == "fit"]), held_out=held_out)
+    fitted = [r for r in records if r.role == "fit"]
+    found = pooled(fitted)
+    return told, replace(found, held_out=held_out, notes=(*found.notes, *_notes(fitted)))
+
+
+def _notes(records: Sequence[Record | OpenRecord]) -> tuple[str, ...]:
+    """What was assumed of recordings, each once, with the recordings that it is about."""
+    about: dict[str, list[str]] = {}
+    for record in records:
+        for note in dict.fromkeys(record.notes):
+            about.setdefault(note, []).append(record.name)
+    return tuple(f"{', '.join(names)}: {note}" for note, names in about.items())

@@ -95,8 +95,8 @@ def campaign_json(advice: Advice, made_by: dict[str, Any]) -> dict[str, Any]:
     """JSON data of schema maglev-tune-campaign/1."""
     sets = [
         {
-            "gains": asdict(s.gains), "recordings": s.files, "failed": s.failed, "shown": _shown_json(one),
-            "predicted": p and _predicted_json(p),
+            "gains": asdict(s.gains), "recordings": s.files, "failed": s.failed, "untold": s.untold,
+            "shown": _shown_json(one), "predicted": p and _predicted_json(p),
         }
         for s, one, p in zip(advice.sets, advice.shown, advice.predicted, strict=True)
     ]  # fmt: skip
@@ -159,7 +159,7 @@ def _set_rows(advice: Advice) -> list[tuple[str, ...]]:
     for i, (s, one) in enumerate(zip(advice.sets, advice.shown, strict=True)):
         mark = " (keep)" if i == advice.keep else ""
         gains = tuple(f"{getattr(s.gains, n):.4g}" for n in advice.task.box.names)
-        figures = ("failed", *["–"] * 5) if one is None else _figures(one)
+        figures = _figures(one) if one else ("failed" if s.failed else "not told", *["–"] * 5)
         rows.append((", ".join(s.files) + mark, *gains, *figures))
     return rows
 

@@ -1,6 +1,7 @@
 """Alarms stay silent on sound records of many kinds, and find what was done to them, with the time it begins."""
 
 import json
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -183,6 +184,24 @@ def test_samples_stored_twice_are_found():
     assert alarm.code == "samples" and alarm.severity == "warning"
     assert "24 samples repeat the one before" in alarm.sentence and "(sample 110)" in alarm.sentence
     assert not find_alarms(record)
+
+
+def test_coarse_readings_that_turn_round_together_in_every_period_are_not_stored_twice():
+    """Near the turning points of a slow excitation all coarse channels repeat, in each of 15 periods alike."""
+    rng, t = np.random.default_rng(5), np.arange(1000) / 1000
+    current = np.cos(2 * np.pi * t)
+    coarse = {
+        name: np.rint(4000 * np.tile(one, 15) / np.ptp(one) + 0.1 * rng.standard_normal(15_000)) / 4000
+        for name, one in (("displacement", -0.9 * current), ("current", current))
+    }
+    equal = (np.diff(coarse["displacement"]) == 0) & (np.diff(coarse["current"]) == 0)
+    assert equal.mean() > 0.01  # of which the rule would refuse the record
+    record = dataset(coarse)
+    assert not find_alarms(record)
+    rows = np.insert(np.arange(15_000), np.arange(100, 14_900, 50), np.arange(99, 14_899, 50))
+    (alarm,) = find_alarms(record.isel(time=rows))
+    doubled = int(re.match(r"\d+", alarm.sentence)[0])
+    assert alarm.code == "samples" and 260 <= doubled <= 296, "most of 296; some lie at turning points"
 
 
 @pytest.mark.parametrize(("level", "severity"), [(2.4, "warning"), (1.0, "refuse")])

@@ -66,3 +66,22 @@ def test_nothing_is_said_of_too_few_lines_or_without_power():
     x = np.ones((P, N), complex)
     assert fit(x[:, :4], [x[:, :4]], F[:4], RATE, True) is None
     assert fit(x, [0 * x], F, RATE, True) is None
+
+
+def test_one_line_tells_no_delay():
+    """A sine whose phase is off by a third of a degree would be a delay of a sample at a thousandth of the rate."""
+    rng, t, length = np.random.default_rng(3), np.arange(16_384) / RATE, 1024
+    window = np.hanning(length + 1)[:-1]
+
+    def segments(x):
+        cut = np.stack([x[s : s + length] for s in range(0, x.size - length + 1, length // 2)])
+        return np.fft.rfft(cut * window, axis=-1)[:, 1:250]
+
+    frequency = np.arange(1, 250) * RATE / length
+    sine, white = np.sin(2 * np.pi * 3.1 * t), rng.normal(size=t.size)
+    for drive, told in ((sine, False), (white, True)):
+        out = np.roll(drive, 1) + 1e-3 * rng.normal(size=t.size)
+        found = fit(segments(out), [segments(drive)], frequency, RATE, False)
+        assert found.gain[0] == pytest.approx(1.0, abs=0.01)
+        assert (found.time(0) is not None) == told
+    assert found.time(0) * RATE == pytest.approx(1.0, abs=0.01)

@@ -1,0 +1,57 @@
+"""Newton's law is asked where the mass moves, not where the controller has made the current of the probe's noise."""
+
+import numpy as np
+import pytest
+from scipy.linalg import expm
+
+from maglev_env.loop.magnets.kinds import force_law
+from maglev_env.loop.magnets.law import linearise
+from maglev_env.redundancy.coverage import uncovered
+from maglev_env.redundancy.newton import moved
+from maglev_env.redundancy.rows import Row
+from maglev_env.redundancy.view import View
+from maglev_env.rig.rig import Rig
+
+RATE, SAMPLES = 100.0, 3000
+BALL = Rig("ball", "electromagnet", mass=0.058, gap=10e-3, turns=1000, pole_area=3e-4, bearings=2, control_rate=RATE,
+           adc_bits=0, dac_bits=0)  # fmt: skip
+
+
+def levitated(noise, late, force):
+    """View of a ball that a PD holds, pushed by a white force of some rms (N) at the current; linear, exact steps.
+
+    Its probe has white noise (m rms), and the displacement in the file comes some samples late.
+    """
+    gain, stiffness = linearise(force_law(BALL))
+    rng = np.random.default_rng(1)
+    step = expm(np.array([[0, 1, 0], [-stiffness / BALL.mass, 0, gain / BALL.mass], [0, 0, 0]]) / RATE)
+    kp, kd = 2.0 * abs(stiffness) / gain, 0.9 * np.sqrt(abs(stiffness) * BALL.mass) / gain
+    added = force / gain * rng.normal(size=SAMPLES)
+    state, before, y, i = np.zeros(2), 0.0, np.empty(SAMPLES), np.empty(SAMPLES)
+    for k in range(SAMPLES):
+        y[k] = state[0] + noise * rng.normal()
+        i[k] = -kp * y[k] - kd * (y[k] - before) * RATE + added[k]
+        before = y[k]
+        state = step[:2, :2] @ state + step[:2, 2] * i[k]
+    assert abs(state[0]) < BALL.gap
+    channels = {"displacement": np.roll(y, late), "current": i}
+    names = frozenset(channels)
+    return View("run", RATE, channels, names, {n: n for n in names}, (), frozenset(), None, (), BALL, BALL.mass)
+
+
+def test_noise_that_the_controller_fed_back_is_not_asked():
+    """Nothing is stated of the probe's noise; the ratio of its reading to the current is that of the controller."""
+    (row,) = moved(levitated(0.0, 0, 0.05))
+    assert not row.off and row.delay * RATE == pytest.approx(0.0, abs=0.05)
+    assert not any(row.off for row in moved(levitated(2e-4, 0, 0.01)))
+
+
+def test_a_late_reading_is_still_found_above_its_noise():
+    rows = moved(levitated(2e-6, 3, 0.05))
+    assert rows and rows[0].delay_off() and rows[0].delay * RATE == pytest.approx(3.0, abs=0.1)
+
+
+def test_a_time_that_one_line_cannot_tell_is_said():
+    row = Row("injection to command", {"command": 1, "reference": -1}, 1.0, 1e-3, 0.02, "the reference", delay=None)
+    (said,) = uncovered(levitated(0.0, 0, 0.05), [row])
+    assert "time of the reference" in said.message and "excite more than one line" in said.message
