@@ -25,6 +25,7 @@ from sim2real.recorded.records import read_records
 from sim2real.shrink import Gap, errors, shrink
 from sim2real.simulated import Point
 from sim2real.unsynchronised import Sighting, evidence, sightings, spin_costs, tone_parameters
+from sim2real.words import Fitted
 
 SCHEMA = "maglev-diagnosis/1"
 LOUDER = 1.05  # times its noise that a record without a period may seem to have under a wrong simulation
@@ -249,16 +250,22 @@ def _corrected(fitted: Problem, candidate: Candidate, effects: tuple[str, ...], 
     return Point({**point.effects, **tones}, point.changes)
 
 
-def _parameters(candidate: Candidate) -> Mapping[str, dict[str, float]]:
-    """Fitted parameters with standard errors, named "effect.parameter", or "parameter (relative)" for tolerances."""
+def _parameters(candidate: Candidate) -> Mapping[str, Fitted]:
+    """Fitted parameters with standard errors, named "effect.parameter", or "parameter (relative)" for tolerances.
+
+    A parameter that ended at its bound has no standard error: it is not identified.
+    """
     fit, found = candidate.fit, {}
     sd = np.sqrt(np.maximum(np.diag(fit.covariance()), 0.0))
     for i, c in enumerate(fit.hypothesis.coordinates):
         value = c.value(float(fit.u[i]))
-        found[f"{c.effect}.{c.parameter}"] = {"value": value, "se": _se(c, value, float(sd[i]))}
+        at_bound = c.at_bound(float(fit.u[i]))
+        se = None if at_bound else _se(c, value, float(sd[i]))
+        found[f"{c.effect}.{c.parameter}"] = {"value": value, "se": se, "at_bound": at_bound}
     for i, name in enumerate(fit.hypothesis.calibrated, len(fit.hypothesis.coordinates)):
         sigma = fit.hypothesis.sigma(name)
-        found[f"{name} (relative)"] = {"value": float(fit.u[i]) * sigma, "se": float(sd[i]) * sigma}
+        change = float(fit.u[i]) * sigma
+        found[f"{name} (relative)"] = {"value": change, "se": float(sd[i]) * sigma, "at_bound": False}
     return found
 
 

@@ -22,7 +22,7 @@ from sim2real.problem import Problem, assemble
 from sim2real.recorded.nuisances import Nuisances
 from sim2real.recorded.open_record import OpenRecord
 from sim2real.recorded.records import Record
-from sim2real.recorded.static_evidence import StaticEstimate, can_rest, of_weight, static_of
+from sim2real.recorded.static_evidence import AT_REST, StaticEstimate, can_rest, of_weight, static_of
 from sim2real.simulated import tolerances
 
 # What is identified, each as an effect of this name, and its unit.
@@ -33,7 +33,6 @@ UNITS = {
     "damping": "N s/m",
     "delay": "s",
 }
-AT_REST = "means and weight"
 MOST_STEPS = 20
 UNBOUNDED = 0.5  # relative standard error from which the recordings do not bound a coefficient
 CLEAR = 3.0  # standard errors, for one coefficient alone, from which a recording disagrees with all of them
@@ -63,6 +62,11 @@ class Coefficient:
     at_limit: bool = False
 
     @property
+    def identified(self) -> bool:
+        """Whether the value is an estimate: bounded, and not where the search ends."""
+        return self.bounded and not self.at_limit
+
+    @property
     def interval(self) -> tuple[float, float]:
         """95 % interval; a time is not negative."""
         reach = float(stats.norm.isf(0.025)) * self.se
@@ -90,6 +94,7 @@ class Pooled:
         disagreements: Sentences about recordings that disagree with all of them together.
         of_each: Recording -> its own coefficients, where there are several recordings.
         held_out: Recordings that were not used, because their role is "holdout".
+        contradictions: Sentences about what motion says against means and weight.
     """
 
     coefficients: tuple[Coefficient, ...]
@@ -97,6 +102,7 @@ class Pooled:
     disagreements: tuple[str, ...]
     of_each: dict[str, tuple[Coefficient, ...]]
     held_out: tuple[str, ...] = ()
+    contradictions: tuple[str, ...] = ()
 
 
 def pooled(records: Sequence[Record | OpenRecord], progress: Callable[[str], None] = lambda text: None) -> Pooled:
@@ -114,14 +120,13 @@ def pooled(records: Sequence[Record | OpenRecord], progress: Callable[[str], Non
     static = static_of(rig, [r.rests for r in records])
     problem, fit, others = _fitted(records, rest=False)
     whole = _coefficients(rig, problem, fit, others)
-    of_each, apart, scattered = {}, [], set()
+    of_each, apart, scattered, contradictions = {}, [], set(), []
     if static is not None:
         of_each[AT_REST] = _at_rest(rig, static)
-        apart += _contradictions(whole, of_each[AT_REST])
-        if not apart:
+        contradictions = _contradictions(whole, of_each[AT_REST])
+        if not contradictions:
             problem, fit, others = _fitted(records, fit, rest=True)
             whole = _coefficients(rig, problem, fit, others)
-    contradicted = bool(apart)
     if len(records) > 1:
         for record in records:
             progress(record.name)
@@ -131,9 +136,9 @@ def pooled(records: Sequence[Record | OpenRecord], progress: Callable[[str], Non
             scattered |= disagreed.keys()
         each = {c.name: [own for r in records for own in of_each[r.name] if own.name == c.name] for c in whole}
         whole = tuple(across_recordings(c, each[c.name]) if c.name in scattered else c for c in whole)
-    if contradicted:
+    if contradictions:
         whole = _reaching(whole, of_each[AT_REST])
-    return Pooled(whole, _misfit(fit), tuple(apart), of_each)
+    return Pooled(whole, _misfit(fit), tuple(apart), of_each, contradictions=tuple(contradictions))
 
 
 def _fitted(
@@ -191,7 +196,7 @@ def _contradictions(moving: Sequence[Coefficient], resting: Sequence[Coefficient
     """A sentence for each coefficient by motion that is far from what means and weight say."""
     found, at_rest = [], {c.name: c for c in resting}
     for c in moving:
-        if (other := at_rest.get(c.name)) is None or not c.bounded:
+        if (other := at_rest.get(c.name)) is None or not c.identified:
             continue
         apart = abs(c.value - other.value) / float(np.hypot(c.se, other.se))
         if apart > CLEAR:
@@ -267,7 +272,7 @@ def _disagreements(name: str, own: Sequence[Coefficient], whole: Sequence[Coeffi
     for a, b in zip(own, whole, strict=True):
         # The whole contains the recording, so their difference varies by what the others add.
         spread = np.sqrt(max(a.se**2 - b.se**2, 0.25 * a.se**2))
-        if a.bounded and spread > 0 and abs(a.value - b.value) > limit * spread:
+        if a.identified and b.identified and spread > 0 and abs(a.value - b.value) > limit * spread:
             found[a.name] = (
                 f"{name}: {a.name.replace('_', ' ')} {a.value:.4g} +- {a.se:.2g} {a.unit}, and {b.value:.4g} of all "
                 f"recordings together: {abs(a.value - b.value) / spread:.1f} standard errors apart"
@@ -285,5 +290,5 @@ def across_recordings(c: Coefficient, each: Sequence[Coefficient]) -> Coefficien
         c: of all recordings.
         each: the same of every recording alone.
     """
-    z = np.array([(own.value - c.value) / own.se for own in each if own.bounded and own.se > 0])
+    z = np.array([(own.value - c.value) / own.se for own in each if own.identified and own.se > 0])
     return replace(c, se=c.se * float(np.sqrt(max(1.0, np.sum(z**2) / max(z.size - 1, 1)))))

@@ -22,6 +22,7 @@ from maglev_env.rig.rig import Rig
 if TYPE_CHECKING:
     import xarray as xr
 
+AT_REST = "means and weight"  # how this evidence is called
 BLOCKS, LEAST, PARTS = 40, 25, 5  # blocks of a record, least samples of a block, and parts whose means must agree
 STILL = 0.01  # of the gap: largest change of the mean within a block
 APART = 5.0  # standard deviations: three times this, and three times STILL of the gap, levels must span for a stiffness

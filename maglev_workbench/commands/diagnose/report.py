@@ -1,6 +1,6 @@
 """Reports of `maglev diagnose`: text for a terminal, and a page."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from html import escape
 from importlib.metadata import version
 from typing import TYPE_CHECKING
@@ -18,7 +18,7 @@ from sim2real.leftover_words import fit_in_words, leftover_lines
 from sim2real.next_experiment import SEPARATED
 from sim2real.report import BEYOND, Correction, corrections, curves, sentence, where_in_words
 from sim2real.shrink import errors
-from sim2real.words import percent, quantity, spoken
+from sim2real.words import Fitted, fitted_quantity, percent, spoken
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure
@@ -104,7 +104,7 @@ def diagnose_page(diagnosis: Diagnosis) -> str:
     if rows := _word_rows(d):
         sections.append(("", table(_GAP_HEAD, rows) + note(_NOTES["words"])))
     sections += _responses(d)
-    if d.where.significant and d.where.bands:
+    if d.where.significant and any(share for *_, share in d.where.bands):
         sections += [("The gap by band and by kind of line", shares(d)), ("", note(_NOTES["kind"]))]
     sections += _next_sections(d)
     sections.append(("The corrected rig", _corrections(corrections(d), d) + note(_NOTES["corrected"])))
@@ -157,13 +157,13 @@ def _place(e: Entry) -> str:
     return "" if e.effects[0] in _MEANING else block_of("+".join(e.effects)).replace("+", " + ")
 
 
-def _parameters(fitted: dict[str, dict[str, float]], several: bool) -> str:
+def _parameters(fitted: Mapping[str, Fitted], several: bool) -> str:
     """Parameters of effects as text; changes within tolerance are in the table of the corrected rig."""
     found = []
     for name, at in fitted.items():
         effect, _, key = name.partition(".")
         if key:
-            text = quantity(at["value"], at["se"], EFFECTS[effect].parameters[key].unit, key == "change")
+            text = fitted_quantity(at, EFFECTS[effect].parameters[key].unit, key == "change")
             found.append(f"{spoken(name, several)} {text}")
     return ", ".join(found)
 

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 from maglev_env.units import prefixed
 from maglev_workbench.page import table as html_table
 from sim2real.pooled import Coefficient, Pooled
+from sim2real.words import AT_BOUND
 
 if TYPE_CHECKING:
     import rich.table
@@ -50,7 +51,7 @@ def _each(found: Pooled) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
     head = ("alone", *(f"{c.name.replace('_', ' ')}, {c.unit}" for c in found.coefficients))
     rows = []
     for name, own in found.of_each.items():
-        said = {c.name: f"{c.value:.4g} +- {c.se:.2g}" if c.bounded else "not bounded" for c in own}
+        said = {c.name: f"{c.value:.4g} +- {c.se:.2g}" if c.identified else _untold(c) for c in own}
         rows.append((name, *(said.get(c.name, "-") for c in found.coefficients)))
     return head, rows
 
@@ -60,22 +61,28 @@ def _rows(found: Pooled) -> list[tuple[str, ...]]:
     for c in found.coefficients:
         scale, unit = prefixed(c.nominal or max(c.interval, key=abs), c.unit)
         low, high = (end * scale for end in c.interval)
-        interval = f"{low:.5g} .. {high:.5g}" if c.bounded else "not bounded"
-        change = "-" if c.change is None else f"{c.change:+.1%}"
+        interval = f"{low:.4g} .. {high:.4g}" if c.identified else _untold(c)
+        change = "-" if c.change is None or not c.identified else f"{c.change:+.1%}"
+        apart = f"{c.apart:+.1f}" if c.identified else "-"
         name = f"{c.name.replace('_', ' ')}, {unit}"
-        rows.append((name, f"{c.value * scale:.5g}", interval, f"{c.nominal * scale:.5g}", change, f"{c.apart:+.1f}"))
+        rows.append((name, f"{c.value * scale:.4g}", interval, f"{c.nominal * scale:.4g}", change, apart))
     return rows
+
+
+def _untold(c: Coefficient) -> str:
+    """Why there is no interval."""
+    return AT_BOUND if c.at_limit and c.bounded else "not bounded"
 
 
 def pooled_lines(found: Pooled) -> list[str]:
     """What is to be said below the table."""
     lines = [
-        f"{c.name.replace('_', ' ')} ended at the limit of what is searched, {c.value:.4g} {c.unit}: no estimate, but "
-        f"a sign that the rig's model lacks something{LATE if c.name == 'damping' and c.value < 0 else ''}"
+        f"{c.name.replace('_', ' ')} ended at the bound of what is searched, {c.value:.4g} {c.unit}: not identified, "
+        f"but a sign that the rig's model lacks something{LATE if c.name == 'damping' and c.value < 0 else ''}"
         for c in found.coefficients
         if c.at_limit
     ]
-    lines += found.disagreements
+    lines += [*found.contradictions, *found.disagreements]
     if found.held_out:
         lines.append(f"held out, and not used: {', '.join(found.held_out)}")
     if found.misfit > 1.1:
@@ -92,6 +99,7 @@ def pooled_json(found: Pooled) -> dict[str, Any]:
         "coefficients": [_coefficient(c) for c in found.coefficients],
         "misfit": found.misfit,
         "disagreements": list(found.disagreements),
+        "contradictions": list(found.contradictions),
         "held_out": list(found.held_out),
         "recordings": {name: [_coefficient(c) for c in own] for name, own in found.of_each.items()},
     }
@@ -102,8 +110,8 @@ def _coefficient(c: Coefficient) -> dict[str, Any]:
         "name": c.name,
         "unit": c.unit,
         "value": c.value,
-        "se": c.se,
-        "interval": list(c.interval) if c.bounded else None,
+        "se": None if c.at_limit else c.se,
+        "interval": list(c.interval) if c.identified else None,
         "nominal": c.nominal,
         "change": c.change,
         "at_limit": c.at_limit,
