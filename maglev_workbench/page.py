@@ -58,7 +58,8 @@ def page(
             )
         )
     return (
-        f'<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8"><title>{escape(title)}</title>'
+        f'<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">'
+        f'<meta name="viewport" content="width=device-width, initial-scale=1"><title>{escape(title)}</title>'
         f"<style>{_CSS}</style></head>\n<body><h1>{escape(title)}</h1>\n"
         f'<p class="summary">{escape(summary)}</p>\n' + "\n".join(parts) + "\n<footer><h2>What made this page</h2>"
         f"{facts(made_by.items())}</footer></body></html>\n"
