@@ -14,7 +14,7 @@ from maglev_env.rig.rig import Rig
 from sim2real.attribute import Attribution, Candidate, attribute, best_partial, contradictions
 from sim2real.gain_choice import GainChoice, gain_choice
 from sim2real.hypotheses import CALIBRATION, TONES, Coordinate
-from sim2real.judge import Entry, entries, evidence_of, verdict
+from sim2real.judge import Entry, allowance, entries, evidence_of, verdict
 from sim2real.leftover import Leftover, leftover
 from sim2real.locate import CONTROLLER_SD, Where, locate
 from sim2real.next_experiment import Proposal, propose
@@ -55,6 +55,8 @@ class Diagnosis:
         seconds: Wall time, s.
         notes: What was assumed, or could not be determined.
         leftover: What the best partial explanation leaves, where the verdict is "unexplained".
+        tempering: Reduced chi-square that the best explanation leaves, by which differences of evidence were divided;
+            1 where it leaves no more than noise.
     """
 
     verdict: str
@@ -72,6 +74,7 @@ class Diagnosis:
     seconds: float
     notes: tuple[str, ...]
     leftover: Leftover | None = None
+    tempering: float = 1.0
 
     @property
     def rig(self) -> Rig:
@@ -124,6 +127,7 @@ class Diagnosis:
             "corrected": {"effects": {n: dict(v) for n, v in self.corrected.effects.items()},
                           "changes": dict(self.corrected.changes)},
             "unexplained": None if self.leftover is None else self.leftover.to_json(),
+            "tempering": self.tempering,
             "notes": list(self.notes),
             "seconds": self.seconds,
         }  # fmt: skip
@@ -176,8 +180,17 @@ def diagnose(
     base = attribution.simplest
     seen = sightings(fitted, base.fit.hypothesis.point(base.fit.u))
     tones = evidence(seen)
-    found = entries(evidence_of(attribution, tones, spin_costs(fitted, seen)))
+    evidenced = evidence_of(attribution, tones, spin_costs(fitted, seen))
+    found = entries(evidenced)
     worded, cause = verdict(found)
+    excused = allowance(evidenced)
+    tempering = evidenced.dispersion.ratio(excused)
+    if tempering > 1:
+        notes.insert(
+            0,
+            f"the best explanation leaves more than noise, {evidenced.dispersion.in_words(excused)}: all differences "
+            f"of evidence are divided by the reduced chi-square that it leaves, {tempering:.2g}",
+        )
     where = _where(fitted, attribution, sum(tones.values()))
     if where.controller is not None and where.controller > CONTROLLER_SD:
         notes.append(
@@ -225,6 +238,7 @@ def diagnose(
         time.perf_counter() - begun,
         tuple(dict.fromkeys(notes)),
         left,
+        tempering,
     )
 
 
