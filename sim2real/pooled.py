@@ -11,11 +11,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import stats
 
+from estimation.apparent_gain import ApparentGain
 from maglev_env.loop.effect import meaningful
 from maglev_env.loop.magnets.kinds import force_law
 from maglev_env.loop.magnets.law import linearise
 from maglev_env.rig.rig import Rig
 from sim2real.fitting import CONVERGED, Fit, begin, differentiate, iterate
+from sim2real.gain_over_frequency import Mechanics, apparent_gain
 from sim2real.hypotheses import Hypothesis
 from sim2real.nonstationary import widening
 from sim2real.problem import Problem, assemble
@@ -36,6 +38,7 @@ UNITS = {
 MOST_STEPS = 20
 UNBOUNDED = 0.5  # relative standard error from which the recordings do not bound a coefficient
 CLEAR = 3.0  # standard errors, for one coefficient alone, from which a recording disagrees with all of them
+SURELY = 2.0  # standard errors above the nominal damping from which an identified one counts as damping
 SIGNIFICANT = 3.0  # standard deviations of the misfit under noise alone
 
 
@@ -95,6 +98,7 @@ class Pooled:
         of_each: Recording -> its own coefficients, where there are several recordings.
         held_out: Recordings that were not used, because their role is "holdout".
         contradictions: Sentences about what motion says against means and weight.
+        gain: The actuator's gain over frequency; None where no current was measured.
     """
 
     coefficients: tuple[Coefficient, ...]
@@ -103,6 +107,7 @@ class Pooled:
     of_each: dict[str, tuple[Coefficient, ...]]
     held_out: tuple[str, ...] = ()
     contradictions: tuple[str, ...] = ()
+    gain: ApparentGain | None = None
 
 
 def pooled(records: Sequence[Record | OpenRecord], progress: Callable[[str], None] = lambda text: None) -> Pooled:
@@ -138,7 +143,46 @@ def pooled(records: Sequence[Record | OpenRecord], progress: Callable[[str], Non
         whole = tuple(across_recordings(c, each[c.name]) if c.name in scattered else c for c in whole)
     if contradictions:
         whole = _reaching(whole, of_each[AT_REST])
-    return Pooled(whole, _misfit(fit), tuple(apart), of_each, contradictions=tuple(contradictions))
+    progress("gain over frequency")
+    over = _over_frequency(rig, static, whole, problem, fit)
+    return Pooled(whole, _misfit(fit), tuple(apart), of_each, contradictions=tuple(contradictions), gain=over)
+
+
+def _over_frequency(
+    rig: Rig, static: StaticEstimate | None, whole: Sequence[Coefficient], problem: Problem, fit: Fit
+) -> ApparentGain | None:
+    """The gain over frequency, with the stiffness at rest where that is told, else as identified, else nominal."""
+    if not rig.controlled:
+        return None
+    told = {c.name: c for c in whole if c.identified}
+    if "damping" in told and told["damping"].apart < SURELY:
+        del told["damping"]  # a force that comes late acts as a negative one, and is to be seen here
+    point = fit.hypothesis.point(fit.u)
+    effects = {name: values for name, values in point.effects.items() if name not in UNITS or name in told}
+    source = "identified" if "negative_stiffness" in told else "nominal"
+    if static is not None and static.stiffness is not None:
+        own = {c.name: c for c in _at_rest(rig, static)}
+        effects |= {name: {"change": c.change * np.sign(c.nominal)} for name, c in own.items()}
+        told, source = told | own, AT_REST
+
+    def of(name: str) -> tuple[float, float]:
+        """Value and standard error."""
+        nominal, known = _nominal(rig, name), told.get(name)
+        return (nominal, abs(nominal) * rig.tolerance.get(name, 0.0)) if known is None else (known.value, known.se)
+
+    (pull, pull_se), (held, held_se), (damping, damping_se) = map(
+        of, ("negative_stiffness", "support_stiffness", "damping")
+    )
+    known = Mechanics(
+        rig.mass,
+        rig.tolerance.get("mass", 0.0),
+        pull + held,
+        float(np.hypot(pull_se, held_se)),
+        damping,
+        damping_se,
+        source,
+    )
+    return apparent_gain(problem, replace(point, effects=effects), of("actuator_gain")[0], known)
 
 
 def _fitted(

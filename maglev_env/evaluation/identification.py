@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from estimation.actuator import ActuatorEstimate, actuator_estimate, as_force
+from estimation.apparent_gain import ApparentGain, periodic_gain
 from estimation.bands import band_slices, sliding_bands
 from estimation.effective import effective_coefficients
 from estimation.frequency_response import Distortion, coherence, distortion, frequency_response, pooled_variance
@@ -81,6 +82,7 @@ class Identification:
     periods: int
     statistics: LineStatistics
     notes: tuple[str, ...]
+    gain: ApparentGain | None = None
 
 
 def identify(
@@ -164,8 +166,9 @@ def identify(
         notes.append(why)
     periods = statistics.periods
     return Identification(
-        bands, float(mass), modal, actuator, natural, zeta, bent, stability, dropped, periods, force, tuple(notes)
-    )
+        bands, float(mass), modal, actuator, natural, zeta, bent, stability, dropped, periods, force, tuple(notes),
+        periodic_gain(force, mass, actuator) if actuator else None,
+    )  # fmt: skip
 
 
 def band_layout(force: LineStatistics, rig: Rig | None, width: float | None, overlap: float | None) -> np.ndarray:

@@ -4,12 +4,14 @@ from html import escape
 from typing import TYPE_CHECKING, Any
 
 from maglev_env.units import prefixed
+from maglev_workbench.commands.estimate.gain_report import gain_json, gain_line, gain_sections
 from maglev_workbench.page import table as html_table
 from sim2real.pooled import Coefficient, Pooled
 from sim2real.words import AT_BOUND
 
 if TYPE_CHECKING:
     import rich.table
+    from plotly.graph_objects import Figure
 
 
 LATE = ", such as a force that comes later than the current (its lag acts as negative damping)"
@@ -26,13 +28,14 @@ def pooled_table(found: Pooled) -> "rich.table.Table":
     return table
 
 
-def pooled_sections(found: Pooled) -> list[tuple[str, str]]:
+def pooled_sections(found: Pooled) -> "list[tuple[str, str | Figure]]":
     """The same table as a section of a page."""
-    lines = "".join(f"<li>{escape(line)}</li>" for line in pooled_lines(found))
-    sections = [("The rig in all recordings", html_table(_HEAD, _rows(found)) + (f"<ul>{lines}</ul>" if lines else ""))]
+    lines = "".join(f"<li>{escape(line.replace(' +- ', ' ± '))}</li>" for line in pooled_lines(found))
+    whole = html_table(_HEAD, _rows(found)) + (f"<ul>{lines}</ul>" if lines else "")
+    sections: list[tuple[str, str | Figure]] = [("The rig in all recordings", whole)]
     if found.of_each:
         sections.append(("Each recording alone", html_table(*_each(found))))
-    return sections
+    return sections + (gain_sections(found.gain) if found.gain is not None else [])
 
 
 def each_table(found: Pooled) -> "rich.table.Table":
@@ -85,6 +88,8 @@ def pooled_lines(found: Pooled) -> list[str]:
     lines += [*found.contradictions, *found.disagreements]
     if found.held_out:
         lines.append(f"held out, and not used: {', '.join(found.held_out)}")
+    if found.gain is not None and (text := gain_line(found.gain)):
+        lines.append(text)
     if found.misfit > 1.1:
         lines.append(
             f"the rig's model leaves {found.misfit:.2g} times the noise: intervals are widened for it; "
@@ -101,6 +106,7 @@ def pooled_json(found: Pooled) -> dict[str, Any]:
         "disagreements": list(found.disagreements),
         "contradictions": list(found.contradictions),
         "held_out": list(found.held_out),
+        "gain_over_frequency": gain_json(found.gain) if found.gain is not None else None,
         "recordings": {name: [_coefficient(c) for c in own] for name, own in found.of_each.items()},
     }
 
