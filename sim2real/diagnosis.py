@@ -53,7 +53,7 @@ class Diagnosis:
         choice: How the gap changes the choice of gains; None where no effect is named or the rig's protocol cannot
             score gains.
         seconds: Wall time, s.
-        notes: What was assumed, or could not be determined.
+        notes: What was assumed, or could not be determined; first why evidence was tempered, where it was.
         leftover: What the best partial explanation leaves, where the verdict is "unexplained".
         tempering: Reduced chi-square that the best explanation leaves, by which differences of evidence were divided;
             1 where it leaves no more than noise.
@@ -188,8 +188,8 @@ def diagnose(
     if tempering > 1:
         notes.insert(
             0,
-            f"the best explanation leaves more than noise, {evidenced.dispersion.in_words(excused)}: all differences "
-            f"of evidence are divided by the reduced chi-square that it leaves, {tempering:.2g}",
+            f"{evidenced.dispersion.in_words(excused)}, more than noise does: all differences of evidence are divided "
+            f"by the reduced chi-square that is left, {tempering:.2g}",
         )
     where = _where(fitted, attribution, sum(tones.values()))
     if where.controller is not None and where.controller > CONTROLLER_SD:

@@ -69,8 +69,8 @@ class Dispersion:
     def in_words(self, allowed: float = 0.0) -> str:
         """Which of both is the larger, in words."""
         if self.recordings.ratio(allowed) >= self.fit.ratio(allowed):
-            return "the recordings disagree about its parameters"
-        return "it leaves much of what the excitation does"
+            return "the recordings disagree about the best explanation"
+        return "the best explanation leaves much that goes with the excitation"
 
 
 NOISE_ALONE = Dispersion(ChiSquare(0.0, 0.0), ChiSquare(0.0, 0.0))

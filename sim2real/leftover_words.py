@@ -70,7 +70,10 @@ def leftover_lines(left: Leftover) -> list[str]:
     bands = {f"{lo:.3g} .. {hi:.3g} Hz": share for lo, hi, share in left.where.bands}
     lines.append(f"What is left by channel: {_listed(left.channels)}; by block: {_listed(blocks)}; "
                  f"by band: {_listed(bands)}; by kind of line: {_listed(left.where.kind)}.")  # fmt: skip
-    own = [f"{r.name} ({quantity(r.motion, None, 'm')} rms) {percent(r.share)}, {_when(r)}" for r in left.recordings]
+    own = [
+        f"{r.name} ({quantity(r.motion, None, 'm')} rms) {percent(r.share)}" + (f", {_when(r)}" if r.share else "")
+        for r in left.recordings
+    ]
     lines.append(f"By recording, the largest motion first: {'; '.join(own)}.")
     if left.profiles:
         best = max(left.profiles, key=lambda p: p.clear)

@@ -140,6 +140,11 @@ def sentence(diagnosis: Diagnosis) -> str:
     )
 
 
+def tempered(diagnosis: Diagnosis) -> str:
+    """Why probabilities are less sure than noise alone would make them, in one sentence; empty where they are not."""
+    return f"{diagnosis.notes[0][0].upper()}{diagnosis.notes[0][1:]}." if diagnosis.tempering > 1 else ""
+
+
 def _far(diagnosis: Diagnosis) -> list[str]:
     """Calibrated parameters that have moved by more than BEYOND stated tolerances."""
     stated = diagnosis.rig.tolerance

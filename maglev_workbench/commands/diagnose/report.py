@@ -16,7 +16,7 @@ from sim2real.hypotheses import CALIBRATION, NONE, UNKNOWN
 from sim2real.judge import Entry
 from sim2real.leftover_words import fit_in_words, leftover_lines
 from sim2real.next_experiment import SEPARATED
-from sim2real.report import BEYOND, Correction, corrections, curves, sentence, where_in_words
+from sim2real.report import BEYOND, Correction, corrections, curves, sentence, tempered, where_in_words
 from sim2real.shrink import errors
 from sim2real.words import Fitted, fitted_quantity, percent, spoken
 
@@ -60,6 +60,8 @@ def terminal(diagnosis: Diagnosis) -> "list[RenderableType]":
     from rich.table import Table
 
     parts: list[RenderableType] = [f"[bold]{plain(sentence(diagnosis))}[/]"]
+    if told := tempered(diagnosis):
+        parts.append(plain(told))
     parts += [f"  {plain(line)}" for line in where_in_words(diagnosis)]
     if diagnosis.leftover is not None:
         parts += [f"  {plain(line)}" for line in leftover_lines(diagnosis.leftover)]
@@ -85,7 +87,7 @@ def terminal(diagnosis: Diagnosis) -> "list[RenderableType]":
         parts.append(plain(f"{within}: {', '.join(f'{c.name} {c}' for c in found)}."))
     if diagnosis.next_experiment:
         parts.append(f"[bold]Measure next:[/] {plain(_next(diagnosis))}")
-    return parts + [f"  note: {plain(text)}" for text in diagnosis.notes]
+    return parts + [f"  note: {plain(text)}" for text in diagnosis.notes[bool(told) :]]
 
 
 def diagnose_page(diagnosis: Diagnosis) -> str:
@@ -108,9 +110,10 @@ def diagnose_page(diagnosis: Diagnosis) -> str:
         sections += [("The gap by band and by kind of line", shares(d)), ("", note(_NOTES["kind"]))]
     sections += _next_sections(d)
     sections.append(("The corrected rig", _corrections(corrections(d), d) + note(_NOTES["corrected"])))
-    if d.notes:
-        sections.append(("Notes", _list(d.notes)))
-    return page(f"Diagnosis of {d.campaign.folder.resolve().name}", _typeset(sentence(d)), sections, _made_by(d))
+    if notes := d.notes[bool(tempered(d)) :]:
+        sections.append(("Notes", _list(notes)))
+    answer = " ".join(filter(None, (sentence(d), tempered(d))))
+    return page(f"Diagnosis of {d.campaign.folder.resolve().name}", _typeset(answer), sections, _made_by(d))
 
 
 def _wrapped(html: str) -> str:
