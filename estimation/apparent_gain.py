@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from itertools import pairwise
 
 import numpy as np
 
@@ -9,7 +10,7 @@ from estimation.actuator import ActuatorEstimate
 from estimation.periods import LineStatistics
 
 GROWTH = 2 ** (1 / 3)  # from a band's lower to its upper edge, where it then holds enough lines
-LINES = 6  # least lines of a band
+LINES = 3  # least lines of a band of a record with a period
 TOLD = 0.5  # relative standard error from which a band tells nothing
 SURELY = 2.0  # standard errors from which a positive damping counts as damping
 NORMAL_95 = 1.96
@@ -89,6 +90,18 @@ def edges(lowest: float, highest: float, narrowest: float) -> list[tuple[float, 
     return bands
 
 
+def _of_lines(f: np.ndarray) -> list[tuple[float, float]]:
+    """Adjoining bands of lines (n,), Hz, third octaves where these hold LINES of them."""
+    ends = [float(f[0])]
+    for line in f:
+        if line >= ends[-1] * GROWTH and ((f >= ends[-1]) & (f < line)).sum() >= LINES:
+            ends.append(float(line))
+    top = float(np.nextafter(f[-1], np.inf))
+    if len(ends) > 1 and (f >= ends[-1]).sum() < LINES:
+        ends.pop()
+    return list(pairwise([*ends, top]))
+
+
 def periodic_gain(force: LineStatistics, mass: float, actuator: ActuatorEstimate) -> ApparentGain | None:
     """The gain over frequency of a record with a period: (k - m w^2 + j w c) Y over the current.
 
@@ -110,21 +123,26 @@ def periodic_gain(force: LineStatistics, mass: float, actuator: ActuatorEstimate
         - 2 * (force.cross("displacement", "force") / np.conj(dynamic)).real
     )
     found = []
-    for low, high in edges(float(f[0]), float(f[-1]), LINES * float(np.median(np.diff(f)))):
+    loose = float(np.sqrt(max(actuator.cost_ratio, 1.0)))  # where one gain does not fit, nor are its errors right
+    for low, high in _of_lines(f):
         on = (f >= low) & (f < high)
         each = abs(x[on] / dynamic[on]) ** 2
         power = np.sum(each)
-        if on.sum() < LINES // 2 or not power > 0:
+        if not power > 0:
             continue
         centre = float(np.sum(each * f[on]) / power)
-        factor = complex(np.sum(np.conj(x[on] / dynamic[on]) * y[on]) / power)
-        noise = float(np.mean(variance[on]) / (2 * power)) / abs(factor) ** 2
+        moved = x[on] / dynamic[on]
+        factor = complex(np.sum(np.conj(moved) * y[on]) / power)
+        left = np.sum(abs(y[on] - factor * moved) ** 2) / max(
+            on.sum() - 1, 1
+        )  # of a gain that changes in the band, too
+        noise = float(max(np.mean(variance[on]), left) / (2 * power)) / abs(factor) ** 2
         known = np.array([actuator.stiffness_se, 2j * np.pi * centre * damping_se])
-        common = known / np.mean(dynamic[on])
+        common = loose * known / np.mean(dynamic[on])
         size, phase = (np.sqrt(noise + np.sum(part**2)) for part in (common.real, common.imag))
         if size < TOLD:
             gain = actuator.gain * factor
             found.append(BandGain(low, high, centre, gain, float(size) * abs(gain), float(phase)))
     if not found:
         return None
-    return ApparentGain(tuple(found), actuator.stiffness, actuator.stiffness_se, "identified", damping)
+    return ApparentGain(tuple(found), actuator.stiffness, loose * actuator.stiffness_se, "identified", damping)

@@ -167,7 +167,7 @@ def identify(
     periods = statistics.periods
     return Identification(
         bands, float(mass), modal, actuator, natural, zeta, bent, stability, dropped, periods, force, tuple(notes),
-        periodic_gain(force, mass, actuator) if actuator else None,
+        None if estimate_mass else _apparent_gain(signals, spectra, float(mass)),
     )  # fmt: skip
 
 
@@ -213,6 +213,17 @@ def _bands(
             )
         )  # fmt: skip
     return tuple(result)
+
+
+def _apparent_gain(signals: RecordedSignals, spectra: RecordSpectra, mass: float) -> ApparentGain | None:
+    """The actuator's gain over frequency at the lines of an injection; None where the current is not recorded there."""
+    if "current" not in spectra.all.channels:
+        return None
+    try:
+        actuator, force, _ = _through_magnets(signals, spectra, mass, False)
+    except ValueError:  # nothing is injected, or too few lines are
+        return None
+    return periodic_gain(force, mass, actuator)
 
 
 def _through_magnets(
