@@ -26,7 +26,7 @@ class BandGain:
         gain: Complex, N/A; a negative angle is late.
         size_se: Standard error of its size, N/A.
         phase_se: Standard error of its angle, rad.
-        of_each: Recording -> its own gain, where there are several.
+        of_each: Recording -> its own gain, where there are several; those that tell one.
     """
 
     f_lo: float

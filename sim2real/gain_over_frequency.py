@@ -169,7 +169,8 @@ def _band(
     size, phase = relative + np.sum(common.real**2), relative + np.sum(common.imag**2)
     if not np.sqrt(size) < TOLD:
         return None
-    own = {name: complex(gain * value) for name, value in zip(names, each, strict=True)}
+    sure = np.sqrt(variance) < TOLD * abs(each)
+    own = {name: complex(gain * value) for name, value, tells in zip(names, each, sure, strict=True) if tells}
     total = complex(gain * factor)
     return BandGain(
         float(low), float(high), centre, total, float(np.sqrt(size)) * abs(total), float(np.sqrt(phase)), own

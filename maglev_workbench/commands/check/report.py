@@ -17,31 +17,33 @@ _HEAD = ("command", "usable", "why", "record instead")
 ALL = "all"
 
 
-def grouped(found: Sequence[tuple[str, Sequence[Use]]]) -> list[tuple[str, Use]]:
-    """Every verdict once, by command, with the names of the recordings that it is the same of."""
-    rows: list[tuple[str, Use]] = []
-    for i in range(len(COMMANDS)):
+def grouped(found: Sequence[tuple[str, Sequence[Use]]]) -> list[tuple[str, str, Use]]:
+    """Every verdict once: the commands and the recordings that it is the same of, and one of them."""
+    rows: dict[tuple[str, Use], list[str]] = {}  # recordings, and the verdict without its command -> commands
+    for i, command in enumerate(COMMANDS):
         of: dict[Use, list[str]] = {}
         for file, uses in found:
-            of.setdefault(uses[i], []).append(file)
-        rows += [(ALL if len(files) == len(found) > 1 else ", ".join(files), use) for use, files in of.items()]
-    return rows
+            of.setdefault(replace(uses[i], command=""), []).append(file)
+        for use, files in of.items():
+            names = ALL if len(files) == len(found) > 1 else ", ".join(files)
+            rows.setdefault((names, use), []).append(command)
+    return [(", ".join(commands), files, use) for (files, use), commands in rows.items()]
 
 
 def uses_table(found: Sequence[tuple[str, Sequence[Use]]]) -> Table:
     """What each command makes of the recordings."""
     several = len(found) > 1
     table = Table(*(_HEAD[:1] if not several else (_HEAD[0], "recordings")), *_HEAD[1:])
-    for files, use in grouped(found):
+    for commands, files, use in grouped(found):
         style = {"yes": None, "with care": "yellow", "no": "red"}[use.verdict]
         named = [escape(files)] if several else []
-        table.add_row(use.command, *named, use.verdict, escape(use.reason), escape(use.instead), style=style)
+        table.add_row(commands, *named, use.verdict, escape(use.reason), escape(use.instead), style=style)
     return table
 
 
 def uses_sections(found: Sequence[tuple[str, Sequence[Use]]]) -> list[tuple[str, str]]:
     """The same as a section of a page."""
-    rows = [(use.command, files, use.verdict, use.reason, use.instead) for files, use in grouped(found)]
+    rows = [(commands, files, use.verdict, use.reason, use.instead) for commands, files, use in grouped(found)]
     html = html_table((_HEAD[0], "recordings", *_HEAD[1:]), rows)
     for cell, wrapped in (("<th>", "left"), ("<td>", "left; white-space: normal")):
         html = html.replace(cell, f'{cell[:-1]} style="text-align: {wrapped}">')

@@ -34,7 +34,9 @@ def pooled_sections(found: Pooled) -> "list[tuple[str, str | Figure]]":
     whole = html_table(_HEAD, _rows(found)) + (f"<ul>{lines}</ul>" if lines else "")
     sections: list[tuple[str, str | Figure]] = [("The rig in all recordings", whole)]
     if found.of_each:
-        sections.append(("Each recording alone", html_table(*_each(found))))
+        head, rows = _each(found)
+        typeset = [[cell.replace(" +- ", " ± ") for cell in row] for row in rows]
+        sections.append(("Each recording alone", html_table(head, typeset)))
     return sections + (gain_sections(found.gain) if found.gain is not None else [])
 
 

@@ -23,5 +23,5 @@ def test_the_page_shows_each_recording_and_the_rest():
     (_, whole), (heading, table) = pooled_sections(FOUND)
     assert AT_BOUND in whole and "-0.2" not in whole and AT_BOUND in table  # no interval where the search ends
     assert heading == "Each recording alone"
-    assert table.count("<tr>") == 3 and AT_REST in table and "0.6 +- 0.02" in table
+    assert table.count("<tr>") == 3 and AT_REST in table and "0.6 ± 0.02" in table
     assert len(pooled_sections(Pooled((GAIN,), 1.0, (), {}))) == 1
