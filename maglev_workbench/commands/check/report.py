@@ -45,8 +45,8 @@ def uses_sections(found: Sequence[tuple[str, Sequence[Use]]]) -> list[tuple[str,
     """The same as a section of a page."""
     rows = [(commands, files, use.verdict, use.reason, use.instead) for commands, files, use in grouped(found)]
     html = html_table((_HEAD[0], "recordings", *_HEAD[1:]), rows)
-    for cell, wrapped in (("<th>", "left"), ("<td>", "left; white-space: normal")):
-        html = html.replace(cell, f'{cell[:-1]} style="text-align: {wrapped}">')
+    html = html.replace("<th>", '<th style="text-align: left">')
+    html = html.replace("<td>", '<td class="wrapped" style="text-align: left">')
     return [("What each command makes of it", html)]
 
 

@@ -41,7 +41,7 @@ def leftover_sections(left: Leftover) -> "list[tuple[str, str | Figure]]":
         ("What the best partial explanation leaves", f"<ul>{lines}</ul>"),
         ("", residual_figure(left)),
         ("", note(_NOTE)),
-        ("", table(_HEAD, rows).replace("<td>", '<td style="white-space: normal">')),
+        ("", table(_HEAD, rows).replace("<td>", '<td class="wrapped">')),
     ]
 
 

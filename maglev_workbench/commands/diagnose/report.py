@@ -118,7 +118,7 @@ def diagnose_page(diagnosis: Diagnosis) -> str:
 
 def _wrapped(html: str) -> str:
     """A table whose cells may contain line breaks, because the parameters of two effects are wider than a page."""
-    return html.replace("<td>", '<td style="white-space: normal">')
+    return html.replace("<td>", '<td class="wrapped">')
 
 
 def _typeset(text: str) -> str:
