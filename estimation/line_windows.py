@@ -66,15 +66,16 @@ class LineWindows:
         """Spectra (..., count, WIDTH) with transient and drift taken out, in the same lines."""
         return self.project(spectrum) @ self.directions.T
 
-    def noise(self, residual: np.ndarray, excitation: np.ndarray) -> "WindowNoise":
-        """The noise of a residual, told from what the excitation explains of it.
+    def along(self, projected: np.ndarray, excitation: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Parts of projected spectra (..., count, WIDTH - TERMS) that a local polynomial response would explain.
 
         Args:
-            residual: measured less simulated spectra, opened so that their noise is smooth, (..., count, WIDTH).
+            projected: see `project`.
             excitation: spectrum (count, WIDTH) of what drove the record, or (inputs, count, WIDTH).
 
         Returns:
-            Variance of one line, pooled over POOLED windows, and the test of what the excitation still explains.
+            parts: in orthonormal directions, (..., count, directions); zero in those that the excitation lacks.
+            rank: number of directions in each window, (count,).
         """
         driven = np.atleast_3d(excitation.T).T if excitation.ndim == 2 else excitation
         powers = np.linspace(-1, 1, WIDTH)[:, None] ** np.arange(TERMS)
@@ -85,9 +86,20 @@ class LineWindows:
         kept = s > _RANK * np.maximum(s[:, :1], 1e-300)
         kept &= s > 0
         u = np.where(kept[:, None, :], u, 0.0)
-        rank = kept.sum(axis=1)
+        return np.einsum("wlk,...wl->...wk", np.conj(u), projected), kept.sum(axis=1)
+
+    def noise(self, residual: np.ndarray, excitation: np.ndarray) -> "WindowNoise":
+        """The noise of a residual, told from what the excitation explains of it.
+
+        Args:
+            residual: measured less simulated spectra, opened so that their noise is smooth, (..., count, WIDTH).
+            excitation: spectrum (count, WIDTH) of what drove the record, or (inputs, count, WIDTH).
+
+        Returns:
+            Variance of one line, pooled over POOLED windows, and the test of what the excitation still explains.
+        """
         y = self.project(residual)
-        inside = np.einsum("wlk,...wl->...wk", np.conj(u), y)
+        inside, rank = self.along(y, excitation)
         explained = np.sum(abs(inside) ** 2, axis=-1)
         freedom = WIDTH - TERMS - rank
         rest = np.maximum(np.sum(abs(y) ** 2, axis=-1) - explained, 0.0)

@@ -23,6 +23,7 @@ _CSS = """
 body { font: 15px/1.5 system-ui, sans-serif; color: #222; max-width: 1180px; margin: 2em auto; padding: 0 1.2em; }
 h1 { font-size: 1.5em; margin-bottom: .2em; } h2 { font-size: 1.15em; margin: 2em 0 .4em; }
 .summary { font-size: 1.1em; } .note { color: #555; max-width: 62em; } .scroll { overflow-x: auto; }
+.beside { min-width: 640px; } td.wrapped { white-space: normal; } table:has(td.wrapped) { min-width: 640px; }
 table { border-collapse: collapse; font-variant-numeric: tabular-nums; font-size: .9em; }
 th, td { padding: .25em .7em; text-align: right; border-bottom: 1px solid #ddd; white-space: nowrap; }
 th { vertical-align: bottom; white-space: pre; } .best tbody tr:first-child td { font-weight: 600; }
@@ -49,16 +50,17 @@ def page(
             parts.append(content)
             continue
         drawn += 1
-        parts.append(
-            content.to_html(
-                full_html=False,
-                include_plotlyjs=drawn == 1,
-                div_id=f"figure-{drawn}",  # plotly's own ids are random, but equal results must give equal pages
-                config={"displaylogo": False, "responsive": True},
-            )
+        html = content.to_html(
+            full_html=False,
+            include_plotlyjs=drawn == 1,
+            div_id=f"figure-{drawn}",  # plotly's own ids are random, but equal results must give equal pages
+            config={"displaylogo": False, "responsive": True},
         )
+        beside = any((axis.domain or (0.0,))[0] > 0 for axis in content.select_xaxes())
+        parts.append(f'<div class="scroll"><div class="beside">{html}</div></div>' if beside else html)
     return (
-        f'<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8"><title>{escape(title)}</title>'
+        f'<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">'
+        f'<meta name="viewport" content="width=device-width, initial-scale=1"><title>{escape(title)}</title>'
         f"<style>{_CSS}</style></head>\n<body><h1>{escape(title)}</h1>\n"
         f'<p class="summary">{escape(summary)}</p>\n' + "\n".join(parts) + "\n<footer><h2>What made this page</h2>"
         f"{facts(made_by.items())}</footer></body></html>\n"

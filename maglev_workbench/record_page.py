@@ -7,19 +7,20 @@ from typing import TYPE_CHECKING
 import numpy as np
 import plotly.graph_objects as go
 from plotly.subplots import make_subplots
+from scipy import signal
 
 from estimation.periods import line_statistics, period_spectra, split_periods
 from maglev_env.channels import MEASURED
 from maglev_env.recordings.alarms import alarms_of
 from maglev_env.rig.excitation import Excitation
-from maglev_workbench.page import page, styled
+from maglev_workbench.page import COLOURS, labelled_axis, page, styled
 
 if TYPE_CHECKING:
     import xarray as xr
 
 _SHOWN = {"m": (1e6, "um"), "N": (1.0, "N"), "A": (1.0, "A")}
 _POINTS = 5000
-_PARTS = 16
+_PARTS = 8  # of a recording in which nothing repeats: the length of what Welch averages
 
 
 def record_page(
@@ -31,7 +32,13 @@ def record_page(
     """HTML of recordings (name, dataset as `read_recording` gives it), after an answer and sections of its own."""
     sections: list[tuple[str, str | go.Figure]] = [*first]
     for name, dataset in recordings:
-        sections += [(f"{name}: last period", _time(dataset)), (f"{name}: lines and their noise", _spectra(dataset))]
+        if _repeats(dataset):
+            sections += [
+                (f"{name}: last period", _time(dataset)),
+                (f"{name}: lines and their noise", _spectra(dataset)),
+            ]
+        else:
+            sections += [(f"{name}: over time", _time(dataset)), (f"{name}: spectral density", _density(dataset))]
     made_by = {"recordings": ", ".join(name for name, _ in recordings)}
     if recordings:
         made_by["experiment"] = recordings[0][1].attrs.get("experiment", "")
@@ -54,13 +61,41 @@ def _samples_per_period(dataset: "xr.Dataset") -> int:
     return periodic[0].block(dataset.attrs["sample_rate"])[0] if periodic else dataset.sizes["time"]
 
 
+def _repeats(dataset: "xr.Dataset") -> bool:
+    """Whether a period is stated and the recording holds two of them, so that noise can be told from them."""
+    return 2 * _samples_per_period(dataset) <= dataset.sizes["time"]
+
+
+def _density(dataset: "xr.Dataset") -> go.Figure:
+    """Spectral densities by Welch's method: where nothing repeats, signal and noise are not told apart."""
+    names, rate = _channels(dataset), dataset.attrs["sample_rate"]
+    length = max(dataset.sizes["time"] // _PARTS, 16)
+    figure = make_subplots(rows=len(names), cols=1, shared_xaxes=True, vertical_spacing=0.03)
+    for row, name in enumerate(names, 1):
+        factor, unit = _unit(dataset, name)
+        f, power = signal.welch(dataset[name].values, rate, nperseg=length, detrend="linear")
+        density = factor * np.sqrt(power[1:])
+        figure.add_scatter(x=f[1:], y=density, row=row, col=1, name=name, line={"width": 1, "color": COLOURS[0]})
+        figure.update_yaxes(title_text=f"{name}, {unit}/√Hz", type="log", exponentformat="power", row=row, col=1)
+    figure.update_xaxes(**labelled_axis("", f[1:], log=True)).update_xaxes(
+        title_text="frequency, Hz", row=len(names), col=1
+    )
+    return styled(figure, 200 * len(names) + 80).update_layout(showlegend=False)
+
+
+def _unit(dataset: "xr.Dataset", name: str) -> tuple[float, str]:
+    """Factor from SI, and the unit that is shown."""
+    si = dataset[name].attrs.get("units", "")
+    return _SHOWN.get(si, (1.0, si))
+
+
 def _time(dataset: "xr.Dataset") -> go.Figure:
     names, per_period = _channels(dataset), _samples_per_period(dataset)
     figure = make_subplots(rows=len(names), cols=1, shared_xaxes=True, vertical_spacing=0.03)
     time = dataset["time"].values[-per_period:]
     step = -(-len(time) // _POINTS)
     for row, name in enumerate(names, 1):
-        factor, unit = _SHOWN.get(dataset[name].attrs.get("units", ""), (1.0, dataset[name].attrs.get("units", "")))
+        factor, unit = _unit(dataset, name)
         values = dataset[name].values[-per_period:][::step] * factor
         figure.add_scatter(x=time[::step], y=values, row=row, col=1, name=name, line={"width": 1})
         figure.update_yaxes(title_text=f"{name}, {unit}", row=row, col=1)
@@ -73,15 +108,12 @@ def _spectra(dataset: "xr.Dataset") -> go.Figure:
     signals = np.stack([dataset[n].values for n in names])
     lines = np.arange(1, min(per_period // 2, 2500))
     fundamental = dataset.attrs["sample_rate"] / per_period
-    if per_period == signals.shape[1]:  # nothing repeats: parts of the record stand for periods
-        per_period //= _PARTS
-        lines, fundamental = np.arange(1, per_period // 2), dataset.attrs["sample_rate"] / per_period
     periods = split_periods(signals, per_period)
     kept = periods[1:] if len(periods) > 2 else periods
     statistics = line_statistics((period_spectra(p, lines) for p in kept), fundamental, lines, tuple(names))
     figure = make_subplots(rows=len(names), cols=1, shared_xaxes=True, vertical_spacing=0.03)
     for row, name in enumerate(names, 1):
-        factor, unit = _SHOWN.get(dataset[name].attrs.get("units", ""), (1.0, dataset[name].attrs.get("units", "")))
+        factor, unit = _unit(dataset, name)
         level = np.abs(statistics.amplitude(name)) * factor
         noise = np.sqrt(statistics.cross(name, name)) * factor
         marks = {"size": 4, "color": "#0072B2"}

@@ -1,6 +1,7 @@
 """The rules of redundancy before every command that reads a campaign: warnings in the first lines, or a refusal."""
 
 from collections.abc import Collection, Iterable
+from dataclasses import replace
 from typing import Any, get_args
 
 from rich.markup import escape
@@ -38,10 +39,13 @@ def warned(campaign: Campaign, allowed: Collection[str] = (), refuse: bool = Tru
 
 
 def shown(found: Iterable[Finding]) -> list[dict[str, Any]]:
-    """Print findings, and give them as the `warnings` of a command's JSON."""
+    """Print findings, the same of several recordings once, and give them as the `warnings` of a command's JSON."""
     found = list(found)
+    of: dict[Finding, list[str]] = {}  # a finding without its recording -> its recordings
     for finding in found:
-        console.print(line(finding), soft_wrap=True)
+        of.setdefault(replace(finding, recording=""), []).append(finding.recording)
+    for finding, recordings in of.items():
+        console.print(line(replace(finding, recording=", ".join(dict.fromkeys(recordings)))), soft_wrap=True)
     return as_data(found)
 
 

@@ -14,6 +14,7 @@ from maglev_env.rig.rig import PARAMETERS, SCHEMA, Rig
 from sim2real.diagnosis import Diagnosis
 from sim2real.report import corrections, sentence
 from sim2real.simulated import experiment_at
+from sim2real.words import AT_BOUND
 
 _LINE = 100
 
@@ -39,7 +40,9 @@ def corrected_toml(diagnosis: Diagnosis) -> str:
         )
     for c in corrections(diagnosis):
         head.append(
-            f"{c.name} = {c.value:.6g} {c.unit}".rstrip() + (f" +- {c.se:.2g} (standard error)" if c.se else "")
+            f"{c.name} = {c.value:.6g} {c.unit}".rstrip()
+            + (f" +- {c.se:.2g} (standard error)" if c.se else "")
+            + (f" ({AT_BOUND})" if c.at_bound else "")
         )
     comment = "".join(f"# {' '.join(line.split())}\n" for line in head)
     return comment + rig_toml(corrected_rig(diagnosis))

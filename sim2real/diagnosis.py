@@ -15,7 +15,7 @@ from maglev_env.rig.rig import Rig
 from sim2real.attribute import Attribution, Candidate, attribute, best_partial, contradictions
 from sim2real.gain_choice import GainChoice, gain_choice
 from sim2real.hypotheses import CALIBRATION, TONES, Coordinate
-from sim2real.judge import Entry, entries, evidence_of, verdict
+from sim2real.judge import Entry, allowance, entries, evidence_of, verdict
 from sim2real.leftover import Leftover, leftover
 from sim2real.locate import CONTROLLER_SD, Where, locate
 from sim2real.next_experiment import Proposal, propose
@@ -28,6 +28,7 @@ from sim2real.shrink import Gap, errors, shrink
 from sim2real.simulated import Point
 from sim2real.standing import standing
 from sim2real.unsynchronised import Sighting, evidence, sightings, spin_costs, tone_parameters
+from sim2real.words import Fitted
 
 SCHEMA = "maglev-diagnosis/1"
 LOUDER = 1.05  # times its noise that a record without a period may seem to have under a wrong simulation
@@ -55,8 +56,10 @@ class Diagnosis:
         choice: How the gap changes the choice of gains; None where no effect is named or the rig's protocol cannot
             score gains.
         seconds: Wall time, s.
-        notes: What was assumed, or could not be determined.
+        notes: What was assumed, or could not be determined; first why evidence was tempered, where it was.
         leftover: What the best partial explanation leaves, where the verdict is "unexplained".
+        tempering: Reduced chi-square that the best explanation leaves, by which differences of evidence were divided;
+            1 where it leaves no more than noise.
     """
 
     verdict: str
@@ -74,6 +77,7 @@ class Diagnosis:
     seconds: float
     notes: tuple[str, ...]
     leftover: Leftover | None = None
+    tempering: float = 1.0
 
     @property
     def rig(self) -> Rig:
@@ -126,6 +130,7 @@ class Diagnosis:
             "corrected": {"effects": {n: dict(v) for n, v in self.corrected.effects.items()},
                           "changes": dict(self.corrected.changes)},
             "unexplained": None if self.leftover is None else self.leftover.to_json(),
+            "tempering": self.tempering,
             "notes": list(self.notes),
             "left_out": left_out_data(self.campaign.left_out),
             "seconds": self.seconds,
@@ -181,8 +186,17 @@ def diagnose(
     base = attribution.simplest
     seen = sightings(fitted, base.fit.hypothesis.point(base.fit.u))
     tones = evidence(seen)
-    found = entries(evidence_of(attribution, tones, spin_costs(fitted, seen)))
+    evidenced = evidence_of(attribution, tones, spin_costs(fitted, seen))
+    found = entries(evidenced)
     worded, cause = verdict(found)
+    excused = allowance(evidenced)
+    tempering = evidenced.dispersion.ratio(excused)
+    if tempering > 1:
+        notes.insert(
+            0,
+            f"{evidenced.dispersion.in_words(excused)}, more than noise does: all differences of evidence are divided "
+            f"by the reduced chi-square that is left, {tempering:.2g}",
+        )
     where = _where(fitted, attribution, sum(tones.values()))
     if where.controller is not None and where.controller > CONTROLLER_SD:
         notes.append(
@@ -230,6 +244,7 @@ def diagnose(
         time.perf_counter() - begun,
         tuple(dict.fromkeys(notes)),
         left,
+        tempering,
     )
 
 
@@ -255,16 +270,22 @@ def _corrected(fitted: Problem, candidate: Candidate, effects: tuple[str, ...], 
     return Point({**point.effects, **tones}, point.changes)
 
 
-def _parameters(candidate: Candidate) -> Mapping[str, dict[str, float]]:
-    """Fitted parameters with standard errors, named "effect.parameter", or "parameter (relative)" for tolerances."""
+def _parameters(candidate: Candidate) -> Mapping[str, Fitted]:
+    """Fitted parameters with standard errors, named "effect.parameter", or "parameter (relative)" for tolerances.
+
+    A parameter that ended at its bound has no standard error: it is not identified.
+    """
     fit, found = candidate.fit, {}
     sd = np.sqrt(np.maximum(np.diag(fit.covariance()), 0.0))
     for i, c in enumerate(fit.hypothesis.coordinates):
         value = c.value(float(fit.u[i]))
-        found[f"{c.effect}.{c.parameter}"] = {"value": value, "se": _se(c, value, float(sd[i]))}
+        at_bound = c.at_bound(float(fit.u[i]))
+        se = None if at_bound else _se(c, value, float(sd[i]))
+        found[f"{c.effect}.{c.parameter}"] = {"value": value, "se": se, "at_bound": at_bound}
     for i, name in enumerate(fit.hypothesis.calibrated, len(fit.hypothesis.coordinates)):
         sigma = fit.hypothesis.sigma(name)
-        found[f"{name} (relative)"] = {"value": float(fit.u[i]) * sigma, "se": float(sd[i]) * sigma}
+        change = float(fit.u[i]) * sigma
+        found[f"{name} (relative)"] = {"value": change, "se": float(sd[i]) * sigma, "at_bound": False}
     return found
 
 

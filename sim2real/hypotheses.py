@@ -36,6 +36,11 @@ class Coordinate:
     def to_bounds(self, u: float) -> float:
         return self.at(self.value(u))
 
+    def at_bound(self, u: float) -> bool:
+        """Whether a fit ended at an end of the range that it searches: its value is then no estimate."""
+        ends = [end for end in (self.low, self.high) if self.scale is not None or end > 0]
+        return any(abs(self.to_bounds(u) - self.at(end)) < AT_BOUND for end in ends)
+
     @property
     def signed(self) -> bool:
         """Whether its sign may change during a fit."""
@@ -48,6 +53,7 @@ class Coordinate:
         return 0.15 if self.parameter == "frequency" else 0.7
 
 
+AT_BOUND = 1e-6  # distance, in coordinates, from an end of the range within which a value stands there
 FITTED = tuple(name for name in EFFECTS if name not in TONES)
 
 

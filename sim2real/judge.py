@@ -7,6 +7,7 @@ import numpy as np
 
 from maglev_env.loop.effect import EFFECTS
 from sim2real.attribute import Attribution
+from sim2real.dispersion import NOISE_ALONE, NOISE_INFLATION, Dispersion, dispersion_of
 from sim2real.hypotheses import CALIBRATION, NONE, UNKNOWN, coordinates_of
 from sim2real.problem import KINDS
 from sim2real.unsynchronised import FOREIGN
@@ -54,7 +55,6 @@ class Belief:
 BELIEF = Belief()
 WIDE_FORM = 0.01
 CLASS_SHARE = 0.15  # hypotheses with at least this share of the best one's probability are not distinguished from it
-NOISE_INFLATION = 1.5  # factor on the scatter of a group's cost, because its noise is estimated too
 SIGNIFICANT = 5.0  # standard deviations of a group's excess
 
 
@@ -73,6 +73,7 @@ class Evidence:
         groups: Output, kind and octave (Hz) of each group.
         tones: Chi-square of each family of tones that was found.
         spin: Cost of each effect that may explain what turns with the rotor.
+        dispersion: What the best candidate leaves beyond noise.
     """
 
     effects: tuple[tuple[str, ...], ...]
@@ -83,6 +84,7 @@ class Evidence:
     groups: tuple[tuple[str, str, float], ...]
     tones: Mapping[str, float]
     spin: Mapping[str, float]
+    dispersion: Dispersion = NOISE_ALONE
 
 
 @dataclass(frozen=True)
@@ -118,6 +120,7 @@ def evidence_of(attribution: Attribution, tones: Mapping[str, float], spin: Mapp
         attribution.calibration.fit.cost
     ):  # no rotor levitates without an effect: use the gap of the opened nominal loop
         residuals[0] = p.opened_residual()
+    best = attribution.candidates[int(np.argmin(cost))].fit
     excess = [np.bincount(label, abs(r) ** 2, count.size) - 2.0 * count for r in residuals]
     return Evidence(
         tuple(c.effects for c in attribution.candidates),
@@ -128,6 +131,7 @@ def evidence_of(attribution: Attribution, tones: Mapping[str, float], spin: Mapp
         tuple((p.outputs[o], KINDS[k], float(2.0**f)) for o, k, f in names),
         dict(tones),
         dict(spin),
+        NOISE_ALONE if not np.isfinite(cost.min()) or best.jacobian is None else dispersion_of(p, best),
     )
 
 
@@ -155,13 +159,20 @@ def entries(evidence: Evidence, belief: Belief = BELIEF) -> list[Entry]:
         rows = _with_tones(rows, evidence, priors)
     costs = np.array([cost for _, cost, *_ in rows])
     scale = belief.freedom + np.array([forms[candidate or 0] for *_, candidate in rows])
-    logs = np.log([prior for *_, prior, _ in rows]) - 0.5 * belief.freedom * np.log1p((costs - costs.min()) / scale)
+    # Where the best explanation lacks something, what that does to the costs is taken for evidence: the likelihood is
+    # raised to the power of one over the reduced chi-square that is left (a power posterior: P. Grunwald and T. van
+    # Ommen, Bayesian Analysis 12, 2017), as standard errors are widened by its root.
+    excused = allowance(evidence, belief)
+    apart = (costs - costs.min()) / evidence.dispersion.ratio(excused)
+    logs = np.log([prior for *_, prior, _ in rows]) - 0.5 * belief.freedom * np.log1p(apart / scale)
     logs -= belief.form_cost * np.log(np.maximum(scale / (belief.freedom + WIDE_FORM * gap), 1.0))
-    # The unknown cause is the best hypothesis with a free correction of every group that it leaves unexplained.
+    # The unknown cause is the best hypothesis with a free correction of every group that it leaves unexplained, and of
+    # what differs among recordings.
     foreign = evidence.tones.get(FOREIGN, 0.0)
     rows.append(((UNKNOWN,), float(costs.min() - saved - foreign), 1.0, None))
     gain = (
         0.5 * belief.freedom * (np.log1p(saved / scale[int(np.argmin(costs))]) + np.log1p(foreign / belief.freedom))
+        + 0.5 * belief.freedom * np.log1p(evidence.dispersion.beyond(excused) / belief.freedom)
         - belief.unknown_cost
     )
     logs = np.append(logs, logs.max() + gain)
@@ -172,6 +183,16 @@ def entries(evidence: Evidence, belief: Belief = BELIEF) -> list[Entry]:
         for (names, cost, _, i), w in zip(rows, weights, strict=True)
     ]
     return sorted(found, key=lambda e: -e.probability)
+
+
+def allowance(evidence: Evidence, belief: Belief = BELIEF) -> float:
+    """Cost that another form of the effects of the best candidate may leave."""
+    alive = np.isfinite(evidence.cost)
+    if not alive.any():
+        return 0.0
+    best = int(np.argmin(np.where(alive, evidence.cost, np.inf)))
+    gap = max(float(evidence.excess[0].sum() - evidence.excess[best].sum()), 0.0)
+    return belief.leftover * float(_forms(evidence, gap, belief)[best])
 
 
 def _forms(evidence: Evidence, gap: float, belief: Belief) -> np.ndarray:

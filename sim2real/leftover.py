@@ -14,6 +14,7 @@ from sim2real.problem import Part, Problem
 from sim2real.recorded.open_record import OpenRecord
 from sim2real.shrink import closed
 from sim2real.simulated import Point
+from sim2real.words import Fitted
 
 CHANNELS = {"plant": "displacement", "amplifier": "current"}  # that shows each output
 SEGMENTS = 8  # of a record, at most: in which of them the leftover lies
@@ -60,7 +61,7 @@ class Leftover:
     """
 
     effects: tuple[str, ...]
-    parameters: Mapping[str, Mapping[str, float]]
+    parameters: Mapping[str, Fitted]
     share: float | None
     figures: Figures | None
     where: Where
@@ -102,7 +103,7 @@ def leftover(
     attribution: Attribution,
     judged: Problem,
     candidate: Candidate,
-    parameters: Mapping[str, Mapping[str, float]],
+    parameters: Mapping[str, Fitted],
     seed: int,
 ) -> Leftover:
     """What a candidate leaves.

@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from maglev_env.loop.effect import EFFECTS
 from sim2real.fit_figures import Figures
 from sim2real.leftover import Leftover, Share
-from sim2real.words import percent, quantity, spoken
+from sim2real.words import Fitted, fitted_quantity, percent, quantity, spoken
 
 SHOWN, LEAST = 3, 0.05  # shares that are listed, and the least of them
 UNEVEN = 2.0  # times its even share that a segment must hold to be named
@@ -29,16 +29,16 @@ def partial_in_words(left: Leftover) -> str:
     return f"{names}, {parameters_in_words(left.parameters, len(left.effects) > 1)}"
 
 
-def parameters_in_words(parameters: Mapping[str, Mapping[str, float]], several: bool) -> str:
+def parameters_in_words(parameters: Mapping[str, Fitted], several: bool) -> str:
     """Parameters of effects with 95 % intervals; those within tolerance are left out."""
     found = []
     for name, at in parameters.items():
         effect, _, key = name.partition(".")
         if key:
             unit = EFFECTS[effect].parameters[key].unit
-            half = NORMAL_95 * at["se"] if at["se"] else None
-            found.append(f"{spoken(name, several)} {quantity(at['value'], half, unit, key == 'change')}")
-    return ", ".join(found) + (" (95 %)" if any(at["se"] for at in parameters.values()) else "")
+            found.append(f"{spoken(name, several)} {fitted_quantity(at, unit, key == 'change', NORMAL_95)}")
+    told = any(at["se"] for name, at in parameters.items() if "." in name)
+    return ", ".join(found) + (" (95 %)" if told else "")
 
 
 def moved_in_words(left: Leftover) -> str:
@@ -70,7 +70,10 @@ def leftover_lines(left: Leftover) -> list[str]:
     bands = {f"{lo:.3g} .. {hi:.3g} Hz": share for lo, hi, share in left.where.bands}
     lines.append(f"What is left by channel: {_listed(left.channels)}; by block: {_listed(blocks)}; "
                  f"by band: {_listed(bands)}; by kind of line: {_listed(left.where.kind)}.")  # fmt: skip
-    own = [f"{r.name} ({quantity(r.motion, None, 'm')} rms) {percent(r.share)}, {_when(r)}" for r in left.recordings]
+    own = [
+        f"{r.name} ({quantity(r.motion, None, 'm')} rms) {percent(r.share)}" + (f", {_when(r)}" if r.share else "")
+        for r in left.recordings
+    ]
     lines.append(f"By recording, the largest motion first: {'; '.join(own)}.")
     if left.profiles:
         best = max(left.profiles, key=lambda p: p.clear)
@@ -83,7 +86,8 @@ def leftover_lines(left: Leftover) -> list[str]:
 
 def _listed(shares: Mapping[str, float]) -> str:
     ordered = sorted(shares.items(), key=lambda item: -item[1])[:SHOWN]
-    return ", ".join(f"{name} {percent(share)}" for name, share in ordered if share >= LEAST) or "spread evenly"
+    listed = ", ".join(f"{name} {percent(share)}" for name, share in ordered if share >= LEAST)
+    return listed or ("spread evenly" if any(shares.values()) else "none stands out of the noise")
 
 
 def _when(r: Share) -> str:

@@ -8,6 +8,7 @@ import numpy as np
 from maglev_env.loop.gains import linear_ones
 from sim2real.problem import KINDS, Part, Problem
 from sim2real.recorded.records import Record
+from sim2real.recorded.static_evidence import AT_REST
 
 # Segments of the loop that ratios of recorded channels isolate, named by their blocks.
 DRIVE = "controller+amplifier"
@@ -25,7 +26,8 @@ class Where:
     Attributes:
         blocks: Share of each block or segment.
         bands: (f_lo, f_hi, share) of third octaves, Hz.
-        kind: Share of each kind of lines: linear, even, odd, unsynchronised.
+        kind: Share of each kind of lines: linear, even, odd, unsynchronised; and of the means of a mass at rest, where
+            they are evidence. These have no band; their block is the actuator, whose force they weigh.
         significant: Whether any of it exceeds the noise.
         controller: Distance of the recorded command from the described control law, in standard deviations of its
             resolution; None where no command was recorded, or where it does not follow from the recorded channels.
@@ -48,8 +50,9 @@ def locate(problem: Problem, residual: np.ndarray, unsynchronised: float = 0.0) 
     """
     power = abs(residual) ** 2 - 2.0
     thirds = np.floor(OCTAVE_THIRDS * np.log2(problem.frequency)).astype(int)
-    linear = problem.kind < KINDS.index("even")
-    cells = np.unique(np.stack([thirds, linear, problem.output], axis=1), axis=0, return_inverse=True)[1].reshape(-1)
+    linear, rest = problem.kind < KINDS.index("even"), problem.kind == KINDS.index("rest")
+    labels = np.stack([np.where(rest, thirds.min() - 1, thirds), linear, problem.output], axis=1)
+    cells = np.unique(labels, axis=0, return_inverse=True)[1].reshape(-1)
     excess, count = np.bincount(cells, power), np.bincount(cells)
     real = excess > SIGNIFICANT * np.sqrt(4.0 * count)
     significant = bool(real.any()) or unsynchronised > 0
@@ -57,7 +60,7 @@ def locate(problem: Problem, residual: np.ndarray, unsynchronised: float = 0.0) 
     gain = np.where(kept, power, 0.0)
     bands = []
     for third in np.unique(thirds):
-        share = gain[thirds == third].sum()
+        share = gain[(thirds == third) & ~rest].sum()
         bands.append((2.0 ** (third / OCTAVE_THIRDS), 2.0 ** ((third + 1) / OCTAVE_THIRDS), share))
     total = max(sum(max(b[2], 0.0) for b in bands), 1e-12)
     kinds = {
@@ -65,9 +68,12 @@ def locate(problem: Problem, residual: np.ndarray, unsynchronised: float = 0.0) 
         "even": gain[problem.kind == KINDS.index("even")].sum(),
         "odd": gain[problem.kind == KINDS.index("odd")].sum(),
         "unsynchronised": unsynchronised,
-    }
+    } | ({AT_REST: gain[rest].sum()} if rest.any() else {})
+    blocks = _blocks(problem, residual, kept)
+    if rest.any():
+        blocks[ACTUATOR] = blocks.get(ACTUATOR, 0.0) + float(gain[rest].sum())
     return Where(
-        _shares(_blocks(problem, residual, kept)),
+        _shares(blocks),
         tuple((lo, hi, max(share, 0.0) / total) for lo, hi, share in bands),
         _shares(kinds),
         significant,

@@ -6,6 +6,8 @@ for this is the covariance with the scores s summed over blocks of time: sum s s
 White, Econometrica 50, 1982, clustered by blocks).
 """
 
+from collections.abc import Sequence
+
 import numpy as np
 import scipy.fft
 
@@ -27,15 +29,27 @@ def widening(problem: Problem, fit: Fit) -> np.ndarray:
         fit: with its Jacobian.
     """
     toward = fit.covariance() @ fit.jacobian  # what each residual adds to each coordinate
-    white, beyond, shares = np.sum(abs(toward) ** 2, axis=1), np.zeros(fit.u.size), np.zeros(fit.u.size)
-    for part in problem.parts:
+    return np.sqrt(whiteness(problem.parts, toward, fit.residual, [p.place for p in problem.parts]))
+
+
+def whiteness(parts: Sequence[Part], toward: np.ndarray, residual: np.ndarray, places: Sequence[slice]) -> np.ndarray:
+    """Factors (size,), at least 1, on the variances of linear estimates.
+
+    Args:
+        parts: of the recordings.
+        toward: (size, K), what each whitened residual adds to each estimate, conjugate.
+        residual: (K,), whitened.
+        places: of the parts in these.
+    """
+    white, beyond, shares = np.sum(abs(toward) ** 2, axis=1), np.zeros(len(toward)), np.zeros(len(toward))
+    for part, place in zip(parts, places, strict=True):
         if isinstance(part.record, OpenRecord):
-            scores, weights = _scores(part, toward[:, part.place], fit.residual[part.place])
+            scores, weights = _scores(part, toward[:, place], residual[place])
             beyond += np.sum(scores**2 - weights, axis=1)
             shares += np.sum(weights**2, axis=1)
     ratio, blocks = 1 + beyond / np.maximum(white, 1e-300), white**2 / np.maximum(shares, 1e-300)
     surely = (ratio > 1 + SIGNIFICANT * np.sqrt(2 / np.maximum(blocks, 1.0))) & (blocks > LEAST)
-    return np.where(surely, np.sqrt(np.maximum(ratio, 1.0)), 1.0)
+    return np.where(surely, np.maximum(ratio, 1.0), 1.0)
 
 
 def _scores(part: Part, toward: np.ndarray, residual: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -11,11 +11,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import stats
 
+from estimation.apparent_gain import ApparentGain
 from maglev_env.loop.effect import meaningful
 from maglev_env.loop.magnets.kinds import force_law
 from maglev_env.loop.magnets.law import linearise
 from maglev_env.rig.rig import Rig
 from sim2real.fitting import CONVERGED, Fit, begin, differentiate, iterate
+from sim2real.gain_over_frequency import Mechanics, apparent_gain
 from sim2real.hypotheses import Hypothesis
 from sim2real.nonstationary import widening
 from sim2real.problem import Problem, assemble
@@ -23,7 +25,7 @@ from sim2real.recorded.not_stable import not_stable
 from sim2real.recorded.nuisances import Nuisances
 from sim2real.recorded.open_record import OpenRecord
 from sim2real.recorded.records import Record
-from sim2real.recorded.static_evidence import StaticEstimate, can_rest, drift_in_words, of_weight, static_of
+from sim2real.recorded.static_evidence import AT_REST, StaticEstimate, can_rest, drift_in_words, of_weight, static_of
 from sim2real.simulated import tolerances
 
 # What is identified, each as an effect of this name, and its unit.
@@ -34,10 +36,10 @@ UNITS = {
     "damping": "N s/m",
     "delay": "s",
 }
-AT_REST = "means and weight"
 MOST_STEPS = 20
 UNBOUNDED = 0.5  # relative standard error from which the recordings do not bound a coefficient
 CLEAR = 3.0  # standard errors, for one coefficient alone, from which a recording disagrees with all of them
+SURELY = 2.0  # standard errors above the nominal damping from which an identified one counts as damping
 SIGNIFICANT = 3.0  # standard deviations of the misfit under noise alone
 
 
@@ -62,6 +64,11 @@ class Coefficient:
     nominal: float
     bounded: bool
     at_limit: bool = False
+
+    @property
+    def identified(self) -> bool:
+        """Whether the value is an estimate: bounded, and not where the search ends."""
+        return self.bounded and not self.at_limit
 
     @property
     def interval(self) -> tuple[float, float]:
@@ -92,6 +99,8 @@ class Pooled:
         of_each: Recording -> its own coefficients, where there are several recordings.
         held_out: Recordings that were not used, because their role is "holdout".
         notes: What was assumed.
+        contradictions: Sentences about what motion says against means and weight.
+        gain: The actuator's gain over frequency; None where no current was measured.
     """
 
     coefficients: tuple[Coefficient, ...]
@@ -100,6 +109,8 @@ class Pooled:
     of_each: dict[str, tuple[Coefficient, ...]]
     held_out: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
+    contradictions: tuple[str, ...] = ()
+    gain: ApparentGain | None = None
 
 
 def pooled(records: Sequence[Record | OpenRecord], progress: Callable[[str], None] = lambda text: None) -> Pooled:
@@ -117,14 +128,13 @@ def pooled(records: Sequence[Record | OpenRecord], progress: Callable[[str], Non
     static = static_of(rig, [r.rests for r in records])
     problem, fit, others = _fitted(records, rest=False)
     whole = _coefficients(rig, problem, fit, others)
-    of_each, apart, scattered = {}, [], set()
+    of_each, apart, scattered, contradictions = {}, [], set(), []
     if static is not None:
         of_each[AT_REST] = _at_rest(rig, static)
-        apart += _contradictions(whole, of_each[AT_REST])
-        if not apart:
+        contradictions = _contradictions(whole, of_each[AT_REST])
+        if not contradictions:
             problem, fit, others = _fitted(records, fit, rest=True)
             whole = _coefficients(rig, problem, fit, others)
-    contradicted = bool(apart)
     if len(records) > 1:
         for record in records:
             progress(record.name)
@@ -134,10 +144,51 @@ def pooled(records: Sequence[Record | OpenRecord], progress: Callable[[str], Non
             scattered |= disagreed.keys()
         each = {c.name: [own for r in records for own in of_each[r.name] if own.name == c.name] for c in whole}
         whole = tuple(across_recordings(c, each[c.name]) if c.name in scattered else c for c in whole)
-    if contradicted:
+    if contradictions:
         whole = _reaching(whole, of_each[AT_REST])
     notes = tuple(filter(None, [drift_in_words(static)])) if static is not None else ()
-    return Pooled(whole, _misfit(fit), tuple(apart), of_each, notes=notes)
+    progress("gain over frequency")
+    over = _over_frequency(rig, static, whole, problem, fit)
+    return Pooled(
+        whole, _misfit(fit), tuple(apart), of_each, notes=notes, contradictions=tuple(contradictions), gain=over
+    )
+
+
+def _over_frequency(
+    rig: Rig, static: StaticEstimate | None, whole: Sequence[Coefficient], problem: Problem, fit: Fit
+) -> ApparentGain | None:
+    """The gain over frequency, with the stiffness at rest where that is told, else as identified, else nominal."""
+    if not rig.controlled:
+        return None
+    told = {c.name: c for c in whole if c.identified}
+    if "damping" in told and told["damping"].apart < SURELY:
+        del told["damping"]  # a force that comes late acts as a negative one, and is to be seen here
+    point = fit.hypothesis.point(fit.u)
+    effects = {name: values for name, values in point.effects.items() if name not in UNITS or name in told}
+    source = "identified" if "negative_stiffness" in told else "nominal"
+    if static is not None and static.stiffness is not None:
+        own = {c.name: c for c in _at_rest(rig, static)}
+        effects |= {name: {"change": c.change * np.sign(c.nominal)} for name, c in own.items()}
+        told, source = told | own, AT_REST
+
+    def of(name: str) -> tuple[float, float]:
+        """Value and standard error."""
+        nominal, known = _nominal(rig, name), told.get(name)
+        return (nominal, abs(nominal) * rig.tolerance.get(name, 0.0)) if known is None else (known.value, known.se)
+
+    (pull, pull_se), (held, held_se), (damping, damping_se) = map(
+        of, ("negative_stiffness", "support_stiffness", "damping")
+    )
+    known = Mechanics(
+        rig.mass,
+        rig.tolerance.get("mass", 0.0),
+        pull + held,
+        float(np.hypot(pull_se, held_se)),
+        damping,
+        damping_se,
+        source,
+    )
+    return apparent_gain(problem, replace(point, effects=effects), of("actuator_gain")[0], known)
 
 
 def _fitted(
@@ -194,7 +245,7 @@ def _contradictions(moving: Sequence[Coefficient], resting: Sequence[Coefficient
     """A sentence for each coefficient by motion that is far from what means and weight say."""
     found, at_rest = [], {c.name: c for c in resting}
     for c in moving:
-        if (other := at_rest.get(c.name)) is None or not c.bounded:
+        if (other := at_rest.get(c.name)) is None or not c.identified:
             continue
         apart = abs(c.value - other.value) / float(np.hypot(c.se, other.se))
         if apart > CLEAR:
@@ -270,7 +321,7 @@ def _disagreements(name: str, own: Sequence[Coefficient], whole: Sequence[Coeffi
     for a, b in zip(own, whole, strict=True):
         # The whole contains the recording, so their difference varies by what the others add.
         spread = np.sqrt(max(a.se**2 - b.se**2, 0.25 * a.se**2))
-        if a.bounded and spread > 0 and abs(a.value - b.value) > limit * spread:
+        if a.identified and b.identified and spread > 0 and abs(a.value - b.value) > limit * spread:
             found[a.name] = (
                 f"{name}: {a.name.replace('_', ' ')} {a.value:.4g} +- {a.se:.2g} {a.unit}, and {b.value:.4g} of all "
                 f"recordings together: {abs(a.value - b.value) / spread:.1f} standard errors apart"
@@ -288,5 +339,5 @@ def across_recordings(c: Coefficient, each: Sequence[Coefficient]) -> Coefficien
         c: of all recordings.
         each: the same of every recording alone.
     """
-    z = np.array([(own.value - c.value) / own.se for own in each if own.bounded and own.se > 0])
+    z = np.array([(own.value - c.value) / own.se for own in each if own.identified and own.se > 0])
     return replace(c, se=c.se * float(np.sqrt(max(1.0, np.sum(z**2) / max(z.size - 1, 1)))))

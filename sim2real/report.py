@@ -16,7 +16,7 @@ from sim2real.problem import Part
 from sim2real.recorded.open_record import OpenRecord
 from sim2real.shrink import Gap
 from sim2real.simulated import Point
-from sim2real.words import percent, quantity
+from sim2real.words import Fitted, fitted_quantity, percent, quantity
 
 FEWEST = 3  # lines that a curve needs
 SHOWN_BANDS, LEAST_SHARE = 3, 0.05
@@ -33,6 +33,7 @@ class Correction:
         se: Standard error; None where it is not known.
         unit: Unit of the value.
         is_change: Whether the value is a relative change of a nominal parameter within its tolerance.
+        at_bound: Whether the fit ended at the end of the range that it searches, so that it is no estimate.
     """
 
     name: str
@@ -40,9 +41,15 @@ class Correction:
     se: float | None
     unit: str
     is_change: bool
+    at_bound: bool = False
+
+    @property
+    def fitted(self) -> Fitted:
+        """Its value with its error, as JSON data."""
+        return Fitted(value=self.value, se=self.se, at_bound=self.at_bound)
 
     def __str__(self) -> str:
-        return quantity(self.value, self.se, self.unit, self.is_change)
+        return fitted_quantity(self.fitted, self.unit, self.is_change)
 
 
 @dataclass(frozen=True)
@@ -89,8 +96,9 @@ def corrections(diagnosis: Diagnosis) -> tuple[Correction, ...]:
     found = []
     for name, values in diagnosis.corrected.effects.items():
         for key, value in values.items():
-            se = fitted.get(f"{name}.{key}", {}).get("se")
-            found.append(Correction(f"{name}.{key}", value, se, EFFECTS[name].parameters[key].unit, key == "change"))
+            at, unit = fitted.get(f"{name}.{key}", {}), EFFECTS[name].parameters[key].unit
+            ended = at.get("at_bound", False)
+            found.append(Correction(f"{name}.{key}", value, at.get("se"), unit, key == "change", ended))
     for name, value in diagnosis.corrected.changes.items():
         found.append(Correction(name, value, fitted.get(f"{name} (relative)", {}).get("se"), "", True))
     return tuple(found)
@@ -125,11 +133,16 @@ def sentence(diagnosis: Diagnosis) -> str:
         )  # fmt: skip
     top = named(diagnosis)[0]
     shown = [c for c in corrections(diagnosis) if "." in c.name]
-    values = parameters_in_words({c.name: {"value": c.value, "se": c.se} for c in shown}, len(top.effects) > 1)
+    values = parameters_in_words({c.name: c.fitted for c in shown}, len(top.effects) > 1)
     return (
         f"The gap is explained by {_and(top.effects)} ({percent(top.probability)}), in "
         f"{_blocks(block_of('+'.join(top.effects)))}; {values}{_closes(diagnosis.gap)}."
     )
+
+
+def tempered(diagnosis: Diagnosis) -> str:
+    """Why probabilities are less sure than noise alone would make them, in one sentence; empty where they are not."""
+    return f"{diagnosis.notes[0][0].upper()}{diagnosis.notes[0][1:]}." if diagnosis.tempering > 1 else ""
 
 
 def _far(diagnosis: Diagnosis) -> list[str]:
@@ -173,10 +186,10 @@ def where_in_words(diagnosis: Diagnosis) -> tuple[str, ...]:
     where = diagnosis.where
     if not where.significant:
         return ("nothing stands out of the noise, in any block, band or kind of line",)
-    bands = sorted(where.bands, key=lambda b: -b[2])[:SHOWN_BANDS]
+    bands = sorted((b for b in where.bands if b[2] > 0), key=lambda b: -b[2])[:SHOWN_BANDS]
     return (
         "blocks: " + _shares({name.replace("+", " + "): share for name, share in where.blocks.items()}),
-        "bands: " + _shares({f"{lo:.0f} .. {hi:.0f} Hz": share for lo, hi, share in bands}),
+        "bands: " + _shares({f"{lo:.3g} .. {hi:.3g} Hz": share for lo, hi, share in bands}),
         "kind: " + _shares(where.kind),
     )
 
@@ -184,7 +197,7 @@ def where_in_words(diagnosis: Diagnosis) -> tuple[str, ...]:
 def _shares(shares: dict[str, float]) -> str:
     ordered = sorted(shares.items(), key=lambda item: -item[1])
     kept = [f"{name} {percent(share)}" for name, share in ordered if share >= LEAST_SHARE]
-    return ", ".join(kept) or "spread evenly"
+    return ", ".join(kept) or ("spread evenly" if any(shares.values()) else "none stands out of the noise")
 
 
 def _highest_band(where: Where) -> str:
@@ -192,7 +205,7 @@ def _highest_band(where: Where) -> str:
     if not bands or not any(share for *_, share in bands):
         return ""
     lo, hi, _ = max(bands, key=lambda b: b[2])
-    return f", around {lo:.0f} .. {hi:.0f} Hz"
+    return f", around {lo:.3g} .. {hi:.3g} Hz"
 
 
 def _and(names: tuple[str, ...]) -> str:

@@ -1,11 +1,27 @@
 """Values with their errors, shares and names of parameters, as a report writes them."""
 
 from math import floor, isfinite, log10
+from typing import TypedDict
 
 from maglev_env.units import prefixed
 
+AT_BOUND = "at its bound, not identified"
 _DIGITS = 4
 NO_ERROR = 1e-8  # of the value: a smaller standard error belongs to a parameter that the recordings do not determine
+
+
+class Fitted(TypedDict):
+    """A fitted parameter as JSON data.
+
+    Attributes:
+        value: SI, or the relative change.
+        se: Its standard error; None where it is not known.
+        at_bound: Whether the fit ended at an end of the range that it searches, so that the value is no estimate.
+    """
+
+    value: float
+    se: float | None
+    at_bound: bool
 
 
 def quantity(value: float, se: float | None, unit: str, is_change: bool = False) -> str:
@@ -14,6 +30,12 @@ def quantity(value: float, se: float | None, unit: str, is_change: bool = False)
         return f"{_with_se(100 * value, se and 100 * se, '+')} %"
     factor, shown = prefixed(value or se or 0.0, unit)
     return f"{_with_se(value * factor, se and se * factor)} {shown}".rstrip()
+
+
+def fitted_quantity(at: Fitted, unit: str, is_change: bool, errors: float = 1.0) -> str:
+    """A fitted parameter with so many standard errors; one at its bound is said to be there, without an interval."""
+    text = quantity(at["value"], at["se"] and errors * at["se"], unit, is_change)
+    return f"{text} ({AT_BOUND})" if at["at_bound"] else text
 
 
 def _with_se(value: float, se: float | None, sign: str = "") -> str:

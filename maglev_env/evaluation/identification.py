@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from estimation.actuator import ActuatorEstimate, actuator_estimate, as_force
+from estimation.apparent_gain import ApparentGain, periodic_gain
 from estimation.frequency_response import Distortion, coherence, distortion
 from estimation.modal import ModalEstimate, modal_estimate
 from estimation.periods import LineStatistics, held
@@ -37,6 +38,7 @@ class Identification:
     periods: int
     statistics: LineStatistics
     notes: tuple[str, ...]
+    gain: ApparentGain | None = None
 
 
 def identify(
@@ -124,8 +126,22 @@ def identify(
         notes.append(why)
     periods = statistics.periods
     return Identification(
-        bands, float(mass), modal, actuator, natural, zeta, bent, stability, dropped, periods, force, tuple(notes)
-    )
+        bands, float(mass), modal, actuator, natural, zeta, bent, stability, dropped, periods, force, tuple(notes),
+        None if estimate_mass else _apparent_gain(signals, spectra, rig, float(mass)),
+    )  # fmt: skip
+
+
+def _apparent_gain(
+    signals: RecordedSignals, spectra: RecordSpectra, rig: Rig | None, mass: float
+) -> ApparentGain | None:
+    """The actuator's gain over frequency at the lines of an injection; None where the current is not recorded there."""
+    if "current" not in spectra.all.channels:
+        return None
+    try:
+        actuator, force, _ = _through_magnets(signals, spectra, rig, mass, False)
+    except ValueError:  # nothing is injected, or too few lines are
+        return None
+    return periodic_gain(force, mass, actuator)
 
 
 def _through_magnets(

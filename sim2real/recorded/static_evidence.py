@@ -23,6 +23,7 @@ from maglev_env.rig.rig import Rig
 if TYPE_CHECKING:
     import xarray as xr
 
+AT_REST = "means and weight"  # how this evidence is called
 BLOCKS, LEAST, PARTS = 40, 25, 5  # blocks of a record, least samples of a block, and parts of it
 STILL = 0.01  # of the gap: levels that are nearer to each other count as one
 SMALL = 0.02  # of the gap: standard deviation of the parts' means, up to which the force law is straight

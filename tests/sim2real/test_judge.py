@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from sim2real.dispersion import ChiSquare, Dispersion
 from sim2real.judge import Entry, Evidence, entries, verdict
 
 SINGLES = ("delay", "amplifier_lag", "actuator_gain", "mass", "friction", "saturation")
@@ -194,3 +195,19 @@ def test_a_foreign_tone_is_unknown():
     assert judged(evidence(tones={"foreign": 5e3})) == ("unexplained", ("unknown",))
     assert judged(replace(gap(3e4, delay=0.0), tones={"foreign": 3e4})) == ("unexplained", ("unknown",))
     assert judged(evidence(tones={"pickup": 5e3, "foreign": 5e3})) == ("unexplained", ("unknown",))
+
+
+def test_where_the_best_explanation_lacks_something_others_are_less_excluded_and_the_unknown_is_more_likely():
+    """Recordings that disagree with the best of two effects take the certainty from its lead over the other."""
+    costs = {"": 400.0, **dict.fromkeys(SINGLES, 400.0), "mass": 60.0, "delay": 0.0}
+    sure = evidence(costs)
+    loose = replace(sure, dispersion=Dispersion(ChiSquare(0.0, 0.0), ChiSquare(60.0, 6.0)))
+    before, after = entries(sure), entries(loose)
+
+    def odds(found):
+        return probability(found, "delay") / probability(found, "mass")
+
+    assert odds(before) > 1e3 and odds(after) < 30
+    assert verdict(before) == ("explained", ("delay",)) and verdict(after) == ("unexplained", ("unknown",))
+    excused = replace(sure, dispersion=Dispersion(ChiSquare(0.0, 0.0), ChiSquare(20.0, 6.0)))  # as noise may make it
+    assert entries(excused) == before

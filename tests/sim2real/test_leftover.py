@@ -89,8 +89,15 @@ def test_periodic_records_have_sections_and_json(tmp_path):
     assert found.recordings[0].motion > 1.5 * found.recordings[1].motion  # the largest first
     slope = np.polyfit(found.profiles[0].at, found.profiles[0].force, 1)[0]
     assert slope == pytest.approx(2.5e3, rel=0.3)
-    named = replace(found, effects=("delay",), parameters={"delay.time": {"value": 7.5e-5, "se": 1e-6}}, share=None)
+    named = replace(
+        found,
+        effects=("delay",),
+        parameters={"delay.time": {"value": 7.5e-5, "se": 1e-6, "at_bound": False}},
+        share=None,
+    )
     assert leftover_lines(named)[0].startswith("Best partial explanation: delay, time 75.0 +- 2.0 us (95 %). It leaves")
+    ended = replace(named, parameters={"delay.time": {"value": 1e-3, "se": None, "at_bound": True}})
+    assert "time 1 ms (at its bound, not identified). It leaves" in leftover_lines(ended)[0]
 
 
 def test_where_the_rotor_touches_down_there_is_no_force(stiffer):

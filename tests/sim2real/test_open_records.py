@@ -68,6 +68,10 @@ def test_a_pooled_estimate_names_the_recording_that_disagrees(campaign, tmp_path
         if c.name in truth:
             assert abs(c.value - truth[c.name]) < 4 * c.se and c.bounded
     assert found.misfit == pytest.approx(1.0, abs=0.03) and not found.disagreements
+    surest = min(found.gain.bands, key=lambda b: b.size_se)
+    assert surest.size_se < 0.03 * bench_loop.GAIN and len(found.gain.bands) > 8
+    for b in found.gain.bands:  # force over the current of the coil is flat: the delay is before it
+        assert abs(abs(b.gain) - bench_loop.GAIN) < 4 * b.size_se and abs(np.angle(b.gain)) < 4 * b.phase_se
     np.savez(tmp_path / "chirp.npz", **bench_loop.record(Bench(stiffness=0.1, delay=30e-6), "chirp", 2.0, 9))
     again = pooled(read_records(folder)[1])
     assert any(line.startswith("chirp.npz: negative stiffness") for line in again.disagreements)

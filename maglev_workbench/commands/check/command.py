@@ -36,8 +36,10 @@ def check(
     from maglev_env.redundancy.rules import as_data, examine, refusals
     from maglev_env.rig.rig import axis_rig
     from maglev_workbench.commands.check.report import (
+        aperiodic_table,
         problem_data,
         quality_tables,
+        said_once,
         spoiled,
         uses_json,
         uses_sections,
@@ -49,11 +51,12 @@ def check(
     from maglev_workbench.record_page import record_page
     from maglev_workbench.warned import shown
 
-    said: list[tuple[object, bool]] = []  # what is printed, and whether its lines may be long
+    said: list[object] = []
+    notes: list[tuple[str, str]] = []
     if is_data_file(campaign):
         loaded, guess = guessed_campaign(campaign, rate)
         page = out or campaign.with_name(f"{campaign.stem}-check.html")
-        said += [(f"guess: {one.what}: {escape(one.reason)}", False) for one in guess.guesses]
+        said += [f"guess: {one.what}: {escape(one.reason)}" for one in guess.guesses]
     else:
         loaded = load_campaign(campaign)
         page = out or loaded.folder / "check.html"
@@ -67,27 +70,31 @@ def check(
         alarmed += bool(alarms)
         refused = next((f.message for f in refusals(findings) if f.recording.partition(", ")[0] == spec.file), "")
         used.append((spec.file, uses(loaded, spec, alarms, refused)))
-        said.append((uses_table(*used[-1]), False))
         signals = recorded_signals(loaded, spec, dataset, excited=False)
         for axis in range(signals.axes):
             own = axis_signals(signals, axis)
             name = spec.file if signals.axes == 1 else f"{spec.file}, {AXES[axis]}"
             if not own.excitations and any(e.kind != "none" for e in spec.excitations):
-                said.append((f"{name}: nothing is excited along this axis", False))
+                said.append(f"{name}: nothing is excited along this axis")
                 continue
             rig = loaded.rig if loaded.rig is None or own.axis is None else axis_rig(loaded.rig, own.axis)
             quality = spoiled(recording_quality(own, rig, alarms=alarms), name, warnings)
             found.append((name, quality))
-            said += [(table, False) for table in quality_tables(name, quality)]
-            said += [(f"  [yellow]![/] {problem}", False) for problem in quality.problems]
+            said += quality_tables(name, quality)
+            said += [f"  [yellow]![/] {problem}" for problem in quality.problems]
             warnings += [problem_data(name, problem) for problem in quality.problems]
-        said += [(f"  note: {escape(note)}", True) for note in signals.assumed]
+        notes += [(spec.file, note) for note in signals.assumed]
         datasets.append((spec.file, dataset))
     answer = check_answer(used, alarmed)
     console.print(f"[bold]{escape(answer)}[/]")
     shown(findings)
-    for part, long in said:
-        console.print(part, soft_wrap=long)
+    console.print(uses_table(used))
+    if still := [(name, quality) for name, quality in found if not quality.periods]:
+        console.print(aperiodic_table(still))
+    for part in said:
+        console.print(part)
+    for note in said_once(notes, len(used)):
+        console.print(f"  note: {escape(note)}", soft_wrap=True)
     write_page(page, record_page(f"Check of {loaded.folder.name}", datasets, answer, uses_sections(used)))
     console.print(f"page  {page}")
     write_json(

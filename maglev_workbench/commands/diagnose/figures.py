@@ -66,14 +66,13 @@ def loop_diagram(diagnosis: Diagnosis, effects: Sequence[str]) -> str:
         parts.append(f'<rect x="{x}" y="{y}" width="{width}" height="{_ROW - 6}" rx="4" {fill}/>')
         parts.append(_text(x + width / 2, y + 15, f"{percent(shares[name])} in {name.replace('+', ' + ')}", 12))
     width = _LEFT + (len(names) - 1) * _STEP + _BOX + 70
-    head = f'<svg viewBox="0 0 {width} {bottom + 14}" style="max-width:{width}px;width:100%" role="img"'
+    head = '<div class="scroll">'  # a narrow window scrolls, because smaller letters cannot be read
+    head += f'<svg viewBox="0 0 {width} {bottom + 14}" style="max-width:{width}px;min-width:{width // 2}px" role="img"'
     arrow = (
         '<defs><marker id="tip" viewBox="0 0 8 8" refX="7" refY="4" markerWidth="7" markerHeight="7" orient="auto">'
         f'<path d="M0 0 L8 4 L0 8 z" fill="{GREY}"/></marker></defs>'
     )
-    return (
-        f'{head} font-family="system-ui, sans-serif" xmlns="http://www.w3.org/2000/svg">{arrow}{"".join(parts)}</svg>'
-    )
+    return f'{head} font-family="system-ui, sans-serif" xmlns="http://www.w3.org/2000/svg">{arrow}{"".join(parts)}</svg></div>'
 
 
 def _darkness(name: str, shares: Mapping[str, float]) -> float:

@@ -8,7 +8,7 @@ import numpy as np
 from maglev_env.units import prefixed
 from maglev_workbench.page import COLOURS, labelled_axis, note, shaded, styled, table
 from sim2real.leftover import Leftover
-from sim2real.leftover_words import leftover_lines
+from sim2real.leftover_words import LEAST, leftover_lines
 from sim2real.missing_force import QUANTITIES, Profile
 from sim2real.words import percent, quantity
 
@@ -32,7 +32,7 @@ def leftover_sections(left: Leftover) -> "list[tuple[str, str | Figure]]":
             quantity(r.motion, None, "m"),
             f"{r.chi_square:.3g}",
             percent(r.share),
-            ", ".join(f"{a:.3g} .. {b:.3g} s: {percent(share)}" for a, b, share in r.segments) or "–",
+            ", ".join(f"{a:.3g} .. {b:.3g} s: {percent(s)}" for a, b, s in r.segments if s >= LEAST and r.share) or "–",
         )
         for r in left.recordings
     ]
@@ -41,7 +41,7 @@ def leftover_sections(left: Leftover) -> "list[tuple[str, str | Figure]]":
         ("What the best partial explanation leaves", f"<ul>{lines}</ul>"),
         ("", residual_figure(left)),
         ("", note(_NOTE)),
-        ("", table(_HEAD, rows).replace("<td>", '<td style="white-space: normal">')),
+        ("", table(_HEAD, rows).replace("<td>", '<td class="wrapped">')),
     ]
 
 

@@ -1,6 +1,6 @@
 """Reports of `maglev diagnose`: text for a terminal, and a page."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from html import escape
 from importlib.metadata import version
 from typing import TYPE_CHECKING
@@ -16,9 +16,9 @@ from sim2real.hypotheses import CALIBRATION, NONE, UNKNOWN
 from sim2real.judge import Entry
 from sim2real.leftover_words import fit_in_words, leftover_lines
 from sim2real.next_experiment import SEPARATED
-from sim2real.report import BEYOND, Correction, corrections, curves, sentence, where_in_words
+from sim2real.report import BEYOND, Correction, corrections, curves, sentence, tempered, where_in_words
 from sim2real.shrink import errors
-from sim2real.words import percent, quantity, spoken
+from sim2real.words import Fitted, fitted_quantity, percent, spoken
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure
@@ -60,6 +60,8 @@ def terminal(diagnosis: Diagnosis) -> "list[RenderableType]":
     from rich.table import Table
 
     parts: list[RenderableType] = [f"[bold]{plain(sentence(diagnosis))}[/]"]
+    if told := tempered(diagnosis):
+        parts.append(plain(told))
     parts += [f"  {plain(line)}" for line in where_in_words(diagnosis)]
     if diagnosis.leftover is not None:
         parts += [f"  {plain(line)}" for line in leftover_lines(diagnosis.leftover)]
@@ -86,7 +88,7 @@ def terminal(diagnosis: Diagnosis) -> "list[RenderableType]":
     if diagnosis.next_experiment:
         parts.append(f"[bold]Measure next:[/] {plain(_next(diagnosis))}")
     parts += [f"  [yellow]left out[/] {plain(str(one))}" for one in diagnosis.campaign.left_out]
-    return parts + [f"  note: {plain(text)}" for text in diagnosis.notes]
+    return parts + [f"  note: {plain(text)}" for text in diagnosis.notes[bool(told) :]]
 
 
 def diagnose_page(diagnosis: Diagnosis) -> str:
@@ -105,20 +107,21 @@ def diagnose_page(diagnosis: Diagnosis) -> str:
     if rows := _word_rows(d):
         sections.append(("", table(_GAP_HEAD, rows) + note(_NOTES["words"])))
     sections += _responses(d)
-    if d.where.significant and d.where.bands:
+    if d.where.significant and any(share for *_, share in d.where.bands):
         sections += [("The gap by band and by kind of line", shares(d)), ("", note(_NOTES["kind"]))]
     sections += _next_sections(d)
     sections.append(("The corrected rig", _corrections(corrections(d), d) + note(_NOTES["corrected"])))
     if d.campaign.left_out:
         sections.append(("Left out", _list([str(one) for one in d.campaign.left_out])))
-    if d.notes:
-        sections.append(("Notes", _list(d.notes)))
-    return page(f"Diagnosis of {d.campaign.folder.resolve().name}", _typeset(sentence(d)), sections, _made_by(d))
+    if notes := d.notes[bool(tempered(d)) :]:
+        sections.append(("Notes", _list(notes)))
+    answer = " ".join(filter(None, (sentence(d), tempered(d))))
+    return page(f"Diagnosis of {d.campaign.folder.resolve().name}", _typeset(answer), sections, _made_by(d))
 
 
 def _wrapped(html: str) -> str:
     """A table whose cells may contain line breaks, because the parameters of two effects are wider than a page."""
-    return html.replace("<td>", '<td style="white-space: normal">')
+    return html.replace("<td>", '<td class="wrapped">')
 
 
 def _typeset(text: str) -> str:
@@ -160,13 +163,13 @@ def _place(e: Entry) -> str:
     return "" if e.effects[0] in _MEANING else block_of("+".join(e.effects)).replace("+", " + ")
 
 
-def _parameters(fitted: dict[str, dict[str, float]], several: bool) -> str:
+def _parameters(fitted: Mapping[str, Fitted], several: bool) -> str:
     """Parameters of effects as text; changes within tolerance are in the table of the corrected rig."""
     found = []
     for name, at in fitted.items():
         effect, _, key = name.partition(".")
         if key:
-            text = quantity(at["value"], at["se"], EFFECTS[effect].parameters[key].unit, key == "change")
+            text = fitted_quantity(at, EFFECTS[effect].parameters[key].unit, key == "change")
             found.append(f"{spoken(name, several)} {text}")
     return ", ".join(found)
 

@@ -12,6 +12,8 @@ from maglev_workbench.commands.estimate.figures import COEFFICIENTS
 from maglev_workbench.commands.estimate.report import trust
 from maglev_workbench.page import number, with_interval
 from sim2real.pooled import Coefficient, Pooled
+from sim2real.recorded.static_evidence import AT_REST
+from sim2real.words import AT_BOUND
 
 STEADY = (
     4.0  # mean square of the bands' deviations, in their standard errors, up to which a coefficient is one constant
@@ -85,11 +87,23 @@ def _in_words(name: str, found: Constant) -> str:
 
 
 def _of_all(found: Pooled) -> str:
-    parts = [_coefficient(c) for c in found.coefficients if c.bounded]
-    loose = [c.name.replace("_", " ") for c in found.coefficients if not c.bounded]
-    text = f"The rig in all recordings: {', '.join(parts)} (95 %)" if parts else "The recordings bound no coefficient"
-    text += f"; not bounded: {', '.join(loose)}" if loose and parts else ""
-    return text + ("; the recordings disagree." if found.disagreements else ".")
+    parts = [_coefficient(c) for c in found.coefficients if c.identified]
+    if rest := [_coefficient(c) for c in found.of_each.get(AT_REST, ())]:
+        text = f"At rest, by {AT_REST}: {', '.join(rest)} (95 %); in motion, all recordings together: "
+        text += "" if parts else "no coefficient is bounded"
+    else:
+        text = "The rig in all recordings: " if parts else "The recordings bound no coefficient"
+    text += f"{', '.join(parts)} (95 %)" if parts else ""
+    for why, those in (
+        ("not bounded", [c for c in found.coefficients if not c.bounded]),
+        (AT_BOUND, [c for c in found.coefficients if c.bounded and c.at_limit]),
+    ):
+        names = ", ".join(c.name.replace("_", " ") for c in those)
+        text += f"; {why}: {names}" if those and (parts or rest or why == AT_BOUND) else ""
+    apart = ["rest and motion contradict each other"] if found.contradictions else []
+    if found.disagreements:
+        apart.append("the recordings disagree")
+    return text + (f"; {' and '.join(apart)}." if apart else ".")
 
 
 def _coefficient(c: Coefficient) -> str:

@@ -53,6 +53,7 @@ def estimate(
     from maglev_env.recordings.left_out import left_out_data
     from maglev_env.redundancy.result import doubtful
     from maglev_workbench.commands.estimate.answer import estimate_answer
+    from maglev_workbench.commands.estimate.gain_report import gain_table
     from maglev_workbench.commands.estimate.one_file import OneFile, one_file_campaign
     from maglev_workbench.commands.estimate.planar_report import planar_json, planar_sections, planar_table
     from maglev_workbench.commands.estimate.pooled_report import (
@@ -133,6 +134,8 @@ def estimate(
         console.print(pooled_table(found.pooled))
         if found.pooled.of_each:
             console.print(each_table(found.pooled))
+        if found.pooled.gain is not None:
+            console.print(gain_table(found.pooled.gain))
         for line in pooled_lines(found.pooled):
             console.print(f"  [yellow]![/] {escape(line)}")
     console.print(f"page  {page}")

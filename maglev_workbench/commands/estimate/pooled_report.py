@@ -4,11 +4,14 @@ from html import escape
 from typing import TYPE_CHECKING, Any
 
 from maglev_env.units import prefixed
+from maglev_workbench.commands.estimate.gain_report import gain_json, gain_line, gain_sections
 from maglev_workbench.page import table as html_table
 from sim2real.pooled import Coefficient, Pooled
+from sim2real.words import AT_BOUND
 
 if TYPE_CHECKING:
     import rich.table
+    from plotly.graph_objects import Figure
 
 
 LATE = ", such as a force that comes later than the current (its lag acts as negative damping)"
@@ -25,13 +28,16 @@ def pooled_table(found: Pooled) -> "rich.table.Table":
     return table
 
 
-def pooled_sections(found: Pooled) -> list[tuple[str, str]]:
+def pooled_sections(found: Pooled) -> "list[tuple[str, str | Figure]]":
     """The same table as a section of a page."""
-    lines = "".join(f"<li>{escape(line)}</li>" for line in pooled_lines(found))
-    sections = [("The rig in all recordings", html_table(_HEAD, _rows(found)) + (f"<ul>{lines}</ul>" if lines else ""))]
+    lines = "".join(f"<li>{escape(line.replace(' +- ', ' ± '))}</li>" for line in pooled_lines(found))
+    whole = html_table(_HEAD, _rows(found)) + (f"<ul>{lines}</ul>" if lines else "")
+    sections: list[tuple[str, str | Figure]] = [("The rig in all recordings", whole)]
     if found.of_each:
-        sections.append(("Each recording alone", html_table(*_each(found))))
-    return sections
+        head, rows = _each(found)
+        typeset = [[cell.replace(" +- ", " ± ") for cell in row] for row in rows]
+        sections.append(("Each recording alone", html_table(head, typeset)))
+    return sections + (gain_sections(found.gain) if found.gain is not None else [])
 
 
 def each_table(found: Pooled) -> "rich.table.Table":
@@ -50,7 +56,7 @@ def _each(found: Pooled) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
     head = ("alone", *(f"{c.name.replace('_', ' ')}, {c.unit}" for c in found.coefficients))
     rows = []
     for name, own in found.of_each.items():
-        said = {c.name: f"{c.value:.4g} +- {c.se:.2g}" if c.bounded else "not bounded" for c in own}
+        said = {c.name: f"{c.value:.4g} +- {c.se:.2g}" if c.identified else _untold(c) for c in own}
         rows.append((name, *(said.get(c.name, "-") for c in found.coefficients)))
     return head, rows
 
@@ -60,24 +66,32 @@ def _rows(found: Pooled) -> list[tuple[str, ...]]:
     for c in found.coefficients:
         scale, unit = prefixed(c.nominal or max(c.interval, key=abs), c.unit)
         low, high = (end * scale for end in c.interval)
-        interval = f"{low:.5g} .. {high:.5g}" if c.bounded else "not bounded"
-        change = "-" if c.change is None else f"{c.change:+.1%}"
+        interval = f"{low:.4g} .. {high:.4g}" if c.identified else _untold(c)
+        change = "-" if c.change is None or not c.identified else f"{c.change:+.1%}"
+        apart = f"{c.apart:+.1f}" if c.identified else "-"
         name = f"{c.name.replace('_', ' ')}, {unit}"
-        rows.append((name, f"{c.value * scale:.5g}", interval, f"{c.nominal * scale:.5g}", change, f"{c.apart:+.1f}"))
+        rows.append((name, f"{c.value * scale:.4g}", interval, f"{c.nominal * scale:.4g}", change, apart))
     return rows
+
+
+def _untold(c: Coefficient) -> str:
+    """Why there is no interval."""
+    return AT_BOUND if c.at_limit and c.bounded else "not bounded"
 
 
 def pooled_lines(found: Pooled) -> list[str]:
     """What is to be said below the table."""
     lines = [
-        f"{c.name.replace('_', ' ')} ended at the limit of what is searched, {c.value:.4g} {c.unit}: no estimate, but "
-        f"a sign that the rig's model lacks something{LATE if c.name == 'damping' and c.value < 0 else ''}"
+        f"{c.name.replace('_', ' ')} ended at the bound of what is searched, {c.value:.4g} {c.unit}: not identified, "
+        f"but a sign that the rig's model lacks something{LATE if c.name == 'damping' and c.value < 0 else ''}"
         for c in found.coefficients
         if c.at_limit
     ]
-    lines += found.disagreements
+    lines += [*found.contradictions, *found.disagreements]
     if found.held_out:
         lines.append(f"held out, and not used: {', '.join(found.held_out)}")
+    if found.gain is not None and (text := gain_line(found.gain)):
+        lines.append(text)
     if found.misfit > 1.1:
         lines.append(
             f"the rig's model leaves {found.misfit:.2g} times the noise: intervals are widened for it; "
@@ -92,8 +106,10 @@ def pooled_json(found: Pooled) -> dict[str, Any]:
         "coefficients": [_coefficient(c) for c in found.coefficients],
         "misfit": found.misfit,
         "disagreements": list(found.disagreements),
+        "contradictions": list(found.contradictions),
         "held_out": list(found.held_out),
         "notes": list(found.notes),
+        "gain_over_frequency": gain_json(found.gain) if found.gain is not None else None,
         "recordings": {name: [_coefficient(c) for c in own] for name, own in found.of_each.items()},
     }
 
@@ -103,8 +119,8 @@ def _coefficient(c: Coefficient) -> dict[str, Any]:
         "name": c.name,
         "unit": c.unit,
         "value": c.value,
-        "se": c.se,
-        "interval": list(c.interval) if c.bounded else None,
+        "se": None if c.at_limit else c.se,
+        "interval": list(c.interval) if c.identified else None,
         "nominal": c.nominal,
         "change": c.change,
         "at_limit": c.at_limit,

@@ -19,6 +19,7 @@ from maglev_workbench.commands.estimate.figures import (
     sensitivity,
     units_of,
 )
+from maglev_workbench.commands.estimate.gain_report import gain_json, gain_sections
 from maglev_workbench.page import facts, note, number, page, with_interval
 
 if TYPE_CHECKING:
@@ -58,6 +59,7 @@ def estimate_json(results: Sequence[tuple[str, Identification]], method: Method)
                 "mass": found.mass,
                 "mass_se": found.modal.mass_se if found.modal else None,
                 "actuator": found.actuator and asdict(found.actuator),
+                "gain_over_frequency": found.gain and gain_json(found.gain),
                 "natural_frequency": found.natural_frequency,
                 "damping_ratio": found.damping_ratio,
                 "distortion": found.distortion,
@@ -179,6 +181,8 @@ def _recording(file: str, found: Identification) -> "list[tuple[str, str | Figur
     sections.append(("", note(text)))
     sections.append((f"Receptance of {file}", receptance(found)))
     sections.append(("", note("Displacement over force at the excited lines; shaded: two standard deviations.")))
+    if found.gain:
+        sections += gain_sections(found.gain, file)
     if found.stability:
         sections.append((f"Sensitivity of {file} ({_source(found.stability)})", sensitivity(found.stability)))
         sections.append(("", note("Shaded: 95 % at each line. Dashed: where the zones of ISO 14839-3 meet.")))

@@ -2,6 +2,7 @@
 
 from maglev_env.evaluation.identification import Identification
 from maglev_env.units import prefixed
+from maglev_workbench.commands.estimate.gain_report import gain_line, gain_table
 from maglev_workbench.console import console
 
 
@@ -18,6 +19,9 @@ def say(found: Identification) -> None:
         ):
             scale, unit = prefixed(value, si)
             console.print(f"{name} {value * scale:.4g} +- {1.96 * se * scale:.2g} {unit}")
+    if found.gain and (text := gain_line(found.gain)):
+        console.print(gain_table(found.gain))
+        console.print(text)
     if found.natural_frequency is not None:
         console.print(f"natural frequency {found.natural_frequency:.2f} Hz, damping ratio {found.damping_ratio:.4f}")
     d = found.distortion

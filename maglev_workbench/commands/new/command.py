@@ -43,7 +43,8 @@ def new(
     from maglev_env.recordings.json_data import plain
     from maglev_env.rig.rig import load_rig
     from maglev_workbench.commands.new import questions
-    from maglev_workbench.commands.new.campaign_text import PLEASE, campaign_text
+    from maglev_workbench.commands.new.answer import HEAD, answer_of, rows
+    from maglev_workbench.commands.new.campaign_text import campaign_text
     from maglev_workbench.commands.new.files import bring, campaign_folder, data_files, rig_beside
     from maglev_workbench.commands.new.rig_text import rig_text
     from maglev_workbench.commands.new.stated import Stated
@@ -81,18 +82,6 @@ def new(
     names = [f.resolve().relative_to(folder.resolve()).as_posix() for f in inside]
     guesses = [verified(replace(g, file=name), folder) for g, name in zip(guesses, names, strict=True)]
 
-    for g in guesses:
-        table = Table("guess", "taken as", "sure", "evidence", title=escape(g.file))
-        for one in g.guesses:
-            taken = (
-                one.value if isinstance(one.value, str | float) else "-" if one.value is None else "see campaign.toml"
-            )
-            table.add_row(one.what, escape(f"{taken}"), f"{one.confidence:.0%}", escape(one.reason))
-        console.print(table)
-        for note in g.notes:
-            console.print(f"  note: {escape(note)}")
-    for message in refused.values():
-        console.print(f"  [yellow]![/] left out: {escape(message)}")
     known = next((g for g in guesses if g.gains), None)
     if stated.rig is None:
         skeleton = folder / "rig.toml"
@@ -100,27 +89,32 @@ def new(
             hangs = all(g.rotor.value == "suspended" and g.rotor.confidence >= LIKELY for g in guesses)
             text = rig_text(stated, known.gains if known else None, known.rate.value if known else None, hangs)
             write_text_atomic(skeleton, text)
-            console.print(f"rig skeleton  {skeleton}")
-        else:
-            console.print(f"{skeleton} is kept as it is")
     write_text_atomic(folder / "campaign.toml", campaign_text(guesses, stated))
+    answer = answer_of(guesses, refused, stated, stated.rig is None)
     write_json(
         json_file,
         {
             "schema": "maglev-new/1",
             "version": version("maglev-workbench"),
+            "answer": answer.sentence,
+            "edit": list(answer.edit),
+            "confirm": list(answer.confirm),
             "campaign": str(folder / "campaign.toml"),
             "recordings": [{"file": g.file, "guesses": plain(g.guesses), "notes": list(g.notes)} for g in guesses],
             "left_out": [{"file": str(f), "reason": r} for f, r in refused.items()],
         },
     )
-    for file in copied:
-        console.print(f"copied  {file}")
-    console.print(f"campaign  {folder / 'campaign.toml'}")
-    open_points = questions.unsettled(guesses)
-    if open_points:
-        console.print(f'{len(open_points)} points are marked "{PLEASE}" there; most are confirmations')
-    for g in guesses:
-        if g.rate.value is None:
-            console.print(f"[yellow]![/] {escape(g.file)}: sample_rate is not known and stands as 0: state it first")
-    console.print(f"next  maglev check {folder}")
+    console.print(f"[bold]{escape(answer.sentence)}[/]")
+    table = Table(*HEAD)
+    for row in rows(guesses):
+        table.add_row(*map(escape, row))
+    console.print(table)
+    for text in (*answer.alarms, *(f"left out: {message}" for message in refused.values())):
+        console.print(f"  [yellow]![/] {escape(text)}")
+    if copied:
+        console.print(f"{len(copied)} file(s) copied to {folder}")
+    for heading, points in (("edit", answer.edit), ("confirm", answer.confirm)):
+        for i, point in enumerate(points):
+            console.print(f"{heading if i == 0 else '':7} {i + 1}. {escape(point)}")
+    console.print(f"The evidence of every guess stands in {folder / 'campaign.toml'}.", soft_wrap=True)
+    console.print(f"next  maglev check {folder}", soft_wrap=True)

@@ -1,7 +1,6 @@
 """What the terminal asks, where somebody sits at it."""
 
 import sys
-from collections.abc import Sequence
 from dataclasses import replace
 
 import typer
@@ -69,8 +68,3 @@ def _positive(answer: str, what: str) -> float | None:
     if not value > 0:
         raise ValueError(f"{what} = {answer} must be a positive number")
     return value
-
-
-def unsettled(guesses: Sequence[RecordingGuess]) -> list[str]:
-    """What campaign.toml asks for, in words."""
-    return [f"{g.file}: {one.what}: {one.ask}" for g in guesses for one in g.guesses if one.ask]

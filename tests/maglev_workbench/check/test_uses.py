@@ -10,6 +10,7 @@ from command_line import maglev
 
 from maglev_env.recordings.alarms import Alarm
 from maglev_env.recordings.campaign import load_campaign
+from maglev_workbench.commands.check.report import grouped, said_once
 from maglev_workbench.commands.check.uses import COMMANDS, INSTEAD, Use, check_answer, uses
 from sim2real.recorded.records import read_records
 from tuning.campaign.recorded_sets import recorded_sets
@@ -89,3 +90,18 @@ def test_the_command_begins_with_its_answer_and_a_bare_file_needs_no_rig(tmp_pat
     assert own["file"] == "run.csv" and "rig is missing" in own["diagnose"]["why"] and own["diagnose"]["instead"]
     page = (tmp_path / "run-check.html").read_text()
     assert "What each command makes of it" in page and "rig is missing" in page
+
+
+def test_what_is_the_same_of_several_recordings_or_commands_is_said_once():
+    same = [Use(name, "no", "clipped", "less amplitude") for name in COMMANDS]
+    other = [Use("estimate", "yes", "fitted", ""), *same[1:]]
+    assert [(commands, files) for commands, files, _ in grouped([("a", same), ("b", same)])] == [
+        ("estimate, margins, diagnose, tune", "all")
+    ]
+    found = grouped([("a", other), ("b", same), ("c", same)])
+    assert [(commands, files, use.verdict) for commands, files, use in found] == [
+        ("estimate", "a", "yes"),
+        ("estimate", "b, c", "no"),
+        ("margins, diagnose, tune", "all", "no"),
+    ]
+    assert said_once([("a", "x"), ("b", "x"), ("a", "y")], 2) == ["x", "a: y"]

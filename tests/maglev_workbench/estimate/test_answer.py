@@ -9,7 +9,8 @@ from test_estimate_report import band, identification
 from estimation.actuator import ActuatorEstimate
 from maglev_workbench.commands.estimate.answer import estimate_answer, over_bands, trusted
 from maglev_workbench.commands.estimate.pooled_report import pooled_sections
-from sim2real.pooled import Coefficient, Pooled
+from sim2real.pooled import AT_REST, Coefficient, Pooled
+from sim2real.words import AT_BOUND
 
 SOFT = tuple(
     band(f, stiffness=2.5, stiffness_ci=(2.4, 2.6), damping=0.003, damping_ci=(0.0029, 0.0031)) for f in (1.0, 16.0)
@@ -65,8 +66,22 @@ def test_all_recordings_together_answer_where_the_rig_was_fitted():
     )
     assert estimate_answer([], replace(found, disagreements=("x",))).endswith("the recordings disagree.")
     assert "bound no coefficient" in estimate_answer([], replace(found, coefficients=(loose,)))
+    ended = replace(loose, name="damping", bounded=True, at_limit=True)
+    assert estimate_answer([], replace(found, coefficients=(gain, ended))).endswith(f"; {AT_BOUND}: damping.")
     ((_, html),) = pooled_sections(found)
     assert "actuator gain, N/A" in html and "not bounded" in html
+
+
+def test_the_value_at_rest_stands_beside_that_in_motion():
+    moving, still = (Coefficient("actuator_gain", "N/A", v, 0.02, 0.84, True) for v in (0.6, 0.94))
+    found = Pooled((moving,), 1.0, (), {AT_REST: (still,)})
+    assert estimate_answer([], found) == (
+        "At rest, by means and weight: actuator gain 0.940 ±0.039 N/A (95 %); in motion, all recordings together: "
+        "actuator gain 0.600 ±0.039 N/A (95 %)."
+    )
+    apart = replace(found, contradictions=("x",), disagreements=("y",))
+    said = "rest and motion contradict each other and the recordings disagree."
+    assert estimate_answer([], apart).endswith(f"(95 %); {said}")
 
 
 @pytest.mark.parametrize("unit", ["N/m"])

@@ -76,7 +76,7 @@ def test_json_of_one_method_has_the_schema(method):
     (recording,) = data["recordings"]
     assert set(recording) == {
         "file", "bands", "mass", "mass_se", "actuator", "natural_frequency", "damping_ratio", "distortion", "stability",
-        "transient_periods", "periods", "notes",
+        "transient_periods", "periods", "notes", "gain_over_frequency",
     }  # fmt: skip
     assert set(recording["bands"][0]) == {
         "f_lo", "f_hi", "stiffness", "stiffness_se", "stiffness_ci", "damping", "damping_se", "damping_ci",

@@ -1,0 +1,85 @@
+"""The answer of `maglev new`: what was read, what must be edited, and what is to be confirmed."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from maglev_env.recordings.guess.recording import RecordingGuess
+from maglev_workbench.commands.new.stated import Stated
+
+TAKEN, TAKEN_FOR = "whether this column is the ", "what columns are taken for"
+ALARM = "alarm: "  # how a note begins that names a fault of the recording
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What is said of files that became a campaign.
+
+    Attributes:
+        sentence: How many files were read, and what must be edited before the next command.
+        edit: What no command can do without, or does much better with.
+        confirm: What campaign.toml asks for, each point once with its columns and files.
+        alarms: File and fault.
+    """
+
+    sentence: str
+    edit: tuple[str, ...]
+    confirm: tuple[str, ...]
+    alarms: tuple[str, ...]
+
+
+def answer_of(guesses: Sequence[RecordingGuess], refused: Mapping[Path, str], stated: Stated, skeleton: bool) -> Answer:
+    """The answer.
+
+    Args:
+        guesses: one for each file that was read.
+        refused: files that were left out, with the reason.
+        stated: what the user said.
+        skeleton: whether a rig.toml stands beside campaign.toml that is to be filled in.
+    """
+    edit = [f"sample_rate of {g.file}: it is not known and stands as 0" for g in guesses if g.rate.value is None]
+    must = len(edit)
+    if skeleton:
+        edit.append("rig.toml: what is marked there; then take the # from rig in campaign.toml (diagnose needs it)")
+    if stated.mass is None and stated.rig is None:
+        edit.append("mass: the moving mass in kg, if it is known (--mass)")
+    total = len(guesses) + len(refused)
+    read = f"Read {len(guesses)} of {total} file(s)"
+    before = f"state {edit[0].partition(':')[0]} before" if must else "nothing must be edited before"
+    return Answer(f"{read}; {before} `maglev check`.", tuple(edit), tuple(_confirm(guesses)), tuple(_alarms(guesses)))
+
+
+def rows(guesses: Sequence[RecordingGuess]) -> list[tuple[str, ...]]:
+    """File, channels with their columns, rate, excitation, and the samples that are used."""
+    found = []
+    for g in guesses:
+        channels = ", ".join(f"{name} {c.label}" for name, c in g.channels.items() if name != "time")
+        rate = "?" if g.rate.value is None else f"{g.rate.value:.6g}"
+        driven = g.excitation.value if isinstance(g.excitation.value, str) else "periodic"
+        part = f"{g.part[0]} .. {g.part[0] + g.part[1]}" if g.part else "all"
+        found.append((g.file, channels, rate, driven, part))
+    return found
+
+
+HEAD = ("file", "channels and columns", "Hz", "excitation", "samples")
+
+
+def _confirm(guesses: Sequence[RecordingGuess]) -> list[str]:
+    """Each point that the files ask for, once, with what it concerns."""
+    points: dict[str, dict[str, None]] = {}
+    for g in guesses:
+        for one in g.guesses:
+            column = one.what.removeprefix("column ") if one.what.startswith("column ") else None
+            for point in filter(None, one.ask.split("; ") if column else [one.ask]):
+                taken = point.removeprefix(TAKEN)
+                about = f"{column} as {taken}" if taken != point else column or g.file
+                points.setdefault(TAKEN_FOR if taken != point else point, {})[about] = None
+    found = []
+    for point, about in points.items():
+        everywhere = set(about) == {g.file for g in guesses}
+        found.append(point if everywhere else f"{point}: {', '.join(about)}")
+    return found
+
+
+def _alarms(guesses: Sequence[RecordingGuess]) -> list[str]:
+    return [f"{g.file}: {note.removeprefix(ALARM)}" for g in guesses for note in g.notes if note.startswith(ALARM)]
