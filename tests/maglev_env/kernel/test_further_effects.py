@@ -5,12 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from reference_effects import simulate_effects
+from scipy import stats
 
 from maglev_env.experiment import Experiment, protocol_experiment
 from maglev_env.kernel.lanes import structure_of
 from maglev_env.kernel.simulate import simulate_records, simulate_statistics
 from maglev_env.linear.loop import closed_loop, loop_response, without_noise
 from maglev_env.loop.effect import effect
+from maglev_env.loop.further.command_path import left_of
 from maglev_env.loop.gains import NO_CONTROLLER
 from maglev_env.rig.excitation import Excitation
 from maglev_env.rig.rig import load_rig
@@ -84,6 +86,16 @@ def test_the_linear_loop_has_the_expected_response_of_dropped_samples():
     a, b, c = closed_loop(e)
     receptance = [(c @ np.linalg.solve(one * np.eye(len(a)) - a, b))[0, 0] for one in z]
     np.testing.assert_allclose(receptance, response.receptance, rtol=1e-6)
+
+
+def test_a_dead_band_is_sharp_or_rounded_about_as_by_gaussian_noise():
+    """max and min without rounding; with it the mean over noise of 1.1 times the rounding, to a part of the width."""
+    u, h = np.linspace(-1, 1, 401), 0.3
+    np.testing.assert_allclose(left_of(u, h, 0.0), np.maximum(u - h, 0) + np.minimum(u + h, 0), atol=1e-15)
+    noise = 0.22 * stats.norm.ppf((np.arange(2000) + 0.5) / 2000)
+    mean = left_of(u[:, None] + noise, h, 0.0).mean(axis=1)
+    assert np.abs(left_of(u, h, 0.2**2) - mean).max() < 0.05 * h
+    assert np.abs(left_of(u, h, 0.0) - mean).max() > 0.25 * h
 
 
 @pytest.mark.slow
