@@ -8,8 +8,8 @@ from scipy import stats
 
 from sim2real.problem import Part, Problem
 from sim2real.recorded.open_record import OpenRecord
-from sim2real.recorded.opened import straightened
 from sim2real.recorded.records import Record
+from sim2real.recorded.wander import straightened
 from sim2real.simulated import Point
 
 DRIFT = "drift"

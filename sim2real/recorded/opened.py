@@ -23,6 +23,7 @@ from maglev_env.rig.rig import axis_rig
 from sim2real.recorded.nominal import nominal_blocks, outputs_of
 from sim2real.recorded.records import Record
 from sim2real.recorded.tones import near_tones
+from sim2real.recorded.wander import straightened
 
 # Lines on either side over which noise is pooled: WINDOW, or NARROW where the noise is steeper than STEEP.
 WINDOW, NARROW, STEEP = 7, 1, 1.8
@@ -147,13 +148,6 @@ def noise_of(record: Record, opened: Opened) -> np.ndarray:
         on = record.driven["force"]
         variance[opened.outputs.index("plant")] += np.where(on, smooth * abs(opened.receptance) ** 2, 0.0)
     return np.sqrt(variance)
-
-
-def straightened(periods: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The slope per period of values (P, ...) of each period, and the values without their straight line over time."""
-    at = np.arange(len(periods)) - (len(periods) - 1) / 2
-    slope = np.tensordot(at, periods, 1) / (at @ at)
-    return slope, periods - periods.mean(axis=0) - np.multiply.outer(at, slope)
 
 
 def _spread(
