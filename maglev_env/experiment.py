@@ -113,7 +113,7 @@ class Experiment:
             )
         if self.sensor == "probe":
             return
-        for name in ("sensor_gain", "sensor_lag", "sensor_resonance", "runout", "pickup"):
+        for name in ("sensor_gain", "sensor_lag", "sensor_resonance", "runout", "pickup", "probe_backlash"):
             if name in self.effects:
                 raise ValueError(f"effect {name} is the probe's: it has no meaning with self-sensing; leave it out")
         for sensor in self_sensors(self):

@@ -13,6 +13,7 @@ from maglev_env.recordings.campaign import Campaign
 from maglev_env.recordings.left_out import left_out_data
 from maglev_env.rig.rig import Rig
 from sim2real.attribute import Attribution, Candidate, attribute, best_partial, contradictions
+from sim2real.drift import DRIFT, Drift, drift_of
 from sim2real.gain_choice import GainChoice, gain_choice
 from sim2real.hypotheses import CALIBRATION, TONES, Coordinate
 from sim2real.judge import Entry, allowance, entries, evidence_of, verdict
@@ -27,7 +28,7 @@ from sim2real.recorded.static_evidence import drift_in_words
 from sim2real.shrink import Gap, errors, shrink
 from sim2real.simulated import Point
 from sim2real.standing import standing
-from sim2real.unsynchronised import Sighting, evidence, sightings, spin_costs, tone_parameters
+from sim2real.unsynchronised import Sighting, evidence, sightings, spin_costs, tone_parameters, vibration_costs
 from sim2real.words import Fitted
 
 SCHEMA = "maglev-diagnosis/1"
@@ -184,9 +185,13 @@ def diagnose(
             fitted, attribution = again, attribute(again, progress)
     progress("judging")
     base = attribution.simplest
-    seen = sightings(fitted, base.fit.hypothesis.point(base.fit.u))
-    tones = evidence(seen)
-    evidenced = evidence_of(attribution, tones, spin_costs(fitted, seen))
+    near = base.fit.hypothesis.point(base.fit.u)
+    drift = drift_of(fitted, near)
+    seen = sightings(fitted, near, drift is not None)
+    tones, causes = evidence(seen), vibration_costs(fitted, seen, near)
+    if drift is not None:
+        tones[DRIFT], causes[DRIFT] = drift.chi2, {"gain_drift": drift.left}
+    evidenced = evidence_of(attribution, tones, spin_costs(fitted, seen), causes)
     found = entries(evidenced)
     worded, cause = verdict(found)
     excused = allowance(evidenced)
@@ -226,7 +231,7 @@ def diagnose(
         partial = best_partial(attribution, None if top is None else top.candidate)
         left = leftover(attribution, judged, partial, _parameters(partial), seed)
     alone = picked or attribution.calibration
-    corrected = _corrected(fitted, alone, () if chosen is None else chosen.effects, seen)
+    corrected = _corrected(fitted, alone, () if chosen is None else chosen.effects, seen, drift)
     speed = next(r.experiment.speed_rpm for r in records if r.role == "fit")
     return Diagnosis(
         worded,
@@ -261,12 +266,16 @@ def _where(fitted: Problem, attribution: Attribution, tones: float) -> Where:
     return locate(fitted, fitted.opened_residual(), tones)
 
 
-def _corrected(fitted: Problem, candidate: Candidate, effects: tuple[str, ...], seen: list[Sighting]) -> Point:
-    """The candidate's point, with the tones added to its effects."""
+def _corrected(
+    fitted: Problem, candidate: Candidate, effects: tuple[str, ...], seen: list[Sighting], drift: Drift | None
+) -> Point:
+    """The candidate's point, with the tones and the drift added to its effects."""
     if not np.isfinite(candidate.fit.cost):
         return Point({}, {})
     point = candidate.fit.hypothesis.point(candidate.fit.u)
-    tones = {name: tone_parameters(fitted, seen, name) for name in effects if name in TONES}
+    tones = {name: tone_parameters(fitted, seen, name) for name in effects if name in TONES and name != "gain_drift"}
+    if drift is not None and "gain_drift" in effects:
+        tones["gain_drift"] = drift.parameters
     return Point({**point.effects, **tones}, point.changes)
 
 

@@ -1,16 +1,17 @@
 """Which hypothesis to believe: probabilities of none, calibration, effects, pairs and unknown, and the verdict."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from maglev_env.loop.effect import EFFECTS
 from sim2real.attribute import Attribution
 from sim2real.dispersion import NOISE_ALONE, NOISE_INFLATION, Dispersion, dispersion_of
+from sim2real.drift import DRIFT
 from sim2real.hypotheses import CALIBRATION, NONE, UNKNOWN, coordinates_of
 from sim2real.problem import KINDS
-from sim2real.unsynchronised import FOREIGN
+from sim2real.unsynchronised import FOREIGN, LOUD
 
 
 @dataclass(frozen=True)
@@ -56,6 +57,8 @@ BELIEF = Belief()
 WIDE_FORM = 0.01
 CLASS_SHARE = 0.15  # hypotheses with at least this share of the best one's probability are not distinguished from it
 SIGNIFICANT = 5.0  # standard deviations of a group's excess
+OPEN = (FOREIGN, LOUD, DRIFT)  # families of what varies over the periods that need not have a known cause
+SCATTERS = "dropped_samples"  # makes noise of its own, which is loud
 
 
 @dataclass(frozen=True)
@@ -73,6 +76,7 @@ class Evidence:
         groups: Output, kind and octave (Hz) of each group.
         tones: Chi-square of each family of tones that was found.
         spin: Cost of each effect that may explain what turns with the rotor.
+        causes: Cost of each effect that may explain one of the OPEN families.
         dispersion: What the best candidate leaves beyond noise.
     """
 
@@ -84,6 +88,7 @@ class Evidence:
     groups: tuple[tuple[str, str, float], ...]
     tones: Mapping[str, float]
     spin: Mapping[str, float]
+    causes: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     dispersion: Dispersion = NOISE_ALONE
 
 
@@ -107,8 +112,13 @@ class Entry:
     explained_worst_group: float | None
 
 
-def evidence_of(attribution: Attribution, tones: Mapping[str, float], spin: Mapping[str, float]) -> Evidence:
-    """The evidence of fitted candidates and of tones (see `unsynchronised`)."""
+def evidence_of(
+    attribution: Attribution,
+    tones: Mapping[str, float],
+    spin: Mapping[str, float],
+    causes: Mapping[str, Mapping[str, float]],
+) -> Evidence:
+    """The evidence of fitted candidates, of tones (see `unsynchronised`) and of trends (see `drift`)."""
     p = attribution.problem
     octave = np.floor(np.log2(np.maximum(p.frequency, 1e-9))).astype(int)
     rows = np.stack([p.output, p.kind, octave], axis=1)
@@ -131,6 +141,7 @@ def evidence_of(attribution: Attribution, tones: Mapping[str, float], spin: Mapp
         tuple((p.outputs[o], KINDS[k], float(2.0**f)) for o, k, f in names),
         dict(tones),
         dict(spin),
+        dict(causes),
         NOISE_ALONE if not np.isfinite(cost.min()) or best.jacobian is None else dispersion_of(p, best),
     )
 
@@ -168,7 +179,7 @@ def entries(evidence: Evidence, belief: Belief = BELIEF) -> list[Entry]:
     logs -= belief.form_cost * np.log(np.maximum(scale / (belief.freedom + WIDE_FORM * gap), 1.0))
     # The unknown cause is the best hypothesis with a free correction of every group that it leaves unexplained, and of
     # what differs among recordings.
-    foreign = evidence.tones.get(FOREIGN, 0.0)
+    foreign = _unnamed(rows[int(np.argmin(costs))][0], evidence)
     rows.append(((UNKNOWN,), float(costs.min() - saved - foreign), 1.0, None))
     gain = (
         0.5 * belief.freedom * (np.log1p(saved / scale[int(np.argmin(costs))]) + np.log1p(foreign / belief.freedom))
@@ -217,24 +228,60 @@ _Row = tuple[tuple[str, ...], float, float, int | None]
 def _with_tones(rows: list[_Row], evidence: Evidence, priors: Mapping[int, float]) -> list[_Row]:
     """The hypotheses with and without tones as causes.
 
-    Without them a hypothesis costs what the tones weigh. Calibration and single effects may have them explained,
-    except foreign ones, which only the unknown cause explains.
+    Without them a hypothesis costs what the tones weigh. Calibration and single effects may have them explained; those
+    of an OPEN family without a known cause only the unknown one explains.
     """
-    total, foreign = sum(evidence.tones.values()), evidence.tones.get(FOREIGN, 0.0)
-    named: list[tuple[tuple[str, ...], float]] = [((), 0.0)]
-    if "pickup" in evidence.tones:
-        named = [((*names, "pickup"), cost) for names, cost in named]
-    if "spin" in evidence.tones:
-        named = [((*names, effect), cost + off) for names, cost in named for effect, off in evidence.spin.items()]
-    found: list[_Row] = []
+    found: dict[tuple[str, ...], _Row] = {}
+
+    def propose(row: _Row) -> None:
+        """Of rows with the same names the best counts."""
+        key = tuple(sorted(row[0]))
+        if key not in found or row[1] < found[key][1]:
+            found[key] = row
+
+    quiet = {family: weight for family, weight in evidence.tones.items() if family != LOUD}
+    of_tones, without_bands = _named(evidence.tones, evidence), _named(quiet, evidence)
     for names, cost, prior, candidate in rows:
-        found.append((names, cost + total, prior, candidate))
         base = () if candidate is None else evidence.effects[candidate]
+        tones, named = (quiet, without_bands) if SCATTERS in base else (evidence.tones, of_tones)
+        propose((names, cost + sum(tones.values()), prior, candidate))
         for added, off in named:
-            both = (*base, *added)
+            both = _joined(base, added)
             if candidate is not None and added and len(both) <= 2:
-                found.append((both, cost + foreign + off, prior * priors[len(both)] / priors[len(base)], candidate))
-    return found
+                propose((both, cost + off, prior * priors[len(both)] / priors[len(base)], candidate))
+    return list(found.values())
+
+
+def _named(tones: Mapping[str, float], evidence: Evidence) -> list[tuple[tuple[str, ...], float]]:
+    """The effects that may explain tones, and what they cost together with the tones that they leave."""
+    named: list[tuple[tuple[str, ...], float]] = [((), 0.0)]
+    if "pickup" in tones:
+        named = [((*names, "pickup"), cost) for names, cost in named]
+    if "spin" in tones:
+        named = [((*names, effect), cost + off) for names, cost in named for effect, off in evidence.spin.items()]
+    for family in (f for f in OPEN if f in tones):
+        causes = evidence.causes.get(family, {}).items()
+        named = [(names, cost + tones[family]) for names, cost in named] + [
+            (names if effect in names else (*names, effect), cost + off)
+            for names, cost in named
+            for effect, off in causes
+        ]
+    return named
+
+
+def _joined(base: tuple[str, ...], added: tuple[str, ...]) -> tuple[str, ...]:
+    """Fitted effects and those of tones: a gain that drifts may also be another one in the mean."""
+    kept = (name for name in base if name != "actuator_gain" or "gain_drift" not in added)
+    return (*kept, *added)
+
+
+def _unnamed(names: tuple[str, ...], evidence: Evidence) -> float:
+    """What these effects leave of what the OPEN families weigh."""
+    left = 0.0
+    for family in (f for f in OPEN if f in evidence.tones):
+        causes = {**evidence.causes.get(family, {}), **({SCATTERS: 0.0} if family == LOUD else {})}
+        left += min([evidence.tones[family], *(off for effect, off in causes.items() if effect in names)])
+    return left
 
 
 def complexity(names: tuple[str, ...], belief: Belief) -> float:

@@ -16,13 +16,14 @@ from sim2real.recorded.records import Record
 from sim2real.recorded.tones import HARMONICS, MAINS, NEAR, ON_LINE, families, origin, outstanding, tone_at
 from sim2real.simulated import Point, experiment_at, modes_of
 
-FOREIGN = "foreign"
+FOREIGN, LOUD = "foreign", "loud"
 AROUND = 12  # lines on either side above which a tone on a line must stand out
 NO_TANGENT = {name for name, card in EFFECTS.items() if not card.linear}
 TOGETHER = 1e-4  # probability that noise in all records shows as much at the rotation frequency
 RINGING = 0.25  # octaves from a fitted mode within which a tone is attributed to its ringing
 BESIDE_MODE = 1.4  # twice the octaves from a fitted mode within which loud noise is attributed to it
 FORM = 0.05  # relative error of an amplitude that its model may make
+BAND = 1 / 6  # octaves to either side within which the tones of a vibration may lie
 
 
 @dataclass(frozen=True)
@@ -50,11 +51,17 @@ class Sighting:
     chi2: float
 
 
-def sightings(problem: Problem, point: Point) -> list[Sighting]:
-    """Tones of every part: those found between the harmonics, and those on lines that a point's simulation leaves."""
+def sightings(problem: Problem, point: Point, drifting: bool = False) -> list[Sighting]:
+    """Tones of every part: those found between the harmonics, and those on lines that a point's simulation leaves.
+
+    Args:
+        problem: the campaign.
+        point: the best known parameters.
+        drifting: whether the gain drifts, which scatters over the periods too.
+    """
     found = []
     for i, part in enumerate(problem.parts):
-        found += _between(i, part, point) + _on_lines(i, part, point) + _bands(i, part, point)
+        found += _between(i, part, point) + _on_lines(i, part, point) + _bands(i, part, point, drifting)
     found = _one_family(problem, found)
     turning = {s.record for s in found if s.family == "spin" and s.harmonic == 1}
     rest = [s for i, part in enumerate(problem.parts) if i not in turning for s in _unseen(i, part, point)]
@@ -90,7 +97,7 @@ def _within(problem: Problem, s: Sighting, others: Collection[str]) -> Sighting 
 
 
 def evidence(found: list[Sighting]) -> dict[str, float]:
-    """Summed chi-square of each family: "pickup", "spin", "foreign"."""
+    """Summed chi-square of each family: "pickup", "spin", "foreign", "loud"."""
     total: dict[str, float] = {}
     for s in found:
         name = s.family.split()[0]
@@ -123,14 +130,18 @@ def _between(index: int, part: Part, point: Point) -> list[Sighting]:
 
 def _unseen(index: int, part: Part, point: Point) -> list[Sighting]:
     """Amplitude at the rotation frequency of a record in which no tone stands out; nothing where a line hides it."""
+    return _at(index, part, point, part.record.experiment.speed_rpm / 60, "spin")
+
+
+def _at(index: int, part: Part, point: Point, f: float, family: str = FOREIGN) -> list[Sighting]:
+    """The sighting at a frequency (Hz) between the lines, however small; nothing at 0 or on a line."""
     e = part.record.experiment
-    f = e.speed_rpm / 60
     if f == 0 or isinstance(part.record, OpenRecord) or abs(f / e.fundamental - round(f / e.fundamental)) < ON_LINE:
         return []
     values = part.record.series["displacement"]
     amplitude, chi2 = tone_at(values, f, e.recorded_per_period, e.recorded_per_period * e.fundamental)
     size, receptance = _opened(part.record, point, f, amplitude)
-    return [Sighting(index, "spin", 1, f, size, size / np.sqrt(chi2), receptance, chi2)]
+    return [Sighting(index, family, 1, f, size, size / np.sqrt(chi2), receptance, chi2)]
 
 
 def _opened(record: Record, point: Point, frequency: float, amplitude: np.ndarray) -> tuple[float, float]:
@@ -142,8 +153,8 @@ def _opened(record: Record, point: Point, frequency: float, amplitude: np.ndarra
     return size, float(abs(r.receptance / r.sensitivity)[0])
 
 
-def _bands(index: int, part: Part, point: Point) -> list[Sighting]:
-    """Loud bands, as foreign tones of unknown size.
+def _bands(index: int, part: Part, point: Point, drifting: bool) -> list[Sighting]:
+    """Loud bands, as tones of unknown size.
 
     The noise is white only if the loop is opened correctly. It is opened as at the point and as on the nominal rig,
     because noise does not meet the tangent of a friction; a band must be loud in both.
@@ -154,12 +165,12 @@ def _bands(index: int, part: Part, point: Point) -> list[Sighting]:
         return []  # these effects give the loop's noise no definite shape
     corrected = replace(part.record, experiment=experiment_at(part.record.experiment, point))
     opened = [replace(opened_loop(r), outputs=part.opened.outputs) for r in (corrected, part.record)]
-    loops = [loud_bands(r, o) for r, o in zip((corrected, part.record), opened, strict=True)]
+    loops = [loud_bands(r, o, drifting) for r, o in zip((corrected, part.record), opened, strict=True)]
     loud = min(loops, key=lambda bands: sum(chi2 for *_, chi2 in bands))
     modes = [mode["frequency"] for mode in modes_of(point)]
     # Near a lightly damped mode the noise depends on the mode's damping, which no fit determines well enough.
     loud = [band for band in loud if all(abs(np.log2(f * f / (band[0] * band[1]))) > BESIDE_MODE for f in modes)]
-    return [Sighting(index, FOREIGN, 1, (lo * hi) ** 0.5, 0.0, 0.0, 0.0, chi2) for lo, hi, chi2 in loud]
+    return [Sighting(index, LOUD, 1, (lo * hi) ** 0.5, 0.0, 0.0, 0.0, chi2) for lo, hi, chi2 in loud]
 
 
 def _on_lines(index: int, part: Part, point: Point) -> list[Sighting]:
@@ -211,8 +222,47 @@ def _misfit(size: np.ndarray, shape: np.ndarray, weight: np.ndarray) -> float:
     return float((weight * (size - scale * shape) ** 2).sum())
 
 
+def vibration_costs(problem: Problem, found: list[Sighting], point: Point) -> dict[str, dict[str, float]]:
+    """Cost, for each family, of explaining it by one foreign vibration: a tone or a narrow band, and its harmonics.
+
+    A tone must be a force of the same size in all records. What lies elsewhere is not explained.
+
+    Args:
+        problem: the campaign.
+        found: all sightings.
+        point: the best known parameters.
+    """
+    tones = [s for s in found if s.family == FOREIGN]
+    if not tones:
+        return {}
+    first = max(tones, key=lambda s: s.chi2).frequency
+    own = [s for s in tones if abs(np.log2(s.frequency / first)) < BAND]
+    rest = sum(s.chi2 for s in tones if s not in own and not _harmonic(s.frequency, first))
+    if all(abs(s.frequency - first) < 2 * NEAR * first for s in own):
+        seen = {s.record for s in own}
+        own += [s for i, part in enumerate(problem.parts) if i not in seen for s in _at(i, part, point, first)]
+        force, sd = (np.array([getattr(s, key) / s.receptance for s in own]) for key in ("size", "sd"))
+        rest += _misfit(force, np.ones_like(force), 1 / (sd**2 + (FORM * force) ** 2))
+    beside = [s for s in found if s.family == LOUD and abs(np.log2(s.frequency / first)) > 2 * BAND]
+    return {
+        FOREIGN: {"foreign_vibration": float(rest)},
+        LOUD: {"foreign_vibration": float(sum(s.chi2 for s in beside if not _harmonic(s.frequency, first)))},
+    }
+
+
+def _harmonic(frequency: float, first: float) -> bool:
+    """Whether a frequency is one of the first harmonics of another one, within a band."""
+    return any(abs(np.log2(frequency / (n * first))) < BAND / n for n in range(2, HARMONICS + 1))
+
+
 def tone_parameters(problem: Problem, found: list[Sighting], effect: str) -> Mapping[str, float]:
-    """Parameters of runout, pickup or unbalance from their sightings; phases keep their default."""
+    """Parameters of what makes tones from their sightings; phases keep their default."""
+    if effect == "foreign_vibration":
+        shaken = [s for s in found if s.family == FOREIGN]
+        loudest = max(shaken, key=lambda s: s.chi2)
+        near = [s for s in shaken if abs(s.frequency - loudest.frequency) < 2 * NEAR * loudest.frequency]
+        force = _weighed([(s.size / s.receptance, s.chi2) for s in near])
+        return {"force": force, "frequency": loudest.frequency, "phase": 0.0}
     family = "spin" if effect in ("runout", "unbalance") else "pickup"
     own = [s for s in found if s.family.startswith(family)]
     sizes = [_weighed([(s.size, s.chi2) for s in own if s.harmonic == h]) for h in range(1, HARMONICS + 1)]

@@ -10,10 +10,11 @@ from functools import cache
 import numpy as np
 
 from maglev_env.kernel.layout import AXIS, filter_size
-from maglev_env.kernel.sample import delay, draw, mix_piece, peak, read_pieces, substep_piece
+from maglev_env.kernel.sample import delay_piece, draw, mix_piece, peak, read_pieces, substep_piece
 from maglev_env.kernel.sensing import sensing_pieces
 from maglev_env.kernel.step import move_piece
 from maglev_env.kernel.structure import Structure
+from maglev_env.loop.further.command_path import try_luck
 from maglev_env.loop.mechanics import ALIVE
 from maglev_lanes.compiled import compiled
 from maglev_lanes.layout import LANES
@@ -54,6 +55,7 @@ def _kernel(structure: Structure) -> Callable[..., int]:
     controlled = structure.magnets != "none"
     read, control, note_late = read_pieces(structure)
     mix, load_substep, move = mix_piece(structure), substep_piece(structure), move_piece(structure)
+    delay, further = delay_piece(structure), structure.further
     sensors_begin, sensors_follow = sensing_pieces(structure)
 
     def step(x, seeds, history, first_step, timing, switches, force, injection, reference, tile, out):
@@ -87,6 +89,8 @@ def _kernel(structure: Structure) -> Callable[..., int]:
                         read(x, b, tile, p, 1.0 if s == 0 else 0.0)
                     else:
                         control(x, b, tile, p, wanted, injected, filters + a * per_filter)
+                    if further and s == 0:
+                        try_luck(x, b, seeds, a * W, lanes, count)
                     if delayed and s == 0:
                         delay(x, b, history, a * slots, mask, now)
                     note_late(x, b, tile, p)

@@ -19,6 +19,7 @@ from maglev_env.linear.axis import cross_terms
 from maglev_env.loop import actuator, amplifier, controller, external, mechanics, second_body, sensor
 from maglev_env.loop.axes import NO_CROSS
 from maglev_env.loop.effect import effect_value
+from maglev_env.loop.further import blocks as further
 from maglev_env.loop.gains import Gains, digital
 from maglev_env.loop.magnets import rows as magnet_rows
 from maglev_env.loop.magnets.kinds import simulated_as, steeper
@@ -76,6 +77,7 @@ def structure_of(experiment: Experiment) -> Structure:
         steeper=any(steeper(rig, effects) for rig in rigs),
         flexible=flexible,
         sticking=effect_value(effects, "friction", "presliding") > 0,
+        further=not further.NAMES.isdisjoint(effects),
     )
 
 
@@ -141,6 +143,8 @@ def _fill(
         actuator.fill(x, values)
         sensor.fill_tones(x, values, h, axis)
         external.fill(x, values, h)
+    for block in further.BLOCKS if structure.further else ():
+        block.fill(x, values, h, axis)
     if structure.sensed:
         write_self_sensors(x, own)
 

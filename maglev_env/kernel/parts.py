@@ -6,6 +6,7 @@ from types import SimpleNamespace
 from maglev_env.kernel.layout import AXIS
 from maglev_env.kernel.structure import Structure
 from maglev_env.loop import actuator, amplifier, eddy, external, mechanics, second_body, sensor
+from maglev_env.loop.further import springs, uneven_gain, vibration
 from maglev_env.loop.magnets.kinds import KINDS
 from maglev_env.loop.magnets.rows import OFFSET
 from maglev_lanes.layout import LANES as W
@@ -43,6 +44,7 @@ def _forces(s: Structure, lift: Lifts) -> dict[str, Callable]:
     """Pieces for the accelerations by the bearing and from outside, and for friction that sticks."""
     coupled, sticking, supported = s.coupled, s.sticking, s.supported
     sliding_too, flexible, controlled = s.flexible and not s.sticking, s.flexible, s.magnets != "none"
+    further = s.further
     kind = KINDS.get(s.magnets)
     shaped = s.saturating or s.steeper
     pull = kind and (kind.shaped_pull(s.saturating, s.steeper) if shaped and kind.shaped_pull else kind.pull)
@@ -51,7 +53,10 @@ def _forces(s: Structure, lift: Lifts) -> dict[str, Callable]:
     def bearing(x, k, y, current):
         total = 0.0
         if controlled:
-            total = pull(x, k, y + x[k + OFFSET] if flexible else y, current)
+            pulling = uneven_gain.pulling(x, k, current) if further else current
+            total = pull(x, k, y + x[k + OFFSET] if flexible else y, pulling)
+        if further:
+            total = total - springs.pushed_back(x, k, y)
         return total - mechanics.spring(x, k, y) if supported else total
 
     @piece
@@ -73,7 +78,7 @@ def _forces(s: Structure, lift: Lifts) -> dict[str, Callable]:
         def damping(x, k, v):
             return own_damping(x, k, v) + cross_damping(x, k, v)
 
-    outside = [external.outside(node) if flexible else mechanics.held_force for node in range(3)]
+    outside = [_outside(s, node) for node in range(3)]
     found = {name: lift.each(f, 1) for name, f in zip(("push_start", "push_middle", "push_end"), outside, strict=True)}
     found |= {
         "bristles": lift.each(mechanics.bristles if sticking else piece(lambda x, k: 0.0), 0),
@@ -84,6 +89,14 @@ def _forces(s: Structure, lift: Lifts) -> dict[str, Callable]:
         "store_bristles": lift.each(mechanics.store_bristles, 1),
     }
     return found | {"force": force, "damping": damping}
+
+
+def _outside(s: Structure, node: int) -> Callable:
+    """A piece for the acceleration by forces from outside at node 0, 1 or 2 of a step."""
+    if not s.flexible:
+        return mechanics.held_force
+    outside, shaken = external.outside(node), vibration.shaken(node)
+    return piece(lambda x, k, force: outside(x, k, force) + shaken(x, k)) if s.further else outside
 
 
 def _currents(s: Structure, lift: Lifts) -> dict[str, Callable]:
@@ -185,5 +198,11 @@ def _probe(s: Structure, lift: Lifts) -> dict[str, Callable]:
         "z2_by_mount": lift.each(sensor.by_mount(sensor.MOUNT_SEEN + row), 2),
         "store_reading": lift.each(sensor.store_reading(s.sensor_poles), 2),
         "store_mount": lift.each(sensor.store_mount, 2),
-        "turn_pointers": lift.each(sensor.turn_pointers, 0),
+        "turn_pointers": lift.each(_turn_all if s.further else sensor.turn_pointers, 0),
     }
+
+
+@piece
+def _turn_all(x, k):
+    """Turn the pointers of all tones to the end of the step."""
+    return sensor.turn_pointers(x, k) + uneven_gain.turn_wave(x, k) + vibration.turn_shake(x, k)

@@ -24,6 +24,7 @@ from maglev_env.loop.controller import (
     limited_output,
     pid,
 )
+from maglev_env.loop.further import command_path, probe_play
 from maglev_env.loop.mechanics import Y
 from maglev_env.loop.self_sensing_pieces import note_error
 from maglev_env.loop.sensor import DRAWN, NOISE, PEAK_SQ, SEEN, Z1, cross_seen, tone
@@ -57,13 +58,15 @@ def read_pieces(s: Structure) -> tuple[Callable, Callable, Callable]:
     """
     own, current_at = Z1 if s.sensed else sensor.seen(s.sensor_poles), (POSITION + (s.sensed is not None)) * W
     row, toned, planar, sensing = SEEN if s.coupled else own, s.flexible and not s.sensed, s.axes == 2, bool(s.sensed)
-    coil = amplifier.coil(s.actuator_poles, s.delayed, s.flexible)
+    coil, played = amplifier.coil(s.actuator_poles, s.delayed, s.flexible), s.further and not s.sensed
     order, of_error = s.controller_order, s.of_error
     depends = s.actuator_poles == 0 or s.flexible  # whether the recorded current depends on the command after the delay
 
     @piece
     def note_reading(x, k, tile, o, off):
         sensed = x[k + row] + tone(x, k) if toned else x[k + row]
+        if played:
+            sensed = probe_play.played(x, k, sensed)
         now = sensor.shown(x, k, sensed + x[k + NOISE] * x[k + DRAWN])
         tile[o] = now
         if not planar:
@@ -134,15 +137,26 @@ def mix_piece(s: Structure) -> Callable:
 
 
 @piece
-def delay(x, b, history, h, mask, now):
-    """Store the command in the history of the axis at h, and read the command that acts and the one before it."""
-    kept = h + (now & mask) * W
+def store_commands(x, b, history, kept):
+    """Write the commands of the axis at b into the history."""
     for i in range(W):
         history[kept + i] = x[b + i + U]
-    for i in range(W):
-        behind = now - np.int64(x[b + i + DELAY_STEPS])
-        x[b + i + ACTING] = history[h + (behind & mask) * W + i]
-        x[b + i + U_OLD] = history[h + ((behind - 1) & mask) * W + i]
+
+
+def delay_piece(s: Structure) -> Callable:
+    """delay(x, b, history, h, mask, now): stores the command in the history of the axis at h, and reads the command
+    that acts and the one before it."""
+    store = command_path.store_passed if s.further else store_commands
+
+    @piece
+    def delay(x, b, history, h, mask, now):
+        store(x, b, history, h + (now & mask) * W)
+        for i in range(W):
+            behind = now - np.int64(x[b + i + DELAY_STEPS])
+            x[b + i + ACTING] = history[h + (behind & mask) * W + i]
+            x[b + i + U_OLD] = history[h + ((behind - 1) & mask) * W + i]
+
+    return delay
 
 
 @piece

@@ -30,6 +30,7 @@ class Structure:
         flexible: whether the kernel has all other effects at once, including two poles in each chain and a delay. A
             lane without one of them has neutral constants.
         sticking: whether their friction sticks.
+        further: whether the flexible kernel also has the effects of `loop.further`, all at once.
     """
 
     magnets: str
@@ -47,6 +48,7 @@ class Structure:
     steeper: bool = False
     flexible: bool = False
     sticking: bool = False
+    further: bool = False
 
     @property
     def channels(self) -> tuple[str, ...]:

@@ -71,7 +71,7 @@ def loop_response(experiment: Experiment, frequency: np.ndarray) -> LoopResponse
     a, b_force, b_old, b_new = _discrete(experiment, m)
     n, (whole, fraction) = len(a), split_delay(experiment.effects, dt)
     from_states = _resolvent(a, np.concatenate([c, current[:, :n]]), z)
-    late = z[:, None, None] ** float(-whole)
+    late = z[:, None, None] ** float(-whole) * repeated(effect_value(experiment.effects, "dropped_samples"), z)
     from_command = late * (from_states @ b_new + (from_states @ b_old) / z[:, None, None])
     plant, amplifier = from_command[:, :axes], from_command[:, axes:]
     # Without an amplifier pole the current jumps with the command: at a sample it has its new value only if the delay
@@ -86,6 +86,16 @@ def loop_response(experiment: Experiment, frequency: np.ndarray) -> LoopResponse
         controller, plant, receptance, -controller @ receptance, loop, sensitivity, amplifier, referred, injected
     )  # fmt: skip
     return LoopResponse(np.asarray(frequency), *(m[:, 0, 0] if axes == 1 else m for m in found))
+
+
+def repeated(lost: float, z: np.ndarray) -> np.ndarray:
+    """Expected response (n, 1, 1) at z (n,) from the command to what acts; the last one replaces those that are lost.
+
+    Args:
+        lost: probability with which a command is lost.
+        z: e^(j w dt).
+    """
+    return ((1 - lost) / (1 - lost / z))[:, None, None]
 
 
 def closed_loop_poles(experiment: Experiment, plant: tuple[np.ndarray, ...] | None = None) -> np.ndarray:
@@ -134,6 +144,7 @@ def closed_loop(
     dt = 1 / experiment.rig.control_rate
     a, b_force, b_old, b_new, c, current = plant or discrete_plant(experiment)
     delay, _ = split_delay(experiment.effects, dt)
+    lost = effect_value(experiment.effects, "dropped_samples")
     n, axes = len(a), len(c)
     controllers = [realised(of_axis(experiment.gains, axis), dt) for axis in range(axes)]
     # States: plant, controllers, then the last delay + 1 commands of every axis, newest first.
@@ -150,6 +161,8 @@ def closed_loop(
         command[axis, own], command[axis, :n] = kc, kd[1:] @ read
         first = own.stop
     stored = np.eye(size)[held:]
+    if lost:  # the expected command: in its place the one before it may act again
+        command = (1 - lost) * command + lost * stored[:axes]
     commands = np.concatenate([command, stored])  # now, one sample ago, ...
     m[:n] += b_new @ commands[delay * axes : (delay + 1) * axes] + b_old @ commands[(delay + 1) * axes :][:axes]
     m[held:] = commands[: (delay + 1) * axes]

@@ -7,6 +7,7 @@ from typing import Protocol
 
 from maglev_env.loop import actuator, amplifier, controller, external, mechanics, sensor
 from maglev_env.loop.card import SLOWEST, EffectCard, Need, Scales
+from maglev_env.loop.further import blocks as further
 
 BLOCKS = ("sensor", "controller", "amplifier", "actuator", "mechanics", "external")
 # Descriptions, for messages, of what a rig must have so that an effect has a meaning.
@@ -42,7 +43,13 @@ def _registry(*blocks: Mapping[str, EffectCard]) -> dict[str, EffectCard]:
 
 
 EFFECTS: Mapping[str, EffectCard] = _registry(
-    controller.EFFECTS, amplifier.EFFECTS, actuator.EFFECTS, sensor.EFFECTS, mechanics.EFFECTS, external.EFFECTS
+    controller.EFFECTS,
+    amplifier.EFFECTS,
+    actuator.EFFECTS,
+    sensor.EFFECTS,
+    mechanics.EFFECTS,
+    external.EFFECTS,
+    *(block.EFFECTS for block in further.BLOCKS),
 )
 
 Effects = Mapping[str, Mapping[str, float]]

@@ -8,7 +8,7 @@ from math import inf
 ALIKE: dict[str, tuple[tuple[frozenset[str], float], ...]] = {
     # All lags of the loop add up to one lag from command to reading.
     "displacement": (
-        (frozenset({"delay", "amplifier_lag", "sensor_lag", "eddy_current"}), inf),
+        (frozenset({"delay", "amplifier_lag", "sensor_lag", "eddy_current", "dropped_samples"}), inf),
         (frozenset({"actuator_gain", "sensor_gain"}), inf),
         (frozenset({"sensor_resonance", "support_resonance"}), inf),
     ),

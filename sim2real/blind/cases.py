@@ -128,7 +128,9 @@ def _case(folder: Path, label: Mapping[str, Any]) -> Case:
     speeds = frozenset(float(r.get("speed_rpm", 0.0)) for r in toml["recording"])
     size = min(label["sizes"], default=None)
     effects = frozenset(label["effects"])
-    return Case(label["id"], label["kind"], label["rig"], label["channels"], effects, size, speeds, label)
+    # An effect that was in no library when the set was made, and is in this one, can be named.
+    kind = "single" if label["kind"] == "unknown" and effects <= EFFECTS.keys() else label["kind"]
+    return Case(label["id"], kind, label["rig"], label["channels"], effects, size, speeds, label)
 
 
 def read_answer(path: Path, seal: str) -> Answer:

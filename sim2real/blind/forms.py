@@ -6,7 +6,7 @@ an eddy corner is where the half-order asymptote reaches one.
 """
 
 from collections.abc import Mapping
-from math import pi, sqrt
+from math import log, pi, sqrt
 from typing import Literal
 
 import numpy as np
@@ -24,6 +24,10 @@ PLAYS = {
     "development": (np.array([0.4, 1.0, 1.6]), np.array([0.3, 0.4, 0.3])),
 }
 SQUARE_SHARE, SQUARE_SPEED = 0.1, 5e-3  # share of the damping that is quadratic, and the speed at which it is, m/s
+BEND = 0.01  # current over which the halves of an asymmetric gain pass into each other, A
+REACH = 2e-5  # distance over which a hardening spring grows faster than with the cube, m
+HERTZ = 1.5  # exponent of a soft stop by Hertz
+BURST = 0.3  # probability that a dropped sample is followed by another one, beyond chance
 STATIC_OVER_COULOMB = {"sealed": 1.2, "development": 1.3}
 
 
@@ -182,10 +186,34 @@ def _support_resonance(e: Mapping, p: Mapping, m: Machine, sealed: bool) -> dict
 
 
 def _asymmetric_gain(e: Mapping, p: Mapping, m: Machine, sealed: bool) -> dict:
-    return {
-        "curve_at": np.array([-1.0, 0.0, 1.0]),
-        "curve_to": np.array([-1.0 + e["change"], 0.0, 1.0 + e["change"]]),
-    }
+    if not sealed:
+        return {
+            "curve_at": np.array([-1.0, 0.0, 1.0]),
+            "curve_to": np.array([-1.0 + e["change"], 0.0, 1.0 + e["change"]]),
+        }
+    at = BEND * np.sinh(np.linspace(-6.0, 6.0, 25) * log(20.0) / 3.0)  # closer together about the bend
+    return {"curve_at": at, "curve_to": at + e["change"] * (np.hypot(at, BEND) - BEND)}
+
+
+def _deadband(e: Mapping, p: Mapping, m: Machine, sealed: bool) -> dict:
+    return {"deadband": e["half_width"], "deadband_kind": kinds.ROUND if sealed else kinds.SHARP}
+
+
+def _gain_drift(e: Mapping, p: Mapping, m: Machine, sealed: bool) -> dict:
+    return {"drift": e["change"], "drift_kind": kinds.WARMING if sealed else kinds.STEADY}
+
+
+def _cubic_spring(e: Mapping, p: Mapping, m: Machine, sealed: bool) -> dict:
+    return {"spring_cubic": e["coefficient"], "spring_reach": REACH if sealed else np.inf}
+
+
+def _soft_stop(e: Mapping, p: Mapping, m: Machine, sealed: bool) -> dict:
+    power = HERTZ if sealed else 1.0
+    return {"stop_at": e["distance"], "stop_stiffness": e["stiffness"], "stop_power": power}
+
+
+def _probe_backlash(e: Mapping, p: Mapping, m: Machine, sealed: bool) -> dict:
+    return {"plays": e["half_width"] * (np.array([0.6, 1.0, 1.4]) if sealed else np.ones(1))}
 
 
 _FORMS = {
@@ -202,14 +230,16 @@ _FORMS = {
     "damping": _damping,
     "friction": _friction,
     "support_resonance": _support_resonance,
-    "deadband": lambda e, p, m, sealed: {"deadband": e["half_width"]},
-    "gain_drift": lambda e, p, m, sealed: {"drift": e["change"]},
+    "deadband": _deadband,
+    "gain_drift": _gain_drift,
     "actuator_offset": lambda e, p, m, sealed: {
         "curve_at": np.array([-1.0, 1.0]),
         "curve_to": e["current"] + np.array([-1.0, 1.0]),
     },
     "asymmetric_gain": _asymmetric_gain,
-    "cubic_spring": lambda e, p, m, sealed: {"spring_cubic": e["coefficient"]},
+    "cubic_spring": _cubic_spring,
+    "soft_stop": _soft_stop,
     "quadratic_probe": lambda e, p, m, sealed: {"probe_square": e["coefficient"]},
-    "probe_backlash": lambda e, p, m, sealed: {"backlash": e["half_width"]},
+    "cubic_probe": lambda e, p, m, sealed: {"probe_cube": e["coefficient"]},
+    "probe_backlash": _probe_backlash,
 }

@@ -11,6 +11,8 @@ SOFT, HARD = 1, 2
 LUGRE, STRIBECK = 1, 2
 PLATE, PLATE_ON_BASE = 1, 2
 DECAYING, FARTHER = 1, 2
+ROUND, SHARP = 1, 2
+WARMING, STEADY = 1, 2
 
 
 class Machine(NamedTuple):
@@ -59,6 +61,7 @@ class Machine(NamedTuple):
     offset: float = 0.0
     drag_square: float = 0.0
     spring_cubic: float = 0.0
+    spring_reach: float = np.inf  # distance over which the cubic spring grows faster than with the cube, m
     friction_kind: int = 0
     coulomb: float = 0.0
     static: float = 0.0
@@ -72,8 +75,14 @@ class Machine(NamedTuple):
     body_rate: float = 0.0
     body_damping: float = 0.0
     deadband: float = 0.0
+    deadband_kind: int = ROUND
     curve_at: np.ndarray = NONE  # currents (A) at which a static curve of the current that pulls is known
     curve_to: np.ndarray = NONE  # the current (A) that pulls there; linear between and beyond
     drift: float = 0.0  # of the actuator gain, over the whole recording
+    drift_kind: int = STEADY
     probe_square: float = 0.0
-    backlash: float = 0.0
+    probe_cube: float = 0.0
+    plays: np.ndarray = NONE  # half widths of play operators in the probe, m, which share its reading equally
+    stop_at: float = np.inf  # distance of a soft stop, m; stop_stiffness: N/m, stop_power: exponent of the indentation
+    stop_stiffness: float = 0.0
+    stop_power: float = 1.0

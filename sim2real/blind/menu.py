@@ -105,17 +105,19 @@ EFFECTS: Mapping[str, Kind] = {
     ),
     "support_resonance": Kind("mechanics", "mass_ratio", 0.0015, 0.6, others=_mode),
     "unbalance": Kind("external", "moment", 1e-8, 3e-6, others=_tone),
+    "deadband": Kind("controller", "half_width", 1e-4, 0.1),
+    "dropped_samples": Kind("controller", "probability", 0.01, 0.4),
+    "asymmetric_gain": Kind("actuator", "change", 2.5e-3, 0.5, low=-0.5),
+    "gain_drift": Kind("actuator", "change", 0.02, 0.4, low=-0.4),
+    "cubic_spring": Kind("mechanics", "coefficient", 1e11, 1e15),
+    "soft_stop": Kind("mechanics", "stiffness", 300.0, 1e6, others=lambda rng: {"distance": _log(rng, 5e-6, 1.2e-5)}),
+    "probe_backlash": Kind("sensor", "half_width", 1.5e-8, 6e-6),
+    "foreign_vibration": Kind("external", "force", 1e-3, 0.3, others=_foreign),
 }
 # Effects that the vocabulary of the diagnosis does not contain.
 UNKNOWN: Mapping[str, Kind] = {
-    "deadband": Kind("controller", "half_width", 1e-4, 0.1),
-    "gain_drift": Kind("actuator", "change", 0.02, 0.4, low=-0.4),
-    "foreign_vibration": Kind("external", "force", 1e-3, 0.3, others=_foreign),
-    "asymmetric_gain": Kind("actuator", "change", 2.5e-3, 0.5, low=-0.5),
-    "dropped_samples": Kind("controller", "probability", 0.01, 0.4),
-    "cubic_spring": Kind("mechanics", "coefficient", 1e11, 1e15),
     "quadratic_probe": Kind("sensor", "coefficient", 120.0, 1.5e4, low=-1.5e4),
-    "probe_backlash": Kind("sensor", "half_width", 1.5e-8, 6e-6),
+    "cubic_probe": Kind("sensor", "coefficient", 1e7, 3e9),
 }
 KINDS = {**EFFECTS, **UNKNOWN}
 SPINNING = ("runout", "unbalance")

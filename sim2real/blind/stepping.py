@@ -3,7 +3,7 @@
 import numba as nb
 import numpy as np
 
-from sim2real.blind.machine import ARCTAN, DECAYING, LUGRE, PLATE, SOFT
+from sim2real.blind.machine import ARCTAN, DECAYING, LUGRE, PLATE, ROUND, SOFT, WARMING
 
 OK, TOUCHDOWN, CLIPPED = 0, 1, 2
 # Indices of the mechanical states; a plain rotor has the first two.
@@ -14,6 +14,7 @@ BASE_RATIO, BASE_DAMPING = (
 )  # of the base below the probe's plate: frequency relative to the plate's, damping ratio
 TANH_SPEED = 2e-4  # speed over which friction without bristles changes its sign, m/s
 LIMIT_SHARPNESS = 6.0
+WARM = 2.0  # time constants of the warming in a recording
 
 
 @nb.njit(cache=True, inline="always")
@@ -53,11 +54,36 @@ def _pull(m, y, i):
 
 
 @nb.njit(cache=True, inline="always")
+def _springs(m, y):
+    """Force (N) of the support's springs: straight, hardening, and a soft stop."""
+    push = m.spring * y
+    if m.spring_cubic != 0.0:
+        if m.spring_reach == np.inf:
+            push += m.spring_cubic * y * y * y
+        else:
+            x = y / m.spring_reach
+            push += 6.0 * m.spring_cubic * m.spring_reach**3 * (np.sinh(x) - x)
+    into = abs(y) - m.stop_at
+    if into > 0.0:
+        # The exponent leaves the force at an indentation of a micrometre as it is.
+        push += np.sign(y) * m.stop_stiffness * 1e-6 * (into / 1e-6) ** m.stop_power
+    return push
+
+
+@nb.njit(cache=True, inline="always")
+def _deadened(m, u):
+    """The command (A) that is left of u behind the dead band."""
+    if m.deadband_kind == ROUND:
+        return u - m.deadband * np.tanh(u / m.deadband)
+    return np.sign(u) * max(abs(u) - m.deadband, 0.0)
+
+
+@nb.njit(cache=True, inline="always")
 def _slopes(m, s, i, outside, full, d):
     """Time derivatives d of the mechanical states s, under the current i (A) and the external force (N)."""
     y, v = s[0], s[1]
     bearing = _pull(m, y + m.offset, i)
-    bearing -= (m.spring + m.spring_cubic * y * y) * y + (m.damper + m.drag_square * abs(v)) * v
+    bearing -= _springs(m, y) + (m.damper + m.drag_square * abs(v)) * v
     d[0] = v
     if not full:
         d[1] = (bearing + outside) / m.mass
@@ -164,16 +190,20 @@ def step_record(m, gains, force, injection, reference, noise, misread, push, hel
     lagged, sensed_late = np.zeros(poles.size), np.zeros(senses.size)
     eddy, stops = np.zeros(m.eddy_rates.size), np.zeros(m.stops.size)
     acting = np.zeros(samples)
-    coil = sensor = shown = play = 0.0
+    coil = sensor = shown = 0.0
+    plays = np.zeros(m.plays.size)
     i_out = i_force = 0.0
     whole = int(np.floor(m.delay / h))
     part = m.delay / h - whole
     for k in range(samples):
         seen = shown + misread[k]
-        seen += m.probe_square * seen * seen
-        if m.backlash > 0.0:
-            play = min(max(play, seen - m.backlash), seen + m.backlash)
-            seen = play
+        seen += m.probe_square * seen * seen - m.probe_cube * seen * seen * seen
+        if m.plays.size:
+            followed = 0.0
+            for j in range(plays.size):
+                plays[j] = min(max(plays[j], seen - m.plays[j]), seen + m.plays[j])
+                followed += plays[j] / plays.size
+            seen = followed
         volts = m.probe * (seen + noise[k])
         if quantised:
             volts = np.round(volts / m.adc_step) * m.adc_step
@@ -190,8 +220,11 @@ def step_record(m, gains, force, injection, reference, noise, misread, push, hel
         out[0, k], out[1, k], out[2, k] = displacement, u, i_out
         acting[k] = acting[k - 1] if held[k] and k > 0 else u
         if m.deadband > 0.0 and not (held[k] and k > 0):
-            acting[k] = np.sign(u) * max(abs(u) - m.deadband, 0.0)
-        scale = 1.0 + m.drift * k / samples
+            acting[k] = _deadened(m, u)
+        past = k / samples
+        if m.drift_kind == WARMING:
+            past = (1.0 - np.exp(-WARM * past)) / (1.0 - np.exp(-WARM))
+        scale = 1.0 + m.drift * past
         f = force[k % period]
         for j in range(substeps):
             late = k * substeps + j - whole

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from sim2real.blind.excitation import Drive
-from sim2real.blind.forms import Effects, Forms, machine
+from sim2real.blind.forms import BURST, Effects, Forms, machine
 from sim2real.blind.rigs import PID, RIGS
 from sim2real.blind.stepping import OK, TOUCHDOWN, step_record
 
@@ -79,7 +79,7 @@ def simulate(
     draws = rng.standard_normal((3, samples)) if seed is not None else np.zeros((3, samples))
     misread, push = _tones(truth, samples, p["control_rate"])
     lost = truth.effects.get("dropped_samples", {}).get("probability", 0.0)
-    held = rng.random(samples) < lost
+    held = _dropped(rng.random(samples), lost, BURST if truth.forms == "sealed" else 0.0)
     out = np.empty((3, samples))
     loop = np.array([gains.kp, gains.ki, gains.kd, gains.td, gains.ti])
     waves = (drive.force, drive.injection, drive.reference, draws[0] * noise["displacement"], misread, push, held)
@@ -100,6 +100,16 @@ def twin_periods(truth: Truth, gains: PID, drive: Drive, seed: int | None, perio
     """As `simulate`, with each channel (periods, samples_per_period); the first period is the transient from rest."""
     channels = simulate(truth, gains, drive, periods, seed)
     return {name: values.reshape(periods, -1) for name, values in channels.items()}
+
+
+def _dropped(draws: np.ndarray, share: float, burst: float) -> np.ndarray:
+    """Which samples are dropped: a share of them, which come in bursts; draws are uniform numbers (samples,)."""
+    held = draws < share
+    again = share + burst * (1 - share)  # after a dropped sample; after others, so that the share is kept
+    first = share * (1 - again) / (1 - share)
+    for k in range(1, held.size if burst and share else 0):
+        held[k] = draws[k] < (again if held[k - 1] else first)
+    return held
 
 
 def _tones(truth: Truth, samples: int, rate: float) -> tuple[np.ndarray, np.ndarray]:

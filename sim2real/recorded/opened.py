@@ -23,6 +23,7 @@ from maglev_env.rig.rig import axis_rig
 from sim2real.recorded.nominal import nominal_blocks, outputs_of
 from sim2real.recorded.records import Record
 from sim2real.recorded.tones import near_tones
+from sim2real.recorded.wander import straightened
 
 # Lines on either side over which noise is pooled: WINDOW, or NARROW where the noise is steeper than STEEP.
 WINDOW, NARROW, STEEP = 7, 1, 1.8
@@ -149,10 +150,15 @@ def noise_of(record: Record, opened: Opened) -> np.ndarray:
     return np.sqrt(variance)
 
 
-def _spread(record: Record, opened: Opened, first: int = 0) -> tuple[np.ndarray, dict[str, tuple[np.ndarray, ...]]]:
-    """Variance (outputs, axes, n) of one period's residuals over the periods from `first`, and its possible shapes."""
-    periods = opened.residuals(record.periods["displacement"], record.periods.get("current"))
-    own = periods[first:].var(axis=0, ddof=1)
+def _spread(
+    record: Record, opened: Opened, first: int = 0, drifting: bool = False
+) -> tuple[np.ndarray, dict[str, tuple[np.ndarray, ...]]]:
+    """Variance (outputs, axes, n) of one period's residuals over the periods from `first`, and its possible shapes; of
+    a drifting record about a straight line over time."""
+    periods = opened.residuals(record.periods["displacement"], record.periods.get("current"))[first:]
+    own = periods.var(axis=0, ddof=1)
+    if drifting:
+        own = straightened(periods)[1].var(axis=0, ddof=2)
     return own, {
         "plant": (np.ones_like(own[0]), abs(opened.plant) ** 2, abs(opened.receptance) ** 2),
         "amplifier": (np.ones_like(own[0]), abs(opened.amplifier) ** 2),
@@ -167,8 +173,8 @@ def stated_noise(record: Record, opened: Opened) -> np.ndarray:
     return np.stack([resolution[name] + white[name] * 4 / n for name in opened.outputs])
 
 
-def loud_bands(record: Record, opened: Opened) -> list[tuple[float, float, float]]:
-    """Third octaves in which something unsynchronised is present.
+def loud_bands(record: Record, opened: Opened, drifting: bool = False) -> list[tuple[float, float, float]]:
+    """Third octaves in which something unsynchronised is present, and not merely a drift if there is one.
 
     There the reading or the current varies from period to period much more than noise of any of the shapes does. The
     shape of the current's noise is limited to about the size that the rig states.
@@ -176,8 +182,8 @@ def loud_bands(record: Record, opened: Opened) -> list[tuple[float, float, float
     Returns:
         (f_lo, f_hi, chi-square beyond its expectation) of each band, Hz.
     """
-    own, shapes = _spread(record, opened, 1 if record.dropped == 0 and record.count > 3 else 0)
-    freedom, stated = 2 * (record.count - 1), stated_noise(record, opened)
+    own, shapes = _spread(record, opened, 1 if record.dropped == 0 and record.count > 3 else 0, drifting)
+    freedom, stated = 2 * (record.count - 1 - drifting), stated_noise(record, opened)
     noise = record.nominal.noise
     thirds, found = np.floor(3 * np.log2(record.frequency)).astype(int), []
     e = record.experiment

@@ -23,6 +23,7 @@ from sim2real.recorded.open_reading import open_record
 from sim2real.recorded.open_record import OpenRecord
 from sim2real.recorded.static_evidence import Rests, rests_of
 from sim2real.recorded.tones import ON_LINE, Tone, near_tones, remove_tones
+from sim2real.recorded.wander import without_wander
 
 
 @dataclass(frozen=True)
@@ -164,11 +165,12 @@ def _record(campaign: Campaign, spec: RecordingSpec) -> Record | OpenRecord:
     first = list(measured).index("displacement") * axes
     moved = spectra[:, first : first + axes][..., np.any(list(driven.values()), axis=(0, 1))]
     dropped = transient_periods(moved.reshape(len(spectra), -1))
-    kept = spectra[dropped:]
-    periods = {kind: kept[:, i * axes : (i + 1) * axes] for i, kind in enumerate(measured)}
     whole = slice(dropped * n, whole_periods)
+    series = {kind: without_wander(values[:, whole], n) for kind, values in measured.items()}
+    split = split_periods(np.concatenate(list(series.values())), n)
+    kept = period_spectra(split.reshape(len(split) * split.shape[1], n), lines).reshape(*split.shape[:2], -1)
+    periods = {kind: kept[:, i * axes : (i + 1) * axes] for i, kind in enumerate(series)}
     waves = _waves(e, channels, driven, lines, signals.hold_rate, whole, offset)
-    series = {kind: values[:, whole] for kind, values in measured.items()}
     notes = signals.assumed + ((f"the first {dropped} period(s) carry a transient and were dropped",) * bool(dropped))
     start = dropped / e.fundamental
     return Record(

@@ -1,6 +1,6 @@
 """A slow simulator of every effect, written from the effects' equations alone, with scipy's integrator."""
 
-from math import cos, pi, sqrt
+from math import copysign, cos, pi, sin, sqrt
 from operator import mul
 
 import numpy as np
@@ -69,6 +69,12 @@ class FullAxis(Axis):
         self.speed, self.mains = 2 * pi * e.speed_rpm / 60, 2 * pi * value("pickup", "frequency")
         self.moment, self.moment_phase = value("unbalance"), value("unbalance", "phase")
         self.quarter = axis * pi / 2
+        self.asymmetry = value("asymmetric_gain")
+        self.drift = [value("gain_drift", key) for key in (None, "depth", "frequency", "phase")]
+        self.cube, self.reach, self.stop = value("cubic_spring"), value("soft_stop"), value("soft_stop", "stiffness")
+        self.shake = [value("foreign_vibration", key) for key in (None, "frequency", "phase")]
+        self.dead, self.lost, self.play = value("deadband"), value("dropped_samples"), value("probe_backlash")
+        self.passed = self.read = 0.0
         self.branch = self.first_sensor
         self.held = self.branch + len(rates)
         self.first_mount = self.held + 1
@@ -84,6 +90,27 @@ class FullAxis(Axis):
         branches = x[self.branch : self.held]
         lagging = self.direct * self.current(x, command) + sum(map(mul, self.weights, branches))
         return lagging - self.strength * self.width * x[self.held]
+
+    def uneven(self, t, current):
+        rate, depth, frequency, phase = self.drift
+        gain = 1 + rate * t + depth * sin(2 * pi * frequency * t + phase)
+        return gain * (current + self.asymmetry * abs(current))
+
+    def pushed_back(self, y):
+        beyond = abs(y) - self.reach
+        return self.cube * y**3 + (copysign(self.stop * beyond, y) if beyond > 0 else 0.0)
+
+    def behind_play(self, reading):
+        """The reading follows at a distance of the play."""
+        if abs(reading - self.read) > self.play:
+            self.read = reading - copysign(self.play, reading - self.read)
+        return self.read
+
+    def passed_on(self, command):
+        """The expected command behind the dead band, where a share of the commands is lost."""
+        left = copysign(abs(command) - self.dead, command) if abs(command) > self.dead else 0.0
+        self.passed = (1 - self.lost) * left + self.lost * self.passed
+        return self.passed
 
     def seen(self, x):
         return x[self.first + self.size - 1] if self.sensor else x[self.first] - x[self.first_mount]
@@ -101,7 +128,8 @@ class FullAxis(Axis):
     def slopes_at(self, t, x, command, force, beside):
         """Derivatives under a command, the held force and what the other axis adds to the bearing's force."""
         y, v = x[self.first], x[self.first + 1]
-        bearing = self.magnets(y + self.offset, self.pulling(x, command)) - self.stiffness * y - self.damping * v
+        bearing = self.magnets(y + self.offset, self.uneven(t, self.pulling(x, command))) - self.stiffness * y
+        bearing -= self.damping * v + self.pushed_back(y)
         bent, slope = v / sqrt(v * v + self.slip * self.slip), 0.0
         if self.presliding:
             bent = x[self.bristles]
@@ -109,6 +137,8 @@ class FullAxis(Axis):
         bearing += beside - self.extra_weight - self.rub * bent
         angle = self.speed * t - self.quarter + self.moment_phase
         outside = force + self.moment * self.speed**2 * cos(angle)
+        push, rate, phase = self.shake
+        outside += push * cos(2 * pi * rate * t + phase)
         frequency, damping, ratio = self.body
         turn, (r, rv) = 2 * pi * frequency, x[self.first_body : self.first_body + 2]
         held_back = turn**2 * r + 2 * damping * turn * rv
@@ -168,7 +198,7 @@ def simulate_effects(e: Experiment, samples: int, rtol: float = 1e-11, max_step:
 
     x = np.zeros(sum(a.size for a in axes))
     scale = np.concatenate([_scale(a) for a in axes]) * (rtol / 1e-11)
-    shown, currents, commands = (np.empty((len(axes), samples)) for _ in range(3))
+    shown, currents, commands, passed = (np.empty((len(axes), samples)) for _ in range(4))
     spans = [(0.0, fraction), (fraction, dt)] if fraction else [(0.0, dt)]
     for t in range(samples):
         n = t % e.samples_per_period
@@ -176,11 +206,12 @@ def simulate_effects(e: Experiment, samples: int, rtol: float = 1e-11, max_step:
         if len(axes) == 2:
             seen = [seen[0] + cross[0][3] * seen[1], seen[1] + cross[1][3] * seen[0]]
         for k, a in enumerate(axes):
-            shown[k, t] = a.probe * (seen[k] + a.tones(t * dt)) / a.rig.probe_gain
+            shown[k, t] = a.probe * a.behind_play(seen[k] + a.tones(t * dt)) / a.rig.probe_gain
             reference = waves["reference"][k, n] + (e.offset if k == 0 else 0.0)
             commands[k, t] = a.output(reference, shown[k, t], 0.0) + waves["current"][k, n]
-        new = commands[:, t - whole].tolist() if t >= whole else [0.0] * len(axes)
-        old = commands[:, t - whole - 1].tolist() if t >= whole + 1 else [0.0] * len(axes)
+            passed[k, t] = a.passed_on(commands[k, t])
+        new = passed[:, t - whole].tolist() if t >= whole else [0.0] * len(axes)
+        old = passed[:, t - whole - 1].tolist() if t >= whole + 1 else [0.0] * len(axes)
         currents[:, t] = [a.current(x, u) for a, u in zip(axes, old if fraction else new, strict=True)]
         for start, stop in spans:
             acting = new if start >= fraction else old

@@ -211,3 +211,34 @@ def test_where_the_best_explanation_lacks_something_others_are_less_excluded_and
     assert verdict(before) == ("explained", ("delay",)) and verdict(after) == ("unexplained", ("unknown",))
     excused = replace(sure, dispersion=Dispersion(ChiSquare(0.0, 0.0), ChiSquare(20.0, 6.0)))  # as noise may make it
     assert entries(excused) == before
+
+
+def test_tones_of_one_foreign_vibration_are_named_and_others_unknown():
+    tones = {"foreign": 400.0, "loud": 60.0}
+    one = evidence(tones=tones)
+    assert judged(one) == ("unexplained", ("unknown",))
+    shaken = {"foreign": {"foreign_vibration": 3.0}, "loud": {"foreign_vibration": 0.0}}
+    assert judged(replace(one, causes=shaken)) == ("explained", ("foreign_vibration",))
+    elsewhere = {"foreign": {"foreign_vibration": 3.0}, "loud": {"foreign_vibration": 60.0}}
+    assert judged(replace(one, tones={**tones, "loud": 4e3}, causes=elsewhere))[1] != ("foreign_vibration",)
+    both = replace(gap(5e4, delay=0.0), tones=tones, causes=shaken)
+    assert set(judged(both)[1]) == {"delay", "foreign_vibration"}
+
+
+def test_a_gain_that_drifts_is_another_one_in_the_mean_too():
+    """It is named once, and not beside the actuator gain."""
+    off = {"": 4e3, **dict.fromkeys(SINGLES, 4e3), "actuator_gain": 0.0}
+    drifts = replace(evidence(off), tones={"drift": 500.0}, causes={"drift": {"gain_drift": 2.0}})
+    assert judged(drifts) == ("explained", ("gain_drift",))
+    within = replace(evidence(), tones={"drift": 500.0}, causes={"drift": {"gain_drift": 2.0}})
+    assert judged(within) == ("explained", ("gain_drift",))
+    otherwise = replace(evidence(), tones={"drift": 500.0}, causes={"drift": {"gain_drift": 450.0}})
+    assert judged(otherwise) == ("unexplained", ("unknown",))
+
+
+def test_samples_that_are_dropped_are_loud_and_a_delay_is_not():
+    """In the mean both are the same; what scatters decides."""
+    costs = {"": 3e3, **dict.fromkeys(SINGLES, 3e3), "delay": 0.0, "dropped_samples": 0.0}
+    quiet = evidence(costs)
+    assert set(judged(quiet)[1]) == {"delay", "dropped_samples"}
+    assert judged(replace(quiet, tones={"loud": 500.0})) == ("explained", ("dropped_samples",))

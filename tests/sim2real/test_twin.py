@@ -243,7 +243,8 @@ def test_every_effect_changes_the_record_in_both_forms(rig):
         )
         assert np.abs(sealed - plain).max() > 1e-13, name
         differs = ("amplifier_lag", "sensor_lag", "hysteresis", "saturation", "damping", "friction")
-        differs += ("eddy_current", "sensor_resonance", "force_law")
+        differs += ("eddy_current", "sensor_resonance", "force_law", "deadband", "dropped_samples", "asymmetric_gain")
+        differs += ("gain_drift", "cubic_spring", "soft_stop", "probe_backlash")
         assert np.array_equal(sealed, development) == (name not in (*differs, "amplifier_voltage_limit")), name
 
 

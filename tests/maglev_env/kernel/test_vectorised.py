@@ -53,6 +53,7 @@ VARIANTS = {
     "x-y, second amplifier pole": with_effects(XY, amplifier_lag=1e-4),
     "flexible": with_effects(ONE, eddy_current=1e3),
     "sticking": replace(ONE, effects=STICKING),
+    "further": with_effects(ONE, asymmetric_gain=0.1),
     "flexible x-y, coupled": with_effects(COUPLED, eddy_current=1e3),
     "self-sensing": replace(ONE, sensor="self_sensing"),
 }

@@ -26,6 +26,7 @@ NEUTRAL = {
     **effect("force_law", 0.0),
     **effect("friction", 0.0, presliding=1e-9),
     **effect("cross_coupling", 0.0),
+    **effect("asymmetric_gain", 0.0),
 }
 FREQUENCY = np.geomspace(2.0, 2000.0, 30)
 
@@ -34,7 +35,7 @@ def given(name):
     """The effect with the first values at which a diagnosis starts; where it does not fit it, a plain value."""
     parameters = EFFECTS[name].parameters
     values = {key: p.on(RIG.scales).starts[0] for key, p in parameters.items() if p.starts}
-    return effect(name, **values) if values else effect(name, 1e-6)
+    return effect(name, **values) if values else effect(name, {"gain_drift": 0.1}.get(name, 1e-6))
 
 
 def with_effects(effects):

@@ -11,7 +11,7 @@ from sim2real import gain_choice
 from sim2real.blind import generate as generator
 
 KINDS = ("none", "single", "single", "pair", "unknown", "none")
-EFFECTS = ((), ("delay",), ("mass",), ("delay", "damping"), ("deadband",), ())
+EFFECTS = ((), ("delay",), ("mass",), ("delay", "damping"), ("quadratic_probe",), ())
 
 
 class Said:
@@ -75,7 +75,7 @@ def test_a_set_is_generated_answered_and_opened(tmp_path, by_hand):
     assert data["failed"] == 1 and data["cases"][5]["error"] == "RuntimeError: broke | here"
     assert data["by"]["channels"].keys() == {"full", "displacement"} and data["set"]["seed"] == 3
     page, markdown = (out / "blind.html").read_text(), docs.read_text()
-    for shown in (digest, data["version"], data["answers_sha256"], "[deadband]", "Effects that look alike"):
+    for shown in (digest, data["version"], data["answers_sha256"], "[quadratic_probe]", "Effects that look alike"):
         assert shown in page and shown in markdown
     assert "(blind.png)" in markdown and (tmp_path / "blind.png").read_bytes().startswith(b"\x89PNG")
     assert all(line.count("|") >= 3 for line in markdown.splitlines() if line.startswith("|"))

@@ -1,0 +1,54 @@
+"""Springs that are not straight lines: a hardening one, and a soft stop that is met before the clearance."""
+
+from collections.abc import Mapping
+from math import inf
+
+import numpy as np
+
+from maglev_env.loop.card import EffectCard, Parameter
+from maglev_env.loop.further import uneven_gain
+from maglev_env.loop.mechanics import PER_MASS
+from maglev_env.loop.system import Values
+from maglev_lanes.layout import LaneRows, rows_after
+from maglev_lanes.pieces import piece
+
+EFFECTS: Mapping[str, EffectCard] = {
+    "cubic_spring": EffectCard(
+        "mechanics",
+        {"coefficient": Parameter("N/m^3", 1.0, 1e20, absent=0.0, starts=tuple(np.geomspace(1e15, 1e6, 10)))},
+        "a spring whose force grows with the cube of the displacement (Duffing): flexures and membranes harden",
+        "force and displacement at two amplitudes or static offsets",
+        flexible=True,
+        linear=False,
+        form_share=0.05,
+    ),
+    "soft_stop": EffectCard(
+        "mechanics",
+        {
+            "distance": Parameter("m", 1e-9, 0.1, absent=inf, starts=(3e-6, 1e-5, 3e-5, 3e-4, 3e-3)),
+            "stiffness": Parameter("N/m", 1e-3, 1e12, 1e5, starts=(1e3, 1e5)),
+        },
+        "beyond this distance from the centre a spring pushes back: a bumper, a seal, a cable",
+        "force and displacement at two amplitudes or static offsets",
+        flexible=True,
+        linear=False,
+        form_share=0.1,
+    ),
+}
+
+# Rows of a lane. CUBE: acceleration per m^3. REACH: distance of the stop, m; STOP: acceleration per m beyond it.
+CUBE, REACH, STOP, END = rows_after(uneven_gain.END, "CUBE REACH STOP")
+
+
+def fill(x: LaneRows, values: Values, h: np.ndarray, axis: int) -> None:
+    """Write the constants; the mechanics' rows must have been written."""
+    x[CUBE] = values.effect("cubic_spring") * x[PER_MASS]
+    x[REACH], x[STOP] = values.effect("soft_stop"), values.effect("soft_stop", "stiffness") * x[PER_MASS]
+
+
+@piece
+def pushed_back(x, k, y):
+    """Deceleration by the springs at the displacement y."""
+    reach = x[k + REACH]
+    beyond = max(y - reach, 0.0) + min(y + reach, 0.0)
+    return x[k + CUBE] * (y * y * y) + x[k + STOP] * beyond
