@@ -10,10 +10,12 @@ from sim2real.fitting import Fit, begin, differentiate, iterate, share_calibrati
 from sim2real.hypotheses import Hypothesis, coordinates_of, single_effects, starts
 from sim2real.problem import Problem
 from sim2real.screening import Start, extended, kept, screened
+from sim2real.shaping import shaped
 from sim2real.simulated import DITHERED, MAY_BE_DITHERED, tolerances
 
 FIRST, ITERATIONS = 3, 20  # steps of a fit from every start that is followed; further steps of the better one
 SEEDS, PAIRS = 4, 8  # per round: best single effects to which a second one is added, and pairs that are fitted
+SHAPED, SHAPED_PAIRS = 4, 2  # best single effects and pairs that are tried in other forms
 SPARE = 30  # other starts of an effect that are tried when one makes the rotor touch down
 BLURRED, BLURRED_SHARE = 4, 0.5  # best fits that are repeated with sensor noise, and share of the gap they may leave
 SWAPPED = 2  # best pairs of which either effect is tried with others
@@ -41,8 +43,11 @@ class Candidate:
 
     @property
     def predictive(self) -> float:
-        """Expected cost of further records of this kind: fitted cost plus twice the free parameters (Akaike 1974)."""
-        return self.fit.cost + 2.0 * len(self.fit.hypothesis.coordinates)
+        """Expected cost of further records of this kind: fitted cost plus twice the free parameters (Akaike 1974).
+
+        Forms of effects have priors; their freedom costs as by Laplace's method.
+        """
+        return self.fit.cost + 2.0 * len(self.fit.hypothesis.coordinates) + self.fit.occam
 
 
 @dataclass(frozen=True)
@@ -101,8 +106,11 @@ def attribute(problem: Problem, progress: Progress = lambda text: None) -> Attri
     pairs: list[Fit] = []
     least = min((f.cost for f in singles), default=np.inf)
     if not calibration[0].cost - least < NO_GAP:
+        progress("forms of effects")
+        singles = shaped(problem, calibration[0].cost, singles, SHAPED)
         progress("pairs of effects")
         pairs, singles = _pairs(problem, singles)
+        pairs = shaped(problem, calibration[0].cost, pairs, SHAPED_PAIRS)
     fits = _blurred(problem, [*calibration, *singles, *pairs])
     standing = [f for f in fits if np.isfinite(f.cost)]
     if not standing:
@@ -190,7 +198,7 @@ def _pairs(problem: Problem, singles: Sequence[Fit]) -> tuple[list[Fit], list[Fi
     found += _round(problem, singles, _halves(problem, found), {frozenset(f.hypothesis.effects) for f in found})
     again = _halves(problem, found)
     iterate(again, problem.data, problem.simulate, ITERATIONS)
-    best = {f.hypothesis.effects: f for f in sorted([*again, *singles], key=lambda f: -f.cost)}
+    best = {f.hypothesis.effects: f for f in sorted([*again, *singles], key=lambda f: -f.cost - f.occam)}
     return found, [best[f.hypothesis.effects] for f in singles]
 
 

@@ -257,6 +257,10 @@ def _parameters(candidate: Candidate) -> Mapping[str, dict[str, float]]:
         value = c.value(float(fit.u[i]))
         found[f"{c.effect}.{c.parameter}"] = {"value": value, "se": _se(c, value, float(sd[i]))}
     for i, name in enumerate(fit.hypothesis.calibrated, len(fit.hypothesis.coordinates)):
+        if shape := fit.hypothesis.shapes.get(name):
+            if (value := shape.value(at := float(fit.u[i]))) != shape.parameter.default:
+                found[name] = {"value": value, "se": float(sd[i]) * shape.change(at)}
+            continue
         sigma = fit.hypothesis.sigma(name)
         found[f"{name} (relative)"] = {"value": float(fit.u[i]) * sigma, "se": float(sd[i]) * sigma}
     return found

@@ -30,6 +30,7 @@ class Structure:
         flexible: whether the kernel has all other effects at once, including two poles in each chain and a delay. A
             lane without one of them has neutral constants.
         sticking: whether their friction sticks.
+        shaped: whether effects have other forms than the plain ones (see `loop.effect.shaped`).
     """
 
     magnets: str
@@ -47,6 +48,7 @@ class Structure:
     steeper: bool = False
     flexible: bool = False
     sticking: bool = False
+    shaped: bool = False
 
     @property
     def channels(self) -> tuple[str, ...]:
