@@ -7,7 +7,7 @@ import numpy as np
 
 from maglev_env.loop.effect import EFFECTS
 from sim2real.fitting import Fit, begin, differentiate, iterate, share_calibrations
-from sim2real.hypotheses import Hypothesis, coordinates_of, single_effects, starts
+from sim2real.hypotheses import Hypothesis, coordinates_of, single_effects, starts, starts_elsewhere
 from sim2real.problem import Problem
 from sim2real.screening import Start, extended, kept, screened
 from sim2real.shaping import shaped
@@ -156,6 +156,7 @@ def _singles(problem: Problem, seeds: Sequence[Fit], names: Sequence[str]) -> li
             for h in map(seed.hypothesis.instead, names)
             for start in starts(h.effects[0], h.scales)
         ]
+        jobs += [(seed, h, u) for name in names for h, u in starts_elsewhere(seed.hypothesis, name)]
         ranked = screened(problem, jobs)
         fits += _begun(problem, kept(ranked), ranked)
     iterate(fits, problem.data, problem.simulate, FIRST)

@@ -1,7 +1,7 @@
 """Hypotheses: which effects may explain a gap, which of their parameters are fitted, and where a fit starts."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from math import exp, inf, isinf, log
 
@@ -90,7 +90,8 @@ class Shape:
             low, high = (log(edge / middle) / p.shape if edge > 0 else -inf for edge in (p.low, p.high))
         else:
             low, high = ((edge - middle) / p.shape for edge in (p.low, p.high))
-        return float(np.clip(u, max(low, -MOST_SHAPE), min(high, MOST_SHAPE)))
+        most = inf if isinf(p.default) else MOST_SHAPE
+        return float(np.clip(u, max(low, -most), min(high, most)))
 
     def change(self, u: float) -> float:
         """Change of the value per unit of u."""
@@ -232,3 +233,19 @@ def starts(name: str, scales: Scales = SMALL_ROTOR) -> list[np.ndarray]:
     grid = np.meshgrid(*(p.on(scales).starts for p in EFFECTS[name].plain.values()), indexing="ij")
     points = np.stack([g.ravel() for g in grid], axis=1)
     return [np.array([c.at(float(v)) for c, v in zip(own, row, strict=True)]) for row in points]
+
+
+def starts_elsewhere(hypothesis: Hypothesis, name: str) -> list[tuple[Hypothesis, np.ndarray]]:
+    """Starts of one effect alone at the other places where it may sit, as forms with an infinite default.
+
+    There its plain parameters are at their upper bounds, where they change nothing.
+    """
+    found = []
+    free = replace(hypothesis.instead(name), shaped=(name,))
+    for shape in shapes_of(name, hypothesis.scales):
+        for value in shape.parameter.starts:
+            u = np.zeros(free.size)
+            u[: len(free.coordinates)] = [c.at(c.high) for c in free.coordinates]
+            u[len(free.coordinates) + free.calibrated.index(shape.name)] = 1 / (value * shape.parameter.shape)
+            found.append((free, u))
+    return found

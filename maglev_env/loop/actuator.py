@@ -69,8 +69,8 @@ EFFECTS: Mapping[str, EffectCard] = {
         {
             "field": Parameter("T", 0.1, 100.0, absent=inf, starts=(0.7, 1.0, 1.5, 2.2)),
             "sharpness": Parameter("", 1.0, 40.0, 4.0, shape=0.8),
-            "current": Parameter("A", 1e-3, 1e4, inf, absent=inf, shape=2.0),
-            "command": Parameter("A", 1e-3, 1e4, inf, absent=inf, shape=2.0),
+            "current": Parameter("A", 1e-3, 1e4, inf, absent=inf, shape=2.0, starts=(0.1, 0.3, 1.0)),
+            "command": Parameter("A", 1e-3, 1e4, inf, absent=inf, shape=2.0, starts=(0.1, 0.3, 1.0)),
         },
         "the iron saturates: B of each gap becomes B / (1 + |B / B_s|^sharpness)^(1 / sharpness); with current or "
         "command, so does the current that pulls, or the command",

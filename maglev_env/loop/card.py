@@ -56,7 +56,8 @@ class Parameter:
         shape: the parameter is a coordinate of the effect's form: real effects differ in it, and the default is the
             plain formula. A fit frees it only where the plain formula leaves something, with this prior standard
             deviation: of its logarithm; with a default of 0 or a scale, of the value; with an infinite default, of its
-            reciprocal. None: not a coordinate of the form.
+            reciprocal, and a fit of the effect may also begin at its starts, with all else at the upper bounds. None: not
+            a coordinate of the form.
         centre: value at which the prior of a form is centred, where that is not the default.
     """
 

@@ -437,7 +437,7 @@ def make(folder: Path, seed: int, effect: str, form: str) -> None:
     preset = replace(preset, protocol=replace(preset.protocol, excitations=parts))
     plan = diagnosis_campaign(preset, preset.gains, NO_EFFECTS, seed)
     chosen = [row for row in plan if row.name in ("base", "half", "holdout")]
-    rows = [(r.name, r.role, replace(r.experiment, periods=4)) for r in chosen]
+    rows = [(r.name, r.role, replace(r.experiment, periods=4, transient_periods=4)) for r in chosen]
     off = {k: getattr(nominal, k) * (1 + sd * rng.standard_normal()) for k, sd in TOLERANCE.items()}
     true = nominal._replace(**off)
     wanted = _log(rng, 3.0, 100.0)
