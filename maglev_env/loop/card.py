@@ -56,8 +56,8 @@ class Parameter:
         shape: the parameter is a coordinate of the effect's form: real effects differ in it, and the default is the
             plain formula. A fit frees it only where the plain formula leaves something, with this prior standard
             deviation: of its logarithm; with a default of 0 or a scale, of the value; with an infinite default, of its
-            reciprocal, and a fit of the effect may also begin at its starts, with all else at the upper bounds. None: not
-            a coordinate of the form.
+            reciprocal, and a fit of the effect may also begin at its starts, with all else at the upper bounds. None:
+            not a coordinate of the form.
         centre: value at which the prior of a form is centred, where that is not the default.
     """
 
@@ -80,9 +80,8 @@ class Parameter:
         scale = None if self.scale is None else self.scale * unit
         starts = tuple(start * unit for start in self.starts)
         shape = None if self.shape is None else self.shape * unit
-        return replace(
-            self, low=self.low * unit, high=self.high * unit, scale=scale, starts=starts, shape=shape, per=""
-        )
+        low, high = (edge * unit if edge else 0.0 for edge in (self.low, self.high))  # a unit may be infinite
+        return replace(self, low=low, high=high, scale=scale, starts=starts, shape=shape, per="")
 
     @property
     def bounds(self) -> str:

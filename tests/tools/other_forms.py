@@ -388,25 +388,37 @@ def ran(plant: Plant, poles: tuple | None, e, noisy: np.random.Generator | None)
     return out if good and np.isfinite(out).all() else None
 
 
-def times(made: Made, nominal: np.ndarray, e) -> float:
-    """Size of an effect on a recording as a multiple of what is detected; inf where the rotor touches."""
-    run = ran(*made, e, None)
-    if run is None:
-        return np.inf
-    change = (run - nominal)[:, -e.periods * e.samples_per_period :]
-    spectra = np.fft.rfft(change)[:, : 500 * e.periods] / change.shape[1]
-    sd = np.array([NOISE, 1e9, CURRENT_NOISE]) / np.sqrt(change.shape[1])
-    sd[0] = np.hypot(sd[0], FORCE_NOISE / np.sqrt(change.shape[1]) * 1e-5)
-    return float(np.sqrt(2 * np.sum(abs(spectra / sd[:, None]) ** 2) / ONE))
+class Scale:
+    """Sizes of effects on a recording, in units of what is detected beyond what calibration explains."""
+
+    def __init__(self, plain: Plant, e) -> None:
+        self.e, self.rest = e, ran(plain, None, e, None)
+        moved = (plain._replace(**{k: getattr(plain, k) * (1 + sd)}) for k, sd in TOLERANCE.items())
+        self.columns = np.stack([self.seen(ran(one, None, e, None)) for one in moved], axis=1)
+
+    def seen(self, run: np.ndarray) -> np.ndarray:
+        """Whitened real lines of what a run changes."""
+        e = self.e
+        change = (run - self.rest)[:, -e.periods * e.samples_per_period :]
+        lines = np.fft.rfft(change)[[0, 2], : 250 * e.periods : e.periods] / change.shape[1]
+        sd = np.array([np.hypot(NOISE, FORCE_NOISE * 1e-5), CURRENT_NOISE]) / np.sqrt(2 * change.shape[1])
+        return np.concatenate([(part / sd[:, None]).ravel() for part in (lines.real, lines.imag)])
+
+    def __call__(self, made: Made) -> float:
+        """Size of an effect; inf where the rotor touches."""
+        if (run := ran(*made, self.e, None)) is None:
+            return np.inf
+        c, j = self.seen(run), self.columns
+        explained = (j.T @ c) @ np.linalg.solve(j.T @ j + np.eye(j.shape[1]), j.T @ c)
+        return float(np.sqrt(max(c @ c - explained, 0.0) / ONE))
 
 
-def sized(form: Callable[[Size], Made], nominal: Plant, e, wanted: float) -> tuple[Made, float]:
+def sized(form: Callable[[Size], Made], scale: Scale, wanted: float) -> tuple[Made, float]:
     """The effect at about a wanted size, by bisection; the largest at which the rotor floats where it cannot be had."""
     low, high, best = 1e-2, 1e3, None
-    plain = ran(nominal, None, e, None)
     for _ in range(8):
         middle = np.sqrt(low * high)
-        found = times(form(middle), plain, e)
+        found = scale(form(middle))
         if found <= 1.3 * wanted and (best is None or found >= best[1]):
             best = form(middle), found
         low, high = (low, middle) if found > wanted else (middle, high)
@@ -443,10 +455,11 @@ def make(folder: Path, seed: int, effect: str, form: str) -> None:
     wanted = _log(rng, 3.0, 100.0)
     made, size = (true, None), 0.0
     if effect != "none":
+        scale = Scale(true, rows[0][2])
         for _ in range(20):
             drawn = DRAWS[effect][0](rng, true, form)
             try:
-                made, size = sized(drawn, true, rows[0][2], wanted)
+                made, size = sized(drawn, scale, wanted)
                 break
             except ValueError:
                 continue
