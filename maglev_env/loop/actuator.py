@@ -10,7 +10,7 @@ from maglev_env.loop import eddy
 from maglev_env.loop.amplifier import X2
 from maglev_env.loop.card import EffectCard, Parameter, relative
 from maglev_env.loop.exponential import faded
-from maglev_env.loop.knee import kept_share
+from maglev_env.loop.magnets.knee import kept_share
 from maglev_env.loop.magnets.law import ForceLaw, SingleSidedLaw, linearise
 from maglev_env.loop.magnets.powers import exponential, logarithm
 from maglev_env.loop.system import System, Values

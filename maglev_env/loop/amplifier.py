@@ -8,7 +8,7 @@ import numpy as np
 from maglev_env.loop import controller
 from maglev_env.loop.card import EffectCard, Parameter, first_order
 from maglev_env.loop.controller import ACTING, ARRIVED, U_OLD, U
-from maglev_env.loop.knee import kept_share
+from maglev_env.loop.magnets.knee import kept_share
 from maglev_env.loop.system import System, Values
 from maglev_lanes.layout import LANES as W
 from maglev_lanes.layout import LaneRows, rows_after

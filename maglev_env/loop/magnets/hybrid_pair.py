@@ -4,8 +4,8 @@ from collections.abc import Callable
 
 import numpy as np
 
-from maglev_env.loop.knee import kept_share
 from maglev_env.loop.magnets.circuit import magnet_circuit, pair_law
+from maglev_env.loop.magnets.knee import kept_share
 from maglev_env.loop.magnets.law import ForceLaw
 from maglev_env.loop.magnets.magnet import Magnet, MagnetKind
 from maglev_env.loop.magnets.powers import exponential, logarithm
