@@ -75,7 +75,7 @@ class Shape:
     def value(self, u: float) -> float:
         p = self.parameter
         if isinf(p.default):
-            return p.default if u <= 0 else float(np.clip(1 / (u * p.shape), p.low, p.high))
+            return p.default if u * p.shape * p.high <= 1 else max(1 / (u * p.shape), p.low)
         middle = p.default if p.centre is None else p.centre
         if p.scale is None:
             return float(np.clip(middle * exp(min(u * p.shape, 700.0)), p.low, p.high))

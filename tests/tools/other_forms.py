@@ -393,6 +393,7 @@ class Scale:
 
     def __init__(self, plain: Plant, e) -> None:
         self.e, self.rest = e, ran(plain, None, e, None)
+        self.last = tuple(self.rest.shape[1] - n * e.samples_per_period for n in (1, 2))
         moved = (plain._replace(**{k: getattr(plain, k) * (1 + sd)}) for k, sd in TOLERANCE.items())
         self.columns = np.stack([self.seen(ran(one, None, e, None)) for one in moved], axis=1)
 
@@ -405,8 +406,11 @@ class Scale:
         return np.concatenate([(part / sd[:, None]).ravel() for part in (lines.real, lines.imag)])
 
     def __call__(self, made: Made) -> float:
-        """Size of an effect; inf where the rotor touches."""
+        """Size of an effect; inf where the rotor touches, or rings on so that no period equals the one before."""
         if (run := ran(*made, self.e, None)) is None:
+            return np.inf
+        last, before = (run[0, k : k + self.e.samples_per_period] for k in self.last)
+        if np.std(last - before) > NOISE and not made[0].dropped:
             return np.inf
         c, j = self.seen(run), self.columns
         explained = (j.T @ c) @ np.linalg.solve(j.T @ j + np.eye(j.shape[1]), j.T @ c)
