@@ -7,14 +7,16 @@ import numpy as np
 
 from maglev_env.loop.effect import EFFECTS
 from sim2real.fitting import Fit, begin, differentiate, iterate, share_calibrations
-from sim2real.hypotheses import Hypothesis, coordinates_of, single_effects, starts
+from sim2real.hypotheses import Hypothesis, coordinates_of, single_effects, starts, starts_elsewhere
 from sim2real.problem import Problem
 from sim2real.recorded.not_stable import not_stable
 from sim2real.screening import Start, extended, kept, screened
+from sim2real.shaping import shaped
 from sim2real.simulated import DITHERED, MAY_BE_DITHERED, tolerances
 
 FIRST, ITERATIONS = 3, 20  # steps of a fit from every start that is followed; further steps of the better one
 SEEDS, PAIRS = 4, 8  # per round: best single effects to which a second one is added, and pairs that are fitted
+SHAPED, SHAPED_PAIRS = 4, 2  # best single effects and pairs that are tried in other forms
 SPARE = 30  # other starts of an effect that are tried when one makes the rotor touch down
 BLURRED, BLURRED_SHARE = 4, 0.5  # best fits that are repeated with sensor noise, and share of the gap they may leave
 SWAPPED = 2  # best pairs of which either effect is tried with others
@@ -42,8 +44,11 @@ class Candidate:
 
     @property
     def predictive(self) -> float:
-        """Expected cost of further records of this kind: fitted cost plus twice the free parameters (Akaike 1974)."""
-        return self.fit.cost + 2.0 * len(self.fit.hypothesis.coordinates)
+        """Expected cost of further records of this kind: fitted cost plus twice the free parameters (Akaike 1974).
+
+        Forms of effects have priors; their freedom costs as by Laplace's method.
+        """
+        return self.fit.cost + 2.0 * len(self.fit.hypothesis.coordinates) + self.fit.occam
 
 
 @dataclass(frozen=True)
@@ -102,8 +107,11 @@ def attribute(problem: Problem, progress: Progress = lambda text: None) -> Attri
     pairs: list[Fit] = []
     least = min((f.cost for f in singles), default=np.inf)
     if not calibration[0].cost - least < NO_GAP:
+        progress("forms of effects")
+        singles = shaped(problem, calibration[0].cost, singles, SHAPED)
         progress("pairs of effects")
         pairs, singles = _pairs(problem, singles)
+        pairs = shaped(problem, calibration[0].cost, pairs, SHAPED_PAIRS)
     fits = _blurred(problem, [*calibration, *singles, *pairs])
     standing = [f for f in fits if np.isfinite(f.cost)]
     if not standing:
@@ -151,6 +159,7 @@ def _singles(problem: Problem, seeds: Sequence[Fit], names: Sequence[str]) -> li
             for h in map(seed.hypothesis.instead, names)
             for start in starts(h.effects[0], h.scales)
         ]
+        jobs += [(seed, h, u) for name in names for h, u in starts_elsewhere(seed.hypothesis, name)]
         ranked = screened(problem, jobs)
         fits += _begun(problem, kept(ranked), ranked)
     iterate(fits, problem.data, problem.simulate, FIRST)
@@ -193,7 +202,7 @@ def _pairs(problem: Problem, singles: Sequence[Fit]) -> tuple[list[Fit], list[Fi
     found += _round(problem, singles, _halves(problem, found), {frozenset(f.hypothesis.effects) for f in found})
     again = _halves(problem, found)
     iterate(again, problem.data, problem.simulate, ITERATIONS)
-    best = {f.hypothesis.effects: f for f in sorted([*again, *singles], key=lambda f: -f.cost)}
+    best = {f.hypothesis.effects: f for f in sorted([*again, *singles], key=lambda f: -f.cost - f.occam)}
     return found, [best[f.hypothesis.effects] for f in singles]
 
 

@@ -292,6 +292,10 @@ def _parameters(candidate: Candidate) -> Mapping[str, Fitted]:
         se = None if at_bound else _se(c, value, float(sd[i]))
         found[f"{c.effect}.{c.parameter}"] = {"value": value, "se": se, "at_bound": at_bound}
     for i, name in enumerate(fit.hypothesis.calibrated, len(fit.hypothesis.coordinates)):
+        if shape := fit.hypothesis.shapes.get(name):
+            if (value := shape.value(at := float(fit.u[i]))) != shape.parameter.default:
+                found[name] = {"value": value, "se": float(sd[i]) * shape.change(at)}
+            continue
         sigma = fit.hypothesis.sigma(name)
         change = float(fit.u[i]) * sigma
         found[f"{name} (relative)"] = {"value": change, "se": float(sd[i]) * sigma, "at_bound": False}

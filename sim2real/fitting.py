@@ -70,6 +70,20 @@ class Fit:
         """Negative gradient of half the cost, (size,)."""
         return (self.jacobian @ self.residual.conj()).real - self.prior * self.u
 
+    @property
+    def occam(self) -> float:
+        """Cost of the freedom of forms: by how much the data narrow the priors of their coordinates (Laplace's method).
+
+        It is minus twice the logarithm of the ratio of volumes. Coordinates at a bound cost nothing.
+        """
+        h = self.hypothesis
+        if not h.shapes or self.jacobian is None:
+            return 0.0
+        at = [len(h.coordinates) + h.calibrated.index(name) for name in h.shapes]
+        nudges = (h.bounded(self.u + EDGE), h.bounded(self.u - EDGE))
+        inside = [i for i in at if all(abs(v[i] - self.u[i]) > 0.5 * EDGE for v in nudges)]
+        return -float(np.linalg.slogdet(self.covariance()[np.ix_(inside, inside)])[1]) if inside else 0.0
+
     def covariance(self) -> np.ndarray:
         """Covariance of the coordinates, (size, size)."""
         return np.linalg.pinv(self.normal, hermitian=True)

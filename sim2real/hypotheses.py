@@ -1,13 +1,13 @@
 """Hypotheses: which effects may explain a gap, which of their parameters are fitted, and where a fit starts."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
-from math import exp, log
+from math import exp, inf, isinf, log
 
 import numpy as np
 
-from maglev_env.loop.card import SMALL_ROTOR, Scales
+from maglev_env.loop.card import SMALL_ROTOR, Parameter, Scales
 from maglev_env.loop.effect import EFFECTS, meaningful
 from maglev_env.rig.rig import Rig
 from sim2real.simulated import TOLERANCE_EFFECTS, Point
@@ -62,8 +62,57 @@ def coordinates_of(name: str, scales: Scales = SMALL_ROTOR) -> tuple[Coordinate,
     """Coordinates of an effect on a rig of these scales; none of a tone."""
     if name not in FITTED:
         return ()
-    own = ((key, p.on(scales)) for key, p in EFFECTS[name].parameters.items())
+    own = ((key, p.on(scales)) for key, p in EFFECTS[name].plain.items())
     return tuple(Coordinate(name, key, p.scale, p.low, p.high) for key, p in own)
+
+
+@dataclass(frozen=True)
+class Shape:
+    """A coordinate of an effect's form, in units of its prior standard deviation (see `Parameter.shape`)."""
+
+    effect: str
+    key: str
+    parameter: Parameter
+
+    @property
+    def name(self) -> str:
+        return f"{self.effect}.{self.key}"
+
+    def value(self, u: float) -> float:
+        p = self.parameter
+        if isinf(p.default):
+            return p.default if u * p.shape * p.high <= 1 else max(1 / (u * p.shape), p.low)
+        middle = p.default if p.centre is None else p.centre
+        if p.scale is None:
+            return float(np.clip(middle * exp(min(u * p.shape, 700.0)), p.low, p.high))
+        return float(np.clip(middle + u * p.shape, p.low, p.high))
+
+    def bounded(self, u: float) -> float:
+        """u moved to within the bounds of the parameter, and to within MOST_SHAPE standard deviations."""
+        p, middle = self.parameter, self.parameter.default if self.parameter.centre is None else self.parameter.centre
+        if isinf(p.default):
+            low, high = 0.0, 1 / (p.low * p.shape)
+        elif p.scale is None:
+            low, high = (log(edge / middle) / p.shape if edge > 0 else -inf for edge in (p.low, p.high))
+        else:
+            low, high = ((edge - middle) / p.shape for edge in (p.low, p.high))
+        most = inf if isinf(p.default) else MOST_SHAPE
+        return float(np.clip(u, max(low, -most), min(high, most)))
+
+    def change(self, u: float) -> float:
+        """Change of the value per unit of u."""
+        step = 1e-4
+        values = self.value(u + step), self.value(max(u - step, 0.0) if isinf(self.parameter.default) else u - step)
+        return abs(values[0] - values[1]) / (2 * step) if np.isfinite(values).all() else inf
+
+
+MOST_SHAPE = 4.0  # prior standard deviations
+
+
+@lru_cache
+def shapes_of(name: str, scales: Scales = SMALL_ROTOR) -> tuple[Shape, ...]:
+    """Coordinates of an effect's form on a rig of these scales."""
+    return tuple(Shape(name, key, p.on(scales)) for key, p in EFFECTS[name].shapes.items()) if name in FITTED else ()
 
 
 # Real lags are not pure first-order. Up to MOST_FORM of a fitted lag (prior standard deviation FORM_SHARE) may be
@@ -85,30 +134,41 @@ class Hypothesis:
         tolerances: Relative standard deviations of the nominal parameters that may move.
         dithered: Whether sensor noise smooths the effects.
         scales: What the sizes of effects are in proportion to.
+        shaped: Effects whose form may differ from the plain formula.
     """
 
     effects: tuple[str, ...]
     tolerances: Mapping[str, float]
     dithered: bool = False
     scales: Scales = SMALL_ROTOR
+    shaped: tuple[str, ...] = ()
 
     @cached_property
     def coordinates(self) -> tuple[Coordinate, ...]:
         return tuple(c for name in self.effects for c in coordinates_of(name, self.scales))
 
+    @cached_property
+    def shapes(self) -> Mapping[str, Shape]:
+        """Coordinates of the forms that are free, by name."""
+        return {s.name: s for name in self.effects if name in self.shaped for s in shapes_of(name, self.scales)}
+
     def instead(self, *effects: str) -> "Hypothesis":
-        """Other effects on the same rig."""
-        return Hypothesis(effects, self.tolerances, scales=self.scales)
+        """Other effects on the same rig; the form stays free of those that stay."""
+        kept = tuple(name for name in self.shaped if name in effects)
+        return Hypothesis(effects, self.tolerances, scales=self.scales, shaped=kept)
 
     @property
     def calibrated(self) -> tuple[str, ...]:
-        """Nominal parameters within tolerance, except those that an effect frees entirely; the form of a lag."""
+        """Nominal parameters within tolerance, except those that an effect frees entirely; then forms of effects."""
         freed = {t for t, name in TOLERANCE_EFFECTS.items() if name in self.effects}
         formed = "amplifier_lag" in self.effects and "delay" not in self.effects
-        return (*(name for name in self.tolerances if name not in freed), *([FORM] if formed else []))
+        own = (name for name in self.tolerances if name not in freed)
+        return (*own, *([FORM] if formed else []), *self.shapes)
 
     def sigma(self, name: str) -> float:
-        """Relative change that one unit of a calibrated coordinate stands for."""
+        """Relative change that one unit of a calibrated coordinate stands for; 1 for a form's coordinate."""
+        if name in self.shapes:
+            return 1.0
         return FORM_SHARE if name == FORM else self.tolerances[name]
 
     @property
@@ -140,6 +200,9 @@ class Hypothesis:
             effects.setdefault(c.effect, {})[c.parameter] = c.value(float(value))
         rest = u[len(self.coordinates) :]
         changes = {n: float(v) * self.sigma(n) for n, v in zip(self.calibrated, rest, strict=True)}
+        for name, shape in self.shapes.items():
+            if (value := shape.value(changes.pop(name))) != shape.parameter.default:
+                effects[shape.effect][shape.key] = value
         if share := changes.pop(FORM, 0.0):
             whole = effects["amplifier_lag"]["time_constant"]
             effects["amplifier_lag"]["time_constant"], effects["delay"] = (1 - share) * whole, {"time": share * whole}
@@ -154,6 +217,9 @@ class Hypothesis:
         for i, c in enumerate(self.coordinates):
             bounded[i] = c.to_bounds(bounded[i])
         for i, name in enumerate(self.calibrated, len(self.coordinates)):
+            if name in self.shapes:
+                bounded[i] = self.shapes[name].bounded(bounded[i])
+                continue
             sigma = self.sigma(name)
             most = WIDER * EXCLUDED * sigma
             low, high = (0.0, MOST_FORM) if name == FORM else (max(-0.9, -most), min(9.0, most))
@@ -170,6 +236,22 @@ def single_effects(rig: Rig) -> tuple[str, ...]:
 def starts(name: str, scales: Scales = SMALL_ROTOR) -> list[np.ndarray]:
     """Coordinates at which a fit of one effect may start on a rig of these scales."""
     own = coordinates_of(name, scales)
-    grid = np.meshgrid(*(p.on(scales).starts for p in EFFECTS[name].parameters.values()), indexing="ij")
+    grid = np.meshgrid(*(p.on(scales).starts for p in EFFECTS[name].plain.values()), indexing="ij")
     points = np.stack([g.ravel() for g in grid], axis=1)
     return [np.array([c.at(float(v)) for c, v in zip(own, row, strict=True)]) for row in points]
+
+
+def starts_elsewhere(hypothesis: Hypothesis, name: str) -> list[tuple[Hypothesis, np.ndarray]]:
+    """Starts of one effect alone at the other places where it may sit, as forms with an infinite default.
+
+    There its plain parameters are at their upper bounds, where they change nothing.
+    """
+    found = []
+    free = replace(hypothesis.instead(name), shaped=(name,))
+    for shape in shapes_of(name, hypothesis.scales):
+        for value in shape.parameter.starts:
+            u = np.zeros(free.size)
+            u[: len(free.coordinates)] = [c.at(c.high) for c in free.coordinates]
+            u[len(free.coordinates) + free.calibrated.index(shape.name)] = 1 / (value * shape.parameter.shape)
+            found.append((free, u))
+    return found

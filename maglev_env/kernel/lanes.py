@@ -18,7 +18,7 @@ from maglev_env.lane_values import LaneValues, lane_values
 from maglev_env.linear.axis import cross_terms
 from maglev_env.loop import actuator, amplifier, controller, external, mechanics, second_body, sensor
 from maglev_env.loop.axes import NO_CROSS
-from maglev_env.loop.effect import effect_value
+from maglev_env.loop.effect import Effects, effect_value, shaped
 from maglev_env.loop.further import blocks as further
 from maglev_env.loop.gains import Gains, digital
 from maglev_env.loop.magnets import rows as magnet_rows
@@ -54,7 +54,7 @@ def structure_of(experiment: Experiment) -> Structure:
     if experiment.rig.controlled:
         order, of_error = controller_kind(experiment.gains, 1 / experiment.rig.control_rate)
     sensors = self_sensors(experiment)
-    flexible = any(name in effects for name in FLEXIBLE)
+    flexible = any(name in effects for name in FLEXIBLE) or _bent_current(effects)
     supported = any(r.support_stiffness > 0 or r.support_damping > 0 for r in rigs) or "damping" in effects
     probe_poles = current_poles = 2
     if not flexible:
@@ -78,7 +78,13 @@ def structure_of(experiment: Experiment) -> Structure:
         flexible=flexible,
         sticking=effect_value(effects, "friction", "presliding") > 0,
         further=not further.NAMES.isdisjoint(effects),
+        shaped=shaped(effects),
     )
+
+
+def _bent_current(effects: Effects) -> bool:
+    """Whether a saturation sits at the current or the command, which only the flexible kernel has."""
+    return any(np.isfinite(effect_value(effects, "saturation", at)) for at in ("current", "command"))
 
 
 def _deepest(time_constants: Iterable[float]) -> int:

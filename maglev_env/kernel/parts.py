@@ -47,7 +47,7 @@ def _forces(s: Structure, lift: Lifts) -> dict[str, Callable]:
     further = s.further
     kind = KINDS.get(s.magnets)
     shaped = s.saturating or s.steeper
-    pull = kind and (kind.shaped_pull(s.saturating, s.steeper) if shaped and kind.shaped_pull else kind.pull)
+    pull = kind and (kind.shaped_pull(s.saturating, s.steeper, s.shaped) if shaped and kind.shaped_pull else kind.pull)
 
     @piece
     def bearing(x, k, y, current):
@@ -78,13 +78,12 @@ def _forces(s: Structure, lift: Lifts) -> dict[str, Callable]:
         def damping(x, k, v):
             return own_damping(x, k, v) + cross_damping(x, k, v)
 
+    deflect = mechanics.deflect_bristles_shaped if s.shaped else mechanics.deflect_bristles
     outside = [_outside(s, node) for node in range(3)]
     found = {name: lift.each(f, 1) for name, f in zip(("push_start", "push_middle", "push_end"), outside, strict=True)}
     found |= {
         "bristles": lift.each(mechanics.bristles if sticking else piece(lambda x, k: 0.0), 0),
-        "deflect_bristles": lift.each(
-            mechanics.deflect_bristles if sticking else piece(lambda x, k, bent, moved: 0.0), 2
-        ),
+        "deflect_bristles": lift.each(deflect if sticking else piece(lambda x, k, bent, moved: 0.0), 2),
         "friction": lift.each(mechanics.friction if sticking else piece(lambda x, k, bent: 0.0), 1),
         "store_bristles": lift.each(mechanics.store_bristles, 1),
     }
@@ -102,10 +101,12 @@ def _outside(s: Structure, node: int) -> Callable:
 def _currents(s: Structure, lift: Lifts) -> dict[str, Callable]:
     """Pieces for the force-producing nodal currents, and for the actuator's states at the end of the step."""
     controlled, flexible = s.magnets != "none", s.flexible
-    carried = amplifier.carried(s.actuator_poles, s.delayed, flexible)
-    old, new = amplifier.commands(s.delayed, flexible)
+    carried = amplifier.carried(s.actuator_poles, s.delayed, flexible, s.shaped)
+    old, new = amplifier.commands(s.delayed, flexible, s.shaped)
     nodes = [carried(amplifier.NODES + 4 * node * W) for node in range(3)]
     start_of, middle_of, end_of = nodes
+    next_held = actuator.held_next_shaped if s.shaped else actuator.held_next
+    pulling = actuator.saturated_current if s.shaped else piece(lambda x, k, current: current)
     x1_of, x2_of = carried(amplifier.NEXT), carried(amplifier.NEXT + 4 * W)
 
     @piece
@@ -113,7 +114,7 @@ def _currents(s: Structure, lift: Lifts) -> dict[str, Callable]:
         if not controlled:
             return 0.0
         now = start_of(x, k, k)
-        return now + eddy.eddy_node(x, k, 0) - actuator.hold(x, k) if flexible else now
+        return pulling(x, k, now + eddy.eddy_node(x, k, 0) - actuator.hold(x, k)) if flexible else now
 
     @piece
     def middle(x, k, held):
@@ -122,14 +123,15 @@ def _currents(s: Structure, lift: Lifts) -> dict[str, Callable]:
         now = middle_of(x, k, k)
         if not flexible:
             return now
-        return now + eddy.eddy_node(x, k, W) - 0.5 * (actuator.hold(x, k) + actuator.hold_at(x, k, held))
+        held_back = 0.5 * (actuator.hold(x, k) + actuator.hold_at(x, k, held))
+        return pulling(x, k, now + eddy.eddy_node(x, k, W) - held_back)
 
     @piece
     def end(x, k, held):
         if not controlled:
             return 0.0
         now = end_of(x, k, k)
-        return now + eddy.eddy_node(x, k, 2 * W) - actuator.hold_at(x, k, held) if flexible else now
+        return pulling(x, k, now + eddy.eddy_node(x, k, 2 * W) - actuator.hold_at(x, k, held)) if flexible else now
 
     @piece
     def x1_next(x, k):
@@ -141,7 +143,7 @@ def _currents(s: Structure, lift: Lifts) -> dict[str, Callable]:
 
     @piece
     def held_next(x, k, x2):
-        return actuator.held_next(x, k, x2) if flexible and controlled else 0.0
+        return next_held(x, k, x2) if flexible and controlled else 0.0
 
     store_current = amplifier.store_current(s.actuator_poles)
 
@@ -168,7 +170,7 @@ def _currents(s: Structure, lift: Lifts) -> dict[str, Callable]:
 def _probe(s: Structure, lift: Lifts) -> dict[str, Callable]:
     """Pieces for the states of the probe and its mount at the end of the step."""
     coupled, controlled = s.coupled, s.magnets != "none"
-    carried = amplifier.carried(s.actuator_poles, s.delayed, s.flexible)
+    carried = amplifier.carried(s.actuator_poles, s.delayed, s.flexible, s.shaped)
 
     def bent(own: Callable, numbers: int, first: int, other: int) -> Callable:
         """A state by the motion, corrected for the currents of this axis and of the other one."""

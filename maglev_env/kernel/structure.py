@@ -31,6 +31,7 @@ class Structure:
             lane without one of them has neutral constants.
         sticking: whether their friction sticks.
         further: whether the flexible kernel also has the effects of `loop.further`, all at once.
+        shaped: whether effects have other forms than the plain ones (see `loop.effect.shaped`).
     """
 
     magnets: str
@@ -49,6 +50,7 @@ class Structure:
     flexible: bool = False
     sticking: bool = False
     further: bool = False
+    shaped: bool = False
 
     @property
     def channels(self) -> tuple[str, ...]:

@@ -10,7 +10,9 @@ from maglev_env.loop import eddy
 from maglev_env.loop.amplifier import X2
 from maglev_env.loop.card import EffectCard, Parameter, relative
 from maglev_env.loop.exponential import faded
+from maglev_env.loop.magnets.knee import kept_share
 from maglev_env.loop.magnets.law import ForceLaw, SingleSidedLaw, linearise
+from maglev_env.loop.magnets.powers import exponential, logarithm
 from maglev_env.loop.system import System, Values
 from maglev_lanes.layout import LaneRows, rows_after
 from maglev_lanes.pieces import piece
@@ -50,8 +52,11 @@ EFFECTS: Mapping[str, EffectCard] = {
         {
             "strength": Parameter("", 0.0, 0.9, scale=0.05, starts=(0.05, 0.3)),
             "width": Parameter("A", 1e-4, 100.0, 0.1, starts=(0.01, 0.05, 0.2)),
+            "power": Parameter("", 0.2, 20.0, 1.0, shape=0.6),
+            "unloading": Parameter("", -1.0, 1.0, 1.0, scale=1.0, shape=1.0),
         },
-        "a share of the current lags by a width in A, by Dahl's rate-independent model (Dahl 1968)",
+        "a share of the current lags by a width in A, by Dahl's rate-independent model (Dahl 1968); in another form by "
+        "that of Bouc and Wen (Wen 1976): dz/dx = 1 - |z|^power while loading, 1 + unloading |z|^power on the way back",
         "current and displacement at two amplitudes",
         ("magnets",),
         flexible=True,
@@ -61,8 +66,14 @@ EFFECTS: Mapping[str, EffectCard] = {
     ),
     "saturation": EffectCard(
         "actuator",
-        {"field": Parameter("T", 0.1, 100.0, absent=inf, starts=(0.7, 1.0, 1.5, 2.2))},
-        "the iron saturates: B^2 of each gap becomes B^2 / sqrt(1 + (B / B_s)^4)",
+        {
+            "field": Parameter("T", 0.1, 100.0, absent=inf, starts=(0.7, 1.0, 1.5, 2.2)),
+            "sharpness": Parameter("", 1.0, 40.0, 4.0, shape=0.8),
+            "current": Parameter("A", 1e-3, 1e4, inf, absent=inf, shape=2.0, starts=(0.1, 0.3, 1.0)),
+            "command": Parameter("A", 1e-3, 1e4, inf, absent=inf, shape=2.0, starts=(0.1, 0.3, 1.0)),
+        },
+        "the iron saturates: B of each gap becomes B / (1 + |B / B_s|^sharpness)^(1 / sharpness); with current or "
+        "command, so does the current that pulls, or the command",
         "current and displacement at two amplitudes",
         ("pair",),
         form_share=0.02,
@@ -119,8 +130,13 @@ def force(values: Values, pulling: np.ndarray, displacement: np.ndarray) -> np.n
         Signal of the force, N.
     """
     laws = [
-        replace(law, saturation=saturation) if isfinite(saturation) else law
-        for law, saturation in zip(values.laws, values.effect("saturation").tolist(), strict=True)
+        replace(law, saturation=knee, sharpness=sharpness) if isfinite(knee) else law
+        for law, knee, sharpness in zip(
+            values.laws,
+            values.effect("saturation").tolist(),
+            values.effect("saturation", "sharpness").tolist(),
+            strict=True,
+        )
     ]
     gain, stiffness = _tangents(values, laws, values.effect("eccentricity"))
     return gain[:, None] * pulling - stiffness[:, None] * displacement
@@ -146,15 +162,21 @@ def _tangents(
 
 
 # Rows of a lane. HELD: state of Dahl's hysteresis, -1 .. 1; HOLD: largest current by which the force lags, A;
-# PER_WIDTH: one over the width, 1/A; ZERO: force-producing current at zero coil current, A.
-HELD, HOLD, PER_WIDTH, ZERO, END = rows_after(eddy.END, "HELD HOLD PER_WIDTH ZERO")
+# PER_WIDTH: one over the width, 1/A; ZERO: force-producing current at zero coil current, A. Of other forms, POWER: its
+# exponent less one, UNLOADING; PER_KNEE: one over the current that saturates, 1/A; SHARPNESS: of that knee.
+HELD, HOLD, PER_WIDTH, ZERO, POWER, UNLOADING, PER_KNEE, SHARPNESS, END = rows_after(
+    eddy.END, "HELD HOLD PER_WIDTH ZERO POWER UNLOADING PER_KNEE SHARPNESS"
+)
 
 
 def fill(x: LaneRows, values: Values) -> None:
-    """Write the constants of hysteresis and of the actuator's offset."""
+    """Write the constants of hysteresis, of the actuator's offset and of a current that saturates."""
     width, scale = values.effect("hysteresis", "width"), current_scale(values)
     x[HOLD], x[PER_WIDTH] = scale * values.effect("hysteresis") * width, 1 / width
     x[ZERO] = scale * values.effect("actuator_offset")
+    x[POWER], x[UNLOADING] = values.effect("hysteresis", "power") - 1, values.effect("hysteresis", "unloading")
+    x[PER_KNEE] = 1 / (scale * values.effect("saturation", "current"))
+    x[SHARPNESS] = values.effect("saturation", "sharpness")
 
 
 @piece
@@ -175,6 +197,38 @@ def held_next(x, k, x2):
     change = x2 - x[k + X2]
     toward = 1.0 if change > 0.0 else -1.0
     return toward + (x[k + HELD] - toward) * faded(abs(change) * x[k + PER_WIDTH])
+
+
+@piece
+def held_next_shaped(x, k, x2):
+    """The same by the model of Bouc and Wen, in two steps that are exact where its exponent is one."""
+    change = (x2 - x[k + X2]) * x[k + PER_WIDTH]
+    z = x[k + HELD]
+    z = _moved(x, k, z, change, _slowing(x, k, _moved(x, k, z, 0.5 * change, _slowing(x, k, z, change)), change))
+    return min(max(z, -1.0), 1.0)
+
+
+@piece
+def _slowing(x, k, z, change):
+    """c of dz/dx = s - c z, with the sign s of the change."""
+    size = max(abs(z), 1e-3)
+    return exponential(x[k + POWER] * logarithm(size)) * (1.0 if z * change > 0.0 else x[k + UNLOADING])
+
+
+@piece
+def _moved(x, k, z, change, slowing):
+    """The state after a relative change of the current at a constant c."""
+    toward, path = (1.0 if change > 0.0 else -1.0), abs(change)
+    way = slowing * path
+    left = exponential(-way)
+    share = 1.0 - 0.5 * way if abs(way) < 1e-5 else (1.0 - left) / way
+    return z * left + toward * path * share
+
+
+@piece
+def saturated_current(x, k, current):
+    """The force-producing current of a saturating actuator."""
+    return current * kept_share(abs(current) * x[k + PER_KNEE], x[k + SHARPNESS])
 
 
 @piece

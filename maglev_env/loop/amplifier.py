@@ -8,6 +8,7 @@ import numpy as np
 from maglev_env.loop import controller
 from maglev_env.loop.card import EffectCard, Parameter, first_order
 from maglev_env.loop.controller import ACTING, ARRIVED, U_OLD, U
+from maglev_env.loop.magnets.knee import kept_share
 from maglev_env.loop.system import System, Values
 from maglev_lanes.layout import LANES as W
 from maglev_lanes.layout import LaneRows, rows_after
@@ -16,16 +17,22 @@ from maglev_lanes.pieces import piece
 EFFECTS: Mapping[str, EffectCard] = {
     "amplifier_lag": EffectCard(
         "amplifier",
-        first_order(),
-        "a second amplifier pole 1 / (1 + s T) after the nominal one",
+        first_order() | {"feedback": Parameter("", -2.0, 0.95, 0.0, scale=1.0, shape=0.4)},
+        "a second amplifier pole 1 / (1 + s T) after the nominal one; with feedback a second-order loop, "
+        "1 / (1 + s (T_0 + (1 - feedback) T) + s^2 T_0 T)",
         "command and current",
         ("magnets",),
         form_share=0.005,
+        plain_kernel=("feedback",),
     ),
     "amplifier_voltage_limit": EffectCard(
         "amplifier",
-        {"voltage": Parameter("V", 1e-3, 1e5, absent=inf, starts=tuple(np.geomspace(0.1, 20.0, 40)))},
-        "|L di/dt + R i| <= V: the voltage limits how fast the coil's current can change",
+        {
+            "voltage": Parameter("V", 1e-3, 1e5, absent=inf, starts=tuple(np.geomspace(0.1, 20.0, 40))),
+            "softness": Parameter("", 0.0, 1.0, 0.0, scale=1.0, shape=0.3),
+        },
+        "|L di/dt + R i| <= V: the voltage limits how fast the coil's current can change; with softness s, a command "
+        "beyond what the current can follow by x limits is followed by x / (1 + |x|^(1 / s))^s",
         "command and current at two amplitudes",
         ("coil",),
         flexible=True,
@@ -41,20 +48,35 @@ STATES = ("amplifier", "amplifier_lag")
 
 def coil_current(system: System, values: Values, command: np.ndarray) -> np.ndarray:
     """Signal of the coil's current (A): the command (a signal, A) after the amplifier's poles."""
-    return system.lags(STATES, (values.rig("amplifier_time_constant"), values.effect("amplifier_lag")), command)
+    first, second = values.rig("amplifier_time_constant"), values.effect("amplifier_lag")
+    current = system.lags(STATES, (first, second), command)
+    feedback = np.where((first > 0) & (second > 0), values.effect("amplifier_lag", "feedback"), 0.0)
+    if feedback.any():
+        x1, x2 = (system.signal(name) for name in STATES)
+        rate = np.divide(system.step * feedback, first, out=np.zeros(len(first)), where=first > 0)
+        system.add(STATES[0], rate[:, None] * (x1 - x2))
+    return current
 
 
 # Rows of a lane. X1, X2: outputs of the poles, A. NEXT: coefficients of both outputs at the end of the step; NODES:
 # coefficients of three nodal currents that represent the coil's current in the integration step (see
 # `maglev_env.kernel.exact`). Each has four, for (x1, x2, old command, new command). OPEN: 1 where the amplifier has no
-# pole. The voltage limits the command to the range KEPT x1 +- REACH.
-X1, X2, CURRENT_SQ, NEXT, NODES, OPEN, KEPT, REACH, END = rows_after(
+# pole. The voltage limits the command to the range KEPT x1 +- REACH, with a knee of the sharpness LIMIT_SHARPNESS.
+# PER_COMMAND: one over the command that saturates, 1/A; COMMAND_SHARPNESS: of that knee.
+X1, X2, CURRENT_SQ, NEXT, NODES, OPEN, KEPT, REACH, _SHAPE = rows_after(
     controller.END, "X1 X2 CURRENT_SQ NEXT[8] NODES[12] OPEN KEPT REACH"
 )
+LIMIT_SHARPNESS, PER_COMMAND, COMMAND_SHARPNESS, END = rows_after(
+    _SHAPE, "LIMIT_SHARPNESS PER_COMMAND COMMAND_SHARPNESS"
+)
+HARD = 100.0  # sharpness that stands for a hard limit
 
 
 def fill(x: LaneRows, values: Values, h: np.ndarray) -> None:
-    """Write the constants of the voltage limit for integration steps of h (s), (n,)."""
+    """Write the constants of the limits for integration steps of h (s), (n,)."""
+    x[LIMIT_SHARPNESS] = 1 / np.maximum(values.effect("amplifier_voltage_limit", "softness"), 1 / HARD)
+    x[PER_COMMAND] = 1 / values.effect("saturation", "command")
+    x[COMMAND_SHARPNESS] = values.effect("saturation", "sharpness")
     first, voltage = values.rig("amplifier_time_constant"), values.effect("amplifier_voltage_limit")
     x[OPEN] = (first == 0) & (values.effect("amplifier_lag") == 0)
     inductance, resistance = values.inductance, values.rig("coil_resistance")
@@ -73,12 +95,13 @@ def _approached(h: np.ndarray, time_constant: np.ndarray) -> np.ndarray:
     return -np.expm1(-h / np.where(time_constant > 0, time_constant, 1e-300))
 
 
-def commands(delayed: bool, limited: bool) -> tuple[Callable, Callable]:
+def commands(delayed: bool, limited: bool, shaped: bool) -> tuple[Callable, Callable]:
     """Pieces that give the old and the new command of a step, A, clipped to what the voltage allows.
 
     Args:
         delayed: whether a delay lies between the controller's command and the one that acts.
         limited: whether the voltage is limited.
+        shaped: whether the command may saturate, and the limit may be soft.
     """
     acting = ACTING if delayed else U
 
@@ -87,6 +110,10 @@ def commands(delayed: bool, limited: bool) -> tuple[Callable, Callable]:
         if not limited:
             return u
         kept, reach = x[k + KEPT] * x[k + X1], x[k + REACH]
+        if shaped:
+            u = u * kept_share(abs(u) * x[k + PER_COMMAND], x[k + COMMAND_SHARPNESS])
+            beyond = u - kept
+            return kept + beyond * kept_share(abs(beyond) / reach, x[k + LIMIT_SHARPNESS])
         return min(max(u, kept - reach), kept + reach)
 
     @piece
@@ -100,19 +127,19 @@ def commands(delayed: bool, limited: bool) -> tuple[Callable, Callable]:
     return old, new
 
 
-def carried(poles: int, delayed: bool, limited: bool) -> Callable[[int], Callable]:
+def carried(poles: int, delayed: bool, limited: bool, shaped: bool) -> Callable[[int], Callable]:
     """A maker of pieces for linear combinations of the amplifier's states and commands.
 
     Args:
         poles: number of the amplifier's poles, 0 .. 2.
         delayed: as in `commands`.
-        limited: as in `commands`.
+        limited, shaped: as in `commands`.
 
     Returns:
         A function from the offset of four rows of coefficients, for (x1, x2, old command, new command), to the piece
         (x, k, source) that applies those of lane k to the states of lane `source`.
     """
-    old, new = commands(delayed, limited)
+    old, new = commands(delayed, limited, shaped)
 
     def by_rows(first: int) -> Callable:
         @piece

@@ -52,7 +52,13 @@ class Parameter:
             varies the logarithm of the parameter.
         starts: values at which a fit may start. Every combination of the parameters' starts is tried, and the best
             ones are refined.
-        per: what bounds, scale and starts are multiples of; see `on`. Empty: they are in SI.
+        per: what bounds, scale, starts and shape are multiples of; see `on`. Empty: they are in SI.
+        shape: the parameter is a coordinate of the effect's form: real effects differ in it, and the default is the
+            plain formula. A fit frees it only where the plain formula leaves something, with this prior standard
+            deviation: of its logarithm; with a default of 0 or a scale, of the value; with an infinite default, of its
+            reciprocal, and a fit of the effect may also begin at its starts, with all else at the upper bounds. None:
+            not a coordinate of the form.
+        centre: value at which the prior of a form is centred, where that is not the default.
     """
 
     unit: str
@@ -63,6 +69,8 @@ class Parameter:
     scale: float | None = None
     starts: tuple[float, ...] = ()
     per: Per = ""
+    shape: float | None = None
+    centre: float | None = None
 
     def on(self, scales: Scales) -> "Parameter":
         """The parameter with bounds, scale and starts in SI on a rig of these scales."""
@@ -71,7 +79,9 @@ class Parameter:
         unit = scales.of(self.per)
         scale = None if self.scale is None else self.scale * unit
         starts = tuple(start * unit for start in self.starts)
-        return replace(self, low=self.low * unit, high=self.high * unit, scale=scale, starts=starts, per="")
+        shape = None if self.shape is None else self.shape * unit
+        low, high = (edge * unit if edge else 0.0 for edge in (self.low, self.high))  # a unit may be infinite
+        return replace(self, low=low, high=high, scale=scale, starts=starts, shape=shape, per="")
 
     @property
     def bounds(self) -> str:
@@ -104,6 +114,7 @@ class EffectCard:
             (both ways are tried) or "never".
         not_fitted: why a diagnosis does not fit it on spectral lines; empty if it does.
         not_sealed: why the sealed check has no rig with it; empty if it has one.
+        plain_kernel: coordinates of its form that every kernel simulates; the others need the shaped one.
     """
 
     block: Block
@@ -120,6 +131,17 @@ class EffectCard:
     dither: Literal["never", "maybe", "always"] = "never"
     not_fitted: str = ""
     not_sealed: str = ""
+    plain_kernel: tuple[str, ...] = ()
+
+    @property
+    def plain(self) -> Mapping[str, Parameter]:
+        """The parameters without those of its form."""
+        return {key: p for key, p in self.parameters.items() if p.shape is None}
+
+    @property
+    def shapes(self) -> Mapping[str, Parameter]:
+        """The parameters of its form."""
+        return {key: p for key, p in self.parameters.items() if p.shape is not None}
 
 
 def relative(starts: tuple[float, ...]) -> dict[str, Parameter]:

@@ -1,8 +1,10 @@
 """Eddy currents: the fractional lag of solid iron, approximated by a few first-order branches.
 
 The transfer function from the coil's current to the force-producing one is 1 / (1 + (s / w)^order); order 1/2 is thick
-solid iron (Zhu, Knospe and Maslen 2005, IEEE Trans. Magn. 41). A fractional lag has no finite set of states, but the
-branches have, so that the kernel and the linear loop can simulate them.
+solid iron (Zhu, Knospe and Maslen 2005, IEEE Trans. Magn. 41). Iron of a finite depth is magnetised throughout at low
+frequency: there (s / w)^order is multiplied by ((z coth z - 1) / z)^(2 - 2 order) with z^2 = s / (2 pi depth_hz), which
+makes it a first-order lag (Stoll 1974, a plate with flux on both sides). A fractional lag has no finite set of states,
+but the branches have, so that the kernel and the linear loop can simulate them.
 """
 
 from collections.abc import Mapping
@@ -25,12 +27,15 @@ EFFECTS: Mapping[str, EffectCard] = {
         {
             "corner_hz": Parameter("Hz", 1.0, 1e6, absent=inf, starts=(1e3, 1e4, 1e5)),
             "order": Parameter("", 0.3, 0.98, 0.5, scale=0.1, starts=(0.5, 0.85)),
+            "depth_hz": Parameter("Hz", 0.0, 1e4, 0.0, shape=2.0, centre=1.0),
         },
-        "current reaches the force through 1 / (1 + (s / w)^order): solid iron, order 1/2 (Zhu et al. 2005)",
+        "current reaches the force through 1 / (1 + (s / w)^order): solid iron, order 1/2 (Zhu et al. 2005); below "
+        "depth_hz the iron is magnetised throughout, and lags by first order",
         "current, force and displacement",
         ("magnets",),
         flexible=True,
         form_share=0.005,
+        plain_kernel=("depth_hz",),
     ),
 }
 BRANCHES = 8
@@ -40,7 +45,7 @@ _FIT = np.geomspace(LOW, HIGH, 100)
 
 
 def eddy_branches(
-    corner_hz: float | np.ndarray, order: float | np.ndarray
+    corner_hz: float | np.ndarray, order: float | np.ndarray, depth_hz: float | np.ndarray = 0.0
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """First-order branches that approximate fractional lags.
 
@@ -52,16 +57,20 @@ def eddy_branches(
     Args:
         corner_hz: Hz; any shape (...). Infinite: no lag, which gives direct 1 and weights 0.
         order: same shape.
+        depth_hz: same shape; 0: iron of infinite depth.
 
     Returns:
         Direct share (...), weights (..., BRANCHES) and rates (..., BRANCHES) in 1/s.
     """
-    corner, a = np.broadcast_arrays(np.asarray(corner_hz, dtype=float), np.asarray(order, dtype=float))
+    corner, a, depth = np.broadcast_arrays(*(np.asarray(v, dtype=float) for v in (corner_hz, order, depth_hz)))
     finite = np.isfinite(corner)
     hz = _poles(np.where(finite, corner, HIGH), a)
     # Only the weights are unknown: 1 - sum weights j f / (j f + pole) is 1 at zero frequency for any weights.
     s = 1j * _FIT
-    bent = 1 + (s / corner[..., None]) ** a[..., None]  # one over the response; makes the errors of the fit relative
+    lagging = (s / corner[..., None]) ** a[..., None]
+    if depth.any():
+        lagging = lagging * _filled(s, depth[..., None]) ** (2 - 2 * a[..., None])
+    bent = 1 + lagging  # one over the response; makes the errors of the fit relative
     matrix = -(s[:, None] / (s[:, None] + hz[..., None, :])) * bent[..., None]
     wanted = 1 - bent
     q, r = np.linalg.qr(np.concatenate([matrix.real, matrix.imag], axis=-2))
@@ -69,6 +78,15 @@ def eddy_branches(
     weights = np.linalg.solve(r, np.swapaxes(q, -1, -2) @ right)[..., 0]
     weights = np.where(finite[..., None], weights, 0.0)
     return 1 - weights.sum(axis=-1), weights, 2 * np.pi * hz
+
+
+def _filled(s: np.ndarray, depth: np.ndarray) -> np.ndarray:
+    """(z coth z - 1) / z with z^2 = s / depth; both in Hz; 1 where the depth is 0."""
+    z = np.sqrt(s / np.where(depth > 0, depth, 1.0))
+    low = abs(z) < 1e-2
+    z = np.where(low, 1.0, z)
+    found = 1 / np.tanh(z) - 1 / z
+    return np.where(depth > 0, np.where(low, np.sqrt(s / np.where(depth > 0, depth, 1.0)) / 3, found), 1.0)
 
 
 def _poles(corner: np.ndarray, order: np.ndarray) -> np.ndarray:
@@ -86,17 +104,17 @@ def _poles(corner: np.ndarray, order: np.ndarray) -> np.ndarray:
 
 
 @lru_cache(64)
-def _remembered(corner_hz: bytes, order: bytes) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _remembered(corner_hz: bytes, order: bytes, depth_hz: bytes) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """The branches of arrays given as bytes; cached, because the lanes of many recordings share their effect."""
-    return eddy_branches(np.frombuffer(corner_hz), np.frombuffer(order))
+    return eddy_branches(*map(np.frombuffer, (corner_hz, order, depth_hz)))
 
 
 def pulling_current(system: System, values: Values, current: np.ndarray) -> np.ndarray:
     """Signal of the force-producing current (A): the coil's current (a signal, A) after the branches."""
-    corner, order = values.effect("eddy_current"), values.effect("eddy_current", "order")
+    corner, order, depth = (values.effect("eddy_current", key) for key in (None, "order", "depth_hz"))
     if system.without(STATES, there := np.isfinite(corner)):
         return current
-    direct, weights, rates = _remembered(corner.tobytes(), order.tobytes())
+    direct, weights, rates = _remembered(corner.tobytes(), order.tobytes(), depth.tobytes())
     branches = system.signals(STATES)
     rates = (rates * system.step[:, None])[:, :, None] * (current[:, None] - branches)
     system.put_all(STATES, rates, there)

@@ -34,7 +34,7 @@ def _registry(*blocks: Mapping[str, EffectCard]) -> dict[str, EffectCard]:
     for name, card in found.items():
         if card.not_fitted:
             continue
-        for key, p in card.parameters.items():
+        for key, p in card.plain.items():
             if not p.starts:
                 raise ImportError(f"effect {name}.{key}: its card gives no starts for a fit, and no not_fitted reason")
             if p.scale is None and p.low <= 0:
@@ -66,7 +66,7 @@ def effect(name: str, value: float | None = None, **values: float) -> dict[str, 
         values: of its parameters by name, SI.
 
     Returns:
-        {name: {parameter: value}} with the defaults of the parameters that are not given.
+        {name: {parameter: value}} with the defaults of the parameters that are not given, except those of its form.
 
     Raises:
         ValueError: The effect or a parameter is unknown, missing or out of bounds; the message names it.
@@ -81,7 +81,7 @@ def effect(name: str, value: float | None = None, **values: float) -> dict[str, 
         if parameter is None:
             raise ValueError(f"effect {name}: no parameter {key!r}; it has {', '.join(kind.parameters)}")
         _check_bounds(name, key, v, SLOWEST)
-    given = {key: values.get(key, parameter.default) for key, parameter in kind.parameters.items()}
+    given = {key: values.get(key, p.default) for key, p in kind.parameters.items() if p.shape is None or key in values}
     missing = [key for key, v in given.items() if v is None]
     if missing:
         raise ValueError(f"effect {name}: give {', '.join(missing)}")
@@ -178,6 +178,16 @@ def check_effects(effects: Effects, rig: Levitated, finer: float = 1.0) -> None:
 def meaningful(name: str, capabilities: Set[Need]) -> bool:
     """Whether a rig with these capabilities has what an effect needs."""
     return capabilities >= set(EFFECTS[name].needs)
+
+
+def shaped(effects: Effects) -> bool:
+    """Whether an effect has a form that only the shaped kernel simulates."""
+    return any(
+        values.get(key, p.default) != p.default
+        for name, values in effects.items()
+        for key, p in EFFECTS[name].shapes.items()
+        if key not in EFFECTS[name].plain_kernel
+    )
 
 
 def effect_value(effects: Effects, name: str, parameter: str | None = None) -> float:

@@ -52,14 +52,19 @@ EFFECTS: Mapping[str, EffectCard] = {
             "velocity": Parameter("m/s", 1e-5, 10.0, 1e-3, starts=(3e-4, 3e-3)),
             # The smallest presliding distance has no visible effect; it represents friction without presliding.
             "presliding": Parameter("m", 1e-9, 1e-3, 0.0, starts=(1e-9, 3e-7, 3e-6)),
+            "static": Parameter("", 1.0, 5.0, 1.0, scale=1.0, shape=0.3),
+            "stribeck": Parameter("m/s", 1e-6, 10.0, 2e-3, shape=1.0),
+            "viscous": Parameter("N s/m", 0.0, 0.625, 0.0, scale=6.25e-4, shape=1.5e-4, per="mass / control period"),
         },
         "Coulomb friction, smooth about rest: F v / sqrt(v^2 + v_s^2); with presliding z_s it sticks: F z / z_s, "
-        "dz/dt = v - sqrt(v^2 + v_s^2) z / z_s (Dahl 1968; Canudas de Wit et al. 1995)",
+        "dz/dt = v - sqrt(v^2 + v_s^2) z / (z_s g) (Dahl 1968; Canudas de Wit et al. 1995), with the share of static "
+        "friction g = 1 + (static - 1) e^-(v / stribeck)^2; viscous adds to the damping",
         "force and displacement at two amplitudes",
         flexible=True,
         linear=False,
         form_share=0.05,
         dither="maybe",
+        plain_kernel=("viscous",),
     ),
     "support_resonance": EffectCard(
         "mechanics",
@@ -96,8 +101,10 @@ def support(system: System, values: Values) -> np.ndarray:
     """
     position, velocity = (system.signal(name) for name in MOTION)
     stiffness = values.rig("support_stiffness") * (1 + values.effect("support_stiffness"))
-    damping = values.rig("support_damping") + values.effect("damping")
-    rub, slip, presliding = (values.effect("friction", key) for key in ("force", "velocity", "presliding"))
+    damping = values.rig("support_damping") + values.effect("damping") + values.effect("friction", "viscous")
+    rub, slip, presliding, static = (
+        values.effect("friction", key) for key in ("force", "velocity", "presliding", "static")
+    )
     sticks = presliding > 0
     damping = damping + np.where(sticks, 0.0, rub / slip)
     smooth = -stiffness[:, None] * position - damping[:, None] * velocity
@@ -105,7 +112,7 @@ def support(system: System, values: Values) -> np.ndarray:
         return smooth
     bent = system.signal("bristle")
     gives_way = np.where(sticks, presliding, 1.0)[:, None]
-    system.put("bristle", (velocity - slip[:, None] * bent) / gives_way, sticks)
+    system.put("bristle", (velocity - (slip / static)[:, None] * bent) / gives_way, sticks)
     springing = np.where(sticks, rub, 0.0)
     return smooth - springing[:, None] * bent
 
@@ -155,7 +162,10 @@ Y, V, ALIVE, STEPS, PER_MASS, LIMIT_SQ, SPRING, DAMPER, CROSS_SPRING, CROSS_DAMP
 )
 # Friction. BENT: deflection of the bristles of friction that sticks, as a share of the deflection at which they slide;
 # SLIP_SQ: the slip velocity squared; PER_BEND: relative deflection per m of motion.
-BENT, FRICTION, SLIP_SQ, PER_BEND, END = rows_after(_FRICTION, "BENT FRICTION SLIP_SQ PER_BEND")
+# STATIC: share of the static friction beyond the sliding one; PER_STRIBECK: one over the velocity at which it is gone.
+BENT, FRICTION, SLIP_SQ, PER_BEND, STATIC, PER_STRIBECK, END = rows_after(
+    _FRICTION, "BENT FRICTION SLIP_SQ PER_BEND STATIC PER_STRIBECK"
+)
 SIXTH = 1.0 / 6.0
 
 
@@ -165,7 +175,8 @@ def fill(x: LaneRows, values: Values, h: np.ndarray) -> None:
     per_mass = h**2 / values.mass
     x[ALIVE], x[PER_MASS] = 1.0, per_mass
     x[SPRING] = values.rig("support_stiffness") * (1 + values.effect("support_stiffness")) * per_mass
-    x[DAMPER] = (values.rig("support_damping") + values.effect("damping")) * per_mass / h
+    damping = values.rig("support_damping") + values.effect("damping") + values.effect("friction", "viscous")
+    x[DAMPER] = damping * per_mass / h
     # The force law is singular where the rotor touches a pole, so contact is assumed just before that.
     nearest = 1 + np.minimum(values.effect("force_law", "offset"), 0.0)
     centred = np.maximum(0.999 * nearest * values.rig("gap") - abs(values.effect("eccentricity")), 0.0)
@@ -178,6 +189,8 @@ def fill(x: LaneRows, values: Values, h: np.ndarray) -> None:
     # Likewise the bristles' spring is limited to one radian per step, which delays stiffer bristles by up to a quarter
     # of a step.
     x[PER_BEND] = np.where(bristle > 0, 1 / np.maximum(np.where(bristle > 0, bristle, 1.0), friction), 0.0)
+    x[STATIC] = values.effect("friction", "static") - 1
+    x[PER_STRIBECK] = 1 / (values.effect("friction", "stribeck") * h)
 
 
 @piece
@@ -243,6 +256,16 @@ def deflect_bristles(x, k, bent, moved):
     path = np.sqrt(moved * moved + 0.25 * x[k + SLIP_SQ])
     toward = moved / path
     return toward + (bent - toward) * faded(path * x[k + PER_BEND])
+
+
+@piece
+def deflect_bristles_shaped(x, k, bent, moved):
+    """The same with the Stribeck effect: slow motion slides only beyond the static friction, 1 + STATIC."""
+    path = np.sqrt(moved * moved + 0.25 * x[k + SLIP_SQ])
+    speed = 2.0 * moved * x[k + PER_STRIBECK]
+    level = 1.0 + x[k + STATIC] * faded(speed * speed)
+    toward = level * (moved / path)
+    return toward + (bent - toward) * faded(path * x[k + PER_BEND] / level)
 
 
 @piece

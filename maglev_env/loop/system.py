@@ -115,6 +115,10 @@ class System:
         at = self._at[name]
         self.a[:, at], self.there[:, at] = rate, there
 
+    def add(self, name: str, rate: np.ndarray) -> None:
+        """Add a signal, per unit of time, to a state's derivative."""
+        self.a[:, self._at[name]] += rate
+
     def put_all(self, names: Sequence[str], rates: np.ndarray, there: np.ndarray | bool = True) -> None:
         """Write the derivatives of several states that a lane has either all or none of.
 

@@ -1,6 +1,6 @@
 """A slow simulator of every effect, written from the effects' equations alone, with scipy's integrator."""
 
-from math import copysign, cos, pi, sin, sqrt
+from math import copysign, cos, exp, pi, sin, sqrt
 from operator import mul
 
 import numpy as np
@@ -12,8 +12,13 @@ from maglev_env.loop.eddy import eddy_branches
 from maglev_env.loop.effect import effect_value
 
 
-def saturated_law(rig, knee, gain_change, stiffness_change):
-    """f(y, i) of a pair whose B^2 bends to B^2 / sqrt(1 + (B / knee)^4), with the calibration of the straight law."""
+def bent_by(x, knee, sharpness):
+    """x / (1 + |x / knee|^n)^(1 / n)."""
+    return x / (1 + abs(x / knee) ** sharpness) ** (1 / sharpness)
+
+
+def saturated_law(rig, knee, sharpness, gain_change, stiffness_change):
+    """f(y, i) of a pair whose B bends to B / (1 + |B / knee|^n)^(1 / n), with the calibration of the straight law."""
     gap, mu_m = rig.gap, rig.recoil_permeability * MU_0
     m = rig.remanence * rig.magnet_length / mu_m if rig.magnet == "hybrid_pair" else 0.0
     r_m = rig.magnet_length * rig.pole_area / (mu_m * rig.magnet_area)
@@ -33,8 +38,7 @@ def saturated_law(rig, knee, gain_change, stiffness_change):
     b = (rig.negative_stiffness / stiffness if rig.negative_stiffness else 1.0) * (1 + stiffness_change)
 
     def bent(x, current):
-        square = field(x, current) ** 2
-        return square / sqrt(1 + (square / knee**2) ** 2)
+        return bent_by(field(x, current), knee, sharpness) ** 2
 
     def force(y, i):
         i0 = rig.bias_current
@@ -54,12 +58,17 @@ class FullAxis(Axis):
         changes = value("actuator_gain"), value("negative_stiffness")
         self.magnets = self.straight = force_law(rig, *changes)
         if np.isfinite(value("saturation")):
-            self.magnets = saturated_law(rig, value("saturation"), *changes)
+            self.magnets = saturated_law(rig, value("saturation"), value("saturation", "sharpness"), *changes)
+        self.knees = [value("saturation", key) for key in ("current", "command", "sharpness")]
+        self.power, self.unloading = value("hysteresis", "power"), value("hysteresis", "unloading")
+        self.static, self.stribeck = value("friction", "static"), value("friction", "stribeck")
+        self.feedback = value("amplifier_lag", "feedback")
         self.limit, self.r, self.l = value("amplifier_voltage_limit"), rig.coil_resistance, rig.coil_inductance
-        direct, weights, rates = eddy_branches(value("eddy_current"), value("eddy_current", "order"))
+        direct, weights, rates = eddy_branches(*(value("eddy_current", k) for k in (None, "order", "depth_hz")))
         self.direct, self.weights, self.rates = float(direct), weights.tolist(), rates.tolist()
         self.strength, self.width = value("hysteresis"), value("hysteresis", "width")
         self.offset = value("eccentricity")
+        self.viscous = value("friction", "viscous")
         self.mount = [value("sensor_resonance", key) for key in (None, "damping_ratio", "coupling")]
         self.body = [value("support_resonance", key) for key in (None, "damping_ratio", "mass_ratio")]
         self.rub, self.slip = value("friction"), value("friction", "velocity")
@@ -89,7 +98,7 @@ class FullAxis(Axis):
     def pulling(self, x, command):
         branches = x[self.branch : self.held]
         lagging = self.direct * self.current(x, command) + sum(map(mul, self.weights, branches))
-        return lagging - self.strength * self.width * x[self.held]
+        return bent_by(lagging - self.strength * self.width * x[self.held], self.knees[0], self.knees[2])
 
     def uneven(self, t, current):
         rate, depth, frequency, phase = self.drift
@@ -133,8 +142,9 @@ class FullAxis(Axis):
         bent, slope = v / sqrt(v * v + self.slip * self.slip), 0.0
         if self.presliding:
             bent = x[self.bristles]
-            slope = (v - sqrt(v * v + self.slip * self.slip) * bent) / self.presliding
-        bearing += beside - self.extra_weight - self.rub * bent
+            level = 1 + (self.static - 1) * exp(-((v / self.stribeck) ** 2))
+            slope = (v - sqrt(v * v + self.slip * self.slip) * bent / level) / self.presliding
+        bearing += beside - self.extra_weight - self.rub * bent - self.viscous * v
         angle = self.speed * t - self.quarter + self.moment_phase
         outside = force + self.moment * self.speed**2 * cos(angle)
         push, rate, phase = self.shake
@@ -144,17 +154,21 @@ class FullAxis(Axis):
         held_back = turn**2 * r + 2 * damping * turn * rv
         a = (bearing + outside) / self.mass + (ratio if frequency else 0.0) * held_back
         slopes = [v, a]
-        source = command
+        source = bent_by(command, self.knees[1], self.knees[2])
         rate = 0.0
         for j, time in enumerate(self.amplifier, self.first_amplifier):
             rate = (source - x[j]) / time
+            if j == self.first_amplifier and self.feedback:
+                rate += self.feedback * (x[j] - x[j + 1]) / time
             if j == self.first_amplifier and np.isfinite(self.limit):
                 low, high = (-self.limit - self.r * x[j]) / self.l, (self.limit - self.r * x[j]) / self.l
                 rate = min(max(rate, low), high)
             slopes.append(rate)
             source = x[j]
         slopes += [rate_k * (source - z) for rate_k, z in zip(self.rates, x[self.branch : self.held], strict=True)]
-        slopes.append((rate - x[self.held] * abs(rate)) / self.width)
+        z, toward = x[self.held], 1.0 if rate > 0 else -1.0
+        turned = 1 - abs(z) ** self.power if z * toward > 0 else 1 + self.unloading * abs(z) ** self.power
+        slopes.append(rate * turned / self.width)
         frequency, damping, coupling = self.mount
         turn, (w, wv) = 2 * pi * frequency, x[self.first_mount : self.first_mount + 2]
         driven = -coupling * bearing / self.mass if frequency else 0.0

@@ -119,7 +119,7 @@ KIND = MagnetKind(
     law,
     check,
     pull,
-    lambda saturating, steeper: _shaped,
+    lambda saturating, steeper, any_knee: _shaped,
     pair=False,
     inductance_follows_gap=True,
     plain=square,

@@ -5,10 +5,12 @@ from collections.abc import Callable
 import numpy as np
 
 from maglev_env.loop.magnets.circuit import magnet_circuit, pair_law
+from maglev_env.loop.magnets.knee import kept_share
 from maglev_env.loop.magnets.law import ForceLaw
 from maglev_env.loop.magnets.magnet import Magnet, MagnetKind
 from maglev_env.loop.magnets.powers import exponential, logarithm
 from maglev_env.loop.magnets.rows import (
+    BEND,
     BIAS,
     CALIBRATION,
     EXPONENT,
@@ -57,13 +59,22 @@ def pull(x, k, y, current):
     return x[k + CALIBRATION] * (y * field_sum * slope) + drive * bent
 
 
-def shaped_pull(saturating: bool, steeper: bool) -> Callable:
+def shaped_pull(saturating: bool, steeper: bool, any_knee: bool) -> Callable:
     """A piece for pairs whose pull is not that of `pull`.
 
     Args:
         saturating: whether each gap's B^2 becomes B^2 / sqrt(1 + (B / B_s)^4).
         steeper: whether it also falls off with another exponent of the gap.
+        any_knee: whether that knee has any sharpness.
     """
+
+    @piece
+    def knee_at(x, k, square):
+        """What a squared field is divided by."""
+        knee = x[k + KNEE]
+        if any_knee:
+            return 1.0 / kept_share(np.sqrt(knee) * square, x[k + BEND])
+        return np.sqrt(1.0 + knee * (square * square))
 
     @piece
     def factors(x, k, y):
@@ -81,7 +92,7 @@ def shaped_pull(saturating: bool, steeper: bool) -> Callable:
         magnet = x[k + FLUX_M] * (near * wide * inverse)
         coil = x[k + FLUX_C] * (own * far * inverse)
         upper_coil, lower_coil = coil * wide, coil * near
-        bias, knee = x[k + BIAS], x[k + KNEE]
+        bias = x[k + BIAS]
         upper, lower = magnet * far + bias * upper_coil, magnet * own + bias * lower_coil
         s1, s2 = upper + current * upper_coil, lower - current * lower_coil
         s1, s2, s3, s4 = s1 * s1, s2 * s2, upper * upper, lower * lower
@@ -89,8 +100,7 @@ def shaped_pull(saturating: bool, steeper: bool) -> Callable:
         # The fields here are twice the physical ones, as in `pull`.
         if not saturating:
             return 0.25 * (above * s1 - below * s2 + (x[k + CALIBRATION] - 1.0) * (above * s3 - below * s4))
-        r1, r2 = np.sqrt(1.0 + knee * (s1 * s1)), np.sqrt(1.0 + knee * (s2 * s2))
-        r3, r4 = np.sqrt(1.0 + knee * (s3 * s3)), np.sqrt(1.0 + knee * (s4 * s4))
+        r1, r2, r3, r4 = knee_at(x, k, s1), knee_at(x, k, s2), knee_at(x, k, s3), knee_at(x, k, s4)
         # One division serves all four terms.
         first_two, last_two = r1 * r2, r3 * r4
         inverse = 0.25 / (first_two * last_two)

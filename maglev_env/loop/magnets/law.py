@@ -27,7 +27,8 @@ class ForceLaw:
         bias_current: A.
         gain_scale: calibration of the actuator gain.
         stiffness_scale: calibration of the negative stiffness.
-        saturation: T; with it each B^2 becomes B^2 / sqrt(1 + (B / saturation)^4). Infinite: no saturation.
+        saturation: T; with it each B becomes B / (1 + |B / saturation|^n)^(1 / n). Infinite: no saturation.
+        sharpness: n.
         exponent: what another law adds to the exponent of the gap.
         shift: what another law adds to the gap, m; magnet_gap and coil_gap include it.
     """
@@ -42,6 +43,7 @@ class ForceLaw:
     gain_scale: float
     stiffness_scale: float
     saturation: float = inf
+    sharpness: float = 4.0
     exponent: float = 0.0
     shift: float = 0.0
 
@@ -137,7 +139,8 @@ def linearise(law: ForceLaw, displacement: float = 0.0) -> tuple[float, float]:
         field = b + q * law.bias_current
         slope = b / (gap + law.magnet_gap) + q * law.bias_current / (gap + law.coil_gap)
         # Derivatives of the pull by the field, and by the gap through the exponent alone.
-        bent = 2 * law.area * field / (1 + (field / law.saturation) ** 4) ** 1.5 * steeper
+        n = law.sharpness
+        bent = 2 * law.area * field / (1 + abs(field / law.saturation) ** n) ** (2 / n + 1) * steeper
         apart = law.area * _saturated(field, law) * steeper * law.exponent / (gap + law.shift)
         gain += bent * q * law.gain_scale
         stiffness -= (bent * slope + apart) * law.stiffness_scale
@@ -183,7 +186,9 @@ def force(law: ForceLaw, displacement: np.ndarray | float, current: np.ndarray |
 
 def _saturated(field: np.ndarray | float, law: ForceLaw) -> np.ndarray | float:
     """The squared field (T^2) of a gap with saturation: the square of small fields, and a constant for large ones."""
-    return field**2 / np.sqrt(1 + (field / law.saturation) ** 4)
+    if law.sharpness == 4:
+        return field**2 / np.sqrt(1 + (field / law.saturation) ** 4)
+    return field**2 / (1 + abs(field / law.saturation) ** law.sharpness) ** (2 / law.sharpness)
 
 
 def _steeper(gap: np.ndarray | float, law: ForceLaw) -> np.ndarray | float:

@@ -90,8 +90,8 @@ class MagnetKind:
         check: raises ValueError that names the parameter which is missing, belongs to another kind, or does not carry
             the weight; ranges have been checked before.
         pull: piece of the kernel (x, k, y, current): acceleration of lane k by the magnet. Kinds may share one.
-        shaped_pull: gives the piece for iron that saturates, or for another falloff with the gap, or both (two bools);
-            None if `pull` has all that can be simulated.
+        shaped_pull: gives the piece for iron that saturates, or for another falloff with the gap, or both; for a
+            knee of any sharpness (three bools); None if `pull` has all that can be simulated.
         pair: whether two opposed magnets pull on the rotor.
         inductance_follows_gap: whether the coil's inductance depends on the gap, so that the coil can sense it.
         balancing_bias: bias current (A) with which a single-sided magnet carries the weight at y = 0, i = 0; None for
@@ -104,7 +104,7 @@ class MagnetKind:
     law: Callable[[Magnet], ForceLaw | SingleSidedLaw]
     check: Callable[[Magnet], None]
     pull: Callable[..., float]
-    shaped_pull: Callable[[bool, bool], Callable[..., float]] | None = None
+    shaped_pull: Callable[[bool, bool, bool], Callable[..., float]] | None = None
     pair: bool = False
     inductance_follows_gap: bool = False
     balancing_bias: Callable[[Magnet], float] | None = None

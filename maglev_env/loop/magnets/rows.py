@@ -15,14 +15,15 @@ from maglev_lanes.layout import LaneRows, rows_after
 GAP, GAP_C, GAP_M, GAP_C_SQ, GAP_M_SQ, FLUX_M, FLUX_C, BIAS, CALIBRATION, OFFSET, KNEE, _SHAPE = rows_after(
     0, "GAP GAP_C GAP_M GAP_C_SQ GAP_M_SQ FLUX_M FLUX_C BIAS CALIBRATION OFFSET KNEE"
 )
-PER_GAP, EXPONENT, WEIGHT, DECAY, END = rows_after(_SHAPE, "PER_GAP EXPONENT WEIGHT DECAY")
+# BEND: half the sharpness of the knee.
+PER_GAP, EXPONENT, WEIGHT, DECAY, BEND, END = rows_after(_SHAPE, "PER_GAP EXPONENT WEIGHT DECAY BEND")
 
 
 def fill(
     x: LaneRows,
     laws: Sequence[ForceLaw] | Sequence[SingleSidedLaw],
     per_mass: np.ndarray,
-    effect: Callable[[str], np.ndarray],
+    effect: Callable[..., np.ndarray],
 ) -> None:
     """Write the constants of the force laws of lanes.
 
@@ -30,7 +31,7 @@ def fill(
         x: written.
         laws: of every lane, all of one kind.
         per_mass: step squared over moving mass, s2/kg, (n,).
-        effect: gives the first parameter of an effect in every lane, (n,).
+        effect: gives a parameter of an effect (the first, or by name) in every lane, (n,).
     """
 
     def law(name: str) -> np.ndarray:
@@ -53,6 +54,7 @@ def fill(
         iron, magnet = law("iron_pull") * at_rest * per_mass, law("magnet_pull") * per_mass
         x[FLUX_C] = np.where(magnet != 0, magnet, np.sqrt(iron))
     else:
+        x[BEND] = effect("saturation", "sharpness") / 2
         x[KNEE] = 1 / (4 * effect("saturation") ** 2 * law("area") * per_mass) ** 2
         # Sums and differences of the two gaps' fields carry a factor two.
         root = 2 * np.sqrt(law("area") * per_mass)

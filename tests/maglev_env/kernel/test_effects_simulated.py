@@ -52,6 +52,21 @@ SHARP = {
 }
 
 
+# Other forms: the error, in one kernel with all of them.
+ALL_FORMS = {**effect("friction", 0.0, presliding=1e-9), **effect("saturation", inf), **effect("hysteresis", 0.0)}
+FORMS = {
+    "a sharp knee, and the command saturates": (effect("saturation", 0.42, sharpness=10.0, command=0.15), 1e-4),
+    "the current saturates": (effect("saturation", inf, sharpness=1.5, current=0.1), 1e-2),
+    "Bouc-Wen": (effect("hysteresis", 0.3, width=0.05, power=1.8, unloading=0.2), 2e-2),
+    "static friction": (
+        effect("friction", 0.2, velocity=1e-4, presliding=2e-6, static=1.5, stribeck=2e-3, viscous=3.0), 1e-2,
+    ),
+    "an overshooting amplifier, a plate of finite depth": (
+        {**effect("amplifier_lag", 1e-4, feedback=0.6), **effect("eddy_current", 300.0, depth_hz=20.0)}, 1e-5,
+    ),
+}  # fmt: skip
+
+
 def ideal(rig_name="hmb_free", axis=None, **changes):
     rig = load_rig(rig_name)
     e = without_noise(protocol_experiment(rig if axis is None else axis_rig(rig, axis)))
@@ -117,6 +132,15 @@ def test_a_sharp_effect_converges_on_what_the_equations_say(name):
     (one, four), change = worst_error_of_change(ideal(), effects, {}, 120, [1, 4], max_step=5e-6)
     assert change > 0.1
     assert one < first and four < one / factor
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", FORMS)
+def test_another_form_is_what_the_equations_say(name):
+    effects, tolerance = FORMS[name]
+    (error,), change = worst_error_of_change(ideal(), {**ALL_FORMS, **effects}, ALL_FORMS, 40, [1], max_step=2e-5)
+    assert change > 1e-3
+    assert error < tolerance
 
 
 @pytest.mark.slow

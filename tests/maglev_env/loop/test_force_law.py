@@ -57,7 +57,7 @@ def pulls(rig, effects, y, i):
     rows, s = lane_batch([e]).rows, structure_of(e)
     x = np.repeat(rows, LANES, axis=1).ravel()
     kind = KINDS[s.magnets]
-    pull = kind.shaped_pull(s.saturating, s.steeper) if s.saturating or s.steeper else kind.pull
+    pull = kind.shaped_pull(s.saturating, s.steeper, s.shaped) if s.saturating or s.steeper else kind.pull
     scale = rig.mass * rig.control_rate**2
     return scale * np.vectorize(lambda y, i: pull(x, 0, y, i))(y, i)
 

@@ -92,6 +92,6 @@ def test_the_table_of_effects_has_it(name):
 
 @pytest.mark.parametrize("name", [name for name, card in EFFECTS.items() if not card.not_fitted])
 def test_a_fit_starts_within_its_bounds(name):
-    for key, p in EFFECTS[name].parameters.items():
+    for key, p in EFFECTS[name].plain.items():
         assert p.starts, key
         assert all(p.low <= start <= p.high and start != p.absent for start in p.starts), key
