@@ -30,6 +30,7 @@ class Structure:
         flexible: whether the kernel has all other effects at once, including two poles in each chain and a delay. A
             lane without one of them has neutral constants.
         sticking: whether their friction sticks.
+        own_waves: whether every lane chooses one of several waves; otherwise all are driven by the same.
     """
 
     magnets: str
@@ -47,6 +48,7 @@ class Structure:
     steeper: bool = False
     flexible: bool = False
     sticking: bool = False
+    own_waves: bool = False
 
     @property
     def channels(self) -> tuple[str, ...]:
@@ -58,6 +60,6 @@ class Structure:
         """The structure without the parts that are read at run time; structures with the same one share a kernel."""
         return replace(self, noise=False)
 
-    def switches(self, outputs: int, substeps: int = 1, oversampled: bool = False) -> np.ndarray:
+    def switches(self, outputs: int, substeps: int = 1, oversampled: bool = False, waves: int = 1) -> np.ndarray:
         """Switches that the kernel reads at run time (see `advance.kernel`)."""
-        return np.array([self.noise, outputs, substeps, oversampled], dtype=np.int64)
+        return np.array([self.noise, outputs, substeps, oversampled, waves], dtype=np.int64)
