@@ -63,12 +63,12 @@ class Fit:
     @property
     def normal(self) -> np.ndarray:
         """Hessian of half the cost, (size, size)."""
-        return (self.jacobian @ self.jacobian.conj().T).real + np.diag(self.prior)
+        return real_product(self.jacobian, self.jacobian) + np.diag(self.prior)
 
     @property
     def gradient(self) -> np.ndarray:
         """Negative gradient of half the cost, (size,)."""
-        return (self.jacobian @ self.residual.conj()).real - self.prior * self.u
+        return real_product(self.jacobian, self.residual) - self.prior * self.u
 
     @property
     def occam(self) -> float:
@@ -87,6 +87,12 @@ class Fit:
     def covariance(self) -> np.ndarray:
         """Covariance of the coordinates, (size, size)."""
         return np.linalg.pinv(self.normal, hermitian=True)
+
+
+def real_product(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Re(a b^H) of complex rows (..., K): as real numbers it takes a quarter of the time."""
+    rows, columns = (np.ascontiguousarray(v, complex).view(float) for v in (a, b))
+    return rows @ columns.T
 
 
 def share_calibrations(fits: Sequence[Fit], known: Fit) -> None:
@@ -176,7 +182,12 @@ def iterate(fits: Sequence[Fit], data: np.ndarray, simulate: Simulate, most: int
         for f in moved:
             f.fresh = f in stale
             f.age = 0 if f.fresh else f.age + 1
-        trials = [(f, f.damping * factor, u) for f in active for factor, u in zip(DAMPING, _steps(f), strict=True)]
+        equations = {id(f): (f.normal, f.gradient) for f in active}
+        trials = [
+            (f, f.damping * factor, u)
+            for f in active
+            for factor, u in zip(DAMPING, _steps(f, *equations[id(f)]), strict=True)
+        ]
         predicted = simulate([f.hypothesis.point(u) for f, _, u in trials])
         best: dict[int, tuple[float, float, np.ndarray, np.ndarray]] = {}
         for (f, damping, u), p in zip(trials, predicted, strict=True):
@@ -185,8 +196,8 @@ def iterate(fits: Sequence[Fit], data: np.ndarray, simulate: Simulate, most: int
                 if cost < best.get(id(f), (f.cost,))[0]:
                     best[id(f)] = cost, damping, u, data - p
         for f in active:
-            gradient = f.gradient
-            promised = float(_solved(f, f.normal, gradient, 0.0) @ gradient)
+            normal, gradient = equations[id(f)]
+            promised = float(_solved(f, normal, gradient, 0.0) @ gradient)
             little = CONVERGED + SHARE * f.cost
             if id(f) in best:
                 f.refused = 0
@@ -207,10 +218,9 @@ def iterate(fits: Sequence[Fit], data: np.ndarray, simulate: Simulate, most: int
             f.jacobian += np.outer(moved, residual - f.residual - moved @ f.jacobian) / max(moved @ moved, 1e-300)
 
 
-def _steps(fit: Fit) -> list[np.ndarray]:
+def _steps(fit: Fit, normal: np.ndarray, gradient: np.ndarray) -> list[np.ndarray]:
     """Bounded trial points, one for each damping tried."""
-    found = []
-    far, normal, gradient = reach(fit.hypothesis, fit.u), fit.normal, fit.gradient
+    found, far = [], reach(fit.hypothesis, fit.u)
     for factor in DAMPING:
         step = _solved(fit, normal, gradient, fit.damping * factor)
         found.append(fit.hypothesis.bounded(fit.u + step / np.max(abs(step) / far, initial=1.0)))

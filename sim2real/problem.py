@@ -18,7 +18,7 @@ from sim2real.recorded.open_record import OpenRecord
 from sim2real.recorded.opened import Opened, noise_of, opened_loop
 from sim2real.recorded.records import Record
 from sim2real.recorded.static_evidence import StaticEstimate, coefficients_at, static_of
-from sim2real.simulated import Point, Predictor, experiment_at, predictor, together
+from sim2real.simulated import Point, Predictor, experiment_at, predictor, residuals, together
 
 # Detection lines are used up to DENSE_REACH times the DENSE quantile of the driven lines.
 DENSE, DENSE_REACH = 0.75, 1.2
@@ -47,6 +47,21 @@ class Part:
     noise: np.ndarray
     used: np.ndarray
     place: slice
+
+    @cached_property
+    def looked(self) -> Predictor:
+        """Predicts what is used of a record with periods."""
+        return self.predictor if isinstance(self.record, OpenRecord) else self.predictor.at(self.used)
+
+    @cached_property
+    def whitening(self) -> np.ndarray:
+        """Factor (outputs, axes, used lines) that makes the noise 1 per real part."""
+        return np.sqrt(2) / self.noise[..., self.used]
+
+    def whitened(self, predicted: np.ndarray) -> np.ndarray:
+        """What `looked` predicts (n, outputs, axes, lines), of the used lines in units of their noise, (n, size)."""
+        used = predicted[..., self.used] if isinstance(self.record, OpenRecord) else predicted
+        return (used * self.whitening).reshape(len(predicted), -1)
 
 
 @dataclass(frozen=True)
@@ -93,20 +108,26 @@ class Problem:
             Predictions (n, K); nan where the rotor touches down in any recording.
         """
         found = np.empty((len(points), self.data.size), complex)
-        periodic = [p.record.experiment.fundamental for p in self.parts if not isinstance(p.record, OpenRecord)]
-        period = 1 / periodic[0] if periodic else 1.0  # without a period nothing needs to settle
+        periodic = [p for p in self.parts if not isinstance(p.record, OpenRecord)]
+        period, anyway = 1.0, np.inf  # without a period nothing needs to settle
+        if periodic:
+            period = 1 / periodic[0].record.experiment.fundamental
+            anyway = min(p.predictor.transient / p.record.nominal.control_rate for p in periodic)
+        shared: dict[tuple, list[Part]] = {}
+        for part in self.parts:
+            shared.setdefault((part.predictor.kind, part.predictor.schedule), []).append(part)
         with single_blas():  # the matrices of lanes are small, so several threads would only wait for each other
             dithering = self.parts[0].record.nominal.noise.displacement > 0
-            groups = together(points, period, dithering) if settled else [((0.0, False), list(range(len(points))))]
+            hasty = [((0.0, False), list(range(len(points))))]
+            groups = together(points, period, dithering, anyway) if settled else hasty
             for (lasts, dithered), which in groups:
                 prepared: dict[tuple, list] = {}
-                for part in self.parts:
-                    kind = part.predictor.kind
+                for (kind, _), parts in shared.items():
                     if kind not in prepared:
-                        prepared[kind] = part.predictor.lanes([points[i] for i in which], dithered)
-                    predicted = part.predictor.of(prepared[kind], lasts, dithered)[..., part.used]
-                    whitened = predicted * (np.sqrt(2) / part.noise[..., part.used])
-                    found[which, part.place] = whitened.reshape(len(which), -1)
+                        prepared[kind] = parts[0].predictor.lanes([points[i] for i in which], dithered)
+                    predicted = residuals([p.looked for p in parts], prepared[kind], lasts, dithered)
+                    for part, own in zip(parts, predicted, strict=True):
+                        found[which, part.place] = part.whitened(own)
         if self.static is not None:
             nominal = Experiment(self.parts[0].record.nominal, NO_CONTROLLER, ())
             at = [experiment_at(nominal, replace(p, effects={**nominal.rig.effects, **p.effects})) for p in points]

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sim2real.fitting import Fit, cost_of, reach
+from sim2real.fitting import Fit, cost_of, reach, real_product
 from sim2real.hypotheses import Hypothesis, coordinates_of
 from sim2real.problem import Problem
 from sim2real.simulated import TOLERANCE_EFFECTS
@@ -104,10 +104,10 @@ class _Look:
         self.seed, self.h, self.new = seed, h, slice(known, len(h.coordinates))
         self.columns = [own.index(names[i]) for i in rows]
         self.residual = seed.residual[at]
-        self.jacobian, prior = seed.jacobian[rows][:, at], seed.prior[rows]
-        normal = (self.jacobian @ self.jacobian.conj().T).real + np.diag(prior)
+        self.jacobian, prior = np.ascontiguousarray(seed.jacobian[rows][:, at]), seed.prior[rows]
+        normal = real_product(self.jacobian, self.jacobian) + np.diag(prior)
         self.solve = np.linalg.pinv(normal, hermitian=True)
-        self.gradient = (self.jacobian @ self.residual.conj()).real - prior * seed.u[rows]
+        self.gradient = real_product(self.jacobian, self.residual) - prior * seed.u[rows]
         self.signed = any(c.signed for c in coordinates_of(h.effects[-1]))
 
     def followed(self, u: np.ndarray, change: np.ndarray) -> list[np.ndarray]:
@@ -119,7 +119,7 @@ class _Look:
             u: Coordinates of the start.
             change: What the start adds to the seed's prediction.
         """
-        cross = (self.jacobian @ change.conj()).real
+        cross = real_product(self.jacobian, change)
         without = u.copy()
         for i, c in zip(range(self.new.start, self.new.stop), coordinates_of(self.h.effects[-1]), strict=True):
             if c.scale is not None and c.parameter != "order":

@@ -8,11 +8,13 @@ import numpy as np
 
 from maglev_env.experiment import Experiment
 from maglev_env.kernel.controllers import controller_kind
-from maglev_env.kernel.simulate import prepared, steady_spectra
+from maglev_env.kernel.driven import Drive
+from maglev_env.kernel.simulate import Block, prepared
+from maglev_env.kernel.steady import steady_spectra
 from maglev_env.linear.loop import closed_loop_poles
 from maglev_env.loop.effect import EFFECTS, Effects, effect, effect_value, meaningful
 from maglev_env.rig.rig import Rig, with_parameters
-from sim2real.recorded.open_evidence import Replay
+from sim2real.recorded.open_evidence import Replay, coordinates_of_lanes
 from sim2real.recorded.open_record import OpenRecord
 from sim2real.recorded.opened import Opened
 from sim2real.recorded.records import Record
@@ -72,13 +74,18 @@ def tolerances(rig: Rig) -> dict[str, float]:
     return {name: sigma for name, sigma in rig.tolerance.items() if sigma > 0 and simulated(name)}
 
 
-def lanes_of(record: Record | OpenRecord, points: Sequence[Point], dithered: bool = False) -> list:
+def unseen_by(record: Record | OpenRecord) -> frozenset[str]:
+    """Effects that act before what drives the record."""
+    return record.upstream if isinstance(record, OpenRecord) else frozenset()
+
+
+def lanes_of(record: Record | OpenRecord, points: Sequence[Point], dithered: bool = False) -> list[Block]:
     """Prepared lanes of a record at every point; dithered lanes have the noise that the rig states."""
     e = record.experiment
     if dithered:
         noise = replace(e.rig.noise, displacement=record.nominal.noise.displacement)
         e = replace(e, rig=replace(e.rig, noise=noise))
-    unseen = record.upstream if isinstance(record, OpenRecord) else ()
+    unseen = unseen_by(record)
     return prepared([
         experiment_at(e, replace(p, effects={
             name: values for name, values in {**NEUTRAL, **e.rig.effects, **p.effects}.items() if name not in unseen
@@ -95,6 +102,8 @@ class Predictor:
         record: The record.
         opened: Its opened loop.
         transient: Control samples simulated before the evaluated period.
+        replay: The closed loop of a record without a period.
+        lines: Which of the record's lines are predicted, a mask (n,); all by default.
         known: Contribution of noise to the nominal rig, by transient.
     """
 
@@ -102,48 +111,83 @@ class Predictor:
     opened: Opened
     transient: int
     replay: Replay | None = None
+    lines: np.ndarray | None = None
     known: dict[int, np.ndarray] = field(default_factory=dict, compare=False)
 
     @property
     def kind(self) -> tuple:
-        """Key of the records that may share their lanes."""
+        """Key of the records that may share prepared lanes."""
         e = self.record.experiment
         kind = controller_kind(e.gains, 1 / e.rig.control_rate)
-        return kind, e.speed_rpm, e.rig.mass, e.rig.control_rate, e.rig.amplifier_time_constant
+        return kind, e.speed_rpm, e.rig.mass, e.rig.control_rate, e.rig.amplifier_time_constant, unseen_by(self.record)
 
-    def lanes(self, points: Sequence[Point], dithered: bool = False) -> list:
+    @property
+    def schedule(self) -> tuple:
+        """Key of the records whose lanes may run in one block."""
+        e = self.record.experiment
+        return () if self.replay is not None else (e.samples_per_period, e.recorded_rate)
+
+    @property
+    def drive(self) -> Drive:
+        return Drive(self.record.experiment, self.record.waves)
+
+    def at(self, lines: np.ndarray) -> "Predictor":
+        """Of these lines of a record with periods alone."""
+        return Predictor(self.record, self.opened.at(lines), self.transient, lines=lines)
+
+    def lanes(self, points: Sequence[Point], dithered: bool = False) -> list[Block]:
         """Lanes at every point, for records of this kind; dithered lanes have the noise that the rig states."""
         return lanes_of(self.record, points, dithered)
 
-    def of(self, lanes: list, settling: float = 0.0, dithered: bool = False) -> np.ndarray:
-        """Residuals of prepared lanes.
-
-        Args:
-            lanes: Lanes from `lanes`.
-            settling: Time that they take to settle, s.
-            dithered: Whether they have noise; the effect of the same noise on the nominal rig is then subtracted.
-
-        Returns:
-            Residuals (n, outputs, axes, lines); nan where the rotor touches down.
-        """
-        if self.replay is not None:
-            return self.replay.of(lanes)
-        r = self.record
-        longest = MOST_TRANSIENT * r.experiment.samples_per_period
-        transient = max(self.transient, min(ceil(settling * r.nominal.control_rate), longest))
-        own = r.experiment, r.waves, r.lines, transient, DITHER_PERIODS if dithered else 1
-        spectra = steady_spectra(lanes, *own)
-        if dithered:
-            if transient not in self.known:
-                plain = [Point({}, {})]
-                noisy, clean = (steady_spectra(self.lanes(plain, on), *own)[0] for on in (True, False))
-                self.known[transient] = np.nan_to_num(noisy - clean)  # zero where the nominal rig does not levitate
-            spectra -= self.known[transient]
-        return self.opened.residuals(spectra[:, 0], spectra[:, 1])
-
     def __call__(self, points: Sequence[Point]) -> np.ndarray:
         """Residuals (n, outputs, axes, lines) at every point."""
-        return self.of(self.lanes(points), max(map(settling, points), default=0.0))
+        return residuals([self], self.lanes(points), max(map(settling, points), default=0.0))[0]
+
+
+def residuals(
+    predictors: Sequence[Predictor], lanes: list[Block], settling: float = 0.0, dithered: bool = False
+) -> list[np.ndarray]:
+    """Residuals of prepared lanes in several records that may run in one block (see `kind` and `schedule`).
+
+    Args:
+        predictors: Those of the records.
+        lanes: Lanes of one of them.
+        settling: Time that they take to settle, s.
+        dithered: Whether they have noise; the effect of the same noise on the nominal rig is then subtracted.
+
+    Returns:
+        Of each record (n, outputs, axes, lines); nan where the rotor touches down.
+    """
+    if predictors[0].replay is not None:
+        return coordinates_of_lanes([p.replay for p in predictors if p.replay is not None], lanes)
+    e = predictors[0].record.experiment
+    needed = max(*(p.transient for p in predictors), ceil(settling * predictors[0].record.nominal.control_rate))
+    transient = min(needed, MOST_TRANSIENT * e.samples_per_period)
+    spectra = _spectra(predictors, lanes, transient, dithered)
+    if dithered:
+        new = [p for p in predictors if transient not in p.known]
+        if new:
+            plain = [Point({}, {})]
+            noisy, clean = (_spectra(new, new[0].lanes(plain, on), transient, dithered) for on in (True, False))
+            for p, own, quiet in zip(new, noisy, clean, strict=True):
+                p.known[transient] = np.nan_to_num(own[0] - quiet[0])  # zero where the nominal rig does not levitate
+        spectra = [own - p.known[transient] for p, own in zip(predictors, spectra, strict=True)]
+    return [
+        p.opened.residuals(own[:, 0], own[:, 1] if "amplifier" in p.opened.outputs else None)
+        for p, own in zip(predictors, spectra, strict=True)
+    ]
+
+
+def _spectra(predictors: Sequence[Predictor], lanes: list[Block], transient: int, dithered: bool) -> list[np.ndarray]:
+    """Amplitudes of displacement, and of the current where any record has it."""
+    return steady_spectra(
+        lanes,
+        [p.drive for p in predictors],
+        [p.record.lines if p.lines is None else p.record.lines[p.lines] for p in predictors],
+        transient,
+        DITHER_PERIODS if dithered else 1,
+        any("amplifier" in p.opened.outputs for p in predictors),
+    )
 
 
 def modes_of(point: Point) -> list[Mapping[str, float]]:
@@ -157,21 +201,25 @@ def settling(point: Point) -> float:
     return max((RUNG_OUT / rate for rate in rates), default=0.0)
 
 
-def together(points: Sequence[Point], period: float, dithering: bool) -> list[tuple[tuple[float, bool], list[int]]]:
+def together(
+    points: Sequence[Point], period: float, dithering: bool, anyway: float = 0.0
+) -> list[tuple[tuple[float, bool], list[int]]]:
     """Points grouped by what can be simulated together.
 
     Args:
         points: The points.
         period: Excitation period, s.
         dithering: Whether the rig has sensor noise.
+        anyway: Time that all points are given to settle, s.
 
     Returns:
         ((settling time in s, whether noise dithers them), indices of the points) of each group.
     """
     steps = np.array(LASTING) * period
+    ends, steps = steps, np.where(steps <= anyway, 0.0, steps)
     groups: dict[tuple[float, bool], list[int]] = {}
     for i, point in enumerate(points):
-        lasts = float(steps[min(np.searchsorted(steps, settling(point)), steps.size - 1)])
+        lasts = float(steps[min(np.searchsorted(ends, settling(point)), steps.size - 1)])
         dithered = dithering and (point.dithered or not DITHERED.isdisjoint(point.effects))
         groups.setdefault((lasts, dithered), []).append(i)
     return sorted(groups.items())

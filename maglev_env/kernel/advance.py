@@ -10,7 +10,7 @@ from functools import cache
 import numpy as np
 
 from maglev_env.kernel.layout import AXIS, filter_size
-from maglev_env.kernel.sample import delay_piece, draw, mix_piece, peak, read_pieces, substep_piece
+from maglev_env.kernel.sample import delay_piece, draw, mix_piece, peak, read_pieces, substep_piece, waves_piece
 from maglev_env.kernel.sensing import sensing_pieces
 from maglev_env.kernel.step import move_piece
 from maglev_env.kernel.structure import Structure
@@ -34,8 +34,8 @@ def kernel(structure: Structure) -> Callable[..., int]:
         timing: of self-sensors, (4,): timing[0] current samples last as long as timing[1] substeps, and timing[2] of
             them as long as timing[3] PWM periods.
         switches: see `Structure.switches`: converters, noise and controller; number of channels that are written;
-            substeps per control sample; whether a sample is written for every substep.
-        force, injection, reference: N, A, m at every control sample.
+            substeps per control sample; whether a sample is written for every substep; number of waves.
+        force, injection, reference: N, A, m at every control sample, wave after wave.
         tile: scratch of TILE samples of all channels.
         out: filled, (axes, outputs, LANES, samples).
 
@@ -56,6 +56,7 @@ def _kernel(structure: Structure) -> Callable[..., int]:
     read, control, note_late = read_pieces(structure)
     mix, load_substep, move = mix_piece(structure), substep_piece(structure), move_piece(structure)
     delay, further = delay_piece(structure), structure.further
+    own_waves, load_waves = structure.own_waves, waves_piece(structure)
     sensors_begin, sensors_follow = sensing_pieces(structure)
 
     def step(x, seeds, history, first_step, timing, switches, force, injection, reference, tile, out):
@@ -65,10 +66,12 @@ def _kernel(structure: Structure) -> Callable[..., int]:
         lanes = seeds.size // axes
         slots = history.size // axes
         mask = np.int64(slots // W - 1)
-        samples = force.size // axes
+        samples = force.size // (axes * switches[4])
         written = samples * substeps if oversampled else samples
         for t in range(samples):
             now = np.int64(first_step + t)
+            if own_waves:
+                load_waves(x, force, injection, reference, samples, t)
             for s in range(substeps):
                 n = t * substeps + s if oversampled else t
                 reading = s == 0 or oversampled

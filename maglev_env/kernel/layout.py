@@ -1,7 +1,7 @@
 """Layout of a block of the lane kernel.
 
-First come the rows of each axis, as the blocks of the loop declare them; then each axis' linear controller; then, for
-each substep and axis, the rows that differ between substeps.
+First come the rows of each axis, as the blocks of the loop declare them, and those of the waves that drive it; then
+each axis' linear controller; then, for each substep and axis, the rows that differ between substeps.
 """
 
 import numpy as np
@@ -11,9 +11,12 @@ from maglev_env.loop.amplifier import NEXT, NODES
 from maglev_env.loop.controller import ARRIVED, ERROR_STATE, HEAD, INPUT_STATE
 from maglev_env.loop.eddy import BRANCHES, EDDY_COMMANDS
 from maglev_env.loop.sensor import BEND, CROSS_BEND, MOUNT_BEND, MOUNT_CROSS
-from maglev_lanes.layout import LANES
+from maglev_lanes.layout import LANES, rows_after
 
-AXIS = self_sensing_pieces.END  # size of an axis, which is the offset between the axes of a lane
+# WAVE: which of several waves drives a lane (in the first axis); PUSHED, INJECTED, WANTED: its force (N), injection (A)
+# and reference (m) of a sample. They are used where lanes have waves of their own.
+# AXIS: size of an axis, which is the offset between the axes of a lane.
+WAVE, PUSHED, INJECTED, WANTED, AXIS = rows_after(self_sensing_pieces.END, "WAVE PUSHED INJECTED WANTED")
 
 
 def filter_size(order: int, of_error: bool) -> int:

@@ -3,7 +3,8 @@
 from collections.abc import Callable
 from types import SimpleNamespace
 
-from maglev_env.kernel.layout import AXIS
+from maglev_env.kernel.layout import AXIS, PUSHED
+from maglev_env.kernel.sample import own_or_shared
 from maglev_env.kernel.structure import Structure
 from maglev_env.loop import actuator, amplifier, eddy, external, mechanics, second_body, sensor
 from maglev_env.loop.further import springs, uneven_gain, vibration
@@ -18,8 +19,14 @@ def parts(s: Structure) -> SimpleNamespace:
     """All pieces of a step, for both axes at once (see `maglev_lanes.pair`)."""
     lift = Lifts(s.axes, AXIS)
     return SimpleNamespace(
-        **_motion(s, lift), **_forces(s, lift), **_currents(s, lift), **_probe(s, lift), both=lift.both()
+        **_motion(s, lift), **_forces(s, lift), **_currents(s, lift), **_probe(s, lift), pushed=_pushed(s, lift)
     )
+
+
+def _pushed(s: Structure, lift: Lifts) -> Callable:
+    """A piece pushed(x, k, force_x, force_y): the held forces on a lane, its own ones or those that all lanes share."""
+    own, both = lift.each(own_or_shared(s, PUSHED), 1), lift.both()
+    return piece(lambda x, k, force_x, force_y: own(x, k, both(force_x, force_y)))
 
 
 def _motion(s: Structure, lift: Lifts) -> dict[str, Callable]:

@@ -1,53 +1,62 @@
-"""Run prepared lanes under waves of any length: what drove a recording that never repeats."""
+"""Run prepared lanes under waves of any length: what drove recordings that never repeat."""
 
-from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from maglev_env.experiment import Experiment
-from maglev_env.kernel.controllers import with_controllers
-from maglev_env.kernel.simulate import _Block, _periods, _State
-from maglev_lanes.layout import LANES
+from maglev_env.kernel.driven import Drive, Driven, driven
+from maglev_env.kernel.simulate import Block, State, stretches
+from maglev_env.loop.mechanics import STEPS
+from maglev_lanes.layout import LANES, row
 from maglev_lanes.threads import over_threads
 
 STRETCH = 4096  # control samples that one call of the kernel advances
+# From the index of a drive and the series (3, axes, samples) of a lane to what is kept of it.
+Look = Callable[[int, np.ndarray], np.ndarray]
 
 
 def replayed(
-    lanes: Sequence[_Block], experiment: Experiment, waves: Mapping[str, np.ndarray], threads: int | None = None
-) -> np.ndarray:
-    """Displacement readings, coil currents and commands of lanes from rest, at the control rate.
+    lanes: Sequence[Block],
+    drives: Sequence[Drive],
+    look: Look = lambda drive, series: series,
+    threads: int | None = None,
+) -> list[list[np.ndarray]]:
+    """What is looked at of displacement readings, coil currents and commands of lanes from rest, at the control rate.
 
     Args:
-        lanes: see `simulate.prepared`; they run under the gains of the experiment.
-        experiment: whose structure but for effects must be that of the lanes.
-        waves: (axes, samples) of "force" (N), "current" (A, added to the command) and "reference" (m).
+        lanes: see `simulate.prepared`.
+        drives: recordings of any length.
+        look: what is kept of a lane; its series are a view of a buffer, and nan where the lane touched down.
         threads: None for all cores.
 
     Returns:
-        (n, 3, axes, samples); nan for a lane that touched down.
+        Of each recording, of each lane.
     """
-    driven = [np.atleast_2d(waves[place]) for place in ("force", "current", "reference")]
-    axes, samples = driven[0].shape
-    schedule = [[w[:, at : at + STRETCH].ravel() for w in driven] for at in range(0, samples, STRETCH)]
+    axes = drives[0].stacked.shape[1]
+    longest = max(d.samples for d in drives)
+    # A recording that ends before another one goes on as it ended; what its lanes do then is not looked at.
+    whole = np.stack([np.pad(d.stacked, ((0, 0), (0, 0), (0, longest - d.samples)), "edge") for d in drives], axis=1)
+    schedule = [[part.ravel() for part in whole[..., at : at + STRETCH]] for at in range(0, longest, STRETCH)]
     count = sum(len(block.members) for block in lanes)
-    found = np.full((count, 3, axes, samples), np.nan)
+    found: list[list[np.ndarray]] = [[np.empty(0)] * count for _ in drives]
 
-    def run(prepared: _Block) -> None:
-        structure = prepared.batch.structure
-        rows = with_controllers(prepared.batch.rows, structure, experiment.gains, experiment)
-        block = replace(prepared, batch=replace(prepared.batch, rows=rows), experiment=experiment)
-        state = _State(block)
-        outputs = len(structure.channels)
-        for i, out in enumerate(_periods(block, state, schedule, outputs)):
-            stretch = slice(i * STRETCH, min((i + 1) * STRETCH, samples))
+    def run(own: Driven) -> None:
+        block, state = own.block, State(own.block)
+        outputs = len(block.batch.structure.channels)
+        series = np.full((len(own.member), 3, axes, longest), np.nan)
+        for i, out in enumerate(stretches(block, state, schedule, outputs, waves=len(drives))):
+            stretch = slice(i * STRETCH, min((i + 1) * STRETCH, longest))
             # A shorter last stretch fills the start of the same buffer.
             filled = (axes, outputs, LANES, stretch.stop - stretch.start)
-            kept = out.reshape(-1)[: np.prod(filled)].reshape(filled)[:, [0, outputs - 1, 1], : len(block.members)]
-            found[block.members, ..., stretch] = kept.transpose(2, 1, 0, 3)
-        found[block.members[~state.alive()[: len(block.members)]]] = np.nan
+            kept = out.reshape(-1)[: np.prod(filled)].reshape(filled)[:, [0, outputs - 1, 1], : len(own.member)]
+            series[..., stretch] = kept.transpose(2, 1, 0, 3)
+        lasted = np.where(state.alive(), np.inf, state.rows[row(STEPS)] / block.substeps)
+        for lane, (d, member) in enumerate(zip(own.drive, own.member, strict=True)):
+            one = series[lane, ..., : drives[d].samples]
+            if lasted[lane] < drives[d].samples:
+                one[:] = np.nan
+            found[d][member] = look(int(d), one)
 
-    for _ in over_threads(run, lanes, threads):
+    for _ in over_threads(run, driven(lanes, drives), threads):
         pass
     return found

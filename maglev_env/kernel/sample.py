@@ -5,7 +5,7 @@ from collections.abc import Callable
 import numpy as np
 
 from maglev_env.channels import step_channels
-from maglev_env.kernel.layout import AXIS, of_substep
+from maglev_env.kernel.layout import AXIS, INJECTED, PUSHED, WANTED, WAVE, of_substep
 from maglev_env.kernel.structure import Structure
 from maglev_env.loop import amplifier, sensor
 from maglev_env.loop.controller import (
@@ -62,6 +62,8 @@ def read_pieces(s: Structure) -> tuple[Callable, Callable, Callable]:
     order, of_error = s.controller_order, s.of_error
     depends = s.actuator_poles == 0 or s.flexible  # whether the recorded current depends on the command after the delay
 
+    wanted, injected = own_or_shared(s, WANTED), own_or_shared(s, INJECTED)
+
     @piece
     def note_reading(x, k, tile, o, off):
         sensed = x[k + row] + tone(x, k) if toned else x[k + row]
@@ -97,15 +99,15 @@ def read_pieces(s: Structure) -> tuple[Callable, Callable, Callable]:
     def control(x, b, tile, o, reference, injection, f):
         for i in range(W):
             k = b + i
-            shown = note_reading(x, k, tile, o + i, 1.0)
+            shown, asked = note_reading(x, k, tile, o + i, 1.0), wanted(x, k, reference)
             if order == 0:
-                u = pid(x, k, reference - shown)
+                u = pid(x, k, asked - shown)
             elif of_error:
-                x[k + ERROR] = reference - shown
+                x[k + ERROR] = asked - shown
                 u = filter_output(x, k, f + i)
             else:
-                u = limited_output(x, f + i, reference, shown, coil(x, k))
-            tile[o + i + COMMAND * W] = command(x, k, u + injection)
+                u = limited_output(x, f + i, asked, shown, coil(x, k))
+            tile[o + i + COMMAND * W] = command(x, k, u + injected(x, k, injection))
             if not depends:
                 note_current(x, k, tile, o + i)
         for j in range(order):
@@ -113,7 +115,7 @@ def read_pieces(s: Structure) -> tuple[Callable, Callable, Callable]:
                 if of_error:
                     filter_ahead(x, b + i, f + (1 + ERROR_STATE * j) * W + i)
                 else:
-                    inputs_ahead(x, f + i, f + (HEAD + INPUT_STATE * j) * W + i, reference)
+                    inputs_ahead(x, f + i, f + (HEAD + INPUT_STATE * j) * W + i, wanted(x, b + i, reference))
 
     @piece
     def late(x, b, tile, o):
@@ -121,6 +123,25 @@ def read_pieces(s: Structure) -> tuple[Callable, Callable, Callable]:
             note_current(x, b + i, tile, o + i)
 
     return read, control, late
+
+
+def own_or_shared(s: Structure, of: int) -> Callable:
+    """A piece (x, k, shared): the number that drives a lane, from its row `of`, or the one that all lanes share."""
+    return piece(lambda x, k, shared: x[k + of]) if s.own_waves else piece(lambda x, k, shared: shared)
+
+
+def waves_piece(s: Structure) -> Callable:
+    """load(x, force, injection, reference, samples, t): copies what drives every lane at sample t into its rows."""
+    axes = s.axes
+
+    @piece
+    def load(x, force, injection, reference, samples, t):
+        for a in range(axes):
+            for i in range(W):
+                at, k = (np.int64(x[i + WAVE]) * axes + a) * samples + t, a * AXIS + i
+                x[k + PUSHED], x[k + INJECTED], x[k + WANTED] = force[at], injection[at], reference[at]
+
+    return load
 
 
 def mix_piece(s: Structure) -> Callable:

@@ -12,7 +12,6 @@ from maglev_env.rig.excitation import lines_at
 from maglev_env.channels import NOISY, SPECTRAL
 from maglev_env.experiment import Experiment, axis_experiment, recorded_channels, sampling, spectral_channels
 from maglev_env.kernel.advance import TILE, kernel
-from maglev_env.kernel.controllers import with_controllers
 from maglev_env.kernel.lanes import LaneBatch, lane_batch, structure_of, timing_of
 from maglev_env.kernel.layout import AXIS
 from maglev_env.kernel.structure import Structure
@@ -58,7 +57,17 @@ class GapError:
 
 
 @dataclass(frozen=True)
-class _Block:
+class Block:
+    """Up to LANES experiments of one structure.
+
+    Args:
+        batch: inputs of the kernel.
+        members: (n,), which of the experiments they are.
+        force_noise: of each lane, N.
+        experiment: one of them.
+        substeps: integration steps per control sample.
+    """
+
     batch: LaneBatch
     members: np.ndarray
     force_noise: np.ndarray
@@ -90,8 +99,8 @@ def simulate_statistics(
     errors = np.full((3, n), np.nan)
     applied = {place: _line_amplitudes(first, place, lines) for place in ("force", "current")}
 
-    def run(block: _Block) -> None:
-        state = _State(block)
+    def run(block: Block) -> None:
+        state = State(block)
         spectra = _block_spectra(block, state, lines, applied)
         begun = list(islice(spectra, 2))
         if len(begun) < 2:  # every lane has touched down
@@ -138,10 +147,10 @@ def simulate_records(experiments: Sequence[Experiment], substeps: int = 1, threa
     records = np.full((len(experiments), len(names), axes, periods * n), np.nan)
     force = np.repeat(np.atleast_2d(first.waveform("force")), multiple, axis=1)[:, ::every]
 
-    def run(block: _Block) -> None:
-        state = _State(block)
+    def run(block: Block) -> None:
+        state = State(block)
         written = block.batch.structure.channels
-        for i, out in enumerate(_periods(block, state, [_waves(first)] * periods, len(written), multiple > 1)):
+        for i, out in enumerate(stretches(block, state, [_waves(first)] * periods, len(written), multiple > 1)):
             span = slice(i * n, (i + 1) * n)
             kept = out[:, :, : len(block.members), ::every]  # (axes, channels, lanes, samples)
             records[block.members, : len(written), :, span] = kept.transpose(2, 1, 0, 3)
@@ -161,8 +170,10 @@ def simulate_records(experiments: Sequence[Experiment], substeps: int = 1, threa
     return records.reshape(len(experiments), len(names) * axes, -1)
 
 
-def prepared(experiments: Sequence[Experiment]) -> list["_Block"]:
-    """Lanes for `steady_spectra`: the constants of experiments that do not depend on gains, excitations and offset."""
+def prepared(experiments: Sequence[Experiment]) -> list[Block]:
+    """Lanes for `steady_spectra` and `replayed`: the constants of experiments that do not depend on gains, excitations
+    and offset.
+    """
     return _blocks(experiments, _enough_substeps(experiments[0]))
 
 
@@ -174,70 +185,17 @@ def _enough_substeps(e: Experiment) -> int:
     return max(1, int(np.ceil(turn / MOST_TURN)))
 
 
-def steady_spectra(
-    lanes: Sequence["_Block"],
-    experiment: Experiment,
-    waves: Mapping[str, np.ndarray],
-    lines: np.ndarray,
-    transient: int,
-    periods: int = 1,
-    threads: int | None = None,
-) -> np.ndarray:
-    """Complex amplitudes of displacement and current under periodic waves.
-
-    Args:
-        lanes: see `prepared`.
-        experiment: gives gains, period and recorded rate; its structure (see `structure_of`) must be that of the lanes,
-            except for effects.
-        waves: one period (axes, samples_per_period) of "force" (N), "current" (A) and "reference" (m, including the
-            offset), instead of the experiment's excitations.
-        lines: harmonic numbers, (lines,).
-        transient: number of control samples before the periods.
-        periods: number of periods in the mean.
-        threads: as for `simulate_statistics`.
-
-    Returns:
-        (n, 2, axes, lines), means over the periods; nan after a touchdown.
-    """
-    _, every = sampling(experiment.recorded_rate, experiment.rig.control_rate)
-    count, n, axes = sum(len(block.members) for block in lanes), experiment.samples_per_period, experiment.rig.axes
-    spectra = np.full((count, 2, axes, len(lines)), np.nan, complex)
-    driven = [np.atleast_2d(waves[place]) for place in ("force", "current", "reference")]
-    whole = [np.ravel(wave) for wave in driven]
-    tail = [wave[:, n - transient % n :].ravel() for wave in driven] if transient % n else None
-    schedule = ([tail] if tail else []) + [whole] * (transient // n + periods)
-
-    def run(prepared: _Block) -> None:
-        rows = with_controllers(prepared.batch.rows, prepared.batch.structure, experiment.gains, experiment)
-        batch = replace(prepared.batch, rows=rows)
-        block = replace(prepared, batch=batch, experiment=experiment)
-        state = _State(block)
-        outputs = len(batch.structure.channels)
-        total = 0.0
-        for i, out in enumerate(_periods(block, state, schedule, outputs)):
-            if i >= len(schedule) - periods:
-                total = total + out[:, [0, outputs - 1], :, ::every]
-        kept = np.flatnonzero(state.alive()[: len(block.members)])
-        for at in range(2 if kept.size else 0):
-            found = scipy.fft.rfft(total[:, at], axis=-1)[:, kept][..., lines] * (2 * every / (n * periods))
-            spectra[block.members[kept], at] = found.transpose(1, 0, 2)
-
-    for _ in over_threads(run, lanes, threads):
-        pass
-    return spectra
-
-
 def block_periods(experiments: Sequence[Experiment], outputs: int = 2) -> Iterator[Iterator[np.ndarray]]:
     """The simulator without statistics: for each block an iterator over periods of the first `outputs` channels."""
     first = _common(experiments)
     for block in _blocks(experiments, 1):
-        yield _periods(block, _State(block), [_waves(first)] * (first.transient_periods + first.periods), outputs)
+        yield stretches(block, State(block), [_waves(first)] * (first.transient_periods + first.periods), outputs)
 
 
-class _State:
+class State:
     """The mutable arrays of one block while it runs."""
 
-    def __init__(self, block: _Block) -> None:
+    def __init__(self, block: Block) -> None:
         batch = block.batch
         pad = np.minimum(np.arange(LANES), batch.rows.shape[1] - 1)
         self.axes = batch.structure.axes
@@ -298,7 +256,7 @@ def _common(experiments: Sequence[Experiment]) -> Experiment:
     return first
 
 
-def _blocks(experiments: Sequence[Experiment], substeps: int) -> list[_Block]:
+def _blocks(experiments: Sequence[Experiment], substeps: int) -> list[Block]:
     """Blocks of up to LANES experiments of one structure each, so that a lane never depends on its neighbours."""
     groups: dict[tuple[Structure, tuple[int, ...]], list[int]] = {}
     for i, e in enumerate(experiments):
@@ -311,28 +269,46 @@ def _blocks(experiments: Sequence[Experiment], substeps: int) -> list[_Block]:
             part = replace(batch, rows=batch.rows[:, s], seeds=batch.seeds[..., s])
             noise = [experiments[i].rig.noise.force for i in members[s]]
             noise += noise[-1:] * (LANES - len(noise))
-            blocks.append(_Block(part, np.array(members[s]), np.array(noise), experiments[members[0]], substeps))
+            blocks.append(Block(part, np.array(members[s]), np.array(noise), experiments[members[0]], substeps))
     return blocks
 
 
-def _periods(
-    block: _Block, state: _State, schedule: Sequence[Sequence[np.ndarray]], outputs: int, oversampled: bool = False
+def stretches(
+    block: Block,
+    state: State,
+    schedule: Sequence[Sequence[np.ndarray]],
+    outputs: int,
+    oversampled: bool = False,
+    silent: int = 0,
+    waves: int = 1,
 ) -> Iterator[np.ndarray]:
-    """Output (axes, outputs, LANES, samples) of each stretch of waves in a schedule; the buffer is reused. Ends when
-    all have touched down."""
+    """Output (axes, outputs, LANES, samples) of each stretch of a schedule; the buffer is reused. Ends when all have
+    touched down.
+
+    Args:
+        block: the lanes.
+        state: their state, which advances.
+        schedule: force, injection and reference of each stretch, flat, wave after wave.
+        outputs: number of channels that are written.
+        oversampled: whether every substep is written.
+        silent: number of stretches at the beginning whose output is not wanted; they yield nothing.
+        waves: number of waves from which the lanes choose.
+    """
     axes, structure = state.axes, block.batch.structure
-    step, switches = kernel(structure), structure.switches(outputs, block.substeps, oversampled)
-    longest = max(waves[0].size for waves in schedule) // axes
+    step = kernel(structure)
+    quiet, loud = (structure.switches(n, block.substeps, oversampled, waves) for n in (0, outputs))
+    longest = max(driven[0].size for driven in schedule[silent:]) // (axes * waves)
     out = _aligned((axes, outputs, LANES, longest * (block.substeps if oversampled else 1)))
     out[:] = 0.0  # after the last touchdown nothing is written, and uninitialised memory may contain nan
     tile = _aligned((TILE * axes * len(structure.channels) * LANES,))
     kernel_seeds = np.ascontiguousarray(state.seeds[:, NOISY.index("displacement")]).reshape(-1)
-    for waves in schedule:
-        clocks = state.step, state.timing, switches
-        done = step(state.rows.reshape(-1), kernel_seeds, state.history, *clocks, *waves, tile, out.reshape(-1))
+    for i, driven in enumerate(schedule):
+        clocks = state.step, state.timing, quiet if i < silent else loud
+        done = step(state.rows.reshape(-1), kernel_seeds, state.history, *clocks, *driven, tile, out.reshape(-1))
         state.step += done
-        yield out
-        if done < waves[0].size // axes:
+        if i >= silent:
+            yield out
+        if done < driven[0].size // (axes * waves):
             return
 
 
@@ -349,12 +325,12 @@ def _line_amplitudes(e: Experiment, place: str, lines: np.ndarray) -> np.ndarray
 
 
 def _block_spectra(
-    block: _Block, state: _State, lines: np.ndarray, applied: Mapping[str, np.ndarray]
+    block: Block, state: State, lines: np.ndarray, applied: Mapping[str, np.ndarray]
 ) -> Iterator[np.ndarray]:
     """Per-period spectra (LANES, channels, lines) of the kept periods; channels as `spectral_channels`."""
     e, axes, n = block.experiment, state.axes, block.experiment.samples_per_period
     sensed = block.batch.structure.sensed is not None
-    for period, out in enumerate(_periods(block, state, [_waves(e)] * (e.transient_periods + e.periods), 2 + sensed)):
+    for period, out in enumerate(stretches(block, state, [_waves(e)] * (e.transient_periods + e.periods), 2 + sensed)):
         if period < e.transient_periods:
             state.forget()
             continue

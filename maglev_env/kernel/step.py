@@ -21,8 +21,8 @@ def move_piece(s: Structure) -> Callable:
     """
     p = parts(s)
     flexible, sticking, probed, poles = s.flexible, s.sticking, s.sensed is None, s.sensor_poles
-    both, position, velocity, bristles, deflect, friction = (
-        p.both, p.position, p.velocity, p.bristles, p.deflect_bristles, p.friction,
+    pushed_by, position, velocity, bristles, deflect, friction = (
+        p.pushed, p.position, p.velocity, p.bristles, p.deflect_bristles, p.friction,
     )  # fmt: skip
     current_start, current_middle, current_end = p.current_start, p.current_middle, p.current_end
     push_start, push_middle, push_end, force, damping = p.push_start, p.push_middle, p.push_end, p.force, p.damping
@@ -40,7 +40,7 @@ def move_piece(s: Structure) -> Callable:
     @piece
     def move(x, force_x, force_y):
         for k in range(W):
-            y, v, outside = position(x, k), velocity(x, k), both(force_x, force_y)
+            y, v, outside = position(x, k), velocity(x, k), pushed_by(x, k, force_x, force_y)
             p0, pm, p1 = push_start(x, k, outside), push_middle(x, k, outside), push_end(x, k, outside)
             # Amplify.
             x1, x2 = x1_next(x, k), x2_next(x, k)

@@ -32,6 +32,7 @@ class Structure:
         sticking: whether their friction sticks.
         further: whether the flexible kernel also has the effects of `loop.further`, all at once.
         shaped: whether effects have other forms than the plain ones (see `loop.effect.shaped`).
+        own_waves: whether every lane chooses one of several waves; otherwise all are driven by the same.
     """
 
     magnets: str
@@ -51,6 +52,7 @@ class Structure:
     sticking: bool = False
     further: bool = False
     shaped: bool = False
+    own_waves: bool = False
 
     @property
     def channels(self) -> tuple[str, ...]:
@@ -62,6 +64,6 @@ class Structure:
         """The structure without the parts that are read at run time; structures with the same one share a kernel."""
         return replace(self, noise=False)
 
-    def switches(self, outputs: int, substeps: int = 1, oversampled: bool = False) -> np.ndarray:
+    def switches(self, outputs: int, substeps: int = 1, oversampled: bool = False, waves: int = 1) -> np.ndarray:
         """Switches that the kernel reads at run time (see `advance.kernel`)."""
-        return np.array([self.noise, outputs, substeps, oversampled], dtype=np.int64)
+        return np.array([self.noise, outputs, substeps, oversampled, waves], dtype=np.int64)

@@ -27,9 +27,9 @@ class Nuisances:
 
     @cached_property
     def _directions(self) -> tuple[np.ndarray, np.ndarray]:
-        """Orthonormal directions (q, 2 K), real, and the share (q,) that is taken out along each."""
-        stacked = np.concatenate([self.columns.real, self.columns.imag], axis=1)
-        _, s, directions = np.linalg.svd(stacked, full_matrices=False)
+        """Orthonormal directions (q, 2 K) of real and imaginary parts in turn, and the share (q,) that is taken out
+        along each."""
+        _, s, directions = np.linalg.svd(_parts(self.columns), full_matrices=False)
         known = s > 1e-9
         return directions[known], 1 - 1 / np.sqrt(1 + s[known] ** 2)
 
@@ -38,14 +38,17 @@ class Nuisances:
         if not self.names:
             return whitened
         directions, share = self._directions
-        k = whitened.shape[-1]
-        along = whitened.real @ directions[:, :k].T + whitened.imag @ directions[:, k:].T
-        taken = (along * share) @ directions
-        return whitened - (taken[..., :k] + 1j * taken[..., k:])
+        parts = _parts(whitened)
+        return (parts - (parts @ directions.T * share) @ directions).view(complex)
 
     def within(self, place: slice) -> "Nuisances":
         """The nuisances of a part of the data."""
         return Nuisances(self.names, self.columns[:, place])
+
+
+def _parts(values: np.ndarray) -> np.ndarray:
+    """Real and imaginary parts (..., 2 K) in turn of complex values (..., K)."""
+    return np.ascontiguousarray(values, complex).view(float)
 
 
 def stacked(found: Sequence[dict[str, np.ndarray]], sizes: Sequence[int]) -> Nuisances:

@@ -6,7 +6,9 @@ from dataclasses import dataclass, fields
 import numpy as np
 
 from estimation.line_windows import WIDTH
+from maglev_env.kernel.driven import Drive
 from maglev_env.kernel.replay import replayed
+from maglev_env.kernel.simulate import Block
 from sim2real.recorded.open_loop import Loop
 from sim2real.recorded.open_record import KEPT, OpenRecord
 from sim2real.recorded.opened import Opened
@@ -18,10 +20,11 @@ def opened_of(loop: Loop) -> Opened:
     return Opened(*(np.repeat(v[..., WIDTH // 2], KEPT, axis=-1) for v in blocks), loop.blocks.outputs)
 
 
-def simulated_series(record: OpenRecord, lanes: list) -> np.ndarray:
+def simulated_series(record: OpenRecord, lanes: list[Block]) -> np.ndarray:
     """Displacement, current and command (n, 3, axes, samples) of prepared lanes at the recorded samples; nan where they
     touch down."""
-    return replayed(lanes, record.experiment, record.waves)[..., :: record.every]
+    (found,) = replayed(lanes, [Drive(record.experiment, record.waves)])
+    return np.array(found)[..., :: record.every]
 
 
 @dataclass(frozen=True)
@@ -32,11 +35,16 @@ class Replay:
     loop: Loop
     outputs: tuple[str, ...]
 
-    def of(self, lanes: list) -> np.ndarray:
-        """(n, outputs, axes, coordinates) of prepared lanes; nan where the rotor touches down."""
-        series = simulated_series(self.record, lanes)
-        # One lane's spectra are in memory at a time.
-        return np.array([coordinates_of(self.record, self.loop, self.outputs, one) for one in series])
+
+def coordinates_of_lanes(replays: Sequence[Replay], lanes: list[Block]) -> list[np.ndarray]:
+    """(n, outputs, axes, coordinates) of prepared lanes, of each record; nan where the rotor touches down."""
+
+    def look(which: int, series: np.ndarray) -> np.ndarray:
+        own = replays[which]
+        return coordinates_of(own.record, own.loop, own.outputs, series[..., :: own.record.every])
+
+    drives = [Drive(own.record.experiment, own.record.waves) for own in replays]
+    return [np.array(found) for found in replayed(lanes, drives, look)]
 
 
 def coordinates_of(record: OpenRecord, loop: Loop, outputs: Sequence[str], series: np.ndarray) -> np.ndarray:

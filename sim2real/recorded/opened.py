@@ -12,7 +12,7 @@ simulated spectra go through the same transform.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from itertools import product
 
 import numpy as np
@@ -70,6 +70,10 @@ class Opened:
         if current is not None:
             found["amplifier"] = current - self.amplifier * command
         return np.stack([found[name] for name in self.outputs], axis=-3)
+
+    def at(self, lines: np.ndarray) -> "Opened":
+        """The responses at some of the lines."""
+        return Opened(*(getattr(self, f.name)[..., lines] for f in fields(self)[:-1]), self.outputs)
 
     def displacement(self, residuals: np.ndarray) -> np.ndarray:
         """The displacement (axes, n) of which residuals (outputs, axes, n) are those: `residuals` backwards."""

@@ -10,7 +10,7 @@ from sim2real.hypotheses import TONES
 from sim2real.problem import assemble
 from sim2real.recorded.records import read_records
 from sim2real.recorded.tones import MOST, families, near_tones, origin, outstanding, remove_tones, tone_at
-from sim2real.simulated import Point, settling, together
+from sim2real.simulated import Point, residuals, settling, together
 from sim2real.unsynchronised import Sighting, _one_family, evidence, spin_costs
 
 RATE, PER_PERIOD, PERIODS = 20e3, 2500, 8
@@ -228,7 +228,7 @@ def test_a_mode_has_rung_out_where_it_is_looked_at(tmp_path):
     """A sharp mode that the nominal loop knows nothing of: the period predicted is that of a record as long again."""
     problem = assemble([r for r in read_records(campaign(tmp_path / "c", names=("base",)))[1]])
     mode = Point({"sensor_resonance": {"frequency": 37.0, "damping_ratio": 0.012, "coupling": 0.1}}, {})
-    steady = problem.parts[0].predictor.of(problem.parts[0].predictor.lanes([mode]), 2 * settling(mode))
+    steady = residuals([problem.parts[0].predictor], problem.parts[0].predictor.lanes([mode]), 2 * settling(mode))[0]
     whitened = steady[..., problem.parts[0].used] * (np.sqrt(2) / problem.parts[0].noise[..., problem.parts[0].used])
     found, hasty = (problem.simulate([mode], settled)[0] for settled in (True, False))
     size = abs(whitened).max()

@@ -3,6 +3,7 @@
 from collections.abc import Callable
 
 from maglev_workbench.commands.bench.compiling import compile_figures
+from maglev_workbench.commands.bench.diagnoses import diagnosis_figures
 from maglev_workbench.commands.bench.environments import environment_figures
 from maglev_workbench.commands.bench.estimators import estimator_figures
 from maglev_workbench.commands.bench.figures import Figure
@@ -25,6 +26,7 @@ SECTIONS: dict[str, Callable[[Size], dict[str, Figure]]] = {
     "estimators": estimator_figures,
     "self-sensing": self_sensing_figures,
     "rotor": rotor_figures,
+    "diagnoses": diagnosis_figures,
     "memory": memory_figures,
 }
 
@@ -32,7 +34,7 @@ SECTIONS: dict[str, Callable[[Size], dict[str, Figure]]] = {
 def measure(size: Size) -> dict[str, Figure]:
     """Every figure of the benchmark, by name.
 
-    It takes about a minute and a half, and half a minute more where kernels are not yet compiled.
+    It takes about two minutes, and half a minute more where kernels are not yet compiled.
     """
     found: dict[str, Figure] = {}
     with progress_bar() as bar:

@@ -7,6 +7,7 @@ import pytest
 from gap_laws import changed_law, levitated
 
 from maglev_env.experiment import Experiment
+from maglev_env.kernel.driven import Drive
 from maglev_env.kernel.lanes import structure_of
 from maglev_env.kernel.replay import STRETCH, replayed
 from maglev_env.kernel.simulate import prepared, simulate_records
@@ -92,8 +93,8 @@ def test_a_replay_that_ends_far_from_the_centre_stands_to_its_end():
     wave = 0.5e-3 * np.minimum(np.arange(samples) / 1500.0, 1.0)
     still = np.zeros(samples)
     waves = {"force": still, "current": still, "reference": wave}
-    held = replayed(prepared([e]), e, waves)[0, 0, 0]
+    held = replayed(prepared([e]), [Drive(e, waves)])[0][0][0, 0]
     assert 0.6e-3 < held[-1] < 0.8e-3
     jump = np.append(wave, np.zeros(STRETCH // 2))
     both = {"force": 0 * jump, "current": 0 * jump, "reference": jump}
-    assert np.isnan(replayed(prepared([e]), e, both)).all()
+    assert np.isnan(replayed(prepared([e]), [Drive(e, both)])[0][0]).all()

@@ -18,7 +18,7 @@ from maglev_env.design.defaults import with_defaults
 from maglev_env.evaluation.evaluate import evaluate
 from maglev_env.experiment import Experiment, axis_experiment, protocol_experiment, recorded_channels, self_sensors
 from maglev_env.kernel.advance import TILE, kernel
-from maglev_env.kernel.simulate import _blocks, _State, simulate_records, simulate_statistics
+from maglev_env.kernel.simulate import State, _blocks, simulate_records, simulate_statistics
 from maglev_env.linear.loop import closed_loop_poles, expected_statistics, loop_response, without_noise
 from maglev_env.loop.axes import Cross
 from maglev_env.loop.effect import effect
@@ -157,7 +157,7 @@ def test_commands_pass_the_converter_count_for_count():
 def coil_currents(e, samples):
     """What flows in the kernel's coil at every control instant, A, and its gap, m."""
     (block,) = _blocks([e], 1)
-    state = _State(block)
+    state = State(block)
     outputs = len(recorded_channels(e)) - 1  # without the force
     structure = block.batch.structure
     step, switches = kernel(structure), structure.switches(outputs)

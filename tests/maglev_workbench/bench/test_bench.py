@@ -19,6 +19,7 @@ from maglev_workbench.commands.bench.memory import block_figures, evaluation_pea
 from maglev_workbench.commands.bench.report import bench_page
 from maglev_workbench.commands.bench.timing import Size, alternately
 from maglev_workbench.console import write_json
+from sim2real import attribute
 
 TINY = Size(lanes=2, repeats=1, xy_lanes=1, record_seconds=2.0, memory_sets=(2, 4))
 SIMULATORS = ("dlsim", "forced_response", "solve_ivp")
@@ -86,6 +87,9 @@ NAMES = {
         "run_ups_per_second",
         "run_ups_together_over_one_thread",
     },
+    "diagnoses": {
+        *(f"diagnosis_{kind}_{what}" for kind in ("periodic", "open") for what in ("seconds", "over_kernel")),
+    },
     "memory": {
         "peak_memory_2_gain_sets_mb",
         "peak_memory_4_gain_sets_mb",
@@ -104,7 +108,9 @@ def measured():
 
     def of(section):
         if section not in found:
-            found[section] = sections.SECTIONS[section](TINY)
+            with pytest.MonkeyPatch.context() as patch:  # a diagnosis among all effects takes too long for a test
+                patch.setattr(attribute, "single_effects", lambda rig: ("delay",))
+                found[section] = sections.SECTIONS[section](TINY)
         return found[section]
 
     return of
