@@ -13,6 +13,7 @@ from maglev_env.redundancy.view import View
 
 FREE = 1.05  # of the clearance to both sides
 BEYOND = 1.01  # of a converter's range: how well its ends are known
+QUIET = 0.1  # of a sensor's noise: how well that is known
 LEVEL = 4.0  # standard errors
 SETTLED = 0.25  # |S - S of the highest lines| from which the sensitivity has reached its end
 LEAST_LINES = 8
@@ -43,6 +44,20 @@ def clearance(view: View) -> list[Finding]:
         )
         return [Finding("clearance", view.recording, "displacement", float(y.mean()), None, text, "wiring")]
     return []
+
+
+def still(view: View) -> list[Finding]:
+    """A displacement that is quieter than its sensor's noise."""
+    if view.rig is None or "displacement" not in view.recorded:
+        return []
+    moved, noise = float(view.channels["displacement"].std()), view.rig.noise.displacement
+    if not 0 < moved < QUIET * noise:
+        return []
+    text = (
+        f"displacement: it moves by {moved:.3g} m rms, and the rig's sensor has a noise of {noise:.3g} m; check the "
+        f"scale (the unit) of column {view.columns.get('displacement')!r}"
+    )
+    return [Finding("scale", view.recording, "displacement", moved / noise, None, text, "wiring")]
 
 
 def ranges(view: View) -> list[Finding]:

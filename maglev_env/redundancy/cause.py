@@ -35,8 +35,9 @@ def causes(rows: Sequence[Row], rate: float) -> list[Cause]:
 
 
 def two_causes(rows: Sequence[Row], rate: float) -> tuple[Cause, ...]:
-    """The two causes that explain all rows together, where only one pair does and rows are left to check it by."""
-    pairs = [p for p in combinations(_names(rows), 2) if sum(bool({*p} & r.powers.keys()) for r in rows) > len(p)]
+    """The two channels that explain all rows together, where only one pair does and rows are left to check it by."""
+    channels = [name for name in _names(rows) if name not in PARAMETERS]
+    pairs = [p for p in combinations(channels, 2) if sum(bool({*p} & r.powers.keys()) for r in rows) > len(p)]
     found = [one for pair in pairs if (one := _causes(pair, rows, rate)) is not None]
     return found[0] if len(found) == 1 else ()
 
@@ -72,6 +73,8 @@ def _causes(names: tuple[str, ...], rows: Sequence[Row], rate: float) -> tuple[C
             return None
         if row.delay is not None and abs(row.delay - delay) > row.delay_tolerance + LEVEL * row.delay_se + slack * held:
             return None
+    if any(abs(sizes[n][0]) < ROUGH and not negative[n] and abs(delays[n][0]) < slack for n in names):
+        return None  # what is not wrong explains nothing
     return tuple(Cause(n, sizes[n][0], negative[n], delays[n][0], sizes[n][1], delays[n][1]) for n in names)
 
 

@@ -77,7 +77,11 @@ def moved(view: View) -> list[Row]:
     if found.misfit > SHAPE and len(inputs) == 1:
         lag, _ = low_pass(lines.parts["displacement"], inputs[0], lines.frequency, view.rate, lines.periodic,
                           found.misfit)  # fmt: skip
-    return [_row(view, found, i, p, e, lag) for i, (p, e) in enumerate(zip(powers, effects, strict=True))]
+    rows = [_row(view, found, i, p, e, lag) for i, (p, e) in enumerate(zip(powers, effects, strict=True))]
+    if "force" in powers[0] and rows[0].gain < 0:  # where a mass dominates that is stated too large, a spring may
+        free = _without_rig(view)
+        return free if free and free[0].gain > 0 else rows
+    return rows
 
 
 def _row(view: View, found: Fit, i: int, powers: dict[str, int], effects: tuple[str, ...], lag: float) -> Row:

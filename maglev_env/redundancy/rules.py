@@ -15,7 +15,7 @@ from maglev_env.recordings.recording import read_recording
 from maglev_env.recordings.signals import recorded_signals
 from maglev_env.recordings.spectra import RecordedSignals, axis_signals
 from maglev_env.redundancy.amplifier import amplified
-from maglev_env.redundancy.bounds import balance, clearance, rails, ranges, sensitivity
+from maglev_env.redundancy.bounds import balance, clearance, rails, ranges, sensitivity, still
 from maglev_env.redundancy.controller import controlled, stated_gains
 from maglev_env.redundancy.coverage import uncovered
 from maglev_env.redundancy.design import dead_lines, designed
@@ -40,6 +40,7 @@ ROWS: Mapping[str, Callable[[View], list[Row]]] = {
 # Rules that stand by themselves.
 RULES: Mapping[str, Callable[[View], list[Finding]]] = {
     "clearance": clearance,
+    "noise": still,
     "range": ranges,
     "missing samples": jumps,
     "lines": dead_lines,
@@ -60,7 +61,6 @@ FINAL = (
     "missing samples",
     "gains",
 )  # others would only repeat in other words what these found
-FEW = 6  # channels of which every pair is tried
 
 
 def examine(campaign: Campaign) -> list[Finding]:
@@ -94,8 +94,9 @@ def examine_recording(campaign: Campaign, spec: RecordingSpec) -> list[Finding]:
         view.rig is None or view.rate == view.rig.control_rate for view in views
     ):
         found = _other_rate(campaign, spec, signals) or found
-    if any(f.code in DOUBTFUL and f.kind in ("contradiction", "wiring") for f in found):
-        found = _swapped(campaign, spec) or found
+    doubtful = [f for f in found if f.code in (*DOUBTFUL, "amplifier") and f.kind != "quality"]
+    if doubtful:
+        found = _swapped(campaign, spec, all(f.kind == "effect" for f in doubtful)) or found
     return [*alarms, *found]
 
 
@@ -157,15 +158,14 @@ def _views(campaign: Campaign, spec: RecordingSpec, signals: RecordedSignals) ->
     return [view if "voltage" in view.channels else view.at_control_rate() for view in views]
 
 
-def _swapped(campaign: Campaign, spec: RecordingSpec) -> list[Finding]:
+def _swapped(campaign: Campaign, spec: RecordingSpec, alike: bool) -> list[Finding]:
     """Two columns exchanged: the one exchange under which all rules agree.
 
-    Of many channels, those are tried that share an axis or a quantity.
+    `alike`: try only columns of one quantity, those of the two axes, because an effect may explain what differs.
     """
     names = [n for n in spec.channels if n != "time"]
     for one, other in combinations(names, 2):
-        (a, _, of), (b, _, of_other) = one.partition("_"), other.partition("_")
-        if len(names) > FEW and a != b and of != of_other:
+        if alike and one.partition("_")[0] != other.partition("_")[0]:
             continue
         channels = {**spec.channels, one: spec.channels[other], other: spec.channels[one]}
         try:

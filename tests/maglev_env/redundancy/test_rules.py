@@ -309,3 +309,8 @@ def test_two_wrong_scales_are_named_each_with_its_size(sound, tmp_path):
     assert [f.value for f in found[:2]] == [pytest.approx(2.0, rel=0.01), pytest.approx(2.83, rel=0.01)]
     assert found[0].message.endswith("check the scale of column 'force'")
     assert found[2].code == "sensitivity"
+
+
+def test_a_displacement_quieter_than_its_sensor_is_told(open_folder, tmp_path):
+    found = changed(open_folder, tmp_path / "c", "noise", scale("displacement", 1e-3))
+    assert any("moves by" in f.message and f.channel == "displacement" for f in found)
