@@ -177,15 +177,12 @@ def entries(evidence: Evidence, belief: Belief = BELIEF) -> list[Entry]:
     apart = (costs - costs.min()) / evidence.dispersion.ratio(excused)
     logs = np.log([prior for *_, prior, _ in rows]) - 0.5 * belief.freedom * np.log1p(apart / scale)
     logs -= belief.form_cost * np.log(np.maximum(scale / (belief.freedom + WIDE_FORM * gap), 1.0))
-    # The unknown cause is the best hypothesis with a free correction of every group that it leaves unexplained, and of
+    # The unknown cause is the best hypothesis with a free correction of every group that it leaves unexplained, or of
     # what differs among recordings.
     foreign = _unnamed(rows[int(np.argmin(costs))][0], evidence)
     rows.append(((UNKNOWN,), float(costs.min() - saved - foreign), 1.0, None))
-    gain = (
-        0.5 * belief.freedom * (np.log1p(saved / scale[int(np.argmin(costs))]) + np.log1p(foreign / belief.freedom))
-        + 0.5 * belief.freedom * np.log1p(evidence.dispersion.beyond(excused) / belief.freedom)
-        - belief.unknown_cost
-    )
+    lacking = max(saved / scale[int(np.argmin(costs))], evidence.dispersion.beyond(excused) / belief.freedom)
+    gain = 0.5 * belief.freedom * (np.log1p(lacking) + np.log1p(foreign / belief.freedom)) - belief.unknown_cost
     logs = np.append(logs, logs.max() + gain)
     weights = np.exp(logs - logs.max())
     weights /= weights.sum()
