@@ -16,7 +16,7 @@ from sim2real.simulated import DITHERED, MAY_BE_DITHERED, tolerances
 
 FIRST, ITERATIONS = 3, 20  # steps of a fit from every start that is followed; further steps of the better one
 SEEDS, PAIRS = 4, 8  # per round: best single effects to which a second one is added, and pairs that are fitted
-SHAPED, SHAPED_PAIRS = 4, 2  # best single effects and pairs that are tried in other forms
+SHAPED, SHAPED_PAIRS = 3, 2  # best single effects and pairs that are tried in other forms
 SPARE = 30  # other starts of an effect that are tried when one makes the rotor touch down
 BLURRED, BLURRED_SHARE = 4, 0.5  # best fits that are repeated with sensor noise, and share of the gap they may leave
 SWAPPED = 2  # best pairs of which either effect is tried with others
