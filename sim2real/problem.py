@@ -60,7 +60,8 @@ class Part:
 
     def whitened(self, predicted: np.ndarray) -> np.ndarray:
         """What `looked` predicts (n, outputs, axes, lines), of the used lines in units of their noise, (n, size)."""
-        used = predicted[..., self.used] if isinstance(self.record, OpenRecord) else predicted
+        whole = predicted.shape[-1] == self.whitening.shape[-1]
+        used = predicted if whole else predicted[..., self.used]
         return (used * self.whitening).reshape(len(predicted), -1)
 
 

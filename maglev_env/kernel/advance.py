@@ -6,6 +6,7 @@ full, so a lane's bits do not depend on how many others run beside it.
 
 from collections.abc import Callable
 from functools import cache
+from threading import Lock
 
 import numpy as np
 
@@ -22,6 +23,7 @@ from maglev_lanes.layout import LANES
 W = LANES
 # Number of samples that are collected before they are written lane by lane, so that a lane's series is contiguous.
 TILE = 8
+_MAKING = Lock()  # threads that need a new kernel at the same time make it once
 
 
 def kernel(structure: Structure) -> Callable[..., int]:
@@ -42,7 +44,8 @@ def kernel(structure: Structure) -> Callable[..., int]:
     Returns of the stepper:
         The control samples done: fewer when every lane has touched down.
     """
-    return _kernel(structure.compiled)
+    with _MAKING:
+        return _kernel(structure.compiled)
 
 
 @cache

@@ -11,34 +11,38 @@ from maglev_lanes.layout import LANES, row
 from maglev_lanes.threads import over_threads
 
 STRETCH = 4096  # control samples that one call of the kernel advances
-# From the index of a drive and the series (3, axes, samples) of a lane to what is kept of it.
-Look = Callable[[int, np.ndarray], np.ndarray]
+# Takes the index of a drive, that of a lane and the lane's series (3, axes, samples), which are overwritten later.
+Look = Callable[[int, int, np.ndarray], None]
 
 
-def replayed(
-    lanes: Sequence[Block],
-    drives: Sequence[Drive],
-    look: Look = lambda drive, series: series,
-    threads: int | None = None,
-) -> list[list[np.ndarray]]:
-    """What is looked at of displacement readings, coil currents and commands of lanes from rest, at the control rate.
+def replayed(lanes: Sequence[Block], drives: Sequence[Drive], threads: int | None = None) -> list[np.ndarray]:
+    """Displacement readings, coil currents and commands of lanes from rest, at the control rate.
 
     Args:
         lanes: see `simulate.prepared`.
         drives: recordings of any length.
-        look: what is kept of a lane; its series are a view of a buffer, and nan where the lane touched down.
         threads: None for all cores.
 
     Returns:
-        Of each recording, of each lane.
+        Of each recording (n, 3, axes, samples); nan for a lane that touched down.
     """
+    count = sum(len(block.members) for block in lanes)
+    found = [np.empty((count, *d.stacked.shape)) for d in drives]
+
+    def look(drive: int, lane: int, series: np.ndarray) -> None:
+        found[drive][lane] = series
+
+    look_at_replays(lanes, drives, look, threads)
+    return found
+
+
+def look_at_replays(lanes: Sequence[Block], drives: Sequence[Drive], look: Look, threads: int | None = None) -> None:
+    """As `replayed`, but every lane is looked at when its block is done, so that few series are in memory."""
     axes = drives[0].stacked.shape[1]
     longest = max(d.samples for d in drives)
     # A recording that ends before another one goes on as it ended; what its lanes do then is not looked at.
     whole = np.stack([np.pad(d.stacked, ((0, 0), (0, 0), (0, longest - d.samples)), "edge") for d in drives], axis=1)
     schedule = [[part.ravel() for part in whole[..., at : at + STRETCH]] for at in range(0, longest, STRETCH)]
-    count = sum(len(block.members) for block in lanes)
-    found: list[list[np.ndarray]] = [[np.empty(0)] * count for _ in drives]
 
     def run(own: Driven) -> None:
         block, state = own.block, State(own.block)
@@ -55,8 +59,7 @@ def replayed(
             one = series[lane, ..., : drives[d].samples]
             if lasted[lane] < drives[d].samples:
                 one[:] = np.nan
-            found[d][member] = look(int(d), one)
+            look(int(d), int(member), one)
 
     for _ in over_threads(run, driven(lanes, drives), threads):
         pass
-    return found

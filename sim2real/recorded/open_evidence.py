@@ -7,7 +7,7 @@ import numpy as np
 
 from estimation.line_windows import WIDTH
 from maglev_env.kernel.driven import Drive
-from maglev_env.kernel.replay import replayed
+from maglev_env.kernel.replay import look_at_replays, replayed
 from maglev_env.kernel.simulate import Block
 from sim2real.recorded.open_loop import Loop
 from sim2real.recorded.open_record import KEPT, OpenRecord
@@ -24,7 +24,7 @@ def simulated_series(record: OpenRecord, lanes: list[Block]) -> np.ndarray:
     """Displacement, current and command (n, 3, axes, samples) of prepared lanes at the recorded samples; nan where they
     touch down."""
     (found,) = replayed(lanes, [Drive(record.experiment, record.waves)])
-    return np.array(found)[..., :: record.every]
+    return found[..., :: record.every]
 
 
 @dataclass(frozen=True)
@@ -39,12 +39,15 @@ class Replay:
 def coordinates_of_lanes(replays: Sequence[Replay], lanes: list[Block]) -> list[np.ndarray]:
     """(n, outputs, axes, coordinates) of prepared lanes, of each record; nan where the rotor touches down."""
 
-    def look(which: int, series: np.ndarray) -> np.ndarray:
-        own = replays[which]
-        return coordinates_of(own.record, own.loop, own.outputs, series[..., :: own.record.every])
+    count = sum(len(block.members) for block in lanes)
+    found = [np.empty((count, len(r.outputs), r.record.axes, r.record.frequency.size), complex) for r in replays]
 
-    drives = [Drive(own.record.experiment, own.record.waves) for own in replays]
-    return [np.array(found) for found in replayed(lanes, drives, look)]
+    def look(which: int, lane: int, series: np.ndarray) -> None:
+        own = replays[which]
+        found[which][lane] = coordinates_of(own.record, own.loop, own.outputs, series[..., :: own.record.every])
+
+    look_at_replays(lanes, [Drive(own.record.experiment, own.record.waves) for own in replays], look)
+    return found
 
 
 def coordinates_of(record: OpenRecord, loop: Loop, outputs: Sequence[str], series: np.ndarray) -> np.ndarray:

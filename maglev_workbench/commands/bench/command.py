@@ -19,7 +19,7 @@ def bench(
     compare: Annotated[Path | None, typer.Option(help="JSON file of an earlier run to compare with.")] = None,
     json_file: JsonOption = None,
 ) -> None:
-    """Measure speed and memory of simulator and estimators, and of references in the same run; about a minute."""
+    """Measure speed and memory of simulator and estimators, and of references in the same run; about two minutes."""
     from maglev_workbench.commands.bench import sections
     from maglev_workbench.commands.bench.figures import as_json, read_results, results_here
     from maglev_workbench.commands.bench.report import bench_page, show
