@@ -1,7 +1,7 @@
 """A campaign as a diagnosis needs it: for each recording, the spectra of its steady periods and what drove it."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -22,8 +22,11 @@ from sim2real.recorded.channel_errors import ChannelError, channel_errors
 from sim2real.recorded.open_reading import open_record
 from sim2real.recorded.open_record import OpenRecord
 from sim2real.recorded.static_evidence import Rests, rests_of
+from sim2real.recorded.ticks import jitters
 from sim2real.recorded.tones import ON_LINE, Tone, near_tones, remove_tones
 from sim2real.recorded.wander import without_wander
+
+WITHOUT_PERIOD = "the ticks of its controller jitter, so it is compared as one that does not repeat"
 
 
 @dataclass(frozen=True)
@@ -124,6 +127,9 @@ def _record(campaign: Campaign, spec: RecordingSpec) -> Record | OpenRecord:
     dataset = read_recording(campaign, spec)
     if spec.samples_per_period is None:
         return open_record(campaign, spec, dataset)
+    if jitters(dataset, spec.gains, spec.excitations, campaign.rig.axes, campaign.rig.control_rate):
+        found = open_record(campaign, spec, dataset)
+        return replace(found, notes=(WITHOUT_PERIOD, *found.notes))
     where = campaign.folder / spec.file
     signals = recorded_signals(campaign, spec, dataset)
     rig, axes = campaign.rig, campaign.rig.axes

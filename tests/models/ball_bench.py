@@ -11,8 +11,11 @@ STEPS = 10  # integration steps in a control step
 MU_0 = 4e-7 * np.pi
 
 
-def record(rig, seconds, seed, injection=None, reference=None, noise=(1e-6, 1e-3), gain=1.0):
-    """Displacement (m), command, current (A) of one run; noise: rms of what is read (m, A); gain: on K."""
+def record(rig, seconds, seed, injection=None, reference=None, noise=(1e-6, 1e-3), gain=1.0, lasts=None):
+    """Displacement (m), command, current (A) of one run; noise: rms of what is read (m, A); gain: on K.
+
+    The ticks of the controller last so many control steps each, `lasts` (samples,); it knows nothing of that.
+    """
     rng, dt = np.random.default_rng(seed), 1 / rig.control_rate
     n = int(seconds * rig.control_rate)
     injection = np.zeros(n) if injection is None else injection
@@ -20,7 +23,7 @@ def record(rig, seconds, seed, injection=None, reference=None, noise=(1e-6, 1e-3
     k = gain * rig.bearings * MU_0 * rig.turns**2 * rig.pole_area / 4
     weight = rig.mass * rig.gravity
     bias = rig.gap * np.sqrt(weight / (k / gain))
-    h, tick = dt / STEPS, by_hand(rig.gains, dt)
+    tick, spans = by_hand(rig.gains, dt), (np.ones(n) if lasts is None else lasts) * dt / STEPS
 
     def slope(y, v, i, z, u):
         pull = k * ((bias + i) / (rig.gap - y)) ** 2 - weight
@@ -33,7 +36,7 @@ def record(rig, seconds, seed, injection=None, reference=None, noise=(1e-6, 1e-3
     for t, (e_y, e_i) in enumerate((rng.normal(size=(n, 2)) * noise).tolist()):
         read, current = x[3] + e_y, x[2] + e_i
         u = float(tick(reference[t], read, current) + injection[t])
-        found[:, t] = read, u, current
+        found[:, t], h = (read, u, current), spans[t]
         for _ in range(STEPS):
             a = slope(*x, u)
             b = slope(*moved(x, a, h / 2), u)

@@ -1,17 +1,28 @@
 """The injection of a loop with jittered ticks, against the one that was added."""
 
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import ball_bench
 import bench_loop
 import numpy as np
 import pytest
 from bench_loop import Bench, write_campaign
 
-from maglev_env.loop.gains import Gains
+from maglev_env.loop.gains import Gains, as_table
 from maglev_env.recordings.campaign import load_campaign
+from maglev_env.recordings.campaign_writer import toml_value
 from maglev_env.recordings.recording import read_recording
 from maglev_env.recordings.time_stamps import at_steps
+from maglev_env.rig.rig import rig_from_toml
+from sim2real.problem import assemble
+from sim2real.recorded import records
 from sim2real.recorded.controller_output import recovered_injection
 from sim2real.recorded.open_reading import AT_TICKS, NOT_AT_TICKS, open_record
+from sim2real.recorded.open_record import OpenRecord
 from sim2real.recorded.ticks import Ticks
+from sim2real.simulated import Point
 
 RATE, N = 1000.0, 4000
 GAINS = Gains(2000.0, 5000.0, 10.0)
@@ -61,3 +72,42 @@ def test_a_jittered_recording_says_how_its_controller_is_used(tmp_path, line, no
     assert dataset.attrs["resampled"] and ("tick_displacement" in dataset.coords) == (not line)
     record = open_record(campaign, campaign.recordings[0], dataset)
     assert note in record.notes and record.source == source
+
+
+DOCS = Path(__file__).parents[2] / "docs" / "controllers.md"
+BALL = next(t for t in re.findall(r"```toml\n(.*?)```", DOCS.read_text("utf-8"), re.S) if "ball under PID" in t)
+
+
+@pytest.mark.slow
+def test_a_jittered_recording_with_a_period_is_compared_at_its_own_ticks(tmp_path):
+    """A ball whose controller ticks late and early by 15 % of a step, under a multisine that repeats by its ticks."""
+    rig = rig_from_toml(BALL, "docs")
+    rig = replace(rig, gains=replace(rig.gains, limit=None))
+    rng, lines = np.random.default_rng(6), np.arange(2, 60)
+    phase = 2 * np.pi * np.outer(lines, np.arange(500)) / 500 + rng.uniform(0, 2 * np.pi, (lines.size, 1))
+    injection = np.tile(0.006 * np.cos(phase).sum(axis=0), 6)
+    late = np.concatenate([[0.0], rng.uniform(-0.15, 0.15, injection.size)])
+    run = ball_bench.record(rig, injection.size / 1000, 4, injection, lasts=1 + np.diff(late))
+    run |= {"injection": injection, "time": (np.arange(injection.size) + late[:-1]) / 1000}
+    controller = toml_value(as_table(rig.gains))
+    folder = ball_bench.write_campaign(tmp_path, BALL, controller, {"run": run}, channels=tuple(run))
+    text = (folder / "campaign.toml").read_text()
+    multisine = f'{{ kind = "multisine", at = "current", fundamental = 2.0, lines = {lines.tolist()} }}'
+    (folder / "campaign.toml").write_text(text.replace('{ kind = "none" }', multisine))
+
+    stiffer = Point({"negative_stiffness": {"change": 0.01}}, {})
+
+    def told():
+        """The record, the whitened power that the truth leaves, and the cost of 1 % of stiffness."""
+        _, (record,) = records.read_records(folder)
+        problem = assemble([record])
+        left = np.sum(abs(problem.data - problem.simulate([Point({}, {}), stiffer])) ** 2, axis=1)
+        return record, left[0] / 2 / problem.data.size, left[1] - left[0]
+
+    record, power, cost = told()
+    assert isinstance(record, OpenRecord) and records.WITHOUT_PERIOD in record.notes and AT_TICKS in record.notes
+    assert power == pytest.approx(1.0, abs=0.15)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(records, "jitters", lambda *_: False)
+        resampled, _, poorer = told()
+    assert not isinstance(resampled, OpenRecord) and cost > 3 * poorer > 0, "what resampling does counts as noise"
