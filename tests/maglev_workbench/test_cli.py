@@ -69,7 +69,7 @@ def test_simulate_check_and_estimate_agree_with_the_rig(campaign, tmp_path):
     record = data["recordings"][0]
     keys = {"f_lo", "f_hi", "stiffness", "stiffness_se", "stiffness_ci", "damping", "damping_se", "damping_ci"}
     assert keys | {"r2_adjusted", "method", "ls_biased", "informative"} <= record["bands"][0].keys()
-    assert record["natural_frequency"] == pytest.approx(31.83, abs=0.02) and record["stability"] is None
+    assert record["natural_frequency"] == pytest.approx(31.83, abs=0.04) and record["stability"] is None
     band = next(b for b in record["bands"] if b["method"] == "ml" and b["f_lo"] < 32 < b["f_hi"])
     assert band["stiffness_ci"][0] <= 2.0003e4 and band["stiffness_ci"][1] >= 1.9997e4
     checked = tmp_path / "c.json"
