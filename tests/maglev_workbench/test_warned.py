@@ -24,7 +24,7 @@ def wrong(tmp_path_factory):
 @pytest.mark.parametrize("command", [("estimate",), ("diagnose",), ("tune", "--campaign")])
 def test_a_contradiction_is_refused_before_any_work(wrong, command):
     text = maglev(*command, wrong, code=2)
-    assert "base.npz" in text and "below 1, which no loop with a rotor can have" in text
+    assert "base.npz: force: factor 2 +- " in text and "(2 more: `maglev check` shows all)" in text
     assert "1 more: `maglev check` shows all" in text and not (wrong / "diagnosis").exists()
 
 
