@@ -25,7 +25,7 @@ def wrong(tmp_path_factory):
 def test_a_contradiction_is_refused_before_any_work(wrong, command):
     text = maglev(*command, wrong, code=2)
     assert "base.npz: force: factor 2 +- " in text and "(2 more: `maglev check` shows all)" in text
-    assert "1 more: `maglev check` shows all" in text and not (wrong / "diagnosis").exists()
+    assert not (wrong / "diagnosis").exists()
 
 
 def test_check_shows_every_contradiction_and_calls_nothing_good(wrong, tmp_path):
