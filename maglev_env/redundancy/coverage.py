@@ -38,9 +38,10 @@ def uncovered(view: View, rows: Sequence[Row]) -> list[Finding]:
             "name the rig and its gains" if view.rig is None else "record command and current at the control rate"
         )
     if "gains" in free and view.rig is not None:
-        inputs = "displacement and current" if reads_current(view.gains, 1 / view.rig.control_rate) else "displacement"
-        driven = "" if view.known_drive else " and what is injected"
-        advice.append(f"record command, {inputs}{driven} at the control rate")
+        inputs = ["displacement", *(["current"] if reads_current(view.gains, 1 / view.rig.control_rate) else [])]
+        missing = [name for name in ("command", *inputs) if name not in view.recorded]
+        missing += [] if view.known_drive else ["what is injected"]
+        advice.append(f"record {' and '.join(missing) or 'every channel'} at the control rate")
     if late:
         advice.append("excite more than one line")
     if "time between force and displacement" in free and not any("name the rig" in a for a in advice):

@@ -93,4 +93,4 @@ def test_a_controller_whose_current_was_not_recorded_is_not_checkable(tmp_path):
     rig, run = driven(FEEDBACK, False)
     said = found(tmp_path, FEEDBACK, rig.gains, run, ("displacement", "command", "injection", "reference"))
     (note,) = [f for f in said if f.kind == "not checkable"]
-    assert "gains" in note.channel and "record command, displacement and current" in note.message
+    assert "gains" in note.channel and "record current at the control rate" in note.message
