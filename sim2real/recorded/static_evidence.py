@@ -5,12 +5,11 @@ they give actuator gain and stiffness on the absolute scale of the weight. They 
 offsets and scales of both channels, within tolerances that the campaign states.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.optimize import least_squares
 from scipy.stats import chi2
 
 from maglev_env.experiment import Experiment
@@ -19,45 +18,17 @@ from maglev_env.loop.magnets.kinds import KINDS, geometric_law
 from maglev_env.loop.magnets.law import SingleSidedLaw, force
 from maglev_env.recordings.campaign import RecordingSpec
 from maglev_env.rig.rig import Rig
+from sim2real.recorded.levels import Levels, joined, levels_of
+from sim2real.recorded.weight_law import balanced, departures, fitted
 
 if TYPE_CHECKING:
     import xarray as xr
 
 AT_REST = "means and weight"  # how this evidence is called
-BLOCKS, LEAST, PARTS = 40, 25, 5  # blocks of a record, least samples of a block, and parts of it
 STILL = 0.01  # of the gap: levels that are nearer to each other count as one
-SMALL = 0.02  # of the gap: standard deviation of the parts' means, up to which the force law is straight
-BALANCED = 5e-3  # of the weight: what the mean acceleration of a block may take
-TINY = 1e-9  # of the weight: least scatter of the pull
 DISAGREE = 1e-3  # probability under noise alone from which recordings rest at other currents
 APART = 5.0  # standard deviations: three times this, and three times STILL of the gap, levels must span for a stiffness
 GROUPS = 10  # of the jackknife
-
-
-@dataclass(frozen=True)
-class Levels:
-    """Where a mass rested.
-
-    Args:
-        displacement: (n,), m from the rig's centre.
-        current: (n,), A from the rig's bias.
-        displacement_sd, current_sd: (n,), standard deviations of these means.
-        recording: (n,), number of the recording.
-    """
-
-    displacement: np.ndarray
-    current: np.ndarray
-    displacement_sd: np.ndarray
-    current_sd: np.ndarray
-    recording: np.ndarray
-
-    @property
-    def count(self) -> int:
-        return self.displacement.size
-
-    def of(self, chosen: np.ndarray) -> "Levels":
-        """Those of a mask (n,)."""
-        return Levels(*(getattr(self, f.name)[chosen] for f in fields(self)))
 
 
 @dataclass(frozen=True)
@@ -158,37 +129,9 @@ def of_weight(rig: Rig) -> tuple[float, float]:
     """How actuator gain and stiffness at the centre grow with the weight that is carried: d ln / d ln weight."""
     law, h = geometric_law(rig), 1e-4
     weights = law.weight * (1 + h), law.weight * (1 - h)
-    more, less = (_balanced(law, lambda y, i: force(law, y, i) + law.weight, weight, start=0.0) for weight in weights)
+    more, less = (balanced(law, lambda y, i: force(law, y, i) + law.weight, weight, start=0.0) for weight in weights)
     gain, stiffness = np.log(more / less) / (2 * h)
     return float(gain), float(stiffness)
-
-
-def levels_of(displacement: np.ndarray, current: np.ndarray, gap: float, falls: float) -> Levels:
-    """The blocks of a record in which the mass rests in the mean.
-
-    It need not stand still: where it moves little, the mean pull is that at the mean displacement, and it carries the
-    weight as far as nothing accelerates over the whole block.
-
-    Args:
-        displacement, current: (samples,), m and A.
-        gap: m.
-        falls: acceleration of gravity, m per sample squared.
-    """
-    size = max(displacement.size // BLOCKS, LEAST)
-    found, at = [], np.arange(PARTS) * size / PARTS
-    for begin in range(0, displacement.size - size + 1, size):
-        part = slice(begin, begin + size)
-        means = np.array([[p.mean() for p in np.array_split(s[part], PARTS)] for s in (displacement, current)])
-        accelerated = abs(2 * np.polyfit(at, means[0], 2)[0])
-        if means[0].std() < SMALL * gap and accelerated < BALANCED * falls:
-            found.append((*means.mean(axis=1), *(means.std(axis=1, ddof=1) / np.sqrt(PARTS))))
-    return Levels(*np.array(found).reshape(-1, 4).T, np.zeros(len(found), int))
-
-
-def joined(levels: Sequence[Levels]) -> Levels:
-    """The levels of several recordings together."""
-    numbered = [replace(own, recording=np.full(own.count, number)) for number, own in enumerate(levels)]
-    return Levels(*(np.concatenate([getattr(own, f.name) for own in numbered]) for f in fields(Levels)))
 
 
 def static_estimate(rig: Rig, levels: Levels, tolerances: Tolerances) -> StaticEstimate | None:
@@ -209,17 +152,17 @@ def static_estimate(rig: Rig, levels: Levels, tolerances: Tolerances) -> StaticE
     distance = max(APART * float(np.median(levels.displacement_sd)), STILL * rig.gap)
     several = levels.count > 3 and np.ptp(levels.displacement) > 3 * distance
     drift = _drift(law, levels, several, tolerances)
-    coefficients = _fitted(law, levels, several, drift)
+    coefficients = fitted(law, levels, several, drift)
     labels = np.arange(levels.count) % min(levels.count, GROUPS)
     covariance = np.zeros((coefficients.size, coefficients.size))
     if levels.count > coefficients.size + 1:
         groups = labels.max() + 1
-        left = np.array([_fitted(law, levels.of(labels != g), several, drift) for g in range(groups)])
+        left = np.array([fitted(law, levels.of(labels != g), several, drift) for g in range(groups)])
         covariance += (groups - 1) * np.atleast_2d(np.cov(left.T, ddof=0))
     else:
         noise = [_moved(levels, float(levels.displacement_sd.mean()), 0.0),
                  _moved(levels, 0.0, float(levels.current_sd.mean()))]  # fmt: skip
-        covariance += sum(_outer(_fitted(law, other, several, drift) - coefficients) for other in noise)
+        covariance += sum(_outer(fitted(law, other, several, drift) - coefficients) for other in noise)
     total = levels.current + law.bias_current
     for dy, di in (
         (tolerances.displacement_offset, 0.0),
@@ -227,10 +170,10 @@ def static_estimate(rig: Rig, levels: Levels, tolerances: Tolerances) -> StaticE
         (tolerances.displacement_scale * levels.displacement, 0.0),
         (0.0, tolerances.current_scale * total),
     ):
-        covariance += _outer(_fitted(law, _moved(levels, dy, di), several, drift) - coefficients)
+        covariance += _outer(fitted(law, _moved(levels, dy, di), several, drift) - coefficients)
     for number in np.unique(levels.recording) if drift else ():
         own = _moved(levels, 0.0, drift * (levels.recording == number))
-        covariance += _outer(_fitted(law, own, several, drift) - coefficients)
+        covariance += _outer(fitted(law, own, several, drift) - coefficients)
     covariance += _outer(coefficients * rig.tolerance.get("mass", 0.0))  # both are in proportion to the weight
     stiffness = float(coefficients[1]) if several else None
     return StaticEstimate(float(coefficients[0]), stiffness, covariance, levels.count, drift)
@@ -251,7 +194,7 @@ def _drift(law: SingleSidedLaw, levels: Levels, several: bool, tolerances: Toler
 
     Where the recordings disagree, the stated tolerance counts as one recording more: two alone would tell little.
     """
-    gain, stiffness = _balanced(law, lambda y, i: force(law, y, i) + law.weight, law.weight, 0.0)
+    gain, stiffness = balanced(law, lambda y, i: force(law, y, i) + law.weight, law.weight, 0.0)
     slope = abs(stiffness / gain)  # A/m
     stated = np.array([tolerances.displacement_drift * slope, tolerances.current_drift])
     if np.isfinite(stated).any():
@@ -262,7 +205,7 @@ def _drift(law: SingleSidedLaw, levels: Levels, several: bool, tolerances: Toler
     known = tolerances.current_offset**2 + (tolerances.displacement_offset * slope) ** 2
     drift = float(np.sqrt(known))
     for _ in range(2):  # with an offset each, so that recordings at different levels do not tilt the curve instead
-        off = _departures(law, levels, several, drift)
+        off = departures(law, levels, several, drift)
         own = [off[levels.recording == number] for number in numbers]
         scatter = np.sqrt(sum(part.var() * part.size for part in own) / max(off.size - numbers.size, 1))
         noise = np.array([scatter / np.sqrt(part.size) for part in own])
@@ -272,93 +215,6 @@ def _drift(law: SingleSidedLaw, levels: Levels, several: bool, tolerances: Toler
             return 0.0
         drift = float(np.sqrt((max(np.sum(means**2 - noise**2), 0.0) + known) / numbers.size))
     return drift
-
-
-def _departures(law: SingleSidedLaw, levels: Levels, several: bool, drift: float) -> np.ndarray:
-    """Currents (n,) beyond those at which the fitted law carries the weight, A."""
-    own, factor, _ = _law(law, levels, several, drift)
-    y, i = levels.displacement, levels.current
-    step = 1e-5 * max(abs(law.bias_current), 1e-9)
-    pulls = [factor * (force(own, y, at) + law.weight) for at in (i, i + step, i - step)]
-    return (pulls[0] - law.weight) / ((pulls[1] - pulls[2]) / (2 * step))
-
-
-def _fitted(law: SingleSidedLaw, levels: Levels, several: bool, drift: float = 0.0) -> np.ndarray:
-    """Actuator gain (N/A) and, with several levels, stiffness (N/m) at the centre."""
-    own, factor, offset = _law(law, levels, several, drift)
-    start = float(np.mean(levels.current - offset))
-    found = _balanced(law, lambda at, i: factor * (force(own, at, i) + law.weight), law.weight, start)
-    return found[: 1 + several]
-
-
-def _law(law: SingleSidedLaw, levels: Levels, several: bool, drift: float) -> tuple[SingleSidedLaw, float, np.ndarray]:
-    """The law of the fitted gap, the factor on its whole pull, and the offset of each level's current (n,), A."""
-    same = np.zeros(levels.count, int)
-    p, left = _solved(law, levels, several, same, 0.0, 1.0)
-    if drift:
-        _, of_recording = np.unique(levels.recording, return_inverse=True)
-        count = of_recording.max() + 1
-        within = sum(left[of_recording == n].var() * (of_recording == n).sum() for n in range(count))
-        scatter = max(float(np.sqrt(within / max(left.size - count, 1))), TINY)
-        p, _ = _solved(law, levels, several, of_recording, drift, scatter)
-        return _stretched(law, p, several), float(np.exp(p[0])), drift * p[1 + several :][of_recording]
-    return _stretched(law, p, several), float(np.exp(p[0])), np.zeros(levels.count)
-
-
-def _solved(
-    law: SingleSidedLaw, levels: Levels, several: bool, of_recording: np.ndarray, drift: float, scatter: float
-) -> tuple[np.ndarray, np.ndarray]:
-    """Least squares for ln of the factor, relative change of the gap and, with a drift, offsets in units of it.
-
-    Args:
-        law: nominal.
-        levels: of all recordings.
-        several: whether the gap is fitted.
-        of_recording: (n,), number of the recording of each level, from 0.
-        drift: standard deviation of the offsets, A; 0 for none.
-        scatter: standard deviation of a level's pull over the weight.
-
-    Returns:
-        The parameters, and what they leave of each pull over the weight (n,).
-    """
-    y, i = levels.displacement, levels.current
-
-    def left(p: np.ndarray) -> np.ndarray:
-        own = i - drift * p[1 + several :][of_recording] if drift else i
-        return np.exp(p[0]) * (force(_stretched(law, p, several), y, own) + law.weight) / law.weight - 1
-
-    start = np.zeros(1 + several + (of_recording.max() + 1 if drift else 0))
-    start[0] = np.log(law.weight / float(np.mean(force(law, y, i) + law.weight)))
-    p = least_squares(lambda p: np.append(left(p) / scatter, p[1 + several :] if drift else []), start, x_scale=0.1).x
-    return p, left(p)
-
-
-def _stretched(law: SingleSidedLaw, p: np.ndarray, several: bool) -> SingleSidedLaw:
-    """The law with the fitted gap; the gap of an exponential decay only scales the pull, so its length is fitted."""
-    if not several:
-        return law
-    return replace(law, decay=law.decay * (1 + p[1])) if law.decay else replace(law, gap=law.gap * (1 + p[1]))
-
-
-def _balanced(
-    law: SingleSidedLaw, pull: Callable[[float, float], np.ndarray | float], weight: float, start: float
-) -> np.ndarray:
-    """Actuator gain (N/A) and stiffness (N/m) at the centre, (2,), with the current that carries a weight there.
-
-    Args:
-        law: gives the sizes of the differences.
-        pull: N at a displacement (m) and control current (A); it grows with the current.
-        weight: N.
-        start: current from which Newton's steps go, A.
-    """
-    di, dy, current = 1e-5 * max(abs(law.bias_current), 1e-9), 1e-5 * law.gap, start
-
-    def gain(at: float) -> float:
-        return float((pull(0.0, at + di) - pull(0.0, at - di)) / (2 * di))
-
-    for _ in range(50):
-        current -= (float(pull(0.0, current)) - weight) / gain(current)
-    return np.array([gain(current), -float(pull(dy, current) - pull(-dy, current)) / (2 * dy)])
 
 
 def _moved(levels: Levels, dy: np.ndarray | float, di: np.ndarray | float) -> Levels:
