@@ -6,8 +6,8 @@ from dataclasses import replace
 import numpy as np
 
 from sim2real.fitting import Fit, begin, differentiate, iterate
-from sim2real.hypotheses import shapes_of
 from sim2real.problem import Problem
+from sim2real.shapes import shapes_of
 
 WITHIN = 0.6  # share of what the best fit saves by which others may be behind it and still be tried in other forms
 LEAST = 4.0  # cost that a linear prediction must promise
