@@ -6,12 +6,10 @@ from dataclasses import replace
 import numpy as np
 
 from sim2real.fitting import Fit, begin, differentiate, iterate
-from sim2real.hypotheses import shapes_of
 from sim2real.problem import Problem
+from sim2real.shapes import shapes_of
 
 WITHIN = 0.6  # share of what the best fit saves by which others may be behind it and still be tried in other forms
-# Standard deviations beyond the noise that the best fit must leave; 1.5 times as wide as without estimating the noise.
-LEFT = 2.0
 LEAST = 4.0  # cost that a linear prediction must promise
 STEPS = 12  # of a fit
 
@@ -19,7 +17,7 @@ STEPS = 12  # of a fit
 def shaped(problem: Problem, unexplained: float, fits: Sequence[Fit], most: int) -> list[Fit]:
     """The fits, the best ones of which may take other forms of their effects where that pays for the freedom.
 
-    Nothing is tried where the best fit leaves no more than noise.
+    Nothing is tried where the best fit leaves no more than what noise leaves on average.
 
     Args:
         problem: The problem.
@@ -28,7 +26,7 @@ def shaped(problem: Problem, unexplained: float, fits: Sequence[Fit], most: int)
         most: How many are tried in other forms.
     """
     least = min((f.cost for f in fits), default=np.inf)
-    if least < 2.0 * problem.data.size + LEFT * 3.0 * np.sqrt(problem.data.size):
+    if least < 2.0 * problem.data.size:
         return list(fits)
     behind = least + WITHIN * (unexplained - least) if np.isfinite(unexplained) else 2.0 * least
     able = [f for f in fits if f.cost <= behind and np.isfinite(f.cost) and _free(f) != f.hypothesis.shaped]

@@ -8,7 +8,8 @@ import pytest
 
 from maglev_env.loop.effect import EFFECTS, effect, effect_value, shaped
 from sim2real.fitting import begin, iterate
-from sim2real.hypotheses import Hypothesis, coordinates_of, shapes_of, starts_elsewhere
+from sim2real.hypotheses import Hypothesis, coordinates_of, starts_elsewhere
+from sim2real.shapes import shapes_of
 from sim2real.shaping import shaped as in_other_forms
 from sim2real.simulated import Point
 

@@ -20,7 +20,7 @@ HEAVY = replace(load_rig("hmb_free"), mass=5.0)
 
 @pytest.mark.parametrize("name", ["delay", "amplifier_lag", "sensor_lag"])
 def test_lags_are_stated_in_control_periods(name):
-    p = next(iter(EFFECTS[name].parameters.values()))
+    (p,) = EFFECTS[name].plain.values()
     fast, slow = p.on(HEAVY.scales), p.on(BALL.scales)
     for attribute in ("high", "scale", "starts"):
         assert getattr(slow, attribute) == pytest.approx(200 * np.array(getattr(fast, attribute)))
