@@ -49,8 +49,16 @@ class Point:
     dithered: bool = False
 
 
-def experiment_at(e: Experiment, point: Point) -> Experiment:
-    """The experiment on the rig that a point describes."""
+def experiment_at(e: Experiment, point: Point, made: dict[tuple, Rig] | None = None) -> Experiment:
+    """The experiment on the rig that a point describes.
+
+    Args:
+        e: The experiment on the nominal rig.
+        point: The point.
+        made: Rigs by their changed parameters, to which new ones are added: many points differ in effects alone, and a
+            rig is checked when it is made.
+    """
+    made = {} if made is None else made
     effects = {name: dict(values) for name, values in point.effects.items()}
     parameters = {}
     for name, change in point.changes.items():
@@ -60,8 +68,10 @@ def experiment_at(e: Experiment, point: Point) -> Experiment:
         elif known not in effects:
             own = effect_value(e.rig.effects, known)  # a corrected rig may have this effect already
             effects[known] = {"change": own + change + own * change}
-    rig = with_parameters(e.rig, parameters) if parameters else e.rig
-    return replace(e, rig=rig, effects=effects)
+    key = tuple(parameters.items())
+    if key not in made:
+        made[key] = with_parameters(e.rig, parameters) if parameters else e.rig
+    return replace(e, rig=made[key], effects=effects)
 
 
 def tolerances(rig: Rig) -> dict[str, float]:
@@ -86,12 +96,13 @@ def lanes_of(record: Record | OpenRecord, points: Sequence[Point], dithered: boo
         noise = replace(e.rig.noise, displacement=record.nominal.noise.displacement)
         e = replace(e, rig=replace(e.rig, noise=noise))
     unseen = unseen_by(record)
-    return prepared([
-        experiment_at(e, replace(p, effects={
-            name: values for name, values in {**NEUTRAL, **e.rig.effects, **p.effects}.items() if name not in unseen
-        }))
-        for p in points
-    ])  # fmt: skip
+    made: dict[tuple, Rig] = {}
+    found = []
+    for p in points:
+        every = {**NEUTRAL, **e.rig.effects, **p.effects}
+        seen = {name: values for name, values in every.items() if name not in unseen}
+        found.append(experiment_at(e, Point(seen, p.changes), made))
+    return prepared(found)
 
 
 @dataclass(frozen=True)

@@ -218,6 +218,8 @@ def test_what_modes_need_to_ring_out_groups_their_lanes():
     assert np.exp(-settling(slow) * 2 * np.pi * 40 * 0.01) == pytest.approx(1.5e-3, rel=0.01)
     groups = together([slow, plain, fast, slow], 0.5, False)
     assert [which for _, which in groups] == [[1], [2], [0, 3]]
+    anyway = together([slow, plain, fast, slow], 0.5, False, 0.3)  # s, which is more than the fast one needs
+    assert [which for _, which in anyway] == [[1, 2], [0, 3]] and anyway[1] == groups[2]
     assert all(
         lasts >= settling(p) for (lasts, _), which in groups for p in ([slow, plain, fast, slow][i] for i in which)
     )
