@@ -213,7 +213,7 @@ def diagnose(
     chosen = top if worded in ("explained", "ambiguous") else None
     picked = None if chosen is None or chosen.candidate is None else attribution.candidates[chosen.candidate]
     gap = shrink(judged, attribution, picked, judged_on, seed)
-    if picked is not None and judged_on == "holdout" and _worse(gap):
+    if picked is not None and picked.effects and judged_on == "holdout" and _worse(gap):  # tones leave the lines alone
         notes.append(
             f"{' with '.join(cause)} would explain the recordings that were fitted, but the holdout is simulated no "
             "better with it than without: it is not named"

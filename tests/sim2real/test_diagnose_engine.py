@@ -219,3 +219,11 @@ def test_pickup_is_named_and_given_to_the_corrected_rig(tmp_path):
     own = found.corrected.effects["pickup"]
     assert own["frequency"] == 50.0 and own["amplitude"] == pytest.approx(1e-6, rel=0.15)
     assert found.where.kind["unsynchronised"] > 0.5
+
+
+def test_a_foreign_vibration_is_named_and_given_to_the_corrected_rig(tmp_path):
+    shaken = effect("foreign_vibration", 0.03, frequency=37.3)
+    found = answer(campaign(tmp_path / "c", effects=shaken), "delay", "mass")
+    assert found.verdict == "explained" and found.cause == ("foreign_vibration",)
+    own = found.corrected.effects["foreign_vibration"]
+    assert own["force"] == pytest.approx(0.03, rel=0.1) and own["frequency"] == pytest.approx(37.3, abs=0.05)
