@@ -95,10 +95,9 @@ def exact_errors(record: OpenRecord) -> list[ChannelError]:
     """The errors of a measured drive whose effect is simulated, see `redriven`; that of the others is `parts_of`.
 
     Through the closed loop of the stand-in, the effect of a late current is not that on the nominal plant. Where all
-    that varies is compared, an exact direction of a stated error would also take away what `fed_back` corrects.
+    that varies is compared, an exact direction would also take away what `fed_back` corrects.
     """
-    drives = [e for e in record.errors if e.channel == record.source]
-    return drives if record.instrument is not None or any(e.smoothing for e in drives) else []
+    return [e for e in record.errors if e.channel == record.source] if record.instrument is not None else []
 
 
 def redriven(record: OpenRecord, error: ChannelError) -> OpenRecord:

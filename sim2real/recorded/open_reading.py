@@ -30,10 +30,10 @@ NOT_AT_TICKS = (
     "the stated controller is not used: the recording is resampled, and what it read at its own ticks is not known "
     "(missing or double samples, a channel with a filter or delay, or another rate)"
 )
-# Of a stand-in's drive of which nothing is stated, in samples and their square: standard deviation of the time between
-# its readings and those of the displacement, and of half the second moment of its low-pass. A filter of one sample adds
-# as much to both; what a motional voltage adds to straight lines between samples is less.
-UNTOLD, SMOOTHED = 1.0, 1.0
+# Standard deviations of what is not stated of a stand-in's drive: the time between its readings and those of the
+# displacement, in samples, and half the second moment of its low-pass, in their square. Along an instrument, both as of
+# a filter of one sample; what a motional voltage adds to straight lines between samples is less.
+UNTOLD, UNTOLD_ALONG, SMOOTHED = 12**-0.5, 1.0, 1.0
 
 
 def open_record(campaign: Campaign, spec: RecordingSpec, dataset: "xr.Dataset") -> OpenRecord:
@@ -171,8 +171,8 @@ def _untold(spec: RecordingSpec, drive: Drive, exact: bool) -> list[ChannelError
         return []
     stated = [s.delay_tolerance for name, s in spec.channels.items() if name.partition("_")[0] == drive.source]
     told, step = any(tolerance is not None for tolerance in stated), drive.multiple / spec.sample_rate
-    late = 0.0 if told else UNTOLD * step
-    smooth = 0.0 if drive.held or (told and not exact) else SMOOTHED * step**2
+    late = 0.0 if told else (UNTOLD_ALONG if exact else UNTOLD) * step
+    smooth = 0.0 if drive.held or not exact else SMOOTHED * step**2
     sizes = {
         f"time between {drive.source} and displacement": {"delay": late},
         f"{drive.source} between its samples": {"smoothing": smooth},
