@@ -7,14 +7,17 @@ simulated) is then noise, whose variance is the scatter about a local polynomial
 Vandersypen, Barbe and Pintelon, European Journal of Control 15, 2009), pooled over neighbouring windows.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 import scipy.fft
 
+from estimation.noise_shape import noise_shape
+
 WIDTH = 21  # lines of a window
 TERMS = 3  # of the polynomial that stands for transient and drift
+KEPT = WIDTH - TERMS  # coordinates of a window
 POOLED = 5  # windows whose noise is pooled
 _RANK = 1e-6  # share of the strongest direction below which the excitation of a window adds no direction of its own
 
@@ -28,12 +31,14 @@ class LineWindows:
         sample_rate: in Hz.
         first: number of the first line of the first window (1 is one period in the whole record).
         count: number of windows.
+        turned: unitary matrices (count, KEPT, KEPT) whose columns are the coordinates of each window; None: none.
     """
 
     samples: int
     sample_rate: float
     first: int
     count: int
+    turned: np.ndarray | None = None
 
     @property
     def frequency(self) -> np.ndarray:
@@ -48,7 +53,7 @@ class LineWindows:
 
     @cached_property
     def directions(self) -> np.ndarray:
-        """Orthonormal directions (WIDTH, WIDTH - TERMS) in which no quadratic has a part."""
+        """Orthonormal directions (WIDTH, KEPT) in which no quadratic has a part."""
         basis = np.linspace(-1, 1, WIDTH)[:, None] ** np.arange(TERMS)
         return np.linalg.qr(basis, mode="complete")[0][:, TERMS:]
 
@@ -59,15 +64,31 @@ class LineWindows:
         return found.reshape(*found.shape[:-1], self.count, WIDTH)
 
     def project(self, spectrum: np.ndarray) -> np.ndarray:
-        """Spectra (..., count, WIDTH) without transient and drift, (..., count, WIDTH - TERMS)."""
-        return spectrum @ self.directions
+        """Coordinates (..., count, KEPT) of spectra (..., count, WIDTH), without transient and drift."""
+        found = spectrum @ self.directions
+        return found if self.turned is None else np.einsum("...wk,wkj->...wj", found, np.conj(self.turned))
+
+    def lines(self, coordinates: np.ndarray) -> np.ndarray:
+        """Spectra (..., count, WIDTH) that have these coordinates (..., count, KEPT), and no transient."""
+        if self.turned is not None:
+            coordinates = np.einsum("...wj,wkj->...wk", coordinates, self.turned)
+        return coordinates @ self.directions.T
 
     def cleared(self, spectrum: np.ndarray) -> np.ndarray:
         """Spectra (..., count, WIDTH) with transient and drift taken out, in the same lines."""
-        return self.project(spectrum) @ self.directions.T
+        return self.lines(self.project(spectrum))
+
+    def toward(self, excitation: np.ndarray) -> "LineWindows":
+        """The same windows with turned coordinates: the first ones span what is excited, the others are free of it.
+
+        Args:
+            excitation: spectra (inputs, count, WIDTH).
+        """
+        excited = np.moveaxis(replace(self, turned=None).project(excitation), 0, -1)
+        return replace(self, turned=np.linalg.svd(excited, full_matrices=True)[0])
 
     def along(self, projected: np.ndarray, excitation: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Parts of projected spectra (..., count, WIDTH - TERMS) that a local polynomial response would explain.
+        """Parts of projected spectra (..., count, KEPT) that a local polynomial response would explain.
 
         Args:
             projected: see `project`.
@@ -86,14 +107,17 @@ class LineWindows:
         kept = s > _RANK * np.maximum(s[:, :1], 1e-300)
         kept &= s > 0
         u = np.where(kept[:, None, :], u, 0.0)
+        if self.turned is not None:
+            u = np.einsum("wkj,wkl->wjl", np.conj(self.turned), u)
         return np.einsum("wlk,...wl->...wk", np.conj(u), projected), kept.sum(axis=1)
 
-    def noise(self, residual: np.ndarray, excitation: np.ndarray) -> "WindowNoise":
+    def noise(self, residual: np.ndarray, excitation: np.ndarray, shapes: np.ndarray | None = None) -> "WindowNoise":
         """The noise of a residual, told from what the excitation explains of it.
 
         Args:
             residual: measured less simulated spectra, opened so that their noise is smooth, (..., count, WIDTH).
             excitation: spectrum (count, WIDTH) of what drove the record, or (inputs, count, WIDTH).
+            shapes: (shapes, ..., count), what the noise may be composed of; None: it is white over POOLED windows.
 
         Returns:
             Variance of one line, pooled over POOLED windows, and the test of what the excitation still explains.
@@ -101,10 +125,15 @@ class LineWindows:
         y = self.project(residual)
         inside, rank = self.along(y, excitation)
         explained = np.sum(abs(inside) ** 2, axis=-1)
-        freedom = WIDTH - TERMS - rank
+        freedom = (KEPT - rank).astype(float)
         rest = np.maximum(np.sum(abs(y) ** 2, axis=-1) - explained, 0.0)
-        variance = _pooled(rest) / _pooled(freedom.astype(float))
-        return WindowNoise(variance, _pooled(freedom.astype(float)), explained, rank)
+        shape = np.ones_like(rest)
+        if shapes is not None:
+            own = rest / np.maximum(freedom, 1.0)
+            for at in np.ndindex(rest.shape[:-1]):
+                shape[at] = noise_shape(own[at], shapes[(slice(None), *at)])
+        variance = _pooled(rest / shape) / _pooled(freedom) * shape
+        return WindowNoise(variance, _pooled(freedom), explained, rank)
 
 
 @dataclass(frozen=True)

@@ -12,9 +12,10 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import stats
 
+from estimation.line_windows import KEPT
 from sim2real.fitting import Fit
 from sim2real.problem import Part, Problem
-from sim2real.recorded.open_record import KEPT, OpenRecord
+from sim2real.recorded.open_record import OpenRecord
 
 NOISE_INFLATION = 1.5  # of the residuals' chi-square, whose noise is told by the same recording
 UNLIKELY = 1e-4  # probability under noise alone below which a chi-square is more than noise
@@ -85,9 +86,9 @@ def dispersion_of(problem: Problem, fit: Fit) -> Dispersion:
 
 def _left(part: Part, residual: np.ndarray) -> ChiSquare:
     """What goes with the excitation: of a record without a period its directions in every window, because the noise is
-    told from the others; else all lines, whose noise is told by the periods."""
+    told from the others (along an instrument, that is all); else all lines, whose noise is told by the periods."""
     record = part.record
-    if not isinstance(record, OpenRecord):
+    if not isinstance(record, OpenRecord) or record.instrument is not None:
         return ChiSquare(float(np.sum(abs(residual) ** 2)), 2.0 * residual.size)
     whole = np.zeros(part.measured.shape, complex)
     whole[..., part.used] = residual.reshape(*part.measured.shape[:2], -1)

@@ -11,10 +11,10 @@ from collections.abc import Sequence
 import numpy as np
 import scipy.fft
 
-from estimation.line_windows import WIDTH
+from estimation.line_windows import KEPT, WIDTH
 from sim2real.fitting import Fit
 from sim2real.problem import Part, Problem
-from sim2real.recorded.open_record import KEPT, OpenRecord
+from sim2real.recorded.open_record import OpenRecord
 
 BLOCKS = 40
 SIGNIFICANT = 3.0  # standard deviations by which the ratio of the variances must exceed 1
@@ -67,7 +67,7 @@ def _in_time(part: Part, coordinates: np.ndarray) -> np.ndarray:
     whole = np.zeros((len(coordinates), *part.measured.shape), complex)
     whole[..., part.used] = coordinates.reshape(len(coordinates), *part.measured.shape[:2], -1)
     w = record.windows
-    lines = whole.reshape(*whole.shape[:-1], w.count, KEPT) @ w.directions.T
+    lines = w.lines(whole.reshape(*whole.shape[:-1], w.count, KEPT))
     spectrum = np.zeros((*lines.shape[:-2], w.samples // 2 + 1), complex)
     spectrum[..., w.first : w.first + w.count * WIDTH] = lines.reshape(*lines.shape[:-2], -1)
     series = np.asarray(scipy.fft.irfft(spectrum, w.samples, axis=-1)) * np.sqrt(w.samples / 2)

@@ -12,7 +12,18 @@ from maglev_lanes.threads import single_blas
 from sim2real.recorded.channel_errors import changes
 from sim2real.recorded.fed_back import UNSURE
 from sim2real.recorded.nuisances import Nuisances, stacked
-from sim2real.recorded.open_evidence import Replay, measured_of, open_noise, opened_of, parts_of, simulated_series
+from sim2real.recorded.open_evidence import (
+    SMALL,
+    Replay,
+    coordinates_of,
+    exact_errors,
+    measured_of,
+    open_noise,
+    opened_of,
+    parts_of,
+    redriven,
+    simulated_series,
+)
 from sim2real.recorded.open_loop import nominal_loop
 from sim2real.recorded.open_record import OpenRecord
 from sim2real.recorded.opened import Opened, noise_of, opened_loop
@@ -201,8 +212,17 @@ def _evidence(record: Record | OpenRecord, near: Point | None) -> _Evidence:
     measured, noise = measured_of(record, loop, opened.outputs), open_noise(record, loop, opened.outputs, predicted)
     nuisances = {}
     if record.errors and np.isfinite(predicted).all():
-        lines = changes(record.errors, record.windows.frequency, opened.outputs, parts_of(record, loop, predicted))
+        again = exact_errors(record)
+        others = tuple(e for e in record.errors if e not in again)
+        lines = changes(others, record.windows.frequency, opened.outputs, parts_of(record, loop, predicted))
         nuisances = {name: record.windows.project(c).reshape(measured.shape) for name, c in lines.items()}
+        for error in again:
+            moved = redriven(record, error)
+            series = simulated_series(moved, predicts.lanes([near or Point({}, {})]))[0]
+            change = coordinates_of(record, loop, opened.outputs, predicted) - coordinates_of(
+                moved, loop, opened.outputs, series
+            )
+            nuisances[error.name] = np.where(np.isfinite(series).all(), change / SMALL, 0.0)
     if record.bias is not None:
         fed = np.zeros_like(measured)
         fed[opened.outputs.index("plant")] = record.bias

@@ -10,7 +10,7 @@ from maglev_env.recordings.campaign import RecordingSpec
 
 @dataclass(frozen=True)
 class ChannelError:
-    """One standard deviation of an error: true value = (1 + scale) * reading, `delay` seconds earlier.
+    """One standard deviation of an error: true value = (1 + scale) * reading, `delay` seconds earlier, less smooth.
 
     Args:
         name: for reports; an error of the same name is the same in all recordings.
@@ -18,6 +18,7 @@ class ChannelError:
         axis: 0 or 1.
         scale: relative.
         delay: s.
+        smoothing: half the second moment of a low-pass that is symmetric in time, s^2.
     """
 
     name: str
@@ -25,10 +26,12 @@ class ChannelError:
     axis: int = 0
     scale: float = 0.0
     delay: float = 0.0
+    smoothing: float = 0.0
 
     def factor(self, frequency: np.ndarray) -> np.ndarray:
         """Relative change of the channel's spectrum at frequencies in Hz."""
-        return self.scale + 2j * np.pi * frequency * self.delay
+        omega = 2 * np.pi * frequency
+        return self.scale + 1j * omega * self.delay + omega**2 * self.smoothing
 
     def applied(self, spectra: np.ndarray, frequency: np.ndarray) -> np.ndarray:
         """Change of spectra (..., axes, *frequency.shape) of the channel: that of the other axis is none."""

@@ -22,6 +22,7 @@ from maglev_env.recordings.campaign import RecordingSpec
 from maglev_env.recordings.left_out import TellsNothing
 from maglev_env.rig.rig import Rig, axis_rig
 from sim2real.recorded.controller_output import referred
+from sim2real.recorded.instrument import has_instruments
 from sim2real.recorded.stand_in import finer_steps, stand_in
 
 UNLIMITED = 1e4  # V: range of the converters of a stand-in
@@ -189,7 +190,7 @@ def _stood_in(
     reference = channels.get("reference", np.zeros_like(y))
     controllers, how = [], []
     for axis, series in enumerate(zip(channels[source], reference, y, strict=True)):
-        controller, words = stand_in(axis_rig(rig, axis), finer, *series)
+        controller, words = stand_in(axis_rig(rig, axis), finer, *series, fitted=not has_instruments(channels))
         controllers.append(controller)
         how.append(words)
     gains = controllers[0] if rig.axes == 1 else tuple(controllers)

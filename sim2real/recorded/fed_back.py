@@ -13,7 +13,7 @@ from dataclasses import replace
 import numpy as np
 import scipy.fft
 
-from estimation.line_windows import POOLED
+from estimation.line_windows import KEPT, POOLED
 from maglev_env.recordings.left_out import TellsNothing
 from sim2real.recorded.nominal import nominal_blocks
 from sim2real.recorded.open_record import OpenRecord
@@ -51,6 +51,8 @@ def fed_back(record: OpenRecord, driving: np.ndarray, between: np.ndarray) -> Op
     )
     moved = np.mean(abs(plant * simulated) ** 2, axis=-1)
     told = _together((moved > CLEAR * floor[:, None]).any(axis=0))
+    left = np.mean(abs(record.spectrum(readings) - plant * u) ** 2, axis=-1)
+    told &= (moved > CLEAR * left).any()  # else the drive is what a controller made of noise or of a force
     if not told.any():
         raise TellsNothing(
             "what is recorded of the drive moves the rotor no more than the noise does",
@@ -61,7 +63,7 @@ def fed_back(record: OpenRecord, driving: np.ndarray, between: np.ndarray) -> Op
     true = between * true / (1 + between * true * plant)
     bias = floor[:, None, None] * np.conj(back - true) / np.maximum(power, 1e-300)[..., None] * simulated
     found = record.windows.project(bias)
-    return replace(record, told=told, bias=found.reshape(*found.shape[:-2], -1))
+    return replace(record, told=np.repeat(told, KEPT), bias=found.reshape(*found.shape[:-2], -1))
 
 
 def _together(told: np.ndarray) -> np.ndarray:

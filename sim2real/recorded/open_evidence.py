@@ -1,17 +1,21 @@
 """What an open record says and what a hypothesis predicts of it, as coordinates of the opened loop with their noise."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
+import scipy.fft
 
-from estimation.line_windows import WIDTH
+from estimation.line_windows import KEPT, WIDTH
 from maglev_env.kernel.driven import Drive
 from maglev_env.kernel.replay import look_at_replays, replayed
 from maglev_env.kernel.simulate import Block
+from sim2real.recorded.channel_errors import ChannelError
 from sim2real.recorded.open_loop import Loop
-from sim2real.recorded.open_record import KEPT, OpenRecord
+from sim2real.recorded.open_record import OpenRecord
 from sim2real.recorded.opened import Opened
+
+SMALL = 0.1  # of an error, for its direction: in proportion, and yet well above rounding
 
 
 def opened_of(loop: Loop) -> Opened:
@@ -98,6 +102,28 @@ def parts_of(record: OpenRecord, loop: Loop, predicted: np.ndarray) -> dict[str,
     return found
 
 
+def exact_errors(record: OpenRecord) -> list[ChannelError]:
+    """The errors of a measured drive whose effect is simulated, see `redriven`; that of the others is `parts_of`.
+
+    Through the closed loop of the stand-in, the effect of a late current is not that on the nominal plant. Where all
+    that varies is compared, an exact direction would also take away what `fed_back` corrects.
+    """
+    return [e for e in record.errors if e.channel == record.source] if record.instrument is not None else []
+
+
+def redriven(record: OpenRecord, error: ChannelError) -> OpenRecord:
+    """A record that a measured current or command drives, as if SMALL of an error of that channel were put right."""
+    own = record.command[error.axis]
+    n = own.size
+    frequency = np.fft.rfftfreq(2 * n, 1 / record.windows.sample_rate)
+    whole = np.concatenate([own, own[::-1]])  # continuous at both ends
+    change = np.asarray(scipy.fft.irfft(scipy.fft.rfft(whole) * (SMALL * error.factor(frequency)), 2 * n))[:n]
+    current, added = record.waves["current"].copy(), record.added.copy()
+    current[error.axis] += np.interp(np.arange(n * record.every) / record.every, np.arange(n), change)
+    added[error.axis] += change
+    return replace(record, waves={**record.waves, "current": current}, added=added)
+
+
 def open_noise(record: OpenRecord, loop: Loop, outputs: Sequence[str], predicted: np.ndarray | None) -> np.ndarray:
     """Standard deviation (outputs, axes, n) of the coordinates' noise, E|n|^2 = sd^2.
 
@@ -111,5 +137,16 @@ def open_noise(record: OpenRecord, loop: Loop, outputs: Sequence[str], predicted
     if predicted is not None and np.isfinite(predicted).all():
         series = measured_series(record) - predicted
     residual = loop.opened(record, series[0], series[2], series[1] if "amplifier" in outputs else None)
-    found = record.windows.noise(residual, record.drives)
+    found = record.windows.noise(residual, record.drives, _noise_shapes(loop, outputs))
     return np.repeat(np.sqrt(found.variance), KEPT, axis=-1)
+
+
+def _noise_shapes(loop: Loop, outputs: Sequence[str]) -> np.ndarray:
+    """What the noise may be composed of, (shapes, outputs, axes, windows): white, of the current and of the force."""
+    plant, amplifier, receptance = (
+        np.mean(abs(v.reshape(-1, *loop.shape)) ** 2, axis=-1)
+        for v in (loop.blocks.plant, loop.blocks.amplifier, loop.blocks.receptance)
+    )
+    white, nothing = np.ones_like(plant), np.zeros_like(plant)
+    of = {"plant": (white, plant, receptance), "amplifier": (white, amplifier, nothing)}
+    return np.stack([np.stack(of[name]) for name in outputs], axis=1)

@@ -18,6 +18,7 @@ from maglev_env.rig.rig import Rig, axis_rig
 from sim2real.recorded.channel_errors import ChannelError, channel_errors
 from sim2real.recorded.drive import Drive, drive_of
 from sim2real.recorded.fed_back import fed_back
+from sim2real.recorded.instrument import along_instruments
 from sim2real.recorded.not_stable import not_stable
 from sim2real.recorded.open_record import OpenRecord, compared
 from sim2real.recorded.static_evidence import can_rest, rests_of
@@ -31,7 +32,10 @@ NOT_AT_TICKS = (
     "the stated controller is not used: the recording is resampled, and what it read at its own ticks is not known "
     "(missing or double samples, a channel with a filter or delay, or another rate)"
 )
-UNTOLD = 12**-0.5  # samples: standard deviation of the time between two readings of which nothing is stated
+# Standard deviations of what is not stated of a stand-in's drive: the time between its readings and those of the
+# displacement, in samples, and half the second moment of its low-pass, in their square. Along an instrument, both as of
+# a filter of one sample; what a motional voltage adds to straight lines between samples is less.
+UNTOLD, UNTOLD_ALONG, SMOOTHED = 12**-0.5, 1.0, 1.0
 
 
 def open_record(campaign: Campaign, spec: RecordingSpec, dataset: "xr.Dataset") -> OpenRecord:
@@ -114,13 +118,19 @@ def open_record(campaign: Campaign, spec: RecordingSpec, dataset: "xr.Dataset") 
         stretch.windows,
         drive.every,
         drive.upstream,
-        (*channel_errors(spec), *_untold(spec, drive)),
+        channel_errors(spec),
         "command" if ticks is not None else drive.source,
         rests_of(rig, spec, dataset),
         notes=(*notes, *drive.notes, *stretch.notes),
     )
     if not drive.stand_in or drive.source is None:
         return record
+    found = along_instruments(record, channels)
+    errors = (*record.errors, *_untold(spec, drive, found is not None))
+    if found is not None:
+        note = "only what goes with the recorded reference or injection is compared, because it is free of noise"
+        return replace(found, errors=errors, notes=(*record.notes, note))
+    record = replace(record, errors=errors)
     return fed_back(record, channels[drive.source], drive.between(record.windows.frequency))
 
 
@@ -162,11 +172,26 @@ def _led_in(series: np.ndarray, samples: int) -> np.ndarray:
     return np.concatenate([series[:, :1] * rise, series], axis=1)
 
 
-def _untold(spec: RecordingSpec, drive: Drive) -> list[ChannelError]:
-    """The time between the readings of a stand-in's drive and of the displacement, where nothing is stated of it."""
-    stated = [s.delay_tolerance for name, s in spec.channels.items() if name.partition("_")[0] == drive.source]
-    if not drive.stand_in or drive.source is None or any(tolerance is not None for tolerance in stated):
+def _untold(spec: RecordingSpec, drive: Drive, exact: bool) -> list[ChannelError]:
+    """Errors of a stand-in's drive: the time between its readings and those of the displacement, where nothing is
+    stated of it, and what it does between its samples, where it is not held.
+
+    Args:
+        exact: whether only what goes with an instrument is compared.
+    """
+    if not drive.stand_in or drive.source is None:
         return []
-    late = UNTOLD * drive.multiple / spec.sample_rate
-    name = f"time between {drive.source} and displacement"
-    return [ChannelError(name, drive.source, axis, delay=late) for axis in range(drive.experiment.rig.axes)]
+    stated = [s.delay_tolerance for name, s in spec.channels.items() if name.partition("_")[0] == drive.source]
+    told, step = any(tolerance is not None for tolerance in stated), drive.multiple / spec.sample_rate
+    late = 0.0 if told else (UNTOLD_ALONG if exact else UNTOLD) * step
+    smooth = 0.0 if drive.held or not exact else SMOOTHED * step**2
+    sizes = {
+        f"time between {drive.source} and displacement": {"delay": late},
+        f"{drive.source} between its samples": {"smoothing": smooth},
+    }
+    return [
+        ChannelError(name, drive.source, axis, **size)
+        for name, size in sizes.items()
+        for axis in range(drive.experiment.rig.axes)
+        if any(size.values())
+    ]

@@ -15,7 +15,7 @@ from functools import cached_property
 import numpy as np
 import scipy.fft
 
-from estimation.line_windows import POOLED, TERMS, WIDTH, LineWindows
+from estimation.line_windows import KEPT, POOLED, WIDTH, LineWindows
 from maglev_env.experiment import Experiment
 from maglev_env.linear.loop import closed_loop_poles
 from maglev_env.recordings.left_out import TellsNothing
@@ -23,7 +23,6 @@ from maglev_env.rig.rig import Rig
 from sim2real.recorded.channel_errors import ChannelError
 from sim2real.recorded.static_evidence import Rests
 
-KEPT = WIDTH - TERMS  # coordinates of a window
 SETTLING = 8.0  # time constants of the nominal closed loop that are simulated but not compared
 LONGEST_SETTLING = 0.2  # of a record
 MOST_SAMPLES = 30_000  # a longer record is compared over its stretch that is driven most
@@ -52,7 +51,9 @@ class OpenRecord:
         source: channel from which the injection follows, "command" or "current"; None: none.
         rests: what its means say of a suspended mass; None: nothing.
         bias: (axes, n), what fed-back noise may add to the opened displacement; None: nothing.
-        told: (windows,) whether what drives the loop shows in a window; None: in all of them.
+        told: (n,) whether a coordinate is compared; None: all are.
+        instrument: (inputs, windows, WIDTH), spectra of reference and injection, in whose direction alone is compared;
+            None: in all directions.
         notes: what was assumed.
     """
 
@@ -73,6 +74,7 @@ class OpenRecord:
     rests: Rests | None = None
     bias: np.ndarray | None = None
     told: np.ndarray | None = None
+    instrument: np.ndarray | None = None
     notes: tuple[str, ...] = ()
 
     tones = ()
@@ -109,9 +111,7 @@ class OpenRecord:
 
     @property
     def excited(self) -> np.ndarray:
-        if self.told is None:
-            return np.ones(self.frequency.size, bool)
-        return np.repeat(self.told, KEPT)
+        return np.ones(self.frequency.size, bool) if self.told is None else self.told
 
     @cached_property
     def periods(self) -> Mapping[str, np.ndarray]:
@@ -127,7 +127,10 @@ class OpenRecord:
 
     @property
     def drives(self) -> np.ndarray:
-        """Spectra (inputs, windows, WIDTH) of all that varies of what drives the simulation."""
+        """Spectra (inputs, windows, WIDTH) of what drives the record: of all that varies in the simulation's drive, or
+        of what of it is free of noise."""
+        if self.instrument is not None:
+            return self.instrument
         waves = np.concatenate(list(self.waves.values()))
         moving = waves[np.ptp(waves, axis=1) > 0]
         return self.spectrum((moving if len(moving) else waves[:1])[:, :: self.every])

@@ -17,8 +17,8 @@ from itertools import product
 
 import numpy as np
 from scipy import stats
-from scipy.optimize import nnls
 
+from estimation.noise_shape import noise_shape
 from maglev_env.rig.rig import axis_rig
 from sim2real.recorded.nominal import nominal_blocks, outputs_of
 from sim2real.recorded.records import Record
@@ -30,7 +30,6 @@ WINDOW, NARROW, STEEP = 7, 1, 1.8
 BESIDE = 2.5  # lines beside a tone of known origin that are not judged
 LOUD, FALSE_ALARM = 2.0, 1e-8  # a band is loud above this mean power over the noise shape, and below this probability
 LOUDEST = 6.0  # largest noise standard deviation, as a multiple of the one that the rig states
-CLIPPED = 3.0  # multiple of the fitted shape at which a line's weight in the fit is clipped
 OUTLIER = 12.0  # a line whose variance exceeds its surroundings by this factor keeps its own variance
 
 
@@ -217,13 +216,7 @@ def _pooled(own: np.ndarray, shapes: np.ndarray, freedom: int) -> tuple[np.ndarr
         shape: The common shape (n,).
     """
     tiny = np.finfo(float).tiny
-    scale = shape = np.full_like(own, max(float(np.median(own)), own.mean() * 1e-12 + tiny))
-    for _ in range(12):  # weights from the fit itself, because a variance scatters in proportion to its size
-        columns = shapes / scale
-        norms = np.maximum(np.linalg.norm(columns, axis=1), tiny)
-        shares, _ = nnls((columns / norms[:, None]).T, np.minimum(own / scale, CLIPPED))  # clipped against tones
-        shape = np.maximum(shapes.T @ (shares / norms), tiny)
-        scale = shape
+    shape = noise_shape(own, shapes)
     ratio = own / shape
     kept = ratio < OUTLIER * np.median(ratio) / np.log(2) ** (1 / max(freedom, 1)) + tiny
     smooth, local = (_neighbours(ratio, kept, width) for width in (WINDOW, NARROW))

@@ -28,7 +28,7 @@ INSIDE = 0.9999  # largest pole of a fitted controller
 
 
 def stand_in(
-    rig: Rig, finer: int, driving: np.ndarray, reference: np.ndarray, displacement: np.ndarray
+    rig: Rig, finer: int, driving: np.ndarray, reference: np.ndarray, displacement: np.ndarray, fitted: bool
 ) -> tuple[Controller, str]:
     """A controller that stabilises a one-axis rig: one that explains the record, or else a designed one; and its name.
 
@@ -38,8 +38,9 @@ def stand_in(
         driving: (samples,), recorded current or command, A.
         reference: (samples,), m.
         displacement: (samples,), m.
+        fitted: whether it should follow what the recorded one made of noise; else it is always a designed one.
     """
-    found = fitted_controller(driving, reference, displacement)
+    found = fitted_controller(driving, reference, displacement) if fitted else None
     if found is not None and holds(rig, found) and _stable(rig, _slowed(found, finer)):
         return _slowed(found, finer), "one fitted to this recording"
     return _designed(rig, displacement), "one designed for the nominal rig"

@@ -43,6 +43,28 @@ def test_projection_keeps_the_variance_of_each_coordinate_and_no_quadratic():
     np.testing.assert_allclose((coordinates.conj().T @ coordinates).real / 4000, np.eye(WIDTH - TERMS), atol=0.12)
 
 
+def test_turned_coordinates_hold_the_excitation_in_the_first_ones_and_nothing_is_lost():
+    windows, rng = line_windows(SAMPLES, RATE, (2.0, 400.0)), np.random.default_rng(3)
+    drives, other = windows.spectrum(rng.normal(size=(2, SAMPLES))), windows.spectrum(rng.normal(size=SAMPLES))
+    turned = windows.toward(drives)
+    assert abs(turned.project(drives)[..., 2:]).max() < 1e-12 < abs(turned.project(drives)[..., :2]).min()
+    np.testing.assert_allclose(turned.cleared(other), windows.cleared(other), atol=1e-12)
+    power = np.sum(abs(windows.project(other)) ** 2, axis=-1)
+    np.testing.assert_allclose(np.sum(abs(turned.project(other)) ** 2, axis=-1), power)
+    np.testing.assert_allclose(turned.noise(other, drives).variance, windows.noise(other, drives).variance)
+
+
+def test_steep_noise_has_its_own_variance_in_each_window_where_its_shape_is_known():
+    windows, rng = line_windows(SAMPLES, RATE, (2.0, 400.0)), np.random.default_rng(4)
+    steep = (20.0 / windows.frequency) ** 4
+    shapes = np.stack([np.ones(windows.count), steep.mean(axis=-1)])
+    found = []
+    for _ in range(40):
+        white, loud, drive = rng.normal(size=(3, windows.count, WIDTH, 2)) @ [1, 1j]
+        found.append(windows.noise(white + np.sqrt(steep) * loud, drive, shapes).variance)
+    np.testing.assert_allclose(np.mean(found, axis=0)[1:], 2 * (1 + shapes[1])[1:], rtol=0.15)
+
+
 def test_a_record_too_short_says_how_long_it_must_be():
     with pytest.raises(ValueError, match="record at least 5"):
         line_windows(1000, 1000.0, (10.0, 30.0))

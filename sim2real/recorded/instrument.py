@@ -1,0 +1,51 @@
+"""What a recorded reference or injection alone causes, where noise is part of what drives a simulation.
+
+Under a stand-in controller the measured current drives the simulation, with all that the true controller made of sensor
+noise, of the current meter's noise and of forces. The same noise is in the reading, so a fit of all that varies is
+biased. The reference is free of it. Only what goes with the reference is compared: in each window of lines, current and
+reading are projected on the reference, as with an instrumental variable (Soderstrom and Stoica, System Identification,
+1989, chapter 8; for a closed loop Van den Hof, Annual Reviews in Control 22, 1998). Nothing need be known of the
+controller or of the noise.
+"""
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from estimation.line_windows import KEPT
+from sim2real.recorded.open_record import OpenRecord
+
+CLEAR = 10.0  # power along the instruments over that of the noise, from which a window is used
+
+
+def has_instruments(channels: Mapping[str, np.ndarray]) -> bool:
+    """Whether channels -> (axes, samples) hold a reference or an injection that varies."""
+    return len(_varying(channels, 0)) > 0
+
+
+def along_instruments(record: OpenRecord, channels: Mapping[str, np.ndarray]) -> OpenRecord | None:
+    """The record, compared only along its instruments; None where it has none that clearly moves the rotor.
+
+    Args:
+        record: driven by a measured current or command.
+        channels: channel -> (axes, samples) of the simulated part.
+    """
+    known = _varying(channels, record.first)
+    if not len(known):
+        return None
+    spectra = record.spectrum(known)
+    windows = record.windows.toward(spectra)
+    reading = record.spectrum(record.series["displacement"])
+    along = np.arange(KEPT) < len(known)
+    power = np.mean(abs(windows.project(reading)[..., along]) ** 2, axis=-1)
+    clear = (power > CLEAR * windows.noise(reading, spectra).variance).any(axis=0)
+    if not clear.any():
+        return None
+    return replace(record, windows=windows, told=(clear[:, None] & along).reshape(-1), instrument=spectra)
+
+
+def _varying(channels: Mapping[str, np.ndarray], first: int) -> np.ndarray:
+    """Series (inputs, samples) of the channels that are free of noise and vary from a sample on."""
+    known = [s for name in ("reference", "injection") if name in channels for s in channels[name]]
+    return np.array([s for s in known if np.ptp(s[first:]) > 0])
