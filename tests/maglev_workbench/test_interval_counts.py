@@ -1,4 +1,7 @@
-"""The count of intervals, on a few draws."""
+"""The counts of `maglev coverage`, on a few draws.
+
+They stand in no folder of that name, because on the path it would hide the package `coverage`, which numba asks for.
+"""
 
 import json
 
