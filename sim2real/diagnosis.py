@@ -294,7 +294,9 @@ def _parameters(candidate: Candidate) -> Mapping[str, Fitted]:
     for i, name in enumerate(fit.hypothesis.calibrated, len(fit.hypothesis.coordinates)):
         if shape := fit.hypothesis.shapes.get(name):
             if (value := shape.value(at := float(fit.u[i]))) != shape.parameter.default:
-                found[name] = {"value": value, "se": float(sd[i]) * shape.change(at)}
+                at_bound = at in (shape.bounded(at - 1.0), shape.bounded(at + 1.0))
+                se = None if at_bound else float(sd[i]) * shape.change(at)
+                found[name] = {"value": value, "se": se, "at_bound": at_bound}
             continue
         sigma = fit.hypothesis.sigma(name)
         change = float(fit.u[i]) * sigma

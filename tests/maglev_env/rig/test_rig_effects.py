@@ -161,8 +161,11 @@ def test_the_table_of_effects_in_the_docs_is_the_vocabulary():
     assert [name for name, *_ in rows] == list(EFFECTS)
     for name, block, parameters in rows:
         kind = EFFECTS[name]
-        stated = []
-        for key, p in kind.parameters.items():
-            default = "" if p.default is None else f" ({p.default:g})"
-            stated.append(f"`{key}` {p.bounds}" + default)
-        assert (block, parameters) == (kind.block, ", ".join(stated))
+        stated = [
+            ", ".join(
+                f"`{key}` {p.bounds}" + ("" if p.default is None else f" ({p.default:g})") for key, p in group.items()
+            )
+            for group in (kind.plain, kind.shapes)
+            if group
+        ]
+        assert (block, parameters) == (kind.block, "; form: ".join(stated))
