@@ -51,7 +51,9 @@ def about_the_controller(findings):
 @pytest.mark.parametrize(("name", "limited"), CASES)
 def test_a_sound_recording_is_silent_and_covered(tmp_path, name, limited):
     rig, run = driven(name, limited)
-    assert [f for f in found(tmp_path, name, rig.gains, run) if "mass" not in f.channel] == []
+    # Where slow set-point steps hold most of what is injected, its time is not told, and this is said.
+    said = found(tmp_path, name, rig.gains, run)
+    assert [f for f in said if "mass" not in f.channel and not f.channel.startswith("time of")] == []
 
 
 @pytest.mark.parametrize(
