@@ -126,16 +126,15 @@ def periodic_gain(force: LineStatistics, mass: float, actuator: ActuatorEstimate
     loose = float(np.sqrt(max(actuator.cost_ratio, 1.0)))  # where one gain does not fit, nor are its errors right
     for low, high in _of_lines(f):
         on = (f >= low) & (f < high)
-        each = abs(x[on] / dynamic[on]) ** 2
+        moved = x[on] / dynamic[on]
+        each = abs(moved) ** 2
         power = np.sum(each)
         if not power > 0:
             continue
         centre = float(np.sum(each * f[on]) / power)
-        moved = x[on] / dynamic[on]
         factor = complex(np.sum(np.conj(moved) * y[on]) / power)
-        left = np.sum(abs(y[on] - factor * moved) ** 2) / max(
-            on.sum() - 1, 1
-        )  # of a gain that changes in the band, too
+        # What is left is also of a gain that changes in the band.
+        left = np.sum(abs(y[on] - factor * moved) ** 2) / max(on.sum() - 1, 1)
         noise = float(max(np.mean(variance[on]), left) / (2 * power)) / abs(factor) ** 2
         known = np.array([actuator.stiffness_se, 2j * np.pi * centre * damping_se])
         common = loose * known / np.mean(dynamic[on])

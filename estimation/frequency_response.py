@@ -55,12 +55,11 @@ def loop_variance(frequency: np.ndarray, sensitivity: np.ndarray, variance: np.n
         variance: (n,), of its noise, E|n|^2.
     """
     size = np.abs(sensitivity) ** 2
-    noise = uniform_filter1d(variance / size, POOL) * size
+    noise = pooled_variance(variance / size) * size
     if frequency.size < LOCAL or not np.any(noise):
         return noise
-    error = (
-        np.sqrt(np.maximum(noise, 1e-12 * noise.max())) / size
-    )  # of the loop gain L = 1 / S - 1: |dL| = |dS| / |S|^2
+    # Of the loop gain L = 1 / S - 1: |dL| = |dS| / |S|^2.
+    error = np.sqrt(np.maximum(noise, 1e-12 * noise.max())) / size
     gain, x = 1 / sensitivity - 1, np.log(frequency)
     left = np.empty(frequency.size - LOCAL + 1)
     for i in range(left.size):

@@ -151,9 +151,8 @@ def entries(evidence: Evidence, belief: Belief = BELIEF) -> list[Entry]:
     alive = np.isfinite(evidence.cost)
     if not alive.any() and not np.isfinite(evidence.nominal):  # all that levitates contradicts a stated tolerance
         return [Entry((UNKNOWN,), 1.0, np.inf, None, None)]
-    best = int(np.argmin(np.where(alive, evidence.cost, np.inf)))
+    best, gap = _best(evidence)
     before = evidence.excess[0]
-    gap = max(float(before.sum() - evidence.excess[best].sum()), 0.0)
     forms = _forms(evidence, gap, belief)
     share = min(belief.leftover * forms[best] / gap, 1.0) if gap else 0.0
     allowed = belief.group_sd * evidence.scatter + share * np.maximum(before, 0.0)
@@ -193,13 +192,17 @@ def entries(evidence: Evidence, belief: Belief = BELIEF) -> list[Entry]:
     return sorted(found, key=lambda e: -e.probability)
 
 
+def _best(evidence: Evidence) -> tuple[int, float]:
+    """The candidate of least cost, and what it explains of the gap that calibration leaves."""
+    best = int(np.argmin(np.where(np.isfinite(evidence.cost), evidence.cost, np.inf)))
+    return best, max(float(evidence.excess[0].sum() - evidence.excess[best].sum()), 0.0)
+
+
 def allowance(evidence: Evidence, belief: Belief = BELIEF) -> float:
     """Cost that another form of the effects of the best candidate may leave."""
-    alive = np.isfinite(evidence.cost)
-    if not alive.any():
+    if not np.isfinite(evidence.cost).any():
         return 0.0
-    best = int(np.argmin(np.where(alive, evidence.cost, np.inf)))
-    gap = max(float(evidence.excess[0].sum() - evidence.excess[best].sum()), 0.0)
+    best, gap = _best(evidence)
     return belief.leftover * float(_forms(evidence, gap, belief)[best])
 
 

@@ -208,7 +208,8 @@ def _evidence(record: Record | OpenRecord, near: Point | None) -> _Evidence:
     loop = nominal_loop(record)
     opened = opened_of(loop)
     predicts = Predictor(record, opened, 0, Replay(record, loop, opened.outputs))
-    predicted = simulated_series(record, predicts.lanes([near or Point({}, {})]))[0]
+    lanes = predicts.lanes([near or Point({}, {})])
+    predicted = simulated_series(record, lanes)[0]
     measured, noise = measured_of(record, loop, opened.outputs), open_noise(record, loop, opened.outputs, predicted)
     nuisances = {}
     if record.errors and np.isfinite(predicted).all():
@@ -218,7 +219,7 @@ def _evidence(record: Record | OpenRecord, near: Point | None) -> _Evidence:
         nuisances = {name: record.windows.project(c).reshape(measured.shape) for name, c in lines.items()}
         for error in again:
             moved = redriven(record, error)
-            series = simulated_series(moved, predicts.lanes([near or Point({}, {})]))[0]
+            series = simulated_series(moved, lanes)[0]
             change = coordinates_of(record, loop, opened.outputs, predicted) - coordinates_of(
                 moved, loop, opened.outputs, series
             )

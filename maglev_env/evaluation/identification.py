@@ -21,6 +21,8 @@ from maglev_env.evaluation.stability import Stability, stability_of
 from maglev_env.recordings.spectra import RecordedSignals, RecordSpectra, record_spectra
 from maglev_env.rig.rig import Rig
 
+_Magnets = tuple[ActuatorEstimate, LineStatistics, str]
+
 
 @dataclass(frozen=True)
 class Identification:
@@ -67,9 +69,10 @@ def identify(
         raise ValueError("stiffness and damping need the channel displacement")
     spectra = record_spectra(signals)
     statistics, force, dropped = spectra.all, spectra.force, spectra.transient_periods
-    actuator = None
+    actuator, magnets = None, None
     if not force.lines.size or "force" not in force.channels:
-        actuator, force, drive = _through_magnets(signals, spectra, rig, mass, estimate_mass)
+        magnets = _through_magnets(signals, spectra, rig, mass, estimate_mass)
+        actuator, force, drive = magnets
         notes.append(
             f"no force is excited and recorded: the {drive} stands for it, its actuator gain fitted to the mass; "
             "stiffness and damping are those of the rotor without its controller"
@@ -127,18 +130,21 @@ def identify(
     periods = statistics.periods
     return Identification(
         bands, float(mass), modal, actuator, natural, zeta, bent, stability, dropped, periods, force, tuple(notes),
-        None if estimate_mass else _apparent_gain(signals, spectra, rig, float(mass)),
+        None if estimate_mass else _apparent_gain(signals, spectra, rig, float(mass), magnets),
     )  # fmt: skip
 
 
 def _apparent_gain(
-    signals: RecordedSignals, spectra: RecordSpectra, rig: Rig | None, mass: float
+    signals: RecordedSignals, spectra: RecordSpectra, rig: Rig | None, mass: float, magnets: _Magnets | None
 ) -> ApparentGain | None:
-    """The actuator's gain over frequency at the lines of an injection; None where the current is not recorded there."""
+    """The actuator's gain over frequency at the lines of an injection; None where the current is not recorded there.
+
+    `magnets` is what `_through_magnets` gave already.
+    """
     if "current" not in spectra.all.channels:
         return None
     try:
-        actuator, force, _ = _through_magnets(signals, spectra, rig, mass, False)
+        actuator, force, _ = magnets or _through_magnets(signals, spectra, rig, mass, False)
     except ValueError:  # nothing is injected, or too few lines are
         return None
     return periodic_gain(force, mass, actuator)
@@ -146,7 +152,7 @@ def _apparent_gain(
 
 def _through_magnets(
     signals: RecordedSignals, spectra: RecordSpectra, rig: Rig | None, mass: float | None, estimate_mass: bool
-) -> tuple[ActuatorEstimate, LineStatistics, str]:
+) -> _Magnets:
     """The actuator, and the lines of an injection or reference with the current (else the command) as the force."""
     statistics = spectra.all
     lines = np.union1d(spectra.driven["current"], spectra.driven["reference"])

@@ -11,22 +11,12 @@ from typing import Any, get_args, get_type_hints
 
 import pytest
 import typer
-from command_line import maglev
+from command_line import CAMPAIGN, maglev
 from typer.testing import CliRunner
 
 from maglev_workbench import console
 from maglev_workbench.cli import app
 
-CAMPAIGN = """
-schema = "maglev-campaign/1"
-rig = "hmb_free"
-[[recording]]
-file = "a.csv"
-sample_rate = 20000.0
-excitation = { kind = "none" }
-[recording.channels]
-displacement = { from = "y" }
-"""
 # Arguments that a command needs before anything else of it can be wrong.
 NEEDED = {
     "estimate": ["good"],

@@ -6,17 +6,7 @@ import subprocess
 import sys
 
 import pytest
-
-CAMPAIGN = """
-schema = "maglev-campaign/1"
-rig = "hmb_free"
-[[recording]]
-file = "a.csv"
-sample_rate = 20000.0
-excitation = { kind = "none" }
-[recording.channels]
-displacement = { from = "y" }
-"""
+from command_line import CAMPAIGN
 
 
 @pytest.fixture(scope="module")

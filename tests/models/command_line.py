@@ -8,6 +8,18 @@ from typer.testing import CliRunner
 
 from maglev_workbench.cli import app
 
+# A campaign.toml that every command accepts as far as its rules go, for the file a.csv with a column y.
+CAMPAIGN = """
+schema = "maglev-campaign/1"
+rig = "hmb_free"
+[[recording]]
+file = "a.csv"
+sample_rate = 20000.0
+excitation = { kind = "none" }
+[recording.channels]
+displacement = { from = "y" }
+"""
+
 
 def maglev(*arguments: object, code: int = 0) -> str:
     """Run a command in this process.

@@ -7,6 +7,7 @@ import numpy as np
 from scipy.stats import binomtest
 
 from estimation.stability_margins import margins
+from maglev_env.evaluation.bands import NORMAL_95
 from maglev_env.evaluation.identification import Identification, identify
 from maglev_env.experiment import Experiment
 from maglev_env.kernel.simulate import simulate_records
@@ -87,7 +88,7 @@ def _intervals(found: Identification) -> Intervals:
     given: dict[str, tuple[float | None, float | None]] = {}
     if found.actuator is not None:
         for name in ("gain", *COEFFICIENTS):
-            value, half = getattr(found.actuator, name), 1.96 * getattr(found.actuator, f"{name}_se")
+            value, half = getattr(found.actuator, name), NORMAL_95 * getattr(found.actuator, f"{name}_se")
             given[f"actuator {name}"] = value - half, value + half
     else:
         for name, band, at in _bands(found):
