@@ -7,13 +7,13 @@ from itertools import pairwise
 import numpy as np
 
 from estimation.actuator import ActuatorEstimate
+from estimation.normal import NORMAL_95
 from estimation.periods import LineStatistics
 
 GROWTH = 2 ** (1 / 3)  # from a band's lower to its upper edge, where it then holds enough lines
 LINES = 3  # least lines of a band of a record with a period
 TOLD = 0.5  # relative standard error from which a band tells nothing
 SURELY = 2.0  # standard errors from which a positive damping counts as damping
-NORMAL_95 = 1.96
 
 
 @dataclass(frozen=True)

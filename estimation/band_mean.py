@@ -13,6 +13,7 @@ from numpy.polynomial.legendre import legval, legvander
 from scipy import optimize, stats
 
 from estimation.bands import band_slices
+from estimation.normal import NOISELESS
 from estimation.periods import LineStatistics
 
 DEGREE = 2
@@ -54,7 +55,7 @@ def band_mean(
     ((first, stop),) = band_slices(statistics.frequency, band[None])
     f = statistics.frequency[first:stop]
     force, moved = (statistics.amplitude(name)[first:stop] for name in ("force", "displacement"))
-    floor = 1e-18 * np.mean(abs(force) ** 2)
+    floor = NOISELESS * np.mean(abs(force) ** 2)
     sff, syy = (statistics.cross(n, n)[first:stop].mean() for n in ("force", "displacement"))
     sfy = statistics.cross("force", "displacement")[first:stop].mean()
     w = 2 * np.pi * f

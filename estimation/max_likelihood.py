@@ -11,6 +11,7 @@ from scipy import special
 
 from estimation import band_likelihood
 from estimation.bands import band_slices
+from estimation.normal import NOISELESS
 from estimation.periods import LineStatistics
 
 
@@ -84,8 +85,8 @@ def maximum_likelihood(
     force, displacement = statistics.amplitude("force"), statistics.amplitude("displacement")
     shape = force.shape[:-1]
     n = force.shape[-1]
-    # A record without noise is weighted as if its force had a relative noise of 1e-9.
-    floor = 1e-18 * np.mean(np.abs(force) ** 2, axis=-1, keepdims=True)
+    # A record without noise keeps a weight.
+    floor = NOISELESS * np.mean(np.abs(force) ** 2, axis=-1, keepdims=True)
     f, y, sff, syy, sfy = (
         np.ascontiguousarray(a.reshape(-1, n))
         for a in (

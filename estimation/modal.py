@@ -9,6 +9,7 @@ from scipy.ndimage import uniform_filter1d
 from scipy.optimize import OptimizeResult, brentq
 from scipy.optimize import least_squares as minimise
 
+from estimation.normal import NOISELESS
 from estimation.periods import LineStatistics
 
 _POOL = 15  # lines over which the noise covariance is averaged; its own scatter falls to a few per cent
@@ -148,8 +149,8 @@ def _fit(
     f: np.ndarray, y: np.ndarray, w: np.ndarray, noise: _Noise, extra: float, start: np.ndarray
 ) -> tuple[OptimizeResult, float]:
     """Levenberg-Marquardt search from `start` (k, c, m): the fit in SI units, and its residual over expected power."""
-    # A record without noise is weighted as if its force had a relative noise of 1e-9.
-    s_f = noise.force + 1e-18 * np.mean(np.abs(f) ** 2)
+    # A record without noise keeps a weight.
+    s_f = noise.force + NOISELESS * np.mean(np.abs(f) ** 2)
     s_y = noise.displacement + extra
     scale = np.abs(start) + 1e-6 * np.abs(start[0]) / np.array([1.0, np.mean(w), np.mean(w**2)])
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 
+from estimation.normal import NORMAL_95
 from maglev_env.loop.effect import EFFECTS
 from sim2real.fit_figures import Figures
 from sim2real.leftover import Leftover, Share
@@ -10,7 +11,6 @@ from sim2real.words import Fitted, fitted_quantity, percent, quantity, spoken
 SHOWN, LEAST = 3, 0.05  # shares that are listed, and the least of them
 UNEVEN = 2.0  # times its even share that a segment must hold to be named
 CLEAR = 3.0  # mean square of a profile, in its standard errors, from which the missing force goes with a quantity
-NORMAL_95 = 1.96
 
 
 def fit_in_words(fit: Figures) -> str:

@@ -5,12 +5,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from estimation.normal import NORMAL_95
 from maglev_env.loop.axes import AXES
 from maglev_env.loop.effect import EFFECTS
 from sim2real.diagnosis import Diagnosis, block_of
 from sim2real.hypotheses import CALIBRATION, NONE, TONES, UNKNOWN
 from sim2real.judge import Entry
-from sim2real.leftover_words import NORMAL_95, fit_in_words, leaves, parameters_in_words, partial_in_words
+from sim2real.leftover_words import fit_in_words, leaves, parameters_in_words, partial_in_words
 from sim2real.locate import Where
 from sim2real.problem import Part
 from sim2real.recorded.open_record import OpenRecord

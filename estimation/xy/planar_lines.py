@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimation.bands import band_slices
+from estimation.normal import NOISELESS
 from estimation.periods import LineStatistics
 
 CHANNELS = ("force_x", "force_y", "displacement_x", "displacement_y")
@@ -91,8 +92,8 @@ def planar_lines(records: Sequence[LineStatistics], edges: np.ndarray) -> Planar
         keep, channels = [record.index(name) for name in CHANNELS], len(record.channels)
         mean = record.mean[..., start:stop].reshape(-1, channels, stop - start)[:, keep]
         own = record.covariance[..., start:stop].reshape(-1, channels, channels, stop - start)[:, keep][:, :, keep]
-        # A record without noise is weighted as if its force had a relative noise of 1e-9.
-        own[:, [0, 1], [0, 1]] += 1e-18 * (np.abs(mean[:, :2]) ** 2).sum(1).mean(-1)[:, None, None]
+        # A record without noise keeps a weight.
+        own[:, [0, 1], [0, 1]] += NOISELESS * (np.abs(mean[:, :2]) ** 2).sum(1).mean(-1)[:, None, None]
         means.append(np.moveaxis(mean, -1, 1))
         covariances.append(np.moveaxis(own, -1, 1))
         frequencies.append(record.frequency[start:stop])

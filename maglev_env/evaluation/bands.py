@@ -10,6 +10,7 @@ from estimation.effective import effective_coefficients
 from estimation.frequency_response import frequency_response
 from estimation.least_squares import LeastSquares, least_squares
 from estimation.max_likelihood import BandEstimate, least_squares_bias, maximum_likelihood
+from estimation.normal import NORMAL_95
 from estimation.periods import LineStatistics
 from maglev_env.experiment import Experiment
 from maglev_env.linear.loop import LoopResponse, loop_response
@@ -19,7 +20,6 @@ from maglev_env.loop.magnets.law import linearise
 from maglev_env.recordings.spectra import RecordedSignals
 from maglev_env.rig.rig import Rig
 
-NORMAL_95 = 1.959964
 BAND_LINES = 12  # of a band, where nobody states its width
 UNEVEN = 3.0  # ratio of the spacings of lines from which bands are counted in lines, not in Hz
 CLEAR_NOISE = 0.1  # share of the displacement's power that is noise, up to which least squares and means are trusted

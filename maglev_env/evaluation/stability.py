@@ -6,8 +6,9 @@ import numpy as np
 
 from estimation.frequency_response import frequency_response, loop_variance
 from estimation.iso_14839 import iso_14839_3_zone
+from estimation.normal import NORMAL_95
 from estimation.stability_margins import Interval, Margins, margin_arrays, margins
-from maglev_env.evaluation.bands import NORMAL_95, nominal_response
+from maglev_env.evaluation.bands import nominal_response
 from maglev_env.evaluation.sensitivity import injected_sensitivity
 from maglev_env.loop.gains import NO_CONTROLLER, Controllers, of_axis, reads_current
 from maglev_env.recordings.spectra import RecordedSignals, RecordSpectra

@@ -28,10 +28,13 @@ class _Checked:
     def __post_init__(self) -> None:
         for f in fields(self):  # pyright: ignore[reportArgumentType]  # every subclass is a dataclass
             value = getattr(self, f.name)
-            if not f.metadata and not isinstance(value, tuple):
+            if f.metadata:
+                check_range(f.name, value, f.metadata)
+                continue
+            if not isinstance(value, tuple):
                 raise ValueError(f"{f.name} = {value!r} must be a list of numbers")
-            for one in value if isinstance(value, tuple) else (value,) if f.metadata else ():
-                check_range(f.name, one, f.metadata or {"unit": "", "low": -1e9, "high": 1e9})
+            for one in value:
+                check_range(f.name, one, {"unit": "", "low": -1e9, "high": 1e9})
 
 
 @dataclass(frozen=True)

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from estimation.normal import NORMAL_95
 from estimation.stability_margins import Margins, margins
 from maglev_env.loop.gains import Gains
 from maglev_env.rig.rig import Rig
@@ -50,7 +51,7 @@ class Prediction:
         if self.margins is None:
             return low, high
         ends = [end or self.margins.peak_sensitivity for end in self.margins.intervals["peak_sensitivity"]]
-        alone = np.max(np.abs(self.response.value) + 1.96 * np.sqrt(self.response.variance / 2))
+        alone = np.max(np.abs(self.response.value) + NORMAL_95 * np.sqrt(self.response.variance / 2))
         return float(np.fmin(low, ends[0])), float(max(high, ends[1], alone))
 
 

@@ -8,6 +8,7 @@ from scipy.ndimage import median_filter
 
 from estimation.frequency_response import frequency_response, pooled_variance
 from estimation.max_likelihood import maximum_likelihood
+from estimation.normal import NOISELESS
 from estimation.periods import LineStatistics
 from estimation.stability_margins import Margins, margins
 from maglev_env.evaluation.score import ScoreTarget, score, terms
@@ -142,7 +143,7 @@ def pooled(parts: Sequence[Response]) -> Response | None:
         return None
     frequency, at = np.unique(np.round(np.concatenate([p.frequency for p in parts]), 9), return_inverse=True)
     value, variance = (np.concatenate([getattr(p, name) for p in parts]) for name in ("value", "variance"))
-    weight = 1 / np.maximum(variance, 1e-18 * np.abs(value) ** 2)  # so that a recording without noise stays finite
+    weight = 1 / np.maximum(variance, NOISELESS * np.abs(value) ** 2)  # so that a recording without noise stays finite
     total = np.bincount(at, weight)
     mean = np.bincount(at, weight * value.real) + 1j * np.bincount(at, weight * value.imag)
     return Response(frequency, mean / total, 1 / total)

@@ -6,8 +6,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.stats import binomtest
 
+from estimation.normal import NORMAL_95
 from estimation.stability_margins import margins
-from maglev_env.evaluation.bands import NORMAL_95
 from maglev_env.evaluation.identification import Identification, identify
 from maglev_env.experiment import Experiment
 from maglev_env.kernel.simulate import simulate_records

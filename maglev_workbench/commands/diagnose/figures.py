@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from maglev_env.loop.effect import EFFECTS
+from maglev_env.recordings.campaign import Campaign
 from maglev_workbench.page import COLOURS, labelled_axis, mark_iso_zones, number, shaded, styled
 from sim2real.diagnosis import Diagnosis
 from sim2real.report import Curve
@@ -46,8 +47,9 @@ def loop_diagram(diagnosis: Diagnosis, effects: Sequence[str]) -> str:
         parts.append(_text(start + (_STEP - _BOX) / 2 - 4, _TOP + _HIGH / 2 + 15, label, 11))
     outside = [e for e in effects if e in EFFECTS and EFFECTS[e].block == "external"]
     pushed = _LEFT + names.index("mechanics") * _STEP + _BOX / 2
-    parts.append(_arrow([(pushed, 24), (pushed, _TOP)]))
-    parts.append(_text(pushed, 16, " + ".join(["shaker's force", *outside]), 11, bool(outside)))
+    if forces := [*(["shaker's force"] if _shaken(diagnosis.campaign) else []), *outside]:
+        parts.append(_arrow([(pushed, 24), (pushed, _TOP)]))
+        parts.append(_text(pushed, 16, " + ".join(forces), 11, bool(outside)))
     if controlled:
         end, first, y = _LEFT + 4 * _STEP + _BOX + 34, _LEFT - 34, _TOP + _HIGH / 2
         parts.append(_arrow([(end, y), (end, bottom), (first, bottom), (first, y), (_LEFT, y)]))
@@ -73,6 +75,11 @@ def loop_diagram(diagnosis: Diagnosis, effects: Sequence[str]) -> str:
         f'<path d="M0 0 L8 4 L0 8 z" fill="{GREY}"/></marker></defs>'
     )
     return f'{head} font-family="system-ui, sans-serif" xmlns="http://www.w3.org/2000/svg">{arrow}{"".join(parts)}</svg></div>'
+
+
+def _shaken(campaign: Campaign) -> bool:
+    """Whether a force acts on the rotor from outside, as the recordings state or show."""
+    return any("force" in r.channels or any(e.at == "force" for e in r.excitations) for r in campaign.recordings)
 
 
 def _darkness(name: str, shares: Mapping[str, float]) -> float:

@@ -5,7 +5,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from maglev_env.evaluation.bands import NORMAL_95, Band
+from estimation.normal import NORMAL_95
+from maglev_env.evaluation.bands import Band
 from maglev_env.evaluation.identification import Identification
 from maglev_env.units import prefixed
 from maglev_workbench.commands.estimate.figures import COEFFICIENTS

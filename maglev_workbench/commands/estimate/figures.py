@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from estimation.frequency_response import frequency_response
+from estimation.normal import NORMAL_95
 from maglev_env.evaluation.bands import Band
 from maglev_env.evaluation.identification import Identification
 from maglev_env.evaluation.stability import Stability
@@ -30,7 +31,7 @@ def estimate(band: Band, method: str, name: str) -> tuple[float, float, tuple[fl
     if method == "ml":
         return getattr(band, name), getattr(band, f"{name}_se"), getattr(band, f"{name}_ci")
     value, se = getattr(band, f"ls_{name}"), getattr(band, f"ls_{name}_se")
-    return value, se, (value - 1.96 * se, value + 1.96 * se)
+    return value, se, (value - NORMAL_95 * se, value + NORMAL_95 * se)
 
 
 def in_words(band: Band, method: str, name: str, scale: float) -> str:
@@ -115,7 +116,7 @@ def sensitivity(found: Stability) -> "Figure":
     """|S| over frequency with 95 % bands and the limits of ISO 14839-3."""
     from plotly.graph_objects import Figure, Scatter
 
-    size, half = np.abs(found.sensitivity), 1.96 * np.sqrt(found.variance / 2)
+    size, half = np.abs(found.sensitivity), NORMAL_95 * np.sqrt(found.variance / 2)
     low = np.maximum(size - half, size / 100)
     figure = styled(Figure(shaded(found.frequency, low, size + half, COLOURS[0])), 420)
     text = "%{x:.4g} Hz: |S| %{y:.4g} ± %{customdata:.2g}<extra></extra>"

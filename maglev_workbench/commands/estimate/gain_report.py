@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from estimation.apparent_gain import ApparentGain
+from estimation.normal import NORMAL_95
 from maglev_env.units import prefixed
 from maglev_workbench.page import COLOURS, labelled_axis, note, number, styled, with_interval
 from maglev_workbench.page import table as html_table
@@ -77,7 +78,7 @@ def gain_json(found: ApparentGain) -> dict[str, Any]:
 def basis(found: ApparentGain) -> str:
     """What the gain stands on, and what all bands have in common."""
     scale, unit = prefixed(found.stiffness, "N/m")
-    half = 1.96 * found.stiffness_se * scale
+    half = NORMAL_95 * found.stiffness_se * scale
     k = with_interval(found.stiffness * scale, found.stiffness * scale - half, found.stiffness * scale + half)
     return (
         f"With a stiffness of {k} {unit} ({found.source}) and a damping of {_damping(found)}. What is not known of "

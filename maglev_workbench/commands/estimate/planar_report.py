@@ -5,8 +5,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from estimation.normal import NORMAL_95
 from estimation.xy.planar import CONDITION_LIMIT
-from maglev_env.evaluation.bands import NORMAL_95
 from maglev_env.evaluation.identification_planar import PlanarIdentification
 from maglev_env.recordings.json_data import plain
 from maglev_workbench.commands.estimate.figures import COEFFICIENTS

@@ -6,6 +6,7 @@ from html import escape
 from importlib.metadata import version
 from typing import TYPE_CHECKING, Any, Literal
 
+from estimation.normal import NORMAL_95
 from maglev_env.evaluation.bands import Band
 from maglev_env.evaluation.identification import Identification
 from maglev_env.evaluation.stability import Stability
@@ -195,8 +196,8 @@ def _facts(found: Identification) -> list[tuple[str, str]]:
     modal, bent = found.modal, found.distortion
     mass = f"{number(found.mass, 4)} kg, given"
     if modal:
-        mass = f"{with_interval(modal.mass, modal.mass - 1.96 * modal.mass_se, modal.mass + 1.96 * modal.mass_se)} kg"
-        mass += ", estimated"
+        half = NORMAL_95 * modal.mass_se
+        mass = f"{with_interval(modal.mass, modal.mass - half, modal.mass + half)} kg, estimated"
     rows = [("Summary", _summary(found)), ("Mass", mass)]
     rows.append(("Periods", f"{found.periods} used, {found.transient_periods} dropped as transient"))
     for name in ("even", "odd"):

@@ -1,5 +1,6 @@
 """Lines for the terminal below the table of an identification."""
 
+from estimation.normal import NORMAL_95
 from maglev_env.evaluation.identification import Identification
 from maglev_env.units import prefixed
 from maglev_workbench.commands.estimate.gain_report import gain_line, gain_table
@@ -10,7 +11,7 @@ def say(found: Identification) -> None:
     """Print mass, actuator, mode, distortion, margins and notes, as far as they are known."""
     if found.modal:
         m = found.modal
-        console.print(f"mass {m.mass:.5g} +- {1.96 * m.mass_se:.2g} kg")
+        console.print(f"mass {m.mass:.5g} +- {NORMAL_95 * m.mass_se:.2g} kg")
     if found.actuator:
         a = found.actuator
         for name, value, se, si in (
@@ -18,7 +19,7 @@ def say(found: Identification) -> None:
             ("stiffness without control", a.stiffness, a.stiffness_se, "N/m"),
         ):
             scale, unit = prefixed(value, si)
-            console.print(f"{name} {value * scale:.4g} +- {1.96 * se * scale:.2g} {unit}")
+            console.print(f"{name} {value * scale:.4g} +- {NORMAL_95 * se * scale:.2g} {unit}")
     if found.gain and (text := gain_line(found.gain)):
         console.print(gain_table(found.gain))
         console.print(text)

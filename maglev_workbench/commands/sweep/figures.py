@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from estimation.normal import NORMAL_95
 from maglev_workbench.page import (
     COLOURS,
     INFEASIBLE,
@@ -194,7 +195,7 @@ def _lines(dataset: "xr.Dataset", x: str) -> "Figure":
     edges = np.concatenate([at[:1], middle, at[-1:]])
     best, hover = int(np.where(ok, data["score"], -1.0).argmax()), _hover(data)
     figure = make_subplots(2, 2, subplot_titles=[label for _, label, _ in QUANTITIES.values()], vertical_spacing=0.13)
-    half = 1.96 * data["peak_sensitivity_se"].values
+    half = NORMAL_95 * data["peak_sensitivity_se"].values
     for p, name in enumerate(QUANTITIES):
         panel = {"row": p // 2 + 1, "col": p % 2 + 1}
         y = _shown(data, name)
@@ -234,7 +235,7 @@ def best_bands(dataset: "xr.Dataset", rows: Sequence[Mapping[str, Any]]) -> "Fig
         figure.update_yaxes(range=[low - pad, high + pad], row=1, col=col)
         for i, (row, colour, dash) in enumerate(zip(rows, COLOURS, ("solid", "dash", "dot"), strict=False)):
             gains = ", ".join(f"{g} {number(row['gains'][g] * scale)}" for g, (scale, _) in SHOWN.items())
-            reach = 1.96 * half[i]
+            reach = NORMAL_95 * half[i]
             figure.add_trace(
                 shaded(centre, value[i] - reach, value[i] + reach, colour, legendgroup=gains), row=1, col=col
             )

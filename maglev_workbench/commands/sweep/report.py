@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from estimation.normal import NORMAL_95
 from maglev_env.evaluation.score import WEIGHTS
 from maglev_env.recordings.json_data import plain
 from maglev_workbench.commands.sweep.figures import SHOWN, best_bands, over_gains
@@ -129,7 +130,7 @@ def _cells(index: int, row: Mapping[str, Any]) -> list[str]:
     k, c = row["stiffness"], row["damping"]
     k_low, k_high = (None if end is None else end / 1e3 for end in row["stiffness_ci"])
     ms, se = row["peak_sensitivity"], row["peak_sensitivity_se"]
-    half = np.nan if se is None else 1.96 * se
+    half = np.nan if se is None else NORMAL_95 * se
     return [
         str(index + 1),
         *(number(row["gains"][name] * scale) for name, (scale, _) in SHOWN.items()),

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from estimation.normal import NORMAL_95
 from maglev_env.recordings.json_data import plain
 from maglev_workbench.commands.tune.next_recording import excitation_words, in_words, summary
 from maglev_workbench.page import (
@@ -29,7 +30,6 @@ if TYPE_CHECKING:
     import rich.table
     from plotly.graph_objects import Figure
 
-NORMAL_95 = 1.96
 SHOWN = ("stiffness kN/m", "damping N s/m", "peak |S|", "gain margin", "phase margin °", "score")
 UNIT = {"mass": "kg", "actuator_gain": "N/A", "negative_stiffness": "N/m", "support_stiffness": "N/m", "delay": "s"}
 WORDS = {

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from estimation.normal import NORMAL_95
 from maglev_env.recordings.json_data import plain
 from maglev_env.task.task import Task
 from maglev_workbench.page import COLOURS, STAR, note, number, page, rig_facts, styled, table
@@ -30,8 +31,8 @@ def summary(task: Task, found: Outcome, advice: Recommendation) -> str:
     low, high = c.intervals["score"]
     others = "rigs within its tolerance" if task.rig.tolerance else "repetition (the rig states no [tolerance])"
     text = (
-        f"Take {gains_in_words(task, c.point)}: score {c.score:.3f} ± {1.96 * c.score_se:.1g} under fresh noise on "
-        f"this rig, {low:.2f} .. {high:.2f} on {others}."
+        f"Take {gains_in_words(task, c.point)}: score {c.score:.3f} ± {NORMAL_95 * c.score_se:.1g} under fresh noise "
+        f"on this rig, {low:.2f} .. {high:.2f} on {others}."
     )
     if advice.refused:
         text += f" {len(advice.refused)} that scored higher were refused."

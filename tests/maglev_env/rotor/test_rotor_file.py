@@ -54,6 +54,8 @@ def test_contact_damping_keeps_the_energy_integral(restitution):
         ("polar_inertia = 6.321e-6", "polar_inertia = 8.0e-5", "triangle inequality"),
         ("mass = 0.08012", "mass = -1.0", "physical range"),
         ("mass = 0.08012", 'mass = "heavy"', "not a finite number"),
+        ("radius = 10.15e-3", "radius = [5]", "radius = .* is not a finite number"),
+        ("restitution = 0.6", "restitution = [0.6, 0.6]", "restitution = .* is not a finite number"),
         ("magnets = [-0.027, 0.027]", "magnets = [0.027, -0.027]", "bearing a comes before b"),
         ("magnets = [-0.027, 0.027]", "magnets = [-0.027]", "two positions"),
         ("[gains.tilt]", "[gains.b]", "translation and tilt"),

@@ -125,6 +125,9 @@ def test_the_loop_is_drawn_with_what_the_channels_isolate(diagnosed):
     alone = replace(found, campaign=stand, where=replace(found.where, blocks={"mechanics+sensor": 1.0}))
     svg = loop_diagram(alone, ())
     assert "100 % in mechanics + sensor" in svg and "controller" not in svg and "reference" not in svg
+    held = [replace(r, channels={}, excitations=()) for r in found.campaign.recordings]
+    svg = loop_diagram(replace(found, campaign=replace(found.campaign, recordings=tuple(held))), ("unbalance",))
+    assert "shaker" not in svg and ">unbalance<" in svg  # nobody shakes it
 
 
 @pytest.mark.slow

@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from estimation.normal import NORMAL_95
 from maglev_env.rig.rig import with_parameters
 from maglev_env.rotor.monitoring import Monitored, monitor
 from maglev_env.rotor.rotor import Rotor, load_rotor
@@ -33,7 +34,7 @@ def run(seed: int) -> Outcome:
     main = found[SHARES[0]]
     t = main.tracked
     off = t.stiffness - np.where(main.time <= main.change, *main.expected[:, 0])
-    inside = abs(off) <= 1.96 * t.stiffness_se
+    inside = abs(off) <= NORMAL_95 * t.stiffness_se
     k, expected = t.stiffness[BEFORE], main.expected[0]
     share = 100 * t.stiffness_se[BEFORE][-1] / expected[0]
     held = 100 * np.mean(np.concatenate([inside[BEFORE], inside[AFTER]]))
@@ -75,7 +76,7 @@ def figure(found: Monitored) -> "Figure":
     after = found.time > found.change
     for col, (value, se, scale) in enumerate(((t.stiffness, t.stiffness_se, 1e-3), (t.damping, t.damping_se, 1.0)), 1):
         panel = {"row": 1, "col": col}
-        y, half = scale * value, 1.96 * scale * se
+        y, half = scale * value, NORMAL_95 * scale * se
         drawn.add_trace(shaded(found.time, y - half, y + half, COLOURS[0]), **panel)
         drawn.add_scatter(x=found.time, y=y, line={"color": COLOURS[0]}, name="tracked", showlegend=col == 1, **panel)
         for name, pair, dash in (

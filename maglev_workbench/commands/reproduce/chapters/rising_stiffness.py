@@ -4,6 +4,7 @@ import numpy as np
 
 from estimation.bands import sliding_bands
 from estimation.max_likelihood import maximum_likelihood
+from estimation.normal import NORMAL_95
 from maglev_env.rig.rig import load_rig
 from maglev_workbench.commands.reproduce.chapter_figures import by_frequency
 from maglev_workbench.commands.reproduce.chapters.shaker import (
@@ -40,7 +41,7 @@ def run(seed: int) -> Outcome:
     ml = maximum_likelihood(statistics, sliding, rig.mass)
     held = (ml.stiffness_low <= truth) & (truth <= ml.stiffness_high)
     above = sliding[:, 0] >= 100
-    wrong = np.mean(np.abs(everywhere.stiffness - truth) > 1.96 * everywhere.stiffness_se, axis=0)
+    wrong = np.mean(np.abs(everywhere.stiffness - truth) > NORMAL_95 * everywhere.stiffness_se, axis=0)
     force, noise = (statistics.amplitude("force"), statistics.cross("displacement", "displacement"))
     rows = [
         Row("noise of the response, a line", None, float(np.sqrt((noise / np.abs(force) ** 2).mean()) * 1e6), "µm/N",

@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from estimation.normal import NORMAL_95
 from maglev_env.evaluation.evaluate import Evaluation
 from maglev_env.loop.gains import of_axis
 from maglev_workbench.commands.selfsense.levitate.experiments import SENSORS, Comparison, Curve, Piece
@@ -42,7 +43,7 @@ def sensitivity(curves: Mapping[str, Curve]) -> "Figure":
     figure = styled(Figure(), 460)
     tops, bottoms = [6.0], []
     for s, curve in curves.items():
-        size, half = np.abs(curve.measured), 1.96 * np.sqrt(curve.variance / 2)
+        size, half = np.abs(curve.measured), NORMAL_95 * np.sqrt(curve.variance / 2)
         if curve.model is not None:
             line = {"color": COLOUR[s], "width": 1.5, "dash": "solid" if s == "probe" else "dash"}
             name = f"{NAMES[s]}, linear model"
@@ -75,7 +76,9 @@ def coefficients(preset: Mapping[str, Evaluation]) -> "Figure":
     for col, (name, (factor, unit)) in enumerate(_COEFFICIENTS.items(), 1):
         shown = []
         for s, e in preset.items():
-            value, half = (v[0] * factor for v in (getattr(e, f"band_{name}"), 1.96 * getattr(e, f"band_{name}_se")))
+            value, half = (
+                v[0] * factor for v in (getattr(e, f"band_{name}"), NORMAL_95 * getattr(e, f"band_{name}_se"))
+            )
             if not np.isfinite(value).any():
                 continue
             centre = e.bands.mean(axis=1)

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from estimation.iso_14839 import iso_14839_3_zone
+from estimation.normal import NORMAL_95
 from maglev_env.evaluation.evaluate import Evaluation
 from maglev_env.evaluation.score import WEIGHTS
 from maglev_workbench.commands.selfsense.levitate.experiments import SEEDS, SENSORS, Comparison
@@ -128,7 +129,7 @@ def _one(e: Evaluation, name: str, factor: float) -> str:
     if name in ESTIMATED:
         return with_interval(value, getattr(e, f"{name}_low")[0] * factor, getattr(e, f"{name}_high")[0] * factor)
     if name == "peak_sensitivity":
-        half = 1.96 * e.peak_sensitivity_se[0]
+        half = NORMAL_95 * e.peak_sensitivity_se[0]
         return with_interval(value, value - half, value + half)
     return number(value)
 
