@@ -4,10 +4,11 @@ from collections.abc import Sequence
 
 from maglev_env.loop.gains import reads_current
 from maglev_env.redundancy.finding import Finding
-from maglev_env.redundancy.rows import Row
+from maglev_env.redundancy.rows import LEVEL, Row
 from maglev_env.redundancy.view import View
 
 DRIVEN = "injection to command"  # the row of what drives the loop
+BETWEEN = "time between force and displacement"
 CHANNELS = ("displacement", "force", "current", "command")  # whose scales enter results
 
 
@@ -22,7 +23,7 @@ def uncovered(view: View, rows: Sequence[Row]) -> list[Finding]:
     if "mass" not in seen and view.mass is not None:
         free.append("mass")
     if view.rig is None and "force" in view.recorded:
-        free.append("time between force and displacement")
+        free.append(_between(view, rows))
     late = [row.against for row in rows if row.code == DRIVEN and row.delay is None]
     free += [f"time of {drive}" for drive in late]
     if not free:
@@ -44,7 +45,13 @@ def uncovered(view: View, rows: Sequence[Row]) -> list[Finding]:
         advice.append(f"record {' and '.join(missing) or 'every channel'} at the control rate")
     if late:
         advice.append("excite more than one line")
-    if "time between force and displacement" in free and not any("name the rig" in a for a in advice):
+    if any(name.startswith(BETWEEN) for name in free) and not any("name the rig" in a for a in advice):
         advice.append("name the rig and its gains")
     text = f"not checkable here: {', '.join(free)}; {', '.join(advice)}"
     return [Finding("coverage", view.recording, " or ".join(free), None, None, text, "not checkable")]
+
+
+def _between(view: View, rows: Sequence[Row]) -> str:
+    """The time that nothing contradicts where no rig is known: all, or what an unknown controller may look like."""
+    known = [r.delay_tolerance + LEVEL * r.delay_se for r in rows if r.code == "newton force" and r.delay is not None]
+    return f"{BETWEEN} below {view.rate * known[0]:.2g} samples" if known else BETWEEN

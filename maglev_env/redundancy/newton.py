@@ -16,6 +16,9 @@ DOMINATES = 1.5  # m w^2 over the stiffness, from which a line counts
 WIDE = 4.0  # standard deviations of the tolerances
 KNOWN = {"mass": 0.01, "probe_gain": 0.03, "actuator_gain": 0.1}  # relative, where the rig states no tolerance
 STIFFNESS = 0.05  # what an error of the stiffness may do at these lines
+MOVES = 0.7  # m w^2 over the stiffness, from which a line tells of time without a rig
+LATE = 0.8  # of a sample: how a force acts between samples is assumed without a rig
+FILTERED = 6.0  # samples: the largest time constant of a filter in an unknown controller
 SHAPE, DELAY = 0.15, 0.3  # relative misfit; of a sample
 RIGLESS = 0.3  # a controlled rotor of unknown controller: its stiffness varies with frequency and looks like mass
 TOO_FEW = 12  # lines
@@ -131,9 +134,11 @@ def _floor(y: np.ndarray) -> float:
 
 
 def _without_rig(view: View) -> list[Row]:
-    """The mass that force and displacement show against the stated one: F = (k - m w^2 + j w c) Y over all lines.
+    """The mass that force and displacement show against the stated one, and the time between them.
 
-    It needs nothing of the rig, and no line at which the stated mass dominates.
+    It needs nothing of the rig, and no line at which the stated mass dominates. The time is told by the lines at which
+    the shown mass moves. A controller with a filter of time constant T and damping c looks lighter, by c T, and late,
+    by c T^2 / m: half of what may be is taken off, and as much of the delay is tolerated.
     """
     if not view.periodic or "force" not in view.recorded:
         return []
@@ -141,29 +146,59 @@ def _without_rig(view: View) -> list[Row]:
     y = lines.parts["displacement"]
     noise = y.var(axis=0, ddof=1) / len(y) / np.maximum(np.abs(y.mean(axis=0)) ** 2, 1e-300)
     lines, noise = lines.at(noise < SEEN), noise[noise < SEEN]
-    if lines.frequency.size < TOO_FEW:
-        return []
     force, y = lines.parts["force"].mean(axis=0), lines.parts["displacement"].mean(axis=0)
+    if lines.frequency.size < TOO_FEW or not (np.abs(force).all() and np.abs(y).all()):
+        return []
     w = 2 * np.pi * lines.frequency
     if view.hold_rate:
         x = lines.frequency / view.hold_rate
         force = force * np.sinc(x) * np.exp(-1j * np.pi * x)
-    size = np.maximum(np.abs(force), 1e-12 * np.abs(force).max()) * np.sqrt(MODEL**2 + noise)
-    columns = np.stack([y, 1j * w * y, -(w**2) * y]) / size  # relative errors, with the noise of the displacement
-    scale = np.linalg.norm(columns, axis=1)
-    if not scale.all():
-        return []
-    real = np.concatenate([columns.real, columns.imag], axis=1) / scale[:, None]
-    wanted = np.concatenate([(force / size).real, (force / size).imag])
-    found, *_ = np.linalg.lstsq(real.T, wanted, rcond=None)
-    off = wanted - found @ real
-    left = float(np.sqrt((off**2).sum() / (wanted**2).sum()))
-    error = np.sqrt(np.diag(np.linalg.pinv(real @ real.T)) * np.mean(off**2))
-    stiffness, _, mass = found / scale
+    size = np.sqrt(MODEL**2 + noise)
+    (stiffness, damping, mass, *_), error, left = _springs(force / y, w, size)
     if left > RIGLESS or abs(mass) * w[-1] ** 2 < DOMINATES * abs(stiffness):
         return []  # no one mass moves, or it is not seen
+    filtered = FILTERED / view.rate
+    lighter = max(damping, 0.0) * filtered / 2 if mass > 0 else 0.0
+    delay = None
+    if view.rig is None:
+        moves = abs(mass) * w**2 > MOVES * abs(stiffness)
+        if moves.sum() >= TOO_FEW:
+            delay = _late(filtered, view.rate, *_springs(force[moves] / y[moves], w[moves], size[moves]))
+    late, late_se, tolerance = delay or (None, 0.0, 0.0)
     return [
-        Row("newton force", {"displacement": 1, "force": -1, "mass": 1}, float(view.mass / mass),
-            float(abs(error[2] / scale[2] / mass)), RIGLESS, f"the force on {view.mass:g} kg",
+        Row("newton force", {"displacement": 1, "force": -1, "mass": 1}, float(view.mass / (mass + lighter)),
+            float(error[2] / abs(mass)), RIGLESS, f"the force on {view.mass:g} kg", late, late_se, tolerance,
             gain_effects=FORCE_EFFECTS, delay_effects=DELAY_EFFECTS)
     ]  # fmt: skip
+
+
+def _springs(z: np.ndarray, w: np.ndarray, size: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
+    """k, c, m, h and b of z = k - m w^2 + j (w c - h / w - b w^3), their errors, and the relative misfit.
+
+    h is that of an integrating controller; b / m is a delay, because exp(jwd) turns m w^2 by m d w^3.
+
+    Args:
+        z: Force over displacement, (n,).
+        w: (n,), rad/s.
+        size: Relative error of z, (n,).
+    """
+    columns = np.stack([np.ones_like(z), 1j * w, -(w**2), -1j / w, -1j * w**3]) / (np.abs(z) * size)
+    scale = np.linalg.norm(columns, axis=1)
+    real = np.concatenate([columns.real, columns.imag], axis=1) / scale[:, None]
+    unit = z / (np.abs(z) * size)
+    wanted = np.concatenate([unit.real, unit.imag])
+    found, *_ = np.linalg.lstsq(real.T, wanted, rcond=None)
+    off = wanted - found @ real
+    error = np.sqrt(np.maximum(np.diag(np.linalg.pinv(real @ real.T)), 0.0) * np.mean(off**2))
+    return found / scale, error / scale, float(np.sqrt((off**2).sum() / (wanted**2).sum()))
+
+
+def _late(
+    filtered: float, rate: float, found: np.ndarray, error: np.ndarray, left: float
+) -> tuple[float, float, float] | None:
+    """Delay, its error and tolerance, s; None where no one mass moves."""
+    _, damping, mass, _, bent = found
+    if left > RIGLESS or mass <= 0:
+        return None
+    loop = max(damping, 0.0) / mass * filtered**2 / 2
+    return float(bent / mass - loop), float(error[4] / mass), float(loop + LATE / rate)

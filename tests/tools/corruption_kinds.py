@@ -78,10 +78,8 @@ def sign(c: Case) -> Done:
 def delay(c: Case, k: int) -> Done:
     c.put(np.concatenate([np.full(k, c.x[0]), c.x[:-k]]))
     late = ""
-    if c.kind == "mass only":
-        late = "no controller or rig is known that a delay could contradict"
-    if c.kind == "current only" and k == 1:
-        late = "one sample is within the tolerance of the nominal loop"
+    if c.kind in ("mass only", "current only") and k == 1:
+        late = "one sample is within the tolerance of the loop"
     return Done(c.name, f"{c.name} late by {k}", late)
 
 
@@ -100,8 +98,7 @@ def dropped(c: Case) -> Done:
 def low_passed(c: Case) -> Done:
     corner = float(c.rng.choice([30.0, 100.0, 300.0]))
     c.put(filtered(c.x, corner, c.made.table["sample_rate"]))
-    why = "a low-pass of one channel looks like another mass and damping" if c.kind == "mass only" else ""
-    return Done(c.name, f"{c.name} low-passed at {corner:g} Hz", why)
+    return Done(c.name, f"{c.name} low-passed at {corner:g} Hz")
 
 
 def filtered(x: np.ndarray, corner: float, rate: float) -> np.ndarray:
