@@ -6,19 +6,26 @@ from math import isfinite
 from typing import Any
 
 from maglev_env.recordings.json_data import plain
-from maglev_workbench.commands.reproduce.item import Item, Outcome, Row
+from maglev_workbench.commands.reproduce.item import KINDS, Item, Kind, Outcome, Row
 from maglev_workbench.page import facts, markdown_table, note, number, page, table
 
 TITLE = "The dissertation's experiments, run anew"
 ROUNDING = 1e-9  # smaller relative differences are rounding errors
-HEAD = ("figure", "published", "ours", "difference", "verdict")
-OVERVIEW = ("experiment", "name", "agree", "differ", "only shown")
+HEAD = ("figure", "published", "ours", "difference", "tolerance", "verdict", "kind")
+OVERVIEW = (
+    *("experiment", "name", "predictions agree", "differ", "consequences agree", "differ", "fits agree", "differ"),
+    *("counted elsewhere", "only shown"),
+)
 DIGITS = 4
 HOW_TO_READ = (
     "Published: the dissertation's figure, or its words where it gives none. Ours: what the simulated rig and the "
-    "estimators of this workbench give. Agrees or differs: within the tolerance of that row, which the JSON states; a "
-    "row without a verdict is only shown. Where the rig was built from the published figure, the row says so: it then "
-    "tests the estimator, not the physics."
+    "estimators of this workbench give. Agrees or differs: within the tolerance of that row; a row without a verdict "
+    "is only shown, and says why where a number is published. Kind: what an agreement is worth. A prediction has the "
+    "published figure in nothing that it is made of. A consequence follows from the text's own figures or printed "
+    "equations, or from a rig built with the published figure: an agreement tests arithmetic or the estimator, and a "
+    "difference is a contradiction within the text. A fit agrees because something that the text leaves open was "
+    "chosen so. A published figure counts once: a row marked 'again' is another way to a figure that the named "
+    "experiment counts."
 )
 
 Done = Sequence[tuple[Item, Outcome]]
@@ -29,27 +36,39 @@ def cells(row: Row) -> tuple[str, ...]:
     difference = row.difference
     known = difference is not None and isfinite(difference)
     shown = f"{100 * difference if abs(difference) > ROUNDING else 0:+.3g} %" if known else "–"
-    verdict = {True: "agrees", False: "differs", None: ""}[row.agrees]
-    return (row.name, _published(row), _with_unit(number(row.found, DIGITS), row.unit), shown, verdict)
+    verdict = {True: "agrees", False: "differs", None: "not compared" if known else ""}[row.agrees]
+    kind = f"{row.kind or ''}{f', again: {row.again}' if row.again else ''}"
+    found = _with_unit(number(row.found, DIGITS), row.unit)
+    return (row.name, _published(row), found, shown, row.tolerance, verdict, kind)
 
 
 def summary(done: Done) -> str:
-    """One sentence with the number of figures that agree."""
-    asked = [row.agrees for _, outcome in done for row in outcome.rows if row.agrees is not None]
-    figures = sum(len(outcome.rows) for _, outcome in done)
+    """The headline: predictions that agree and differ; consequences and fits apart."""
+    rows = [row for _, outcome in done for row in outcome.rows]
+    (good, bad), consequences, fits = (_agree_and_differ(rows, kind) for kind in KINDS)
+    elsewhere = sum(bool(row.again) for row in rows)
     return (
-        f"{len(done)} experiments, {figures} figures: of {len(asked)} that can be compared in numbers, "
-        f"{sum(asked)} agree with the published ones and {len(asked) - sum(asked)} differ."
+        f"{len(done)} experiments, {len(rows)} figures. Of {good + bad} predictions of a published figure {good} agree "
+        f"and {bad} differ. Counted apart: {sum(consequences)} consequences of the text's own figures "
+        f"({consequences[0]} agree, {consequences[1]} differ) and {sum(fits)} fits ({fits[0]} agree, {fits[1]} "
+        f"differ). {elsewhere} further rows are other ways to figures that are counted already."
     )
 
 
+def _agree_and_differ(rows: Sequence[Row], kind: Kind) -> tuple[int, int]:
+    asked = [row.agrees for row in rows if row.counts and row.kind == kind]
+    return asked.count(True), asked.count(False)
+
+
 def _overview(done: Done) -> list[tuple[str, ...]]:
-    """Rows with the number of figures of each item that agree, differ, and are only shown."""
-    rows = []
+    """Rows with the number of figures of each item that agree and differ by kind, and of those not counted."""
+    lines = []
     for item, outcome in done:
-        asked = [row.agrees for row in outcome.rows]
-        rows.append((item.title, item.name, *(str(asked.count(v)) for v in (True, False, None))))
-    return rows
+        counted = [n for kind in KINDS for n in _agree_and_differ(outcome.rows, kind)]
+        elsewhere = sum(bool(row.again) for row in outcome.rows)
+        shown = sum(row.agrees is None for row in outcome.rows)
+        lines.append((item.title, item.name, *map(str, (*counted, elsewhere, shown))))
+    return lines
 
 
 def reproduce_page(done: Done, seed: int) -> str:
@@ -59,6 +78,7 @@ def reproduce_page(done: Done, seed: int) -> str:
         reasons = [(row.name, row.reason) for row in outcome.rows if row.reason]
         text = table(HEAD, map(cells, outcome.rows)) + (facts(reasons) if reasons else "")
         sections.append((f"{item.title} ({item.source})", text))
+        sections += [(one.heading, table(one.head, one.rows)) for one in outcome.tables]
         sections += outcome.plots
         sections.append(("", "".join(map(note, outcome.notes))))
     sections.append(("How to read this", note(HOW_TO_READ)))
@@ -72,15 +92,18 @@ def reproduce_markdown(done: Done, seed: int) -> str:
     for item, outcome in done:
         rows = [(*cells(row), row.reason) for row in outcome.rows]
         figures = markdown_table((*HEAD, "why"), rows)
-        parts += [f"## {item.title}", f"`{item.name}`: {item.source}", figures, *outcome.notes]
+        parts += [f"## {item.title}", f"`{item.name}`: {item.source}", figures]
+        for one in outcome.tables:
+            parts += [one.heading, markdown_table(one.head, one.rows)]
+        parts += outcome.notes
     return "\n\n".join(parts) + "\n"
 
 
 def reproduce_json(done: Done, seed: int) -> dict[str, Any]:
-    """Everything except the plots as JSON data, schema maglev-reproduce/1."""
+    """Everything except the plots as JSON data, schema maglev-reproduce/2."""
     return plain(
         {
-            "schema": "maglev-reproduce/1",
+            "schema": "maglev-reproduce/2",
             "version": version("maglev-workbench"),
             "seed": seed,
             "items": [
@@ -88,7 +111,11 @@ def reproduce_json(done: Done, seed: int) -> dict[str, Any]:
                     "name": item.name,
                     "title": item.title,
                     "source": item.source,
-                    "rows": [{**vars(row), "difference": row.difference, "agrees": row.agrees} for row in outcome.rows],
+                    "rows": [
+                        {**vars(row), "difference": row.difference, "tolerance": row.tolerance, "agrees": row.agrees}
+                        for row in outcome.rows
+                    ],
+                    "tables": [vars(one) for one in outcome.tables],
                     "notes": outcome.notes,
                 }
                 for item, outcome in done

@@ -4,7 +4,8 @@ import json
 import subprocess
 import sys
 from functools import partial
-from math import nan
+from math import inf, nan
+from pathlib import Path
 
 import pytest
 from command_line import maglev
@@ -12,7 +13,10 @@ from command_line import maglev
 from maglev_workbench.commands.reproduce import registry
 from maglev_workbench.commands.reproduce.item import Item, Outcome, Row
 from maglev_workbench.commands.reproduce.registry import HOME, chosen
-from maglev_workbench.commands.reproduce.report import cells, reproduce_markdown
+from maglev_workbench.commands.reproduce.report import cells, reproduce_markdown, summary
+
+DOCS = Path(__file__).parents[3] / "docs" / "reproduce.md"
+QUICK = ("hydraulics", "bearing-coefficients", "stability-conditions", "pedestal", "static-calibration", "sphs")
 
 run = partial(maglev, "reproduce")
 
@@ -20,12 +24,13 @@ run = partial(maglev, "reproduce")
 def test_items_are_run_and_written(tmp_path):
     out, docs, js = tmp_path / "out", tmp_path / "r.md", tmp_path / "r.json"
     text = run("sphs", "pedestal", "--out", out, "--docs", docs, "--json", js, "--seed", 3)
-    assert "2 experiments" in text and "agrees" in text and "4 differ" in text
+    assert "2 experiments" in text and "Of 5 predictions of a published figure 1 agree and 4 differ" in text
     data = json.loads(js.read_text())
-    assert data["schema"] == "maglev-reproduce/1" and data["seed"] == 3
+    assert data["schema"] == "maglev-reproduce/2" and data["seed"] == 3
     assert [item["name"] for item in data["items"]] == ["pedestal", "sphs"]  # the order of the chapters
     first = data["items"][0]["rows"][0]
     assert first["published"] == 134.5 and first["agrees"] is True and first["unit"] == "kN/m"
+    assert first["kind"] == "consequence" and first["tolerance"] == "± 1 %"
     assert first["difference"] == pytest.approx(first["found"] / 134.5 - 1)
     page, markdown = (out / "reproduce.html").read_text(), docs.read_text()
     for item in data["items"]:
@@ -34,7 +39,7 @@ def test_items_are_run_and_written(tmp_path):
             assert row["name"] in markdown and row["reason"].replace("|", "\\|") in markdown
     assert page.count("plotly-graph-div") == 2
     widths = {line.count("|") for line in markdown.splitlines() if line.startswith("|")}
-    assert widths == {6, 7}  # the overview and the figures
+    assert widths == {9, 11}  # the overview and the figures
 
 
 def test_equal_runs_give_equal_files(tmp_path):
@@ -74,11 +79,48 @@ def test_the_registry_loads_no_item():
     assert found.strip() == "[]"
 
 
+def test_a_verdict_says_what_it_is_worth():
+    with pytest.raises(ValueError, match="verdict and its kind"):
+        Row("a", 2.0, 2.1, "N", 0.1)
+    with pytest.raises(ValueError, match="verdict and its kind"):
+        Row("a", 2.0, 2.1, "N", kind="prediction")
+
+
+def test_the_headline_counts_predictions_and_each_figure_once():
+    rows = (
+        Row("a", 2.0, 2.1, "", 0.1, kind="prediction"),
+        Row("b", 2.0, 9.0, "", 0.1, kind="prediction"),
+        Row("the figure of a by another way", 2.0, 2.0, "", 0.1, kind="prediction", again="x"),
+        Row("c", 1.0, 1.0, "", 0.1, kind="fit"),
+        Row("d", 1.0, 3.0, "", 0.1, kind="consequence"),
+        Row("e", None, 3.0),
+    )
+    text = summary([(Item("x", "X", "Y", lambda seed: Outcome(rows)), Outcome(rows))])
+    assert "Of 2 predictions of a published figure 1 agree and 1 differ" in text
+    assert "1 consequences of the text's own figures (0 agree, 1 differ) and 1 fits (1 agree, 0 differ)" in text
+    assert "1 further rows" in text
+
+
+def test_the_published_results_are_those_of_this_tree():
+    """docs/reproduce.md has every experiment in order, and the sections of the quick ones byte for byte."""
+    text = DOCS.read_text()
+    assert [line.split("`")[1] for line in text.splitlines() if line.startswith("`")] == list(HOME)
+    for item in chosen(QUICK):
+        _, _, section = reproduce_markdown([(item, item.run(0))], 0).partition(f"## {item.title}")
+        assert section.strip() in text, item.name
+
+
 def test_rows_as_text():
-    assert cells(Row("a", 2.0, 2.1, "N", 0.1)) == ("a", "2 N", "2.100 N", "+5 %", "agrees")
-    assert cells(Row("a", 2.0, 3.0, "N", 0.1))[-1] == "differs"
-    assert cells(Row("a", "rises", -0.5)) == ("a", "rises", "-0.5000", "–", "")
+    agrees = Row("a", 2.0, 2.1, "N", 0.1, kind="prediction")
+    assert cells(agrees) == ("a", "2 N", "2.100 N", "+5 %", "± 10 %", "agrees", "prediction")
+    differs = Row("a", 2.0, 3.0, "N", 0.1, kind="fit", again="b")
+    assert cells(differs)[-2:] == ("differs", "fit, again: b")
+    assert cells(Row("a", 2.0, 3.0))[-3:] == ("", "not compared", "")
+    assert cells(Row("a", "rises", -0.5)) == ("a", "rises", "-0.5000", "–", "", "", "")
+    words = Row("a", "rises", -0.5, means=(0, inf), kind="prediction")
+    assert cells(words)[-3:] == ("above 0", "differs", "prediction")
+    assert Row("a", "5 to 6", 5.5, means=(5, 6), kind="fit").tolerance == "5 to 6"
     assert cells(Row("a", None, nan, "N"))[1:4] == ("–", "– N", "–")
     odd = Item("x", "X", "Y", lambda seed: Outcome(()))
     text = reproduce_markdown([(odd, Outcome((Row("a|b", None, 1.0, reason="one\ntwo"),)))], 0)
-    assert "| a\\|b | – | 1.000 | – |  | one two |" in text
+    assert "| a\\|b | – | 1.000 | – |  |  |  | one two |" in text

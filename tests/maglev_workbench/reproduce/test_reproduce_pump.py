@@ -19,7 +19,11 @@ DIFFERS = {
         "supply current, linear amplifiers, one for each coil",
         "the same, control currents alone, one for each axis",
     ],
-    "axial-force": ["stiffness of one bearing, Table 3.3", "stiffness of both bearings, Table 3.3"],
+    "axial-force": [
+        "force at no displacement",
+        "stiffness of one bearing, Table 3.3",
+        "stiffness of both bearings, Table 3.3",
+    ],
     "temperature": [],
 }
 

@@ -30,31 +30,34 @@ def run(seed: int) -> Outcome:
     highest = float(ls.stiffness.max())
     built = "The rig is built from this figure: that it comes back tests the estimator, not the physics."
     rows = (
-        Row("stiffness, least squares, 18-28 Hz", 2.471, table.stiffness[0, 0] * 1e-3, "kN/m", 0.01, built),
-        Row("damping, least squares, 18-28 Hz", 3.108, table.damping[0, 0], "N s/m", 0.02, built),
+        Row("stiffness, least squares, 18-28 Hz", 2.471, table.stiffness[0, 0] * 1e-3, "kN/m", 0.01, built,
+            kind="consequence"),
+        Row("damping, least squares, 18-28 Hz", 3.108, table.damping[0, 0], "N s/m", 0.02, built, kind="consequence"),
         Row("stiffness, maximum likelihood, 18-28 Hz", 2.471, honest.stiffness[0, 0] * 1e-3, "kN/m", 0.01,
-            "The same where the displacement is far above its noise."),
+            "The same where the displacement is far above its noise.", kind="consequence", again="axial"),
         Row("goodness of fit, 18-28 Hz", 0.9842, table.goodness_of_fit[0, 0], "", 0.01,
             "The noise of 4.4.3 costs nothing at the resonance: something else lowers the published fit. The mode at "
-            f"38 Hz is one candidate: with a second body of 5 % of the mass it is {mode.goodness_of_fit[0, 0]:.4f}."),
+            f"38 Hz is one candidate: with a second body of 5 % of the mass it is {mode.goodness_of_fit[0, 0]:.4f}.",
+            kind="prediction"),
         Row("goodness of fit, 30-40 Hz, no rig mode", "poor", table.goodness_of_fit[0, 1], "", None,
-            "Noise alone does not do it."),
+            "Noise alone does not do it.", means=(0, 0.95), kind="prediction"),
         Row("goodness of fit, 30-40 Hz, rig mode at 38 Hz", "poor", mode.goodness_of_fit[0, 1], "", None,
-            "A second body of 5 % of the mass does: the dissertation's explanation holds."),
+            "A second body of 5 % of the mass does: the dissertation's explanation holds.",
+            means=(0, 0.95), kind="fit", again="axial"),
         Row("goodness of fit, 80-90 Hz", None, table.goodness_of_fit[0, 2], "", None,
             "With noise large enough for the published rise of the stiffness the fit must also be poor between 60 and "
             "120 Hz. The text names 30 to 44 Hz only; the figure itself could not be read."),
         Row("largest stiffness, least squares", 270.0, highest * 1e-3, "kN/m", 0.25,
             "The rig's stiffness is 2.471 kN/m everywhere. Noise on both sides of eq 4.13 makes the estimate rise "
             "toward m w^2: the published rise is no evidence of a stiffness that depends on frequency. The shaker's "
-            "force is not published; see rising-stiffness for others."),
+            "force is not published; see rising-stiffness for others.", kind="fit", again="rising-stiffness"),
         Row("damping over the bands, median", "1 to 6 N s/m", float(np.median(ls.damping)), "N s/m", None,
             f"The rig's is 3.108 everywhere; noise scatters the estimates from {ls.damping.min():.0f} to "
             f"{ls.damping.max():.0f} N s/m."),
         Row("largest stiffness, radial over axial", 5.0, largest_direct_stiffness(seed) / highest, "", 0.1,
             "Both are limits set by noise, not the bearing's stiffness: m w^2 of 0.92 kg is 7 times that of 0.13 kg, "
             "and less where the signal is larger. Active against passive control, the published reason, makes 33 "
-            "against 2.5 kN/m."),
+            "against 2.5 kN/m.", kind="prediction"),
     )  # fmt: skip
     centre = bands.mean(axis=1)
     stiffness = (("as built", ls.stiffness[0] * 1e-3), ("with a mode at 38 Hz", everywhere.stiffness[0] * 1e-3))

@@ -51,15 +51,67 @@ def _coefficients(_seed: int) -> Outcome:
     once = "the derivative of eq 3.10: half of what 3.12, 3.13 print, see the notes"
     path = "B_0 N A_g / g_0, control flux through the air gaps alone; eq 3.9 sends it through the magnet too"
     rows = (
-        Row("Stiffness k_yy, eq 3.12", PRINTED_STIFFNESS, 2e-3 * stiffness, "N/mm", WITHIN, twice),
-        Row("Current stiffness k_yi, eq 3.13", PRINTED_GAIN, 2 * gain, "N/A", WITHIN, twice),
-        Row("Stiffness from eq 3.10", PRINTED_STIFFNESS, 1e-3 * stiffness, "N/mm", reason=once),
-        Row("Current stiffness from eq 3.10", PRINTED_GAIN, gain, "N/A", reason=once),
+        Row("Stiffness k_yy, eq 3.12", PRINTED_STIFFNESS, 2e-3 * stiffness, "N/mm", WITHIN, twice, kind="consequence"),
+        Row("Current stiffness k_yi, eq 3.13", PRINTED_GAIN, 2 * gain, "N/A", WITHIN, twice, kind="consequence"),
+        Row(
+            "Stiffness from eq 3.10",
+            PRINTED_STIFFNESS,
+            1e-3 * stiffness,
+            "N/mm",
+            WITHIN,
+            once,
+            kind="consequence",
+            again="bearing-coefficients",
+        ),
+        Row(
+            "Current stiffness from eq 3.10",
+            PRINTED_GAIN,
+            gain,
+            "N/A",
+            WITHIN,
+            once,
+            kind="consequence",
+            again="bearing-coefficients",
+        ),
         Row("Bias field B_0 of the magnet", None, field, "T"),
-        Row("Measured actuator gain, flux through the gaps", MEASURED_GAIN, gap_gain, "N/A", 0.05, path),
-        Row("Measured actuator gain, eq 3.13", MEASURED_GAIN, 2 * gain, "N/A", reason="the wrong flux path: 4.5 times"),
-        Row("Coil inductance, flux through the gaps", MEASURED_INDUCTANCE, gap_inductance, "mH", WITHIN, "μ₀N²A_g/2g₀"),
-        Row("Coil inductance, flux through the magnet", MEASURED_INDUCTANCE, through_magnet, "mH", reason="as eq 3.9"),
+        Row(
+            "Measured actuator gain, flux through the gaps",
+            MEASURED_GAIN,
+            gap_gain,
+            "N/A",
+            0.05,
+            path,
+            kind="prediction",
+        ),
+        Row(
+            "Measured actuator gain, eq 3.13",
+            MEASURED_GAIN,
+            2 * gain,
+            "N/A",
+            0.05,
+            "the wrong flux path: 4.5 times",
+            kind="consequence",
+            again="bearing-coefficients",
+        ),
+        Row(
+            "Coil inductance, flux through the gaps",
+            MEASURED_INDUCTANCE,
+            gap_inductance,
+            "mH",
+            WITHIN,
+            "μ₀N²A_g/2g₀",
+            kind="fit",
+        ),
+        Row(
+            "Coil inductance, flux through the magnet",
+            MEASURED_INDUCTANCE,
+            through_magnet,
+            "mH",
+            WITHIN,
+            "as eq 3.9",
+            kind="consequence",
+            again="bearing-coefficients",
+        ),
         *_stator_rows(rig),
     )
     gains = linearise(gap)[0]
@@ -85,12 +137,29 @@ def _stator_rows(rig: Rig) -> tuple[Row, ...]:
     planned = f"with the {STATOR.turns} turns that fit; 0.52 N would need {needed:.0f}"
     wound = f"with the {rig.turns:g} turns wound; the 80.12 g rotor weighs {rig.mass * rig.gravity:.2f} N, not 0.51"
     return (
-        Row("Core diameter d3, eq 3.1", 23.8, 1e3 * STATOR.core_inner_diameter, "mm", WITHIN),
-        Row("Core diameter d4, eq 3.1", 30.8, 1e3 * STATOR.core_outer_diameter, "mm", WITHIN),
-        Row("Height for the winding", 1.4, 1e3 * STATOR.window_height, "mm", WITHIN),
-        Row("Turns that fit", 297, STATOR.turns, "", WITHIN, "90 were wound (3.3.2)"),
-        Row("Pull of the coils of two bearings, eq 3.2", 0.52, pulls[STATOR.turns], "N", reason=planned),
-        Row("Pull of the coils of two bearings, eq 3.2", 0.52, pulls[rig.turns], "N", reason=wound),
+        Row("Core diameter d3, eq 3.1", 23.8, 1e3 * STATOR.core_inner_diameter, "mm", WITHIN, kind="consequence"),
+        Row("Core diameter d4, eq 3.1", 30.8, 1e3 * STATOR.core_outer_diameter, "mm", WITHIN, kind="consequence"),
+        Row("Height for the winding", 1.4, 1e3 * STATOR.window_height, "mm", WITHIN, kind="consequence"),
+        Row("Turns that fit", 297, STATOR.turns, "", WITHIN, "90 were wound (3.3.2)", kind="consequence"),
+        Row(
+            "Pull of the coils of two bearings, eq 3.2",
+            0.52,
+            pulls[STATOR.turns],
+            "N",
+            WITHIN,
+            planned,
+            kind="consequence",
+        ),
+        Row(
+            "Pull of the coils of two bearings, eq 3.2",
+            0.52,
+            pulls[rig.turns],
+            "N",
+            WITHIN,
+            wound,
+            kind="consequence",
+            again="bearing-coefficients",
+        ),
     )
 
 
@@ -106,7 +175,12 @@ def _conditions(_seed: int) -> Outcome:
     rows = (
         *_bound_rows(measured, gains, printed_ratio),
         _ratio_row(printed_ratio, nominal, f"with k_yi {nominal_gain:.2f} N/A and k_yy of eq 3.14: not I₀/g₀"),
-        _ratio_row(printed_ratio, measured, "with the measured 5.7 N/A: not I₀/g₀, which holds without a magnet only"),
+        _ratio_row(
+            printed_ratio,
+            measured,
+            "with the measured 5.7 N/A: not I₀/g₀, which holds without a magnet only",
+            again="stability-conditions",
+        ),
         Row("m/|k_yy|, above T_a T_d", None, 1e6 * time.value, "1e-6 s²", reason=f"above {1e6 * time.bound:.2g}"),
         Row("Table 3.5: k_p + k_i T_d", None, 1e-3 * stiffness.value, "A/mm", reason=_needed(measured, nominal, gains)),
         Row(
@@ -142,14 +216,38 @@ def _bound_rows(axis: ControlledAxis, gains: Gains, ratio: float) -> tuple[Row, 
     quotient = PRINTED_BOUNDS[0] / PRINTED_BOUNDS[1]
     implied = f"I₀/g₀ = {1e-3 * ratio:.3f} A/mm and A_s = 0.5 as printed; 0.04 needs A_s α_a of about 14 V/mm A/V"
     return (
-        Row("Eq 3.26, bound of k_d + k_p T_d", PRINTED_BOUNDS[0], 1e-3 * damping.bound, "A s/mm", reason=implied),
-        Row("Eq 3.26, bound of k_p + k_i T_d", PRINTED_BOUNDS[1], 1e-3 * stiffness.bound, "A/mm", reason=implied),
-        Row("T_a + T_d, ratio of the two bounds", 1e3 * quotient, 1e3 * damping.bound / stiffness.bound, "ms", 0.05),
+        Row(
+            "Eq 3.26, bound of k_d + k_p T_d",
+            PRINTED_BOUNDS[0],
+            1e-3 * damping.bound,
+            "A s/mm",
+            0.05,
+            implied,
+            kind="consequence",
+        ),
+        Row(
+            "Eq 3.26, bound of k_p + k_i T_d",
+            PRINTED_BOUNDS[1],
+            1e-3 * stiffness.bound,
+            "A/mm",
+            0.05,
+            implied,
+            kind="consequence",
+        ),
+        Row(
+            "T_a + T_d, ratio of the two bounds",
+            1e3 * quotient,
+            1e3 * damping.bound / stiffness.bound,
+            "ms",
+            0.05,
+            kind="consequence",
+        ),
     )
 
 
-def _ratio_row(printed: float, axis: ControlledAxis, reason: str) -> Row:
-    return Row("|k_yy|/k_yi", round(1e-3 * printed, 3), 1e-3 * axis.current_per_displacement, "A/mm", reason=reason)
+def _ratio_row(printed: float, axis: ControlledAxis, reason: str, again: str = "") -> Row:
+    found = 1e-3 * axis.current_per_displacement
+    return Row("|k_yy|/k_yi", round(1e-3 * printed, 3), found, "A/mm", 0.05, reason, kind="consequence", again=again)
 
 
 def _needed(measured: ControlledAxis, nominal: ControlledAxis, gains: Gains) -> str:

@@ -1,6 +1,7 @@
 """Section 4.3.2: effective and actual stiffness and damping on the E-frame rig (Figures 4.7 and 4.8)."""
 
 from dataclasses import replace
+from math import inf
 
 import numpy as np
 
@@ -52,7 +53,8 @@ def run(seed: int) -> Outcome:
             "Eq 4.7 rises by K_d tau_d w^2 / (1 + tau_d^2 w^2). The gains are not published; ours have tau_d = 1 ms to "
             f"levitate at 5 kHz. With the 0.1 ms of Table 3.5 the same ratio is {k_short[high] / k_short[low]:.2f}."),
         Row("actual stiffness without noise, 190 over 26 Hz", "increases with frequency", float(k[high] / k[low]), "",
-            None, "It does increase: the derivative's filter and the lags turn damping into stiffness."),
+            None, "It does increase: the derivative's filter and the lags turn damping into stiffness.",
+            means=(1, inf), kind="prediction"),
         Row("actual over effective stiffness, 190 Hz", "differ", float(k[high] / k_eff[high]), "", None,
             "Half a sample of hold, the amplifier and the probe. Without amplifier and probe lag it is "
             f"{ideal[high] / k_eff[high]:.3f}: the rest is sampling at 5 kHz. Eddy currents, hysteresis and leakage, "
@@ -75,11 +77,13 @@ def run(seed: int) -> Outcome:
             f"The rig's own falls smoothly from {c[middle]:.0f} to {c[high]:.0f}: the fluctuation is noise."),
         Row("goodness of fit, least, without noise", 0.988, float(actual.goodness_of_fit.min()), "", 0.01,
             "Near 100 Hz, where k = w c: real and imaginary parts of the right-hand side of eq 4.13 are then alike, "
-            "and R2 about their common mean (Appendix C) has nothing left to explain. No sign of a poor model."),
+            "and R2 about their common mean (Appendix C) has nothing left to explain. No sign of a poor model.",
+            kind="prediction", again="effective-actual"),
         Row("goodness of fit, least, with 100 mV of noise", 0.988, float(ls.goodness_of_fit[0].min()), "", 0.01,
             "Less than published: either the platform's displacement was further above its noise than here (the force "
-            "is not published), or the noise was not white."),
-        Row("goodness of fit, largest, with 100 mV of noise", 0.996, float(ls.goodness_of_fit[0].max()), "", 0.01, ""),
+            "is not published), or the noise was not white.", kind="prediction"),
+        Row("goodness of fit, largest, with 100 mV of noise", 0.996, float(ls.goodness_of_fit[0].max()), "", 0.01, "",
+            kind="prediction"),
     )  # fmt: skip
     curves = (
         ("least squares, 100 mV of noise", k_ls * 1e-3),

@@ -40,15 +40,16 @@ def run(seed: int) -> Outcome:
     cross = np.mean((k_low[:, 0, 1] <= 0) & (k_high[:, 0, 1] >= 0))
     rows = (
         Row("K_xx, one excitation, least squares", TABLE[0, 0], fitted[0, 0, 0] - share, "kN/m", None,
-            f"K_s / sqrt(2) subtracted, as 5.3.2 does (here the text does not say). Over {DRAWS} records of the same "
-            f"rig it scatters by {fitted[:, 0, 0].std():.1f} kN/m: x and y move as one, and only noise tells them "
-            "apart."),
+            f"Not comparable: it scatters by {fitted[:, 0, 0].std():.1f} kN/m over {DRAWS} records of one rig, as x "
+            "and y move as one and only noise tells them apart. K_s / sqrt(2) subtracted, as 5.3.2 does (here the text "
+            "does not say)."),
         Row("K_xx over K_yy, largest of these records", round(TABLE[0, 0] / TABLE[1, 1], 2),
             float(np.max((fitted[:, 0, 0] - share) / (fitted[:, 1, 1] - share))), "", 0.25,
-            "Of a symmetric rig. White noise of 0.5 µm does not reach 5; but no such ratio is evidence, see next."),
+            "Of a symmetric rig. White noise of 0.5 µm does not reach 5; but no such ratio is evidence, see next.",
+            kind="prediction"),
         Row("goodness of fit in x with the published K_xy and C_xy forced", 0.9999, forced, "", 0.001,
             "On our record, row sums kept: the published cross terms fit a rig that has none as well as any other. "
-            "One excitation cannot tell them apart."),
+            "One excitation cannot tell them apart.", kind="consequence"),
         Row("scatter of K_xx", None, float(fitted[:, 0, 0].std()), "kN/m", None, ""),
         Row("scatter of K_xx + K_xy", None, float(sums[:, 0].std()), "kN/m", None,
             "The row sum is certain: it is all that one excitation tells."),
@@ -56,14 +57,15 @@ def run(seed: int) -> Outcome:
             f"With K_s / sqrt(2) subtracted. Published sum and {share:.1f} kN/m on 0.92 kg would resonate at "
             f"{_hertz(published[0] + share, 0.92):.1f} Hz, on the 0.7907 kg of Appendix C at "
             f"{_hertz(published[0] + share, 0.7907):.1f}; with all of K_s on 0.92 kg at "
-            f"{_hertz(published[0] + spring, 0.92):.1f}. 70 Hz is published: sum, mass and mode do not fit together."),
+            f"{_hertz(published[0] + spring, 0.92):.1f}. 70 Hz is published: sum, mass and mode do not fit together.",
+            kind="prediction"),
         Row("row sum K_yx + K_yy", published[1], float(sums[:, 1].mean() - share), "kN/m", 0.05,
-            "The two published sums agree within 2 %, as they must in a symmetric bearing."),
+            "The two published sums agree within 2 %, as they must in a symmetric bearing.", kind="prediction"),
         Row("row sum C_xx + C_xy", 38.5, float(turned[:, 0].mean()), "N s/m", 0.05,
-            "10 N s/m of ours is an assumed damping of the springs; the rest is the controller's."),
-        Row("row sum C_yx + C_yy", 39.58, float(turned[:, 1].mean()), "N s/m", 0.05, ""),
+            "10 N s/m of ours is an assumed damping of the springs; the rest is the controller's.", kind="fit"),
+        Row("row sum C_yx + C_yy", 39.58, float(turned[:, 1].mean()), "N s/m", 0.05, "", kind="fit"),
         Row("row sum K_xx + K_xy, full spring subtracted", published[0], float(sums[:, 0].mean() - spring), "kN/m",
-            None, "What the bearing has; see direct-coefficients."),
+            0.05, "What the bearing has; see direct-coefficients.", kind="prediction", again="eight-coefficients"),
         Row("condition number, one excitation, as measured", None,
             float(np.median(plain.condition)), "", None,
             f"Of columns scaled to length 1; {CONDITION_LIMIT:g} is where collinearity harms. Noise alone keeps it "

@@ -1,6 +1,7 @@
 """Section 4.4: influence of PID gains on stiffness, damping and the response at resonance (Figures 4.9 to 4.12)."""
 
 from dataclasses import replace
+from math import inf
 
 import numpy as np
 
@@ -57,32 +58,42 @@ def run(seed: int) -> Outcome:
     taken = gain * (FACTOR["kp"] - 1) * rig.gains.kp * lag
     allowed = 2 * fits.stiffness[0, near] * lag
     rows = (
-        Row("K_p + 25 %: stiffness near resonance", "increases", stiffness("kp", near), "%", None, "As published."),
-        Row("K_p + 25 %: resonance", "increases", float(resonance[1] - resonance[0]), "Hz", None, "As published."),
+        Row("K_p + 25 %: stiffness near resonance", "increases", stiffness("kp", near), "%", None, "As published.",
+            means=(0, inf), kind="prediction"),
+        Row("K_p + 25 %: resonance", "increases", float(resonance[1] - resonance[0]), "Hz", None, "As published.",
+            means=(0, inf), kind="prediction"),
         Row("K_p + 25 %: damping, low range", "increases", damping("kp", low), "N s/m", None,
             f"Not as published. The lag takes {taken:.1f} N s/m, at every frequency; the rest is the fit: from 1 to 11 "
-            "Hz the damping runs from -357 to 25 N s/m, and a constant one weighs that anew with every gain."),
+            "Hz the damping runs from -357 to 25 N s/m, and a constant one weighs that anew with every gain.",
+            means=(0, inf), kind="prediction"),
         Row("K_p + 25 %: damping, 100 Hz", "decreases", damping("kp", high), "N s/m", None,
             f"As published. Eq 4.7 knows no such effect; the lag of {lag * 1e3:.2f} ms between reading and force makes "
-            "it."),
+            "it.", means=(-inf, 0), kind="prediction"),
         Row("K_p + 25 %: response at resonance", "increases", peak("kp"), "%", None,
             "Not as published: stiffer means less response, unless the damping lost outweighs it. That needs a damping "
-            f"below about 2 k times the lag, {allowed:.1f} N s/m; here it is {fits.damping[0, near]:.0f}."),
+            f"below about 2 k times the lag, {allowed:.1f} N s/m; here it is {fits.damping[0, near]:.0f}.",
+            means=(0, inf), kind="prediction"),
         Row("the same with little damping (K_d = 2 A s/m, no K_i)", "increases", light, "%", None,
-            "As published: the published rise asks for a rig with hardly any damping, or with more lag than ours."),
+            "As published: the published rise asks for a rig with hardly any damping, or with more lag than ours.",
+            means=(0, inf), kind="prediction", again="gain-influence"),
         Row("K_i doubled: stiffness, low range", "increases", stiffness("ki", low), "%", None,
             "As published: an integrator that is a low-pass (eq 3.27) adds a real part at low frequency. Eq 4.7 has an "
-            f"ideal one and gives {promised('ki', 0, low):.0f}."),
+            f"ideal one and gives {promised('ki', 0, low):.0f}.", means=(0, inf), kind="prediction"),
         Row("K_i doubled: damping, low range", "decreases significantly", damping("ki", low), "N s/m", None,
-            f"As published; eq 4.7 gives {promised('ki', 1, low):.0f}."),
-        Row("K_i doubled: response at resonance", "increases", peak("ki"), "%", None, "As published."),
-        Row("K_i doubled: stiffness, 100 Hz", "negligible", stiffness("ki", high), "%", None, "As published."),
-        Row("K_d + 25 %: damping near resonance", "increases", damping("kd", near), "N s/m", None, "As published."),
-        Row("K_d + 25 %: response at resonance", "reduced significantly", peak("kd"), "%", None, "As published."),
-        Row("K_d + 25 %: stiffness, low range", "a little", stiffness("kd", low), "%", None, "As published."),
+            f"As published; eq 4.7 gives {promised('ki', 1, low):.0f}.", means=(-inf, -5), kind="prediction"),
+        Row("K_i doubled: response at resonance", "increases", peak("ki"), "%", None, "As published.",
+            means=(0, inf), kind="prediction"),
+        Row("K_i doubled: stiffness, 100 Hz", "negligible", stiffness("ki", high), "%", None, "As published.",
+            means=(-2, 2), kind="prediction"),
+        Row("K_d + 25 %: damping near resonance", "increases", damping("kd", near), "N s/m", None, "As published.",
+            means=(0, inf), kind="prediction"),
+        Row("K_d + 25 %: response at resonance", "reduced significantly", peak("kd"), "%", None, "As published.",
+            means=(-inf, -10), kind="prediction"),
+        Row("K_d + 25 %: stiffness, low range", "a little", stiffness("kd", low), "%", None, "As published.",
+            means=(-5, 5), kind="prediction"),
         Row("K_d + 25 %: stiffness, 100 Hz", "increases", stiffness("kd", high), "%", None,
             "As published; but eq 4.7, which is said not to give it, does: its term K_d tau_d w^2 makes "
-            f"{100 * promised('kd', 0, high) / effective[0][0][high]:+.0f} %."),
+            f"{100 * promised('kd', 0, high) / effective[0][0][high]:+.0f} %.", means=(0, inf), kind="prediction"),
     )  # fmt: skip
     names = ("preset", "K_p + 25 %", "K_i doubled", "K_d + 25 %")
     curves = [tuple(zip(names, values, strict=True)) for values in (fits.stiffness * 1e-3, fits.damping, size)]

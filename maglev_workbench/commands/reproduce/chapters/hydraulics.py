@@ -51,17 +51,26 @@ def _table(found: Impeller) -> tuple[Row, ...]:
     mean = "on the mean of hub and tip radius, 4.95 mm: 943.22 rad/s gives 6.98 m/s at the tip"
     angles = (degrees(found.straightener_angle), found.speed * 30 / pi)
     return (
-        Row("Axial velocity C_a", 0.656, PUMP.axial_velocity, "m/s", WITHIN, area),
-        Row("Straightener outlet angle α₁", 70.24, angles[0], "°", WITHIN),
-        Row("Blade velocity U", 4.669, found.blade_velocity, "m/s", WITHIN, mean),
-        Row("Rotation", 943.22, found.speed, "rad/s", WITHIN),
-        Row("Rotation", 9007.05, angles[1], "rpm", WITHIN),
-        Row("Flow coefficient φ", 0.141, found.flow_coefficient, "", WITHIN),
-        Row("Blade loading coefficient ψ", 0.61, found.loading, "", WITHIN),
-        Row("Outlet pressure", 13309.8, found.pressure, "Pa", WITHIN),
-        Row("Outlet pressure", 99.82, found.pressure / MMHG, "mmHg", WITHIN, "99.83 with 133.322 Pa per mmHg"),
-        Row("Blades of the impeller", 9, round(blades), "", WITHIN, f"{blades:.2f}, rounded"),
-        Row("Blades of straightener and diffuser", 8, round(blades) - 1, "", WITHIN),
+        Row("Axial velocity C_a", 0.656, PUMP.axial_velocity, "m/s", WITHIN, area, kind="fit"),
+        Row("Straightener outlet angle α₁", 70.24, angles[0], "°", WITHIN, kind="consequence"),
+        Row("Blade velocity U", 4.669, found.blade_velocity, "m/s", WITHIN, mean, kind="consequence"),
+        Row("Rotation", 943.22, found.speed, "rad/s", WITHIN, kind="consequence"),
+        Row("Rotation", 9007.05, angles[1], "rpm", WITHIN, kind="consequence", again="hydraulics"),
+        Row("Flow coefficient φ", 0.141, found.flow_coefficient, "", WITHIN, kind="consequence"),
+        Row("Blade loading coefficient ψ", 0.61, found.loading, "", WITHIN, kind="consequence"),
+        Row("Outlet pressure", 13309.8, found.pressure, "Pa", WITHIN, kind="consequence"),
+        Row(
+            "Outlet pressure",
+            99.82,
+            found.pressure / MMHG,
+            "mmHg",
+            WITHIN,
+            "99.83 with 133.322 Pa per mmHg",
+            kind="consequence",
+            again="hydraulics",
+        ),
+        Row("Blades of the impeller", 9, round(blades), "", WITHIN, f"{blades:.2f}, rounded", kind="consequence"),
+        Row("Blades of straightener and diffuser", 8, round(blades) - 1, "", WITHIN, kind="consequence"),
     )
 
 
@@ -70,13 +79,42 @@ def _optimised(best: Impeller, whole: Impeller) -> tuple[Row, ...]:
     slowest = "slowest impeller for 100 mmHg with β₁ up to 77°; the limit is inferred"
     nearest = "of all whole degrees with ψ ≤ 1, the pair nearest to 100 mmHg"
     return (
-        Row("Optimised β₁", 77.0, degrees(best.rotor_inlet_angle), "°", WITHIN, slowest),
-        Row("Optimised α₂", 82.0, degrees(best.stator_inlet_angle), "°", WITHIN, slowest),
-        Row("Optimised α₁", 70.24, degrees(best.straightener_angle), "°", WITHIN, slowest),
-        Row("Optimised rotation", 9007.05, best.speed * 30 / pi, "rpm", WITHIN, slowest),
-        Row("Optimised pressure", 99.82, best.pressure / MMHG, "mmHg", WITHIN, slowest),
-        Row("Whole-degree β₁", 77.0, degrees(whole.rotor_inlet_angle), "°", WITHIN, nearest),
-        Row("Whole-degree α₂", 82.0, degrees(whole.stator_inlet_angle), "°", WITHIN, nearest),
+        Row("Optimised β₁", 77.0, degrees(best.rotor_inlet_angle), "°", WITHIN, slowest, kind="fit"),
+        Row("Optimised α₂", 82.0, degrees(best.stator_inlet_angle), "°", WITHIN, slowest, kind="fit"),
+        Row(
+            "Optimised α₁",
+            70.24,
+            degrees(best.straightener_angle),
+            "°",
+            WITHIN,
+            slowest,
+            kind="fit",
+            again="hydraulics",
+        ),
+        Row(
+            "Optimised rotation", 9007.05, best.speed * 30 / pi, "rpm", WITHIN, slowest, kind="fit", again="hydraulics"
+        ),
+        Row("Optimised pressure", 99.82, best.pressure / MMHG, "mmHg", WITHIN, slowest, kind="fit", again="hydraulics"),
+        Row(
+            "Whole-degree β₁",
+            77.0,
+            degrees(whole.rotor_inlet_angle),
+            "°",
+            WITHIN,
+            nearest,
+            kind="fit",
+            again="hydraulics",
+        ),
+        Row(
+            "Whole-degree α₂",
+            82.0,
+            degrees(whole.stator_inlet_angle),
+            "°",
+            WITHIN,
+            nearest,
+            kind="fit",
+            again="hydraulics",
+        ),
     )
 
 

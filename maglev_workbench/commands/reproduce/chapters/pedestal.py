@@ -33,12 +33,24 @@ def run(seed: int) -> Outcome:
     rows = []
     for b, (low, high) in enumerate(BANDS):
         name = f"stiffness, least squares, {low:.0f}-{high:.0f} Hz"
-        rows.append(Row(name, STIFFNESS[b], ls.stiffness[0, b] * 1e-3, "kN/m", (0.01, 0.025)[b > 0], reasons[b]))
+        rows.append(
+            Row(
+                name,
+                STIFFNESS[b],
+                ls.stiffness[0, b] * 1e-3,
+                "kN/m",
+                (0.01, 0.025)[b > 0],
+                reasons[b],
+                kind="consequence",
+            )
+        )
     rows += [
-        Row("natural frequency, sqrt(k/m)", 65.6, natural, "Hz", 0.01, "Eq 5.13 with the estimated stiffness."),
-        Row("largest response, Figure 5.8", 66.0, peak, "Hz", 0.01, "On the lines of 0.5 Hz."),
+        Row("natural frequency, sqrt(k/m)", 65.6, natural, "Hz", 0.01, "Eq 5.13 with the estimated stiffness.",
+            kind="consequence"),
+        Row("largest response, Figure 5.8", 66.0, peak, "Hz", 0.01, "On the lines of 0.5 Hz.", kind="consequence"),
         Row("damping, least squares, 60-70 Hz", -3.682, ls.damping[0, 0], "N s/m", None,
-            "A negative damping would let the pedestal swing by itself; the dissertation calls it insignificant. The "
+            "Not comparable, as the rig's damping is assumed; see pedestal-damping. A negative damping would let the "
+            "pedestal swing by itself; the dissertation calls it insignificant. The "
             "rig's 8 N s/m is assumed, and found with an interval of "
             f"{ml.damping_low[0, 0]:.3f} to {ml.damping_high[0, 0]:.3f}."),
     ]  # fmt: skip
@@ -51,7 +63,7 @@ def run(seed: int) -> Outcome:
             "As from 50 to 80 Hz.",
         )[b]
         name = f"goodness of fit, {low:.0f}-{high:.0f} Hz"
-        rows.append(Row(name, FIT[b], ls.goodness_of_fit[0, b], "", 0.01, reason))
+        rows.append(Row(name, FIT[b], ls.goodness_of_fit[0, b], "", 0.01, reason, kind="prediction"))
     curve = (("displacement over force", np.abs(g)),)
     return Outcome(
         tuple(rows), (("Response (Figure 5.8)", by_frequency(statistics.frequency, curve, "m/N", log=True)),)

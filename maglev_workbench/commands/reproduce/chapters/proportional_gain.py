@@ -1,6 +1,7 @@
 """Section 5.3.3: influence of the proportional gain on the radial stiffness (Figure 5.22), and stiffness at rest."""
 
 from dataclasses import replace
+from math import inf
 
 import numpy as np
 
@@ -51,27 +52,32 @@ def run(seed: int) -> Outcome:
     implied = (-6.6e3 + 13.6e3) / FACTOR
     rows = (
         Row("stiffness per step of k_p, 65-80 Hz", "rises with k_p", float(near[2] - near[0]) / 2e3, "kN/m", None,
-            f"For steps of 0.2 (1.6 A/mm); 5.7 N/A times that is {step * 1e-3:.2f} kN/m."),
+            f"For steps of 0.2 (1.6 A/mm); 5.7 N/A times that is {step * 1e-3:.2f} kN/m.",
+            means=(0, inf), kind="prediction"),
         *(
             Row(f"natural frequency, k_p = {k:g}", "rises with k_p", float(peak), "Hz", None, "")
             for k, peak in zip(DIGITAL, peaks, strict=True)
         ),
-        Row("frequency above which noise hides a step of 0.2", 130.0, beyond, "Hz", None,
+        Row("frequency above which noise hides a step of 0.2", 130.0, beyond, "Hz", 0.1,
             "Highest band in which one least-squares estimate scatters by less than the step, with 100 mV of noise. "
-            "The dissertation puts the loss above 130 Hz down to eddy currents and hysteresis; noise alone gives it."),
+            "The dissertation puts the loss above 130 Hz down to eddy currents and hysteresis; noise of this size "
+            "hides it from lower on.",
+            kind="prediction"),
         Row("bearing stiffness at rest, k_p = 0.9", -6.6, rest * 1e-3, "N/mm", 0.1,
             "5.7 N/A times 7.2 A/mm less 12.5 N/mm. The published value has the other sign: with it, the rotor would "
-            "not levitate without its springs."),
+            "not levitate without its springs.", kind="consequence"),
         Row("the same with k_p = 8 A/mm", -6.6, (gain * FACTOR + pull) * 1e-3, "N/mm", 0.1,
-            "5.3.3 takes 0.9 for 8 A/mm; 8 V/mm and 1 A/V make it 7.2."),
+            "5.3.3 takes 0.9 for 8 A/mm; 8 V/mm and 1 A/V make it 7.2.",
+            kind="consequence", again="proportional-gain"),
         Row("open-loop stiffness from -6.6 N/mm with 5.7 N/A", -13.6, (-6.6e3 - gain * FACTOR) * 1e-3, "N/mm", 0.1,
-            "The published -13.6 N/mm needs an actuator gain of the next row instead."),
+            "The published -13.6 N/mm needs an actuator gain of the next row instead.", kind="consequence"),
         Row("actuator gain that -6.6 and -13.6 N/mm imply", 5.7, implied, "N/A", 0.1,
             "7 N/mm over 8 A/mm. Neither the 5.7 N/A measured in 5.2.3 nor the 1.28 of eq 3.13: the agreement with "
-            "-12.5 N/mm is not one."),
+            "-12.5 N/mm is not one.", kind="consequence", again="proportional-gain"),
         Row("natural frequency that -6.6 N/mm would give", 70.0,
             float(np.sqrt((spring - 6.6e3) / one.mass) / (2 * np.pi)), "Hz", 0.1,
-            "With a negative bearing stiffness the mode would fall below the 61 Hz of the springs, not rise to 70."),
+            "With a negative bearing stiffness the mode would fall below the 61 Hz of the springs, not rise to 70.",
+            kind="consequence", again="radial-mode"),
     )  # fmt: skip
     curves = [(f"k_p = {k:g}", (ls[i].mean(axis=0) - spring) * 1e-3) for i, k in enumerate(DIGITAL)]
     figure = by_frequency(centre, curves, "bearing stiffness in kN/m")

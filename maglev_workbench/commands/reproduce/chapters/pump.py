@@ -50,15 +50,17 @@ def _levitation(seed: int) -> Outcome:
     damped = "Of the once-per-turn motion; see run-up for what it would take to fall to this."
     rows = (
         Row("radial displacement at rest", 1.0, rest[0], "µm", 0.5,
-            "The probe's noise of 0.5 µm and what the loop makes of it, sqrt(2) times its rms; no force acts."),
+            "The probe's noise of 0.5 µm and what the loop makes of it, sqrt(2) times its rms; no force acts.",
+            kind="prediction"),
         Row("axial displacement at rest", 1.0, rest[2], "µm", None,
-            "Only what the tilt adds: noise of the axial probe itself is not simulated."),
-        Row("radial displacement at 14,000 rpm", 8.0, top[0], "µm", 0.25, damped),
-        Row("axial displacement at 14,000 rpm", 35.0, top[2], "µm", 0.25, "As at 10,000 rpm: see run-up."),
+            "Not comparable: only what the tilt adds, as noise of the axial probe itself is not simulated."),
+        Row("radial displacement at 14,000 rpm", 8.0, top[0], "µm", 0.25, damped, kind="prediction", again="run-up"),
+        Row("axial displacement at 14,000 rpm", 35.0, top[2], "µm", 0.25, "As at 10,000 rpm: see run-up.",
+            kind="prediction"),
         Row("sag under the weight", None, 1e6 * float(np.hypot(*sag(rotor)[[0, 2]])), "µm", None,
             "The integrator of Table 3.5 leaks (eq 3.27), so a static error remains; published records show none."),
         Row("touchdowns from 0 to 14,000 rpm", "none", float(up.touched_down.sum()), "", None,
-            "As published: levitated at every speed."),
+            "As published: levitated at every speed.", means=(0, 0), kind="prediction"),
     )  # fmt: skip
     records = spin([Run(rotor, v, (seed, 9)) for v in (0.0, TOP)], 400, settle=8000).channels[:, :2]
     names = [f"{axis} at {v:g} rpm" for v in (0, TOP) for axis in "xy"]
@@ -82,14 +84,16 @@ def _response(seed: int) -> Outcome:
     size = 30e-6 / readings(soft, [WORST])[0, 0]
     rows = (
         Row("speed of the largest radial displacement", WORST, up.speed_rpm[peak], "rpm", 0.1,
-            "The forward tilt mode, which is broad."),
-        Row("largest radial displacement", 30.0, 1e6 * once[peak, 0], "µm", None,
-            f"By the assumed unbalance, which is not published: {1e6 * end:.2g} g mm of couple in each end."),
+            "The forward tilt mode, which is broad.", kind="prediction"),
+        Row("largest radial displacement", 30.0, 1e6 * once[peak, 0], "µm", 0.25,
+            f"By the assumed unbalance, which is not published: {1e6 * end:.2g} g mm of couple in each end.",
+            kind="fit"),
         Row("balance grade of that couple, each end with half the mass", None, 1e3 * end * w / (rotor.body.mass / 2),
             "mm/s", None, "G10 as it were; a static eccentricity of 0.56 µm beside it hardly shows."),
         Row("displacement at 14,000 rpm over the largest", FALL, once[_at(up, TOP), 0] / once[peak, 0], "", 0.25,
             f"Ours is damped far too well to fall: ratio {own[1]:.2f} of the forward tilt mode at {own[0]:.0f} Hz. No "
-            f"transverse inertia changes that: from 0.3 to 1.6 times the assumed one leaves {min(falls):.2f} or more."),
+            f"transverse inertia changes that: from 0.3 to 1.6 times the assumed one leaves {min(falls):.2f} or more.",
+            kind="prediction"),
         Row("damping ratio that this fall asks for", None, wanted[1], "", None,
             f"Linear model, peak at 10,000 rpm: k_p {k:.2f} times and k_d {c:.2f} times Table 3.5's, a mode at "
             f"{wanted[0]:.0f} Hz, and {size:.2f} of the assumed unbalance for 30 µm."),
@@ -100,7 +104,7 @@ def _response(seed: int) -> Outcome:
             f"Unexplained. The tilt that an axial probe {1e3 * reach:g} mm off the axis sees is held down by the "
             f"radial reading: 30 µm there is {30 * reach / probes:.0f} µm here at most. The passive mode is near "
             f"{_axial_mode(rotor.axial.stiffness, rotor.body.mass):.0f} Hz, far below 167 Hz. An untrue face would "
-            "show at every speed alike, not half as much at 14,000 rpm."),
+            "show at every speed alike, not half as much at 14,000 rpm.", kind="prediction"),
         Row("axial force that 70 µm would take", None, rotor.body.mass * w**2 * 70e-6 - 70e-6 * 2 *
             rotor.axial.stiffness, "N", None, "Once per turn, on a mass of 80 g above its mode: the weight is 0.8 N."),
     )  # fmt: skip
@@ -128,18 +132,20 @@ def _current(seed: int) -> Outcome:
     loss = float(up.copper_loss[0, at])
     rows = (
         Row("motor power at 10,000 rpm", MOTOR_POWER, motor.drag_torque(w) * w + motor.copper_loss(w), "W", 0.01,
-            f"{BUILT[:-1]}: the drag is chosen for it. Of it {1e3 * motor.copper_loss(w):.0f} mW heat the windings."),
+            f"{BUILT[:-1]}: the drag is chosen for it. Of it {1e3 * motor.copper_loss(w):.0f} mW heat the windings.",
+            kind="fit"),
         Row("bearing power at 10,000 rpm", BEARING_POWER, loss, "W", 0.25,
             f"Copper loss of the eight coils, {100 * loss / BEARING_POWER:.0f} % of the published power: the rest is "
-            "not copper but amplifiers, between supply and coil: the text asks for better ones."),
+            "not copper but amplifiers, between supply and coil: the text asks for better ones.", kind="prediction"),
         Row("copper loss of the bias current alone", None, 8 * bias**2 * rotor.axis.coil_resistance, "W", None,
             "0.2 A in 2 ohm, eight times: without it, as the dissertation proposes, this would be saved."),
         Row("supply current, linear amplifiers, one for each coil", BEARING_CURRENT, each, "A", 0.25,
             "Such an amplifier takes its coil's current from 23.5 V. Bias and control in eight coils would take more "
-            "than was measured."),
+            "than was measured.", kind="prediction", again="coil-current"),
         Row("the same, control currents alone, one for each axis", BEARING_CURRENT, control, "A", 0.25,
             "And these less, even with the weight's share: the published 1.17 A lies between, and does not tell how "
-            "the coils were wired nor what the amplifiers take by themselves."),
+            "the coils were wired nor what the amplifiers take by themselves.",
+            kind="prediction", again="coil-current"),
         *(Row(f"coil current at {v:,.0f} rpm, rms about its mean", None, float(rms[_at(up, v)]), "A", None,
               "Figure 3.44 could not be read.") for v in (0.0, WORST, TOP)),
     )  # fmt: skip
@@ -155,16 +161,19 @@ def _axial(_seed: int) -> Outcome:
     error = float(np.sqrt(np.sum((off + k * z) ** 2) / (z.size - 2) / (z @ z)))
     both = 2e-3 * k
     rows = (
-        Row("force at no displacement", force[0], 0.0, "N", None,
-            "Symmetry says none: -0.13 N is an error of the computation, as large as all that moving adds (0.11 N)."),
+        Row("force at no displacement", force[0], 0.0, "N", 0.1,
+            "Symmetry says none: -0.13 N is an error of the computation, as large as all that moving adds (0.11 N).",
+            kind="prediction"),
         Row("stiffness of one bearing, Table 3.3", TABLE_5_4, 1e-3 * k, "kN/m", 0.25,
             f"Least squares through the force at the centre, ± {1e-3 * error:.1f}. Table 5.4's is of both bearings: "
-            f"its half is {both / TABLE_5_4:.1f} times smaller."),
+            f"its half is {both / TABLE_5_4:.1f} times smaller.", kind="consequence"),
         Row("stiffness of both bearings, Table 3.3", TABLE_5_4, both, "kN/m", 0.25,
-            "One is computed over 27 µm, the other identified from 18 to 28 Hz: the text compares them nowhere."),
+            "One is computed over 27 µm, the other identified from 18 to 28 Hz: the text compares them nowhere.",
+            kind="consequence", again="axial-force"),
         Row("axial mode of the test rig by Table 3.3", RIG_MODE, _axial_mode(k, RIG_MASS), "Hz", 0.1,
             "Both bearings under 0.13 kg. 5.4 blames a mode of the rig for a poor fit at 38 Hz: it may have been the "
-            f"bearings' own. What then moves at Table 5.4's {_axial_mode(500 * TABLE_5_4, RIG_MASS):.0f} Hz is open."),
+            f"bearings' own. What then moves at Table 5.4's {_axial_mode(500 * TABLE_5_4, RIG_MASS):.0f} Hz is open.",
+            kind="consequence"),
         Row("axial mode of the free rotor by Table 3.3", None, _axial_mode(k, rotor.body.mass), "Hz", None,
             f"By Table 5.4 {_axial_mode(500 * TABLE_5_4, rotor.body.mass):.0f} Hz."),
     )  # fmt: skip
@@ -185,7 +194,7 @@ def _temperature(seed: int) -> Outcome:
     ends = final_rise(RISE, WARMED, 60 * np.array(minutes))
     rows = (
         Row("rise after two hours at 14,000 rpm", RISE, float(mass.temperature(WARMED, heat, 0.0)), "K", 0.02,
-            f"{BUILT[:-1]}: the resistance is chosen for it."),
+            f"{BUILT[:-1]}: the resistance is chosen for it.", kind="fit"),
         *(Row(f"final rise if the time constant is {m:g} min", None, float(end), "K", None,
               "What two readings fix is one curve's end: 18 K or more.") for m, end in zip(minutes, ends, strict=True)),
         Row("initial slope, least", None, 3600 * RISE / WARMED, "K/h", None,

@@ -62,17 +62,20 @@ def mode(seed: int) -> Outcome:
     asked = (one.mass * (2 * np.pi * MEASURED) ** 2 - spring - pull) / gains.kp
     rows = (
         Row("natural frequency, largest simulated response", MEASURED, float(x.frequency[g.argmax()]), "Hz", 0.04,
-            "3 % low: with 134.5 kN/m, 5.7 N/A, -12.5 N/mm and 0.92 kg nothing is left to adjust."),
+            "3 % low: with 134.5 kN/m, 5.7 N/A, -12.5 N/mm and 0.92 kg nothing is left to adjust.", kind="prediction"),
         Row("natural frequency, by the sum of the stiffnesses", MEASURED, hertz(summed), "Hz", 0.04,
-            f"sqrt(({spring * 1e-3:.1f} + {gain * gains.kp * 1e-3:.1f} - {-pull * 1e-3:.1f} kN/m) / 0.92 kg)."),
+            f"sqrt(({spring * 1e-3:.1f} + {gain * gains.kp * 1e-3:.1f} - {-pull * 1e-3:.1f} kN/m) / 0.92 kg).",
+            kind="prediction", again="radial-mode"),
         Row("the same with the integrator's gain at rest", MEASURED, hertz(summed + gain * gains.ki), "Hz", None,
-            "It would agree, but an integrator that is a 5 Hz low-pass (eq 3.27) has lost 99.5 % of that at 70 Hz."),
+            "Not comparable: it would agree, but an integrator that is a 5 Hz low-pass (eq 3.27) has lost 99.5 % of "
+            "that at 70 Hz."),
         Row("natural frequency without the bearings", 66.0, hertz(spring), "Hz", 0.04,
             "66 Hz is the pedestal's own, of 0.79 kg. With shaft and rotor it would stand at 61 Hz: the bearings raise "
-            "it from there, not from 66."),
+            "it from there, not from 66.", kind="consequence"),
         Row("actuator gain that 70 Hz asks for", 5.7, float(asked), "N/A", 0.05,
             "5.7 N/A is a vertical force, and the magnets pull along x and y, 45 degrees off: which of them the "
-            "calibration drove is not stated. One axis alone would make it 8.1 N/A along that axis, both 4.0."),
+            "calibration drove is not stated. One axis alone would make it 8.1 N/A along that axis, both 4.0.",
+            kind="consequence", again="radial-mode"),
     )  # fmt: skip
     return Outcome(rows, (("Response in x", by_frequency(x.frequency, (("x over f_x", g),), "m/N", log=True)),))
 
@@ -104,18 +107,20 @@ def direct(seed: int) -> Outcome:
             "More than the bearing itself has."),
         Row("largest stiffness, least squares, 0.5 µm of noise", LARGEST * 1e-3,
             (without.stiffness.max() - spring) * 1e-3, "kN/m", 0.1,
-            "The rig's bearing stiffness is 34 to 51 kN/m up to 250 Hz."),
+            "The rig's bearing stiffness is 34 to 51 kN/m up to 250 Hz.", kind="prediction"),
         Row("largest stiffness, least squares, 12.5 µm of noise", LARGEST * 1e-3,
             (with_noise_.stiffness.max() - spring) * 1e-3, "kN/m", 0.1,
             "100 mV (4.4.3) at 8 V/mm, with the force that moves the rotor by the 40 µm of 5.3.1 along each axis: "
-            "noise of the size stated makes more than the published stiffness out of a constant one."),
+            "noise of the size stated makes more than the published stiffness out of a constant one.",
+            kind="prediction", again="direct-coefficients"),
         Row("probe noise with which it would report 1,400 kN/m", 100.0, asked, "mV", None,
-            "Published for the rig of chapter 4 (4.4.3); that of this one is not stated."),
+            "Not comparable: published for the rig of chapter 4 (4.4.3); that of this one is not stated."),
         Row("intervals of maximum likelihood that hold the rig's stiffness", None, held, "", None,
             f"Of {len(bands)} overlapping bands, with 12.5 µm of noise; 0.95 was promised. Where least squares has "
             f"its largest the interval is {end}."),
         Row("goodness of fit of least squares there", "slightly low", with_noise_.goodness_of_fit[0, highest], "", None,
-            "Put down to hysteresis and eddy currents; noise alone gives it."),
+            "Put down to hysteresis and eddy currents; noise of this size gives it too. What else may: "
+            "stiffness-causes."),
     )  # fmt: skip
     centre = bands.mean(axis=1)
     curves = (

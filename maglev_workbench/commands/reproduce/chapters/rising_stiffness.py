@@ -48,9 +48,10 @@ def run(seed: int) -> Outcome:
             None, "100 mV of switching noise (4.4.3) through 8 V/mm, over five periods."),
         Row("stiffness, least squares, 240 Hz", 270.0, median[2] * 1e-3, "kN/m", 0.1,
             "The dissertation's largest (5.4). The rig's is 2.471 kN/m: both sides of eq 4.13 carry the noisy G, so "
-            "the estimate tends to rho k + (1 - rho) m w^2, rho = |G|^2 / (|G|^2 + sigma^2)."),
+            "the estimate tends to rho k + (1 - rho) m w^2, rho = |G|^2 / (|G|^2 + sigma^2).", kind="fit"),
         *(
-            Row(f"the same with {words} the force", 270.0, float(value) * 1e-3, "kN/m", None, reason)
+            Row(f"the same with {words} the force", 270.0, float(value) * 1e-3, "kN/m", 0.1, reason,
+                kind="fit", again="rising-stiffness")
             for words, value, reason in (
                 ("twice", other[0], "The shaker's force is not published; 0.15 N peak is assumed."),
                 ("half", other[1], "Never above m w^2, 306 kN/m in this band."),

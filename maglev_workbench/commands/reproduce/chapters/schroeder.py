@@ -37,11 +37,12 @@ def run(seed: int) -> Outcome:
     rows = (
         Row("total power of a signal by A.2", 1.0, float(np.mean(literal**2)), "", 0.01,
             "A.1 makes the shares sum to 1; amplitudes sqrt(P/2) give a quarter of that as mean square, sqrt(2P) would "
-            "give 1. Without effect on the results: every signal is scaled to its peak."),
+            "give 1. Without effect on the results: every signal is scaled to its peak.", kind="consequence"),
         Row("largest difference of our phases from A.3", "the recursion A.3", float(np.abs(turned).max()), "rad", None,
-            "The sum of the recursion; equal to rounding."),
+            "The sum of the recursion; equal to rounding.", means=(0, 1e-9), kind="consequence"),
         Row("crest factor, lines 1 to 250", "lowest possible peak", crest_factor(waves[0]), "", None,
-            "Peak over rms. Low, not the lowest possible: see the optimised phases."),
+            "Peak over rms. Low, not the lowest possible: see the optimised phases.", means=(1, crest_factor(waves[1])),
+            kind="prediction"),
         Row("crest factor, lines 1 to 100", "lowest possible peak", hundred, "", None, ""),
         Row("crest factor, phases optimised", None, crest_factor(waves[1]), "", None,
             "At the same peak every line carries more force, by the ratio of the crest factors."),

@@ -1,7 +1,7 @@
 """The analog circuit: its band-pass and rms stage (6.4.1.2) and its static calibration (Table 6.1, Figure 6.28)."""
 
 from dataclasses import replace
-from math import sqrt
+from math import inf, sqrt
 
 import numpy as np
 from scipy.optimize import brentq
@@ -52,13 +52,38 @@ def band_pass(seed: int) -> Outcome:
         "0.83 passes 14 to 44"
     )
     rows = (
-        Row("gain of a stage at 25 kHz", 1.15, gain(25e3), within=0.01, reason="as set"),
-        Row("width of a stage, -3 dB", 30.0, high - low, "kHz", 0.02),
-        Row("lower edge of a stage", 10.0, low, "kHz", 0.05, why),
-        Row("upper edge of a stage", 40.0, high, "kHz", 0.05, why),
-        Row("lower edge of both stages", 10.0, both[0], "kHz", 0.05, "two in a row are narrower still"),
-        Row("upper edge of both stages", 40.0, both[1], "kHz", 0.05, "two in a row are narrower still"),
-        Row("both stages at 150 Hz", "removed", 20 * np.log10(gain(150.0, 2)), "dB"),
+        Row("gain of a stage at 25 kHz", 1.15, gain(25e3), within=0.01, reason="as set", kind="consequence"),
+        Row("width of a stage, -3 dB", 30.0, high - low, "kHz", 0.02, kind="consequence"),
+        Row("lower edge of a stage", 10.0, low, "kHz", 0.05, why, kind="consequence"),
+        Row("upper edge of a stage", 40.0, high, "kHz", 0.05, why, kind="consequence"),
+        Row(
+            "lower edge of both stages",
+            10.0,
+            both[0],
+            "kHz",
+            0.05,
+            "two in a row are narrower still",
+            kind="consequence",
+            again="band-pass",
+        ),
+        Row(
+            "upper edge of both stages",
+            40.0,
+            both[1],
+            "kHz",
+            0.05,
+            "two in a row are narrower still",
+            kind="consequence",
+            again="band-pass",
+        ),
+        Row(
+            "both stages at 150 Hz",
+            "removed",
+            20 * np.log10(gain(150.0, 2)),
+            "dB",
+            means=(-inf, -40),
+            kind="consequence",
+        ),
         Row("rms output over the ripple's rms", None, float(settled.mean()) / rms, reason="1.15² less harmonics"),
         Row(
             "ripple left on the output, peak to peak",
@@ -98,17 +123,43 @@ def static_table(seed: int) -> Outcome:
     low, high = gain_interval(table)
     counted = "the published line counts the first saturated point, 222 mV at 0.55 mm"
     rows = (
-        Row("gain up to saturation", 430.0, found.gain, "mV/mm", 0.02, counted),
-        Row("gain with the point at 0.55 mm", 430.0, saturated.gain, "mV/mm", 0.02, counted),
-        Row("linearity error up to saturation", 2.4, 100 * found.linearity_error, "% of full scale", 0.1, counted),
-        Row("with the point at 0.55 mm: largest deviation up to 0.49 mm", 2.4, 100 * float(off), "% of full scale"),
+        Row("gain up to saturation", 430.0, found.gain, "mV/mm", 0.02, counted, kind="consequence"),
+        Row(
+            "gain with the point at 0.55 mm",
+            430.0,
+            saturated.gain,
+            "mV/mm",
+            0.02,
+            counted,
+            kind="consequence",
+            again="static-calibration",
+        ),
+        Row(
+            "linearity error up to saturation",
+            2.4,
+            100 * found.linearity_error,
+            "% of full scale",
+            0.1,
+            counted,
+            kind="consequence",
+        ),
+        Row(
+            "with the point at 0.55 mm: largest deviation up to 0.49 mm",
+            2.4,
+            100 * float(off),
+            "% of full scale",
+            0.1,
+            "the saturated point draws the line away from the others",
+            kind="consequence",
+            again="static-calibration",
+        ),
         Row(
             "with the point at 0.55 mm: that point's deviation",
             None,
             100 * saturated.linearity_error,
             "% of full scale",
         ),
-        Row("linear up to", 0.5, found.linear_range[1], "mm", 0.05),
+        Row("linear up to", 0.5, found.linear_range[1], "mm", 0.05, kind="consequence"),
         Row("simulated estimator: gain", None, own.gain, reason="estimated over true gap"),
         Row("simulated estimator: linearity error", None, 100 * own.linearity_error, "% of full scale"),
         Row("simulated estimator: linear from", None, 1e3 * own.linear_range[0], "mm", reason="of a gap of 0.35 mm"),

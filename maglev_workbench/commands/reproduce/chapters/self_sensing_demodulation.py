@@ -43,8 +43,23 @@ def half_ripple(seed: int) -> Outcome:
         "negative; a high-pass filter takes the mean away, and the mean of the rectified rest is half"
     )
     rows = (
-        Row("mean rectified ripple over eq 6.20, closed form", 1.0, float(closed[middle]), within=0.05, reason=why),
-        Row("the same by the filters of App. D, duty 0.5", 1.0, float(coarse[middle]), within=0.05, reason=why),
+        Row(
+            "mean rectified ripple over eq 6.20, closed form",
+            1.0,
+            float(closed[middle]),
+            within=0.05,
+            reason=why,
+            kind="prediction",
+        ),
+        Row(
+            "the same by the filters of App. D, duty 0.5",
+            1.0,
+            float(coarse[middle]),
+            within=0.05,
+            reason=why,
+            kind="prediction",
+            again="half-ripple",
+        ),
         Row("smallest at 250 kHz, duty 0.35 to 0.65", None, float(coarse.min()), reason="10 samples of a period"),
         Row("largest at 250 kHz, duty 0.35 to 0.65", None, float(coarse.max()), reason="10 samples of a period"),
         Row("smallest at 2.5 MHz, duty 0.35 to 0.65", None, float(fine.min())),

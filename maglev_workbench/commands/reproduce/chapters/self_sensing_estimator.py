@@ -1,6 +1,7 @@
 """Frequency response of the parameter estimator (Figures 6.14 and 6.32) and its lowest sampling rate (7.2, point 6)."""
 
 from dataclasses import replace
+from math import inf
 
 import numpy as np
 
@@ -40,17 +41,26 @@ def estimator_response(seed: int) -> Outcome:
     chosen = "the gains, which are not published, are chosen to give it"
     apart = "not one design: behind these filters so little lag leaves little margin, and so much margin much lag"
     rows = (
-        Row("lag at 4 kHz", LAG_IN_D, lag, "°", 0.02, chosen),
+        Row("lag at 4 kHz", LAG_IN_D, lag, "°", 0.02, chosen, kind="fit"),
         Row("pure delay that fits best", None, 1e6 * found.delay, "us", reason="18° at 4 kHz alone are 12.5 us"),
-        Row("bandwidth, -3 dB", "above 4", 1e-3 * design.bandwidth, "kHz"),
+        Row("bandwidth, -3 dB", "above 4", 1e-3 * design.bandwidth, "kHz", means=(4, inf), kind="fit"),
         Row(
             "largest departure of the simulation from the linear model",
             None,
             float(np.abs(found.response - model).max()),
         ),
-        Row("phase margin with that lag", MARGIN_IN_D, design.phase_margin, "°", 0.1, apart),
+        Row("phase margin with that lag", MARGIN_IN_D, design.phase_margin, "°", 0.1, apart, kind="prediction"),
         Row("peak of estimated over true gap", None, design.peak, reason="above 4 kHz, beyond what Fig. 6.14 shows"),
-        Row("smallest lag at 4 kHz with 83° of margin", LAG_IN_D, float(wide.lag[0]), "°", 0.1, apart),
+        Row(
+            "smallest lag at 4 kHz with 83° of margin",
+            LAG_IN_D,
+            float(wide.lag[0]),
+            "°",
+            0.1,
+            apart,
+            kind="prediction",
+            again="estimator-response",
+        ),
         Row("gains used here elsewhere: lag at 4 kHz", None, relaxed.lag, "°"),
         Row("gains used here elsewhere: phase margin", None, relaxed.phase_margin, "°"),
     )
@@ -79,12 +89,53 @@ def lowest_rate(seed: int) -> Outcome:
     published = CLAIMED / 1e3
     rows = (
         Row(
-            "gains for 18° at 4 kHz and the most margin", published, _lowest(sensor, best.kp, best.ki), "kHz", 0.02, why
+            "gains for 18° at 4 kHz and the most margin",
+            published,
+            _lowest(sensor, best.kp, best.ki),
+            "kHz",
+            0.02,
+            why,
+            kind="prediction",
         ),
-        Row("gains for 83° of margin", published, _lowest(sensor, wide.kp[0], wide.ki[0]), "kHz", 0.02, why),
-        Row("gains found to stop where the published do", published, _lowest(sensor, kp, ki), "kHz", 0.02),
-        Row("their lag at 4 kHz", LAG_IN_D, close.lag, "°", 0.1, "of those that stop there the nearest to 18°"),
-        Row("their phase margin at 250 kHz", MARGIN_IN_D, close.phase_margin, "°", 0.1, "these gains nearly swing"),
+        Row(
+            "gains for 83° of margin",
+            published,
+            _lowest(sensor, wide.kp[0], wide.ki[0]),
+            "kHz",
+            0.02,
+            why,
+            kind="prediction",
+            again="lowest-rate",
+        ),
+        Row(
+            "gains found to stop where the published do",
+            published,
+            _lowest(sensor, kp, ki),
+            "kHz",
+            0.02,
+            kind="fit",
+            again="lowest-rate",
+        ),
+        Row(
+            "their lag at 4 kHz",
+            LAG_IN_D,
+            close.lag,
+            "°",
+            0.1,
+            "of those that stop there the nearest to 18°",
+            kind="fit",
+            again="estimator-response",
+        ),
+        Row(
+            "their phase margin at 250 kHz",
+            MARGIN_IN_D,
+            close.phase_margin,
+            "°",
+            0.1,
+            "these gains nearly swing",
+            kind="prediction",
+            again="estimator-response",
+        ),
         Row("gains at the limit of 165 kHz: smallest phase margin", None, float(np.nanmin(along[:, 0])), "°"),
         Row("gains at the limit of 165 kHz: largest phase margin", None, float(np.nanmax(along[:, 0])), "°"),
         Row("gains at the limit of 165 kHz: smallest lag at 4 kHz", None, float(np.nanmin(along[:, 1])), "°"),

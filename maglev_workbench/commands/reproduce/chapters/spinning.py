@@ -38,12 +38,14 @@ def run(seed: int) -> Outcome:
 
     rows = (
         Row("change of stiffness, 65-80 Hz", "almost identical", change(1, natural), "", None,
-            "Relative. Nothing of the rig's magnets depends on speed."),
+            "Relative. Nothing of the rig's magnets depends on speed.", means=(0, 0.01), kind="consequence"),
         Row("largest change of stiffness, bands up to 93 Hz", "almost identical", change(1, far), "", None,
-            f"Two records at rest differ by {change(2, far):.2g} there: noise."),
+            f"Two records at rest differ by {change(2, far):.2g} there: noise.",
+            means=(0, 0.01), kind="consequence", again="spinning"),
         Row("largest change of stiffness, within 10 Hz of 133 Hz", "almost identical", change(1, near), "", None,
             f"Two records at rest differ by {change(2, near):.2g}. Unbalance and runout turn at 133.3 Hz, between two "
-            "lines, and leak onto their neighbours: the published comparison shows nothing of it."),
+            "lines, and leak onto their neighbours: the published comparison shows nothing of it.",
+            means=(0, 0.05), kind="prediction"),
         Row("force of the unbalance", None, moment * (2 * np.pi * turning) ** 2, "N", None,
             "80 g balanced to G2.5, assumed; the shaker has 0.08 N a line."),
     )  # fmt: skip
