@@ -93,7 +93,8 @@ def open_record(campaign: Campaign, spec: RecordingSpec, dataset: "xr.Dataset") 
                 "nothing that is known drives this recording: all of it is constant",
                 "record set-point steps, a chirp or an injected multisine",
             )
-        stretch = compared(drive.experiment, spec.sample_rate / drive.multiple, known, channels["displacement"])
+        rate, among = spec.sample_rate / drive.multiple, len(campaign.recordings)
+        stretch = compared(drive.experiment, rate, known, channels["displacement"], among)
         if ticks is not None and stretch.samples.start:
             channels["injection"][:, stretch.samples.start :] = ticks.injection(stretch.samples.start)
     except TellsNothing:

@@ -25,8 +25,12 @@ from sim2real.recorded.static_evidence import Rests
 
 SETTLING = 8.0  # time constants of the nominal closed loop that are simulated but not compared
 LONGEST_SETTLING = 0.2  # of a record
-MOST_SAMPLES = 30_000  # a longer record is compared over its stretch that is driven most
+# Samples that all recordings of a campaign have together, and that each may have in any case: a longer record is
+# compared over its stretch that is driven most.
+TOGETHER, EACH = 120_000, 30_000
 TOP = 0.4  # of the control rate: highest frequency that is compared
+FOUR_SIGMA = 4.0
+DUST = 1e-8  # of the power in the strongest window: what is left of rounded columns, which goes with the noise
 TELLING = 0.01  # of the noise: above the last window in which what drives the loop moves it as much nothing is compared
 
 
@@ -160,7 +164,7 @@ class Stretch:
         return slice(self.start, self.start + self.settling + self.windows.samples)
 
 
-def compared(e: Experiment, rate: float, driven: np.ndarray, displacement: np.ndarray) -> Stretch:
+def compared(e: Experiment, rate: float, driven: np.ndarray, displacement: np.ndarray, recordings: int) -> Stretch:
     """What of a recording is compared.
 
     Args:
@@ -168,11 +172,12 @@ def compared(e: Experiment, rate: float, driven: np.ndarray, displacement: np.nd
         rate: of the recording, Hz.
         driven: (inputs, samples), what drives it: forces (N), injections (A) and references (m) of each axis.
         displacement: (axes, samples), the reading.
+        recordings: how many the campaign has.
 
     Raises:
         TellsNothing: the recording is too short for windows of lines.
     """
-    samples, longest = driven.shape[1], int(MOST_SAMPLES * rate / e.rig.control_rate)
+    samples, longest = driven.shape[1], int(max(EACH, TOGETHER // recordings) * rate / e.rig.control_rate)
     radius = float(abs(closed_loop_poles(e)).max()) ** (e.rig.control_rate / rate)
     most = int(LONGEST_SETTLING * min(samples, longest))
     settling = most if radius >= 1 else min(int(np.ceil(SETTLING / -np.log(radius))), most)
@@ -197,9 +202,13 @@ def compared(e: Experiment, rate: float, driven: np.ndarray, displacement: np.nd
         raise TellsNothing(f"{samples} samples are too few to compare", f"record at least {least}")
     whole = LineWindows(length, rate, 1, count)
     kept = slice(start + settling, start + settling + length)
-    told = whole.noise(whole.spectrum(displacement[:, kept]), whole.spectrum(driven[:, kept]))
+    drives = whole.spectrum(driven[:, kept])
+    told = whole.noise(whole.spectrum(displacement[:, kept]), drives)
     share = (told.explained / np.maximum(told.rank, 1) / np.maximum(told.variance, 1e-300) - 1).max(axis=0)
     smooth = np.convolve(share, np.ones(POOLED) / POOLED, "same")
-    telling = np.flatnonzero(smooth > max(TELLING, 4 / np.sqrt(POOLED * KEPT)))
+    chance = FOUR_SIGMA / np.sqrt(POOLED * np.maximum(told.rank, 1))  # what noise alone explains by chance
+    power = (abs(whole.project(drives)) ** 2).sum(axis=-1)  # a jump between the ends is no drive
+    drives_it = (power > DUST * power.max(axis=-1, keepdims=True)).any(axis=0)
+    telling = np.flatnonzero(drives_it & (smooth > np.maximum(TELLING, chance)))
     last = max(int(telling[-1]) if telling.size else count - 1, POOLED - 1)
     return Stretch(start, settling, replace(whole, count=last + 1), tuple(notes))

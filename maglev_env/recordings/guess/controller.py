@@ -12,6 +12,8 @@ from maglev_env.loop.gains import Gains
 _MOST = 4000  # samples that are fitted
 _EXACT = 1.0  # rms residual of an exact fit, in steps of the converter
 _ROUNDING = 1e-6  # of the command's standard deviation, where the command has no steps
+_FEWEST_DIGITS = 5  # fewer are a converter's steps
+_LOOSE = 4.0  # of that, for the search of the time constants, which ends before
 _AS_WELL = 1.02  # of the residual of all three parts
 _TD, _TI = np.geomspace(0.3, 300.0, 12), np.geomspace(20.0, 1e5, 8)  # samples
 
@@ -76,7 +78,7 @@ def fit_controller(
     residual, gains, bias, late = _fit(*signals, 0)
     if residual > enough:
         residual, gains, bias, late = min((residual, gains, bias, late), _fit(*signals, 1), key=_first)
-    exact = residual <= enough
+    exact = residual <= max(enough, min(_rounded(gains, error, wanted, rate), 0.05 * spread))
     for parts in ("", "d", "i") if exact else ():
         # Parts that the record does not show would get gains that cancel: the simplest that does as well is stated.
         simpler = _fit(*signals, late, parts)
@@ -84,6 +86,27 @@ def fit_controller(
             residual, gains, bias, late = simpler
             break
     return ControllerFit(gains, bias, residual, step, (residual / spread) ** 2, exact, late)
+
+
+def _rounded(gains: Gains, error: np.ndarray, wanted: np.ndarray, rate: float) -> float:
+    """rms of what the digits of the columns leave of an exact PID, A: a derivative enlarges the displacement's."""
+    low = np.exp(-1 / (gains.td * rate))
+    slope = gains.kd / gains.td if gains.td else 0.0
+    # Impulse response: kp + slope at once, then the derivative's filter dies away.
+    gain = np.sqrt((gains.kp + slope) ** 2 + (slope * (1 - low)) ** 2 / max(1 - low**2, 1e-12))
+    return _LOOSE * float(np.hypot(gain * _digits(error), _digits(wanted)))
+
+
+def _digits(values: np.ndarray) -> float:
+    """rms error of values that carry so many significant digits, or single precision; 0 where neither limits them."""
+    if np.array_equal(values.astype(np.float32), values):
+        return float(np.sqrt(np.mean(values**2))) * 2.0**-24 / np.sqrt(3)
+    power = 10.0 ** np.floor(np.log10(np.maximum(np.abs(values), 1e-300)))
+    for digits in range(_FEWEST_DIGITS, 12):
+        unit = power * 10.0 ** (1 - digits)
+        if np.all(np.abs(values - np.round(values / unit) * unit) <= 1e-6 * unit):
+            return float(np.sqrt(np.mean(unit**2) / 12))
+    return 0.0
 
 
 def _first(fit: tuple[float, Gains, float, int]) -> float:

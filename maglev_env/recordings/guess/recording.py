@@ -142,7 +142,8 @@ def _controller(channels: Mapping[str, np.ndarray], rate: float | None) -> tuple
         return None, Guess("controller", None, _not_a_pid(fit), OPEN, ask)
     g = fit.gains
     gains = {name: float(f"{getattr(g, name):.7g}") for name in ("kp", "ki", "kd", "td", "ti")}
-    how = f"one step of its converter ({fit.step:.3g} A)" if np.isfinite(fit.step) else "rounding"
+    stepped = np.isfinite(fit.step) and fit.residual <= fit.step
+    how = f"one step of its converter ({fit.step:.3g} A)" if stepped else "what the digits of the columns leave"
     reason = f"the command is a PID of the displacement to {fit.residual:.2g} A rms, within {how}"
     sign = "" if g.kp > 0 else "whether the displacement is measured away from the magnet (kp is negative): scale < 0"
     return gains, Guess("controller", gains, reason, SURE, sign)

@@ -209,6 +209,15 @@ def test_a_pid_is_told_from_its_command_to_the_converters_step(sign):
         assert getattr(fit.gains, name) == pytest.approx(expected, rel=0.05)
 
 
+@pytest.mark.parametrize("digits", [5, 7])
+def test_a_pid_is_told_from_columns_that_carry_few_digits(digits):
+    y = 1e-4 * SLOW
+    text = np.array([[float(f"{v:.{digits - 1}e}") for v in column] for column in (y, commanded(-y))])
+    assert fit_controller(*text, RATE).exact
+    other = commanded(-y) + 1e-3 * 10.0 ** (5 - digits) * np.abs(SLOW)  # what no digit leaves
+    assert not fit_controller(text[0], other, RATE).exact
+
+
 def test_an_injection_that_is_recorded_is_taken_off_and_one_that_is_not_spoils_the_fit():
     y, w = 1e-4 * SLOW, 0.1 * RNG.standard_normal(N)
     command = commanded(-y) + w
