@@ -76,6 +76,13 @@ def receptance(statistics: LineStatistics) -> np.ndarray:
     return frequency_response(statistics, "displacement", "force")[0]
 
 
+def planar_response(statistics: LineStatistics) -> np.ndarray:
+    """Displacements in x and y over the magnitude of one oblique force, (lanes, 2, lines), m/N."""
+    along = [statistics.amplitude(f"force_{a}") for a in "xy"]
+    force = np.hypot(*np.abs(along)) * np.exp(1j * np.angle(along[0]))
+    return np.stack([statistics.amplitude(f"displacement_{a}") / force for a in "xy"], axis=1)
+
+
 def least_squares_bands(statistics: LineStatistics, bands: np.ndarray, mass: float) -> LeastSquares:
     """The dissertation's estimator in each band: fields (..., bands)."""
     g = receptance(statistics)
