@@ -12,12 +12,13 @@ from maglev_workbench.console import console, progress_bar, write_json
 from maglev_workbench.options import require_folder
 from sim2real.blind import generate as generator
 from sim2real.blind.answer import Answered, answer_all
+from sim2real.blind.benchmark import generate as benchmark_generator
 from sim2real.blind.cases import ANSWERS, CAMPAIGNS, LABELS, SEAL
 
 SET = "set.json"  # says how the set was made; it contains no labels
 
 
-def generate(out: Path, count: int, seed: int, processes: int | None) -> dict:
+def generate(out: Path, count: int, seed: int, processes: int | None, benchmark: bool = False) -> dict:
     """Make a sealed set: campaigns, labels, their seal, and a description of how it was made.
 
     Args:
@@ -25,6 +26,7 @@ def generate(out: Path, count: int, seed: int, processes: int | None) -> dict:
         count: number of campaigns.
         seed: of the whole set.
         processes: None: as many as there are cores.
+        benchmark: the benchmark's generator instead of the twin.
 
     Returns:
         The description, as in set.json.
@@ -40,10 +42,12 @@ def generate(out: Path, count: int, seed: int, processes: int | None) -> dict:
         with progress_bar() as bar:
             bar.add_task(f"generate {count} campaigns", total=None)
             workers = processes or os.cpu_count() or 1
-            seal = generator.generate(out / CAMPAIGNS, count, seed, workers, labels=out / LABELS)
+            make = benchmark_generator.generate if benchmark else generator.generate
+            seal = make(out / CAMPAIGNS, count, seed, workers, labels=out / LABELS)
         console.print(f"SHA-256 of the labels\n{seal}")
         write_text_atomic(out / SEAL, f"{seal}  {LABELS}\n")
-        data = {"schema": "maglev-blind-set/1", "count": count, "seed": seed, "version": code_version(DIAGNOSING)}
+        data = {"schema": "maglev-blind-set/1", "count": count, "seed": seed, "benchmark": benchmark}
+        data |= {"version": code_version(DIAGNOSING)}
         write_json(out / SET, data)
     return {**data, "labels_sha256": seal}
 

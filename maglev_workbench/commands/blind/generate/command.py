@@ -1,5 +1,7 @@
 """`maglev blind generate`: writes campaigns of an independent twin and seals their labels."""
 
+from typing import Annotated
+
 import typer
 
 from maglev_workbench.commands.blind.options import COUNT, CountOption, FolderOption, ProcessesOption, SetSeedOption
@@ -14,6 +16,10 @@ def generate(
     out: FolderOption,
     seed: SetSeedOption,
     count: CountOption = COUNT,
+    benchmark: Annotated[
+        bool,
+        typer.Option("--benchmark", help="The benchmark's rigs, forms and unknowns (docs/benchmark.md)."),
+    ] = False,
     processes: ProcessesOption = None,
     json_file: JsonOption = None,
 ) -> None:
@@ -21,4 +27,4 @@ def generate(
     from maglev_workbench.commands.blind import sealed_set
     from maglev_workbench.console import write_json
 
-    write_json(json_file, sealed_set.generate(out, count, seed, processes))
+    write_json(json_file, sealed_set.generate(out, count, seed, processes, benchmark))

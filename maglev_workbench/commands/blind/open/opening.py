@@ -21,6 +21,8 @@ from sim2real.blind.regret import CASES
 def open_folder(folder: Path, docs: Path | None, json_file: Path | None) -> None:
     """Check the seal, score every answer, write the results into the folder and the files, and print them."""
     made = made_of(folder)
+    if made.get("benchmark"):
+        raise ValueError(f"{folder} is a set of the benchmark: score it with maglev blind score {folder}")
     cases = min(CASES, sum(case.kind == "single" and (case.size or 0) >= 10 for case in open_labels(folder)))
     with locked(folder), progress_bar() as bar:
         task = bar.add_task("gains on the twin", total=cases)

@@ -1,0 +1,142 @@
+"""How much an effect shows in a campaign's recordings: differences of noise-free simulations against the noise.
+
+Noise spectra come from noisy simulations of the same rig without the effect, smoothed over neighbouring frequencies,
+with the covariance of the channels. A difference is calibrated away as far as the tolerances allow. What remains is
+tested with FREEDOM degrees of freedom, the calibration itself with one for each parameter; at the threshold, the more
+sensitive of these 1 % chi-square tests has a power of one half.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from functools import cached_property
+from math import inf, log, sqrt
+
+import numpy as np
+from scipy.ndimage import uniform_filter1d
+from scipy.optimize import brentq
+from scipy.stats import chi2, ncx2
+
+from sim2real.blind.benchmark.kinds import Kind
+from sim2real.blind.benchmark.simulate import FEW_STEPS, LoopFailed, Recording, Truth, simulate
+
+FREEDOM = 500
+LEVEL, POWER = 0.01, 0.5
+STEP = 0.2  # of a tolerance, for derivatives
+_PAIRS = 2  # of noisy simulations
+_NEIGHBOURS = 31  # frequencies that share a covariance
+
+
+def critical(freedom: int) -> float:
+    """Non-centrality at which a chi-square test of LEVEL with these degrees of freedom has the power POWER."""
+    limit = chi2.isf(LEVEL, freedom)
+    return float(brentq(lambda x: ncx2.sf(limit, freedom, x) - POWER, 1e-3, 20 * limit))
+
+
+class Detector:
+    """Compares rigs with a true one by what the `fit` recordings of a campaign show.
+
+    Args:
+        truth: The rig with its deviations, without effects.
+        recordings: Its experiments; those of another role are ignored.
+        with_current: Whether the current is recorded.
+        seed: Of the noise from which its spectra are estimated.
+    """
+
+    def __init__(self, truth: Truth, recordings: Sequence[Recording], with_current: bool, seed: int):
+        self.truth = truth
+        self.recordings = [r for r in recordings if r.role == "fit"]
+        self.names = ("displacement", "current") if with_current else ("displacement",)
+        self.seed = seed
+
+    @cached_property
+    def _base(self) -> list[np.ndarray]:
+        return [self._spectrum(self.truth, r) for r in self.recordings]
+
+    @cached_property
+    def _whitening(self) -> list[np.ndarray]:
+        """For each recording (frequencies, channels, channels): makes noise of unit real and imaginary variance."""
+        found = []
+        for number, r in enumerate(self.recordings):
+            seeds = np.random.default_rng([self.seed, number]).integers(2**62, size=(_PAIRS, 2))
+            total = 0.0
+            for one, other in seeds:
+                n = self._spectrum(self.truth, r, int(one)) - self._spectrum(self.truth, r, int(other))
+                total = total + n[:, :, None] * n[:, None, :].conj() / (2 * _PAIRS)
+            smooth = _smoothed(total.real) + 1j * _smoothed(total.imag)
+            found.append(sqrt(2) * np.linalg.inv(np.linalg.cholesky(smooth)))
+        return found
+
+    @cached_property
+    def _calibration(self) -> np.ndarray:
+        """Whitened change for one standard deviation of each uncertain parameter (parameters, values)."""
+        rows = []
+        for name, tolerance in self.truth.rig.tolerance.items():
+            moved = {**self.truth.deviations, name: self.truth.deviations.get(name, 0.0) + STEP * tolerance}
+            rows.append(self.difference(replace(self.truth, deviations=moved)) / STEP)
+        return np.array(rows)
+
+    def _spectrum(self, truth: Truth, r: Recording, seed: int | None = None, drops: int = 0) -> np.ndarray:
+        found = simulate(truth, r, seed, drops, FEW_STEPS)
+        return np.fft.rfft(np.hstack([found[name] for name in self.names]), axis=0)
+
+    def difference(self, other: Truth, drops: int = 0) -> np.ndarray:
+        """Whitened difference of another rig from the true one (values,).
+
+        Raises:
+            LoopFailed: It touches its stops.
+        """
+        parts = []
+        for r, base, whitening in zip(self.recordings, self._base, self._whitening, strict=True):
+            part = np.einsum("fij,fj->fi", whitening, self._spectrum(other, r, None, drops) - base)
+            parts += [part.real.ravel(), part.imag.ravel()]
+        return np.concatenate(parts)
+
+    def with_effects(self, values: Mapping[int, float], drops: int = 0) -> np.ndarray:
+        """`difference` of the true rig with effects."""
+        return self.difference(replace(self.truth, effects=values), drops)
+
+    def calibrated(self, d: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """What calibration leaves of a whitened difference, and the parameters it moves, in standard deviations."""
+        rows = self._calibration
+        theta = np.linalg.solve(rows @ rows.T + np.eye(len(rows)), rows @ d)
+        return d - theta @ rows, theta
+
+    def strength(self, values: Mapping[int, float], random: bool = False) -> float:
+        """How strongly effects show: 1 at the threshold, growing with the square of a small effect.
+
+        Args:
+            values: Values of the effects.
+            random: They act at random: the mean effect is that which two draws have in common.
+        """
+        draws = [self.with_effects(values, drops) for drops in range(2 if random else 1)]
+        (one, theta), (other, theta2) = (self.calibrated(d) for d in (draws[0], draws[-1]))
+        return max(one @ other / critical(FREEDOM), theta @ theta2 / critical(len(theta)), 0.0)
+
+
+def _smoothed(x: np.ndarray) -> np.ndarray:
+    """Running mean along the first axis (frequencies)."""
+    return uniform_filter1d(x, _NEIGHBOURS, axis=0, mode="nearest")
+
+
+def threshold(detector: Detector, kind: Kind, sign: float, others: Mapping[int, float]) -> tuple[float, float]:
+    """(size at the threshold, largest size at which the loop still stands) of a kind, both positive."""
+
+    def strength(size: float) -> float:
+        return detector.strength(kind.values(detector.truth.rig, sign * size, others), kind.random)
+
+    size, most, above = kind.most, 0.0, None
+    for _ in range(14):
+        try:
+            found = strength(size)
+        except LoopFailed:
+            size /= 2
+            continue
+        most = most or size
+        if found < 1:
+            if above is None:
+                return (size / sqrt(found) if found > 0 else inf), most
+            high, above_found = above
+            slope = log(above_found / max(found, 1e-9)) / log(high / size)
+            return high * above_found ** (-1 / slope), most
+        above, size = (size, found), size / (2.0 if found < 30 else min(sqrt(found) / 2, 10.0))
+    raise LoopFailed("no size at which the loop stands")

@@ -1,0 +1,139 @@
+"""A simulated recording of the benchmark: a rig with true parameters and effects, under a drive."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from sim2real.blind.benchmark import at
+from sim2real.blind.benchmark.drives import Drive
+from sim2real.blind.benchmark.integrate import run
+from sim2real.blind.benchmark.rigs import BenchRig
+
+_DIVISORS = (
+    *(at.DRIFT_TIME, at.KNEE, at.WIDTH, at.PITCH, at.SLIP, at.SLOW, at.SAG_LENGTH, at.CREEP_TIME, at.SAG_TIME),
+    at.UNEVEN_PITCH,
+)
+
+
+class LoopFailed(Exception):
+    """The rotor touched its stops."""
+
+
+@dataclass(frozen=True)
+class Controller:
+    """One controller: values of the form "pid", or the same gains made a transfer function by trapezoids.
+
+    Attributes:
+        pid: kp, ki, kd and td.
+        form: "pid" or "transfer_function".
+        step: Control period, s.
+    """
+
+    pid: Mapping[str, float]
+    form: str
+    step: float
+
+    def coefficients(self) -> tuple[np.ndarray, np.ndarray]:
+        """(numerator, denominator) in powers of 1/z, three each."""
+        kp, ki, kd, td = (self.pid[name] for name in ("kp", "ki", "kd", "td"))
+        if self.form == "pid":  # newest sample in the integral, backward difference
+            pole, integral, rate = td / (td + self.step), np.array([ki * self.step, 0.0]), kd / (td + self.step)
+        else:  # trapezoids
+            pole = (2 * td - self.step) / (2 * td + self.step)
+            integral, rate = np.full(2, 0.5 * ki * self.step), 2 * kd / (2 * td + self.step)
+        falling, leaky = np.array([1.0, -1.0]), np.array([1.0, -pole])
+        denominator = np.convolve(falling, leaky)
+        numerator = kp * denominator + np.convolve(integral, leaky) + rate * np.convolve(falling, falling)
+        return numerator, denominator
+
+    def toml(self) -> str:
+        """As an inline table of a recording."""
+        if self.form == "pid":
+            return '{ form = "pid", ' + ", ".join(f"{k} = {v!r}" for k, v in self.pid.items()) + " }"
+        over, under = (", ".join(repr(float(v)) for v in c) for c in self.coefficients())
+        return f"{{ numerator = [{over}], denominator = [{under}] }}"
+
+
+@dataclass(frozen=True)
+class Truth:
+    """A rig as it is: the nominal one, relative deviations within the tolerances, and values of effects by index."""
+
+    rig: BenchRig
+    deviations: Mapping[str, float] = field(default_factory=dict)
+    effects: Mapping[int, float] = field(default_factory=dict)
+
+    def values(self, speed: float, angle: float) -> np.ndarray:
+        """The array `p` of the loop at a speed (rad/s) and an angle at the begin (rad)."""
+        r, off = self.rig.parameters, self.deviations
+        p = np.zeros(at.VALUES)
+        law = at.PAIR if self.rig.family != "ball" else at.EXPONENTIAL if "force_length" in r else at.POWER
+        constant = r.get("force_constant") or self.rig.gain * r["gap"] ** 2 / (4 * r["bias_current"])
+        p[at.LAW], p[at.BIAS], p[at.GAP], p[at.CONSTANT] = law, r["bias_current"], r["gap"], constant
+        p[at.LENGTH], p[at.EXPONENT] = r.get("force_length", 1.0), r.get("force_exponent", 2.0)
+        p[at.MAGNETIC_OFFSET], p[at.GRAVITY] = r.get("gap_offset", 0.0), r["gravity"]
+        p[at.MASS] = r["mass"] * (1 + off.get("mass", 0.0))
+        p[at.SUPPORT] = r.get("support_stiffness", 0.0) * (1 + off.get("support_stiffness", 0.0))
+        p[at.SUPPORT_DAMPING] = r.get("support_damping", 0.0)
+        p[at.GAIN], p[at.STIFFENING] = off.get("actuator_gain", 0.0), off.get("negative_stiffness", 0.0)
+        p[at.SCALE] = off.get("probe_gain", 0.0)
+        p[at.AMPLIFIER], p[at.PROBE] = r["amplifier_time_constant"], r["sensor_time_constant"]
+        p[at.INDUCTANCE], p[at.RESISTANCE] = r["coil_inductance"], r["coil_resistance"]
+        p[at.RATE], p[at.COMMAND_RANGE] = r["control_rate"], r["voltage_range"] * r["amplifier_gain"]
+        p[at.READ_STEP], p[at.COMMAND_STEP] = self.rig.counts["displacement"], self.rig.counts["command"]
+        p[at.SPEED], p[at.ANGLE] = speed, angle
+        for index, value in self.effects.items():
+            p[index] += value
+        for index in _DIVISORS:
+            p[index] = p[index] or 1.0
+        return p
+
+
+@dataclass(frozen=True)
+class Recording:
+    """An experiment: its role, controller, drive, speed (rad/s) and angle at the begin (rad)."""
+
+    name: str
+    role: str
+    controller: Controller
+    drive: Drive
+    speed: float = 0.0
+    angle: float = 0.0
+
+
+STEPS = 20  # Runge-Kutta steps in a control period; differences of two simulations need fewer
+FEW_STEPS = 6
+
+
+def simulate(
+    truth: Truth, recording: Recording, seed: int | None, drops: int = 0, steps: int = STEPS
+) -> dict[str, np.ndarray]:
+    """Channels (samples, axes) of a recording.
+
+    Args:
+        truth: The rig.
+        recording: The experiment.
+        seed: Of all noise; None: without noise and rounding.
+        drops: Seed of which commands are lost.
+        steps: Runge-Kutta steps in a control period.
+
+    Raises:
+        LoopFailed: The rotor touched its stops.
+    """
+    rig = truth.rig
+    p = truth.values(recording.speed, recording.angle)
+    driven = recording.drive.channels(rig.axes)
+    shape = driven["force"].shape
+    rng = np.random.default_rng(seed)
+    noise = np.zeros(shape) if seed is None else rig.noise["displacement"] * rng.standard_normal(shape)
+    lost = np.random.default_rng([drops, 1]).random(shape[0]) < p[at.DROPS]
+    b, c = recording.controller.coefficients()
+    y, command, current, stood = run(
+        p, b, c, driven["reference"], driven["injection"], driven["force"], noise, lost, seed is not None, steps
+    )
+    if not stood:
+        raise LoopFailed(recording.name)
+    if seed is not None:
+        current = current + rig.noise["current"] * rng.standard_normal(shape)
+        driven["force"] = driven["force"] + rig.noise.get("force", 0.0) * rng.standard_normal(shape)
+    return {"displacement": y, "command": command, "current": current, **driven}
