@@ -9,8 +9,8 @@ noise does, but repeats with the period (Pintelon and Schoukens 2012, ch. 4).
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.polynomial.legendre import legval, legvander
-from scipy import optimize, stats
 
 from estimation.bands import band_slices
 from estimation.normal import NOISELESS
@@ -73,10 +73,10 @@ def band_mean(
 
     guess = np.zeros((2, degree + 1))
     guess[:, 0] = start
-    found = optimize.least_squares(left, guess.ravel() / size, method="lm")
+    found = scipy.optimize.least_squares(left, guess.ravel() / size, method="lm")
     spare = 2 * f.size - found.x.size
     covariance = np.linalg.pinv(found.jac.T @ found.jac) * max(1.0, 2 * found.cost / spare) * np.outer(size, size)
-    reach = float(stats.t.ppf((1 + level) / 2, spare))
+    reach = float(scipy.stats.t.ppf((1 + level) / 2, spare))
 
     def mean(coefficients: np.ndarray, variance: float) -> BandMean:
         value, se = float(coefficients[0]), float(np.sqrt(variance))

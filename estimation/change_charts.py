@@ -1,8 +1,8 @@
 """Two-sided CUSUM charts of standard normal innovations, with a threshold from the wanted rate of false alarms."""
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike
-from scipy.optimize import brentq
 
 OVERSHOOT = 1.166  # mean excess over the threshold at both ends, which Siegmund's approximation adds to the threshold
 
@@ -71,7 +71,7 @@ def cusum_threshold(false_alarm_blocks: float, allowance: float = 0.5, charts: i
         )
     target = charts * false_alarm_blocks
     highest = np.log(2 * allowance**2 * target + 2) / allowance  # the run length there is far above the target
-    root = brentq(lambda h: np.log(_run_length(h, allowance) / target), 0.0, highest)
+    root = scipy.optimize.brentq(lambda h: np.log(_run_length(h, allowance) / target), 0.0, highest)
     return float(root)  # pyright: ignore[reportArgumentType]  # scipy's types count full_output=True in
 
 

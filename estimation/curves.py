@@ -1,8 +1,8 @@
 """Curves over log frequency through values at lines: interpolation, smoothing, peaks and crossings."""
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike, NDArray
-from scipy.interpolate import CubicSpline
 
 REFINEMENT = 16  # grid points per interval between lines, equally spaced in log frequency
 
@@ -26,7 +26,7 @@ def refine(frequency: ArrayLike, values: ArrayLike) -> tuple[Array, NDArray[np.c
     x = np.log(_checked_frequency(frequency))
     inside = x[:-1, None] + np.diff(x)[:, None] * (np.arange(REFINEMENT) / REFINEMENT)
     grid = np.append(inside.ravel(), x[-1])
-    return grid, CubicSpline(x, np.asarray(values, dtype=complex), axis=-1)(grid)
+    return grid, scipy.interpolate.CubicSpline(x, np.asarray(values, dtype=complex), axis=-1)(grid)
 
 
 def largest(grid: Array, values: Array) -> tuple[Array, Array]:

@@ -3,15 +3,13 @@
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import stats
-from scipy.ndimage import median_filter, uniform_filter1d
+import scipy
 
 from estimation.periods import LineStatistics
 
 POOL = 7  # neighbouring lines whose noise is averaged
 LOCAL, CURVE = 6, 4  # neighbouring lines through which a cubic of log frequency is laid
 ROUGH_POOL = 41  # lines of whose scatter about the cubics the median is taken, so that a resonance is not distortion
-MEDIAN = stats.chi2.median(2 * (LOCAL - CURVE)) / (2 * (LOCAL - CURVE))  # of that scatter, for noise alone
 
 
 def frequency_response(statistics: LineStatistics, output: str, source: str) -> tuple[np.ndarray, np.ndarray]:
@@ -39,7 +37,7 @@ def pooled_variance(variance: np.ndarray) -> np.ndarray:
     A variance estimated from P periods scatters with 2 (P - 1) degrees of freedom; intervals that treat it as exact
     cover too little.
     """
-    return uniform_filter1d(variance, POOL, axis=-1)
+    return scipy.ndimage.uniform_filter1d(variance, POOL, axis=-1)
 
 
 def loop_variance(frequency: np.ndarray, sensitivity: np.ndarray, variance: np.ndarray) -> np.ndarray:
@@ -69,7 +67,9 @@ def loop_variance(frequency: np.ndarray, sensitivity: np.ndarray, variance: np.n
         rest = target - columns @ np.linalg.lstsq(columns, target, rcond=None)[0]
         left[i] = np.sum(np.abs(rest) ** 2) / (LOCAL - CURVE)
     whole = np.pad(left, (LOCAL // 2, (LOCAL - 1) // 2), mode="edge")
-    return noise * np.maximum(1.0, median_filter(whole, ROUGH_POOL) / MEDIAN)
+    freedom = 2 * (LOCAL - CURVE)
+    median = scipy.stats.chi2.median(freedom) / freedom  # of that scatter, for noise alone
+    return noise * np.maximum(1.0, scipy.ndimage.median_filter(whole, ROUGH_POOL) / median)
 
 
 def instrumented_response(output: np.ndarray, source: np.ndarray, instrument: np.ndarray) -> np.ndarray:
@@ -145,8 +145,8 @@ def distortion(statistics: LineStatistics, channel: str, excited: np.ndarray) ->
         if not usable.any():
             return float(excess), None
         f = power[usable] / noise[usable]
-        fisher = -2 * stats.f.logsf(f, 2, 2 * (statistics.periods - 1)).sum()
-        return float(excess), float(stats.chi2.sf(fisher, 2 * usable.sum()))
+        fisher = -2 * scipy.stats.f.logsf(f, 2, 2 * (statistics.periods - 1)).sum()
+        return float(excess), float(scipy.stats.chi2.sf(fisher, 2 * usable.sum()))
 
     odd = statistics.lines % 2 == 1
     even_level, even_p = group(~odd & ~is_excited)

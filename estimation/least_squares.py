@@ -9,8 +9,8 @@ noise, this estimate must not be trusted, however good the fit looks.
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike, NDArray
-from scipy.stats import t as student_t
 
 CONFIDENCE = 0.95
 COEFFICIENTS = 2
@@ -100,7 +100,7 @@ def least_squares(frequency: ArrayLike, receptance: ArrayLike, mass: ArrayLike) 
     with np.errstate(divide="ignore", invalid="ignore"):  # an exact fit has no standard error
         t_stiffness = stiffness / stiffness_se
         t_damping = damping / damping_se
-    limit = student_t.ppf((1 + CONFIDENCE) / 2, freedom)
+    limit = scipy.stats.t.ppf((1 + CONFIDENCE) / 2, freedom)
     return LeastSquares(
         stiffness=stiffness,
         damping=damping,

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-import scipy.fft
+import scipy
 
 from estimation.noise_shape import noise_shape
 

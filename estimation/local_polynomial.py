@@ -12,7 +12,7 @@ value at its centre alone is 1.5 times as uncertain.
 """
 
 import numpy as np
-import scipy.fft
+import scipy
 
 from estimation.periods import LineStatistics
 

@@ -5,9 +5,8 @@ Schoukens, Pintelon and Kollar, IEEE Trans. Instrum. Meas. 40, 1991, 982-989).
 """
 
 import numpy as np
-import scipy.fft
+import scipy
 from numpy.typing import ArrayLike, NDArray
-from scipy.optimize import minimize
 
 from estimation.sphs import Multisine, sphs, synthesise
 
@@ -57,7 +56,7 @@ def _minimise_peak(
         # Conjugate gradients: L-BFGS-B is no better here, and its threaded linear algebra stalls on a busy machine.
         options = {"maxiter": ITERATIONS}
         given = (lines, amplitudes, points, exponent)
-        phases = minimize(_log_norm, phases, given, method="CG", jac=True, options=options).x
+        phases = scipy.optimize.minimize(_log_norm, phases, given, method="CG", jac=True, options=options).x
     return phases
 
 

@@ -7,9 +7,8 @@ Schoukens 2012, ch. 9).
 from dataclasses import dataclass, fields
 
 import numpy as np
-from scipy import special
+import scipy
 
-from estimation import band_likelihood
 from estimation.bands import band_slices
 from estimation.normal import NOISELESS
 from estimation.periods import LineStatistics
@@ -79,6 +78,8 @@ def maximum_likelihood(
     Raises:
         ValueError: The mass is not positive.
     """
+    from estimation import band_likelihood  # with the compiler, whose import takes long
+
     mass = np.asarray(mass, dtype=float)
     if not np.all(mass > 0):
         raise ValueError(f"mass = {mass} kg must be positive; pass the moving mass or estimate it")
@@ -104,11 +105,11 @@ def maximum_likelihood(
     ends = np.full((len(masses), len(bands), 4), np.nan)
     band_likelihood.estimate(*data, statistics.periods, found)
     if intervals:
-        threshold = special.stdtrit(found[..., 6:8], (1 + level) / 2) ** 2 / 2 * found[..., 4:6]
+        threshold = scipy.special.stdtrit(found[..., 6:8], (1 + level) / 2) ** 2 / 2 * found[..., 4:6]
         band_likelihood.bounds(*data, found, threshold, ends)
     found, ends = found.reshape(*shape, len(bands), 14), ends.reshape(*shape, len(bands), 4)
     k, c, k_se, c_se, *_, cost, share, expected, freedom = np.moveaxis(found[..., :12], -1, 0)
-    fit_p = special.fdtrc(freedom, freedom * (statistics.periods - 1), cost / expected)
+    fit_p = scipy.special.fdtrc(freedom, freedom * (statistics.periods - 1), cost / expected)
     k_low, k_high, c_low, c_high = np.moveaxis(ends, -1, 0)
     informative = np.all(np.isfinite(ends), axis=-1)
     return BandEstimate(k, c, k_se, c_se, k_low, k_high, c_low, c_high, cost, fit_p, informative, share)

@@ -3,11 +3,8 @@
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import stats
-from scipy.ndimage import uniform_filter1d
-from scipy.optimize import OptimizeResult, brentq
-from scipy.optimize import least_squares as minimise
 
 from estimation.normal import NOISELESS
 from estimation.periods import LineStatistics
@@ -109,7 +106,7 @@ def global_fit(statistics: LineStatistics) -> GlobalFit:
     fit, ratio = _fit(f, y, w, noise, 0.0, start)
     freedom = 2 * f.size - 3
     extra = 0.0
-    if stats.f.sf(ratio, freedom, 2 * (statistics.periods - 1) * min(f.size, _POOL)) < 0.01:
+    if scipy.stats.f.sf(ratio, freedom, 2 * (statistics.periods - 1) * min(f.size, _POOL)) < 0.01:
         low, high = power * 1e-14, power
         path = [fit.x]
 
@@ -119,7 +116,7 @@ def global_fit(statistics: LineStatistics) -> GlobalFit:
             return np.log(at)
 
         if excess(np.log(low)) > 0:
-            root = brentq(excess, np.log(low), np.log(high), xtol=1e-3)
+            root = scipy.optimize.brentq(excess, np.log(low), np.log(high), xtol=1e-3)
             extra = np.exp(root)  # pyright: ignore[reportArgumentType, reportCallIssue]  # scipy's full_output=True
         fit, _ = _fit(f, y, w, noise, extra, path[-1])
     covariance = np.linalg.inv(fit.jac.T @ fit.jac) * 0.5
@@ -135,7 +132,10 @@ class _Noise:
 
 def _pooled(statistics: LineStatistics, a: str, b: str) -> NDArray[np.complex128]:
     c = np.asarray(statistics.cross(a, b), dtype=np.complex128)
-    return np.asarray(uniform_filter1d(c.real, _POOL) + 1j * uniform_filter1d(c.imag, _POOL), dtype=np.complex128)
+    return np.asarray(
+        scipy.ndimage.uniform_filter1d(c.real, _POOL) + 1j * scipy.ndimage.uniform_filter1d(c.imag, _POOL),
+        dtype=np.complex128,
+    )
 
 
 def _linear_start(f: NDArray[np.complex128], y: NDArray[np.complex128], w: np.ndarray) -> np.ndarray:
@@ -147,7 +147,7 @@ def _linear_start(f: NDArray[np.complex128], y: NDArray[np.complex128], w: np.nd
 
 def _fit(
     f: np.ndarray, y: np.ndarray, w: np.ndarray, noise: _Noise, extra: float, start: np.ndarray
-) -> tuple[OptimizeResult, float]:
+) -> "tuple[scipy.optimize.OptimizeResult, float]":
     """Levenberg-Marquardt search from `start` (k, c, m): the fit in SI units, and its residual over expected power."""
     # A record without noise keeps a weight.
     s_f = noise.force + NOISELESS * np.mean(np.abs(f) ** 2)
@@ -161,7 +161,7 @@ def _fit(
         r = (f - z * y) / np.sqrt(variance)
         return np.concatenate([r.real, r.imag])
 
-    fit = minimise(residual, start / scale, method="lm", xtol=1e-12, ftol=1e-12)
+    fit = scipy.optimize.least_squares(residual, start / scale, method="lm", xtol=1e-12, ftol=1e-12)
     ratio = 2 * fit.cost / (0.5 * (2 * f.size - 3))
     fit.x = fit.x * scale
     fit.jac = fit.jac / scale

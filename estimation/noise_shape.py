@@ -1,7 +1,7 @@
 """How a noise variance goes with frequency, from shapes that physics allows and a measured spread."""
 
 import numpy as np
-from scipy.optimize import nnls
+import scipy
 
 CLIPPED = 3.0  # multiple of the fitted shape at which a line's weight in the fit is clipped
 PASSES = 12
@@ -19,7 +19,9 @@ def noise_shape(own: np.ndarray, shapes: np.ndarray) -> np.ndarray:
     for _ in range(PASSES):  # weights from the fit itself, because a variance scatters in proportion to its size
         columns = shapes / scale
         norms = np.maximum(np.linalg.norm(columns, axis=1), _TINY)
-        shares, _ = nnls((columns / norms[:, None]).T, np.minimum(own / scale, CLIPPED))  # clipped against tones
+        shares, _ = scipy.optimize.nnls(
+            (columns / norms[:, None]).T, np.minimum(own / scale, CLIPPED)
+        )  # clipped against tones
         shape = np.maximum(shapes.T @ (shares / norms), _TINY)
         scale = shape
     return shape

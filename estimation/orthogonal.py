@@ -5,8 +5,8 @@ and Schoukens (System Identification, 2nd ed., 2012, ch. 2 and 3).
 """
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike, NDArray
-from scipy.linalg import hadamard
 
 from estimation.sphs import Multisine
 
@@ -33,7 +33,7 @@ def orthogonal_multisines(multisine: Multisine, axes: int = 2) -> tuple[tuple[Mu
     if axes < 1:
         raise ValueError("axes must be at least 1")
     if axes & (axes - 1) == 0:
-        shifts = np.angle(hadamard(axes))
+        shifts = np.angle(scipy.linalg.hadamard(axes))
     else:
         shifts = 2 * np.pi / axes * np.outer(np.arange(axes), np.arange(axes))
     return tuple(

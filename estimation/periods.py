@@ -4,9 +4,8 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-import scipy.fft
+import scipy
 from numpy.typing import NDArray
-from scipy import stats
 
 NEIGHBOURS = 8  # neighbouring lines that are tested for a transient together
 
@@ -156,12 +155,13 @@ def transient_periods(spectra: np.ndarray, level: float = 1e-3) -> int:
         if not usable.any():
             return first
         ratio = np.abs(spectra[first] - later.mean(axis=0))[usable] ** 2 / variance[usable]
-        fisher = -2 * stats.f.logsf(ratio, 2, 2 * (q - 1))
+        fisher = -2 * scipy.stats.f.logsf(ratio, 2, 2 * (q - 1))
         starts = np.arange(0, fisher.size, NEIGHBOURS)
         local = (
-            stats.chi2.sf(np.add.reduceat(fisher, starts), 2 * np.diff(starts, append=fisher.size)).min() * starts.size
+            scipy.stats.chi2.sf(np.add.reduceat(fisher, starts), 2 * np.diff(starts, append=fisher.size)).min()
+            * starts.size
         )
-        if 2 * min(stats.chi2.sf(fisher.sum(), 2 * fisher.size), local) > level:
+        if 2 * min(scipy.stats.chi2.sf(fisher.sum(), 2 * fisher.size), local) > level:
             return first
         first += 1
     return first

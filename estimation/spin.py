@@ -7,8 +7,8 @@ absorb the leakage of the lines into its harmonics, a bias of the order of 1 / (
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike
-from scipy.linalg import cho_factor, cho_solve
 
 CLOSEST = 0.1  # bins; at a smaller distance the noise of a line would rise more than 30-fold
 SPEED_STEPS = 20
@@ -51,11 +51,11 @@ def lines_beside_spin(
     n, count = np.size(frequency), samples.shape[-1]
     design = _design(tones, count, rate)
     # At this distance of the tones the normal equations are well conditioned and much faster than a QR decomposition.
-    normal = cho_factor(design.T @ design)
+    normal = scipy.linalg.cho_factor(design.T @ design)
     projected = samples @ design
-    found = cho_solve(normal, projected.reshape(-1, design.shape[1]).T).T.reshape(projected.shape)
+    found = scipy.linalg.cho_solve(normal, projected.reshape(-1, design.shape[1]).T).T.reshape(projected.shape)
     power = np.sum(samples**2, axis=-1) - np.sum(found * projected, axis=-1)
-    each = np.diag(cho_solve(normal, np.eye(design.shape[1])))[1:]
+    each = np.diag(scipy.linalg.cho_solve(normal, np.eye(design.shape[1])))[1:]
     variance = each[: tones.size] + each[tones.size :]
     complex_ = found[..., 1 : 1 + tones.size] - 1j * found[..., 1 + tones.size :]
     noise = np.maximum(power, 0.0)[..., None] / (count - design.shape[1]) * variance[:n]
@@ -80,12 +80,12 @@ def spin_speed(samples: ArrayLike, rate: float, frequency: ArrayLike, spin_hz: f
     for _ in range(SPEED_STEPS):
         _, tones = _checked(samples, rate, frequency, speed, harmonics)
         design = _design(tones, count, rate)
-        normal = cho_factor(design.T @ design)
-        found = cho_solve(normal, samples @ design)
+        normal = scipy.linalg.cho_factor(design.T @ design)
+        found = scipy.linalg.cho_solve(normal, samples @ design)
         cosines, sines = found[1 : 1 + tones.size][n:], found[1 + tones.size :][n:]
         cos, sin = design[:, 1 : 1 + tones.size][:, n:], design[:, 1 + tones.size :][:, n:]
         slope = 2 * np.pi * t * (cos @ (sines * orders) - sin @ (cosines * orders))
-        slope -= design @ cho_solve(normal, slope @ design)
+        slope -= design @ scipy.linalg.cho_solve(normal, slope @ design)
         step = (slope @ samples) / (slope @ slope)
         speed += step
         if not abs(speed - spin_hz) < rate / count / 2:

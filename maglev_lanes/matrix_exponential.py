@@ -3,7 +3,7 @@
 from functools import lru_cache
 
 import numpy as np
-from scipy import linalg
+import scipy
 
 
 def expm(matrices: np.ndarray) -> np.ndarray:
@@ -15,4 +15,4 @@ def expm(matrices: np.ndarray) -> np.ndarray:
 
 @lru_cache(maxsize=20_000)  # of at most some 20 x 20 doubles each
 def _one(raw: bytes, size: int) -> np.ndarray:
-    return linalg.expm(np.frombuffer(raw).reshape(size, size))
+    return scipy.linalg.expm(np.frombuffer(raw).reshape(size, size))

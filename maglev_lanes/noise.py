@@ -1,9 +1,11 @@
 """White noise by address: any sample or spectral line of any seed is computed without the ones before it."""
 
-import numba as nb
+from collections.abc import Callable
+from functools import cache
+
 import numpy as np
 
-from maglev_lanes.layout import FAST
+from maglev_lanes.compiled import compiled
 from maglev_lanes.pieces import piece
 
 _GOLDEN = np.uint64(0x9E3779B97F4A7C15)
@@ -28,17 +30,19 @@ def drawn(seed, count):
     return w * (_G1 + w2 * (_G3 + w2 * _G5))
 
 
-# For calls from Python. Kernels use the plain function `drawn`: a compiled function has another name in every process,
-# so that the disk cache would not find a kernel which refers to it.
-normal = nb.njit(fastmath=FAST, error_model="numpy", inline="always")(drawn)
+@cache
+def _pairs() -> Callable[..., None]:
+    sources = 0  # see `compiled`
 
+    def pairs(seeds, first, lines, out):
+        if sources == 0:
+            return
+        for i in range(seeds.size):
+            for j in range(lines.size):
+                count = first + np.uint64(2) * np.uint64(lines[j])
+                out[i, j] = complex(drawn(seeds[i], count + np.uint64(1)), drawn(seeds[i], count + np.uint64(2)))
 
-@nb.njit(cache=True, nogil=True)
-def _pairs(seeds, first, lines, out):
-    for i in range(seeds.size):
-        for j in range(lines.size):
-            count = first + np.uint64(2) * np.uint64(lines[j])
-            out[i, j] = complex(normal(seeds[i], count + np.uint64(1)), normal(seeds[i], count + np.uint64(2)))
+    return compiled(pairs)
 
 
 def line_noise(seeds: np.ndarray, rms: np.ndarray, period: int, samples: int, lines: np.ndarray) -> np.ndarray:
@@ -54,7 +58,7 @@ def line_noise(seeds: np.ndarray, rms: np.ndarray, period: int, samples: int, li
         lines: Lines.
     """
     out = np.empty((len(seeds), len(lines)), complex)
-    _pairs(np.ascontiguousarray(seeds), np.uint64(period) * np.uint64(samples + 2), np.asarray(lines, np.int64), out)
+    _pairs()(np.ascontiguousarray(seeds), np.uint64(period) * np.uint64(samples + 2), np.asarray(lines, np.int64), out)
     return out * (np.asarray(rms) * np.sqrt(2 / samples))[:, None]
 
 

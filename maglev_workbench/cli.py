@@ -4,6 +4,8 @@ Each name is a folder of `maglev_workbench.commands`, whose `command.py` has the
 function imports what it needs when it is called, so that `--help` is fast.
 """
 
+from typing import Annotated
+
 import typer
 
 from maglev_workbench.commands import add_commands
@@ -36,6 +38,23 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 add_commands(app, "maglev_workbench.commands", COMMANDS)
+
+
+def _show_version(wanted: bool) -> None:
+    if wanted:
+        from importlib.metadata import version
+
+        typer.echo(f"maglev-workbench {version('maglev-workbench')}")
+        raise typer.Exit
+
+
+@app.callback()
+def _options(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_show_version, is_eager=True, help="Print the version and exit.")
+    ] = False,
+) -> None:
+    pass
 
 
 if __name__ == "__main__":

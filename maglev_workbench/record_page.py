@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import plotly.graph_objects as go
+import scipy
 from plotly.subplots import make_subplots
-from scipy import signal
 
 from estimation.periods import line_statistics, period_spectra, split_periods
 from maglev_env.channels import MEASURED
@@ -73,7 +73,7 @@ def _density(dataset: "xr.Dataset") -> go.Figure:
     figure = make_subplots(rows=len(names), cols=1, shared_xaxes=True, vertical_spacing=0.03)
     for row, name in enumerate(names, 1):
         factor, unit = _unit(dataset, name)
-        f, power = signal.welch(dataset[name].values, rate, nperseg=length, detrend="linear")
+        f, power = scipy.signal.welch(dataset[name].values, rate, nperseg=length, detrend="linear")
         density = factor * np.sqrt(power[1:])
         figure.add_scatter(x=f[1:], y=density, row=row, col=1, name=name, line={"width": 1, "color": COLOURS[0]})
         figure.update_yaxes(title_text=f"{name}, {unit}/√Hz", type="log", exponentformat="power", row=row, col=1)

@@ -11,10 +11,8 @@ from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike
-from scipy.integrate import DOP853
-from scipy.linalg import expm
-from scipy.signal import place_poles
 
 from selfsense.coil import is_number
 
@@ -147,7 +145,7 @@ def sampled(a: np.ndarray, b: np.ndarray, rate: float) -> tuple[np.ndarray, np.n
     n, inputs = b.shape
     both = np.zeros((n + inputs, n + inputs))
     both[:n, :n], both[:n, n:] = a, b
-    step = expm(both / rate)
+    step = scipy.linalg.expm(both / rate)
     return step[:n, :n], step[:n, n:]
 
 
@@ -203,7 +201,7 @@ def levitate(
     a, b, _ = linear_model(first)
     t = first.time_scale
     poles = np.array([-0.5 / t, -0.75 / t, -1 / t - first.resistance / first.inductance])
-    feedback = place_poles(*sampled(a, b, rate), np.exp(poles / rate)).gain_matrix[0]  # pyright: ignore[reportAttributeAccessIssue]
+    feedback = scipy.signal.place_poles(*sampled(a, b, rate), np.exp(poles / rate)).gain_matrix[0]  # pyright: ignore[reportAttributeAccessIssue]
     x = np.moveaxis(np.broadcast_to(np.asarray(start, dtype=float), (*lanes, 3)), -1, 0).copy()
     atol = np.repeat(1e-9 * first.units, x[0].size)
     states, voltage = np.empty((3, *force.shape)), np.empty(force.shape)
@@ -221,7 +219,7 @@ def levitate(
             )
         states[..., n] = x
         voltage[..., n] = np.clip(-np.tensordot(feedback, x, 1), -supply, supply)
-        solver = DOP853(
+        solver = scipy.integrate.DOP853(
             partial(slope, volts=voltage[..., n], newtons=force[..., n]),
             0.0,
             x.ravel(),

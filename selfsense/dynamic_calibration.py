@@ -4,8 +4,8 @@ from dataclasses import dataclass
 from math import ceil
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike
-from scipy import stats
 
 from estimation.frequency_response import frequency_response
 from estimation.periods import LineStatistics, line_statistics, period_spectra, split_periods
@@ -162,7 +162,7 @@ def _calibrated(statistics: LineStatistics) -> DynamicCalibration:
     delay_se = np.sqrt(parts.sum()) / np.sum((weight * upright * np.exp(1j * w * delay)).real)
     # Satterthwaite: every line's variance has 2 (P - 1) degrees of freedom.
     freedom = 2 * (statistics.periods - 1) * parts.sum() ** 2 / max(np.sum(parts**2), np.finfo(float).tiny)
-    half = stats.t.ppf(0.975, max(freedom, 1.0)) * delay_se
+    half = scipy.stats.t.ppf(0.975, max(freedom, 1.0)) * delay_se
     lowest = slice(max(3, g.size // 100))
     gain = float(np.abs(np.mean((upright * np.exp(1j * w * delay))[lowest])))
     error = np.sqrt(variance)

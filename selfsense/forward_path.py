@@ -5,7 +5,7 @@ from functools import lru_cache
 from math import pi, sqrt
 
 import numpy as np
-from scipy.signal import bilinear
+import scipy
 
 from selfsense.coil import is_number
 
@@ -75,7 +75,7 @@ def low_pass_section(corner: float, rate: float) -> np.ndarray:
 @lru_cache(maxsize=256)  # hundreds of sensors share a few filters
 def tustin(numerator: tuple[float, ...], denominator: tuple[float, ...], rate: float) -> np.ndarray:
     """b0, b1, b2, a1, a2 of a filter of second order in s, highest power first, by Tustin's rule (D eq 6.22)."""
-    b, a = map(np.asarray, bilinear(numerator, denominator, rate))
+    b, a = map(np.asarray, scipy.signal.bilinear(numerator, denominator, rate))
     b = np.concatenate([np.zeros(3 - len(b)), b])
     section = np.array([*b, *a[1:]])
     section.flags.writeable = False

@@ -4,9 +4,9 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
+import scipy
 from filterpy.kalman import ExtendedKalmanFilter
 from numpy.typing import ArrayLike
-from scipy.linalg import expm
 
 from selfsense.averaged import CLOSEST, AveragedMagnet, jacobian, levitate, linear_model, slopes
 from selfsense.observer import checked_signals, design_observer, observe
@@ -54,7 +54,7 @@ def process_noise(magnet: AveragedMagnet, rate: float, force_noise: float, volta
     block = np.zeros((6, 6))
     block[:3, :3], block[3:, 3:] = -a, a.T
     block[1, 4], block[2, 5] = force_noise**2 / 2 / magnet.mass**2, voltage_noise**2 / 2 / magnet.inductance**2
-    e = expm(block / rate)
+    e = scipy.linalg.expm(block / rate)
     covariance = e[3:, 3:].T @ e[:3, 3:]
     return (covariance + covariance.T) / 2
 

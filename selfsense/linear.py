@@ -8,8 +8,8 @@ currents, saturation, dead time and limits of the estimate are left out; `simula
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike
-from scipy.optimize import brentq
 
 from selfsense.coil import Coil
 from selfsense.forward_path import response, unit_circle
@@ -298,7 +298,7 @@ def _converged(sensor: SelfSensor, integral: np.ndarray, amplitude: float, drive
             f"estimator: no gap in its range {low} .. {high} m has the coil's amplitude, {amplitude:.3g} A at a drive "
             f"of {drive}; correct its coil and voltage, or widen gap_range"
         )
-    return brentq(excess, low, high, xtol=1e-12)  # pyright: ignore[reportReturnType]  # full_output is False
+    return scipy.optimize.brentq(excess, low, high, xtol=1e-12)  # pyright: ignore[reportReturnType]  # full_output is False
 
 
 def _slopes(sections: Sections, rms: bool, current: np.ndarray) -> Slopes:

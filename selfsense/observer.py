@@ -6,8 +6,8 @@
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike
-from scipy.signal import place_poles
 
 from selfsense.averaged import AveragedMagnet, linear_model, observability, sampled
 
@@ -50,7 +50,7 @@ def design_observer(magnet: AveragedMagnet, rate: float, poles: ArrayLike) -> Ob
         raise ValueError("observer: the displacement leaves no trace in the current; it needs emf and stiffness")
     a, b, c = linear_model(magnet)
     transition, inputs = sampled(a, b, rate)
-    gain = place_poles(transition.T, c.T, np.exp(poles / rate)).gain_matrix.T  # pyright: ignore[reportAttributeAccessIssue]
+    gain = scipy.signal.place_poles(transition.T, c.T, np.exp(poles / rate)).gain_matrix.T  # pyright: ignore[reportAttributeAccessIssue]
     return Observer(transition - gain @ c, inputs[:, 0], gain[:, 0])
 
 

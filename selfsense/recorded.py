@@ -6,9 +6,8 @@ from functools import cache
 from typing import Literal
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike
-from scipy.ndimage import uniform_filter1d
-from scipy.signal import lfilter
 
 from maglev_lanes.compiled import compiled
 from maglev_lanes.layout import LANES, row
@@ -190,12 +189,13 @@ def _noise_only(
     window = max(round(8 * rate / frequency), 64)
     mixer = np.exp(-2j * np.pi * frequency / rate * np.arange(current.size))
     ripple, switching = (
-        2 * np.abs(uniform_filter1d((x - uniform_filter1d(x, window)) * mixer, window)) for x in (current, volts)
+        2 * np.abs(scipy.ndimage.uniform_filter1d((x - scipy.ndimage.uniform_filter1d(x, window)) * mixer, window))
+        for x in (current, volts)
     )
     before, ((*b, a1, a2),) = path.sections(rate)
     gain = np.abs(response(before, np.exp(2j * np.pi * frequency / rate)))
     expected = ripple * gain * (1 / np.sqrt(2) if path.rms else 2 / np.pi)
-    expected = lfilter(b, [1, a1, a2], expected)  # delayed as much as the amplitude
+    expected = scipy.signal.lfilter(b, [1, a1, a2], expected)  # delayed as much as the amplitude
     return (expected < 0.5 * amplitude) | (switching < 0.05 * np.abs(volts).max())
 
 

@@ -10,12 +10,11 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
-from scipy import special
+import scipy
 
 from estimation.bands import band_slices
 from estimation.max_likelihood import BandEstimate, maximum_likelihood
 from estimation.periods import LineStatistics
-from estimation.xy import planar_likelihood
 from estimation.xy.planar_lines import CHANNELS, Mass, PlanarLines, checked_masses, equation_rows, planar_lines
 
 CONDITION_LIMIT = 30.0  # Belsley, Kuh and Welsch 1980: above this condition number collinearity does harm
@@ -241,7 +240,7 @@ def _collinearity(lines: PlanarLines, moments: np.ndarray, noise: np.ndarray) ->
         periods_alike = own.sum(axis=1) ** 2 / (own**2 / periods).sum(axis=1)
     upper = 2 * np.fmin(lines_alike, len(periods)).min(axis=-1)
     lower = 2 * np.fmin(periods_alike, (periods - 1).sum()).min(axis=-1)
-    passing = special.fdtri(upper, lower, 1 - _NOISE_LEVEL)
+    passing = scipy.special.fdtri(upper, lower, 1 - _NOISE_LEVEL)
     condition, factors = np.full(len(moments), np.nan), np.full((len(moments), 4), np.nan)
     some = np.asarray(np.isfinite(moments).all((1, 2)) & np.isfinite(noise).all((1, 2)))
     condition[some], factors[some] = np.inf, np.inf
@@ -262,13 +261,15 @@ def _search(
     lines: PlanarLines, masses: np.ndarray, starts: np.ndarray, level: float | None
 ) -> tuple[np.ndarray, np.ndarray]:
     """Output of `planar_likelihood.estimate` (lanes, 35), and the bounds (lanes, 8, 2), nan without a level."""
+    from estimation.xy import planar_likelihood  # with the compiler, whose import takes long
+
     u, own, pooled = (np.ascontiguousarray(a) for a in (lines.u, lines.own, lines.per_record(lines.own)))
     rest = (lines.record, lines.w, masses)
     found, inverses = np.empty((len(masses), 35)), np.empty((len(masses), 8, 8))
     planar_likelihood.estimate(u, pooled, own, *rest, lines.periods, starts, found, inverses)
     ends = np.full((len(masses), 8, 2), np.nan)
     if level is not None:
-        threshold = special.stdtrit(found[:, 24:32], (1 + level) / 2) ** 2 / 2 * found[:, 16:24]
+        threshold = scipy.special.stdtrit(found[:, 24:32], (1 + level) / 2) ** 2 / 2 * found[:, 16:24]
         planar_likelihood.bounds(u, pooled, *rest, found, inverses, threshold, ends)
     return found, ends
 
@@ -301,4 +302,4 @@ def _fit_p(found: np.ndarray, count: np.ndarray, periods: np.ndarray) -> np.ndar
         ratio = variance / mean.sum(-1) ** 2 * freedom
         second_freedom = (2 * freedom - 4 + 4 * ratio) / (ratio - 2)
         scaled = cost / expected * (freedom / 2) / mean.sum(-1) * second_freedom / (second_freedom - 2)
-    return np.where((inner > 3).all(-1), special.fdtrc(freedom, second_freedom, scaled), np.nan)
+    return np.where((inner > 3).all(-1), scipy.special.fdtrc(freedom, second_freedom, scaled), np.nan)

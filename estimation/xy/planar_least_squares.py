@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import special
+import scipy
 
 from estimation.periods import LineStatistics
 from estimation.xy.planar_lines import Mass, checked_masses, equation_rows, planar_lines
@@ -86,7 +86,7 @@ def planar_least_squares(records: Sequence[LineStatistics], bands: np.ndarray, m
         r2[ok, b] = 1 - rss / ((target - target.mean(axis=1, keepdims=True)) ** 2).sum(axis=1)
         adjusted[ok, b] = 1 - (1 - r2[ok, b]) * (rows - 1) / freedom
         condition[ok, b] = np.where(rank.all(-1), spread[:, 0] / spread[:, -1], np.inf)
-        limit[b] = special.stdtrit(freedom, 0.975)
+        limit[b] = scipy.special.stdtrit(freedom, 0.975)
     with np.errstate(divide="ignore", invalid="ignore"):  # an exact fit has no standard error
         t = values / errors
     parts = []

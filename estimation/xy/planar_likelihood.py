@@ -35,6 +35,13 @@ def _line(u, n, w, m, t):
 
 
 @_compiled
+def _copy(values, to):
+    """Eight numbers one by one: for arrays, whose shapes could differ, the compiler needs seconds."""
+    for j in range(8):
+        to[j] = values[j]
+
+
+@_compiled
 def _solved(s11, s12, s22, a, b):
     """S^-1 (a, b)."""
     scale = 1.0 / (s11 * s22 - s12.real * s12.real - s12.imag * s12.imag)
@@ -145,11 +152,11 @@ def _minimise(u, noise, record, w, m, t, held, tolerance):
             expected = 0.0
             for j in range(8):
                 expected -= g[j] * step[j]
-            step += t
+                step[j] += t[j]
             trial = _cost(u, noise, record, w, m, step)
             if trial <= cost:
                 gain = cost - trial
-                t[:] = step
+                _copy(step, t)
                 cost, fresh = trial, True
                 # Converged when a full step gains as much as the quadratic model predicts.
                 if gain <= tolerance or (damp <= 1e-6 and abs(gain - expected) <= tolerance):
@@ -184,9 +191,10 @@ def _bound(u, noise, record, w, m, best, cost0, j, threshold, start, ridge):
             trial[j] = best[j] + step
             cost = _cost(u, noise, record, w, m, trial)
             if cost < least:
-                least, t[:] = cost, trial
+                least = cost
+                _copy(trial, t)
         cost = _minimise(u, noise, record, w, m, t, j, _ROUGH)
-        last[:] = t
+        _copy(t, last)
         before = step
         g = np.sqrt(max(cost - cost0, 0.0) / threshold) - 1.0
         if abs(g) < 1e-3:
@@ -309,7 +317,8 @@ def estimate(u, noise, own, record, w, mass, periods, starts, out, inverses):
             if cost < best:
                 best, t = cost, trial
         o = out[lane]
-        o[:8], o[32] = t, best
+        _copy(t, o)
+        o[32] = best
         # Values for an optimum that ran to infinity: it is unknown, and no interval is bounded.
         o[8:16], o[16:32], inverses[lane] = np.inf, 1.0, 0.0
         o[33], o[34] = 2.0 * w.size - 4.0, 4.0 * w.size - 8.0
@@ -320,7 +329,7 @@ def estimate(u, noise, own, record, w, mass, periods, starts, out, inverses):
             g[j] = -1.0
             regular = regular and _newton(g, h, scale, 0.0, none, a, x)
             if regular:
-                inverses[lane, j] = x
+                _copy(x, inverses[lane, j])
         if regular:
             _spread(u[lane], noise[lane], own[lane], record, w, mass[lane], t, inverses[lane], periods, o)
 

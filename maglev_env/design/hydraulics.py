@@ -9,7 +9,7 @@ from dataclasses import dataclass, fields
 from math import atan, cos, pi, radians, tan
 
 import numpy as np
-from scipy.optimize import minimize
+import scipy
 
 from selfsense.coil import is_number
 
@@ -190,7 +190,7 @@ def least_speed(pump: Pump, pressure: float, rotor_inlet_limit: float, stator_in
 
     low = np.array([1e-3, standing + 1e-3])
     tried = [
-        minimize(
+        scipy.optimize.minimize(
             lambda x: at(x).blade_velocity / most.blade_velocity,
             x0=low + share * (1 - low),
             method="SLSQP",

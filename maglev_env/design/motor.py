@@ -7,8 +7,7 @@ and the winding's inductance is left out: R A + E is the voltage of a phase.
 from dataclasses import dataclass, fields
 from math import cos, pi, sqrt
 
-from scipy.integrate import quad
-from scipy.optimize import brentq
+import scipy
 
 from selfsense.coil import is_number
 
@@ -111,7 +110,7 @@ class Motor:
     def top_speed(self) -> float:
         """The speed (rad/s) at which the drag uses all available torque; without drag the no-load speed."""
         no_load = self.phase_voltage / self.back_emf(1.0)
-        return float(brentq(self._net, 0.0, no_load, xtol=1e-12 * no_load))
+        return float(scipy.optimize.brentq(self._net, 0.0, no_load, xtol=1e-12 * no_load))
 
     def spin_up_time(self, to_rpm: float, inertia: float) -> float:
         """Time (s) from rest to a speed (rev/min) at the greatest torque, for a rotor of `inertia` (kg m2).
@@ -127,7 +126,10 @@ class Motor:
         # The torque has a kink where the supply begins to limit it; quadrature is exact on either side.
         left = self.phase_voltage - self.winding_resistance * self.current_limit
         bend = min(max(left / self.back_emf(1.0), 0.0), speed)
-        parts = [quad(lambda w: 1 / self._net(w), *ends, epsrel=1e-10)[0] for ends in ((0.0, bend), (bend, speed))]
+        parts = [
+            scipy.integrate.quad(lambda w: 1 / self._net(w), *ends, epsrel=1e-10)[0]
+            for ends in ((0.0, bend), (bend, speed))
+        ]
         return inertia * sum(parts)
 
     def _net(self, speed: float) -> float:

@@ -6,8 +6,8 @@ D 3.5.3 gives two readings: 22 C at the start and 40 C after two hours at 14,000
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike, NDArray
-from scipy.optimize import curve_fit
 
 from selfsense.coil import is_number
 
@@ -86,7 +86,7 @@ def fit_rise(time: ArrayLike, temperature: ArrayLike, ambient: float) -> tuple[f
     span = t.max()
     at_end = rise[t.argmax()]
     # tau in spans and the rise at the end of the record keep both unknowns near 1 and hardly correlated
-    (end, tau), _ = curve_fit(
+    (end, tau), _ = scipy.optimize.curve_fit(
         lambda x, end, tau: end * np.expm1(-x / tau) / np.expm1(-1 / tau),
         t / span,
         rise,

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 from itertools import chain, islice
 
 import numpy as np
-import scipy.fft
+import scipy
 
 from estimation.periods import LineStatistics, line_statistics
 from maglev_env.rig.excitation import lines_at

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 
 import numpy as np
-import scipy.fft
+import scipy
 
 from maglev_env.experiment import sampling
 from maglev_env.kernel.driven import Drive, Driven, driven

@@ -8,8 +8,7 @@ from dataclasses import dataclass, replace
 from itertools import product
 
 import numpy as np
-from scipy.linalg import expm, schur
-from scipy.linalg.lapack import dgebal
+import scipy
 
 from estimation.periods import LineStatistics
 from maglev_env.channels import SPECTRAL
@@ -231,7 +230,7 @@ def _discrete(experiment: Experiment, m: np.ndarray) -> tuple[np.ndarray, ...]:
     dt, axes = 1 / experiment.rig.control_rate, experiment.rig.axes
     n = len(m) - 2 * axes
     _, switch = split_delay(experiment.effects, dt)
-    first, second = expm(m * switch) if switch else np.eye(len(m)), expm(m * (dt - switch))
+    first, second = scipy.linalg.expm(m * switch) if switch else np.eye(len(m)), scipy.linalg.expm(m * (dt - switch))
     whole = second @ first
     b_old = second[:n, :n] @ first[:n, n + axes :]
     return whole[:n, :n], whole[:n, n : n + axes], b_old, second[:n, n + axes :]
@@ -243,8 +242,10 @@ def _resolvent(a: np.ndarray, rows: np.ndarray, z: np.ndarray) -> np.ndarray:
     A Schur decomposition makes A triangular once, so that each frequency needs a back substitution only; unlike an
     eigendecomposition it is accurate for any A.
     """
-    a, _, _, scale, _ = dgebal(a, scale=1)  # balancing: states of very different size would lose accuracy
-    triangular, basis = schur(a, output="complex")
+    a, _, _, scale, _ = scipy.linalg.lapack.dgebal(
+        a, scale=1
+    )  # balancing: states of very different size would lose accuracy
+    triangular, basis = scipy.linalg.schur(a, output="complex")
     wanted = (rows * scale) @ basis
     solved = np.empty((len(a), len(z), len(rows)), complex)
     for j in range(len(a)):

@@ -5,7 +5,7 @@ from math import exp
 from typing import Any, Literal
 
 import numpy as np
-from scipy.signal import lfilter, ss2tf
+import scipy
 
 from maglev_env.fields import is_number
 from maglev_env.loop.axes import AXES
@@ -170,9 +170,11 @@ def controller_output(
     if isinstance(own, LinearController):
         return own.output((reference, -displacement, None if current is None else -current))
     a, b, c, d = state_space(own, dt)
-    numerator, denominator = ss2tf(a, b[:, None], c[None], np.array([[d]]))
+    numerator, denominator = scipy.signal.ss2tf(a, b[:, None], c[None], np.array([[d]]))
     return np.asarray(
-        lfilter(numerator[0], denominator, -displacement if reference is None else reference - displacement)
+        scipy.signal.lfilter(
+            numerator[0], denominator, -displacement if reference is None else reference - displacement
+        )
     )
 
 

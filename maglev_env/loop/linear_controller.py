@@ -6,7 +6,7 @@ from operator import mul
 from typing import Literal
 
 import numpy as np
-from scipy.signal import lfilter
+import scipy
 
 from maglev_env.fields import is_number
 
@@ -106,9 +106,11 @@ class LinearController:
         Args:
             inputs: reference, negative reading and negative current, (samples,) each; None: zeros.
         """
-        forward = np.sum([lfilter(b, 1.0, x) for b, x in zip(self.numerators, inputs, strict=True) if x is not None], 0)
+        forward = np.sum(
+            [scipy.signal.lfilter(b, 1.0, x) for b, x in zip(self.numerators, inputs, strict=True) if x is not None], 0
+        )
         if self.limit is None:
-            return np.asarray(lfilter([1.0], self.denominator, forward))
+            return np.asarray(scipy.signal.lfilter([1.0], self.denominator, forward))
         (low, high), n = self.limit, self.order
         # Coefficients of the last n commands before and behind the limit, the oldest first.
         before, behind = (np.array(self.denominator) + self.cut)[:0:-1].tolist(), self.cut[:0:-1].tolist()

@@ -3,8 +3,7 @@
 from collections.abc import Mapping
 
 import numpy as np
-import scipy.fft
-from scipy.signal import lfilter
+import scipy
 
 SLOWEST = 4.0  # periods in a record: slower motion than this cannot be told from the drift of an accelerometer
 
@@ -45,4 +44,4 @@ def coil_current(voltage: np.ndarray, rate: float, resistance: float, inductance
     decay = np.exp(-resistance / inductance / rate)
     steady = voltage / resistance
     before = np.concatenate([steady[:1], steady[:-1]])
-    return lfilter([1 - decay], [1.0, -decay], before, zi=[decay * steady[0]])[0]
+    return scipy.signal.lfilter([1 - decay], [1.0, -decay], before, zi=[decay * steady[0]])[0]

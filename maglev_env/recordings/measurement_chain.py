@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 
 import numpy as np
-import scipy.fft
+import scipy
 
 LARGEST_GAIN = 30.0  # of the correction: beyond it, a low-pass has left nothing but noise
 

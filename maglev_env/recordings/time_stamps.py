@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.interpolate import Akima1DInterpolator
+import scipy
 
 STEP_TOLERANCE = 0.01  # of a step: a clock as regular as this is taken as it stands
 MEAN_RATE_TOLERANCE = 1e-4
@@ -67,7 +67,11 @@ class Clock:
 def at_steps(instants: np.ndarray, values: np.ndarray) -> np.ndarray:
     """Values (samples,) at instants (samples,) in steps, at 0, 1, 2, ... steps up to the last instant."""
     grid = np.arange(int(np.floor(instants[-1] + 1e-9)) + 1)
-    return np.asarray(Akima1DInterpolator(instants, values, method="makima")(np.clip(grid, instants[0], instants[-1])))
+    return np.asarray(
+        scipy.interpolate.Akima1DInterpolator(instants, values, method="makima")(
+            np.clip(grid, instants[0], instants[-1])
+        )
+    )
 
 
 def check_clock(time: np.ndarray, rate: float) -> Clock:

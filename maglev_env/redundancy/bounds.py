@@ -1,7 +1,7 @@
 """What no rotor and no loop can do: move farther than its clearance, or suppress disturbances at every frequency."""
 
 import numpy as np
-from scipy import stats
+import scipy
 
 from estimation.frequency_response import pooled_variance
 from maglev_env.channels import unit_of
@@ -165,7 +165,7 @@ def _apart(off: np.ndarray, level: float, least: float, unit: str) -> tuple[str,
     """Code, words and size of a difference (samples,) that should be zero: a drift above `least`, or a mean above
     `level`; None where it is neither."""
     parts = np.array([part.mean() for part in np.array_split(off, PARTS)])
-    drift, _, _, _, se = stats.linregress(np.linspace(-0.5, 0.5, PARTS), parts)
+    drift, _, _, _, se = scipy.stats.linregress(np.linspace(-0.5, 0.5, PARTS), parts)
     mean, drift = float(parts.mean()), float(drift)
     if abs(drift) > max(least, LEVEL * se, abs(mean)):
         return "drift", f"drift apart, by {drift:.3g} {unit} over the recording", drift

@@ -4,7 +4,7 @@ Only lines count at which the mass dominates: there the stiffness, which effects
 """
 
 import numpy as np
-import scipy.fft
+import scipy
 
 from maglev_env.loop.magnets.kinds import force_law
 from maglev_env.loop.magnets.law import linearise

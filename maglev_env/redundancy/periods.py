@@ -3,7 +3,7 @@
 from itertools import pairwise
 
 import numpy as np
-from scipy import stats
+import scipy
 
 from estimation.periods import period_spectra
 from maglev_env.channels import unit_of
@@ -161,7 +161,7 @@ def drifts(view: View) -> list[Finding]:
         if name not in view.recorded or name not in lines.parts:
             continue
         means = blocks[kept, i].mean(axis=1)
-        slope, _, _, p, se = stats.linregress(kept, means)
+        slope, _, _, p, se = scipy.stats.linregress(kept, means)
         if not (p < LEVEL and slope):
             continue
         parts = lines.parts[name]

@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from scipy.ndimage import uniform_filter1d
+import scipy
 
 REACH, STEP = 26.0, 0.5  # samples: delays that are searched, and the grid on which they are
 FINE, FINEST = 25, 1e-3  # points of each of the finer grids, and the last one's width in steps of the first
@@ -212,7 +212,7 @@ def _turns(delays: np.ndarray, w: np.ndarray) -> np.ndarray:
 
 def _local(rest: np.ndarray) -> np.ndarray:
     """Residual power (s, n), averaged over segments and neighbouring bins."""
-    return np.broadcast_to(uniform_filter1d((np.abs(rest) ** 2).mean(axis=0), NEIGHBOURS), rest.shape)
+    return np.broadcast_to(scipy.ndimage.uniform_filter1d((np.abs(rest) ** 2).mean(axis=0), NEIGHBOURS), rest.shape)
 
 
 def _common(out: np.ndarray, rest: np.ndarray, weight: np.ndarray) -> float:

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import scipy.fft
+import scipy
 
 from estimation.max_likelihood import maximum_likelihood
 from estimation.periods import LineStatistics, line_statistics

@@ -6,7 +6,7 @@ The complex notation of isotropic rotors (Genta 2005; Schweitzer and Maslen 2009
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import block_diag, expm
+import scipy
 
 from maglev_env.loop.gains import Gains, controller_response, state_space
 from maglev_env.loop.magnets.law import linearise
@@ -131,7 +131,7 @@ def continuous(rotor: Rotor, speed: float) -> np.ndarray:
 def sampled(rotor: Rotor, speed: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """A (16, 16), B (16, 4) from held commands, C (4, 16) to readings, over one control sample at speed (rad/s)."""
     rates = continuous(rotor, speed)
-    whole = expm(np.vstack([rates, np.zeros((8, 24))]) / rotor.axis.control_rate)
+    whole = scipy.linalg.expm(np.vstack([rates, np.zeros((8, 24))]) / rotor.axis.control_rate)
     return whole[:16, :16], whole[:16, 16:20], np.eye(16)[8:12]
 
 
@@ -140,8 +140,8 @@ def closed_loop_poles(rotor: Rotor, speed: float = 0.0) -> np.ndarray:
     a, b, c = sampled(rotor, speed)
     into, out = control_matrices(rotor)
     parts = [state_space(g, 1 / rotor.axis.control_rate) for g in controllers(rotor)]
-    ka, kb = block_diag(*(p[0] for p in parts)), block_diag(*(p[1][:, None] for p in parts))
-    kc, kd = block_diag(*(p[2][None] for p in parts)), np.diag([p[3] for p in parts])
+    ka, kb = scipy.linalg.block_diag(*(p[0] for p in parts)), scipy.linalg.block_diag(*(p[1][:, None] for p in parts))
+    kc, kd = scipy.linalg.block_diag(*(p[2][None] for p in parts)), np.diag([p[3] for p in parts])
     read = into @ c
     return np.linalg.eigvals(np.block([[a - b @ out @ kd @ read, b @ out @ kc], [-kb @ read, ka]]))
 

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.optimize import brentq
+import scipy
 
 from maglev_env.design.motor import Motor
 from maglev_env.design.thermal import ThermalMass
@@ -168,7 +168,9 @@ class Touchdown(_Checked):
         r = self.restitution
         if r == 1.0:
             return 0.0
-        a = brentq(lambda a: log1p(a) - a - log1p(-r * a) - r * a, 1e-3 * (1 - r), (1 - 1e-12) / r, xtol=1e-14)
+        a = scipy.optimize.brentq(
+            lambda a: log1p(a) - a - log1p(-r * a) - r * a, 1e-3 * (1 - r), (1 - 1e-12) / r, xtol=1e-14
+        )
         return a / self.speed  # pyright: ignore[reportOperatorIssue]  # full_output is False
 
 

@@ -20,7 +20,9 @@ import time
 import traceback
 from collections import Counter
 from dataclasses import asdict, dataclass
+from importlib import import_module
 from pathlib import Path
+from pkgutil import walk_packages
 
 import numpy as np
 from fuzz_inputs import case, prepare
@@ -140,6 +142,16 @@ def fuzz(count: int, seed: int, limit: float, share: tuple[int, int] = (0, 1), s
     return calls
 
 
+def preload() -> None:
+    """Import what commands import when they are called: each call is a copy of this process and need not again."""
+    for package in ("maglev_workbench", "tuning", "sim2real"):
+        for module in walk_packages(import_module(package).__path__, f"{package}."):
+            if not module.name.endswith("__main__"):
+                import_module(module.name)
+    for name in ("special", "linalg", "optimize", "signal", "stats", "ndimage", "interpolate", "integrate"):
+        import_module(f"scipy.{name}")
+
+
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("count", nargs="?", type=int, default=300)
@@ -149,6 +161,7 @@ def main() -> int:
     parser.add_argument("--out", type=Path)
     parser.add_argument("--only", type=int)
     asked = parser.parse_args()
+    preload()
     if asked.only is not None:
         with tempfile.TemporaryDirectory(prefix="fuzz-", ignore_cleanup_errors=True) as scratch:
             sound = Path(scratch, "sound")

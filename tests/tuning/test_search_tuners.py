@@ -64,7 +64,7 @@ def test_what_goes_wrong_in_the_search_reaches_who_asks(monkeypatch):
     def fails(*_, **__):
         raise TypeError("no argument rng")
 
-    monkeypatch.setattr("tuning.search.evolution.differential_evolution", fails)
+    monkeypatch.setattr("scipy.optimize.differential_evolution", fails)
     with pytest.raises(TypeError, match="no argument rng"):
         DifferentialEvolution(2, 0).ask(1)
 

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.ndimage import median_filter
+import scipy
 
 from estimation.frequency_response import frequency_response, pooled_variance
 from estimation.max_likelihood import maximum_likelihood
@@ -202,7 +202,7 @@ def _known(curve: Response | None) -> Response | None:
     if curve is None:
         return None
     doubt = np.sqrt(curve.variance) / np.abs(curve.value)
-    told = np.concatenate([[False], median_filter(doubt, SMOOTH, mode="nearest") < KNOWN, [False]])
+    told = np.concatenate([[False], scipy.ndimage.median_filter(doubt, SMOOTH, mode="nearest") < KNOWN, [False]])
     edges = np.flatnonzero(np.diff(told.astype(int))).reshape(-1, 2)
     if not edges.size:
         return None

@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.optimize import least_squares
+import scipy
 
 from maglev_env.experiment import Experiment
 from maglev_env.linear.loop import loop_response
@@ -112,7 +112,9 @@ def fit_rig(rig: Rig, sets: Sequence[GainSet]) -> IdentifiedRig:
     most = np.append(np.full(len(names) - 1, np.log(FACTORS)), _most_delay(rig))
     least = np.append(-most[:-1], 0.0)
     start = np.append(np.zeros(len(names) - 1), max(own_delay, 0.2))  # inside the bounds
-    found = least_squares(residuals, start, bounds=(least, most), x_scale=prior, diff_step=1e-5, max_nfev=40)
+    found = scipy.optimize.least_squares(
+        residuals, start, bounds=(least, most), x_scale=prior, diff_step=1e-5, max_nfev=40
+    )
     data = found.fun[: -len(names)]
     misfit = float(data @ data / max(data.size - len(names), 1))
     covariance = np.linalg.inv(found.jac.T @ found.jac) * max(1.0, misfit)

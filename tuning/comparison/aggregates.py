@@ -6,7 +6,7 @@ and a new rig is of interest, so whole rigs are resampled with all their repeats
 """
 
 import numpy as np
-from scipy.stats import norm, t, trim_mean
+import scipy
 
 RESAMPLES = 2000
 LEVEL = 0.95  # of the intervals
@@ -24,7 +24,11 @@ def median(values: np.ndarray, draws: np.ndarray) -> np.ndarray:
 
 def interquartile_mean(values: np.ndarray, draws: np.ndarray) -> np.ndarray:
     """Mean of the middle half of all values (rigs, repeats) and the ends of its interval, (3,)."""
-    return _with_ends(trim_mean(values.ravel(), 0.25), trim_mean(_drawn(values, draws), 0.25, axis=1), len(values))
+    return _with_ends(
+        scipy.stats.trim_mean(values.ravel(), 0.25),
+        scipy.stats.trim_mean(_drawn(values, draws), 0.25, axis=1),
+        len(values),
+    )
 
 
 def performance_profile(values: np.ndarray, thresholds: np.ndarray, draws: np.ndarray) -> np.ndarray:
@@ -66,5 +70,5 @@ def _with_ends(value: np.ndarray, redrawn: np.ndarray, rigs: int) -> np.ndarray:
     """
     if rigs < 2:
         return np.stack([value, np.full_like(value, np.nan), np.full_like(value, np.nan)])
-    tail = norm.cdf(-np.sqrt(rigs / (rigs - 1)) * t.ppf((1 + LEVEL) / 2, rigs - 1))
+    tail = scipy.stats.norm.cdf(-np.sqrt(rigs / (rigs - 1)) * scipy.stats.t.ppf((1 + LEVEL) / 2, rigs - 1))
     return np.stack([value, *np.percentile(redrawn, (100 * tail, 100 * (1 - tail)), axis=0)])

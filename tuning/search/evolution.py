@@ -4,7 +4,7 @@ from queue import Queue
 from threading import Thread
 
 import numpy as np
-from scipy.optimize import differential_evolution
+import scipy
 
 from tuning.tuner import Trials
 
@@ -64,7 +64,7 @@ class DifferentialEvolution:
 
         try:
             while True:
-                differential_evolution(
+                scipy.optimize.differential_evolution(
                     objective, bounds, popsize=population, rng=rng, vectorized=True, updating="deferred", polish=False,
                     maxiter=10_000, x0=start,
                 )  # fmt: skip

@@ -3,7 +3,7 @@
 import warnings
 
 import numpy as np
-from scipy.stats import qmc
+import scipy
 
 from tuning.tuner import Trials
 
@@ -12,7 +12,7 @@ class Sobol:
     """Scrambled Sobol points of [-1, 1]^k (Owen 1998), without end."""
 
     def __init__(self, dimension: int, seed: int) -> None:
-        self._engine = qmc.Sobol(dimension, rng=np.random.default_rng(seed))
+        self._engine = scipy.stats.qmc.Sobol(dimension, rng=np.random.default_rng(seed))
 
     def ask(self, n: int) -> np.ndarray:
         with warnings.catch_warnings():  # cutting a power of two short loses balance, not the spread of the points

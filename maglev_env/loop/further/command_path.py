@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 
 import numpy as np
-from scipy.special import ndtri
+import scipy
 
 from maglev_env.loop import external
 from maglev_env.loop.card import EffectCard, Parameter
@@ -57,7 +57,9 @@ def fill(x: LaneRows, values: Values, h: np.ndarray, axis: int) -> None:
     probability, noisy = values.effect("dropped_samples"), values.noise > 0
     x[HALF_WIDTH], x[ROUND_SQ] = values.effect("deadband"), values.effect("deadband", "rounding") ** 2
     x[REPEATED] = np.where(noisy, 0.0, probability)
-    x[LOST] = np.where(noisy & (probability > 0), ndtri(np.where(probability > 0, probability, 0.5)), NEVER)
+    x[LOST] = np.where(
+        noisy & (probability > 0), scipy.special.ndtri(np.where(probability > 0, probability, 0.5)), NEVER
+    )
 
 
 @piece

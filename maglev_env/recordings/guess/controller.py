@@ -4,8 +4,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import minimize
-from scipy.signal import lfilter
+import scipy
 
 from maglev_env.loop.gains import Gains
 
@@ -135,7 +134,7 @@ def _fit(
         for part, constant in (("d", td), ("i", ti)):
             if part in parts:
                 a = np.exp(-1 / constant)
-                low = lfilter([0.0, 1 - a], [1.0, -a], moved)
+                low = scipy.signal.lfilter([0.0, 1 - a], [1.0, -a], moved)
                 # Beside the part itself: what its filter held when the record began.
                 found += [moved - low if part == "d" else low, a**n]
         return np.stack(found, axis=1)
@@ -162,7 +161,7 @@ def _search(residual: Callable[[float, float], float], parts: str) -> tuple[floa
     found = []
     for _, td, ti in grid[:2]:
         start = np.log([td, ti])
-        result = minimize(
+        result = scipy.optimize.minimize(
             lambda p: np.log(residual(*np.exp(np.clip(p, -3, 14))) + 1e-300),
             start,
             method="Nelder-Mead",

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.fft import next_fast_len
+import scipy
 
 _MOST = 1 << 20  # samples that are looked at
 _LEAST = 0.8  # correlation of a signal with itself one period later
@@ -43,7 +43,7 @@ def period_of(values: np.ndarray) -> tuple[int, float] | None:
     n, power = values.size, float(values @ values)
     if n < 16 or not power > 0:
         return None
-    size = next_fast_len(2 * n, real=True)
+    size = scipy.fft.next_fast_len(2 * n, real=True)
     spectrum = np.fft.rfft(values, size)
     products = np.fft.irfft(np.abs(spectrum) ** 2, size)[: n // 2 + 1]
     # The powers of both overlapping parts, so that a stretch of rest at one end does not look like a repetition.

@@ -1,7 +1,7 @@
 """The kind of a signal that does not repeat, in words: steps, a chirp, noise, or rest."""
 
 import numpy as np
-from scipy.signal import spectrogram
+import scipy
 
 from maglev_env.recordings.guess.behaviour import correlation, steps_in
 
@@ -28,7 +28,7 @@ def shape_of(values: np.ndarray, rate: float | None) -> tuple[str, str]:
         return "steps", f"{count} changes between {levels} levels, constant between them"
     unit = "Hz" if rate else "cycles a sample"
     length = max(16, values.size // _SEGMENTS)
-    frequency, _, power = spectrogram(
+    frequency, _, power = scipy.signal.spectrogram(
         values - values.mean(), rate or 1.0, nperseg=length, noverlap=0, detrend="constant"
     )
     strongest = power.argmax(axis=0)

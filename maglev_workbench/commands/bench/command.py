@@ -20,15 +20,16 @@ def bench(
     json_file: JsonOption = None,
 ) -> None:
     """Measure speed and memory of simulator and estimators, and of references in the same run; about two minutes."""
-    from maglev_workbench.commands.bench import sections
     from maglev_workbench.commands.bench.figures import as_json, read_results, results_here
     from maglev_workbench.commands.bench.report import bench_page, show
-    from maglev_workbench.commands.bench.timing import Size
     from maglev_workbench.console import console, write_json
     from maglev_workbench.page import write_page
 
     require_file(out, "--out")
     old = read_results(compare) if compare else None
+    from maglev_workbench.commands.bench import sections
+    from maglev_workbench.commands.bench.timing import Size
+
     load = os.getloadavg()[0] if hasattr(os, "getloadavg") else 0.0  # not on Windows
     if load > _BUSY * (os.cpu_count() or 1):
         console.print(f"warning: other work is running here (load average {load:.1f}), so the figures will be worse")

@@ -19,7 +19,7 @@ class Size:
 
     The fields are: lanes that are simulated, or gain sets that are evaluated, together; repeats of each timing;
     xy_lanes for the x-y estimators, which are the slowest; seconds of the record that is not periodic; gain sets of the
-    smaller and the larger evaluation whose memory is measured.
+    smaller and the larger evaluation whose memory is measured; variants of the kernel that are compiled, None for all.
     """
 
     lanes: int = 64
@@ -27,6 +27,7 @@ class Size:
     xy_lanes: int = 4
     record_seconds: float = 60.0
     memory_sets: tuple[int, int] = (64, 512)
+    compiled: int | None = None
 
 
 def alternately(works: Mapping[Name, Callable[[], object]], repeats: int) -> dict[Name, float]:

@@ -10,7 +10,6 @@ from maglev_lanes.code_version import DIAGNOSING, code_version
 from maglev_lanes.schedule import Workers
 from maglev_workbench.console import console, progress_bar, write_json
 from maglev_workbench.options import require_folder
-from sim2real.blind import generate as generator
 from sim2real.blind.answer import Answered, answer_all
 from sim2real.blind.benchmark import generate as benchmark_generator
 from sim2real.blind.cases import ANSWERS, CAMPAIGNS, LABELS, SEAL
@@ -35,6 +34,8 @@ def generate(out: Path, count: int, seed: int, processes: int | None, benchmark:
         ValueError: The folder is not empty.
         BlockingIOError: Another process works there.
     """
+    from sim2real.blind import generate as generator  # here because it takes long to import
+
     require_folder(out)
     with locked(out):
         if not is_empty(out):

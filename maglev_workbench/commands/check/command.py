@@ -48,7 +48,6 @@ def check(
     from maglev_workbench.commands.check.uses import check_answer, uses
     from maglev_workbench.console import console, write_json
     from maglev_workbench.page import write_page
-    from maglev_workbench.record_page import record_page
     from maglev_workbench.warned import shown
 
     said: list[object] = []
@@ -95,6 +94,8 @@ def check(
         console.print(part)
     for note in said_once(notes, len(used)):
         console.print(f"  note: {escape(note)}", soft_wrap=True)
+    from maglev_workbench.record_page import record_page  # here because it takes long to import
+
     write_page(page, record_page(f"Check of {loaded.folder.name}", datasets, answer, uses_sections(used)))
     console.print(f"page  {page}")
     write_json(

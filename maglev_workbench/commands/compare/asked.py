@@ -1,12 +1,15 @@
 """Options of `maglev compare`: methods, budgets, and the check of their combinations."""
 
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 from maglev_env.task.task import Task
 from maglev_workbench.console import console
 from tuning.comparison.compare import check_policy
-from tuning.learned.policy import HistoryPolicy
 from tuning.methods import LEARNED, METHODS
+
+if TYPE_CHECKING:
+    from tuning.learned.policy import HistoryPolicy
 
 OWN = ("twin", "cases", "budgets", "processes", "seed", "out", "docs", "json_file")  # options of --twin
 
@@ -31,7 +34,7 @@ def check_options(twin: bool, given: Sequence[str]) -> None:
         raise ValueError(f"--{other[0]} goes with --twin only; leave it out, or name an opened set by --twin")
 
 
-def default_methods(task: Task, policy: HistoryPolicy | None) -> list[str]:
+def default_methods(task: Task, policy: "HistoryPolicy | None") -> list[str]:
     """All tuners that accept any budget; the learned one only if a policy fits the task."""
     methods = [name for name, method in METHODS.items() if method.longest is None]
     try:

@@ -68,6 +68,9 @@ def compare(
     named = given(context)
     check_options(twin is not None, named)
     if twin is not None:
+        from sim2real.blind.cases import seal_of
+
+        seal_of(twin)  # a folder without a seal is told before the long imports
         from maglev_workbench.commands.compare import twin as on_twin
 
         on_twin.run(twin, budgets if "budgets" in named else None, cases, processes, seed, out, docs, json_file)

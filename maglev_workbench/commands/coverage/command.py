@@ -27,12 +27,13 @@ def coverage(
     from maglev_env.fields import check_known
     from maglev_env.recordings.files import write_text_atomic
     from maglev_workbench.commands.coverage.conditions import CONDITIONS
-    from maglev_workbench.commands.coverage.report import coverage_json, coverage_markdown, coverage_table
-    from maglev_workbench.commands.coverage.study import coverage as counted
     from maglev_workbench.console import console, progress_bar, write_json
 
     chosen = condition or list(CONDITIONS)
     check_known(chosen, CONDITIONS, "condition")
+    from maglev_workbench.commands.coverage.report import coverage_json, coverage_markdown, coverage_table
+    from maglev_workbench.commands.coverage.study import coverage as counted
+
     found = {}
     with progress_bar() as bar:
         task = bar.add_task("", total=draws * len(chosen))

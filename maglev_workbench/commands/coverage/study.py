@@ -4,7 +4,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.stats import binomtest
+import scipy
 
 from estimation.normal import NORMAL_95
 from estimation.stability_margins import margins
@@ -46,7 +46,7 @@ class Coverage:
     @property
     def interval(self) -> tuple[float, float]:
         """95 % interval of the coverage (Wilson)."""
-        found = binomtest(self.held, self.draws).proportion_ci(method="wilson")
+        found = scipy.stats.binomtest(self.held, self.draws).proportion_ci(method="wilson")
         return float(found.low), float(found.high)
 
 

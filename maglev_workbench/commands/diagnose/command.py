@@ -24,21 +24,23 @@ def diagnose(
     from importlib.metadata import version
 
     from maglev_env.recordings.campaign import load_campaign
-    from maglev_env.recordings.json_data import plain
-    from maglev_workbench.commands.diagnose.report import diagnose_page, terminal
     from maglev_workbench.console import console, progress_bar, write_json
     from maglev_workbench.page import write_page
     from maglev_workbench.warned import LEAVING_OUT, warned
-    from sim2real import diagnosis
-    from sim2real.corrected import write_corrected
-    from sim2real.report import sentence
 
     loaded = load_campaign(campaign)
     folder = out or loaded.folder / "diagnosis"
     require_folder(folder)
     if not folder.parent.is_dir():
         raise ValueError(f"--out {folder}: the folder {folder.parent} does not exist; create it or choose another")
+
     warnings = warned(loaded, LEAVING_OUT) if loaded.rig else []  # without a rig the diagnosis says what is missing
+    from maglev_env.recordings.json_data import plain
+    from maglev_workbench.commands.diagnose.report import diagnose_page, terminal
+    from sim2real import diagnosis
+    from sim2real.corrected import write_corrected
+    from sim2real.report import sentence
+
     folder.mkdir(exist_ok=True)
     with progress_bar() as bar:
         task = bar.add_task("diagnose", total=None)

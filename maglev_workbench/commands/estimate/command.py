@@ -51,21 +51,7 @@ def estimate(
     from maglev_env.recordings.campaign import load_campaign
     from maglev_env.recordings.guess.verified import guessed_campaign
     from maglev_env.recordings.left_out import left_out_data
-    from maglev_env.redundancy.result import doubtful
-    from maglev_workbench.commands.estimate.answer import estimate_answer
-    from maglev_workbench.commands.estimate.gain_report import gain_table
     from maglev_workbench.commands.estimate.one_file import OneFile, one_file_campaign
-    from maglev_workbench.commands.estimate.planar_report import planar_json, planar_sections, planar_table
-    from maglev_workbench.commands.estimate.pooled_report import (
-        each_table,
-        pooled_json,
-        pooled_lines,
-        pooled_sections,
-        pooled_table,
-    )
-    from maglev_workbench.commands.estimate.recordings import identify_campaign
-    from maglev_workbench.commands.estimate.report import estimate_json, estimate_page, estimate_table
-    from maglev_workbench.commands.estimate.terminal import say
     from maglev_workbench.console import console, progress_bar, write_json
     from maglev_workbench.page import write_page
     from maglev_workbench.warned import LEAVING_OUT, shown, warned
@@ -92,8 +78,24 @@ def estimate(
         campaign = one_file_campaign(source, mass, one)
         page = out or source.with_suffix(".html")
     require_file(page, "--out")
+
     mass = campaign.mass if mass is None else mass
     warnings = warned(replace(campaign, mass=None if estimate_mass else mass), LEAVING_OUT)
+    from maglev_env.redundancy.result import doubtful
+    from maglev_workbench.commands.estimate.answer import estimate_answer
+    from maglev_workbench.commands.estimate.gain_report import gain_table
+    from maglev_workbench.commands.estimate.planar_report import planar_json, planar_sections, planar_table
+    from maglev_workbench.commands.estimate.pooled_report import (
+        each_table,
+        pooled_json,
+        pooled_lines,
+        pooled_sections,
+        pooled_table,
+    )
+    from maglev_workbench.commands.estimate.recordings import identify_campaign
+    from maglev_workbench.commands.estimate.report import estimate_json, estimate_page, estimate_table
+    from maglev_workbench.commands.estimate.terminal import say
+
     with progress_bar() as bar:
         found = identify_campaign(
             campaign, mass, estimate_mass, band_width, band_overlap, lambda s: bar.track(s, description="estimate")

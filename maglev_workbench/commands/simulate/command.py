@@ -58,7 +58,6 @@ def simulate(
     from maglev_workbench.commands.simulate.recordings import PROTOCOLS, Recorded, excited, record, summary
     from maglev_workbench.console import console, progress_bar, write_json
     from maglev_workbench.page import write_page
-    from maglev_workbench.record_page import record_page
 
     require_choice(protocol, PROTOCOLS, "--protocol")
     require_choice(sensor, SENSORS, "--sensor")
@@ -78,6 +77,8 @@ def simulate(
             recordings.append((plan.name, plan.role, *record(plan, asked, sensor)))
     with locked(out):
         toml = write_campaign(out, rig, {}, recordings, data_format)
+    from maglev_workbench.record_page import record_page  # here because it takes long to import
+
     page = out / "recordings.html"
     write_page(page, record_page(f"Simulated {loaded.name}", [(name, d) for name, _, d, _ in recordings]))
     console.print(f"{len(recordings)} recording(s) of {loaded.name}\ncampaign  {toml}\npage      {page}")

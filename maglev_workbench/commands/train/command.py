@@ -55,12 +55,7 @@ def train(
     from maglev_lanes.code_version import code_version
     from maglev_lanes.price import check_experiments
     from maglev_lanes.schedule import workers
-    from maglev_workbench.commands.train.report import held_out_table
-    from maglev_workbench.commands.train.training import judge, reinforced
     from maglev_workbench.console import console, progress_bar, write_json
-    from tuning.learned.policy import load_policy, save_policy
-    from tuning.learned.training import Plan
-    from tuning.learned.training import train as train_by_imitation
     from tuning.learned.worlds import World
 
     require_choice(by, BY, "--by")
@@ -73,9 +68,15 @@ def train(
     if experiments is not None and by == BY[0]:
         raise ValueError("--experiments: of ppo and sac; imitation takes --rigs")
     check_experiments(max(rigs or 0, judged), 0, "--rigs and --held-out")
-    rigs, experiments = rigs or Plan().rigs, experiments or EXPERIMENTS
     world = World(load_rig(rig), protocol)
     world.task()  # raises for invalid settings before any work
+    from maglev_workbench.commands.train.report import held_out_table
+    from maglev_workbench.commands.train.training import judge, reinforced
+    from tuning.learned.policy import load_policy, save_policy
+    from tuning.learned.training import Plan
+    from tuning.learned.training import train as train_by_imitation
+
+    rigs, experiments = rigs or Plan().rigs, experiments or EXPERIMENTS
     plan = Plan(rigs=rigs)
     begun = None if init is None else load_policy(init)[0]
     if by != BY[0]:

@@ -16,6 +16,7 @@ from maglev_workbench.options import (
     ThreadsOption,
     friendly,
     given,
+    require_choice,
     require_folder,
 )
 from tuning.methods import METHODS
@@ -55,6 +56,7 @@ def tune(
 
         real.run(campaign, budget, tuned, seed, out, json_file, given(context))
         return
+    require_choice(method, METHODS, "--method")
     from dataclasses import asdict
     from time import perf_counter
 

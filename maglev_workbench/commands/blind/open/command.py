@@ -12,6 +12,9 @@ app = typer.Typer()
 @friendly
 def open_(folder: FolderArgument, docs: PageDocsOption = None, json_file: JsonOption = None) -> None:
     """Check the seal, score every answer against the labels, and write the page; the set cannot be used again."""
+    from maglev_workbench.commands.blind.sealed_set import made_of
+
+    made_of(folder)  # a folder without a set is told before the long imports
     from maglev_workbench.commands.blind.open.opening import open_folder
 
     open_folder(folder, docs, json_file)

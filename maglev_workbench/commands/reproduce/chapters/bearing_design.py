@@ -5,7 +5,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.optimize import brentq
+import scipy
 
 from maglev_env.design.pid_rules import ControlledAxis, rightmost_pole, stability_conditions
 from maglev_env.design.stator import StatorSection, attraction
@@ -280,7 +280,7 @@ def _border_rows(axis: ControlledAxis, gains: Gains) -> tuple[Row, Row]:
 
 
 def _border(axis: ControlledAxis, changed: Callable[[float], Gains], low: float, high: float) -> float:
-    return float(brentq(lambda v: rightmost_pole(axis, changed(v)), low, high))
+    return float(scipy.optimize.brentq(lambda v: rightmost_pole(axis, changed(v)), low, high))
 
 
 def _eccentricity_figure(magnet: ForceLaw, gap: ForceLaw) -> "Figure":

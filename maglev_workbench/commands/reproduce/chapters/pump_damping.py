@@ -4,7 +4,7 @@ from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
-from scipy.optimize import fsolve
+import scipy
 
 from maglev_env.rotor.linear import closed_loop_poles
 from maglev_env.rotor.rotor import Rotor, Runout
@@ -50,7 +50,7 @@ def asked_for(rotor: Rotor, by_lag: bool = False) -> tuple[Rotor, float, float]:
         below, peak, above, top = readings(make(x), [WORST - STEP, WORST, WORST + STEP, TOP])[:, 0]
         return [(above - below) / peak * WORST / (2 * STEP), top / peak - FALL]
 
-    x, _, good, why = fsolve(missing, [1.3, 4.0] if by_lag else [1.45, 0.45], full_output=True)
+    x, _, good, why = scipy.optimize.fsolve(missing, [1.3, 4.0] if by_lag else [1.45, 0.45], full_output=True)
     if good != 1:
         raise RuntimeError(why)
     return make(x), float(x[0]), float(x[1] * (lag if by_lag else 1.0))

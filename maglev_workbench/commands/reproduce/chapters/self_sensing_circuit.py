@@ -4,7 +4,7 @@ from dataclasses import replace
 from math import inf, sqrt
 
 import numpy as np
-from scipy.optimize import brentq
+import scipy
 
 from maglev_workbench.commands.reproduce.chapters.self_sensing_sensor import dissertation_sensor, lines_figure
 from maglev_workbench.commands.reproduce.item import Outcome, Row
@@ -38,7 +38,7 @@ def band_pass(seed: int) -> Outcome:
     def edges(count: int) -> tuple[float, float]:
         level = gain(path.centre, count) / sqrt(2)
         ends = ((1e3, path.centre), (path.centre, 200e3))
-        low, high = (brentq(lambda f: gain(f, count) - level, *pair) for pair in ends)
+        low, high = (scipy.optimize.brentq(lambda f: gain(f, count) - level, *pair) for pair in ends)
         return low / 1e3, high / 1e3
 
     (low, high), both = edges(1), edges(2)

@@ -3,7 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
-from scipy.optimize import brentq
+import scipy
 
 from estimation.stability_margins import margin_arrays
 from maglev_env.design.defaults import with_defaults
@@ -177,7 +177,7 @@ def slow_estimator(corner: float) -> SelfSensor:
         return -float(np.degrees(np.angle(tracking(with_gains(sensor, 0.0, ki), at)[0]))) - MEASURED_LAG
 
     # An integrator that crosses 1 at 50 Hz lags by 70 degrees at 150 Hz, one at 2 kHz by less than 10.
-    return with_gains(sensor, 0.0, brentq(excess, 50 * unit, 2000 * unit))
+    return with_gains(sensor, 0.0, scipy.optimize.brentq(excess, 50 * unit, 2000 * unit))
 
 
 def right_most_pole(sensor: SelfSensor | None) -> float:

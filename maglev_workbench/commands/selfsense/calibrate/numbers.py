@@ -4,7 +4,7 @@ from math import sqrt
 from typing import Any
 
 import numpy as np
-from scipy import stats
+import scipy
 
 from maglev_workbench.commands.selfsense.calibrate.sources import Dynamic, Static
 
@@ -18,7 +18,7 @@ def gain_interval(s: Static) -> tuple[float, float]:
     """95 % interval of the gain."""
     low, high = s.found.linear_range
     points = int(np.sum((s.displacement >= low) & (s.displacement <= high)))
-    half = stats.t.ppf(0.975, max(points - 2, 1)) * s.found.gain_se
+    half = scipy.stats.t.ppf(0.975, max(points - 2, 1)) * s.found.gain_se
     return s.found.gain - half, s.found.gain + half
 
 
@@ -31,7 +31,7 @@ def deviation(s: Static) -> np.ndarray:
 
 def half_widths(d: Dynamic) -> np.ndarray:
     """Half the 95 % interval of the real and of the imaginary part of the response at each line (n,)."""
-    return stats.t.ppf(0.975, 2 * (d.periods - 1)) * d.found.standard_error / sqrt(2)
+    return scipy.stats.t.ppf(0.975, 2 * (d.periods - 1)) * d.found.standard_error / sqrt(2)
 
 
 def surely_within(d: Dynamic) -> float:
@@ -59,7 +59,7 @@ def lag_at(d: Dynamic, frequency: float) -> tuple[float, float]:
     parts = (weight * c.standard_error[near]) ** 2
     # Satterthwaite: every line's variance has 2 (P - 1) degrees of freedom.
     freedom = 2 * (d.periods - 1) * parts.sum() ** 2 / max(np.sum(parts**2), np.finfo(float).tiny)
-    half = stats.t.ppf(0.975, max(freedom, 1.0)) * sqrt(parts.sum() / 2) / abs(mean)
+    half = scipy.stats.t.ppf(0.975, max(freedom, 1.0)) * sqrt(parts.sum() / 2) / abs(mean)
     lag = 360 * frequency * c.delay - np.degrees(np.angle(mean))
     return float(lag), float(np.degrees(np.arcsin(half))) if half < 1 else np.inf
 

@@ -9,8 +9,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.interpolate import CubicHermiteSpline
-from scipy.linalg import solve_discrete_are
+import scipy
 
 from maglev_env.loop.magnets.kinds import force_law
 from maglev_env.loop.magnets.law import linearise
@@ -130,7 +129,9 @@ def poles_of(magnet: AveragedMagnet, rate: float) -> np.ndarray:
     a, b, c = linear_model(magnet)
     transition, _ = sampled(a, b, rate)
     try:
-        p = solve_discrete_are(transition.T, c.T, process_noise(magnet, rate, force, voltage), [[current**2]])
+        p = scipy.linalg.solve_discrete_are(
+            transition.T, c.T, process_noise(magnet, rate, force, voltage), [[current**2]]
+        )
     except np.linalg.LinAlgError:
         raise ValueError(
             "rivals: no steady observer of this magnet exists; it needs a negative stiffness and an actuator gain"
@@ -224,8 +225,10 @@ def _sensed(
     return sensed.current[0], sensed.switching[0], time, own.gap - sensed.estimate[0]
 
 
-def _wave(motion: Levitation, pwm: float) -> CubicHermiteSpline:
-    return CubicHermiteSpline(np.arange(motion.displacement.size) / pwm, motion.displacement, motion.velocity)
+def _wave(motion: Levitation, pwm: float) -> "scipy.interpolate.CubicHermiteSpline":
+    return scipy.interpolate.CubicHermiteSpline(
+        np.arange(motion.displacement.size) / pwm, motion.displacement, motion.velocity
+    )
 
 
 def _late_rms(values: np.ndarray) -> float:
