@@ -12,7 +12,7 @@ from maglev_env.kernel.driven import Drive
 from maglev_env.kernel.simulate import Block, prepared
 from maglev_env.kernel.steady import steady_spectra
 from maglev_env.linear.loop import closed_loop_poles
-from maglev_env.loop.effect import EFFECTS, Effects, effect, effect_value, meaningful
+from maglev_env.loop.effect import EFFECTS, Effects, effect_value, meaningful
 from maglev_env.rig.rig import Rig, with_parameters
 from sim2real.recorded.open_evidence import Replay, coordinates_of_lanes
 from sim2real.recorded.open_record import OpenRecord
@@ -30,8 +30,6 @@ MOST_TRANSIENT = 12  # periods
 # hysteresis and friction are smoothed in some forms and not in others.
 DITHER_PERIODS = 6
 DITHERED, MAY_BE_DITHERED = ({n for n, card in EFFECTS.items() if card.dither == how} for how in ("always", "maybe"))
-# A zero-strength effect that selects the flexible kernel, so that all hypotheses can be simulated in one batch.
-NEUTRAL: Effects = effect("friction", 0.0)
 
 
 @dataclass(frozen=True)
@@ -99,7 +97,7 @@ def lanes_of(record: Record | OpenRecord, points: Sequence[Point], dithered: boo
     made: dict[tuple, Rig] = {}
     found = []
     for p in points:
-        every = {**NEUTRAL, **e.rig.effects, **p.effects}
+        every = {**e.rig.effects, **p.effects}
         seen = {name: values for name, values in every.items() if name not in unseen}
         found.append(experiment_at(e, Point(seen, p.changes), made))
     return prepared(found)

@@ -37,7 +37,7 @@ def sensor_rows(values: Values, h: np.ndarray) -> np.ndarray:
     system = System((*sensor.PROBE, *CUBIC), h, packed=True)
     sensor.probe(system, values, system.signal("y"))
     system.integrate(CUBIC)
-    step = expm(system.a)[:, :2]
+    step = system.shown[:, :2] @ expm(system.a)  # an absent pole shows what enters it
     rows = np.concatenate([step[:, :, :2], step[:, :, 2:] @ HERMITE], axis=2)
     return rows.reshape(len(h), 12).T
 
@@ -67,25 +67,25 @@ def sensor_current_rows(
     sensor.probe(system, seeing, system.signal(position))
     end = switched(system.a, switch / h, np.ones(n))
     rows = cubic.T.reshape(n, 2, 6)
-    return (end[:, 5:7] - rows[:, :, 4:] @ end[:, 3:5]).reshape(n, 8).T
+    return (system.shown[:, 5:7] @ end - rows[:, :, 4:] @ end[:, 3:5]).reshape(n, 8).T
 
 
 def actuator_rows(values: Values, h: np.ndarray, switch: np.ndarray) -> np.ndarray:
     """Next states and nodal currents (see `nodal`) from (x1, x2, old command, new command); shape (20, n).
 
-    The new command acts from `switch` (s) on.
+    The new command acts from `switch` (s) on. An absent pole shows what enters it.
     """
     n = len(h)
     system = System((*amplifier.STATES, "command", "impulse", "displacement"), h, packed=True)
     coil = amplifier.coil_current(system, values, system.signal("command"))
     system.put("impulse", coil)
     system.integrate(("displacement", "impulse"))
-    s, there = switch / h, system.there[:, :2, None]
+    s, there = switch / h, system.there[:, :2]
     full = switched(system.a, s, np.ones(n))
     halfway = switched(system.a, np.minimum(s, 0.5), np.full(n, 0.5))
     mean = full[:, 3]
-    middle = np.where(there.any(axis=1), np.einsum("ni,nij->nj", coil, halfway), mean)
-    return np.concatenate([full[:, :2] * there, nodal(mean, full[:, 4], middle)], axis=1).reshape(n, 20).T
+    middle = np.where(there.any(axis=1)[:, None], np.einsum("ni,nij->nj", coil, halfway), mean)
+    return np.concatenate([system.shown[:, :2] @ full, nodal(mean, full[:, 4], middle)], axis=1).reshape(n, 20).T
 
 
 def nodal(impulse: np.ndarray, displacement: np.ndarray, middle: np.ndarray) -> np.ndarray:

@@ -99,9 +99,9 @@ def _deepest(time_constants: Iterable[float]) -> int:
     return poles.pop()
 
 
-def lane_batch(experiments: Sequence[Experiment], substeps: int = 1) -> LaneBatch:
-    """Constants of experiments that share one structure (see `structure_of`)."""
-    structure, n = structure_of(experiments[0]), len(experiments)
+def lane_batch(experiments: Sequence[Experiment], substeps: int = 1, structure: Structure | None = None) -> LaneBatch:
+    """Constants of experiments that share a structure: by default that of `structure_of`."""
+    structure, n = structure or structure_of(experiments[0]), len(experiments)
     views = [[axis_experiment(e, axis) for e in experiments] for axis in range(structure.axes)]
     values = [lane_values(own) for own in views]
     axes = [LaneRows(np.zeros((row(AXIS), n))) for _ in views]

@@ -172,9 +172,9 @@ def simulate_records(experiments: Sequence[Experiment], substeps: int = 1, threa
 
 def prepared(experiments: Sequence[Experiment]) -> list[Block]:
     """Lanes for `steady_spectra` and `replayed`: the constants of experiments that do not depend on gains, excitations
-    and offset.
+    and offset. As many as possible share blocks.
     """
-    return _blocks(experiments, _enough_substeps(experiments[0]))
+    return _blocks(experiments, _enough_substeps(experiments[0]), joint=True)
 
 
 def _enough_substeps(e: Experiment) -> int:
@@ -256,14 +256,15 @@ def _common(experiments: Sequence[Experiment]) -> Experiment:
     return first
 
 
-def _blocks(experiments: Sequence[Experiment], substeps: int) -> list[Block]:
+def _blocks(experiments: Sequence[Experiment], substeps: int, joint: bool = False) -> list[Block]:
     """Blocks of up to LANES experiments of one structure each, so that a lane never depends on its neighbours."""
     groups: dict[tuple[Structure, tuple[int, ...]], list[int]] = {}
     for i, e in enumerate(experiments):
-        groups.setdefault((structure_of(e), timing_of(e, substeps)), []).append(i)
+        own = structure_of(e)
+        groups.setdefault((own.joint if joint else own, timing_of(e, substeps)), []).append(i)
     blocks = []
-    for members in groups.values():
-        batch = lane_batch([experiments[i] for i in members], substeps)
+    for (structure, _), members in groups.items():
+        batch = lane_batch([experiments[i] for i in members], substeps, structure)
         for start in range(0, len(members), LANES):
             s = slice(start, start + LANES)
             part = replace(batch, rows=batch.rows[:, s], seeds=batch.seeds[..., s])

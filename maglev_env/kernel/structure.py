@@ -64,6 +64,17 @@ class Structure:
         """The structure without the parts that are read at run time; structures with the same one share a kernel."""
         return replace(self, noise=False)
 
+    @property
+    def joint(self) -> "Structure":
+        """The structure with both poles in each chain, a delay and a support: lanes with and without them share blocks.
+
+        Neutral constants change no result. The flexible kernel has these parts anyway, but takes three times as long.
+        """
+        if self.flexible:
+            return self
+        probe, current = 0 if self.sensed else 2, 2 if self.actuator_poles else 0
+        return replace(self, supported=True, delayed=True, sensor_poles=probe, actuator_poles=current)
+
     def switches(self, outputs: int, substeps: int = 1, oversampled: bool = False, waves: int = 1) -> np.ndarray:
         """Switches that the kernel reads at run time (see `advance.kernel`)."""
         return np.array([self.noise, outputs, substeps, oversampled, waves], dtype=np.int64)

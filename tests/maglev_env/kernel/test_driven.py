@@ -56,6 +56,30 @@ def test_waves_of_ones_own_move_a_lane_as_shared_ones_do():
             np.testing.assert_allclose(own[:, 0], lines[[0, 2]], rtol=0, atol=1e-10 * abs(lines[:3]).max(axis=1).min())
 
 
+@pytest.mark.parametrize("without", ["", "sensor_time_constant", "amplifier_time_constant"])
+def test_plain_lanes_of_one_structure_are_as_those_of_the_flexible_kernel(without):
+    """Its maps of the chains between command, force and reading are other ones, and it has all their parts."""
+    rig = replace(ONE.rig, **({without: 0.0} if without else {}))
+    e = replace(ONE, rig=rig, effects={})
+    plain = [
+        {},
+        effect("delay", 3e-5),
+        effect("sensor_lag", 2e-5),
+        effect("amplifier_lag", 5e-5),
+        effect("damping", 2.0),
+    ]
+    lanes = prepared([replace(e, effects=own) for own in plain])
+    assert not any(b.batch.structure.flexible for b in lanes)
+    assert len(lanes) == (2 if without.startswith("amplifier") else 1)
+    flexible = prepared([replace(e, effects=own | NEUTRAL) for own in plain])
+    found, wanted = (
+        steady_spectra(own, [drive(e), drive(replace(OTHER, rig=rig))], [LINES] * 2, 700) for own in (lanes, flexible)
+    )
+    for one, other in zip(found, wanted, strict=True):
+        scale = abs(other).max(axis=-1, keepdims=True)
+        np.testing.assert_allclose(one / scale, other / scale, rtol=0, atol=1e-10)
+
+
 def test_few_points_of_many_recordings_fill_their_blocks():
     blocks = driven(LANES, [drive(ONE), drive(OTHER)])
     assert [b.member.size for b in blocks] == [16, 2]
