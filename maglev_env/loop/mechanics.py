@@ -73,7 +73,8 @@ EFFECTS: Mapping[str, EffectCard] = {
             "damping_ratio": RESONANCE_DAMPING,
             "mass_ratio": Parameter("", 0.0, 2.0, 0.05, scale=0.02, starts=(0.01,)),
         },
-        "a second body on a spring on the mover; frequency: that of the second body while the mover is fixed",
+        "a second body on a spring on the mover (a support that gives way, a rotor that bends); frequency: that of the "
+        "second body while the mover is fixed",
         "force and displacement across the resonance",
         flexible=True,
         resonance=True,

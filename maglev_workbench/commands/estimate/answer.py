@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from estimation.normal import NORMAL_95
+from estimation.stiffness_pole import stiffness_pole
 from maglev_env.evaluation.bands import Band
 from maglev_env.evaluation.identification import Identification
 from maglev_env.units import prefixed
@@ -76,7 +77,29 @@ def estimate_answer(results: Sequence[tuple[str, Identification]], pooled: Poole
         half = NORMAL_95 * se * scale
         parts.append(f"actuator gain {with_interval(gain * scale, gain * scale - half, gain * scale + half)} {unit}")
     without = " without the controller" if found.actuator is not None else ""
-    return f"{among}{', '.join(parts)}{without} (95 %), trusted from {sure[0].f_lo:.4g} to {sure[-1].f_hi:.4g} Hz."
+    band = f"trusted from {sure[0].f_lo:.4g} to {sure[-1].f_hi:.4g} Hz"
+    return f"{among}{', '.join(parts)}{without} (95 %), {band}{_second_body(found.bands)}."
+
+
+def _second_body(bands: Sequence[Band]) -> str:
+    """What a stiffness says that jumps where a second body resonates."""
+    apart: list[Band] = []
+    for band in bands:
+        if not apart or band.f_lo >= apart[-1].f_hi:
+            apart.append(band)
+    middle = np.array([(b.f_lo + b.f_hi) / 2 for b in apart])
+    stiffness, error = np.array([(b.stiffness, b.stiffness_se) for b in apart]).reshape(-1, 2).T
+    pole = stiffness_pole(middle, stiffness, error)
+    if pole is None:
+        return ""
+    scale, unit = prefixed(max(pole.stiffness, key=abs), "N/m")
+    below, above = (number(k * scale) for k in pole.stiffness)
+    low, high = pole.frequency
+    return (
+        f"; from {low:.4g} to {high:.4g} Hz the stiffness jumps from {below} to {above} {unit}, as where a second body "
+        "resonates (a rotor that bends, a support that gives way): no single mass describes this rig there, and "
+        "`maglev diagnose` fits it"
+    )
 
 
 def _in_words(name: str, found: Constant) -> str:

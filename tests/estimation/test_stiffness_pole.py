@@ -1,0 +1,40 @@
+"""The jump of the stiffness where a second body resonates, on dynamic stiffnesses in closed form."""
+
+import numpy as np
+import pytest
+
+from estimation.stiffness_pole import stiffness_pole
+
+F = np.arange(40.0, 360.0, 13.0)
+W = 2 * np.pi * F
+RNG = np.random.default_rng(8)
+
+
+def noisy(k: np.ndarray, share: float = 0.01) -> tuple[np.ndarray, np.ndarray]:
+    se = share * np.abs(k) + 1e3
+    return k + se * RNG.standard_normal(k.size), se
+
+
+@pytest.mark.parametrize("resonance", [110.0, 157.0, 161.0, 230.0])
+def test_a_second_body_is_found_between_the_bands_beside_its_resonance(resonance):
+    w2, loss = 2 * np.pi * resonance, 0.01
+    # The second body moves by w2^2 / (w2^2 - w^2) of the first, and one mass of both takes its inertia as rigid.
+    moved = w2**2 * (1 + 2j * loss * W / w2) / (w2**2 - W**2 + 2j * loss * W * w2)
+    k = -4e5 + 0.6 * W**2 - (0.6 * W**2 * moved).real
+    pole = stiffness_pole(F, *noisy(k))
+    assert pole is not None
+    assert pole.frequency[0] < resonance + 13 and pole.frequency[1] > resonance - 13
+    assert pole.stiffness[1] > pole.stiffness[0]
+
+
+@pytest.mark.parametrize(
+    "law", [lambda f: -4e5 + 0 * f, lambda f: 2e5 - 900 * f, lambda f: 1e3 * f, lambda f: 3 * f**2]
+)
+def test_a_stiffness_without_a_pole_has_none(law):
+    for _ in range(40):
+        assert stiffness_pole(F, *noisy(law(F), 0.02)) is None
+
+
+def test_few_bands_or_unbounded_ones_tell_nothing():
+    assert stiffness_pole(F[:4], np.array([0.0, -5e5, 5e5, 0.0]), np.full(4, 1e3)) is None
+    assert stiffness_pole(F, np.full(F.size, np.nan), np.full(F.size, np.inf)) is None
