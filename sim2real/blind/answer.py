@@ -63,8 +63,9 @@ def answer_all(
     progress: Callable[[int], None] | None = None,
     diagnose: Diagnose = diagnose,
     workers: Workers | None = None,
+    into: str = ANSWERS,
 ) -> Answered:
-    """Answer every campaign of the sealed set in `folder`; each answer is written to answers/ as a whole file.
+    """Answer every campaign of the sealed set in `folder`; each answer is written as a whole file.
 
     Answers by this version of the code to this set are kept; others are given again. A diagnosis that fails, or that
     ends its process, is kept as an error and counts as a wrong answer.
@@ -76,6 +77,7 @@ def answer_all(
         progress: Called with the number of campaigns done.
         diagnose: Diagnoses a campaign folder.
         workers: Used instead of processes; the files of a campaign are sent to them.
+        into: Name of the folder of the answers in `folder`.
 
     Raises:
         ValueError: There is nothing to answer, or the set was opened already, after which an answer proves nothing.
@@ -84,7 +86,7 @@ def answer_all(
     campaigns = sorted(path.parent for path in (folder / CAMPAIGNS).glob("*/campaign.toml"))
     if not campaigns:
         raise ValueError(f"{folder / CAMPAIGNS} holds no campaigns")
-    answers = folder / ANSWERS
+    answers = folder / into
     answers.mkdir(exist_ok=True)
     todo = [c for c in campaigns if not _reusable(answers / f"{c.name}.json", seal, made_by)]
     if todo and (folder / OPENED).exists():

@@ -2,6 +2,7 @@
 
 import json
 import os
+from collections.abc import Mapping
 from pathlib import Path
 
 from maglev_env.recordings.files import write_text_atomic
@@ -10,7 +11,8 @@ from maglev_lanes.code_version import DIAGNOSING, code_version
 from maglev_lanes.schedule import Workers
 from maglev_workbench.console import console, progress_bar, write_json
 from maglev_workbench.options import require_folder
-from sim2real.blind.answer import Answered, answer_all
+from sim2real.blind.answer import Answered, Diagnose, answer_all, diagnose
+from sim2real.blind.benchmark import foils
 from sim2real.blind.benchmark import generate as benchmark_generator
 from sim2real.blind.cases import ANSWERS, CAMPAIGNS, LABELS, SEAL
 
@@ -53,17 +55,19 @@ def generate(out: Path, count: int, seed: int, processes: int | None, benchmark:
     return {**data, "labels_sha256": seal}
 
 
-def answer(folder: Path, processes: int | None, spread: Workers | None) -> Answered:
-    """Diagnose every campaign of a set that has no answer yet, on workers if there are any."""
+METHODS: Mapping[str, Diagnose] = {"diagnose": diagnose, "nothing": foils.nothing, "refit": foils.refit}
+
+
+def answer(folder: Path, processes: int | None, spread: Workers | None, method: str = "diagnose") -> Answered:
+    """Answer every campaign of a set that has no answer by this method yet, on workers if there are any."""
     made_of(folder)
     with locked(folder), progress_bar() as bar:
-        task = bar.add_task("diagnose", total=len(list((folder / CAMPAIGNS).glob("*/campaign.toml"))))
+        into = ANSWERS if method == "diagnose" else f"{ANSWERS}-{method}"
+        task = bar.add_task(method, total=len(list((folder / CAMPAIGNS).glob("*/campaign.toml"))))
         try:
-            found = answer_all(folder, processes, lambda n: bar.advance(task, n), workers=spread)
+            found = answer_all(folder, processes, lambda n: bar.advance(task, n), METHODS[method], spread, into)
         except KeyboardInterrupt:
-            console.print(
-                f"stopped; finished answers are in {folder / ANSWERS}: run the same command again to continue"
-            )
+            console.print(f"stopped; finished answers are in {folder / into}: run the same command again to continue")
             raise
     console.print(f"{found.new} answered, {found.reused} reused, {found.failed} of both failed")
     return found

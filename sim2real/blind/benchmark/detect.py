@@ -16,12 +16,20 @@ from scipy.ndimage import uniform_filter1d
 from scipy.optimize import brentq
 from scipy.stats import chi2, ncx2
 
+from sim2real.blind.benchmark import at
 from sim2real.blind.benchmark.kinds import Kind
 from sim2real.blind.benchmark.simulate import FEW_STEPS, LoopFailed, Recording, Truth, simulate
 
 FREEDOM = 500
 LEVEL, POWER = 0.01, 0.5
 STEP = 0.2  # of a tolerance, for derivatives
+NOMINAL = {  # values of effects that move nothing but a parameter of the rig
+    at.MASS: "mass",
+    at.GAIN: "actuator_gain",
+    at.STIFFENING: "negative_stiffness",
+    at.SCALE: "probe_gain",
+    at.SUPPORT: "support_stiffness",
+}
 _PAIRS = 2  # of noisy simulations
 _NEIGHBOURS = 31  # frequencies that share a covariance
 
@@ -67,7 +75,7 @@ class Detector:
         return found
 
     @cached_property
-    def _calibration(self) -> np.ndarray:
+    def calibration(self) -> np.ndarray:
         """Whitened change for one standard deviation of each uncertain parameter (parameters, values)."""
         rows = []
         for name, tolerance in self.truth.rig.tolerance.items():
@@ -91,13 +99,16 @@ class Detector:
             parts += [part.real.ravel(), part.imag.ravel()]
         return np.concatenate(parts)
 
-    def with_effects(self, values: Mapping[int, float], drops: int = 0) -> np.ndarray:
-        """`difference` of the true rig with effects."""
-        return self.difference(replace(self.truth, effects=values), drops)
+    def with_effects(self, values: Mapping[int, float], drops: int = 0, theta: Sequence[float] = ()) -> np.ndarray:
+        """`difference` of the true rig with effects, its uncertain parameters moved by theta standard deviations."""
+        off = dict(self.truth.deviations)
+        for (name, tolerance), moved in zip(self.truth.rig.tolerance.items(), theta, strict=False):
+            off[name] = off.get(name, 0.0) + tolerance * moved
+        return self.difference(replace(self.truth, deviations=off, effects=values), drops)
 
     def calibrated(self, d: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """What calibration leaves of a whitened difference, and the parameters it moves, in standard deviations."""
-        rows = self._calibration
+        rows = self.calibration
         theta = np.linalg.solve(rows @ rows.T + np.eye(len(rows)), rows @ d)
         return d - theta @ rows, theta
 
@@ -108,9 +119,19 @@ class Detector:
             values: Values of the effects.
             random: They act at random: the mean effect is that which two draws have in common.
         """
+        if len(values) == 1 and (stated := self._stated(*next(iter(values.items())))) is not None:
+            return stated**2 / critical(len(self.truth.rig.tolerance))
         draws = [self.with_effects(values, drops) for drops in range(2 if random else 1)]
         (one, theta), (other, theta2) = (self.calibrated(d) for d in (draws[0], draws[-1]))
         return max(one @ other / critical(FREEDOM), theta @ theta2 / critical(len(theta)), 0.0)
+
+    def _stated(self, index: int, value: float) -> float | None:
+        """Standard deviations by which a value alone moves a parameter whose tolerance is stated: nothing is left."""
+        name = NOMINAL.get(index)
+        if name not in self.truth.rig.tolerance:
+            return None
+        whole = self.truth.rig.parameters[name] if index in (at.MASS, at.SUPPORT) else 1.0
+        return value / whole / self.truth.rig.tolerance[name]
 
 
 def _smoothed(x: np.ndarray) -> np.ndarray:

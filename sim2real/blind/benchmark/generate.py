@@ -16,6 +16,7 @@ from sim2real.blind.benchmark import at
 from sim2real.blind.benchmark.detect import Detector, threshold
 from sim2real.blind.benchmark.drives import draw_drive
 from sim2real.blind.benchmark.kinds import KINDS, OUTSIDE, VOCABULARY, Kind, known_on
+from sim2real.blind.benchmark.oracle import rivals
 from sim2real.blind.benchmark.rigs import TURNS, BenchRig, draw_rig, log_uniform
 from sim2real.blind.benchmark.simulate import Controller, LoopFailed, Recording, Truth, simulate
 from sim2real.blind.benchmark.write import write_campaign
@@ -170,6 +171,7 @@ def label(made: Made, seed: int) -> dict:
         "blocks": [KINDS[name].block for name in found],
         "deviations": dict(made.truth.deviations),
         "recordings": [f"{r.role}: {r.drive.shape} at {r.drive.at}" for r in made.recordings],
+        "oracle": {"rivals": rivals(made.detector, {n: values for n, (values, _, _) in found.items()}, seed)},
         "seed": seed,
     }
 

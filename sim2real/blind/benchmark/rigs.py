@@ -87,7 +87,7 @@ def _rotor(family: str, rng: np.random.Generator) -> BenchRig:
         own = {"support_stiffness": mass * swing**2 - stiffness, "support_damping": 0.06 * mass * swing}
         pole = max(pole, 0.6 * swing)
     bandwidth = float(rng.uniform(2.4, 3.2)) * pole
-    rate = float(rng.choice([4000.0, 5000.0, 8000.0]))
+    rate = float(rng.choice([4000.0, 5000.0]))
     parameters = {
         "mass": mass,
         **own,

@@ -1,11 +1,14 @@
 """`maglev blind answer`: diagnoses every campaign of a sealed set."""
 
+from typing import Annotated, Literal
+
 import typer
 
 from maglev_workbench.commands.blind.options import FolderArgument, ProcessesOption
 from maglev_workbench.options import JsonOption, SchedulerOption, friendly
 
 app = typer.Typer()
+Method = Literal["diagnose", "nothing", "refit"]
 
 
 @app.command(epilog="Example: maglev blind answer sealed")
@@ -14,11 +17,13 @@ def answer(
     folder: FolderArgument,
     processes: ProcessesOption = None,
     scheduler: SchedulerOption = None,
+    method: Annotated[Method, typer.Option(help="What answers: diagnose, or a foil of the benchmark.")] = "diagnose",
     json_file: JsonOption = None,
 ) -> None:
     """Diagnose every campaign of a sealed set without reading the labels; an interrupted run resumes.
 
-    Campaigns are sent to the workers of a --scheduler, which need no access to the folder.
+    A foil's answers go to answers-NAME in the folder. Campaigns are sent to the workers of a --scheduler, which need
+    no access to the folder.
     """
     from maglev_lanes.code_version import DIAGNOSING, code_version
     from maglev_lanes.schedule import workers
@@ -26,6 +31,6 @@ def answer(
     from maglev_workbench.console import write_json
 
     with workers(scheduler, processes) as spread:
-        found = sealed_set.answer(folder, processes, spread)
+        found = sealed_set.answer(folder, processes, spread, method)
     counts = {"answered": found.new, "reused": found.reused, "failed": found.failed}
     write_json(json_file, {"schema": "maglev-blind-answers/1", "version": code_version(DIAGNOSING), **counts})

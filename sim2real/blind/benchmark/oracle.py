@@ -1,0 +1,229 @@
+"""What no method could have told: other explanations that the noise of a campaign does not reject.
+
+The oracle knows the generator. Against the true mean of the recordings it fits every kind of the vocabulary, alone and,
+for a pair, beside either of its effects, with the size free and other values as in the truth or drawn. An explanation
+whose squared distance, in units of the noise and after calibration, is below that of a 1 % test of one parameter with a
+power of one half is a rival of the truth.
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from math import pi, sqrt
+
+import numpy as np
+
+from sim2real.blind.benchmark import at
+from sim2real.blind.benchmark.detect import Detector, critical
+from sim2real.blind.benchmark.kinds import VOCABULARY, Kind, known_on
+from sim2real.blind.benchmark.simulate import LoopFailed
+
+REJECTED = critical(1)  # squared distance from which the truth is told from a rival
+ALIKE = 0.3  # squared cosine with the truth from which a rival's size is searched
+SIZES = (0.3, 0.6, 0.8, 1.0, 1.3, 1.7, 2.5)  # of the one with the strength of the truth
+REFINED = 8  # nearest explanations that are fitted
+STEPS, GROWTH = 4, 1.03  # of such a fit, and of a size for its derivative
+DRAWS = 3  # of a rival's other values
+_MEANS = 4  # draws that are averaged of what acts at random
+TONES: Mapping[str, int] = {  # and the value that turns their phase
+    "runout": at.RUNOUT_PHASE,
+    "unbalance": at.ANGLE,
+    "pickup": at.MAINS_PHASE,
+    "foreign_vibration": at.SHAKE_PHASE,
+}
+_ROLES = ((at.BODY, at.MOUNT), (at.BODY_DAMPING, at.MOUNT_DAMPING), (at.MAINS, at.SHAKE_FREQUENCY))
+
+Values = Mapping[int, float]
+
+
+class _Metric:
+    """Inner products of whitened differences that calibration, and some directions, cannot take up."""
+
+    def __init__(self, detector: Detector, free: Sequence[np.ndarray] = ()):
+        rows = [detector.calibrated(f)[0] for f in free]
+        self.detector = detector
+        self.free = np.linalg.qr(np.array(rows).T)[0].T if rows else np.zeros((0, 1))
+
+    def left(self, d: np.ndarray) -> np.ndarray:
+        """What is left of a difference (values + parameters,): its squared norm is the distance."""
+        rest, theta = self.detector.calibrated(d)
+        if len(self.free):
+            rest = rest - (self.free @ rest) @ self.free
+        return np.concatenate([rest, theta])
+
+
+def rivals(detector: Detector, found: Mapping[str, Values], seed: int) -> list[dict]:
+    """Explanations other than the truth that are not rejected: {"effects": names, "distance": squared}, nearest first.
+
+    Args:
+        detector: Of the campaign.
+        found: Values of the true effects by name.
+        seed: Draws values of rivals that the truth does not state.
+
+    Returns:
+        The rivals; ["none"] stands for no effect at all.
+    """
+    if not found:
+        return []
+    rng = np.random.default_rng([seed, 7])
+    together = _sum(found.values())
+    truth = _mean(detector, together, any(_random(name) for name in found))
+    alone = {name: _mean(detector, values, _random(name)) for name, values in found.items()} if len(found) > 1 else {}
+    metrics = {(): _Metric(detector), **{(name,): _Metric(detector, [d]) for name, d in alone.items()}}
+    targets = {beside: metric.left(truth) for beside, metric in metrics.items()}
+    own = {beside: [_Part.of(detector, name, found[name]) for name in beside] for beside in metrics}
+    near: dict[frozenset[str], tuple[float, list[_Part]]] = {}
+    for beside, target in targets.items():
+        near[frozenset(beside or {"none"})] = float(target @ target), own[beside]
+    for name in known_on(detector.truth.rig.family):
+        if name in TONES and not set(found) & set(TONES):
+            continue
+        for curve in _curves(detector, name, together, truth, rng):
+            for beside, metric in metrics.items():
+                if name in beside or set(found) == {name, *beside}:
+                    continue
+                distance, part = _nearest(targets[beside], [(metric.left(d), p) for d, p in curve], name in TONES)
+                key = frozenset({name, *beside})
+                if distance < near.get(key, (np.inf,))[0]:
+                    near[key] = distance, [*own[beside], *([part] if part else [])]
+    nearest = sorted(near.items(), key=lambda item: item[1][0])[:REFINED]
+    fitted = [(min(least, _refined(detector, truth, parts)), sorted(names)) for names, (least, parts) in nearest]
+    return [{"effects": names, "distance": d} for d, names in sorted(fitted) if d < REJECTED and names != sorted(found)]
+
+
+@dataclass(frozen=True)
+class _Part:
+    """One effect of an explanation: its kind, its size with its sign, and its other values."""
+
+    kind: Kind
+    size: float
+    others: Values
+
+    @staticmethod
+    def of(detector: Detector, name: str, values: Values) -> "_Part":
+        kind = VOCABULARY[name]
+        ratio = values[kind.value] / kind.scale(detector.truth.rig)
+        others = {index: value for index, value in values.items() if index != kind.value}
+        return _Part(kind, 1 / ratio if kind.inverse else ratio, others)
+
+    def grown(self, factor: float) -> "_Part":
+        size = float(np.clip(self.size * factor, -self.kind.most, self.kind.most))
+        return replace(self, size=size)
+
+
+def _refined(detector: Detector, truth: np.ndarray, parts: Sequence[_Part]) -> float:
+    """Squared distance after the sizes of an explanation and the calibration are fitted with the loop as it is."""
+    rig, rows = detector.truth.rig, detector.calibration
+    theta, least = np.zeros(len(rows)), np.inf
+
+    def shown(some: Sequence[_Part]) -> np.ndarray:
+        values = _sum(p.kind.values(rig, p.size, p.others) for p in some)
+        return _mean(detector, values, any(p.kind.random for p in some), theta)
+
+    try:
+        for _ in range(STEPS):
+            d = shown(parts)
+            rest = truth - d
+            least = min(least, float(rest @ rest + theta @ theta))
+            grown = [shown([*parts[:n], p.grown(GROWTH), *parts[n + 1 :]]) - d for n, p in enumerate(parts)]
+            columns = np.vstack([rows, *(g[None] / (GROWTH - 1) for g in grown)])
+            prior = np.concatenate([np.ones(len(theta)), np.full(len(parts), 1e-9)])
+            step = np.linalg.solve(
+                columns @ columns.T + np.diag(prior), columns @ rest - np.concatenate([theta, np.zeros(len(parts))])
+            )
+            theta = theta + step[: len(theta)]
+            parts = [p.grown(1 + float(np.clip(s, -0.6, 1.5))) for p, s in zip(parts, step[len(theta) :], strict=True)]
+    except LoopFailed:
+        pass
+    return least
+
+
+def _sum(parts) -> dict[int, float]:
+    total: dict[int, float] = {}
+    for values in parts:
+        for index, value in values.items():
+            total[index] = total.get(index, 0.0) + value
+    return total
+
+
+def _random(name: str) -> bool:
+    return name in VOCABULARY and VOCABULARY[name].random
+
+
+def _mean(detector: Detector, values: Values, random: bool, theta: Sequence[float] = ()) -> np.ndarray:
+    draws = [detector.with_effects(values, drops, theta) for drops in range(_MEANS if random else 1)]
+    return np.mean(draws, axis=0)
+
+
+def _curves(
+    detector: Detector, name: str, true: Values, truth: np.ndarray, rng: np.random.Generator
+) -> Iterator[list[tuple[np.ndarray, _Part]]]:
+    """Differences that a kind makes: for each choice of its other values, along its size; of a tone two phases."""
+    kind, rig = VOCABULARY[name], detector.truth.rig
+    metric = _Metric(detector)
+    target = metric.left(truth)
+    for others in _choices(detector, name, kind, true, rng):
+        try:
+            if name in TONES:
+                turned = {**others, TONES[name]: others.get(TONES[name], 0.0) + 0.5 * pi}
+                tones = [_Part(kind, 0.1 * kind.most, o) for o in (others, turned)]
+                yield [(detector.with_effects(kind.values(rig, p.size, p.others)), p) for p in tones]
+                continue
+            size, sign = 0.2 * kind.most, 1.0
+            for _ in range(3):  # towards the strength of the truth
+                one = metric.left(_mean(detector, kind.values(rig, sign * size, others), kind.random))
+                strength, along = float(one @ one), float(one @ target)
+                if kind.signed and along < 0:
+                    sign = -sign
+                wanted = size * sqrt(float(target @ target) / max(strength, 1e-12))
+                if 0.7 < wanted / size < 1.4:
+                    break
+                size = min(max(wanted, size / 30, 1e-5), size * 30, kind.most)
+            if along**2 < ALIKE * strength * float(target @ target):
+                continue
+        except LoopFailed:
+            continue
+        curve = []
+        for share in SIZES:
+            if share * size <= kind.most:
+                part = _Part(kind, sign * share * size, others)
+                try:
+                    curve.append((_mean(detector, kind.values(rig, part.size, others), kind.random), part))
+                except LoopFailed:
+                    break
+        yield curve
+
+
+def _choices(
+    detector: Detector, name: str, kind: Kind, true: Values, rng: np.random.Generator
+) -> Iterator[dict[int, float]]:
+    """Other values of a kind: as the truth has them where it has such, and drawn ones."""
+    drawn = [{i: float(v) for i, v in kind.others(detector.truth.rig, rng).items()} for _ in range(DRAWS)]
+    known: dict[int, float] = {}
+    for index in drawn[0]:
+        like = next((role for role in _ROLES if index in role), (index,))
+        for other in like:
+            known[index] = true.get(other, known.get(index, drawn[0][index]))
+    if known or not drawn[0]:
+        yield {**drawn[0], **known}
+    if name in TONES:
+        for speed in {r.speed for r in detector.recordings if r.speed}:
+            yield {**drawn[0], **{index: speed / (2 * pi) for index in _ROLES[2] if index in drawn[0]}}
+    elif drawn[0]:
+        yield from drawn
+
+
+def _nearest(target: np.ndarray, curve: Sequence[tuple[np.ndarray, _Part]], plane: bool) -> tuple[float, _Part | None]:
+    """Squared distance of a target from a plane, or from a polygon that begins at zero, and the part at its corner."""
+    if plane:
+        basis = np.linalg.qr(np.array([d for d, _ in curve]).T)[0]
+        rest = target - basis @ (basis.T @ target)
+        return float(rest @ rest), None
+    least, nearest, before = float(target @ target), None, np.zeros_like(target)
+    for point, part in curve:
+        step = point - before
+        share = min(max(float(step @ (target - before)) / max(float(step @ step), 1e-12), 0.0), 1.0)
+        rest = target - before - share * step
+        if (found := float(rest @ rest)) < least:
+            least, nearest = found, part
+        before = point
+    return least, nearest

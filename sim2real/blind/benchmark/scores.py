@@ -1,0 +1,199 @@
+"""Scores of methods on a set of the benchmark, beside an oracle that knows the generator."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from math import nan
+from pathlib import Path
+
+import numpy as np
+from scipy.stats import binomtest
+
+from sim2real.blind.alike import alike_sets
+from sim2real.blind.calibration import calibration_error
+from sim2real.blind.cases import Case, open_labels, read_answer, seal_of
+from sim2real.blind.judging import SIZES, Judgement, judge, size_range
+from sim2real.blind.scoring import Row, bootstrap, row, size_words
+
+SMALL, MEDIUM, LARGE = SIZES
+
+
+@dataclass(frozen=True)
+class Score:
+    """A share of the campaigns of some kinds and sizes (None: any), and whether the oracle is good on one."""
+
+    name: str
+    kinds: tuple[str, ...]
+    sizes: tuple[tuple[float, float], ...] | None
+    good: Callable[[Judgement], bool]
+    oracle: Callable[[Case], bool] | None = None
+    tellable: bool | None = None
+
+
+EFFECT = ("single", "pair", "unknown")
+VISIBLE = (MEDIUM, LARGE)
+
+
+def rivals_of(case: Case) -> list[frozenset[str]]:
+    """Explanations that the oracle cannot reject, besides the true one."""
+    return [frozenset(one["effects"]) for one in case.label.get("oracle", {}).get("rivals", [])]
+
+
+def tellable(case: Case) -> bool:
+    """Whether the oracle rejects every explanation but the true one."""
+    return not rivals_of(case)
+
+
+def told(j: Judgement) -> bool:
+    """The truth and nothing else: the cause alone, "unexplained" of an unknown, "no_gap" of none."""
+    verdict = {"none": "no_gap", "unknown": "unexplained"}.get(j.case.kind)
+    return j.alone if verdict is None else j.answer.verdict == verdict
+
+
+def honest(j: Judgement) -> bool:
+    """Told, or the right class, or an abstention."""
+    return told(j) or j.right_class or j.abstained
+
+
+SCORES = (
+    Score("false alarm", ("none",), None, lambda j: j.false_alarm, lambda c: False),
+    Score("told, of what can be told", EFFECT, VISIBLE, told, lambda c: True, True),
+    Score("told, of what can be told: singles", ("single",), VISIBLE, told, lambda c: True, True),
+    Score("told, of what can be told: pairs", ("pair",), VISIBLE, told, lambda c: True, True),
+    Score("told, of what can be told: unknowns", ("unknown",), VISIBLE, told, lambda c: True, True),
+    Score("honest where it cannot be told", EFFECT, VISIBLE, honest, lambda c: True, False),
+    Score("right class", ("single",), (LARGE,), lambda j: j.right_class, lambda c: True),
+    Score("right class or correct abstention", ("single",), (MEDIUM,), honest, lambda c: True),
+    Score("right block", ("single", "unknown"), VISIBLE, lambda j: _right_block(j), lambda c: True),
+    Score("pairs: both named", ("pair",), None, lambda j: j.right_class, tellable),
+    Score("pairs: at least one named", ("pair",), None, lambda j: j.one_named, lambda c: True),
+    Score("spurious second effect", ("single",), None, lambda j: j.second, lambda c: False),
+    Score("unknown flagged", ("unknown",), VISIBLE, lambda j: j.flagged, tellable),
+    Score("90 % set holds the truth", ("none", *EFFECT), None, lambda j: j.covered),
+)
+
+
+@dataclass(frozen=True)
+class Method:
+    """A method's answers to a set, judged.
+
+    Attributes:
+        name: Name of the folder of its answers.
+        version: What gave the answers; several, separated by commas, if they differ.
+        judged: The judgement of each campaign.
+        failed: Number of campaigns without an answer or with an error.
+        rows: Its figures, in the order of `names`.
+    """
+
+    name: str
+    version: str
+    judged: tuple[Judgement, ...]
+    failed: int
+    rows: tuple[Row, ...]
+
+
+@dataclass(frozen=True)
+class Benchmark:
+    """A scored set: the seal of its labels, its cases, the figures of the oracle, and each method."""
+
+    labels_sha256: str
+    cases: tuple[Case, ...]
+    oracle: tuple[Row, ...]
+    methods: tuple[Method, ...]
+
+
+def score_set(folder: Path, answers: Sequence[Path]) -> Benchmark:
+    """Check the seal of a set and score folders of answers to it.
+
+    Raises:
+        ValueError: The labels were changed, an answer is missing or invalid, or belongs to another set.
+    """
+    seal, cases = seal_of(folder), open_labels(folder)
+    methods = []
+    for path in answers:
+        found = [read_answer(path / f"{case.id}.json", seal) for case in cases]
+        judged = tuple(judged_with_rivals(case, answer) for case, answer in zip(cases, found, strict=True))
+        versions = ", ".join(sorted({a.version for a in found}))
+        failed = sum(a.error is not None for a in found)
+        methods.append(Method(path.name, versions, judged, failed, _rows(judged)))
+    return Benchmark(seal, cases, tuple(_of_oracle(score, cases) for score in SCORES), tuple(methods))
+
+
+def judged_with_rivals(case: Case, answer) -> Judgement:
+    """As `judge`; what the oracle cannot reject may stand beside the truth, as what is alike on all campaigns may."""
+    j = judge(case, answer)
+    others = [member for member in answer.cause if member != case.truth]
+    size, one_speed, rivals = case.size or 0.0, len(case.speeds) == 1, rivals_of(case)
+    close = all(m in rivals or alike_sets(case.truth, m, case.channels, size, one_speed) for m in others)
+    return replace(j, right_class=case.truth in answer.cause and close)
+
+
+def _right_block(j: Judgement) -> bool:
+    """As `judging.right_block`, for what no vocabulary holds too, whose block the label states."""
+    if j.case.kind != "unknown" or j.answer.verdict != "unexplained" or not j.answer.blocks:
+        return j.right_block
+    largest = max(j.answer.blocks, key=lambda name: j.answer.blocks[name])
+    return bool(set(j.case.label["blocks"]) & set(largest.split("+")))
+
+
+def _belongs(score: Score, case: Case) -> bool:
+    return (
+        case.kind in score.kinds
+        and (score.sizes is None or size_range(case) in score.sizes)
+        and (score.tellable is None or tellable(case) == score.tellable)
+    )
+
+
+def _share(score: Score, good: Sequence[bool]) -> Row:
+    sizes = "" if score.sizes is None else f", {size_words((score.sizes[0][0], score.sizes[-1][1]))}"
+    if not good:
+        return row(score.name + sizes, nan, (nan, nan), 0, "share", None)
+    ci = binomtest(sum(good), len(good)).proportion_ci(method="wilson")
+    return row(score.name + sizes, sum(good) / len(good), (ci.low, ci.high), len(good), "share", None)
+
+
+def _of_oracle(score: Score, cases: Sequence[Case]) -> Row:
+    return _share(score, [score.oracle(c) for c in cases if _belongs(score, c)] if score.oracle else [])
+
+
+def _rows(judged: Sequence[Judgement]) -> tuple[Row, ...]:
+    top = np.array([(j.top_probability, j.top_right) for j in judged], dtype=float).reshape(-1, 2)
+    closed = [
+        j.answer.closed_fraction for j in judged if told(j) and j.case.kind != "none" and size_range(j.case) == LARGE
+    ]
+    seconds = [j.answer.seconds for j in judged]
+    return (
+        *(_share(score, [score.good(j) for j in judged if _belongs(score, j.case)]) for score in SCORES),
+        row("calibration error", calibration_error(top), bootstrap(top, calibration_error), len(top), "", None),
+        row(
+            f"median closed fraction of what was told, {size_words(LARGE)}",
+            float(np.median(closed)) if closed else nan,
+            bootstrap(np.array(closed), np.median),
+            len(closed),
+            "",
+            None,
+        ),
+        row(
+            "mean time per campaign",
+            float(np.mean(seconds)),
+            bootstrap(np.array(seconds), np.mean),
+            len(seconds),
+            "s",
+            None,
+        ),
+    )
+
+
+def misses(method: Method) -> list[Judgement]:
+    """Visible campaigns that can be told and were not, and false alarms."""
+    wrong = [j for j in method.judged if j.case.kind == "none" and j.false_alarm]
+    sized = [j for j in method.judged if j.case.kind in EFFECT and size_range(j.case) in VISIBLE]
+    return wrong + [j for j in sized if tellable(j.case) and not told(j)]
+
+
+def by_family(method: Method) -> Mapping[str, Row]:
+    """The headline by family of rigs."""
+    families = sorted({j.case.rig for j in method.judged})
+    return {
+        name: _share(SCORES[1], [told(j) for j in method.judged if j.case.rig == name and _belongs(SCORES[1], j.case)])
+        for name in families
+    }

@@ -1,0 +1,119 @@
+"""`maglev blind score` on a set made by hand: what counts as told, rivals, the oracle, and what is refused."""
+
+import json
+from hashlib import sha256
+
+import pytest
+from command_line import maglev
+
+import sim2real
+from sim2real.blind.benchmark import generate as generator
+from sim2real.blind.benchmark.foils import nothing
+from sim2real.blind.benchmark.scores import score_set
+
+# kind, effects, size, rivals, verdict, cause
+CASES = (
+    ("none", (), None, (), "no_gap", ()),
+    ("none", (), None, (), "explained", ("delay",)),
+    ("single", ("delay",), 20.0, (), "explained", ("delay",)),
+    ("single", ("mass",), 20.0, (), "ambiguous", ("mass", "friction")),
+    ("single", ("mass",), 20.0, (("friction",),), "ambiguous", ("mass", "friction")),
+    ("single", ("mass",), 0.7, (), "no_gap", ()),
+    ("pair", ("delay", "damping"), 5.0, (), "explained", ("delay", "damping")),
+    ("unknown", ("cogging",), 5.0, (), "unexplained", ()),
+    ("unknown", ("cogging",), 5.0, (("force_law",),), "explained", ("force_law",)),
+)
+
+
+def said(campaign):
+    _, _, _, _, verdict, cause = CASES[int(campaign.name[1:])]
+    found = (
+        [*cause]
+        if verdict == "ambiguous"
+        else ["+".join(cause)]
+        if cause
+        else [{"no_gap": "none"}.get(verdict, "unknown")]
+    )
+    which = [{"effects": one.split("+"), "probability": 1 / len(found)} for one in found]
+    where = {"blocks": {"actuator": 1.0}}
+    data = {"schema": "maglev-diagnosis/1", "verdict": verdict, "cause": list(cause), "which": which, "where": where}
+    return data | {"gap": {"closed_fraction": 0.9}}
+
+
+class Said:
+    def __init__(self, campaign):
+        self.data = said(campaign)
+
+    def to_json(self):
+        return self.data
+
+
+def made_by_hand(folder, count, seed, processes, labels):
+    rows = []
+    for i, (kind, effects, size, rivals, _, _) in enumerate(CASES):
+        (folder / f"c{i:04d}").mkdir(parents=True)
+        (folder / f"c{i:04d}" / "campaign.toml").write_text("[[recording]]\nspeed_rpm = 0.0\n")
+        row = {"id": f"c{i:04d}", "kind": kind, "rig": "ball", "channels": "full", "effects": {e: {} for e in effects}}
+        row |= {"sizes": [size] if effects else [], "blocks": ["actuator"] if kind == "unknown" else []}
+        rows.append(row | {"oracle": {"rivals": [{"effects": list(r), "distance": 1.0} for r in rivals]}})
+    labels.write_text(json.dumps(rows))
+    return sha256(labels.read_bytes()).hexdigest()
+
+
+@pytest.fixture
+def answered(tmp_path, monkeypatch):
+    monkeypatch.setattr(sim2real, "diagnose", Said, raising=False)
+    monkeypatch.setattr(generator, "generate", made_by_hand)
+    out = tmp_path / "set"
+    maglev("blind", "generate", "--benchmark", "--count", 9, "--seed", 3, "--out", out)
+    maglev("blind", "answer", out, "--processes", 1)
+    maglev("blind", "answer", out, "--processes", 1, "--method", "nothing")
+    return out
+
+
+def test_methods_stand_beside_the_oracle(answered, tmp_path):
+    docs, js = tmp_path / "b.md", tmp_path / "b.json"
+    text = maglev("blind", "score", answered, "--docs", docs, "--json", js)
+    assert "oracle" in text and "answers-nothing" in text
+    data = json.loads(js.read_text())
+    assert data["schema"] == "maglev-benchmark/1" and data == json.loads((answered / "blind.json").read_text())
+    ours, foil = ({r["name"]: (r["value"], r["n"]) for r in m["rows"]} for m in data["methods"])
+    assert [m["name"] for m in data["methods"]] == ["answers", "answers-nothing"]
+    assert ours["false alarm"] == (0.5, 2) and foil["false alarm"] == (0.0, 2)
+    assert ours["told, of what can be told, >= 1 x"] == (0.75, 4)  # delay, the pair, an unknown; not mass or friction
+    assert foil["told, of what can be told, >= 1 x"] == (0.0, 4)
+    assert ours["honest where it cannot be told, >= 1 x"] == (0.5, 2)  # the class; not a false name of the unknown
+    assert ours["right class, >= 10 x"][0] == pytest.approx(2 / 3)
+    assert ours["pairs: both named"] == (1.0, 1) and ours["right block, >= 1 x"][1] == 5
+    oracle = {r["name"]: r["value"] for r in data["oracle"]}
+    assert oracle["told, of what can be told, >= 1 x"] == 1.0 and oracle["unknown flagged, >= 1 x"] == 0.5
+    assert data["methods"][0]["missed"] == ["c0001", "c0003"]
+    markdown = docs.read_text()
+    assert "c0008" in markdown and "friction" in markdown and data["labels_sha256"] in markdown
+    assert all(line.count("|") >= 3 for line in markdown.splitlines() if line.startswith("|"))
+    (answered / "answers" / "c0001.json").unlink()
+    assert "opened already" in maglev("blind", "answer", answered, "--processes", 1, code=2)
+    assert "missing" in maglev("blind", "score", answered, code=2)
+
+
+def test_anothers_folder_of_answers_is_scored_and_one_for_another_set_is_refused(answered, tmp_path):
+    theirs = tmp_path / "theirs"
+    theirs.mkdir()
+    for path in (answered / "answers").iterdir():
+        data = json.loads(path.read_text()) | {"version": "their method 1.0"}
+        (theirs / path.name).write_text(json.dumps(data))
+    found = score_set(answered, [theirs])
+    assert found.methods[0].version == "their method 1.0" and found.methods[0].failed == 0
+    (theirs / "c0000.json").write_text(json.dumps(data | {"labels_sha256": "0"}))
+    assert "does not answer this sealed set" in maglev("blind", "score", answered, theirs, code=2)
+
+
+def test_sets_of_the_two_generators_are_not_confused(answered):
+    assert "maglev blind score" in maglev("blind", "open", answered, code=2)
+    made = json.loads((answered / "set.json").read_text())
+    (answered / "set.json").write_text(json.dumps(made | {"benchmark": False}))
+    assert "maglev blind open" in maglev("blind", "score", answered, code=2)
+
+
+def test_the_foil_that_finds_nothing_needs_no_campaign(tmp_path):
+    assert nothing(tmp_path)["verdict"] == "no_gap"
