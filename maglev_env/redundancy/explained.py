@@ -93,6 +93,7 @@ def _one(view: View, found: Sequence[Cause], rows: Sequence[Row], together: Sequ
                 lead.delay,
                 (lead.delay - 2 * lead.delay_se, lead.delay + 2 * lead.delay_se),
             )
+    together = [c for c in together if c.name not in {other.name for other in named}]
     names = " or ".join([*(c.name for c in named), *(f"{c.name} with its stated peak" for c in together)])
     against = " and ".join(dict.fromkeys(row.against for row in off))
     text = f"{names}: {' and '.join(says) or 'differs'} against {against}; {_advice(view, code, lead)}"
@@ -131,6 +132,12 @@ def _filtered(view: View, rows: Sequence[Row]) -> list[Finding]:
                 name = "injection"
             corner = 1 / (2 * np.pi * abs(row.lag))
             text = f"{name}: it looks low-pass filtered at {corner:.4g} Hz against {row.against}; take the filter out"
+            if other := sorted(view.corrected & {*names} - {name}):
+                text += f", or the filter that is stated of {' or '.join(other)}"
+                name = " or ".join([name, *other])
+            elif row.code == "controller" and name != "injection":
+                text += ", or correct kd and td"
+                name += " or gains"
             kind: Kind = "wiring"
             if row.delay_effects:
                 kind = "effect"
@@ -143,7 +150,8 @@ def _controller(view: View, rows: Sequence[Row]) -> list[Finding]:
     row = next(r for r in rows if r.code == "controller")
     read = ["displacement", *(["current"] if reads_current(view.gains, 1 / view.rig.control_rate) else [])]
     read += ["reference"] if "reference" in view.recorded else []
-    names = " or ".join(["command", *read, "gains"])
+    added = [n for n in ("injection",) if n in view.recorded]
+    names = " or ".join(["command", *read, *added, "gains"])
     text = (
         f"{names}: the command is not what the stated controller makes of the {' and the '.join(read)} (factor "
         f"{row.gain:.3g}, {row.misfit:.0%} are left): check the gains, td, ti and control_rate, whether the controller "

@@ -56,14 +56,6 @@ class Case:
         return [n for n in self.usual if n.partition("_")[0] == quantity]
 
 
-def corrupt(m: Made, kind: str, what: str, rng: np.random.Generator) -> Done | None:
-    """Apply one corruption; None if it has no meaning here."""
-    case = Case(m, kind, "", rng)
-    case = Case(m, kind, str(rng.choice(case.usual)), rng)
-    word, _, number = what.partition(" ")
-    return delay(case, int(number)) if word == "delay" else KINDS_OF[what](case)
-
-
 def scale(c: Case) -> Done:
     factor = float(c.rng.choice(FACTORS))
     c.put(c.x * factor)
@@ -313,4 +305,4 @@ USUAL = (
     *("file", "swapped", "clipped", "offset", "drift"),
 )
 WIRING = tuple(KINDS_OF)[tuple(KINDS_OF).index("axes") :]
-IN_ONE = ("mm in one", "bias in one", "mixed")  # of two recordings
+IN_ONE = ("mm in one", "bias in one", "mixed", "clamp in one")  # of two recordings
