@@ -18,6 +18,7 @@ from maglev_env.redundancy.amplifier import amplified
 from maglev_env.redundancy.bounds import balance, clearance, rails, ranges, sensitivity, still
 from maglev_env.redundancy.changes import clocks, copied, copies, ranges_changed
 from maglev_env.redundancy.controller import controlled, stated_gains
+from maglev_env.redundancy.coupling import coupled
 from maglev_env.redundancy.coverage import uncovered
 from maglev_env.redundancy.design import dead_lines, designed
 from maglev_env.redundancy.explained import explained
@@ -50,6 +51,7 @@ RULES: Mapping[str, Callable[[View], list[Finding]]] = {
     "lines": dead_lines,
     "gains": stated_gains,
     "breaks": breaks,
+    "AC coupling": coupled,
     "balance": balance,
     "spikes": outliers,
     "drift": drifts,

@@ -104,17 +104,19 @@ def right(done: Done, what: str, found: list) -> tuple[bool, bool]:
     return named, caused
 
 
-def warned(folder: Path, done: Done, late: bool) -> tuple[list[tuple[str, str, str]], bool]:
+def warned(folder: Path, done: Done, what: str) -> tuple[list[tuple[str, str, str]], bool]:
     """Warnings of a campaign as (code, channel, message), and whether what was changed is named as not checkable.
 
-    A refusal on reading counts as a warning. That a time is not checkable counts for channels that are late alone.
+    A refusal on reading counts as a warning. That a time or coupling is not checkable counts for what is late or
+    coupled alone.
     """
     try:
         found = examine(load_campaign(folder))
     except (ValueError, OSError) as error:
         return [("file", _quoted(str(error)), str(error))], False
     names = [name for f in found if f.kind == "not checkable" for name in f.channel.split(" or ")]
-    noted = " ".join(name for name in names if late or not name.startswith("time"))
+    of = {"time": "delay", "AC": "AC"}
+    noted = " ".join(name for name in names if what.startswith(of.get(name.split()[0], "")))
     changed = [name.partition("_")[0] for name in done.channel.split("|")]
     return [(f.code, f.channel, f.message) for f in found if f.kind != "not checkable"], any(
         c in noted for c in changed
@@ -189,7 +191,7 @@ def one_case(number: int, seed: int, sound: bool, drawn: tuple[str, ...], folder
     else:
         return None  # none of the drawn corruptions has a meaning for this kind
     m.write(folder / "c")
-    found, noted = warned(folder / "c", done, what.startswith("delay"))
+    found, noted = warned(folder / "c", done, what)
     why = done.uncovered or ("named as not checkable" if noted and not found else "")
     case = {"number": number, "kind": kind, "rig": source, "what": what, "done": done.words,
             "uncovered": why, "warned": found[:4]}  # fmt: skip

@@ -28,7 +28,7 @@ def view(**channels):
 
 def test_sound_periods_have_one_clock_one_range_and_noise():
     rng = np.random.default_rng(1)
-    for _ in range(60):
+    for _ in range(20):
         seen = view(force=channel(rng, noise=0.01), displacement=channel(rng, noise=float(rng.choice([0.02, 0.5]))))
         assert [f for rule in (clocks, ranges_changed, copies) for f in rule(seen)] == []
 
