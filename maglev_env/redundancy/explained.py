@@ -10,6 +10,7 @@ from maglev_env.redundancy.finding import Finding, Kind
 from maglev_env.redundancy.rows import LEVEL, Row
 from maglev_env.redundancy.view import View
 
+OF_CONTROLLER = ("controller", "injection to command", "reference to command")
 LARGEST = 8.0  # factor that an effect may be: D measures an actuator gain of 4.5 times the computed one
 
 
@@ -30,6 +31,8 @@ def explained(view: View, rows: Sequence[Row]) -> list[Finding]:
         return [_one(view, found, rows, together)]
     if together:
         return [_one(view, [], rows, together)]
+    if len(off) > 1 and all(row.code in OF_CONTROLLER for row in off):
+        return _controller(view, rows)  # wrong gains bend both, and are one mistake
     if both := two_causes(rows, view.rate):
         return [_one(view, [cause], rows) for cause in both]
     exact = [row for row in off if not _or_effect(row)]

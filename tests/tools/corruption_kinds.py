@@ -68,7 +68,7 @@ def sign(c: Case) -> Done:
 
 
 def delay(c: Case, k: int) -> Done:
-    c.put(np.concatenate([np.full(k, c.x[0]), c.x[:-k]]))
+    c.put(np.concatenate([c.x[k:0:-1], c.x[:-k]]))  # a constant would be a stuck reading
     late = ""
     if c.kind in ("mass only", "current only") and k == 1:
         late = "one sample is within the tolerance of the loop"
