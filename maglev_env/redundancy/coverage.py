@@ -23,7 +23,7 @@ def uncovered(view: View, rows: Sequence[Row]) -> list[Finding]:
     if "mass" not in seen and view.mass is not None:
         free.append("mass")
     if view.rig is None and "force" in view.recorded:
-        free.append(_between(view, rows))
+        free += [_between(view, rows), "AC coupling of the displacement"]  # an integrating controller looks alike
     late = [row.against for row in rows if row.code == DRIVEN and row.delay is None]
     free += [f"time of {drive}" for drive in late]
     if not free:

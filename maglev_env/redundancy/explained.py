@@ -10,6 +10,7 @@ from maglev_env.redundancy.finding import Finding, Kind
 from maglev_env.redundancy.rows import LEVEL, Row
 from maglev_env.redundancy.view import View
 
+OF_CONTROLLER = ("controller", "injection to command", "reference to command")
 LARGEST = 8.0  # factor that an effect may be: D measures an actuator gain of 4.5 times the computed one
 
 
@@ -30,6 +31,8 @@ def explained(view: View, rows: Sequence[Row]) -> list[Finding]:
         return [_one(view, found, rows, together)]
     if together:
         return [_one(view, [], rows, together)]
+    if len(off) > 1 and all(row.code in OF_CONTROLLER for row in off):
+        return _controller(view, rows)  # wrong gains bend both, and are one mistake
     if both := two_causes(rows, view.rate):
         return [_one(view, [cause], rows) for cause in both]
     exact = [row for row in off if not _or_effect(row)]
@@ -93,6 +96,7 @@ def _one(view: View, found: Sequence[Cause], rows: Sequence[Row], together: Sequ
                 lead.delay,
                 (lead.delay - 2 * lead.delay_se, lead.delay + 2 * lead.delay_se),
             )
+    together = [c for c in together if c.name not in {other.name for other in named}]
     names = " or ".join([*(c.name for c in named), *(f"{c.name} with its stated peak" for c in together)])
     against = " and ".join(dict.fromkeys(row.against for row in off))
     text = f"{names}: {' and '.join(says) or 'differs'} against {against}; {_advice(view, code, lead)}"
@@ -131,6 +135,12 @@ def _filtered(view: View, rows: Sequence[Row]) -> list[Finding]:
                 name = "injection"
             corner = 1 / (2 * np.pi * abs(row.lag))
             text = f"{name}: it looks low-pass filtered at {corner:.4g} Hz against {row.against}; take the filter out"
+            if other := sorted(view.corrected & {*names} - {name}):
+                text += f", or the filter that is stated of {' or '.join(other)}"
+                name = " or ".join([name, *other])
+            elif row.code == "controller" and name != "injection":
+                text += ", or correct kd and td"
+                name += " or gains"
             kind: Kind = "wiring"
             if row.delay_effects:
                 kind = "effect"
@@ -143,7 +153,8 @@ def _controller(view: View, rows: Sequence[Row]) -> list[Finding]:
     row = next(r for r in rows if r.code == "controller")
     read = ["displacement", *(["current"] if reads_current(view.gains, 1 / view.rig.control_rate) else [])]
     read += ["reference"] if "reference" in view.recorded else []
-    names = " or ".join(["command", *read, "gains"])
+    added = [n for n in ("injection",) if n in view.recorded]
+    names = " or ".join(["command", *read, *added, "gains"])
     text = (
         f"{names}: the command is not what the stated controller makes of the {' and the '.join(read)} (factor "
         f"{row.gain:.3g}, {row.misfit:.0%} are left): check the gains, td, ti and control_rate, whether the controller "

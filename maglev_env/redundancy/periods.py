@@ -20,6 +20,7 @@ SPIKE = 14.0  # robust standard deviations; of 1e8 Gaussian samples the largest 
 OTHER = 20.0  # times the usual power of a period's difference from the others
 LEVEL = 1e-5  # probability of a drift under noise alone
 AGAIN, COINCIDE = 2, 0.4  # samples at an extreme value; share of the departures beside one of them
+LONG = 8  # samples at an extreme value, where there is but one departure
 TAPS = 6  # commands from which the current is predicted
 JUMP = 0.03  # of the current's range
 BENT = 3.0  # standard errors of the lowest lines that a drift bends them by
@@ -106,9 +107,9 @@ def outliers(view: View) -> list[Finding]:
     if not view.periodic:
         return []
     names, blocks = view.blocks
-    found = []
+    found: list[tuple[int, Finding]] = []
     if len(blocks) < LEAST:
-        return found
+        return []
     samples, first = view.block[0], max(1, view.lines.first)  # a rotor that still rings is left out anyway
     for i, name in enumerate(names):
         if name not in view.recorded:
@@ -133,7 +134,7 @@ def outliers(view: View) -> list[Finding]:
                 f"{name}: a spike of {worst:.3g} {unit} at {when:.5g} s, {worst / sigma:.0f} times the noise; leave "
                 "its period out (start, samples)"
             )
-            found.append(Finding("spike", view.recording, name, worst, None, text, "wiring"))
+            found.append((kept[p] + first, Finding("spike", view.recording, name, worst, None, text, "wiring")))
         elif (ratio := float(power.max() / max(np.median(power), 1e-300))) > OTHER and power.max() > (0.01 * size) ** 2:
             at = kept[int(np.argmax(power))] + first
             text = (
@@ -141,8 +142,22 @@ def outliers(view: View) -> list[Finding]:
                 f"{np.sqrt(power.max()):.3g} {unit} rms, {np.sqrt(ratio):.0f} times as much as usual; something "
                 "happened there, or two records are joined: leave it out (start, samples)"
             )
-            found.append(Finding("period", view.recording, name, float(np.sqrt(ratio)), None, text, "wiring"))
-    return found
+            found.append((at, Finding("period", view.recording, name, float(np.sqrt(ratio)), None, text, "wiring")))
+    return _together(view, found)
+
+
+def _together(view: View, found: list[tuple[int, Finding]]) -> list[Finding]:
+    """Findings of periods; what several channels show in one period is no matter of one channel."""
+    at = {period for period, _ in found}
+    if len(found) < 2 or len(at) > 1:
+        return [f for _, f in found]
+    names = " and ".join(f.channel for _, f in found)
+    text = (
+        f"all channels: the period from {at.pop() * view.block[0] / view.rate:.4g} s on differs from the others in "
+        f"{names}: samples are missing there, two records are joined, or something happened; leave it out (start, "
+        "samples)"
+    )
+    return [Finding("period", view.recording, "all channels", found[0][1].value, None, text, "wiring")]
 
 
 def drifts(view: View) -> list[Finding]:
@@ -200,8 +215,10 @@ def breaks(view: View) -> list[Finding]:
     events = np.flatnonzero(np.abs(rest) > max(SPIKE * sigma, JUMP * float(np.ptp(i))))
     if not events.size:
         return []
-    if np.ptp(events) > TAPS + 2:  # a nonlinear amplifier departs from any linear prediction again and again
-        return _cut_off(view, at[events])
+    again = np.ptp(events) > TAPS + 2
+    found = _cut_off(view, at[events], AGAIN if again else LONG)
+    if found or again:  # a nonlinear amplifier departs from any linear prediction again and again
+        return found
     when = float(at[events[0]]) / view.rate
     text = (
         f"all channels: the current jumps by {worst:.3g} A at {when:.5g} s, {worst / max(sigma, 1e-300):.0f} times as "
@@ -210,14 +227,14 @@ def breaks(view: View) -> list[Finding]:
     return [Finding("missing samples", view.recording, "all channels", None, None, text, "wiring")]
 
 
-def _cut_off(view: View, events: np.ndarray) -> list[Finding]:
+def _cut_off(view: View, events: np.ndarray, least: int) -> list[Finding]:
     """The channel that stands at one extreme value whenever the current departs from what the command explains."""
     for name in ("command", "current"):
         values = view.channels[name]
         near = values[np.minimum(np.maximum(events[:, None] + np.arange(-TAPS, 2), 0), values.size - 1)]
         for level in (values.max(), values.min()):
             times = int((values == level).sum())
-            if times >= AGAIN and (near == level).any(axis=1).mean() > COINCIDE:
+            if times >= least and (near == level).any(axis=1).mean() > COINCIDE:
                 text = (
                     f"{name}: it is cut off at {level:.4g} A, {times} times, and the current does not follow it there; "
                     "record with less amplitude, or what acted"

@@ -16,7 +16,9 @@ from maglev_env.recordings.signals import recorded_signals
 from maglev_env.recordings.spectra import RecordedSignals, axis_signals
 from maglev_env.redundancy.amplifier import amplified
 from maglev_env.redundancy.bounds import balance, clearance, rails, ranges, sensitivity, still
+from maglev_env.redundancy.changes import clocks, copied, copies, ranges_changed
 from maglev_env.redundancy.controller import controlled, stated_gains
+from maglev_env.redundancy.coupling import coupled
 from maglev_env.redundancy.coverage import uncovered
 from maglev_env.redundancy.design import dead_lines, designed
 from maglev_env.redundancy.explained import explained
@@ -42,10 +44,14 @@ RULES: Mapping[str, Callable[[View], list[Finding]]] = {
     "clearance": clearance,
     "noise": still,
     "range": ranges,
+    "copies": copies,
+    "range change": ranges_changed,
+    "clocks": clocks,
     "missing samples": jumps,
     "lines": dead_lines,
     "gains": stated_gains,
     "breaks": breaks,
+    "AC coupling": coupled,
     "balance": balance,
     "spikes": outliers,
     "drift": drifts,
@@ -61,6 +67,7 @@ FINAL = (
     "missing samples",
     "gains",
 )  # others would only repeat in other words what these found
+CHANGED = ("range change", "clock")  # a mean over the periods says nothing then
 
 
 def examine(campaign: Campaign) -> list[Finding]:
@@ -114,7 +121,7 @@ def _findings(view: View) -> list[Finding]:
     found: list[Finding] = []
     for rule in RULES.values():
         found += rule(view)
-        if any(f.code in FINAL and f.kind == "contradiction" for f in found):
+        if any((f.code in FINAL and f.kind == "contradiction") or f.code in CHANGED for f in found):
             return found
     rows = comparisons(view)
     why = explained(view, rows)
@@ -124,8 +131,11 @@ def _findings(view: View) -> list[Finding]:
 
 
 def comparisons(view: View) -> list[Row]:
-    """The rows of one axis."""
-    return [row for rule in ROWS.values() for row in rule(view) if row.known or row.shape_off]
+    """The rows of one axis. Periods that are copies hide the noise, so that exact relations alone are compared."""
+    rows = [row for rule in ROWS.values() for row in rule(view)]
+    if copied(view):
+        rows = [replace(row, misfit=0.0) for row in rows if not row.gain_effects]
+    return [row for row in rows if row.known or row.shape_off]
 
 
 def _views(campaign: Campaign, spec: RecordingSpec, signals: RecordedSignals) -> list[View]:
@@ -152,6 +162,7 @@ def _views(campaign: Campaign, spec: RecordingSpec, signals: RecordedSignals) ->
                 own.excitations, spec.stated_peaks,
                 spec.gains and of_axis(spec.gains, which),
                 tuple(dict.fromkeys(of_axis(c, which) for c in controllers)), rig, mass, own.hold_rate, own.left_out,
+                frozenset(k for k, v in recorded.items() if spec.channels[v].filter or spec.channels[v].delay),
             )
         )  # fmt: skip
     # A coil recorded with its switching voltage ripples: the control samples alone would fold that back.

@@ -62,6 +62,7 @@ class View:
         mass: Moving mass, kg; None where it is not stated.
         hold_rate: See `RecordedSignals`.
         left_out: Periods with masked samples.
+        corrected: Channels of which the campaign states a filter or delay, which is taken off.
     """
 
     recording: str
@@ -77,6 +78,7 @@ class View:
     mass: float | None
     hold_rate: float | None = None
     left_out: tuple[int, ...] = ()
+    corrected: frozenset[str] = frozenset()
 
     @property
     def periodic(self) -> bool:

@@ -16,7 +16,7 @@ from maglev_env.experiment import Experiment, protocol_experiment
 from maglev_env.kernel.simulate import simulate_records
 from maglev_env.linear.loop import closed_loop_poles
 from maglev_env.loop.effect import check_effects, effect
-from maglev_env.loop.gains import NO_CONTROLLER
+from maglev_env.loop.gains import NO_CONTROLLER, Gains
 from maglev_env.recordings.campaign_writer import excitation_table, toml_value
 from maglev_env.recordings.recording import simulated_recording
 from maglev_env.rig.excitation import Excitation, lines_at
@@ -35,11 +35,12 @@ RIGS = {
 
 @dataclass
 class Made:
-    """A campaign in memory: the tree of its campaign.toml, and the columns of its one or two files."""
+    """A campaign in memory: the tree of its campaign.toml, the columns of its one or two files, and what made them."""
 
     tree: dict[str, Any]
     files: list[dict[str, np.ndarray]]
     rig: Rig
+    run: Experiment | None = None
 
     @property
     def columns(self) -> dict[str, np.ndarray]:
@@ -53,7 +54,7 @@ class Made:
 
     def copy(self) -> "Made":
         tree = json.loads(json.dumps(self.tree))
-        return Made(tree, [{k: v.copy() for k, v in columns.items()} for columns in self.files], self.rig)
+        return Made(tree, [{k: v.copy() for k, v in columns.items()} for columns in self.files], self.rig, self.run)
 
     def write(self, folder: Path) -> Path:
         folder.mkdir(parents=True, exist_ok=True)
@@ -163,8 +164,7 @@ def made(kind: str, rng: np.random.Generator, effected: bool = False, records: i
         raise RuntimeError(f"no draw of {source} levitates")
     files = []
     for run, record in zip(runs, found, strict=True):
-        dataset = simulated_recording(run, record)
-        files.append({"time": dataset["time"].values, **{str(n): dataset[n].values for n in dataset.data_vars}})
+        files.append(_columns(run, record))
     periods = e.periods + 1
     tables = [{**excitation_table(x), "periods": periods} for x in e.excitations]
     keep = {
@@ -184,7 +184,23 @@ def made(kind: str, rng: np.random.Generator, effected: bool = False, records: i
         tree["rig"] = rig.name
     tree["parameters"] = {"mass": rig.mass}
     tree["recording"] = _tables(table, records)
-    return Made(tree, files, rig), source, next(iter(extra), "")
+    return Made(tree, files, rig, noisy), source, next(iter(extra), "")
+
+
+def _columns(run: Experiment, record: np.ndarray) -> dict[str, np.ndarray]:
+    dataset = simulated_recording(run, record)
+    return {"time": dataset["time"].values, **{str(n): dataset[n].values for n in dataset.data_vars}}
+
+
+def under_other_gains(m: Made, rng: np.random.Generator) -> dict[str, np.ndarray] | None:
+    """The columns of the same recording, had its gains been others; None where the rotor does not levitate."""
+    if m.run is None or not isinstance(m.run.gains, Gains):
+        return None
+    kp, kd = rng.choice([0.8, 1.2, 1.3], 2)
+    other = replace(m.run, gains=replace(m.run.gains, kp=m.run.gains.kp * kp, kd=m.run.gains.kd * kd))
+    other = replace(other, periods=other.periods + 1)
+    record = simulate_records([other])[0]
+    return _columns(other, record) if np.isfinite(record).all() else None
 
 
 def _tables(table: dict[str, Any], records: int) -> list[dict[str, Any]]:

@@ -56,14 +56,6 @@ class Case:
         return [n for n in self.usual if n.partition("_")[0] == quantity]
 
 
-def corrupt(m: Made, kind: str, what: str, rng: np.random.Generator) -> Done | None:
-    """Apply one corruption; None if it has no meaning here."""
-    case = Case(m, kind, "", rng)
-    case = Case(m, kind, str(rng.choice(case.usual)), rng)
-    word, _, number = what.partition(" ")
-    return delay(case, int(number)) if word == "delay" else KINDS_OF[what](case)
-
-
 def scale(c: Case) -> Done:
     factor = float(c.rng.choice(FACTORS))
     c.put(c.x * factor)
@@ -76,7 +68,7 @@ def sign(c: Case) -> Done:
 
 
 def delay(c: Case, k: int) -> Done:
-    c.put(np.concatenate([np.full(k, c.x[0]), c.x[:-k]]))
+    c.put(np.concatenate([c.x[k:0:-1], c.x[:-k]]))  # a constant would be a stuck reading
     late = ""
     if c.kind in ("mass only", "current only") and k == 1:
         late = "one sample is within the tolerance of the loop"
@@ -313,4 +305,4 @@ USUAL = (
     *("file", "swapped", "clipped", "offset", "drift"),
 )
 WIRING = tuple(KINDS_OF)[tuple(KINDS_OF).index("axes") :]
-IN_ONE = ("mm in one", "bias in one", "mixed")  # of two recordings
+IN_ONE = ("mm in one", "bias in one", "mixed", "clamp in one")  # of two recordings

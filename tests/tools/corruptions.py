@@ -1,9 +1,10 @@
 """How often is a wrong recording used without a word, and a sound one accused? Corruptions of simulated campaigns.
 
-    python tests/tools/corruptions.py --count 300 --seed 1 --out result.json [--sound | --wiring]
+    python tests/tools/corruptions.py --count 300 --seed 1 --out result.json [--sound | --wiring | --stories]
 
 Each case draws a kind of campaign, a rig off by its tolerances, and one corruption (with --sound none, and in half of
-the cases an effect of 1 to 100 times a small size; with --wiring another kind of wrong wiring). A case is silent if no
+the cases an effect of 1 to 100 times a small size; with --wiring another kind of wrong wiring; with --stories wrong
+settings of instruments and statements). A case is silent if no
 rule warns and some estimate is more than three of its standard errors from that of the sound recording. A warning is
 right if it names the channel that was changed and what was done to it. The tables count by corruption and kind; every
 silent case is listed with whether some redundancy covers it. Exit status 0 always: this is a measurement.
@@ -19,8 +20,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from corruption_campaigns import KINDS, made
-from corruption_kinds import IN_ONE, USUAL, WIRING, Done, corrupt
+from corruption_campaigns import KINDS, Made, made
+from corruption_kinds import IN_ONE, KINDS_OF, USUAL, WIRING, Case, Done, delay
+from corruption_stories import STORIES_OF
 
 from maglev_env.recordings.campaign import load_campaign
 from maglev_env.redundancy.rules import examine
@@ -53,8 +55,34 @@ RIGHT: Mapping[str, tuple[str, ...]] = {
     "force cell": ("scale", "sign", "newton", "designed"),
     "volts": ("scale", "clearance", "range"),
     "one coil": ("scale", "balance", "amplifier", "newton"),
+    "other side": ("sign", "scale", "clearance", "range", "newton"),
+    "clamp in one": ("scale", "amplifier", "newton", "range"),
+    "autorange": ("range change", "period", "drift", "scale", "missing samples", "balance", "clearance"),
+    "pp": ("scale", "designed", "newton"),
+    "wrong filter": ("filter", "shape", "delay", "scale", "newton", "amplifier", "controller", "mismatch"),
+    "per mm": ("controller", "gains", "scale", "mismatch"),
+    "ideal": ("controller", "gains", "scale", "mismatch"),
+    "decimated": ("lines", "rate", "file", "mismatch"),
+    "slightly": ("lines", "rate", "file", "mismatch"),
+    "truncated": ("file", "samples"),
+    "clock": ("delay", "clock", "period", "missing samples", "amplifier", "controller", "newton"),
+    "AC": ("filter", "shape", "controller", "amplifier", "newton", "scale", "delay"),
+    "averaged": ("repeated", "samples", "period"),
+    "both signs": ("sign", "scale", "newton", "amplifier"),
+    "other gains": ("gains", "controller", "scale", "mismatch"),
+    "hum": ("period", "spike", "lines", "file", "scale", "hum"),
+    "direction": ("lines", "mismatch", "sign", "scale", "designed"),
+    "8 bits": ("resolution", "scale"),
 }
 RIGHT = {**RIGHT, "mixed": RIGHT["file"]}
+
+
+def corrupt(m: Made, kind: str, what: str, rng: np.random.Generator) -> Done | None:
+    """Apply one corruption; None if it has no meaning here."""
+    case = Case(m, kind, "", rng)
+    case = Case(m, kind, str(rng.choice(case.usual)), rng)
+    word, _, number = what.partition(" ")
+    return delay(case, int(number)) if word == "delay" else {**KINDS_OF, **STORIES_OF}[what](case)
 
 
 def right(done: Done, what: str, found: list) -> tuple[bool, bool]:
@@ -76,17 +104,19 @@ def right(done: Done, what: str, found: list) -> tuple[bool, bool]:
     return named, caused
 
 
-def warned(folder: Path, done: Done, late: bool) -> tuple[list[tuple[str, str, str]], bool]:
+def warned(folder: Path, done: Done, what: str) -> tuple[list[tuple[str, str, str]], bool]:
     """Warnings of a campaign as (code, channel, message), and whether what was changed is named as not checkable.
 
-    A refusal on reading counts as a warning. That a time is not checkable counts for channels that are late alone.
+    A refusal on reading counts as a warning. That a time or coupling is not checkable counts for what is late or
+    coupled alone.
     """
     try:
         found = examine(load_campaign(folder))
     except (ValueError, OSError) as error:
         return [("file", _quoted(str(error)), str(error))], False
     names = [name for f in found if f.kind == "not checkable" for name in f.channel.split(" or ")]
-    noted = " ".join(name for name in names if late or not name.startswith("time"))
+    of = {"time": "delay", "AC": "AC"}
+    noted = " ".join(name for name in names if what.startswith(of.get(name.split()[0], "")))
     changed = [name.partition("_")[0] for name in done.channel.split("|")]
     return [(f.code, f.channel, f.message) for f in found if f.kind != "not checkable"], any(
         c in noted for c in changed
@@ -136,7 +166,7 @@ def wrong(sound: dict[str, tuple[float, float]] | None, used: dict[str, tuple[fl
     return name
 
 
-def one_case(number: int, seed: int, sound: bool, drawn: tuple[str, ...], folder: Path) -> dict[str, Any]:
+def one_case(number: int, seed: int, sound: bool, drawn: tuple[str, ...], folder: Path) -> dict[str, Any] | None:
     """Make, corrupt and examine one case, by one of the drawn corruptions."""
     rng = np.random.default_rng([seed, number])
     kind = KINDS[number % len(KINDS)]
@@ -151,15 +181,17 @@ def one_case(number: int, seed: int, sound: bool, drawn: tuple[str, ...], folder
             said = [("contradiction", "file", "", str(error))]
         accused = [s for s in said if s[0] != "effect" and not (extra and s[0] == "quality")] if extra else said
         return {"number": number, "kind": kind, "rig": source, "effect": extra, "false": bool(accused), "said": said}
-    while True:
+    for _ in range(20):
         what = str(rng.choice(drawn))
         m, source, _ = made(kind, rng, records=2 if what in IN_ONE else 1)
         clean = m.copy()
         done = corrupt(m, kind, what, rng)
         if done is not None:
             break
+    else:
+        return None  # none of the drawn corruptions has a meaning for this kind
     m.write(folder / "c")
-    found, noted = warned(folder / "c", done, what.startswith("delay"))
+    found, noted = warned(folder / "c", done, what)
     why = done.uncovered or ("named as not checkable" if noted and not found else "")
     case = {"number": number, "kind": kind, "rig": source, "what": what, "done": done.words,
             "uncovered": why, "warned": found[:4]}  # fmt: skip
@@ -204,14 +236,24 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--sound", action="store_true", help="sound recordings: false alarms")
     parser.add_argument("--wiring", action="store_true", help="the other kinds of wrong wiring")
-    parser.add_argument("--kind", choices=(*USUAL, *WIRING), help="one corruption alone")
+    parser.add_argument("--stories", action="store_true", help="wrong settings of instruments and statements")
+    parser.add_argument("--kind", choices=(*USUAL, *WIRING, *STORIES_OF), help="one corruption alone")
     parser.add_argument("--out", type=Path, help="JSON of all cases, written as they come")
     options = parser.parse_args()
-    drawn = (options.kind,) if options.kind else WIRING if options.wiring else USUAL
+    drawn = (
+        (options.kind,)
+        if options.kind
+        else WIRING
+        if options.wiring
+        else tuple(STORIES_OF)
+        if options.stories
+        else USUAL
+    )
     cases, begun = [], time.monotonic()
     for number in range(options.first, options.first + options.count):
         with tempfile.TemporaryDirectory() as folder:
-            cases.append(one_case(number, options.seed, options.sound, drawn, Path(folder)))
+            case = one_case(number, options.seed, options.sound, drawn, Path(folder))
+            cases += [] if case is None else [case]
         if options.out and (number % 10 == 9 or number == options.first + options.count - 1):
             options.out.write_text(json.dumps(cases, indent=1, default=str))
     print(f"{time.monotonic() - begun:.0f} s")

@@ -145,7 +145,8 @@ def test_gains_of_another_recording_are_named(sound, tmp_path):
         return text.replace(f"kp = {kp[0]}", f"kp = {kp[1]}", 1).replace(f"kd = {kd[0]}", f"kd = {kd[1]}", 1)
 
     found = changed(sound, tmp_path / "c", "base", lambda columns: None, toml)
-    assert found and found[0].channel == "command or displacement or gains"  # no recording states the true ones now
+    # No recording states the true ones now.
+    assert found and found[0].channel == "command or displacement or injection or gains"
 
     def third(text):
         parts = text.split("[[recording]]")

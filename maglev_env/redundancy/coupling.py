@@ -1,0 +1,166 @@
+"""A channel that is AC coupled: recorded through a high-pass of first order, which takes the lowest lines away."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from maglev_env.channels import SHOWN_BY
+from maglev_env.redundancy.controller import applies, at_control_rate, compared
+from maglev_env.redundancy.finding import Finding
+from maglev_env.redundancy.rows import LEVEL, MODEL
+from maglev_env.redundancy.view import Lines, View
+
+SEEN = 0.05  # of the lowest frequency: a corner below turns that line by less than 3 degrees
+EXPLAINS = 0.5  # share of the misfit beyond noise that the corner must explain
+EFFECTS = ("friction", "hysteresis", "eddy_current")
+LEAST = 8  # lines
+
+
+@dataclass(frozen=True)
+class Relation:
+    """A channel, and what it is made of: mean spectra (n,) by channel; the variance (n,) of its mean."""
+
+    name: str
+    out: np.ndarray
+    made: Mapping[str, np.ndarray]
+    variance: np.ndarray
+    against: str
+
+
+def coupled(view: View) -> list[Finding]:
+    """The corner of a high-pass on the command, the current, the displacement or the injection.
+
+    A channel behind it lacks w_c / (j w) times itself, a shape that no gain, delay or low-pass has. Its size w_c is
+    normal about zero if all is well. The nominal plant is known less well: there the corner may also be an effect.
+    """
+    lines = view.lines
+    if lines.frequency.size < LEAST:
+        return []
+    least, found = SEEN * float(lines.frequency.min()), []
+    for relation in (_controller(view), _amplifier(view), _plant(view)):
+        if relation is not None:
+            corner, se, name = _corner(lines.frequency, relation)
+            if name and corner > max(LEVEL * se, least):
+                found.append((corner, se, name, relation))
+    if not found:
+        return _of_the_design(view, least)
+    exact = [one for one in found if one[3].name != "displacement"]
+    corner, se, name, relation = (exact or found)[0]
+    if len({other for _, _, other, _ in exact}) > 1:
+        name = "command"  # what both relations hold
+    text = (
+        f"{name}: it looks AC coupled, high-pass filtered at {corner:.3g} +- {2 * se:.1g} Hz, against "
+        f"{relation.against}; record column {view.columns.get(name, name)!r} with its mean"
+    )
+    if not exact:
+        text += f", or an effect ({', '.join(EFFECTS)}): run `maglev diagnose`"
+    kind = "wiring" if exact else "effect"
+    return [Finding("filter", view.recording, name, corner, (corner - 2 * se, corner + 2 * se), text, kind)]
+
+
+def _of_the_design(view: View, least: float) -> list[Finding]:
+    """The lowest lines of a recorded excitation, smaller than its others where the design has equal ones.
+
+    Behind a high-pass the inverse squares of equal lines are a + (f_c / f)^2.
+    """
+    for e in view.excitations:
+        name = SHOWN_BY[e.at]
+        if not e.periodic or e.kind == "low_crest" or name not in view.recorded:
+            continue
+        lines = view.lines.at(np.isin(view.lines.harmonics, e.lines))
+        parts, f = lines.parts[name], lines.frequency
+        mean = np.abs(parts.mean(axis=0))
+        if f.size < LEAST or not mean.all():
+            continue
+        share = np.hypot(np.sqrt(parts.var(axis=0, ddof=1) / len(parts)) / mean, MODEL)
+        y, error = (np.median(mean) / mean) ** 2, 2 * share
+        level, square = np.polynomial.polynomial.polyfit(f**-2.0, y, 1, w=1 / error)
+        off = (y - level - square * f**-2.0) / error
+        spread = (f**-2.0 - np.average(f**-2.0, weights=error**-2.0)) / error
+        se = float(np.sqrt(max(np.mean(off**2), 1.0) / (spread**2).sum()))
+        if level <= 0 or square <= LEVEL * se or np.sqrt(square / level) < 3 * least or np.median(np.abs(off)) > LEVEL:
+            continue
+        corner = float(np.sqrt(square / level))
+        text = (
+            f"{name}: its lowest lines are smaller than the others, as behind a high-pass at {corner:.3g} Hz: AC "
+            f"coupling of column {view.columns.get(name, name)!r}, or the exciter's own response"
+        )
+        return [Finding("shape", view.recording, name, corner, None, text, "quality")]
+    return []
+
+
+def _controller(view: View) -> Relation | None:
+    if not view.periodic or not applies(view) or (found := compared(view, view.gains)) is None:
+        return None
+    made = {"displacement": found.back, **({"injection": found.drive} if found.driven else {})}
+    return _means(view.lines, "command", made, "what the controller makes")
+
+
+def _amplifier(view: View) -> Relation | None:
+    if view.rig is None or not view.rig.controlled or not {"command", "current"} <= view.recorded:
+        return None
+    if not view.periodic and not at_control_rate(view):
+        return None
+    lines = view.lines
+    source = view.nominal(lines.frequency).amplifier * lines.parts["command"]
+    if lines.periodic:
+        return _means(lines, "current", {"command": source}, "what the amplifier makes")
+    # Where nothing repeats: the response that all segments have in common.
+    power, out = (np.abs(source) ** 2).sum(axis=0), lines.parts["current"]
+    if not power.all() or len(out) < LEAST:
+        return None
+    response = (out * source.conj()).sum(axis=0) / power
+    rest = (np.abs(out - response * source) ** 2).sum(axis=0) / (len(out) - 1)
+    ones = np.ones_like(response)
+    return Relation("current", response, {"command": ones}, rest / power, "what the amplifier makes")
+
+
+def _plant(view: View) -> Relation | None:
+    """The displacement by the nominal magnets and mass; where a force acts, too, the controller's relation tells."""
+    if view.rig is None or not view.rig.controlled or not {"displacement", "current"} <= view.recorded:
+        return None
+    lines = view.lines
+    if not lines.periodic or any(e.at == "force" for e in view.excitations):
+        return None
+    nominal = view.nominal(lines.frequency)
+    made = {"current": nominal.plant / nominal.amplifier * lines.parts["current"]}
+    return _means(lines, "displacement", made, "what the current moves")
+
+
+def _means(lines: Lines, name: str, made: Mapping[str, np.ndarray], against: str) -> Relation:
+    """A relation of spectra (s, n)."""
+    out = lines.parts[name]
+    variance = (out - sum(made.values())).var(axis=0, ddof=1) / len(out)
+    return Relation(name, out.mean(axis=0), {n: v.mean(axis=0) for n, v in made.items()}, variance, against)
+
+
+def _corner(frequency: np.ndarray, relation: Relation) -> tuple[float, float, str]:
+    """Corner (Hz), its standard error, and the channel whose high-pass explains most; "" where none explains enough."""
+    w, out = 2 * np.pi * frequency, relation.out
+    if not np.any(out):
+        return 0.0, 0.0, ""
+    weight = 1 / np.maximum(relation.variance + (MODEL * np.abs(out)) ** 2, 1e-300)
+    free = [v for term in relation.made.values() for v in (term, -1j * w * term)]  # gains and delays
+    _, without, _ = _squares(out, free, weight)
+    noise = 2.0 * out.size
+    best = (0.0, 0.0, "")
+    least = max((1 - EXPLAINS) * without, min(noise, without - LEVEL**2))
+    for who, lacks in {relation.name: -out, **relation.made}.items():
+        size, left, se = _squares(out, [*free, -1j / w * lacks], weight)
+        if left < least and size > 0:
+            least, best = left, (size / (2 * np.pi), se / (2 * np.pi), who)
+    return best
+
+
+def _squares(out: np.ndarray, parts: list[np.ndarray], weight: np.ndarray) -> tuple[float, float, float]:
+    """Least squares of spectra with real coefficients: the last one, the cost that is left, and that one's error."""
+    root = np.sqrt(weight)
+    columns = np.stack(parts) * root
+    scale = np.maximum(np.linalg.norm(columns, axis=1), 1e-300)
+    real = np.concatenate([columns.real, columns.imag], axis=1) / scale[:, None]
+    wanted = np.concatenate([(out * root).real, (out * root).imag])
+    found, *_ = np.linalg.lstsq(real.T, wanted, rcond=None)
+    left = float(((wanted - found @ real) ** 2).sum())
+    error = np.sqrt(max(np.linalg.pinv(real @ real.T)[-1, -1], 0.0) * max(left / wanted.size, 0.5))
+    return float(found[-1] / scale[-1]), left, float(error / scale[-1])

@@ -1,0 +1,51 @@
+"""AC coupling: the corner is recovered with its error and its channel, and noise has none."""
+
+import campaigns
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+
+from maglev_env.recordings.campaign import load_campaign
+from maglev_env.redundancy.coupling import Relation, _corner
+from maglev_env.redundancy.rows import LEVEL
+from maglev_env.redundancy.rules import examine
+
+F = np.linspace(2, 300, 80)
+SD = 0.01
+
+
+def relation(rng, behind="", corner=3.0):
+    """A command that displacement and injection make, each with noise, one of them behind a high-pass."""
+    high = {name: 1j * F / (1j * F + corner) if name == behind else 1.0 for name in ("command", "a", "b")}
+    a, b = (np.exp(2j * np.pi * rng.random(F.size)) for _ in range(2))
+    b = b * F / 100
+    out = (a + b) * high["command"] + SD * (rng.normal(size=F.size) + 1j * rng.normal(size=F.size)) / np.sqrt(2)
+    return Relation("command", out, {"a": a * high["a"], "b": b * high["b"]}, np.full(F.size, SD**2), "what it makes")
+
+
+@pytest.mark.parametrize("behind", ["command", "a", "b"])
+def test_the_corner_and_its_channel_are_recovered(behind):
+    rng = np.random.default_rng(1)
+    for _ in range(20):
+        corner, se, name = _corner(F, relation(rng, behind))
+        assert name == behind and abs(corner - 3.0) < 5 * se + 0.05
+
+
+def test_noise_gains_and_delays_have_no_corner():
+    rng = np.random.default_rng(2)
+    for _ in range(300):
+        one = relation(rng)
+        late = {"a": 1.3 * one.made["a"] * np.exp(-2j * np.pi * F * 1e-4), "b": 0.8 * one.made["b"]}
+        for made in (one.made, late):
+            corner, se, name = _corner(F, Relation("command", one.out, made, one.variance, ""))
+            assert not name or corner < max(LEVEL * se, 0.1)
+
+
+def test_an_ac_coupled_column_of_a_recording_is_named(tmp_path):
+    folder = campaigns.campaign(tmp_path, names=("base",))
+    sound, pole = dict(np.load(folder / "base.npz")), np.exp(-2 * np.pi * 2.0 / 20000)
+    for name, code in (("displacement", "filter"), ("command", "filter"), ("force", "shape")):
+        filtered = sound[name] - lfilter([1 - pole], [1, -pole], sound[name])
+        np.savez(folder / "base.npz", **(sound | {name: filtered}))
+        found = next(f for f in examine(load_campaign(folder)) if f.code == code)
+        assert found.channel == name and found.value == pytest.approx(2.0, rel=0.1) and repr(name) in found.message
