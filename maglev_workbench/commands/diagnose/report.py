@@ -65,6 +65,8 @@ def terminal(diagnosis: Diagnosis) -> "list[RenderableType]":
     parts += [f"  {plain(line)}" for line in where_in_words(diagnosis)]
     if diagnosis.leftover is not None:
         parts += [f"  {plain(line)}" for line in leftover_lines(diagnosis.leftover)]
+    if diagnosis.free is not None:
+        parts.append(plain(diagnosis.free.sentence()))
     ranked = Table(box=box.SIMPLE_HEAD, pad_edge=False)
     for name in _RANK_HEAD:
         if name != "where":  # left out because a terminal is narrow, and the blocks are given above
