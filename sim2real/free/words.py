@@ -82,7 +82,8 @@ def _of_signal(d: Drawn, f: Form, unit: str) -> str:
             return f"a symmetric dead band of {_size(abs(f.size), f.se, unit)} either way"
         change = _share(f.size / knee, f.se / knee)
         if f.size < 0:
-            return f"within {_knee(f, unit)} either way the gain is smaller, by {change}"
+            lost = _size(-f.size, f.se, unit)
+            return f"beyond {_knee(f, unit)} either way {lost} less passes, as behind a dead band that noise smooths"
         change = _share(-f.size / knee, f.se / knee)
         return f"beyond {_knee(f, unit)} either way the gain is smaller, by {change}"
     if f.name.startswith("kink"):
