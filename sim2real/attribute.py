@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -22,6 +23,7 @@ BLURRED, BLURRED_SHARE = 4, 0.5  # best fits that are repeated with sensor noise
 SWAPPED = 2  # best pairs of which either effect is tried with others
 NO_GAP = 12.0  # if no single effect lowers the cost of calibration by more than this, no pair is tried
 ABOUT = 30.0  # cost above the best within which a candidate of fewer effects is preferred
+FREE = 20.0  # factor on the tolerances that makes them as good as no prior, for a refit of all parameters
 CLOSE, CLOSE_SHARE = 500.0, 0.5  # cost above the best within which the standard errors of a fit are computed
 
 Progress = Callable[[str], None]
@@ -83,6 +85,17 @@ class Attribution:
     @property
     def calibration(self) -> Candidate:
         return self.candidates[0]
+
+    @cached_property
+    def refitted(self) -> Fit | None:
+        """Every nominal parameter that has a tolerance, fitted without it."""
+        base = self.calibration.fit
+        if not np.isfinite(base.cost) or not base.hypothesis.tolerances:
+            return None
+        free = Hypothesis((), {name: FREE * sigma for name, sigma in base.hypothesis.tolerances.items()})
+        fits = begin([free], [base.u / FREE], self.problem.data, self.problem.simulate)
+        iterate(fits, self.problem.data, self.problem.simulate, 8)
+        return fits[0]
 
 
 def attribute(problem: Problem, progress: Progress = lambda text: None) -> Attribution:

@@ -14,6 +14,8 @@ from maglev_env.recordings.left_out import left_out_data
 from maglev_env.rig.rig import Rig
 from sim2real.attribute import Attribution, Candidate, attribute, best_partial, contradictions
 from sim2real.drift import DRIFT, Drift, drift_of
+from sim2real.free.correction import Free, free_correction
+from sim2real.free.fit import excess
 from sim2real.gain_choice import GainChoice, gain_choice
 from sim2real.hypotheses import CALIBRATION, TONES, Coordinate
 from sim2real.judge import Entry, allowance, entries, evidence_of, verdict
@@ -34,6 +36,7 @@ from sim2real.words import Fitted
 SCHEMA = "maglev-diagnosis/1"
 LOUDER = 1.05  # times its noise that a record without a period may seem to have under a wrong simulation
 
+FREE_FROM = 0.1  # share of the gap that a named effect may leave without a free correction beside it
 HELD_OUT_EVERY = 4  # without a holdout recording, every fourth line is withheld from the fits
 
 
@@ -61,6 +64,7 @@ class Diagnosis:
         leftover: What the best partial explanation leaves, where the verdict is "unexplained".
         tempering: Reduced chi-square that the best explanation leaves, by which differences of evidence were divided;
             1 where it leaves no more than noise.
+        free: What a free correction of a block adds where no effect explains the gap, or what is named leaves much.
     """
 
     verdict: str
@@ -79,6 +83,7 @@ class Diagnosis:
     notes: tuple[str, ...]
     leftover: Leftover | None = None
     tempering: float = 1.0
+    free: Free | None = None
 
     @property
     def rig(self) -> Rig:
@@ -130,6 +135,7 @@ class Diagnosis:
             },
             "corrected": {"effects": {n: dict(v) for n, v in self.corrected.effects.items()},
                           "changes": dict(self.corrected.changes)},
+            "free": None if self.free is None else self.free.to_json(),
             "unexplained": None if self.leftover is None else self.leftover.to_json(),
             "tempering": self.tempering,
             "notes": list(self.notes),
@@ -225,12 +231,18 @@ def diagnose(
     if worded in ("ambiguous", "unexplained"):
         progress("next experiment")
         proposal = propose(attribution, found)
-    left = None
+    left, partial = None, attribution.calibration
     if worded == "unexplained":
         progress("what is left")
         partial = best_partial(attribution, None if top is None else top.candidate)
         left = leftover(attribution, judged, partial, _parameters(partial), seed)
-    alone = picked or attribution.calibration
+    alone, free = picked or attribution.calibration, None
+    if left is not None or (picked is not None and _leaves_much(picked, attribution)):
+        progress("free correction")
+        free = free_correction(attribution, judged, picked or partial, picked is not None, seed)
+        if free is not None and free.gained:
+            alone, judged = free.candidate, free.judged
+            gap = shrink(judged, attribution, free.candidate, judged_on, seed)
     corrected = _corrected(fitted, alone, () if chosen is None else chosen.effects, seen, drift)
     speed = next(r.experiment.speed_rpm for r in records if r.role == "fit")
     return Diagnosis(
@@ -250,12 +262,18 @@ def diagnose(
         tuple(dict.fromkeys(notes)),
         left,
         tempering,
+        free,
     )
 
 
 def _worse(gap: Gap) -> bool:
     """Whether the corrected rig simulates the judged recordings no better than the nominal one, or not at all."""
     return gap.before is not None and (gap.after is None or gap.after >= gap.before)
+
+
+def _leaves_much(picked: Candidate, attribution: Attribution) -> bool:
+    """Whether what is named leaves much of the gap that calibration leaves; inf where calibration touches down."""
+    return excess(picked.fit) > FREE_FROM * excess(attribution.calibration.fit)
 
 
 def _where(fitted: Problem, attribution: Attribution, tones: float) -> Where:

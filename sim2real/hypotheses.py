@@ -9,12 +9,13 @@ import numpy as np
 
 from maglev_env.loop.card import SMALL_ROTOR, Scales
 from maglev_env.loop.effect import EFFECTS, meaningful
+from maglev_env.loop.free.places import NAMES as FREE
 from maglev_env.rig.rig import Rig
 from sim2real.shapes import Shape, shapes_of
 from sim2real.simulated import TOLERANCE_EFFECTS, Point
 
 # Effects that are found by their frequencies and not fitted on spectral lines.
-TONES = tuple(name for name, card in EFFECTS.items() if card.not_fitted)
+TONES = tuple(name for name, card in EFFECTS.items() if card.not_fitted and name not in FREE)
 CALIBRATION, NONE, UNKNOWN = "calibration", "none", "unknown"
 
 
@@ -55,7 +56,7 @@ class Coordinate:
 
 
 AT_BOUND = 1e-6  # distance, in coordinates, from an end of the range within which a value stands there
-FITTED = tuple(name for name in EFFECTS if name not in TONES)
+FITTED = tuple(name for name in EFFECTS if name not in TONES and name not in FREE)
 
 
 @lru_cache

@@ -8,6 +8,7 @@ import numpy as np
 from estimation.normal import NORMAL_95
 from maglev_env.loop.axes import AXES
 from maglev_env.loop.effect import EFFECTS
+from maglev_env.loop.free.places import NAMES as FREE
 from sim2real.diagnosis import Diagnosis, block_of
 from sim2real.hypotheses import CALIBRATION, NONE, TONES, UNKNOWN
 from sim2real.judge import Entry
@@ -96,6 +97,8 @@ def corrections(diagnosis: Diagnosis) -> tuple[Correction, ...]:
     fitted = next((row["parameters"] for row in listed if tuple(row["effects"]) == effects), {})
     found = []
     for name, values in diagnosis.corrected.effects.items():
+        if name in FREE:
+            continue  # coefficients tell nobody anything: it is drawn and put into words
         for key, value in values.items():
             at, unit = fitted.get(f"{name}.{key}", {}), EFFECTS[name].parameters[key].unit
             ended = at.get("at_bound", False)

@@ -7,8 +7,7 @@ import numpy as np
 
 from sim2real.attribute import Attribution, Candidate
 from sim2real.fit_figures import Figures, figures
-from sim2real.fitting import Fit, begin, iterate
-from sim2real.hypotheses import Hypothesis
+from sim2real.fitting import Fit
 from sim2real.problem import Part, Problem
 from sim2real.recorded.open_record import OpenRecord
 from sim2real.simulated import Point
@@ -16,7 +15,6 @@ from sim2real.simulated import Point
 RESAMPLES = 400
 SURE = 0.9  # of the gap before: how far its 95 % interval may reach down for a share that is closed
 BLOCK = 8  # neighbouring residuals drawn together, because what remains is similar on neighbouring lines
-FREE = 20.0  # factor on the tolerances that makes them as good as no prior, for "refit all parameters"
 
 
 @dataclass(frozen=True)
@@ -75,7 +73,7 @@ def shrink(judged: Problem, attribution: Attribution, chosen: Candidate | None, 
     """
     chosen = chosen if chosen is not None else attribution.calibration
     other = _another(attribution, chosen, seed)
-    refitted = _refitted(attribution)
+    refitted = attribution.refitted
     fits = [chosen.fit, attribution.calibration.fit, refitted, other]
     points = [Point({}, {})] + [f.hypothesis.point(f.u) if f is not None else Point({}, {}) for f in fits]
     residuals = judged.data - judged.simulate(points)
@@ -134,18 +132,6 @@ def _another(attribution: Attribution, chosen: Candidate, seed: int) -> Fit | No
         if len(c.effects) == 1 and c.effects[0] not in chosen.effects and np.isfinite(c.fit.cost)
     ]
     return others[np.random.default_rng(seed).integers(len(others))] if others else None
-
-
-def _refitted(attribution: Attribution) -> Fit | None:
-    """Every nominal parameter that has a tolerance, fitted without it."""
-    base = attribution.calibration.fit
-    if not np.isfinite(base.cost) or not base.hypothesis.tolerances:
-        return None
-    free = Hypothesis((), {name: FREE * sigma for name, sigma in base.hypothesis.tolerances.items()})
-    p = attribution.problem
-    fits = begin([free], [base.u / FREE], p.data, p.simulate)
-    iterate(fits, p.data, p.simulate, 8)
-    return fits[0]
 
 
 def _words(problem: Problem, residual: np.ndarray | None) -> Words:

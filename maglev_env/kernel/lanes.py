@@ -19,6 +19,7 @@ from maglev_env.linear.axis import cross_terms
 from maglev_env.loop import actuator, amplifier, controller, external, mechanics, second_body, sensor
 from maglev_env.loop.axes import NO_CROSS
 from maglev_env.loop.effect import Effects, effect_value, shaped
+from maglev_env.loop.free import places as free
 from maglev_env.loop.further import blocks as further
 from maglev_env.loop.gains import Gains, digital
 from maglev_env.loop.magnets import rows as magnet_rows
@@ -78,6 +79,7 @@ def structure_of(experiment: Experiment) -> Structure:
         flexible=flexible,
         sticking=effect_value(effects, "friction", "presliding") > 0,
         further=not further.NAMES.isdisjoint(effects),
+        free=not free.NAMES.isdisjoint(effects),
         shaped=shaped(effects),
     )
 
@@ -151,6 +153,8 @@ def _fill(
         external.fill(x, values, h)
     for block in further.BLOCKS if structure.further else ():
         block.fill(x, values, h, axis)
+    if structure.free:
+        free.fill(x, values, h)
     if structure.sensed:
         write_self_sensors(x, own)
 

@@ -7,6 +7,7 @@ from maglev_env.kernel.layout import AXIS, PUSHED
 from maglev_env.kernel.sample import own_or_shared
 from maglev_env.kernel.structure import Structure
 from maglev_env.loop import actuator, amplifier, eddy, external, mechanics, second_body, sensor
+from maglev_env.loop.free import places as free
 from maglev_env.loop.further import springs, uneven_gain, vibration
 from maglev_env.loop.magnets.kinds import KINDS
 from maglev_env.loop.magnets.rows import OFFSET
@@ -51,35 +52,44 @@ def _forces(s: Structure, lift: Lifts) -> dict[str, Callable]:
     """Pieces for the accelerations by the bearing and from outside, and for friction that sticks."""
     coupled, sticking, supported = s.coupled, s.sticking, s.supported
     sliding_too, flexible, controlled = s.flexible and not s.sticking, s.flexible, s.magnets != "none"
-    further = s.further
+    further, freely = s.further, s.free
     kind = KINDS.get(s.magnets)
     shaped = s.saturating or s.steeper
     pull = kind and (kind.shaped_pull(s.saturating, s.steeper, s.shaped) if shaped and kind.shaped_pull else kind.pull)
 
-    @piece
-    def bearing(x, k, y, current):
-        total = 0.0
-        if controlled:
-            pulling = uneven_gain.pulling(x, k, current) if further else current
-            total = pull(x, k, y + x[k + OFFSET] if flexible else y, pulling)
-        if further:
-            total = total - springs.pushed_back(x, k, y)
-        return total - mechanics.spring(x, k, y) if supported else total
+    def force_at(node: int) -> Callable:
+        pulling_freely, pushed_freely = free.pulling(node), free.pushed_back(node)
+
+        @piece
+        def bearing(x, k, y, current):
+            total = 0.0
+            if controlled:
+                pulling = uneven_gain.pulling(x, k, current) if further else current
+                if freely:
+                    pulling = pulling_freely(x, k, y, pulling)
+                total = pull(x, k, y + x[k + OFFSET] if flexible else y, pulling)
+            if further:
+                total = total - springs.pushed_back(x, k, y)
+            if freely:
+                total = total - pushed_freely(x, k, y)
+            return total - mechanics.spring(x, k, y) if supported else total
+
+        own = lift.each(bearing, 2)
+        if not coupled:
+            return own
+        cross = lift.crossed(mechanics.cross_force, 2)
+        return piece(lambda x, k, y, current: own(x, k, y, current) + cross(x, k, y, current))
 
     @piece
     def support(x, k, v):
         total = mechanics.damping(x, k, v) if supported else 0.0
+        if freely:
+            total = total + free.damped(x, k, v)
         return total + mechanics.sliding(x, k, v) if sliding_too else total
 
-    own_force, own_damping = lift.each(bearing, 2), lift.each(support, 1)
-    if not coupled:
-        force, damping = own_force, own_damping
-    else:
-        cross_force, cross_damping = lift.crossed(mechanics.cross_force, 2), lift.crossed(mechanics.cross_damping, 1)
-
-        @piece
-        def force(x, k, y, current):
-            return own_force(x, k, y, current) + cross_force(x, k, y, current)
+    own_damping = damping = lift.each(support, 1)
+    if coupled:
+        cross_damping = lift.crossed(mechanics.cross_damping, 1)
 
         @piece
         def damping(x, k, v):
@@ -94,7 +104,9 @@ def _forces(s: Structure, lift: Lifts) -> dict[str, Callable]:
         "friction": lift.each(mechanics.friction if sticking else piece(lambda x, k, bent: 0.0), 1),
         "store_bristles": lift.each(mechanics.store_bristles, 1),
     }
-    return found | {"force": force, "damping": damping}
+    forces = [force_at(node) for node in range(3)] if s.free else [force_at(0)] * 3
+    found |= zip(("force_start", "force_middle", "force_end"), forces, strict=True)
+    return found | {"damping": damping}
 
 
 def _outside(s: Structure, node: int) -> Callable:

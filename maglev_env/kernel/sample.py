@@ -24,6 +24,7 @@ from maglev_env.loop.controller import (
     limited_output,
     pid,
 )
+from maglev_env.loop.free import places as free
 from maglev_env.loop.further import command_path, probe_play
 from maglev_env.loop.mechanics import Y
 from maglev_env.loop.self_sensing_pieces import note_error
@@ -59,6 +60,7 @@ def read_pieces(s: Structure) -> tuple[Callable, Callable, Callable]:
     own, current_at = Z1 if s.sensed else sensor.seen(s.sensor_poles), (POSITION + (s.sensed is not None)) * W
     row, toned, planar, sensing = SEEN if s.coupled else own, s.flexible and not s.sensed, s.axes == 2, bool(s.sensed)
     coil, played = amplifier.coil(s.actuator_poles, s.delayed, s.flexible), s.further and not s.sensed
+    freely = s.free and not s.sensed
     order, of_error = s.controller_order, s.of_error
     depends = s.actuator_poles == 0 or s.flexible  # whether the recorded current depends on the command after the delay
 
@@ -69,6 +71,8 @@ def read_pieces(s: Structure) -> tuple[Callable, Callable, Callable]:
         sensed = x[k + row] + tone(x, k) if toned else x[k + row]
         if played:
             sensed = probe_play.played(x, k, sensed)
+        if freely:
+            sensed = free.read(x, k, sensed, off)
         now = sensor.shown(x, k, sensed + x[k + NOISE] * x[k + DRAWN])
         tile[o] = now
         if not planar:
@@ -164,10 +168,23 @@ def store_commands(x, b, history, kept):
         history[kept + i] = x[b + i + U]
 
 
+def _store_free(s: Structure) -> Callable:
+    """A piece as `store_commands`, of commands with their free correction."""
+    further = s.further
+
+    @piece
+    def store(x, b, history, kept):
+        for i in range(W):
+            u = command_path.pass_on(x, b + i) if further else x[b + i + U]
+            history[kept + i] = free.commanded(x, b + i, u)
+
+    return store
+
+
 def delay_piece(s: Structure) -> Callable:
     """delay(x, b, history, h, mask, now): stores the command in the history of the axis at h, and reads the command
     that acts and the one before it."""
-    store = command_path.store_passed if s.further else store_commands
+    store = _store_free(s) if s.free else command_path.store_passed if s.further else store_commands
 
     @piece
     def delay(x, b, history, h, mask, now):

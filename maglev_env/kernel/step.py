@@ -25,7 +25,8 @@ def move_piece(s: Structure) -> Callable:
         p.pushed, p.position, p.velocity, p.bristles, p.deflect_bristles, p.friction,
     )  # fmt: skip
     current_start, current_middle, current_end = p.current_start, p.current_middle, p.current_end
-    push_start, push_middle, push_end, force, damping = p.push_start, p.push_middle, p.push_end, p.force, p.damping
+    push_start, push_middle, push_end, damping = p.push_start, p.push_middle, p.push_end, p.damping
+    force_start, force_middle, force_end = p.force_start, p.force_middle, p.force_end
     y_middle, v_middle, y_end, v_end, y_next, v_next = p.y_middle, p.v_middle, p.y_end, p.v_end, p.y_next, p.v_next
     x1_next, x2_next, held_next, z1_next, z2_next = p.x1_next, p.x2_next, p.held_next, p.z1_next, p.z2_next
     mount_next, mount_v_next, z1_by_mount, z2_by_mount = p.mount_next, p.mount_v_next, p.z1_by_mount, p.z2_by_mount
@@ -47,15 +48,15 @@ def move_piece(s: Structure) -> Callable:
             held = held_next(x, k, x2)
             # Pull and move: accelerations by the bearing at the start, twice in the middle, and at the end.
             bent = bristles(x, k)
-            a1 = force(x, k, y, current_start(x, k)) - friction(x, k, bent) - damping(x, k, v)
+            a1 = force_start(x, k, y, current_start(x, k)) - friction(x, k, bent) - damping(x, k, v)
             ym = y_middle(x, k, y, v, a1 + p0)
             bent = deflect(x, k, bent, ym - y)
-            pulled = force(x, k, ym, current_middle(x, k, held)) - friction(x, k, bent)
+            pulled = force_middle(x, k, ym, current_middle(x, k, held)) - friction(x, k, bent)
             a2 = pulled - damping(x, k, v_middle(x, k, v, a1 + p0))
             a3 = pulled - damping(x, k, v_middle(x, k, v, a2 + pm))
             ye, ve = y_end(x, k, y, v, a3 + pm), v_end(x, k, v, a3 + pm)
             rubbed = friction(x, k, deflect(x, k, bent, ye - ym))
-            a4 = force(x, k, ye, current_end(x, k, held)) - rubbed - damping(x, k, ve)
+            a4 = force_end(x, k, ye, current_end(x, k, held)) - rubbed - damping(x, k, ve)
             am = 0.5 * (a2 + a3)
             b1, bm, b4 = a1 + p0, am + pm, a4 + p1
             y1, v1 = y_next(x, k, y, v, b1, bm, b4), v_next(x, k, v, b1, bm, b4)

@@ -31,6 +31,7 @@ class Structure:
             lane without one of them has neutral constants.
         sticking: whether their friction sticks.
         further: whether the flexible kernel also has the effects of `loop.further`, all at once.
+        free: whether the flexible kernel also has the free corrections of `loop.free`, all at once.
         shaped: whether effects have other forms than the plain ones (see `loop.effect.shaped`).
         own_waves: whether every lane chooses one of several waves; otherwise all are driven by the same.
     """
@@ -51,6 +52,7 @@ class Structure:
     flexible: bool = False
     sticking: bool = False
     further: bool = False
+    free: bool = False
     shaped: bool = False
     own_waves: bool = False
 

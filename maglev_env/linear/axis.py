@@ -8,6 +8,7 @@ from maglev_env.experiment import Experiment, self_sensors
 from maglev_env.lane_values import lane_values
 from maglev_env.loop import actuator, amplifier, mechanics, self_sensor, sensor
 from maglev_env.loop.effect import effect_value
+from maglev_env.loop.free import places as free
 from maglev_env.loop.system import System
 
 POSITION, VELOCITY = 0, 1  # indices of the first two states; the last two are the held force and the held command
@@ -36,25 +37,33 @@ class LinearAxis:
 def linear_axis(e: Experiment) -> LinearAxis:
     """The linear equations of a one-axis experiment: position, velocity, then the states of each block.
 
-    Voltage limit, runout, pickup and unbalance have no linear part. The reaction to the bearing's force (magnets,
-    support, friction and the coupling to another axis) moves the probe's mount; the held force and the second body do
-    not.
+    Free corrections count as linearised over their range. Voltage limit, runout, pickup and unbalance have no linear
+    part. The reaction to the bearing's force (magnets, support, friction and the coupling to another axis) moves the
+    probe's mount; the held force and the second body do not.
     """
     values, sensors = lane_values([e]), self_sensors(e)
     reading_states = self_sensor.STATES if sensors else sensor.STATES
     states = (*mechanics.MOTION, *amplifier.STATES, *actuator.STATES, *mechanics.STATES, *reading_states)
+    freely = not free.NAMES.isdisjoint(e.effects)
+    states += tuple(state for own in free.STATES.values() for state in own) if freely else ()
     # The bearing's acceleration is first written as an input, so that the coupling to another axis can be added to it.
     system = System((*states, "force", "command", "bearing"), _SECOND, lean=True)
     position, held, bearing = (system.signal(name) for name in (mechanics.MOTION[0], "force", "bearing"))
 
-    current = amplifier.coil_current(system, values, system.signal("command"))
-    pulling = actuator.pulling_current(system, values, current)
+    def corrected(place: str, signal: np.ndarray) -> np.ndarray:
+        return signal + free.linear(system, values, place, signal) if freely else signal
+
+    current = amplifier.coil_current(system, values, corrected("free_command", system.signal("command")))
+    pulling = corrected("free_current", actuator.pulling_current(system, values, current))
     pushed = actuator.force(values, pulling, position) + mechanics.support(system, values)
+    if freely:
+        pushed = pushed - free.linear(system, values, "free_spring", position)
+        pushed = pushed - free.linear(system, values, "free_damper", system.signal(mechanics.MOTION[1]))
     mechanics.motion(system, values, bearing + held / values.mass[:, None])
     if sensors:
         reading = self_sensor.reading(system, sensors, position)
     else:
-        reading = sensor.reading(system, values, position, bearing)
+        reading = corrected("free_reading", sensor.reading(system, values, position, bearing))
 
     driven = system.a[0, :, -1]
     rates = system.a[0] + np.outer(driven, pushed[0] / values.mass)

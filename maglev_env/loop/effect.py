@@ -7,6 +7,7 @@ from typing import Protocol
 
 from maglev_env.loop import actuator, amplifier, controller, external, mechanics, sensor
 from maglev_env.loop.card import SLOWEST, EffectCard, Need, Scales
+from maglev_env.loop.free import places as free
 from maglev_env.loop.further import blocks as further
 
 BLOCKS = ("sensor", "controller", "amplifier", "actuator", "mechanics", "external")
@@ -50,6 +51,7 @@ EFFECTS: Mapping[str, EffectCard] = _registry(
     mechanics.EFFECTS,
     external.EFFECTS,
     *(block.EFFECTS for block in further.BLOCKS),
+    free.EFFECTS,
 )
 
 Effects = Mapping[str, Mapping[str, float]]

@@ -4,14 +4,14 @@ from collections.abc import Callable
 
 from maglev_env.loop.amplifier import OPEN, X1, X2
 from maglev_env.loop.controller import ACTING, U
-from maglev_env.loop.further import blocks as further
+from maglev_env.loop.free import places as free
 from maglev_env.loop.magnets.rows import GAP, OFFSET
 from maglev_env.loop.mechanics import V, Y
 from maglev_env.loop.sensor import Z1
 from maglev_lanes.pieces import piece
 from selfsense import kernel_rows as rows
 
-SELF = further.END  # where the self-sensor's rows begin
+SELF = free.END  # where the self-sensor's rows begin
 END = SELF + rows.END
 BEGUN_Y, BEGUN_V, BEGUN_CURRENT = SELF + rows.BEGUN_Y, SELF + rows.BEGUN_V, SELF + rows.BEGUN_CURRENT
 REST_CURRENT, REST_GAP, COIL_GAP = SELF + rows.REST_CURRENT, SELF + rows.REST_GAP, SELF + rows.GAP

@@ -23,11 +23,13 @@ ADC, DAC = 20 / 2**16 / 8000.0, 20 / 2**14  # m and A a count
 
 @dataclass(frozen=True)
 class Bench:
-    """What of the bench differs from its data sheet: relative changes of gain and stiffness, and a delay in s."""
+    """What of the bench differs from its data sheet: relative changes of gain and stiffness, a delay in s, and
+    the half width of a dead band before the amplifier, A."""
 
     gain: float = 0.0
     stiffness: float = 0.0
     delay: float = 0.0
+    band: float = 0.0
     noise: float = 1e-6  # of the probe, m rms
     current_noise: float = 2e-3  # A rms
 
@@ -62,7 +64,7 @@ def record(bench: Bench, kind: str, seconds: float, seed: int) -> dict[str, np.n
     a = GAIN * (1 + bench.gain) / slope(lambda i: _pull(0.0, i), h)
     b = STIFFNESS * (1 + bench.stiffness) / -slope(lambda y: _pull(y, 0.0), h)
     late = round(bench.delay * RATE * STEPS)
-    y, u, i = _run(injection, reference, *noise, a, b, late)
+    y, u, i = _run(injection, reference, *noise, a, b, late, bench.band)
     return {"displacement": y, "command": u, "current": i}
 
 
@@ -95,7 +97,7 @@ def _acceleration(y, i, a, b):
 
 
 @nb.njit(cache=True)
-def _run(injection, reference, noise, current_noise, a, b, late):
+def _run(injection, reference, noise, current_noise, a, b, late, band):
     n = injection.size
     out_y, out_u, out_i = np.empty(n), np.empty(n), np.empty(n)
     dt = 1.0 / RATE
@@ -110,6 +112,7 @@ def _run(injection, reference, noise, current_noise, a, b, late):
         out_y[k], out_u[k], out_i[k] = reading, command, current + current_noise[k]
         for j in range(STEPS):
             u = before if j < late else command
+            u = max(u - band, 0.0) + min(u + band, 0.0)
             half = u + (current - u) * np.exp(-0.5 * h / T_AMPLIFIER)
             end = u + (current - u) * np.exp(-h / T_AMPLIFIER)
             a1 = _acceleration(y, current, a, b)

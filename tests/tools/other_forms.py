@@ -28,7 +28,8 @@ MU_0 = 4e-7 * np.pi
 SUBSTEPS, MOST_POLES, STOPS = 10, 24, 3
 # States of the rotor's equations; behind them stand the poles of the eddy currents and the stops.
 Y, V, I1, I2, PROBE, BRISTLE, BOUC, M1, MV1, M2, MV2, B1, BV1, B2, BV2, EDDY = range(16)
-SIZE = EDDY + MOST_POLES + STOPS
+ECHO, CREEP = EDDY + MOST_POLES + STOPS, EDDY + MOST_POLES + STOPS + 1
+SIZE = CREEP + 1
 NONE, POWER, TANH, ARCTAN, CLIP = range(5)  # curves that saturate
 LUGRE, DAHL, KARNOPP, STEEP = range(1, 5)  # friction
 FIELD, CURRENT, COMMAND = range(3)  # where a saturation sits
@@ -80,6 +81,20 @@ class Plant(NamedTuple):
     cubic: float = 0.0
     bent_probe: float = 0.0
     dropped: float = 0.0
+    # Of no library; each is the size of its kind.
+    soft_band: float = 0.0
+    two_tap: float = 0.0
+    speed_gain: float = 0.0
+    kink: float = 0.0
+    kink_at: float = 0.0
+    creep: float = 0.0
+    uneven_band: float = 0.0
+    one_sided: float = 0.0
+    steep_drag: float = 0.0
+    bowl: float = 0.0
+    echo: float = 0.0
+    echo_rate: float = 1.0
+    rippled: float = 0.0
 
 
 @nb.njit(cache=True)
@@ -142,7 +157,14 @@ def _rates(p, s, u, outside, strength, rates, shares, d):
             seen -= p.stop / STOPS * z
     if p.knee_kind != NONE and p.knee_at == CURRENT:
         seen = _saturated(p, seen)
+    # Where the current pulls otherwise than it should: by speed, beyond a place, by the square of the place, late.
+    past = max(y - p.kink_at, 0.0)
+    d[ECHO] = p.echo_rate * (seen - s[ECHO])
+    seen = seen + p.echo * (s[ECHO] - seen)
+    seen *= 1.0 - p.speed_gain * abs(v) / (abs(v) + 2e-3) + p.kink * past / 1e-5 + p.bowl * (y / 1e-5) ** 2
     bearing = _pull(p, y, seen * strength) - p.spring * y - p.damper * v - p.square * abs(v) * v - p.cubic * y**3
+    d[CREEP] = (y - s[CREEP]) / 4e-3  # a spring in series with a dashpot
+    bearing -= p.creep * (y - s[CREEP]) + p.one_sided * max(y - p.kink_at, 0.0) + p.steep_drag * v**5
     level = p.coulomb * (1.0 + (p.static - 1.0) * np.exp(-abs(v / p.stribeck)))
     applied = bearing + outside
     if p.friction_kind == LUGRE:
@@ -195,10 +217,11 @@ def simulate(p, gains, force, injection, reference, noise, late, rates, shares, 
     keep_d, keep_i = np.exp(-dt / td), np.exp(-dt / ti)
     s, trial = np.zeros(SIZE), np.zeros(SIZE)
     k1, k2, k3, k4 = np.zeros(SIZE), np.zeros(SIZE), np.zeros(SIZE), np.zeros(SIZE)
-    lag_d = lag_i = acting = waiting = 0.0
+    lag_d = lag_i = acting = waiting = before = 0.0
     samples = force.size
     for n in range(samples):
         seen = p.probe * (s[PROBE] + p.bent_probe * s[PROBE] ** 2 + noise[n])
+        seen += p.rippled * np.sin(s[PROBE] / 6e-6)
         seen = np.round(seen * 8000.0 / 3.0517578125e-4) * 3.0517578125e-4 / 8000.0
         e = reference - seen
         asked = kp * e + kd * (e - lag_d) / td + ki * lag_i + injection[n]
@@ -206,7 +229,12 @@ def simulate(p, gains, force, injection, reference, noise, late, rates, shares, 
         u = np.round(asked / 1.220703125e-3) * 1.220703125e-3
         out[0, n], out[1, n], out[2, n] = seen, u, s[I1]
         if not late[n] < p.dropped:
-            waiting = _saturated(p, u) if p.knee_kind != NONE and p.knee_at == COMMAND else u
+            given = _saturated(p, u) if p.knee_kind != NONE and p.knee_at == COMMAND else u
+            if p.soft_band > 0.0:
+                given -= p.soft_band * np.tanh(u / p.soft_band)
+            if p.uneven_band > 0.0:
+                given -= min(max(u, -0.3 * p.uneven_band), p.uneven_band)
+            waiting, before = given + p.two_tap * (before - given), given
         arrives = p.delay + p.jitter * (2.0 * late[n] - 1.0)
         strength = 1.0 + p.drift * n / samples
         for j in range(SUBSTEPS):
@@ -346,6 +374,20 @@ def unknown(rng: np.random.Generator, p: Plant, form: str) -> Callable[[Size], M
     return lambda x: (p._replace(**{form: unit * x}), None)
 
 
+def no_name(rng: np.random.Generator, p: Plant, form: str) -> Callable[[Size], Made]:
+    """Effects that are in no library."""
+    if form == "spring_kink":
+        at = rng.uniform(-2e-6, 4e-6)
+        return lambda x: (p._replace(one_sided=-2e3 * x, kink_at=at), None)
+    unit = {"soft_band": 2e-3, "speed_gain": 0.02, "kink": 0.02, "two_tap": 0.05, "square": 200.0, "creep": 500.0,
+            "cubic": 1e12, "bent_probe": 500.0, "uneven_band": 4e-3, "one_sided": 2e3, "steep_drag": 1e10,
+            "bowl": 0.02, "echo": 0.05, "rippled": 1e-8}[form]  # fmt: skip
+    more = {"kink": {"kink_at": rng.uniform(-3e-6, 3e-6)}, "one_sided": {"kink_at": rng.uniform(0.0, 5e-6)},
+            "echo": {"echo_rate": _log(rng, 100.0, 1500.0)}}.get(form, {})  # fmt: skip
+    most = {"speed_gain": 0.6, "two_tap": 0.7, "echo": 0.8}.get(form, np.inf)
+    return lambda x: (p._replace(**{form: min(unit * x, most)}, **more), None)
+
+
 DRAWS: dict[str, tuple[Callable, tuple[str, ...]]] = {
     "saturation": (saturation, ("field power", "field tanh", "field arctan", "field clip", "current tanh",
                                 "current clip", "command power", "command tanh")),
@@ -359,6 +401,8 @@ DRAWS: dict[str, tuple[Callable, tuple[str, ...]]] = {
     "delay": (delay, ("jitter",)),
     "damping": (damping, ("part quadratic",)),
     "unknown": (unknown, ("drift", "cubic", "bent_probe", "dropped")),
+    "no name": (no_name, ("soft_band", "speed_gain", "kink", "two_tap", "square", "creep", "cubic", "bent_probe")),
+    "no name again": (no_name, ("uneven_band", "one_sided", "steep_drag", "bowl", "echo", "rippled", "spring_kink")),
     "none": (lambda rng, p, form: lambda x: (p, None), ("",)),
 }  # fmt: skip
 # What may stand beside the truth in an ambiguous answer; of amplifier_lag and delay either one alone.
@@ -502,7 +546,7 @@ def outcome(truth: dict, verdict: str, cause: Sequence[str]) -> str:
     effect = truth["effect"]
     if effect == "none":
         return {"no_gap": "clear", "unexplained": "false alarm"}.get(verdict, "false alarm")
-    if effect == "unknown":
+    if effect in ("unknown", "no name", "no name again"):
         return {"unexplained": "flagged", "no_gap": "missed"}.get(verdict, "wrong")
     if verdict in ("no_gap", "unexplained"):
         return {"no_gap": "missed"}.get(verdict, verdict)
@@ -560,7 +604,9 @@ def main() -> None:
                 if options.misses and found not in ("right", "clear", "flagged"):
                     top = ", ".join(f"{'+'.join(e)} {p:.2f}" for e, p in answer["which"][:4])
                     print(name, folder.name, truth["effect"], truth["form"], f"{truth['size']:.1f}", found, "|", top)
-        total = sum((c for e, c in count.items() if e not in ("none", "unknown")), Counter())
+        total = sum(
+            (c for e, c in count.items() if e not in ("none", "unknown", "no name", "no name again")), Counter()
+        )
         print(f"{name}: singles {dict(total)} of {total.total()}; median {np.median(cpu):.1f} s of processor")
         for effect, own in count.items():
             print(f"  {effect}: {dict(own)}")

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 from maglev_env.loop.effect import EFFECTS
 from maglev_env.units import prefixed
 from maglev_workbench.commands.diagnose.figures import gap_bars, loop_diagram, ranking, responses, shares
+from maglev_workbench.commands.diagnose.free import free_sections
 from maglev_workbench.commands.diagnose.leftover import leftover_sections
 from maglev_workbench.page import note, number, page, table
 from sim2real.diagnosis import Diagnosis, block_of
@@ -65,6 +66,8 @@ def terminal(diagnosis: Diagnosis) -> "list[RenderableType]":
     parts += [f"  {plain(line)}" for line in where_in_words(diagnosis)]
     if diagnosis.leftover is not None:
         parts += [f"  {plain(line)}" for line in leftover_lines(diagnosis.leftover)]
+    if diagnosis.free is not None:
+        parts.append(plain(diagnosis.free.sentence()))
     ranked = Table(box=box.SIMPLE_HEAD, pad_edge=False)
     for name in _RANK_HEAD:
         if name != "where":  # left out because a terminal is narrow, and the blocks are given above
@@ -99,6 +102,7 @@ def diagnose_page(diagnosis: Diagnosis) -> str:
         ("Where the gap lies", loop_diagram(d, blamed)),
         ("", _list(where_in_words(d)) + note(_NOTES["where"])),
         *([] if d.leftover is None else leftover_sections(d.leftover)),
+        *([] if d.free is None else free_sections(d.free)),
         ("Which effect", ranking(d)),
         ("", _wrapped(table(_RANK_HEAD, [map(_typeset, row) for row in _ranked(d)])) + note(_NOTES["which"])),
         ("How far the gap shrinks", gap_bars(_gap_rows(d))),
@@ -199,7 +203,7 @@ def _gap_lines(d: Diagnosis) -> list[str]:
     foils = {name: value for name, value in g.foils.items() if value is not None}
     if foils and d.corrected.effects:
         text = "Foils: " + ", ".join(f"{name} leaves {number(value)}" for name, value in foils.items()) + "."
-        if g.after is not None and min(foils.values()) < NO_BETTER * g.after:
+        if d.verdict != "unexplained" and g.after is not None and min(foils.values()) < NO_BETTER * g.after:
             text += " The named effect does not beat them, so the diagnosis is weak."
         lines.append(text)
     if d.choice is not None:

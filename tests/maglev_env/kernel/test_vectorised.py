@@ -54,6 +54,7 @@ VARIANTS = {
     "flexible": with_effects(ONE, eddy_current=1e3),
     "sticking": replace(ONE, effects=STICKING),
     "further": with_effects(ONE, asymmetric_gain=0.1),
+    "free": with_effects(ONE, free_current=0.1),
     "flexible x-y, coupled": with_effects(COUPLED, eddy_current=1e3),
     "self-sensing": replace(ONE, sensor="self_sensing"),
 }

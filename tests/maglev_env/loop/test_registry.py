@@ -13,6 +13,7 @@ from maglev_env.kernel.lanes import lane_batch, structure_of
 from maglev_env.kernel.simulate import simulate_records
 from maglev_env.linear.loop import loop_response, without_noise
 from maglev_env.loop.effect import EFFECTS, effect, meaningful
+from maglev_env.loop.free.places import NAMES as FREE
 from maglev_env.rig.rig import load_rig
 from sim2real.blind import menu
 
@@ -28,6 +29,8 @@ NEUTRAL = {
     **effect("cross_coupling", 0.0),
     **effect("asymmetric_gain", 0.0),
 }
+# Free corrections have a kernel and tests of their own.
+PHYSICAL = [name for name in EFFECTS if name not in FREE]
 FREQUENCY = np.geomspace(2.0, 2000.0, 30)
 
 
@@ -48,8 +51,8 @@ def with_effects(effects):
 @cache
 def records():
     """Readings in x (samples,) of each effect alone, and of none ("")."""
-    lanes = [with_effects(NEUTRAL), *(with_effects({**NEUTRAL, **given(name)}) for name in EFFECTS)]
-    return dict(zip(["", *EFFECTS], simulate_records(lanes)[:, 0], strict=True))
+    lanes = [with_effects(NEUTRAL), *(with_effects({**NEUTRAL, **given(name)}) for name in PHYSICAL)]
+    return dict(zip(["", *PHYSICAL], simulate_records(lanes)[:, 0], strict=True))
 
 
 def responses(effects):
@@ -59,7 +62,7 @@ def responses(effects):
     return np.array([one / np.abs(other[:, :1, :1]) for one, other in pairs])
 
 
-@pytest.mark.parametrize("name", EFFECTS)
+@pytest.mark.parametrize("name", PHYSICAL)
 def test_it_changes_the_simulated_record(name):
     assert meaningful(name, RIG.capabilities)
     none, found = records()[""], records()[name]

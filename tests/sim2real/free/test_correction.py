@@ -1,0 +1,83 @@
+"""A free correction of records of a bench of another hand: its place, shape and size, and that it may be nothing."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from bench_loop import Bench, write_campaign
+
+from sim2real.attribute import Attribution, Candidate
+from sim2real.fitting import begin, differentiate, iterate
+from sim2real.free.correction import free_correction, share_closed
+from sim2real.free.kinds import freed, kinds, sizes_of
+from sim2real.hypotheses import Hypothesis
+from sim2real.problem import assemble
+from sim2real.recorded.records import read_records
+from sim2real.simulated import tolerances
+
+QUIET = Bench(noise=2e-8, current_noise=1e-4)
+
+
+def attributed(folder, bench):
+    """Calibration of a bench's record, and the problem that judges."""
+    _, records = read_records(write_campaign(folder, bench, {"noise": "fit", "noise-2": "holdout"}, 0.5, 0))
+    fitted, judged = (assemble([r for r in records if r.role == role]) for role in ("fit", "holdout"))
+    rig = records[0].nominal
+    base = Hypothesis((), tolerances(rig), scales=rig.scales)
+    fits = begin([base], [np.zeros(base.size)], fitted.data, fitted.simulate)
+    iterate(fits, fitted.data, fitted.simulate, 6)
+    differentiate(fits, fitted.data, fitted.simulate, True)
+    return Attribution(fits[0].cost, tuple(map(Candidate, fits)), 2.0 * fitted.data.size, fitted), judged
+
+
+@pytest.fixture(scope="module")
+def dead(tmp_path_factory):
+    """Of a bench with a dead band of 15 mA either way."""
+    return attributed(tmp_path_factory.mktemp("dead"), replace(QUIET, band=0.015))
+
+
+@pytest.mark.slow
+def test_a_dead_band_is_found_where_it_is(dead):
+    attribution, judged = dead
+    found = free_correction(attribution, judged, attribution.calibration, False, 0)
+    assert found.gained and found.beyond > 0.8 and found.beyond_ci[0] > 0.5
+    first = found.drawn[0]
+    assert (first.kind.place, first.kind.block) == ("free_command", "amplifier")
+    assert "dead band" in found.sentence()
+    lost = -0.5 * (first.value[-2] - first.value[1])
+    assert lost == pytest.approx(0.015, rel=0.25)
+    assert found.to_json()["corrections"][0]["place"] == "free_command"
+    again = found.candidate.fit.hypothesis.point(found.candidate.fit.u)
+    assert again.effects["free_command"]["range"] == first.range
+
+
+@pytest.mark.slow
+def test_nothing_is_corrected_where_calibration_explains_all(tmp_path):
+    attribution, judged = attributed(tmp_path, replace(QUIET, gain=0.02))
+    found = free_correction(attribution, judged, attribution.calibration, False, 0)
+    assert found is None or not found.gained
+
+
+@pytest.mark.slow
+def test_coefficients_of_zero_are_the_base(dead):
+    attribution, _ = dead
+    problem, base = attribution.problem, attribution.calibration.fit
+    sizes = sizes_of(problem, base.hypothesis.point(base.u))
+    h = freed(base.hypothesis, kinds(problem, sizes), sizes)
+    u = np.concatenate([np.zeros(len(h.coordinates)), base.u])
+    plain, free = problem.simulate([base.hypothesis.point(base.u), h.point(u)])
+    assert abs(plain - free).max() < 1e-6 * abs(plain).max()
+    assert {p for p in h.point(u).effects} == {k.place for k in h.added}
+    assert h.point(u).effects["free_reading"]["range"] == sizes.of["displacement"]
+
+
+def test_the_share_that_is_closed_has_its_interval():
+    """By simulation: residuals of known excess, half of which is closed."""
+    rng, n = np.random.default_rng(1), 200
+    gap = 3.0 * rng.standard_normal((n, 2)) @ np.array([1.0, 1.0j])
+    noise = rng.standard_normal((100, n, 2)) @ np.array([1.0, 1.0j])
+    found = [share_closed(gap + r, np.sqrt(0.5) * gap + r, 0) for r in noise]
+    assert np.mean([f[0] for f in found]) == pytest.approx(0.5, abs=0.02)
+    assert sum(lo <= 0.5 <= hi for _, (lo, hi) in found) >= 88
+    assert share_closed(noise[0], 0.5 * noise[0], 0) == (None, None)
+    assert share_closed(np.full(9, np.nan + 0j), np.zeros(9, complex), 0) == (None, None)
