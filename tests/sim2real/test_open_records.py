@@ -109,7 +109,7 @@ def test_intervals_cover_what_they_claim(campaign, kind):
     truth = {"negative_stiffness": 0.95 * bench_loop.STIFFNESS, "delay": 30e-6}
     inside = []
     for seed in range(30):
-        _, records = read_records(campaign(bench, {kind: "fit"}, seed=10 * seed))
+        _, records = read_records(campaign(bench, {kind: "fit"}, seconds=1.0, seed=10 * seed))
         found = {c.name: c for c in pooled(records).coefficients}
         inside += [found[n].interval[0] < value < found[n].interval[1] for n, value in truth.items()]
     assert np.mean(inside) > 0.85  # 60 intervals of 95 %: 3.5 standard deviations
@@ -118,7 +118,7 @@ def test_intervals_cover_what_they_claim(campaign, kind):
 @pytest.mark.slow
 def test_a_delay_is_named_from_noise_steps_and_a_chirp(campaign):
     kinds = {"noise": "fit", "steps": "fit", "chirp": "fit", "noise-2": "holdout"}
-    found = diagnose(campaign(Bench(delay=45e-6), kinds))
+    found = diagnose(campaign(Bench(delay=45e-6), kinds, seconds=1.0))
     assert found.verdict == "explained" and found.cause == ("delay",)
     assert found.corrected.effects["delay"]["time"] == pytest.approx(45e-6, abs=1e-6)
     assert found.gap.closed_fraction > 0.95 and found.gap.judged_on == "holdout"
@@ -126,7 +126,7 @@ def test_a_delay_is_named_from_noise_steps_and_a_chirp(campaign):
 
 @pytest.mark.slow
 def test_a_sound_bench_has_no_gap(campaign):
-    found = diagnose(campaign(Bench(), {"noise": "fit", "steps": "fit", "noise-2": "holdout"}))
+    found = diagnose(campaign(Bench(), {"noise": "fit", "steps": "fit", "noise-2": "holdout"}, seconds=1.0))
     assert found.verdict == "no_gap"
 
 

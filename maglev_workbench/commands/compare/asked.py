@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from tuning.learned.policy import HistoryPolicy
 
 OWN = ("twin", "cases", "budgets", "processes", "seed", "out", "docs", "json_file")  # options of --twin
+TWIN_BUDGET = 60
 
 
 def check_options(twin: bool, given: Sequence[str]) -> None:
@@ -45,6 +46,23 @@ def default_methods(task: Task, policy: "HistoryPolicy | None") -> list[str]:
         console.print(f"without {LEARNED}: {error}", markup=False)
         methods.remove(LEARNED)
     return methods
+
+
+def twin_budgets(text: str | None) -> tuple[int, int]:
+    """Experiments on each simulator and on the twin, from "60" (the same for all), "300,60", or None for TWIN_BUDGET.
+
+    Raises:
+        ValueError: The text has another form.
+    """
+    try:
+        numbers = [int(part) for part in text.split(",")] if text is not None else [TWIN_BUDGET]
+    except ValueError:
+        numbers = []
+    if len(numbers) not in (1, 2) or min(numbers) < 1:
+        raise ValueError(
+            f"--budgets {text!r}: with --twin give one number of experiments, or simulators,twin as 300,60"
+        )
+    return numbers[0], numbers[-1]
 
 
 def parse_budgets(text: str) -> tuple[int, ...]:

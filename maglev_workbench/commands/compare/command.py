@@ -63,17 +63,18 @@ def compare(
     With --twin: tune on the nominal simulator, on the one that a diagnosis corrected, and on the sealed twin itself,
     and score all three on the twin. This shows the benefit of the diagnosis in score, peak sensitivity and touchdowns.
     """
-    from maglev_workbench.commands.compare.asked import check_options, default_methods, parse_budgets
+    from maglev_workbench.commands.compare.asked import check_options, default_methods, parse_budgets, twin_budgets
 
     named = given(context)
     check_options(twin is not None, named)
     if twin is not None:
         from sim2real.blind.cases import seal_of
 
+        experiments = twin_budgets(budgets if "budgets" in named else None)
         seal_of(twin)  # a folder without a seal is told before the long imports
         from maglev_workbench.commands.compare import twin as on_twin
 
-        on_twin.run(twin, budgets if "budgets" in named else None, cases, processes, seed, out, docs, json_file)
+        on_twin.run(twin, experiments, cases, processes, seed, out, docs, json_file)
         return
     from maglev_env.loop.effect import parse_effects
     from maglev_env.recordings.files import write_text_atomic

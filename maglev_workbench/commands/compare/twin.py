@@ -20,12 +20,10 @@ from sim2real.blind.cases import answers_digest, open_labels, seal_of
 from sim2real.blind.worth import CORRECTED, NOMINAL, TWIN, twin_cases
 from tuning.comparison.twin import compare_simulators
 
-BUDGET = 60
-
 
 def run(
     folder: Path,
-    budget: str | None,
+    budgets: tuple[int, int],
     cases: int,
     processes: int | None,
     seed: int,
@@ -36,9 +34,9 @@ def run(
     """Compare the simulators on the twin; the options are those of `maglev compare`.
 
     Args:
-        budget: experiments on each, or "simulators,twin"; None: BUDGET.
+        budgets: experiments on each simulator, and on the twin.
     """
-    budgets = parse_budgets(budget)
+    experiments = dict(zip((NOMINAL, CORRECTED, TWIN), (budgets[0], *budgets), strict=True))
     chosen, seal = twin_cases(folder, cases), seal_of(folder)
     results = out or folder / "worth"
     require_folder(results)
@@ -48,7 +46,7 @@ def run(
             found, reused = compare_simulators(
                 chosen,
                 results,
-                budgets,
+                experiments,
                 seed,
                 {"labels_sha256": seal, "answers_sha256": answers_digest(folder, open_labels(folder))},
                 processes,
@@ -58,34 +56,17 @@ def run(
             console.print(f"stopped; finished cases are in {results}: run the same command again to continue")
             raise
     path = folder / SET
-    compared = Compared(found, budgets, seed, json.loads(path.read_text()) if path.is_file() else {}, seal)
+    compared = Compared(found, experiments, seed, json.loads(path.read_text()) if path.is_file() else {}, seal)
     html, data = results / "twin.html", twin_json(compared)
     write_page(html, twin_page(compared))
     write_json(results / "twin.json", data)
     write_json(json_file, data)
     if docs is not None:
-        write_text_atomic(docs, twin_markdown(compared, _command(folder, budgets, cases, seed)))
+        write_text_atomic(docs, twin_markdown(compared, _command(folder, experiments, cases, seed)))
     console.print(*twin_tables(compared))
     if reused:
         console.print(f"{reused} of {len(chosen)} cases reused from {results}")
     console.print(f"{summary(compared)}\npage  {html}")
-
-
-def parse_budgets(text: str | None) -> dict[str, int]:
-    """Experiments by simulator, from the text "60" (the same for all) or "300,60" (simulators, twin).
-
-    Raises:
-        ValueError: The text has another form.
-    """
-    try:
-        numbers = [int(part) for part in text.split(",")] if text is not None else [BUDGET]
-    except ValueError:
-        numbers = []
-    if len(numbers) not in (1, 2) or min(numbers) < 1:
-        raise ValueError(
-            f"--budgets {text!r}: with --twin give one number of experiments, or simulators,twin as 300,60"
-        )
-    return {NOMINAL: numbers[0], CORRECTED: numbers[0], TWIN: numbers[-1]}
 
 
 def _command(folder: Path, budgets: dict[str, int], cases: int, seed: int) -> str:
