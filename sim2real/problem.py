@@ -10,7 +10,6 @@ from maglev_env.experiment import Experiment
 from maglev_env.loop.gains import NO_CONTROLLER
 from maglev_lanes.threads import single_blas
 from sim2real.recorded.channel_errors import changes
-from sim2real.recorded.fed_back import UNSURE
 from sim2real.recorded.nuisances import Nuisances, stacked
 from sim2real.recorded.open_evidence import (
     SMALL,
@@ -228,7 +227,7 @@ def _evidence(record: Record | OpenRecord, near: Point | None) -> _Evidence:
         fed = np.zeros_like(measured)
         fed[opened.outputs.index("plant")] = record.bias
         measured = measured - fed
-        nuisances[f"fed-back noise in {record.name}"] = UNSURE * fed
+        nuisances[f"noise in the drive of {record.name}"] = record.unsure * fed
     return _Evidence(opened, predicts, measured, noise, nuisances)
 
 

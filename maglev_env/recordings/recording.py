@@ -94,7 +94,8 @@ def read_recording(
     channels = {}
     for name, values in combined.items():
         source = spec.channels[name]
-        channels[name] = corrected(clock.resampled(values), rate, source.filter, source.delay)
+        held = _held(campaign, spec) if name.partition("_")[0] == "current" else None
+        channels[name] = corrected(clock.resampled(values), rate, source.filter, source.delay, held)
         if source.total:
             channels[name] = channels[name] - _bias(campaign, path, name)
     stand_ins, stood_in = displacements(channels, rate)
@@ -292,6 +293,15 @@ def _combine(raw: Mapping[str, np.ndarray], source: ChannelSource) -> np.ndarray
         weighted = [w * raw[column] for w, column in zip(source.weights, source.columns, strict=True)]
         value = source.scale * (sum(weighted[1:], weighted[0]))
         return value + source.offset if source.offset else value  # adding 0 would change the bits of -0.0
+
+
+def _held(campaign: Campaign, spec: RecordingSpec) -> float | None:
+    """Time constant (s) with which the current follows a command held from sample to sample; None where that is not
+    what is known: no controller, another rate, or no lag."""
+    rig = campaign.rig
+    if rig is None or spec.gains is None or not np.isclose(spec.sample_rate, rig.control_rate, rtol=1e-6):
+        return None
+    return rig.amplifier_time_constant or None
 
 
 def _bias(campaign: Campaign, path: Path, name: str) -> float:

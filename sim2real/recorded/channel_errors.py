@@ -10,7 +10,7 @@ from maglev_env.recordings.campaign import RecordingSpec
 
 @dataclass(frozen=True)
 class ChannelError:
-    """One standard deviation of an error: true value = (1 + scale) * reading, `delay` seconds earlier, less smooth.
+    """One standard deviation of an error: true value = (1 + scale) * reading, `delay` seconds earlier, other shape.
 
     Args:
         name: for reports; an error of the same name is the same in all recordings.
@@ -18,7 +18,9 @@ class ChannelError:
         axis: 0 or 1.
         scale: relative.
         delay: s.
-        smoothing: half the second moment of a low-pass that is symmetric in time, s^2.
+        shape: a term (j omega)^order of what undoes a low-pass, s^order; of order 2, for one that is symmetric in
+            time, half its second moment.
+        order: of that term.
     """
 
     name: str
@@ -26,12 +28,13 @@ class ChannelError:
     axis: int = 0
     scale: float = 0.0
     delay: float = 0.0
-    smoothing: float = 0.0
+    shape: float = 0.0
+    order: int = 2
 
     def factor(self, frequency: np.ndarray) -> np.ndarray:
         """Relative change of the channel's spectrum at frequencies in Hz."""
-        omega = 2 * np.pi * frequency
-        return self.scale + 1j * omega * self.delay + omega**2 * self.smoothing
+        s = 2j * np.pi * frequency
+        return self.scale + s * self.delay + s**self.order * self.shape
 
     def applied(self, spectra: np.ndarray, frequency: np.ndarray) -> np.ndarray:
         """Change of spectra (..., axes, *frequency.shape) of the channel: that of the other axis is none."""

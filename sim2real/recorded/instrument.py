@@ -24,22 +24,33 @@ def has_instruments(channels: Mapping[str, np.ndarray]) -> bool:
     return len(_varying(channels, 0)) > 0
 
 
-def along_instruments(record: OpenRecord, channels: Mapping[str, np.ndarray]) -> OpenRecord | None:
+def along_instruments(record: OpenRecord, channels: Mapping[str, np.ndarray], top: float) -> OpenRecord | None:
     """The record, compared only along its instruments; None where it has none that clearly moves the rotor.
 
     Args:
         record: driven by a measured current or command.
         channels: channel -> (axes, samples) of the simulated part.
+        top: highest frequency that is compared, Hz.
     """
     known = _varying(channels, record.first)
-    if not len(known):
-        return None
+    return compared_along(record, known, top) if len(known) else None
+
+
+def compared_along(record: OpenRecord, known: np.ndarray, top: float) -> OpenRecord | None:
+    """The record, compared only along instruments; None where none of them clearly moves the rotor.
+
+    Args:
+        record: driven by a measured current or command.
+        known: (inputs, samples), series that are free of the reading's noise.
+        top: highest frequency that is compared, Hz.
+    """
     spectra = record.spectrum(known)
     windows = record.windows.toward(spectra)
     reading = record.spectrum(record.series["displacement"])
     along = np.arange(KEPT) < len(known)
     power = np.mean(abs(windows.project(reading)[..., along]) ** 2, axis=-1)
     clear = (power > CLEAR * windows.noise(reading, spectra).variance).any(axis=0)
+    clear &= windows.centre < top
     if not clear.any():
         return None
     return replace(record, windows=windows, told=(clear[:, None] & along).reshape(-1), instrument=spectra)

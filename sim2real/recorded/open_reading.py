@@ -11,6 +11,7 @@ from maglev_env.loop.axes import suffixes
 from maglev_env.loop.magnets.kinds import force_law
 from maglev_env.loop.magnets.law import linearise
 from maglev_env.recordings.campaign import Campaign, RecordingSpec
+from maglev_env.recordings.campaign_tables import ChannelSource
 from maglev_env.recordings.derived import coil_current
 from maglev_env.recordings.left_out import TellsNothing
 from maglev_env.recordings.masking import bridged, masked_samples
@@ -18,6 +19,7 @@ from maglev_env.rig.rig import Rig, axis_rig
 from sim2real.recorded.channel_errors import ChannelError, channel_errors
 from sim2real.recorded.drive import Drive, drive_of
 from sim2real.recorded.fed_back import fed_back
+from sim2real.recorded.innovation import along_innovations
 from sim2real.recorded.instrument import along_instruments
 from sim2real.recorded.not_stable import not_stable
 from sim2real.recorded.open_record import OpenRecord, compared
@@ -33,9 +35,13 @@ NOT_AT_TICKS = (
     "(missing or double samples, a channel with a filter or delay, or another rate)"
 )
 # Standard deviations of what is not stated of a stand-in's drive: the time between its readings and those of the
-# displacement, in samples, and half the second moment of its low-pass, in their square. Along an instrument, both as of
-# a filter of one sample; what a motional voltage adds to straight lines between samples is less.
-UNTOLD, UNTOLD_ALONG, SMOOTHED = 12**-0.5, 1.0, 1.0
+# displacement, in samples, and along an instrument the terms of order 2, 3, 4 of what undoes a low-pass and fills in
+# between samples, in samples to that power: as of a filter of a sample behind an amplifier that lags by one (computed,
+# with the images of a held command). Up to TOP of the sample rate these leave 0.3 % of it.
+UNTOLD, UNTOLD_ALONG = 12**-0.5, 1.0
+SHAPED = {2: 1.0, 3: 0.1, 4: 0.03}
+TOP = 0.2
+METERED = 0.01  # relative scale of a current whose campaign states none, as of a meter that nobody calibrated
 
 
 def open_record(campaign: Campaign, spec: RecordingSpec, dataset: "xr.Dataset") -> OpenRecord:
@@ -126,13 +132,24 @@ def open_record(campaign: Campaign, spec: RecordingSpec, dataset: "xr.Dataset") 
     )
     if not drive.stand_in or drive.source is None:
         return record
-    found = along_instruments(record, channels)
+    stated = _stated(spec, drive.source)
+    top = np.inf if drive.held else TOP * record.windows.sample_rate
+    found, what = along_instruments(record, channels, top), "with the recorded reference or injection"
+    if found is None and not any(source.filter or source.delay for source in stated):
+        found = along_innovations(record, channels, top)
+        what = f"with what its own past and the displacement's leave unexplained of the {drive.source}"
     errors = (*record.errors, *_untold(spec, drive, found is not None))
     if found is not None:
-        note = "only what goes with the recorded reference or injection is compared, because it is free of noise"
+        note = f"only what goes {what} is compared, because it is free of the noise that the controller fed back"
         return replace(found, errors=errors, notes=(*record.notes, note))
-    record = replace(record, errors=errors)
-    return fed_back(record, channels[drive.source], drive.between(record.windows.frequency))
+    record = fed_back(replace(record, errors=errors), channels[drive.source], drive.between(record.windows.frequency))
+    if drive.source == "current" and all(source.delay_tolerance is None for source in stated):
+        raise TellsNothing(
+            "nothing in it is free of the noise that its unknown controller fed back into the current",
+            "record the reference, the injection, or the command with the gains of the controller; or state filter and "
+            "delay_tolerance of the current",
+        )
+    return record
 
 
 def _channels(rig: Rig, dataset: "xr.Dataset") -> dict[str, np.ndarray]:
@@ -173,26 +190,29 @@ def _led_in(series: np.ndarray, samples: int) -> np.ndarray:
     return np.concatenate([series[:, :1] * rise, series], axis=1)
 
 
+def _stated(spec: RecordingSpec, channel: str) -> list[ChannelSource]:
+    """What the campaign states of a channel, of each axis."""
+    return [source for name, source in spec.channels.items() if name.partition("_")[0] == channel]
+
+
 def _untold(spec: RecordingSpec, drive: Drive, exact: bool) -> list[ChannelError]:
-    """Errors of a stand-in's drive: the time between its readings and those of the displacement, where nothing is
-    stated of it, and what it does between its samples, where it is not held.
+    """Errors of a stand-in's drive of which nothing is stated: the time between its readings and those of the
+    displacement, the scale of a current, and what it does between its samples, where it is not held.
 
     Args:
         exact: whether only what goes with an instrument is compared.
     """
     if not drive.stand_in or drive.source is None:
         return []
-    stated = [s.delay_tolerance for name, s in spec.channels.items() if name.partition("_")[0] == drive.source]
-    told, step = any(tolerance is not None for tolerance in stated), drive.multiple / spec.sample_rate
-    late = 0.0 if told else (UNTOLD_ALONG if exact else UNTOLD) * step
-    smooth = 0.0 if drive.held or not exact else SMOOTHED * step**2
-    sizes = {
-        f"time between {drive.source} and displacement": {"delay": late},
-        f"{drive.source} between its samples": {"smoothing": smooth},
-    }
-    return [
-        ChannelError(name, drive.source, axis, **size)
-        for name, size in sizes.items()
-        for axis in range(drive.experiment.rig.axes)
-        if any(size.values())
-    ]
+    stated, step, found = _stated(spec, drive.source), drive.multiple / spec.sample_rate, []
+    names = suffixes(drive.experiment.rig.axes)
+    for axis, driving in enumerate(drive.source + letter for letter in names):
+        if all(source.delay_tolerance is None for source in stated):
+            late = (UNTOLD_ALONG if exact else UNTOLD) * step
+            found.append(ChannelError(f"time between {driving} and displacement", drive.source, axis, delay=late))
+        if drive.source == "current" and not any(source.scale_tolerance for source in stated):
+            found.append(ChannelError(f"scale of {driving}", drive.source, axis, scale=METERED))
+        for order, size in SHAPED.items() if exact and not drive.held else ():
+            name = f"{driving} between its samples (order {order})"
+            found.append(ChannelError(name, drive.source, axis, shape=size * step**order, order=order))
+    return found

@@ -54,7 +54,8 @@ class OpenRecord:
         errors: what may be wrong with its channels.
         source: channel from which the injection follows, "command" or "current"; None: none.
         rests: what its means say of a suspended mass; None: nothing.
-        bias: (axes, n), what fed-back noise may add to the opened displacement; None: nothing.
+        bias: (axes, n), what noise in the drive may add to the opened displacement; None: nothing.
+        unsure: share of the bias that is its standard deviation.
         told: (n,) whether a coordinate is compared; None: all are.
         instrument: (inputs, windows, WIDTH), spectra of reference and injection, in whose direction alone is compared;
             None: in all directions.
@@ -77,6 +78,7 @@ class OpenRecord:
     source: str | None = None
     rests: Rests | None = None
     bias: np.ndarray | None = None
+    unsure: float = 0.0
     told: np.ndarray | None = None
     instrument: np.ndarray | None = None
     notes: tuple[str, ...] = ()

@@ -17,7 +17,7 @@ from maglev_env.rig.rig import Rig, axis_rig
 # Of the designed stand-in: net stiffness in that of the magnets, the stiffest first, and damping ratio. Stiff ones keep
 # the simulated mass where the recorded one was; but they turn noise into current, whose square biases the stiffness.
 STIFF, DAMPED = (8.0, 4.0, 2.0, 1.0), 0.8
-QUIET = 0.4  # of the bias current: what a stand-in may make of the noise
+QUIET = 0.035  # of the bias current: what a stand-in may make of the noise; its square changes the stiffness by 0.1 %
 FASTEST = 30.0  # its control samples in a cycle of the mode that it makes
 TAPS = 4  # present and past readings that a fitted controller uses
 PAST = 2  # past outputs that it uses

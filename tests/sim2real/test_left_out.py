@@ -65,11 +65,11 @@ def test_each_reason_is_given_where_none_is_left(tmp_path):
 
 
 def test_a_recording_in_whose_simulation_the_nominal_rig_falls_is_left_out_where_another_stands(tmp_path):
-    told, records = read_records(current_driven(tmp_path, {"noise": "fit", "chirp": "fit"}))
+    told, records = read_records(current_driven(tmp_path, {"noise": "fit", "steps": "fit"}))
     thrown = [replace(r, waves={at: 60 * wave for at, wave in r.waves.items()}) for r in records]
     campaign, kept = standing(told, [records[0], thrown[1]])
     assert [r.name for r in kept] == [s.file for s in campaign.recordings] == ["noise.npz"]
-    assert campaign.left_out[0].recording == "chirp.npz" and "touches down" in campaign.left_out[0].reason
+    assert campaign.left_out[0].recording == "steps.npz" and "touches down" in campaign.left_out[0].reason
     campaign, kept = standing(told, thrown)
     assert len(kept) == 2 and campaign == told, "where it falls in all of them, the rig is wrong, not the recordings"
 

@@ -29,3 +29,22 @@ def test_a_low_pass_and_a_delay_are_undone():
 def test_a_straight_line_comes_back_exactly():
     t = np.arange(500) / RATE
     assert corrected(2.0 * (t - 0.004), RATE, (), 0.004) == pytest.approx(2.0 * t, abs=1e-12)
+
+
+@pytest.mark.parametrize("corners", [(80.0,), (160.0, 300.0)])
+def test_the_low_pass_of_a_current_behind_a_held_command_is_undone_above_half_the_rate_too(corners):
+    held, fine, n = 1.3e-3, 200, 300
+    command = np.repeat(np.random.default_rng(2).normal(size=n), fine)
+    current, metered = 0.0, np.zeros(len(corners))
+    true_samples, logged = np.empty(n), np.empty(n)
+    step = 1 / (RATE * fine)
+    for k, u in enumerate(command):  # Euler steps of 5 us; a sample is read before its command acts
+        if k % fine == 0:
+            true_samples[k // fine], logged[k // fine] = current, metered[-1]
+        change = np.diff([current, *metered], prepend=u)
+        current -= step / held * change[0]
+        metered -= step * 2 * np.pi * np.array(corners) * change[1:]
+    inside = slice(60, -60)
+    found = corrected(logged, RATE, corners, 0.0, held)
+    assert np.std((found - true_samples)[inside]) < 1e-2 * np.std(true_samples)
+    assert np.std((corrected(logged, RATE, corners, 0.0) - true_samples)[inside]) > 0.1 * np.std(true_samples)

@@ -1,0 +1,128 @@
+"""What of a measured drive its past does not explain: an instrument where nothing is recorded of what drove a loop.
+
+The current (or command) u of a rig whose controller is not known is regressed on the past of currents and readings.
+What is left, the innovation, is what was newly added to the loop: a step of the set point, an injection, the rounding
+of the converter. What the controller makes of sensor noise is explained by the readings, in which the noise stands. So
+the innovation is free of that noise, and an instrument as a recorded reference is (a joint input-output method:
+Forssell and Ljung, Automatica 35, 1999; Soderstrom and Stoica, System Identification, 1989, chapter 10). Nothing need
+be known of the controller, but every reading that it used must be in the regression: a current that is read after the
+controller has answered to the latest reading follows that one too, which its correlation with what is new in the
+reading tells.
+
+The meter's own noise is in the innovation and in the drive. What it pretends is taken off, and an innovation that is
+little more than that noise is no instrument.
+"""
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+import scipy.fft
+
+from maglev_env.loop.magnets.kinds import force_law
+from maglev_env.loop.magnets.law import linearise
+from maglev_env.rig.rig import axis_rig
+from sim2real.recorded.instrument import compared_along
+from sim2real.recorded.nominal import nominal_blocks
+from sim2real.recorded.open_record import OpenRecord
+
+TAPS = 24  # past samples of the regression
+ROWS_PER_TAP = 20  # samples for each of them, at least
+LOUD = 5.0  # power of an innovation over that of the meter's noise, from which it is an instrument
+FLOOR = (0.40, 0.49)  # of the sample rate: where the current is taken to be noise alone if no noise is stated
+UNSURE = 1.0  # share of the meter's bias that remains as a standard deviation: its noise is stated, not measured
+CLEAR = 4.0  # standard errors by which the latest reading must show in the current to count as used
+
+
+def along_innovations(record: OpenRecord, channels: Mapping[str, np.ndarray], top: float) -> OpenRecord | None:
+    """The record, compared only along the innovations of its drive; None where they do not clearly move the rotor.
+
+    Args:
+        record: driven by its measured current or command, as it was read: no low-pass or delay has been undone.
+        channels: channel -> (axes, samples) of the simulated part.
+        top: highest frequency that is compared, Hz.
+    """
+    drive, reading = channels[record.source], channels["displacement"]
+    taps = min(TAPS, drive.shape[1] // (ROWS_PER_TAP * 2 * len(drive)))
+    if not taps:
+        return None
+    found, past = innovations(drive, reading, taps, record.source == "command" or _late(record, drive, reading, taps))
+    if record.source == "command":
+        return compared_along(record, found, top)
+    noise = record.nominal.noise.current**2 or _floor(drive)
+    if not (np.mean(found**2, axis=1) > LOUD * noise).all():
+        return None
+    along = compared_along(record, found, top)
+    return along and replace(along, bias=_of_meter(along, found, past, noise), unsure=UNSURE)
+
+
+def innovations(drive: np.ndarray, reading: np.ndarray, taps: int, latest: bool) -> tuple[np.ndarray, np.ndarray]:
+    """Innovations (axes, samples) of a drive, zero at first; and the weights (axes, taps) of its own past.
+
+    Args:
+        drive: (axes, samples), A.
+        reading: (axes, samples), m.
+        taps: past samples of each that are used.
+        latest: whether the reading of the same sample is used too.
+    """
+    own = _past(drive, taps, 1)
+    columns = np.concatenate([own, _past(reading, taps, 0 if latest else 1)])
+    found, weights = _left(drive, columns, taps)
+    axes = len(drive)
+    return found, np.array([weights[axis, axis * taps : (axis + 1) * taps] for axis in range(axes)])
+
+
+def _past(series: np.ndarray, taps: int, first: int) -> np.ndarray:
+    """Series (axes, samples) that are first .. taps samples old, (axes * ages, samples - taps)."""
+    n = series.shape[1] - taps
+    return np.array([s[taps - age : taps - age + n] - s.mean() for s in series for age in range(first, taps + 1)])
+
+
+def _left(series: np.ndarray, columns: np.ndarray, taps: int) -> tuple[np.ndarray, np.ndarray]:
+    """What columns (columns, samples - taps) leave of series (axes, samples), and their weights (axes, columns)."""
+    scale = np.maximum(abs(columns).max(axis=1), 1e-300)
+    target = series[:, taps:] - series.mean(axis=1, keepdims=True)
+    weights = np.linalg.lstsq((columns / scale[:, None]).T, target.T, rcond=1e-10)[0].T / scale
+    left = np.zeros_like(series)
+    left[:, taps:] = target - weights @ columns
+    return left, weights
+
+
+def _late(record: OpenRecord, drive: np.ndarray, reading: np.ndarray, taps: int) -> bool:
+    """Whether the current follows the reading of its own sample, that is, was read after the controller's answer.
+
+    A controller that holds the rotor answers to what is new in a reading with the opposite sign; a current that was
+    read together with it can move the rotor only in its own direction.
+    """
+    new, _ = innovations(drive, reading, taps, False)
+    columns = np.concatenate([_past(drive, taps, 1), _past(reading, taps, 1)])
+    seen, _ = _left(reading, columns, taps)
+    for axis, (e, v) in enumerate(zip(new[:, taps:], seen[:, taps:], strict=True)):
+        toward = np.sign(linearise(force_law(axis_rig(record.nominal, axis)))[0])
+        spread = np.linalg.norm(e) * np.linalg.norm(v) / np.sqrt(e.size)
+        if toward * float(e @ v) < -CLEAR * spread:
+            return True
+    return False
+
+
+def _floor(drive: np.ndarray) -> float:
+    """Mean square (A^2) of white noise that explains a current (axes, samples) at its highest frequencies."""
+    samples = drive.shape[1]
+    lines = slice(*(int(share * samples) for share in FLOOR))
+    spectrum = np.asarray(scipy.fft.rfft(drive - drive.mean(axis=1, keepdims=True)))[:, lines]
+    return float(np.mean(abs(spectrum) ** 2) / samples)
+
+
+def _of_meter(record: OpenRecord, found: np.ndarray, past: np.ndarray, noise: float) -> np.ndarray:
+    """What the meter's noise (mean square, A^2), which is in drive and innovation, adds to the opened displacement,
+    (axes, n)."""
+    frequency, samples = record.windows.frequency, record.windows.samples
+    z = np.exp(2j * np.pi * frequency / record.windows.sample_rate)
+    kept = 1 - np.moveaxis(z[..., None] ** -np.arange(1, past.shape[1] + 1) @ past.T, -1, 0)
+    own = record.spectrum(found)
+    power = np.mean(abs(own) ** 2, axis=-1, keepdims=True)
+    line = 4 * noise / samples  # mean square of the noise's amplitude on a line
+    pretended = own * line * np.conj(kept) / np.maximum(power, 1e-300)
+    plant = nominal_blocks(record.experiment, frequency.ravel(), False)[2]
+    bias = record.windows.project(-np.reshape(plant, own.shape) * pretended)
+    return bias.reshape(*bias.shape[:-2], -1)
