@@ -99,7 +99,7 @@ def _trends(record: Record, part: Part) -> tuple[np.ndarray, np.ndarray]:
     slopes, rest = straightened(periods)
     at = np.arange(record.count) - (record.count - 1) / 2
     own = (abs(rest) ** 2).sum(axis=0) / (record.count - 2)
-    kernel = np.ones(2 * NEIGHBOURS + 1)
-    count = np.convolve(np.ones(own.shape[-1]), kernel, "same")
-    pooled = np.apply_along_axis(lambda v: np.convolve(v, kernel, "same") / count, -1, own)
+    kernel, inside = np.ones(2 * NEIGHBOURS + 1), slice(NEIGHBOURS, -NEIGHBOURS)  # also of fewer lines than that
+    count = np.convolve(np.ones(own.shape[-1]), kernel)[inside]
+    pooled = np.apply_along_axis(lambda v: np.convolve(v, kernel)[inside] / count, -1, own)
     return slopes, np.maximum(pooled, own / 4) / (at @ at)

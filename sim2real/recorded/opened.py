@@ -225,9 +225,11 @@ def _pooled(own: np.ndarray, shapes: np.ndarray, freedom: int) -> tuple[np.ndarr
 
 
 def _neighbours(ratio: np.ndarray, kept: np.ndarray, width: int) -> np.ndarray:
-    """Mean of the kept values within `width` lines on either side."""
+    """Mean of the kept values within `width` lines on either side, also of fewer lines than that."""
     kernel = np.ones(2 * width + 1)
-    total, count = (np.convolve(v, kernel, "same") for v in (np.where(kept, ratio, 0.0), kept.astype(float)))
+    total, count = (
+        np.convolve(v, kernel)[width : width + ratio.size] for v in (np.where(kept, ratio, 0.0), kept.astype(float))
+    )
     return np.where(count > 0, total / np.maximum(count, 1), ratio)
 
 

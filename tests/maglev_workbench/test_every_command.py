@@ -28,6 +28,7 @@ NEEDED = {
     "blind run": ["--seed", "1", "--out", "set"],
     "blind answer": ["good"],
     "blind open": ["good"],
+    "blind score": ["good"],
 }
 BESIDE = {  # arguments without which a bad one means nothing
     ("train", "init"): ["--by", "ppo"],
