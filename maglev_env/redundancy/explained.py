@@ -91,7 +91,10 @@ def _one(view: View, found: Sequence[Cause], rows: Sequence[Row], together: Sequ
             says.append(f"factor {size_words}")
     if any(row.delay_off() for row in off):
         samples, error = lead.delay * view.rate, 2 * lead.delay_se * view.rate
-        says.append(f"{'late' if samples > 0 else 'early'} by {abs(samples):.3g} +- {error:.1g} samples")
+        other = [c.name for c in channels if c.delay * lead.delay < 0]
+        when, contrary = ("late", "early") if samples > 0 else ("early", "late")
+        either = f"{lead.name} {when}, or {' or '.join(other)} {contrary}," if other else when
+        says.append(f"{either} by {abs(samples):.3g} +- {error:.1g} samples")
         if not gained:
             code, value, interval = (
                 "delay",

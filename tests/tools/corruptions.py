@@ -108,15 +108,15 @@ def right(done: Done, what: str, found: list) -> tuple[bool, bool]:
 def warned(folder: Path, done: Done, what: str) -> tuple[list[tuple[str, str, str]], bool]:
     """Warnings of a campaign as (code, channel, message), and whether what was changed is named as not checkable.
 
-    A refusal on reading counts as a warning. That a time or coupling is not checkable counts for what is late or
-    coupled alone.
+    A refusal on reading counts as a warning. That a time or coupling is not checkable counts for what is late,
+    filtered or coupled alone.
     """
     try:
         found = examine(load_campaign(folder))
     except (ValueError, OSError) as error:
         return [("file", _quoted(str(error)), str(error))], False
     names = [name for f in found if f.kind == "not checkable" for name in f.channel.split(" or ")]
-    of = {"time": "delay", "AC": "AC"}
+    of = {"time": ("delay", "filter"), "AC": "AC"}
     noted = " ".join(name for name in names if what.startswith(of.get(name.split()[0], "")))
     changed = [name.partition("_")[0] for name in done.channel.split("|")]
     return [(f.code, f.channel, f.message) for f in found if f.kind != "not checkable"], any(
