@@ -26,6 +26,8 @@ def explained(view: View, rows: Sequence[Row]) -> list[Finding]:
     bent = [row for row in off if row.shape_off and not (row.gain_off() or row.delay_off())]
     if len(bent) == len(off):
         return [_bent(view, row) for row in bent]
+    if all(row.code.startswith("designed") for row in off):
+        return [_stated_peak(view, row, rows) for row in off]
     found, together = causes(rows, view.rate), _with_their_peak(rows, view.rate)
     if found:
         return [_one(view, found, rows, together)]
@@ -89,7 +91,10 @@ def _one(view: View, found: Sequence[Cause], rows: Sequence[Row], together: Sequ
             says.append(f"factor {size_words}")
     if any(row.delay_off() for row in off):
         samples, error = lead.delay * view.rate, 2 * lead.delay_se * view.rate
-        says.append(f"{'late' if samples > 0 else 'early'} by {abs(samples):.3g} +- {error:.1g} samples")
+        other = [c.name for c in channels if c.delay * lead.delay < 0]
+        when, contrary = ("late", "early") if samples > 0 else ("early", "late")
+        either = f"{lead.name} {when}, or {' or '.join(other)} {contrary}," if other else when
+        says.append(f"{either} by {abs(samples):.3g} +- {error:.1g} samples")
         if not gained:
             code, value, interval = (
                 "delay",
@@ -190,6 +195,20 @@ def _row(view: View, row: Row) -> Finding:
     kind: Kind = "effect" if _or_effect(row) else "wiring"
     se = 2 * row.gain_se * abs(row.gain)
     return Finding(row.code, view.recording, names, row.gain, (row.gain - se, row.gain + se), text, kind)
+
+
+def _stated_peak(view: View, row: Row, rows: Sequence[Row]) -> Finding:
+    """An excitation that differs from its stated peak alone: the statement is wrong where others hold the channel."""
+    name = next(iter(row.powers))
+    se = 2 * row.gain_se * abs(row.gain)
+    text = f"{name}: factor {row.gain:.3g} +- {se:.1g} against {row.against}; "
+    if any(name in other.powers for other in rows if not other.code.startswith("designed")):
+        text += (
+            f"column {view.columns.get(name, name)!r} agrees with what it does, so correct the stated amplitude (peak)"
+        )
+    else:
+        text += f"check the scale of column {view.columns.get(name, name)!r}, or the stated amplitude (peak)"
+    return Finding("scale", view.recording, name, row.gain, (row.gain - se, row.gain + se), text, "wiring")
 
 
 def _several(view: View, off: Sequence[Row]) -> Finding:

@@ -1,6 +1,6 @@
 """The registry of rules, and their application to a campaign."""
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import replace
 from itertools import combinations
 from typing import TYPE_CHECKING
@@ -103,7 +103,7 @@ def examine_recording(campaign: Campaign, spec: RecordingSpec) -> list[Finding]:
         found = _other_rate(campaign, spec, signals) or found
     doubtful = [f for f in found if f.code in (*DOUBTFUL, "amplifier") and f.kind != "quality"]
     if doubtful:
-        found = _swapped(campaign, spec, all(f.kind == "effect" for f in doubtful)) or found
+        found = _swapped(campaign, spec, views, all(f.kind == "effect" for f in doubtful)) or found
     return [*alarms, *found]
 
 
@@ -124,7 +124,8 @@ def _findings(view: View) -> list[Finding]:
         if any((f.code in FINAL and f.kind == "contradiction") or f.code in CHANGED for f in found):
             return found
     rows = comparisons(view)
-    why = explained(view, rows)
+    # What a coupling bends is no other matter.
+    why = [] if any(f.code == "filter" and f.kind == "wiring" for f in found) else explained(view, rows)
     # A cause that is named explains what the peak of |S| can only doubt.
     named = [f for f in why if f.code in ("scale", "sign") and f.kind == "contradiction"]
     return [*named, *found, *(f for f in why if f not in named), *uncovered(view, rows)]
@@ -169,12 +170,13 @@ def _views(campaign: Campaign, spec: RecordingSpec, signals: RecordedSignals) ->
     return [view if "voltage" in view.channels else view.at_control_rate() for view in views]
 
 
-def _swapped(campaign: Campaign, spec: RecordingSpec, alike: bool) -> list[Finding]:
+def _swapped(campaign: Campaign, spec: RecordingSpec, views: Sequence[View], alike: bool) -> list[Finding]:
     """Two columns exchanged: the one exchange under which all rules agree.
 
     `alike`: try only columns of one quantity, those of the two axes, because an effect may explain what differs.
     """
     names = [n for n in spec.channels if n != "time"]
+    before = {row.code for view in views for row in comparisons(view)}
     for one, other in combinations(names, 2):
         if alike and one.partition("_")[0] != other.partition("_")[0]:
             continue
@@ -182,10 +184,11 @@ def _swapped(campaign: Campaign, spec: RecordingSpec, alike: bool) -> list[Findi
         try:
             exchanged = replace(spec, channels=channels)
             dataset = read_recording(campaign, exchanged)
-            views = _views(campaign, exchanged, recorded_signals(campaign, exchanged, dataset, excited=False))
+            signals = recorded_signals(campaign, exchanged, dataset, excited=False)
+            others = _views(campaign, exchanged, signals)
         except ValueError:
             continue
-        if _agrees(views):
+        if _agrees(others, before):
             text = (
                 f"{one} and {other}: columns {_column(spec, one)!r} and {_column(spec, other)!r} are exchanged: "
                 "the other way round every comparison agrees; correct [recording.channels]"
@@ -212,14 +215,14 @@ def _other_rate(campaign: Campaign, spec: RecordingSpec, signals: RecordedSignal
     return [Finding("rate", spec.file, "time", signals.sample_rate / rig.control_rate, None, text, "contradiction")]
 
 
-def _agrees(views: Iterable[View]) -> bool:
-    """Whether there are comparisons and all agree, and no rule finds a contradiction."""
+def _agrees(views: Iterable[View], codes: Collection[str] = ()) -> bool:
+    """Whether there are comparisons, these among them, and all agree, and no rule finds a contradiction."""
     rows = []
     for view in views:
         if any(f.kind == "contradiction" for rule in RULES.values() for f in rule(view)):
             return False
         rows += comparisons(view)
-    return bool(rows) and not any(row.off for row in rows)
+    return bool(rows) and {*codes} <= {row.code for row in rows} and not any(row.off for row in rows)
 
 
 def refusals(found: Iterable[Finding]) -> list[Finding]:

@@ -28,6 +28,7 @@ from maglev_env.recordings.campaign import load_campaign
 from maglev_env.redundancy.rules import examine
 from maglev_workbench.commands.estimate.recordings import identify_campaign
 
+STATES = ("warned", "harmless", "silent")
 # What a right answer may be called, and on which channel, where it is not the changed one.
 RIGHT: Mapping[str, tuple[str, ...]] = {
     "scale": ("scale", "clearance", "sensitivity", "newton", "designed", "controller"),
@@ -107,15 +108,15 @@ def right(done: Done, what: str, found: list) -> tuple[bool, bool]:
 def warned(folder: Path, done: Done, what: str) -> tuple[list[tuple[str, str, str]], bool]:
     """Warnings of a campaign as (code, channel, message), and whether what was changed is named as not checkable.
 
-    A refusal on reading counts as a warning. That a time or coupling is not checkable counts for what is late or
-    coupled alone.
+    A refusal on reading counts as a warning. That a time or coupling is not checkable counts for what is late,
+    filtered or coupled alone.
     """
     try:
         found = examine(load_campaign(folder))
     except (ValueError, OSError) as error:
         return [("file", _quoted(str(error)), str(error))], False
     names = [name for f in found if f.kind == "not checkable" for name in f.channel.split(" or ")]
-    of = {"time": "delay", "AC": "AC"}
+    of = {"time": ("delay", "filter"), "AC": "AC"}
     noted = " ".join(name for name in names if what.startswith(of.get(name.split()[0], "")))
     changed = [name.partition("_")[0] for name in done.channel.split("|")]
     return [(f.code, f.channel, f.message) for f in found if f.kind != "not checkable"], any(
@@ -203,15 +204,29 @@ def one_case(number: int, seed: int, sound: bool, drawn: tuple[str, ...], folder
     return case
 
 
-def table(cases: list[dict[str, Any]]) -> str:
-    """Counts by corruption and kind of campaign, then every silent case."""
-    lines = [f"{'corruption':<15} " + " ".join(f"{k:>14}" for k in KINDS) + "   warned/harmless/silent"]
+def markdown(cases: list[dict[str, Any]]) -> str:
+    """The counts as the table of docs/recordings.md: warned / harmless / silent, "-" where nothing was drawn."""
+    lines = [f"| corruption | {' | '.join(KINDS)} |", "|---|" + "---|" * len(KINDS)]
+    for what, by in sorted(_counted(cases).items()):
+        cells = ["/".join(str(by[k][s]) for s in STATES) if by[k] else "-" for k in KINDS]
+        lines.append(f"| {what} | {' | '.join(cells)} |")
+    return "\n".join(lines)
+
+
+def _counted(cases: list[dict[str, Any]]) -> dict[str, dict[str, Counter]]:
+    """How many cases were warned of, harmless and silent, by corruption and kind of campaign."""
     grouped: dict[str, dict[str, Counter]] = defaultdict(lambda: defaultdict(Counter))
     for c in cases:
         state = "warned" if c["warned"] else "silent" if c["wrong"] else "harmless"
         grouped[c["what"]][c["kind"]][state] += 1
-    for what, by in sorted(grouped.items()):
-        cells = ["/".join(str(by[k][s]) for s in ("warned", "harmless", "silent")) for k in KINDS]
+    return grouped
+
+
+def table(cases: list[dict[str, Any]]) -> str:
+    """Counts by corruption and kind of campaign, then every silent case."""
+    lines = [f"{'corruption':<15} " + " ".join(f"{k:>14}" for k in KINDS) + f"   {'/'.join(STATES)}"]
+    for what, by in sorted(_counted(cases).items()):
+        cells = ["/".join(str(by[k][s]) for s in STATES) for k in KINDS]
         lines.append(f"{what:<15} " + " ".join(f"{c:>14}" for c in cells))
     silent = [c for c in cases if not c["warned"] and c["wrong"]]
     covered = [c for c in cases if not c["uncovered"]]
@@ -239,7 +254,14 @@ def main() -> None:
     parser.add_argument("--stories", action="store_true", help="wrong settings of instruments and statements")
     parser.add_argument("--kind", choices=(*USUAL, *WIRING, *STORIES_OF), help="one corruption alone")
     parser.add_argument("--out", type=Path, help="JSON of all cases, written as they come")
+    parser.add_argument(
+        "--markdown", type=Path, nargs="+", help="run nothing; the table of docs/recordings.md from these"
+    )
     options = parser.parse_args()
+    if options.markdown:
+        cases = [case for path in options.markdown for case in json.loads(path.read_text())]
+        print(markdown(cases), table(cases), sep="\n\n")
+        return
     drawn = (
         (options.kind,)
         if options.kind

@@ -90,6 +90,29 @@ def test_the_doubled_force_reads_as_a_user_needs_it(sound, tmp_path):
     assert re.match(wanted + r"check the scale of column 'force'$", found[0].message)
 
 
+def test_a_stated_amplitude_that_is_peak_to_peak_is_told_from_a_wrong_column(sound, tmp_path):
+    def doubled(text):
+        return re.sub(r"amplitude = ([\d.]+)", lambda m: f"amplitude = {2 * float(m[1])}", text)
+
+    found = changed(sound, tmp_path / "c", "base", lambda columns: None, doubled)
+    of = {f.channel: f for f in found if f.recording == "base.npz"}
+    assert of.keys() == {"force", "injection"}
+    assert all(f.value == pytest.approx(0.5, rel=0.05) and "correct the stated amplitude" in f.message
+               for f in of.values())  # fmt: skip
+
+
+def test_hum_that_hides_what_is_compared_is_no_exchange_of_columns(sound, tmp_path):
+    injected = next(e for e in load_campaign(sound).recordings[0].excitations if e.at == "current")
+    f = injected.lines[len(injected.lines) // 3] * injected.fundamental
+
+    def hum(columns):
+        x = columns["injection"]
+        columns["injection"] = x + 2 * x.std() * np.sin(2 * np.pi * f * np.arange(x.size) / 20000)
+
+    found = changed(sound, tmp_path / "c", "base", hum)
+    assert found and not any(f.code == "swapped" for f in found)
+
+
 def test_no_loop_has_a_peak_sensitivity_below_one(sound, tmp_path):
     def change(columns):
         columns["force"] = 2.0 * columns["force"]

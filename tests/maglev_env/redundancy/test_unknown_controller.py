@@ -61,6 +61,7 @@ def test_a_delay_or_a_filter_of_either_channel_is_named(name, sign):
         assert row.delay_off() and sign * row.delay * RATE > 5  # the springs make it look larger in the force
         (said,) = explained(view(z, mass, rng), [row])
         assert name in said.channel and said.kind == "effect" and "maglev diagnose" in said.message
+        assert f"{name} late" in said.message
         own = {name: 1 / (1 + 1j * W / (2 * np.pi * 300))}
         (row,) = moved(view(z, mass, rng, **own))
         assert row.delay_off() and np.sign(row.delay) == sign
