@@ -96,6 +96,24 @@ def sphs(lines: ArrayLike, samples_per_period: int, peak: float = 1.0, power: Ar
     return _scaled(lines, share, schroeder_phases(share, lines), samples_per_period, peak)
 
 
+def impulse(lines: ArrayLike, samples_per_period: int, peak: float = 1.0, power: ArrayLike | None = None) -> Multisine:
+    """Multisine with all lines in phase: one blow a period, at its start, as a mallet gives it.
+
+    The blow's area is peak / (2 f_top) for consecutive lines from 1 up to f_top (Hz); its mean over the period is 0.
+
+    Args:
+        lines: As in `sphs`.
+        samples_per_period: As in `sphs`.
+        peak: As in `sphs`.
+        power: As in `sphs`.
+
+    Raises:
+        ValueError: Bad input.
+    """
+    lines, share = _checked_design(lines, samples_per_period, power)
+    return _scaled(lines, share, np.zeros(lines.size), samples_per_period, peak)
+
+
 def random_phase(
     lines: ArrayLike, samples_per_period: int, seed: int, peak: float = 1.0, power: ArrayLike | None = None
 ) -> Multisine:

@@ -142,7 +142,7 @@ class Experiment:
         for e in self.excitations:
             if e.periodic:
                 return e
-        raise ValueError("experiment: give at least one periodic excitation (sphs, multisine or low_crest)")
+        raise ValueError("experiment: give at least one periodic excitation (sphs, multisine, low_crest or impulse)")
 
     @property
     def recorded_rate(self) -> float:

@@ -11,6 +11,8 @@ from estimation.stability_margins import Interval, Margins, margin_arrays, margi
 from maglev_env.evaluation.bands import nominal_response
 from maglev_env.evaluation.sensitivity import injected_sensitivity
 from maglev_env.loop.gains import NO_CONTROLLER, Controllers, of_axis, reads_current
+from maglev_env.loop.magnets.kinds import force_law
+from maglev_env.loop.magnets.law import linearise
 from maglev_env.recordings.spectra import RecordedSignals, RecordSpectra
 from maglev_env.rig.rig import Rig, with_parameters
 
@@ -76,7 +78,10 @@ def _within_tolerance(
     before = margin_arrays(frequency, 1 - _feedback(rig, gains, frequency) * receptance)
     spread = dict.fromkeys(found.intervals, 0.0)
     for name, tolerance in rig.tolerance.items():
-        other = with_parameters(rig, {name: getattr(rig, name) * (1 + tolerance)})
+        value = getattr(rig, name)
+        if value is None:  # of magnets that are described by their geometry
+            value = dict(zip(("actuator_gain", "negative_stiffness"), linearise(force_law(rig)), strict=True))[name]
+        other = with_parameters(rig, {name: value * (1 + tolerance)})
         after = margin_arrays(frequency, 1 - _feedback(other, gains, frequency) * receptance)
         for margin in spread:
             moved = float(np.log(after[margin] / before[margin]))

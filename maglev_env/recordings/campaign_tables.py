@@ -64,7 +64,7 @@ def excitations_table(value: Any, rate: float, channels: Mapping) -> tuple[tuple
         elif stated is not None:
             raise ValueError(f"excitation: periods has no meaning with kind = {excitation.kind!r}")
         channel = SHOWN_BY[excitation.at]
-        unknown = excitation.kind in ("multisine", "low_crest", "recorded")
+        unknown = excitation.kind in ("multisine", "low_crest", "impulse", "recorded")
         if unknown and not any(channel + axis in channels for axis in _AXES):
             why = "its phases are unknown" if excitation.periodic else "its waveform is that channel"
             raise ValueError(f"excitation: {excitation.kind} at {excitation.at} needs the channel {channel}: {why}")

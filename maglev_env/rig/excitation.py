@@ -10,11 +10,11 @@ from typing import Any, Literal
 import numpy as np
 
 from estimation.low_crest import low_crest
-from estimation.sphs import Multisine, random_phase, sphs, synthesise
+from estimation.sphs import Multisine, impulse, random_phase, sphs, synthesise
 from maglev_env.channels import SHOWN_BY, Place, unit_of
 from maglev_env.fields import is_number
 
-KINDS = ("sphs", "multisine", "low_crest", "recorded", "none")
+KINDS = ("sphs", "multisine", "low_crest", "impulse", "recorded", "none")
 PLACES: tuple[Place, ...] = tuple(SHOWN_BY)
 MAX_HARMONIC = 1_000_000
 MOST_BLOCK = 1000  # periods in a block that is a whole number of samples
@@ -27,8 +27,9 @@ class Excitation:
 
     Args:
         kind: "sphs" (Schroeder phases, D App. A), "multisine" (random phases drawn from `seed`) or "low_crest" (phases
-            optimised for a low crest factor, see `estimation.low_crest`). "recorded" (another measured excitation) and
-            "none" describe recordings; they cannot be synthesised.
+            optimised for a low crest factor, see `estimation.low_crest`) or "impulse" (all lines in phase: one blow a
+            period). "recorded" (another measured excitation) and "none" describe recordings; they cannot be
+            synthesised.
         at: "force" (N, on the rotor), "current" (A, added to the command) or "reference" (m).
         fundamental: Hz.
         lines: harmonic numbers, increasing.
@@ -41,7 +42,7 @@ class Excitation:
         ValueError: A value is not valid; the message names it.
     """
 
-    kind: Literal["sphs", "multisine", "low_crest", "recorded", "none"]
+    kind: Literal["sphs", "multisine", "low_crest", "impulse", "recorded", "none"]
     at: Place = "force"
     fundamental: float = 1.0
     lines: tuple[int, ...] = ()
@@ -76,7 +77,7 @@ class Excitation:
 
     @property
     def periodic(self) -> bool:
-        return self.kind in ("sphs", "multisine", "low_crest")
+        return self.kind in ("sphs", "multisine", "low_crest", "impulse")
 
     @property
     def frequencies(self) -> np.ndarray:
@@ -143,6 +144,8 @@ class Excitation:
             )
         if self.kind == "sphs":
             return sphs(self.lines, n, peak=self.amplitude)
+        if self.kind == "impulse":
+            return impulse(self.lines, n, peak=self.amplitude)
         if self.kind == "low_crest":
             unit = _low_crest(self.lines, n, self.seed)
             return Multisine(unit.lines, unit.amplitudes * self.amplitude, unit.phases)

@@ -7,6 +7,7 @@ from estimation.sphs import (
     Multisine,
     crest_factor,
     harmonic_range,
+    impulse,
     odd_lines,
     odd_random_grid,
     random_phase,
@@ -36,6 +37,17 @@ def test_random_phases_have_a_high_crest_factor():
     crests = [crest_factor(synthesise(random_phase(np.arange(1, 251), 8192, seed), 8192)) for seed in range(20)]
     assert min(crests) > 2.6
     assert max(crests) < 4.2
+
+
+def test_an_impulse_is_one_blow_a_period():
+    """All lines in phase are a Dirichlet kernel, whose crest factor is sqrt(2 n)."""
+    n, grid = 50, 4040
+    wave = synthesise(impulse(np.arange(1, n + 1), grid, peak=3.0), grid)
+    x = 2 * np.pi * np.arange(grid) / grid
+    kernel = np.full(grid, float(n))
+    kernel[1:] = (np.sin((n + 0.5) * x[1:]) / np.sin(x[1:] / 2) - 1) / 2
+    assert wave == pytest.approx(3.0 * kernel / n, abs=1e-9)
+    assert crest_factor(wave) == pytest.approx(np.sqrt(2 * n))
 
 
 def test_phases_are_those_of_equation_a3():

@@ -6,6 +6,7 @@ from math import isfinite
 from typing import Any
 
 from maglev_env.recordings.json_data import plain
+from maglev_workbench.commands.reproduce.contents import CONTENTS, contents_rows, contents_summary
 from maglev_workbench.commands.reproduce.item import KINDS, Item, Kind, Outcome, Row
 from maglev_workbench.page import facts, markdown_table, note, number, page, table
 
@@ -16,6 +17,8 @@ OVERVIEW = (
     *("experiment", "name", "predictions agree", "differ", "consequences agree", "differ", "fits agree", "differ"),
     *("counted elsewhere", "only shown"),
 )
+CONTENTS_TITLE = "Every table and figure"
+CONTENTS_HEAD = ("table or figure", "shows", "state", "experiment", "why")
 DIGITS = 4
 HOW_TO_READ = (
     "Published: the dissertation's figure, or its words where it gives none. Ours: what the simulated rig and the "
@@ -81,6 +84,8 @@ def reproduce_page(done: Done, seed: int) -> str:
         sections += [(one.heading, table(one.head, one.rows)) for one in outcome.tables]
         sections += outcome.plots
         sections.append(("", "".join(map(note, outcome.notes))))
+    if _whole(done):
+        sections.append((CONTENTS_TITLE, note(contents_summary()) + table(CONTENTS_HEAD, contents_rows())))
     sections.append(("How to read this", note(HOW_TO_READ)))
     return page(TITLE, summary(done), sections, {"Command": _command(done, seed), "Seed": seed})
 
@@ -96,6 +101,8 @@ def reproduce_markdown(done: Done, seed: int) -> str:
         for one in outcome.tables:
             parts += [one.heading, markdown_table(one.head, one.rows)]
         parts += outcome.notes
+    if _whole(done):
+        parts += [f"## {CONTENTS_TITLE}", contents_summary(), markdown_table(CONTENTS_HEAD, contents_rows())]
     return "\n\n".join(parts) + "\n"
 
 
@@ -120,6 +127,7 @@ def reproduce_json(done: Done, seed: int) -> dict[str, Any]:
                 }
                 for item, outcome in done
             ],
+            "contents": [vars(entry) for entry in CONTENTS] if _whole(done) else [],
         }
     )
 
@@ -134,8 +142,13 @@ def _with_unit(text: str, unit: str) -> str:
     return f"{text} {unit}".strip()
 
 
-def _command(done: Done, seed: int) -> str:
+def _whole(done: Done) -> bool:
+    """Whether every experiment was done."""
     from maglev_workbench.commands.reproduce.registry import HOME
 
-    names = "" if len(done) == len(HOME) else "".join(f" {item.name}" for item, _ in done)
+    return len(done) == len(HOME)
+
+
+def _command(done: Done, seed: int) -> str:
+    names = "" if _whole(done) else "".join(f" {item.name}" for item, _ in done)
     return f"maglev reproduce{names} --seed {seed}"

@@ -33,7 +33,9 @@ def simulate(
             help="Instead of the rig's: place=first:last[:step]@peak[@degrees], e.g. force=1:249:2@0.4; repeatable."
         ),
     ] = [],  # noqa: B006
-    kind: Annotated[str, typer.Option(help="Kind of --excite: sphs, multisine (random phases) or low_crest.")] = "sphs",
+    kind: Annotated[
+        str, typer.Option(help="Kind of --excite: sphs, multisine (random phases), low_crest or impulse.")
+    ] = "sphs",
     fundamental: Annotated[float | None, typer.Option(help="Fundamental of --excite, Hz (default: the rig's).")] = None,
     periods: Annotated[int | None, typer.Option(min=2, help="Periods kept after the transient.")] = None,
     sample_rate: Annotated[

@@ -526,3 +526,14 @@ def test_margins_by_the_nominal_actuator_hold_within_its_tolerance():
     assert low < peak < high
     low, high = sure.margins.intervals["peak_sensitivity"]
     assert not low < peak < high
+
+
+def test_magnets_described_by_their_geometry_have_a_tolerance_too():
+    """A preset without numbers for gain and negative stiffness gives the margins of one that states what its law has."""
+    rig = load_rig("eframe")
+    assert rig.actuator_gain is None and "actuator_gain" in rig.tolerance
+    gain, pull = linearise(force_law(rig))
+    stated = with_parameters(rig, {"actuator_gain": gain, "negative_stiffness": float(pull)})
+    signals = only(recorded(replace(protocol_experiment(rig, rig.gains), seed=5)), "displacement", "force")
+    one, other = (identify(signals, r, rig.mass).stability.margins for r in (rig, stated))
+    assert one.intervals["peak_sensitivity"] == pytest.approx(other.intervals["peak_sensitivity"], rel=1e-6)

@@ -11,6 +11,7 @@ import pytest
 from command_line import maglev
 
 from maglev_workbench.commands.reproduce import registry
+from maglev_workbench.commands.reproduce.contents import CONTENTS
 from maglev_workbench.commands.reproduce.item import Item, Outcome, Row
 from maglev_workbench.commands.reproduce.registry import HOME, chosen
 from maglev_workbench.commands.reproduce.report import cells, reproduce_markdown, summary
@@ -108,6 +109,19 @@ def test_the_published_results_are_those_of_this_tree():
     for item in chosen(QUICK):
         _, _, section = reproduce_markdown([(item, item.run(0))], 0).partition(f"## {item.title}")
         assert section.strip() in text, item.name
+
+
+def test_the_contents_name_every_table_and_figure():
+    """The dissertation's last number in each chapter; without a gap, each with an experiment or a reason."""
+    last = {"Figure": {"1": 1, "2": 4, "3": 44, "4": 12, "5": 28, "6": 32, "B": 3, "E": 2}}
+    last["Table"] = {"3": 5, "4": 1, "5": 4, "6": 1}
+    wanted = {f"{kind} {c}.{i}" for kind, ends in last.items() for c, end in ends.items() for i in range(1, end + 1)}
+    labels = [entry.label for entry in CONTENTS]
+    assert len(set(labels)) == len(labels) and set(labels) == {*wanted, "Table of section 3.5"}
+    for entry in CONTENTS:
+        assert (entry.item in HOME) == (entry.state != "not reproducible"), entry
+        assert entry.why or entry.state == "reproduced", entry
+        assert f"| {entry.label} | {entry.shows} | {entry.state} |" in DOCS.read_text()
 
 
 def test_rows_as_text():

@@ -21,6 +21,7 @@ DIFFERS = {
     ],
     "axial-force": [
         "force at no displacement",
+        "radial force at no displacement, eq 3.9",
         "stiffness of one bearing, Table 3.3",
         "stiffness of both bearings, Table 3.3",
     ],

@@ -1,11 +1,13 @@
 """Section 3.4.1 and 3.5: the levitated pump rotor at rest and at speed, its power, its axial support, its heat."""
 
+from dataclasses import replace
 from functools import lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from maglev_env.design.thermal import final_rise
+from maglev_env.loop.magnets.kinds import geometric_law
 from maglev_env.rotor.lanes import Run
 from maglev_env.rotor.operating_point import sag
 from maglev_env.rotor.rotor import Rotor, load_rotor
@@ -23,6 +25,7 @@ from maglev_workbench.commands.reproduce.chapters.pump_damping import (
 from maglev_workbench.commands.reproduce.item import Item, Outcome, Row
 from maglev_workbench.commands.runup.study import readings
 from maglev_workbench.page import COLOURS, styled
+from selfsense.coil import MU_0
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure
@@ -30,6 +33,8 @@ if TYPE_CHECKING:
 SUPPLY, MOTOR_POWER, BEARING_POWER, BEARING_CURRENT = 23.5, 5.2, 27.3, 1.17  # V, W, W, A at 10,000 rpm
 RISE, WARMED = 18.0, 7200.0  # K, s
 TABLE_5_4, RIG_MASS, RIG_MODE = 2.471, 0.13, 38.0  # kN/m, kg, Hz (5.4)
+RADIAL = (4.1207, 4.132, 4.1469, 4.1523, 4.1227)  # N, Table 3.3
+RADIAL_FORCE = RADIAL[0]
 BUILT = "The rotor's TOML is built from this figure."
 
 
@@ -62,12 +67,12 @@ def _levitation(seed: int) -> Outcome:
         Row("touchdowns from 0 to 14,000 rpm", "none", float(up.touched_down.sum()), "", None,
             "As published: levitated at every speed.", means=(0, 0), kind="prediction"),
     )  # fmt: skip
-    records = spin([Run(rotor, v, (seed, 9)) for v in (0.0, TOP)], 400, settle=8000).channels[:, :2]
-    names = [f"{axis} at {v:g} rpm" for v in (0, TOP) for axis in "xy"]
-    moving = 1e6 * (records - records.mean(axis=-1, keepdims=True)).reshape(4, -1)
+    records = spin([Run(rotor, v, (seed, 9)) for v in (0.0, TOP)], 400, settle=8000).channels[:, [0, 1, -1]]
+    names = [f"{axis} at {v:g} rpm" for v in (0, TOP) for axis in "xyz"]
+    moving = 1e6 * (records - records.mean(axis=-1, keepdims=True)).reshape(6, -1)
     milliseconds = 1e3 * np.arange(400) / rotor.axis.control_rate
     figure = _lines(milliseconds, list(zip(names, moving, strict=True)), "time in ms", "displacement in µm")
-    return Outcome(rows, (("Probes at bearing a (Figures 3.41, 3.42)", figure),))
+    return Outcome(rows, (("Probes at bearing a and the axial probe (Figures 3.41, 3.42)", figure),))
 
 
 def _response(seed: int) -> Outcome:
@@ -164,6 +169,14 @@ def _axial(_seed: int) -> Outcome:
         Row("force at no displacement", force[0], 0.0, "N", 0.1,
             "Symmetry says none: -0.13 N is an error of the computation, as large as all that moving adds (0.11 N).",
             kind="prediction"),
+        Row("radial force at no displacement, eq 3.9", RADIAL_FORCE, pole_force(rotor), "N", 0.1,
+            "Of one pole face, by the magnet alone and without leakage, which would take 6 % of the field. A whole "
+            "bearing has none by symmetry: Table 3.3 is of one stack or one face, and what axial force the whole has "
+            "is not stated; the rows below take it as of one bearing.",
+            kind="prediction"),
+        Row("change of the radial force over 27 µm", "varies little", 100 * float(np.ptp(RADIAL) / RADIAL[0]), "%",
+            None, "Of the table's own figures. 27 µm of a ring 2.5 mm wide would be 1 % of its overlap; the table "
+            "rises and falls again, so its mesh makes as much.", means=(0, 2), kind="consequence"),
         Row("stiffness of one bearing, Table 3.3", TABLE_5_4, 1e-3 * k, "kN/m", 0.25,
             f"Least squares through the force at the centre, ± {1e-3 * error:.1f}. Table 5.4's is of both bearings: "
             f"its half is {both / TABLE_5_4:.1f} times smaller.", kind="consequence"),
@@ -183,6 +196,14 @@ def _axial(_seed: int) -> Outcome:
         ("half of Table 5.4", 1e6 * z, -500 * TABLE_5_4 * z, {}),
     ]
     return Outcome(rows, (("Axial force (Figure 3.37)", _scatter(curves, "displacement in µm", "force in N")),))
+
+
+def pole_force(rotor: Rotor) -> float:
+    """Pull (N) of one pole face by the magnet's flux, eq 3.9 without current."""
+    axis = rotor.axis
+    law = geometric_law(replace(axis, flux_path="magnet", actuator_gain=None, negative_stiffness=None, bearings=1))
+    field = law.magnet_flux / (law.gap + law.magnet_gap)
+    return float(field**2 * axis.pole_area / (2 * MU_0))
 
 
 def _temperature(seed: int) -> Outcome:
@@ -232,7 +253,7 @@ def _scatter(curves: list[tuple], x_title: str, y_title: str) -> "Figure":
     """(name, x, y, settings of the trace)."""
     from plotly.graph_objects import Figure
 
-    figure, colours = Figure(), (*COLOURS, "#555", "#CC79A7")
+    figure, colours = Figure(), (*COLOURS, "#555", "#CC79A7", "#E69F00")
     for (name, x, y, settings), colour in zip(curves, colours, strict=False):
         style = {"mode": "lines", "line": {"color": colour}, "marker": {"color": colour, "size": 9}} | settings
         figure.add_scatter(x=x, y=y, name=name, **style)

@@ -46,6 +46,13 @@ def largest_direct_stiffness(seed: int) -> float:
     return float(least_squares_bands(x, bands, rig.mass).stiffness.max()) - rig.support_stiffness
 
 
+def radial_damping(seed: int) -> float:
+    """Damping (N s/m) in x that least squares reports around the mode, without that assumed of the springs."""
+    rig, statistics = vertical(seed, load_rig("hmb_radial").noise.displacement)
+    found = least_squares_bands(axis_statistics(statistics, "x"), NATURAL, rig.mass)
+    return float(found.damping[0, 0]) - rig.support_damping
+
+
 def mode(seed: int) -> Outcome:
     """Natural frequency of pedestal, shaft and rotor in the bearings: simulated, and by the sum of the stiffnesses."""
     rig, statistics = vertical(seed, load_rig("hmb_radial").noise.displacement)

@@ -2,6 +2,7 @@
 
 from maglev_workbench.commands.reproduce.chapters.self_sensing_circuit import band_pass, static_table
 from maglev_workbench.commands.reproduce.chapters.self_sensing_demodulation import (
+    digital_filters,
     estimator_tracking,
     forward_path,
     half_ripple,
@@ -12,6 +13,7 @@ from maglev_workbench.commands.reproduce.item import Item
 
 ITEMS: tuple[Item, ...] = (
     Item("half-ripple", "The demodulated ripple is half of its closed form", "eq 6.20, App. D", half_ripple),
+    Item("digital-filters", "The digital filters", "6.2.2, Figs 6.4, 6.6, App. D", digital_filters),
     Item("forward-path", "Forward path filter, constant and varying duty", "Figs 6.9-6.11", forward_path),
     Item("estimator-tracking", "Parameter estimator beside the forward path filter", "Fig. 6.13", estimator_tracking),
     Item("estimator-response", "Frequency response of the estimator", "Figs 6.14, 6.32", estimator_response),

@@ -1,7 +1,8 @@
-"""The dissertation's shaker experiments: one SPHS force on every line, and a fit in each band."""
+"""The dissertation's shaker experiments: one force on every line, and a fit in each band."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
+from typing import Literal
 
 import numpy as np
 
@@ -22,10 +23,10 @@ PERIODS = 5  # averaged throughout the dissertation
 
 @dataclass(frozen=True)
 class Shaker:
-    """The shaker's SPHS on every harmonic of `fundamental` (Hz) up to `last`.
+    """The shaker's SPHS (or another kind) on every harmonic of `fundamental` (Hz) up to `last`.
 
     amplitude is the peak (N); direction is in degrees from x toward y on an x-y rig; transient is the number of periods
-    that are dropped before the five that are kept.
+    that are dropped before those that are kept.
     """
 
     last: int
@@ -33,11 +34,13 @@ class Shaker:
     fundamental: float = 1.0
     direction: float = 0.0
     transient: int = 1
+    kind: Literal["sphs", "impulse"] = "sphs"
+    periods: int = PERIODS
 
     @property
     def excitation(self) -> Excitation:
         lines = tuple(range(1, self.last + 1))
-        return Excitation("sphs", "force", self.fundamental, lines, self.amplitude, direction=self.direction)
+        return Excitation(self.kind, "force", self.fundamental, lines, self.amplitude, direction=self.direction)
 
 
 def with_noise(rig: Rig, displacement: float) -> Rig:
@@ -59,7 +62,7 @@ def simulated(
     """
     gains = gains or [rig.gains or NO_CONTROLLER for rig in rigs]
     experiments = [
-        Experiment(r, g, (shaker.excitation,), PERIODS, shaker.transient, effects, seed=s, speed_rpm=speed_rpm)
+        Experiment(r, g, (shaker.excitation,), shaker.periods, shaker.transient, effects, seed=s, speed_rpm=speed_rpm)
         for r, g, s in zip(rigs, gains, seeds, strict=True)
     ]
     result = simulate_statistics(experiments)
