@@ -244,6 +244,7 @@ def diagnose(
             alone, judged = free.candidate, free.judged
             gap = shrink(judged, attribution, free.candidate, judged_on, seed)
     corrected = _corrected(fitted, alone, () if chosen is None else chosen.effects, seen, drift)
+    corrected = corrected if free is None else free.added_to(corrected)
     speed = next(r.experiment.speed_rpm for r in records if r.role == "fit")
     return Diagnosis(
         worded,

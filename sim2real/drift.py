@@ -76,7 +76,7 @@ def _slope(part: Part, point: Point) -> tuple[float, float, float, float] | None
     turned = _by_gain(part, point)
     if not np.isfinite(turned).all() or not turned.any():
         return None
-    slopes, variance = _trends(record, part)
+    slopes, variance = trends(record, part)
     turned, slopes, variance = (v[..., part.used] for v in (turned, slopes, variance))
     precision = float((abs(turned) ** 2 / variance).sum())
     change = float((turned.conj() * slopes / variance).real.sum() / precision)  # relative, in a period
@@ -93,7 +93,7 @@ def _by_gain(part: Part, point: Point) -> np.ndarray:
     return (there - here) / STEP
 
 
-def _trends(record: Record, part: Part) -> tuple[np.ndarray, np.ndarray]:
+def trends(record: Record, part: Part) -> tuple[np.ndarray, np.ndarray]:
     """Slopes (outputs, axes, n) of the residuals over periods, and the variance of their noise, E|n|^2."""
     periods = part.opened.residuals(record.periods["displacement"], record.periods.get("current"))
     slopes, rest = straightened(periods)

@@ -15,14 +15,14 @@ from sim2real.fitting import Fit
 from sim2real.free import drawn as drawing
 from sim2real.free.drawn import Drawn, drawn
 from sim2real.free.fit import corrected, excess, lacks, refined
+from sim2real.free.share import GAINED, SURELY, share_closed
+from sim2real.free.trend import Trend, trend_of
 from sim2real.free.words import in_words
 from sim2real.problem import Problem
 from sim2real.recorded.open_record import OpenRecord
 from sim2real.simulated import Point
 from sim2real.words import percent
 
-GAINED, SURELY = 0.2, 0.1  # share of what a refit leaves that must be closed, and the lower end of its 95 % interval
-BEYOND_NOISE, DRAWN = 4.0, 400  # standard deviations of the noise's cost that a rival must leave; draws of the noise
 POOR = 0.3  # share of the gap that corrections of calibration may leave before those of the best explanation are tried
 
 
@@ -40,6 +40,7 @@ class Free:
         beyond: Share that it closes, on recordings that no fit has seen, of what its rival leaves; None where that is
             too near to the noise.
         beyond_ci: Its 95 % interval.
+        trend: A gain that changes over time; None where no trend holds on what no fit has seen.
     """
 
     base: tuple[str, ...]
@@ -50,6 +51,7 @@ class Free:
     gained: bool
     beyond: float | None
     beyond_ci: tuple[float, float] | None
+    trend: Trend | None = None
 
     @property
     def rival(self) -> str:
@@ -59,7 +61,12 @@ class Free:
     @property
     def block(self) -> str:
         """Blocks that are corrected, "a+b"."""
-        return "+".join(dict.fromkeys(d.kind.block for d in self.drawn))
+        found = [d.kind.block for d in self.drawn if self.gained] + ([self.trend.block] if self.trend else [])
+        return "+".join(dict.fromkeys(found))
+
+    def added_to(self, point: Point) -> Point:
+        """The point of the corrected rig, with what changes over time."""
+        return point if self.trend is None else self.trend.added_to(point)
 
     def to_json(self) -> dict[str, Any]:
         return {
@@ -70,23 +77,27 @@ class Free:
             "rival": self.rival,
             "closes": self.beyond,
             "closes_ci": None if self.beyond_ci is None else list(self.beyond_ci),
+            "trend": None if self.trend is None else self.trend.to_json(),
             "corrections": [{**drawing.to_json(d), "in_words": in_words(d)} for d in self.drawn] if self.gained else [],
         }
 
     def sentence(self) -> str:
         """What it is, or that nothing was gained."""
+        of_time = "" if self.trend is None else f" A free correction {self.trend.in_words()}."
+        if not self.drawn:
+            return of_time.strip()
         if not self.gained:
             found = "too near to the noise to tell" if self.beyond is None else f"{percent(max(self.beyond, 0.0))}"
             return (
                 "No free correction of a block is shown: on what no fit has seen, the best one closes too little of "
-                f"what {self.rival} leaves ({found}; wanted {percent(GAINED)})."
+                f"what {self.rival} leaves ({found}; wanted {percent(GAINED)}).{of_time}"
             )
         lo, hi = self.beyond_ci or (np.nan, np.nan)
         beside = f" beside {' with '.join(self.base)}" if self.base else ""
         return (
             f"A free correction{beside}: {'; and '.join(map(in_words, self.drawn))}. On what no fit has seen it closes "
             f"{percent(min(max(self.beyond or 0.0, 0.0), 1.0))} (95 %: {100 * lo:.0f} .. {100 * min(hi, 1.0):.0f}) of "
-            f"what {self.rival} leaves. It describes, and names no cause."
+            f"what {self.rival} leaves. It describes, and names no cause.{of_time}"
         )
 
 
@@ -113,8 +124,10 @@ def free_correction(
         found = corrected(problem, base.fit)
         if found is not None and (best is None or found.cost < best.cost):
             best = found
+    near = calibration.fit if np.isfinite(calibration.fit.cost) else partial.fit
+    trend = trend_of(problem, judged, near.hypothesis.point(near.u), seed) if not named else None
     if best is None:
-        return None
+        return None if trend is None else Free((), (), (), calibration, judged, False, None, None, trend)
     if any(isinstance(part.record, OpenRecord) for part in problem.parts):
         # The noise of a record without a period is what a good simulation leaves of it.
         near = best.hypothesis.point(best.u)
@@ -124,7 +137,8 @@ def free_correction(
     beyond, ends = _beyond(judged, rival, best, seed)
     gained = beyond is not None and ends is not None and beyond >= GAINED and ends[0] >= SURELY
     against = partial.effects if named else ()
-    return Free(best.hypothesis.effects, against, drawn(problem, best), Candidate(best), judged, gained, beyond, ends)
+    beside, found = best.hypothesis.effects, drawn(problem, best)
+    return Free(beside, against, found, Candidate(best), judged, gained, beyond, ends, trend)
 
 
 def _beyond(judged: Problem, rival: Fit, fit: Fit, seed: int) -> tuple[float | None, tuple[float, float] | None]:
@@ -132,28 +146,3 @@ def _beyond(judged: Problem, rival: Fit, fit: Fit, seed: int) -> tuple[float | N
     against = rival.hypothesis.point(rival.u) if np.isfinite(rival.cost) else Point({}, {})
     before, after = judged.data - judged.simulate([against, fit.hypothesis.point(fit.u)])
     return share_closed(before, after, seed)
-
-
-def share_closed(before: np.ndarray, after: np.ndarray, seed: int) -> tuple[float | None, tuple[float, float] | None]:
-    """Share of the excess over noise that is closed, with the 95 % interval that the noise of these lines leaves it.
-
-    Noise is drawn once more for both residuals together (a parametric bootstrap), because a gap of a few lines leaves
-    too little to draw from.
-
-    Args:
-        before: Whitened residual (K,) to compare with.
-        after: Whitened residual (K,).
-        seed: Of the noise.
-
-    Returns:
-        The share and its interval; None where the rotor touches down, or there is no excess beyond the noise.
-    """
-    n = before.size
-    total = float(np.sum(abs(before) ** 2)) - 2.0 * n
-    if not (np.isfinite(before).all() and np.isfinite(after).all()) or total < BEYOND_NOISE * np.sqrt(4.0 * n):
-        return None, None
-    rng = np.random.default_rng(seed)
-    noise = rng.standard_normal((DRAWN, n, 2)) @ np.array([1.0, 1.0j])
-    b, a = (np.sum(abs(r + noise) ** 2, axis=1) - 4.0 * n for r in (before, after))
-    lo, hi = np.quantile(1 - a / np.maximum(b, 1e-9), [0.025, 0.975])
-    return 1 - (float(np.sum(abs(after) ** 2)) - 2.0 * n) / total, (float(lo), float(hi))

@@ -108,6 +108,9 @@ def _of_force(d: Drawn, f: Form, unit: str) -> str:
         return f"it bends to one side: {size} at {reach} and at -{reach}"
     if f.name == "step":
         return f"a step at zero of {size} either way, as of dry friction"
+    if f.name == "band" and f.size < 0:
+        steeper = _size(-f.size / knee, f.se / knee, per)
+        return f"beyond {_knee(f, unit)} either way it grows more steeply, by {steeper}"
     if f.name == "band":
         return f"{size} that is reached within {_knee(f, unit)} either way"
     if f.name.startswith("kink"):

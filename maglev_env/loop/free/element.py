@@ -1,6 +1,6 @@
 """A free correction as a formula: a broken line through given values, and linear and hysteretic memory of its input.
 
-    f(v) = line(v) + sum g_k m_k + sum h_k p_k
+    f(v) = line(v) + (direct + rate t) v + sum g_k m_k + sum h_k p_k
 
 m_k are relaxations T_k dm/dt = v - m (a Prony series), p_k play operators (a Prandtl-Ishlinskii model; M.
 Krasnosel'skii and A. Pokrovskii, Systems with Hysteresis, 1989). All is linear in the values of the line, g and h.
@@ -27,9 +27,9 @@ PLAYS = tuple(f"h{k}" for k in range(4))
 WIDTHS = (0.05, 0.15, 0.35, 0.7)  # half widths of the plays, as shares of the range
 # Rows of the line: the range, half of the change of its slope at each knot, its mean slope, and
 # what makes it zero at zero; of the memory: states and weights of relaxations and plays, half widths, and the shares by
-# which relaxations follow within half a step and a whole one.
-LINE_ROWS, MEMORY_ROWS = 2 * HALF + 2, 7 * POLES
-_STATE, _PLAY, _G, _H, _WIDTH, _HALF_WAY, _WHOLE_WAY = (POLES * W * j for j in range(7))
+# which relaxations follow within half a step and a whole one, and the change of the direct part in a step.
+LINE_ROWS, MEMORY_ROWS = 2 * HALF + 2, 7 * POLES + 1
+_STATE, _PLAY, _G, _H, _WIDTH, _HALF_WAY, _WHOLE_WAY, _RATE = (POLES * W * j for j in range(8))
 START, MIDDLE, END_OF_STEP = range(3)
 
 
@@ -41,7 +41,8 @@ def line_parameters(unit: str, low: float, high: float, of: str) -> dict[str, Pa
 def memory_parameters(unit: str, bound: float) -> dict[str, Parameter]:
     """The parameters of a memory, per unit of its input."""
     own = {key: Parameter(unit, -bound, bound, 0.0) for key in ("direct", *RELAXATIONS, *PLAYS)}
-    return {"time": Parameter("s", 1e-7, 100.0, 1e-3), **own}
+    rate = Parameter(f"{unit or 1}/s", -bound, bound, 0.0)
+    return {"time": Parameter("s", 1e-7, 100.0, 1e-3), **own, "rate": rate}
 
 
 def slopes(values: Values, name: str) -> tuple[np.ndarray, np.ndarray]:
@@ -77,10 +78,18 @@ def fill_line(
 
 
 def fill_memory(
-    x: LaneRows, first: int, values: Values, name: str, of: np.ndarray | float, per: np.ndarray | float, dt: np.ndarray
+    x: LaneRows,
+    first: int,
+    values: Values,
+    name: str,
+    of: np.ndarray | float,
+    per: np.ndarray | float,
+    dt: np.ndarray,
+    h: np.ndarray,
 ) -> None:
-    """Write a memory's rows, as `fill_line`; dt: time between two advances, s, (n,)."""
+    """Write a memory's rows, as `fill_line`; dt, h: time between two advances and integration step, s, (n,)."""
     scale = np.ones(dt.shape) * per / of
+    x[first + _RATE] = values.effect(name, "rate") * scale * h
     for j, key in enumerate(RELAXATIONS):
         x[first + _G + j * W] = values.effect(name, key) * scale
         rate = dt / (values.effect(name, "time") * RATIO**j)
@@ -109,8 +118,8 @@ def memory(node: int) -> Callable:
     at_end = node == END_OF_STEP
 
     @piece
-    def added(x, q, v):
-        total = 0.0
+    def added(x, q, v, steps):
+        total = x[q + _RATE] * steps * v
         for j in range(POLES):
             m = x[q + _STATE + j * W]
             if at_end:

@@ -9,7 +9,7 @@ from maglev_env.loop.card import Block, EffectCard, Need, Parameter
 from maglev_env.loop.free import element
 from maglev_env.loop.free.element import END_OF_STEP, LINE_ROWS, MEMORY_ROWS, RATIO, RELAXATIONS, line, slopes
 from maglev_env.loop.further import blocks as further
-from maglev_env.loop.mechanics import V
+from maglev_env.loop.mechanics import STEPS, V
 from maglev_env.loop.system import System, Values
 from maglev_lanes.layout import LaneRows, rows_after
 from maglev_lanes.pieces import piece
@@ -115,7 +115,7 @@ def fill(x: LaneRows, values: Values, h: np.ndarray) -> None:
         ("free_spring", SPRING_MEMORY, 1.0, per_mass, h),
         ("free_reading", READING_MEMORY, 1.0, 1.0, sample),
     ):
-        element.fill_memory(x, first, values, name, of, per, dt)
+        element.fill_memory(x, first, values, name, of, per, dt, h)
 
 
 _at_sample = element.memory(END_OF_STEP)
@@ -124,7 +124,7 @@ _at_sample = element.memory(END_OF_STEP)
 @piece
 def commanded(x, k, u):
     """The command (A) that acts, once per sample."""
-    found = u + line(x, k + COMMAND_LINE, u) + _at_sample(x, k + COMMAND_MEMORY, u)
+    found = u + line(x, k + COMMAND_LINE, u) + _at_sample(x, k + COMMAND_MEMORY, u, x[k + STEPS])
     element.advance(x, k + COMMAND_MEMORY, u, 1.0)
     return found
 
@@ -132,7 +132,7 @@ def commanded(x, k, u):
 @piece
 def read(x, k, sensed, share):
     """The displacement read (m); share: 1 once per sample, 0 for readings in between."""
-    found = sensed + line(x, k + READING_LINE, sensed) + _at_sample(x, k + READING_MEMORY, sensed)
+    found = sensed + line(x, k + READING_LINE, sensed) + _at_sample(x, k + READING_MEMORY, sensed, x[k + STEPS])
     element.advance(x, k + READING_MEMORY, sensed, share)
     return found
 
@@ -143,7 +143,7 @@ def pulling(node: int) -> Callable:
 
     @piece
     def pulls(x, k, y, current):
-        found = current + line(x, k + CURRENT_LINE, current) + remembered(x, k + CURRENT_MEMORY, current)
+        found = current + line(x, k + CURRENT_LINE, current) + remembered(x, k + CURRENT_MEMORY, current, x[k + STEPS])
         if node == END_OF_STEP:
             element.advance(x, k + CURRENT_MEMORY, current, 1.0)
         return found * (1.0 + line(x, k + GAIN_LINE, y) + line(x, k + SPEED_LINE, x[k + V]))
@@ -157,7 +157,7 @@ def pushed_back(node: int) -> Callable:
 
     @piece
     def pushes(x, k, y):
-        found = line(x, k + SPRING_LINE, y) + remembered(x, k + SPRING_MEMORY, y)
+        found = line(x, k + SPRING_LINE, y) + remembered(x, k + SPRING_MEMORY, y, x[k + STEPS])
         if node == END_OF_STEP:
             element.advance(x, k + SPRING_MEMORY, y, 1.0)
         return found

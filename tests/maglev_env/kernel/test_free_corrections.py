@@ -54,15 +54,15 @@ def test_a_memory_relaxes_and_plays():
     found = []
     for _ in range(200):
         element.advance(x, q, 1.0, 1.0)
-        found.append(read(x, q, 0.0))
+        found.append(read(x, q, 0.0, 0.0))
     np.testing.assert_allclose(found, 1 - np.exp(-np.arange(1, 201) * dt / 5e-3), atol=1e-12)
     element.advance(x, q, -3.0, 0.0)  # between samples nothing moves
-    assert read(x, q, 0.0) == found[-1]
+    assert read(x, q, 0.0, 0.0) == found[-1]
     x = rows(effect("free_reading", 1.0, h2=1.0))
     states = []
     for v in [0.0, 1.0, 0.5, 0.2, -1.0]:
         element.advance(x, q, v, 1.0)
-        states.append(read(x, q, v))
+        states.append(read(x, q, v, 0.0))
     np.testing.assert_allclose(states, [0.0, 0.65, 0.65, 0.55, -0.65])
 
 
@@ -87,6 +87,7 @@ SAME = {
         drawn("free_spring", 1e-5, 0.1 * np.sign(AT) * np.maximum(abs(AT) - 0.42, 0.0)),
         1e-9,
     ),
+    "a drift": (effect("gain_drift", 0.5), effect("free_current", 1.0, rate=0.5), 1e-3),
     "a late command": (
         effect("amplifier_lag", 3e-4), effect("free_command", 1.0, direct=-1.0, time=3e-4, g0=1.0), 5e-3,
     ),
