@@ -124,6 +124,7 @@ def _hold(campaign: Campaign, spec: RecordingSpec) -> tuple[float | None, list[s
         return None, []
     if not at_force:
         stepped = campaign.rig is not None and campaign.rig.controlled and not campaign.rig.amplifier_time_constant
+        stepped &= spec.samples_per_period is not None  # else the current drives a simulation, in straight lines
         why = 'intersample is not stated: the rig\'s amplifier has no lag, so its current is taken as held ("zoh")'
         return (rate, [why]) if stepped else (None, [])
     if campaign.rig is not None and designed:

@@ -10,7 +10,8 @@ from dataclasses import dataclass, fields, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.stats import chi2
+from scipy.stats import chi2, norm
+from scipy.stats import t as student
 
 from maglev_env.experiment import Experiment
 from maglev_env.linear.axis import POSITION, VELOCITY, linear_axis
@@ -171,8 +172,12 @@ def static_estimate(rig: Rig, levels: Levels, tolerances: Tolerances) -> StaticE
         (0.0, tolerances.current_scale * total),
     ):
         covariance += _outer(fitted(law, _moved(levels, dy, di), several, drift) - coefficients)
-    for number in np.unique(levels.recording) if drift else ():
-        own = _moved(levels, 0.0, drift * (levels.recording == number))
+    numbers = np.unique(levels.recording)
+    stated = np.isfinite([tolerances.displacement_drift, tolerances.current_drift]).any()
+    # A drift that few recordings tell is uncertain itself: 95 % are reached at Student's quantile.
+    wider = 1.0 if stated or not drift else float(student.isf(0.025, numbers.size - 1) / norm.isf(0.025))
+    for number in numbers if drift else ():
+        own = _moved(levels, 0.0, wider * drift * (levels.recording == number))
         covariance += _outer(fitted(law, own, several, drift) - coefficients)
     covariance += _outer(coefficients * rig.tolerance.get("mass", 0.0))  # both are in proportion to the weight
     stiffness = float(coefficients[1]) if several else None
@@ -190,10 +195,8 @@ def drift_in_words(found: StaticEstimate) -> str:
 
 
 def _drift(law: SingleSidedLaw, levels: Levels, several: bool, tolerances: Tolerances) -> float:
-    """Standard deviation (A) of the current's offset from recording to recording; 0 where nothing shows any.
-
-    Where the recordings disagree, the stated tolerance counts as one recording more: two alone would tell little.
-    """
+    """Standard deviation (A) of the current's offset from recording to recording, where the recordings disagree at
+    least that of the stated offsets; 0 where nothing shows any."""
     gain, stiffness = balanced(law, lambda y, i: force(law, y, i) + law.weight, law.weight, 0.0)
     slope = abs(stiffness / gain)  # A/m
     stated = np.array([tolerances.displacement_drift * slope, tolerances.current_drift])
@@ -213,7 +216,7 @@ def _drift(law: SingleSidedLaw, levels: Levels, several: bool, tolerances: Toler
         means -= np.average(means, weights=noise**-2.0 if noise.all() else None)
         if not noise.all() or np.sum((means / noise) ** 2) < chi2.isf(DISAGREE, numbers.size - 1):
             return 0.0
-        drift = float(np.sqrt((max(np.sum(means**2 - noise**2), 0.0) + known) / numbers.size))
+        drift = float(np.sqrt(max(np.sum(means**2 - noise**2) / (numbers.size - 1), known)))
     return drift
 
 

@@ -136,12 +136,12 @@ def test_recordings_that_rest_at_other_currents_have_an_offset_each():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("drift", "stated"), [(0.0, np.nan), (0.02, np.nan)])
-def test_intervals_cover_with_offsets_of_recordings(drift, stated):
+@pytest.mark.parametrize(("drift", "recordings"), [(0.0, 4), (0.02, 4), (0.02, 2)])
+def test_intervals_cover_with_offsets_of_recordings(drift, recordings):
     rng, inside, seen = np.random.default_rng(4), [], 0
     for _ in range(20):
-        found = static_estimate(RIG, _drifting(rng, 4, drift), Tolerances(1e-5, 2e-3, current_drift=stated))
+        found = static_estimate(RIG, _drifting(rng, recordings, drift), Tolerances(1e-5, 2e-3))
         inside.append(abs(found.values - TRUTH) < 1.96 * np.sqrt(np.diag(found.covariance)))
         seen += found.drift > 0
-    assert (np.mean(inside, axis=0) > 0.75).all()  # of 20: 0.95 less 4 standard deviations
-    assert seen <= 1 if not drift else seen >= 18
+    assert (np.mean(inside, axis=0) > 0.8).all()  # of 20: 0.95 less 3 standard deviations
+    assert seen <= 1 if not drift else seen >= 17
