@@ -29,6 +29,9 @@ class LaneValues:
 
     def effect(self, name: str, parameter: str | None = None) -> np.ndarray:
         """A parameter of an effect (default: its first) in every lane, (n,); where absent, its neutral value."""
+        neutral = effect_value({}, name, parameter)
+        if not any(name in effects for effects in self.effects):
+            return np.full(len(self.effects), neutral)
         return np.array([effect_value(effects, name, parameter) for effects in self.effects])
 
     def rig(self, name: str) -> np.ndarray:

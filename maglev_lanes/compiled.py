@@ -6,6 +6,7 @@ changes.
 """
 
 from collections.abc import Callable, Iterator
+from functools import cache
 from hashlib import sha256
 from inspect import getclosurevars
 from types import BuiltinFunctionType, CodeType, FunctionType, ModuleType
@@ -28,9 +29,21 @@ def compiled(kernel: Callable) -> Callable:
 
     teach_pairs()
     register()
+    _interleave()
     at = kernel.__code__.co_freevars.index("sources")
     kernel.__closure__[at].cell_contents = fingerprint(kernel)
     return nb.njit(fastmath=FAST, error_model="numpy", nogil=True, cache=True)(kernel)
+
+
+@cache
+def _interleave() -> None:
+    """Make the compiler take two vectors of every loop over lanes in turn.
+
+    A step is a long chain of operations, of which each waits for the one before: the second vector fills the waiting.
+    """
+    from llvmlite import binding
+
+    binding.set_option("maglev", "-force-vector-interleave=2")
 
 
 def fingerprint(function: Callable) -> int:

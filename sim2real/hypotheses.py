@@ -30,7 +30,7 @@ class Coordinate:
     high: float
 
     def value(self, u: float) -> float:
-        return float(np.clip(exp(min(u, 700.0)) if self.scale is None else u * self.scale, self.low, self.high))
+        return float(min(max(exp(min(u, 700.0)) if self.scale is None else u * self.scale, self.low), self.high))
 
     def at(self, value: float) -> float:
         return log(value) if self.scale is None else value / self.scale
@@ -168,7 +168,7 @@ class Hypothesis:
         """
         bounded = np.array(u, float)
         for i, c in enumerate(self.coordinates):
-            bounded[i] = c.to_bounds(bounded[i])
+            bounded[i] = c.to_bounds(float(bounded[i]))
         for i, name in enumerate(self.calibrated, len(self.coordinates)):
             if name in self.shapes:
                 bounded[i] = self.shapes[name].bounded(bounded[i])
@@ -176,7 +176,7 @@ class Hypothesis:
             sigma = self.sigma(name)
             most = WIDER * EXCLUDED * sigma
             low, high = (0.0, MOST_FORM) if name == FORM else (max(-0.9, -most), min(9.0, most))
-            bounded[i] = np.clip(bounded[i], low / sigma, high / sigma)
+            bounded[i] = min(max(bounded[i], low / sigma), high / sigma)
         return bounded
 
 

@@ -144,7 +144,7 @@ class Problem:
             at = [experiment_at(nominal, replace(p, effects={**nominal.rig.effects, **p.effects})) for p in points]
             rows = self.static.whitened(np.array([coefficients_at(e) for e in at]))
             found[:, -rows.shape[1] :] = rows
-        return self.nuisances.without(found)
+        return self.nuisances.clear(found)
 
     def opened_residual(self) -> np.ndarray:
         """Residual (K,) of the linear nominal rig with its loop opened, which exists even if no rotor levitates."""

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from math import ceil, log, pi
 
 import numpy as np
@@ -136,7 +137,7 @@ class Predictor:
         e = self.record.experiment
         return () if self.replay is not None else (e.samples_per_period, e.recorded_rate)
 
-    @property
+    @cached_property
     def drive(self) -> Drive:
         return Drive(self.record.experiment, self.record.waves)
 

@@ -11,7 +11,16 @@ from threading import Lock
 import numpy as np
 
 from maglev_env.kernel.layout import AXIS, filter_size
-from maglev_env.kernel.sample import delay_piece, draw, mix_piece, peak, read_pieces, substep_piece, waves_piece
+from maglev_env.kernel.sample import (
+    delay_piece,
+    draw,
+    mix_piece,
+    peak,
+    read_pieces,
+    same_wave,
+    substep_piece,
+    waves_piece,
+)
 from maglev_env.kernel.sensing import sensing_pieces
 from maglev_env.kernel.step import move_piece
 from maglev_env.kernel.structure import Structure
@@ -71,10 +80,11 @@ def _kernel(structure: Structure) -> Callable[..., int]:
         mask = np.int64(slots // W - 1)
         samples = force.size // (axes * switches[4])
         written = samples * substeps if oversampled else samples
+        same = own_waves and same_wave(x)
         for t in range(samples):
             now = np.int64(first_step + t)
             if own_waves:
-                load_waves(x, force, injection, reference, samples, t)
+                load_waves(x, force, injection, reference, samples, t, same)
             for s in range(substeps):
                 n = t * substeps + s if oversampled else t
                 reading = s == 0 or oversampled

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
@@ -128,10 +129,16 @@ def lane_batch(experiments: Sequence[Experiment], substeps: int = 1, structure: 
         kept.insert(0, np.concatenate([x.values[rows] for x in axes]))
     filters = [_filters(own, structure) for own in views if structure.controller_order]
     parts = [x.values for x in axes] + filters + (kept if structure.delayed and substeps > 1 else [])
-    seeds = [[np.random.SeedSequence(e.seed).generate_state(len(NOISY), np.uint64) for e in own] for own in views]
+    seeds = [[_seeds(e.seed) for e in own] for own in views]
     history = 1 << int(np.ceil(np.log2(whole.max() + 2)))
     timing = np.array(timing_of(experiments[0], substeps))
     return LaneBatch(structure, np.concatenate(parts), np.array(seeds).swapaxes(1, 2), history, timing)
+
+
+@lru_cache(maxsize=1024)
+def _seeds(seed: int | tuple[int, ...]) -> np.ndarray:
+    """Seeds of the noise of each channel; many lanes have the same one."""
+    return np.random.SeedSequence(seed).generate_state(len(NOISY), np.uint64)
 
 
 def _fill(

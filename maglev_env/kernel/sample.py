@@ -135,17 +135,36 @@ def own_or_shared(s: Structure, of: int) -> Callable:
 
 
 def waves_piece(s: Structure) -> Callable:
-    """load(x, force, injection, reference, samples, t): copies what drives every lane at sample t into its rows."""
+    """load(x, force, injection, reference, samples, t, same): copies what drives every lane at sample t into its rows.
+
+    same: whether all lanes have the same wave. Numbers that are stored one by one delay the vectors that are read next.
+    """
     axes = s.axes
 
     @piece
-    def load(x, force, injection, reference, samples, t):
+    def load(x, force, injection, reference, samples, t, same):
         for a in range(axes):
+            if same:
+                at = (np.int64(x[WAVE]) * axes + a) * samples + t
+                pushed, injected, wanted = force[at], injection[at], reference[at]
+                for i in range(W):
+                    k = a * AXIS + i
+                    x[k + PUSHED], x[k + INJECTED], x[k + WANTED] = pushed, injected, wanted
+                continue
             for i in range(W):
                 at, k = (np.int64(x[i + WAVE]) * axes + a) * samples + t, a * AXIS + i
                 x[k + PUSHED], x[k + INJECTED], x[k + WANTED] = force[at], injection[at], reference[at]
 
     return load
+
+
+@piece
+def same_wave(x):
+    """Whether all lanes have the same wave."""
+    others = 0
+    for i in range(W):
+        others += x[i + WAVE] != x[WAVE]
+    return others == 0
 
 
 def mix_piece(s: Structure) -> Callable:
@@ -189,6 +208,11 @@ def delay_piece(s: Structure) -> Callable:
     @piece
     def delay(x, b, history, h, mask, now):
         store(x, b, history, h + (now & mask) * W)
+        if mask == 1:  # no lane is late by a whole sample: two whole rows are copied, not a number for each lane
+            last, before = h + (now & mask) * W, h + ((now - 1) & mask) * W
+            for i in range(W):
+                x[b + i + ACTING], x[b + i + U_OLD] = history[last + i], history[before + i]
+            return
         for i in range(W):
             behind = now - np.int64(x[b + i + DELAY_STEPS])
             x[b + i + ACTING] = history[h + (behind & mask) * W + i]

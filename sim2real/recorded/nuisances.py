@@ -12,6 +12,8 @@ from functools import cached_property
 
 import numpy as np
 
+AT_ONCE = 4096  # numbers of each row that are mapped together, so that what is taken out stays in the cache
+
 
 @dataclass(frozen=True)
 class Nuisances:
@@ -35,11 +37,17 @@ class Nuisances:
 
     def without(self, whitened: np.ndarray) -> np.ndarray:
         """Data or predictions (..., K) after the map."""
-        if not self.names:
-            return whitened
-        directions, share = self._directions
-        parts = _parts(whitened)
-        return (parts - (parts @ directions.T * share) @ directions).view(complex)
+        return self.clear(np.array(whitened, complex)) if self.names else whitened
+
+    def clear(self, whitened: np.ndarray) -> np.ndarray:
+        """Map complex data or predictions (..., K), contiguous, in place: of long records they fill much memory."""
+        if self.names:
+            directions, share = self._directions
+            parts = _parts(whitened)
+            known = parts @ directions.T * share
+            for at in range(0, parts.shape[-1], AT_ONCE):
+                parts[..., at : at + AT_ONCE] -= known @ directions[:, at : at + AT_ONCE]
+        return whitened
 
     def within(self, place: slice) -> "Nuisances":
         """The nuisances of a part of the data."""
