@@ -8,8 +8,8 @@ from scipy.signal import butter, sosfilt
 
 from sim2real.blind.benchmark.rigs import SHAKEN, BenchRig
 
-# Periods of a multisine, of which the first settles; duration of one at 100 rad/s and above.
-PERIODIC, SECONDS = 6, 0.25
+PERIODIC = 6  # periods of a multisine, the first of which settles
+SECONDS = 0.25  # duration of one on rigs of 100 rad/s and above
 CHANNEL = {"force": "force", "current": "injection", "reference": "reference"}  # of each place
 
 
