@@ -11,6 +11,7 @@ from sim2real.free.kinds import CURVE, LINEAR, PLACES, Freed, Kind
 from sim2real.free.shape import Form, form_of
 from sim2real.problem import Problem
 
+GAIN_SD = 0.1  # prior standard deviation of the relative error of a gain
 FREQUENCIES, CYCLE = 41, 200  # points of a factor over frequency, and of a loop
 
 
@@ -61,7 +62,8 @@ def _drawn(h: Freed, kind: Kind, u: np.ndarray, covariance: np.ndarray, band: np
     reach = h.sizes.of[PLACES[kind.place][0]]
     if kind.shape == CURVE:
         at = reach * np.array([*(-s for s in SHARES[::-1]), *SHARES])
-        form = form_of(at, theta, spread)
+        quantity, values = PLACES[kind.place]
+        form = form_of(at, theta, spread, GAIN_SD if quantity == values else np.inf)
         middle = len(LINE) // 2
         value, se = (np.insert(v, middle, 0.0) for v in (theta, np.sqrt(np.diag(spread))))
         return Drawn(kind, reach, np.insert(at, middle, 0.0), value, se, form)

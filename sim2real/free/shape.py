@@ -49,13 +49,14 @@ class Form:
     knee_ends: tuple[float, float] | None = None
 
 
-def form_of(at: np.ndarray, value: np.ndarray, covariance: np.ndarray) -> Form:
+def form_of(at: np.ndarray, value: np.ndarray, covariance: np.ndarray, slope_sd: float = np.inf) -> Form:
     """The simplest form that describes a curve.
 
     Args:
         at: Inputs (n,), without zero, where the curve is zero.
         value: The curve (n,).
         covariance: Of its values (n, n).
+        slope_sd: Prior standard deviation of the slope of the straight line beside a form, as of a gain that is known.
     """
     reach = float(abs(at).max())
     x = at / reach
@@ -65,6 +66,9 @@ def form_of(at: np.ndarray, value: np.ndarray, covariance: np.ndarray) -> Form:
 
     def fitted(*columns: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
         a, b = np.linalg.solve(root, np.stack(columns, axis=1)), np.linalg.solve(root, value)
+        prior = np.zeros((1, len(columns)))
+        prior[0, 0] = 1 / (slope_sd * reach)
+        a, b = np.concatenate([a, prior]), np.append(b, 0.0)
         theta, *_ = np.linalg.lstsq(a, b, rcond=None)
         return float(np.sum((b - a @ theta) ** 2)), theta, np.linalg.pinv(a.T @ a)
 

@@ -18,6 +18,7 @@ WHERE = {
     "free_reading": "the probe's reading",
 }
 UNITS = {"command": "A", "current": "A", "displacement": "m", "velocity": "m/s", "force": "N", "share": ""}
+UNEVEN = 0.3  # slope, as a share of a bend, from which both ends differ too much to be told together
 NOTHING_PASSES = 0.4  # share of the gain outside of a band below which the band is dead
 
 
@@ -123,10 +124,14 @@ def _of_force(d: Drawn, f: Form, unit: str) -> str:
 def _of_gain(d: Drawn, f: Form, unit: str) -> str:
     """Words of a relative change of the gain."""
     reach, share = _at(d.range, unit), _share(f.size, f.se)
+    low, high = (_share(v, se) for v, se in ((d.value[0], d.se[0]), (d.value[-1], d.se[-1])))
+    ends = f"{low} at -{reach} and {high} at {reach}"
     if f.name == "straight":
         return f"changes evenly, by {share} up to {reach}"
     if f.name in ("cubic", "quadratic"):
         return f"changes by {share} more than evenly up to {reach}"
+    if f.name in ("bent", "one-sided") and abs(f.slope) > UNEVEN * abs(f.size):
+        return f"changes by {ends}"
     if f.name in ("bent", "one-sided"):
         return f"{'grows' if f.size > 0 else 'falls'} alike to both sides, by {share} at {reach}"
     if f.name == "step":
@@ -136,8 +141,7 @@ def _of_gain(d: Drawn, f: Form, unit: str) -> str:
     if f.name.startswith("kink"):
         side = "above" if f.name == "kink above" else "below -"
         return f"{side} {_knee(f, unit)} changes, by {share} at {'' if f.name == 'kink above' else '-'}{reach}"
-    low, high = (_share(v, se) for v, se in ((d.value[0], d.se[0]), (d.value[-1], d.se[-1])))
-    return f"no simple form; {low} at -{reach} and {high} at {reach}"
+    return f"no simple form; {ends}"
 
 
 def _factor(d: Drawn) -> str:

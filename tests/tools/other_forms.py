@@ -95,6 +95,12 @@ class Plant(NamedTuple):
     echo: float = 0.0
     echo_rate: float = 1.0
     rippled: float = 0.0
+    root_drag: float = 0.0
+    half_drag: float = 0.0
+    probe_kink: float = 0.0
+    weak_pull: float = 0.0
+    fading: float = 0.0
+    slow_amplifier: float = 0.0
 
 
 @nb.njit(cache=True)
@@ -161,9 +167,12 @@ def _rates(p, s, u, outside, strength, rates, shares, d):
     past = max(y - p.kink_at, 0.0)
     d[ECHO] = p.echo_rate * (seen - s[ECHO])
     seen = seen + p.echo * (s[ECHO] - seen)
+    seen -= p.weak_pull * np.tanh(seen / max(p.weak_pull, 1e-9))
+    seen *= 1.0 - p.fading * (v / 5e-3) ** 2
     seen *= 1.0 - p.speed_gain * abs(v) / (abs(v) + 2e-3) + p.kink * past / 1e-5 + p.bowl * (y / 1e-5) ** 2
     bearing = _pull(p, y, seen * strength) - p.spring * y - p.damper * v - p.square * abs(v) * v - p.cubic * y**3
     d[CREEP] = (y - s[CREEP]) / 4e-3  # a spring in series with a dashpot
+    bearing -= p.root_drag * np.sign(v) * np.sqrt(abs(v)) + p.half_drag * max(v, 0.0)
     bearing -= p.creep * (y - s[CREEP]) + p.one_sided * max(y - p.kink_at, 0.0) + p.steep_drag * v**5
     level = p.coulomb * (1.0 + (p.static - 1.0) * np.exp(-abs(v / p.stribeck)))
     applied = bearing + outside
@@ -217,11 +226,11 @@ def simulate(p, gains, force, injection, reference, noise, late, rates, shares, 
     keep_d, keep_i = np.exp(-dt / td), np.exp(-dt / ti)
     s, trial = np.zeros(SIZE), np.zeros(SIZE)
     k1, k2, k3, k4 = np.zeros(SIZE), np.zeros(SIZE), np.zeros(SIZE), np.zeros(SIZE)
-    lag_d = lag_i = acting = waiting = before = 0.0
+    lag_d = lag_i = acting = waiting = before = crept = 0.0
     samples = force.size
     for n in range(samples):
         seen = p.probe * (s[PROBE] + p.bent_probe * s[PROBE] ** 2 + noise[n])
-        seen += p.rippled * np.sin(s[PROBE] / 6e-6)
+        seen += p.rippled * np.sin(s[PROBE] / 6e-6) + p.probe_kink * max(s[PROBE] - p.kink_at, 0.0)
         seen = np.round(seen * 8000.0 / 3.0517578125e-4) * 3.0517578125e-4 / 8000.0
         e = reference - seen
         asked = kp * e + kd * (e - lag_d) / td + ki * lag_i + injection[n]
@@ -234,6 +243,8 @@ def simulate(p, gains, force, injection, reference, noise, late, rates, shares, 
                 given -= p.soft_band * np.tanh(u / p.soft_band)
             if p.uneven_band > 0.0:
                 given -= min(max(u, -0.3 * p.uneven_band), p.uneven_band)
+            crept += (u - crept) * 0.01  # of a command that rises slowly to its end
+            given -= p.slow_amplifier * (u - crept)
             waiting, before = given + p.two_tap * (before - given), given
         arrives = p.delay + p.jitter * (2.0 * late[n] - 1.0)
         strength = 1.0 + p.drift * n / samples
@@ -374,6 +385,9 @@ def unknown(rng: np.random.Generator, p: Plant, form: str) -> Callable[[Size], M
     return lambda x: (p._replace(**{form: unit * x}), None)
 
 
+UNNAMED = ("unknown", "no name", "no name again", "no name thrice")
+
+
 def no_name(rng: np.random.Generator, p: Plant, form: str) -> Callable[[Size], Made]:
     """Effects that are in no library."""
     if form == "spring_kink":
@@ -381,10 +395,15 @@ def no_name(rng: np.random.Generator, p: Plant, form: str) -> Callable[[Size], M
         return lambda x: (p._replace(one_sided=-2e3 * x, kink_at=at), None)
     unit = {"soft_band": 2e-3, "speed_gain": 0.02, "kink": 0.02, "two_tap": 0.05, "square": 200.0, "creep": 500.0,
             "cubic": 1e12, "bent_probe": 500.0, "uneven_band": 4e-3, "one_sided": 2e3, "steep_drag": 1e10,
-            "bowl": 0.02, "echo": 0.05, "rippled": 1e-8}[form]  # fmt: skip
-    more = {"kink": {"kink_at": rng.uniform(-3e-6, 3e-6)}, "one_sided": {"kink_at": rng.uniform(0.0, 5e-6)},
-            "echo": {"echo_rate": _log(rng, 100.0, 1500.0)}}.get(form, {})  # fmt: skip
-    most = {"speed_gain": 0.6, "two_tap": 0.7, "echo": 0.8}.get(form, np.inf)
+            "bowl": 0.02, "echo": 0.05, "rippled": 1e-8, "root_drag": 0.05, "half_drag": 0.5, "probe_kink": 0.005,
+            "weak_pull": 1e-3, "fading": 0.01, "slow_amplifier": 0.02}[form]  # fmt: skip
+    more = {
+        "kink": {"kink_at": rng.uniform(-3e-6, 3e-6)},
+        "one_sided": {"kink_at": rng.uniform(0.0, 5e-6)},
+        "probe_kink": {"kink_at": rng.uniform(0.0, 4e-6)},
+        "echo": {"echo_rate": _log(rng, 100.0, 1500.0)},
+    }.get(form, {})
+    most = {"speed_gain": 0.6, "two_tap": 0.7, "echo": 0.8, "slow_amplifier": 0.7}.get(form, np.inf)
     return lambda x: (p._replace(**{form: min(unit * x, most)}, **more), None)
 
 
@@ -403,6 +422,7 @@ DRAWS: dict[str, tuple[Callable, tuple[str, ...]]] = {
     "unknown": (unknown, ("drift", "cubic", "bent_probe", "dropped")),
     "no name": (no_name, ("soft_band", "speed_gain", "kink", "two_tap", "square", "creep", "cubic", "bent_probe")),
     "no name again": (no_name, ("uneven_band", "one_sided", "steep_drag", "bowl", "echo", "rippled", "spring_kink")),
+    "no name thrice": (no_name, ("root_drag", "half_drag", "probe_kink", "weak_pull", "fading", "slow_amplifier")),
     "none": (lambda rng, p, form: lambda x: (p, None), ("",)),
 }  # fmt: skip
 # What may stand beside the truth in an ambiguous answer; of amplifier_lag and delay either one alone.
@@ -546,7 +566,7 @@ def outcome(truth: dict, verdict: str, cause: Sequence[str]) -> str:
     effect = truth["effect"]
     if effect == "none":
         return {"no_gap": "clear", "unexplained": "false alarm"}.get(verdict, "false alarm")
-    if effect in ("unknown", "no name", "no name again"):
+    if effect in UNNAMED:
         return {"unexplained": "flagged", "no_gap": "missed"}.get(verdict, "wrong")
     if verdict in ("no_gap", "unexplained"):
         return {"no_gap": "missed"}.get(verdict, verdict)
@@ -604,9 +624,7 @@ def main() -> None:
                 if options.misses and found not in ("right", "clear", "flagged"):
                     top = ", ".join(f"{'+'.join(e)} {p:.2f}" for e, p in answer["which"][:4])
                     print(name, folder.name, truth["effect"], truth["form"], f"{truth['size']:.1f}", found, "|", top)
-        total = sum(
-            (c for e, c in count.items() if e not in ("none", "unknown", "no name", "no name again")), Counter()
-        )
+        total = sum((c for e, c in count.items() if e not in ("none", *UNNAMED)), Counter())
         print(f"{name}: singles {dict(total)} of {total.total()}; median {np.median(cpu):.1f} s of processor")
         for effect, own in count.items():
             print(f"  {effect}: {dict(own)}")

@@ -33,16 +33,17 @@ def free_sections(free: Free) -> "list[tuple[str, str | Figure]]":
 
 
 def free_figure(free: Free) -> "Figure":
-    """A panel for each curve and loop, and two for each factor over frequency."""
+    """A panel for each curve and loop, and two for each factor over frequency.
+
+    They stand below each other, because a narrow window has no room for two.
+    """
     from plotly.subplots import make_subplots
 
     panels = [(d, part) for d in free.drawn for part in (("size", "phase") if d.kind.shape == LINEAR else ("",))]
-    columns = min(len(panels), 2)
-    rows = -(-len(panels) // columns)
-    titles = [WHERE[d.kind.place] for d, _ in panels]
-    figure = styled(make_subplots(rows, columns, subplot_titles=titles, vertical_spacing=0.25), _TALL + _HIGH * rows)
-    for k, (d, part) in enumerate(panels):
-        at = {"row": k // columns + 1, "col": k % columns + 1}
+    rows, titles = len(panels), [WHERE[d.kind.place] for d, _ in panels]
+    figure = styled(make_subplots(rows, 1, subplot_titles=titles, vertical_spacing=0.5 / rows), _TALL + _HIGH * rows)
+    for row, (d, part) in enumerate(panels, 1):
+        at = {"row": row, "col": 1}
         if part:
             _factor(figure, d, part, at)
         else:

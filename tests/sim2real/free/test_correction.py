@@ -6,7 +6,10 @@ import numpy as np
 import pytest
 from bench_loop import Bench, write_campaign
 
+from maglev_env.rig.rig import load_rig
+from maglev_workbench.commands.diagnose.free import free_sections
 from sim2real.attribute import Attribution, Candidate
+from sim2real.corrected import rig_toml
 from sim2real.fitting import begin, differentiate, iterate
 from sim2real.free.correction import free_correction, share_closed
 from sim2real.free.kinds import freed, kinds, sizes_of
@@ -47,8 +50,18 @@ def test_a_dead_band_is_found_where_it_is(dead):
     lost = -0.5 * (first.value[-2] - first.value[1])
     assert lost == pytest.approx(0.015, rel=0.25)
     assert found.to_json()["corrections"][0]["place"] == "free_command"
-    again = found.candidate.fit.hypothesis.point(found.candidate.fit.u)
-    assert again.effects["free_command"]["range"] == first.range
+    (_, words), (_, figure), _ = free_sections(found)
+    assert "dead band" in words and len(figure.data) >= 2
+
+
+@pytest.mark.slow
+def test_the_corrected_rig_is_read_back_unchanged(dead, tmp_path):
+    attribution, judged = dead
+    fit = free_correction(attribution, judged, attribution.calibration, False, 0).candidate.fit
+    rig = attribution.problem.parts[0].record.nominal
+    corrected = replace(rig, effects=fit.hypothesis.point(fit.u).effects)
+    (tmp_path / "corrected.toml").write_text(rig_toml(corrected))
+    assert load_rig(tmp_path / "corrected.toml").effects == corrected.effects
 
 
 @pytest.mark.slow
