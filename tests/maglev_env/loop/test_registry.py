@@ -36,7 +36,7 @@ FREQUENCY = np.geomspace(2.0, 2000.0, 30)
 
 def given(name):
     """The effect with the first values at which a diagnosis starts; where it does not fit it, a plain value."""
-    parameters = EFFECTS[name].parameters
+    parameters = EFFECTS[name].plain  # other forms have a kernel of their own, and their own tests
     values = {key: p.on(RIG.scales).starts[0] for key, p in parameters.items() if p.starts}
     return effect(name, **values) if values else effect(name, {"gain_drift": 0.1}.get(name, 1e-6))
 
