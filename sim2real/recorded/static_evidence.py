@@ -152,7 +152,7 @@ def static_estimate(rig: Rig, levels: Levels, tolerances: Tolerances) -> StaticE
     law = geometric_law(rig)
     distance = max(APART * float(np.median(levels.displacement_sd)), STILL * rig.gap)
     several = levels.count > 3 and np.ptp(levels.displacement) > 3 * distance
-    drift = _drift(law, levels, several, tolerances)
+    drift, wider = _drift(law, levels, several, tolerances)
     coefficients = fitted(law, levels, several, drift)
     labels = np.arange(levels.count) % min(levels.count, GROUPS)
     covariance = np.zeros((coefficients.size, coefficients.size))
@@ -172,11 +172,7 @@ def static_estimate(rig: Rig, levels: Levels, tolerances: Tolerances) -> StaticE
         (0.0, tolerances.current_scale * total),
     ):
         covariance += _outer(fitted(law, _moved(levels, dy, di), several, drift) - coefficients)
-    numbers = np.unique(levels.recording)
-    stated = np.isfinite([tolerances.displacement_drift, tolerances.current_drift]).any()
-    # A drift that few recordings tell is uncertain itself: 95 % are reached at Student's quantile.
-    wider = 1.0 if stated or not drift else float(student.isf(0.025, numbers.size - 1) / norm.isf(0.025))
-    for number in numbers if drift else ():
+    for number in np.unique(levels.recording) if drift else ():
         own = _moved(levels, 0.0, wider * drift * (levels.recording == number))
         covariance += _outer(fitted(law, own, several, drift) - coefficients)
     covariance += _outer(coefficients * rig.tolerance.get("mass", 0.0))  # both are in proportion to the weight
@@ -194,30 +190,36 @@ def drift_in_words(found: StaticEstimate) -> str:
     )
 
 
-def _drift(law: SingleSidedLaw, levels: Levels, several: bool, tolerances: Tolerances) -> float:
-    """Standard deviation (A) of the current's offset from recording to recording, where the recordings disagree at
-    least that of the stated offsets; 0 where nothing shows any."""
+def _drift(law: SingleSidedLaw, levels: Levels, several: bool, tolerances: Tolerances) -> tuple[float, float]:
+    """Standard deviation (A) of the current's offset from recording to recording, 0 where nothing shows any; and how
+    many times that of a normal distribution its 95 % interval reaches.
+
+    Offsets of the size of the stated tolerance are taken to have it. Larger ones contradict it: then their size is
+    known from as many recordings as there are, and the interval is Student's.
+    """
     gain, stiffness = balanced(law, lambda y, i: force(law, y, i) + law.weight, law.weight, 0.0)
     slope = abs(stiffness / gain)  # A/m
     stated = np.array([tolerances.displacement_drift * slope, tolerances.current_drift])
     if np.isfinite(stated).any():
-        return float(np.sqrt(np.nansum(stated**2)))
+        return float(np.sqrt(np.nansum(stated**2))), 1.0
     numbers = np.unique(levels.recording)
     if numbers.size == 1:
-        return 0.0
+        return 0.0, 1.0
     known = tolerances.current_offset**2 + (tolerances.displacement_offset * slope) ** 2
-    drift = float(np.sqrt(known))
+    square, wider = known, 1.0
     for _ in range(2):  # with an offset each, so that recordings at different levels do not tilt the curve instead
-        off = departures(law, levels, several, drift)
+        off = departures(law, levels, several, float(np.sqrt(square)))
         own = [off[levels.recording == number] for number in numbers]
         scatter = np.sqrt(sum(part.var() * part.size for part in own) / max(off.size - numbers.size, 1))
         noise = np.array([scatter / np.sqrt(part.size) for part in own])
         means = np.array([part.mean() for part in own])
         means -= np.average(means, weights=noise**-2.0 if noise.all() else None)
         if not noise.all() or np.sum((means / noise) ** 2) < chi2.isf(DISAGREE, numbers.size - 1):
-            return 0.0
-        drift = float(np.sqrt(max(np.sum(means**2 - noise**2) / (numbers.size - 1), known)))
-    return drift
+            return 0.0, 1.0
+        seen = float(np.sum(means**2 - noise**2)) / (numbers.size - 1)
+        square = max(seen, known)
+        wider = float(student.isf(0.025, numbers.size - 1) / norm.isf(0.025)) if seen > known else 1.0
+    return float(np.sqrt(square)), wider
 
 
 def _moved(levels: Levels, dy: np.ndarray | float, di: np.ndarray | float) -> Levels:

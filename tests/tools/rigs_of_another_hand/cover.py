@@ -1,12 +1,12 @@
 """Whether intervals of the pooled estimate hold the truth, on many short draws of a bench.
 
-    python tests/tools/rigs_of_another_hand/cover.py OUT.jsonl --variant A A-free [--count 30] [--seconds 8]
+    python tests/tools/rigs_of_another_hand/cover.py OUT.jsonl --variant A A-free [--count 30] [--first 0] [--seconds 8]
     python tests/tools/rigs_of_another_hand/cover.py OUT.jsonl
 
 A draw varies what the engineer knows to a tolerance: mass, gain, stiffness, the amplifier's lag, the meter's scale.
 Each line of OUT.jsonl is one draw and variant; a run that was stopped continues. At the end, or without a variant, the
 table of z = (value - truth) / se: mean, standard deviation, share within 95 %, and how often a coefficient is not
-bounded.
+bounded; then the share within 95 % by each recording alone, which is by each kind of excitation.
 """
 
 import argparse
@@ -71,7 +71,10 @@ def answer(folder: Path, truth: dict) -> dict:
         for c in found.coefficients
     }
     rest = {c.name: (c.value - truth[c.name]) / c.se for c in found.of_each.get("means and weight", ())}
-    own = {name: {c.name: [c.value, c.se] for c in each} for name, each in found.of_each.items()}
+    own = {
+        name: {c.name: [c.value, c.se, truth[c.name], c.identified] for c in each}
+        for name, each in found.of_each.items()
+    }
     return {
         "z": z, "rest": rest, "misfit": found.misfit, "said": found.disagreements, "own": own,
         "cpu": time.process_time() - began,
@@ -102,6 +105,14 @@ def table(lines: list[dict]) -> None:
                 )
             else:
                 print(f"  {name:18} never bounded")
+        for record in dict.fromkeys(r for line in good for r in line["own"] if r != "means and weight"):
+            rows = [line["own"][record] for line in good if record in line["own"]]
+            shares = []
+            for name in rows[0]:
+                z = np.array([(r[name][0] - r[name][2]) / r[name][1] for r in rows if r[name][3] and r[name][1]])
+                within = f"{np.mean(abs(z) < 1.96):.0%} of {z.size}" if z.size else "never identified"
+                shares.append(f"{name} {within}")
+            print(f"  {record}: {', '.join(shares)}; used in {len(rows)} of {len(good)}")
         for name in good[0]["rest"]:
             z = np.array([line["rest"][name] for line in good if name in line["rest"]])
             print(f"  at rest: {name} z {z.mean():+.2f} sd {z.std(ddof=1):.2f} cover95 {np.mean(abs(z) < 1.96):.0%}")
@@ -112,12 +123,13 @@ def main() -> None:
     parser.add_argument("out", type=Path)
     parser.add_argument("--variant", nargs="*", default=[], choices=list(VARIANTS))
     parser.add_argument("--count", type=int, default=30)
+    parser.add_argument("--first", type=int, default=0, help="number of the first draw")
     parser.add_argument("--seconds", type=float)
     options = parser.parse_args()
     lines = [json.loads(text) for text in options.out.read_text().splitlines()] if options.out.exists() else []
     done = {(line["variant"], line["draw"]) for line in lines}
     letters = sorted({v[0] for v in options.variant})
-    for draw in range(options.count):
+    for draw in range(options.first, options.first + options.count):
         for letter in letters:
             variants = [v for v in options.variant if v[0] == letter and (v, draw) not in done]
             if not variants:
