@@ -4,15 +4,18 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
+from scipy import signal
 
 from maglev_env.channels import SHOWN_BY
-from maglev_env.redundancy.controller import applies, at_control_rate, compared
+from maglev_env.loop.gains import Gains, controller_output
+from maglev_env.redundancy.controller import READ, applies, at_control_rate, compared
 from maglev_env.redundancy.finding import Finding
 from maglev_env.redundancy.rows import LEVEL, MODEL
 from maglev_env.redundancy.view import Lines, View
 
 SEEN = 0.05  # of the lowest frequency: a corner below turns that line by less than 3 degrees
 EXPLAINS = 0.5  # share of the misfit beyond noise that the corner must explain
+PARTS, SLOW, FAST = 24, 0.2, 0.005  # of a record; shares of the command's slow parts, and of all of it
 EFFECTS = ("friction", "hysteresis", "eddy_current")
 LEAST = 8  # lines
 
@@ -57,6 +60,33 @@ def coupled(view: View) -> list[Finding]:
         text += f", or an effect ({', '.join(EFFECTS)}): run `maglev diagnose`"
     kind = "wiring" if exact else "effect"
     return [Finding("filter", view.recording, name, corner, (corner - 2 * se, corner + 2 * se), text, kind)]
+
+
+def slow_parts(view: View) -> list[Finding]:
+    """In a record that never repeats: slow parts of the command that the controller does not make of what it reads.
+
+    What a PID was at the beginning, and a constant error that it integrates, leave a constant and a ramp behind. Asked
+    only where no comparison is off, because a wrong scale leaves slow parts, too.
+    """
+    if view.periodic or not isinstance(view.gains, Gains) or not applies(view):
+        return []
+    read = {name: view.channels[name] for name in READ if name in view.channels}
+    made = controller_output(view.gains, dt=1 / view.rig.control_rate, **read) + view.channels.get("injection", 0.0)
+    command = view.channels["command"]
+    begun = command.size // 4  # what other states of a controller forget
+    rest, whole = (
+        signal.detrend([part.mean() for part in np.array_split(x[begun:], PARTS)]).std()
+        for x in (command - made, command)
+    )
+    if not rest > max(SLOW * whole, FAST * float(command.std())):
+        return []
+    text = (
+        f"displacement or command: {rest / max(whole, 1e-300):.0%} of the command's slow parts are not what the stated "
+        "controller makes of the displacement: one of the columns is AC coupled or drifts, or ki and ti are not stated "
+        "right; record both with their means"
+    )
+    return [Finding("filter", view.recording, "displacement or command", rest / max(whole, 1e-300), None, text,
+                    "wiring")]  # fmt: skip
 
 
 def _of_the_design(view: View, least: float) -> list[Finding]:

@@ -18,7 +18,7 @@ from maglev_env.redundancy.amplifier import amplified
 from maglev_env.redundancy.bounds import balance, clearance, rails, ranges, sensitivity, still
 from maglev_env.redundancy.changes import clocks, copied, copies, ranges_changed
 from maglev_env.redundancy.controller import controlled, stated_gains
-from maglev_env.redundancy.coupling import coupled
+from maglev_env.redundancy.coupling import coupled, slow_parts
 from maglev_env.redundancy.coverage import uncovered
 from maglev_env.redundancy.design import dead_lines, designed
 from maglev_env.redundancy.explained import explained
@@ -126,6 +126,7 @@ def _findings(view: View) -> list[Finding]:
     rows = comparisons(view)
     # What a coupling bends is no other matter.
     why = [] if any(f.code == "filter" and f.kind == "wiring" for f in found) else explained(view, rows)
+    why = why or slow_parts(view)
     # A cause that is named explains what the peak of |S| can only doubt.
     named = [f for f in why if f.code in ("scale", "sign") and f.kind == "contradiction"]
     return [*named, *found, *(f for f in why if f not in named), *uncovered(view, rows)]

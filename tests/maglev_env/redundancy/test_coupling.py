@@ -1,5 +1,6 @@
 """AC coupling: the corner is recovered with its error and its channel, and noise has none."""
 
+import bench_loop
 import campaigns
 import numpy as np
 import pytest
@@ -49,3 +50,22 @@ def test_an_ac_coupled_column_of_a_recording_is_named(tmp_path):
         np.savez(folder / "base.npz", **(sound | {name: filtered}))
         found = next(f for f in examine(load_campaign(folder)) if f.code == code)
         assert found.channel == name and found.value == pytest.approx(2.0, rel=0.1) and repr(name) in found.message
+
+
+def test_slow_parts_that_a_record_without_a_period_lacks_are_told(tmp_path):
+    """Of a whole record, and of one that begins in the middle of a run."""
+    bench = bench_loop.Bench(noise=0.5e-6)
+    bench_loop.write_campaign(tmp_path, bench, {"steps": "fit"}, 1.5, 4)
+    _, reference = bench_loop.excitation("steps", 1.5, np.random.default_rng(4))
+    run = bench_loop.record(bench, "steps", 1.5, 4) | {"reference": reference}
+    text = (tmp_path / "campaign.toml").read_text()
+    (tmp_path / "campaign.toml").write_text(f'{text.rstrip()}\nreference = {{ from = "reference" }}\n')
+    pole = np.exp(-2 * np.pi * 1.0 / bench_loop.RATE)
+    for begin in (0, 7000):
+        sound = {name: run[name][begin:] for name in ("displacement", "command", "current", "reference")}
+        np.savez(tmp_path / "steps.npz", **sound)
+        assert not any(f.code == "filter" for f in examine(load_campaign(tmp_path)))
+        filtered = sound["displacement"] - lfilter([1 - pole], [1, -pole], sound["displacement"])
+        np.savez(tmp_path / "steps.npz", **(sound | {"displacement": filtered}))
+        found = examine(load_campaign(tmp_path))
+        assert any(f.code == "filter" and "slow parts" in f.message for f in found)
