@@ -61,8 +61,7 @@ Figure 3.18|machining program|p
 Figure 3.19|flux paths of the bearing|d
 Figure 3.20|2D model for the finite-element program|x:the outline and the materials are in the figure only
 Figure 3.21|map of the magnetic flux in the pump|x:needs the outline of Figure 3.20
-Figure 3.22|map of the flux loop of a bearing|c:bearing-coefficients:no map without the outline; the control flux \
-that eq 3.9 sends through the magnet contradicts the measured gain and inductance
+Figure 3.22|map of the flux loop of a bearing|r:flux-map
 Figure 3.23|dimensions of the bearing|r:bearing-coefficients
 Figure 3.24|stator with probe holder|p
 Figure 3.25|stator|p

@@ -9,6 +9,7 @@ from maglev_workbench.commands.reproduce.item import Item
 HOME = {
     "hydraulics": "hydraulics",
     "bearing-coefficients": "bearing_design",
+    "flux-map": "flux_map",
     "stability-conditions": "bearing_design",
     "motor": "motor_drive",
     "levitation": "pump",

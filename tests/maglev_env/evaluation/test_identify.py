@@ -529,7 +529,7 @@ def test_margins_by_the_nominal_actuator_hold_within_its_tolerance():
 
 
 def test_magnets_described_by_their_geometry_have_a_tolerance_too():
-    """A preset without gain and negative stiffness gives the margins of one that states what its law has."""
+    """A preset without numbers for gain and negative stiffness has the margins of one that states its law's."""
     rig = load_rig("eframe")
     assert rig.actuator_gain is None and "actuator_gain" in rig.tolerance
     gain, pull = linearise(force_law(rig))

@@ -27,7 +27,7 @@ DIFFERS = {
     "spinning": ["largest change of stiffness, within 10 Hz of 133 Hz"],
     "rising-stiffness": ["the same with twice the force"],
     "effective-actual": ["goodness of fit, least, without noise", "goodness of fit, least, with 100 mV of noise"],
-    "pedestal": [f"goodness of fit, {band} Hz" for band in ("50-80", "40-90", "30-100")],
+    "pedestal": [f"goodness of fit, {band} Hz" for band in ("60-70", "50-80", "40-90", "30-100")],
     "actuator-gain": [
         "gain at 100 Hz over that at 5 Hz",
         "gain by theory, control flux through the magnet",

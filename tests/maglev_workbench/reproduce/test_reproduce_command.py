@@ -25,7 +25,7 @@ run = partial(maglev, "reproduce")
 def test_items_are_run_and_written(tmp_path):
     out, docs, js = tmp_path / "out", tmp_path / "r.md", tmp_path / "r.json"
     text = run("sphs", "pedestal", "--out", out, "--docs", docs, "--json", js, "--seed", 3)
-    assert "2 experiments" in text and "Of 5 predictions of a published figure 1 agree and 4 differ" in text
+    assert "2 experiments" in text and "Of 5 predictions of a published figure 0 agree and 5 differ" in text
     data = json.loads(js.read_text())
     assert data["schema"] == "maglev-reproduce/2" and data["seed"] == 3
     assert [item["name"] for item in data["items"]] == ["pedestal", "sphs"]  # the order of the chapters

@@ -8,13 +8,20 @@ from scipy import signal
 
 from estimation.least_squares import least_squares
 from estimation.sphs import impulse, synthesise
-from maglev_workbench.commands.reproduce.chapters import motor_drive
+from maglev_env.rig.rig import load_rig
+from maglev_workbench.commands.reproduce.chapters import flux_map, motor_drive
 from maglev_workbench.commands.reproduce.chapters.mallet import TOP, _momentum
 from maglev_workbench.commands.reproduce.chapters.pedestal_damping import standard_error
 from maglev_workbench.commands.reproduce.registry import HOME, chosen
 
-NAMES = ("motor", "averaging", "mallet", "pedestal-damping", "digital-filters")
+NAMES = ("flux-map", "motor", "averaging", "mallet", "pedestal-damping", "digital-filters")
 DIFFERS = {
+    "flux-map": [
+        "radial force of one face, Table 3.3",
+        "axial stiffness, two faces (one stack)",
+        "axial stiffness, eight faces (one bearing)",
+        "axial mode of the test rig by two bearings of it",
+    ],
     "motor": ["the same with six steps of 120 degrees"],
     "pedestal-damping": ["goodness of fit, 30-100 Hz, least of what was tried"],
 }
@@ -120,3 +127,32 @@ def test_the_pull_of_a_pole_face_by_hand():
     drive, path = b_r * l_m / (1.05 * mu), 2 * gap / mu + l_m * a_g / (1.05 * mu * a_m)
     force = found("axial-force", "radial force at no displacement, eq 3.9")
     assert force == pytest.approx((drive / path) ** 2 * a_g / (2 * mu), rel=1e-6)
+
+
+def test_the_potential_of_a_square_coaxial_line():
+    """An inner square half as wide as the outer one has 10.2341 epsilon_0 a metre (conformal mapping)."""
+    n = 160
+    y, z = np.mgrid[0 : n + 1, 0 : n + 1]
+    inner = (np.abs(y - n / 2) <= n / 4) & (np.abs(z - n / 2) <= n / 4)
+    outer = (y == 0) | (y == n) | (z == 0) | (z == n)
+    nothing = np.zeros_like(inner)
+    value = flux_map.solve(inner | outer, inner.astype(float), nothing)
+    assert flux_map.flux(value, inner | outer, inner, nothing) == pytest.approx(10.2341, rel=0.02)
+
+
+def test_no_flux_enters_a_closed_region():
+    """A bar of unit potential over a plate, half of it behind a closed block: width over distance is left."""
+    y, z = np.mgrid[0:21, 0:81]
+    fixed, closed = (y == 0) | (y == 20), (y > 0) & (y < 20) & (z > 40)
+    value = flux_map.solve(fixed, (y == 20).astype(float), closed)
+    assert flux_map.flux(value, fixed, y == 20, closed) == pytest.approx(41 / 20, rel=1e-9)
+
+
+def test_the_ring_is_drawn_back_to_its_pole():
+    """The permeance is greatest opposite the pole; and parallel lines give the field of eq 3.7."""
+    totals = [flux_map.section(0.35e-3, s).total for s in (-2, 0, 2)]
+    assert totals[1] > (totals[0] + totals[2]) / 2
+    rig = load_rig("hmb_free")
+    plain = flux_map.field(rig, flux_map.RING / rig.gap)
+    drive, path = 0.7 * 5e-3 / 1.05, 2 * 0.35e-3 + 5e-3 * 39.27 / (1.05 * 34.715)
+    assert plain == pytest.approx(drive / path, rel=1e-6)  # eq 3.7, mu_0 cancelled
