@@ -14,10 +14,11 @@ from maglev_env.loop.magnets.kinds import force_law, geometric_law
 from maglev_env.loop.magnets.law import linearise
 from maglev_env.rig.rig import Rig, axis_rig
 
-# Of the designed stand-in: net stiffness in that of the magnets, the stiffest first, and damping ratio. Stiff ones keep
-# the simulated mass where the recorded one was; but they turn noise into current, whose square biases the stiffness.
-STIFF, DAMPED = (8.0, 4.0, 2.0, 1.0), 0.8
-QUIET = 0.035  # of the bias current: what a stand-in may make of the noise; its square changes the stiffness by 0.1 %
+# Of the designed stand-in: net stiffness in that of the magnets, and damping ratio. Stiff ones keep the simulated mass
+# where the recorded one was, but they turn noise into current. Both change the stiffness of the magnets: the current by
+# its square over that of the bias; the mass because it departs by the share ASTRAY / stiffness of its motion, if the
+# nominal rig is off by that share.
+STIFF, DAMPED, ASTRAY = (8.0, 4.0, 2.0, 1.0), 0.8, 0.3
 FASTEST = 30.0  # its control samples in a cycle of the mode that it makes
 TAPS = 4  # present and past readings that a fitted controller uses
 PAST = 2  # past outputs that it uses
@@ -83,17 +84,22 @@ def fitted_controller(command: np.ndarray, reference: np.ndarray, displacement: 
 
 def _designed(rig: Rig, displacement: np.ndarray) -> Gains:
     """Gains with an integrator that hardly leaks: the simulated mass follows the recorded one in the mean, whatever the
-    offsets of the channels are. The stiffest that stay quiet; default gains where lags forbid all of them."""
-    gain, stiffness = linearise(force_law(rig))
+    offsets of the channels are. They are those that change the magnets' stiffness least, see ASTRAY; default gains
+    where lags forbid all of them."""
+    law = force_law(rig)
+    gain, stiffness = linearise(law)
     noise = float(np.std(np.diff(displacement, 3)) / np.sqrt(20.0))  # of white noise; slow motion hardly counts
     bias = geometric_law(rig).bias_current or abs(stiffness) * rig.gap / gain  # or what pulls across the gap
+    astray = ASTRAY * float(np.std(displacement))
+    best, least = default_gains(rig), np.inf
     for stiff in STIFF:
         gains = pole_placed(rig, gain, stiffness or -rig.support_stiffness, stiff, DAMPED, 0.1, 2.0)
         found = replace(gains, ki=LEAK * gains.kp, ti=LEAK * gains.ti)
-        quiet = (gains.kp + gains.kd / gains.td) * noise < QUIET * bias
-        if (quiet or stiff == STIFF[-1]) and _stable(rig, found):
-            return found
-    return default_gains(rig)
+        departed = linearise(law, astray / stiff)[1] / stiffness - 1 if stiffness else 0.0
+        changed = ((gains.kp + gains.kd / gains.td) * noise / bias) ** 2 + abs(departed)
+        if changed < least and _stable(rig, found):
+            best, least = found, changed
+    return best
 
 
 def _slowed(controller: LinearController, finer: int) -> LinearController:
