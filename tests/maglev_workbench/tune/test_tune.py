@@ -37,7 +37,7 @@ def test_gains_that_do_not_hold_up_are_refused_in_words(tmp_path):
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (("--method", "annealing"), "unknown; use one of grid"),
+        (("--method", "annealing"), "--method annealing: use one of grid"),
         (("--budget", 0), "Invalid value"),
         (("--rig", "pedestal"), "no controlled magnet"),
         (("--tune", "kq"), "no gain 'kq'"),
