@@ -87,10 +87,15 @@ class Free:
         if not self.drawn:
             return of_time.strip()
         if not self.gained:
-            found = "too near to the noise to tell" if self.beyond is None else f"{percent(max(self.beyond, 0.0))}"
+            ends = (
+                ""
+                if self.beyond_ci is None
+                else f", 95 %: {100 * self.beyond_ci[0]:.0f} .. {100 * self.beyond_ci[1]:.0f}"
+            )
+            found = "too near to the noise to tell" if self.beyond is None else f"{100 * self.beyond:.0f} %{ends}"
             return (
                 "No free correction of a block is shown: on what no fit has seen, the best one closes too little of "
-                f"what {self.rival} leaves ({found}; wanted {percent(GAINED)}).{of_time}"
+                f"what {self.rival} leaves ({found}; wanted {percent(GAINED)}, and {percent(SURELY)} surely).{of_time}"
             )
         lo, hi = self.beyond_ci or (np.nan, np.nan)
         beside = f" beside {' with '.join(self.base)}" if self.base else ""
