@@ -14,10 +14,14 @@ def effects() -> None:
     from rich.table import Table
 
     from maglev_env.loop.effect import EFFECTS
+    from maglev_env.loop.free.places import NAMES as FREE
     from maglev_workbench.console import console
 
     table = Table("effect", "block", "parameters", "identified by", "source")
     for name, kind in EFFECTS.items():
-        parameters = ", ".join(f"{k} {p.bounds}" for k, p in kind.parameters.items())
+        own = [f"{k} {p.bounds}" for k, p in kind.parameters.items()]
+        parameters = ", ".join(own)
+        if name in FREE:
+            parameters = f"{own[0]}, and {len(own) - 1} coefficients (docs/formats.md)"
         table.add_row(name, kind.block, parameters, kind.identified_by, kind.source)
     console.print(table)
