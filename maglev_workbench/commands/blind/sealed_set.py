@@ -2,7 +2,6 @@
 
 import json
 import os
-from collections.abc import Mapping
 from pathlib import Path
 
 from maglev_env.recordings.files import write_text_atomic
@@ -12,8 +11,6 @@ from maglev_lanes.schedule import Workers
 from maglev_workbench.console import console, progress_bar, write_json
 from maglev_workbench.options import require_folder
 from sim2real.blind.answer import Answered, Diagnose, answer_all, diagnose
-from sim2real.blind.benchmark import foils
-from sim2real.blind.benchmark import generate as benchmark_generator
 from sim2real.blind.cases import ANSWERS, CAMPAIGNS, LABELS, SEAL
 
 SET = "set.json"  # says how the set was made; it contains no labels
@@ -36,7 +33,9 @@ def generate(out: Path, count: int, seed: int, processes: int | None, benchmark:
         ValueError: The folder is not empty.
         BlockingIOError: Another process works there.
     """
-    from sim2real.blind import generate as generator  # here because it takes long to import
+    # Here because they take long to import.
+    from sim2real.blind import generate as generator
+    from sim2real.blind.benchmark import generate as benchmark_generator
 
     require_folder(out)
     with locked(out):
@@ -55,7 +54,13 @@ def generate(out: Path, count: int, seed: int, processes: int | None, benchmark:
     return {**data, "labels_sha256": seal}
 
 
-METHODS: Mapping[str, Diagnose] = {"diagnose": diagnose, "nothing": foils.nothing, "refit": foils.refit}
+def _by(method: str) -> Diagnose:
+    """What answers one campaign."""
+    if method == "diagnose":
+        return diagnose
+    from sim2real.blind.benchmark import foils  # here because it takes long to import
+
+    return {"nothing": foils.nothing, "refit": foils.refit}[method]
 
 
 def answer(folder: Path, processes: int | None, spread: Workers | None, method: str = "diagnose") -> Answered:
@@ -65,7 +70,7 @@ def answer(folder: Path, processes: int | None, spread: Workers | None, method: 
         into = ANSWERS if method == "diagnose" else f"{ANSWERS}-{method}"
         task = bar.add_task(method, total=len(list((folder / CAMPAIGNS).glob("*/campaign.toml"))))
         try:
-            found = answer_all(folder, processes, lambda n: bar.advance(task, n), METHODS[method], spread, into)
+            found = answer_all(folder, processes, lambda n: bar.advance(task, n), _by(method), spread, into)
         except KeyboardInterrupt:
             console.print(f"stopped; finished answers are in {folder / into}: run the same command again to continue")
             raise

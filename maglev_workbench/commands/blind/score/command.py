@@ -25,6 +25,9 @@ def score(
 
     The set is opened: it takes no further answers.
     """
+    from maglev_workbench.commands.blind.sealed_set import made_of
+
+    made_of(folder)  # a folder without a set is told before the long imports
     from maglev_workbench.commands.blind.score.scoring import score_folder
 
     score_folder(folder, answers or [], docs, json_file)
