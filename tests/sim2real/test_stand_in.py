@@ -1,12 +1,13 @@
 """The controller that stands in for an unknown one."""
 
+import numpy as np
 import pytest
 
 from maglev_env.loop.gains import LinearController
 from maglev_env.loop.magnets.kinds import force_law
 from maglev_env.loop.magnets.law import linearise
 from maglev_env.rig.rig import load_rig
-from sim2real.recorded.stand_in import HOLDING, holds
+from sim2real.recorded.stand_in import HOLDING, STIFF, holds, stand_in
 
 
 @pytest.mark.parametrize("pole", [0.0, 0.5])
@@ -18,3 +19,16 @@ def test_a_fitted_controller_must_be_clearly_stiffer_at_rest_than_the_magnets(po
         c = LinearController((at_rest * (1 - pole),), (1.0, -pole))
         assert holds(rig, c) == (share > HOLDING)
     assert holds(rig, LinearController((1.0,), (1.0, -1.0)))  # an integrator
+
+
+def test_the_designed_stand_in_is_soft_where_the_reading_is_noisy_and_stiff_where_the_motion_is_large():
+    rig = load_rig("hmb_free")
+    gain, stiffness = linearise(force_law(rig))
+    rng, t = np.random.default_rng(1), np.arange(4000)
+    found = []
+    for noise, motion in ((2e-6, 0.0), (1e-9, 0.1 * rig.gap)):
+        y = noise * rng.normal(size=t.size) + motion * np.sin(2 * np.pi * t / 2000)
+        gains, name = stand_in(rig, 1, np.zeros(t.size), np.zeros(t.size), y, fitted=False)
+        assert "designed" in name
+        found.append(gains.kp * gain / abs(stiffness) - 1)  # net stiffness in that of the magnets
+    assert found == pytest.approx([min(STIFF), max(STIFF)], rel=0.05)
