@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import signal
+import scipy
 
 from maglev_env.channels import SHOWN_BY
 from maglev_env.loop.gains import Gains, controller_output
@@ -75,7 +75,7 @@ def slow_parts(view: View) -> list[Finding]:
     command = view.channels["command"]
     begun = command.size // 4  # what other states of a controller forget
     rest, whole = (
-        signal.detrend([part.mean() for part in np.array_split(x[begun:], PARTS)]).std()
+        scipy.signal.detrend([part.mean() for part in np.array_split(x[begun:], PARTS)]).std()
         for x in (command - made, command)
     )
     if not rest > max(SLOW * whole, FAST * float(command.std())):
