@@ -44,6 +44,15 @@ def estimate(
     json_file: JsonOption = None,
 ) -> None:
     """Estimate stiffness, damping, margins and distortion from recordings, with confidence intervals."""
+    require_choice(method, METHODS, "--method")
+    if mass is not None and not mass > 0:
+        raise ValueError(f"--mass {mass} kg must be positive")
+    if mass is not None and estimate_mass:
+        raise ValueError("give --mass or --estimate-mass, not both")
+    if not source.exists():
+        raise FileNotFoundError(f"{source} does not exist; name a campaign folder or a data file")
+    if band_width is not None and not band_width > 0:
+        raise ValueError(f"--band-width {band_width} Hz must be positive")
     from html import escape as html
 
     from rich.markup import escape
@@ -56,15 +65,6 @@ def estimate(
     from maglev_workbench.page import write_page
     from maglev_workbench.warned import LEAVING_OUT, shown, warned
 
-    require_choice(method, METHODS, "--method")
-    if mass is not None and not mass > 0:
-        raise ValueError(f"--mass {mass} kg must be positive")
-    if mass is not None and estimate_mass:
-        raise ValueError("give --mass or --estimate-mass, not both")
-    if not source.exists():
-        raise FileNotFoundError(f"{source} does not exist; name a campaign folder or a data file")
-    if band_width is not None and not band_width > 0:
-        raise ValueError(f"--band-width {band_width} Hz must be positive")
     if source.is_dir() or source.suffix == ".toml":
         campaign = load_campaign(source)
         page = out or campaign.folder / "estimate.html"
