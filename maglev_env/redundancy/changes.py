@@ -76,8 +76,10 @@ def _drift(spectra: np.ndarray, w: np.ndarray) -> tuple[float, float] | None:
         return None
     slope, ahead = np.polyfit(at, shift, 1)
     off = shift - slope * at - ahead
-    error = np.sqrt((off**2).sum() / max(len(at) - 2, 1) / ((at - at.mean()) ** 2).sum())
-    return float(slope), float(error)
+    # Few periods scatter by chance less than the noise of their lines lets them.
+    noise = (weight * w**2 * left / 2).sum() / len(at) / power**2
+    scatter = max((off**2).sum() / max(len(at) - 2, 1), noise)
+    return float(slope), float(np.sqrt(scatter / ((at - at.mean()) ** 2).sum()))
 
 
 def _kept(view: View) -> list[int]:

@@ -57,7 +57,7 @@ def test_the_times_of_a_burst_are_named(tmp_path):
     y = record.series["displacement"]
     size = record.windows.samples // SEGMENTS
     burst = slice(record.first + 3 * size, record.first + 4 * size)
-    y[:, burst] += 3e-6 * np.sin(2 * np.pi * 300 * np.arange(size) / bench_loop.RATE)
+    y[:, burst] += 6e-6 * np.sin(2 * np.pi * 300 * np.arange(size) / bench_loop.RATE)
     found = left_of(assemble([record]))
     (own,) = found.recordings
     assert len(own.segments) == SEGMENTS and int(np.argmax([s[2] for s in own.segments])) == 3
