@@ -11,7 +11,7 @@ from sim2real.fitting import Fit, begin, differentiate, iterate, share_calibrati
 from sim2real.hypotheses import Hypothesis, coordinates_of, single_effects, starts, starts_elsewhere
 from sim2real.problem import Problem
 from sim2real.recorded.not_stable import not_stable
-from sim2real.screening import Changes, Job, Start, extended, kept, screened
+from sim2real.screening import Start, extended, kept, screened
 from sim2real.shaping import shaped
 from sim2real.simulated import DITHERED, MAY_BE_DITHERED, tolerances
 
@@ -116,15 +116,14 @@ def attribute(problem: Problem, progress: Progress = lambda text: None) -> Attri
     iterate(calibration, problem.data, problem.simulate, ITERATIONS)
     differentiate(calibration, problem.data, problem.simulate, True)
     progress("single effects")
-    changes: Changes = {}
-    singles = _singles(problem, (untouched, calibration[0]), single_effects(rig), changes)
+    singles = _singles(problem, (untouched, calibration[0]), single_effects(rig))
     pairs: list[Fit] = []
     least = min((f.cost for f in singles), default=np.inf)
     if not calibration[0].cost - least < NO_GAP:
         progress("forms of effects")
         singles = shaped(problem, calibration[0].cost, singles, SHAPED)
         progress("pairs of effects")
-        pairs, singles = _pairs(problem, singles, changes)
+        pairs, singles = _pairs(problem, singles)
         pairs = shaped(problem, calibration[0].cost, pairs, SHAPED_PAIRS)
     fits = _blurred(problem, [*calibration, *singles, *pairs])
     standing = [f for f in fits if np.isfinite(f.cost)]
@@ -160,24 +159,22 @@ def _blurred(problem: Problem, fits: Sequence[Fit]) -> list[Fit]:
     return [better.get(id(f), f) for f in fits]
 
 
-def _singles(problem: Problem, seeds: Sequence[Fit], names: Sequence[str], changes: Changes) -> list[Fit]:
+def _singles(problem: Problem, seeds: Sequence[Fit], names: Sequence[str]) -> list[Fit]:
     """Fit each effect alone, from its most promising starts.
 
     Starts are placed beside the untouched nominal rig and beside calibration alone, because a missing effect may have
-    driven the calibration far away. What they change is kept in `changes`.
+    driven the calibration far away.
     """
     fits: list[Fit] = []
     for seed in seeds:
-        jobs: list[Job] = [
+        jobs = [
             (seed, h, extended(h, start, seed))
             for h in map(seed.hypothesis.instead, names)
             for start in starts(h.effects[0], h.scales)
         ]
         jobs += [(seed, h, u) for name in names for h, u in starts_elsewhere(seed.hypothesis, name)]
-        ranked = screened(problem, jobs, changes, keep=True)
-        begun = _begun(problem, kept(ranked), ranked)
-        share_calibrations(begun, seed)
-        fits += begun
+        ranked = screened(problem, jobs)
+        fits += _begun(problem, kept(ranked), ranked)
     iterate(fits, problem.data, problem.simulate, FIRST)
     tried = dict.fromkeys(f.hypothesis.effects for f in fits)
     best = [min((f for f in fits if f.hypothesis.effects == names), key=lambda f: f.cost) for names in tried]
@@ -202,7 +199,7 @@ def _begun(problem: Problem, chosen: Sequence[Start], ranked: Sequence[Start]) -
     return fits
 
 
-def _pairs(problem: Problem, singles: Sequence[Fit], changes: Changes) -> tuple[list[Fit], list[Fit]]:
+def _pairs(problem: Problem, singles: Sequence[Fit]) -> tuple[list[Fit], list[Fit]]:
     """Fit pairs, and the single effects again.
 
     A second effect is tried beside each of the best single ones, and then beside either effect of the best pairs at
@@ -214,9 +211,8 @@ def _pairs(problem: Problem, singles: Sequence[Fit], changes: Changes) -> tuple[
         singles: The better fit of each single effect.
     """
     seeds = sorted((f for f in singles if np.isfinite(f.cost)), key=lambda f: f.cost)[:SEEDS]
-    found = _round(problem, singles, seeds, (), changes)
-    known = {frozenset(f.hypothesis.effects) for f in found}
-    found += _round(problem, singles, _halves(problem, found), known, changes)
+    found = _round(problem, singles, seeds, ())
+    found += _round(problem, singles, _halves(problem, found), {frozenset(f.hypothesis.effects) for f in found})
     again = _halves(problem, found)
     iterate(again, problem.data, problem.simulate, ITERATIONS)
     best = {f.hypothesis.effects: f for f in sorted([*again, *singles], key=lambda f: -f.cost - f.occam)}
@@ -236,15 +232,11 @@ def _halves(problem: Problem, pairs: Sequence[Fit]) -> list[Fit]:
 
 
 def _round(
-    problem: Problem,
-    singles: Sequence[Fit],
-    seeds: Sequence[Fit],
-    known: Collection[frozenset[str]],
-    changes: Changes,
+    problem: Problem, singles: Sequence[Fit], seeds: Sequence[Fit], known: Collection[frozenset[str]]
 ) -> list[Fit]:
     """Fit the most promising new pairs, found by a linear prediction: any effect beside the effect of a seed."""
     differentiate(seeds, problem.data, problem.simulate, True)
-    jobs: list[Job] = []
+    jobs = []
     for seed in seeds:
         first = seed.hypothesis.effects[0]
         n = len(seed.hypothesis.coordinates)
@@ -258,13 +250,11 @@ def _round(
                 tried = [*tried, other.u[: len(coordinates_of(name))]]
             jobs += [(seed, h, extended(h, np.concatenate([seed.u[:n], start]), seed)) for start in tried]
     chosen: dict[frozenset[str], Start] = {}
-    ranked = screened(problem, jobs, changes)
+    ranked = screened(problem, jobs)
     for start in ranked:
         if len(chosen) < PAIRS:
             chosen.setdefault(frozenset(start.hypothesis.effects), start)
     fits = _begun(problem, list(chosen.values()), ranked)
-    for seed in seeds:
-        share_calibrations([f for f in fits if f.hypothesis.effects[0] == seed.hypothesis.effects[0]], seed)
     iterate(fits, problem.data, problem.simulate, FIRST + ITERATIONS)
     return fits
 

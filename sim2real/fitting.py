@@ -96,19 +96,16 @@ def real_product(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 
 def share_calibrations(fits: Sequence[Fit], known: Fit) -> None:
-    """Start with the Jacobian's tolerance rows of another fit, because they hardly depend on a small effect.
-
-    They last one step longer than rows of a fit's own, so that the first steps from all starts need no others. A fit
-    with tolerances that the other one lacks computes its own rows.
-    """
+    """Start with the Jacobian's tolerance rows of another fit, because they hardly depend on a small effect."""
     if known.jacobian is None or not np.isfinite(known.cost):
         return
     first = len(known.hypothesis.coordinates)
     rows = dict(zip(known.hypothesis.calibrated, known.jacobian[first:], strict=True))
     for fit in fits:
-        if rows.keys() >= set(fit.hypothesis.calibrated):
-            own = np.zeros((len(fit.hypothesis.coordinates), fit.residual.size), complex)
-            fit.age, fit.jacobian = -1, np.array([*own, *(rows[name] for name in fit.hypothesis.calibrated)])
+        own = len(fit.hypothesis.coordinates)
+        fit.jacobian = np.zeros((fit.hypothesis.size, fit.residual.size), complex)
+        for i, name in enumerate(fit.hypothesis.calibrated, own):
+            fit.jacobian[i] = rows.get(name, 0.0)
 
 
 def cost_of(residual: np.ndarray, u: np.ndarray, prior: np.ndarray) -> float:

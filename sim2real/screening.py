@@ -2,23 +2,16 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import compress
 
 import numpy as np
 
 from sim2real.fitting import Fit, cost_of, reach, real_product
-from sim2real.hypotheses import Coordinate, Hypothesis, coordinates_of
+from sim2real.hypotheses import Hypothesis, coordinates_of
 from sim2real.problem import Problem
 from sim2real.simulated import TOLERANCE_EFFECTS
 
 MOST_SCALED = 10.0  # multiple of its start that a linear prediction may give a size
-FOLLOWED = 3  # starts of an effect beside a seed that are simulated, where what they change is known from another seed
 RESONANT, APART = 3, 0.2  # starts of a resonance that are followed, and their least distance in ln frequency
-
-
-Job = tuple[Fit, Hypothesis, np.ndarray]  # a seed's fit, a hypothesis that adds an effect to it, and coordinates
-# What starts change in the prediction of one record: by effect, whether its form is free, and its coordinates.
-Changes = dict[tuple[str, bool, bytes], np.ndarray]
 
 
 @dataclass(frozen=True)
@@ -43,64 +36,41 @@ def extended(hypothesis: Hypothesis, effects: np.ndarray, near: Fit) -> np.ndarr
     return np.concatenate([effects, [known.get(name, 0.0) for name in hypothesis.calibrated]])
 
 
-def screened(problem: Problem, jobs: Sequence[Job], changes: Changes, keep: bool = False) -> list[Start]:
+def screened(problem: Problem, jobs: Sequence[tuple[Fit, Hypothesis, np.ndarray]]) -> list[Start]:
     """Rank starting points by their cost on one record.
 
     Beside a seed whose Jacobian is known, the size of the effect and everything that the seed fits are moved as well,
-    by a linear prediction. Where `changes` has what a start changes beside another seed, that stands for what it
-    changes beside this one, and only the most promising starts are simulated where the prediction leads.
+    by a linear prediction.
 
     Args:
         problem: The problem.
-        jobs: The starting points.
-        changes: What starts change.
-        keep: Whether all starts are simulated, and what they change is kept in `changes`.
+        jobs: A seed's fit, a hypothesis that adds an effect to it, and coordinates.
 
     Returns:
         Starts, the lowest cost first; those that make the rotor touch down are left out.
     """
+    if not jobs:
+        return []
     loudest = problem.loudest
     single = problem.only(loudest)
-    looks: dict[tuple[Fit, tuple[str, ...]], _Look] = {}
-    for seed, h, _ in jobs:
-        if np.isfinite(seed.cost) and seed.jacobian is not None and (seed, h.effects) not in looks:
-            looks[seed, h.effects] = _Look(seed, h, loudest.place)
-    told = [not keep and (seed, h.effects) in looks and _key((seed, h, u)) in changes for seed, h, u in jobs]
-    unknown = [job for job, known in zip(jobs, told, strict=True) if not known]
-    found: list[Start] = []
+    predicted = single.simulate([h.point(h.bounded(u)) for _, h, u in jobs], settled=False)
     tried: list[tuple[Hypothesis, np.ndarray]] = []
-    for (seed, h, u), p in zip(unknown, _simulated(single, [(h, u) for _, h, u in unknown]), strict=True):
+    found: list[Start] = []
+    looks: dict[tuple[Fit, tuple[str, ...]], _Look] = {}
+    for (seed, h, u), p in zip(jobs, predicted, strict=True):
         if not np.isfinite(p).all():
             continue
         found.append(_start(single, h, h.bounded(u), p))
-        if look := looks.get((seed, h.effects)):
-            change = p - (single.data - look.residual)
-            tried += [(h, v) for v in look.followed(u, change)]
-            if keep:
-                changes[_key((seed, h, u))] = change
-    promising: dict[_Look, list[tuple[float, Hypothesis, np.ndarray, np.ndarray]]] = {}
-    for seed, h, u in compress(jobs, told):
-        look, change = looks[seed, h.effects], changes[_key((seed, h, u))]
-        promising.setdefault(look, []).append((look.promised(change), h, u, change))
-    for look, starts in promising.items():
-        for _, h, u, change in sorted(starts, key=lambda s: -s[0])[:FOLLOWED]:
-            tried += [(h, v) for v in look.followed(u, change)]
+        if not np.isfinite(seed.cost) or seed.jacobian is None:
+            continue
+        key = seed, h.effects
+        if key not in looks:
+            looks[key] = _Look(seed, h, loudest.place)
+        tried += [(h, v) for v in looks[key].followed(u, p - (single.data - looks[key].residual))]
     # A linear prediction goes too far where an effect is large, so the cost is simulated where it leads.
-    found += [_start(single, h, v, p) for (h, v), p in zip(tried, _simulated(single, tried), strict=True)
-              if np.isfinite(p).all()]  # fmt: skip
+    predicted = single.simulate([h.point(v) for h, v in tried], settled=False) if tried else []
+    found += [_start(single, h, v, p) for (h, v), p in zip(tried, predicted, strict=True) if np.isfinite(p).all()]
     return sorted(found, key=lambda start: start.cost)
-
-
-def _simulated(single: Problem, at: Sequence[tuple[Hypothesis, np.ndarray]]) -> np.ndarray:
-    """Predictions (n, K) at coordinates that are brought within their bounds."""
-    return single.simulate([h.point(h.bounded(u)) for h, u in at], settled=False) if at else np.empty((0, 0))
-
-
-def _key(job: Job) -> tuple[str, bool, bytes]:
-    """A start's key in `Changes`."""
-    _, h, u = job
-    name, last = h.effects[-1], len(h.coordinates)
-    return name, name in h.shaped, u[last - len(coordinates_of(name)) : last].tobytes()
 
 
 def _start(single: Problem, h: Hypothesis, u: np.ndarray, predicted: np.ndarray) -> Start:
@@ -123,11 +93,6 @@ def kept(starts: Sequence[Start]) -> list[Start]:
     return found
 
 
-def _is_size(c: Coordinate) -> bool:
-    """Whether an effect vanishes where this coordinate is zero."""
-    return c.scale is not None and c.parameter != "order"
-
-
 class _Look:
     """Linear prediction of a seed's residual on one record, for a hypothesis that adds an effect to the seed's."""
 
@@ -144,7 +109,6 @@ class _Look:
         self.solve = np.linalg.pinv(normal, hermitian=True)
         self.gradient = real_product(self.jacobian, self.residual) - prior * seed.u[rows]
         self.signed = any(c.signed for c in coordinates_of(h.effects[-1]))
-        self.sized = any(map(_is_size, coordinates_of(h.effects[-1])))
 
     def followed(self, u: np.ndarray, change: np.ndarray) -> list[np.ndarray]:
         """Coordinates of a start with its effect scaled to fit the residual best and all else following it.
@@ -158,7 +122,7 @@ class _Look:
         cross = real_product(self.jacobian, change)
         without = u.copy()
         for i, c in zip(range(self.new.start, self.new.stop), coordinates_of(self.h.effects[-1]), strict=True):
-            if _is_size(c):
+            if c.scale is not None and c.parameter != "order":
                 without[i] = 0.0
         if (without == u).all():
             return [self._moved(u, cross, 1.0)]
@@ -166,21 +130,10 @@ class _Look:
         share = self._share(change, cross)
         return [self._moved(without + part * (u - without), cross, part) for part in (share, 0.5 * share)]
 
-    def promised(self, change: np.ndarray) -> float:
-        """What a change in its best size saves of the cost, by the linear prediction."""
-        cross = real_product(self.jacobian, change)
-        own, along = self._products(change, cross)
-        share = self._share(change, cross) if self.sized else 1.0
-        return share * (2.0 * along - share * own)
-
-    def _products(self, change: np.ndarray, cross: np.ndarray) -> tuple[float, float]:
-        """Products of a change with itself and with the residual when the other parameters may follow."""
-        own = np.vdot(change, change).real - cross @ self.solve @ cross
-        return own, np.vdot(change, self.residual).real - cross @ self.solve @ self.gradient
-
     def _share(self, change: np.ndarray, cross: np.ndarray) -> float:
         """Share of a change that fits the residual best when the other parameters may follow."""
-        own, along = self._products(change, cross)
+        own = np.vdot(change, change).real - cross @ self.solve @ cross
+        along = np.vdot(change, self.residual).real - cross @ self.solve @ self.gradient
         if own <= 1e-9 * np.vdot(change, change).real or (along <= 0 and not self.signed):
             return 0.0
         return float(np.clip(along / own, -MOST_SCALED, MOST_SCALED))

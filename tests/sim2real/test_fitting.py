@@ -183,11 +183,6 @@ def test_rows_of_the_tolerances_are_handed_on():
     share_calibrations(fits, known)
     np.testing.assert_allclose(fits[0].jacobian[1:], toy.columns[2:], atol=1e-9)
     assert not fits[0].jacobian[0].any()
-    narrow = begin([Hypothesis(("mass",), {"probe_gain": 0.02})], [np.zeros(2)], data, toy)
-    differentiate(narrow, data, toy, True)
-    fits = begin([Hypothesis(("mass",), TOLERANCE)], [np.zeros(3)], data, toy)
-    share_calibrations(fits, narrow[0])
-    assert fits[0].jacobian is None, "one row is not known"
 
 
 def test_a_long_valley_is_followed_to_its_end():

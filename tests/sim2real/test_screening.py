@@ -45,7 +45,7 @@ def test_a_start_takes_along_what_follows_it():
     """A delay beside calibration: its size and both tolerances, priors included, at once."""
     toy = Toy(1, (0.2, -0.3, 4.0))
     seed, h = seeded(toy, Hypothesis((), TOLERANCE)), Hypothesis(("delay",), TOLERANCE)
-    best = screened(toy, [(seed, h, extended(h, start, seed)) for start in starts("delay")], {})[0]
+    best = screened(toy, [(seed, h, extended(h, start, seed)) for start in starts("delay")])[0]
     scale = 10 * np.array([0.1, 0.01, 0.02])  # of a coordinate: 10 us are a tenth; of a tolerance: itself
     rows = scale[:, None] * toy.columns[[2, 0, 1]]
     a = np.vstack([rows.T.real, rows.T.imag, np.diag([0.0, 1.0, 1.0])])
@@ -62,30 +62,14 @@ def test_a_tolerance_that_an_effect_frees_does_not_follow_it():
     seed.u[0] = 2.0
     assert extended(h, np.array([0.3]), seed)[0] == pytest.approx(0.3 + 2.0 * 0.01 / 0.1)
     seed.u[0] = 0.0
-    best = screened(toy, [(seed, h, extended(h, start, seed)) for start in starts("mass")], {})[0]
+    best = screened(toy, [(seed, h, extended(h, start, seed)) for start in starts("mass")])[0]
     assert best.u[0] * 0.1 * 10 == pytest.approx(5.0, abs=0.3)
-
-
-def test_what_a_start_changes_beside_one_seed_stands_for_what_it_changes_beside_another():
-    """The prediction is linear, so that the best start is the same, and only where it leads is simulated."""
-    toy, changes, counts = Toy(5, (0.3, -0.2, 4.0)), {}, []
-    hypotheses = [Hypothesis((name,), TOLERANCE) for name in ("delay", "mass")]
-    jobs = [[(seed, h, extended(h, start, seed)) for h in hypotheses for start in starts(h.effects[0])]
-            for seed in (seeded(toy, Hypothesis((), TOLERANCE)), seeded(toy, Hypothesis((), TOLERANCE)))]  # fmt: skip
-    screened(toy, jobs[0], changes, keep=True)
-    assert len(changes) == len(jobs[0])
-    simulate = toy.simulate
-    toy.simulate = lambda points, settled=True: counts.append(len(points)) or simulate(points)
-    wanted, found = screened(toy, jobs[1], {})[0], screened(toy, jobs[1], changes)[0]
-    np.testing.assert_allclose(found.u, wanted.u, rtol=1e-9)
-    assert found.cost == pytest.approx(wanted.cost, rel=1e-9)
-    assert counts[0] == len(jobs[1]) and sum(counts[2:]) < counts[1]
 
 
 def test_an_effect_of_one_sign_is_not_scaled_below_nothing():
     toy = Toy(3, (0.0, 0.0, -4.0))
     seed, h = seeded(toy, Hypothesis((), TOLERANCE)), Hypothesis(("delay",), TOLERANCE)
-    found = screened(toy, [(seed, h, extended(h, start, seed)) for start in starts("delay")], {})
+    found = screened(toy, [(seed, h, extended(h, start, seed)) for start in starts("delay")])
     assert min(s.u[0] for s in found) == 0.0 == found[0].u[0]
 
 
@@ -93,7 +77,7 @@ def test_a_seed_that_touches_down_leaves_the_starts_as_they_are():
     toy = Toy(4, (0.0, 0.0, 2.0))
     seed, h = seeded(toy, Hypothesis((), TOLERANCE)), Hypothesis(("delay",), TOLERANCE)
     seed.cost = np.inf
-    found = screened(toy, [(seed, h, extended(h, start, seed)) for start in starts("delay")], {})
+    found = screened(toy, [(seed, h, extended(h, start, seed)) for start in starts("delay")])
     assert {float(s.u[0]) for s in found} == {float(s[0]) for s in starts("delay")}
 
 
