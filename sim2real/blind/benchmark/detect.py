@@ -30,6 +30,7 @@ NOMINAL = {  # values of effects that move nothing but a parameter of the rig
     at.SCALE: "probe_gain",
     at.SUPPORT: "support_stiffness",
 }
+FAR, RECALIBRATIONS = 2.0, 4  # standard deviations beyond which a linear calibration will not do, and its repetitions
 _PAIRS = 2  # of noisy simulations
 _NEIGHBOURS = 31  # frequencies that share a covariance
 
@@ -119,19 +120,24 @@ class Detector:
             values: Values of the effects.
             random: They act at random: the mean effect is that which two draws have in common.
         """
-        if len(values) == 1 and (stated := self._stated(*next(iter(values.items())))) is not None:
-            return stated**2 / critical(len(self.truth.rig.tolerance))
         draws = [self.with_effects(values, drops) for drops in range(2 if random else 1)]
-        (one, theta), (other, theta2) = (self.calibrated(d) for d in (draws[0], draws[-1]))
+        (one, theta), (other, theta2) = (self.recalibrated(d) for d in (draws[0], draws[-1]))
         return max(one @ other / critical(FREEDOM), theta @ theta2 / critical(len(theta)), 0.0)
 
-    def _stated(self, index: int, value: float) -> float | None:
-        """Standard deviations by which a value alone moves a parameter whose tolerance is stated: nothing is left."""
-        name = NOMINAL.get(index)
-        if name not in self.truth.rig.tolerance:
-            return None
-        whole = self.truth.rig.parameters[name] if index in (at.MASS, at.SUPPORT) else 1.0
-        return value / whole / self.truth.rig.tolerance[name]
+    def recalibrated(self, d: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """As `calibrated`, with the loop simulated at the moved parameters where they move far.
+
+        Raises:
+            LoopFailed: It touches its stops there.
+        """
+        rest, theta = self.calibrated(d)
+        rows = self.calibration
+        if theta @ theta <= FAR**2:
+            return rest, theta
+        for _ in range(RECALIBRATIONS):
+            rest = d - self.with_effects({}, theta=theta)
+            theta = theta + np.linalg.solve(rows @ rows.T + np.eye(len(rows)), rows @ rest - theta)
+        return d - self.with_effects({}, theta=theta), theta
 
 
 def _smoothed(x: np.ndarray) -> np.ndarray:

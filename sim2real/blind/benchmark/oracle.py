@@ -13,7 +13,7 @@ from math import pi, sqrt
 import numpy as np
 
 from sim2real.blind.benchmark import at
-from sim2real.blind.benchmark.detect import Detector, critical
+from sim2real.blind.benchmark.detect import NOMINAL, Detector, critical
 from sim2real.blind.benchmark.kinds import VOCABULARY, Kind, known_on
 from sim2real.blind.benchmark.simulate import LoopFailed
 
@@ -21,7 +21,7 @@ REJECTED = critical(1)  # squared distance from which the truth is told from a r
 ALIKE = 0.3  # squared cosine with the truth from which a rival's size is searched
 SIZES = (0.3, 0.6, 0.8, 1.0, 1.3, 1.7, 2.5)  # of the one with the strength of the truth
 REFINED = 8  # nearest explanations that are fitted
-STEPS, GROWTH = 4, 1.03  # of such a fit, and of a size for its derivative
+STEPS, GROWTH, START = 5, 1.03, 0.3  # of such a fit, of a size for its derivative, and share of the largest size
 DRAWS = 3  # of a rival's other values
 _MEANS = 4  # draws that are averaged of what acts at random
 TONES: Mapping[str, int] = {  # and the value that turns their phase
@@ -87,7 +87,16 @@ def rivals(detector: Detector, found: Mapping[str, Values], seed: int) -> list[d
                     near[key] = distance, [*own[beside], *([part] if part else [])]
     nearest = sorted(near.items(), key=lambda item: item[1][0])[:REFINED]
     fitted = [(min(least, _refined(detector, truth, parts)), sorted(names)) for names, (least, parts) in nearest]
-    return [{"effects": names, "distance": d} for d, names in sorted(fitted) if d < REJECTED and names != sorted(found)]
+    # Changes of parameters are too large for a linear calibration to rank them, and so gentle that a fit finds them.
+    for name in known_on(detector.truth.rig.family):
+        kind = VOCABULARY[name]
+        if kind.value in NOMINAL and name not in found:
+            for beside, parts in own.items():
+                starts = ([*parts, _Part(kind, sign * START * kind.most, {})] for sign in (1.0, -1.0))
+                least = min(_refined(detector, truth, start) for start in starts)
+                fitted.append((least, sorted({name, *beside})))
+    fitted = sorted({tuple(names): least for least, names in sorted(fitted, reverse=True)}.items(), key=lambda f: f[1])
+    return [{"effects": [*n], "distance": d} for n, d in fitted if d < REJECTED and [*n] != sorted(found)]
 
 
 @dataclass(frozen=True)

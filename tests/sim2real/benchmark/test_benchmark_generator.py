@@ -109,6 +109,16 @@ def test_at_the_threshold_the_test_has_a_power_of_one_half_and_a_small_effect_gr
     assert detector.strength(kind.values(rig, 0.5 * least, {})) == pytest.approx(0.25, rel=0.3)
 
 
+def test_a_gain_that_another_tolerance_can_take_up_shows_little():
+    """Without a force, a probe's gain is one of the actuator, and as far as that may be off, it is taken for that."""
+    rig, recording = loop("rotor")
+    drive = draw_drive("multisine", rig, False, 0.02, np.random.default_rng(5))
+    detector = Detector(Truth(rig), [replace(recording, drive=drive)], True, 1)
+    own, other = 10 * rig.tolerance["probe_gain"], rig.tolerance["actuator_gain"]
+    shown = detector.strength({at.SCALE: own}) * critical(len(rig.tolerance))
+    assert shown == pytest.approx((own / other) ** 2, rel=0.3)  # where the probe's alone would make 100
+
+
 def test_a_rotor_that_touches_is_no_recording():
     rig, recording = loop("ball")
     hard = replace(recording, drive=Drive("noise", "current", 20 * np.ones(500)))
