@@ -35,6 +35,7 @@ from sim2real.words import Fitted
 
 SCHEMA = "maglev-diagnosis/1"
 LOUDER = 1.05  # times its noise that a record without a period may seem to have under a wrong simulation
+CLEAR_GAP = 1.2  # in units of the noise, left by calibration on the holdout: what is named must then leave less
 
 FREE_FROM = 0.1  # share of the gap that a named effect may leave without a free correction beside it
 HELD_OUT_EVERY = 4  # without a holdout recording, every fourth line is withheld from the fits
@@ -222,7 +223,7 @@ def diagnose(
     if picked is not None and picked.effects and judged_on == "holdout" and _worse(gap):  # tones leave the lines alone
         notes.append(
             f"{' with '.join(cause)} would explain the recordings that were fitted, but the holdout is simulated no "
-            "better with it than without: it is not named"
+            "better with it than without, or than by calibration alone: it is not named"
         )
         worded, cause, chosen, picked = "unexplained", ("unknown",), None, None
         gap = shrink(judged, attribution, None, judged_on, seed)
@@ -268,8 +269,12 @@ def diagnose(
 
 
 def _worse(gap: Gap) -> bool:
-    """Whether the corrected rig simulates the judged recordings no better than the nominal one, or not at all."""
-    return gap.before is not None and (gap.after is None or gap.after >= gap.before)
+    """Whether the corrected rig simulates the judged recordings no better than the nominal one, or not at all; or no
+    better than calibration does, where that leaves a clear gap."""
+    if gap.before is None:
+        return False
+    calibrated = gap.calibrated is not None and gap.calibrated > CLEAR_GAP
+    return gap.after is None or gap.after >= gap.before or (calibrated and gap.after >= gap.calibrated)
 
 
 def _leaves_much(picked: Candidate, attribution: Attribution) -> bool:

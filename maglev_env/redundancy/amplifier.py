@@ -22,9 +22,9 @@ EFFECTS = ("delay", "amplifier_lag", "amplifier_voltage_limit")
 def amplified(view: View) -> list[Row]:
     """Gain and delay from the command to the current.
 
-    Eddy currents and all that follows act behind the current, so no effect of the library changes the gain at low
-    frequency; its delay and its roll-off are those of `delay`, `amplifier_lag` and `amplifier_voltage_limit`. A limit
-    of the voltage makes large steps smaller too, and bends them, which no scale does. None makes the current early.
+    Eddy currents and all that follows act behind the current; delay and roll-off are those of `delay`, `amplifier_lag`
+    and `amplifier_voltage_limit`. A dead band of the command makes the current smaller; so does a limit of the voltage,
+    which bends it too, as no scale does. No effect of the library makes the current larger, and none makes it early.
     """
     if view.rig is None or not view.rig.controlled or not {"command", "current"} <= view.recorded:
         return []
@@ -41,7 +41,9 @@ def amplified(view: View) -> list[Row]:
     if found.misfit > SHAPE:
         source = nominal * lines.parts["command"]
         lag, _ = low_pass(lines.parts["current"], source, lines.frequency, view.rate, lines.periodic, found.misfit)
-    cut = ("amplifier_voltage_limit",) if found.gain[0] < 1 and found.misfit > SHAPE else ()
+    cut: tuple[str, ...] = ()
+    if found.gain[0] < 1:
+        cut = ("deadband", "amplifier_voltage_limit") if found.misfit > SHAPE else ("deadband",)
     return [
         Row("amplifier", {"current": 1, "command": -1}, float(found.gain[0]), float(found.gain_se[0]), GAIN,
             "the command through the nominal amplifier", float(found.delay[0]), float(found.delay_se[0]),
