@@ -118,7 +118,7 @@ def periodic_gain(force: LineStatistics, mass: float, actuator: ActuatorEstimate
     damping, damping_se = (actuator.damping, actuator.damping_se) if sure else (0.0, 0.0)
     dynamic = actuator.stiffness - mass * w**2 + 1j * w * damping
     variance = (
-        force.cross("displacement", "displacement").real
+        np.real(force.cross("displacement", "displacement"))
         + (force.cross("force", "force") / abs(dynamic) ** 2).real
         - 2 * (force.cross("displacement", "force") / np.conj(dynamic)).real
     )

@@ -273,8 +273,9 @@ def _worse(gap: Gap) -> bool:
     better than calibration does, where that leaves a clear gap."""
     if gap.before is None:
         return False
-    calibrated = gap.calibrated is not None and gap.calibrated > CLEAR_GAP
-    return gap.after is None or gap.after >= gap.before or (calibrated and gap.after >= gap.calibrated)
+    if gap.after is None or gap.after >= gap.before:
+        return True
+    return gap.calibrated is not None and gap.after >= gap.calibrated > CLEAR_GAP
 
 
 def _leaves_much(picked: Candidate, attribution: Attribution) -> bool:
