@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
-from math import exp, log
+from math import exp, inf, log
 
 import numpy as np
 
@@ -65,7 +65,9 @@ def coordinates_of(name: str, scales: Scales = SMALL_ROTOR) -> tuple[Coordinate,
     if name not in FITTED:
         return ()
     own = ((key, p.on(scales)) for key, p in EFFECTS[name].plain.items())
-    return tuple(Coordinate(name, key, p.scale, p.low, p.high) for key, p in own)
+    # A zero that is off by more than the bias current would leave one magnet of a pair without any.
+    most = ((key, p, scales.bias if p.within_bias else inf) for key, p in own)
+    return tuple(Coordinate(name, key, p.scale, max(p.low, -end), min(p.high, end)) for key, p, end in most)
 
 
 # Real lags are not pure first-order. Up to MOST_FORM of a fitted lag (prior standard deviation FORM_SHARE) may be

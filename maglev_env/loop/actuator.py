@@ -80,7 +80,7 @@ EFFECTS: Mapping[str, EffectCard] = {
     ),
     "actuator_offset": EffectCard(
         "actuator",
-        {"current": Parameter("A", -10.0, 10.0, scale=0.02, starts=(-0.2, -0.02, 0.02, 0.2))},
+        {"current": Parameter("A", -10.0, 10.0, scale=0.02, starts=(-0.2, -0.02, 0.02, 0.2), within_bias=True)},
         "a constant error of the force-producing current, for instance a drifted zero of the amplifier",
         "displacement and current at two static offsets",
         ("magnets",),

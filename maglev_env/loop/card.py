@@ -21,14 +21,16 @@ class Scales:
     Args:
         period: control period, s.
         mass: moving mass, kg.
+        bias: bias current, A; infinite without one.
     """
 
     period: float
     mass: float
+    bias: float = inf
 
     def wider(self, factor: float) -> "Scales":
         """Scales whose units are all larger by a factor."""
-        return Scales(self.period * factor, self.mass * factor**2)
+        return Scales(self.period * factor, self.mass * factor**2, self.bias)
 
     def of(self, per: Per) -> float:
         """Unit, in SI, of numbers that are stated per this."""
@@ -59,6 +61,7 @@ class Parameter:
             reciprocal, and a fit of the effect may also begin at its starts, with all else at the upper bounds. None:
             not a coordinate of the form.
         centre: value at which the prior of a form is centred, where that is not the default.
+        within_bias: a fit keeps its size below the bias current of the rig.
     """
 
     unit: str
@@ -71,6 +74,7 @@ class Parameter:
     per: Per = ""
     shape: float | None = None
     centre: float | None = None
+    within_bias: bool = False
 
     def on(self, scales: Scales) -> "Parameter":
         """The parameter with bounds, scale and starts in SI on a rig of these scales."""

@@ -273,7 +273,7 @@ class Rig:
     @property
     def scales(self) -> Scales:
         """What the bounds of effects are in proportion to."""
-        return Scales(1 / self.control_rate, self.mass)
+        return Scales(1 / self.control_rate, self.mass, self.bias_current or inf)
 
     @property
     def capabilities(self) -> frozenset[Need]:

@@ -56,6 +56,16 @@ def test_a_fit_on_a_slow_rig_starts_and_ends_at_its_own_samples():
     assert h.instead("mass").scales == h.scales
 
 
+def test_a_fitted_zero_of_the_amplifier_stays_below_the_bias_current():
+    def most(rig):
+        h = Hypothesis(("actuator_offset",), {}, scales=rig.scales)
+        return [h.point(h.bounded(np.array([u]))).effects["actuator_offset"]["current"] for u in (-1e6, 1e6)]
+
+    assert most(replace(HEAVY, bias_current=1.2)) == [-1.2, 1.2]
+    assert most(BALL) == [-10.0, 10.0]  # it has none
+    assert replace(HEAVY, bias_current=1.2, effects=effect("actuator_offset", 2.0)).effects  # a user may ask for more
+
+
 @pytest.mark.parametrize("periods", [7.0, 20.0])
 def test_the_longest_delay_is_simulated_as_long(periods):
     rig = replace(load_rig("hmb_radial"), axes=1, amplifier_time_constant=0.0, dac_bits=0, control_rate=1000.0,
