@@ -9,7 +9,7 @@ import numpy as np
 from maglev_env.channels import MEASURED
 from maglev_env.loop.axes import suffixes
 from maglev_env.loop.magnets.kinds import force_law
-from maglev_env.loop.magnets.law import linearise
+from maglev_env.loop.magnets.law import force, linearise
 from maglev_env.recordings.campaign import Campaign, RecordingSpec
 from maglev_env.recordings.campaign_tables import ChannelSource
 from maglev_env.recordings.derived import coil_current
@@ -17,7 +17,7 @@ from maglev_env.recordings.left_out import TellsNothing
 from maglev_env.recordings.masking import bridged, masked_samples
 from maglev_env.rig.rig import Rig, axis_rig
 from sim2real.recorded.channel_errors import ChannelError, channel_errors
-from sim2real.recorded.drive import Drive, drive_of
+from sim2real.recorded.drive import NEAREST, Drive, drive_of
 from sim2real.recorded.fed_back import fed_back
 from sim2real.recorded.innovation import along_innovations
 from sim2real.recorded.instrument import along_instruments
@@ -41,6 +41,8 @@ NOT_AT_TICKS = (
 UNTOLD, UNTOLD_ALONG = 12**-0.5, 1.0
 SHAPED = {2: 1.0, 3: 0.1, 4: 0.03}
 TOP = 0.2
+BALANCED = 1e-4  # of the bias current: step of its slope in the search for what carries the weight
+NEWTON = 5  # steps of that search; the pull is linear or quadratic in the current
 METERED = 0.01  # relative scale of a current whose campaign states none, as of a meter that nobody calibrated
 
 
@@ -90,8 +92,12 @@ def open_record(campaign: Campaign, spec: RecordingSpec, dataset: "xr.Dataset") 
                 channels["injection"] = ticks.injection(0)
                 drive = replace(drive, source=None, notes=(*drive.notes, AT_TICKS))
         channels = {kind: values[:, :: drive.multiple] for kind, values in channels.items()}
-        if drive.source is not None and can_rest(rig):
-            channels[drive.source] = resting(rig, channels[drive.source], channels["displacement"])
+        source = "command" if ticks is not None else drive.source
+        balance = 0.0
+        if source is not None and can_rest(rig):
+            balance = balancing(rig, channels[source], channels["displacement"])
+            for kind in (source, "injection") if ticks is not None else (source,):
+                channels[kind] = channels[kind] + balance
         waves = drive.driving(channels).waves
         known = np.concatenate([w[:, :: drive.every] for w in waves.values()])
         if not np.ptp(known, axis=1).any():
@@ -102,7 +108,7 @@ def open_record(campaign: Campaign, spec: RecordingSpec, dataset: "xr.Dataset") 
         rate, among = spec.sample_rate / drive.multiple, len(campaign.recordings)
         stretch = compared(drive.experiment, rate, known, channels["displacement"], among)
         if ticks is not None and stretch.samples.start:
-            channels["injection"][:, stretch.samples.start :] = ticks.injection(stretch.samples.start)
+            channels["injection"][:, stretch.samples.start :] = ticks.injection(stretch.samples.start) + balance
     except TellsNothing:
         raise  # whoever reads all recordings names the file
     except ValueError as error:
@@ -126,7 +132,7 @@ def open_record(campaign: Campaign, spec: RecordingSpec, dataset: "xr.Dataset") 
         drive.every,
         drive.upstream,
         channel_errors(spec),
-        "command" if ticks is not None else drive.source,
+        source,
         rests_of(rig, spec, dataset),
         notes=(*notes, *drive.notes, *stretch.notes),
     )
@@ -174,14 +180,25 @@ def _current_by_voltage(rig: Rig, channels: Mapping[str, np.ndarray], rate: floa
     ])  # fmt: skip
 
 
-def resting(rig: Rig, current: np.ndarray, displacement: np.ndarray) -> np.ndarray:
-    """A current (1, samples) whose mean lets the nominal mass rest where the recorded one does on average.
+def balancing(rig: Rig, current: np.ndarray, displacement: np.ndarray) -> float:
+    """What a current (1, samples) lacks, A, so that the nominal magnet carries the weight on average over the motion.
 
     What a mean says of a suspended mass is evidence of its own (`static_evidence`). Here the weight of a rig whose
-    gain is not the nominal one would only pull the simulated mass off its place, up to touching down.
+    gain is not the nominal one would only pull the simulated mass off its place, up to touching down. The pull is that
+    of the force law along the recorded motion: its curvature moves the mean of a large motion to where gain and
+    stiffness are others by some percent.
     """
-    gain, stiffness = linearise(force_law(rig))
-    return current - current.mean() + stiffness / gain * displacement.mean()
+    law = force_law(rig)
+    gain, stiffness = linearise(law)
+    place = np.clip(displacement, -NEAREST * rig.gap, NEAREST * rig.gap)
+    lacks = float(stiffness / gain * displacement.mean() - current.mean())
+    step = BALANCED * max(abs(law.bias_current), float(np.ptp(current)))
+    for _ in range(NEWTON):
+        pull, less, more = (float(np.mean(force(law, place, current + lacks + by))) for by in (0.0, -step, step))
+        if more == less:
+            break
+        lacks -= pull * 2 * step / (more - less)
+    return lacks
 
 
 def _led_in(series: np.ndarray, samples: int) -> np.ndarray:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from maglev_env.rig.rig import rig_from_toml
-from sim2real.recorded.open_reading import resting
+from sim2real.recorded.open_reading import balancing
 from sim2real.recorded.static_evidence import (
     Levels,
     Tolerances,
@@ -90,12 +90,13 @@ def test_only_a_resting_mass_has_levels():
 
 
 @pytest.mark.parametrize("mean", [-0.3, 0.0, 0.2])
-def test_the_nominal_mass_rests_where_the_recorded_one_does_whatever_the_mean_current(mean):
-    wave = 0.01 * np.sin(np.arange(1000.0))[None]
-    found = resting(RIG, mean + wave, np.full((1, 1000), 1e-4))
-    pull = CONSTANT * (BIAS + found.mean()) ** 2 / (GAP + AIR - 1e-4) ** 2
-    assert pull == pytest.approx(MASS * GRAVITY, rel=1e-3)
-    assert found - found.mean() == pytest.approx(wave - wave.mean())
+@pytest.mark.parametrize(("size", "swing"), [(1e-6, 1e-4), (2e-3, 0.3)])
+def test_the_nominal_magnet_carries_the_weight_over_the_recorded_motion_whatever_the_mean_current(mean, size, swing):
+    turn = np.linspace(0, 2 * np.pi, 1000, endpoint=False)
+    y, i = 1e-4 + size * np.sin(turn), swing * np.cos(turn + 1.0)
+    total = BIAS + mean + i + balancing(RIG, (mean + i)[None], y[None])
+    pull = CONSTANT * total**2 / (GAP + AIR - y) ** 2
+    assert pull.mean() == pytest.approx(MASS * GRAVITY, rel=1e-6)
 
 
 def test_gain_and_stiffness_grow_with_the_weight():

@@ -78,6 +78,22 @@ DOCS = Path(__file__).parents[2] / "docs" / "controllers.md"
 BALL = next(t for t in re.findall(r"```toml\n(.*?)```", DOCS.read_text("utf-8"), re.S) if "ball under PID" in t)
 
 
+def test_a_constant_of_the_command_of_a_jittered_suspended_ball_is_not_part_of_what_drives_it(tmp_path):
+    """It is what a gain that is not the nominal one needs to carry the weight."""
+    rig = rig_from_toml(BALL, "docs")
+    rig = replace(rig, gains=replace(rig.gains, limit=None))
+    rng = np.random.default_rng(8)
+    late = np.concatenate([[0.0], rng.uniform(-0.15, 0.15, 3000)])
+    run = ball_bench.record(rig, 3.0, 4, 0.03 * rng.standard_normal(3000), lasts=1 + np.diff(late))
+    run["time"] = (np.arange(3000) + late[:-1]) / 1000
+    more = run | {"command": run["command"] + 0.02}
+    controller = toml_value(as_table(rig.gains))
+    folder = ball_bench.write_campaign(tmp_path, BALL, controller, {"run": run, "more": more}, channels=tuple(run))
+    driven = [record.waves["current"] for record in records.read_records(folder)[1]]
+    assert AT_TICKS in records.read_records(folder)[1][0].notes
+    assert driven[1] == pytest.approx(driven[0], abs=1e-6)
+
+
 @pytest.mark.slow
 def test_a_jittered_recording_with_a_period_is_compared_at_its_own_ticks(tmp_path):
     """A ball whose controller ticks late and early by 15 % of a step, under a multisine that repeats by its ticks."""

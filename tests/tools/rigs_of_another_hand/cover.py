@@ -58,6 +58,12 @@ def drawn(letter: str, seed: int, seconds: float) -> Rig:
     return replace(rig, bench=bench, truth=truth, records=[r for r in rig.records if r.name in KEPT[letter]])
 
 
+def fell(rig: Rig, logs: dict[str, dict[str, np.ndarray]]) -> bool:
+    """Whether the drawn bench did not hold its own body, so that a record shows none that floats."""
+    low, high = rig.bench.stops
+    return any(log["true"].min() <= low or log["true"].max() >= high for log in logs.values())
+
+
 def answer(folder: Path, truth: dict) -> dict:
     began = time.process_time()
     try:
@@ -138,9 +144,12 @@ def main() -> None:
             logs = run_all(rig, draw)
             for name in variants:
                 v = VARIANTS[name]
-                with tempfile.TemporaryDirectory() as folder:
-                    write_campaign(Path(folder), v.of(rig), v.use, logs, v.gains)
-                    lines.append({"variant": name, "draw": draw, **answer(Path(folder), rig.truth)})
+                found = {"refused": "the bench itself lets its body fall"}
+                if not fell(rig, logs):
+                    with tempfile.TemporaryDirectory() as folder:
+                        write_campaign(Path(folder), v.of(rig), v.use, logs, v.gains)
+                        found = answer(Path(folder), rig.truth)
+                lines.append({"variant": name, "draw": draw, **found})
                 with options.out.open("a") as file:
                     file.write(json.dumps(lines[-1], default=float) + "\n")
                 print(name, draw, lines[-1].get("z", lines[-1]), flush=True)

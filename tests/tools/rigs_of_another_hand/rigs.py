@@ -311,6 +311,7 @@ current = 5e-3
 mass = 0.002
 actuator_gain = 0.05
 negative_stiffness = 0.05
+amplifier_time_constant = 0.2
 """
     return Rig(
         "C", bench, records, toml, truth(bench, nominal, effect, law="C i / x^4", jitter_of_a_tick=0.08),
