@@ -23,6 +23,7 @@ from sim2real.leftover import Leftover, leftover
 from sim2real.locate import CONTROLLER_SD, Where, locate
 from sim2real.next_experiment import Proposal, propose
 from sim2real.nonstationary import widening
+from sim2real.open_tones import agreed, with_tones
 from sim2real.problem import Problem, assemble
 from sim2real.recorded.open_record import OpenRecord
 from sim2real.recorded.records import read_records
@@ -161,7 +162,8 @@ def diagnose(
     """
     begun = time.perf_counter()
     progress("reading")
-    loaded, records = standing(*read_records(campaign))
+    loaded, standing_records = standing(*read_records(campaign))
+    records = agreed([with_tones(r) if isinstance(r, OpenRecord) else r for r in standing_records])
     fitted = assemble([r for r in records if r.role == "fit"])
     holdouts = [r for r in records if r.role == "holdout"]
     notes = [note for r in records for note in r.notes]

@@ -9,6 +9,7 @@ import numpy as np
 from maglev_env.experiment import Experiment
 from maglev_env.loop.gains import NO_CONTROLLER
 from maglev_lanes.threads import single_blas
+from sim2real.open_tones import nuisance_columns
 from sim2real.recorded.channel_errors import changes
 from sim2real.recorded.nuisances import Nuisances, stacked
 from sim2real.recorded.open_evidence import (
@@ -223,6 +224,8 @@ def _evidence(record: Record | OpenRecord, near: Point | None) -> _Evidence:
                 moved, loop, opened.outputs, series
             )
             nuisances[error.name] = np.where(np.isfinite(series).all(), change / SMALL, 0.0)
+    for tone in record.tones:
+        nuisances |= nuisance_columns(record, tone, opened.outputs)
     if record.bias is not None:
         fed = np.zeros_like(measured)
         fed[opened.outputs.index("plant")] = record.bias

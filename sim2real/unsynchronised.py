@@ -9,11 +9,12 @@ from scipy import stats
 from maglev_env.experiment import axis_experiment
 from maglev_env.linear.loop import loop_response
 from maglev_env.loop.effect import EFFECTS
+from sim2real.open_tones import log_chance, residual_of, tone_in
 from sim2real.problem import Part, Problem
 from sim2real.recorded.open_record import OpenRecord
 from sim2real.recorded.opened import loud_bands, opened_loop
 from sim2real.recorded.records import Record
-from sim2real.recorded.tones import HARMONICS, MAINS, NEAR, ON_LINE, families, origin, outstanding, tone_at
+from sim2real.recorded.tones import HARMONICS, MAINS, NEAR, ON_LINE, SAME, families, origin, outstanding, tone_at
 from sim2real.simulated import Point, experiment_at, modes_of
 
 FOREIGN, LOUD = "foreign", "loud"
@@ -88,10 +89,12 @@ def _one_family(problem: Problem, found: list[Sighting]) -> list[Sighting]:
 
 def _within(problem: Problem, s: Sighting, others: Collection[str]) -> Sighting | None:
     """A sighting renamed to another family that has a tone close enough; None if there is none."""
-    e = problem.parts[s.record].record.experiment
+    record = problem.parts[s.record].record
+    e = record.experiment
+    off = SAME * _resolution(record) if isinstance(record, OpenRecord) else ON_LINE * e.fundamental
     for name, tones in families(e.speed_rpm).items():
         for harmonic, f in enumerate(tones, 1):
-            if name in others and abs(s.frequency - f) < ON_LINE * e.fundamental + NEAR * f:
+            if name in others and abs(s.frequency - f) < off + NEAR * f:
                 return replace(s, family=name, harmonic=harmonic)
     return None
 
@@ -111,9 +114,7 @@ def _between(index: int, part: Part, point: Point) -> list[Sighting]:
     if not record.tones:
         return []
     speed = record.experiment.speed_rpm
-    resolution = record.experiment.fundamental / (
-        record.series["displacement"].shape[1] / record.experiment.recorded_per_period
-    )
+    resolution = _resolution(record)
     for tone in record.tones:
         name = origin(tone.frequency, speed, resolution) or FOREIGN
         if name == FOREIGN and any(abs(np.log2(tone.frequency / f)) < RINGING for f in modes):
@@ -121,7 +122,8 @@ def _between(index: int, part: Part, point: Point) -> list[Sighting]:
         harmonic = 1
         if name != FOREIGN:
             harmonic = int(np.argmin([abs(tone.frequency - f) for f in families(speed)[name]])) + 1
-        size, receptance = _opened(record, point, tone.frequency, tone.amplitude["displacement"])
+        opened, reading = tone.amplitude.get("opened"), tone.amplitude.get("displacement")
+        size, receptance = _opened(record, point, tone.frequency, reading, opened)
         found.append(
             Sighting(index, name, harmonic, tone.frequency, size, size / np.sqrt(tone.chi2), receptance, tone.chi2)
         )
@@ -136,7 +138,9 @@ def _unseen(index: int, part: Part, point: Point) -> list[Sighting]:
 def _at(index: int, part: Part, point: Point, f: float, family: str = FOREIGN) -> list[Sighting]:
     """The sighting at a frequency (Hz) between the lines, however small; nothing at 0 or on a line."""
     e = part.record.experiment
-    if f == 0 or isinstance(part.record, OpenRecord) or abs(f / e.fundamental - round(f / e.fundamental)) < ON_LINE:
+    if isinstance(part.record, OpenRecord):
+        return _at_open(index, part.record, point, f, family)
+    if f == 0 or abs(f / e.fundamental - round(f / e.fundamental)) < ON_LINE:
         return []
     values = part.record.series["displacement"]
     amplitude, chi2 = tone_at(values, f, e.recorded_per_period, e.recorded_per_period * e.fundamental)
@@ -144,12 +148,47 @@ def _at(index: int, part: Part, point: Point, f: float, family: str = FOREIGN) -
     return [Sighting(index, family, 1, f, size, size / np.sqrt(chi2), receptance, chi2)]
 
 
-def _opened(record: Record, point: Point, frequency: float, amplitude: np.ndarray) -> tuple[float, float]:
-    """Size (m) of a reading's tone with the loop opened as at a point, and the receptance (m/N) there."""
+def _at_open(index: int, record: OpenRecord, point: Point, f: float, family: str) -> list[Sighting]:
+    """The sighting at a frequency (Hz) in what a point leaves of a record without a period."""
+    if not record.windows.frequency[0, 0] <= f <= record.windows.frequency[-1, -1]:
+        return []
+    if (residual := residual_of(record, point)) is None:
+        return []
+    amplitude, beyond = tone_in(residual, f)
+    # The noise is told from a single window: as a chi-square, the value of the same probability.
+    chi2 = min(beyond, float(stats.chi2.isf(np.exp(log_chance(residual, f)), 2 * record.axes)))
+    size, receptance = _opened(record, point, f, None, amplitude)
+    return [Sighting(index, family, 1, f, size, size / np.sqrt(max(chi2, 1e-300)), receptance, chi2)]
+
+
+def _resolution(record: Record | OpenRecord) -> float:
+    """Distance (Hz) of frequencies that a record tells apart."""
+    if isinstance(record, OpenRecord):
+        return record.windows.sample_rate / record.windows.samples
+    e = record.experiment
+    return e.fundamental / (record.series["displacement"].shape[1] / e.recorded_per_period)
+
+
+def _opened(
+    record: Record | OpenRecord,
+    point: Point,
+    frequency: float,
+    reading: np.ndarray | None,
+    opened: np.ndarray | None = None,
+) -> tuple[float, float]:
+    """Size (m) of a tone with the loop opened as at a point, and the receptance (m/N) there.
+
+    Args:
+        reading: its amplitude (axes,) in the closed loop.
+        opened: or its amplitude (axes,) where the loop has been opened already.
+    """
     linear = {name: values for name, values in point.effects.items() if name not in NO_TANGENT}
     e = axis_experiment(experiment_at(record.experiment, replace(point, effects=linear)), 0)
     r = loop_response(e, np.array([frequency]))
-    size = float(np.linalg.norm(amplitude)) * float(abs(1 + r.plant * r.controller)[0])
+    if opened is not None:
+        size = float(np.linalg.norm(opened))
+    else:
+        size = float(np.linalg.norm(reading)) * float(abs(1 + r.plant * r.controller)[0])
     return size, float(abs(r.receptance / r.sensitivity)[0])
 
 

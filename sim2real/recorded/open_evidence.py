@@ -14,6 +14,7 @@ from sim2real.recorded.channel_errors import ChannelError
 from sim2real.recorded.open_loop import Loop
 from sim2real.recorded.open_record import OpenRecord
 from sim2real.recorded.opened import Opened
+from sim2real.recorded.tones import tone_lines
 
 SMALL = 0.1  # of an error, for its direction: in proportion, and yet well above rounding
 
@@ -137,6 +138,10 @@ def open_noise(record: OpenRecord, loop: Loop, outputs: Sequence[str], predicted
     if predicted is not None and np.isfinite(predicted).all():
         series = measured_series(record) - predicted
     residual = loop.opened(record, series[0], series[2], series[1] if "amplifier" in outputs else None)
+    for tone in record.tones:
+        columns = tone_lines(record.windows, tone.frequency)
+        a = tone.amplitude["opened"]
+        residual[outputs.index("plant")] -= np.einsum("ca,cwl->awl", np.array([a.real, -a.imag]), columns)
     found = record.windows.noise(residual, record.drives, _noise_shapes(loop, outputs))
     return np.repeat(np.sqrt(found.variance), KEPT, axis=-1)
 

@@ -22,6 +22,7 @@ from maglev_env.recordings.left_out import TellsNothing
 from maglev_env.rig.rig import Rig
 from sim2real.recorded.channel_errors import ChannelError
 from sim2real.recorded.static_evidence import Rests
+from sim2real.recorded.tones import Tone
 
 SETTLING = 8.0  # time constants of the nominal closed loop that are simulated but not compared
 LONGEST_SETTLING = 0.2  # of a record
@@ -59,6 +60,8 @@ class OpenRecord:
         told: (n,) whether a coordinate is compared; None: all are.
         instrument: (inputs, windows, WIDTH), spectra of reference and injection, in whose direction alone is compared;
             None: in all directions.
+        tones: sinusoids that nothing which drives the record explains; their amplitude "opened" (axes,) is that of the
+            opened displacement, m.
         notes: what was assumed.
     """
 
@@ -81,9 +84,9 @@ class OpenRecord:
     unsure: float = 0.0
     told: np.ndarray | None = None
     instrument: np.ndarray | None = None
+    tones: tuple[Tone, ...] = ()
     notes: tuple[str, ...] = ()
 
-    tones = ()
     dropped = 0
 
     @property

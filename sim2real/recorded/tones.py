@@ -8,6 +8,8 @@ from scipy import stats
 from scipy.ndimage import median_filter
 from scipy.optimize import minimize_scalar
 
+from estimation.line_windows import WIDTH, LineWindows
+
 MAINS = (50.0, 60.0)  # Hz
 HARMONICS = 3
 FALSE_ALARM = 1e-5  # probability that noise alone shows a tone somewhere in a record
@@ -173,3 +175,21 @@ def outstanding(own: np.ndarray, around: Sequence[float] | np.ndarray) -> float:
     level = max(1.0, float(np.median(abs(np.asarray(around)) ** 2)) / (2 * np.log(2))) if len(around) else 1.0
     chi2 = float((abs(own) ** 2).sum()) / level
     return chi2 if stats.chi2.sf(chi2, 2 * own.size) < 1e-4 else 0.0
+
+
+def tone_lines(windows: LineWindows, frequency: float) -> np.ndarray:
+    """Lines (2, windows, WIDTH) of the cosine and the sine of a frequency (Hz) over a whole record, of amplitude 1."""
+    lines = windows.first + np.arange(windows.count * WIDTH)
+    found = transform_of_tone(lines, frequency * windows.samples / windows.sample_rate, windows.samples)
+    return found.reshape(2, windows.count, WIDTH)
+
+
+def transform_of_tone(lines: np.ndarray, at: float, samples: int) -> np.ndarray:
+    """Amplitudes (2, n) at lines of the cosine and the sine of a frequency in lines: geometric sums."""
+
+    def of(frequency: float) -> np.ndarray:
+        off = np.where(frequency == lines, 1e-9, frequency - lines)
+        return 2 / samples * np.expm1(2j * np.pi * off) / np.expm1(2j * np.pi * off / samples)
+
+    ahead, back = of(at), of(-at)
+    return np.array([(ahead + back) / 2, (ahead - back) / 2j])

@@ -24,7 +24,7 @@ ADC, DAC = 20 / 2**16 / 8000.0, 20 / 2**14  # m and A a count
 @dataclass(frozen=True)
 class Bench:
     """What of the bench differs from its data sheet: relative changes of gain and stiffness, a delay in s, and
-    the half width of a dead band before the amplifier, A."""
+    the half width of a dead band before the amplifier, A. The probe reads a tone of `tone` m at `tone_frequency` Hz."""
 
     gain: float = 0.0
     stiffness: float = 0.0
@@ -32,6 +32,8 @@ class Bench:
     band: float = 0.0
     noise: float = 1e-6  # of the probe, m rms
     current_noise: float = 2e-3  # A rms
+    tone: float = 0.0
+    tone_frequency: float = 61.7
 
 
 def excitation(kind: str, seconds: float, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
@@ -56,6 +58,7 @@ def record(bench: Bench, kind: str, seconds: float, seed: int) -> dict[str, np.n
     injection, reference = excitation(kind, seconds, rng)
     n = injection.size
     noise = bench.noise * rng.normal(size=n), bench.current_noise * rng.normal(size=n)
+    noise[0][:] += bench.tone * np.sin(2 * np.pi * bench.tone_frequency * np.arange(n) / RATE)
     h = 1e-9
 
     def slope(force, at):
