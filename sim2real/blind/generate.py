@@ -1,10 +1,6 @@
 """Sealed sets of campaigns: a plan of cases, each drawn and sized separately, and the labels in a separate file."""
 
-import hashlib
-import json
-import multiprocessing
 from collections.abc import Iterator
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
 from functools import partial
 from math import isnan
@@ -16,6 +12,7 @@ from sim2real.blind.excitation import FUNDAMENTAL, draw_drive, draw_grid
 from sim2real.blind.forms import Forms
 from sim2real.blind.menu import EFFECTS, KINDS, SPINNING, UNKNOWN, known_on
 from sim2real.blind.rigs import PID, RIGS
+from sim2real.blind.sealing import sealed
 from sim2real.blind.sizing import Sized, sized
 from sim2real.blind.threshold import Detector
 from sim2real.blind.twin import LoopFailed, Truth, simulate
@@ -206,13 +203,4 @@ def generate(
         raise ValueError(f"{folder} is not empty; name a new folder")
     if labels.exists():
         raise ValueError(f"{labels} exists; move it away or name another file")
-    produce, cases = partial(_produce, folder=folder, seed=seed, forms=forms), plan(count, seed)
-    if processes == 1:
-        found = [produce(case) for case in cases]
-    else:
-        # An executor reports the death of one of its processes; a pool would wait for ever.
-        with ProcessPoolExecutor(processes, mp_context=multiprocessing.get_context("spawn")) as pool:
-            found = list(pool.map(produce, cases))
-    text = json.dumps(found, indent=1) + "\n"
-    labels.write_text(text, encoding="utf-8")
-    return hashlib.sha256(text.encode()).hexdigest()
+    return sealed(partial(_produce, folder=folder, seed=seed, forms=forms), plan(count, seed), processes, labels)

@@ -81,7 +81,6 @@ def _of_signal(d: Drawn, f: Form, unit: str) -> str:
         outside, inside = 1 + f.slope / d.range, 1 + f.slope / d.range + f.size / knee
         if inside < NOTHING_PASSES * outside:
             return f"a symmetric dead band of {_size(abs(f.size), f.se, unit)} either way"
-        change = _share(f.size / knee, f.se / knee)
         if f.size < 0:
             lost = _size(-f.size, f.se, unit)
             return f"beyond {_knee(f, unit)} either way {lost} less passes, as behind a dead band that noise smooths"

@@ -1,10 +1,6 @@
 """Sealed sets of the benchmark: a plan of cases, each drawn and sized alone, and the labels in a separate file."""
 
-import hashlib
-import json
-import multiprocessing
 from collections.abc import Iterator
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
 from functools import partial
 from math import pi
@@ -20,6 +16,7 @@ from sim2real.blind.benchmark.oracle import rivals
 from sim2real.blind.benchmark.rigs import TURNS, BenchRig, draw_rig, log_uniform
 from sim2real.blind.benchmark.simulate import Controller, LoopFailed, Recording, Truth, simulate
 from sim2real.blind.benchmark.write import write_campaign
+from sim2real.blind.sealing import sealed
 
 SHARES = {"none": 1 / 6, "pair": 1 / 6, "unknown": 1 / 4}  # the other cases are single effects
 SIZES, PAIR_SIZES = (0.5, 100.0), (3.0, 100.0)  # multiples of the threshold, log-uniform
@@ -202,12 +199,4 @@ def generate(folder: Path, count: int, seed: int, processes: int, labels: Path) 
     Returns:
         SHA-256 of the label file.
     """
-    produce, cases = partial(_produce, folder=folder, seed=seed), plan(count, seed)
-    if processes == 1:
-        found = [produce(case) for case in cases]
-    else:
-        with ProcessPoolExecutor(processes, mp_context=multiprocessing.get_context("spawn")) as pool:
-            found = list(pool.map(produce, cases))
-    text = json.dumps(found, indent=1) + "\n"
-    labels.write_text(text, encoding="utf-8")
-    return hashlib.sha256(text.encode()).hexdigest()
+    return sealed(partial(_produce, folder=folder, seed=seed), plan(count, seed), processes, labels)
