@@ -26,6 +26,7 @@ SETTLED = 3e-5  # share of its initial size to which a transient must have decay
 RUNG_OUT = 6.5  # time constants after which the ringing of a mode is neglected
 LASTING = (0, 0.5, 1, 2, 3, 4, 6, 9, 12)  # periods: points whose modes ring about as long are simulated together
 MOST_TRANSIENT = 12  # periods
+AT_TICKS = 32  # integration steps of a control step where ticks jitter: they are moved by 1 % of it rms
 # Sensor noise smooths hard nonlinearities (dithering). These effects are simulated with the noise that the rig states,
 # averaged over DITHER_PERIODS, because the simulated noise is not that of the record. Limits are always smoothed;
 # hysteresis and friction are smoothed in some forms and not in others.
@@ -88,6 +89,11 @@ def unseen_by(record: Record | OpenRecord) -> frozenset[str]:
     return record.upstream if isinstance(record, OpenRecord) else frozenset()
 
 
+def substeps_of(record: Record | OpenRecord) -> int:
+    """Least number of integration steps per control sample that a record needs."""
+    return AT_TICKS if isinstance(record, OpenRecord) and record.instants is not None else 1
+
+
 def lanes_of(record: Record | OpenRecord, points: Sequence[Point], dithered: bool = False) -> list[Block]:
     """Prepared lanes of a record at every point; dithered lanes have the noise that the rig states."""
     e = record.experiment
@@ -101,7 +107,7 @@ def lanes_of(record: Record | OpenRecord, points: Sequence[Point], dithered: boo
         every = {**e.rig.effects, **p.effects}
         seen = {name: values for name, values in every.items() if name not in unseen}
         found.append(experiment_at(e, Point(seen, p.changes), made))
-    return prepared(found)
+    return prepared(found, substeps_of(record))
 
 
 @dataclass(frozen=True)
@@ -129,17 +135,21 @@ class Predictor:
         """Key of the records that may share prepared lanes."""
         e = self.record.experiment
         kind = controller_kind(e.gains, 1 / e.rig.control_rate)
-        return kind, e.speed_rpm, e.rig.mass, e.rig.control_rate, e.rig.amplifier_time_constant, unseen_by(self.record)
+        of_rig = e.rig.mass, e.rig.control_rate, e.rig.amplifier_time_constant
+        return kind, e.speed_rpm, *of_rig, unseen_by(self.record), substeps_of(self.record)
 
     @property
     def schedule(self) -> tuple:
         """Key of the records whose lanes may run in one block."""
         e = self.record.experiment
-        return () if self.replay is not None else (e.samples_per_period, e.recorded_rate)
+        if self.replay is not None:
+            return () if self.replay.record.instants is None else (self.record.name,)
+        return e.samples_per_period, e.recorded_rate
 
     @cached_property
     def drive(self) -> Drive:
-        return Drive(self.record.experiment, self.record.waves)
+        own = self.record
+        return own.drive if isinstance(own, OpenRecord) else Drive(own.experiment, own.waves)
 
     def at(self, lines: np.ndarray) -> "Predictor":
         """Of these lines of a record with periods alone."""

@@ -38,14 +38,15 @@ _MAKING = Lock()  # threads that need a new kernel at the same time make it once
 def kernel(structure: Structure) -> Callable[..., int]:
     """The compiled stepper of a structure, shared by all structures that differ only in what is read at run time.
 
-    Called as step(block, seeds, history, first_step, timing, switches, force, injection, reference, tile, out), all
-    arrays flat, axis after axis. It advances the block over the control samples of the waveforms.
+    Called as step(block, seeds, history, first_step, timing, switches, spans, force, injection, reference, tile, out),
+    all arrays flat, axis after axis. It advances the block over the control samples of the waveforms.
 
     Args of the stepper:
         timing: of self-sensors, (4,): timing[0] current samples last as long as timing[1] substeps, and timing[2] of
             them as long as timing[3] PWM periods.
         switches: see `Structure.switches`: converters, noise and controller; number of channels that are written;
             substeps per control sample; whether a sample is written for every substep; number of waves.
+        spans: substeps of every control sample, of a controller whose ticks jitter; empty: all have the same number.
         force, injection, reference: N, A, m at every control sample, wave after wave.
         tile: scratch of TILE samples of all channels.
         out: filled, (axes, outputs, LANES, samples).
@@ -71,7 +72,7 @@ def _kernel(structure: Structure) -> Callable[..., int]:
     own_waves, load_waves = structure.own_waves, waves_piece(structure)
     sensors_begin, sensors_follow = sensing_pieces(structure)
 
-    def step(x, seeds, history, first_step, timing, switches, force, injection, reference, tile, out):
+    def step(x, seeds, history, first_step, timing, switches, spans, force, injection, reference, tile, out):
         if sources == 0:
             return 0
         noisy, outputs, substeps, oversampled = switches[0] != 0, switches[1], switches[2], switches[3] != 0
@@ -85,14 +86,15 @@ def _kernel(structure: Structure) -> Callable[..., int]:
             now = np.int64(first_step + t)
             if own_waves:
                 load_waves(x, force, injection, reference, samples, t, same)
-            for s in range(substeps):
+            last = spans[t] if spans.size > 0 else substeps
+            for s in range(last):
                 n = t * substeps + s if oversampled else t
                 reading = s == 0 or oversampled
                 # Readings between control samples take noise from counts 2^40 apart, so that the noise at control
                 # samples is the same at every recorded rate.
                 count = np.uint64(now + 1 + (np.int64(s) << 40))
                 if delayed and substeps > 1:
-                    load_substep(x, kept, s)
+                    load_substep(x, kept, min(s, substeps - 1))
                 if coupled and reading:
                     mix(x)
                 o = (n % TILE) * axes * channels * W
@@ -117,7 +119,7 @@ def _kernel(structure: Structure) -> Callable[..., int]:
                 move(x, force[t], force[samples + t] if planar else 0.0)
                 if sensing:
                     sensors_follow(x, seeds, now * substeps + s, timing)
-                if n % TILE == TILE - 1 and (oversampled or s == substeps - 1):
+                if n % TILE == TILE - 1 and (oversampled or s == last - 1):
                     for a in range(axes):
                         for c in range(outputs * W):
                             to = (a * outputs * W + c) * written + n - (TILE - 1)

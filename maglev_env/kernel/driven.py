@@ -12,7 +12,7 @@ import numpy as np
 from maglev_env.experiment import Experiment
 from maglev_env.kernel.controllers import with_controllers
 from maglev_env.kernel.layout import WAVE
-from maglev_env.kernel.simulate import Block
+from maglev_env.kernel.simulate import REGULAR, Block
 from maglev_lanes.layout import LANES, row
 
 
@@ -25,10 +25,12 @@ class Drive:
             except for effects.
         waves: (axes, samples) of "force" (N), "current" (A, added to the command) and "reference" (m), at the control
             rate.
+        instants: (samples,), when each control sample is, in control steps; None: one step after another.
     """
 
     experiment: Experiment
     waves: Mapping[str, np.ndarray]
+    instants: np.ndarray | None = None
 
     @cached_property
     def stacked(self) -> np.ndarray:
@@ -38,6 +40,16 @@ class Drive:
     @property
     def samples(self) -> int:
         return self.stacked.shape[-1]
+
+    def spans(self, substeps: int) -> np.ndarray:
+        """Integration steps (samples,) of every control sample, with `substeps` in a control step; empty: all alike.
+
+        A tick is moved to the nearest integration step.
+        """
+        if self.instants is None:
+            return REGULAR
+        edges = np.rint((self.instants - self.instants[0]) * substeps).astype(np.int64)
+        return np.diff(edges, append=edges[-1] + substeps)
 
 
 @dataclass(frozen=True)
@@ -64,7 +76,7 @@ def driven(lanes: Sequence[Block], drives: Sequence[Drive]) -> list[Driven]:
 
     Args:
         lanes: see `simulate.prepared`.
-        drives: of the same controller kind, rates and axes.
+        drives: of the same controller kind, rates, axes and instants.
     """
     groups: dict[tuple, list[Block]] = {}
     for b in lanes:

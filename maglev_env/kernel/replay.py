@@ -20,7 +20,7 @@ def replayed(lanes: Sequence[Block], drives: Sequence[Drive], threads: int | Non
 
     Args:
         lanes: see `simulate.prepared`.
-        drives: recordings of any length.
+        drives: recordings of any length; one whose ticks have instants of their own is alone.
         threads: None for all cores.
 
     Returns:
@@ -48,13 +48,16 @@ def look_at_replays(lanes: Sequence[Block], drives: Sequence[Drive], look: Look,
         block, state = own.block, State(own.block)
         outputs = len(block.batch.structure.channels)
         series = np.full((len(own.member), 3, axes, longest), np.nan)
-        for i, out in enumerate(stretches(block, state, schedule, outputs, waves=len(drives))):
+        spans = drives[0].spans(block.substeps)
+        for i, out in enumerate(stretches(block, state, schedule, outputs, waves=len(drives), spans=spans)):
             stretch = slice(i * STRETCH, min((i + 1) * STRETCH, longest))
             # A shorter last stretch fills the start of the same buffer.
             filled = (axes, outputs, LANES, stretch.stop - stretch.start)
             kept = out.reshape(-1)[: np.prod(filled)].reshape(filled)[:, [0, outputs - 1, 1], : len(own.member)]
             series[..., stretch] = kept.transpose(2, 1, 0, 3)
-        lasted = np.where(state.alive(), np.inf, state.rows[row(STEPS)] / block.substeps)
+        steps = state.rows[row(STEPS)]
+        stood = np.searchsorted(np.cumsum(spans), steps, "right") if spans.size else steps / block.substeps
+        lasted = np.where(state.alive(), np.inf, stood)
         for lane, (d, member) in enumerate(zip(own.drive, own.member, strict=True)):
             one = series[lane, ..., : drives[d].samples]
             if lasted[lane] < drives[d].samples:

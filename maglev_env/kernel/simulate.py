@@ -25,6 +25,7 @@ from maglev_lanes.layout import LANES, row
 from maglev_lanes.noise import line_noise, series_noise
 from maglev_lanes.threads import over_threads
 
+REGULAR = np.empty(0, np.int64)  # no ticks of their own
 MOST_TURN = 0.1  # rad; the error of a step is then below 1e-6 of the motion
 
 
@@ -170,11 +171,15 @@ def simulate_records(experiments: Sequence[Experiment], substeps: int = 1, threa
     return records.reshape(len(experiments), len(names) * axes, -1)
 
 
-def prepared(experiments: Sequence[Experiment]) -> list[Block]:
+def prepared(experiments: Sequence[Experiment], substeps: int = 1) -> list[Block]:
     """Lanes for `steady_spectra` and `replayed`: the constants of experiments that do not depend on gains, excitations
     and offset. As many as possible share blocks.
+
+    Args:
+        experiments: of one rig.
+        substeps: least number of integration steps per control sample.
     """
-    return _blocks(experiments, _enough_substeps(experiments[0]), joint=True)
+    return _blocks(experiments, max(substeps, _enough_substeps(experiments[0])), joint=True)
 
 
 def _enough_substeps(e: Experiment) -> int:
@@ -282,6 +287,7 @@ def stretches(
     oversampled: bool = False,
     silent: int = 0,
     waves: int = 1,
+    spans: np.ndarray = REGULAR,
 ) -> Iterator[np.ndarray]:
     """Output (axes, outputs, LANES, samples) of each stretch of a schedule; the buffer is reused. Ends when all have
     touched down.
@@ -294,6 +300,7 @@ def stretches(
         oversampled: whether every substep is written.
         silent: number of stretches at the beginning whose output is not wanted; they yield nothing.
         waves: number of waves from which the lanes choose.
+        spans: integration steps of every control sample of the schedule; by default all have `Block.substeps`.
     """
     axes, structure = state.axes, block.batch.structure
     step = kernel(structure)
@@ -305,7 +312,8 @@ def stretches(
     kernel_seeds = np.ascontiguousarray(state.seeds[:, NOISY.index("displacement")]).reshape(-1)
     for i, driven in enumerate(schedule):
         clocks = state.step, state.timing, quiet if i < silent else loud
-        done = step(state.rows.reshape(-1), kernel_seeds, state.history, *clocks, *driven, tile, out.reshape(-1))
+        own = spans[state.step : state.step + driven[0].size // (axes * waves)]
+        done = step(state.rows.reshape(-1), kernel_seeds, state.history, *clocks, own, *driven, tile, out.reshape(-1))
         state.step += done
         if i >= silent:
             yield out

@@ -6,7 +6,6 @@ from functools import cached_property
 
 import numpy as np
 
-from maglev_env.kernel.driven import Drive
 from maglev_env.kernel.replay import replayed
 from maglev_env.loop.effect import EFFECTS, meaningful
 from maglev_env.loop.free.element import LINE, PLAYS, RELAXATIONS
@@ -96,7 +95,7 @@ def sizes_of(problem: Problem, point: Point) -> Sizes | None:
 
 def _sizes(part: Part, point: Point) -> dict[str, float] | None:
     e = part.record.experiment
-    (series,) = replayed(part.predictor.lanes([point]), [Drive(e, part.record.waves)])
+    (series,) = replayed(part.predictor.lanes([point]), [part.predictor.drive])
     displacement, current, command = series[0][..., int(SETTLING * series.shape[-1]) :]
     if not np.isfinite(displacement).all():
         return None

@@ -7,7 +7,6 @@ import numpy as np
 import scipy.fft
 
 from estimation.line_windows import KEPT, WIDTH
-from maglev_env.kernel.driven import Drive
 from maglev_env.kernel.replay import look_at_replays, replayed
 from maglev_env.kernel.simulate import Block
 from sim2real.recorded.channel_errors import ChannelError
@@ -28,7 +27,7 @@ def opened_of(loop: Loop) -> Opened:
 def simulated_series(record: OpenRecord, lanes: list[Block]) -> np.ndarray:
     """Displacement, current and command (n, 3, axes, samples) of prepared lanes at the recorded samples; nan where they
     touch down."""
-    (found,) = replayed(lanes, [Drive(record.experiment, record.waves)])
+    (found,) = replayed(lanes, [record.drive])
     return found[..., :: record.every]
 
 
@@ -51,7 +50,7 @@ def coordinates_of_lanes(replays: Sequence[Replay], lanes: list[Block]) -> list[
         own = replays[which]
         found[which][lane] = coordinates_of(own.record, own.loop, own.outputs, series[..., :: own.record.every])
 
-    look_at_replays(lanes, [Drive(own.record.experiment, own.record.waves) for own in replays], look)
+    look_at_replays(lanes, [own.record.drive for own in replays], look)
     return found
 
 

@@ -3,10 +3,42 @@
 from dataclasses import dataclass
 
 import numpy as np
+import scipy.fft
 
+from sim2real.recorded.along_motion import AlongMotion
 from sim2real.recorded.nominal import nominal_blocks, outputs_of
 from sim2real.recorded.open_record import OpenRecord
 from sim2real.recorded.opened import Opened
+
+ROUNDS = 2  # in which the motion by a force follows from the force, and the force from the motion
+
+
+@dataclass(frozen=True)
+class Bent:
+    """The linear nominal plant at every line of a record, with what the magnets have more along its motion.
+
+    Args:
+        along: what they have more.
+        plant: (axes, samples // 2 + 1), m/A.
+        receptance: of the opened loop, for a force that is held over a control step, in the same shape, m/N.
+    """
+
+    along: AlongMotion
+    plant: np.ndarray
+    receptance: np.ndarray
+
+    def motion(self, command: np.ndarray) -> np.ndarray:
+        """Reading (..., axes, samples) beyond that of the linear plant under a command of the same shape, m."""
+        n = command.shape[-1]
+        by_current, along = self.along.driven(command), self.along
+        linear = scipy.fft.irfft(self.plant * scipy.fft.rfft(command, axis=-1), n, axis=-1)
+        more = np.zeros_like(linear)
+        for _ in range(ROUNDS):
+            x = linear + more
+            middle = (x + np.concatenate([x[..., 1:], x[..., -1:]], axis=-1)) / 2
+            lacks = by_current - along.stiffness * middle
+            more = np.asarray(scipy.fft.irfft(self.receptance * scipy.fft.rfft(lacks, axis=-1), n, axis=-1))
+        return more
 
 
 @dataclass(frozen=True)
@@ -16,10 +48,12 @@ class Loop:
     Args:
         blocks: responses (axes, windows * WIDTH), see `Opened`.
         shape: windows, WIDTH.
+        bent: the magnets along the motion; None: as at rest.
     """
 
     blocks: Opened
     shape: tuple[int, int]
+    bent: Bent | None = None
 
     def opened(
         self, record: OpenRecord, displacement: np.ndarray, command: np.ndarray, current: np.ndarray | None
@@ -32,6 +66,9 @@ class Loop:
         plant, amplifier = (v.reshape(-1, *self.shape) for v in (self.blocks.plant, self.blocks.amplifier))
         u = record.spectrum(command)
         found = [record.spectrum(displacement) - plant * u]
+        if self.bent is not None:
+            own = command[..., record.first : record.first + record.windows.samples]
+            found[0] -= record.windows.spectrum(self.bent.motion(own))
         if current is not None:
             found.append(record.spectrum(current) - amplifier * u)
         return np.stack(found, axis=-4)
@@ -41,4 +78,15 @@ def nominal_loop(record: OpenRecord) -> Loop:
     """The linear nominal loop under a record's gains."""
     frequency, outputs = record.windows.frequency, outputs_of("current" in record.series, record.experiment)
     blocks = nominal_blocks(record.experiment, frequency.ravel(), "amplifier" in outputs)
-    return Loop(Opened(*blocks, outputs), frequency.shape)
+    return Loop(Opened(*blocks, outputs), frequency.shape, _bent(record))
+
+
+def _bent(record: OpenRecord) -> Bent | None:
+    if record.along is None:
+        return None
+    w = record.windows
+    frequency = np.fft.rfftfreq(w.samples, 1 / w.sample_rate)
+    frequency[0] = frequency[1] / 1000  # an integral has no response to what never changes
+    blocks = Opened(*nominal_blocks(record.experiment, frequency, False), ("plant",))
+    held = np.mean(np.exp(-2j * np.pi * np.outer(frequency / w.sample_rate, np.arange(record.every) / record.every)), 1)
+    return Bent(record.along, blocks.plant, blocks.receptance * held)

@@ -16,6 +16,7 @@ from maglev_env.recordings.derived import coil_current
 from maglev_env.recordings.left_out import TellsNothing
 from maglev_env.recordings.masking import bridged, masked_samples
 from maglev_env.rig.rig import Rig, axis_rig
+from sim2real.recorded.along_motion import along_motion
 from sim2real.recorded.channel_errors import ChannelError, channel_errors
 from sim2real.recorded.drive import NEAREST, Drive, drive_of
 from sim2real.recorded.fed_back import fed_back
@@ -29,7 +30,7 @@ from sim2real.recorded.ticks import ticks_of
 if TYPE_CHECKING:
     import xarray as xr
 
-AT_TICKS = "the controller is computed at its own jittered ticks, and what drove the loop is resampled"
+AT_TICKS = "the loop is simulated at the recorded, jittered ticks of its controller"
 NOT_AT_TICKS = (
     "the stated controller is not used: the recording is resampled, and what it read at its own ticks is not known "
     "(missing or double samples, a channel with a filter or delay, or another rate)"
@@ -89,15 +90,12 @@ def open_record(campaign: Campaign, spec: RecordingSpec, dataset: "xr.Dataset") 
                 drive = drive_of(rig, spec, channels, known=False)
                 drive = replace(drive, notes=(NOT_AT_TICKS, *drive.notes))
             else:
-                channels["injection"] = ticks.injection(0)
-                drive = replace(drive, source=None, notes=(*drive.notes, AT_TICKS))
+                channels = dict(ticks.channels)
+                drive = replace(drive, notes=(*drive.notes, AT_TICKS))
         channels = {kind: values[:, :: drive.multiple] for kind, values in channels.items()}
-        source = "command" if ticks is not None else drive.source
-        balance = 0.0
+        source = drive.source
         if source is not None and can_rest(rig):
-            balance = balancing(rig, channels[source], channels["displacement"])
-            for kind in (source, "injection") if ticks is not None else (source,):
-                channels[kind] = channels[kind] + balance
+            channels[source] = channels[source] + balancing(rig, channels[source], channels["displacement"])
         waves = drive.driving(channels).waves
         known = np.concatenate([w[:, :: drive.every] for w in waves.values()])
         if not np.ptp(known, axis=1).any():
@@ -107,8 +105,6 @@ def open_record(campaign: Campaign, spec: RecordingSpec, dataset: "xr.Dataset") 
             )
         rate, among = spec.sample_rate / drive.multiple, len(campaign.recordings)
         stretch = compared(drive.experiment, rate, known, channels["displacement"], among)
-        if ticks is not None and stretch.samples.start:
-            channels["injection"][:, stretch.samples.start :] = ticks.injection(stretch.samples.start) + balance
     except TellsNothing:
         raise  # whoever reads all recordings names the file
     except ValueError as error:
@@ -117,6 +113,8 @@ def open_record(campaign: Campaign, spec: RecordingSpec, dataset: "xr.Dataset") 
     lead = stretch.settling if drive.stand_in else 0
     channels = {kind: _led_in(values[:, stretch.samples], lead) for kind, values in channels.items()}
     driving = drive.driving(channels)
+    along = along_motion(drive.experiment, channels, source, drive.held, drive.every)
+    looked = slice(stretch.settling + lead, stretch.settling + lead + stretch.windows.samples)
     shown = ("displacement",) if drive.source == "current" else ("displacement", "current")
     record = OpenRecord(
         spec.file,
@@ -134,6 +132,8 @@ def open_record(campaign: Campaign, spec: RecordingSpec, dataset: "xr.Dataset") 
         channel_errors(spec),
         source,
         rests_of(rig, spec, dataset),
+        along=along and along.at(looked),
+        instants=None if ticks is None else ticks.instants[stretch.samples],
         notes=(*notes, *drive.notes, *stretch.notes),
     )
     if not drive.stand_in or drive.source is None:

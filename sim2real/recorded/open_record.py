@@ -17,9 +17,11 @@ import scipy.fft
 
 from estimation.line_windows import KEPT, POOLED, WIDTH, LineWindows
 from maglev_env.experiment import Experiment
+from maglev_env.kernel.driven import Drive
 from maglev_env.linear.loop import closed_loop_poles
 from maglev_env.recordings.left_out import TellsNothing
 from maglev_env.rig.rig import Rig
+from sim2real.recorded.along_motion import AlongMotion
 from sim2real.recorded.channel_errors import ChannelError
 from sim2real.recorded.static_evidence import Rests
 from sim2real.recorded.tones import Tone
@@ -62,6 +64,8 @@ class OpenRecord:
             None: in all directions.
         tones: sinusoids that nothing which drives the record explains; their amplitude "opened" (axes,) is that of the
             opened displacement, m.
+        along: what gain and stiffness of the magnets differ along its motion, over what is compared; None: nothing.
+        instants: (samples,), of its samples in control steps; None: one step after another.
         notes: what was assumed.
     """
 
@@ -85,6 +89,8 @@ class OpenRecord:
     told: np.ndarray | None = None
     instrument: np.ndarray | None = None
     tones: tuple[Tone, ...] = ()
+    along: AlongMotion | None = None
+    instants: np.ndarray | None = None
     notes: tuple[str, ...] = ()
 
     dropped = 0
@@ -133,6 +139,11 @@ class OpenRecord:
     def driving(self, place: str) -> np.ndarray:
         """Coordinates (axes, n) of what drives the rig at "force" (N), "current" (A) or "reference" (m)."""
         return self.coordinates(self.waves[place][:, :: self.every])
+
+    @property
+    def drive(self) -> Drive:
+        """What its simulation runs under."""
+        return Drive(self.experiment, self.waves, self.instants)
 
     @property
     def drives(self) -> np.ndarray:

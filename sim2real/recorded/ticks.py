@@ -1,6 +1,7 @@
-"""What was added to the command of a loop whose time stamps jitter, from its own samples.
+"""A recording whose time stamps jitter, at the ticks of its controller.
 
-The controller ran at its own ticks: what it makes of readings that were resampled is not what it made of them.
+What a controller makes of readings that were resampled is not what it made of them, and the rotor moved for as long as
+each tick lasted. Simulated at the same ticks, both are exact.
 """
 
 from collections.abc import Mapping, Sequence
@@ -9,11 +10,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from maglev_env.channels import MEASURED
 from maglev_env.loop.axes import suffixes
-from maglev_env.loop.gains import Controllers, of_axis, reads_current
-from maglev_env.recordings.time_stamps import at_steps
+from maglev_env.loop.gains import Controllers, reads_current
+from maglev_env.recordings.masking import bridged, masked_samples
 from maglev_env.rig.excitation import Excitation
-from sim2real.recorded.controller_output import recovered_injection
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -27,26 +28,11 @@ class Ticks:
 
     Args:
         instants: of the ticks, (ticks,), in control steps.
-        channels: command, displacement and, where recorded, reference and current -> (axes, ticks).
-        gains: the controller.
-        dt: control step, s.
+        channels: channel -> (axes, ticks), with masked samples bridged.
     """
 
     instants: np.ndarray
     channels: Mapping[str, np.ndarray]
-    gains: Controllers
-    dt: float
-
-    def injection(self, start: int) -> np.ndarray:
-        """What was added to the command, (axes, steps from `start` on), A; the controller rests at that step."""
-        first = int(np.searchsorted(self.instants, start - 0.5))
-        # The ticks count from the step at which they begin, so that none of these steps lies before them.
-        instants = np.maximum(self.instants[first:] - start, 0.0)
-        found = []
-        for axis in range(len(self.channels["command"])):
-            own = {name: values[axis, first:] for name, values in self.channels.items()}
-            found.append(at_steps(instants, recovered_injection(of_axis(self.gains, axis), dt=self.dt, **own)))
-        return np.array(found)
 
 
 def jitters(
@@ -78,23 +64,30 @@ def jitters(
     return bool(2 * np.pi * top / rate * off.std() > TURNED)
 
 
-def ticks_of(dataset: "xr.Dataset", gains: Controllers, axes: int, rate: float) -> Ticks | None:
-    """The ticks of a resampled recording; None where they were not read, or not all that the controller saw.
+def ticks_of(dataset: "xr.Dataset", gains: Controllers | None, axes: int, rate: float) -> Ticks | None:
+    """The ticks of a resampled recording; None where they were not read, or not all that moved the rotor.
 
     Args:
         dataset: as `read_recording` makes it.
-        gains: the controller.
+        gains: the controller; None: another stands in for it.
         axes: of the rig.
         rate: control rate, Hz.
     """
-    channels = {
-        kind: np.array([dataset[f"tick_{kind}{s}"].values for s in suffixes(axes)])
-        for kind in ("command", "displacement", "reference", "current")
-        if all(f"tick_{kind}{s}" in dataset.coords for s in suffixes(axes))
+    own = {
+        kind: [f"tick_{kind}{s}" for s in suffixes(axes)]
+        for kind in (*MEASURED, "injection", "reference")
+        if all(f"{kind}{s}" in dataset.data_vars for s in suffixes(axes))
     }
-    wanted = {"command", "displacement"} | ({"current"} if reads_current(gains, 1 / rate) else set())
-    wanted |= {"reference"} if any(str(name).startswith("reference") for name in dataset.data_vars) else set()
-    if not wanted <= channels.keys():
+    at_ticks = {kind for kind, names in own.items() if all(name in dataset.coords for name in names)}
+    needed = {"command", "displacement"} | ({"force", "reference"} & own.keys())
+    if gains is not None and reads_current(gains, 1 / rate):
+        needed.add("current")
+    if not needed <= at_ticks:
         return None
-    kept = {kind: values for kind, values in channels.items() if kind in wanted}
-    return Ticks(dataset["tick_time"].values * rate, kept, gains, 1 / rate)
+    instants = dataset["tick_time"].values * rate
+    steps = masked_samples(dataset)
+    masked = steps[np.minimum(np.rint(instants).astype(int), steps.size - 1)]
+    channels = {
+        kind: np.array([bridged(dataset[name].values, masked) for name in own[kind]]) for kind in sorted(at_ticks)
+    }
+    return Ticks(instants, channels)

@@ -14,46 +14,15 @@ from maglev_env.loop.gains import Gains, as_table
 from maglev_env.recordings.campaign import load_campaign
 from maglev_env.recordings.campaign_writer import toml_value
 from maglev_env.recordings.recording import read_recording
-from maglev_env.recordings.time_stamps import at_steps
 from maglev_env.rig.rig import rig_from_toml
 from sim2real.problem import assemble
 from sim2real.recorded import records
-from sim2real.recorded.controller_output import recovered_injection
 from sim2real.recorded.open_reading import AT_TICKS, NOT_AT_TICKS, open_record
 from sim2real.recorded.open_record import OpenRecord
-from sim2real.recorded.ticks import Ticks
 from sim2real.simulated import Point
 
 RATE, N = 1000.0, 4000
 GAINS = Gains(2000.0, 5000.0, 10.0)
-
-
-def own_output(gains, reading, dt):
-    """The PID's recursion, written again."""
-    lag = leak = 0.0
-    out = []
-    for e in -reading:
-        out.append(gains.kp * e + gains.kd * (e - lag) / gains.td + gains.ki * leak)
-        lag, leak = e + (lag - e) * np.exp(-dt / gains.td), e + (leak - e) * np.exp(-dt / gains.ti)
-    return np.array(out)
-
-
-@pytest.mark.parametrize("start", [0, 1500])
-def test_the_injection_between_jittered_ticks_is_the_one_that_was_added(start):
-    rng = np.random.default_rng(3)
-    ticks = np.arange(N) + rng.uniform(-0.25, 0.25, N)
-    ticks[0] = 0.0
-    added = lambda t: 0.3 * np.sin(2 * np.pi * 0.01 * t)  # noqa: E731
-    reading = 1e-6 * rng.standard_normal(N)
-    command = own_output(GAINS, reading, 1 / RATE) + added(ticks)
-    channels = {"command": command[None], "displacement": reading[None]}
-    found = Ticks(ticks, channels, GAINS, 1 / RATE).injection(start)[0]
-    steps = np.arange(start, start + found.size)
-    assert steps[-1] == int(ticks[-1])
-    late = 1000 if start else 0  # the controller rests at `start`, so its state there is part of the injection
-    assert np.abs(found - added(steps))[late:].max() < 1e-3
-    u, y = at_steps(ticks, command), at_steps(ticks, reading)
-    assert np.abs(recovered_injection(GAINS, u, y, 1 / RATE) - added(np.arange(u.size))).max() > 5e-3
 
 
 @pytest.mark.parametrize(
