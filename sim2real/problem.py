@@ -11,6 +11,7 @@ from maglev_env.loop.gains import NO_CONTROLLER
 from maglev_lanes.threads import single_blas
 from sim2real.open_tones import nuisance_columns
 from sim2real.recorded.channel_errors import changes
+from sim2real.recorded.law_shape import law_shapes, shape_columns
 from sim2real.recorded.nuisances import Nuisances, stacked
 from sim2real.recorded.open_evidence import (
     SMALL,
@@ -224,6 +225,10 @@ def _evidence(record: Record | OpenRecord, near: Point | None) -> _Evidence:
                 moved, loop, opened.outputs, series
             )
             nuisances[error.name] = np.where(np.isfinite(series).all(), change / SMALL, 0.0)
+    if record.along is not None and np.isfinite(predicted).all():
+        shapes = law_shapes(record.nominal, near or Point({}, {}))
+        at, *moved = predicts([near or Point({}, {}), *shapes.values()])
+        nuisances |= shape_columns(at, dict(zip(shapes, moved, strict=True)))
     for tone in record.tones:
         nuisances |= nuisance_columns(record, tone, opened.outputs)
     if record.bias is not None:
