@@ -37,7 +37,9 @@ UNITS = {
     "delay": "s",
 }
 MOST_STEPS = 20
-UNBOUNDED = 0.5  # relative standard error from which the recordings do not bound a coefficient
+UNBOUNDED = (
+    0.25  # relative standard error from which a likelihood is no parabola, and an interval by its curvature wrong
+)
 CLEAR = 3.0  # standard errors, for one coefficient alone, from which a recording disagrees with all of them
 SURELY = 2.0  # standard errors above the nominal damping from which an identified one counts as damping
 SIGNIFICANT = 3.0  # standard deviations of the misfit under noise alone
@@ -304,6 +306,9 @@ def _coefficients(rig: Rig, problem: Problem, fit: Fit, others: Sequence[Fit]) -
             se = float(np.sqrt(max(se**2 + mixed, 0.0)))
         ended = c.value(float(u)) in (c.low, c.high) and c.low < 0
         found.append(Coefficient(c.effect, UNITS[c.effect], value, se, nominal, bounded, ended))
+    if any(c.name == "actuator_gain" and not c.bounded for c in found):
+        # Of a force of unknown size nobody can say how late it comes.
+        found = [replace(c, bounded=False) if c.name == "delay" else c for c in found]
     return tuple(found)
 
 

@@ -41,6 +41,7 @@ NOT_AT_TICKS = (
 # with the images of a held command). Up to TOP of the sample rate these leave 0.3 % of it.
 UNTOLD, UNTOLD_ALONG = 12**-0.5, 1.0
 SHAPED = {2: 1.0, 3: 0.1, 4: 0.03}
+STRAIGHT = {2: 1 / 12}  # without an instrument: what a straight line lacks of a bent current between two samples
 TOP = 0.2
 BALANCED = 1e-4  # of the bias current: step of its slope in the search for what carries the weight
 NEWTON = 5  # steps of that search; the pull is linear or quadratic in the current
@@ -229,7 +230,8 @@ def _untold(spec: RecordingSpec, drive: Drive, exact: bool) -> list[ChannelError
             found.append(ChannelError(f"time between {driving} and displacement", drive.source, axis, delay=late))
         if drive.source == "current" and not any(source.scale_tolerance for source in stated):
             found.append(ChannelError(f"scale of {driving}", drive.source, axis, scale=METERED))
-        for order, size in SHAPED.items() if exact and not drive.held else ():
+        shaped = {} if drive.held else SHAPED if exact else STRAIGHT
+        for order, size in shaped.items():
             name = f"{driving} between its samples (order {order})"
             found.append(ChannelError(name, drive.source, axis, shape=size * step**order, order=order))
     return found
