@@ -1,5 +1,6 @@
 """A ball below its coil, by Runge-Kutta steps, under a controller run as a program, with noise in what it reads."""
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -7,6 +8,9 @@ from textbook_controllers import by_hand
 
 from maglev_env.rig.rig import rig_from_toml
 
+DOCS = Path(__file__).parents[2] / "docs" / "controllers.md"
+# The rig of the example in the documentation.
+BALL = next(t for t in re.findall(r"```toml\n(.*?)```", DOCS.read_text("utf-8"), re.S) if "ball under PID" in t)
 STEPS = 10  # integration steps in a control step
 MU_0 = 4e-7 * np.pi
 

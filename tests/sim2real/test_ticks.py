@@ -1,16 +1,20 @@
-"""The injection of a loop with jittered ticks, against the one that was added."""
+"""Recordings whose ticks jitter: read, driven and simulated at those ticks."""
 
-import re
 from dataclasses import replace
-from pathlib import Path
 
 import ball_bench
 import bench_loop
 import numpy as np
 import pytest
+from ball_bench import BALL
 from bench_loop import Bench, write_campaign
 
-from maglev_env.loop.gains import Gains, as_table
+from maglev_env.experiment import Experiment
+from maglev_env.kernel.driven import Drive
+from maglev_env.kernel.replay import replayed
+from maglev_env.kernel.simulate import prepared
+from maglev_env.linear.loop import without_noise
+from maglev_env.loop.gains import as_table
 from maglev_env.recordings.campaign import load_campaign
 from maglev_env.recordings.campaign_writer import toml_value
 from maglev_env.recordings.recording import read_recording
@@ -20,9 +24,6 @@ from sim2real.recorded import records
 from sim2real.recorded.open_reading import AT_TICKS, NOT_AT_TICKS, open_record
 from sim2real.recorded.open_record import OpenRecord
 from sim2real.simulated import Point
-
-RATE, N = 1000.0, 4000
-GAINS = Gains(2000.0, 5000.0, 10.0)
 
 
 @pytest.mark.parametrize(
@@ -41,10 +42,6 @@ def test_a_jittered_recording_says_how_its_controller_is_used(tmp_path, line, no
     assert dataset.attrs["resampled"] and ("tick_displacement" in dataset.coords) == (not line)
     record = open_record(campaign, campaign.recordings[0], dataset)
     assert note in record.notes and record.source == source
-
-
-DOCS = Path(__file__).parents[2] / "docs" / "controllers.md"
-BALL = next(t for t in re.findall(r"```toml\n(.*?)```", DOCS.read_text("utf-8"), re.S) if "ball under PID" in t)
 
 
 def test_a_constant_of_the_command_of_a_jittered_suspended_ball_is_not_part_of_what_drives_it(tmp_path):
@@ -96,3 +93,25 @@ def test_a_jittered_recording_with_a_period_is_compared_at_its_own_ticks(tmp_pat
         patch.setattr(records, "jitters", lambda *_: False)
         resampled, _, poorer = told()
     assert not isinstance(resampled, OpenRecord) and cost > 3 * poorer > 0, "what resampling does counts as noise"
+
+
+def test_a_loop_is_simulated_at_its_own_ticks_as_by_another_integrator():
+    """Under regular ticks it is ten times further off."""
+    rig = rig_from_toml(BALL, "docs")
+    gains = replace(rig.gains, limit=None)
+    rig = replace(rig, gains=gains)
+    n, rng = 1500, np.random.default_rng(11)
+    late = np.concatenate([[0.0], rng.uniform(-0.2, 0.2, n)])
+    injection = np.repeat(0.03 * rng.standard_normal(n // 10), 10)
+    run = ball_bench.record(rig, n / 1000, 4, injection, noise=(0.0, 0.0), lasts=1 + np.diff(late))
+    e = without_noise(Experiment(rig, gains, ()))
+    waves = {"force": np.zeros((1, n)), "current": injection[None], "reference": np.zeros((1, n))}
+    lanes = prepared([e], 64)
+    off = []
+    for instants in (np.arange(n) + late[:-1], None):
+        (found,) = replayed(lanes, [Drive(e, waves, instants)])
+        off.append(np.abs(found[0, 0, 0] - run["displacement"]).max() / np.abs(run["displacement"]).max())
+
+    assert 10 * off[0] < off[1] > 0.02
+    regular = replayed(lanes, [Drive(e, waves, np.arange(n, dtype=float) + 7.0)])[0]
+    np.testing.assert_array_equal(regular, replayed(lanes, [Drive(e, waves)])[0])
