@@ -19,6 +19,7 @@ from sim2real.recorded.open_evidence import Replay, coordinates_of_lanes
 from sim2real.recorded.open_record import OpenRecord
 from sim2real.recorded.opened import Opened
 from sim2real.recorded.records import Record
+from sim2real.recorded.ticks import AT_INSTANTS
 
 # A tolerance of one of these parameters is a small effect of the given name.
 TOLERANCE_EFFECTS = {card.nominal: name for name, card in EFFECTS.items() if card.nominal}
@@ -26,7 +27,6 @@ SETTLED = 3e-5  # share of its initial size to which a transient must have decay
 RUNG_OUT = 6.5  # time constants after which the ringing of a mode is neglected
 LASTING = (0, 0.5, 1, 2, 3, 4, 6, 9, 12)  # periods: points whose modes ring about as long are simulated together
 MOST_TRANSIENT = 12  # periods
-AT_TICKS = 32  # integration steps of a control step where ticks jitter: they are moved by 1 % of it rms
 # Sensor noise smooths hard nonlinearities (dithering). These effects are simulated with the noise that the rig states,
 # averaged over DITHER_PERIODS, because the simulated noise is not that of the record. Limits are always smoothed;
 # hysteresis and friction are smoothed in some forms and not in others.
@@ -91,7 +91,7 @@ def unseen_by(record: Record | OpenRecord) -> frozenset[str]:
 
 def substeps_of(record: Record | OpenRecord) -> int:
     """Least number of integration steps per control sample that a record needs."""
-    return AT_TICKS if isinstance(record, OpenRecord) and record.instants is not None else 1
+    return ceil(AT_INSTANTS / record.every) if isinstance(record, OpenRecord) and record.instants is not None else 1
 
 
 def lanes_of(record: Record | OpenRecord, points: Sequence[Point], dithered: bool = False) -> list[Block]:

@@ -24,6 +24,7 @@ from maglev_env.rig.rig import Rig, axis_rig
 from sim2real.recorded.controller_output import referred
 from sim2real.recorded.instrument import has_instruments
 from sim2real.recorded.stand_in import finer_steps, stand_in
+from sim2real.recorded.ticks import between_ticks
 
 UNLIMITED = 1e4  # V: range of the converters of a stand-in
 NEAREST = 0.98  # of the gap: how near the simulated rotor may come to a magnet
@@ -69,14 +70,28 @@ class Drive:
     upstream: frozenset[str] = frozenset()
     notes: tuple[str, ...] = ()
 
-    def driving(self, channels: Mapping[str, np.ndarray]) -> "Driving":
-        """What drives the simulation of channels -> (axes, samples), every `multiple`-th recorded sample."""
+    def driving(
+        self,
+        channels: Mapping[str, np.ndarray],
+        instants: np.ndarray | None = None,
+        like: np.ndarray | None = None,
+    ) -> "Driving":
+        """What drives the simulation of channels -> (axes, samples), every `multiple`-th recorded sample.
+
+        Args:
+            channels: of these samples.
+            instants: of the samples (samples,), in samples; None: they are regular.
+            like: (axes, samples * every), how the displacement may have moved between its samples; the difference to
+                them is smooth. None: the displacement itself is.
+        """
         e, y = self.experiment, channels["displacement"]
         dt, samples, nothing = 1 / e.rig.control_rate, y.shape[1], np.zeros_like(y)
         ticks = {name: channels[name] for name in ("displacement", "current") if name in channels}
         if self.every > 1:
-            at = np.arange(samples * self.every) / self.every
-            ticks = {"displacement": CubicSpline(np.arange(samples), y, axis=1)(at)}
+            when = np.arange(samples) if instants is None else instants
+            at = between_ticks(when, self.every) / self.every
+            like = np.zeros((len(y), at.size)) if like is None else like
+            ticks = {"displacement": like + CubicSpline(when, y - like[:, :: self.every], axis=1)(at)}
         reference = self._between(channels.get("reference", nothing))
         if self.source is not None and not limited(e.gains, dt):
             reference = np.zeros_like(reference)  # what it causes is part of the injection that follows

@@ -2,11 +2,15 @@
 
 from collections.abc import Mapping
 from dataclasses import replace
+from math import ceil
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from maglev_env.channels import MEASURED
+from maglev_env.kernel.driven import Drive as Run
+from maglev_env.kernel.replay import replayed
+from maglev_env.kernel.simulate import prepared
 from maglev_env.loop.axes import suffixes
 from maglev_env.loop.magnets.kinds import force_law
 from maglev_env.loop.magnets.law import force, linearise
@@ -18,14 +22,14 @@ from maglev_env.recordings.masking import bridged, masked_samples
 from maglev_env.rig.rig import Rig, axis_rig
 from sim2real.recorded.along_motion import along_motion
 from sim2real.recorded.channel_errors import ChannelError, channel_errors
-from sim2real.recorded.drive import NEAREST, Drive, drive_of
+from sim2real.recorded.drive import NEAREST, Drive, Driving, drive_of
 from sim2real.recorded.fed_back import fed_back
 from sim2real.recorded.innovation import along_innovations
 from sim2real.recorded.instrument import along_instruments
 from sim2real.recorded.not_stable import not_stable
 from sim2real.recorded.open_record import OpenRecord, compared
 from sim2real.recorded.static_evidence import can_rest, rests_of
-from sim2real.recorded.ticks import ticks_of
+from sim2real.recorded.ticks import AT_INSTANTS, between_ticks, led_in, ticks_of
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -44,6 +48,7 @@ SHAPED = {2: 1.0, 3: 0.1, 4: 0.03}
 STRAIGHT = {2: 1 / 12}  # without an instrument: what a straight line lacks of a bent current between two samples
 TOP = 0.2
 BALANCED = 1e-4  # of the bias current: step of its slope in the search for what carries the weight
+PASSES = 2  # of the simulation that tells how the rotor moves between samples
 NEWTON = 5  # steps of that search; the pull is linear or quadratic in the current
 METERED = 0.01  # relative scale of a current whose campaign states none, as of a meter that nobody calibrated
 
@@ -86,18 +91,20 @@ def open_record(campaign: Campaign, spec: RecordingSpec, dataset: "xr.Dataset") 
         if dataset.attrs.get("resampled") and drive.source == "command" and not drive.stand_in:
             # The controller is exact at its own ticks alone; where these are not known, another stands in for it.
             if drive.multiple == 1 and spec.gains is not None:
-                ticks = ticks_of(dataset, spec.gains, rig.axes, rig.control_rate)
+                ticks = ticks_of(dataset, spec.gains, rig.axes, spec.sample_rate)
             if ticks is None:
                 drive = drive_of(rig, spec, channels, known=False)
                 drive = replace(drive, notes=(NOT_AT_TICKS, *drive.notes))
-            else:
-                channels = dict(ticks.channels)
-                drive = replace(drive, notes=(*drive.notes, AT_TICKS))
+        if dataset.attrs.get("resampled") and drive.stand_in and drive.source == "command" and drive.held:
+            ticks = ticks_of(dataset, None, rig.axes, spec.sample_rate)
+        if ticks is not None:
+            channels = dict(ticks.channels)
+            drive = replace(drive, notes=(*drive.notes, AT_TICKS))
         channels = {kind: values[:, :: drive.multiple] for kind, values in channels.items()}
         source = drive.source
         if source is not None and can_rest(rig):
             channels[source] = channels[source] + balancing(rig, channels[source], channels["displacement"])
-        waves = drive.driving(channels).waves
+        waves = drive.driving(channels, ticks and ticks.instants).waves
         known = np.concatenate([w[:, :: drive.every] for w in waves.values()])
         if not np.ptp(known, axis=1).any():
             raise TellsNothing(
@@ -113,7 +120,8 @@ def open_record(campaign: Campaign, spec: RecordingSpec, dataset: "xr.Dataset") 
     # The simulation begins here with a controller at rest: what it held before is part of what drove the loop.
     lead = stretch.settling if drive.stand_in else 0
     channels = {kind: _led_in(values[:, stretch.samples], lead) for kind, values in channels.items()}
-    driving = drive.driving(channels)
+    instants = None if ticks is None else led_in(ticks.instants[stretch.samples], lead)
+    driving = _as_simulated(drive, channels, instants)
     along = along_motion(drive.experiment, channels, source, drive.held, drive.every)
     looked = slice(stretch.settling + lead, stretch.settling + lead + stretch.windows.samples)
     shown = ("displacement",) if drive.source == "current" else ("displacement", "current")
@@ -134,7 +142,7 @@ def open_record(campaign: Campaign, spec: RecordingSpec, dataset: "xr.Dataset") 
         source,
         rests_of(rig, spec, dataset),
         along=along and along.at(looked),
-        instants=None if ticks is None else ticks.instants[stretch.samples],
+        instants=None if instants is None else between_ticks(instants, drive.every),
         notes=(*notes, *drive.notes, *stretch.notes),
     )
     if not drive.stand_in or drive.source is None:
@@ -157,6 +165,25 @@ def open_record(campaign: Campaign, spec: RecordingSpec, dataset: "xr.Dataset") 
             "delay_tolerance of the current",
         )
     return record
+
+
+def _as_simulated(drive: Drive, channels: Mapping[str, np.ndarray], instants: np.ndarray | None) -> Driving:
+    """What drives a simulation, with the displacement between its samples moving as the nominal rig's does.
+
+    A stand-in that runs several times between two samples would answer to what a smooth curve lacks there.
+    """
+    driving = drive.driving(channels, instants)
+    if drive.every == 1 or drive.source is None:
+        return driving
+    e = drive.experiment
+    between = None if instants is None else between_ticks(instants, drive.every)
+    lanes = prepared([e], 1 if instants is None else ceil(AT_INSTANTS / drive.every))
+    for _ in range(PASSES):
+        ((moved, *_),) = replayed(lanes, [Run(e, driving.waves, between)])[0]
+        if not np.isfinite(moved).all():
+            break
+        driving = drive.driving(channels, instants, moved)
+    return driving
 
 
 def _channels(rig: Rig, dataset: "xr.Dataset") -> dict[str, np.ndarray]:

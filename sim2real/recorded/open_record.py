@@ -65,7 +65,7 @@ class OpenRecord:
         tones: sinusoids that nothing which drives the record explains; their amplitude "opened" (axes,) is that of the
             opened displacement, m.
         along: what gain and stiffness of the magnets differ along its motion, over what is compared; None: nothing.
-        instants: (samples,), of its samples in control steps; None: one step after another.
+        instants: (samples * every,), of the control samples in control steps; None: one step after another.
         notes: what was assumed.
     """
 

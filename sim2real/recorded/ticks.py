@@ -19,6 +19,7 @@ from maglev_env.rig.excitation import Excitation
 if TYPE_CHECKING:
     import xarray as xr
 
+AT_INSTANTS = 32  # integration steps of a sample whose instants jitter: they are moved by 1 % of it rms
 TURNED = 0.01  # rad: about the model error that responses are trusted to
 
 
@@ -27,7 +28,7 @@ class Ticks:
     """A recording at the ticks of its controller.
 
     Args:
-        instants: of the ticks, (ticks,), in control steps.
+        instants: of the ticks, (ticks,), in samples of the stated rate.
         channels: channel -> (axes, ticks), with masked samples bridged.
     """
 
@@ -71,7 +72,7 @@ def ticks_of(dataset: "xr.Dataset", gains: Controllers | None, axes: int, rate: 
         dataset: as `read_recording` makes it.
         gains: the controller; None: another stands in for it.
         axes: of the rig.
-        rate: control rate, Hz.
+        rate: of the recording, Hz.
     """
     own = {
         kind: [f"tick_{kind}{s}" for s in suffixes(axes)]
@@ -91,3 +92,14 @@ def ticks_of(dataset: "xr.Dataset", gains: Controllers | None, axes: int, rate: 
         kind: np.array([bridged(dataset[name].values, masked) for name in own[kind]]) for kind in sorted(at_ticks)
     }
     return Ticks(instants, channels)
+
+
+def led_in(instants: np.ndarray, samples: int) -> np.ndarray:
+    """Instants (ticks,) from zero on, after so many regular ticks."""
+    return np.concatenate([np.arange(samples), samples + instants - instants[0]])
+
+
+def between_ticks(instants: np.ndarray, every: int) -> np.ndarray:
+    """Instants (ticks * every,) in steps of which each tick has `every`, however long it lasts."""
+    lasts = np.diff(instants, append=instants[-1] + 1)
+    return ((instants[:, None] + lasts[:, None] * np.arange(every) / every) * every).reshape(-1)
