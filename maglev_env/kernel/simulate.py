@@ -170,15 +170,15 @@ def simulate_records(experiments: Sequence[Experiment], substeps: int = 1, threa
     return records.reshape(len(experiments), len(names) * axes, -1)
 
 
-def prepared(experiments: Sequence[Experiment], finer: int = 1) -> list[Block]:
+def prepared(experiments: Sequence[Experiment], substeps: int = 1) -> list[Block]:
     """Lanes for `steady_spectra` and `replayed`: the constants of experiments that do not depend on gains, excitations
     and offset. As many as possible share blocks.
 
     Args:
-        experiments: of one control rate.
-        finer: times as many integration steps as are enough.
+        experiments: of one rig.
+        substeps: least number of integration steps per control sample.
     """
-    return _blocks(experiments, finer * _enough_substeps(experiments[0]), joint=True)
+    return _blocks(experiments, max(substeps, _enough_substeps(experiments[0])), joint=True)
 
 
 def _enough_substeps(e: Experiment) -> int:

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     import xarray as xr
 
 SAMPLES = 20_000  # of a recording: 1 s at 20 kHz, 20 s of a ball at 1 kHz
-FINER = 5  # times as many integration steps as the estimate's own simulation has
+SUBSTEPS = 5  # integration steps per control sample; the estimate's own simulation has one
 STEPS = 8  # of the set point in a recording
 CHIRP = (20.0, SAMPLES / 50)  # its ends, in periods of the recording: up to 1/50 of the control rate
 SINE = SAMPLES / 400  # periods in the recording
@@ -128,7 +128,7 @@ def record(
     waves = {place: np.zeros(shape) for place in SHOWN_BY}
     waves[at] = size * np.array([wave(np.arange(SAMPLES) / SAMPLES, rng) for _ in range(rig.axes)])
     e = Experiment(true.rig, rig.gains, (Excitation("none"),), effects=true.effects, seed=seed)
-    displacement, current, command = replayed(prepared([e], FINER), [Drive(e, waves)], threads=1)[0][0]
+    displacement, current, command = replayed(prepared([e], SUBSTEPS), [Drive(e, waves)], threads=1)[0][0]
     if not np.isfinite(displacement).all():
         raise ValueError(f"the rotor of {rig.name} touches down under {at}; make the travel of the bench smaller")
     current = current + rig.noise.current * rng.standard_normal(shape)
