@@ -27,6 +27,7 @@ from sim2real.recorded.open_record import OpenRecord
 from sim2real.recorded.records import Record
 from sim2real.recorded.static_evidence import AT_REST, StaticEstimate, can_rest, drift_in_words, of_weight, static_of
 from sim2real.simulated import tolerances
+from sim2real.valleys import held_at_nominal
 
 # What is identified, each as an effect of this name, and its unit.
 UNITS = {
@@ -218,7 +219,7 @@ def _fitted(
     starts = [np.zeros(h.size)] if near is None else [np.zeros(h.size), near.u]
     fit, *others = begin([h] * (1 + len(starts)), [u, *starts], problem.data, problem.simulate)
     differentiate([fit], problem.data, problem.simulate, True)
-    return problem, fit, others
+    return problem, fit, [*others, *held_at_nominal(problem, fit)]
 
 
 def least_spread(fit: Fit, other: Fit) -> np.ndarray:
