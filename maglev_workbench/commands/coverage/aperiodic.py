@@ -88,7 +88,8 @@ class Aperiodic:
 
     def drawn(self, seed: int, draw: int) -> dict[str, Interval | None]:
         """Interval by coefficient; None where the recording does not bound it, and nothing where it is refused."""
-        bench, rng = BENCHES[self.bench], np.random.default_rng([seed, draw])
+        # Conditions share no draws: a probe that is off would otherwise show in all of them.
+        bench, rng = BENCHES[self.bench], np.random.default_rng([seed, draw, *(self.bench + self.kind).encode()])
         true = real(bench.rig, rng)
         _, at, wave = KINDS[self.kind]
         recorded = record(bench, true, at, wave, rng, (seed, draw))
