@@ -27,6 +27,7 @@ from sim2real.recorded.open_record import OpenRecord
 from sim2real.recorded.records import Record
 from sim2real.recorded.static_evidence import AT_REST, StaticEstimate, can_rest, drift_in_words, of_weight, static_of
 from sim2real.simulated import tolerances
+from sim2real.valleys import held_at_nominal
 
 # What is identified, each as an effect of this name, and its unit.
 UNITS = {
@@ -43,6 +44,9 @@ UNBOUNDED = (
 CLEAR = 3.0  # standard errors, for one coefficient alone, from which a recording disagrees with all of them
 SURELY = 2.0  # standard errors above the nominal damping from which an identified one counts as damping
 SIGNIFICANT = 3.0  # standard deviations of the misfit under noise alone
+# A fit that tells the actuator's gain to no more than WEAK of it may as well have found a resonance of the noise: of
+# what it gains on the nominal rig, CHANCE is what the best of all such resonances gains.
+WEAK, CHANCE = 0.1, 10.0
 
 
 @dataclass(frozen=True)
@@ -220,17 +224,18 @@ def _fitted(
     starts = [np.zeros(h.size)] if near is None else [np.zeros(h.size), near.u]
     fit, *others = begin([h] * (1 + len(starts)), [u, *starts], problem.data, problem.simulate)
     differentiate([fit], problem.data, problem.simulate, True)
-    return problem, fit, others
+    return problem, fit, [*others, *held_at_nominal(problem, fit)]
 
 
-def least_spread(fit: Fit, other: Fit) -> np.ndarray:
-    """Least standard errors (size,) of a fit's coordinates that its likelihood ratio to another point allows.
+def least_spread(fit: Fit, other: Fit, chance: float = 0.0) -> np.ndarray:
+    """Least standard errors (size,) of a fit's coordinates that its likelihood ratio to another point allows, less what
+    the fit gains by chance.
 
     That ratio bounds the ratio to every value of one coordinate that the point has, so no coordinate is further from
     it, in standard errors, than its root; the curvature at the fit claims more where little is told. What a fit may
     lack to its optimum is added.
     """
-    return np.abs(fit.u - other.u) / np.sqrt(max(other.cost - fit.cost, 0.0) + CONVERGED)
+    return np.abs(fit.u - other.u) / np.sqrt(max(other.cost - fit.cost - chance, 0.0) + CONVERGED)
 
 
 def _at_rest(rig: Rig, static: StaticEstimate) -> tuple[Coefficient, ...]:
@@ -284,9 +289,15 @@ def _of_mass(rig: Rig, fit: Fit) -> dict[str, tuple[int, float, float]]:
 
 def _coefficients(rig: Rig, problem: Problem, fit: Fit, others: Sequence[Fit]) -> tuple[Coefficient, ...]:
     """Coefficients of a fit; `others` are points that its intervals must not exclude more than the likelihood does."""
-    misfit = _misfit(fit)
+    misfit, h = _misfit(fit), fit.hypothesis
     factor = np.sqrt(misfit) if misfit > 1 + SIGNIFICANT / np.sqrt(fit.residual.size) else 1.0
-    sd = np.maximum.reduce([np.sqrt(np.diag(fit.covariance())), *(least_spread(fit, other) for other in others)])
+    by_curvature = np.sqrt(np.diag(fit.covariance()))
+    sd, by_chance = (
+        np.maximum.reduce([by_curvature, *(least_spread(fit, other, chance) for other in others)])
+        for chance in (0.0, CHANCE)
+    )
+    if any(c.effect == "actuator_gain" and s * c.scale > WEAK for c, s in zip(h.coordinates, by_chance, strict=False)):
+        sd = by_chance
     sd = sd * np.maximum(widening(problem, fit), factor)
     heavier, covariance = _of_mass(rig, fit), fit.covariance()
     found = []

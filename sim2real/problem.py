@@ -29,6 +29,7 @@ from sim2real.recorded.open_loop import nominal_loop
 from sim2real.recorded.open_record import OpenRecord
 from sim2real.recorded.opened import Opened, noise_of, opened_loop
 from sim2real.recorded.records import Record
+from sim2real.recorded.ringing import ringing
 from sim2real.recorded.static_evidence import StaticEstimate, coefficients_at, static_of
 from sim2real.simulated import Point, Predictor, experiment_at, predictor, residuals, together
 
@@ -212,12 +213,12 @@ def _evidence(record: Record | OpenRecord, near: Point | None) -> _Evidence:
     lanes = predicts.lanes([near or Point({}, {})])
     predicted = simulated_series(record, lanes)[0]
     measured, noise = measured_of(record, loop, opened.outputs), open_noise(record, loop, opened.outputs, predicted)
-    nuisances = {}
+    nuisances = ringing(record, loop, opened.outputs, noise)
     if record.errors and np.isfinite(predicted).all():
         again = exact_errors(record)
         others = tuple(e for e in record.errors if e not in again)
         lines = changes(others, record.windows.frequency, opened.outputs, parts_of(record, loop, predicted))
-        nuisances = {name: record.windows.project(c).reshape(measured.shape) for name, c in lines.items()}
+        nuisances |= {name: record.windows.project(c).reshape(measured.shape) for name, c in lines.items()}
         for error in again:
             moved = redriven(record, error)
             series = simulated_series(moved, lanes)[0]

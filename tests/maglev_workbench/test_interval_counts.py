@@ -8,13 +8,18 @@ import json
 import numpy as np
 import pytest
 
+from maglev_env.loop.magnets.kinds import force_law
 from maglev_workbench.commands.coverage import study
+from maglev_workbench.commands.coverage.aperiodic import APERIODIC, KINDS
+from maglev_workbench.commands.coverage.benches import BENCHES, real
 from maglev_workbench.commands.coverage.conditions import CONDITIONS
+from maglev_workbench.commands.coverage.counts import Interval, counted
+from maglev_workbench.commands.coverage.periodic import PERIODIC, _interval
 from maglev_workbench.commands.coverage.report import coverage_json, coverage_markdown
 
 
-def test_every_condition_makes_its_experiment():
-    for name, condition in CONDITIONS.items():
+def test_every_periodic_condition_makes_its_experiment():
+    for name, condition in PERIODIC.items():
         one, other = condition.experiment(0, 1), condition.experiment(0, 2)
         assert one.seed != other.seed and one.excitations != other.excitations, name
 
@@ -33,8 +38,58 @@ def test_a_count_has_truths_near_the_linear_loop_and_the_same_seed_gives_the_sam
 
 
 def test_an_open_end_holds_and_a_narrow_interval_off_the_truth_does_not():
-    row = study._counted("k", 1.0, [(0.9, None), (None, 1.1), (1.01, 1.02), (0.5, 1.5)])
-    assert row.held == 3 and row.half_width is None
-    assert row.interval[0] < 0.75 < row.interval[1]
-    assert study._counted("k", 2.0, [(1.0, 3.0)] * 2).half_width == pytest.approx(0.5)
-    assert np.isclose(study._counted("k", 0.0, [(-1.0, 1.0)] * 2).held, 2)
+    ends = [(0.9, None), (None, 1.1), (1.01, 1.02), (0.5, 1.5)]
+    row = counted("k", [*(_interval(low, high, 1.0) for low, high in ends), None])
+    assert row.held == 3 and row.draws == 4 and row.abstained == 1 and row.half_width is None
+    assert row.interval[0] < 0.75 == row.covered < row.interval[1]
+    assert counted("k", [_interval(1.0, 3.0, 2.0)] * 2).half_width == pytest.approx(0.5)
+    assert counted("k", [_interval(-1.0, 1.0, 0.0)] * 2).held == 2
+
+
+def test_errors_count_in_standard_errors_and_a_quantity_that_is_never_bounded_has_no_share():
+    row = counted("k", [Interval(0.0, 2.0, 1.0, error) for error in (-1.0, 1.0, 3.0)])
+    assert row.bias == pytest.approx(1.0) and row.spread == pytest.approx(2.0)
+    never = counted("k", [None, None])
+    assert never.covered is None and never.interval is None and never.abstained == 2
+    data = coverage_json({"ball_hover": (never,)}, 0)
+    assert json.loads(json.dumps(data, allow_nan=False))["conditions"]["ball_hover"][0]["covered"] is None
+    assert "| 100% |" in coverage_markdown({"ball_hover": (never,)}, 2, 0)
+
+
+@pytest.mark.parametrize("name", list(BENCHES))
+def test_a_rig_that_is_drawn_differs_from_what_is_told_as_its_tolerances_say(name):
+    nominal = BENCHES[name].rig
+    off, delays = [], []
+    for draw in range(200):
+        true = real(nominal, np.random.default_rng(draw))
+        law = force_law(true.rig)
+        if name == "ball":  # a pull as (i / x)^2 that carries the weight has these slopes
+            weight = true.rig.mass * nominal.gravity
+            slopes = 2 * weight / law.bias_current, -2 * weight / true.rig.gap
+            assert true.current == pytest.approx(law.bias_current - force_law(nominal).bias_current, abs=1e-12)
+            for value, truth in zip(slopes, ("actuator_gain", "negative_stiffness"), strict=True):
+                assert value == pytest.approx(true.truth[truth], rel=1e-9)
+        off.append([true.truth[k] for k in ("actuator_gain", "negative_stiffness")])
+        delays.append(true.truth["delay"] * nominal.control_rate)
+    spread = np.std(off, axis=0) / abs(np.mean(off, axis=0))
+    stated = [nominal.tolerance[k] for k in ("actuator_gain", "negative_stiffness")]
+    assert spread == pytest.approx(stated, rel=0.15)
+    assert 0 <= min(delays) < 0.05 and 0.95 < max(delays) <= 1
+
+
+def test_every_bench_is_excited_in_every_way():
+    assert len(APERIODIC) == len(BENCHES) * len(KINDS) and APERIODIC.items() <= CONDITIONS.items()
+    time = np.arange(1000) / 1000
+    for kind, (_, _, wave) in KINDS.items():
+        one, other = (wave(time, np.random.default_rng(seed)) for seed in (1, 2))
+        assert np.array_equal(one, wave(time, np.random.default_rng(1))) and abs(one).max() < 3
+        assert np.array_equal(one, other) == (kind == "hover") == (not one.any())
+
+
+@pytest.mark.slow
+def test_recordings_without_a_period_are_counted_alike_on_one_process_and_two():
+    rows = study.coverage(CONDITIONS["ball_chirp"], 2, 4)
+    assert [row.quantity for row in rows] == ["actuator_gain", "negative_stiffness", "damping", "delay"]
+    assert all(row.draws + row.abstained == 2 for row in rows)
+    assert rows[1].truth == pytest.approx(-104, rel=0.2) and rows[1].half_width < 0.1 and abs(rows[1].bias) < 3
+    assert study.coverage(CONDITIONS["ball_chirp"], 2, 4, processes=2) == rows

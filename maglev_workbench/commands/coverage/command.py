@@ -16,13 +16,17 @@ def coverage(
         list[str] | None, typer.Argument(metavar="CONDITION", help="Conditions by name (default: all).")
     ] = None,
     draws: Annotated[int, typer.Option(min=20, max=100_000, help="Experiments of each condition.")] = 200,
+    processes: Annotated[
+        int, typer.Option(min=1, max=256, help="Processes that share the draws; results do not change.")
+    ] = 1,
     docs: DocsOption = None,
     seed: SeedOption = 0,
     json_file: JsonOption = None,
 ) -> None:
     """Count how often the 95 % intervals of the estimate hold the truth, on simulated experiments of many kinds.
 
-    A second of one core makes about one draw.
+    Conditions such as hmb_free_steps are recordings that never repeat, of rigs that are known to their tolerances. A
+    second of one core makes about one draw.
     """
     from maglev_env.fields import check_known
     from maglev_env.recordings.files import write_text_atomic
@@ -39,7 +43,7 @@ def coverage(
         task = bar.add_task("", total=draws * len(chosen))
         for name in chosen:
             bar.update(task, description=name)
-            found[name] = counted(CONDITIONS[name], draws, seed, lambda: bar.advance(task))
+            found[name] = counted(CONDITIONS[name], draws, seed, lambda: bar.advance(task), processes)
     console.print(coverage_table(found))
     write_json(json_file, coverage_json(found, seed))
     if docs is not None:

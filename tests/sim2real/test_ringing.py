@@ -1,0 +1,53 @@
+"""A mode with little damping rings at the ends of an open record, and its lines are no noise of their windows."""
+
+import numpy as np
+import pytest
+
+from maglev_env.rig.rig import load_rig
+from sim2real.recorded.nuisances import Nuisances
+from sim2real.recorded.open_loop import nominal_loop
+from sim2real.recorded.records import read_records
+from sim2real.recorded.ringing import ringing
+
+SAMPLES, OUTPUTS = 8000, ("plant", "amplifier")
+
+
+@pytest.fixture(scope="module")
+def record(tmp_path_factory):
+    """An open record of the rotor on its springs, of 0.4 s."""
+    folder, rng = tmp_path_factory.mktemp("ringing"), np.random.default_rng(0)
+    names = [f"{kind}_{axis}" for kind in ("displacement", "command", "current") for axis in "xy"]
+    np.savez(folder / "hover.npz", **{name: 1e-6 * rng.standard_normal(SAMPLES) for name in names})
+    text = ['schema = "maglev-campaign/1"', 'rig = "hmb_radial"', "[[recording]]", 'file = "hover.npz"', 'role = "fit"']
+    text += ["sample_rate = 20000.0", "gains = { kp = 8000.0, ki = 2000.0, kd = 5.2, td = 1e-4, ti = 0.0318 }"]
+    text += ['excitation = { kind = "none" }', "[recording.channels]"]
+    text += [f'{name} = {{ from = "{name}" }}' for name in names]
+    (folder / "campaign.toml").write_text("\n".join(text))
+    _, (found,) = read_records(folder)
+    return found
+
+
+@pytest.mark.parametrize("phase", [0.0, 1.1])
+def test_how_a_mass_swings_on_springs_is_a_nuisance(record, phase):
+    rig = load_rig("hmb_radial")
+    decay = rig.support_damping / (2 * rig.mass)
+    swing = np.sqrt((rig.support_stiffness + rig.negative_stiffness) / rig.mass - decay**2)
+    t = np.arange(sum(record.series["displacement"].shape[1:])) / rig.control_rate
+    let_go = np.exp(-decay * t) * np.cos(swing * t + phase)
+    noise = np.ones((2, 2, record.frequency.size))
+    columns = ringing(record, nominal_loop(record), OUTPUTS, noise)
+    assert len(columns) == 4 and all(f"at {np.hypot(swing, decay) / (2 * np.pi):.4g} Hz" in name for name in columns)
+    rung = np.zeros((2, 2, record.frequency.size), complex)
+    rung[0, 1] = record.coordinates(let_go)
+    known = Nuisances(tuple(columns), 1e3 * np.array([c.ravel() for c in columns.values()]))  # however large it is
+    assert np.linalg.norm(known.without(rung.ravel())) < 0.05 * np.linalg.norm(rung)
+    other = np.zeros_like(rung)
+    other[0, 1] = 1.0  # and what does not ring stays
+    assert np.linalg.norm(known.without(other.ravel())) > 0.97 * np.linalg.norm(other)
+
+
+def test_ringing_is_as_large_as_noise_moves_the_loop(record):
+    quiet, loud = (np.full((2, 2, record.frequency.size), size) for size in (1.0, 3.0))
+    one, three = (ringing(record, nominal_loop(record), OUTPUTS, noise) for noise in (quiet, loud))
+    for name, column in one.items():
+        assert np.allclose(three[name], 3 * column)
