@@ -12,7 +12,7 @@ from maglev_env.loop.effect import EFFECTS
 from maglev_env.recordings.campaign import Campaign
 from maglev_env.recordings.left_out import left_out_data
 from maglev_env.rig.rig import Rig
-from sim2real.attribute import Attribution, Candidate, attribute, best_partial, contradictions
+from sim2real.attribute import NO_GAP, Attribution, Candidate, attribute, best_partial, contradictions
 from sim2real.drift import DRIFT, Drift, drift_of
 from sim2real.free.correction import Free, free_correction
 from sim2real.free.fit import excess
@@ -271,11 +271,11 @@ def diagnose(
 
 
 def _worse(gap: Gap) -> bool:
-    """Whether the corrected rig simulates the judged recordings no better than the nominal one, or not at all; or no
-    better than calibration does, where that leaves a clear gap."""
+    """Whether the corrected rig simulates the judged recordings no better than the nominal one, or not at all; no
+    better than calibration does, where that leaves a clear gap; or clearly worse than calibration does."""
     if gap.before is None:
         return False
-    if gap.after is None or gap.after >= gap.before:
+    if gap.after is None or gap.after >= gap.before or gap.lost > NO_GAP:
         return True
     return gap.calibrated is not None and gap.after >= gap.calibrated > CLEAR_GAP
 
