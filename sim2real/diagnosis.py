@@ -187,10 +187,7 @@ def diagnose(
                 f"errors at single moments, as at steps or kicks: the noise is taken as {louder:.2g} times as large as "
                 "it looks"
             )
-        if any(
-            abs(np.log(np.median(old.noise / new.noise))) > np.log(LOUDER)
-            for old, new in zip(fitted.parts, again.parts, strict=True)
-        ):
+        if _other_noise(fitted, again) or _other_nuisances(fitted, again):
             fitted, attribution = again, attribute(again, progress)
     progress("judging")
     base = attribution.simplest
@@ -268,6 +265,23 @@ def diagnose(
         tempering,
         free,
     )
+
+
+def _other_noise(old: Problem, new: Problem) -> bool:
+    """Whether the noise of a recording is another one by more than LOUDER."""
+    ratios = [np.median(a.noise / b.noise) for a, b in zip(old.parts, new.parts, strict=True)]
+    return bool(np.any(np.abs(np.log(ratios)) > np.log(LOUDER)))
+
+
+def _other_nuisances(old: Problem, new: Problem) -> bool:
+    """Whether a nuisance within its tolerance changes the data in another way than was taken, by what an effect might.
+
+    Of a recording without a period that way is simulated, first on the nominal rig, which may be far off.
+    """
+    if old.nuisances.names != new.nuisances.names:
+        return True
+    apart = np.linalg.norm(old.nuisances.columns - new.nuisances.columns, axis=1)
+    return bool(np.any(apart**2 > NO_GAP))
 
 
 def _worse(gap: Gap) -> bool:
