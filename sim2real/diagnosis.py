@@ -17,7 +17,7 @@ from sim2real.drift import DRIFT, Drift, drift_of
 from sim2real.free.correction import Free, free_correction
 from sim2real.free.fit import excess
 from sim2real.gain_choice import GainChoice, gain_choice
-from sim2real.hypotheses import CALIBRATION, TONES, Coordinate
+from sim2real.hypotheses import CALIBRATION, TONES, WIDER, Coordinate
 from sim2real.judge import Entry, allowance, entries, evidence_of, verdict
 from sim2real.leftover import Leftover, leftover
 from sim2real.locate import CONTROLLER_SD, Where, locate
@@ -219,7 +219,9 @@ def diagnose(
     chosen = top if worded in ("explained", "ambiguous") else None
     picked = None if chosen is None or chosen.candidate is None else attribution.candidates[chosen.candidate]
     gap = shrink(judged, attribution, picked, judged_on, seed)
-    if picked is not None and picked.effects and judged_on == "holdout" and _worse(gap):  # tones leave the lines alone
+    if (
+        picked is not None and picked.effects and judged_on == "holdout" and _worse(gap, attribution)
+    ):  # tones leave the lines alone
         notes.append(
             f"{' with '.join(cause)} would explain the recordings that were fitted, but the holdout is simulated no "
             "better with it than without, or than by calibration alone: it is not named"
@@ -284,12 +286,16 @@ def _other_nuisances(old: Problem, new: Problem) -> bool:
     return bool(np.any(apart**2 > NO_GAP))
 
 
-def _worse(gap: Gap) -> bool:
+def _worse(gap: Gap, attribution: Attribution) -> bool:
     """Whether the corrected rig simulates the judged recordings no better than the nominal one, or not at all; no
-    better than calibration does, where that leaves a clear gap; or clearly worse than calibration does."""
+    better than calibration does, where that leaves a clear gap; or clearly worse than calibration does, where that
+    keeps to what the rig states."""
     if gap.before is None:
         return False
-    if gap.after is None or gap.after >= gap.before or gap.lost > NO_GAP:
+    if gap.after is None or gap.after >= gap.before:
+        return True
+    as_stated = bool(np.all(np.abs(attribution.calibration.fit.u) <= WIDER))
+    if gap.lost > NO_GAP and as_stated:
         return True
     return gap.calibrated is not None and gap.after >= gap.calibrated > CLEAR_GAP
 
