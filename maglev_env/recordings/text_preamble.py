@@ -13,6 +13,7 @@ _UNIT = re.compile(
 )
 _WORDS = {"volt": "V", "amp": "A", "ampere": "A", "second": "s", "newton": "N"}
 _NO_UNIT = ("", "-", "1", "None", "Sequence")
+_LONGEST = 200  # characters of a line that may state a number
 _SAID = re.compile(r"[#%/\s]*([^:=]*[^:=\s])\s*[:=]\s*(\S+)")  # "# sample rate: 1000 Hz"
 
 
@@ -78,8 +79,8 @@ def _numbers(rows: Sequence[Sequence[str]], decimal: str) -> dict[str, float]:
     found: dict[str, float] = {}
     above: Sequence[str] = ()
     for cells in rows:
-        said = _SAID.match(cells[0]) if cells else None
-        row = [said[1], said[2]] if said and len(cells) == 1 else cells
+        said = _SAID.match(cells[0][:_LONGEST]) if len(cells) == 1 else None
+        row = [said[1], said[2]] if said else cells
         values = [_number(cell, decimal) for cell in row]
         if row and values[0] is None and (first := next((v for v in values if v is not None), None)) is not None:
             found.setdefault(row[0].lstrip("#%/ "), first)
