@@ -12,12 +12,12 @@ from maglev_env.loop.effect import EFFECTS
 from maglev_env.recordings.campaign import Campaign
 from maglev_env.recordings.left_out import left_out_data
 from maglev_env.rig.rig import Rig
-from sim2real.attribute import Attribution, Candidate, attribute, best_partial, contradictions
+from sim2real.attribute import NO_GAP, Attribution, Candidate, attribute, best_partial, contradictions
 from sim2real.drift import DRIFT, Drift, drift_of
 from sim2real.free.correction import Free, free_correction
 from sim2real.free.fit import excess
 from sim2real.gain_choice import GainChoice, gain_choice
-from sim2real.hypotheses import CALIBRATION, TONES, Coordinate
+from sim2real.hypotheses import CALIBRATION, TONES, WIDER, Coordinate
 from sim2real.judge import Entry, allowance, entries, evidence_of, verdict
 from sim2real.leftover import Leftover, leftover
 from sim2real.locate import CONTROLLER_SD, Where, locate
@@ -187,10 +187,7 @@ def diagnose(
                 f"errors at single moments, as at steps or kicks: the noise is taken as {louder:.2g} times as large as "
                 "it looks"
             )
-        if any(
-            abs(np.log(np.median(old.noise / new.noise))) > np.log(LOUDER)
-            for old, new in zip(fitted.parts, again.parts, strict=True)
-        ):
+        if _other_noise(fitted, again) or _other_nuisances(fitted, again):
             fitted, attribution = again, attribute(again, progress)
     progress("judging")
     base = attribution.simplest
@@ -222,7 +219,9 @@ def diagnose(
     chosen = top if worded in ("explained", "ambiguous") else None
     picked = None if chosen is None or chosen.candidate is None else attribution.candidates[chosen.candidate]
     gap = shrink(judged, attribution, picked, judged_on, seed)
-    if picked is not None and picked.effects and judged_on == "holdout" and _worse(gap):  # tones leave the lines alone
+    if (
+        picked is not None and picked.effects and judged_on == "holdout" and _worse(gap, attribution)
+    ):  # tones leave the lines alone
         notes.append(
             f"{' with '.join(cause)} would explain the recordings that were fitted, but the holdout is simulated no "
             "better with it than without, or than by calibration alone: it is not named"
@@ -270,12 +269,33 @@ def diagnose(
     )
 
 
-def _worse(gap: Gap) -> bool:
-    """Whether the corrected rig simulates the judged recordings no better than the nominal one, or not at all; or no
-    better than calibration does, where that leaves a clear gap."""
+def _other_noise(old: Problem, new: Problem) -> bool:
+    """Whether the noise of a recording is another one by more than LOUDER."""
+    ratios = [np.median(a.noise / b.noise) for a, b in zip(old.parts, new.parts, strict=True)]
+    return bool(np.any(np.abs(np.log(ratios)) > np.log(LOUDER)))
+
+
+def _other_nuisances(old: Problem, new: Problem) -> bool:
+    """Whether a nuisance within its tolerance changes the data in another way than was taken, by what an effect might.
+
+    Of a recording without a period that way is simulated, first on the nominal rig, which may be far off.
+    """
+    if old.nuisances.names != new.nuisances.names:
+        return True
+    apart = np.linalg.norm(old.nuisances.columns - new.nuisances.columns, axis=1)
+    return bool(np.any(apart**2 > NO_GAP))
+
+
+def _worse(gap: Gap, attribution: Attribution) -> bool:
+    """Whether the corrected rig simulates the judged recordings no better than the nominal one, or not at all; no
+    better than calibration does, where that leaves a clear gap; or clearly worse than calibration does, where that
+    keeps to what the rig states."""
     if gap.before is None:
         return False
     if gap.after is None or gap.after >= gap.before:
+        return True
+    as_stated = bool(np.all(np.abs(attribution.calibration.fit.u) <= WIDER))
+    if gap.lost > NO_GAP and as_stated:
         return True
     return gap.calibrated is not None and gap.after >= gap.calibrated > CLEAR_GAP
 

@@ -77,6 +77,9 @@ FORM, FORM_SHARE, MOST_FORM = "form of amplifier_lag", 0.2, 0.5
 # that is wrong beyond its tolerance, so its prior is wider: its standard deviation is WIDER tolerances. A change of
 # more than EXCLUDED of these contradicts what the rig states, and is not an explanation.
 WIDER, EXCLUDED = 5.0, 3.0
+# A lag of another time constant than stated is still one pole, but these effects add a second one. So beside such an
+# effect the stated time constant may itself be another, by WIDER tolerances.
+REPLACED = {"amplifier_lag": "amplifier_time_constant", "sensor_lag": "sensor_time_constant"}
 RESONANCES = tuple(name for name, card in EFFECTS.items() if card.resonance)
 
 
@@ -132,10 +135,17 @@ class Hypothesis:
 
     @property
     def prior(self) -> np.ndarray:
-        """Prior precision of each coordinate (size,): 1 for calibrated parameters; 0 for parameters of effects, except
-        changes of a nominal parameter whose tolerance is stated."""
+        """Prior precision of each coordinate (size,): 1 for calibrated parameters, less for a time constant that an
+        effect replaces; 0 for parameters of effects, except changes of a nominal parameter whose tolerance is stated.
+        """
         own = [(c.scale or 0.0) / sd if (sd := self._prior_sd(c)) else 0.0 for c in self.coordinates]
-        return np.concatenate([np.square(own), np.ones(self.size - len(own))])
+        rest = [1 / WIDER if name in self._replaced else 1.0 for name in self.calibrated]
+        return np.square([*own, *rest])
+
+    @property
+    def _replaced(self) -> frozenset[str]:
+        """Stated time constants that an effect stands for, too."""
+        return frozenset(REPLACED[name] for name in self.effects if name in REPLACED)
 
     def _prior_sd(self, c: Coordinate) -> float | None:
         """Prior standard deviation of a relative change of a nominal parameter; None where nothing is stated."""

@@ -133,20 +133,26 @@ def sentence(diagnosis: Diagnosis) -> str:
         one_of = _or([f"{_and(e.effects)} ({percent(e.probability)})" for e in rows])
         blocks = _or([*dict.fromkeys(_blocks(block_of(name)) for name in diagnosis.cause)])
         return (
-            f"The gap is explained by {one_of}, in {blocks}; this campaign cannot tell them apart."
+            f"The gap is explained by {one_of}, in {blocks}; this campaign cannot tell them apart{_besides(diagnosis)}."
         )  # fmt: skip
     top = named(diagnosis)[0]
     shown = [c for c in corrections(diagnosis) if "." in c.name]
     values = parameters_in_words({c.name: c.fitted for c in shown}, len(top.effects) > 1)
     return (
         f"The gap is explained by {_and(top.effects)} ({percent(top.probability)}), in "
-        f"{_blocks(block_of('+'.join(top.effects)))}; {values}{_closes(diagnosis.gap)}."
+        f"{_blocks(block_of('+'.join(top.effects)))}; {values}{_closes(diagnosis.gap)}{_besides(diagnosis)}."
     )
 
 
 def tempered(diagnosis: Diagnosis) -> str:
     """Why probabilities are less sure than noise alone would make them, in one sentence; empty where they are not."""
     return f"{diagnosis.notes[0][0].upper()}{diagnosis.notes[0][1:]}." if diagnosis.tempering > 1 else ""
+
+
+def _besides(diagnosis: Diagnosis) -> str:
+    """What is as little as stated as an effect would be, although it is not called one; as the end of a sentence."""
+    far = _far(diagnosis)
+    return f"; besides, the rig is not as stated: {', '.join(far)}" if far else ""
 
 
 def _far(diagnosis: Diagnosis) -> list[str]:

@@ -14,6 +14,7 @@ from sim2real.simulated import Point
 
 RESAMPLES = 400
 SURE = 0.9  # of the gap before: how far its 95 % interval may reach down for a share that is closed
+LOST_SD = 2.0  # standard deviations beyond which one simulation is worse than another
 BLOCK = 8  # neighbouring residuals drawn together, because what remains is similar on neighbouring lines
 
 
@@ -47,6 +48,7 @@ class Gap:
         words: Engineering quantities of the judged recordings: "measured", "before" and "after".
         foils: Gap after refitting every parameter without a prior, and with another effect, for comparison.
         figures: How well the corrected rig simulates the judged recordings; None where it touches down.
+        lost: Cost by which the corrected rig simulates the judged recordings worse than calibration does.
     """
 
     before: float | None
@@ -59,6 +61,7 @@ class Gap:
     words: Mapping[str, Words]
     foils: Mapping[str, float | None]
     figures: Figures | None = None
+    lost: float = 0.0
 
 
 def shrink(judged: Problem, attribution: Attribution, chosen: Candidate | None, held_out: str, seed: int) -> Gap:
@@ -94,6 +97,7 @@ def shrink(judged: Problem, attribution: Attribution, chosen: Candidate | None, 
         words,
         {"refit all parameters": _gap(refit), "another effect": _gap(foil)},
         figures(judged, after),
+        lost(calibrated, after),
     )
 
 
@@ -122,6 +126,20 @@ def closed(before: np.ndarray, after: np.ndarray, seed: int) -> tuple[float | No
         return None, None  # a share of what may be nothing means nothing
     lo, hi = np.quantile(1 - a / np.maximum(b, 1e-9), [0.025, 0.975])
     return float(1 - blocks[1].sum() / total), (float(lo), float(hi))
+
+
+def lost(calibrated: np.ndarray, after: np.ndarray) -> float:
+    """Cost by which the second of two simulations is worse on the same lines; 0 where scatter alone may make it so.
+
+    Args:
+        calibrated: Residuals (n,) of the first.
+        after: Of the second.
+    """
+    if not (np.isfinite(calibrated).all() and np.isfinite(after).all()):
+        return 0.0
+    more = abs(after) ** 2 - abs(calibrated) ** 2
+    blocks = np.add.reduceat(more, np.arange(0, more.size, BLOCK))
+    return float(more.sum()) if more.sum() > LOST_SD * blocks.std() * np.sqrt(blocks.size) else 0.0
 
 
 def _another(attribution: Attribution, chosen: Candidate, seed: int) -> Fit | None:

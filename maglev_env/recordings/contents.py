@@ -1,12 +1,13 @@
 """All that a data file holds: every column, number and text below its top-level names."""
 
 import re
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
+from maglev_env.recordings.file_formats import columns_of
 from maglev_env.recordings.files import Columns
 
 _FIELD = re.compile(r"[A-Za-z_]\w*")  # what a column expression can name
@@ -24,12 +25,14 @@ class Contents:
         numbers: expression -> single number.
         texts: expression -> text.
         unused: what was left out and why, in words.
+        headers: expression -> what a text file calls the column, where that is more than its name.
     """
 
     columns: dict[str, np.ndarray]
     numbers: dict[str, float]
     texts: dict[str, str]
     unused: tuple[str, ...]
+    headers: Mapping[str, str] = field(default_factory=dict)
 
 
 def contents(columns: Columns) -> Contents:
@@ -45,7 +48,7 @@ def contents(columns: Columns) -> Contents:
         ValueError: the file holds no column of at least 8 numbers, or is damaged.
     """
     found: dict[str, np.ndarray] = {}
-    numbers: dict[str, float] = {}
+    numbers: dict[str, float] = dict(columns.numbers)
     texts: dict[str, str] = {}
     unused: list[str] = []
     for name in columns.names:
@@ -64,7 +67,8 @@ def contents(columns: Columns) -> Contents:
     # The longest of the most common lengths: a struct may hold several rasters.
     common = max(set(lengths), key=lambda n: (lengths.count(n), n))
     others = [f"{n} has {v.size} values, not {common} as the others" for n, v in found.items() if v.size != common]
-    return Contents({n: v for n, v in found.items() if v.size == common}, numbers, texts, (*unused, *others))
+    kept = {n: v for n, v in found.items() if v.size == common}
+    return Contents(kept, numbers, texts, (*unused, *others), columns.headers)
 
 
 def _below(columns: Columns, expression: str, depth: int, unused: list[str]) -> Iterator[tuple[str, np.ndarray | str]]:
@@ -90,9 +94,9 @@ def _parts(expression: str, value: Any) -> list[str]:
 
 
 def _vectors(expression: str, value: np.ndarray) -> Iterator[tuple[str, np.ndarray]]:
-    """The columns of an array; of one that is no matrix, itself."""
+    """The columns of an array, along its longer side; of one that is no matrix, itself."""
     if value.size == max(value.shape, default=1):
         yield expression, np.array(value.reshape(-1), dtype=float)
-    elif value.ndim == 2 and value.shape[1] <= min(_MOST_COLUMNS, value.shape[0]):
-        for j in range(value.shape[1]):
-            yield f"{expression}[{j}]", np.array(value[:, j], dtype=float)
+    elif value.ndim == 2 and min(value.shape) <= _MOST_COLUMNS:
+        for j, column in enumerate(columns_of(value).T):
+            yield f"{expression}[{j}]", np.array(column, dtype=float)

@@ -69,6 +69,7 @@ def follow(value: Any, steps: Steps, open_level: Callable[[Any], Any] = lambda v
                 raise Refused(f"[{step}] of a single struct; only [0] exists")
         elif isinstance(value, np.ndarray):
             matrix = value.size > max(value.shape, default=1)
+            value = columns_of(value)
             if step >= (columns := value.shape[1] if matrix else 1):
                 raise Refused(f"[{step}] is beyond its {columns} column{'s' * (columns > 1)}, counted from 0")
             value = value.take(step, axis=1) if matrix else value
@@ -77,6 +78,11 @@ def follow(value: Any, steps: Steps, open_level: Callable[[Any], Any] = lambda v
                 raise Refused(f"[{step}] is beyond its {len(value)} elements, counted from 0")
             value = open_level(value[step])
     return value
+
+
+def columns_of(value: np.ndarray) -> np.ndarray:
+    """A matrix with its signals as columns: they lie along the longer side, as rows in Simulink's To File."""
+    return value.T if value.ndim == 2 and min(value.shape) > 1 and value.shape[1] > value.shape[0] else value
 
 
 def vector(value: Any) -> np.ndarray:

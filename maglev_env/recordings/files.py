@@ -5,7 +5,7 @@ import re
 import secrets
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -30,6 +30,8 @@ class Columns:
         names: Top-level names.
         positions: Of a text file, the names by position, "[0]", "[1]", ..., which every column has.
         notes: What was told from the file rather than stated, in words.
+        headers: Of a text file, what it calls a column, with the unit in brackets, where it says more than the name.
+        numbers: Numbers that stand above the table of a text file, by what the file calls them.
     """
 
     path: Path
@@ -37,6 +39,8 @@ class Columns:
     _read: formats.Reader
     positions: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
+    headers: Mapping[str, str] = field(default_factory=dict)
+    numbers: Mapping[str, float] = field(default_factory=dict)
 
     def column(self, name: str) -> np.ndarray:
         """One column, shape (samples,), float64, in the file's own unit.
@@ -106,7 +110,8 @@ def read_columns(path: str | Path, layout: TextLayout | None = None) -> Columns:
         if hdf5:
             return Columns(path, *formats.open_hdf5(path, matlab=kind == ".mat"))
         if kind in TEXT:
-            return Columns(path, *open_text(path, layout or TextLayout()))
+            text = open_text(path, layout or TextLayout())
+            return Columns(path, text.names, text.read, text.positions, text.notes, text.headers, text.numbers)
         return Columns(path, *(formats.open_mat5(path) if kind == ".mat" else formats.open_npz(path)))
     except formats.Refused as problem:
         raise ValueError(f"{path}: {problem}") from None

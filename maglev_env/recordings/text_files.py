@@ -2,7 +2,8 @@
 
 import codecs
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
 from typing import Any
@@ -10,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from maglev_env.recordings.file_formats import Reader, Refused, Steps, follow
+from maglev_env.recordings.labview import numbered_lines
 from maglev_env.recordings.text_layout import (
     STATE_IT,
     Layout,
@@ -26,8 +28,29 @@ _BLOCK = 65536
 _BOMS = {codecs.BOM_UTF8: "utf-8-sig", codecs.BOM_UTF16_LE: "utf-16", codecs.BOM_UTF16_BE: "utf-16"}
 
 
-def open_text(path: Path, stated: TextLayout) -> tuple[tuple[str, ...], Reader, tuple[str, ...], tuple[str, ...]]:
-    """Names, reader, positions and notes of a text file.
+@dataclass(frozen=True)
+class TextFile:
+    """An open text file.
+
+    Attributes:
+        names: Of its columns.
+        read: Their values.
+        positions: Their names by position.
+        notes: What was told from the file, in words.
+        headers: By name what the file calls a column, with its unit in brackets, where it says more than the name.
+        numbers: Numbers above the table by what the file calls them.
+    """
+
+    names: tuple[str, ...]
+    read: Reader
+    positions: tuple[str, ...]
+    notes: tuple[str, ...]
+    headers: Mapping[str, str]
+    numbers: Mapping[str, float]
+
+
+def open_text(path: Path, stated: TextLayout) -> TextFile:
+    """Open a text file.
 
     A column is asked for by its name in the header, or by its position, "[j]" from 0. A column without a name, or whose
     name another one has too, goes by its position alone.
@@ -37,14 +60,15 @@ def open_text(path: Path, stated: TextLayout) -> tuple[tuple[str, ...], Reader, 
     """
     encoding, notes = _encoding(path)
     with path.open(encoding=encoding) as file:
-        head = list(islice(file, MAX_PREAMBLE))
-        tail = list(deque(file, _TAIL)) or head[-_TAIL:]
+        lines = numbered_lines(file)
+        head = [line for _, line in islice(lines, MAX_PREAMBLE)]
+        tail = [line for _, line in deque(lines, _TAIL)] or head[-_TAIL:]
     layout = find_layout([line.rstrip("\n") for line in head], [line.rstrip("\n") for line in tail], stated)
     positions = {f"[{j}]": j for j in range(len(layout.names))}
     once = {name: j for j, name in enumerate(layout.names) if name and layout.names.count(name) == 1}
     names = tuple(n if n in once else f"[{j}]" for j, n in enumerate(layout.names))
     with path.open(encoding=encoding) as file:
-        table, problems = _table(file, layout)
+        table, problems = _table(numbered_lines(file), layout)
 
     def read(root: str, steps: Steps) -> Any:
         j = once[root] if root in once else positions[root]
@@ -54,7 +78,8 @@ def open_text(path: Path, stated: TextLayout) -> tuple[tuple[str, ...], Reader, 
 
     twice = {name for name in layout.names if layout.names.count(name) > 1} - {""}
     notes += [f"several columns are called {name!r}: they go by position" for name in sorted(twice)]
-    return names, read, tuple(positions), (*notes, *layout.notes)
+    headers = {name: header for name, header in zip(names, layout.preamble.headers, strict=False) if header}
+    return TextFile(names, read, tuple(positions), (*notes, *layout.notes), headers, layout.preamble.numbers)
 
 
 def _encoding(path: Path) -> tuple[str, list[str]]:
@@ -77,12 +102,12 @@ def _encoding(path: Path) -> tuple[str, list[str]]:
     return ("latin-1", ["the file is not UTF-8: read as Latin-1"]) if latin else ("utf-8", [])
 
 
-def _table(file: Iterator[str], layout: Layout) -> tuple[np.ndarray, dict[int, str]]:
+def _table(lines: Iterator[tuple[int, str]], layout: Layout) -> tuple[np.ndarray, dict[int, str]]:
     """The numbers (samples, columns), and for each column that does not hold numbers alone, where."""
     columns = len(layout.names)
     parts: list[np.ndarray] = [np.empty((0, columns))]
     problems: dict[int, str] = {}
-    lines, blank = enumerate(file, 1), None
+    blank = None
     for _ in range(layout.first):
         next(lines)
     sample = 0

@@ -10,17 +10,16 @@ from typing import Any
 
 from maglev_env.fields import check_known
 from maglev_env.recordings.file_formats import Refused
+from maglev_env.recordings.text_preamble import Preamble, is_unit, read_preamble
 
 SEPARATORS = {";": "semicolons", "\t": "tabs", ",": "commas", " ": "blanks"}
 DECIMALS = (".", ",")
 STATE_IT = 'state it in campaign.toml, e.g. format = { separator = ";", decimal = ",", header = 1 }'
 _COMMENTS = ("#", "%", "//")
 _NUMBER = re.compile(r"[+-]?((\d+(\.\d*)?|\.\d+)(e[+-]?\d+)?|nan|inf|infinity)", re.IGNORECASE)
+_ROWS = 4  # of numbers that follow each other, where the first holds a word, too
 _GROUPED = re.compile(r"[+-]?[1-9]\d{0,2},\d{3}")
 _THOUSANDS = re.compile(r"[+-]?\d{1,3}(\.\d{3})+,\d+|[+-]?\d{1,3}(,\d{3})+\.\d+")
-_UNIT = re.compile(
-    r"[\[(].*[\])]||-|1|%|[kmuµμn]?(s|m|A|V|N|Hz|W|Nm|T|rad|g|Ohm|Ω)|m?m/s(\^?2|²)?|rad/s|rpm|sec|deg|°|K|°C|C"
-)
 
 
 @dataclass(frozen=True)
@@ -49,6 +48,7 @@ class Layout:
         first: First line of numbers, from 0.
         width: Cells of a line of numbers, trailing empty ones included.
         notes: What was told from the file, in words.
+        preamble: What else the lines above the numbers say.
     """
 
     separator: str
@@ -57,6 +57,7 @@ class Layout:
     first: int
     width: int
     notes: tuple[str, ...]
+    preamble: Preamble
 
 
 def layout_table(value: Any) -> TextLayout:
@@ -117,7 +118,10 @@ def find_layout(head: Sequence[str], tail: Sequence[str], stated: TextLayout) ->
     rows = [row for row in rows if re.search(r"(^|[\s;,\"])[+-]?[.\d]", row)] or rows
     separator, decimal, signs = _signs(rows, head, stated)
     split = [cells_of(row, separator) for row in rows]
-    numeric = [cells for cells in split if sum(is_number(cell, decimal) for cell in cells) * 2 >= len(cells)]
+    count = [sum(is_number(cell, decimal) for cell in cells) for cells in split]
+    numeric = [cells for cells, n in zip(split, count, strict=True) if 2 * n >= len(cells)]
+    # Where most columns are empty, as those of a preamble beside the first numbers, the full cells count.
+    numeric = numeric or [cells for cells, n in zip(split, count, strict=True) if 2 * n >= sum(map(bool, cells)) > 0]
     if not numeric:
         return _names_alone(head, separator, decimal, stated)
     lengths = Counter(map(len, numeric))
@@ -127,7 +131,9 @@ def find_layout(head: Sequence[str], tail: Sequence[str], stated: TextLayout) ->
     expected = [2 * sum(is_number(cells[j], decimal) for cells in full) >= len(full) for j in range(width - empty)]
     first = _first_row(head, separator, decimal, expected, stated.header or 0)
     names, last, notes = _names(head[:first], separator, decimal, width, width - empty, stated)
-    return Layout(separator, decimal, names[: max(last, width - empty)], first, width, (*signs, *notes))
+    names = names[: max(last, width - empty)]
+    preamble = read_preamble([cells_of(line, separator) for line in head[:first]], names, decimal)
+    return Layout(separator, decimal, names, first, width, (*signs, *notes), preamble)
 
 
 def _signs(rows: list[str], head: Sequence[str], stated: TextLayout) -> tuple[str, str, list[str]]:
@@ -184,11 +190,19 @@ def _comma_names(rows: list[str], head: Sequence[str]) -> bool:
 
 def _first_row(head: Sequence[str], separator: str, decimal: str, expected: list[bool], least: int) -> int:
     """The first line, from `least` on, with a number in every column where the last lines have one."""
-    for i, line in enumerate(head[least:], least):
+
+    def numeric(line: str) -> list[str]:
         cells = [] if is_left_out(line) else cells_of(line, separator)
-        if len(cells) >= len(expected) and all(
+        fits = len(cells) >= len(expected) and all(
             is_number(c, decimal) for c, e in zip(cells, expected, strict=False) if e
-        ):
+        )
+        return cells if fits else []
+
+    for i, line in enumerate(head[least:], least):
+        cells = numeric(line)
+        # A line of the preamble may hold as many numbers behind its word: numbers follow the first row of a table.
+        words = any(c for c, e in zip(cells, expected, strict=False) if not e)
+        if cells and (not words or all(is_left_out(n) or numeric(n) for n in head[i + 1 : i + _ROWS])):
             return i
     raise Refused(f"no line of numbers in columns follows in the first {len(head)} lines; {STATE_IT}")
 
@@ -205,7 +219,8 @@ def _names(
             cells = cells_of(text.rpartition(":")[2], " ") if least > 1 else []
         if len(cells) == least + 1 and cells[-1].lower() == "comment":  # LabVIEW's last column, empty in every row
             cells = cells[:-1]
-        fits = least <= len(cells) <= width and not any(is_number(c, decimal) for c in cells) and any(cells)
+        # Behind the columns an oscilloscope may state where they begin and their steps.
+        fits = least <= len(cells) <= width and not any(is_number(c, decimal) for c in cells[:least]) and any(cells)
         return cells if fits else None
 
     def done(cells: list[str], *notes: str) -> tuple[tuple[str, ...], int, list[str]]:
@@ -222,8 +237,10 @@ def _names(
     lines = [i for i, line in enumerate(above) if not is_left_out(line)]
     if lines:
         names, units = named(above[lines[-1]]), []
-        if names and len(lines) > 1 and all(map(_UNIT.fullmatch, names)) and (upper := named(above[lines[-2]])):
-            names, units = upper, [f"line {lines[-1] + 1} is taken as units and not read: state scales in channels"]
+        if names and len(lines) > 1 and all(map(is_unit, names[:least])) and (upper := named(above[lines[-2]])):
+            beside = any(is_number(cell, decimal) for cell in names[least:])  # numbers, not names of empty columns
+            names = upper[:least] if beside else upper
+            units = [f"line {lines[-1] + 1} is taken as units and not read: state scales in channels"]
             lines.pop()
         if names:
             where = [f"the columns are named by line {lines[-1] + 1}"] if lines[-1] else []
@@ -247,4 +264,4 @@ def _names_alone(head: Sequence[str], separator: str, decimal: str, stated: Text
         raise Refused("the file holds no line of numbers: it is empty")
     at = stated.header - 1 if stated.header else at
     names = cells_of(head[at], separator)
-    return Layout(separator, decimal, tuple(names), at + 1, len(names), ())
+    return Layout(separator, decimal, tuple(names), at + 1, len(names), (), Preamble(tuple(names), {}))

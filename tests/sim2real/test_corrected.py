@@ -182,6 +182,8 @@ def test_every_verdict_has_its_sentence():
         "The gap is explained by delay (50 %), amplifier_lag (30 %) or eddy_current (15 %), in the controller, the "
         "amplifier or the actuator; this campaign cannot tell them apart."
     )
+    lagging = diagnosis(Point(effect("delay", 2e-5), {"actuator_gain": 0.2}), cause=("delay",))
+    assert sentence(lagging).endswith("; besides, the rig is not as stated: actuator_gain +20 %, 4 tolerances off.")
     pair = diagnosis(Point({**effect("delay", 2e-5), **effect("unbalance", 3e-8)}, {}), cause=("delay", "unbalance"))
     assert sentence(pair).startswith(
         "The gap is explained by delay with unbalance (93 %), in the controller and what turns with the rotor; "

@@ -15,7 +15,7 @@ from sim2real.fitting import begin, iterate
 from sim2real.hypotheses import Hypothesis
 from sim2real.problem import assemble
 from sim2real.recorded.records import read_records
-from sim2real.shrink import Gap, Words, closed, errors, shrink
+from sim2real.shrink import Gap, Words, closed, errors, lost, shrink
 from sim2real.simulated import experiment_at, tolerances
 
 FREE = load_rig("hmb_free")
@@ -52,6 +52,19 @@ def test_what_cannot_be_told_is_none():
     same = closed(noise + 3, noise + 3, 0)
     assert same[0] == 0.0 and same[1] == (0.0, 0.0)
     assert closed(noise + 3, noise + 6, 0)[0] < -1  # worse than before
+
+
+def test_what_predicts_worse_than_calibration_is_told_from_scatter():
+    rng = np.random.default_rng(5)
+    alike, worse = [], []
+    for _ in range(200):
+        noise = whitened(rng, np.zeros(SIZE))
+        one, other = (noise + 0.05 * whitened(rng, np.zeros(SIZE)) for _ in range(2))  # neither nearer to the truth
+        alike.append(lost(one, other))
+        worse.append(lost(noise, noise + 0.8 * np.repeat(rng.standard_normal(SIZE // 8), 8)))
+    assert np.mean(np.array(alike) > 0) < 0.06
+    assert np.mean(np.array(worse) > 0) > 0.95 and np.mean(worse) == pytest.approx(0.64 * SIZE, rel=0.1)
+    assert lost(noise, np.full(SIZE, np.nan + 0j)) == 0.0  # a rotor that fell is refused elsewhere
 
 
 def test_a_gap_that_is_hardly_above_the_noise_has_no_closed_share():

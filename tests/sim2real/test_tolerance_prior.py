@@ -58,6 +58,16 @@ def test_the_sensors_gain_is_known_by_the_probes():
     assert h.prior[0] == pytest.approx((0.1 / (WIDER * 0.02)) ** 2)
 
 
+def test_a_lag_may_replace_the_stated_one_instead_of_standing_in_series_with_it():
+    h = Hypothesis(("amplifier_lag",), {"amplifier_time_constant": 0.1, "probe_gain": 0.02})
+    n = len(h.coordinates)
+    assert h.prior[n:] == pytest.approx([WIDER**-2, 1.0, 1.0])  # the last is the form of the lag
+    moved = h.bounded(np.concatenate([np.zeros(n), [-20.0, -20.0, 0.0]]))
+    assert moved[n : n + 2] == pytest.approx([-9.0, -WIDER * EXCLUDED])
+    alone = Hypothesis(("delay",), h.tolerances)
+    assert alone.prior[len(alone.coordinates) :] == pytest.approx([1.0, 1.0])
+
+
 def test_what_is_exact_is_never_tried_and_a_law_without_a_value_has_its_tolerance():
     rig = replace(load_rig("hmb_free"), actuator_gain=None, tolerance={"mass": 0.0, "actuator_gain": 0.05})
     assert "mass" not in single_effects(rig) and "actuator_gain" in single_effects(rig)

@@ -10,11 +10,13 @@ from maglev_env.channels import RECORDED, unit_of
 from maglev_env.recordings.contents import Contents
 from maglev_env.recordings.guess import behaviour as shown
 from maglev_env.recordings.guess.evidence import LIKELY, OPEN, SURE
+from maglev_env.recordings.guess.rate import time_scale
 from maglev_env.recordings.guess.units import Unit, header_unit, known_unit
 from maglev_env.recordings.guess.words import meaning
 
 _NAMES_BESIDE = ("Name", "name", "Label", "label", "blockName")  # texts of a struct that name its values
 _UNITS_BESIDE = ("Unit", "unit", "Units", "units", "XUnit")
+_VARIABLE, _TYPE = re.compile(r"[A-Za-z_]\w*(\.[A-Za-z_]\w*)+"), re.compile(r"^(f|r|lr)(?=[A-Z])")
 # Sizes that a channel without a unit is likely to have in SI, rms or mean; beyond them it is in a smaller unit.
 _LARGEST_M = 0.05
 _NOT_CURRENT = 3.0  # times the size of the current beyond which a "command" is a voltage
@@ -60,32 +62,47 @@ def guess_columns(found: Contents) -> tuple[ColumnGuess, ...]:
     guesses = _voltage(_not_a_length(guesses, units, values), units, values)
     guesses = _by_behaviour(guesses, values)
     guesses = {n: _resting(g, values[n]) for n, g in guesses.items()}
-    return tuple(_scaled(g, units[name], values[name], guesses, values) for name, g in guesses.items())
+    return tuple(_scaled(g, units[name], values[name], guesses, values, found.numbers) for name, g in guesses.items())
 
 
 def _label(expression: str, found: Contents) -> tuple[str, Unit | None]:
     """What the file calls a column, and its unit: by a text beside it, else by the last part of its name."""
     texts = found.texts
+    if header := found.headers.get(expression, ""):
+        label, unit = header_unit(header)
+        # Of a controller's variable, "MAIN.fbAxis.fPosition", the last part without the letter of its type.
+        label = _TYPE.sub("", label.rpartition(".")[2]) if _VARIABLE.fullmatch(label) else label
+        return label or expression, unit
     if listed := _listed(expression, found):
-        return header_unit(listed)
-    above = expression.rpartition(".")[0]
+        return header_unit(_last_part(listed))
+    above, _, last = expression.rpartition(".")
     beside = next((texts[f"{above}.{key}"] for key in _NAMES_BESIDE if texts.get(f"{above}.{key}", "").strip()), "")
+    if beside and meaning(last).channel == "time":  # the block's name is that of the values beside its time
+        return last, None
     unit = next((u for key in _UNITS_BESIDE if (u := known_unit(texts.get(f"{above}.{key}", "")))), None)
     name = beside.strip().strip('"').replace("\\n", " ") if above and beside else expression
     if above and not beside:
         parts = [p for p in re.split(r"[.\[\]]+", expression) if p and not p.isdigit()]
         telling = [p for p in parts if meaning(header_unit(p)[0]).channel]
         name = telling[-1] if telling else expression
-    elif beside and "/" in beside:
-        parts = [p for p in beside.replace('"', "").split("/") if p.strip()]
-        telling = [p for p in parts if meaning(header_unit(p)[0]).channel]
-        name = telling[-1] if telling else parts[-1]
+    elif beside:
+        name = _last_part(name)
     label, in_header = header_unit(name)
     return label, unit or in_header
 
 
+def _last_part(path: str) -> str:
+    """Of a block's path, "Model/Controller/Position", the last part that says something; else the text itself."""
+    parts = [p for p in path.replace('"', "").split("/") if p.strip()]
+    if "/" not in path or not parts or known_unit(parts[-1]):
+        return path
+    telling = [p for p in parts if meaning(header_unit(p)[0]).channel]
+    return telling[-1] if telling else parts[-1]
+
+
 def _listed(expression: str, found: Contents) -> str:
-    """The name of a matrix column in a cell array of as many texts as there are columns; "" where there is none."""
+    """The name of a matrix column: in a cell array of as many texts as there are columns, or in one text beside it with
+    as many names between commas; "" where there is none."""
     matrix, _, place = expression.removesuffix("]").rpartition("[")
     if not matrix or not place.isdigit():
         return ""
@@ -93,7 +110,10 @@ def _listed(expression: str, found: Contents) -> str:
     lists: dict[str, list[str]] = {}
     for name, text in found.texts.items():
         lists.setdefault(name.rpartition("[")[0], []).append(text)
-    return next((texts[int(place)] for name, texts in lists.items() if name and len(texts) == columns > 1), "")
+    above = matrix.rpartition(".")[0]
+    joined = [found.texts.get(f"{above}.{key}", "").split(",") for key in _NAMES_BESIDE if above]
+    every = [texts for name, texts in lists.items() if name] + joined
+    return next((texts[int(place)].strip() for texts in every if len(texts) == columns > 1), "")
 
 
 def _by_name(column: str, label: str, unit: Unit | None, values: np.ndarray) -> ColumnGuess:
@@ -109,8 +129,9 @@ def _by_name(column: str, label: str, unit: Unit | None, values: np.ndarray) -> 
         return ColumnGuess(column, label, "", 1.0, f"{called}: {said.channel} is not a channel", SURE)
     if unit and unit.si != _unit(said.channel):
         why = f"{called}: {said.channel} would be in {_unit(said.channel)}, not in {unit.si}"
-        if said.channel == "displacement" and unit.si == "V":  # the probe's own voltage: m/V is the user's to state
-            return ColumnGuess(column, label, "displacement", 1.0, f"{called}: the probe's voltage", LIKELY)
+        if said.channel in RECORDED and unit.si == "V":  # of a probe, a current clamp: per volt is the user's to state
+            suffix = f"_{said.axis}" if said.axis else ""
+            return ColumnGuess(column, label, said.channel + suffix, 1.0, f"{called}: a transducer's voltage", LIKELY)
         return ColumnGuess(column, label, "", 1.0, why, LIKELY)
     sure = min(1.0, said.confidence + (0.15 if unit else 0.0))
     suffix = f"_{said.axis}" if said.axis else ""
@@ -141,7 +162,10 @@ def _one_each(guesses: dict[str, ColumnGuess]) -> dict[str, ColumnGuess]:
 
 def _second(guess: ColumnGuess, first: ColumnGuess) -> ColumnGuess:
     why = f'{guess.reason}: also {guess.channel}, but "{first.label}" is taken'
-    ask = f"which column is the {guess.channel}" if guess.confidence >= first.confidence else ""
+    open_ = (
+        guess.confidence >= first.confidence and guess.channel != "time"
+    )  # channels may have equal times of their own
+    ask = f"which column is the {guess.channel}" if open_ else ""
     return replace(guess, channel="", reason=why, ask=ask, confidence=OPEN if ask else LIKELY)
 
 
@@ -268,6 +292,7 @@ def _scaled(
     values: np.ndarray,
     guesses: Mapping[str, ColumnGuess],
     all_values: Mapping[str, np.ndarray],
+    numbers: Mapping[str, float],
 ) -> ColumnGuess:
     """The guess with its scale; without a unit in the header, by the size of the values."""
     if not guess.channel:
@@ -280,7 +305,8 @@ def _scaled(
         return replace(guess, ask=ask, confidence=min(guess.confidence, OPEN))
     span = f"{np.min(values):.4g} .. {np.max(values):.4g}"
     if guess.channel == "time":
-        return replace(guess, reason=f"{guess.reason}, no unit, taken as s")
+        scale, why, ask = time_scale(values, numbers)
+        return replace(guess, scale=scale, reason=f"{guess.reason}, {why}", ask=ask)
     scale, why = 1.0, f"no unit, {span}, taken as {si}"
     if si == "m":
         # Reference and displacement of one file are in one unit: the larger of them tells it.

@@ -6,12 +6,16 @@ from collections.abc import Mapping
 import numpy as np
 
 from maglev_env.recordings.guess.evidence import LIKELY, SURE, Guess
+from maglev_env.recordings.guess.units import header_unit
 
 _ROUND = 5e-5  # a rate so near to a round number is that number
-_RATES = re.compile(r"(^|[._])(fs|f_s|rate|samplerate|sample_rate|samplingrate|sampling_rate|abtastrate)$", re.I)
+_RATES = re.compile(r"(^|[._])(fs|f_s|rate|sampl(e|ing)_?(rate|frequency)|abtast(rate|frequenz))$", re.IGNORECASE)
 _STEPS = re.compile(
-    r"(^|[._])(dt|ts|t_s|samplingperiod|sampling_period|sampletime|sample_time|abtastzeit|wf_increment)$", re.I
+    r"(^|[._])(dt|ts|t_s|sampl(e|ing)_?(period|time|interval)|abtast(zeit|intervall)|wf_increment|(x_?)?increment|delta_?x)$",
+    re.IGNORECASE,
 )
+_AS_STATED = 0.01  # relative deviation of a stated step from that of the column
+_SLOWEST = 40.0  # Hz of control with which anything levitates
 
 
 def guess_rate(time: np.ndarray | None, scale: float, numbers: Mapping[str, float], label: str = "time") -> Guess:
@@ -45,12 +49,44 @@ def guess_rate(time: np.ndarray | None, scale: float, numbers: Mapping[str, floa
                 "sample_rate", _nice(1 / middle), f"{reason}: samples are missing", LIKELY, "sample rate in Hz"
             )
         return Guess("sample_rate", rate, reason, SURE)
-    for name, value in numbers.items():
-        if _RATES.search(name) and value > 0:
-            return Guess("sample_rate", value, f"{value:g} Hz: the number {name} of the file", SURE)
-        if _STEPS.search(name) and 0 < value < 10:
-            return Guess("sample_rate", _nice(1 / value), f"{1 / value:g} Hz: the step {name} = {value:g} s", SURE)
+    if stated := stated_step(numbers):
+        return Guess("sample_rate", _nice(1 / stated[0]), f"{_nice(1 / stated[0]):g} Hz: {stated[1]}", SURE)
     return Guess("sample_rate", None, "no column of time, and no number that tells it", 0.0, "sample rate in Hz")
+
+
+def stated_step(numbers: Mapping[str, float]) -> tuple[float, str] | None:
+    """The time between two samples that a single number of the file states, s, and where; None without one."""
+    for name, value in numbers.items():
+        called, unit = header_unit(name)
+        called = re.sub(r"\W+", "_", called) if unit else re.sub(r"[^\w.]+", "_", called)
+        if _RATES.search(called) and value > 0:
+            return 1 / (value * (unit.scale if unit else 1.0)), f"the number {name} of the file"
+        if _STEPS.search(called) and 0 < value * (scale := unit.scale if unit else 1.0) < 10:
+            return value * scale, f"the step {name} = {value:g} {unit.text if unit else 's'}"
+    return None
+
+
+def time_scale(time: np.ndarray, numbers: Mapping[str, float]) -> tuple[float, str, str]:
+    """The unit of a column of time whose name states none.
+
+    Args:
+        time: the column (samples,).
+        numbers: single numbers of the file by name.
+
+    Returns:
+        Seconds in one of its units, the evidence, and what the user should state.
+    """
+    middle = float(np.median(np.diff(time)))
+    if middle > 0 and (stated := stated_step(numbers)):
+        for scale in (1.0, 1e-3, 1e-6, 1e-9):
+            if abs(middle * scale / stated[0] - 1) < _AS_STATED:
+                return scale, f"no unit, taken as {scale:g} s: {stated[1]}", ""
+        if middle == 1:
+            return stated[0], f"counts samples: {stated[1]}", ""
+    if middle == 1 or not 1 < middle * _SLOWEST < 1e9 * _SLOWEST:
+        return 1.0, "no unit, taken as s", ""
+    scale, name = next(((s, n) for s, n in ((1e-3, "ms"), (1e-6, "us")) if middle * s * _SLOWEST <= 1), (1e-9, "ns"))
+    return scale, f"no unit; {1 / middle:.3g} Hz, if it were in s, levitates nothing: taken as {name}", "unit of time"
 
 
 def jitter_of(time: np.ndarray) -> float:

@@ -70,7 +70,8 @@ def plain_words(name: str) -> list[str]:
     name = re.sub("[äÄ]", "ae", re.sub("[öÖ]", "oe", re.sub("[üÜ]", "ue", name.replace("ß", "ss"))))
     name = unicodedata.normalize("NFKD", name).encode("ascii", "ignore").decode()
     name = re.sub(r"([a-z])([A-Z])", r"\1 \2", name)
-    return " ".join(_GLUED.sub(r"\1\3 \2\4", w) for w in re.split(r"[^a-z]+", name.lower())).split()
+    split = [w.removeprefix("lager") for w in re.split(r"[^a-z]+", name.lower())]  # the bearing's, not "Lage"
+    return " ".join(_GLUED.sub(r"\1\3 \2\4", w) for w in split).split()
 
 
 def _one_of(words: list[str], listed: str, compound: bool = False) -> str:
@@ -110,7 +111,8 @@ def meaning(name: str, si: str = "") -> Meaning:
     if not said:
         return Meaning(None)
     if quantity in ("", "current", "output", "force") and injected:
-        channel = {"N": "force", "m": "reference"}.get(si, "force" if quantity == "force" else "injection")
+        known = {"N": "force", "m": "reference", "A": "injection"}
+        channel = known.get(si, "force" if quantity == "force" else "injection")
         return Meaning(channel, axis, 0.85, injected)
     if estimated and quantity in ("displacement", ""):
         return Meaning("gap_estimate", axis, 0.7, estimated)

@@ -110,6 +110,23 @@ def test_a_unit_in_the_name_decides_against_the_size_of_the_values(suffix, scale
         assert not any("unit" in g.ask for g in guesses.values())
 
 
+@pytest.mark.parametrize(
+    ("step", "numbers", "scale", "asked"),
+    [
+        (1e-3, {}, 1.0, False),
+        (5.0, {}, 1e-3, True),  # 0.2 Hz levitates nothing
+        (500.0, {}, 1e-6, True),
+        (0.05, {"SampleTime[ms]": 0.05}, 1e-3, False),
+        (0.05, {"Sample Interval": 0.05}, 1.0, False),
+        (1.0, {"Increment": 2e-4}, 2e-4, False),  # samples are counted
+        (1.0, {"Sample Rate [kHz]": 1.0}, 1e-3, False),
+    ],
+)
+def test_the_unit_of_a_time_without_one(step, numbers, scale, asked):
+    found = guess_columns(Contents({"t": np.arange(N) * step, "y": SLOW}, numbers, {}, ()))
+    assert found[0].channel == "time" and found[0].scale == pytest.approx(scale) and bool(found[0].ask) == asked
+
+
 def test_columns_without_names_go_by_what_they_do():
     wanted = 5e-3 + 1e-3 * (np.floor(T) % 2)
     command = 0.5 + 40 * (SLOW * 1e-3)

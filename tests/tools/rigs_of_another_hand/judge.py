@@ -3,10 +3,11 @@
     python tests/tools/rigs_of_another_hand/judge.py OUT [--tree TREE] [--only 000 003] [--again]
 
 OUT/NNN/verdict.json keeps each answer, so a run that was stopped continues. Each campaign is one of: named (the effect
-alone), ambiguous (it is among the alternatives), abstained (unexplained), refused (in words), missed ("no gap"),
-wrong (another cause), false alarm (a cause where there is none), clear (no cause, none named), traceback, or form (the
-law alone is named: every ball is pulled by an exponential, and a square is stated, so that is true). A weighed mass
-must never be named.
+alone, or with the law), beside (it, and another one that is not there), ambiguous (it is among the alternatives),
+abstained (unexplained), refused (in words), missed ("no gap", or the law alone), wrong (another cause), false alarm (a
+cause where there is none), clear (no cause, none named), traceback, or form (no effect is there, and the law is named
+or among the alternatives: every ball is pulled by an exponential, and a square is stated, so that is true). A weighed
+mass must never be named.
 """
 
 import argparse
@@ -22,19 +23,19 @@ GOOD = ("named", "ambiguous", "abstained", "clear", "form")
 
 
 def outcome(truth: dict, verdict: str, cause: list[str]) -> str:
-    alternatives = [set(c.split("+")) for c in cause]
     right = set(truth["right"])
-    if cause == ["force_law"]:
-        return "named" if "force_law" in right else "form"
-    if not right:
-        return {"no_gap": "clear", "unexplained": "abstained"}.get(verdict, "false alarm")
-    if verdict == "no_gap":
-        return "missed"
     if verdict == "unexplained":
         return "abstained"
-    if any(right & a for a in alternatives):
-        return "named" if verdict == "explained" else "ambiguous"
-    return "wrong"
+    if not right:
+        return "clear" if verdict == "no_gap" else "form" if "force_law" in cause else "false alarm"
+    if verdict == "no_gap" or (cause == ["force_law"] and "force_law" not in right):
+        return "missed"
+    named = {name for c in cause for name in c.split("+")}
+    if not right & named:
+        return "wrong"
+    if verdict != "explained":
+        return "ambiguous"
+    return "named" if named <= right | {"force_law"} else "beside"
 
 
 def diagnosed(folder: Path, tree: Path) -> dict:

@@ -1,0 +1,98 @@
+"""What the lines above a table say of its columns beside their names: labels, units, and numbers that have a name."""
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+_NAMES = re.compile(r"(symbol|channel|signal)?[ _]?(name|label)s?|bezeichnung", re.IGNORECASE)
+_UNITS = re.compile(r"(y|vertical|signal|channel)?[ _]?(units?|einheit(en)?)([ _]label)?", re.IGNORECASE)
+_NUMBERED = re.compile(r"[A-Za-z]{2,8}[ _]?\d+|\d+")  # "CH1", "Channel 2": says which input, not what was measured
+_UNIT = re.compile(
+    r"[\[(].*[\])]||-|1|%|[kmuµμn]?(s|m|A|V|N|Hz|W|Nm|T|rad|g|Ohm|Ω)|m?m/s(\^?2|²)?|rad/s|rpm|sec|deg|°|K|°C|C"
+    r"|(?i:(volt|amp|ampere|second|newton)s?|sequence)"
+)
+_WORDS = {"volt": "V", "amp": "A", "ampere": "A", "second": "s", "newton": "N"}
+_NO_UNIT = ("", "-", "1", "None", "Sequence")
+_LONGEST = 200  # characters of a line that may state a number
+_SAID = re.compile(r"[#%/\s]*([^:=]*[^:=\s])\s*[:=]\s*(\S+)")  # "# sample rate: 1000 Hz"
+
+
+@dataclass(frozen=True)
+class Preamble:
+    """What stands above the numbers of a text file.
+
+    Attributes:
+        headers: Of every column what the file calls it, with its unit in brackets; "" where nothing is said.
+        numbers: Numbers by what the file calls them, such as "Sample Interval".
+    """
+
+    headers: tuple[str, ...]
+    numbers: Mapping[str, float]
+
+
+def read_preamble(rows: Sequence[Sequence[str]], names: Sequence[str], decimal: str) -> Preamble:
+    """Read the lines above the numbers.
+
+    A row of labels or units begins with a word that says so. Where several columns have a time of their own, the word
+    stands above each of these times again, as TwinCAT writes it.
+
+    Args:
+        rows: The cells of each line.
+        names: Of the columns, "" where there is none.
+        decimal: The decimal sign of the numbers.
+    """
+    columns = len(names)
+    labels, units = [""] * columns, [""] * columns
+    for cells in rows:
+        key, own = (cells[0] if cells else ""), list(cells[:columns])
+        if len(own) < columns or not any(own):
+            continue
+        if all(map(is_unit, own)):
+            units = own
+        elif _NAMES.fullmatch(key) and not any(labels):
+            labels = ["" if cell == key else cell for cell in own]
+        elif _UNITS.fullmatch(key):
+            units = ["" if cell == key else cell for cell in own]
+    if all(map(is_unit, names)):  # no line of names stands above the units
+        names = [""] * columns
+    headers = [
+        _with_unit(label if label and (not name or _NUMBERED.fullmatch(name)) else name, unit)
+        for name, label, unit in zip(names, labels, units, strict=True)
+    ]
+    return Preamble(tuple(headers), _numbers(rows, decimal))
+
+
+def is_unit(cell: str) -> bool:
+    """Whether a cell between names and numbers is a unit, or says that there is none."""
+    return _UNIT.fullmatch(cell) is not None
+
+
+def _with_unit(name: str, unit: str) -> str:
+    # "(ms)", "V (Voltage)" and "[mm]" hold the unit and more.
+    unit = next(iter(re.split(r"[\s\[\]()]+", unit.strip("[]() "))), "")
+    unit = _WORDS.get(unit.lower().removesuffix("s"), unit)
+    return name if unit in _NO_UNIT else f"{name} [{unit}]".strip()
+
+
+def _numbers(rows: Sequence[Sequence[str]], decimal: str) -> dict[str, float]:
+    """The first number of each row by the row's first cell, or by the cell above it."""
+    found: dict[str, float] = {}
+    above: Sequence[str] = ()
+    for cells in rows:
+        said = _SAID.match(cells[0][:_LONGEST]) if len(cells) == 1 else None
+        row = [said[1], said[2]] if said else cells
+        values = [_number(cell, decimal) for cell in row]
+        if row and values[0] is None and (first := next((v for v in values if v is not None), None)) is not None:
+            found.setdefault(row[0].lstrip("#%/ "), first)
+        for name, value in zip(above, values, strict=False):
+            if value is not None and name and _number(name, decimal) is None:
+                found.setdefault(name, value)
+        above = cells
+    return found
+
+
+def _number(cell: str, decimal: str) -> float | None:
+    try:
+        return float(cell.replace(decimal, "."))
+    except ValueError:
+        return None
