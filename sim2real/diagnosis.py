@@ -13,12 +13,23 @@ from maglev_env.recordings.campaign import Campaign
 from maglev_env.recordings.left_out import left_out_data
 from maglev_env.rig.rig import Rig
 from sim2real.attribute import NO_GAP, Attribution, Candidate, attribute, best_partial, contradictions
+from sim2real.bench_noise import bench_noise
+from sim2real.borne_out import borne_out, without
 from sim2real.drift import DRIFT, Drift, drift_of
 from sim2real.free.correction import Free, free_correction
 from sim2real.free.fit import excess
 from sim2real.gain_choice import GainChoice, gain_choice
-from sim2real.hypotheses import CALIBRATION, TONES, WIDER, Coordinate
-from sim2real.judge import Entry, allowance, entries, evidence_of, verdict
+from sim2real.hypotheses import TONES, UNKNOWN, Coordinate
+from sim2real.judge import (
+    Entry,
+    allowance,
+    alternatives,
+    entries,
+    evidence_of,
+    verdict,
+    with_effects,
+    worded,
+)
 from sim2real.leftover import Leftover, leftover
 from sim2real.locate import CONTROLLER_SD, Where, locate
 from sim2real.next_experiment import Proposal, propose
@@ -36,8 +47,6 @@ from sim2real.words import Fitted
 
 SCHEMA = "maglev-diagnosis/1"
 LOUDER = 1.05  # times its noise that a record without a period may seem to have under a wrong simulation
-CLEAR_GAP = 1.2  # in units of the noise, left by calibration on the holdout: what is named must then leave less
-
 FREE_FROM = 0.1  # share of the gap that a named effect may leave without a free correction beside it
 HELD_OUT_EVERY = 4  # without a holdout recording, every fourth line is withheld from the fits
 
@@ -164,11 +173,12 @@ def diagnose(
     progress("reading")
     loaded, standing_records = standing(*read_records(campaign))
     records = agreed([with_tones(r) if isinstance(r, OpenRecord) else r for r in standing_records])
-    fitted = assemble([r for r in records if r.role == "fit"])
+    bench = bench_noise(records)
+    fitted = assemble([r for r in records if r.role == "fit"], bench=bench)
     holdouts = [r for r in records if r.role == "holdout"]
     notes = [note for r in records for note in r.notes]
     if holdouts:
-        judged, judged_on = assemble(holdouts), "holdout"
+        judged, judged_on = assemble(holdouts, bench=bench), "holdout"
     else:
         fitted, judged = fitted.split(HELD_OUT_EVERY)
         judged_on = "held-out lines"
@@ -182,7 +192,12 @@ def diagnose(
         near = best.hypothesis.point(best.u)
         louder = float(widening(fitted, best).max(initial=1.0))
         again, judged = fitted.again(near, louder), judged.again(near, louder)
-        if louder > LOUDER:
+        if bounded := [p.record.name for p in again.parts if bench.reached(p.record, p.opened.outputs, p.noise)]:
+            notes.append(
+                f"{', '.join(bounded)}: what is left exceeds the noise that the recordings with a period show; it is "
+                "taken for a gap, not for noise"
+            )
+        elif louder > LOUDER:
             notes.append(
                 f"errors at single moments, as at steps or kicks: the noise is taken as {louder:.2g} times as large as "
                 "it looks"
@@ -199,7 +214,7 @@ def diagnose(
         tones[DRIFT], causes[DRIFT] = drift.chi2, {"gain_drift": drift.left}
     evidenced = evidence_of(attribution, tones, spin_costs(fitted, seen), causes)
     found = entries(evidenced)
-    worded, cause = verdict(found)
+    verdicted, cause = verdict(found)
     excused = allowance(evidenced)
     tempering = evidenced.dispersion.ratio(excused)
     if tempering > 1:
@@ -215,28 +230,30 @@ def diagnose(
             "deviations from what the stated gains make of the reading; check gains, td, ti and the sign"
         )
     notes += contradictions(attribution)
-    top = next((e for e in found if e.effects[0] not in ("none", CALIBRATION, "unknown")), None)
-    chosen = top if worded in ("explained", "ambiguous") else None
+    named = with_effects(found)
+    alike = alternatives(named) if verdicted in ("explained", "ambiguous") else []
+    kept = borne_out(judged, attribution, alike) if alike and judged_on == "holdout" else alike
+    refuted = [e for e in alike if e not in kept]
+    notes += [
+        f"{' with '.join(e.effects)} would explain the recordings that were fitted, but the holdout is simulated no "
+        "better with it than without, or than by calibration alone: it is not named"
+        for e in refuted
+    ]
+    if refuted:
+        verdicted, cause = worded(kept) if kept else ("unexplained", (UNKNOWN,))
+        found, named = (without(found, refuted), kept) if kept else (found, named)
+    chosen = next(iter(kept), None)
     picked = None if chosen is None or chosen.candidate is None else attribution.candidates[chosen.candidate]
     gap = shrink(judged, attribution, picked, judged_on, seed)
-    if (
-        picked is not None and picked.effects and judged_on == "holdout" and _worse(gap, attribution)
-    ):  # tones leave the lines alone
-        notes.append(
-            f"{' with '.join(cause)} would explain the recordings that were fitted, but the holdout is simulated no "
-            "better with it than without, or than by calibration alone: it is not named"
-        )
-        worded, cause, chosen, picked = "unexplained", ("unknown",), None, None
-        gap = shrink(judged, attribution, None, judged_on, seed)
-    alike = (cause,) if worded == "ambiguous" else ()
+    indistinguishable = (cause,) if verdicted == "ambiguous" else ()
     proposal = None
-    if worded in ("ambiguous", "unexplained"):
+    if verdicted in ("ambiguous", "unexplained"):
         progress("next experiment")
         proposal = propose(attribution, found)
     left, partial = None, attribution.calibration
-    if worded == "unexplained":
+    if verdicted == "unexplained":
         progress("what is left")
-        partial = best_partial(attribution, None if top is None else top.candidate)
+        partial = best_partial(attribution, named[0].candidate if named else None)
         left = leftover(attribution, judged, partial, _parameters(partial), seed)
     alone, free = picked or attribution.calibration, None
     if left is not None or (picked is not None and _leaves_much(picked, attribution)):
@@ -249,11 +266,11 @@ def diagnose(
     corrected = corrected if free is None else free.added_to(corrected)
     speed = next(r.experiment.speed_rpm for r in records if r.role == "fit")
     return Diagnosis(
-        worded,
+        verdicted,
         cause,
         where,
         tuple(found),
-        alike,
+        indistinguishable,
         proposal,
         gap,
         corrected,
@@ -284,20 +301,6 @@ def _other_nuisances(old: Problem, new: Problem) -> bool:
         return True
     apart = np.linalg.norm(old.nuisances.columns - new.nuisances.columns, axis=1)
     return bool(np.any(apart**2 > NO_GAP))
-
-
-def _worse(gap: Gap, attribution: Attribution) -> bool:
-    """Whether the corrected rig simulates the judged recordings no better than the nominal one, or not at all; no
-    better than calibration does, where that leaves a clear gap; or clearly worse than calibration does, where that
-    keeps to what the rig states."""
-    if gap.before is None:
-        return False
-    if gap.after is None or gap.after >= gap.before:
-        return True
-    as_stated = bool(np.all(np.abs(attribution.calibration.fit.u) <= WIDER))
-    if gap.lost > NO_GAP and as_stated:
-        return True
-    return gap.calibrated is not None and gap.after >= gap.calibrated > CLEAR_GAP
 
 
 def _leaves_much(picked: Candidate, attribution: Attribution) -> bool:

@@ -309,6 +309,11 @@ def _worst(evidence: Evidence, before: np.ndarray, candidate: int | None) -> flo
     return float(np.min(1.0 - left / before[significant]))
 
 
+def with_effects(found: Sequence[Entry]) -> list[Entry]:
+    """The hypotheses that name effects."""
+    return [e for e in found if e.effects[0] not in (NONE, CALIBRATION, UNKNOWN)]
+
+
 def verdict(found: Sequence[Entry]) -> tuple[str, tuple[str, ...]]:
     """The verdict and the cause; in a class of alternatives a pair is written "a+b".
 
@@ -317,17 +322,27 @@ def verdict(found: Sequence[Entry]) -> tuple[str, tuple[str, ...]]:
         cause: Names of the effects.
     """
     mass = {kind: sum(e.probability for e in found if e.effects == (kind,)) for kind in (NONE, CALIBRATION, UNKNOWN)}
-    named = [e for e in found if e.effects[0] not in mass]
+    named = with_effects(found)
     effects = sum(e.probability for e in named)
     if mass[NONE] + mass[CALIBRATION] >= max(effects, mass[UNKNOWN]):
         return "no_gap", ()
     if mass[UNKNOWN] >= effects or not named:
         return "unexplained", (UNKNOWN,)
+    return worded(alternatives(named))
+
+
+def alternatives(named: Sequence[Entry]) -> list[Entry]:
+    """Of hypotheses with effects, the most probable first, those that are not distinguished from the first."""
     alike: list[Entry] = []
     for e in named:
         more = any(set(e.effects) > set(other.effects) for other in alike)  # the same effects and a superfluous one
         if e.probability >= CLASS_SHARE * named[0].probability and not more:
             alike.append(e)
+    return alike
+
+
+def worded(alike: Sequence[Entry]) -> tuple[str, tuple[str, ...]]:
+    """The verdict and the cause, as of `verdict`, of hypotheses that are not distinguished."""
     if len(alike) == 1:
-        return "explained", named[0].effects
+        return "explained", alike[0].effects
     return "ambiguous", tuple("+".join(e.effects) for e in alike)

@@ -9,9 +9,10 @@ import numpy as np
 from maglev_env.experiment import Experiment
 from maglev_env.loop.gains import NO_CONTROLLER
 from maglev_lanes.threads import single_blas
+from sim2real.bench_noise import NO_BOUND, BenchNoise
+from sim2real.law_shape import law_shapes, shape_columns
 from sim2real.open_tones import nuisance_columns
 from sim2real.recorded.channel_errors import changes
-from sim2real.recorded.law_shape import law_shapes, shape_columns
 from sim2real.recorded.nuisances import Nuisances, stacked
 from sim2real.recorded.open_evidence import (
     SMALL,
@@ -32,6 +33,7 @@ from sim2real.recorded.records import Record
 from sim2real.recorded.ringing import ringing
 from sim2real.recorded.static_evidence import StaticEstimate, coefficients_at, static_of
 from sim2real.simulated import Point, Predictor, experiment_at, predictor, residuals, together
+from sim2real.stiffness_form import stiffness_nuisance
 
 # Detection lines are used up to DENSE_REACH times the DENSE quantile of the driven lines.
 DENSE, DENSE_REACH = 0.75, 1.2
@@ -93,6 +95,7 @@ class Problem:
         outputs: Names of the outputs.
         nuisances: What is not known of the measurement.
         static: What the means of a mass at rest say; its rows come last.
+        bench: Noise that recordings without a period may have at most.
     """
 
     parts: tuple[Part, ...]
@@ -105,6 +108,7 @@ class Problem:
     outputs: tuple[str, ...]
     nuisances: Nuisances
     static: StaticEstimate | None = None
+    bench: BenchNoise = NO_BOUND
 
     @cached_property
     def data(self) -> np.ndarray:
@@ -174,7 +178,7 @@ class Problem:
     def again(self, near: Point, louder: float = 1.0) -> "Problem":
         """The same lines, with the noise that a point leaves of records without a period, times a factor."""
         records, used = [p.record for p in self.parts], [p.used for p in self.parts]
-        return assemble(records, used, near, self.static is not None, louder)
+        return assemble(records, used, near, self.static is not None, louder, self.bench)
 
     def split(self, every: int) -> tuple["Problem", "Problem"]:
         """Two problems: one without every n-th excited line, and one of those lines alone."""
@@ -186,7 +190,7 @@ class Problem:
             kept.append(part.used & ~out)
             withheld.append(out)
         records = [p.record for p in self.parts]
-        return assemble(records, kept), assemble(records, withheld, rest=False)
+        return assemble(records, kept, bench=self.bench), assemble(records, withheld, rest=False, bench=self.bench)
 
 
 @dataclass(frozen=True)
@@ -268,6 +272,7 @@ def assemble(
     near: Point | None = None,
     rest: bool = True,
     louder: float = 1.0,
+    bench: BenchNoise = NO_BOUND,
 ) -> Problem:
     """Stack records into one problem.
 
@@ -277,6 +282,7 @@ def assemble(
         near: The best known parameters; the noise of records without a period is what a simulation there leaves.
         rest: Whether the means of a mass at rest are used.
         louder: Factor on the noise of records without a period.
+        bench: Noise that these may have at most; what is beyond is no noise.
     """
     parts, nuisances, at = [], [], 0
     names = ("plant", "amplifier")
@@ -286,14 +292,18 @@ def assemble(
     for i, record in enumerate(records):
         used = informative(record) if lines is None else lines[i]
         evidence = _evidence(record, near)
+        followed = isinstance(record, OpenRecord) and record.along is not None  # the law's shape is unsure in all
+        form = {} if followed else stiffness_nuisance(record.nominal, evidence.predictor)
+        unsure = {**evidence.nuisances, **form}
         opened, measured, noise = evidence.opened, evidence.measured, evidence.noise
-        noise = noise * louder if isinstance(record, OpenRecord) else noise
+        if isinstance(record, OpenRecord):
+            noise = np.minimum(noise * louder, bench.most(record, opened.outputs))
         shape = (*measured.shape[:2], int(used.sum()))
         size = int(np.prod(shape))
         parts.append(Part(record, opened, evidence.predictor, measured, noise, used, slice(at, at + size)))
         at += size
         whitening = np.sqrt(2) / noise
-        nuisances.append({n: (c * whitening)[..., used].reshape(-1) for n, c in evidence.nuisances.items()})
+        nuisances.append({n: (c * whitening)[..., used].reshape(-1) for n, c in unsure.items()})
         outputs = np.array([names.index(n) for n in opened.outputs])
         rows = {
             "whitened": (measured * whitening)[..., used],
@@ -322,4 +332,4 @@ def assemble(
             columns[key].append(np.full(rows, value))
         found = Nuisances(found.names, np.pad(found.columns, ((0, 0), (0, rows))))
     columns_of = {key: np.concatenate(value) for key, value in columns.items()}
-    return Problem(tuple(parts), outputs=names, nuisances=found, static=static, **columns_of)
+    return Problem(tuple(parts), outputs=names, nuisances=found, static=static, bench=bench, **columns_of)

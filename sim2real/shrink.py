@@ -48,7 +48,6 @@ class Gap:
         words: Engineering quantities of the judged recordings: "measured", "before" and "after".
         foils: Gap after refitting every parameter without a prior, and with another effect, for comparison.
         figures: How well the corrected rig simulates the judged recordings; None where it touches down.
-        lost: Cost by which the corrected rig simulates the judged recordings worse than calibration does.
     """
 
     before: float | None
@@ -61,7 +60,6 @@ class Gap:
     words: Mapping[str, Words]
     foils: Mapping[str, float | None]
     figures: Figures | None = None
-    lost: float = 0.0
 
 
 def shrink(judged: Problem, attribution: Attribution, chosen: Candidate | None, held_out: str, seed: int) -> Gap:
@@ -87,21 +85,21 @@ def shrink(judged: Problem, attribution: Attribution, chosen: Candidate | None, 
     fraction, interval = closed(before, after, seed)
     words = {"measured": _words(judged, None), "before": _words(judged, before), "after": _words(judged, after)}
     return Gap(
-        _gap(before),
-        _gap(calibrated),
-        _gap(after),
+        gap_of(before),
+        gap_of(calibrated),
+        gap_of(after),
         1.0,
         fraction,
         interval,
         held_out,
         words,
-        {"refit all parameters": _gap(refit), "another effect": _gap(foil)},
+        {"refit all parameters": gap_of(refit), "another effect": gap_of(foil)},
         figures(judged, after),
-        lost(calibrated, after),
     )
 
 
-def _gap(residual: np.ndarray) -> float | None:
+def gap_of(residual: np.ndarray) -> float | None:
+    """The gap sqrt(cost / n) of a whitened residual; None where the rotor touches down."""
     size = float(np.mean(abs(residual) ** 2) / 2)
     return float(np.sqrt(size)) if np.isfinite(size) else None
 

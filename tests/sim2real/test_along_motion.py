@@ -15,8 +15,8 @@ from maglev_env.loop.magnets.kinds import force_law
 from maglev_env.loop.magnets.law import linearise, reshaped
 from maglev_env.recordings.campaign_writer import toml_value
 from maglev_env.rig.rig import load_rig, rig_from_toml
+from sim2real.law_shape import law_shapes
 from sim2real.problem import assemble
-from sim2real.recorded.law_shape import law_shapes
 from sim2real.recorded.nuisances import Nuisances
 from sim2real.recorded.records import read_records
 from sim2real.simulated import Point

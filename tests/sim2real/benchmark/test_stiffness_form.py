@@ -1,0 +1,61 @@
+"""A ball whose negative stiffness is off within its tolerance, in the form of the benchmark's own magnet."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from maglev_env.loop.magnets.kinds import force_law
+from maglev_env.loop.magnets.law import force, linearise, reshaped
+from maglev_env.rig.rig import load_rig
+from sim2real import problem as problem_module
+from sim2real.blind.benchmark.drives import draw_drive
+from sim2real.blind.benchmark.rigs import draw_rig
+from sim2real.blind.benchmark.simulate import Controller, Recording, Truth, simulate
+from sim2real.blind.benchmark.write import write_campaign
+from sim2real.fitting import begin, iterate
+from sim2real.hypotheses import Hypothesis
+from sim2real.recorded.records import read_records
+from sim2real.simulated import tolerances
+from sim2real.stiffness_form import stiffness_forms
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    rng = np.random.default_rng(3)
+    rig = draw_rig("ball", rng)
+    rig = replace(rig, noise={**rig.noise, "displacement": 4e-5 * rig.parameters["gap"]})
+    controller = Controller(rig.pid, "pid", 1 / rig.parameters["control_rate"])
+    recording = Recording("one", "fit", controller, draw_drive("multisine", rig, False, 0.08, rng))
+    made = simulate(Truth(rig, {"negative_stiffness": -0.04}), recording, 5)
+    folder = tmp_path_factory.mktemp("ball") / "c"
+    write_campaign(folder, rig, "no_force", [(recording, True, made)])
+    return folder
+
+
+def test_both_forms_have_the_same_stiffness_and_another_curvature(folder):
+    rig = load_rig(folder / "rig.toml")
+    (scaled, steeper), law = stiffness_forms(rig), force_law(rig)
+    assert scaled.changes == {"negative_stiffness": 0.04}
+    other = reshaped(law, steeper.effects["force_law"]["exponent"], 0.0)
+    assert linearise(other)[1] == pytest.approx(1.04 * linearise(law)[1], rel=1e-9)
+    assert linearise(other)[0] == pytest.approx(linearise(law)[0], rel=1e-12)
+    y = 0.1 * rig.gap
+    same = replace(law, stiffness_scale=1.04)
+    assert abs(force(other, y, 0.0) - force(same, y, 0.0)) > 1e-3 * force(law, y, 0.0)
+    assert stiffness_forms(load_rig("hmb_free")) is None
+
+
+def test_calibration_takes_up_a_stiffness_of_another_form(folder, monkeypatch):
+    _, (record,) = read_records(folder)
+    left = {}
+    for known in (False, True):
+        with monkeypatch.context() as patch:
+            if not known:
+                patch.setattr(problem_module, "stiffness_nuisance", lambda rig, predictor: {})
+            problem = problem_module.assemble([record], rest=False)
+        h = Hypothesis((), tolerances(record.nominal), scales=record.nominal.scales)
+        (fit,) = begin([h], [np.zeros(h.size)], problem.data, problem.simulate)
+        iterate([fit], problem.data, problem.simulate, 8)
+        left[known] = fit.cost / (2 * problem.data.size)
+    assert left[True] < 1.3 and left[False] > 2 * left[True], left
