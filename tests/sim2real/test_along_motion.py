@@ -29,11 +29,11 @@ RIG = replace(
 N = 4000
 
 
-def record_of(folder, height, seed):
-    """Steps of the set point of this height, m, with 10 um of noise in the reading."""
+def record_of(folder, height, seed, noise=10e-6):
+    """Steps of the set point of this height, m, with so much noise in the reading, m rms."""
     rng = np.random.default_rng(5)
     reference = np.repeat(height * rng.uniform(-1, 1, N // 500), 500)
-    run = ball_bench.record(RIG, N / 1000, seed, reference=reference, noise=(10e-6, 0.0)) | {"reference": reference}
+    run = ball_bench.record(RIG, N / 1000, seed, reference=reference, noise=(noise, 0.0)) | {"reference": reference}
     folder.mkdir()
     ball_bench.write_campaign(
         folder, BALL, toml_value(as_table(RIG.gains)), {"run": run}, ("displacement", "command", "reference")
@@ -71,7 +71,7 @@ def test_noise_that_a_kick_of_the_current_multiplies_is_no_damping(tmp_path):
 
 
 def test_a_small_motion_is_opened_at_rest(tmp_path):
-    assert record_of(tmp_path / "small", 2e-6, 1).along is None
+    assert record_of(tmp_path / "small", 2e-6, 1, noise=1e-6).along is None
 
 
 @pytest.mark.parametrize("rig", [RIG, load_rig("hmb_free"), load_rig("eframe")])
