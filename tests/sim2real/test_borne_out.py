@@ -36,7 +36,8 @@ def judged(nominal, calibrated, *after):
         ((30.0, 8.6, 10.6, 4.3), [1, 2]),  # the most probable one is refuted
         ((30.0, 8.6, 4.3, 4.2), [0, 1, 2]),
         ((30.0, 8.6, 9.0, 40.0), [2]),  # tones leave the lines alone
-        ((30.0, 1.1, 1.15, 4.3), [0, 1, 2]),  # calibration leaves no clear gap
+        ((30.0, 1.1, 1.15, 1.14), [0, 1, 2]),  # calibration leaves no clear gap
+        ((30.0, 1.1, 1.15, 4.3), [0, 2]),  # nor does it, and one leaves clearly more
         ((30.0, 8.6, np.nan, 4.3), [1, 2]),  # it touches down
         ((np.nan, 8.6, 10.6, 4.3), [0, 1, 2]),  # nothing to compare with
     ],

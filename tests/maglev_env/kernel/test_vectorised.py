@@ -55,7 +55,7 @@ VARIANTS = {
 def assembly(e):
     """Of the kernel, which is made anew where it comes from the disk cache: that one cannot be looked at."""
     numbers, whole = nb.float64[::1], nb.int64[::1]
-    own = (numbers, nb.uint64[::1], numbers, nb.int64, whole, whole, *[numbers] * 5)
+    own = (numbers, nb.uint64[::1], numbers, nb.int64, whole, whole, whole, *[numbers] * 5)
     step = kernel(structure_of(e))
     step.compile(own)
     if step.stats.cache_hits:

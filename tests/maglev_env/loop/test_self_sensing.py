@@ -18,7 +18,7 @@ from maglev_env.design.defaults import with_defaults
 from maglev_env.evaluation.evaluate import evaluate
 from maglev_env.experiment import Experiment, axis_experiment, protocol_experiment, recorded_channels, self_sensors
 from maglev_env.kernel.advance import TILE, kernel
-from maglev_env.kernel.simulate import State, _blocks, simulate_records, simulate_statistics
+from maglev_env.kernel.simulate import REGULAR, State, _blocks, simulate_records, simulate_statistics
 from maglev_env.linear.loop import closed_loop_poles, expected_statistics, loop_response, without_noise
 from maglev_env.loop.axes import Cross
 from maglev_env.loop.effect import effect
@@ -170,7 +170,7 @@ def coil_currents(e, samples):
             state.axis_rows(SELF + row)[0, 0] for row in (rows.COIL, rows.GAP, rows.INVERSE_0, rows.INVERSE_1)
         )
         found[:, t] = linkage * (first + second * gap), gap
-        clocks = t, state.timing, switches
+        clocks = t, state.timing, switches, REGULAR
         step(state.rows.reshape(-1), seeds, state.history, *clocks, *(w[t : t + 1] for w in waves), tile, out)
     return found
 
