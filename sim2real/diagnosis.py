@@ -299,8 +299,9 @@ def _other_nuisances(old: Problem, new: Problem) -> bool:
     """
     if old.nuisances.names != new.nuisances.names:
         return True
-    apart = np.linalg.norm(old.nuisances.columns - new.nuisances.columns, axis=1)
-    return bool(np.any(apart**2 > NO_GAP))
+    # Along a direction that is taken out anyway, it does not matter by how much.
+    apart = old.nuisances.without(new.nuisances.columns - old.nuisances.columns)
+    return bool(np.any(np.linalg.norm(apart, axis=1) ** 2 > NO_GAP))
 
 
 def _leaves_much(picked: Candidate, attribution: Attribution) -> bool:
