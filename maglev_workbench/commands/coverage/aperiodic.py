@@ -7,25 +7,22 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy import signal
+import scipy
 
 from maglev_env.channels import SHOWN_BY, Place
 from maglev_env.experiment import Experiment
-from maglev_env.kernel.driven import Drive
-from maglev_env.kernel.replay import replayed
-from maglev_env.kernel.simulate import prepared
 from maglev_env.loop.axes import suffixes
 from maglev_env.loop.gains import Gains
-from maglev_env.recordings.campaign_writer import write_campaign
 from maglev_env.rig.excitation import Excitation
 from maglev_workbench.commands.coverage.benches import BENCHES, Bench, Real, real
 from maglev_workbench.commands.coverage.counts import Coverage, Interval, counted
-from sim2real.pooled import Coefficient, pooled
-from sim2real.recorded.open_record import OpenRecord
-from sim2real.recorded.records import Record, read_records
 
 if TYPE_CHECKING:
     import xarray as xr
+
+    from sim2real.pooled import Coefficient
+    from sim2real.recorded.open_record import OpenRecord
+    from sim2real.recorded.records import Record
 
 SAMPLES = 20_000  # of a recording: 1 s at 20 kHz, 20 s of a ball at 1 kHz
 SUBSTEPS = 5  # integration steps per control sample; the estimate's own simulation has one
@@ -46,7 +43,7 @@ def _steps(time: np.ndarray, rng: np.random.Generator) -> np.ndarray:
 
 
 def _chirp(time: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    return signal.chirp(time, CHIRP[0], 1.0, CHIRP[1], "logarithmic", rng.uniform(0, 360))
+    return scipy.signal.chirp(time, CHIRP[0], 1.0, CHIRP[1], "logarithmic", rng.uniform(0, 360))
 
 
 def _noise(time: np.ndarray, rng: np.random.Generator) -> np.ndarray:
@@ -88,6 +85,8 @@ class Aperiodic:
 
     def drawn(self, seed: int, draw: int) -> dict[str, Interval | None]:
         """Interval by coefficient; None where the recording does not bound it, and nothing where it is refused."""
+        from sim2real.pooled import pooled
+
         # Conditions share no draws: a probe that is off would otherwise show in all of them.
         bench, rng = BENCHES[self.bench], np.random.default_rng([seed, draw, *(self.bench + self.kind).encode()])
         true = real(bench.rig, rng)
@@ -123,6 +122,10 @@ def record(
     """
     import xarray as xr
 
+    from maglev_env.kernel.driven import Drive
+    from maglev_env.kernel.replay import replayed
+    from maglev_env.kernel.simulate import prepared
+
     rig, shape = bench.rig, (true.rig.axes, SAMPLES)
     assert isinstance(rig.gains, Gains)
     size = bench.travel if at == "reference" else bench.travel * rig.gains.kp
@@ -143,8 +146,11 @@ def record(
     return xr.Dataset(columns, {"time": time}, {"sample_rate": rig.control_rate}), e
 
 
-def read(bench: Bench, recorded: Mapping[str, tuple["xr.Dataset", Experiment]]) -> tuple[Record | OpenRecord, ...]:
+def read(bench: Bench, recorded: Mapping[str, tuple["xr.Dataset", Experiment]]) -> tuple["Record | OpenRecord", ...]:
     """Recordings by name as a user's campaign has them, written to a folder and read back."""
+    from maglev_env.recordings.campaign_writer import write_campaign
+    from sim2real.recorded.records import read_records
+
     with tempfile.TemporaryDirectory() as folder:
         source = Path(folder) / "nominal.toml"
         source.write_text(bench.toml)
@@ -152,7 +158,7 @@ def read(bench: Bench, recorded: Mapping[str, tuple["xr.Dataset", Experiment]]) 
         return read_records(write_campaign(Path(folder) / "campaign", str(source), {}, written).parent)[1]
 
 
-def _interval(c: Coefficient, truth: float) -> Interval | None:
+def _interval(c: "Coefficient", truth: float) -> Interval | None:
     return Interval(*c.interval, truth, (c.value - truth) / c.se) if c.identified else None
 
 
