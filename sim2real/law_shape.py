@@ -18,7 +18,7 @@ from sim2real.simulated import Point
 # One standard deviation. From a square to an exponential of the same steepness are two of FORM, which doubles the
 # exponent of the distance and the distance itself; STEEPNESS is that of the change of the gain with the gap.
 FORM, STEEPNESS = 1.0, 0.1
-LEAST = EFFECTS["negative_stiffness"].parameters["change"].low
+LEAST = EFFECTS["negative_stiffness"].parameters["change"].low  # the stiffness that a shape asks for ends here
 
 
 def law_shapes(rig: Rig, near: Point) -> Mapping[str, Point]:
@@ -31,17 +31,16 @@ def law_shapes(rig: Rig, near: Point) -> Mapping[str, Point]:
         near: the point from which they differ.
     """
     law = force_law(axis_rig(rig, 0))
-    known = near.effects.get("force_law", rig.effects.get("force_law", {}))
-    exponent, offset = (float(known.get(name, 0.0)) for name in ("exponent", "offset"))
-    here = reshaped(law, exponent, offset) if exponent or offset else law
+    effects_here = {**rig.effects, **near.effects}
+    exponent, offset = (effect_value(effects_here, "force_law", name) for name in ("exponent", "offset"))
+    here = reshaped(law, exponent, offset)
     power, distance = _pull(here)
-    form = max(power, 1.0) * FORM
     changes = {
-        "form of the force law": (form, form / max(power, 1.0) * distance / law.gap),
+        "form of the force law": (max(power, 1.0) * FORM, FORM * distance / law.gap),
         "steepness of the force law": (0.0, -STEEPNESS * distance / law.gap),
     }
     _, stiffness = linearise(here)
-    scale = 1 + effect_value({**rig.effects, **near.effects}, "negative_stiffness")
+    scale = 1 + effect_value(effects_here, "negative_stiffness")
     found = {}
     for name, (more, further) in changes.items():
         bent = {"exponent": exponent + more, "offset": offset + further}

@@ -38,9 +38,8 @@ UNITS = {
     "delay": "s",
 }
 MOST_STEPS = 20
-UNBOUNDED = (
-    0.25  # relative standard error from which a likelihood is no parabola, and an interval by its curvature wrong
-)
+# Relative standard error from which a likelihood is no parabola, so that an interval by its curvature would be wrong.
+UNBOUNDED = 0.25
 CLEAR = 3.0  # standard errors, for one coefficient alone, from which a recording disagrees with all of them
 SURELY = 2.0  # standard errors above the nominal damping from which an identified one counts as damping
 SIGNIFICANT = 3.0  # standard deviations of the misfit under noise alone

@@ -204,7 +204,7 @@ class _Evidence:
     nuisances: Mapping[str, np.ndarray]
 
 
-def _evidence(record: Record | OpenRecord, near: Point | None) -> _Evidence:
+def _evidence(record: Record | OpenRecord, near: Point) -> _Evidence:
     if not isinstance(record, OpenRecord):
         opened = opened_loop(record)
         current = record.mean("current") if "current" in record.periods else None
@@ -214,11 +214,12 @@ def _evidence(record: Record | OpenRecord, near: Point | None) -> _Evidence:
     loop = nominal_loop(record)
     opened = opened_of(loop)
     predicts = Predictor(record, opened, 0, Replay(record, loop, opened.outputs))
-    lanes = predicts.lanes([near or Point({}, {})])
+    lanes = predicts.lanes([near])
     predicted = simulated_series(record, lanes)[0]
     measured, noise = measured_of(record, loop, opened.outputs), open_noise(record, loop, opened.outputs, predicted)
     nuisances = ringing(record, loop, opened.outputs, noise)
-    if record.errors and np.isfinite(predicted).all():
+    if np.isfinite(predicted).all():
+        at = coordinates_of(record, loop, opened.outputs, predicted)
         again = exact_errors(record)
         others = tuple(e for e in record.errors if e not in again)
         lines = changes(others, record.windows.frequency, opened.outputs, parts_of(record, loop, predicted))
@@ -226,14 +227,12 @@ def _evidence(record: Record | OpenRecord, near: Point | None) -> _Evidence:
         for error in again:
             moved = redriven(record, error)
             series = simulated_series(moved, lanes)[0]
-            change = coordinates_of(record, loop, opened.outputs, predicted) - coordinates_of(
-                moved, loop, opened.outputs, series
-            )
+            change = at - coordinates_of(moved, loop, opened.outputs, series)
             nuisances[error.name] = np.where(np.isfinite(series).all(), change / SMALL, 0.0)
-    if record.along is not None and np.isfinite(predicted).all():
-        shapes = law_shapes(record.nominal, near or Point({}, {}))
-        at, *moved = predicts([near or Point({}, {}), *shapes.values()])
-        nuisances |= shape_columns(at, dict(zip(shapes, moved, strict=True)))
+        if record.along is not None:
+            shapes = law_shapes(record.nominal, near)
+            moved = predicts(list(shapes.values()))
+            nuisances |= shape_columns(at, dict(zip(shapes, moved, strict=True)))
     for tone in record.tones:
         nuisances |= nuisance_columns(record, tone, opened.outputs)
     if record.bias is not None:
@@ -291,7 +290,7 @@ def assemble(
     }
     for i, record in enumerate(records):
         used = informative(record) if lines is None else lines[i]
-        evidence = _evidence(record, near)
+        evidence = _evidence(record, near or Point({}, {}))
         followed = isinstance(record, OpenRecord) and record.along is not None  # the law's shape is unsure in all
         form = {} if followed else stiffness_nuisance(record.nominal, evidence.predictor)
         unsure = {**evidence.nuisances, **form}

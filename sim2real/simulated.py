@@ -2,14 +2,12 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
 from math import ceil, log, pi
 
 import numpy as np
 
 from maglev_env.experiment import Experiment
 from maglev_env.kernel.controllers import controller_kind
-from maglev_env.kernel.driven import Drive
 from maglev_env.kernel.simulate import Block, prepared
 from maglev_env.kernel.steady import steady_spectra
 from maglev_env.linear.loop import closed_loop_poles
@@ -19,7 +17,7 @@ from sim2real.recorded.open_evidence import Replay, coordinates_of_lanes
 from sim2real.recorded.open_record import OpenRecord
 from sim2real.recorded.opened import Opened
 from sim2real.recorded.records import Record
-from sim2real.recorded.ticks import AT_INSTANTS
+from sim2real.recorded.ticks import substeps
 
 # A tolerance of one of these parameters is a small effect of the given name.
 TOLERANCE_EFFECTS = {card.nominal: name for name, card in EFFECTS.items() if card.nominal}
@@ -91,7 +89,7 @@ def unseen_by(record: Record | OpenRecord) -> frozenset[str]:
 
 def substeps_of(record: Record | OpenRecord) -> int:
     """Least number of integration steps per control sample that a record needs."""
-    return ceil(AT_INSTANTS / record.every) if isinstance(record, OpenRecord) and record.instants is not None else 1
+    return substeps(record.instants, record.every) if isinstance(record, OpenRecord) else 1
 
 
 def lanes_of(record: Record | OpenRecord, points: Sequence[Point], dithered: bool = False) -> list[Block]:
@@ -146,11 +144,6 @@ class Predictor:
             return () if self.replay.record.instants is None else (self.record.name,)
         return e.samples_per_period, e.recorded_rate
 
-    @cached_property
-    def drive(self) -> Drive:
-        own = self.record
-        return own.drive if isinstance(own, OpenRecord) else Drive(own.experiment, own.waves)
-
     def at(self, lines: np.ndarray) -> "Predictor":
         """Of these lines of a record with periods alone."""
         return Predictor(self.record, self.opened.at(lines), self.transient, lines=lines)
@@ -202,7 +195,7 @@ def _spectra(predictors: Sequence[Predictor], lanes: list[Block], transient: int
     """Amplitudes of displacement, and of the current where any record has it."""
     return steady_spectra(
         lanes,
-        [p.drive for p in predictors],
+        [p.record.drive for p in predictors],
         [p.record.lines if p.lines is None else p.record.lines[p.lines] for p in predictors],
         transient,
         DITHER_PERIODS if dithered else 1,

@@ -24,7 +24,7 @@ from maglev_env.rig.rig import axis_rig
 
 NOTABLE = 0.02  # rms change of gain or stiffness along the motion, of the value at rest, from which it is followed
 STEP = 1e-4  # of gap and bias current, for derivatives of the force
-NEAREST = 0.98  # of the gap: how near a reading may come to a magnet
+NEAREST = 0.98  # of the gap: how near a reading, or the rotor of a simulation, may come to a magnet
 
 
 @dataclass(frozen=True)

@@ -21,13 +21,13 @@ from maglev_env.loop.gains import NO_CONTROLLER, controller_output, limited, of_
 from maglev_env.recordings.campaign import RecordingSpec
 from maglev_env.recordings.left_out import TellsNothing
 from maglev_env.rig.rig import Rig, axis_rig
+from sim2real.recorded.along_motion import NEAREST
 from sim2real.recorded.controller_output import referred
 from sim2real.recorded.instrument import has_instruments
 from sim2real.recorded.stand_in import finer_steps, stand_in
 from sim2real.recorded.ticks import between_ticks
 
 UNLIMITED = 1e4  # V: range of the converters of a stand-in
-NEAREST = 0.98  # of the gap: how near the simulated rotor may come to a magnet
 
 
 @dataclass(frozen=True)

@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping
 from dataclasses import replace
-from math import ceil
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -20,16 +19,16 @@ from maglev_env.recordings.derived import coil_current
 from maglev_env.recordings.left_out import TellsNothing
 from maglev_env.recordings.masking import bridged, masked_samples
 from maglev_env.rig.rig import Rig, axis_rig
-from sim2real.recorded.along_motion import along_motion
+from sim2real.recorded.along_motion import NEAREST, along_motion
 from sim2real.recorded.channel_errors import ChannelError, channel_errors
-from sim2real.recorded.drive import NEAREST, Drive, Driving, drive_of
+from sim2real.recorded.drive import Drive, Driving, drive_of
 from sim2real.recorded.fed_back import fed_back
 from sim2real.recorded.innovation import along_innovations
 from sim2real.recorded.instrument import along_instruments
 from sim2real.recorded.not_stable import not_stable
 from sim2real.recorded.open_record import OpenRecord, compared
 from sim2real.recorded.static_evidence import can_rest, rests_of
-from sim2real.recorded.ticks import AT_INSTANTS, between_ticks, led_in, ticks_of
+from sim2real.recorded.ticks import between_ticks, led_in, substeps, ticks_of
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -177,7 +176,7 @@ def _as_simulated(drive: Drive, channels: Mapping[str, np.ndarray], instants: np
         return driving
     e = drive.experiment
     between = None if instants is None else between_ticks(instants, drive.every)
-    lanes = prepared([e], 1 if instants is None else ceil(AT_INSTANTS / drive.every))
+    lanes = prepared([e], substeps(instants, drive.every))
     for _ in range(PASSES):
         ((moved, *_),) = replayed(lanes, [Run(e, driving.waves, between)])[0]
         if not np.isfinite(moved).all():

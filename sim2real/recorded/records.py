@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -9,6 +10,7 @@ import numpy as np
 from estimation.periods import period_spectra, split_periods, transient_periods
 from maglev_env.channels import MEASURED, SHOWN_BY
 from maglev_env.experiment import Experiment, sampling
+from maglev_env.kernel.driven import Drive
 from maglev_env.linear.loop import without_noise
 from maglev_env.loop.axes import suffixes
 from maglev_env.loop.gains import NO_CONTROLLER
@@ -78,6 +80,11 @@ class Record:
     @property
     def axes(self) -> int:
         return self.experiment.rig.axes
+
+    @cached_property
+    def drive(self) -> Drive:
+        """What its simulation runs under."""
+        return Drive(self.experiment, self.waves)
 
     @property
     def count(self) -> int:

@@ -6,6 +6,7 @@ each tick lasted. Simulated at the same ticks, both are exact.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from math import ceil
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -92,6 +93,16 @@ def ticks_of(dataset: "xr.Dataset", gains: Controllers | None, axes: int, rate: 
         kind: np.array([bridged(dataset[name].values, masked) for name in own[kind]]) for kind in sorted(at_ticks)
     }
     return Ticks(instants, channels)
+
+
+def substeps(instants: np.ndarray | None, every: int) -> int:
+    """Least number of integration steps per simulated sample.
+
+    Args:
+        instants: of the ticks; None: the ticks are regular.
+        every: simulated samples per tick.
+    """
+    return 1 if instants is None else ceil(AT_INSTANTS / every)
 
 
 def led_in(instants: np.ndarray, samples: int) -> np.ndarray:

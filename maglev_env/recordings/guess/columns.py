@@ -162,10 +162,9 @@ def _one_each(guesses: dict[str, ColumnGuess]) -> dict[str, ColumnGuess]:
 
 def _second(guess: ColumnGuess, first: ColumnGuess) -> ColumnGuess:
     why = f'{guess.reason}: also {guess.channel}, but "{first.label}" is taken'
-    open_ = (
-        guess.confidence >= first.confidence and guess.channel != "time"
-    )  # channels may have equal times of their own
-    ask = f"which column is the {guess.channel}" if open_ else ""
+    # Channels may have equal times of their own, so a second time is no question.
+    equal = guess.confidence >= first.confidence and guess.channel != "time"
+    ask = f"which column is the {guess.channel}" if equal else ""
     return replace(guess, channel="", reason=why, ask=ask, confidence=OPEN if ask else LIKELY)
 
 
