@@ -59,8 +59,12 @@ class LineWindows:
 
     def spectrum(self, signals: np.ndarray) -> np.ndarray:
         """Complex amplitudes (..., count, WIDTH) of signals (..., samples)."""
+        return self.of_transform(np.asarray(scipy.fft.rfft(signals, axis=-1)))
+
+    def of_transform(self, transform: np.ndarray) -> np.ndarray:
+        """Complex amplitudes (..., count, WIDTH) by the transform (..., samples // 2 + 1) of signals, see `rfft`."""
         lines = slice(self.first, self.first + self.count * WIDTH)
-        found = np.asarray(scipy.fft.rfft(signals, axis=-1))[..., lines] * (2 / self.samples)
+        found = transform[..., lines] * (2 / self.samples)
         return found.reshape(*found.shape[:-1], self.count, WIDTH)
 
     def project(self, spectrum: np.ndarray) -> np.ndarray:

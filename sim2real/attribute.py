@@ -98,8 +98,16 @@ class Attribution:
         return fits[0]
 
 
-def attribute(problem: Problem, progress: Progress = lambda text: None) -> Attribution:
+def attribute(
+    problem: Problem, progress: Progress = lambda text: None, earlier: Attribution | None = None
+) -> Attribution:
     """Fit calibration alone, each effect that has a meaning on the rig, and the most promising pairs.
+
+    Args:
+        problem: The campaign.
+        progress: Called with the name of each step.
+        earlier: Of the same recordings with other noise or nuisances; its candidates are fitted again from where they
+            ended, and only further pairs are looked for.
 
     Raises:
         ValueError: No hypothesis levitates under the recorded gains.
@@ -115,15 +123,19 @@ def attribute(problem: Problem, progress: Progress = lambda text: None) -> Attri
         share_calibrations(calibration, untouched)
     iterate(calibration, problem.data, problem.simulate, ITERATIONS)
     differentiate(calibration, problem.data, problem.simulate, True)
-    progress("single effects")
-    singles = _singles(problem, (untouched, calibration[0]), single_effects(rig))
     pairs: list[Fit] = []
+    if earlier is None:
+        progress("single effects")
+        singles = _singles(problem, (untouched, calibration[0]), single_effects(rig))
+    else:
+        progress("the same effects again")
+        singles, pairs = _again(problem, earlier)
     least = min((f.cost for f in singles), default=np.inf)
     if not calibration[0].cost - least < NO_GAP:
         progress("forms of effects")
         singles = shaped(problem, calibration[0].cost, singles, SHAPED)
         progress("pairs of effects")
-        pairs, singles = _pairs(problem, singles)
+        pairs, singles = _pairs(problem, singles, pairs)
         pairs = shaped(problem, calibration[0].cost, pairs, SHAPED_PAIRS)
     fits = _blurred(problem, [*calibration, *singles, *pairs])
     standing = [f for f in fits if np.isfinite(f.cost)]
@@ -199,19 +211,32 @@ def _begun(problem: Problem, chosen: Sequence[Start], ranked: Sequence[Start]) -
     return fits
 
 
-def _pairs(problem: Problem, singles: Sequence[Fit]) -> tuple[list[Fit], list[Fit]]:
+def _again(problem: Problem, earlier: Attribution) -> tuple[list[Fit], list[Fit]]:
+    """The single effects and the pairs of an earlier attribution, fitted from where they ended."""
+    known = [c.fit for c in earlier.candidates if c.effects]
+    fits = begin([f.hypothesis for f in known], [f.u for f in known], problem.data, problem.simulate)
+    iterate(fits, problem.data, problem.simulate, ITERATIONS)
+    return [f for f in fits if len(f.hypothesis.effects) == 1], [f for f in fits if len(f.hypothesis.effects) > 1]
+
+
+def _pairs(problem: Problem, singles: Sequence[Fit], known: Sequence[Fit] = ()) -> tuple[list[Fit], list[Fit]]:
     """Fit pairs, and the single effects again.
 
     A second effect is tried beside each of the best single ones, and then beside either effect of the best pairs at
     its values in the pair: the single effect that best replaces two need not be one of them. Finally, either effect
     of the best pairs is fitted alone from its values in the pair.
 
+    Args:
+        problem: The campaign.
+        singles: Fits of single effects.
+        known: Fits of pairs.
+
     Returns:
-        pairs: Fits of pairs.
+        pairs: Fits of pairs, the known ones among them.
         singles: The better fit of each single effect.
     """
     seeds = sorted((f for f in singles if np.isfinite(f.cost)), key=lambda f: f.cost)[:SEEDS]
-    found = _round(problem, singles, seeds, ())
+    found = [*known] or _round(problem, singles, seeds, ())
     found += _round(problem, singles, _halves(problem, found), {frozenset(f.hypothesis.effects) for f in found})
     again = _halves(problem, found)
     iterate(again, problem.data, problem.simulate, ITERATIONS)

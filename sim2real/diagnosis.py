@@ -203,7 +203,7 @@ def diagnose(
                 "it looks"
             )
         if _other_noise(fitted, again) or _other_nuisances(fitted, again):
-            fitted, attribution = again, attribute(again, progress)
+            fitted, attribution = again, attribute(again, progress, attribution)
     progress("judging")
     base = attribution.simplest
     near = base.fit.hypothesis.point(base.fit.u)

@@ -27,19 +27,24 @@ class Bent:
     plant: np.ndarray
     receptance: np.ndarray
 
-    def motion(self, command: np.ndarray) -> np.ndarray:
-        """Reading (..., axes, samples) beyond that of the linear plant under a command of the same shape, m."""
-        n = command.shape[-1]
+    def motion(self, command: np.ndarray, transform: np.ndarray) -> np.ndarray:
+        """Transform of the reading beyond that of the linear plant under a command (..., axes, samples), m.
+
+        Args:
+            command: the command, A.
+            transform: of the command, (..., axes, samples // 2 + 1), as `scipy.fft.rfft` makes it.
+        """
+        n, along = command.shape[-1], self.along
         # Means are no noise: where a mass hangs is not compared, nor what follows from it.
-        command = command - command.mean(axis=-1, keepdims=True)
-        by_current, along = self.along.driven(command), self.along
-        linear = scipy.fft.irfft(self.plant * scipy.fft.rfft(command, axis=-1), n, axis=-1)
+        by_current = along.driven(command - command.mean(axis=-1, keepdims=True))
+        linear = self.plant * transform
+        linear[..., 0] = 0.0
         more = np.zeros_like(linear)
         for _ in range(ROUNDS):
-            x = linear + more
+            x = np.asarray(scipy.fft.irfft(linear + more, n, axis=-1))
             middle = (x + np.concatenate([x[..., 1:], x[..., -1:]], axis=-1)) / 2
             lacks = by_current - along.stiffness * middle
-            more = np.asarray(scipy.fft.irfft(self.receptance * scipy.fft.rfft(lacks, axis=-1), n, axis=-1))
+            more = self.receptance * np.asarray(scipy.fft.rfft(lacks, axis=-1))
         return more
 
 
@@ -66,11 +71,12 @@ class Loop:
         remembers at the ends of a record would leak into the lowest windows.
         """
         plant, amplifier = (v.reshape(-1, *self.shape) for v in (self.blocks.plant, self.blocks.amplifier))
-        u = record.spectrum(command)
+        own = command[..., record.first : record.first + record.windows.samples]
+        transform = np.asarray(scipy.fft.rfft(own, axis=-1))
+        u = record.windows.of_transform(transform)
         found = [record.spectrum(displacement) - plant * u]
         if self.bent is not None:
-            own = command[..., record.first : record.first + record.windows.samples]
-            found[0] -= record.windows.spectrum(self.bent.motion(own))
+            found[0] -= record.windows.of_transform(self.bent.motion(own, transform))
         if current is not None:
             found.append(record.spectrum(current) - amplifier * u)
         return np.stack(found, axis=-4)
