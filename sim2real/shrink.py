@@ -107,7 +107,8 @@ def gap_of(residual: np.ndarray) -> float | None:
 def closed(before: np.ndarray, after: np.ndarray, seed: int) -> tuple[float | None, tuple[float, float] | None]:
     """Closed share of the gap, 1 - (V_after - n) / (V_before - n), with a 95 % block-bootstrap interval.
 
-    The blocks are neighbouring residuals. The share is None where the rotor touches down before or after, because
+    The blocks are neighbouring residuals. A little less than the noise may be left by chance; no share is then more than
+    all of it. The share is None where the rotor touches down before or after, because
     there is then no gap to compare with, where the gap to close is not known to within SURE of its size, or where less
     than the noise is left.
     """
@@ -122,8 +123,8 @@ def closed(before: np.ndarray, after: np.ndarray, seed: int) -> tuple[float | No
     b, a = (v[drawn].sum(axis=1) for v in blocks)
     if np.quantile(b, 0.025) < (1 - SURE) * total:
         return None, None  # a share of what may be nothing means nothing
-    lo, hi = np.quantile(1 - a / np.maximum(b, 1e-9), [0.025, 0.975])
-    return float(1 - blocks[1].sum() / total), (float(lo), float(hi))
+    lo, hi = np.minimum(np.quantile(1 - a / np.maximum(b, 1e-9), [0.025, 0.975]), 1.0)
+    return min(1.0, float(1 - blocks[1].sum() / total)), (float(lo), float(hi))
 
 
 def lost(calibrated: np.ndarray, after: np.ndarray) -> float:
