@@ -20,8 +20,8 @@ from sim2real.recorded.records import Record
 
 NEIGHBOURS = 15  # lines whose median is taken: a line with a tone shows more than the noise
 LOUDER = 1.5  # times the bench's noise that a recording may have: noise depends a little on place and motion
-REACHED = 0.05
-RINGS = 0.3
+REACHED = 0.05  # share of a recording's coordinates that must be at the bound for its noise to count as bounded
+RINGS = 0.3  # share of a resonance's peak above which a line counts as part of the resonance
 
 
 @dataclass(frozen=True)
