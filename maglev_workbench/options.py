@@ -43,6 +43,7 @@ SchedulerOption = Annotated[
 ]
 _FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 _DENIED = (errno.EACCES, errno.EPERM, errno.EROFS)
+_EXTRAS = {"torch": "rl", "stable_baselines3": "rl"}  # module that may be missing -> the extra that installs it
 _WRITTEN = {"json_file": "--json", "docs": "--docs", "picture": "--picture"}  # options that name a file to write
 
 
@@ -120,6 +121,12 @@ def friendly(command: Callable[..., None]) -> Callable[..., None]:
         except ArithmeticError as error:
             why = f"a number of the input is too large or too small to calculate with ({error})"
             typer.secho(f"maglev: {why}; check the magnitudes of its values", fg=typer.colors.RED, err=True)
+            raise typer.Exit(2) from error
+        except ModuleNotFoundError as error:
+            if error.name not in _EXTRAS:
+                raise
+            why = f"this needs {error.name}: pip install 'maglev-workbench[{_EXTRAS[error.name]}]'"
+            typer.secho(f"maglev: {why}", fg=typer.colors.RED, err=True)
             raise typer.Exit(2) from error
         except (MemoryError, BrokenExecutor) as error:
             why = "not enough memory" if isinstance(error, MemoryError) else "one of its processes was ended"

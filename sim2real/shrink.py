@@ -107,10 +107,9 @@ def gap_of(residual: np.ndarray) -> float | None:
 def closed(before: np.ndarray, after: np.ndarray, seed: int) -> tuple[float | None, tuple[float, float] | None]:
     """Closed share of the gap, 1 - (V_after - n) / (V_before - n), with a 95 % block-bootstrap interval.
 
-    The blocks are neighbouring residuals. A little less than the noise may be left by chance; no share is then more than
-    all of it. The share is None where the rotor touches down before or after, because
-    there is then no gap to compare with, where the gap to close is not known to within SURE of its size, or where less
-    than the noise is left.
+    The blocks are neighbouring residuals. A little less than the noise may be left by chance, but no share is more than
+    all of the gap. The share is None where the rotor touches down before or after, because there is then no gap to
+    compare with, where the gap to close is not known to within SURE of its size, or where less than the noise is left.
     """
     if not (np.isfinite(before).all() and np.isfinite(after).all()):
         return None, None

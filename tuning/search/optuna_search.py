@@ -1,6 +1,7 @@
 """Optuna's searches as tuners: TPE, CMA-ES and a Gaussian process."""
 
 import warnings
+from importlib import import_module
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -46,5 +47,6 @@ def _sampler(name: str, seed: int) -> "BaseSampler":
         case "cma-es":
             return CmaEsSampler(seed=seed)
         case "gp":
+            import_module("torch")  # Optuna computes with it, and says that it is missing only after ten experiments
             return GPSampler(seed=seed, deterministic_objective=False)
     raise ValueError(f"sampler = {name!r}: Optuna's tpe, cma-es and gp are made here")

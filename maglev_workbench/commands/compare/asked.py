@@ -36,11 +36,11 @@ def check_options(twin: bool, given: Sequence[str]) -> None:
 
 
 def default_methods(task: Task, policy: "HistoryPolicy | None") -> list[str]:
-    """All tuners that accept any budget; the learned one only if a policy fits the task."""
+    """All tuners that accept any budget; the learned one only if a policy fits the task, and torch is there."""
     methods = [name for name, method in METHODS.items() if method.longest is None]
     try:
         check_policy(task, methods, policy)
-    except ValueError as error:
+    except (ValueError, ModuleNotFoundError) as error:
         if policy is not None:
             raise
         console.print(f"without {LEARNED}: {error}", markup=False)

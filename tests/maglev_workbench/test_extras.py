@@ -1,0 +1,43 @@
+"""What works without the packages of the extra [rl], and what says that it needs them."""
+
+import subprocess
+import sys
+
+import pytest
+
+WITHOUT = """
+import sys
+class Missing:
+    def find_spec(self, name, path=None, target=None):
+        if (top := name.split(".")[0]) in ("torch", "stable_baselines3"):
+            raise ModuleNotFoundError(f"No module named {top!r}", name=top)
+sys.meta_path.insert(0, Missing())
+from maglev_workbench.cli import app
+"""
+
+
+def run(code):
+    return subprocess.run([sys.executable, "-c", WITHOUT + code], capture_output=True, text=True, timeout=300)
+
+
+@pytest.mark.slow
+def test_the_environments_the_sweep_and_the_default_tuner_need_no_torch(tmp_path):
+    swept, tuned = str(tmp_path / "swept"), str(tmp_path / "tuned")
+    done = run(
+        "import gymnasium, maglev_env\n"
+        "env = gymnasium.make('maglev/HMBFree-v0')\n"
+        "env.reset(seed=0); env.step(env.action_space.sample())\n"
+        f"app(['sweep', '--sobol', '4', '--out', {swept!r}], standalone_mode=False)\n"
+        f"app(['tune', '--budget', '2', '--protocol', 'quick', '--out', {tuned!r}], standalone_mode=False)\n"
+    )
+    assert done.returncode == 0, done.stderr
+    assert (tmp_path / "swept" / "sweep.nc").exists()
+
+
+@pytest.mark.parametrize("method", ["learned", "gp"])
+def test_a_tuner_that_needs_torch_says_how_to_install_it_before_any_work(method, tmp_path):
+    out = tmp_path / "t"
+    done = run(f"app(['tune', '--method', {method!r}, '--budget', '2', '--out', {str(out)!r}])\n")
+    assert done.returncode == 2
+    assert "pip install 'maglev-workbench[rl]'" in done.stderr
+    assert not out.exists()
