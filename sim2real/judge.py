@@ -10,6 +10,7 @@ from sim2real.attribute import Attribution
 from sim2real.dispersion import NOISE_ALONE, NOISE_INFLATION, Dispersion, dispersion_of
 from sim2real.drift import DRIFT
 from sim2real.hypotheses import CALIBRATION, NONE, UNKNOWN, coordinates_of
+from sim2real.lost_commands import LOST, scatter_cost
 from sim2real.problem import KINDS
 from sim2real.unsynchronised import FOREIGN, LOUD
 
@@ -58,7 +59,6 @@ WIDE_FORM = 0.01
 CLASS_SHARE = 0.15  # hypotheses with at least this share of the best one's probability are not distinguished from it
 SIGNIFICANT = 5.0  # standard deviations of a group's excess
 OPEN = (FOREIGN, LOUD, DRIFT)  # families of what varies over the periods that need not have a known cause
-SCATTERS = "dropped_samples"  # makes noise of its own, which is loud
 
 
 @dataclass(frozen=True)
@@ -125,7 +125,11 @@ def evidence_of(
     names, label, count = np.unique(rows, axis=0, return_inverse=True, return_counts=True)
     label = label.reshape(-1)
     residuals = [c.fit.residual for c in attribution.candidates]
-    cost = np.array([np.inf if c.contradicted else c.predictive for c in attribution.candidates])
+    points = [c.fit.hypothesis.point(c.fit.u) for c in attribution.candidates]
+    cost = np.array([
+        np.inf if c.contradicted else c.predictive + scatter_cost(p, point)
+        for c, point in zip(attribution.candidates, points, strict=True)
+    ])  # fmt: skip
     if not np.isfinite(
         attribution.calibration.fit.cost
     ):  # no rotor levitates without an effect: use the gap of the opened nominal loop
@@ -243,7 +247,7 @@ def _with_tones(rows: list[_Row], evidence: Evidence, priors: Mapping[int, float
     of_tones, without_bands = _named(evidence.tones, evidence), _named(quiet, evidence)
     for names, cost, prior, candidate in rows:
         base = () if candidate is None else evidence.effects[candidate]
-        tones, named = (quiet, without_bands) if SCATTERS in base else (evidence.tones, of_tones)
+        tones, named = (quiet, without_bands) if LOST in base else (evidence.tones, of_tones)
         propose((names, cost + sum(tones.values()), prior, candidate))
         for added, off in named:
             both = _joined(base, added)
@@ -279,7 +283,7 @@ def _unnamed(names: tuple[str, ...], evidence: Evidence) -> float:
     """What these effects leave of what the OPEN families weigh."""
     left = 0.0
     for family in (f for f in OPEN if f in evidence.tones):
-        causes = {**evidence.causes.get(family, {}), **({SCATTERS: 0.0} if family == LOUD else {})}
+        causes = {**evidence.causes.get(family, {}), **({LOST: 0.0} if family == LOUD else {})}
         left += min([evidence.tones[family], *(off for effect, off in causes.items() if effect in names)])
     return left
 
