@@ -33,7 +33,7 @@ from sim2real.recorded.ticks import between_ticks, led_in, substeps, ticks_of
 if TYPE_CHECKING:
     import xarray as xr
 
-AT_TICKS = "the loop is simulated at the recorded, jittered ticks of its controller"
+AT_TICKS = "the controller is simulated at its own jittered ticks; nothing is resampled"
 NOT_AT_TICKS = (
     "the stated controller is not used: the recording is resampled, and what it read at its own ticks is not known "
     "(missing or double samples, a channel with a filter or delay, or another rate)"
@@ -86,7 +86,7 @@ def open_record(campaign: Campaign, spec: RecordingSpec, dataset: "xr.Dataset") 
                 raise TellsNothing(wrong, "correct it, or record the current in the coil")
             drive = drive_of(rig, spec, channels, known=False)
             drive = replace(drive, notes=(f"{wrong}; it is not used", *drive.notes))
-        ticks = None
+        ticks = instants = None
         if dataset.attrs.get("resampled") and drive.source == "command" and not drive.stand_in:
             # The controller is exact at its own ticks alone; where these are not known, another stands in for it.
             if drive.multiple == 1 and spec.gains is not None:
@@ -97,13 +97,13 @@ def open_record(campaign: Campaign, spec: RecordingSpec, dataset: "xr.Dataset") 
         if dataset.attrs.get("resampled") and drive.stand_in and drive.source == "command" and drive.held:
             ticks = ticks_of(dataset, None, rig.axes, spec.sample_rate)
         if ticks is not None:
-            channels = dict(ticks.channels)
+            channels, instants = dict(ticks.channels), ticks.simulated
             drive = replace(drive, notes=(*drive.notes, AT_TICKS))
         channels = {kind: values[:, :: drive.multiple] for kind, values in channels.items()}
         source = drive.source
         if source is not None and can_rest(rig):
             channels[source] = channels[source] + balancing(rig, channels[source], channels["displacement"])
-        waves = drive.driving(channels, ticks and ticks.instants).waves
+        waves = drive.driving(channels, instants).waves
         known = np.concatenate([w[:, :: drive.every] for w in waves.values()])
         if not np.ptp(known, axis=1).any():
             raise TellsNothing(
@@ -119,7 +119,7 @@ def open_record(campaign: Campaign, spec: RecordingSpec, dataset: "xr.Dataset") 
     # The simulation begins here with a controller at rest: what it held before is part of what drove the loop.
     lead = stretch.settling if drive.stand_in else 0
     channels = {kind: _led_in(values[:, stretch.samples], lead) for kind, values in channels.items()}
-    instants = None if ticks is None else led_in(ticks.instants[stretch.samples], lead)
+    instants = None if instants is None else led_in(instants[stretch.samples], lead)
     driving = _as_simulated(drive, channels, instants)
     along = along_motion(drive.experiment, channels, source, drive.held, drive.every)
     looked = slice(stretch.settling + lead, stretch.settling + lead + stretch.windows.samples)

@@ -21,6 +21,9 @@ if TYPE_CHECKING:
     import xarray as xr
 
 AT_INSTANTS = 32  # integration steps of a sample whose instants jitter: they are moved by 1 % of it rms
+# Least rms distance of the ticks from regular ones, in samples, at which they are simulated as they were. Placed at the
+# nearest of AT_INSTANTS steps, they are off by 1 % anyway.
+JITTERED = 0.02
 TURNED = 0.01  # rad: about the model error that responses are trusted to
 
 
@@ -35,6 +38,12 @@ class Ticks:
 
     instants: np.ndarray
     channels: Mapping[str, np.ndarray]
+
+    @property
+    def simulated(self) -> np.ndarray | None:
+        """Instants (ticks,) at which a simulation places them; None where regular ones are as near."""
+        off = self.instants - np.arange(self.instants.size)
+        return self.instants if off.std() > JITTERED else None
 
 
 def jitters(

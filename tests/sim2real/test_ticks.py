@@ -23,6 +23,7 @@ from sim2real.problem import assemble
 from sim2real.recorded import records
 from sim2real.recorded.open_reading import AT_TICKS, NOT_AT_TICKS, open_record
 from sim2real.recorded.open_record import OpenRecord
+from sim2real.recorded.ticks import Ticks
 from sim2real.simulated import Point
 
 
@@ -115,3 +116,14 @@ def test_a_loop_is_simulated_at_its_own_ticks_as_by_another_integrator():
     assert 10 * off[0] < off[1] > 0.02
     regular = replayed(lanes, [Drive(e, waves, np.arange(n, dtype=float) + 7.0)])[0]
     np.testing.assert_array_equal(regular, replayed(lanes, [Drive(e, waves)])[0])
+
+
+@pytest.mark.parametrize(("jitter", "exact"), [(0.01, False), (0.05, True)])
+def test_ticks_that_jitter_less_than_the_simulation_can_place_them_are_simulated_as_regular(jitter, exact):
+    regular = np.arange(4000.0)
+    ticks = Ticks(7.0 + regular + jitter * np.random.default_rng(1).standard_normal(4000), {})
+    assert (ticks.simulated is not None) == exact
+
+
+def test_ticks_of_another_rate_are_simulated_as_they_were():
+    assert Ticks(1.0001 * np.arange(4000.0), {}).simulated is not None
