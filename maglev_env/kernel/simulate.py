@@ -190,6 +190,16 @@ def _enough_substeps(e: Experiment) -> int:
     return max(1, int(np.ceil(turn / MOST_TURN)))
 
 
+def prepared_blocks(experiments: Sequence[Experiment]) -> list[Block]:
+    """Lanes of experiments under their own gains, for waves that all of them share.
+
+    Raises:
+        ValueError: As `simulate_statistics`.
+    """
+    _common(experiments)
+    return _blocks(experiments, 1)
+
+
 def block_periods(experiments: Sequence[Experiment], outputs: int = 2) -> Iterator[Iterator[np.ndarray]]:
     """The simulator without statistics: for each block an iterator over periods of the first `outputs` channels."""
     first = _common(experiments)
