@@ -19,6 +19,7 @@ FOLLOWED, LEAST_FOLLOWED = 3.0, 1.5  # a time is followed for so many times its 
 # Shares of the identification experiment's duration: hovering, an impulse, and at most each of the two times.
 HOVER, IMPULSE, TIMED = 0.03, 0.03, 0.09
 WARMING = 0.2  # share of the hovering that is left out, in which the noise builds up
+ALWAYS = ("compliance", "noise_current")  # whatever the goal is: the two conflict in every loop
 BLOCKS = 8  # of hovering, whose spread is the uncertainty of its rms
 
 
@@ -128,7 +129,7 @@ def measured(
     margins: Mapping[str, np.ndarray],
     known: Mapping[str, Measured],
 ) -> dict[str, Measured]:
-    """What a goal measures of n loops, by name.
+    """What a goal measures of n loops, and ALWAYS, by name.
 
     Args:
         goal: The goal.
@@ -141,20 +142,32 @@ def measured(
     found = dict(known)
     for name in ("peak_sensitivity", "phase_margin", "disk_margin"):
         found[name] = _with_error(margins[name], errors[name])
-    high, low = margins["gain_margin_high"], 1 / margins["gain_margin_low"]
-    nearer = ~(low < high) & ~np.isnan(high)
-    low_se = errors["gain_margin_low"] * low**2
-    found["gain_margin"] = _with_error(np.fmin(high, low), np.where(nearer, errors["gain_margin_high"], low_se))
-    for requirement in goal.measured:
-        if requirement.name == "compliance":
-            found["compliance"] = _compliance(force, requirement)
-    return {r.name: found[r.name] for r in goal.measured}
+    found["gain_margin"] = _gain_margin(margins, errors)
+    asked = {r.name: r for r in goal.measured}
+    found["compliance"] = _compliance(force, asked.get("compliance"))
+    return {name: found[name] for name in dict.fromkeys([*asked, *ALWAYS])}
 
 
-def _compliance(force: LineStatistics, requirement: Requirement) -> Measured:
-    """Largest displacement per force at the force lines, of the whole loop."""
+def _gain_margin(margins: Mapping[str, np.ndarray], errors: Mapping[str, np.ndarray]) -> Measured:
+    """The factor by which the loop's gain may rise or fall, whichever is smaller.
+
+    The error of L at its crossing of the real axis is normal. That of the factor is not where it is large: its upper
+    end is unknown where L may be zero there.
+    """
+    up, down = margins["gain_margin_high"], 1 / margins["gain_margin_low"]
+    crossing, error = 1 / up, NORMAL_95 * errors["gain_margin_high"] / up**2
+    nearest = np.maximum(crossing - error, 0.0)
+    high = np.divide(1.0, nearest, out=np.full_like(nearest, np.nan), where=nearest > 0)
+    rise = np.stack([up, 1 / (crossing + error), high])
+    half = NORMAL_95 * errors["gain_margin_low"] * down**2
+    fall = np.stack([down, down - half, down + half])
+    return Measured(*np.where((down < up) | np.isnan(up), fall, rise))
+
+
+def _compliance(force: LineStatistics, requirement: Requirement | None) -> Measured:
+    """Largest displacement per force of the loop at the force lines, those in the requirement's band if it has one."""
     frequency = force.frequency
-    low, high = requirement.at if isinstance(requirement.at, tuple) else (0.0, np.inf)
+    low, high = requirement.at if requirement and isinstance(requirement.at, tuple) else (0.0, np.inf)
     inside = (frequency >= low) & (frequency <= high)
     if not inside.any():
         raise ValueError(

@@ -1,6 +1,6 @@
 """Recommendation among the gains tried: those that hold up under fresh noise and on rigs within tolerance."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -27,6 +27,8 @@ class Verdict:
         intervals: (low, high) of score over rigs within tolerance; and, over these and fresh noise, of
             peak_sensitivity, phase_margin, gain_margin_high and displacement_share.
         reason: Why they are refused, or None.
+        required: What the goal measures, by the names of the info: the mean over fresh noise on the rig itself, and
+            with _low and _high the ends over rigs within tolerance and fresh noise; empty for `match`.
     """
 
     point: np.ndarray
@@ -34,6 +36,7 @@ class Verdict:
     score_se: float
     intervals: dict[str, tuple[float, float]]
     reason: str | None
+    required: dict[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -98,7 +101,23 @@ def verdict_of(point: np.ndarray, again: Trials, repeats: int, episode: Episode)
     ends = (50 * (1 - LEVEL), 50 * (1 + LEVEL))
     intervals = {n: tuple(map(float, np.nanpercentile(v, ends))) for n, v in columns.items() if np.isfinite(v).any()}
     se = float(scores.std(ddof=1) / np.sqrt(repeats)) if repeats > 1 else np.nan
-    return Verdict(point, float(scores.mean()), se, intervals, _reason(again, intervals))
+    return Verdict(
+        point, float(scores.mean()), se, intervals, _reason(again, intervals), _required(again, repeats, ends)
+    )
+
+
+def _required(again: Trials, repeats: int, ends: tuple[float, float]) -> dict[str, float]:
+    """What the goal measures: means over the first trials, and the ends (percentiles) over all."""
+    found = {}
+    for name in again.info[0]:
+        if name.startswith("required_") and not name.endswith(("_low", "_high")):
+            values = np.array([one.get(name, np.nan) for one in again.info], float)
+            known = values[~np.isnan(values)]
+            low, high = np.percentile(known, ends, method="closest_observation")
+            own = values[:repeats]
+            found |= {name: float(own[~np.isnan(own)].mean()) if not np.isnan(own).all() else np.nan}
+            found |= {f"{name}_low": float(low), f"{name}_high": float(high)}
+    return found
 
 
 def _reason(again: Trials, intervals: dict[str, tuple[float, float]]) -> str | None:
