@@ -19,8 +19,8 @@ def margin_errors(
     """Standard errors (n,) of the margins of n loops, by name; nan where a margin is missing.
 
     Noise dL moves a crossing of L along its tangent t. At the gain crossover the phase then changes by
-    Im(conj(L) dL) - r Re(conj(L) dL) with r = Im(conj(L) t) / Re(conj(L) t), and at the phase crossover the real part by
-    Re(dL) - q Im(dL) with q = Re(t) / Im(t). The values are those of the nearest line.
+    Im(conj(L) dL) - r Re(conj(L) dL) with r = Im(conj(L) t) / Re(conj(L) t), and at the phase crossover the real part
+    changes by Re(dL) - q Im(dL) with q = Re(t) / Im(t). The values are those of the nearest line.
 
     Args:
         frequency: Increasing frequencies (f,), Hz.

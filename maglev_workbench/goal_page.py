@@ -8,7 +8,7 @@ import numpy as np
 
 from maglev_env.evaluation.goal_score import MARGINS, in_words, met, misses
 from maglev_env.rig.goal import Goal, Requirement
-from maglev_workbench.page import COLOURS, INFEASIBLE, STAR, number, styled, with_interval
+from maglev_workbench.page import COLOURS, INFEASIBLE, STAR, labelled_axis, number, styled, with_interval
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure
@@ -16,6 +16,7 @@ if TYPE_CHECKING:
 PREFIX = "required_"  # of a quantity's name in the columns of a sweep and in the info of an experiment
 HEAD = ("requirement", "value", "limit", "")
 CUT = 3.0  # times the limit, where a bar ends
+SHORT = 0.4  # of the limit, up to which a bar has its value beside it
 ONE_OF_PAIR, OTHER = "compliance", "noise_current"  # conflict, and are measured whatever the goal is
 
 
@@ -76,24 +77,27 @@ def requirement_bars(goal: Goal, sets: Sequence[tuple[str, Mapping[str, Any]]]) 
     import plotly.graph_objects as go
 
     labels = [in_words(r) for r in goal.requirements]
-    figure = go.Figure()
+    figure, widest = go.Figure(), 1.3
     for (name, row), colour in zip(sets, COLOURS, strict=False):
         used = np.array([float(np.exp(_missed(r, row))) for r in goal.requirements])
+        widest = max(widest, min(used.max() * 1.1, CUT))
         text = [_value(r, row) for r in goal.requirements]
         ends = np.array([_ends(r, row) for r in goal.requirements])
         spread = {"type": "data", "symmetric": False, "array": ends[:, 1] - used, "arrayminus": used - ends[:, 0]}
+        spread |= {end: np.where(spread[end] > 0, spread[end], None) for end in ("array", "arrayminus")}
         spread |= {"color": "#444", "thickness": 1.5}
         figure.add_bar(
             y=labels, x=np.minimum(used, CUT), orientation="h", name=name, marker={"color": colour}, text=text,
-            textposition="inside", insidetextanchor="start", textangle=0, error_x=spread,
+            textposition=["inside" if share > SHORT else "outside" for share in used], insidetextanchor="start",
+            textangle=0, error_x=spread, cliponaxis=False,
             hovertemplate="%{y}: %{text}<extra></extra>",
         )  # fmt: skip
     figure.add_vline(1.0, line={"color": STAR, "width": 2})
     figure.add_annotation(x=1.0, y=1.0, yref="paper", yanchor="bottom", text="limit", showarrow=False)
-    figure.update_xaxes(title_text="share of the limit that is used (at least: limit over value)", range=[0, CUT])
+    figure.update_xaxes(title_text="share of the limit that is used (at least: limit over value)", range=[0, widest])
     figure.update_yaxes(autorange="reversed", automargin=True)
-    figure.update_layout(barmode="group", legend={"orientation": "h", "y": -0.2})
-    return styled(figure, 170 + 34 * len(labels) * max(1, len(sets)))
+    figure.update_layout(barmode="group", legend={"orientation": "h", "x": 0, "y": 1.01, "yanchor": "bottom"})
+    return styled(figure, 130 + 34 * len(labels) * max(1, len(sets)))
 
 
 def front(goal: Goal, values: Mapping[str, np.ndarray], feasible: np.ndarray) -> np.ndarray:
@@ -111,7 +115,8 @@ def pair_of(goal: Goal) -> tuple[Requirement, Requirement]:
     """The two quantities of the front: what is made best, and the noise current; the compliance if that is best."""
     by_name = {r.name: r for r in goal.measured}
     first = goal.best.name if goal.best and goal.best.name != OTHER else ONE_OF_PAIR
-    return tuple(by_name.get(name) or Requirement(name, 1.0) for name in (first, OTHER))
+    one, other = (by_name.get(name) or Requirement(name, 1.0) for name in (first, OTHER))
+    return one, other
 
 
 def front_figure(
@@ -132,7 +137,10 @@ def front_figure(
     x, y = (values[r.name] * r.quantity.shown[0] for r in (pair[1], pair[0]))
     meets = feasible & met(goal, values)
     figure = go.Figure()
-    for some, name, colour in ((feasible & ~meets, "misses a requirement", "#999999"), (meets, "meets all", COLOURS[2])):
+    for some, name, colour in (
+        (feasible & ~meets, "misses a requirement", "#999999"),
+        (meets, "meets all", COLOURS[2]),
+    ):
         marker = {"color": colour, "size": 7, "opacity": 0.8}
         figure.add_scatter(x=x[some], y=y[some], mode="markers", name=name, marker=marker, text=np.array(hover)[some])
     for some, name, dash in ((feasible, "front of all", "dot"), (meets, "front of those that meet all", "solid")):
@@ -150,8 +158,9 @@ def front_figure(
         if r.name in limits:
             draw(limits[r.name], line={"color": INFEASIBLE, "dash": "dash", "width": 2})
     for r, update in ((pair[1], figure.update_xaxes), (pair[0], figure.update_yaxes)):
-        unit = r.quantity.shown[1]
-        update(title_text=r.quantity.words + (f" in {unit}" if unit else ""), type="log")
+        scale, unit = r.quantity.shown
+        shown = values[r.name][feasible & np.isfinite(values[r.name]) & (values[r.name] > 0)] * scale
+        update(**labelled_axis(r.quantity.words + (f" in {unit}" if unit else ""), shown, log=shown.size > 0))
     return styled(figure, 460)
 
 
@@ -182,8 +191,8 @@ def _value(r: Requirement, row: Mapping[str, Any]) -> str:
     if value is None or not isfinite(value):
         return "not within the lines" if r.name in MARGINS else "touchdown"
     low, high = (row.get(f"{PREFIX}{r.name}_{end}") for end in ("low", "high"))
-    known = low is not None and high is not None and isfinite(low) and isfinite(high)
-    text = with_interval(value * scale, low * scale, high * scale) if known else number(value * scale)
+    ends = [None if end is None or np.isnan(end) else end * scale for end in (low, high)]
+    text = number(value * scale) if ends == [None, None] else with_interval(value * scale, *ends)
     return f"{text} {unit}".rstrip()
 
 

@@ -7,7 +7,7 @@ from maglev_env.fields import toml_text
 from maglev_env.loop.magnets.kinds import force_law
 from maglev_env.loop.magnets.law import linearise
 from maglev_env.rig.goal import ENGINEER, MATCH, NAMED, Goal, Requirement, parse_goal
-from maglev_env.rig.rig import Rig, axis_rig
+from maglev_env.rig.rig import Rig, axis_rig, default_band
 
 # docs/goals.md argues every number. Limits are in proportion to the rig, so that each preset has its own.
 LEAST_PHASE, LEAST_GAIN, ZONE_A = 30.0, 2.0, 3.0  # degrees, factor, peak |S| of ISO 14839-3
@@ -20,11 +20,18 @@ WEIGHT = 9.80665  # m/s2
 
 
 def goal_of(rig: Rig) -> Goal | None:
-    """The goal that a rig's [target] states; None stands for `match`."""
+    """The goal that a rig's [target] states; None stands for `match`.
+
+    Raises:
+        ValueError: It is judged on rigs within tolerance, and the rig has no [tolerance].
+    """
     text = rig.target.goal.strip()
     if text == MATCH:
         return None
-    return engineer(rig) if text == ENGINEER else parse_goal(text)
+    goal = engineer(rig) if text == ENGINEER else parse_goal(text)
+    if goal.rigs and not rig.tolerance:
+        raise ValueError(f"goal: worst of {goal.rigs} rigs: rig {rig.name} has no [tolerance] to draw them within")
+    return goal
 
 
 def with_goal(rig: Rig, source: str | None) -> Rig:
@@ -58,7 +65,8 @@ def engineer(rig: Rig) -> Goal:
     own = axis_rig(rig, 0)
     weight, magnets = own.mass * WEIGHT, linearise(force_law(own))[0] * own.bias_current
     load = min(weight, magnets or weight)
-    slower = TIMES_OF / (sum(rig.target.band) / 2)
+    low, high = rig.target.band or default_band(rig.control_rate)
+    slower = TIMES_OF / ((low + high) / 2)
 
     def limit(name: str, value: float, at: float | None = None) -> Requirement:
         return Requirement(name, float(f"{value:.3g}"), at and float(f"{at:.3g}"))

@@ -17,6 +17,7 @@ from maglev_env.evaluation.goal_score import goal_score, goal_terms
 from maglev_env.evaluation.requirements import Measured, large_signal_test, measured
 from maglev_env.evaluation.score import ScoreTarget, score, stacked, terms
 from maglev_env.evaluation.sensitivity import injected_sensitivity
+from maglev_env.evaluation.worst import drawn_experiments, worst_of
 from maglev_env.experiment import Experiment, axis_experiment
 from maglev_env.kernel.simulate import SimulatedStatistics, simulate_statistics
 from maglev_env.linear.loop import closed_loop_poles, expected_statistics, pole_radii
@@ -57,8 +58,9 @@ class Evaluation:
         feasible: The linearised loop is stable and the rotor never touched down. A rotor may also stay near a pole
             although it is unstable in the centre.
         axis: 0 (x) or 1 (y).
-        required: What a goal measures, by name (see `rig.goal.QUANTITIES`), with the 95 % bounds *_low and *_high where
-            they are known (see `requirements.Measured`); empty for the goal `match`.
+        required: What a goal measures, by name (see `rig.goal.QUANTITIES`), of the worst rig if it is judged on
+            several; with the 95 % bounds *_low and *_high where they are known (see `requirements.Measured`). Empty for
+            the goal `match`.
     """
 
     bands: np.ndarray
@@ -174,13 +176,28 @@ def evaluate(
     parts = []
 
     def work(chunk: slice) -> Evaluation:
-        return _evaluate_chunk(experiments[chunk], [stacked(own[chunk]) for own in per_axis], bands, goal)
+        own = [stacked(one[chunk]) for one in per_axis]
+        drawn = drawn_experiments(experiments[chunk], goal.rigs) if goal else []
+        found = [_evaluate_chunk(part, own, bands, goal) for part in (experiments[chunk], *drawn)]
+        return _worst(goal, found) if goal and drawn else found[0]
 
     for part in over_threads(work, chunks, threads):
         parts.append(part)
         if progress:
             progress(len(part.score))
     return _combined(parts, np.concatenate)
+
+
+def _worst(goal: Goal, parts: Sequence[Evaluation]) -> Evaluation:
+    """The first evaluation, with the score of the worst values over all, which are of one gain set on several rigs."""
+    ends = ([p.required for p in parts], [p.required_low for p in parts], [p.required_high for p in parts])
+    required, low, high = worst_of(goal, *ends)
+    own = goal_terms(goal, required)
+    feasible = np.all([part.feasible for part in parts], axis=0)
+    total = np.where(feasible, goal_score(own), 0.0)
+    return replace(
+        parts[0], required=required, required_low=low, required_high=high, terms=own, score=total, feasible=feasible
+    )
 
 
 def _evaluate_chunk(
@@ -296,10 +313,9 @@ def _of_axis(
         score=np.where(feasible, np.nan_to_num(_scatter(total, alive)), 0.0),
         feasible=feasible,
         axis=np.full(len(experiments), axis),
-        **{
-            f"required{end}": {name: _scatter(getattr(m, part), alive) for name, m in required.items()}
-            for end, part in (("", "value"), ("_low", "low"), ("_high", "high"))
-        },
+        required={name: _scatter(m.value, alive) for name, m in required.items()},
+        required_low={name: _scatter(m.low, alive) for name, m in required.items()},
+        required_high={name: _scatter(m.high, alive) for name, m in required.items()},
     )
 
 

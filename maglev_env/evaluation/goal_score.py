@@ -58,5 +58,6 @@ def in_words(requirement: Requirement) -> str:
     text = f"{q.words} {'at most' if q.most else 'at least'} {requirement.limit * scale:.4g} {unit}".rstrip()
     if requirement.at is None or q.condition is None:
         return text
-    size = "{:g} to {:g}".format(*requirement.at) if isinstance(requirement.at, tuple) else f"{requirement.at:.4g}"
-    return f"{text}, {q.condition[0]} {size} {q.condition[1]}"
+    scale, unit = {"m": (1e6, "µm"), "N s": (1e3, "mN s")}.get(q.condition[1], (1.0, q.condition[1]))
+    ends = requirement.at if isinstance(requirement.at, tuple) else (requirement.at,)
+    return f"{text}, {q.condition[0]} {' to '.join(f'{end * scale:.4g}' for end in ends)} {unit}"

@@ -4,6 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.ndimage import uniform_filter1d
 
 from estimation.frequency_response import frequency_response, pooled_variance
 from estimation.margin_errors import margin_errors
@@ -14,6 +15,7 @@ from maglev_env.kernel.events import Event, simulated_events
 from maglev_env.rig.goal import Goal, Requirement
 
 SETTLED, NOISE_BAND = 0.1, 5.0  # of the peak, and rms of hovering: the band in which a rotor has come to rest
+MEAN_OVER = 1 / 30  # of a time's limit, over which readings are averaged before they are compared with that band
 LAST = 0.2  # share of an event, its end, whose mean is where the rotor comes to rest
 FOLLOWED, LEAST_FOLLOWED = 3.0, 1.5  # a time is followed for so many times its limit, or at least for so many
 # Shares of the identification experiment's duration: hovering, an impulse, and at most each of the two times.
@@ -46,7 +48,7 @@ def events_of(goal: Goal, first: Experiment) -> tuple[int, list[Event]]:
         ValueError: A time limit is longer than half the experiment, or the rotor cannot lift off from where it is said.
     """
     if first.sensor != "probe" and "lift_off" in goal.events:
-        raise ValueError("goal: lift_off_time needs a probe: a self-sensor cannot read a rotor before it is switched on")
+        raise ValueError("goal: lift_off_time needs a probe: a self-sensor reads nothing before the amplifier is on")
     rate, whole = first.rig.control_rate, first.samples_per_period * (first.periods + first.transient_periods)
     events = []
     for kind, requirement in goal.events.items():
@@ -59,11 +61,11 @@ def events_of(goal: Goal, first: Experiment) -> tuple[int, list[Event]]:
                     f"{whole / rate:g} s; the longest limit is half of that"
                 )
             samples = int(np.ceil(min(FOLLOWED * limit, max(TIMED * whole, LEAST_FOLLOWED * limit))))
-        if kind == "lift_off" and not requirement.at < first.rig.clearance:
+        if kind == "lift_off" and not requirement.size < first.rig.clearance:
             raise ValueError(
-                f"goal: lift_off_time from {requirement.at:g} m: the rotor's clearance is {first.rig.clearance:g} m"
+                f"goal: lift_off_time from {requirement.size:g} m: the rotor's clearance is {first.rig.clearance:g} m"
             )
-        events.append(Event(kind, requirement.at, samples))
+        events.append(Event(kind, requirement.size, samples))
     return int(HOVER * whole), events
 
 
@@ -72,22 +74,19 @@ def large_signal_test(goal: Goal, experiments: Sequence[Experiment]) -> list[dic
     hover, events = events_of(goal, experiments[0])
     hovering, *series = simulated_events(experiments, hover, events, threads=1)
     steady = hovering[..., int(WARMING * hover) :]
-    rest, noise = steady[:, 0].mean(axis=-1), steady[:, 0].std(axis=-1)
     dt = 1 / experiments[0].rig.control_rate
+    limits = [requirement.limit for requirement in goal.events.values()]
     return [
-        _of_axis(
-            [one[:, :, axis] for one in series], [e.kind for e in events], steady[:, 1, axis], rest[:, axis],
-            noise[:, axis], dt,
-        )
+        _of_axis(steady[:, :, axis], list(zip(events, limits, [one[:, :, axis] for one in series], strict=True)), dt)
         for axis in range(steady.shape[2])
-    ]  # fmt: skip
+    ]
 
 
 def _of_axis(
-    series: Sequence[np.ndarray], kinds: Sequence[str], current: np.ndarray, rest: np.ndarray, noise: np.ndarray,
-    dt: float,
-) -> dict[str, Measured]:  # fmt: skip
-    """Quantities of one axis from its events (n, 2, samples) and from the current while hovering, (n, samples)."""
+    hovering: np.ndarray, followed: Sequence[tuple[Event, float, np.ndarray]], dt: float
+) -> dict[str, Measured]:
+    """Quantities of one axis from hovering (n, 2, samples), and from each event with its limit and series likewise."""
+    rest, current = hovering[:, 0].mean(axis=-1, keepdims=True), hovering[:, 1]
     usable = current.shape[1] // BLOCKS * BLOCKS
     power = (current - current.mean(axis=1, keepdims=True))[:, :usable] ** 2
     rms = np.sqrt(power.mean(axis=1))
@@ -95,14 +94,16 @@ def _of_axis(
     se = blocks.std(axis=1, ddof=1) / np.sqrt(BLOCKS) / (2 * np.where(rms > 0, rms, 1.0))
     found = {"noise_current": _with_error(rms, se)}
     peaks = [np.abs(current).max(axis=1)]
-    for kind, event in zip(kinds, series, strict=True):
-        y = event[:, 0] - rest[:, None]
-        peaks.append(np.abs(event[:, 1]).max(axis=1))
-        if kind == "impulse":
+    for event, limit, series in followed:
+        y = series[:, 0] - rest
+        peaks.append(np.abs(series[:, 1]).max(axis=1))
+        if event.kind == "impulse":
             found["impulse_displacement"] = _exactly(np.abs(y).max(axis=1))
-        else:
-            name = "recovery_time" if kind == "step" else "lift_off_time"
-            found[name] = _exactly(settling_time(y, NOISE_BAND * noise, dt))
+            continue
+        width = max(1, round(MEAN_OVER * limit / dt))
+        near = NOISE_BAND * uniform_filter1d(hovering[:, 0] - rest, width, axis=-1).std(axis=-1)
+        time = settling_time(uniform_filter1d(y, width, axis=-1, mode="nearest"), near, dt)
+        found["recovery_time" if event.kind == "step" else "lift_off_time"] = _exactly(time)
     found["current_peak"] = _exactly(np.max(peaks, axis=0))
     return found
 
@@ -167,7 +168,7 @@ def _gain_margin(margins: Mapping[str, np.ndarray], errors: Mapping[str, np.ndar
 def _compliance(force: LineStatistics, requirement: Requirement | None) -> Measured:
     """Largest displacement per force of the loop at the force lines, those in the requirement's band if it has one."""
     frequency = force.frequency
-    low, high = requirement.at if requirement and isinstance(requirement.at, tuple) else (0.0, np.inf)
+    low, high = requirement.band if requirement else (0.0, np.inf)
     inside = (frequency >= low) & (frequency <= high)
     if not inside.any():
         raise ValueError(

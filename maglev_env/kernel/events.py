@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 
@@ -12,11 +11,12 @@ from maglev_env.kernel.simulate import Block, State, prepared_blocks, stretches
 from maglev_env.loop.controller import RAW, U
 from maglev_env.loop.mechanics import Y
 from maglev_env.loop.sensor import SEEN, Z1, Z2
+from maglev_env.rig.goal import EventKind
 from maglev_lanes.layout import row
 from maglev_lanes.threads import over_threads
 
-# Control samples for which a rotor at rest is read before its amplifier is switched on: several times the time constant of
-# a derivative's filter, so that switching on is no step of the derivative.
+# Control samples for which a rotor at rest is read before its amplifier is switched on: several time constants of a
+# derivative's filter, so that switching on is no step of the derivative.
 HELD = 32
 
 
@@ -31,7 +31,7 @@ class Event:
         samples: control samples that are followed.
     """
 
-    kind: Literal["impulse", "step", "lift_off"]
+    kind: EventKind
     size: float
     samples: int
 

@@ -3,10 +3,12 @@
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Literal
+from math import inf
+from typing import Literal, get_args
 
 from maglev_env.fields import is_number
 
+EventKind = Literal["impulse", "step", "lift_off"]
 MATCH = "match"  # the goal that compares stiffness and damping with those of the target
 ENGINEER = "engineer"  # requirements derived from the rig, see `design.goals`
 NAMED = (MATCH, ENGINEER)
@@ -31,7 +33,7 @@ class Quantity:
     words: str
     shown: tuple[float, str] = (1.0, "")
     condition: tuple[Literal["in", "after", "from"], str] | None = None
-    event: Literal["hover", "impulse", "step", "lift_off", "any"] | None = None
+    event: EventKind | Literal["hover", "any"] | None = None
 
 
 QUANTITIES: Mapping[str, Quantity] = {
@@ -50,7 +52,9 @@ QUANTITIES: Mapping[str, Quantity] = {
     "lift_off_time": Quantity("s", True, "lift-off", (1e3, "ms"), ("from", "m"), "lift_off"),
     "current_peak": Quantity("A", True, "peak current", (1.0, "A"), event="any"),
 }
-EVENTS = ("impulse", "step", "lift_off")
+MOST_RIGS = 256
+MOST_TEXT = 10_000  # characters of a goal
+EVENTS: tuple[EventKind, ...] = get_args(EventKind)
 
 
 @dataclass(frozen=True)
@@ -84,7 +88,7 @@ class Requirement:
                 isinstance(at, tuple) and len(at) == 2 and all(map(is_number, at)) and 0 < at[0] < at[1]
             ):
                 raise ValueError(f"goal: {self.name}: the band {at!r} must be two increasing frequencies in Hz")
-        elif not (is_number(at) and not isinstance(at, tuple) and at > 0):
+        elif not (isinstance(at, float | int) and is_number(at) and at > 0):
             raise ValueError(
                 f"goal: {self.name} needs its condition: '{self.name} <= {self.limit:g} {condition[0]} SIZE', in "
                 f"{condition[1]}"
@@ -93,6 +97,18 @@ class Requirement:
     @property
     def quantity(self) -> Quantity:
         return QUANTITIES[self.name]
+
+    @property
+    def size(self) -> float:
+        """Size of the event that shows the quantity, in N s, N or m."""
+        if not isinstance(self.at, float | int):
+            raise ValueError(f"goal: {self.name} has no event")
+        return self.at
+
+    @property
+    def band(self) -> tuple[float, float]:
+        """Frequencies among which the worst is sought, Hz; all without a condition."""
+        return self.at if isinstance(self.at, tuple) else (0.0, inf)
 
     @property
     def text(self) -> str:
@@ -114,15 +130,21 @@ class Goal:
     Args:
         requirements: each quantity at most once.
         best: what is made best, with its scale; None: a gain set that meets everything is good enough.
+        rigs: number of rigs, drawn within the data-sheet tolerances, on the worst of which everything counts; 0: the
+            rig alone.
 
     Raises:
-        ValueError: A quantity is named twice, there is nothing to require, or current_peak has no event.
+        ValueError: A quantity is named twice, there is nothing to require, current_peak has no event, or there are too
+            many rigs.
     """
 
     requirements: tuple[Requirement, ...]
     best: Requirement | None = None
+    rigs: int = 0
 
     def __post_init__(self) -> None:
+        if not 0 <= self.rigs <= MOST_RIGS:
+            raise ValueError(f"goal: worst of {self.rigs} rigs; draw up to {MOST_RIGS}")
         names = [r.name for r in self.requirements]
         if twice := {name for name in names if names.count(name) > 1}:
             raise ValueError(f"goal: {', '.join(sorted(twice))} is limited twice; state each quantity once")
@@ -141,10 +163,10 @@ class Goal:
         return self.requirements + ((self.best,) if self.best and self.best.name not in own else ())
 
     @property
-    def events(self) -> dict[str, Requirement]:
+    def events(self) -> dict[EventKind, Requirement]:
         """The events of the large-signal test, each with the requirement that states its size."""
         found = {r.quantity.event: r for r in self.measured}
-        return {name: found[name] for name in EVENTS if name in found}
+        return {kind: found[kind] for kind in EVENTS if kind in found}
 
     @property
     def text(self) -> str:
@@ -154,12 +176,15 @@ class Goal:
             statements.append(f"best {self.best.name}")
         elif self.best:
             statements.append(f"best {self.best.name} near {self.best.limit:g}{self.best._condition}")
+        if self.rigs:
+            statements.append(f"worst of {self.rigs} rigs")
         return ", ".join(statements)
 
 
 _NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
 _CONDITION = rf"(?:\s+(?P<word>in|after|from)\s+(?P<low>{_NUMBER})(?:\s*\.\.\s*(?P<high>{_NUMBER}))?)?"
 _LIMIT = re.compile(rf"(?P<name>\w+)\s*(?P<sense><=|>=)\s*(?P<limit>{_NUMBER}){_CONDITION}")
+_WORST = re.compile(r"worst\s+of\s+(\d{1,6})\s+rigs")
 _BEST = re.compile(rf"best\s+(?P<name>\w+)(?:\s+near\s+(?P<limit>{_NUMBER}){_CONDITION})?")
 
 
@@ -167,28 +192,34 @@ def parse_goal(text: str) -> Goal:
     """The goal of a text such as `peak_sensitivity <= 3, compliance <= 25e-6 in 10..250, best noise_current near 0.05`.
 
     Statements are separated by commas, semicolons or lines; # begins a comment. `best` takes its scale and condition
-    from the requirement of the same quantity, or states them.
+    from the requirement of the same quantity, or states them. `worst of 16 rigs` judges on rigs within tolerance.
 
     Raises:
         ValueError: A statement is not understood; the message quotes it and says what would be.
     """
-    requirements, best = [], None
+    if len(text) > MOST_TEXT:
+        raise ValueError(f"goal: {len(text)} characters; a goal has up to {MOST_TEXT}")
+    requirements, best, rigs = [], None, 0
     for line in text.splitlines():
         for statement in filter(None, map(str.strip, re.split("[,;]", line.partition("#")[0]))):
             if limited := _LIMIT.fullmatch(statement):
                 one = _requirement(limited, statement)
                 if (limited["sense"] == "<=") != one.quantity.most:
                     wanted = "<=" if one.quantity.most else ">="
-                    raise ValueError(f"goal: {statement!r}: a requirement of {one.name} is a limit of the form {wanted}")
+                    raise ValueError(
+                        f"goal: {statement!r}: a requirement of {one.name} is a limit of the form {wanted}"
+                    )
                 requirements.append(one)
             elif (wished := _BEST.fullmatch(statement)) and best is None:
                 best = wished, statement
+            elif (drawn := _WORST.fullmatch(statement)) and not rigs:
+                rigs = int(drawn[1])
             else:
                 raise ValueError(
-                    f"goal: {statement!r:.80} is not understood; write NAME <= NUMBER or NAME >= NUMBER, and once "
-                    f"'best NAME' or 'best NAME near SCALE'; names are {', '.join(QUANTITIES)}"
+                    f"goal: {statement!r:.80} is not understood; write NAME <= NUMBER or NAME >= NUMBER, and each once "
+                    f"'best NAME', 'best NAME near SCALE' and 'worst of N rigs'; names are {', '.join(QUANTITIES)}"
                 )
-    return Goal(tuple(requirements), best and _wish(*best, {r.name: r for r in requirements}))
+    return Goal(tuple(requirements), best and _wish(*best, {r.name: r for r in requirements}), rigs)
 
 
 def check_goal(text: str) -> None:

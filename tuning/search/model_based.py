@@ -4,7 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from maglev_env.task.episodes import Episode, log_spread, scaled_rig, wide_factors
+from maglev_env.rig.drawn import scaled_rig
+from maglev_env.task.episodes import Episode, log_spread, wide_factors
 from maglev_env.task.task import Task
 from tuning.search.evolution import DifferentialEvolution
 from tuning.search.optimum import searched_optimum

@@ -1,10 +1,13 @@
 """Recommendation among the gains tried: those that hold up under fresh noise and on rigs within tolerance."""
 
 from dataclasses import dataclass, field, replace
+from functools import reduce
+from operator import add
 
 import numpy as np
 
-from maglev_env.task.episodes import Episode, scaled_rig, tolerance_factors
+from maglev_env.rig.drawn import scaled_rig, tolerance_factors
+from maglev_env.task.episodes import Episode
 from maglev_env.task.task import Task
 from tuning.study.study import experiments
 from tuning.tuner import Trials
@@ -76,11 +79,14 @@ def recommend(
     spread = []
     for _ in range(rigs):
         rig = scaled_rig(episode.rig, tolerance_factors(episode.rig, rng))
+        # These are the rigs within tolerance: a goal that draws rigs itself is judged on each of them alone.
+        goal = task.layout.goal and replace(task.layout.goal, rigs=0)
+        rig = replace(rig, target=replace(rig.target, goal=goal.text)) if goal else rig
         spread.append(replace(episode, rig=rig, seed=int(rng.integers(2**63))))
     refused: list[Verdict] = []
     for i in alive:
         point = trials.points[i]
-        again = experiments(task, own + spread, np.tile(point, (repeats + rigs, 1)), [0] * (repeats + rigs))
+        again = reduce(add, (experiments(task, e, np.tile(point, (len(e), 1)), [0] * len(e)) for e in (own, spread)))
         verdict = verdict_of(point, again, repeats, episode)
         if verdict.reason is None:
             return Recommendation(verdict, tuple(refused))

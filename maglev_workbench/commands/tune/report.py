@@ -116,7 +116,9 @@ def tune_json(
             "refused": [told(v) for v in advice.refused],
             "experiments": [
                 {
-                    "gains": dict(zip(task.box.names, g, strict=True)), "score": s, "touchdown": bool(t),
+                    "gains": dict(zip(task.box.names, g, strict=True)),
+                    "score": s,
+                    "touchdown": bool(t),
                     **({"requirements": goal_page.requirements_json(goal, info)} if goal else {}),
                 }
                 for g, s, t, info in zip(gains, trials.score, trials.touchdown, trials.info, strict=True)
@@ -125,7 +127,7 @@ def tune_json(
             "reused": found.reused,
             "seconds": seconds,
             **({"goal": goal.text} if goal else {}),
-        }  # fmt: skip
+        }
     )
 
 
@@ -188,9 +190,7 @@ def _best_rows(task: Task, found: Outcome) -> list[tuple[str, ...]]:
     return rows
 
 
-def _goal_sections(
-    task: Task, goal: Goal, found: Outcome, advice: Recommendation
-) -> "list[tuple[str, str | Figure]]":
+def _goal_sections(task: Task, goal: Goal, found: Outcome, advice: Recommendation) -> "list[tuple[str, str | Figure]]":
     t = found.trials
     names = goal_page.shown_names(goal)
     values = {
