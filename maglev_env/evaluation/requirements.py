@@ -14,7 +14,9 @@ from maglev_env.experiment import Experiment
 from maglev_env.kernel.events import Event, simulated_events
 from maglev_env.rig.goal import Goal, Requirement
 
-SETTLED, NOISE_BAND = 0.1, 5.0  # of the peak, and rms of hovering: the band in which a rotor has come to rest
+# The band in which a rotor has come to rest: a share of the peak, of the clearance, and times the rms of hovering,
+# whichever is widest. What is less than a hundredth of the clearance matters to nobody.
+SETTLED, NEAR, NOISE_BAND = 0.1, 0.01, 5.0
 MEAN_OVER = 1 / 30  # of a time's limit, over which readings are averaged before they are compared with that band
 LAST = 0.2  # share of an event, its end, whose mean is where the rotor comes to rest
 FOLLOWED, LEAST_FOLLOWED = 3.0, 1.5  # a time is followed for so many times its limit, or at least for so many
@@ -75,15 +77,21 @@ def large_signal_test(goal: Goal, experiments: Sequence[Experiment]) -> list[dic
     hovering, *series = simulated_events(experiments, hover, events, threads=1)
     steady = hovering[..., int(WARMING * hover) :]
     dt = 1 / experiments[0].rig.control_rate
+    clearance = np.array([e.rig.clearance for e in experiments])
     limits = [requirement.limit for requirement in goal.events.values()]
     return [
-        _of_axis(steady[:, :, axis], list(zip(events, limits, [one[:, :, axis] for one in series], strict=True)), dt)
+        _of_axis(
+            steady[:, :, axis],
+            list(zip(events, limits, [one[:, :, axis] for one in series], strict=True)),
+            dt,
+            clearance,
+        )
         for axis in range(steady.shape[2])
     ]
 
 
 def _of_axis(
-    hovering: np.ndarray, followed: Sequence[tuple[Event, float, np.ndarray]], dt: float
+    hovering: np.ndarray, followed: Sequence[tuple[Event, float, np.ndarray]], dt: float, clearance: np.ndarray
 ) -> dict[str, Measured]:
     """Quantities of one axis from hovering (n, 2, samples), and from each event with its limit and series likewise."""
     rest, current = hovering[:, 0].mean(axis=-1, keepdims=True), hovering[:, 1]
@@ -101,7 +109,8 @@ def _of_axis(
             found["impulse_displacement"] = _exactly(np.abs(y).max(axis=1))
             continue
         width = max(1, round(MEAN_OVER * limit / dt))
-        near = NOISE_BAND * uniform_filter1d(hovering[:, 0] - rest, width, axis=-1).std(axis=-1)
+        noise = uniform_filter1d(hovering[:, 0] - rest, width, axis=-1).std(axis=-1)
+        near = np.maximum(NOISE_BAND * noise, NEAR * clearance)
         time = settling_time(uniform_filter1d(y, width, axis=-1, mode="nearest"), near, dt)
         found["recovery_time" if event.kind == "step" else "lift_off_time"] = _exactly(time)
     found["current_peak"] = _exactly(np.max(peaks, axis=0))
@@ -117,9 +126,8 @@ def settling_time(y: np.ndarray, least: np.ndarray, dt: float) -> np.ndarray:
     end = y[:, -max(1, int(LAST * y.shape[1])) :].mean(axis=1)
     band = np.maximum(SETTLED * np.abs(y).max(axis=1), least)
     outside = np.abs(y - end[:, None]) > band[:, None]
-    last = y.shape[1] - outside[:, ::-1].argmax(axis=1)
-    settled = np.where(outside.any(axis=1), last, 0) * dt
-    settled = np.where(last > (1 - LAST) * y.shape[1], np.where(outside.any(axis=1), y.shape[1] * dt, 0.0), settled)
+    last = np.where(outside.any(axis=1), y.shape[1] - outside[:, ::-1].argmax(axis=1), 0)
+    settled = np.where(last > (1 - LAST) * y.shape[1], y.shape[1], last) * dt
     return np.where(np.isnan(end), np.nan, settled)
 
 
