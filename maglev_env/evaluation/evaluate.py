@@ -19,7 +19,7 @@ from maglev_env.evaluation.score import ScoreTarget, score, stacked, terms
 from maglev_env.evaluation.sensitivity import injected_sensitivity
 from maglev_env.evaluation.worst import drawn_experiments, worst_of
 from maglev_env.experiment import Experiment, axis_experiment
-from maglev_env.kernel.simulate import SimulatedStatistics, simulate_statistics
+from maglev_env.kernel.simulate import SimulatedStatistics, own_lanes, simulate_statistics
 from maglev_env.linear.loop import closed_loop_poles, expected_statistics, pole_radii
 from maglev_env.loop.axes import AXES
 from maglev_env.loop.gains import NO_CONTROLLER, of_axis
@@ -206,9 +206,10 @@ def _evaluate_chunk(
     bands: np.ndarray | None,
     goal: Goal | None,
 ) -> Evaluation:
-    simulated = simulate_statistics(experiments, threads=1)
+    blocks = own_lanes(experiments)
+    simulated = simulate_statistics(experiments, threads=1, blocks=blocks)
     radius = pole_radii(experiments)
-    tested = large_signal_test(goal, experiments) if goal else [{}] * len(targets)
+    tested = large_signal_test(goal, experiments, blocks) if goal else [{}] * len(targets)
     parts = [
         _of_axis(experiments, axis, simulated, radius, target, bands, goal, tested[axis])
         for axis, target in enumerate(targets)

@@ -12,6 +12,7 @@ from estimation.normal import NORMAL_95
 from estimation.periods import LineStatistics
 from maglev_env.experiment import Experiment
 from maglev_env.kernel.events import Event, simulated_events
+from maglev_env.kernel.simulate import Block
 from maglev_env.rig.goal import Goal, Requirement
 
 # The band in which a rotor has come to rest: a share of the peak, of the clearance, and times the rms of hovering,
@@ -71,10 +72,12 @@ def events_of(goal: Goal, first: Experiment) -> tuple[int, list[Event]]:
     return int(HOVER * whole), events
 
 
-def large_signal_test(goal: Goal, experiments: Sequence[Experiment]) -> list[dict[str, Measured]]:
-    """Quantities of a goal's events, by name, of each axis."""
+def large_signal_test(
+    goal: Goal, experiments: Sequence[Experiment], blocks: Sequence[Block]
+) -> list[dict[str, Measured]]:
+    """Quantities of a goal's events, by name, of each axis; blocks: the lanes by `simulate.own_lanes`."""
     hover, events = events_of(goal, experiments[0])
-    hovering, *series = simulated_events(experiments, hover, events, threads=1)
+    hovering, *series = simulated_events(blocks, hover, events, threads=1)
     steady = hovering[..., int(WARMING * hover) :]
     dt = 1 / experiments[0].rig.control_rate
     clearance = np.array([e.rig.clearance for e in experiments])

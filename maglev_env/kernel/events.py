@@ -5,9 +5,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from maglev_env.experiment import Experiment
 from maglev_env.kernel.layout import AXIS
-from maglev_env.kernel.simulate import Block, State, prepared_blocks, stretches
+from maglev_env.kernel.simulate import Block, State, stretches
 from maglev_env.loop.controller import RAW, U
 from maglev_env.loop.mechanics import Y
 from maglev_env.loop.sensor import SEEN, Z1, Z2
@@ -37,14 +36,14 @@ class Event:
 
 
 def simulated_events(
-    experiments: Sequence[Experiment], hover: int, events: Sequence[Event], threads: int | None = None
+    blocks: Sequence[Block], hover: int, events: Sequence[Event], threads: int | None = None
 ) -> list[np.ndarray]:
     """Displacement readings and coil currents: first while hovering, then in every event.
 
     A rotor that is pushed hovers before; every event starts anew, so that none depends on another one.
 
     Args:
-        experiments: give rig, gains, effects, sensor and seed; their excitations are not used.
+        blocks: of n experiments, see `simulate.own_lanes`; their excitations are not used.
         hover: control samples of hovering.
         events: the events.
         threads: None for all cores.
@@ -52,8 +51,9 @@ def simulated_events(
     Returns:
         Of hovering and of each event (n, 2, axes, samples); nan throughout where the rotor touched down in it.
     """
-    axes, rate = experiments[0].rig.axes, experiments[0].rig.control_rate
-    found = [np.full((len(experiments), 2, axes, n), np.nan) for n in (hover, *(e.samples for e in events))]
+    rig, count = blocks[0].experiment.rig, sum(len(block.members) for block in blocks)
+    axes, rate = rig.axes, rig.control_rate
+    found = [np.full((count, 2, axes, n), np.nan) for n in (hover, *(e.samples for e in events))]
 
     def run(block: Block) -> None:
         state = State(block)
@@ -69,7 +69,7 @@ def simulated_events(
                 state.rows[:], state.history[:], state.step = hovering[0], hovering[1], hovering[2]
             series[block.members] = _followed(block, state, force)
 
-    for _ in over_threads(run, prepared_blocks(experiments), threads):
+    for _ in over_threads(run, blocks, threads):
         pass
     return found
 
