@@ -15,7 +15,7 @@ COMPLIANCE_SHARE = 0.1  # of the clearance, by which the load moves the rotor at
 SHOCK, SHOCK_SHARE = 0.005, 0.3  # s for which the load acts as an impulse; share of the clearance, as in ISO 14839-2
 RECOVERY, LIFT_OFF, LIFT_OFF_SHARE = 0.03, 0.03, 0.5  # s, s, share of the clearance from which it lifts off
 TIMES_OF = 90.0  # Hz, the centre of the target band for which both times are stated
-NOISE_SHARE = 0.25  # of the bias current, or of the current limit where there is no bias
+NOISE_SHARE = 0.15  # of the bias current, so that four times the rms stays clear of it; or of the current limit
 WEIGHT = 9.80665  # m/s2
 
 
