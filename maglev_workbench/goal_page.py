@@ -1,7 +1,7 @@
 """A goal in tables, figures and JSON: each requirement against its limit, and the two quantities that conflict."""
 
 from collections.abc import Mapping, Sequence
-from math import isfinite
+from math import ceil, isfinite
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -16,6 +16,7 @@ if TYPE_CHECKING:
 PREFIX = "required_"  # of a quantity's name in the columns of a sweep and in the info of an experiment
 HEAD = ("requirement", "value", "limit", "")
 CUT = 3.0  # times the limit, where a bar ends
+EN_SPACE, WIDTH = "\u2002", 85  # so many of them are as wide as one limit
 SHORT = 0.4  # of the limit, up to which a bar has its value beside it
 ONE_OF_PAIR, OTHER = "compliance", "noise_current"  # conflict, and are measured whatever the goal is
 
@@ -81,8 +82,13 @@ def requirement_bars(goal: Goal, sets: Sequence[tuple[str, Mapping[str, Any]]]) 
     for (name, row), colour in zip(sets, COLOURS, strict=False):
         used = np.array([float(np.exp(_missed(r, row))) for r in goal.requirements])
         widest = max(widest, min(used.max() * 1.1, CUT))
-        text = [_value(r, row) for r in goal.requirements]
         ends = np.array([_ends(r, row) for r in goal.requirements])
+        # The value of a short bar stands beside it, behind the end of its interval.
+        behind = [
+            EN_SPACE * ceil(WIDTH * (high - one)) if one <= SHORT else ""
+            for one, (_, high) in zip(used, ends, strict=True)
+        ]
+        text = [space + _value(r, row) for space, r in zip(behind, goal.requirements, strict=True)]
         spread = {"type": "data", "symmetric": False, "array": ends[:, 1] - used, "arrayminus": used - ends[:, 0]}
         spread |= {end: np.where(spread[end] > 0, spread[end], None) for end in ("array", "arrayminus")}
         spread |= {"color": "#444", "thickness": 1.5}
@@ -90,7 +96,7 @@ def requirement_bars(goal: Goal, sets: Sequence[tuple[str, Mapping[str, Any]]]) 
             y=labels, x=np.minimum(used, CUT), orientation="h", name=name, marker={"color": colour}, text=text,
             textposition=["inside" if share > SHORT else "outside" for share in used], insidetextanchor="start",
             textangle=0, error_x=spread, cliponaxis=False,
-            hovertemplate="%{y}: %{text}<extra></extra>",
+            hovertemplate="%{y}: %{x:.3g} of the limit<extra></extra>",
         )  # fmt: skip
     figure.add_vline(1.0, line={"color": STAR, "width": 2})
     figure.add_annotation(x=1.0, y=1.0, yref="paper", yanchor="bottom", text="limit", showarrow=False)
@@ -120,7 +126,12 @@ def pair_of(goal: Goal) -> tuple[Requirement, Requirement]:
 
 
 def front_figure(
-    goal: Goal, values: Mapping[str, np.ndarray], feasible: np.ndarray, best: int | None, hover: Sequence[str]
+    goal: Goal,
+    values: Mapping[str, np.ndarray],
+    feasible: np.ndarray,
+    best: int | None,
+    hover: Sequence[str],
+    marked: str = "best",
 ) -> "Figure":
     """The two quantities of `pair_of` of every stable gain set, their front, and the limits.
 
@@ -130,6 +141,7 @@ def front_figure(
         feasible: (n,), whether the loop is stable and never touched down.
         best: index of the set to mark.
         hover: texts of the sets.
+        marked: what the marked set is called.
     """
     import plotly.graph_objects as go
 
@@ -152,7 +164,7 @@ def front_figure(
             )
     if best is not None:
         star = {"symbol": "star", "size": 16, "color": STAR, "line": {"color": "white", "width": 1.5}}
-        figure.add_scatter(x=[x[best]], y=[y[best]], mode="markers", name="best", marker=star)
+        figure.add_scatter(x=[x[best]], y=[y[best]], mode="markers", name=marked, marker=star)
     limits = {r.name: r.limit * r.quantity.shown[0] for r in goal.requirements}
     for r, draw in ((pair[1], figure.add_vline), (pair[0], figure.add_hline)):
         if r.name in limits:

@@ -213,7 +213,7 @@ def _goal_sections(task: Task, goal: Goal, found: Outcome, advice: Recommendatio
         sections.append(("", note("Lines: 95 %; of the recommended gains over noise and rigs within tolerance.")))
     if advice.chosen:
         sections.append(("", table(STANDS, _stands(goal, advice.chosen))))
-    drawn = goal_page.front_figure(goal, values, feasible, best, hover)
+    drawn = goal_page.front_figure(goal, values, feasible, best, hover, "recommended")
     sections.append((f"{first} against {second}".capitalize(), drawn))
     sections.append(("", note("Dashed: the limits. A set on the front is bettered by no other set in both.")))
     return sections
