@@ -20,7 +20,9 @@ def drawn_experiments(experiments: Sequence[Experiment], count: int) -> list[lis
     factors = [tolerance_factors(experiments[0].rig, rng) for _ in range(count)]
     found = []
     for own in factors:
-        rigs = [scaled_rig(e.rig, own) for e in experiments]
+        scaled = {id(e.rig): e.rig for e in experiments}
+        scaled = {key: scaled_rig(rig, own) for key, rig in scaled.items()}
+        rigs = [scaled[id(e.rig)] for e in experiments]
         # A self-sensor stays as it was designed, for the rig that is not drawn.
         sensors = [
             rig_sensors(rig, e.rig) if e.sensor == "self_sensing" else e.sensor

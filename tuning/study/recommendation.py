@@ -115,13 +115,13 @@ def verdict_of(point: np.ndarray, again: Trials, repeats: int, episode: Episode)
 def _required(again: Trials, repeats: int, ends: tuple[float, float]) -> dict[str, float]:
     """What the goal measures: means over the first trials, and the ends (percentiles) over all."""
     found = {}
-    for name in again.info[0]:
+    for name in dict.fromkeys(name for one in again.info for name in one):
         if name.startswith("required_") and not name.endswith(("_low", "_high")):
             values = np.array([one.get(name, np.nan) for one in again.info], float)
-            known = values[~np.isnan(values)]
+            known, own = values[~np.isnan(values)], values[:repeats]
+            # A quantity of an event is infinite where the rotor touched down; between such values lies none.
             low, high = np.percentile(known, ends, method="closest_observation")
-            own = values[:repeats]
-            found |= {name: float(own[~np.isnan(own)].mean()) if not np.isnan(own).all() else np.nan}
+            found[name] = float(own[~np.isnan(own)].mean()) if not np.isnan(own).all() else np.nan
             found |= {f"{name}_low": float(low), f"{name}_high": float(high)}
     return found
 
