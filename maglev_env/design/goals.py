@@ -88,7 +88,7 @@ def engineer(rig: Rig) -> Goal:
 def _read(text: str) -> str:
     """The text itself, or that of the file it names."""
     path = Path(text)
-    if text.strip() in NAMED or set(text) & set("<>=") or text.strip().startswith("best "):
+    if text.strip() in ("", *NAMED) or set(text) & set("<>=") or text.strip().startswith("best "):
         return text
     if path.exists():
         return toml_text(path, "goal")
