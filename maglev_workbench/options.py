@@ -25,6 +25,14 @@ EffectOption = Annotated[
     typer.Option("--effect", help="Effect added to the rig's own, e.g. delay=75e-6; repeat. See: maglev effects."),
 ]
 JsonOption = Annotated[Path | None, typer.Option("--json", help="Also write the result as JSON to this file.")]
+GoalOption = Annotated[
+    str | None,
+    typer.Option(
+        metavar="FILE_OR_TEXT",
+        help="What gains are scored by: match, engineer, a text file, or requirements such as 'peak_sensitivity <= 3, "
+        "best compliance near 20e-6' (default: the rig's). See docs/goals.md.",
+    ),
+]
 DocsOption = Annotated[Path | None, typer.Option(help="Also write the tables as markdown to this file.")]
 SensorOption = Annotated[
     str, typer.Option(help="Sensor of the displacement: probe, or self_sensing (the rig's own coils).")

@@ -243,14 +243,20 @@ def _along(axis: Axis, unit: np.ndarray, log: bool) -> np.ndarray:
     return axis.low + (axis.high - axis.low) * unit
 
 
+_NAMES = {  # what stands before and behind the names of a field
+    "terms": ("term_", ""), "required": ("required_", ""), "required_low": ("required_", "_low"),
+    "required_high": ("required_", "_high"),
+}  # fmt: skip
+
+
 def _columns(e: Evaluation) -> dict[str, np.ndarray]:
     """Every array of an evaluation under one flat name."""
     columns: dict[str, np.ndarray] = {}
     for f in fields(Evaluation):
         value = getattr(e, f.name)
         named = value if isinstance(value, dict) else {f.name: value}
-        prefix = "term_" if f.name == "terms" else ""
-        columns |= {prefix + name: array for name, array in named.items()}
+        head, tail = _NAMES.get(f.name, ("", ""))
+        columns |= {head + name + tail: array for name, array in named.items()}
     return columns
 
 

@@ -50,6 +50,7 @@ class RigEnv(gym.Env[np.ndarray, np.ndarray]):
     | k | the gains just tried, as the action that gives them | | | |
     | 1 | experiments left over the budget | none | half | all |
     | 2 | target k, c over k*, c*, with `draw_target` | 1/5 | 1 | 5 (logarithm) |
+    | r | with a `goal`: each of its quantities against its limit | missed 5 times | at it | met 5 times (logarithm) |
 
     After a touchdown the estimates are 0, standard errors and levels 1, and margins -1.
 
@@ -67,7 +68,8 @@ class RigEnv(gym.Env[np.ndarray, np.ndarray]):
     ## Info
     The gains tried and the results of the experiment, in SI: stiffness and damping in the target band with 95 % bounds
     and per band with standard errors, margins, peak_displacement (m), current_rms (A), touchdown_time (s), pole_radius,
-    feasible, axis (the worse one, 0 or 1), score and its terms (`term_*`). Unknown values, such as an estimate after a
+    feasible, axis (the worse one, 0 or 1), score and its terms (`term_*`), with a `goal` what it measures
+    (`required_*`, with `_low` and `_high` of 95 %). Unknown values, such as an estimate after a
     touchdown, are left out.
 
     ## Arguments
@@ -80,6 +82,8 @@ class RigEnv(gym.Env[np.ndarray, np.ndarray]):
     - `move`: None, or the share of the box (0 .. 2) by which an action can move the gains tried last.
     - `sensor`: "probe", or "self_sensing" by the rig's own coils and an estimator designed for the nominal rig; the
       score then includes the error of the estimated gap, and the info has this error and the lost phase margin.
+    - `goal`: what the score is of: None (the rig's [target], of the presets "match"), "match", "engineer", the path of
+      a text file or requirements, see docs/goals.md. Requirements add elements to the observation.
     - `budget`: experiments per episode. `render_mode`: "rgb_array" or "human".
 
     On an x-y rig both axes have the same gains, and all results are those of the worse axis.

@@ -1,25 +1,30 @@
 """Scoring of gain sets as on a real rig: simulate the identification experiment, estimate, score."""
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, fields, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, fields, replace
 
 import numpy as np
 
 from estimation.bands import band_slices, sliding_bands
-from estimation.frequency_response import frequency_response
+from estimation.frequency_response import frequency_response, pooled_variance
 from estimation.least_squares import least_squares
 from estimation.max_likelihood import maximum_likelihood
 from estimation.periods import LineStatistics, held
 from estimation.stability_margins import margin_arrays
 from estimation.xy.planar import axis_statistics
+from maglev_env.design.goals import goal_of
+from maglev_env.evaluation.goal_score import goal_score, goal_terms
+from maglev_env.evaluation.requirements import Measured, large_signal_test, measured
 from maglev_env.evaluation.score import ScoreTarget, score, stacked, terms
 from maglev_env.evaluation.sensitivity import injected_sensitivity
+from maglev_env.evaluation.worst import drawn_experiments, worst_of
 from maglev_env.experiment import Experiment, axis_experiment
-from maglev_env.kernel.simulate import SimulatedStatistics, simulate_statistics
+from maglev_env.kernel.simulate import SimulatedStatistics, own_lanes, simulate_statistics
 from maglev_env.linear.loop import closed_loop_poles, expected_statistics, pole_radii
 from maglev_env.loop.axes import AXES
 from maglev_env.loop.gains import NO_CONTROLLER, of_axis
 from maglev_env.rig.excitation import lines_at
+from maglev_env.rig.goal import Goal
 from maglev_env.rig.rig import Protocol, Rig, axis_rig
 from maglev_lanes.threads import over_threads
 
@@ -53,6 +58,9 @@ class Evaluation:
         feasible: The linearised loop is stable and the rotor never touched down. A rotor may also stay near a pole
             although it is unstable in the centre.
         axis: 0 (x) or 1 (y).
+        required: What a goal measures, by name (see `rig.goal.QUANTITIES`), of the worst rig if it is judged on
+            several; with the 95 % bounds *_low and *_high where they are known (see `requirements.Measured`). Empty for
+            the goal `match`.
     """
 
     bands: np.ndarray
@@ -83,6 +91,9 @@ class Evaluation:
     score: np.ndarray
     feasible: np.ndarray
     axis: np.ndarray
+    required: dict[str, np.ndarray] = field(default_factory=dict)
+    required_low: dict[str, np.ndarray] = field(default_factory=dict)
+    required_high: dict[str, np.ndarray] = field(default_factory=dict)
 
 
 def score_target(rig: Rig) -> ScoreTarget:
@@ -139,6 +150,8 @@ def evaluate(
 ) -> Evaluation:
     """Simulate, estimate and score experiments of one kind of rig; gains, parameters, effects and seeds may differ.
 
+    What the score is of is the goal of the first rig, see `design.goals.with_goal`; its `match` uses the targets.
+
     Args:
         experiments: The experiments.
         threads: Number of threads, by default all cores; results do not depend on it.
@@ -152,6 +165,7 @@ def evaluate(
     if not experiments:
         raise ValueError("give at least one experiment")
     rig = experiments[0].rig
+    goal = goal_of(rig)
     if targets is None:
         per_axis = [[score_target(axis_rig(rig, axis))] * len(experiments) for axis in range(rig.axes)]
     elif len(targets) != len(experiments):
@@ -162,7 +176,10 @@ def evaluate(
     parts = []
 
     def work(chunk: slice) -> Evaluation:
-        return _evaluate_chunk(experiments[chunk], [stacked(own[chunk]) for own in per_axis], bands)
+        own = [stacked(one[chunk]) for one in per_axis]
+        drawn = drawn_experiments(experiments[chunk], goal.rigs) if goal else []
+        found = [_evaluate_chunk(part, own, bands, goal) for part in (experiments[chunk], *drawn)]
+        return _worst(goal, found) if goal and drawn else found[0]
 
     for part in over_threads(work, chunks, threads):
         parts.append(part)
@@ -171,12 +188,32 @@ def evaluate(
     return _combined(parts, np.concatenate)
 
 
+def _worst(goal: Goal, parts: Sequence[Evaluation]) -> Evaluation:
+    """The first evaluation, with the score of the worst values over all, which are of one gain set on several rigs."""
+    ends = ([p.required for p in parts], [p.required_low for p in parts], [p.required_high for p in parts])
+    required, low, high = worst_of(goal, *ends)
+    own = goal_terms(goal, required)
+    feasible = np.all([part.feasible for part in parts], axis=0)
+    total = np.where(feasible, goal_score(own), 0.0)
+    return replace(
+        parts[0], required=required, required_low=low, required_high=high, terms=own, score=total, feasible=feasible
+    )
+
+
 def _evaluate_chunk(
-    experiments: Sequence[Experiment], targets: Sequence[ScoreTarget], bands: np.ndarray | None
+    experiments: Sequence[Experiment],
+    targets: Sequence[ScoreTarget],
+    bands: np.ndarray | None,
+    goal: Goal | None,
 ) -> Evaluation:
-    simulated = simulate_statistics(experiments, threads=1)
+    blocks = own_lanes(experiments)
+    simulated = simulate_statistics(experiments, threads=1, blocks=blocks)
     radius = pole_radii(experiments)
-    parts = [_of_axis(experiments, axis, simulated, radius, target, bands) for axis, target in enumerate(targets)]
+    tested = large_signal_test(goal, experiments, blocks) if goal else [{}] * len(targets)
+    parts = [
+        _of_axis(experiments, axis, simulated, radius, target, bands, goal, tested[axis])
+        for axis, target in enumerate(targets)
+    ]
     if len(parts) == 1:
         return parts[0]
     # A rotor is only as good as its worse axis.
@@ -191,8 +228,10 @@ def _of_axis(
     radius: np.ndarray,
     target: ScoreTarget,
     bands: np.ndarray | None,
+    goal: Goal | None,
+    tested: Mapping[str, Measured],
 ) -> Evaluation:
-    """Estimates and scores of one axis of simulated experiments."""
+    """Estimates and scores of one axis of simulated experiments; tested: by its large-signal test."""
     whole, first = experiments[0], axis_experiment(experiments[0], axis)
     band = np.array([whole.rig.target.band], dtype=float)
     alive = np.isnan(simulated.touchdown_time)
@@ -221,8 +260,9 @@ def _of_axis(
     else:
         added_phase, margin_lost = _sensing_cost(probe, injection, sensitivity, margins)
     ms_se = np.sqrt(variance[np.arange(len(nearest)), nearest] / 2)
+    aims = ScoreTarget(*(np.asarray(value)[alive] for value in vars(target).values()))
     scored = terms(
-        ScoreTarget(*(np.asarray(value)[alive] for value in vars(target).values())),
+        aims,
         in_target.stiffness[:, 0],
         in_target.damping[:, 0],
         margins["peak_sensitivity"],
@@ -230,6 +270,23 @@ def _of_axis(
         simulated.current_rms[alive],
         0.0 if first.sensor == "probe" else simulated.gap_error.rms[alive],
     )
+    total, required = score(scored), {}
+    if goal:
+        # The noise of S is averaged in proportion to |S|^2, as it enters at one place of the loop.
+        size = np.abs(sensitivity) ** 2
+        loop = injection.frequency, sensitivity, pooled_variance(variance / size) * size
+        known = {name: Measured(m.value[alive], m.low[alive], m.high[alive]) for name, m in tested.items()}
+        for name in ("stiffness", "damping"):
+            ends = (getattr(in_target, f"{name}{end}")[:, 0] for end in ("", "_low", "_high"))
+            known[name] = Measured(*ends)
+        for name, value in (
+            ("displacement", simulated.peak_displacement[alive] / aims.clearance),
+            ("current_rms", simulated.current_rms[alive]),
+        ):
+            known[name] = Measured(value, *np.full((2, len(value)), np.nan))
+        required = measured(goal, force, loop, margins, known)
+        scored = goal_terms(goal, {name: m.value for name, m in required.items()})
+        total = goal_score(scored)
     feasible = alive & (radius < 1)
     scored = {name: _scatter(value, alive) for name, value in scored.items()}
     return Evaluation(
@@ -254,9 +311,12 @@ def _of_axis(
         margin_lost=_scatter(margin_lost, alive),
         pole_radius=radius,
         terms=scored,
-        score=np.where(feasible, score(scored), 0.0),
+        score=np.where(feasible, np.nan_to_num(_scatter(total, alive)), 0.0),
         feasible=feasible,
         axis=np.full(len(experiments), axis),
+        required={name: _scatter(m.value, alive) for name, m in required.items()},
+        required_low={name: _scatter(m.low, alive) for name, m in required.items()},
+        required_high={name: _scatter(m.high, alive) for name, m in required.items()},
     )
 
 

@@ -77,7 +77,10 @@ class Block:
 
 
 def simulate_statistics(
-    experiments: Sequence[Experiment], substeps: int = 1, threads: int | None = None
+    experiments: Sequence[Experiment],
+    substeps: int = 1,
+    threads: int | None = None,
+    blocks: Sequence[Block] | None = None,
 ) -> SimulatedStatistics:
     """Statistics at the excited lines of experiments that share excitations and schedule.
 
@@ -85,6 +88,7 @@ def simulate_statistics(
         experiments: gains, effects, rig and seed may differ.
         substeps: number of integration steps per control sample.
         threads: default: all cores; it does not change the results.
+        blocks: the lanes of these experiments, see `own_lanes`; None: they are made here.
 
     Raises:
         ValueError: Experiments differ in excitations, periods, offset or control rate, or keep fewer than two periods.
@@ -117,7 +121,7 @@ def simulate_statistics(
         errors[:, members] = state.gap_errors(samples)[:, kept]
         touchdown[block.members[~alive]] = state.touchdown_time()[: len(block.members)][~alive]
 
-    for _ in over_threads(run, _blocks(experiments, substeps), threads):
+    for _ in over_threads(run, blocks or _blocks(experiments, substeps), threads):
         pass
     statistics = LineStatistics(lines * first.fundamental, lines, channels, mean, covariance, first.periods)
     return SimulatedStatistics(statistics, touchdown, peak, rms, GapError(*errors))
@@ -188,6 +192,16 @@ def _enough_substeps(e: Experiment) -> int:
     stiffness = abs(actuator.central_tangent(values)[1]) + values.rig("support_stiffness")
     turn = float(np.sqrt(stiffness / values.mass).max()) / e.rig.control_rate
     return max(1, int(np.ceil(turn / MOST_TURN)))
+
+
+def own_lanes(experiments: Sequence[Experiment]) -> list[Block]:
+    """Lanes of experiments under their own gains, which serve several simulations.
+
+    Raises:
+        ValueError: As `simulate_statistics`.
+    """
+    _common(experiments)
+    return _blocks(experiments, 1)
 
 
 def block_periods(experiments: Sequence[Experiment], outputs: int = 2) -> Iterator[Iterator[np.ndarray]]:

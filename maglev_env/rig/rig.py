@@ -19,6 +19,7 @@ from maglev_env.loop.magnets.kinds import KINDS, MAGNETS, NO_MAGNET, check_magne
 from maglev_env.loop.self_sensor import SelfSensing
 from maglev_env.rig.controller_tables import controllers_from_table
 from maglev_env.rig.excitation import Excitation, axis_excitations, check_harmonics, check_interleaved
+from maglev_env.rig.goal import MATCH, check_goal
 from maglev_lanes.price import check_length
 
 SCHEMA = "maglev-rig/1"
@@ -110,9 +111,10 @@ class Target:
         damping: N s/m; None: that of the preset gains.
         peak_sensitivity: largest acceptable one.
         current_limit: rms current at which the score's current term is a half, A.
+        goal: what gains are scored by: "match" for the values above, "engineer", or requirements (see `rig.goal`).
 
     Raises:
-        ValueError: A value is not a positive number.
+        ValueError: A value is not a positive number, or the goal is not understood.
     """
 
     band: tuple[float, float] | None = None
@@ -120,6 +122,7 @@ class Target:
     damping: float | None = None
     peak_sensitivity: float = 2.5
     current_limit: float = 1.0
+    goal: str = MATCH
 
     def __post_init__(self) -> None:
         for name in ("stiffness", "damping", "peak_sensitivity", "current_limit"):
@@ -127,6 +130,10 @@ class Target:
             optional = name in ("stiffness", "damping") and getattr(self, name) is None
             if not optional and not (is_number(value) and value > 0):
                 raise ValueError(f"[target]: {name} = {value!r} must be a number above 0")
+        try:
+            check_goal(self.goal)
+        except ValueError as error:
+            raise ValueError(f"[target]: {error}") from None
 
 
 def default_band(control_rate: float) -> tuple[float, float]:

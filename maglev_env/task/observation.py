@@ -6,7 +6,9 @@ from typing import ClassVar
 import numpy as np
 
 from maglev_env.evaluation.evaluate import Evaluation
+from maglev_env.evaluation.goal_score import misses
 from maglev_env.evaluation.score import ScoreTarget
+from maglev_env.rig.goal import Goal
 
 BANDS = 5
 # Margins, each scaled from bad (-1) to good (1); a crossing outside the measured lines counts as a good margin.
@@ -23,6 +25,7 @@ class Layout:
         nominal: nominal target, by which stiffness and damping are scaled.
         budget: number of experiments in an episode.
         drawn_target: whether the target is part of the observation.
+        goal: whose quantities are part of the observation; None for `match`.
     """
 
     bands: np.ndarray
@@ -30,6 +33,7 @@ class Layout:
     nominal: ScoreTarget
     budget: int
     drawn_target: bool
+    goal: Goal | None = None
 
     TARGET: ClassVar = ("target_stiffness", "target_damping")
 
@@ -43,7 +47,9 @@ class Layout:
         ]
         target = self.TARGET if self.drawn_target else ()
         ratios = ("stiffness_over_target", "damping_over_target")
-        return (*per_band, *ratios, *MARGINS, "displacement", "current", *self.gains, "experiments_left", *target)
+        of_goal = [f"reserve_{r.name}" for r in self.goal.measured] if self.goal else []
+        head = (*per_band, *ratios, *MARGINS, "displacement", "current", *self.gains, "experiments_left", *target)
+        return (*head, *of_goal)
 
     def encode(
         self, e: Evaluation, targets: ScoreTarget, actions: np.ndarray, experiments_left: np.ndarray
@@ -81,6 +87,8 @@ class Layout:
         parts = [*estimates, *errors, ratios, margins, np.stack(levels, axis=1), actions, left[:, None]]
         if self.drawn_target:
             parts.append(self.of_target(targets))
+        for one in self.goal.measured if self.goal else ():
+            parts.append(np.where(down, -1.0, -misses(one, e.required[one.name]) / np.log(5.0))[:, None])
         return np.clip(np.concatenate(parts, axis=1).reshape(n, -1), -1.0, 1.0).astype(np.float32)
 
     def of_target(self, targets: ScoreTarget) -> np.ndarray:

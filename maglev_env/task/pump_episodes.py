@@ -7,8 +7,9 @@ import numpy as np
 
 from maglev_env.fields import is_number
 from maglev_env.loop.gains import Gains
+from maglev_env.rig.drawn import scaled_rig, tolerance_factors
 from maglev_env.rotor.rotor import CONTROLS, Rotor
-from maglev_env.task.episodes import START, scaled_rig, tolerance_factors
+from maglev_env.task.episodes import START
 from maglev_env.task.gain_box import GainBox, gain_box
 
 CONTROL = ("translation_tilt", "planes", "common")

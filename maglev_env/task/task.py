@@ -8,7 +8,9 @@ from typing import Any, Protocol
 import numpy as np
 
 from maglev_env.design.defaults import with_defaults
+from maglev_env.design.goals import goal_of, with_goal
 from maglev_env.evaluation.evaluate import Evaluation, evaluate, score_target
+from maglev_env.evaluation.requirements import events_of
 from maglev_env.evaluation.score import ScoreTarget, stacked
 from maglev_env.experiment import SENSORS, Experiment, axis_experiment
 from maglev_env.fields import is_number
@@ -120,8 +122,13 @@ class Task:
         )
 
     def told(self, found: Evaluation) -> dict[str, np.ndarray]:
-        """Estimates, margins, peaks and the score, arrays (n, ...) by name."""
-        return {name: getattr(found, name) for name in _TOLD} | found.margins
+        """Estimates, margins, peaks, the score and what a goal measures, arrays (n, ...) by name."""
+        of_goal = {
+            f"required_{name}{end}": values
+            for end in ("", "_low", "_high")
+            for name, values in getattr(found, f"required{end}").items()
+        }
+        return {name: getattr(found, name) for name in _TOLD} | found.margins | of_goal
 
 
 def make_task(
@@ -136,6 +143,7 @@ def make_task(
     budget: int = 10,
     terminate_on_touchdown: bool = False,
     move: float | None = None,
+    goal: str | None = None,
 ) -> Task:
     """The task of checked arguments, see `envs.single.RigEnv`.
 
@@ -153,13 +161,17 @@ def make_task(
     effects = as_effects(effects or {})
     check_effects(effects, loaded)
     check_randomization(loaded, randomization)
+    loaded = with_goal(loaded, goal)
     box = gain_box(loaded, tuned, bounds)
     # A rig with two axes is scored by the worse axis, against the target of x.
     target = score_target(axis_rig(loaded, 0))
     loaded = replace(loaded, protocol=env_protocol(loaded, protocol))
     p = loaded.protocol
     nominal = Experiment(loaded, loaded.gains, p.excitations, p.periods, p.transient_periods, effects, sensor=sensor)
-    layout = Layout(_bands(nominal), box.names, target, budget, draw_target)
+    wanted = goal_of(loaded)
+    if wanted:
+        events_of(wanted, nominal)  # refuses a goal that cannot be tested beside this experiment
+    layout = Layout(_bands(nominal), box.names, target, budget, draw_target, wanted)
     ends = bool(terminate_on_touchdown)
     return Task(loaded, box, layout, target, randomization, draw_target, effects, budget, ends, move, sensor)
 

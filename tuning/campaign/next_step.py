@@ -7,6 +7,7 @@ import numpy as np
 
 from maglev_env.design.defaults import with_defaults
 from maglev_env.loop.gains import Gains, controller_response
+from maglev_env.rig.goal import MATCH
 from maglev_env.rig.rig import Rig
 from maglev_env.task.gain_box import TUNED, gain_box
 from maglev_env.task.task import Task, make_task
@@ -82,6 +83,8 @@ def next_step(
     good = [i for i, s in enumerate(sets) if s.failed is None]
     nothing: tuple[None, ...] = (None,) * len(sets)
     notes = tuple(f"{', '.join(s.files)}: {s.failed or s.untold}" for s in sets if s.failed or s.untold)
+    if rig.target.goal != MATCH:
+        notes = ("the rig's goal needs more than recordings show: gains are judged by the goal match", *notes)
     if not good:
         failed = Advice(task, tuple(sets), nothing, nothing, None, notes=notes)
         if failed.recordings >= budget:
@@ -124,7 +127,7 @@ def tuning_task(rig: Rig, sets: Sequence[GainSet], tuned: Sequence[str]) -> tupl
             f"rig {rig.name} has two axes: a campaign is tuned one axis at a time; record one axis with a rig TOML of "
             "axes = 1"
         )
-    task = make_task(rig, tuned)
+    task = make_task(rig, tuned, goal=MATCH)
     if not sets:
         return task, np.array([[-1.0], [1.0]])
     box, first = task.box, sets[0]

@@ -12,8 +12,9 @@ from maglev_env.loop.effect import EFFECTS, effect, effect_value
 from maglev_env.loop.gains import Gains, controller_response
 from maglev_env.loop.magnets.kinds import force_law
 from maglev_env.loop.magnets.law import linearise
+from maglev_env.rig.drawn import scaled_rig
 from maglev_env.rig.rig import Rig, with_parameters
-from maglev_env.task.episodes import WIDE, log_spread, scaled_rig, wide_factors
+from maglev_env.task.episodes import WIDE, log_spread, wide_factors
 from tuning.campaign.recorded_sets import GainSet
 
 MODEL_ERROR = 0.01  # relative error of a linear model of few parameters, at any line

@@ -4,7 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from maglev_env.task.episodes import Episode, log_spread, scaled_rig, wide_factors
+from maglev_env.rig.drawn import scaled_rig
+from maglev_env.rig.goal import MATCH
+from maglev_env.task.episodes import Episode, log_spread, wide_factors
 from maglev_env.task.task import Task
 from tuning.search.evolution import DifferentialEvolution
 from tuning.search.optimum import searched_optimum
@@ -32,6 +34,8 @@ class ModelBased:
         rig was drawn and what effects it has.
         """
         self._task = replace(task, effects={})
+        # What a goal measures beyond the identification is not fitted, and is left out there.
+        self._identified = replace(self._task, layout=replace(task.layout, goal=None))
         self._rng = np.random.default_rng((MODEL, seed))
         self._episode = Episode(task.rig, episode.target, episode.start, int(self._rng.integers(2**63)))
         factors = wide_factors(task.rig)
@@ -65,6 +69,11 @@ class ModelBased:
         factors = dict(zip(self._names, map(float, np.exp(theta)), strict=True))
         return replace(self._episode, rig=scaled_rig(self._task.rig, factors))
 
+    def _fitted(self, theta: np.ndarray) -> Episode:
+        """The model as the fit needs it."""
+        model = self._model(theta)
+        return replace(model, rig=replace(model.rig, target=replace(model.rig.target, goal=MATCH)))
+
     def _fit(self) -> None:
         """Fit all parameters; each moves in lanes beside the others, under noise of the same seeds."""
         known = np.flatnonzero(~self._told.touchdown)
@@ -74,10 +83,10 @@ class ModelBased:
         points = self._told.points[known]
         moves = np.vstack([np.zeros(self._theta.size), STEP * np.eye(self._theta.size)])
         for _ in range(STEPS):
-            models = [self._model(self._theta + move) for move in moves]
+            models = [self._fitted(self._theta + move) for move in moves]
             lanes = [m for m in models for _ in known]
             found = experiments(
-                self._task, lanes, np.tile(points, (len(moves), 1)), [int(i) + 1 for i in known] * len(moves)
+                self._identified, lanes, np.tile(points, (len(moves), 1)), [int(i) + 1 for i in known] * len(moves)
             )
             columns = np.array([np.concatenate(part) for part in self._residuals(found, measured, len(moves))])
             r, jacobian = columns[0], (columns[1:] - columns[0]) / STEP

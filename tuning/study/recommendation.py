@@ -1,10 +1,13 @@
 """Recommendation among the gains tried: those that hold up under fresh noise and on rigs within tolerance."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from functools import reduce
+from operator import add
 
 import numpy as np
 
-from maglev_env.task.episodes import Episode, scaled_rig, tolerance_factors
+from maglev_env.rig.drawn import scaled_rig, tolerance_factors
+from maglev_env.task.episodes import Episode
 from maglev_env.task.task import Task
 from tuning.study.study import experiments
 from tuning.tuner import Trials
@@ -27,6 +30,8 @@ class Verdict:
         intervals: (low, high) of score over rigs within tolerance; and, over these and fresh noise, of
             peak_sensitivity, phase_margin, gain_margin_high and displacement_share.
         reason: Why they are refused, or None.
+        required: What the goal measures, by the names of the info: the mean over fresh noise on the rig itself, and
+            with _low and _high the ends over rigs within tolerance and fresh noise; empty for `match`.
     """
 
     point: np.ndarray
@@ -34,6 +39,7 @@ class Verdict:
     score_se: float
     intervals: dict[str, tuple[float, float]]
     reason: str | None
+    required: dict[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -73,11 +79,14 @@ def recommend(
     spread = []
     for _ in range(rigs):
         rig = scaled_rig(episode.rig, tolerance_factors(episode.rig, rng))
+        # These are the rigs within tolerance: a goal that draws rigs itself is judged on each of them alone.
+        goal = task.layout.goal and replace(task.layout.goal, rigs=0)
+        rig = replace(rig, target=replace(rig.target, goal=goal.text)) if goal else rig
         spread.append(replace(episode, rig=rig, seed=int(rng.integers(2**63))))
     refused: list[Verdict] = []
     for i in alive:
         point = trials.points[i]
-        again = experiments(task, own + spread, np.tile(point, (repeats + rigs, 1)), [0] * (repeats + rigs))
+        again = reduce(add, (experiments(task, e, np.tile(point, (len(e), 1)), [0] * len(e)) for e in (own, spread)))
         verdict = verdict_of(point, again, repeats, episode)
         if verdict.reason is None:
             return Recommendation(verdict, tuple(refused))
@@ -98,7 +107,23 @@ def verdict_of(point: np.ndarray, again: Trials, repeats: int, episode: Episode)
     ends = (50 * (1 - LEVEL), 50 * (1 + LEVEL))
     intervals = {n: tuple(map(float, np.nanpercentile(v, ends))) for n, v in columns.items() if np.isfinite(v).any()}
     se = float(scores.std(ddof=1) / np.sqrt(repeats)) if repeats > 1 else np.nan
-    return Verdict(point, float(scores.mean()), se, intervals, _reason(again, intervals))
+    return Verdict(
+        point, float(scores.mean()), se, intervals, _reason(again, intervals), _required(again, repeats, ends)
+    )
+
+
+def _required(again: Trials, repeats: int, ends: tuple[float, float]) -> dict[str, float]:
+    """What the goal measures: means over the first trials, and the ends (percentiles) over all."""
+    found = {}
+    for name in dict.fromkeys(name for one in again.info for name in one):
+        if name.startswith("required_") and not name.endswith(("_low", "_high")):
+            values = np.array([one.get(name, np.nan) for one in again.info], float)
+            known, own = values[~np.isnan(values)], values[:repeats]
+            # A quantity of an event is infinite where the rotor touched down; between such values lies none.
+            low, high = np.percentile(known, ends, method="closest_observation")
+            found[name] = float(own[~np.isnan(own)].mean()) if not np.isnan(own).all() else np.nan
+            found |= {f"{name}_low": float(low), f"{name}_high": float(high)}
+    return found
 
 
 def _reason(again: Trials, intervals: dict[str, tuple[float, float]]) -> str | None:

@@ -7,6 +7,7 @@ import typer
 
 from maglev_workbench.options import (
     EffectOption,
+    GoalOption,
     JsonOption,
     RigOption,
     SchedulerOption,
@@ -32,6 +33,7 @@ def sweep(
         bool | None, typer.Option("--log/--linear", help="Spacing (default: log over the rig's bounds).")
     ] = None,
     sobol: Annotated[int, typer.Option(min=0, help="Number of Sobol points, instead of a grid.")] = 0,
+    goal: GoalOption = None,
     effect: EffectOption = [],  # noqa: B006
     sensor: SensorOption = "probe",
     seed: SeedOption = 0,
@@ -47,11 +49,12 @@ def sweep(
     from time import perf_counter
 
     from maglev_env.design.defaults import with_defaults
+    from maglev_env.design.goals import with_goal
     from maglev_env.experiment import SENSORS
     from maglev_env.loop.effect import parse_effects
     from maglev_env.rig.rig import load_rig
     from maglev_lanes.schedule import workers
-    from maglev_workbench.commands.sweep.report import sweep_page, sweep_summary, sweep_table
+    from maglev_workbench.commands.sweep.report import sweep_page, sweep_summary, sweep_tables
     from maglev_workbench.console import console, progress_bar, write_json
     from maglev_workbench.page import write_page
     from tuning.sweep import SWEPT, Sweep, default_axes, gain_sets, parse_axis, run_sweep
@@ -60,7 +63,7 @@ def sweep(
     loaded = load_rig(rig)
     if not loaded.controlled:
         raise ValueError(f"rig {loaded.name} has no controlled magnet: there is nothing to sweep")
-    loaded = with_defaults(loaded)
+    loaded = with_goal(with_defaults(loaded), goal)
     given = {name: parse_axis(text) for name, text in (("kp", kp), ("ki", ki), ("kd", kd)) if text is not None}
     axes = {n: given[n] for n in SWEPT if n in given} or default_axes(loaded)
     if log is None:
@@ -89,7 +92,8 @@ def sweep(
     page = folder / "sweep.html"
     write_page(page, sweep_page(dataset))
     write_json(json_file, summary)
-    console.print(sweep_table(dataset))
+    for part in sweep_tables(dataset):
+        console.print(part)
     rate = summary["experiments_per_second"]
     console.print(
         f"{summary['n']} gain sets, {summary['stable']} stable; {seconds:.1f} s"

@@ -1,7 +1,7 @@
 """Reports of a sweep: the best gain sets, a JSON summary, and one page of maps with the stability border."""
 
 import json
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from importlib.metadata import version
 from typing import TYPE_CHECKING, Any
 
@@ -10,7 +10,20 @@ import numpy as np
 from estimation.normal import NORMAL_95
 from maglev_env.evaluation.score import WEIGHTS
 from maglev_env.recordings.json_data import plain
+from maglev_env.rig.goal import MATCH, Goal, parse_goal
 from maglev_workbench.commands.sweep.figures import SHOWN, best_bands, over_gains
+from maglev_workbench.goal_page import (
+    HEAD,
+    PREFIX,
+    front_figure,
+    missed_in_words,
+    pair_of,
+    requirement_bars,
+    requirement_rows,
+    requirements_json,
+    shown_names,
+    values_of,
+)
 from maglev_workbench.page import note, number, page, rig_facts, table, with_interval
 
 if TYPE_CHECKING:
@@ -28,7 +41,8 @@ def best_rows(dataset: "xr.Dataset", count: int = 10) -> list[dict[str, Any]]:
     """The best feasible gain sets, best first, as JSON data in SI; margins outside the excited lines are None.
 
     Each: experiment, gains, score, terms, stiffness and damping with *_ci (95 %, an unbounded end None),
-    peak_sensitivity with _se, phase_margin (deg), gain_margin_low and _high, peak_displacement, current_rms.
+    peak_sensitivity with _se, phase_margin (deg), gain_margin_low and _high, peak_displacement, current_rms; of a goal
+    required_* with _low and _high.
     """
     gains = [name for name in GAINS if name in dataset.coords]  # a form of controller may have other ones
     values = {str(name): dataset[name].values for name in (*dataset.data_vars, *gains, "experiment")}
@@ -39,11 +53,35 @@ def best_rows(dataset: "xr.Dataset", count: int = 10) -> list[dict[str, Any]]:
     for i in order[: min(count, int(values["feasible"].sum()))]:
         row: dict[str, Any] = {name: values[name][i] for name in direct}
         row["gains"] = {name: values[name][i] for name in gains}
-        row["terms"] = {name: values[f"term_{name}"][i] for name in WEIGHTS}
+        row["terms"] = {name[5:]: values[name][i] for name in values if name.startswith("term_")}
+        row |= {name: values[name][i] for name in values if name.startswith(PREFIX)}
         for name in ("stiffness", "damping"):
             row[f"{name}_ci"] = (values[f"{name}_low"][i], values[f"{name}_high"][i])
         rows.append(plain(row))
     return rows
+
+
+def sweep_goal(dataset: "xr.Dataset") -> Goal | None:
+    """The goal that the sets were scored by; None for `match`."""
+    rig = json.loads(dataset.attrs.get("rig", "{}"))
+    text = rig.get("target", {}).get("goal", MATCH)
+    return None if text == MATCH else parse_goal(text)
+
+
+def sweep_tables(dataset: "xr.Dataset") -> "Iterator[str | rich.table.Table]":
+    """Tables for a terminal: the best gain sets, and how the best one stands to the goal's requirements."""
+    from rich import box
+    from rich.table import Table
+
+    yield sweep_table(dataset)
+    goal, best = sweep_goal(dataset), best_rows(dataset, 1)
+    if goal and best:
+        grid = Table(box=box.SIMPLE_HEAD, collapse_padding=True, pad_edge=False, title="The best set and its goal")
+        for i, name in enumerate(HEAD):
+            grid.add_column(name, justify="left" if i in (0, 3) else "right")
+        for row in requirement_rows(goal, best[0]):
+            grid.add_row(*row)
+        yield grid
 
 
 def sweep_table(dataset: "xr.Dataset", count: int = 10) -> "rich.table.Table":
@@ -64,12 +102,16 @@ def sweep_table(dataset: "xr.Dataset", count: int = 10) -> "rich.table.Table":
 def sweep_summary(dataset: "xr.Dataset", seconds: float, reused: int) -> dict[str, Any]:
     """The sweep as JSON data, schema maglev-sweep/1, gains in SI; reused: experiments read from the folder."""
     n, rows = dataset.sizes["experiment"], best_rows(dataset, 1)
+    goal, of_goal = sweep_goal(dataset), {}
+    if goal:
+        of_goal = {"goal": goal.text, "requirements": requirements_json(goal, rows[0]) if rows else None}
     return {
         "schema": "maglev-sweep/1",
         "version": version("maglev-workbench"),
         "n": n,
         "stable": int(dataset["feasible"].sum()),
         "best": {name: rows[0][name] for name in ("gains", "score", "terms")} if rows else None,
+        **of_goal,
         "seconds": float(seconds),
         "experiments_per_second": (n - reused) / seconds if n > reused and seconds > 0 else None,
         "reused": int(reused),
@@ -81,7 +123,7 @@ def sweep_page(dataset: "xr.Dataset") -> str:
     rig = json.loads(dataset.attrs.get("rig", "{}"))
     band = rig.get("target", {}).get("band")
     where = f" Stiffness and damping: maximum likelihood over {band[0]:g} to {band[1]:g} Hz." if band else ""
-    rows = best_rows(dataset)
+    rows, goal = best_rows(dataset), sweep_goal(dataset)
     sections: list[tuple[str, str | Figure]] = []
     if rows:
         best = _cells(0, rows[0])
@@ -92,6 +134,9 @@ def sweep_page(dataset: "xr.Dataset") -> str:
         best = table(_HEAD, [_cells(i, row) for i, row in enumerate(rows)])
         sections.append(("Best gain sets", f'<div class="best">{best}</div>'))
         sections.append(("", note("± and [ ] are 95 % intervals; – : not within the excited lines." + where)))
+        if goal:
+            sections += _goal_sections(dataset, goal, rows)
+            summary += f" It {missed_in_words(goal, rows[0])}."
         sections += over_gains(dataset)
         sections.append(("Stiffness and damping against frequency, best three", best_bands(dataset, rows[:3])))
         sections.append(
@@ -103,10 +148,14 @@ def sweep_page(dataset: "xr.Dataset") -> str:
                 ),
             )
         )
-        head = ("", "score", *(f"{name.replace('_', ' ')}\n{weight:.0%}" for name, weight in WEIGHTS.items()))
+        weights = {} if goal else WEIGHTS
+        named = [(name.replace("_", " "), weights.get(name)) for name in rows[0]["terms"]]
+        head = ("", "score", *(f"{name}\n{weight:.0%}" if weight else name for name, weight in named))
         terms = [[str(i + 1), *(number(v, 2) for v in (r["score"], *r["terms"].values()))] for i, r in enumerate(rows)]
         sections.append(("What the scores are made of", table(head, terms)))
-        sections.append(("", note("Terms from 0 to 1, 1 where the target is met; below each name its weight.")))
+        how = "the score is their product, of which what is made best makes the upper half: docs/goals.md"
+        text = "Terms from 0 to 1, 1 where the target is met; " + (how if goal else "below each name its weight") + "."
+        sections.append(("", note(text)))
     else:
         near = int(dataset["pole_radius"].values.argmin())
         gains = ", ".join(f"{g} {number(float(dataset[g][near]) * s)} {unit}" for g, (s, unit) in SHOWN.items())
@@ -115,6 +164,25 @@ def sweep_page(dataset: "xr.Dataset") -> str:
         why = "unstable" if radius >= 1 else "stable, yet the excitation makes it touch down"
         sections.append(("Nearest to a stable loop", note(f"{gains}: largest pole radius {radius:.4f}, {why}.")))
     return page(f"Gain sweep of {rig.get('name', 'a rig')}", summary, sections, _made_by(dataset.attrs, rig))
+
+
+def _goal_sections(
+    dataset: "xr.Dataset", goal: Goal, rows: Sequence[Mapping[str, Any]]
+) -> "list[tuple[str, str | Figure]]":
+    columns = {name: dataset[name].values for name in dataset.data_vars}
+    values, feasible = values_of(columns, shown_names(goal)), dataset["feasible"].values.astype(bool)
+    sets = [(f"{i + 1}", row) for i, row in enumerate(rows[:3])]
+    hover = [
+        ", ".join(f"{g} {number(v * scale)} {unit}" for (g, (scale, unit)), v in zip(SHOWN.items(), at, strict=True))
+        for at in zip(*(dataset[g].values for g in SHOWN), strict=True)
+    ]
+    first, second = (r.quantity.words for r in pair_of(goal))
+    return [
+        ("Requirements of the best three", requirement_bars(goal, sets)),
+        ("", table(HEAD, requirement_rows(goal, rows[0]))),
+        (f"{first} against {second}".capitalize(), front_figure(goal, values, feasible, rows[0]["experiment"], hover)),
+        ("", note("Dashed: the limits. A set on the front is bettered by no other set in both.")),
+    ]
 
 
 def _counts(dataset: "xr.Dataset") -> str:

@@ -7,6 +7,7 @@ import typer
 
 from maglev_workbench.options import (
     EffectOption,
+    GoalOption,
     JsonOption,
     PolicyOption,
     RigOption,
@@ -34,6 +35,7 @@ def tune(
     batch: Annotated[int, typer.Option(min=1, help="Number of experiments that are proposed together.")] = 1,
     tuned: Annotated[list[str], typer.Option("--tune", help="A gain to tune (default: kp, ki, kd); repeat.")] = [],  # noqa: B006
     protocol: Annotated[str, typer.Option(help="full, or quick: an eighth of the time, less accurate.")] = "full",
+    goal: GoalOption = None,
     effect: EffectOption = [],  # noqa: B006
     sensor: SensorOption = "probe",
     seed: SeedOption = 0,
@@ -78,7 +80,7 @@ def tune(
 
     loaded, chosen = load_rig(rig), parse_effects(effect)
     task = make_task(
-        loaded, tuned or ("kp", "ki", "kd"), effects=chosen, protocol=protocol, sensor=sensor, budget=budget
+        loaded, tuned or ("kp", "ki", "kd"), effects=chosen, protocol=protocol, sensor=sensor, budget=budget, goal=goal
     )
     start = task.box.point(of_axis(task.rig.gains, 0))
     episode = Episode(task.rig, task.target, start, seed)

@@ -8,7 +8,9 @@ import numpy as np
 
 from estimation.normal import NORMAL_95
 from maglev_env.recordings.json_data import plain
+from maglev_env.rig.goal import Goal
 from maglev_env.task.task import Task
+from maglev_workbench import goal_page
 from maglev_workbench.page import COLOURS, STAR, note, number, page, rig_facts, styled, table
 from tuning.study.recommendation import Recommendation, Verdict
 from tuning.study.study import Outcome
@@ -19,6 +21,8 @@ if TYPE_CHECKING:
 
 BEST = 8
 NONE = "None of the gains tried is recommended: "
+GOAL_HEAD = ("experiment", "score", "met", "farthest from its limit")
+STANDS = ("requirement", "mean", "limit", "95 % within tolerance", "")
 HEAD = ("experiment", "score", "stiffness kN/m", "damping N s/m", "peak |S|", "phase margin °", "peak µm")
 
 
@@ -34,6 +38,8 @@ def summary(task: Task, found: Outcome, advice: Recommendation) -> str:
         f"Take {gains_in_words(task, c.point)}: score {c.score:.3f} ± {NORMAL_95 * c.score_se:.1g} under fresh noise "
         f"on this rig, {low:.2f} .. {high:.2f} on {others}."
     )
+    if task.layout.goal:
+        text += f" There it {goal_page.missed_in_words(task.layout.goal, c.required)}."
     if advice.refused:
         text += f" {len(advice.refused)} that scored higher were refused."
     return text
@@ -49,13 +55,21 @@ def tune_tables(task: Task, found: Outcome, advice: Recommendation) -> "Iterable
     from rich import box
     from rich.table import Table
 
-    head, rows = (*task.box.names, *HEAD[1:]), _best_rows(task, found)
+    goal, rows = task.layout.goal, _best_rows(task, found)
+    head = (*task.box.names, *(GOAL_HEAD if goal else HEAD)[1:])
     grid = Table(box=box.SIMPLE_HEAD, collapse_padding=True, pad_edge=False, title=f"Best of {len(found.trials)}")
     for name in head:
         grid.add_column(name, justify="right")
     for row in rows:
         grid.add_row(*row[1:])
     yield grid
+    if goal and advice.chosen:
+        stands = Table(box=box.SIMPLE_HEAD, collapse_padding=True, pad_edge=False, title="The recommended gains")
+        for i, name in enumerate(STANDS):
+            stands.add_column(name, justify="left" if i in (0, 4) else "right")
+        for row in _stands(goal, advice.chosen):
+            stands.add_row(*row)
+        yield stands
     for verdict in advice.refused:
         yield f"refused {gains_in_words(task, verdict.point)}: {verdict.reason}"
     yield summary(task, found, advice)
@@ -64,14 +78,18 @@ def tune_tables(task: Task, found: Outcome, advice: Recommendation) -> "Iterable
 def tune_page(task: Task, found: Outcome, advice: Recommendation, data: dict[str, Any]) -> str:
     """The HTML page of a study."""
     refused = [(gains_in_words(task, v.point), v.reason) for v in advice.refused]
+    goal = task.layout.goal
+    head = GOAL_HEAD if goal else HEAD
     sections = [
         ("Score of every experiment", course_figure(found)),
         ("Where it looked", where_figure(task, found, advice)),
-        ("Best experiments", table(("experiment", *task.box.names, *HEAD[1:]), _best_rows(task, found))),
+        ("Best experiments", table(("experiment", *task.box.names, *head[1:]), _best_rows(task, found))),
         ("Refused", table(("gains", "why"), refused) if refused else note("Nothing that scored higher was refused.")),
     ]
     if advice.chosen:
         sections.insert(0, ("Recommended", table(("figure", "95 % of noise and tolerance"), _spread(advice.chosen))))
+    if goal:
+        sections[1 if advice.chosen else 0 : 0] = _goal_sections(task, goal, found, advice)
     made = {**rig_facts(data["made_by"]["rig"]), "Method": data["made_by"]["method"], "Seed": data["made_by"]["seed"]}
     return page(f"Tuning of {task.name}", summary(task, found, advice), sections, made)
 
@@ -84,8 +102,10 @@ def tune_json(
 
     def told(v: Verdict) -> dict[str, Any]:
         gains = dict(zip(task.box.names, task.box.gains(v.point), strict=True))
-        return {"gains": gains, "score": v.score, "score_se": v.score_se, "intervals": v.intervals, "reason": v.reason}
+        return {"gains": gains, "score": v.score, "score_se": v.score_se, "intervals": v.intervals, "reason": v.reason,
+                **({"requirements": goal_page.requirements_json(goal, v.required)} if goal else {})}  # fmt: skip
 
+    goal = task.layout.goal
     gains = task.box.gains(trials.points)
     return plain(
         {
@@ -95,12 +115,18 @@ def tune_json(
             "recommended": told(advice.chosen) if advice.chosen else None,
             "refused": [told(v) for v in advice.refused],
             "experiments": [
-                {"gains": dict(zip(task.box.names, g, strict=True)), "score": s, "touchdown": bool(t)}
-                for g, s, t in zip(gains, trials.score, trials.touchdown, strict=True)
+                {
+                    "gains": dict(zip(task.box.names, g, strict=True)),
+                    "score": s,
+                    "touchdown": bool(t),
+                    **({"requirements": goal_page.requirements_json(goal, info)} if goal else {}),
+                }
+                for g, s, t, info in zip(gains, trials.score, trials.touchdown, trials.info, strict=True)
             ],
             "touchdowns": int(trials.touchdown.sum()),
             "reused": found.reused,
             "seconds": seconds,
+            **({"goal": goal.text} if goal else {}),
         }
     )
 
@@ -151,13 +177,56 @@ def _best_rows(task: Task, found: Outcome) -> list[tuple[str, ...]]:
     t = found.trials
     rows = []
     for i in np.argsort(-t.score, kind="stable")[:BEST]:
-        info = t.info[i]
+        info, goal = t.info[i], task.layout.goal
+        gains = tuple(f"{g:.4g}" for g in task.box.gains(t.points[i]))
+        if goal:
+            rows.append((str(i + 1), *gains, f"{t.score[i]:.3f}", *goal_page.standing(goal, info)))
+            continue
         shown = (
             info.get("stiffness", np.nan) / 1e3, info.get("damping", np.nan), info.get("peak_sensitivity", np.nan),
             info.get("phase_margin", np.nan), info.get("peak_displacement", np.nan) * 1e6,
         )  # fmt: skip
-        gains = tuple(f"{g:.4g}" for g in task.box.gains(t.points[i]))
         rows.append((str(i + 1), *gains, f"{t.score[i]:.3f}", *map(number, shown)))
+    return rows
+
+
+def _goal_sections(task: Task, goal: Goal, found: Outcome, advice: Recommendation) -> "list[tuple[str, str | Figure]]":
+    t = found.trials
+    names = goal_page.shown_names(goal)
+    values = {
+        name: np.array([one.get(goal_page.PREFIX + name, np.nan) for one in t.info], dtype=float) for name in names
+    }
+    feasible = t.score > 0
+    sets: list[tuple[str, Any]] = []
+    if advice.chosen:
+        sets.append(("recommended", advice.chosen.required))
+    if feasible[0]:
+        sets.append((f"start: {gains_in_words(task, t.points[0])}", t.info[0]))
+    best = None
+    if advice.chosen:
+        best = int(np.abs(t.points - advice.chosen.point).max(axis=1).argmin())
+    hover = [f"{i + 1}: {gains_in_words(task, point)}" for i, point in enumerate(t.points)]
+    first, second = (r.quantity.words for r in goal_page.pair_of(goal))
+    sections: list[tuple[str, str | Figure]] = []
+    if sets:
+        sections.append(("Requirements", goal_page.requirement_bars(goal, sets)))
+        sections.append(("", note("Lines: 95 %; of the recommended gains over noise and rigs within tolerance.")))
+    if advice.chosen:
+        sections.append(("", table(STANDS, _stands(goal, advice.chosen))))
+    drawn = goal_page.front_figure(goal, values, feasible, best, hover, "recommended")
+    sections.append((f"{first} against {second}".capitalize(), drawn))
+    sections.append(("", note("Dashed: the limits. A set on the front is bettered by no other set in both.")))
+    return sections
+
+
+def _stands(goal: Goal, v: Verdict) -> list[tuple[str, str, str, str, str]]:
+    """How gains stand to every requirement: the mean on the rig, the limit, the range over tolerance, the verdict."""
+    rows = []
+    for r, (words, _, limit, verdict) in zip(goal.measured, goal_page.requirement_rows(goal, v.required), strict=True):
+        name, scale = goal_page.PREFIX + r.name, r.quantity.shown[0]
+        low, high = (v.required.get(f"{name}_{end}", np.nan) * scale for end in ("low", "high"))
+        mean = f"{number(v.required.get(name, np.nan) * scale)} {r.quantity.shown[1]}".strip()
+        rows.append((words, mean, limit, f"{number(low)} .. {number(high)}", verdict))
     return rows
 
 

@@ -15,9 +15,9 @@ from maglev_env.loop.gains import with_gains
 from maglev_env.recordings.campaign import load_campaign
 from maglev_env.recordings.campaign_writer import write_campaign
 from maglev_env.recordings.recording import simulated_recording
+from maglev_env.rig.drawn import scaled_rig
 from maglev_env.rig.excitation import lines_at
 from maglev_env.rig.rig import load_rig
-from maglev_env.task.episodes import scaled_rig
 from maglev_env.task.protocol import env_protocol
 from maglev_env.task.task import make_task
 from tuning.campaign import next_step as module

@@ -1,0 +1,106 @@
+"""The large-signal test: a hovering rotor is pushed, or released from its touchdown bearing, and followed."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from maglev_env.kernel.layout import AXIS
+from maglev_env.kernel.simulate import Block, State, stretches
+from maglev_env.loop.controller import RAW, U
+from maglev_env.loop.mechanics import Y
+from maglev_env.loop.sensor import SEEN, Z1, Z2
+from maglev_env.rig.goal import EventKind
+from maglev_lanes.layout import row
+from maglev_lanes.threads import over_threads
+
+# Control samples for which a rotor at rest is read before its amplifier is switched on: several time constants of a
+# derivative's filter, so that switching on is no step of the derivative.
+HELD = 32
+
+
+@dataclass(frozen=True)
+class Event:
+    """One event of the test; on an x-y rig it acts along both axes.
+
+    Args:
+        kind: "impulse" (N s, within the first control sample), "step" (N, from the first sample on) or "lift_off" (m,
+            where the rotor lies before its amplifier is switched on).
+        size: in the unit of its kind.
+        samples: control samples that are followed.
+    """
+
+    kind: EventKind
+    size: float
+    samples: int
+
+
+def simulated_events(
+    blocks: Sequence[Block], hover: int, events: Sequence[Event], threads: int | None = None
+) -> list[np.ndarray]:
+    """Displacement readings and coil currents: first while hovering, then in every event.
+
+    A rotor that is pushed hovers before; every event starts anew, so that none depends on another one.
+
+    Args:
+        blocks: of n experiments, see `simulate.own_lanes`; their excitations are not used.
+        hover: control samples of hovering.
+        events: the events.
+        threads: None for all cores.
+
+    Returns:
+        Of hovering and of each event (n, 2, axes, samples); nan throughout where the rotor touched down in it.
+    """
+    rig, count = blocks[0].experiment.rig, sum(len(block.members) for block in blocks)
+    axes, rate = rig.axes, rig.control_rate
+    found = [np.full((count, 2, axes, n), np.nan) for n in (hover, *(e.samples for e in events))]
+
+    def run(block: Block) -> None:
+        state = State(block)
+        found[0][block.members] = _followed(block, state, np.zeros(hover))
+        hovering = state.rows.copy(), state.history.copy(), state.step
+        for event, series in zip(events, found[1:], strict=True):
+            force = np.full(event.samples, event.size if event.kind == "step" else 0.0)
+            if event.kind == "impulse":
+                force[0] = event.size * rate
+            if event.kind == "lift_off":
+                state = _lying(block, event.size)
+            else:
+                state.rows[:], state.history[:], state.step = hovering[0], hovering[1], hovering[2]
+            series[block.members] = _followed(block, state, force)
+
+    for _ in over_threads(run, blocks, threads):
+        pass
+    return found
+
+
+def _followed(block: Block, state: State, force: np.ndarray) -> np.ndarray:
+    """Displacement and current (members, 2, axes, samples) under a force (samples,) on every axis."""
+    outputs, n = len(block.batch.structure.channels), len(block.members)
+    still = np.zeros(state.axes * force.size)
+    series = np.full((n, 2, state.axes, force.size), np.nan)
+    for out in stretches(block, state, [[np.tile(force, state.axes), still, still]], outputs):
+        alive = state.alive()[:n]
+        series[alive] = out[:, [0, outputs - 1], :n].transpose(2, 1, 0, 3)[alive]
+    return series
+
+
+def _lying(block: Block, distance: float) -> State:
+    """Lanes at rest at a distance (m) from the centre, whose controllers have been reading it for HELD samples.
+
+    Everything except the controllers is put back after every sample: the amplifier is off, and the rotor lies.
+    """
+    state = State(block)
+    for at in (Y, Z1, Z2, SEEN):
+        state.axis_rows(at)[:] = distance
+    lying, per_axis = state.rows.copy(), row(AXIS)
+    sample = [np.zeros(state.axes)] * 3
+    for _ in range(HELD):
+        for _ in stretches(block, state, [sample], 0):
+            pass
+        for axis in range(state.axes):
+            own = slice(axis * per_axis, (axis + 1) * per_axis)
+            controller = state.rows[own][row(U) : row(RAW) + 1].copy()
+            state.rows[own] = lying[own]
+            state.rows[own][row(U) : row(RAW) + 1] = controller
+    return state

@@ -1,0 +1,160 @@
+"""What a goal measures, against python-control, plain matrices and theory; and what the known case must show."""
+
+from dataclasses import replace
+
+import control as ct
+import numpy as np
+import pytest
+from control_loops import DT, control_loop
+from pushed_rotor import GAIN, STIFFNESS, followed
+
+from maglev_env.design.goals import goal_of, with_goal
+from maglev_env.evaluation.evaluate import evaluate
+from maglev_env.evaluation.goal_score import met
+from maglev_env.evaluation.requirements import NEAR, SETTLED, events_of
+from maglev_env.evaluation.worst import drawn_experiments
+from maglev_env.experiment import protocol_experiment
+from maglev_env.loop.gains import Gains
+from maglev_env.rig.excitation import lines_at
+from maglev_env.rig.rig import load_rig
+from maglev_env.task.protocol import env_protocol
+
+RIG = load_rig("hmb_free")
+STIFF = Gains(12000.0, 2000.0, 11.0)
+GAINS = (RIG.gains, STIFF, Gains(10000.0, 2000.0, 8.0))
+EVERYTHING = """
+    peak_sensitivity <= 3; phase_margin >= 30; gain_margin >= 2; disk_margin >= 0.4
+    compliance <= 44.5e-6; stiffness >= 30e3; damping >= 20; displacement <= 0.3   # ISO 14839-2
+    current_rms <= 0.5, noise_current <= 0.05, current_peak <= 1
+    impulse_displacement <= 105e-6 after 1e-3, recovery_time <= 0.03 after 0.6, lift_off_time <= 0.03 from 60e-6
+"""
+
+
+def judged(goal, gains=GAINS, rig=RIG, **changes):
+    own = with_goal(rig, goal)
+    return evaluate([protocol_experiment(own, g, seed=i, **changes) for i, g in enumerate(gains)])
+
+
+@pytest.fixture(scope="module")
+def everything():
+    return judged(EVERYTHING)
+
+
+def test_margins_are_those_of_python_control(everything):
+    for i, gains in enumerate(GAINS):
+        loop = control_loop(protocol_experiment(RIG, gains))
+        f = np.geomspace(5.0, 2000.0, 20000)
+        s = 1 / (1 + loop(np.exp(2j * np.pi * f * DT)))
+        found = {name: values[i] for name, values in everything.required.items()}
+        assert found["peak_sensitivity"] == pytest.approx(np.abs(s).max(), rel=0.04)
+        assert found["disk_margin"] == pytest.approx(1 / np.abs(s - 0.5).max(), rel=0.04)
+        # The margins of an unstable plant are on both sides: python-control's own search finds the nearest of each.
+        gain, phase, _, _, _, _ = ct.stability_margins(loop, returnall=True, method="frd")
+        assert found["phase_margin"] == pytest.approx(np.abs(phase).min(), abs=1.0)
+        nearest = min(max(g, 1 / g) for g in gain if g > 0)
+        assert found["gain_margin"] == pytest.approx(nearest, rel=0.05)
+
+
+def test_the_worst_compliance_is_that_of_an_independent_loop(everything):
+    s = ct.tf("s")
+    beside = 1 / (RIG.mass * s**2 + STIFFNESS) / (1 + RIG.sensor_time_constant * s)
+    by_force = ct.sample_system(ct.ss(beside), DT, "zoh")
+    z = np.exp(2j * np.pi * lines_at(RIG.protocol.excitations, "force") * DT)
+    held = np.sinc(lines_at(RIG.protocol.excitations, "force") * DT)  # the estimator takes the converter's hold out
+    for i, gains in enumerate(GAINS):
+        receptance = np.abs(by_force(z) / (1 + control_loop(protocol_experiment(RIG, gains))(z))) / held
+        assert everything.required["compliance"][i] == pytest.approx(receptance.max(), rel=0.01)
+        low, high = everything.required_low["compliance"][i], everything.required_high["compliance"][i]
+        assert low < receptance.max() * 1.01 and high > receptance.max() * 0.99 and high < 1.1 * low
+
+
+def test_the_large_signal_test_is_that_of_plain_matrices(everything):
+    count, events = events_of(goal_of(with_goal(RIG, EVERYTHING)), protocol_experiment(RIG))
+    assert count + sum(e.samples for e in events) <= 0.25 * 6 * RIG.control_rate
+    for i, gains in enumerate(GAINS):
+        found = {name: values[i] for name, values in everything.required.items()}
+        pushed, _ = followed(RIG, gains, 2000, impulse=1e-3)
+        assert found["impulse_displacement"] == pytest.approx(np.abs(pushed).max(), abs=2.5e-6)
+        peaks = []
+        for name, event in (("recovery_time", {"force": 0.6}), ("lift_off_time", {"start": 60e-6})):
+            y, current = followed(RIG, gains, 1800, **event)
+            band = max(SETTLED * np.abs(y).max(), NEAR * RIG.clearance)
+            # A peak that just leaves the band in one of them may just stay inside in the other.
+            wide, narrow = (
+                np.flatnonzero(np.abs(y - y[-360:].mean()) > band * share).max() * DT for share in (1.2, 0.8)
+            )
+            assert wide - 1e-3 < found[name] < narrow + 1e-3
+            peaks.append(np.abs(current).max())
+        assert found["current_peak"] == pytest.approx(max(peaks), rel=0.25)
+
+
+def test_the_noise_current_is_that_of_theory(everything):
+    lsb = 2 * RIG.voltage_range / 2**RIG.adc_bits / RIG.probe_gain
+    level = np.hypot(RIG.noise.displacement, lsb / np.sqrt(12))
+    s = ct.tf("s")
+    amplifier = ct.sample_system(ct.ss(1 / (1 + RIG.amplifier_time_constant * s)), DT, "zoh")
+    plant = ct.sample_system(
+        ct.ss(
+            GAIN / (RIG.mass * s**2 + STIFFNESS) / (1 + RIG.amplifier_time_constant * s)
+            / (1 + RIG.sensor_time_constant * s)
+        ), DT, "zoh",
+    )  # fmt: skip
+    z = np.exp(1j * np.pi * (np.arange(4000) + 0.5) / 4000)
+    for i, gains in enumerate(GAINS):
+        loop = control_loop(protocol_experiment(RIG, gains))(z)
+        response = loop / plant(z) * amplifier(z) / (1 + loop)
+        rms = level * np.sqrt(np.mean(np.abs(response) ** 2))
+        assert everything.required["noise_current"][i] == pytest.approx(rms, rel=0.12)
+
+
+def test_stated_intervals_are_as_wide_as_repetitions_scatter():
+    own = with_goal(replace(RIG, protocol=env_protocol(RIG, "quick")), "disk_margin >= 0.4, phase_margin >= 30")
+    found = evaluate([protocol_experiment(own, STIFF, seed=i) for i in range(64)])
+    for name in ("phase_margin", "disk_margin", "compliance", "noise_current"):
+        half = (found.required_high[name] - found.required_low[name]).mean() / 2
+        # The largest of many noisy lines scatters less than one of them, so that of the compliance is too wide.
+        assert 0.6 < half / (1.96 * found.required[name].std()) < (2.0 if name == "compliance" else 1.5), name
+
+
+def test_an_engineer_prefers_the_loop_that_matching_calls_bad():
+    matched = judged("match", GAINS[:2])
+    assert matched.score[0] > 0.99 and matched.score[1] < 0.25 and not matched.required
+    goal = goal_of(with_goal(RIG, "engineer"))
+    wanted = judged("engineer", GAINS[:2])
+    assert wanted.score[0] < 0.1 and wanted.score[1] > 0.8
+    assert met(goal, wanted.required).tolist() == [False, True]
+    plain = evaluate([protocol_experiment(RIG, g, seed=i) for i, g in enumerate(GAINS[:2])])
+    assert np.array_equal(plain.score, matched.score)
+    assert all(np.array_equal(plain.terms[name], matched.terms[name]) for name in plain.terms)
+
+
+def test_a_rotor_that_does_not_lift_off_scores_little_but_not_nothing():
+    # So near the pole a current of several amperes turns the flux there round, and pulls the rotor on.
+    soft = Gains(3000.0, 100.0, 12.0)
+    found = judged("lift_off_time <= 0.05 from 340e-6, best compliance near 1e-3", (STIFF, soft))
+    assert np.isinf(found.required["lift_off_time"][0]) and found.feasible[0] and 0 < found.score[0] < 0.1
+    assert found.required["lift_off_time"][1] < 0.05 and found.score[1] > 0.5
+
+
+def test_a_goal_on_several_rigs_takes_the_worst_value_of_each_quantity():
+    text = "peak_sensitivity <= 3, phase_margin >= 30, best compliance near 40e-6"
+    rig = replace(RIG, protocol=env_protocol(RIG, "quick"))
+    worst, own = judged(f"{text}, worst of 3 rigs", rig=rig), with_goal(rig, text)
+    nominal = [protocol_experiment(own, g, seed=i) for i, g in enumerate(GAINS)]
+    parts = [evaluate(e) for e in (nominal, *drawn_experiments(nominal, 3))]
+    for name, of in (("peak_sensitivity", np.max), ("phase_margin", np.min), ("compliance", np.max)):
+        assert np.array_equal(worst.required[name], of([p.required[name] for p in parts], axis=0))
+    assert np.all(worst.score <= parts[0].score) and np.array_equal(worst.stiffness, parts[0].stiffness)
+
+
+@pytest.mark.parametrize(
+    ("goal", "words"),
+    [
+        ("recovery_time <= 4 after 0.5", "half of that"),
+        ("lift_off_time <= 0.03 from 1e-3", "clearance is 0.00035 m"),
+        ("compliance <= 1e-5 in 400..500", "excites 1 to 249 Hz"),
+    ],
+)
+def test_a_goal_that_the_experiment_cannot_show_is_refused_in_words(goal, words):
+    with pytest.raises(ValueError, match=words):
+        judged(goal, GAINS[:1])

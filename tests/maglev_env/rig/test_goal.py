@@ -1,0 +1,88 @@
+"""Goals as text: what is read, and what is refused in which words."""
+
+import pytest
+
+from maglev_env.design.goals import goal_of, with_goal
+from maglev_env.rig.drawn import scaled_rig
+from maglev_env.rig.goal import parse_goal
+from maglev_env.rig.rig import RIG_FOLDER, load_rig, rig_from_toml
+
+TEXT = """
+peak_sensitivity <= 3                 # ISO 14839-3, zone A
+compliance <= 25e-6 in 10..250; recovery_time <= 0.03 after 0.786
+lift_off_time <= .05 from 175e-6, best noise_current near 0.05
+worst of 8 rigs
+"""
+
+
+def test_a_goal_is_read_and_written_as_the_same_goal():
+    goal = parse_goal(TEXT)
+    assert [r.name for r in goal.requirements] == ["peak_sensitivity", "compliance", "recovery_time", "lift_off_time"]
+    assert goal.requirements[1].band == (10.0, 250.0) and goal.requirements[2].size == 0.786
+    assert goal.best.name == "noise_current" and goal.best.limit == 0.05 and goal.rigs == 8
+    assert list(goal.events) == ["step", "lift_off"]
+    assert parse_goal(goal.text) == goal
+    own = parse_goal("stiffness >= 40e3, best stiffness")
+    assert own.best is own.requirements[0] and parse_goal(own.text) == own
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("", "at least one requirement"),
+        ("stiffnes >= 3", "no quantity 'stiffnes'; use peak_sensitivity"),
+        ("phase_margin <= 30", "a limit of the form >="),
+        ("peak_sensitivity < 3", "is not understood"),
+        ("peak_sensitivity <= 3, peak_sensitivity <= 4", "limited twice"),
+        ("peak_sensitivity <= -1", "must be a number above 0"),
+        ("peak_sensitivity <= 1e999", "must be a number above 0"),
+        ("recovery_time <= 0.03", "recovery_time <= 0.03 after SIZE"),
+        ("recovery_time <= 0.03 in 1..2", "the condition of recovery_time is 'after'"),
+        ("compliance <= 1e-5 in 200..100", "two increasing frequencies"),
+        ("phase_margin >= 30 after 2", "takes no condition"),
+        ("best compliance", "write 'best compliance near SCALE'"),
+        ("current_peak <= 1", "require an event"),
+        ("best compliance near 1e-5, best damping near 5", "is not understood"),
+        ("phase_margin >= 30, worst of 100000 rigs", "draw up to 256"),
+        ("phase_margin >= 30 " * 1000, "characters"),
+    ],
+)
+def test_what_is_no_goal_is_refused_in_words(text, words):
+    with pytest.raises(ValueError, match="goal: ") as caught:
+        parse_goal(text)
+    assert words in str(caught.value)
+
+
+def test_a_rig_file_states_its_goal_and_presets_match(tmp_path):
+    text = (RIG_FOLDER / "hmb_free.toml").read_text()
+    rig = rig_from_toml(text, "a")
+    assert rig.target.goal == "match" and goal_of(rig) is None
+    stated = text.replace(
+        "[target]", '[target]\ngoal = """\npeak_sensitivity <= 3   # zone A\nbest damping near 20\n"""'
+    )
+    assert goal_of(rig_from_toml(stated, "a")).text == "peak_sensitivity <= 3, best damping near 20"
+    with pytest.raises(ValueError, match=r"a: \[target\]: goal: 'nonsense' is not understood"):
+        rig_from_toml(text.replace("[target]", '[target]\ngoal = "nonsense"'), "a")
+    file = tmp_path / "goal.txt"
+    file.write_text(TEXT)
+    assert goal_of(with_goal(rig, str(file))) == parse_goal(TEXT)
+    assert goal_of(with_goal(with_goal(rig, TEXT), "match")) is None
+    with pytest.raises(ValueError, match="neither a goal"):
+        with_goal(rig, "no/such/file")
+    with pytest.raises(ValueError, match="has no \\[tolerance\\]"):
+        with_goal(rig_from_toml(text[: text.index("[tolerance]")] + text[text.index("[protocol]") :], "a"), TEXT)
+
+
+def test_the_engineers_goal_is_in_proportion_to_the_rig_and_stays_when_it_is_drawn():
+    rig = with_goal(load_rig("hmb_free"), "engineer")
+    by_name = {r.name: r for r in goal_of(rig).requirements}
+    weight = 0.08012 * 9.80665
+    assert by_name["recovery_time"].size == pytest.approx(weight, rel=1e-3)
+    assert by_name["compliance"].limit * weight == pytest.approx(35e-6, rel=0.01)
+    assert goal_of(scaled_rig(rig, {"mass": 1.3})) == goal_of(rig)
+    for preset in ("hmb_radial", "eframe"):
+        own = {r.name: r for r in goal_of(with_goal(load_rig(preset), "engineer")).requirements}
+        assert "lift_off_time" not in own  # other springs or guides carry these rotors
+        assert own["recovery_time"].size < load_rig(preset).mass * 9.80665
+    with pytest.raises(ValueError, match="no controlled magnet"):
+        with_goal(load_rig("pedestal"), "engineer")

@@ -1,0 +1,63 @@
+"""A goal on pages and in commands: bars, the front, tables and JSON."""
+
+import json
+from functools import partial
+
+import numpy as np
+import pytest
+from command_line import maglev
+
+from maglev_env.rig.goal import parse_goal
+from maglev_workbench.goal_page import front, missed_in_words, requirement_bars, requirement_rows, requirements_json
+
+GOAL = parse_goal("peak_sensitivity <= 3, gain_margin >= 2, noise_current <= 0.05, best compliance near 2e-5")
+ROW = {
+    "required_peak_sensitivity": 3.3, "required_peak_sensitivity_low": 3.2, "required_peak_sensitivity_high": 3.4,
+    "required_gain_margin": np.nan, "required_noise_current": 0.02, "required_compliance": 1.9e-5,
+}  # fmt: skip
+
+
+def test_a_set_stands_to_its_goal_in_words_bars_and_json():
+    rows = requirement_rows(GOAL, ROW)
+    assert rows[0] == ("peak |S|", "3.300 ±0.100", "at most 3", "missed")
+    assert rows[1][1:] == ("not within the lines", "at least 2", "met")
+    assert rows[3] == ("worst compliance", "19.0 µm/N", "as good as possible", "")
+    assert missed_in_words(GOAL, ROW) == "misses peak |S| at most 3 (3.300 ±0.100)"
+    data = requirements_json(GOAL, ROW)
+    assert data["peak_sensitivity"]["met"] is False and data["compliance"]["limit"] is None
+    bars = requirement_bars(GOAL, [("one", ROW)])
+    assert bars.data[0].x[0] == pytest.approx(1.1) and bars.data[0].x[2] == pytest.approx(0.4)
+
+
+def test_the_front_is_that_of_every_pair_compared():
+    rng = np.random.default_rng(3)
+    values = {"compliance": rng.integers(1, 30, 200) * 1e-6, "noise_current": rng.integers(1, 30, 200) * 1e-3}
+    may = rng.random(200) < 0.8
+    found = front(GOAL, values, may)
+    points = np.stack(list(values.values()), axis=1)
+    for i in np.flatnonzero(may):
+        better = (points[may] <= points[i]).all(axis=1) & (points[may] < points[i]).any(axis=1)
+        same = (points[found] == points[i]).all(axis=1)
+        assert not better.any() if found[i] else better.any() or same.any()
+    assert not found[~may].any()
+
+
+@pytest.mark.slow
+def test_a_sweep_and_a_study_by_a_goal(tmp_path):
+    goal = tmp_path / "goal.txt"
+    goal.write_text("peak_sensitivity <= 3  # zone A\nphase_margin >= 30\nbest compliance near 2e-5\n")
+    ranges = ("--kp", "8000:12000:2", "--kd", "5:11:2")
+    text = maglev("sweep", *ranges, "--goal", goal, "--out", tmp_path / "s", "--json", tmp_path / "s.json")
+    assert "The best set and its goal" in text and "at least 30" in text
+    data = json.loads((tmp_path / "s.json").read_text())
+    assert data["best"]["gains"]["kd"] == 11 and data["requirements"]["phase_margin"]["met"]
+    page = (tmp_path / "s" / "sweep.html").read_text()
+    assert "Requirements of the best three" in page and "Worst compliance against noise current" in page
+    tune = partial(maglev, "tune", "--budget", 2, "--protocol", "quick", "--method", "sobol", "--goal", goal)
+    tune("--out", tmp_path / "t", "--json", tmp_path / "t.json")
+    data = json.loads((tmp_path / "t.json").read_text())
+    assert data["goal"].startswith("peak_sensitivity <= 3") and "phase_margin" in data["experiments"][0]["requirements"]
+    assert "another rig" in maglev(
+        "tune", "--budget", 2, "--protocol", "quick", "--method", "sobol", "--out", tmp_path / "t", code=2
+    )
+    assert "is not understood" in maglev("tune", "--goal", "phase_margin > 3", "--out", tmp_path / "u", code=2)
