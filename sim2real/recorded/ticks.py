@@ -21,9 +21,9 @@ if TYPE_CHECKING:
     import xarray as xr
 
 AT_INSTANTS = 32  # integration steps of a sample whose instants jitter: they are moved by 1 % of it rms
-# Least rms distance of the ticks from regular ones, in samples, at which they are simulated as they were. Placed at the
-# nearest of AT_INSTANTS steps, they are off by 1 % anyway.
-JITTERED = 0.02
+# Ticks are simulated as regular ones where the time between two of them differs from a sample by less than JITTERED rms,
+# LONGEST at most and DRIFTED on average: placed at the nearest of AT_INSTANTS steps, it is off by 1.3 % rms anyway.
+JITTERED, LONGEST, DRIFTED = 0.02, 0.25, 1e-3
 TURNED = 0.01  # rad: about the model error that responses are trusted to
 
 
@@ -42,8 +42,9 @@ class Ticks:
     @property
     def simulated(self) -> np.ndarray | None:
         """Instants (ticks,) at which a simulation places them; None where regular ones are as near."""
-        off = self.instants - np.arange(self.instants.size)
-        return self.instants if off.std() > JITTERED else None
+        off = np.diff(self.instants) - 1
+        exact = off.std() > JITTERED or abs(off).max() > LONGEST or abs(off.mean()) > DRIFTED
+        return self.instants if exact else None
 
 
 def jitters(
