@@ -21,8 +21,8 @@ if TYPE_CHECKING:
     import xarray as xr
 
 AT_INSTANTS = 32  # integration steps of a sample whose instants jitter: they are moved by 1 % of it rms
-# Ticks are simulated as regular ones where the time between two of them differs from a sample by less than JITTERED rms,
-# LONGEST at most and DRIFTED on average: placed at the nearest of AT_INSTANTS steps, it is off by 1.3 % rms anyway.
+# Ticks are simulated as regular ones where the time between two of them is a sample to within JITTERED rms, LONGEST at
+# most and DRIFTED on average: placed at the nearest of AT_INSTANTS steps, it is off by 1.3 % rms anyway.
 JITTERED, LONGEST, DRIFTED = 0.02, 0.25, 1e-3
 TURNED = 0.01  # rad: about the model error that responses are trusted to
 
