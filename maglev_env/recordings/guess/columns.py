@@ -16,6 +16,7 @@ from maglev_env.recordings.guess.words import meaning
 
 _NAMES_BESIDE = ("Name", "name", "Label", "label", "blockName")  # texts of a struct that name its values
 _UNITS_BESIDE = ("Unit", "unit", "Units", "units", "XUnit")
+_TDMS = re.compile(r"/'.*'/'(.+)'")  # what a TDMS file calls a channel: /'group'/'channel'
 _VARIABLE, _TYPE = re.compile(r"[A-Za-z_]\w*(\.[A-Za-z_]\w*)+"), re.compile(r"^(f|r|lr)(?=[A-Z])")
 # Sizes that a channel without a unit is likely to have in SI, rms or mean; beyond them it is in a smaller unit.
 _LARGEST_M = 0.05
@@ -68,6 +69,8 @@ def guess_columns(found: Contents) -> tuple[ColumnGuess, ...]:
 def _label(expression: str, found: Contents) -> tuple[str, Unit | None]:
     """What the file calls a column, and its unit: by a text beside it, else by the last part of its name."""
     texts = found.texts
+    if channel := _TDMS.fullmatch(expression):
+        return header_unit(channel[1])
     if header := found.headers.get(expression, ""):
         label, unit = header_unit(header)
         # Of a controller's variable, "MAIN.fbAxis.fPosition", the last part without the letter of its type.
