@@ -10,7 +10,7 @@ from maglev_env.loop.axes import AXES
 from maglev_env.loop.effect import EFFECTS
 from maglev_env.loop.free.places import NAMES as FREE
 from sim2real.diagnosis import Diagnosis, block_of
-from sim2real.hypotheses import CALIBRATION, NONE, TONES, UNKNOWN
+from sim2real.hypotheses import CALIBRATION, NONE, TONES, UNKNOWN, usual_tolerances
 from sim2real.judge import Entry
 from sim2real.leftover_words import fit_in_words, leaves, parameters_in_words, partial_in_words
 from sim2real.locate import Where
@@ -156,8 +156,8 @@ def _besides(diagnosis: Diagnosis) -> str:
 
 
 def _far(diagnosis: Diagnosis) -> list[str]:
-    """Calibrated parameters that have moved by more than BEYOND stated tolerances."""
-    stated = diagnosis.rig.tolerance
+    """Calibrated parameters that have moved by more than BEYOND tolerances, stated or usual ones."""
+    stated = {**usual_tolerances(diagnosis.rig), **diagnosis.rig.tolerance}
     moved = ((c, abs(c.value) / stated[c.name]) for c in corrections(diagnosis) if c.is_change and c.name in stated)
     return [
         f"{c.name} {quantity(c.value, c.se and NORMAL_95 * c.se, c.unit, True)}{' (95 %)' if c.se else ''}, "
