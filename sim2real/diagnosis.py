@@ -309,7 +309,7 @@ def _with_noise_of_best(fitted: Problem, judged: Problem, attribution: Attributi
 
 
 def _predicts_nothing(fitted: Problem, attribution: Attribution, named: Entry) -> bool:
-    """Whether a simulation with the named effects leaves as much as one that stands still; tones are no such effects."""
+    """Whether a simulation with the named effects leaves as much as one that stands still; tones do not count."""
     if named.candidate is None or not (fit := attribution.candidates[named.candidate].fit).hypothesis.effects:
         return False
     found = figures(fitted, fit.residual)

@@ -80,8 +80,8 @@ WIDER, EXCLUDED = 5.0, 3.0
 # A lag of another time constant than stated is still one pole, but these effects add a second one. So beside such an
 # effect the stated time constant may itself be another, by WIDER tolerances.
 REPLACED = {"amplifier_lag": "amplifier_time_constant", "sensor_lag": "sensor_time_constant"}
-# Where no tolerance of it is stated, this much. Nobody holds a time constant for exact by saying nothing of it, and what
-# is known of it is its order of size.
+# Where no tolerance of it is stated, this much. Who says nothing of a time constant does not hold it for exact; what is
+# known of it is its order of size.
 USUAL = 0.1
 RESONANCES = tuple(name for name, card in EFFECTS.items() if card.resonance)
 

@@ -205,7 +205,9 @@ def _fitted(
     """The problem, its fit, and the nominal rig and the start in the same problem."""
     rig = records[0].nominal
     hidden = frozenset.intersection(*(r.upstream if isinstance(r, OpenRecord) else frozenset() for r in records))
-    names = tuple(name for name in (*UNITS, *_poles_left_out(rig)) if meaningful(name, rig.capabilities) and name not in hidden)
+    names = tuple(
+        name for name in (*UNITS, *_poles_left_out(rig)) if meaningful(name, rig.capabilities) and name not in hidden
+    )
     allowed = {name: sigma for name, sigma in tolerances(rig).items() if name not in UNITS}
     h = Hypothesis(names, allowed, scales=rig.scales)
     u = np.zeros(h.size) if near is None else near.u

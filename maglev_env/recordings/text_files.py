@@ -24,6 +24,7 @@ from maglev_env.recordings.text_layout import (
 
 MAX_PREAMBLE = 1000  # lines above the numbers
 _TAIL = 200
+_SHOWN = 40  # characters of a line
 _BLOCK = 65536
 _BOMS = {codecs.BOM_UTF8: "utf-8-sig", codecs.BOM_UTF16_LE: "utf-16", codecs.BOM_UTF16_BE: "utf-16"}
 
@@ -68,7 +69,7 @@ def open_text(path: Path, stated: TextLayout) -> TextFile:
     once = {name: j for j, name in enumerate(layout.names) if name and layout.names.count(name) == 1}
     names = tuple(n if n in once else f"[{j}]" for j, n in enumerate(layout.names))
     with path.open(encoding=encoding) as file:
-        table, problems = _table(numbered_lines(file), layout)
+        table, problems, end = _table(numbered_lines(file), layout)
 
     def read(root: str, steps: Steps) -> Any:
         j = once[root] if root in once else positions[root]
@@ -79,7 +80,7 @@ def open_text(path: Path, stated: TextLayout) -> TextFile:
     twice = {name for name in layout.names if layout.names.count(name) > 1} - {""}
     notes += [f"several columns are called {name!r}: they go by position" for name in sorted(twice)]
     headers = {name: header for name, header in zip(names, layout.preamble.headers, strict=False) if header}
-    return TextFile(names, read, tuple(positions), (*notes, *layout.notes), headers, layout.preamble.numbers)
+    return TextFile(names, read, tuple(positions), (*notes, *layout.notes, *end), headers, layout.preamble.numbers)
 
 
 def _encoding(path: Path) -> tuple[str, list[str]]:
@@ -102,12 +103,15 @@ def _encoding(path: Path) -> tuple[str, list[str]]:
     return ("latin-1", ["the file is not UTF-8: read as Latin-1"]) if latin else ("utf-8", [])
 
 
-def _table(lines: Iterator[tuple[int, str]], layout: Layout) -> tuple[np.ndarray, dict[int, str]]:
-    """The numbers (samples, columns), and for each column that does not hold numbers alone, where."""
+def _table(lines: Iterator[tuple[int, str]], layout: Layout) -> tuple[np.ndarray, dict[int, str], list[str]]:
+    """The numbers (samples, columns), for each column that does not hold numbers alone, where, and notes.
+
+    The last line may be the beginning of one, where a program was stopped while it wrote.
+    """
     columns = len(layout.names)
     parts: list[np.ndarray] = [np.empty((0, columns))]
     problems: dict[int, str] = {}
-    blank = None
+    blank, notes = None, []
     for _ in range(layout.first):
         next(lines)
     sample = 0
@@ -120,9 +124,18 @@ def _table(lines: Iterator[tuple[int, str]], layout: Layout) -> tuple[np.ndarray
                 raise Refused(f"line {blank} (before sample {sample + len(rows)}) is blank or a comment among numbers")
             else:
                 rows.append((number, line))
+        if len(block) < _BLOCK and len(rows) > 1 and (cut := _cut_off(rows[-1][1], layout)):
+            notes.append(f"the last line is cut off ({cut}): it is left out")
+            rows.pop()
         parts.append(_numbers(rows, layout, sample, problems))
         sample += len(rows)
-    return np.concatenate(parts), problems
+    return np.concatenate(parts), problems, notes
+
+
+def _cut_off(line: str, layout: Layout) -> str:
+    """What a last line holds that has fewer cells than the others; "" where it is whole."""
+    cells = cells_of(line, layout.separator)
+    return repr(line.strip()[:_SHOWN]) if len(cells) < len(layout.names) else ""
 
 
 def _numbers(rows: list[tuple[int, str]], layout: Layout, sample: int, problems: dict[int, str]) -> np.ndarray:

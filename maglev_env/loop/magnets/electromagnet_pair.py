@@ -4,8 +4,8 @@ from dataclasses import replace
 
 from maglev_env.loop.magnets.check import refuse_flux_path, refuse_remanence
 from maglev_env.loop.magnets.circuit import pair_law
-from maglev_env.loop.magnets.hybrid_pair import pull, shaped_pull
 from maglev_env.loop.magnets.electromagnet import knows_turns
+from maglev_env.loop.magnets.hybrid_pair import pull, shaped_pull
 from maglev_env.loop.magnets.law import ForceLaw, linearise
 from maglev_env.loop.magnets.magnet import Magnet, MagnetKind
 from selfsense.coil import MU_0
@@ -14,8 +14,8 @@ from selfsense.coil import MU_0
 def law(m: Magnet) -> ForceLaw:
     """A hybrid pair without permanent magnet whose control flux closes through the gaps; both pole faces.
 
-    Where the turns are not known, the actuator gain says how strong the magnets are. Calibrating the current instead, as
-    where the geometry is known, would make the control current look many times the bias.
+    Where the turns are not known, the actuator gain says how strong the magnets are. Calibrating the current instead,
+    as where the geometry is known, would make the control current look many times the bias.
     """
     found = pair_law(m, m.bearings * m.pole_area / MU_0, 0.0, 0.0, 0.0)
     if knows_turns(m) or m.actuator_gain is None:

@@ -107,6 +107,6 @@ def check_magnet(m: Magnet) -> None:
     for parameter in ("actuator_gain", "negative_stiffness"):
         if getattr(m, parameter) is not None:
             raise ValueError(
-                f"{parameter} is a magnet's, and magnet = {m.magnet!r} has none; use one of {', '.join(KINDS)}, or leave "
-                "it out"
+                f"{parameter} is a magnet's, and magnet = {m.magnet!r} has none; leave it out, or use one of "
+                f"{', '.join(KINDS)}"
             )

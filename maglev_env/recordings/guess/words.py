@@ -18,7 +18,7 @@ _WORDS = {
     "error": "error err fehler regelabweichung abweichung deviation",
     "count": "index idx sample samples nr number count zaehler muestra",
     "temperature": "temp temperature temperatur temperatura",
-    "output": "output stellgroesse stell stellsignal controller reglerausgang control salida mando commande",
+    "output": "output pwm duty stellgroesse stell stellsignal controller reglerausgang control salida mando commande",
 }
 _LETTERS = {
     "time": "t ts",
