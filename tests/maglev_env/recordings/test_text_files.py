@@ -158,3 +158,14 @@ def test_blocks_join(tmp_path, monkeypatch):
     np.testing.assert_array_equal(read_columns(path).column("F"), np.arange(11))
     with pytest.raises(ValueError, match=r"'x' in line 11 \(sample 9\)"):
         read_columns(path).column("y")
+
+
+def test_a_line_that_a_stopped_program_did_not_finish_is_left_out_and_said(tmp_path):
+    path = tmp_path / "serial.csv"
+    path.write_text("t,y\n" + rows(",") + "0.0")
+    file = read_columns(path)
+    np.testing.assert_array_equal(file.column("t"), T)
+    assert any("last line is cut off ('0.0')" in note for note in file.notes)
+    path.write_text("t,y\n" + rows(",").replace("\n", "\n0.0\n", 1))
+    with pytest.raises(ValueError, match="has 1 values"):
+        read_columns(path).column("t")
