@@ -32,7 +32,7 @@ def steps_in(values: np.ndarray) -> int:
         return 0
     # Many changes are those of a random binary or a staircase signal if its values are few and hold for a while; a
     # converter's last digit flickers.
-    held = np.unique(values).size <= _FEW and np.mean(np.diff(at) >= _HELD) > 0.95
+    held = at.size > 1 and np.unique(values).size <= _FEW and np.mean(np.diff(at) >= _HELD) > 0.95
     return int(at.size) if at.size <= max(8, values.size / 40) or held else 0
 
 
