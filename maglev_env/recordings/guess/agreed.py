@@ -26,7 +26,7 @@ def agreed(guesses: Sequence[RecordingGuess]) -> list[RecordingGuess]:
     told = {key: _telling(same) for key, same in columns.items()}
     found = []
     for guess in guesses:
-        own = tuple(_as_told(c, guess.file, *told[c.channel, c.column]) if c.channel else c for c in guess.columns)
+        own = tuple(_as_told(c, *told[c.channel, c.column]) if c.channel else c for c in guess.columns)
         known = replace(guess, columns=own)
         turned = any(
             a.channel == "displacement" and a.scale * b.scale < 0 for a, b in zip(own, guess.columns, strict=True)
@@ -42,7 +42,7 @@ def _telling(same: Sequence[tuple[str, ColumnGuess]]) -> tuple[str, float, str, 
     return file, abs(least.scale), turned, asks
 
 
-def _as_told(column: ColumnGuess, file: str, larger: str, size: float, turned: str, asks: str) -> ColumnGuess:
+def _as_told(column: ColumnGuess, larger: str, size: float, turned: str, asks: str) -> ColumnGuess:
     if NO_UNIT in column.reason and abs(column.scale) != size:
         reason = f"{column.reason}, but in the unit that the larger values of {larger} tell"
         column = replace(column, scale=copysign(size, column.scale), reason=reason)
