@@ -8,7 +8,14 @@ import numpy as np
 
 from maglev_env.loop.effect import EFFECTS
 from sim2real.fitting import Fit, begin, differentiate, iterate, share_calibrations
-from sim2real.hypotheses import Hypothesis, coordinates_of, single_effects, starts, starts_elsewhere
+from sim2real.hypotheses import (
+    Hypothesis,
+    coordinates_of,
+    single_effects,
+    starts,
+    starts_elsewhere,
+    usual_tolerances,
+)
 from sim2real.problem import Problem
 from sim2real.recorded.not_stable import not_stable
 from sim2real.screening import Start, extended, kept, screened
@@ -115,7 +122,7 @@ def attribute(
     rig = problem.parts[0].record.nominal
     allowed = tolerances(rig)
     progress("calibration")
-    base = Hypothesis((), allowed, scales=rig.scales)
+    base = Hypothesis((), allowed, scales=rig.scales, usual=usual_tolerances(rig))
     untouched, *calibration = begin([base] * 2, [np.zeros(base.size)] * 2, problem.data, problem.simulate)
     nominal = untouched.cost
     if np.isfinite(nominal):

@@ -46,6 +46,6 @@ def borne_out(judged: Problem, attribution: Attribution, named: Sequence[Entry])
 
 def without(found: Sequence[Entry], refuted: Sequence[Entry]) -> list[Entry]:
     """All hypotheses, the most probable first, without the probability of those that the holdout refutes."""
-    kept = sum(e.probability for e in found if e not in refuted)
+    kept = sum(e.probability for e in found if e not in refuted) or 1.0
     now = [replace(e, probability=0.0 if e in refuted else e.probability / kept) for e in found]
     return sorted(now, key=lambda e: -e.probability)

@@ -16,6 +16,7 @@ from sim2real.attribute import NO_GAP, Attribution, Candidate, attribute, best_p
 from sim2real.bench_noise import bench_noise
 from sim2real.borne_out import borne_out, without
 from sim2real.drift import DRIFT, Drift, drift_of
+from sim2real.fit_figures import figures
 from sim2real.free.correction import Free, free_correction
 from sim2real.free.fit import excess
 from sim2real.gain_choice import GainChoice, gain_choice
@@ -47,6 +48,7 @@ from sim2real.words import Fitted
 
 SCHEMA = "maglev-diagnosis/1"
 LOUDER = 1.05  # times its noise that a record without a period may seem to have under a wrong simulation
+QUIETER = 1.5  # times by which noise may have been taken too large
 FREE_FROM = 0.1  # share of the gap that a named effect may leave without a free correction beside it
 HELD_OUT_EVERY = 4  # without a holdout recording, every fourth line is withheld from the fits
 
@@ -188,10 +190,16 @@ def diagnose(
     attribution = attribute(fitted, progress)
     if any(isinstance(r, OpenRecord) for r in records):
         # The noise of a record without a period is what a good simulation leaves of it.
-        best = min(attribution.candidates, key=lambda c: c.predictive).fit
-        near = best.hypothesis.point(best.u)
-        louder = float(widening(fitted, best).max(initial=1.0))
-        again, judged = fitted.again(near, louder), judged.again(near, louder)
+        again, judged, louder = _with_noise_of_best(fitted, judged, attribution)
+        if _other_noise(fitted, again) or _other_nuisances(fitted, again):
+            fitted, attribution = again, attribute(again, progress, attribution)
+            # What the first fits could not simulate may have been taken for noise that the later ones do not leave.
+            again, later, less = _with_noise_of_best(fitted, judged, attribution)
+            if _quieter(fitted, again):
+                judged, louder = later, less
+                fitted, attribution = again, attribute(again, progress, attribution)
+            else:
+                again = fitted
         if bounded := [p.record.name for p in again.parts if bench.reached(p.record, p.opened.outputs, p.noise)]:
             notes.append(
                 f"{', '.join(bounded)}: what is left exceeds the noise that the recordings with a period show; it is "
@@ -202,8 +210,6 @@ def diagnose(
                 f"errors at single moments, as at steps or kicks: the noise is taken as {louder:.2g} times as large as "
                 "it looks"
             )
-        if _other_noise(fitted, again) or _other_nuisances(fitted, again):
-            fitted, attribution = again, attribute(again, progress, attribution)
     progress("judging")
     base = attribution.simplest
     near = base.fit.hypothesis.point(base.fit.u)
@@ -234,14 +240,22 @@ def diagnose(
     alike = alternatives(named) if verdicted in ("explained", "ambiguous") else []
     kept = borne_out(judged, attribution, alike) if alike and judged_on == "holdout" else alike
     refuted = [e for e in alike if e not in kept]
+    still = [e for e in kept if _predicts_nothing(fitted, attribution, e)]
+    notes += [
+        f"with {' and '.join(e.effects)} the simulation comes nearest, but it predicts nothing of the measured motion: "
+        "no effect is named; check the rig's magnet, gains, signs and units"
+        for e in still
+    ]
+    kept = [e for e in kept if e not in still]
     notes += [
         f"{' with '.join(e.effects)} would explain the recordings that were fitted, but the holdout is simulated no "
         "better with it than without, or than by calibration alone: it is not named"
         for e in refuted
     ]
+    refuted += still
     if refuted:
         verdicted, cause = worded(kept) if kept else ("unexplained", (UNKNOWN,))
-        found, named = (without(found, refuted), kept) if kept else (found, named)
+        found, named = without(found, refuted), kept or named
     chosen = next(iter(kept), None)
     picked = None if chosen is None or chosen.candidate is None else attribution.candidates[chosen.candidate]
     gap = shrink(judged, attribution, picked, judged_on, seed)
@@ -284,6 +298,27 @@ def diagnose(
         tempering,
         free,
     )
+
+
+def _with_noise_of_best(fitted: Problem, judged: Problem, attribution: Attribution) -> tuple[Problem, Problem, float]:
+    """Both problems with the noise that the best fit leaves, and how many times as loud it is taken as it looks."""
+    best = min(attribution.candidates, key=lambda c: c.predictive).fit
+    near = best.hypothesis.point(best.u)
+    louder = float(widening(fitted, best).max(initial=1.0))
+    return fitted.again(near, louder), judged.again(near, louder), louder
+
+
+def _predicts_nothing(fitted: Problem, attribution: Attribution, named: Entry) -> bool:
+    """Whether a simulation with the named effects leaves as much as one that stands still; tones do not count."""
+    if named.candidate is None or not (fit := attribution.candidates[named.candidate].fit).hypothesis.effects:
+        return False
+    found = figures(fitted, fit.residual)
+    return found is not None and found.predicted <= 0.0
+
+
+def _quieter(old: Problem, new: Problem) -> bool:
+    """Whether the noise of a recording is less by more than QUIETER."""
+    return any(np.median(a.noise / b.noise) > QUIETER for a, b in zip(old.parts, new.parts, strict=True))
 
 
 def _other_noise(old: Problem, new: Problem) -> bool:

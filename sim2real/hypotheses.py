@@ -1,7 +1,7 @@
 """Hypotheses: which effects may explain a gap, which of their parameters are fitted, and where a fit starts."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
 from math import exp, inf, log
 
@@ -80,6 +80,9 @@ WIDER, EXCLUDED = 5.0, 3.0
 # A lag of another time constant than stated is still one pole, but these effects add a second one. So beside such an
 # effect the stated time constant may itself be another, by WIDER tolerances.
 REPLACED = {"amplifier_lag": "amplifier_time_constant", "sensor_lag": "sensor_time_constant"}
+# Where no tolerance of it is stated, this much. Who says nothing of a time constant does not hold it for exact; what is
+# known of it is its order of size.
+USUAL = 0.1
 RESONANCES = tuple(name for name, card in EFFECTS.items() if card.resonance)
 
 
@@ -93,6 +96,8 @@ class Hypothesis:
         dithered: Whether sensor noise smooths the effects.
         scales: What the sizes of effects are in proportion to.
         shaped: Effects whose form may differ from the plain formula.
+        usual: Relative standard deviations of time constants of which no tolerance is stated: they move only beside the
+            effect that stands for them.
     """
 
     effects: tuple[str, ...]
@@ -100,6 +105,7 @@ class Hypothesis:
     dithered: bool = False
     scales: Scales = SMALL_ROTOR
     shaped: tuple[str, ...] = ()
+    usual: Mapping[str, float] = field(default_factory=dict)
 
     @cached_property
     def coordinates(self) -> tuple[Coordinate, ...]:
@@ -113,7 +119,7 @@ class Hypothesis:
     def instead(self, *effects: str) -> "Hypothesis":
         """Other effects on the same rig; the form stays free of those that stay."""
         kept = tuple(name for name in self.shaped if name in effects)
-        return Hypothesis(effects, self.tolerances, scales=self.scales, shaped=kept)
+        return Hypothesis(effects, self.tolerances, scales=self.scales, shaped=kept, usual=self.usual)
 
     @property
     def calibrated(self) -> tuple[str, ...]:
@@ -121,13 +127,14 @@ class Hypothesis:
         freed = {t for t, name in TOLERANCE_EFFECTS.items() if name in self.effects}
         formed = "amplifier_lag" in self.effects and "delay" not in self.effects
         own = (name for name in self.tolerances if name not in freed)
-        return (*own, *([FORM] if formed else []), *self.shapes)
+        beside = (name for name in self.usual if name in self._replaced and name not in self.tolerances)
+        return (*own, *beside, *([FORM] if formed else []), *self.shapes)
 
     def sigma(self, name: str) -> float:
         """Relative change that one unit of a calibrated coordinate stands for; 1 for a form's coordinate."""
         if name in self.shapes:
             return 1.0
-        return FORM_SHARE if name == FORM else self.tolerances[name]
+        return FORM_SHARE if name == FORM else {**self.usual, **self.tolerances}[name]
 
     @property
     def size(self) -> int:
@@ -190,6 +197,11 @@ class Hypothesis:
             low, high = (0.0, MOST_FORM) if name == FORM else (max(-0.9, -most), min(9.0, most))
             bounded[i] = min(max(bounded[i], low / sigma), high / sigma)
         return bounded
+
+
+def usual_tolerances(rig: Rig) -> dict[str, float]:
+    """Relative standard deviations of the rig's time constants of which it states no tolerance."""
+    return {name: USUAL for name in REPLACED.values() if getattr(rig, name) and name not in rig.tolerance}
 
 
 def single_effects(rig: Rig) -> tuple[str, ...]:

@@ -37,6 +37,9 @@ UNITS = {
     "damping": "N s/m",
     "delay": "s",
 }
+# Poles that every rig has. Where a rig file leaves one out, it is not known to be zero, and a fit without it would
+# explain its gain and phase by the other coefficients. It is fitted with them and shown only in their intervals.
+LEFT_OUT = {"amplifier_lag": "amplifier_time_constant", "sensor_lag": "sensor_time_constant"}
 MOST_STEPS = 20
 # Relative standard error from which a likelihood is no parabola, so that an interval by its curvature would be wrong.
 UNBOUNDED = 0.25
@@ -202,7 +205,9 @@ def _fitted(
     """The problem, its fit, and the nominal rig and the start in the same problem."""
     rig = records[0].nominal
     hidden = frozenset.intersection(*(r.upstream if isinstance(r, OpenRecord) else frozenset() for r in records))
-    names = tuple(name for name in UNITS if meaningful(name, rig.capabilities) and name not in hidden)
+    names = tuple(
+        name for name in (*UNITS, *_poles_left_out(rig)) if meaningful(name, rig.capabilities) and name not in hidden
+    )
     allowed = {name: sigma for name, sigma in tolerances(rig).items() if name not in UNITS}
     h = Hypothesis(names, allowed, scales=rig.scales)
     u = np.zeros(h.size) if near is None else near.u
@@ -224,6 +229,13 @@ def _fitted(
     fit, *others = begin([h] * (1 + len(starts)), [u, *starts], problem.data, problem.simulate)
     differentiate([fit], problem.data, problem.simulate, True)
     return problem, fit, [*others, *held_at_nominal(problem, fit)]
+
+
+def _poles_left_out(rig: Rig) -> tuple[str, ...]:
+    """Effects that stand for time constants of which the rig states neither a value nor that they are zero."""
+    return tuple(
+        effect for effect, name in LEFT_OUT.items() if not getattr(rig, name) and rig.tolerance.get(name) != 0.0
+    )
 
 
 def least_spread(fit: Fit, other: Fit, chance: float = 0.0) -> np.ndarray:
@@ -301,6 +313,8 @@ def _coefficients(rig: Rig, problem: Problem, fit: Fit, others: Sequence[Fit]) -
     heavier, covariance = _of_mass(rig, fit), fit.covariance()
     found = []
     for c, u, spread in zip(fit.hypothesis.coordinates, fit.u, sd, strict=False):
+        if c.effect not in UNITS:
+            continue
         nominal, scale = _nominal(rig, c.effect), c.scale or 1.0
         relative = c.parameter == "change"
         size = abs(nominal) if relative else 1.0

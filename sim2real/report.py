@@ -10,7 +10,7 @@ from maglev_env.loop.axes import AXES
 from maglev_env.loop.effect import EFFECTS
 from maglev_env.loop.free.places import NAMES as FREE
 from sim2real.diagnosis import Diagnosis, block_of
-from sim2real.hypotheses import CALIBRATION, NONE, TONES, UNKNOWN
+from sim2real.hypotheses import CALIBRATION, NONE, REPLACED, TONES, UNKNOWN, usual_tolerances
 from sim2real.judge import Entry
 from sim2real.leftover_words import fit_in_words, leaves, parameters_in_words, partial_in_words
 from sim2real.locate import Where
@@ -152,7 +152,24 @@ def tempered(diagnosis: Diagnosis) -> str:
 def _besides(diagnosis: Diagnosis) -> str:
     """What is as little as stated as an effect would be, although it is not called one; as the end of a sentence."""
     far = _far(diagnosis)
-    return f"; besides, the rig is not as stated: {', '.join(far)}" if far else ""
+    lags = f"; in all, {' and '.join(found)}" if (found := _whole_lags(diagnosis)) else ""
+    return lags + (f"; besides, the rig is not as stated: {', '.join(far)}" if far else "")
+
+
+def _whole_lags(diagnosis: Diagnosis) -> list[str]:
+    """How long a block lags in all where a lag of it is named and the stated time constant, which has no tolerance, was
+    fitted beside it: the share of each says nothing."""
+    found = []
+    for effect, name in REPLACED.items():
+        values = diagnosis.corrected.effects.get(effect)
+        if values is None or name not in usual_tolerances(diagnosis.rig):
+            continue
+        stated = getattr(diagnosis.rig, name)
+        whole = stated * (1 + diagnosis.corrected.changes.get(name, 0.0))
+        whole += (1 - values.get("feedback", 0.0)) * values["time_constant"]
+        block = effect.removesuffix("_lag")
+        found.append(f"the {block} lags by {quantity(whole, None, 's')} ({quantity(stated, None, 's')} stated)")
+    return found
 
 
 def _far(diagnosis: Diagnosis) -> list[str]:

@@ -1,6 +1,7 @@
 """Columns of text files as programs write them: .csv, .tsv, .txt, .dat and LabVIEW's .lvm."""
 
 import codecs
+import re
 from collections import deque
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -24,6 +25,9 @@ from maglev_env.recordings.text_layout import (
 
 MAX_PREAMBLE = 1000  # lines above the numbers
 _TAIL = 200
+DAY = 86400.0  # s
+_CLOCK = re.compile(r"(?:\S+[ T])?(\d{1,2}):([0-5]\d):([0-5]\d(?:[.,]\d+)?)")  # a time of day, behind a date or alone
+_SHOWN = 40  # characters of a line
 _BLOCK = 65536
 _BOMS = {codecs.BOM_UTF8: "utf-8-sig", codecs.BOM_UTF16_LE: "utf-16", codecs.BOM_UTF16_BE: "utf-16"}
 
@@ -68,7 +72,7 @@ def open_text(path: Path, stated: TextLayout) -> TextFile:
     once = {name: j for j, name in enumerate(layout.names) if name and layout.names.count(name) == 1}
     names = tuple(n if n in once else f"[{j}]" for j, n in enumerate(layout.names))
     with path.open(encoding=encoding) as file:
-        table, problems = _table(numbered_lines(file), layout)
+        table, problems, end = _table(numbered_lines(file), layout)
 
     def read(root: str, steps: Steps) -> Any:
         j = once[root] if root in once else positions[root]
@@ -79,7 +83,7 @@ def open_text(path: Path, stated: TextLayout) -> TextFile:
     twice = {name for name in layout.names if layout.names.count(name) > 1} - {""}
     notes += [f"several columns are called {name!r}: they go by position" for name in sorted(twice)]
     headers = {name: header for name, header in zip(names, layout.preamble.headers, strict=False) if header}
-    return TextFile(names, read, tuple(positions), (*notes, *layout.notes), headers, layout.preamble.numbers)
+    return TextFile(names, read, tuple(positions), (*notes, *layout.notes, *end), headers, layout.preamble.numbers)
 
 
 def _encoding(path: Path) -> tuple[str, list[str]]:
@@ -102,12 +106,16 @@ def _encoding(path: Path) -> tuple[str, list[str]]:
     return ("latin-1", ["the file is not UTF-8: read as Latin-1"]) if latin else ("utf-8", [])
 
 
-def _table(lines: Iterator[tuple[int, str]], layout: Layout) -> tuple[np.ndarray, dict[int, str]]:
-    """The numbers (samples, columns), and for each column that does not hold numbers alone, where."""
+def _table(lines: Iterator[tuple[int, str]], layout: Layout) -> tuple[np.ndarray, dict[int, str], list[str]]:
+    """The numbers (samples, columns), for each column that does not hold numbers alone, where, and notes.
+
+    The last line may be the beginning of one, where a program was stopped while it wrote.
+    """
     columns = len(layout.names)
     parts: list[np.ndarray] = [np.empty((0, columns))]
     problems: dict[int, str] = {}
-    blank = None
+    clocks: set[int] = set()
+    blank, notes = None, []
     for _ in range(layout.first):
         next(lines)
     sample = 0
@@ -120,12 +128,27 @@ def _table(lines: Iterator[tuple[int, str]], layout: Layout) -> tuple[np.ndarray
                 raise Refused(f"line {blank} (before sample {sample + len(rows)}) is blank or a comment among numbers")
             else:
                 rows.append((number, line))
-        parts.append(_numbers(rows, layout, sample, problems))
+        if len(block) < _BLOCK and len(rows) > 1 and (cut := _cut_off(rows[-1][1], layout)):
+            notes.append(f"the last line is cut off ({cut}): it is left out")
+            rows.pop()
+        parts.append(_numbers(rows, layout, sample, problems, clocks))
         sample += len(rows)
-    return np.concatenate(parts), problems
+    table = np.concatenate(parts)
+    for j in sorted(clocks - problems.keys()):
+        table[:, j] = _past_midnight(table[:, j])
+        notes.append(f"column {layout.names[j] or f'[{j}]'!r} holds times of day: it is read in seconds since midnight")
+    return table, problems, notes
 
 
-def _numbers(rows: list[tuple[int, str]], layout: Layout, sample: int, problems: dict[int, str]) -> np.ndarray:
+def _cut_off(line: str, layout: Layout) -> str:
+    """What a last line holds that has no end and fewer cells than the others; "" where it is whole."""
+    few = len(cells_of(line, layout.separator)) < len(layout.names)
+    return repr(line.strip()[:_SHOWN]) if few and not line.endswith("\n") else ""
+
+
+def _numbers(
+    rows: list[tuple[int, str]], layout: Layout, sample: int, problems: dict[int, str], clocks: set[int]
+) -> np.ndarray:
     separator, columns = layout.separator, len(layout.names)
     if not rows:
         return np.empty((0, columns))
@@ -150,6 +173,15 @@ def _numbers(rows: list[tuple[int, str]], layout: Layout, sample: int, problems:
         for j, cell in enumerate(cells[:columns]):
             if is_number(cell, layout.decimal):
                 values[i, j] = float(cell.replace(",", "."))
+            elif clock := _CLOCK.fullmatch(cell):
+                hours, minutes, seconds = (float(part.replace(",", ".")) for part in clock.groups())
+                values[i, j] = 3600 * hours + 60 * minutes + seconds
+                clocks.add(j)
             else:
                 problems.setdefault(j, f"{cell!r} in line {number} (sample {sample + i}) is not a number")
     return values
+
+
+def _past_midnight(times: np.ndarray) -> np.ndarray:
+    """Times of day in s, (samples,), that go on rising where a day ends."""
+    return times + DAY * np.cumsum(np.diff(times, prepend=times[:1]) < -DAY / 2)

@@ -161,4 +161,5 @@ class Freed(Hypothesis):
 
 def freed(base: Hypothesis, added: Sequence[Kind], sizes: Sizes) -> Freed:
     """A hypothesis with corrections added."""
-    return Freed(base.effects, base.tolerances, base.dithered, base.scales, base.shaped, tuple(added), sizes)
+    own = base.effects, base.tolerances, base.dithered, base.scales, base.shaped, base.usual
+    return Freed(*own, tuple(added), sizes)

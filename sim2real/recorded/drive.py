@@ -196,7 +196,9 @@ def _stood_in(
         amplifier_time_constant=0.0 if source == "current" else rig.amplifier_time_constant,
         effects={name: values for name, values in rig.effects.items() if name not in upstream},
     )
-    held = spec.intersample == "zoh" or (spec.intersample is None and source == "command" and every == 1)
+    # A converter holds for a control step; a recording that is slower than the controller shows nothing held.
+    stated = spec.intersample == "zoh" and every <= 1
+    held = stated or (spec.intersample is None and source == "command" and every == 1)
     between = "held" if held else "straight lines"
     if source is None:
         e = without_noise(Experiment(rig, NO_CONTROLLER, (), speed_rpm=spec.speed_rpm))

@@ -1,11 +1,11 @@
-"""What a recorded reference or injection alone causes, where noise is part of what drives a simulation.
+"""What a recorded reference, injection or force alone causes, where noise is part of what drives a simulation.
 
 Under a stand-in controller the measured current drives the simulation, with all that the true controller made of sensor
-noise, of the current meter's noise and of forces. The same noise is in the reading, so a fit of all that varies is
-biased. The reference is free of it. Only what goes with the reference is compared: in each window of lines, current and
-reading are projected on the reference, as with an instrumental variable (Soderstrom and Stoica, System Identification,
-1989, chapter 8; for a closed loop Van den Hof, Annual Reviews in Control 22, 1998). Nothing need be known of the
-controller or of the noise.
+noise, of the current meter's noise and of unknown forces. The same noise is in the reading, so a fit of all that varies
+is biased. The reference is free of it, and so are an injection and the force of a hammer or a shaker. Only what goes
+with them is compared: in each window of lines, current and reading are projected on them, as with an instrumental
+variable (Soderstrom and Stoica, System Identification, 1989, chapter 8; for a closed loop Van den Hof, Annual Reviews
+in Control 22, 1998). Nothing need be known of the controller or of the noise.
 """
 
 from collections.abc import Mapping
@@ -20,7 +20,7 @@ CLEAR = 10.0  # power along the instruments over that of the noise, from which a
 
 
 def has_instruments(channels: Mapping[str, np.ndarray]) -> bool:
-    """Whether channels -> (axes, samples) hold a reference or an injection that varies."""
+    """Whether channels -> (axes, samples) hold a reference, an injection or a force that varies."""
     return len(_varying(channels, 0)) > 0
 
 
@@ -58,5 +58,5 @@ def compared_along(record: OpenRecord, known: np.ndarray, top: float) -> OpenRec
 
 def _varying(channels: Mapping[str, np.ndarray], first: int) -> np.ndarray:
     """Series (inputs, samples) of the channels that are free of noise and vary from a sample on."""
-    known = [s for name in ("reference", "injection") if name in channels for s in channels[name]]
+    known = [s for name in ("reference", "injection", "force") if name in channels for s in channels[name]]
     return np.array([s for s in known if np.ptp(s[first:]) > 0])

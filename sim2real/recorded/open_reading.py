@@ -148,7 +148,7 @@ def open_record(campaign: Campaign, spec: RecordingSpec, dataset: "xr.Dataset") 
         return record
     stated = _stated(spec, drive.source)
     top = np.inf if drive.held else TOP * record.windows.sample_rate
-    found, what = along_instruments(record, channels, top), "with the recorded reference or injection"
+    found, what = along_instruments(record, channels, top), "with the recorded reference, injection or force"
     if found is None and not any(source.filter or source.delay for source in stated):
         found = along_innovations(record, channels, top)
         what = f"with what its own past and the displacement's leave unexplained of the {drive.source}"

@@ -1,5 +1,8 @@
 """The controller that stands in for an unknown one."""
 
+from dataclasses import replace
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
@@ -7,6 +10,7 @@ from maglev_env.loop.gains import LinearController
 from maglev_env.loop.magnets.kinds import force_law
 from maglev_env.loop.magnets.law import linearise
 from maglev_env.rig.rig import load_rig
+from sim2real.recorded.drive import drive_of
 from sim2real.recorded.stand_in import HOLDING, STIFF, holds, stand_in
 
 
@@ -32,3 +36,12 @@ def test_the_designed_stand_in_is_soft_where_the_reading_is_noisy_and_stiff_wher
         assert "designed" in name
         found.append(gains.kp * gain / abs(stiffness) - 1)  # net stiffness in that of the magnets
     assert found == pytest.approx([min(STIFF), max(STIFF)], rel=0.05)
+
+
+def test_nothing_is_held_over_the_samples_of_a_log_that_is_slower_than_the_controller():
+    rig = replace(load_rig("hmb_free"), control_rate=1000.0)
+    rng = np.random.default_rng(1)
+    channels = {"displacement": 1e-6 * rng.normal(size=(1, 500)), "current": 0.1 * rng.normal(size=(1, 500))}
+    for rate, held in ((1000.0, True), (200.0, False)):
+        spec = SimpleNamespace(sample_rate=rate, gains=None, speed_rpm=0.0, intersample="zoh")
+        assert drive_of(rig, spec, channels).held is held

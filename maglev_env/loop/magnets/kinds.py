@@ -103,3 +103,10 @@ def check_magnet(m: Magnet) -> None:
             raise ValueError(f"{parameter} belongs to magnet = {known}; leave it out for {m.magnet!r}")
     if m.magnet in KINDS:
         KINDS[m.magnet].check(m)
+        return
+    for parameter in ("actuator_gain", "negative_stiffness"):
+        if getattr(m, parameter) is not None:
+            raise ValueError(
+                f"{parameter} is a magnet's, and magnet = {m.magnet!r} has none; leave it out, or use one of "
+                f"{', '.join(KINDS)}"
+            )

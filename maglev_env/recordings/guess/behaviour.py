@@ -4,6 +4,7 @@ import numpy as np
 
 MOST = 20_000  # samples that are looked at
 _JITTER = 0.5  # largest rms deviation of a time step, of the median step
+_FEW, _HELD = 8, 4  # values of a signal that switches between few, and samples for which it holds each
 _LEVELS = 0.25  # share of samples at which a piecewise constant signal may change
 _DERIVATIVE = 0.85  # correlation with the slope of another column
 _MOST_LAG = 10  # samples by which a current follows its command
@@ -26,8 +27,13 @@ def is_constant(values: np.ndarray) -> bool:
 
 def steps_in(values: np.ndarray) -> int:
     """Number of changes of a piecewise constant signal (samples,); 0 where it is none."""
-    changes = np.count_nonzero(np.diff(values))
-    return int(changes) if 0 < changes < _LEVELS * values.size and changes <= max(8, values.size / 40) else 0
+    at = np.flatnonzero(np.diff(values))
+    if not 0 < at.size < _LEVELS * values.size:
+        return 0
+    # Many changes are those of a random binary or a staircase signal if its values are few and hold for a while; a
+    # converter's last digit flickers.
+    held = at.size > 1 and np.unique(values).size <= _FEW and np.mean(np.diff(at) >= _HELD) > 0.95
+    return int(at.size) if at.size <= max(8, values.size / 40) or held else 0
 
 
 def correlation(a: np.ndarray, b: np.ndarray) -> float:

@@ -12,13 +12,15 @@ from maglev_env.recordings.guess import behaviour as shown
 from maglev_env.recordings.guess.evidence import LIKELY, OPEN, SURE
 from maglev_env.recordings.guess.rate import time_scale
 from maglev_env.recordings.guess.units import Unit, header_unit, known_unit
-from maglev_env.recordings.guess.words import meaning
+from maglev_env.recordings.guess.words import Meaning, meaning
 
 _NAMES_BESIDE = ("Name", "name", "Label", "label", "blockName")  # texts of a struct that name its values
 _UNITS_BESIDE = ("Unit", "unit", "Units", "units", "XUnit")
+_TDMS = re.compile(r"/'.*'/'(.+)'")  # what a TDMS file calls a channel: /'group'/'channel'
 _VARIABLE, _TYPE = re.compile(r"[A-Za-z_]\w*(\.[A-Za-z_]\w*)+"), re.compile(r"^(f|r|lr)(?=[A-Z])")
 # Sizes that a channel without a unit is likely to have in SI, rms or mean; beyond them it is in a smaller unit.
 _LARGEST_M = 0.05
+NO_UNIT = "no unit"  # begins the evidence for a scale by the size of the values
 _NOT_CURRENT = 3.0  # times the size of the current beyond which a "command" is a voltage
 
 
@@ -68,6 +70,8 @@ def guess_columns(found: Contents) -> tuple[ColumnGuess, ...]:
 def _label(expression: str, found: Contents) -> tuple[str, Unit | None]:
     """What the file calls a column, and its unit: by a text beside it, else by the last part of its name."""
     texts = found.texts
+    if channel := _TDMS.fullmatch(expression):
+        return header_unit(channel[1])
     if header := found.headers.get(expression, ""):
         label, unit = header_unit(header)
         # Of a controller's variable, "MAIN.fbAxis.fPosition", the last part without the letter of its type.
@@ -118,6 +122,8 @@ def _listed(expression: str, found: Contents) -> str:
 
 def _by_name(column: str, label: str, unit: Unit | None, values: np.ndarray) -> ColumnGuess:
     said = meaning("" if re.fullmatch(r"\[\d+\]", label) else label, unit.si if unit else "")
+    if said.channel is None and unit and unit.si == "A" and label == unit.text:  # called by its unit alone
+        said = Meaning("current", confidence=LIKELY)
     if not np.isfinite(values).all():
         return ColumnGuess(column, label, "", 1.0, "holds values that are no finite numbers", SURE)
     if said.channel is None or (len(said.word) == 1 and said.channel != "time" and shown.is_time(values)):
@@ -306,13 +312,13 @@ def _scaled(
     if guess.channel == "time":
         scale, why, ask = time_scale(values, numbers)
         return replace(guess, scale=scale, reason=f"{guess.reason}, {why}", ask=ask)
-    scale, why = 1.0, f"no unit, {span}, taken as {si}"
+    scale, why = 1.0, f"{NO_UNIT}, {span}, taken as {si}"
     if si == "m":
         # Reference and displacement of one file are in one unit: the larger of them tells it.
         lengths = [all_values[n] for n, g in guesses.items() if g.channel and _unit(g.channel) == "m"]
         size = max(float(np.abs(v).max()) for v in lengths)
         scale, name = (1.0, "m") if size < _LARGEST_M else (1e-3, "mm") if size < 50 else (1e-6, "um")
-        why = f"no unit, {span}, of that size taken as {name}"
+        why = f"{NO_UNIT}, {span}, of that size taken as {name}"
     ask = "; ".join(filter(None, (guess.ask, "unit of this column")))
     return replace(
         guess, scale=scale, reason=f"{guess.reason}; {why}", ask=ask, confidence=min(guess.confidence, LIKELY)

@@ -15,6 +15,7 @@ _STEPS = re.compile(
     re.IGNORECASE,
 )
 _AS_STATED = 0.01  # relative deviation of a stated step from that of the column
+_FEW_GAPS = 0.05  # share of steps that may be several, where samples are missing
 _SLOWEST = 40.0  # Hz of control with which anything levitates
 
 
@@ -39,7 +40,10 @@ def guess_rate(time: np.ndarray | None, scale: float, numbers: Mapping[str, floa
         if scale == 1 and middle == 1:
             ask = "sample rate in Hz (column {label} counts samples)"
             return Guess("sample_rate", None, f"column {label} counts samples", 0.0, ask.format(label=label))
-        mean = float((time[-1] - time[0]) * scale / (time.size - 1))
+        # Where a step is there and others are whole multiples of it, samples are missing, and the clock is right.
+        times = np.round(steps / middle)
+        few = bool(np.mean(times != 1) < _FEW_GAPS)
+        mean = float((time[-1] - time[0]) * scale / (times.sum() if few else time.size - 1))
         rate = _nice(1 / mean)
         reason = (
             f"{rate:g} Hz: mean step of column {label} {mean:.6g} s, median {middle:.6g} s, jitter {jitter:.2g} rms"

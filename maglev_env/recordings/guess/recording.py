@@ -16,6 +16,9 @@ from maglev_env.recordings.guess.excitation import guess_excitation
 from maglev_env.recordings.guess.rate import guess_rate
 
 _ONE_SIDED = 0.02  # of its largest value, that a current of one sign may read below zero
+_ALIKE = 1e-3  # relative difference up to which two axes have the same gains
+_TOWARD = "whether the displacement is measured away from the magnet (kp is negative): scale < 0"
+_EACH = "the controllers: [recording.gains.x] and [recording.gains.y]"
 _CARRIES = 2.0  # mean current over its standard deviation that holds a weight
 
 
@@ -112,7 +115,7 @@ def guess_recording(
         columns = tuple(replace(c, channel="", reason=guessed.reason) if c is time else c for c in columns)
     signals = {n: v for n, v in by_channel.items() if n != "time"}
     tables, excitation = guess_excitation(signals, guessed.value)
-    gains, controller = _controller(by_channel, guessed.value)
+    gains, controller = _controllers(by_channel, guessed.value)
     return RecordingGuess(
         file=path.name if folder is None else path.resolve().relative_to(folder.resolve()).as_posix(),
         columns=columns,
@@ -125,6 +128,35 @@ def guess_recording(
         notes=(*file.notes, *found.unused),
         part=part,
     )
+
+
+def other_way_round(guess: RecordingGuess) -> RecordingGuess:
+    """The guess with the gains of a controller whose displacement now counts in the other direction."""
+    if not guess.gains:
+        return guess
+    gains = {name: value if name in ("td", "ti") else 0.0 - value for name, value in guess.gains.items()}
+    said = replace(guess.controller, value=gains, ask="" if gains["kp"] > 0 else _TOWARD)
+    return replace(guess, gains=gains, controller=said)
+
+
+def _controllers(channels: Mapping[str, np.ndarray], rate: float | None) -> tuple[dict[str, float] | None, Guess]:
+    """The controller; of two axes the one that both have, else what is said of x."""
+    if "displacement_x" not in channels:
+        return _controller(channels, rate)
+    each = [
+        _controller({n.removesuffix(axis): v for n, v in channels.items() if n.endswith(axis)}, rate)
+        for axis in ("_x", "_y")
+    ]
+    (of_x, said), (of_y, _) = each
+    if of_x and of_y and all(abs(of_x[n] - of_y[n]) <= _ALIKE * abs(of_x[n]) for n in of_x):
+        return of_x, replace(said, reason=f"in x, and in y likewise: {said.reason}")
+    if of_x and of_y:
+        found = "; ".join(
+            f"{axis}: {', '.join(f'{n} = {v:.5g}' for n, v in g.items())}"
+            for axis, g in zip("xy", (of_x, of_y), strict=True)
+        )
+        return None, Guess("controller", None, f"each axis has a PID of its own ({found})", OPEN, _EACH)
+    return None, replace(said, value=None)
 
 
 def _controller(channels: Mapping[str, np.ndarray], rate: float | None) -> tuple[dict[str, float] | None, Guess]:
@@ -145,8 +177,7 @@ def _controller(channels: Mapping[str, np.ndarray], rate: float | None) -> tuple
     stepped = np.isfinite(fit.step) and fit.residual <= fit.step
     how = f"one step of its converter ({fit.step:.3g} A)" if stepped else "what the digits of the columns leave"
     reason = f"the command is a PID of the displacement to {fit.residual:.2g} A rms, within {how}"
-    sign = "" if g.kp > 0 else "whether the displacement is measured away from the magnet (kp is negative): scale < 0"
-    return gains, Guess("controller", gains, reason, SURE, sign)
+    return gains, Guess("controller", gains, reason, SURE, "" if g.kp > 0 else _TOWARD)
 
 
 def _not_a_pid(fit: ControllerFit) -> str:
@@ -165,7 +196,7 @@ def _not_a_pid(fit: ControllerFit) -> str:
 
 def _rotor(channels: Mapping[str, np.ndarray]) -> Guess:
     ask = "whether the rotor hangs below a magnet or is supported"
-    for name in ("current", "command"):
+    for name in ("current", "command", "current_x", "command_x"):
         if name in channels:
             values = channels[name]
             mean, spread = float(values.mean()), float(values.std())

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 from maglev_env.recordings.guess.behaviour import correlation
 from maglev_env.recordings.guess.columns import ColumnGuess
 from maglev_env.recordings.guess.evidence import LIKELY
-from maglev_env.recordings.guess.recording import RecordingGuess
+from maglev_env.recordings.guess.recording import RecordingGuess, other_way_round
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -37,7 +37,8 @@ def facing_the_magnet(guess: RecordingGuess, dataset: "xr.Dataset") -> Recording
         else c
         for c in guess.columns
     )  # fmt: skip
-    return replace(guess, columns=columns)
+    turned = replace(guess, columns=columns)
+    return other_way_round(turned) if follows > _FOLLOWS else turned
 
 
 def _asking(column: ColumnGuess, ask: str) -> ColumnGuess:

@@ -57,6 +57,8 @@ def header_unit(header: str) -> tuple[str, Unit | None]:
         The name, and the unit in brackets, behind a slash, "in" or a comma, or as the last word; None without one.
     """
     header = header.strip()
+    if len(header) > 1 and header in _UNITS:  # a column that is called by its unit alone
+        return header, known_unit(header)
     for pattern in (_BRACKETS, _BEHIND):
         if (found := pattern.match(header)) and (unit := known_unit(found[2])):
             return found[1].strip(" _,"), unit

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 _WORDS = {
     "time": "time zeit tiempo temps tempo timestamp clock seconds sekunden segundos elapsed",
     "displacement": "position pos displacement displ disp gap airgap weg auslenkung spalt luftspalt posicion lage "
-    "desplazamiento entrehierro distance abstand hoehe height altura deplacement entrefer probe wirbelstrom kugel",
+    "desplazamiento entrehierro distance abstand hoehe height altura deplacement entrefer wirbelstrom kugel",
     "current": "current curr cur strom corriente courant amps ampere spulenstrom icoil",
     "voltage": "voltage volt volts spannung voltaje tension spulenspannung",
     "force": "force kraft fuerza loadcell shaker kraftsensor kraftmessdose",
@@ -18,7 +18,7 @@ _WORDS = {
     "error": "error err fehler regelabweichung abweichung deviation",
     "count": "index idx sample samples nr number count zaehler muestra",
     "temperature": "temp temperature temperatur temperatura",
-    "output": "output stellgroesse stell stellsignal controller reglerausgang control salida mando commande",
+    "output": "output pwm duty stellgroesse stell stellsignal controller reglerausgang control salida mando commande",
 }
 _LETTERS = {
     "time": "t ts",
@@ -32,6 +32,8 @@ _LETTERS = {
     "count": "n k",
     "output": "u",
 }
+# What any quantity may be read by, so that it tells one only where no other word does: "i_probe" is a current clamp.
+_INSTRUMENTS = {"displacement": "probe"}
 _WANTED = (
     "ref reference setpoint sp soll sollwert set desired des wanted target yd command cmd demand "
     "referencia consigna vorgabe fuehrungsgroesse kommando w r"
@@ -39,7 +41,7 @@ _WANTED = (
 _ESTIMATED = "hat obs observer est estimate estimated estimado schaetz schaetzwert geschaetzt observador"
 _INJECTED = (
     "inj injection injected injektion dither exc excitation anregung stoerung stoergroesse disturbance perturbation "
-    "noise rauschen chirp sweep multisine testsignal excitacion"
+    "noise rauschen chirp sweep multisine prbs testsignal excitacion"
 )
 # A letter with a word or an axis: "iref", "iy".
 _GLUED = re.compile("^([iyxzhuf])(ref|soll|cmd|set|des|obs|hat|est|meas|mess|ist|act|inj)$|^([iuf])([xyz])$")
@@ -97,12 +99,13 @@ def meaning(name: str, si: str = "") -> Meaning:
     if not words or _PLACEHOLDER.fullmatch(name.strip().lower()):
         words = []
     quantity, word, sure = _quantity(words, name)
-    axis = next((w for w in words if w in _AXES and w != word), "")
     wanted, injected = _one_of(words, _WANTED, True), _one_of(words, _INJECTED, True)
+    # Beside other words, as in "ref x" or "probe x", the letter is quantity and axis in one.
+    axis = next((w for w in words if w in _AXES and (w != word or len(words) > 1)), "")
     estimated = _one_of(words, _ESTIMATED)
     if si == "A" and quantity in ("", "output", "displacement", "voltage") and not injected:
         quantity, wanted = "current", wanted or (word if quantity == "output" else "")
-    if si == "V" and quantity in ("", "output"):
+    if si == "V" and quantity in ("", "output") and not injected:
         quantity, wanted, estimated = "voltage", "", ""
     if not quantity and not injected and si:
         quantity = {"m": "displacement", "N": "force", "s": "time", "rad/s": "speed", "m/s": "velocity"}.get(si, "")
@@ -130,7 +133,8 @@ def meaning(name: str, si: str = "") -> Meaning:
 
 def _quantity(words: list[str], name: str) -> tuple[str, str, float]:
     """The quantity that the words state, the word, and the confidence in it."""
-    for table, sure, compound in ((_WORDS, 0.95, False), (_LETTERS, 0.75, False), (_WORDS, 0.85, True)):
+    tables = (_WORDS, 0.95, False), (_LETTERS, 0.75, False), (_WORDS, 0.85, True), (_INSTRUMENTS, 0.75, False)
+    for table, sure, compound in tables:
         for w in words:
             for quantity, listed in table.items():
                 if _one_of([w], listed, compound):

@@ -38,12 +38,25 @@ class Constant:
 
 
 def trusted(bands: Sequence[Band]) -> list[Band]:
-    """Bands that bound their coefficients and that constant coefficients describe, without overlap."""
+    """Bands that bound their coefficients and that constant coefficients describe, without overlap.
+
+    Where the mass or the noise rules, an interval may have two ends and say nothing of the stiffness: one that is wider
+    than the stiffness of the best band is large does not count.
+    """
+    sure = [band for band in bands if trust(band) in ("either", "ML")]
+    best = min(sure, key=_spread, default=None)
     found: list[Band] = []
-    for band in bands:
-        if trust(band) in ("either", "ML") and (not found or band.f_lo >= found[-1].f_hi):
+    for band in sure:
+        known = best is not None and _spread(band) <= max(abs(best.stiffness), _spread(best))
+        if known and (not found or band.f_lo >= found[-1].f_hi):
             found.append(band)
     return found
+
+
+def _spread(band: Band) -> float:
+    """Half the width of the interval of the stiffness, N/m."""
+    low, high = band.stiffness_ci
+    return (high - low) / 2
 
 
 def over_bands(bands: Sequence[Band], name: str) -> Constant:

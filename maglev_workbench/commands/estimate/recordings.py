@@ -1,7 +1,8 @@
 """Identification of every recording of a campaign: each axis alone, and x and y together if both were excited."""
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, replace
+from contextlib import suppress
+from dataclasses import dataclass, field, replace
 
 from maglev_env.evaluation.identification import Identification, identify
 from maglev_env.evaluation.identification_planar import PlanarIdentification, identify_planar
@@ -29,7 +30,8 @@ class Identified:
         axes: Identification of single axes.
         planar: Identification of x and y together.
         open: Recordings without an excitation that repeats or is recorded.
-        pooled: The named rig in all recordings, where some are open.
+        aperiodic: Recordings whose excitation is recorded and does not repeat.
+        pooled: The named rig in all recordings, where some do not repeat.
         left_out: Recordings that tell nothing.
     """
 
@@ -38,6 +40,7 @@ class Identified:
     open: list[str]
     pooled: Pooled | None = None
     left_out: tuple[LeftOut, ...] = ()
+    aperiodic: list[str] = field(default_factory=list)
 
 
 def identify_campaign(
@@ -67,6 +70,8 @@ def identify_campaign(
         if campaign.rig is not None and all(e.kind == "none" for e in spec.excitations):
             found.open.append(spec.file)
             return
+        if any(e.kind == "recorded" for e in spec.excitations):
+            found.aperiodic.append(spec.file)
         signals = recorded_signals(campaign, spec, read_recording(campaign, spec))
         try:
             found.axes.extend(_axes(spec.file, signals, campaign.rig, mass, estimate_mass, band_width, band_overlap))
@@ -83,6 +88,12 @@ def identify_campaign(
     if found.open:
         told, together = _pooled(campaign)
         found = replace(found, pooled=together)
+    elif found.aperiodic and campaign.rig is not None and campaign.rig.controlled:
+        # Responses are those of a straight line through the force law, and know nothing of lags: of a named rig the
+        # simulation says more. Where it cannot, they stand alone.
+        with suppress(ValueError):
+            _, together = _pooled(campaign)
+            found = replace(found, pooled=together)
     return replace(found, left_out=told.left_out)
 
 

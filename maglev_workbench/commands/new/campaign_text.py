@@ -62,6 +62,11 @@ def _recording(guess: RecordingGuess) -> list[str]:
         # The table in one line: a table header would end the recording's own keys.
         parts = ", ".join(f"{name} = {toml_value(value)}" for name, value in guess.gains.items())
         lines.append(f"gains = {{ {parts} }}")
+        if any(c.ask for name, c in guess.channels.items() if name.startswith(("displacement", "command"))):
+            lines += _comment(
+                "these gains hold for the scales below: where you change that of the displacement by a factor, divide "
+                "kp, ki and kd by it; of the command, multiply them"
+            )
     if guess.excitation.value != "none":
         lines += _comment(
             f'{PLEASE} intersample = "zoh" where a converter holds the excitation, "bl" where it is smooth.'

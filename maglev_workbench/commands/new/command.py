@@ -37,6 +37,7 @@ def new(
 
     from maglev_env.loop.magnets.kinds import MAGNETS
     from maglev_env.recordings.files import write_text_atomic
+    from maglev_env.recordings.guess.agreed import agreed
     from maglev_env.recordings.guess.evidence import LIKELY
     from maglev_env.recordings.guess.recording import guess_recording
     from maglev_env.recordings.guess.verified import verified
@@ -80,14 +81,16 @@ def new(
     inside, copied = bring([f for f in files if f not in refused], folder)
     stated = replace(stated, rig=None if rig is None else rig_beside(rig, folder))
     names = [f.resolve().relative_to(folder.resolve()).as_posix() for f in inside]
-    guesses = [verified(replace(g, file=name), folder) for g, name in zip(guesses, names, strict=True)]
+    guesses = agreed([verified(replace(g, file=name), folder) for g, name in zip(guesses, names, strict=True)])
 
     known = next((g for g in guesses if g.gains), None)
     if stated.rig is None:
         skeleton = folder / "rig.toml"
         if force or not skeleton.exists():
             hangs = all(g.rotor.value == "suspended" and g.rotor.confidence >= LIKELY for g in guesses)
-            text = rig_text(stated, known.gains if known else None, known.rate.value if known else None, hangs)
+            driven = any({"current", "command", "current_x", "command_x"} & g.channels.keys() for g in guesses)
+            gains, rate = (known.gains, known.rate.value) if known else (None, None)
+            text = rig_text(stated, gains, rate, hangs, driven)
             write_text_atomic(skeleton, text)
     write_text_atomic(folder / "campaign.toml", campaign_text(guesses, stated))
     answer = answer_of(guesses, refused, stated, stated.rig is None)

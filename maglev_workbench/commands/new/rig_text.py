@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 
-from maglev_env.loop.magnets.kinds import MAGNETS, NO_MAGNET
+from maglev_env.loop.magnets.kinds import KINDS, MAGNETS, NO_MAGNET
 from maglev_env.rig.rig import SCHEMA
 from maglev_workbench.commands.new.campaign_text import PLEASE
 from maglev_workbench.commands.new.stated import Stated
@@ -30,8 +30,25 @@ _NEEDED: Mapping[str, Mapping[str, str]] = {
 }  # fmt: skip
 
 
+# What a recording cannot do without in the simulation, whatever the magnet.
+_CHAIN = (
+    "adc_bits = 0              # no converter cuts off or rounds: or state adc_bits, dac_bits, voltage_range (V) and",
+    "dac_bits = 0              # probe_gain (V/m), whose defaults are 16, 14, 10 and 8000",
+    "# sensor_time_constant = 1e-5     # s, filter of the probe: {please} yours (left out: estimate fits it)",
+)
+_DRIVEN = (
+    "# amplifier_time_constant = 1e-4  # s, from command to current: {please} yours (left out: estimate fits it)",
+    "# actuator_gain = 1.0         # N/A, where it was measured: {please} yours",
+    "# negative_stiffness = -1e3   # N/m, likewise: {please} yours",
+)
+
+
 def rig_text(
-    stated: Stated, gains: Mapping[str, float] | None, control_rate: float | None, suspended: bool = False
+    stated: Stated,
+    gains: Mapping[str, float] | None,
+    control_rate: float | None,
+    suspended: bool = False,
+    driven: bool = False,
 ) -> str:
     """The skeleton; what is known stands, the rest is commented out with a value of the usual form.
 
@@ -40,9 +57,10 @@ def rig_text(
         gains: the controller, where a recording shows it.
         control_rate: Hz, where a recording shows that its controller runs at its sample rate.
         suspended: whether the recordings show a rotor that hangs below a single magnet.
+        driven: whether they hold a command or a current.
     """
-    magnet = stated.magnet or ("electromagnet" if suspended else NO_MAGNET)
-    chosen = f'magnet = "{magnet}"' if stated.magnet else f'# magnet = "electromagnet"  # {PLEASE} {", ".join(MAGNETS)}'
+    magnet = stated.magnet or ("electromagnet" if suspended else "electromagnet_pair" if driven else NO_MAGNET)
+    chosen = f'magnet = "{magnet}"' if stated.magnet else f'# magnet = "{magnet}"  # {PLEASE} {", ".join(MAGNETS)}'
     mass = f"mass = {stated.mass!r}" if stated.mass is not None else f"# mass = 0.1                 # {PLEASE} kg"
     lines = [
         "# A skeleton: take the # from a line when its value is right, then name this file in campaign.toml.",
@@ -59,10 +77,7 @@ def rig_text(
         lines.append(f"control_rate = {control_rate!r}    # Hz: the command follows the displacement sample by sample")
     else:
         lines.append(f"# control_rate = 20000.0      # Hz: {PLEASE} yours")
-    lines += [
-        f"# actuator_gain = 1.0         # N/A, where it was measured: {PLEASE} yours",
-        f"# negative_stiffness = -1e3   # N/m, likewise: {PLEASE} yours",
-    ]
+    lines += [line.format(please=PLEASE) for line in (*_CHAIN, *(_DRIVEN if magnet in KINDS else ()))]
     if gains:
         lines += ["", "[gains]  # found in the recordings", *(f"{name} = {value!r}" for name, value in gains.items())]
     lines += ["", "[tolerance]  # relative 1-sigma uncertainty of what you know", "# mass = 0.005"]

@@ -258,3 +258,21 @@ def test_force_is_the_work_of_the_field_when_flux_runs_through_the_magnet():
 def test_a_rig_without_magnets_has_no_law():
     with pytest.raises(ValueError, match="no force law"):
         force_law(load_rig("pedestal"))
+
+
+def test_a_pair_without_turns_is_as_strong_as_its_gain_says():
+    gap, bias, gain = 0.8e-3, 1.5, 60.0
+    rig = Rig("pair", "electromagnet_pair", mass=3.2, gap=gap, bias_current=bias, actuator_gain=gain)
+    # C ((I + i)^2 / (g - y)^2 - (I - i)^2 / (g + y)^2) with 4 C I / g^2 = gain (Schweitzer and Maslen 2009).
+    c = gain * gap**2 / (4 * bias)
+    y, i = np.meshgrid(np.linspace(-0.5, 0.5, 7) * gap, np.linspace(-0.9, 0.9, 7) * bias)
+    expected = c * ((bias + i) ** 2 / (gap - y) ** 2 - (bias - i) ** 2 / (gap + y) ** 2)
+    np.testing.assert_allclose(force(force_law(rig), y, i), expected, rtol=1e-9, atol=1e-9)
+
+
+def test_a_pair_of_unknown_strength_and_a_gain_without_magnet_are_refused():
+    with pytest.raises(ValueError, match="turns: nothing says how strong"):
+        Rig("pair", "electromagnet_pair", mass=1.0, bias_current=1.0)
+    for name, value in (("actuator_gain", 42.0), ("negative_stiffness", -1e3)):
+        with pytest.raises(ValueError, match=f"{name} is a magnet's"):
+            Rig("bare", "none", mass=1.0, **{name: value})

@@ -6,10 +6,12 @@ from scipy.signal import chirp, lfilter
 
 from maglev_env.loop.gains import Gains, state_space
 from maglev_env.recordings.contents import Contents
+from maglev_env.recordings.guess import behaviour as shown
 from maglev_env.recordings.guess.columns import guess_columns
 from maglev_env.recordings.guess.controller import fit_controller
 from maglev_env.recordings.guess.excitation import guess_excitation
 from maglev_env.recordings.guess.rate import guess_rate
+from maglev_env.recordings.guess.recording import guess_recording
 from maglev_env.recordings.guess.units import header_unit
 from maglev_env.recordings.guess.words import meaning
 
@@ -253,3 +255,52 @@ def test_parts_that_a_controller_has_not_get_no_gains():
     y = 1e-4 * SLOW
     fit = fit_controller(y, np.round(-250 * y, 5), RATE)
     assert fit.exact and (fit.gains.ki, fit.gains.kd) == (0.0, 0.0) and fit.gains.kp == pytest.approx(250.0, rel=1e-3)
+
+
+def test_a_clamp_is_no_displacement_and_a_sequence_is_an_excitation():
+    found = columns(**{
+        "CH1 POS [V]": np.sin(np.arange(500.0)), "I_PROBE [V]": np.cos(np.arange(500.0)),
+        "PRBS [V]": np.sign(np.sin(0.1 + np.arange(500.0))),
+    })  # fmt: skip
+    assert found["I_PROBE [V]"].channel == "current" and "A per V" in found["I_PROBE [V]"].ask
+    assert found["CH1 POS [V]"].channel == "displacement" and found["PRBS [V]"].channel == "injection"
+
+
+def test_channels_of_a_tdms_export_have_their_units_and_axes():
+    rng = np.random.default_rng(1)
+    names = ("Pos_X [um]", "Pos_Y [um]", "Ref_X [um]", "Ref_Y [um]", "Icoil_X [A]", "Speed [rpm]")
+    found = {c.label: c for c in columns(**{f"/'AMB'/'{n}'": rng.normal(size=500) for n in names}).values()}
+    wanted = ("displacement_x", "displacement_y", "reference_x", "reference_y", "current_x", "speed")
+    assert tuple(found[n.partition(" ")[0]].channel for n in names) == wanted
+    assert found["Pos_X"].scale == found["Ref_Y"].scale == 1e-6 and not found["Pos_X"].ask
+
+
+def test_a_column_that_is_called_by_its_unit_alone():
+    rng = np.random.default_rng(1)
+    found = columns(ms=2.0 * np.arange(500), mm=rng.normal(size=500), mA=rng.normal(size=500))
+    assert {c.channel: c.scale for c in found.values()} == {"time": 1e-3, "displacement": 1e-3, "current": 1e-3}
+
+
+def test_a_signal_of_few_levels_is_the_reference_and_a_flickering_digit_is_none():
+    rng = np.random.default_rng(4)
+    random_binary = np.repeat(rng.integers(0, 2, 200), 12) * 0.25
+    assert shown.steps_in(random_binary) > random_binary.size / 40
+    assert shown.steps_in(np.round(0.35 * rng.normal(size=2400))) == 0
+
+
+def test_missing_samples_do_not_slow_the_clock():
+    time = 1e-3 * np.delete(np.arange(5000.0), np.arange(7, 5000, 600))
+    guess = guess_rate(time, 1.0, {})
+    assert guess.value == 1000.0
+
+
+def test_both_axes_have_the_controller_that_both_show(tmp_path):
+    rng = np.random.default_rng(5)
+    x, y = (1e-5 * np.cumsum(rng.normal(size=4000)) for _ in "xy")
+    kept = {"t": np.arange(4000) / 1e4, "pos_x_m": x, "pos_y_m": y}
+    np.savez(tmp_path / "a.npz", **kept, cmd_x_A=-800.0 * x, cmd_y_A=-800.0 * y)
+    found = guess_recording(tmp_path / "a.npz")
+    assert found.gains is not None and found.gains["kp"] == pytest.approx(800.0, rel=1e-4)
+    np.savez(tmp_path / "b.npz", **kept, cmd_x_A=-800.0 * x, cmd_y_A=-500.0 * y)
+    found = guess_recording(tmp_path / "b.npz")
+    assert found.gains is None and "kp = 800" in found.controller.reason and "gains.y" in found.controller.ask

@@ -158,3 +158,24 @@ def test_blocks_join(tmp_path, monkeypatch):
     np.testing.assert_array_equal(read_columns(path).column("F"), np.arange(11))
     with pytest.raises(ValueError, match=r"'x' in line 11 \(sample 9\)"):
         read_columns(path).column("y")
+
+
+def test_a_line_that_a_stopped_program_did_not_finish_is_left_out_and_said(tmp_path):
+    path = tmp_path / "serial.csv"
+    path.write_text("t,y\n" + rows(",") + "0.0")
+    file = read_columns(path)
+    np.testing.assert_array_equal(file.column("t"), T)
+    assert any("last line is cut off ('0.0')" in note for note in file.notes)
+    path.write_text("t,y\n" + rows(",").replace("\n", "\n0.0\n", 1))
+    with pytest.raises(ValueError, match="has 1 values"):
+        read_columns(path).column("t")
+
+
+def test_times_of_day_are_seconds_also_past_midnight(tmp_path):
+    clocks = ("23:59:59.250", "23:59:59.750", "00:00:00.250", "00:00:00.750")
+    for name, before in (("plain.csv", ""), ("dated.csv", "2024-03-01 ")):
+        (tmp_path / name).write_text("time,y\n" + "".join(f"{before}{c},{j}.5\n" for j, c in enumerate(clocks)))
+        file = read_columns(tmp_path / name)
+        np.testing.assert_allclose(np.diff(file.column("time")), 0.5, atol=1e-9)
+        np.testing.assert_array_equal(file.column("y"), [0.5, 1.5, 2.5, 3.5])
+        assert any("times of day" in note for note in file.notes)

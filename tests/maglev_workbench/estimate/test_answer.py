@@ -37,6 +37,12 @@ def test_overlapping_and_unbounded_bands_do_not_count():
     assert found.interval == (2.99e4, 3.01e4) and not found.varies
 
 
+def test_bands_in_which_noise_rules_do_not_make_the_stiffness_vary():
+    lost = band(400.0, stiffness=2.8e7, stiffness_ci=(2.58e7, 4.24e7))
+    text = estimate_answer([("tap.lvm", identification(bands=(band(1.0), band(16.0), lost)))], None)
+    assert "stiffness 30.00" in text and "varying" not in text and "trusted from 1 to 31 Hz" in text
+
+
 def test_many_bands_cover_as_stated():
     """The interval of the mean of 8 bands with their own noise, over 2000 draws."""
     rng, inside = np.random.default_rng(0), 0
