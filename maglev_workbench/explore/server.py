@@ -1,0 +1,283 @@
+"""The local server of the page: on this machine only, and only for who knows its address."""
+
+import json
+import socket
+import sys
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from secrets import compare_digest, token_urlsafe
+from threading import Thread
+from typing import Any
+
+import uvicorn
+from starlette.applications import Starlette
+from starlette.concurrency import run_in_threadpool
+from starlette.datastructures import Headers
+from starlette.exceptions import HTTPException
+from starlette.requests import Request
+from starlette.responses import JSONResponse, PlainTextResponse, RedirectResponse, Response
+from starlette.routing import Mount, Route
+from starlette.staticfiles import StaticFiles
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+
+from maglev_env.evaluation.identification import Identification
+from maglev_env.loop.axes import AXES
+from maglev_env.loop.gains import Controllers
+from maglev_env.rig.rig import Rig
+from maglev_workbench.explore.copied import Source, copies
+from maglev_workbench.explore.curves import loop_curves
+from maglev_workbench.explore.identified import identified
+from maglev_workbench.explore.inputs import effect_inputs, gain_inputs
+from maglev_workbench.explore.panels import as_data, csv_text, identified_curves, model_curves, panels_data
+from maglev_workbench.explore.quantities import UNIT_SYSTEMS, shown
+from maglev_workbench.explore.setting import Setting, setting_from
+from maglev_workbench.explore.words import Sentence, answer, identified_answer
+
+ASSETS = Path(__file__).parent / "assets"
+HOST = "127.0.0.1"
+SWITCH = 5e-4  # s, after which one thread of Python gives way to another
+MOST_BYTES = 100_000  # of a request
+HEADERS = {
+    "Content-Security-Policy": "default-src 'none'; script-src 'self'; style-src 'self' 'unsafe-inline'; "
+    "img-src 'self' data: blob:; connect-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'",
+    "Referrer-Policy": "no-referrer",  # the address is the key
+    "X-Content-Type-Options": "nosniff",
+    "Cross-Origin-Resource-Policy": "same-origin",
+    "Cache-Control": "no-store",
+}
+
+
+@dataclass(frozen=True)
+class Measured:
+    """What one recording of a campaign shows of one axis.
+
+    Args:
+        name: of the recording.
+        axis: of the rig.
+        gains: under which it was recorded.
+        found: what was identified.
+    """
+
+    name: str
+    axis: int
+    gains: Controllers | None
+    found: Identification
+
+
+@dataclass(frozen=True)
+class Explored:
+    """What the page is about.
+
+    Args:
+        rig: with gains and protocol.
+        controllers: at the start.
+        source: where the rig comes from.
+        measured: recordings to compare with.
+    """
+
+    rig: Rig
+    controllers: Controllers
+    source: Source
+    measured: tuple[Measured, ...] = ()
+
+
+def application(explored: Explored, token: str, host: str) -> ASGIApp:
+    """The page and its answers, for requests to this host with this token at the start of their path.
+
+    Args:
+        explored: what the page is about.
+        token: first part of every path.
+        host: with port, as the browser sends it.
+    """
+
+    def answered(work: Callable[[Setting, Mapping[str, Any]], dict[str, Any]]) -> Callable[..., Any]:
+        """A handler of POST: what the work gives, or the sentence that says what is wrong with the setting."""
+
+        async def handle(request: Request) -> Response:
+            data = await _posted(request)
+            return JSONResponse(await run_in_threadpool(said, data))
+
+        def said(data: Mapping[str, Any]) -> dict[str, Any]:
+            try:
+                return work(setting_from(data, explored.rig, explored.controllers), data)
+            except (ValueError, ArithmeticError) as error:
+                return {"error": str(error)}
+
+        return handle
+
+    def curves(setting: Setting, _: Mapping[str, Any]) -> dict[str, Any]:
+        found = loop_curves(setting.experiment, setting.axis)
+        return {"words": _words(answer(found, setting)), "curves": as_data(model_curves(found), setting.units)}
+
+    def experiment(setting: Setting, _: Mapping[str, Any]) -> dict[str, Any]:
+        found = identified(setting.experiment, setting.axis)
+        words = identified_answer(found, setting)
+        return {"words": _words(words), "curves": as_data(identified_curves(found), setting.units)}
+
+    def measured(setting: Setting, _: Mapping[str, Any]) -> dict[str, Any]:
+        rows = [
+            {"name": m.name, "curves": as_data(identified_curves(m.found), setting.units)}
+            for m in explored.measured
+            if m.axis == setting.axis
+        ]
+        return {"recordings": rows}
+
+    def copied(setting: Setting, _: Mapping[str, Any]) -> dict[str, Any]:
+        return dict(copies(setting.experiment, explored.rig, explored.source))
+
+    def table(setting: Setting, _: Mapping[str, Any]) -> dict[str, Any]:
+        model = loop_curves(setting.experiment, setting.axis)
+        layers = {"model": model_curves(model)}
+        if model.stable:
+            layers["identified"] = identified_curves(identified(setting.experiment, setting.axis))
+        layers |= {m.name: identified_curves(m.found) for m in explored.measured if m.axis == setting.axis}
+        return {"csv": csv_text(layers, setting.units)}
+
+    async def start(request: Request) -> Response:
+        return JSONResponse(page_data(explored))
+
+    posts = {"curves": curves, "experiment": experiment, "measured": measured, "copies": copied, "csv": table}
+    routes = [
+        Route("/start", start),
+        *(Route(f"/{name}", answered(work), methods=["POST"]) for name, work in posts.items()),
+        Route("/", _page),
+        Mount("/", StaticFiles(directory=ASSETS)),
+    ]
+    inside = Starlette(routes=[Route(f"/{token}", _with_slash), Mount(f"/{token}", routes=routes)])
+    return _Guard(inside, token, host)
+
+
+def page_data(explored: Explored) -> dict[str, Any]:
+    """Everything that the page needs once: sliders, units, panels and recordings."""
+    rig = explored.rig
+    units = {
+        system: {unit: shown(unit, system) for unit in _units(explored)} for system in UNIT_SYSTEMS
+    }  # factor from SI and name
+    return {
+        "rig": rig.name,
+        "axes": AXES[: rig.axes] if rig.axes == 2 else [],
+        "gains": [[asdict(i) for i in gain_inputs(rig, explored.controllers, axis)] for axis in range(rig.axes)],
+        "effects": [asdict(one) for one in effect_inputs(rig)],
+        "units": units,
+        "panels": {system: panels_data(rig, system) for system in UNIT_SYSTEMS},
+        "recordings": [
+            {
+                "name": m.name,
+                "axis": m.axis,
+                "gains": {i.name: i.value for i in gain_inputs(rig, m.gains, m.axis)} if m.gains is not None else None,
+            }
+            for m in explored.measured
+        ],
+    }
+
+
+def _units(explored: Explored) -> set[str]:
+    inputs = [i for one in effect_inputs(explored.rig) for i in one.inputs]
+    for axis in range(explored.rig.axes):
+        inputs += gain_inputs(explored.rig, explored.controllers, axis)
+    return {i.unit for i in inputs}
+
+
+def _words(sentences: list[Sentence]) -> list[dict[str, str]]:
+    return [asdict(one) for one in sentences]
+
+
+async def _page(request: Request) -> Response:
+    return Response((ASSETS / "explore.html").read_bytes(), media_type="text/html")
+
+
+async def _with_slash(request: Request) -> Response:
+    return RedirectResponse(f"{request.url.path}/")
+
+
+async def _posted(request: Request) -> Mapping[str, Any]:
+    """The JSON of a request of a size that a page would send."""
+    if request.headers.get("content-type") != "application/json":  # which no other site may send unasked
+        raise HTTPException(415, "send application/json")
+    body = b""
+    async for part in request.stream():
+        body += part
+        if len(body) > MOST_BYTES:
+            raise HTTPException(413, f"a setting has at most {MOST_BYTES} bytes")
+    try:
+        data = json.loads(body)
+    except (ValueError, RecursionError):
+        raise HTTPException(400, "the setting is not JSON") from None
+    if not isinstance(data, dict):
+        raise HTTPException(400, "the setting is not a table")
+    return data
+
+
+class _Guard:
+    """Answers only requests that name this host, so that no other site's name can lead here, and that have the token."""
+
+    def __init__(self, inside: ASGIApp, token: str, host: str) -> None:
+        self.inside, self.token, self.host = inside, token.encode(), host.encode()
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        if scope["type"] == "lifespan":
+            await self.inside(scope, receive, send)
+            return
+        if scope["type"] != "http":
+            return
+        if not compare_digest(Headers(scope=scope).get("host", "").encode(), self.host):
+            await PlainTextResponse("wrong host", 421)(scope, receive, send)
+            return
+        if not compare_digest(scope["path"].encode().split(b"/")[1:2][0], self.token):
+            await PlainTextResponse("not found", 404)(scope, receive, send)
+            return
+
+        async def with_headers(message: Message) -> None:
+            if message["type"] == "http.response.start":
+                message["headers"] = [
+                    *message["headers"], *((key.lower().encode(), value.encode()) for key, value in HEADERS.items())
+                ]  # fmt: skip
+            await send(message)
+
+        await self.inside(scope, receive, with_headers)
+
+
+def serve(explored: Explored, port: int, say: Callable[[str], None]) -> None:
+    """Serve the page until Ctrl-C.
+
+    Args:
+        explored: what the page is about.
+        port: 0: a free one.
+        say: is given the address once the server listens.
+
+    Raises:
+        OSError: The port is taken.
+    """
+    listening = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
+    listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+    with listening:
+        try:
+            listening.bind((HOST, port))
+        except OSError as error:
+            raise ValueError(
+                f"--port {port} cannot be used ({error.strerror}); choose another, or leave it out"
+            ) from None
+        listening.listen()
+        host, token = f"{HOST}:{listening.getsockname()[1]}", token_urlsafe(24)
+        loop_curves(
+            setting_from({}, explored.rig, explored.controllers).experiment, 0
+        )  # refuses before any page is shown
+        # An experiment that is being identified must not keep the next curves waiting.
+        sys.setswitchinterval(SWITCH)
+        Thread(target=_prepare, args=(explored,), daemon=True).start()
+        say(f"http://{host}/{token}/")
+        # Without a log of requests, which would have the token in it.
+        config = uvicorn.Config(
+            application(explored, token, host), log_level="warning", access_log=False, server_header=False,
+            timeout_graceful_shutdown=1,
+        )  # fmt: skip
+        uvicorn.Server(config).run(sockets=[listening])
+
+
+def _prepare(explored: Explored) -> None:
+    """Compile what the first experiment needs while the user looks at the curves."""
+    try:
+        identified(setting_from({}, explored.rig, explored.controllers).experiment, 0)
+    except ValueError:
+        return  # the page says it when it asks for the experiment
