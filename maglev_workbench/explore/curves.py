@@ -20,7 +20,7 @@ from maglev_env.loop.axes import AXES
 from maglev_env.rig.excitation import lines_at
 from maglev_env.rig.rig import Rig, axis_rig
 
-POINTS = 300  # of a curve over the whole frequency range
+POINTS = 500  # of a curve over the whole frequency range
 TOP = 0.45  # of the control rate, the highest frequency shown
 CYCLES = 6.0  # of the lowest target frequency, the length of the step shown
 

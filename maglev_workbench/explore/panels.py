@@ -41,7 +41,7 @@ _FREQUENCY = ("Frequency", "Hz")
 PANELS: Mapping[str, Panel] = {
     "gain": Panel("Loop gain |L|", _FREQUENCY, ("|L|", ""), y_log=True, marks=((1.0, ""),)),
     "phase": Panel("Phase of L", _FREQUENCY, ("Phase", "deg"), marks=((-180.0, "-180°"),)),
-    "nyquist": Panel("Nyquist diagram of L", ("Re L", ""), ("Im L", ""), x_log=False),
+    "nyquist": Panel("Nyquist diagram; circles: |S| = 3, 4, 5", ("Re L", ""), ("Im L", ""), x_log=False),
     "sensitivity": Panel(
         "Sensitivity |S| and zones of ISO 14839-3", _FREQUENCY, ("|S|", ""), y_log=True, marks=tuple(ISO_LIMITS.items())
     ),
@@ -64,7 +64,7 @@ def panels_data(rig: Rig, units: UnitSystem) -> dict[str, Any]:
     fit_from = rig.target.band[0] / 4 if rig.target.band else 0.0
     found = {}
     for name, panel in PANELS.items():
-        (xf, xu), (yf, yu) = shown(panel.x[1], units), shown(panel.y[1], units)
+        xu, (yf, yu) = shown(panel.x[1], units)[1], shown(panel.y[1], units)
         found[name] = {
             "title": panel.title,
             "x": labelled(panel.x[0], xu),
@@ -119,7 +119,7 @@ def _of_loop(frequency: np.ndarray, loop: np.ndarray) -> dict[str, Curve]:
     return {
         "gain": {"x": frequency, "y": np.abs(loop)},
         "phase": {"x": frequency, "y": phase},
-        "nyquist": {"x": loop.real, "y": loop.imag},
+        "nyquist": {"x": np.real(loop), "y": np.imag(loop)},
     }
 
 

@@ -2,8 +2,8 @@
 
 import json
 import socket
-import sys
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from secrets import compare_digest, token_urlsafe
@@ -27,7 +27,7 @@ from maglev_env.loop.gains import Controllers
 from maglev_env.rig.rig import Rig
 from maglev_workbench.explore.copied import Source, copies
 from maglev_workbench.explore.curves import loop_curves
-from maglev_workbench.explore.identified import identified
+from maglev_workbench.explore.identified import Identify, identified, identifying
 from maglev_workbench.explore.inputs import effect_inputs, gain_inputs
 from maglev_workbench.explore.panels import as_data, csv_text, identified_curves, model_curves, panels_data
 from maglev_workbench.explore.quantities import UNIT_SYSTEMS, shown
@@ -36,7 +36,6 @@ from maglev_workbench.explore.words import Sentence, answer, identified_answer
 
 ASSETS = Path(__file__).parent / "assets"
 HOST = "127.0.0.1"
-SWITCH = 5e-4  # s, after which one thread of Python gives way to another
 MOST_BYTES = 100_000  # of a request
 HEADERS = {
     "Content-Security-Policy": "default-src 'none'; script-src 'self'; style-src 'self' 'unsafe-inline'; "
@@ -73,22 +72,25 @@ class Explored:
         rig: with gains and protocol.
         controllers: at the start.
         source: where the rig comes from.
+        title: of the page.
         measured: recordings to compare with.
     """
 
     rig: Rig
     controllers: Controllers
     source: Source
+    title: str
     measured: tuple[Measured, ...] = ()
 
 
-def application(explored: Explored, token: str, host: str) -> ASGIApp:
+def application(explored: Explored, token: str, host: str, identify: Identify = identified) -> ASGIApp:
     """The page and its answers, for requests to this host with this token at the start of their path.
 
     Args:
         explored: what the page is about.
         token: first part of every path.
         host: with port, as the browser sends it.
+        identify: simulates and identifies an experiment.
     """
 
     def answered(work: Callable[[Setting, Mapping[str, Any]], dict[str, Any]]) -> Callable[..., Any]:
@@ -111,7 +113,7 @@ def application(explored: Explored, token: str, host: str) -> ASGIApp:
         return {"words": _words(answer(found, setting)), "curves": as_data(model_curves(found), setting.units)}
 
     def experiment(setting: Setting, _: Mapping[str, Any]) -> dict[str, Any]:
-        found = identified(setting.experiment, setting.axis)
+        found = identify(setting.experiment, setting.axis)
         words = identified_answer(found, setting)
         return {"words": _words(words), "curves": as_data(identified_curves(found), setting.units)}
 
@@ -130,7 +132,7 @@ def application(explored: Explored, token: str, host: str) -> ASGIApp:
         model = loop_curves(setting.experiment, setting.axis)
         layers = {"model": model_curves(model)}
         if model.stable:
-            layers["identified"] = identified_curves(identified(setting.experiment, setting.axis))
+            layers["identified"] = identified_curves(identify(setting.experiment, setting.axis))
         layers |= {m.name: identified_curves(m.found) for m in explored.measured if m.axis == setting.axis}
         return {"csv": csv_text(layers, setting.units)}
 
@@ -156,6 +158,7 @@ def page_data(explored: Explored) -> dict[str, Any]:
     }  # factor from SI and name
     return {
         "rig": rig.name,
+        "title": explored.title,
         "axes": AXES[: rig.axes] if rig.axes == 2 else [],
         "gains": [[asdict(i) for i in gain_inputs(rig, explored.controllers, axis)] for axis in range(rig.axes)],
         "effects": [asdict(one) for one in effect_inputs(rig)],
@@ -210,7 +213,7 @@ async def _posted(request: Request) -> Mapping[str, Any]:
 
 
 class _Guard:
-    """Answers only requests that name this host, so that no other site's name can lead here, and that have the token."""
+    """Answers only requests that have the token, and that name this host: no other site's name can lead here."""
 
     def __init__(self, inside: ASGIApp, token: str, host: str) -> None:
         self.inside, self.token, self.host = inside, token.encode(), host.encode()
@@ -263,21 +266,18 @@ def serve(explored: Explored, port: int, say: Callable[[str], None]) -> None:
         loop_curves(
             setting_from({}, explored.rig, explored.controllers).experiment, 0
         )  # refuses before any page is shown
-        # An experiment that is being identified must not keep the next curves waiting.
-        sys.setswitchinterval(SWITCH)
-        Thread(target=_prepare, args=(explored,), daemon=True).start()
-        say(f"http://{host}/{token}/")
-        # Without a log of requests, which would have the token in it.
-        config = uvicorn.Config(
-            application(explored, token, host), log_level="warning", access_log=False, server_header=False,
-            timeout_graceful_shutdown=1,
-        )  # fmt: skip
-        uvicorn.Server(config).run(sockets=[listening])
+        with identifying() as identify:
+            Thread(target=_prepare, args=(explored, identify), daemon=True).start()
+            say(f"http://{host}/{token}/")
+            # Without a log of requests, which would have the token in it.
+            config = uvicorn.Config(
+                application(explored, token, host, identify), log_level="warning", access_log=False,
+                server_header=False, timeout_graceful_shutdown=1,
+            )  # fmt: skip
+            uvicorn.Server(config).run(sockets=[listening])
 
 
-def _prepare(explored: Explored) -> None:
+def _prepare(explored: Explored, identify: Identify) -> None:
     """Compile what the first experiment needs while the user looks at the curves."""
-    try:
-        identified(setting_from({}, explored.rig, explored.controllers).experiment, 0)
-    except ValueError:
-        return  # the page says it when it asks for the experiment
+    with suppress(ValueError):  # the page says it when it asks for the experiment
+        identify(setting_from({}, explored.rig, explored.controllers).experiment, 0)

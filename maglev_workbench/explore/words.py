@@ -45,13 +45,8 @@ def _margins(found: LoopCurves, setting: Setting) -> list[Sentence]:
     zone = iso_14839_3_zone(m["peak_sensitivity"])
     kind: Literal["good", "fair", "bad"] = "good" if zone == "A" else "fair" if zone == "B" else "bad"
     settled = -1 / (log(found.radius) * setting.experiment.rig.control_rate)
-    sentences = [
-        Sentence(
-            f"Stable. Peak |S|{axis_name(setting)} {number(m['peak_sensitivity'])} at {number(m['peak_frequency'])} Hz: "
-            f"zone {zone} of ISO 14839-3, {ZONES[zone]}.",
-            kind,
-        )
-    ]
+    peak = f"Peak |S|{axis_name(setting)} {number(m['peak_sensitivity'])} at {number(m['peak_frequency'])} Hz"
+    sentences = [Sentence(f"Stable. {peak}: zone {zone} of ISO 14839-3, {ZONES[zone]}.", kind)]
     gains = []
     if not isnan(m["gain_margin_high"]):
         gains.append(f"rise to {number(m['gain_margin_high'])} times")
@@ -60,13 +55,9 @@ def _margins(found: LoopCurves, setting: Setting) -> list[Sentence]:
     if gains:
         sentences.append(Sentence(f"The loop gain may {' or '.join(gains)} its value.", "plain"))
     if not isnan(m["phase_margin"]):
-        sentences.append(
-            Sentence(
-                f"Phase margin {number(m['phase_margin'])}° at {number(m['phase_margin_frequency'])} Hz; a further delay "
-                f"of {_with_unit(m['delay_margin'], 's', units)} makes it unstable.",
-                "plain",
-            )
-        )
+        phase = f"Phase margin {number(m['phase_margin'])}° at {number(m['phase_margin_frequency'])} Hz"
+        delay = _with_unit(m["delay_margin"], "s", units)
+        sentences.append(Sentence(f"{phase}; a further delay of {delay} makes it unstable.", "plain"))
     decay = _with_unit(settled, "s", units)
     return [*sentences, Sentence(f"The slowest motion decays with a time constant of {decay}.", "plain")]
 

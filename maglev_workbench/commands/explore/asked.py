@@ -36,7 +36,8 @@ def asked(source: str) -> Asked:
             f"{source}: no recording has a stated excitation, so no response was measured; explore the rig itself"
         )
     rig = _controlled(campaign.rig, source)
-    return Asked(rig, Source(None, f"load_campaign({source!r}).rig"), campaign)
+    preset = rig.name if rig.name in PRESETS and load_rig(rig.name) == rig else None  # without [parameters] of its own
+    return Asked(rig, Source(preset, f"load_campaign({source!r}).rig"), campaign)
 
 
 def _is_campaign(source: str) -> bool:

@@ -20,18 +20,19 @@ def explored(asked: Asked) -> Explored:
     rig = with_defaults(asked.rig)
     assert rig.gains is not None  # filled in
     if asked.campaign is None:
-        return Explored(rig, rig.gains, asked.source)
+        return Explored(rig, rig.gains, asked.source, rig.name)
     driven = tuple(r for r in asked.campaign.recordings if any(e.kind != "none" for e in r.excitations))
     campaign = replace(asked.campaign, recordings=driven)
     warned(campaign)
     first = next((r.gains for r in driven if r.gains is not None), rig.gains)
-    return Explored(rig, first, asked.source, _measured(campaign))
+    title = f"{rig.name}, campaign {campaign.folder.resolve().name}"
+    return Explored(rig, first, asked.source, title, _measured(campaign))
 
 
 def _measured(campaign: Campaign) -> tuple[Measured, ...]:
-    with progress_bar() as bar:
+    with progress_bar() as bar:  # bands side by side, as of the simulated experiment
         found = identify_campaign(
-            campaign, campaign.mass, False, None, None,
+            campaign, campaign.mass, False, None, 0.0,
             lambda recordings: bar.track(list(recordings), description="identify"),
         )  # fmt: skip
     gains = {r.file: r.gains for r in campaign.recordings}

@@ -59,11 +59,11 @@ function show(element, words, first) {
   const text = JSON.stringify(words);
   if (element.dataset.words === text) return;
   element.dataset.words = text;
-  element.replaceChildren(...(words || []).map((word, i) => {
+  element.replaceChildren(...(words || []).flatMap((word, i) => {
     const line = document.createElement(i === 0 && first ? "p" : "span");
     line.textContent = word.text;
     line.className = word.kind;
-    return line;
+    return [line, " "];
   }));
 }
 
@@ -91,7 +91,7 @@ const askPinned = newestOnly("curves", (answer) => {
 function changed() {
   if (layers.identified !== EMPTY) {
     layers.identified = EMPTY; // it belongs to the setting before
-    show($("identified"), [{ text: "…", kind: "plain" }], false);
+    show($("identified"), [{ text: "The experiment is under way; the first with a new kind of effect takes some seconds.", kind: "plain" }], false);
   }
   askCurves({ ...state });
   clearTimeout(resting);
@@ -187,7 +187,7 @@ $("csv").onclick = async () => {
   if (found.error) return say(found);
   save(new Blob([found.csv], { type: "text/csv" }), `${start.rig}.csv`);
 };
-$("png").onclick = async () => save(await savePicture(panels, `${start.rig}: ${$("answer").innerText}`), `${start.rig}.png`);
+$("png").onclick = async () => save(await savePicture(panels, `${start.title}: ${$("answer").innerText}`), `${start.rig}.png`);
 
 function save(blob, name) {
   const link = document.createElement("a");
@@ -219,8 +219,8 @@ function build() {
   put(inputs.first);
 }
 
-document.title = `${start.rig} – maglev explore`;
-$("rig").textContent = start.rig;
+document.title = `${start.title} – maglev explore`;
+$("rig").textContent = start.title;
 $("axes").hidden = !start.axes.length;
 $("axis").replaceChildren(...start.axes.map((name, i) => new Option(name, i)));
 $("recordings").hidden = !start.recordings.length;

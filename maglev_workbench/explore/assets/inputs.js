@@ -27,7 +27,7 @@ class Row {
     this.slider.addEventListener("change", () => moved(true));
     this.field.addEventListener("change", () => {
       if (this.field.value === "" || !Number.isFinite(this.field.valueAsNumber)) return this.showField();
-      this.value = this.field.valueAsNumber / this.factor;
+      this.value = Number((this.field.valueAsNumber / this.factor).toPrecision(12));
       this.showSlider();
       moved(true);
     });

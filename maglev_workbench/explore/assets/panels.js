@@ -2,7 +2,7 @@
 
 const ORDER = ["measured", "identified", "pinned", "now"];
 const DASH = { pinned: [6, 4] };
-const HEIGHT = 260;
+const HEIGHT = 270;
 const colours = new Map(); // read once, because the browser would recompute styles at every reading
 
 function css(name) {
@@ -71,7 +71,7 @@ class Diagram {
 
   size() {
     const width = Math.max(200, this.element.clientWidth);
-    return { width, height: this.name === "nyquist" ? Math.min(width, HEIGHT * 1.25) : HEIGHT };
+    return { width, height: HEIGHT };
   }
 
   spec(spec) {
