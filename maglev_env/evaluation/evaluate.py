@@ -108,6 +108,8 @@ class Evaluation(Presented):
     rows = "experiment"
 
     def __str__(self) -> str:
+        if not self.feasible.any():
+            return f"Evaluation of {len(self.score)} experiments, none feasible"
         best = int(np.argmax(self.score))
         factor, unit = prefixed(float(np.nan_to_num(self.stiffness[best])), "N/m")
         return (

@@ -250,7 +250,7 @@ def serve(explored: Explored, port: int, say: Callable[[str], None]) -> None:
         say: is given the address once the server listens.
 
     Raises:
-        OSError: The port is taken.
+        ValueError: The port is taken, or the gains at the start are not valid.
     """
     listening = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
     listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)

@@ -45,7 +45,7 @@ def _margins(found: LoopCurves, setting: Setting) -> list[Sentence]:
     zone = iso_14839_3_zone(m["peak_sensitivity"])
     kind: Literal["good", "fair", "bad"] = "good" if zone == "A" else "fair" if zone == "B" else "bad"
     settled = -1 / (log(found.radius) * setting.experiment.rig.control_rate)
-    peak = f"Peak |S|{axis_name(setting)} {number(m['peak_sensitivity'])} at {number(m['peak_frequency'])} Hz"
+    peak = f"Peak |S|{axis_name(setting)} {number(m['peak_sensitivity'], 4)} at {number(m['peak_frequency'])} Hz"
     sentences = [Sentence(f"Stable. {peak}: zone {zone} of ISO 14839-3, {ZONES[zone]}.", kind)]
     gains = []
     if not isnan(m["gain_margin_high"]):
