@@ -1,25 +1,22 @@
 """The local server of the page: on this machine only, and only for who knows its address."""
 
-import json
 import socket
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from secrets import compare_digest, token_urlsafe
+from secrets import token_urlsafe
 from threading import Thread
 from typing import Any
 
 import uvicorn
 from starlette.applications import Starlette
 from starlette.concurrency import run_in_threadpool
-from starlette.datastructures import Headers
-from starlette.exceptions import HTTPException
 from starlette.requests import Request
-from starlette.responses import JSONResponse, PlainTextResponse, RedirectResponse, Response
+from starlette.responses import JSONResponse, RedirectResponse, Response
 from starlette.routing import Mount, Route
 from starlette.staticfiles import StaticFiles
-from starlette.types import ASGIApp, Message, Receive, Scope, Send
+from starlette.types import ASGIApp
 
 from maglev_env.evaluation.identification import Identification
 from maglev_env.loop.axes import AXES
@@ -27,6 +24,7 @@ from maglev_env.loop.gains import Controllers
 from maglev_env.rig.rig import Rig
 from maglev_workbench.explore.copied import Source, copies
 from maglev_workbench.explore.curves import loop_curves
+from maglev_workbench.explore.guard import Guard, posted_setting
 from maglev_workbench.explore.identified import Identify, identified, identifying
 from maglev_workbench.explore.inputs import effect_inputs, gain_inputs
 from maglev_workbench.explore.panels import as_data, csv_text, identified_curves, model_curves, panels_data
@@ -36,15 +34,6 @@ from maglev_workbench.explore.words import Sentence, answer, identified_answer
 
 ASSETS = Path(__file__).parent / "assets"
 HOST = "127.0.0.1"
-MOST_BYTES = 100_000  # of a request
-HEADERS = {
-    "Content-Security-Policy": "default-src 'none'; script-src 'self'; style-src 'self' 'unsafe-inline'; "
-    "img-src 'self' data: blob:; connect-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'",
-    "Referrer-Policy": "no-referrer",  # the address is the key
-    "X-Content-Type-Options": "nosniff",
-    "Cross-Origin-Resource-Policy": "same-origin",
-    "Cache-Control": "no-store",
-}
 
 
 @dataclass(frozen=True)
@@ -97,7 +86,7 @@ def application(explored: Explored, token: str, host: str, identify: Identify = 
         """A handler of POST: what the work gives, or the sentence that says what is wrong with the setting."""
 
         async def handle(request: Request) -> Response:
-            data = await _posted(request)
+            data = await posted_setting(request)
             return JSONResponse(await run_in_threadpool(said, data))
 
         def said(data: Mapping[str, Any]) -> dict[str, Any]:
@@ -147,7 +136,7 @@ def application(explored: Explored, token: str, host: str, identify: Identify = 
         Mount("/", StaticFiles(directory=ASSETS)),
     ]
     inside = Starlette(routes=[Route(f"/{token}", _with_slash), Mount(f"/{token}", routes=routes)])
-    return _Guard(inside, token, host)
+    return Guard(inside, token, host)
 
 
 def page_data(explored: Explored) -> dict[str, Any]:
@@ -192,53 +181,6 @@ async def _page(request: Request) -> Response:
 
 async def _with_slash(request: Request) -> Response:
     return RedirectResponse(f"{request.url.path}/")
-
-
-async def _posted(request: Request) -> Mapping[str, Any]:
-    """The JSON of a request of a size that a page would send."""
-    if request.headers.get("content-type") != "application/json":  # which no other site may send unasked
-        raise HTTPException(415, "send application/json")
-    body = b""
-    async for part in request.stream():
-        body += part
-        if len(body) > MOST_BYTES:
-            raise HTTPException(413, f"a setting has at most {MOST_BYTES} bytes")
-    try:
-        data = json.loads(body)
-    except (ValueError, RecursionError):
-        raise HTTPException(400, "the setting is not JSON") from None
-    if not isinstance(data, dict):
-        raise HTTPException(400, "the setting is not a table")
-    return data
-
-
-class _Guard:
-    """Answers only requests that have the token, and that name this host: no other site's name can lead here."""
-
-    def __init__(self, inside: ASGIApp, token: str, host: str) -> None:
-        self.inside, self.token, self.host = inside, token.encode(), host.encode()
-
-    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        if scope["type"] == "lifespan":
-            await self.inside(scope, receive, send)
-            return
-        if scope["type"] != "http":
-            return
-        if not compare_digest(Headers(scope=scope).get("host", "").encode(), self.host):
-            await PlainTextResponse("wrong host", 421)(scope, receive, send)
-            return
-        if not compare_digest(scope["path"].encode().split(b"/")[1:2][0], self.token):
-            await PlainTextResponse("not found", 404)(scope, receive, send)
-            return
-
-        async def with_headers(message: Message) -> None:
-            if message["type"] == "http.response.start":
-                message["headers"] = [
-                    *message["headers"], *((key.lower().encode(), value.encode()) for key, value in HEADERS.items())
-                ]  # fmt: skip
-            await send(message)
-
-        await self.inside(scope, receive, with_headers)
 
 
 def serve(explored: Explored, port: int, say: Callable[[str], None]) -> None:

@@ -20,7 +20,8 @@ from maglev_env.design.defaults import with_defaults
 from maglev_env.rig.rig import load_rig
 from maglev_workbench.explore.copied import Source
 from maglev_workbench.explore.curves import loop_curves
-from maglev_workbench.explore.server import MOST_BYTES, Explored, application
+from maglev_workbench.explore.guard import MOST_BYTES
+from maglev_workbench.explore.server import Explored, application
 from maglev_workbench.explore.setting import setting_from
 
 RIG = with_defaults(load_rig("hmb_free"))
@@ -86,6 +87,10 @@ def test_the_page_and_its_parts_are_there_with_headers_that_keep_others_out(host
 )  # fmt: skip
 def test_what_lacks_the_token_or_names_another_host_is_refused(host, path, headers, status):
     assert ask(host, "GET", path, headers=headers)[0] == status
+
+
+def test_a_request_without_a_path_is_refused(host):
+    assert ask(host, "OPTIONS", "*")[0] == 404
 
 
 @pytest.mark.parametrize(
