@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from maglev_env import evaluate, identify_experiment, load_rig, protocol_experiment, to_control
+from maglev_env.design.goals import with_goal
 from maglev_env.linear.loop import loop_response
 from maglev_env.loop.controller_forms import StateFeedback
 from maglev_env.loop.effect import effect
@@ -96,3 +97,9 @@ def test_pictures_show_the_numbers(evaluation, identification):
     assert upper.get_ylabel() == "stiffness, N/m" and lower.get_xlabel() == "frequency, Hz"
     lines = identification.plot().axes[1].lines[0]
     np.testing.assert_array_equal(lines.get_ydata(), [b.damping for b in identification.bands if b.informative])
+
+
+def test_what_a_goal_measures_has_its_unit():
+    rig = with_goal(RIG, "peak_sensitivity <= 3, phase_margin >= 20")
+    data = evaluate([protocol_experiment(rig)]).to_xarray()
+    assert data.required_phase_margin.attrs["units"] == "deg" and "units" not in data.required_peak_sensitivity.attrs
