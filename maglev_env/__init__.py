@@ -17,11 +17,16 @@ if TYPE_CHECKING:
     from maglev_env.envs.vector import RigVectorEnv as RigVectorEnv
     from maglev_env.evaluation.evaluate import Evaluation as Evaluation
     from maglev_env.evaluation.evaluate import evaluate as evaluate
+    from maglev_env.evaluation.identification import Identification as Identification
     from maglev_env.evaluation.identification import identify as identify
+    from maglev_env.evaluation.simulated import identify_experiment as identify_experiment
     from maglev_env.experiment import Experiment as Experiment
     from maglev_env.experiment import protocol_experiment as protocol_experiment
     from maglev_env.kernel.simulate import simulate_records as simulate_records
     from maglev_env.kernel.simulate import simulate_statistics as simulate_statistics
+    from maglev_env.linear.control_systems import to_control as to_control
+    from maglev_env.linear.loop import LoopResponse as LoopResponse
+    from maglev_env.linear.loop import loop_response as loop_response
     from maglev_env.loop.effect import EFFECTS as EFFECTS
     from maglev_env.loop.effect import effect as effect
     from maglev_env.loop.gains import Gains as Gains
@@ -57,6 +62,11 @@ _HOME = {
     "Evaluation": "evaluation.evaluate",
     "evaluate": "evaluation.evaluate",
     "identify": "evaluation.identification",
+    "Identification": "evaluation.identification",
+    "identify_experiment": "evaluation.simulated",
+    "loop_response": "linear.loop",
+    "LoopResponse": "linear.loop",
+    "to_control": "linear.control_systems",
     "RecordedSignals": "recordings.spectra",
     "load_campaign": "recordings.campaign",
     "read_recording": "recordings.recording",

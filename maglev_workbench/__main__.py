@@ -2,4 +2,5 @@
 
 from maglev_workbench.cli import app
 
-app(prog_name="maglev")
+if __name__ == "__main__":  # not in the processes that a command starts
+    app(prog_name="maglev")

@@ -22,6 +22,7 @@ COMMANDS = (  # in the order of `maglev --help`
     "reproduce",
     "coverage",
     "effects",
+    "explore",
     "tune",
     "compare",
     "train",

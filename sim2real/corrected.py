@@ -20,7 +20,11 @@ _LINE = 100
 
 
 def corrected_rig(diagnosis: Diagnosis) -> Rig:
-    """The campaign's rig at the point that closes its gap; its name ends in "-corrected"."""
+    """The campaign's rig at the point that closes its gap; its name ends in "-corrected".
+
+    Args:
+        diagnosis: of the campaign.
+    """
     rig = diagnosis.rig
     at = experiment_at(Experiment(rig, rig.gains or NO_CONTROLLER, ()), diagnosis.corrected)
     return replace(at.rig, name=f"{rig.name}-corrected", effects=at.effects)
@@ -52,6 +56,10 @@ def corrected_toml(diagnosis: Diagnosis) -> str:
 
 def write_corrected(diagnosis: Diagnosis, path: str | Path) -> None:
     """Write `corrected_toml` atomically.
+
+    Args:
+        diagnosis: of a campaign.
+        path: of the rig file to write.
 
     Raises:
         OSError: The file cannot be written.

@@ -110,7 +110,12 @@ class PumpRotorEnv(RigEnv):
 
 
 class PumpRotorVectorEnv(RigVectorEnv):
-    """`num_envs` environments in one batch, with the results of `PumpRotorEnv` bit for bit; see `RigVectorEnv`."""
+    """`num_envs` environments in one batch, with the results of `PumpRotorEnv` bit for bit.
+
+    Args:
+        num_envs, render_mode, autoreset_mode, threads: as of `RigVectorEnv`.
+        arguments: as `PumpRotorEnv`.
+    """
 
     make_task = staticmethod(make_rotor_task)
     picture = staticmethod(PumpRotorEnv.picture)

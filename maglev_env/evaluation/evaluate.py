@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -9,6 +10,7 @@ from estimation.bands import band_slices, sliding_bands
 from estimation.frequency_response import frequency_response, pooled_variance
 from estimation.least_squares import least_squares
 from estimation.max_likelihood import maximum_likelihood
+from estimation.normal import NORMAL_95
 from estimation.periods import LineStatistics, held
 from estimation.stability_margins import margin_arrays
 from estimation.xy.planar import axis_statistics
@@ -23,16 +25,22 @@ from maglev_env.kernel.simulate import SimulatedStatistics, own_lanes, simulate_
 from maglev_env.linear.loop import closed_loop_poles, expected_statistics, pole_radii
 from maglev_env.loop.axes import AXES
 from maglev_env.loop.gains import NO_CONTROLLER, of_axis
+from maglev_env.presented import Presented
 from maglev_env.rig.excitation import lines_at
-from maglev_env.rig.goal import Goal
+from maglev_env.rig.goal import QUANTITIES, Goal
 from maglev_env.rig.rig import Protocol, Rig, axis_rig
+from maglev_env.units import prefixed
 from maglev_lanes.threads import over_threads
+
+if TYPE_CHECKING:
+    import xarray as xr
+    from matplotlib.figure import Figure
 
 CHUNK = 64  # experiments estimated together, which keeps the largest temporary near 10 MB per thread
 
 
-@dataclass(frozen=True)
-class Evaluation:
+@dataclass(frozen=True, repr=False)
+class Evaluation(Presented):
     """n scored experiments; arrays (n,) unless stated, nan where the rotor touched down.
 
     For an x-y rig every value is that of the axis with the lower score, by D's direct coefficients; there
@@ -40,9 +48,11 @@ class Evaluation:
 
     Attributes:
         bands: (b, 2), Hz.
-        band_stiffness: By maximum likelihood, (n, b); likewise band_damping and the standard errors *_se.
-        stiffness: In the rig's target band, with the 95 % bounds *_low and *_high; likewise damping. ls_* are the
-            least-squares values.
+        band_stiffness, band_damping: By maximum likelihood, (n, b), N/m and N s/m.
+        band_stiffness_se, band_damping_se: Their standard errors.
+        stiffness, damping: In the rig's target band, N/m and N s/m.
+        stiffness_low, stiffness_high, damping_low, damping_high: Their 95 % bounds.
+        ls_stiffness, ls_damping: Their least-squares values.
         margins: Margins by name, (n,); nan where the crossing lies outside the injection lines.
         peak_sensitivity_se: Standard error.
         peak_displacement: m.
@@ -59,8 +69,8 @@ class Evaluation:
             although it is unstable in the centre.
         axis: 0 (x) or 1 (y).
         required: What a goal measures, by name (see `rig.goal.QUANTITIES`), of the worst rig if it is judged on
-            several; with the 95 % bounds *_low and *_high where they are known (see `requirements.Measured`). Empty for
-            the goal `match`.
+            several. Empty for the goal `match`.
+        required_low, required_high: Their 95 % bounds where they are known (see `requirements.Measured`).
     """
 
     bands: np.ndarray
@@ -94,6 +104,83 @@ class Evaluation:
     required: dict[str, np.ndarray] = field(default_factory=dict)
     required_low: dict[str, np.ndarray] = field(default_factory=dict)
     required_high: dict[str, np.ndarray] = field(default_factory=dict)
+
+    rows = "experiment"
+
+    def __str__(self) -> str:
+        if not self.feasible.any():
+            return f"Evaluation of {len(self.score)} experiments, none feasible"
+        best = int(np.argmax(self.score))
+        factor, unit = prefixed(float(np.nan_to_num(self.stiffness[best])), "N/m")
+        return (
+            f"Evaluation of {len(self.score)} experiments, {int(self.feasible.sum())} feasible; best number {best}: "
+            f"score {self.score[best]:.3f}, stiffness {self.stiffness[best] * factor:.3g} {unit}, "
+            f"damping {self.damping[best]:.3g} N s/m, peak |S| {self.margins['peak_sensitivity'][best]:.3g}"
+        )
+
+    def to_xarray(self) -> "xr.Dataset":
+        """Every array by experiment, and by band at the bands' centres (Hz); units are in the attributes.
+
+        Margins have their own names; the terms of the score begin with `term_`, what a goal measures with `required_`.
+        """
+        import xarray as xr
+
+        arrays = {}
+        for f in fields(self):
+            own = getattr(self, f.name)
+            if isinstance(own, dict):
+                arrays |= {f"{_PREFIXES[f.name]}{name}": values for name, values in own.items()}
+            elif f.name != "bands":
+                arrays[f.name] = own
+        dims = ("experiment", "band")
+        variables = {
+            name: (dims[: np.ndim(values)], values, {"units": unit} if (unit := _unit_of(name)) else {})
+            for name, values in arrays.items()
+        }
+        hertz = {"units": "Hz"}
+        coordinates = {
+            "experiment": np.arange(len(self.score)),
+            "band": ("band", self.bands.mean(axis=1), hertz),
+            "f_lo": ("band", self.bands[:, 0], hertz),
+            "f_hi": ("band", self.bands[:, 1], hertz),
+        }
+        return xr.Dataset(variables, coordinates, {"rows": self.rows})
+
+    def plot(self) -> "Figure":
+        """Stiffness and damping over frequency of every experiment with 95 % intervals, as a matplotlib figure."""
+        from matplotlib.figure import Figure
+
+        figure = Figure(layout="constrained")
+        axes = figure.subplots(2, 1, sharex=True)
+        centre = self.bands.mean(axis=1)
+        for ax, name, unit in zip(axes, ("stiffness", "damping"), ("N/m", "N s/m"), strict=True):
+            value, se = getattr(self, f"band_{name}"), getattr(self, f"band_{name}_se")
+            for i in range(len(self.score)):
+                ax.errorbar(centre, value[i], NORMAL_95 * se[i], fmt=".-", capsize=2, label=f"experiment {i}")
+            ax.set_ylabel(f"{name}, {unit}")
+        axes[1].set_xlabel("frequency, Hz")
+        axes[0].legend()
+        return figure
+
+
+# Of the arrays by name, in a table of all arrays.
+_PREFIXES = {
+    "margins": "", "terms": "term_", "required": "required_", "required_low": "required_low_",
+    "required_high": "required_high_",
+}  # fmt: skip
+# SI units of the arrays, by a part of their names; the first that fits counts.
+_UNITS = (
+    ("term_", ""), ("_frequency", "Hz"), ("stiffness", "N/m"), ("damping", "N s/m"), ("phase", "deg"),
+    ("margin_lost", "deg"), ("delay_margin", "s"), ("displacement", "m"), ("current_rms", "A"), ("touchdown_time", "s"),
+    ("gap_error", "m"),
+)  # fmt: skip
+
+
+def _unit_of(name: str) -> str:
+    if name.startswith("required_"):
+        quantity = QUANTITIES.get(name.removeprefix("required_").removeprefix("low_").removeprefix("high_"))
+        return quantity.unit if quantity else ""
+    return next((unit for part, unit in _UNITS if part in name), "")
 
 
 def score_target(rig: Rig) -> ScoreTarget:

@@ -1,6 +1,7 @@
 """Identification of one recording: stiffness, damping and stability with their uncertainty, for `maglev estimate`."""
 
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -9,6 +10,7 @@ from estimation.apparent_gain import ApparentGain, periodic_gain
 from estimation.frequency_response import Distortion, coherence, distortion
 from estimation.modal import ModalEstimate, modal_estimate
 from estimation.periods import LineStatistics, held
+from estimation.stability_margins import loop_gain
 from maglev_env.evaluation.bands import (
     Band,
     band_coefficients,
@@ -18,15 +20,38 @@ from maglev_env.evaluation.bands import (
 )
 from maglev_env.evaluation.known_chain import between_readings, coil_current, rotor_motion
 from maglev_env.evaluation.stability import Stability, stability_of
+from maglev_env.linear.control_systems import python_control
+from maglev_env.presented import Presented
 from maglev_env.recordings.spectra import RecordedSignals, RecordSpectra, record_spectra
 from maglev_env.rig.rig import Rig
+
+if TYPE_CHECKING:
+    import control
+    import xarray as xr
+    from matplotlib.figure import Figure
 
 _Magnets = tuple[ActuatorEstimate, LineStatistics, str]
 
 
-@dataclass(frozen=True)
-class Identification:
-    """Everything that one recording shows; notes say what was assumed, dropped or not available."""
+@dataclass(frozen=True, repr=False)
+class Identification(Presented):
+    """Everything that one recording shows.
+
+    Attributes:
+        bands: Stiffness and damping in bands of frequency.
+        mass: Moving mass, kg.
+        modal: Mass, stiffness and damping as one mode, if the mass was estimated.
+        actuator: Gain of the magnets, if the current stands for the force.
+        natural_frequency: Hz; None where no informative band holds it.
+        damping_ratio: Of the mode at that frequency.
+        distortion: Nonlinear distortion at detection lines.
+        stability: Margins with intervals; None where the recording shows none.
+        transient_periods: Leading periods that were dropped.
+        periods: Those that were used.
+        statistics: Of the force lines.
+        notes: What was assumed, dropped or not available.
+        gain: The actuator's apparent gain over frequency, where the current is recorded.
+    """
 
     bands: tuple[Band, ...]
     mass: float
@@ -41,6 +66,81 @@ class Identification:
     statistics: LineStatistics
     notes: tuple[str, ...]
     gain: ApparentGain | None = None
+
+    rows = "band"
+
+    def __str__(self) -> str:
+        sure = sum(b.informative for b in self.bands)
+        parts = [f"Identification: {sure} of {len(self.bands)} bands informative, mass {self.mass:.4g} kg"]
+        if self.natural_frequency is not None:
+            parts.append(f"natural frequency {self.natural_frequency:.4g} Hz")
+        if self.stability is not None:
+            peak = self.stability.margins.peak_sensitivity
+            parts.append(f"peak |S| {peak:.3g} (zone {self.stability.iso_14839_3_zone} of ISO 14839-3)")
+        return ", ".join(parts)
+
+    def to_xarray(self) -> "xr.Dataset":
+        """Coefficients by band at the bands' centres (Hz), and the sensitivity by line; units are in the attributes.
+
+        `stiffness_low` and the like are ends of 95 % intervals, infinite where they are not bounded.
+        """
+        import xarray as xr
+
+        columns = {
+            "stiffness": "N/m", "stiffness_se": "N/m", "damping": "N s/m", "damping_se": "N s/m",
+            "ls_stiffness": "N/m", "ls_damping": "N s/m", "noise_share": "", "informative": "",
+        }  # fmt: skip
+        found: dict[str, Any] = {
+            name: ("band", [getattr(b, name) for b in self.bands], {"units": u}) for name, u in columns.items()
+        }
+        for name in ("stiffness", "damping"):
+            for i, end in enumerate(("low", "high")):
+                ends = [getattr(b, f"{name}_ci")[i] for b in self.bands]
+                found[f"{name}_{end}"] = ("band", ends, {"units": columns[name]})
+        hertz = {"units": "Hz"}
+        low, high = ([getattr(b, end) for b in self.bands] for end in ("f_lo", "f_hi"))
+        centre = [(one + other) / 2 for one, other in zip(low, high, strict=True)]
+        coordinates: dict[str, Any] = {
+            "band": ("band", centre, hertz),
+            "f_lo": ("band", low, hertz),
+            "f_hi": ("band", high, hertz),
+        }
+        if self.stability is not None:
+            coordinates["frequency"] = ("frequency", self.stability.frequency, hertz)
+            found["sensitivity"] = ("frequency", self.stability.sensitivity, {"units": ""})
+            found["sensitivity_variance"] = ("frequency", self.stability.variance, {"units": ""})
+        return xr.Dataset(found, coordinates, {"rows": self.rows, "notes": list(self.notes)})
+
+    def to_control(self) -> "control.FrequencyResponseData":
+        """The measured loop gain L = 1 / S - 1 at its lines, for the margins and diagrams of python-control.
+
+        Raises:
+            ValueError: The recording shows nothing of the loop.
+            ImportError: python-control is not installed.
+        """
+        if self.stability is None:
+            raise ValueError(
+                "the recording shows nothing of the loop: nothing was injected, or no controller is stated"
+            )
+        loop = loop_gain(self.stability.sensitivity)
+        return python_control().frd(loop, 2 * np.pi * self.stability.frequency)
+
+    def plot(self) -> "Figure":
+        """Stiffness and damping of the informative bands with 95 % intervals, as a matplotlib figure."""
+        from matplotlib.figure import Figure
+
+        sure = [b for b in self.bands if b.informative]
+        centre, half = ([(b.f_lo + sign * b.f_hi) / 2 for b in sure] for sign in (1, -1))
+        figure = Figure(layout="constrained")
+        axes = figure.subplots(2, 1, sharex=True)
+        for ax, name, unit in zip(axes, ("stiffness", "damping"), ("N/m", "N s/m"), strict=True):
+            value = np.array([getattr(b, name) for b in sure])
+            ends = np.array([getattr(b, f"{name}_ci") for b in sure]).reshape(-1, 2).T
+            off = np.abs(np.where(np.isfinite(ends), ends - value, 0.0))
+            ax.errorbar(centre, value, off, np.abs(half), fmt=".", capsize=2)
+            ax.set_ylabel(f"{name}, {unit}")
+        axes[1].set_xlabel("frequency, Hz")
+        return figure
 
 
 def identify(

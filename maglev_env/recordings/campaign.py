@@ -109,6 +109,9 @@ def load_campaign(folder_or_toml: str | Path) -> Campaign:
     the end is used. A random-phase multisine needs its channel, because its phases are unknown. An SPHS may lack its
     channel; its phases are then those of the design, and a period must begin exactly at `start` with the design's sign.
 
+    Args:
+        folder_or_toml: The campaign's folder, or its campaign.toml.
+
     Raises:
         ValueError: A value does not fit; the message names the file, the recording and the key.
         OSError: campaign.toml or a data file does not exist.

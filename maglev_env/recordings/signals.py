@@ -23,11 +23,17 @@ def recorded_signals(
     """A recording as arrays: of two axes when it has the displacement of x and of y, otherwise of one.
 
     Masked samples are bridged by straight lines; spectra leave out the periods that hold them, where enough others
-    remain. `excited`: refuse a recording that nothing excites.
+    remain.
 
     Where the campaign does not state the force between samples, a designed force on a named rig, recorded at a multiple
     or fraction of its control rate, is taken as held by its converter, as the nominal rig is defined; any other force
     is taken as continuous.
+
+    Args:
+        campaign: to which it belongs.
+        spec: the recording, as the campaign states it.
+        dataset: its channels, of `read_recording`.
+        excited: whether a recording that nothing excites is refused.
 
     Raises:
         TellsNothing: Nothing is excited.

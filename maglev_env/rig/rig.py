@@ -336,6 +336,9 @@ def axis_rig(rig: Rig, axis: int) -> Rig:
 def load_rig(source: str | Path) -> Rig:
     """A preset by name, or a rig TOML by path.
 
+    Args:
+        source: name of a preset, or path of a .toml file.
+
     Raises:
         ValueError: The rig is not valid; the message names file and key.
         OSError: The file cannot be read.

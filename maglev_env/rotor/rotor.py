@@ -244,6 +244,9 @@ def hollow_cylinder(mass: float, inner: float, outer: float, length: float) -> t
 def load_rotor(source: str | Path) -> Rotor:
     """Load a preset by name, or a rotor TOML by path.
 
+    Args:
+        source: name of a preset, or path of a .toml file.
+
     Raises:
         ValueError: A value does not fit; the message names the file and key.
         OSError: The file cannot be read.

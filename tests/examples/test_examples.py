@@ -55,3 +55,20 @@ def test_ppo_trains_and_is_measured(monkeypatch):
     mean, half = env_ppo_evaluation.mean_return(lambda seen: model.predict(seen, deterministic=True)[0])
     assert -10 <= mean <= 10 and 0 < half < 5
     assert np.isfinite([mean, half]).all() and "env_sb3_ppo" in sys.modules
+
+
+def test_three_users_get_what_they_came_for(tmp_path, capsys):
+    """The scripts of a bearing engineer, a control engineer and an RL researcher, of about 20 lines each."""
+    from bearing_engineer import study as bearing
+    from control_engineer import study as loop
+    from rl_researcher import episode
+
+    table = bearing(str(tmp_path / "stiffness.png"))
+    assert (np.diff(table["stiffness"]) > 0).all() and (tmp_path / "stiffness.png").stat().st_size > 10_000
+    assert (table["stiffness_low"] < table["stiffness"]).all() and "best number 1" in capsys.readouterr().out
+    modelled, measured, step = loop()
+    assert measured == pytest.approx(modelled, abs=1.0) and np.isfinite(step.outputs).all()
+    best = episode(rigs=4, steps=2)
+    assert best.shape == (4,) and np.isfinite(best).all()
+    for name in ("bearing_engineer", "control_engineer", "rl_researcher"):
+        assert len((EXAMPLES / f"{name}.py").read_text().splitlines()) <= 26

@@ -70,7 +70,8 @@ def test_a_wrong_call_is_answered_before_the_long_imports(tmp_path):
         "sweep --rig no", "sweep --kp 1:2", "simulate --effect no=1", "tune --rig bad.toml", "tune --method no",
         "tune --campaign no", "compare no", "compare --twin no", "train --rig no", "train --rig bad.toml",
         "estimate no", "estimate text.csv", "check no", "check text.csv", "diagnose no", "new no", "runup --rotor no",
-        "bench --compare no", "reproduce no", "coverage no", "blind answer no", "blind open no", "blind score no",
+        "explore no", "bench --compare no", "reproduce no", "coverage no", "blind answer no", "blind open no",
+        "blind score no",
         "selfsense estimate no", "selfsense calibrate no", *(
             f"selfsense {name} --rig no"
             for name in ("design", "record", "levitate", "demodulate", "noise", "rate-limit", "robustness", "rivals")
@@ -176,6 +177,7 @@ def test_sweep_writes_table_page_dataset_and_json(tmp_path):
         (["estimate", "nowhere"], "does not exist"),
         (["estimate", "here.npz", "--band-width", "-4"], "--band-width"),
         (["sweep", "--rig", "pedestal"], "no controlled magnet"),
+        (["explore", "pedestal"], "no control loop to explore"),
         (["simulate", "--rig", "pedestal", "--excite", "current=1:9@1", "--out", "x"], "only a force can excite"),
         (["estimate", "nowhere", "--method", "magic"], "magic"),
     ],

@@ -26,6 +26,8 @@ def simulate(
     kp: Annotated[float | None, typer.Option(help="A/m (default: the rig's).")] = None,
     ki: Annotated[float | None, typer.Option(help="A/(m s).")] = None,
     kd: Annotated[float | None, typer.Option(help="A s/m.")] = None,
+    td: Annotated[float | None, typer.Option(help="Time constant of the derivative's filter, s.")] = None,
+    ti: Annotated[float | None, typer.Option(help="Time constant of the integral's filter, s.")] = None,
     protocol: Annotated[str, typer.Option(help="sphs (the rig's own) or diagnosis (for maglev diagnose).")] = "sphs",
     excite: Annotated[
         list[str],
@@ -69,7 +71,8 @@ def simulate(
         raise ValueError(f"{out / 'campaign.toml'} exists; choose another --out or delete the folder")
     asked = Recorded(tuple(excite), kind, fundamental, periods, sample_rate)
     loaded = with_defaults(excited(load_rig(rig), asked))
-    chosen = {name: value for name, value in (("kp", kp), ("ki", ki), ("kd", kd)) if value is not None}
+    own = {"kp": kp, "ki": ki, "kd": kd, "td": td, "ti": ti}
+    chosen = {name: value for name, value in own.items() if value is not None}
     if chosen and not loaded.controlled:
         raise ValueError(f"rig {loaded.name} has no magnets, so it has no gains")
     planned = PROTOCOLS[protocol](loaded, with_gains(loaded.gains, **chosen), parse_effects(effect), seed)

@@ -1,0 +1,81 @@
+"""The linearised sampled loop as systems of python-control."""
+
+from types import ModuleType
+from typing import TYPE_CHECKING
+
+import numpy as np
+import scipy
+
+from maglev_env.experiment import Experiment
+from maglev_env.linear.loop import closed_loop, discrete_plant
+from maglev_env.loop.effect import effect_value, split_delay
+from maglev_env.loop.gains import of_axis, reads_current, state_space
+
+if TYPE_CHECKING:
+    import control
+
+
+def to_control(experiment: Experiment) -> "tuple[control.StateSpace, control.StateSpace, control.StateSpace]":
+    """Plant, controller and closed loop of an experiment for python-control, sampled at the control rate.
+
+    They have one input and one output each, or two (x, y) on an x-y rig. The loop gain is controller * plant; feedback
+    is negative. Effects enter with their linear part, delays and lost samples included.
+
+    Args:
+        experiment: with rig, effects, sensor and gains; its excitations are not used.
+
+    Returns:
+        plant: from the command (A) to the displacement reading (m).
+        controller: from the negative reading (m) to the command (A).
+        closed: from the force (N), held over each sample, to the reading (m).
+
+    Raises:
+        ValueError: The controller reads the coil's current, so that there is no single loop to break.
+        ImportError: python-control is not installed.
+    """
+    control = python_control()
+    dt, axes = 1 / experiment.rig.control_rate, experiment.rig.axes
+    if reads_current(experiment.gains, dt):
+        raise ValueError("to_control: the controller reads the current; use loop_response, which closes that loop")
+    parts = [state_space(of_axis(experiment.gains, axis), dt) for axis in range(axes)]
+    a, b, c = (scipy.linalg.block_diag(*blocks) for blocks in (
+        [p[0] for p in parts], [p[1][:, None] for p in parts], [p[2][None] for p in parts],
+    ))  # fmt: skip
+    controller = control.ss(a, b, c, np.diag([p[3] for p in parts]), dt)
+    closed = closed_loop(experiment)
+    none = np.zeros((axes, axes))
+    return control.ss(*_plant(experiment), none, dt), controller, control.ss(*closed, none, dt)
+
+
+def python_control() -> ModuleType:
+    """The module `control`.
+
+    Raises:
+        ImportError: It is not installed; the message says what to install.
+    """
+    try:
+        import control
+    except ImportError:
+        raise ImportError('python-control is not installed: pip install "maglev-workbench[bench]"') from None
+    return control
+
+
+def _plant(experiment: Experiment) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """A, B and C from the commands (A) to the readings (m); the last states are the commands that act later."""
+    m, _, b_old, b_new, readings, _ = discrete_plant(experiment)
+    delay, _ = split_delay(experiment.effects, 1 / experiment.rig.control_rate)
+    lost = effect_value(experiment.effects, "dropped_samples")
+    n, axes = len(m), len(readings)
+    size = n + (delay + 1) * axes
+    # Rows: the command of now, of one sample ago, ...; columns: the states, then the input.
+    commands = np.eye((delay + 2) * axes, size + axes, n - axes)
+    commands[:axes, :] = 0.0
+    commands[:axes, size:] = (1 - lost) * np.eye(axes)
+    commands[:axes, n : n + axes] = lost * np.eye(axes)
+    whole = np.zeros((size, size + axes))
+    whole[:n, :n] = m
+    whole[:n] += b_new @ commands[delay * axes : (delay + 1) * axes] + b_old @ commands[(delay + 1) * axes :]
+    whole[n:] = commands[: (delay + 1) * axes]
+    c = np.zeros((axes, size))
+    c[:, :n] = readings
+    return whole[:, :size], whole[:, size:], c
