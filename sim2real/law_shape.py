@@ -18,7 +18,7 @@ from sim2real.simulated import Point
 # One standard deviation. From a square to an exponential of the same steepness are two of FORM, which doubles the
 # exponent of the distance and the distance itself; STEEPNESS is that of the change of the gain with the gap.
 FORM, STEEPNESS = 1.0, 0.1
-LEAST = EFFECTS["negative_stiffness"].parameters["change"].low  # the stiffness that a shape asks for ends here
+SCALED = EFFECTS["negative_stiffness"].parameters["change"]  # the stiffness that a shape asks for ends at its bounds
 
 
 def law_shapes(rig: Rig, near: Point) -> Mapping[str, Point]:
@@ -35,9 +35,13 @@ def law_shapes(rig: Rig, near: Point) -> Mapping[str, Point]:
     exponent, offset = (effect_value(effects_here, "force_law", name) for name in ("exponent", "offset"))
     here = reshaped(law, exponent, offset)
     power, distance = _pull(here)
+    # Of what is unsure the sign does not matter: where a change would leave the range of the law, its opposite is taken.
+    longer = max(power, 1.0) * FORM, FORM * distance / law.gap
+    shorter = tuple(-change * FORM / (1 + FORM) for change in (power, distance / law.gap))
+    steeper = 0.0, -STEEPNESS * distance / law.gap
     changes = {
-        "form of the force law": (max(power, 1.0) * FORM, FORM * distance / law.gap),
-        "steepness of the force law": (0.0, -STEEPNESS * distance / law.gap),
+        "form of the force law": longer if _possible(exponent + longer[0], offset + longer[1]) else shorter,
+        "steepness of the force law": steeper if _possible(exponent, offset + steeper[1]) else (0.0, -steeper[1]),
     }
     _, stiffness = linearise(here)
     scale = 1 + effect_value(effects_here, "negative_stiffness")
@@ -45,10 +49,16 @@ def law_shapes(rig: Rig, near: Point) -> Mapping[str, Point]:
     for name, (more, further) in changes.items():
         bent = {"exponent": exponent + more, "offset": offset + further}
         same = scale * stiffness / linearise(reshaped(law, bent["exponent"], bent["offset"]))[1] - 1
-        change = max(float(same), LEAST)
+        change = min(max(float(same), SCALED.low), SCALED.high)
         effects = {**near.effects, "force_law": bent, "negative_stiffness": {"change": change}}
         found[name] = Point(effects, near.changes, near.dithered)
     return found
+
+
+def _possible(exponent: float, offset: float) -> bool:
+    """Whether a force law may have these parameters."""
+    of_law = EFFECTS["force_law"].parameters
+    return all(of_law[k].low <= v <= of_law[k].high for k, v in (("exponent", exponent), ("offset", offset)))
 
 
 def _pull(law: ForceLaw | SingleSidedLaw) -> tuple[float, float]:
