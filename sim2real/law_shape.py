@@ -35,7 +35,7 @@ def law_shapes(rig: Rig, near: Point) -> Mapping[str, Point]:
     exponent, offset = (effect_value(effects_here, "force_law", name) for name in ("exponent", "offset"))
     here = reshaped(law, exponent, offset)
     power, distance = _pull(here)
-    # Of what is unsure the sign does not matter: where a change would leave the range of the law, its opposite is taken.
+    # The sign of what is unsure does not matter: where a change would leave the range of the law, its opposite is taken.
     longer = max(power, 1.0) * FORM, FORM * distance / law.gap
     shorter = tuple(-change * FORM / (1 + FORM) for change in (power, distance / law.gap))
     steeper = 0.0, -STEEPNESS * distance / law.gap
