@@ -37,6 +37,9 @@ _SETTINGS = {
     "distributed.admin.large-graph-warning-threshold": "1GB",
     # Dask makes workers return freed memory at once; every new array then causes page faults, which halves the speed.
     "distributed.nanny.pre-spawn-environ.MALLOC_TRIM_THRESHOLD_": None,
+    # After 15 s Dask would give up a process that it is starting again after a death, for ever: a busy machine needs
+    # longer than that.
+    "distributed.deploy.lost-worker-timeout": "10 minutes",
 }
 # Beside their encrypted ports, Dask's processes serve pages, which cannot be switched off, but can be left empty.
 _NO_PAGES = {"distributed.scheduler.http.routes": [], "distributed.worker.http.routes": []}

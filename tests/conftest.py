@@ -4,6 +4,7 @@ Most of its time goes into compiling kernels, so no two processes compile the sa
 go first, so that no process is left alone with one of them at the end.
 """
 
+import gc
 import sys
 from collections import Counter
 from hashlib import sha256
@@ -27,6 +28,12 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     if hasattr(config, "workerinput"):
         slow = Counter(item.path for item in items if item.get_closest_marker("slow"))
         items.sort(key=lambda item: -slow[item.path])  # within a file the order stays
+
+
+def pytest_collection_finish() -> None:
+    """Keep what is imported and collected out of every later collection of garbage: it stays until the end anyway."""
+    gc.collect()
+    gc.freeze()
 
 
 def _compile_once(folder: Path) -> None:

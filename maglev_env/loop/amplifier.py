@@ -141,21 +141,19 @@ def carried(poles: int, delayed: bool, limited: bool, shaped: bool) -> Callable[
     """
     old, new = commands(delayed, limited, shaped)
 
-    def by_rows(first: int) -> Callable:
-        @piece
-        def total(x, k, source):
-            found = x[k + first + 3 * W] * new(x, source)
-            if poles >= 1:
-                found = found + x[k + first] * x[source + X1]
-            if poles == 2:
-                found = found + x[k + first + W] * x[source + X2]
-            if delayed:
-                found = found + x[k + first + 2 * W] * old(x, source)
-            return found
+    # One piece for all rows: the compiler takes its time for a piece, and hardly any to put the offset into it.
+    @piece
+    def total(x, k, source, first):
+        found = x[k + first + 3 * W] * new(x, source)
+        if poles >= 1:
+            found = found + x[k + first] * x[source + X1]
+        if poles == 2:
+            found = found + x[k + first + W] * x[source + X2]
+        if delayed:
+            found = found + x[k + first + 2 * W] * old(x, source)
+        return found
 
-        return total
-
-    return by_rows
+    return lambda first: piece(lambda x, k, source: total(x, k, source, first))
 
 
 def coil(poles: int, delayed: bool, limited: bool) -> Callable:

@@ -8,7 +8,6 @@ import socket
 import stat
 import subprocess
 import sys
-import time
 from contextlib import ExitStack
 from pathlib import Path
 
@@ -16,6 +15,7 @@ import numpy as np
 import pytest
 from short_sweeps import short_rig, short_sweep
 from typer.testing import CliRunner
+from worker_jobs import deadly, said, slow_square, square
 
 from maglev_env.rig.rig import load_rig
 from maglev_env.task.task import make_task
@@ -33,39 +33,6 @@ from tuning.sweep import run_sweep
 
 distributed = pytest.importorskip("distributed")
 dask = pytest.importorskip("dask")
-
-
-def square(x):
-    if x < 0:
-        raise ArithmeticError(f"{x} is below 0")
-    return x * x
-
-
-def slow_square(x):
-    time.sleep(0.1)
-    return x * x
-
-
-def deadly(x):
-    if x == 2:
-        os._exit(3)
-    return x
-
-
-def said(campaign):
-    """A diagnosis whose cause says what was sent; campaign c0001 ends its process."""
-    if campaign.name == "c0001":
-        os._exit(3)
-    files = {path.name: path.stat().st_size for path in campaign.iterdir()}
-    found = files == {"campaign.toml": 6, "base.npz": 3000} and (campaign / "base.npz").read_bytes()[-1] == 7
-    return {
-        "schema": "maglev-diagnosis/1",
-        "verdict": "explained" if found else "no_gap",
-        "cause": ["delay"] if found else [],
-        "where": {"blocks": {}},
-        "which": [{"effects": ["delay"], "probability": 1.0, "parameters": {}}],
-        "gap": {"closed_fraction": 0.9},
-    }
 
 
 @pytest.fixture(scope="module")

@@ -1,0 +1,59 @@
+"""Pieces that compute the same are one piece, so that the compiler takes them once for all kernels."""
+
+import pytest
+
+from maglev_lanes import pieces
+from maglev_lanes.pieces import piece, register
+
+
+@pytest.fixture(autouse=True)
+def no_others():
+    """Nothing else waits to be registered, before and afterwards."""
+    register()
+    yield
+    pieces._waiting.clear()
+
+
+def raised(by):
+    return piece(lambda a: a + by)
+
+
+def doubled(f):
+    return piece(lambda a: f(f(a)))
+
+
+def test_a_factory_that_is_called_again_gives_the_same_piece():
+    assert raised(1.0) is raised(1.0) and doubled(raised(1.0)) is doubled(raised(1.0))
+
+
+def test_pieces_with_other_numbers_or_of_other_pieces_are_others():
+    found = [raised(1.0), raised(2.0), raised(1), raised(True), raised(0.0), raised(-0.0)]
+    found += [doubled(f) for f in found]
+    assert len({id(f) for f in found}) == len(found)
+    assert [f(1.0) for f in found[:2]] == [2.0, 3.0]
+    assert doubled(raised(2.0))(1.0) == 5.0
+
+
+def test_an_equal_function_of_another_place_is_another_piece():
+    assert piece(lambda a: a) is not piece(lambda a: a)
+
+
+def test_a_variable_that_changes_after_the_piece_was_marked_is_refused():
+    by = 1.0
+    piece(lambda a: a + by)
+    by = 2.0
+    with pytest.raises(RuntimeError, match="changed after it was marked"):
+        register()
+
+
+def test_the_compiler_takes_a_shared_piece_once_and_keeps_both_kernels_right():
+    import numba
+
+    def made(factor):
+        twice = doubled(raised(3.0))
+        register()
+        return numba.njit(lambda a: factor * twice(a)), twice
+
+    (first, shared), (second, again) = made(10.0), made(100.0)
+    assert shared is again
+    assert first(1.0) == 70.0 and second(1.0) == 700.0
