@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from estimation.lines.periods import LineStatistics
 from estimation.modal import global_fit
-from estimation.periods import LineStatistics
 
 
 @dataclass(frozen=True)

@@ -7,8 +7,8 @@ from itertools import pairwise
 import numpy as np
 
 from estimation.actuator import ActuatorEstimate
+from estimation.lines.periods import LineStatistics
 from estimation.normal import NORMAL_95
-from estimation.periods import LineStatistics
 
 GROWTH = 2 ** (1 / 3)  # from a band's lower to its upper edge, where it then holds enough lines
 LINES = 3  # least lines of a band of a record with a period

@@ -13,8 +13,8 @@ import scipy
 from numpy.polynomial.legendre import legval, legvander
 
 from estimation.bands import band_slices
+from estimation.lines.periods import LineStatistics
 from estimation.normal import NOISELESS
-from estimation.periods import LineStatistics
 
 DEGREE = 2
 SPARE = 4  # lines beyond one for each coefficient of k, so that what is left tells the distortion

@@ -10,8 +10,8 @@ import numpy as np
 import scipy
 
 from estimation.bands import band_slices
+from estimation.lines.periods import LineStatistics
 from estimation.normal import NOISELESS
-from estimation.periods import LineStatistics
 
 
 @dataclass(frozen=True)

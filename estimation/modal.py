@@ -6,8 +6,8 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from estimation.lines.periods import LineStatistics
 from estimation.normal import NOISELESS
-from estimation.periods import LineStatistics
 
 _POOL = 15  # lines over which the noise covariance is averaged; its own scatter falls to a few per cent
 

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from estimation.curves import crossings, largest, least, refine, smooth_response
+from estimation.lines.curves import crossings, largest, least, refine, smooth_response
 
 CONFIDENCE = 0.95
 MISSING_SHARE = 0.05  # an interval end is withheld when the margin is absent in a larger share of the draws
@@ -77,7 +77,7 @@ def loop_gain(sensitivity: ArrayLike) -> NDArray[np.complex128]:
 def peak_sensitivity(frequency: ArrayLike, sensitivity: ArrayLike) -> tuple[Array, Array]:
     """Largest |S| and its frequency in Hz, each (...), of many loops; the same numbers as in `margins`.
 
-    L is interpolated by a cubic spline in log frequency (`estimation.curves`).
+    L is interpolated by a cubic spline in log frequency (`estimation.lines.curves`).
 
     Args:
         frequency: Increasing frequencies (n,), Hz, n >= 4.

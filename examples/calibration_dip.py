@@ -14,7 +14,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from scipy.optimize import least_squares
 
-from estimation.sphs import harmonic_range, sphs, synthesise
+from estimation.multisine.sphs import harmonic_range, sphs, synthesise
 from maglev_env.design.protocols import diagnosis_campaign
 from maglev_env.kernel.simulate import simulate_records
 from maglev_env.loop.effect import effect

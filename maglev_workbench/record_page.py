@@ -9,7 +9,7 @@ import plotly.graph_objects as go
 import scipy
 from plotly.subplots import make_subplots
 
-from estimation.periods import line_statistics, period_spectra, split_periods
+from estimation.lines.periods import line_statistics, period_spectra, split_periods
 from maglev_env.channels import MEASURED
 from maglev_env.recordings.alarms import alarms_of
 from maglev_env.rig.excitation import Excitation

@@ -7,9 +7,9 @@ import numpy as np
 import scipy
 from numpy.typing import ArrayLike
 
-from estimation.frequency_response import frequency_response
-from estimation.periods import LineStatistics, line_statistics, period_spectra, split_periods
-from estimation.sphs import harmonic_range, sphs, synthesise
+from estimation.lines.frequency_response import frequency_response
+from estimation.lines.periods import LineStatistics, line_statistics, period_spectra, split_periods
+from estimation.multisine.sphs import harmonic_range, sphs, synthesise
 from selfsense.sensor import SelfSensor
 from selfsense.simulate import simulate
 from selfsense.validity import SETTLING, refuse_invalid

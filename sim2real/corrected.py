@@ -11,9 +11,9 @@ from maglev_env.loop.gains import NO_CONTROLLER, as_table
 from maglev_env.recordings.files import write_text_atomic
 from maglev_env.rig.excitation import Excitation
 from maglev_env.rig.rig import PARAMETERS, SCHEMA, Rig
+from sim2real.compared.simulated import experiment_at
 from sim2real.diagnosis import Diagnosis
 from sim2real.report import corrections, sentence
-from sim2real.simulated import experiment_at
 from sim2real.words import AT_BOUND
 
 _LINE = 100

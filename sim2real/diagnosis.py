@@ -12,16 +12,22 @@ from maglev_env.loop.effect import EFFECTS
 from maglev_env.recordings.campaign import Campaign
 from maglev_env.recordings.left_out import left_out_data
 from maglev_env.rig.rig import Rig
-from sim2real.attribute import NO_GAP, Attribution, Candidate, attribute, best_partial, contradictions
-from sim2real.bench_noise import bench_noise
-from sim2real.borne_out import borne_out, without
-from sim2real.drift import DRIFT, Drift, drift_of
-from sim2real.fit_figures import figures
+from sim2real.advice.gain_choice import GainChoice, gain_choice
+from sim2real.advice.next_experiment import Proposal, propose
+from sim2real.compared.bench_noise import bench_noise
+from sim2real.compared.open_tones import agreed, with_tones
+from sim2real.compared.problem import Problem, assemble
+from sim2real.compared.simulated import Point
+from sim2real.compared.standing import standing
 from sim2real.free.correction import Free, free_correction
 from sim2real.free.fit import excess
-from sim2real.gain_choice import GainChoice, gain_choice
-from sim2real.hypotheses import TONES, UNKNOWN, Coordinate
-from sim2real.judge import (
+from sim2real.gap.fit_figures import figures
+from sim2real.gap.leftover import Leftover, leftover
+from sim2real.gap.locate import CONTROLLER_SD, Where, locate
+from sim2real.gap.shrink import Gap, errors, shrink
+from sim2real.judgement.borne_out import borne_out, without
+from sim2real.judgement.drift import DRIFT, Drift, drift_of
+from sim2real.judgement.judge import (
     Entry,
     allowance,
     alternatives,
@@ -31,19 +37,20 @@ from sim2real.judge import (
     with_effects,
     worded,
 )
-from sim2real.leftover import Leftover, leftover
-from sim2real.locate import CONTROLLER_SD, Where, locate
-from sim2real.next_experiment import Proposal, propose
-from sim2real.nonstationary import widening
-from sim2real.open_tones import agreed, with_tones
-from sim2real.problem import Problem, assemble
+from sim2real.judgement.nonstationary import widening
+from sim2real.judgement.unsynchronised import (
+    Sighting,
+    evidence,
+    sightings,
+    spin_costs,
+    tone_parameters,
+    vibration_costs,
+)
 from sim2real.recorded.open_record import OpenRecord
 from sim2real.recorded.records import read_records
 from sim2real.recorded.static_evidence import drift_in_words
-from sim2real.shrink import Gap, errors, shrink
-from sim2real.simulated import Point
-from sim2real.standing import standing
-from sim2real.unsynchronised import Sighting, evidence, sightings, spin_costs, tone_parameters, vibration_costs
+from sim2real.search.attribute import NO_GAP, Attribution, Candidate, attribute, best_partial, contradictions
+from sim2real.search.hypotheses import TONES, UNKNOWN, Coordinate
 from sim2real.words import Fitted
 
 SCHEMA = "maglev-diagnosis/1"

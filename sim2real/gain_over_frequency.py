@@ -18,13 +18,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from estimation.apparent_gain import TOLD, ApparentGain, BandGain, edges
-from estimation.line_windows import WIDTH
-from sim2real.nonstationary import whiteness
-from sim2real.problem import Part, Problem
+from estimation.lines.line_windows import WIDTH
+from sim2real.compared.problem import Part, Problem
+from sim2real.compared.simulated import Point, experiment_at
+from sim2real.judgement.nonstationary import whiteness
 from sim2real.recorded.nominal import nominal_blocks
 from sim2real.recorded.open_evidence import measured_series, simulated_series
 from sim2real.recorded.open_record import OpenRecord
-from sim2real.simulated import Point, experiment_at
 
 
 @dataclass(frozen=True)

@@ -16,18 +16,18 @@ from maglev_env.loop.effect import meaningful
 from maglev_env.loop.magnets.kinds import force_law
 from maglev_env.loop.magnets.law import linearise
 from maglev_env.rig.rig import Rig
-from sim2real.fitting import CONVERGED, Fit, begin, differentiate, iterate
+from sim2real.compared.problem import Problem, assemble
+from sim2real.compared.simulated import tolerances
 from sim2real.gain_over_frequency import Mechanics, apparent_gain
-from sim2real.hypotheses import Hypothesis
-from sim2real.nonstationary import widening
-from sim2real.problem import Problem, assemble
+from sim2real.judgement.nonstationary import widening
 from sim2real.recorded.not_stable import not_stable
 from sim2real.recorded.nuisances import Nuisances
 from sim2real.recorded.open_record import OpenRecord
 from sim2real.recorded.records import Record
 from sim2real.recorded.static_evidence import AT_REST, StaticEstimate, can_rest, drift_in_words, of_weight, static_of
-from sim2real.simulated import tolerances
-from sim2real.valleys import held_at_nominal
+from sim2real.search.fitting import CONVERGED, Fit, begin, differentiate, iterate
+from sim2real.search.hypotheses import Hypothesis
+from sim2real.search.valleys import held_at_nominal
 
 # What is identified, each as an effect of this name, and its unit.
 UNITS = {

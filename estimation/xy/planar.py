@@ -13,8 +13,8 @@ import numpy as np
 import scipy
 
 from estimation.bands import band_slices
+from estimation.lines.periods import LineStatistics
 from estimation.max_likelihood import BandEstimate, maximum_likelihood
-from estimation.periods import LineStatistics
 from estimation.xy.planar_lines import CHANNELS, Mass, PlanarLines, checked_masses, equation_rows, planar_lines
 
 CONDITION_LIMIT = 30.0  # Belsley, Kuh and Welsch 1980: above this condition number collinearity does harm

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 import scipy
 
-from estimation.periods import LineStatistics
+from estimation.lines.periods import LineStatistics
 from estimation.xy.planar_lines import Mass, checked_masses, equation_rows, planar_lines
 
 

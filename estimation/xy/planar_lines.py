@@ -7,8 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimation.bands import band_slices
+from estimation.lines.periods import LineStatistics
 from estimation.normal import NOISELESS
-from estimation.periods import LineStatistics
 
 CHANNELS = ("force_x", "force_y", "displacement_x", "displacement_y")
 

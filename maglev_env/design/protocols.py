@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from estimation.sphs import odd_lines
+from estimation.multisine.sphs import odd_lines
 from maglev_env.experiment import Experiment, protocol_experiment
 from maglev_env.linear.loop import closed_loop_poles
 from maglev_env.loop.effect import Effects

@@ -7,11 +7,11 @@ import numpy as np
 from estimation.band_mean import BandMean, band_mean
 from estimation.bands import band_slices, sliding_bands
 from estimation.effective import effective_coefficients
-from estimation.frequency_response import frequency_response
 from estimation.least_squares import LeastSquares, least_squares
+from estimation.lines.frequency_response import frequency_response
+from estimation.lines.periods import LineStatistics
 from estimation.max_likelihood import BandEstimate, least_squares_bias, maximum_likelihood
 from estimation.normal import NORMAL_95
-from estimation.periods import LineStatistics
 from maglev_env.experiment import Experiment
 from maglev_env.linear.loop import LoopResponse, loop_response
 from maglev_env.loop.gains import NO_CONTROLLER, Controllers

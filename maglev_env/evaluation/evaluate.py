@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from estimation.bands import band_slices, sliding_bands
-from estimation.frequency_response import frequency_response, pooled_variance
 from estimation.least_squares import least_squares
+from estimation.lines.frequency_response import frequency_response, pooled_variance
+from estimation.lines.periods import LineStatistics, held
 from estimation.max_likelihood import maximum_likelihood
 from estimation.normal import NORMAL_95
-from estimation.periods import LineStatistics, held
 from estimation.stability_margins import margin_arrays
 from estimation.xy.planar import axis_statistics
 from maglev_env.design.goals import goal_of

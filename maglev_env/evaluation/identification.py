@@ -7,9 +7,9 @@ import numpy as np
 
 from estimation.actuator import ActuatorEstimate, actuator_estimate, as_force
 from estimation.apparent_gain import ApparentGain, periodic_gain
-from estimation.frequency_response import Distortion, coherence, distortion
+from estimation.lines.frequency_response import Distortion, coherence, distortion
+from estimation.lines.periods import LineStatistics, held
 from estimation.modal import ModalEstimate, modal_estimate
-from estimation.periods import LineStatistics, held
 from estimation.stability_margins import loop_gain
 from maglev_env.evaluation.bands import (
     Band,

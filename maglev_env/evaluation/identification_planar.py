@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from estimation.periods import LineStatistics
+from estimation.lines.periods import LineStatistics
 from estimation.xy.planar import CONDITION_LIMIT, PlanarEstimate, RowSums, eight_coefficients, row_sums
 from estimation.xy.planar_least_squares import PlanarLeastSquares, planar_least_squares
 from maglev_env.evaluation.bands import band_layout

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from estimation.periods import LineStatistics, multiplied
+from estimation.lines.periods import LineStatistics, multiplied
 from maglev_env.rig.rig import Rig
 
 

@@ -6,10 +6,10 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.ndimage import uniform_filter1d
 
-from estimation.frequency_response import frequency_response, pooled_variance
+from estimation.lines.frequency_response import frequency_response, pooled_variance
+from estimation.lines.periods import LineStatistics
 from estimation.margin_errors import margin_errors
 from estimation.normal import NORMAL_95
-from estimation.periods import LineStatistics
 from maglev_env.experiment import Experiment
 from maglev_env.kernel.events import Event, simulated_events
 from maglev_env.kernel.simulate import Block

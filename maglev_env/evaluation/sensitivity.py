@@ -4,8 +4,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from estimation.frequency_response import frequency_response
-from estimation.periods import LineStatistics
+from estimation.lines.frequency_response import frequency_response
+from estimation.lines.periods import LineStatistics
 from maglev_env.loop.gains import Controller, controller_response, reads_current
 
 

@@ -4,8 +4,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from estimation.frequency_response import frequency_response, loop_variance
 from estimation.iso_14839 import iso_14839_3_zone
+from estimation.lines.frequency_response import frequency_response, loop_variance
 from estimation.normal import NORMAL_95
 from estimation.stability_margins import Interval, Margins, margin_arrays, margins
 from maglev_env.evaluation.bands import nominal_response

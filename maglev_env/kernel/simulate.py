@@ -7,7 +7,7 @@ from itertools import chain, islice
 import numpy as np
 import scipy
 
-from estimation.periods import LineStatistics, line_statistics
+from estimation.lines.periods import LineStatistics, line_statistics
 from maglev_env.rig.excitation import lines_at
 from maglev_env.channels import NOISY, SPECTRAL
 from maglev_env.experiment import Experiment, axis_experiment, recorded_channels, sampling, spectral_channels

@@ -10,7 +10,7 @@ from itertools import product
 import numpy as np
 import scipy
 
-from estimation.periods import LineStatistics
+from estimation.lines.periods import LineStatistics
 from maglev_env.channels import SPECTRAL
 from maglev_env.experiment import Experiment, axis_experiment, channels_of, moving_mass, self_sensors
 from maglev_env.linear.axis import POSITION, VELOCITY, cross_terms, linear_axis

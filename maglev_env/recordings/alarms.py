@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from maglev_env.channels import unit_of
+from maglev_env.recordings.formats.time_stamps import Clock
 from maglev_env.recordings.levitation_losses import CAUGHT, levitation_losses, runs
 from maglev_env.recordings.masking import MOST_MASKED, clipped_samples
-from maglev_env.recordings.time_stamps import Clock
 from maglev_env.rig.rig import Rig
 
 if TYPE_CHECKING:

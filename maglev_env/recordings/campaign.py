@@ -17,8 +17,8 @@ from maglev_env.recordings.campaign_tables import (
     whole_of,
 )
 from maglev_env.recordings.files import OpenedFiles
+from maglev_env.recordings.formats.text_layout import TextLayout, layout_table
 from maglev_env.recordings.left_out import LeftOut
-from maglev_env.recordings.text_layout import TextLayout, layout_table
 from maglev_env.rig.controller_tables import controllers_from_table
 from maglev_env.rig.excitation import Excitation
 from maglev_env.rig.rig import PRESETS, Rig, load_rig, with_parameters

@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from maglev_env.recordings.file_formats import columns_of
 from maglev_env.recordings.files import Columns
+from maglev_env.recordings.formats.file_formats import columns_of
 
 _FIELD = re.compile(r"[A-Za-z_]\w*")  # what a column expression can name
 _MOST_PARTS, _MOST_COLUMNS = 200, 64  # of one struct or cell array, of one matrix

@@ -11,9 +11,9 @@ from typing import Any, BinaryIO
 
 import numpy as np
 
-from maglev_env.recordings import file_formats as formats
-from maglev_env.recordings.text_files import open_text
-from maglev_env.recordings.text_layout import TextLayout
+from maglev_env.recordings.formats import file_formats as formats
+from maglev_env.recordings.formats.text_files import open_text
+from maglev_env.recordings.formats.text_layout import TextLayout
 
 TEXT = (".csv", ".tsv", ".txt", ".dat", ".lvm")
 SUFFIXES = (".mat", *TEXT, ".npz", ".h5", ".nc")

@@ -4,8 +4,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from estimation.frequency_response import coherence
-from estimation.sphs import crest_factor
+from estimation.lines.frequency_response import coherence
+from estimation.multisine.sphs import crest_factor
 from maglev_env.recordings.alarms import Alarm
 from maglev_env.recordings.spectra import RecordedSignals, RecordSpectra, record_spectra
 from maglev_env.rig.rig import Rig

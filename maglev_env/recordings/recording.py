@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from estimation.periods import period_spectra, split_periods
+from estimation.lines.periods import period_spectra, split_periods
 from maglev_env.channels import MEASURED, SHOWN_BY, unit_of
 from maglev_env.experiment import Experiment, channels_of, recorded_channels, sampling, self_sensors
 from maglev_env.loop.axes import AXES, suffixes
@@ -19,10 +19,10 @@ from maglev_env.recordings.alarms import alarms_text, clock_alarms, find_alarms,
 from maglev_env.recordings.campaign import Campaign, ChannelSource, RecordingSpec
 from maglev_env.recordings.derived import displacements
 from maglev_env.recordings.files import Columns
+from maglev_env.recordings.formats.time_stamps import Clock, check_clock
 from maglev_env.recordings.left_out import TellsNothing
 from maglev_env.recordings.masking import MOST_MASKED
 from maglev_env.recordings.measurement_chain import corrected
-from maglev_env.recordings.time_stamps import Clock, check_clock
 from maglev_env.rig.excitation import Excitation, Place, lines_at
 
 if TYPE_CHECKING:

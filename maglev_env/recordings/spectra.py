@@ -5,8 +5,15 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from estimation.local_polynomial import local_polynomial
-from estimation.periods import LineStatistics, held, line_statistics, period_spectra, split_periods, transient_periods
+from estimation.lines.local_polynomial import local_polynomial
+from estimation.lines.periods import (
+    LineStatistics,
+    held,
+    line_statistics,
+    period_spectra,
+    split_periods,
+    transient_periods,
+)
 from maglev_env.channels import ANALYSED, SHOWN_BY
 from maglev_env.loop.axes import AXES
 from maglev_env.loop.gains import Controllers, of_axis

@@ -3,7 +3,7 @@
 import numpy as np
 import scipy
 
-from estimation.frequency_response import pooled_variance
+from estimation.lines.frequency_response import pooled_variance
 from maglev_env.channels import unit_of
 from maglev_env.loop.magnets.kinds import force_law
 from maglev_env.loop.magnets.law import linearise

@@ -4,7 +4,7 @@ from itertools import combinations
 
 import numpy as np
 
-from estimation.periods import period_spectra
+from estimation.lines.periods import period_spectra
 from maglev_env.redundancy.finding import Finding
 from maglev_env.redundancy.view import View
 from maglev_env.rig.excitation import lines_at

@@ -5,7 +5,7 @@ from itertools import pairwise
 import numpy as np
 import scipy
 
-from estimation.periods import period_spectra
+from estimation.lines.periods import period_spectra
 from maglev_env.channels import unit_of
 from maglev_env.redundancy.finding import Finding, Kind
 from maglev_env.redundancy.view import View

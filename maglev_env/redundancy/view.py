@@ -6,7 +6,7 @@ from functools import cached_property
 
 import numpy as np
 
-from estimation.periods import period_spectra, split_periods, transient_periods
+from estimation.lines.periods import period_spectra, split_periods, transient_periods
 from maglev_env.experiment import Experiment, sampling
 from maglev_env.linear.loop import LoopResponse, loop_response
 from maglev_env.loop.gains import NO_CONTROLLER, Controller

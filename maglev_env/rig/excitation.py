@@ -9,8 +9,8 @@ from typing import Any, Literal
 
 import numpy as np
 
-from estimation.low_crest import low_crest
-from estimation.sphs import Multisine, impulse, random_phase, sphs, synthesise
+from estimation.multisine.low_crest import low_crest
+from estimation.multisine.sphs import Multisine, impulse, random_phase, sphs, synthesise
 from maglev_env.channels import SHOWN_BY, Place, unit_of
 from maglev_env.fields import is_number
 
@@ -26,9 +26,9 @@ class Excitation:
     """One periodic excitation; several of them on different lines may share a record.
 
     Args:
-        kind: "sphs" (Schroeder phases, D App. A), "multisine" (random phases drawn from `seed`) or "low_crest" (phases
-            optimised for a low crest factor, see `estimation.low_crest`) or "impulse" (all lines in phase: one blow a
-            period). "recorded" (another measured excitation) and "none" describe recordings; they cannot be
+        kind: "sphs" (Schroeder phases, D App. A), "multisine" (random phases drawn from `seed`), "low_crest" (phases
+            optimised for a low crest factor, see `estimation.multisine.low_crest`) or "impulse" (all lines in phase:
+            one blow a period). "recorded" (another measured excitation) and "none" describe recordings; they cannot be
             synthesised.
         at: "force" (N, on the rotor), "current" (A, added to the command) or "reference" (m).
         fundamental: Hz.

@@ -12,8 +12,8 @@ import numpy as np
 import scipy
 
 from estimation.max_likelihood import maximum_likelihood
-from estimation.periods import LineStatistics, line_statistics
-from estimation.sphs import sphs, synthesise
+from estimation.lines.periods import LineStatistics, line_statistics
+from estimation.multisine.sphs import sphs, synthesise
 from estimation.stability_margins import peak_sensitivity
 from maglev_env.loop.gains import controller_response
 from maglev_env.rotor.lanes import Run

@@ -11,11 +11,11 @@ from functools import cached_property
 
 import numpy as np
 
-from estimation.line_block import Block, checked_block, measured_at_mode
-from estimation.line_choice import lines_off_spin
-from estimation.spin import lines_beside_spin, spin_speed
-from estimation.sphs import sphs, synthesise
-from estimation.tracking import Tracked, TrackerSettings, noise_from_scatter, track
+from estimation.online.line_block import Block, checked_block, measured_at_mode
+from estimation.multisine.line_choice import lines_off_spin
+from estimation.lines.spin import lines_beside_spin, spin_speed
+from estimation.multisine.sphs import sphs, synthesise
+from estimation.online.tracking import Tracked, TrackerSettings, noise_from_scatter, track
 from maglev_env.rotor.identification import forward, motion, period_samples, turning
 from maglev_env.rotor.lanes import Run
 from maglev_env.rotor.linear import control_matrices, control_response, held_current, mechanics, sampled

@@ -6,9 +6,9 @@ from functools import lru_cache
 
 import numpy as np
 
-from estimation.frequency_response import frequency_response
+from estimation.lines.frequency_response import frequency_response
+from estimation.lines.periods import LineStatistics
 from estimation.max_likelihood import maximum_likelihood
-from estimation.periods import LineStatistics
 from estimation.stability_margins import loop_gain, margin_arrays
 from estimation.xy.planar import axis_statistics
 from maglev_env.evaluation.evaluate import force_statistics

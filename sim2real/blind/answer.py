@@ -16,7 +16,7 @@ from time import perf_counter
 from typing import Any, Protocol
 
 from maglev_env.recordings.files import write_text_atomic
-from maglev_env.recordings.json_data import plain
+from maglev_env.recordings.formats.json_data import plain
 from maglev_lanes.code_version import DIAGNOSING, code_version
 from maglev_lanes.processes import fresh_pool
 from sim2real.blind.cases import ANSWER_SCHEMA, ANSWERS, CAMPAIGNS, parse_diagnosis, seal_of

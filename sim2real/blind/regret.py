@@ -5,9 +5,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from estimation.frequency_response import frequency_response
+from estimation.lines.frequency_response import frequency_response
+from estimation.lines.periods import line_statistics, period_spectra
 from estimation.max_likelihood import maximum_likelihood
-from estimation.periods import line_statistics, period_spectra
 from estimation.stability_margins import margin_arrays
 from maglev_env.channels import SPECTRAL
 from maglev_env.evaluation.evaluate import force_statistics, score_target
@@ -17,14 +17,14 @@ from maglev_env.loop.effect import NO_EFFECTS, Effects, check_effects, effect
 from maglev_env.loop.gains import Gains
 from maglev_env.rig.excitation import lines_at
 from maglev_env.rig.rig import Rig
+from sim2real.advice.gain_choice import gain_choice, gain_sets
 from sim2real.blind.cases import Answer
 from sim2real.blind.excitation import Drive, Grid
 from sim2real.blind.judging import Judgement, size_range
 from sim2real.blind.rigs import PID
 from sim2real.blind.scoring import LARGE, REGRET_TARGET, Row, bootstrap, row
 from sim2real.blind.twin import LoopFailed, Truth, twin_periods
-from sim2real.gain_choice import gain_choice, gain_sets
-from sim2real.simulated import Point
+from sim2real.compared.simulated import Point
 
 CASES = 24
 

@@ -10,17 +10,17 @@ from typing import Any
 
 import numpy as np
 
-from sim2real.attribute import Attribution, Candidate
-from sim2real.fitting import Fit
+from sim2real.compared.problem import Problem
+from sim2real.compared.simulated import Point
 from sim2real.free import drawn as drawing
 from sim2real.free.drawn import Drawn, drawn
 from sim2real.free.fit import corrected, excess, lacks, refined
 from sim2real.free.share import GAINED, SURELY, share_closed
 from sim2real.free.trend import Trend, trend_of
 from sim2real.free.words import in_words
-from sim2real.problem import Problem
 from sim2real.recorded.open_record import OpenRecord
-from sim2real.simulated import Point
+from sim2real.search.attribute import Attribution, Candidate
+from sim2real.search.fitting import Fit
 from sim2real.words import percent
 
 POOR = 0.3  # share of the gap that corrections of calibration may leave before those of the best explanation are tried

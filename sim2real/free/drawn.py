@@ -6,10 +6,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from maglev_env.loop.free.element import LINE, PLAYS, RATIO, RELAXATIONS, SHARES, WIDTHS
-from sim2real.fitting import Fit
+from sim2real.compared.problem import Problem
 from sim2real.free.kinds import CURVE, LINEAR, PLACES, Freed, Kind
 from sim2real.free.shape import Form, form_of
-from sim2real.problem import Problem
+from sim2real.search.fitting import Fit
 
 GAIN_SD = 0.1  # prior standard deviation of the relative error of a gain
 FREQUENCIES, CYCLE = 41, 200  # points of a factor over frequency, and of a loop

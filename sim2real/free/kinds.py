@@ -10,9 +10,9 @@ from maglev_env.kernel.replay import replayed
 from maglev_env.loop.effect import EFFECTS, meaningful
 from maglev_env.loop.free.element import LINE, PLAYS, RELAXATIONS
 from maglev_env.loop.free.places import REMEMBERING
-from sim2real.hypotheses import Coordinate, Hypothesis
-from sim2real.problem import Part, Problem
-from sim2real.simulated import Point, unseen_by
+from sim2real.compared.problem import Part, Problem
+from sim2real.compared.simulated import Point, unseen_by
+from sim2real.search.hypotheses import Coordinate, Hypothesis
 
 CURVE, LINEAR, PLAY = "curve", "linear", "play"
 KEYS = {CURVE: LINE, LINEAR: ("direct", *RELAXATIONS), PLAY: ("direct", *PLAYS)}

@@ -9,12 +9,12 @@ from scipy import stats
 
 from maglev_env.loop.effect import EFFECTS, meaningful
 from maglev_env.loop.free.places import REMEMBERING
-from sim2real.drift import FALSE_ALARM, LEAST, trends
+from sim2real.compared.problem import Part, Problem
+from sim2real.compared.simulated import Point
 from sim2real.free.share import share_closed
-from sim2real.leftover_words import NORMAL_95
-from sim2real.problem import Part, Problem
+from sim2real.gap.leftover_words import NORMAL_95
+from sim2real.judgement.drift import FALSE_ALARM, LEAST, trends
 from sim2real.recorded.open_record import OpenRecord
-from sim2real.simulated import Point
 from sim2real.words import percent, quantity
 
 STEP = 0.01  # relative change of a gain for its derivative; of a stiffness, share of the nominal one of the magnets

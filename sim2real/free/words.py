@@ -5,7 +5,7 @@ import numpy as np
 from sim2real.free.drawn import Drawn
 from sim2real.free.kinds import CURVE, LINEAR, PLACES
 from sim2real.free.shape import Form
-from sim2real.leftover_words import NORMAL_95
+from sim2real.gap.leftover_words import NORMAL_95
 from sim2real.words import quantity
 
 WHERE = {

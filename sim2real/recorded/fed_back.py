@@ -13,7 +13,7 @@ from dataclasses import replace
 import numpy as np
 import scipy.fft
 
-from estimation.line_windows import KEPT, POOLED
+from estimation.lines.line_windows import KEPT, POOLED
 from maglev_env.recordings.left_out import TellsNothing
 from sim2real.recorded.nominal import nominal_blocks
 from sim2real.recorded.open_record import OpenRecord

@@ -13,7 +13,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from estimation.line_windows import KEPT
+from estimation.lines.line_windows import KEPT
 from sim2real.recorded.open_record import OpenRecord
 
 CLEAR = 10.0  # power along the instruments over that of the noise, from which a window is used

@@ -6,7 +6,7 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 import scipy.fft
 
-from estimation.line_windows import KEPT, WIDTH
+from estimation.lines.line_windows import KEPT, WIDTH
 from maglev_env.kernel.replay import look_at_replays, replayed
 from maglev_env.kernel.simulate import Block
 from sim2real.recorded.channel_errors import ChannelError

@@ -5,7 +5,7 @@ included: w = command - C(reference, -displacement, -current), with C the contro
 a hypothesis is simulated under this w. Its reading differs from the recorded one by the loop's answer to the sensor
 noise, to what else disturbs it and to the unknown start. Opened at the fixed nominal loop (see `opened`), the
 differences of reading and current are white for white sensor noise, each its own, and are looked at in windows of lines
-with the transient projected out (`estimation.line_windows`). Data and simulation go through the same linear map.
+with the transient projected out (`estimation.lines.line_windows`). Data and simulation go through the same linear map.
 """
 
 from collections.abc import Mapping
@@ -15,7 +15,7 @@ from functools import cached_property
 import numpy as np
 import scipy.fft
 
-from estimation.line_windows import KEPT, POOLED, WIDTH, LineWindows
+from estimation.lines.line_windows import KEPT, POOLED, WIDTH, LineWindows
 from maglev_env.experiment import Experiment
 from maglev_env.kernel.driven import Drive
 from maglev_env.linear.loop import closed_loop_poles

@@ -18,7 +18,7 @@ from itertools import product
 import numpy as np
 from scipy import stats
 
-from estimation.noise_shape import noise_shape
+from estimation.lines.noise_shape import noise_shape
 from maglev_env.rig.rig import axis_rig
 from sim2real.recorded.nominal import nominal_blocks, outputs_of
 from sim2real.recorded.records import Record

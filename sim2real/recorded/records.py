@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from estimation.periods import period_spectra, split_periods, transient_periods
+from estimation.lines.periods import period_spectra, split_periods, transient_periods
 from maglev_env.channels import MEASURED, SHOWN_BY
 from maglev_env.experiment import Experiment, sampling
 from maglev_env.kernel.driven import Drive

@@ -10,7 +10,7 @@ from math import pi
 
 import numpy as np
 
-from estimation.line_windows import KEPT, WIDTH
+from estimation.lines.line_windows import KEPT, WIDTH
 from maglev_env.experiment import axis_experiment
 from maglev_env.linear.axis import linear_axis
 from sim2real.recorded.open_loop import Loop

@@ -8,7 +8,7 @@ from scipy import stats
 from scipy.ndimage import median_filter
 from scipy.optimize import minimize_scalar
 
-from estimation.line_windows import WIDTH, LineWindows
+from estimation.lines.line_windows import WIDTH, LineWindows
 
 MAINS = (50.0, 60.0)  # Hz
 HARMONICS = 3

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from estimation.band_mean import band_mean
+from estimation.lines.periods import LineStatistics
 from estimation.max_likelihood import maximum_likelihood
-from estimation.periods import LineStatistics
 
 MASS, PERIODS, RECORDS = 0.08, 6, 300
 LINES = np.arange(60, 76)

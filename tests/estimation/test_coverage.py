@@ -9,8 +9,8 @@ from likelihood_records import BAND, M, statistics
 from scipy import stats
 
 from estimation.bands import sliding_bands
-from estimation.frequency_response import frequency_response
 from estimation.least_squares import least_squares
+from estimation.lines.frequency_response import frequency_response
 from estimation.max_likelihood import least_squares_bias, maximum_likelihood
 from maglev_env.evaluation.evaluate import force_statistics
 from maglev_env.experiment import protocol_experiment

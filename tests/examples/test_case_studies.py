@@ -13,9 +13,9 @@ from maglev_env.loop.effect import effect
 from maglev_env.loop.gains import NO_CONTROLLER
 from maglev_env.rig.excitation import Excitation
 from maglev_env.rig.rig import Protocol, Rig, load_rig
-from sim2real import attribute
+from sim2real.compared.simulated import Point
 from sim2real.diagnosis import diagnose
-from sim2real.simulated import Point
+from sim2real.search import attribute
 
 ROOT = Path(__file__).parents[2]
 

@@ -3,7 +3,7 @@
 import numpy as np
 from drawn_spectra import draw
 
-from estimation.periods import LineStatistics
+from estimation.lines.periods import LineStatistics
 from estimation.xy.planar_lines import CHANNELS
 
 MASS = 0.92

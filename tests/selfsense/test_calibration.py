@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from estimation.sphs import harmonic_range, sphs, synthesise
+from estimation.multisine.sphs import harmonic_range, sphs, synthesise
 from selfsense.calibration import static_calibration, static_sweep
 from selfsense.coil import Coil
 from selfsense.dynamic_calibration import dynamic_calibration, simulated_dynamic

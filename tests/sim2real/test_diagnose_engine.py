@@ -15,9 +15,9 @@ from maglev_env.recordings.files import read_columns, write_csv
 from maglev_env.recordings.recording import simulated_recording
 from maglev_env.rig.excitation import Excitation
 from maglev_env.rig.rig import load_rig
-from sim2real import attribute
+from sim2real.advice.next_experiment import SEPARATED
 from sim2real.diagnosis import diagnose
-from sim2real.next_experiment import SEPARATED
+from sim2real.search import attribute
 
 FREE = load_rig("hmb_free")
 DELAY = effect("delay", 7.5e-5)

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from sim2real.fitting import Fit, cost_of
-from sim2real.hypotheses import Hypothesis
 from sim2real.pooled import Coefficient, across_recordings, least_spread
+from sim2real.search.fitting import Fit, cost_of
+from sim2real.search.hypotheses import Hypothesis
 
 
 def _of(value, se):

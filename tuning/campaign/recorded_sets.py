@@ -6,10 +6,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 import scipy
 
-from estimation.frequency_response import frequency_response, pooled_variance
+from estimation.lines.frequency_response import frequency_response, pooled_variance
+from estimation.lines.periods import LineStatistics
 from estimation.max_likelihood import maximum_likelihood
 from estimation.normal import NOISELESS
-from estimation.periods import LineStatistics
 from estimation.stability_margins import Margins, margins
 from maglev_env.evaluation.score import ScoreTarget, score, terms
 from maglev_env.experiment import sampling

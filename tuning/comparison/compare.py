@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from maglev_env.recordings.json_data import plain
+from maglev_env.recordings.formats.json_data import plain
 from maglev_env.recordings.result_folder import claim, is_empty, load_arrays, locked, save_arrays
 from maglev_env.task.episodes import Episode
 from maglev_env.task.task import Task

@@ -38,7 +38,7 @@ EFFECTS: Mapping[str, EffectCard] = {
         ("magnets",),
         flexible=True,
         linear=False,
-        not_fitted="it shows over the periods, not in their mean, see `sim2real.drift`",
+        not_fitted="it shows over the periods, not in their mean, see `sim2real.judgement.drift`",
     ),
 }
 

@@ -8,13 +8,13 @@ import scipy.signal
 
 from estimation.bands import band_slices, sliding_bands
 from estimation.effective import pid_effective_coefficients
-from estimation.frequency_response import distortion, frequency_response, pooled_variance
 from estimation.least_squares import least_squares
-from estimation.local_polynomial import local_polynomial
-from estimation.low_crest import low_crest
+from estimation.lines.frequency_response import distortion, frequency_response, pooled_variance
+from estimation.lines.local_polynomial import local_polynomial
+from estimation.lines.periods import LineStatistics
 from estimation.max_likelihood import maximum_likelihood
 from estimation.modal import modal_estimate
-from estimation.periods import LineStatistics
+from estimation.multisine.low_crest import low_crest
 from estimation.stability_margins import margin_arrays, margins
 from estimation.xy.planar import axis_statistics, eight_coefficients, row_sums
 from estimation.xy.planar_least_squares import planar_least_squares

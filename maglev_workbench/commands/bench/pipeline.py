@@ -10,10 +10,10 @@ import numpy as np
 import scipy.fft
 
 from estimation.bands import band_slices, sliding_bands
-from estimation.frequency_response import frequency_response
 from estimation.least_squares import least_squares
+from estimation.lines.frequency_response import frequency_response
+from estimation.lines.periods import line_statistics
 from estimation.max_likelihood import maximum_likelihood
-from estimation.periods import line_statistics
 from estimation.stability_margins import margin_arrays
 from maglev_env.channels import SPECTRAL
 from maglev_env.evaluation.evaluate import evaluate, force_statistics, score_target

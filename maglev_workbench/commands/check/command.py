@@ -27,8 +27,8 @@ def check(
     from maglev_env.recordings.alarms import alarms_of
     from maglev_env.recordings.campaign import load_campaign
     from maglev_env.recordings.files import is_data_file
+    from maglev_env.recordings.formats.json_data import plain
     from maglev_env.recordings.guess.verified import guessed_campaign
-    from maglev_env.recordings.json_data import plain
     from maglev_env.recordings.quality import recording_quality
     from maglev_env.recordings.recording import read_recording
     from maglev_env.recordings.signals import recorded_signals

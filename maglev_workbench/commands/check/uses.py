@@ -131,7 +131,7 @@ def _margins(found: Sequence[Identification]) -> tuple[Verdict, str]:
 
 
 def _diagnose(alone: Campaign) -> tuple[Verdict, str]:
-    from sim2real.problem import assemble
+    from sim2real.compared.problem import assemble
     from sim2real.recorded.open_record import OpenRecord
     from sim2real.recorded.records import read_records
 

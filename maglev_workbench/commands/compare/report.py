@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from maglev_env.recordings.json_data import plain
+from maglev_env.recordings.formats.json_data import plain
 from maglev_workbench.commands.compare.figures import course_figure, improvement_figure, profile_figure
 from maglev_workbench.commands.compare.numbers import THRESHOLDS, Table
 from maglev_workbench.page import markdown_table, note, number, page, rig_facts, table

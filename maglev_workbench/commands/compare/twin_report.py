@@ -6,7 +6,7 @@ from importlib.metadata import version
 from math import inf, isfinite
 from typing import TYPE_CHECKING, Any
 
-from maglev_env.recordings.json_data import plain
+from maglev_env.recordings.formats.json_data import plain
 from maglev_workbench.commands.compare.twin_figures import NAMES, WORDS, before_after_figure
 from maglev_workbench.page import markdown_table, note, number, page, table
 from sim2real.blind import worth

@@ -35,7 +35,7 @@ def diagnose(
         raise ValueError(f"--out {folder}: the folder {folder.parent} does not exist; create it or choose another")
 
     warnings = warned(loaded, LEAVING_OUT) if loaded.rig else []  # without a rig the diagnosis says what is missing
-    from maglev_env.recordings.json_data import plain
+    from maglev_env.recordings.formats.json_data import plain
     from maglev_workbench.commands.diagnose.report import diagnose_page, terminal
     from sim2real import diagnosis
     from sim2real.corrected import write_corrected

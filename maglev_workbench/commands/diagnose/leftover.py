@@ -7,9 +7,9 @@ import numpy as np
 
 from maglev_env.units import prefixed
 from maglev_workbench.page import COLOURS, labelled_axis, note, shaded, styled, table
-from sim2real.leftover import Leftover
-from sim2real.leftover_words import LEAST, leftover_lines
-from sim2real.missing_force import QUANTITIES, Profile
+from sim2real.gap.leftover import Leftover
+from sim2real.gap.leftover_words import LEAST, leftover_lines
+from sim2real.gap.missing_force import QUANTITIES, Profile
 from sim2real.words import percent, quantity
 
 if TYPE_CHECKING:

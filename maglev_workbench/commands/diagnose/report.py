@@ -11,14 +11,14 @@ from maglev_workbench.commands.diagnose.figures import gap_bars, loop_diagram, r
 from maglev_workbench.commands.diagnose.free import free_sections
 from maglev_workbench.commands.diagnose.leftover import leftover_sections
 from maglev_workbench.page import note, number, page, table
+from sim2real.advice.gain_choice import GainChoice
+from sim2real.advice.next_experiment import SEPARATED
 from sim2real.diagnosis import Diagnosis, block_of
-from sim2real.gain_choice import GainChoice
-from sim2real.hypotheses import CALIBRATION, NONE, UNKNOWN
-from sim2real.judge import Entry
-from sim2real.leftover_words import fit_in_words, leftover_lines
-from sim2real.next_experiment import SEPARATED
+from sim2real.gap.leftover_words import fit_in_words, leftover_lines
+from sim2real.gap.shrink import errors
+from sim2real.judgement.judge import Entry
 from sim2real.report import BEYOND, Correction, corrections, curves, sentence, tempered, where_in_words
-from sim2real.shrink import errors
+from sim2real.search.hypotheses import CALIBRATION, NONE, UNKNOWN
 from sim2real.words import Fitted, fitted_quantity, percent, spoken
 
 if TYPE_CHECKING:

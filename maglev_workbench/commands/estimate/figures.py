@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from estimation.frequency_response import frequency_response
+from estimation.lines.frequency_response import frequency_response
 from estimation.normal import NORMAL_95
 from maglev_env.evaluation.bands import Band
 from maglev_env.evaluation.identification import Identification

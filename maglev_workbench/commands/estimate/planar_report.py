@@ -8,7 +8,7 @@ import numpy as np
 from estimation.normal import NORMAL_95
 from estimation.xy.planar import CONDITION_LIMIT
 from maglev_env.evaluation.identification_planar import PlanarIdentification
-from maglev_env.recordings.json_data import plain
+from maglev_env.recordings.formats.json_data import plain
 from maglev_workbench.commands.estimate.figures import COEFFICIENTS
 from maglev_workbench.commands.estimate.planar_figures import (
     ELEMENTS,

@@ -14,10 +14,10 @@ from maglev_env.recordings.recording import read_recording
 from maglev_env.recordings.signals import recorded_signals
 from maglev_env.recordings.spectra import RecordedSignals, axis_signals
 from maglev_env.rig.rig import Rig, axis_rig
+from sim2real.compared.standing import standing
 from sim2real.pooled import Pooled, pooled
 from sim2real.recorded.open_record import OpenRecord
 from sim2real.recorded.records import Record, read_records
-from sim2real.standing import standing
 
 Track = Callable[[Iterable[RecordingSpec]], Iterable[RecordingSpec]]
 

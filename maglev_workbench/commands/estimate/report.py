@@ -10,7 +10,7 @@ from estimation.normal import NORMAL_95
 from maglev_env.evaluation.bands import Band
 from maglev_env.evaluation.identification import Identification
 from maglev_env.evaluation.stability import Stability
-from maglev_env.recordings.json_data import plain
+from maglev_env.recordings.formats.json_data import plain
 from maglev_workbench.commands.estimate.figures import (
     COEFFICIENTS,
     coefficients,

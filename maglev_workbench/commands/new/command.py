@@ -37,11 +37,11 @@ def new(
 
     from maglev_env.loop.magnets.kinds import MAGNETS
     from maglev_env.recordings.files import write_text_atomic
+    from maglev_env.recordings.formats.json_data import plain
     from maglev_env.recordings.guess.agreed import agreed
     from maglev_env.recordings.guess.evidence import LIKELY
     from maglev_env.recordings.guess.recording import guess_recording
     from maglev_env.recordings.guess.verified import verified
-    from maglev_env.recordings.json_data import plain
     from maglev_env.rig.rig import load_rig
     from maglev_workbench.commands.new import questions
     from maglev_workbench.commands.new.answer import HEAD, answer_of, rows

@@ -5,7 +5,7 @@ from importlib.metadata import version
 from math import isfinite
 from typing import Any
 
-from maglev_env.recordings.json_data import plain
+from maglev_env.recordings.formats.json_data import plain
 from maglev_workbench.commands.reproduce.contents import CONTENTS, contents_rows, contents_summary
 from maglev_workbench.commands.reproduce.item import KINDS, Item, Kind, Outcome, Row
 from maglev_workbench.page import facts, markdown_table, note, number, page, table

@@ -11,7 +11,7 @@ from rich.table import Table
 
 from estimation.iso_14839 import iso_14839_3_zone
 from maglev_env.loop.gains import Gains
-from maglev_env.recordings.json_data import plain
+from maglev_env.recordings.formats.json_data import plain
 from maglev_env.rotor.operating_point import sag
 from maglev_workbench.commands.runup.study import Report, whirl
 from maglev_workbench.page import facts, note, number, page, table

@@ -9,7 +9,7 @@ import numpy as np
 
 from estimation.normal import NORMAL_95
 from maglev_env.evaluation.score import WEIGHTS
-from maglev_env.recordings.json_data import plain
+from maglev_env.recordings.formats.json_data import plain
 from maglev_env.rig.goal import MATCH, Goal, parse_goal
 from maglev_workbench.commands.sweep.figures import SHOWN, best_bands, over_gains
 from maglev_workbench.goal_page import (

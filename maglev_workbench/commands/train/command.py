@@ -49,7 +49,7 @@ def train(
     from dataclasses import asdict
     from time import perf_counter
 
-    from maglev_env.recordings.json_data import plain
+    from maglev_env.recordings.formats.json_data import plain
     from maglev_env.recordings.result_folder import claim, locked
     from maglev_env.rig.rig import load_rig
     from maglev_lanes.code_version import code_version

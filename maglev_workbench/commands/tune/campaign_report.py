@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from estimation.normal import NORMAL_95
-from maglev_env.recordings.json_data import plain
+from maglev_env.recordings.formats.json_data import plain
 from maglev_workbench.commands.tune.next_recording import excitation_words, in_words, summary
 from maglev_workbench.page import (
     COLOURS,

@@ -66,7 +66,7 @@ def tune(
 
     from maglev_env.loop.effect import parse_effects
     from maglev_env.loop.gains import of_axis
-    from maglev_env.recordings.json_data import plain
+    from maglev_env.recordings.formats.json_data import plain
     from maglev_env.rig.rig import load_rig
     from maglev_env.task.episodes import Episode
     from maglev_env.task.task import make_task

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from estimation.normal import NORMAL_95
-from maglev_env.recordings.json_data import plain
+from maglev_env.recordings.formats.json_data import plain
 from maglev_env.rig.goal import Goal
 from maglev_env.task.task import Task
 from maglev_workbench import goal_page

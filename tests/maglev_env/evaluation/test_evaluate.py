@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from control_loops import control_loop
 
-from estimation.frequency_response import frequency_response, pooled_variance
+from estimation.lines.frequency_response import frequency_response, pooled_variance
 from estimation.stability_margins import margins
 from maglev_env.evaluation.evaluate import evaluate, score_target
 from maglev_env.evaluation.score import WEIGHTS, ScoreTarget, score, terms

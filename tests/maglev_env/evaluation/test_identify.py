@@ -9,7 +9,7 @@ from scipy.interpolate import CubicSpline
 
 from estimation.band_mean import band_mean
 from estimation.bands import band_slices
-from estimation.frequency_response import frequency_response
+from estimation.lines.frequency_response import frequency_response
 from estimation.max_likelihood import maximum_likelihood
 from maglev_env.design.protocols import diagnosis_campaign, sphs_campaign
 from maglev_env.evaluation.identification import identify

@@ -7,8 +7,8 @@ import pytest
 from reference_simulator import simulate
 
 from estimation.bands import sliding_bands
+from estimation.lines.periods import line_statistics, period_spectra
 from estimation.max_likelihood import maximum_likelihood
-from estimation.periods import line_statistics, period_spectra
 from maglev_env.channels import MEASURED
 from maglev_env.evaluation.evaluate import force_statistics
 from maglev_env.experiment import Experiment, protocol_experiment

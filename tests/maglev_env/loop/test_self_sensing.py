@@ -11,7 +11,7 @@ from planar_rigs import UNLIKE
 from reference_self_sensing import simulate as simulate_slowly
 from typer.testing import CliRunner
 
-from estimation.frequency_response import frequency_response
+from estimation.lines.frequency_response import frequency_response
 from estimation.stability_margins import margin_arrays
 from maglev_env.channels import NOISY
 from maglev_env.design.defaults import with_defaults

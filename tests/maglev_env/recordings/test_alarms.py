@@ -16,8 +16,8 @@ from maglev_env.recordings.alarms import (
     lost_levitation,
     touched_rail,
 )
+from maglev_env.recordings.formats.time_stamps import check_clock
 from maglev_env.recordings.masking import clipped_samples
-from maglev_env.recordings.time_stamps import check_clock
 from maglev_env.rig.rig import load_rig
 
 RATE, SAMPLES = 500.0, 6000

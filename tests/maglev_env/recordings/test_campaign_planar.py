@@ -10,7 +10,7 @@ from command_line import maglev
 from scipy import stats
 
 from estimation.bands import band_slices
-from estimation.periods import held, multiplied
+from estimation.lines.periods import held, multiplied
 from estimation.xy.planar import axis_statistics, eight_coefficients
 from maglev_env.design.protocols import sphs_campaign
 from maglev_env.evaluation.identification import identify

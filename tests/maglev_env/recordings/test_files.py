@@ -9,8 +9,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.io import savemat
 
-from maglev_env.recordings import file_formats, files
+from maglev_env.recordings import files
 from maglev_env.recordings.files import read_columns, write_csv, write_mat, write_npz, write_text_atomic
+from maglev_env.recordings.formats import file_formats
 
 WRITERS = {".npz": write_npz, ".mat": write_mat, ".csv": write_csv}
 A, B = np.array([1.0, -2.5, 3e-9]), np.array([4.0, 5.0, 6.0])

@@ -8,7 +8,7 @@ import pytest
 import xarray as xr
 from scipy import signal
 
-from estimation.frequency_response import frequency_response
+from estimation.lines.frequency_response import frequency_response
 from maglev_env.loop.gains import Gains, LinearController
 from maglev_env.recordings.campaign import Campaign, RecordingSpec
 from maglev_env.recordings.signals import recorded_signals

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from estimation.sphs import random_phase, sphs, synthesise
+from estimation.multisine.sphs import random_phase, sphs, synthesise
 from maglev_env.channels import MEASURED
 from maglev_env.experiment import Experiment, protocol_experiment
 from maglev_env.kernel.simulate import simulate_records

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from maglev_env.recordings import text_files
 from maglev_env.recordings.files import read_columns
-from maglev_env.recordings.text_layout import TextLayout, layout_table
+from maglev_env.recordings.formats import text_files
+from maglev_env.recordings.formats.text_layout import TextLayout, layout_table
 
 T, Y = [0.0, 0.001, 0.002], [0.1234, -5.5, 2e-3]
 LABVIEW = """LabVIEW Measurement\t

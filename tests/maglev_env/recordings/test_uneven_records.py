@@ -6,12 +6,12 @@ import pytest
 from maglev_env.recordings.alarms import alarms_of
 from maglev_env.recordings.campaign import load_campaign
 from maglev_env.recordings.files import write_npz
+from maglev_env.recordings.formats.time_stamps import check_clock
 from maglev_env.recordings.masking import bridged, masked_periods, masked_samples
 from maglev_env.recordings.quality import recording_quality
 from maglev_env.recordings.recording import read_recording
 from maglev_env.recordings.signals import recorded_signals
 from maglev_env.recordings.spectra import record_spectra
-from maglev_env.recordings.time_stamps import check_clock
 from maglev_env.rig.excitation import Excitation
 
 HEAD = """schema = "maglev-campaign/1"

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from estimation.sphs import crest_factor
+from estimation.multisine.sphs import crest_factor
 from maglev_env.rig.excitation import (
     Excitation,
     axis_excitations,

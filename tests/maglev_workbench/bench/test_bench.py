@@ -19,7 +19,7 @@ from maglev_workbench.commands.bench.memory import block_figures, evaluation_pea
 from maglev_workbench.commands.bench.report import bench_page
 from maglev_workbench.commands.bench.timing import Size, alternately
 from maglev_workbench.console import write_json
-from sim2real import attribute
+from sim2real.search import attribute
 
 TINY = Size(lanes=2, repeats=1, xy_lanes=1, record_seconds=2.0, memory_sets=(2, 4), compiled=1)
 SIMULATORS = ("dlsim", "forced_response", "solve_ivp")

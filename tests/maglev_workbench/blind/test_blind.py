@@ -7,7 +7,7 @@ import pytest
 from command_line import maglev
 
 import sim2real
-from sim2real import gain_choice
+from sim2real.advice import gain_choice
 from sim2real.blind import generate as generator
 
 KINDS = ("none", "single", "single", "pair", "unknown", "none")

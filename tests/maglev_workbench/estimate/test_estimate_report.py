@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from estimation.frequency_response import Distortion
+from estimation.lines.frequency_response import Distortion
+from estimation.lines.periods import LineStatistics
 from estimation.modal import ModalEstimate
-from estimation.periods import LineStatistics
 from estimation.stability_margins import Margins
 from maglev_env.evaluation.bands import Band
 from maglev_env.evaluation.identification import Identification

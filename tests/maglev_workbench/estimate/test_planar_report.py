@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from rich.console import Console
 
+from estimation.lines.periods import LineStatistics
 from estimation.max_likelihood import BandEstimate
-from estimation.periods import LineStatistics
 from estimation.xy.planar import PlanarEstimate, RowSums, row_sums
 from estimation.xy.planar_least_squares import PlanarLeastSquares
 from estimation.xy.planar_lines import CHANNELS

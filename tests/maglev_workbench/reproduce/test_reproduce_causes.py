@@ -5,11 +5,14 @@ from functools import lru_cache
 import numpy as np
 import pytest
 
-from estimation.sphs import crest_factor, sphs, synthesise
+from estimation.multisine.sphs import crest_factor, sphs, synthesise
 from maglev_env.rig.rig import load_rig
-from maglev_workbench.commands.reproduce.chapters.appendix_c import SUBTRACTED
 from maglev_workbench.commands.reproduce.chapters.causes import Cause, causes, radial_responses
-from maglev_workbench.commands.reproduce.chapters.five_coefficients import five_coefficients, three_coefficients
+from maglev_workbench.commands.reproduce.chapters.coefficients.appendix_c import SUBTRACTED
+from maglev_workbench.commands.reproduce.chapters.coefficients.five_coefficients import (
+    five_coefficients,
+    three_coefficients,
+)
 from maglev_workbench.commands.reproduce.registry import HOME, chosen
 
 FREQUENCY = np.arange(1.0, 251.0)

@@ -5,8 +5,8 @@ from functools import cache
 import numpy as np
 import pytest
 
-from maglev_workbench.commands.reproduce.chapters.bearing_design import ITEMS
-from maglev_workbench.commands.reproduce.chapters.hydraulics import ITEM
+from maglev_workbench.commands.reproduce.chapters.bearing.bearing_design import ITEMS
+from maglev_workbench.commands.reproduce.chapters.bearing.hydraulics import ITEM
 from selfsense.coil import MU_0
 
 TABLE_3_1 = {

@@ -7,11 +7,11 @@ import pytest
 from scipy import signal
 
 from estimation.least_squares import least_squares
-from estimation.sphs import impulse, synthesise
+from estimation.multisine.sphs import impulse, synthesise
 from maglev_env.rig.rig import load_rig
-from maglev_workbench.commands.reproduce.chapters import flux_map, motor_drive
-from maglev_workbench.commands.reproduce.chapters.mallet import TOP, _momentum
-from maglev_workbench.commands.reproduce.chapters.pedestal_damping import standard_error
+from maglev_workbench.commands.reproduce.chapters.bearing import flux_map, motor_drive
+from maglev_workbench.commands.reproduce.chapters.coefficients.pedestal_damping import standard_error
+from maglev_workbench.commands.reproduce.chapters.identification.mallet import TOP, _momentum
 from maglev_workbench.commands.reproduce.registry import HOME, chosen
 
 NAMES = ("flux-map", "motor", "averaging", "mallet", "pedestal-damping", "digital-filters")

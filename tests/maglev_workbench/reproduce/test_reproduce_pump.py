@@ -7,7 +7,7 @@ import pytest
 
 from maglev_env.rotor.rotor import load_rotor
 from maglev_env.rotor.run_up import run_up
-from maglev_workbench.commands.reproduce.chapters.pump_damping import asked_for, forward_tilt
+from maglev_workbench.commands.reproduce.chapters.bearing.pump_damping import asked_for, forward_tilt
 from maglev_workbench.commands.reproduce.registry import chosen
 
 PUMP = load_rotor("pump")

@@ -6,16 +6,16 @@ import numpy as np
 import pytest
 from scipy.signal import bilinear, lfilter
 
-from estimation.sphs import crest_factor, harmonic_range, sphs, synthesise
+from estimation.multisine.sphs import crest_factor, harmonic_range, sphs, synthesise
 from maglev_env.design.defaults import with_defaults
 from maglev_env.experiment import protocol_experiment
 from maglev_env.linear.loop import loop_response
 from maglev_env.rig.rig import load_rig
-from maglev_workbench.commands.reproduce.chapters import self_sensing_dynamic as dynamic
-from maglev_workbench.commands.reproduce.chapters.self_sensing import ITEMS
-from maglev_workbench.commands.reproduce.chapters.self_sensing_circuit import DISPLACEMENT, OUTPUT
-from maglev_workbench.commands.reproduce.chapters.self_sensing_demodulation import sampled_duty
-from maglev_workbench.commands.reproduce.chapters.self_sensing_sensor import (
+from maglev_workbench.commands.reproduce.chapters.self_sensed import self_sensing_dynamic as dynamic
+from maglev_workbench.commands.reproduce.chapters.self_sensed.self_sensing import ITEMS
+from maglev_workbench.commands.reproduce.chapters.self_sensed.self_sensing_circuit import DISPLACEMENT, OUTPUT
+from maglev_workbench.commands.reproduce.chapters.self_sensed.self_sensing_demodulation import sampled_duty
+from maglev_workbench.commands.reproduce.chapters.self_sensed.self_sensing_sensor import (
     designed_for,
     dissertation_sensor,
     lines_figure,

@@ -9,7 +9,7 @@ import pytest
 from command_line import maglev
 from scipy import stats
 
-from estimation.sphs import harmonic_range, sphs, synthesise
+from estimation.multisine.sphs import harmonic_range, sphs, synthesise
 from maglev_env.design.defaults import with_defaults
 from maglev_env.rig.rig import load_rig
 from maglev_env.rig.self_sensor import rig_sensors

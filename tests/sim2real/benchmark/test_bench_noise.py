@@ -3,16 +3,16 @@
 import numpy as np
 import pytest
 
-from sim2real.bench_noise import NO_BOUND, bench_noise
 from sim2real.blind.benchmark import at
 from sim2real.blind.benchmark.drives import draw_drive
 from sim2real.blind.benchmark.rigs import draw_rig
 from sim2real.blind.benchmark.simulate import Controller, Recording, Truth, simulate
 from sim2real.blind.benchmark.write import write_campaign
-from sim2real.problem import assemble
+from sim2real.compared.bench_noise import NO_BOUND, bench_noise
+from sim2real.compared.problem import assemble
+from sim2real.compared.simulated import Point
 from sim2real.recorded.open_record import OpenRecord
 from sim2real.recorded.records import read_records
-from sim2real.simulated import Point
 
 
 def left(tmp_path, effects):

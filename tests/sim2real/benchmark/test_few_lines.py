@@ -6,10 +6,10 @@ from sim2real.blind.benchmark.drives import PERIODIC, Drive
 from sim2real.blind.benchmark.rigs import draw_rig
 from sim2real.blind.benchmark.simulate import Controller, Recording, Truth, simulate
 from sim2real.blind.benchmark.write import write_campaign
-from sim2real.drift import drift_of
-from sim2real.problem import assemble
+from sim2real.compared.problem import assemble
+from sim2real.compared.simulated import Point
+from sim2real.judgement.drift import drift_of
 from sim2real.recorded.records import read_records
-from sim2real.simulated import Point
 
 
 def test_a_multisine_of_nine_lines_is_read_and_has_no_drift(tmp_path):

@@ -8,16 +8,16 @@ import pytest
 from maglev_env.loop.magnets.kinds import force_law
 from maglev_env.loop.magnets.law import force, linearise, reshaped
 from maglev_env.rig.rig import load_rig
-from sim2real import problem as problem_module
 from sim2real.blind.benchmark.drives import draw_drive
 from sim2real.blind.benchmark.rigs import draw_rig
 from sim2real.blind.benchmark.simulate import Controller, Recording, Truth, simulate
 from sim2real.blind.benchmark.write import write_campaign
-from sim2real.fitting import begin, iterate
-from sim2real.hypotheses import Hypothesis
+from sim2real.compared import problem as problem_module
+from sim2real.compared.simulated import tolerances
+from sim2real.compared.stiffness_form import stiffness_forms
 from sim2real.recorded.records import read_records
-from sim2real.simulated import tolerances
-from sim2real.stiffness_form import stiffness_forms
+from sim2real.search.fitting import begin, iterate
+from sim2real.search.hypotheses import Hypothesis
 
 
 @pytest.fixture(scope="module")

@@ -8,15 +8,15 @@ from bench_loop import Bench, write_campaign
 
 from maglev_env.rig.rig import load_rig
 from maglev_workbench.commands.diagnose.free import free_sections
-from sim2real.attribute import Attribution, Candidate
+from sim2real.compared.problem import assemble
+from sim2real.compared.simulated import tolerances
 from sim2real.corrected import rig_toml
-from sim2real.fitting import begin, differentiate, iterate
 from sim2real.free.correction import free_correction, share_closed
 from sim2real.free.kinds import freed, kinds, sizes_of
-from sim2real.hypotheses import Hypothesis
-from sim2real.problem import assemble
 from sim2real.recorded.records import read_records
-from sim2real.simulated import tolerances
+from sim2real.search.attribute import Attribution, Candidate
+from sim2real.search.fitting import begin, differentiate, iterate
+from sim2real.search.hypotheses import Hypothesis
 
 QUIET = Bench(noise=2e-8, current_noise=1e-4)
 

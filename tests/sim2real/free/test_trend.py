@@ -7,9 +7,9 @@ from campaigns import planned, repeated
 
 from maglev_env.loop.effect import effect
 from maglev_env.rig.rig import load_rig
+from sim2real.compared.problem import assemble
+from sim2real.compared.simulated import Point
 from sim2real.free.trend import trend_of
-from sim2real.problem import assemble
-from sim2real.simulated import Point
 
 NOMINAL = Point({}, {})
 

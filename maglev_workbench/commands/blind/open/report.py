@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from maglev_env.recordings.json_data import plain
+from maglev_env.recordings.formats.json_data import plain
 from maglev_workbench.commands.blind.open.figures import reliability_figure
 from maglev_workbench.commands.blind.open.tables import DEFINITIONS, HEAD, cells, missed, tables
 from maglev_workbench.page import markdown_table, note, page, table

@@ -5,7 +5,7 @@ from pathlib import Path
 from rich.table import Table
 
 from maglev_env.recordings.files import write_text_atomic
-from maglev_env.recordings.json_data import plain
+from maglev_env.recordings.formats.json_data import plain
 from maglev_env.recordings.result_folder import locked
 from maglev_lanes.code_version import DIAGNOSING, code_version
 from maglev_workbench.commands.blind.open.tables import amount

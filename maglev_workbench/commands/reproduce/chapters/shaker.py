@@ -7,9 +7,9 @@ from typing import Literal
 import numpy as np
 
 from estimation.bands import band_slices
-from estimation.frequency_response import frequency_response
 from estimation.least_squares import LeastSquares, least_squares
-from estimation.periods import LineStatistics, held
+from estimation.lines.frequency_response import frequency_response
+from estimation.lines.periods import LineStatistics, held
 from maglev_env.experiment import Experiment
 from maglev_env.kernel.simulate import SimulatedStatistics, simulate_statistics
 from maglev_env.loop.axes import suffixes

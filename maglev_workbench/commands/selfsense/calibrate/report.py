@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from maglev_env.recordings.json_data import plain
+from maglev_env.recordings.formats.json_data import plain
 from maglev_workbench.commands.selfsense.calibrate.figures import bode, line
 from maglev_workbench.commands.selfsense.calibrate.numbers import (
     MEASURED_AT,

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from estimation.periods import period_spectra, split_periods, transient_periods
+from estimation.lines.periods import period_spectra, split_periods, transient_periods
 from maglev_env.loop.axes import AXES, suffixes
 from maglev_env.recordings.campaign import Campaign, RecordingSpec
 from maglev_env.recordings.files import read_columns

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from maglev_env.recordings.json_data import plain
+from maglev_env.recordings.formats.json_data import plain
 from maglev_workbench.commands.selfsense.demodulate.figures import comparison, enlarged
 from maglev_workbench.commands.selfsense.demodulate.study import METHODS, Demodulation, GapError
 from maglev_workbench.commands.selfsense.rig_sensor import made_by, reading_text, sampling_note

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from maglev_env.recordings.json_data import plain
+from maglev_env.recordings.formats.json_data import plain
 from maglev_workbench.commands.selfsense.design.figures import AT_IN_D, LAG_IN_D, MARGIN_IN_D, responses, trade
 from maglev_workbench.commands.selfsense.design.study import MARGINS, Candidate, Study, ideal_low_pass
 from maglev_workbench.commands.selfsense.rig_sensor import made_by, reading_text, sampling_note

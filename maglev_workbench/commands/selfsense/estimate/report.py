@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from maglev_env.recordings.json_data import plain
+from maglev_env.recordings.formats.json_data import plain
 from maglev_env.rig.rig import Rig
 from maglev_workbench.commands.selfsense.estimate.figures import gap_figure, ripple_figure
 from maglev_workbench.commands.selfsense.estimate.recorded_coils import SensedCoil

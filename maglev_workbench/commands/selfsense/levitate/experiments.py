@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from estimation.frequency_response import frequency_response
+from estimation.lines.frequency_response import frequency_response
 from estimation.stability_margins import margin_arrays
 from estimation.xy.planar import axis_statistics
 from maglev_env.evaluation.evaluate import Evaluation, evaluate

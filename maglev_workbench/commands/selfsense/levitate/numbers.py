@@ -10,7 +10,7 @@ from maglev_env.evaluation.evaluate import Evaluation
 from maglev_env.evaluation.score import WEIGHTS
 from maglev_env.loop.axes import AXES
 from maglev_env.loop.gains import as_table
-from maglev_env.recordings.json_data import plain
+from maglev_env.recordings.formats.json_data import plain
 from maglev_workbench.commands.selfsense.levitate.experiments import SEEDS, SENSORS, Comparison
 from maglev_workbench.commands.selfsense.loop_facts import mean_with_half_width
 

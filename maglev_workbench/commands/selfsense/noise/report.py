@@ -4,7 +4,7 @@ from collections.abc import Iterable, Sequence
 from importlib.metadata import version
 from typing import TYPE_CHECKING, Any
 
-from maglev_env.recordings.json_data import plain
+from maglev_env.recordings.formats.json_data import plain
 from maglev_workbench.commands.selfsense.noise.figures import LIMIT, converter, record, sweep
 from maglev_workbench.commands.selfsense.noise.study import FREQUENCY, REACH, NoiseStudy
 from maglev_workbench.commands.selfsense.rig_sensor import DISSERTATION_RATE, made_by, reading_text, sampling_note

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from maglev_env.recordings.json_data import plain
+from maglev_env.recordings.formats.json_data import plain
 from maglev_workbench.commands.selfsense.design.figures import LAG_IN_D, MARGIN_IN_D
 from maglev_workbench.commands.selfsense.rate_limit.figures import rate_map
 from maglev_workbench.commands.selfsense.rate_limit.rate_map import (

@@ -32,7 +32,7 @@ def record(
 
     from maglev_env.loop.axes import suffixes
     from maglev_env.recordings.campaign_writer import FORMATS, write_campaign
-    from maglev_env.recordings.json_data import plain
+    from maglev_env.recordings.formats.json_data import plain
     from maglev_workbench.commands.selfsense.demodulate.study import check_motion
     from maglev_workbench.commands.selfsense.record.recording import Motion, recorded_coil
     from maglev_workbench.commands.selfsense.rig_sensor import load_sensor, reading_text

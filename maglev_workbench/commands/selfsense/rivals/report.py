@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from maglev_env.recordings.json_data import plain
+from maglev_env.recordings.formats.json_data import plain
 from maglev_workbench.commands.selfsense.rig_sensor import made_by, sampling_note
 from maglev_workbench.commands.selfsense.rivals.experiments import AVERAGED, NAMES, Result, Rivalry
 from maglev_workbench.commands.selfsense.rivals.figures import series

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from maglev_env.loop.gains import as_table
-from maglev_env.recordings.json_data import plain
+from maglev_env.recordings.formats.json_data import plain
 from maglev_workbench.commands.selfsense.loop_facts import loop_facts, mean_with_half_width
 from maglev_workbench.commands.selfsense.robustness.experiments import (
     AS_BELIEVED,

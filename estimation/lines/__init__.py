@@ -1,0 +1,1 @@
+"""From records to the statistics of their spectral lines."""

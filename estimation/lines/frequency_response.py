@@ -1,0 +1,154 @@
+"""Frequency responses, noise, coherence and nonlinear distortion from line statistics."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import scipy
+
+from estimation.lines.periods import LineStatistics
+
+POOL = 7  # neighbouring lines whose noise is averaged
+LOCAL, CURVE = 6, 4  # neighbouring lines through which a cubic of log frequency is laid
+ROUGH_POOL = 41  # lines of whose scatter about the cubics the median is taken, so that a resonance is not distortion
+
+
+def frequency_response(statistics: LineStatistics, output: str, source: str) -> tuple[np.ndarray, np.ndarray]:
+    """Frequency response of one channel to another, and its variance.
+
+    The ratio of period means equals the estimate S_yr / S_ur with the periodic excitation r as instrument, so noise
+    that runs around a control loop does not bias it (Pintelon and Schoukens 2012, ch. 2).
+
+    Returns:
+        response: Output / source (..., n); nan at lines where the source has no power.
+        variance: Noise variance E|n|^2 of the response (..., n).
+    """
+    y, u = statistics.amplitude(output), statistics.amplitude(source)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        g = y / u
+        cross = statistics.cross(output, source)
+        variance = statistics.cross(output, output) + np.abs(g) ** 2 * statistics.cross(source, source)
+        variance = (variance - 2 * np.real(np.conj(g) * cross)) / np.abs(u) ** 2
+    return g, variance
+
+
+def pooled_variance(variance: np.ndarray) -> np.ndarray:
+    """Variances (..., n) of a response, averaged over seven neighbouring lines.
+
+    A variance estimated from P periods scatters with 2 (P - 1) degrees of freedom; intervals that treat it as exact
+    cover too little.
+    """
+    return scipy.ndimage.uniform_filter1d(variance, POOL, axis=-1)
+
+
+def loop_variance(frequency: np.ndarray, sensitivity: np.ndarray, variance: np.ndarray) -> np.ndarray:
+    """Variance of a measured sensitivity, from the scatter over periods and from that between neighbouring lines.
+
+    The noise is averaged as in `pooled_variance`, but in proportion to |S|^2, as noise at one place of the loop enters
+    S. What repeats with the period but scatters from line to line about a smooth loop gain is stochastic
+    nonlinear distortion (Pintelon and Schoukens 2012, ch. 4), and counts where it exceeds the noise.
+
+    Args:
+        frequency: (n,), Hz, increasing.
+        sensitivity: (n,).
+        variance: (n,), of its noise, E|n|^2.
+    """
+    size = np.abs(sensitivity) ** 2
+    noise = pooled_variance(variance / size) * size
+    if frequency.size < LOCAL or not np.any(noise):
+        return noise
+    # Of the loop gain L = 1 / S - 1: |dL| = |dS| / |S|^2.
+    error = np.sqrt(np.maximum(noise, 1e-12 * noise.max())) / size
+    gain, x = 1 / sensitivity - 1, np.log(frequency)
+    left = np.empty(frequency.size - LOCAL + 1)
+    for i in range(left.size):
+        part = slice(i, i + LOCAL)
+        columns = np.vander(x[part] - x[part].mean(), CURVE) / error[part, None]
+        target = gain[part] / error[part]
+        rest = target - columns @ np.linalg.lstsq(columns, target, rcond=None)[0]
+        left[i] = np.sum(np.abs(rest) ** 2) / (LOCAL - CURVE)
+    whole = np.pad(left, (LOCAL // 2, (LOCAL - 1) // 2), mode="edge")
+    freedom = 2 * (LOCAL - CURVE)
+    median = scipy.stats.chi2.median(freedom) / freedom  # of that scatter, for noise alone
+    return noise * np.maximum(1.0, scipy.ndimage.median_filter(whole, ROUGH_POOL) / median)
+
+
+def instrumented_response(output: np.ndarray, source: np.ndarray, instrument: np.ndarray) -> np.ndarray:
+    """Response estimated with an instrument, S_yr / S_ur, from several records.
+
+    It is unbiased where noise runs around a control loop; there the plain ratio S_yu / S_uu tends to -1 / controller.
+
+    Args:
+        output: Spectra of the output (records, n); the records are periods or realisations.
+        source: Spectra of the source (records, n).
+        instrument: Spectra of the excitation (records, n).
+
+    Returns:
+        The response (n,).
+    """
+    r = np.conj(instrument)
+    return (output * r).sum(axis=0) / (source * r).sum(axis=0)
+
+
+def coherence(statistics: LineStatistics, channel: str) -> np.ndarray:
+    """Share of one period's power at each line that repeats in every period, 0 to 1, shape (..., n).
+
+    The expected noise power is subtracted from |mean|^2, so a line of pure noise gives 0 more often than not, and
+    0.4 / P on average over P periods.
+    """
+    noise = statistics.cross(channel, channel)
+    signal = np.maximum(np.abs(statistics.amplitude(channel)) ** 2 - noise, 0.0)
+    total = signal + statistics.periods * noise
+    return np.divide(signal, total, out=np.zeros_like(total), where=total > 0)
+
+
+@dataclass(frozen=True)
+class Distortion:
+    """Repeating power at lines that are not excited, relative to the excited lines' rms amplitude.
+
+    Attributes:
+        even: Rms amplitude ratio at even lines, corrected for noise; None where no such lines exist.
+        odd: The same at odd lines.
+        even_p: p-value of the hypothesis that the even lines hold noise alone; None where it cannot be tested.
+        odd_p: The same at odd lines.
+        noise: Ratio of the rms noise on the mean.
+    """
+
+    even: float | None
+    odd: float | None
+    even_p: float | None
+    odd_p: float | None
+    noise: float
+
+
+def distortion(statistics: LineStatistics, channel: str, excited: np.ndarray) -> Distortion:
+    """Even and odd nonlinear distortion of one record, from its detection lines.
+
+    The test for each line is |mean|^2 / variance, which is F(2, 2 (P - 1)) distributed for noise alone; Fisher's sum
+    combines the lines.
+
+    Args:
+        statistics: Line statistics without leading dimensions. Their lines that are not in `excited` are the
+            detection lines.
+        channel: Channel to be examined.
+        excited: Excited lines.
+    """
+    is_excited = np.isin(statistics.lines, excited)
+    power = np.abs(statistics.amplitude(channel)) ** 2
+    noise = statistics.cross(channel, channel)
+    level = np.sqrt(power[is_excited].mean())
+
+    def group(mask: np.ndarray) -> tuple[float | None, float | None]:
+        if not mask.any():
+            return None, None
+        excess = np.sqrt(max(float((power - noise)[mask].mean()), 0.0)) / level
+        usable = mask & (noise > 0)
+        if not usable.any():
+            return float(excess), None
+        f = power[usable] / noise[usable]
+        fisher = -2 * scipy.stats.f.logsf(f, 2, 2 * (statistics.periods - 1)).sum()
+        return float(excess), float(scipy.stats.chi2.sf(fisher, 2 * usable.sum()))
+
+    odd = statistics.lines % 2 == 1
+    even_level, even_p = group(~odd & ~is_excited)
+    odd_level, odd_p = group(odd & ~is_excited)
+    return Distortion(even_level, odd_level, even_p, odd_p, float(np.sqrt(noise[is_excited].mean()) / level))

@@ -1,0 +1,1 @@
+"""Periodic multisines: their lines, phases and crest."""

@@ -1,0 +1,187 @@
+"""Columns of text files as programs write them: .csv, .tsv, .txt, .dat and LabVIEW's .lvm."""
+
+import codecs
+import re
+from collections import deque
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from itertools import islice
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from maglev_env.recordings.formats.file_formats import Reader, Refused, Steps, follow
+from maglev_env.recordings.formats.labview import numbered_lines
+from maglev_env.recordings.formats.text_layout import (
+    STATE_IT,
+    Layout,
+    TextLayout,
+    cells_of,
+    find_layout,
+    is_left_out,
+    is_number,
+)
+
+MAX_PREAMBLE = 1000  # lines above the numbers
+_TAIL = 200
+DAY = 86400.0  # s
+_CLOCK = re.compile(r"(?:\S+[ T])?(\d{1,2}):([0-5]\d):([0-5]\d(?:[.,]\d+)?)")  # a time of day, behind a date or alone
+_SHOWN = 40  # characters of a line
+_BLOCK = 65536
+_BOMS = {codecs.BOM_UTF8: "utf-8-sig", codecs.BOM_UTF16_LE: "utf-16", codecs.BOM_UTF16_BE: "utf-16"}
+
+
+@dataclass(frozen=True)
+class TextFile:
+    """An open text file.
+
+    Attributes:
+        names: Of its columns.
+        read: Their values.
+        positions: Their names by position.
+        notes: What was told from the file, in words.
+        headers: By name what the file calls a column, with its unit in brackets, where it says more than the name.
+        numbers: Numbers above the table by what the file calls them.
+    """
+
+    names: tuple[str, ...]
+    read: Reader
+    positions: tuple[str, ...]
+    notes: tuple[str, ...]
+    headers: Mapping[str, str]
+    numbers: Mapping[str, float]
+
+
+def open_text(path: Path, stated: TextLayout) -> TextFile:
+    """Open a text file.
+
+    A column is asked for by its name in the header, or by its position, "[j]" from 0. A column without a name, or whose
+    name another one has too, goes by its position alone.
+
+    Raises:
+        Refused: The lines are no table of numbers, or can be read in two ways.
+    """
+    encoding, notes = _encoding(path)
+    with path.open(encoding=encoding) as file:
+        lines = numbered_lines(file)
+        head = [line for _, line in islice(lines, MAX_PREAMBLE)]
+        tail = [line for _, line in deque(lines, _TAIL)] or head[-_TAIL:]
+    layout = find_layout([line.rstrip("\n") for line in head], [line.rstrip("\n") for line in tail], stated)
+    positions = {f"[{j}]": j for j in range(len(layout.names))}
+    once = {name: j for j, name in enumerate(layout.names) if name and layout.names.count(name) == 1}
+    names = tuple(n if n in once else f"[{j}]" for j, n in enumerate(layout.names))
+    with path.open(encoding=encoding) as file:
+        table, problems, end = _table(numbered_lines(file), layout)
+
+    def read(root: str, steps: Steps) -> Any:
+        j = once[root] if root in once else positions[root]
+        if j in problems:
+            raise Refused(problems[j])
+        return follow(table[:, j].copy(), steps)
+
+    twice = {name for name in layout.names if layout.names.count(name) > 1} - {""}
+    notes += [f"several columns are called {name!r}: they go by position" for name in sorted(twice)]
+    headers = {name: header for name, header in zip(names, layout.preamble.headers, strict=False) if header}
+    return TextFile(names, read, tuple(positions), (*notes, *layout.notes, *end), headers, layout.preamble.numbers)
+
+
+def _encoding(path: Path) -> tuple[str, list[str]]:
+    """The encoding of a file: by its byte order mark, UTF-8 where its bytes fit, else Latin-1."""
+    decoder = codecs.getincrementaldecoder("utf-8")()
+    with path.open("rb") as file:
+        start = file.read(4)
+        for mark, name in _BOMS.items():
+            if start.startswith(mark):
+                return name, ["the file is UTF-16"] if name == "utf-16" else []
+        file.seek(0)
+        latin = False
+        while block := file.read(1 << 20):
+            if b"\0" in block:
+                raise Refused("it holds zero bytes: no text, or UTF-16 without a byte order mark; save it as UTF-8")
+            try:
+                latin or decoder.decode(block)
+            except UnicodeDecodeError:
+                latin = True
+    return ("latin-1", ["the file is not UTF-8: read as Latin-1"]) if latin else ("utf-8", [])
+
+
+def _table(lines: Iterator[tuple[int, str]], layout: Layout) -> tuple[np.ndarray, dict[int, str], list[str]]:
+    """The numbers (samples, columns), for each column that does not hold numbers alone, where, and notes.
+
+    The last line may be the beginning of one, where a program was stopped while it wrote.
+    """
+    columns = len(layout.names)
+    parts: list[np.ndarray] = [np.empty((0, columns))]
+    problems: dict[int, str] = {}
+    clocks: set[int] = set()
+    blank, notes = None, []
+    for _ in range(layout.first):
+        next(lines)
+    sample = 0
+    while block := list(islice(lines, _BLOCK)):
+        rows = []
+        for number, line in block:
+            if is_left_out(line):
+                blank = number if blank is None else blank
+            elif blank is not None:
+                raise Refused(f"line {blank} (before sample {sample + len(rows)}) is blank or a comment among numbers")
+            else:
+                rows.append((number, line))
+        if len(block) < _BLOCK and len(rows) > 1 and (cut := _cut_off(rows[-1][1], layout)):
+            notes.append(f"the last line is cut off ({cut}): it is left out")
+            rows.pop()
+        parts.append(_numbers(rows, layout, sample, problems, clocks))
+        sample += len(rows)
+    table = np.concatenate(parts)
+    for j in sorted(clocks - problems.keys()):
+        table[:, j] = _past_midnight(table[:, j])
+        notes.append(f"column {layout.names[j] or f'[{j}]'!r} holds times of day: it is read in seconds since midnight")
+    return table, problems, notes
+
+
+def _cut_off(line: str, layout: Layout) -> str:
+    """What a last line holds that has no end and fewer cells than the others; "" where it is whole."""
+    few = len(cells_of(line, layout.separator)) < len(layout.names)
+    return repr(line.strip()[:_SHOWN]) if few and not line.endswith("\n") else ""
+
+
+def _numbers(
+    rows: list[tuple[int, str]], layout: Layout, sample: int, problems: dict[int, str], clocks: set[int]
+) -> np.ndarray:
+    separator, columns = layout.separator, len(layout.names)
+    if not rows:
+        return np.empty((0, columns))
+    if columns == layout.width:
+        try:
+            text = (line.replace(",", ".") if layout.decimal == "," else line for _, line in rows)
+            values = np.loadtxt(
+                text, delimiter=None if separator == " " else separator, comments=None, quotechar='"', ndmin=2
+            )
+            if values.shape == (len(rows), columns):
+                return values
+        except ValueError:
+            pass  # read cell by cell, so that the message can name the line and the column
+    values = np.full((len(rows), columns), np.nan)
+    for i, (number, line) in enumerate(rows):
+        cells = cells_of(line, separator)
+        if not columns <= len(cells) <= layout.width or any(cells[columns:]):
+            raise Refused(
+                f"line {number} (sample {sample + i}) has {len(cells)} values, the other lines {columns} columns; "
+                f"thousands separators are not read; if the columns are told wrongly, {STATE_IT}"
+            )
+        for j, cell in enumerate(cells[:columns]):
+            if is_number(cell, layout.decimal):
+                values[i, j] = float(cell.replace(",", "."))
+            elif clock := _CLOCK.fullmatch(cell):
+                hours, minutes, seconds = (float(part.replace(",", ".")) for part in clock.groups())
+                values[i, j] = 3600 * hours + 60 * minutes + seconds
+                clocks.add(j)
+            else:
+                problems.setdefault(j, f"{cell!r} in line {number} (sample {sample + i}) is not a number")
+    return values
+
+
+def _past_midnight(times: np.ndarray) -> np.ndarray:
+    """Times of day in s, (samples,), that go on rising where a day ends."""
+    return times + DAY * np.cumsum(np.diff(times, prepend=times[:1]) < -DAY / 2)

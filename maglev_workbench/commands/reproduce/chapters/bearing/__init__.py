@@ -1,0 +1,1 @@
+"""Chapter 3: the bearing, the motor and the pump."""

@@ -1,0 +1,1 @@
+"""Chapter 5: stiffness and damping of the pump's bearings."""

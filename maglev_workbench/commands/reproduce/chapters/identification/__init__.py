@@ -1,0 +1,1 @@
+"""Chapter 4 and Appendix A: identification on the platform."""

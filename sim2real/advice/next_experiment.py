@@ -1,0 +1,139 @@
+"""What to measure next: the recording of a menu that best separates the remaining candidates for its effort."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import permutations
+from typing import Any
+
+import numpy as np
+
+from sim2real.advice.recording_menu import Item, menu
+from sim2real.compared.problem import Part
+from sim2real.compared.simulated import Point, Predictor, predictor
+from sim2real.judgement.judge import CLASS_SHARE, Entry
+from sim2real.recorded.open_evidence import Replay, opened_of
+from sim2real.recorded.open_loop import nominal_loop
+from sim2real.recorded.open_record import OpenRecord
+from sim2real.recorded.opened import opened_loop, stated_noise
+from sim2real.recorded.records import Record
+from sim2real.search.attribute import Attribution
+from sim2real.search.fitting import CALIBRATION_STEP, STEP, Fit
+
+REMAINING = 4  # candidates to be separated
+SEPARATED = 4.7  # cost between two candidates below which they count as alike (a likelihood ratio of about ten)
+ENOUGH = 25.0  # separation above which more effort is not worthwhile
+
+
+@dataclass(frozen=True)
+class Proposal:
+    """A proposed recording.
+
+    Attributes:
+        what: What to record.
+        why: The reason.
+        expected_separation: Cost (-2 ln likelihood ratio) between the two candidates that it separates least.
+        table: Every item of the menu with its separation.
+        change: What differs from the first recording: "amplitude" (factor), "offset" (m), "gains" (factors on kp and
+            kd), "excitation" (at, lines and peak, N or A; these lines are no longer driven otherwise; or, beside what
+            never repeats, frequencies in Hz in place of lines), "channels" (recorded in addition), "speed" (another
+            one).
+    """
+
+    what: str
+    why: str
+    expected_separation: float
+    table: tuple[tuple[str, float], ...]
+    change: Mapping[str, Any]
+
+    def to_json(self) -> dict[str, Any]:
+        return {
+            "what": self.what,
+            "why": self.why,
+            "expected_separation": self.expected_separation,
+            "change": dict(self.change),
+            "menu": [{"what": what, "expected_separation": value} for what, value in self.table],
+        }
+
+
+def propose(attribution: Attribution, found: Sequence[Entry]) -> Proposal | None:
+    """The most useful next recording; None where one candidate is left and nothing is unknown."""
+    tones = {name for e in found[:REMAINING] for name in e.effects if name in ("runout", "unbalance")}
+    if len(tones) == 2:
+        return Proposal(
+            "the same recording at another speed of rotation",
+            "a force of unbalance grows with the square of the speed, a runout reads the same",
+            ENOUGH,
+            (),
+            {"speed": True},
+        )
+    likely: list[Fit] = []
+    best = max((e.probability for e in found if e.candidate), default=0.0)
+    for e in found:
+        if len(likely) >= 2 and e.probability < CLASS_SHARE * best:
+            break  # candidates that are already separated need no further recording
+        fit = attribution.candidates[e.candidate].fit if e.candidate else None
+        # The same effects with a superfluous one added are not a rival hypothesis.
+        if fit and not any(set(fit.hypothesis.effects) >= set(f.hypothesis.effects) for f in likely):
+            likely.append(fit)
+    fits = likely[:REMAINING]
+    if len(fits) < 2:
+        return None
+    parts = attribution.problem.parts
+    base = next((part for part in parts if isinstance(part.record, Record)), attribution.problem.loudest)
+    items = [i for i in menu(base.record) if i.outputs]
+    table = [(item, _separation(item, base, fits)) for item in items]
+    table = [(item, value) for item, value in table if np.isfinite(value)]
+    if not table:
+        return None
+    # Choose the least effort that certainly separates them; where none does, the most separation per effort.
+    sure = [row for row in table if row[1] >= ENOUGH]
+    pick = min(sure, key=lambda row: row[0].effort) if sure else max(table, key=lambda row: row[1] / row[0].effort)
+    chosen, value = pick
+    names = " from ".join("+".join(f.hypothesis.effects) for f in fits[:2])
+    told = "tells" if value > SEPARATED else "does not surely tell"
+    ordered = sorted(((i.what, float(v)) for i, v in table), key=lambda row: -row[1])
+    return Proposal(chosen.what, f"it {told} {names}", float(value), tuple(ordered), chosen.change)
+
+
+def _look(item: Item, base: Part) -> tuple[Predictor, np.ndarray]:
+    """What predicts a recording of the menu, and the weights of its residuals (outputs, axes, n).
+
+    A recording without a period is expected to be as noisy as the one that was made.
+    """
+    if isinstance(item.record, OpenRecord):
+        loop = nominal_loop(item.record)
+        predict = Predictor(item.record, opened_of(loop), 0, Replay(item.record, loop, item.outputs))
+        return predict, np.sqrt(2) / base.noise * base.used
+    opened = replace(opened_loop(item.record), outputs=item.outputs)
+    return predictor(item.record, opened), np.sqrt(2 / stated_noise(item.record, opened) * item.record.count)
+
+
+def _separation(item: Item, base: Part, fits: Sequence[Fit]) -> float:
+    """Smallest cost by which any two candidates differ in a recording; -inf where one of them touches down in it.
+
+    The other candidate is refitted to the old and the new recordings together.
+    """
+    predict, weights = _look(item, base)
+    points: list[Point] = []
+    steps = []
+    for fit in fits:
+        points.append(fit.hypothesis.point(fit.u))
+        own = np.where(fit.prior > 0, CALIBRATION_STEP, np.maximum(STEP, STEP * abs(fit.u)))
+        steps.append(own)
+        points += [fit.hypothesis.point(fit.hypothesis.bounded(fit.u + d)) for d in np.diag(own)]
+    predicted = (predict(points) * weights).reshape(len(points), -1)
+    at, found = 0, []
+    for fit, own in zip(fits, steps, strict=True):
+        rows = predicted[at : at + 1 + fit.hypothesis.size]
+        found.append((rows[0], (rows[1:] - rows[0]) / own[:, None]))
+        at += len(rows)
+    worst = np.inf
+    for i, j in permutations(range(len(fits)), 2):
+        change, jacobian = found[i][0] - found[j][0], found[j][1]
+        if not (np.isfinite(change).all() and np.isfinite(jacobian).all()):
+            return -np.inf
+        cross = (jacobian @ change.conj()).real
+        normal = fits[j].normal + (jacobian @ jacobian.conj().T).real
+        value = np.vdot(change, change).real - cross @ np.linalg.pinv(normal, hermitian=True) @ cross
+        worst = min(worst, float(value))
+    return worst

@@ -1,0 +1,1 @@
+"""What a campaign is compared by: simulations of its recordings, and residuals in units of their noise."""

@@ -1,0 +1,72 @@
+"""What is not known of the shape of a magnet's force law, where a motion is so large that it shows.
+
+Gain and stiffness at rest are fitted; how both change along the motion follows from the law that the rig states. A
+real pole has another one: exponential where the coil is long, nearer to a square where the gap is small. Harmonics and
+rectified steps would then tell gain and stiffness with an error that their noise does not know of.
+"""
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from maglev_env.loop.effect import EFFECTS, effect_value
+from maglev_env.loop.magnets.kinds import force_law
+from maglev_env.loop.magnets.law import ForceLaw, SingleSidedLaw, linearise, reshaped
+from maglev_env.rig.rig import Rig, axis_rig
+from sim2real.compared.simulated import Point
+
+# One standard deviation. From a square to an exponential of the same steepness are two of FORM, which doubles the
+# exponent of the distance and the distance itself; STEEPNESS is that of the change of the gain with the gap.
+FORM, STEEPNESS = 1.0, 0.1
+SCALED = EFFECTS["negative_stiffness"].parameters["change"]  # the stiffness that a shape asks for ends at its bounds
+
+
+def law_shapes(rig: Rig, near: Point) -> Mapping[str, Point]:
+    """Points that differ by one standard deviation of what is not known of the law's shape.
+
+    Gain and stiffness at rest are those of `near`.
+
+    Args:
+        rig: the nominal rig, with magnets.
+        near: the point from which they differ.
+    """
+    law = force_law(axis_rig(rig, 0))
+    effects_here = {**rig.effects, **near.effects}
+    exponent, offset = (effect_value(effects_here, "force_law", name) for name in ("exponent", "offset"))
+    here = reshaped(law, exponent, offset)
+    power, distance = _pull(here)
+    # The sign of what is unsure does not matter. Where a change leaves the range of the law, its opposite is taken.
+    longer = max(power, 1.0) * FORM, FORM * distance / law.gap
+    shorter = tuple(-change * FORM / (1 + FORM) for change in (power, distance / law.gap))
+    steeper = 0.0, -STEEPNESS * distance / law.gap
+    changes = {
+        "form of the force law": longer if _possible(exponent + longer[0], offset + longer[1]) else shorter,
+        "steepness of the force law": steeper if _possible(exponent, offset + steeper[1]) else (0.0, -steeper[1]),
+    }
+    _, stiffness = linearise(here)
+    scale = 1 + effect_value(effects_here, "negative_stiffness")
+    found = {}
+    for name, (more, further) in changes.items():
+        bent = {"exponent": exponent + more, "offset": offset + further}
+        same = scale * stiffness / linearise(reshaped(law, bent["exponent"], bent["offset"]))[1] - 1
+        change = min(max(float(same), SCALED.low), SCALED.high)
+        effects = {**near.effects, "force_law": bent, "negative_stiffness": {"change": change}}
+        found[name] = Point(effects, near.changes, near.dithered)
+    return found
+
+
+def _possible(exponent: float, offset: float) -> bool:
+    """Whether a force law may have these parameters."""
+    of_law = EFFECTS["force_law"].parameters
+    return all(of_law[k].low <= v <= of_law[k].high for k, v in (("exponent", exponent), ("offset", offset)))
+
+
+def _pull(law: ForceLaw | SingleSidedLaw) -> tuple[float, float]:
+    """Exponent of the distance in a coil's pull, and the distance at rest, m."""
+    power = law.exponent + (2.0 if isinstance(law, ForceLaw) else 0.0)
+    return power, law.gap + law.coil_gap
+
+
+def shape_columns(at: np.ndarray, moved: Mapping[str, np.ndarray]) -> Mapping[str, np.ndarray]:
+    """Change of coordinates by each standard deviation; zero where the rotor touches down there."""
+    return {name: np.where(np.isfinite(own).all(), own - at, 0.0) for name, own in moved.items()}

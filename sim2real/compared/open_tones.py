@@ -1,0 +1,174 @@
+"""Tones in a record without a period: sinusoids in its opened residual that no drive and no transient explain.
+
+A tone is fitted to the lines of each window as the transform of a sinusoid over the whole record, beside all that what
+drives the record may explain there by a smooth response, and beside transient and drift. It counts as found where it
+stands so far above what is left of its own window that noise alone would do so in a share `FALSE_ALARM` of records. A
+resonance that a model lacks spreads over several lines, which are then no noise of its window, and does not pass.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy import stats
+from scipy.optimize import minimize_scalar
+
+from estimation.lines.line_windows import KEPT, WIDTH
+from maglev_env.linear.loop import closed_loop_poles
+from sim2real.compared.simulated import Point, lanes_of
+from sim2real.recorded.open_evidence import measured_series, simulated_series
+from sim2real.recorded.open_loop import nominal_loop
+from sim2real.recorded.open_record import OpenRecord
+from sim2real.recorded.records import Record
+from sim2real.recorded.tones import FALSE_ALARM, MOST, Tone, origin, tone_lines, transform_of_tone
+
+LIGHT, RINGING = 0.1, 0.25  # damping ratio of a mode that rings, and octaves from it within which it does
+ALIKE = 0.15  # lines within which tones of unknown origin are the same in two records
+FINE = 0.5  # lines between frequencies that are tried
+UNKNOWN_SIZE = 10.0  # times the size found, within which the tone that a fit takes out may lie
+
+
+@dataclass(frozen=True)
+class Residual:
+    """What a simulation leaves of an open record's displacement, opened.
+
+    Args:
+        record: the record.
+        lines: (axes, windows, KEPT), its coordinates.
+        driven: (windows, KEPT, directions), orthonormal or zero: what the drives may explain.
+        rank: (windows,), how many of them are not zero.
+    """
+
+    record: OpenRecord
+    lines: np.ndarray
+    driven: np.ndarray
+    rank: np.ndarray
+
+
+def residual_of(record: OpenRecord, point: Point) -> Residual | None:
+    """What the simulation at a point leaves of a record; None where it touches down."""
+    predicted = simulated_series(record, lanes_of(record, [point]))[0]
+    if not np.isfinite(predicted).all():
+        return None
+    off = measured_series(record) - predicted
+    w = record.windows
+    lines = w.project(nominal_loop(record).opened(record, off[0], off[2], None)[0])
+    unit = np.broadcast_to(np.eye(KEPT)[:, None], (KEPT, w.count, KEPT))
+    inside, rank = w.along(unit, record.drives)  # (KEPT, windows, directions): conjugates of the directions
+    return Residual(record, lines, np.moveaxis(np.conj(inside), 0, 1), rank)
+
+
+def with_tones(record: OpenRecord) -> OpenRecord:
+    """The record with the tones that the nominal simulation leaves in it."""
+    found: list[Tone] = []
+    residual = residual_of(record, Point({}, {}))
+    while residual is not None and len(found) < MOST:
+        tone, without = _strongest(residual)
+        if tone is None:
+            break
+        found.append(tone)
+        residual = without
+    return replace(record, tones=tuple(found)) if found else record
+
+
+def agreed(records: Sequence[Record | OpenRecord]) -> list[Record | OpenRecord]:
+    """The records with those tones of records without a period that are of known origin, or that another record has at
+    the same frequency: a resonance that the model lacks looks a little different in every record."""
+
+    def kept(record: OpenRecord, tone: Tone) -> bool:
+        width = record.windows.sample_rate / record.windows.samples
+        others = (t.frequency for r in records if r is not record for t in r.tones)
+        known = origin(tone.frequency, record.experiment.speed_rpm, width) is not None
+        return known or any(abs(f - tone.frequency) < ALIKE * width for f in others)
+
+    return [
+        replace(r, tones=tuple(t for t in r.tones if kept(r, t))) if isinstance(r, OpenRecord) and r.tones else r
+        for r in records
+    ]
+
+
+def nuisance_columns(record: OpenRecord, tone: Tone, outputs: tuple[str, ...]) -> dict[str, np.ndarray]:
+    """A tone of unknown size and phase along every axis, as columns (outputs, axes, n) by name."""
+    size = UNKNOWN_SIZE * float(np.linalg.norm(tone.amplitude["opened"]))
+    columns, found = size * record.windows.project(tone_lines(record.windows, tone.frequency)), {}
+    for axis in range(record.axes):
+        for name, column in zip(("cosine", "sine"), columns, strict=True):
+            whole = np.zeros((len(outputs), record.axes, column.size), complex)
+            whole[outputs.index("plant"), axis] = column.reshape(-1)
+            found[f"{name} of {tone.frequency:.4g} Hz along axis {axis} of {record.name}"] = whole
+    return found
+
+
+def tone_in(residual: Residual, frequency: float) -> tuple[np.ndarray, float]:
+    """A tone of a known frequency (Hz), however small.
+
+    Returns:
+        amplitude: complex, of the opened residual (axes,), m.
+        chi2: its power over that of what is left around it, as a chi-square of two degrees of freedom per axis.
+    """
+    w = residual.record.windows
+    line = frequency * w.samples / w.sample_rate
+    own = _window(residual, line)
+    c = transform_of_tone(w.first + own * WIDTH + np.arange(WIDTH), line, w.samples) @ w.directions
+    c = c if w.turned is None else c @ np.conj(w.turned[own])
+    driven = residual.driven[own]
+    y, c = (v - (v @ np.conj(driven)) @ driven.T for v in (residual.lines[:, own], c))
+    freedom = KEPT - residual.rank[own]
+    parts = np.concatenate([c.real, c.imag], axis=-1)  # (2, 2 KEPT)
+    target = np.concatenate([y.real, y.imag], axis=-1)
+    coefficients = np.linalg.lstsq(parts.T, target.T, rcond=1e-9)[0]  # (2, axes)
+    fitted = (parts.T @ coefficients).T
+    left = np.sum((target - fitted) ** 2) / max((2 * freedom - 2) * len(y), 1)
+    chi2 = float(np.sum(fitted**2) / max(left, 1e-300))
+    return coefficients[0] - 1j * coefficients[1], chi2
+
+
+def _window(residual: Residual, line: float) -> int:
+    w = residual.record.windows
+    return int(np.clip((round(line) - w.first) // WIDTH, 0, w.count - 1))
+
+
+def _strongest(residual: Residual) -> tuple[Tone | None, Residual]:
+    """The strongest tone that is significant, and the residual without it."""
+    record, w = residual.record, residual.record.windows
+    spacing = w.sample_rate / w.samples
+    tried = np.arange(w.first, w.first + w.frequency.size - 1 + FINE, FINE)
+    tried = tried[(tried >= WIDTH) & ~_ringing(record, tried * spacing)]  # what is slower may be drift
+    if not tried.size:
+        return None, residual
+    chances = np.array([log_chance(residual, f * spacing) for f in tried])
+    best = float(tried[int(np.argmin(chances))])
+    refined = minimize_scalar(
+        lambda line: log_chance(residual, line * spacing),
+        bounds=(best - 2 * FINE, best + 2 * FINE),
+        method="bounded",
+        options={"xatol": 1e-3},
+    ).x
+    if log_chance(residual, refined * spacing) + np.log(tried.size) > np.log(FALSE_ALARM):
+        return None, residual
+    amplitude, chi2 = tone_in(residual, refined * spacing)
+    own = np.array([amplitude.real, -amplitude.imag])
+    without = residual.lines - np.einsum("ca,cwk->awk", own, w.project(tone_lines(w, refined * spacing)))
+    return Tone(float(refined * spacing), {"opened": amplitude}, chi2), replace(residual, lines=without)
+
+
+def _ringing(record: OpenRecord, frequency: np.ndarray) -> np.ndarray:
+    """Whether frequencies (n,) are of no known origin and so near a lightly damped mode of the nominal loop that its
+    ringing, which no drive explains smoothly, might pass for a tone there."""
+    e, w = record.experiment, record.windows
+    poles = closed_loop_poles(e).astype(complex)
+    poles = np.log(poles[poles != 0]) * e.rig.control_rate
+    light = poles[(poles.imag > 0) & (abs(poles.real) < LIGHT * abs(poles))]
+    near = np.zeros(frequency.size, bool)
+    for pole in light:
+        near |= abs(np.log2(2 * np.pi * frequency / abs(pole))) < RINGING
+    known = [origin(float(f), e.speed_rpm, w.sample_rate / w.samples) is not None for f in frequency]
+    return near & ~np.array(known)
+
+
+def log_chance(residual: Residual, frequency: float) -> float:
+    """Logarithm of the probability that noise of a frequency's own window shows as strong a tone there."""
+    _, chi2 = tone_in(residual, frequency)
+    w, axes = residual.record.windows, residual.record.axes
+    freedom = 2 * (KEPT - residual.rank[_window(residual, frequency * w.samples / w.sample_rate)]) - 2
+    return float(stats.f.logsf(chi2 / (2 * axes), 2 * axes, max(freedom, 1) * axes))

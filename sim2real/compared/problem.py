@@ -1,0 +1,334 @@
+"""The campaign as one least-squares problem: whitened residuals of every recording, output, axis and line."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from maglev_env.experiment import Experiment
+from maglev_env.loop.gains import NO_CONTROLLER
+from maglev_lanes.threads import single_blas
+from sim2real.compared.bench_noise import NO_BOUND, BenchNoise
+from sim2real.compared.law_shape import law_shapes, shape_columns
+from sim2real.compared.open_tones import nuisance_columns
+from sim2real.compared.simulated import Point, Predictor, experiment_at, predictor, residuals, together
+from sim2real.compared.stiffness_form import stiffness_nuisance
+from sim2real.recorded.channel_errors import changes
+from sim2real.recorded.nuisances import Nuisances, stacked
+from sim2real.recorded.open_evidence import (
+    SMALL,
+    Replay,
+    coordinates_of,
+    exact_errors,
+    measured_of,
+    open_noise,
+    opened_of,
+    parts_of,
+    redriven,
+    simulated_series,
+)
+from sim2real.recorded.open_loop import nominal_loop
+from sim2real.recorded.open_record import OpenRecord
+from sim2real.recorded.opened import Opened, noise_of, opened_loop
+from sim2real.recorded.records import Record
+from sim2real.recorded.ringing import ringing
+from sim2real.recorded.static_evidence import StaticEstimate, coefficients_at, static_of
+
+# Detection lines are used up to DENSE_REACH times the DENSE quantile of the driven lines.
+DENSE, DENSE_REACH = 0.75, 1.2
+# What drives a line, the kind of a detection line, or the means of a mass at rest.
+KINDS = ("force", "current", "reference", "even", "odd", "rest")
+
+
+@dataclass(frozen=True)
+class Part:
+    """One record's share of the problem.
+
+    Attributes:
+        record: The record.
+        opened: Its opened loop.
+        predictor: Predicts its residuals.
+        measured: Measured residuals (outputs, axes, n).
+        noise: Their standard deviation (outputs, axes, n).
+        used: Lines that are used (n,).
+        place: Its slice of the stacked vector.
+    """
+
+    record: Record | OpenRecord
+    opened: Opened
+    predictor: Predictor
+    measured: np.ndarray
+    noise: np.ndarray
+    used: np.ndarray
+    place: slice
+
+    @cached_property
+    def looked(self) -> Predictor:
+        """Predicts what is used of a record with periods."""
+        return self.predictor if isinstance(self.record, OpenRecord) else self.predictor.at(self.used)
+
+    @cached_property
+    def whitening(self) -> np.ndarray:
+        """Factor (outputs, axes, used lines) that makes the noise 1 per real part."""
+        return np.sqrt(2) / self.noise[..., self.used]
+
+    def whitened(self, predicted: np.ndarray) -> np.ndarray:
+        """What `looked` predicts (n, outputs, axes, lines), of the used lines in units of their noise, (n, size)."""
+        whole = predicted.shape[-1] == self.whitening.shape[-1]
+        used = predicted if whole else predicted[..., self.used]
+        return (used * self.whitening).reshape(len(predicted), -1)
+
+
+@dataclass(frozen=True)
+class Problem:
+    """All records, stacked and whitened.
+
+    Attributes:
+        parts: The records.
+        whitened: Whitened complex data (K,), of variance 1 per real part.
+        record: Index (K,) into parts.
+        output: Index (K,) into outputs.
+        axis: Axis (K,).
+        frequency: Frequency (K,), Hz.
+        kind: Index (K,) into `KINDS`.
+        outputs: Names of the outputs.
+        nuisances: What is not known of the measurement.
+        static: What the means of a mass at rest say; its rows come last.
+        bench: Noise that recordings without a period may have at most.
+    """
+
+    parts: tuple[Part, ...]
+    whitened: np.ndarray
+    record: np.ndarray
+    output: np.ndarray
+    axis: np.ndarray
+    frequency: np.ndarray
+    kind: np.ndarray
+    outputs: tuple[str, ...]
+    nuisances: Nuisances
+    static: StaticEstimate | None = None
+    bench: BenchNoise = NO_BOUND
+
+    @cached_property
+    def data(self) -> np.ndarray:
+        """Whitened data (K,) without the directions in which nothing is known."""
+        return self.nuisances.without(self.whitened)
+
+    def simulate(self, points: Sequence[Point], settled: bool = True) -> np.ndarray:
+        """Whitened predictions at each point.
+
+        Args:
+            points: The points.
+            settled: False lets the points' modes ring; only the nominal loop's transient is then waited for.
+
+        Returns:
+            Predictions (n, K); nan where the rotor touches down in any recording.
+        """
+        found = np.empty((len(points), self.data.size), complex)
+        periodic = [p for p in self.parts if not isinstance(p.record, OpenRecord)]
+        period, anyway = 1.0, np.inf  # without a period nothing needs to settle
+        if periodic:
+            period = 1 / periodic[0].record.experiment.fundamental
+            anyway = min(p.predictor.transient / p.record.nominal.control_rate for p in periodic)
+        shared: dict[tuple, list[Part]] = {}
+        for part in self.parts:
+            shared.setdefault((part.predictor.kind, part.predictor.schedule), []).append(part)
+        with single_blas():  # the matrices of lanes are small, so several threads would only wait for each other
+            dithering = self.parts[0].record.nominal.noise.displacement > 0
+            hasty = [((0.0, False), list(range(len(points))))]
+            groups = together(points, period, dithering, anyway) if settled else hasty
+            for (lasts, dithered), which in groups:
+                prepared: dict[tuple, list] = {}
+                for (kind, _), parts in shared.items():
+                    if kind not in prepared:
+                        prepared[kind] = parts[0].predictor.lanes([points[i] for i in which], dithered)
+                    predicted = residuals([p.looked for p in parts], prepared[kind], lasts, dithered)
+                    for part, own in zip(parts, predicted, strict=True):
+                        found[which, part.place] = part.whitened(own)
+        if self.static is not None:
+            nominal = Experiment(self.parts[0].record.nominal, NO_CONTROLLER, ())
+            at = [experiment_at(nominal, replace(p, effects={**nominal.rig.effects, **p.effects})) for p in points]
+            rows = self.static.whitened(np.array([coefficients_at(e) for e in at]))
+            found[:, -rows.shape[1] :] = rows
+        return self.nuisances.clear(found)
+
+    def opened_residual(self) -> np.ndarray:
+        """Residual (K,) of the linear nominal rig with its loop opened, which exists even if no rotor levitates."""
+        found = np.empty_like(self.whitened)
+        for part in self.parts:
+            off = (part.measured - part.opened.driven(part.record)) * np.sqrt(2) / part.noise
+            found[part.place] = off[..., part.used].reshape(-1)
+        if self.static is not None:
+            found[-len(self.static.values) :] = 0.0
+        return self.nuisances.without(found)
+
+    @property
+    def loudest(self) -> Part:
+        """The record with the largest motion, in which nonlinearity shows most."""
+        return max(self.parts, key=lambda part: float((abs(part.measured) ** 2).sum()))
+
+    def only(self, part: Part) -> "Problem":
+        """The problem of one record alone."""
+        at = part.place
+        columns = (self.whitened, self.record, self.output, self.axis, self.frequency, self.kind)
+        alone = replace(part, place=slice(0, at.stop - at.start))
+        return Problem((alone,), *(c[at] for c in columns), self.outputs, self.nuisances.within(at))
+
+    def again(self, near: Point, louder: float = 1.0) -> "Problem":
+        """The same lines, with the noise that a point leaves of records without a period, times a factor."""
+        records, used = [p.record for p in self.parts], [p.used for p in self.parts]
+        return assemble(records, used, near, self.static is not None, louder, self.bench)
+
+    def split(self, every: int) -> tuple["Problem", "Problem"]:
+        """Two problems: one without every n-th excited line, and one of those lines alone."""
+        kept, withheld = [], []
+        for part in self.parts:
+            driven = np.flatnonzero(part.record.excited & part.used)
+            out = np.zeros_like(part.used)
+            out[driven[every - 1 :: every]] = True
+            kept.append(part.used & ~out)
+            withheld.append(out)
+        records = [p.record for p in self.parts]
+        return assemble(records, kept, bench=self.bench), assemble(records, withheld, rest=False, bench=self.bench)
+
+
+@dataclass(frozen=True)
+class _Evidence:
+    """The opened nominal loop of a record, and what predicts, was measured, is noise and is not known in it."""
+
+    opened: Opened
+    predictor: Predictor
+    measured: np.ndarray
+    noise: np.ndarray
+    nuisances: Mapping[str, np.ndarray]
+
+
+def _evidence(record: Record | OpenRecord, near: Point) -> _Evidence:
+    if not isinstance(record, OpenRecord):
+        opened = opened_loop(record)
+        current = record.mean("current") if "current" in record.periods else None
+        measured = opened.residuals(record.mean("displacement"), current)
+        nuisances = changes(record.errors, record.frequency, opened.outputs, opened.parts(record))
+        return _Evidence(opened, predictor(record, opened), measured, noise_of(record, opened), nuisances)
+    loop = nominal_loop(record)
+    opened = opened_of(loop)
+    predicts = Predictor(record, opened, 0, Replay(record, loop, opened.outputs))
+    lanes = predicts.lanes([near])
+    predicted = simulated_series(record, lanes)[0]
+    measured, noise = measured_of(record, loop, opened.outputs), open_noise(record, loop, opened.outputs, predicted)
+    nuisances = ringing(record, loop, opened.outputs, noise)
+    if np.isfinite(predicted).all():
+        at = coordinates_of(record, loop, opened.outputs, predicted)
+        again = exact_errors(record)
+        others = tuple(e for e in record.errors if e not in again)
+        lines = changes(others, record.windows.frequency, opened.outputs, parts_of(record, loop, predicted))
+        nuisances |= {name: record.windows.project(c).reshape(measured.shape) for name, c in lines.items()}
+        for error in again:
+            moved = redriven(record, error)
+            series = simulated_series(moved, lanes)[0]
+            change = at - coordinates_of(moved, loop, opened.outputs, series)
+            nuisances[error.name] = np.where(np.isfinite(series).all(), change / SMALL, 0.0)
+        if record.along is not None:
+            shapes = law_shapes(record.nominal, near)
+            moved = predicts(list(shapes.values()))
+            nuisances |= shape_columns(at, dict(zip(shapes, moved, strict=True)))
+    for tone in record.tones:
+        nuisances |= nuisance_columns(record, tone, opened.outputs)
+    if record.bias is not None:
+        fed = np.zeros_like(measured)
+        fed[opened.outputs.index("plant")] = record.bias
+        measured = measured - fed
+        nuisances[f"noise in the drive of {record.name}"] = record.unsure * fed
+    return _Evidence(opened, predicts, measured, noise, nuisances)
+
+
+def informative(record: Record | OpenRecord) -> np.ndarray:
+    """Lines (n,) worth fitting: the driven ones, and detection lines as far as the driven ones are dense.
+
+    Lines on which tones of known origin would lie are left out.
+    """
+    if isinstance(record, OpenRecord):
+        return record.excited
+    reach = DENSE_REACH * np.quantile(record.lines[record.excited], DENSE)
+    return (record.excited | (record.lines <= reach)) & ~record.masked
+
+
+def line_kinds(record: Record | OpenRecord) -> np.ndarray:
+    """Index into KINDS of every line (axes, n): what drives it along that axis, or else along the other."""
+    kinds = np.where(record.lines % 2 == 0, KINDS.index("even"), KINDS.index("odd"))
+    kinds = np.repeat(kinds[None], record.axes, axis=0)
+    for place, on in record.driven.items():
+        kinds[:, on.any(axis=0)] = KINDS.index(place)
+    for place, on in record.driven.items():
+        kinds[on] = KINDS.index(place)
+    return kinds
+
+
+def assemble(
+    records: Sequence[Record | OpenRecord],
+    lines: Sequence[np.ndarray] | None = None,
+    near: Point | None = None,
+    rest: bool = True,
+    louder: float = 1.0,
+    bench: BenchNoise = NO_BOUND,
+) -> Problem:
+    """Stack records into one problem.
+
+    Args:
+        records: The records.
+        lines: Lines used of each record (n,); by default those that `informative` selects.
+        near: The best known parameters; the noise of records without a period is what a simulation there leaves.
+        rest: Whether the means of a mass at rest are used.
+        louder: Factor on the noise of records without a period.
+        bench: Noise that these may have at most; what is beyond is no noise.
+    """
+    parts, nuisances, at = [], [], 0
+    names = ("plant", "amplifier")
+    columns: dict[str, list[np.ndarray]] = {
+        k: [] for k in ("whitened", "record", "output", "axis", "frequency", "kind")
+    }
+    for i, record in enumerate(records):
+        used = informative(record) if lines is None else lines[i]
+        evidence = _evidence(record, near or Point({}, {}))
+        followed = isinstance(record, OpenRecord) and record.along is not None  # the law's shape is unsure in all
+        form = {} if followed else stiffness_nuisance(record.nominal, evidence.predictor)
+        unsure = {**evidence.nuisances, **form}
+        opened, measured, noise = evidence.opened, evidence.measured, evidence.noise
+        if isinstance(record, OpenRecord):
+            noise = np.minimum(noise * louder, bench.most(record, opened.outputs))
+        shape = (*measured.shape[:2], int(used.sum()))
+        size = int(np.prod(shape))
+        parts.append(Part(record, opened, evidence.predictor, measured, noise, used, slice(at, at + size)))
+        at += size
+        whitening = np.sqrt(2) / noise
+        nuisances.append({n: (c * whitening)[..., used].reshape(-1) for n, c in unsure.items()})
+        outputs = np.array([names.index(n) for n in opened.outputs])
+        rows = {
+            "whitened": (measured * whitening)[..., used],
+            "record": np.full(shape, i),
+            "output": np.broadcast_to(outputs[:, None, None], shape),
+            "axis": np.broadcast_to(np.arange(record.axes)[:, None], shape),
+            "frequency": np.broadcast_to(record.frequency[used], shape),
+            "kind": np.broadcast_to(line_kinds(record)[:, used], shape),
+        }
+        for key, value in rows.items():
+            columns[key].append(value.reshape(-1))
+    static = static_of(records[0].nominal, [r.rests for r in records]) if rest else None
+    sizes = [part.place.stop - part.place.start for part in parts]
+    found = stacked(nuisances, sizes)
+    if static is not None:
+        rows = len(static.values)
+        last = {
+            "record": 0,
+            "output": 0,
+            "axis": 0,
+            "kind": KINDS.index("rest"),
+            "frequency": parts[0].record.frequency[0],
+        }
+        columns["whitened"].append(static.whitened(static.values).astype(complex))
+        for key, value in last.items():
+            columns[key].append(np.full(rows, value))
+        found = Nuisances(found.names, np.pad(found.columns, ((0, 0), (0, rows))))
+    columns_of = {key: np.concatenate(value) for key, value in columns.items()}
+    return Problem(tuple(parts), outputs=names, nuisances=found, static=static, bench=bench, **columns_of)

@@ -1,0 +1,51 @@
+"""Which of the explanations that fitted recordings do not distinguish the holdout bears out."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from sim2real.compared.problem import Problem
+from sim2real.compared.simulated import Point
+from sim2real.gap.shrink import gap_of, lost
+from sim2real.judgement.judge import Entry
+from sim2real.search.attribute import NO_GAP, Attribution
+from sim2real.search.hypotheses import WIDER
+
+CLEAR_GAP = 1.2  # in units of the noise, left by calibration on the holdout: what is named must then leave less
+
+
+def borne_out(judged: Problem, attribution: Attribution, named: Sequence[Entry]) -> list[Entry]:
+    """Those with which the holdout is simulated better than on the nominal rig, better than after calibration alone
+    where that leaves a clear gap, and not clearly worse where calibration keeps to what the rig states. Tones are kept:
+    they leave the compared lines alone.
+
+    Args:
+        judged: The holdout.
+        attribution: The fitted candidates.
+        named: Hypotheses with effects.
+    """
+    fits = [None if e.candidate is None else attribution.candidates[e.candidate].fit for e in named]
+    fits = [None if f is None or not f.hypothesis.effects else f for f in fits]
+    tried = [attribution.calibration.fit, *(f for f in fits if f is not None)]
+    points = [Point({}, {}), *(f.hypothesis.point(f.u) for f in tried)]
+    before, calibrated, *after = judged.data - judged.simulate(points)
+    nominal, alone = gap_of(before), gap_of(calibrated)
+    if nominal is None:
+        return list(named)
+    least = nominal if alone is None or alone <= CLEAR_GAP else min(nominal, alone)
+    as_stated = bool(np.all(np.abs(attribution.calibration.fit.u) <= WIDER))
+
+    def bears_out(left: np.ndarray) -> bool:
+        gap = gap_of(left)
+        return gap is not None and gap < least and not (as_stated and lost(calibrated, left) > NO_GAP)
+
+    left = iter(after)
+    return [e for e, f in zip(named, fits, strict=True) if f is None or bears_out(next(left))]
+
+
+def without(found: Sequence[Entry], refuted: Sequence[Entry]) -> list[Entry]:
+    """All hypotheses, the most probable first, without the probability of those that the holdout refutes."""
+    kept = sum(e.probability for e in found if e not in refuted) or 1.0
+    now = [replace(e, probability=0.0 if e in refuted else e.probability / kept) for e in found]
+    return sorted(now, key=lambda e: -e.probability)

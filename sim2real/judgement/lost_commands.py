@@ -1,0 +1,58 @@
+"""The scatter that lost commands must make in recordings without a period, against the noise that these have.
+
+On average a loop that repeats the last command is one that comes late, and so it is simulated. What tells it from a
+delay is its scatter: which commands are lost is chance. With a(k) what the amplifier gets, u(k) the command and p the
+probability of a loss, a(k) is p a(k-1) + (1 - p) u(k) and white noise of the variance p (1 - p) E(u(k) - a(k-1))^2. The
+variance of a itself is p times the mean square of u(k) - E a(k-1), and adds to this.
+"""
+
+import numpy as np
+import scipy.signal
+
+from maglev_env.loop.effect import effect_value
+from sim2real.compared.problem import Part, Problem
+from sim2real.compared.simulated import Point
+from sim2real.recorded.open_record import OpenRecord
+
+LOST = "dropped_samples"
+
+
+def scatter_cost(problem: Problem, point: Point) -> float:
+    """Cost of lost commands whose scatter the noise of the recordings is too small for: -2 ln of the likelihood of that
+    noise under the scatter alone, where this is larger."""
+    lost = effect_value(point.effects, LOST)
+    if lost <= 0:
+        return 0.0
+    cost = 0.0
+    for part in problem.parts:
+        record = part.record
+        if isinstance(record, OpenRecord) and LOST not in record.upstream and record.every == 1:
+            excess = np.maximum(scatter_ratio(part, record, lost)[:, part.used], 1.0)
+            cost += 2.0 * float(np.sum(np.log(excess) + 1 / excess - 1))
+    return cost
+
+
+def scatter_ratio(part: Part, record: OpenRecord, lost: float) -> np.ndarray:
+    """Variance of the opened displacement by lost commands over that of its noise, (axes, n).
+
+    Args:
+        part: The record's share of the problem.
+        record: Its record, whose control samples were all recorded.
+        lost: Probability of a loss, below 1.
+    """
+    w = record.windows
+    variance = scatter_variance(record.command[:, record.first : record.first + w.samples], lost)
+    delayed = np.exp(-2j * np.pi * record.frequency / w.sample_rate)
+    moved = abs(part.opened.plant / (1 - lost * delayed)) ** 2 * variance[:, None] * 4 / w.samples
+    return moved / part.noise[part.opened.outputs.index("plant")] ** 2
+
+
+def scatter_variance(command: np.ndarray, lost: float) -> np.ndarray:
+    """Variance (axes,) of the white noise that lost commands (axes, samples) add at each sample, A^2.
+
+    Args:
+        command: What the controller asks for, A.
+        lost: Probability of a loss, below 1.
+    """
+    passed, _ = scipy.signal.lfilter([1 - lost], [1, -lost], command, axis=-1, zi=lost * command[:, :1])
+    return lost * (1 - lost**2) * np.mean((command[:, 1:] - passed[:, :-1]) ** 2, axis=-1)

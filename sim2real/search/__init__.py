@@ -1,0 +1,1 @@
+"""Which effect explains what is left: hypotheses, their fits and the search among them."""

@@ -1,0 +1,234 @@
+"""Hypotheses: which effects may explain a gap, which of their parameters are fitted, and where a fit starts."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from functools import cached_property, lru_cache
+from math import exp, inf, log
+
+import numpy as np
+
+from maglev_env.loop.card import SMALL_ROTOR, Scales
+from maglev_env.loop.effect import EFFECTS, meaningful
+from maglev_env.loop.free.places import NAMES as FREE
+from maglev_env.rig.rig import Rig
+from sim2real.compared.simulated import TOLERANCE_EFFECTS, Point
+from sim2real.search.shapes import Shape, shapes_of
+
+# Effects that are found by their frequencies and not fitted on spectral lines.
+TONES = tuple(name for name, card in EFFECTS.items() if card.not_fitted and name not in FREE)
+CALIBRATION, NONE, UNKNOWN = "calibration", "none", "unknown"
+
+
+@dataclass(frozen=True)
+class Coordinate:
+    """How a fit moves one parameter: on a logarithmic scale (scale None), or in units of `scale`, within bounds."""
+
+    effect: str
+    parameter: str
+    scale: float | None
+    low: float
+    high: float
+
+    def value(self, u: float) -> float:
+        return float(min(max(exp(min(u, 700.0)) if self.scale is None else u * self.scale, self.low), self.high))
+
+    def at(self, value: float) -> float:
+        return log(value) if self.scale is None else value / self.scale
+
+    def to_bounds(self, u: float) -> float:
+        return self.at(self.value(u))
+
+    def at_bound(self, u: float) -> bool:
+        """Whether a fit ended at an end of the range that it searches: its value is then no estimate."""
+        ends = [end for end in (self.low, self.high) if self.scale is not None or end > 0]
+        return any(abs(self.to_bounds(u) - self.at(end)) < AT_BOUND for end in ends)
+
+    @property
+    def signed(self) -> bool:
+        """Whether its sign may change during a fit."""
+        return self.scale is not None and self.low < 0
+
+    def reach(self, u: float) -> float:
+        """Largest change in a single step of a fit."""
+        if self.scale is not None:
+            return 3.0 + 1.5 * abs(u)
+        return 0.15 if self.parameter == "frequency" else 0.7
+
+
+AT_BOUND = 1e-6  # distance, in coordinates, from an end of the range within which a value stands there
+FITTED = tuple(name for name in EFFECTS if name not in TONES and name not in FREE)
+
+
+@lru_cache
+def coordinates_of(name: str, scales: Scales = SMALL_ROTOR) -> tuple[Coordinate, ...]:
+    """Coordinates of an effect on a rig of these scales; none of a tone."""
+    if name not in FITTED:
+        return ()
+    own = ((key, p.on(scales)) for key, p in EFFECTS[name].plain.items())
+    # A zero that is off by more than the bias current would leave one magnet of a pair without any.
+    most = ((key, p, scales.bias if p.within_bias else inf) for key, p in own)
+    return tuple(Coordinate(name, key, p.scale, max(p.low, -end), min(p.high, end)) for key, p, end in most)
+
+
+# Real lags are not pure first-order. Up to MOST_FORM of a fitted lag (prior standard deviation FORM_SHARE) may be
+# modelled as dead time, unless a delay of its own is fitted.
+FORM, FORM_SHARE, MOST_FORM = "form of amplifier_lag", 0.2, 0.5
+# A stated tolerance is also a prior of the effect that changes the same parameter. The effect stands for a parameter
+# that is wrong beyond its tolerance, so its prior is wider: its standard deviation is WIDER tolerances. A change of
+# more than EXCLUDED of these contradicts what the rig states, and is not an explanation.
+WIDER, EXCLUDED = 5.0, 3.0
+# A lag of another time constant than stated is still one pole, but these effects add a second one. So beside such an
+# effect the stated time constant may itself be another, by WIDER tolerances.
+REPLACED = {"amplifier_lag": "amplifier_time_constant", "sensor_lag": "sensor_time_constant"}
+# Where no tolerance of it is stated, this much. Who says nothing of a time constant does not hold it for exact; what is
+# known of it is its order of size.
+USUAL = 0.1
+RESONANCES = tuple(name for name, card in EFFECTS.items() if card.resonance)
+
+
+@dataclass(frozen=True)
+class Hypothesis:
+    """What is assumed to cause the gap.
+
+    Attributes:
+        effects: Names of the effects; none for calibration alone.
+        tolerances: Relative standard deviations of the nominal parameters that may move.
+        dithered: Whether sensor noise smooths the effects.
+        scales: What the sizes of effects are in proportion to.
+        shaped: Effects whose form may differ from the plain formula.
+        usual: Relative standard deviations of time constants of which no tolerance is stated: they move only beside the
+            effect that stands for them.
+    """
+
+    effects: tuple[str, ...]
+    tolerances: Mapping[str, float]
+    dithered: bool = False
+    scales: Scales = SMALL_ROTOR
+    shaped: tuple[str, ...] = ()
+    usual: Mapping[str, float] = field(default_factory=dict)
+
+    @cached_property
+    def coordinates(self) -> tuple[Coordinate, ...]:
+        return tuple(c for name in self.effects for c in coordinates_of(name, self.scales))
+
+    @cached_property
+    def shapes(self) -> Mapping[str, Shape]:
+        """Coordinates of the forms that are free, by name."""
+        return {s.name: s for name in self.effects if name in self.shaped for s in shapes_of(name, self.scales)}
+
+    def instead(self, *effects: str) -> "Hypothesis":
+        """Other effects on the same rig; the form stays free of those that stay."""
+        kept = tuple(name for name in self.shaped if name in effects)
+        return Hypothesis(effects, self.tolerances, scales=self.scales, shaped=kept, usual=self.usual)
+
+    @property
+    def calibrated(self) -> tuple[str, ...]:
+        """Nominal parameters within tolerance, except those that an effect frees entirely; then forms of effects."""
+        freed = {t for t, name in TOLERANCE_EFFECTS.items() if name in self.effects}
+        formed = "amplifier_lag" in self.effects and "delay" not in self.effects
+        own = (name for name in self.tolerances if name not in freed)
+        beside = (name for name in self.usual if name in self._replaced and name not in self.tolerances)
+        return (*own, *beside, *([FORM] if formed else []), *self.shapes)
+
+    def sigma(self, name: str) -> float:
+        """Relative change that one unit of a calibrated coordinate stands for; 1 for a form's coordinate."""
+        if name in self.shapes:
+            return 1.0
+        return FORM_SHARE if name == FORM else {**self.usual, **self.tolerances}[name]
+
+    @property
+    def size(self) -> int:
+        return len(self.coordinates) + len(self.calibrated)
+
+    @property
+    def prior(self) -> np.ndarray:
+        """Prior precision of each coordinate (size,): 1 for calibrated parameters, less for a time constant that an
+        effect replaces; 0 for parameters of effects, except changes of a nominal parameter whose tolerance is stated.
+        """
+        own = [(c.scale or 0.0) / sd if (sd := self._prior_sd(c)) else 0.0 for c in self.coordinates]
+        rest = [1 / WIDER if name in self._replaced else 1.0 for name in self.calibrated]
+        return np.square([*own, *rest])
+
+    @property
+    def _replaced(self) -> frozenset[str]:
+        """Stated time constants that an effect stands for, too."""
+        return frozenset(REPLACED[name] for name in self.effects if name in REPLACED)
+
+    def _prior_sd(self, c: Coordinate) -> float | None:
+        """Prior standard deviation of a relative change of a nominal parameter; None where nothing is stated."""
+        nominal = EFFECTS[c.effect].nominal
+        return WIDER * self.tolerances[nominal] if nominal in self.tolerances else None
+
+    def contradicted(self, u: np.ndarray) -> tuple[str, ...]:
+        """Effects whose change at coordinates u contradicts the stated tolerance of their parameter."""
+        far = ((c, sd) for c, v in zip(self.coordinates, u, strict=False)
+               if (sd := self._prior_sd(c)) and abs(c.value(float(v))) > EXCLUDED * sd)  # fmt: skip
+        return tuple(c.effect for c, _ in far)
+
+    def point(self, u: np.ndarray) -> Point:
+        """The point at coordinates u (size,): effects first, then changes in units of their tolerance."""
+        effects: dict[str, dict[str, float]] = {}
+        for c, value in zip(self.coordinates, u, strict=False):
+            effects.setdefault(c.effect, {})[c.parameter] = c.value(float(value))
+        rest = u[len(self.coordinates) :]
+        changes = {n: float(v) * self.sigma(n) for n, v in zip(self.calibrated, rest, strict=True)}
+        for name, shape in self.shapes.items():
+            if (value := shape.value(changes.pop(name))) != shape.parameter.default:
+                effects[shape.effect][shape.key] = value
+        if share := changes.pop(FORM, 0.0):
+            whole = effects["amplifier_lag"]["time_constant"]
+            effects["amplifier_lag"]["time_constant"], effects["delay"] = (1 - share) * whole, {"time": share * whole}
+        return Point(effects, changes, self.dithered)
+
+    def bounded(self, u: np.ndarray) -> np.ndarray:
+        """Coordinates moved to within their bounds.
+
+        A calibrated parameter may neither fall by more than 90 % nor contradict its tolerance.
+        """
+        bounded = np.array(u, float)
+        for i, c in enumerate(self.coordinates):
+            bounded[i] = c.to_bounds(float(bounded[i]))
+        for i, name in enumerate(self.calibrated, len(self.coordinates)):
+            if name in self.shapes:
+                bounded[i] = self.shapes[name].bounded(bounded[i])
+                continue
+            sigma = self.sigma(name)
+            most = WIDER * EXCLUDED * sigma
+            low, high = (0.0, MOST_FORM) if name == FORM else (max(-0.9, -most), min(9.0, most))
+            bounded[i] = min(max(bounded[i], low / sigma), high / sigma)
+        return bounded
+
+
+def usual_tolerances(rig: Rig) -> dict[str, float]:
+    """Relative standard deviations of the rig's time constants of which it states no tolerance."""
+    return {name: USUAL for name in REPLACED.values() if getattr(rig, name) and name not in rig.tolerance}
+
+
+def single_effects(rig: Rig) -> tuple[str, ...]:
+    """Effects that have a meaning on a rig and are fitted on lines, except changes of what is stated as exact."""
+    exact = {TOLERANCE_EFFECTS.get(name) for name, sigma in rig.tolerance.items() if sigma == 0}
+    return tuple(name for name in FITTED if meaningful(name, rig.capabilities) and name not in exact)
+
+
+def starts(name: str, scales: Scales = SMALL_ROTOR) -> list[np.ndarray]:
+    """Coordinates at which a fit of one effect may start on a rig of these scales."""
+    own = coordinates_of(name, scales)
+    grid = np.meshgrid(*(p.on(scales).starts for p in EFFECTS[name].plain.values()), indexing="ij")
+    points = np.stack([g.ravel() for g in grid], axis=1)
+    return [np.array([c.at(float(v)) for c, v in zip(own, row, strict=True)]) for row in points]
+
+
+def starts_elsewhere(hypothesis: Hypothesis, name: str) -> list[tuple[Hypothesis, np.ndarray]]:
+    """Starts of one effect alone at the other places where it may sit, as forms with an infinite default.
+
+    There its plain parameters are at their upper bounds, where they change nothing.
+    """
+    found = []
+    free = replace(hypothesis.instead(name), shaped=(name,))
+    for shape in shapes_of(name, hypothesis.scales):
+        for value in shape.parameter.starts:
+            u = np.zeros(free.size)
+            u[: len(free.coordinates)] = [c.at(c.high) for c in free.coordinates]
+            u[len(free.coordinates) + free.calibrated.index(shape.name)] = 1 / (value * shape.parameter.shape)
+            found.append((free, u))
+    return found

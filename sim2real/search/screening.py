@@ -1,0 +1,146 @@
+"""Starting points of fits: every start of an effect beside a known fit is tested on one record, the others follow."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from sim2real.compared.problem import Problem
+from sim2real.compared.simulated import TOLERANCE_EFFECTS
+from sim2real.search.fitting import Fit, cost_of, reach, real_product
+from sim2real.search.hypotheses import Hypothesis, coordinates_of
+
+MOST_SCALED = 10.0  # multiple of its start that a linear prediction may give a size
+RESONANT, APART = 3, 0.2  # starts of a resonance that are followed, and their least distance in ln frequency
+
+
+@dataclass(frozen=True)
+class Start:
+    """Coordinates that a fit may start from, and their cost on one record."""
+
+    hypothesis: Hypothesis
+    u: np.ndarray
+    cost: float
+
+
+def extended(hypothesis: Hypothesis, effects: np.ndarray, near: Fit) -> np.ndarray:
+    """Coordinates of the effects, with the tolerances at their values in another fit."""
+    known = dict(zip(near.hypothesis.calibrated, near.u[len(near.hypothesis.coordinates) :], strict=True))
+    if not np.isfinite(near.cost):
+        known = {}
+    effects = effects.copy()
+    for i, c in enumerate(hypothesis.coordinates):  # a parameter that is now free begins where its tolerance moved it
+        for name in known.keys() - set(hypothesis.calibrated):
+            if TOLERANCE_EFFECTS.get(name) == c.effect and c.scale:
+                effects[i] += known[name] * hypothesis.sigma(name) / c.scale
+    return np.concatenate([effects, [known.get(name, 0.0) for name in hypothesis.calibrated]])
+
+
+def screened(problem: Problem, jobs: Sequence[tuple[Fit, Hypothesis, np.ndarray]]) -> list[Start]:
+    """Rank starting points by their cost on one record.
+
+    Beside a seed whose Jacobian is known, the size of the effect and everything that the seed fits are moved as well,
+    by a linear prediction.
+
+    Args:
+        problem: The problem.
+        jobs: A seed's fit, a hypothesis that adds an effect to it, and coordinates.
+
+    Returns:
+        Starts, the lowest cost first; those that make the rotor touch down are left out.
+    """
+    if not jobs:
+        return []
+    loudest = problem.loudest
+    single = problem.only(loudest)
+    predicted = single.simulate([h.point(h.bounded(u)) for _, h, u in jobs], settled=False)
+    tried: list[tuple[Hypothesis, np.ndarray]] = []
+    found: list[Start] = []
+    looks: dict[tuple[Fit, tuple[str, ...]], _Look] = {}
+    for (seed, h, u), p in zip(jobs, predicted, strict=True):
+        if not np.isfinite(p).all():
+            continue
+        found.append(_start(single, h, h.bounded(u), p))
+        if not np.isfinite(seed.cost) or seed.jacobian is None:
+            continue
+        key = seed, h.effects
+        if key not in looks:
+            looks[key] = _Look(seed, h, loudest.place)
+        tried += [(h, v) for v in looks[key].followed(u, p - (single.data - looks[key].residual))]
+    # A linear prediction goes too far where an effect is large, so the cost is simulated where it leads.
+    predicted = single.simulate([h.point(v) for h, v in tried], settled=False) if tried else []
+    found += [_start(single, h, v, p) for (h, v), p in zip(tried, predicted, strict=True) if np.isfinite(p).all()]
+    return sorted(found, key=lambda start: start.cost)
+
+
+def _start(single: Problem, h: Hypothesis, u: np.ndarray, predicted: np.ndarray) -> Start:
+    return Start(h, u, cost_of(single.data - predicted, u, h.prior))
+
+
+def kept(starts: Sequence[Start]) -> list[Start]:
+    """The best start of each hypothesis.
+
+    Of resonances, several starts of clearly different frequency are kept, because each is a minimum of its own.
+    """
+    found: list[Start] = []
+    for start in starts:
+        h = start.hypothesis
+        same = [s for s in found if set(s.hypothesis.effects) == set(h.effects)]
+        at = [i for i, c in enumerate(h.coordinates) if c.parameter == "frequency"]
+        apart = all(np.any(abs(start.u[at] - s.u[at]) > APART) for s in same if s.hypothesis.effects == h.effects)
+        if not same or (at and apart and len(same) < RESONANT):
+            found.append(start)
+    return found
+
+
+class _Look:
+    """Linear prediction of a seed's residual on one record, for a hypothesis that adds an effect to the seed's."""
+
+    def __init__(self, seed: Fit, h: Hypothesis, at: slice) -> None:
+        known = len(seed.hypothesis.coordinates)
+        names = [*range(known), *seed.hypothesis.calibrated]
+        own = [*range(known), *[None] * (len(h.coordinates) - known), *h.calibrated]
+        rows = [i for i, name in enumerate(names) if name in own]
+        self.seed, self.h, self.new = seed, h, slice(known, len(h.coordinates))
+        self.columns = [own.index(names[i]) for i in rows]
+        self.residual = seed.residual[at]
+        self.jacobian, prior = np.ascontiguousarray(seed.jacobian[rows][:, at]), seed.prior[rows]
+        normal = real_product(self.jacobian, self.jacobian) + np.diag(prior)
+        self.solve = np.linalg.pinv(normal, hermitian=True)
+        self.gradient = real_product(self.jacobian, self.residual) - prior * seed.u[rows]
+        self.signed = any(c.signed for c in coordinates_of(h.effects[-1]))
+
+    def followed(self, u: np.ndarray, change: np.ndarray) -> list[np.ndarray]:
+        """Coordinates of a start with its effect scaled to fit the residual best and all else following it.
+
+        Sizes on a logarithmic scale are kept.
+
+        Args:
+            u: Coordinates of the start.
+            change: What the start adds to the seed's prediction.
+        """
+        cross = real_product(self.jacobian, change)
+        without = u.copy()
+        for i, c in zip(range(self.new.start, self.new.stop), coordinates_of(self.h.effects[-1]), strict=True):
+            if c.scale is not None and c.parameter != "order":
+                without[i] = 0.0
+        if (without == u).all():
+            return [self._moved(u, cross, 1.0)]
+        without = extended(self.h, without[: len(self.h.coordinates)], self.seed)
+        share = self._share(change, cross)
+        return [self._moved(without + part * (u - without), cross, part) for part in (share, 0.5 * share)]
+
+    def _share(self, change: np.ndarray, cross: np.ndarray) -> float:
+        """Share of a change that fits the residual best when the other parameters may follow."""
+        own = np.vdot(change, change).real - cross @ self.solve @ cross
+        along = np.vdot(change, self.residual).real - cross @ self.solve @ self.gradient
+        if own <= 1e-9 * np.vdot(change, change).real or (along <= 0 and not self.signed):
+            return 0.0
+        return float(np.clip(along / own, -MOST_SCALED, MOST_SCALED))
+
+    def _moved(self, u: np.ndarray, cross: np.ndarray, share: float) -> np.ndarray:
+        moved = u.copy()
+        step = np.zeros_like(u)
+        step[self.columns] = self.solve @ (self.gradient - share * cross)
+        moved += step / np.max(abs(step) / reach(self.h, u), initial=1.0)
+        return self.h.bounded(moved)

@@ -1,0 +1,60 @@
+"""Other forms of effects: the coordinates of their shapes are freed where the plain formula leaves something."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from sim2real.compared.problem import Problem
+from sim2real.search.fitting import Fit, begin, differentiate, iterate
+from sim2real.search.shapes import shapes_of
+
+WITHIN = 0.6  # share of what the best fit saves by which others may be behind it and still be tried in other forms
+LEAST = 4.0  # cost that a linear prediction must promise
+STEPS = 12  # of a fit
+
+
+def shaped(problem: Problem, unexplained: float, fits: Sequence[Fit], most: int) -> list[Fit]:
+    """The fits, the best ones of which may take other forms of their effects where that pays for the freedom.
+
+    Nothing is tried where the best fit leaves no more than what noise leaves on average.
+
+    Args:
+        problem: The problem.
+        unexplained: Cost without any effect.
+        fits: Fits of hypotheses.
+        most: How many are tried in other forms.
+    """
+    least = min((f.cost for f in fits), default=np.inf)
+    if least < 2.0 * problem.data.size:
+        return list(fits)
+    behind = least + WITHIN * (unexplained - least) if np.isfinite(unexplained) else 2.0 * least
+    able = [f for f in fits if f.cost <= behind and np.isfinite(f.cost) and _free(f) != f.hypothesis.shaped]
+    tried = sorted(able, key=lambda f: f.cost)[:most]
+    hypotheses = [replace(f.hypothesis, shaped=_free(f)) for f in tried]
+    starts = [_extended(f, h.calibrated) for f, h in zip(tried, hypotheses, strict=True)]
+    freed = begin(hypotheses, starts, problem.data, problem.simulate)
+    pairs = [(f, new) for f, new in zip(tried, freed, strict=True) if np.isfinite(new.cost)]
+    differentiate([new for _, new in pairs], problem.data, problem.simulate, True)
+    pairs = [(f, new) for f, new in pairs if new.cost - _promised(new) < f.cost - LEAST]
+    iterate([new for _, new in pairs], problem.data, problem.simulate, STEPS)
+    better = {id(f): new for f, new in pairs if new.cost + new.occam < f.cost + f.occam}
+    return [better.get(id(f), f) for f in fits]
+
+
+def _free(fit: Fit) -> tuple[str, ...]:
+    """Effects of a fit that have other forms."""
+    return tuple(name for name in fit.hypothesis.effects if shapes_of(name, fit.hypothesis.scales))
+
+
+def _extended(fit: Fit, calibrated: Sequence[str]) -> np.ndarray:
+    """Coordinates of a fit, with those of more forms at the plain formula."""
+    own = len(fit.hypothesis.coordinates)
+    known = dict(zip(fit.hypothesis.calibrated, fit.u[own:], strict=True))
+    return np.concatenate([fit.u[:own], [known.get(name, 0.0) for name in calibrated]])
+
+
+def _promised(fit: Fit) -> float:
+    """What a linear prediction saves of the cost."""
+    gradient = fit.gradient
+    return float(gradient @ np.linalg.lstsq(fit.normal, gradient, rcond=None)[0])

@@ -1,0 +1,31 @@
+"""Where a fit lies far along a valley of its cost: whether the cost at its other end is really higher.
+
+What only the curvature of a force law tells apart, such as the springs of a rotor and the pull of its magnets, leaves a
+valley that is flat over several times their size, and narrow again where the curvature at the fit is looked at.
+"""
+
+import numpy as np
+
+from sim2real.compared.problem import Problem
+from sim2real.search.fitting import Fit, begin, iterate
+
+WIDE = 0.05  # relative standard error from which a valley may be bent
+FAR = 2.0  # standard errors from the nominal value within which intervals reach it anyway
+STEPS = 8  # of a fit along the valley
+
+
+def held_at_nominal(problem: Problem, fit: Fit) -> list[Fit]:
+    """Points at which one coefficient is nominal and all others fit as well as they can, for each coefficient that lies
+    far from there in wide standard errors."""
+    h, covariance, found = fit.hypothesis, fit.covariance(), []
+    for i, c in enumerate(h.coordinates):
+        sd = float(np.sqrt(covariance[i, i]))
+        if c.parameter != "change" or c.scale is None or sd * c.scale < WIDE or abs(fit.u[i]) < FAR * sd:
+            continue
+        others = h.instead(*(name for name in h.effects if name != c.effect))
+        start = np.delete(fit.u - covariance[:, i] / covariance[i, i] * fit.u[i], i)
+        (held,) = begin([others], [start], problem.data, problem.simulate)
+        if np.isfinite(held.cost):
+            iterate([held], problem.data, problem.simulate, STEPS)
+            found.append(Fit(h, np.insert(held.u, i, 0.0), held.residual, held.cost))
+    return found

@@ -1,0 +1,72 @@
+"""Windows of lines: noise told without bias, transients and drift projected out, misfits as an F distribution."""
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from estimation.lines.line_windows import TERMS, WIDTH, line_windows
+
+RATE, SAMPLES = 2000.0, 8000
+
+
+def test_white_noise_has_its_variance_whatever_runs_out_of_the_record():
+    windows, rng = line_windows(SAMPLES, RATE, (2.0, 400.0)), np.random.default_rng(0)
+    t = np.arange(SAMPLES)
+    found, misfits = [], []
+    for _ in range(60):
+        residual = rng.normal(size=SAMPLES) + 50 * np.exp(-t / 100.0) + 1e-3 * t
+        noise = windows.noise(windows.spectrum(residual), windows.spectrum(rng.normal(size=SAMPLES)))
+        found.append(noise.variance)
+        misfits.append(noise.misfit)
+    assert np.mean(found) == pytest.approx(4 / SAMPLES, rel=0.02)
+    middle = np.array(misfits)[:, 5:-5].ravel()
+    assert noise.rank.max() == noise.rank.min() == TERMS and noise.freedom[10] == 5 * (WIDTH - 2 * TERMS)
+    assert stats.kstest(middle, stats.f(2 * TERMS, 2 * noise.freedom[10]).cdf).pvalue > 1e-3
+
+
+def test_what_a_smooth_response_explains_is_no_noise():
+    windows, rng = line_windows(SAMPLES, RATE, (2.0, 400.0)), np.random.default_rng(1)
+    drive, noise = rng.normal(size=SAMPLES), 0.01 * rng.normal(size=SAMPLES)
+    response = np.convolve(drive, np.exp(-np.arange(40) / 8.0))[:SAMPLES]
+    told = windows.noise(windows.spectrum(response + noise), windows.spectrum(drive))
+    assert np.median(told.variance) == pytest.approx(1e-4 * 4 / SAMPLES, rel=0.1)
+    assert np.median(told.misfit) > 1e3
+
+
+def test_projection_keeps_the_variance_of_each_coordinate_and_no_quadratic():
+    windows = line_windows(SAMPLES, RATE, (2.0, 400.0))
+    line = np.linspace(-1, 1, WIDTH)
+    smooth = np.broadcast_to(3.0 - 2j * line + line**2, (windows.count, WIDTH))
+    assert abs(windows.project(smooth)).max() < 1e-12
+    white = np.random.default_rng(2).normal(size=(4000, 1, WIDTH)) + 0j
+    coordinates = windows.project(white)[:, 0]
+    np.testing.assert_allclose((coordinates.conj().T @ coordinates).real / 4000, np.eye(WIDTH - TERMS), atol=0.12)
+
+
+def test_turned_coordinates_hold_the_excitation_in_the_first_ones_and_nothing_is_lost():
+    windows, rng = line_windows(SAMPLES, RATE, (2.0, 400.0)), np.random.default_rng(3)
+    drives, other = windows.spectrum(rng.normal(size=(2, SAMPLES))), windows.spectrum(rng.normal(size=SAMPLES))
+    turned = windows.toward(drives)
+    assert abs(turned.project(drives)[..., 2:]).max() < 1e-12 < abs(turned.project(drives)[..., :2]).min()
+    np.testing.assert_allclose(turned.cleared(other), windows.cleared(other), atol=1e-12)
+    power = np.sum(abs(windows.project(other)) ** 2, axis=-1)
+    np.testing.assert_allclose(np.sum(abs(turned.project(other)) ** 2, axis=-1), power)
+    np.testing.assert_allclose(turned.noise(other, drives).variance, windows.noise(other, drives).variance)
+
+
+def test_steep_noise_has_its_own_variance_in_each_window_where_its_shape_is_known():
+    windows, rng = line_windows(SAMPLES, RATE, (2.0, 400.0)), np.random.default_rng(4)
+    steep = (20.0 / windows.frequency) ** 4
+    shapes = np.stack([np.ones(windows.count), steep.mean(axis=-1)])
+    found = []
+    for _ in range(40):
+        white, loud, drive = rng.normal(size=(3, windows.count, WIDTH, 2)) @ [1, 1j]
+        found.append(windows.noise(white + np.sqrt(steep) * loud, drive, shapes).variance)
+    np.testing.assert_allclose(np.mean(found, axis=0)[1:], 2 * (1 + shapes[1])[1:], rtol=0.15)
+
+
+def test_a_record_too_short_says_how_long_it_must_be():
+    with pytest.raises(ValueError, match="record at least 5"):
+        line_windows(1000, 1000.0, (10.0, 30.0))
+    with pytest.raises(ValueError, match="must increase"):
+        line_windows(1000, 1000.0, (30.0, 10.0))

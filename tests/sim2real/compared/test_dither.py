@@ -1,0 +1,37 @@
+"""A limited voltage under noise: what the noise dithers is predicted as the record has it, and not as without noise."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from campaigns import planned, repeated
+
+from maglev_env.loop.effect import effect
+from maglev_env.rig.rig import load_rig
+from sim2real.compared.problem import assemble
+from sim2real.compared.simulated import DITHERED, Point, together
+
+FREE = load_rig("hmb_free")
+
+
+def test_only_what_a_limit_is_in_runs_with_noise():
+    limited, plain = Point(effect("amplifier_voltage_limit", 0.4), {}), Point(effect("delay", 1e-5), {})
+    assert "amplifier_voltage_limit" in DITHERED
+    groups = together([limited, plain, limited], 0.5, True)
+    assert groups == [((0.0, False), [1]), ((0.0, True), [0, 2])]
+    assert together([limited, plain], 0.5, False) == [((0.0, False), [0, 1])]
+
+
+@pytest.mark.slow
+def test_a_limit_is_predicted_under_its_noise(tmp_path):
+    """At the truth the cost of eight records is that of their noise, but for the chance of the noise that is simulated;
+    without any it is far off."""
+    limit = effect("amplifier_voltage_limit", 0.35)
+    e = planned(FREE, limit, names=("base",))[0].experiment
+    problem = assemble(repeated(tmp_path, [replace(e, seed=s) for s in range(8)]))
+    truth = Point(limit, {})
+    cost = float((abs(problem.data - problem.simulate([truth])[0]) ** 2).sum()) / problem.data.size / 2
+    hasty = float((abs(problem.data - problem.simulate([truth], settled=False)[0]) ** 2).sum()) / problem.data.size / 2
+    assert cost < 1.8 and hasty > 2 * cost
+    again = problem.simulate([Point({}, {}), truth])[1]
+    np.testing.assert_array_equal(again, problem.simulate([truth])[0])

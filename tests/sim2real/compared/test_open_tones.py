@@ -1,0 +1,68 @@
+"""Tones in recordings without a period, of another bench: found, measured, taken out, and not seen in noise."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from bench_loop import Bench, write_campaign
+
+from sim2real.compared.open_tones import agreed, log_chance, residual_of, tone_in, with_tones
+from sim2real.compared.problem import assemble
+from sim2real.compared.simulated import Point
+from sim2real.recorded.records import read_records
+from sim2real.recorded.tones import Tone
+
+TONE = 2e-7  # m: a fifth of the noise of one sample
+
+
+@pytest.fixture(scope="module")
+def read(tmp_path_factory):
+    def made(bench, kind, seed=0):
+        _, (record,) = read_records(write_campaign(tmp_path_factory.mktemp(kind), bench, {kind: "fit"}, 1.0, seed))
+        return record
+
+    return made
+
+
+@pytest.mark.parametrize("kind", ["noise", "steps"])
+@pytest.mark.parametrize("frequency", [61.7, 240.0])
+def test_a_tone_is_found_and_measured_beside_a_gap(read, kind, frequency):
+    record = read(Bench(delay=20e-6, tone=TONE, tone_frequency=frequency), kind)
+    (tone,) = with_tones(record).tones
+    assert tone.frequency == pytest.approx(frequency, abs=0.1)
+    assert abs(tone.amplitude["opened"][0]) == pytest.approx(TONE, rel=0.2)  # 1e-8 m is its standard deviation
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("bench", [Bench(), Bench(stiffness=-0.2), Bench(gain=0.2, delay=50e-6)])
+@pytest.mark.parametrize("kind", ["noise", "steps", "chirp"])
+def test_neither_noise_nor_a_gap_shows_a_tone(read, bench, kind):
+    assert with_tones(read(bench, kind)).tones == ()
+
+
+def test_noise_shows_a_tone_as_often_as_stated(read):
+    residual = residual_of(read(Bench(), "noise"), Point({}, {}))
+    rng, chances = np.random.default_rng(1), []
+    for _ in range(400):
+        noise = rng.normal(size=(2, *residual.lines.shape))
+        chances.append(np.exp(log_chance(replace(residual, lines=noise[0] + 1j * noise[1]), 161.3)))
+    for level in (0.02, 0.1, 0.5):
+        assert np.mean(np.array(chances) < level) == pytest.approx(level, abs=3.5 * np.sqrt(level * (1 - level) / 400))
+
+
+@pytest.mark.slow
+def test_a_tone_that_was_found_leaves_the_fit_alone(read):
+    found = with_tones(read(Bench(tone=10 * TONE), "noise"))
+    problem = assemble([found])
+    power = abs(problem.data - problem.simulate([Point({}, {})])[0]) ** 2 / 2
+    near = abs(problem.frequency - 61.7) < 12.0
+    assert near.sum() > 10 and power[near].mean() == pytest.approx(1.0, abs=5 / np.sqrt(near.sum()))
+    assert tone_in(residual_of(found, Point({}, {})), 61.7)[1] > 1e4  # as it was recorded
+
+
+def test_a_tone_of_unknown_origin_counts_where_two_recordings_have_it(read):
+    one = replace(
+        read(Bench(), "noise"), tones=tuple(Tone(f, {"opened": np.ones(1)}, 99.0) for f in (61.7, 50.1, 83.0))
+    )
+    other = replace(one, tones=(Tone(61.75, {"opened": np.ones(1)}, 99.0), Tone(83.4, {"opened": np.ones(1)}, 99.0)))
+    assert [[t.frequency for t in r.tones] for r in agreed([one, other])] == [[61.7, 50.1], [61.75]]

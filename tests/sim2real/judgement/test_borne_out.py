@@ -1,0 +1,52 @@
+"""A class of explanations beside a holdout that some of them do not explain."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from sim2real.judgement.borne_out import borne_out, without
+from sim2real.judgement.judge import Entry
+from sim2real.search.fitting import Fit
+from sim2real.search.hypotheses import Hypothesis
+
+ENTRIES = [
+    Entry(("sensor_resonance",), 0.6, 100.0, 1, None),
+    Entry(("support_resonance",), 0.2, 103.0, 2, None),
+    Entry(("runout",), 0.1, 105.0, 0, None),
+    Entry(("unknown",), 0.1, 100.0, None, None),
+]
+
+
+def judged(nominal, calibrated, *after):
+    """A holdout whose gaps are these, nominal first, and candidates of which the first is calibration."""
+    names = [(), ("sensor_resonance",), ("support_resonance",)]
+    fits = [Fit(h := Hypothesis(n, {}), np.zeros(h.size), np.zeros(1), 1.0) for n in names]
+    gaps = np.array([nominal, calibrated, *after])
+    holdout = SimpleNamespace(
+        data=np.zeros(50), simulate=lambda points: np.sqrt(2) * gaps[: len(points), None] * np.ones(50)
+    )
+    candidates = [SimpleNamespace(fit=f) for f in fits]
+    return holdout, SimpleNamespace(candidates=candidates, calibration=candidates[0])
+
+
+@pytest.mark.parametrize(
+    ("gaps", "kept"),
+    [
+        ((30.0, 8.6, 10.6, 4.3), [1, 2]),  # the most probable one is refuted
+        ((30.0, 8.6, 4.3, 4.2), [0, 1, 2]),
+        ((30.0, 8.6, 9.0, 40.0), [2]),  # tones leave the lines alone
+        ((30.0, 1.1, 1.15, 1.14), [0, 1, 2]),  # calibration leaves no clear gap
+        ((30.0, 1.1, 1.15, 4.3), [0, 2]),  # nor does it, and one leaves clearly more
+        ((30.0, 8.6, np.nan, 4.3), [1, 2]),  # it touches down
+        ((np.nan, 8.6, 10.6, 4.3), [0, 1, 2]),  # nothing to compare with
+    ],
+)
+def test_those_are_kept_that_the_holdout_bears_out(gaps, kept):
+    assert borne_out(*judged(*gaps), ENTRIES[:3]) == [ENTRIES[i] for i in kept]
+
+
+def test_the_probability_of_what_is_refuted_goes_to_the_others():
+    found = without(ENTRIES, ENTRIES[:1])
+    assert [e.effects[0] for e in found] == ["support_resonance", "runout", "unknown", "sensor_resonance"]
+    assert [e.probability for e in found] == pytest.approx([0.5, 0.25, 0.25, 0.0])

@@ -1,0 +1,71 @@
+"""A gain that drifts over a recording: its rate is found, in noise there is none, and other trends are not named."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from campaigns import planned, repeated
+
+from maglev_env.loop.effect import effect
+from maglev_env.rig.rig import load_rig
+from sim2real.compared.problem import assemble
+from sim2real.compared.simulated import Point
+from sim2real.judgement.drift import _slope, drift_of
+from sim2real.recorded.wander import straightened, without_wander
+
+NOMINAL, SEEDS = Point({}, {}), range(12)
+
+
+def problem(folder, effects=None, seeds=SEEDS):
+    (plan,) = planned(load_rig("hmb_free"), names=("base",))
+    e = replace(plan.experiment, effects=effects or {})
+    return assemble(repeated(folder, [replace(e, seed=seed) for seed in seeds]))
+
+
+def test_a_straight_line_is_taken_off():
+    at, rng = np.arange(6.0), np.random.default_rng(1)
+    noise = rng.standard_normal((6, 3)) + 1j * rng.standard_normal((6, 3))
+    slope, rest = straightened(noise + np.multiply.outer(at, [1.0, 2j, -3.0]))
+    own, alone = straightened(noise)
+    np.testing.assert_allclose(slope - own, [1.0, 2j, -3.0], rtol=1e-12)
+    np.testing.assert_allclose(rest, alone, atol=1e-12)
+    expected = np.polyfit(at, noise[:, 0].real, 1)
+    assert own[0].real == pytest.approx(expected[0])
+
+
+def test_a_level_that_wanders_is_taken_off_and_one_that_stays_is_left_alone():
+    rng, count, per_period = np.random.default_rng(2), 8, 500
+    phase = 2 * np.pi * np.arange(count * per_period) / per_period
+    steady = np.array([np.cos(phase) + 0.3, np.sin(3 * phase)]) + 0.1 * rng.standard_normal((2, phase.size))
+    assert without_wander(steady, per_period) is steady
+    ramp = 0.2 * np.linspace(-0.5, 0.5, phase.size)
+    found = without_wander(steady + np.array([ramp, 0 * ramp]), per_period)
+    np.testing.assert_array_equal(found[1], steady[1])
+    assert np.abs(found[0] - steady[0]).max() < 0.02
+    short = (steady + ramp)[:, : 2 * per_period]
+    assert without_wander(short, per_period) is short
+
+
+def test_noise_hardly_ever_seems_to_wander():
+    """In white noise, whose level has the power of a line; without a tone in a thousand records."""
+    rng = np.random.default_rng(4)
+    for count in (3, 5):
+        noise = rng.standard_normal((1000, count * 60))
+        assert without_wander(noise, 60) is noise
+    moved = noise + 3.0 * np.linspace(-0.5, 0.5, noise.shape[1])
+    assert np.std(without_wander(moved, 60) - noise) < 0.3
+
+
+@pytest.mark.slow
+def test_in_noise_there_is_no_drift_and_its_error_is_as_stated(tmp_path):
+    found = problem(tmp_path)
+    assert drift_of(found, NOMINAL) is None
+    z = np.array([rate / sd for rate, sd, *_ in (_slope(part, NOMINAL) for part in found.parts)])
+    assert 0.5 < np.std(z) < 1.6 and abs(z.mean()) < 3 / np.sqrt(len(z))
+
+
+@pytest.mark.slow
+def test_the_rate_of_a_drift_is_found(tmp_path):
+    """Of a gain that the kernel multiplies by 1 + rate t."""
+    drift = drift_of(problem(tmp_path, effect("gain_drift", 0.1), range(3)), NOMINAL)
+    assert abs(drift.rate - 0.1) < 0.02 + 3 * drift.se and drift.left < 0.1 * drift.chi2

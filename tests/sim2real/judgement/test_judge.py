@@ -1,0 +1,244 @@
+"""What evidence makes believable: hand-made costs and groups, of which the answer is plain."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from sim2real.judgement.dispersion import ChiSquare, Dispersion
+from sim2real.judgement.judge import Entry, Evidence, entries, verdict
+
+SINGLES = ("delay", "amplifier_lag", "actuator_gain", "mass", "friction", "saturation")
+GROUPS = tuple(("plant", kind, f) for kind in ("force", "current", "even", "odd") for f in (16.0, 64.0, 256.0))
+COUNT = 40  # complex residuals in a group
+EXPECTED = 2.0 * COUNT * len(GROUPS)
+
+
+def evidence(costs=None, nominal=None, excess=None, pairs=None, tones=None, spin=None) -> Evidence:
+    """Costs beyond the expected one: of calibration under "", singles, and pairs "a+b"; excess (G,) of each, by
+    default the cost evenly spread."""
+    table = {"": 0.0, **dict.fromkeys(SINGLES, 0.0), **(costs or {}), **(pairs or {})}
+    cost = np.array(list(table.values()))
+    shared = {name: np.full(len(GROUPS), c / len(GROUPS)) for name, c in table.items()} | (excess or {})
+    names = tuple(tuple(filter(None, name.split("+"))) for name in table)
+    found = np.nan_to_num(np.array([shared[n] for n in table]), posinf=0.0)
+    beyond = table[""] if nominal is None else nominal
+    scatter = np.full(len(GROUPS), 1.5 * np.sqrt(4.0 * COUNT))
+    return Evidence(names, EXPECTED + cost, EXPECTED + beyond, found, scatter, GROUPS, tones or {}, spin or {})
+
+
+def gap(size, **left) -> Evidence:
+    """A gap of so much cost that each named effect leaves that much of, and every other one all of."""
+    return evidence({"": size, **dict.fromkeys(SINGLES, size), **left})
+
+
+def probability(found: list[Entry], *effects: str) -> float:
+    return sum(e.probability for e in found if e.effects == effects)
+
+
+def judged(e: Evidence):
+    return verdict(entries(e))
+
+
+def test_an_effect_that_allows_for_more_is_believed_less():
+    """Friction may leave 5 % of what it explains and a delay nothing: fitting hardly better does not name friction."""
+    assert judged(gap(1e5, delay=5.0, friction=0.0)) == ("explained", ("delay",))
+    assert judged(gap(1e5, delay=1e3, friction=0.0)) == ("explained", ("friction",))
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_probabilities_sum_to_one_and_fall(seed):
+    rng = np.random.default_rng(seed)
+    costs = {name: float(rng.exponential(300.0)) for name in ("", *SINGLES)} | {"mass": np.inf}
+    tones = {"pickup": 80.0, "spin": 30.0, "foreign": 20.0} if seed % 2 else {}
+    spin = {"runout": 3.0, "unbalance": 60.0} if seed % 2 else {}
+    found = entries(evidence(costs, pairs={"delay+friction": 10.0}, tones=tones, spin=spin))
+    p = np.array([e.probability for e in found])
+    assert p.sum() == pytest.approx(1.0, abs=1e-12) and (p >= 0).all() and (np.diff(p) <= 0).all()
+    assert {("none",), ("calibration",), ("unknown",)} <= {e.effects for e in found}
+    assert not any("mass" in e.effects for e in found)  # it touches down
+
+
+def test_noise_is_no_gap():
+    """k parameters that fit noise save a chi-square of k, and lose as much, 2 k on the mean, on what they predict."""
+    rng = np.random.default_rng(1)
+    alarms = 0
+    for _ in range(300):
+        costs = {name: 2.0 * k - float(rng.chisquare(k)) for name, k in zip(SINGLES, (1, 1, 1, 1, 2, 1), strict=True)}
+        scatter = np.sqrt(4.0 * COUNT) * rng.standard_normal(len(GROUPS))
+        e = evidence(costs, nominal=float(rng.chisquare(5)))
+        e = replace(e, excess=e.excess + scatter)
+        alarms += judged(e) != ("no_gap", ())
+    assert alarms <= 15  # 5 %
+
+
+def test_a_gap_that_calibration_closes_is_none():
+    found = entries(evidence(nominal=900.0))
+    assert verdict(found) == ("no_gap", ()) and found[0].effects == ("calibration",)
+    assert probability(found, "none") < 1e-3
+
+
+def test_the_effect_that_closes_a_gap_is_named():
+    found = entries(gap(5e4, delay=0.0))
+    assert verdict(found) == ("explained", ("delay",))
+    assert probability(found, "delay") > 0.9 and found[0].explained_worst_group > 0.99
+
+
+def test_equals_share_and_are_a_class():
+    found = entries(gap(5e4, delay=0.0, amplifier_lag=0.0))
+    assert probability(found, "delay") == pytest.approx(probability(found, "amplifier_lag"), rel=1e-9)
+    assert 0.4 < probability(found, "delay") < 0.5
+    assert verdict(found) == ("ambiguous", ("delay", "amplifier_lag"))
+
+
+def test_while_the_motion_is_small_a_force_law_and_a_stiffness_are_a_class():
+    """Neither is preferred for its fewer parameters, which small motion does not show apart; large motion tells."""
+    both = {"": 5e4, **dict.fromkeys(SINGLES, 5e4), "negative_stiffness": 0.0, "force_law": 2.0}
+    worded, cause = judged(evidence(both))
+    assert worded == "ambiguous" and set(cause) == {"negative_stiffness", "force_law"}
+    assert judged(evidence(both | {"force_law": 3e3})) == ("explained", ("negative_stiffness",))
+    assert judged(evidence(both | {"negative_stiffness": 3e3})) == ("explained", ("force_law",))
+
+
+def test_a_cost_that_a_form_may_leave_excludes_little_and_one_beyond_it_much():
+    """A friction of another form leaves 0.3 % of a large gap and may still be it, a mass may not; nor may a friction
+    that leaves a third."""
+    friction, mass = (entries(gap(1e5, delay=600.0, **{name: 300.0})) for name in ("friction", "mass"))
+    far = entries(gap(1e5, delay=600.0, friction=3e4))
+    assert probability(friction, "friction") > 0.05 and probability(mass, "delay") < 0.02
+    assert probability(far, "friction") < 0.01
+
+
+def test_what_a_needless_effect_could_leave_is_no_excuse_for_a_pair():
+    """The form of a limited voltage counts by what it saves: beside a mode that explains all but a little, nothing."""
+    costs = {"": 1e5, **dict.fromkeys(SINGLES, 1e5), "delay": 400.0}
+    found = entries(evidence(costs, pairs={"delay+mass": 0.0, "delay+friction": 398.0}))
+    assert probability(found, "delay", "mass") > 10 * probability(found, "delay", "friction")
+
+
+def test_a_needless_second_effect_is_not_named():
+    e = evidence({"": 5e4, **dict.fromkeys(SINGLES, 5e4), "delay": 0.0}, pairs={"delay+friction": -1.0})
+    assert judged(e) == ("explained", ("delay",))
+
+
+def test_a_pair_is_named_where_neither_alone_will_do():
+    costs = {"": 8e4, **dict.fromkeys(SINGLES, 8e4), "delay": 3e4, "friction": 4e4}
+    found = entries(evidence(costs, pairs={"delay+friction": 0.0}))
+    assert verdict(found)[0] == "explained" and set(verdict(found)[1]) == {"delay", "friction"}
+
+
+def test_a_group_that_stays_unexplained_is_unknown():
+    """However much of the whole the best effect explains."""
+    before = np.full(len(GROUPS), 5e3)
+    left = np.zeros(len(GROUPS))
+    costs = {"": before.sum(), **dict.fromkeys(SINGLES, before.sum()), "delay": 4.5e3}
+    left[4] = 4.5e3
+    found = entries(evidence(costs, excess={"delay": left}))
+    assert verdict(found) == ("unexplained", ("unknown",))
+    top = next(e for e in found if e.effects == ("delay",))
+    assert top.explained_worst_group < 0.2 and top.cost < EXPECTED + 0.1 * before.sum()
+    spread = costs | {"delay": before.sum(), "friction": 3e3}  # of another form, as it may be
+    assert judged(evidence(spread, excess={"friction": np.full(len(GROUPS), 3e3 / 12)})) == ("explained", ("friction",))
+
+
+def test_what_nothing_known_touches_is_unknown():
+    assert judged(gap(5e4)) == ("unexplained", ("unknown",))
+
+
+def test_more_evidence_is_never_held_against_an_effect():
+    """As its rivals grow worse, its probability grows."""
+    found = [probability(entries(gap(size, delay=0.0)), "delay") for size in np.geomspace(3.0, 1e6, 30)]
+    assert (np.diff(found) > -1e-9).all() and found[0] < 0.3 and found[-1] > 0.9
+    last = [probability(entries(gap(1e4, delay=0.0, mass=left)), "delay") for left in np.linspace(0.0, 1e4, 20)]
+    assert (np.diff(last) > -1e-9).all()
+
+
+def test_the_order_of_candidates_does_not_matter():
+    e = gap(3e3, delay=5.0, mass=20.0)
+    order = [0, *range(len(SINGLES), 0, -1)]
+    turned = replace(e, effects=tuple(e.effects[i] for i in order), cost=e.cost[order], excess=e.excess[order])
+    one, other = ({x.effects: x.probability for x in entries(v)} for v in (e, turned))
+    assert one == pytest.approx(other, rel=1e-9)
+    assert all(turned.effects[x.candidate] == x.effects for x in entries(turned) if x.candidate)
+
+
+def test_a_nominal_rig_that_touches_down_is_not_believed():
+    found = entries(evidence({"": np.inf, **dict.fromkeys(SINGLES, np.inf), "actuator_gain": 0.0}, nominal=np.inf))
+    assert verdict(found) == ("explained", ("actuator_gain",))
+    assert probability(found, "none") == 0.0 and probability(found, "calibration") == 0.0
+    assert all(e.explained_worst_group is None for e in found)  # nothing to compare with
+
+
+def test_pickup_is_named():
+    found = entries(evidence(tones={"pickup": 5e3}))
+    assert verdict(found) == ("explained", ("pickup",))
+    assert found[0].candidate == 0  # beside calibration
+
+
+def test_pickup_beside_an_effect_is_a_pair():
+    found = entries(replace(gap(5e4, delay=0.0), tones={"pickup": 5e4}))
+    assert verdict(found) == ("explained", ("delay", "pickup"))
+
+
+@pytest.mark.parametrize(("spin", "named"), [((0.0, 4e3), "runout"), ((4e3, 0.0), "unbalance")])
+def test_what_turns_is_told_by_its_costs(spin, named):
+    e = evidence(tones={"spin": 5e3}, spin=dict(zip(("runout", "unbalance"), spin, strict=True)))
+    assert judged(e) == ("explained", (named,))
+
+
+def test_at_one_speed_runout_and_unbalance_are_alike():
+    worded, cause = judged(evidence(tones={"spin": 5e3}, spin={"runout": 0.0, "unbalance": 0.0}))
+    assert worded == "ambiguous" and set(cause) == {"runout", "unbalance"}
+
+
+def test_a_foreign_tone_is_unknown():
+    assert judged(evidence(tones={"foreign": 5e3})) == ("unexplained", ("unknown",))
+    assert judged(replace(gap(3e4, delay=0.0), tones={"foreign": 3e4})) == ("unexplained", ("unknown",))
+    assert judged(evidence(tones={"pickup": 5e3, "foreign": 5e3})) == ("unexplained", ("unknown",))
+
+
+def test_where_the_best_explanation_lacks_something_others_are_less_excluded_and_the_unknown_is_more_likely():
+    """Recordings that disagree with the best of two effects take the certainty from its lead over the other."""
+    costs = {"": 400.0, **dict.fromkeys(SINGLES, 400.0), "mass": 60.0, "delay": 0.0}
+    sure = evidence(costs)
+    loose = replace(sure, dispersion=Dispersion(ChiSquare(0.0, 0.0), ChiSquare(60.0, 6.0)))
+    before, after = entries(sure), entries(loose)
+
+    def odds(found):
+        return probability(found, "delay") / probability(found, "mass")
+
+    assert odds(before) > 1e3 and odds(after) < 30
+    assert verdict(before) == ("explained", ("delay",)) and verdict(after) == ("unexplained", ("unknown",))
+    excused = replace(sure, dispersion=Dispersion(ChiSquare(0.0, 0.0), ChiSquare(20.0, 6.0)))  # as noise may make it
+    assert entries(excused) == before
+
+
+def test_tones_of_one_foreign_vibration_are_named_and_others_unknown():
+    tones = {"foreign": 400.0, "loud": 60.0}
+    one = evidence(tones=tones)
+    assert judged(one) == ("unexplained", ("unknown",))
+    shaken = {"foreign": {"foreign_vibration": 3.0}, "loud": {"foreign_vibration": 0.0}}
+    assert judged(replace(one, causes=shaken)) == ("explained", ("foreign_vibration",))
+    elsewhere = {"foreign": {"foreign_vibration": 3.0}, "loud": {"foreign_vibration": 60.0}}
+    assert judged(replace(one, tones={**tones, "loud": 4e3}, causes=elsewhere))[1] != ("foreign_vibration",)
+    both = replace(gap(5e4, delay=0.0), tones=tones, causes=shaken)
+    assert set(judged(both)[1]) == {"delay", "foreign_vibration"}
+
+
+def test_a_gain_that_drifts_is_another_one_in_the_mean_too():
+    """It is named once, and not beside the actuator gain."""
+    off = {"": 4e3, **dict.fromkeys(SINGLES, 4e3), "actuator_gain": 0.0}
+    drifts = replace(evidence(off), tones={"drift": 500.0}, causes={"drift": {"gain_drift": 2.0}})
+    assert judged(drifts) == ("explained", ("gain_drift",))
+    within = replace(evidence(), tones={"drift": 500.0}, causes={"drift": {"gain_drift": 2.0}})
+    assert judged(within) == ("explained", ("gain_drift",))
+    otherwise = replace(evidence(), tones={"drift": 500.0}, causes={"drift": {"gain_drift": 450.0}})
+    assert judged(otherwise) == ("unexplained", ("unknown",))
+
+
+def test_samples_that_are_dropped_are_loud_and_a_delay_is_not():
+    """In the mean both are the same; what scatters decides."""
+    costs = {"": 3e3, **dict.fromkeys(SINGLES, 3e3), "delay": 0.0, "dropped_samples": 0.0}
+    quiet = evidence(costs)
+    assert set(judged(quiet)[1]) == {"delay", "dropped_samples"}
+    assert judged(replace(quiet, tones={"loud": 500.0})) == ("explained", ("dropped_samples",))

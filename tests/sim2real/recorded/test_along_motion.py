@@ -1,0 +1,101 @@
+"""Large motions: the noise that is left of a simulation, and what the shape of the force law leaves open.
+
+The records are those of a ball by another integrator (`ball_bench`), under the controller of docs/controllers.md.
+"""
+
+from dataclasses import replace
+
+import ball_bench
+import numpy as np
+import pytest
+from ball_bench import BALL
+
+from maglev_env.loop.gains import as_table
+from maglev_env.loop.magnets.kinds import force_law
+from maglev_env.loop.magnets.law import linearise, reshaped
+from maglev_env.recordings.campaign_writer import toml_value
+from maglev_env.rig.rig import load_rig, rig_from_toml
+from sim2real.compared.law_shape import law_shapes
+from sim2real.compared.problem import assemble
+from sim2real.compared.simulated import Point
+from sim2real.recorded.nuisances import Nuisances
+from sim2real.recorded.records import read_records
+
+OWN = rig_from_toml(BALL, "docs")
+# The derivative of every set-point step kicks the current by its own size.
+RIG = replace(
+    OWN, gains=replace(OWN.gains, limit=None, derivative_on="error", setpoint_filter=0.0, kp=400.0, kd=8.0, td=1e-3)
+)
+N = 4000
+
+
+def record_of(folder, height, seed, noise=10e-6):
+    """Steps of the set point of this height, m, with so much noise in the reading, m rms."""
+    rng = np.random.default_rng(5)
+    reference = np.repeat(height * rng.uniform(-1, 1, N // 500), 500)
+    run = ball_bench.record(RIG, N / 1000, seed, reference=reference, noise=(noise, 0.0)) | {"reference": reference}
+    folder.mkdir()
+    ball_bench.write_campaign(
+        folder, BALL, toml_value(as_table(RIG.gains)), {"run": run}, ("displacement", "command", "reference")
+    )
+    return read_records(folder)[1][0]
+
+
+def normal_values(problem):
+    """Damping and delay that are fitted, with gain and stiffness, at the truth, in standard errors."""
+    points = [
+        {"damping": {"coefficient": 0.02}},
+        {"delay": {"time": 2e-5}},
+        {"actuator_gain": {"change": 0.01}},
+        {"negative_stiffness": {"change": 0.01}},
+    ]
+    base, *moved = problem.simulate([Point({}, {}), *(Point(p, {}) for p in points)])
+    parts = lambda v: np.concatenate([v.real, v.imag])  # noqa: E731
+    columns = np.array([parts(m - base) for m in moved]).T
+    found = np.linalg.lstsq(columns, parts(problem.data - base), rcond=None)[0]
+    return (found / np.sqrt(np.diag(np.linalg.inv(columns.T @ columns))))[:2]
+
+
+@pytest.mark.slow
+def test_noise_that_a_kick_of_the_current_multiplies_is_no_damping(tmp_path):
+    """The law is the stated one here, so its shape is no nuisance."""
+    own, at_rest = [], []
+    for seed in range(12):
+        record = record_of(tmp_path / str(seed), 2.5e-4, seed)
+        assert record.along is not None
+        for kept, found in ((record, own), (replace(record, along=None), at_rest)):
+            problem = assemble([kept])
+            found.append(normal_values(replace(problem, nuisances=Nuisances((), problem.nuisances.columns[:0]))))
+    assert np.mean(np.square(own)) == pytest.approx(1.0, abs=0.6)  # 24 squares of unit normals: sd 0.29
+    assert np.mean(np.square(at_rest)) > 3.0
+
+
+def test_a_small_motion_is_opened_at_rest(tmp_path):
+    assert record_of(tmp_path / "small", 2e-6, 1, noise=1e-6).along is None
+
+
+@pytest.mark.parametrize("rig", [RIG, load_rig("hmb_free"), load_rig("eframe")])
+def test_the_shapes_of_a_law_keep_gain_and_stiffness_at_rest(rig):
+    near = Point({"negative_stiffness": {"change": 0.04}, "actuator_gain": {"change": 0.1}}, {})
+    law = force_law(rig)
+    gain, stiffness = linearise(law)
+    points = law_shapes(rig, near)
+    assert len(points) == 2
+    for point in points.values():
+        bent = reshaped(law, **point.effects["force_law"])
+        g, k = linearise(bent)
+        assert g == pytest.approx(gain, rel=1e-9)
+        assert k * (1 + point.effects["negative_stiffness"]["change"]) == pytest.approx(1.04 * stiffness, rel=1e-9)
+        assert point.effects["actuator_gain"] == near.effects["actuator_gain"]
+
+
+def test_the_form_of_the_law_keeps_how_the_gain_changes_with_the_gap():
+    """The other shape of the two is that change: by a tenth."""
+    law, h = force_law(RIG), 1e-6
+
+    def change(own):
+        return (linearise(own, h)[0] - linearise(own, -h)[0]) / (2 * h)
+
+    form, steep = (p.effects["force_law"] for p in law_shapes(RIG, Point({}, {})).values())
+    assert change(reshaped(law, **form)) == pytest.approx(change(law), rel=1e-5)
+    assert change(reshaped(law, **steep)) == pytest.approx(change(law) / 0.9, rel=1e-5)

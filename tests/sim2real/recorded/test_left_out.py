@@ -1,0 +1,86 @@
+"""Recordings that tell nothing are left out by name, with the reason and what to record; the others are used."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from bench_loop import Bench, write_campaign
+from command_line import maglev
+
+from maglev_env.recordings.campaign import load_campaign
+from sim2real.compared.standing import standing
+from sim2real.recorded.records import read_records
+
+
+def current_driven(folder, kinds, seconds=0.5):
+    """A campaign whose controller is not known: the measured current drives the simulation."""
+    path = write_campaign(folder, Bench(), kinds, seconds, 0) / "campaign.toml"
+    lines = path.read_text().splitlines()
+    path.write_text("\n".join(line for line in lines if not line.startswith(("gains", "command"))))
+    return folder
+
+
+def changed(folder, file, channel, change):
+    held = dict(np.load(folder / file))
+    held[channel] = change(held[channel])
+    np.savez(folder / file, **held)
+
+
+def rest(folder, file):
+    """What a calm rotor shows: noise of the probe, and a current that moves nothing beyond it."""
+    changed(folder, file, "displacement", lambda y: np.random.default_rng(1).normal(scale=1e-6, size=y.size))
+    changed(folder, file, "current", lambda i: 1e-3 * i)
+
+
+def fallen(y):
+    """The rotor lies at its stop from the middle on."""
+    y = y.copy()
+    y[y.size // 2 :] = 0.175e-3
+    return y
+
+
+def test_a_hover_is_left_out_and_nothing_else_changes(tmp_path):
+    folder = current_driven(tmp_path, {"noise": "fit", "hover": "fit"})
+    rest(folder, "hover.npz")
+    told, records = read_records(folder)
+    assert [r.name for r in records] == [spec.file for spec in told.recordings] == ["noise.npz"]
+    (left,) = told.left_out
+    assert left.recording == "hover.npz" and "no more than the noise does" in left.reason
+    assert left.instead.startswith("record larger steps")
+    loaded = load_campaign(folder)
+    (alone,) = read_records(replace(loaded, recordings=loaded.recordings[:1]))[1]
+    assert np.array_equal(alone.driving("current"), records[0].driving("current"))
+
+
+def test_each_reason_is_given_where_none_is_left(tmp_path):
+    folder = current_driven(tmp_path, {"hover": "fit", "sine": "fit", "noise": "holdout"})
+    rest(folder, "hover.npz")
+    changed(folder, "sine.npz", "displacement", np.zeros_like)
+    with pytest.raises(ValueError) as refused:
+        read_records(folder)
+    text = str(refused.value)
+    assert "hover.npz: what is recorded of the drive moves the rotor no more than the noise does" in text
+    assert "sine.npz: levitation is lost" in text and "noise.npz" not in text
+
+
+def test_a_recording_in_whose_simulation_the_nominal_rig_falls_is_left_out_where_another_stands(tmp_path):
+    told, records = read_records(current_driven(tmp_path, {"noise": "fit", "steps": "fit"}))
+    thrown = [replace(r, waves={at: 60 * wave for at, wave in r.waves.items()}) for r in records]
+    campaign, kept = standing(told, [records[0], thrown[1]])
+    assert [r.name for r in kept] == [s.file for s in campaign.recordings] == ["noise.npz"]
+    assert campaign.left_out[0].recording == "steps.npz" and "touches down" in campaign.left_out[0].reason
+    campaign, kept = standing(told, thrown)
+    assert len(kept) == 2 and campaign == told, "where it falls in all of them, the rig is wrong, not the recordings"
+
+
+@pytest.mark.slow
+def test_estimate_names_a_recording_that_touched_down(tmp_path):
+    folder = current_driven(tmp_path, {"noise": "fit", "chirp": "fit"})
+    changed(folder, "chirp.npz", "displacement", fallen)
+    text = maglev("estimate", folder, "--json", tmp_path / "e.json")
+    data = json.loads((tmp_path / "e.json").read_text())
+    (left,) = data["left_out"]
+    assert left["recording"] == "chirp.npz" and "levitation is lost from" in left["reason"] and left["instead"]
+    assert "left out chirp.npz: levitation is lost" in " ".join(text.split()) and "in 1 recording(s)" in text
+    assert "chirp.npz: levitation is lost" in (folder / "estimate.html").read_text()

@@ -1,0 +1,93 @@
+"""Starts and how far others follow them, on predictions that are linear, against one joint least squares."""
+
+import numpy as np
+import pytest
+
+from sim2real.search.fitting import begin, differentiate
+from sim2real.search.hypotheses import RESONANCES, Hypothesis, starts
+from sim2real.search.screening import RESONANT, Start, extended, kept, screened
+
+TOLERANCE = {"mass": 0.01, "probe_gain": 0.02}
+NAMES = ("mass", "sensor_gain", "delay")
+ROWS = 50
+
+
+class Toy:
+    """One record of which the prediction is linear in three sizes."""
+
+    def __init__(self, seed, truth):
+        rng = np.random.default_rng(seed)
+        self.columns = rng.standard_normal((3, ROWS)) + 1j * rng.standard_normal((3, ROWS))
+        noise = rng.standard_normal(ROWS) + 1j * rng.standard_normal(ROWS)
+        self.data = np.asarray(truth) @ self.columns + noise
+        self.place, self.loudest = slice(0, ROWS), self
+
+    def only(self, part):
+        return self
+
+    def simulate(self, points, settled=True):
+        found = []
+        for p in points:
+            sizes = {name: values.get("change", values.get("time", 0.0) / 1e-4) for name, values in p.effects.items()}
+            sizes["mass"] = sizes.get("mass", 0.0) + p.changes.get("mass", 0.0)
+            sizes["sensor_gain"] = sizes.get("sensor_gain", 0.0) + p.changes.get("probe_gain", 0.0)
+            found.append(np.array([10 * sizes.get(name, 0.0) for name in NAMES]) @ self.columns)
+        return np.array(found)
+
+
+def seeded(toy, hypothesis):
+    seed = begin([hypothesis], [np.zeros(hypothesis.size)], toy.data, toy.simulate)[0]
+    differentiate([seed], toy.data, toy.simulate, True)
+    return seed
+
+
+def test_a_start_takes_along_what_follows_it():
+    """A delay beside calibration: its size and both tolerances, priors included, at once."""
+    toy = Toy(1, (0.2, -0.3, 4.0))
+    seed, h = seeded(toy, Hypothesis((), TOLERANCE)), Hypothesis(("delay",), TOLERANCE)
+    best = screened(toy, [(seed, h, extended(h, start, seed)) for start in starts("delay")])[0]
+    scale = 10 * np.array([0.1, 0.01, 0.02])  # of a coordinate: 10 us are a tenth; of a tolerance: itself
+    rows = scale[:, None] * toy.columns[[2, 0, 1]]
+    a = np.vstack([rows.T.real, rows.T.imag, np.diag([0.0, 1.0, 1.0])])
+    solved = np.linalg.lstsq(a, np.concatenate([toy.data.real, toy.data.imag, np.zeros(3)]), rcond=None)[0]
+    np.testing.assert_allclose(best.u, solved, rtol=1e-6, atol=1e-9)
+    left = toy.data - solved @ rows
+    assert best.cost == pytest.approx((abs(left) ** 2).sum() + (solved[1:] ** 2).sum(), rel=1e-9)
+
+
+def test_a_tolerance_that_an_effect_frees_does_not_follow_it():
+    """The mass begins where its tolerance had moved it, and is not held back by it."""
+    toy = Toy(2, (5.0, 0.0, 0.0))
+    seed, h = seeded(toy, Hypothesis((), TOLERANCE)), Hypothesis(("mass",), TOLERANCE)
+    seed.u[0] = 2.0
+    assert extended(h, np.array([0.3]), seed)[0] == pytest.approx(0.3 + 2.0 * 0.01 / 0.1)
+    seed.u[0] = 0.0
+    best = screened(toy, [(seed, h, extended(h, start, seed)) for start in starts("mass")])[0]
+    assert best.u[0] * 0.1 * 10 == pytest.approx(5.0, abs=0.3)
+
+
+def test_an_effect_of_one_sign_is_not_scaled_below_nothing():
+    toy = Toy(3, (0.0, 0.0, -4.0))
+    seed, h = seeded(toy, Hypothesis((), TOLERANCE)), Hypothesis(("delay",), TOLERANCE)
+    found = screened(toy, [(seed, h, extended(h, start, seed)) for start in starts("delay")])
+    assert min(s.u[0] for s in found) == 0.0 == found[0].u[0]
+
+
+def test_a_seed_that_touches_down_leaves_the_starts_as_they_are():
+    toy = Toy(4, (0.0, 0.0, 2.0))
+    seed, h = seeded(toy, Hypothesis((), TOLERANCE)), Hypothesis(("delay",), TOLERANCE)
+    seed.cost = np.inf
+    found = screened(toy, [(seed, h, extended(h, start, seed)) for start in starts("delay")])
+    assert {float(s.u[0]) for s in found} == {float(s[0]) for s in starts("delay")}
+
+
+def test_of_a_resonance_starts_far_apart_are_kept_and_of_others_the_best():
+    mode, lag = Hypothesis(("sensor_resonance",), {}), Hypothesis(("delay",), {})
+    assert set(RESONANCES) == {"sensor_resonance", "support_resonance"}
+    near = [
+        Start(mode, np.array([np.log(f), -3.0, 1.0]), cost) for cost, f in enumerate((60.0, 62.0, 90.0, 150.0, 9.0))
+    ]
+    found = kept([*near, Start(lag, np.array([1.0]), 7.0), Start(lag, np.array([3.0]), 8.0)])
+    frequencies = [round(float(np.exp(s.u[0]))) for s in found if s.hypothesis is mode]
+    assert frequencies == [60, 90, 150] and len(frequencies) == RESONANT
+    assert [s.cost for s in found if s.hypothesis is lag] == [7.0]

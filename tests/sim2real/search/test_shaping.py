@@ -1,0 +1,94 @@
+"""Forms of effects: coordinates, their priors and cost, and when another form replaces the plain one."""
+
+from dataclasses import dataclass, replace
+from math import inf, log
+
+import numpy as np
+import pytest
+
+from maglev_env.loop.effect import EFFECTS, effect, effect_value, shaped
+from sim2real.compared.simulated import Point
+from sim2real.search.fitting import begin, iterate
+from sim2real.search.hypotheses import Hypothesis, coordinates_of, starts_elsewhere
+from sim2real.search.shapes import shapes_of
+from sim2real.search.shaping import shaped as in_other_forms
+
+SATURATION = Hypothesis(("saturation",), {})
+
+
+@dataclass(frozen=True)
+class Bench:
+    """What a curve through a knee at `field` of some sharpness gives, with noise of variance one."""
+
+    data: np.ndarray
+
+    def simulate(self, points):
+        return np.array([curve(p.effects) for p in points])
+
+
+def curve(effects):
+    x = np.linspace(0.1, 3.0, 40)
+    knee, n = effect_value(effects, "saturation"), effect_value(effects, "saturation", "sharpness")
+    return 200 * x / (1 + (x / knee) ** n) ** (1 / n) + 0j
+
+
+def bench(seed, **form):
+    noise = np.random.default_rng(seed).standard_normal((2, 40))
+    return Bench(curve(effect("saturation", 1.2, **form)) + noise[0] + 1j * noise[1])
+
+
+def plain_fit(b):
+    fits = begin([SATURATION], [np.array([log(1.0)])], b.data, b.simulate)
+    iterate(fits, b.data, b.simulate, 20)
+    return fits[0]
+
+
+@pytest.mark.parametrize("sharpness", (2.0, 12.0))
+def test_another_form_keeps_the_name_and_leaves_the_noise(sharpness):
+    b = bench(1, sharpness=sharpness)
+    plain = plain_fit(b)
+    (found,) = in_other_forms(b, 1e6, [plain], 1)
+    assert plain.cost > 1000 and found.cost < 130
+    at = found.hypothesis.point(found.u).effects["saturation"]
+    assert at["sharpness"] == pytest.approx(sharpness, rel=0.1) and at["field"] == pytest.approx(1.2, rel=0.02)
+    assert found.hypothesis.effects == ("saturation",) and found.occam > 2
+
+
+def test_the_plain_form_stays_where_it_made_the_data():
+    for seed in range(5):
+        b = bench(seed)
+        plain = plain_fit(b)
+        assert in_other_forms(b, 1e6, [plain], 1) == [plain]
+
+
+def test_a_form_is_a_prior_about_the_plain_formula():
+    h = replace(SATURATION, shaped=("saturation",))
+    assert h.calibrated == tuple(h.shapes) and set(h.prior) == {0.0, 1.0}
+    plain = h.point(np.array([0.0, 0.0, 0.0, 0.0]))
+    assert plain == Point({"saturation": {"field": 1.0}}, {})
+    one = h.point(h.bounded(np.array([0.0, 1.0, 0.5, -3.0]))).effects["saturation"]
+    assert one["sharpness"] == pytest.approx(4 * np.exp(0.8)) and one["current"] == pytest.approx(1.0)
+    assert "command" not in one
+    assert h.instead("saturation", "delay").shaped == ("saturation",) and h.instead("delay").shaped == ()
+
+
+def test_a_saturation_may_also_begin_at_the_current_or_the_command():
+    found = [h.point(u).effects["saturation"] for h, u in starts_elsewhere(Hypothesis((), {}), "saturation")]
+    assert sorted({*found[0]} | {*found[-1]}) == ["command", "current", "field"]
+    assert all(values["field"] == 100.0 for values in found)
+    assert not starts_elsewhere(Hypothesis((), {}), "friction")
+
+
+@pytest.mark.parametrize("name", [name for name, card in EFFECTS.items() if card.shapes])
+def test_the_plain_formula_lies_within_its_bounds(name):
+    card = EFFECTS[name]
+    for key, p in card.shapes.items():
+        assert p.default is not None and (p.low <= p.default <= p.high or p.default == p.absent == inf), key
+    assert set(card.plain_kernel) <= set(card.shapes)
+    assert {s.name for s in shapes_of(name)} == {f"{name}.{key}" for key in card.shapes}
+    assert {c.parameter for c in coordinates_of(name)} == set(card.plain)
+
+
+def test_only_other_forms_need_the_shaped_kernel():
+    assert not shaped(effect("saturation", 1.0, sharpness=4.0)) and shaped(effect("saturation", 1.0, sharpness=5.0))
+    assert not shaped(effect("amplifier_lag", 1e-5, feedback=0.5))
