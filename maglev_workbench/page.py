@@ -121,7 +121,8 @@ def number(value: float | None, digits: int = 3) -> str:
         return "–"
     if not isfinite(value):
         return "∞" if value > 0 else "-∞"
-    exponent = floor(log10(abs(value))) if value else 0
+    rounded = float(f"{value:.{digits - 1}e}")  # 99.97 is 100 to three digits, and has none behind the point
+    exponent = floor(log10(abs(rounded))) if rounded else 0
     if not -5 < exponent < 7:
         return f"{value:.{digits - 1}e}"
     return f"{value:.{max(0, digits - 1 - exponent)}f}"

@@ -95,7 +95,7 @@ def sizes_of(problem: Problem, point: Point) -> Sizes | None:
 
 def _sizes(part: Part, point: Point) -> dict[str, float] | None:
     e = part.record.experiment
-    (series,) = replayed(part.predictor.lanes([point]), [part.predictor.drive])
+    (series,) = replayed(part.predictor.lanes([point]), [part.record.drive])
     displacement, current, command = series[0][..., int(SETTLING * series.shape[-1]) :]
     if not np.isfinite(displacement).all():
         return None

@@ -4,16 +4,19 @@ from collections.abc import Sequence
 from dataclasses import replace
 from math import copysign
 
+from maglev_env.channels import MEASURED
 from maglev_env.recordings.guess.columns import NO_UNIT, ColumnGuess
 from maglev_env.recordings.guess.recording import RecordingGuess, other_way_round
+
+AGREED = frozenset(MEASURED) | {"reference", "injection", "voltage"}  # the clock is each file's own, and so is its unit
 
 
 def agreed(guesses: Sequence[RecordingGuess]) -> list[RecordingGuess]:
     """The guesses with one scale for each column that several files have as the same channel.
 
     Without a unit in its header the file with the largest values tells the unit, because the size of small ones may be
-    that of a quiet rotor. A file in which the current shows that positions are distances from the magnet tells it of
-    the others, too. What is asked stays asked.
+    that of a quiet rotor; the clock of each file is its own. A file in which the current shows that positions are
+    distances from the magnet tells it of the others, too. What is asked stays asked.
 
     Args:
         guesses: one for each file.
@@ -21,12 +24,12 @@ def agreed(guesses: Sequence[RecordingGuess]) -> list[RecordingGuess]:
     columns: dict[tuple[str, str], list[tuple[str, ColumnGuess]]] = {}
     for guess in guesses:
         for column in guess.columns:
-            if column.channel:
+            if column.channel in AGREED:
                 columns.setdefault((column.channel, column.column), []).append((guess.file, column))
     told = {key: _telling(same) for key, same in columns.items()}
     found = []
     for guess in guesses:
-        own = tuple(_as_told(c, *told[c.channel, c.column]) if c.channel else c for c in guess.columns)
+        own = tuple(_as_told(c, *told[c.channel, c.column]) if c.channel in AGREED else c for c in guess.columns)
         known = replace(guess, columns=own)
         turned = any(
             a.channel == "displacement" and a.scale * b.scale < 0 for a, b in zip(own, guess.columns, strict=True)
