@@ -34,6 +34,7 @@ def run(seed: int) -> Outcome:
     waves = [synthesise(m, SAMPLES) for m in (flat, best, drawn[0])]
     random = [crest_factor(synthesise(m, SAMPLES)) for m in drawn]
     hundred = crest_factor(synthesise(sphs(LINES[:100], SAMPLES), SAMPLES))
+    lowest = round(crest_factor(waves[1]), 2)  # what an optimiser finds differs among machines beyond that
     rows = (
         Row("total power of a signal by A.2", 1.0, float(np.mean(literal**2)), "", 0.01,
             "A.1 makes the shares sum to 1; amplitudes sqrt(P/2) give a quarter of that as mean square, sqrt(2P) would "
@@ -41,7 +42,7 @@ def run(seed: int) -> Outcome:
         Row("largest difference of our phases from A.3", "the recursion A.3", float(np.abs(turned).max()), "rad", None,
             "The sum of the recursion; equal to rounding.", means=(0, 1e-9), kind="consequence"),
         Row("crest factor, lines 1 to 250", "lowest possible peak", crest_factor(waves[0]), "", None,
-            "Peak over rms. Low, not the lowest possible: see the optimised phases.", means=(1, crest_factor(waves[1])),
+            "Peak over rms. Low, not the lowest possible: see the optimised phases.", means=(1, lowest),
             kind="prediction"),
         Row("crest factor, lines 1 to 100", "lowest possible peak", hundred, "", None, ""),
         Row("crest factor, phases optimised", None, crest_factor(waves[1]), "", None,
