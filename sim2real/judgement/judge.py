@@ -5,8 +5,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from maglev_env.loop.effect import EFFECTS
+from maglev_env.loop.effect import EFFECTS, effect_value
 from sim2real.compared.problem import KINDS
+from sim2real.compared.simulated import Point
 from sim2real.judgement.dispersion import NOISE_ALONE, NOISE_INFLATION, Dispersion, dispersion_of
 from sim2real.judgement.drift import DRIFT
 from sim2real.judgement.lost_commands import LOST, scatter_cost
@@ -57,6 +58,7 @@ class Belief:
 BELIEF = Belief()
 WIDE_FORM = 0.01
 CLASS_SHARE = 0.15  # hypotheses with at least this share of the best one's probability are not distinguished from it
+IDLE = 25.0  # cost that an effect must save to be named although it ended where it changes nothing
 SIGNIFICANT = 5.0  # standard deviations of a group's excess
 OPEN = (FOREIGN, LOUD, DRIFT)  # families of what varies over the periods that need not have a known cause
 
@@ -127,7 +129,7 @@ def evidence_of(
     residuals = [c.fit.residual for c in attribution.candidates]
     points = [c.fit.hypothesis.point(c.fit.u) for c in attribution.candidates]
     cost = np.array([
-        np.inf if c.contradicted else c.predictive + scatter_cost(p, point)
+        np.inf if c.contradicted else c.predictive + scatter_cost(p, point) + idle_cost(point)
         for c, point in zip(attribution.candidates, points, strict=True)
     ])  # fmt: skip
     if not np.isfinite(
@@ -148,6 +150,15 @@ def evidence_of(
         dict(causes),
         NOISE_ALONE if not np.isfinite(cost.min()) or best.jacobian is None else dispersion_of(p, best),
     )
+
+
+def idle_cost(point: Point) -> float:
+    """Cost of effects that change nothing at a point.
+
+    What then explains is a stated constant that moved beside them, and any other error of the time between two channels
+    may do the same.
+    """
+    return IDLE * sum(effect_value(point.effects, name) == effect_value({}, name) for name in point.effects)
 
 
 def entries(evidence: Evidence, belief: Belief = BELIEF) -> list[Entry]:

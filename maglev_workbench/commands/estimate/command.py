@@ -110,15 +110,19 @@ def estimate(
     more += [pooled_sections(found.pooled)] if found.pooled else []
     if found.left_out:
         more.append([("Left out", "<ul>" + "".join(f"<li>{html(str(one))}</li>" for one in found.left_out) + "</ul>")])
+    if found.notes:
+        more.append([("Notes", "<ul>" + "".join(f"<li>{html(note)}</li>" for note in found.notes) + "</ul>")])
     write_page(page, estimate_page(found.axes, made_by, more, answer))
     report = estimate_json(found.axes, method) | {"answer": answer}
     planar = {"planar": [planar_json(*both) for both in found.planar]} if found.planar else {}
     together = {"pooled": pooled_json(found.pooled)} if found.pooled else {}
-    left_out = {"left_out": left_out_data(found.left_out)}
+    left_out = {"left_out": left_out_data(found.left_out), "notes": list(found.notes)}
     write_json(json_file, report | {"warnings": warnings} | left_out | planar | together)
     console.print(f"[bold]{escape(answer)}[/]")
     for one in found.left_out:
         console.print(f"  [yellow]left out[/] {escape(str(one))}", soft_wrap=True)
+    for note in found.notes:
+        console.print(f"  note: {escape(note)}", soft_wrap=True)
     for file, one_axis in found.axes:
         console.print(f"\n[bold]{escape(file)}[/]")
         console.print(estimate_table(one_axis, method))

@@ -1,7 +1,6 @@
 """Identification of every recording of a campaign: each axis alone, and x and y together if both were excited."""
 
 from collections.abc import Callable, Iterable, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, field, replace
 
 from maglev_env.evaluation.identification import Identification, identify
@@ -33,6 +32,7 @@ class Identified:
         aperiodic: Recordings whose excitation is recorded and does not repeat.
         pooled: The named rig in all recordings, where some do not repeat.
         left_out: Recordings that tell nothing.
+        notes: Why something that is usual is missing.
     """
 
     axes: list[tuple[str, Identification]]
@@ -41,6 +41,7 @@ class Identified:
     pooled: Pooled | None = None
     left_out: tuple[LeftOut, ...] = ()
     aperiodic: list[str] = field(default_factory=list)
+    notes: tuple[str, ...] = ()
 
 
 def identify_campaign(
@@ -91,9 +92,11 @@ def identify_campaign(
     elif found.aperiodic and campaign.rig is not None and campaign.rig.controlled:
         # Responses are those of a straight line through the force law, and know nothing of lags: of a named rig the
         # simulation says more. Where it cannot, they stand alone.
-        with suppress(ValueError):
+        try:
             _, together = _pooled(campaign)
             found = replace(found, pooled=together)
+        except ValueError as error:
+            found = replace(found, notes=(f"the rig is not fitted to these recordings: {error}",))
     return replace(found, left_out=told.left_out)
 
 

@@ -5,8 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from sim2real.compared.simulated import Point
 from sim2real.judgement.dispersion import ChiSquare, Dispersion
-from sim2real.judgement.judge import Entry, Evidence, entries, verdict
+from sim2real.judgement.judge import IDLE, Entry, Evidence, entries, idle_cost, verdict
 
 SINGLES = ("delay", "amplifier_lag", "actuator_gain", "mass", "friction", "saturation")
 GROUPS = tuple(("plant", kind, f) for kind in ("force", "current", "even", "odd") for f in (16.0, 64.0, 256.0))
@@ -242,3 +243,10 @@ def test_samples_that_are_dropped_are_loud_and_a_delay_is_not():
     quiet = evidence(costs)
     assert set(judged(quiet)[1]) == {"delay", "dropped_samples"}
     assert judged(replace(quiet, tones={"loud": 500.0})) == ("explained", ("dropped_samples",))
+
+
+def test_an_effect_that_changes_nothing_costs_what_a_clear_gap_is_worth():
+    assert idle_cost(Point({"sensor_lag": {"time_constant": 0.0}}, {"sensor_time_constant": -0.9})) == IDLE
+    assert idle_cost(Point({"sensor_lag": {"time_constant": 1e-5}, "damping": {"coefficient": 0.0}}, {})) == IDLE
+    assert idle_cost(Point({"force_law": {"exponent": 0.4, "offset": 0.0}}, {})) == 0.0
+    assert idle_cost(Point({}, {})) == 0.0
