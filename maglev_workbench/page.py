@@ -121,11 +121,16 @@ def number(value: float | None, digits: int = 3) -> str:
         return "–"
     if not isfinite(value):
         return "∞" if value > 0 else "-∞"
-    rounded = float(f"{value:.{digits - 1}e}")  # 99.97 is 100 to three digits, and has none behind the point
-    exponent = floor(log10(abs(rounded))) if rounded else 0
+    exponent = _exponent(value, digits) if value else 0
     if not -5 < exponent < 7:
         return f"{value:.{digits - 1}e}"
     return f"{value:.{max(0, digits - 1 - exponent)}f}"
+
+
+def _exponent(value: float, digits: int) -> int:
+    """Power of ten of a value's first digit, once it is rounded: 99.97 is 100 to three digits, and has three before the
+    point."""
+    return floor(log10(abs(float(f"{value:.{digits - 1}e}"))))
 
 
 def with_interval(value: float | None, low: float | None, high: float | None) -> str:
@@ -136,12 +141,13 @@ def with_interval(value: float | None, low: float | None, high: float | None) ->
     if not (isfinite(low) and isfinite(high)) or high <= low:
         return number(value) if high <= low else f"{number(value)} [{number(low)}, {number(high)}]"
     half = (high - low) / 2
-    places = 1 - floor(log10(half))
+    first = _exponent(half, 2)
+    places = 1 - first
     if value:
-        places = min(places, _SIGNIFICANT - 1 - floor(log10(abs(value))))
+        places = min(places, _SIGNIFICANT - 1 - _exponent(value, _SIGNIFICANT))
     places = max(0, places)
     if abs(high + low - 2 * value) <= 0.2 * (high - low):
-        return f"{value:.{places}f} ±{number(half, max(1, min(2, places + 1 + floor(log10(half)))))}"
+        return f"{value:.{places}f} ±{number(half, max(1, min(2, places + 1 + first)))}"
     return f"{value:.{places}f} [{low:.{places}f}, {high:.{places}f}]"
 
 
