@@ -19,10 +19,10 @@ ROW = {
 
 def test_a_set_stands_to_its_goal_in_words_bars_and_json():
     rows = requirement_rows(GOAL, ROW)
-    assert rows[0] == ("peak |S|", "3.300 ±0.100", "at most 3", "missed")
+    assert rows[0] == ("peak |S|", "3.30 ±0.10", "at most 3", "missed")
     assert rows[1][1:] == ("not within the lines", "at least 2", "met")
     assert rows[3] == ("worst compliance", "19.0 µm/N", "as good as possible", "")
-    assert missed_in_words(GOAL, ROW) == "misses peak |S| at most 3 (3.300 ±0.100)"
+    assert missed_in_words(GOAL, ROW) == "misses peak |S| at most 3 (3.30 ±0.10)"
     data = requirements_json(GOAL, ROW)
     assert data["peak_sensitivity"]["met"] is False and data["compliance"]["limit"] is None
     bars = requirement_bars(GOAL, [("one", ROW)])
