@@ -188,7 +188,9 @@ def _closes(gap: Gap) -> str:
     """How much of the gap is closed, as the end of a sentence; where that has no meaning, the fit's own figures."""
     if gap.closed_fraction is not None:
         ends = gap.closed_fraction_ci
-        spread = "" if ends is None else f" (95 %: {100 * ends[0]:.0f} .. {100 * ends[1]:.0f})"
+        spread = ""
+        if ends is not None and round(100 * ends[0]) < 100:  # an interval of nothing but 100 % says nothing more
+            spread = f" (95 %: {100 * ends[0]:.0f} .. {100 * ends[1]:.0f})"
         return f"; it closes {round(100 * gap.closed_fraction)} % of the gap{spread}"
     if gap.before is not None and gap.after is not None:
         return (
