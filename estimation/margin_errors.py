@@ -45,8 +45,8 @@ def margin_errors(
     turned = np.conj(gain[here]) * tangent[here] / np.abs(gain[here])
     lever = np.hypot(1.0, turned.imag / turned.real)
     found["phase_margin"] = np.degrees(np.sqrt(of_gain[here]) / np.abs(gain[here]) * lever)
-    for name, power in (("gain_margin_high", 2), ("gain_margin_low", 2)):
+    for name in ("gain_margin_high", "gain_margin_low"):
         here = nearest(margins[f"{name}_frequency"])
         lever = np.hypot(1.0, tangent[here].real / tangent[here].imag)
-        found[name] = np.sqrt(of_gain[here]) * lever * margins[name] ** power
+        found[name] = np.sqrt(of_gain[here]) * lever * margins[name] ** 2
     return {name: np.where(np.isnan(margins[name]), np.nan, se) for name, se in found.items()}

@@ -26,7 +26,7 @@ from sim2real.recorded.open_record import OpenRecord
 from sim2real.recorded.records import Record
 from sim2real.recorded.static_evidence import AT_REST, StaticEstimate, can_rest, drift_in_words, of_weight, static_of
 from sim2real.search.fitting import CONVERGED, Fit, begin, differentiate, iterate
-from sim2real.search.hypotheses import Hypothesis
+from sim2real.search.hypotheses import REPLACED, Hypothesis
 from sim2real.search.valleys import held_at_nominal
 
 # What is identified, each as an effect of this name, and its unit.
@@ -37,9 +37,6 @@ UNITS = {
     "damping": "N s/m",
     "delay": "s",
 }
-# Poles that every rig has. Where a rig file leaves one out, it is not known to be zero, and a fit without it would
-# explain its gain and phase by the other coefficients. It is fitted with them and shown only in their intervals.
-LEFT_OUT = {"amplifier_lag": "amplifier_time_constant", "sensor_lag": "sensor_time_constant"}
 MOST_STEPS = 20
 # Relative standard error from which a likelihood is no parabola, so that an interval by its curvature would be wrong.
 UNBOUNDED = 0.25
@@ -232,9 +229,13 @@ def _fitted(
 
 
 def _poles_left_out(rig: Rig) -> tuple[str, ...]:
-    """Effects that stand for time constants of which the rig states neither a value nor that they are zero."""
+    """Effects that stand for time constants of which the rig states neither a value nor that they are zero.
+
+    Every rig has these poles. One that its file leaves out is not known to be zero, and a fit without it would explain
+    its gain and phase by the other coefficients. It is fitted with them and shown only in their intervals.
+    """
     return tuple(
-        effect for effect, name in LEFT_OUT.items() if not getattr(rig, name) and rig.tolerance.get(name) != 0.0
+        effect for effect, name in REPLACED.items() if not getattr(rig, name) and rig.tolerance.get(name) != 0.0
     )
 
 

@@ -20,8 +20,7 @@ def drawn_experiments(experiments: Sequence[Experiment], count: int) -> list[lis
     factors = [tolerance_factors(experiments[0].rig, rng) for _ in range(count)]
     found = []
     for own in factors:
-        scaled = {id(e.rig): e.rig for e in experiments}
-        scaled = {key: scaled_rig(rig, own) for key, rig in scaled.items()}
+        scaled = {key: scaled_rig(rig, own) for key, rig in {id(e.rig): e.rig for e in experiments}.items()}
         rigs = [scaled[id(e.rig)] for e in experiments]
         # A self-sensor stays as it was designed, for the rig that is not drawn.
         sensors = [

@@ -220,15 +220,16 @@ def _evidence(record: Record | OpenRecord, near: Point) -> _Evidence:
     nuisances = ringing(record, loop, opened.outputs, noise)
     if np.isfinite(predicted).all():
         at = coordinates_of(record, loop, opened.outputs, predicted)
-        again = exact_errors(record)
-        others = tuple(e for e in record.errors if e not in again)
-        lines = changes(others, record.windows.frequency, opened.outputs, parts_of(record, loop, predicted))
-        nuisances |= {name: record.windows.project(c).reshape(measured.shape) for name, c in lines.items()}
-        for error in again:
-            moved = redriven(record, error)
-            series = simulated_series(moved, lanes)[0]
-            change = at - coordinates_of(moved, loop, opened.outputs, series)
-            nuisances[error.name] = np.where(np.isfinite(series).all(), change / SMALL, 0.0)
+        if record.errors:
+            again = exact_errors(record)
+            others = tuple(e for e in record.errors if e not in again)
+            lines = changes(others, record.windows.frequency, opened.outputs, parts_of(record, loop, predicted))
+            nuisances |= {name: record.windows.project(c).reshape(measured.shape) for name, c in lines.items()}
+            for error in again:
+                moved = redriven(record, error)
+                series = simulated_series(moved, lanes)[0]
+                change = at - coordinates_of(moved, loop, opened.outputs, series)
+                nuisances[error.name] = np.where(np.isfinite(series).all(), change / SMALL, 0.0)
         if record.along is not None:
             shapes = law_shapes(record.nominal, near)
             moved = predicts(list(shapes.values()))
