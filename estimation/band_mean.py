@@ -64,22 +64,34 @@ def band_mean(
     size = np.array([abs(start[0]) + mass * w.mean() ** 2, abs(start[0]) / w.mean() + mass * w.mean()])
     size = np.repeat(size, degree + 1)
 
+    def variance(z: np.ndarray) -> np.ndarray:
+        return sff + floor + abs(z) ** 2 * syy - 2 * np.real(np.conj(z) * sfy)
+
+    # z is linear in the parameters.
+    moves = np.hstack([shape, 1j * w[:, None] * shape]) * size
+
     def left(parameters: np.ndarray) -> np.ndarray:
-        k, c = np.split(parameters * size, 2)
-        z = shape @ k - mass * w**2 + 1j * w * (shape @ c)
-        variance = sff + floor + abs(z) ** 2 * syy - 2 * np.real(np.conj(z) * sfy)
-        e = (force - z * moved) / np.sqrt(variance / 2)
+        z = moves @ parameters - mass * w**2
+        e = (force - z * moved) / np.sqrt(variance(z) / 2)
         return np.concatenate([e.real, e.imag])
+
+    def slopes(parameters: np.ndarray) -> np.ndarray:
+        z = moves @ parameters - mass * w**2
+        v = variance(z)[:, None]
+        e = (force - z * moved)[:, None] / np.sqrt(v / 2)
+        changes = 2 * np.real(np.conj(moves) * (z * syy - sfy)[:, None])
+        d = -moved[:, None] * moves / np.sqrt(v / 2) - e * changes / (2 * v)
+        return np.concatenate([d.real, d.imag])
 
     guess = np.zeros((2, degree + 1))
     guess[:, 0] = start
-    found = scipy.optimize.least_squares(left, guess.ravel() / size, method="lm")
+    found = scipy.optimize.least_squares(left, guess.ravel() / size, slopes, method="lm")
     spare = 2 * f.size - found.x.size
     covariance = np.linalg.pinv(found.jac.T @ found.jac) * max(1.0, 2 * found.cost / spare) * np.outer(size, size)
     reach = float(scipy.stats.t.ppf((1 + level) / 2, spare))
 
-    def mean(coefficients: np.ndarray, variance: float) -> BandMean:
-        value, se = float(coefficients[0]), float(np.sqrt(variance))
+    def mean(coefficients: np.ndarray, square: float) -> BandMean:
+        value, se = float(coefficients[0]), float(np.sqrt(square))
         curve = legval(GRID, coefficients)
         return BandMean(value, se, value - reach * se, value + reach * se, (float(curve.min()), float(curve.max())))
 

@@ -25,7 +25,7 @@ from sim2real.gap.fit_figures import figures
 from sim2real.gap.leftover import Leftover, leftover
 from sim2real.gap.locate import CONTROLLER_SD, Where, locate
 from sim2real.gap.shrink import Gap, errors, shrink
-from sim2real.judgement.borne_out import borne_out, without
+from sim2real.judgement.borne_out import borne_out, shows_nothing, without
 from sim2real.judgement.drift import DRIFT, Drift, drift_of
 from sim2real.judgement.judge import (
     Entry,
@@ -50,7 +50,7 @@ from sim2real.recorded.open_record import OpenRecord
 from sim2real.recorded.records import read_records
 from sim2real.recorded.static_evidence import drift_in_words
 from sim2real.search.attribute import NO_GAP, Attribution, Candidate, attribute, best_partial, contradictions
-from sim2real.search.hypotheses import TONES, UNKNOWN, Coordinate
+from sim2real.search.hypotheses import CALIBRATION, NONE, TONES, UNKNOWN, Coordinate
 from sim2real.words import Fitted
 
 SCHEMA = "maglev-diagnosis/1"
@@ -260,7 +260,11 @@ def diagnose(
         for e in refuted
     ]
     refuted += still
-    if refuted:
+    if refuted and not kept and shows_nothing(judged, attribution):
+        # The unknown cause, too, was weighed by what those save that the holdout refutes.
+        verdicted, cause = "no_gap", ()
+        found, named = without(found, [e for e in found if e.effects not in ((NONE,), (CALIBRATION,))]), []
+    elif refuted:
         verdicted, cause = worded(kept) if kept else ("unexplained", (UNKNOWN,))
         found, named = without(found, refuted), kept or named
     chosen = next(iter(kept), None)

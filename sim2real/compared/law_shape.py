@@ -1,8 +1,9 @@
-"""What is not known of the shape of a magnet's force law, where a motion is so large that it shows.
+"""What is not known of the shape of a magnet's force law, where it shows: below one magnet, or in a large motion.
 
 Gain and stiffness at rest are fitted; how both change along the motion follows from the law that the rig states. A
 real pole has another one: exponential where the coil is long, nearer to a square where the gap is small. Harmonics and
-rectified steps would then tell gain and stiffness with an error that their noise does not know of.
+rectified steps would then tell gain and stiffness with an error that their noise does not know of, and an effect that
+happens to bend the pull would be named beside another gain. Of opposed magnets that cancels while the motion is small.
 """
 
 from collections.abc import Mapping
@@ -13,12 +14,21 @@ from maglev_env.loop.effect import EFFECTS, effect_value
 from maglev_env.loop.magnets.kinds import force_law
 from maglev_env.loop.magnets.law import ForceLaw, SingleSidedLaw, linearise, reshaped
 from maglev_env.rig.rig import Rig, axis_rig
-from sim2real.compared.simulated import Point
+from sim2real.compared.simulated import TOLERANCE_EFFECTS, Point
+from sim2real.recorded.open_record import OpenRecord
 
 # One standard deviation. From a square to an exponential of the same steepness are two of FORM, which doubles the
 # exponent of the distance and the distance itself; STEEPNESS is that of the change of the gain with the gap.
 FORM, STEEPNESS = 1.0, 0.1
-SCALED = EFFECTS["negative_stiffness"].parameters["change"]  # the stiffness that a shape asks for ends at its bounds
+# What keeps gain and stiffness; what a shape asks for ends at its bounds.
+SCALED = {name: EFFECTS[name].parameters["change"] for name in ("actuator_gain", "negative_stiffness")}
+
+
+def shows_shape(record: OpenRecord) -> bool:
+    """Whether the shape of the law shows in a recording without a period."""
+    if not record.nominal.controlled:
+        return False
+    return record.along is not None or isinstance(force_law(axis_rig(record.nominal, 0)), SingleSidedLaw)
 
 
 def law_shapes(rig: Rig, near: Point) -> Mapping[str, Point]:
@@ -43,14 +53,21 @@ def law_shapes(rig: Rig, near: Point) -> Mapping[str, Point]:
         "form of the force law": longer if _possible(exponent + longer[0], offset + longer[1]) else shorter,
         "steepness of the force law": steeper if _possible(exponent, offset + steeper[1]) else (0.0, -steeper[1]),
     }
-    _, stiffness = linearise(here)
-    scale = 1 + effect_value(effects_here, "negative_stiffness")
+    centre = effect_value(effects_here, "eccentricity")  # the rotor rests there, seen from the magnets
+    gain, stiffness = linearise(here, centre)
+    # A change within a tolerance counts as long as no effect of its name stands beside it (see `experiment_at`).
+    within = {TOLERANCE_EFFECTS[name]: value for name, value in near.changes.items() if name in TOLERANCE_EFFECTS}
+    within = {name: value for name, value in within.items() if name not in near.effects}
+    held = {name: (1 + effect_value(effects_here, name)) * (1 + within.get(name, 0.0)) for name in SCALED}
     found = {}
     for name, (more, further) in changes.items():
         bent = {"exponent": exponent + more, "offset": offset + further}
-        same = scale * stiffness / linearise(reshaped(law, bent["exponent"], bent["offset"]))[1] - 1
-        change = min(max(float(same), SCALED.low), SCALED.high)
-        effects = {**near.effects, "force_law": bent, "negative_stiffness": {"change": change}}
+        own = linearise(reshaped(law, bent["exponent"], bent["offset"]), centre)
+        same = {
+            scaled: {"change": min(max(held[scaled] * was / now - 1, bounds.low), bounds.high)}
+            for (scaled, bounds), was, now in zip(SCALED.items(), (gain, stiffness), own, strict=True)
+        }
+        effects = {**near.effects, "force_law": bent, **same}
         found[name] = Point(effects, near.changes, near.dithered)
     return found
 

@@ -10,7 +10,7 @@ from maglev_env.experiment import Experiment
 from maglev_env.loop.gains import NO_CONTROLLER
 from maglev_lanes.threads import single_blas
 from sim2real.compared.bench_noise import NO_BOUND, BenchNoise
-from sim2real.compared.law_shape import law_shapes, shape_columns
+from sim2real.compared.law_shape import law_shapes, shape_columns, shows_shape
 from sim2real.compared.open_tones import nuisance_columns
 from sim2real.compared.simulated import Point, Predictor, experiment_at, predictor, residuals, together
 from sim2real.compared.stiffness_form import stiffness_nuisance
@@ -230,7 +230,7 @@ def _evidence(record: Record | OpenRecord, near: Point) -> _Evidence:
                 series = simulated_series(moved, lanes)[0]
                 change = at - coordinates_of(moved, loop, opened.outputs, series)
                 nuisances[error.name] = np.where(np.isfinite(series).all(), change / SMALL, 0.0)
-        if record.along is not None:
+        if shows_shape(record):
             shapes = law_shapes(record.nominal, near)
             moved = predicts(list(shapes.values()))
             nuisances |= shape_columns(at, dict(zip(shapes, moved, strict=True)))
@@ -292,8 +292,8 @@ def assemble(
     for i, record in enumerate(records):
         used = informative(record) if lines is None else lines[i]
         evidence = _evidence(record, near or Point({}, {}))
-        followed = isinstance(record, OpenRecord) and record.along is not None  # the law's shape is unsure in all
-        form = {} if followed else stiffness_nuisance(record.nominal, evidence.predictor)
+        unsure_of_all = isinstance(record, OpenRecord) and shows_shape(record)
+        form = {} if unsure_of_all else stiffness_nuisance(record.nominal, evidence.predictor)
         unsure = {**evidence.nuisances, **form}
         opened, measured, noise = evidence.opened, evidence.measured, evidence.noise
         if isinstance(record, OpenRecord):

@@ -8,10 +8,12 @@ import numpy as np
 from sim2real.compared.problem import Problem
 from sim2real.compared.simulated import Point
 from sim2real.gap.shrink import gap_of, lost
+from sim2real.judgement.dispersion import NOISE_INFLATION
 from sim2real.judgement.judge import Entry
 from sim2real.search.attribute import NO_GAP, Attribution
 from sim2real.search.hypotheses import WIDER
 
+SIGNIFICANT = 3.0  # standard deviations of the noise's power on the holdout
 CLEAR_GAP = 1.2  # in units of the noise, left by calibration on the holdout: what is named must then leave less
 
 
@@ -34,7 +36,7 @@ def borne_out(judged: Problem, attribution: Attribution, named: Sequence[Entry])
     if nominal is None:
         return list(named)
     least = nominal if alone is None or alone <= CLEAR_GAP else min(nominal, alone)
-    as_stated = bool(np.all(np.abs(attribution.calibration.fit.u) <= WIDER))
+    as_stated = _as_stated(attribution)
 
     def bears_out(left: np.ndarray) -> bool:
         gap = gap_of(left)
@@ -42,6 +44,24 @@ def borne_out(judged: Problem, attribution: Attribution, named: Sequence[Entry])
 
     left = iter(after)
     return [e for e, f in zip(named, fits, strict=True) if f is None or bears_out(next(left))]
+
+
+def shows_nothing(judged: Problem, attribution: Attribution) -> bool:
+    """Whether calibration, within what the rig states, leaves no more of the holdout than noise does.
+
+    What other explanations save on the fitted recordings is then no evidence of an effect, known or unknown.
+    """
+    fit = attribution.calibration.fit
+    if not np.isfinite(fit.cost) or not _as_stated(attribution):
+        return False
+    left = judged.data - judged.simulate([fit.hypothesis.point(fit.u)])[0]
+    likely = 2.0 * left.size + SIGNIFICANT * NOISE_INFLATION * np.sqrt(4.0 * left.size)
+    return bool(np.sum(np.abs(left) ** 2) < likely)
+
+
+def _as_stated(attribution: Attribution) -> bool:
+    """Whether calibration keeps to the tolerances of the rig."""
+    return bool(np.all(np.abs(attribution.calibration.fit.u) <= WIDER))
 
 
 def without(found: Sequence[Entry], refuted: Sequence[Entry]) -> list[Entry]:

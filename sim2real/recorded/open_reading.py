@@ -11,15 +11,13 @@ from maglev_env.kernel.driven import Drive as Run
 from maglev_env.kernel.replay import replayed
 from maglev_env.kernel.simulate import prepared
 from maglev_env.loop.axes import suffixes
-from maglev_env.loop.magnets.kinds import force_law
-from maglev_env.loop.magnets.law import force, linearise
 from maglev_env.recordings.campaign import Campaign, RecordingSpec
 from maglev_env.recordings.campaign_tables import ChannelSource
 from maglev_env.recordings.derived import coil_current
 from maglev_env.recordings.left_out import TellsNothing
 from maglev_env.recordings.masking import bridged, masked_samples
 from maglev_env.rig.rig import Rig, axis_rig
-from sim2real.recorded.along_motion import NEAREST, along_motion
+from sim2real.recorded.along_motion import along_motion
 from sim2real.recorded.channel_errors import ChannelError, channel_errors
 from sim2real.recorded.drive import Drive, Driving, drive_of
 from sim2real.recorded.fed_back import fed_back
@@ -29,6 +27,7 @@ from sim2real.recorded.not_stable import not_stable
 from sim2real.recorded.open_record import OpenRecord, compared
 from sim2real.recorded.static_evidence import can_rest, rests_of
 from sim2real.recorded.ticks import between_ticks, led_in, substeps, ticks_of
+from sim2real.recorded.weight_law import balancing, lacking_in_words
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -46,9 +45,7 @@ UNTOLD, UNTOLD_ALONG = 12**-0.5, 1.0
 SHAPED = {2: 1.0, 3: 0.1, 4: 0.03}
 STRAIGHT = {2: 1 / 12}  # without an instrument: what a straight line lacks of a bent current between two samples
 TOP = 0.2
-BALANCED = 1e-4  # of the bias current: step of its slope in the search for what carries the weight
 PASSES = 2  # of the simulation that tells how the rotor moves between samples
-NEWTON = 5  # steps of that search; the pull is linear or quadratic in the current
 METERED = 0.01  # relative scale of a current whose campaign states none, as of a meter that nobody calibrated
 
 
@@ -67,6 +64,7 @@ def open_record(campaign: Campaign, spec: RecordingSpec, dataset: "xr.Dataset") 
     where, rig = campaign.folder / spec.file, campaign.rig
     if rig is None:
         raise ValueError(f"{where}: the campaign names no rig to compare with")
+    rests = rests_of(rig, spec, dataset)
     channels = _channels(rig, dataset)
     notes = list(dataset.attrs.get("notes", ()))
     if (current := _current_by_voltage(rig, channels, spec.sample_rate)) is not None:
@@ -102,7 +100,10 @@ def open_record(campaign: Campaign, spec: RecordingSpec, dataset: "xr.Dataset") 
         channels = {kind: values[:, :: drive.multiple] for kind, values in channels.items()}
         source = drive.source
         if source is not None and can_rest(rig):
-            channels[source] = channels[source] + balancing(rig, channels[source], channels["displacement"])
+            lacks = balancing(rig, channels[source], channels["displacement"])
+            channels[source] = channels[source] + lacks
+            if rests is None:
+                notes += lacking_in_words(rig, source, lacks)
         waves = drive.driving(channels, instants).waves
         known = np.concatenate([w[:, :: drive.every] for w in waves.values()])
         if not np.ptp(known, axis=1).any():
@@ -139,7 +140,7 @@ def open_record(campaign: Campaign, spec: RecordingSpec, dataset: "xr.Dataset") 
         drive.upstream,
         channel_errors(spec),
         source,
-        rests_of(rig, spec, dataset),
+        rests,
         along=along and along.at(looked),
         instants=None if instants is None else between_ticks(instants, drive.every),
         notes=(*notes, *drive.notes, *stretch.notes),
@@ -205,27 +206,6 @@ def _current_by_voltage(rig: Rig, channels: Mapping[str, np.ndarray], rate: floa
         coil_current(u, rate, r.coil_resistance, r.coil_inductance)
         for r, u in zip(own, channels["voltage"], strict=True)
     ])  # fmt: skip
-
-
-def balancing(rig: Rig, current: np.ndarray, displacement: np.ndarray) -> float:
-    """What a current (1, samples) lacks, A, so that the nominal magnet carries the weight on average over the motion.
-
-    What a mean says of a suspended mass is evidence of its own (`static_evidence`). Here the weight of a rig whose
-    gain is not the nominal one would only pull the simulated mass off its place, up to touching down. The pull is that
-    of the force law along the recorded motion: its curvature moves the mean of a large motion to where gain and
-    stiffness are others by some percent.
-    """
-    law = force_law(rig)
-    gain, stiffness = linearise(law)
-    place = np.clip(displacement, -NEAREST * rig.gap, NEAREST * rig.gap)
-    lacks = float(stiffness / gain * displacement.mean() - current.mean())
-    step = BALANCED * max(abs(law.bias_current), float(np.ptp(current)))
-    for _ in range(NEWTON):
-        pull, less, more = (float(np.mean(force(law, place, current + lacks + by))) for by in (0.0, -step, step))
-        if more == less:
-            break
-        lacks -= pull * 2 * step / (more - less)
-    return lacks
 
 
 def _led_in(series: np.ndarray, samples: int) -> np.ndarray:

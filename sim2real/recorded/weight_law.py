@@ -1,4 +1,4 @@
-"""The force law that carries a weight at levels of displacement and current, by least squares."""
+"""The force law that carries a weight: fitted to levels of displacement and current, and balanced over a motion."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -6,10 +6,16 @@ from dataclasses import replace
 import numpy as np
 from scipy.optimize import least_squares
 
-from maglev_env.loop.magnets.law import SingleSidedLaw, force
+from maglev_env.loop.magnets.kinds import force_law
+from maglev_env.loop.magnets.law import SingleSidedLaw, force, linearise
+from maglev_env.rig.rig import Rig
+from sim2real.recorded.along_motion import NEAREST
 from sim2real.recorded.levels import Levels
 
 TINY = 1e-9  # of the weight: least scatter of the pull
+BALANCED = 1e-4  # of the bias current: step of its slope in the search for what carries the weight
+NEWTON = 5  # steps of that search; the pull is linear or quadratic in the current
+LACKING = 0.05  # of the bias current: a mean that lacks more is said; that much a pull off by a tenth makes
 
 
 def departures(law: SingleSidedLaw, levels: Levels, several: bool, drift: float) -> np.ndarray:
@@ -97,3 +103,40 @@ def balanced(
     for _ in range(50):
         current -= (float(pull(0.0, current)) - weight) / gain(current)
     return np.array([gain(current), -float(pull(dy, current) - pull(-dy, current)) / (2 * dy)])
+
+
+def balancing(rig: Rig, current: np.ndarray, displacement: np.ndarray) -> float:
+    """What a current (1, samples) lacks, A, so that the nominal magnet carries the weight on average over the motion.
+
+    What a mean says of a suspended mass is evidence of its own (`static_evidence`). Here the weight of a rig whose
+    gain is not the nominal one would only pull the simulated mass off its place, up to touching down. The pull is that
+    of the force law along the recorded motion: its curvature moves the mean of a large motion to where gain and
+    stiffness are others by some percent.
+    """
+    law = force_law(rig)
+    gain, stiffness = linearise(law)
+    place = np.clip(displacement, -NEAREST * rig.gap, NEAREST * rig.gap)
+    lacks = float(stiffness / gain * displacement.mean() - current.mean())
+    step = BALANCED * max(abs(law.bias_current), float(np.ptp(current)))
+    for _ in range(NEWTON):
+        pull, less, more = (float(np.mean(force(law, place, current + lacks + by))) for by in (0.0, -step, step))
+        if more == less:
+            break
+        lacks -= pull * 2 * step / (more - less)
+    return lacks
+
+
+def lacking_in_words(rig: Rig, channel: str, lacks: float) -> list[str]:
+    """A note on what a mean current lacks (A, see `balancing`) where that is much.
+
+    It is not evidence as long as nobody states how well the offsets of the channels are known.
+    """
+    share = lacks / abs(force_law(rig).bias_current)
+    if abs(share) < LACKING:
+        return []
+    return [
+        f"the mean {channel} is {abs(lacks):.3g} A ({abs(share):.0%} of the bias) {'below' if lacks > 0 else 'above'} "
+        "what the nominal magnet needs to carry the weight: an offset of the current or of the displacement, the "
+        "weight, or the force law; the motion does not tell which, and the means are no evidence before the campaign "
+        "states offset_tolerance of displacement and current"
+    ]

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from sim2real.judgement.borne_out import borne_out, without
+from sim2real.judgement.borne_out import borne_out, shows_nothing, without
 from sim2real.judgement.judge import Entry
 from sim2real.search.fitting import Fit
 from sim2real.search.hypotheses import Hypothesis
@@ -50,3 +50,12 @@ def test_the_probability_of_what_is_refuted_goes_to_the_others():
     found = without(ENTRIES, ENTRIES[:1])
     assert [e.effects[0] for e in found] == ["support_resonance", "runout", "unknown", "sensor_resonance"]
     assert [e.probability for e in found] == pytest.approx([0.5, 0.25, 0.25, 0.0])
+
+
+@pytest.mark.parametrize(
+    ("gap", "mass", "nothing"), [(1.0, 0.5, True), (1.2, 0.5, True), (1.35, 0.5, False), (1.0, 9.0, False)]
+)
+def test_a_holdout_that_calibration_simulates_to_its_noise_shows_nothing(gap, mass, nothing):
+    holdout, _ = judged(gap, gap)
+    weighed = Fit(Hypothesis((), {"mass": 0.01}), np.array([mass]), np.zeros(1), 1.0)
+    assert shows_nothing(holdout, SimpleNamespace(calibration=SimpleNamespace(fit=weighed))) == nothing

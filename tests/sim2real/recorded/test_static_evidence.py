@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from maglev_env.rig.rig import rig_from_toml
-from sim2real.recorded.open_reading import balancing
 from sim2real.recorded.static_evidence import (
     Levels,
     Tolerances,
@@ -16,6 +15,7 @@ from sim2real.recorded.static_evidence import (
     of_weight,
     static_estimate,
 )
+from sim2real.recorded.weight_law import balancing, lacking_in_words
 
 MASS, GRAVITY, GAP, AIR = 0.02, 9.80665, 6e-3, 2e-3
 CONSTANT = 5e-5  # N m2/A2: pull = CONSTANT i^2 / x^2 with x = GAP + AIR - y
@@ -64,7 +64,7 @@ def test_intervals_cover_the_scatter_and_the_stated_offsets():
     rng, y, inside = np.random.default_rng(1), np.repeat(np.linspace(-1e-3, 1e-3, 6), 4), []
     truth = np.array([2 * MASS * GRAVITY / BIAS, -2 * MASS * GRAVITY / (GAP + AIR)])
     exact = _levels(y)
-    for _ in range(200):
+    for _ in range(80):
         offsets = 5e-5 * rng.normal(), 5e-3 * rng.normal()
         noisy = Levels(
             y + 2e-5 * rng.normal(size=y.size) + offsets[0],
@@ -75,7 +75,8 @@ def test_intervals_cover_the_scatter_and_the_stated_offsets():
         )
         found = static_estimate(RIG, noisy, Tolerances(5e-5, 5e-3))
         inside.append(abs(found.values - truth) < 1.96 * np.sqrt(np.diag(found.covariance)))
-    assert (np.mean(inside, axis=0) > 0.89).all() and (np.mean(inside, axis=0) < 0.995).all()
+    assert (np.mean(inside, axis=0) > 0.87).all()  # 0.95 less 3.3 standard deviations
+    assert not np.all(inside)
 
 
 def test_only_a_resting_mass_has_levels():
@@ -97,6 +98,15 @@ def test_the_nominal_magnet_carries_the_weight_over_the_recorded_motion_whatever
     total = BIAS + mean + i + balancing(RIG, (mean + i)[None], y[None])
     pull = CONSTANT * total**2 / (GAP + AIR - y) ** 2
     assert pull.mean() == pytest.approx(MASS * GRAVITY, rel=1e-6)
+
+
+def test_a_mean_that_does_not_carry_the_weight_is_said():
+    rest = np.zeros((1, 8))
+    (said,) = lacking_in_words(RIG, "command", balancing(RIG, rest - 0.08 * BIAS, rest))
+    assert f"the mean command is {0.08 * BIAS:.3g} A (8% of the bias) below what" in said
+    (said,) = lacking_in_words(RIG, "current", balancing(RIG, rest + 0.08 * BIAS, rest))
+    assert "above what" in said
+    assert not lacking_in_words(RIG, "command", balancing(RIG, rest + 0.04 * BIAS, rest))
 
 
 def test_gain_and_stiffness_grow_with_the_weight():
@@ -137,7 +147,7 @@ def test_recordings_that_rest_at_other_currents_have_an_offset_each():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("drift", "recordings"), [(0.0, 4), (0.02, 4), (0.02, 2)])
+@pytest.mark.parametrize(("drift", "recordings"), [(0.0, 4), (0.02, 2)])
 def test_intervals_cover_with_offsets_of_recordings(drift, recordings):
     rng, inside, seen = np.random.default_rng(4), [], 0
     for _ in range(20):

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from sim2real.pooled import least_spread
+from sim2real.coefficients import least_spread
 from sim2real.search.fitting import begin, differentiate
 from sim2real.search.hypotheses import Hypothesis
 from sim2real.search.valleys import held_at_nominal

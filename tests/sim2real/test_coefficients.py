@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from sim2real.pooled import Coefficient, across_recordings, least_spread
+from sim2real.coefficients import Coefficient, across_recordings, least_spread
 from sim2real.search.fitting import Fit, cost_of
 from sim2real.search.hypotheses import Hypothesis
 

@@ -1,0 +1,159 @@
+"""Coefficients of a rig that a fit of recordings identifies, with what their intervals must hold."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy import stats
+
+from maglev_env.loop.magnets.kinds import force_law
+from maglev_env.loop.magnets.law import linearise
+from maglev_env.rig.rig import Rig
+from sim2real.compared.problem import Problem
+from sim2real.judgement.nonstationary import widening
+from sim2real.recorded.static_evidence import can_rest, of_weight
+from sim2real.search.fitting import CONVERGED, Fit
+
+# What is identified, each as an effect of this name, and its unit.
+UNITS = {
+    "actuator_gain": "N/A",
+    "negative_stiffness": "N/m",
+    "support_stiffness": "N/m",
+    "damping": "N s/m",
+    "delay": "s",
+}
+# Relative standard error from which a likelihood is no parabola, so that an interval by its curvature would be wrong.
+UNBOUNDED = 0.25
+SIGNIFICANT = 3.0  # standard deviations of the misfit under noise alone
+# A fit that tells the actuator's gain to no more than WEAK of it may as well have found a resonance of the noise: of
+# what it gains on the nominal rig, CHANCE is what the best of all such resonances gains.
+WEAK, CHANCE = 0.1, 16.0
+
+
+@dataclass(frozen=True)
+class Coefficient:
+    """One identified coefficient.
+
+    Attributes:
+        name: As the rig or its effect is named.
+        unit: SI.
+        value: Identified.
+        se: Its standard error, widened by the misfit.
+        nominal: Value of the nominal rig.
+        bounded: Whether the recordings, with the tolerances of all other parameters, bound it.
+        at_limit: Whether the fit ended at the end of the range that it searches.
+    """
+
+    name: str
+    unit: str
+    value: float
+    se: float
+    nominal: float
+    bounded: bool
+    at_limit: bool = False
+
+    @property
+    def identified(self) -> bool:
+        """Whether the value is an estimate: bounded, and not where the search ends."""
+        return self.bounded and not self.at_limit
+
+    @property
+    def interval(self) -> tuple[float, float]:
+        """95 % interval; a time is not negative."""
+        reach = float(stats.norm.isf(0.025)) * self.se
+        least = 0.0 if self.unit == "s" else -np.inf
+        return max(self.value - reach, least), self.value + reach
+
+    @property
+    def change(self) -> float | None:
+        """Relative change against the nominal value; None where that is zero."""
+        return (self.value - self.nominal) / abs(self.nominal) if self.nominal else None
+
+    @property
+    def apart(self) -> float:
+        """Standard errors from the nominal value."""
+        return (self.value - self.nominal) / self.se if self.se > 0 else 0.0
+
+
+def least_spread(fit: Fit, other: Fit, chance: float = 0.0) -> np.ndarray:
+    """Least standard errors (size,) of a fit's coordinates that its likelihood ratio to another point allows, less what
+    the fit gains by chance.
+
+    That ratio bounds the ratio to every value of one coordinate that the point has, so no coordinate is further from
+    it, in standard errors, than its root; the curvature at the fit claims more where little is told. What a fit may
+    lack to its optimum is added.
+    """
+    return np.abs(fit.u - other.u) / np.sqrt(max(other.cost - fit.cost - chance, 0.0) + CONVERGED)
+
+
+def misfit(fit: Fit) -> float:
+    return float(np.mean(abs(fit.residual) ** 2) / 2)
+
+
+def _of_mass(rig: Rig, fit: Fit) -> dict[str, tuple[int, float, float]]:
+    """How gain and stiffness grow with a suspended mass that is known to a tolerance: coordinate of the mass, relative
+    change for one unit of it, and power; nothing where the magnet carries no weight or the mass is exact."""
+    if "mass" not in fit.hypothesis.calibrated or not can_rest(rig):
+        return {}
+    at = len(fit.hypothesis.coordinates) + fit.hypothesis.calibrated.index("mass")
+    names = ("actuator_gain", "negative_stiffness")
+    return {name: (at, fit.hypothesis.sigma("mass"), p) for name, p in zip(names, of_weight(rig), strict=True)}
+
+
+def coefficients_of(rig: Rig, problem: Problem, fit: Fit, others: Sequence[Fit]) -> tuple[Coefficient, ...]:
+    """Coefficients of a fit; `others` are points that its intervals must not exclude more than the likelihood does."""
+    h, lack = fit.hypothesis, misfit(fit)
+    factor = np.sqrt(lack) if lack > 1 + SIGNIFICANT / np.sqrt(fit.residual.size) else 1.0
+    by_curvature = np.sqrt(np.diag(fit.covariance()))
+    sd, by_chance = (
+        np.maximum.reduce([by_curvature, *(least_spread(fit, other, chance) for other in others)])
+        for chance in (0.0, CHANCE)
+    )
+    if any(c.effect == "actuator_gain" and s * c.scale > WEAK for c, s in zip(h.coordinates, by_chance, strict=False)):
+        sd = by_chance
+    sd = sd * np.maximum(widening(problem, fit), factor)
+    heavier, covariance = _of_mass(rig, fit), fit.covariance()
+    found = []
+    for c, u, spread in zip(fit.hypothesis.coordinates, fit.u, sd, strict=False):
+        if c.effect not in UNITS:
+            continue
+        nominal, scale = nominal_coefficient(rig, c.effect), c.scale or 1.0
+        relative = c.parameter == "change"
+        size = abs(nominal) if relative else 1.0
+        change, se = c.value(float(u)) * size, float(spread) * scale * size
+        bounded = not relative or se < UNBOUNDED * size
+        value = nominal + (change if nominal >= 0 else -change) if relative else nominal + change
+        if c.effect in heavier:
+            # A heavier suspended mass needs more pull, which has more gain and stiffness.
+            at, sigma, power = heavier[c.effect]
+            value *= (1 + float(fit.u[at]) * sigma) ** power
+            own, more = np.copysign(scale * size, nominal), value * power * sigma
+            mixed = 2 * own * more * covariance[len(found), at] + more**2 * covariance[at, at]
+            se = float(np.sqrt(max(se**2 + mixed, 0.0)))
+        ended = c.value(float(u)) in (c.low, c.high) and c.low < 0
+        found.append(Coefficient(c.effect, UNITS[c.effect], value, se, nominal, bounded, ended))
+    if any(c.name == "actuator_gain" and not c.bounded for c in found):
+        # Of a force of unknown size nobody can say how late it comes.
+        found = [replace(c, bounded=False) if c.name == "delay" else c for c in found]
+    return tuple(found)
+
+
+def nominal_coefficient(rig: Rig, name: str) -> float:
+    """The nominal value that an identified change refers to."""
+    if name in ("actuator_gain", "negative_stiffness"):
+        return float(linearise(force_law(rig))[name == "negative_stiffness"])
+    return {"support_stiffness": rig.support_stiffness, "damping": rig.support_damping, "delay": 0.0}[name]
+
+
+def across_recordings(c: Coefficient, each: Sequence[Coefficient]) -> Coefficient:
+    """A coefficient whose standard error is scaled by the Birge ratio of recordings that disagree.
+
+    Distances count in standard errors of their own recording, so that one that tells little cannot undo what the
+    others tell (R. T. Birge, Phys. Rev. 40, 1932; the scale factor of the Particle Data Group).
+
+    Args:
+        c: of all recordings.
+        each: the same of every recording alone.
+    """
+    z = np.array([(own.value - c.value) / own.se for own in each if own.identified and own.se > 0])
+    return replace(c, se=c.se * float(np.sqrt(max(1.0, np.sum(z**2) / max(z.size - 1, 1)))))
