@@ -248,7 +248,9 @@ def protocol_experiment(
     Args:
         rig: with a protocol.
         gains: default: the rig's preset gains.
-        effects, seed, sensor: as in `Experiment`.
+        effects: as in `Experiment`.
+        seed: likewise.
+        sensor: likewise.
 
     Raises:
         ValueError: The rig has no protocol, or it has magnets but no gains; `defaults.with_defaults` adds them.

@@ -13,11 +13,12 @@ import numpy as np
 from maglev_env.evaluation.evaluate import Evaluation, evaluate
 from maglev_env.experiment import protocol_experiment
 from maglev_env.loop.effect import Effects
-from maglev_env.loop.gains import NO_CONTROLLER, Controllers, Gains, of_axis, with_gains
+from maglev_env.loop.gains import NO_CONTROLLER, Controllers, digital, gain_values, of_axis, with_gains
 from maglev_env.recordings.result_folder import claim, is_empty, load_arrays, locked, save_arrays
 from maglev_env.rig.rig import Rig
 from maglev_lanes.code_version import code_version
 from maglev_lanes.price import check_experiments
+from tuning.axis import Axis
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -25,18 +26,8 @@ if TYPE_CHECKING:
     from maglev_lanes.schedule import Workers
 
 CHUNK = 256
-SWEPT = ("kp", "ki", "kd")
+POINTS = {"kp": 16, "ki": 4, "kd": 16}  # of the default grid
 SPEC = "sweep.json"
-UNITS = {"kp": "A/m", "ki": "A/(m s)", "kd": "A s/m"}
-
-
-@dataclass(frozen=True)
-class Axis:
-    """One swept gain: lowest and highest value in SI, and the number of grid points."""
-
-    low: float
-    high: float
-    points: int
 
 
 @dataclass(frozen=True)
@@ -45,7 +36,7 @@ class Sweep:
 
     Attributes:
         rig: The rig.
-        axes: Axes by gain name; other gains stay at the preset.
+        axes: Axes by name of a gain of the rig's controller; other gains stay at the preset.
         log: Logarithmic spacing.
         sobol: Number of Sobol points; 0 for the full grid.
         effects: Effects of the simulated rig.
@@ -71,42 +62,44 @@ class Sweep:
         count = self.sobol or prod(axis.points for axis in self.axes.values())
         check_experiments(count, period * (p.periods + p.transient_periods), "sweep")
         if not self.axes:
-            raise ValueError("sweep: give at least one of kp, ki, kd as lo:hi:n")
+            raise ValueError("sweep: give at least one gain as lo:hi:n")
+        known = _known(self.rig)
         for name, axis in self.axes.items():
-            if name not in SWEPT:
-                raise ValueError(f"sweep: {name!r} is not one of {', '.join(SWEPT)}")
+            if name not in known:
+                raise ValueError(
+                    f"sweep: {name!r} is not one of the gains of the rig's controller"
+                    + (f": {', '.join(known)}" if known else ", which is given by numerator and denominator")
+                )
             if not (np.isfinite(axis.low) and np.isfinite(axis.high) and axis.low <= axis.high and axis.points >= 1):
                 raise ValueError(f"sweep: {name} = {axis.low}:{axis.high}:{axis.points} must be lo <= hi and n >= 1")
             if self.log and axis.low <= 0:
                 raise ValueError(f"sweep: {name} from {axis.low}: a logarithmic axis starts above 0; use --linear")
+        for end in ("low", "high"):  # refuses, before any work, what no controller can have
+            extreme = with_gains(self.rig.gains, **{name: getattr(axis, end) for name, axis in self.axes.items()})
+            digital(of_axis(extreme, 0), 1 / self.rig.control_rate)
 
 
-def parse_axis(text: str) -> Axis:
-    """Read `lo:hi:n` (or `value`, kept constant) as written on the command line."""
-    parts = text.split(":")
-    try:
-        if len(parts) == 1:
-            return Axis(float(text), float(text), 1)
-        low, high, points = parts
-        return Axis(float(low), float(high), int(points))
-    except ValueError:
-        raise ValueError(f"{text!r} is not lo:hi:n (two gains and a whole number of points)") from None
+def _known(rig: Rig) -> list[str]:
+    """Names of the gains of a rig's controller."""
+    return list(gain_values(of_axis(rig.gains or NO_CONTROLLER, 0)))
 
 
-def default_axes(rig: Rig, points: Mapping[str, int] | None = None) -> dict[str, Axis]:
-    """The rig's gain bounds as axes, by default with 16 x 4 x 16 points."""
-    points = points or {"kp": 16, "ki": 4, "kd": 16}
-    if lacking := [name for name in SWEPT if not hasattr(of_axis(rig.gains or NO_CONTROLLER, 0), name)]:
-        raise ValueError(f"rig {rig.name}: its controller has no {', '.join(lacking)}: a sweep varies those of a PID")
-    missing = [name for name in SWEPT if name not in rig.bounds]
+def default_axes(rig: Rig) -> dict[str, Axis]:
+    """The rig's bounds of kp, ki and kd as axes of 16 x 4 x 16 points."""
+    if lacking := [name for name in POINTS if name not in _known(rig)]:
+        raise ValueError(
+            f"rig {rig.name}: its controller has no {', '.join(lacking)}: the default sweep varies those of a PID; "
+            "give the gains to sweep as lo:hi:n"
+        )
+    missing = [name for name in POINTS if name not in rig.bounds]
     if missing:
         raise ValueError(f"rig {rig.name}: [bounds] lacks {', '.join(missing)}; give --kp, --ki, --kd as lo:hi:n")
-    return {name: Axis(*rig.bounds[name], points[name]) for name in SWEPT}
+    return {name: Axis(*rig.bounds[name], points) for name, points in POINTS.items()}
 
 
 def gain_sets(sweep: Sweep) -> list[Controllers]:
     """The gain sets in order: the grid with the last axis fastest, or the scrambled Sobol points of the seed."""
-    names = [name for name in SWEPT if name in sweep.axes]
+    names = [name for name in _known(sweep.rig) if name in sweep.axes]
     if sweep.sobol:
         from scipy.stats import qmc
 
@@ -272,8 +265,8 @@ def _dataset(
             variables[name] = (("experiment", "band")[: array.ndim], array)
     bands = parts[0]["bands"]
     coordinates: dict[str, tuple] = {"experiment": ("experiment", np.arange(len(gains)))}
-    for f in fields(Gains):
-        if hasattr(of_axis(gains[0], 0), f.name):
-            coordinates[f.name] = ("experiment", np.array([getattr(of_axis(g, 0), f.name) for g in gains]))
+    values = [gain_values(of_axis(g, 0)) for g in gains]
+    for name in values[0]:
+        coordinates[name] = ("experiment", np.array([one[name] for one in values]))
     coordinates["band_low"], coordinates["band_high"] = ("band", bands[:, 0]), ("band", bands[:, 1])
     return xr.Dataset(variables, coordinates, attributes)

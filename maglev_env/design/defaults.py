@@ -7,12 +7,11 @@ import numpy as np
 from maglev_env.design.default_gains import default_gains
 from maglev_env.experiment import Experiment
 from maglev_env.linear.loop import closed_loop_poles, loop_response
-from maglev_env.loop.gains import NO_CONTROLLER, Controllers, Gains, of_axis
+from maglev_env.loop.gain_card import KD, KI, KP
+from maglev_env.loop.gains import NO_CONTROLLER, Controllers, gain_values, of_axis
 from maglev_env.rig.excitation import Excitation
 from maglev_env.rig.rig import Protocol, Rig, axis_rig
 
-# Factors on gains that levitate: mostly stable and well damped on rigs with every kind of magnet.
-BOUNDS = {"kp": (0.6, 2.5), "ki": (0.1, 10.0), "kd": (0.3, 3.0)}
 TOP, LOOP_TOP = 250.0, 2000.0  # highest force line and highest injection line, where the control rate allows them, Hz
 REACH = 0.05  # share of the clearance by which the excitations move the rotor; the force law is nearly linear there
 _EVERY = 5  # every fifth line belongs to the injection
@@ -21,10 +20,10 @@ _EVERY = 5  # every fifth line belongs to the injection
 def with_defaults(rig: Rig) -> Rig:
     """The rig with gains, bounds and protocol filled in where its TOML gives none.
 
-    Gains are those of `default_gains`; bounds are BOUNDS times the gains of x or of the only axis. The protocol has
-    five periods of 1 Hz. A force excites four of five lines up to 250 Hz, at 45 degrees on an x-y rig; on a controlled
-    rig an injection into the current excites every fifth line and goes on to 2 kHz. Both together move the rotor by
-    5 % of its clearance.
+    Gains are those of `default_gains`; bounds are those of their cards around those of x or of the only axis. The
+    protocol has five periods of 1 Hz. A force excites four of five lines up to 250 Hz, at 45 degrees on an x-y rig; on
+    a controlled rig an injection into the current excites every fifth line and goes on to 2 kHz. Both together move the
+    rotor by 5 % of its clearance.
 
     Raises:
         ValueError: No default gains stabilise the rig, its own gains leave it unstable, or nothing holds it, so that no
@@ -32,9 +31,9 @@ def with_defaults(rig: Rig) -> Rig:
     """
     if rig.gains is None:
         rig = replace(rig, gains=_gains(rig))
-    first = of_axis(rig.gains or NO_CONTROLLER, 0)
-    if rig.controlled and not rig.bounds and isinstance(first, Gains):
-        span = {name: (getattr(first, name) * low, getattr(first, name) * high) for name, (low, high) in BOUNDS.items()}
+    own = gain_values(of_axis(rig.gains or NO_CONTROLLER, 0))
+    if rig.controlled and not rig.bounds:
+        span = {name: card.range(own[name]) for name, card in (("kp", KP), ("ki", KI), ("kd", KD)) if name in own}
         rig = replace(rig, bounds={name: pair for name, pair in span.items() if pair[1] > pair[0]})
     held = all(axis_rig(rig, axis).support_stiffness for axis in range(rig.axes))
     if not (rig.protocol or rig.controlled or held):

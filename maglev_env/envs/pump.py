@@ -113,7 +113,10 @@ class PumpRotorVectorEnv(RigVectorEnv):
     """`num_envs` environments in one batch, with the results of `PumpRotorEnv` bit for bit.
 
     Args:
-        num_envs, render_mode, autoreset_mode, threads: as of `RigVectorEnv`.
+        num_envs: as of `RigVectorEnv`.
+        render_mode: likewise.
+        autoreset_mode: likewise.
+        threads: likewise.
         arguments: as `PumpRotorEnv`.
     """
 

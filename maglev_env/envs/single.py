@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 class RigEnv(gym.Env[np.ndarray, np.ndarray]):
-    """Tune the PID gains of a magnetically levitated rotor; one step is one simulated identification experiment.
+    """Tune the controller of a magnetically levitated rotor; one step is one simulated identification experiment.
 
     ## Action space
     `Box(-1, 1, (k,), float32)`, one element per gain in `tuned`, mapped into its bounds; logarithmically where they
@@ -31,6 +31,7 @@ class RigEnv(gym.Env[np.ndarray, np.ndarray]):
     | ki | A/(m s) | likewise |
     | kd | A s/m | likewise |
     | td, ti | s | likewise, else 0.3 to 3 times the rig's |
+    | those of filters and of other controllers | | docs/controllers.md |
 
     ## Observation space
     `Box(-1, 1, (size,), float32)`; `env.unwrapped.observation_names` names every element. k*, c*: target stiffness and
@@ -74,7 +75,8 @@ class RigEnv(gym.Env[np.ndarray, np.ndarray]):
 
     ## Arguments
     - `rig`: preset name, path of a rig TOML, or a `Rig`; `with_defaults` fills in what its TOML does not give.
-    - `tuned`: gains to tune, of kp, ki, kd, td, ti. `bounds`: {gain: (low, high)} instead of the rig's.
+    - `tuned`: gains to tune, by default kp, ki, kd and those of filters. `bounds`: {gain: (low, high)} instead of the
+      rig's.
     - `randomization`: "none", "tolerances" (the rig's data-sheet uncertainty) or "wide" (its [randomization], else 0.75
       to 1.35 times every parameter that has a tolerance). `draw_target`: draw k* and c* too, 0.8 to 1.5 times.
     - `effects`: any of `maglev effects`, {name: {parameter: value}} or {name: value}, unknown to the agent.
@@ -84,6 +86,7 @@ class RigEnv(gym.Env[np.ndarray, np.ndarray]):
       score then includes the error of the estimated gap, and the info has this error and the lost phase margin.
     - `goal`: what the score is of: None (the rig's [target], of the presets "match"), "match", "engineer", the path of
       a text file or requirements, see docs/goals.md. Requirements add elements to the observation.
+    - `controller`: None (the rig's), or "pid" with filters such as "pid + notch 650", see docs/controllers.md.
     - `budget`: experiments per episode. `render_mode`: "rgb_array" or "human".
 
     On an x-y rig both axes have the same gains, and all results are those of the worse axis.

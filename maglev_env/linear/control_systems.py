@@ -14,6 +14,8 @@ from maglev_env.loop.gains import of_axis, reads_current, state_space
 if TYPE_CHECKING:
     import control
 
+Matrices = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
+
 
 def to_control(experiment: Experiment) -> "tuple[control.StateSpace, control.StateSpace, control.StateSpace]":
     """Plant, controller and closed loop of an experiment for python-control, sampled at the control rate.
@@ -34,17 +36,32 @@ def to_control(experiment: Experiment) -> "tuple[control.StateSpace, control.Sta
         ImportError: python-control is not installed.
     """
     control = python_control()
-    dt, axes = 1 / experiment.rig.control_rate, experiment.rig.axes
-    if reads_current(experiment.gains, dt):
+    systems = linear_systems(experiment)
+    if "controller" not in systems:
         raise ValueError("to_control: the controller reads the current; use loop_response, which closes that loop")
+    plant, controller, closed = (control.ss(*systems[name], 1 / experiment.rig.control_rate) for name in systems)
+    return plant, controller, closed
+
+
+def linear_systems(experiment: Experiment) -> dict[str, Matrices]:
+    """A, B, C and D of "plant", "controller" and "closed" as `to_control` describes them, in this order.
+
+    Where the controller reads the coil's current, there is no single loop to break, and only "closed" is given.
+
+    Args:
+        experiment: with rig, effects, sensor and gains; its excitations are not used.
+    """
+    dt, axes = 1 / experiment.rig.control_rate, experiment.rig.axes
+    none = np.zeros((axes, axes))
+    closed = (*closed_loop(experiment), none)
+    if reads_current(experiment.gains, dt):
+        return {"closed": closed}
     parts = [state_space(of_axis(experiment.gains, axis), dt) for axis in range(axes)]
     a, b, c = (scipy.linalg.block_diag(*blocks) for blocks in (
         [p[0] for p in parts], [p[1][:, None] for p in parts], [p[2][None] for p in parts],
     ))  # fmt: skip
-    controller = control.ss(a, b, c, np.diag([p[3] for p in parts]), dt)
-    closed = closed_loop(experiment)
-    none = np.zeros((axes, axes))
-    return control.ss(*_plant(experiment), none, dt), controller, control.ss(*closed, none, dt)
+    controller = (a, b, c, np.diag([p[3] for p in parts]))
+    return {"plant": (*_plant(experiment), none), "controller": controller, "closed": closed}
 
 
 def python_control() -> ModuleType:

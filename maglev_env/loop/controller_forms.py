@@ -11,6 +11,8 @@ from typing import Literal
 import numpy as np
 
 from maglev_env.fields import is_number
+from maglev_env.loop.filtered_pid import FilteredPid
+from maglev_env.loop.gain_card import KD, KI, KP, TIME_CONSTANT, GainCard, gain
 from maglev_env.loop.linear_controller import ANTI_WINDUP, AntiWindup, Limit, LinearController, check_limit
 
 DERIVATIVE_ON = ("error", "measurement")
@@ -38,13 +40,13 @@ class Pid:
         ValueError: A value is not valid; the message names it.
     """
 
-    kp: float
-    ki: float = 0.0
-    kd: float = 0.0
-    td: float = 0.0
+    kp: float = gain(KP)
+    ki: float = gain(KI, 0.0)
+    kd: float = gain(KD, 0.0)
+    td: float = gain(TIME_CONSTANT, 0.0)
     derivative_on: Literal["error", "measurement"] = "error"
-    setpoint_filter: float = 0.0
-    setpoint_weight: float = 1.0
+    setpoint_filter: float = gain(TIME_CONSTANT, 0.0)
+    setpoint_weight: float = gain(GainCard("", (0.0, 1.0), absolute=True, first=False), 1.0)
     limit: Limit | None = None
     anti_windup: AntiWindup = "tracking"
 
@@ -79,12 +81,12 @@ class StateFeedback:
         ValueError: A value is not valid; the message names it.
     """
 
-    displacement: float
-    velocity: float
-    current: float = 0.0
-    integral: float = 0.0
-    velocity_filter: float = 0.0
-    setpoint_filter: float = 0.0
+    displacement: float = gain(KP)
+    velocity: float = gain(KD)
+    current: float = gain(GainCard("A/A", (0.3, 3.0)), 0.0)
+    integral: float = gain(KI, 0.0)
+    velocity_filter: float = gain(TIME_CONSTANT, 0.0)
+    setpoint_filter: float = gain(TIME_CONSTANT, 0.0)
     limit: Limit | None = None
     anti_windup: AntiWindup = "tracking"
 
@@ -111,8 +113,8 @@ class CurrentLoop:
         ValueError: A value is not a finite number.
     """
 
-    kp: float
-    ki: float = 0.0
+    kp: float = gain(GainCard("V/A", (0.3, 3.0)))
+    ki: float = gain(GainCard("V/(A s)", (0.1, 10.0)), 0.0)
 
     def __post_init__(self) -> None:
         _check(self, ("kp", "ki"))
@@ -160,12 +162,14 @@ class Cascade:
         return _controller(reference, reading, np.convolve(slow, inner), slow, own, self)
 
 
-Form = Pid | StateFeedback | Cascade
+_Limited = Pid | StateFeedback | Cascade
+Form = _Limited | FilteredPid
 # The names of forms in a file; without a form a table is one of `Gains` or a `LinearController`.
 FORMS: dict[str, type] = {
     "pid": Pid,
     "state_feedback": StateFeedback,
     "cascade": Cascade,
+    "filtered_pid": FilteredPid,
     "transfer_function": LinearController,
 }
 
@@ -204,7 +208,7 @@ def _controller(
     current: np.ndarray | None,
     rest: np.ndarray,
     integrator: np.ndarray,
-    form: Form,
+    form: _Limited,
 ) -> LinearController:
     """The controller with the denominator rest * integrator, in which anti-windup acts on the integrator alone."""
     denominator = np.convolve(rest, integrator)
@@ -233,7 +237,7 @@ def _check(part: object, numbers: tuple[str, ...], times: tuple[str, ...] = ()) 
             raise ValueError(f"controller: {name} = {value} s must be at least 0")
 
 
-def _check_form(form: Form, numbers: tuple[str, ...], times: tuple[str, ...] = ()) -> None:
+def _check_form(form: _Limited, numbers: tuple[str, ...], times: tuple[str, ...] = ()) -> None:
     _check(form, numbers, times)
     check_limit(form.limit)
     if form.anti_windup not in ANTI_WINDUP:

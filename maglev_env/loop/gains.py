@@ -1,5 +1,6 @@
 """Controllers of an axis: PID gains as the nominal rig's digital controller uses them, a linear filter, or a form."""
 
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields, is_dataclass, replace
 from math import exp
 from typing import Any, Literal
@@ -10,6 +11,7 @@ import scipy
 from maglev_env.fields import is_number
 from maglev_env.loop.axes import AXES
 from maglev_env.loop.controller_forms import FORMS, Form
+from maglev_env.loop.gain_card import KD, KI, KP, TIME_CONSTANT, GainCard, cards, gain, stated_gains
 from maglev_env.loop.linear_controller import LinearController
 
 
@@ -28,11 +30,11 @@ class Gains:
         ValueError: A gain is not a finite number, or a time constant is not positive.
     """
 
-    kp: float
-    ki: float
-    kd: float
-    td: float = 1e-4
-    ti: float = 0.0318
+    kp: float = gain(KP)
+    ki: float = gain(KI)
+    kd: float = gain(KD)
+    td: float = gain(TIME_CONSTANT, 1e-4)
+    ti: float = gain(TIME_CONSTANT, 0.0318)
 
     def __post_init__(self) -> None:
         for name, value in asdict(self).items():
@@ -46,6 +48,10 @@ class Gains:
 Controller = Gains | LinearController | Form
 Digital = Gains | LinearController
 INPUTS = ("reference", "reading", "current")
+# Every gain that some controller has, by name.
+GAIN_CARDS: Mapping[str, GainCard] = {
+    name: card for cls in (Gains, *FORMS.values()) for name, card in cards(cls).items()
+}
 # One controller for every axis, or one for each of x and y.
 Controllers = Controller | tuple[Controller, Controller]
 NO_CONTROLLER = Gains(0.0, 0.0, 0.0)
@@ -61,8 +67,13 @@ def digital(controller: Controller, dt: float) -> Digital:
     return controller if isinstance(controller, Digital) else controller.filter(dt)
 
 
+def gain_values(controller: Controller) -> dict[str, float]:
+    """Its gains by name, those of a part behind the part's name: kp, kd, notch_frequency; none of a linear filter."""
+    return {name: value for name, value, _ in stated_gains(controller)}
+
+
 def with_gains(controllers: Controllers, **changes: float) -> Controllers:
-    """The controllers with some gains replaced in every axis.
+    """The controllers with some gains (see `gain_values`) or other fields replaced in every axis.
 
     Raises:
         ValueError: A controller has no gain of that name.
@@ -74,11 +85,25 @@ def with_gains(controllers: Controllers, **changes: float) -> Controllers:
 
 
 def _with_gains(controller: Controller, **changes: float) -> Controller:
-    known = () if isinstance(controller, LinearController) else [f.name for f in fields(controller)]
+    known = () if isinstance(controller, LinearController) else (f.name for f in fields(controller))
+    known = {*known, *gain_values(controller)}
     if missing := [name for name in changes if name not in known]:
-        kind = "given by numerator and denominator" if not known else f'of the form "{form_of(controller)}"'
+        kind = f'of the form "{form_of(controller)}"' if known else "given by numerator and denominator"
         raise ValueError(f"{', '.join(missing)}: the rig's controller is {kind}, which has no such gain")
-    return replace(controller, **changes)
+    return _replaced(controller, changes)
+
+
+def _replaced(part: Any, changes: Mapping[str, float]) -> Any:
+    """A controller or a part of it with other values of fields, and of fields of its own parts."""
+    new: dict[str, Any] = {}
+    for f in fields(part):
+        ahead = f"{f.name}_"
+        inner = {name.removeprefix(ahead): value for name, value in changes.items() if name.startswith(ahead)}
+        if f.name in changes:
+            new[f.name] = changes[f.name]
+        elif inner and is_dataclass(own := getattr(part, f.name)):
+            new[f.name] = _replaced(own, inner)
+    return replace(part, **new)
 
 
 def form_of(controller: Controller) -> str | None:

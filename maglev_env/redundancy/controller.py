@@ -53,7 +53,7 @@ def controlled(view: View) -> list[Row]:
     if found.driven:
         name = "injection" if "injection" in view.channels else "reference"
         rows.append(_added(view, name, again))
-    if found.driven and found.referred is not None and "injection" in view.channels and not _bad(again, view):
+    if found.driven and found.refers and "injection" in view.channels and not _bad(again, view):
         lines = view.lines  # beside a large injection the reference is told only with that taken off
         rest = lines.parts["command"] - (found.drive - found.referred)
         second = fit(rest, [found.back, found.referred], lines.frequency, view.rate, lines.periodic)
@@ -120,6 +120,11 @@ class Compared:
     drive: np.ndarray
     driven: bool
     referred: np.ndarray | None
+
+    @property
+    def refers(self) -> bool:
+        """Whether the reference moves: of a constant one only rounding is left."""
+        return self.referred is not None and bool(np.abs(self.referred).max() > NOTHING * np.abs(self.drive).max())
 
 
 def compared(view: View, gains: Controller | None) -> Compared | None:

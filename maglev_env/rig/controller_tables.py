@@ -2,15 +2,16 @@
 
 from collections.abc import Mapping
 from dataclasses import MISSING, fields
-from typing import Any, get_type_hints
+from typing import Any, get_args, get_type_hints
 
 from maglev_env.fields import check_known
 from maglev_env.loop.axes import AXES
 from maglev_env.loop.controller_forms import FORMS, CurrentLoop, Pid
+from maglev_env.loop.filtered_pid import LeadLag, LowPass, Notch
 from maglev_env.loop.gains import Controller, Controllers, Gains
 from maglev_env.loop.linear_controller import LinearController
 
-_PARTS = (Pid, CurrentLoop)  # what a form may consist of
+_PARTS = (Pid, CurrentLoop, Notch, LeadLag, LowPass)  # what a form may consist of
 
 
 def controllers_from_table(table: Any, where: str) -> Controllers:
@@ -57,7 +58,7 @@ def _from_table(cls: type, table: Any, where: str) -> Any:
     kinds = get_type_hints(cls)
     values: dict[str, Any] = {}
     for key, value in table.items():
-        part = kinds[key] if kinds[key] in _PARTS else None
+        part = next((p for p in _PARTS if p is kinds[key] or p in get_args(kinds[key])), None)
         values[key] = _from_table(part, value, f"{where}.{key}") if part else value
         if isinstance(value, list):
             values[key] = tuple(value)

@@ -14,7 +14,7 @@ from maglev_env.fields import check_known, check_range, increasing_pair, is_numb
 from maglev_env.loop.axes import AXES, NO_CROSS, Cross
 from maglev_env.loop.card import Need, Scales
 from maglev_env.loop.effect import EFFECTS, FINER, Effects, check_effects, effect
-from maglev_env.loop.gains import Controllers, Gains, of_axis
+from maglev_env.loop.gains import GAIN_CARDS, Controllers, of_axis
 from maglev_env.loop.magnets.kinds import KINDS, MAGNETS, NO_MAGNET, check_magnet
 from maglev_env.loop.self_sensor import SelfSensing
 from maglev_env.rig.controller_tables import controllers_from_table
@@ -153,13 +153,16 @@ class Rig:
         magnet: the kind of magnet, a name of `magnets.kinds.KINDS`, or "none".
         clearance: 0: that of the gap.
         turns: 1 for an electromagnet: not known, its force law is given otherwise (see `magnets.electromagnet`).
-        force_constant, force_exponent: of a magnet_coil or an electromagnet; N m^n/A of the one, N m^n/A2 of the other.
-        force_length, gap_offset: of an electromagnet.
+        force_constant: of a magnet_coil, N m^n/A, or an electromagnet, N m^n/A2.
+        force_exponent: n of these.
+        force_length: of an electromagnet.
+        gap_offset: likewise.
         flux_path: where the control flux of a hybrid pair closes: "gap" or "magnet".
         bias_current: 0 for a single-sided magnet: the one that carries the weight.
         actuator_gain: measured df/di, which calibrates the magnet's force law; None: by geometry.
         negative_stiffness: measured -df/dy (< 0), likewise.
-        adc_bits, dac_bits: 0: an ideal converter.
+        adc_bits: 0: an ideal converter.
+        dac_bits: likewise.
         axes: 1, or 2 for x and y.
         per_axis: parameters that differ in axis "x" or "y".
         cross: coupling of the two axes.
@@ -401,7 +404,7 @@ def _build(data: dict[str, Any]) -> Rig:
     if "mass" not in data["parameters"]:
         raise ValueError("[parameters]: mass is missing")
     bounds = {k: increasing_pair(v, f"[bounds] {k}") for k, v in data.get("bounds", {}).items()}
-    check_known(bounds, [f.name for f in fields(Gains)], "[bounds]")
+    check_known(bounds, GAIN_CARDS, "[bounds]")
     for key, value in data.get("tolerance", {}).items():
         check_known((key,), PARAMETERS, "[tolerance]")
         if not (is_number(value) and 0 <= value < 1):

@@ -7,6 +7,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from maglev_env.design.controllers import with_controller
 from maglev_env.design.defaults import with_defaults
 from maglev_env.design.goals import goal_of, with_goal
 from maglev_env.evaluation.evaluate import Evaluation, evaluate, score_target
@@ -19,7 +20,7 @@ from maglev_env.rig.excitation import lines_at
 from maglev_env.rig.rig import Rig, axis_rig, load_rig
 from maglev_env.rig.self_sensor import rig_sensors
 from maglev_env.task.episodes import Episode, check_randomization, draw_episode
-from maglev_env.task.gain_box import TUNED, GainBox, gain_box
+from maglev_env.task.gain_box import GainBox, gain_box
 from maglev_env.task.observation import BANDS, Layout
 from maglev_env.task.protocol import env_protocol
 from maglev_lanes.price import check_experiments
@@ -133,7 +134,7 @@ class Task:
 
 def make_task(
     rig: str | Path | Rig = "hmb_free",
-    tuned: Sequence[str] = TUNED,
+    tuned: Sequence[str] | None = None,
     bounds: Mapping[str, Sequence[float]] | None = None,
     randomization: str = "none",
     draw_target: bool = False,
@@ -144,6 +145,7 @@ def make_task(
     terminate_on_touchdown: bool = False,
     move: float | None = None,
     goal: str | None = None,
+    controller: str | None = None,
 ) -> Task:
     """The task of checked arguments, see `envs.single.RigEnv`.
 
@@ -157,7 +159,7 @@ def make_task(
     if sensor not in SENSORS:
         raise ValueError(f"sensor = {sensor!r}; use one of {', '.join(SENSORS)}")
     check_episode(budget, move)
-    loaded = with_defaults(loaded)
+    loaded = with_controller(with_defaults(loaded), controller)
     effects = as_effects(effects or {})
     check_effects(effects, loaded)
     check_randomization(loaded, randomization)

@@ -6,11 +6,14 @@ import numpy as np
 import pytest
 from short_sweeps import short_rig, short_sweep
 
+from maglev_env.design.controllers import with_controller
 from maglev_env.loop.controller_forms import Pid, StateFeedback
 from maglev_env.loop.effect import effect
+from maglev_env.loop.linear_controller import LinearController
 from maglev_env.rig.rig import load_rig
 from tuning import sweep as module
-from tuning.sweep import Axis, Sweep, default_axes, gain_sets, parse_axis, run_sweep
+from tuning.axis import Axis, parse_axes, parse_axis
+from tuning.sweep import Sweep, default_axes, gain_sets, run_sweep
 
 
 @pytest.fixture
@@ -39,7 +42,10 @@ def test_axes_are_read_and_refused_as_the_command_line_writes_them(rig):
             parse_axis(text)
     for changes, words in (
         ({"axes": {"kp": Axis(2.0, 1.0, 3)}}, "lo <= hi"),
-        ({"axes": {"td": Axis(1.0, 2.0, 3)}}, "not one of"),
+        (
+            {"axes": {"kq": Axis(1.0, 2.0, 3)}},
+            "'kq' is not one of the gains .*: kp, ki, kd, td, ti",
+        ),
         ({"axes": {}}, "at least one"),
         ({"axes": {"kp": Axis(0.0, 1.0, 3)}, "log": True}, "above 0"),
     ):
@@ -103,5 +109,28 @@ def test_a_form_is_swept_where_it_has_the_gains(rig):
     other = replace(rig, gains=StateFeedback(8000.0, 5.2, 0.1))
     with pytest.raises(ValueError, match="its controller has no kp, ki, kd"):
         default_axes(other)
-    with pytest.raises(ValueError, match='kp: the rig\'s controller is of the form "state_feedback"'):
-        gain_sets(Sweep(other, {"kp": Axis(7000.0, 8000.0, 2)}))
+    with pytest.raises(ValueError, match="'kp' is not one of the gains of the rig's controller: displacement"):
+        Sweep(other, {"kp": Axis(7000.0, 8000.0, 2)})
+    assert gain_sets(Sweep(other, {"velocity": Axis(5.0, 6.0, 2)}))[1] == StateFeedback(8000.0, 6.0, 0.1)
+    by_numbers = replace(rig, gains=LinearController((8000.0,), (1.0,)))
+    with pytest.raises(ValueError, match="given by numerator and denominator"):
+        Sweep(by_numbers, {"kp": Axis(7000.0, 8000.0, 2)})
+
+
+def test_filters_are_swept_beside_the_gains(rig):
+    noted = with_controller(rig, "pid + notch 650")
+    sets = gain_sets(Sweep(noted, {"notch_frequency": Axis(600.0, 700.0, 2), "kp": Axis(7000.0, 8000.0, 2)}))
+    assert [(g.kp, g.notch.frequency) for g in sets] == [(7e3, 600.0), (7e3, 700.0), (8e3, 600.0), (8e3, 700.0)]
+    for axis, words in (
+        ({"notch_frequency": Axis(600.0, 2e4, 2)}, "half of the control rate"),
+        ({"notch_depth": Axis(-0.5, 0.5, 2)}, "depth = -0.5"),
+    ):
+        with pytest.raises(ValueError, match=words):
+            Sweep(noted, axis)
+
+
+def test_axes_are_named_as_the_command_line_names_them():
+    assert parse_axes(["kp=1:2:3", "notch_depth=0.1"]) == {"kp": Axis(1.0, 2.0, 3), "notch_depth": Axis(0.1, 0.1, 1)}
+    for texts, words in ((["kp"], "not name=lo:hi:n"), (["kp=1", "kp=2"], "twice")):
+        with pytest.raises(ValueError, match=words):
+            parse_axes(texts)

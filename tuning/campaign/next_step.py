@@ -127,6 +127,8 @@ def tuning_task(rig: Rig, sets: Sequence[GainSet], tuned: Sequence[str]) -> tupl
             f"rig {rig.name} has two axes: a campaign is tuned one axis at a time; record one axis with a rig TOML of "
             "axes = 1"
         )
+    if rig.gains is not None and not isinstance(rig.gains, Gains):
+        raise ValueError(f"rig {rig.name}: a campaign is tuned in plain PID gains, and its [gains] are of another form")
     task = make_task(rig, tuned, goal=MATCH)
     if not sets:
         return task, np.array([[-1.0], [1.0]])

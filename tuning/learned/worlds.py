@@ -7,7 +7,6 @@ import numpy as np
 
 from maglev_env.loop.effect import Effects, effect, meaningful
 from maglev_env.rig.rig import Rig
-from maglev_env.task.gain_box import TUNED
 from maglev_env.task.task import Task, make_task
 
 # Range of the first parameter of each effect, from hardly visible to a clear change of the best gains; log-uniform.
@@ -29,7 +28,7 @@ class World:
     Attributes:
         rig: The centre.
         protocol: "full" or "quick" protocol of the rig.
-        tuned: Names of the tuned gains.
+        tuned: Names of the tuned gains; None: those that `gain_box` tunes by default.
         sensor: What reads the displacement.
         effects: Whether groups of rigs may have one of SIZES.
         budget: Number of experiments in an episode.
@@ -37,7 +36,7 @@ class World:
 
     rig: Rig
     protocol: str = "quick"
-    tuned: Sequence[str] = TUNED
+    tuned: Sequence[str] | None = None
     sensor: str = "probe"
     effects: bool = True
     budget: int = 10

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from maglev_env.loop.gains import controller_response, of_axis, with_gains
+from maglev_env.loop.gains import controller_response, gain_values, of_axis, with_gains
 from maglev_env.loop.magnets.kinds import force_law
 from maglev_env.loop.magnets.law import linearise
 from maglev_env.task.episodes import Episode
@@ -18,7 +18,13 @@ class DissertationRule:
     """
 
     def __init__(self, task: Task, episode: Episode) -> None:
-        """Set up for a rig; of the episode only its target and start are used."""
+        """Set up for a rig; of the episode only its target and start are used.
+
+        Raises:
+            ValueError: The controller has no kp and kd.
+        """
+        if not {"kp", "kd"} <= gain_values(of_axis(task.rig.gains, 0)).keys():
+            raise ValueError(f"method rule: it chooses kp and kd, which the controller of rig {task.name} has not")
         self._task, self._target = task, episode.target
         self._next = np.asarray(episode.start, float)
 
@@ -40,5 +46,5 @@ class DissertationRule:
             "kp": (self._target.stiffness - rig.support_stiffness - negative) / gain,
             "kd": (self._target.damping - rig.support_damping) / gain,
         }
-        preset = of_axis(rig.gains, 0)
-        self._next = box.actions([wanted.get(name, getattr(preset, name)) for name in box.names])
+        preset = gain_values(of_axis(rig.gains, 0))
+        self._next = box.actions([wanted.get(name, preset[name]) for name in box.names])

@@ -9,6 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
+from maglev_env.loop.gains import GAIN_CARDS
 from maglev_env.task.task import TOUCHDOWN_REWARD, Tuning
 
 History = Sequence[tuple[np.ndarray, dict[str, Any]]]
@@ -21,7 +22,6 @@ BAR, BAR_AT = (10, 245), (902, 50)  # colour bar of the scores: width and height
 BLUE, ORANGE, GREEN, RED, GREY, WALL = "#0072B2", "#E69F00", "#009E73", "#D00000", "#555555", "#BBBBBB"
 ZONES = {"A": "#E1F3E7", "B": "#FAF6D2", "C": "#FDE8CE", "D": "#FADDDA"}
 DISPLACEMENT_LIMITS = (0.3, 0.4, 0.5)  # ISO 14839-2, of the clearance
-UNITS = {"kp": "A/m", "ki": "A/(m s)", "kd": "A s/m", "td": "s", "ti": "s"}
 SCORES = "viridis"
 NO_BREAK = "\u00a0"
 SMALL, NORMAL, LARGE = 7.5, 9, 13  # points
@@ -54,6 +54,11 @@ def put_axis(axes: Axes, which: str, ends: tuple[float, float], label: str, log:
     axis.set_label_text(label, fontsize=SMALL)
 
 
+def unit_of_gain(name: str) -> str:
+    """The SI unit of a gain; the name of a controller may stand behind it, as in kp_A."""
+    return GAIN_CARDS[name if name in GAIN_CARDS else name.split("_")[0]].unit
+
+
 def plain(value: float) -> str:
     return np.format_float_positional(value, precision=4, fractional=False, trim="-")
 
@@ -63,7 +68,7 @@ def draw_heading(figure: Figure, task: Tuning, history: History) -> None:
     down, feasible = "touchdown_time" in info, info["feasible"]
     which = f"experiment {count} of {task.budget}" if count else f"start, before {task.budget} experiments"
     result = "touchdown" if down else f"score {info['score']:.3f}" if feasible else "unstable loop"
-    gains = [f"{name} = {plain(info[name])} {UNITS[name.split('_')[0]]}" for name in task.box.names]
+    gains = [f"{name} = {plain(info[name])} {unit_of_gain(name)}" for name in task.box.names]
     rows = wrap(",  ".join(gain.replace(" ", NO_BREAK) for gain in gains), 92)
     reward = f"reward: score; unstable 0; touchdown {TOUCHDOWN_REWARD:g}".replace("-", "−")
     big, small = {"fontsize": LARGE, "weight": "bold"}, {"fontsize": NORMAL, "color": GREY}

@@ -127,23 +127,26 @@ def _fit(
     """
     if late:
         error, wanted, free = error[:-late], wanted[late:], free[late:]
-    n = np.arange(error.size)
+    n, moved, kept = np.arange(error.size), error - error[0], slice(None) if free.all() else free
+    left = wanted[kept]
 
     def columns(td: float, ti: float) -> np.ndarray:
-        found, moved = [error, np.ones(error.size)], error - error[0]
+        found = [error, np.ones(error.size)]
         for part, constant in (("d", td), ("i", ti)):
             if part in parts:
                 a = np.exp(-1 / constant)
                 low = scipy.signal.lfilter([0.0, 1 - a], [1.0, -a], moved)
                 # Beside the part itself: what its filter held when the record began.
-                found += [moved - low if part == "d" else low, a**n]
-        return np.stack(found, axis=1)
+                found += [moved - low if part == "d" else low, np.exp(-n / constant)]
+        return np.stack(found)[:, kept]
 
     def solve(td: float, ti: float) -> tuple[float, np.ndarray]:
-        matrix = columns(td, ti)[free]
-        scale = np.maximum(np.sqrt((matrix**2).mean(axis=0)), 1e-300)
-        solution = np.linalg.lstsq(matrix / scale, wanted[free], rcond=1e-13)[0]
-        return float(np.sqrt(np.mean((wanted[free] - matrix / scale @ solution) ** 2))), solution / scale
+        matrix = columns(td, ti)
+        scale = np.maximum(np.sqrt(np.einsum("ij,ij->i", matrix, matrix) / left.size), 1e-300)
+        matrix /= scale[:, None]
+        solution = np.linalg.lstsq(matrix.T, left, rcond=1e-13)[0]
+        rest = left - solution @ matrix
+        return float(np.sqrt(rest @ rest / left.size)), solution / scale
 
     best = _search(lambda td, ti: solve(td, ti)[0], parts)
     residual, (kp, bias, *rest) = solve(*best)

@@ -5,13 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from maglev_env.design.defaults import BOUNDS, REACH, with_defaults
+from maglev_env.design.defaults import REACH, with_defaults
 from maglev_env.evaluation.identification import identify
 from maglev_env.experiment import Experiment, axis_experiment, protocol_experiment
 from maglev_env.kernel.simulate import simulate_records
 from maglev_env.linear.loop import closed_loop_poles, loop_response
 from maglev_env.loop.axes import Cross
-from maglev_env.loop.gains import NO_CONTROLLER, Gains, LinearController, of_axis
+from maglev_env.loop.gains import GAIN_CARDS, NO_CONTROLLER, Gains, LinearController, of_axis
 from maglev_env.recordings.recording import simulated_recording
 from maglev_env.recordings.spectra import RecordedSignals, axis_signals
 from maglev_env.rig.excitation import Excitation
@@ -76,7 +76,9 @@ def test_gains_are_robust_and_the_protocol_fits_the_rig(name):
         assert np.abs(closed_loop_poles(own)).max() < 1 and np.abs(loop_response(own, f).sensitivity).max() < 2.0
     first = of_axis(rig.gains, 0)
     for gain, (low, high) in rig.bounds.items():
-        assert low == pytest.approx(BOUNDS[gain][0] * getattr(first, gain)) and low < getattr(first, gain) < high
+        assert (
+            low == pytest.approx(GAIN_CARDS[gain].tuned[0] * getattr(first, gain)) and low < getattr(first, gain) < high
+        )
 
 
 def test_the_nominal_reach_is_five_percent_of_the_clearance_in_all_parts():

@@ -43,7 +43,7 @@ def quick(task):
 def wild(task):
     """Arguments with which as much as can be is drawn."""
     if task[0] == PUMP:
-        return {"speeds": (0.0, 6000.0, 14000.0), "budget": 2, "randomization": "tolerances"}
+        return {"speeds": (0.0, 14000.0), "budget": 2, "randomization": "tolerances"}
     return {"protocol": "quick", "budget": 4, "randomization": "wide", "draw_target": True}
 
 
@@ -116,7 +116,7 @@ def test_no_element_of_the_observation_is_constant_and_starts_are_random(task):
 @pytest.mark.slow
 def test_thousands_of_random_steps_stay_in_the_space(task):
     name, arguments = task
-    envs, total = {"maglev/HMBFree-v0": (250, 4_000), PUMP: (20, 80)}.get(name, (100, 600))
+    envs, total = {"maglev/HMBFree-v0": (250, 2_000), PUMP: (20, 80)}.get(name, (100, 600))
     env = gym.make_vec(name, num_envs=envs, **arguments, **(wild(task) | {"budget": 3}))
     observations = [env.reset(seed=1)[0]]
     env.action_space.seed(1)

@@ -111,16 +111,17 @@ def test_a_lane_whose_effects_are_all_neutral_is_the_nominal_one(case):
 @pytest.mark.slow
 def test_without_poles_in_both_chains_neutral_effects_change_nothing_either():
     rig = replace(load_rig("hmb_free"), amplifier_time_constant=0.0, sensor_time_constant=0.0)
-    for effects in ({}, effect("delay", 25e-6)):
-        e = replace(ideal(), rig=replace(rig, adc_bits=0, dac_bits=0, noise=ideal().rig.noise), effects=effects)
-        plain, found = (simulate_records([x])[0] for x in (e, replace(e, effects={**effects, **NEUTRAL})))
-        assert (np.abs(found - plain) <= 1e-10 * np.sqrt((plain**2).mean(axis=1, keepdims=True))).all()
+    late = effect("delay", 25e-6)
+    e = replace(ideal(), rig=replace(rig, adc_bits=0, dac_bits=0, noise=ideal().rig.noise), effects=late)
+    plain, found = (simulate_records([x])[0] for x in (e, replace(e, effects={**late, **NEUTRAL})))
+    assert (np.abs(found - plain) <= 1e-10 * np.sqrt((plain**2).mean(axis=1, keepdims=True))).all()
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", SMOOTH)
 def test_a_smooth_effect_is_what_the_equations_say(name):
-    (error,), change = worst_error_of_change(ideal(), SMOOTH[name], {}, 150, [1])
+    e = ideal("hmb_radial", axis=0) if name == "saturation" else ideal()  # whose kernel other tests have compiled
+    (error,), change = worst_error_of_change(e, SMOOTH[name], {}, 150, [1])
     assert change > 1e-3
     assert error < 5e-6
 
@@ -141,12 +142,6 @@ def test_another_form_is_what_the_equations_say(name):
     (error,), change = worst_error_of_change(ideal(), {**ALL_FORMS, **effects}, ALL_FORMS, 40, [1], max_step=2e-5)
     assert change > 1e-3
     assert error < tolerance
-
-
-@pytest.mark.slow
-def test_all_smooth_effects_together_agree_with_a_tight_solve_ivp_and_converge_on_it():
-    (one, two), _ = worst_error_of_change(ideal(), TOGETHER, LAGS, 150, [1, 2])
-    assert one < 5e-6 and two < one / 8
 
 
 @pytest.mark.slow

@@ -151,7 +151,7 @@ _CASCADE = {"form": "cascade", "outer": {"kp": 1.0}, "inner": {"kp": 1.0}, "resi
 TABLES = {
     "misspelt": (
         {"form": "pdi", "kp": 1.0},
-        "form = 'pdi'; use one of pid, state_feedback, cascade, transfer_function",
+        "form = 'pdi'; use one of pid, state_feedback, cascade, filtered_pid, transfer_function",
     ),
     "unknown key": ({"form": "pid", "kp": 1.0, "ti": 0.1}, "unknown key 'ti'"),
     "missing": ({"form": "state_feedback", "velocity": 1.0}, "displacement missing"),

@@ -1,8 +1,11 @@
 """A command that its limits cut off does not follow from the displacement by a linear controller."""
 
-import numpy as np
+from typing import Any
 
-from maglev_env.redundancy.controller import cut_off
+import numpy as np
+import pytest
+
+from maglev_env.redundancy.controller import Compared, cut_off
 
 STEP = 6.0 / 4096
 
@@ -19,3 +22,11 @@ def test_the_kicks_of_a_derivative_at_a_limit_are_told_and_noise_and_sines_are_n
     for cycles in (0.5, 3.0, 50.3, 700.1):
         sine = np.sin(2 * np.pi * cycles * np.arange(n) / n)
         assert not cut_off(np.rint(sine / STEP) * STEP)
+
+
+@pytest.mark.parametrize(("referred", "refers"), [(None, False), (1e-16, False), (1e-4, True)])
+def test_a_constant_set_point_is_not_compared_with_the_command(referred, refers):
+    drive = np.full((2, 5), 0.1 + 0j)
+    own = None if referred is None else np.full((2, 5), referred + 0j)
+    no_fit: Any = None
+    assert Compared(no_fit, drive, drive, True, own).refers == refers

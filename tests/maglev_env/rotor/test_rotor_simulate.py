@@ -76,7 +76,7 @@ def test_the_kernel_is_the_tight_integrator(names: tuple[str, str]) -> None:
     rotor = replace(
         rotor, fluid=replace(rotor.fluid, added_mass=5e-3, added_inertia=1e-6, damping=2.0, stiffness=300.0)
     )
-    n = 120
+    n = 60
     expected = reference(rotor, 12_000 * np.pi / 30, n, START)
     scale = np.sqrt((expected**2).mean(axis=0))
     off = {s: spin([Run(rotor, 12_000)], n, start=START, substeps=s).state[0] - expected[-1] for s in (1, 2)}
