@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from maglev_workbench.commands import add_commands
+from maglev_workbench.commands import WholeSentences, add_commands
 
 COMMANDS = (  # in the order of `maglev --help`
     "sweep",
@@ -17,6 +17,7 @@ COMMANDS = (  # in the order of `maglev --help`
     "check",
     "diagnose",
     "simulate",
+    "export",
     "runup",
     "bench",
     "reproduce",
@@ -34,7 +35,8 @@ app = typer.Typer(
     name="maglev",
     help="Tune and identify magnetically levitated rotors: gains in; stiffness, damping and stability out.",
     no_args_is_help=True,
-    add_completion=False,
+    cls=WholeSentences,
+    rich_markup_mode=None,  # which takes as long to import as everything else, and swallows what is in brackets
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )

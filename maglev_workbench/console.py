@@ -8,11 +8,18 @@ from typing import Any
 
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from rich.text import Text
 
 from maglev_env.recordings.files import write_text_atomic
 from maglev_workbench.heartbeat import stages
 
-console = Console()
+# Messages hold brackets and colons, as in maglev-workbench[bench] and 1:100:2: no markup, and no pictures for words.
+console = Console(markup=False, emoji=False)
+
+
+def marked(mark: str, text: str, style: str = "yellow") -> Text:
+    """A line for the console that begins with a mark in a style."""
+    return Text.assemble((mark, style), f" {text}")
 
 
 def write_json(path: Path | None, data: dict[str, Any]) -> None:
@@ -29,13 +36,13 @@ def progress_bar() -> Iterator[Progress]:
     """
     error = Console(stderr=True)
     bar = Progress(
-        TextColumn("{task.description}"),
+        TextColumn("{task.description}", markup=False),
         BarColumn(),
         MofNCompleteColumn(),
         TimeElapsedColumn(),
         TimeRemainingColumn(),
         console=error,
-        disable=not error.is_terminal,
+        disable=console.quiet or not error.is_terminal,
     )
 
     def stage() -> str:

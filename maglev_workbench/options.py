@@ -5,11 +5,16 @@ This module imports little, because `maglev --help` loads it.
 
 import errno
 import os
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import BrokenExecutor
+from contextlib import contextmanager, nullcontext
 from functools import wraps
+from importlib.metadata import version
 from importlib.util import find_spec
+from inspect import Parameter, signature
 from pathlib import Path
+from time import monotonic
+from traceback import print_exc
 from typing import Annotated, Any
 
 import typer
@@ -17,9 +22,18 @@ import typer
 from maglev_workbench.heartbeat import heartbeat
 
 # A preset is a file. Its folder is found without importing the simulator, which would delay --help.
-_RIGS = Path(find_spec("maglev_env").submodule_search_locations[0], "rigs")
-_PRESETS = ", ".join(sorted(file.stem for file in _RIGS.glob("*.toml")))
-RigOption = Annotated[str, typer.Option(help=f"Preset ({_PRESETS}) or a rig TOML.")]
+_PACKAGE = Path(find_spec("maglev_env").submodule_search_locations[0])
+_PRESETS = {  # option -> its presets
+    option: tuple(sorted(file.stem for file in _PACKAGE.joinpath(f"{option}s").glob("*.toml")))
+    for option in ("rig", "rotor")
+}
+RigOption = Annotated[
+    str,
+    typer.Option(
+        help=f"Preset ({', '.join(_PRESETS['rig'])}) or a rig TOML.",
+        autocompletion=lambda incomplete: [name for name in _PRESETS["rig"] if name.startswith(incomplete)],
+    ),
+]
 EffectOption = Annotated[
     list[str],
     typer.Option("--effect", help="Effect added to the rig's own, e.g. delay=75e-6; repeat. See: maglev effects."),
@@ -31,6 +45,13 @@ GoalOption = Annotated[
         metavar="FILE_OR_TEXT",
         help="What gains are scored by: match, engineer, a text file, or requirements such as 'peak_sensitivity <= 3, "
         "best compliance near 20e-6' (default: the rig's). See docs/goals.md.",
+    ),
+]
+ControllerOption = Annotated[
+    str | None,
+    typer.Option(
+        help="Controller with the rig's PID gains: pid, or pid with filters such as 'pid + notch 650 depth=0.1 + "
+        "low_pass 3000' (Hz; notch, lead_lag, low_pass; default: the rig's). See docs/controllers.md.",
     ),
 ]
 DocsOption = Annotated[Path | None, typer.Option(help="Also write the tables as markdown to this file.")]
@@ -52,12 +73,20 @@ SchedulerOption = Annotated[
 _FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 _DENIED = (errno.EACCES, errno.EPERM, errno.EROFS)
 _EXTRAS = {"torch": "rl", "stable_baselines3": "rl"}  # module that may be missing -> the extra that installs it
+_READ = ("source", "campaign", "folder", "twin", "compare", "init", "policy")  # parameters that name what is read
 _WRITTEN = {"json_file": "--json", "docs": "--docs", "picture": "--picture"}  # options that name a file to write
+
+_EVERYWHERE = {  # options that every command has
+    "quiet": Annotated[bool, typer.Option("--quiet", "-q", help="Print nothing but errors.")],
+    "verbose": Annotated[
+        bool, typer.Option("--verbose", "-v", help="Print the time taken, and with an error where it was raised.")
+    ],
+}
 
 
 def given(context: typer.Context) -> list[str]:
-    """Names of the parameters that the user has given on the command line."""
-    sources = {name: context.get_parameter_source(name) for name in context.params}
+    """Names of the command's own parameters that the user has given on the command line."""
+    sources = {name: context.get_parameter_source(name) for name in context.params if name not in _EVERYWHERE}
     return [name for name, source in sources.items() if source and source.name == "COMMANDLINE"]
 
 
@@ -111,46 +140,114 @@ def require_folder(path: Path, option: str = "--out") -> None:
 
 
 def friendly(command: Callable[..., None]) -> Callable[..., None]:
-    """A command that reports invalid input or files with one message and exit code 2, and Ctrl-C with 130.
+    """A command with --quiet and --verbose that ends bad input with one message and code 2, and Ctrl-C with 130.
 
-    The files of --json, --docs and --picture are checked before the command begins.
+    Files that are to be read and the files of --json, --docs and --picture are checked before the command begins.
     """
 
     @wraps(command)
-    def run(*args: Any, **kwargs: Any) -> None:
+    def run(*args: Any, quiet: bool, verbose: bool, **kwargs: Any) -> None:
+        started = monotonic()
         try:
             for name, option in _WRITTEN.items():
                 require_file(kwargs.get(name), option)
-            with heartbeat(command.__name__.strip("_").replace("_", "-")):
+            for name in _READ:
+                _require_there(kwargs.get(name))
+            for name, presets in _PRESETS.items():
+                _require_preset(kwargs.get(name), name, presets)
+            _require_valid(kwargs.get("rig"), kwargs.get("effect"))
+            with nullcontext() if quiet else heartbeat(command.__name__.strip("_").replace("_", "-")), _silent(quiet):
                 command(*args, **kwargs)
-        except (ValueError, OSError) as error:
-            typer.secho(f"maglev: {_said(error)}", fg=typer.colors.RED, err=True)
-            raise typer.Exit(2) from error
-        except ArithmeticError as error:
-            why = f"a number of the input is too large or too small to calculate with ({error})"
-            typer.secho(f"maglev: {why}; check the magnitudes of its values", fg=typer.colors.RED, err=True)
-            raise typer.Exit(2) from error
-        except ModuleNotFoundError as error:
-            if error.name not in _EXTRAS:
+        except (ValueError, OSError, ArithmeticError, ModuleNotFoundError, MemoryError, BrokenExecutor) as error:
+            if isinstance(error, ModuleNotFoundError) and error.name not in _EXTRAS:
                 raise
-            why = f"this needs {error.name}: pip install 'maglev-workbench[{_EXTRAS[error.name]}]'"
-            typer.secho(f"maglev: {why}", fg=typer.colors.RED, err=True)
-            raise typer.Exit(2) from error
-        except (MemoryError, BrokenExecutor) as error:
-            why = "not enough memory" if isinstance(error, MemoryError) else "one of its processes was ended"
-            typer.secho(f"maglev: {why}: give it less to do at a time", fg=typer.colors.RED, err=True)
+            if verbose:
+                print_exc()
+            _say(_said(error), typer.colors.RED)
             raise typer.Exit(2) from error
         except KeyboardInterrupt:
-            typer.secho("maglev: interrupted", fg=typer.colors.YELLOW, err=True)
+            _say("interrupted", typer.colors.YELLOW)
             raise typer.Exit(130) from None
+        if verbose:
+            _say(f"{monotonic() - started:.1f} s, version {version('maglev-workbench')}")
 
+    own = signature(command)
+    more = [Parameter(n, Parameter.KEYWORD_ONLY, default=False, annotation=o) for n, o in _EVERYWHERE.items()]
+    # What typer reads the options from.
+    run.__signature__ = own.replace(parameters=[*own.parameters.values(), *more])  # pyright: ignore
+    run.__annotations__ = {**command.__annotations__, **_EVERYWHERE}
     return run
 
 
-def _said(error: ValueError | OSError) -> str:
-    """An error in one sentence, with what to do where the system itself refused."""
+@contextmanager
+def _silent(quiet: bool) -> Iterator[None]:
+    """While the context lasts, nothing is printed, if that is wanted."""
+    if not quiet:
+        yield
+        return
+    from maglev_workbench.console import console
+
+    console.quiet = True
+    try:
+        yield
+    finally:
+        console.quiet = False
+
+
+def _say(text: str, colour: str | None = None) -> None:
+    """A line on standard error, without colour where the environment variable NO_COLOR is set (no-color.org)."""
+    line = f"maglev: {text}"
+    typer.echo(line if colour is None or os.environ.get("NO_COLOR") else typer.style(line, fg=colour), err=True)
+
+
+def _require_there(given: Any) -> None:
+    """Check, before the imports that take long, that the paths among what was given exist."""
+    for path in given if isinstance(given, list | tuple) else (given,):
+        if isinstance(path, str) and not (_is_preset(path) or path.endswith(".toml")):
+            path = Path(path)  # of explore and export, which take a preset, too
+        if isinstance(path, Path) and not path.exists():
+            raise FileNotFoundError(f"{path} does not exist; check its name and the folder you are in")
+
+
+def _is_preset(name: str) -> bool:
+    """Whether this is a preset, if only of another kind, which whoever loads it then says."""
+    return any(name in names for names in _PRESETS.values())
+
+
+def _require_preset(given: str | None, option: str, presets: tuple[str, ...]) -> None:
+    """Check, before the imports that take long, that this names a preset or an existing .toml file."""
+    if given is None or _is_preset(given):
+        return
+    if not given.endswith(".toml"):
+        raise ValueError(f"--{option} {given}: neither a preset ({', '.join(presets)}) nor a .toml file")
+    _require_there(Path(given))
+
+
+def _require_valid(rig: str | None, effects: list[str] | None) -> None:
+    """Check the user's rig file and effects before the imports that take longer than these do."""
+    if effects:
+        from maglev_env.loop.effect import parse_effects
+
+        parse_effects(effects)
+    if rig is not None and rig not in _PRESETS["rig"]:
+        from maglev_env.rig.rig import load_rig
+
+        load_rig(rig)
+
+
+def _said(error: BaseException) -> str:
+    """An error in one sentence, with what to do about it."""
     if isinstance(error, OSError) and error.errno in _FULL:
         return f"{error}; nothing that was finished is lost: make room, and run the same command again"
     if isinstance(error, OSError) and error.errno in _DENIED and error.filename:
         return f"{error.filename}: no permission for it; change its rights, or name another file or folder"
+    if isinstance(error, ArithmeticError):
+        why = f"a number of the input is too large or too small to calculate with ({error})"
+        return f"{why}; check the magnitudes of its values"
+    if isinstance(error, ModuleNotFoundError):
+        return f"this needs {error.name}: pip install 'maglev-workbench[{_EXTRAS[error.name or '']}]'"
+    if isinstance(error, MemoryError):
+        return "not enough memory: give it less to do at a time"
+    if isinstance(error, BrokenExecutor):
+        return "one of its processes was ended: give it less to do at a time"
     return str(error)

@@ -1,4 +1,4 @@
-"""A self-contained HTML page: heading, summary, tables, interactive figures, and how it was made."""
+"""A self-contained HTML page: the answer, tables, interactive figures, and how it was made."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from html import escape
@@ -11,6 +11,8 @@ from numpy.typing import ArrayLike
 
 from maglev_env.recordings.files import write_text_atomic
 from maglev_env.rig.excitation import UNITS
+from maglev_workbench.page_figures import LICENCE, asset, figures_json, plotly_packed
+from maglev_workbench.page_links import GENERATOR, NO_LINKS, link_pages, with_data
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure, Scatter
@@ -19,61 +21,62 @@ COLOURS = ("#0072B2", "#D55E00", "#009E73")  # Okabe and Ito's palette, which co
 INFEASIBLE, STAR = "#D9D9D9", "#E8000B"
 ISO_LIMITS = {3.0: "A | B", 4.0: "B | C", 5.0: "C | D"}  # peak |S|, ISO 14839-3
 _SIGNIFICANT = 4
-_CSS = """
-body { font: 15px/1.5 system-ui, sans-serif; color: #222; max-width: 1180px; margin: 2em auto; padding: 0 1.2em; }
-h1 { font-size: 1.5em; margin-bottom: .2em; } h2 { font-size: 1.15em; margin: 2em 0 .4em; }
-.summary { font-size: 1.1em; } .note { color: #555; max-width: 62em; } .scroll { overflow-x: auto; }
-.beside { min-width: 640px; } td.wrapped { white-space: normal; } table:has(td.wrapped) { min-width: 640px; }
-table { border-collapse: collapse; font-variant-numeric: tabular-nums; font-size: .9em; }
-th, td { padding: .25em .7em; text-align: right; border-bottom: 1px solid #ddd; white-space: nowrap; }
-th { vertical-align: bottom; white-space: pre; } .best tbody tr:first-child td { font-weight: 600; }
-table.facts th, table.facts td { text-align: left; font-weight: normal; white-space: normal; vertical-align: top; }
-table.facts th { color: #555; width: 14em; } footer { margin: 3em 0; }
-"""
 
 
 def page(
     title: str, summary: str, sections: "Sequence[tuple[str, str | Figure]]", made_by: Mapping[str, object]
 ) -> str:
-    """The HTML of one page, which includes plotly.js once and so needs no network.
+    """The HTML of one page, which carries all that it draws with and so needs no network and no file beside it.
 
     Args:
         title: plain text, as are summary, headings and made_by; they are escaped here.
-        summary: one or two sentences below the title.
+        summary: the answer in one or two sentences, below the title.
         sections: (heading or "", content); content is a plotly Figure, or HTML whose strings the caller has escaped.
         made_by: names and values that say how the page was made, for its foot.
     """
-    parts, drawn = [], 0
+    parts: list[str] = []
+    figures: list[Figure] = []
     for heading, content in sections:
         parts.append(f"<h2>{escape(heading)}</h2>" if heading else "")
         if isinstance(content, str):
             parts.append(content)
             continue
-        drawn += 1
-        html = content.to_html(
-            full_html=False,
-            include_plotlyjs=drawn == 1,
-            div_id=f"figure-{drawn}",  # plotly's own ids are random, but equal results must give equal pages
-            config={"displaylogo": False, "responsive": True},
+        figures.append(content)
+        place = (
+            f'<div class="plotly-graph-div" id="figure-{len(figures)}" style="height:{content.layout.height or 450}px"'
         )
+        place += "></div>"
         beside = any((axis.domain or (0.0,))[0] > 0 for axis in content.select_xaxes())
-        parts.append(f'<div class="scroll"><div class="beside">{html}</div></div>' if beside else html)
+        parts.append(f'<div class="scroll"><div class="beside">{place}</div></div>' if beside else place)
+    library = (
+        f'<!-- {LICENCE} -->\n<script type="text/plain" id="plotly">{plotly_packed()}</script>\n' if figures else ""
+    )
     return (
         f'<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">'
-        f'<meta name="viewport" content="width=device-width, initial-scale=1"><title>{escape(title)}</title>'
-        f"<style>{_CSS}</style></head>\n<body><h1>{escape(title)}</h1>\n"
-        f'<p class="summary">{escape(summary)}</p>\n' + "\n".join(parts) + "\n<footer><h2>What made this page</h2>"
-        f"{facts(made_by.items())}</footer></body></html>\n"
+        f'<meta name="viewport" content="width=device-width, initial-scale=1">'
+        f'<meta name="color-scheme" content="light dark">{GENERATOR}<title>{escape(title)}</title>'
+        f'<link rel="icon" href="data:,"><style>{asset("page.css")}</style></head>\n'
+        f'<body>{NO_LINKS}<h1>{escape(title)}</h1>\n<p class="summary">{escape(summary)}</p>\n'
+        + "\n".join(parts)
+        + f"\n<footer><h2>What made this page</h2>{facts(made_by.items())}</footer>\n"
+        f'<script type="application/json" id="figures">{figures_json(figures)}</script>\n'
+        f"{library}<script>{asset('page.js')}</script></body></html>\n"
     )
 
 
-def write_page(path: Path, html: str) -> None:
-    """Write a page atomically: a reader sees either the old page or the whole new one.
+def write_page(path: Path, html: str, data: Sequence[Path | None] = ()) -> None:
+    """Write a page atomically, with links to its data and to and from the pages beside it.
+
+    Args:
+        path: of the page.
+        html: as `page` gives it.
+        data: files that the page is about; None and those outside its folder are not linked.
 
     Raises:
         OSError: It cannot be written.
     """
-    write_text_atomic(path, html)
+    write_text_atomic(path, with_data(html, path, [file for file in data if file is not None]))
+    link_pages(path)
 
 
 def table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
@@ -154,7 +157,7 @@ def with_interval(value: float | None, low: float | None, high: float | None) ->
 def styled(figure: "Figure", height: int) -> "Figure":
     """Apply the common style of the pages to a figure and return it; height in px."""
     font = {"family": "system-ui, sans-serif", "size": 13}
-    figure.update_layout(template="plotly_white", height=height, font=font, margin={"l": 70, "r": 30, "t": 50, "b": 60})
+    figure.update_layout(height=height, font=font, margin={"l": 70, "r": 30, "t": 50, "b": 60})
     figure.update_xaxes(showline=True, linecolor="#888", mirror=True, ticks="outside")
     figure.update_yaxes(showline=True, linecolor="#888", mirror=True, ticks="outside")
     return figure

@@ -4,13 +4,13 @@ from collections.abc import Collection, Iterable
 from dataclasses import replace
 from typing import Any, get_args
 
-from rich.markup import escape
+from rich.text import Text
 
 from maglev_env.recordings.alarms import Code
 from maglev_env.recordings.campaign import Campaign
 from maglev_env.redundancy.finding import Finding
 from maglev_env.redundancy.rules import as_data, examine, refusals
-from maglev_workbench.console import console
+from maglev_workbench.console import console, marked
 
 # Findings because of which a command leaves a recording out and uses the others.
 LEAVING_OUT = get_args(Code)
@@ -49,9 +49,8 @@ def shown(found: Iterable[Finding]) -> list[dict[str, Any]]:
     return as_data(found)
 
 
-def line(finding: Finding) -> str:
+def line(finding: Finding) -> Text:
     """One finding as a line of the terminal."""
     word = {"contradiction": "ALARM", "not checkable": "note"}.get(finding.kind, "warning")
-    style = _STYLE.get(finding.kind)
-    mark = f"[{style}]{word}[/]" if style else f"  {word}:"
-    return f"{mark} {escape(f'{finding.recording}: {finding.message}')}"
+    style = _STYLE.get(finding.kind, "")
+    return marked(word if style else f"  {word}:", f"{finding.recording}: {finding.message}", style)

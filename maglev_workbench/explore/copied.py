@@ -1,7 +1,9 @@
 """A setting as text to copy: as a command, as tables of a rig file, and as a program."""
 
-from dataclasses import dataclass
+from collections.abc import Iterator
+from dataclasses import dataclass, fields, is_dataclass
 from shlex import quote
+from typing import Any
 
 from maglev_env.experiment import Experiment
 from maglev_env.loop.gains import Gains, as_table
@@ -65,14 +67,23 @@ def _toml(experiment: Experiment) -> str:
     return "\n".join(line for header, values in tables.items() for line in toml_table(header, values)).strip() + "\n"
 
 
+def _kinds(part: Any) -> Iterator[type]:
+    """The classes that the text of a controller names: its own, and those of its parts."""
+    yield type(part)
+    for f in fields(part):
+        if is_dataclass(own := getattr(part, f.name)):
+            yield from _kinds(own)
+
+
 def _python(experiment: Experiment, rig: Rig, source: Source) -> str:
     effects = {name: dict(values) for name, values in experiment.effects.items()}
     gains = experiment.gains
-    kinds = {type(one).__name__ for one in (gains if isinstance(gains, tuple) else (gains,))} - {"Gains"}
+    kinds = {kind for one in (gains if isinstance(gains, tuple) else (gains,)) for kind in _kinds(one)} - {Gains}
     loader = source.python.partition("(")[0]
     imports = [f"from maglev_workbench import Gains, evaluate, {loader}, protocol_experiment, with_defaults"]
-    if kinds:
-        imports.append(f"from maglev_env.loop.controller_forms import {', '.join(sorted(kinds))}")
+    for module in sorted({kind.__module__ for kind in kinds}):
+        names = sorted(kind.__name__ for kind in kinds if kind.__module__ == module)
+        imports.append(f"from {module} import {', '.join(names)}")
     rig_line = f"rig = with_defaults({source.python})"
     if set(rig.effects) - set(effects):
         imports.insert(0, "from dataclasses import replace\n")

@@ -40,6 +40,7 @@ class LoopCurves:
         lines: (f,), frequencies of the force, Hz.
         stiffness: (f,), N/m.
         damping: (f,), N s/m.
+        compliance: |displacement / force| of the loop, (f,), m/N.
         in_target: stiffness (N/m) and damping (N s/m) that fit best in the rig's target band.
     """
 
@@ -53,6 +54,7 @@ class LoopCurves:
     lines: np.ndarray | None = None
     stiffness: np.ndarray | None = None
     damping: np.ndarray | None = None
+    compliance: np.ndarray | None = None
     in_target: tuple[float, float] | None = None
 
     @property
@@ -91,20 +93,27 @@ def _with_coefficients(found: LoopCurves, experiment: Experiment, axis: int) -> 
     lines = lines_at(axis_experiment(experiment, axis).excitations, "force")
     if not lines.size:
         return found
-    force = nominal_force(expected_statistics(experiment, lines), experiment, axis)
+    expected = expected_statistics(experiment, lines)
+    closed, _ = frequency_response(loop_force(expected, experiment, axis), "displacement", "force")
+    force = nominal_force(expected, experiment, axis)
     receptance, _ = frequency_response(force, "displacement", "force")
     stiffness, damping = coefficients(force.frequency, receptance, rig)
     fit = maximum_likelihood(force, np.array([rig.target.band]), rig.mass, intervals=False)
     in_target = float(fit.stiffness[0]), float(fit.damping[0])
-    return replace(found, lines=force.frequency, stiffness=stiffness, damping=damping, in_target=in_target)
+    coefficient = {"stiffness": stiffness, "damping": damping, "in_target": in_target}
+    return replace(found, lines=force.frequency, compliance=np.abs(closed), **coefficient)
+
+
+def loop_force(statistics: LineStatistics, experiment: Experiment, axis: int) -> LineStatistics:
+    """The force lines of one axis, without the hold of the force."""
+    if experiment.rig.axes == 2:
+        statistics = axis_statistics(statistics, AXES[axis])
+    return force_statistics(statistics, axis_experiment(experiment, axis))
 
 
 def nominal_force(statistics: LineStatistics, experiment: Experiment, axis: int) -> LineStatistics:
     """The force lines of one axis, without the hold of the force and without the lag of the nominal probe."""
-    if experiment.rig.axes == 2:
-        statistics = axis_statistics(statistics, AXES[axis])
-    own = axis_experiment(experiment, axis)
-    return rotor_motion(force_statistics(statistics, own), axis_rig(experiment.rig, axis))
+    return rotor_motion(loop_force(statistics, experiment, axis), axis_rig(experiment.rig, axis))
 
 
 def coefficients(frequency: np.ndarray, receptance: np.ndarray, rig: Rig) -> tuple[np.ndarray, np.ndarray]:

@@ -1,4 +1,4 @@
-"""The identification experiment of the page, in a process of its own.
+"""The experiments of the page, in a process of their own.
 
 Compiling a kernel holds the lock of the interpreter, and would stop the curves.
 """
@@ -6,13 +6,24 @@ Compiling a kernel holds the lock of the interpreter, and would stop the curves.
 from collections.abc import Callable, Iterator
 from concurrent.futures import BrokenExecutor
 from contextlib import contextmanager
+from typing import Any, Protocol, TypeVar
 
 from maglev_env.evaluation.identification import Identification
 from maglev_env.evaluation.simulated import identify_experiment
 from maglev_env.experiment import Experiment
 from maglev_lanes.processes import fresh_pool
 
-Identify = Callable[[Experiment, int], Identification]
+Result = TypeVar("Result")
+
+
+class Run(Protocol):
+    """Calls a function, here or elsewhere, with arguments that can be sent to another process."""
+
+    def __call__(self, work: Callable[..., Result], *given: Any) -> Result: ...
+
+
+def run_here(work: Callable[..., Result], *given: Any) -> Result:
+    return work(*given)
 
 
 def identified(experiment: Experiment, axis: int) -> Identification:
@@ -21,14 +32,14 @@ def identified(experiment: Experiment, axis: int) -> Identification:
 
 
 @contextmanager
-def identifying() -> Iterator[Identify]:
-    """`identified` in a process of its own, one experiment at a time, so that the curves keep a core for themselves."""
+def other_process() -> Iterator[Run]:
+    """A process for experiments, one at a time, so that the curves keep a core for themselves."""
     with fresh_pool(1) as pool:
 
-        def identify_there(experiment: Experiment, axis: int) -> Identification:
+        def run_there(work: Callable[..., Result], *given: Any) -> Result:
             try:
-                return pool.submit(identified, experiment, axis).result()
+                return pool.submit(work, *given).result()
             except BrokenExecutor:
                 raise ValueError("the process of the experiments was ended; start maglev explore again") from None
 
-        yield identify_there
+        yield run_there

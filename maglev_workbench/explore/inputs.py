@@ -1,21 +1,16 @@
 """What can be moved on the page: the gains of the controller and the effects of the library, each with its slider."""
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from math import isfinite, pi
 
-from maglev_env.fields import is_number
 from maglev_env.loop.card import Parameter
 from maglev_env.loop.effect import EFFECTS, effect_value, meaningful
 from maglev_env.loop.free import places as free
+from maglev_env.loop.gain_card import stated_gains
 from maglev_env.loop.gains import Controllers, of_axis
 from maglev_env.rig.rig import Rig
 
-# SI units of the gains that controllers of any form have.
-GAIN_UNITS: Mapping[str, str] = {
-    "kp": "A/m", "ki": "A/(m s)", "kd": "A s/m", "td": "s", "ti": "s", "setpoint_filter": "s", "setpoint_weight": "",
-    "displacement": "A/m", "velocity": "A s/m", "current": "A/A", "integral": "A/(m s)", "velocity_filter": "s",
-}  # fmt: skip
 _GAIN_WORDS: Mapping[str, str] = {
     "kp": "proportional gain",
     "ki": "integral gain",
@@ -72,28 +67,26 @@ class EffectInputs:
 
 
 def gain_inputs(rig: Rig, controllers: Controllers, axis: int) -> tuple[Input, ...]:
-    """Sliders of the gains of one axis; none where the controller is given by polynomials or a cascade."""
-    controller = of_axis(controllers, axis)
+    """Sliders of the gains of one axis; none where the controller is given by polynomials."""
     found = []
-    for f in fields(controller):
-        value = getattr(controller, f.name)
-        if f.name in GAIN_UNITS and is_number(value):
-            low, high = _gain_range(rig, f.name, value)
-            title = _GAIN_WORDS.get(f.name, f.name.replace("_", " "))
-            found.append(Input(f.name, title, GAIN_UNITS[f.name], low, high, low > 0, value))
+    for name, value, card in stated_gains(of_axis(controllers, axis)):
+        low, high = _gain_range(rig, name, value, card.unit)
+        title = _GAIN_WORDS.get(name, name.replace("_", " "))
+        found.append(Input(name, title, card.unit, low, high, low > 0, value))
     return tuple(found)
 
 
-def _gain_range(rig: Rig, name: str, value: float) -> tuple[float, float]:
+def _gain_range(rig: Rig, name: str, value: float, unit: str) -> tuple[float, float]:
     if name in rig.bounds:
         low, high = rig.bounds[name]
         low, high = min(low, value), max(high, value)
         return (low / WIDER if low > 0 else low * WIDER), high * WIDER
     if value > 0:
-        return value / AROUND, value * AROUND
+        top = 0.49 * rig.control_rate if unit == "Hz" else value * AROUND
+        return value / AROUND, min(value * AROUND, top)
     if value < 0:
         return value * AROUND, 0.0
-    return 0.0, {"s": AROUND / rig.control_rate, "": 1.0, "A/A": 10.0}.get(GAIN_UNITS[name], 1e4)
+    return 0.0, {"s": AROUND / rig.control_rate, "": 1.0, "A/A": 10.0}.get(unit, 1e4)
 
 
 def effect_inputs(rig: Rig) -> tuple[EffectInputs, ...]:

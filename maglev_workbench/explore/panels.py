@@ -12,10 +12,12 @@ from estimation.iso_14839 import iso_14839_3_zone
 from estimation.normal import NORMAL_95
 from estimation.stability_margins import loop_gain
 from maglev_env.evaluation.identification import Identification
+from maglev_env.rig.goal import Requirement
 from maglev_env.rig.rig import Rig
 from maglev_workbench.explore.curves import LoopCurves
+from maglev_workbench.explore.goal_bars import Tested, followed
 from maglev_workbench.explore.quantities import UnitSystem, labelled, shown
-from maglev_workbench.page import ISO_LIMITS
+from maglev_workbench.page import ISO_LIMITS, number
 
 
 @dataclass(frozen=True)
@@ -27,6 +29,7 @@ class Panel:
         x, y: quantity and SI unit of the axes.
         x_log, y_log: whether they are logarithmic.
         marks: horizontal lines, value in SI and label.
+        joined: whether what was simulated is a line, not points.
     """
 
     title: str
@@ -35,6 +38,7 @@ class Panel:
     x_log: bool = True
     y_log: bool = False
     marks: tuple[tuple[float, str], ...] = ()
+    joined: bool = False
 
 
 _FREQUENCY = ("Frequency", "Hz")
@@ -48,6 +52,8 @@ PANELS: Mapping[str, Panel] = {
     "step": Panel("After a step of the load", ("Time", "s"), ("Displacement per force", "m/N"), x_log=False),
     "stiffness": Panel("Stiffness", _FREQUENCY, ("Stiffness", "N/m")),
     "damping": Panel("Damping", _FREQUENCY, ("Damping", "N s/m"), marks=((0.0, ""),)),
+    "load": Panel("The load is put on", ("Time", "s"), ("Displacement", "m"), x_log=False, joined=True),
+    "lift_off": Panel("Lift-off", ("Time", "s"), ("Displacement", "m"), x_log=False, joined=True),
 }
 if [iso_14839_3_zone(limit) for limit in ISO_LIMITS] != ["B", "C", "D"]:
     raise ImportError("the limits drawn are not those of ISO 14839-3")
@@ -62,11 +68,14 @@ def panels_data(rig: Rig, units: UnitSystem) -> dict[str, Any]:
     the integrator's share of the damping grows without bound.
     """
     fit_from = rig.target.band[0] / 4 if rig.target.band else 0.0
-    found = {}
+    found, events = {}, followed(rig)
     for name, panel in PANELS.items():
+        if panel.joined and name not in events:
+            continue
         xu, (yf, yu) = shown(panel.x[1], units)[1], shown(panel.y[1], units)
         found[name] = {
-            "title": panel.title,
+            "title": panel.title + (f", {_condition(events[name], units)}, simulated" if panel.joined else ""),
+            "joined": panel.joined,
             "x": labelled(panel.x[0], xu),
             "y": labelled(panel.y[0], yu),
             "xLog": panel.x_log,
@@ -77,6 +86,18 @@ def panels_data(rig: Rig, units: UnitSystem) -> dict[str, Any]:
             "fitFrom": fit_from if name in ("stiffness", "damping") else -1e300,
         }
     return found
+
+
+def _condition(requirement: Requirement, units: UnitSystem) -> str:
+    """The size of an event for a title: "0.786 N"."""
+    condition = requirement.quantity.condition
+    factor, unit = shown(condition[1] if condition else "", units)
+    return f"{number(requirement.size * factor)} {unit}"
+
+
+def event_curves(found: Tested) -> dict[str, Curve]:
+    """The displacement over time in the events of the large-signal test, by panel, in SI."""
+    return {name: {"x": times, "y": displacement} for name, (times, displacement) in found.events.items()}
 
 
 def model_curves(found: LoopCurves) -> dict[str, Curve]:

@@ -179,7 +179,7 @@ def test_sweep_writes_table_page_dataset_and_json(tmp_path):
         (["sweep", "--rig", "pedestal"], "no controlled magnet"),
         (["explore", "pedestal"], "no control loop to explore"),
         (["simulate", "--rig", "pedestal", "--excite", "current=1:9@1", "--out", "x"], "only a force can excite"),
-        (["estimate", "nowhere", "--method", "magic"], "magic"),
+        (["estimate", "here.npz", "--method", "magic"], "magic"),
     ],
 )
 def test_bad_input_ends_with_one_message_and_code_2(arguments, words, tmp_path, monkeypatch):

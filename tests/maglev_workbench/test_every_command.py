@@ -24,6 +24,7 @@ NEEDED = {
     "new": ["good"],
     "diagnose": ["good"],
     "selfsense estimate": ["good"],
+    "export": ["hmb_free"],
     "blind generate": ["--seed", "1", "--out", "set"],
     "blind run": ["--seed", "1", "--out", "set"],
     "blind answer": ["good"],
@@ -114,6 +115,11 @@ def test_help_has_an_example_of_the_command_itself(name):
     text = maglev(*name.split(), "--help")
     assert "Example" in text and f"maglev {name}" in text.partition("Example")[2]
     assert all(p.help for p in COMMANDS[name].params)
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_every_command_can_be_quiet_and_verbose(name):
+    assert {"quiet", "verbose"} <= {p.name for p in COMMANDS[name].params}
 
 
 @pytest.mark.parametrize(("name", "arguments", "words"), list(bad_inputs()))

@@ -4,12 +4,14 @@ They stand in no folder of that name, because on the path it would hide the pack
 """
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
+from worker_jobs import Numbered
 
 from maglev_env.loop.magnets.kinds import force_law
-from maglev_workbench.commands.coverage import study
+from maglev_workbench.commands.coverage import aperiodic, study
 from maglev_workbench.commands.coverage.aperiodic import APERIODIC, KINDS
 from maglev_workbench.commands.coverage.benches import BENCHES, real
 from maglev_workbench.commands.coverage.conditions import CONDITIONS
@@ -26,15 +28,16 @@ def test_every_periodic_condition_makes_its_experiment():
 
 @pytest.mark.slow
 def test_a_count_has_truths_near_the_linear_loop_and_the_same_seed_gives_the_same():
-    rows = study.coverage(CONDITIONS["linear"], 3, 1)
+    condition = replace(PERIODIC["linear"], periods=2)
+    rows = study.coverage(condition, 2, 1)
     by_name = {row.quantity: row for row in rows}
     assert by_name["peak_sensitivity"].truth == pytest.approx(2.47, rel=0.02)
     assert by_name["stiffness at 90 Hz"].truth == pytest.approx(35.6e3, rel=0.02)
-    assert all(row.draws == 3 and 0 <= row.held <= 3 for row in rows)
-    assert study.coverage(CONDITIONS["linear"], 3, 1) == rows
+    assert all(row.draws == 2 and 0 <= row.held <= 2 for row in rows)
+    assert study.coverage(condition, 2, 1) == rows
     data = coverage_json({"linear": rows}, 1)
-    assert json.loads(json.dumps(data))["conditions"]["linear"][0]["covered"] == rows[0].held / 3
-    assert "maglev coverage linear --draws 3 --seed 1" in coverage_markdown({"linear": rows}, 3, 1)
+    assert json.loads(json.dumps(data))["conditions"]["linear"][0]["covered"] == rows[0].held / 2
+    assert "maglev coverage linear --draws 2 --seed 1" in coverage_markdown({"linear": rows}, 2, 1)
 
 
 def test_an_open_end_holds_and_a_narrow_interval_off_the_truth_does_not():
@@ -87,9 +90,17 @@ def test_every_bench_is_excited_in_every_way():
 
 
 @pytest.mark.slow
-def test_recordings_without_a_period_are_counted_alike_on_one_process_and_two():
+def test_recordings_without_a_period_are_counted(monkeypatch):
+    monkeypatch.setattr(aperiodic, "SAMPLES", 6000)
     rows = study.coverage(CONDITIONS["ball_chirp"], 2, 4)
     assert [row.quantity for row in rows] == ["actuator_gain", "negative_stiffness", "damping", "delay"]
     assert all(row.draws + row.abstained == 2 for row in rows)
     assert rows[1].truth == pytest.approx(-104, rel=0.2) and rows[1].half_width < 0.1 and abs(rows[1].bias) < 3
-    assert study.coverage(CONDITIONS["ball_chirp"], 2, 4, processes=2) == rows
+
+
+def test_draws_are_counted_in_their_order_on_one_process_and_two():
+    assert (
+        study.coverage(Numbered(), 5, 4)
+        == study.coverage(Numbered(), 5, 4, processes=2)
+        == ((4, 0), (4, 1), (4, 2), (4, 3), (4, 4))
+    )

@@ -63,6 +63,7 @@ QUICK: dict[str, list[str]] = {
     "tune": ["--rig", "rig.toml", "--method", "sobol", "--budget", "2", "--threads", "1", "--out", "out"],
     "check": ["c"],
     "estimate": ["c"],
+    "export": ["rig.toml", "--out", "out.json"],
     "new": ["bare"],
     "runup": ["--rotor", "rotor.toml", "--speeds", "0", "--threads", "1", "--out", "out"],
     "effects": [],
@@ -328,7 +329,16 @@ def _rotor(rng: Rng, folder: Path) -> list[str]:
 
 def _campaign(rng: Rng, folder: Path) -> list[str]:
     change_toml(rng, folder / "c" / "campaign.toml")
-    return pick(rng, (["check", "c"], ["estimate", "c"], ["tune", "--campaign", "c"], ["selfsense", "estimate", "c"]))
+    return pick(
+        rng,
+        (
+            ["check", "c"],
+            ["estimate", "c"],
+            ["export", "c"],
+            ["tune", "--campaign", "c"],
+            ["selfsense", "estimate", "c"],
+        ),
+    )
 
 
 def _data(rng: Rng, folder: Path) -> list[str]:

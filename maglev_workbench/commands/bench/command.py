@@ -35,6 +35,6 @@ def bench(
         console.print(f"warning: other work is running here (load average {load:.1f}), so the figures will be worse")
     results = results_here(sections.measure(Size()))
     write_json(json_file, as_json(results))
-    write_page(out, bench_page(results, old))
+    write_page(out, bench_page(results, old), [json_file])
     show(results, old)
     console.print(f"page  {out}")

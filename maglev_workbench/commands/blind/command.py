@@ -5,7 +5,7 @@ This is the table of its commands, each in the folder of its name.
 
 import typer
 
-from maglev_workbench.commands import add_commands
+from maglev_workbench.commands import WholeSentences, add_commands
 
 COMMANDS = ("generate", "answer", "open", "score", "run")  # in the order of `maglev blind --help`
 
@@ -13,6 +13,7 @@ group = typer.Typer(
     name="blind",
     help="Check diagnoses on campaigns whose truth is sealed: generate, answer, open; or all three by run.",
     no_args_is_help=True,
+    cls=WholeSentences,
 )
 add_commands(group, "maglev_workbench.commands.blind", COMMANDS)
 app = typer.Typer()

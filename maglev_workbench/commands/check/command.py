@@ -21,8 +21,6 @@ def check(
     """Check what a campaign is good for, by each command's own rules: alarms, noise, transients, lines, channels."""
     from importlib.metadata import version
 
-    from rich.markup import escape
-
     from maglev_env.loop.axes import AXES
     from maglev_env.recordings.alarms import alarms_of
     from maglev_env.recordings.campaign import load_campaign
@@ -46,7 +44,7 @@ def check(
         uses_table,
     )
     from maglev_workbench.commands.check.uses import check_answer, uses
-    from maglev_workbench.console import console, write_json
+    from maglev_workbench.console import console, marked, write_json
     from maglev_workbench.page import write_page
     from maglev_workbench.warned import shown
 
@@ -55,7 +53,7 @@ def check(
     if is_data_file(campaign):
         loaded, guess = guessed_campaign(campaign, rate)
         page = out or campaign.with_name(f"{campaign.stem}-check.html")
-        said += [f"guess: {one.what}: {escape(one.reason)}" for one in guess.guesses]
+        said += [f"guess: {one.what}: {one.reason}" for one in guess.guesses]
     else:
         loaded = load_campaign(campaign)
         page = out or loaded.folder / "check.html"
@@ -80,12 +78,12 @@ def check(
             quality = spoiled(recording_quality(own, rig, alarms=alarms), name, warnings)
             found.append((name, quality))
             said += quality_tables(name, quality)
-            said += [f"  [yellow]![/] {problem}" for problem in quality.problems]
+            said += [marked("  !", problem) for problem in quality.problems]
             warnings += [problem_data(name, problem) for problem in quality.problems]
         notes += [(spec.file, note) for note in signals.assumed]
         datasets.append((spec.file, dataset))
     answer = check_answer(used, alarmed)
-    console.print(f"[bold]{escape(answer)}[/]")
+    console.print(answer, style="bold")
     shown(findings)
     console.print(uses_table(used))
     if still := [(name, quality) for name, quality in found if not quality.periods]:
@@ -93,10 +91,11 @@ def check(
     for part in said:
         console.print(part)
     for note in said_once(notes, len(used)):
-        console.print(f"  note: {escape(note)}", soft_wrap=True)
+        console.print(f"  note: {note}", soft_wrap=True)
     from maglev_workbench.record_page import record_page  # here because it takes long to import
 
-    write_page(page, record_page(f"Check of {loaded.folder.name}", datasets, answer, uses_sections(used)))
+    html = record_page(f"Check of {loaded.folder.name}", datasets, answer, uses_sections(used))
+    write_page(page, html, [json_file])
     console.print(f"page  {page}")
     write_json(
         json_file,

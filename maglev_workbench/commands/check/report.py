@@ -4,7 +4,6 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
-from rich.markup import escape
 from rich.table import Table
 
 from maglev_env.channels import CHANNELS
@@ -36,8 +35,8 @@ def uses_table(found: Sequence[tuple[str, Sequence[Use]]]) -> Table:
     table = Table(*(_HEAD[:1] if not several else (_HEAD[0], "recordings")), *_HEAD[1:])
     for commands, files, use in grouped(found):
         style = {"yes": None, "with care": "yellow", "no": "red"}[use.verdict]
-        named = [escape(files)] if several else []
-        table.add_row(commands, *named, use.verdict, escape(use.reason), escape(use.instead), style=style)
+        named = [files] if several else []
+        table.add_row(commands, *named, use.verdict, use.reason, use.instead, style=style)
     return table
 
 
@@ -59,7 +58,7 @@ def aperiodic_table(found: Sequence[tuple[str, Quality]]) -> Table:
     table = Table("nothing repeats", "channel", "rms", "crest", "step / rms")
     for name, quality in found:
         for i, c in enumerate(quality.channels):
-            table.add_row(escape(name) if i == 0 else "", *_shape(c), end_section=i == len(quality.channels) - 1)
+            table.add_row(name if i == 0 else "", *_shape(c), end_section=i == len(quality.channels) - 1)
     return table
 
 

@@ -43,7 +43,7 @@ def default_methods(task: Task, policy: "HistoryPolicy | None") -> list[str]:
     except (ValueError, ModuleNotFoundError) as error:
         if policy is not None:
             raise
-        console.print(f"without {LEARNED}: {error}", markup=False)
+        console.print(f"without {LEARNED}: {error}")
         methods.remove(LEARNED)
     return methods
 

@@ -6,6 +6,7 @@ from typing import Annotated
 import typer
 
 from maglev_workbench.options import (
+    ControllerOption,
     DocsOption,
     EffectOption,
     JsonOption,
@@ -15,6 +16,7 @@ from maglev_workbench.options import (
     SeedOption,
     friendly,
     given,
+    require_choice,
     require_folder,
 )
 from tuning.methods import METHODS
@@ -44,6 +46,7 @@ def compare(
     ] = "10,30",
     repeats: Annotated[int, typer.Option(help="Runs on every rig, with different noise.")] = 1,
     protocol: Annotated[str, typer.Option(help="full, or quick: an eighth of the time, less accurate.")] = "full",
+    controller: ControllerOption = None,
     effect: EffectOption = [],  # noqa: B006
     twin: Annotated[
         Path | None,
@@ -62,7 +65,11 @@ def compare(
 
     With --twin: tune on the nominal simulator, on the one that a diagnosis corrected, and on the sealed twin itself,
     and score all three on the twin. This shows the benefit of the diagnosis in score, peak sensitivity and touchdowns.
+
+    The default comparison takes some minutes on two cores, an eighth of it with --protocol quick.
     """
+    for name in methods or ():
+        require_choice(name, METHODS, "METHOD")
     from maglev_workbench.commands.compare.asked import check_options, default_methods, parse_budgets, twin_budgets
 
     named = given(context)
@@ -76,6 +83,8 @@ def compare(
 
         on_twin.run(twin, experiments, cases, processes, seed, out, docs, json_file)
         return
+    from shlex import quote
+
     from maglev_env.loop.effect import parse_effects
     from maglev_env.recordings.files import write_text_atomic
     from maglev_env.rig.rig import load_rig
@@ -98,7 +107,10 @@ def compare(
     steps = parse_budgets(budgets)
     comparison.check_comparison(methods or METHODS, rigs, steps, repeats)
     loaded = load_rig(rig)
-    task = make_task(loaded, effects=parse_effects(effect), protocol=protocol, randomization="wide", budget=steps[-1])
+    task = make_task(
+        loaded, effects=parse_effects(effect), protocol=protocol, randomization="wide", budget=steps[-1],
+        controller=controller,
+    )  # fmt: skip
     chosen = list(methods or ()) or default_methods(task, own)
     comparison.check_policy(task, chosen, own)
     folder, runs = out or Path(f"compare-{loaded.name}"), rigs * repeats
@@ -118,11 +130,11 @@ def compare(
             raise
     of = figures(found)
     page, data = folder / "compare.html", compare_json(found, of)
-    write_page(page, compare_page(found, of))
+    write_page(page, compare_page(found, of), [folder / "compare.json"])
     write_json(folder / "compare.json", data)
     write_json(json_file, data)
     if docs is not None:
-        asked = "".join(f" --effect {e}" for e in effect)
+        asked = "".join(f" --effect {e}" for e in effect) + (f" --controller {quote(controller)}" if controller else "")
         options = f"--rigs {rigs} --budgets {budgets} --repeats {repeats} --protocol {protocol}{asked} --seed {seed}"
         command = " ".join(["maglev compare", *found.results, f"--rig {rig}", options])
         write_text_atomic(docs, compare_markdown(found, of, command))

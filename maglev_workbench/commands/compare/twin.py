@@ -58,7 +58,7 @@ def run(
     path = folder / SET
     compared = Compared(found, experiments, seed, json.loads(path.read_text()) if path.is_file() else {}, seal)
     html, data = results / "twin.html", twin_json(compared)
-    write_page(html, twin_page(compared))
+    write_page(html, twin_page(compared), [results / "twin.json"])
     write_json(results / "twin.json", data)
     write_json(json_file, data)
     if docs is not None:

@@ -20,7 +20,7 @@ from maglev_workbench.commands.coverage.counts import Coverage, Interval, counte
 if TYPE_CHECKING:
     import xarray as xr
 
-    from sim2real.pooled import Coefficient
+    from sim2real.coefficients import Coefficient
     from sim2real.recorded.open_record import OpenRecord
     from sim2real.recorded.records import Record
 

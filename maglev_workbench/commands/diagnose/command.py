@@ -20,7 +20,10 @@ def diagnose(
     ] = None,
     json_file: JsonOption = None,
 ) -> None:
-    """Find out why simulator and rig differ: where, by which effect (or an unknown one), and what to measure next."""
+    """Find out why simulator and rig differ: where, by which effect (or an unknown one), and what to measure next.
+
+    It takes about a minute, or some minutes for recordings without a period.
+    """
     from importlib.metadata import version
 
     from maglev_env.recordings.campaign import load_campaign
@@ -55,7 +58,7 @@ def diagnose(
     files = {"rig ": folder / "corrected.toml", "data": folder / "diagnosis.json", "page": folder / "diagnosis.html"}
     write_corrected(found, files["rig "])
     write_json(files["data"], report)
-    write_page(files["page"], diagnose_page(found))
+    write_page(files["page"], diagnose_page(found), [files["data"], files["rig "]])
     write_json(json_file, report)
     for part in terminal(found):
         console.print(part)

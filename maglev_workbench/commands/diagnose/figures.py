@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 LOOP = ("controller", "amplifier", "actuator", "mechanics", "sensor")
 SIGNALS = ("command", "current", "force", "displacement", "reading")  # output of each block of the loop
-GREY, GAP = "#444", COLOURS[1]
+LINE, GAP = "currentColor", COLOURS[1]  # of the text, which is light on a dark screen
 FLOOR, SHOWN = 0.001, 9  # probability and number of hypotheses that the ranking shows
 _BOX, _STEP, _LEFT, _TOP, _HIGH, _ROW = 122, 208, 92, 66, 60, 28
 _QUANTITY = {"receptance": ("displacement / force in um/N", 1e6), "sensitivity": ("|S|", 1.0)}
@@ -72,7 +72,7 @@ def loop_diagram(diagnosis: Diagnosis, effects: Sequence[str]) -> str:
     head += f'<svg viewBox="0 0 {width} {bottom + 14}" style="max-width:{width}px;min-width:{width // 2}px" role="img"'
     arrow = (
         '<defs><marker id="tip" viewBox="0 0 8 8" refX="7" refY="4" markerWidth="7" markerHeight="7" orient="auto">'
-        f'<path d="M0 0 L8 4 L0 8 z" fill="{GREY}"/></marker></defs>'
+        f'<path d="M0 0 L8 4 L0 8 z" fill="{LINE}"/></marker></defs>'
     )
     return f'{head} font-family="system-ui, sans-serif" xmlns="http://www.w3.org/2000/svg">{arrow}{"".join(parts)}</svg></div>'
 
@@ -98,9 +98,9 @@ def _stacked(segments: Sequence[str]) -> dict[str, int]:
 
 def _box(index: int, name: str, darkness: float, effects: Sequence[str]) -> str:
     x, blamed = _LEFT + index * _STEP, [e for e in effects if e in EFFECTS and EFFECTS[e].block == name]
-    edge = f'stroke="{GAP}" stroke-width="3"' if blamed else f'stroke="{GREY}" stroke-width="1.3"'
+    edge = f'stroke="{GAP}" stroke-width="3"' if blamed else f'stroke="{LINE}" stroke-width="1.3"'
     place = f'<rect x="{x}" y="{_TOP}" width="{_BOX}" height="{_HIGH}" rx="6"'
-    shape = f'{place} fill="#fff" {edge}/>{place} fill="{GAP}" fill-opacity="{0.6 * darkness:.2f}"/>'
+    shape = f'{place} style="fill:var(--ground)" {edge}/>{place} fill="{GAP}" fill-opacity="{0.6 * darkness:.2f}"/>'
     lines = [name, *blamed]
     start = _TOP + _HIGH / 2 + 5 - 8 * (len(lines) - 1)
     return shape + "".join(
@@ -110,14 +110,13 @@ def _box(index: int, name: str, darkness: float, effects: Sequence[str]) -> str:
 
 def _text(x: float, y: float, words: str, size: int, bold: bool = False) -> str:
     weight = ' font-weight="700"' if bold else ""
-    return (
-        f'<text x="{x:g}" y="{y:g}" font-size="{size}" text-anchor="middle" fill="#222"{weight}>{escape(words)}</text>'
-    )
+    style = f'font-size="{size}" text-anchor="middle" fill="currentColor"{weight}'
+    return f'<text x="{x:g}" y="{y:g}" {style}>{escape(words)}</text>'
 
 
 def _arrow(points: Sequence[tuple[float, float]]) -> str:
     path = " ".join(f"{x:g},{y:g}" for x, y in points)
-    return f'<polyline points="{path}" fill="none" stroke="{GREY}" stroke-width="1.3" marker-end="url(#tip)"/>'
+    return f'<polyline points="{path}" fill="none" stroke="{LINE}" stroke-width="1.3" marker-end="url(#tip)"/>'
 
 
 def responses(curves: Sequence[Curve]) -> "Figure":

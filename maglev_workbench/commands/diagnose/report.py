@@ -10,6 +10,7 @@ from maglev_env.units import prefixed
 from maglev_workbench.commands.diagnose.figures import gap_bars, loop_diagram, ranking, responses, shares
 from maglev_workbench.commands.diagnose.free import free_sections
 from maglev_workbench.commands.diagnose.leftover import leftover_sections
+from maglev_workbench.console import marked
 from maglev_workbench.page import note, number, page, table
 from sim2real.advice.gain_choice import GainChoice
 from sim2real.advice.next_experiment import SEPARATED
@@ -57,26 +58,26 @@ _GAP_HEAD = ("", "measured", "nominal", "error", "corrected", "error")
 def terminal(diagnosis: Diagnosis) -> "list[RenderableType]":
     """The parts of the text for a terminal, in order, in 80 columns."""
     from rich import box
-    from rich.markup import escape as plain
     from rich.table import Table
+    from rich.text import Text
 
-    parts: list[RenderableType] = [f"[bold]{plain(sentence(diagnosis))}[/]"]
+    parts: list[RenderableType] = [Text(sentence(diagnosis), "bold")]
     if told := tempered(diagnosis):
-        parts.append(plain(told))
-    parts += [f"  {plain(line)}" for line in where_in_words(diagnosis)]
+        parts.append(told)
+    parts += [f"  {line}" for line in where_in_words(diagnosis)]
     if diagnosis.leftover is not None:
-        parts += [f"  {plain(line)}" for line in leftover_lines(diagnosis.leftover)]
+        parts += [f"  {line}" for line in leftover_lines(diagnosis.leftover)]
     if diagnosis.free is not None:
-        parts.append(plain(diagnosis.free.sentence()))
+        parts.append(diagnosis.free.sentence())
     ranked = Table(box=box.SIMPLE_HEAD, pad_edge=False)
     for name in _RANK_HEAD:
         if name != "where":  # left out because a terminal is narrow, and the blocks are given above
             side = "right" if name in ("probability", "worst group") else "left"
             ranked.add_column(name, justify=side, overflow="fold")
     for i, (name, probability, _, *rest) in enumerate(_ranked(diagnosis)):
-        ranked.add_row(*map(plain, (name, probability, *rest)), style="bold" if i == 0 else "")
+        ranked.add_row(name, probability, *rest, style="bold" if i == 0 else "")
     ranked.caption = "+-: standard error. Worst group: least share explained of any part of the gap."
-    parts += [ranked, *map(plain, _gap_lines(diagnosis))]
+    parts += [ranked, *_gap_lines(diagnosis)]
     if rows := _word_rows(diagnosis):
         words = Table(box=box.SIMPLE_HEAD, pad_edge=False)
         for name in _GAP_HEAD:
@@ -87,11 +88,11 @@ def terminal(diagnosis: Diagnosis) -> "list[RenderableType]":
     found = corrections(diagnosis)
     if diagnosis.verdict in ("no_gap", "unexplained") and found:
         within = "Within tolerance" if diagnosis.verdict == "no_gap" else "Calibration, as far as it goes"
-        parts.append(plain(f"{within}: {', '.join(f'{c.name} {c}' for c in found)}."))
+        parts.append(f"{within}: {', '.join(f'{c.name} {c}' for c in found)}.")
     if diagnosis.next_experiment:
-        parts.append(f"[bold]Measure next:[/] {plain(_next(diagnosis))}")
-    parts += [f"  [yellow]left out[/] {plain(str(one))}" for one in diagnosis.campaign.left_out]
-    return parts + [f"  note: {plain(text)}" for text in diagnosis.notes[bool(told) :]]
+        parts.append(marked("Measure next:", _next(diagnosis), "bold"))
+    parts += [marked("  left out", str(one)) for one in diagnosis.campaign.left_out]
+    return parts + [f"  note: {text}" for text in diagnosis.notes[bool(told) :]]
 
 
 def diagnose_page(diagnosis: Diagnosis) -> str:

@@ -43,7 +43,10 @@ def estimate(
     out: Annotated[Path | None, typer.Option(help="HTML page (default: beside the source).")] = None,
     json_file: JsonOption = None,
 ) -> None:
-    """Estimate stiffness, damping, margins and distortion from recordings, with confidence intervals."""
+    """Estimate stiffness, damping, margins and distortion from recordings, with confidence intervals.
+
+    A recording takes a few seconds; fitting a rig to recordings without a period may take minutes.
+    """
     require_choice(method, METHODS, "--method")
     if mass is not None and not mass > 0:
         raise ValueError(f"--mass {mass} kg must be positive")
@@ -55,13 +58,11 @@ def estimate(
         raise ValueError(f"--band-width {band_width} Hz must be positive")
     from html import escape as html
 
-    from rich.markup import escape
-
     from maglev_env.recordings.campaign import load_campaign
     from maglev_env.recordings.guess.verified import guessed_campaign
     from maglev_env.recordings.left_out import left_out_data
     from maglev_workbench.commands.estimate.one_file import OneFile, one_file_campaign
-    from maglev_workbench.console import console, progress_bar, write_json
+    from maglev_workbench.console import console, marked, progress_bar, write_json
     from maglev_workbench.page import write_page
     from maglev_workbench.warned import LEAVING_OUT, shown, warned
 
@@ -72,7 +73,7 @@ def estimate(
         campaign, guess = guessed_campaign(source, mass=mass)
         page = out or source.with_suffix(".html")
         for found in guess.guesses:
-            console.print(f"guess: {found.what}: {escape(found.reason)}")
+            console.print(f"guess: {found.what}: {found.reason}")
     else:
         one = OneFile(rate, fundamental, lines, recorded, force, displacement, start, samples, intersample)
         campaign = one_file_campaign(source, mass, one)
@@ -112,30 +113,31 @@ def estimate(
         more.append([("Left out", "<ul>" + "".join(f"<li>{html(str(one))}</li>" for one in found.left_out) + "</ul>")])
     if found.notes:
         more.append([("Notes", "<ul>" + "".join(f"<li>{html(note)}</li>" for note in found.notes) + "</ul>")])
-    write_page(page, estimate_page(found.axes, made_by, more, answer))
+    write_page(page, estimate_page(found.axes, made_by, more, answer), [json_file])
     report = estimate_json(found.axes, method) | {"answer": answer}
     planar = {"planar": [planar_json(*both) for both in found.planar]} if found.planar else {}
     together = {"pooled": pooled_json(found.pooled)} if found.pooled else {}
     left_out = {"left_out": left_out_data(found.left_out), "notes": list(found.notes)}
     write_json(json_file, report | {"warnings": warnings} | left_out | planar | together)
-    console.print(f"[bold]{escape(answer)}[/]")
+    console.print(answer, style="bold")
     for one in found.left_out:
-        console.print(f"  [yellow]left out[/] {escape(str(one))}", soft_wrap=True)
+        console.print(marked("  left out", str(one)), soft_wrap=True)
     for note in found.notes:
-        console.print(f"  note: {escape(note)}", soft_wrap=True)
+        console.print(f"  note: {note}", soft_wrap=True)
     for file, one_axis in found.axes:
-        console.print(f"\n[bold]{escape(file)}[/]")
+        console.print(f"\n{file}", style="bold")
         console.print(estimate_table(one_axis, method))
         say(one_axis)
     for files, both in found.planar:
-        console.print(f"\n[bold]x and y together: {escape(files)}[/]")
+        console.print(f"\nx and y together: {files}", style="bold")
         console.print(planar_table(both))
         for note in both.notes:
             console.print(f"  note: {note}")
     if found.pooled is not None:
         console.print(
-            f"\n[bold]{campaign.rig.name} in "
-            f"{len(campaign.recordings) - len(unused) - len(found.pooled.held_out)} recording(s)[/]"
+            f"\n{campaign.rig.name} in "
+            f"{len(campaign.recordings) - len(unused) - len(found.pooled.held_out)} recording(s)",
+            style="bold",
         )
         console.print(pooled_table(found.pooled))
         if found.pooled.of_each:
@@ -143,5 +145,5 @@ def estimate(
         if found.pooled.gain is not None:
             console.print(gain_table(found.pooled.gain))
         for line in pooled_lines(found.pooled):
-            console.print(f"  [yellow]![/] {escape(line)}")
+            console.print(marked("  !", line))
     console.print(f"page  {page}")

@@ -6,7 +6,8 @@ from typing import TYPE_CHECKING, Any
 from maglev_env.units import prefixed
 from maglev_workbench.commands.estimate.gain_report import gain_json, gain_line, gain_sections
 from maglev_workbench.page import table as html_table
-from sim2real.pooled import Coefficient, Pooled
+from sim2real.coefficients import Coefficient
+from sim2real.pooled import Pooled
 from sim2real.words import AT_BOUND
 
 if TYPE_CHECKING:

@@ -4,7 +4,7 @@ from estimation.normal import NORMAL_95
 from maglev_env.evaluation.identification import Identification
 from maglev_env.units import prefixed
 from maglev_workbench.commands.estimate.gain_report import gain_line, gain_table
-from maglev_workbench.console import console
+from maglev_workbench.console import console, marked
 
 
 def say(found: Identification) -> None:
@@ -40,7 +40,7 @@ def say(found: Identification) -> None:
             f"ISO 14839-3 zone {s.iso_14839_3_zone}; {s.source}"
         )
         if "peak_sensitivity" in s.margins.reasons:
-            console.print(f"  [yellow]![/] peak sensitivity: {s.margins.reasons['peak_sensitivity']}")
+            console.print(marked("  !", f"peak sensitivity: {s.margins.reasons['peak_sensitivity']}"))
         for name, unit in (("gain_margin_low", ""), ("gain_margin_high", ""), ("phase_margin", " deg")):
             value = getattr(s.margins, name)
             text = f"{value:.3g}{unit}" if value is not None else s.margins.reasons.get(name, "not found")

@@ -8,14 +8,24 @@ from maglev_env.recordings.campaign import SCHEMA, Campaign, load_campaign
 from maglev_env.rig.rig import PRESETS, Rig, load_rig
 from maglev_workbench.explore.copied import Source
 
+CORRECTED = Path("diagnosis", "corrected.toml")  # in the folder of a campaign, where maglev diagnose writes it
+
 
 @dataclass(frozen=True)
 class Asked:
-    """The rig, where it comes from, and the campaign that was recorded on it, if one was named."""
+    """What the page is about.
+
+    Args:
+        rig: with the effects that a diagnosis of the campaign found, if there is one.
+        source: where the rig comes from.
+        campaign: that was recorded on it, if one was named.
+        diagnosed: whether the rig is that of a diagnosis.
+    """
 
     rig: Rig
     source: Source
     campaign: Campaign | None = None
+    diagnosed: bool = False
 
 
 def asked(source: str) -> Asked:
@@ -25,7 +35,7 @@ def asked(source: str) -> Asked:
         ValueError: It is neither, or has no control loop; the message says what to name instead.
         OSError: It cannot be read.
     """
-    if not _is_campaign(source):
+    if not is_campaign(source):
         option = source if source in PRESETS else str(Path(source))
         return Asked(_controlled(load_rig(source), source), Source(option, f"load_rig({option!r})"))
     campaign = load_campaign(source)
@@ -36,11 +46,16 @@ def asked(source: str) -> Asked:
             f"{source}: no recording has a stated excitation, so no response was measured; explore the rig itself"
         )
     rig = _controlled(campaign.rig, source)
+    corrected = campaign.folder / CORRECTED
+    if corrected.is_file():
+        source = str(corrected)
+        return Asked(load_rig(source), Source(source, f"load_rig({source!r})"), campaign, True)
     preset = rig.name if rig.name in PRESETS and load_rig(rig.name) == rig else None  # without [parameters] of its own
     return Asked(rig, Source(preset, f"load_campaign({source!r}).rig"), campaign)
 
 
-def _is_campaign(source: str) -> bool:
+def is_campaign(source: str) -> bool:
+    """Whether this names a folder or the TOML of a campaign, and not a rig."""
     path = Path(source)
     if source in PRESETS or not path.exists():
         return False

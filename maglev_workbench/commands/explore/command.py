@@ -1,21 +1,27 @@
 """`maglev explore`: a local page with sliders for gains and effects."""
 
 from contextlib import suppress
+from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from maglev_workbench.options import friendly
+from maglev_workbench.options import GoalOption, friendly
 
 app = typer.Typer()
 
 
-@app.command(epilog="Example: maglev explore hmb_free")
+@app.command(epilog="Examples: maglev explore hmb_free --goal engineer; maglev explore --sweep sweep-hmb_free")
 @friendly
 def explore(
     source: Annotated[
         str, typer.Argument(metavar="[RIG | CAMPAIGN]", help="Preset or rig TOML; or a campaign, to compare with it.")
     ] = "hmb_free",
+    goal: GoalOption = None,
+    sweep: Annotated[
+        Path | None,
+        typer.Option(help="Folder of a sweep of this rig: begins with its best gains, and shows its map."),
+    ] = None,
     port: Annotated[int, typer.Option(min=0, max=65535, help="Of the local address (0: a free one).")] = 0,
 ) -> None:
     """Move gains and effects on a local page and see the loop's answer at once. Ctrl-C closes it."""
@@ -27,7 +33,7 @@ def explore(
     from maglev_workbench.explore.server import serve
     from maglev_workbench.heartbeat import stages
 
-    shown = explored(wanted)
+    shown = explored(wanted, goal, sweep)
 
     def say(address: str) -> None:
         console.print(f"{shown.rig.name}: open this address in a browser of this machine; Ctrl-C closes it.")

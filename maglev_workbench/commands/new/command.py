@@ -32,7 +32,6 @@ def new(
     from dataclasses import replace
     from importlib.metadata import version
 
-    from rich.markup import escape
     from rich.table import Table
 
     from maglev_env.loop.magnets.kinds import MAGNETS
@@ -49,7 +48,7 @@ def new(
     from maglev_workbench.commands.new.files import bring, campaign_folder, data_files, rig_beside
     from maglev_workbench.commands.new.rig_text import rig_text
     from maglev_workbench.commands.new.stated import Stated
-    from maglev_workbench.console import console, write_json
+    from maglev_workbench.console import console, marked, write_json
 
     for name, value in (("--rate", rate), ("--mass", mass)):
         if value is not None and not value > 0:
@@ -107,17 +106,17 @@ def new(
             "left_out": [{"file": str(f), "reason": r} for f, r in refused.items()],
         },
     )
-    console.print(f"[bold]{escape(answer.sentence)}[/]")
+    console.print(answer.sentence, style="bold")
     table = Table(*HEAD)
     for row in rows(guesses):
-        table.add_row(*map(escape, row))
+        table.add_row(*row)
     console.print(table)
     for text in (*answer.alarms, *(f"left out: {message}" for message in refused.values())):
-        console.print(f"  [yellow]![/] {escape(text)}")
+        console.print(marked("  !", text))
     if copied:
         console.print(f"{len(copied)} file(s) copied to {folder}")
     for heading, points in (("edit", answer.edit), ("confirm", answer.confirm)):
         for i, point in enumerate(points):
-            console.print(f"{heading if i == 0 else '':7} {i + 1}. {escape(point)}")
+            console.print(f"{heading if i == 0 else '':7} {i + 1}. {point}")
     console.print(f"The evidence of every guess stands in {folder / 'campaign.toml'}.", soft_wrap=True)
     console.print(f"next  maglev check {folder}", soft_wrap=True)

@@ -22,9 +22,14 @@ def reproduce(
     seed: SeedOption = 0,
     json_file: JsonOption = None,
 ) -> None:
-    """Repeat the dissertation's experiments: its figures, ours, the differences and their reasons."""
-    from maglev_env.recordings.files import write_text_atomic
+    """Repeat the dissertation's experiments: its figures, ours, the differences and their reasons.
+
+    One takes seconds, all of them some minutes.
+    """
     from maglev_workbench.commands.reproduce import registry
+
+    registry.require_known(item or ())
+    from maglev_env.recordings.files import write_text_atomic
     from maglev_workbench.commands.reproduce.report import reproduce_json, reproduce_markdown, reproduce_page, summary
     from maglev_workbench.commands.reproduce.terminal import show
     from maglev_workbench.console import console, progress_bar, write_json
@@ -43,7 +48,7 @@ def reproduce(
     for one, outcome in done:
         show(one, outcome)
     out.mkdir(parents=True, exist_ok=True)
-    write_page(out / PAGE, reproduce_page(done, seed))
+    write_page(out / PAGE, reproduce_page(done, seed), [json_file])
     write_json(json_file, reproduce_json(done, seed))
     if docs is not None:
         write_text_atomic(docs, reproduce_markdown(done, seed))

@@ -47,14 +47,24 @@ HOME = {
 }
 
 
-def chosen(names: Sequence[str] = ()) -> list[Item]:
-    """The named items, each once and in the order of the chapters; without names all of them.
+def require_known(names: Sequence[str]) -> None:
+    """Check that these are names of items.
 
-    ValueError for a name that is not known.
+    Raises:
+        ValueError: One is not; the message lists those that are.
     """
     unknown = [name for name in names if name not in HOME]
     if unknown:
         raise ValueError(f"item {unknown[0]!r} is unknown; known items: {', '.join(HOME)}")
+
+
+def chosen(names: Sequence[str] = ()) -> list[Item]:
+    """The named items, each once and in the order of the chapters; without names all of them.
+
+    Raises:
+        ValueError: A name is not known.
+    """
+    require_known(names)
     return [_item(name) for name in HOME if not names or name in names]
 
 

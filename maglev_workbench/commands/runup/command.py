@@ -32,8 +32,6 @@ def runup(
     """Run a levitated rotor up: displacement, power of coils and motor, touchdowns and margins at each speed."""
     from time import perf_counter
 
-    from rich.markup import escape
-
     from maglev_env.rotor.rotor import load_rotor
     from maglev_workbench.commands.runup.asked import check_reach, parse_speeds, with_chosen_gains
     from maglev_workbench.commands.runup.figures import save_picture
@@ -53,11 +51,11 @@ def runup(
     found = report(chosen, ladder, seed, threads)
     seconds = perf_counter() - started
     folder.mkdir(parents=True, exist_ok=True)
-    write_page(folder / PAGE, run_up_page(found))
+    write_page(folder / PAGE, run_up_page(found), [json_file])
     write_json(json_file, run_up_json(found))
     if picture is not None:
         save_picture(found, picture)
     console.print(run_up_table(found))
     touched = any(found.touchdowns)
-    console.print(escape(summary(found)), style="bold red" if touched else None, highlight=False)
+    console.print(summary(found), style="bold red" if touched else None, highlight=False)
     console.print(f"{seconds:.1f} s\npage  {folder / PAGE}")

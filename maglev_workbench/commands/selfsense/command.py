@@ -2,7 +2,7 @@
 
 import typer
 
-from maglev_workbench.commands import add_commands
+from maglev_workbench.commands import WholeSentences, add_commands
 
 COMMANDS = (  # in the order of `maglev selfsense --help`
     "demodulate",
@@ -17,7 +17,9 @@ COMMANDS = (  # in the order of `maglev selfsense --help`
     "levitate",
 )
 
-group = typer.Typer(name="selfsense", help="Estimate the air gap from the coil current alone.", no_args_is_help=True)
+group = typer.Typer(
+    name="selfsense", help="Estimate the air gap from the coil current alone.", no_args_is_help=True, cls=WholeSentences
+)
 add_commands(group, "maglev_workbench.commands.selfsense", COMMANDS)
 app = typer.Typer()
 app.add_typer(group)

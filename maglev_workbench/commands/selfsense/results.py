@@ -27,8 +27,8 @@ def publish(
     page: Path, html: str, json_file: Path | None, data: Mapping[str, Any], shown: "Table", summary: str
 ) -> None:
     """Write page and JSON, then print table, summary and the path of the page."""
-    write_page(page, html)
+    write_page(page, html, [json_file])
     write_json(json_file, dict(data))
     console.print(shown)
-    console.print(summary, markup=False)
-    console.print(f"page  {page}", markup=False)
+    console.print(summary)
+    console.print(f"page  {page}")

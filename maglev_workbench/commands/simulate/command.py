@@ -85,6 +85,7 @@ def simulate(
     from maglev_workbench.record_page import record_page  # here because it takes long to import
 
     page = out / "recordings.html"
-    write_page(page, record_page(f"Simulated {loaded.name}", [(name, d) for name, _, d, _ in recordings]))
+    html = record_page(f"Simulated {loaded.name}", [(name, d) for name, _, d, _ in recordings])
+    write_page(page, html, [toml, json_file])
     console.print(f"{len(recordings)} recording(s) of {loaded.name}\ncampaign  {toml}\npage      {page}")
     write_json(json_file, summary(loaded, recordings, toml))

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from estimation.normal import NORMAL_95
+from maglev_env.loop.gains import GAIN_CARDS
 from maglev_workbench.page import (
     COLOURS,
     INFEASIBLE,
@@ -25,45 +26,64 @@ if TYPE_CHECKING:
     from plotly.basedatatypes import BaseTraceType
     from plotly.graph_objects import Figure, Scatter
 
-SHOWN = {"kp": (1e-3, "A/mm"), "ki": (1e-3, "A/(mm s)"), "kd": (1.0, "A s/m")}  # factor from SI, unit
+PID = ("kp", "ki", "kd")
+SHOWN = {name: card.on_pages for name, card in GAIN_CARDS.items()}  # factor from SI, unit
 QUANTITIES = {  # factor from SI, label, colours
     "stiffness": (1e-3, "stiffness in kN/m", "viridis"),
     "damping": (1.0, "damping in N s/m", "viridis"),
     "peak_sensitivity": (1.0, "peak sensitivity |S|", "cividis_r"),
     "score": (1.0, "score", "viridis"),
 }
-_WHERE = "kp %{customdata[0]:.4g} A/mm, ki %{customdata[1]:.4g} A/(mm s), kd %{customdata[2]:.4g} A s/m<br>"
-_HOVER = _WHERE + (
-    "stiffness %{customdata[3]:.4g} kN/m, damping %{customdata[4]:.4g} N s/m<br>peak |S| %{customdata[5]:.3g}, "
-    "phase margin %{customdata[7]:.3g}°<br>score %{customdata[6]:.3g}<extra></extra>"
+_HOVER = (
+    "stiffness %{customdata[0]:.4g} kN/m, damping %{customdata[1]:.4g} N s/m<br>peak |S| %{customdata[2]:.3g}, "
+    "phase margin %{customdata[4]:.3g}°<br>score %{customdata[3]:.3g}<extra></extra>"
 )
-_INFEASIBLE = _WHERE + "%{text}<extra>infeasible</extra>"
+_INFEASIBLE = "%{text}<extra>infeasible</extra>"
 WORST_SENSITIVITY = 6.0  # end of the colour scale: a loop with a larger peak is not useful
+
+
+def shown_gains(dataset: "xr.Dataset") -> list[str]:
+    """Gains that tables and figures of a sweep show: those of a PID, and all others that differ."""
+    gains = [name for name in SHOWN if name in dataset.coords]
+    return [name for name in gains if name in PID or np.unique(dataset[name].values).size > 1]
+
+
+def gains_in_words(dataset: "xr.Dataset") -> list[str]:
+    """The shown gains of every experiment, in display units."""
+    columns = [(name, dataset[name].values * SHOWN[name][0], SHOWN[name][1]) for name in shown_gains(dataset)]
+    return [
+        ", ".join(f"{name} {number(values[i])} {unit}".rstrip() for name, values, unit in columns)
+        for i in range(dataset.sizes["experiment"])
+    ]
 
 
 def over_gains(dataset: "xr.Dataset") -> "list[tuple[str, str | Figure]]":
     """The four quantities over the swept gains, as maps, lines or points according to the layout of the sweep."""
-    counts = {name: np.unique(dataset[name].values).size for name in SHOWN}
-    swept = [name for name in SHOWN if counts[name] > 1]
+    counts = {name: np.unique(dataset[name].values).size for name in shown_gains(dataset)}
+    swept = _across([name for name, count in counts.items() if count > 1])
     if not swept:
         return []
     colours = f" Colours end at the 2nd and 98th percentile, for |S| at {WORST_SENSITIVITY:g}."
     if len(swept) == 1:
         text = (
-            "Shaded: 95 %. Black: the stability border, half way between two gains. Grey: infeasible. Star: the best."
+            "Shaded: 95 %. Thick: the stability border, half way between two gains. Grey: infeasible. Star: the best."
         )
         return [(f"Over {swept[0]}", _lines(dataset, swept[0])), ("", note(text))]
     points = {tuple(p) for p in zip(*(dataset[name].values for name in swept), strict=True)}
-    if len(points) == dataset.sizes["experiment"] == prod(counts[name] for name in swept):
+    if len(swept) <= 3 and len(points) == dataset.sizes["experiment"] == prod(counts[name] for name in swept):
         text = (
-            "Black: the stability border, half way between grid points. Grey: infeasible. Star: the best shown, filled "
+            "Thick: the stability border, half way between grid points. Grey: infeasible. Star: the best shown, filled "
         )
-        text += (
-            "where it is the best of all. White: peak |S| 3, 4 and 5, where the zones of ISO 14839-3 meet." + colours
-        )
+        text += "where it is the best of all. Thin: peak |S| 3, 4 and 5, where the zones of ISO 14839-3 meet." + colours
         return [("Maps over the gains", _maps(dataset, swept)), ("", note(text))]
     text = "Crosses: infeasible. Star: the best. Every point shows its other gains on hover." + colours
     return [("Points over the gains", _points(dataset, swept)), ("", note(text))]
+
+
+def _across(swept: list[str]) -> list[str]:
+    """Swept gains in the order in which figures use them: across, up, and the others."""
+    ahead = [name for name in ("kp", "kd") if name in swept]
+    return ahead + [name for name in swept if name not in ahead] if len(swept) > 2 else swept
 
 
 def _shown(dataset: "xr.Dataset", name: str, of: str = "") -> np.ndarray:
@@ -73,12 +93,21 @@ def _shown(dataset: "xr.Dataset", name: str, of: str = "") -> np.ndarray:
 
 
 def _hover(dataset: "xr.Dataset") -> dict[str, np.ndarray]:
-    """customdata (experiments, 8) for _HOVER, and texts (experiments,) on why a set is infeasible."""
-    gains = [dataset[name].values * scale for name, (scale, _) in SHOWN.items()]
-    values = [*gains, *(_shown(dataset, name) for name in QUANTITIES), dataset["phase_margin"].values]
+    """customdata (experiments, 5 + gains) for hover texts, and texts (experiments,) on why a set is infeasible."""
+    gains = [dataset[name].values * SHOWN[name][0] for name in shown_gains(dataset)]
+    values = [*(_shown(dataset, name) for name in QUANTITIES), dataset["phase_margin"].values, *gains]
     times = dataset["touchdown_time"].values
     why = ["unstable loop" if np.isnan(t) else f"touched down after {t:.3g} s" for t in times]
     return {"customdata": np.stack(values, axis=-1), "text": np.array(why)}
+
+
+def _templates(dataset: "xr.Dataset") -> tuple[str, str]:
+    """Hover texts of feasible and of infeasible sets; the gains stand in customdata from the sixth place on."""
+    parts = []
+    for i, name in enumerate(shown_gains(dataset), 5):
+        parts.append(f"{name} %{{customdata[{i}]:.4g}} {SHOWN[name][1]}".rstrip())
+    where = ", ".join(parts) + "<br>"
+    return where + _HOVER, where + _INFEASIBLE
 
 
 def _axis(dataset: "xr.Dataset", name: str) -> dict[str, Any]:
@@ -104,7 +133,7 @@ def _reached_out(values: np.ndarray, log: bool) -> np.ndarray:
 
 def _maps(dataset: "xr.Dataset", swept: Sequence[str]) -> "Figure":
     """Heat maps over two gains with the stability border; a slider selects the third gain."""
-    x, y, *slid = ("kp", "kd", "ki") if len(swept) == 3 else swept
+    x, y, *slid = swept
     order = np.lexsort([dataset[name].values for name in (x, y, *slid)])
     slices = order.reshape(-1, np.unique(dataset[y].values).size, np.unique(dataset[x].values).size)
     best = int(np.where(dataset["feasible"], dataset["score"], -1.0).argmax())
@@ -135,8 +164,9 @@ def _map_traces(
     hover, ok, log = _hover(dataset), dataset["feasible"].values[cells], dataset.attrs.get("log") == "true"
     at_x, at_y = dataset[x].values[cells[0]] * SHOWN[x][0], dataset[y].values[cells[:, 0]] * SHOWN[y][0]
     cell = {"x": at_x, "y": at_y, "customdata": hover["customdata"][cells], "hoverongaps": False}
+    feasible, infeasible = _templates(dataset)
     grey = {"z": np.where(ok, np.nan, 0.0), "colorscale": [INFEASIBLE, INFEASIBLE], "showscale": False}
-    grey |= {"text": hover["text"][cells], "hovertemplate": _INFEASIBLE}
+    grey |= {"text": hover["text"][cells], "hovertemplate": infeasible}
     border = {"x": _reached_out(at_x, log), "y": _reached_out(at_y, log), "z": np.pad(ok.astype(float), 1, mode="edge")}
     border |= {"contours": {"start": 0.5, "end": 0.5, "size": 1, "coloring": "none"}, "name": "stability border"}
     border |= {"line": {"color": "black", "width": 4, "smoothing": 0}, "hoverinfo": "skip"}
@@ -144,7 +174,7 @@ def _map_traces(
     for panel, name in enumerate(QUANTITIES):
         z = _shown(dataset, name)[cells]
         traces.append((panel, Heatmap(**cell, **grey)))
-        traces.append((panel, Heatmap(**cell, z=z, coloraxis=f"coloraxis{panel + 1}", hovertemplate=_HOVER)))
+        traces.append((panel, Heatmap(**cell, z=z, coloraxis=f"coloraxis{panel + 1}", hovertemplate=feasible)))
         traces.append((panel, Contour(**border)))
         if name == "peak_sensitivity":
             zones = {"start": 3, "end": 5, "size": 1, "coloring": "none", "showlabels": True}
@@ -169,15 +199,16 @@ def _points(dataset: "xr.Dataset", swept: Sequence[str]) -> "Figure":
     """Scattered gain sets over two of the gains, coloured; infeasible ones as crosses."""
     from plotly import graph_objects as go
 
-    x, y = ("kp", "kd") if len(swept) == 3 else swept
+    x, y = swept[:2]
     hover, ok, figure = _hover(dataset), dataset["feasible"].values, _gain_panels(dataset, x, y)
     at_x, at_y = (dataset[name].values * SHOWN[name][0] for name in (x, y))
     cross = {"symbol": "x-thin", "size": 7, "line": {"color": "#999", "width": 1.5}}
     best = int(np.where(ok, dataset["score"], -1.0).argmax())
+    feasible, infeasible = _templates(dataset)
     for p, name in enumerate(QUANTITIES):
         colour = {"color": _shown(dataset, name)[ok], "coloraxis": f"coloraxis{p + 1}", "size": 9}
         panel = {"row": p // 2 + 1, "col": p % 2 + 1}
-        for some, marker, template in ((~ok, cross, _INFEASIBLE), (ok, colour, _HOVER)):
+        for some, marker, template in ((~ok, cross, infeasible), (ok, colour, feasible)):
             trace = {"x": at_x[some], "y": at_y[some], "mode": "markers", "marker": marker, "hovertemplate": template}
             figure.add_trace(go.Scatter(**trace, **{key: value[some] for key, value in hover.items()}), **panel)
         figure.add_trace(_star(dataset, best, x, y), **panel)
@@ -206,7 +237,7 @@ def _lines(dataset: "xr.Dataset", x: str) -> "Figure":
             figure.add_trace(shaded(at, y - half, y + half, COLOURS[0]), **panel)
             figure.update_yaxes(range=[0, min(1.1 * np.nanmax(y + half), 2 * WORST_SENSITIVITY)], **panel)
             mark_iso_zones(figure, **panel)
-        trace = {"x": at, "y": y, "customdata": hover["customdata"], "hovertemplate": _HOVER}
+        trace = {"x": at, "y": y, "customdata": hover["customdata"], "hovertemplate": _templates(dataset)[0]}
         figure.add_trace(go.Scatter(**trace, mode="lines+markers", line={"color": COLOURS[0]}), **panel)
         marker = {"symbol": "star", "size": 15, "color": STAR}
         figure.add_trace(go.Scatter(x=at[[best]], y=y[[best]], marker=marker, hoverinfo="skip"), **panel)
@@ -234,7 +265,7 @@ def best_bands(dataset: "xr.Dataset", rows: Sequence[Mapping[str, Any]]) -> "Fig
         pad = 0.3 * (high - low) + 0.05 * abs(high)
         figure.update_yaxes(range=[low - pad, high + pad], row=1, col=col)
         for i, (row, colour, dash) in enumerate(zip(rows, COLOURS, ("solid", "dash", "dot"), strict=False)):
-            gains = ", ".join(f"{g} {number(row['gains'][g] * scale)}" for g, (scale, _) in SHOWN.items())
+            gains = ", ".join(f"{g} {number(row['gains'][g] * SHOWN[g][0])}" for g in shown_gains(dataset))
             reach = NORMAL_95 * half[i]
             figure.add_trace(
                 shaded(centre, value[i] - reach, value[i] + reach, colour, legendgroup=gains), row=1, col=col

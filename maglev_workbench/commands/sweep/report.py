@@ -11,7 +11,7 @@ from estimation.normal import NORMAL_95
 from maglev_env.evaluation.score import WEIGHTS
 from maglev_env.recordings.formats.json_data import plain
 from maglev_env.rig.goal import MATCH, Goal, parse_goal
-from maglev_workbench.commands.sweep.figures import SHOWN, best_bands, over_gains
+from maglev_workbench.commands.sweep.figures import SHOWN, best_bands, gains_in_words, over_gains, shown_gains
 from maglev_workbench.goal_page import (
     HEAD,
     PREFIX,
@@ -31,10 +31,9 @@ if TYPE_CHECKING:
     import xarray as xr
     from plotly.graph_objects import Figure
 
-GAINS = ("kp", "ki", "kd", "td", "ti")
-_HEAD = ("", "kp\nA/mm", "ki\nA/(mm s)", "kd\nA s/m", "score", "stiffness\nkN/m", "damping\nN s/m", "peak |S|\n",
+_HEAD = ("score", "stiffness\nkN/m", "damping\nN s/m", "peak |S|\n",
          "phase\nmargin °", "gain\nmargins", "peak\num", "coil\nA rms")  # fmt: skip
-_IN_TERMINAL = 9
+_IN_TERMINAL = 5  # of _HEAD, behind the gains
 
 
 def best_rows(dataset: "xr.Dataset", count: int = 10) -> list[dict[str, Any]]:
@@ -44,7 +43,7 @@ def best_rows(dataset: "xr.Dataset", count: int = 10) -> list[dict[str, Any]]:
     peak_sensitivity with _se, phase_margin (deg), gain_margin_low and _high, peak_displacement, current_rms; of a goal
     required_* with _low and _high.
     """
-    gains = [name for name in GAINS if name in dataset.coords]  # a form of controller may have other ones
+    gains = [name for name in SHOWN if name in dataset.coords]
     values = {str(name): dataset[name].values for name in (*dataset.data_vars, *gains, "experiment")}
     order = np.argsort(-np.where(values["feasible"], values["score"], -np.inf), kind="stable")
     direct = ("experiment", "score", "stiffness", "damping", "peak_sensitivity", "peak_sensitivity_se", "phase_margin",
@@ -91,10 +90,12 @@ def sweep_table(dataset: "xr.Dataset", count: int = 10) -> "rich.table.Table":
 
     rows = best_rows(dataset, count)
     result = Table(box=box.SIMPLE_HEAD, collapse_padding=True, pad_edge=False, title=_counts(dataset))
-    for name in _HEAD[:_IN_TERMINAL]:
+    head = _head(dataset)
+    columns = len(head) - len(_HEAD) + _IN_TERMINAL
+    for name in head[:columns]:
         result.add_column(name, justify="right")
     for i, row in enumerate(rows):
-        result.add_row(*_cells(i, row)[:_IN_TERMINAL], style="bold" if i == 0 else "")
+        result.add_row(*_cells(dataset, i, row)[:columns], style="bold" if i == 0 else "")
     result.caption = "± and [ ]: 95 % intervals; – : not within the excited lines" if rows else "nothing feasible"
     return result
 
@@ -126,12 +127,13 @@ def sweep_page(dataset: "xr.Dataset") -> str:
     rows, goal = best_rows(dataset), sweep_goal(dataset)
     sections: list[tuple[str, str | Figure]] = []
     if rows:
-        best = _cells(0, rows[0])
+        best = dict(zip(_head(dataset), _cells(dataset, 0, rows[0]), strict=True))
+        gains = ", ".join(f"{g} {best[_column(g)]} {SHOWN[g][1]}".rstrip() for g in shown_gains(dataset))
         summary = (
-            f"{_counts(dataset)}. Best: kp {best[1]} A/mm, ki {best[2]} A/(mm s), kd {best[3]} A s/m with score "
-            f"{best[4]}: stiffness {best[5]} kN/m, damping {best[6]} N s/m, peak |S| {best[7]}."
+            f"{_counts(dataset)}. Best: {gains} with score {best['score']}: stiffness {best[_HEAD[1]]} kN/m, damping "
+            f"{best[_HEAD[2]]} N s/m, peak |S| {best[_HEAD[3]]}."
         )
-        best = table(_HEAD, [_cells(i, row) for i, row in enumerate(rows)])
+        best = table(_head(dataset), [_cells(dataset, i, row) for i, row in enumerate(rows)])
         sections.append(("Best gain sets", f'<div class="best">{best}</div>'))
         sections.append(("", note("± and [ ] are 95 % intervals; – : not within the excited lines." + where)))
         if goal:
@@ -158,11 +160,15 @@ def sweep_page(dataset: "xr.Dataset") -> str:
         sections.append(("", note(text)))
     else:
         near = int(dataset["pole_radius"].values.argmin())
-        gains = ", ".join(f"{g} {number(float(dataset[g][near]) * s)} {unit}" for g, (s, unit) in SHOWN.items())
         summary = f"{_counts(dataset)}: there is no best gain set."
-        radius = float(dataset["pole_radius"][near])
+        gains, radius = gains_in_words(dataset)[near], float(dataset["pole_radius"][near])
         why = "unstable" if radius >= 1 else "stable, yet the excitation makes it touch down"
-        sections.append(("Nearest to a stable loop", note(f"{gains}: largest pole radius {radius:.4f}, {why}.")))
+        sections.append(
+            (
+                "Nearest to a stable loop",
+                note(f"{gains}: largest pole radius {radius:.4f}, {why}."),
+            )
+        )
     return page(f"Gain sweep of {rig.get('name', 'a rig')}", summary, sections, _made_by(dataset.attrs, rig))
 
 
@@ -172,15 +178,15 @@ def _goal_sections(
     columns = {name: dataset[name].values for name in dataset.data_vars}
     values, feasible = values_of(columns, shown_names(goal)), dataset["feasible"].values.astype(bool)
     sets = [(f"{i + 1}", row) for i, row in enumerate(rows[:3])]
-    hover = [
-        ", ".join(f"{g} {number(v * scale)} {unit}" for (g, (scale, unit)), v in zip(SHOWN.items(), at, strict=True))
-        for at in zip(*(dataset[g].values for g in SHOWN), strict=True)
-    ]
+    hover = gains_in_words(dataset)
     first, second = (r.quantity.words for r in pair_of(goal))
     return [
         ("Requirements of the best three", requirement_bars(goal, sets)),
         ("", table(HEAD, requirement_rows(goal, rows[0]))),
-        (f"{first} against {second}".capitalize(), front_figure(goal, values, feasible, rows[0]["experiment"], hover)),
+        (
+            f"{first} against {second}".capitalize(),
+            front_figure(goal, values, feasible, rows[0]["experiment"], hover),
+        ),
         ("", note("Dashed: the limits. A set on the front is bettered by no other set in both.")),
     ]
 
@@ -194,14 +200,22 @@ def _counts(dataset: "xr.Dataset") -> str:
     )
 
 
-def _cells(index: int, row: Mapping[str, Any]) -> list[str]:
+def _column(gain: str) -> str:
+    return f"{gain.replace('_', ' ')}\n{SHOWN[gain][1]}"
+
+
+def _head(dataset: "xr.Dataset") -> tuple[str, ...]:
+    return ("", *map(_column, shown_gains(dataset)), *_HEAD)
+
+
+def _cells(dataset: "xr.Dataset", index: int, row: Mapping[str, Any]) -> list[str]:
     k, c = row["stiffness"], row["damping"]
     k_low, k_high = (None if end is None else end / 1e3 for end in row["stiffness_ci"])
     ms, se = row["peak_sensitivity"], row["peak_sensitivity_se"]
     half = np.nan if se is None else NORMAL_95 * se
     return [
         str(index + 1),
-        *(number(row["gains"][name] * scale) for name, (scale, _) in SHOWN.items()),
+        *(number(row["gains"][name] * SHOWN[name][0]) for name in shown_gains(dataset)),
         number(row["score"]),
         with_interval(k and k / 1e3, k_low, k_high),
         with_interval(c, *row["damping_ci"]),
@@ -217,7 +231,8 @@ def _made_by(attrs: Mapping[str, Any], rig: Mapping[str, Any]) -> dict[str, obje
     axes = []
     for name, axis in json.loads(attrs.get("axes", "{}")).items():
         scale, unit = SHOWN[name]
-        axes.append(f"{name} {axis['low'] * scale:g} to {axis['high'] * scale:g} {unit}, {axis['points']} points")
+        ends = f"{axis['low'] * scale:g} to {axis['high'] * scale:g} {unit}".rstrip()
+        axes.append(f"{name} {ends}, {axis['points']} points")
     spacing = "logarithmic" if attrs.get("log") == "true" else "linear"
     sobol = attrs.get("sobol", "0")
     kind = f"{spacing} grid" if sobol == "0" else f"{sobol} Sobol points, {spacing}"

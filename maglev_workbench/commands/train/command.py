@@ -6,6 +6,7 @@ from typing import Annotated
 import typer
 
 from maglev_workbench.options import (
+    ControllerOption,
     JsonOption,
     RigOption,
     SchedulerOption,
@@ -31,6 +32,7 @@ def train(
     by: Annotated[
         str, typer.Option(help="imitation (of searched optima), or ppo or sac (Stable-Baselines3).")
     ] = "imitation",
+    controller: ControllerOption = None,
     protocol: Annotated[str, typer.Option(help="Experiment that the policy observes: full, or quick.")] = "full",
     rigs: Annotated[int | None, typer.Option(min=1, help="Imitation: total number of rigs (default: 6000).")] = None,
     experiments: Annotated[
@@ -45,10 +47,16 @@ def train(
     ] = None,
     json_file: JsonOption = None,
 ) -> None:
-    """Train a policy that tunes unseen rigs: drawn widely, with different targets and effects."""
-    from dataclasses import asdict
+    """Train a policy that tunes unseen rigs: drawn widely, with different targets and effects.
+
+    Imitation, the default, takes half an hour on two cores.
+    """
+    from dataclasses import asdict, replace
+    from shlex import quote
     from time import perf_counter
 
+    from maglev_env.design.controllers import with_controller
+    from maglev_env.design.defaults import with_defaults
     from maglev_env.recordings.formats.json_data import plain
     from maglev_env.recordings.result_folder import claim, locked
     from maglev_env.rig.rig import load_rig
@@ -68,8 +76,9 @@ def train(
     if experiments is not None and by == BY[0]:
         raise ValueError("--experiments: of ppo and sac; imitation takes --rigs")
     check_experiments(max(rigs or 0, judged), 0, "--rigs and --held-out")
-    world = World(load_rig(rig), protocol)
-    world.task()  # raises for invalid settings before any work
+    centre = load_rig(rig) if controller is None else with_controller(with_defaults(load_rig(rig)), controller)
+    world = World(centre, protocol)
+    world = replace(world, tuned=world.task().box.names)  # raises for invalid settings before any work
     from maglev_workbench.commands.train.report import held_out_table
     from maglev_workbench.commands.train.training import judge, reinforced
     from tuning.learned.policy import load_policy, save_policy
@@ -118,6 +127,7 @@ def train(
             f"--rigs {rigs}" if by == BY[0] else f"--experiments {experiments}" + (f" --init {init}" if init else "")
         )
         command = f"maglev train --rig {rig} --by {by} --protocol {protocol} {amount} --seed {seed}"
+        command += f" --controller {quote(controller)}" if controller else ""
         save_policy(folder / POLICY, policy, {**made_by, "held_out": found, "command": command})
     data = {"schema": SCHEMA, "made_by": made_by, "log": log, "held_out": found, "seconds": seconds}
     write_json(folder / "train.json", data)

@@ -5,8 +5,6 @@ from collections.abc import Sequence
 from importlib.metadata import version
 from pathlib import Path
 
-from rich.markup import escape
-
 from maglev_env.fields import toml_text
 from maglev_env.recordings.campaign import SCHEMA, Campaign, campaign_rig, load_campaign
 from maglev_env.recordings.files import write_text_atomic
@@ -65,14 +63,15 @@ def run(
     write_text_atomic(target / "next.toml", commented(advice, block))
     write_json(target / "tune.json", data)
     write_json(json_file, data)
-    write_page(target / "tune.html", campaign_page(advice, block, {k.capitalize(): str(v) for k, v in made_by.items()}))
+    html = campaign_page(advice, block, {k.capitalize(): str(v) for k, v in made_by.items()})
+    write_page(target / "tune.html", html, [target / "tune.json", target / "next.toml"])
     for part in campaign_tables(advice):
-        console.print(escape(part) if isinstance(part, str) else part)
+        console.print(part)
     if not advice.stop:
-        console.print(f"to paste into {folder / 'campaign.toml'} when it is recorded:\n", markup=False)
-        console.print(block, markup=False, highlight=False, soft_wrap=True)
-        console.print("excitation: " + "; ".join(excitation_words(advice)), markup=False)
-    console.print(summary(advice), style="bold", markup=False)
+        console.print(f"to paste into {folder / 'campaign.toml'} when it is recorded:\n")
+        console.print(block, highlight=False, soft_wrap=True)
+        console.print("excitation: " + "; ".join(excitation_words(advice)))
+    console.print(summary(advice), style="bold")
     console.print(
         f"{advice.recordings} of {budget} recordings\npage  {target / 'tune.html'}\ntoml  {target / 'next.toml'}"
     )

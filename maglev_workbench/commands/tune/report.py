@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from plotly.graph_objects import Figure
 
 BEST = 8
+ABREAST = 3  # pairs of gains beside each other
 NONE = "None of the gains tried is recommended: "
 GOAL_HEAD = ("experiment", "score", "met", "farthest from its limit")
 STANDS = ("requirement", "mean", "limit", "95 % within tolerance", "")
@@ -59,7 +60,7 @@ def tune_tables(task: Task, found: Outcome, advice: Recommendation) -> "Iterable
     head = (*task.box.names, *(GOAL_HEAD if goal else HEAD)[1:])
     grid = Table(box=box.SIMPLE_HEAD, collapse_padding=True, pad_edge=False, title=f"Best of {len(found.trials)}")
     for name in head:
-        grid.add_column(name, justify="right")
+        grid.add_column(name.replace("_", " "), justify="right")
     for row in rows:
         grid.add_row(*row[1:])
     yield grid
@@ -158,19 +159,22 @@ def where_figure(task: Task, found: Outcome, advice: Recommendation) -> "Figure"
 
     names, gains, t = task.box.names, task.box.gains(found.trials.points), found.trials
     pairs = [(a, b) for a in range(len(names)) for b in range(a + 1, len(names))] or [(0, 0)]
-    figure = make_subplots(1, len(pairs), horizontal_spacing=0.1)
-    for column, (a, b) in enumerate(pairs, 1):
-        marker = {"color": t.score, "colorscale": "Viridis", "cmin": 0, "cmax": 1, "showscale": column == len(pairs)}
+    columns = min(len(pairs), ABREAST)
+    rows = -(-len(pairs) // columns)
+    figure = make_subplots(rows, columns, horizontal_spacing=0.1, vertical_spacing=0.25 / rows)
+    for i, (a, b) in enumerate(pairs):
+        row, column = i // columns + 1, i % columns + 1
+        marker = {"color": t.score, "colorscale": "Viridis", "cmin": 0, "cmax": 1, "showscale": i == len(pairs) - 1}
         figure.add_trace(
-            go.Scatter(x=gains[:, a], y=gains[:, b], mode="markers", marker=marker, showlegend=False), 1, column
+            go.Scatter(x=gains[:, a], y=gains[:, b], mode="markers", marker=marker, showlegend=False), row, column
         )
         if advice.chosen:
             g = task.box.gains(advice.chosen.point)
             star = {"symbol": "star", "size": 15, "color": STAR}
-            figure.add_trace(go.Scatter(x=[g[a]], y=[g[b]], mode="markers", marker=star, showlegend=False), 1, column)
+            figure.add_trace(go.Scatter(x=[g[a]], y=[g[b]], mode="markers", marker=star, showlegend=False), row, column)
         for axis, j in ((figure.update_xaxes, a), (figure.update_yaxes, b)):
-            axis(title_text=names[j], type="log" if task.box.log[j] else "linear", row=1, col=column)
-    return styled(figure, 380)
+            axis(title_text=names[j], type="log" if task.box.log[j] else "linear", row=row, col=column)
+    return styled(figure, 380 * rows)
 
 
 def _best_rows(task: Task, found: Outcome) -> list[tuple[str, ...]]:

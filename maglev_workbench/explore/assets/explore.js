@@ -1,6 +1,8 @@
 // The page of `maglev explore`. It asks the local server for every curve and every sentence; no physics is here.
 
+import { GoalBars } from "./goal.js";
 import { buildInputs } from "./inputs.js";
+import { SweepMap } from "./map.js";
 import { Panels, savePicture } from "./panels.js";
 
 const $ = (id) => document.getElementById(id);
@@ -14,6 +16,8 @@ let pinned = null;
 let past = [];
 let inputs;
 let resting;
+let map;
+const goal = new GoalBars($("goal"), start.goal);
 
 async function ask(name, setting) {
   const sent = { method: "POST", headers: { "Content-Type": "application/json" }, body: JSON.stringify(setting) };
@@ -72,6 +76,7 @@ const askCurves = newestOnly("curves", (answer) => {
   if (answer.error) return;
   show($("answer"), answer.words, true);
   layers.now = answer.curves;
+  goal.show("now", answer.goal);
   panels.draw(layers, state.units);
   document.body.dataset.drawn = Number(document.body.dataset.drawn || 0) + 1;
 });
@@ -82,6 +87,15 @@ const askExperiment = newestOnly("experiment", (answer, asked) => {
   show($("identified"), words, false);
   panels.draw(layers, state.units);
   document.body.dataset.identified = Number(document.body.dataset.identified || 0) + 1;
+  if (!answer.error) askTest(asked);
+});
+const askTest = newestOnly("test", (answer, asked) => {
+  if (JSON.stringify(asked) !== JSON.stringify(state)) return;
+  document.body.dataset.tested = Number(document.body.dataset.tested || 0) + 1;
+  if (answer.error) return say(answer);
+  goal.show("identified", answer.goal);
+  layers.identified = { ...layers.identified, ...answer.curves };
+  panels.draw(layers, state.units);
 });
 const askPinned = newestOnly("curves", (answer) => {
   layers.pinned = pinned && !answer.error ? answer.curves : EMPTY;
@@ -91,8 +105,11 @@ const askPinned = newestOnly("curves", (answer) => {
 function changed() {
   if (layers.identified !== EMPTY) {
     layers.identified = EMPTY; // it belongs to the setting before
+    goal.show("identified", []);
     show($("identified"), [{ text: "The experiment is under way; the first with a new kind of effect takes some seconds.", kind: "plain" }], false);
   }
+  map?.draw(state.gains);
+  showDiagnosed();
   askCurves({ ...state });
   clearTimeout(resting);
   resting = setTimeout(() => askExperiment({ ...state }), REST);
@@ -128,7 +145,7 @@ $("undo").onclick = () => {
   $("undo").disabled = !past.length;
   put(before);
 };
-$("reset").onclick = () => { past.push(remembered); $("undo").disabled = false; put(inputs.first); };
+$("reset").onclick = () => choose(inputs.first);
 document.addEventListener("keydown", (event) => {
   const text = event.target.matches('input[type="number"], textarea');
   if (event.key === "z" && (event.ctrlKey || event.metaKey) && !event.shiftKey && !text) {
@@ -138,6 +155,32 @@ document.addEventListener("keydown", (event) => {
 });
 $("pin").onclick = () => { pinned = inputs.read(); $("unpin").disabled = false; legend(); askPinned({ ...state, ...pinned }); };
 $("unpin").onclick = () => { pinned = null; layers.pinned = EMPTY; $("unpin").disabled = true; legend(); panels.draw(layers, state.units); };
+// Gains and effects that a button, the map or a switch puts; Undo takes them back.
+function choose(setting) {
+  past.push(remembered);
+  $("undo").disabled = false;
+  put({ ...inputs.read(), ...setting });
+}
+
+// The effects that a diagnosis found, each with a switch; their sliders keep what was found.
+const switches = new Map();
+for (const [name, values] of Object.entries(start.diagnosed)) {
+  const label = document.createElement("label");
+  const tick = Object.assign(document.createElement("input"), { type: "checkbox", id: `found-${name}` });
+  label.append(tick, ` ${name.replaceAll("_", " ")}`);
+  label.title = Object.entries(values).map(([key, value]) => `${key} ${Number(value.toPrecision(4))}`).join(", ");
+  $("diagnosed").append(label);
+  switches.set(name, tick);
+  tick.addEventListener("change", () => {
+    const { [name]: _, ...others } = inputs.read().effects;
+    choose({ effects: tick.checked ? { ...others, [name]: values } : others });
+  });
+}
+$("diagnosed").hidden = !switches.size;
+function showDiagnosed() {
+  for (const [name, tick] of switches) tick.checked = name in state.effects;
+}
+
 $("units").value = state.units;
 $("units").onchange = () => {
   const now = inputs.read();
@@ -155,7 +198,7 @@ $("axis").onchange = () => {
 $("recording").onchange = () => measured();
 $("take").onclick = () => {
   const one = start.recordings.find((r) => r.name === $("recording").value);
-  if (one && one.gains) { past.push(remembered); $("undo").disabled = false; put({ ...inputs.read(), gains: one.gains }); }
+  if (one && one.gains) choose({ gains: one.gains });
 };
 
 function others() {
@@ -224,7 +267,8 @@ $("rig").textContent = start.title;
 $("axes").hidden = !start.axes.length;
 $("axis").replaceChildren(...start.axes.map((name, i) => new Option(name, i)));
 $("recordings").hidden = !start.recordings.length;
+if (start.map) map = new SweepMap($("panels"), start.map, (unit) => start.units[state.units][unit], (gains) => choose({ gains: { ...inputs.read().gains, ...gains } }));
 build();
 legend();
 measured();
-matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => panels.recolour());
+matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => { panels.recolour(); map?.draw(state.gains); });

@@ -118,10 +118,13 @@ export function buildInputs(form, start, axis, moved) {
     }
     form.append(box);
   }
+  // What a diagnosis found and has no sliders, such as a free correction, is there as it was found or not at all.
+  for (const [name, fixed] of Object.entries(start.diagnosed))
+    if (!(name in effects)) effects[name] = { tick: { checked: true }, parts: [], inside: {}, fixed };
   const read = () => ({
     gains: Object.fromEntries(ofGains.map((row) => [row.spec.name, row.value])),
     effects: Object.fromEntries(Object.entries(effects).filter(([, e]) => e.tick.checked).map(([name, e]) => [
-      name, Object.fromEntries(e.parts.map((row) => [row.spec.name, row.value])),
+      name, e.fixed || Object.fromEntries(e.parts.map((row) => [row.spec.name, row.value])),
     ])),
   });
   const write = (setting) => {

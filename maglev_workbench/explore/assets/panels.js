@@ -152,7 +152,7 @@ class Diagram {
       ctx.lineWidth = (layer === "now" ? 2 : 1.5) * dots;
       ctx.setLineDash((DASH[layer] || []).map((length) => length * dots));
       const found = arrays(curve);
-      if (layer === "now" || layer === "pinned") this.line(ctx, found, px, py);
+      if (layer === "now" || layer === "pinned" || this.drawn.joined) this.line(ctx, found, px, py);
       else this.points(ctx, found, px, py, dots);
     }
     ctx.restore();
@@ -220,7 +220,7 @@ class Diagram {
 
   // What the curve has nearest to the pointer.
   read() {
-    const u = this.plot, now = this.layers.now;
+    const u = this.plot, now = this.layers.now || (this.drawn.joined && this.layers.identified);
     if (!u || !now || u.cursor.left < 0) { this.readout.textContent = ""; return; }
     const { x, y } = arrays(now);
     let best = -1, least = Infinity;

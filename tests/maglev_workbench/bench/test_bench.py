@@ -21,7 +21,7 @@ from maglev_workbench.commands.bench.timing import Size, alternately
 from maglev_workbench.console import write_json
 from sim2real.search import attribute
 
-TINY = Size(lanes=2, repeats=1, xy_lanes=1, record_seconds=2.0, memory_sets=(2, 4), compiled=1)
+TINY = Size(lanes=2, repeats=1, xy_lanes=1, record_seconds=2.0, memory_sets=(2, 4), compiled=0)
 SIMULATORS = ("dlsim", "forced_response", "solve_ivp")
 THREADED = ("", "_one_thread", "_two_threads")
 NAMES = {

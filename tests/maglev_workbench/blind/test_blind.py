@@ -110,6 +110,7 @@ def test_the_generators_labels_are_read(tmp_path, monkeypatch):
     plan = [generator.Case(1, "stand", "full", "single", ("runout",))]
     monkeypatch.setattr(generator, "plan", lambda count, seed: plan)
     monkeypatch.setattr(generator, "SIZES", (20.0, 21.0))
+    monkeypatch.setattr(generator, "PERIODS", 3)
     monkeypatch.setattr(gain_choice, "FACTORS", ((1.0, 1.0), (1.0, 1.4)))
     maglev("blind", "generate", "--count", 1, "--seed", 5, "--processes", 1, "--out", tmp_path / "s")
     maglev("blind", "answer", tmp_path / "s", "--processes", 1)

@@ -227,6 +227,6 @@ def test_a_campaign_without_a_rig_is_refused(tmp_path):
 
 def test_the_list_of_effects_says_what_identifies_each():
     text = maglev("effects")
-    assert "identified" in text
+    assert "Identified by" in text
     for name in EFFECTS:
         assert name in text.replace(" ", "") or name[:8] in text

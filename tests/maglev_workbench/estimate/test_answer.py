@@ -9,7 +9,9 @@ from test_estimate_report import band, identification
 from estimation.actuator import ActuatorEstimate
 from maglev_workbench.commands.estimate.answer import estimate_answer, over_bands, trusted
 from maglev_workbench.commands.estimate.pooled_report import pooled_sections
-from sim2real.pooled import AT_REST, Coefficient, Pooled
+from sim2real.coefficients import Coefficient
+from sim2real.pooled import Pooled
+from sim2real.recorded.static_evidence import AT_REST
 from sim2real.words import AT_BOUND
 
 SOFT = tuple(

@@ -135,7 +135,7 @@ def test_page_is_one_file_and_escapes_what_users_write():
     assert html.count("plotly.js v") == 1
     assert "<script>alert" not in html and "<b>note" not in html and "<i>mine" not in html
     assert "&lt;script&gt;alert(1)" in html and "one &lt;b&gt;note&lt;/b&gt;" in html
-    shown = ("in dB re 1 m\\u002fN", "A | B at 3", "promised by the gains", "ML, unbounded", "L does not cross")
+    shown = ("in dB re 1 m/N", "A | B at 3", "promised by the gains", "ML, unbounded", "L does not cross")
     assert [text for text in shown if text not in html] == []
 
 

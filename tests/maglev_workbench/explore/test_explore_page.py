@@ -16,8 +16,8 @@ pytestmark = pytest.mark.slow
 
 
 @pytest.fixture(scope="module")
-def address():
-    program = [sys.executable, "-m", "maglev_workbench", "explore", "hmb_free"]
+def address(swept):
+    program = [sys.executable, "-m", "maglev_workbench", "explore", "hmb_free", "--sweep", str(swept)]
     process = subprocess.Popen(program, stdout=subprocess.PIPE, text=True)
     yield re.search(r"http\S+", process.stdout.readline() + process.stdout.readline()).group()
     process.terminate()
@@ -65,7 +65,7 @@ def test_it_is_drawn_without_errors_and_without_sideways_scroll(opened, width, c
     page = opened(width, colours)
     assert page.said == []
     assert page.evaluate("document.documentElement.scrollWidth - innerWidth") <= 0
-    assert page.locator("#panels canvas").count() == 7 and "Stable" in page.inner_text("#answer")
+    assert page.locator("#panels canvas").count() == 10 and "Stable" in page.inner_text("#answer")
     assert page.evaluate("[...document.querySelectorAll('input,select,button')].every(e => e.id || e.labels?.length)")
 
 
@@ -80,6 +80,25 @@ def test_a_slider_moves_by_keyboard_and_undo_takes_it_back(opened):
         page.keyboard.press("Control+z")
     assert settled(page) == before and page.input_value("#field-kd") == first
     assert page.is_disabled("#undo") and page.said == []
+
+
+def test_the_map_gives_gains_by_click_and_by_key_and_the_goal_answers(opened):
+    page = opened()
+    assert page.input_value("#field-kd") == "6" and page.locator(".bar").count() == 8
+    box = page.locator("#map canvas").bounding_box()
+    page.mouse.click(box["x"] + 0.75 * box["width"], box["y"] + 0.2 * box["height"])
+    settled(page)
+    assert page.input_value("#field-kd") == "7" and page.input_value("#field-kp") == "10"
+    page.locator("#map canvas").focus()
+    page.keyboard.press("ArrowLeft")
+    settled(page)
+    assert page.input_value("#field-kp") == "8" and "kp 8 A/mm" in page.inner_text("#map .readout")
+    page.click("#undo")
+    page.click("#undo")
+    settled(page)
+    assert page.input_value("#field-kd") == "6"
+    page.wait_for_selector(".bar[data-met=open]", state="detached", timeout=60_000)
+    assert "of 8 requirements met" in page.inner_text("#goal summary") and page.said == []
 
 
 def test_units_effects_and_what_is_wrong(opened):

@@ -51,7 +51,7 @@ def host():
 
 
 def ask(host, method, path, body=None, headers=None):
-    connection = http.client.HTTPConnection(host, timeout=30)
+    connection = http.client.HTTPConnection(host, timeout=120)
     connection.request(method, path, body, headers or {})
     answer = connection.getresponse()
     return answer.status, dict(answer.getheaders()), answer.read()
@@ -139,5 +139,5 @@ def test_the_command_serves_this_machine_alone_and_ctrl_c_closes_it(tmp_path):
     at, token = re.fullmatch(r"http://(127\.0\.0\.1:\d+)/([\w-]{32,})/\n", lines[1]).groups()
     assert ask(at, "GET", f"/{token}/start")[0] == 200 and ask(at, "GET", "/start")[0] == 404
     os.kill(process.pid, signal.SIGINT)
-    assert process.wait(20) == 0 and "closed" in process.stdout.read()
+    assert process.wait(60) == 0 and "closed" in process.stdout.read()
     assert not list(tmp_path.iterdir())

@@ -2,9 +2,18 @@
 
 import json
 from functools import partial
+from types import SimpleNamespace
 
+import numpy as np
 import pytest
 from command_line import maglev
+
+from maglev_env.design.controllers import with_controller
+from maglev_env.rig.rig import load_rig
+from maglev_env.task.gain_box import gain_box
+from maglev_workbench.commands.tune.report import where_figure
+from tuning.study.recommendation import Recommendation
+from tuning.tuner import Trials
 
 run = partial(maglev, "tune")
 QUICK = ("--protocol", "quick")
@@ -41,12 +50,24 @@ def test_gains_that_do_not_hold_up_are_refused_in_words(tmp_path):
         (("--budget", 0), "Invalid value"),
         (("--rig", "pedestal"), "no controlled magnet"),
         (("--tune", "kq"), "no gain 'kq'"),
+        (("--tune", "kp=3"), "is not name or name=lo:hi"),
+        (("--controller", "pid + comb 3"), "no filter 'comb'"),
+        (("--controller", "pid + notch 650", "--method", "learned"), "train one"),
     ],
 )
 def test_bad_input_is_refused_before_any_work(tmp_path, monkeypatch, arguments, words):
     monkeypatch.chdir(tmp_path)
     assert words in run(*arguments, code=2).replace("│", "").replace("  ", " ")
     assert not list(tmp_path.iterdir())
+
+
+def test_pairs_of_many_gains_are_drawn_in_rows():
+    box = gain_box(with_controller(load_rig("hmb_free"), "pid + notch 650"))
+    points = np.random.default_rng(0).uniform(-1, 1, (4, 6))
+    trials = Trials(points, np.ones(4), np.zeros((4, 0)), ({},) * 4, np.zeros(4, bool))
+    drawn = where_figure(SimpleNamespace(box=box), SimpleNamespace(trials=trials), Recommendation(None, ()))
+    assert len(drawn.data) == 15 and drawn.layout.height == 5 * 380
+    assert drawn.layout.xaxis15.title.text == "notch_depth" and drawn.layout.yaxis15.title.text == "notch_width"
 
 
 @pytest.mark.slow

@@ -29,7 +29,7 @@ def open_folder(folder: Path, docs: Path | None, json_file: Path | None) -> None
         opened = open_set(folder, lambda n: bar.advance(task, n))
     data = blind_json(opened, made)
     write_json(folder / OPENED, data)
-    write_page(folder / "blind.html", blind_page(opened, made))
+    write_page(folder / "blind.html", blind_page(opened, made), [folder / OPENED])
     write_json(json_file, data)
     if docs is not None:
         picture = docs.with_suffix(".png")

@@ -56,11 +56,11 @@ def calibrate(
         found = from_csv(source)
     else:
         raise ValueError(f"{source}: give a campaign folder, or a .csv file with columns displacement and output")
-    write_page(page, calibrate_page(found))
+    write_page(page, calibrate_page(found), [json_file])
     write_json(json_file, calibrate_json(found))
     for table in calibrate_tables(found):
         console.print(table)
     for note in found.notes:
-        console.print(f"  note: {note}", highlight=False, markup=False)
-    console.print(calibrate_summary(found), markup=False)
-    console.print(f"page  {page}", markup=False)
+        console.print(f"  note: {note}", highlight=False)
+    console.print(calibrate_summary(found))
+    console.print(f"page  {page}")

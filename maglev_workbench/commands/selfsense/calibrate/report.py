@@ -39,17 +39,16 @@ if TYPE_CHECKING:
 def calibrate_tables(c: Calibration) -> "list[rich.table.Table]":
     """One table of names and values per calibration."""
     from rich import box
-    from rich.markup import escape
     from rich.table import Table
 
     found = []
     rows = [(f"static: {s.name}", _static_facts(s)) for s in c.static]
     for title, pairs in [*rows, *((f"dynamic: {d.name}", _dynamic_facts(d)) for d in c.dynamic)]:
-        result = Table(box=box.SIMPLE_HEAD, pad_edge=False, title=escape(title), show_header=False)
+        result = Table(box=box.SIMPLE_HEAD, pad_edge=False, title=title, show_header=False)
         result.add_column()
         result.add_column()
         for name, text in pairs.items():
-            result.add_row(name, escape(text))
+            result.add_row(name, text)
         found.append(result)
     return found
 
@@ -164,7 +163,8 @@ def _dynamic_note(c: Calibration) -> str:
         return ""
     lag, _ = lag_at(c.dynamic[0], MEASURED_AT)
     return (
-        "Black: the linear model. The best delay is that of the higher frequencies, where most of the phase is; low "
+        "Black (white on a dark screen): "
+        "the linear model. The best delay is that of the higher frequencies, where most of the phase is; low "
         f"ones lag a little longer. The dissertation measured {MEASURED_LAG:g}° at {MEASURED_AT:g} Hz, a delay of "
         f"556 us, and left it unexplained: the estimator simulated here lags {number(lag)}° there and does not explain "
         f"it either. The dissertation's simulation lagged {TOP_LAG:g}° at 4 kHz; the gains here are those with the "

@@ -32,14 +32,13 @@ _WHY = {
 def estimate_table(rig: Rig, coils: Sequence[SensedCoil]) -> "rich.table.Table":
     """The recordings in 80 columns."""
     from rich import box
-    from rich.markup import escape as plain_text
     from rich.table import Table
 
     result = Table(box=box.SIMPLE_HEAD, pad_edge=False, collapse_padding=True, title=f"Gap by the coils of {rig.name}")
     for name in _HEAD:
         result.add_column(name, justify="left" if name == "recording" else "right")
     for coil in coils:
-        result.add_row(*map(plain_text, _row(coil)))
+        result.add_row(*_row(coil))
     if any(c.comparison for c in coils):
         result.caption = "Error: estimated less recorded gap (at rest less displacement), lag counted."
     return result

@@ -18,7 +18,8 @@ from maglev_env.rig.excitation import lines_at
 from maglev_env.rig.rig import Rig
 from maglev_env.rig.self_sensor import rig_sensors
 from selfsense.sensor import SelfSensor
-from tuning.sweep import Axis, Sweep, gain_sets
+from tuning.axis import Axis
+from tuning.sweep import Sweep, gain_sets
 
 SENSORS = ("probe", "self_sensing")
 SEEDS = 8  # experiments with noise of their own, half of the lanes of a block

@@ -110,7 +110,8 @@ def noise_page(s: NoiseStudy) -> str:
         (
             "",
             note(
-                "Black: lag and ripple of the estimate alone; blue less black is the noise, inside the dashed lines "
+                "Black (white on a dark screen): "
+                "lag and ripple of the estimate alone; blue less black is the noise, inside the dashed lines "
                 "95 % of the time if it reached the bound."
             ),
         ),

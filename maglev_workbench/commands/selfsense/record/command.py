@@ -56,10 +56,8 @@ def record(
         toml = write_campaign(out, rig, {}, [(NAME, "fit", dataset, None)], data_format)
         bar.advance(task)
     samples, rate = dataset.sizes["time"], sensor.acquisition.rate
-    console.print(
-        f"{samples} samples of {loaded.name}'s coil at {rate / 1e3:g} kHz, {reading_text(sensor)}", markup=False
-    )
-    console.print(f"campaign  {toml}\nnext      maglev selfsense estimate {out}", markup=False)
+    console.print(f"{samples} samples of {loaded.name}'s coil at {rate / 1e3:g} kHz, {reading_text(sensor)}")
+    console.print(f"campaign  {toml}\nnext      maglev selfsense estimate {out}")
     summary = {
         "schema": "maglev-selfsense-record/1",
         "version": version("maglev-workbench"),

@@ -108,7 +108,10 @@ def rivals_page(r: Rivalry) -> str:
         ("What they read", series(r)),
         (
             "",
-            note("Black: true position. A force step is a displacement to observer and filter; the estimator follows."),
+            note(
+                "Black (white on a dark screen): "
+                "true position. A force step is a displacement to observer and filter; the estimator follows."
+            ),
         ),
         ("How it was compared", note(how + sampling_note(r.sensor) + f"The rivals run at {pwm / 1e3:g} kHz.")),
     ]

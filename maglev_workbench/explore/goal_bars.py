@@ -1,0 +1,123 @@
+"""How a setting stands to the goal: at once by the linear model, and by the experiment with its large-signal test."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from maglev_env.design.goals import engineer, goal_of
+from maglev_env.evaluation.evaluate import evaluate
+from maglev_env.evaluation.goal_score import in_words, misses
+from maglev_env.evaluation.requirements import events_of
+from maglev_env.experiment import Experiment
+from maglev_env.kernel.events import simulated_events
+from maglev_env.kernel.simulate import own_lanes
+from maglev_env.rig.goal import Goal, Requirement
+from maglev_env.rig.rig import Rig
+from maglev_workbench.explore.curves import LoopCurves
+from maglev_workbench.goal_page import PREFIX, requirement_rows
+
+FOLLOWED = {"step": "load", "lift_off": "lift_off"}  # events that are drawn, and their panels
+DRAWN = 400  # points of an event's curve
+
+
+@dataclass(frozen=True)
+class Bar:
+    """One requirement.
+
+    Args:
+        name: of the quantity.
+        words: the requirement with its limit.
+        value: with unit and, where it is known, its interval.
+        share: of the limit that is used; above 1 it is missed.
+        met: whether it is met.
+    """
+
+    name: str
+    words: str
+    value: str
+    share: float
+    met: bool
+
+
+@dataclass(frozen=True)
+class Tested:
+    """The experiment and its large-signal test.
+
+    Args:
+        row: quantities of the goal with their intervals, named as the columns of a sweep.
+        events: times (n,), s, and displacements from where the rotor hovers (n,), m, by panel.
+    """
+
+    row: Mapping[str, float]
+    events: Mapping[str, tuple[np.ndarray, np.ndarray]]
+
+
+def shown_goal(rig: Rig) -> Goal:
+    """The goal of a rig, or what an engineer asks for where it has none; on the rig itself, however many it names."""
+    return replace(goal_of(rig) or engineer(rig), rigs=0)
+
+
+def followed(rig: Rig) -> dict[str, Requirement]:
+    """Requirements that state the events to draw, by panel: the goal's, else the engineer's."""
+    own = goal_of(rig)
+    events = engineer(rig).events | (own.events if own else {})
+    return {panel: events[kind] for kind, panel in FOLLOWED.items() if kind in events}
+
+
+def linear_row(found: LoopCurves) -> dict[str, float]:
+    """What the linear model knows of a stable loop, without simulating, named as the columns of a sweep."""
+    if found.margins is None:
+        return {}
+    m = found.margins
+    values = {name: m[name] for name in ("peak_sensitivity", "phase_margin", "disk_margin")}
+    values["gain_margin"] = float(np.fmin(m["gain_margin_high"], 1 / m["gain_margin_low"]))
+    if found.in_target is not None:
+        values["stiffness"], values["damping"] = found.in_target
+    return {PREFIX + name: value for name, value in values.items()}
+
+
+def bars(goal: Goal, row: Mapping[str, float], found: LoopCurves | None = None) -> list[Bar]:
+    """The requirements whose quantities a row has; of `found`, the compliance at the lines that each one names."""
+    row = dict(row)
+    rows = []
+    for one in goal.requirements:
+        if one.name == "compliance" and found is not None and found.compliance is not None:
+            low, high = one.band
+            assert found.lines is not None  # of the same frequencies
+            row[PREFIX + one.name] = float(found.compliance[(found.lines >= low) & (found.lines <= high)].max())
+        if PREFIX + one.name not in row:
+            continue
+        missed = float(misses(one, np.array([row[PREFIX + one.name]]))[0])
+        value = requirement_rows(Goal((one,)), row)[0][1]
+        rows.append(Bar(one.name, in_words(one), value, float(np.exp(missed)), missed <= 0))
+    return rows
+
+
+def simulated_goal(experiment: Experiment, goal: Goal, axis: int) -> Tested:
+    """Simulate an experiment for what the goal measures, and the events of `followed`.
+
+    Args:
+        experiment: a stable loop under the rig's protocol.
+        goal: of `shown_goal`; on an x-y rig the worse axis counts.
+        axis: of the curves.
+
+    Raises:
+        ValueError: A time of the goal is too long for the experiment.
+    """
+    rig = replace(experiment.rig, target=replace(experiment.rig.target, goal=goal.text))
+    found = evaluate([replace(experiment, rig=rig)], threads=1, bands=np.array([rig.target.band], dtype=float))
+    row: dict[str, float] = {}
+    for end, values in (("", found.required), ("_low", found.required_low), ("_high", found.required_high)):
+        row |= {f"{PREFIX}{name}{end}": float(value[0]) for name, value in values.items()}
+    of_panel = followed(experiment.rig)
+    if not of_panel:
+        return Tested(row, {})
+    hover, events = events_of(Goal(tuple(of_panel.values())), experiment)
+    hovering, *series = simulated_events(own_lanes([experiment]), hover, events, threads=1)
+    rest = hovering[0, 0, axis].mean()
+    curves = {}
+    for event, one in zip(events, series, strict=True):
+        drawn = np.linspace(0, event.samples - 1, min(DRAWN, event.samples)).astype(int)
+        curves[FOLLOWED[event.kind]] = drawn / experiment.rig.control_rate, one[0, 0, axis][drawn] - rest
+    return Tested(row, curves)
