@@ -4,7 +4,8 @@ from dataclasses import replace
 
 from maglev_env.rig.excitation import Excitation
 from maglev_env.rig.rig import Rig, load_rig
-from tuning.sweep import Axis, Sweep
+from tuning.axis import Axis
+from tuning.sweep import Sweep
 
 
 def short_rig() -> Rig:
