@@ -293,10 +293,10 @@ def drawn_options(rng: Rng, command: Any, few: int = 3) -> list[str]:
     named = [p for p in command.params if getattr(p, "opts", None) and p.opts[0].startswith("--") and p.name != "help"]
     for p in rng.permutation(np.array(named, dtype=object))[: int(rng.integers(1, few + 1))] if named else ():
         option = pick(rng, [*p.opts, *p.secondary_opts])
-        kind = str(kinds[p.name]).lower()
         if getattr(p, "is_flag", False):
             words.append(option)
             continue
+        kind = str(kinds[p.name]).lower()
         values = NUMBERS if "int" in kind or "float" in kind else PATHS if "path" in kind else (*TEXTS, *PATHS)
         words += [option, pick(rng, values)]
     return words

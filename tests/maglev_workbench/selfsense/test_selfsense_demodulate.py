@@ -83,10 +83,12 @@ def test_console_and_page_say_the_answer_first_with_noise_and_bits(default):
 def test_a_seed_gives_the_same_file_and_another_seed_other_noise(tmp_path):
     files = []
     for i, seed in enumerate((3, 3, 4)):
-        run("--out", tmp_path / f"{i}.html", "--json", tmp_path / f"{i}.json", "--seed", seed, "--frequency", 250)
-        files.append((tmp_path / f"{i}.json").read_text())
+        own = tmp_path / str(i)  # a page links to the others of its folder
+        own.mkdir()
+        run("--out", own / "d.html", "--json", own / "d.json", "--seed", seed, "--frequency", 250)
+        files.append((own / "d.json").read_text())
     assert files[0] == files[1] != files[2]
-    assert (tmp_path / "0.html").read_text() == (tmp_path / "1.html").read_text()
+    assert (tmp_path / "0" / "d.html").read_text() == (tmp_path / "1" / "d.html").read_text()
     first, other = (json.loads(f)["duty"]["constant"]["estimated"]["rms"] for f in files[::2])
     assert first != other and first == pytest.approx(other, rel=0.1)
 

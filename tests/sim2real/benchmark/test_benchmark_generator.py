@@ -69,7 +69,7 @@ def test_the_vocabulary_is_that_of_the_cards_and_every_kind_shows():
     detectors = {}
     for family in FAMILIES:
         rig, recording = loop(family)
-        drive = replace(recording.drive, wave=recording.drive.wave[: recording.drive.wave.size // 3])
+        drive = replace(recording.drive, wave=recording.drive.wave[: recording.drive.wave.size // 2])
         recording = replace(recording, drive=drive, speed=400.0)
         detectors[family] = Detector(Truth(rig), [recording], True, 1)
     for name, kind in KINDS.items():

@@ -120,7 +120,9 @@ def test_a_sealed_set_is_refused_until_it_is_opened(tmp_path):
         (("--twin", "set", "--budgets", "0"), "--budgets '0'"),
     ],
 )
-def test_options_that_do_not_go_together_are_refused(arguments, words):
+def test_options_that_do_not_go_together_are_refused(arguments, words, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "set").mkdir()
     result = RUN.invoke(app, ["compare", *arguments])
     assert result.exit_code == 2 and words in " ".join(result.output.split())
 
