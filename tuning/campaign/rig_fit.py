@@ -19,6 +19,7 @@ from tuning.campaign.recorded_sets import GainSet
 
 MODEL_ERROR = 0.01  # relative error of a linear model of few parameters, at any line
 DELAY_SPREAD, MOST_DELAY = 2.0, 20.0  # control samples: prior standard deviation, and largest value
+MASS = 0.01  # relative standard deviation of a mass without a stated tolerance: it is weighed
 FACTORS = 4.0  # largest factor by which a parameter may differ from the nominal one
 CONTRADICTED = 25.0  # misfit above which the model is wrong: residuals five times as large as noise and model error
 
@@ -49,12 +50,12 @@ class IdentifiedRig:
         """The rig at parameters theta (p,), by default the best; it has the delay as an effect."""
         return _rig(self.nominal, self.names, self.theta if theta is None else theta)
 
-    def drawn(self, n: int, rng: np.random.Generator) -> list[Rig]:
-        """n rigs drawn from the posterior, which is normal in theta; negative delays are set to zero."""
+    def drawn(self, n: int, rng: np.random.Generator) -> np.ndarray:
+        """theta (n, p) drawn from the posterior, which is normal; negative delays are set to zero."""
         draws = rng.multivariate_normal(self.theta, self.covariance, n, method="eigh")
         draws[:, :-1] = np.clip(draws[:, :-1], -np.log(FACTORS), np.log(FACTORS))
         draws[:, -1] = np.clip(draws[:, -1], 0.0, _most_delay(self.nominal))
-        return [self.rig(theta) for theta in draws]
+        return draws
 
     def told(self) -> dict[str, tuple[float, float, float]]:
         """Name -> (value, standard error, nominal value), SI."""
@@ -73,8 +74,9 @@ class IdentifiedRig:
 def fit_rig(rig: Rig, sets: Sequence[GainSet]) -> IdentifiedRig:
     """Fit the linearised loop's receptance and sensitivity to the measured ones, all sets together.
 
-    Mass, actuator gain, negative stiffness and every other parameter with a range or tolerance move on a logarithmic
-    scale with a normal prior. A delay, which every digital loop has, is fitted as well.
+    Actuator gain, negative stiffness and every other parameter with a range or tolerance move on a logarithmic scale
+    with a normal prior; the mass moves within its stated tolerance. A delay, which every digital loop has, is fitted
+    too.
 
     Raises:
         ValueError: No set shows anything.
@@ -130,8 +132,16 @@ def _parameters(rig: Rig) -> tuple[tuple[str, ...], np.ndarray]:
     }
     frequency = np.geomspace(1e-4, 0.2, 12) * rig.control_rate
     names = [name for name in ranges if getattr(rig, name) and _seen(rig, name, frequency)]
-    spread = [log_spread(ranges[n]) for n in names]
+    spread = [stated_mass(rig) if n == "mass" else log_spread(ranges[n]) for n in names]
     return (*names, "delay"), np.array([*spread, DELAY_SPREAD])
+
+
+def stated_mass(rig: Rig) -> float:
+    """Relative standard deviation of the mass as the recordings show it: the rotor was weighed, the probe calibrated.
+
+    A probe that reads too much makes every response look like that of a lighter rotor.
+    """
+    return float(np.hypot(rig.tolerance.get("mass", MASS), rig.tolerance.get("probe_gain", 0.0)))
 
 
 def _most_delay(rig: Rig) -> float:

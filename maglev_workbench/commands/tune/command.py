@@ -61,12 +61,13 @@ def tune(
     """Spend a budget of experiments on a simulated rig and recommend robust gains, or say why there are none.
 
     With --campaign the rig is real: from the recordings so far, the next gains to record or to keep are proposed.
-    It takes some seconds for ten experiments, and less than a minute for hundreds.
+    It takes some seconds for ten experiments, and less than a minute for hundreds; a campaign whose recordings
+    contradict its rig is diagnosed too, which takes minutes.
     """
     if campaign is not None:
         from maglev_workbench.commands.tune import campaign as real
 
-        real.run(campaign, budget, tuned, seed, out, json_file, given(context))
+        real.run(campaign, budget, tuned, seed, out, json_file, given(context), goal)
         return
     require_choice(method, METHODS, "--method")
     from dataclasses import asdict
