@@ -246,10 +246,9 @@ def _large(model: Model, lanes: Trials, turn: np.ndarray, seen: GainSet | None) 
             values = values * known / values[0]
         found[name] = values
     found["displacement"] = found["peak_displacement"] / model.task.rig.clearance
-    events = {n.removeprefix("required_") for n in lanes.info[0] if n.startswith("required_")}
-    for name in ("impulse_displacement", "recovery_time", "lift_off_time", "current_peak"):
-        if name in events:
-            found[name] = _of(lanes, name, np.inf)[turn]
+    for one in model.goal.measured if model.goal else ():
+        if one.quantity.event not in (None, "hover"):
+            found[one.name] = _of(lanes, one.name, np.inf)[turn]
     return found
 
 
@@ -268,7 +267,7 @@ def _interval(values: np.ndarray) -> Value:
     if not known.size:
         return Value(np.nan, np.nan, np.nan)
     low, high = np.percentile(known, LEVEL, method="closest_observation")
-    return Value(float(values[0]), float(low), float(high))
+    return Value(float(values[0]), min(float(low), float(values[0])), max(float(high), float(values[0])))
 
 
 def _reason(ends: Mapping[str, Value], held: bool) -> str | None:

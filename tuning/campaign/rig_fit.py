@@ -19,6 +19,7 @@ from tuning.campaign.recorded_sets import GainSet
 
 MODEL_ERROR = 0.01  # relative error of a linear model of few parameters, at any line
 DELAY_SPREAD, MOST_DELAY = 2.0, 20.0  # control samples: prior standard deviation, and largest value
+STEP = 1e-3  # of a finite difference, ln of a factor or control samples
 MASS = 0.01  # relative standard deviation of a mass without a stated tolerance: it is weighed
 FACTORS = 4.0  # largest factor by which a parameter may differ from the nominal one
 CONTRADICTED = 25.0  # misfit above which the model is wrong: residuals five times as large as noise and model error
@@ -112,11 +113,16 @@ def fit_rig(rig: Rig, sets: Sequence[GainSet]) -> IdentifiedRig:
             parts += [miss.real, miss.imag]
         return np.concatenate([*parts, (theta - centre) / prior])
 
+    def jacobian(theta: np.ndarray) -> np.ndarray:
+        """By steps that do not shrink with a parameter: a delay may be zero."""
+        at = residuals(theta)
+        return np.stack([(residuals(theta + step) - at) / STEP for step in STEP * np.eye(theta.size)], axis=1)
+
     most = np.append(np.full(len(names) - 1, np.log(FACTORS)), _most_delay(rig))
     least = np.append(-most[:-1], 0.0)
     start = np.append(np.zeros(len(names) - 1), max(own_delay, 0.2))  # inside the bounds
     found = scipy.optimize.least_squares(
-        residuals, start, bounds=(least, most), x_scale=prior, diff_step=1e-5, max_nfev=40
+        residuals, start, jacobian, bounds=(least, most), x_scale=prior, max_nfev=40
     )
     data = found.fun[: -len(names)]
     misfit = float(data @ data / max(data.size - len(names), 1))
