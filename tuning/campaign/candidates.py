@@ -1,7 +1,7 @@
 """What gains reach on a rig: by the responses that were measured, and by the fitted rig what responses do not show."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -149,13 +149,16 @@ def predict(model: Model, gains: Gains, responses: Carried | None = None, seen: 
     point = model.point(gains)
     apart = 0.0 if seen else model.apart(gains)
     lanes = experiments(model.task, model.episodes, np.tile(point, (RIGS, 1)), [0] * RIGS)
-    held = not lanes.touchdown.any() and bool((_of(lanes, "pole_radius") < 1).all())
+    # What was recorded has levitated, whatever a model says.
+    held = seen is not None or (not lanes.touchdown.any() and bool((_of(lanes, "pole_radius") < 1).all()))
     values = _linear(model, responses or model.responses, gains, apart, DRAWS)
     turn = np.arange(DRAWS) % RIGS  # the rig on which the large signals of a draw are simulated
     values |= _large(model, lanes, turn, seen)
     scores, by = _scored(model, values)
     quantities = {"score": scores, **values}
     ends = {name: _interval(v) for name, v in quantities.items()}
+    # A score has a largest value, where its distribution ends at once: what lies above the percentile is part of it.
+    ends["score"] = replace(ends["score"], high=float(scores.max()))
     s = np.abs((responses or model.responses).sensitivity(gains, apart))
     shape = (model.responses.injected, s[0], *np.percentile(s, LEVEL, axis=0))
     met, missed, unsure = None, (), ()

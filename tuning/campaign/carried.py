@@ -16,8 +16,9 @@ from tuning.campaign.rig_fit import IdentifiedRig
 
 DRAWS = 64  # the first is the best estimate
 # The relative difference between measured and fitted response is a Gaussian process over the logarithm of the
-# frequency. Its standard deviation and length (of ln f) are those of the largest marginal likelihood among these.
+# frequency. Its standard deviation and length (of ln f) are among these, by their marginal likelihoods.
 DEVIATIONS, LENGTHS = (0.003, 0.01, 0.03, 0.1, 0.3), (0.03, 0.1, 0.3, 1.0)
+LEAST = 0.02  # probability below which a standard deviation and length are left out
 MOST_LINES = 200  # more are averaged in bins of the logarithm of the frequency
 ELSEWHERE = 0.01  # relative standard deviation by which the plant may change where the controller doubles
 ELSEWHERE_LENGTH = 1.0  # of ln f, over which that change is one
@@ -150,33 +151,41 @@ def _binned(ratio: np.ndarray, variance: np.ndarray, frequency: np.ndarray) -> t
 def _differences(measured: Response, model: np.ndarray, every: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     """Relative difference (draws, n) of the true response from each draw's model (draws, n) at frequencies every (n,).
 
-    Draws by Matheron's rule: a path of the prior, corrected by what the measurement says of it.
+    Draws by Matheron's rule: a path of the prior, corrected by what the measurement says of it. How large and how long
+    the differences are is itself drawn by its likelihood; the first draw takes the likeliest.
     """
     at = _among(every, measured.frequency)
     variance = measured.variance / np.abs(model[0, at]) ** 2
     ratio, variance, place = _binned(measured.value / model[:, at] - 1, variance, measured.frequency)
-    sd, length = _likeliest(ratio[0], variance, place)
+    kinds, weights = _likely(ratio[0], variance, place)
+    which = rng.choice(len(kinds), len(ratio), p=weights)
+    which[0] = int(weights.argmax())
     everywhere = np.concatenate([place, np.log(every)])
-    k = sd**2 * np.exp(-0.5 * ((everywhere[:, None] - everywhere) / length) ** 2)
-    m = place.size
-    path = _complex(rng, len(ratio), everywhere.size) @ _root(k).T
-    noise = _complex(rng, len(ratio), m) * np.sqrt(variance)
-    path[0], noise[0] = 0.0, 0.0
-    return path[:, m:] + (ratio - path[:, :m] - noise) @ np.linalg.solve(k[:m, :m] + np.diag(variance), k[:m, m:])
-
-
-def _likeliest(ratio: np.ndarray, variance: np.ndarray, place: np.ndarray) -> tuple[float, float]:
-    apart = (place[:, None] - place) ** 2
-    best, found = -np.inf, (DEVIATIONS[0], LENGTHS[-1])
-    for length in LENGTHS:
-        shape = np.exp(-0.5 * apart / length**2)
-        for sd in DEVIATIONS:
-            factor = scipy.linalg.cho_factor(sd**2 * shape + np.diag(variance), lower=True)
-            fit = float(np.real(np.conj(ratio) @ scipy.linalg.cho_solve(factor, ratio)))
-            value = -fit - 2 * float(np.log(np.diag(factor[0])).sum())
-            if value > best:
-                best, found = value, (sd, length)
+    squared, m = (everywhere[:, None] - everywhere) ** 2, place.size
+    normal, noise = _complex(rng, len(ratio), everywhere.size), _complex(rng, len(ratio), m) * np.sqrt(variance)
+    normal[0], noise[0] = 0.0, 0.0
+    found = np.empty((len(ratio), every.size), complex)
+    for kind in np.unique(which):
+        own, (sd, length) = which == kind, kinds[kind]
+        k = sd**2 * np.exp(-0.5 * squared / length**2)
+        path = normal[own] @ _root(k).T
+        left = ratio[own] - path[:, :m] - noise[own]
+        found[own] = path[:, m:] + left @ np.linalg.solve(k[:m, :m] + np.diag(variance), k[:m, m:])
     return found
+
+
+def _likely(ratio: np.ndarray, variance: np.ndarray, place: np.ndarray) -> tuple[list[tuple[float, float]], np.ndarray]:
+    """(standard deviation, length) of the differences, and their probabilities, for which LEAST is the smallest."""
+    squared = (place[:, None] - place) ** 2
+    kinds = [(sd, length) for length in LENGTHS for sd in DEVIATIONS]
+    values = []
+    for sd, length in kinds:
+        factor = scipy.linalg.cho_factor(sd**2 * np.exp(-0.5 * squared / length**2) + np.diag(variance), lower=True)
+        fit = float(np.real(np.conj(ratio) @ scipy.linalg.cho_solve(factor, ratio)))
+        values.append(-fit - 2 * float(np.log(np.diag(factor[0])).sum()))
+    weights = np.exp(np.array(values) - max(values))
+    weights[weights < LEAST * weights.sum()] = 0.0
+    return kinds, weights / weights.sum()
 
 
 def _smooth(frequency: np.ndarray, draws: int, rng: np.random.Generator) -> np.ndarray:

@@ -127,6 +127,13 @@ def next_step(
             + (f". {found.sentence}" if found else "; `maglev diagnose` on this campaign says where and why"),
             *notes,
         )
+    if identified.other_mass:
+        notes = (
+            f"the recordings look like those of another mass than the stated {task.rig.mass:.4g} kg, by more than its "
+            "tolerance and that of the probe: weigh the rotor, and check the scales of force and displacement; gains "
+            "are judged by the stated mass",
+            *notes,
+        )
     if task.layout.goal and task.layout.goal.rigs:
         notes = (f"worst of {task.layout.goal.rigs} rigs: judged on what the recordings leave of this one rig", *notes)
     model = model_of(task, corners, identified, carried(identified, told, seed), told, seed)

@@ -21,6 +21,7 @@ MODEL_ERROR = 0.01  # relative error of a linear model of few parameters, at any
 DELAY_SPREAD, MOST_DELAY = 2.0, 20.0  # control samples: prior standard deviation, and largest value
 STEP = 1e-3  # of a finite difference, ln of a factor or control samples
 MASS = 0.01  # relative standard deviation of a mass without a stated tolerance: it is weighed
+STATED = 3.0  # standard deviations by which the mass may differ from the stated one
 FACTORS = 4.0  # largest factor by which a parameter may differ from the nominal one
 CONTRADICTED = 25.0  # misfit above which the model is wrong: residuals five times as large as noise and model error
 
@@ -46,6 +47,12 @@ class IdentifiedRig:
     @property
     def contradicted(self) -> bool:
         return self.misfit > CONTRADICTED
+
+    @property
+    def other_mass(self) -> bool:
+        """Whether the recordings look like another mass than the stated one."""
+        at = dict(zip(self.names, self.theta, strict=True)).get("mass", 0.0)
+        return abs(at) > 0.99 * STATED * stated_mass(self.nominal)
 
     def rig(self, theta: np.ndarray | None = None) -> Rig:
         """The rig at parameters theta (p,), by default the best; it has the delay as an effect."""
@@ -118,12 +125,11 @@ def fit_rig(rig: Rig, sets: Sequence[GainSet]) -> IdentifiedRig:
         at = residuals(theta)
         return np.stack([(residuals(theta + step) - at) / STEP for step in STEP * np.eye(theta.size)], axis=1)
 
-    most = np.append(np.full(len(names) - 1, np.log(FACTORS)), _most_delay(rig))
-    least = np.append(-most[:-1], 0.0)
+    most = np.array([STATED * prior[i] if n == "mass" else np.log(FACTORS) for i, n in enumerate(names)])
+    least = -most
+    most[-1], least[-1] = _most_delay(rig), 0.0
     start = np.append(np.zeros(len(names) - 1), max(own_delay, 0.2))  # inside the bounds
-    found = scipy.optimize.least_squares(
-        residuals, start, jacobian, bounds=(least, most), x_scale=prior, max_nfev=40
-    )
+    found = scipy.optimize.least_squares(residuals, start, jacobian, bounds=(least, most), x_scale=prior, max_nfev=40)
     data = found.fun[: -len(names)]
     misfit = float(data @ data / max(data.size - len(names), 1))
     covariance = np.linalg.inv(found.jac.T @ found.jac) * max(1.0, misfit)

@@ -42,7 +42,7 @@ def test_without_a_recording_it_starts_at_the_preset(tmp_path):
     block = tomllib.loads((tmp_path / "tune" / "next.toml").read_text())["recording"][0]
     assert block["gains"]["kp"] == 8000.0 and block["file"] == "run1.mat" and len(block["excitation"]) == 2
     data = json.loads((tmp_path / "a.json").read_text())
-    assert data["schema"] == "maglev-tune-campaign/1" and data["next"]["kd"] == 5.2 and data["stop"] is None
+    assert data["schema"] == "maglev-tune-campaign/2" and data["next"]["kd"] == 5.2 and data["stop"] is None
     assert "To record" in (tmp_path / "tune" / "tune.html").read_text()
 
 
@@ -103,6 +103,7 @@ def test_the_next_recording_keeps_the_channels_of_the_last(tmp_path):
     ("arguments", "words"),
     [
         (("--rig", "hmb_free"), "--rig: not with --campaign"),
+        (("--goal", "peak_sensitivity >= 3"), "is a limit of the form <="),
         (("--method", "de", "--effect", "delay=1e-5"), "--method, --effect: not with --campaign"),
         (("--tune", "kq"), "no gain 'kq'"),
     ],
