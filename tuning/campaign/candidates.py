@@ -23,7 +23,9 @@ from tuning.tuner import Trials
 RIGS = 12  # of the posterior, on which large signals are simulated; the first is the best estimate
 FEW = 8  # draws of the responses by which a search judges how sure margins are
 LEVEL = (2.5, 97.5)  # percentiles of a 95 % interval
-SEEN = ("peak_displacement", "current_rms", "noise_current")  # large-signal figures that recordings show, too
+# Large-signal figures that recordings show, too, with the relative standard error of one recording.
+SEEN = {"peak_displacement": 0.02, "current_rms": 0.005, "noise_current": 0.03}
+EVENT_ERROR = 0.05  # relative standard deviation of what an event of the fitted rig shows from that of the true one
 RESERVE = 0.05  # share by which a margin's bound misses its limit where a search halves the score
 
 
@@ -190,7 +192,7 @@ def search_scores(model: Model, points: np.ndarray, limit: float) -> np.ndarray:
     """
     n = len(points)
     lanes = experiments(model.task, [model.episodes[0]] * n, points, [0] * n)
-    large = _large(model, lanes, np.arange(n), None)
+    large = _large(model, lanes, np.arange(n), None, scatter=False)
     found = np.zeros(n)
     for i, point in enumerate(points):
         if lanes.touchdown[i] or not lanes.info[i].get("pole_radius", 1.0) < 1:
@@ -238,20 +240,26 @@ def _linear(model: Model, responses: Carried, gains: Gains, apart: float, draws:
     return found
 
 
-def _large(model: Model, lanes: Trials, turn: np.ndarray, seen: GainSet | None) -> dict[str, np.ndarray]:
+def _large(
+    model: Model, lanes: Trials, turn: np.ndarray, seen: GainSet | None, scatter: bool = True
+) -> dict[str, np.ndarray]:
     """What the experiment and the events show of large signals, for each draw that of its lane."""
     own = _measured(seen) if seen else {}
-    found = {}
-    for name in SEEN:
+    found, rng = {}, np.random.default_rng(141421)
+
+    def scattered(values: np.ndarray, error: float) -> np.ndarray:
+        normal = scatter * rng.standard_normal(turn.size)
+        normal[0] = 0.0
+        return values * np.exp(error * normal)
+
+    for name, error in SEEN.items():
         known = own.get(name, np.nan)
-        values = _of(lanes, name)[turn] * model.ratios.get(name, 1.0)
-        if known > 0:
-            values = values * known / values[0]
-        found[name] = values
+        values = np.full(turn.size, known) if known > 0 else _of(lanes, name)[turn] * model.ratios.get(name, 1.0)
+        found[name] = scattered(values, error)
     found["displacement"] = found["peak_displacement"] / model.task.rig.clearance
     for one in model.goal.measured if model.goal else ():
         if one.quantity.event not in (None, "hover"):
-            found[one.name] = _of(lanes, one.name, np.inf)[turn]
+            found[one.name] = scattered(_of(lanes, one.name, np.inf)[turn], EVENT_ERROR)
     return found
 
 

@@ -286,8 +286,11 @@ def _onward(advice: Advice, model: Model, seed: int, budget: int) -> Advice:
             if why is None and not _near(advice, model, prediction.gains):
                 words = f"the best recorded gains are not to be kept ({thin}); these calm the loop first"
                 return replace(advice, next=prediction.gains, prediction=prediction, why=words, kind="calm")
-    unsure = thin is not None or share == 0.0 or bool(advice.claimed[best].unsure)
-    if unsure and len(advice.sets[best].files) < REPEATED and advice.recordings + 1 < budget:
+    if (
+        (thin is not None or share == 0.0)
+        and len(advice.sets[best].files) < REPEATED
+        and advice.recordings + 1 < budget
+    ):
         words = "the same gains again: what was recorded leaves too wide a range to go on or to keep them"
         same = advice.sets[best].gains
         return replace(
