@@ -76,30 +76,31 @@ def carried(identified: IdentifiedRig, sets: Sequence[GainSet], seed: int) -> Ca
     injected, forced = _lines(rig, "current"), _lines(rig, "force")
     plant = _agreed([s.plant for s in sets if s.plant])
     shaken = [s for s in sets if s.receptance]
-    shown = [c.frequency for s in sets for c in (s.plant, s.receptance) if c]
-    every = np.unique(np.round(np.concatenate([injected, forced, *shown]), 9))
+    wanted = np.unique(np.round(np.concatenate([injected, forced, *(s.receptance.frequency for s in shaken)]), 9))
+    every = np.unique(np.concatenate([wanted, np.round(plant.frequency, 9)])) if plant else wanted
     thetas = np.vstack([identified.theta, identified.drawn(DRAWS - 1, rng)])
     models = [_open(identified.rig(theta), every) for theta in thetas]
     p, g = (np.array([m[k] for m in models]) for k in range(2))
-    if plant:
-        p = p * (1 + _differences(plant, p, every, rng))
-    z = np.exp(2j * np.pi * every / rate)
+    at = _among(every, wanted)
+    g = g[:, at]
+    p = p[:, at] * (1 + (_differences(plant, p, every, wanted, rng) if plant else 0.0))
+    z = np.exp(2j * np.pi * wanted / rate)
     if shaken:
         loops = [controller_response(s.gains, z, 1 / rate) for s in shaken]
         parts = []
         for s, c in zip(shaken, loops, strict=True):
-            at = _among(every, s.receptance.frequency)
+            at = _among(wanted, s.receptance.frequency)
             opening = 1 + c[at] * p[0, at]
             parts.append(
-                Response(every[at], s.receptance.value * opening, s.receptance.variance * np.abs(opening) ** 2)
+                Response(wanted[at], s.receptance.value * opening, s.receptance.variance * np.abs(opening) ** 2)
             )
-        g = g * (1 + _differences(_agreed(parts), g, every, rng))
+        g = g * (1 + _differences(_agreed(parts), g, wanted, wanted, rng))
         # A draw whose plant is another one opens the measured receptance by another loop.
         mean = np.mean(loops, axis=0)
         g = g * (1 + mean * p) / (1 + mean * p[:1])
-    change = ELSEWHERE * _smooth(every, DRAWS, rng)
+    change = ELSEWHERE * _smooth(wanted, DRAWS, rng)
     change[0] = 0.0
-    i, f = _among(every, injected), _among(every, forced)
+    i, f = _among(wanted, injected), _among(wanted, forced)
     return Carried(rate, injected, forced, p[:, i], p[:, f], g[:, f], change[:, np.concatenate([i, f])], thetas)
 
 
@@ -148,8 +149,12 @@ def _binned(ratio: np.ndarray, variance: np.ndarray, frequency: np.ndarray) -> t
     return mean, 1 / total, np.bincount(at, weight * np.log(frequency)) / total
 
 
-def _differences(measured: Response, model: np.ndarray, every: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """Relative difference (draws, n) of the true response from each draw's model (draws, n) at frequencies every (n,).
+def _differences(
+    measured: Response, model: np.ndarray, every: np.ndarray, wanted: np.ndarray, rng: np.random.Generator
+) -> np.ndarray:
+    """Relative difference (draws, w) of the true response from each draw's model, at frequencies wanted (w,), Hz.
+
+    The model is (draws, n) at frequencies every (n,), those of the measurement among them.
 
     Draws by Matheron's rule: a path of the prior, corrected by what the measurement says of it. How large and how long
     the differences are is itself drawn by its likelihood; the first draw takes the likeliest.
@@ -160,11 +165,11 @@ def _differences(measured: Response, model: np.ndarray, every: np.ndarray, rng: 
     kinds, weights = _likely(ratio[0], variance, place)
     which = rng.choice(len(kinds), len(ratio), p=weights)
     which[0] = int(weights.argmax())
-    everywhere = np.concatenate([place, np.log(every)])
+    everywhere = np.concatenate([place, np.log(wanted)])
     squared, m = (everywhere[:, None] - everywhere) ** 2, place.size
     normal, noise = _complex(rng, len(ratio), everywhere.size), _complex(rng, len(ratio), m) * np.sqrt(variance)
     normal[0], noise[0] = 0.0, 0.0
-    found = np.empty((len(ratio), every.size), complex)
+    found = np.empty((len(ratio), wanted.size), complex)
     for kind in np.unique(which):
         own, (sd, length) = which == kind, kinds[kind]
         k = sd**2 * np.exp(-0.5 * squared / length**2)

@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from tuning.campaign.candidates import FEW, Model, louder, search_scores
+from tuning.campaign.candidates import FEW, search_scores
+from tuning.campaign.model import Model, louder
 from tuning.search.evolution import DifferentialEvolution
 from tuning.search.space_filling import Sobol
 from tuning.tuner import Trials

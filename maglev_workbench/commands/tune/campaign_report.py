@@ -23,8 +23,8 @@ from maglev_workbench.page import (
     table,
     with_interval,
 )
+from tuning.campaign.advice import Advice
 from tuning.campaign.candidates import Prediction
-from tuning.campaign.next_step import Advice
 from tuning.campaign.recorded_sets import Shown
 
 if TYPE_CHECKING:

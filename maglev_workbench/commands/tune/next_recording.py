@@ -10,7 +10,7 @@ from maglev_env.recordings.campaign import Campaign
 from maglev_env.recordings.campaign_tables import ChannelSource
 from maglev_env.recordings.campaign_writer import excitation_table, toml_table, toml_value
 from maglev_env.rig.excitation import UNITS, Excitation
-from tuning.campaign.next_step import Advice
+from tuning.campaign.advice import Advice
 
 LINE = 120
 _FORMATS = (".mat", ".csv", ".npz", ".h5", ".nc")

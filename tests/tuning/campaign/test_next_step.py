@@ -20,7 +20,7 @@ from maglev_env.rig.excitation import lines_at
 from maglev_env.rig.rig import load_rig
 from maglev_env.task.protocol import env_protocol
 from maglev_env.task.task import make_task
-from tuning.campaign import next_step as module
+from tuning.campaign import steps as module
 from tuning.campaign.disagreement import Disagreement
 from tuning.campaign.next_step import next_step
 from tuning.campaign.recorded_sets import GainSet, Response, pooled, recorded_sets
