@@ -125,7 +125,7 @@ def search_scores(model: Model, points: np.ndarray, limit: float) -> np.ndarray:
             "gain": GAIN_MARGIN / np.nanmin(values["gain_margin_high"], initial=np.inf),
         }
         drawn = values | {k: np.full(FEW, v[i]) for k, v in simulated.items()}
-        misses_by = sum(max(0.0, float(np.log(v))) for v in sure.values())
+        misses_by = sum(float(np.log(max(1.0, v))) for v in sure.values())
         found[i] = scored(model, drawn)[0].mean() / (1 + misses_by / RESERVE)
     return found
 

@@ -71,7 +71,7 @@ def next_step(
             + (f". {found.sentence}" if found else "; `maglev diagnose` on this campaign says where and why"),
             *notes,
         )
-    if identified.other_mass:
+    if identified.other_mass and not identified.contradicted:
         notes = (
             f"the recordings look like those of another mass than the stated {task.rig.mass:.4g} kg, by more than its "
             "tolerance and that of the probe: weigh the rotor, and check the scales of force and displacement; gains "

@@ -13,8 +13,8 @@ NEARBY, TRIED = 256, 24  # points looked at around recorded gains, and those of 
 REACH = 0.6  # of the box's half width: half the edge of the cube in which these points lie
 
 
-def optimum(model: Model, start: np.ndarray, limit: float, rng: np.random.Generator) -> tuple[np.ndarray, float]:
-    """Best point (k,) within the rig's bounds, whose margins are surely kept, and its score.
+def optimum(model: Model, start: np.ndarray, limit: float, rng: np.random.Generator) -> np.ndarray:
+    """Best point (k,) within the rig's bounds, whose margins are surely kept.
 
     Args:
         model: The rig.
@@ -34,7 +34,7 @@ def optimum(model: Model, start: np.ndarray, limit: float, rng: np.random.Genera
         if scores.max() > score:
             best, score = points[scores.argmax()], float(scores.max())
     search.close()
-    return best, score
+    return best
 
 
 def nearby(model: Model, anchor: np.ndarray, most: float, seed: int) -> np.ndarray:

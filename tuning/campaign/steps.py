@@ -25,9 +25,7 @@ LOOKED, ALLOWED = 3, 3  # points nearby that are simulated, times TRIED, and the
 def onward(advice: Advice, model: Model, seed: int, budget: int) -> Advice:
     """The farthest worthwhile step that is surely allowed; a calmer one, or the same again, where there is none."""
     best = ranked(advice)[0]
-    goal, promised = optimum(
-        model, model.point(advice.sets[best].gains), _limit(advice, best), np.random.default_rng(seed)
-    )
+    goal = optimum(model, model.point(advice.sets[best].gains), _limit(advice, best), np.random.default_rng(seed))
     good = [i for i, p in enumerate(advice.claimed) if p]
     sound = [i for i in good if advice.claimed[i].reason is None] or good
     anchor = min(sound, key=lambda i: float(np.linalg.norm(model.point(advice.sets[i].gains) - goal)))
@@ -45,7 +43,7 @@ def onward(advice: Advice, model: Model, seed: int, budget: int) -> Advice:
         share = 0.0
     thin = advice.claimed[best].reason
     around = nearby(model, model.point(advice.sets[best].gains), np.log(LOUDER), seed)
-    if share == 0.0 and thin is None and len(around):
+    if limited and thin is None and len(around):
         some = around[: LOOKED * TRIED]
         for point in some[np.argsort(-search_scores(model, some, _limit(advice, best)))[:ALLOWED]]:
             prediction, why = _tried(advice, model, best, point)
@@ -70,7 +68,7 @@ def onward(advice: Advice, model: Model, seed: int, budget: int) -> Advice:
     bound = f"; farther on, {limited}" if limited else ""
     words = (
         f"no gains that may be tried promise more than an experiment can tell ({GAINED:g} in score) over the best "
-        f"recorded ones, {promised - advice.claimed[best].expected:+.3f} on the way to the optimum{bound}"
+        f"recorded ones{bound}"
     )
     return stopped(advice, words, share=share, limited=limited)
 
