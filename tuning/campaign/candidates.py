@@ -7,7 +7,7 @@ import numpy as np
 
 from maglev_env.loop.gains import Gains
 from tuning.campaign.carried import DRAWS, Carried
-from tuning.campaign.model import RIGS, Model, figure, large, linear, scored
+from tuning.campaign.model import RIGS, Model, figure, large, linear, missed_by, scored, terms_of
 from tuning.campaign.recorded_sets import GainSet
 from tuning.study.recommendation import DISPLACEMENT_SHARE, GAIN_MARGIN, PEAK_SENSITIVITY, PHASE_MARGIN
 from tuning.study.study import experiments
@@ -34,6 +34,7 @@ class Prediction:
         gains: The gains.
         score: Under the task's goal.
         expected: Its mean over all draws.
+        spread: Its standard deviation over them.
         values: Quantities by name: the score, those of `match`, those of the goal.
         reason: Why these gains are not to be kept, or None.
         held: Whether the rotor levitates in all simulations.
@@ -46,6 +47,7 @@ class Prediction:
     gains: Gains
     score: Value
     expected: float
+    spread: float
     values: Mapping[str, Value]
     reason: str | None
     held: bool
@@ -76,11 +78,14 @@ def predict(model: Model, gains: Gains, responses: Carried | None = None, seen: 
     values = linear(model, responses or model.responses, gains, apart, DRAWS)
     turn = np.arange(DRAWS) % RIGS  # the rig on which the large signals of a draw are simulated
     values |= large(model, lanes, turn, seen)
-    scores, by = scored(model, values)
+    by, terms = missed_by(model, values), terms_of(model, values)
+    scores = scored(model, terms)
     quantities = {"score": scores, **values}
     ends = {name: _interval(v) for name, v in quantities.items()}
-    # A score has a largest value, where its distribution ends at once: what lies above the percentile is part of it.
-    ends["score"] = replace(ends["score"], high=float(scores.max()))
+    # Near its largest value a score falls with every error, while the truth may be better than the estimate in all
+    # terms: the upper end is that of the terms' own upper ends.
+    best = scored(model, {name: np.nanpercentile(term, LEVEL[1]) for name, term in terms.items()})
+    ends["score"] = replace(ends["score"], high=max(float(best), ends["score"].high))
     s = np.abs((responses or model.responses).sensitivity(gains, apart))
     shape = (model.responses.injected, s[0], *np.percentile(s, LEVEL, axis=0))
     met, missed, unsure = None, (), ()
@@ -92,6 +97,7 @@ def predict(model: Model, gains: Gains, responses: Carried | None = None, seen: 
         gains,
         ends["score"],
         float(scores.mean()),
+        float(scores.std()),
         ends,
         _reason(ends, held),
         held,
@@ -126,7 +132,7 @@ def search_scores(model: Model, points: np.ndarray, limit: float) -> np.ndarray:
         }
         drawn = values | {k: np.full(FEW, v[i]) for k, v in simulated.items()}
         misses_by = sum(float(np.log(max(1.0, v))) for v in sure.values())
-        found[i] = scored(model, drawn)[0].mean() / (1 + misses_by / RESERVE)
+        found[i] = scored(model, terms_of(model, drawn)).mean() / (1 + misses_by / RESERVE)
     return found
 
 

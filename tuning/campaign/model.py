@@ -146,14 +146,22 @@ def large(
     return found
 
 
-def scored(model: Model, values: Mapping[str, np.ndarray]) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-    """Scores (draws,), and by how much each requirement of the goal is missed (`goal_score.misses`)."""
+def terms_of(model: Model, values: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """Terms of the score, each (draws,)."""
     if model.goal is None:
         names = ("stiffness", "damping", "peak_sensitivity", "peak_displacement", "current_rms")
-        return score(terms(model.task.target, *(values[n] for n in names))), {}
-    wanted = {r.name: values[r.name] for r in model.goal.measured}
-    total = np.broadcast_to(goal_score(goal_terms(model.goal, wanted)), np.shape(next(iter(wanted.values()))))
-    return np.asarray(total), {r.name: misses(r, values[r.name]) for r in model.goal.requirements}
+        return terms(model.task.target, *(values[n] for n in names))
+    return goal_terms(model.goal, values)
+
+
+def scored(model: Model, found: Mapping[str, np.ndarray]) -> np.ndarray:
+    """Scores of terms."""
+    return np.asarray(goal_score(found) if model.goal else score(found))
+
+
+def missed_by(model: Model, values: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """By how much each requirement of the goal is missed, (draws,) each (`goal_score.misses`)."""
+    return {r.name: misses(r, values[r.name]) for r in model.goal.requirements} if model.goal else {}
 
 
 def measured(s: GainSet) -> dict[str, float]:

@@ -16,6 +16,7 @@ EARLY, AIM = 3, 3.0  # for the first gain sets, the peak sensitivity must stay i
 LOUDER = 2.0  # largest factor by which one step may change the controller's response, at any frequency
 SHARES = (1.0, 0.85, 0.7, 0.55, 0.4, 0.3, 0.2, 0.1)  # shares of the way to the optimum that are tried, in this order
 GAINED, CALMER = 0.01, 0.9  # least gain in score worth an experiment; factor on the peak of a loop beyond its limits
+TOLD = 0.5  # of the larger standard deviation of the two scores, likewise: less is within what is not known
 SAME = 1e-3  # of the box; gains closer than this count as equal
 BETWEEN, PASSED = (0.25, 0.5, 0.75), 2.0  # shares of a step, and times the limit that its peak may reach on the way
 REPEATED = 2  # recordings at one set; more of them hardly tell more
@@ -66,10 +67,7 @@ def onward(advice: Advice, model: Model, seed: int, budget: int) -> Advice:
             advice, next=same, prediction=advice.claimed[best], why=words, kind="repeat", share=0.0, limited=limited
         )
     bound = f"; farther on, {limited}" if limited else ""
-    words = (
-        f"no gains that may be tried promise more than an experiment can tell ({GAINED:g} in score) over the best "
-        f"recorded ones{bound}"
-    )
+    words = f"no gains that may be tried promise more than an experiment can tell over the best recorded ones{bound}"
     return stopped(advice, words, share=share, limited=limited)
 
 
@@ -85,7 +83,9 @@ def _worth(advice: Advice, model: Model, best: int, prediction: Prediction) -> b
     """Whether gains promise so much more than the best recorded ones that an experiment can tell."""
     if _near(advice, model, prediction.gains):
         return False
-    return advice.claimed[best].reason is not None or prediction.expected - advice.claimed[best].expected >= GAINED
+    known = advice.claimed[best]
+    least = max(GAINED, TOLD * max(known.spread, prediction.spread))
+    return known.reason is not None or prediction.expected - known.expected >= least
 
 
 def _near(advice: Advice, model: Model, gains: Gains) -> bool:

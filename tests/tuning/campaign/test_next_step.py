@@ -21,7 +21,7 @@ from maglev_env.rig.rig import load_rig
 from maglev_env.task.protocol import env_protocol
 from maglev_env.task.task import make_task
 from tuning.campaign import steps as module
-from tuning.campaign.disagreement import Disagreement
+from tuning.campaign.disagreement import Disagreement, diagnosing
 from tuning.campaign.next_step import next_step
 from tuning.campaign.recorded_sets import GainSet, Response, pooled, recorded_sets
 from tuning.campaign.rig_fit import fit_rig, measured_sensitivity
@@ -257,3 +257,17 @@ def test_a_rig_is_tuned_recording_by_recording(tmp_path):
     kept = task.box.actions([[getattr(sets[advice.keep].gains, n) for n in task.box.names]])
     _, best = optima(task, [episode], 0, 200)
     assert best[0] - rescored(task, [episode], kept, 1)[0] < 0.05
+
+
+def test_a_diagnosing_recording_is_made_once_and_only_where_it_can_be_stated():
+    one, protocol = [gain_set(true_rig())], RIG.protocol
+
+    def stated(change, sets=one):
+        return diagnosing(Disagreement("", None, "a recording", change), PRESET, protocol, sets)
+
+    other = with_gains(PRESET, kp=1.2 * PRESET.kp, kd=1.5 * PRESET.kd)
+    assert stated({"gains": [1.2, 1.5]}) == (other, protocol.excitations)
+    assert stated({"gains": [1.2, 1.5]}, [*one, replace(one[0], gains=other)]) is None
+    assert stated({"excitation": {"at": "force"}}) == (PRESET, protocol.excitations)
+    assert stated({"offset": 1e-5}) is None and stated({}) is None
+    assert stated({"amplitude": 2.0}, [replace(one[0], files=("a", "b"))]) is None
