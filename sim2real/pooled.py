@@ -90,11 +90,22 @@ def pooled(records: Sequence[Record | OpenRecord], progress: Callable[[str], Non
         whole = tuple(across_recordings(c, each[c.name]) if c.name in scattered else c for c in whole)
     if contradictions:
         whole = _reaching(whole, of_each[AT_REST])
-    notes = tuple(filter(None, [drift_in_words(static)])) if static is not None else ()
+    notes = tuple(filter(None, [exact_mass(records), None if static is None else drift_in_words(static)]))
     progress("gain over frequency")
     over = _over_frequency(rig, static, whole, problem, fit)
     return Pooled(
         whole, misfit(fit), tuple(apart), of_each, notes=notes, contradictions=tuple(contradictions), gain=over
+    )
+
+
+def exact_mass(records: Sequence[Record | OpenRecord]) -> str | None:
+    """A sentence where the scale of gain and stiffness rests on a mass of which no tolerance is stated, else None."""
+    rig = records[0].nominal
+    if "mass" in rig.tolerance or any(np.any(r.driven.get("force", False)) for r in records):
+        return None
+    return (
+        f"no force is recorded and [tolerance] states none of the mass, so {rig.mass:.4g} kg count as exact: with 1 % "
+        "more mass, gain and stiffness are 1 % more"
     )
 
 
