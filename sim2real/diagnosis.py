@@ -37,6 +37,7 @@ from sim2real.judgement.judge import (
     with_effects,
     worded,
 )
+from sim2real.judgement.mechanisms import by_mechanism, renamed
 from sim2real.judgement.nonstationary import widening
 from sim2real.judgement.unsynchronised import (
     Sighting,
@@ -226,7 +227,7 @@ def diagnose(
     if drift is not None:
         tones[DRIFT], causes[DRIFT] = drift.chi2, {"gain_drift": drift.left}
     evidenced = evidence_of(attribution, tones, spin_costs(fitted, seen), causes)
-    found = entries(evidenced)
+    found = by_mechanism(entries(evidenced), records[0].nominal)
     verdicted, cause = verdict(found)
     excused = allowance(evidenced)
     tempering = evidenced.dispersion.ratio(excused)
@@ -269,6 +270,8 @@ def diagnose(
         found, named = without(found, refuted), kept or named
     chosen = next(iter(kept), None)
     picked = None if chosen is None or chosen.candidate is None else attribution.candidates[chosen.candidate]
+    if picked is not None and chosen is not None and (said := renamed(chosen, picked.effects)):
+        notes.append(said)
     gap = shrink(judged, attribution, picked, judged_on, seed)
     indistinguishable = (cause,) if verdicted == "ambiguous" else ()
     proposal = None

@@ -137,7 +137,7 @@ def sentence(diagnosis: Diagnosis) -> str:
         )  # fmt: skip
     top = named(diagnosis)[0]
     shown = [c for c in corrections(diagnosis) if "." in c.name]
-    values = parameters_in_words({c.name: c.fitted for c in shown}, len(top.effects) > 1)
+    values = parameters_in_words({c.name: c.fitted for c in shown}, top.effects)
     return (
         f"The gap is explained by {_and(top.effects)} ({percent(top.probability)}), in "
         f"{_blocks(block_of('+'.join(top.effects)))}; {values}{_closes(diagnosis.gap)}{_besides(diagnosis)}."
