@@ -16,7 +16,7 @@ from maglev_env.loop.effect import meaningful
 from maglev_env.rig.rig import Rig
 from sim2real.coefficients import UNITS, Coefficient, across_recordings, coefficients_of, misfit, nominal_coefficient
 from sim2real.compared.problem import Problem, assemble
-from sim2real.compared.simulated import tolerances
+from sim2real.compared.simulated import tolerances, unseen_by_all
 from sim2real.gain_over_frequency import Mechanics, apparent_gain
 from sim2real.recorded.not_stable import not_stable
 from sim2real.recorded.nuisances import Nuisances
@@ -151,7 +151,7 @@ def _fitted(
 ) -> tuple[Problem, Fit, list[Fit]]:
     """The problem, its fit, and the nominal rig and the start in the same problem."""
     rig = records[0].nominal
-    hidden = frozenset.intersection(*(r.upstream if isinstance(r, OpenRecord) else frozenset() for r in records))
+    hidden = unseen_by_all(records)
     names = tuple(
         name for name in (*UNITS, *_poles_left_out(rig)) if meaningful(name, rig.capabilities) and name not in hidden
     )

@@ -8,7 +8,7 @@ import numpy as np
 
 from maglev_env.loop.effect import EFFECTS
 from sim2real.compared.problem import Problem
-from sim2real.compared.simulated import DITHERED, MAY_BE_DITHERED, tolerances
+from sim2real.compared.simulated import DITHERED, MAY_BE_DITHERED, tolerances, unseen_by_all
 from sim2real.recorded.not_stable import not_stable
 from sim2real.search.fitting import Fit, begin, differentiate, iterate, share_calibrations
 from sim2real.search.hypotheses import (
@@ -120,6 +120,7 @@ def attribute(
         ValueError: No hypothesis levitates under the recorded gains.
     """
     rig = problem.parts[0].record.nominal
+    hidden = unseen_by_all([part.record for part in problem.parts])
     allowed = tolerances(rig)
     progress("calibration")
     base = Hypothesis((), allowed, scales=rig.scales, usual=usual_tolerances(rig))
@@ -133,7 +134,8 @@ def attribute(
     pairs: list[Fit] = []
     if earlier is None:
         progress("single effects")
-        singles = _singles(problem, (untouched, calibration[0]), single_effects(rig))
+        shown = [name for name in single_effects(rig) if name not in hidden]
+        singles = _singles(problem, (untouched, calibration[0]), shown)
     else:
         progress("the same effects again")
         singles, pairs = _again(problem, earlier)
