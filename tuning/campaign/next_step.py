@@ -107,6 +107,10 @@ def tuning_task(
     if rig.gains is not None and not isinstance(rig.gains, Gains):
         raise ValueError(f"rig {rig.name}: a campaign is tuned in plain PID gains, and its [gains] are of another form")
     task = make_task(rig, tuned, goal=goal)
+    if task.layout.goal and task.layout.goal.rigs:
+        # One rig is there: simulations are of it alone, while the layout keeps what was asked for.
+        alone = replace(task.layout.goal, rigs=0).text
+        task = replace(task, rig=replace(task.rig, target=replace(task.rig.target, goal=alone)))
     if not sets:
         return task, np.array([[-1.0], [1.0]])
     box, first = task.box, sets[0]

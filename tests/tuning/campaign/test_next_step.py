@@ -189,10 +189,14 @@ def test_a_goal_is_taken_from_the_rig_or_given():
     assert match.task.layout.goal is None and match.claimed[0].met is None
 
 
+UNMET = "compliance <= 1e-6, peak_sensitivity <= 4, worst of 4 rigs"
+
+
 def test_a_requirement_that_cannot_be_met_is_named_where_it_stops():
-    stopped = next_step(RIG, [gain_set(RIG)], goal="compliance <= 1e-6, peak_sensitivity <= 4", budget=1)
+    stopped = next_step(RIG, [gain_set(RIG)], goal=UNMET, budget=1)
     assert stopped.keep == 0 and stopped.claimed[0].missed == ("compliance",)
     assert "not met: worst compliance at most 1" in stopped.stop
+    assert "worst of 4 rigs" in stopped.notes[0] and "rigs" not in stopped.task.rig.target.goal
 
 
 def test_a_loop_with_thin_margins_is_calmed_first():
