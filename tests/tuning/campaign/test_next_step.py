@@ -135,6 +135,7 @@ def resonant():
     return true_rig(**effect("support_resonance", 150.0, damping_ratio=0.03, mass_ratio=0.2))
 
 
+@pytest.mark.slow
 def test_the_diagnosis_decides_what_is_recorded_where_model_and_recordings_disagree():
     said = Disagreement("no effect explains it.", None, "the same at twice the amplitude", {"amplitude": 2.0})
     asked = []
@@ -150,6 +151,7 @@ def test_the_diagnosis_decides_what_is_recorded_where_model_and_recordings_disag
     assert sound.kind == "climb"
 
 
+@pytest.mark.slow
 def test_a_rig_that_is_none_of_the_model_is_tuned_by_what_was_measured():
     advice = next_step(RIG, [gain_set(resonant())])
     assert advice.identified.contradicted and "maglev diagnose" in advice.notes[0]
@@ -159,6 +161,7 @@ def test_a_rig_that_is_none_of_the_model_is_tuned_by_what_was_measured():
     assert peak_of(resonant(), advice.next) < 0.8 * peak_of(resonant(), PRESET)
 
 
+@pytest.mark.slow
 def test_the_stated_mass_is_used_and_one_that_is_not_as_stated_is_no_reason_for_another_score():
     """A rotor that looks 12 % heavier is said to be so, and not judged by a mass outside of its tolerance."""
     heavy = replace(true_rig(), mass=1.12 * RIG.mass)
@@ -172,6 +175,7 @@ def test_the_stated_mass_is_used_and_one_that_is_not_as_stated_is_no_reason_for_
     assert advice.claimed[0].values["stiffness"].value == pytest.approx(seen, rel=0.02)
 
 
+@pytest.mark.slow
 def test_a_goal_is_taken_from_the_rig_or_given():
     asked = "peak_sensitivity <= 2.2, phase_margin >= 28, compliance <= 60e-6, best noise_current near 0.02"
     sets = [gain_set(true_rig())]
@@ -199,6 +203,7 @@ def test_a_requirement_that_cannot_be_met_is_named_where_it_stops():
     assert "worst of 4 rigs" in stopped.notes[0] and "rigs" not in stopped.task.rig.target.goal
 
 
+@pytest.mark.slow
 def test_a_loop_with_thin_margins_is_calmed_first():
     """At these gains the phase margin is 15 degrees: they are not to be kept, and the next ones have more."""
     thin = with_gains(PRESET, kd=3.6)
