@@ -22,6 +22,7 @@ from tuning.campaign.open_recording import with_injection
 
 TOUCHED = 0.95  # share of the clearance that counts as touchdown (or the sensor's scale is wrong)
 UNSTEADY = 0.02  # share of the clearance: a larger rms that does not repeat and outweighs what does is self-oscillation
+CAUSED = ("clipped at", "levitation is lost")  # faults of a record that gains cause; any other is one of the file
 DRAWS, LEAST_LINES = 200, 4  # draws of an interval; lines that a curve of margins needs
 LEVEL_SD = 3.92  # width of a 95 % interval in standard deviations
 KNOWN, SMOOTH = 0.3, 9  # relative noise of lines without a period that are used, and lines over which it is looked at
@@ -145,7 +146,7 @@ def _one(campaign: Campaign, spec: RecordingSpec, gains: Gains) -> GainSet:
     try:
         dataset = read_recording(campaign, spec)
     except ValueError as error:
-        if "clipped at" in str(error):  # a saturated channel is caused by the gains, any other fault by the file
+        if any(words in str(error) for words in CAUSED):
             return _failed(gains, spec, str(error).partition(f"{where}: ")[2] or str(error))
         raise
     signals = _at_control_rate(recorded_signals(campaign, spec, dataset, excited=False), rig)

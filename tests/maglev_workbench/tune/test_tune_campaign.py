@@ -72,6 +72,17 @@ def test_a_touchdown_is_said_and_its_gains_are_not_kept(tmp_path):
     assert "STOP" in text and data["keep"] is None
 
 
+def test_a_rotor_that_falls_is_a_failed_set(tmp_path):
+    def fallen(dataset):
+        y = dataset.displacement.copy()
+        y[len(y) // 4 :] = 0.35e-3
+        return dataset.assign(displacement=y)
+
+    text = run("--campaign", recorded(tmp_path, fallen), "--json", tmp_path / "a.json")
+    data = json.loads((tmp_path / "a.json").read_text())
+    assert "levitation is lost" in data["sets"][0]["failed"] and data["keep"] is None and "STOP" in text
+
+
 def test_a_clipped_channel_is_a_failed_set(tmp_path):
     def clipped(d):
         return d.assign(command=d.command.clip(-0.4 * float(d.command.max()), 0.4 * float(d.command.max())))
