@@ -49,7 +49,7 @@ def diagnosed(folder: Path, tree: Path) -> dict:
     if done.returncode == 0:
         answer = json.loads((folder / "d.json").read_text())
         gap = {k: answer["gap"].get(k) for k in ("before", "after", "closed_fraction")}
-        found |= {"verdict": answer["verdict"], "cause": answer["cause"], "gap": gap, "which": answer["which"][:4], "unseen": answer["unseen"]}
+        found |= {"gap": gap, "which": answer["which"][:4]} | {k: answer[k] for k in ("verdict", "cause", "unseen")}
     else:
         found |= {"verdict": "unexplained", "cause": [], "refused": True}
     return found
