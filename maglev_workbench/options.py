@@ -72,7 +72,9 @@ SchedulerOption = Annotated[
 ]
 _FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 _DENIED = (errno.EACCES, errno.EPERM, errno.EROFS)
-_EXTRAS = {"torch": "rl", "stable_baselines3": "rl"}  # module that may be missing -> the extra that installs it
+_EXTRAS = {  # module that may be missing -> the extra that installs it
+    "cmaes": "search", "matplotlib": "plot", "optuna": "search", "stable_baselines3": "rl", "torch": "rl",
+}  # fmt: skip
 _READ = ("source", "campaign", "folder", "twin", "compare", "init", "policy")  # parameters that name what is read
 _WRITTEN = {"json_file": "--json", "docs": "--docs", "picture": "--picture"}  # options that name a file to write
 

@@ -5,9 +5,9 @@ from dataclasses import replace
 
 import numpy as np
 import scipy
-from filterpy.kalman import ExtendedKalmanFilter
 from numpy.typing import ArrayLike
 
+from estimation.kalman_update import kalman_update
 from selfsense.averaged import CLOSEST, AveragedMagnet, jacobian, levitate, linear_model, slopes
 from selfsense.observer import checked_signals, design_observer, observe
 
@@ -17,23 +17,33 @@ MEMORY, LOST = 200, 1e8
 POLES = (-40.0, -3000.0, -5000.0)  # 1/s: near those of the filter's steady state with the noise `compare` assumes
 
 
-class MagnetFilter(ExtendedKalmanFilter):
-    """Predicts displacement, velocity and current of an averaged magnet by its nonlinear model; see `run`."""
+_SEEN = np.array([[0.0, 0.0, 1.0]])  # of displacement, velocity and current
+
+
+class MagnetFilter:
+    """Extended Kalman filter of displacement, velocity and current, by the nonlinear averaged magnet; see `run`."""
 
     def __init__(self, magnet: AveragedMagnet, rate: float, process: np.ndarray, current_noise: float) -> None:
-        super().__init__(dim_x=3, dim_z=1)
-        self.magnet, self.interval = magnet, 1 / rate
-        self.x, self.Q, self.R = np.zeros(3), process, np.array([[current_noise**2]])
+        self.magnet, self.interval, self.process = magnet, 1 / rate, process
+        self.x, self.P, self.noise = np.zeros(3), np.eye(3), np.array([[current_noise**2]])
 
-    def predict_x(self, u: float = 0.0) -> None:
-        """One sample under a held voltage u (V): Runge-Kutta of 4th order, and its transition F."""
+    def update(self, current: float) -> float:
+        """Take a measured current, A; gives the square of what was not expected of it in its claimed variance."""
+        innovation = np.array([current - self.x[2]])
+        self.x, self.P, spread = kalman_update(self.x, self.P, innovation, _SEEN, self.noise)
+        return float(innovation[0] ** 2 / spread[0, 0])
+
+    def predict(self, u: float = 0.0) -> None:
+        """One sample under a held voltage u, V: the state by Runge-Kutta of 4th order, and its covariance."""
         m, h, x = self.magnet, self.interval, self.x.tolist()
         a = h * jacobian(m, *x, voltage=u)
         # The effect of the voltage on the current depends on the displacement through the inductance. Where the voltage
         # is wrong, or feeds back a displacement measured otherwise, this would be taken for information on the
         # displacement: estimates were then off by 36 um where the filter claimed 12.
         a[2, 0] = 0.0
-        self.F = self._I + a @ (self._I + a @ (self._I + a @ (self._I + a / 4) / 3) / 2)
+        one = np.eye(3)
+        transition = one + a @ (one + a @ (one + a @ (one + a / 4) / 3) / 2)
+        self.P = transition @ self.P @ transition.T + self.process
         k1 = slopes(m, *x, u)
         k2 = slopes(m, *_ahead(x, k1, h / 2), u)
         k3 = slopes(m, *_ahead(x, k2, h / 2), u)
@@ -105,15 +115,15 @@ def run(
         raise ValueError(f"Kalman filter: start_deviation = {start_deviation} must be three numbers of at least 0")
     f = MagnetFilter(magnet, rate, process_noise(magnet, rate, force_noise, voltage_noise), current_noise)
     f.P = np.diag(start_deviation) ** 2
-    seen, limit = np.array([[0.0, 0.0, 1.0]]), CLOSEST * magnet.gap
+    limit = CLOSEST * magnet.gap
     found, surprise = np.empty((2, len(current))), 1.0
     for n in range(len(current)):
         if n:
             f.predict(voltage[n - 1])
-        f.update(current[n : n + 1], lambda _: seen, lambda x: x[2:])
+        unexpected = f.update(float(current[n]))
         if abs(f.x[0]) > limit:
             f.x[:2] = np.copysign(limit, f.x[0]), 0.0  # a contact stops the rotor
-        surprise += (float(np.ravel(f.y)[0]) ** 2 / float(np.ravel(f.S)[0]) - surprise) / MEMORY
+        surprise += (unexpected - surprise) / MEMORY
         if not f.P[0, 0] > 0 or surprise > LOST:
             raise ValueError(
                 f"Kalman filter: lost at sample {n}, current and voltage do not fit this magnet; check their signs, "

@@ -13,9 +13,9 @@ from dataclasses import dataclass, fields
 from typing import Any
 
 import numpy as np
-from filterpy.kalman import KalmanFilter
 from numpy.typing import ArrayLike
 
+from estimation.kalman_update import kalman_update
 from estimation.online.change_charts import ChangeCharts
 from estimation.online.line_block import Block, checked_block, measured_at_mode
 
@@ -125,9 +125,7 @@ class Tracker:
         self._w, self._mass, size = 2 * np.pi * f, settings.mass, np.abs(guess)
         self._walk = np.diag((np.array([settings.stiffness_drift, settings.damping_drift]) * size) ** 2)
         self._opening = np.diag((settings.opening * size) ** 2)
-        self._filter = KalmanFilter(dim_x=2, dim_z=2)
-        self._filter.x, self._filter.P = guess, np.diag((settings.start * size) ** 2)
-        self._filter.F = self._filter.H = np.eye(2)
+        self._state, self._covariance = guess, np.diag((settings.start * size) ** 2)
         self._charts = ChangeCharts(2, settings.false_alarm_blocks, settings.allowance)
         self._time, self._reopen = -np.inf, False
 
@@ -140,23 +138,24 @@ class Tracker:
         if not np.isfinite(block.time) or block.time <= self._time:
             raise ValueError(f"tracker: block at {block.time} s must come after the last one, at {self._time} s")
         block = checked_block(block, self.frequency)
-        f = self._filter
-        f.predict(Q=self._walk * (block.time - self._time if np.isfinite(self._time) else 0.0))
+        state, covariance = self._state, self._covariance
+        if np.isfinite(self._time):
+            covariance = covariance + self._walk * (block.time - self._time)
         if self._reopen:
-            f.P = f.P + self._opening
-        measured, variance, misfit = measured_at_mode(block, self._w, self._mass, f.x, np.diag(f.P))
-        innovation = (measured - f.x) / np.sqrt(np.diag(f.P) + variance)
+            covariance = covariance + self._opening
+        measured, variance, misfit = measured_at_mode(block, self._w, self._mass, state, np.diag(covariance))
+        innovation = (measured - state) / np.sqrt(np.diag(covariance) + variance)
         alarm, onset = self._charts.update(block.time, innovation)
         self._reopen = bool(alarm.any())
         if self._reopen:
-            f.P = f.P + self._opening
-            measured, variance, _ = measured_at_mode(block, self._w, self._mass, f.x, np.diag(f.P))
-        f.update(measured, R=np.diag(variance))
-        self._time = block.time
+            covariance = covariance + self._opening
+            measured, variance, _ = measured_at_mode(block, self._w, self._mass, state, np.diag(covariance))
+        state, covariance, _ = kalman_update(state, covariance, measured - state, np.eye(2), np.diag(variance))
+        self._time, self._state, self._covariance = block.time, state, covariance
         freedom = 2 * int(np.count_nonzero(np.isfinite(block.noise)))
         chi_square = misfit + float(innovation @ innovation)
-        errors = np.sqrt(np.diag(f.P))
-        k, c = f.x
+        errors = np.sqrt(np.diag(covariance))
+        k, c = state
         k_se, c_se = errors
         return Tracked(block.time, k, c, k_se, c_se, innovation, chi_square, freedom, alarm, onset)
 
