@@ -102,6 +102,16 @@ def require_choice(value: str, known: Iterable[str], option: str) -> None:
         raise ValueError(f"{option} {value}: use one of {', '.join(choices)}")
 
 
+def require_package(name: str) -> None:
+    """Check, before any work, that a package of an extra is installed.
+
+    Raises:
+        ModuleNotFoundError: It is not; the command says how to install it.
+    """
+    if find_spec(name) is None:
+        raise ModuleNotFoundError(f"No module named {name!r}", name=name)
+
+
 def require_file(path: Path | None, option: str) -> None:
     """Check, before any work, that a file can be written later.
 

@@ -57,7 +57,8 @@ def coefficients(bands: Sequence[Band]) -> "Figure":
         core = np.concatenate([ml[good], ls[good & ~biased]]) if good.any() else ml
         bottom, top = np.nanmin(core), np.nanmax(core)
         expected = np.array([np.nan if value is None else scale * value for value in promised])
-        near = expected[np.abs(expected - (top + bottom) / 2) <= 1.5 * (top - bottom)]  # the rest would flatten the others
+        # What lies further away would flatten all others.
+        near = expected[np.abs(expected - (top + bottom) / 2) <= 1.5 * (top - bottom)]
         if near.size:
             bottom, top = min(bottom, near.min()), max(top, near.max())
         pad = 0.15 * (top - bottom) + 0.02 * abs(top) + 1e-12

@@ -100,7 +100,9 @@ def _rows(found: ApparentGain) -> list[tuple[str, ...]]:
     rows = []
     for b in found.bands:
         angle, low, high = b.phase
-        rows.append((f"{number(b.f_lo)} .. {number(b.f_hi)}", with_interval(*b.size), with_interval(-angle, -high, -low)))
+        rows.append(
+            (f"{number(b.f_lo)} .. {number(b.f_hi)}", with_interval(*b.size), with_interval(-angle, -high, -low))
+        )
     return rows
 
 
