@@ -52,7 +52,7 @@
     if (!above) fitted.margin = { ...layout.margin, t: 20 };
     // A legend at the side leaves no room for the figure on a narrow screen.
     if (places[i].clientWidth < NARROW && layout.legend?.orientation !== "h")
-      fitted.legend = { ...layout.legend, orientation: "h", x: 0, xanchor: "left", y: -75 / (layout.height || 450), yanchor: "top" };
+      fitted.legend = { ...layout.legend, orientation: "h", x: 0, xanchor: "left", y: -95 / (layout.height || 450), yanchor: "top" };
     return { data: asIs ? data : turned(data), layout: fitted };
   }
 

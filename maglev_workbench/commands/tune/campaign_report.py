@@ -9,7 +9,7 @@ import numpy as np
 
 from estimation.normal import NORMAL_95
 from maglev_env.recordings.formats.json_data import plain
-from maglev_workbench.commands.tune.next_recording import excitation_words, in_words, summary
+from maglev_workbench.commands.tune.next_recording import digits, excitation_words, in_words, summary
 from maglev_workbench.commands.tune.report import gain_heads
 from maglev_workbench.page import (
     COLOURS,
@@ -137,7 +137,9 @@ def sensitivity_figure(advice: Advice) -> "Figure":
     figure = go.Figure()
     for i, s in enumerate(advice.sets):
         if s.sensitivity is not None:
-            words = ", ".join(f"{n} {getattr(s.gains, n):.4g}" for n in advice.task.box.names)  # short, for the legend
+            words = ", ".join(
+                f"{n} {digits(getattr(s.gains, n))}" for n in advice.task.box.names
+            )  # short, for the legend
             width = 2.5 if i == advice.keep else 1.2
             figure.add_scatter(
                 x=s.sensitivity.frequency,
@@ -164,7 +166,7 @@ def _set_rows(advice: Advice) -> list[tuple[str, ...]]:
     rows = []
     for i, (s, one) in enumerate(zip(advice.sets, advice.shown, strict=True)):
         mark = " (keep)" if i == advice.keep else ""
-        gains = tuple(f"{getattr(s.gains, n):.4g}" for n in advice.task.box.names)
+        gains = tuple(digits(getattr(s.gains, n)) for n in advice.task.box.names)
         figures = _figures(one) if one else ("failed" if s.failed else "not told", *["–"] * 5)
         rows.append((", ".join(s.files) + mark, *gains, *figures))
     return rows

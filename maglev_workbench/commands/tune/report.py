@@ -12,6 +12,7 @@ from maglev_env.recordings.formats.json_data import plain
 from maglev_env.rig.goal import Goal
 from maglev_env.task.task import Task
 from maglev_workbench import goal_page
+from maglev_workbench.commands.tune.next_recording import digits
 from maglev_workbench.page import COLOURS, STAR, effects_in_words, note, number, page, rig_facts, styled, table
 from tuning.study.recommendation import Recommendation, Verdict
 from tuning.study.study import Outcome
@@ -50,7 +51,8 @@ def summary(task: Task, found: Outcome, advice: Recommendation) -> str:
 def gains_in_words(task: Task, point: np.ndarray) -> str:
     """The gains of a point of the box, in SI."""
     return ", ".join(
-        f"{n} = {g:.4g} {unit_of_gain(n)}".strip() for n, g in zip(task.box.names, task.box.gains(point), strict=True)
+        f"{n} = {digits(g)} {unit_of_gain(n)}".strip()
+        for n, g in zip(task.box.names, task.box.gains(point), strict=True)
     )
 
 
@@ -211,7 +213,7 @@ def _best_rows(task: Task, found: Outcome) -> list[tuple[str, ...]]:
     rows = []
     for i in np.argsort(-t.score, kind="stable")[:BEST]:
         info, goal = t.info[i], task.layout.goal
-        gains = tuple(f"{g:.4g}" for g in task.box.gains(t.points[i]))
+        gains = tuple(digits(g) for g in task.box.gains(t.points[i]))
         if goal:
             rows.append((str(i + 1), *gains, f"{t.score[i]:.3f}", *goal_page.standing(goal, info)))
             continue
