@@ -142,7 +142,7 @@ def test_a_narrow_screen_has_the_legend_below_the_figure_and_scrolls_long_lines_
     shown.wait_for_selector("#figure-1 .legend", state="attached")
     legend, plot = (shown.locator(f"#figure-1 .{name}").first.bounding_box() for name in ("legend", "nsewdrag"))
     assert legend["y"] >= plot["y"] + plot["height"]
-    assert plot["width"] > 250
+    assert plot["width"] > 200
     assert shown.evaluate("document.documentElement.scrollWidth - innerWidth") <= 0
     shown.close()
 
