@@ -51,7 +51,7 @@
     const above = layout.title || layout.legend?.y > 1 || layout.annotations?.some((one) => one.yref === "paper" && one.y > 0.9);
     if (!above) fitted.margin = { ...layout.margin, t: 20 };
     // A legend at the side leaves no room for the figure on a narrow screen.
-    if (places[i].clientWidth < NARROW && layout.legend?.orientation !== "h")
+    if (places[i].clientWidth < NARROW && !(layout.legend?.y > 0))
       fitted.legend = { ...layout.legend, orientation: "h", x: 0, xanchor: "left", y: -95 / (layout.height || 450), yanchor: "top" };
     return { data: asIs ? data : turned(data), layout: fitted };
   }
