@@ -72,7 +72,10 @@ SchedulerOption = Annotated[
 ]
 _FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 _DENIED = (errno.EACCES, errno.EPERM, errno.EROFS)
-_EXTRAS = {"torch": "rl", "stable_baselines3": "rl"}  # module that may be missing -> the extra that installs it
+_EXTRAS = {  # module that may be missing -> the extra that installs it
+    "cmaes": "search", "filterpy": "filter", "matplotlib": "plot", "optuna": "search",
+    "stable_baselines3": "rl", "torch": "rl",
+}  # fmt: skip
 _READ = ("source", "campaign", "folder", "twin", "compare", "init", "policy")  # parameters that name what is read
 _WRITTEN = {"json_file": "--json", "docs": "--docs", "picture": "--picture"}  # options that name a file to write
 
@@ -98,6 +101,16 @@ def require_choice(value: str, known: Iterable[str], option: str) -> None:
     """
     if value not in (choices := tuple(known)):
         raise ValueError(f"{option} {value}: use one of {', '.join(choices)}")
+
+
+def require_package(name: str) -> None:
+    """Check, before any work, that a package of an extra is installed.
+
+    Raises:
+        ModuleNotFoundError: It is not; the command says how to install it.
+    """
+    if find_spec(name) is None:
+        raise ModuleNotFoundError(f"No module named {name!r}", name=name)
 
 
 def require_file(path: Path | None, option: str) -> None:

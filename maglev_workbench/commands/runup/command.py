@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from maglev_workbench.options import JsonOption, SeedOption, ThreadsOption, friendly, require_folder
+from maglev_workbench.options import JsonOption, SeedOption, ThreadsOption, friendly, require_folder, require_package
 
 PAGE = "runup.html"
 PICTURES = (".png", ".svg", ".pdf")
@@ -47,6 +47,8 @@ def runup(
     require_folder(folder)
     if picture is not None and picture.suffix not in PICTURES:
         raise ValueError(f"--picture {picture}: end it in {', '.join(PICTURES)}")
+    if picture is not None:
+        require_package("matplotlib")
     started = perf_counter()
     found = report(chosen, ladder, seed, threads)
     seconds = perf_counter() - started
