@@ -10,7 +10,7 @@ from maglev_env.lane_values import LaneValues
 from maglev_env.loop.magnets.kinds import force_law
 from maglev_env.rig.rig import Rig
 from maglev_env.rotor import rows as r
-from maglev_env.rotor.linear import LEAST_LAG, control_matrices, controllers
+from maglev_env.rotor.linear import LEAST_LAG, control_matrices, controllers, rejection_gain
 from maglev_env.rotor.rotor import Rotor
 from maglev_lanes.layout import LANES, LaneRows
 
@@ -89,6 +89,11 @@ def _column(run: Run, substeps: int) -> np.ndarray:
     x[r.KD] = [[g.kd / g.td] for g in gains]
     x[r.DECAY_D] = [[np.exp(-dt / g.td)] for g in gains]
     x[r.DECAY_I] = [[np.exp(-dt / g.ti)] for g in gains]
+    turned = np.exp(1j * run.speed * dt)
+    x[r.STEP_COS], x[r.STEP_SIN] = turned.real, turned.imag
+    gain = rejection_gain(rotor, run.speed)
+    if gain is not None:
+        x[r.REJECT] = np.stack([(turned * gain).real, (turned * gain).imag], axis=-1).reshape(8, 1)
     return x.values[:, 0]
 
 
