@@ -1,6 +1,6 @@
 """A study as tables, page and JSON: tried gains, the recommendation, and refused gains with reasons."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping, Sequence
 from importlib.metadata import version
 from typing import TYPE_CHECKING, Any
 
@@ -9,6 +9,7 @@ import numpy as np
 from estimation.normal import NORMAL_95
 from maglev_env.recordings.formats.json_data import plain
 from maglev_env.rig.goal import Goal
+from maglev_env.task.pump_goal import RotorGoalTask
 from maglev_env.task.task import Task
 from maglev_workbench import goal_page
 from maglev_workbench.page import COLOURS, STAR, note, number, page, rig_facts, styled, table
@@ -27,7 +28,7 @@ STANDS = ("requirement", "mean", "limit", "95 % within tolerance", "")
 HEAD = ("experiment", "score", "stiffness kN/m", "damping N s/m", "peak |S|", "phase margin °", "peak µm")
 
 
-def summary(task: Task, found: Outcome, advice: Recommendation) -> str:
+def summary(task: Task | RotorGoalTask, found: Outcome, advice: Recommendation) -> str:
     """Sentences on the recommended gains with their spread, and on the number of refused ones with a higher score."""
     if advice.chosen is None:
         why = advice.refused[0].reason if advice.refused else "no experiment gave a stable loop"
@@ -46,12 +47,14 @@ def summary(task: Task, found: Outcome, advice: Recommendation) -> str:
     return text
 
 
-def gains_in_words(task: Task, point: np.ndarray) -> str:
+def gains_in_words(task: Task | RotorGoalTask, point: np.ndarray) -> str:
     """The gains of a point of the box, in SI."""
     return ", ".join(f"{n} = {g:.4g}" for n, g in zip(task.box.names, task.box.gains(point), strict=True))
 
 
-def tune_tables(task: Task, found: Outcome, advice: Recommendation) -> "Iterable[str | rich.table.Table]":
+def tune_tables(
+    task: Task | RotorGoalTask, found: Outcome, advice: Recommendation
+) -> "Iterable[str | rich.table.Table]":
     """Tables for a terminal."""
     from rich import box
     from rich.table import Table
@@ -76,8 +79,15 @@ def tune_tables(task: Task, found: Outcome, advice: Recommendation) -> "Iterable
     yield summary(task, found, advice)
 
 
-def tune_page(task: Task, found: Outcome, advice: Recommendation, data: dict[str, Any]) -> str:
-    """The HTML page of a study."""
+def tune_page(
+    task: Task | RotorGoalTask,
+    found: Outcome,
+    advice: Recommendation,
+    data: dict[str, Any],
+    more: "Sequence[tuple[str, str | Figure]]" = (),
+    facts: Mapping[str, str] | None = None,
+) -> str:
+    """The HTML page of a study, with more sections behind those of the goal, and facts in place of the rig's."""
     refused = [(gains_in_words(task, v.point), v.reason) for v in advice.refused]
     goal = task.layout.goal
     head = GOAL_HEAD if goal else HEAD
@@ -90,13 +100,14 @@ def tune_page(task: Task, found: Outcome, advice: Recommendation, data: dict[str
     if advice.chosen:
         sections.insert(0, ("Recommended", table(("figure", "95 % of noise and tolerance"), _spread(advice.chosen))))
     if goal:
-        sections[1 if advice.chosen else 0 : 0] = _goal_sections(task, goal, found, advice)
-    made = {**rig_facts(data["made_by"]["rig"]), "Method": data["made_by"]["method"], "Seed": data["made_by"]["seed"]}
+        sections[1 if advice.chosen else 0 : 0] = [*_goal_sections(task, goal, found, advice), *more]
+    own = rig_facts(data["made_by"]["rig"]) if facts is None else facts
+    made = {**own, "Method": data["made_by"]["method"], "Seed": data["made_by"]["seed"]}
     return page(f"Tuning of {task.name}", summary(task, found, advice), sections, made)
 
 
 def tune_json(
-    task: Task, found: Outcome, advice: Recommendation, made_by: dict[str, Any], seconds: float
+    task: Task | RotorGoalTask, found: Outcome, advice: Recommendation, made_by: dict[str, Any], seconds: float
 ) -> dict[str, Any]:
     """JSON data of schema maglev-tune/1."""
     trials = found.trials
@@ -152,7 +163,7 @@ def course_figure(found: Outcome) -> "Figure":
     return styled(figure, 380)
 
 
-def where_figure(task: Task, found: Outcome, advice: Recommendation) -> "Figure":
+def where_figure(task: Task | RotorGoalTask, found: Outcome, advice: Recommendation) -> "Figure":
     """Scatter plots of each pair of tried gains, coloured by score; a star marks the recommended ones."""
     import plotly.graph_objects as go
     from plotly.subplots import make_subplots
@@ -177,7 +188,7 @@ def where_figure(task: Task, found: Outcome, advice: Recommendation) -> "Figure"
     return styled(figure, 380 * rows)
 
 
-def _best_rows(task: Task, found: Outcome) -> list[tuple[str, ...]]:
+def _best_rows(task: Task | RotorGoalTask, found: Outcome) -> list[tuple[str, ...]]:
     t = found.trials
     rows = []
     for i in np.argsort(-t.score, kind="stable")[:BEST]:
@@ -194,7 +205,9 @@ def _best_rows(task: Task, found: Outcome) -> list[tuple[str, ...]]:
     return rows
 
 
-def _goal_sections(task: Task, goal: Goal, found: Outcome, advice: Recommendation) -> "list[tuple[str, str | Figure]]":
+def _goal_sections(
+    task: Task | RotorGoalTask, goal: Goal, found: Outcome, advice: Recommendation
+) -> "list[tuple[str, str | Figure]]":
     t = found.trials
     names = goal_page.shown_names(goal)
     values = {
