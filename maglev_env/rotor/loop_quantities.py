@@ -22,6 +22,7 @@ PLANES = ("plane a", "plane b")
 TOGETHER = "all together"
 LOWEST, HIGHEST, POINTS = 2.0, 0.45, 140  # Hz, share of the control rate, number of frequencies
 BAND = (60.0, 180.0)  # Hz, of stiffness and damping, as `identification.Protocol`
+AGAIN = 17  # frequencies between the neighbours of a peak
 BESIDE = np.geomspace(0.02, 30.0, 24)  # rad/s over the notch's rate: distances from the speed of rotation
 
 
@@ -84,10 +85,7 @@ def _margins(rotor: Rotor, speed: float) -> dict[str, tuple[tuple[str, ...], np.
         places = (*PLANES, *MODES)
     own = [(ahead[:, i, i] + back[:, i, i].conj()) / 2 for ahead, back in loops for i in range(2)]
     margins = margin_arrays(f, np.array(own))
-    both = np.concatenate(planes)
-    peak, offset = (_largest_singular(both - shift * np.eye(2)).max() for shift in (0.0, 0.5))
-    # No entry is larger than the singular value; those of single planes are interpolated between the frequencies.
-    peak, offset = max(peak, *margins["peak_sensitivity"][:2]), max(offset, *1 / margins["disk_margin"][:2])
+    peak, offset = (_peak(rotor, f, speed, planes, part) for part in (0.0, 0.5))
     factor = np.fmin(margins["gain_margin_high"], 1 / margins["gain_margin_low"])
     every = (*places, TOGETHER)
     return {
@@ -102,6 +100,16 @@ def _at_readings(rotor: Rotor, frequency: np.ndarray, speed: float) -> np.ndarra
     """Response (n, 2, 2) of the readings of both planes to errors of them, at frequency (n,) Hz of either sign."""
     loop = plant_response(rotor, frequency, speed) @ control_response(rotor, frequency, speed)
     return np.linalg.inv(np.eye(2) + loop)
+
+
+def _peak(rotor: Rotor, f: np.ndarray, speed: float, planes: tuple[np.ndarray, ...], part: float) -> float:
+    """Largest singular value of S - part I over all frequencies of both signs; looked at again beside its largest."""
+    found = []
+    for sign, s in zip((1.0, -1.0), planes, strict=True):
+        i = int(_largest_singular(s - part * np.eye(2)).argmax())
+        near = np.geomspace(f[max(i - 1, 0)], f[min(i + 1, f.size - 1)], AGAIN)
+        found.append(_largest_singular(_at_readings(rotor, sign * near, speed) - part * np.eye(2)).max())
+    return max(found)
 
 
 def _largest_singular(matrices: np.ndarray) -> np.ndarray:

@@ -16,10 +16,10 @@ class RealLoop:
     plant: tuple[np.ndarray, np.ndarray, np.ndarray]  # A, B from 4 commands and 4 forces (x, tilt, y, tilt), C
     control: tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]  # from readings to commands, sign included
 
-    def closed(self) -> tuple[np.ndarray, np.ndarray]:
-        """State matrix, and the input of errors of the readings."""
+    def closed(self, probes: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
+        """State matrix, and the input of errors of the readings; with a matrix (4, 4) in the readings."""
         (a, b, c), (ka, kb, kc, kd) = self.plant, self.control
-        b = b[:, :4]
+        b, c = b[:, :4], (np.eye(4) if probes is None else probes) @ c
         return np.block([[a + b @ kd @ c, b @ kc], [kb @ c, ka]]), np.vstack([b @ kd, kb])
 
     def sensitivity(self, z: np.ndarray) -> np.ndarray:
@@ -27,6 +27,16 @@ class RealLoop:
         a, b = self.closed()
         c = np.hstack([self.plant[2], np.zeros((4, len(a) - len(self.plant[0])))])
         return np.array([np.eye(4) + c @ np.linalg.solve(one * np.eye(len(a)) - a, b) for one in z])
+
+    def answer(self, force: np.ndarray) -> np.ndarray:
+        """Readings (4, n) after held forces (4, n) on x, tilt, y, tilt."""
+        a, _ = self.closed()
+        b, state, found = self.plant[1][:, 4:], np.zeros(len(a)), []
+        for now in force.T:
+            found.append(self.plant[2] @ state[:16])
+            state = a @ state
+            state[:16] += b @ now
+        return np.array(found).T
 
     def compliance(self, z: np.ndarray) -> np.ndarray:
         """Response (n, 4, 4) of x, tilt, y, tilt to the held forces on them, at points z."""
