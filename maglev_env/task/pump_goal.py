@@ -114,7 +114,7 @@ def make_rotor_goal_task(
     bounds: Mapping[str, Sequence[float]] | None = None,
     speeds: Sequence[float] = SPEEDS,
     rejection: Rejection | None = None,
-    budget: int = 200,
+    budget: int = 400,
 ) -> RotorGoalTask:
     """The task of checked arguments: both controllers of a rotor are tuned, each with its own gains.
 

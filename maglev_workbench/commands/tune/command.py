@@ -45,11 +45,11 @@ def tune(
         str | None, typer.Option(help=f"Tuner: {', '.join(METHODS)} (default: model; of a rotor cma-es).")
     ] = None,
     budget: Annotated[
-        int | None, typer.Option(min=1, help="Number of experiments (default: 10; of a rotor 200).")
+        int | None, typer.Option(min=1, help="Number of experiments (default: 10; of a rotor 400).")
     ] = None,
     batch: Annotated[
         int | None,
-        typer.Option(min=1, help="Number of experiments that are proposed together (default: 1; of a rotor 8)."),
+        typer.Option(min=1, help="Number of experiments that are proposed together (default: 1; of a rotor 9)."),
     ] = None,
     tuned: Annotated[
         list[str],

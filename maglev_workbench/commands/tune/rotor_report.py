@@ -21,6 +21,8 @@ from maglev_workbench.page import COLOURS, STAR, note, number, styled, table
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure
 
+SHORT = {"plane a": "a", "plane b": "b", "translation": "transl.", TOGETHER: "all"}  # places in the tables by speed
+BY_SPEED = "The worst at each speed: of plane a or b, of translation or tilt, or of all together; !: misses its limit."
 CHECK_HEAD = ("rpm", "controller", "peak |S|\nidentified", "peak |S|\nlinear model")
 
 
@@ -42,12 +44,12 @@ def _cell(goal: Goal, r: Requirement, found: Found, speed: float) -> str:
     value, _, place = worst(Found((speed,), found.places, found.values[[i]]), r.name)
     if np.isnan(value):
         return "none"
-    text = f"{number(value * r.quantity.shown[0])} {place}"
+    text = f"{number(value * r.quantity.shown[0])} {SHORT.get(place, place)}"
     if place == TOGETHER:  # which of them it is mainly
         single = [j for j, name in enumerate(found.places) if name != TOGETHER]
         own = Found((speed,), tuple(found.places[j] for j in single), found.values[[i]][:, single])
         one, _, at = worst(own, r.name)
-        text += f", {at} {number(one * r.quantity.shown[0])}"
+        text += f", {SHORT.get(at, at)} {number(one * r.quantity.shown[0])}"
     return text + (" !" if r in goal.requirements and misses(r, np.array([value]))[0] > 0 else "")
 
 
@@ -74,7 +76,7 @@ def terminal_table(goal: Goal, found: Mapping[str, Found]) -> Table:
         made.add_column(name, justify="left" if i else "right")
     for row in speed_rows(goal, found):
         made.add_row(*row)
-    made.caption = "The worst mode or plane at each speed; !: misses its limit."
+    made.caption = BY_SPEED
     return made
 
 
@@ -107,7 +109,7 @@ def sections(goal: Goal, found: Sequence[Mapping[str, Found]], checked: Report) 
         ("Requirements over the speeds", over_speeds(goal, found)),
         ("", note("The worst mode or plane at each speed. Solid: the recommended gains; dotted: the rotor's own.")),
         ("By speed", table(head(goal), speed_rows(goal, found[0]))),
-        ("", note("The worst mode or plane at each speed; !: misses its limit.")),
+        ("", note(BY_SPEED)),
         ("By mode and plane", table(("requirement", "place", "worst", "at rpm", ""), place_rows(goal, found[0]))),
         ("The recommended gains in a simulated run-up", run_up_figures.run_up(checked)),
         ("", note(run_up_summary(checked))),
