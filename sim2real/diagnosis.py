@@ -17,7 +17,7 @@ from sim2real.advice.next_experiment import Proposal, propose
 from sim2real.compared.bench_noise import bench_noise
 from sim2real.compared.open_tones import agreed, with_tones
 from sim2real.compared.problem import Problem, assemble
-from sim2real.compared.simulated import Point
+from sim2real.compared.simulated import Point, unseen_by_all
 from sim2real.compared.standing import standing
 from sim2real.free.correction import Free, free_correction
 from sim2real.free.fit import excess
@@ -37,6 +37,7 @@ from sim2real.judgement.judge import (
     with_effects,
     worded,
 )
+from sim2real.judgement.mechanisms import by_mechanism, renamed
 from sim2real.judgement.nonstationary import widening
 from sim2real.judgement.unsynchronised import (
     Sighting,
@@ -85,6 +86,7 @@ class Diagnosis:
         tempering: Reduced chi-square that the best explanation leaves, by which differences of evidence were divided;
             1 where it leaves no more than noise.
         free: What a free correction of a block adds where no effect explains the gap, or what is named leaves much.
+        unseen: Effects that do not show in any recording, because they act before the current that drives it.
     """
 
     verdict: str
@@ -104,6 +106,7 @@ class Diagnosis:
     leftover: Leftover | None = None
     tempering: float = 1.0
     free: Free | None = None
+    unseen: tuple[str, ...] = ()
 
     @property
     def rig(self) -> Rig:
@@ -158,6 +161,7 @@ class Diagnosis:
             "free": None if self.free is None else self.free.to_json(),
             "unexplained": None if self.leftover is None else self.leftover.to_json(),
             "tempering": self.tempering,
+            "unseen": list(self.unseen),
             "notes": list(self.notes),
             "left_out": left_out_data(self.campaign.left_out),
             "seconds": self.seconds,
@@ -226,7 +230,7 @@ def diagnose(
     if drift is not None:
         tones[DRIFT], causes[DRIFT] = drift.chi2, {"gain_drift": drift.left}
     evidenced = evidence_of(attribution, tones, spin_costs(fitted, seen), causes)
-    found = entries(evidenced)
+    found = by_mechanism(entries(evidenced), records[0].nominal)
     verdicted, cause = verdict(found)
     excused = allowance(evidenced)
     tempering = evidenced.dispersion.ratio(excused)
@@ -269,6 +273,8 @@ def diagnose(
         found, named = without(found, refuted), kept or named
     chosen = next(iter(kept), None)
     picked = None if chosen is None or chosen.candidate is None else attribution.candidates[chosen.candidate]
+    if picked is not None and chosen is not None and (said := renamed(chosen, picked.effects)):
+        notes.append(said)
     gap = shrink(judged, attribution, picked, judged_on, seed)
     indistinguishable = (cause,) if verdicted == "ambiguous" else ()
     proposal = None
@@ -308,6 +314,7 @@ def diagnose(
         left,
         tempering,
         free,
+        tuple(name for name in EFFECTS if name in unseen_by_all(records)),
     )
 
 

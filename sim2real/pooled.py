@@ -16,7 +16,7 @@ from maglev_env.loop.effect import meaningful
 from maglev_env.rig.rig import Rig
 from sim2real.coefficients import UNITS, Coefficient, across_recordings, coefficients_of, misfit, nominal_coefficient
 from sim2real.compared.problem import Problem, assemble
-from sim2real.compared.simulated import tolerances
+from sim2real.compared.simulated import tolerances, unseen_by_all
 from sim2real.gain_over_frequency import Mechanics, apparent_gain
 from sim2real.recorded.not_stable import not_stable
 from sim2real.recorded.nuisances import Nuisances
@@ -90,11 +90,22 @@ def pooled(records: Sequence[Record | OpenRecord], progress: Callable[[str], Non
         whole = tuple(across_recordings(c, each[c.name]) if c.name in scattered else c for c in whole)
     if contradictions:
         whole = _reaching(whole, of_each[AT_REST])
-    notes = tuple(filter(None, [drift_in_words(static)])) if static is not None else ()
+    notes = tuple(filter(None, [exact_mass(records), None if static is None else drift_in_words(static)]))
     progress("gain over frequency")
     over = _over_frequency(rig, static, whole, problem, fit)
     return Pooled(
         whole, misfit(fit), tuple(apart), of_each, notes=notes, contradictions=tuple(contradictions), gain=over
+    )
+
+
+def exact_mass(records: Sequence[Record | OpenRecord]) -> str | None:
+    """A sentence where the scale of gain and stiffness rests on a mass of which no tolerance is stated, else None."""
+    rig = records[0].nominal
+    if "mass" in rig.tolerance or any(np.any(r.driven.get("force", False)) for r in records):
+        return None
+    return (
+        f"no force is recorded and [tolerance] states none of the mass, so {rig.mass:.4g} kg count as exact: with 1 % "
+        "more mass, gain and stiffness are 1 % more"
     )
 
 
@@ -140,7 +151,7 @@ def _fitted(
 ) -> tuple[Problem, Fit, list[Fit]]:
     """The problem, its fit, and the nominal rig and the start in the same problem."""
     rig = records[0].nominal
-    hidden = frozenset.intersection(*(r.upstream if isinstance(r, OpenRecord) else frozenset() for r in records))
+    hidden = unseen_by_all(records)
     names = tuple(
         name for name in (*UNITS, *_poles_left_out(rig)) if meaningful(name, rig.capabilities) and name not in hidden
     )

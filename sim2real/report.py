@@ -115,7 +115,8 @@ def sentence(diagnosis: Diagnosis) -> str:
         sure = probability.get((NONE,), 0.0) + probability.get((CALIBRATION,), 0.0)
         if far := _far(diagnosis):
             return f"No effect is needed ({percent(sure)}), but the rig is not as stated: {', '.join(far)}."
-        return f"There is no gap beyond the noise and the rig's stated tolerances ({percent(sure)})."
+        clear = f"There is no gap beyond the noise and the rig's stated tolerances ({percent(sure)})"
+        return f"{clear}{_from_current(diagnosis)}."
     left = diagnosis.leftover
     if diagnosis.verdict == "unexplained" and left is not None:
         return (
@@ -137,10 +138,19 @@ def sentence(diagnosis: Diagnosis) -> str:
         )  # fmt: skip
     top = named(diagnosis)[0]
     shown = [c for c in corrections(diagnosis) if "." in c.name]
-    values = parameters_in_words({c.name: c.fitted for c in shown}, len(top.effects) > 1)
+    values = parameters_in_words({c.name: c.fitted for c in shown}, top.effects)
     return (
         f"The gap is explained by {_and(top.effects)} ({percent(top.probability)}), in "
         f"{_blocks(block_of('+'.join(top.effects)))}; {values}{_closes(diagnosis.gap)}{_besides(diagnosis)}."
+    )
+
+
+def _from_current(diagnosis: Diagnosis) -> str:
+    """Where only what follows the current was compared, that this is so, as the end of a sentence."""
+    if not diagnosis.unseen:
+        return ""
+    return (
+        " from the current on; what acts before it, such as a delay of the command, does not show in these recordings"
     )
 
 

@@ -99,33 +99,37 @@ def nuisance_columns(record: OpenRecord, tone: Tone, outputs: tuple[str, ...]) -
     return found
 
 
-def tone_in(residual: Residual, frequency: float) -> tuple[np.ndarray, float]:
-    """A tone of a known frequency (Hz), however small.
+def tones_in(residual: Residual, frequencies: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Tones of known frequencies (n,), Hz, each alone and however small.
 
     Returns:
-        amplitude: complex, of the opened residual (axes,), m.
-        chi2: its power over that of what is left around it, as a chi-square of two degrees of freedom per axis.
+        amplitude: complex (n, axes), of the opened residual, m.
+        chi2: (n,), its power over that of what is left around it, as a chi-square of two degrees of freedom per axis.
     """
     w = residual.record.windows
-    line = frequency * w.samples / w.sample_rate
+    line = np.asarray(frequencies) * w.samples / w.sample_rate
     own = _window(residual, line)
-    c = transform_of_tone(w.first + own * WIDTH + np.arange(WIDTH), line, w.samples) @ w.directions
-    c = c if w.turned is None else c @ np.conj(w.turned[own])
+    around = w.first + own[:, None] * WIDTH + np.arange(WIDTH)
+    c = transform_of_tone(around, line[:, None], w.samples) @ w.directions  # (2, n, KEPT)
+    c = c if w.turned is None else np.einsum("pnk,nkl->pnl", c, np.conj(w.turned[own]))
     driven = residual.driven[own]
-    y, c = (v - (v @ np.conj(driven)) @ driven.T for v in (residual.lines[:, own], c))
+    y, c = (
+        v - np.einsum("pnd,nkd->pnk", np.einsum("pnk,nkd->pnd", v, np.conj(driven)), driven)
+        for v in (residual.lines[:, own], c)
+    )
     freedom = KEPT - residual.rank[own]
-    parts = np.concatenate([c.real, c.imag], axis=-1)  # (2, 2 KEPT)
-    target = np.concatenate([y.real, y.imag], axis=-1)
-    coefficients = np.linalg.lstsq(parts.T, target.T, rcond=1e-9)[0]  # (2, axes)
-    fitted = (parts.T @ coefficients).T
-    left = np.sum((target - fitted) ** 2) / max((2 * freedom - 2) * len(y), 1)
-    chi2 = float(np.sum(fitted**2) / max(left, 1e-300))
-    return coefficients[0] - 1j * coefficients[1], chi2
+    parts = np.moveaxis(np.concatenate([c.real, c.imag], axis=-1), 0, -1)  # (n, 2 KEPT, 2)
+    target = np.moveaxis(np.concatenate([y.real, y.imag], axis=-1), 0, -1)  # (n, 2 KEPT, axes)
+    coefficients = np.linalg.pinv(parts, rcond=1e-9) @ target  # (n, 2, axes)
+    fitted = parts @ coefficients
+    left = np.sum((target - fitted) ** 2, axis=(1, 2)) / np.maximum((2 * freedom - 2) * len(y), 1)
+    chi2 = np.sum(fitted**2, axis=(1, 2)) / np.maximum(left, 1e-300)
+    return coefficients[:, 0] - 1j * coefficients[:, 1], chi2
 
 
-def _window(residual: Residual, line: float) -> int:
+def _window(residual: Residual, line: np.ndarray) -> np.ndarray:
     w = residual.record.windows
-    return int(np.clip((round(line) - w.first) // WIDTH, 0, w.count - 1))
+    return np.clip((np.round(line).astype(int) - w.first) // WIDTH, 0, w.count - 1)
 
 
 def _strongest(residual: Residual) -> tuple[Tone | None, Residual]:
@@ -136,20 +140,20 @@ def _strongest(residual: Residual) -> tuple[Tone | None, Residual]:
     tried = tried[(tried >= WIDTH) & ~_ringing(record, tried * spacing)]  # what is slower may be drift
     if not tried.size:
         return None, residual
-    chances = np.array([log_chance(residual, f * spacing) for f in tried])
-    best = float(tried[int(np.argmin(chances))])
+
+    def chance(line: float) -> float:
+        return float(log_chances(residual, np.array([line * spacing]))[0])
+
+    best = float(tried[int(np.argmin(log_chances(residual, tried * spacing)))])
     refined = minimize_scalar(
-        lambda line: log_chance(residual, line * spacing),
-        bounds=(best - 2 * FINE, best + 2 * FINE),
-        method="bounded",
-        options={"xatol": 1e-3},
+        chance, bounds=(best - 2 * FINE, best + 2 * FINE), method="bounded", options={"xatol": 1e-3}
     ).x
-    if log_chance(residual, refined * spacing) + np.log(tried.size) > np.log(FALSE_ALARM):
+    if chance(refined) + np.log(tried.size) > np.log(FALSE_ALARM):
         return None, residual
-    amplitude, chi2 = tone_in(residual, refined * spacing)
+    (amplitude,), (chi2,) = tones_in(residual, np.array([refined * spacing]))
     own = np.array([amplitude.real, -amplitude.imag])
     without = residual.lines - np.einsum("ca,cwk->awk", own, w.project(tone_lines(w, refined * spacing)))
-    return Tone(float(refined * spacing), {"opened": amplitude}, chi2), replace(residual, lines=without)
+    return Tone(float(refined * spacing), {"opened": amplitude}, float(chi2)), replace(residual, lines=without)
 
 
 def _ringing(record: OpenRecord, frequency: np.ndarray) -> np.ndarray:
@@ -166,9 +170,9 @@ def _ringing(record: OpenRecord, frequency: np.ndarray) -> np.ndarray:
     return near & ~np.array(known)
 
 
-def log_chance(residual: Residual, frequency: float) -> float:
-    """Logarithm of the probability that noise of a frequency's own window shows as strong a tone there."""
-    _, chi2 = tone_in(residual, frequency)
+def log_chances(residual: Residual, frequencies: np.ndarray) -> np.ndarray:
+    """Logarithms (n,) of the probability that noise of the window of each frequency (Hz) shows as strong a tone."""
+    _, chi2 = tones_in(residual, frequencies)
     w, axes = residual.record.windows, residual.record.axes
-    freedom = 2 * (KEPT - residual.rank[_window(residual, frequency * w.samples / w.sample_rate)]) - 2
-    return float(stats.f.logsf(chi2 / (2 * axes), 2 * axes, max(freedom, 1) * axes))
+    freedom = 2 * (KEPT - residual.rank[_window(residual, frequencies * w.samples / w.sample_rate)]) - 2
+    return stats.f.logsf(chi2 / (2 * axes), 2 * axes, np.maximum(freedom, 1) * axes)

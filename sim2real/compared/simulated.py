@@ -87,6 +87,11 @@ def unseen_by(record: Record | OpenRecord) -> frozenset[str]:
     return record.upstream if isinstance(record, OpenRecord) else frozenset()
 
 
+def unseen_by_all(records: Sequence[Record | OpenRecord]) -> frozenset[str]:
+    """Effects that act before what drives every one of the records."""
+    return frozenset.intersection(*map(unseen_by, records))
+
+
 def substeps_of(record: Record | OpenRecord) -> int:
     """Least number of integration steps per control sample that a record needs."""
     return substeps(record.instants, record.every) if isinstance(record, OpenRecord) else 1

@@ -1,6 +1,6 @@
 """A fit's own figures and what it leaves, in words."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 from estimation.normal import NORMAL_95
 from maglev_env.loop.effect import EFFECTS
@@ -26,17 +26,20 @@ def partial_in_words(left: Leftover) -> str:
     if not left.effects:
         return "calibration alone"
     names = " with ".join(left.effects)
-    return f"{names}, {parameters_in_words(left.parameters, len(left.effects) > 1)}"
+    return f"{names}, {parameters_in_words(left.parameters, left.effects)}"
 
 
-def parameters_in_words(parameters: Mapping[str, Fitted], several: bool) -> str:
-    """Parameters of effects with 95 % intervals; those within tolerance are left out."""
+def parameters_in_words(parameters: Mapping[str, Fitted], named: Sequence[str]) -> str:
+    """Parameters of effects with 95 % intervals; those within tolerance are left out.
+
+    Each has the name of its effect, unless that alone is named.
+    """
     found = []
     for name, at in parameters.items():
         effect, _, key = name.partition(".")
         if key:
-            unit = EFFECTS[effect].parameters[key].unit
-            found.append(f"{spoken(name, several)} {fitted_quantity(at, unit, key == 'change', NORMAL_95)}")
+            text = fitted_quantity(at, EFFECTS[effect].parameters[key].unit, key == "change", NORMAL_95)
+            found.append(f"{spoken(name, list(named) != [effect])} {text}")
     told = any(at["se"] for name, at in parameters.items() if "." in name)
     return ", ".join(found) + (" (95 %)" if told else "")
 

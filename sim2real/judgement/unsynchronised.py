@@ -9,7 +9,7 @@ from scipy import stats
 from maglev_env.experiment import axis_experiment
 from maglev_env.linear.loop import loop_response
 from maglev_env.loop.effect import EFFECTS
-from sim2real.compared.open_tones import log_chance, residual_of, tone_in
+from sim2real.compared.open_tones import log_chances, residual_of, tones_in
 from sim2real.compared.problem import Part, Problem
 from sim2real.compared.simulated import Point, experiment_at, modes_of
 from sim2real.recorded.open_record import OpenRecord
@@ -154,9 +154,9 @@ def _at_open(index: int, record: OpenRecord, point: Point, f: float, family: str
         return []
     if (residual := residual_of(record, point)) is None:
         return []
-    amplitude, beyond = tone_in(residual, f)
+    (amplitude,), (beyond,) = tones_in(residual, at := np.array([f]))
     # The noise is told from a single window: as a chi-square, the value of the same probability.
-    chi2 = min(beyond, float(stats.chi2.isf(np.exp(log_chance(residual, f)), 2 * record.axes)))
+    chi2 = min(beyond, float(stats.chi2.isf(np.exp(log_chances(residual, at)[0]), 2 * record.axes)))
     size, receptance = _opened(record, point, f, None, amplitude)
     return [Sighting(index, family, 1, f, size, size / np.sqrt(max(chi2, 1e-300)), receptance, chi2)]
 

@@ -184,10 +184,10 @@ def tone_lines(windows: LineWindows, frequency: float) -> np.ndarray:
     return found.reshape(2, windows.count, WIDTH)
 
 
-def transform_of_tone(lines: np.ndarray, at: float, samples: int) -> np.ndarray:
-    """Amplitudes (2, n) at lines of the cosine and the sine of a frequency in lines: geometric sums."""
+def transform_of_tone(lines: np.ndarray, at: float | np.ndarray, samples: int) -> np.ndarray:
+    """Amplitudes (2, ...) at lines of the cosine and the sine of frequencies in lines: geometric sums."""
 
-    def of(frequency: float) -> np.ndarray:
+    def of(frequency: float | np.ndarray) -> np.ndarray:
         off = np.where(frequency == lines, 1e-9, frequency - lines)
         return 2 / samples * np.expm1(2j * np.pi * off) / np.expm1(2j * np.pi * off / samples)
 

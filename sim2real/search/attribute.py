@@ -8,7 +8,7 @@ import numpy as np
 
 from maglev_env.loop.effect import EFFECTS
 from sim2real.compared.problem import Problem
-from sim2real.compared.simulated import DITHERED, MAY_BE_DITHERED, tolerances
+from sim2real.compared.simulated import DITHERED, MAY_BE_DITHERED, tolerances, unseen_by_all
 from sim2real.recorded.not_stable import not_stable
 from sim2real.search.fitting import Fit, begin, differentiate, iterate, share_calibrations
 from sim2real.search.hypotheses import (
@@ -27,6 +27,7 @@ SEEDS, PAIRS = 4, 8  # per round: best single effects to which a second one is a
 SHAPED, SHAPED_PAIRS = 3, 2  # best single effects and pairs that are tried in other forms
 SPARE = 30  # other starts of an effect that are tried when one makes the rotor touch down
 BLURRED, BLURRED_SHARE = 4, 0.5  # best fits that are repeated with sensor noise, and share of the gap they may leave
+BLURRED_TIE, LEFT_SD = 0.05, 3.0  # that share where the best leaves no more than so many standard deviations of noise
 SWAPPED = 2  # best pairs of which either effect is tried with others
 NO_GAP = 12.0  # if no single effect lowers the cost of calibration by more than this, no pair is tried
 ABOUT = 30.0  # cost above the best within which a candidate of fewer effects is preferred
@@ -120,6 +121,7 @@ def attribute(
         ValueError: No hypothesis levitates under the recorded gains.
     """
     rig = problem.parts[0].record.nominal
+    hidden = unseen_by_all([part.record for part in problem.parts])
     allowed = tolerances(rig)
     progress("calibration")
     base = Hypothesis((), allowed, scales=rig.scales, usual=usual_tolerances(rig))
@@ -133,7 +135,8 @@ def attribute(
     pairs: list[Fit] = []
     if earlier is None:
         progress("single effects")
-        singles = _singles(problem, (untouched, calibration[0]), single_effects(rig))
+        shown = [name for name in single_effects(rig) if name not in hidden]
+        singles = _singles(problem, (untouched, calibration[0]), shown)
     else:
         progress("the same effects again")
         singles, pairs = _again(problem, earlier)
@@ -164,10 +167,20 @@ def _may_blur(effects: Collection[str]) -> bool:
 
 
 def _blurred(problem: Problem, fits: Sequence[Fit]) -> list[Fit]:
-    """The fits, with the best ones that noise may smooth fitted again with noise; the better of both is kept."""
-    least = min(f.cost for f in fits)
-    enough = least + BLURRED_SHARE * (fits[0].cost - least)
-    able = [f for f in fits if f.cost < enough and _may_blur(f.hypothesis.effects)]
+    """The fits, with the best ones that noise may smooth fitted again with noise; the better of both is kept.
+
+    A pair whose other effect alone does as well needs nothing that noise may smooth. Where a fit leaves no more than
+    noise, only what leaves little can do as well as that.
+    """
+    least, count = min(f.cost for f in fits), 2.0 * problem.data.size
+    share = BLURRED_SHARE if least > count + LEFT_SD * np.sqrt(2 * count) else BLURRED_TIE
+    enough = least + share * (fits[0].cost - least)
+    alone = {frozenset(f.hypothesis.effects): f.cost for f in fits}
+
+    def needed(f: Fit) -> bool:
+        return alone.get(frozenset(f.hypothesis.effects) - MAY_BE_DITHERED, np.inf) > f.cost + NO_GAP
+
+    able = [f for f in fits if f.cost < enough and _may_blur(f.hypothesis.effects) and needed(f)]
     tried = sorted(able, key=lambda f: f.cost)[:BLURRED]
     again = begin(
         [replace(f.hypothesis, dithered=True) for f in tried], [f.u for f in tried], problem.data, problem.simulate

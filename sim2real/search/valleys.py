@@ -1,7 +1,8 @@
 """Where a fit lies far along a valley of its cost: whether the cost at its other end is really higher.
 
 What only the curvature of a force law tells apart, such as the springs of a rotor and the pull of its magnets, leaves a
-valley that is flat over several times their size, and narrow again where the curvature at the fit is looked at.
+valley that is flat over several times their size, and narrow again where the curvature at the fit is looked at. Where
+one sine is all that moves the rotor, a light resonance that fits the noise is such a narrow place.
 """
 
 import numpy as np
@@ -10,17 +11,20 @@ from sim2real.compared.problem import Problem
 from sim2real.search.fitting import Fit, begin, iterate
 
 WIDE = 0.05  # relative standard error from which a valley may be bent
+BEYOND = 0.15  # relative change from which it may be, however narrow the valley is at the fit
 FAR = 2.0  # standard errors from the nominal value within which intervals reach it anyway
 STEPS = 8  # of a fit along the valley
 
 
 def held_at_nominal(problem: Problem, fit: Fit) -> list[Fit]:
     """Points at which one coefficient is nominal and all others fit as well as they can, for each coefficient that lies
-    far from there in wide standard errors."""
+    far from there and has wide standard errors or changed a lot."""
     h, covariance, found = fit.hypothesis, fit.covariance(), []
     for i, c in enumerate(h.coordinates):
         sd = float(np.sqrt(covariance[i, i]))
-        if c.parameter != "change" or c.scale is None or sd * c.scale < WIDE or abs(fit.u[i]) < FAR * sd:
+        if c.parameter != "change" or c.scale is None or abs(fit.u[i]) < FAR * sd:
+            continue
+        if sd * c.scale < WIDE and abs(fit.u[i]) * c.scale < BEYOND:
             continue
         others = h.instead(*(name for name in h.effects if name != c.effect))
         start = np.delete(fit.u - covariance[:, i] / covariance[i, i] * fit.u[i], i)

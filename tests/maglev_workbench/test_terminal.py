@@ -1,6 +1,5 @@
 """What commands print: nothing where it is unwanted, no colour where it is unwanted, and every bracket."""
 
-import io
 import json
 import os
 import subprocess
@@ -50,12 +49,11 @@ def test_no_color_is_respected_by_tables():
     assert "\x1b[3" not in run("effects", NO_COLOR="1", FORCE_COLOR="1").stdout
 
 
-def test_brackets_and_colons_are_printed_as_they_are(monkeypatch):
+def test_brackets_and_colons_are_printed_as_they_are(capsys):
     text = "pip install 'maglev-workbench[bench]', --lines 1:100:2 [/] [red]"
-    monkeypatch.setattr(of_commands.console, "file", io.StringIO())
     of_commands.console.print(text, soft_wrap=True)
     of_commands.console.print(of_commands.marked("  !", text), soft_wrap=True)
-    assert of_commands.console.file.getvalue() == f"{text}\n  ! {text}\n"
+    assert capsys.readouterr().out == f"{text}\n  ! {text}\n"
 
 
 def test_effects_fit_80_columns_and_are_data_too(tmp_path):

@@ -156,7 +156,7 @@ def _ranked(d: Diagnosis) -> list[tuple[str, ...]]:
             " + ".join(e.effects),
             percent(e.probability),
             _place(e),
-            _parameters(listed.get(e.effects, {}), len(e.effects) > 1) or _MEANING.get(e.effects[0], ""),
+            _parameters(listed.get(e.effects, {}), e.effects) or _MEANING.get(e.effects[0], ""),
             "–" if e.explained_worst_group is None else percent(max(e.explained_worst_group, 0.0)),
         )
         for e in d.which[:TOP]
@@ -168,14 +168,14 @@ def _place(e: Entry) -> str:
     return "" if e.effects[0] in _MEANING else block_of("+".join(e.effects)).replace("+", " + ")
 
 
-def _parameters(fitted: Mapping[str, Fitted], several: bool) -> str:
+def _parameters(fitted: Mapping[str, Fitted], named: Sequence[str]) -> str:
     """Parameters of effects as text; changes within tolerance are in the table of the corrected rig."""
     found = []
     for name, at in fitted.items():
         effect, _, key = name.partition(".")
         if key:
             text = fitted_quantity(at, EFFECTS[effect].parameters[key].unit, key == "change")
-            found.append(f"{spoken(name, several)} {text}")
+            found.append(f"{spoken(name, list(named) != [effect])} {text}")
     return ", ".join(found)
 
 

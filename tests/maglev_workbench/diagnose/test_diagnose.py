@@ -151,6 +151,8 @@ def test_every_verdict_has_a_page(diagnosed):
     assert "foil" in diagnose_page(named)
     none = replace(found, verdict="no_gap", cause=(), next_experiment=None)
     assert "There is no gap" in diagnose_page(none) and "Within tolerance" in shown(none)
+    partly = " ".join(shown(replace(none, unseen=("delay",))).split())
+    assert "from the current on" in partly and "from the current on" not in shown(none)
     unknown = replace(found, verdict="unexplained", cause=("unknown",))
     assert "No known effect" in diagnose_page(unknown) and "Calibration, as far as it goes" in shown(unknown)
     alike = replace(named, verdict="ambiguous", cause=("delay", "mass"))

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from bench_loop import Bench, write_campaign
 
-from sim2real.compared.open_tones import agreed, log_chance, residual_of, tone_in, with_tones
+from sim2real.compared.open_tones import agreed, log_chances, residual_of, tones_in, with_tones
 from sim2real.compared.problem import assemble
 from sim2real.compared.simulated import Point
 from sim2real.recorded.records import read_records
@@ -45,7 +45,7 @@ def test_noise_shows_a_tone_as_often_as_stated(read):
     rng, chances = np.random.default_rng(1), []
     for _ in range(400):
         noise = rng.normal(size=(2, *residual.lines.shape))
-        chances.append(np.exp(log_chance(replace(residual, lines=noise[0] + 1j * noise[1]), 161.3)))
+        chances.append(np.exp(log_chances(replace(residual, lines=noise[0] + 1j * noise[1]), np.array([161.3]))[0]))
     for level in (0.02, 0.1, 0.5):
         assert np.mean(np.array(chances) < level) == pytest.approx(level, abs=3.5 * np.sqrt(level * (1 - level) / 400))
 
@@ -57,7 +57,7 @@ def test_a_tone_that_was_found_leaves_the_fit_alone(read):
     power = abs(problem.data - problem.simulate([Point({}, {})])[0]) ** 2 / 2
     near = abs(problem.frequency - 61.7) < 12.0
     assert near.sum() > 10 and power[near].mean() == pytest.approx(1.0, abs=5 / np.sqrt(near.sum()))
-    assert tone_in(residual_of(found, Point({}, {})), 61.7)[1] > 1e4  # as it was recorded
+    assert tones_in(residual_of(found, Point({}, {})), np.array([61.7]))[1] > 1e4  # as it was recorded
 
 
 def test_a_tone_of_unknown_origin_counts_where_two_recordings_have_it(read):
