@@ -56,7 +56,7 @@ def linear_quantities(rotor: Rotor, speed_rpm: float, band: tuple[float, float])
     found = _margins(here, speed)
     found["compliance"] = MODES, _compliance(here, speed, band)
     found["stiffness"], found["damping"] = ((MODES, one) for one in _coefficients(here))
-    found["noise_current"] = PLANES, _noise_current(here, whole, error)
+    found["noise_current"] = PLANES, _noise_current(here, speed, whole, error)
     return {name: Found((speed_rpm,), places, values[None]) for name, (places, values) in found.items()}
 
 
@@ -152,13 +152,13 @@ def _coefficients(rotor: Rotor) -> tuple[np.ndarray, np.ndarray]:
     return dynamic.real.mean(axis=0) / per_arm, (dynamic.imag / w[:, None]).mean(axis=0) / per_arm
 
 
-def _noise_current(rotor: Rotor, whole: np.ndarray, error: np.ndarray) -> np.ndarray:
+def _noise_current(rotor: Rotor, speed: float, whole: np.ndarray, error: np.ndarray) -> np.ndarray:
     """Current (2,) A rms of one coil pair at each plane, from the noise and the steps of probes and converters."""
     axis = rotor.axis
     steps = [2 * axis.voltage_range / 2**bits if bits else 0.0 for bits in (axis.adc_bits, axis.dac_bits)]
     reading = axis.noise.displacement**2 + (steps[0] / axis.probe_gain) ** 2 / 12
     command = (steps[1] * axis.amplifier_gain) ** 2 / 12
-    _, b, _ = sampled(rotor, 0.0)
+    _, b, _ = sampled(rotor, speed)
     held = np.vstack([b[:, :2], np.zeros((len(whole) - 8, 2))])
     power = reading * error @ error.conj().T + command * held @ held.conj().T
     # The variance of x + i y is twice that of x, and so is that of its noise.

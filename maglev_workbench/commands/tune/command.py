@@ -49,7 +49,7 @@ def tune(
     ] = None,
     batch: Annotated[
         int | None,
-        typer.Option(min=1, help="Number of experiments that are proposed together (default: 1; of a rotor 9)."),
+        typer.Option(min=1, help="Number of experiments that are proposed together (default: 1; of a rotor 8)."),
     ] = None,
     tuned: Annotated[
         list[str],
