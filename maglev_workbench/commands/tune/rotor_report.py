@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 
 SHORT = {"plane a": "a", "plane b": "b", "translation": "transl.", TOGETHER: "all"}  # places in the tables by speed
 BY_SPEED = "The worst at each speed: of plane a or b, of translation or tilt, or of all together; !: misses its limit."
+MORE_COLOURS = ("#8a6d3b", "#5b5b9f", "#2a7f7f", "#b03a6b", "#777777", "#c7a500")
 CHECK_HEAD = ("rpm", "controller", "peak |S|\nidentified", "peak |S|\nlinear model")
 
 
@@ -123,7 +124,7 @@ def over_speeds(goal: Goal, found: Sequence[Mapping[str, Found]]) -> "Figure":
     """How much of each limit is used at each speed, by each of up to two gain sets."""
     from plotly.graph_objects import Figure
 
-    figure, colours = Figure(), [*COLOURS, "#8a6d3b", "#5b5b9f", "#2a7f7f"]
+    figure, colours = Figure(), [*COLOURS, *MORE_COLOURS]
     for i, (one, dash) in enumerate(zip(found, ("solid", "dot"), strict=False)):
         for j, r in enumerate(goal.requirements):
             if not one:
