@@ -1,6 +1,6 @@
 """A study as tables, page and JSON: tried gains, the recommendation, and refused gains with reasons."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from importlib.metadata import version
 from typing import TYPE_CHECKING, Any
 
@@ -10,6 +10,7 @@ from estimation.normal import NORMAL_95
 from maglev_env.loop.gains import unit_of_gain
 from maglev_env.recordings.formats.json_data import plain
 from maglev_env.rig.goal import Goal
+from maglev_env.task.pump_goal import RotorGoalTask
 from maglev_env.task.task import Task
 from maglev_workbench import goal_page
 from maglev_workbench.commands.tune.next_recording import digits
@@ -29,7 +30,7 @@ STANDS = ("requirement", "mean", "limit", "95 % within tolerance", "")
 HEAD = ("experiment", "score", "stiffness kN/m", "damping N s/m", "peak |S|", "phase margin °", "peak µm")
 
 
-def summary(task: Task, found: Outcome, advice: Recommendation) -> str:
+def summary(task: Task | RotorGoalTask, found: Outcome, advice: Recommendation) -> str:
     """Sentences on the recommended gains with their spread, and on the number of refused ones with a higher score."""
     if advice.chosen is None:
         why = advice.refused[0].reason if advice.refused else "no experiment gave a stable loop"
@@ -48,7 +49,7 @@ def summary(task: Task, found: Outcome, advice: Recommendation) -> str:
     return text
 
 
-def gains_in_words(task: Task, point: np.ndarray) -> str:
+def gains_in_words(task: Task | RotorGoalTask, point: np.ndarray) -> str:
     """The gains of a point of the box, in SI."""
     return ", ".join(
         f"{n} = {digits(g)} {unit_of_gain(n)}".strip()
@@ -61,7 +62,9 @@ def gain_heads(names: Sequence[str]) -> list[str]:
     return [f"{name}\n{unit_of_gain(name)}" for name in names]
 
 
-def tune_tables(task: Task, found: Outcome, advice: Recommendation) -> "Iterable[str | rich.table.Table]":
+def tune_tables(
+    task: Task | RotorGoalTask, found: Outcome, advice: Recommendation
+) -> "Iterable[str | rich.table.Table]":
     """Tables for a terminal."""
     from rich import box
     from rich.table import Table
@@ -86,8 +89,15 @@ def tune_tables(task: Task, found: Outcome, advice: Recommendation) -> "Iterable
     yield summary(task, found, advice)
 
 
-def tune_page(task: Task, found: Outcome, advice: Recommendation, data: dict[str, Any]) -> str:
-    """The HTML page of a study."""
+def tune_page(
+    task: Task | RotorGoalTask,
+    found: Outcome,
+    advice: Recommendation,
+    data: dict[str, Any],
+    more: "Sequence[tuple[str, str | Figure]]" = (),
+    facts: Mapping[str, str] | None = None,
+) -> str:
+    """The HTML page of a study, with more sections behind those of the goal, and facts in place of the rig's."""
     refused = [(gains_in_words(task, v.point), v.reason) for v in advice.refused]
     goal = task.layout.goal
     head = GOAL_HEAD if goal else HEAD
@@ -100,15 +110,16 @@ def tune_page(task: Task, found: Outcome, advice: Recommendation, data: dict[str
     if advice.chosen:
         sections.insert(0, ("Recommended", table(("figure", "95 % of noise and tolerance"), _spread(advice.chosen))))
     if goal:
-        sections[1 if advice.chosen else 0 : 0] = _goal_sections(task, goal, found, advice)
+        sections[1 if advice.chosen else 0 : 0] = [*_goal_sections(task, goal, found, advice), *more]
     by = data["made_by"]
-    made = {**rig_facts(by["rig"]), "Effects": effects_in_words(by["effects"]), "Sensor": by["sensor"]}
-    made |= {"Method": by["method"], "Seed": by["seed"]}
+    if facts is None:
+        facts = {**rig_facts(by["rig"]), "Effects": effects_in_words(by["effects"]), "Sensor": by["sensor"]}
+    made = {**facts, "Method": by["method"], "Seed": by["seed"]}
     return page(f"Tuning of {task.name}", summary(task, found, advice), sections, made)
 
 
 def tune_json(
-    task: Task, found: Outcome, advice: Recommendation, made_by: dict[str, Any], seconds: float
+    task: Task | RotorGoalTask, found: Outcome, advice: Recommendation, made_by: dict[str, Any], seconds: float
 ) -> dict[str, Any]:
     """JSON data of schema maglev-tune/1."""
     trials = found.trials
@@ -166,7 +177,7 @@ def course_figure(task: Task, found: Outcome) -> "Figure":
     return styled(figure, 380)
 
 
-def _hover(task: Task, found: Outcome) -> list[str]:
+def _hover(task: Task | RotorGoalTask, found: Outcome) -> list[str]:
     """What every experiment was and gave, for its points."""
     t = found.trials
     return [
@@ -175,7 +186,7 @@ def _hover(task: Task, found: Outcome) -> list[str]:
     ]
 
 
-def where_figure(task: Task, found: Outcome, advice: Recommendation) -> "Figure":
+def where_figure(task: Task | RotorGoalTask, found: Outcome, advice: Recommendation) -> "Figure":
     """Scatter plots of each pair of tried gains, coloured by score; a star marks the recommended ones."""
     import plotly.graph_objects as go
     from plotly.subplots import make_subplots
@@ -208,7 +219,7 @@ def where_figure(task: Task, found: Outcome, advice: Recommendation) -> "Figure"
     return styled(figure, 380 * rows)
 
 
-def _best_rows(task: Task, found: Outcome) -> list[tuple[str, ...]]:
+def _best_rows(task: Task | RotorGoalTask, found: Outcome) -> list[tuple[str, ...]]:
     t = found.trials
     rows = []
     for i in np.argsort(-t.score, kind="stable")[:BEST]:
@@ -225,7 +236,9 @@ def _best_rows(task: Task, found: Outcome) -> list[tuple[str, ...]]:
     return rows
 
 
-def _goal_sections(task: Task, goal: Goal, found: Outcome, advice: Recommendation) -> "list[tuple[str, str | Figure]]":
+def _goal_sections(
+    task: Task | RotorGoalTask, goal: Goal, found: Outcome, advice: Recommendation
+) -> "list[tuple[str, str | Figure]]":
     t = found.trials
     names = goal_page.shown_names(goal)
     values = {
