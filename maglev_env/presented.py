@@ -7,8 +7,23 @@ from typing import TYPE_CHECKING, ClassVar
 if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
+    from matplotlib.figure import Figure
 
 SHOWN = 10  # rows of a table in a notebook
+
+
+def matplotlib_figure() -> "type[Figure]":
+    """The class of matplotlib's figures, which draw without a window.
+
+    Raises:
+        ModuleNotFoundError: It is not installed; the message says what to install.
+    """
+    try:
+        from matplotlib.figure import Figure
+    except ModuleNotFoundError:
+        message = 'matplotlib is not installed: pip install "maglev-workbench[plot]"'
+        raise ModuleNotFoundError(message, name="matplotlib") from None
+    return Figure
 
 
 class Presented(ABC):

@@ -5,7 +5,8 @@ import signal
 from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager
-from multiprocessing import get_context
+from multiprocessing import get_context, parent_process
+from threading import Thread
 
 _THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
 
@@ -15,9 +16,7 @@ def fresh_pool(processes: int) -> Iterator[ProcessPoolExecutor]:
     """New processes with one thread each; libraries read this from the environment when they are first imported."""
     before = {name: os.environ.get(name) for name in _THREADS}
     os.environ.update(dict.fromkeys(_THREADS, "1"))
-    # Ctrl-C ends them immediately, and not only after their current work.
-    at_once = {"initializer": signal.signal, "initargs": (signal.SIGINT, signal.SIG_DFL)}
-    pool = ProcessPoolExecutor(processes, mp_context=get_context("spawn"), **at_once)
+    pool = ProcessPoolExecutor(processes, mp_context=get_context("spawn"), initializer=_end_with_the_parent)
     try:
         yield pool
     finally:
@@ -26,3 +25,15 @@ def fresh_pool(processes: int) -> Iterator[ProcessPoolExecutor]:
             os.environ.pop(name)
             if value is not None:
                 os.environ[name] = value
+
+
+def _end_with_the_parent() -> None:
+    """End this process at Ctrl-C, not only after its current work, and when its parent is gone.
+
+    A parent that is terminated or killed, or whose terminal is closed, cannot end its processes itself; they would wait
+    for work for ever.
+    """
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+    parent = parent_process()
+    if parent is not None:
+        Thread(target=lambda: (parent.join(), os._exit(1)), daemon=True).start()

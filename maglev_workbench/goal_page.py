@@ -100,7 +100,7 @@ def requirement_bars(goal: Goal, sets: Sequence[tuple[str, Mapping[str, Any]]]) 
         )  # fmt: skip
     figure.add_vline(1.0, line={"color": STAR, "width": 2})
     figure.add_annotation(x=1.0, y=1.0, yref="paper", yanchor="bottom", text="limit", showarrow=False)
-    figure.update_xaxes(title_text="share of the limit that is used (at least: limit over value)", range=[0, widest])
+    figure.update_xaxes(title_text="share of the limit that is used<br>(at least: limit over value)", range=[0, widest])
     figure.update_yaxes(autorange="reversed", automargin=True)
     figure.update_layout(barmode="group", legend={"orientation": "h", "x": 0, "y": 1.01, "yanchor": "bottom"})
     return styled(figure, 130 + 34 * len(labels) * max(1, len(sets)))

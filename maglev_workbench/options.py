@@ -23,15 +23,15 @@ from maglev_workbench.heartbeat import heartbeat
 
 # A preset is a file. Its folder is found without importing the simulator, which would delay --help.
 _PACKAGE = Path(find_spec("maglev_env").submodule_search_locations[0])
-_PRESETS = {  # option -> its presets
+PRESETS = {  # option -> its presets
     option: tuple(sorted(file.stem for file in _PACKAGE.joinpath(f"{option}s").glob("*.toml")))
     for option in ("rig", "rotor")
 }
 RigOption = Annotated[
     str,
     typer.Option(
-        help=f"Preset ({', '.join(_PRESETS['rig'])}) or a rig TOML.",
-        autocompletion=lambda incomplete: [name for name in _PRESETS["rig"] if name.startswith(incomplete)],
+        help=f"Preset ({', '.join(PRESETS['rig'])}) or a rig TOML.",
+        autocompletion=lambda incomplete: [name for name in PRESETS["rig"] if name.startswith(incomplete)],
     ),
 ]
 EffectOption = Annotated[
@@ -70,9 +70,13 @@ SchedulerOption = Annotated[
         help="Dask scheduler, tcp://host:8786, or local:N for N processes here; results do not change.",
     ),
 ]
+MOST_AHEAD = 4000  # characters of a file ahead of its schema
 _FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 _DENIED = (errno.EACCES, errno.EPERM, errno.EROFS)
-_EXTRAS = {"torch": "rl", "stable_baselines3": "rl"}  # module that may be missing -> the extra that installs it
+_EXTRAS = {  # module that may be missing -> the extra that installs it
+    "cmaes": "search", "filterpy": "filter", "matplotlib": "plot", "optuna": "search",
+    "stable_baselines3": "rl", "torch": "rl",
+}  # fmt: skip
 _READ = ("source", "campaign", "folder", "twin", "compare", "init", "policy")  # parameters that name what is read
 _WRITTEN = {"json_file": "--json", "docs": "--docs", "picture": "--picture"}  # options that name a file to write
 
@@ -98,6 +102,16 @@ def require_choice(value: str, known: Iterable[str], option: str) -> None:
     """
     if value not in (choices := tuple(known)):
         raise ValueError(f"{option} {value}: use one of {', '.join(choices)}")
+
+
+def require_package(name: str) -> None:
+    """Check, before any work, that a package of an extra is installed.
+
+    Raises:
+        ModuleNotFoundError: It is not; the command says how to install it.
+    """
+    if find_spec(name) is None:
+        raise ModuleNotFoundError(f"No module named {name!r}", name=name)
 
 
 def require_file(path: Path | None, option: str) -> None:
@@ -153,7 +167,7 @@ def friendly(command: Callable[..., None]) -> Callable[..., None]:
                 require_file(kwargs.get(name), option)
             for name in _READ:
                 _require_there(kwargs.get(name))
-            for name, presets in _PRESETS.items():
+            for name, presets in PRESETS.items():
                 _require_preset(kwargs.get(name), name, presets)
             _require_valid(kwargs.get("rig"), kwargs.get("effect"))
             with nullcontext() if quiet else heartbeat(command.__name__.strip("_").replace("_", "-")), _silent(quiet):
@@ -211,7 +225,17 @@ def _require_there(given: Any) -> None:
 
 def _is_preset(name: str) -> bool:
     """Whether this is a preset, if only of another kind, which whoever loads it then says."""
-    return any(name in names for names in _PRESETS.values())
+    return any(name in names for names in PRESETS.values())
+
+
+def is_rotor(source: str) -> bool:
+    """Whether this names a rotor: one of the presets, or a file whose schema says so."""
+    if source in PRESETS["rotor"]:
+        return True
+    try:
+        return source.endswith(".toml") and "maglev-rotor/1" in Path(source).read_text()[:MOST_AHEAD]
+    except (OSError, ValueError):
+        return False  # whoever loads it says what is wrong
 
 
 def _require_preset(given: str | None, option: str, presets: tuple[str, ...]) -> None:
@@ -229,7 +253,7 @@ def _require_valid(rig: str | None, effects: list[str] | None) -> None:
         from maglev_env.loop.effect import parse_effects
 
         parse_effects(effects)
-    if rig is not None and rig not in _PRESETS["rig"]:
+    if rig is not None and rig not in PRESETS["rig"] and not is_rotor(rig):
         from maglev_env.rig.rig import load_rig
 
         load_rig(rig)

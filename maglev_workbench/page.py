@@ -113,6 +113,13 @@ def rig_facts(rig: Mapping[str, Any]) -> dict[str, str]:
     return found | ({"Excitation": "; ".join(driven)} if driven else {})
 
 
+def effects_in_words(effects: Mapping[str, Mapping[str, object]]) -> str:
+    """Added effects with their parameters in SI, "none" without one."""
+    return (
+        "; ".join(f"{name}: {', '.join(f'{k} = {v}' for k, v in e.items())}" for name, e in effects.items()) or "none"
+    )
+
+
 def note(text: str) -> str:
     """HTML of a paragraph in grey; the text is escaped."""
     return f'<p class="note">{escape(text)}</p>'

@@ -11,6 +11,7 @@ from plotly.subplots import make_subplots
 
 from estimation.lines.periods import line_statistics, period_spectra, split_periods
 from maglev_env.channels import MEASURED
+from maglev_env.loop.gains import GAIN_CARDS
 from maglev_env.recordings.alarms import alarms_of
 from maglev_env.rig.excitation import Excitation
 from maglev_workbench.page import COLOURS, labelled_axis, number, page, styled
@@ -19,6 +20,7 @@ if TYPE_CHECKING:
     import xarray as xr
 
 _SHOWN = {"m": (1e6, "um"), "N": (1.0, "N"), "A": (1.0, "A")}
+_LABELS = {"speed_rpm": "Speed, rpm"}
 _STRETCHES = 500  # of a panel over time, of each of which the smallest and the largest sample are drawn
 _PER_DECADE = 100  # bands of a spectrum, of each of which the lowest and the highest line are drawn
 _PARTS = 8  # of a recording in which nothing repeats: the length of what Welch averages
@@ -64,10 +66,16 @@ def _made_by(recordings: "Sequence[tuple[str, xr.Dataset]]") -> dict[str, str]:
     for name in ("rig", "gains", "effects", "sensor", "speed_rpm", "seed", "version"):
         value = first.get(name)
         if isinstance(value, dict):
-            value = ", ".join(f"{key} {one}" for key, one in value.items())
+            value = ", ".join(f"{key} {_with_unit(key, one)}" for key, one in value.items())
         if value not in (None, ""):
-            made_by[name.replace("_", " ").capitalize()] = f"{value}"
+            made_by[_LABELS.get(name, name.capitalize())] = f"{value:g}" if isinstance(value, float) else f"{value}"
     return made_by
+
+
+def _with_unit(name: str, value: object) -> str:
+    """A value of the experiment, a gain with its SI unit."""
+    known = isinstance(value, float) and name in GAIN_CARDS
+    return f"{value:g} {GAIN_CARDS[name].unit}".strip() if known else f"{value}"
 
 
 def _channels(dataset: "xr.Dataset") -> list[str]:

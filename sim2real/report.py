@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from math import inf
 
 import numpy as np
 
@@ -137,7 +138,8 @@ def sentence(diagnosis: Diagnosis) -> str:
             f"The gap is explained by {one_of}, in {blocks}; this campaign cannot tell them apart{_besides(diagnosis)}."
         )  # fmt: skip
     top = named(diagnosis)[0]
-    shown = [c for c in corrections(diagnosis) if "." in c.name]
+    moved = {n for n, v in diagnosis.corrected.effects.items() if any(v.values())}  # a lag may sit in a stated pole
+    shown = [c for c in corrections(diagnosis) if "." in c.name and c.name.partition(".")[0] in moved]
     values = parameters_in_words({c.name: c.fitted for c in shown}, top.effects)
     return (
         f"The gap is explained by {_and(top.effects)} ({percent(top.probability)}), in "
@@ -167,15 +169,16 @@ def _besides(diagnosis: Diagnosis) -> str:
 
 
 def _whole_lags(diagnosis: Diagnosis) -> list[str]:
-    """How long a block lags in all where a lag of it is named and the stated time constant, which has no tolerance, was
-    fitted beside it: the share of each says nothing."""
+    """How long a block lags in all where a lag of it is named and the stated time constant has no tolerance, or moved
+    beyond it: the share of each says nothing."""
     found = []
     for effect, name in REPLACED.items():
         values = diagnosis.corrected.effects.get(effect)
-        if values is None or name not in usual_tolerances(diagnosis.rig):
+        change, sure = diagnosis.corrected.changes.get(name, 0.0), diagnosis.rig.tolerance.get(name, inf)
+        if values is None or (name not in usual_tolerances(diagnosis.rig) and abs(change) < sure):
             continue
         stated = getattr(diagnosis.rig, name)
-        whole = stated * (1 + diagnosis.corrected.changes.get(name, 0.0))
+        whole = stated * (1 + change)
         whole += (1 - values.get("feedback", 0.0)) * values["time_constant"]
         block = effect.removesuffix("_lag")
         found.append(f"the {block} lags by {quantity(whole, None, 's')} ({quantity(stated, None, 's')} stated)")

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -22,12 +23,24 @@ class Method:
         safe_start: whether it asks for the episode's safe start first.
         longest: most experiments on a rig that a comparison gives it, where asking costs more the more it was told;
             None: any number. Such a tuner takes part in a comparison only when it is named.
+        needs: packages that only an extra installs.
     """
 
     about: str
     make: "Callable[[Task, Episode, int, int], Tuner]"
     safe_start: bool = True
     longest: int | None = None
+    needs: tuple[str, ...] = ()
+
+    def check_installed(self) -> None:
+        """Check that the packages are there, before any experiment; a tuner may load them only after some.
+
+        Raises:
+            ModuleNotFoundError: One is not installed.
+        """
+        for name in self.needs:
+            if find_spec(name) is None:
+                raise ModuleNotFoundError(f"No module named {name!r}", name=name)
 
 
 def _grid(task: "Task", episode: "Episode", seed: int, budget: int) -> "Tuner":
@@ -80,9 +93,9 @@ METHODS: Mapping[str, Method] = {
     "grid": Method("points on a grid", _grid, safe_start=False),
     "sobol": Method("points that fill the box evenly", _sobol, safe_start=False),
     "de": Method("differential evolution", _evolution),
-    "cma-es": Method("Optuna's evolution with an adapted covariance", _optuna("cma-es")),
-    "tpe": Method("Optuna's tree of Parzen estimators", _optuna("tpe")),
-    "gp": Method("Optuna's Gaussian process", _optuna("gp"), longest=30),
+    "cma-es": Method("Optuna's evolution with an adapted covariance", _optuna("cma-es"), needs=("optuna", "cmaes")),
+    "tpe": Method("Optuna's tree of Parzen estimators", _optuna("tpe"), needs=("optuna",)),
+    "gp": Method("Optuna's Gaussian process", _optuna("gp"), longest=30, needs=("torch", "optuna")),
     "rule": Method("the dissertation's rule", _rule),
     LEARNED: Method("a policy learned on simulated rigs", _learned),
     "model": Method("fits the rig's parameters, then searches on them", _model),
@@ -104,9 +117,11 @@ def make_tuner(
 
     Raises:
         ValueError: The name is unknown (the message lists the names), or a policy does not fit.
+        ModuleNotFoundError: A package that the tuner needs is not installed.
     """
     if method not in METHODS:
         raise ValueError(f"method {method!r} is unknown; use one of {', '.join(METHODS)}")
+    METHODS[method].check_installed()
     if policy is None:
         return METHODS[method].make(task, episode, seed, budget)
     if method != LEARNED:

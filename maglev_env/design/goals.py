@@ -45,7 +45,7 @@ def with_goal(rig: Rig, source: str | None) -> Rig:
         ValueError: The text is not understood.
         OSError: The file cannot be read.
     """
-    stated = rig if source is None else replace(rig, target=replace(rig.target, goal=_read(source)))
+    stated = rig if source is None else replace(rig, target=replace(rig.target, goal=goal_text(source)))
     goal = goal_of(stated)
     return replace(stated, target=replace(stated.target, goal=goal.text if goal else MATCH))
 
@@ -85,8 +85,13 @@ def engineer(rig: Rig) -> Goal:
     return Goal(tuple(requirements), requirements[3])
 
 
-def _read(text: str) -> str:
-    """The text itself, or that of the file it names."""
+def goal_text(text: str) -> str:
+    """The text of a goal itself, or that of the file it names.
+
+    Raises:
+        ValueError: It is neither a goal nor a file.
+        OSError: The file cannot be read.
+    """
     path = Path(text)
     if text.strip() in ("", *NAMED) or set(text) & set("<>=") or text.strip().startswith("best "):
         return text

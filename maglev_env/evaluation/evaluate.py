@@ -25,7 +25,7 @@ from maglev_env.kernel.simulate import SimulatedStatistics, own_lanes, simulate_
 from maglev_env.linear.loop import closed_loop_poles, expected_statistics, pole_radii
 from maglev_env.loop.axes import AXES
 from maglev_env.loop.gains import NO_CONTROLLER, of_axis
-from maglev_env.presented import Presented
+from maglev_env.presented import Presented, matplotlib_figure
 from maglev_env.rig.excitation import lines_at
 from maglev_env.rig.goal import QUANTITIES, Goal
 from maglev_env.rig.rig import Protocol, Rig, axis_rig
@@ -148,9 +148,7 @@ class Evaluation(Presented):
 
     def plot(self) -> "Figure":
         """Stiffness and damping over frequency of every experiment with 95 % intervals, as a matplotlib figure."""
-        from matplotlib.figure import Figure
-
-        figure = Figure(layout="constrained")
+        figure = matplotlib_figure()(layout="constrained")
         axes = figure.subplots(2, 1, sharex=True)
         centre = self.bands.mean(axis=1)
         for ax, name, unit in zip(axes, ("stiffness", "damping"), ("N/m", "N s/m"), strict=True):

@@ -21,7 +21,7 @@ from maglev_env.evaluation.bands import (
 from maglev_env.evaluation.known_chain import between_readings, coil_current, rotor_motion
 from maglev_env.evaluation.stability import Stability, stability_of
 from maglev_env.linear.control_systems import python_control
-from maglev_env.presented import Presented
+from maglev_env.presented import Presented, matplotlib_figure
 from maglev_env.recordings.spectra import RecordedSignals, RecordSpectra, record_spectra
 from maglev_env.rig.rig import Rig
 
@@ -127,11 +127,9 @@ class Identification(Presented):
 
     def plot(self) -> "Figure":
         """Stiffness and damping of the informative bands with 95 % intervals, as a matplotlib figure."""
-        from matplotlib.figure import Figure
-
         sure = [b for b in self.bands if b.informative]
         centre, half = ([(b.f_lo + sign * b.f_hi) / 2 for b in sure] for sign in (1, -1))
-        figure = Figure(layout="constrained")
+        figure = matplotlib_figure()(layout="constrained")
         axes = figure.subplots(2, 1, sharex=True)
         for ax, name, unit in zip(axes, ("stiffness", "damping"), ("N/m", "N s/m"), strict=True):
             value = np.array([getattr(b, name) for b in sure])

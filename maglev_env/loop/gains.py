@@ -52,6 +52,13 @@ INPUTS = ("reference", "reading", "current")
 GAIN_CARDS: Mapping[str, GainCard] = {
     name: card for cls in (Gains, *FORMS.values()) for name, card in cards(cls).items()
 }
+
+
+def unit_of_gain(name: str) -> str:
+    """The SI unit of a gain; the name of a controller may stand behind it, as in kp_A."""
+    return GAIN_CARDS[name if name in GAIN_CARDS else name.split("_")[0]].unit
+
+
 # One controller for every axis, or one for each of x and y.
 Controllers = Controller | tuple[Controller, Controller]
 NO_CONTROLLER = Gains(0.0, 0.0, 0.0)

@@ -353,7 +353,9 @@ def load_rig(source: str | Path) -> Rig:
         return rig_from_toml(text, str(source))
     path = Path(source)
     if str(source) in ROTORS:
-        raise ValueError(f"{source} is a spinning rotor in five degrees of freedom, not a rig: use maglev runup")
+        raise ValueError(
+            f"{source} is a spinning rotor in five degrees of freedom, not a rig: use maglev runup, or maglev tune"
+        )
     if path.suffix != ".toml":
         raise ValueError(f"rig {str(source)!r} is neither a preset ({', '.join(PRESETS)}) nor a .toml file")
     if not path.exists():

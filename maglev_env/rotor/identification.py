@@ -17,7 +17,7 @@ from estimation.multisine.sphs import sphs, synthesise
 from estimation.stability_margins import peak_sensitivity
 from maglev_env.loop.gains import controller_response
 from maglev_env.rotor.lanes import Run
-from maglev_env.rotor.linear import control_matrices, held_current, mechanics
+from maglev_env.rotor.linear import control_matrices, held_current, mechanics, rejection_response
 from maglev_env.rotor.rotor import Rotor
 from maglev_env.rotor.simulate import Spun, reduced
 
@@ -169,7 +169,8 @@ def _of_run(run: Run, spectra: np.ndarray, drive: np.ndarray, protocol: Protocol
         at = np.searchsorted(every, lines)
         z = np.exp(1j * w[at] * dt)
         put_in = (np.linalg.inv(out) @ currents)[c, at]
-        answer = (into @ seen.mean(axis=0))[c, at]
+        ahead = (into @ seen.mean(axis=0))[:, at].T[..., None]
+        answer = (rejection_response(rotor, every[at] * protocol.fundamental, run.speed) @ ahead)[:, c, 0]
         s = 1 - controller_response(gains, z, dt) * answer / put_in
         shapes.append(s)
         peaks.append(peak_sensitivity(w[at] / (2 * np.pi), s))

@@ -10,10 +10,10 @@ from functools import cache
 import numpy as np
 
 from maglev_env.loop.controller import pid_step
-from maglev_env.rotor.pieces import advance
+from maglev_env.rotor.pieces import advance, follow_turn
 from maglev_env.rotor.rows import (
     CHANNELS, COMMAND, COS, COUNT_MAX, COUNTS, CURRENT, D, DECAY_D, DECAY_I, INTO, KD, KI, KP, NOISE, OUT,
-    PER_COUNT, PER_U, PROBE, Q, SIN, U_COUNT, U_MAX, XI,
+    ONCE, PER_COUNT, PER_U, PROBE, Q, SIN, U_COUNT, U_MAX, XI,
 )  # fmt: skip
 from maglev_lanes.compiled import compiled
 from maglev_lanes.converter import quantised
@@ -25,8 +25,8 @@ TILE = 8  # number of samples that are collected before they are written lane by
 
 
 @cache
-def kernel(substeps: int = 1) -> Callable[..., None]:
-    """The compiled stepper with a number of integration steps per control sample.
+def kernel(substeps: int = 1, rejecting: bool = False) -> Callable[..., None]:
+    """The compiled stepper with a number of integration steps per control sample, and with force rejection or without.
 
     Called as step(block, seeds, first_sample, h, force, injection, tile, out), all arrays flat. It advances the block
     over the samples of the waveforms.
@@ -38,10 +38,10 @@ def kernel(substeps: int = 1) -> Callable[..., None]:
         tile: scratch, (TILE channels LANES).
         out: filled, (channels, LANES, n).
     """
-    return _make(substeps)
+    return _make(substeps, rejecting)
 
 
-def _make(substeps):
+def _make(substeps, rejecting):
     sources, channels = 0, len(CHANNELS)  # sources: see `compiled`
     width = channels * W
 
@@ -49,6 +49,7 @@ def _make(substeps):
         if sources == 0:
             return
         samples = injection.size // 4
+        left = np.zeros(4 * W)
         for t in range(samples):
             o = (t % TILE) * width
             count = np.uint64(np.int64(first_sample + t + 1))
@@ -67,6 +68,9 @@ def _make(substeps):
                     e = -(x[i + INTO] * a + x[i + INTO + W] * b)
                     e_2 = -(x[i + INTO + 2 * W] * a + x[i + INTO + 3 * W] * b)
                     c, c_2 = d * W + i, (2 + d) * W + i
+                    if rejecting:
+                        e, e_2 = e - x[i + ONCE + d * W], e_2 - x[i + ONCE + (2 + d) * W]
+                        left[d * W + i], left[(2 + d) * W + i] = e, e_2
                     u, x[c + D], x[c + XI] = pid_step(
                         e, x[c + D], x[c + XI], x[c + KP], x[c + KD], x[c + KI], x[c + DECAY_D], x[c + DECAY_I]
                     )
@@ -79,6 +83,9 @@ def _make(substeps):
                     top, per, lsb = x[i + U_MAX], x[i + PER_U], x[i + U_COUNT]
                     x[c + COMMAND] = quantised(first * per, -top, top, 1.0) * lsb
                     x[c_2 + COMMAND] = quantised(second * per, -top, top, 1.0) * lsb
+            if rejecting:
+                for i in range(W):
+                    follow_turn(x, i, left)
             fx, ftx, fy = force[t], force[samples + t], force[2 * samples + t]
             fty, fz = force[3 * samples + t], force[4 * samples + t]
             for s in range(substeps):

@@ -10,7 +10,7 @@ from maglev_env.lane_values import LaneValues
 from maglev_env.loop.magnets.kinds import force_law
 from maglev_env.rig.rig import Rig
 from maglev_env.rotor import rows as r
-from maglev_env.rotor.linear import LEAST_LAG, control_matrices, controllers
+from maglev_env.rotor.linear import LEAST_LAG, control_matrices, controllers, rejection_gain
 from maglev_env.rotor.rotor import Rotor
 from maglev_lanes.layout import LANES, LaneRows
 
@@ -35,13 +35,21 @@ class Run:
 def block(runs: Sequence[Run], substeps: int = 1) -> tuple[np.ndarray, np.ndarray]:
     """Rows (ROWS, LANES) at the start, rotors at rest in the centre, and noise seeds (4, LANES); the last of at most
     LANES runs fills the rest."""
-    columns = [_column(run, substeps) for run in runs]
+    chains = {id(axis): _chains(axis, substeps) for axis in (run.rotor.axis for run in runs)}
+    columns = [_column(run, substeps, *chains[id(run.rotor.axis)]) for run in runs]
     seeds = [np.random.SeedSequence(run.seed).generate_state(4, np.uint64) for run in runs]
     pad = np.minimum(np.arange(LANES), len(runs) - 1)
     return np.ascontiguousarray(np.array(columns).T[:, pad]), np.ascontiguousarray(np.array(seeds).T[:, pad])
 
 
-def _column(run: Run, substeps: int) -> np.ndarray:
+def _chains(axis: Rig, substeps: int) -> tuple[np.ndarray, np.ndarray]:
+    """Rows CHAIN and DECAYS of an axis."""
+    step, lagging = np.array([1 / (axis.control_rate * substeps)]), LaneValues((_lagging(axis),), ({},))
+    nodes = actuator_rows(lagging, step, np.zeros(1)).reshape(5, 4, 1)[:, 0]
+    return sensor_rows(lagging, step)[[0, 2, 3, 4, 5]], nodes[[0, 2, 3, 4]]
+
+
+def _column(run: Run, substeps: int, chain: np.ndarray, decays: np.ndarray) -> np.ndarray:
     rotor, axis = run.rotor, run.rotor.axis
     law, h, dt = force_law(axis), 1 / (axis.control_rate * substeps), 1 / axis.control_rate
     x = LaneRows(np.zeros((r.ROWS, 1)))
@@ -71,10 +79,7 @@ def _column(run: Run, substeps: int) -> np.ndarray:
     x[r.FLUX_M], x[r.GAP_M] = law.magnet_flux, law.gap + law.magnet_gap
     x[r.FLUX_C], x[r.GAP_C] = law.coil_flux, law.gap + law.coil_gap
     x[r.SCALE], x[r.CALIBRATION] = law.gain_scale, law.stiffness_scale
-    step, lagging = np.array([h]), LaneValues((_lagging(axis),), ({},))
-    x[r.CHAIN] = sensor_rows(lagging, step)[[0, 2, 3, 4, 5]]
-    nodes = actuator_rows(lagging, step, np.zeros(1)).reshape(5, 4, 1)[:, 0]
-    x[r.DECAYS] = nodes[[0, 2, 3, 4]]
+    x[r.CHAIN], x[r.DECAYS] = chain, decays
     lsb, u_lsb = (2 * axis.voltage_range / 2**bits for bits in (axis.adc_bits or IDEAL, axis.dac_bits or IDEAL))
     x[r.COUNTS], x[r.COUNT_MAX], x[r.PER_COUNT] = axis.probe_gain / lsb, axis.voltage_range / lsb, lsb / axis.probe_gain
     x[r.NOISE] = axis.noise.displacement
@@ -89,6 +94,11 @@ def _column(run: Run, substeps: int) -> np.ndarray:
     x[r.KD] = [[g.kd / g.td] for g in gains]
     x[r.DECAY_D] = [[np.exp(-dt / g.td)] for g in gains]
     x[r.DECAY_I] = [[np.exp(-dt / g.ti)] for g in gains]
+    turned = np.exp(1j * run.speed * dt)
+    x[r.STEP_COS], x[r.STEP_SIN] = turned.real, turned.imag
+    gain = rejection_gain(rotor, run.speed)
+    if gain is not None:
+        x[r.REJECT] = np.stack([(turned * gain).real, (turned * gain).imag], axis=-1).reshape(8, 1)
     return x.values[:, 0]
 
 

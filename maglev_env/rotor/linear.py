@@ -1,6 +1,7 @@
 """The levitated rotor linearised about the centre: modes, poles, unbalance response and sensitivity, in closed form.
 
-The complex notation of isotropic rotors (Genta 2005; Schweitzer and Maslen 2009, ch. 10) is written in real x and y.
+In isotropic bearings x + i y is one complex coordinate (Genta 2005; Schweitzer and Maslen 2009, ch. 10): the loop has
+half of the states, with complex coefficients, and its response at a negative frequency is that to a backward rotation.
 """
 
 from dataclasses import dataclass
@@ -80,9 +81,14 @@ def control_matrices(rotor: Rotor) -> tuple[np.ndarray, np.ndarray]:
     """Matrices (4, 4) from readings to the controllers' inputs, and from their outputs to commands.
 
     Readings and commands are ordered as `AXES`; controllers as (first, x), (first, y), (second, x), (second, y).
+    Translation reads the motion of the centre of mass, and its currents push there without turning the rotor; tilt
+    reads half the difference of both planes, and its currents turn the rotor without pushing it, wherever the planes
+    are. About the middle between equal arms that is the mean of both planes and equal currents.
     """
     if tuple(rotor.gains) == CONTROLS[0]:
-        into, out = np.array([[0.5, 0.5], [-0.5, 0.5]]), np.array([[1.0, -1.0], [1.0, 1.0]])
+        (a, b), (c, d) = rotor.planes.probes, rotor.planes.magnets
+        into = np.array([[b / (b - a), -a / (b - a)], [-0.5, 0.5]])
+        out = np.array([[2 * d / (d - c), -1.0], [-2 * c / (d - c), 1.0]])
     else:
         into = out = np.eye(2)
     return np.kron(into, np.eye(2)), np.kron(out, np.eye(2))
@@ -93,91 +99,146 @@ def controllers(rotor: Rotor) -> list[Gains]:
     return [g for g in rotor.gains.values() for _ in range(2)]
 
 
-def control_response(rotor: Rotor, frequency: np.ndarray) -> np.ndarray:
-    """Responses of the four controllers to their errors (n, 4), A/m, at frequency (n,) Hz."""
-    dt = 1 / rotor.axis.control_rate
-    z = np.exp(2j * np.pi * np.asarray(frequency) * dt)
-    return np.stack([controller_response(g, z, dt) for g in controllers(rotor)], axis=-1)
-
-
 def held_current(rotor: Rotor, frequency: np.ndarray) -> np.ndarray:
-    """Current per command (n,) at frequency (n,) Hz > 0: held over a control sample and delayed by the amplifier."""
+    """Current per command (n,) at frequency (n,) Hz, not 0: held over a control sample and delayed by the amplifier."""
     s, dt = 2j * np.pi * np.asarray(frequency), 1 / rotor.axis.control_rate
     return (1 - np.exp(-s * dt)) / (s * dt) / (1 + s * rotor.axis.amplifier_time_constant)
 
 
 def continuous(rotor: Rotor, speed: float) -> np.ndarray:
-    """Rate matrix (16, 24) of q, q', and the states of probes and amplifiers.
+    """Complex rate matrix (8, 12) of q, q' (translation and tilt), and the states of probes and amplifiers (a and b).
 
-    Its columns are these states, the held commands (4) and the generalised forces (4) at the centre of mass.
+    Its columns are these states, the held commands (2) and the generalised forces (2) at the centre of mass.
     """
     m, axis = mechanics(rotor), rotor.axis
-    n = len(MOTIONS)
-    inverse = np.linalg.inv(m.mass)
-    zero, one = np.zeros((n, n)), np.eye(n)
+    inverse = np.linalg.inv(m.mass[:2, :2])
+    zero, one = np.zeros((2, 2)), np.eye(2)
     probe = 1 / max(axis.sensor_time_constant, LEAST_LAG)
     amplifier = 1 / max(axis.amplifier_time_constant, LEAST_LAG)
-    damping = -inverse @ (m.damping + speed * m.gyroscopic)
+    damping = -inverse @ (m.damping[:2, :2] - 1j * speed * m.gyroscopic[:2, 2:])
     return np.block(
         [
             [zero, one, zero, zero, zero, zero],
-            [-inverse @ m.stiffness, damping, zero, inverse @ m.drive, zero, inverse],
-            [probe * m.probes, zero, -probe * one, zero, zero, zero],
+            [-inverse @ m.stiffness[:2, :2], damping, zero, inverse @ m.drive[:2, ::2], zero, inverse],
+            [probe * m.probes[::2, :2], zero, -probe * one, zero, zero, zero],
             [zero, zero, zero, -amplifier * one, amplifier * one, zero],
         ]
     )
 
 
 def sampled(rotor: Rotor, speed: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """A (16, 16), B (16, 4) from held commands, C (4, 16) to readings, over one control sample at speed (rad/s)."""
+    """A (8, 8), B (8, 4) and C (2, 8) over one control sample at speed (rad/s), complex.
+
+    The inputs are the held commands at a and b and held forces on translation and tilt; the outputs are the readings.
+    """
     rates = continuous(rotor, speed)
-    whole = scipy.linalg.expm(np.vstack([rates, np.zeros((8, 24))]) / rotor.axis.control_rate)
-    return whole[:16, :16], whole[:16, 16:20], np.eye(16)[8:12]
+    whole = scipy.linalg.expm(np.vstack([rates, np.zeros((4, 12))]) / rotor.axis.control_rate)
+    return whole[:8, :8], whole[:8, 8:], np.eye(8)[4:6]
+
+
+def plant_response(rotor: Rotor, frequency: np.ndarray, speed: float) -> np.ndarray:
+    """Response (n, 2, 2) of the readings to the commands at a and b, at frequency (n,) Hz of either sign."""
+    a, b, c = sampled(rotor, speed)
+    z = np.exp(2j * np.pi * np.asarray(frequency) / rotor.axis.control_rate)
+    return c @ np.linalg.solve(z[:, None, None] * np.eye(8) - a, b[:, :2])
+
+
+def rejection_gain(rotor: Rotor, speed: float) -> np.ndarray | None:
+    """Gain (2, 2) per control sample of the force rejection at speed (rad/s); None where it is off.
+
+    It is the rate times the inverse sensitivity at the speed of rotation, so that every synchronous amplitude decays at
+    the rate whatever the loop is (Herzog et al. 1996, with its matrix T the inverse of the sensitivity).
+    """
+    rejection = rotor.rejection
+    if rejection is None or not speed or abs(speed) < rejection.from_speed * np.pi / 30:
+        return None
+    known, dt = rotor.known or rotor, 1 / rotor.axis.control_rate
+    into, out = _planes(control_matrices(rotor))
+    once = np.array([speed / (2 * np.pi)])
+    control = _pid_response(rotor, once)[0]
+    inverse = np.eye(2) + into @ plant_response(known, once, speed)[0] @ out @ np.diag(control)
+    return rejection.rate * dt * inverse
+
+
+def rejection_response(rotor: Rotor, frequency: np.ndarray, speed: float) -> np.ndarray:
+    """Response (n, 2, 2) of the controllers' inputs behind the force rejection to those ahead of it."""
+    gain = rejection_gain(rotor, speed)
+    if gain is None:
+        return np.broadcast_to(np.eye(2), (np.size(frequency), 2, 2))
+    dt = 1 / rotor.axis.control_rate
+    turn, z = np.exp(1j * speed * dt), np.exp(2j * np.pi * np.asarray(frequency) * dt)
+    return np.eye(2) - np.linalg.solve(z[:, None, None] * np.eye(2) - turn * (np.eye(2) - gain), turn * gain)
+
+
+def control_response(rotor: Rotor, frequency: np.ndarray, speed: float = 0.0) -> np.ndarray:
+    """Response (n, 2, 2) of the commands at a and b to the negative readings, A/m, at frequency (n,) Hz."""
+    into, out = _planes(control_matrices(rotor))
+    return out @ (_pid_response(rotor, frequency)[..., None] * rejection_response(rotor, frequency, speed)) @ into
+
+
+def closed_loop(rotor: Rotor, speed: float) -> tuple[np.ndarray, np.ndarray]:
+    """State matrix (s, s) of the sampled loop at speed (rad/s), and the input (s, 2) of errors of the readings.
+
+    The states are those of `sampled`, those of the controllers, and with force rejection its two.
+    """
+    a, b, c = sampled(rotor, speed)
+    dt = 1 / rotor.axis.control_rate
+    into, out = _planes(control_matrices(rotor))
+    parts = [state_space(g, dt) for g in rotor.gains.values()]
+    ka, kb = scipy.linalg.block_diag(*(p[0] for p in parts)), scipy.linalg.block_diag(*(p[1][:, None] for p in parts))
+    kc, kd = scipy.linalg.block_diag(*(p[2][None] for p in parts)), np.diag([p[3] for p in parts])
+    b, n = b[:, :2] @ out, len(ka)
+    whole = np.block([[a - b @ kd @ into @ c, b @ kc], [-kb @ into @ c, ka]])
+    error = np.vstack([-b @ kd @ into, -kb @ into])
+    gain = rejection_gain(rotor, speed)
+    if gain is None:
+        return whole, error
+    turn = np.exp(1j * speed * dt)
+    whole = np.block(
+        [
+            [whole, np.vstack([-b @ kd, -kb])],
+            [-turn * gain @ into @ c, np.zeros((2, n)), turn * (np.eye(2) - gain)],
+        ]
+    )
+    return whole, np.vstack([error, -turn * gain @ into])
 
 
 def closed_loop_poles(rotor: Rotor, speed: float = 0.0) -> np.ndarray:
-    """Poles (24,) of the sampled loop in the z-plane at speed (rad/s); stable when all lie inside the unit circle."""
-    a, b, c = sampled(rotor, speed)
-    into, out = control_matrices(rotor)
-    parts = [state_space(g, 1 / rotor.axis.control_rate) for g in controllers(rotor)]
-    ka, kb = scipy.linalg.block_diag(*(p[0] for p in parts)), scipy.linalg.block_diag(*(p[1][:, None] for p in parts))
-    kc, kd = scipy.linalg.block_diag(*(p[2][None] for p in parts)), np.diag([p[3] for p in parts])
-    read = into @ c
-    return np.linalg.eigvals(np.block([[a - b @ out @ kd @ read, b @ out @ kc], [-kb @ read, ka]]))
+    """Poles of the sampled loop in the z-plane at speed (rad/s), (24,), with force rejection 4 more.
+
+    The loop is stable when all lie inside the unit circle.
+    """
+    poles = np.linalg.eigvals(closed_loop(rotor, speed)[0])
+    return np.concatenate([poles, poles.conj()])
 
 
 def sensitivity(rotor: Rotor, frequency: np.ndarray, speed: float = 0.0) -> np.ndarray:
-    """Response (n, 4, 4) of the controllers' outputs to an injection at these outputs, at frequency (Hz)."""
-    a, b, c = sampled(rotor, speed)
-    into, out = control_matrices(rotor)
-    dt = 1 / rotor.axis.control_rate
-    z = np.exp(2j * np.pi * np.asarray(frequency) * dt)
-    plant = into @ c @ np.linalg.solve(z[:, None, None] * np.eye(16) - a, b @ out)
-    return np.linalg.inv(np.eye(4) + control_response(rotor, frequency)[:, :, None] * plant)
+    """Response (n, 2, 2) of the controllers' outputs to an injection at these outputs, at frequency (n,) Hz."""
+    into, out = _planes(control_matrices(rotor))
+    plant = into @ plant_response(rotor, frequency, speed) @ out
+    control = _pid_response(rotor, frequency)[..., None] * rejection_response(rotor, frequency, speed)
+    return np.linalg.inv(np.eye(2) + control @ plant)
 
 
 def unbalance_response(rotor: Rotor, speeds: np.ndarray) -> np.ndarray:
-    """Complex amplitudes (n, 4) of q against exp(i speed t) at speeds (n,) rad/s > 0, in the sampled loop.
+    """Complex amplitudes (n, 4) of q against exp(i speed t) at speeds (n,) rad/s, not 0, in the sampled loop.
 
     The response is to the unbalance and to the runout, which the probes feed back.
     """
     found = np.empty((len(speeds), 4), complex)
-    into, out = control_matrices(rotor)
-    dt = 1 / rotor.axis.control_rate
     for i, speed in enumerate(np.asarray(speeds, float)):
         rates = continuous(rotor, speed)
         force, runout = rotating(rotor, speed)
         # What rotates drives the states at exp(i w t): its own response, and in addition that of the held commands.
-        driven = rates[:, 20:] @ force
-        driven[8:12] += runout / max(rotor.axis.sensor_time_constant, LEAST_LAG)
-        steady = np.linalg.solve(1j * speed * np.eye(16) - rates[:, :16], driven)
+        driven = rates[:, 10:] @ force[:2]
+        driven[4:6] += runout[::2] / max(rotor.axis.sensor_time_constant, LEAST_LAG)
+        steady = np.linalg.solve(1j * speed * np.eye(8) - rates[:, :8], driven)
         a, b, c = sampled(rotor, speed)
-        z = np.exp(1j * speed * dt)
-        control = out @ np.diag(control_response(rotor, np.array([speed / (2 * np.pi)]))[0]) @ into
+        control = control_response(rotor, np.array([speed / (2 * np.pi)]), speed)[0]
         # The states at the samples: steady + (z - A)^-1 B u, with u = -control C states.
-        held = np.linalg.solve(z * np.eye(16) - a, b)
-        states = np.linalg.solve(np.eye(16) + held @ control @ c, steady)
-        found[i] = states[:4]
+        held = np.linalg.solve(np.exp(1j * speed / rotor.axis.control_rate) * np.eye(8) - a, b[:, :2])
+        states = np.linalg.solve(np.eye(8) + held @ control @ c, steady)
+        found[i] = np.concatenate([states[:2], -1j * states[:2]])
     return found
 
 
@@ -198,3 +259,15 @@ def probe_readings(rotor: Rotor, q: np.ndarray, speeds: np.ndarray) -> np.ndarra
     w = np.asarray(speeds)[:, None]
     seen = q @ mechanics(rotor).probes.T + rotating(rotor, 1.0)[1]
     return seen / (1 + 1j * w * rotor.axis.sensor_time_constant)
+
+
+def _planes(matrices: tuple[np.ndarray, ...]) -> tuple[np.ndarray, ...]:
+    """Matrices of `control_matrices` between planes and controllers, (2, 2): those of x + i y."""
+    return tuple(matrix[::2, ::2] for matrix in matrices)
+
+
+def _pid_response(rotor: Rotor, frequency: np.ndarray) -> np.ndarray:
+    """Responses (n, 2) of the two controllers to their errors, A/m, at frequency (n,) Hz of either sign."""
+    dt = 1 / rotor.axis.control_rate
+    z = np.exp(2j * np.pi * np.asarray(frequency) * dt)
+    return np.stack([controller_response(g, z, dt) for g in rotor.gains.values()], axis=-1)

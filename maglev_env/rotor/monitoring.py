@@ -177,9 +177,9 @@ def _force(rotor: Rotor, current: np.ndarray, frequency: np.ndarray) -> np.ndarr
 def _stiffness(rotor: Rotor, frequency: np.ndarray, speed: float, known: Rotor) -> np.ndarray:
     """Complex ratio (n,) N/m of the injected force, as computed for `known`, to the rotor's response (linear model)."""
     a, b, c = sampled(rotor, speed)
-    into, out = control_matrices(rotor)
+    _, out = control_matrices(rotor)
     z = np.exp(2j * np.pi * frequency / rotor.axis.control_rate)
-    control = out @ (control_response(rotor, frequency)[:, :, None] * into)
-    first = np.array([1, -1j, 0, 0])  # of the first controller in x and y, turning forward
-    states = np.linalg.solve(z[:, None, None] * np.eye(16) - a + b @ control @ c, (b @ out @ first)[:, None])
+    control = control_response(rotor, frequency, speed)
+    closed = z[:, None, None] * np.eye(8) - a + b[:, :2] @ control @ c
+    states = np.linalg.solve(closed, b[:, :2] @ out[::2, [0]])
     return _force(known, np.ones(len(frequency)), frequency) / states[:, 0, 0]

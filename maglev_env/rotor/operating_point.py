@@ -31,13 +31,13 @@ def at_operating_point(rotor: Rotor, speed: float) -> Rotor:
     equation). Differences between x and y, and the rotating part, are left out.
     """
     axis, at, law = rotor.axis, at_planes(*rotor.planes.magnets), force_law(rotor.axis)
-    into, out = control_matrices(rotor)
     still = sag(rotor)
     x, i = (at @ still)[:, None], (-_static_control(rotor) @ still)[:, None]
     if speed:
         q, turns = unbalance_response(rotor, np.array([speed])), np.array([speed / (2 * np.pi)])
         moving, read = q[0], probe_readings(rotor, q, np.array([speed]))[0]
-        current = -held_current(rotor, turns) * (out @ np.diag(control_response(rotor, turns)[0]) @ into @ read)
+        forward = -held_current(rotor, turns) * (control_response(rotor, turns, speed)[0] @ read[::2])
+        current = np.outer(forward, [1, -1j]).ravel()
         turn = np.exp(2j * np.pi * np.arange(ANGLES) / ANGLES)
         x, i = (still_part + np.outer(part, turn).real for still_part, part in ((x, at @ moving), (i, current)))
     gain = np.mean(force(law, x, i + STEP_I) - force(law, x, i - STEP_I)) / (2 * STEP_I)

@@ -6,8 +6,8 @@ from maglev_env.loop.sensor import turned
 from maglev_env.rotor.rows import (
     AREA, AXIAL_C, AXIAL_K, AXIAL_STOP, BIAS, CALIBRATION, CHAIN, CLEARANCE, COMMAND, CONTACT, COS, COUPLE, CURRENT,
     DECAYS, FIRST, FLUID_C, FLUID_K, FLUX_C, FLUX_M, GAP_C, GAP_M, GRAVITY, GYRO, HALF_COS, HALF_SIN, MAGNETS,
-    PER_INERTIA, PER_MASS, PROBE, PROBES, Q, QD, REACH, RUBBED, RUNOUT, SCALE, SIN, SPEED, STATIC, SURFACE, TOUCH_D,
-    TOUCH_K, TOUCH_MU, TURN_COS, TURN_SIN,
+    ONCE, PER_INERTIA, PER_MASS, PROBE, PROBES, Q, QD, REACH, REJECT, RUBBED, RUNOUT, SCALE, SIN, SPEED, STATIC,
+    STEP_COS, STEP_SIN, SURFACE, TOUCH_D, TOUCH_K, TOUCH_MU, TURN_COS, TURN_SIN,
 )  # fmt: skip
 from maglev_lanes.layout import LANES
 from maglev_lanes.pieces import piece
@@ -83,6 +83,22 @@ def read(x, i, p, y, v, y1, v1, r, rv, r1, rv1):
     c, at = i + CHAIN, i + PROBE + p * W
     start, end = x[c + W] * (y + r) + x[c + 2 * W] * (v + rv), x[c + 3 * W] * (y1 + r1) + x[c + 4 * W] * (v1 + rv1)
     x[at] = x[c] * x[at] + start + end
+
+
+@piece
+def follow_turn(x, i, left):
+    """What the force rejection takes off next: it turns with the rotor, and grows by its gain times what is left.
+
+    Left: inputs of the first controller in x and y and of the second, behind the force rejection.
+    """
+    c, s, n, g = x[i + STEP_COS], x[i + STEP_SIN], i + ONCE, i + REJECT
+    ex, ey, fx, fy = left[i], left[i + W], left[i + 2 * W], left[i + 3 * W]
+    ax, ay = turned(x[n], x[n + W], c, s)
+    bx, by = turned(x[n + 2 * W], x[n + 3 * W], c, s)
+    x[n] = ax + x[g] * ex - x[g + W] * ey + x[g + 2 * W] * fx - x[g + 3 * W] * fy
+    x[n + W] = ay + x[g] * ey + x[g + W] * ex + x[g + 2 * W] * fy + x[g + 3 * W] * fx
+    x[n + 2 * W] = bx + x[g + 4 * W] * ex - x[g + 5 * W] * ey + x[g + 6 * W] * fx - x[g + 7 * W] * fy
+    x[n + 3 * W] = by + x[g + 4 * W] * ey + x[g + 5 * W] * ex + x[g + 6 * W] * fy + x[g + 7 * W] * fx
 
 
 @piece

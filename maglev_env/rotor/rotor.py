@@ -18,7 +18,8 @@ from maglev_env.rig.rig import ROTOR_FOLDER, ROTORS, Rig, load_rig
 from maglev_env.fields import check_known, check_range, increasing_pair, quantity, table_as, toml_text
 
 SCHEMA = "maglev-rotor/1"
-# Inputs of the two controllers of each direction: the mean and half the difference of both planes, or each plane.
+# Inputs of the two controllers of each direction: the centre of mass and half the difference of both planes, or each
+# plane; see `linear.control_matrices`.
 CONTROLS = (("translation", "tilt"), ("a", "b"))
 
 
@@ -150,6 +151,19 @@ class Fluid(_Checked):
 
 
 @dataclass(frozen=True)
+class Rejection(_Checked):
+    """Rejection of the unbalance force: a generalised notch at the speed of rotation ahead of both controllers.
+
+    Attributes:
+        rate: At which the synchronous part of what the controllers read decays, 1/s. The faster, the wider the notch.
+        from_speed: Least speed at which it acts, rpm.
+    """
+
+    rate: float = quantity("1/s", 0.1, 1e3, 10.0)
+    from_speed: float = quantity("rpm", 1.0, 1e6, 500.0)
+
+
+@dataclass(frozen=True)
 class Touchdown(_Checked):
     """Contact at the clearance: stiffness N/m, restitution of an impact at a speed m/s, friction coefficient."""
 
@@ -193,6 +207,8 @@ class Rotor:
         bounds: Bounds of the gains.
         motor: Its motor, if known; the simulation keeps the given speed, whatever drives it.
         thermal: Its thermal mass, if known.
+        rejection: Its rejection of unbalance forces; None: there is none.
+        known: The rotor by whose model the rejection is designed, where that is not the rotor itself (a drawn one).
     """
 
     name: str
@@ -209,6 +225,8 @@ class Rotor:
     bounds: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     motor: Motor | None = None
     thermal: ThermalMass | None = None
+    rejection: Rejection | None = None
+    known: "Rotor | None" = None
 
     def __post_init__(self) -> None:
         if tuple(self.gains) not in CONTROLS:
@@ -274,6 +292,7 @@ _TABLES: Mapping[str, type] = {
     "touchdown": Touchdown,
     "motor": Motor,
     "thermal": ThermalMass,
+    "rejection": Rejection,
 }
 
 

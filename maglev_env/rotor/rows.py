@@ -3,9 +3,10 @@
 from maglev_lanes.layout import LANES, rows_after
 
 # Generalised coordinates x, tilt of x, y, tilt of y, z (m, rad) and their rates; cosine and sine of the rotor's angle.
-# For each axis, in the order (a, x), (a, y), (b, x), (b, y): probe, coil current, command, PID states.
-Q, QD, COS, SIN, PROBE, CURRENT, COMMAND, D, XI, _FOUND = rows_after(
-    0, "Q[5] QD[5] COS SIN PROBE[4] CURRENT[4] COMMAND[4] D[4] XI[4]"
+# For each axis, in the order (a, x), (a, y), (b, x), (b, y): probe, coil current, command, PID states. ONCE: what the
+# force rejection takes off the inputs of the first controller in x and y and of the second.
+Q, QD, COS, SIN, PROBE, CURRENT, COMMAND, D, XI, ONCE, _FOUND = rows_after(
+    0, "Q[5] QD[5] COS SIN PROBE[4] CURRENT[4] COMMAND[4] D[4] XI[4] ONCE[4]"
 )
 # Accumulated results: greatest contact force (N) at a, b and the axial stop, sample of the first contact there, and the
 # energy (J) lost by friction.
@@ -31,12 +32,13 @@ AREA, FLUX_M, GAP_M, FLUX_C, GAP_C, BIAS, SCALE, CALIBRATION, REACH, _CHAINS = r
 # `kernel.exact.actuator_rows`.
 CHAIN, DECAYS, _CONTROL = rows_after(_CHAINS, "CHAIN[5] DECAYS[4]")
 # Converters and control as in the axis kernel. INTO, OUT: matrices (2 x 2) before and after the controllers; gains of
-# each controller.
+# each controller. REJECT: real and imaginary parts of the gain (2 x 2) of the force rejection, turned on by a
+# sample, as STEP_COS and STEP_SIN turn.
 COUNTS, COUNT_MAX, PER_COUNT, NOISE, PER_U, U_MAX, U_COUNT, _GAINS = rows_after(
     _CONTROL, "COUNTS COUNT_MAX PER_COUNT NOISE PER_U U_MAX U_COUNT"
 )
-INTO, OUT, KP, KI, KD, DECAY_D, DECAY_I, END = rows_after(
-    _GAINS, "INTO[4] OUT[4] KP[4] KI[4] KD[4] DECAY_D[4] DECAY_I[4]"
+INTO, OUT, KP, KI, KD, DECAY_D, DECAY_I, REJECT, STEP_COS, STEP_SIN, END = rows_after(
+    _GAINS, "INTO[4] OUT[4] KP[4] KI[4] KD[4] DECAY_D[4] DECAY_I[4] REJECT[8] STEP_COS STEP_SIN"
 )
 ROWS = END // LANES
 # Channels per control sample: readings of the four probes, the four coil currents, and the axial displacement.

@@ -12,6 +12,7 @@ from maglev_env.rotor.simulate import Spun, reduced
 
 SPEEDS = np.arange(0.0, 14_001.0, 500.0)  # rpm, as in the dissertation (D 3.5)
 SETTLE, MEASURE = 0.36, 0.24  # s; the measured time holds whole turns at every multiple of 250 rpm
+DECAYS = 6.0  # time constants of the force rejection that are waited for in addition
 
 # One seed for all rotors, or a list with one for each: integers from 0 on, or tuples of them.
 Seed = int | tuple[int, ...]
@@ -29,6 +30,7 @@ class RunUp:
         once: Amplitude at the rotation frequency of the probes in x at a and b and of an axial probe, (n, s, 3), m; at
             standstill the square root of twice the variance.
         coil_rms: About the mean, (n, s, 4), A.
+        coil_once: Amplitude of the coil currents at the rotation frequency, (n, s, 4), A; at standstill as `once`.
         copper_loss: With the bias, (n, s), W.
         contact: As `simulate.PLACES`, (n, s, 3), N.
         first_contact: As `simulate.PLACES`, (n, s, 3), s; nan without contact.
@@ -38,6 +40,7 @@ class RunUp:
     peak: np.ndarray
     once: np.ndarray
     coil_rms: np.ndarray
+    coil_once: np.ndarray
     copper_loss: np.ndarray
     contact: np.ndarray
     first_contact: np.ndarray
@@ -90,11 +93,16 @@ def run_up(rotors: Sequence[Rotor], speeds: np.ndarray = SPEEDS, seed: Seeds = 0
     speeds = checked_speeds("speeds", speeds)
     runs = [Run(r, float(v), (*s, j)) for r, s in zip(rotors, seeds, strict=True) for j, v in enumerate(speeds)]
     rate = rotors[0].axis.control_rate
-    counts = (round(t * rate) for t in (MEASURE, SETTLE))
-    parts = list(reduced(runs, next(counts), _measured, next(counts), threads=threads))
+    settle = round((SETTLE + waiting(rotors)) * rate)
+    parts = list(reduced(runs, round(MEASURE * rate), _measured, settle, threads=threads))
     columns = [np.concatenate([getattr(p, f.name) for p in parts]) for f in fields(RunUp)[1:]]
     shape = len(rotors), speeds.size
     return RunUp(speeds, *(c.reshape(*shape, *c.shape[1:]) for c in columns))
+
+
+def waiting(rotors: Sequence[Rotor]) -> float:
+    """Time (s) in which the slowest force rejection of some rotors finds the unbalance; 0 without one."""
+    return max((DECAYS / rotor.rejection.rate for rotor in rotors if rotor.rejection), default=0.0)
 
 
 def _measured(spun: Spun, runs: Sequence[Run]) -> RunUp:
@@ -110,9 +118,9 @@ def _measured(spun: Spun, runs: Sequence[Run]) -> RunUp:
     reach = np.array([rotor.axial.probe_radius for rotor in rotors])
     axial = moving[:, 8] + (reach / apart)[:, None] * (moving[:, 2] - moving[:, 0])
     t = np.arange(channels.shape[-1]) / rotors[0].axis.control_rate
-    once = np.empty((len(runs), 3))
+    once = np.empty((len(runs), 7))
     for i, run in enumerate(runs):
-        watched = np.stack([moving[i, 0], moving[i, 2], axial[i]])
+        watched = np.stack([moving[i, 0], moving[i, 2], axial[i], *moving[i, 4:8]])
         turn = np.exp(-1j * run.speed * t)
         once[i] = abs(2 * (watched * turn).mean(axis=-1)) if run.speed else np.sqrt(2) * watched.std(axis=-1)
     rms = moving[:, 4:8].std(axis=-1)
@@ -121,4 +129,4 @@ def _measured(spun: Spun, runs: Sequence[Run]) -> RunUp:
     resistance = np.array([rotor.axis.coil_resistance for rotor in rotors])
     squares = (channels[:, 4:8] ** 2).mean(axis=-1).sum(axis=-1)
     loss = resistance * (8 * bias**2 + 2 * squares)
-    return RunUp(np.empty(0), radial, once, rms, loss, spun.contact, spun.first_contact)
+    return RunUp(np.empty(0), radial, once[:, :3], rms, once[:, 3:], loss, spun.contact, spun.first_contact)

@@ -28,7 +28,7 @@ class Spun:
         contact: Greatest contact force since the start, as `PLACES`, (n, 3), N.
         first_contact: Time of the first contact, (n, 3), s; nan without one.
         rubbed: Energy lost to friction, (n,), J.
-        end: All states at the end, with the turn, coils and controllers, (n, 32); another recording can continue from
+        end: All states at the end, with the turn, coils and controllers, (n, 36); another recording can continue from
             them.
     """
 
@@ -59,7 +59,7 @@ def spin(
         injection: Currents added to the commands, ordered as `linear.AXES`, (4, n), A, repeated from the start on.
         force: Generalised forces along q, (5, n), N and N m, repeated from the start on.
         substeps: Integration steps per control sample.
-        start: q and rates (10,) of all runs, or `Spun.end` (n, 32) of as many runs. Runs that continue need other
+        start: q and rates (10,) of all runs, or `Spun.end` (n, 36) of as many runs. Runs that continue need other
             seeds, or their noise repeats.
         threads: Number of threads.
 
@@ -125,7 +125,8 @@ def _spun(
     rows, seeds = block(runs, substeps)
     if start is not None:
         rows[: start.shape[1], : len(runs)] = start.T  # q, rates and the other states are the first rows
-    step, h = kernel(substeps), 1 / (runs[0].rotor.axis.control_rate * substeps)
+    rejecting = any(run.rotor.rejection is not None for run in runs)
+    step, h = kernel(substeps, rejecting), 1 / (runs[0].rotor.axis.control_rate * substeps)
     tile, out = np.empty(TILE * len(CHANNELS) * LANES), np.empty(0)
     for first, count in ((0, settle), (settle, samples)):
         out = np.empty((len(CHANNELS), LANES, count))

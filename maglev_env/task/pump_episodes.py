@@ -28,8 +28,8 @@ class RotorEpisode:
 def controlled(rotor: Rotor, control: str) -> Rotor:
     """The rotor with another kind of controllers.
 
-    Translation and tilt controllers with equal gains are the same as controllers of both planes with these gains, so
-    only equal gains can be converted.
+    Translation and tilt controllers with equal gains are the same as controllers of both planes with these gains where
+    the planes lie symmetrically about the centre of mass, so only those can be converted.
 
     Args:
         rotor: with two controllers.
@@ -44,6 +44,11 @@ def controlled(rotor: Rotor, control: str) -> Rotor:
     if control == "common":
         return replace(rotor, gains=dict.fromkeys(rotor.gains, first))
     names = CONTROLS[CONTROL.index(control)]
+    if names != tuple(rotor.gains) and any(a + b for a, b in (rotor.planes.magnets, rotor.planes.probes)):
+        raise ValueError(
+            f"control = {control!r}: the planes of rotor {rotor.name} do not lie symmetrically about its centre of "
+            f"mass; give it [gains.{names[0]}] and [gains.{names[1]}]"
+        )
     if names != tuple(rotor.gains) and first != second:
         raise ValueError(
             f"control = {control!r}: rotor {rotor.name} has other gains for {' than for '.join(rotor.gains)}, which no "
@@ -129,6 +134,7 @@ def draw_rotor_episode(
             rotor,
             axis=scaled_rig(axis, factors),
             body=replace(body, **heavy),
+            known=rotor,
             unbalance=replace(u, static=u.static * static, couple=u.couple * couple),
         )
     start = START * rng.uniform(-1.0, 1.0, size=preset.size) + (1 - START) * preset

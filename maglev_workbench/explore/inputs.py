@@ -114,7 +114,7 @@ def _effect_inputs(name: str, rig: Rig) -> Iterator[Input]:
             own = p.starts[len(p.starts) // 2] if p.starts else (low * high) ** 0.5 if log else (low + high) / 2
         if isfinite(own):  # a form parameter at infinity is the plain formula, and stays out
             low, high = float(min(low, own)), float(max(high, own))
-            yield Input(key, key.replace("_", " "), p.unit, low, high, log and low > 0, float(own))
+            yield Input(key, key.removesuffix("_hz").replace("_", " "), p.unit, low, high, log and low > 0, float(own))
 
 
 def _effect_range(p: Parameter, rig: Rig) -> tuple[float, float, bool]:

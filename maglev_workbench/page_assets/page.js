@@ -4,7 +4,7 @@
   const dark = matchMedia("(prefers-color-scheme: dark)");
   const { arrays, figures } = JSON.parse(document.getElementById("figures").textContent);
   const places = figures.map((_, i) => document.getElementById(`figure-${i + 1}`));
-  const drawn = new Set();
+  const drawn = new Set(), NARROW = 600; // px
   const COLOURWAY = ["#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#882255", "#999999"];
 
   function template() {
@@ -47,7 +47,13 @@
     const { data, layout } = resolved(figures[i]);
     // What lies on a map stands out from the map's colours, which are the same on every screen.
     const asIs = !dark.matches || data.some((trace) => trace.type === "heatmap");
-    return { data: asIs ? data : turned(data), layout: { ...(dark.matches ? turned(layout) : layout), template: template() } };
+    const fitted = { ...(dark.matches ? turned(layout) : layout), template: template() };
+    const above = layout.title || layout.legend?.y > 1 || layout.annotations?.some((one) => one.yref === "paper" && one.y > 0.9);
+    if (!above) fitted.margin = { ...layout.margin, t: 20 };
+    // A legend at the side leaves no room for the figure on a narrow screen.
+    if (places[i].clientWidth < NARROW && !(layout.legend?.y > 0))
+      fitted.legend = { ...layout.legend, orientation: "h", x: 0, xanchor: "left", y: -95 / (layout.height || 450), yanchor: "top" };
+    return { data: asIs ? data : turned(data), layout: fitted };
   }
 
   function draw(i) {

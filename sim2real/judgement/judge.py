@@ -13,7 +13,8 @@ from sim2real.judgement.drift import DRIFT
 from sim2real.judgement.lost_commands import LOST, scatter_cost
 from sim2real.judgement.unsynchronised import FOREIGN, LOUD
 from sim2real.search.attribute import Attribution
-from sim2real.search.hypotheses import CALIBRATION, NONE, UNKNOWN, coordinates_of
+from sim2real.search.fitting import Fit
+from sim2real.search.hypotheses import CALIBRATION, NONE, REPLACED, UNKNOWN, coordinates_of
 
 
 @dataclass(frozen=True)
@@ -58,6 +59,7 @@ class Belief:
 BELIEF = Belief()
 WIDE_FORM = 0.01
 CLASS_SHARE = 0.15  # hypotheses with at least this share of the best one's probability are not distinguished from it
+STRAINED = 3.0  # tolerances from which a stated parameter that moved counts as it is, whatever the form of an effect is
 IDLE = 25.0  # cost that an effect must save to be named although it ended where it changes nothing
 SIGNIFICANT = 5.0  # standard deviations of a group's excess
 OPEN = (FOREIGN, LOUD, DRIFT)  # families of what varies over the periods that need not have a known cause
@@ -80,6 +82,7 @@ class Evidence:
         spin: Cost of each effect that may explain what turns with the rotor.
         causes: Cost of each effect that may explain one of the OPEN families.
         dispersion: What the best candidate leaves beyond noise.
+        strain: Part of each candidate's cost that stated parameters make that moved by more than STRAINED tolerances.
     """
 
     effects: tuple[tuple[str, ...], ...]
@@ -92,6 +95,7 @@ class Evidence:
     spin: Mapping[str, float]
     causes: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     dispersion: Dispersion = NOISE_ALONE
+    strain: np.ndarray | None = None
 
 
 @dataclass(frozen=True)
@@ -129,7 +133,7 @@ def evidence_of(
     residuals = [c.fit.residual for c in attribution.candidates]
     points = [c.fit.hypothesis.point(c.fit.u) for c in attribution.candidates]
     cost = np.array([
-        np.inf if c.contradicted else c.predictive + scatter_cost(p, point) + idle_cost(point)
+        np.inf if c.contradicted else c.predictive + scatter_cost(p, point) + idle_cost(point, c.effects)
         for c, point in zip(attribution.candidates, points, strict=True)
     ])  # fmt: skip
     if not np.isfinite(
@@ -149,16 +153,26 @@ def evidence_of(
         dict(spin),
         dict(causes),
         NOISE_ALONE if not np.isfinite(cost.min()) or best.jacobian is None else dispersion_of(p, best),
+        np.array([strain_of(c.fit) for c in attribution.candidates]),
     )
 
 
-def idle_cost(point: Point) -> float:
-    """Cost of effects that change nothing at a point.
+def strain_of(fit: Fit) -> float:
+    """Cost of stated parameters that moved by more than STRAINED tolerances."""
+    first = len(fit.hypothesis.coordinates)
+    moved = (fit.prior * np.square(fit.u))[first:]
+    stated = [name in fit.hypothesis.tolerances for name in fit.hypothesis.calibrated]
+    return float(moved[np.array(stated, bool) & (moved > STRAINED**2)].sum())
+
+
+def idle_cost(point: Point, names: Sequence[str]) -> float:
+    """Cost of those of the named effects that change nothing at a point.
 
     What then explains is a stated constant that moved beside them, and any other error of the time between two channels
-    may do the same.
+    may do the same. A block whose time constant grew does lag, in one pole instead of two.
     """
-    return IDLE * sum(effect_value(point.effects, name) == effect_value({}, name) for name in point.effects)
+    still = (name for name in names if effect_value(point.effects, name) == effect_value({}, name))
+    return IDLE * sum(point.changes.get(REPLACED.get(name, ""), 0.0) <= 0 for name in still)
 
 
 def entries(evidence: Evidence, belief: Belief = BELIEF) -> list[Entry]:
@@ -183,13 +197,17 @@ def entries(evidence: Evidence, belief: Belief = BELIEF) -> list[Entry]:
     if evidence.tones:
         rows = _with_tones(rows, evidence, priors)
     costs = np.array([cost for _, cost, *_ in rows])
+    # Another form of an effect leaves data unexplained. It does not make a wrong statement of the rig more likely.
+    strain = np.array([0.0 if evidence.strain is None or i is None else evidence.strain[i] for *_, i in rows])
     scale = belief.freedom + np.array([forms[candidate or 0] for *_, candidate in rows])
     # Where the best explanation lacks something, what that does to the costs is taken for evidence: the likelihood is
     # raised to the power of one over the reduced chi-square that is left (a power posterior: P. Grunwald and T. van
     # Ommen, Bayesian Analysis 12, 2017), as standard errors are widened by its root.
     excused = allowance(evidence, belief)
-    apart = (costs - costs.min()) / evidence.dispersion.ratio(excused)
+    of_data = costs - strain
+    apart = (of_data - of_data.min()) / evidence.dispersion.ratio(excused)
     logs = np.log([prior for *_, prior, _ in rows]) - 0.5 * belief.freedom * np.log1p(apart / scale)
+    logs -= 0.5 * strain
     logs -= belief.form_cost * np.log(np.maximum(scale / (belief.freedom + WIDE_FORM * gap), 1.0))
     # The unknown cause is the best hypothesis with a free correction of every group that it leaves unexplained, or of
     # what differs among recordings.

@@ -1,4 +1,4 @@
-"""What works without the packages of the extra [rl], and what says that it needs them."""
+"""What works without the packages of the extras, and what says that it needs them."""
 
 import subprocess
 import sys
@@ -9,7 +9,7 @@ WITHOUT = """
 import sys
 class Missing:
     def find_spec(self, name, path=None, target=None):
-        if (top := name.split(".")[0]) in ("torch", "stable_baselines3"):
+        if (top := name.split(".")[0]) in ("cmaes", "filterpy", "matplotlib", "optuna", "stable_baselines3", "torch"):
             raise ModuleNotFoundError(f"No module named {top!r}", name=top)
 sys.meta_path.insert(0, Missing())
 from maglev_workbench.cli import app
@@ -21,7 +21,7 @@ def run(code):
 
 
 @pytest.mark.slow
-def test_the_environments_the_sweep_and_the_default_tuner_need_no_torch(tmp_path):
+def test_the_environments_the_sweep_and_the_default_tuner_need_no_extra(tmp_path):
     swept, tuned = str(tmp_path / "swept"), str(tmp_path / "tuned")
     done = run(
         "import gymnasium, maglev_env\n"
@@ -34,10 +34,25 @@ def test_the_environments_the_sweep_and_the_default_tuner_need_no_torch(tmp_path
     assert (tmp_path / "swept" / "sweep.nc").exists()
 
 
-@pytest.mark.parametrize("method", ["learned", "gp"])
-def test_a_tuner_that_needs_torch_says_how_to_install_it_before_any_work(method, tmp_path):
+@pytest.mark.parametrize(
+    ("method", "extra"), [("learned", "rl"), ("gp", "rl"), ("tpe", "search"), ("cma-es", "search")]
+)
+def test_a_tuner_that_needs_an_extra_says_how_to_install_it_before_any_work(method, extra, tmp_path):
     out = tmp_path / "t"
     done = run(f"app(['tune', '--method', {method!r}, '--budget', '2', '--out', {str(out)!r}])\n")
     assert done.returncode == 2
-    assert "pip install 'maglev-workbench[rl]'" in done.stderr
+    assert f"pip install 'maglev-workbench[{extra}]'" in done.stderr
     assert not out.exists()
+
+
+@pytest.mark.parametrize("command", [["runup", "--picture", "p.png"], ["compare", "model", "tpe"]])
+def test_a_command_that_needs_an_extra_says_so_before_any_work(command, tmp_path):
+    out = tmp_path / "t"
+    done = run(f"app([*{command!r}, '--out', {str(out)!r}])\n")
+    assert done.returncode == 2 and "pip install 'maglev-workbench[" in done.stderr
+    assert not out.exists()
+
+
+def test_a_plot_without_matplotlib_says_how_to_install_it():
+    done = run("import maglev_env.presented\nmaglev_env.presented.matplotlib_figure()\n")
+    assert 'pip install "maglev-workbench[plot]"' in done.stderr

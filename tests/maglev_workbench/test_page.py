@@ -133,6 +133,21 @@ def test_a_browser_draws_a_page_without_errors_and_without_sideways_scroll(brows
 
 
 @pytest.mark.slow
+def test_a_narrow_screen_has_the_legend_below_the_figure_and_scrolls_long_lines_inside(browser, tmp_path):
+    curves = [go.Scatter(y=[1, 2, 3], name=f"what is known of case {i}") for i in range(3)]
+    html = page("A page", "The answer.", [("", go.Figure(curves)), ("", f"<pre>{'long ' * 60}</pre>")], {})
+    write_page(tmp_path / "page.html", html)
+    shown = browser.new_page(viewport={"width": 420, "height": 900})
+    shown.goto((tmp_path / "page.html").as_uri())
+    shown.wait_for_selector("#figure-1 .legend", state="attached")
+    legend, plot = (shown.locator(f"#figure-1 .{name}").first.bounding_box() for name in ("legend", "nsewdrag"))
+    assert legend["y"] >= plot["y"] + plot["height"]
+    assert plot["width"] > 200
+    assert shown.evaluate("document.documentElement.scrollWidth - innerWidth") <= 0
+    shown.close()
+
+
+@pytest.mark.slow
 def test_the_page_of_six_recordings_is_small(tmp_path):
     out = tmp_path / "six"
     maglev("simulate", "--protocol", "diagnosis", "--out", str(out))

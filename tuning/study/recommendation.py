@@ -8,6 +8,8 @@ import numpy as np
 
 from maglev_env.rig.drawn import scaled_rig, tolerance_factors
 from maglev_env.task.episodes import Episode
+from maglev_env.task.pump_episodes import RotorEpisode
+from maglev_env.task.pump_goal import RotorGoalTask
 from maglev_env.task.task import Task
 from tuning.study.study import experiments
 from tuning.tuner import Trials
@@ -56,7 +58,13 @@ class Recommendation:
 
 
 def recommend(
-    task: Task, episode: Episode, trials: Trials, seed: int, candidates: int = 8, repeats: int = 16, rigs: int = 48
+    task: Task | RotorGoalTask,
+    episode: Episode | RotorEpisode,
+    trials: Trials,
+    seed: int,
+    candidates: int = 8,
+    repeats: int = 16,
+    rigs: int = 48,
 ) -> Recommendation:
     """Score the best distinct gains again and choose among them.
 
@@ -76,13 +84,7 @@ def recommend(
             alive.append(int(i))
     rng = np.random.default_rng((seed, len(trials)))
     own = [replace(episode, seed=int(rng.integers(2**63))) for _ in range(repeats)]
-    spread = []
-    for _ in range(rigs):
-        rig = scaled_rig(episode.rig, tolerance_factors(episode.rig, rng))
-        # These are the rigs within tolerance: a goal that draws rigs itself is judged on each of them alone.
-        goal = task.layout.goal and replace(task.layout.goal, rigs=0)
-        rig = replace(rig, target=replace(rig.target, goal=goal.text)) if goal else rig
-        spread.append(replace(episode, rig=rig, seed=int(rng.integers(2**63))))
+    spread = [_within_tolerance(task, episode, rng) for _ in range(rigs)]
     refused: list[Verdict] = []
     for i in alive:
         point = trials.points[i]
@@ -94,7 +96,20 @@ def recommend(
     return Recommendation(None, tuple(refused))
 
 
-def verdict_of(point: np.ndarray, again: Trials, repeats: int, episode: Episode) -> Verdict:
+def _within_tolerance(
+    task: Task | RotorGoalTask, episode: Episode | RotorEpisode, rng: np.random.Generator
+) -> Episode | RotorEpisode:
+    """The rig or rotor as another of its kind, with a seed of its own."""
+    if isinstance(task, RotorGoalTask) or isinstance(episode, RotorEpisode):
+        return task.draw(rng)
+    rig = scaled_rig(episode.rig, tolerance_factors(episode.rig, rng))
+    # These are the rigs within tolerance: a goal that draws rigs itself is judged on each of them alone.
+    goal = task.layout.goal and replace(task.layout.goal, rigs=0)
+    rig = replace(rig, target=replace(rig.target, goal=goal.text)) if goal else rig
+    return replace(episode, rig=rig, seed=int(rng.integers(2**63)))
+
+
+def verdict_of(point: np.ndarray, again: Trials, repeats: int, episode: Episode | RotorEpisode) -> Verdict:
     """Verdict on trials of one point: the first `repeats` on the rig itself, the others on rigs within tolerance."""
     scores = again.score[:repeats]
     columns = {
@@ -102,7 +117,8 @@ def verdict_of(point: np.ndarray, again: Trials, repeats: int, episode: Episode)
         for name in ("peak_sensitivity", "phase_margin", "gain_margin_high")
     }
     peaks = np.array([one.get("peak_displacement", np.nan) for one in again.info], float)
-    columns["displacement_share"] = peaks / episode.target.clearance
+    clearance = episode.rotor.axis.clearance if isinstance(episode, RotorEpisode) else episode.target.clearance
+    columns["displacement_share"] = peaks / clearance
     columns["score"] = again.score[repeats:]
     ends = (50 * (1 - LEVEL), 50 * (1 + LEVEL))
     intervals = {n: tuple(map(float, np.nanpercentile(v, ends))) for n, v in columns.items() if np.isfinite(v).any()}

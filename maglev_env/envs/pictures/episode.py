@@ -40,12 +40,12 @@ from maglev_env.envs.pictures.frames import (
     plain,
     put_axis,
     put_title,
-    unit_of_gain,
 )
 from maglev_env.experiment import Experiment, recorded_channels
 from maglev_env.kernel.simulate import simulate_records
 from maglev_env.linear.loop import loop_response
 from maglev_env.loop.axes import suffixes
+from maglev_env.loop.gains import unit_of_gain
 from maglev_env.rig.excitation import lines_at
 from maglev_env.task.episodes import Episode
 from maglev_env.task.task import Task

@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from maglev_env.loop.gains import GAIN_CARDS
+from maglev_env.loop.gains import unit_of_gain
 from maglev_env.task.task import TOUCHDOWN_REWARD, Tuning
 
 History = Sequence[tuple[np.ndarray, dict[str, Any]]]
@@ -52,11 +52,6 @@ def put_axis(axes: Axes, which: str, ends: tuple[float, float], label: str, log:
     axis.set_ticks(ticks, [f"{tick:.6g}".replace("-", "−") for tick in ticks])
     axes.set(**{f"{which}lim": ends})
     axis.set_label_text(label, fontsize=SMALL)
-
-
-def unit_of_gain(name: str) -> str:
-    """The SI unit of a gain; the name of a controller may stand behind it, as in kp_A."""
-    return GAIN_CARDS[name if name in GAIN_CARDS else name.split("_")[0]].unit
 
 
 def plain(value: float) -> str:

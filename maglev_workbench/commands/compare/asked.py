@@ -36,8 +36,14 @@ def check_options(twin: bool, given: Sequence[str]) -> None:
 
 
 def default_methods(task: Task, policy: "HistoryPolicy | None") -> list[str]:
-    """All tuners that accept any budget; the learned one only if a policy fits the task, and torch is there."""
+    """All tuners that accept any budget and are installed; the learned one only if a policy fits the task."""
     methods = [name for name, method in METHODS.items() if method.longest is None]
+    for name in tuple(methods):
+        try:
+            METHODS[name].check_installed()
+        except ModuleNotFoundError as error:
+            console.print(f"without {name}: {error}")
+            methods.remove(name)
     try:
         check_policy(task, methods, policy)
     except (ValueError, ModuleNotFoundError) as error:

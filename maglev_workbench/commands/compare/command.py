@@ -70,6 +70,7 @@ def compare(
     """
     for name in methods or ():
         require_choice(name, METHODS, "METHOD")
+        METHODS[name].check_installed()
     from maglev_workbench.commands.compare.asked import check_options, default_methods, parse_budgets, twin_budgets
 
     named = given(context)
@@ -77,6 +78,7 @@ def compare(
     if twin is not None:
         from sim2real.blind.cases import seal_of
 
+        METHODS["gp"].check_installed()
         experiments = twin_budgets(budgets if "budgets" in named else None)
         seal_of(twin)  # a folder without a seal is told before the long imports
         from maglev_workbench.commands.compare import twin as on_twin

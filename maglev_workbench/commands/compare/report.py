@@ -9,7 +9,7 @@ import numpy as np
 from maglev_env.recordings.formats.json_data import plain
 from maglev_workbench.commands.compare.figures import course_figure, improvement_figure, profile_figure
 from maglev_workbench.commands.compare.numbers import THRESHOLDS, Table
-from maglev_workbench.page import markdown_table, note, number, page, rig_facts, table
+from maglev_workbench.page import effects_in_words, markdown_table, note, number, page, rig_facts, table
 from tuning.comparison.compare import Comparison
 
 if TYPE_CHECKING:
@@ -64,8 +64,7 @@ def compare_page(found: Comparison, of: Table) -> str:
     ]
     made = found.made_by
     facts = {**rig_facts(made["rig"]), "Rigs": f"{made['rigs']}, drawn {made['randomization']}"}
-    effects = [f"{name}: {', '.join(f'{k} = {v}' for k, v in e.items())}" for name, e in made["effects"].items()]
-    facts |= {"Effects": "; ".join(effects) or "none", "Repeats": made["repeats"], "Seed": made["seed"]}
+    facts |= {"Effects": effects_in_words(made["effects"]), "Repeats": made["repeats"], "Seed": made["seed"]}
     return page(TITLE, summary(found, of), sections, facts)
 
 

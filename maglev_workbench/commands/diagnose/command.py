@@ -22,7 +22,7 @@ def diagnose(
 ) -> None:
     """Find out why simulator and rig differ: where, by which effect (or an unknown one), and what to measure next.
 
-    It takes about a minute, or some minutes for recordings without a period.
+    It takes one to two minutes, or some minutes for recordings without a period.
     """
     from importlib.metadata import version
 

@@ -45,7 +45,8 @@ def estimate(
 ) -> None:
     """Estimate stiffness, damping, margins and distortion from recordings, with confidence intervals.
 
-    A recording takes a few seconds; fitting a rig to recordings without a period may take minutes.
+    A recording takes a few seconds, one of two axes some 15; fitting a rig to recordings without a period may take
+    minutes.
     """
     require_choice(method, METHODS, "--method")
     if mass is not None and not mass > 0:

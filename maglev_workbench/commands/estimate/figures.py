@@ -56,6 +56,11 @@ def coefficients(bands: Sequence[Band]) -> "Figure":
         promised = [getattr(b, f"effective_{name}") for b in bands]
         core = np.concatenate([ml[good], ls[good & ~biased]]) if good.any() else ml
         bottom, top = np.nanmin(core), np.nanmax(core)
+        expected = np.array([np.nan if value is None else scale * value for value in promised])
+        # What lies further away would flatten all others.
+        near = expected[np.abs(expected - (top + bottom) / 2) <= 1.5 * (top - bottom)]
+        if near.size:
+            bottom, top = min(bottom, near.min()), max(top, near.max())
         pad = 0.15 * (top - bottom) + 0.02 * abs(top) + 1e-12
         figure.update_yaxes(range=[bottom - pad, top + pad], row=1, col=col)
         reach = 2 * (top - bottom + 2 * pad)  # replaces infinity: extends beyond the panel
@@ -75,11 +80,10 @@ def coefficients(bands: Sequence[Band]) -> "Figure":
                 style = {"marker": {"color": COLOURS[0], "symbol": symbol, "size": 6}, "opacity": opacity}
                 shown = {"name": label, "legendgroup": label, "showlegend": col == 1}
                 figure.add_trace(Scatter(**trace, **style, **shown, error_y=bars), row=1, col=col)
-        if any(value is not None for value in promised):
-            y = [None if value is None else scale * value for value in promised]
+        if np.isfinite(expected).any():
             extra = {"legendgroup": "eff", "showlegend": col == 1, "name": "promised by the gains"}
             line = {"color": COLOURS[2], "dash": "dash"}
-            figure.add_trace(Scatter(x=centre, y=y, mode="lines", line=line, **extra), row=1, col=col)
+            figure.add_trace(Scatter(x=centre, y=expected, mode="lines", line=line, **extra), row=1, col=col)
     figure.update_xaxes(title_text="centre of the band in Hz")
     return figure.update_layout(legend={"orientation": "h", "y": -0.2})
 

@@ -93,14 +93,16 @@ def _damping(found: ApparentGain) -> str:
 
 
 def _span(low: float, high: float) -> str:
-    return f"{low:.3g} .. {high:.3g} Hz"
+    return f"{number(low)} .. {number(high)} Hz"
 
 
 def _rows(found: ApparentGain) -> list[tuple[str, ...]]:
     rows = []
     for b in found.bands:
         angle, low, high = b.phase
-        rows.append((f"{b.f_lo:.3g} .. {b.f_hi:.3g}", with_interval(*b.size), with_interval(-angle, -high, -low)))
+        rows.append(
+            (f"{number(b.f_lo)} .. {number(b.f_hi)}", with_interval(*b.size), with_interval(-angle, -high, -low))
+        )
     return rows
 
 

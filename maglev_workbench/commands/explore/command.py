@@ -2,6 +2,7 @@
 
 from contextlib import suppress
 from pathlib import Path
+from signal import SIGTERM, default_int_handler, signal
 from typing import Annotated
 
 import typer
@@ -39,6 +40,7 @@ def explore(
         console.print(f"{shown.rig.name}: open this address in a browser of this machine; Ctrl-C closes it.")
         console.print(address, soft_wrap=True, highlight=False)
 
+    signal(SIGTERM, default_int_handler)  # closes the page as Ctrl-C does
     stages.append(lambda: "the page is open, Ctrl-C closes it")
     try:
         with suppress(KeyboardInterrupt):

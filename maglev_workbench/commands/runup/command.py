@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from maglev_workbench.options import JsonOption, SeedOption, ThreadsOption, friendly, require_folder
+from maglev_workbench.options import JsonOption, SeedOption, ThreadsOption, friendly, require_folder, require_package
 
 PAGE = "runup.html"
 PICTURES = (".png", ".svg", ".pdf")
@@ -23,6 +23,9 @@ def runup(
     gains: Annotated[
         list[str], typer.Option(help="One gain of one controller, e.g. translation.kp=9000; repeat.")
     ] = [],  # noqa: B006
+    rejection: Annotated[
+        float | None, typer.Option(help="Reject unbalance forces at this rate, 1/s (default: the rotor's own).")
+    ] = None,
     seed: SeedOption = 0,
     threads: ThreadsOption = None,
     out: Annotated[Path | None, typer.Option(help="Folder of the page.")] = None,
@@ -30,9 +33,10 @@ def runup(
     picture: Annotated[Path | None, typer.Option(help="Also draw the response to this .png, .svg or .pdf.")] = None,
 ) -> None:
     """Run a levitated rotor up: displacement, power of coils and motor, touchdowns and margins at each speed."""
+    from dataclasses import replace
     from time import perf_counter
 
-    from maglev_env.rotor.rotor import load_rotor
+    from maglev_env.rotor.rotor import Rejection, load_rotor
     from maglev_workbench.commands.runup.asked import check_reach, parse_speeds, with_chosen_gains
     from maglev_workbench.commands.runup.figures import save_picture
     from maglev_workbench.commands.runup.report import run_up_json, run_up_page, run_up_table, summary
@@ -41,12 +45,16 @@ def runup(
     from maglev_workbench.page import write_page
 
     chosen = with_chosen_gains(load_rotor(rotor), {"kp": kp, "ki": ki, "kd": kd}, gains)
+    if rejection is not None:
+        chosen = replace(chosen, rejection=Rejection(rejection))
     ladder = parse_speeds(speeds)
     check_reach(chosen, ladder)
     folder = out or Path(f"runup-{chosen.name}")
     require_folder(folder)
     if picture is not None and picture.suffix not in PICTURES:
         raise ValueError(f"--picture {picture}: end it in {', '.join(PICTURES)}")
+    if picture is not None:
+        require_package("matplotlib")
     started = perf_counter()
     found = report(chosen, ladder, seed, threads)
     seconds = perf_counter() - started

@@ -16,13 +16,23 @@ from maglev_env.rotor.operating_point import sag
 from maglev_workbench.commands.runup.study import Report, whirl
 from maglev_workbench.page import facts, note, number, page, table
 
-HEAD = ("rpm", "peak a\nµm", "peak b\nµm", "1x a\nµm", "linear\nµm", "axial\nµm", "coil\nA rms", "copper\nW")
+HEAD = (
+    "rpm",
+    "peak a\nµm",
+    "peak b\nµm",
+    "1x a\nµm",
+    "linear\nµm",
+    "axial\nµm",
+    "coil\nA rms",
+    "coil 1x\nA",
+    "copper\nW",
+)
 HEAD += ("zone", "touchdown")
 TWO_HOURS = 7200.0  # s, as the dissertation let it run (3.5)
 NO_CONTACT = "No touchdown."
 COLUMNS = (
-    "Peak: of the probes, from the centre; 1x: their amplitude once per turn; linear: as its model has it, – at rest "
-    "and where its loop is not stable."
+    "Peak: of the probes, from the centre; 1x: amplitude once per turn, of the coils the largest; linear: as its model "
+    "has it, – at rest and where its loop is not stable."
 )
 
 
@@ -59,6 +69,7 @@ def run_up_json(found: Report) -> dict[str, Any]:
     named = {
         "peak": up.peak[0], "once_per_turn": up.once[0, :, :2], "linear_model": found.expected,
         "axial_reading": up.once[0, :, 2], "coil_rms": up.coil_rms[0], "copper_loss": up.copper_loss[0],
+        "coil_once": up.coil_once[0],
         "zone": found.zones, "touchdown": found.touchdowns, "heat": found.heat,
         "whirl_frequencies": whirl(found.rotor, found.speeds),
     }  # fmt: skip
@@ -74,6 +85,7 @@ def run_up_json(found: Report) -> dict[str, Any]:
             "version": version("maglev-workbench"),
             "rotor": found.rotor.name,
             "gains": {name: asdict(gains) for name, gains in found.rotor.gains.items()},
+            "rejection": found.rotor.rejection and asdict(found.rotor.rejection),
             "seed": found.seed,
             "clearance": found.rotor.axis.clearance,
             "speeds": rows,
@@ -121,6 +133,8 @@ def run_up_page(found: Report) -> str:
         sections += [("Housing temperature", figures.temperature(found)), ("", facts(_thermal_facts(found)))]
     gains = "; ".join(f"{name} {_gains(g)}" for name, g in rotor.gains.items())
     made = {"Rotor": f"{rotor.name}, {rotor.body.mass:g} kg, axis {rotor.axis.name}", "Gains": gains}
+    if rotor.rejection is not None:
+        made["Force rejection"] = f"{rotor.rejection.rate:g} 1/s from {rotor.rejection.from_speed:g} rpm"
     return page(f"Run-up of {rotor.name}", summary(found), sections, made | {"Seed": found.seed})
 
 
@@ -131,6 +145,7 @@ def _rows(found: Report) -> list[Sequence[str]]:
             f"{v:g}",
             *(number(m * 1e6) for m in (*up.peak[0, i], up.once[0, i, 0], found.expected[i, 0], up.once[0, i, 2])),
             number(float(up.coil_rms[0, i].max()), 2),
+            number(float(up.coil_once[0, i].max()), 2),
             number(float(up.copper_loss[0, i])),
             found.zones[i],
             "–" if touched is None else _contact(touched),

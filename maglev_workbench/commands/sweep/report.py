@@ -24,7 +24,7 @@ from maglev_workbench.goal_page import (
     shown_names,
     values_of,
 )
-from maglev_workbench.page import note, number, page, rig_facts, table, with_interval
+from maglev_workbench.page import effects_in_words, note, number, page, rig_facts, table, with_interval
 
 if TYPE_CHECKING:
     import rich.table
@@ -236,8 +236,8 @@ def _made_by(attrs: Mapping[str, Any], rig: Mapping[str, Any]) -> dict[str, obje
     spacing = "logarithmic" if attrs.get("log") == "true" else "linear"
     sobol = attrs.get("sobol", "0")
     kind = f"{spacing} grid" if sobol == "0" else f"{sobol} Sobol points, {spacing}"
-    effects = ", ".join(f"{k} {v}" for k, v in json.loads(attrs.get("effects", "{}")).items())
+    effects = effects_in_words(json.loads(attrs.get("effects", "{}")))
     sensor = attrs.get("sensor", "probe").replace("_", "-")
-    known = {"Sensor": sensor, "Effects": effects or "none", "Swept": f"{kind}: {'; '.join(axes)}"}
+    known = {"Sensor": sensor, "Effects": effects, "Swept": f"{kind}: {'; '.join(axes)}"}
     stated = {name.capitalize(): attrs[name] for name in ("seed", "version", "identity") if name in attrs}
     return rig_facts(rig) | known | stated

@@ -10,9 +10,11 @@ import numpy as np
 from estimation.normal import NORMAL_95
 from maglev_env.evaluation.goal_score import in_words as requirement_in_words
 from maglev_env.recordings.formats.json_data import plain
-from maglev_workbench.commands.tune.next_recording import excitation_words, in_words, summary
+from maglev_workbench.commands.tune.next_recording import digits, excitation_words, in_words, summary
+from maglev_workbench.commands.tune.report import gain_heads
 from maglev_workbench.page import (
     COLOURS,
+    labelled_axis,
     mark_iso_zones,
     note,
     number,
@@ -49,7 +51,7 @@ def campaign_tables(advice: Advice) -> "Iterable[str | rich.table.Table]":
     from rich.table import Table
 
     blocks = (
-        ("What the recordings showed", ("recordings", *advice.task.box.names, *SHOWN), _set_rows(advice)),
+        ("What the recordings showed", ("recordings", *gain_heads(advice.task.box.names), *SHOWN), _set_rows(advice)),
         ("Identified rig", ("parameter", "identified", "nominal"), _rig_rows(advice)),
         ("Predicted at the gains to record", PREDICTED, _values_rows(advice, advice.prediction)),
         ("What the gains to keep reach", PREDICTED, _values_rows(advice, _kept(advice))),
@@ -73,7 +75,9 @@ def campaign_page(advice: Advice, block: str, made_by: dict[str, str]) -> str:
     if any(s.sensitivity for s in advice.sets):
         sections.append(("Sensitivity of the loop", sensitivity_figure(advice)))
     if rows := _set_rows(advice):
-        sections.append(("What the recordings showed", table(("recordings", *advice.task.box.names, *SHOWN), rows)))
+        sections.append(
+            ("What the recordings showed", table(("recordings", *gain_heads(advice.task.box.names), *SHOWN), rows))
+        )
     if rows := _rig_rows(advice):
         sections.append(("Identified rig", table(("parameter", "identified (95 %)", "nominal"), rows)))
     if rows := _values_rows(advice, advice.prediction):
@@ -86,7 +90,7 @@ def campaign_page(advice: Advice, block: str, made_by: dict[str, str]) -> str:
     if refused:
         sections.append(("Not kept", table(("gains", "why"), refused)))
     sections += [("", note(text)) for text in advice.notes]
-    made = {**rig_facts(plain(asdict(advice.task.rig))), **made_by}
+    made = {**rig_facts(plain(asdict(advice.task.rig))), **made_by, "tuned": ", ".join(advice.task.box.names)}
     return page(f"Tuning of {advice.task.name} on the bench", summary(advice), sections, made)
 
 
@@ -135,7 +139,9 @@ def sensitivity_figure(advice: Advice) -> "Figure":
     figure = go.Figure()
     for i, s in enumerate(advice.sets):
         if s.sensitivity is not None:
-            words = ", ".join(f"{n} {getattr(s.gains, n):.4g}" for n in advice.task.box.names)
+            words = ", ".join(
+                f"{n} {digits(getattr(s.gains, n))}" for n in advice.task.box.names
+            )  # short, for the legend
             width = 2.5 if i == advice.keep else 1.2
             figure.add_scatter(
                 x=s.sensitivity.frequency,
@@ -150,7 +156,9 @@ def sensitivity_figure(advice: Advice) -> "Figure":
         line = {"color": COLOURS[1], "dash": "dash", "width": 2.5}
         figure.add_scatter(x=frequency, y=size, mode="lines", name="predicted at the next gains", line=line)
     mark_iso_zones(figure)
-    figure.update_xaxes(title_text="frequency Hz", type="log")
+    known = [s.sensitivity.frequency for s in advice.sets if s.sensitivity is not None]
+    if known:
+        figure.update_xaxes(**labelled_axis("frequency, Hz", np.concatenate(known), log=True))
     figure.update_yaxes(title_text="|S|", rangemode="tozero")
     return styled(figure, 420)
 
@@ -159,7 +167,7 @@ def _set_rows(advice: Advice) -> list[tuple[str, ...]]:
     rows = []
     for i, (s, one, claimed) in enumerate(zip(advice.sets, advice.shown, advice.claimed, strict=True)):
         mark = " (keep)" if i == advice.keep else ""
-        gains = tuple(f"{getattr(s.gains, n):.4g}" for n in advice.task.box.names)
+        gains = tuple(digits(getattr(s.gains, n)) for n in advice.task.box.names)
         figures = _figures(one, claimed) if one else ("failed" if s.failed else "not told", *["–"] * 5)
         rows.append((", ".join(s.files) + mark, *gains, *figures))
     return rows
@@ -184,7 +192,7 @@ def _rig_rows(advice: Advice) -> list[tuple[str, ...]]:
     rows = [
         (
             f"{name} {UNIT.get(name, 's' if name.endswith('time_constant') else '')}".strip(),
-            f"{v:.5g} ± {NORMAL_95 * e:.2g}",
+            f"{v:.5g} ± {number(NORMAL_95 * e, 2)}",
             f"{o:.5g}",
         )
         for name, (v, e, o) in advice.identified.told().items()

@@ -5,7 +5,7 @@ from pathlib import Path
 from textwrap import wrap
 
 from maglev_env.channels import ANALYSED
-from maglev_env.loop.gains import Gains
+from maglev_env.loop.gains import Gains, unit_of_gain
 from maglev_env.recordings.campaign import Campaign
 from maglev_env.recordings.campaign_tables import ChannelSource
 from maglev_env.recordings.campaign_writer import excitation_table, toml_table, toml_value
@@ -19,7 +19,12 @@ _FORMATS = (".mat", ".csv", ".npz", ".h5", ".nc")
 def in_words(advice: Advice, gains: Gains) -> str:
     """The gains as text in SI; those that are tuned come first."""
     names = (*advice.task.box.names, *(n for n in asdict(gains) if n not in advice.task.box.names))
-    return ", ".join(f"{name} = {getattr(gains, name):.4g}" for name in names)
+    return ", ".join(f"{name} = {digits(getattr(gains, name))} {unit_of_gain(name)}".strip() for name in names)
+
+
+def digits(value: float) -> str:
+    """A gain with four significant digits, without an exponent as long as it is readable."""
+    return f"{float(f'{value:.4g}'):g}"
 
 
 def summary(advice: Advice) -> str:

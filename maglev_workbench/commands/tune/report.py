@@ -1,17 +1,20 @@
 """A study as tables, page and JSON: tried gains, the recommendation, and refused gains with reasons."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping, Sequence
 from importlib.metadata import version
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from estimation.normal import NORMAL_95
+from maglev_env.loop.gains import unit_of_gain
 from maglev_env.recordings.formats.json_data import plain
 from maglev_env.rig.goal import Goal
+from maglev_env.task.pump_goal import RotorGoalTask
 from maglev_env.task.task import Task
 from maglev_workbench import goal_page
-from maglev_workbench.page import COLOURS, STAR, note, number, page, rig_facts, styled, table
+from maglev_workbench.commands.tune.next_recording import digits
+from maglev_workbench.page import COLOURS, STAR, effects_in_words, note, number, page, rig_facts, styled, table
 from tuning.study.recommendation import Recommendation, Verdict
 from tuning.study.study import Outcome
 
@@ -27,7 +30,7 @@ STANDS = ("requirement", "mean", "limit", "95 % within tolerance", "")
 HEAD = ("experiment", "score", "stiffness kN/m", "damping N s/m", "peak |S|", "phase margin °", "peak µm")
 
 
-def summary(task: Task, found: Outcome, advice: Recommendation) -> str:
+def summary(task: Task | RotorGoalTask, found: Outcome, advice: Recommendation) -> str:
     """Sentences on the recommended gains with their spread, and on the number of refused ones with a higher score."""
     if advice.chosen is None:
         why = advice.refused[0].reason if advice.refused else "no experiment gave a stable loop"
@@ -46,18 +49,28 @@ def summary(task: Task, found: Outcome, advice: Recommendation) -> str:
     return text
 
 
-def gains_in_words(task: Task, point: np.ndarray) -> str:
+def gains_in_words(task: Task | RotorGoalTask, point: np.ndarray) -> str:
     """The gains of a point of the box, in SI."""
-    return ", ".join(f"{n} = {g:.4g}" for n, g in zip(task.box.names, task.box.gains(point), strict=True))
+    return ", ".join(
+        f"{n} = {digits(g)} {unit_of_gain(n)}".strip()
+        for n, g in zip(task.box.names, task.box.gains(point), strict=True)
+    )
 
 
-def tune_tables(task: Task, found: Outcome, advice: Recommendation) -> "Iterable[str | rich.table.Table]":
+def gain_heads(names: Sequence[str]) -> list[str]:
+    """Heads of columns of gains: the name, and its SI unit in a second line."""
+    return [f"{name}\n{unit_of_gain(name)}" for name in names]
+
+
+def tune_tables(
+    task: Task | RotorGoalTask, found: Outcome, advice: Recommendation
+) -> "Iterable[str | rich.table.Table]":
     """Tables for a terminal."""
     from rich import box
     from rich.table import Table
 
     goal, rows = task.layout.goal, _best_rows(task, found)
-    head = (*task.box.names, *(GOAL_HEAD if goal else HEAD)[1:])
+    head = (*gain_heads(task.box.names), *(GOAL_HEAD if goal else HEAD)[1:])
     grid = Table(box=box.SIMPLE_HEAD, collapse_padding=True, pad_edge=False, title=f"Best of {len(found.trials)}")
     for name in head:
         grid.add_column(name.replace("_", " "), justify="right")
@@ -76,27 +89,37 @@ def tune_tables(task: Task, found: Outcome, advice: Recommendation) -> "Iterable
     yield summary(task, found, advice)
 
 
-def tune_page(task: Task, found: Outcome, advice: Recommendation, data: dict[str, Any]) -> str:
-    """The HTML page of a study."""
+def tune_page(
+    task: Task | RotorGoalTask,
+    found: Outcome,
+    advice: Recommendation,
+    data: dict[str, Any],
+    more: "Sequence[tuple[str, str | Figure]]" = (),
+    facts: Mapping[str, str] | None = None,
+) -> str:
+    """The HTML page of a study, with more sections behind those of the goal, and facts in place of the rig's."""
     refused = [(gains_in_words(task, v.point), v.reason) for v in advice.refused]
     goal = task.layout.goal
     head = GOAL_HEAD if goal else HEAD
     sections = [
-        ("Score of every experiment", course_figure(found)),
+        ("Score of every experiment", course_figure(task, found)),
         ("Where it looked", where_figure(task, found, advice)),
-        ("Best experiments", table(("experiment", *task.box.names, *head[1:]), _best_rows(task, found))),
+        ("Best experiments", table(("experiment", *gain_heads(task.box.names), *head[1:]), _best_rows(task, found))),
         ("Refused", table(("gains", "why"), refused) if refused else note("Nothing that scored higher was refused.")),
     ]
     if advice.chosen:
         sections.insert(0, ("Recommended", table(("figure", "95 % of noise and tolerance"), _spread(advice.chosen))))
     if goal:
-        sections[1 if advice.chosen else 0 : 0] = _goal_sections(task, goal, found, advice)
-    made = {**rig_facts(data["made_by"]["rig"]), "Method": data["made_by"]["method"], "Seed": data["made_by"]["seed"]}
+        sections[1 if advice.chosen else 0 : 0] = [*_goal_sections(task, goal, found, advice), *more]
+    by = data["made_by"]
+    if facts is None:
+        facts = {**rig_facts(by["rig"]), "Effects": effects_in_words(by["effects"]), "Sensor": by["sensor"]}
+    made = {**facts, "Method": by["method"], "Seed": by["seed"]}
     return page(f"Tuning of {task.name}", summary(task, found, advice), sections, made)
 
 
 def tune_json(
-    task: Task, found: Outcome, advice: Recommendation, made_by: dict[str, Any], seconds: float
+    task: Task | RotorGoalTask, found: Outcome, advice: Recommendation, made_by: dict[str, Any], seconds: float
 ) -> dict[str, Any]:
     """JSON data of schema maglev-tune/1."""
     trials = found.trials
@@ -132,32 +155,44 @@ def tune_json(
     )
 
 
-def course_figure(found: Outcome) -> "Figure":
-    """Score of every experiment in order, and the best so far."""
+def course_figure(task: Task, found: Outcome) -> "Figure":
+    """Score of every experiment in order with its gains on hover, and the best so far."""
     import plotly.graph_objects as go
 
-    t = found.trials
+    t, text = found.trials, _hover(task, found)
     at = np.arange(1, len(t) + 1)
     figure = go.Figure()
-    figure.add_scatter(x=at, y=t.score, mode="markers", name="experiment", marker={"color": COLOURS[0]})
+    figure.add_scatter(x=at, y=t.score, mode="markers", name="experiment", marker={"color": COLOURS[0]},
+                       text=text, hoverinfo="text")  # fmt: skip
     figure.add_scatter(
         x=at, y=np.maximum.accumulate(t.score), mode="lines", name="best so far",
         line={"color": COLOURS[1], "shape": "hv"},
     )  # fmt: skip
     down = np.flatnonzero(t.touchdown)
     marker = {"symbol": "x", "color": STAR, "size": 10}
-    figure.add_scatter(x=at[down], y=t.score[down], mode="markers", name="touchdown", marker=marker)
+    shown = {"name": "touchdown", "marker": marker, "text": [text[i] for i in down], "hoverinfo": "text"}
+    figure.add_scatter(x=at[down], y=t.score[down], mode="markers", **shown)
     figure.update_xaxes(title_text="experiment")
     figure.update_yaxes(title_text="score", range=[-0.03, 1.03])
     return styled(figure, 380)
 
 
-def where_figure(task: Task, found: Outcome, advice: Recommendation) -> "Figure":
+def _hover(task: Task | RotorGoalTask, found: Outcome) -> list[str]:
+    """What every experiment was and gave, for its points."""
+    t = found.trials
+    return [
+        f"experiment {i + 1}: score {score:.3f}<br>{gains_in_words(task, point).replace(', ', '<br>')}"
+        for i, (point, score) in enumerate(zip(t.points, t.score, strict=True))
+    ]
+
+
+def where_figure(task: Task | RotorGoalTask, found: Outcome, advice: Recommendation) -> "Figure":
     """Scatter plots of each pair of tried gains, coloured by score; a star marks the recommended ones."""
     import plotly.graph_objects as go
     from plotly.subplots import make_subplots
 
     names, gains, t = task.box.names, task.box.gains(found.trials.points), found.trials
+    text, titles = _hover(task, found), [f"{name}, {unit_of_gain(name)}".removesuffix(", ") for name in names]
     pairs = [(a, b) for a in range(len(names)) for b in range(a + 1, len(names))] or [(0, 0)]
     columns = min(len(pairs), ABREAST)
     rows = -(-len(pairs) // columns)
@@ -165,24 +200,31 @@ def where_figure(task: Task, found: Outcome, advice: Recommendation) -> "Figure"
     for i, (a, b) in enumerate(pairs):
         row, column = i // columns + 1, i % columns + 1
         marker = {"color": t.score, "colorscale": "Viridis", "cmin": 0, "cmax": 1, "showscale": i == len(pairs) - 1}
+        marker["colorbar"] = {"title": {"text": "score"}}
         figure.add_trace(
-            go.Scatter(x=gains[:, a], y=gains[:, b], mode="markers", marker=marker, showlegend=False), row, column
-        )
+            go.Scatter(
+                x=gains[:, a], y=gains[:, b], mode="markers", marker=marker, showlegend=False, text=text,
+                hoverinfo="text",
+            ), row, column,
+        )  # fmt: skip
         if advice.chosen:
             g = task.box.gains(advice.chosen.point)
             star = {"symbol": "star", "size": 15, "color": STAR}
-            figure.add_trace(go.Scatter(x=[g[a]], y=[g[b]], mode="markers", marker=star, showlegend=False), row, column)
+            chosen = {"text": f"recommended<br>{gains_in_words(task, advice.chosen.point)}", "hoverinfo": "text"}
+            figure.add_trace(
+                go.Scatter(x=[g[a]], y=[g[b]], mode="markers", marker=star, showlegend=False, **chosen), row, column
+            )
         for axis, j in ((figure.update_xaxes, a), (figure.update_yaxes, b)):
-            axis(title_text=names[j], type="log" if task.box.log[j] else "linear", row=row, col=column)
+            axis(title_text=titles[j], type="log" if task.box.log[j] else "linear", row=row, col=column)
     return styled(figure, 380 * rows)
 
 
-def _best_rows(task: Task, found: Outcome) -> list[tuple[str, ...]]:
+def _best_rows(task: Task | RotorGoalTask, found: Outcome) -> list[tuple[str, ...]]:
     t = found.trials
     rows = []
     for i in np.argsort(-t.score, kind="stable")[:BEST]:
         info, goal = t.info[i], task.layout.goal
-        gains = tuple(f"{g:.4g}" for g in task.box.gains(t.points[i]))
+        gains = tuple(digits(g) for g in task.box.gains(t.points[i]))
         if goal:
             rows.append((str(i + 1), *gains, f"{t.score[i]:.3f}", *goal_page.standing(goal, info)))
             continue
@@ -194,7 +236,9 @@ def _best_rows(task: Task, found: Outcome) -> list[tuple[str, ...]]:
     return rows
 
 
-def _goal_sections(task: Task, goal: Goal, found: Outcome, advice: Recommendation) -> "list[tuple[str, str | Figure]]":
+def _goal_sections(
+    task: Task | RotorGoalTask, goal: Goal, found: Outcome, advice: Recommendation
+) -> "list[tuple[str, str | Figure]]":
     t = found.trials
     names = goal_page.shown_names(goal)
     values = {

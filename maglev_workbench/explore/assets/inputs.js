@@ -66,7 +66,8 @@ class Row {
   }
 
   showField() {
-    this.field.value = Number((this.value * this.factor).toPrecision(9));
+    const text = String(Number((this.value * this.factor).toPrecision(5))); // what fits; the value itself is kept
+    this.field.value = text.length > 9 ? Number(text).toExponential() : text;
     this.slider.setAttribute("aria-valuetext", `${digits(this.value * this.factor)} ${this.unit}`);
   }
 }

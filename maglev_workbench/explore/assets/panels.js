@@ -197,12 +197,18 @@ class Diagram {
     ctx.setLineDash([4 * dots, 4 * dots]);
     ctx.font = `${11 * dots}px system-ui, sans-serif`;
     ctx.textAlign = "right";
+    ctx.textBaseline = "middle";
     for (const [value, label] of this.drawn.marks) {
       ctx.beginPath();
       ctx.moveTo(bbox.left, py(value));
       ctx.lineTo(bbox.left + bbox.width, py(value));
       ctx.stroke();
-      if (label) ctx.fillText(label, bbox.left + bbox.width - 4 * dots, py(value) - 3 * dots);
+      if (!label) continue;
+      const wide = ctx.measureText(label).width, right = bbox.left + bbox.width - 6 * dots;
+      ctx.fillStyle = css("--ground"); // the label interrupts its line, so that neither strikes the other out
+      ctx.fillRect(right - wide - 3 * dots, py(value) - 5 * dots, wide + 6 * dots, 10 * dots);
+      ctx.fillStyle = css("--soft");
+      ctx.fillText(label, right, py(value) + dots / 2);
     }
     if (this.name !== "nyquist") return;
     const circle = (x, y, radius) => {

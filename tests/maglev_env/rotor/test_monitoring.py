@@ -82,7 +82,7 @@ def test_a_recording_goes_on_as_if_never_stopped() -> None:
     first = spin([run, Run(quiet, 3000.0)], 2000)
     rest = spin([run, Run(quiet, 3000.0)], 2000, start=first.end)
     assert rest.channels == pytest.approx(whole.channels[..., 2000:], abs=1e-12)
-    with pytest.raises(ValueError, match=r"start: \(1, 32\); give q and rates \(10,\), or the end \(2, 32\)"):
+    with pytest.raises(ValueError, match=r"start: \(1, 36\); give q and rates \(10,\), or the end \(2, 36\)"):
         spin([run, run], 100, start=first.end[:1])
 
 

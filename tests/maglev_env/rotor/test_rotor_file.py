@@ -6,7 +6,7 @@ from math import log
 import pytest
 
 from maglev_env.rig.rig import load_rig
-from maglev_env.rotor.rotor import Axial, Body, Touchdown, hollow_cylinder, load_rotor
+from maglev_env.rotor.rotor import Axial, Body, Rejection, Touchdown, hollow_cylinder, load_rotor
 
 TEXT = (resources.files("maglev_env") / "rotors" / "pump.toml").read_text()
 
@@ -65,6 +65,8 @@ def test_contact_damping_keeps_the_energy_integral(restitution):
         ('axis = "hmb_free"', 'axis = "hmb_radial"', "not one axis of a pair"),
         ("force = [-0.12949, ", "force = [", "as many"),
         ("[fluid]", "[fluids]", "unknown key 'fluids'"),
+        ("[fluid]", "[rejection]\nrate = -1.0\n[fluid]", "rate = -1.0"),
+        ("[fluid]", "[rejection]\nspeed = 1.0\n[fluid]", "unknown key 'speed'"),
         ("kp = 8000.0", "kp = inf", "not a finite number"),
     ],
 )
@@ -73,6 +75,12 @@ def test_what_cannot_be_is_refused_by_name(tmp_path, old, new, words):
     with pytest.raises(ValueError, match=words) as error:
         load_rotor(path)
     assert str(path) in str(error.value)
+
+
+def test_force_rejection_is_read_from_the_file(tmp_path):
+    path = changed(tmp_path, "[fluid]", "[rejection]\nrate = 5\nfrom_speed = 1000\n[fluid]")
+    assert load_rotor("pump").rejection is None
+    assert load_rotor(path).rejection == Rejection(5, 1000)
 
 
 def test_a_rotor_is_no_rig_and_says_where_to_go():

@@ -1,6 +1,7 @@
 """What evidence makes believable: hand-made costs and groups, of which the answer is plain."""
 
 from dataclasses import replace
+from types import MappingProxyType
 
 import numpy as np
 import pytest
@@ -245,8 +246,33 @@ def test_samples_that_are_dropped_are_loud_and_a_delay_is_not():
     assert judged(replace(quiet, tones={"loud": 500.0})) == ("explained", ("dropped_samples",))
 
 
+def idle(effects, changes=MappingProxyType({})):
+    return idle_cost(Point(effects, changes), tuple(effects))
+
+
 def test_an_effect_that_changes_nothing_costs_what_a_clear_gap_is_worth():
-    assert idle_cost(Point({"sensor_lag": {"time_constant": 0.0}}, {"sensor_time_constant": -0.9})) == IDLE
-    assert idle_cost(Point({"sensor_lag": {"time_constant": 1e-5}, "damping": {"coefficient": 0.0}}, {})) == IDLE
-    assert idle_cost(Point({"force_law": {"exponent": 0.4, "offset": 0.0}}, {})) == 0.0
-    assert idle_cost(Point({}, {})) == 0.0
+    assert idle({"sensor_lag": {"time_constant": 0.0}}, {"sensor_time_constant": -0.9}) == IDLE
+    assert idle({"sensor_lag": {"time_constant": 1e-5}, "damping": {"coefficient": 0.0}}) == IDLE
+    assert idle({"force_law": {"exponent": 0.4, "offset": 0.0}}) == 0.0
+    assert idle({}) == 0.0
+
+
+def test_a_block_whose_stated_time_constant_grew_lags():
+    lag = {"amplifier_lag": {"time_constant": 0.0}}
+    assert idle(lag, {"amplifier_time_constant": 0.56}) == 0.0
+    assert idle(lag, {"amplifier_time_constant": 0.0}) == IDLE
+    assert idle(lag, {"sensor_time_constant": 0.56}) == IDLE
+    # Part of a lag may be simulated as a delay, which is no effect of its own.
+    form = Point(lag | {"delay": {"time": 0.0}}, {"amplifier_time_constant": 0.56})
+    assert idle_cost(form, ("amplifier_lag",)) == 0.0
+
+
+def test_what_a_rig_states_weighs_its_full_weight_beside_a_large_gap():
+    """Three tolerances and more are not excused by what another form of an effect may leave of a gap of a million."""
+    costs = {"": 1e6, **dict.fromkeys(SINGLES, 1e6), "mass": 0.0, "mass+delay": 0.0}
+    free = evidence(costs)
+    assert judged(free) == ("explained", ("mass",))
+    strain = np.where([names == ("mass",) for names in free.effects], 32.0, 0.0)
+    cost = free.cost + strain
+    assert judged(replace(free, cost=cost)) == ("explained", ("mass",))
+    assert judged(replace(free, cost=cost, strain=strain)) == ("explained", ("mass", "delay"))

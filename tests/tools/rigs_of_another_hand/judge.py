@@ -4,10 +4,10 @@
 
 OUT/NNN/verdict.json keeps each answer, so a run that was stopped continues. Each campaign is one of: named (the effect
 alone, or with the law), beside (it, and another one that is not there), ambiguous (it is among the alternatives),
-abstained (unexplained), refused (in words), missed ("no gap", or the law alone), wrong (another cause), false alarm (a
-cause where there is none), clear (no cause, none named), traceback, or form (no effect is there, and the law is named
-or among the alternatives: every ball is pulled by an exponential, and a square is stated, so that is true). A weighed
-mass must never be named.
+abstained (unexplained, or what acts before the current is said not to show), refused (in words), missed ("no gap", or
+the law alone), wrong (another cause), false alarm (a cause where there is none), clear (no cause, none named),
+traceback, or form (no effect is there, and the law is named or among the alternatives: every ball is pulled by an
+exponential, and a square is stated, so that is true). A weighed mass must never be named.
 """
 
 import argparse
@@ -22,12 +22,14 @@ from pathlib import Path
 GOOD = ("named", "ambiguous", "abstained", "clear", "form")
 
 
-def outcome(truth: dict, verdict: str, cause: list[str]) -> str:
+def outcome(truth: dict, verdict: str, cause: list[str], unseen: list[str]) -> str:
     right = set(truth["right"])
     if verdict == "unexplained":
         return "abstained"
     if not right:
         return "clear" if verdict == "no_gap" else "form" if "force_law" in cause else "false alarm"
+    if right <= set(unseen) and set(cause) <= {"force_law"}:
+        return "abstained"
     if verdict == "no_gap" or (cause == ["force_law"] and "force_law" not in right):
         return "missed"
     named = {name for c in cause for name in c.split("+")}
@@ -47,7 +49,7 @@ def diagnosed(folder: Path, tree: Path) -> dict:
     if done.returncode == 0:
         answer = json.loads((folder / "d.json").read_text())
         gap = {k: answer["gap"].get(k) for k in ("before", "after", "closed_fraction")}
-        found |= {"verdict": answer["verdict"], "cause": answer["cause"], "gap": gap, "which": answer["which"][:4]}
+        found |= {"gap": gap, "which": answer["which"][:4]} | {k: answer[k] for k in ("verdict", "cause", "unseen")}
     else:
         found |= {"verdict": "unexplained", "cause": [], "refused": True}
     return found
@@ -69,7 +71,7 @@ def main() -> None:
         if options.again or not kept.exists():
             kept.write_text(json.dumps(diagnosed(folder, options.tree.resolve()), indent=1))
         found, truth = json.loads(kept.read_text()), json.loads((folder / "truth.json").read_text())
-        result = outcome(truth, found["verdict"], found["cause"])
+        result = outcome(truth, found["verdict"], found["cause"], found.get("unseen", []))
         if found.get("refused"):
             result = "traceback" if "Traceback" in found["said"] else "refused"
         count[result] += 1

@@ -3,7 +3,7 @@
 import typer
 
 from maglev_workbench.commands.blind.options import FolderArgument, PageDocsOption
-from maglev_workbench.options import JsonOption, friendly
+from maglev_workbench.options import JsonOption, friendly, require_package
 
 app = typer.Typer()
 
@@ -12,6 +12,8 @@ app = typer.Typer()
 @friendly
 def open_(folder: FolderArgument, docs: PageDocsOption = None, json_file: JsonOption = None) -> None:
     """Check the seal, score every answer against the labels, and write the page; the set cannot be used again."""
+    if docs is not None:
+        require_package("matplotlib")
     from maglev_workbench.commands.blind.sealed_set import made_of
 
     made_of(folder)  # a folder without a set is told before the long imports

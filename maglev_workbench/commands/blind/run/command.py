@@ -12,7 +12,7 @@ from maglev_workbench.commands.blind.options import (
     ProcessesOption,
     SetSeedOption,
 )
-from maglev_workbench.options import JsonOption, SchedulerOption, friendly
+from maglev_workbench.options import JsonOption, SchedulerOption, friendly, require_package
 
 app = typer.Typer()
 
@@ -34,6 +34,8 @@ def run(
     The workers of a --scheduler answer; the set itself is generated on this machine. A campaign
     takes about 45 s of a core: the set of --quick ten minutes on two cores.
     """
+    if docs is not None:
+        require_package("matplotlib")
     from maglev_lanes.schedule import workers
     from maglev_workbench.commands.blind import sealed_set
     from maglev_workbench.commands.blind.open.opening import open_folder

@@ -1,0 +1,103 @@
+"""`maglev tune --rig pump` as a user runs it."""
+
+import json
+import shlex
+from functools import partial
+
+import numpy as np
+import pytest
+from command_line import maglev
+
+from maglev_env.rotor.loop_quantities import PLANES, TOGETHER, Found
+from maglev_env.rotor.requirements import rotor_goal
+from maglev_env.rotor.rotor import load_rotor
+from maglev_workbench.commands.tune.rotor_report import check_rows, place_rows, speed_rows
+
+run = partial(maglev, "tune", "--rig", "pump")
+GOAL = "peak_sensitivity <= 3, phase_margin >= 20, best noise_current near 0.02"
+
+
+@pytest.mark.slow
+def test_a_rotor_is_tuned_checked_and_goes_on(tmp_path):
+    out, js = tmp_path / "study", tmp_path / "a.json"
+    arguments = ("--goal", GOAL, "--speeds", "0:14000:14000", "--rejection", 10, "--batch", 4, "--out", out)
+    text = run(*arguments, "--budget", 8, "--json", js)
+    assert "Take kp_translation = " in text and "8 experiments" in text and "Checked in simulation" in text
+    data = json.loads(js.read_text())
+    assert data["schema"] == "maglev-tune/1" and data["goal"].startswith("peak_sensitivity <= 3")
+    best = data["recommended"]
+    assert set(best["gains"]) == {f"{g}_{c}" for g in ("kp", "ki", "kd") for c in ("translation", "tilt")}
+    by_speed = data["by_speed"]["peak_sensitivity"]
+    assert by_speed["speeds"] == [0, 14_000] and by_speed["places"][-1] == TOGETHER
+    assert best["requirements"]["peak_sensitivity"]["value"] == pytest.approx(np.max(by_speed["values"]), rel=1e-6)
+    # The simulated run-up is that of these gains, with and by the command that is printed.
+    checked = data["run_up"]
+    assert checked["gains"]["tilt"]["kp"] == best["gains"]["kp_tilt"] and checked["rejection"]["rate"] == 10
+    assert all(row["touchdown"] is None for row in checked["speeds"])
+    again = shlex.split(text.partition("the same run-up: maglev ")[2].partition("8 experiments")[0])
+    other = tmp_path / "runup.json"
+    maglev(*again, "--speeds", "14000", "--out", tmp_path / "r", "--json", other)
+    found = json.loads(other.read_text())
+    assert found["speeds"][0]["peak"] == pytest.approx(checked["speeds"][-1]["peak"], rel=0.1)
+    assert max(found["speeds"][0]["coil_once"]) < 0.02  # rejected, of 0.3 A
+    page = (out / "tune.html").read_text()
+    assert "Requirements over the speeds" in page and "By mode and plane" in page
+    assert "8 reused" in run(*arguments, "--budget", 12)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("--method", "model"), "--method model is made for one axis"),
+        (("--goal", "match"), "--goal match is for rigs of one axis"),
+        (("--goal", "peak <= 3"), "no quantity 'peak'"),
+        (("--effect", "delay=1e-4"), "--effect: not for a rotor"),
+        (("--controller", "pid + notch 650"), "--controller: not for a rotor"),
+        (("--speeds", "fast"), "--speeds 'fast'"),
+        (("--speeds", "0:20000:10000"), "lower --speeds"),
+        (("--rejection", 0), "rate = 0"),
+        (("--tune", "kq"), "no gain 'kq'"),
+        (("--rig", "hmb_free", "--speeds", "0"), "--speeds is for rotors"),
+        (("--rig", "hmb_free", "--rejection", 3), "--rejection is for rotors"),
+    ],
+)
+def test_bad_input_is_refused_before_any_work(tmp_path, monkeypatch, arguments, words):
+    monkeypatch.chdir(tmp_path)
+    assert words in run(*arguments, code=2).replace("│", "").replace("  ", " ")
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_rotors_file_is_known_by_its_schema(tmp_path):
+    from maglev_workbench.options import is_rotor
+
+    (tmp_path / "r.toml").write_text('# mine\nschema = "maglev-rotor/1"\n')
+    (tmp_path / "a.toml").write_text('schema = "maglev-rig/1"\n')
+    found = [is_rotor(str(name)) for name in ("pump", "hmb_free", tmp_path / "r.toml", tmp_path / "a.toml", "no.toml")]
+    assert found == [True, False, True, False, False]
+
+
+def test_tables_name_the_worst_mode_or_plane_and_what_is_missed():
+    goal = rotor_goal(load_rotor("pump"), "peak_sensitivity <= 2, displacement <= 0.3, best noise_current near 0.02")
+    found = {
+        "peak_sensitivity": Found((0.0, 6000.0), (*PLANES, TOGETHER), np.array([[1.2, 1.4, 1.4], [1.1, 1.9, 2.1]])),
+        "displacement": Found((0.0, 6000.0), PLANES, np.array([[0.1, 0.05], [0.2, 0.35]])),
+        "noise_current": Found((0.0, 6000.0), PLANES, np.array([[0.010, 0.011], [0.012, 0.011]])),
+    }
+    assert speed_rows(goal, found) == [
+        ["0", "1.40 b", "0.100 a", "11.0 b"],
+        ["6000", "2.10 all, b 1.90 !", "0.350 b !", "12.0 a"],
+    ]
+    rows = place_rows(goal, found)
+    assert [row[1] for row in rows] == [*PLANES, TOGETHER, *PLANES, *PLANES]
+    assert [row[4] for row in rows] == ["met", "met", "missed", "met", "missed", "", ""]
+    assert rows[2][2:4] == ["2.10", "6000"]
+
+
+@pytest.mark.slow
+def test_the_identified_peaks_are_beside_the_linear_models():
+    from maglev_workbench.commands.runup.study import report
+
+    rows = check_rows(report(load_rotor("pump"), np.array([0.0, 14_000.0]), 0, None))
+    assert [row[:2] for row in rows] == [[v, c] for v in ("0", "14000") for c in ("translation", "tilt")]
+    for _, _, identified, model in rows:
+        assert float(identified) == pytest.approx(float(model), rel=0.05)
