@@ -200,11 +200,7 @@ def _far(diagnosis: Diagnosis) -> list[str]:
 def _closes(gap: Gap) -> str:
     """How much of the gap is closed, as the end of a sentence; where that has no meaning, the fit's own figures."""
     if gap.closed_fraction is not None:
-        ends = gap.closed_fraction_ci
-        spread = ""
-        if ends is not None and round(100 * ends[0]) < 100:  # an interval of nothing but 100 % says nothing more
-            spread = f" (95 %: {100 * ends[0]:.0f} .. {100 * ends[1]:.0f})"
-        return f"; it closes {round(100 * gap.closed_fraction)} % of the gap{spread}"
+        return f"; it closes {round(100 * gap.closed_fraction)} % of the gap{closed_spread(gap)}"
     if gap.before is not None and gap.after is not None:
         return (
             f"; on the {gap.judged_on} the gap is {gap.before:.2g} times the noise before and {gap.after:.2g} after: "
@@ -216,6 +212,14 @@ def _closes(gap: Gap) -> str:
             f"; the nominal rig does not levitate with the recorded gains, so no share is closed; the fit leaves {fit}"
         )
     return ""
+
+
+def closed_spread(gap: Gap) -> str:
+    """The interval of the share that is closed, in brackets; empty where it is nothing but 100 %."""
+    ends = gap.closed_fraction_ci
+    if ends is None or round(100 * ends[0]) >= 100:
+        return ""
+    return f" (95 %: {100 * ends[0]:.0f} .. {100 * ends[1]:.0f})"
 
 
 def _largest(shares: Mapping[str, float]) -> str:

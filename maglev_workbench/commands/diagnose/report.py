@@ -18,7 +18,7 @@ from sim2real.diagnosis import Diagnosis, block_of
 from sim2real.gap.leftover_words import fit_in_words, leftover_lines
 from sim2real.gap.shrink import errors
 from sim2real.judgement.judge import Entry
-from sim2real.report import BEYOND, Correction, corrections, curves, sentence, tempered, where_in_words
+from sim2real.report import BEYOND, Correction, closed_spread, corrections, curves, sentence, tempered, where_in_words
 from sim2real.search.hypotheses import CALIBRATION, NONE, UNKNOWN
 from sim2real.words import Fitted, fitted_quantity, percent, spoken
 
@@ -192,9 +192,7 @@ def _gap_lines(d: Diagnosis) -> list[str]:
     before, after = ("does not levitate" if v is None else number(v) for v in (g.before, g.after))
     lines = [f"Gap on the {g.judged_on}, in units of the noise: {before} before, {after} after (floor {g.floor:g})."]
     if g.closed_fraction is not None:
-        ends = g.closed_fraction_ci
-        spread = f" (95 %: {100 * ends[0]:.0f} .. {100 * ends[1]:.0f})" if ends else ""
-        lines[0] = lines[0][:-1] + f"; {round(100 * g.closed_fraction)} % closed{spread}."
+        lines[0] = lines[0][:-1] + f"; {round(100 * g.closed_fraction)} % closed{closed_spread(g)}."
     elif g.before is not None and g.after is not None:
         lines[0] += " It is too near to the noise for a share that is closed."
     if g.before is None:

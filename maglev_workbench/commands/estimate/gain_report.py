@@ -15,7 +15,6 @@ if TYPE_CHECKING:
     from plotly.graph_objects import Figure
 
 _HEAD = ("gain over frequency, Hz", "N/A", "late by, degrees")
-_NOTE = "Bars: 95 %. Thin lines: each recording alone. "
 
 
 def gain_table(found: ApparentGain) -> "rich.table.Table":
@@ -31,7 +30,11 @@ def gain_table(found: ApparentGain) -> "rich.table.Table":
 def gain_sections(found: ApparentGain, of: str = "") -> "list[tuple[str, str | Figure]]":
     """Figure and table; of: name of the recording."""
     heading = "Actuator gain over frequency" + (f" of {of}" if of else "")
-    return [(heading, _figure(found)), ("", note(_NOTE + basis(found)) + html_table(_HEAD, _rows(found)))]
+    alone = "Thin lines: each recording alone. " if len(_recordings(found)) > 1 else ""
+    return [
+        (heading, _figure(found)),
+        ("", note(f"Bars: 95 %. {alone}{basis(found)}") + html_table(_HEAD, _rows(found))),
+    ]
 
 
 def gain_line(found: ApparentGain) -> str:
@@ -106,13 +109,18 @@ def _rows(found: ApparentGain) -> list[tuple[str, ...]]:
     return rows
 
 
+def _recordings(found: ApparentGain) -> list[str]:
+    """The recordings that tell the gain in some band by themselves."""
+    return list(dict.fromkeys(name for b in found.bands for name in b.of_each))
+
+
 def _figure(found: ApparentGain) -> "Figure":
     from plotly.graph_objects import Scatter
     from plotly.subplots import make_subplots
 
     figure = styled(make_subplots(2, 1, shared_xaxes=True, vertical_spacing=0.06), 520)
     f = np.array([b.frequency for b in found.bands])
-    names = list(dict.fromkeys(name for b in found.bands for name in b.of_each))
+    names = _recordings(found)
     if len(names) > 1:
         for k, name in enumerate(names):
             own = np.array([b.of_each.get(name, np.nan) for b in found.bands], complex)
