@@ -1,122 +1,159 @@
-"""Candidate gains on an identified rig: scores and margins over its posterior and on the measured plant; optimum."""
+"""What gains reach on a rig, with intervals, and why they are not to be kept."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from estimation.normal import NORMAL_95
-from estimation.stability_margins import Margins, margins
 from maglev_env.loop.gains import Gains
-from maglev_env.rig.rig import Rig
-from maglev_env.task.episodes import Episode
-from maglev_env.task.task import Task
-from tuning.campaign.recorded_sets import DRAWS, GainSet, Response, pooled
-from tuning.campaign.rig_fit import IdentifiedRig, measured_sensitivity
-from tuning.search.evolution import DifferentialEvolution
-from tuning.search.optimum import searched_optimum
-from tuning.study.recommendation import Verdict, verdict_of
+from tuning.campaign.carried import DRAWS, Carried
+from tuning.campaign.model import RIGS, Model, figure, large, linear, missed_by, scored, terms_of
+from tuning.campaign.recorded_sets import GainSet
+from tuning.study.recommendation import DISPLACEMENT_SHARE, GAIN_MARGIN, PEAK_SENSITIVITY, PHASE_MARGIN
 from tuning.study.study import experiments
 
-REPEATS, RIGS = 8, 32  # repetitions on the identified rig, and rigs from its posterior, by which gains are judged
-SEARCH, GENERATIONS = 8, 14  # population per gain, and number of generations
+FEW = 8  # draws of the responses by which a search judges how sure margins are
+LEVEL = (2.5, 97.5)  # percentiles of a 95 % interval
+RESERVE = 0.05  # share by which a margin's bound misses its limit where a search halves the score
+
+
+@dataclass(frozen=True)
+class Value:
+    """An estimate with its 95 % interval, SI."""
+
+    value: float
+    low: float
+    high: float
 
 
 @dataclass(frozen=True, eq=False)
 class Prediction:
-    """What the identified rig predicts for gains.
+    """What gains reach.
 
     Attributes:
         gains: The gains.
-        verdict: Verdict over noise and the parameters' posterior.
-        held: Whether the rotor levitates in all of these simulations.
-        margins: Margins of the measured plant with these gains; None where no injection showed it.
-        response: The sensitivity that these margins belong to.
+        score: Under the task's goal.
+        expected: Its mean over all draws.
+        spread: Its standard deviation over them.
+        values: Quantities by name: the score, those of `match`, those of the goal.
+        reason: Why these gains are not to be kept, or None.
+        held: Whether the rotor levitates in all simulations.
+        met: Share of the draws in which every requirement of the goal is met; None for `match`.
+        missed: The requirements that the best estimate misses.
+        unsure: Those that it meets, but the interval does not.
+        response: |S| over frequency: (frequency, best, low, high), each (s,).
     """
 
     gains: Gains
-    verdict: Verdict
+    score: Value
+    expected: float
+    spread: float
+    values: Mapping[str, Value]
+    reason: str | None
     held: bool
-    margins: Margins | None
-    response: Response | None
+    met: float | None = None
+    missed: tuple[str, ...] = ()
+    unsure: tuple[str, ...] = ()
+    response: tuple[np.ndarray, ...] = ()
 
     @property
-    def peak(self) -> tuple[float, float]:
-        """Interval of the peak sensitivity, with the wider end of model and measured plant.
-
-        For the measured plant the upper end is the largest value that any single line may have: where the plant is
-        hardly known, the interval of the largest line is too narrow.
-        """
-        low, high = self.verdict.intervals.get("peak_sensitivity", (np.nan, np.inf))
-        if self.margins is None:
-            return low, high
-        ends = [end or self.margins.peak_sensitivity for end in self.margins.intervals["peak_sensitivity"]]
-        alone = np.max(np.abs(self.response.value) + NORMAL_95 * np.sqrt(self.response.variance / 2))
-        return float(np.fmin(low, ends[0])), float(max(high, ends[1], alone))
+    def peak(self) -> Value:
+        return self.values["peak_sensitivity"]
 
 
-@dataclass(frozen=True, eq=False)
-class Model:
-    """The model by which gains are judged.
+def predict(model: Model, gains: Gains, responses: Carried | None = None, seen: GainSet | None = None) -> Prediction:
+    """What gains reach, by all recordings.
 
-    Attributes:
-        task: The task; its box covers the recorded gains.
-        corners: Corners (2, k) of the rig's own bounds in that box.
-        own: Episodes of the identified rig.
-        spread: Episodes of rigs from its posterior.
-        plant: The measured plant, if known.
+    Args:
+        model: The rig.
+        gains: The gains.
+        responses: Instead of those of all recordings.
+        seen: A recording at these gains, which shows some large signals itself.
     """
-
-    task: Task
-    corners: np.ndarray
-    own: Sequence[Episode]
-    spread: Sequence[Episode]
-    plant: Response | None
-
-    def gains(self, point: np.ndarray) -> Gains:
-        return self.task.box.applied(self.task.rig.gains, self.task.box.gains(point))
-
-    def point(self, gains: Gains) -> np.ndarray:
-        return self.task.box.point(gains)
-
-
-def model_of(
-    task: Task, corners: np.ndarray, identified: IdentifiedRig, good: Sequence[GainSet], rng: np.random.Generator
-) -> Model:
-    """The model by which gains are judged; every random choice comes from rng."""
-    start = np.zeros(len(task.box.names))
-
-    def episode(rig: Rig) -> Episode:
-        return Episode(rig, task.target, start, int(rng.integers(2**63)))
-
-    own = [episode(identified.rig()) for _ in range(REPEATS)]
-    spread = [episode(rig) for rig in identified.drawn(RIGS, rng)]
-    return Model(task, corners, own, spread, pooled([s.plant for s in good if s.plant]))
-
-
-def predict(model: Model, gains: Gains, seed: int) -> Prediction:
-    """Predict gains on the identified rig, on rigs of its posterior, and on the measured plant."""
-    point, lanes = model.point(gains), [*model.own, *model.spread]
-    again = experiments(model.task, lanes, np.tile(point, (len(lanes), 1)), [0] * len(lanes))
-    verdict = verdict_of(point, again, len(model.own), model.own[0])
-    held = not again.touchdown.any() and bool((again.score > 0).all())
-    if model.plant is None:
-        return Prediction(gains, verdict, held, None, None)
-    p = model.plant
-    s, variance = measured_sensitivity(p.value, p.variance, p.frequency, gains, model.task.rig.control_rate)
-    found = margins(p.frequency, s, variance, DRAWS, seed)
-    return Prediction(gains, verdict, held, found, Response(p.frequency, s, variance))
+    point = model.point(gains)
+    apart = 0.0 if seen else model.apart(gains)
+    lanes = experiments(model.task, model.episodes, np.tile(point, (RIGS, 1)), [0] * RIGS)
+    # What was recorded has levitated, whatever a model says.
+    held = seen is not None or (not lanes.touchdown.any() and bool((figure(lanes, "pole_radius") < 1).all()))
+    values = linear(model, responses or model.responses, gains, apart, DRAWS)
+    turn = np.arange(DRAWS) % RIGS  # the rig on which the large signals of a draw are simulated
+    values |= large(model, lanes, turn, seen)
+    by, terms = missed_by(model, values), terms_of(model, values)
+    scores = scored(model, terms)
+    quantities = {"score": scores, **values}
+    ends = {name: _interval(v) for name, v in quantities.items()}
+    # Near its largest value a score falls with every error, while the truth may be better than the estimate in all
+    # terms: the upper end is that of the terms' own upper ends.
+    best = scored(model, {name: np.nanpercentile(term, LEVEL[1]) for name, term in terms.items()})
+    ends["score"] = replace(ends["score"], high=max(float(best), ends["score"].high))
+    s = np.abs((responses or model.responses).sensitivity(gains, apart))
+    shape = (model.responses.injected, s[0], *np.percentile(s, LEVEL, axis=0))
+    met, missed, unsure = None, (), ()
+    if by:
+        met = float(np.mean(np.all([v <= 0 for v in by.values()], axis=0)))
+        missed = tuple(n for n, v in by.items() if v[0] > 0)
+        unsure = tuple(n for n, v in by.items() if v[0] <= 0 and np.mean(v > 0) > 1 - LEVEL[1] / 100)
+    return Prediction(
+        gains,
+        ends["score"],
+        float(scores.mean()),
+        float(scores.std()),
+        ends,
+        _reason(ends, held),
+        held,
+        met,
+        missed,
+        unsure,
+        shape,
+    )
 
 
-def optimum(model: Model, start: Gains, rng: np.random.Generator) -> np.ndarray:
-    """Best-scoring point on the identified rig within the rig's bounds; the search also begins at `start`."""
-    low, high = model.corners
-    best = model.point(start)
-    inside = np.clip(2 * (best - low) / (high - low) - 1, -1.0, 1.0)
-    search = DifferentialEvolution(len(low), int(rng.integers(2**31)), SEARCH, inside)
+def search_scores(model: Model, points: np.ndarray, limit: float) -> np.ndarray:
+    """Scores (n,) of points (n, k) over a few draws, lower where margins are not surely kept.
 
-    def place(asked: np.ndarray) -> np.ndarray:
-        return low + (high - low) * (asked + 1) / 2
+    Args:
+        model: The rig.
+        points: The points.
+        limit: Largest peak sensitivity.
+    """
+    n = len(points)
+    lanes = experiments(model.task, [model.episodes[0]] * n, points, [0] * n)
+    simulated = large(model, lanes, np.arange(n), None, scatter=False)
+    found = np.zeros(n)
+    for i, point in enumerate(points):
+        if lanes.touchdown[i] or not lanes.info[i].get("pole_radius", 1.0) < 1:
+            continue
+        gains = model.gains(point)
+        values = linear(model, model.responses, gains, model.apart(gains), FEW)
+        sure = {
+            "peak": np.max(values["peak_sensitivity"]) / limit,
+            "phase": PHASE_MARGIN / np.nanmin(values["phase_margin"], initial=np.inf),
+            "gain": GAIN_MARGIN / np.nanmin(values["gain_margin_high"], initial=np.inf),
+        }
+        drawn = values | {k: np.full(FEW, v[i]) for k, v in simulated.items()}
+        misses_by = sum(float(np.log(max(1.0, v))) for v in sure.values())
+        found[i] = scored(model, terms_of(model, drawn)).mean() / (1 + misses_by / RESERVE)
+    return found
 
-    # Experiment number 1, because the noise of number 0 judges the result.
-    return searched_optimum(model.task, model.own[0], search, GENERATIONS, np.clip(best, low, high), 1, place)
+
+def _interval(values: np.ndarray) -> Value:
+    known = values[~np.isnan(values)]
+    if not known.size:
+        return Value(np.nan, np.nan, np.nan)
+    low, high = np.percentile(known, LEVEL, method="closest_observation")
+    return Value(float(values[0]), min(float(low), float(values[0])), max(float(high), float(values[0])))
+
+
+def _reason(ends: Mapping[str, Value], held: bool) -> str | None:
+    """Why gains are not to be kept, in words with figures."""
+    if not held:
+        return "the rotor does not levitate on every rig that the recordings allow"
+    if not ends["peak_sensitivity"].high <= PEAK_SENSITIVITY:
+        high = ends["peak_sensitivity"].high
+        return f"peak sensitivity up to {high:.3g}, beyond zone B of ISO 14839-3 ({PEAK_SENSITIVITY:g})"
+    if ends["displacement"].high > DISPLACEMENT_SHARE:
+        return f"displacement up to {ends['displacement'].high:.0%} of the clearance under the excitation"
+    for name, least, unit in (("phase_margin", PHASE_MARGIN, " degrees"), ("gain_margin_high", GAIN_MARGIN, "")):
+        if ends[name].low < least:
+            return f"{name.replace('_', ' ')} down to {ends[name].low:.3g}{unit}, below {least:g}{unit}"
+    return None

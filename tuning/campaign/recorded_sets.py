@@ -11,7 +11,6 @@ from estimation.lines.periods import LineStatistics
 from estimation.max_likelihood import maximum_likelihood
 from estimation.normal import NOISELESS
 from estimation.stability_margins import Margins, margins
-from maglev_env.evaluation.score import ScoreTarget, score, terms
 from maglev_env.experiment import sampling
 from maglev_env.loop.gains import Gains, controller_response
 from maglev_env.recordings.campaign import Campaign, RecordingSpec
@@ -23,6 +22,7 @@ from tuning.campaign.open_recording import with_injection
 
 TOUCHED = 0.95  # share of the clearance that counts as touchdown (or the sensor's scale is wrong)
 UNSTEADY = 0.02  # share of the clearance: a larger rms that does not repeat and outweighs what does is self-oscillation
+CAUSED = ("clipped at", "levitation is lost")  # faults of a record that gains cause; any other is one of the file
 DRAWS, LEAST_LINES = 200, 4  # draws of an interval; lines that a curve of margins needs
 LEVEL_SD = 3.92  # width of a 95 % interval in standard deviations
 KNOWN, SMOOTH = 0.3, 9  # relative noise of lines without a period that are used, and lines over which it is looked at
@@ -52,6 +52,8 @@ class GainSet:
         peak_displacement: m.
         current_rms: A.
         failed: Why nothing is identified here, or None.
+        noise_current: Rms of what does not repeat of the coil's current, less the stated noise of its reading, A; nan
+            where no period shows it.
         untold: Why recordings without a period do not tell the margins here, or None.
         open: Whether all recordings are without a period.
     """
@@ -67,6 +69,7 @@ class GainSet:
     failed: str | None
     untold: str | None = None
     open: bool = False
+    noise_current: float = np.nan
 
 
 @dataclass(frozen=True)
@@ -79,8 +82,6 @@ class Shown:
         damping: In the target band, N s/m.
         damping_se: Its standard error.
         margins: Margins of the measured sensitivity.
-        score: 0 to 1.
-        score_se: Its standard error.
     """
 
     stiffness: float
@@ -88,15 +89,6 @@ class Shown:
     damping: float
     damping_se: float
     margins: Margins | None
-    score: float
-    score_se: float
-
-    @property
-    def peak_bound(self) -> float:
-        """Upper 95 % bound of the peak sensitivity, or its value where the lines do not bound it; inf if unmeasured."""
-        if self.margins is None:
-            return np.inf
-        return self.margins.intervals["peak_sensitivity"][1] or self.margins.peak_sensitivity
 
 
 def recorded_sets(campaign: Campaign) -> list[GainSet]:
@@ -117,24 +109,14 @@ def recorded_sets(campaign: Campaign) -> list[GainSet]:
     return [_joined(gains, [_one(campaign, spec, gains) for spec in specs]) for gains, specs in groups.items()]
 
 
-def shown(found: GainSet, target: ScoreTarget, band: tuple[float, float], mass: float, seed: int = 0) -> Shown:
-    """Coefficients, margins and score of a set that did not fail, for a moving mass (kg) and a target band (Hz)."""
+def shown(found: GainSet, band: tuple[float, float], mass: float, seed: int = 0) -> Shown:
+    """Coefficients and margins of a set that did not fail, for the stated moving mass (kg) and a target band (Hz)."""
     coefficients = [maximum_likelihood(f, np.array([band]), mass, intervals=False) for f in found.force]
     k, k_se = _mean([(c.stiffness[0], c.stiffness_se[0]) for c in coefficients])
     c, c_se = _mean([(c.damping[0], c.damping_se[0]) for c in coefficients])
     s = found.sensitivity
     curve = margins(s.frequency, s.value, s.variance, DRAWS, seed) if s is not None else None
-    peak, peak_se = np.nan, np.nan
-    if curve is not None:
-        low, high = curve.intervals["peak_sensitivity"]
-        peak = curve.peak_sensitivity
-        peak_se = ((high or peak) - (low or peak)) / LEVEL_SD
-    around = np.random.default_rng(seed).standard_normal((3, DRAWS))
-    around[:, 0] = 0.0
-    values = [v + e * n for v, e, n in zip((k, c, peak), (k_se, c_se, peak_se), around, strict=True)]
-    scores = score(terms(target, *values, np.array(found.peak_displacement), np.array(found.current_rms)))
-    known = np.isfinite([k, c, peak]).all()
-    return Shown(k, k_se, c, c_se, curve, *((float(scores[0]), float(scores.std())) if known else (np.nan, np.nan)))
+    return Shown(k, k_se, c, c_se, curve)
 
 
 def pooled(parts: Sequence[Response]) -> Response | None:
@@ -164,7 +146,7 @@ def _one(campaign: Campaign, spec: RecordingSpec, gains: Gains) -> GainSet:
     try:
         dataset = read_recording(campaign, spec)
     except ValueError as error:
-        if "clipped at" in str(error):  # a saturated channel is caused by the gains, any other fault by the file
+        if any(words in str(error) for words in CAUSED):
             return _failed(gains, spec, str(error).partition(f"{where}: ")[2] or str(error))
         raise
     signals = _at_control_rate(recorded_signals(campaign, spec, dataset, excited=False), rig)
@@ -251,7 +233,21 @@ def _identified(signals: RecordedSignals, rig: Rig, gains: Gains, spec: Recordin
     return GainSet(
         gains, (spec.file,), receptance, sensitivity, plant, (spectra.force,) if receptance else (),
         float(np.abs(signals.channels["displacement"][kept]).max()), float(np.sqrt(np.mean(current[kept] ** 2))), None,
+        noise_current=_noise_current(signals, rig),
     )  # fmt: skip
+
+
+def _noise_current(signals: RecordedSignals, rig: Rig) -> float:
+    """Rms of what does not repeat of the coil's current, less the noise of its reading; nan where nothing is left."""
+    if not signals.periodic or "current" not in signals.channels:
+        return np.nan
+    n, current = _per_period(signals), signals.channels["current"]
+    periods = current[: current.size // n * n].reshape(-1, n)[1:]
+    if len(periods) < 2:
+        return np.nan
+    power = float((periods - periods.mean(axis=0)).var() * len(periods) / (len(periods) - 1))
+    left = power - rig.noise.current**2
+    return float(np.sqrt(left)) if left > 0 else np.nan
 
 
 def _response(statistics: LineStatistics, output: str, source: str) -> Response:
@@ -301,11 +297,13 @@ def _joined(gains: Gains, parts: list[GainSet]) -> GainSet:
         pooled([r for p in parts if (r := getattr(p, n)) is not None]) for n in ("receptance", "sensitivity", "plant")
     ]
     force = tuple(f for p in parts for f in p.force)
-    peaks, currents = [p.peak_displacement for p in parts], [p.current_rms for p in parts]
-    known = not np.isnan(peaks).all()
-    peak, current = (float(np.nanmax(v)) if known else np.nan for v in (peaks, currents))
+    # The first one that shows them: a later one may be louder on purpose.
+    peak, current, noise = (
+        next((v for p in parts if not np.isnan(v := getattr(p, name))), np.nan)
+        for name in ("peak_displacement", "current_rms", "noise_current")
+    )
     untold = None if any(not p.untold for p in parts) else parts[-1].untold
-    return GainSet(gains, files, *curves, force, peak, current, failed, untold, all(p.open for p in parts))
+    return GainSet(gains, files, *curves, force, peak, current, failed, untold, all(p.open for p in parts), noise)
 
 
 def _mean(values: Sequence[tuple[float, float]]) -> tuple[float, float]:

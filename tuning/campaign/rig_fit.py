@@ -19,6 +19,9 @@ from tuning.campaign.recorded_sets import GainSet
 
 MODEL_ERROR = 0.01  # relative error of a linear model of few parameters, at any line
 DELAY_SPREAD, MOST_DELAY = 2.0, 20.0  # control samples: prior standard deviation, and largest value
+STEP = 1e-3  # of a finite difference, ln of a factor or control samples
+MASS = 0.01  # relative standard deviation of a mass without a stated tolerance: it is weighed
+STATED = 3.0  # standard deviations by which the mass may differ from the stated one
 FACTORS = 4.0  # largest factor by which a parameter may differ from the nominal one
 CONTRADICTED = 25.0  # misfit above which the model is wrong: residuals five times as large as noise and model error
 
@@ -45,16 +48,22 @@ class IdentifiedRig:
     def contradicted(self) -> bool:
         return self.misfit > CONTRADICTED
 
+    @property
+    def other_mass(self) -> bool:
+        """Whether the recordings look like another mass than the stated one."""
+        at = dict(zip(self.names, self.theta, strict=True)).get("mass", 0.0)
+        return abs(at) > 0.99 * STATED * stated_mass(self.nominal)
+
     def rig(self, theta: np.ndarray | None = None) -> Rig:
         """The rig at parameters theta (p,), by default the best; it has the delay as an effect."""
         return _rig(self.nominal, self.names, self.theta if theta is None else theta)
 
-    def drawn(self, n: int, rng: np.random.Generator) -> list[Rig]:
-        """n rigs drawn from the posterior, which is normal in theta; negative delays are set to zero."""
+    def drawn(self, n: int, rng: np.random.Generator) -> np.ndarray:
+        """theta (n, p) drawn from the posterior, which is normal; negative delays are set to zero."""
         draws = rng.multivariate_normal(self.theta, self.covariance, n, method="eigh")
         draws[:, :-1] = np.clip(draws[:, :-1], -np.log(FACTORS), np.log(FACTORS))
         draws[:, -1] = np.clip(draws[:, -1], 0.0, _most_delay(self.nominal))
-        return [self.rig(theta) for theta in draws]
+        return draws
 
     def told(self) -> dict[str, tuple[float, float, float]]:
         """Name -> (value, standard error, nominal value), SI."""
@@ -73,8 +82,9 @@ class IdentifiedRig:
 def fit_rig(rig: Rig, sets: Sequence[GainSet]) -> IdentifiedRig:
     """Fit the linearised loop's receptance and sensitivity to the measured ones, all sets together.
 
-    Mass, actuator gain, negative stiffness and every other parameter with a range or tolerance move on a logarithmic
-    scale with a normal prior. A delay, which every digital loop has, is fitted as well.
+    Actuator gain, negative stiffness and every other parameter with a range or tolerance move on a logarithmic scale
+    with a normal prior; the mass moves within its stated tolerance. A delay, which every digital loop has, is fitted
+    too.
 
     Raises:
         ValueError: No set shows anything.
@@ -110,12 +120,16 @@ def fit_rig(rig: Rig, sets: Sequence[GainSet]) -> IdentifiedRig:
             parts += [miss.real, miss.imag]
         return np.concatenate([*parts, (theta - centre) / prior])
 
-    most = np.append(np.full(len(names) - 1, np.log(FACTORS)), _most_delay(rig))
-    least = np.append(-most[:-1], 0.0)
+    def jacobian(theta: np.ndarray) -> np.ndarray:
+        """By steps that do not shrink with a parameter: a delay may be zero."""
+        at = residuals(theta)
+        return np.stack([(residuals(theta + step) - at) / STEP for step in STEP * np.eye(theta.size)], axis=1)
+
+    most = np.array([STATED * prior[i] if n == "mass" else np.log(FACTORS) for i, n in enumerate(names)])
+    least = -most
+    most[-1], least[-1] = _most_delay(rig), 0.0
     start = np.append(np.zeros(len(names) - 1), max(own_delay, 0.2))  # inside the bounds
-    found = scipy.optimize.least_squares(
-        residuals, start, bounds=(least, most), x_scale=prior, diff_step=1e-5, max_nfev=40
-    )
+    found = scipy.optimize.least_squares(residuals, start, jacobian, bounds=(least, most), x_scale=prior, max_nfev=40)
     data = found.fun[: -len(names)]
     misfit = float(data @ data / max(data.size - len(names), 1))
     covariance = np.linalg.inv(found.jac.T @ found.jac) * max(1.0, misfit)
@@ -130,8 +144,16 @@ def _parameters(rig: Rig) -> tuple[tuple[str, ...], np.ndarray]:
     }
     frequency = np.geomspace(1e-4, 0.2, 12) * rig.control_rate
     names = [name for name in ranges if getattr(rig, name) and _seen(rig, name, frequency)]
-    spread = [log_spread(ranges[n]) for n in names]
+    spread = [stated_mass(rig) if n == "mass" else log_spread(ranges[n]) for n in names]
     return (*names, "delay"), np.array([*spread, DELAY_SPREAD])
+
+
+def stated_mass(rig: Rig) -> float:
+    """Relative standard deviation of the mass as the recordings show it: the rotor was weighed, the probe calibrated.
+
+    A probe that reads too much makes every response look like that of a lighter rotor.
+    """
+    return float(np.hypot(rig.tolerance.get("mass", MASS), rig.tolerance.get("probe_gain", 0.0)))
 
 
 def _most_delay(rig: Rig) -> float:

@@ -15,12 +15,21 @@ from maglev_workbench.console import console, write_json
 from maglev_workbench.options import require_folder
 from maglev_workbench.page import write_page
 from maglev_workbench.warned import warned
+from tuning.campaign.disagreement import disagreement
 from tuning.campaign.next_step import TUNED, next_step
 from tuning.campaign.recorded_sets import recorded_sets
 
 # Findings that gains can cause: such a set has failed, and that is a result.
 FAILURES = ("rail", "lost levitation", "stuck reading", "clearance")
-MEANT = ("campaign", "budget", "tuned", "seed", "out", "json_file")  # options that have a meaning for a real rig
+MEANT = (
+    "campaign",
+    "budget",
+    "tuned",
+    "goal",
+    "seed",
+    "out",
+    "json_file",
+)  # options for a real rig
 
 
 def run(
@@ -31,6 +40,7 @@ def run(
     out: Path | None,
     json_file: Path | None,
     named: Sequence[str] = (),
+    goal: str | None = None,
 ) -> None:
     """Propose the next recording, or say why to stop; the options are those of `maglev tune`.
 
@@ -45,7 +55,7 @@ def run(
         those = ", ".join(f"--{words.get(name, name)}" for name in extra)
         raise ValueError(
             f"{those}: not with --campaign, which takes rig and recordings from its folder and proposes one experiment "
-            "at a time; it goes with --budget, --tune, --seed, --out and --json"
+            "at a time; it goes with --budget, --tune, --goal, --seed, --out and --json"
         )
     folder, rig, campaign = _read(source)
     target = out or folder / "tune"
@@ -53,11 +63,14 @@ def run(
     tuned = tuple(tuned) or TUNED
     warnings = warned(campaign, FAILURES) if campaign else []
     sets = recorded_sets(campaign) if campaign and rig.axes == 1 else []
-    advice = next_step(rig, sets, tuned, budget, seed)
+    advice = next_step(
+        rig, sets, tuned, budget, seed, goal, (lambda: disagreement(campaign, seed)) if campaign else None
+    )
     target.mkdir(parents=True, exist_ok=True)
     block = toml_block(advice, campaign)
     made_by = {
-        "campaign": str(folder), "budget": budget, "tuned": tuned, "seed": seed, "version": version("maglev-workbench")
+        "campaign": str(folder), "budget": budget, "tuned": tuned, "goal": advice.task.rig.target.goal, "seed": seed,
+        "version": version("maglev-workbench"),
     }  # fmt: skip
     data = campaign_json(advice, made_by) | {"warnings": warnings}
     write_text_atomic(target / "next.toml", commented(advice, block))

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from estimation.normal import NORMAL_95
+from maglev_env.evaluation.goal_score import in_words as requirement_in_words
 from maglev_env.recordings.formats.json_data import plain
 from maglev_workbench.commands.tune.next_recording import digits, excitation_words, in_words, summary
 from maglev_workbench.commands.tune.report import gain_heads
@@ -24,8 +25,8 @@ from maglev_workbench.page import (
     table,
     with_interval,
 )
+from tuning.campaign.advice import Advice
 from tuning.campaign.candidates import Prediction
-from tuning.campaign.next_step import Advice
 from tuning.campaign.recorded_sets import Shown
 
 if TYPE_CHECKING:
@@ -35,13 +36,13 @@ if TYPE_CHECKING:
 SHOWN = ("stiffness kN/m", "damping N s/m", "peak |S|", "gain margin", "phase margin °", "score")
 UNIT = {"mass": "kg", "actuator_gain": "N/A", "negative_stiffness": "N/m", "support_stiffness": "N/m", "delay": "s"}
 WORDS = {
+    "score": "score",
     "peak_sensitivity": "peak |S|",
     "gain_margin_high": "upper gain margin",
     "phase_margin": "phase margin °",
-    "displacement_share": "peak displacement over clearance",
-    "score": "score",
+    "displacement": "peak displacement over clearance",
 }
-MEASURED = "by the measured plant"
+PREDICTED = ("figure", "expected", "95 %")
 
 
 def campaign_tables(advice: Advice) -> "Iterable[str | rich.table.Table]":
@@ -52,11 +53,8 @@ def campaign_tables(advice: Advice) -> "Iterable[str | rich.table.Table]":
     blocks = (
         ("What the recordings showed", ("recordings", *gain_heads(advice.task.box.names), *SHOWN), _set_rows(advice)),
         ("Identified rig", ("parameter", "identified", "nominal"), _rig_rows(advice)),
-        (
-            "Predicted at the gains to record",
-            ("figure", "95 % on the identified rig", MEASURED),
-            _predicted_rows(advice),
-        ),
+        ("Predicted at the gains to record", PREDICTED, _values_rows(advice, advice.prediction)),
+        ("What the gains to keep reach", PREDICTED, _values_rows(advice, _kept(advice))),
     )
     for title, head, rows in blocks:
         if rows:
@@ -82,9 +80,10 @@ def campaign_page(advice: Advice, block: str, made_by: dict[str, str]) -> str:
         )
     if rows := _rig_rows(advice):
         sections.append(("Identified rig", table(("parameter", "identified (95 %)", "nominal"), rows)))
-    if rows := _predicted_rows(advice):
-        head = ("figure", "95 % on the identified rig", MEASURED)
-        sections.append(("Predicted at the gains to record", table(head, rows)))
+    if rows := _values_rows(advice, advice.prediction):
+        sections.append(("Predicted at the gains to record", table(PREDICTED, rows)))
+    if rows := _values_rows(advice, _kept(advice)):
+        sections.append(("What the gains to keep reach", table(PREDICTED, rows)))
     excited = "; ".join(excitation_words(advice))
     sections.append(("To paste" if advice.stop else "To record", note(excited) + f"<pre>{escape(block)}</pre>"))
     refused = [(in_words(advice, advice.sets[i].gains), reason) for i, reason in advice.refused]
@@ -96,13 +95,13 @@ def campaign_page(advice: Advice, block: str, made_by: dict[str, str]) -> str:
 
 
 def campaign_json(advice: Advice, made_by: dict[str, Any]) -> dict[str, Any]:
-    """JSON data of schema maglev-tune-campaign/1."""
+    """JSON data of schema maglev-tune-campaign/2."""
     sets = [
         {
             "gains": asdict(s.gains), "recordings": s.files, "failed": s.failed, "untold": s.untold,
-            "shown": _shown_json(one), "predicted": p and _predicted_json(p),
+            "shown": one, "claimed": p and _predicted_json(p),
         }
-        for s, one, p in zip(advice.sets, advice.shown, advice.predicted, strict=True)
+        for s, one, p in zip(advice.sets, advice.shown, advice.claimed, strict=True)
     ]  # fmt: skip
     rig = None
     if advice.identified:
@@ -113,17 +112,20 @@ def campaign_json(advice: Advice, made_by: dict[str, Any]) -> dict[str, Any]:
         }
     return plain(
         {
-            "schema": "maglev-tune-campaign/1",
+            "schema": "maglev-tune-campaign/2",
             "made_by": made_by,
             "sets": sets,
             "identified": rig,
             "next": advice.next and asdict(advice.next),
+            "kind": advice.kind,
             "why": advice.why or None,
+            "diagnosis": advice.diagnosis and advice.diagnosis.sentence,
             "prediction": advice.prediction and _predicted_json(advice.prediction),
             "share": advice.share,
             "limited": advice.limited,
             "stop": advice.stop,
             "keep": None if advice.keep is None else asdict(advice.sets[advice.keep].gains),
+            "claim": (kept := _kept(advice)) and _predicted_json(kept),
             "refused": [{"gains": asdict(advice.sets[i].gains), "reason": reason} for i, reason in advice.refused],
             "notes": advice.notes,
         }
@@ -131,7 +133,7 @@ def campaign_json(advice: Advice, made_by: dict[str, Any]) -> dict[str, Any]:
 
 
 def sensitivity_figure(advice: Advice) -> "Figure":
-    """|S| as measured at every gain set, and as predicted by the measured plant at the next gains."""
+    """|S| as measured at every gain set, and as predicted at the next gains."""
     import plotly.graph_objects as go
 
     figure = go.Figure()
@@ -148,12 +150,11 @@ def sensitivity_figure(advice: Advice) -> "Figure":
                 name=words,
                 line={"width": width},
             )
-    if advice.prediction and advice.prediction.response:
-        r = advice.prediction.response
-        size, half = np.abs(r.value), NORMAL_95 * np.sqrt(r.variance / 2)
-        figure.add_trace(shaded(r.frequency, np.maximum(size - half, 1e-3), size + half, COLOURS[1]))
+    if advice.prediction:
+        frequency, size, low, high = advice.prediction.response
+        figure.add_trace(shaded(frequency, low, high, COLOURS[1]))
         line = {"color": COLOURS[1], "dash": "dash", "width": 2.5}
-        figure.add_scatter(x=r.frequency, y=size, mode="lines", name="predicted at the next gains", line=line)
+        figure.add_scatter(x=frequency, y=size, mode="lines", name="predicted at the next gains", line=line)
     mark_iso_zones(figure)
     known = [s.sensitivity.frequency for s in advice.sets if s.sensitivity is not None]
     if known:
@@ -164,21 +165,21 @@ def sensitivity_figure(advice: Advice) -> "Figure":
 
 def _set_rows(advice: Advice) -> list[tuple[str, ...]]:
     rows = []
-    for i, (s, one) in enumerate(zip(advice.sets, advice.shown, strict=True)):
+    for i, (s, one, claimed) in enumerate(zip(advice.sets, advice.shown, advice.claimed, strict=True)):
         mark = " (keep)" if i == advice.keep else ""
         gains = tuple(digits(getattr(s.gains, n)) for n in advice.task.box.names)
-        figures = _figures(one) if one else ("failed" if s.failed else "not told", *["–"] * 5)
+        figures = _figures(one, claimed) if one else ("failed" if s.failed else "not told", *["–"] * 5)
         rows.append((", ".join(s.files) + mark, *gains, *figures))
     return rows
 
 
-def _figures(one: Shown) -> tuple[str, ...]:
+def _figures(one: Shown, claimed: Prediction) -> tuple[str, ...]:
     k, k_se, c, c_se = one.stiffness / 1e3, one.stiffness_se / 1e3, one.damping, one.damping_se
     coefficients = (_pm(k, k_se), _pm(c, c_se))
     m = one.margins
     names = ("peak_sensitivity", "gain_margin_high", "phase_margin")
     margins = [with_interval(getattr(m, n), *m.intervals[n]) for n in names] if m else ["–"] * 3
-    return (*coefficients, *margins, _pm(one.score, one.score_se))
+    return (*coefficients, *margins, with_interval(*vars(claimed.score).values()))
 
 
 def _pm(value: float, se: float) -> str:
@@ -199,26 +200,31 @@ def _rig_rows(advice: Advice) -> list[tuple[str, ...]]:
     return [*rows, ("misfit (1: noise and model error)", f"{advice.identified.misfit:.2g}", "")]
 
 
-def _predicted_rows(advice: Advice) -> list[tuple[str, ...]]:
-    p = advice.prediction
+def _kept(advice: Advice) -> Prediction | None:
+    return None if advice.keep is None else advice.claimed[advice.keep]
+
+
+def _values_rows(advice: Advice, p: Prediction | None) -> list[tuple[str, ...]]:
+    """Figures of gains; those of the goal with their limits."""
     if p is None:
         return []
-    rows = []
-    for name, words in WORDS.items():
-        low, high = p.verdict.intervals.get(name, (np.nan, np.nan))
-        value = getattr(p.margins, name, None)
-        measured = with_interval(value, *p.margins.intervals[name]) if value is not None else "–"
-        rows.append((words, f"{number(low)} .. {number(high)}", measured))
+    rows = [
+        (words, number(v.value), f"{number(v.low)} .. {number(v.high)}")
+        for name, words in WORDS.items()
+        if not np.isnan((v := p.values[name]).value)
+    ]
+    goal = advice.task.layout.goal
+    for one in goal.measured if goal else ():
+        v, (scale, unit) = p.values[one.name], one.quantity.shown
+        words = requirement_in_words(one) if one in goal.requirements else f"{one.quantity.words} (best) {unit}".strip()
+        state = " – not met" if one.name in p.missed else " – not surely met" if one.name in p.unsure else ""
+        ends = f"{number(scale * v.low)} .. {number(scale * v.high)} {unit}".strip()
+        rows.append((words, f"{number(scale * v.value)} {unit}".strip() + state, ends))
     return rows
 
 
-def _shown_json(one: Shown | None) -> dict[str, Any] | None:
-    if one is None:
-        return None
-    return {**{k: v for k, v in vars(one).items() if k != "margins"}, "margins": one.margins}
-
-
 def _predicted_json(p: Prediction) -> dict[str, Any]:
-    v = p.verdict
-    found = {"score": v.score, "score_se": v.score_se, "intervals": v.intervals, "reason": v.reason}
-    return {**found, "peak_sensitivity": p.peak, "margins_by_measured_plant": p.margins}
+    return {
+        "score": p.score.value, "low": p.score.low, "high": p.score.high, "expected": p.expected, "reason": p.reason,
+        "values": p.values, "met": p.met, "missed": p.missed, "unsure": p.unsure,
+    }  # fmt: skip

@@ -85,12 +85,13 @@ def tune(
 
     With --campaign the rig is real: from the recordings so far, the next gains to record or to keep are proposed.
     Ten experiments take about 20 s with the check of what is recommended, two hundred by de no longer. A rotor
-    (--rig pump) is tuned in five degrees of freedom over its speeds, in a minute or two.
+    (--rig pump) is tuned in five degrees of freedom over its speeds, in a minute or two. A campaign takes seconds, and
+    minutes where its recordings contradict the rig, because they are diagnosed then.
     """
     if campaign is not None:
         from maglev_workbench.commands.tune import campaign as real
 
-        real.run(campaign, budget or BUDGET, tuned, seed, out, json_file, given(context))
+        real.run(campaign, budget or BUDGET, tuned, seed, out, json_file, given(context), goal)
         return
     if method is not None:
         require_choice(method, METHODS, "--method")

@@ -9,8 +9,8 @@ from maglev_env.loop.gains import Gains, unit_of_gain
 from maglev_env.recordings.campaign import Campaign
 from maglev_env.recordings.campaign_tables import ChannelSource
 from maglev_env.recordings.campaign_writer import excitation_table, toml_table, toml_value
-from maglev_env.rig.excitation import UNITS
-from tuning.campaign.next_step import Advice
+from maglev_env.rig.excitation import UNITS, Excitation
+from tuning.campaign.advice import Advice
 
 LINE = 120
 _FORMATS = (".mat", ".csv", ".npz", ".h5", ".nc")
@@ -32,29 +32,45 @@ def summary(advice: Advice) -> str:
     if advice.stop:
         text = f"STOP: {advice.stop}."
         if advice.keep is not None:
-            v = advice.predicted[advice.keep].verdict
-            low, high = v.intervals["score"]
+            p = advice.claimed[advice.keep]
             text += f" Keep {in_words(advice, advice.sets[advice.keep].gains)}"
-            text += f": score {v.score:.3f} on the identified rig, {low:.2f} .. {high:.2f} over what it may be."
+            text += f": score {p.score.value:.3f}, 95 % {p.score.low:.3f} .. {p.score.high:.3f}."
+            text += standing_in_words(advice)
         elif advice.sets:
             text += " None of the gains recorded is to be kept as it stands."
         return text
     text = f"Record next {in_words(advice, advice.next)}: {advice.why}."
     if advice.prediction:
-        low, high = advice.prediction.peak
-        text += f" Peak |S| there {low:.2f} .. {high:.2f} (95 %)."
-    if advice.limited:
+        peak = advice.prediction.peak
+        text += f" Peak |S| there {peak.low:.2f} .. {peak.high:.2f} (95 %)."
+    if advice.limited and advice.kind == "climb" and advice.share:
         text += f" This is {advice.share:.0%} of the way to the optimum: farther on, {advice.limited}."
     return text
 
 
+def standing_in_words(advice: Advice) -> str:
+    """How the gains to keep stand to the requirements of the goal; nothing for `match`."""
+    p, goal = advice.claimed[advice.keep], advice.task.layout.goal
+    if p.met is None or goal is None:
+        return ""
+    if p.missed:
+        return f" Requirements not met: {', '.join(p.missed)}."
+    unsure = f"; {', '.join(p.unsure)} may not be, within their intervals" if p.unsure else ""
+    return f" Every requirement is met{unsure}."
+
+
+def excitations_of(advice: Advice) -> tuple[Excitation, ...]:
+    """Those of the proposed recording: of a diagnosing one its own, otherwise the rig's."""
+    return advice.excitations or advice.task.rig.protocol.excitations
+
+
 def excitation_words(advice: Advice) -> list[str]:
-    """The excitations to use, by the rig's protocol, as text."""
+    """The excitations to use as text."""
     p = advice.task.rig.protocol
     found = [
         f"{e.kind} at the {e.at}, {len(e.lines)} lines from {e.frequencies[0]:g} to {e.frequencies[-1]:g} Hz, peak "
         f"{e.amplitude:g} {UNITS[e.at]}"
-        for e in p.excitations
+        for e in excitations_of(advice)
     ]
     return [*found, f"{p.periods + p.transient_periods} periods"]
 
@@ -75,7 +91,7 @@ def toml_block(advice: Advice, campaign: Campaign | None) -> str:
     stated = last.intersample if last else "zoh"
     lines = toml_table("[[recording]]", head | ({"intersample": stated} if stated else {}))[1:]
     lines += toml_table("[recording.gains]", asdict(advice.next))
-    for e in protocol.excitations:
+    for e in excitations_of(advice):
         lines += toml_table(
             "[[recording.excitation]]",
             {**excitation_table(e), "periods": protocol.periods + protocol.transient_periods},

@@ -42,7 +42,7 @@ def test_without_a_recording_it_starts_at_the_preset(tmp_path):
     block = tomllib.loads((tmp_path / "tune" / "next.toml").read_text())["recording"][0]
     assert block["gains"]["kp"] == 8000.0 and block["file"] == "run1.mat" and len(block["excitation"]) == 2
     data = json.loads((tmp_path / "a.json").read_text())
-    assert data["schema"] == "maglev-tune-campaign/1" and data["next"]["kd"] == 5.2 and data["stop"] is None
+    assert data["schema"] == "maglev-tune-campaign/2" and data["next"]["kd"] == 5.2 and data["stop"] is None
     assert "To record" in (tmp_path / "tune" / "tune.html").read_text()
 
 
@@ -70,6 +70,17 @@ def test_a_touchdown_is_said_and_its_gains_are_not_kept(tmp_path):
     data = json.loads((tmp_path / "a.json").read_text())
     assert "touchdown: the displacement reaches 103%" in data["sets"][0]["failed"]
     assert "STOP" in text and data["keep"] is None
+
+
+def test_a_rotor_that_falls_is_a_failed_set(tmp_path):
+    def fallen(dataset):
+        y = dataset.displacement.copy()
+        y[len(y) // 4 :] = 0.35e-3
+        return dataset.assign(displacement=y)
+
+    text = run("--campaign", recorded(tmp_path, fallen), "--json", tmp_path / "a.json")
+    data = json.loads((tmp_path / "a.json").read_text())
+    assert "levitation is lost" in data["sets"][0]["failed"] and data["keep"] is None and "STOP" in text
 
 
 def test_a_clipped_channel_is_a_failed_set(tmp_path):
@@ -103,6 +114,7 @@ def test_the_next_recording_keeps_the_channels_of_the_last(tmp_path):
     ("arguments", "words"),
     [
         (("--rig", "hmb_free"), "--rig: not with --campaign"),
+        (("--goal", "peak_sensitivity >= 3"), "is a limit of the form <="),
         (("--method", "de", "--effect", "delay=1e-5"), "--method, --effect: not with --campaign"),
         (("--tune", "kq"), "no gain 'kq'"),
     ],

@@ -1,0 +1,173 @@
+"""The rig by which gains are judged: responses as measured, large signals by rigs that the recordings allow."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from estimation.stability_margins import margin_arrays
+from maglev_env.design.goals import goal_of
+from maglev_env.evaluation.goal_score import goal_score, goal_terms, misses
+from maglev_env.evaluation.score import score, terms
+from maglev_env.loop.gains import Gains, controller_response
+from maglev_env.rig.goal import Goal
+from maglev_env.task.episodes import Episode
+from maglev_env.task.task import Task
+from tuning.campaign.carried import DRAWS, Carried
+from tuning.campaign.recorded_sets import GainSet
+from tuning.campaign.rig_fit import MASS, IdentifiedRig
+from tuning.study.study import experiments
+from tuning.tuner import Trials
+
+RIGS = 12  # of the posterior, on which large signals are simulated; the first is the best estimate
+# Large-signal figures that recordings show, too, with the relative standard error of one recording.
+SEEN = {"peak_displacement": 0.02, "current_rms": 0.005, "noise_current": 0.03}
+EVENT_ERROR = 0.05  # relative standard deviation of what an event of the fitted rig shows from that of the true one
+
+
+@dataclass(frozen=True, eq=False)
+class Model:
+    """The rig by which gains are judged.
+
+    Attributes:
+        task: The task; its box covers the recorded gains.
+        corners: Corners (2, k) of the rig's own bounds in that box.
+        goal: Of the task, for the rig itself; None for `match`.
+        responses: From all recordings.
+        episodes: RIGS rigs of the posterior.
+        recorded: Gain sets that held, from which distances are counted.
+        ratios: Measured over simulated, of SEEN where it is known.
+        mass: Relative standard deviation of the stated mass.
+        probe: That of the stated gain of the probe.
+    """
+
+    task: Task
+    corners: np.ndarray
+    goal: Goal | None
+    responses: Carried
+    episodes: Sequence[Episode]
+    recorded: Sequence[GainSet]
+    ratios: Mapping[str, float] = field(default_factory=dict)
+    mass: float = MASS
+    probe: float = 0.0
+
+    def gains(self, point: np.ndarray) -> Gains:
+        return self.task.box.applied(self.task.rig.gains, self.task.box.gains(point))
+
+    def point(self, gains: Gains) -> np.ndarray:
+        return self.task.box.point(gains)
+
+    def apart(self, gains: Gains) -> float:
+        """log2 of the largest factor between the controller's response and the nearest recorded one."""
+        return min(louder(s.gains, gains, self.task.rig.control_rate) for s in self.recorded) / np.log(2)
+
+
+def louder(old: Gains, new: Gains, rate: float) -> float:
+    """ln of the largest factor between two controllers' responses, at any frequency."""
+    z = np.exp(2j * np.pi * np.geomspace(1e-5, 0.4, 60))
+    one, other = (controller_response(g, z, 1 / rate) for g in (old, new))
+    return float(np.abs(np.log(np.abs(other / one))).max())
+
+
+def model_of(
+    task: Task, corners: np.ndarray, identified: IdentifiedRig, responses: Carried, good: Sequence[GainSet], seed: int
+) -> Model:
+    """The rig by which gains are judged."""
+    start = np.zeros(len(task.box.names))
+    rng = np.random.default_rng(seed)
+    rigs = [identified.rig(theta) for theta in responses.thetas[:RIGS]]
+    episodes = [Episode(rig, task.target, start, int(rng.integers(2**63))) for rig in rigs]
+    goal, tolerance = goal_of(task.rig), task.rig.tolerance
+    model = Model(
+        task, corners, goal, responses, episodes, good,
+        mass=tolerance.get("mass", MASS), probe=tolerance.get("probe_gain", 0.0),
+    )  # fmt: skip
+    points = np.array([model.point(s.gains) for s in good])
+    simulated = experiments(task, [episodes[0]] * len(points), points, [0] * len(points))
+    ratios = {}
+    for name in SEEN:
+        pairs = [(figure(simulated, name)[i], measured(s)[name]) for i, s in enumerate(good)]
+        known = [np.log(m / v) for v, m in pairs if v > 0 and m > 0]
+        if known:
+            ratios[name] = float(np.exp(np.mean(known)))
+    return Model(**{**vars(model), "ratios": ratios})
+
+
+def linear(model: Model, responses: Carried, gains: Gains, apart: float, draws: int) -> dict[str, np.ndarray]:
+    """Margins, stiffness, damping and compliance (draws,) by the responses."""
+    rig = model.task.rig
+    s = responses.sensitivity(gains, apart, draws)
+    m = margin_arrays(responses.injected, s)
+    up, down = m["gain_margin_high"], 1 / m["gain_margin_low"]
+    rng = np.random.default_rng(161803)  # the same rotor and probe whatever the gains
+    weighed, calibrated = rng.standard_normal((2, DRAWS))[:, :draws]
+    weighed[0] = calibrated[0] = 0.0
+    y = responses.receptance(gains, apart, draws) / (1 + model.probe * calibrated[:, None])
+    f = responses.forced
+    low, high = rig.target.band
+    inside = (f >= low) & (f <= high)
+    w, z = 2 * np.pi * f[inside], 1 / y[:, inside]
+    weight = 1 / (rig.noise.force**2 + np.abs(z[0]) ** 2 * rig.noise.displacement**2 + 1e-30)
+    mass = rig.mass * (1 + model.mass * weighed[:, None])
+    k = (weight * (z.real + mass * w**2)).sum(axis=1) / weight.sum()
+    c = (weight * w * z.imag).sum(axis=1) / (weight * w**2).sum()
+    found = {
+        "stiffness": k,
+        "damping": c,
+        **{n: m[n] for n in ("peak_sensitivity", "phase_margin", "gain_margin_high", "disk_margin")},
+        "gain_margin": np.fmin(up, down),
+    }
+    asked = {r.name: r for r in model.goal.measured} if model.goal else {}
+    band = asked["compliance"].band if "compliance" in asked else (0.0, np.inf)
+    found["compliance"] = np.abs(y[:, (f >= band[0]) & (f <= band[1])]).max(axis=1)
+    return found
+
+
+def large(
+    model: Model, lanes: Trials, turn: np.ndarray, seen: GainSet | None, scatter: bool = True
+) -> dict[str, np.ndarray]:
+    """What the experiment and the events show of large signals, for each draw that of its lane."""
+    own = measured(seen) if seen else {}
+    found, rng = {}, np.random.default_rng(141421)
+
+    def scattered(values: np.ndarray, error: float) -> np.ndarray:
+        normal = scatter * rng.standard_normal(turn.size)
+        normal[0] = 0.0
+        return values * np.exp(error * normal)
+
+    for name, error in SEEN.items():
+        known = own.get(name, np.nan)
+        values = np.full(turn.size, known) if known > 0 else figure(lanes, name)[turn] * model.ratios.get(name, 1.0)
+        found[name] = scattered(values, error)
+    found["displacement"] = found["peak_displacement"] / model.task.rig.clearance
+    for one in model.goal.measured if model.goal else ():
+        if one.quantity.event not in (None, "hover"):
+            found[one.name] = scattered(figure(lanes, one.name, np.inf)[turn], EVENT_ERROR)
+    return found
+
+
+def terms_of(model: Model, values: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """Terms of the score, each (draws,)."""
+    if model.goal is None:
+        names = ("stiffness", "damping", "peak_sensitivity", "peak_displacement", "current_rms")
+        return terms(model.task.target, *(values[n] for n in names))
+    return goal_terms(model.goal, values)
+
+
+def scored(model: Model, found: Mapping[str, np.ndarray]) -> np.ndarray:
+    """Scores of terms."""
+    return np.asarray(goal_score(found) if model.goal else score(found))
+
+
+def missed_by(model: Model, values: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """By how much each requirement of the goal is missed, (draws,) each (`goal_score.misses`)."""
+    return {r.name: misses(r, values[r.name]) for r in model.goal.requirements} if model.goal else {}
+
+
+def measured(s: GainSet) -> dict[str, float]:
+    return {"peak_displacement": s.peak_displacement, "current_rms": s.current_rms, "noise_current": s.noise_current}
+
+
+def figure(lanes: Trials, name: str, unknown: float = np.nan) -> np.ndarray:
+    """A figure (n,) of trials."""
+    return np.array([one.get(name, one.get(f"required_{name}", unknown)) for one in lanes.info], float)
