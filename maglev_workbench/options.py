@@ -232,8 +232,12 @@ def is_rotor(source: str) -> bool:
     """Whether this names a rotor: one of the presets, or a file whose schema says so."""
     if source in PRESETS["rotor"]:
         return True
+    if not source.endswith(".toml"):
+        return False
+    from maglev_env.fields import toml_text
+
     try:
-        return source.endswith(".toml") and "maglev-rotor/1" in Path(source).read_text()[:MOST_AHEAD]
+        return "maglev-rotor/1" in toml_text(Path(source), "rotor")[:MOST_AHEAD]
     except (OSError, ValueError):
         return False  # whoever loads it says what is wrong
 

@@ -10,7 +10,8 @@ from pathlib import Path
 import pytest
 
 PARENT = """
-import os, sys, time
+import os, signal, sys, time
+signal.signal(signal.SIGHUP, signal.SIG_DFL)  # under nohup it is ignored, and that is inherited
 from maglev_lanes.processes import fresh_pool
 if __name__ == "__main__":
     with fresh_pool(1) as pool:
