@@ -180,6 +180,8 @@ def _whole_lags(diagnosis: Diagnosis) -> list[str]:
         stated = getattr(diagnosis.rig, name)
         whole = stated * (1 + change)
         whole += (1 - values.get("feedback", 0.0)) * values["time_constant"]
+        if effect == "amplifier_lag" and "delay" not in named(diagnosis)[0].effects:  # a part of it is simulated as one
+            whole += diagnosis.corrected.effects.get("delay", {}).get("time", 0.0)
         block = effect.removesuffix("_lag")
         found.append(f"the {block} lags by {quantity(whole, None, 's')} ({quantity(stated, None, 's')} stated)")
     return found

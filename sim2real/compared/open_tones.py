@@ -166,8 +166,9 @@ def _ringing(record: OpenRecord, frequency: np.ndarray) -> np.ndarray:
     near = np.zeros(frequency.size, bool)
     for pole in light:
         near |= abs(np.log2(2 * np.pi * frequency / abs(pole))) < RINGING
-    known = [origin(float(f), e.speed_rpm, w.sample_rate / w.samples) is not None for f in frequency]
-    return near & ~np.array(known)
+    for i in np.flatnonzero(near):
+        near[i] = origin(float(frequency[i]), e.speed_rpm, w.sample_rate / w.samples) is None
+    return near
 
 
 def log_chances(residual: Residual, frequencies: np.ndarray) -> np.ndarray:
