@@ -29,13 +29,24 @@ class LaneValues:
 
     def effect(self, name: str, parameter: str | None = None) -> np.ndarray:
         """A parameter of an effect (default: its first) in every lane, (n,); where absent, its neutral value."""
-        neutral = effect_value({}, name, parameter)
-        if not any(name in effects for effects in self.effects):
-            return np.full(len(self.effects), neutral)
+        if name not in self._present:
+            return np.full(len(self.effects), effect_value({}, name, parameter))
         return np.array([effect_value(effects, name, parameter) for effects in self.effects])
+
+    @cached_property
+    def _present(self) -> frozenset[str]:
+        """Names of the effects that any lane has."""
+        return frozenset(name for effects in self.effects for name in effects)
+
+    @cached_property
+    def _same_rig(self) -> bool:
+        """Whether all lanes have one rig, as those of a sweep."""
+        return all(rig is self.rigs[0] for rig in self.rigs)
 
     def rig(self, name: str) -> np.ndarray:
         """A parameter of the rig in every lane, (n,)."""
+        if self._same_rig:
+            return np.full(len(self.rigs), getattr(self.rigs[0], name))
         return np.array([getattr(rig, name) for rig in self.rigs])
 
     @cached_property
@@ -46,6 +57,8 @@ class LaneValues:
     @cached_property
     def laws(self) -> tuple[ForceLaw | SingleSidedLaw | None, ...]:
         """Force law of each lane with the effect force_law and without the others; None without magnets."""
+        if self._same_rig and "force_law" not in self._present:
+            return (force_law(self.rigs[0]) if self.rigs[0].controlled else None,) * len(self.rigs)
         return tuple(
             _shaped(force_law(rig), effects) if rig.controlled else None
             for rig, effects in zip(self.rigs, self.effects, strict=True)

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 Index = TypeVar("Index", int, np.ndarray)
 
 LANES = 16
+FAR = (1 << 40) - 1  # beyond every index: as a mask of one it tells the compiler that none is negative
 # Assumptions on floating-point arithmetic that the compiler may make. Infinities and nans keep their meaning.
 FAST = {"contract", "nsz", "arcp", "reassoc"}
 

@@ -6,6 +6,7 @@ from functools import cache
 import numpy as np
 
 from maglev_lanes.compiled import compiled
+from maglev_lanes.layout import FAR
 from maglev_lanes.pieces import piece
 
 _GOLDEN = np.uint64(0x9E3779B97F4A7C15)
@@ -37,16 +38,20 @@ def _pairs() -> Callable[..., None]:
     def pairs(seeds, first, lines, out):
         if sources == 0:
             return
-        for i in range(seeds.size):
-            for j in range(lines.size):
-                count = first + np.uint64(2) * np.uint64(lines[j])
-                out[i, j] = complex(drawn(seeds[i], count + np.uint64(1)), drawn(seeds[i], count + np.uint64(2)))
+        lanes = seeds.size
+        for j in range(lines.size):
+            count = first + np.uint64(2) * np.uint64(lines[j])
+            at = (2 * j * lanes) & FAR
+            for i in range(lanes):
+                out[at + i] = drawn(seeds[i], count + np.uint64(1))
+            for i in range(lanes):
+                out[at + lanes + i] = drawn(seeds[i], count + np.uint64(2))
 
     return compiled(pairs)
 
 
 def line_noise(seeds: np.ndarray, rms: np.ndarray, period: int, samples: int, lines: np.ndarray) -> np.ndarray:
-    """Complex amplitudes (n, lines) of white noise at lines of one period.
+    """Amplitudes of white noise at lines of one period, real and imaginary parts, (lines, 2, n).
 
     Noise that is white in time is white over the lines of a period, so a few lines need only a few random numbers.
 
@@ -57,15 +62,18 @@ def line_noise(seeds: np.ndarray, rms: np.ndarray, period: int, samples: int, li
         samples: Samples per period.
         lines: Lines.
     """
-    out = np.empty((len(seeds), len(lines)), complex)
-    _pairs()(np.ascontiguousarray(seeds), np.uint64(period) * np.uint64(samples + 2), np.asarray(lines, np.int64), out)
-    return out * (np.asarray(rms) * np.sqrt(2 / samples))[:, None]
+    out = np.empty((len(lines), 2, len(seeds)))
+    first = np.uint64(period) * np.uint64(samples + 2)
+    _pairs()(np.ascontiguousarray(seeds), first, np.asarray(lines, np.int64), out.reshape(-1))
+    out *= np.asarray(rms) * np.sqrt(2 / samples)
+    return out
 
 
 def series_noise(seed: np.uint64, rms: float, period: int, samples: int) -> np.ndarray:
     """The same noise in time: one period (samples,) whose lines are those of `line_noise`."""
     lines = np.arange(samples // 2 + 1)
-    spectrum = line_noise(np.array([seed], np.uint64), np.array([rms]), period, samples, lines)[0] * (samples / 2)
+    parts = line_noise(np.array([seed], np.uint64), np.array([rms]), period, samples, lines)[..., 0] * (samples / 2)
+    spectrum = parts[:, 0] + 1j * parts[:, 1]
     for real in (0, samples // 2) if samples % 2 == 0 else (0,):
         spectrum[real] = spectrum[real].real * np.sqrt(2)
     return np.fft.irfft(spectrum, samples)

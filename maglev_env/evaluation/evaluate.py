@@ -219,11 +219,11 @@ def _nominal_coefficients(rig: Rig) -> tuple[float, float]:
 
 
 def force_statistics(statistics: LineStatistics, experiment: Experiment) -> LineStatistics:
-    """The force lines with the converter's hold removed from the force."""
+    """Force and displacement at the force lines, with the converter's hold removed from the force."""
     lines = lines_at(experiment.excitations, "force")
     if not lines.size:
         raise ValueError("experiment: stiffness and damping need an excitation at the force")
-    return held(statistics.at_lines(lines), "force", experiment.rig.control_rate)
+    return held(statistics.at_lines(lines, ("force", "displacement")), "force", experiment.rig.control_rate)
 
 
 def evaluate(
@@ -431,6 +431,8 @@ def _sensing_cost(
 
 
 def _lanes(statistics: LineStatistics, keep: np.ndarray) -> LineStatistics:
+    if keep.all():
+        return statistics
     return replace(statistics, mean=statistics.mean[keep], covariance=statistics.covariance[keep])
 
 

@@ -76,12 +76,12 @@ def simulated_events(
 
 def _followed(block: Block, state: State, force: np.ndarray) -> np.ndarray:
     """Displacement and current (members, 2, axes, samples) under a force (samples,) on every axis."""
-    outputs, n = len(block.batch.structure.channels), len(block.members)
+    n = len(block.members)
     still = np.zeros(state.axes * force.size)
     series = np.full((n, 2, state.axes, force.size), np.nan)
-    for out in stretches(block, state, [[np.tile(force, state.axes), still, still]], outputs):
+    for out in stretches(block, state, [[np.tile(force, state.axes), still, still]]):
         alive = state.alive()[:n]
-        series[alive] = out[:, [0, outputs - 1], :n].transpose(2, 1, 0, 3)[alive]
+        series[alive] = out[:, :, [0, -1], :n].transpose(3, 2, 1, 0)[alive]
     return series
 
 
@@ -96,7 +96,7 @@ def _lying(block: Block, distance: float) -> State:
     lying, per_axis = state.rows.copy(), row(AXIS)
     sample = [np.zeros(state.axes)] * 3
     for _ in range(HELD):
-        for _ in stretches(block, state, [sample], 0):
+        for _ in stretches(block, state, [sample]):
             pass
         for axis in range(state.axes):
             own = slice(axis * per_axis, (axis + 1) * per_axis)

@@ -7,7 +7,7 @@ import numpy as np
 from maglev_env.kernel.driven import Drive, Driven, driven
 from maglev_env.kernel.simulate import Block, State, stretches
 from maglev_env.loop.mechanics import STEPS
-from maglev_lanes.layout import LANES, row
+from maglev_lanes.layout import row
 from maglev_lanes.threads import over_threads
 
 STRETCH = 4096  # control samples that one call of the kernel advances
@@ -46,15 +46,13 @@ def look_at_replays(lanes: Sequence[Block], drives: Sequence[Drive], look: Look,
 
     def run(own: Driven) -> None:
         block, state = own.block, State(own.block)
-        outputs = len(block.batch.structure.channels)
         series = np.full((len(own.member), 3, axes, longest), np.nan)
         spans = drives[0].spans(block.substeps)
-        for i, out in enumerate(stretches(block, state, schedule, outputs, waves=len(drives), spans=spans)):
+        for i, out in enumerate(stretches(block, state, schedule, waves=len(drives), spans=spans)):
             stretch = slice(i * STRETCH, min((i + 1) * STRETCH, longest))
-            # A shorter last stretch fills the start of the same buffer.
-            filled = (axes, outputs, LANES, stretch.stop - stretch.start)
-            kept = out.reshape(-1)[: np.prod(filled)].reshape(filled)[:, [0, outputs - 1, 1], : len(own.member)]
-            series[..., stretch] = kept.transpose(2, 1, 0, 3)
+            # A shorter last stretch fills the start of the same buffer. The current is the last channel.
+            kept = out[: stretch.stop - stretch.start, :, [0, -1, 1], : len(own.member)]
+            series[..., stretch] = kept.transpose(3, 2, 1, 0)
         steps = state.rows[row(STEPS)]
         stood = np.searchsorted(np.cumsum(spans), steps, "right") if spans.size else steps / block.substeps
         lasted = np.where(state.alive(), np.inf, stood)

@@ -2,27 +2,29 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import chain, islice
 
 import numpy as np
 import scipy
 
-from estimation.lines.periods import LineStatistics, line_statistics
+from estimation.lines.periods import LineStatistics
 from maglev_env.rig.excitation import lines_at
 from maglev_env.channels import NOISY, SPECTRAL
 from maglev_env.experiment import Experiment, axis_experiment, recorded_channels, sampling, spectral_channels
-from maglev_env.kernel.advance import TILE, kernel
+from maglev_env.kernel.advance import kernel
 from maglev_env.kernel.lanes import LaneBatch, lane_batch, structure_of, timing_of
 from maglev_env.kernel.layout import AXIS
 from maglev_env.kernel.structure import Structure
 from maglev_env.lane_values import lane_values
 from maglev_env.loop import actuator
 from maglev_env.loop.amplifier import CURRENT_SQ
+from maglev_env.loop.gains import Gains
 from maglev_env.loop.mechanics import ALIVE, STEPS
 from maglev_env.loop.self_sensing_pieces import OFF_PEAK, OFF_SQ, OFF_SUM
 from maglev_env.loop.sensor import PEAK_SQ
 from maglev_lanes.layout import LANES, row
+from maglev_lanes.line_spectra import LineSpectra
 from maglev_lanes.noise import line_noise, series_noise
+from maglev_lanes.period_statistics import PeriodStatistics
 from maglev_lanes.threads import over_threads
 
 REGULAR = np.empty(0, np.int64)  # no ticks of their own
@@ -106,15 +108,14 @@ def simulate_statistics(
 
     def run(block: Block) -> None:
         state = State(block)
-        spectra = _block_spectra(block, state, lines, applied)
-        begun = list(islice(spectra, 2))
-        if len(begun) < 2:  # every lane has touched down
-            touchdown[block.members] = state.touchdown_time()[: len(block.members)]
-            return
-        result = line_statistics(chain(begun, spectra), first.fundamental, lines, channels)
+        noisy = [i for i, name in enumerate(channels) if not name.startswith("injection")]
+        gathered = PeriodStatistics(len(channels), noisy, len(lines))
+        for spectra in _block_spectra(block, state, lines, applied):
+            gathered.add(spectra)
         alive = state.alive()[: len(block.members)]
         members, kept = block.members[alive], np.flatnonzero(alive)
-        mean[members], covariance[members] = result.mean[kept], result.covariance[kept]
+        if kept.size:
+            mean[members], covariance[members] = gathered.mean()[kept], gathered.covariance()[kept]
         samples = first.periods * first.samples_per_period
         peak[members] = np.sqrt(state.axis_rows(PEAK_SQ)[0, kept])
         rms[members] = np.sqrt(state.axis_rows(CURRENT_SQ)[:, kept].max(axis=0) / samples)
@@ -155,10 +156,10 @@ def simulate_records(experiments: Sequence[Experiment], substeps: int = 1, threa
     def run(block: Block) -> None:
         state = State(block)
         written = block.batch.structure.channels
-        for i, out in enumerate(stretches(block, state, [_waves(first)] * periods, len(written), multiple > 1)):
+        for i, out in enumerate(stretches(block, state, [_waves(first)] * periods, multiple > 1)):
             span = slice(i * n, (i + 1) * n)
-            kept = out[:, :, : len(block.members), ::every]  # (axes, channels, lanes, samples)
-            records[block.members, : len(written), :, span] = kept.transpose(2, 1, 0, 3)
+            kept = out[::every, ..., : len(block.members)]  # (samples, axes, channels, lanes)
+            records[block.members, : len(written), :, span] = kept.transpose(3, 2, 1, 0)
             for lane, member in enumerate(block.members):
                 noise = experiments[member].rig.noise
                 records[member, names.index("force"), :, span] = force
@@ -204,11 +205,11 @@ def own_lanes(experiments: Sequence[Experiment]) -> list[Block]:
     return _blocks(experiments, 1)
 
 
-def block_periods(experiments: Sequence[Experiment], outputs: int = 2) -> Iterator[Iterator[np.ndarray]]:
-    """The simulator without statistics: for each block an iterator over periods of the first `outputs` channels."""
+def block_periods(experiments: Sequence[Experiment]) -> Iterator[Iterator[np.ndarray]]:
+    """The simulator without statistics: for each block an iterator over periods, see `stretches`."""
     first = _common(experiments)
     for block in _blocks(experiments, 1):
-        yield stretches(block, State(block), [_waves(first)] * (first.transient_periods + first.periods), outputs)
+        yield stretches(block, State(block), [_waves(first)] * (first.transient_periods + first.periods))
 
 
 class State:
@@ -278,9 +279,12 @@ def _common(experiments: Sequence[Experiment]) -> Experiment:
 def _blocks(experiments: Sequence[Experiment], substeps: int, joint: bool = False) -> list[Block]:
     """Blocks of up to LANES experiments of one structure each, so that a lane never depends on its neighbours."""
     groups: dict[tuple[Structure, tuple[int, ...]], list[int]] = {}
+    known: dict[tuple, tuple[Structure, tuple[int, ...]]] = {}
     for i, e in enumerate(experiments):
-        own = structure_of(e)
-        groups.setdefault((own.joint if joint else own, timing_of(e, substeps)), []).append(i)
+        if (key := _structural(e)) not in known:
+            own = structure_of(e)
+            known[key] = own.joint if joint else own, timing_of(e, substeps)
+        groups.setdefault(known[key], []).append(i)
     blocks = []
     for (structure, _), members in groups.items():
         batch = lane_batch([experiments[i] for i in members], substeps, structure)
@@ -293,45 +297,52 @@ def _blocks(experiments: Sequence[Experiment], substeps: int, joint: bool = Fals
     return blocks
 
 
+def _structural(e: Experiment) -> tuple:
+    """What the structure and the clocks of an experiment depend on, which leaves out the values of PID gains."""
+    gains = e.gains if isinstance(e.gains, tuple) else (e.gains,)
+    effects = tuple((name, *values.items()) for name, values in e.effects.items())
+    return id(e.rig), id(e.sensor), effects, tuple(type(g) if isinstance(g, Gains) else id(g) for g in gains)
+
+
 def stretches(
     block: Block,
     state: State,
     schedule: Sequence[Sequence[np.ndarray]],
-    outputs: int,
     oversampled: bool = False,
     silent: int = 0,
     waves: int = 1,
     spans: np.ndarray = REGULAR,
 ) -> Iterator[np.ndarray]:
-    """Output (axes, outputs, LANES, samples) of each stretch of a schedule; the buffer is reused. Ends when all have
+    """Output (samples, axes, channels, LANES) of each stretch of a schedule; the buffer is reused. Ends when all have
     touched down.
 
     Args:
         block: the lanes.
         state: their state, which advances.
         schedule: force, injection and reference of each stretch, flat, wave after wave.
-        outputs: number of channels that are written.
         oversampled: whether every substep is written.
         silent: number of stretches at the beginning whose output is not wanted; they yield nothing.
         waves: number of waves from which the lanes choose.
         spans: integration steps of every control sample of the schedule; by default all have `Block.substeps`.
     """
     axes, structure = state.axes, block.batch.structure
-    step = kernel(structure)
-    quiet, loud = (structure.switches(n, block.substeps, oversampled, waves) for n in (0, outputs))
+    step, switches = kernel(structure), structure.switches(block.substeps, oversampled, waves)
+    of_sample = axes, len(structure.channels), LANES
     longest = max(driven[0].size for driven in schedule[silent:]) // (axes * waves)
-    out = _aligned((axes, outputs, LANES, longest * (block.substeps if oversampled else 1)))
-    out[:] = 0.0  # after the last touchdown nothing is written, and uninitialised memory may contain nan
-    tile = _aligned((TILE * axes * len(structure.channels) * LANES,))
+    out = _aligned((longest * (block.substeps if oversampled else 1), *of_sample))
+    unseen = _aligned((1, *of_sample))
     kernel_seeds = np.ascontiguousarray(state.seeds[:, NOISY.index("displacement")]).reshape(-1)
     for i, driven in enumerate(schedule):
-        clocks = state.step, state.timing, quiet if i < silent else loud
-        own = spans[state.step : state.step + driven[0].size // (axes * waves)]
-        done = step(state.rows.reshape(-1), kernel_seeds, state.history, *clocks, own, *driven, tile, out.reshape(-1))
+        samples = driven[0].size // (axes * waves)
+        own, to = spans[state.step : state.step + samples], unseen if i < silent else out
+        clocks = state.step, state.timing, switches, own
+        done = step(state.rows.reshape(-1), kernel_seeds, state.history, *clocks, *driven, to.reshape(-1))
         state.step += done
+        if done < samples:
+            out[done * (block.substeps if oversampled else 1) :] = 0.0  # where nothing was written may be a nan
         if i >= silent:
             yield out
-        if done < driven[0].size // (axes * waves):
+        if done < samples:
             return
 
 
@@ -350,18 +361,28 @@ def _line_amplitudes(e: Experiment, place: str, lines: np.ndarray) -> np.ndarray
 def _block_spectra(
     block: Block, state: State, lines: np.ndarray, applied: Mapping[str, np.ndarray]
 ) -> Iterator[np.ndarray]:
-    """Per-period spectra (LANES, channels, lines) of the kept periods; channels as `spectral_channels`."""
+    """Spectra (channels, lines, 2, LANES) of each kept period, real and imaginary parts; channels as
+    `spectral_channels`."""
     e, axes, n = block.experiment, state.axes, block.experiment.samples_per_period
     sensed = block.batch.structure.sensed is not None
-    for period, out in enumerate(stretches(block, state, [_waves(e)] * (e.transient_periods + e.periods), 2 + sensed)):
+    at_lines, written = LineSpectra(n, lines), len(block.batch.structure.channels)
+    places = (0, 1, 4)[: 2 + sensed]  # of displacement, command and position among the spectral channels
+    for period, out in enumerate(stretches(block, state, [_waves(e)] * (e.transient_periods + e.periods))):
         if period < e.transient_periods:
             state.forget()
             continue
-        spectra = np.empty((LANES, len(SPECTRAL) + sensed, axes, len(lines)), complex)
-        of_lines = scipy.fft.rfft(out, axis=-1)[..., lines].transpose(2, 1, 0, 3) * (2 / n)
-        spectra[:, :2], spectra[:, 4:] = of_lines[:, :2], of_lines[:, 2:]
+        series = out.reshape(n, -1, LANES)
+        spectra = np.empty((len(SPECTRAL) + sensed, axes, len(lines), 2, LANES))
         for axis in range(axes):
+            for channel, place in enumerate(places):
+                spectra[place, axis] = at_lines(series, axis * written + channel)
             seeds = state.seeds[axis, NOISY.index("force")]
-            spectra[:, 2, axis] = applied["force"][axis] + line_noise(seeds, block.force_noise, period, n, lines)
-        spectra[:, 3] = applied["current"]
-        yield spectra.reshape(LANES, -1, len(lines))
+            noise = line_noise(seeds, block.force_noise, period, n, lines)
+            spectra[2, axis] = _of_every_lane(applied["force"][axis]) + noise
+            spectra[3, axis] = _of_every_lane(applied["current"][axis])
+        yield spectra.reshape(-1, len(lines), 2, LANES)
+
+
+def _of_every_lane(amplitudes: np.ndarray) -> np.ndarray:
+    """Complex amplitudes (lines,) that all lanes have, as real and imaginary parts, (lines, 2, 1)."""
+    return np.stack([amplitudes.real, amplitudes.imag], axis=-1)[..., None]

@@ -3,11 +3,13 @@
 from collections.abc import Sequence
 
 import numpy as np
-import scipy
 
 from maglev_env.experiment import sampling
 from maglev_env.kernel.driven import Drive, Driven, driven
 from maglev_env.kernel.simulate import Block, State, stretches
+from maglev_lanes.layout import LANES
+from maglev_lanes.line_spectra import LineSpectra
+from maglev_lanes.period_statistics import as_complex
 from maglev_lanes.threads import over_threads
 
 
@@ -45,25 +47,28 @@ def steady_spectra(
         before.insert(0, whole[..., n - transient % n :])
     schedule = [[part.reshape(-1) for part in waves] for waves in [*before, *[whole] * periods]]
 
+    asked = np.unique(np.concatenate(lines))
+    at_lines = LineSpectra(len(range(0, n, every)), asked)
+
     def run(own: Driven) -> None:
         state = State(own.block)
-        # The current is the last channel.
-        outputs = len(own.block.batch.structure.channels) if currents else 1
-        channels = [0, outputs - 1][: 1 + currents]
+        written = len(own.block.batch.structure.channels)
+        channels = [0, written - 1][: 1 + currents]  # the current is the last one
         total: np.ndarray | None = None
-        for out in stretches(own.block, state, schedule, outputs, silent=len(before), waves=len(drives)):
+        for out in stretches(own.block, state, schedule, silent=len(before), waves=len(drives)):
             if total is None:
                 total = out if periods == 1 else out.copy()
             else:
                 total += out
+        if total is None:
+            return
+        series = np.ascontiguousarray(total[::every]).reshape(-1, axes * written, LANES)
+        found = [[as_complex(at_lines(series, axis * written + c)) for axis in range(axes)] for c in channels]
         alive = state.alive()
-        for d, places in own.places() if total is not None else []:
+        for d, places in own.places():
             kept = places[alive[places]]
-            together = slice(kept[0], kept[-1] + 1) if kept.size and kept[-1] - kept[0] < kept.size else kept
-            for at, channel in enumerate(channels if kept.size else []):
-                series = total[:, channel, together, ::every]
-                found = scipy.fft.rfft(series, axis=-1)[..., lines[d]] * (2 * every / (n * periods))
-                spectra[d][own.member[kept], at] = found.transpose(1, 0, 2)
+            of_lanes = np.array(found)[:, :, kept][..., np.searchsorted(asked, lines[d])] / periods
+            spectra[d][own.member[kept]] = of_lanes.transpose(2, 0, 1, 3)
 
     for _ in over_threads(run, driven(lanes, drives), threads):
         pass

@@ -77,6 +77,6 @@ class Structure:
         probe, current = 0 if self.sensed else 2, 2 if self.actuator_poles else 0
         return replace(self, supported=True, delayed=True, sensor_poles=probe, actuator_poles=current)
 
-    def switches(self, outputs: int, substeps: int = 1, oversampled: bool = False, waves: int = 1) -> np.ndarray:
+    def switches(self, substeps: int = 1, oversampled: bool = False, waves: int = 1) -> np.ndarray:
         """Switches that the kernel reads at run time (see `advance.kernel`)."""
-        return np.array([self.noise, outputs, substeps, oversampled, waves], dtype=np.int64)
+        return np.array([self.noise, substeps, oversampled, waves], dtype=np.int64)

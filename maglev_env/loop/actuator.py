@@ -156,7 +156,9 @@ def _tangents(
     values: Values, laws: Sequence[ForceLaw | SingleSidedLaw | None], offset: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Actuator gain and stiffness of laws at offsets (m), with the effects that scale them."""
-    found = [linearise(law, y) if law else (0.0, 0.0) for law, y in zip(laws, offset.tolist(), strict=True)]
+    places = list(zip(map(id, laws), offset.tolist(), strict=True))  # lanes of one rig share the law itself
+    known = {at: linearise(law, at[1]) if law else (0.0, 0.0) for at, law in zip(places, laws, strict=True)}
+    found = [known[at] for at in places]
     gain, stiffness = np.array(found).T
     return gain * (1 + values.effect("actuator_gain")), stiffness * (1 + values.effect("negative_stiffness"))
 

@@ -152,8 +152,16 @@ class Excitation:
         return random_phase(self.lines, n, self.seed, peak=self.amplitude)
 
     def waveform(self, sample_rate: float) -> np.ndarray:
-        """One period, shape (samples_per_period,), in the unit of `at`."""
-        return synthesise(self.multisine(sample_rate), self.samples_per_period(sample_rate))
+        """One period, shape (samples_per_period,), in the unit of `at`; not to be written to."""
+        return _period(self, sample_rate)
+
+
+@lru_cache(maxsize=32)
+def _period(excitation: Excitation, sample_rate: float) -> np.ndarray:
+    """One period, which every block of lanes with this excitation uses."""
+    found = synthesise(excitation.multisine(sample_rate), excitation.samples_per_period(sample_rate))
+    found.setflags(write=False)
+    return found
 
 
 @lru_cache(maxsize=64)

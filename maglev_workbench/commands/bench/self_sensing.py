@@ -32,7 +32,7 @@ def self_sensing_figures(size: Size) -> dict[str, Figure]:
     calls = 3 * size.repeats
     works = {
         "alone": lambda: simulate([sensor] * _LANES, gap, drive, every=10),
-        "loop": stepper([replace(e, seed=i) for i in range(LANES)], calls, outputs=3),
+        "loop": stepper([replace(e, seed=i) for i in range(LANES)], calls),
         "solve_ivp": lambda: _switched(sensor),
     }
     works["alone"]()

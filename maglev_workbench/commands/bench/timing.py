@@ -46,13 +46,12 @@ def alternately(works: Mapping[Name, Callable[[], object]], repeats: int) -> dic
     return best
 
 
-def stepper(experiments: list[Experiment], calls: int, outputs: int = 2) -> Callable[[], None]:
+def stepper(experiments: list[Experiment], calls: int) -> Callable[[], None]:
     """The kernel alone on one core: each of so many calls advances all experiments by one period.
 
-    The first outputs, displacement and command, are stored. Compilation, allocation and the transient are finished when
-    this function returns.
+    Compilation, allocation and the transient are finished when this function returns.
     """
-    blocks = list(block_periods([replace(e, periods=calls, transient_periods=1) for e in experiments], outputs))
+    blocks = list(block_periods([replace(e, periods=calls, transient_periods=1) for e in experiments]))
     for periods in blocks:
         next(periods)
 

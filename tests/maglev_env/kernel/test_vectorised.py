@@ -54,7 +54,7 @@ VARIANTS = {
 def assembly(e):
     """Of the kernel; for one that comes from the disk cache, of the optimised code that the cache keeps beside it."""
     numbers, whole = nb.float64[::1], nb.int64[::1]
-    own = (numbers, nb.uint64[::1], numbers, nb.int64, whole, whole, whole, *[numbers] * 5)
+    own = (numbers, nb.uint64[::1], numbers, nb.int64, whole, whole, whole, *[numbers] * 4)
     step = kernel(structure_of(e))
     step.compile(own)
     if not step.stats.cache_hits:

@@ -17,7 +17,7 @@ from maglev_env.channels import NOISY
 from maglev_env.design.defaults import with_defaults
 from maglev_env.evaluation.evaluate import evaluate
 from maglev_env.experiment import Experiment, axis_experiment, protocol_experiment, recorded_channels, self_sensors
-from maglev_env.kernel.advance import TILE, kernel
+from maglev_env.kernel.advance import kernel
 from maglev_env.kernel.simulate import REGULAR, State, _blocks, simulate_records, simulate_statistics
 from maglev_env.linear.loop import closed_loop_poles, expected_statistics, loop_response, without_noise
 from maglev_env.loop.axes import Cross
@@ -158,10 +158,9 @@ def coil_currents(e, samples):
     """What flows in the kernel's coil at every control instant, A, and its gap, m."""
     (block,) = _blocks([e], 1)
     state = State(block)
-    outputs = len(recorded_channels(e)) - 1  # without the force
     structure = block.batch.structure
-    step, switches = kernel(structure), structure.switches(outputs)
-    tile, out = np.empty(TILE * outputs * LANES), np.empty(outputs * LANES)
+    step, switches = kernel(structure), structure.switches()
+    out = np.empty(len(structure.channels) * LANES)
     seeds = np.ascontiguousarray(state.seeds[:, NOISY.index("displacement")]).reshape(-1)
     waves = [np.resize(e.waveform(place), samples) for place in ("force", "current", "reference")]
     found = np.empty((2, samples))
@@ -171,7 +170,7 @@ def coil_currents(e, samples):
         )
         found[:, t] = linkage * (first + second * gap), gap
         clocks = t, state.timing, switches, REGULAR
-        step(state.rows.reshape(-1), seeds, state.history, *clocks, *(w[t : t + 1] for w in waves), tile, out)
+        step(state.rows.reshape(-1), seeds, state.history, *clocks, *(w[t : t + 1] for w in waves), out)
     return found
 
 

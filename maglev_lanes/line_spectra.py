@@ -1,0 +1,183 @@
+"""Amplitudes of periodic series at spectral lines, for all lanes of a block at once.
+
+A period of n samples is `columns` columns of every so-many-th sample. Two columns are the real and the imaginary parts of
+one complex series, which is transformed by passes of constant geometry (Pease 1968): each reads numbers that are the
+same distance apart in every pass, and writes its results one behind the other. Only the lines that are asked for are
+then put together from the columns, so that a prime number of samples is slower, but needs no other method.
+"""
+
+from collections.abc import Callable
+from functools import cache, lru_cache
+from threading import Lock
+
+import numpy as np
+
+from maglev_lanes.butterflies import IM, SIZE, five, four, two
+from maglev_lanes.compiled import compiled
+from maglev_lanes.layout import FAR
+from maglev_lanes.layout import LANES as W
+
+LONGEST = 512  # numbers of a column: two copies of as many, of all lanes, fit into the second cache of common processors
+RADICES = (5, 4, 2)
+_MAKING = Lock()  # threads that need a kernel at the same time make it once
+
+
+class LineSpectra:
+    """The transform of periods of a length at lines.
+
+    Args:
+        samples: of a period.
+        lines: harmonic numbers (n,), from 0 up to half of the samples.
+    """
+
+    def __init__(self, samples: int, lines: np.ndarray) -> None:
+        self._samples, self._lines = samples, np.asarray(lines, np.int64)
+        self._radices = _radices(samples)
+        length = int(np.prod(self._radices))
+        self._roots, self._whole = _roots(length), _roots(samples)
+        places = _places(length, self._radices)
+        self._at, self._mirrored = places[self._lines % length], places[-self._lines % length]
+
+    def __call__(self, series: np.ndarray, channel: int) -> np.ndarray:
+        """Amplitudes (peak, cosine convention) of one channel, real and imaginary parts, (n, 2, LANES).
+
+        Args:
+            series: (samples, channels, LANES), contiguous.
+            channel: number of the channel.
+        """
+        scratch = np.empty((2, self._roots.size // 2 * SIZE))
+        found = np.zeros((len(self._lines), 2, W))
+        with _MAKING:
+            transform = _transform()
+        transform(
+            series.reshape(-1), channel * W, series.shape[1] * W, self._samples, self._radices, self._roots,
+            self._whole, self._lines, self._at, self._mirrored, *scratch, found.reshape(-1),
+        )  # fmt: skip
+        found *= 2 / self._samples
+        return found
+
+
+def _radices(samples: int) -> np.ndarray:
+    """Factors of the longest column up to LONGEST, or nearly."""
+    found: list[int] = []
+    for radix in RADICES:
+        while samples % radix == 0 and radix * int(np.prod(found)) <= LONGEST:
+            found.append(radix)
+            samples //= radix
+    return np.array(found, np.int64)
+
+
+@lru_cache(maxsize=64)
+def _roots(n: int) -> np.ndarray:
+    """e^(-2 pi j k / n) for all k, real and imaginary parts in turn, (2 n,)."""
+    return np.exp(-2j * np.pi * np.arange(n) / n).view(float)
+
+
+def _places(length: int, radices: np.ndarray) -> np.ndarray:
+    """Where the passes leave each frequency: their digits come out in reverse order."""
+    rest, places, size = np.arange(length), np.zeros(length, np.int64), length
+    for radix in radices:
+        size //= int(radix)
+        places += rest % radix * size
+        rest //= radix
+    return places
+
+
+@cache
+def _pass() -> Callable[..., None]:
+    sources = 0  # see `compiled`
+
+    def one(z, to, radix, done, roots, lanes):
+        """One pass over a column, behind others by radices whose product is `done`."""
+        if sources == 0:
+            return
+        many = roots.size // 2 // radix
+        step = (many * SIZE) & FAR
+        for p in range(many):
+            a, b, turn = (p * SIZE) & FAR, (p * radix * SIZE) & FAR, p // done * done
+            if radix == 5:
+                five(z, a, step, to, b, roots, turn)
+            elif radix == 4:
+                four(z, a, step, to, b, roots, turn)
+            else:
+                two(z, a, step, to, b, roots, turn, lanes)
+
+    return compiled(one)
+
+
+@cache
+def _load() -> Callable[..., None]:
+    sources = 0
+
+    def load(series, first, sample, column, columns, z, lanes):
+        """Copy a column and its right neighbour, if there is one, as one complex series."""
+        if sources == 0:
+            return
+        beside = (sample if column + 1 < columns else 0) & FAR
+        share = 1.0 if beside > 0 else 0.0
+        for n in range(z.size // SIZE):
+            at, to = ((column + columns * n) * sample + first) & FAR, (n * SIZE) & FAR
+            for i in range(lanes):
+                z[to + i] = series[at + i]
+                z[to + IM + i] = share * series[at + beside + i]
+
+    return compiled(load)
+
+
+@cache
+def _gather() -> Callable[..., None]:
+    sources = 0
+
+    def gather(z, column, whole, lines, at, mirrored, found, lanes):
+        """Add what a transformed pair of columns contributes to the lines.
+
+        With Z of a real and an imaginary series, these have (Z + Z~) / 2 and (Z - Z~) / 2j, where Z~ is the conjugate
+        at the mirrored frequency. The second one is a sample later.
+        """
+        if sources == 0:
+            return
+        for n in range(lines.size):
+            t, k = column * lines[n] % (whole.size // 2), lines[n]
+            c, s, late_c, late_s = whole[2 * t], whole[2 * t + 1], whole[2 * k], whole[2 * k + 1]
+            own = complex(c, s) * complex(0.5 + 0.5 * late_s, -0.5 * late_c)
+            other = complex(c, s) * complex(0.5 - 0.5 * late_s, 0.5 * late_c)
+            p, q, o = (at[n] * SIZE) & FAR, (mirrored[n] * SIZE) & FAR, (n * SIZE) & FAR
+            ux, uy, vx, vy = own.real, own.imag, other.real, other.imag
+            for i in range(lanes):
+                zx, zy, mx, my = z[p + i], z[p + IM + i], z[q + i], z[q + IM + i]
+                found[o + i] += ux * zx - uy * zy + vx * mx + vy * my
+                found[o + IM + i] += ux * zy + uy * zx - vx * my + vy * mx
+
+    return compiled(gather)
+
+
+@cache
+def _transform() -> Callable[..., None]:
+    sources = 0
+    load, one, gather = _load(), _pass(), _gather()
+
+    def transform(series, first, sample, samples, radices, roots, whole, lines, at, mirrored, z, other, found):
+        """Amplitudes times half the samples, added to `found`, (lines, 2, LANES).
+
+        Args of the compiled function:
+            series: flat; `first`: where the channel begins in each sample; `sample`: values of a sample.
+            z, other: scratch for one column each.
+        """
+        if sources == 0:
+            return
+        columns = samples // (roots.size // 2)
+        for column in range(0, columns, 2):
+            load(series, first, sample, column, columns, z, W)
+            done = 1
+            for j in range(radices.size):
+                if j % 2 == 0:
+                    one(z, other, radices[j], done, roots, W)
+                else:
+                    one(other, z, radices[j], done, roots, W)
+                done *= radices[j]
+            if radices.size % 2 == 0:
+                gather(z, column, whole, lines, at, mirrored, found, W)
+            else:
+                gather(other, column, whole, lines, at, mirrored, found, W)
+
+    return compiled(transform)

@@ -1,0 +1,91 @@
+"""Means and covariances over periods of lines' amplitudes, for all lanes of a block at once."""
+
+from collections.abc import Callable
+from functools import cache
+from threading import Lock
+
+import numpy as np
+
+from maglev_lanes.butterflies import IM, SIZE
+from maglev_lanes.compiled import compiled
+from maglev_lanes.layout import FAR
+from maglev_lanes.layout import LANES as W
+
+_MAKING = Lock()
+
+
+class PeriodStatistics:
+    """Gathers one period at a time (Welford), so that memory does not grow with the number of periods.
+
+    Args:
+        channels: number of channels.
+        noisy: numbers of those that differ between periods; the others have no covariance.
+        lines: number of lines.
+    """
+
+    def __init__(self, channels: int, noisy: tuple[int, ...], lines: int) -> None:
+        self.periods = 0
+        self._noisy = np.array(noisy, np.int64)
+        self._mean = np.zeros((channels, lines, 2, W))
+        self._second = np.zeros((len(noisy), len(noisy), lines, 2, W))
+
+    def add(self, spectra: np.ndarray) -> None:
+        """Add a period's amplitudes (channels, lines, 2, LANES), real and imaginary parts, which are overwritten."""
+        self.periods += 1
+        if self.periods == 1:
+            self._mean[:] = spectra
+            return
+        with _MAKING:
+            add = _add()
+        flat = spectra.reshape(-1), self._mean.reshape(-1), self._second.reshape(-1)
+        add(*flat, self._noisy, spectra.shape[1], self.periods, W)
+
+    def mean(self) -> np.ndarray:
+        """Mean amplitudes, complex (LANES, channels, lines)."""
+        return as_complex(self._mean)
+
+    def covariance(self) -> np.ndarray:
+        """Covariances of the means, E[n_a conj(n_b)], complex (LANES, channels, channels, lines).
+
+        It is the sample covariance over the periods divided by their number.
+        """
+        channels, lines = self._mean.shape[:2]
+        found = np.zeros((W, channels, channels, lines), complex)
+        whole = as_complex(self._second) / ((self.periods - 1) * self.periods)
+        for i, a in enumerate(self._noisy):
+            for j, b in enumerate(self._noisy[: i + 1]):
+                found[:, a, b] = whole[:, i, j]
+                found[:, b, a] = whole[:, i, j].conj()
+        return found
+
+
+def as_complex(parts: np.ndarray) -> np.ndarray:
+    """Complex numbers with the lanes first, from (..., 2, LANES)."""
+    return np.moveaxis(parts[..., 0, :] + 1j * parts[..., 1, :], -1, 0)
+
+
+@cache
+def _add() -> Callable[..., None]:
+    sources = 0  # see `compiled`
+
+    def add(z, mean, second, noisy, lines, count, lanes):
+        if sources == 0:
+            return
+        for a in range(noisy.size):
+            for n in range(lines):
+                k = ((noisy[a] * lines + n) * SIZE) & FAR
+                for i in range(2 * lanes):
+                    z[k + i] -= mean[k + i]
+                    mean[k + i] += z[k + i] / count
+        share = (count - 1.0) / count
+        for a in range(noisy.size):
+            for b in range(a + 1):
+                for n in range(lines):
+                    p, q = ((noisy[a] * lines + n) * SIZE) & FAR, ((noisy[b] * lines + n) * SIZE) & FAR
+                    o = (((a * noisy.size + b) * lines + n) * SIZE) & FAR
+                    for i in range(lanes):
+                        ax, ay, bx, by = z[p + i], z[p + IM + i], z[q + i], z[q + IM + i]
+                        second[o + i] += share * (ax * bx + ay * by)
+                        second[o + IM + i] += share * (ay * bx - ax * by)
+
+    return compiled(add)
