@@ -1,9 +1,9 @@
 """Amplitudes of periodic series at spectral lines, for all lanes of a block at once.
 
-A period of n samples is `columns` columns of every so-many-th sample. Two columns are the real and the imaginary parts of
-one complex series, which is transformed by passes of constant geometry (Pease 1968): each reads numbers that are the
-same distance apart in every pass, and writes its results one behind the other. Only the lines that are asked for are
-then put together from the columns, so that a prime number of samples is slower, but needs no other method.
+A period is divided into columns of every so-many-th sample. Two columns are the real and the imaginary parts of one
+complex series, which is transformed by passes of constant geometry (Pease 1968): each reads numbers that are the same
+distance apart in every pass, and writes its results one behind the other. Only the lines that are asked for are then
+put together from the columns, so that a prime number of samples is slower, but needs no other method.
 """
 
 from collections.abc import Callable
@@ -17,7 +17,9 @@ from maglev_lanes.compiled import compiled
 from maglev_lanes.layout import FAR
 from maglev_lanes.layout import LANES as W
 
-LONGEST = 512  # numbers of a column: two copies of as many, of all lanes, fit into the second cache of common processors
+LONGEST = (
+    512  # numbers of a column: two copies of as many, of all lanes, fit into the second cache of common processors
+)
 RADICES = (5, 4, 2)
 _MAKING = Lock()  # threads that need a kernel at the same time make it once
 

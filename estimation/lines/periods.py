@@ -45,9 +45,7 @@ class LineStatistics:
         c = np.asarray(self.covariance[..., self.index(a), self.index(b), :], dtype=np.complex128)
         return c.real if a == b else c
 
-    def at_lines(
-        self, lines: Sequence[int] | np.ndarray, channels: Sequence[str] | None = None
-    ) -> "LineStatistics":
+    def at_lines(self, lines: Sequence[int] | np.ndarray, channels: Sequence[str] | None = None) -> "LineStatistics":
         """The same statistics at a subset of the lines, and of some channels alone; None: of all."""
         keep = np.flatnonzero(np.isin(self.lines, np.asarray(lines)))
         own = np.arange(len(self.channels)) if channels is None else np.array([self.index(c) for c in channels])

@@ -7,24 +7,23 @@ from functools import partial
 from time import process_time, thread_time
 
 import numpy as np
-import scipy.fft
 
 from estimation.bands import band_slices, sliding_bands
 from estimation.least_squares import least_squares
 from estimation.lines.frequency_response import frequency_response
-from estimation.lines.periods import line_statistics
 from estimation.max_likelihood import maximum_likelihood
 from estimation.stability_margins import margin_arrays
-from maglev_env.channels import SPECTRAL
+from maglev_env.channels import SPECTRAL, step_channels
 from maglev_env.evaluation.evaluate import evaluate, force_statistics, score_target
 from maglev_env.experiment import Experiment, protocol_experiment
-from maglev_env.kernel.lanes import lane_batch, structure_of
-from maglev_env.kernel.simulate import simulate_statistics
-from maglev_env.linear.loop import closed_loop_poles
+from maglev_env.kernel.simulate import own_lanes, simulate_statistics
+from maglev_env.linear.loop import pole_radii
 from maglev_env.rig.excitation import PLACES, lines_at
 from maglev_env.rig.rig import load_rig
 from maglev_lanes.layout import LANES
+from maglev_lanes.line_spectra import LineSpectra
 from maglev_lanes.noise import line_noise
+from maglev_lanes.period_statistics import PeriodStatistics
 from maglev_lanes.threads import over_threads
 from maglev_workbench.commands.bench.figures import Figure
 from maglev_workbench.commands.bench.kernels import quiet_experiment
@@ -97,7 +96,8 @@ def part_figures(size: Size) -> dict[str, Figure]:
     evaluation_cores_used is the processor time of all threads over that of the calling one. If it is above 1, the
     linear algebra library starts its own threads, which slow down operations on such small matrices.
     """
-    experiments = [replace(protocol_experiment(load_rig("hmb_free")), seed=i) for i in range(size.lanes)]
+    first = protocol_experiment(load_rig("hmb_free"))
+    experiments = [replace(first, seed=i) for i in range(size.lanes)]  # of one rig, as those of a sweep
     repeats = 2 * size.repeats
     works = _parts(experiments, repeats)
     periods = experiments[0].periods + experiments[0].transient_periods
@@ -134,26 +134,28 @@ def _parts(experiments: list[Experiment], calls: int) -> dict[str, Callable[[], 
     loop = s.at_lines(lines_at(e.excitations, "current"))
     blocks = -(-len(experiments) // LANES)
     rng = np.random.default_rng(0)
-    output = rng.standard_normal((1, 2, LANES, n))
-    spectra = rng.standard_normal((e.periods, LANES, len(SPECTRAL), len(lines))) + 0j
+    output = rng.standard_normal((n, len(step_channels()), LANES))
+    spectra, at_lines = rng.standard_normal((len(SPECTRAL), len(lines), 2, LANES)), LineSpectra(n, lines)
     seeds, rms = np.arange(LANES, dtype=np.uint64), np.full(LANES, rig.noise.force)
 
     def fft() -> None:
         for _ in range(blocks * e.periods):
-            scipy.fft.rfft(output, axis=-1)[..., lines] * (2 / n)
+            at_lines(output, 0)
+            at_lines(output, 1)
 
     def prepare() -> None:
-        for x in experiments:
-            structure_of(x)
-        lane_batch(experiments)
+        own_lanes(experiments)
         for place in PLACES * blocks:
             e.waveform(place)
 
     def statistics() -> None:
         for _ in range(blocks):
+            gathered = PeriodStatistics(len(SPECTRAL), (0, 1, 2), len(lines))
             for period in range(e.periods):
                 line_noise(seeds, rms, period, n, lines)
-            line_statistics(spectra, e.fundamental, lines, SPECTRAL)
+                gathered.add(spectra)
+            gathered.mean()
+            gathered.covariance()
         force_statistics(s, e)
         s.at_lines(loop.lines)
 
@@ -171,7 +173,7 @@ def _parts(experiments: list[Experiment], calls: int) -> dict[str, Callable[[], 
         "kernel": stepper(experiments, calls),
         "fft": fft,
         "statistics": statistics,
-        "poles": lambda: [closed_loop_poles(x) for x in experiments],
+        "poles": lambda: pole_radii(experiments),
         "ml_points_all_bands": lambda: maximum_likelihood(force, bands, rig.mass, intervals=False),
         "ml_intervals_target_band": lambda: maximum_likelihood(force, band, rig.mass),
         "least_squares_target_band": in_target_band,

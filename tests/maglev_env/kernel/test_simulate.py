@@ -237,7 +237,9 @@ def test_noise_in_time_and_at_lines_is_the_same_noise():
     for period in (0, 3):
         series = series_noise(seed, 2.0, period, n)
         np.testing.assert_allclose(
-            period_spectra(series[None], lines)[0], as_complex(line_noise(np.array([seed]), [2.0], period, n, lines))[0], atol=1e-13
+            period_spectra(series[None], lines)[0],
+            as_complex(line_noise(np.array([seed]), [2.0], period, n, lines))[0],
+            atol=1e-13,
         )
         assert series.std() == pytest.approx(2.0, rel=4 / np.sqrt(2 * n))
     assert abs(np.mean(series_noise(seed, 1.0, 0, n) * series_noise(seed, 1.0, 1, n))) < 4 / np.sqrt(n)
