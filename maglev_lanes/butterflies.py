@@ -24,13 +24,15 @@ def put(to, at, re, im, c, s):
 
 @piece
 def two(z, a, step, to, b, roots, turn, lanes):
-    """lanes: see `maglev_env.kernel.sample.draw`; a loop of so little in it would be unrolled and not vectorised."""
+    """lanes and unsigned indices: see `maglev_env.kernel.sample.draw`."""
     c, s = roots[2 * turn], roots[2 * turn + 1]
-    for i in range(lanes):
-        k, o = a + i, b + i
-        x0, y0, x1, y1 = z[k], z[k + IM], z[k + step], z[k + step + IM]
-        to[o], to[o + IM] = x0 + x1, y0 + y1
-        put(to, o + SIZE, x0 - x1, y0 - y1, c, s)
+    first, second, whole, turned = np.uint64(a), np.uint64(a + step), np.uint64(b), np.uint64(b + SIZE)
+    im = np.uint64(IM)
+    for i in range(np.uint64(lanes)):
+        x0, y0, x1, y1 = z[first + i], z[first + im + i], z[second + i], z[second + im + i]
+        to[whole + i], to[whole + im + i] = x0 + x1, y0 + y1
+        re, im_ = x0 - x1, y0 - y1
+        to[turned + i], to[turned + im + i] = c * re - s * im_, c * im_ + s * re
 
 
 @piece

@@ -115,13 +115,14 @@ def _load() -> Callable[..., None]:
         """Copy a column and its right neighbour, if there is one, as one complex series."""
         if sources == 0:
             return
-        beside = (sample if column + 1 < columns else 0) & FAR
+        beside = sample if column + 1 < columns else 0
         share = 1.0 if beside > 0 else 0.0
         for n in range(z.size // SIZE):
-            at, to = ((column + columns * n) * sample + first) & FAR, (n * SIZE) & FAR
-            for i in range(lanes):
-                z[to + i] = series[at + i]
-                z[to + IM + i] = share * series[at + beside + i]
+            at, to = (column + columns * n) * sample + first, n * SIZE
+            own, late, re, im = np.uint64(at), np.uint64(at + beside), np.uint64(to), np.uint64(to + IM)
+            for i in range(np.uint64(lanes)):
+                z[re + i] = series[own + i]
+                z[im + i] = share * series[late + i]
 
     return compiled(load)
 
@@ -138,17 +139,18 @@ def _gather() -> Callable[..., None]:
         """
         if sources == 0:
             return
+        im = np.uint64(IM)
         for n in range(lines.size):
             t, k = column * lines[n] % (whole.size // 2), lines[n]
             c, s, late_c, late_s = whole[2 * t], whole[2 * t + 1], whole[2 * k], whole[2 * k + 1]
             own = complex(c, s) * complex(0.5 + 0.5 * late_s, -0.5 * late_c)
             other = complex(c, s) * complex(0.5 - 0.5 * late_s, 0.5 * late_c)
-            p, q, o = (at[n] * SIZE) & FAR, (mirrored[n] * SIZE) & FAR, (n * SIZE) & FAR
+            p, q, o = np.uint64(at[n] * SIZE), np.uint64(mirrored[n] * SIZE), np.uint64(n * SIZE)
             ux, uy, vx, vy = own.real, own.imag, other.real, other.imag
-            for i in range(lanes):
-                zx, zy, mx, my = z[p + i], z[p + IM + i], z[q + i], z[q + IM + i]
+            for i in range(np.uint64(lanes)):
+                zx, zy, mx, my = z[p + i], z[p + im + i], z[q + i], z[q + im + i]
                 found[o + i] += ux * zx - uy * zy + vx * mx + vy * my
-                found[o + IM + i] += ux * zy + uy * zx - vx * my + vy * mx
+                found[o + im + i] += ux * zy + uy * zx - vx * my + vy * mx
 
     return compiled(gather)
 

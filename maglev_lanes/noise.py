@@ -6,7 +6,6 @@ from functools import cache
 import numpy as np
 
 from maglev_lanes.compiled import compiled
-from maglev_lanes.layout import FAR
 from maglev_lanes.pieces import piece
 
 _GOLDEN = np.uint64(0x9E3779B97F4A7C15)
@@ -38,14 +37,12 @@ def _pairs() -> Callable[..., None]:
     def pairs(seeds, first, lines, out):
         if sources == 0:
             return
-        lanes = seeds.size
-        for j in range(lines.size):
-            count = first + np.uint64(2) * np.uint64(lines[j])
-            at = (2 * j * lanes) & FAR
+        lanes = np.uint64(seeds.size)  # unsigned: see `maglev_env.kernel.sample.draw`
+        for j in range(2 * lines.size):
+            count = first + np.uint64(2) * np.uint64(lines[j // 2]) + np.uint64(1 + j % 2)
+            at = np.uint64(j) * lanes
             for i in range(lanes):
-                out[at + i] = drawn(seeds[i], count + np.uint64(1))
-            for i in range(lanes):
-                out[at + lanes + i] = drawn(seeds[i], count + np.uint64(2))
+                out[at + i] = drawn(seeds[i], count)
 
     return compiled(pairs)
 

@@ -8,7 +8,6 @@ import numpy as np
 
 from maglev_lanes.butterflies import IM, SIZE
 from maglev_lanes.compiled import compiled
-from maglev_lanes.layout import FAR
 from maglev_lanes.layout import LANES as W
 
 _MAKING = Lock()
@@ -71,21 +70,22 @@ def _add() -> Callable[..., None]:
     def add(z, mean, second, noisy, lines, count, lanes):
         if sources == 0:
             return
+        im, both = np.uint64(IM), np.uint64(2 * lanes)
         for a in range(noisy.size):
             for n in range(lines):
-                k = ((noisy[a] * lines + n) * SIZE) & FAR
-                for i in range(2 * lanes):
+                k = np.uint64((noisy[a] * lines + n) * SIZE)
+                for i in range(both):
                     z[k + i] -= mean[k + i]
                     mean[k + i] += z[k + i] / count
         share = (count - 1.0) / count
         for a in range(noisy.size):
             for b in range(a + 1):
                 for n in range(lines):
-                    p, q = ((noisy[a] * lines + n) * SIZE) & FAR, ((noisy[b] * lines + n) * SIZE) & FAR
-                    o = (((a * noisy.size + b) * lines + n) * SIZE) & FAR
-                    for i in range(lanes):
-                        ax, ay, bx, by = z[p + i], z[p + IM + i], z[q + i], z[q + IM + i]
+                    p, q = np.uint64((noisy[a] * lines + n) * SIZE), np.uint64((noisy[b] * lines + n) * SIZE)
+                    o = np.uint64(((a * noisy.size + b) * lines + n) * SIZE)
+                    for i in range(np.uint64(lanes)):
+                        ax, ay, bx, by = z[p + i], z[p + im + i], z[q + i], z[q + im + i]
                         second[o + i] += share * (ax * bx + ay * by)
-                        second[o + IM + i] += share * (ay * bx - ax * by)
+                        second[o + im + i] += share * (ay * bx - ax * by)
 
     return compiled(add)

@@ -42,10 +42,12 @@ def draw(x, b, seeds, first, lanes, count):
     """Draw the noise of this reading of the axis at b.
 
     The number of lanes is an argument and not a constant, because the compiler would unroll such a short loop of
-    constant length and then not vectorise it.
+    constant length and then not vectorise it. Its indices are unsigned, because of any other number the compiler would
+    ask whether it counts from the end, and then gather the lanes one by one.
     """
-    for i in range(lanes):
-        x[b + i + DRAWN] = drawn(seeds[first + i], count)
+    to, own = np.uint64(b + DRAWN), np.uint64(first)
+    for i in range(np.uint64(lanes)):
+        x[to + i] = drawn(seeds[own + i], count)
 
 
 def read_pieces(s: Structure) -> tuple[Callable, Callable, Callable]:
