@@ -5,7 +5,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from maglev_env.kernel.driven import Drive, Driven, driven
-from maglev_env.kernel.simulate import Block, State, stretches
+from maglev_env.kernel.simulate import Block, State, put_lanes, stretches
 from maglev_env.loop.mechanics import STEPS
 from maglev_lanes.layout import row
 from maglev_lanes.threads import over_threads
@@ -46,13 +46,13 @@ def look_at_replays(lanes: Sequence[Block], drives: Sequence[Drive], look: Look,
 
     def run(own: Driven) -> None:
         block, state = own.block, State(own.block)
-        series = np.full((len(own.member), 3, axes, longest), np.nan)
+        series, every = np.full((len(own.member), 3, axes, longest), np.nan), np.arange(len(own.member))
         spans = drives[0].spans(block.substeps)
         for i, out in enumerate(stretches(block, state, schedule, waves=len(drives), spans=spans)):
             stretch = slice(i * STRETCH, min((i + 1) * STRETCH, longest))
-            # A shorter last stretch fills the start of the same buffer. The current is the last channel.
+            # A shorter last stretch fills the start of the buffer. The current is the last channel.
             kept = out[: stretch.stop - stretch.start, :, [0, -1, 1], : len(own.member)]
-            series[..., stretch] = kept.transpose(3, 2, 1, 0)
+            put_lanes(kept, series[..., stretch], every)
         steps = state.rows[row(STEPS)]
         stood = np.searchsorted(np.cumsum(spans), steps, "right") if spans.size else steps / block.substeps
         lasted = np.where(state.alive(), np.inf, stood)

@@ -28,6 +28,7 @@ from maglev_lanes.period_statistics import PeriodStatistics
 from maglev_lanes.threads import over_threads
 
 REGULAR = np.empty(0, np.int64)  # no ticks of their own
+TOGETHER = 256  # samples
 MOST_TURN = 0.1  # rad; the error of a step is then below 1e-6 of the motion
 
 
@@ -158,8 +159,7 @@ def simulate_records(experiments: Sequence[Experiment], substeps: int = 1, threa
         written = block.batch.structure.channels
         for i, out in enumerate(stretches(block, state, [_waves(first)] * periods, multiple > 1)):
             span = slice(i * n, (i + 1) * n)
-            kept = out[::every, ..., : len(block.members)]  # (samples, axes, channels, lanes)
-            records[block.members, : len(written), :, span] = kept.transpose(3, 2, 1, 0)
+            put_lanes(out[::every, ..., : len(block.members)], records[:, : len(written), :, span], block.members)
             for lane, member in enumerate(block.members):
                 noise = experiments[member].rig.noise
                 records[member, names.index("force"), :, span] = force
@@ -344,6 +344,16 @@ def stretches(
             yield out
         if done < samples:
             return
+
+
+def put_lanes(series: np.ndarray, to: np.ndarray, rows: np.ndarray) -> None:
+    """Copy series (samples, axes, channels, lanes) into rows of another array, (n, channels, axes, samples).
+
+    Few samples at a time stay in the fast memory until all lanes have been read.
+    """
+    for at in range(0, len(series), TOGETHER):
+        part = series[at : at + TOGETHER].transpose(3, 2, 1, 0)
+        to[rows, ..., at : at + part.shape[-1]] = part
 
 
 def _waves(e: Experiment) -> list[np.ndarray]:
