@@ -227,13 +227,21 @@ def axis_experiment(e: Experiment, axis: int) -> Experiment:
     """
     if e.rig.axes == 1:
         return e
-    seed = (*(e.seed if isinstance(e.seed, tuple) else (e.seed,)), _AXIS_SEEDS[axis])
     own, gains = axis_excitations(e.excitations, axis), of_axis(e.gains, axis)
     offset = e.offset if axis == 0 else 0.0
     sensor = e.sensor[axis : axis + 1] if isinstance(e.sensor, tuple) else e.sensor
     rig = axis_rig(e.rig, axis)
     effects = {name: values for name, values in e.effects.items() if "two_axes" not in EFFECTS[name].needs}
-    return replace(e, rig=rig, gains=gains, excitations=own, effects=effects, seed=seed, offset=offset, sensor=sensor)
+    return replace(
+        e, rig=rig, gains=gains, excitations=own, effects=effects, seed=axis_seed(e, axis), offset=offset, sensor=sensor
+    )
+
+
+def axis_seed(e: Experiment, axis: int) -> int | tuple[int, ...]:
+    """Seed of the noise of one axis."""
+    if e.rig.axes == 1:
+        return e.seed
+    return (*(e.seed if isinstance(e.seed, tuple) else (e.seed,)), _AXIS_SEEDS[axis])
 
 
 def protocol_experiment(

@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     import xarray as xr
     from matplotlib.figure import Figure
 
-CHUNK = 64  # experiments estimated together, which keeps the largest temporary near 10 MB per thread
+CHUNK = 128  # experiments estimated together, which keeps the largest temporary near 10 MB per thread
 
 
 @dataclass(frozen=True, repr=False)

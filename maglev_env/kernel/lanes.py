@@ -1,13 +1,13 @@
 """From experiments to kernel lanes: which structure each needs, and the constants of its exact linear chains."""
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
 
 from maglev_env.channels import NOISY
-from maglev_env.experiment import Experiment, axis_experiment, self_sensors
+from maglev_env.experiment import Experiment, axis_experiment, axis_seed, self_sensors
 from maglev_env.kernel.controllers import PID_ROWS, controller_kind, filter_rows, pid_constants
 from maglev_env.kernel.effect_lanes import FLEXIBLE, write_flexible, write_flexible_cross
 from maglev_env.kernel.exact import actuator_rows, delays, sensor_current_rows, sensor_rows, steps
@@ -22,7 +22,7 @@ from maglev_env.loop.axes import NO_CROSS
 from maglev_env.loop.effect import Effects, effect_value, shaped
 from maglev_env.loop.free import places as free
 from maglev_env.loop.further import blocks as further
-from maglev_env.loop.gains import Gains, digital
+from maglev_env.loop.gains import Gains, digital, of_axis
 from maglev_env.loop.magnets import rows as magnet_rows
 from maglev_env.loop.magnets.kinds import simulated_as, steeper
 from maglev_lanes.layout import LaneRows, row
@@ -104,7 +104,37 @@ def _deepest(time_constants: Iterable[float]) -> int:
 
 def lane_batch(experiments: Sequence[Experiment], substeps: int = 1, structure: Structure | None = None) -> LaneBatch:
     """Constants of experiments that share a structure: by default that of `structure_of`."""
-    structure, n = structure or structure_of(experiments[0]), len(experiments)
+    structure = structure or structure_of(experiments[0])
+    # Of lanes that differ in gains and seed alone, as those of a sweep, one is worked out.
+    alike: dict[tuple, int] = {}
+    of_lane = [alike.setdefault(_constants_of(e), i) for i, e in enumerate(experiments)]
+    first = list(alike.values())
+    made = _worked_out([experiments[i] for i in first], substeps, structure)
+    rows = made.rows[:, np.searchsorted(first, of_lane)]
+    for axis in range(structure.axes):
+        own, dt = [of_axis(e.gains, axis) for e in experiments], 1 / experiments[0].rig.control_rate
+        if isinstance(own[0], Gains):
+            places = [axis * row(AXIS) + at for at in PID_ROWS]
+            rows[places] = np.array([pid_constants(gains, dt) for gains in own]).T
+    seeds = [[_seeds(axis_seed(e, axis)) for e in experiments] for axis in range(structure.axes)]
+    return replace(made, rows=rows, seeds=np.array(seeds).swapaxes(1, 2))
+
+
+def structural(e: Experiment) -> tuple:
+    """What the structure of an experiment depends on, which leaves out the values of PID gains."""
+    gains = e.gains if isinstance(e.gains, tuple) else (e.gains,)
+    effects = tuple((name, *values.items()) for name, values in e.effects.items())
+    return id(e.rig), id(e.sensor), effects, tuple(type(g) if isinstance(g, Gains) else id(g) for g in gains)
+
+
+def _constants_of(e: Experiment) -> tuple:
+    """What the constants of a lane depend on, except the rows of PID gains."""
+    return *structural(e), e.speed_rpm
+
+
+def _worked_out(experiments: Sequence[Experiment], substeps: int, structure: Structure) -> LaneBatch:
+    """All constants of each of these experiments."""
+    n = len(experiments)
     views = [[axis_experiment(e, axis) for e in experiments] for axis in range(structure.axes)]
     values = [lane_values(own) for own in views]
     axes = [LaneRows(np.zeros((row(AXIS), n))) for _ in views]

@@ -11,13 +11,12 @@ from maglev_env.rig.excitation import lines_at
 from maglev_env.channels import NOISY, SPECTRAL
 from maglev_env.experiment import Experiment, axis_experiment, recorded_channels, sampling, spectral_channels
 from maglev_env.kernel.advance import kernel
-from maglev_env.kernel.lanes import LaneBatch, lane_batch, structure_of, timing_of
+from maglev_env.kernel.lanes import LaneBatch, lane_batch, structural, structure_of, timing_of
 from maglev_env.kernel.layout import AXIS
 from maglev_env.kernel.structure import Structure
 from maglev_env.lane_values import lane_values
 from maglev_env.loop import actuator
 from maglev_env.loop.amplifier import CURRENT_SQ
-from maglev_env.loop.gains import Gains
 from maglev_env.loop.mechanics import ALIVE, STEPS
 from maglev_env.loop.self_sensing_pieces import OFF_PEAK, OFF_SQ, OFF_SUM
 from maglev_env.loop.sensor import PEAK_SQ
@@ -281,7 +280,7 @@ def _blocks(experiments: Sequence[Experiment], substeps: int, joint: bool = Fals
     groups: dict[tuple[Structure, tuple[int, ...]], list[int]] = {}
     known: dict[tuple, tuple[Structure, tuple[int, ...]]] = {}
     for i, e in enumerate(experiments):
-        if (key := _structural(e)) not in known:
+        if (key := structural(e)) not in known:
             own = structure_of(e)
             known[key] = own.joint if joint else own, timing_of(e, substeps)
         groups.setdefault(known[key], []).append(i)
@@ -295,13 +294,6 @@ def _blocks(experiments: Sequence[Experiment], substeps: int, joint: bool = Fals
             noise += noise[-1:] * (LANES - len(noise))
             blocks.append(Block(part, np.array(members[s]), np.array(noise), experiments[members[0]], substeps))
     return blocks
-
-
-def _structural(e: Experiment) -> tuple:
-    """What the structure and the clocks of an experiment depend on, which leaves out the values of PID gains."""
-    gains = e.gains if isinstance(e.gains, tuple) else (e.gains,)
-    effects = tuple((name, *values.items()) for name, values in e.effects.items())
-    return id(e.rig), id(e.sensor), effects, tuple(type(g) if isinstance(g, Gains) else id(g) for g in gains)
 
 
 def stretches(
