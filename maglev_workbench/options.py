@@ -136,6 +136,16 @@ def require_file(path: Path | None, option: str) -> None:
         raise ValueError(f"{option} {path}: the folder {path.parent} cannot be written to; choose another")
 
 
+def require_campaign(path: Path) -> None:
+    """Check, before the imports that take long, that a folder holds a campaign; a file passes.
+
+    Raises:
+        FileNotFoundError: It does not.
+    """
+    if path.is_dir() and not (path / "campaign.toml").exists():
+        raise FileNotFoundError(f"{path / 'campaign.toml'} does not exist; name a campaign folder or its campaign.toml")
+
+
 def require_folder(path: Path, option: str = "--out") -> None:
     """Check, before any work, that results can be written into a folder, which need not exist yet.
 

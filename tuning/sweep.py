@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from maglev_env.evaluation.evaluate import Evaluation, evaluate
 from maglev_env.experiment import protocol_experiment
 from maglev_env.loop.effect import Effects
 from maglev_env.loop.gains import NO_CONTROLLER, Controllers, digital, gain_values, of_axis, with_gains
@@ -23,6 +22,7 @@ from tuning.axis import Axis
 if TYPE_CHECKING:
     import xarray as xr
 
+    from maglev_env.evaluation.evaluate import Evaluation
     from maglev_lanes.schedule import Workers
 
 CHUNK = 256
@@ -209,6 +209,8 @@ class _Chunk:
 
     def columns(self, threads: int | None = 1, progress: Callable[[int], None] | None = None) -> dict[str, np.ndarray]:
         """All arrays of their evaluation."""
+        from maglev_env.evaluation.evaluate import evaluate  # takes long to import
+
         s = self.sweep
         experiments = [
             protocol_experiment(s.rig, gains, s.effects, (s.seed, i), s.sensor)
@@ -242,10 +244,10 @@ _NAMES = {  # what stands before and behind the names of a field
 }  # fmt: skip
 
 
-def _columns(e: Evaluation) -> dict[str, np.ndarray]:
+def _columns(e: "Evaluation") -> dict[str, np.ndarray]:
     """Every array of an evaluation under one flat name."""
     columns: dict[str, np.ndarray] = {}
-    for f in fields(Evaluation):
+    for f in fields(e):
         value = getattr(e, f.name)
         named = value if isinstance(value, dict) else {f.name: value}
         head, tail = _NAMES.get(f.name, ("", ""))

@@ -13,7 +13,6 @@ from typing import Any
 from zipfile import BadZipFile
 
 import numpy as np
-from filelock import FileLock, Timeout
 
 from maglev_env.recordings.files import atomic_file, write_text_atomic
 
@@ -28,6 +27,8 @@ def locked(folder: Path) -> Iterator[None]:
     Raises:
         BlockingIOError: Another process works there; the message says which, and since when.
     """
+    from filelock import FileLock, Timeout  # takes long to import
+
     folder.mkdir(parents=True, exist_ok=True)
     lock, holder = FileLock(folder / LOCK, timeout=0), folder / HOLDER
     try:

@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from maglev_workbench.options import JsonOption, friendly, require_file
+from maglev_workbench.options import JsonOption, friendly, require_campaign, require_file
 
 app = typer.Typer()
 
@@ -19,6 +19,7 @@ def check(
     json_file: JsonOption = None,
 ) -> None:
     """Check what a campaign is good for, by each command's own rules: alarms, noise, transients, lines, channels."""
+    require_campaign(campaign)
     from importlib.metadata import version
 
     from maglev_env.loop.axes import AXES

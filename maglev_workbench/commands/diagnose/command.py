@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from maglev_workbench.options import JsonOption, SeedOption, friendly, require_folder
+from maglev_workbench.options import JsonOption, SeedOption, friendly, require_campaign, require_folder
 
 app = typer.Typer()
 
@@ -24,14 +24,16 @@ def diagnose(
 
     It takes one to two minutes, or some minutes for recordings without a period.
     """
+    require_campaign(campaign)
     from importlib.metadata import version
 
     from maglev_env.recordings.campaign import load_campaign
+
+    loaded = load_campaign(campaign)
     from maglev_workbench.console import console, progress_bar, write_json
     from maglev_workbench.page import write_page
     from maglev_workbench.warned import LEAVING_OUT, warned
 
-    loaded = load_campaign(campaign)
     folder = out or loaded.folder / "diagnosis"
     require_folder(folder)
     if not folder.parent.is_dir():

@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from maglev_workbench.options import JsonOption, friendly, given, require_choice, require_file
+from maglev_workbench.options import JsonOption, friendly, given, require_campaign, require_choice, require_file
 
 METHODS = ("ls", "ml", "both")
 # A file that is described by one of these is read by them alone; without any, it is guessed what it holds.
@@ -57,6 +57,7 @@ def estimate(
         raise FileNotFoundError(f"{source} does not exist; name a campaign folder or a data file")
     if band_width is not None and not band_width > 0:
         raise ValueError(f"--band-width {band_width} Hz must be positive")
+    require_campaign(source)
     from html import escape as html
 
     from maglev_env.recordings.campaign import load_campaign

@@ -38,6 +38,8 @@ def runup(
 
     from maglev_env.rotor.rotor import Rejection, load_rotor
     from maglev_workbench.commands.runup.asked import check_reach, parse_speeds, with_chosen_gains
+
+    ladder = parse_speeds(speeds)
     from maglev_workbench.commands.runup.figures import save_picture
     from maglev_workbench.commands.runup.report import run_up_json, run_up_page, run_up_table, summary
     from maglev_workbench.commands.runup.study import report
@@ -47,7 +49,6 @@ def runup(
     chosen = with_chosen_gains(load_rotor(rotor), {"kp": kp, "ki": ki, "kd": kd}, gains)
     if rejection is not None:
         chosen = replace(chosen, rejection=Rejection(rejection))
-    ladder = parse_speeds(speeds)
     check_reach(chosen, ladder)
     folder = out or Path(f"runup-{chosen.name}")
     require_folder(folder)

@@ -157,8 +157,8 @@ def test_ratios_are_those_of_the_figures_beside_them(measured):
     assert parts["parts_over_evaluation"].value == pytest.approx(total / parts["evaluation_ms"].value)
 
 
-def test_a_blocks_output_is_two_channels_of_a_second_at_20_khz():
-    assert block_figures()["block_output_bytes_per_lane"].value == 2 * 20000 * 8
+def test_a_blocks_output_is_three_channels_of_a_second_at_20_khz():
+    assert block_figures()["block_output_bytes_per_lane"].value == 3 * 20000 * 8
 
 
 @pytest.mark.slow
