@@ -31,7 +31,7 @@ class MagnetFilter(ExtendedKalmanFilter):
         a = h * jacobian(m, *x, voltage=u)
         # The effect of the voltage on the current depends on the displacement through the inductance. Where the voltage
         # is wrong, or feeds back a displacement measured otherwise, this would be taken for information on the
-        # displacement: estimates were then off by 36 um where the filter claimed 12.
+        # displacement: estimates were then off by 36 µm where the filter claimed 12.
         a[2, 0] = 0.0
         self.F = self._I + a @ (self._I + a @ (self._I + a @ (self._I + a / 4) / 3) / 2)
         k1 = slopes(m, *x, u)
@@ -142,7 +142,7 @@ def compare(
 
     Returns:
         Rows: nominal; resistance, supply voltage and inductance each 20 % above the assumed value; a force step (N) at
-        a third of the record. Columns, rms in um over the second half: the motion itself, the error of the observer
+        a third of the record. Columns, rms in µm over the second half: the motion itself, the error of the observer
         (its `poles` in 1/s) and of the filter; and the filter's claimed standard deviation at the end.
     """
     n = round(duration * rate)

@@ -20,6 +20,7 @@ from maglev_env.loop.self_sensor import SelfSensing
 from maglev_env.rig.controller_tables import controllers_from_table
 from maglev_env.rig.excitation import Excitation, axis_excitations, check_harmonics, check_interleaved
 from maglev_env.rig.goal import MATCH, check_goal
+from maglev_env.units import STANDARD_GRAVITY
 from maglev_lanes.price import check_length
 
 SCHEMA = "maglev-rig/1"
@@ -213,7 +214,7 @@ class Rig:
     dac_bits: int = quantity("bit", 0, 32, 14)
     voltage_range: float = quantity("V", 0.1, 1e4, 10.0)
     control_rate: float = quantity("Hz", 1.0, 1e6, 20000.0)
-    gravity: float = quantity("m/s2", 0.0, 100.0, 9.80665)
+    gravity: float = quantity("m/s2", 0.0, 100.0, STANDARD_GRAVITY)
     axes: int = 1
     per_axis: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     cross: Cross = NO_CROSS

@@ -14,7 +14,7 @@ CLEAR = 3.0  # mean square of a profile, in its standard errors, from which the 
 
 
 def fit_in_words(fit: Figures) -> str:
-    """ "chi-square 1.04 per degree of freedom, residual 0.61 um rms, 99.8 % of the motion predicted"."""
+    """ "chi-square 1.04 per degree of freedom, residual 0.61 µm rms, 99.8 % of the motion predicted"."""
     return (
         f"chi-square {fit.chi_square:.3g} per degree of freedom, residual {quantity(fit.residual_rms, None, 'm')} rms, "
         f"{100 * max(fit.predicted, 0.0):.4g} % of the motion predicted"

@@ -124,7 +124,7 @@ def test_the_comment_says_where_it_comes_from():
     text = corrected_toml(diagnosis(CALIBRATED, folder="my\nname = 'other'"))
     head = text[: text.index("schema")].splitlines()
     assert all(line.startswith("# ") for line in head) and "my name = 'other'" in head[0]
-    assert "explained by delay (93 %), in the controller; time 75 us" in head[1]
+    assert "explained by delay (93 %), in the controller; time 75 µs" in head[1]
     assert "6 before, 1.1 after" in head[2] and "holdout" in head[2]
     assert "# delay.time = 7.5e-05 s" in head and "# mass = 0.004" in head
     assert "no levitation before" in corrected_toml(diagnosis(CALIBRATED, before=None))
@@ -139,17 +139,17 @@ def test_a_campaigns_parameters_are_in_it():
 @pytest.mark.parametrize(
     ("value", "se", "unit", "relative", "said"),
     [
-        (7.531e-5, 8.57e-7, "s", False, "75.31 +- 0.86 us"),
+        (7.531e-5, 8.57e-7, "s", False, "75.31 +- 0.86 µs"),
         (1400.0, 98.0, "Hz", False, "1.400 +- 0.098 kHz"),
         (1400.0, None, "Hz", False, "1.4 kHz"),
         (0.0312, 0.0041, "", True, "+3.12 +- 0.41 %"),
         (-0.2, 0.0, "", True, "-20 %"),
         (0.98, 0.029, "", False, "0.980 +- 0.029"),
-        (2e-6, 7e-5, "s", False, "2 +- 70 us"),
+        (2e-6, 7e-5, "s", False, "2 +- 70 µs"),
         (3.4e-8, 2e-9, "kg m", False, "0.0340 +- 0.0020 g mm"),
         (0.2066, 3e-14, "m/s", False, "207 mm/s"),
         (np.inf, None, "T", False, "inf T"),
-        (0.0, 1e-6, "s", False, "0.0 +- 1.0 us"),
+        (0.0, 1e-6, "s", False, "0.0 +- 1.0 µs"),
     ],
 )
 def test_quantities_are_readable(value, se, unit, relative, said):
@@ -187,5 +187,5 @@ def test_every_verdict_has_its_sentence():
     pair = diagnosis(Point({**effect("delay", 2e-5), **effect("unbalance", 3e-8)}, {}), cause=("delay", "unbalance"))
     assert sentence(pair).startswith(
         "The gap is explained by delay with unbalance (93 %), in the controller and what turns with the rotor; "
-        "delay time 20 us, unbalance moment 0.03 g mm"
+        "delay time 20 µs, unbalance moment 0.03 g mm"
     )

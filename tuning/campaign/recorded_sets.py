@@ -282,7 +282,7 @@ def _swings(signals: RecordedSignals, rig: Rig) -> str | None:
     rest = float((periods - periods.mean(axis=0)).std() * np.sqrt(len(periods) / (len(periods) - 1)))
     if rest < UNSTEADY * rig.clearance or rest < repeating.std():
         return None
-    return f"the rotor swings by itself: {rest * 1e6:.3g} um rms do not repeat, {repeating.std() * 1e6:.3g} um do"
+    return f"the rotor swings by itself: {rest * 1e6:.3g} µm rms do not repeat, {repeating.std() * 1e6:.3g} µm do"
 
 
 def _failed(gains: Gains, spec: RecordingSpec, why: str) -> GainSet:

@@ -38,7 +38,7 @@ _MARGINS = {  # label, factor from SI, unit
     "phase_margin": ("Phase margin", 1.0, "°"),
     "gain_margin_low": ("Gain margin down", 1.0, ""),
     "gain_margin_high": ("Gain margin up", 1.0, ""),
-    "delay_margin": ("Delay margin", 1e6, "us"),
+    "delay_margin": ("Delay margin", 1e6, "µs"),
     "disk_margin": ("Disk margin", 1.0, ""),
 }
 

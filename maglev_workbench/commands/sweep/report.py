@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from plotly.graph_objects import Figure
 
 _HEAD = ("score", "stiffness\nkN/m", "damping\nN s/m", "peak |S|\n",
-         "phase\nmargin °", "gain\nmargins", "peak\num", "coil\nA rms")  # fmt: skip
+         "phase\nmargin °", "gain\nmargins", "peak\nµm", "coil\nA rms")  # fmt: skip
 _IN_TERMINAL = 5  # of _HEAD, behind the gains
 
 

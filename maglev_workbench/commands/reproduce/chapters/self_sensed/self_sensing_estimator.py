@@ -42,7 +42,7 @@ def estimator_response(seed: int) -> Outcome:
     apart = "not one design: behind these filters so little lag leaves little margin, and so much margin much lag"
     rows = (
         Row("lag at 4 kHz", LAG_IN_D, lag, "°", 0.02, chosen, kind="fit"),
-        Row("pure delay that fits best", None, 1e6 * found.delay, "us", reason="18° at 4 kHz alone are 12.5 us"),
+        Row("pure delay that fits best", None, 1e6 * found.delay, "µs", reason="18° at 4 kHz alone are 12.5 µs"),
         Row("bandwidth, -3 dB", "above 4", 1e-3 * design.bandwidth, "kHz", means=(4, inf), kind="fit"),
         Row(
             "largest departure of the simulation from the linear model",
