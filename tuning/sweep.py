@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from maglev_env.evaluation.evaluate import Evaluation, evaluate
+from maglev_env.evaluation.evaluate import evaluate
+from maglev_env.evaluation.evaluation import Evaluation
 from maglev_env.experiment import protocol_experiment
 from maglev_env.loop.effect import Effects
 from maglev_env.loop.gains import NO_CONTROLLER, Controllers, digital, gain_values, of_axis, with_gains

@@ -11,8 +11,7 @@ from estimation.lines.periods import LineStatistics
 from estimation.max_likelihood import maximum_likelihood
 from estimation.stability_margins import loop_gain, margin_arrays
 from estimation.xy.planar import axis_statistics
-from maglev_env.evaluation.evaluate import force_statistics
-from maglev_env.evaluation.known_chain import rotor_motion
+from maglev_env.evaluation.known_chain import force_statistics, rotor_motion
 from maglev_env.experiment import Experiment, axis_experiment
 from maglev_env.linear.loop import expected_statistics, loop_response, pole_radii
 from maglev_env.linear.step_load import step_load

@@ -8,8 +8,9 @@ from pathlib import Path
 
 import numpy as np
 
-from maglev_env.evaluation.evaluate import evaluate, score_target
+from maglev_env.evaluation.evaluate import evaluate
 from maglev_env.evaluation.score import ScoreTarget
+from maglev_env.evaluation.target import score_target
 from maglev_env.experiment import Experiment, protocol_experiment
 from maglev_env.loop.effect import check_effects
 from maglev_env.recordings.campaign import load_campaign

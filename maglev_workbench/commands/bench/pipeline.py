@@ -16,7 +16,9 @@ from estimation.lines.periods import line_statistics
 from estimation.max_likelihood import maximum_likelihood
 from estimation.stability_margins import margin_arrays
 from maglev_env.channels import SPECTRAL
-from maglev_env.evaluation.evaluate import evaluate, force_statistics, score_target
+from maglev_env.evaluation.evaluate import evaluate
+from maglev_env.evaluation.known_chain import force_statistics
+from maglev_env.evaluation.target import score_target
 from maglev_env.experiment import Experiment, protocol_experiment
 from maglev_env.kernel.lanes import lane_batch, structure_of
 from maglev_env.kernel.simulate import simulate_statistics

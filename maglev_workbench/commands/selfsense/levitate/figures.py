@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from estimation.normal import NORMAL_95
-from maglev_env.evaluation.evaluate import Evaluation
+from maglev_env.evaluation.evaluation import Evaluation
 from maglev_env.loop.gains import of_axis
 from maglev_workbench.commands.selfsense.levitate.experiments import SENSORS, Comparison, Curve, Piece
 from maglev_workbench.commands.sweep.figures import SHOWN

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from maglev_env.evaluation.evaluate import Evaluation
+from maglev_env.evaluation.evaluation import Evaluation
 from maglev_env.evaluation.score import WEIGHTS
 from maglev_env.loop.axes import AXES
 from maglev_env.loop.gains import as_table

@@ -7,7 +7,7 @@ import numpy as np
 
 from estimation.iso_14839 import iso_14839_3_zone
 from estimation.normal import NORMAL_95
-from maglev_env.evaluation.evaluate import Evaluation
+from maglev_env.evaluation.evaluation import Evaluation
 from maglev_env.evaluation.score import WEIGHTS
 from maglev_workbench.commands.selfsense.levitate.experiments import SEEDS, SENSORS, Comparison
 from maglev_workbench.commands.selfsense.levitate.figures import NAMES, coefficients, cost_map, piece, sensitivity
