@@ -7,7 +7,8 @@ from maglev_env.fields import toml_text
 from maglev_env.loop.magnets.kinds import force_law
 from maglev_env.loop.magnets.law import linearise
 from maglev_env.rig.goal import ENGINEER, MATCH, NAMED, Goal, Requirement, parse_goal
-from maglev_env.rig.rig import Rig, axis_rig, default_band
+from maglev_env.rig.rig import Rig, axis_rig
+from maglev_env.rig.target import default_band
 from maglev_env.units import STANDARD_GRAVITY
 
 # docs/goals.md argues every number. Limits are in proportion to the rig, so that each preset has its own.

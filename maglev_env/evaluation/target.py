@@ -9,7 +9,8 @@ from maglev_env.experiment import Experiment
 from maglev_env.linear.loop import closed_loop_poles, expected_statistics
 from maglev_env.loop.gains import NO_CONTROLLER
 from maglev_env.rig.excitation import lines_at
-from maglev_env.rig.rig import Protocol, Rig
+from maglev_env.rig.protocol import Protocol
+from maglev_env.rig.rig import Rig
 
 
 def score_target(rig: Rig) -> ScoreTarget:
