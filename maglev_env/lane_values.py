@@ -32,7 +32,7 @@ class LaneValues:
         neutral = effect_value({}, name, parameter)
         if not any(name in effects for effects in self.effects):
             return np.full(len(self.effects), neutral)
-        return np.array([effect_value(effects, name, parameter) for effects in self.effects])
+        return np.array([effect_value(effects, name, parameter) for effects in self.effects], float)
 
     def rig(self, name: str) -> np.ndarray:
         """A parameter of the rig in every lane, (n,)."""
