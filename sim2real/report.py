@@ -12,12 +12,12 @@ from maglev_env.loop.effect import EFFECTS
 from maglev_env.loop.free.places import NAMES as FREE
 from sim2real.compared.problem import Part
 from sim2real.compared.simulated import Point
-from sim2real.diagnosis import Diagnosis, block_of
 from sim2real.gap.leftover_words import fit_in_words, leaves, parameters_in_words, partial_in_words
 from sim2real.gap.locate import Where
 from sim2real.gap.shrink import Gap
 from sim2real.judgement.judge import Entry
 from sim2real.recorded.open_record import OpenRecord
+from sim2real.result import Diagnosis, block_of
 from sim2real.search.hypotheses import CALIBRATION, NONE, REPLACED, TONES, UNKNOWN, usual_tolerances
 from sim2real.words import Fitted, fitted_quantity, percent, quantity
 

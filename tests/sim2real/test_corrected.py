@@ -14,11 +14,11 @@ from maglev_env.recordings.campaign import Campaign
 from maglev_env.rig.rig import load_rig, rig_from_toml, with_parameters
 from sim2real.compared.simulated import Point, experiment_at
 from sim2real.corrected import corrected_toml, write_corrected
-from sim2real.diagnosis import Diagnosis
 from sim2real.gap.locate import Where
 from sim2real.gap.shrink import Gap, Words
 from sim2real.judgement.judge import Entry
 from sim2real.report import percent, quantity, sentence
+from sim2real.result import Diagnosis
 
 FREE = load_rig("hmb_free")
 NAMED = Point({**effect("eddy_current", 1.4e3), **effect("friction", 0.03)}, {})
