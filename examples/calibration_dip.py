@@ -21,7 +21,7 @@ from maglev_env.loop.effect import effect
 from maglev_env.recordings.campaign_writer import write_campaign
 from maglev_env.recordings.recording import simulated_recording
 from maglev_env.rig.rig import Rig, load_rig
-from selfsense.dynamic_calibration import dynamic_calibration
+from selfsense.calibration.dynamic import dynamic_calibration
 from sim2real.diagnosis import diagnose
 from sim2real.report import sentence
 

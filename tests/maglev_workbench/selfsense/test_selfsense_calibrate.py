@@ -17,7 +17,7 @@ from maglev_workbench.commands.selfsense.calibrate import sources as calibrate_s
 from maglev_workbench.commands.selfsense.calibrate.numbers import lag_at, lags, surely_within
 from maglev_workbench.commands.selfsense.calibrate.sources import Dynamic
 from maglev_workbench.commands.selfsense.calibrate.static_steps import static_steps
-from selfsense.dynamic_calibration import dynamic_calibration
+from selfsense.calibration.dynamic import dynamic_calibration
 from selfsense.linear import tracking
 
 run = partial(maglev, "selfsense", "calibrate")

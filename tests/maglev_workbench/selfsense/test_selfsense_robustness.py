@@ -31,7 +31,7 @@ from maglev_workbench.commands.selfsense.robustness.report import (
     robustness_summary,
     robustness_table,
 )
-from selfsense.calibration import static_sweep
+from selfsense.calibration.static import static_sweep
 from selfsense.robustness import expected_gap
 
 run = partial(maglev, "selfsense", "robustness")

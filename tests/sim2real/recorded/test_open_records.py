@@ -16,7 +16,7 @@ from sim2real.compared.problem import assemble
 from sim2real.compared.simulated import Point
 from sim2real.judgement.nonstationary import widening
 from sim2real.pooled import pooled
-from sim2real.recorded.controller_output import recovered_injection
+from sim2real.recorded.drive.controller_output import recovered_injection
 from sim2real.recorded.not_stable import not_stable
 from sim2real.recorded.open_record import OpenRecord
 from sim2real.recorded.records import read_records

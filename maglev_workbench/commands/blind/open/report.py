@@ -7,9 +7,9 @@ from maglev_env.recordings.formats.json_data import plain
 from maglev_workbench.commands.blind.open.figures import reliability_figure
 from maglev_workbench.commands.blind.open.tables import DEFINITIONS, HEAD, cells, missed, tables
 from maglev_workbench.page import markdown_table, note, page, table
-from sim2real.blind.judging import Judgement
-from sim2real.blind.opening import Opened
-from sim2real.blind.scoring import Row
+from sim2real.blind.judging.judging import Judgement
+from sim2real.blind.judging.opening import Opened
+from sim2real.blind.judging.scoring import Row
 
 TITLE = "The blind check of diagnoses"
 

@@ -15,8 +15,8 @@ from maglev_env.recordings.recording import read_recording
 from maglev_env.rig.excitation import axis_excitations, lines_at
 from maglev_env.rig.rig import Rig
 from maglev_workbench.commands.selfsense.calibrate.static_steps import static_steps
-from selfsense.calibration import StaticCalibration, static_calibration, static_sweep
-from selfsense.dynamic_calibration import DynamicCalibration, dynamic_calibration, simulated_dynamic
+from selfsense.calibration.dynamic import DynamicCalibration, dynamic_calibration, simulated_dynamic
+from selfsense.calibration.static import StaticCalibration, static_calibration, static_sweep
 from selfsense.linear import tracking
 from selfsense.sensor import SelfSensor, largest_gap
 

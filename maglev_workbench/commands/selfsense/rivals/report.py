@@ -11,7 +11,7 @@ from maglev_workbench.commands.selfsense.rig_sensor import made_by, sampling_not
 from maglev_workbench.commands.selfsense.rivals.experiments import AVERAGED, NAMES, Result, Rivalry
 from maglev_workbench.commands.selfsense.rivals.figures import series
 from maglev_workbench.page import note, number, page, table
-from selfsense.averaged import observability
+from selfsense.rivals.averaged import observability
 
 if TYPE_CHECKING:
     import rich.table

@@ -22,8 +22,8 @@ from maglev_workbench.commands.selfsense.calibrate.numbers import MEASURED_AT, M
 from maglev_workbench.commands.selfsense.calibrate.sources import PEAK
 from maglev_workbench.commands.selfsense.design.figures import MARGIN_IN_D
 from selfsense.bound import noise_sweep
+from selfsense.calibration.dynamic import DynamicCalibration, simulated_dynamic
 from selfsense.design import assess, with_gains
-from selfsense.dynamic_calibration import DynamicCalibration, simulated_dynamic
 from selfsense.linear import linearise, tracking
 from selfsense.sensor import SelfSensor
 

@@ -17,8 +17,8 @@ from maglev_workbench.commands.selfsense.calibrate.figures import bode
 from maglev_workbench.commands.selfsense.calibrate.sources import FUNDAMENTAL, PEAK, TOP, Dynamic
 from maglev_workbench.commands.selfsense.design.figures import MARGIN_IN_D
 from maglev_workbench.commands.selfsense.rate_limit.rate_map import CLAIMED, REFUSED, settled
+from selfsense.calibration.dynamic import simulated_dynamic
 from selfsense.design import assess, trade_off, with_gains
-from selfsense.dynamic_calibration import simulated_dynamic
 from selfsense.linear import tracking
 from selfsense.rate_limit import gains_with_limit, lowest_stable_rate
 from selfsense.sensor import SelfSensor

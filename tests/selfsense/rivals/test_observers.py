@@ -7,10 +7,10 @@ from scipy.interpolate import CubicHermiteSpline
 from scipy.linalg import expm, solve_discrete_are
 from scipy.signal import cont2discrete, place_poles
 
-from selfsense.averaged import AveragedMagnet, jacobian, levitate, linear_model, observability, sampled, slopes
 from selfsense.coil import Coil
-from selfsense.kalman import MagnetFilter, compare, process_noise, run
-from selfsense.observer import averaged_signals, design_observer, observe
+from selfsense.rivals.averaged import AveragedMagnet, jacobian, levitate, linear_model, observability, sampled, slopes
+from selfsense.rivals.kalman import MagnetFilter, compare, process_noise, run
+from selfsense.rivals.observer import averaged_signals, design_observer, observe
 from selfsense.sensor import Estimator, SelfSensor
 from selfsense.simulate import simulate
 from selfsense.supply import Acquisition, Supply

@@ -18,9 +18,9 @@ from maglev_env.rig.rig import Rig
 from maglev_env.task.gain_box import GainBox, gain_box
 from sim2real.blind.answer import OPENED
 from sim2real.blind.cases import ANSWERS, CAMPAIGNS, Answer, Case, open_labels, read_answer, seal_of
-from sim2real.blind.judging import judge, size_range
-from sim2real.blind.regret import change, correction, twin_run
-from sim2real.blind.scoring import LARGE, answer_words, bootstrap, truth_words
+from sim2real.blind.judging.judging import judge, size_range
+from sim2real.blind.judging.regret import change, correction, twin_run
+from sim2real.blind.judging.scoring import LARGE, answer_words, bootstrap, truth_words
 from sim2real.blind.twin import Truth
 from sim2real.compared.simulated import Point, experiment_at
 

@@ -21,9 +21,9 @@ from maglev_env.rig.rig import Rig
 from sim2real.advice.gain_choice import gain_choice, gain_sets
 from sim2real.blind.cases import Answer
 from sim2real.blind.excitation import Drive, Grid
-from sim2real.blind.judging import Judgement, size_range
+from sim2real.blind.judging.judging import Judgement, size_range
+from sim2real.blind.judging.scoring import LARGE, REGRET_TARGET, Row, bootstrap, row
 from sim2real.blind.rigs import PID
-from sim2real.blind.scoring import LARGE, REGRET_TARGET, Row, bootstrap, row
 from sim2real.blind.twin import LoopFailed, Truth, twin_periods
 from sim2real.compared.simulated import Point
 

@@ -8,8 +8,8 @@ import scipy
 from filterpy.kalman import ExtendedKalmanFilter
 from numpy.typing import ArrayLike
 
-from selfsense.averaged import CLOSEST, AveragedMagnet, jacobian, levitate, linear_model, slopes
-from selfsense.observer import checked_signals, design_observer, observe
+from selfsense.rivals.averaged import CLOSEST, AveragedMagnet, jacobian, levitate, linear_model, slopes
+from selfsense.rivals.observer import checked_signals, design_observer, observe
 
 # A running mean over MEMORY samples of the squared innovation, in its claimed variance, that no rotor causes.
 MEMORY, LOST = 200, 1e8

@@ -19,8 +19,8 @@ from maglev_env.loop.magnets.kinds import KINDS, geometric_law
 from maglev_env.loop.magnets.law import SingleSidedLaw, force
 from maglev_env.recordings.campaign import RecordingSpec
 from maglev_env.rig.rig import Rig
-from sim2real.recorded.levels import Levels, joined, levels_of
-from sim2real.recorded.weight_law import balanced, departures, fitted
+from sim2real.recorded.at_rest.levels import Levels, joined, levels_of
+from sim2real.recorded.at_rest.weight_law import balanced, departures, fitted
 
 if TYPE_CHECKING:
     import xarray as xr

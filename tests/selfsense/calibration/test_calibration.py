@@ -5,9 +5,9 @@ import pytest
 from scipy import stats
 
 from estimation.multisine.sphs import harmonic_range, sphs, synthesise
-from selfsense.calibration import static_calibration, static_sweep
+from selfsense.calibration.dynamic import dynamic_calibration, simulated_dynamic
+from selfsense.calibration.static import static_calibration, static_sweep
 from selfsense.coil import Coil
-from selfsense.dynamic_calibration import dynamic_calibration, simulated_dynamic
 from selfsense.linear import tracking
 from selfsense.recorded import estimate_recorded
 from selfsense.sensor import Estimator, SelfSensor
