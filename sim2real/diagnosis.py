@@ -25,25 +25,12 @@ from sim2real.gap.locate import CONTROLLER_SD, Where, locate
 from sim2real.gap.shrink import shrink
 from sim2real.judgement.borne_out import borne_out, shows_nothing, without
 from sim2real.judgement.drift import DRIFT, Drift, drift_of
-from sim2real.judgement.judge import (
-    Entry,
-    allowance,
-    alternatives,
-    entries,
-    evidence_of,
-    verdict,
-    with_effects,
-    worded,
-)
+from sim2real.judgement.evidence import evidence_of
+from sim2real.judgement.judge import Entry, allowance, entries
 from sim2real.judgement.mechanisms import by_mechanism, renamed
-from sim2real.judgement.unsynchronised import (
-    Sighting,
-    evidence,
-    sightings,
-    spin_costs,
-    tone_parameters,
-    vibration_costs,
-)
+from sim2real.judgement.sightings import Sighting, sightings
+from sim2real.judgement.unsynchronised import evidence, spin_costs, tone_parameters, vibration_costs
+from sim2real.judgement.verdict import alternatives, verdict, with_effects, worded
 from sim2real.recorded.at_rest.static_evidence import drift_in_words
 from sim2real.recorded.open_record import OpenRecord
 from sim2real.recorded.records import Record, read_records

@@ -36,7 +36,8 @@ def runup(
     from dataclasses import replace
     from time import perf_counter
 
-    from maglev_env.rotor.rotor import Rejection, load_rotor
+    from maglev_env.rotor.parts import Rejection
+    from maglev_env.rotor.rotor import load_rotor
     from maglev_workbench.commands.runup.asked import check_reach, parse_speeds, with_chosen_gains
     from maglev_workbench.commands.runup.figures import save_picture
     from maglev_workbench.commands.runup.report import run_up_json, run_up_page, run_up_table, summary

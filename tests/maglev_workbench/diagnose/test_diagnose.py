@@ -18,8 +18,9 @@ from maglev_env.rig.rig import load_rig
 from maglev_workbench.commands.diagnose.figures import loop_diagram
 from maglev_workbench.commands.diagnose.report import diagnose_page, terminal
 from maglev_workbench.console import console
+from sim2real.curves import curves
 from sim2real.diagnosis import diagnose
-from sim2real.report import corrections, curves
+from sim2real.report import corrections
 from sim2real.search import attribute
 
 DELAY = effect("delay", 7.5e-5)
