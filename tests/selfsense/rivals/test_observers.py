@@ -291,7 +291,7 @@ def test_observer_reads_the_same_from_a_rippling_current(rippling):
     late = slice(600, None)
     expected = np.interp(found.time, np.arange(1500) / RATE, plain)
     assert np.std(expected[late]) > 1e-5
-    assert np.std((rippled - expected)[late]) < 0.5e-6  # 3.5 um where the voltage is averaged as the current is
+    assert np.std((rippled - expected)[late]) < 0.5e-6  # 3.5 µm where the voltage is averaged as the current is
     assert abs(np.mean((rippled - expected)[late])) < 2.5e-6
 
 

@@ -115,7 +115,7 @@ def test_gain_and_stiffness_grow_with_the_weight():
 
 
 def _drifting(rng, recordings, drift, levels=3):
-    """Levels of recordings whose currents are off by an offset each; 1 mA and 10 um of noise."""
+    """Levels of recordings whose currents are off by an offset each; 1 mA and 10 µm of noise."""
     own = []
     for _ in range(recordings):
         y = np.repeat(rng.uniform(-1e-3, 1e-3, levels), 6)
