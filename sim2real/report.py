@@ -64,7 +64,7 @@ def corrections(diagnosis: Diagnosis) -> tuple[Correction, ...]:
     found = []
     for name, values in diagnosis.corrected.effects.items():
         if name in FREE:
-            continue  # coefficients tell nobody anything: it is drawn and put into words
+            continue  # the coefficients of a free correction mean nothing by themselves: it is drawn and described
         for key, value in values.items():
             at, unit = fitted.get(f"{name}.{key}", {}), EFFECTS[name].parameters[key].unit
             ended = at.get("at_bound", False)

@@ -94,7 +94,7 @@ def _listed(shares: Mapping[str, float]) -> str:
 
 
 def _when(r: Share) -> str:
-    """When a recording's residual is large."""
+    """In which part of a recording its residual is large, in words."""
     loud = [s for s in r.segments if s[2] > UNEVEN / len(r.segments)]
     if not r.segments:
         return "time not told"

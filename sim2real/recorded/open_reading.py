@@ -114,7 +114,7 @@ def open_record(campaign: Campaign, spec: RecordingSpec, dataset: "xr.Dataset") 
         rate, among = spec.sample_rate / drive.multiple, len(campaign.recordings)
         stretch = compared(drive.experiment, rate, known, channels["displacement"], among)
     except TellsNothing:
-        raise  # whoever reads all recordings names the file
+        raise  # the caller, who reads all recordings, adds the name of the file
     except ValueError as error:
         raise ValueError(f"{where}: {error}") from None
     # The simulation begins here with a controller at rest: what it held before is part of what drove the loop.

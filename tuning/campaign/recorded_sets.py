@@ -297,7 +297,7 @@ def _joined(gains: Gains, parts: list[GainSet]) -> GainSet:
         pooled([r for p in parts if (r := getattr(p, n)) is not None]) for n in ("receptance", "sensitivity", "plant")
     ]
     force = tuple(f for p in parts for f in p.force)
-    # The first one that shows them: a later one may be louder on purpose.
+    # Of the first recording that shows them, because a later one may have been driven harder on purpose.
     peak, current, noise = (
         next((v for p in parts if not np.isnan(v := getattr(p, name))), np.nan)
         for name in ("peak_displacement", "current_rms", "noise_current")
