@@ -228,6 +228,13 @@ def mark_iso_zones(figure: "Figure", row: int | None = None, col: int | None = N
     """Draw the limits of the zones of ISO 14839-3 into a panel of |S|; log: its y axis is logarithmic."""
     for limit, zones in ISO_LIMITS.items():
         figure.add_hline(limit, row=row, col=col, line={"color": "#666", "width": 1, "dash": "dash"})
-        label = {"text": f"{zones} at {limit:g}", "xref": "x domain", "x": 1, "xanchor": "right", "yanchor": "bottom"}
+        label = {
+            "text": f"{zones} at {limit:g}",
+            "xref": "x domain",
+            "x": 0.995,
+            "xanchor": "right",
+            "yanchor": "middle",
+        }
+        label |= {"bgcolor": "white", "borderpad": 0}  # interrupts its line, because the next line may be near
         y = log10(limit) if log else limit  # annotations, unlike shapes, need the exponent on a logarithmic axis
         figure.add_annotation(**label, y=y, row=row, col=col, showarrow=False, font={"size": 10, "color": "#666"})
