@@ -182,7 +182,7 @@ def labelled_axis(title: str, values: np.ndarray, log: bool) -> dict[str, Any]:
         ticks = [digit * 10.0**decade for decade in decades for digit in (1, 2, 5)]
         if high > low and sum(low <= tick <= high for tick in ticks) < 3:
             step = 10.0 ** floor(log10((high - low) / 2))
-            step *= next(digit for digit in (5, 2, 1) if digit * step <= (high - low) / 2)
+            step *= next((digit for digit in (5, 2) if digit * step <= (high - low) / 2), 1)
             ticks = [step * i for i in range(max(1, floor(low / step)), ceil(high / step) + 1)]
         axis |= {"tickvals": ticks, "ticktext": [f"{tick:.12g}" for tick in ticks]}
     return axis

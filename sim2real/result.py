@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from maglev_env.loop.effect import EFFECTS
+from maglev_env.presented import SHOWN, shown_as_table
 from maglev_env.recordings.campaign import Campaign
 from maglev_env.recordings.left_out import left_out_data
 from maglev_env.rig.rig import Rig
@@ -72,6 +73,14 @@ class Diagnosis:
     tempering: float = 1.0
     free: Free | None = None
     unseen: tuple[str, ...] = ()
+
+    def __repr__(self) -> str:
+        """One line; `report.sentence` says it in words."""
+        return f"<Diagnosis of {self.campaign.folder.name}: {self.verdict}, {', '.join(self.cause) or 'no cause'}>"
+
+    def _repr_html_(self) -> str:
+        rows = [(" + ".join(e.effects), f"{100 * e.probability:.1f} %") for e in self.which[:SHOWN]]
+        return shown_as_table(self, rows)
 
     @property
     def rig(self) -> Rig:

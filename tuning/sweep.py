@@ -11,10 +11,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from maglev_env.evaluation.evaluate import evaluate
-from maglev_env.evaluation.evaluation import Evaluation
+from maglev_env.evaluation.evaluation import Evaluation, unit_of
 from maglev_env.experiment import protocol_experiment
 from maglev_env.loop.effect import Effects
-from maglev_env.loop.gains import NO_CONTROLLER, Controllers, digital, gain_values, of_axis, with_gains
+from maglev_env.loop.gains import NO_CONTROLLER, Controllers, digital, gain_values, of_axis, unit_of_gain, with_gains
 from maglev_env.recordings.result_folder import claim, is_empty, load_arrays, locked, save_arrays
 from maglev_env.rig.rig import Rig
 from maglev_lanes.code_version import code_version
@@ -254,6 +254,10 @@ def _columns(e: Evaluation) -> dict[str, np.ndarray]:
     return columns
 
 
+def _units(unit: str) -> dict[str, str]:
+    return {"units": unit} if unit else {}
+
+
 def _dataset(
     parts: Sequence[Mapping[str, np.ndarray]], gains: list[Controllers], attributes: dict[str, str]
 ) -> "xr.Dataset":
@@ -263,11 +267,12 @@ def _dataset(
     for name in parts[0]:
         if name != "bands":
             array = np.concatenate([part[name] for part in parts])
-            variables[name] = (("experiment", "band")[: array.ndim], array)
+            variables[name] = (("experiment", "band")[: array.ndim], array, _units(unit_of(name)))
     bands = parts[0]["bands"]
     coordinates: dict[str, tuple] = {"experiment": ("experiment", np.arange(len(gains)))}
     values = [gain_values(of_axis(g, 0)) for g in gains]
     for name in values[0]:
-        coordinates[name] = ("experiment", np.array([one[name] for one in values]))
-    coordinates["band_low"], coordinates["band_high"] = ("band", bands[:, 0]), ("band", bands[:, 1])
+        coordinates[name] = ("experiment", np.array([one[name] for one in values]), _units(unit_of_gain(name)))
+    for i, name in enumerate(("band_low", "band_high")):
+        coordinates[name] = ("band", bands[:, i], _units("Hz"))
     return xr.Dataset(variables, coordinates, attributes)

@@ -111,7 +111,7 @@ class Evaluation(Presented):
                 arrays[f.name] = own
         dims = ("experiment", "band")
         variables = {
-            name: (dims[: np.ndim(values)], values, {"units": unit} if (unit := _unit_of(name)) else {})
+            name: (dims[: np.ndim(values)], values, {"units": unit} if (unit := unit_of(name)) else {})
             for name, values in arrays.items()
         }
         hertz = {"units": "Hz"}
@@ -151,9 +151,11 @@ _UNITS = (
 )  # fmt: skip
 
 
-def _unit_of(name: str) -> str:
+def unit_of(name: str) -> str:
+    """SI unit of an array as `to_xarray` or a sweep names it; "" for ratios."""
     if name.startswith("required_"):
-        quantity = QUANTITIES.get(name.removeprefix("required_").removeprefix("low_").removeprefix("high_"))
+        words = name.removeprefix("required_").removeprefix("low_").removeprefix("high_")
+        quantity = QUANTITIES.get(words.removesuffix("_low").removesuffix("_high"))
         return quantity.unit if quantity else ""
     return next((unit for part, unit in _UNITS if part in name), "")
 

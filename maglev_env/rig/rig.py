@@ -17,6 +17,7 @@ from maglev_env.loop.effect import EFFECTS, FINER, Effects, check_effects
 from maglev_env.loop.gains import GAIN_CARDS, Controllers, of_axis
 from maglev_env.loop.magnets.kinds import KINDS, MAGNETS, NO_MAGNET, check_magnet
 from maglev_env.loop.self_sensor import SelfSensing
+from maglev_env.presented import shown_as_table
 from maglev_env.rig.controller_tables import controllers_from_table
 from maglev_env.rig.excitation import axis_excitations
 from maglev_env.rig.protocol import Protocol
@@ -192,6 +193,18 @@ class Rig:
                 raise ValueError(f"[axis.{name}]: {error}") from None
         check_magnet(self)
         check_effects(self.effects, self, FINER)  # a recording may be simulated at a finer rate
+
+    def __repr__(self) -> str:
+        """One line; every parameter is a field."""
+        axes = "" if self.axes == 1 else ", x and y"
+        effects = f", with {', '.join(self.effects)}" if self.effects else ""
+        return f"<Rig {self.name}: {self.magnet}{axes}, {self.mass:g} kg, {self.control_rate:g} Hz{effects}>"
+
+    def _repr_html_(self) -> str:
+        stated = [(f, getattr(self, f.name)) for f in fields(self) if f.metadata]
+        return shown_as_table(
+            self, [(f.name, f"{v:g} {f.metadata['unit']}") for f, v in stated if v is not None and v != f.default]
+        )
 
     def _check_protocol(self) -> None:
         """Refuse an experiment of a length that nobody can have meant."""
