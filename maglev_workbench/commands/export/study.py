@@ -47,7 +47,6 @@ def add_study(folder: Path, path: Path) -> str:
                 raise ValueError(f"--out {path} has a study {name} of another origin; rename the folder, or that study")
             optuna.delete_study(study_name=name, storage=storage)
         study = optuna.create_study(storage=storage, study_name=name, direction="maximize")
-        study.set_metric_names(["score"])
         study.set_user_attr(MADE_BY, f"maglev-workbench {data['version']}, {data['made_by']['method']}")
         study.add_trials(trials)
     except (SQLAlchemyError, RuntimeError) as error:  # the latter: of another version of Optuna
