@@ -53,7 +53,7 @@
     // What lies on a map stands out from the map's colours, which are the same on every screen.
     const asIs = !dark.matches || data.some((trace) => trace.type === "heatmap");
     const fitted = { ...(dark.matches ? turned(layout) : layout), template: template() };
-    const above = layout.title || layout.legend?.y > 1 || layout.annotations?.some((one) => one.yref === "paper" && one.y > 0.9);
+    const above = layout.title || layout.legend?.y >= 1 || layout.annotations?.some((one) => one.yref === "paper" && one.y > 0.9);
     if (!above) fitted.margin = { ...layout.margin, t: 20 };
     // A legend at the side leaves no room for the figure on a narrow screen, and long names have none above it.
     const narrow = places[i].clientWidth < NARROW;

@@ -223,7 +223,7 @@ def _both(c: CaseWorth, name: str) -> str:
 
 
 def _share(value: float) -> str:
-    return f"{100 * value:.0f} %" if isfinite(value) else number(value)
+    return f"{round(100 * value):d} %" if isfinite(value) else number(value)
 
 
 def _sentence(text: str) -> str:

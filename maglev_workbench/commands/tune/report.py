@@ -271,7 +271,7 @@ def _goal_sections(
     if advice.chosen:
         sets.append(("recommended", advice.chosen.required))
     if feasible[0]:
-        sets.append((f"start: {gains_in_words(task, t.points[0])}", t.info[0]))
+        sets.append(("start", t.info[0]))
     best = None
     if advice.chosen:
         best = int(np.abs(t.points - advice.chosen.point).max(axis=1).argmin())
@@ -280,7 +280,8 @@ def _goal_sections(
     sections: list[tuple[str, str | Figure]] = []
     if sets:
         sections.append(("Requirements", goal_page.requirement_bars(goal, sets)))
-        sections.append(("", note("Lines: 95 %; of the recommended gains over noise and rigs within tolerance.")))
+        text = "Lines: 95 %; of the recommended gains over noise and rigs within tolerance."
+        sections.append(("", note(text + f" Start: {gains_in_words(task, t.points[0])}." * bool(feasible[0]))))
     if advice.chosen:
         sections.append(("", table(STANDS, _stands(goal, advice.chosen))))
     drawn = goal_page.front_figure(goal, values, feasible, best, hover, "recommended")

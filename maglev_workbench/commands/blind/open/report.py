@@ -20,7 +20,7 @@ def blind_page(opened: Opened, made: Mapping[str, Any]) -> str:
     sections = [
         ("Targets", targets + "".join(note(line) for line in missed(opened))),
         ("Stated and kept probability", reliability_figure(opened.reliability)),
-        *((t.heading, table(t.head, t.rows)) for t in tables(opened)),
+        *((t.heading, table(t.head, t.rows) if t.rows else note("None.")) for t in tables(opened)),
         ("What the figures mean", "".join(map(note, DEFINITIONS))),
     ]
     return page(TITLE, summary(opened), sections, _made_by(opened, made))
