@@ -19,8 +19,9 @@ from maglev_env.recordings.recording import simulated_recording
 from maglev_env.rig.excitation import Excitation
 from maglev_env.rig.rig import Rig, load_rig
 from sim2real.corrected import corrected_rig
-from sim2real.diagnosis import Diagnosis, diagnose
+from sim2real.diagnosis import diagnose
 from sim2real.report import sentence
+from sim2real.result import Diagnosis
 
 THEORY = Path(__file__).parent / "rigs" / "hmb_free_magnet_path.toml"
 STEP, SHOWN = 17.5e-6, 0.1  # m, 5 % of the gap, and s of what follows

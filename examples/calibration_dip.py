@@ -21,7 +21,7 @@ from maglev_env.loop.effect import effect
 from maglev_env.recordings.campaign_writer import write_campaign
 from maglev_env.recordings.recording import simulated_recording
 from maglev_env.rig.rig import Rig, load_rig
-from selfsense.dynamic_calibration import dynamic_calibration
+from selfsense.calibration.dynamic import dynamic_calibration
 from sim2real.diagnosis import diagnose
 from sim2real.report import sentence
 
@@ -36,7 +36,7 @@ FEATURES = {
     "level around 75 Hz": (0.0, 0.5),
 }
 # Per line and period of 1 s: estimator noise as large as its signal, white up to 10 kHz, over the lines to 150 Hz; a
-# probe of 0.5 um against 50 um.
+# probe of 0.5 µm against 50 µm.
 ESTIMATE_NOISE, PROBE_NOISE = np.sqrt(TOP / 1e4), 0.01 * np.sqrt(TOP / 1e4)
 NOISE_RATIOS = (0.2, 1.0, 5.0)  # "1 to 5", read either way
 DECIDED = 25.0  # squared separation: five standard deviations
@@ -244,7 +244,7 @@ if __name__ == "__main__":
     print("\n".join([*table(), "", *plan(), ""]))
     for ratio in NOISE_RATIOS:
         delay, error = delay_by_noise(ratio)
-        print(f"noise {ratio:g} times the signal, 20 periods: delay {1e6 * delay:+.0f} +- {1e6 * error:.0f} us")
+        print(f"noise {ratio:g} times the signal, 20 periods: delay {1e6 * delay:+.0f} +- {1e6 * error:.0f} µs")
     with TemporaryDirectory() as folder:
         found = diagnose(record(Path(folder), load_rig("eframe"), COUPLING))
     print(sentence(found))

@@ -15,8 +15,8 @@ if TYPE_CHECKING:
     from maglev_env.envs.pump import PumpRotorVectorEnv as PumpRotorVectorEnv
     from maglev_env.envs.single import RigEnv as RigEnv
     from maglev_env.envs.vector import RigVectorEnv as RigVectorEnv
-    from maglev_env.evaluation.evaluate import Evaluation as Evaluation
     from maglev_env.evaluation.evaluate import evaluate as evaluate
+    from maglev_env.evaluation.evaluation import Evaluation as Evaluation
     from maglev_env.evaluation.identification import Identification as Identification
     from maglev_env.evaluation.identification import identify as identify
     from maglev_env.evaluation.simulated import identify_experiment as identify_experiment
@@ -59,7 +59,7 @@ _HOME = {
     "EFFECTS": "loop.effect",
     "simulate_statistics": "kernel.simulate",
     "simulate_records": "kernel.simulate",
-    "Evaluation": "evaluation.evaluate",
+    "Evaluation": "evaluation.evaluation",
     "evaluate": "evaluation.evaluate",
     "identify": "evaluation.identification",
     "Identification": "evaluation.identification",

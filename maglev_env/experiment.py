@@ -53,6 +53,11 @@ class Experiment:
     sensor: str | tuple[SelfSensor, ...] = "probe"
     speed_rpm: float = 0.0
 
+    def __repr__(self) -> str:
+        """One line; everything else is a field."""
+        effects = f", with {', '.join(self.effects)}" if self.effects else ""
+        return f"<Experiment on {self.rig.name}: {self.gains!r}{effects}, {self.periods} periods, seed {self.seed}>"
+
     def __post_init__(self) -> None:
         object.__setattr__(self, "effects", {**self.rig.effects, **self.effects})
         check_effects(self.effects, self.rig, FINER)

@@ -31,7 +31,7 @@ class LaneValues:
         """A parameter of an effect (default: its first) in every lane, (n,); where absent, its neutral value."""
         if name not in self._present:
             return np.full(len(self.effects), effect_value({}, name, parameter))
-        return np.array([effect_value(effects, name, parameter) for effects in self.effects])
+        return np.array([effect_value(effects, name, parameter) for effects in self.effects], float)
 
     @cached_property
     def _present(self) -> frozenset[str]:

@@ -1,6 +1,7 @@
 """What a result shows of itself in a terminal, in a notebook, and to other libraries."""
 
 from abc import ABC, abstractmethod
+from collections.abc import Iterable
 from html import escape
 from typing import TYPE_CHECKING, ClassVar
 
@@ -24,6 +25,12 @@ def matplotlib_figure() -> "type[Figure]":
         message = 'matplotlib is not installed: pip install "maglev-workbench[plot]"'
         raise ModuleNotFoundError(message, name="matplotlib") from None
     return Figure
+
+
+def shown_as_table(one: object, rows: Iterable[tuple[str, object]]) -> str:
+    """HTML of an object in a notebook: its one line, and names and values below; everything is escaped."""
+    cells = "".join(f"<tr><th>{escape(name)}</th><td>{escape(str(value))}</td></tr>" for name, value in rows)
+    return f"<p>{escape(repr(one))}</p><table>{cells}</table>"
 
 
 class Presented(ABC):

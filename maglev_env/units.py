@@ -1,11 +1,12 @@
-"""Units that fit the size of a quantity: 2.5 N/m, not 0.0025 kN/m; 75 us, not 7.5e-05 s."""
+"""Standard gravity, and units that fit the size of a quantity: 2.5 N/m, not 0.0025 kN/m; 75 µs, not 7.5e-05 s."""
 
 from collections.abc import Iterable
 from math import isfinite
 
 import numpy as np
 
-PREFIXES = ((1e9, "G"), (1e6, "M"), (1e3, "k"), (1.0, ""), (1e-3, "m"), (1e-6, "u"), (1e-9, "n"))
+STANDARD_GRAVITY = 9.80665  # m/s2
+PREFIXES = ((1e9, "G"), (1e6, "M"), (1e3, "k"), (1.0, ""), (1e-3, "m"), (1e-6, "µ"), (1e-9, "n"))
 # Units that take a prefix. Quotients take a small one only below SMALL, because 0.93 N/A is read more easily than 930.
 PREFIXED = ("s", "Hz", "m", "m/s", "N", "A", "V", "T", "N/m", "N s/m", "N/A")
 QUOTIENTS, SMALL = ("N/m", "N s/m", "N/A"), 0.01

@@ -33,7 +33,7 @@ def shown_names(goal: Goal) -> tuple[str, ...]:
 
 def requirement_rows(goal: Goal, row: Mapping[str, Any]) -> list[tuple[str, str, str, str]]:
     """Rows of HEAD for one gain set, whose columns have the prefix; what is only made best has no limit."""
-    return [(_words(r), _value(r, row), _limit(goal, r), _verdict(goal, r, row)) for r in goal.measured]
+    return [(_words(r), value_in_words(r, row), _limit(goal, r), _verdict(goal, r, row)) for r in goal.measured]
 
 
 def missed_in_words(goal: Goal, row: Mapping[str, Any]) -> str:
@@ -41,7 +41,7 @@ def missed_in_words(goal: Goal, row: Mapping[str, Any]) -> str:
     lacking = [r for r in goal.requirements if misses(r, values_of(row, (r.name,))[r.name])[0] > 0]
     if not lacking:
         return "meets every requirement"
-    return "misses " + "; ".join(f"{in_words(r)} ({_value(r, row)})" for r in lacking)
+    return "misses " + "; ".join(f"{in_words(r)} ({value_in_words(r, row)})" for r in lacking)
 
 
 def standing(goal: Goal, row: Mapping[str, Any]) -> tuple[str, str]:
@@ -50,7 +50,7 @@ def standing(goal: Goal, row: Mapping[str, Any]) -> tuple[str, str]:
         return "–", "–"
     by = [_missed(r, row) for r in goal.requirements]
     worst = goal.requirements[int(np.argmax(by))]
-    return f"{sum(one <= 0 for one in by)} of {len(by)}", f"{worst.quantity.words} {_value(worst, row)}"
+    return f"{sum(one <= 0 for one in by)} of {len(by)}", f"{worst.quantity.words} {value_in_words(worst, row)}"
 
 
 def requirements_json(goal: Goal, row: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
@@ -88,7 +88,7 @@ def requirement_bars(goal: Goal, sets: Sequence[tuple[str, Mapping[str, Any]]]) 
             EN_SPACE * ceil(WIDTH * (high - one)) if one <= SHORT else ""
             for one, (_, high) in zip(used, ends, strict=True)
         ]
-        text = [space + _value(r, row) for space, r in zip(behind, goal.requirements, strict=True)]
+        text = [space + value_in_words(r, row) for space, r in zip(behind, goal.requirements, strict=True)]
         spread = {"type": "data", "symmetric": False, "array": ends[:, 1] - used, "arrayminus": used - ends[:, 0]}
         spread |= {end: np.where(spread[end] > 0, spread[end], None) for end in ("array", "arrayminus")}
         spread |= {"color": "#444", "thickness": 1.5}
@@ -197,9 +197,10 @@ def _words(r: Requirement) -> str:
     return r.quantity.words
 
 
-def _value(r: Requirement, row: Mapping[str, Any]) -> str:
+def value_in_words(r: Requirement, row: Mapping[str, Any], shown: tuple[float, str] | None = None) -> str:
+    """A quantity of one gain set with its interval; shown: factor from SI and unit, by default those of tables."""
     value = row.get(PREFIX + r.name)
-    scale, unit = r.quantity.shown
+    scale, unit = shown or r.quantity.shown
     if value is None or not isfinite(value):
         return "not within the lines" if r.name in MARGINS else "touchdown"
     low, high = (row.get(f"{PREFIX}{r.name}_{end}") for end in ("low", "high"))

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable, Mapping, Sequence
 from html import escape
-from math import floor, inf, isfinite, isnan, log10
+from math import ceil, floor, inf, isfinite, isnan, log10
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -171,12 +171,20 @@ def styled(figure: "Figure", height: int) -> "Figure":
 
 
 def labelled_axis(title: str, values: np.ndarray, log: bool) -> dict[str, Any]:
-    """Axis settings for values in display units (positive if log); a logarithmic axis has labels at 1, 2 and 5."""
+    """Axis settings for values in display units (positive if log); a logarithmic axis has labels at 1, 2 and 5.
+
+    Where fewer than three of these lie among the values, the labels are those of a linear axis.
+    """
     axis: dict[str, Any] = {"title_text": title, "type": "log" if log else "linear"}
-    if log:
-        decades = range(floor(log10(values.min())), floor(log10(values.max())) + 1)
+    if log and values.size:
+        low, high = float(values.min()), float(values.max())
+        decades = range(floor(log10(low)), floor(log10(high)) + 1)
         ticks = [digit * 10.0**decade for decade in decades for digit in (1, 2, 5)]
-        axis |= {"tickvals": ticks, "ticktext": [f"{tick:g}" for tick in ticks]}
+        if high > low and sum(low <= tick <= high for tick in ticks) < 3:
+            step = 10.0 ** floor(log10((high - low) / 2))
+            step *= next((digit for digit in (5, 2) if digit * step <= (high - low) / 2), 1)
+            ticks = [step * i for i in range(max(1, floor(low / step)), ceil(high / step) + 1)]
+        axis |= {"tickvals": ticks, "ticktext": [f"{tick:.12g}" for tick in ticks]}
     return axis
 
 
@@ -220,6 +228,13 @@ def mark_iso_zones(figure: "Figure", row: int | None = None, col: int | None = N
     """Draw the limits of the zones of ISO 14839-3 into a panel of |S|; log: its y axis is logarithmic."""
     for limit, zones in ISO_LIMITS.items():
         figure.add_hline(limit, row=row, col=col, line={"color": "#666", "width": 1, "dash": "dash"})
-        label = {"text": f"{zones} at {limit:g}", "xref": "x domain", "x": 1, "xanchor": "right", "yanchor": "bottom"}
+        label = {
+            "text": f"{zones} at {limit:g}",
+            "xref": "x domain",
+            "x": 0.995,
+            "xanchor": "right",
+            "yanchor": "middle",
+        }
+        label |= {"bgcolor": "white", "borderpad": 0}  # interrupts its line, because the next line may be near
         y = log10(limit) if log else limit  # annotations, unlike shapes, need the exponent on a logarithmic axis
         figure.add_annotation(**label, y=y, row=row, col=col, showarrow=False, font={"size": 10, "color": "#666"})

@@ -19,7 +19,7 @@ from maglev_workbench.page import COLOURS, labelled_axis, number, page, styled
 if TYPE_CHECKING:
     import xarray as xr
 
-_SHOWN = {"m": (1e6, "um"), "N": (1.0, "N"), "A": (1.0, "A")}
+_SHOWN = {"m": (1e6, "µm"), "N": (1.0, "N"), "A": (1.0, "A")}
 _LABELS = {"speed_rpm": "Speed, rpm"}
 _STRETCHES = 500  # of a panel over time, of each of which the smallest and the largest sample are drawn
 _PER_DECADE = 100  # bands of a spectrum, of each of which the lowest and the highest line are drawn

@@ -5,7 +5,7 @@ In simulation, a start at the other end of the gap's range then settles too, wit
 1.05 of them the estimate runs from end to end of its range. The limit therefore holds not only for small errors.
 
 Stable does not mean useful. Near the limit the estimate rings and amplifies some frequencies many times. Where rate and
-PWM frequency have no whole ratio, edges lie within samples and the estimate ripples: 0.3 um at 165 kHz and 57 um at
+PWM frequency have no whole ratio, edges lie within samples and the estimate ripples: 0.3 µm at 165 kHz and 57 µm at
 55 kHz.
 """
 

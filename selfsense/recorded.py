@@ -201,7 +201,8 @@ def _noise_only(
 
 def _refuse(reasons: tuple[Stretch, ...], samples: int) -> None:
     lengths = {r: sum(s.stop - s.start for s in reasons if s.reason == r) for r in _REMEDIES}
-    # _REMEDIES begins with the faults that explain others; that nothing settles explains nothing.
+    # _REMEDIES begins with faults that cause others. Convergence is not a cause, so it counts as 5 % of the samples,
+    # however long it lasts.
     worst = max(lengths, key=lambda r: round(10 * lengths[r] / samples) if r != CONVERGING else 0.5)
     first = next(s for s in reasons if s.reason == worst)
     raise ValueError(

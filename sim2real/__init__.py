@@ -6,11 +6,11 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from sim2real.corrected import corrected_rig as corrected_rig
     from sim2real.corrected import write_corrected as write_corrected
-    from sim2real.diagnosis import Diagnosis as Diagnosis
     from sim2real.diagnosis import diagnose as diagnose
+    from sim2real.result import Diagnosis as Diagnosis
 
 _HOME = {
-    "Diagnosis": "diagnosis",
+    "Diagnosis": "result",
     "diagnose": "diagnosis",
     "corrected_rig": "corrected",
     "write_corrected": "corrected",

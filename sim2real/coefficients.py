@@ -11,7 +11,7 @@ from maglev_env.loop.magnets.law import linearise
 from maglev_env.rig.rig import Rig
 from sim2real.compared.problem import Problem
 from sim2real.judgement.nonstationary import widening
-from sim2real.recorded.static_evidence import can_rest, of_weight
+from sim2real.recorded.at_rest.static_evidence import can_rest, of_weight
 from sim2real.search.fitting import CONVERGED, Fit
 
 # What is identified, each as an effect of this name, and its unit.

@@ -18,11 +18,11 @@ from sim2real.coefficients import UNITS, Coefficient, across_recordings, coeffic
 from sim2real.compared.problem import Problem, assemble
 from sim2real.compared.simulated import tolerances, unseen_by_all
 from sim2real.gain_over_frequency import Mechanics, apparent_gain
+from sim2real.recorded.at_rest.static_evidence import AT_REST, StaticEstimate, drift_in_words, static_of
 from sim2real.recorded.not_stable import not_stable
 from sim2real.recorded.nuisances import Nuisances
 from sim2real.recorded.open_record import OpenRecord
 from sim2real.recorded.records import Record
-from sim2real.recorded.static_evidence import AT_REST, StaticEstimate, drift_in_words, static_of
 from sim2real.search.fitting import Fit, begin, differentiate, iterate
 from sim2real.search.hypotheses import REPLACED, Hypothesis
 from sim2real.search.valleys import held_at_nominal

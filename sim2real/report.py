@@ -1,27 +1,21 @@
-"""A diagnosis in words and curves, for a table, a page and the comment of the corrected rig."""
+"""A diagnosis in words, for a table, a page and the comment of the corrected rig."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
 from math import inf
 
-import numpy as np
-
 from estimation.normal import NORMAL_95
-from maglev_env.loop.axes import AXES
 from maglev_env.loop.effect import EFFECTS
 from maglev_env.loop.free.places import NAMES as FREE
-from sim2real.compared.problem import Part
-from sim2real.compared.simulated import Point
-from sim2real.diagnosis import Diagnosis, block_of
 from sim2real.gap.leftover_words import fit_in_words, leaves, parameters_in_words, partial_in_words
 from sim2real.gap.locate import Where
 from sim2real.gap.shrink import Gap
 from sim2real.judgement.judge import Entry
-from sim2real.recorded.open_record import OpenRecord
-from sim2real.search.hypotheses import CALIBRATION, NONE, REPLACED, TONES, UNKNOWN, usual_tolerances
+from sim2real.judgement.verdict import with_effects
+from sim2real.result import Diagnosis, block_of
+from sim2real.search.hypotheses import CALIBRATION, NONE, REPLACED, UNKNOWN, usual_tolerances
 from sim2real.words import Fitted, fitted_quantity, percent, quantity
 
-FEWEST = 3  # lines that a curve needs
 SHOWN_BANDS, LEAST_SHARE = 3, 0.05
 BEYOND = 3.0  # a calibrated change of more than this many stated tolerances is said
 
@@ -55,38 +49,9 @@ class Correction:
         return fitted_quantity(self.fitted, self.unit, self.is_change)
 
 
-@dataclass(frozen=True)
-class Curve:
-    """A closed-loop response of a judged recording, measured and simulated.
-
-    Attributes:
-        kind: "receptance" (m/N, displacement over force) or "sensitivity" (command over injection).
-        record: Name of the recording.
-        axis: "x" or "y"; "" for a one-axis rig.
-        frequency: Frequencies (n,), Hz.
-        measured: Measured response (n,).
-        sd: Standard deviation (n,) of the complex value, E|n|^2 = sd^2.
-        nominal: Response of the nominal rig (n,); nan where the rotor touches down.
-        corrected: Response of the corrected rig (n,); nan where the rotor touches down.
-    """
-
-    kind: str
-    record: str
-    axis: str
-    frequency: np.ndarray
-    measured: np.ndarray
-    sd: np.ndarray
-    nominal: np.ndarray
-    corrected: np.ndarray
-
-    def distance(self, simulated: np.ndarray) -> np.ndarray:
-        """Distance of a simulated curve in units of the noise; its rms is 1 where the curves differ by noise alone."""
-        return abs(simulated - self.measured) / self.sd
-
-
 def named(diagnosis: Diagnosis) -> tuple[Entry, ...]:
     """The hypotheses that name effects, the most probable first."""
-    return tuple(e for e in diagnosis.which if e.effects[0] not in (NONE, CALIBRATION, UNKNOWN))
+    return tuple(with_effects(diagnosis.which))
 
 
 def corrections(diagnosis: Diagnosis) -> tuple[Correction, ...]:
@@ -99,7 +64,7 @@ def corrections(diagnosis: Diagnosis) -> tuple[Correction, ...]:
     found = []
     for name, values in diagnosis.corrected.effects.items():
         if name in FREE:
-            continue  # coefficients tell nobody anything: it is drawn and put into words
+            continue  # the coefficients of a free correction mean nothing by themselves: it is drawn and described
         for key, value in values.items():
             at, unit = fitted.get(f"{name}.{key}", {}), EFFECTS[name].parameters[key].unit
             ended = at.get("at_bound", False)
@@ -242,7 +207,7 @@ def where_in_words(diagnosis: Diagnosis) -> tuple[str, ...]:
     )
 
 
-def _shares(shares: dict[str, float]) -> str:
+def _shares(shares: Mapping[str, float]) -> str:
     ordered = sorted(shares.items(), key=lambda item: -item[1])
     kept = [f"{name} {percent(share)}" for name, share in ordered if share >= LEAST_SHARE]
     return ", ".join(kept) or ("spread evenly" if any(shares.values()) else "none stands out of the noise")
@@ -269,56 +234,3 @@ def _blocks(joined: str) -> str:
         return "no block in particular"
     words = {"external": "what turns with the rotor"}
     return " and ".join(words.get(name, f"the {name}") for name in joined.split("+"))
-
-
-def curves(diagnosis: Diagnosis) -> tuple[Curve, ...]:
-    """Receptance and sensitivity of each axis, from the first judged recordings that show them."""
-    found: dict[tuple[str, str], Curve] = {}
-    corrected = diagnosis.corrected
-    # A tone is not a line of the excitation: with it, a simulated period would not repeat.
-    lines = Point({n: v for n, v in corrected.effects.items() if n not in TONES}, corrected.changes)
-    for part in diagnosis.judged.parts:
-        shown = _shown(part)
-        if all(key in found for key in shown):
-            continue
-        nominal, after = part.predictor([Point({}, {}), lines])
-        for (kind, axis), on in shown.items():
-            if (kind, axis) not in found:
-                found[kind, axis] = _curve(part, kind, axis, on, nominal, after)
-    return tuple(found[key] for key in sorted(found))
-
-
-def _shown(part: Part) -> dict[tuple[str, str], np.ndarray]:
-    """Lines (n,) of each response that a part shows, by (kind, axis)."""
-    record, found = part.record, {}
-    if isinstance(record, OpenRecord) and record.upstream:
-        return found  # another controller stands in, and the loop that was measured is not known
-    for kind, place in (("receptance", "force"), ("sensitivity", "current")):
-        for axis in range(record.axes):
-            on = record.driven[place][axis] & ~record.masked
-            if on.sum() >= FEWEST:
-                found[kind, AXES[axis] if record.axes == 2 else ""] = on
-    return found
-
-
-def _curve(part: Part, kind: str, axis: str, on: np.ndarray, nominal: np.ndarray, corrected: np.ndarray) -> Curve:
-    record, opened = part.record, part.opened
-    a, plant = AXES.index(axis) if axis else 0, opened.outputs.index("plant")
-    drive = record.driving("force" if kind == "receptance" else "current")[a, on]
-    closed, controller = opened.closed[a, on], opened.of_injection[a, on]
-
-    def response(displacement: np.ndarray) -> np.ndarray:
-        return displacement / drive if kind == "receptance" else 1 - controller * displacement / drive
-
-    measured = record.mean("displacement")[a, on]
-    sd = part.noise[plant, a, on] / abs(closed * drive)
-    return Curve(
-        kind,
-        record.name,
-        axis,
-        record.frequency[on],
-        response(measured),
-        sd if kind == "receptance" else sd * abs(controller),
-        response(opened.displacement(nominal)[a, on]),
-        response(opened.displacement(corrected)[a, on]),
-    )

@@ -25,7 +25,7 @@ class Fitted(TypedDict):
 
 
 def quantity(value: float, se: float | None, unit: str, is_change: bool = False) -> str:
-    """A value with its standard error in a readable unit: "75.0 +- 1.2 us"; "+3.1 +- 0.4 %" for a relative change."""
+    """A value with its standard error in a readable unit: "75.0 +- 1.2 µs"; "+3.1 +- 0.4 %" for a relative change."""
     if is_change:
         return f"{_with_se(100 * value, se and 100 * se, '+')} %"
     factor, shown = prefixed(value or se or 0.0, unit)

@@ -10,9 +10,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from maglev_env.evaluation.evaluation import Evaluation, unit_of
 from maglev_env.experiment import protocol_experiment
 from maglev_env.loop.effect import Effects
-from maglev_env.loop.gains import NO_CONTROLLER, Controllers, digital, gain_values, of_axis, with_gains
+from maglev_env.loop.gains import NO_CONTROLLER, Controllers, digital, gain_values, of_axis, unit_of_gain, with_gains
 from maglev_env.recordings.result_folder import claim, is_empty, load_arrays, locked, save_arrays
 from maglev_env.rig.rig import Rig
 from maglev_lanes.code_version import code_version
@@ -22,7 +23,6 @@ from tuning.axis import Axis
 if TYPE_CHECKING:
     import xarray as xr
 
-    from maglev_env.evaluation.evaluate import Evaluation
     from maglev_lanes.schedule import Workers
 
 CHUNK = 256
@@ -244,15 +244,19 @@ _NAMES = {  # what stands before and behind the names of a field
 }  # fmt: skip
 
 
-def _columns(e: "Evaluation") -> dict[str, np.ndarray]:
+def _columns(e: Evaluation) -> dict[str, np.ndarray]:
     """Every array of an evaluation under one flat name."""
     columns: dict[str, np.ndarray] = {}
-    for f in fields(e):
+    for f in fields(Evaluation):
         value = getattr(e, f.name)
         named = value if isinstance(value, dict) else {f.name: value}
         head, tail = _NAMES.get(f.name, ("", ""))
         columns |= {head + name + tail: array for name, array in named.items()}
     return columns
+
+
+def _units(unit: str) -> dict[str, str]:
+    return {"units": unit} if unit else {}
 
 
 def _dataset(
@@ -264,11 +268,12 @@ def _dataset(
     for name in parts[0]:
         if name != "bands":
             array = np.concatenate([part[name] for part in parts])
-            variables[name] = (("experiment", "band")[: array.ndim], array)
+            variables[name] = (("experiment", "band")[: array.ndim], array, _units(unit_of(name)))
     bands = parts[0]["bands"]
     coordinates: dict[str, tuple] = {"experiment": ("experiment", np.arange(len(gains)))}
     values = [gain_values(of_axis(g, 0)) for g in gains]
     for name in values[0]:
-        coordinates[name] = ("experiment", np.array([one[name] for one in values]))
-    coordinates["band_low"], coordinates["band_high"] = ("band", bands[:, 0]), ("band", bands[:, 1])
+        coordinates[name] = ("experiment", np.array([one[name] for one in values]), _units(unit_of_gain(name)))
+    for i, name in enumerate(("band_low", "band_high")):
+        coordinates[name] = ("band", bands[:, i], _units("Hz"))
     return xr.Dataset(variables, coordinates, attributes)

@@ -29,7 +29,7 @@ class Trials:
         return len(self.points)
 
     def __add__(self, other: "Trials") -> "Trials":
-        """Both, these first."""
+        """The trials of both, these first."""
         mine, theirs = ([getattr(t, f.name) for f in fields(Trials)] for t in (self, other))
         joined = [a + b if isinstance(a, tuple) else np.concatenate([a, b]) for a, b in zip(mine, theirs, strict=True)]
         return Trials(*joined)

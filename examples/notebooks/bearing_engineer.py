@@ -17,7 +17,7 @@ rig = load_rig("hmb_free")
 rig.gains
 
 # %% [markdown]
-# Three proportional gains, with and without 75 us of delay. Each is one identification experiment; stiffness and
+# Three proportional gains, with and without 75 µs of delay. Each is one identification experiment; stiffness and
 # damping are those of the target band, with 95 % intervals.
 
 # %%

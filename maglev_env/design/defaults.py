@@ -10,7 +10,8 @@ from maglev_env.linear.loop import closed_loop_poles, loop_response
 from maglev_env.loop.gain_card import KD, KI, KP
 from maglev_env.loop.gains import NO_CONTROLLER, Controllers, gain_values, of_axis
 from maglev_env.rig.excitation import Excitation
-from maglev_env.rig.rig import Protocol, Rig, axis_rig
+from maglev_env.rig.protocol import Protocol
+from maglev_env.rig.rig import Rig, axis_rig
 
 TOP, LOOP_TOP = 250.0, 2000.0  # highest force line and highest injection line, where the control rate allows them, Hz
 REACH = 0.05  # share of the clearance by which the excitations move the rotor; the force law is nearly linear there

@@ -7,7 +7,9 @@ from maglev_env.fields import toml_text
 from maglev_env.loop.magnets.kinds import force_law
 from maglev_env.loop.magnets.law import linearise
 from maglev_env.rig.goal import ENGINEER, MATCH, NAMED, Goal, Requirement, parse_goal
-from maglev_env.rig.rig import Rig, axis_rig, default_band
+from maglev_env.rig.rig import Rig, axis_rig
+from maglev_env.rig.target import default_band
+from maglev_env.units import STANDARD_GRAVITY
 
 # docs/goals.md argues every number. Limits are in proportion to the rig, so that each preset has its own.
 LEAST_PHASE, LEAST_GAIN, ZONE_A = 30.0, 2.0, 3.0  # degrees, factor, peak |S| of ISO 14839-3
@@ -16,7 +18,6 @@ SHOCK, SHOCK_SHARE = 0.005, 0.3  # s for which the load acts as an impulse; shar
 RECOVERY, LIFT_OFF, LIFT_OFF_SHARE = 0.03, 0.03, 0.5  # s, s, share of the clearance from which it lifts off
 TIMES_OF = 90.0  # Hz, the centre of the target band for which both times are stated
 NOISE_SHARE = 0.15  # of the bias current, so that four times the rms stays clear of it; or of the current limit
-WEIGHT = 9.80665  # m/s2
 
 
 def goal_of(rig: Rig) -> Goal | None:
@@ -63,7 +64,7 @@ def engineer(rig: Rig) -> Goal:
     if not rig.controlled:
         raise ValueError(f"goal {ENGINEER}: rig {rig.name} has no controlled magnet: there are no gains to judge")
     own = axis_rig(rig, 0)
-    weight, magnets = own.mass * WEIGHT, linearise(force_law(own))[0] * own.bias_current
+    weight, magnets = own.mass * STANDARD_GRAVITY, linearise(force_law(own))[0] * own.bias_current
     load = min(weight, magnets or weight)
     low, high = rig.target.band or default_band(rig.control_rate)
     slower = TIMES_OF / ((low + high) / 2)

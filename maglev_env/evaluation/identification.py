@@ -178,7 +178,7 @@ def identify(
     else:
         force = rotor_motion(force, rig)
     if rig is not None and rig.sensor_time_constant:
-        notes.append(f"the lag of the nominal probe, {rig.sensor_time_constant * 1e6:.3g} us, is taken out")
+        notes.append(f"the lag of the nominal probe, {rig.sensor_time_constant * 1e6:.3g} µs, is taken out")
     if dropped:
         notes.append(f"the first {dropped} period(s) carry a transient and were dropped")
     if spectra.leftover:

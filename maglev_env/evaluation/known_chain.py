@@ -1,8 +1,10 @@
-"""Line statistics of the rotor's own motion and of the coil's own current, by what the nominal rig says of both."""
+"""Line statistics of what the known parts of a rig turn readings into: the motion, the coil's current, the force."""
 
 import numpy as np
 
-from estimation.lines.periods import LineStatistics, multiplied
+from estimation.lines.periods import LineStatistics, held, multiplied
+from maglev_env.experiment import Experiment
+from maglev_env.rig.excitation import lines_at
 from maglev_env.rig.rig import Rig
 
 
@@ -40,6 +42,18 @@ def between_readings(statistics: LineStatistics, rig: Rig | None, sample_rate: f
     kept, z = np.exp(-1 / (sample_rate * lag)), np.exp(2j * np.pi * x)
     continuous = np.sinc(x) * np.exp(-1j * np.pi * x) / (1 + 2j * np.pi * statistics.frequency * lag)
     return multiplied(statistics, "current", continuous * (z - kept) / (1 - kept))
+
+
+def force_statistics(statistics: LineStatistics, experiment: Experiment) -> LineStatistics:
+    """Force and displacement at the force lines, with the converter's hold removed from the force.
+
+    Raises:
+        ValueError: No force is excited.
+    """
+    lines = lines_at(experiment.excitations, "force")
+    if not lines.size:
+        raise ValueError("experiment: stiffness and damping need an excitation at the force")
+    return held(statistics.at_lines(lines, ("force", "displacement")), "force", experiment.rig.control_rate)
 
 
 def _ahead(statistics: LineStatistics, channel: str, lag: float) -> LineStatistics:

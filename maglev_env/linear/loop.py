@@ -53,6 +53,10 @@ class LoopResponse:
     from_reference: np.ndarray
     from_injection: np.ndarray
 
+    def __repr__(self) -> str:
+        f = self.frequency
+        return f"<LoopResponse at {f.size} frequencies, {f.min(initial=np.inf):g} to {f.max(initial=0.0):g} Hz>"
+
 
 def loop_response(experiment: Experiment, frequency: np.ndarray) -> LoopResponse:
     """Responses of the linearised rig with its effects, exactly discretised and closed by its controllers.

@@ -7,7 +7,7 @@ from typing import Any
 from maglev_env.channels import RECORDED, SHOWN_BY
 from maglev_env.fields import check_known, is_number
 from maglev_env.rig.excitation import MAX_HARMONIC, Excitation, check_interleaved
-from maglev_env.rig.rig import excitation_from_table
+from maglev_env.rig.tables import excitation_from_table
 
 _AXES = ("", "_x", "_y", "_z")
 CAMPAIGN_CHANNELS = ("time", *(name + axis for name in RECORDED for axis in _AXES))

@@ -49,6 +49,10 @@ class RecordedSignals:
     elsewhere: np.ndarray = field(default_factory=lambda: np.zeros(0, int))
     left_out: tuple[int, ...] = ()
 
+    def __repr__(self) -> str:
+        samples = max((values.shape[-1] for values in self.channels.values()), default=0)
+        return f"<RecordedSignals {', '.join(self.channels)}: {samples} samples at {self.sample_rate:g} Hz>"
+
     @property
     def periodic(self) -> bool:
         return any(e.periodic for e in self.excitations)

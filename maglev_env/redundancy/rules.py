@@ -227,7 +227,7 @@ def _agrees(views: Iterable[View], codes: Collection[str] = ()) -> bool:
 
 
 def refusals(found: Iterable[Finding]) -> list[Finding]:
-    """Those because of which nothing is identified."""
+    """The findings that are contradictions: nothing is identified from such recordings."""
     return [f for f in found if f.kind == "contradiction"]
 
 

@@ -37,7 +37,7 @@ class Lines:
     first: int = 0
 
     def at(self, keep: np.ndarray) -> "Lines":
-        """The same at some of the lines."""
+        """The same channels at some of the lines: where a mask is True, or at indices."""
         harmonics = self.harmonics[keep] if self.periodic else self.harmonics
         return Lines(
             self.frequency[keep], {k: v[:, keep] for k, v in self.parts.items()}, self.periodic, harmonics, self.first

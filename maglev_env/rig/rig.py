@@ -13,13 +13,17 @@ from maglev_env.channels import NOISY
 from maglev_env.fields import check_known, check_range, increasing_pair, is_number, quantity, table_as, toml_text
 from maglev_env.loop.axes import AXES, NO_CROSS, Cross
 from maglev_env.loop.card import Need, Scales
-from maglev_env.loop.effect import EFFECTS, FINER, Effects, check_effects, effect
+from maglev_env.loop.effect import EFFECTS, FINER, Effects, check_effects
 from maglev_env.loop.gains import GAIN_CARDS, Controllers, of_axis
 from maglev_env.loop.magnets.kinds import KINDS, MAGNETS, NO_MAGNET, check_magnet
 from maglev_env.loop.self_sensor import SelfSensing
+from maglev_env.presented import shown_as_table
 from maglev_env.rig.controller_tables import controllers_from_table
-from maglev_env.rig.excitation import Excitation, axis_excitations, check_harmonics, check_interleaved
-from maglev_env.rig.goal import MATCH, check_goal
+from maglev_env.rig.excitation import axis_excitations
+from maglev_env.rig.protocol import Protocol
+from maglev_env.rig.tables import effects_from_table, protocol_from_table
+from maglev_env.rig.target import Target, default_band
+from maglev_env.units import STANDARD_GRAVITY
 from maglev_lanes.price import check_length
 
 SCHEMA = "maglev-rig/1"
@@ -33,41 +37,6 @@ def _presets(folder: Traversable) -> tuple[str, ...]:
 
 
 PRESETS, ROTORS = _presets(RIG_FOLDER), _presets(ROTOR_FOLDER)  # a preset is a file; `rotor.rotor` reads the rotors
-
-
-@dataclass(frozen=True)
-class Protocol:
-    """The rig's identification experiment.
-
-    Args:
-        excitations: with the same fundamental and different lines.
-        periods: number of recorded periods, at least 2.
-        transient_periods: number of periods before them, which are not recorded.
-        band_width: width of the estimation bands, Hz.
-        band_overlap: overlap of neighbouring bands, Hz.
-
-    Raises:
-        ValueError: A value is not valid; the message names it.
-    """
-
-    excitations: tuple[Excitation, ...]
-    periods: int = 5
-    transient_periods: int = 1
-    band_width: float = 15.0
-    band_overlap: float = 12.0
-
-    def __post_init__(self) -> None:
-        check_interleaved(self.excitations)
-        for name in ("periods", "transient_periods"):
-            if type(getattr(self, name)) is not int:
-                raise ValueError(f"[protocol]: {name} = {getattr(self, name)!r} must be a whole number")
-        for name in ("band_width", "band_overlap"):
-            if not is_number(getattr(self, name)):
-                raise ValueError(f"[protocol]: {name} = {getattr(self, name)!r} is not a finite number")
-        if self.periods < 2 or self.transient_periods < 0:
-            raise ValueError("[protocol]: periods must be at least 2 and transient_periods at least 0")
-        if not 0 <= self.band_overlap < self.band_width:
-            raise ValueError("[protocol]: band_overlap must be at least 0 and smaller than band_width")
 
 
 MOST_NOISE = 1e6  # rms of any channel, SI
@@ -99,47 +68,6 @@ class Noise:
 
 if apart := {f.name for f in fields(Noise)} ^ set(NOISY):
     raise ImportError(f"noise of {apart.pop()}: it stands in one of rig.Noise and the table of channels alone")
-
-
-@dataclass(frozen=True)
-class Target:
-    """Targets of the score.
-
-    Args:
-        band: (low, high) in Hz, in which stiffness and damping are compared; a rig replaces None by `default_band`.
-        stiffness: N/m; None: that of the preset gains.
-        damping: N s/m; None: that of the preset gains.
-        peak_sensitivity: largest acceptable one.
-        current_limit: rms current at which the score's current term is a half, A.
-        goal: what gains are scored by: "match" for the values above, "engineer", or requirements (see `rig.goal`).
-
-    Raises:
-        ValueError: A value is not a positive number, or the goal is not understood.
-    """
-
-    band: tuple[float, float] | None = None
-    stiffness: float | None = None
-    damping: float | None = None
-    peak_sensitivity: float = 2.5
-    current_limit: float = 1.0
-    goal: str = MATCH
-
-    def __post_init__(self) -> None:
-        for name in ("stiffness", "damping", "peak_sensitivity", "current_limit"):
-            value = getattr(self, name)
-            optional = name in ("stiffness", "damping") and getattr(self, name) is None
-            if not optional and not (is_number(value) and value > 0):
-                raise ValueError(f"[target]: {name} = {value!r} must be a number above 0")
-        try:
-            check_goal(self.goal)
-        except ValueError as error:
-            raise ValueError(f"[target]: {error}") from None
-
-
-def default_band(control_rate: float) -> tuple[float, float]:
-    """The target band of a rig that states none, Hz: 60 .. 120, and at control rates to which 120 Hz folds back an
-    eighth to a quarter of the rate (Hz)."""
-    return (60.0, 120.0) if control_rate > 240.0 else (control_rate / 8, control_rate / 4)
 
 
 @dataclass(frozen=True)
@@ -213,7 +141,7 @@ class Rig:
     dac_bits: int = quantity("bit", 0, 32, 14)
     voltage_range: float = quantity("V", 0.1, 1e4, 10.0)
     control_rate: float = quantity("Hz", 1.0, 1e6, 20000.0)
-    gravity: float = quantity("m/s2", 0.0, 100.0, 9.80665)
+    gravity: float = quantity("m/s2", 0.0, 100.0, STANDARD_GRAVITY)
     axes: int = 1
     per_axis: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     cross: Cross = NO_CROSS
@@ -221,7 +149,7 @@ class Rig:
     noise: Noise = Noise()
     bounds: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     protocol: Protocol | None = None
-    target: Target = Target()
+    target: Target = field(default_factory=Target)
     tolerance: Mapping[str, float] = field(default_factory=dict)
     randomization: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     self_sensing: SelfSensing = field(default_factory=SelfSensing)
@@ -265,6 +193,18 @@ class Rig:
                 raise ValueError(f"[axis.{name}]: {error}") from None
         check_magnet(self)
         check_effects(self.effects, self, FINER)  # a recording may be simulated at a finer rate
+
+    def __repr__(self) -> str:
+        """One line; every parameter is a field."""
+        axes = "" if self.axes == 1 else ", x and y"
+        effects = f", with {', '.join(self.effects)}" if self.effects else ""
+        return f"<Rig {self.name}: {self.magnet}{axes}, {self.mass:g} kg, {self.control_rate:g} Hz{effects}>"
+
+    def _repr_html_(self) -> str:
+        stated = [(f, getattr(self, f.name)) for f in fields(self) if f.metadata]
+        return shown_as_table(
+            self, [(f.name, f"{v:g} {f.metadata['unit']}") for f, v in stated if v is not None and v != f.default]
+        )
 
     def _check_protocol(self) -> None:
         """Refuse an experiment of a length that nobody can have meant."""
@@ -430,12 +370,12 @@ def _build(data: dict[str, Any]) -> Rig:
         gains=controllers_from_table(data["gains"], "gains") if "gains" in data else None,
         noise=table_as(Noise, data, "noise"),
         bounds=bounds,
-        protocol=_protocol(data["protocol"]) if "protocol" in data else None,
+        protocol=protocol_from_table(data["protocol"]) if "protocol" in data else None,
         target=table_as(Target, {"target": target}, "target"),
         tolerance=data.get("tolerance", {}),
         randomization=randomization,
         self_sensing=table_as(SelfSensing, data, "self_sensing"),
-        effects=_effects(data.get("effects", {})),
+        effects=effects_from_table(data.get("effects", {})),
     )
     # Here alone: a recording may be simulated under a slower stand-in for the controller.
     if "band" in target and not target["band"][1] < rig.control_rate / 2:
@@ -445,65 +385,3 @@ def _build(data: dict[str, Any]) -> Rig:
         )
     check_effects(rig.effects, rig)
     return rig
-
-
-def _effects(tables: Mapping[str, Any]) -> Effects:
-    """[effects] with one table per effect; parameters that are not given have their defaults."""
-    found: dict[str, Mapping[str, float]] = {}
-    for name, values in tables.items():
-        check_known((name,), EFFECTS, "[effects]")
-        first = next(iter(EFFECTS[name].parameters))
-        if not isinstance(values, Mapping):
-            raise ValueError(f"[effects]: {name} = {values!r} must be a table: [effects.{name}] with {first} = ...")
-        for key, value in values.items():
-            check_known((key,), EFFECTS[name].parameters, f"[effects.{name}]")
-            if isinstance(value, bool) or not isinstance(value, int | float):
-                raise ValueError(f"[effects.{name}]: {key} = {value!r} is not a number")
-        try:
-            found |= effect(name, **values)
-        except ValueError as error:
-            raise ValueError(f"[effects.{name}]: {error}") from None
-    return found
-
-
-def _protocol(data: dict[str, Any]) -> Protocol:
-    data = dict(data)
-    tables = data.pop("excitation", [])
-    if not isinstance(tables, list):
-        raise ValueError(f"[protocol]: excitation = {tables!r} must be tables: [[protocol.excitation]]")
-    excitations = tuple(map(excitation_from_table, tables))
-    if not excitations:
-        raise ValueError("[protocol]: give at least one [[protocol.excitation]]")
-    return table_as(Protocol, {"protocol": {**data, "excitations": excitations}}, "protocol")
-
-
-def excitation_from_table(table: Mapping[str, Any], ignored: tuple[str, ...] = ()) -> Excitation:
-    """An Excitation from a TOML table.
-
-    Args:
-        table: fields of `Excitation`; `harmonics = [first, last]` may replace the list of all lines between them.
-        ignored: keys of the table that belong to something else.
-
-    Raises:
-        ValueError: A key is unknown or missing, or a value is not valid.
-    """
-    if not isinstance(table, Mapping):
-        raise ValueError(f"excitation: {table!r} must be a table with kind, at, lines, ...")
-    table = {k: v for k, v in table.items() if k not in ignored}
-    harmonics = table.pop("harmonics", None)
-    if harmonics is not None:
-        first, last = increasing_pair(harmonics, "excitation: harmonics")
-        check_harmonics((first, last), "harmonics")
-        if "lines" in table:
-            raise ValueError("excitation: give lines or harmonics, not both")
-        table["lines"] = range(int(first), int(last) + 1)
-    check_known(table, [f.name for f in fields(Excitation)], "excitation")
-    if "kind" not in table:
-        raise ValueError("excitation: kind is missing")
-    if "band" in table:
-        table["band"] = increasing_pair(table["band"], "excitation band")
-    if "lines" in table:
-        if not isinstance(table["lines"], list | tuple | range):
-            raise ValueError(f"excitation: lines = {table['lines']!r}; give a list of harmonic numbers")
-        table["lines"] = tuple(table["lines"])
-    return Excitation(**table)

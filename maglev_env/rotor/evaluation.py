@@ -4,11 +4,12 @@ import pickle
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from functools import lru_cache
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from estimation.iso_14839 import iso_14839_2_zone, iso_14839_3_zone
+from maglev_env.presented import Presented
 from maglev_env.rotor.identification import MODES, Protocol, RotorIdentification, identify_runs
 from maglev_env.rotor.lanes import Run
 from maglev_env.rotor.linear import closed_loop_poles
@@ -16,12 +17,20 @@ from maglev_env.rotor.rotor import Rotor
 from maglev_env.rotor.run_up import SPEEDS, RunUp, Seeds, checked_speeds, run_up, seeds_of
 from maglev_env.evaluation.score import ScoreTarget, score, stacked, terms
 
+if TYPE_CHECKING:
+    import xarray as xr
+
 PROTOCOL = Protocol()
 CHUNK = 64  # runs identified together, which keeps their spectra near 40 MB
 
 
-@dataclass(frozen=True)
-class RotorEvaluation:
+_UNITS = {
+    "peak_displacement": "m", "current_rms": "A", "touchdown_time": "s", "touchdown_speed": "rpm",
+}  # fmt: skip
+
+
+@dataclass(frozen=True, repr=False)
+class RotorEvaluation(Presented):
     """n scored rotors; arrays (n,) unless stated, nan where nothing is known.
 
     Attributes:
@@ -56,6 +65,30 @@ class RotorEvaluation:
     terms: dict[str, np.ndarray]
     score: np.ndarray
     feasible: np.ndarray
+
+    rows = "rotor"
+
+    def __str__(self) -> str:
+        best = int(np.argmax(self.score))
+        return (
+            f"Evaluation of {len(self.score)} rotors, {int(self.feasible.sum())} feasible; best number {best}: score "
+            f"{self.score[best]:.3f}, peak {1e6 * self.peak_displacement[best]:.3g} µm, peak |S| "
+            f"{self.peak_sensitivity[best]:.3g}"
+        )
+
+    def to_xarray(self) -> "xr.Dataset":
+        """Every array by rotor; units are in the attributes, and terms of the score begin with `term_`."""
+        import xarray as xr
+
+        arrays = {f.name: getattr(self, f.name) for f in fields(self)}
+        arrays |= {f"term_{name}": values for name, values in self.terms.items()}
+        dims = (self.rows, "end_of_speeds")
+        variables = {
+            name: (dims[: values.ndim], values, {"units": _UNITS[name]} if name in _UNITS else {})
+            for name, values in arrays.items()
+            if isinstance(values, np.ndarray) and name != "id_speeds"
+        }
+        return xr.Dataset(variables, {self.rows: np.arange(len(self.score))}, {"rows": self.rows})
 
     def identified(self, name: str) -> np.ndarray:
         """A field of the identifications, (n, k, 2) for stiffness for example."""

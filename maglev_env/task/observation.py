@@ -5,7 +5,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from maglev_env.evaluation.evaluate import Evaluation
+from maglev_env.evaluation.evaluation import Evaluation
 from maglev_env.evaluation.goal_score import misses
 from maglev_env.evaluation.score import ScoreTarget
 from maglev_env.rig.goal import Goal

@@ -5,7 +5,8 @@ from dataclasses import replace
 import numpy as np
 
 from maglev_env.rig.excitation import lines_at
-from maglev_env.rig.rig import Protocol, Rig
+from maglev_env.rig.protocol import Protocol
+from maglev_env.rig.rig import Rig
 
 PROTOCOLS = ("full", "quick")
 _COARSER = 5  # ratio of the quick fundamental to the full one

@@ -9,8 +9,9 @@ import numpy as np
 from maglev_env.evaluation.goal_score import misses
 from maglev_env.rig.goal import Goal
 from maglev_env.rig.rig import Rig
+from maglev_env.rotor.parts import Rejection
 from maglev_env.rotor.requirements import RotorGoalEvaluation, evaluate_goal, rotor_goal, worst
-from maglev_env.rotor.rotor import Rejection, Rotor, load_rotor
+from maglev_env.rotor.rotor import Rotor, load_rotor
 from maglev_env.rotor.run_up import checked_speeds
 from maglev_env.task.gain_box import TUNED, GainBox
 from maglev_env.task.pump import UNBALANCE

@@ -10,9 +10,11 @@ import numpy as np
 from maglev_env.design.controllers import with_controller
 from maglev_env.design.defaults import with_defaults
 from maglev_env.design.goals import goal_of, with_goal
-from maglev_env.evaluation.evaluate import Evaluation, evaluate, score_target
+from maglev_env.evaluation.evaluate import evaluate
+from maglev_env.evaluation.evaluation import Evaluation
 from maglev_env.evaluation.requirements import events_of
 from maglev_env.evaluation.score import ScoreTarget, stacked
+from maglev_env.evaluation.target import score_target
 from maglev_env.experiment import SENSORS, Experiment, axis_experiment
 from maglev_env.fields import is_number
 from maglev_env.loop.effect import Effects, as_effects, check_effects

@@ -11,8 +11,7 @@ from estimation.lines.periods import LineStatistics
 from estimation.max_likelihood import maximum_likelihood
 from estimation.stability_margins import loop_gain, margin_arrays
 from estimation.xy.planar import axis_statistics
-from maglev_env.evaluation.evaluate import force_statistics
-from maglev_env.evaluation.known_chain import rotor_motion
+from maglev_env.evaluation.known_chain import force_statistics, rotor_motion
 from maglev_env.experiment import Experiment, axis_experiment
 from maglev_env.linear.loop import expected_statistics, loop_response, pole_radii
 from maglev_env.linear.step_load import step_load
@@ -21,6 +20,7 @@ from maglev_env.rig.excitation import lines_at
 from maglev_env.rig.rig import Rig, axis_rig
 
 POINTS = 500  # of a curve over the whole frequency range
+ROUGH, FINER = 0.3, 10  # Step of ln L from which so many points are put between two: the peak of a resonance is narrow.
 TOP = 0.45  # of the control rate, the highest frequency shown
 CYCLES = 6.0  # of the lowest target frequency, the length of the step shown
 
@@ -66,9 +66,11 @@ def loop_curves(experiment: Experiment, axis: int) -> LoopCurves:
     """The curves of one axis of an experiment on the linearised rig, without noise."""
     rig = experiment.rig
     frequency = _grid(min(1.0, rig.control_rate / 1e4), TOP * rig.control_rate)
-    response = loop_response(experiment, frequency)
-    sensitivity = _of_axis(response.sensitivity, axis)
-    loop = response.loop_gain if rig.axes == 1 else loop_gain(sensitivity)
+    sensitivity, loop = _loop(experiment, frequency, axis)
+    if (rough := np.flatnonzero(np.abs(np.log(loop[1:] / loop[:-1])) > ROUGH)).size:
+        more = np.linspace(frequency[rough], frequency[rough + 1], FINER, endpoint=False)[1:]
+        frequency = np.union1d(frequency, more)
+        sensitivity, loop = _loop(experiment, frequency, axis)
     radius = float(pole_radii([experiment])[0])
     if radius >= 1:
         return LoopCurves(frequency, loop, radius)
@@ -81,6 +83,13 @@ def loop_curves(experiment: Experiment, axis: int) -> LoopCurves:
 @lru_cache(maxsize=8)
 def _grid(low: float, high: float) -> np.ndarray:
     return np.geomspace(low, high, POINTS)
+
+
+def _loop(experiment: Experiment, frequency: np.ndarray, axis: int) -> tuple[np.ndarray, np.ndarray]:
+    """Sensitivity and loop gain of one axis, complex (n,)."""
+    response = loop_response(experiment, frequency)
+    sensitivity = _of_axis(response.sensitivity, axis)
+    return sensitivity, response.loop_gain if experiment.rig.axes == 1 else loop_gain(sensitivity)
 
 
 def _of_axis(response: np.ndarray, axis: int) -> np.ndarray:

@@ -15,7 +15,8 @@ from maglev_env.kernel.simulate import own_lanes
 from maglev_env.rig.goal import Goal, Requirement
 from maglev_env.rig.rig import Rig
 from maglev_workbench.explore.curves import LoopCurves
-from maglev_workbench.goal_page import PREFIX, requirement_rows
+from maglev_workbench.explore.quantities import UnitSystem
+from maglev_workbench.goal_page import PREFIX, value_in_words
 
 FOLLOWED = {"step": "load", "lift_off": "lift_off"}  # events that are drawn, and their panels
 DRAWN = 400  # points of an event's curve
@@ -27,14 +28,12 @@ class Bar:
 
     Args:
         name: of the quantity.
-        words: the requirement with its limit.
         value: with unit and, where it is known, its interval.
         share: of the limit that is used; above 1 it is missed.
         met: whether it is met.
     """
 
     name: str
-    words: str
     value: str
     share: float
     met: bool
@@ -77,7 +76,14 @@ def linear_row(found: LoopCurves) -> dict[str, float]:
     return {PREFIX + name: value for name, value in values.items()}
 
 
-def bars(goal: Goal, row: Mapping[str, float], found: LoopCurves | None = None) -> list[Bar]:
+def requirement_words(one: Requirement, units: UnitSystem) -> str:
+    """A requirement with its limit; in the units of files as a goal is written there."""
+    return in_words(one) if units == "bench" else one.text
+
+
+def bars(
+    goal: Goal, row: Mapping[str, float], found: LoopCurves | None = None, units: UnitSystem = "bench"
+) -> list[Bar]:
     """The requirements whose quantities a row has; of `found`, the compliance at the lines that each one names."""
     row = dict(row)
     rows = []
@@ -89,8 +95,8 @@ def bars(goal: Goal, row: Mapping[str, float], found: LoopCurves | None = None) 
         if PREFIX + one.name not in row:
             continue
         missed = float(misses(one, np.array([row[PREFIX + one.name]]))[0])
-        value = requirement_rows(Goal((one,)), row)[0][1]
-        rows.append(Bar(one.name, in_words(one), value, float(np.exp(missed)), missed <= 0))
+        shown = one.quantity.shown if units == "bench" else (1.0, one.quantity.unit)
+        rows.append(Bar(one.name, value_in_words(one, row, shown), float(np.exp(missed)), missed <= 0))
     return rows
 
 

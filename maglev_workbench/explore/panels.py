@@ -115,8 +115,11 @@ def model_curves(found: LoopCurves) -> dict[str, Curve]:
 
 
 def identified_curves(found: Identification) -> dict[str, Curve]:
-    """What a recording shows by panel, in SI: bands with 95 % intervals, and the loop at its injection lines."""
-    sure = [b for b in found.bands if b.informative]
+    """What a recording shows by panel, in SI: bands with 95 % intervals, and the loop at its injection lines.
+
+    Where a current stood for the force, its bands are those of the rotor without controller, which no panel shows.
+    """
+    sure = [b for b in found.bands if b.informative and found.actuator is None]
     centre = np.array([(b.f_lo + b.f_hi) / 2 for b in sure])
     curves: dict[str, Curve] = {}
     for name in ("stiffness", "damping"):

@@ -19,7 +19,6 @@ from starlette.staticfiles import StaticFiles
 from starlette.types import ASGIApp
 
 from maglev_env.design.goals import goal_of
-from maglev_env.evaluation.goal_score import in_words
 from maglev_env.evaluation.identification import Identification
 from maglev_env.loop.axes import AXES
 from maglev_env.loop.gains import Controllers
@@ -27,7 +26,7 @@ from maglev_env.rig.goal import ENGINEER
 from maglev_env.rig.rig import Rig
 from maglev_workbench.explore.copied import Source, copies
 from maglev_workbench.explore.curves import loop_curves
-from maglev_workbench.explore.goal_bars import bars, linear_row, shown_goal, simulated_goal
+from maglev_workbench.explore.goal_bars import bars, linear_row, requirement_words, shown_goal, simulated_goal
 from maglev_workbench.explore.guard import Guard, posted_setting
 from maglev_workbench.explore.identified import Run, identified, other_process, run_here
 from maglev_workbench.explore.inputs import effect_inputs, gain_inputs
@@ -119,7 +118,7 @@ def application(explored: Explored, token: str, host: str, run: Run = run_here) 
         return {
             "words": _words(answer(found, setting)),
             "curves": as_data(model_curves(found), setting.units),
-            "goal": [asdict(one) for one in bars(goal, linear_row(found), found)],
+            "goal": [asdict(one) for one in bars(goal, linear_row(found), found, setting.units)],
         }
 
     def experiment(setting: Setting, _: Mapping[str, Any]) -> dict[str, Any]:
@@ -129,7 +128,7 @@ def application(explored: Explored, token: str, host: str, run: Run = run_here) 
 
     def test(setting: Setting, _: Mapping[str, Any]) -> dict[str, Any]:
         found = run(simulated_goal, setting.experiment, goal, setting.axis)
-        reached = [asdict(one) for one in bars(goal, found.row)]
+        reached = [asdict(one) for one in bars(goal, found.row, units=setting.units)]
         return {"goal": reached, "curves": as_data(event_curves(found), setting.units)}
 
     def measured(setting: Setting, _: Mapping[str, Any]) -> dict[str, Any]:
@@ -203,8 +202,11 @@ def _units(explored: Explored) -> set[str]:
     return {i.unit for i in inputs} | set(QUANTITIES.values())
 
 
-def _requirements(rig: Rig) -> list[dict[str, str]]:
-    return [{"name": one.name, "words": in_words(one)} for one in shown_goal(rig).requirements]
+def _requirements(rig: Rig) -> list[dict[str, Any]]:
+    return [
+        {"name": one.name, "words": {system: requirement_words(one, system) for system in UNIT_SYSTEMS}}
+        for one in shown_goal(rig).requirements
+    ]
 
 
 def _words(sentences: list[Sentence]) -> list[dict[str, str]]:

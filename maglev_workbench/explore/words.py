@@ -4,7 +4,10 @@ from dataclasses import dataclass
 from math import isnan, log
 from typing import Literal
 
+import numpy as np
+
 from estimation.iso_14839 import iso_14839_3_zone
+from estimation.max_likelihood import maximum_likelihood
 from maglev_env.evaluation.identification import Identification
 from maglev_workbench.explore.curves import LoopCurves
 from maglev_workbench.explore.quantities import UnitSystem, shown
@@ -87,15 +90,15 @@ def identified_answer(found: Identification, setting: Setting) -> list[Sentence]
         sentences.append(Sentence(f"Identified: peak |S| {with_interval(peak, low, high)} (95 %).", "plain"))
     if found.natural_frequency is not None:
         sentences.append(Sentence(f"Natural frequency {number(found.natural_frequency)} Hz.", "plain"))
-    factor, unit = shown("N/m", setting.units)
-    low, high = setting.experiment.rig.target.band or (0.0, 0.0)
-    for band in found.bands:
-        if band.informative and band.f_lo <= (low + high) / 2 <= band.f_hi:
-            k = with_interval(*(factor * v for v in (band.stiffness, *band.stiffness_ci)))
-            c = with_interval(band.damping, *band.damping_ci)
-            at = f"{band.f_lo:g} to {band.f_hi:g} Hz"
-            sentences.append(Sentence(f"Stiffness {k} {unit}, damping {c} N s/m from {at}.", "plain"))
-            break
+    if (band := setting.experiment.rig.target.band) is not None and found.actuator is None:
+        fit = maximum_likelihood(found.statistics, np.array([band]), found.mass)  # as the linear model's, and a sweep's
+        factor, unit = shown("N/m", setting.units)
+        k, c = (
+            with_interval(*(scale * float(getattr(fit, name + end)[0]) for end in ("", "_low", "_high")))
+            for name, scale in (("stiffness", factor), ("damping", 1.0))
+        )
+        at = f"{band[0]:g} to {band[1]:g} Hz"
+        sentences.append(Sentence(f"Stiffness {k} {unit}, damping {c} N s/m from {at}.", "plain"))
     return sentences
 
 

@@ -43,15 +43,22 @@
     return `rgb(${other},${other},${other})`;
   }
 
+  // A name in lines of at most LINE characters, where its words allow it.
+  const LINE = 40;
+  const broken = (name) => name.split(" ").reduce(([lines, last], word) =>
+    (last && last.length + word.length >= LINE ? [[...lines, last], word] : [lines, last ? `${last} ${word}` : word]), [[], ""]).flat().join("<br>");
+
   function shown(i) {
     const { data, layout } = resolved(figures[i]);
     // What lies on a map stands out from the map's colours, which are the same on every screen.
     const asIs = !dark.matches || data.some((trace) => trace.type === "heatmap");
     const fitted = { ...(dark.matches ? turned(layout) : layout), template: template() };
-    const above = layout.title || layout.legend?.y > 1 || layout.annotations?.some((one) => one.yref === "paper" && one.y > 0.9);
+    const above = layout.title || layout.legend?.y >= 1 || layout.annotations?.some((one) => one.yref === "paper" && one.y > 0.9);
     if (!above) fitted.margin = { ...layout.margin, t: 20 };
-    // A legend at the side leaves no room for the figure on a narrow screen.
-    if (places[i].clientWidth < NARROW && !(layout.legend?.y > 0))
+    // A legend at the side leaves no room for the figure on a narrow screen, and long names have none above it.
+    const narrow = places[i].clientWidth < NARROW;
+    if (narrow) for (const trace of data) if (trace.name) trace.name = broken(trace.name);
+    if (narrow && !(layout.legend?.y > 0 && layout.legend.y < 1))
       fitted.legend = { ...layout.legend, orientation: "h", x: 0, xanchor: "left", y: -95 / (layout.height || 450), yanchor: "top" };
     return { data: asIs ? data : turned(data), layout: fitted };
   }
@@ -103,7 +110,7 @@
     };
     const rows = [["trace", "x axis", "y axis", "x", "y", "z"]];
     for (const trace of traces) {
-      const head = [trace.name, title(trace, "x"), title(trace, "y")];
+      const head = [trace.name?.replaceAll("<br>", " "), title(trace, "x"), title(trace, "y")];
       const [x, y] = [trace.x, trace.y].map((values) => values && Array.from(values));
       if (trace.z) trace.z.forEach((row, at) => row.forEach((z, j) => rows.push([...head, x?.[j] ?? j, y?.[at] ?? at, z])));
       else y?.forEach((value, at) => rows.push([...head, x?.[at] ?? at, value, ""]));

@@ -14,6 +14,7 @@ from sim2real.compared.law_shape import law_shapes, shape_columns, shows_shape
 from sim2real.compared.open_tones import nuisance_columns
 from sim2real.compared.simulated import Point, Predictor, experiment_at, predictor, residuals, together
 from sim2real.compared.stiffness_form import stiffness_nuisance
+from sim2real.recorded.at_rest.static_evidence import StaticEstimate, coefficients_at, static_of
 from sim2real.recorded.channel_errors import changes
 from sim2real.recorded.nuisances import Nuisances, stacked
 from sim2real.recorded.open_evidence import (
@@ -33,7 +34,6 @@ from sim2real.recorded.open_record import OpenRecord
 from sim2real.recorded.opened import Opened, noise_of, opened_loop
 from sim2real.recorded.records import Record
 from sim2real.recorded.ringing import ringing
-from sim2real.recorded.static_evidence import StaticEstimate, coefficients_at, static_of
 
 # Detection lines are used up to DENSE_REACH times the DENSE quantile of the driven lines.
 DENSE, DENSE_REACH = 0.75, 1.2

@@ -69,7 +69,7 @@ class Trend:
         return {**asdict(self), "block": self.block, "in_words": self.in_words()}
 
     def added_to(self, point: Point) -> Point:
-        """The point with the gain that changes."""
+        """A point with the effect of this trend, a gain that changes over the record."""
         defaults = {key: p.default or 0.0 for key, p in EFFECTS[self.place].parameters.items()}
         own: Mapping[str, float] = point.effects.get(self.place, {**defaults, "range": 1.0})
         return Point({**point.effects, self.place: {**own, "rate": self.rate}}, point.changes, point.dithered)

@@ -146,7 +146,7 @@ def leftover(
 
 
 def _positive(parts: Sequence[float]) -> list[float]:
-    """Shares of the positive ones in their sum."""
+    """Each part as a share of the sum of all positive parts; negative ones count as zero."""
     total = sum(max(part, 0.0) for part in parts)
     return [max(part, 0.0) / total if total else 0.0 for part in parts]
 

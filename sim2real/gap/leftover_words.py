@@ -14,7 +14,7 @@ CLEAR = 3.0  # mean square of a profile, in its standard errors, from which the 
 
 
 def fit_in_words(fit: Figures) -> str:
-    """ "chi-square 1.04 per degree of freedom, residual 0.61 um rms, 99.8 % of the motion predicted"."""
+    """ "chi-square 1.04 per degree of freedom, residual 0.61 µm rms, 99.8 % of the motion predicted"."""
     return (
         f"chi-square {fit.chi_square:.3g} per degree of freedom, residual {quantity(fit.residual_rms, None, 'm')} rms, "
         f"{100 * max(fit.predicted, 0.0):.4g} % of the motion predicted"
@@ -94,7 +94,7 @@ def _listed(shares: Mapping[str, float]) -> str:
 
 
 def _when(r: Share) -> str:
-    """When a recording's residual is large."""
+    """In which part of a recording its residual is large, in words."""
     loud = [s for s in r.segments if s[2] > UNEVEN / len(r.segments)]
     if not r.segments:
         return "time not told"

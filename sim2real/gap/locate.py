@@ -7,8 +7,8 @@ import numpy as np
 
 from maglev_env.loop.gains import linear_ones
 from sim2real.compared.problem import KINDS, Part, Problem
+from sim2real.recorded.at_rest.static_evidence import AT_REST
 from sim2real.recorded.records import Record
-from sim2real.recorded.static_evidence import AT_REST
 
 # Segments of the loop that ratios of recorded channels isolate, named by their blocks.
 DRIVE = "controller+amplifier"

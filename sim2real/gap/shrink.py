@@ -116,12 +116,12 @@ def closed(before: np.ndarray, after: np.ndarray, seed: int) -> tuple[float | No
     blocks = [np.add.reduceat(abs(r) ** 2 - 2.0, np.arange(0, r.size, BLOCK)) for r in (before, after)]
     total, scatter = blocks[0].sum(), 4.0 * np.sqrt(4.0 * before.size)
     if total < scatter or blocks[1].sum() < -scatter:
-        return None, None  # no gap before, or noise that is not as large as taken
+        return None, None  # there was no gap, or the noise is smaller than was assumed
     rng = np.random.default_rng(seed)
     drawn = rng.integers(0, blocks[0].size, (RESAMPLES, blocks[0].size))
     b, a = (v[drawn].sum(axis=1) for v in blocks)
     if np.quantile(b, 0.025) < (1 - SURE) * total:
-        return None, None  # a share of what may be nothing means nothing
+        return None, None  # the gap may be noise alone, of which no share can be stated
     lo, hi = np.minimum(np.quantile(1 - a / np.maximum(b, 1e-9), [0.025, 0.975]), 1.0)
     return min(1.0, float(1 - blocks[1].sum() / total)), (float(lo), float(hi))
 

@@ -68,7 +68,7 @@ class Dispersion:
         return max(self.fit.beyond(allowed), self.recordings.beyond(allowed))
 
     def in_words(self, allowed: float = 0.0) -> str:
-        """Which of both is the larger, in words."""
+        """The larger of the two excesses, in words: of the fit over its noise, or of the scatter among recordings."""
         if self.recordings.ratio(allowed) >= self.fit.ratio(allowed):
             return "the recordings disagree about the best explanation"
         return "the best explanation leaves much that goes with the excitation"

@@ -56,7 +56,7 @@ class AlongMotion:
         return self.begin * a + self.mean * (self.begin * moved + more * a) + self.square * more * moved
 
     def at(self, samples: slice) -> "AlongMotion":
-        """Those of some of the samples."""
+        """Gain and stiffness along some of the samples."""
         begin, end, stiffness = (v[:, samples] for v in (self.begin, self.end, self.stiffness))
         return AlongMotion(begin, end, stiffness, self.mean, self.square, self.lag, self.late)
 

@@ -35,7 +35,7 @@ class Bent:
             transform: of the command, (..., axes, samples // 2 + 1), as `scipy.fft.rfft` makes it.
         """
         n, along = command.shape[-1], self.along
-        # Means are no noise: where a mass hangs is not compared, nor what follows from it.
+        # The mean tells where the mass hangs, which is not compared here; its effect on the force law is left out, too.
         by_current = along.driven(command - command.mean(axis=-1, keepdims=True))
         linear = self.plant * transform
         linear[..., 0] = 0.0

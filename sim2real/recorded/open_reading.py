@@ -18,16 +18,16 @@ from maglev_env.recordings.left_out import TellsNothing
 from maglev_env.recordings.masking import bridged, masked_samples
 from maglev_env.rig.rig import Rig, axis_rig
 from sim2real.recorded.along_motion import along_motion
+from sim2real.recorded.at_rest.static_evidence import can_rest, rests_of
+from sim2real.recorded.at_rest.weight_law import balancing, lacking_in_words
 from sim2real.recorded.channel_errors import ChannelError, channel_errors
-from sim2real.recorded.drive import Drive, Driving, drive_of
-from sim2real.recorded.fed_back import fed_back
-from sim2real.recorded.innovation import along_innovations
-from sim2real.recorded.instrument import along_instruments
+from sim2real.recorded.drive.drive import Drive, Driving, drive_of
+from sim2real.recorded.drive.fed_back import fed_back
+from sim2real.recorded.drive.innovation import along_innovations
+from sim2real.recorded.drive.instrument import along_instruments
 from sim2real.recorded.not_stable import not_stable
 from sim2real.recorded.open_record import OpenRecord, compared
-from sim2real.recorded.static_evidence import can_rest, rests_of
 from sim2real.recorded.ticks import between_ticks, led_in, substeps, ticks_of
-from sim2real.recorded.weight_law import balancing, lacking_in_words
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -114,7 +114,7 @@ def open_record(campaign: Campaign, spec: RecordingSpec, dataset: "xr.Dataset") 
         rate, among = spec.sample_rate / drive.multiple, len(campaign.recordings)
         stretch = compared(drive.experiment, rate, known, channels["displacement"], among)
     except TellsNothing:
-        raise  # whoever reads all recordings names the file
+        raise  # the caller, who reads all recordings, adds the name of the file
     except ValueError as error:
         raise ValueError(f"{where}: {error}") from None
     # The simulation begins here with a controller at rest: what it held before is part of what drove the loop.

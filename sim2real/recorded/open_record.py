@@ -22,8 +22,8 @@ from maglev_env.linear.loop import closed_loop_poles
 from maglev_env.recordings.left_out import TellsNothing
 from maglev_env.rig.rig import Rig
 from sim2real.recorded.along_motion import AlongMotion
+from sim2real.recorded.at_rest.static_evidence import Rests
 from sim2real.recorded.channel_errors import ChannelError
-from sim2real.recorded.static_evidence import Rests
 from sim2real.recorded.tones import Tone
 
 SETTLING = 8.0  # time constants of the nominal closed loop that are simulated but not compared

@@ -20,10 +20,10 @@ from maglev_env.recordings.recording import read_recording
 from maglev_env.recordings.signals import recorded_signals
 from maglev_env.rig.excitation import PLACES, axis_excitations, lines_at
 from maglev_env.rig.rig import Rig
+from sim2real.recorded.at_rest.static_evidence import Rests, rests_of
 from sim2real.recorded.channel_errors import ChannelError, channel_errors
 from sim2real.recorded.open_reading import open_record
 from sim2real.recorded.open_record import OpenRecord
-from sim2real.recorded.static_evidence import Rests, rests_of
 from sim2real.recorded.ticks import jitters
 from sim2real.recorded.tones import ON_LINE, Tone, near_tones, remove_tones
 from sim2real.recorded.wander import without_wander

@@ -12,7 +12,7 @@ from estimation.bands import sliding_bands
 from estimation.least_squares import least_squares
 from estimation.lines.frequency_response import frequency_response
 from estimation.max_likelihood import least_squares_bias, maximum_likelihood
-from maglev_env.evaluation.evaluate import force_statistics
+from maglev_env.evaluation.known_chain import force_statistics
 from maglev_env.experiment import protocol_experiment
 from maglev_env.kernel.simulate import simulate_statistics
 from maglev_env.linear.loop import without_noise

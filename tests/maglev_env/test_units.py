@@ -13,7 +13,7 @@ from maglev_env.units import common_unit, prefixed
         (-12.5e3, "N/m", "-12.5 kN/m"),
         (0.93, "N/A", "0.93 N/A"),
         (0.0031, "N s/m", "3.1 mN s/m"),
-        (7.5e-5, "s", "75 us"),
+        (7.5e-5, "s", "75 µs"),
         (999.7, "Hz", "1 kHz"),
         (3e-11, "m", "0.03 nm"),
         (2.2, "", "2.2 "),

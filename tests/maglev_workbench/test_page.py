@@ -9,7 +9,7 @@ import plotly.graph_objects as go
 import pytest
 from command_line import maglev
 
-from maglev_workbench.page import page, table, write_page
+from maglev_workbench.page import labelled_axis, page, table, write_page
 from maglev_workbench.page_figures import figures_json
 from maglev_workbench.record_page import _extremes, _of_bands
 
@@ -65,6 +65,15 @@ def test_every_line_is_drawn_where_lines_lie_apart():
     frequency = np.arange(1.0, 2501.0)
     drawn = _of_bands(frequency, np.random.default_rng(1).normal(size=2500))
     assert set(range(20)) <= set(drawn) and len(drawn) < 600
+
+
+@pytest.mark.parametrize("ends", [(7400, 8400), (10.4, 19), (1, 1000), (4e-5, 7e-4), (700, 720), (0.9, 1.1), (5, 5)])
+def test_a_logarithmic_axis_has_labels_where_its_values_are(ends):
+    axis = labelled_axis("x", np.array(ends, float), True)
+    assert [float(text) for text in axis["ticktext"]] == pytest.approx(axis["tickvals"])
+    if ends[0] < ends[1]:
+        inside = [tick for tick in axis["tickvals"] if ends[0] * 0.999 <= tick <= ends[1] * 1.001]
+        assert 2 <= len(inside) <= 12
 
 
 def test_pages_of_a_campaign_name_each_other_and_their_data(tmp_path):

@@ -187,7 +187,7 @@ def test_a_clipped_current_is_flagged(healthy):
 
 
 def test_a_ripple_in_too_much_noise_is_flagged_in_a_simulated_series():
-    """50 mA of noise: it widens the gap by 4 um under a half duty, and by 38 um, a tenth, under a duty of 0.9."""
+    """50 mA of noise: it widens the gap by 4 um under a half duty, and by 38 µm, a tenth, under a duty of 0.9."""
     s = sensor(noise=0.05, bits=16, current_range=20.0)
     sensed = simulate([s, s], np.full(8000, GAP), np.repeat([[0.0], [0.8]], 8000, axis=1))
     half, narrow = sensed_validity(sensed, [s, s])

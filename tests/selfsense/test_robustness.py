@@ -43,7 +43,7 @@ def test_the_table_holds_every_mismatch(digital):
 
 
 def test_what_a_wrong_pole_area_does_by_hand():
-    """A coil of 0.8 of the area ripples as one at 1.25 of the gap and half core: 1.25 x 360 - 10 um."""
+    """A coil of 0.8 of the area ripples as one at 1.25 of the gap and half core: 1.25 x 360 - 10 µm."""
     assert expected_gap(mismatches(SENSOR)["pole area -20%"], 0.35e-3) == pytest.approx(440e-6)
 
 
@@ -54,7 +54,7 @@ def test_static_errors_are_those_of_the_closed_form(path, digital, analog):
     for name, row in rows.items():
         if path == "digital" and name == "eddy currents":
             continue
-        # The closed form takes a sheet's reluctance at the PWM frequency alone; its harmonics are worth 0.3 um.
+        # The closed form takes a sheet's reluctance at the PWM frequency alone; its harmonics are worth 0.3 µm.
         near, slope = (0.45e-6, 3e-3) if name == "eddy currents" else (offset, gain)
         assert row.offset == pytest.approx(row.expected_offset, abs=near), name
         assert row.gain == pytest.approx(row.expected_gain, abs=slope), name

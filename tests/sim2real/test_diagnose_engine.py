@@ -199,7 +199,7 @@ def test_a_holdout_that_is_a_fit_is_refused_before_any_work(tmp_path, monkeypatc
     e = planned(FREE, names=("base",))[0].experiment
     dataset = simulated_recording(e, simulate_records([e])[0])
     write_campaign(tmp_path / "c", "hmb_free", {}, [("a", "fit", dataset, e), ("b", "holdout", dataset, e)])
-    monkeypatch.setattr("sim2real.diagnosis.attribute", lambda *a: pytest.fail("worked"))
+    monkeypatch.setattr("sim2real.attributed.attribute", lambda *a: pytest.fail("worked"))
     with pytest.raises(ValueError, match=r"is the fit recording a\.npz again"):
         diagnose(tmp_path / "c")
 

@@ -96,6 +96,8 @@ def test_the_dataset_says_what_made_it_and_holds_every_gain_set(rig, tmp_path):
     d = run_sweep(short_sweep(rig, effects=effect("delay", 5e-5)), tmp_path / "out")
     assert d.sizes["experiment"] == 20 and {"kp", "ki", "kd", "td", "ti", "band_low"} <= set(d.coords)
     assert '"delay"' in d.attrs["effects"] and d.attrs["version"] and d.attrs["seed"] == "3"
+    units = [d[name].attrs.get("units") for name in ("kp", "td", "stiffness", "phase_margin", "band_low", "score")]
+    assert units == ["A/m", "s", "N/m", "deg", "Hz", None]
     stable = d.feasible.values
     assert 0 < stable.sum() < 20
     assert (d.score.values[~stable] == 0).all() and (d.score.values[stable] > 0).all()

@@ -73,7 +73,7 @@ def predict(model: Model, gains: Gains, responses: Carried | None = None, seen: 
     point = model.point(gains)
     apart = 0.0 if seen else model.apart(gains)
     lanes = experiments(model.task, model.episodes, np.tile(point, (RIGS, 1)), [0] * RIGS)
-    # What was recorded has levitated, whatever a model says.
+    # Gains that were recorded have levitated, even where the model says that they would not.
     held = seen is not None or (not lanes.touchdown.any() and bool((figure(lanes, "pole_radius") < 1).all()))
     values = linear(model, responses or model.responses, gains, apart, DRAWS)
     turn = np.arange(DRAWS) % RIGS  # the rig on which the large signals of a draw are simulated

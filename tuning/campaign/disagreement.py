@@ -7,7 +7,8 @@ from typing import Any
 from maglev_env.loop.gains import Gains, with_gains
 from maglev_env.recordings.campaign import Campaign
 from maglev_env.rig.excitation import Excitation
-from maglev_env.rig.rig import Protocol, Rig
+from maglev_env.rig.protocol import Protocol
+from maglev_env.rig.rig import Rig
 from sim2real.corrected import corrected_rig
 from sim2real.diagnosis import diagnose
 from sim2real.report import sentence

@@ -155,7 +155,7 @@ def terms_of(model: Model, values: Mapping[str, np.ndarray]) -> dict[str, np.nda
 
 
 def scored(model: Model, found: Mapping[str, np.ndarray]) -> np.ndarray:
-    """Scores of terms."""
+    """The score of each draw by the terms of its goal or target."""
     return np.asarray(goal_score(found) if model.goal else score(found))
 
 
@@ -169,5 +169,5 @@ def measured(s: GainSet) -> dict[str, float]:
 
 
 def figure(lanes: Trials, name: str, unknown: float = np.nan) -> np.ndarray:
-    """A figure (n,) of trials."""
+    """One named figure of all trials, (n,); `unknown` where a trial lacks it."""
     return np.array([one.get(name, one.get(f"required_{name}", unknown)) for one in lanes.info], float)

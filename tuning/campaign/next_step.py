@@ -108,7 +108,7 @@ def tuning_task(
         raise ValueError(f"rig {rig.name}: a campaign is tuned in plain PID gains, and its [gains] are of another form")
     task = make_task(rig, tuned, goal=goal)
     if task.layout.goal and task.layout.goal.rigs:
-        # One rig is there: simulations are of it alone, while the layout keeps what was asked for.
+        # There is one real rig, so only that one is simulated; the layout keeps the goal as it was asked for.
         alone = replace(task.layout.goal, rigs=0).text
         task = replace(task, rig=replace(task.rig, target=replace(task.rig.target, goal=alone)))
     if not sets:

@@ -9,7 +9,7 @@ from maglev_env.loop.gains import Gains
 from maglev_env.recordings.spectra import RecordedSignals
 from maglev_env.rig.excitation import Excitation
 from maglev_env.rig.rig import Rig
-from sim2real.recorded.controller_output import recovered_injection
+from sim2real.recorded.drive.controller_output import recovered_injection
 
 if TYPE_CHECKING:
     import xarray as xr

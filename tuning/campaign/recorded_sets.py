@@ -282,7 +282,7 @@ def _swings(signals: RecordedSignals, rig: Rig) -> str | None:
     rest = float((periods - periods.mean(axis=0)).std() * np.sqrt(len(periods) / (len(periods) - 1)))
     if rest < UNSTEADY * rig.clearance or rest < repeating.std():
         return None
-    return f"the rotor swings by itself: {rest * 1e6:.3g} um rms do not repeat, {repeating.std() * 1e6:.3g} um do"
+    return f"the rotor swings by itself: {rest * 1e6:.3g} µm rms do not repeat, {repeating.std() * 1e6:.3g} µm do"
 
 
 def _failed(gains: Gains, spec: RecordingSpec, why: str) -> GainSet:
@@ -297,7 +297,7 @@ def _joined(gains: Gains, parts: list[GainSet]) -> GainSet:
         pooled([r for p in parts if (r := getattr(p, n)) is not None]) for n in ("receptance", "sensitivity", "plant")
     ]
     force = tuple(f for p in parts for f in p.force)
-    # The first one that shows them: a later one may be louder on purpose.
+    # Of the first recording that shows them, because a later one may have been driven harder on purpose.
     peak, current, noise = (
         next((v for p in parts if not np.isnan(v := getattr(p, name))), np.nan)
         for name in ("peak_displacement", "current_rms", "noise_current")

@@ -15,7 +15,7 @@ from maglev_env.recordings.files import write_text_atomic
 from maglev_env.recordings.result_folder import claim, locked
 from maglev_lanes.code_version import code_version
 from maglev_lanes.processes import fresh_pool
-from sim2real.blind.worth import AGAIN, PRESET, SIMULATORS, CaseWorth, Recommended, TwinCase, recommended
+from sim2real.blind.judging.worth import AGAIN, PRESET, SIMULATORS, CaseWorth, Recommended, TwinCase, recommended
 from tuning.search.optuna_search import OptunaTuner
 from tuning.tuner import Trials
 

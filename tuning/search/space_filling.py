@@ -20,7 +20,7 @@ class Sobol:
             return 2 * self._engine.random(n) - 1
 
     def tell(self, trials: Trials) -> None:
-        """Results are not used."""
+        """Nothing: the points do not depend on results."""
 
 
 class Grid:
@@ -38,4 +38,4 @@ class Grid:
         return self._points[at]
 
     def tell(self, trials: Trials) -> None:
-        """Results are not used."""
+        """Nothing: the points do not depend on results."""

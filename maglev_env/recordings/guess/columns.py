@@ -317,7 +317,7 @@ def _scaled(
         # Reference and displacement of one file are in one unit: the larger of them tells it.
         lengths = [all_values[n] for n, g in guesses.items() if g.channel and _unit(g.channel) == "m"]
         size = max(float(np.abs(v).max()) for v in lengths)
-        scale, name = (1.0, "m") if size < _LARGEST_M else (1e-3, "mm") if size < 50 else (1e-6, "um")
+        scale, name = (1.0, "m") if size < _LARGEST_M else (1e-3, "mm") if size < 50 else (1e-6, "µm")
         why = f"{NO_UNIT}, {span}, of that size taken as {name}"
     ask = "; ".join(filter(None, (guess.ask, "unit of this column")))
     return replace(

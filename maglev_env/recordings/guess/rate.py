@@ -89,7 +89,7 @@ def time_scale(time: np.ndarray, numbers: Mapping[str, float]) -> tuple[float, s
             return stated[0], f"counts samples: {stated[1]}", ""
     if middle == 1 or not 1 < middle * _SLOWEST < 1e9 * _SLOWEST:
         return 1.0, "no unit, taken as s", ""
-    scale, name = next(((s, n) for s, n in ((1e-3, "ms"), (1e-6, "us")) if middle * s * _SLOWEST <= 1), (1e-9, "ns"))
+    scale, name = next(((s, n) for s, n in ((1e-3, "ms"), (1e-6, "µs")) if middle * s * _SLOWEST <= 1), (1e-9, "ns"))
     return scale, f"no unit; {1 / middle:.3g} Hz, if it were in s, levitates nothing: taken as {name}", "unit of time"
 
 

@@ -5,6 +5,7 @@ import re
 from dataclasses import dataclass
 
 from maglev_env.recordings.guess.words import meaning
+from maglev_env.units import STANDARD_GRAVITY
 
 
 @dataclass(frozen=True)
@@ -28,7 +29,7 @@ _UNITS = {
     **{"sec": ("s", 1.0), "micron": ("m", 1e-6), "microns": ("m", 1e-6), "cm": ("m", 1e-2), "mils": ("m", 25.4e-6)},
     **{"rad/s": ("rad/s", 1.0), "rpm": ("rad/s", math.pi / 30), "1/min": ("rad/s", math.pi / 30)},
     **{"m/s": ("m/s", 1.0), "mm/s": ("m/s", 1e-3), "m/s2": ("m/s2", 1.0), "m/s^2": ("m/s2", 1.0)},
-    "g": ("m/s2", 9.80665),
+    "g": ("m/s2", STANDARD_GRAVITY),
     **{"Hz": ("Hz", 1.0), "kHz": ("Hz", 1e3), "C": ("C", 1.0), "°C": ("C", 1.0), "%": ("%", 0.01)},
 }  # fmt: skip
 _FOLDED = {name.lower(): name for name in reversed(_UNITS) if name.lower() not in ("mn", "ma", "mv", "ms")}

@@ -18,7 +18,7 @@ from estimation.multisine.low_crest import low_crest
 from estimation.stability_margins import margin_arrays, margins
 from estimation.xy.planar import axis_statistics, eight_coefficients, row_sums
 from estimation.xy.planar_least_squares import planar_least_squares
-from maglev_env.evaluation.evaluate import force_statistics
+from maglev_env.evaluation.known_chain import force_statistics
 from maglev_env.experiment import protocol_experiment
 from maglev_env.kernel.simulate import simulate_statistics
 from maglev_env.loop.magnets.kinds import force_law

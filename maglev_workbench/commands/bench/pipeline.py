@@ -14,7 +14,9 @@ from estimation.lines.frequency_response import frequency_response
 from estimation.max_likelihood import maximum_likelihood
 from estimation.stability_margins import margin_arrays
 from maglev_env.channels import SPECTRAL, step_channels
-from maglev_env.evaluation.evaluate import evaluate, force_statistics, score_target
+from maglev_env.evaluation.evaluate import evaluate
+from maglev_env.evaluation.known_chain import force_statistics
+from maglev_env.evaluation.target import score_target
 from maglev_env.experiment import Experiment, protocol_experiment
 from maglev_env.kernel.simulate import own_lanes, simulate_statistics
 from maglev_env.linear.loop import pole_radii

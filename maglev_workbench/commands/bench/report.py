@@ -92,6 +92,6 @@ def _bars(values: dict[str, float], title: str, log: bool) -> "Figure":
 
     names = [name.replace("_", " ") for name in values]
     figure = go.Figure(go.Bar(x=list(values.values()), y=names, orientation="h", marker_color=COLOURS[0]))
-    figure.update_xaxes(type="log" if log else "linear", title_text=title)
+    figure.update_xaxes(title_text=title, **({"type": "log", "dtick": 1, "exponentformat": "power"} if log else {}))
     figure.update_yaxes(autorange="reversed")
     return styled(figure, 130 + 26 * len(values))

@@ -17,7 +17,7 @@ from maglev_workbench.console import console, progress_bar, write_json
 from maglev_workbench.options import require_folder
 from maglev_workbench.page import write_page
 from sim2real.blind.cases import answers_digest, open_labels, seal_of
-from sim2real.blind.worth import CORRECTED, NOMINAL, TWIN, twin_cases
+from sim2real.blind.judging.worth import CORRECTED, NOMINAL, TWIN, twin_cases
 from tuning.comparison.twin import compare_simulators
 
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from maglev_workbench.page import COLOURS, ISO_LIMITS, styled
-from sim2real.blind.worth import CORRECTED, NOMINAL, PRESET, SIMULATORS, TWIN, CaseWorth
+from sim2real.blind.judging.worth import CORRECTED, NOMINAL, PRESET, SIMULATORS, TWIN, CaseWorth
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure

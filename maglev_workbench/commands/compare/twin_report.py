@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 from maglev_env.recordings.formats.json_data import plain
 from maglev_workbench.commands.compare.twin_figures import NAMES, WORDS, before_after_figure
 from maglev_workbench.page import markdown_table, note, number, page, table
-from sim2real.blind import worth
-from sim2real.blind.worth import CORRECTED, NOMINAL, SIMULATORS, TWIN, CaseWorth, Total, reduction, totals
+from sim2real.blind.judging import worth
+from sim2real.blind.judging.worth import CORRECTED, NOMINAL, SIMULATORS, TWIN, CaseWorth, Total, reduction, totals
 
 if TYPE_CHECKING:
     import rich.table
@@ -223,7 +223,7 @@ def _both(c: CaseWorth, name: str) -> str:
 
 
 def _share(value: float) -> str:
-    return f"{100 * value:.0f} %" if isfinite(value) else number(value)
+    return f"{round(100 * value):d} %" if isfinite(value) else number(value)
 
 
 def _sentence(text: str) -> str:

@@ -9,8 +9,8 @@ import numpy as np
 from maglev_env.loop.effect import EFFECTS
 from maglev_env.recordings.campaign import Campaign
 from maglev_workbench.page import COLOURS, labelled_axis, mark_iso_zones, number, shaded, styled
-from sim2real.diagnosis import Diagnosis
-from sim2real.report import Curve
+from sim2real.curves import Curve
+from sim2real.result import Diagnosis
 from sim2real.words import percent
 
 if TYPE_CHECKING:
@@ -21,7 +21,7 @@ SIGNALS = ("command", "current", "force", "displacement", "reading")  # output o
 LINE, GAP = "currentColor", COLOURS[1]  # of the text, which is light on a dark screen
 FLOOR, SHOWN = 0.001, 9  # probability and number of hypotheses that the ranking shows
 _BOX, _STEP, _LEFT, _TOP, _HIGH, _ROW = 122, 208, 92, 66, 60, 28
-_QUANTITY = {"receptance": ("displacement / force in um/N", 1e6), "sensitivity": ("|S|", 1.0)}
+_QUANTITY = {"receptance": ("displacement / force in µm/N", 1e6), "sensitivity": ("|S|", 1.0)}
 
 
 def loop_diagram(diagnosis: Diagnosis, effects: Sequence[str]) -> str:

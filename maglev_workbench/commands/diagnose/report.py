@@ -14,11 +14,12 @@ from maglev_workbench.console import marked
 from maglev_workbench.page import note, number, page, table
 from sim2real.advice.gain_choice import GainChoice
 from sim2real.advice.next_experiment import SEPARATED
-from sim2real.diagnosis import Diagnosis, block_of
+from sim2real.curves import curves
 from sim2real.gap.leftover_words import fit_in_words, leftover_lines
 from sim2real.gap.shrink import errors
 from sim2real.judgement.judge import Entry
-from sim2real.report import BEYOND, Correction, closed_spread, corrections, curves, sentence, tempered, where_in_words
+from sim2real.report import BEYOND, Correction, closed_spread, corrections, sentence, tempered, where_in_words
+from sim2real.result import Diagnosis, block_of
 from sim2real.search.hypotheses import CALIBRATION, NONE, UNKNOWN
 from sim2real.words import Fitted, fitted_quantity, percent, spoken
 

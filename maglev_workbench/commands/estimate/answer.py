@@ -15,7 +15,7 @@ from maglev_workbench.commands.estimate.report import trust
 from maglev_workbench.page import number, with_interval
 from sim2real.coefficients import Coefficient
 from sim2real.pooled import Pooled
-from sim2real.recorded.static_evidence import AT_REST
+from sim2real.recorded.at_rest.static_evidence import AT_REST
 from sim2real.words import AT_BOUND
 
 STEADY = (

@@ -21,7 +21,7 @@ from maglev_workbench.commands.estimate.figures import (
     units_of,
 )
 from maglev_workbench.commands.estimate.gain_report import gain_json, gain_sections
-from maglev_workbench.page import facts, note, number, page, with_interval
+from maglev_workbench.page import facts, note, number, page, table, with_interval
 
 if TYPE_CHECKING:
     import rich.table
@@ -38,7 +38,7 @@ _MARGINS = {  # label, factor from SI, unit
     "phase_margin": ("Phase margin", 1.0, "°"),
     "gain_margin_low": ("Gain margin down", 1.0, ""),
     "gain_margin_high": ("Gain margin up", 1.0, ""),
-    "delay_margin": ("Delay margin", 1e6, "us"),
+    "delay_margin": ("Delay margin", 1e6, "µs"),
     "disk_margin": ("Disk margin", 1.0, ""),
 }
 
@@ -179,7 +179,7 @@ def _recording(file: str, found: Identification) -> "list[tuple[str, str | Figur
     sections.append((f"Stiffness and damping of {file}", coefficients(found.bands)))
     text = "Bars: 95 %, to the panel's edge and beyond where unbounded. Hollow: the data do not bound the estimate. "
     text += "Crosses: least squares where noise biases it."
-    sections.append(("", note(text)))
+    sections.append(("", note(text) + _all_bands(found.bands)))
     sections.append((f"Receptance of {file}", receptance(found)))
     sections.append(("", note("Displacement over force at the excited lines; shaded: two standard deviations.")))
     if found.gain:
@@ -190,6 +190,19 @@ def _recording(file: str, found: Identification) -> "list[tuple[str, str | Figur
         sections.append((f"Margins of {file}", facts(_margins(found.stability))))
     notes = "".join(f"<li>{escape(text)}</li>" for text in found.notes)
     return [*sections, (f"Notes on {file}", f"<ul>{notes}</ul>")] if notes else sections
+
+
+def _all_bands(bands: Sequence[Band]) -> str:
+    """HTML of the bands as a table to open, by both methods."""
+    units = units_of(bands)
+    shown = [(one, name, *units[name]) for one in ("ml", "ls") for name in units]
+    head = ["band\nHz", *(f"{one.upper()} {name}\n{unit}" for one, name, _, unit in shown), "adjusted\nR2", "\ntrust"]
+    rows = [
+        (f"{b.f_lo:g}–{b.f_hi:g}", *(in_words(b, one, name, scale) for one, name, scale, _ in shown),
+         number(b.r2_adjusted), trust(b))
+        for b in bands
+    ]  # fmt: skip
+    return f"<details><summary>All {len(rows)} bands as a table, with 95 %</summary>{table(head, rows)}</details>"
 
 
 def _facts(found: Identification) -> list[tuple[str, str]]:

@@ -36,7 +36,8 @@ def runup(
     from dataclasses import replace
     from time import perf_counter
 
-    from maglev_env.rotor.rotor import Rejection, load_rotor
+    from maglev_env.rotor.parts import Rejection
+    from maglev_env.rotor.rotor import load_rotor
     from maglev_workbench.commands.runup.asked import check_reach, parse_speeds, with_chosen_gains
 
     ladder = parse_speeds(speeds)

@@ -55,7 +55,7 @@ def made_by(rig: Rig, sensor: SelfSensor, **settings: object) -> Mapping[str, ob
         "Supply": f"±{sensor.supply.voltage:g} V, {sensor.supply.frequency / 1e3:g} kHz",
         "Coil current": f"read at {sensor.acquisition.rate / 1e3:g} kHz, {reading_text(sensor)}",
         "Estimator": f"{type(e.path).__name__}, kp {e.kp:.4g} m/A, ki {e.ki:.4g} m/(A s), from "
-        f"{1e6 * e.gap_range[0]:g} to {1e6 * e.gap_range[1]:g} um",
+        f"{1e6 * e.gap_range[0]:g} to {1e6 * e.gap_range[1]:g} µm",
         **settings,
         "Version": version("maglev-workbench"),
     }

@@ -11,7 +11,8 @@ from maglev_env.kernel.simulate import simulate_records
 from maglev_env.loop.gains import Controllers, Gains, form_of
 from maglev_env.recordings.recording import simulated_recording
 from maglev_env.rig.excitation import parse_excitation
-from maglev_env.rig.rig import Protocol, Rig
+from maglev_env.rig.protocol import Protocol
+from maglev_env.rig.rig import Rig
 from maglev_lanes.price import check_bytes, check_length
 
 if TYPE_CHECKING:

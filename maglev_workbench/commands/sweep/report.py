@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from plotly.graph_objects import Figure
 
 _HEAD = ("score", "stiffness\nkN/m", "damping\nN s/m", "peak |S|\n",
-         "phase\nmargin °", "gain\nmargins", "peak\num", "coil\nA rms")  # fmt: skip
+         "phase\nmargin °", "gain\nmargins", "peak\nµm", "coil\nA rms")  # fmt: skip
 _IN_TERMINAL = 5  # of _HEAD, behind the gains
 
 
@@ -111,7 +111,7 @@ def sweep_summary(dataset: "xr.Dataset", seconds: float, reused: int) -> dict[st
         "version": version("maglev-workbench"),
         "n": n,
         "stable": int(dataset["feasible"].sum()),
-        "best": {name: rows[0][name] for name in ("gains", "score", "terms")} if rows else None,
+        "best": {n: v for n, v in rows[0].items() if not n.startswith(PREFIX)} if rows else None,
         **of_goal,
         "seconds": float(seconds),
         "experiments_per_second": (n - reused) / seconds if n > reused and seconds > 0 else None,

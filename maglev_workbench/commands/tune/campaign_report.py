@@ -3,6 +3,7 @@
 from collections.abc import Iterable
 from dataclasses import asdict
 from html import escape
+from math import floor, inf, log10
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -90,7 +91,7 @@ def campaign_page(advice: Advice, block: str, made_by: dict[str, str]) -> str:
     if refused:
         sections.append(("Not kept", table(("gains", "why"), refused)))
     sections += [("", note(text)) for text in advice.notes]
-    made = {**rig_facts(plain(asdict(advice.task.rig))), **made_by, "tuned": ", ".join(advice.task.box.names)}
+    made = {**rig_facts(plain(asdict(advice.task.rig))), **made_by, "Tuned": ", ".join(advice.task.box.names)}
     return page(f"Tuning of {advice.task.name} on the bench", summary(advice), sections, made)
 
 
@@ -186,13 +187,22 @@ def _pm(value: float, se: float) -> str:
     return with_interval(value, value - NORMAL_95 * se, value + NORMAL_95 * se)
 
 
+def _identified(value: float, se: float) -> str:
+    """A value to the digits that its standard error leaves."""
+    half = NORMAL_95 * se
+    if not 0 < half < inf:
+        return f"{value:.5g}"
+    last = floor(log10(half)) - 1
+    return f"{float(f'{value / 10.0**last:.0f}') * 10.0**last:.6g} ± {number(half, 2)}"
+
+
 def _rig_rows(advice: Advice) -> list[tuple[str, ...]]:
     if advice.identified is None:
         return []
     rows = [
         (
-            f"{name} {UNIT.get(name, 's' if name.endswith('time_constant') else '')}".strip(),
-            f"{v:.5g} ± {number(NORMAL_95 * e, 2)}",
+            f"{name.replace('_', ' ')} {UNIT.get(name, 's' if name.endswith('time_constant') else '')}".strip(),
+            _identified(v, e),
             f"{o:.5g}",
         )
         for name, (v, e, o) in advice.identified.told().items()

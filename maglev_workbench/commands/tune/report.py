@@ -14,7 +14,18 @@ from maglev_env.task.pump_goal import RotorGoalTask
 from maglev_env.task.task import Task
 from maglev_workbench import goal_page
 from maglev_workbench.commands.tune.next_recording import digits
-from maglev_workbench.page import COLOURS, STAR, effects_in_words, note, number, page, rig_facts, styled, table
+from maglev_workbench.page import (
+    COLOURS,
+    STAR,
+    effects_in_words,
+    labelled_axis,
+    note,
+    number,
+    page,
+    rig_facts,
+    styled,
+    table,
+)
 from tuning.study.recommendation import Recommendation, Verdict
 from tuning.study.study import Outcome
 
@@ -24,6 +35,10 @@ if TYPE_CHECKING:
 
 BEST = 8
 ABREAST = 3  # pairs of gains beside each other
+IDENTIFIED = (  # of every experiment, in SI, where it is known
+    "stiffness", "stiffness_low", "stiffness_high", "damping", "damping_low", "damping_high",
+    "peak_sensitivity", "phase_margin", "gain_margin_low", "gain_margin_high", "peak_displacement", "current_rms",
+)  # fmt: skip
 NONE = "None of the gains tried is recommended: "
 GOAL_HEAD = ("experiment", "score", "met", "farthest from its limit")
 STANDS = ("requirement", "mean", "limit", "95 % within tolerance", "")
@@ -136,6 +151,7 @@ def tune_json(
             "schema": "maglev-tune/1",
             "version": version("maglev-workbench"),
             "made_by": made_by,
+            "box": {name: [*ends, log] for name, *ends, log in zip(*_box(task), strict=True)},
             "recommended": told(advice.chosen) if advice.chosen else None,
             "refused": [told(v) for v in advice.refused],
             "experiments": [
@@ -143,6 +159,7 @@ def tune_json(
                     "gains": dict(zip(task.box.names, g, strict=True)),
                     "score": s,
                     "touchdown": bool(t),
+                    "identified": {name: info[name] for name in IDENTIFIED if name in info},
                     **({"requirements": goal_page.requirements_json(goal, info)} if goal else {}),
                 }
                 for g, s, t, info in zip(gains, trials.score, trials.touchdown, trials.info, strict=True)
@@ -153,6 +170,11 @@ def tune_json(
             **({"goal": goal.text} if goal else {}),
         }
     )
+
+
+def _box(task: Task | RotorGoalTask) -> tuple[Iterable[Any], ...]:
+    """Names of the gains, their bounds, and whether a tuner sees them on a logarithmic scale."""
+    return task.box.names, task.box.low, task.box.high, task.box.log.tolist()
 
 
 def course_figure(task: Task, found: Outcome) -> "Figure":
@@ -215,7 +237,7 @@ def where_figure(task: Task | RotorGoalTask, found: Outcome, advice: Recommendat
                 go.Scatter(x=[g[a]], y=[g[b]], mode="markers", marker=star, showlegend=False, **chosen), row, column
             )
         for axis, j in ((figure.update_xaxes, a), (figure.update_yaxes, b)):
-            axis(title_text=titles[j], type="log" if task.box.log[j] else "linear", row=row, col=column)
+            axis(**labelled_axis(titles[j], gains[:, j], bool(task.box.log[j])), row=row, col=column)
     return styled(figure, 380 * rows)
 
 
@@ -249,7 +271,7 @@ def _goal_sections(
     if advice.chosen:
         sets.append(("recommended", advice.chosen.required))
     if feasible[0]:
-        sets.append((f"start: {gains_in_words(task, t.points[0])}", t.info[0]))
+        sets.append(("start", t.info[0]))
     best = None
     if advice.chosen:
         best = int(np.abs(t.points - advice.chosen.point).max(axis=1).argmin())
@@ -258,7 +280,8 @@ def _goal_sections(
     sections: list[tuple[str, str | Figure]] = []
     if sets:
         sections.append(("Requirements", goal_page.requirement_bars(goal, sets)))
-        sections.append(("", note("Lines: 95 %; of the recommended gains over noise and rigs within tolerance.")))
+        text = "Lines: 95 %; of the recommended gains over noise and rigs within tolerance."
+        sections.append(("", note(text + f" Start: {gains_in_words(task, t.points[0])}." * bool(feasible[0]))))
     if advice.chosen:
         sections.append(("", table(STANDS, _stands(goal, advice.chosen))))
     drawn = goal_page.front_figure(goal, values, feasible, best, hover, "recommended")

@@ -10,8 +10,9 @@ import numpy as np
 from maglev_env.design.goals import goal_text
 from maglev_env.recordings.formats.json_data import plain
 from maglev_env.rig.goal import ENGINEER, MATCH
+from maglev_env.rotor.parts import Rejection
 from maglev_env.rotor.requirements import evaluate_goal
-from maglev_env.rotor.rotor import Rejection, load_rotor
+from maglev_env.rotor.rotor import load_rotor
 from maglev_env.task.gain_box import parse_tuned
 from maglev_env.task.pump_episodes import RotorEpisode
 from maglev_env.task.pump_goal import SPEEDS, RotorGoalTask, make_rotor_goal_task

@@ -18,6 +18,7 @@ let inputs;
 let resting;
 let map;
 const goal = new GoalBars($("goal"), start.goal);
+goal.units(state.units);
 
 async function ask(name, setting) {
   const sent = { method: "POST", headers: { "Content-Type": "application/json" }, body: JSON.stringify(setting) };
@@ -73,7 +74,12 @@ function show(element, words, first) {
 
 const askCurves = newestOnly("curves", (answer) => {
   say(answer);
-  if (answer.error) return;
+  document.body.classList.toggle("refused", Boolean(answer.error)); // what is shown belongs to the setting before
+  if (answer.error) {
+    clearTimeout(resting);
+    show($("identified"), [{ text: "All else on this page is still that of the last setting that was accepted.", kind: "plain" }], false);
+    return;
+  }
   show($("answer"), answer.words, true);
   layers.now = answer.curves;
   goal.show("now", answer.goal);
@@ -108,6 +114,7 @@ function changed() {
     goal.show("identified", []);
     show($("identified"), [{ text: "The experiment is under way; the first with a new kind of effect takes some seconds.", kind: "plain" }], false);
   }
+  $("text").hidden = true; // it would say what was before
   map?.draw(state.gains);
   showDiagnosed();
   askCurves({ ...state });
@@ -167,8 +174,14 @@ const switches = new Map();
 for (const [name, values] of Object.entries(start.diagnosed)) {
   const label = document.createElement("label");
   const tick = Object.assign(document.createElement("input"), { type: "checkbox", id: `found-${name}` });
+  const specs = start.effects.find((one) => one.name === name)?.inputs || [];
+  const sizes = Object.entries(values).map(([key, value]) => {
+    const { title, unit } = specs.find((one) => one.name === key) || { title: key.replaceAll("_", " "), unit: "" };
+    return `${title} ${Number(value.toPrecision(3))} ${unit}`.trim();
+  });
   label.append(tick, ` ${name.replaceAll("_", " ")}`);
-  label.title = Object.entries(values).map(([key, value]) => `${key} ${Number(value.toPrecision(4))}`).join(", ");
+  label.append(Object.assign(document.createElement("span"), { className: "note", textContent: ` (${sizes.slice(0, 4).join(", ")})` }));
+  label.title = "as found, in SI";
   $("diagnosed").append(label);
   switches.set(name, tick);
   tick.addEventListener("change", () => {
@@ -187,6 +200,7 @@ $("units").onchange = () => {
   state.units = $("units").value;
   localStorage.setItem("maglev-units", state.units);
   inputs.units(start.units[state.units]);
+  goal.units(state.units);
   put(now);
   others();
 };
@@ -230,7 +244,10 @@ $("csv").onclick = async () => {
   if (found.error) return say(found);
   save(new Blob([found.csv], { type: "text/csv" }), `${start.rig}.csv`);
 };
-$("png").onclick = async () => save(await savePicture(panels, `${start.title}: ${$("answer").innerText}`), `${start.rig}.png`);
+$("png").onclick = async () => {
+  const words = [`${start.title}: ${$("answer").innerText}`, $("identified").innerText, inputs.words()];
+  save(await savePicture(panels, words, layersShown()), `${start.rig}.png`);
+};
 
 function save(blob, name) {
   const link = document.createElement("a");
@@ -240,11 +257,16 @@ function save(blob, name) {
   setTimeout(() => URL.revokeObjectURL(link.href), 1000);
 }
 
-function legend() {
+// Layers and what they are called.
+function layersShown() {
   const rows = [["now", "this setting, linear model"], ["identified", "its experiment, simulated with noise (95 %)"]];
   if (pinned) rows.push(["pinned", "pinned"]);
   if (start.recordings.length) rows.push(["measured", "recorded (95 %)"]);
-  $("legend").replaceChildren(...rows.flatMap(([layer, words]) => {
+  return rows;
+}
+
+function legend() {
+  $("legend").replaceChildren(...layersShown().flatMap(([layer, words]) => {
     const key = document.createElement("span");
     key.className = "key";
     key.style.borderColor = `var(--${layer})`;

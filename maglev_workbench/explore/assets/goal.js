@@ -11,7 +11,7 @@ export class GoalBars {
     list.className = "bars";
     for (const { name, words } of requirements) {
       const row = Object.assign(document.createElement("div"), { className: "bar" });
-      const label = Object.assign(document.createElement("span"), { textContent: words });
+      const label = document.createElement("span");
       const ground = Object.assign(document.createElement("div"), { className: "ground" });
       const value = Object.assign(document.createElement("span"), { className: "value" });
       const lines = Object.fromEntries(LAYERS.map((layer) => {
@@ -23,11 +23,16 @@ export class GoalBars {
       ground.append(Object.assign(document.createElement("div"), { className: "limit" }));
       row.append(label, ground, value);
       list.append(row);
-      this.rows.set(name, { row, lines, value, found: {} });
+      this.rows.set(name, { row, label, words, lines, value, found: {} });
     }
     element.title = text;
     element.open = innerWidth > 760;
     element.replaceChildren(this.head, list);
+    this.units("bench");
+  }
+
+  units(system) {
+    for (const { label, words } of this.rows.values()) label.textContent = words[system];
     this.words();
   }
 

@@ -67,7 +67,7 @@ class Row {
 
   showField() {
     const text = String(Number((this.value * this.factor).toPrecision(5))); // what fits; the value itself is kept
-    this.field.value = text.length > 9 ? Number(text).toExponential() : text;
+    this.field.value = text.length > 8 ? Number(Number(text).toPrecision(3)).toExponential() : text;
     this.slider.setAttribute("aria-valuetext", `${digits(this.value * this.factor)} ${this.unit}`);
   }
 }
@@ -107,7 +107,7 @@ export function buildInputs(form, start, axis, moved) {
       element.title = one.source;
       const label = document.createElement("label");
       const tick = Object.assign(document.createElement("input"), { type: "checkbox", checked: one.on, id: `on-${one.name}` });
-      label.append(tick, ` ${one.name.replaceAll("_", " ")}${one.linear ? "" : " (in the experiment alone)"}`);
+      label.append(tick, ` ${one.name.replaceAll("_", " ")}${one.linear ? "" : " (nonlinear: the experiment counts)"}`);
       const parts = one.inputs.map((spec) => make(spec, `${one.name}-${spec.name}`));
       const inside = document.createElement("div");
       inside.append(...parts.map((row) => row.element));
@@ -136,6 +136,12 @@ export function buildInputs(form, start, axis, moved) {
       for (const row of e.parts) if (e.tick.checked && row.spec.name in setting.effects[name]) row.set(setting.effects[name][row.spec.name]);
     }
   };
+  // Gains and effects that are on, as the fields show them.
+  const words = () => {
+    const part = (row) => `${row.spec.name.replaceAll("_", " ")} ${row.field.value} ${row.unit}`.trim();
+    const on = Object.entries(effects).filter(([, e]) => e.tick.checked);
+    return [...ofGains.map(part), ...on.map(([name, e]) => `${name.replaceAll("_", " ")} (${e.parts.map(part).join(", ")})`)].join("; ");
+  };
   const units = (table) => { for (const row of rows) row.units(table[row.spec.unit]); };
-  return { read, write, units, first: read() };
+  return { read, write, units, words, first: read() };
 }

@@ -21,7 +21,8 @@ export class SweepMap {
     this.shown.setAttribute("aria-label", "Quantity of the map");
     this.shown.append(...Object.keys(data.values).map((name) => new Option(NAMES[name], name)));
     this.shown.onchange = () => this.draw(this.now);
-    head.append("Sweep: ", this.shown);
+    this.scale = Object.assign(document.createElement("span"), { className: "scale" });
+    head.append("Sweep: ", this.shown, this.scale);
     this.readout = Object.assign(document.createElement("div"), { className: "readout" });
     this.canvas = document.createElement("canvas");
     this.canvas.tabIndex = 0;
@@ -87,6 +88,7 @@ export class SweepMap {
     const values = this.data.values[this.shown.value];
     const known = this.members.map((i) => values[i]).filter((value) => value !== null).sort((a, b) => a - b);
     const low = known[0], high = known[Math.floor(0.98 * (known.length - 1))] || low;
+    this.colours(low, high);
     const wide = (width - EDGE.left - EDGE.right) / this.ends[this.data.x].n, tall = (height - EDGE.top - EDGE.bottom) / this.ends[this.data.y].n;
     for (const i of this.members) {
       const [x, y] = this.place(this.gains(i));
@@ -97,8 +99,17 @@ export class SweepMap {
       ctx.fill();
     }
     this.axes(ctx, width, height, css);
-    this.cross(ctx, ...this.place(gains));
+    const [left, top] = this.place(gains), inside = (value, end) => Math.min(end, Math.max(8, value));
+    this.cross(ctx, Math.max(EDGE.left, inside(left, width - EDGE.right)), inside(top, height - EDGE.bottom));
     this.say(this.set);
+  }
+
+  // What the darkest and the lightest colour stand for.
+  colours(low, high) {
+    const bar = document.createElement("i"), quantity = this.shown.value;
+    bar.style.background = `linear-gradient(to right, ${VIRIDIS.join()})`;
+    const [factor, unit] = this.factor(UNITS[quantity]), text = (value) => Number((value * factor).toPrecision(3));
+    this.scale.replaceChildren(...(low !== undefined ? [text(low), bar, `${text(high)} ${unit}`] : []));
   }
 
   axes(ctx, width, height, css) {
@@ -106,16 +117,27 @@ export class SweepMap {
     ctx.font = "12px system-ui, sans-serif";
     const written = (name, value) => Number((value * this.factor(UNITS[name])[0]).toPrecision(3));
     const label = (name) => `${name}, ${this.factor(UNITS[name])[1]}`;
-    const { x, y } = this.data, { [x]: ofX, [y]: ofY } = this.ends;
-    ctx.textAlign = "left"; ctx.fillText(written(x, ofX.low), EDGE.left, height - 24);
-    ctx.textAlign = "right"; ctx.fillText(written(x, ofX.high), width - EDGE.right, height - 24);
+    const { x, y } = this.data;
     ctx.textAlign = "center"; ctx.fillText(label(x), (EDGE.left + width) / 2, height - 8);
-    ctx.textAlign = "right"; ctx.fillText(written(y, ofY.low), EDGE.left - 4, height - EDGE.bottom);
-    ctx.fillText(written(y, ofY.high), EDGE.left - 4, EDGE.top + 10);
+    // At the levels of the sweep, as many as there is room for.
+    for (const value of this.levels(x, 5)) ctx.fillText(written(x, value), this.place({ [x]: value, [y]: this.ends[y].low })[0], height - 24);
+    ctx.textAlign = "right";
+    for (const value of this.levels(y, 6)) ctx.fillText(written(y, value), EDGE.left - 4, this.place({ [x]: this.ends[x].low, [y]: value })[1] + 4);
     ctx.save(); ctx.translate(14, height / 2); ctx.rotate(-Math.PI / 2); ctx.textAlign = "center"; ctx.fillText(label(y), 0, 0); ctx.restore();
   }
 
-  // Where the present gains lie, visible on every colour.
+  // Levels of a gain, spread over its axis.
+  levels(name, most) {
+    const all = [...new Set(this.data.gains[name])].sort((a, b) => a - b);
+    const share = (value) => this.share(name, value), found = [];
+    for (let i = 0; i < most; i++) {
+      const wanted = (i + 0.5) / most;
+      found.push(all.reduce((a, b) => (Math.abs(share(b) - wanted) < Math.abs(share(a) - wanted) ? b : a)));
+    }
+    return [...new Set(found)];
+  }
+
+  // Where the present gains lie, visible on every colour; at the edge where they lie beyond it.
   cross(ctx, x, y) {
     for (const [stroke, width] of [["#000", 5], ["#fff", 2]]) {
       Object.assign(ctx, { strokeStyle: stroke, lineWidth: width });

@@ -41,7 +41,12 @@ function tick(value, log) {
   if (!value) return "0";
   const size = Math.abs(value), power = Math.floor(Math.log10(size) + 1e-9);
   if (log && ![1, 2, 5].includes(Math.round((size / 10 ** power) * 1e3) / 1e3)) return "";
-  return power < -3 || power > 5 ? value.toExponential(0).replace("e+", "e") : String(Number(value.toPrecision(6)));
+  return power < -3 || power > 5 ? Number(value.toPrecision(4)).toExponential().replace("e+", "e") : String(Number(value.toPrecision(6)));
+}
+
+// Room for the longest tick beside a diagram, px.
+function wide(u, ticks) {
+  return Math.max(56, 22 + 7 * Math.max(0, ...(ticks || []).map((text) => text.length)));
 }
 
 class Diagram {
@@ -89,7 +94,7 @@ class Diagram {
       legend: { show: false },
       cursor: { drag: { x: true, y: true, uni: 20 }, points: { show: false }, bind: { dblclick: () => () => { this.zoomed = false; this.fit(); } } },
       scales: { x: scale(spec.xLog), y: scale(spec.yLog) },
-      axes: [{ ...axis, label: spec.x, size: 34, values: values(spec.xLog) }, { ...axis, label: spec.y, size: 56, values: values(spec.yLog) }],
+      axes: [{ ...axis, label: spec.x, size: 34, values: values(spec.xLog) }, { ...axis, label: spec.y, size: wide, values: values(spec.yLog) }],
       series: [{}, { show: true, paths: () => null, points: { show: false } }],
       hooks: { draw: [() => this.paint()], setSelect: [(u) => { if (u.select.width || u.select.height) this.zoomed = true; }], setCursor: [() => this.read()] },
     }, [[1, 2], [null, null]], this.body);
@@ -262,21 +267,32 @@ export class Panels {
   }
 }
 
-// All diagrams as one picture, two beside each other, below the words.
-export async function savePicture(panels, words) {
+// All diagrams as one picture, two beside each other, below the words and the names of the layers.
+export async function savePicture(panels, words, rows) {
   for (const diagram of panels.diagrams) Object.assign(diagram, { seen: true }).draw(diagram.layers);
   await new Promise(requestAnimationFrame);
-  const sources = panels.diagrams.map((d) => d.plot.ctx.canvas), dots = devicePixelRatio, head = 90 * dots, title = 24 * dots;
+  const sources = panels.diagrams.map((d) => d.plot.ctx.canvas), dots = devicePixelRatio, title = 24 * dots;
   const width = Math.max(...sources.map((c) => c.width)), height = Math.max(...sources.map((c) => c.height)) + title;
   const picture = document.createElement("canvas");
   picture.width = 2 * width;
-  picture.height = head + Math.ceil(sources.length / 2) * height;
-  const ctx = picture.getContext("2d");
+  const ctx = picture.getContext("2d"), font = `${13 * dots}px system-ui, sans-serif`;
+  ctx.font = font;
+  const lines = words.filter(Boolean).flatMap((text) => wrapped(ctx, text.replaceAll("\n", " "), picture.width - 24 * dots));
+  const head = (34 + 18 * lines.length) * dots;
+  picture.height = head + Math.ceil(sources.length / 2) * height; // which forgets the font
   ctx.fillStyle = css("--ground");
   ctx.fillRect(0, 0, picture.width, picture.height);
   ctx.fillStyle = css("--ink");
-  ctx.font = `${13 * dots}px system-ui, sans-serif`;
-  wrapped(ctx, words.replaceAll("\n", " "), picture.width - 24 * dots).forEach((line, i) => ctx.fillText(line, 12 * dots, (22 + 18 * i) * dots));
+  ctx.font = font;
+  lines.forEach((line, i) => ctx.fillText(line, 12 * dots, (22 + 18 * i) * dots));
+  let at = 12 * dots;
+  for (const [layer, name] of rows) {
+    ctx.fillStyle = css(`--${layer}`);
+    ctx.fillRect(at, head - 20 * dots, 22 * dots, 3 * dots);
+    ctx.fillStyle = css("--ink");
+    ctx.fillText(name, at + 28 * dots, head - 14 * dots);
+    at += 44 * dots + ctx.measureText(name).width;
+  }
   sources.forEach((source, i) => {
     const x = (i % 2) * width, y = head + Math.floor(i / 2) * height;
     ctx.fillText(panels.diagrams[i].drawn.title, x + 12 * dots, y + 16 * dots);

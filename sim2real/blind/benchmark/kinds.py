@@ -48,7 +48,7 @@ class Kind:
     random: bool = False
 
     def values(self, rig: BenchRig, size: float, others: Mapping[int, float]) -> dict[int, float]:
-        """Values of the loop at a size (of either sign)."""
+        """Values of the simulated loop, by index, with an effect of this size (of either sign)."""
         return {self.value: self.scale(rig) / abs(size) if self.inverse else self.scale(rig) * size, **others}
 
 

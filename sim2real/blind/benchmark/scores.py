@@ -8,11 +8,11 @@ from pathlib import Path
 import numpy as np
 from scipy.stats import binomtest
 
-from sim2real.blind.alike import alike_sets
-from sim2real.blind.calibration import calibration_error
 from sim2real.blind.cases import Case, open_labels, read_answer, seal_of
-from sim2real.blind.judging import SIZES, Judgement, judge, size_range
-from sim2real.blind.scoring import Row, bootstrap, row, size_words
+from sim2real.blind.judging.alike import alike_sets
+from sim2real.blind.judging.calibration import calibration_error
+from sim2real.blind.judging.judging import SIZES, Judgement, judge, size_range
+from sim2real.blind.judging.scoring import Row, bootstrap, row, size_words
 
 SMALL, MEDIUM, LARGE = SIZES
 

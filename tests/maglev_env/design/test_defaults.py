@@ -15,7 +15,8 @@ from maglev_env.loop.gains import GAIN_CARDS, NO_CONTROLLER, Gains, LinearContro
 from maglev_env.recordings.recording import simulated_recording
 from maglev_env.recordings.spectra import RecordedSignals, axis_signals
 from maglev_env.rig.excitation import Excitation
-from maglev_env.rig.rig import Noise, Protocol, Rig, axis_rig, load_rig, with_parameters
+from maglev_env.rig.protocol import Protocol
+from maglev_env.rig.rig import Noise, Rig, axis_rig, load_rig, with_parameters
 
 
 def bare(rig, **changes):

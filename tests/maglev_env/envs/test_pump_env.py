@@ -12,7 +12,8 @@ import maglev_env
 from maglev_env.envs.pump import PumpRotorEnv
 from maglev_env.loop.gains import Gains
 from maglev_env.rotor.evaluation import evaluate_rotors
-from maglev_env.rotor.rotor import Unbalance, load_rotor
+from maglev_env.rotor.parts import Unbalance
+from maglev_env.rotor.rotor import load_rotor
 from maglev_env.task.pump import LADDER, make_rotor_task
 from maglev_env.task.pump_episodes import controlled, gains_at
 

@@ -22,7 +22,8 @@ from maglev_env.envs.pictures.episode import RED, ZONES, episode_figure
 from maglev_env.envs.pictures.window import draw_frame, hide, show
 from maglev_env.kernel.simulate import simulate_records
 from maglev_env.linear.loop import loop_response, without_noise
-from maglev_env.rig.rig import Target, load_rig
+from maglev_env.rig.rig import load_rig
+from maglev_env.rig.target import Target
 from maglev_env.task.task import infos, make_task
 
 GOOD, OTHER, DOWN = (-0.3, -0.5, 0.6), (0.1, -0.5, 0.5), (-1.0, 1.0, -1.0)

@@ -9,8 +9,9 @@ from control_loops import control_loop
 
 from estimation.lines.frequency_response import frequency_response, pooled_variance
 from estimation.stability_margins import margins
-from maglev_env.evaluation.evaluate import evaluate, score_target
+from maglev_env.evaluation.evaluate import evaluate
 from maglev_env.evaluation.score import WEIGHTS, ScoreTarget, score, terms
+from maglev_env.evaluation.target import score_target
 from maglev_env.experiment import axis_experiment, protocol_experiment
 from maglev_env.kernel.simulate import simulate_statistics
 from maglev_env.loop.gains import Gains

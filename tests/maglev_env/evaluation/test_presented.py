@@ -6,7 +6,15 @@ import control
 import numpy as np
 import pytest
 
-from maglev_env import evaluate, identify_experiment, load_rig, protocol_experiment, to_control
+from maglev_env import (
+    evaluate,
+    evaluate_rotors,
+    identify_experiment,
+    load_rig,
+    load_rotor,
+    protocol_experiment,
+    to_control,
+)
 from maglev_env.design.goals import with_goal
 from maglev_env.linear.loop import loop_response
 from maglev_env.loop.controller_forms import StateFeedback
@@ -103,3 +111,28 @@ def test_what_a_goal_measures_has_its_unit():
     rig = with_goal(RIG, "peak_sensitivity <= 3, phase_margin >= 20")
     data = evaluate([protocol_experiment(rig)]).to_xarray()
     assert data.required_phase_margin.attrs["units"] == "deg" and "units" not in data.required_peak_sensitivity.attrs
+
+
+def test_what_is_large_shows_one_line_and_its_stated_numbers():
+    experiment = protocol_experiment(RIG, effects=effect("delay", 1e-4))
+    response = loop_response(experiment, np.array([1.0, 100.0]))
+    shown = {
+        repr(RIG): ("hmb_free", "0.08012 kg"),
+        repr(experiment): ("hmb_free", "kp=8000.0", "delay"),
+        repr(response): ("2 frequencies", "100 Hz"),
+    }
+    for line, words in shown.items():
+        assert line.startswith("<") and len(line) < 160 and all(word in line for word in words)
+    html = RIG._repr_html_()
+    assert "<th>mass</th><td>0.08012 kg</td>" in html and "support_stiffness" not in html
+
+
+def test_scored_rotors_as_xarray_and_pandas():
+    found = evaluate_rotors([load_rotor("pump")], np.array([0.0, 3000.0]))
+    data, table = found.to_xarray(), found.to_pandas()
+    assert repr(found).startswith("<Evaluation of 1 rotors") and "<table" in found._repr_html_()
+    assert table["score"][0] == found.score[0] and data.peak_displacement.attrs["units"] == "m"
+    assert (
+        data.pole_radius.dims == ("rotor", "end_of_speeds")
+        and table["term_stiffness"][0] == found.terms["stiffness"][0]
+    )

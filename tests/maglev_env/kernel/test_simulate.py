@@ -10,7 +10,7 @@ from estimation.bands import sliding_bands
 from estimation.lines.periods import line_statistics, period_spectra
 from estimation.max_likelihood import maximum_likelihood
 from maglev_env.channels import MEASURED
-from maglev_env.evaluation.evaluate import force_statistics
+from maglev_env.evaluation.known_chain import force_statistics
 from maglev_env.experiment import Experiment, protocol_experiment
 from maglev_env.kernel.simulate import simulate_records, simulate_statistics
 from maglev_env.linear.loop import expected_statistics, without_noise

@@ -172,6 +172,12 @@ def test_the_fractional_lag_itself_is_met_within_a_third_of_a_percent_up_to_2_kh
     check_held_and_sampled(of(effects=EACH["eddy_current"]), [FREE], 4e-3, lines, iron=fractional)
 
 
+def test_a_corner_of_eddy_currents_may_be_a_whole_number():
+    """Its bytes were taken for those of a float, and the loop had no poles."""
+    whole, real = (Experiment(FREE, FREE.gains, (), effects=effect("eddy_current", f)) for f in (1400, 1400.0))
+    np.testing.assert_array_equal(closed_loop_poles(whole), closed_loop_poles(real))
+
+
 @pytest.mark.parametrize("lags", [{}, effect("amplifier_lag", 3e-5)], ids=["one pole", "two poles"])
 @pytest.mark.parametrize("delay", [0.0, 20e-6, 50e-6, 85e-6])
 def test_the_amplifier_response_is_the_lag_held_and_sampled(lags, delay):

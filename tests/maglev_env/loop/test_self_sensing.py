@@ -284,7 +284,7 @@ UNSTABLE = {
 
 
 def growth(position):
-    """Rate (1/s) of the rotor's swing from 0.1 to 3 um."""
+    """Rate (1/s) of the rotor's swing from 0.1 to 3 µm."""
     swing = np.maximum.accumulate(np.abs(position[np.isfinite(position)]))
     begin, end = np.searchsorted(swing, [1e-7, 3e-6])
     window = 200
@@ -351,7 +351,7 @@ def test_a_supply_weaker_than_believed_reads_the_gap_smaller_and_a_calibration_m
 
 def test_an_estimated_gap_is_not_limited_by_the_probes_converter():
     e = quiet(excited(sensing(), offset=2e-5))
-    deaf = replace(e, rig=replace(e.rig, voltage_range=0.125, amplifier_gain=80.0))  # 16 um; as much current
+    deaf = replace(e, rig=replace(e.rig, voltage_range=0.125, amplifier_gain=80.0))  # 16 µm; as much current
     records = simulate_records([e, deaf])
     np.testing.assert_array_equal(*records)
     assert np.abs(channel(e, records[0], "displacement")).max() > 1.5 * deaf.rig.voltage_range / deaf.rig.probe_gain

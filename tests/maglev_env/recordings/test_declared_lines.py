@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from maglev_env.recordings.recording import check_excited
+from maglev_env.recordings.excited import check_excited
 from maglev_env.rig.excitation import Excitation
 
 RATE, LINES = 1000.0, (2, 3, 5, 7, 11)

@@ -10,7 +10,8 @@ from maglev_env.loop.magnets.kinds import force_law
 from maglev_env.loop.magnets.law import linearise
 from maglev_env.rotor.lanes import Run
 from maglev_env.rotor.linear import at_planes, closed_loop_poles, control_matrices, mechanics, unbalance_response
-from maglev_env.rotor.rotor import Planes, Rejection, Runout, load_rotor
+from maglev_env.rotor.parts import Planes, Rejection, Runout
+from maglev_env.rotor.rotor import load_rotor
 from maglev_env.rotor.run_up import run_up
 from maglev_env.rotor.simulate import spin
 

@@ -9,7 +9,8 @@ from maglev_env.loop.gains import Gains
 from maglev_env.rotor.evaluation import RotorEvaluation, evaluate_rotors, rotor_target
 from maglev_env.rotor.identification import Protocol
 from maglev_env.rotor.linear import at_planes, closed_loop_poles, unbalance_response
-from maglev_env.rotor.rotor import Rotor, Runout, Unbalance, load_rotor
+from maglev_env.rotor.parts import Runout, Unbalance
+from maglev_env.rotor.rotor import Rotor, load_rotor
 from maglev_env.rotor.run_up import run_up, seeds_of
 
 PUMP = load_rotor("pump")

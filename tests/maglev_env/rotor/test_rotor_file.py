@@ -6,7 +6,8 @@ from math import log
 import pytest
 
 from maglev_env.rig.rig import load_rig
-from maglev_env.rotor.rotor import Axial, Body, Rejection, Touchdown, hollow_cylinder, load_rotor
+from maglev_env.rotor.parts import Axial, Body, Rejection, Touchdown
+from maglev_env.rotor.rotor import hollow_cylinder, load_rotor
 
 TEXT = (resources.files("maglev_env") / "rotors" / "pump.toml").read_text()
 

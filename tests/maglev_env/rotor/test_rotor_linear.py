@@ -17,7 +17,8 @@ from maglev_env.rotor.linear import (
     unbalance_response,
     undamped_frequencies,
 )
-from maglev_env.rotor.rotor import Runout, Unbalance, load_rotor
+from maglev_env.rotor.parts import Runout, Unbalance
+from maglev_env.rotor.rotor import load_rotor
 from maglev_env.rotor.simulate import spin
 
 PUMP = load_rotor("pump")

@@ -14,8 +14,9 @@ from maglev_env.rotor.lanes import Run
 from maglev_env.rotor.large_signal import large_signal_quantities
 from maglev_env.rotor.loop_quantities import PLANES, TOGETHER, linear_quantities
 from maglev_env.rotor.operating_point import at_operating_point
+from maglev_env.rotor.parts import Rejection, Runout, Unbalance
 from maglev_env.rotor.requirements import evaluate_goal, rotor_goal, worst
-from maglev_env.rotor.rotor import Rejection, Rotor, Runout, Unbalance, load_rotor
+from maglev_env.rotor.rotor import Rotor, load_rotor
 from maglev_env.rotor.simulate import spin
 
 PUMP = load_rotor("pump")

@@ -10,7 +10,8 @@ from maglev_env.loop.magnets.kinds import force_law
 from maglev_env.loop.magnets.law import force
 from maglev_env.rotor.lanes import Run
 from maglev_env.rotor.linear import at_planes, control_matrices, unbalance_response
-from maglev_env.rotor.rotor import CONTROLS, Rotor, Runout, Touchdown, Unbalance, load_rotor
+from maglev_env.rotor.parts import Runout, Touchdown, Unbalance
+from maglev_env.rotor.rotor import CONTROLS, Rotor, load_rotor
 from maglev_env.rotor.simulate import spin
 
 PUMP = load_rotor("pump")

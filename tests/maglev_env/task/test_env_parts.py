@@ -11,7 +11,8 @@ from hypothesis import strategies as st
 
 import maglev_env  # noqa: F401  registers the environments
 from maglev_env.envs.sb3 import SB3VecEnv
-from maglev_env.evaluation.evaluate import evaluate, score_target
+from maglev_env.evaluation.evaluate import evaluate
+from maglev_env.evaluation.target import score_target
 from maglev_env.experiment import protocol_experiment
 from maglev_env.rig.excitation import lines_at
 from maglev_env.rig.rig import axis_rig, load_rig, rig_from_toml

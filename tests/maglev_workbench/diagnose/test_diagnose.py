@@ -18,8 +18,9 @@ from maglev_env.rig.rig import load_rig
 from maglev_workbench.commands.diagnose.figures import loop_diagram
 from maglev_workbench.commands.diagnose.report import diagnose_page, terminal
 from maglev_workbench.console import console
+from sim2real.curves import curves
 from sim2real.diagnosis import diagnose
-from sim2real.report import corrections, curves
+from sim2real.report import corrections
 from sim2real.search import attribute
 
 DELAY = effect("delay", 7.5e-5)
@@ -102,8 +103,8 @@ def test_the_command_writes_page_data_and_corrected_rig(tmp_path, monkeypatch):
 def test_a_named_effect_is_said_with_its_error_and_drawn_in_its_block(diagnosed):
     _, found = diagnosed
     text, page = shown(found), diagnose_page(found)
-    assert re.search(r"explained by delay \(\d\d %\), in the controller; time 7\d\.\d+ \+- \d\.\d+ us", text)
-    assert re.search(r"explained by delay \(\d\d %\), in the controller; time 7\d\.\d+ ± \d\.\d+ us", page)
+    assert re.search(r"explained by delay \(\d\d %\), in the controller; time 7\d\.\d+ \+- \d\.\d+ µs", text)
+    assert re.search(r"explained by delay \(\d\d %\), in the controller; time 7\d\.\d+ ± \d\.\d+ µs", page)
     svg = loop_diagram(found, found.cause)
     blamed = re.findall(r'font-weight="700">(\w+)<', svg)
     assert blamed == ["delay"] and "controller + amplifier" in svg

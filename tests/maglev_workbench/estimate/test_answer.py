@@ -11,7 +11,7 @@ from maglev_workbench.commands.estimate.answer import estimate_answer, over_band
 from maglev_workbench.commands.estimate.pooled_report import pooled_sections
 from sim2real.coefficients import Coefficient
 from sim2real.pooled import Pooled
-from sim2real.recorded.static_evidence import AT_REST
+from sim2real.recorded.at_rest.static_evidence import AT_REST
 from sim2real.words import AT_BOUND
 
 SOFT = tuple(

@@ -3,7 +3,7 @@
 from maglev_workbench.commands.estimate.pooled_report import pooled_json, pooled_lines, pooled_sections
 from sim2real.coefficients import Coefficient
 from sim2real.pooled import Pooled
-from sim2real.recorded.static_evidence import AT_REST
+from sim2real.recorded.at_rest.static_evidence import AT_REST
 from sim2real.words import AT_BOUND
 
 GAIN = Coefficient("actuator_gain", "N/A", 0.6, 0.02, 0.84, True)

@@ -10,13 +10,13 @@ from maglev_env.design.goals import with_goal
 from maglev_env.experiment import protocol_experiment
 from maglev_env.recordings.campaign_writer import toml_table
 from maglev_env.rig.rig import load_rig
+from maglev_env.rig.rig_toml import rig_toml
 from maglev_workbench.commands.explore.asked import asked
 from maglev_workbench.explore.curves import loop_curves
 from maglev_workbench.explore.goal_bars import bars, followed, linear_row, shown_goal, simulated_goal
 from maglev_workbench.explore.panels import event_curves, panels_data
 from maglev_workbench.explore.sweep_map import read_sweep
 from maglev_workbench.goal_page import PREFIX
-from sim2real.corrected import rig_toml
 
 RIG = with_defaults(load_rig("hmb_free"))
 EXPERIMENT = protocol_experiment(RIG)

@@ -105,7 +105,7 @@ def test_eq_6_25_hardly_moves_the_duty_and_edges_on_samples_corrupt_the_reading(
         )
     )
     assert rms < 1.3 * at_half and on_samples == pytest.approx(8.21, abs=0.05)
-    # alpha (1 - alpha) of 0.6 is 4 % less than of 0.5: 14 um of the gap's 350, for half of the time.
+    # alpha (1 - alpha) of 0.6 is 4 % less than of 0.5: 14 µm of the gap's 350, for half of the time.
     largest = found("forward-path", "that swing, edges on samples: largest error").found
     assert 14 < largest < 1.05 * 400 * 0.04 + 3
     assert found("forward-path", "constant duty: lag at 100 Hz").found == pytest.approx(1.80, abs=0.01)

@@ -17,7 +17,7 @@ from maglev_workbench.commands.selfsense.calibrate import sources as calibrate_s
 from maglev_workbench.commands.selfsense.calibrate.numbers import lag_at, lags, surely_within
 from maglev_workbench.commands.selfsense.calibrate.sources import Dynamic
 from maglev_workbench.commands.selfsense.calibrate.static_steps import static_steps
-from selfsense.dynamic_calibration import dynamic_calibration
+from selfsense.calibration.dynamic import dynamic_calibration
 from selfsense.linear import tracking
 
 run = partial(maglev, "selfsense", "calibrate")
@@ -118,7 +118,7 @@ def test_the_simulated_sensor(tmp_path):
     assert low < dynamic["delay"] < high < low + 0.1e-6 and dynamic["delay"] == pytest.approx(26.3e-6, abs=0.1e-6)
     assert dynamic["bandwidth"] is None and dynamic["surely_within"] == 4000.0  # infinite: no line shows it
     assert "4000 Hz or more" in text and "° at 150 Hz and 35.1" in text and page.count('class="plotly-graph-div"') == 2
-    for words in ("556 us", "30° at 150 Hz", "linear model", "it saturates at 0.700 mm", "seed", "8 periods"):
+    for words in ("556 µs", "30° at 150 Hz", "linear model", "it saturates at 0.700 mm", "seed", "8 periods"):
         assert words.lower() in page.lower()
 
 
@@ -198,7 +198,7 @@ def test_a_simulated_loop_that_runs_on_the_estimate(tmp_path):
 
 
 def steps(noise=0.0):
-    """13 levels up and down, 0.1 s each, with 10 ms between them, and a gap that saturates at 480 um."""
+    """13 levels up and down, 0.1 s each, with 10 ms between them, and a gap that saturates at 480 µm."""
     levels = np.concatenate([np.linspace(-150, 150, 13), np.linspace(150, -150, 13)]) * 1e-6
     x = np.repeat(levels, round(0.1 * RATE))
     x = np.convolve(np.pad(x, 100, mode="edge"), np.ones(201) / 201, "valid")

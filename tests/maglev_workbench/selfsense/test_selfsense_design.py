@@ -165,4 +165,4 @@ def test_a_reading_without_noise_has_none_in_the_trade_off():
     ideal = replace(sensor, acquisition=replace(sensor.acquisition, bits=0, noise=0.0))
     figure = trade(study(rig, ideal, 35.0, 4000.0, 1.0))
     assert figure.layout.yaxis2.title.text == "noise bandwidth in kHz"
-    assert trade(study(rig, sensor, 35.0, 4000.0, 1.0)).layout.yaxis2.title.text == "gap error in um rms"
+    assert trade(study(rig, sensor, 35.0, 4000.0, 1.0)).layout.yaxis2.title.text == "gap error in µm rms"

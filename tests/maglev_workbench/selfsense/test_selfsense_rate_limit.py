@@ -43,7 +43,7 @@ def test_settled_is_what_the_linear_model_says(rate, loop, integral, holds):
 
 
 def test_running_from_end_to_end_in_step_is_not_settled():
-    """From every start the same orbit, 693 um wide and locked to the PWM."""
+    """From every start the same orbit, 693 µm wide and locked to the PWM."""
     sensor = sampled(260e3, 5.579, 13.09e3)
     assert not stable(sensor)
     assert not settled(sensor)

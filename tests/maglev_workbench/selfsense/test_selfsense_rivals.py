@@ -10,8 +10,8 @@ from command_line import maglev
 from maglev_workbench.commands.selfsense.rig_sensor import load_sensor
 from maglev_workbench.commands.selfsense.rivals import experiments as rivals_experiments
 from maglev_workbench.commands.selfsense.rivals.experiments import _fitted, _levitate, _noise, cases, poles_of
-from selfsense.averaged import levitate, linear_model, sampled
-from selfsense.kalman import process_noise
+from selfsense.rivals.averaged import levitate, linear_model, sampled
+from selfsense.rivals.kalman import process_noise
 
 run = partial(maglev, "selfsense", "rivals")
 

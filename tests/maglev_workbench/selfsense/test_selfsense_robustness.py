@@ -31,7 +31,7 @@ from maglev_workbench.commands.selfsense.robustness.report import (
     robustness_summary,
     robustness_table,
 )
-from selfsense.calibration import static_sweep
+from selfsense.calibration.static import static_sweep
 from selfsense.robustness import expected_gap
 
 run = partial(maglev, "selfsense", "robustness")
@@ -169,7 +169,7 @@ def test_the_command_writes_page_json_and_table(found, tmp_path, monkeypatch):
     assert area["loop_raw"]["phase_margin_change"]["mean"] == pytest.approx(np.mean(raw))
     assert rows[AS_BELIEVED]["loop_raw"]["phase_margin_change"] == {"mean": 0.0, "half_width": 0.0}
     html = page.read_text()
-    assert "A static calibration mends" in html and "21 um are assumed" in html and html.count("plotly-graph-div") == 1
+    assert "A static calibration mends" in html and "21 µm are assumed" in html and html.count("plotly-graph-div") == 1
 
 
 @pytest.mark.slow

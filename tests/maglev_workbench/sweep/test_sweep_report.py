@@ -97,7 +97,9 @@ def test_summary_counts_only_what_was_computed_now():
     assert (summary["schema"], summary["n"], summary["stable"]) == ("maglev-sweep/1", 24, sum(HALF))
     assert summary["experiments_per_second"] == 5.0
     assert summary["best"]["score"] == pytest.approx(0.8)
-    assert set(summary["best"]) == {"gains", "score", "terms"}
+    best = summary["best"]
+    assert best["stiffness_ci"][0] < best["stiffness"] < best["stiffness_ci"][1]  # N/m
+    assert {"gains", "terms", "damping", "damping_ci", "peak_sensitivity", "phase_margin"} <= set(best)
     assert sweep_summary(data, 2.0, reused=24)["experiments_per_second"] is None
 
 

@@ -96,7 +96,7 @@ def test_periodic_records_have_sections_and_json(tmp_path):
         parameters={"delay.time": {"value": 7.5e-5, "se": 1e-6, "at_bound": False}},
         share=None,
     )
-    assert leftover_lines(named)[0].startswith("Best partial explanation: delay, time 75.0 +- 2.0 us (95 %). It leaves")
+    assert leftover_lines(named)[0].startswith("Best partial explanation: delay, time 75.0 +- 2.0 µs (95 %). It leaves")
     ended = replace(named, parameters={"delay.time": {"value": 1e-3, "se": None, "at_bound": True}})
     assert "time 1 ms (at its bound, not identified). It leaves" in leftover_lines(ended)[0]
 

@@ -8,7 +8,9 @@ import pytest
 
 from sim2real.compared.simulated import Point
 from sim2real.judgement.dispersion import ChiSquare, Dispersion
-from sim2real.judgement.judge import IDLE, Entry, Evidence, entries, idle_cost, verdict
+from sim2real.judgement.evidence import IDLE, Evidence, idle_cost
+from sim2real.judgement.judge import Entry, entries
+from sim2real.judgement.verdict import verdict
 
 SINGLES = ("delay", "amplifier_lag", "actuator_gain", "mass", "friction", "saturation")
 GROUPS = tuple(("plant", kind, f) for kind in ("force", "current", "even", "odd") for f in (16.0, 64.0, 256.0))

@@ -14,7 +14,7 @@ from maglev_env.recordings.campaign_writer import toml_value
 from maglev_env.rig.rig import rig_from_toml
 from sim2real.compared.problem import assemble
 from sim2real.compared.simulated import Point
-from sim2real.recorded.controller_output import recovered_injection
+from sim2real.recorded.drive.controller_output import recovered_injection
 from sim2real.recorded.records import read_records
 
 DOCS = Path(__file__).parents[3] / "docs" / "controllers.md"

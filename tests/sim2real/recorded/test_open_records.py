@@ -16,7 +16,7 @@ from sim2real.compared.problem import assemble
 from sim2real.compared.simulated import Point
 from sim2real.judgement.nonstationary import widening
 from sim2real.pooled import pooled
-from sim2real.recorded.controller_output import recovered_injection
+from sim2real.recorded.drive.controller_output import recovered_injection
 from sim2real.recorded.not_stable import not_stable
 from sim2real.recorded.open_record import OpenRecord
 from sim2real.recorded.records import read_records
@@ -38,7 +38,7 @@ def test_the_injection_is_recovered_to_the_converter_step():
     injection, _ = bench_loop.excitation("noise", 0.5, np.random.default_rng(3))
     gains = Gains(bench_loop.KP, bench_loop.KI, bench_loop.KD, bench_loop.TD, bench_loop.TI)
     found = recovered_injection(gains, run["command"], run["displacement"], 1 / bench_loop.RATE)
-    assert abs(found - injection).max() < 0.51 * bench_loop.DAC  # sensor noise of 1 um would make 50 times as much
+    assert abs(found - injection).max() < 0.51 * bench_loop.DAC  # sensor noise of 1 µm would make 50 times as much
 
 
 @pytest.mark.parametrize("kind", ["noise", "chirp", "steps", "sine"])

@@ -8,7 +8,8 @@ from scipy import signal
 from maglev_env.loop.effect import effect
 from sim2real.compared.problem import assemble
 from sim2real.compared.simulated import Point, residuals, settling, together
-from sim2real.judgement.unsynchronised import Sighting, _one_family, evidence, spin_costs
+from sim2real.judgement.sightings import Sighting, _one_family
+from sim2real.judgement.unsynchronised import evidence, spin_costs
 from sim2real.recorded.records import read_records
 from sim2real.recorded.tones import MOST, families, near_tones, origin, outstanding, remove_tones, tone_at
 from sim2real.search.hypotheses import TONES

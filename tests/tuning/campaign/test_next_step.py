@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from maglev_env.design.defaults import with_defaults
-from maglev_env.evaluation.evaluate import force_statistics
+from maglev_env.evaluation.known_chain import force_statistics
 from maglev_env.experiment import Experiment, protocol_experiment
 from maglev_env.kernel.simulate import simulate_records
 from maglev_env.linear.loop import expected_statistics, loop_response

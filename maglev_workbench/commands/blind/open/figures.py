@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 
 from maglev_env.recordings.files import atomic_file
 from maglev_workbench.page import COLOURS, styled
-from sim2real.blind.calibration import Reliability
+from sim2real.blind.judging.calibration import Reliability
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure

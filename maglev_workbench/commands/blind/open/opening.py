@@ -14,8 +14,8 @@ from maglev_workbench.console import console, progress_bar, write_json
 from maglev_workbench.page import write_page
 from sim2real.blind.answer import OPENED
 from sim2real.blind.cases import open_labels
-from sim2real.blind.opening import Opened, open_set
-from sim2real.blind.regret import CASES
+from sim2real.blind.judging.opening import Opened, open_set
+from sim2real.blind.judging.regret import CASES
 
 
 def open_folder(folder: Path, docs: Path | None, json_file: Path | None) -> None:

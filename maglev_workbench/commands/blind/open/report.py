@@ -7,9 +7,9 @@ from maglev_env.recordings.formats.json_data import plain
 from maglev_workbench.commands.blind.open.figures import reliability_figure
 from maglev_workbench.commands.blind.open.tables import DEFINITIONS, HEAD, cells, missed, tables
 from maglev_workbench.page import markdown_table, note, page, table
-from sim2real.blind.judging import Judgement
-from sim2real.blind.opening import Opened
-from sim2real.blind.scoring import Row
+from sim2real.blind.judging.judging import Judgement
+from sim2real.blind.judging.opening import Opened
+from sim2real.blind.judging.scoring import Row
 
 TITLE = "The blind check of diagnoses"
 
@@ -20,7 +20,7 @@ def blind_page(opened: Opened, made: Mapping[str, Any]) -> str:
     sections = [
         ("Targets", targets + "".join(note(line) for line in missed(opened))),
         ("Stated and kept probability", reliability_figure(opened.reliability)),
-        *((t.heading, table(t.head, t.rows)) for t in tables(opened)),
+        *((t.heading, table(t.head, t.rows) if t.rows else note("None.")) for t in tables(opened)),
         ("What the figures mean", "".join(map(note, DEFINITIONS))),
     ]
     return page(TITLE, summary(opened), sections, _made_by(opened, made))

@@ -5,9 +5,9 @@ from dataclasses import dataclass
 from math import inf, isfinite
 
 from maglev_workbench.page import number
-from sim2real.blind.alike import ALIKE, ALWAYS, AT_ONE_SPEED
-from sim2real.blind.opening import Opened
-from sim2real.blind.scoring import LARGE, Row, answer_words, confusion, named_in_class, size_words, truth_words
+from sim2real.blind.judging.alike import ALIKE, ALWAYS, AT_ONE_SPEED
+from sim2real.blind.judging.opening import Opened
+from sim2real.blind.judging.scoring import LARGE, Row, answer_words, confusion, named_in_class, size_words, truth_words
 
 HEAD = ("figure", "value", "95 % interval", "n", "floor", "ambitious", "verdict")
 DEFINITIONS = (

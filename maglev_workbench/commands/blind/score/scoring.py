@@ -15,8 +15,8 @@ from maglev_workbench.page import markdown_table, number
 from sim2real.blind.answer import OPENED
 from sim2real.blind.benchmark.scores import Benchmark, Method, by_family, misses, rivals_of, score_set, tellable
 from sim2real.blind.cases import ANSWERS
-from sim2real.blind.judging import Judgement
-from sim2real.blind.scoring import Row, answer_words, truth_words
+from sim2real.blind.judging.judging import Judgement
+from sim2real.blind.judging.scoring import Row, answer_words, truth_words
 
 
 def score_folder(folder: Path, answers: list[Path], docs: Path | None, json_file: Path | None) -> None:

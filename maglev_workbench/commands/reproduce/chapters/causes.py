@@ -7,6 +7,7 @@ import numpy as np
 from maglev_env.loop.effect import NO_EFFECTS, Effects, effect
 from maglev_env.rig.rig import Rig, axis_rig, load_rig
 from maglev_workbench.commands.reproduce.chapters.shaker import (
+    SWITCHING,
     Shaker,
     planar_response,
     receptance,
@@ -14,7 +15,7 @@ from maglev_workbench.commands.reproduce.chapters.shaker import (
     with_noise,
 )
 
-RESOLUTION, SWITCHING = 0.5e-6, 12.5e-6  # m rms: the stated resolution, and 100 mV (4.4.3) at 8 V/mm
+RESOLUTION = 0.5e-6  # m rms: the stated one of the probe
 ROTOR = 0.13  # kg, rotor and shaft (5.4); the rest of the 0.92 kg is the pedestal
 GAINS = (5600.0, 7200.0, 8800.0)  # A/m: k_p of 0.7, 0.9 and 1.1 as 5.3.3 counts it
 REPEATS = 2

@@ -19,6 +19,7 @@ from maglev_env.rig.excitation import Excitation
 from maglev_env.rig.rig import Rig
 
 PERIODS = 5  # averaged throughout the dissertation
+SWITCHING = 12.5e-6  # m rms: the 100 mV of switching noise on the probe (4.4.3) at 8 V/mm
 
 
 @dataclass(frozen=True)

@@ -68,7 +68,7 @@ def calibrate_summary(c: Calibration) -> str:
     if c.dynamic:
         d = c.dynamic[0]
         at = " and ".join(f"{with_interval(lag, lag - h, lag + h)}° at {f:g} Hz" for f, (lag, h) in lags(d).items())
-        text = f"It answers motion with a delay of {_delay(d)} us and a bandwidth of {_bandwidth(d)}"
+        text = f"It answers motion with a delay of {_delay(d)} µs and a bandwidth of {_bandwidth(d)}"
         parts.append(f"{text}; it lags {at}." if at else f"{text}.")
     more = len(c.static) + len(c.dynamic) - len(parts)
     return " ".join(parts) + (f" {more} more calibration{'s' if more > 1 else ''} below." if more else "")
@@ -113,7 +113,7 @@ def calibrate_page(c: Calibration) -> str:
     if c.rig is not None:
         made = {"Rig": c.rig.name, **made}
     if c.sensor is not None:
-        peak = f"{1e6 * PEAK * c.sensor.gap:g} um"
+        peak = f"{1e6 * PEAK * c.sensor.gap:g} µm"
         motion = f"steps; every {FUNDAMENTAL:g} Hz up to {TOP:g} Hz, {peak} peak, {PERIODS} periods"
         made = made_by(c.rig, c.sensor, Source=c.source, Motion=motion, Seed=0)
     return page("Calibration of the sensed gap", calibrate_summary(c), sections, made)
@@ -138,12 +138,12 @@ def _static_facts(s: Static) -> dict[str, str]:
 def _dynamic_facts(d: Dynamic) -> dict[str, str]:
     f = d.found.frequency
     found = {
-        "delay": f"{_delay(d)} us (of the pure delay that fits best)",
+        "delay": f"{_delay(d)} µs (of the pure delay that fits best)",
         "gain": f"{d.found.gain:.4f}" + (", falling with the displacement" if d.found.polarity < 0 else ""),
         "bandwidth": f"{_bandwidth(d)} (3 dB below the gain)",
     }
     for at, (lag, half) in lags(d).items():
-        delay = f"{number(lag / 360 / at * 1e6)} us"
+        delay = f"{number(lag / 360 / at * 1e6)} µs"
         found[f"lag at {at:g} Hz"] = f"{with_interval(lag, lag - half, lag + half)}°, {delay}"
     return {**found, "lines": f"{f.size} from {f[0]:.4g} to {f[-1]:.4g} Hz, {d.periods} periods"}
 
@@ -166,7 +166,7 @@ def _dynamic_note(c: Calibration) -> str:
         "Black (white on a dark screen): "
         "the linear model. The best delay is that of the higher frequencies, where most of the phase is; low "
         f"ones lag a little longer. The dissertation measured {MEASURED_LAG:g}° at {MEASURED_AT:g} Hz, a delay of "
-        f"556 us, and left it unexplained: the estimator simulated here lags {number(lag)}° there and does not explain "
+        f"556 µs, and left it unexplained: the estimator simulated here lags {number(lag)}° there and does not explain "
         f"it either. The dissertation's simulation lagged {TOP_LAG:g}° at 4 kHz; the gains here are those with the "
         "most phase margin at the lag that the rig asks for, see `maglev selfsense design`."
     )

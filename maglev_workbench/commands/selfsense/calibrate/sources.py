@@ -15,8 +15,8 @@ from maglev_env.recordings.recording import read_recording
 from maglev_env.rig.excitation import axis_excitations, lines_at
 from maglev_env.rig.rig import Rig
 from maglev_workbench.commands.selfsense.calibrate.static_steps import static_steps
-from selfsense.calibration import StaticCalibration, static_calibration, static_sweep
-from selfsense.dynamic_calibration import DynamicCalibration, dynamic_calibration, simulated_dynamic
+from selfsense.calibration.dynamic import DynamicCalibration, dynamic_calibration, simulated_dynamic
+from selfsense.calibration.static import StaticCalibration, static_calibration, static_sweep
 from selfsense.linear import tracking
 from selfsense.sensor import SelfSensor, largest_gap
 
@@ -87,7 +87,7 @@ def simulated(rig: Rig, sensor: SelfSensor, progress: Callable[[], None]) -> Cal
         ValueError: The estimate is not valid.
     """
     gaps, estimates = _sweep(sensor)
-    axes = (Axis("gap", "mm", 1e3), Axis("estimated gap", "um", 1e6))
+    axes = (Axis("gap", "mm", 1e3), Axis("estimated gap", "µm", 1e6))
     static = Static("simulated steps", gaps, estimates, axes, static_calibration(gaps, estimates, rest=sensor.gap))
     progress()
     rate = sensor.acquisition.rate
@@ -244,5 +244,5 @@ def _recorded_static(name: str, spec: RecordingSpec, displacement: np.ndarray, e
             f"no periodic excitation, and the displacement rests at {levels.size} levels: {_FEWEST} are needed for a "
             "static calibration"
         )
-    axes = (Axis("displacement", "mm", 1e3), Axis("gap_estimate", "um", 1e6))
+    axes = (Axis("displacement", "mm", 1e3), Axis("gap_estimate", "µm", 1e6))
     return Static(name, levels, outputs, axes, widest(levels, outputs))

@@ -39,8 +39,8 @@ def comparison(d: Demodulation) -> "Figure":
     closed = _line(time, _means(d.closed_form[:n], block), dashed, "closed form of the demodulator's error", True)
     figure.add_trace(closed, row=2, col=2)
     figure.update_xaxes(title_text="time in ms", row=2)
-    figure.update_yaxes(title_text="gap in um", row=1, col=1)
-    figure.update_yaxes(title_text="error in um", row=2, col=1)
+    figure.update_yaxes(title_text="gap in µm", row=1, col=1)
+    figure.update_yaxes(title_text="error in µm", row=2, col=1)
     return figure.update_layout(legend={"orientation": "h", "y": -0.12})
 
 
@@ -58,7 +58,7 @@ def enlarged(d: Demodulation) -> "Figure":
     for m in METHODS:
         figure.add_trace(_line(time, trace.gaps[m][part], {"color": COLOUR[m], "width": 1.5}, m, True))
     figure.add_trace(_line(time, d.gap[part], {"color": TRUE, "width": 1.6, "dash": "dot"}, "true", True))
-    figure.update_xaxes(title_text="time in ms").update_yaxes(title_text="gap in um")
+    figure.update_xaxes(title_text="time in ms").update_yaxes(title_text="gap in µm")
     return figure.update_layout(legend={"orientation": "h", "y": -0.2})
 
 
@@ -66,7 +66,7 @@ def _line(time: np.ndarray, metres: np.ndarray, line: dict, name: str, legend: b
     from plotly.graph_objects import Scatter
 
     y = (1e6 * metres).astype(np.float32)
-    text = "%{x:.4g} ms: %{y:.2f} um" + f"<extra>{name}</extra>"
+    text = "%{x:.4g} ms: %{y:.2f} µm" + f"<extra>{name}</extra>"
     trace = {"x": time.astype(np.float32), "y": y, "mode": "lines", "line": line, "name": name, "legendgroup": name}
     return Scatter(**trace, hovertemplate=text, showlegend=legend)
 

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     import rich.table
 
 _BETTER = 1.2  # ratio of the errors from which on one is called better
-_HEAD = ("duty", "gap", "rms error\num", "mean error\num", "lag\ndegrees", "rms, lag\ntaken out", "rms, ideal\nreading")
+_HEAD = ("duty", "gap", "rms error\nµm", "mean error\nµm", "lag\ndegrees", "rms, lag\ntaken out", "rms, ideal\nreading")
 
 
 def demodulate_table(d: Demodulation) -> "rich.table.Table":
@@ -42,16 +42,16 @@ def demodulate_summary(d: Demodulation) -> str:
     times = f"{number(varying.ratio, 2)} times less" if varying.ratio > _BETTER else "no better"
     text = (
         f"While the duty varies by ±{d.duty_swing:g} about one half, the demodulated gap of {d.rig.name} is wrong by "
-        f"{_um(wrong.rms)} um rms ({_um(wrong.bias)} um on average), the estimated one by {_um(good.rms)} um: {times}"
+        f"{_um(wrong.rms)} µm rms ({_um(wrong.bias)} µm on average), the estimated one by {_um(good.rms)} µm: {times}"
     )
     if _noisy(d):
         ideal = varying.ideal["estimated"]
         text += (
             f", {'but' if varying.ratio <= _BETTER else 'and'} {number(varying.ideal_ratio)} times less "
-            f"({_um(ideal.rms)} um) where no noise and rounding of the current add to it"
+            f"({_um(ideal.rms)} µm) where no noise and rounding of the current add to it"
         )
     at_half = [_um(constant.errors[m].rms) for m in METHODS]
-    return f"{text}. With the duty constant they are wrong by {at_half[0]} and {at_half[1]} um."
+    return f"{text}. With the duty constant they are wrong by {at_half[0]} and {at_half[1]} µm."
 
 
 def demodulate_json(d: Demodulation) -> dict[str, Any]:
@@ -133,8 +133,8 @@ def _corruption_note(d: Demodulation) -> str:
     return (
         "The ripple is proportional to alpha (1 - alpha) of the duty alpha, so a demodulator calibrated at one half "
         "reads gap + core length / 2 too low by the share (2 alpha - 1)²: here "
-        f"{_um(d.closed_form.mean())} um on average and at most {_um(d.closed_form.min())} um. The other "
-        f"{_um(rest)} um of its mean error come from the high-pass filter, which attenuates an unequal triangle "
+        f"{_um(d.closed_form.mean())} µm on average and at most {_um(d.closed_form.min())} µm. The other "
+        f"{_um(rest)} µm of its mean error come from the high-pass filter, which attenuates an unequal triangle "
         "otherwise than an equal one, from the few samples per PWM period and from the coil's resistance."
     )
 
@@ -181,7 +181,7 @@ def _degrees(d: Demodulation, e: GapError) -> float:
 
 
 def _motion(d: Demodulation) -> str:
-    return f"±{1e6 * d.amplitude:g} um at {d.frequency:g} Hz"
+    return f"±{1e6 * d.amplitude:g} µm at {d.frequency:g} Hz"
 
 
 def _noisy(d: Demodulation) -> bool:

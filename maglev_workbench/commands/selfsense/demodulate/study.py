@@ -126,8 +126,8 @@ def check_motion(sensor: SelfSensor, frequency: float, amplitude: float) -> None
     most = min(sensor.gap - low, high - sensor.gap)
     if not 0 < amplitude < most:
         raise ValueError(
-            f"--amplitude {amplitude:g} m: the gap must stay within the estimator's {1e6 * low:g} to {1e6 * high:g} um "
-            f"around {1e6 * sensor.gap:g} um; use up to {most:g} m"
+            f"--amplitude {amplitude:g} m: the gap must stay within the estimator's {1e6 * low:g} to {1e6 * high:g} µm "
+            f"around {1e6 * sensor.gap:g} µm; use up to {most:g} m"
         )
 
 

@@ -51,7 +51,7 @@ def trade(s: Study) -> "Figure":
 
     figure = styled(make_subplots(2, 1, shared_xaxes=True, vertical_spacing=0.06, row_heights=[0.62, 0.38]), 720)
     quiet = not np.isfinite(s.noise_density)
-    unit = "kHz" if quiet else "um"
+    unit = "kHz" if quiet else "µm"
     for colour, (droop, found) in zip((*COLOURS, "#222"), s.trade.items(), strict=False):
         cost = 1e-3 * found.noise_bandwidth if quiet else 1e6 * s.noise_density * np.sqrt(found.noise_bandwidth)
         for row, y, what in ((1, found.lag, "lag %{y:.1f}°"), (2, cost, f"%{{y:.3g}} {unit}")):
@@ -77,7 +77,7 @@ def trade(s: Study) -> "Figure":
     top = max(75.0, *(1.1 * np.nanmax(found.lag, initial=0) for found in s.trade.values()))
     figure.update_yaxes(title_text=f"lag at {s.at / 1e3:g} kHz in degrees", range=[0, min(top, 180)], row=1, col=1)
     figure.update_yaxes(
-        title_text="noise bandwidth in kHz" if quiet else "gap error in um rms", rangemode="tozero", row=2, col=1
+        title_text="noise bandwidth in kHz" if quiet else "gap error in µm rms", rangemode="tozero", row=2, col=1
     )
     figure.update_xaxes(range=[0, 92], dtick=10)
     figure.update_xaxes(title_text="phase margin in degrees", row=2, col=1)

@@ -35,7 +35,7 @@ def design_summary(s: Study) -> str:
     """Sentences on the wanted gains, their properties, and the dissertation's figures."""
     c = s.candidates[0]
     d = c.design
-    noise = f", {number(1e6 * c.simulated_noise)} um rms of noise" if np.isfinite(c.noise) else ""
+    noise = f", {number(1e6 * c.simulated_noise)} µm rms of noise" if np.isfinite(c.noise) else ""
     return (
         f"For at most {s.lag:g}° of lag at {s.at / 1e3:g} kHz within {s.droop:g} dB take kp = {d.kp:.4g} m/A and "
         f"ki = {d.ki:.4g} m/(A s): {number(d.phase_margin)}° of phase margin, {number(1e-3 * d.bandwidth)} kHz wide, "
@@ -106,8 +106,8 @@ def _cells(s: Study) -> tuple[list[str], list[list[str]]]:
         ("bandwidth, kHz", lambda c: number(1e-3 * c.design.bandwidth)),
         ("peak", lambda c: number(c.design.peak)),
         ("noise bandwidth, kHz", lambda c: number(1e-3 * c.design.noise_bandwidth)),
-        ("noise by bound, um rms", lambda c: number(1e6 * c.noise)),
-        ("simulated, um rms", lambda c: number(1e6 * c.simulated_noise)),
+        ("noise by bound, µm rms", lambda c: number(1e6 * c.noise)),
+        ("simulated, µm rms", lambda c: number(1e6 * c.simulated_noise)),
     )
     return ["", *(c.name.replace(", ", "\n") for c in s.candidates)], [
         [name, *map(of, s.candidates)] for name, of in ranges

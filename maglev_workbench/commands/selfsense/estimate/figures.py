@@ -24,13 +24,13 @@ def gap_figure(coil: SensedCoil) -> "Figure":
     gap = coil.gap
     block = -(-gap.time.size // _POINTS)
     time = 1e3 * _means(gap.time, block)
-    titles = ["gap in um", "amplitude in A"]
+    titles = ["gap in µm", "amplitude in A"]
     traces = [(1, 1e6 * gap.gap, "estimated gap", {"color": COLOURS[0], "width": 1.2})]
     if coil.signals.displacement is not None:
         recorded = 1e6 * (coil.sensor.gap - coil.signals.displacement)
         traces.append((1, recorded, "recorded gap", {"color": "#222", "width": 1.4, "dash": "dot"}))
         traces.append((2, 1e6 * gap.gap - recorded, "error", {"color": COLOURS[0], "width": 1}))
-        titles.insert(1, "error in um")
+        titles.insert(1, "error in µm")
     rows = len(titles)
     traces.append((rows, gap.amplitude, "amplitude", {"color": COLOURS[2], "width": 1}))
     heights = [2.0] + [1.0] * (rows - 1)

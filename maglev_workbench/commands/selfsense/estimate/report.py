@@ -19,7 +19,7 @@ from selfsense.validity import AT_END, CLIPPED, CONVERGING, NO_RIPPLE
 if TYPE_CHECKING:
     import rich.table
 
-_HEAD = ("recording", "samples", "PWM\nkHz", "valid\n%", "mean gap\num", "rms\num", "error\num rms", "mean\nerror")
+_HEAD = ("recording", "samples", "PWM\nkHz", "valid\n%", "mean gap\nµm", "rms\nµm", "error\nµm rms", "mean\nerror")
 _LINES, _ROWS = 5, 12  # stretches listed on the console and in the page
 _WHY = {
     CONVERGING: "the estimator has started, or is recovering, and not settled",
@@ -66,14 +66,14 @@ def estimate_summary(rig: Rig, coils: Sequence[SensedCoil]) -> str:
         )
     text = (
         f"{100 * first.valid_share:.2f} % of the {first.gap.time.size} samples carry a gap, by {rig.name}'s coil: "
-        f"{1e6 * np.nanmean(first.gap.gap):.1f} um on average, {_um(np.nanstd(first.gap.gap))} um rms about that"
+        f"{1e6 * np.nanmean(first.gap.gap):.1f} µm on average, {_um(np.nanstd(first.gap.gap))} µm rms about that"
     )
     c = first.comparison
     if c is None:
         return f"{text}."
     return (
-        f"{text}. Against the recorded displacement it is wrong by {_um(c.rms)} um rms, lag counted, and by "
-        f"{_um(c.bias)} um on average; its gain is {c.gain:.4f}."
+        f"{text}. Against the recorded displacement it is wrong by {_um(c.rms)} µm rms, lag counted, and by "
+        f"{_um(c.bias)} µm on average; its gain is {c.gain:.4f}."
     )
 
 
@@ -122,7 +122,7 @@ def _sections(coil: SensedCoil) -> list:
         c = coil.comparison
         text += (
             f"Estimated less rest = {c.gain:.4f} (recorded less rest) {'+' if c.offset >= 0 else '-'} "
-            f"{_um(abs(c.offset))} um. "
+            f"{_um(abs(c.offset))} µm. "
         )
     text += "".join(f"Note: {words}. " for words in coil.notes)
     sections = [(f"{name}: gap", gap_figure(coil)), ("", note(text))]

@@ -8,7 +8,8 @@ import numpy as np
 from estimation.lines.frequency_response import frequency_response
 from estimation.stability_margins import margin_arrays
 from estimation.xy.planar import axis_statistics
-from maglev_env.evaluation.evaluate import Evaluation, evaluate
+from maglev_env.evaluation.evaluate import evaluate
+from maglev_env.evaluation.evaluation import Evaluation
 from maglev_env.experiment import Experiment, axis_experiment, protocol_experiment, recorded_channels
 from maglev_env.kernel.simulate import simulate_records, simulate_statistics
 from maglev_env.linear.loop import closed_loop_poles, loop_response, without_noise

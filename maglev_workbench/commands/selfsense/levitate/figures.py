@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from estimation.normal import NORMAL_95
-from maglev_env.evaluation.evaluate import Evaluation
+from maglev_env.evaluation.evaluation import Evaluation
 from maglev_env.loop.gains import of_axis
 from maglev_workbench.commands.selfsense.levitate.experiments import SENSORS, Comparison, Curve, Piece
 from maglev_workbench.commands.sweep.figures import SHOWN
@@ -30,7 +30,7 @@ LOST = COLOURS[1]  # cells that only the probe holds
 _COEFFICIENTS = {"stiffness": (1e-3, "kN/m"), "damping": (1.0, "N s/m")}
 _COSTS = (  # label, colours
     ("phase margin lost, degrees (linear model)", "cividis_r"),
-    ("gap error, um rms", "cividis_r"),
+    ("gap error, µm rms", "cividis_r"),
     ("peak |S|, times that with the probe", "cividis_r"),
     ("score, less that with the probe", "viridis"),
 )
@@ -112,8 +112,8 @@ def piece(shown: Piece) -> "Figure":
     ):
         line = {"color": colour, "width": 1.2}
         figure.add_trace(Scatter(x=time, y=1e6 * values, name=name, line=line, showlegend=row == 1), row=row, col=1)
-    figure.update_yaxes(title_text="displacement in um", row=1, col=1)
-    figure.update_yaxes(title_text="error in um", row=2, col=1)
+    figure.update_yaxes(title_text="displacement in µm", row=1, col=1)
+    figure.update_yaxes(title_text="error in µm", row=2, col=1)
     figure.update_xaxes(title_text="time in ms", row=2, col=1)
     return figure.update_layout(legend={"orientation": "h", "y": 1.08})
 
@@ -160,7 +160,7 @@ def cost_map(c: Comparison) -> "Figure":
 _HELD = (
     "phase margin %{customdata[0]:.3g}° to %{customdata[1]:.3g}°, by the linear model %{customdata[6]:.3g}° less<br>"
     "peak |S| %{customdata[2]:.3g} to %{customdata[3]:.3g}, score %{customdata[4]:.3g} to %{customdata[5]:.3g}<br>"
-    "gap error %{customdata[7]:.3g} um rms<extra></extra>"
+    "gap error %{customdata[7]:.3g} µm rms<extra></extra>"
 )
 
 

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from maglev_env.evaluation.evaluate import Evaluation
+from maglev_env.evaluation.evaluation import Evaluation
 from maglev_env.evaluation.score import WEIGHTS
 from maglev_env.loop.axes import AXES
 from maglev_env.loop.gains import as_table
@@ -25,12 +25,12 @@ QUANTITIES = {
     "disk_margin": ("disk margin", 1.0),
     "score": ("score", 1.0),
     "current_rms": ("coil current, mA rms", 1e3),
-    "peak_displacement": ("largest reading, um", 1e6),
+    "peak_displacement": ("largest reading, µm", 1e6),
 }
 ERRORS = {
-    "gap_error_rms": ("gap error, rms, um", 1e6),
-    "gap_error_bias": ("gap error, mean, um", 1e6),
-    "gap_error_worst": ("gap error, largest, um", 1e6),
+    "gap_error_rms": ("gap error, rms, µm", 1e6),
+    "gap_error_bias": ("gap error, mean, µm", 1e6),
+    "gap_error_worst": ("gap error, largest, µm", 1e6),
     "added_phase": ("lag beyond the probe's at the crossover, °", 1.0),
     "margin_lost": ("phase margin lost to self-sensing, °", 1.0),
 }

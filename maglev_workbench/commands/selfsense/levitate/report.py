@@ -7,7 +7,7 @@ import numpy as np
 
 from estimation.iso_14839 import iso_14839_3_zone
 from estimation.normal import NORMAL_95
-from maglev_env.evaluation.evaluate import Evaluation
+from maglev_env.evaluation.evaluation import Evaluation
 from maglev_env.evaluation.score import WEIGHTS
 from maglev_workbench.commands.selfsense.levitate.experiments import SEEDS, SENSORS, Comparison
 from maglev_workbench.commands.selfsense.levitate.figures import NAMES, coefficients, cost_map, piece, sensitivity
@@ -59,7 +59,7 @@ def levitate_summary(c: Comparison) -> str:
         f"{c.rig.name} levitates with self-sensing. It costs {mean_in_words(sensed.margin_lost)}° of "
         f"{number(np.nanmean(values(probe, 'phase_margin')))}° phase margin; peak |S| goes from {number(peaks[0])} to "
         f"{number(peaks[1])} ({where}), the score from {number(probe.score.mean())} to {number(sensed.score.mean())}; "
-        f"the sensed gap is off by {number(1e6 * sensed.gap_error_rms.mean(), 2)} um rms. {_counts(c)}"
+        f"the sensed gap is off by {number(1e6 * sensed.gap_error_rms.mean(), 2)} µm rms. {_counts(c)}"
     )
 
 

@@ -14,7 +14,7 @@ _SHADES = ("#440154", "#46327E", "#365C8D", "#277F8E", "#1FA187", "#4AC16D", "#A
 
 
 def sweep(s: NoiseStudy) -> "Figure":
-    """Rms error in um and its bound (dashed) over noise in mA, a curve per converter; below, their ratio."""
+    """Rms error in µm and its bound (dashed) over noise in mA, a curve per converter; below, their ratio."""
     from plotly.graph_objects import Scatter
     from plotly.subplots import make_subplots
 
@@ -27,7 +27,7 @@ def sweep(s: NoiseStudy) -> "Figure":
         shown = {"x": x, "customdata": [1e3 * p.noise for p in points], "legendgroup": name, "name": name}
         hover = "%{customdata:.3g} mA: "
         own = {**shown, "mode": "lines+markers", "line": {"color": colour}, "marker": {"size": 5}}
-        text = {"hovertemplate": hover + f"%{{y:.3g}} um<extra>{name}</extra>"}
+        text = {"hovertemplate": hover + f"%{{y:.3g}} µm<extra>{name}</extra>"}
         figure.add_trace(Scatter(y=[1e6 * p.rms for p in points], **own, **text), row=1, col=1)
         dashed = {**shown, "mode": "lines", "line": {"color": colour, "dash": "dash", "width": 1}, "showlegend": False}
         figure.add_trace(Scatter(y=[1e6 * p.bound for p in points], **dashed, hoverinfo="skip"), row=1, col=1)
@@ -47,13 +47,13 @@ def sweep(s: NoiseStudy) -> "Figure":
     ticks = [1e3 * least / _LEFT, *(1e3 * n for n in s.noises if n)]
     figure.update_xaxes(type="log", tickvals=ticks, ticktext=["0", *(f"{t:g}" for t in ticks[1:])])
     figure.update_xaxes(title_text="noise of the current reading in mA rms", row=2, col=1)
-    figure.update_yaxes(type="log", title_text="gap error in um rms", dtick=1, row=1, col=1)
+    figure.update_yaxes(type="log", title_text="gap error in µm rms", dtick=1, row=1, col=1)
     figure.update_yaxes(title_text="error over bound", rangemode="tozero", row=2, col=1)
     return figure.update_layout(legend={"orientation": "h", "y": -0.12})
 
 
 def record(s: NoiseStudy) -> "Figure":
-    """Error of the estimate in um over a period of the moving gap, with and without noise and converter."""
+    """Error of the estimate in µm over a period of the moving gap, with and without noise and converter."""
     from plotly.graph_objects import Figure, Scatter
 
     figure = styled(Figure(), 360)
@@ -69,7 +69,7 @@ def record(s: NoiseStudy) -> "Figure":
             band = {"x": 1e3 * r.time, "y": 1e6 * (r.quiet + 2 * sign * s.own.bound), "line": line}
             figure.add_trace(Scatter(**band, name="± twice the bound", showlegend=sign > 0, hoverinfo="skip"))
     figure.update_xaxes(title_text="time in ms", range=[0, 1e3 * r.time[-1]])
-    figure.update_yaxes(title_text="gap error in um")
+    figure.update_yaxes(title_text="gap error in µm")
     return figure.update_layout(legend={"orientation": "h", "y": -0.22})
 
 

@@ -19,11 +19,11 @@ _LOST = 0.2  # share of the gap; with a larger rms error the estimate reaches th
 
 
 def noise_table(s: NoiseStudy) -> "rich.table.Table":
-    """Errors in um in 80 columns."""
+    """Errors in µm in 80 columns."""
     from rich import box
     from rich.table import Table
 
-    title = f"{s.rig.name}: gap error in um rms over noise of the reading"
+    title = f"{s.rig.name}: gap error in µm rms over noise of the reading"
     result = Table(box=box.SIMPLE_HEAD, pad_edge=False, title=title, caption="*: above twice the bound")
     for name in ("bits", *(f"{1e3 * n:g} mA" for n in s.noises)):
         result.add_column(name, justify="right")
@@ -37,7 +37,7 @@ def noise_summary(s: NoiseStudy) -> str:
     where = f"at the estimator's noise bandwidth of {s.bandwidth / 1e3:.3g} kHz"
     if s.own:
         text = (
-            f"At the rig's own {reading_text(s.sensor)}, the gap errs by {number(1e6 * s.own.rms)} um rms {where}: "
+            f"At the rig's own {reading_text(s.sensor)}, the gap errs by {number(1e6 * s.own.rms)} µm rms {where}: "
             f"{s.own.ratio:.2f} times the Cramér-Rao bound, of which the forward path costs {s.cost:.3g}. "
         )
     else:
@@ -94,8 +94,8 @@ def noise_page(s: NoiseStudy) -> str:
     rows = [[converter(b), *(_cell(s, s.at(b, n)) for n in s.noises)] for b in s.bits]
     text = (
         "Columns: noise of the current reading, rms. Error: rms deviation of the estimated gap from that of a reading "
-        "without noise and converter, in um; in brackets over the Cramér-Rao bound at the estimator's noise bandwidth. "
-        f"The gap moves by {1e6 * REACH * s.sensor.gap:.3g} um at {FREQUENCY:g} Hz. "
+        "without noise and converter, in µm; in brackets over the Cramér-Rao bound at the estimator's noise bandwidth. "
+        f"The gap moves by {1e6 * REACH * s.sensor.gap:.3g} µm at {FREQUENCY:g} Hz. "
     )
     if any(_lost(s, p) for p in s.points):
         text += f"Lost: above {_LOST:.0%} of the gap, the estimate runs into the ends of its range. "
@@ -126,7 +126,7 @@ def _converters(s: NoiseStudy) -> tuple[list[str], list[list[str]]]:
         runs.append((DISSERTATION_RATE, {p.bits: p for p in s.at_dissertation}))
     head = ["bits", "count\nmA", "counts in\nthe ripple"]
     for rate, _ in runs:
-        head += [f"{name}\n{rate / 1e3:g} kHz" for name in ("error, um", "mean, um", "ratio")]
+        head += [f"{name}\n{rate / 1e3:g} kHz" for name in ("error, µm", "mean, µm", "ratio")]
     rows = []
     for bits in runs[0][1]:
         count = 2 * s.sensor.acquisition.current_range / 2**bits

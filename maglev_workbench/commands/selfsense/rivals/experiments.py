@@ -14,10 +14,10 @@ import scipy
 from maglev_env.loop.magnets.kinds import force_law
 from maglev_env.loop.magnets.law import linearise
 from maglev_env.rig.rig import Rig, axis_rig
-from selfsense.averaged import AveragedMagnet, Levitation, levitate, linear_model, sampled
 from selfsense.coil import Coil
-from selfsense.kalman import process_noise, run
-from selfsense.observer import averaged_signals, design_observer, observe
+from selfsense.rivals.averaged import AveragedMagnet, Levitation, levitate, linear_model, sampled
+from selfsense.rivals.kalman import process_noise, run
+from selfsense.rivals.observer import averaged_signals, design_observer, observe
 from selfsense.sensor import SelfSensor
 from selfsense.simulate import simulate
 

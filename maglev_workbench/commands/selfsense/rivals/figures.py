@@ -17,7 +17,7 @@ _POINTS = 3000  # of a trace at most
 
 
 def series(r: Rivalry) -> "Figure":
-    """A piece of three cases, a panel each: position and the three readings in um over time in ms."""
+    """A piece of three cases, a panel each: position and the three readings in µm over time in ms."""
     from plotly.graph_objects import Scatter
     from plotly.subplots import make_subplots
 
@@ -37,7 +37,7 @@ def series(r: Rivalry) -> "Figure":
             line = {"color": colour, "width": width}
             at = {"x": 1e3 * (time[inside] - start), "y": 1e6 * values[inside], "mode": "lines", "line": line}
             figure.add_trace(Scatter(**at, name=name, legendgroup=name, showlegend=row == 1), row=row, col=1)
-    figure.update_yaxes(title_text="displacement in um")
+    figure.update_yaxes(title_text="displacement in µm")
     figure.update_xaxes(title_text="time in ms", row=3, col=1)
     return figure.update_layout(legend={"orientation": "h", "y": -0.08})
 

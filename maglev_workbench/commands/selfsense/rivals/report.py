@@ -11,7 +11,7 @@ from maglev_workbench.commands.selfsense.rig_sensor import made_by, sampling_not
 from maglev_workbench.commands.selfsense.rivals.experiments import AVERAGED, NAMES, Result, Rivalry
 from maglev_workbench.commands.selfsense.rivals.figures import series
 from maglev_workbench.page import note, number, page, table
-from selfsense.averaged import observability
+from selfsense.rivals.averaged import observability
 
 if TYPE_CHECKING:
     import rich.table
@@ -24,7 +24,7 @@ def rivals_table(r: Rivalry) -> "rich.table.Table":
     from rich import box
     from rich.table import Table
 
-    result = Table(box=box.SIMPLE_HEAD, pad_edge=False, title=f"{r.rig.name}: error of the displacement, um rms")
+    result = Table(box=box.SIMPLE_HEAD, pad_edge=False, title=f"{r.rig.name}: error of the displacement, µm rms")
     for name in ("", "motion", "observer", "Kalman", "parameter\nestimator"):
         result.add_column(name, justify="left" if not name else "right")
     for one in r.results:
@@ -40,13 +40,13 @@ def rivals_summary(r: Rivalry) -> str:
     raw, left = (" and ".join(_um(getattr(o, of)["estimator"]) for o in others) for of in ("errors", "fitted"))
     observer, kalman, estimator = (_um(nominal.errors[n]) for n in NAMES)
     return (
-        f"On the rig that all three believe in, the state observer reads a motion of {_um(nominal.motion)} um rms to "
-        f"{observer} um, the Kalman filter to {kalman} and the parameter estimator to {estimator}. With 20 % more coil "
+        f"On the rig that all three believe in, the state observer reads a motion of {_um(nominal.motion)} µm rms to "
+        f"{observer} µm, the Kalman filter to {kalman} and the parameter estimator to {estimator}. With 20 % more coil "
         f"resistance these errors are {_three(hot)}, under a constant force of {number(step.case.step)} N "
         f"{_three(step)}: observer and filter infer the displacement from the balance of forces and voltages, the "
         f"parameter estimator from the ripple. A supply voltage or an inductance 20 % off scales its reading, {raw} "
-        f"um, of which offset and gain calibrated leave {left} um; of the observer's error with more resistance they "
-        f"leave {_um(hot.fitted['observer'])} um, of {_um(hot.motion)} um of motion."
+        f"µm, of which offset and gain calibrated leave {left} µm; of the observer's error with more resistance they "
+        f"leave {_um(hot.fitted['observer'])} µm, of {_um(hot.motion)} µm of motion."
     )
 
 
@@ -87,7 +87,7 @@ def rivals_page(r: Rivalry) -> str:
         rows.append([one.case.name, *(number(1e6 * v) for v in (*values, *(one.fitted[n] for n in NAMES)))])
     m, pwm = r.results[0].case.magnet, r.sensor.supply.frequency
     text = (
-        "All in um rms over the second half of the record. Calibrated: after the offset and gain that fit this record "
+        "All in µm rms over the second half of the record. Calibrated: after the offset and gain that fit this record "
         "best, which shrink noise too; where the motion itself is left, the reading says nothing of it. The rig is as "
         "the row says, and all three believe in the nominal one"
     )
@@ -125,7 +125,7 @@ def _um(value: float) -> str:
 
 def _three(one: Result) -> str:
     observer, kalman, estimator = (_um(one.errors[n]) for n in NAMES)
-    return f"{observer}, {kalman} and {estimator} um"
+    return f"{observer}, {kalman} and {estimator} µm"
 
 
 def _poles(poles: np.ndarray) -> str:

@@ -5,7 +5,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from maglev_env.evaluation.evaluate import Evaluation, evaluate
+from maglev_env.evaluation.evaluate import evaluate
+from maglev_env.evaluation.evaluation import Evaluation
 from maglev_env.experiment import protocol_experiment
 from maglev_env.rig.rig import Rig
 from maglev_env.rig.self_sensor import rig_sensors

@@ -24,7 +24,7 @@ def robustness_figure(r: Robustness) -> "Figure":
     from plotly.subplots import make_subplots
 
     names = list(r.rows)
-    titles = ["rms error of the gap in um", *_PANELS.values()]
+    titles = ["rms error of the gap in µm", *_PANELS.values()]
     figure = styled(make_subplots(1, 3, shared_yaxes=True, horizontal_spacing=0.03, subplot_titles=titles), 560)
     alone = {"raw": "raw", "calibrated": "estimator", "demodulator": "demodulator"}
     for style, field in alone.items():
@@ -32,7 +32,7 @@ def robustness_figure(r: Robustness) -> "Figure":
         x = [1e6 * getattr(row.errors, field) for row in r.rows.values()]
         marker = {"color": colour, "symbol": symbol, "size": 9}
         trace = {"x": x, "y": names, "mode": "markers", "marker": marker, "name": label, "legendgroup": style}
-        figure.add_trace(Scatter(**trace, hovertemplate="%{y}: %{x:.3g} um<extra></extra>"), row=1, col=1)
+        figure.add_trace(Scatter(**trace, hovertemplate="%{y}: %{x:.3g} µm<extra></extra>"), row=1, col=1)
     figure.update_xaxes(type="log", dtick=1, row=1, col=1)
     for col, (quantity, title) in enumerate(_PANELS.items(), 2):
         held = [getattr(getattr(row, of), quantity) for row in r.rows.values() for of in ("raw", "calibrated")]

@@ -36,7 +36,7 @@ def robustness_table(r: Robustness) -> "rich.table.Table":
     title = f"Mismatches of {_rig(r)}"
     result = Table(box=box.SIMPLE_HEAD, padding=0, show_edge=False, title=title)
     result.add_column("", no_wrap=True)
-    for head in ("error\nat rest\num", "\n\ngain", "rms\nerror\num", "cali-\nbra-\nted", "sup-\npres-\nsion"):
+    for head in ("error\nat rest\nµm", "\n\ngain", "rms\nerror\nµm", "cali-\nbra-\nted", "sup-\npres-\nsion"):
         result.add_column(f" {head}".replace("\n", "\n "), justify="right", no_wrap=True)
     for head in ("phase\nmargin\n°", "cali-\nbra-\nted", "peak\n|S|\n", "cali-\nbra-\nted"):
         result.add_column(f" {head}".replace("\n", "\n "), justify="right", no_wrap=True)
@@ -54,11 +54,11 @@ def robustness_summary(r: Robustness) -> str:
     at_rest = max(wrong, key=lambda name: abs(wrong[name].offset))
     raw, mended = (max(wrong, key=lambda name: getattr(wrong[name], of)) for of in ("raw", "estimator"))
     text = (
-        f"A wrong belief moves the gap of {_rig(r)} at rest by up to {_um(abs(wrong[at_rest].offset))} um ({at_rest}). "
+        f"A wrong belief moves the gap of {_rig(r)} at rest by up to {_um(abs(wrong[at_rest].offset))} µm ({at_rest}). "
     )
-    text += f"A static calibration takes the largest rms error from {_um(wrong[raw].raw)} um ({raw}) to "
-    text += f"{_um(wrong[mended].estimator)} um ({mended}); without any mismatch it is "
-    text += f"{_um(r.rows[AS_BELIEVED].errors.estimator)} um, the estimator's lag."
+    text += f"A static calibration takes the largest rms error from {_um(wrong[raw].raw)} µm ({raw}) to "
+    text += f"{_um(wrong[mended].estimator)} µm ({mended}); without any mismatch it is "
+    text += f"{_um(r.rows[AS_BELIEVED].errors.estimator)} µm, the estimator's lag."
     if not r.rows[AS_BELIEVED].raw.levitates.all():
         return f"{text} In the loop it does not levitate even without a mismatch: see maglev selfsense levitate."
     for of, words in zip(LOOPS, ("as the sensor reads", "calibrated"), strict=True):
@@ -107,10 +107,10 @@ def robustness_json(r: Robustness) -> dict[str, Any]:
 
 def robustness_page(r: Robustness) -> str:
     """The HTML of the mismatches."""
-    head = ("", "error\nat rest\num", "gain\n", "rms\nerror\num", "rms,\ncali-\nbrated")
+    head = ("", "error\nat rest\nµm", "gain\n", "rms\nerror\nµm", "rms,\ncali-\nbrated")
     head += ("suppres-\nsion", "of the\nduty\nalone")
     for of in ("in the loop:", "calibrated:"):
-        head += (f"{of}\ngap bias\num", "phase\nmargin °\n(change)", "peak |S|\n(change)")
+        head += (f"{of}\ngap bias\nµm", "phase\nmargin °\n(change)", "peak |S|\n(change)")
     rows = []
     for name, row in r.rows.items():
         cells = [name, *_alone(row)]
@@ -122,7 +122,7 @@ def robustness_page(r: Robustness) -> str:
     reach = 1e6 * REACH * r.plan.tables[0][AS_BELIEVED].gap
     sections = [("Mismatches", table(head, rows)), ("", note(_HOW.format(reach=reach))), ("", note(_MENDS))]
     if r.plan.assumed_core:
-        core = f"The rig's [self_sensing] gives no core_length: {1e6 * r.plan.assumed_core:.3g} um are assumed,"
+        core = f"The rig's [self_sensing] gives no core_length: {1e6 * r.plan.assumed_core:.3g} µm are assumed,"
         sections.append(("", note(f"{core} and believed by the estimator.")))
     if _locked(r):
         sections.append(("", note(_LOCKED)))
@@ -134,7 +134,7 @@ def robustness_page(r: Robustness) -> str:
 
 _LOOP = ("phase_margin", "peak_sensitivity")
 _HOW = (
-    "Left, the sensor by itself: the gap moves by ±{reach:g} um at 100 Hz while the duty moves by ±0.1 about one half, "
+    "Left, the sensor by itself: the gap moves by ±{reach:g} µm at 100 Hz while the duty moves by ±0.1 about one half, "
     "without noise. Error at rest and gain: of the estimated gap, at half duty. Suppression: rms error of demodulation "
     "alone over that of the estimator, both statically calibrated; and of what the moving duty alone adds. Right, the "
     f"levitation loop at its preset gains, with noise, means of {SEEDS} experiments; gap bias: reading less "
@@ -162,7 +162,7 @@ def _rig(r: Robustness) -> str:
 
 
 def _um(value: float) -> str:
-    """A gap (m) in um to 10 nm, to 0.1 um from 10 um on."""
+    """A gap (m) in µm to 10 nm, to 0.1 µm from 10 µm on."""
     text = f"{1e6 * value:.{1 if abs(value) >= 1e-5 else 2}f}"
     return "–" if np.isnan(value) else text.replace("-0.00", "0.00")
 

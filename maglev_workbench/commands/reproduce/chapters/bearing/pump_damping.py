@@ -7,7 +7,8 @@ import numpy as np
 import scipy
 
 from maglev_env.rotor.linear import closed_loop_poles
-from maglev_env.rotor.rotor import Rotor, Runout
+from maglev_env.rotor.parts import Runout
+from maglev_env.rotor.rotor import Rotor
 from maglev_workbench.commands.runup.study import readings
 
 WORST, TOP = 10_000.0, 14_000.0  # rpm

@@ -12,8 +12,9 @@ from maglev_env.loop.magnets.kinds import force_law
 from maglev_env.loop.magnets.law import linearise
 from maglev_env.rig.rig import axis_rig, load_rig
 from maglev_workbench.commands.reproduce.chapter_figures import by_frequency
-from maglev_workbench.commands.reproduce.chapters.coefficients.radial import SHAKER, SWITCHING
+from maglev_workbench.commands.reproduce.chapters.coefficients.radial import SHAKER
 from maglev_workbench.commands.reproduce.chapters.shaker import (
+    SWITCHING,
     least_squares_bands,
     receptance,
     simulated,

@@ -15,6 +15,7 @@ from maglev_env.loop.magnets.law import linearise
 from maglev_env.rig.rig import Rig, axis_rig, load_rig
 from maglev_workbench.commands.reproduce.chapter_figures import by_frequency
 from maglev_workbench.commands.reproduce.chapters.shaker import (
+    SWITCHING,
     Shaker,
     least_squares_bands,
     receptance,
@@ -25,7 +26,6 @@ from maglev_workbench.commands.reproduce.item import Item, Outcome, Row
 from maglev_workbench.page import number
 
 SHAKER = Shaker(250, 1.5, direction=45.0)
-SWITCHING = 12.5e-6  # m: 100 mV (4.4.3) at 8 V/mm
 NATURAL = np.array([[65.0, 80.0]])  # Hz, the band of Table 5.3
 MEASURED = 70.0  # Hz
 LARGEST = 1400e3  # N/m, of Figure 5.20

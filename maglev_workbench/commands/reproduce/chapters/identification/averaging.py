@@ -5,8 +5,8 @@ import numpy as np
 from estimation.bands import sliding_bands
 from maglev_env.rig.rig import load_rig
 from maglev_workbench.commands.reproduce.chapter_figures import by_frequency
-from maglev_workbench.commands.reproduce.chapters.causes import SWITCHING
 from maglev_workbench.commands.reproduce.chapters.shaker import (
+    SWITCHING,
     Shaker,
     least_squares_bands,
     receptance,

@@ -14,11 +14,16 @@ from maglev_env.loop.magnets.kinds import force_law
 from maglev_env.loop.magnets.law import linearise
 from maglev_env.rig.rig import load_rig
 from maglev_workbench.commands.reproduce.chapter_figures import by_frequency
-from maglev_workbench.commands.reproduce.chapters.shaker import Shaker, least_squares_bands, simulated, with_noise
+from maglev_workbench.commands.reproduce.chapters.shaker import (
+    SWITCHING,
+    Shaker,
+    least_squares_bands,
+    simulated,
+    with_noise,
+)
 from maglev_workbench.commands.reproduce.item import Item, Outcome, Row
 
 SHAKER = Shaker(200, 0.7)
-SWITCHING = 12.5e-6  # m: 100 mV (4.4.3) at 8 V/mm
 DRAWS = 8
 SHORT = 1e-4  # s, the derivative's time constant of Table 3.5
 LOW, MIDDLE, HIGH = 26.0, 60.0, 190.0  # Hz, centres of bands

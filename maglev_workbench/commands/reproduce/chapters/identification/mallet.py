@@ -9,8 +9,13 @@ from maglev_env.linear.loop import closed_loop_poles
 from maglev_env.rig.excitation import Excitation
 from maglev_env.rig.rig import Rig, load_rig
 from maglev_workbench.commands.reproduce.chapter_figures import by_frequency
-from maglev_workbench.commands.reproduce.chapters.causes import SWITCHING
-from maglev_workbench.commands.reproduce.chapters.shaker import Shaker, least_squares_bands, simulated, with_noise
+from maglev_workbench.commands.reproduce.chapters.shaker import (
+    SWITCHING,
+    Shaker,
+    least_squares_bands,
+    simulated,
+    with_noise,
+)
 from maglev_workbench.commands.reproduce.item import Item, Outcome, Row
 
 TOP = 200  # Hz

@@ -15,7 +15,7 @@ from maglev_workbench.commands.selfsense.calibrate.figures import line
 from maglev_workbench.commands.selfsense.calibrate.numbers import gain_interval
 from maglev_workbench.commands.selfsense.calibrate.sources import Axis, Static, simulated
 from maglev_workbench.commands.selfsense.rig_sensor import DEFAULT_RIG, load_sensor
-from selfsense.calibration import static_calibration
+from selfsense.calibration.static import static_calibration
 from selfsense.forward_path import response
 from selfsense.sensor import samples_and_periods
 from selfsense.simulate import simulate

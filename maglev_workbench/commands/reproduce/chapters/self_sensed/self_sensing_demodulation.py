@@ -112,7 +112,7 @@ def digital_filters(seed: int) -> Outcome:
             kind="consequence"),
         Row("low-pass at twice the switching frequency", None, level(low, 50e3), "dB",
             reason="what is left of the rectified ripple's first harmonic"),
-        Row("delay of both at 100 Hz", None, 1e6 * _delay(low, 100.0, rate), "us",
+        Row("delay of both at 100 Hz", None, 1e6 * _delay(low, 100.0, rate), "µs",
             reason="of the low-pass: the high-pass acts on the carrier"),
     )  # fmt: skip
     frequency = np.geomspace(100.0, 120e3, 200)
@@ -178,20 +178,20 @@ def forward_path(seed: int) -> Outcome:
     nothing = "the text gives no current; 0.2 A, the bias, is taken"
     rows = (
         Row("constant duty: lag at 100 Hz", "some delay", 360 * HERTZ * constant.delay, "°"),
-        Row("constant duty: error, rms", "reasonable agreement", 1e6 * constant.rms, "um"),
+        Row("constant duty: error, rms", "reasonable agreement", 1e6 * constant.rms, "µm"),
         Row("swing of the duty by eq 6.25", None, own.swing, reason=nothing),
         Row(
             "that swing, exact edges: error, rms",
             "very noisy",
             _rms(off["exact"]),
-            "um",
+            "µm",
             reason="as with constant duty",
         ),
-        Row("that swing: mean error by alpha (1 - alpha)", None, 1e6 * own.closed_form, "um"),
-        Row("that swing, edges on samples: error, rms", "very noisy", _rms(off["on"]), "um"),
-        Row("that swing, edges on samples: largest error", None, float(np.abs(off["on"]).max()), "um"),
-        Row("swing 0.1: mean error", None, 1e6 * varying.bias, "um"),
-        Row("swing 0.1: mean error by alpha (1 - alpha)", None, 1e6 * float(large.closed_form.mean()), "um"),
+        Row("that swing: mean error by alpha (1 - alpha)", None, 1e6 * own.closed_form, "µm"),
+        Row("that swing, edges on samples: error, rms", "very noisy", _rms(off["on"]), "µm"),
+        Row("that swing, edges on samples: largest error", None, float(np.abs(off["on"]).max()), "µm"),
+        Row("swing 0.1: mean error", None, 1e6 * varying.bias, "µm"),
+        Row("swing 0.1: mean error by alpha (1 - alpha)", None, 1e6 * float(large.closed_form.mean()), "µm"),
         Row("swing 0.1: current that it drives", None, large.current, "A", reason="with 2 ohm in series"),
     )
     shown = slice(0, own.time.size // _PERIODS * 2, 5)
@@ -201,7 +201,7 @@ def forward_path(seed: int) -> Outcome:
         ("exact edges", time, 1e6 * own.exact["demodulated"][shown]),
         ("true gap", time, 1e6 * own.gap[shown]),
     ]
-    figure = lines_figure("time in ms", "demodulated gap in um", traces)
+    figure = lines_figure("time in ms", "demodulated gap in µm", traces)
     notes = (
         f"With the duty constant the demodulated gap follows the motion, {360 * HERTZ * constant.delay:.1f} degrees "
         "late: as published.",
@@ -226,18 +226,18 @@ def estimator_tracking(seed: int) -> Outcome:
     on = [_rms(1e6 * (own.sampled[m] - own.gap)) for m in METHODS]
     perfect, better = "matches perfectly", "much better"
     rows = (
-        Row("duty 0.5 ± 0.1: estimator's error, rms", perfect, 1e6 * good.rms, "um", reason="of ± 50 um of motion"),
-        Row("of it without the lag", perfect, 1e6 * good.rms_without_lag, "um"),
+        Row("duty 0.5 ± 0.1: estimator's error, rms", perfect, 1e6 * good.rms, "µm", reason="of ± 50 µm of motion"),
+        Row("of it without the lag", perfect, 1e6 * good.rms_without_lag, "µm"),
         Row("estimator's lag at 100 Hz", "little phase lag", 360 * HERTZ * good.delay, "°"),
-        Row("forward path's error, rms", None, 1e6 * wrong.rms, "um"),
+        Row("forward path's error, rms", None, 1e6 * wrong.rms, "µm"),
         Row("forward path's error over the estimator's", better, varying.ratio),
-        Row("edges on samples: estimator's error, rms", perfect, on[1], "um"),
+        Row("edges on samples: estimator's error, rms", perfect, on[1], "µm"),
         Row("edges on samples: the forward path's over it", better, on[0] / on[1]),
         Row(
             "read with 2 mA of noise and 12 bits: estimator's error, rms",
             None,
             1e6 * noisy.traces["varying"].errors["estimated"].rms,
-            "um",
+            "µm",
             reason="the published simulation has no noise of the current sensor",
         ),
     )

@@ -22,8 +22,8 @@ from maglev_workbench.commands.selfsense.calibrate.numbers import MEASURED_AT, M
 from maglev_workbench.commands.selfsense.calibrate.sources import PEAK
 from maglev_workbench.commands.selfsense.design.figures import MARGIN_IN_D
 from selfsense.bound import noise_sweep
+from selfsense.calibration.dynamic import DynamicCalibration, simulated_dynamic
 from selfsense.design import assess, with_gains
-from selfsense.dynamic_calibration import DynamicCalibration, simulated_dynamic
 from selfsense.linear import linearise, tracking
 from selfsense.sensor import SelfSensor
 
@@ -65,7 +65,7 @@ def dynamic_calibration(seed: int) -> Outcome:
             "delay of that lag",
             1e6 * measured,
             1e6 * quiet.delay,
-            "us",
+            "µs",
             0.1,
             gap,
             kind="prediction",
@@ -75,7 +75,7 @@ def dynamic_calibration(seed: int) -> Outcome:
             "delay measured over that of the simulated 18° at 4 kHz",
             None,
             measured / (LAG_IN_D / 360 / LAG_AT),
-            reason="556 us over 12.5 us, from the published degrees",
+            reason="556 µs over 12.5 µs, from the published degrees",
         ),
         Row(
             "dip of the phase at 75 Hz",
@@ -97,13 +97,13 @@ def dynamic_calibration(seed: int) -> Outcome:
             "with noise: delay",
             1e6 * measured,
             1e6 * loud.delay,
-            "us",
+            "µs",
             0.1,
             "white noise of the current does not delay",
             kind="prediction",
             again="dynamic-calibration",
         ),
-        Row("with noise: half the 95 % interval of it", None, 1e6 * (loud.delay_high - loud.delay_low) / 2, "us"),
+        Row("with noise: half the 95 % interval of it", None, 1e6 * (loud.delay_high - loud.delay_low) / 2, "µs"),
         Row(
             "analog path with 30° at 150 Hz: phase margin",
             MARGIN_IN_D,
@@ -151,8 +151,8 @@ def dynamic_calibration(seed: int) -> Outcome:
             kind="prediction",
             again="dynamic-calibration",
         ),
-        Row(f"delay margin of {rig.name} levitated with a probe", None, 1e6 * margins[rig.name], "us"),
-        Row("delay margin of eframe levitated with a probe", None, 1e6 * margins["eframe"], "us"),
+        Row(f"delay margin of {rig.name} levitated with a probe", None, 1e6 * margins[rig.name], "µs"),
+        Row("delay margin of eframe levitated with a probe", None, 1e6 * margins["eframe"], "µs"),
         Row(
             f"right-most pole of {rig.name} levitated by that slow estimator",
             None,
@@ -165,7 +165,7 @@ def dynamic_calibration(seed: int) -> Outcome:
     traces = [("published: -30° at 150 Hz", [MEASURED_AT - 2, MEASURED_AT + 2], [-MEASURED_LAG] * 2)]
     named = {"estimator for 35° at 4 kHz": sensor, "analog path, integral gain": slow[5e3]}
     traces += [(name, f, np.degrees(np.unwrap(np.angle(tracking(s, f))))) for name, s in named.items()]
-    traces.append(("pure delay of 556 us", f, -360 * f * measured))
+    traces.append(("pure delay of 556 µs", f, -360 * f * measured))
     figure = lines_figure("frequency in Hz", "phase in degrees", traces)
     notes = (
         "The measured delay is not the simulated estimator's, with its published 18 degrees at 4 kHz or with more, and "
@@ -176,7 +176,7 @@ def dynamic_calibration(seed: int) -> Outcome:
         "10 degrees with the averaging's corner, so this is a hypothesis: calibrated up to 300 Hz it would lose 3 dB "
         "there, a pure delay nothing.",
         "That 83 degrees exceed the 30 says nothing of stability: they are the margin of the estimator's own loop. "
-        f"What a delay of 556 us uses up is the levitation loop's margin: {1e6 * margins[rig.name]:.0f} us on "
+        f"What a delay of 556 µs uses up is the levitation loop's margin: {1e6 * margins[rig.name]:.0f} µs on "
         f"{rig.name} with the gains of Table 3.5, nearly all of it, but a small part of eframe's.",
     )
     return Outcome(rows, (("Phase of estimate over displacement", figure),), notes)

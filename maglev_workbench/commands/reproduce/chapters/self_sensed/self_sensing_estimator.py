@@ -17,8 +17,8 @@ from maglev_workbench.commands.selfsense.calibrate.figures import bode
 from maglev_workbench.commands.selfsense.calibrate.sources import FUNDAMENTAL, PEAK, TOP, Dynamic
 from maglev_workbench.commands.selfsense.design.figures import MARGIN_IN_D
 from maglev_workbench.commands.selfsense.rate_limit.rate_map import CLAIMED, REFUSED, settled
+from selfsense.calibration.dynamic import simulated_dynamic
 from selfsense.design import assess, trade_off, with_gains
-from selfsense.dynamic_calibration import simulated_dynamic
 from selfsense.linear import tracking
 from selfsense.rate_limit import gains_with_limit, lowest_stable_rate
 from selfsense.sensor import SelfSensor
@@ -42,7 +42,7 @@ def estimator_response(seed: int) -> Outcome:
     apart = "not one design: behind these filters so little lag leaves little margin, and so much margin much lag"
     rows = (
         Row("lag at 4 kHz", LAG_IN_D, lag, "°", 0.02, chosen, kind="fit"),
-        Row("pure delay that fits best", None, 1e6 * found.delay, "us", reason="18° at 4 kHz alone are 12.5 us"),
+        Row("pure delay that fits best", None, 1e6 * found.delay, "µs", reason="18° at 4 kHz alone are 12.5 µs"),
         Row("bandwidth, -3 dB", "above 4", 1e-3 * design.bandwidth, "kHz", means=(4, inf), kind="fit"),
         Row(
             "largest departure of the simulation from the linear model",

@@ -8,11 +8,11 @@ import numpy as np
 
 from maglev_env.recordings.campaign import load_campaign
 from maglev_env.rig.rig import Rig
-from sim2real.blind import scoring
-from sim2real.blind.calibration import Reliability, reliability
 from sim2real.blind.cases import ANSWERS, CAMPAIGNS, answers_digest, open_labels, read_answer, seal_of
-from sim2real.blind.judging import Judgement, judge
-from sim2real.blind.regret import CaseRegret, regret_row, regrets
+from sim2real.blind.judging import scoring
+from sim2real.blind.judging.calibration import Reliability, reliability
+from sim2real.blind.judging.judging import Judgement, judge
+from sim2real.blind.judging.regret import CaseRegret, regret_row, regrets
 from sim2real.blind.twin import Truth
 
 

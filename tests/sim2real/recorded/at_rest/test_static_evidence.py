@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from maglev_env.rig.rig import rig_from_toml
-from sim2real.recorded.static_evidence import (
+from sim2real.recorded.at_rest.static_evidence import (
     Levels,
     Tolerances,
     drift_in_words,
@@ -15,7 +15,7 @@ from sim2real.recorded.static_evidence import (
     of_weight,
     static_estimate,
 )
-from sim2real.recorded.weight_law import balancing, lacking_in_words
+from sim2real.recorded.at_rest.weight_law import balancing, lacking_in_words
 
 MASS, GRAVITY, GAP, AIR = 0.02, 9.80665, 6e-3, 2e-3
 CONSTANT = 5e-5  # N m2/A2: pull = CONSTANT i^2 / x^2 with x = GAP + AIR - y
@@ -115,7 +115,7 @@ def test_gain_and_stiffness_grow_with_the_weight():
 
 
 def _drifting(rng, recordings, drift, levels=3):
-    """Levels of recordings whose currents are off by an offset each; 1 mA and 10 um of noise."""
+    """Levels of recordings whose currents are off by an offset each; 1 mA and 10 µm of noise."""
     own = []
     for _ in range(recordings):
         y = np.repeat(rng.uniform(-1e-3, 1e-3, levels), 6)

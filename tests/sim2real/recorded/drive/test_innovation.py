@@ -9,7 +9,7 @@ from scipy import signal
 
 from maglev_env.recordings.campaign import load_campaign
 from sim2real.pooled import pooled
-from sim2real.recorded.innovation import innovations
+from sim2real.recorded.drive.innovation import innovations
 from sim2real.recorded.records import read_records
 
 SAMPLES, TAPS = 20_000, 24

@@ -22,9 +22,9 @@ from maglev_env.recordings.campaign import RecordingSpec
 from maglev_env.recordings.left_out import TellsNothing
 from maglev_env.rig.rig import Rig, axis_rig
 from sim2real.recorded.along_motion import NEAREST
-from sim2real.recorded.controller_output import referred
-from sim2real.recorded.instrument import has_instruments
-from sim2real.recorded.stand_in import finer_steps, stand_in
+from sim2real.recorded.drive.controller_output import referred
+from sim2real.recorded.drive.instrument import has_instruments
+from sim2real.recorded.drive.stand_in import finer_steps, stand_in
 from sim2real.recorded.ticks import between_ticks
 
 UNLIMITED = 1e4  # V: range of the converters of a stand-in

@@ -14,7 +14,7 @@ from maglev_env.task.protocol import env_protocol
 from sim2real.advice import gain_choice
 from sim2real.advice.gain_choice import FACTORS
 from sim2real.blind.cases import Hypothesis, parse_diagnosis
-from sim2real.blind.regret import CaseRegret, case_regret, correction, regret_row, twin_score
+from sim2real.blind.judging.regret import CaseRegret, case_regret, correction, regret_row, twin_score
 from sim2real.blind.twin import Truth
 
 

@@ -8,8 +8,8 @@ from math import inf, nan
 import numpy as np
 from scipy.stats import binomtest
 
-from sim2real.blind.calibration import calibration_error
-from sim2real.blind.judging import SIZES, Judgement, size_range
+from sim2real.blind.judging.calibration import calibration_error
+from sim2real.blind.judging.judging import SIZES, Judgement, size_range
 
 _RESAMPLES = 2000
 

@@ -13,11 +13,11 @@ from maglev_env.task.protocol import env_protocol
 from maglev_workbench.cli import app
 from maglev_workbench.commands.compare import twin as command_twin
 from maglev_workbench.commands.compare.twin_report import Compared, summary, twin_markdown
-from sim2real.blind import worth
 from sim2real.blind.cases import parse_diagnosis
+from sim2real.blind.judging import worth
+from sim2real.blind.judging.worth import CORRECTED, NOMINAL, PRESET, SIMULATORS, TWIN, TwinCase, written_point
 from sim2real.blind.rigs import RIGS
 from sim2real.blind.twin import Truth
-from sim2real.blind.worth import CORRECTED, NOMINAL, PRESET, SIMULATORS, TWIN, TwinCase, written_point
 from sim2real.compared.simulated import Point
 from tuning.comparison import twin as search
 from tuning.comparison.twin import case_worth, compare_simulators, tuned

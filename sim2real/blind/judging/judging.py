@@ -5,8 +5,8 @@ from dataclasses import dataclass
 from math import inf
 
 from maglev_env.loop.effect import EFFECTS
-from sim2real.blind.alike import alike_sets
 from sim2real.blind.cases import NO_GAP, Answer, Case
+from sim2real.blind.judging.alike import alike_sets
 
 _CALIBRATION = frozenset({"calibration"})
 _LEVEL = 0.9  # probability of the smallest set of hypotheses that must hold the truth

@@ -9,7 +9,7 @@ import numpy as np
 import scipy
 from numpy.typing import ArrayLike
 
-from selfsense.averaged import AveragedMagnet, linear_model, observability, sampled
+from selfsense.rivals.averaged import AveragedMagnet, linear_model, observability, sampled
 
 
 @dataclass(frozen=True, eq=False)

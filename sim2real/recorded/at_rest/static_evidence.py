@@ -19,13 +19,13 @@ from maglev_env.loop.magnets.kinds import KINDS, geometric_law
 from maglev_env.loop.magnets.law import SingleSidedLaw, force
 from maglev_env.recordings.campaign import RecordingSpec
 from maglev_env.rig.rig import Rig
-from sim2real.recorded.levels import Levels, joined, levels_of
-from sim2real.recorded.weight_law import balanced, departures, fitted
+from sim2real.recorded.at_rest.levels import Levels, joined, levels_of
+from sim2real.recorded.at_rest.weight_law import balanced, departures, fitted
 
 if TYPE_CHECKING:
     import xarray as xr
 
-AT_REST = "means and weight"  # how this evidence is called
+AT_REST = "means and weight"  # the name of this evidence in reports
 STILL = 0.01  # of the gap: levels that are nearer to each other count as one
 DISAGREE = 1e-3  # probability under noise alone from which recordings rest at other currents
 APART = 5.0  # standard deviations: three times this, and three times STILL of the gap, levels must span for a stiffness

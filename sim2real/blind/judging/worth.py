@@ -8,8 +8,9 @@ from pathlib import Path
 
 import numpy as np
 
-from maglev_env.evaluation.evaluate import evaluate, score_target
+from maglev_env.evaluation.evaluate import evaluate
 from maglev_env.evaluation.score import ScoreTarget
+from maglev_env.evaluation.target import score_target
 from maglev_env.experiment import Experiment, protocol_experiment
 from maglev_env.loop.effect import check_effects
 from maglev_env.recordings.campaign import load_campaign
@@ -17,9 +18,9 @@ from maglev_env.rig.rig import Rig
 from maglev_env.task.gain_box import GainBox, gain_box
 from sim2real.blind.answer import OPENED
 from sim2real.blind.cases import ANSWERS, CAMPAIGNS, Answer, Case, open_labels, read_answer, seal_of
-from sim2real.blind.judging import judge, size_range
-from sim2real.blind.regret import change, correction, twin_run
-from sim2real.blind.scoring import LARGE, answer_words, bootstrap, truth_words
+from sim2real.blind.judging.judging import judge, size_range
+from sim2real.blind.judging.regret import change, correction, twin_run
+from sim2real.blind.judging.scoring import LARGE, answer_words, bootstrap, truth_words
 from sim2real.blind.twin import Truth
 from sim2real.compared.simulated import Point, experiment_at
 

@@ -22,7 +22,7 @@ import scipy.fft
 from maglev_env.loop.magnets.kinds import force_law
 from maglev_env.loop.magnets.law import linearise
 from maglev_env.rig.rig import axis_rig
-from sim2real.recorded.instrument import compared_along
+from sim2real.recorded.drive.instrument import compared_along
 from sim2real.recorded.nominal import nominal_blocks
 from sim2real.recorded.open_record import OpenRecord
 

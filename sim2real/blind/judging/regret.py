@@ -10,8 +10,9 @@ from estimation.lines.periods import line_statistics, period_spectra
 from estimation.max_likelihood import maximum_likelihood
 from estimation.stability_margins import margin_arrays
 from maglev_env.channels import SPECTRAL
-from maglev_env.evaluation.evaluate import force_statistics, score_target
+from maglev_env.evaluation.known_chain import force_statistics
 from maglev_env.evaluation.score import score, terms
+from maglev_env.evaluation.target import score_target
 from maglev_env.experiment import Experiment, protocol_experiment
 from maglev_env.loop.effect import NO_EFFECTS, Effects, check_effects, effect
 from maglev_env.loop.gains import Gains
@@ -20,9 +21,9 @@ from maglev_env.rig.rig import Rig
 from sim2real.advice.gain_choice import gain_choice, gain_sets
 from sim2real.blind.cases import Answer
 from sim2real.blind.excitation import Drive, Grid
-from sim2real.blind.judging import Judgement, size_range
+from sim2real.blind.judging.judging import Judgement, size_range
+from sim2real.blind.judging.scoring import LARGE, REGRET_TARGET, Row, bootstrap, row
 from sim2real.blind.rigs import PID
-from sim2real.blind.scoring import LARGE, REGRET_TARGET, Row, bootstrap, row
 from sim2real.blind.twin import LoopFailed, Truth, twin_periods
 from sim2real.compared.simulated import Point
 

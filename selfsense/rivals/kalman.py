@@ -8,8 +8,8 @@ import scipy
 from filterpy.kalman import ExtendedKalmanFilter
 from numpy.typing import ArrayLike
 
-from selfsense.averaged import CLOSEST, AveragedMagnet, jacobian, levitate, linear_model, slopes
-from selfsense.observer import checked_signals, design_observer, observe
+from selfsense.rivals.averaged import CLOSEST, AveragedMagnet, jacobian, levitate, linear_model, slopes
+from selfsense.rivals.observer import checked_signals, design_observer, observe
 
 # A running mean over MEMORY samples of the squared innovation, in its claimed variance, that no rotor causes.
 MEMORY, LOST = 200, 1e8
@@ -31,7 +31,7 @@ class MagnetFilter(ExtendedKalmanFilter):
         a = h * jacobian(m, *x, voltage=u)
         # The effect of the voltage on the current depends on the displacement through the inductance. Where the voltage
         # is wrong, or feeds back a displacement measured otherwise, this would be taken for information on the
-        # displacement: estimates were then off by 36 um where the filter claimed 12.
+        # displacement: estimates were then off by 36 µm where the filter claimed 12.
         a[2, 0] = 0.0
         self.F = self._I + a @ (self._I + a @ (self._I + a @ (self._I + a / 4) / 3) / 2)
         k1 = slopes(m, *x, u)
@@ -142,7 +142,7 @@ def compare(
 
     Returns:
         Rows: nominal; resistance, supply voltage and inductance each 20 % above the assumed value; a force step (N) at
-        a third of the record. Columns, rms in um over the second half: the motion itself, the error of the observer
+        a third of the record. Columns, rms in µm over the second half: the motion itself, the error of the observer
         (its `poles` in 1/s) and of the filter; and the filter's claimed standard deviation at the end.
     """
     n = round(duration * rate)

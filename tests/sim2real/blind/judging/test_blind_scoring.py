@@ -11,12 +11,12 @@ from sealed_sets import by_name, diagnosis, label, no_gap, seal
 
 from maglev_env.loop.effect import EFFECTS
 from maglev_lanes.code_version import DIAGNOSING, code_version
-from sim2real.blind import scoring
-from sim2real.blind.alike import ALIKE, ALWAYS, AT_ONE_SPEED, alike, alike_sets
 from sim2real.blind.answer import answer_all
-from sim2real.blind.calibration import calibration_error, reliability
 from sim2real.blind.cases import Case, open_labels, parse_diagnosis, read_answer, seal_of
-from sim2real.blind.judging import judge, merged, smallest_set
+from sim2real.blind.judging import scoring
+from sim2real.blind.judging.alike import ALIKE, ALWAYS, AT_ONE_SPEED, alike, alike_sets
+from sim2real.blind.judging.calibration import calibration_error, reliability
+from sim2real.blind.judging.judging import judge, merged, smallest_set
 
 
 def case(kind="single", effects=("delay",), size=20.0, channels="full", speeds=(0.0,), rig="hmb_free", name="c0001"):

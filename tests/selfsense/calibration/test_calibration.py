@@ -5,9 +5,9 @@ import pytest
 from scipy import stats
 
 from estimation.multisine.sphs import harmonic_range, sphs, synthesise
-from selfsense.calibration import static_calibration, static_sweep
+from selfsense.calibration.dynamic import dynamic_calibration, simulated_dynamic
+from selfsense.calibration.static import static_calibration, static_sweep
 from selfsense.coil import Coil
-from selfsense.dynamic_calibration import dynamic_calibration, simulated_dynamic
 from selfsense.linear import tracking
 from selfsense.recorded import estimate_recorded
 from selfsense.sensor import Estimator, SelfSensor
@@ -129,7 +129,7 @@ def test_a_known_filter_and_its_bandwidth_are_recovered():
 @pytest.mark.parametrize("gain", [0.45, -1.0])
 @pytest.mark.parametrize("delay", [0.0, 556e-6, 12e-3])
 def test_a_pure_delay_is_recovered_whatever_its_gain(gain, delay):
-    """D's 30 degrees at 150 Hz are 556 us; 12 ms turns the phase more than once."""
+    """D's 30 degrees at 150 Hz are 556 µs; 12 ms turns the phase more than once."""
     lines = harmonic_range(1, 150)
     x, y = filtered(lines, response=lambda f: gain * np.exp(-2j * np.pi * f * delay))
     found = dynamic_calibration(x, y, 20e3, 10.0, lines, 3)

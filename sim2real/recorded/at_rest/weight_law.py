@@ -10,7 +10,7 @@ from maglev_env.loop.magnets.kinds import force_law
 from maglev_env.loop.magnets.law import SingleSidedLaw, force, linearise
 from maglev_env.rig.rig import Rig
 from sim2real.recorded.along_motion import NEAREST
-from sim2real.recorded.levels import Levels
+from sim2real.recorded.at_rest.levels import Levels
 
 TINY = 1e-9  # of the weight: least scatter of the pull
 BALANCED = 1e-4  # of the bias current: step of its slope in the search for what carries the weight

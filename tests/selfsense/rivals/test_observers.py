@@ -7,10 +7,10 @@ from scipy.interpolate import CubicHermiteSpline
 from scipy.linalg import expm, solve_discrete_are
 from scipy.signal import cont2discrete, place_poles
 
-from selfsense.averaged import AveragedMagnet, jacobian, levitate, linear_model, observability, sampled, slopes
 from selfsense.coil import Coil
-from selfsense.kalman import MagnetFilter, compare, process_noise, run
-from selfsense.observer import averaged_signals, design_observer, observe
+from selfsense.rivals.averaged import AveragedMagnet, jacobian, levitate, linear_model, observability, sampled, slopes
+from selfsense.rivals.kalman import MagnetFilter, compare, process_noise, run
+from selfsense.rivals.observer import averaged_signals, design_observer, observe
 from selfsense.sensor import Estimator, SelfSensor
 from selfsense.simulate import simulate
 from selfsense.supply import Acquisition, Supply
@@ -291,7 +291,7 @@ def test_observer_reads_the_same_from_a_rippling_current(rippling):
     late = slice(600, None)
     expected = np.interp(found.time, np.arange(1500) / RATE, plain)
     assert np.std(expected[late]) > 1e-5
-    assert np.std((rippled - expected)[late]) < 0.5e-6  # 3.5 um where the voltage is averaged as the current is
+    assert np.std((rippled - expected)[late]) < 0.5e-6  # 3.5 µm where the voltage is averaged as the current is
     assert abs(np.mean((rippled - expected)[late])) < 2.5e-6
 
 

@@ -1,0 +1,47 @@
+"""What a rig states in [target]: the values and the goal that gains are scored by."""
+
+from dataclasses import dataclass
+
+from maglev_env.fields import is_number
+from maglev_env.rig.goal import MATCH, check_goal
+
+
+@dataclass(frozen=True)
+class Target:
+    """Targets of the score.
+
+    Args:
+        band: (low, high) in Hz, in which stiffness and damping are compared; a rig replaces None by `default_band`.
+        stiffness: N/m; None: that of the preset gains.
+        damping: N s/m; None: that of the preset gains.
+        peak_sensitivity: largest acceptable one.
+        current_limit: rms current at which the score's current term is a half, A.
+        goal: what gains are scored by: "match" for the values above, "engineer", or requirements (see `rig.goal`).
+
+    Raises:
+        ValueError: A value is not a positive number, or the goal is not understood.
+    """
+
+    band: tuple[float, float] | None = None
+    stiffness: float | None = None
+    damping: float | None = None
+    peak_sensitivity: float = 2.5
+    current_limit: float = 1.0
+    goal: str = MATCH
+
+    def __post_init__(self) -> None:
+        for name in ("stiffness", "damping", "peak_sensitivity", "current_limit"):
+            value = getattr(self, name)
+            optional = name in ("stiffness", "damping") and getattr(self, name) is None
+            if not optional and not (is_number(value) and value > 0):
+                raise ValueError(f"[target]: {name} = {value!r} must be a number above 0")
+        try:
+            check_goal(self.goal)
+        except ValueError as error:
+            raise ValueError(f"[target]: {error}") from None
+
+
+def default_band(control_rate: float) -> tuple[float, float]:
+    """The target band of a rig that states none, Hz: 60 .. 120, and at control rates to which 120 Hz folds back an
+    eighth to a quarter of the rate (Hz)."""
+    return (60.0, 120.0) if control_rate > 240.0 else (control_rate / 8, control_rate / 4)

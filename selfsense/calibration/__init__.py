@@ -1,0 +1,1 @@
+"""Calibration of a gap sensor, recorded or simulated: its static line and its response to motion."""

@@ -1,0 +1,101 @@
+"""Attribution of a gap under the noise that its best explanation leaves.
+
+How loud the noise of a recording without a period is shows only when a good simulation is subtracted. So the hypotheses
+are fitted again, once or twice, where the best of them leaves another noise than was assumed.
+"""
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from sim2real.compared.bench_noise import BenchNoise
+from sim2real.compared.problem import Problem
+from sim2real.judgement.nonstationary import widening
+from sim2real.recorded.open_record import OpenRecord
+from sim2real.recorded.records import Record
+from sim2real.search.attribute import NO_GAP, Attribution, attribute
+
+LOUDER = 1.05  # times its noise that a record without a period may seem to have under a wrong simulation
+QUIETER = 1.5  # times by which noise may have been taken too large
+
+
+def attributed(
+    records: Sequence[Record | OpenRecord],
+    fitted: Problem,
+    judged: Problem,
+    bench: BenchNoise,
+    progress: Callable[[str], None],
+) -> tuple[Problem, Problem, Attribution, list[str]]:
+    """Attribute the gap; of recordings without a period, under the noise that the best explanation leaves.
+
+    Args:
+        records: of the campaign.
+        fitted: what is fitted.
+        judged: what the gap is judged on.
+        bench: the noise that recordings with a period show.
+        progress: called with the name of each step.
+
+    Returns:
+        Both problems with that noise, the attribution, and notes.
+
+    Raises:
+        ValueError: As `attribute`.
+    """
+    attribution = attribute(fitted, progress)
+    if not any(isinstance(r, OpenRecord) for r in records):
+        return fitted, judged, attribution, []
+    # The noise of a record without a period is what a good simulation leaves of it.
+    again, judged, louder = _with_noise_of_best(fitted, judged, attribution)
+    if _other_noise(fitted, again) or _other_nuisances(fitted, again):
+        fitted, attribution = again, attribute(again, progress, attribution)
+        # What the first fits could not simulate may have been taken for noise that the later ones do not leave.
+        again, later, less = _with_noise_of_best(fitted, judged, attribution)
+        if _quieter(fitted, again):
+            judged, louder = later, less
+            fitted, attribution = again, attribute(again, progress, attribution)
+        else:
+            again = fitted
+    if bounded := [p.record.name for p in again.parts if bench.reached(p.record, p.opened.outputs, p.noise)]:
+        note = (
+            f"{', '.join(bounded)}: what is left exceeds the noise that the recordings with a period show; it is "
+            "taken for a gap, not for noise"
+        )
+    elif louder > LOUDER:
+        note = (
+            f"errors at single moments, as at steps or kicks: the noise is taken as {louder:.2g} times as large as "
+            "it looks"
+        )
+    else:
+        note = ""
+    return fitted, judged, attribution, [note] if note else []
+
+
+def _with_noise_of_best(fitted: Problem, judged: Problem, attribution: Attribution) -> tuple[Problem, Problem, float]:
+    """Both problems with the noise that the best fit leaves, and how many times as loud it is taken as it looks."""
+    best = min(attribution.candidates, key=lambda c: c.predictive).fit
+    near = best.hypothesis.point(best.u)
+    louder = float(widening(fitted, best).max(initial=1.0))
+    return fitted.again(near, louder), judged.again(near, louder), louder
+
+
+def _quieter(old: Problem, new: Problem) -> bool:
+    """Whether the noise of a recording is less by more than QUIETER."""
+    return any(np.median(a.noise / b.noise) > QUIETER for a, b in zip(old.parts, new.parts, strict=True))
+
+
+def _other_noise(old: Problem, new: Problem) -> bool:
+    """Whether the noise of a recording is another one by more than LOUDER."""
+    ratios = [np.median(a.noise / b.noise) for a, b in zip(old.parts, new.parts, strict=True)]
+    return bool(np.any(np.abs(np.log(ratios)) > np.log(LOUDER)))
+
+
+def _other_nuisances(old: Problem, new: Problem) -> bool:
+    """Whether a nuisance within its tolerance changes the data in another way than was taken, by what an effect might.
+
+    Of a recording without a period that way is simulated, first on the nominal rig, which may be far off.
+    """
+    if old.nuisances.names != new.nuisances.names:
+        return True
+    # Along a direction that is taken out anyway, it does not matter by how much.
+    apart = old.nuisances.without(new.nuisances.columns - old.nuisances.columns)
+    return bool(np.any(np.linalg.norm(apart, axis=1) ** 2 > NO_GAP))

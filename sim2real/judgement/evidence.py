@@ -1,0 +1,108 @@
+"""What probabilities are computed from: the costs of fitted candidates, tones, trends, and what the best one leaves."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from maglev_env.loop.effect import effect_value
+from sim2real.compared.problem import KINDS
+from sim2real.compared.simulated import Point
+from sim2real.judgement.dispersion import NOISE_ALONE, NOISE_INFLATION, Dispersion, dispersion_of
+from sim2real.judgement.lost_commands import scatter_cost
+from sim2real.search.attribute import Attribution
+from sim2real.search.fitting import Fit
+from sim2real.search.hypotheses import REPLACED
+
+STRAINED = 3.0  # tolerances from which a stated parameter that moved counts as it is, whatever the form of an effect is
+IDLE = 25.0  # cost that an effect must save to be named although it ended where it changes nothing
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """What probabilities are computed from.
+
+    Groups are residuals of the same output, kind of line and octave.
+
+    Attributes:
+        effects: Effects of each candidate, calibration first.
+        cost: Predictive cost of each candidate; inf where it touches down, or contradicts a stated tolerance.
+        nominal: Cost of the untouched nominal rig.
+        excess: Cost of each group beyond the noise, (candidates, G).
+        scatter: Scatter (G,) of that cost under noise alone.
+        groups: Output, kind and octave (Hz) of each group.
+        tones: Chi-square of each family of tones that was found.
+        spin: Cost of each effect that may explain what turns with the rotor.
+        causes: Cost of each effect that may explain one of the families in `judge.OPEN`.
+        dispersion: What the best candidate leaves beyond noise.
+        strain: Part of each candidate's cost that stated parameters make that moved by more than STRAINED tolerances.
+    """
+
+    effects: tuple[tuple[str, ...], ...]
+    cost: np.ndarray
+    nominal: float
+    excess: np.ndarray
+    scatter: np.ndarray
+    groups: tuple[tuple[str, str, float], ...]
+    tones: Mapping[str, float]
+    spin: Mapping[str, float]
+    causes: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+    dispersion: Dispersion = NOISE_ALONE
+    strain: np.ndarray | None = None
+
+
+def evidence_of(
+    attribution: Attribution,
+    tones: Mapping[str, float],
+    spin: Mapping[str, float],
+    causes: Mapping[str, Mapping[str, float]],
+) -> Evidence:
+    """The evidence of fitted candidates, of tones (see `unsynchronised`) and of trends (see `drift`)."""
+    p = attribution.problem
+    octave = np.floor(np.log2(np.maximum(p.frequency, 1e-9))).astype(int)
+    rows = np.stack([p.output, p.kind, octave], axis=1)
+    names, label, count = np.unique(rows, axis=0, return_inverse=True, return_counts=True)
+    label = label.reshape(-1)
+    residuals = [c.fit.residual for c in attribution.candidates]
+    points = [c.fit.hypothesis.point(c.fit.u) for c in attribution.candidates]
+    cost = np.array([
+        np.inf if c.contradicted else c.predictive + scatter_cost(p, point) + idle_cost(point, c.effects)
+        for c, point in zip(attribution.candidates, points, strict=True)
+    ])  # fmt: skip
+    if not np.isfinite(
+        attribution.calibration.fit.cost
+    ):  # no rotor levitates without an effect: use the gap of the opened nominal loop
+        residuals[0] = p.opened_residual()
+    best = attribution.candidates[int(np.argmin(cost))].fit
+    excess = [np.bincount(label, abs(r) ** 2, count.size) - 2.0 * count for r in residuals]
+    return Evidence(
+        tuple(c.effects for c in attribution.candidates),
+        cost,
+        attribution.nominal,
+        np.array(excess),
+        NOISE_INFLATION * np.sqrt(4.0 * count),
+        tuple((p.outputs[o], KINDS[k], float(2.0**f)) for o, k, f in names),
+        dict(tones),
+        dict(spin),
+        dict(causes),
+        NOISE_ALONE if not np.isfinite(cost.min()) or best.jacobian is None else dispersion_of(p, best),
+        np.array([strain_of(c.fit) for c in attribution.candidates]),
+    )
+
+
+def strain_of(fit: Fit) -> float:
+    """Cost of stated parameters that moved by more than STRAINED tolerances."""
+    first = len(fit.hypothesis.coordinates)
+    moved = (fit.prior * np.square(fit.u))[first:]
+    stated = [name in fit.hypothesis.tolerances for name in fit.hypothesis.calibrated]
+    return float(moved[np.array(stated, bool) & (moved > STRAINED**2)].sum())
+
+
+def idle_cost(point: Point, names: Sequence[str]) -> float:
+    """Cost of those of the named effects that change nothing at a point.
+
+    What then explains is a stated constant that moved beside them, and any other error of the time between two channels
+    may do the same. A block whose time constant grew does lag, in one pole instead of two.
+    """
+    still = (name for name in names if effect_value(point.effects, name) == effect_value({}, name))
+    return IDLE * sum(point.changes.get(REPLACED.get(name, ""), 0.0) <= 0 for name in still)

@@ -1,0 +1,229 @@
+"""Tones in the recordings of a campaign: between the lines of the excitation, on them, and as loud bands of noise."""
+
+from collections.abc import Collection
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy import stats
+
+from maglev_env.experiment import axis_experiment
+from maglev_env.linear.loop import loop_response
+from maglev_env.loop.effect import EFFECTS
+from sim2real.compared.open_tones import log_chances, residual_of, tones_in
+from sim2real.compared.problem import Part, Problem
+from sim2real.compared.simulated import Point, experiment_at, modes_of
+from sim2real.recorded.open_record import OpenRecord
+from sim2real.recorded.opened import loud_bands, opened_loop
+from sim2real.recorded.records import Record
+from sim2real.recorded.tones import NEAR, ON_LINE, SAME, families, origin, outstanding, tone_at
+
+FOREIGN, LOUD = "foreign", "loud"
+AROUND = 12  # lines on either side above which a tone on a line must stand out
+NO_TANGENT = {name for name, card in EFFECTS.items() if not card.linear}
+TOGETHER = 1e-4  # probability that noise in all records shows as much at the rotation frequency
+RINGING = 0.25  # octaves from a fitted mode within which a tone is attributed to its ringing
+BESIDE_MODE = 1.4  # twice the octaves from a fitted mode within which loud noise is attributed to it
+
+
+@dataclass(frozen=True)
+class Sighting:
+    """A tone in one record.
+
+    Attributes:
+        record: Index of the record.
+        family: Its origin.
+        harmonic: Order within the family; 1 is the fundamental.
+        frequency: Hz.
+        size: Residual of the opened loop at that frequency, m.
+        sd: Standard deviation of the size, m.
+        receptance: Receptance at that frequency, m/N.
+        chi2: Chi-square of the tone.
+    """
+
+    record: int
+    family: str
+    harmonic: int
+    frequency: float
+    size: float
+    sd: float
+    receptance: float
+    chi2: float
+
+
+def sightings(problem: Problem, point: Point, drifting: bool = False) -> list[Sighting]:
+    """Tones of every part: those found between the harmonics, and those on lines that a point's simulation leaves.
+
+    Args:
+        problem: the campaign.
+        point: the best known parameters.
+        drifting: whether the gain drifts, which scatters over the periods too.
+    """
+    found = []
+    for i, part in enumerate(problem.parts):
+        found += _between(i, part, point) + _on_lines(i, part, point) + _bands(i, part, point, drifting)
+    found = _one_family(problem, found)
+    turning = {s.record for s in found if s.family == "spin" and s.harmonic == 1}
+    rest = [s for i, part in enumerate(problem.parts) if i not in turning for s in _unseen(i, part, point)]
+    axes = problem.parts[0].record.axes
+    # At a known rotation frequency, pooling the records finds tones that no single record shows; and where the rotation
+    # is seen in some records, a small amplitude in the others is evidence as well.
+    if turning or stats.chi2.sf(sum(s.chi2 for s in rest), 2 * axes * len(rest)) < TOGETHER:
+        found += rest
+    return found
+
+
+def _one_family(problem: Problem, found: list[Sighting]) -> list[Sighting]:
+    """Assign tones to one family where it explains them all, for a rotor that turns near the mains frequency."""
+    present = {s.family for s in found}
+    for name in ("pickup", "spin"):
+        others = {family for family in present if not family.startswith(name)}
+        renamed = {s: _within(problem, s, others) for s in found if s.family.startswith(name)}
+        if renamed and None not in renamed.values():
+            known = {(s.record, s.family, s.harmonic) for s in found}
+            kept = [s for s in found if s not in renamed]
+            return kept + [s for s in renamed.values() if (s.record, s.family, s.harmonic) not in known]
+    return found
+
+
+def _within(problem: Problem, s: Sighting, others: Collection[str]) -> Sighting | None:
+    """A sighting renamed to another family that has a tone close enough; None if there is none."""
+    record = problem.parts[s.record].record
+    e = record.experiment
+    off = SAME * _resolution(record) if isinstance(record, OpenRecord) else ON_LINE * e.fundamental
+    for name, tones in families(e.speed_rpm).items():
+        for harmonic, f in enumerate(tones, 1):
+            if name in others and abs(s.frequency - f) < off + NEAR * f:
+                return replace(s, family=name, harmonic=harmonic)
+    return None
+
+
+def _between(index: int, part: Part, point: Point) -> list[Sighting]:
+    modes = [mode["frequency"] for mode in modes_of(point)]
+    record, found = part.record, []
+    if not record.tones:
+        return []
+    speed = record.experiment.speed_rpm
+    resolution = _resolution(record)
+    for tone in record.tones:
+        name = origin(tone.frequency, speed, resolution) or FOREIGN
+        if name == FOREIGN and any(abs(np.log2(tone.frequency / f)) < RINGING for f in modes):
+            continue  # noise that excites a lightly damped mode
+        harmonic = 1
+        if name != FOREIGN:
+            harmonic = int(np.argmin([abs(tone.frequency - f) for f in families(speed)[name]])) + 1
+        opened, reading = tone.amplitude.get("opened"), tone.amplitude.get("displacement")
+        size, receptance = _opened(record, point, tone.frequency, reading, opened)
+        found.append(
+            Sighting(index, name, harmonic, tone.frequency, size, size / np.sqrt(tone.chi2), receptance, tone.chi2)
+        )
+    return found
+
+
+def _unseen(index: int, part: Part, point: Point) -> list[Sighting]:
+    """Amplitude at the rotation frequency of a record in which no tone stands out; nothing where a line hides it."""
+    return seen_at(index, part, point, part.record.experiment.speed_rpm / 60, "spin")
+
+
+def seen_at(index: int, part: Part, point: Point, f: float, family: str = FOREIGN) -> list[Sighting]:
+    """The sighting at a frequency (Hz) between the lines, however small; nothing at 0 or on a line."""
+    e = part.record.experiment
+    if isinstance(part.record, OpenRecord):
+        return _at_open(index, part.record, point, f, family)
+    if f == 0 or abs(f / e.fundamental - round(f / e.fundamental)) < ON_LINE:
+        return []
+    values = part.record.series["displacement"]
+    amplitude, chi2 = tone_at(values, f, e.recorded_per_period, e.recorded_per_period * e.fundamental)
+    size, receptance = _opened(part.record, point, f, amplitude)
+    return [Sighting(index, family, 1, f, size, size / np.sqrt(chi2), receptance, chi2)]
+
+
+def _at_open(index: int, record: OpenRecord, point: Point, f: float, family: str) -> list[Sighting]:
+    """The sighting at a frequency (Hz) in what a point leaves of a record without a period."""
+    if not record.windows.frequency[0, 0] <= f <= record.windows.frequency[-1, -1]:
+        return []
+    if (residual := residual_of(record, point)) is None:
+        return []
+    (amplitude,), (beyond,) = tones_in(residual, at := np.array([f]))
+    # The noise is told from a single window: as a chi-square, the value of the same probability.
+    chi2 = min(beyond, float(stats.chi2.isf(np.exp(log_chances(residual, at)[0]), 2 * record.axes)))
+    size, receptance = _opened(record, point, f, None, amplitude)
+    return [Sighting(index, family, 1, f, size, size / np.sqrt(max(chi2, 1e-300)), receptance, chi2)]
+
+
+def _resolution(record: Record | OpenRecord) -> float:
+    """Distance (Hz) of frequencies that a record tells apart."""
+    if isinstance(record, OpenRecord):
+        return record.windows.sample_rate / record.windows.samples
+    e = record.experiment
+    return e.fundamental / (record.series["displacement"].shape[1] / e.recorded_per_period)
+
+
+def _opened(
+    record: Record | OpenRecord,
+    point: Point,
+    frequency: float,
+    reading: np.ndarray | None,
+    opened: np.ndarray | None = None,
+) -> tuple[float, float]:
+    """Size (m) of a tone with the loop opened as at a point, and the receptance (m/N) there.
+
+    Args:
+        reading: its amplitude (axes,) in the closed loop.
+        opened: or its amplitude (axes,) where the loop has been opened already.
+    """
+    linear = {name: values for name, values in point.effects.items() if name not in NO_TANGENT}
+    e = axis_experiment(experiment_at(record.experiment, replace(point, effects=linear)), 0)
+    r = loop_response(e, np.array([frequency]))
+    if opened is not None:
+        size = float(np.linalg.norm(opened))
+    else:
+        size = float(np.linalg.norm(reading)) * float(abs(1 + r.plant * r.controller)[0])
+    return size, float(abs(r.receptance / r.sensitivity)[0])
+
+
+def _bands(index: int, part: Part, point: Point, drifting: bool) -> list[Sighting]:
+    """Loud bands, as tones of unknown size.
+
+    The noise is white only if the loop is opened correctly. It is opened as at the point and as on the nominal rig,
+    because noise does not meet the tangent of a friction; a band must be loud in both.
+    """
+    if isinstance(part.record, OpenRecord):
+        return []  # its noise is told from the scatter of neighbouring lines, and so are bands of it
+    if not point.effects.keys().isdisjoint(NO_TANGENT):
+        return []  # these effects give the loop's noise no definite shape
+    corrected = replace(part.record, experiment=experiment_at(part.record.experiment, point))
+    opened = [replace(opened_loop(r), outputs=part.opened.outputs) for r in (corrected, part.record)]
+    loops = [loud_bands(r, o, drifting) for r, o in zip((corrected, part.record), opened, strict=True)]
+    loud = min(loops, key=lambda bands: sum(chi2 for *_, chi2 in bands))
+    modes = [mode["frequency"] for mode in modes_of(point)]
+    # Near a lightly damped mode the noise depends on the mode's damping, which no fit determines well enough.
+    loud = [band for band in loud if all(abs(np.log2(f * f / (band[0] * band[1]))) > BESIDE_MODE for f in modes)]
+    return [Sighting(index, LOUD, 1, (lo * hi) ** 0.5, 0.0, 0.0, 0.0, chi2) for lo, hi, chi2 in loud]
+
+
+def _on_lines(index: int, part: Part, point: Point) -> list[Sighting]:
+    record = part.record
+    if not record.masked.any():
+        return []
+    predicted = part.predictor([point])[0]
+    if not np.isfinite(predicted).all():
+        return []
+    plant = part.opened.outputs.index("plant")
+    r = ((part.measured - predicted) * np.sqrt(2) / part.noise)[plant]  # (axes, n)
+    excited = record.excited
+    found = []
+    for name, tones in families(record.experiment.speed_rpm).items():
+        for harmonic, f in enumerate(tones, 1):
+            at = np.flatnonzero(abs(record.frequency - f) < ON_LINE * record.experiment.fundamental)
+            if not at.size:
+                continue
+            line = int(at[0])
+            near = np.arange(max(line - AROUND, 0), min(line + AROUND + 1, r.shape[1]))
+            near = near[(near != line) & (excited[near] == excited[line]) & ~record.masked[near]]
+            chi2 = outstanding(r[:, line], r[:, near].reshape(-1))
+            if chi2 > 0:
+                sd = float(np.linalg.norm(part.noise[plant, :, line])) / np.sqrt(2)
+                size = float(np.linalg.norm(r[:, line])) * sd
+                receptance = float(np.mean(abs(part.opened.receptance[:, line])))
+                found.append(Sighting(index, name, harmonic, f, size, sd, receptance, chi2))
+    return found

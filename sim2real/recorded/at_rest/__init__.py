@@ -1,0 +1,1 @@
+"""What a suspended mass says where it rests: the pull equals the weight."""

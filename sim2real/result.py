@@ -1,0 +1,189 @@
+"""What a diagnosis found, and its JSON."""
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+
+from maglev_env.loop.effect import EFFECTS
+from maglev_env.presented import SHOWN, shown_as_table
+from maglev_env.recordings.campaign import Campaign
+from maglev_env.recordings.left_out import left_out_data
+from maglev_env.rig.rig import Rig
+from sim2real.advice.gain_choice import GainChoice
+from sim2real.advice.next_experiment import Proposal
+from sim2real.compared.problem import Problem
+from sim2real.compared.simulated import Point
+from sim2real.free.correction import Free
+from sim2real.gap.leftover import Leftover
+from sim2real.gap.locate import Where
+from sim2real.gap.shrink import Gap, errors
+from sim2real.judgement.judge import Entry
+from sim2real.search.attribute import Attribution, Candidate
+from sim2real.search.hypotheses import Coordinate
+from sim2real.words import Fitted
+
+SCHEMA = "maglev-diagnosis/1"
+
+
+@dataclass(frozen=True)
+class Diagnosis:
+    """What a campaign shows about the nominal simulator.
+
+    Attributes:
+        verdict: "no_gap", "explained", "ambiguous" or "unexplained".
+        cause: Names of the effects. For an ambiguous verdict, the alternatives that the campaign cannot distinguish,
+            with "a+b" for two effects together; ("unknown",) for an unexplained one.
+        where: Where the gap lies.
+        which: Every hypothesis with its probability.
+        indistinguishable: Sets of causes that the campaign cannot distinguish.
+        next_experiment: The most useful next recording, if one is needed.
+        gap: How far the gap shrinks.
+        corrected: The point that closes the gap (calibration alone where no effect is named).
+        campaign: The campaign of the recordings that were used.
+        attribution: The fitted candidates.
+        judged: The recordings or lines on which the gap is judged.
+        choice: How the gap changes the choice of gains; None where no effect is named or the rig's protocol cannot
+            score gains.
+        seconds: Wall time, s.
+        notes: What was assumed, or could not be determined; first why evidence was tempered, where it was.
+        leftover: What the best partial explanation leaves, where the verdict is "unexplained".
+        tempering: Reduced chi-square that the best explanation leaves, by which differences of evidence were divided;
+            1 where it leaves no more than noise.
+        free: What a free correction of a block adds where no effect explains the gap, or what is named leaves much.
+        unseen: Effects that do not show in any recording, because they act before the current that drives it.
+    """
+
+    verdict: str
+    cause: tuple[str, ...]
+    where: Where
+    which: tuple[Entry, ...]
+    indistinguishable: tuple[tuple[str, ...], ...]
+    next_experiment: Proposal | None
+    gap: Gap
+    corrected: Point
+    campaign: Campaign
+    attribution: Attribution
+    judged: Problem
+    choice: GainChoice | None
+    seconds: float
+    notes: tuple[str, ...]
+    leftover: Leftover | None = None
+    tempering: float = 1.0
+    free: Free | None = None
+    unseen: tuple[str, ...] = ()
+
+    def __repr__(self) -> str:
+        """One line; `report.sentence` says it in words."""
+        return f"<Diagnosis of {self.campaign.folder.name}: {self.verdict}, {', '.join(self.cause) or 'no cause'}>"
+
+    def _repr_html_(self) -> str:
+        rows = [(" + ".join(e.effects), f"{100 * e.probability:.1f} %") for e in self.which[:SHOWN]]
+        return shown_as_table(self, rows)
+
+    @property
+    def rig(self) -> Rig:
+        """The nominal rig, which every diagnosed campaign names."""
+        if self.campaign.rig is None:
+            raise ValueError(f"{self.campaign.folder}: the campaign names no rig, so nothing can be corrected")
+        return self.campaign.rig
+
+    def to_json(self) -> dict[str, Any]:
+        """The diagnosis as schema maglev-diagnosis/1, in SI units; None for what could not be determined."""
+        which = [
+            {
+                "effects": list(e.effects),
+                "probability": e.probability,
+                "parameters": {}
+                if e.candidate is None
+                else fitted_parameters(self.attribution.candidates[e.candidate]),
+                "explained_worst_group": e.explained_worst_group,
+            }
+            for e in self.which
+        ]
+        g, w = self.gap, self.where
+        return {
+            "schema": SCHEMA,
+            "verdict": self.verdict,
+            "cause": list(self.cause),
+            "where": {
+                "blocks": dict(w.blocks),
+                "bands": [{"f_lo": lo, "f_hi": hi, "share": share} for lo, hi, share in w.bands],
+                "kind": dict(w.kind),
+                "controller_distance": w.controller,
+            },
+            "which": which,
+            "indistinguishable": [list(c) for c in self.indistinguishable],
+            "next_experiment": None if self.next_experiment is None else self.next_experiment.to_json(),
+            "gap": {
+                "before": g.before,
+                "calibrated": g.calibrated,
+                "after": g.after,
+                "floor": g.floor,
+                "closed_fraction": g.closed_fraction,
+                "nominal_levitates": g.before is not None,
+                "fit": None if g.figures is None else asdict(g.figures),
+                "closed_fraction_ci": None if g.closed_fraction_ci is None else list(g.closed_fraction_ci),
+                "judged_on": g.judged_on,
+                "stiffness_error": errors(g, "stiffness"),
+                "damping_error": errors(g, "damping"),
+                "peak_sensitivity_error": errors(g, "peak_sensitivity"),
+                "regret": None if self.choice is None else _choice(self.choice),
+                "foils": dict(g.foils),
+            },
+            "corrected": {"effects": {n: dict(v) for n, v in self.corrected.effects.items()},
+                          "changes": dict(self.corrected.changes)},
+            "free": None if self.free is None else self.free.to_json(),
+            "unexplained": None if self.leftover is None else self.leftover.to_json(),
+            "tempering": self.tempering,
+            "unseen": list(self.unseen),
+            "notes": list(self.notes),
+            "left_out": left_out_data(self.campaign.left_out),
+            "seconds": self.seconds,
+        }  # fmt: skip
+
+
+def fitted_parameters(candidate: Candidate) -> Mapping[str, Fitted]:
+    """Fitted parameters with standard errors, named "effect.parameter", or "parameter (relative)" for tolerances.
+
+    A parameter that ended at its bound has no standard error: it is not identified.
+    """
+    fit, found = candidate.fit, {}
+    sd = np.sqrt(np.maximum(np.diag(fit.covariance()), 0.0))
+    for i, c in enumerate(fit.hypothesis.coordinates):
+        value = c.value(float(fit.u[i]))
+        at_bound = c.at_bound(float(fit.u[i]))
+        se = None if at_bound else _se(c, value, float(sd[i]))
+        found[f"{c.effect}.{c.parameter}"] = {"value": value, "se": se, "at_bound": at_bound}
+    for i, name in enumerate(fit.hypothesis.calibrated, len(fit.hypothesis.coordinates)):
+        if shape := fit.hypothesis.shapes.get(name):
+            if (value := shape.value(at := float(fit.u[i]))) != shape.parameter.default:
+                at_bound = at in (shape.bounded(at - 1.0), shape.bounded(at + 1.0))
+                se = None if at_bound else float(sd[i]) * shape.change(at)
+                found[name] = {"value": value, "se": se, "at_bound": at_bound}
+            continue
+        sigma = fit.hypothesis.sigma(name)
+        change = float(fit.u[i]) * sigma
+        found[f"{name} (relative)"] = {"value": change, "se": float(sd[i]) * sigma, "at_bound": False}
+    return found
+
+
+def _se(c: Coordinate, value: float, sd: float) -> float:
+    return value * sd if c.scale is None else c.scale * sd
+
+
+def _choice(choice: GainChoice) -> dict[str, Any]:
+    nominal, corrected = choice.chosen
+    return {
+        "before": choice.regret,
+        "rank_correlation": choice.rank_correlation,
+        "judged_by": "the corrected simulator",
+        "gains": {"nominal": dict(zip(("kp", "kd"), nominal, strict=True)),
+                  "corrected": dict(zip(("kp", "kd"), corrected, strict=True))},
+    }  # fmt: skip
+
+
+def block_of(name: str) -> str:
+    """Block of an effect, or of several effects written "a+b"."""
+    return "+".join(dict.fromkeys(EFFECTS[part].block for part in name.split("+")))
