@@ -10,15 +10,16 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from maglev_env.evaluation.evaluation import Evaluation, unit_of
+from maglev_env.evaluation.evaluation import Evaluation
 from maglev_env.experiment import protocol_experiment
 from maglev_env.loop.effect import Effects
-from maglev_env.loop.gains import NO_CONTROLLER, Controllers, digital, gain_values, of_axis, unit_of_gain, with_gains
+from maglev_env.loop.gains import NO_CONTROLLER, Controllers, digital, gain_values, of_axis, with_gains
 from maglev_env.recordings.result_folder import claim, is_empty, load_arrays, locked, save_arrays
 from maglev_env.rig.rig import Rig
 from maglev_lanes.code_version import code_version
 from maglev_lanes.price import check_experiments
 from tuning.axis import Axis
+from tuning.sweep_file import read_sweep, write_sweep
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -59,8 +60,7 @@ class Sweep:
             )
         p = self.rig.protocol
         period = max((self.rig.control_rate / e.fundamental for e in p.excitations if e.periodic), default=0.0)
-        count = self.sobol or prod(axis.points for axis in self.axes.values())
-        check_experiments(count, period * (p.periods + p.transient_periods), "sweep")
+        check_experiments(self.count, period * (p.periods + p.transient_periods), "sweep")
         if not self.axes:
             raise ValueError("sweep: give at least one gain as lo:hi:n")
         known = _known(self.rig)
@@ -77,6 +77,11 @@ class Sweep:
         for end in ("low", "high"):  # refuses, before any work, what no controller can have
             extreme = with_gains(self.rig.gains, **{name: getattr(axis, end) for name, axis in self.axes.items()})
             digital(of_axis(extreme, 0), 1 / self.rig.control_rate)
+
+    @property
+    def count(self) -> int:
+        """Number of gain sets."""
+        return self.sobol or prod(axis.points for axis in self.axes.values())
 
 
 def _known(rig: Rig) -> list[str]:
@@ -97,27 +102,34 @@ def default_axes(rig: Rig) -> dict[str, Axis]:
     return {name: Axis(*rig.bounds[name], points) for name, points in POINTS.items()}
 
 
-def gain_sets(sweep: Sweep) -> list[Controllers]:
-    """The gain sets in order: the grid with the last axis fastest, or the scrambled Sobol points of the seed."""
+def points(sweep: Sweep) -> dict[str, np.ndarray]:
+    """Values (n,) of the swept gains: the grid, last axis fastest, or the scrambled Sobol points of the seed."""
     names = [name for name in _known(sweep.rig) if name in sweep.axes]
     if sweep.sobol:
         from scipy.stats import qmc
 
         sampler = qmc.Sobol(len(names), rng=np.random.default_rng(sweep.seed))
         unit = sampler.random_base2(int(np.ceil(np.log2(sweep.sobol))))[: sweep.sobol]
-        columns = [_along(sweep.axes[name], unit[:, j], sweep.log) for j, name in enumerate(names)]
-    else:
-        grids = [
-            _along(
-                sweep.axes[n],
-                np.linspace(0, 1, sweep.axes[n].points) if sweep.axes[n].points > 1 else np.zeros(1),
-                sweep.log,
-            )
-            for n in names
-        ]
-        columns = [c.ravel() for c in np.meshgrid(*grids, indexing="ij")]
-    rows = zip(*(map(float, column) for column in columns), strict=True)
-    return [with_gains(sweep.rig.gains, **dict(zip(names, row, strict=True))) for row in rows]
+        return {name: _along(sweep.axes[name], unit[:, j], sweep.log) for j, name in enumerate(names)}
+    grids = [
+        _along(
+            sweep.axes[n],
+            np.linspace(0, 1, sweep.axes[n].points) if sweep.axes[n].points > 1 else np.zeros(1),
+            sweep.log,
+        )
+        for n in names
+    ]
+    return {name: c.ravel() for name, c in zip(names, np.meshgrid(*grids, indexing="ij"), strict=True)}
+
+
+def gain_sets(sweep: Sweep) -> list[Controllers]:
+    """The gain sets in order."""
+    return _controllers(sweep, points(sweep))
+
+
+def _controllers(sweep: Sweep, swept: Mapping[str, np.ndarray]) -> list[Controllers]:
+    rows = zip(*(column.tolist() for column in swept.values()), strict=True)
+    return [with_gains(sweep.rig.gains, **dict(zip(swept, row, strict=True))) for row in rows]
 
 
 def run_sweep(
@@ -140,7 +152,8 @@ def run_sweep(
         workers: Where to run.
 
     Returns:
-        Dataset with the dimensions experiment and band, and the gains as coordinates.
+        Dataset with the dimensions experiment and band, and the gains as coordinates; of more than LARGE experiments it
+        stays in its file until something is read.
 
     Raises:
         ValueError: `out` holds another sweep.
@@ -154,31 +167,31 @@ def run_sweep(
 def _run(sweep, out, threads, advance, workers) -> "xr.Dataset":  # see run_sweep
     if not (out / SPEC).exists() and not is_empty(out):
         raise ValueError(f"{out} is not empty and holds no sweep; choose another --out")
-    gains = gain_sets(sweep)
-    claim(out / SPEC, description(sweep, len(gains)), "sweep")
+    swept, n = points(sweep), sweep.count
+    claim(out / SPEC, description(sweep, n), "sweep")
     chunks = out / "chunks"
     chunks.mkdir(exist_ok=True)
-    parts, todo = {}, []
-    for start in range(0, len(gains), CHUNK):
-        path = chunks / f"{start:07d}.npz"
+    paths = {start: chunks / f"{start:07d}.npz" for start in range(0, n, CHUNK)}
+    todo = []
+    for start, path in paths.items():
+        own = {name: column[start : start + CHUNK] for name, column in swept.items()}
         if not path.exists():
-            todo.append(_Chunk(sweep, start, gains[start : start + CHUNK]))
+            todo.append(_Chunk(sweep, start, own))
             continue
-        parts[start] = load_arrays(path)
-        advance(len(gains[start : start + CHUNK]), True)
+        load_arrays(path)  # a damaged one is told before the work, not behind it
+        advance(min(CHUNK, n - start), True)
     for chunk, columns in _made(todo, threads, lambda n: advance(n, False), workers):
-        save_arrays(chunks / f"{chunk.start:07d}.npz", columns)
-        parts[chunk.start] = columns
+        save_arrays(paths[chunk.start], columns)
     made_by = json.loads((out / SPEC).read_text())
-    ordered = [parts[start] for start in sorted(parts)]
-    result = _dataset(ordered, gains, {k: v if isinstance(v, str) else json.dumps(v) for k, v in made_by.items()})
+    attributes = {k: v if isinstance(v, str) else json.dumps(v) for k, v in made_by.items()}
+    gains = {name: np.full(n, value) for name, value in gain_values(of_axis(sweep.rig.gains, 0)).items()} | swept
     temporary = out / "sweep.part"
     try:
-        result.to_netcdf(temporary, engine="h5netcdf")
+        write_sweep(temporary, map(load_arrays, paths.values()), gains, attributes)
         temporary.replace(out / "sweep.nc")
     finally:
         temporary.unlink(missing_ok=True)
-    return result
+    return read_sweep(out / "sweep.nc")
 
 
 def description(sweep: Sweep, n: int) -> dict[str, object]:
@@ -205,7 +218,10 @@ class _Chunk:
 
     sweep: Sweep
     start: int
-    gains: Sequence[Controllers]
+    gains: Mapping[str, np.ndarray]
+
+    def __len__(self) -> int:
+        return len(next(iter(self.gains.values())))
 
     def columns(self, threads: int | None = 1, progress: Callable[[int], None] | None = None) -> dict[str, np.ndarray]:
         """All arrays of their evaluation."""
@@ -214,7 +230,7 @@ class _Chunk:
         s = self.sweep
         experiments = [
             protocol_experiment(s.rig, gains, s.effects, (s.seed, i), s.sensor)
-            for i, gains in enumerate(self.gains, self.start)
+            for i, gains in enumerate(_controllers(s, self.gains), self.start)
         ]
         return _columns(evaluate(experiments, threads, progress))
 
@@ -229,7 +245,7 @@ def _made(
         return
     for i, columns in workers.each(_Chunk.columns, chunks):
         yield chunks[i], columns
-        progress(len(chunks[i].gains))  # after the caller has stored the chunk
+        progress(len(chunks[i]))  # after the caller has stored the chunk
 
 
 def _along(axis: Axis, unit: np.ndarray, log: bool) -> np.ndarray:
@@ -253,27 +269,3 @@ def _columns(e: Evaluation) -> dict[str, np.ndarray]:
         head, tail = _NAMES.get(f.name, ("", ""))
         columns |= {head + name + tail: array for name, array in named.items()}
     return columns
-
-
-def _units(unit: str) -> dict[str, str]:
-    return {"units": unit} if unit else {}
-
-
-def _dataset(
-    parts: Sequence[Mapping[str, np.ndarray]], gains: list[Controllers], attributes: dict[str, str]
-) -> "xr.Dataset":
-    import xarray as xr
-
-    variables = {}
-    for name in parts[0]:
-        if name != "bands":
-            array = np.concatenate([part[name] for part in parts])
-            variables[name] = (("experiment", "band")[: array.ndim], array, _units(unit_of(name)))
-    bands = parts[0]["bands"]
-    coordinates: dict[str, tuple] = {"experiment": ("experiment", np.arange(len(gains)))}
-    values = [gain_values(of_axis(g, 0)) for g in gains]
-    for name in values[0]:
-        coordinates[name] = ("experiment", np.array([one[name] for one in values]), _units(unit_of_gain(name)))
-    for i, name in enumerate(("band_low", "band_high")):
-        coordinates[name] = ("band", bands[:, i], _units("Hz"))
-    return xr.Dataset(variables, coordinates, attributes)

@@ -63,7 +63,7 @@ def sweep(
     from maglev_env.experiment import SENSORS
     from maglev_env.loop.effect import parse_effects
     from maglev_env.rig.rig import load_rig
-    from tuning.sweep import Sweep, default_axes, gain_sets, run_sweep
+    from tuning.sweep import Sweep, default_axes, run_sweep
 
     require_choice(sensor, SENSORS, "--sensor")
     loaded = load_rig(rig)
@@ -82,7 +82,7 @@ def sweep(
     from maglev_workbench.console import console, progress_bar, write_json
     from maglev_workbench.page import write_page
 
-    total = len(gain_sets(plan))
+    total = plan.count
     reused = 0
     started = perf_counter()
     with workers(scheduler, threads) as spread, progress_bar() as bar:

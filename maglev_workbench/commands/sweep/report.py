@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     import xarray as xr
     from plotly.graph_objects import Figure
 
+MOST_DRAWN = 20_000  # gain sets on a page: some 10 MB
 _HEAD = ("score", "stiffness\nkN/m", "damping\nN s/m", "peak |S|\n",
          "phase\nmargin °", "gain\nmargins", "peak\nµm", "coil\nA rms")  # fmt: skip
 _IN_TERMINAL = 5  # of _HEAD, behind the gains
@@ -44,7 +45,8 @@ def best_rows(dataset: "xr.Dataset", count: int = 10) -> list[dict[str, Any]]:
     required_* with _low and _high.
     """
     gains = [name for name in SHOWN if name in dataset.coords]
-    values = {str(name): dataset[name].values for name in (*dataset.data_vars, *gains, "experiment")}
+    plain_ones = (name for name, v in dataset.data_vars.items() if v.dims == ("experiment",))
+    values = {str(name): dataset[name].values for name in (*plain_ones, *gains, "experiment")}
     order = np.argsort(-np.where(values["feasible"], values["score"], -np.inf), kind="stable")
     direct = ("experiment", "score", "stiffness", "damping", "peak_sensitivity", "peak_sensitivity_se", "phase_margin",
               "gain_margin_low", "gain_margin_high", "peak_displacement", "current_rms")  # fmt: skip
@@ -139,7 +141,9 @@ def sweep_page(dataset: "xr.Dataset") -> str:
         if goal:
             sections += _goal_sections(dataset, goal, rows)
             summary += f" It {missed_in_words(goal, rows[0])}."
-        sections += over_gains(dataset)
+        sections += over_gains(drawn := _drawn(dataset))
+        if drawn is not dataset:
+            sections.append(("", note(f"Drawn: the best {MOST_DRAWN:,} of {dataset.sizes['experiment']:,} gain sets.")))
         sections.append(("Stiffness and damping against frequency, best three", best_bands(dataset, rows[:3])))
         sections.append(
             (
@@ -172,20 +176,31 @@ def sweep_page(dataset: "xr.Dataset") -> str:
     return page(f"Gain sweep of {rig.get('name', 'a rig')}", summary, sections, _made_by(dataset.attrs, rig))
 
 
+def _drawn(dataset: "xr.Dataset") -> "xr.Dataset":
+    """The experiments that a page draws: all, or the best MOST_DRAWN, because more would make a page too large."""
+    if dataset.sizes["experiment"] <= MOST_DRAWN:
+        return dataset
+    score = np.where(dataset["feasible"].values, dataset["score"].values, -1.0)
+    best = np.sort(np.argpartition(-score, MOST_DRAWN)[:MOST_DRAWN])
+    return dataset.drop_dims("band").isel(experiment=best)
+
+
 def _goal_sections(
     dataset: "xr.Dataset", goal: Goal, rows: Sequence[Mapping[str, Any]]
 ) -> "list[tuple[str, str | Figure]]":
+    dataset = _drawn(dataset)
     columns = {name: dataset[name].values for name in dataset.data_vars}
     values, feasible = values_of(columns, shown_names(goal)), dataset["feasible"].values.astype(bool)
     sets = [(f"{i + 1}", row) for i, row in enumerate(rows[:3])]
     hover = gains_in_words(dataset)
+    best = int(np.flatnonzero(dataset["experiment"].values == rows[0]["experiment"])[0])
     first, second = (r.quantity.words for r in pair_of(goal))
     return [
         ("Requirements of the best three", requirement_bars(goal, sets)),
         ("", table(HEAD, requirement_rows(goal, rows[0]))),
         (
             f"{first} against {second}".capitalize(),
-            front_figure(goal, values, feasible, rows[0]["experiment"], hover),
+            front_figure(goal, values, feasible, best, hover),
         ),
         ("", note("Dashed: the limits. A set on the front is bettered by no other set in both.")),
     ]
