@@ -1,6 +1,7 @@
 """One mass, stiffness and damping for a whole record, for rigs whose moving mass is not known."""
 
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 import scipy
@@ -110,12 +111,15 @@ def global_fit(statistics: LineStatistics) -> GlobalFit:
         low, high = power * 1e-14, power
         path = [fit.x]
 
+        @cache  # begun from another fit the same variance may give another value, and then its sign
         def excess(log_variance: float) -> float:
             trial, at = _fit(f, y, w, noise, np.exp(log_variance), path[-1])
             path.append(trial.x)
             return np.log(at)
 
         if excess(np.log(low)) > 0:
+            if excess(np.log(high)) > 0:
+                raise ValueError("mass estimate: no mass, stiffness and damping come near the record")
             root = scipy.optimize.brentq(excess, np.log(low), np.log(high), xtol=1e-3)
             extra = np.exp(root)  # pyright: ignore[reportArgumentType, reportCallIssue]  # scipy's full_output=True
         fit, _ = _fit(f, y, w, noise, extra, path[-1])

@@ -43,7 +43,7 @@ EFFECTS: Mapping[str, EffectCard] = {
         "the pull falls off otherwise with the gap: 1 / (x + offset gap)^(n + exponent) for 1 / x^n, the same at y = 0",
         "current and displacement at two static offsets or gaps",
         ("magnets",),
-        linear_as="negative_stiffness",
+        like="negative_stiffness",
         form_share=0.01,
     ),
     **eddy.EFFECTS,

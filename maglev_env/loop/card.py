@@ -110,8 +110,8 @@ class EffectCard:
         resonance: whether it is a mode whose frequency must be searched for.
         nominal: the rig parameter that the effect changes by a relative amount; a deviation within that parameter's
             tolerance is then a small effect.
-        linear_as: the effect whose linear part it has. While the motion is small neither is more likely than the other,
-            however many parameters they have.
+        like: the effect that it resembles while the motion is small. There, neither is more likely than the other,
+            however many parameters they have, and where one of them explains the other one is tried.
         form_share: the formula of a real effect may differ from the one here. Largest share of the explained
             sim-to-real gap that may remain for this reason.
         dither: whether sensor noise smooths it, so that it is simulated with noise and averaged: "always", "maybe"
@@ -130,7 +130,7 @@ class EffectCard:
     linear: bool = True
     resonance: bool = False
     nominal: str | None = None
-    linear_as: str | None = None
+    like: str | None = None
     form_share: float = 0.0
     dither: Literal["never", "maybe", "always"] = "never"
     not_fitted: str = ""

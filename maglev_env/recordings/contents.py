@@ -25,7 +25,7 @@ class Contents:
         numbers: expression -> single number.
         texts: expression -> text.
         unused: what was left out and why, in words.
-        headers: expression -> what a text file calls the column, where that is more than its name.
+        headers: expression -> what the file calls the column, where that is more than its name.
     """
 
     columns: dict[str, np.ndarray]

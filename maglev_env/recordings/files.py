@@ -30,7 +30,8 @@ class Columns:
         names: Top-level names.
         positions: Of a text file, the names by position, "[0]", "[1]", ..., which every column has.
         notes: What was told from the file rather than stated, in words.
-        headers: Of a text file, what it calls a column, with the unit in brackets, where it says more than the name.
+        headers: What a text, HDF5 or netCDF file calls a column, with the unit in brackets, where that says more than
+            the name.
         numbers: Numbers that stand above the table of a text file, by what the file calls them.
     """
 
@@ -108,7 +109,8 @@ def read_columns(path: str | Path, layout: TextLayout | None = None) -> Columns:
     try:
         formats.bounded(size, "the file")
         if hdf5:
-            return Columns(path, *formats.open_hdf5(path, matlab=kind == ".mat"))
+            headers = {} if kind == ".mat" else formats.hdf5_units(path)
+            return Columns(path, *formats.open_hdf5(path, matlab=kind == ".mat"), headers=headers)
         if kind in TEXT:
             text = open_text(path, layout or TextLayout())
             return Columns(path, text.names, text.read, text.positions, text.notes, text.headers, text.numbers)

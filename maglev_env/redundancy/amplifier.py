@@ -52,16 +52,18 @@ def amplified(view: View) -> list[Row]:
 
 
 def _driven(view: View) -> Lines | None:
-    """The lines; of a record without a period whose controller reads the current, what the injection drives of them.
+    """The lines; of a record without a period whose controller reads the current, what the injection or the reference
+    drives of them.
 
     Such a controller feeds the noise of the current back into the command, so that both have it in common.
     """
     lines = view.lines
     if lines.periodic or view.gains is None or not reads_current(view.gains, 1 / view.rig.control_rate):
         return lines
-    if "injection" not in lines.parts:
+    drives = [name for name in ("injection", "reference") if name in lines.parts and np.ptp(view.channels[name]) > 0]
+    if not drives:
         return None
-    parts = {name: spectra * lines.parts["injection"].conj() for name, spectra in lines.parts.items()}
+    parts = {name: spectra * lines.parts[drives[0]].conj() for name, spectra in lines.parts.items()}
     return replace(lines, parts=parts, periodic=True)  # means over the segments are compared
 
 

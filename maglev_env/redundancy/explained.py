@@ -160,6 +160,18 @@ def _controller(view: View, rows: Sequence[Row]) -> list[Finding]:
     read += ["reference"] if "reference" in view.recorded else []
     added = [n for n in ("injection",) if n in view.recorded]
     names = " or ".join(["command", *read, *added, "gains"])
+    amplifier = next((r for r in rows if r.code == "amplifier"), None)
+    if amplifier is not None and amplifier.off and not _or_effect(amplifier):
+        both = "command or current" if "current" in read else "command"
+        text = (
+            f"{both}: column {view.columns.get('command', 'command')!r} is neither what the stated controller makes of "
+            f"the {' and the '.join(read)} ({row.misfit:.0%} are left) nor what drives the stated amplifier "
+            f"({amplifier.misfit:.0%} of the current are left): it is another quantity"
+            f"{', or the current has another scale' if 'current' in read else ''}. The command of a cascade is its "
+            "voltage over the resistance; where the wanted current is recorded, state the outer controller alone, and "
+            "the lag of the inner loop as the rig's amplifier_time_constant"
+        )
+        return [Finding("mismatch", view.recording, both, row.gain, None, text, "contradiction")]
     text = (
         f"{names}: the command is not what the stated controller makes of the {' and the '.join(read)} (factor "
         f"{row.gain:.3g}, {row.misfit:.0%} are left): check the gains, td, ti and control_rate, whether the controller "

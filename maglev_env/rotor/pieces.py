@@ -20,7 +20,7 @@ TINY = 1e-12  # m: keeps the direction of a centred rotor defined
 
 @piece
 def pull(x, i, y, current):
-    """Force of one bearing along one direction (see `magnetics.force`): one division for both gaps."""
+    """Force of one bearing along one direction (see `loop.magnets.law.force`): one division for both gaps."""
     y = min(max(y, -x[i + REACH]), x[i + REACH])
     gap_m, gap_c = x[i + GAP_M], x[i + GAP_C]
     y2 = y * y

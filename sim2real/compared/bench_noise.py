@@ -3,7 +3,8 @@
 A recording without a period does not repeat, so that its noise is told from what a simulation leaves of it. What a
 nonlinearity adds there goes with no smooth response to the drive and passes for noise, however large. Periods that
 repeat tell the noise from their scatter alone. Opened at the nominal loop, noise is that of the sensor and of forces on
-the rotor (see `recorded.opened`): it belongs to the bench, and not to what drives the loop.
+the rotor (see `recorded.opened`): it belongs to the bench, and not to what drives the loop. Only the noise in the
+reading of a force belongs to the recordings which that force drives.
 """
 
 from collections.abc import Mapping, Sequence
@@ -13,6 +14,7 @@ import numpy as np
 from scipy.ndimage import median_filter
 
 from estimation.lines.line_windows import KEPT, WIDTH
+from sim2real.recorded.open_evidence import noise_of_force
 from sim2real.recorded.open_loop import nominal_loop
 from sim2real.recorded.open_record import OpenRecord
 from sim2real.recorded.opened import noise_of, opened_loop
@@ -40,13 +42,14 @@ class BenchNoise:
         at the begin of the recording differs from line to line, and is noise of this recording alone."""
         w, found = record.windows, np.full((len(outputs), 1, record.frequency.size), np.inf)
         ringing = np.repeat(_resonant(record), KEPT)
-        for row, output in zip(found, outputs, strict=True):
+        of_force = np.repeat(noise_of_force(record, nominal_loop(record), outputs).max(axis=1), KEPT, axis=-1)
+        for row, output, driven in zip(found, outputs, of_force, strict=True):
             each = [
                 np.interp(record.frequency, f, density, np.nan, np.nan) for f, density in self.shown.get(output, ())
             ]
             if each:
                 densest = np.fmax.reduce(each)
-                sd = LOUDER * np.sqrt(densest * w.sample_rate / w.samples)
+                sd = np.sqrt(LOUDER**2 * densest * w.sample_rate / w.samples + driven)
                 row[0] = np.where(np.isfinite(sd) & ~ringing, sd, np.inf)
         return found
 

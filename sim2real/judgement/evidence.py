@@ -10,6 +10,7 @@ from sim2real.compared.problem import KINDS
 from sim2real.compared.simulated import Point
 from sim2real.judgement.dispersion import NOISE_ALONE, NOISE_INFLATION, Dispersion, dispersion_of
 from sim2real.judgement.lost_commands import scatter_cost
+from sim2real.judgement.stated_stiffness import stiffness_cost
 from sim2real.search.attribute import Attribution
 from sim2real.search.fitting import Fit
 from sim2real.search.hypotheses import REPLACED
@@ -65,9 +66,12 @@ def evidence_of(
     label = label.reshape(-1)
     residuals = [c.fit.residual for c in attribution.candidates]
     points = [c.fit.hypothesis.point(c.fit.u) for c in attribution.candidates]
+    rig = p.parts[0].record.nominal
+    beside = [scatter_cost(p, at) + idle_cost(at, c.effects) + stiffness_cost(at, rig)
+              for c, at in zip(attribution.candidates, points, strict=True)]  # fmt: skip
     cost = np.array([
-        np.inf if c.contradicted else c.predictive + scatter_cost(p, point) + idle_cost(point, c.effects)
-        for c, point in zip(attribution.candidates, points, strict=True)
+        np.inf if c.contradicted else c.predictive + more
+        for c, more in zip(attribution.candidates, beside, strict=True)
     ])  # fmt: skip
     if not np.isfinite(
         attribution.calibration.fit.cost

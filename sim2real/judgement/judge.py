@@ -227,7 +227,7 @@ def complexity(names: tuple[str, ...], belief: Belief) -> float:
     """
     found = 0.0
     for name in names:
-        if name in EFFECTS and EFFECTS[name].linear_as:
+        if name in EFFECTS and EFFECTS[name].like:
             continue
         parameters = [c.parameter for c in coordinates_of(name)]
         found += belief.parameter_cost * max(len(parameters) - 1, 0) + belief.search_cost * ("frequency" in parameters)

@@ -47,7 +47,9 @@ def whiteness(parts: Sequence[Part], toward: np.ndarray, residual: np.ndarray, p
             scores, weights = _scores(part, toward[:, place], residual[place])
             beyond += np.sum(scores**2 - weights, axis=1)
             shares += np.sum(weights**2, axis=1)
-    ratio, blocks = 1 + beyond / np.maximum(white, 1e-300), white**2 / np.maximum(shares, 1e-300)
+    told = (white > 0) & (shares > 0)  # not an estimate to which no recording without a period adds anything
+    ratio = 1 + np.divide(beyond, white, out=np.zeros_like(white), where=told)
+    blocks = np.divide(white**2, shares, out=np.zeros_like(white), where=told)
     surely = (ratio > 1 + SIGNIFICANT * np.sqrt(2 / np.maximum(blocks, 1.0))) & (blocks > LEAST)
     return np.where(surely, np.maximum(ratio, 1.0), 1.0)
 

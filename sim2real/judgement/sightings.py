@@ -15,13 +15,14 @@ from sim2real.compared.simulated import Point, experiment_at, modes_of
 from sim2real.recorded.open_record import OpenRecord
 from sim2real.recorded.opened import loud_bands, opened_loop
 from sim2real.recorded.records import Record
-from sim2real.recorded.tones import NEAR, ON_LINE, SAME, families, origin, outstanding, tone_at
+from sim2real.recorded.tones import HARMONICS, NEAR, ON_LINE, SAME, families, origin, outstanding, tone_at
 
 FOREIGN, LOUD = "foreign", "loud"
 AROUND = 12  # lines on either side above which a tone on a line must stand out
 NO_TANGENT = {name for name, card in EFFECTS.items() if not card.linear}
 TOGETHER = 1e-4  # probability that noise in all records shows as much at the rotation frequency
 RINGING = 0.25  # octaves from a fitted mode within which a tone is attributed to its ringing
+HIGHEST = 9  # harmonic of the mains or of the rotation that a tone of unknown origin may be
 BESIDE_MODE = 1.4  # twice the octaves from a fitted mode within which loud noise is attributed to it
 
 
@@ -61,7 +62,7 @@ def sightings(problem: Problem, point: Point, drifting: bool = False) -> list[Si
     found = []
     for i, part in enumerate(problem.parts):
         found += _between(i, part, point) + _on_lines(i, part, point) + _bands(i, part, point, drifting)
-    found = _one_family(problem, found)
+    found = _one_family(problem, _higher_harmonics(problem, found))
     turning = {s.record for s in found if s.family == "spin" and s.harmonic == 1}
     rest = [s for i, part in enumerate(problem.parts) if i not in turning for s in _unseen(i, part, point)]
     axes = problem.parts[0].record.axes
@@ -70,6 +71,30 @@ def sightings(problem: Problem, point: Point, drifting: bool = False) -> list[Si
     if turning or stats.chi2.sf(sum(s.chi2 for s in rest), 2 * axes * len(rest)) < TOGETHER:
         found += rest
     return found
+
+
+def _higher_harmonics(problem: Problem, found: list[Sighting]) -> list[Sighting]:
+    """Assign tones of unknown origin to the mains or the rotation where these are seen and have a harmonic there.
+
+    A distorted mains, or a journal that is not round, shows more than the harmonics that are looked for. Only where the
+    family is seen, and more clearly, is one of these its likely origin.
+    """
+    clearest: dict[str, float] = {}
+    for s in found:
+        if s.family not in (FOREIGN, LOUD):
+            clearest[s.family] = max(clearest.get(s.family, 0.0), s.chi2)
+
+    def named(s: Sighting) -> Sighting:
+        record = problem.parts[s.record].record
+        off = SAME * _resolution(record)
+        for name, (first, *_) in families(record.experiment.speed_rpm).items():
+            order = round(s.frequency / first)
+            near = abs(s.frequency - order * first) < off + NEAR * s.frequency
+            if near and HARMONICS < order <= HIGHEST and clearest.get(name, 0.0) > s.chi2:
+                return replace(s, family=name, harmonic=order)
+        return s
+
+    return [named(s) if s.family == FOREIGN else s for s in found]
 
 
 def _one_family(problem: Problem, found: list[Sighting]) -> list[Sighting]:

@@ -15,6 +15,7 @@ from sim2real.recorded.open_record import OpenRecord
 from sim2real.recorded.opened import Opened
 from sim2real.recorded.tones import tone_lines
 
+FORCE = 2  # place of the force's noise among the shapes of noise
 SMALL = 0.1  # of an error, for its direction: in proportion, and yet well above rounding
 
 
@@ -142,11 +143,22 @@ def open_noise(record: OpenRecord, loop: Loop, outputs: Sequence[str], predicted
         a = tone.amplitude["opened"]
         residual[outputs.index("plant")] -= np.einsum("ca,cwl->awl", np.array([a.real, -a.imag]), columns)
     found = record.windows.noise(residual, record.drives, _noise_shapes(loop, outputs))
-    return np.repeat(np.sqrt(found.variance), KEPT, axis=-1)
+    # What a drive explains by chance is left out of that noise, and the force's own noise is part of the drive.
+    return np.repeat(np.sqrt(np.maximum(found.variance, noise_of_force(record, loop, outputs))), KEPT, axis=-1)
+
+
+def noise_of_force(record: OpenRecord, loop: Loop, outputs: Sequence[str]) -> np.ndarray:
+    """Variance (outputs, axes, windows), E|n|^2, that the stated noise of a measured force adds to the coordinates.
+
+    The simulation is driven by the force as it was read, noise included. A recording that no force drives has none.
+    """
+    shape = _noise_shapes(loop, outputs)[FORCE]
+    stated = record.nominal.noise.force if np.any(record.waves["force"]) else 0.0
+    return (2 * stated) ** 2 / record.windows.samples * shape
 
 
 def _noise_shapes(loop: Loop, outputs: Sequence[str]) -> np.ndarray:
-    """What the noise may be composed of, (shapes, outputs, axes, windows): white, of the current and of the force."""
+    """What the noise may be composed of, (shapes, outputs, axes, windows): white, of the current and of the FORCE."""
     plant, amplifier, receptance = (
         np.mean(abs(v.reshape(-1, *loop.shape)) ** 2, axis=-1)
         for v in (loop.blocks.plant, loop.blocks.amplifier, loop.blocks.receptance)

@@ -14,6 +14,7 @@ from sim2real.search.fitting import Fit, begin, differentiate, iterate, share_ca
 from sim2real.search.hypotheses import (
     Hypothesis,
     coordinates_of,
+    resembling,
     single_effects,
     starts,
     starts_elsewhere,
@@ -299,6 +300,10 @@ def _round(
     for start in ranked:
         if len(chosen) < PAIRS:
             chosen.setdefault(frozenset(start.hypothesis.effects), start)
+    alike = {other for pair in list(chosen)[:SWAPPED] for other in resembling(pair)}
+    for start in ranked:
+        if (pair := frozenset(start.hypothesis.effects)) in alike:
+            chosen.setdefault(pair, start)
     fits = _begun(problem, list(chosen.values()), ranked)
     iterate(fits, problem.data, problem.simulate, FIRST + ITERATIONS)
     return fits

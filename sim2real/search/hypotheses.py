@@ -1,6 +1,6 @@
 """Hypotheses: which effects may explain a gap, which of their parameters are fitted, and where a fit starts."""
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
 from math import exp, inf, log
@@ -208,6 +208,13 @@ def single_effects(rig: Rig) -> tuple[str, ...]:
     """Effects that have a meaning on a rig and are fitted on lines, except changes of what is stated as exact."""
     exact = {TOLERANCE_EFFECTS.get(name) for name, sigma in rig.tolerance.items() if sigma == 0}
     return tuple(name for name in FITTED if meaningful(name, rig.capabilities) and name not in exact)
+
+
+def resembling(effects: Collection[str]) -> list[frozenset[str]]:
+    """The same effects with one of them replaced by one that it is like, or that is like it."""
+    pairs = [(name, card.like) for name, card in EFFECTS.items() if card.like]
+    swaps = [*pairs, *((other, name) for name, other in pairs)]
+    return [frozenset({*effects} - {old} | {new}) for old, new in swaps if old in effects and new not in effects]
 
 
 def starts(name: str, scales: Scales = SMALL_ROTOR) -> list[np.ndarray]:

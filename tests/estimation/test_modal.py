@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from drawn_spectra import draw, expected_force_statistics, record, rig_experiment, two_channels
 
+from estimation import modal
 from estimation.modal import modal_estimate
 
 F = np.arange(1.0, 81.0)
@@ -24,6 +25,13 @@ def test_exact_without_noise(k, c, m):
     assert (e.mass, e.stiffness, e.damping) == pytest.approx((m, k, c), rel=1e-7)
     assert e.natural_frequency == pytest.approx(np.sqrt(k / m) / 2 / np.pi, rel=1e-9)
     assert e.damping_ratio == pytest.approx(c / 2 / np.sqrt(k * m), rel=1e-7)
+
+
+def test_a_record_that_no_mass_explains_is_refused_in_words(monkeypatch):
+    fitted = modal._fit
+    monkeypatch.setattr(modal, "_fit", lambda *args: (fitted(*args)[0], 10.0))  # whatever variance is added
+    with pytest.raises(ValueError, match="no mass, stiffness and damping come near"):
+        modal_estimate(statistics(2471.0, 3.1, 0.13))
 
 
 def estimates(drawn, records):

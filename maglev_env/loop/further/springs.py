@@ -25,13 +25,14 @@ EFFECTS: Mapping[str, EffectCard] = {
     "soft_stop": EffectCard(
         "mechanics",
         {
-            "distance": Parameter("m", 1e-9, 0.1, absent=inf, starts=(3e-6, 1e-5, 3e-5, 3e-4, 3e-3)),
-            "stiffness": Parameter("N/m", 1e-3, 1e12, 1e5, starts=(1e3, 1e5)),
+            "distance": Parameter("m", 1e-9, 0.1, absent=inf, starts=tuple(np.geomspace(3e-6, 3e-3, 7))),
+            "stiffness": Parameter("N/m", 1e-3, 1e12, 1e5, starts=(30.0, 1e3, 1e5)),
         },
         "beyond this distance from the centre a spring pushes back: a bumper, a seal, a cable",
         "force and displacement at two amplitudes or static offsets",
         flexible=True,
         linear=False,
+        like="cubic_spring",
         form_share=0.1,
     ),
 }

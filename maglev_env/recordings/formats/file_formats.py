@@ -126,6 +126,23 @@ def open_hdf5(path: Path, matlab: bool) -> tuple[tuple[str, ...], Reader]:
         return tuple(name for name in file if not name.startswith("#")), read
 
 
+def hdf5_units(path: Path) -> dict[str, str]:
+    """What an HDF5 or netCDF file calls its columns, with the unit in brackets, where an attribute states it."""
+    import h5py
+
+    found: dict[str, str] = {}
+
+    def note(name: str, node: Any) -> None:
+        unit = next((node.attrs[key] for key in ("units", "unit") if key in node.attrs), None)
+        unit = unit.decode(errors="replace") if isinstance(unit, bytes) else unit
+        if isinstance(node, h5py.Dataset) and isinstance(unit, str) and unit.strip():
+            found[name.replace("/", ".")] = f"{name.rpartition('/')[2]} [{unit.strip()}]"
+
+    with h5py.File(path, "r") as file:
+        file.visititems(note)
+    return found
+
+
 def _open_hdf5(file: Any, node: Any, matlab: bool) -> Any:
     """One level; MATLAB v7.3 keeps cells and struct arrays as object references, matrices transposed."""
     import h5py

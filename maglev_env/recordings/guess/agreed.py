@@ -1,14 +1,53 @@
 """Guesses of several files of one rig: what a file cannot tell of a column, another file with the same column may."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from math import copysign
+from pathlib import Path
 
 from maglev_env.channels import MEASURED
 from maglev_env.recordings.guess.columns import NO_UNIT, ColumnGuess
-from maglev_env.recordings.guess.recording import RecordingGuess, other_way_round
+from maglev_env.recordings.guess.recording import RecordingGuess, in_another_unit, other_way_round
 
 AGREED = frozenset(MEASURED) | {"reference", "injection", "voltage"}  # the clock is each file's own, and so is its unit
+
+
+def without_motion(guesses: Mapping[Path, RecordingGuess]) -> dict[Path, RecordingGuess]:
+    """Files in which nothing says how the rotor moves, where others do; without any other a coil alone may be meant."""
+    moving = ("displacement", "acceleration")
+    still = {f: g for f, g in guesses.items() if not any(name.startswith(moving) for name in g.channels)}
+    return still if len(still) < len(guesses) else {}
+
+
+def like_most(guesses: Sequence[RecordingGuess]) -> list[tuple[ColumnGuess, ...] | None]:
+    """What the columns of each file are where files with the same columns are not taken for the same.
+
+    The assignment that most of them have is taken, and of two the one with more channels; for files that have it, None.
+
+    Args:
+        guesses: one for each file.
+    """
+    alike: dict[tuple[str, ...], list[RecordingGuess]] = {}
+    for guess in guesses:
+        alike.setdefault(tuple(c.column for c in guess.columns), []).append(guess)
+    found = []
+    for guess in guesses:
+        others = [_assigned(g) for g in alike[tuple(c.column for c in guess.columns)]]
+        best = max(others, key=lambda one: (others.count(one), sum(map(bool, one))))
+        if _assigned(guess) == best:
+            found.append(None)
+            continue
+        model = next(g for g in alike[tuple(c.column for c in guess.columns)] if _assigned(g) == best)
+        reason = f"as in {model.file}, which has the same columns"
+        found.append(tuple(
+            c if c.channel == own.channel else replace(c, reason=f"{reason}: {c.reason}")
+            for c, own in zip(model.columns, guess.columns, strict=True)
+        ))  # fmt: skip
+    return found
+
+
+def _assigned(guess: RecordingGuess) -> tuple[str, ...]:
+    return tuple(c.channel for c in guess.columns)
 
 
 def agreed(guesses: Sequence[RecordingGuess]) -> list[RecordingGuess]:
@@ -31,10 +70,11 @@ def agreed(guesses: Sequence[RecordingGuess]) -> list[RecordingGuess]:
     for guess in guesses:
         own = tuple(_as_told(c, *told[c.channel, c.column]) if c.channel in AGREED else c for c in guess.columns)
         known = replace(guess, columns=own)
-        turned = any(
-            a.channel == "displacement" and a.scale * b.scale < 0 for a, b in zip(own, guess.columns, strict=True)
+        changed = next(
+            (a.scale / b.scale for a, b in zip(own, guess.columns, strict=True) if a.channel == "displacement"), 1.0
         )
-        found.append(other_way_round(known) if turned else known)
+        known = other_way_round(known) if changed < 0 else known
+        found.append(in_another_unit(known, abs(changed)) if abs(changed) != 1 else known)
     return found
 
 

@@ -20,6 +20,8 @@ _TDMS = re.compile(r"/'.*'/'(.+)'")  # what a TDMS file calls a channel: /'group
 _VARIABLE, _TYPE = re.compile(r"[A-Za-z_]\w*(\.[A-Za-z_]\w*)+"), re.compile(r"^(f|r|lr)(?=[A-Z])")
 # Sizes that a channel without a unit is likely to have in SI, rms or mean; beyond them it is in a smaller unit.
 _LARGEST_M = 0.05
+_SLOW_M = 0.3  # the same of distances that a slow controller could not hold if they were in mm
+_GRAVITY = 9.80665
 NO_UNIT = "no unit"  # begins the evidence for a scale by the size of the values
 _NOT_CURRENT = 3.0  # times the size of the current beyond which a "command" is a voltage
 
@@ -317,9 +319,28 @@ def _scaled(
         # Reference and displacement of one file are in one unit: the larger of them tells it.
         lengths = [all_values[n] for n, g in guesses.items() if g.channel and _unit(g.channel) == "m"]
         size = max(float(np.abs(v).max()) for v in lengths)
-        scale, name = (1.0, "m") if size < _LARGEST_M else (1e-3, "mm") if size < 50 else (1e-6, "µm")
+        metres = size < (_SLOW_M if _too_slow_for(lengths, guesses, all_values, numbers) else _LARGEST_M)
+        scale, name = (1.0, "m") if metres else (1e-3, "mm") if size < 50 else (1e-6, "µm")
         why = f"{NO_UNIT}, {span}, of that size taken as {name}"
     ask = "; ".join(filter(None, (guess.ask, "unit of this column")))
     return replace(
         guess, scale=scale, reason=f"{guess.reason}; {why}", ask=ask, confidence=min(guess.confidence, LIKELY)
     )
+
+
+def _too_slow_for(
+    lengths: list[np.ndarray],
+    guesses: Mapping[str, ColumnGuess],
+    all_values: Mapping[str, np.ndarray],
+    numbers: Mapping[str, float],
+) -> bool:
+    """Whether distances could not be held at the rate of the samples if they were in mm.
+
+    What hangs at a distance x below a magnet falls with a time constant of about sqrt(x / g), which a controller must
+    beat.
+    """
+    time = next((all_values[n] for n, g in guesses.items() if g.channel == "time"), None)
+    if time is None or not all(v.min() > 0 and v.mean() > 2 * v.std() for v in lengths):
+        return False
+    step = float(np.median(np.diff(time))) * time_scale(time, numbers)[0]
+    return max(float(v.mean()) for v in lengths) * 1e-3 < _GRAVITY * step**2

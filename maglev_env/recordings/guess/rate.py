@@ -9,6 +9,8 @@ from maglev_env.recordings.guess.evidence import LIKELY, SURE, Guess
 from maglev_env.recordings.guess.units import header_unit
 
 _ROUND = 5e-5  # a rate so near to a round number is that number
+_SURELY, _MOST_ROUND = 3.0, 5e-3  # standard errors of a jittering clock's rate within which it is, and at most
+_BLOCKS = 12
 _RATES = re.compile(r"(^|[._])(fs|f_s|rate|sampl(e|ing)_?(rate|frequency)|abtast(rate|frequenz))$", re.IGNORECASE)
 _STEPS = re.compile(
     r"(^|[._])(dt|ts|t_s|sampl(e|ing)_?(period|time|interval)|abtast(zeit|intervall)|wf_increment|(x_?)?increment|delta_?x)$",
@@ -44,11 +46,11 @@ def guess_rate(time: np.ndarray | None, scale: float, numbers: Mapping[str, floa
         times = np.round(steps / middle)
         few = bool(np.mean(times != 1) < _FEW_GAPS)
         mean = float((time[-1] - time[0]) * scale / (times.sum() if few else time.size - 1))
-        rate = _nice(1 / mean)
+        rate = _nice(1 / mean, _SURELY * _unsure(steps[times == 1]))
         reason = (
             f"{rate:g} Hz: mean step of column {label} {mean:.6g} s, median {middle:.6g} s, jitter {jitter:.2g} rms"
         )
-        if abs(mean / middle - 1) > 0.01:
+        if not few and abs(mean / middle - 1) > 0.01:
             return Guess(
                 "sample_rate", _nice(1 / middle), f"{reason}: samples are missing", LIKELY, "sample rate in Hz"
             )
@@ -99,10 +101,19 @@ def jitter_of(time: np.ndarray) -> float:
     return float(np.abs(steps / steps.mean() - 1).max())
 
 
-def _nice(rate: float) -> float:
-    """The nearest round number, where one is near enough; else the rate."""
+def _unsure(steps: np.ndarray) -> float:
+    """Relative standard error of the mean of steps (n,), by blocks: of stamps that are only rounded it is small."""
+    blocks = np.array_split(steps, _BLOCKS)
+    if blocks[-1].size == 0:
+        return 0.0
+    means = np.array([block.mean() for block in blocks])
+    return float(means.std(ddof=1) / np.sqrt(_BLOCKS) / means.mean())
+
+
+def _nice(rate: float, within: float = 0.0) -> float:
+    """The roundest number within a relative deviation, where one is near enough; else the rate."""
     for digits in (1, 2, 3, 4):
         rounded = float(f"{rate:.{digits}g}")
-        if abs(rounded / rate - 1) < _ROUND:
+        if abs(rounded / rate - 1) < max(_ROUND, min(within, _MOST_ROUND)):
             return rounded
     return rate

@@ -82,7 +82,11 @@ class RecordingGuess:
 
 
 def guess_recording(
-    path: Path, folder: Path | None = None, rate: float | None = None, part: tuple[int, int] | None = None
+    path: Path,
+    folder: Path | None = None,
+    rate: float | None = None,
+    part: tuple[int, int] | None = None,
+    columns: tuple[ColumnGuess, ...] | None = None,
 ) -> RecordingGuess:
     """Guess everything that a campaign needs of one data file.
 
@@ -91,6 +95,7 @@ def guess_recording(
         folder: the campaign's folder; None: that of the file.
         rate: sample rate in Hz where the user states it.
         part: first sample that is used, and how many; None: the whole file.
+        columns: what its columns are, where that is known; None: guessed.
 
     Returns:
         The guesses.
@@ -104,7 +109,7 @@ def guess_recording(
     if part:
         used = slice(part[0], part[0] + part[1])
         found = replace(found, columns={name: values[used] for name, values in found.columns.items()})
-    columns = guess_columns(found)
+    columns = guess_columns(found) if columns is None else columns
     by_channel = {c.channel: found.columns[c.column] * c.scale for c in columns if c.channel}
     time = next((c for c in columns if c.channel == "time"), None)
     guessed = guess_rate(found.columns[time.column] if time else None, time.scale if time else 1.0, found.numbers,
@@ -137,6 +142,16 @@ def other_way_round(guess: RecordingGuess) -> RecordingGuess:
     gains = {name: value if name in ("td", "ti") else 0.0 - value for name, value in guess.gains.items()}
     said = replace(guess.controller, value=gains, ask="" if gains["kp"] > 0 else _TOWARD)
     return replace(guess, gains=gains, controller=said)
+
+
+def in_another_unit(guess: RecordingGuess, factor: float) -> RecordingGuess:
+    """The guess with the gains of a controller whose displacement's scale has changed by a factor."""
+    if not guess.gains:
+        return guess
+    gains = {
+        name: value if name in ("td", "ti") else float(f"{value / factor:.7g}") for name, value in guess.gains.items()
+    }
+    return replace(guess, gains=gains, controller=replace(guess.controller, value=gains))
 
 
 def _controllers(channels: Mapping[str, np.ndarray], rate: float | None) -> tuple[dict[str, float] | None, Guess]:
@@ -196,18 +211,18 @@ def _not_a_pid(fit: ControllerFit) -> str:
 
 def _rotor(channels: Mapping[str, np.ndarray]) -> Guess:
     ask = "whether the rotor hangs below a magnet or is supported"
-    for name in ("current", "command", "current_x", "command_x"):
+    for name, unit in (("current", "A"), ("command", "A"), ("current_x", "A"), ("command_x", "A"), ("voltage", "V")):
         if name in channels:
             values = channels[name]
             mean, spread = float(values.mean()), float(values.std())
             if spread and values.min() > -_ONE_SIDED * values.max():
-                reason = f"{name} from {values.min():.3g} to {values.max():.3g} A, of one sign: a single magnet"
+                reason = f"{name} from {values.min():.3g} to {values.max():.3g} {unit}, of one sign: a single magnet"
                 return Guess("rotor", "suspended", reason, LIKELY, ask)
             if abs(mean) > _CARRIES * spread:
                 ratio = f"{abs(mean) / spread:.1f} times" if spread else "without"
-                reason = f"mean {name} {mean:.3g} A, {ratio} its standard deviation: it may carry a weight"
+                reason = f"mean {name} {mean:.3g} {unit}, {ratio} its standard deviation: it may carry a weight"
                 return Guess("rotor", "suspended", reason, OPEN, ask)
-            reason = f"mean {name} {mean:.3g} A, less than {_CARRIES:g} standard deviations: "
+            reason = f"mean {name} {mean:.3g} {unit}, less than {_CARRIES:g} standard deviations: "
             reason += "a pair of magnets, or a support, carries the weight"
             return Guess("rotor", "supported", reason, OPEN, ask)
     if "force" in channels:

@@ -59,9 +59,9 @@ def verified(guess: RecordingGuess, folder: Path, cuts: int = 0) -> RecordingGue
 def _levitated(guess: RecordingGuess, folder: Path, lost: Alarm) -> RecordingGuess:
     """The guess of the longest stretch that levitates; what was guessed or stated of the columns stays."""
     stated = guess.rate.value if guess.rate.confidence == STATED else None
-    part = guess_recording(folder / guess.file, rate=stated, part=lost.stretch)
+    part = guess_recording(folder / guess.file, rate=stated, part=lost.stretch, columns=guess.columns)
     notes = dict.fromkeys((*guess.notes, *part.notes, f"{lost.sentence}; that stretch is taken"))
-    return replace(part, file=guess.file, columns=guess.columns, notes=tuple(notes))
+    return replace(part, file=guess.file, notes=tuple(notes))
 
 
 def guessed_campaign(

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 _WORDS = {
     "time": "time zeit tiempo temps tempo timestamp clock seconds sekunden segundos elapsed",
     "displacement": "position pos displacement displ disp gap airgap weg auslenkung spalt luftspalt posicion lage "
-    "desplazamiento entrehierro distance abstand hoehe height altura deplacement entrefer wirbelstrom kugel",
+    "desplazamiento entrehierro distance distancia abstand hoehe height altura deplacement entrefer wirbelstrom kugel",
     "current": "current curr cur strom corriente courant amps ampere spulenstrom icoil",
     "voltage": "voltage volt volts spannung voltaje tension spulenspannung",
     "force": "force kraft fuerza loadcell shaker kraftsensor kraftmessdose",
@@ -38,6 +38,7 @@ _WANTED = (
     "ref reference setpoint sp soll sollwert set desired des wanted target yd command cmd demand "
     "referencia consigna vorgabe fuehrungsgroesse kommando w r"
 )
+_DISTANCES = "gap airgap spalt luftspalt entrehierro entrefer distance distancia abstand"
 _ESTIMATED = "hat obs observer est estimate estimated estimado schaetz schaetzwert geschaetzt observador"
 _INJECTED = (
     "inj injection injected injektion dither exc excitation anregung stoerung stoergroesse disturbance perturbation "
@@ -74,6 +75,11 @@ def plain_words(name: str) -> list[str]:
     name = re.sub(r"([a-z])([A-Z])", r"\1 \2", name)
     split = [w.removeprefix("lager") for w in re.split(r"[^a-z]+", name.lower())]  # the bearing's, not "Lage"
     return " ".join(_GLUED.sub(r"\1\3 \2\4", w) for w in split).split()
+
+
+def is_distance(name: str) -> bool:
+    """Whether the name of a position says that it is a gap or a distance, which grows away from the magnet."""
+    return bool(_one_of(plain_words(name), _DISTANCES, True))
 
 
 def _one_of(words: list[str], listed: str, compound: bool = False) -> str:

@@ -1,6 +1,6 @@
 """Identification of every recording of a campaign: each axis alone, and x and y together if both were excited."""
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 from maglev_env.evaluation.identification import Identification, identify
@@ -66,6 +66,7 @@ def identify_campaign(
     """
     found = Identified([], [], [])
     loops: dict[tuple, list[tuple[str, RecordedSignals]]] = {}
+    why: dict[str, str] = {}  # recording -> why its responses tell nothing
 
     def identified(spec: RecordingSpec) -> None:
         if campaign.rig is not None and all(e.kind == "none" for e in spec.excitations):
@@ -77,7 +78,11 @@ def identify_campaign(
         try:
             found.axes.extend(_axes(spec.file, signals, campaign.rig, mass, estimate_mass, band_width, band_overlap))
         except ValueError as error:
-            raise ValueError(f"{campaign.folder / spec.file}: {error}") from error
+            if campaign.rig is None or not campaign.rig.controlled or estimate_mass:
+                raise ValueError(f"{campaign.folder / spec.file}: {error}") from error
+            found.open.append(spec.file)  # of a named rig the simulation may still tell what a response does not
+            why[spec.file] = str(error)
+            return
         if signals.axes == 2 and spec.role == "fit" and mass is not None:
             loops.setdefault((spec.gains, spec.speed_rpm), []).append((spec.file, signals))
 
@@ -87,8 +92,14 @@ def identify_campaign(
         both = identify_planar(records, campaign.rig, mass, band_width, band_overlap)
         found.planar.append((" + ".join(file for file, _ in members), both))
     if found.open:
-        told, together = _pooled(campaign)
-        found = replace(found, pooled=together)
+        try:
+            told, together = _pooled(campaign)
+        except ValueError as error:
+            if not why:
+                raise
+            first, reason = next(iter(why.items()))
+            raise ValueError(f"{campaign.folder / first}: {reason} | the rig in all recordings: {error}") from error
+        found = replace(found, pooled=together, notes=_alone(why))
     elif found.aperiodic and campaign.rig is not None and campaign.rig.controlled:
         # Responses are those of a straight line through the force law, and know nothing of lags: of a named rig the
         # simulation says more. Where it cannot, they stand alone.
@@ -117,6 +128,15 @@ def _axes(
         share = mass if mass is None or one is None or rig is None else mass * one.mass / rig.mass
         found.append((name, identify(own, one, share, *options)))
     return found
+
+
+def _alone(why: Mapping[str, str]) -> tuple[str, ...]:
+    """What is said of recordings (recording -> why) that tell something together with the rig alone."""
+    reasons = dict.fromkeys(why.values())
+    return tuple(
+        f"{', '.join(f for f, r in why.items() if r == reason)}: no bands alone, the rig is fitted to it ({reason})"
+        for reason in reasons
+    )
 
 
 def _pooled(campaign: Campaign) -> tuple[Campaign, Pooled]:

@@ -37,7 +37,7 @@ def new(
     from maglev_env.loop.magnets.kinds import MAGNETS
     from maglev_env.recordings.files import write_text_atomic
     from maglev_env.recordings.formats.json_data import plain
-    from maglev_env.recordings.guess.agreed import agreed
+    from maglev_env.recordings.guess.agreed import agreed, like_most, without_motion
     from maglev_env.recordings.guess.evidence import LIKELY
     from maglev_env.recordings.guess.recording import guess_recording
     from maglev_env.recordings.guess.verified import verified
@@ -76,8 +76,20 @@ def new(
             refused[file] = str(error)
     if not guesses:
         raise ValueError(next(iter(refused.values())))
+    read = [f for f in files if f not in refused]
+    for file, guess in without_motion(dict(zip(read, guesses, strict=True))).items():
+        guesses.remove(guess)
+        refused[file] = (
+            f"{file}: holds neither displacement nor acceleration, and a recording is one file: copy its columns "
+            f"({', '.join(guess.channels)}) into the file that holds the displacement, at the same rate"
+        )
+    read = [f for f in read if f not in refused]
+    guesses = [
+        guess if columns is None else guess_recording(file, rate=guess.rate.value, columns=columns)
+        for file, guess, columns in zip(read, guesses, like_most(guesses), strict=True)
+    ]
     stated = questions.ask_rig(stated) if asking else stated
-    inside, copied = bring([f for f in files if f not in refused], folder)
+    inside, copied = bring(read, folder)
     stated = replace(stated, rig=None if rig is None else rig_beside(rig, folder))
     names = [f.resolve().relative_to(folder.resolve()).as_posix() for f in inside]
     guesses = agreed([verified(replace(g, file=name), folder) for g, name in zip(guesses, names, strict=True)])

@@ -8,11 +8,12 @@ from pathlib import Path
 import numpy as np
 from scipy.stats import binomtest
 
-from sim2real.blind.cases import Case, open_labels, read_answer, seal_of
+from sim2real.blind.cases import Answer, Case, open_labels, read_answer, seal_of
 from sim2real.blind.judging.alike import alike_sets
 from sim2real.blind.judging.calibration import calibration_error
 from sim2real.blind.judging.judging import SIZES, Judgement, judge, size_range
 from sim2real.blind.judging.scoring import Row, bootstrap, row, size_words
+from sim2real.judgement.mechanisms import OF_ONE_MAGNET
 
 SMALL, MEDIUM, LARGE = SIZES
 
@@ -118,13 +119,27 @@ def score_set(folder: Path, answers: Sequence[Path]) -> Benchmark:
     return Benchmark(seal, cases, tuple(_of_oracle(score, cases) for score in SCORES), tuple(methods))
 
 
-def judged_with_rivals(case: Case, answer) -> Judgement:
+def judged_with_rivals(case: Case, answer: Answer) -> Judgement:
     """As `judge`; what the oracle cannot reject may stand beside the truth, as what is alike on all campaigns may."""
+    case, answer = by_mechanism(case, answer)
     j = judge(case, answer)
     others = [member for member in answer.cause if member != case.truth]
     size, one_speed, rivals = case.size or 0.0, len(case.speeds) == 1, rivals_of(case)
     close = all(m in rivals or alike_sets(case.truth, m, case.channels, size, one_speed) for m in others)
     return replace(j, right_class=case.truth in answer.cause and close)
+
+
+def by_mechanism(case: Case, answer: Answer) -> tuple[Case, Answer]:
+    """Truth and answer by the names of their mechanisms: a ball hangs below a single magnet, see `OF_ONE_MAGNET`."""
+    if case.rig != "ball":
+        return case, answer
+
+    def named(effects: frozenset[str]) -> frozenset[str]:
+        return frozenset(OF_ONE_MAGNET.get(name, name) for name in effects)
+
+    which = tuple(replace(h, effects=named(h.effects)) for h in answer.which)
+    cause = tuple(dict.fromkeys(map(named, answer.cause)))
+    return replace(case, effects=named(case.effects)), replace(answer, cause=cause, which=which)
 
 
 def _right_block(j: Judgement) -> bool:

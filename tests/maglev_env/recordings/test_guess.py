@@ -1,5 +1,6 @@
 """Guesses about columns, rate, excitation and controller, each from made-up signals."""
 
+import h5py
 import numpy as np
 import pytest
 from scipy.signal import chirp, lfilter
@@ -304,3 +305,21 @@ def test_both_axes_have_the_controller_that_both_show(tmp_path):
     np.savez(tmp_path / "b.npz", **kept, cmd_x_A=-800.0 * x, cmd_y_A=-500.0 * y)
     found = guess_recording(tmp_path / "b.npz")
     assert found.gains is None and "kp = 800" in found.controller.reason and "gains.y" in found.controller.ask
+
+
+def test_the_rate_of_a_jittering_clock_is_the_round_one_that_its_steps_allow():
+    rng = np.random.default_rng(6)
+    ticks = np.cumsum((1 + 0.06 * rng.normal(size=1500)) / 49.0)
+    assert abs((ticks.size - 1) / (ticks[-1] - ticks[0]) / 49.0 - 1) > 2e-4  # the mean step alone says otherwise
+    assert guess_rate(ticks, 1.0, {}).value == 49.0
+    rounded = np.round(np.arange(1500) / 49.1, 3)  # a good clock whose stamps are rounded to ms
+    assert guess_rate(rounded, 1.0, {}).value == pytest.approx(49.1, rel=1e-4)
+
+
+def test_units_of_hdf5_attributes_are_read(tmp_path):
+    with h5py.File(tmp_path / "run.h5", "w") as file:
+        for name, unit in (("pos_x", "um"), ("pos_y", "um"), ("coil_x", "A"), ("coil_y", b"A")):
+            file.create_dataset(f"entry/{name}", data=np.sin(np.arange(400.0))).attrs["units"] = unit
+    found = guess_recording(tmp_path / "run.h5", rate=1000.0).channels
+    assert found["displacement_x"].scale == 1e-6 and not found["displacement_x"].ask
+    assert found["current_x"].column == "entry.coil_x"

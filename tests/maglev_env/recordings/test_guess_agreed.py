@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from maglev_env.recordings.guess.agreed import agreed
+from maglev_env.recordings.guess.agreed import agreed, like_most, without_motion
 from maglev_env.recordings.guess.recording import guess_recording
 from maglev_env.recordings.guess.verified import verified
 
@@ -43,3 +43,45 @@ def test_a_controller_counts_in_the_direction_of_its_displacement(tmp_path):
     found = verified(guess_recording(tmp_path / "ball.npz"), tmp_path)
     assert found.channels["displacement"].scale == -1.0
     assert found.gains is not None and abs(found.gains["kp"] - 150.0) < 1e-3 and not found.controller.ask
+
+
+def test_gains_follow_the_unit_that_another_file_shows(tmp_path):
+    rng = np.random.default_rng(4)
+    small, large = (s * np.cumsum(rng.normal(size=4000)) / 30 for s in (3.0, 90.0))
+    t = np.arange(small.size) / 1000.0
+    for name, y in (("a.npz", small), ("b.npz", large)):
+        np.savez(tmp_path / name, t=t, pos=y, i_cmd_A=-0.5 * y)
+    found = agreed([verified(guess_recording(tmp_path / name), tmp_path) for name in ("a.npz", "b.npz")])
+    assert {g.channels["displacement"].scale for g in found} == {1e-6}
+    assert [round(g.gains["kp"]) for g in found] == [500_000, 500_000]  # 0.5 A/um
+
+
+def test_nameless_columns_are_what_most_files_take_them_for(tmp_path):
+    rng = np.random.default_rng(5)
+    t = np.arange(2000) / 200.0
+    steps = np.repeat(rng.uniform(5e-3, 7e-3, 20), 100)
+    swept = 6e-3 + 1e-3 * np.sin(2 * np.pi * (0.2 + 0.1 * t) * t)
+    for name, wanted in (("a.txt", steps), ("b.txt", steps[::-1]), ("c.txt", swept)):
+        gap = np.convolve(wanted, np.full(15, 1 / 15), "same") + 2e-5 * rng.normal(size=t.size)
+        gap[:15], gap[-15:] = wanted[:15], wanted[-15:]
+        np.savetxt(tmp_path / name, np.column_stack([t, gap, 1.0 + 90 * (gap - wanted), wanted]), fmt="%.6f")
+    files = [tmp_path / name for name in ("a.txt", "b.txt", "c.txt")]
+    guesses = [guess_recording(file) for file in files]
+    assert guesses[2].channels["displacement"].column == "[3]"  # the set point, the smoothest
+    taken = like_most(guesses)
+    assert taken[:2] == [None, None]
+    again = guess_recording(files[2], columns=taken[2])
+    assert {name: c.column for name, c in again.channels.items()} == {
+        "time": "[0]", "displacement": "[1]", "command": "[2]", "reference": "[3]"
+    }  # fmt: skip
+    assert "as in a.txt" in again.channels["displacement"].reason
+
+
+def test_a_file_beside_others_in_which_nothing_moves_is_left_out(tmp_path):
+    rng = np.random.default_rng(6)
+    t = np.arange(500) / 500.0
+    np.savez(tmp_path / "run.npz", t=t, y_mm=rng.normal(size=500), i_A=rng.normal(size=500))
+    np.savez(tmp_path / "volts.npz", t=t, u_V=rng.normal(size=500))
+    guesses = {name: guess_recording(tmp_path / name) for name in ("run.npz", "volts.npz")}
+    assert list(without_motion(guesses)) == ["volts.npz"]
+    assert not without_motion({"volts.npz": guesses["volts.npz"]})

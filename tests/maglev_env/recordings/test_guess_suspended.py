@@ -48,3 +48,28 @@ def test_a_distance_from_the_magnet_is_turned_round(tmp_path, sign):
     assert found.channels["displacement"].scale == found.channels["reference"].scale == -sign
     assert ("offset = the gap" in found.channels["displacement"].ask) == (sign > 0)
     assert "total = true" in found.channels["current"].ask
+
+
+@pytest.mark.parametrize("told_by", ["controller", "name", "voltage"])
+def test_a_distance_is_told_without_large_motion(tmp_path, told_by):
+    rng = np.random.default_rng(4)
+    gap = 8.0 + 4e-3 * rng.normal(size=4000)
+    columns = {"t [s]": np.arange(4000) / 1000.0, "pos [mm]" if told_by == "controller" else "Abstand [mm]": gap}
+    columns["Spannung [V]" if told_by == "voltage" else "Iststrom [A]"] = 0.9 + 0.02 * rng.normal(size=4000)
+    if told_by == "controller":
+        columns["Sollstrom [A]"] = 0.9 + 0.4 * (gap - 8.0) + 3.0 * np.diff(gap, prepend=gap[0])
+    table = np.column_stack(list(columns.values()))
+    np.savetxt(tmp_path / "hover.csv", table, delimiter=",", header=",".join(columns), comments="", fmt="%.9f")
+    found = verified(guess_recording(tmp_path / "hover.csv"), tmp_path)
+    assert found.channels["displacement"].scale == -1e-3
+    assert "offset = the gap" in found.channels["displacement"].ask
+    assert (found.gains is not None and found.gains["kp"] > 0) == (told_by == "controller")
+
+
+@pytest.mark.parametrize(("rate", "scale"), [(49.0, 1.0), (5000.0, 1e-3)])
+def test_a_gap_that_falls_faster_than_the_samples_is_not_in_mm(tmp_path, rate, scale):
+    rng = np.random.default_rng(5)
+    gap = 0.06 + 2e-3 * np.cumsum(rng.normal(size=2000)) / 45
+    columns = np.column_stack([np.arange(2000) / rate, gap, 1.0 + 20 * (gap - 0.06)])
+    np.savetxt(tmp_path / "run.csv", columns, delimiter=",", header="t,gap,i_cmd", comments="", fmt="%.6f")
+    assert abs(guess_recording(tmp_path / "run.csv").channels["displacement"].scale) == scale

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from ball_bench import record, write_campaign
 
-from maglev_env.loop.gains import as_table
+from maglev_env.loop.gains import as_table, controller_output
 from maglev_env.recordings.campaign import load_campaign
 from maglev_env.recordings.campaign_writer import toml_value
 from maglev_env.redundancy.rules import examine
@@ -71,6 +71,14 @@ def test_a_wrong_scale_is_named(tmp_path, name, limited, channel, factor):
     rig, run = driven(name, limited)
     said = found(tmp_path, name, rig.gains, run | {channel: factor * run[channel]})
     assert any(channel in f.channel and f.kind in ("wiring", "contradiction") for f in said)
+
+
+def test_the_wanted_current_of_a_cascade_is_not_its_command(tmp_path):
+    rig, run = driven(CASCADE, False)
+    wanted = controller_output(rig.gains.outer, run["displacement"], 1 / rig.control_rate, run["reference"])
+    run = {name: values for name, values in run.items() if name != "injection"} | {"command": wanted}
+    (said,) = [f for f in found(tmp_path, CASCADE, rig.gains, run) if f.kind == "contradiction"]
+    assert said.channel == "command or current" and "state the outer controller alone" in said.message
 
 
 @pytest.mark.parametrize(("name", "limited"), [(FEEDBACK, True), (PID, True), (CASCADE, False)])

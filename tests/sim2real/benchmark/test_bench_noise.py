@@ -1,5 +1,7 @@
 """What a nonlinearity adds to a recording without a period, beside one whose periods show the noise of the bench."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -15,17 +17,28 @@ from sim2real.recorded.open_record import OpenRecord
 from sim2real.recorded.records import read_records
 
 
-def left(tmp_path, effects):
-    """Reduced chi-square of the nominal rig in the steps, without and with the bound, and whether this is reached."""
+def recorded(tmp_path, effects, drives=(("multisine", 0.01, "current"), ("steps", 0.05, "reference")), noisy=1.0):
+    """Recordings of a stand, and the noise that its rig states; that of the force is `noisy` times the usual one."""
     rng = np.random.default_rng(4)
     rig = draw_rig("stand", rng)
+    rig = replace(rig, noise={**rig.noise, "force": noisy * rig.noise["force"]})
     controller = Controller(rig.pid, "pid", 1 / rig.parameters["control_rate"])
     truth = Truth(rig, {}, effects(rig))
-    drives = [draw_drive(shape, rig, False, level, rng) for shape, level in (("multisine", 0.01), ("steps", 0.05))]
-    recorded = [Recording(drive.shape, "fit", controller, drive) for drive in drives]
-    made = [(r, True, simulate(truth, r, seed)) for seed, r in enumerate(recorded)]
-    write_campaign(tmp_path / "c", rig, "no_force", made)
-    _, records = read_records(tmp_path / "c")
+    drawn = [drive_at(place, shape, rig, level, rng) for shape, level, place in drives]
+    made = [(r := Recording(d.shape, "fit", controller, d), True, simulate(truth, r, i)) for i, d in enumerate(drawn)]
+    write_campaign(tmp_path / "c", rig, "full", made)
+    return read_records(tmp_path / "c")[1]
+
+
+def drive_at(place, *drawn):
+    """The first drive that is drawn at a place."""
+    shape, rig, level, rng = drawn
+    return next(d for d in (draw_drive(shape, rig, True, level, rng) for _ in range(50)) if d.at == place)
+
+
+def left(tmp_path, effects):
+    """Reduced chi-square of the nominal rig in the steps, without and with the bound, and whether this is reached."""
+    records = recorded(tmp_path, effects)
     found = []
     for bench in (NO_BOUND, bench_noise(records)):
         problem = assemble(records, near=Point({}, {}), bench=bench)
@@ -49,3 +62,14 @@ def test_a_seal_that_is_touched_by_the_steps_alone_is_no_noise(tmp_path):
         },
     )
     assert free < 1.3 and bounded > 10 and reached
+
+
+def test_the_noise_in_the_reading_of_a_force_is_that_of_what_it_drives(tmp_path):
+    """It is part of the drive, which explains it away in the window with the fewest lines, the lowest one."""
+    drives = (("multisine", 0.01, "current"), ("noise", 0.01, "force"))
+    records = recorded(tmp_path, lambda rig: {}, drives, noisy=10.0)
+    problem = assemble(records, near=Point({}, {}), bench=bench_noise(records))
+    (part,) = (p for p in problem.parts if isinstance(p.record, OpenRecord))
+    residual = (problem.data - problem.simulate([Point({}, {})])[0])[part.place]
+    lowest = problem.frequency[part.place] < 1.5 * problem.frequency[part.place].min()
+    assert lowest.sum() > 15 and np.mean(abs(residual[lowest]) ** 2) / 2 < 1.6

@@ -1,5 +1,7 @@
 """Tones between the harmonics: found to their Cramer-Rao scatter, told by origin, and never in noise."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from campaigns import campaign
@@ -8,7 +10,7 @@ from scipy import signal
 from maglev_env.loop.effect import effect
 from sim2real.compared.problem import assemble
 from sim2real.compared.simulated import Point, residuals, settling, together
-from sim2real.judgement.sightings import Sighting, _one_family
+from sim2real.judgement.sightings import Sighting, _higher_harmonics, _one_family
 from sim2real.judgement.unsynchronised import evidence, spin_costs
 from sim2real.recorded.records import read_records
 from sim2real.recorded.tones import MOST, families, near_tones, origin, outstanding, remove_tones, tone_at
@@ -236,3 +238,18 @@ def test_a_mode_has_rung_out_where_it_is_looked_at(tmp_path):
     found, hasty = (problem.simulate([mode], settled)[0] for settled in (True, False))
     size = abs(whitened).max()
     assert abs(found - whitened.ravel()).max() < 5e-3 * size < 0.1 * abs(hasty - whitened.ravel()).max()
+
+
+def test_a_tone_on_a_higher_harmonic_of_what_is_seen_belongs_to_it():
+    """Distorted mains: the fifth harmonic of 50 Hz is no foreign vibration, but only where the mains is seen."""
+    problem = _Problem(0.0)
+    record = problem.parts[0].record
+    record.experiment.fundamental, record.experiment.recorded_per_period = 2.0, 1000
+    record.series = {"displacement": np.zeros((1, 6000))}
+    mains = replace(sighting("pickup 50 Hz", 1, 49.95), chi2=900.0)
+    fifth, other = sighting("foreign", 1, 249.7), sighting("foreign", 1, 223.0)
+    named = replace(fifth, family="pickup 50 Hz", harmonic=5)
+    assert _higher_harmonics(problem, [mains, fifth, other]) == [mains, named, other]
+    assert _higher_harmonics(problem, [fifth, other]) == [fifth, other]
+    louder = replace(fifth, chi2=2000.0)
+    assert _higher_harmonics(problem, [mains, louder]) == [mains, louder]

@@ -1,0 +1,46 @@
+"""Which recordings the rig is fitted to, where their own responses tell nothing."""
+
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+
+from maglev_workbench.commands.estimate import recordings
+
+
+@pytest.fixture
+def without_responses(monkeypatch):
+    """A recording of a set-point sine, whose one line is too few for bands."""
+    spec = SimpleNamespace(file="sine.csv", excitations=(SimpleNamespace(kind="multisine"),), role="fit", gains=None)
+    told = SimpleNamespace(left_out=())
+
+    def too_few(*args):
+        raise ValueError("1 lines; at least four excited lines are needed")
+
+    monkeypatch.setattr(recordings, "read_recording", lambda *args: None)
+    monkeypatch.setattr(recordings, "recorded_signals", lambda *args: SimpleNamespace(axes=1))
+    monkeypatch.setattr(recordings, "_axes", too_few)
+    monkeypatch.setattr(recordings, "each_recording", lambda campaign, read, track: (told, [read(spec)]))
+    return told
+
+
+def campaign(controlled):
+    return SimpleNamespace(rig=SimpleNamespace(controlled=controlled), folder=Path("bench"))
+
+
+def test_a_named_rig_is_fitted_to_what_has_too_few_lines_for_bands(without_responses, monkeypatch):
+    monkeypatch.setattr(recordings, "_pooled", lambda campaign: (without_responses, "fitted"))
+    found = recordings.identify_campaign(campaign(True), 0.1, False, None, None, iter)
+    assert found.pooled == "fitted" and not found.axes
+    assert "sine.csv: no bands alone" in found.notes[0] and "at least four" in found.notes[0]
+
+
+def test_without_magnets_and_where_the_rig_cannot_be_fitted_the_reason_is_said(without_responses, monkeypatch):
+    def falls(campaign):
+        raise ValueError("the rotor touches down")
+
+    monkeypatch.setattr(recordings, "_pooled", falls)
+    with pytest.raises(ValueError, match=r"sine\.csv: 1 lines"):
+        recordings.identify_campaign(campaign(False), 0.1, False, None, None, iter)
+    with pytest.raises(ValueError, match=r"at least four.*touches down"):
+        recordings.identify_campaign(campaign(True), 0.1, False, None, None, iter)
