@@ -298,9 +298,8 @@ def bounds(force, disp, sff, syy, sfy, w, mass, slices, found, threshold, out):
                 sign = -1.0 if j % 2 == 0 else 1.0
                 if not np.isfinite(o[2]) or far <= (qk if j < 2 else qc):
                     to[j] = sign * np.inf
-                elif j < 2:
-                    start = sign * np.sqrt(2.0 * qk / o[4]) * o[2]
-                    to[j] = _bound(f, y, pf, py, pfy, wb, m, k, c, best, qk, start, o[12], True)
-                else:
-                    start = sign * np.sqrt(2.0 * qc / o[5]) * o[3]
-                    to[j] = _bound(f, y, pf, py, pfy, wb, m, k, c, best, qc, start, o[13], False)
+                else:  # one call of both, because the compiler would make two functions of two constants
+                    along_k = j < 2
+                    rise, slope = (qk, o[12]) if along_k else (qc, o[13])
+                    start = sign * np.sqrt(2.0 * rise / (o[4] if along_k else o[5])) * (o[2] if along_k else o[3])
+                    to[j] = _bound(f, y, pf, py, pfy, wb, m, k, c, best, rise, start, slope, along_k)

@@ -1,4 +1,4 @@
-"""Butterflies of a fast Fourier transform: sums of 2, 4 or 5 complex numbers of every lane, turned for the next pass.
+"""Butterflies of a fast Fourier transform: sums of 4 or 5 complex numbers of every lane, turned for the next pass.
 
 A complex number of all lanes has 2 LANES consecutive values: the real parts, then the imaginary ones. Each piece reads
 `radix` of them from `a` on, `step` values apart, and writes the results one behind the other into `to` from `b` on.
@@ -20,19 +20,6 @@ S1, S2 = float(np.sin(2 * np.pi / 5)), float(np.sin(4 * np.pi / 5))
 def put(to, at, re, im, c, s):
     """Store a complex number turned by the root c + j s."""
     to[at], to[at + IM] = c * re - s * im, c * im + s * re
-
-
-@piece
-def two(z, a, step, to, b, roots, turn, lanes):
-    """lanes and unsigned indices: see `maglev_env.kernel.sample.draw`."""
-    c, s = roots[2 * turn], roots[2 * turn + 1]
-    first, second, whole, turned = np.uint64(a), np.uint64(a + step), np.uint64(b), np.uint64(b + SIZE)
-    im = np.uint64(IM)
-    for i in range(np.uint64(lanes)):
-        x0, y0, x1, y1 = z[first + i], z[first + im + i], z[second + i], z[second + im + i]
-        to[whole + i], to[whole + im + i] = x0 + x1, y0 + y1
-        re, im_ = x0 - x1, y0 - y1
-        to[turned + i], to[turned + im + i] = c * re - s * im_, c * im_ + s * re
 
 
 @piece

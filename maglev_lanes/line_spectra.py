@@ -12,7 +12,7 @@ from threading import Lock
 
 import numpy as np
 
-from maglev_lanes.butterflies import IM, SIZE, five, four, two
+from maglev_lanes.butterflies import IM, SIZE, five, four
 from maglev_lanes.compiled import compiled
 from maglev_lanes.layout import FAR
 from maglev_lanes.layout import LANES as W
@@ -20,7 +20,7 @@ from maglev_lanes.layout import LANES as W
 LONGEST = (
     512  # numbers of a column: two copies of as many, of all lanes, fit into the second cache of common processors
 )
-RADICES = (5, 4, 2)
+RADICES = (5, 4)  # the more there are, the longer the compiler takes; other factors are left to the lines
 _MAKING = Lock()  # threads that need a kernel at the same time make it once
 
 
@@ -89,7 +89,7 @@ def _places(length: int, radices: np.ndarray) -> np.ndarray:
 def _pass() -> Callable[..., None]:
     sources = 0  # see `compiled`
 
-    def one(z, to, radix, done, roots, lanes):
+    def one(z, to, radix, done, roots):
         """One pass over a column, behind others by radices whose product is `done`."""
         if sources == 0:
             return
@@ -99,10 +99,8 @@ def _pass() -> Callable[..., None]:
             a, b, turn = (p * SIZE) & FAR, (p * radix * SIZE) & FAR, p // done * done
             if radix == 5:
                 five(z, a, step, to, b, roots, turn)
-            elif radix == 4:
-                four(z, a, step, to, b, roots, turn)
             else:
-                two(z, a, step, to, b, roots, turn, lanes)
+                four(z, a, step, to, b, roots, turn)
 
     return compiled(one)
 
@@ -175,9 +173,9 @@ def _transform() -> Callable[..., None]:
             done = 1
             for j in range(radices.size):
                 if j % 2 == 0:
-                    one(z, other, radices[j], done, roots, W)
+                    one(z, other, radices[j], done, roots)
                 else:
-                    one(other, z, radices[j], done, roots, W)
+                    one(other, z, radices[j], done, roots)
                 done *= radices[j]
             if radices.size % 2 == 0:
                 gather(z, column, whole, lines, at, mirrored, found, W)

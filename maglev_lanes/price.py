@@ -3,7 +3,7 @@
 A typing error must end in a sentence, not in hours of silence or in a process that the system ends for its memory.
 """
 
-MOST_EXPERIMENTS = 1_000_000  # their results are in memory together, some 1.5 kB each
+MOST_EXPERIMENTS = 1_000_000  # results of some 1.5 kB each, in memory together or in a file
 MOST_SECONDS = 30 * 86400.0  # s on one core
 MOST_SAMPLES = 40_000_000  # of one experiment: 33 minutes at 20 kHz
 MOST_IN_PERIOD = 4_000_000  # a period of all lanes that run together is in memory, 512 bytes for a sample
