@@ -54,7 +54,6 @@ class Experiment:
     speed_rpm: float = 0.0
 
     def __repr__(self) -> str:
-        """One line; everything else is a field."""
         effects = f", with {', '.join(self.effects)}" if self.effects else ""
         return f"<Experiment on {self.rig.name}: {self.gains!r}{effects}, {self.periods} periods, seed {self.seed}>"
 

@@ -75,7 +75,6 @@ class Diagnosis:
     unseen: tuple[str, ...] = ()
 
     def __repr__(self) -> str:
-        """One line; `report.sentence` says it in words."""
         return f"<Diagnosis of {self.campaign.folder.name}: {self.verdict}, {', '.join(self.cause) or 'no cause'}>"
 
     def _repr_html_(self) -> str:

@@ -195,7 +195,6 @@ class Rig:
         check_effects(self.effects, self, FINER)  # a recording may be simulated at a finer rate
 
     def __repr__(self) -> str:
-        """One line; every parameter is a field."""
         axes = "" if self.axes == 1 else ", x and y"
         effects = f", with {', '.join(self.effects)}" if self.effects else ""
         return f"<Rig {self.name}: {self.magnet}{axes}, {self.mass:g} kg, {self.control_rate:g} Hz{effects}>"

@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 
 COLOUR = {"demodulated": COLOURS[1], "estimated": COLOURS[0]}
 TRUE = "#222"
-_POINTS = 6000  # per trace
+_POINTS = 2000  # per trace; blocks of about a PWM period
 _ENLARGED = 20  # PWM periods
 
 
