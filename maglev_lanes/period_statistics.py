@@ -1,6 +1,6 @@
 """Means and covariances over periods of lines' amplitudes, for all lanes of a block at once."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import cache
 from threading import Lock
 
@@ -22,7 +22,7 @@ class PeriodStatistics:
         lines: number of lines.
     """
 
-    def __init__(self, channels: int, noisy: tuple[int, ...], lines: int) -> None:
+    def __init__(self, channels: int, noisy: Sequence[int], lines: int) -> None:
         self.periods = 0
         self._noisy = np.array(noisy, np.int64)
         self._mean = np.zeros((channels, lines, 2, W))

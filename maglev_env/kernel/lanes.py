@@ -115,7 +115,7 @@ def lane_batch(experiments: Sequence[Experiment], substeps: int = 1, structure: 
         own, dt = [of_axis(e.gains, axis) for e in experiments], 1 / experiments[0].rig.control_rate
         if isinstance(own[0], Gains):
             places = [axis * row(AXIS) + at for at in PID_ROWS]
-            rows[places] = np.array([pid_constants(gains, dt) for gains in own]).T
+            rows[places] = np.array([pid_constants(gains, dt) for gains in own if isinstance(gains, Gains)]).T
     seeds = [[_seeds(axis_seed(e, axis)) for e in experiments] for axis in range(structure.axes)]
     return replace(made, rows=rows, seeds=np.array(seeds).swapaxes(1, 2))
 

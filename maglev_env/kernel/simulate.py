@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy
+from numpy.typing import NDArray
 
 from estimation.lines.periods import LineStatistics
 from maglev_env.rig.excitation import lines_at
@@ -385,6 +386,6 @@ def _block_spectra(
         yield spectra.reshape(-1, len(lines), 2, LANES)
 
 
-def _of_every_lane(amplitudes: np.ndarray) -> np.ndarray:
+def _of_every_lane(amplitudes: NDArray[np.complex128]) -> np.ndarray:
     """Complex amplitudes (lines,) that all lanes have, as real and imaginary parts, (lines, 2, 1)."""
     return np.stack([amplitudes.real, amplitudes.imag], axis=-1)[..., None]
