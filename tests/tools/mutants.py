@@ -2,10 +2,11 @@
 
     python tests/tools/mutants.py TREE --out result.json [--only NAME ...] [--list]
 
-TREE is copied to a temporary folder once and never touched itself. A mutant (`mutants_list.py`) is found by the exact
-text that it replaces, wherever that stands, so it outlives files that move; where code was rewritten it gets another
-text. Its tests run on the copy, then the copy is restored. The result is written after every mutant; one that is there
-for the same mutant, the same product code and the same tests is not made again. Exit status 0: all were killed.
+TREE is copied to a temporary folder once and never touched itself. Mutants are those that a person thought of
+(`mutants_list.py`) and sampled ones (`mutants_sampled.py`). A mutant is found by the exact text that it replaces,
+wherever that stands, so it outlives files that move; where code was rewritten it gets another text. Its tests run on
+the copy, then the copy is restored. The result is written after every mutant; one that is there for the same mutant,
+the same product code and the same tests is not made again. Exit status 0: all were killed.
 """
 
 import argparse
@@ -26,6 +27,7 @@ from typing import Any
 from xml.etree import ElementTree
 
 from mutants_list import MUTANTS, RENAMED_TESTS, Mutant
+from mutants_sampled import sampled
 
 TIMEOUT = 600.0  # s: tests that hang have seen the mutant
 COMPILED = ("*.nbi", "*.nbc")  # numba's disk cache, in the __pycache__ beside the source
@@ -307,10 +309,11 @@ def main() -> int:
     parser.add_argument("--list", action="store_true", help="say where each mutant applies in the tree, and end")
     given = parser.parse_args()
     tree = given.tree.resolve()
-    unknown = set(given.only or ()) - {m.name for m in MUTANTS}
+    everything = (*MUTANTS, *sampled(tree))
+    unknown = set(given.only or ()) - {m.name for m in everything}
     if unknown:
         parser.error(f"no mutant named {', '.join(sorted(unknown))}; see --list")
-    chosen = [m for m in MUTANTS if not given.only or m.name in given.only]
+    chosen = [m for m in everything if not given.only or m.name in given.only]
     if given.list:
         places = {m.name: locate(m, product_files(tree)) for m in chosen}
         for m in chosen:
