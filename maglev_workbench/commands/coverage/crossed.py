@@ -13,7 +13,7 @@ from maglev_env.rig.rig import Noise, Rig, load_rig
 from maglev_workbench.commands.coverage.counts import Coverage, counted, interval
 from maglev_workbench.commands.coverage.disturbed import QUIET, Disturbed, of_power
 
-BANDS = (40.0, 70.0, 110.0)  # Hz: the bands nearest to these are counted
+BANDS = (40.0, 110.0)  # Hz: the bands nearest to these are counted
 DIRECTIONS = (0.0, 90.0)
 ENTRIES = {"xx": (0, 0), "xy": (0, 1), "yx": (1, 0), "yy": (1, 1)}
 
