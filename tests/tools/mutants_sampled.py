@@ -64,9 +64,9 @@ def changes(text: str) -> Iterator[tuple[str, str, str, str]]:
     for function in _functions(ast.parse(text)):
         for node in _computing(function):
             for begin, end, new in _changed(node, coded, begins):
-                # As many whole lines as make the text unique.
-                first = text[: len(coded[:begin].decode())].count("\n")
-                last = text[: len(coded[:end].decode())].count("\n")
+                # Whole lines, with a neighbour on both sides, because a short line may stand in other files too.
+                first = max(text[: len(coded[:begin].decode())].count("\n") - 1, 0)
+                last = min(text[: len(coded[:end].decode())].count("\n") + 1, len(lines) - 1)
                 old_lines = "".join(lines[first : last + 1])
                 if text.count(old_lines) != 1:
                     continue

@@ -46,7 +46,7 @@ TARGETS: tuple[Target, ...] = (
     Target("maglev_env/design/thermal.py", 3, ("test_design_thermal.py",)),
     Target("maglev_env/design/pid_rules.py", 3, ("test_design_pid_rules.py",)),
     Target("selfsense/bound.py", 3, ("test_bound.py",)),
-    Target("selfsense/calibration.py", 4, ("test_calibration.py",)),
+    Target("selfsense/calibration/static.py", 4, ("test_calibration.py",)),
     # units
     Target("maglev_env/units.py", 3, ("test_units.py",)),
     Target("maglev_env/recordings/measurement_chain.py", 2, ("test_measurement_chain.py",)),
