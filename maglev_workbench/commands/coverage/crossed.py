@@ -79,7 +79,8 @@ class Crossed:
 
                     truth = float(np.mean([of(clean.estimate, name) for _, clean in drawn]))
                     ends = [(of(n.estimate, f"{name}_low"), of(n.estimate, f"{name}_high")) for n, _ in drawn]
-                    rows.append(counted(f"{name} {entry} at {at:.0f} Hz", [interval(*end, truth) for end in ends]))
+                    given = [interval(*end, truth) if np.isfinite(end).all() else None for end in ends]
+                    rows.append(counted(f"{name} {entry} at {at:.0f} Hz", given))
         return tuple(rows)
 
     def _identified(self, experiments: Sequence[Experiment], bench: Disturbed) -> PlanarIdentification:

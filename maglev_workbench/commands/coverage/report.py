@@ -24,8 +24,10 @@ Of experiments that repeat, the truth is the best linear approximation at the st
 the same experiments without noise gives, of stiffness and damping over a band of 15 Hz, of the margins those of the
 mean sensitivity. Where the law is not smooth (friction, hysteresis), noise in the loop is part of what responds, and
 the mean is that of the noisy experiments. From the injection alone, gain, stiffness and damping are those of the rig;
-of x-y rigs the truth is the mean of the estimates without noise. The interval of the upper gain margin, where the loop
-gain is hardly more than its noise, and that of the lower one are knowingly cautious.
+of x-y rigs the truth is the mean of the estimates without noise. The intervals of the gain margins are knowingly
+cautious where the loop gain is near its noise. Known to cover less: the peak sensitivity where a rotor turns at about
+the frequency of the peak, the x-y coefficients of a band in which it turns (mostly not bounded there), and the lower
+gain margin of a rig that saturates, whose lines distortion changes by half.
 
 Of recordings that do not repeat, the truth is the linearisation of the rig that is drawn: it differs from the one that
 the estimate is told by what its [tolerance] allows, of a suspended ball also by the form of its force law, and its
