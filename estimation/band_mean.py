@@ -3,7 +3,9 @@
 The fit of constants lies somewhere inside the range of k(f), where the noise of the lines puts its weight, and its
 interval speaks of the noise alone. Here k and c are parabolas over the band, so that their means do not depend on the
 weights, and what the parabolas leave widens the interval: stochastic nonlinear distortion differs from line to line as
-noise does, but repeats with the period (Pintelon and Schoukens 2012, ch. 4).
+noise does, but repeats with the period (Pintelon and Schoukens 2012, ch. 4). It is in the motion, not in the force that
+causes it, and is added to the noise of the displacement: errors of a regressor that count as errors of the force would
+pull the stiffness toward m w^2.
 """
 
 from dataclasses import dataclass
@@ -18,6 +20,8 @@ from estimation.normal import NOISELESS
 
 DEGREE = 2
 SPARE = 4  # lines beyond one for each coefficient of k, so that what is left tells the distortion
+ROUNDS = 4  # in which the size of the distortion is found
+ENOUGH = 0.05  # of the residual power, to which the distortion must explain it
 GRID = np.linspace(-1.0, 1.0, 21)  # where the range is read
 
 
@@ -64,30 +68,37 @@ def band_mean(
     size = np.array([abs(start[0]) + mass * w.mean() ** 2, abs(start[0]) / w.mean() + mass * w.mean()])
     size = np.repeat(size, degree + 1)
 
-    def variance(z: np.ndarray) -> np.ndarray:
-        return sff + floor + abs(z) ** 2 * syy - 2 * np.real(np.conj(z) * sfy)
-
     # z is linear in the parameters.
     moves = np.hstack([shape, 1j * w[:, None] * shape]) * size
 
-    def left(parameters: np.ndarray) -> np.ndarray:
+    def variance(z: np.ndarray, distortion: float) -> np.ndarray:
+        return sff + floor + abs(z) ** 2 * (syy + distortion) - 2 * np.real(np.conj(z) * sfy)
+
+    def left(parameters: np.ndarray, distortion: float) -> np.ndarray:
         z = moves @ parameters - mass * w**2
-        e = (force - z * moved) / np.sqrt(variance(z) / 2)
+        e = (force - z * moved) / np.sqrt(variance(z, distortion) / 2)
         return np.concatenate([e.real, e.imag])
 
-    def slopes(parameters: np.ndarray) -> np.ndarray:
+    def slopes(parameters: np.ndarray, distortion: float) -> np.ndarray:
         z = moves @ parameters - mass * w**2
-        v = variance(z)[:, None]
+        v = variance(z, distortion)[:, None]
         e = (force - z * moved)[:, None] / np.sqrt(v / 2)
-        changes = 2 * np.real(np.conj(moves) * (z * syy - sfy)[:, None])
+        changes = 2 * np.real(np.conj(moves) * (z * (syy + distortion) - sfy)[:, None])
         d = -moved[:, None] * moves / np.sqrt(v / 2) - e * changes / (2 * v)
         return np.concatenate([d.real, d.imag])
 
     guess = np.zeros((2, degree + 1))
     guess[:, 0] = start
-    found = scipy.optimize.least_squares(left, guess.ravel() / size, slopes, method="lm")
-    spare = 2 * f.size - found.x.size
-    covariance = np.linalg.pinv(found.jac.T @ found.jac) * max(1.0, 2 * found.cost / spare) * np.outer(size, size)
+    at, distortion, spare = guess.ravel() / size, 0.0, 2 * f.size - guess.size
+    for _ in range(ROUNDS):
+        found = scipy.optimize.least_squares(left, at, slopes, method="lm", args=(distortion,))
+        at, ratio = found.x, 2 * found.cost / spare
+        z = moves @ at - mass * w**2
+        more = (ratio - 1) * float(np.mean(variance(z, distortion)) / np.mean(abs(z) ** 2))
+        if abs(ratio - 1) < ENOUGH or distortion + more <= 0:
+            break
+        distortion += more
+    covariance = np.linalg.pinv(found.jac.T @ found.jac) * max(1.0, ratio) * np.outer(size, size)
     reach = float(scipy.stats.t.ppf((1 + level) / 2, spare))
 
     def mean(coefficients: np.ndarray, square: float) -> BandMean:

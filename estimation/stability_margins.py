@@ -150,7 +150,9 @@ def margins(
     values = {name: float(value) for name, value in margin_arrays(f, s).items()}
     # Draws around the noisy estimate would add its bias a second time; the smoothed curve has almost none. L is
     # smoothed and not S, because L has no sharp peak; |dL| = |dS| / |S|^2.
-    centre = 1 / (1 + smooth_response(f, loop_gain(s), noise / np.abs(s) ** 4))
+    centre = _smoothed(f, loop_gain(s), noise / np.abs(s) ** 4)
+    # Sizes of single lines as weights would pull the curve toward the lines that noise moved toward -1.
+    centre = _smoothed(f, loop_gain(s), noise / np.abs(centre) ** 4)
     middle = {name: float(value) for name, value in margin_arrays(f, centre).items()}
     # Noise crosses the real axis wherever L is small, and the worst of such crossings is no margin of the loop.
     if not np.isnan(middle["gain_margin_high"]):
@@ -159,6 +161,11 @@ def margins(
     intervals = _intervals(f, centre, noise, values, middle, draws, seed) if draws else {}
     fields: dict[str, Any] = {name: None if np.isnan(value) else value for name, value in values.items()}
     return Margins(**fields, reasons=reasons, intervals=intervals)
+
+
+def _smoothed(f: Array, gain: NDArray[np.complex128], variance: Array) -> NDArray[np.complex128]:
+    """The sensitivity (..., n) of smooth loop gains through gains (..., n) with a variance (n,)."""
+    return 1 / (1 + smooth_response(f, gain, variance))
 
 
 def _refined(frequency: ArrayLike, sensitivity: ArrayLike) -> tuple[Array, NDArray[np.complex128]]:
@@ -201,6 +208,7 @@ def _intervals(
 ) -> dict[str, Interval]:
     """Intervals from draws around the smoothed sensitivity `centre`, whose margins are `middle`."""
     noise = np.random.default_rng(seed).standard_normal((2, draws, f.size)) * np.sqrt(variance / 2)
+    size = np.abs(centre) ** 4
     grid, gain = _refined(f, centre + noise[0] + 1j * noise[1])
     drawn = _margin_arrays(grid, gain)
     ends: dict[str, tuple[float, float]] = {}
@@ -209,13 +217,16 @@ def _intervals(
         low, high = _quantiles(drawn[name])
         scale = values[name] * middle[name]
         ends[name] = scale / high, scale / low
-    for name, (factor, at) in _gain_crossings(grid, gain).items():
-        # Noise adds crossings: the near end takes the worst of each draw, the far end the one closest to the crossing
-        # of the smooth curve.
-        away = np.where(np.isinf(factor), np.inf, np.abs(at - np.log(middle[f"{name}_frequency"])))
-        near, far = _quantiles(least(factor, at, factor)[0])[0], _quantiles(least(factor, at, away)[0])[1]
-        far = np.nan if np.isnan(middle[name]) else far
-        ends[name] = (near, far) if name == "gain_margin_high" else (1 / far, 1 / near)
+    # An upper gain margin is that of the smooth curve, and is drawn as that of smooth curves.
+    smooth = _margin_arrays(*_refined(f, _smoothed(f, loop_gain(centre + noise[0] + 1j * noise[1]), variance / size)))
+    drawn["gain_margin_high"] = smooth["gain_margin_high"]
+    ends["gain_margin_high"] = _quantiles(drawn["gain_margin_high"])
+    # Noise adds crossings: the near end takes the worst of each draw, the far end the one closest to the crossing of
+    # the smooth curve.
+    factor, at = _gain_crossings(grid, gain)["gain_margin_low"]
+    away = np.where(np.isinf(factor), np.inf, np.abs(at - np.log(middle["gain_margin_low_frequency"])))
+    near, far = _quantiles(least(factor, at, factor)[0])[0], _quantiles(least(factor, at, away)[0])[1]
+    ends["gain_margin_low"] = (1 / (np.nan if np.isnan(middle["gain_margin_low"]) else far), 1 / near)
     for name, (low, high) in ends.items():
         if np.mean(np.isnan(drawn[name])) > MISSING_SHARE:
             ends[name] = (np.nan, high) if name == "gain_margin_low" else (low, np.nan)

@@ -85,8 +85,8 @@ def smooth_response(frequency: ArrayLike, response: ArrayLike, variance: ArrayLi
 
     Args:
         frequency: Increasing positive frequencies (n,), Hz, n >= 4.
-        response: Complex response (n,).
-        variance: Its noise variance E|noise|^2 (n,), which weights the lines. If all are zero, the response is
+        response: Complex responses (..., n), each with a smoothness of its own.
+        variance: Their noise variance E|noise|^2 (n,), which weights the lines. If all are zero, the response is
             returned unchanged.
 
     Raises:
@@ -94,7 +94,7 @@ def smooth_response(frequency: ArrayLike, response: ArrayLike, variance: ArrayLi
     """
     f, s = _checked_frequency(frequency), np.asarray(response, dtype=complex)
     noise = np.asarray(variance, dtype=float)
-    if s.shape != f.shape or not np.all(np.isfinite(s)):
+    if s.ndim == 0 or s.shape[-1:] != f.shape or not np.all(np.isfinite(s)):
         raise ValueError(f"response must hold {f.size} finite values, one per frequency")
     if noise.shape != f.shape or not np.all(np.isfinite(noise)) or np.any(noise < 0):
         raise ValueError(f"variance must hold {f.size} finite values >= 0, one per frequency")
@@ -108,12 +108,12 @@ def smooth_response(frequency: ArrayLike, response: ArrayLike, variance: ArrayLi
     bend /= weight[:, None]
     roughness, basis = np.linalg.eigh(bend @ np.linalg.solve(gram, bend.T))
     roughness = np.maximum(roughness, 1e-15 * roughness[-1])
-    part = basis.T @ (weight * s)
+    part = (weight * s) @ basis
     penalty = np.geomspace(1e-3 / roughness[-1], 1e3 / roughness[2], 200)[:, None]
     # The two smallest eigenvalues belong to straight lines, which are never penalised.
     keep = 1 / (1 + penalty * np.concatenate([[0.0, 0.0], roughness[2:]]))
-    risk = np.sum((1 - keep) ** 2 * np.abs(part) ** 2 + 2 * keep, axis=1)
-    return basis @ (keep[np.argmin(risk)] * part) / weight
+    risk = np.abs(part) ** 2 @ ((1 - keep) ** 2).T + 2 * keep.sum(axis=1)
+    return (keep[np.argmin(risk, axis=-1)] * part) @ basis.T / weight
 
 
 def _checked_frequency(frequency: ArrayLike) -> Array:

@@ -5,11 +5,17 @@ from dataclasses import dataclass
 import numpy as np
 import scipy
 
+from estimation.lines.curves import smooth_response
 from estimation.lines.periods import LineStatistics
 
 POOL = 7  # neighbouring lines whose noise is averaged
 LOCAL, CURVE = 6, 4  # neighbouring lines through which a cubic of log frequency is laid
-ROUGH_POOL = 41  # lines of whose scatter about the cubics the median is taken, so that a resonance is not distortion
+ROUGH_POOL = 21  # lines of whose scatter about the cubics the median is taken, so that a resonance is not distortion
+# The median of that many overlapping cubics tells the scatter with about 8 degrees of freedom: the square of Student's
+# 95 % quantile over that of a known variance.
+FEW = 1.3
+CHANCE = 1.25  # ratio of scatter to noise to which noise alone comes too often to count
+TONE = 0.5  # share of a line's own noise that counts where its neighbours have less: a tone, a resonance of the floor
 
 
 def frequency_response(statistics: LineStatistics, output: str, source: str) -> tuple[np.ndarray, np.ndarray]:
@@ -44,19 +50,27 @@ def loop_variance(frequency: np.ndarray, sensitivity: np.ndarray, variance: np.n
     """Variance of a measured sensitivity, from the scatter over periods and from that between neighbouring lines.
 
     The noise is averaged as in `pooled_variance`, but in proportion to |S|^2, as noise at one place of the loop enters
-    S. What repeats with the period but scatters from line to line about a smooth loop gain is stochastic
-    nonlinear distortion (Pintelon and Schoukens 2012, ch. 4), and counts where it exceeds the noise.
+    S, unless a line has far more of its own. What repeats with the period but scatters from line to line about a smooth
+    loop gain is stochastic nonlinear distortion (Pintelon and Schoukens 2012, ch. 4), and counts where it exceeds the
+    noise.
 
     Args:
         frequency: (n,), Hz, increasing.
         sensitivity: (n,).
         variance: (n,), of its noise, E|n|^2.
     """
+
+    def noise_of(size: np.ndarray) -> np.ndarray:
+        own = variance / size
+        return np.maximum(pooled_variance(own), TONE * own) * size
+
     size = np.abs(sensitivity) ** 2
-    noise = pooled_variance(variance / size) * size
+    noise = noise_of(size)
     if frequency.size < LOCAL or not np.any(noise):
         return noise
-    # Of the loop gain L = 1 / S - 1: |dL| = |dS| / |S|^2.
+    # Of the loop gain L = 1 / S - 1: |dL| = |dS| / |S|^2. A line that noise made large is not less certain for that.
+    size = 1 / np.abs(1 + smooth_response(frequency, 1 / sensitivity - 1, noise / size**2)) ** 2
+    noise = noise_of(size)
     error = np.sqrt(np.maximum(noise, 1e-12 * noise.max())) / size
     gain, x = 1 / sensitivity - 1, np.log(frequency)
     left = np.empty(frequency.size - LOCAL + 1)
@@ -69,7 +83,8 @@ def loop_variance(frequency: np.ndarray, sensitivity: np.ndarray, variance: np.n
     whole = np.pad(left, (LOCAL // 2, (LOCAL - 1) // 2), mode="edge")
     freedom = 2 * (LOCAL - CURVE)
     median = scipy.stats.chi2.median(freedom) / freedom  # of that scatter, for noise alone
-    return noise * np.maximum(1.0, scipy.ndimage.median_filter(whole, ROUGH_POOL) / median)
+    ratio = scipy.ndimage.median_filter(whole, ROUGH_POOL) / median
+    return noise * (1 + FEW * np.maximum(ratio - CHANCE, 0.0))
 
 
 def instrumented_response(output: np.ndarray, source: np.ndarray, instrument: np.ndarray) -> np.ndarray:

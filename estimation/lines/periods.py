@@ -7,6 +7,9 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+LEAST = 4  # periods whose phases may tell a drift
+FAINT = 1e-3  # of the strongest line's power: lines that tell no drift
+LEFT = 0.1  # share of a period's power that may be no shifted copy, so that its shift counts
 NEIGHBOURS = 8  # neighbouring lines that are tested for a transient together
 
 
@@ -137,6 +140,45 @@ def split_periods(signals: np.ndarray, samples_per_period: int) -> np.ndarray:
         )
     whole = signals[:, : periods * samples_per_period]
     return whole.reshape(len(signals), periods, samples_per_period).transpose(1, 0, 2)
+
+
+def period_drift(spectra: np.ndarray, w: np.ndarray) -> tuple[float, float] | None:
+    """Drift of the phases of periods, as of a clock that is not that of the excitation.
+
+    Args:
+        spectra: of one channel, (periods, n).
+        w: of the lines (n,), radians per sample.
+
+    Returns:
+        Samples per period by which the periods run ahead, and the standard error; None where it is not told.
+    """
+    if len(spectra) < LEAST:
+        return None
+    size = np.abs(spectra.mean(axis=0)) ** 2
+    loud = size > FAINT * size.max(initial=0.0)
+    spectra, w = spectra[:, loud], w[loud]
+    middle = spectra[len(spectra) // 2]
+    at, weight = np.arange(len(spectra)) - len(spectra) // 2, np.abs(middle) ** 2
+    # Neighbouring periods first, so that the phase of no line turns by more than half a turn.
+    turned = (spectra[1:] * spectra[:-1].conj()).sum(axis=0)
+    power = (weight * w**2).sum()
+    if not power:
+        return None
+    first = 0.0
+    for some in (w <= np.quantile(w, 1 / 3), np.ones(w.size, bool)):  # low lines turn least
+        steps = np.angle(turned * np.exp(-1j * w * first))
+        first += float((weight * w * steps)[some].sum() / (weight * w**2)[some].sum())
+    rest = np.angle(spectra * np.exp(-1j * np.outer(at * first, w)) * middle.conj())
+    shift = (weight * w * rest).sum(axis=1) / power + at * first
+    left = np.abs(spectra - middle * np.exp(1j * np.outer(shift, w))) ** 2
+    if (left.sum(axis=1) > LEFT * weight.sum()).any():
+        return None
+    slope, ahead = np.polyfit(at, shift, 1)
+    off = shift - slope * at - ahead
+    # Few periods scatter by chance less than the noise of their lines lets them.
+    noise = (weight * w**2 * left / 2).sum() / len(at) / power**2
+    scatter = max((off**2).sum() / max(len(at) - 2, 1), noise)
+    return float(slope), float(np.sqrt(scatter / ((at - at.mean()) ** 2).sum()))
 
 
 def transient_periods(spectra: np.ndarray, level: float = 1e-3) -> int:

@@ -1,5 +1,6 @@
 """Stiffness and damping over the bands of one recording, with what widens their intervals."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -97,11 +98,11 @@ def band_coefficients(
     ml: BandEstimate = maximum_likelihood(force, bands, mass)
     bias_k, bias_c = least_squares_bias(force, bands, mass, ml)
     receptance, _ = frequency_response(force, "displacement", "force")
+    promised_k, promised_c = _effective(bands.mean(axis=1), signals, rig)
     result = []
     for b, (start, stop) in enumerate(band_slices(force.frequency, bands)):
         ls: LeastSquares = least_squares(force.frequency[start:stop], receptance[start:stop], mass)
         biased = abs(bias_k[b]) > BIAS_SHARE * ls.stiffness_se or abs(bias_c[b]) > BIAS_SHARE * ls.damping_se
-        promised_k, promised_c = _effective(bands[b].mean(), signals, rig)
         k, c = _coefficients(force, bands[b], mass, ml, b, stop - start)
         result.append(
             Band(
@@ -122,8 +123,8 @@ def band_coefficients(
                 informative=bool(ml.informative[b]),
                 fit_p=float(ml.fit_p[b]),
                 noise_share=float(ml.noise_share[b]),
-                effective_stiffness=promised_k,
-                effective_damping=promised_c,
+                effective_stiffness=promised_k[b],
+                effective_damping=promised_c[b],
                 stiffness_range=k.range,
                 damping_range=c.range,
             )
@@ -167,14 +168,16 @@ def with_mass_uncertainty(band: Band, mass_se: float) -> Band:
     return _widened(band, "stiffness", mass_se * (np.pi * (band.f_lo + band.f_hi)) ** 2)
 
 
-def _effective(frequency: float, signals: RecordedSignals, rig: Rig | None) -> tuple[float | None, float | None]:
+def _effective(
+    frequency: np.ndarray, signals: RecordedSignals, rig: Rig | None
+) -> tuple[Sequence[float | None], Sequence[float | None]]:
     """D eq 4.5 with the digital controller's own response: the values of the gains alone, with the support."""
     if rig is None or not rig.controlled or signals.gains is None:
-        return None, None
+        return [None] * frequency.size, [None] * frequency.size
     gain, stiffness = linearise(force_law(rig))
-    controller = nominal_response(rig, signals.gains, np.array([frequency])).controller
-    k, c = effective_coefficients(np.array([frequency]), controller, gain, stiffness)
-    return float(k[0] + rig.support_stiffness), float(c[0] + rig.support_damping)
+    controller = nominal_response(rig, signals.gains, frequency).controller
+    k, c = effective_coefficients(frequency, controller, gain, stiffness)
+    return (k + rig.support_stiffness).tolist(), (c + rig.support_damping).tolist()
 
 
 def nominal_response(rig: Rig, gains: Controllers | None, frequency: np.ndarray) -> LoopResponse:

@@ -4,7 +4,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from estimation.lines.periods import period_spectra, split_periods
+from estimation.lines.periods import period_drift, period_spectra, split_periods
 from maglev_env.channels import SHOWN_BY
 from maglev_env.loop.axes import AXES
 from maglev_env.recordings.campaign import RecordingSpec
@@ -15,6 +15,7 @@ if TYPE_CHECKING:
 
 # A line is driven where it exceeds so many standard deviations of its mean, and this share of the strongest line.
 LINE_SIGNIFICANCE, LINE_FLOOR = 3.0, 1e-6
+CLEAR = 8.0  # standard errors from which a drift of the periods is another clock
 LINES_SHOWN = 8  # of those without excitation that a message lists
 
 
@@ -32,7 +33,7 @@ def check_excited(dataset: "xr.Dataset", spec: RecordingSpec) -> None:
             name, driven = _along(dataset, excitation)
             if driven is not None:
                 block = excitation.block(spec.sample_rate)
-                _check_lines(name, driven, np.array(excitation.lines), block, excitation.fundamental)
+                _check_lines(name, driven, np.array(excitation.lines), block, excitation.fundamental, spec.sample_rate)
 
 
 def _along(dataset: "xr.Dataset", excitation: Excitation) -> tuple[str, np.ndarray | None]:
@@ -50,7 +51,17 @@ def _along(dataset: "xr.Dataset", excitation: Excitation) -> tuple[str, np.ndarr
     return (found[0], dataset[found[0]].values[None]) if len(found) == 1 else (place, None)
 
 
-def _check_lines(name: str, driven: np.ndarray, lines: np.ndarray, block: tuple[int, int], fundamental: float) -> None:
+def other_clock(ppm: float, rate: float) -> str:
+    """What is wrong, and what to do, where a recorder's clock is fast by some ppm."""
+    return (
+        f"the recorder's clock is {abs(ppm):.3g} ppm {'fast' if ppm > 0 else 'slow'} against that of the excitation: "
+        f"drive both by one clock, or resample the recording, whose true rate is {rate * (1 + 1e-6 * ppm):.9g} Hz"
+    )
+
+
+def _check_lines(
+    name: str, driven: np.ndarray, lines: np.ndarray, block: tuple[int, int], fundamental: float, rate: float
+) -> None:
     periods = split_periods(driven, block[0])
     # The first period may contain the start of the excitation.
     spectra = np.array([period_spectra(p, lines * block[1]) for p in periods[1 if len(periods) > 2 else 0 :]])
@@ -58,6 +69,9 @@ def _check_lines(name: str, driven: np.ndarray, lines: np.ndarray, block: tuple[
     amplitude, noise = whole[0], np.sqrt(spectra.var(axis=0, ddof=1)[0] / len(spectra))
     missing = (amplitude <= LINE_SIGNIFICANCE * noise) | (amplitude <= LINE_FLOOR * whole.max())
     if missing.any():
+        drift = period_drift(spectra[:, 0], 2 * np.pi * lines * block[1] / block[0])
+        if drift is not None and abs(drift[0]) > CLEAR * drift[1]:
+            raise ValueError(f"channel {name!r}: {other_clock(-1e6 * drift[0] / block[0], rate)}")
         shown = ", ".join(f"{n} ({n * fundamental:g} Hz)" for n in lines[missing][:LINES_SHOWN])
         more = f" and {missing.sum() - LINES_SHOWN} more" if missing.sum() > LINES_SHOWN else ""
         raise ValueError(

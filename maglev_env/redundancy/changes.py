@@ -4,15 +4,15 @@ from itertools import combinations
 
 import numpy as np
 
-from estimation.lines.periods import period_spectra
+from estimation.lines.periods import period_drift, period_spectra
+from maglev_env.recordings.excited import other_clock
 from maglev_env.redundancy.finding import Finding
 from maglev_env.redundancy.view import View
 from maglev_env.rig.excitation import lines_at
 
 LEAST = 4  # periods after the first one
-FAINT = 1e-3  # of the strongest line's power: lines that tell nothing
 APART, CLEAR = 0.05, 8.0  # samples by which two clocks drift apart over the recording, and standard errors of that
-LEFT = 0.1  # share of a period's power that may be no shifted copy, so that its shift counts
+ALL_APART = 1.0  # the same for a clock that all channels have, against that of the excitation
 STEP, STEADY = 1.5, 0.1  # factor of a change of range, and scatter on either side as a share of its logarithm
 ALIKE = 0.5  # share of a period's power that may be no scaled copy: the channel's noise
 
@@ -29,7 +29,7 @@ def clocks(view: View) -> list[Finding]:
     late = [p for p in kept if p >= view.lines.first]  # a rotor may still ring, or a drift look like that
     of = {}
     for name in sorted(view.recorded & set(view.blocks[0])):
-        if found := _drift(_spectra(view, name, kept), w) or _drift(_spectra(view, name, late), w):
+        if found := period_drift(_spectra(view, name, kept), w) or period_drift(_spectra(view, name, late), w):
             of[name] = found
     worst = None
     for one, other in combinations(of, 2):
@@ -38,7 +38,7 @@ def clocks(view: View) -> list[Finding]:
         if abs(a - b) * len(kept) > APART and abs(a - b) > CLEAR * error and (worst is None or abs(a - b) > worst[0]):
             worst = abs(a - b), error
     if worst is None:
-        return []
+        return _all_apart(view, list(of.values()), len(kept))
     middle = float(np.median([a for a, _ in of.values()]))
     alone = [n for n, (a, se) in of.items() if abs(a - middle) > CLEAR * se and abs(a - middle) > 0.5 * worst[0]]
     names = alone if len(of) > 2 and len(alone) == 1 else list(of)
@@ -51,35 +51,14 @@ def clocks(view: View) -> list[Finding]:
                     "wiring")]  # fmt: skip
 
 
-def _drift(spectra: np.ndarray, w: np.ndarray) -> tuple[float, float] | None:
-    """Samples per period by which periods (p, n) run ahead, and the standard error; None where it is not told.
-
-    `w` (n,) are radians per sample.
-    """
-    if len(spectra) < LEAST:
-        return None
-    size = np.abs(spectra.mean(axis=0)) ** 2
-    loud = size > FAINT * size.max(initial=0.0)
-    spectra, w = spectra[:, loud], w[loud]
-    middle = spectra[len(spectra) // 2]
-    at, weight = np.arange(len(spectra)) - len(spectra) // 2, np.abs(middle) ** 2
-    # Neighbouring periods first, so that the phase of no line turns by more than half a turn.
-    steps = np.angle((spectra[1:] * spectra[:-1].conj()).sum(axis=0))
-    power = (weight * w**2).sum()
-    if not power:
-        return None
-    first = float((weight * w * steps).sum() / power)
-    rest = np.angle(spectra * np.exp(-1j * np.outer(at * first, w)) * middle.conj())
-    shift = (weight * w * rest).sum(axis=1) / power + at * first
-    left = np.abs(spectra - middle * np.exp(1j * np.outer(shift, w))) ** 2
-    if (left.sum(axis=1) > LEFT * weight.sum()).any():
-        return None
-    slope, ahead = np.polyfit(at, shift, 1)
-    off = shift - slope * at - ahead
-    # Few periods scatter by chance less than the noise of their lines lets them.
-    noise = (weight * w**2 * left / 2).sum() / len(at) / power**2
-    scatter = max((off**2).sum() / max(len(at) - 2, 1), noise)
-    return float(slope), float(np.sqrt(scatter / ((at - at.mean()) ** 2).sum()))
+def _all_apart(view: View, drifts: list[tuple[float, float]], periods: int) -> list[Finding]:
+    """All channels by one clock, which is not that of the excitation."""
+    a, error = min(drifts, key=lambda one: one[1], default=(0.0, 1.0))
+    if abs(a) * periods < ALL_APART or abs(a) < CLEAR * error:
+        return []
+    ppm, error = (1e6 * v / view.block[0] for v in (-a, error))
+    text = f"all channels: {other_clock(ppm, view.rate)}"
+    return [Finding("clock", view.recording, "all channels", ppm, (ppm - 2 * error, ppm + 2 * error), text, "wiring")]
 
 
 def _kept(view: View) -> list[int]:

@@ -7,6 +7,7 @@ import pytest
 from drawn_spectra import draw, record, two_channels
 
 from estimation.actuator import actuator_estimate, as_force
+from estimation.modal import global_fit
 
 F = np.arange(2.0, 121.0, 2.0)
 W = 2 * np.pi * F
@@ -39,6 +40,20 @@ def test_standard_errors_cover():
         assert value.std() / np.sqrt(np.mean(se**2)) == pytest.approx(1, abs=0.12)
         assert abs(np.mean(np.abs(value - true) < 1.96 * se) - 0.95) < 3 * np.sqrt(0.95 * 0.05 / records)
         assert value.std() < 0.1 * abs(true) + 0.2, "a record that says nothing would cover too"
+
+
+def test_standard_errors_follow_from_those_of_the_fit():
+    """By differences, with a damping large enough for the error of the scale to matter in it."""
+    one = record(draw(statistics(5.7, -12.5e3, 60.0, noise=3.0), 1, seed=4), 0)
+    fit, found = global_fit(as_force(one, "current", 1.0)), actuator_estimate(one, MASS)
+
+    def scaled(p):
+        return MASS / p[2] * np.array([1.0, p[0], p[1]])
+
+    steps = np.diag(1e-5 * np.abs(fit.values))
+    slopes = np.array([(scaled(fit.values + h) - scaled(fit.values - h)) / (2 * h.sum()) for h in steps]).T
+    se = np.sqrt(np.diag(slopes @ fit.covariance @ slopes.T))
+    assert (found.gain_se, found.stiffness_se, found.damping_se) == pytest.approx(se, rel=1e-4)
 
 
 def test_the_mass_sets_the_scale_and_must_be_known():

@@ -47,6 +47,42 @@ def test_intervals_cover():
     assert (covered > 0.93).all()  # the stiffness of the same lines counts as independent, so they are wide
 
 
+def test_noise_of_the_lines_is_in_the_errors_where_the_rest_is_known():
+    known = replace(actuator_estimate(spectra(GAIN), MASS), gain=GAIN, stiffness=K, stiffness_se=0.0, damping=0.0,
+                    damping_se=0.0, cost_ratio=1.0)  # fmt: skip
+    draws, records = draw(spectra(GAIN, noise=1.0), 200, seed=6), 200
+    found = [periodic_gain(as_force(record(draws, i), "current", GAIN), MASS, known).bands for i in range(records)]
+    assert len({len(bands) for bands in found}) == 1
+    for same in zip(*found, strict=True):
+        gains = np.array([b.gain for b in same])
+        told = np.sqrt(np.mean([b.size_se**2 for b in same])), np.sqrt(np.mean([b.phase_se**2 for b in same]))
+        assert told[0] == pytest.approx(np.abs(gains).std(), rel=0.35) and told[0] > 0.9 * np.abs(gains).std()
+        assert told[1] == pytest.approx(np.angle(gains).std(), rel=0.35) and told[1] > 0.9 * np.angle(gains).std()
+
+
+def test_an_unsure_stiffness_is_in_the_errors():
+    sure = actuator_estimate(spectra(GAIN), MASS)
+    unsure = replace(sure, stiffness_se=0.02 * abs(K), damping_se=0.0, cost_ratio=4.0)
+    for b in periodic_gain(as_force(spectra(GAIN), "current", sure.gain), MASS, unsure).bands:
+        inside = (b.f_lo <= F) & (b.f_hi > F)
+        dynamic = np.mean(K - MASS * W[inside] ** 2)
+        assert b.size_se == pytest.approx(GAIN * 2 * 0.02 * abs(K / dynamic), rel=1e-3)
+        assert b.phase_se < 1e-4
+
+
+def test_bands_of_lines_adjoin_and_hold_three_lines():
+    one = actuator_estimate(spectra(GAIN), MASS)
+    bands = periodic_gain(as_force(spectra(GAIN), "current", one.gain), MASS, one).bands
+    assert bands[0].f_lo == F[0] and bands[-1].f_lo <= F[-1] < bands[-1].f_hi
+    for i, b in enumerate(bands):
+        assert ((b.f_lo <= F) & (b.f_hi > F)).sum() >= 3
+        assert i == 0 or bands[i - 1].f_hi == b.f_lo
+        if b is not bands[-1]:  # the first line at which a band may end is its end
+            assert b.f_hi >= b.f_lo * 2 ** (1 / 3)
+            early = F[(b.f_lo * 2 ** (1 / 3) <= F) & (b.f_hi > F)]
+            assert all(((b.f_lo <= F) & (end > F)).sum() < 3 for end in early)
+
+
 def test_bands_adjoin_and_hold_what_they_must():
     found = edges(0.1, 100.0, 0.7)
     assert found[0] == (0.1, pytest.approx(0.8)) and found[-1][0] <= 100.0 < found[-1][1]

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+import scipy
 
 from estimation.band_mean import band_mean
 from estimation.lines.periods import LineStatistics
@@ -58,3 +59,35 @@ def test_the_range_is_that_of_the_curve_inside_the_band():
     k, c = band_mean(statistics(np.random.default_rng(0), 1e-5), BAND, MASS, (3.3e4, 12.0))
     assert k.range == pytest.approx((stiffness(60.0), stiffness(75.0)), rel=2e-3)
     assert k.range[0] < k.value < k.range[1] and c.range[0] < c.value < c.range[1]
+
+
+@pytest.mark.parametrize("distortion", [0.0, 0.05])
+def test_the_mean_is_where_an_independent_cost_is_least_and_its_error_is_the_curvature(distortion):
+    """Displacement noise that differs from the force's at every line, so that wrong weights move the minimum."""
+    lines = statistics(np.random.default_rng(6), 0.05, distortion)
+    k, c = band_mean(lines, BAND, MASS, (3.3e4, 12.0))
+    f, w = lines.frequency, 2 * np.pi * lines.frequency
+    force, moved = lines.mean
+    u = (2 * f - BAND.sum()) / np.ptp(BAND)
+    shape = np.stack([np.ones_like(u), u, (3 * u**2 - 1) / 2], axis=1)
+    noise = lines.covariance.mean(axis=-1)
+
+    def left(p, extra):
+        z = shape @ p[:3] - MASS * w**2 + 1j * w * (shape @ p[3:])
+        row = np.stack([np.ones_like(z), -z])
+        at = noise + np.diag([0.0, extra])
+        e = (force - z * moved) / np.sqrt(np.real(np.einsum("an,ab,bn->n", row, at, row.conj())) / 2)
+        return np.concatenate([e.real, e.imag])
+
+    scale = np.array([1e4, 1e3, 1e3, 10.0, 1.0, 1.0])
+    for extra in np.append(0.0, np.geomspace(1e-4, 0.1, 150) * np.mean(abs(moved) ** 2)):
+        found = scipy.optimize.least_squares(lambda q: left(q * scale, extra), [3.0, 0, 0, 1, 0, 0])  # noqa: B023
+        ratio = 2 * found.cost / (2 * f.size - 6)
+        if ratio < 1.0:  # the least distortion that explains what is left
+            break
+    se = np.sqrt(np.diag(np.linalg.inv(found.jac.T @ found.jac))) * scale
+    assert (extra > 0) == (distortion > 0)
+    exact = {"rel": 2e-4} if not extra else {"rel": 0.05}
+    assert (k.se, c.se) == pytest.approx((se[0], se[3]), **exact)
+    assert abs(k.value - found.x[0] * scale[0]) < (0.001 if not extra else 0.05) * k.se
+    assert abs(c.value - found.x[3] * scale[3]) < (0.001 if not extra else 0.05) * c.se

@@ -14,9 +14,9 @@ from maglev_env.loop.magnets.kinds import force_law
 from maglev_workbench.commands.coverage import aperiodic, study
 from maglev_workbench.commands.coverage.aperiodic import APERIODIC, KINDS
 from maglev_workbench.commands.coverage.benches import BENCHES, real
-from maglev_workbench.commands.coverage.conditions import CONDITIONS
-from maglev_workbench.commands.coverage.counts import Interval, counted
-from maglev_workbench.commands.coverage.periodic import PERIODIC, _interval
+from maglev_workbench.commands.coverage.conditions import CONDITIONS, REPEATING
+from maglev_workbench.commands.coverage.counts import Interval, counted, interval
+from maglev_workbench.commands.coverage.periodic import PERIODIC
 from maglev_workbench.commands.coverage.report import coverage_json, coverage_markdown
 
 
@@ -24,6 +24,8 @@ def test_every_periodic_condition_makes_its_experiment():
     for name, condition in PERIODIC.items():
         one, other = condition.experiment(0, 1), condition.experiment(0, 2)
         assert one.seed != other.seed and one.excitations != other.excitations, name
+        powers = [[np.mean(x.waveform(e.rig.control_rate) ** 2) for x in e.excitations] for e in (one, other)]
+        assert powers[0] == pytest.approx(powers[1], rel=1e-9), name  # what is not linear responds to the power
 
 
 @pytest.mark.slow
@@ -40,13 +42,22 @@ def test_a_count_has_truths_near_the_linear_loop_and_the_same_seed_gives_the_sam
     assert "maglev coverage linear --draws 2 --seed 1" in coverage_markdown({"linear": rows}, 2, 1)
 
 
+def test_a_page_keeps_the_part_that_is_not_counted_again():
+    row = counted("k", [interval(0.9, 1.1, 1.0)] * 2)
+    first = coverage_markdown(dict.fromkeys(APERIODIC, (row,)), 2, 1)
+    both = coverage_markdown(dict.fromkeys(REPEATING, (row,)), 3, 4, first)
+    assert "`maglev coverage unrepeated --draws 2 --seed 1 --docs docs/coverage.md`" in both
+    assert "`maglev coverage repeating --draws 3 --seed 4 --docs docs/coverage.md`" in both
+    assert coverage_markdown(dict.fromkeys(APERIODIC, (row,)), 2, 1, both) == both
+
+
 def test_an_open_end_holds_and_a_narrow_interval_off_the_truth_does_not():
     ends = [(0.9, None), (None, 1.1), (1.01, 1.02), (0.5, 1.5)]
-    row = counted("k", [*(_interval(low, high, 1.0) for low, high in ends), None])
+    row = counted("k", [*(interval(low, high, 1.0) for low, high in ends), None])
     assert row.held == 3 and row.draws == 4 and row.abstained == 1 and row.half_width is None
     assert row.interval[0] < 0.75 == row.covered < row.interval[1]
-    assert counted("k", [_interval(1.0, 3.0, 2.0)] * 2).half_width == pytest.approx(0.5)
-    assert counted("k", [_interval(-1.0, 1.0, 0.0)] * 2).held == 2
+    assert counted("k", [interval(1.0, 3.0, 2.0)] * 2).half_width == pytest.approx(0.5)
+    assert counted("k", [interval(-1.0, 1.0, 0.0)] * 2).held == 2
 
 
 def test_errors_count_in_standard_errors_and_a_quantity_that_is_never_bounded_has_no_share():

@@ -2,10 +2,11 @@
 
     python tests/tools/mutants.py TREE --out result.json [--only NAME ...] [--list]
 
-TREE is copied to a temporary folder once and never touched itself. A mutant (`mutants_list.py`) is found by the exact
-text that it replaces, wherever that stands, so it outlives files that move; where code was rewritten it gets another
-text. Its tests run on the copy, then the copy is restored. The result is written after every mutant; one that is there
-for the same mutant, the same product code and the same tests is not made again. Exit status 0: all were killed.
+TREE is copied to a temporary folder once and never touched itself. Mutants are those that a person thought of
+(`mutants_list.py`) and sampled ones (`mutants_sampled.py`). A mutant is found by the exact text that it replaces,
+wherever that stands, so it outlives files that move; where code was rewritten it gets another text. Its tests run on
+the copy, then the copy is restored. The result is written after every mutant; one that is there for the same mutant,
+the same product code and the same tests is not made again. Exit status 0: all were killed.
 """
 
 import argparse
@@ -26,6 +27,7 @@ from typing import Any
 from xml.etree import ElementTree
 
 from mutants_list import MUTANTS, RENAMED_TESTS, Mutant
+from mutants_sampled import sampled
 
 TIMEOUT = 600.0  # s: tests that hang have seen the mutant
 COMPILED = ("*.nbi", "*.nbc")  # numba's disk cache, in the __pycache__ beside the source
@@ -162,7 +164,7 @@ def selection(mutant: Mutant) -> list[str]:
 
 
 def run_tests(copy: Path, files: Sequence[Path], select: Sequence[str], scratch: Path) -> Outcome:
-    """Run test files in a copy of the tree, all of them, without stopping at a failure."""
+    """Run test files in a copy of the tree; `select` has further arguments of pytest."""
     report = scratch / "report.xml"
     report.unlink(missing_ok=True)
     command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "--tb=no", f"--junitxml={report}"]
@@ -192,8 +194,9 @@ def run_tests(copy: Path, files: Sequence[Path], select: Sequence[str], scratch:
 class Bench:
     """A copy of a tree on which mutants are tried one after the other, and the results as they stand."""
 
-    def __init__(self, tree: Path, folder: Path, out: Path) -> None:
+    def __init__(self, tree: Path, folder: Path, out: Path, first: bool) -> None:
         self.copy, self.scratch, self.out = folder / "tree", folder / "scratch", out
+        self.stop = ["-x"] if first else []
         self.copy.mkdir()
         self.scratch.mkdir()
         copy_tree(tree, self.copy)
@@ -230,7 +233,7 @@ class Bench:
                 broken = text.replace(old, new)
                 compile(broken, str(path), "exec")  # a mutant that is no Python proves nothing
                 path.write_text(broken)
-            outcome = run_tests(self.copy, tests, selection(mutant), self.scratch)
+            outcome = run_tests(self.copy, tests, [*self.stop, *selection(mutant)], self.scratch)
         finally:
             for path, (text, stat) in before.items():
                 path.write_text(text)
@@ -304,13 +307,16 @@ def main() -> int:
     parser.add_argument("tree", type=Path, help="root of the code to break; it is copied, not touched")
     parser.add_argument("--out", type=Path, help="JSON of results, continued where it exists")
     parser.add_argument("--only", nargs="+", metavar="NAME", help="only these mutants")
+    parser.add_argument("--first", action="store_true", help="stop at the first test that fails: faster, not counted")
+    parser.add_argument("--sampled", action="store_true", help="only those that are sampled")
     parser.add_argument("--list", action="store_true", help="say where each mutant applies in the tree, and end")
     given = parser.parse_args()
     tree = given.tree.resolve()
-    unknown = set(given.only or ()) - {m.name for m in MUTANTS}
+    everything = (*(() if given.sampled else MUTANTS), *sampled(tree))
+    unknown = set(given.only or ()) - {m.name for m in everything}
     if unknown:
         parser.error(f"no mutant named {', '.join(sorted(unknown))}; see --list")
-    chosen = [m for m in MUTANTS if not given.only or m.name in given.only]
+    chosen = [m for m in everything if not given.only or m.name in given.only]
     if given.list:
         places = {m.name: locate(m, product_files(tree)) for m in chosen}
         for m in chosen:
@@ -322,7 +328,7 @@ def main() -> int:
     if given.out is None:
         parser.error("--out is missing: where the results go")
     with tempfile.TemporaryDirectory(prefix="mutants-") as folder:
-        bench = Bench(tree, Path(folder), given.out.resolve())
+        bench = Bench(tree, Path(folder), given.out.resolve(), given.first)
         states = []
         for mutant in chosen:
             found = bench.try_one(mutant)

@@ -13,7 +13,8 @@ app = typer.Typer()
 @friendly
 def coverage(
     condition: Annotated[
-        list[str] | None, typer.Argument(metavar="CONDITION", help="Conditions by name (default: all).")
+        list[str] | None,
+        typer.Argument(metavar="CONDITION", help="Conditions by name, or repeating, or unrepeated (default: all)."),
     ] = None,
     draws: Annotated[int, typer.Option(min=20, max=100_000, help="Experiments of each condition.")] = 200,
     processes: Annotated[
@@ -25,16 +26,15 @@ def coverage(
 ) -> None:
     """Count how often the 95 % intervals of the estimate hold the truth, on simulated experiments of many kinds.
 
-    Conditions such as hmb_free_steps are recordings that never repeat, of rigs that are known to their tolerances. A
-    second of one core makes about one draw.
+    Conditions such as hmb_free_steps are recordings that never repeat (all of them: unrepeated), of rigs that are known
+    to their tolerances. A second of one core makes about one draw, or two of an experiment that repeats. --docs keeps
+    the part of the page that is not counted.
     """
-    from maglev_env.fields import check_known
     from maglev_env.recordings.files import write_text_atomic
-    from maglev_workbench.commands.coverage.conditions import CONDITIONS
+    from maglev_workbench.commands.coverage.conditions import CONDITIONS, named
     from maglev_workbench.console import console, progress_bar, write_json
 
-    chosen = condition or list(CONDITIONS)
-    check_known(chosen, CONDITIONS, "condition")
+    chosen = named(condition or [])
     from maglev_workbench.commands.coverage.report import coverage_json, coverage_markdown, coverage_table
     from maglev_workbench.commands.coverage.study import coverage as counted
 
@@ -47,4 +47,5 @@ def coverage(
     console.print(coverage_table(found))
     write_json(json_file, coverage_json(found, seed))
     if docs is not None:
-        write_text_atomic(docs, coverage_markdown(found, draws, seed))
+        before = docs.read_text() if docs.exists() else ""
+        write_text_atomic(docs, coverage_markdown(found, draws, seed, before))

@@ -3,8 +3,10 @@
 from collections.abc import Mapping, Sequence
 from typing import Any, Protocol
 
+from maglev_env.fields import check_known
 from maglev_workbench.commands.coverage.aperiodic import APERIODIC
 from maglev_workbench.commands.coverage.counts import Coverage
+from maglev_workbench.commands.coverage.crossed import CROSSED
 from maglev_workbench.commands.coverage.periodic import PERIODIC
 
 
@@ -25,4 +27,22 @@ class Condition(Protocol):
         ...
 
 
-CONDITIONS: Mapping[str, Condition] = {**PERIODIC, **APERIODIC}
+REPEATING: Mapping[str, Condition] = {**PERIODIC, **CROSSED}
+CONDITIONS: Mapping[str, Condition] = {**APERIODIC, **REPEATING}
+# Names of several conditions, and what docs/coverage.md calls them.
+GROUPS: Mapping[str, tuple[str, Mapping[str, Condition]]] = {
+    "unrepeated": ("Recordings that do not repeat", APERIODIC),
+    "repeating": ("Experiments that repeat", REPEATING),
+}
+
+
+def named(names: Sequence[str]) -> list[str]:
+    """Conditions by their names and those of groups; all where there is no name.
+
+    Raises:
+        ValueError: A name is unknown.
+    """
+    check_known(list(names), {**CONDITIONS, **GROUPS}, "condition")
+    return list(
+        dict.fromkeys(one for name in names or GROUPS for one in (GROUPS[name][1] if name in GROUPS else [name]))
+    )

@@ -6,6 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 import scipy
 
+from estimation.normal import NORMAL_95
+
 
 @dataclass(frozen=True)
 class Interval:
@@ -25,6 +27,14 @@ class Interval:
     @property
     def holds(self) -> bool:
         return bool(self.low <= self.truth <= self.high)
+
+
+def interval(low: float | None, high: float | None, truth: float) -> Interval:
+    """An interval from its ends; None or an infinite one is open."""
+    low, high = (end if end is not None else sign * np.inf for end, sign in ((low, -1), (high, 1)))
+    half = (high - low) / 2
+    closed = 0 < half < np.inf
+    return Interval(low, high, truth, NORMAL_95 * (low + half - truth) / half if closed else np.nan)
 
 
 @dataclass(frozen=True)

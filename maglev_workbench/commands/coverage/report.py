@@ -4,9 +4,10 @@ from collections.abc import Iterator, Mapping, Sequence
 from importlib.metadata import version
 from typing import Any
 
+import numpy as np
 from rich.table import Table
 
-from maglev_workbench.commands.coverage.conditions import CONDITIONS
+from maglev_workbench.commands.coverage.conditions import CONDITIONS, GROUPS
 from maglev_workbench.commands.coverage.counts import Coverage
 from maglev_workbench.page import markdown_table, number
 
@@ -19,9 +20,14 @@ and other noise; z is the distance of the estimate from the truth in standard er
 which should be 0 +- 1. The half width is the median, of the truth's size; the last column is the share of draws in
 which the estimate says that it cannot tell.
 
-Of experiments that repeat, the truth is the best linear approximation, the mean over the same experiments without
-noise: of stiffness and damping the mean over a band of 15 Hz, of the margins those of the mean sensitivity. From the
-injection alone, gain, stiffness and damping are those of the rig.
+Of experiments that repeat, the truth is the best linear approximation at the stated power: what the mean response of
+the same experiments without noise gives, of stiffness and damping over a band of 15 Hz, of the margins those of the
+mean sensitivity. Where the law is not smooth (friction, hysteresis), noise in the loop is part of what responds, and
+the mean is that of the noisy experiments. From the injection alone, gain, stiffness and damping are those of the rig;
+of x-y rigs the truth is the mean of the estimates without noise. The intervals of the gain margins are knowingly
+cautious where the loop gain is near its noise. Known to cover less: the peak sensitivity where a rotor turns at about
+the frequency of the peak, the x-y coefficients of a band in which it turns (mostly not bounded there), and the lower
+gain margin of a rig that saturates, whose lines distortion changes by half.
 
 Of recordings that do not repeat, the truth is the linearisation of the rig that is drawn: it differs from the one that
 the estimate is told by what its [tolerance] allows, of a suspended ball also by the form of its force law, and its
@@ -62,11 +68,26 @@ def coverage_json(found: Found, seed: int) -> dict[str, Any]:
     return {"schema": SCHEMA, "version": version("maglev-workbench"), "seed": seed, "conditions": conditions}
 
 
-def coverage_markdown(found: Found, draws: int, seed: int) -> str:
-    """A document of its own, with the command that makes it again."""
-    of = "" if list(found) == list(CONDITIONS) else " ".join(found) + " "
-    head = (
-        "# Coverage of the intervals\n\n"
-        f"Made by `maglev coverage {of}--draws {draws} --seed {seed} --docs docs/coverage.md`.\n\n{HOW_TO_READ}\n"
-    )
-    return head + markdown_table(HEAD, list(_rows(found))) + "\n"
+def coverage_markdown(found: Found, draws: int, seed: int, before: str = "") -> str:
+    """A page with the commands that make it again; of a page that is there the parts that were not counted stay.
+
+    Args:
+        found: counts by condition.
+        draws: of each condition.
+        seed: of the study.
+        before: the page as it is.
+    """
+    page = f"# Coverage of the intervals\n\n{HOW_TO_READ}\n"
+    for group, (title, conditions) in GROUPS.items():
+        counted = {name: rows for name, rows in found.items() if name in conditions}
+        kept = before.partition(f"## {title}\n")[2].partition("\n## ")[0].rstrip("\n")
+        if counted:
+            names = group if list(counted) == list(conditions) else " ".join(counted)
+            spread = np.sqrt(0.95 * 0.05 / draws)
+            kept = (
+                f"\nMade by `maglev coverage {names} --draws {draws} --seed {seed} --docs docs/coverage.md`; a share "
+                f"of 0.95 has a standard deviation of {spread:.2g}.\n\n" + markdown_table(HEAD, list(_rows(counted)))
+            )
+        if kept:
+            page += f"## {title}\n{kept}\n\n"
+    return page.rstrip("\n") + "\n"

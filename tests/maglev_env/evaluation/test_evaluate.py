@@ -82,6 +82,9 @@ def test_measured_margins_hold_those_of_python_control_in_their_intervals(scored
     measured = margins(loop.frequency, s[0], pooled_variance(variance[0]))
     for name, value in truth.items():
         low, high = measured.intervals[name]
+        if high is None:  # where L is hardly more than its noise, curves through noise may not cross at all
+            assert name == "gain_margin_high" and low < value
+            continue
         # A twentieth of the intervals may miss; none by much. The loop is also not exactly linear at this amplitude.
         width = 0.5 * (high - low) + 0.005 * value
         assert low - width <= value <= high + width, name

@@ -43,6 +43,14 @@ def test_a_channel_of_another_clock_is_named_with_its_rate(ppm):
     assert found.channel == "displacement or force" and "ppm" in found.message
 
 
+@pytest.mark.parametrize("ppm", [200.0, -900.0])
+def test_a_recorder_whose_clock_is_not_that_of_the_excitation_is_named(ppm):
+    rng = np.random.default_rng(7)
+    (found,) = clocks(view(force=channel(rng, -ppm), displacement=channel(rng, -ppm)))
+    assert found.channel == "all channels" and found.value == pytest.approx(ppm, rel=1e-2)
+    assert ("fast" if ppm > 0 else "slow") in found.message and "true rate is" in found.message
+
+
 @pytest.mark.parametrize("factor", [10.0, 0.5])
 @pytest.mark.parametrize("share", [0.5, 0.62])
 def test_a_change_of_range_is_named_with_its_factor_and_time(factor, share):

@@ -1,0 +1,66 @@
+"""Where mutants are sampled: files of physics, statistics and units, and the tests that are to find them."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Target:
+    """file: of the product. mutants: how many are drawn. tests, select: as of a `Mutant`."""
+
+    file: str
+    mutants: int
+    tests: tuple[str, ...]
+    select: str = ""
+
+
+TARGETS: tuple[Target, ...] = (
+    # statistics
+    Target("estimation/band_mean.py", 6, ("test_band_mean.py",)),
+    Target("estimation/least_squares.py", 5, ("test_least_squares.py",)),
+    Target(
+        "estimation/max_likelihood.py",
+        4,
+        ("test_max_likelihood.py", "test_coverage.py"),
+        "max_likelihood or fit_p or shows_a_frequency",
+    ),
+    Target("estimation/modal.py", 5, ("test_modal.py",)),
+    Target("estimation/actuator.py", 3, ("test_actuator.py",)),
+    Target("estimation/apparent_gain.py", 5, ("test_apparent_gain.py",)),
+    Target("estimation/stability_margins.py", 6, ("test_stability_margins.py",)),
+    Target("estimation/effective.py", 4, ("test_effective.py",)),
+    Target("estimation/lines/periods.py", 6, ("test_periods.py",)),
+    Target("estimation/lines/frequency_response.py", 6, ("test_frequency_response.py",)),
+    Target("estimation/lines/curves.py", 5, ("test_curves.py", "test_stability_margins.py")),
+    Target("estimation/lines/local_polynomial.py", 5, ("test_local_polynomial.py",)),
+    Target("estimation/lines/spin.py", 4, ("test_spin.py",)),
+    Target("estimation/online/change_charts.py", 4, ("test_change_charts.py",)),
+    Target("estimation/online/line_block.py", 4, ("test_tracking.py",)),
+    Target("estimation/multisine/sphs.py", 5, ("test_sphs.py",)),
+    Target("estimation/xy/planar_least_squares.py", 4, ("test_planar_least_squares.py",)),
+    # physics
+    Target("maglev_env/loop/magnets/law.py", 6, ("test_magnetics.py", "test_force_law.py")),
+    Target("maglev_env/loop/magnets/energy.py", 4, ("test_magnetics.py", "test_force_law.py")),
+    Target("maglev_env/loop/magnets/circuit.py", 4, ("test_magnetics.py",)),
+    Target("maglev_env/loop/eddy.py", 4, ("test_eddy.py",)),
+    Target("maglev_env/evaluation/known_chain.py", 3, ("test_identify.py",), "lag or probe or damping or current"),
+    Target("maglev_env/evaluation/score.py", 3, ("test_evaluate.py",)),
+    Target("maglev_env/design/motor.py", 4, ("test_design_motor.py",)),
+    Target("maglev_env/design/hydraulics.py", 4, ("test_design_hydraulics.py",)),
+    Target("maglev_env/design/stator.py", 3, ("test_design_stator.py",)),
+    Target("maglev_env/design/thermal.py", 3, ("test_design_thermal.py",)),
+    Target("maglev_env/design/pid_rules.py", 3, ("test_design_pid_rules.py",)),
+    Target("selfsense/bound.py", 3, ("test_bound.py",)),
+    Target("selfsense/calibration/static.py", 4, ("test_calibration.py",)),
+    # units
+    Target("maglev_env/units.py", 3, ("test_units.py",)),
+    Target("maglev_env/recordings/measurement_chain.py", 2, ("test_measurement_chain.py",)),
+)
+
+# Sampled mutants that no test can find, because what they change decides nothing: how far a search goes on, what a
+# graceful limit is. Each with its reason.
+EQUIVALENT: Mapping[str, str] = {
+    "band_mean.band_mean: + -> - in abs(start[0]) / w.mean() + mass * w.mean()": "scales the search",
+    "band_mean.variance: + -> - in sff + floor": "the floor is 1e-12 of the force and serves records without noise",
+    "motor._check_reaches: > -> <= in net > 0": "a check that raises",
+}
