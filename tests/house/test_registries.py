@@ -15,6 +15,7 @@ from maglev_env.recordings.campaign import load_campaign
 from maglev_env.recordings.campaign_writer import write_campaign
 from maglev_env.recordings.recording import read_recording
 from maglev_env.rig.excitation import PLACES
+from maglev_env.loop.gains import of_axis
 from maglev_env.rig.rig import PRESETS, ROTORS, Noise, Rig, load_rig
 from maglev_env.rotor.rotor import load_rotor
 from maglev_env.task.task import make_task
@@ -100,6 +101,9 @@ def test_a_tuner_asks_in_the_box_and_as_its_entry_says(name):
     np.testing.assert_array_equal(asked, again)
     assert METHODS[name].safe_start == np.allclose(asked[0], episode.start)
     assert METHODS[name].about
+    if METHODS[name].near:
+        near = make_tuner(f"{name}@preset", task, episode, 5, 27).ask(1)[0]
+        np.testing.assert_allclose(near, task.box.point(of_axis(task.rig.gains, 0)), atol=1e-9)
 
 
 def test_help_names_every_tuner_and_preset():

@@ -15,7 +15,7 @@ SMALL = ("--rigs", 3, "--budgets", "1,2", "--protocol", "quick")
 @pytest.mark.slow
 def test_table_page_markdown_and_json_say_the_same(tmp_path, monkeypatch):
     monkeypatch.setattr("tuning.comparison.compare.SEARCH", 120)
-    monkeypatch.setattr("tuning.search.model_based.GENERATIONS", 6)
+    monkeypatch.setattr("tuning.search.corrected.tuner.ROUNDS", 2)
     out, docs, file = tmp_path / "c", tmp_path / "tuners.md", tmp_path / "c.json"
     arguments = ("sobol", "model", *SMALL, "--effect", "delay=75e-6", "--out", out, "--docs", docs, "--json", file)
     text = run(*arguments)

@@ -21,7 +21,7 @@ def run(folder, methods=("sobol", "rule"), rigs=RIGS, budgets=BUDGETS, repeats=1
 @pytest.fixture(autouse=True)
 def short_search(monkeypatch):
     monkeypatch.setattr("tuning.comparison.compare.SEARCH", 120)
-    monkeypatch.setattr("tuning.search.model_based.GENERATIONS", 6)
+    monkeypatch.setattr("tuning.search.corrected.tuner.ROUNDS", 2)
 
 
 def same(a, b, method):
