@@ -9,13 +9,13 @@ import xarray as xr
 from typer.testing import CliRunner
 
 from maglev_env.channels import CHANNELS, NOISY, RECORDED, simulated_channels, step_channels
+from maglev_env.loop.gains import of_axis
 from maglev_env.loop.magnets.kinds import KINDS, check_magnet, force_law, inductance
 from maglev_env.loop.magnets.law import force, linearise
 from maglev_env.recordings.campaign import load_campaign
 from maglev_env.recordings.campaign_writer import write_campaign
 from maglev_env.recordings.recording import read_recording
 from maglev_env.rig.excitation import PLACES
-from maglev_env.loop.gains import of_axis
 from maglev_env.rig.rig import PRESETS, ROTORS, Noise, Rig, load_rig
 from maglev_env.rotor.rotor import load_rotor
 from maglev_env.task.task import make_task

@@ -1,7 +1,7 @@
 """Comparison of tuners with equal budgets on the same unseen rigs; results per tuner are stored and reused."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, fields, replace
+from dataclasses import asdict, dataclass, fields
 from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -14,8 +14,8 @@ from maglev_env.task.episodes import Episode
 from maglev_env.task.task import Task
 from maglev_lanes.code_version import code_version
 from maglev_lanes.price import check_experiments
+from tuning.comparison.rigs import held_out
 from tuning.comparison.runs import CHUNK, Runs, stored_parts
-from tuning.learned.worlds import drawn_effect
 from tuning.lockstep import Course, judged, optima, rescored
 from tuning.methods import LEARNED, make_tuner, method_of, policy_digest
 
@@ -25,8 +25,6 @@ if TYPE_CHECKING:
 
 SCHEMA = "maglev-compare-folder/1"
 SPEC, RIGS, PARTS = "comparison.json", "rigs.npz", "parts"
-HELD_OUT = 271828  # mixed into the seed so that comparison rigs never coincide with rigs drawn elsewhere
-EFFECT = 161803  # the same, of their effects
 SEARCH = 600  # experiments that search for the best score of each rig
 BETWEEN = (1, 3, 10, 30, 100, 300, 1000, 3000)  # numbers of experiments that are evaluated besides the budgets
 
@@ -182,38 +180,6 @@ def budget_of(method: str, budgets: Sequence[int]) -> int:
     """Number of experiments of a tuner on a rig: the largest budget that it takes, or else the smallest."""
     longest = method_of(method).longest
     return max((b for b in budgets if longest is None or b <= longest), default=budgets[0])
-
-
-def held_out(
-    task: Task, n_rigs: int, repeats: int, seed: int, affected: bool = False
-) -> tuple[list[Episode], list[Episode], list[int]]:
-    """Unseen rigs with their noise.
-
-    Each rig depends on the seed and its number, so fewer rigs are the first of more.
-
-    Args:
-        task: The task that draws the rigs.
-        n_rigs: Number of rigs.
-        repeats: Repetitions of each with other noise.
-        seed: Seed of all.
-        affected: Whether every other rig has an effect, drawn as for training (`learned.worlds.drawn_effect`).
-
-    Returns:
-        rigs: Episodes of n_rigs rigs.
-        lanes: n_rigs * repeats episodes, rig by rig, that differ in their noise.
-        seeds: Seeds of the tuners.
-    """
-    rigs, lanes, seeds = [], [], []
-    for i in range(n_rigs):
-        rng = np.random.default_rng((HELD_OUT, seed, i))
-        drawn = task.draw(rng)
-        if affected and i % 2:
-            effects = drawn_effect(drawn.rig, np.random.default_rng((EFFECT, seed, i)))
-            drawn = replace(drawn, rig=replace(drawn.rig, effects={**drawn.rig.effects, **effects}))
-        rigs.append(drawn)
-        lanes += [replace(rigs[-1], seed=int(s)) for s in rng.integers(2**63, size=repeats)]
-        seeds += rng.integers(2**31, size=repeats).tolist()
-    return rigs, lanes, seeds
 
 
 def _result(

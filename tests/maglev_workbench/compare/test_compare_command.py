@@ -50,7 +50,7 @@ def test_an_interrupt_says_how_to_go_on(tmp_path, monkeypatch):
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (("annealing",), "METHOD annealing: use one of grid"),
+        (("annealing",), "'annealing' is unknown; use one of grid"),
         (("--rigs", 0), "rigs = 0"),
         (("--repeats", 0), "repeats = 0"),
         (("de", "--policy", SHIPPED / "hmb_free-quick.npz"), "method learned is not"),

@@ -42,7 +42,7 @@ class Parameters:
         drawn = {n: log_spread(e) for n, e in wide_factors(rig).items() if getattr(rig, n) is not None} if wide else {}
         ranges: Mapping[str, float] = {**rig.tolerance, **drawn}
         frequency = np.geomspace(1e-4, 0.2, 12) * rig.control_rate
-        names = [n for n in ranges if getattr(self.rig, n) and _seen(self.rig, n, frequency)]
+        names = [n for n in ranges if getattr(self.rig, n) and seen_in_loop(self.rig, n, frequency)]
         # Of magnets that are described by their geometry the tangent is fitted, as far as what is drawn may move it.
         spread = max((s for n, s in ranges.items() if n not in names), default=TANGENT)
         ranges = {**dict.fromkeys(("actuator_gain", "negative_stiffness"), spread), **ranges}
@@ -52,23 +52,28 @@ class Parameters:
         self.names = (*names, "delay")
         self.spread = np.array([*(ranges[n] for n in names), DELAY_SPREAD])
         self.centre = np.array([0.0] * len(names) + [effect_value(rig.effects, "delay") * rig.control_rate])
-        top = min(MOST_DELAY, 0.999 * EFFECTS["delay"].parameters["time"].on(rig.scales).high * rig.control_rate)
         self.low = np.array([-np.log(FACTORS)] * len(names) + [0.0])
-        self.high = np.array([np.log(FACTORS)] * len(names) + [top])
+        self.high = np.array([np.log(FACTORS)] * len(names) + [most_delay(rig)])
 
     def rig_at(self, theta: np.ndarray) -> Rig:
         """The rig at parameters theta (p,), which are clipped to their bounds; it has the delay as an effect."""
         theta = np.clip(theta, self.low, self.high)
-        return _rig(self.rig, self.names, theta)
+        return fitted_rig(self.rig, self.names, theta)
 
 
-def _seen(rig: Rig, name: str, frequency: np.ndarray) -> bool:
+def most_delay(rig: Rig) -> float:
+    """Largest delay in control samples, within the bounds of the effect."""
+    return min(MOST_DELAY, 0.999 * EFFECTS["delay"].parameters["time"].on(rig.scales).high * rig.control_rate)
+
+
+def seen_in_loop(rig: Rig, name: str, frequency: np.ndarray) -> bool:
     """Whether the linearised loop depends on a parameter; it does not on a converter's resolution, for example."""
     one, other = (loop_response(Experiment(r, rig.gains, ()), frequency) for r in (rig, scaled_rig(rig, {name: 1.01})))
     return not (np.allclose(one.plant, other.plant, 1e-9, 0) and np.allclose(one.receptance, other.receptance, 1e-9, 0))
 
 
-def _rig(nominal: Rig, names: Sequence[str], theta: np.ndarray) -> Rig:
+def fitted_rig(nominal: Rig, names: Sequence[str], theta: np.ndarray) -> Rig:
+    """The rig at theta (p,): logarithms of its parameters over the nominal ones, and last the delay in samples."""
     factors = {name: float(np.exp(v)) for name, v in zip(names[:-1], theta, strict=False)}
     delay = effect("delay", float(theta[-1]) / nominal.control_rate)
     return replace(scaled_rig(nominal, factors), effects={**nominal.effects, **delay})
