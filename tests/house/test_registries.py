@@ -9,6 +9,7 @@ import xarray as xr
 from typer.testing import CliRunner
 
 from maglev_env.channels import CHANNELS, NOISY, RECORDED, simulated_channels, step_channels
+from maglev_env.loop.gains import of_axis
 from maglev_env.loop.magnets.kinds import KINDS, check_magnet, force_law, inductance
 from maglev_env.loop.magnets.law import force, linearise
 from maglev_env.recordings.campaign import load_campaign
@@ -100,6 +101,9 @@ def test_a_tuner_asks_in_the_box_and_as_its_entry_says(name):
     np.testing.assert_array_equal(asked, again)
     assert METHODS[name].safe_start == np.allclose(asked[0], episode.start)
     assert METHODS[name].about
+    if METHODS[name].near:
+        near = make_tuner(f"{name}@preset", task, episode, 5, 27).ask(1)[0]
+        np.testing.assert_allclose(near, task.box.point(of_axis(task.rig.gains, 0)), atol=1e-9)
 
 
 def test_help_names_every_tuner_and_preset():

@@ -15,7 +15,7 @@ EPISODES = [TASK.draw(np.random.default_rng(i)) for i in range(3)]
 
 @pytest.fixture(autouse=True)
 def short_search(monkeypatch):
-    monkeypatch.setattr("tuning.search.model_based.GENERATIONS", 6)
+    monkeypatch.setattr("tuning.search.corrected.tuner.ROUNDS", 2)
 
 
 def tuners(method, budget):

@@ -4,8 +4,10 @@ import numpy as np
 import pytest
 
 from tuning.search.evolution import DifferentialEvolution
+from tuning.search.local import NelderMead, Quadratic
 from tuning.search.optuna_search import OptunaTuner
 from tuning.search.space_filling import Grid, Sobol
+from tuning.search.started import AfterRule, Around
 from tuning.tuner import Trials
 
 SAMPLERS = ("tpe", "cma-es", "gp")
@@ -14,9 +16,11 @@ MAKERS = {
     "sobol": lambda seed: Sobol(3, seed),
     "grid": lambda seed: Grid(3, seed, 125),
     "de": lambda seed: DifferentialEvolution(3, seed, population=5),
+    "nelder-mead": lambda seed: NelderMead(3, seed, np.zeros(3), 0.3),
+    "quadratic": lambda seed: Quadratic(3, seed, np.zeros(3), 0.3),
     **{name: (lambda seed, name=name: OptunaTuner(3, seed, name)) for name in SAMPLERS},
 }
-LEARNING = ["de", *SAMPLERS]
+LEARNING = ["de", "nelder-mead", "quadratic", *SAMPLERS]
 
 
 def tried(points):
@@ -78,3 +82,32 @@ def test_trials_add_up():
     a, b = tried(np.zeros((2, 3))), tried(PEAK[None])
     both = a + b
     assert len(both) == 3 and both.best == 2 and len(both.info) == 3
+
+
+def test_a_search_around_a_point_stays_in_its_cube_and_begins_there():
+    centre, began = np.array([0.9, 0.0, -0.5]), []
+
+    def make(start):
+        began.append(start)
+        return Sobol(3, 1)
+
+    search = Around(centre, 0.3, make)
+    points = search.ask(64)
+    assert (points <= [1.0, 0.3, -0.2]).all() and (points >= [0.6, -0.3, -0.8]).all()
+    np.testing.assert_allclose(np.ptp(points, axis=0), [0.4, 0.6, 0.6], atol=0.06)
+    np.testing.assert_allclose(began[0], [0.5, 0.0, 0.0])  # of the cube, which the box cuts at 1
+
+
+def test_after_two_steps_of_a_rule_a_search_starts_at_its_third():
+    class Rule:
+        told = 0
+
+        def ask(self, n):
+            return np.full((1, 3), 0.1 * (1 + self.told))
+
+        def tell(self, trials):
+            self.told += 1
+
+    found = run(AfterRule(Rule(), lambda start: NelderMead(3, 0, start, 0.2)), 6, 3)
+    np.testing.assert_allclose(found.points[:3], np.repeat([[0.1], [0.2], [0.3]], 3, axis=1))
+    assert abs(found.points[3:] - 0.3).max() > 0.1

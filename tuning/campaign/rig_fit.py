@@ -1,28 +1,26 @@
 """A rig's parameters fitted to the measured responses of all its gain sets, with their covariance."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 import scipy
 
 from maglev_env.experiment import Experiment
 from maglev_env.linear.loop import loop_response
-from maglev_env.loop.effect import EFFECTS, effect, effect_value
+from maglev_env.loop.effect import effect_value
 from maglev_env.loop.gains import Gains, controller_response
 from maglev_env.loop.magnets.kinds import force_law
 from maglev_env.loop.magnets.law import linearise
-from maglev_env.rig.drawn import scaled_rig
 from maglev_env.rig.rig import Rig, with_parameters
 from maglev_env.task.episodes import WIDE, log_spread, wide_factors
 from tuning.campaign.recorded_sets import GainSet
+from tuning.search.corrected.parameters import DELAY_SPREAD, FACTORS, fitted_rig, most_delay, seen_in_loop
 
 MODEL_ERROR = 0.01  # relative error of a linear model of few parameters, at any line
-DELAY_SPREAD, MOST_DELAY = 2.0, 20.0  # control samples: prior standard deviation, and largest value
 STEP = 1e-3  # of a finite difference, ln of a factor or control samples
 MASS = 0.01  # relative standard deviation of a mass without a stated tolerance: it is weighed
 STATED = 3.0  # standard deviations by which the mass may differ from the stated one
-FACTORS = 4.0  # largest factor by which a parameter may differ from the nominal one
 CONTRADICTED = 25.0  # misfit above which the model is wrong: residuals five times as large as noise and model error
 
 
@@ -56,13 +54,13 @@ class IdentifiedRig:
 
     def rig(self, theta: np.ndarray | None = None) -> Rig:
         """The rig at parameters theta (p,), by default the best; it has the delay as an effect."""
-        return _rig(self.nominal, self.names, self.theta if theta is None else theta)
+        return fitted_rig(self.nominal, self.names, self.theta if theta is None else theta)
 
     def drawn(self, n: int, rng: np.random.Generator) -> np.ndarray:
         """theta (n, p) drawn from the posterior, which is normal; negative delays are set to zero."""
         draws = rng.multivariate_normal(self.theta, self.covariance, n, method="eigh")
         draws[:, :-1] = np.clip(draws[:, :-1], -np.log(FACTORS), np.log(FACTORS))
-        draws[:, -1] = np.clip(draws[:, -1], 0.0, _most_delay(self.nominal))
+        draws[:, -1] = np.clip(draws[:, -1], 0.0, most_delay(self.nominal))
         return draws
 
     def told(self) -> dict[str, tuple[float, float, float]]:
@@ -111,7 +109,7 @@ def fit_rig(rig: Rig, sets: Sequence[GainSet]) -> IdentifiedRig:
     held = np.sinc(x) * np.exp(-1j * np.pi * x)  # the model's force is held, while the hold of the measured is removed
 
     def residuals(theta: np.ndarray) -> np.ndarray:
-        loop = loop_response(Experiment(_rig(rig, names, theta), rig.gains, ()), frequency)
+        loop = loop_response(Experiment(fitted_rig(rig, names, theta), rig.gains, ()), frequency)
         free = loop.receptance / loop.sensitivity / held
         parts = []
         for c, at, kind, value, sd in rows:
@@ -127,7 +125,7 @@ def fit_rig(rig: Rig, sets: Sequence[GainSet]) -> IdentifiedRig:
 
     most = np.array([STATED * prior[i] if n == "mass" else np.log(FACTORS) for i, n in enumerate(names)])
     least = -most
-    most[-1], least[-1] = _most_delay(rig), 0.0
+    most[-1], least[-1] = most_delay(rig), 0.0
     start = np.append(np.zeros(len(names) - 1), max(own_delay, 0.2))  # inside the bounds
     found = scipy.optimize.least_squares(residuals, start, jacobian, bounds=(least, most), x_scale=prior, max_nfev=40)
     data = found.fun[: -len(names)]
@@ -143,7 +141,7 @@ def _parameters(rig: Rig) -> tuple[tuple[str, ...], np.ndarray]:
         **wide_factors(rig),
     }
     frequency = np.geomspace(1e-4, 0.2, 12) * rig.control_rate
-    names = [name for name in ranges if getattr(rig, name) and _seen(rig, name, frequency)]
+    names = [name for name in ranges if getattr(rig, name) and seen_in_loop(rig, name, frequency)]
     spread = [stated_mass(rig) if n == "mass" else log_spread(ranges[n]) for n in names]
     return (*names, "delay"), np.array([*spread, DELAY_SPREAD])
 
@@ -154,23 +152,6 @@ def stated_mass(rig: Rig) -> float:
     A probe that reads too much makes every response look like that of a lighter rotor.
     """
     return float(np.hypot(rig.tolerance.get("mass", MASS), rig.tolerance.get("probe_gain", 0.0)))
-
-
-def _most_delay(rig: Rig) -> float:
-    """Largest delay in control samples, within the bounds of the effect."""
-    return min(MOST_DELAY, 0.999 * EFFECTS["delay"].parameters["time"].on(rig.scales).high * rig.control_rate)
-
-
-def _seen(rig: Rig, name: str, frequency: np.ndarray) -> bool:
-    """Whether the linearised loop depends on a parameter; it does not on a converter's resolution, for example."""
-    one, other = (loop_response(Experiment(r, rig.gains, ()), frequency) for r in (rig, scaled_rig(rig, {name: 1.01})))
-    return not (np.allclose(one.plant, other.plant, 1e-9, 0) and np.allclose(one.receptance, other.receptance, 1e-9, 0))
-
-
-def _rig(nominal: Rig, names: Sequence[str], theta: np.ndarray) -> Rig:
-    factors = {name: float(np.exp(v)) for name, v in zip(names[:-1], theta, strict=False)}
-    delay = effect("delay", float(theta[-1]) / nominal.control_rate)
-    return replace(scaled_rig(nominal, factors), effects={**nominal.effects, **delay})
 
 
 def measured_sensitivity(

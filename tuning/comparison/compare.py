@@ -1,7 +1,7 @@
 """Comparison of tuners with equal budgets on the same unseen rigs; results per tuner are stored and reused."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, fields, replace
+from dataclasses import asdict, dataclass, fields
 from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -14,9 +14,10 @@ from maglev_env.task.episodes import Episode
 from maglev_env.task.task import Task
 from maglev_lanes.code_version import code_version
 from maglev_lanes.price import check_experiments
+from tuning.comparison.rigs import held_out
 from tuning.comparison.runs import CHUNK, Runs, stored_parts
 from tuning.lockstep import Course, judged, optima, rescored
-from tuning.methods import LEARNED, METHODS, make_tuner, policy_digest
+from tuning.methods import LEARNED, make_tuner, method_of, policy_digest
 
 if TYPE_CHECKING:
     from maglev_lanes.schedule import Workers
@@ -24,7 +25,6 @@ if TYPE_CHECKING:
 
 SCHEMA = "maglev-compare-folder/1"
 SPEC, RIGS, PARTS = "comparison.json", "rigs.npz", "parts"
-HELD_OUT = 271828  # mixed into the seed so that comparison rigs never coincide with rigs drawn elsewhere
 SEARCH = 600  # experiments that search for the best score of each rig
 BETWEEN = (1, 3, 10, 30, 100, 300, 1000, 3000)  # numbers of experiments that are evaluated besides the budgets
 
@@ -86,6 +86,7 @@ def compare(
     progress: Callable[[str, int], None] = lambda name, experiments: None,
     policy: "HistoryPolicy | None" = None,
     workers: "Workers | None" = None,
+    affected: bool = False,
 ) -> Comparison:
     """Run every tuner on the same rigs, and score its gains under fresh noise that is the same for all.
 
@@ -102,6 +103,7 @@ def compare(
         progress: Called with the name of what advances and the number of experiments finished.
         policy: Policy of the learned tuner; None for that of this package.
         workers: Where it runs, which affects the times only.
+        affected: Whether every other rig has an effect (see `held_out`).
 
     Raises:
         ValueError: Unknown methods, numbers out of range, a policy that does not fit, or a folder of another
@@ -114,13 +116,14 @@ def compare(
     checkpoints = tuple(sorted({*budgets, *(n for n in BETWEEN if n < budgets[-1])}))
     made_by = {
         "rigs": n_rigs, "budgets": budgets, "repeats": repeats, "seed": seed, "search": SEARCH,
-        "randomization": task.randomization, "effects": task.effects, "sensor": task.sensor, "rig": asdict(task.rig),
+        "randomization": task.randomization, "effects": task.effects, "affected": affected, "sensor": task.sensor,
+        "rig": asdict(task.rig),
         "target": asdict(task.target), "draw_target": task.draw_target, "box": asdict(task.box),
     }  # fmt: skip
     made_by = {"schema": SCHEMA, "version": code_version(), **plain(made_by)}
     with locked(folder):
         _claim(folder, made_by)
-        rigs, lanes, seeds = held_out(task, n_rigs, repeats, seed)
+        rigs, lanes, seeds = held_out(task, n_rigs, repeats, seed, affected)
         shape = (n_rigs, repeats, -1)
         searched = _best_by_search(folder / RIGS, task, rigs, lanes, seed, progress, workers)
         best = searched.reshape(n_rigs, repeats)
@@ -148,8 +151,8 @@ def check_comparison(methods: Sequence[str], n_rigs: int, budgets: Sequence[int]
     Raises:
         ValueError: Methods are unknown, budgets do not increase from 1 or more, or there are no rigs or repeats.
     """
-    if unknown := [m for m in methods if m not in METHODS]:
-        raise ValueError(f"method {unknown[0]!r} is unknown; use some of {', '.join(METHODS)}")
+    for name in methods:
+        method_of(name)
     if not methods:
         raise ValueError("no method is given")
     if not budgets or budgets[0] < 1 or any(b <= a for a, b in pairwise(budgets)):
@@ -165,7 +168,9 @@ def check_policy(task: Task, methods: Sequence[str], policy: "HistoryPolicy | No
     Raises:
         ValueError: It has none, or a policy is given without the learned tuner.
     """
-    if LEARNED in methods:
+    if LEARNED in methods and policy is None:
+        policy_digest(task, None)  # where none of this package fits, another tuner would stand in for it
+    elif LEARNED in methods:
         make_tuner(LEARNED, task, task.draw(np.random.default_rng(0)), 0, 1, policy)
     elif policy is not None:
         raise ValueError(f"a policy is given and method {LEARNED} is not; name it too, or leave the policy out")
@@ -173,27 +178,8 @@ def check_policy(task: Task, methods: Sequence[str], policy: "HistoryPolicy | No
 
 def budget_of(method: str, budgets: Sequence[int]) -> int:
     """Number of experiments of a tuner on a rig: the largest budget that it takes, or else the smallest."""
-    longest = METHODS[method].longest
+    longest = method_of(method).longest
     return max((b for b in budgets if longest is None or b <= longest), default=budgets[0])
-
-
-def held_out(task: Task, n_rigs: int, repeats: int, seed: int) -> tuple[list[Episode], list[Episode], list[int]]:
-    """Unseen rigs with their noise.
-
-    Each rig depends on the seed and its number, so fewer rigs are the first of more.
-
-    Returns:
-        rigs: Episodes of n_rigs rigs.
-        lanes: n_rigs * repeats episodes, rig by rig, that differ in their noise.
-        seeds: Seeds of the tuners.
-    """
-    rigs, lanes, seeds = [], [], []
-    for i in range(n_rigs):
-        rng = np.random.default_rng((HELD_OUT, seed, i))
-        rigs.append(task.draw(rng))
-        lanes += [replace(rigs[-1], seed=int(s)) for s in rng.integers(2**63, size=repeats)]
-        seeds += rng.integers(2**31, size=repeats).tolist()
-    return rigs, lanes, seeds
 
 
 def _result(

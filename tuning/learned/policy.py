@@ -14,8 +14,10 @@ from torch import nn
 
 from maglev_env.recordings.files import atomic_file
 from maglev_env.task.task import Tuning
+from tuning.learned.familiar import Familiar
 
 SCHEMA = "maglev-policy/1"
+FAMILIAR = "familiar_"  # begins the names of what training saw, in a checkpoint
 MOST_BYTES = 16_000_000  # largest unpacked checkpoint
 
 
@@ -52,11 +54,16 @@ class HistoryPolicy(nn.Module):
     """From stacked observations (n, inputs) to points (n, k) of the box [-1, 1]^k.
 
     The newest observation comes first. Each is followed by 1; empty places hold zeros and a 0.
+
+    Attributes:
+        shape: What it reads and sets.
+        familiar: What the observations of its training have in common; None: nobody knows.
     """
 
     def __init__(self, shape: Shape) -> None:
         super().__init__()
         self.shape = shape
+        self.familiar: Familiar | None = None
         self.net = nn.Sequential(
             nn.Linear(shape.inputs, shape.width), nn.ReLU(),
             nn.Linear(shape.width, shape.width), nn.ReLU(),
@@ -91,6 +98,8 @@ def save_policy(path: Path, policy: HistoryPolicy, made_by: Mapping[str, Any]) -
     """Write a checkpoint atomically: weights as arrays, shape and origin as JSON text."""
     head = json.dumps({"schema": SCHEMA, "shape": asdict(policy.shape), "made_by": made_by}, allow_nan=False)
     weights = {name: value.numpy() for name, value in policy.state_dict().items()}
+    if policy.familiar is not None:
+        weights |= {f"{FAMILIAR}{name}": value for name, value in vars(policy.familiar).items()}
     with atomic_file(path) as file:
         np.savez(file, head=np.frombuffer(head.encode(), np.uint8), **weights)
 
@@ -122,6 +131,8 @@ def load_policy(path: Path) -> tuple[HistoryPolicy, dict[str, Any]]:
         if 4 * shape.width * max(shape.inputs, shape.width) > MOST_BYTES:
             raise ValueError(f"width {shape.width} and {shape.inputs} inputs take more than {MOST_BYTES} bytes")
         policy = HistoryPolicy(shape)
+        own = {name.removeprefix(FAMILIAR): arrays.pop(name) for name in [*arrays] if name.startswith(FAMILIAR)}
+        policy.familiar = Familiar(**own) if own else None
         policy.load_state_dict({name: torch.from_numpy(value) for name, value in arrays.items()})
     except OSError:
         raise

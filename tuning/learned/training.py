@@ -14,6 +14,7 @@ import torch
 
 from maglev_env.recordings.result_folder import load_arrays, save_arrays
 from maglev_env.task.task import Task
+from tuning.learned.familiar import familiar
 from tuning.learned.policy import HistoryPolicy, Shape, shape_for, stack
 from tuning.lockstep import optima
 from tuning.study.study import experiments
@@ -105,7 +106,7 @@ def train(
         The policy; and for each round its mean score after one and after all experiments of a rig, and its loss.
     """
     groups: list[Group] = []
-    log, policy = [], None
+    log, policy, first = [], None, []
     threads = torch.get_num_threads()
     torch.set_num_threads(1)  # so that sums are computed in the same order on any machine
     try:
@@ -118,6 +119,10 @@ def train(
                 task, _ = draw_tasks(np.random.default_rng(seed))
                 shape = shape_for(task, plan.history, plan.width)
             policy, loss = _fit(shape, groups, plan, seed)
+            # The first round's gains are drawn at random; what a policy meets is like the later ones.
+            met = groups if turn == 0 else [g for g in groups if g not in first]
+            first = groups[: len(new)] if turn == 0 else first
+            policy.familiar = familiar(np.concatenate([g.seen for g in met]))
             scores = np.concatenate([g.scores for g in new])
             log.append({"second": float(scores[:, 1].mean()), "best": float(scores.max(axis=1).mean()), "loss": loss})
     finally:

@@ -9,7 +9,9 @@ import numpy as np
 from maglev_env.evaluation.score import stacked
 from maglev_env.task.episodes import Episode
 from maglev_env.task.task import Task
+from tuning.learned.familiar import FROM, SHARE
 from tuning.learned.policy import HistoryPolicy, Shape, load_policy
+from tuning.search.corrected.tuner import ModelCorrected
 from tuning.tuner import Trials
 
 SHIPPED = Path(__file__).parent / "policies"
@@ -19,8 +21,12 @@ JITTER = 0.03  # noise around the policy's point that separates points asked for
 class LearnedTuner:
     """Tries the episode's safe start, then what the policy computes from all observations so far.
 
-    When it has as many observations as it was trained with, it tries the surroundings of the best-scored point.
+    When it has as many observations as it was trained with, it tries the surroundings of the best-scored point. Where
+    an observation lies farther from those of the training than any of them did, the policy is out of its depth: the
+    model-corrected tuner goes on with all experiments so far, and `note` says so.
     """
+
+    note: str | None = None
 
     def __init__(self, task: Task, episode: Episode, policy: HistoryPolicy, seed: int) -> None:
         """Set up for a rig; of the episode only its target and start are used.
@@ -34,8 +40,12 @@ class LearnedTuner:
         self._policy, self._start, self._seen = policy, np.asarray(episode.start, float), np.empty((0, len(own.names)))
         self._left, self._told = own.names.index("experiments_left"), None
         self._rng = np.random.default_rng(seed)
+        self._task, self._episode, self._seed = task, episode, seed
+        self._corrected: ModelCorrected | None = None
 
     def ask(self, n: int) -> np.ndarray:
+        if self._corrected is not None:
+            return self._corrected.ask(n)
         history = self._policy.shape.history
         if self._told is None:
             first = self._start
@@ -50,11 +60,25 @@ class LearnedTuner:
 
     def tell(self, trials: Trials) -> None:
         self._told = trials if self._told is None else self._told + trials
+        if self._corrected is not None:
+            self._corrected.tell(trials)
+            return
         seen = np.concatenate([trials.observation, np.tile(self._beside, (len(trials), 1))], axis=1)
         # The policy was trained on episodes as long as its history, whatever the budget is here.
         count, history = len(self._seen) + 1 + np.arange(len(trials)), self._policy.shape.history
         seen[:, self._left] = np.clip(1 - 2 * count / history, -1, 1)
         self._seen = np.concatenate([self._seen, seen])
+        known = self._policy.familiar
+        if known is None or len(self._told) <= FROM:
+            return
+        if (far := float(known.distance(seen).max())) > known.limit:
+            self.note = (
+                f"the policy is out of its depth: experiment {len(self._told)} lies {far:.1f} standard deviations from "
+                f"the mean of its training ({SHARE:.0%} of that within {known.limit:.1f}); the model-corrected tuner "
+                "goes on"
+            )
+            self._corrected = ModelCorrected(self._task, self._episode, self._seed)
+            self._corrected.tell(self._told)
 
 
 @cache

@@ -53,9 +53,15 @@ class World:
 
         The second always has the quick protocol; the effect is drawn from rng.
         """
-        names = [name for name in SIZES if meaningful(name, self.rig.capabilities)]
-        chosen: Effects = {}
-        if self.effects and names and rng.random() >= PLAIN:
-            name = names[rng.integers(len(names))]
-            chosen = effect(name, float(np.exp(rng.uniform(*np.log(SIZES[name])))))
+        plain = not self.effects or rng.random() < PLAIN
+        chosen = {} if plain else drawn_effect(self.rig, rng)
         return self.task(chosen), self.task(chosen, "quick")
+
+
+def drawn_effect(rig: Rig, rng: np.random.Generator) -> Effects:
+    """One of SIZES that the rig may have, of a random size; none if it may have none."""
+    names = [name for name in SIZES if meaningful(name, rig.capabilities)]
+    if not names:
+        return {}
+    name = names[rng.integers(len(names))]
+    return effect(name, float(np.exp(rng.uniform(*np.log(SIZES[name])))))

@@ -15,14 +15,24 @@ if TYPE_CHECKING:
 class OptunaTuner:
     """One of Optuna's samplers on [-1, 1]^k. Points asked in one batch stay pending (constant liar) until told."""
 
-    def __init__(self, dimension: int, seed: int, sampler: str, start: np.ndarray | None = None) -> None:
-        """Create the sampler; `start` is the point (k,) asked for first."""
+    def __init__(
+        self, dimension: int, seed: int, sampler: str, start: np.ndarray | None = None, startup: int | None = None
+    ) -> None:
+        """Create the sampler.
+
+        Args:
+            dimension: Number of gains.
+            seed: Of the sampler.
+            sampler: "tpe", "cma-es" or "gp".
+            start: The point (k,) asked for first.
+            startup: Points that tpe and gp draw at random before they learn; None: ten, as Optuna has it.
+        """
         import optuna
 
         optuna.logging.set_verbosity(optuna.logging.ERROR)  # it warns about an optional package that only saves time
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", optuna.exceptions.ExperimentalWarning)
-            self._study = optuna.create_study(direction="maximize", sampler=_sampler(sampler, seed))
+            self._study = optuna.create_study(direction="maximize", sampler=_sampler(sampler, seed, startup))
         self._space = {f"x{j}": optuna.distributions.FloatDistribution(-1.0, 1.0) for j in range(dimension)}
         if start is not None:
             self._study.enqueue_trial(dict(zip(self._space, map(float, start), strict=True)))
@@ -38,15 +48,16 @@ class OptunaTuner:
         self._open = []
 
 
-def _sampler(name: str, seed: int) -> "BaseSampler":
+def _sampler(name: str, seed: int, startup: int | None) -> "BaseSampler":
     from optuna.samplers import CmaEsSampler, GPSampler, TPESampler
 
+    first = {} if startup is None else {"n_startup_trials": startup}
     match name:
         case "tpe":
-            return TPESampler(seed=seed, multivariate=True, constant_liar=True)
+            return TPESampler(seed=seed, multivariate=True, constant_liar=True, **first)
         case "cma-es":
             return CmaEsSampler(seed=seed)
         case "gp":
             import_module("torch")  # Optuna computes with it, and says that it is missing only after ten experiments
-            return GPSampler(seed=seed, deterministic_objective=False)
+            return GPSampler(seed=seed, deterministic_objective=False, **first)
     raise ValueError(f"sampler = {name!r}: Optuna's tpe, cma-es and gp are made here")

@@ -6,13 +6,14 @@ from typing import TYPE_CHECKING
 from maglev_env.task.task import Task
 from maglev_workbench.console import console
 from tuning.comparison.compare import check_policy
-from tuning.methods import LEARNED, METHODS
+from tuning.methods import LEARNED, METHODS, method_of
 
 if TYPE_CHECKING:
     from tuning.learned.policy import HistoryPolicy
 
 OWN = ("twin", "cases", "budgets", "processes", "seed", "out", "docs", "json_file")  # options of --twin
 TWIN_BUDGET = 60
+STRONG = ("quadratic@preset", "quadratic@rule", "cma-es@preset")  # in every comparison, beside the tuners as they are
 
 
 def check_options(twin: bool, given: Sequence[str]) -> None:
@@ -36,11 +37,11 @@ def check_options(twin: bool, given: Sequence[str]) -> None:
 
 
 def default_methods(task: Task, policy: "HistoryPolicy | None") -> list[str]:
-    """All tuners that accept any budget and are installed; the learned one only if a policy fits the task."""
-    methods = [name for name, method in METHODS.items() if method.longest is None]
+    """All tuners that take any budget and are installed, and STRONG; the learned one only if a policy fits the task."""
+    methods = [*(name for name, method in METHODS.items() if method.longest is None), *STRONG]
     for name in tuple(methods):
         try:
-            METHODS[name].check_installed()
+            method_of(name).check_installed()
         except ModuleNotFoundError as error:
             console.print(f"without {name}: {error}")
             methods.remove(name)

@@ -16,17 +16,16 @@ from maglev_workbench.options import (
     SeedOption,
     friendly,
     given,
-    require_choice,
     require_folder,
 )
-from tuning.methods import METHODS
+from tuning.methods import METHODS, STARTS, method_of
 
 SLOW = ", ".join(name for name, method in METHODS.items() if method.longest is not None)
 app = typer.Typer()
 
 
 @app.command(
-    epilog="Examples: maglev compare de tpe model --rigs 12 --protocol quick --out my-comparison; "
+    epilog="Examples: maglev compare model cma-es@preset rule --rigs 12 --protocol quick --out my-comparison; "
     "maglev compare --twin sealed"
 )
 @friendly
@@ -34,7 +33,11 @@ def compare(
     context: typer.Context,
     methods: Annotated[
         list[str] | None,
-        typer.Argument(metavar="METHOD", help=f"Tuners as in maglev tune (default: all except {SLOW}, which is slow)."),
+        typer.Argument(
+            metavar="METHOD",
+            help=f"Tuners as in maglev tune (default: all, and quadratic and cma-es at good gains, but not {SLOW}, "
+            f"which is slow). A general search may start at good gains: cma-es@{', cma-es@'.join(STARTS)}.",
+        ),
     ] = None,
     rig: RigOption = "hmb_free",
     rigs: Annotated[int, typer.Option(help="Number of rigs, drawn widely around the nominal one.")] = 20,
@@ -48,6 +51,9 @@ def compare(
     protocol: Annotated[str, typer.Option(help="full, or quick: an eighth of the time, less accurate.")] = "full",
     controller: ControllerOption = None,
     effect: EffectOption = [],  # noqa: B006
+    affected: Annotated[
+        bool, typer.Option("--affected", help="Every other rig has an effect of its own, drawn as for maglev train.")
+    ] = False,
     twin: Annotated[
         Path | None,
         typer.Option(help="Instead of drawn rigs: folder of an opened sealed set, to score its diagnoses on its twin."),
@@ -69,8 +75,7 @@ def compare(
     The default comparison takes some minutes on two cores, an eighth of it with --protocol quick.
     """
     for name in methods or ():
-        require_choice(name, METHODS, "METHOD")
-        METHODS[name].check_installed()
+        method_of(name).check_installed()
     from maglev_workbench.commands.compare.asked import check_options, default_methods, parse_budgets, twin_budgets
 
     named = given(context)
@@ -107,7 +112,7 @@ def compare(
 
     own = policy_of(policy)
     steps = parse_budgets(budgets)
-    comparison.check_comparison(methods or METHODS, rigs, steps, repeats)
+    comparison.check_comparison(methods or tuple(METHODS), rigs, steps, repeats)
     loaded = load_rig(rig)
     task = make_task(
         loaded, effects=parse_effects(effect), protocol=protocol, randomization="wide", budget=steps[-1],
@@ -126,7 +131,7 @@ def compare(
             bar.update(line, advance=count, description=name)
 
         try:
-            found = comparison.compare(task, chosen, rigs, steps, repeats, seed, folder, advance, own, spread)
+            found = comparison.compare(task, chosen, rigs, steps, repeats, seed, folder, advance, own, spread, affected)
         except KeyboardInterrupt:
             console.print(f"stopped; finished work is in {folder}: run the same command again to continue")
             raise
@@ -137,6 +142,7 @@ def compare(
     write_json(json_file, data)
     if docs is not None:
         asked = "".join(f" --effect {e}" for e in effect) + (f" --controller {quote(controller)}" if controller else "")
+        asked += " --affected" if affected else ""
         options = f"--rigs {rigs} --budgets {budgets} --repeats {repeats} --protocol {protocol}{asked} --seed {seed}"
         command = " ".join(["maglev compare", *found.results, f"--rig {rig}", options])
         write_text_atomic(docs, compare_markdown(found, of, command))

@@ -7,7 +7,7 @@ import numpy as np
 from maglev_workbench.commands.compare.numbers import Table
 from maglev_workbench.page import COLOURS, shaded, styled
 from tuning.comparison.compare import Comparison
-from tuning.methods import METHODS
+from tuning.methods import METHODS, STARTS, split_name
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure
@@ -83,6 +83,9 @@ def improvement_figure(found: Comparison, of: Table) -> "Figure":
 
 def _style(method: str) -> tuple[str, dict]:
     """Colour and line of a tuner, the same in every comparison."""
-    i = list(METHODS).index(method)
+    name, start = split_name(method)
+    i, starts = list(METHODS).index(name), list(STARTS)
+    # A start has lines of its own; of tuners with the same colour, and from the same start, no two are alike.
+    dash = i // len(PALETTE) if start is None else 1 + len(METHODS) // len(PALETTE) + starts.index(start)
     colour = PALETTE[i % len(PALETTE)]
-    return colour, {"color": colour, "dash": DASHES[i % len(DASHES)]}
+    return colour, {"color": colour, "dash": DASHES[dash]}

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from maglev_env.task.task import make_task
-from tuning.comparison.compare import held_out
+from tuning.comparison.rigs import held_out
 from tuning.learned.policy import HistoryPolicy
 from tuning.learned.tuner import LearnedTuner
 from tuning.learned.worlds import World

@@ -19,10 +19,9 @@ from maglev_workbench.options import (
     friendly,
     given,
     is_rotor,
-    require_choice,
     require_folder,
 )
-from tuning.methods import METHODS
+from tuning.methods import DEFAULT, METHODS, STARTS, method_of
 
 BUDGET = 10  # experiments, or recordings of a campaign
 app = typer.Typer()
@@ -42,7 +41,11 @@ def tune(
         ),
     ] = "hmb_free",
     method: Annotated[
-        str | None, typer.Option(help=f"Tuner: {', '.join(METHODS)} (default: model; of a rotor cma-es).")
+        str | None,
+        typer.Option(
+            help=f"Tuner: {', '.join(METHODS)} (default: {DEFAULT}; of a rotor cma-es). A general search may start "
+            f"with small steps at good gains: cma-es@{', cma-es@'.join(STARTS)}."
+        ),
     ] = None,
     budget: Annotated[
         int | None, typer.Option(min=1, help="Number of experiments (default: 10; of a rotor 400).")
@@ -94,7 +97,7 @@ def tune(
         real.run(campaign, budget or BUDGET, tuned, seed, out, json_file, given(context), goal)
         return
     if method is not None:
-        require_choice(method, METHODS, "--method")
+        method_of(method)
     if is_rotor(rig):
         from maglev_workbench.commands.tune import rotor as spinning
 
@@ -106,7 +109,7 @@ def tune(
     for name, value in (("speeds", speeds), ("rejection", rejection)):
         if value is not None:
             raise ValueError(f"--{name} is for rotors; leave it out, or tune one: --rig {', '.join(PRESETS['rotor'])}")
-    method, budget, batch = method or "model", budget or BUDGET, batch or 1
+    method, budget, batch = method or DEFAULT, budget or BUDGET, batch or 1
     from dataclasses import asdict
     from time import perf_counter
 
@@ -123,7 +126,7 @@ def tune(
     from maglev_workbench.commands.tune.report import tune_json, tune_page, tune_tables
     from maglev_workbench.console import console, progress_bar, write_json
     from maglev_workbench.page import write_page
-    from tuning.methods import LEARNED, make_tuner, policy_digest, policy_of
+    from tuning.methods import LEARNED, digest_or_none, make_tuner, policy_of
     from tuning.study.recommendation import recommend
     from tuning.study.study import JOURNAL, run_study
 
@@ -143,7 +146,7 @@ def tune(
         "method": method, "seed": seed, "rig": plain(asdict(task.rig)), "effects": plain(chosen), "sensor": sensor,
         "tuned": list(task.box.names), "steps": budget if method == "grid" else None,
         **({"bounds": plain(bounds)} if bounds else {}),
-        **({"policy": policy_digest(task, own)} if method == LEARNED else {}),
+        **({"policy": digest_or_none(task, own)} if method == LEARNED else {}),
     }  # fmt: skip
     started = perf_counter()
     with workers(scheduler, threads) as spread, progress_bar() as bar:
@@ -164,6 +167,8 @@ def tune(
     write_json(json_file, data)
     for part in tune_tables(task, found, advice):
         console.print(part)
+    if note := getattr(tuner, "note", None):
+        console.print(f"note: {note}")
     if found.dropped:
         console.print("the journal ended in a broken record: its experiments were made again")
     down = int(np.sum(found.trials.touchdown))

@@ -62,7 +62,7 @@ def run(
         raise ValueError(f"{', '.join(f'--{name}' for name in extra)}: not for a rotor, which is tuned by its PID "
                          "gains, read by its probes")  # fmt: skip
     method, budget, batch = method or METHOD, budget or BUDGET, batch or BATCH
-    if method in ONE_AXIS:
+    if method in ONE_AXIS or "@" in method:
         others = ", ".join(name for name in METHODS if name not in ONE_AXIS)
         raise ValueError(f"--method {method} is made for one axis; tune a rotor by one of {others}")
     text = goal_text(ENGINEER if goal is None else goal)

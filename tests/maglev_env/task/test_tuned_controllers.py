@@ -95,7 +95,6 @@ def test_a_numerator_and_a_denominator_are_refused_or_fitted():
 @pytest.mark.parametrize(
     ("method", "gains", "words"),
     [
-        ("learned", FilteredPid(8000.0, 2000.0, 5.2, notch=Notch(650.0)), "train one"),
         ("rule", StateFeedback(8000.0, 5.2, 0.1), "it chooses kp and kd"),
     ],
 )

@@ -15,7 +15,7 @@ SMALL = ("--rigs", 3, "--budgets", "1,2", "--protocol", "quick")
 @pytest.mark.slow
 def test_table_page_markdown_and_json_say_the_same(tmp_path, monkeypatch):
     monkeypatch.setattr("tuning.comparison.compare.SEARCH", 120)
-    monkeypatch.setattr("tuning.search.model_based.GENERATIONS", 6)
+    monkeypatch.setattr("tuning.search.corrected.tuner.ROUNDS", 2)
     out, docs, file = tmp_path / "c", tmp_path / "tuners.md", tmp_path / "c.json"
     arguments = ("sobol", "model", *SMALL, "--effect", "delay=75e-6", "--out", out, "--docs", docs, "--json", file)
     text = run(*arguments)
@@ -50,7 +50,7 @@ def test_an_interrupt_says_how_to_go_on(tmp_path, monkeypatch):
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (("annealing",), "METHOD annealing: use one of grid"),
+        (("annealing",), "'annealing' is unknown; use one of grid"),
         (("--rigs", 0), "rigs = 0"),
         (("--repeats", 0), "repeats = 0"),
         (("de", "--policy", SHIPPED / "hmb_free-quick.npz"), "method learned is not"),

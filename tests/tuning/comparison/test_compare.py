@@ -6,7 +6,8 @@ from filelock import FileLock
 
 from maglev_env.recordings.result_folder import LOCK
 from maglev_env.task.task import make_task
-from tuning.comparison.compare import SPEC, compare, held_out
+from tuning.comparison.compare import SPEC, compare
+from tuning.comparison.rigs import held_out
 from tuning.methods import make_tuner
 from tuning.study.study import experiments
 
@@ -21,7 +22,7 @@ def run(folder, methods=("sobol", "rule"), rigs=RIGS, budgets=BUDGETS, repeats=1
 @pytest.fixture(autouse=True)
 def short_search(monkeypatch):
     monkeypatch.setattr("tuning.comparison.compare.SEARCH", 120)
-    monkeypatch.setattr("tuning.search.model_based.GENERATIONS", 6)
+    monkeypatch.setattr("tuning.search.corrected.tuner.ROUNDS", 2)
 
 
 def same(a, b, method):
@@ -111,7 +112,7 @@ def test_rigs_come_from_the_seed_and_are_held_out():
 @pytest.mark.parametrize(
     ("changed", "words"),
     [
-        ({"methods": ("annealing",)}, "'annealing' is unknown; use some of grid"),
+        ({"methods": ("annealing",)}, "'annealing' is unknown; use one of grid"),
         ({"methods": ()}, "no method"),
         ({"rigs": 0}, "rigs = 0"),
         ({"repeats": 0}, "repeats = 0"),

@@ -7,16 +7,22 @@ import zipfile
 import numpy as np
 import pytest
 
+from maglev_env.loop.effect import effect
+from maglev_env.loop.gains import of_axis
 from maglev_env.rig.rig import load_rig
+from maglev_env.task.episodes import Episode
 from maglev_env.task.task import make_task
-from tuning.comparison.compare import held_out
+from tuning.comparison.rigs import held_out
 from tuning.learned import policy as policy_module
 from tuning.learned import tuner as tuner_module
+from tuning.learned.familiar import SHARE, familiar
 from tuning.learned.policy import HistoryPolicy, load_policy, save_policy, shape_for, stack
 from tuning.learned.training import Plan, train
 from tuning.learned.tuner import SHIPPED, LearnedTuner, shipped_policy
 from tuning.learned.worlds import World
 from tuning.lockstep import side_by_side
+from tuning.methods import make_tuner
+from tuning.search.corrected.tuner import ModelCorrected
 from tuning.study.study import experiments
 
 TASK = make_task(protocol="quick", randomization="wide", draw_target=True)
@@ -149,3 +155,38 @@ def test_a_learned_tuner_begins_at_the_safe_start_and_sees_what_it_saw_in_traini
     for t in range(2):
         tuner.tell(experiments(plain, [episode], points, SHAPE.history + t))
     assert abs(tuner.ask(1)[0] - points[0]).max() < 0.3  # around the best of what it tried
+
+
+@pytest.mark.slow
+def test_a_policy_out_of_its_depth_gives_way_and_says_so():
+    policy = shipped_policy(TASK)
+    assert policy.familiar is not None
+    notes = {}
+    for name, effects in (("plain", {}), ("strange", effect("hysteresis", 0.5))):
+        task = make_task(protocol="quick", effects=effects)
+        episode = Episode(task.rig, task.target, task.box.point(of_axis(task.rig.gains, 0)), 3)
+        tuner = make_tuner("learned", task, episode, 0, 4)
+        (trials,) = side_by_side(task, [episode], [tuner], 4)
+        notes[name] = tuner.note
+    assert notes["plain"] is None
+    assert "out of its depth: experiment 2 lies" in notes["strange"] and trials.score.max() > 0.95
+
+
+def test_a_rig_without_a_policy_is_tuned_by_the_model_and_the_reason_is_said():
+    task = make_task("eframe", protocol="quick")
+    episode = task.draw(np.random.default_rng(0))
+    tuner = make_tuner("learned", task, episode, 0, 4)
+    assert isinstance(tuner, ModelCorrected)
+    assert "serve other rigs" in tuner.note and "the model-corrected tuner works instead" in tuner.note
+
+
+def test_what_is_familiar_is_kept_in_the_checkpoint_and_counts_most_of_what_was_seen(tmp_path):
+    rng = np.random.default_rng(0)
+    seen = rng.normal(0.2, 0.1, (200, 4, len(SHAPE.names)))
+    made = HistoryPolicy(SHAPE)
+    made.familiar = familiar(seen)
+    save_policy(tmp_path / "p.npz", made, {})
+    found = load_policy(tmp_path / "p.npz")[0].familiar
+    rows = seen[:, 1:].reshape(-1, len(SHAPE.names))
+    assert np.mean(found.distance(rows) <= found.limit) == pytest.approx(SHARE, abs=0.005)
+    assert found.distance(rows[:1] + 1.0)[0] > found.limit

@@ -1,0 +1,100 @@
+"""The model-corrected tuner: its linear model, its fit, what it carries, and what it makes of single effects."""
+
+import numpy as np
+import pytest
+
+from maglev_env.loop.effect import effect
+from maglev_env.loop.gains import of_axis
+from maglev_env.task.episodes import Episode
+from maglev_env.task.task import make_task
+from tuning.lockstep import side_by_side
+from tuning.search.corrected.discrepancy import Discrepancy
+from tuning.search.corrected.fit import fitted
+from tuning.search.corrected.loops import LineModel
+from tuning.search.corrected.parameters import Parameters
+from tuning.search.corrected.tuner import ModelCorrected
+from tuning.study.study import experiments
+
+TASK = make_task(protocol="quick", randomization="wide")
+PRESET = TASK.box.point(of_axis(TASK.rig.gains, 0))
+POINTS = np.clip(PRESET + np.array([[0, 0, 0], [0.2, 0, 0.3], [-0.2, 0.3, 0.1]]), -1, 1)
+
+
+@pytest.mark.parametrize("rig", ["hmb_free", "hmb_radial"])
+def test_the_line_model_shows_what_the_simulated_experiment_shows(rig):
+    task = make_task(rig, protocol="quick")
+    preset = task.box.point(of_axis(task.rig.gains, 0))
+    points = np.clip(preset + np.array([[0, 0.1, 0.1], [-0.05, 0, 0.2]]), -1, 1)
+    episode = Episode(task.rig, task.target, preset, 1)
+    infos = experiments(task, [episode] * 2, points, 1).info
+    for i, info in enumerate(infos):
+        model = LineModel(task, info["axis"], None)
+        shown = model.values(model.open(task.rig), points)
+        for name, within in (("stiffness", 0.01), ("damping", 0.05), ("peak_sensitivity", 0.05), ("current_rms", 0.05)):
+            assert shown[name][i] == pytest.approx(info[name], rel=within)
+
+
+def test_one_experiment_identifies_the_rig():
+    episode = TASK.draw(np.random.default_rng(3))
+    infos = experiments(TASK, [episode], PRESET[None], 1).info
+    own = Parameters(TASK.rig, wide=True)
+    models = [LineModel(TASK, 0, None)]
+    thetas = fitted(own, models, PRESET[None], infos, own.centre, 4, np.random.default_rng(0))
+    gain = episode.rig.actuator_gain / TASK.rig.actuator_gain
+    at = own.names.index("actuator_gain")
+    assert thetas.shape == (4, len(own.names))
+    assert np.exp(thetas[0, at]) == pytest.approx(gain, rel=0.05) and abs(np.log(gain)) > 0.05
+
+
+def test_a_difference_is_carried_to_its_surroundings_and_fades():
+    found = Discrepancy(np.zeros((1, 2)), np.full(1, 0.002), 0.05, 0.01)
+    found.learn(np.array([0.1]))
+    mean, spread = found.at(np.array([[0.0, 0.0], [0.1, 0.0], [5.0, 5.0]]), np.array([[0.1]]))
+    assert mean[0, 0] == pytest.approx(0.1, rel=0.02) and mean[0, 0] >= mean[0, 1] > mean[0, 2] > 0
+    assert spread[0] < 0.01 and (np.diff(spread) > 0).all()
+
+
+def test_a_reading_that_its_neighbours_contradict_is_doubted():
+    points = np.stack([np.linspace(-0.3, 0.3, 7), np.zeros(7)], axis=1)
+    ratios = np.full(7, 0.02)
+    ratios[3] = 1.7  # a phase margin read as 172 degrees among others of 30
+    found = Discrepancy(points, np.full(7, 0.02), 0.2, 0.01)
+    found.learn(ratios)
+    mean, _ = found.at(points, ratios[None])
+    assert abs(mean[0] - 0.02).max() < 0.1
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name, size", [("eddy_current", 500.0), ("delay", 150e-6), ("hysteresis", 0.2)])
+def test_no_effect_makes_the_second_experiment_worse_than_the_preset(name, size):
+    task = make_task(protocol="quick", effects=effect(name, size))
+    episode = Episode(task.rig, task.target, PRESET, 5)
+    (trials,) = side_by_side(task, [episode], [ModelCorrected(task, episode, 0)], 4)
+    assert trials.score[1] > trials.score[0] - 0.05
+    assert trials.score.max() > 0.95 and not trials.touchdown.any()
+
+
+@pytest.mark.slow
+def test_it_knows_nothing_of_the_rig_and_asks_the_same_again():
+    episode = TASK.draw(np.random.default_rng(4))
+    first, again = (ModelCorrected(TASK, episode, 9) for _ in range(2))
+    np.testing.assert_allclose(first.ask(1), PRESET[None])
+    again.ask(1)
+    trials = experiments(TASK, [episode], PRESET[None], 1)
+    for tuner in (first, again):
+        tuner.tell(trials)
+    points = first.ask(2)
+    np.testing.assert_array_equal(points, again.ask(2))
+    found = experiments(TASK, [episode], points[:1], 2)
+    assert found.score[0] > 0.9 > trials.score[0]
+    assert first._parameters.rig.mass == TASK.rig.mass and first._task.effects == {}
+
+
+@pytest.mark.slow
+def test_a_goal_is_met():
+    task = make_task(protocol="quick", goal="peak_sensitivity <= 3, phase_margin >= 30, best compliance near 20e-6")
+    episode = Episode(task.rig, task.target, PRESET, 2)
+    (trials,) = side_by_side(task, [episode], [ModelCorrected(task, episode, 0)], 4)
+    best = trials.info[trials.best]
+    assert best["required_peak_sensitivity"] <= 3.03 and best["required_phase_margin"] >= 29.5
+    assert trials.score.max() > trials.score[0] + 0.3

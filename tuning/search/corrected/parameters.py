@@ -1,0 +1,79 @@
+"""The parameters of a rig that its linear loop shows, with their priors: what a fit may move."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from maglev_env.experiment import Experiment
+from maglev_env.linear.loop import loop_response
+from maglev_env.loop.effect import EFFECTS, effect, effect_value
+from maglev_env.loop.magnets.kinds import force_law
+from maglev_env.loop.magnets.law import linearise
+from maglev_env.rig.drawn import scaled_rig
+from maglev_env.rig.rig import Rig, with_parameters
+from maglev_env.task.episodes import log_spread, wide_factors
+
+DELAY_SPREAD, MOST_DELAY = 2.0, 20.0  # control samples: prior standard deviation, and largest value
+TANGENT = 0.1  # prior standard deviation of a tangent that nothing is stated of
+FACTORS = 4.0  # largest factor by which a parameter may differ from the nominal one
+
+
+class Parameters:
+    """Names of a rig's parameters, the delay last, with centre and standard deviation of each prior.
+
+    Attributes:
+        rig: The nominal rig, its magnets by their tangent.
+        names: Names (p,).
+        centre: (p,): 0, the logarithm of parameter over nominal; of the delay its control samples.
+        spread: Prior standard deviations (p,).
+    """
+
+    def __init__(self, rig: Rig, wide: bool) -> None:
+        """Set up.
+
+        Args:
+            rig: The nominal rig.
+            wide: Whether parameters may lie anywhere in the rig's [randomization]; otherwise within its [tolerance].
+        """
+        gain, stiffness = linearise(force_law(rig))
+        self.rig = with_parameters(rig, {"actuator_gain": gain, "negative_stiffness": stiffness})
+        # What the nominal rig leaves to its magnets' geometry is not drawn, and differs by the tolerance only.
+        drawn = {n: log_spread(e) for n, e in wide_factors(rig).items() if getattr(rig, n) is not None} if wide else {}
+        ranges: Mapping[str, float] = {**rig.tolerance, **drawn}
+        frequency = np.geomspace(1e-4, 0.2, 12) * rig.control_rate
+        names = [n for n in ranges if getattr(self.rig, n) and seen_in_loop(self.rig, n, frequency)]
+        # Of magnets that are described by their geometry the tangent is fitted, as far as what is drawn may move it.
+        spread = max((s for n, s in ranges.items() if n not in names), default=TANGENT)
+        ranges = {**dict.fromkeys(("actuator_gain", "negative_stiffness"), spread), **ranges}
+        names = [
+            n for n in ranges if n in names or (n in ("actuator_gain", "negative_stiffness") and getattr(self.rig, n))
+        ]
+        self.names = (*names, "delay")
+        self.spread = np.array([*(ranges[n] for n in names), DELAY_SPREAD])
+        self.centre = np.array([0.0] * len(names) + [effect_value(rig.effects, "delay") * rig.control_rate])
+        self.low = np.array([-np.log(FACTORS)] * len(names) + [0.0])
+        self.high = np.array([np.log(FACTORS)] * len(names) + [most_delay(rig)])
+
+    def rig_at(self, theta: np.ndarray) -> Rig:
+        """The rig at parameters theta (p,), which are clipped to their bounds; it has the delay as an effect."""
+        theta = np.clip(theta, self.low, self.high)
+        return fitted_rig(self.rig, self.names, theta)
+
+
+def most_delay(rig: Rig) -> float:
+    """Largest delay in control samples, within the bounds of the effect."""
+    return min(MOST_DELAY, 0.999 * EFFECTS["delay"].parameters["time"].on(rig.scales).high * rig.control_rate)
+
+
+def seen_in_loop(rig: Rig, name: str, frequency: np.ndarray) -> bool:
+    """Whether the linearised loop depends on a parameter; it does not on a converter's resolution, for example."""
+    one, other = (loop_response(Experiment(r, rig.gains, ()), frequency) for r in (rig, scaled_rig(rig, {name: 1.01})))
+    return not (np.allclose(one.plant, other.plant, 1e-9, 0) and np.allclose(one.receptance, other.receptance, 1e-9, 0))
+
+
+def fitted_rig(nominal: Rig, names: Sequence[str], theta: np.ndarray) -> Rig:
+    """The rig at theta (p,): logarithms of its parameters over the nominal ones, and last the delay in samples."""
+    factors = {name: float(np.exp(v)) for name, v in zip(names[:-1], theta, strict=False)}
+    delay = effect("delay", float(theta[-1]) / nominal.control_rate)
+    return replace(scaled_rig(nominal, factors), effects={**nominal.effects, **delay})
