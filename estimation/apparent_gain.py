@@ -117,11 +117,8 @@ def periodic_gain(force: LineStatistics, mass: float, actuator: ActuatorEstimate
     sure = actuator.damping > SURELY * actuator.damping_se
     damping, damping_se = (actuator.damping, actuator.damping_se) if sure else (0.0, 0.0)
     dynamic = actuator.stiffness - mass * w**2 + 1j * w * damping
-    variance = (
-        np.real(force.cross("displacement", "displacement"))
-        + (force.cross("force", "force") / abs(dynamic) ** 2).real
-        - 2 * (force.cross("displacement", "force") / np.conj(dynamic)).real
-    )
+    of_y, of_x = np.real(force.cross("displacement", "displacement")), np.real(force.cross("force", "force"))
+    of_x, shared = of_x / abs(dynamic) ** 2, force.cross("displacement", "force") / np.conj(dynamic)
     found = []
     loose = float(np.sqrt(max(actuator.cost_ratio, 1.0)))  # where one gain does not fit, nor are its errors right
     for low, high in _of_lines(f):
@@ -135,7 +132,8 @@ def periodic_gain(force: LineStatistics, mass: float, actuator: ActuatorEstimate
         factor = complex(np.sum(np.conj(moved) * y[on]) / power)
         # What is left is also of a gain that changes in the band.
         left = np.sum(abs(y[on] - factor * moved) ** 2) / max(on.sum() - 1, 1)
-        noise = float(max(np.mean(variance[on]), left) / (2 * power)) / abs(factor) ** 2
+        variance = of_y[on] + abs(factor) ** 2 * of_x[on] - 2 * (np.conj(factor) * shared[on]).real
+        noise = float(max(np.mean(variance), left) / (2 * power)) / abs(factor) ** 2
         known = np.array([actuator.stiffness_se, 2j * np.pi * centre * damping_se])
         common = loose * known / np.mean(dynamic[on])
         size, phase = (np.sqrt(noise + np.sum(part**2)) for part in (common.real, common.imag))

@@ -29,7 +29,7 @@ TARGETS: tuple[Target, ...] = (
     Target("estimation/apparent_gain.py", 5, ("test_apparent_gain.py",)),
     Target("estimation/stability_margins.py", 6, ("test_stability_margins.py",)),
     Target("estimation/effective.py", 4, ("test_effective.py",)),
-    Target("estimation/lines/periods.py", 6, ("test_periods.py",)),
+    Target("estimation/lines/periods.py", 6, ("test_periods.py", "test_changes.py")),
     Target("estimation/lines/frequency_response.py", 6, ("test_frequency_response.py",)),
     Target("estimation/lines/curves.py", 5, ("test_curves.py", "test_stability_margins.py")),
     Target("estimation/lines/local_polynomial.py", 5, ("test_local_polynomial.py",)),
