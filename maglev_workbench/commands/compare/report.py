@@ -25,7 +25,10 @@ HOW_TO_READ = (
     "middle half. Intervals are 95 % by resampling rigs, with all repeats of each (after Agarwal et al. 2021): what "
     "other rigs drawn alike may give. s per tuning: wall time of one budget on one rig, with all rigs side by side; "
     "own: the share of it in which the tuner chooses, not the experiments. The grid is laid out for the largest "
-    "budget; tpe and gp draw their first ten gain sets at random, as Optuna has it."
+    "budget; tpe and gp draw their first ten gain sets at random, as Optuna has it. @preset: begins at the rig's own "
+    "gains, with small steps; @rule: likewise at the third step of the dissertation's rule, which begins at the rig's "
+    "own gains; model begins at these, too, every other tuner between them and random gains. learned gives way to "
+    "model where what it observes lies outside its training."
 )
 
 
@@ -45,12 +48,14 @@ def compare_table(found: Comparison, of: Table) -> "rich.table.Table":
 
 
 def summary(found: Comparison, of: Table) -> str:
-    """A sentence with the tuner of the least regret at each budget."""
+    """A sentence with the tuners of the least regret at each budget."""
     parts = []
     for n in filter(found.reached, found.budgets):
-        best = min(found.reached(n), key=lambda m: of[n, m].median[0])
+        best, *others = sorted(found.reached(n), key=lambda m: of[n, m].median[0])
         parts.append(f"after {n} by {best} ({_regret(of[n, best].median)})")
-    return f"{_title(found)}. Least median regret: {', '.join(parts)}."
+        if others:
+            parts[-1] += f", then {others[0]} ({_regret(of[n, others[0]].median)})"
+    return f"{_title(found)}. Least median regret: {'; '.join(parts)}."
 
 
 def compare_page(found: Comparison, of: Table) -> str:
@@ -118,7 +123,11 @@ def _title(found: Comparison) -> str:
     made = found.made_by
     rigs = "1 rig" if made["rigs"] == 1 else f"{made['rigs']} rigs"
     repeats = f", {made['repeats']} runs on each" if made["repeats"] > 1 else ""
-    return f"{', '.join(found.results)} on {rigs} drawn {made['randomization']} around {made['rig']['name']}{repeats}"
+    affected = ", every other with an effect" if made.get("affected") else ""
+    return (
+        f"{', '.join(found.results)} on {rigs} drawn {made['randomization']} around {made['rig']['name']}{affected}"
+        f"{repeats}"
+    )
 
 
 def _rows(found: Comparison, of: Table) -> list[tuple[str, ...]]:
