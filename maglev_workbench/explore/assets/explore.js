@@ -6,7 +6,7 @@ import { SweepMap } from "./map.js";
 import { Panels, savePicture } from "./panels.js";
 
 const $ = (id) => document.getElementById(id);
-const REST = 120; // ms after the last change until the experiment is simulated
+const REST = 80; // ms after the last change until the experiment is simulated
 const EMPTY = {};
 const start = await (await fetch("start")).json();
 const panels = new Panels($("panels"), start.panels);
