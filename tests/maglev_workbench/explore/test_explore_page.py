@@ -106,6 +106,7 @@ def test_units_effects_and_what_is_wrong(opened):
     assert page.input_value("#field-kp") == "8" and "N/mm" in page.inner_text("#answer")
     page.select_option("#units", "files")
     assert "N/m," in settled(page) and "N/mm" not in page.inner_text("#answer")
+    assert "peak_sensitivity <= 3" in page.inner_text("#goal")  # as in its file
     assert page.input_value("#field-kp") == "8000" and "A/m" in page.get_attribute("#slider-kp", "aria-valuetext")
     page.check("#on-delay")
     page.fill("#field-delay-time", "3e-4")
@@ -119,6 +120,7 @@ def test_units_effects_and_what_is_wrong(opened):
     page.keyboard.press("Enter")
     settled(page)
     assert "td = -1" in page.inner_text("#error")
+    assert page.locator("body.refused").count() == 1 and page.is_hidden("#text")  # which would be that of before
     page.click("#undo")
     settled(page)
-    assert page.is_hidden("#error") and page.said == []
+    assert page.is_hidden("#error") and page.locator("body.refused").count() == 0 and page.said == []

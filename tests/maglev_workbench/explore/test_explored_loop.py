@@ -11,6 +11,7 @@ from command_line import maglev
 
 from maglev_env.design.defaults import with_defaults
 from maglev_env.experiment import protocol_experiment
+from maglev_env.linear.loop import loop_response
 from maglev_env.loop.controller_forms import Pid
 from maglev_env.loop.effect import EFFECTS, effect, meaningful
 from maglev_env.loop.free import places as free
@@ -175,3 +176,15 @@ def test_identified_curves_have_their_intervals():
     for name in ("stiffness", "damping", "sensitivity"):
         assert (curves[name]["low"] < curves[name]["high"]).all()
     assert (curves["stiffness"]["from"] < curves["stiffness"]["to"]).all()
+
+
+def test_a_narrow_resonance_is_drawn_round():
+    """Between its points the loop gain turns and grows by little, and the peak of S is that of a dense grid."""
+    sharp = {"support_resonance": {"frequency": 300.0, "damping_ratio": 0.005, "mass_ratio": 0.1}}
+    experiment = protocol_experiment(RIG, effects=sharp)
+    found = loop_curves(experiment, 0)
+    dense = np.linspace(250.0, 400.0, 20_000)
+    peak = np.abs(loop_response(experiment, dense).sensitivity).max()
+    near = (found.frequency > 250) & (found.frequency < 400)
+    assert np.abs(found.sensitivity[near]).max() == pytest.approx(peak, rel=0.02)
+    assert np.abs(np.log(found.loop_gain[near][1:] / found.loop_gain[near][:-1])).max() < 0.5
