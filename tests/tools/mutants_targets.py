@@ -62,5 +62,8 @@ TARGETS: tuple[Target, ...] = (
 EQUIVALENT: Mapping[str, str] = {
     "band_mean.band_mean: + -> - in abs(start[0]) / w.mean() + mass * w.mean()": "scales the search",
     "band_mean.variance: + -> - in sff + floor": "the floor is 1e-12 of the force and serves records without noise",
+    "frequency_response.loop_variance: - -> + in 1 / sensitivity - 1": "a constant, which each cubic takes up",
+    "change_charts.cusum_threshold: * -> / in 2 * allowance ** 2": "an upper end of a search",
+    "sphs._scaled: 2 -> 3 in 2 * share": "a scale that the stated peak sets anew",
     "motor._check_reaches: > -> <= in net > 0": "a check that raises",
 }
