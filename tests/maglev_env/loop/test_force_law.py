@@ -224,3 +224,12 @@ def test_a_parameter_of_another_magnet_is_refused(rig, name, value):
 def test_contact_is_before_a_shorter_magnetic_gap():
     e = Experiment(BALL, GAINS, (), effects=effect("force_law", 0.0, offset=-0.5))
     assert lane_batch([e]).rows[row(LIMIT_SQ), 0] == pytest.approx((0.999 * 0.5 * BALL.gap) ** 2)
+
+
+@pytest.mark.parametrize("sharpness", [2.0, 3.0, 6.0])
+def test_a_knee_of_any_sharpness_has_the_slopes_of_its_force(sharpness):
+    bent = replace(force_law(load_rig("hmb_free")), saturation=0.5, sharpness=sharpness)
+    gain, stiffness = linearise(bent)
+    h = 1e-7  # m, and A: small beside gap and bias
+    assert gain == pytest.approx((force(bent, 0.0, h) - force(bent, 0.0, -h)) / (2 * h), rel=1e-6)
+    assert -stiffness == pytest.approx((force(bent, h, 0.0) - force(bent, -h, 0.0)) / (2 * h), rel=1e-6)
