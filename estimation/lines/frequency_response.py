@@ -10,7 +10,7 @@ from estimation.lines.periods import LineStatistics
 
 POOL = 7  # neighbouring lines whose noise is averaged
 LOCAL, CURVE = 6, 4  # neighbouring lines through which a cubic of log frequency is laid
-ROUGH_POOL = 21  # lines of whose scatter about the cubics the median is taken, so that a resonance is not distortion
+ROUGH_POOL = 41  # lines of whose scatter about the cubics the median is taken, so that a resonance is not distortion
 # The median of that many overlapping cubics tells the scatter with about 8 degrees of freedom: the square of Student's
 # 95 % quantile over that of a known variance.
 FEW = 1.3

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
 # A line is driven where it exceeds so many standard deviations of its mean, and this share of the strongest line.
 LINE_SIGNIFICANCE, LINE_FLOOR = 3.0, 1e-6
 CLEAR = 8.0  # standard errors from which a drift of the periods is another clock
+TURNED = 0.1  # rad by which it must turn the highest line over the recording to take lines away
 LINES_SHOWN = 8  # of those without excitation that a message lists
 
 
@@ -70,7 +71,8 @@ def _check_lines(
     missing = (amplitude <= LINE_SIGNIFICANCE * noise) | (amplitude <= LINE_FLOOR * whole.max())
     if missing.any():
         drift = period_drift(spectra[:, 0], 2 * np.pi * lines * block[1] / block[0])
-        if drift is not None and abs(drift[0]) > CLEAR * drift[1]:
+        turned = 0.0 if drift is None else abs(drift[0]) * len(spectra) * 2 * np.pi * lines[-1] * block[1] / block[0]
+        if drift is not None and abs(drift[0]) > CLEAR * drift[1] and turned > TURNED:
             raise ValueError(f"channel {name!r}: {other_clock(-1e6 * drift[0] / block[0], rate)}")
         shown = ", ".join(f"{n} ({n * fundamental:g} Hz)" for n in lines[missing][:LINES_SHOWN])
         more = f" and {missing.sum() - LINES_SHOWN} more" if missing.sum() > LINES_SHOWN else ""
