@@ -9,7 +9,7 @@ import numpy as np
 from maglev_env.task.task import Tuning
 from tuning.search.evolution import DifferentialEvolution
 from tuning.study.study import experiments
-from tuning.tuner import Trials, Tuner
+from tuning.tuner import Trials, Tuner, close
 
 AGAIN = 8  # fresh repetitions that score what a tuner would recommend
 
@@ -54,8 +54,7 @@ def side_by_side(
             done[i] = new if done[i] is None else done[i] + new
         progress(at)
     for tuner in tuners:
-        if hasattr(tuner, "close"):
-            tuner.close()
+        close(tuner)
     return done
 
 

@@ -51,3 +51,9 @@ class Tuner(Protocol):
 
     def tell(self, trials: Trials) -> None:
         """Receive the results of the points asked for last."""
+
+
+def close(tuner: Tuner | None) -> None:
+    """End a search, if it holds anything that must be ended: a thread, or a library's loop."""
+    if hasattr(tuner, "close"):
+        tuner.close()

@@ -70,10 +70,10 @@ def _check_lines(
     amplitude, noise = whole[0], np.sqrt(spectra.var(axis=0, ddof=1)[0] / len(spectra))
     missing = (amplitude <= LINE_SIGNIFICANCE * noise) | (amplitude <= LINE_FLOOR * whole.max())
     if missing.any():
-        drift = period_drift(spectra[:, 0], 2 * np.pi * lines * block[1] / block[0])
-        turned = 0.0 if drift is None else abs(drift[0]) * len(spectra) * 2 * np.pi * lines[-1] * block[1] / block[0]
-        if drift is not None and abs(drift[0]) > CLEAR * drift[1] and turned > TURNED:
-            raise ValueError(f"channel {name!r}: {other_clock(-1e6 * drift[0] / block[0], rate)}")
+        w = 2 * np.pi * lines * block[1] / block[0]
+        ahead, error = period_drift(spectra[:, 0], w) or (0.0, 0.0)
+        if abs(ahead) > CLEAR * error and abs(ahead) * len(spectra) * w[-1] > TURNED:
+            raise ValueError(f"channel {name!r}: {other_clock(-1e6 * ahead / block[0], rate)}")
         shown = ", ".join(f"{n} ({n * fundamental:g} Hz)" for n in lines[missing][:LINES_SHOWN])
         more = f" and {missing.sum() - LINES_SHOWN} more" if missing.sum() > LINES_SHOWN else ""
         raise ValueError(

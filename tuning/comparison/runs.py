@@ -14,7 +14,7 @@ from maglev_env.task.task import Task
 from tuning.lockstep import course, side_by_side
 from tuning.methods import make_tuner
 from tuning.study.study import experiments
-from tuning.tuner import Trials, Tuner
+from tuning.tuner import Trials, Tuner, close
 
 if TYPE_CHECKING:
     from maglev_lanes.schedule import Workers
@@ -41,8 +41,7 @@ class _Timed:
         self._spent[0] += perf_counter() - started
 
     def close(self) -> None:
-        if hasattr(self._tuner, "close"):
-            self._tuner.close()
+        close(self._tuner)
 
 
 @dataclass(frozen=True, eq=False)

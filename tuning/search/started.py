@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from tuning.tuner import Trials, Tuner
+from tuning.tuner import Trials, Tuner, close
 
 STEPS = 2  # of the rule, before the point at which a search starts
 
@@ -32,8 +32,7 @@ class Around:
 
     def close(self) -> None:
         """End the search."""
-        if hasattr(self._tuner, "close"):
-            self._tuner.close()
+        close(self._tuner)
 
     def _inside(self, points: np.ndarray) -> np.ndarray:
         return 2 * (points - self._low) / (self._high - self._low) - 1
@@ -61,5 +60,4 @@ class AfterRule:
 
     def close(self) -> None:
         """End the search."""
-        if self._tuner is not None and hasattr(self._tuner, "close"):
-            self._tuner.close()
+        close(self._tuner)

@@ -12,7 +12,7 @@ from sim2real.blind.cases import Answer, Case, open_labels, read_answer, seal_of
 from sim2real.blind.judging.alike import alike_sets
 from sim2real.blind.judging.calibration import calibration_error
 from sim2real.blind.judging.judging import SIZES, Judgement, judge, size_range
-from sim2real.blind.judging.scoring import Row, bootstrap, row, size_words
+from sim2real.blind.judging.scoring import Row, row, size_words, statistic_row
 from sim2real.judgement.mechanisms import OF_ONE_MAGNET
 
 SMALL, MEDIUM, LARGE = SIZES
@@ -178,23 +178,9 @@ def _rows(judged: Sequence[Judgement]) -> tuple[Row, ...]:
     seconds = [j.answer.seconds for j in judged]
     return (
         *(_share(score, [score.good(j) for j in judged if _belongs(score, j.case)]) for score in SCORES),
-        row("calibration error", calibration_error(top), bootstrap(top, calibration_error), len(top), "", None),
-        row(
-            f"median closed fraction of what was told, {size_words(LARGE)}",
-            float(np.median(closed)) if closed else nan,
-            bootstrap(np.array(closed), np.median),
-            len(closed),
-            "",
-            None,
-        ),
-        row(
-            "mean time per campaign",
-            float(np.mean(seconds)),
-            bootstrap(np.array(seconds), np.mean),
-            len(seconds),
-            "s",
-            None,
-        ),
+        statistic_row("calibration error", top, calibration_error),
+        statistic_row(f"median closed fraction of what was told, {size_words(LARGE)}", closed, np.median),
+        statistic_row("mean time per campaign", seconds, np.mean, "s"),
     )
 
 

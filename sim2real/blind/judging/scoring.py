@@ -4,8 +4,10 @@ from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from math import inf, nan
+from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy.stats import binomtest
 
 from sim2real.blind.judging.calibration import calibration_error
@@ -100,6 +102,19 @@ def row(name: str, value: float, interval: tuple[float, float], n: int, unit: st
     return Row(name, value, low, high, n, unit, target, verdict, not low <= target.floor <= high)
 
 
+def statistic_row(
+    name: str,
+    data: ArrayLike,
+    statistic: Callable[[np.ndarray], Any],
+    unit: str = "",
+    target: Target | None = None,
+) -> Row:
+    """A statistic over rows of data (n, ...), with its bootstrap interval."""
+    values = np.asarray(data)
+    found = float(statistic(values)) if len(values) else nan
+    return row(name, found, bootstrap(values, statistic), len(values), unit, target)
+
+
 def share_row(share: Share, judged: Sequence[Judgement], any_size: bool = False) -> Row:
     """A share over judged campaigns, with Wilson's interval (1927); any_size ignores the range of sizes."""
     sizes = None if any_size else share.sizes
@@ -125,30 +140,9 @@ def rows(judged: Sequence[Judgement]) -> list[Row]:
     top = np.array([(j.top_probability, j.top_right) for j in judged], dtype=float).reshape(-1, 2)
     return [
         *(share_row(share, judged) for share in SHARES),
-        row(
-            "calibration error",
-            calibration_error(top) if len(top) else nan,
-            bootstrap(top, calibration_error),
-            len(top),
-            "",
-            ERROR_TARGET,
-        ),
-        row(
-            f"median closed fraction, {size_words(LARGE)}",
-            float(np.median(right)) if right else nan,
-            bootstrap(np.array(right), np.median),
-            len(right),
-            "",
-            CLOSED_TARGET,
-        ),
-        row(
-            "mean time per campaign",
-            float(np.mean(seconds)) if seconds else nan,
-            bootstrap(np.array(seconds), np.mean),
-            len(seconds),
-            "s",
-            SECONDS_TARGET,
-        ),
+        statistic_row("calibration error", top, calibration_error, target=ERROR_TARGET),
+        statistic_row(f"median closed fraction, {size_words(LARGE)}", right, np.median, target=CLOSED_TARGET),
+        statistic_row("mean time per campaign", seconds, np.mean, "s", SECONDS_TARGET),
     ]
 
 
