@@ -8,6 +8,7 @@ import numpy as np
 
 from maglev_env.loop.effect import EFFECTS
 from sim2real.compared.problem import Problem
+from sim2real.compared.reached import current_reached
 from sim2real.compared.simulated import DITHERED, MAY_BE_DITHERED, tolerances, unseen_by_all
 from sim2real.recorded.not_stable import not_stable
 from sim2real.search.fitting import Fit, begin, differentiate, iterate, share_calibrations
@@ -204,7 +205,7 @@ def _singles(problem: Problem, seeds: Sequence[Fit], names: Sequence[str]) -> li
     not followed.
     """
     fits: list[Fit] = []
-    unexplained = seeds[-1].cost
+    unexplained, reached = seeds[-1].cost, current_reached(problem)
     if np.isfinite(unexplained) and np.max(abs(seeds[-1].u), initial=0.0) < MOVED:
         seeds = seeds[-1:]
     for seed in seeds:
@@ -213,7 +214,7 @@ def _singles(problem: Problem, seeds: Sequence[Fit], names: Sequence[str]) -> li
             for h in map(seed.hypothesis.instead, names)
             for start in starts(h.effects[0], h.scales)
         ]
-        jobs += [(seed, h, u) for name in names for h, u in starts_elsewhere(seed.hypothesis, name)]
+        jobs += [(seed, h, u) for name in names for h, u in starts_elsewhere(seed.hypothesis, name, reached)]
         ranked = screened(problem, jobs)
         begun = _begun(problem, kept(ranked), ranked)
         share_calibrations(begun, seed)

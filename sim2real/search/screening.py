@@ -95,7 +95,8 @@ def _start(single: Problem, h: Hypothesis, u: np.ndarray, predicted: np.ndarray)
 def kept(starts: Sequence[Start]) -> list[Start]:
     """The best start of each hypothesis.
 
-    Of resonances, several starts of clearly different frequency are kept, because each is a minimum of its own.
+    Of resonances, several starts of clearly different frequency are kept, because each is a minimum of its own; of what
+    may sit at several places, the best at each.
     """
     found: list[Start] = []
     for start in starts:
@@ -103,9 +104,16 @@ def kept(starts: Sequence[Start]) -> list[Start]:
         same = [s for s in found if set(s.hypothesis.effects) == set(h.effects)]
         at = [i for i, c in enumerate(h.coordinates) if c.parameter == "frequency"]
         apart = all(np.any(abs(start.u[at] - s.u[at]) > APART) for s in same if s.hypothesis.effects == h.effects)
-        if not same or (at and apart and len(same) < RESONANT):
+        elsewhere = all(_place(start) != _place(s) for s in same if s.hypothesis.effects == h.effects)
+        if not same or (at and apart and len(same) < RESONANT) or (h.shaped and elsewhere):
             found.append(start)
     return found
+
+
+def _place(start: Start) -> tuple[str, ...]:
+    """Where an effect sits that may sit elsewhere: coordinates of its form that are not at the plain formula."""
+    h = start.hypothesis
+    return tuple(n for n, v in zip(h.calibrated, start.u[len(h.coordinates) :], strict=True) if n in h.shapes and v)
 
 
 class _Look:
