@@ -163,8 +163,9 @@ def attribute(
             f"{why}"
         )
     least = min(f.cost for f in standing)
-    close = [f for f in standing if f is fits[0] or f.cost - least < CLOSE + CLOSE_SHARE * least]
-    differentiate(close, problem.data, problem.simulate, True)
+    close = [f for f in standing if f.cost - least < CLOSE + CLOSE_SHARE * least and f.cost < fits[0].cost - LEAST]
+    at_end = [f for f in (fits[0], *close) if not f.fresh]
+    differentiate(at_end, problem.data, problem.simulate, True)
     return Attribution(nominal, tuple(map(Candidate, fits)), 2.0 * problem.data.size, problem)
 
 
@@ -219,11 +220,11 @@ def _singles(problem: Problem, seeds: Sequence[Fit], names: Sequence[str]) -> li
         begun = _begun(problem, kept(ranked), ranked)
         share_calibrations(begun, seed)
         fits += begun
-    below = [unexplained - LEAST] * len(fits) if np.isfinite(unexplained) else None
-    iterate(fits, problem.data, problem.simulate, FIRST, below)
+    asked = unexplained - LEAST if np.isfinite(unexplained) else np.inf
+    iterate(fits, problem.data, problem.simulate, FIRST, [asked] * len(fits))
     tried = dict.fromkeys(f.hypothesis.effects for f in fits)
     best = [min((f for f in fits if f.hypothesis.effects == names), key=lambda f: f.cost) for names in tried]
-    iterate(best, problem.data, problem.simulate, ITERATIONS)
+    iterate(best, problem.data, problem.simulate, ITERATIONS, [asked] * len(best))
     return best
 
 

@@ -156,6 +156,9 @@ def differentiate(fits: Sequence[Fit], data: np.ndarray, simulate: Simulate, cal
     for (fit, i, step), predicted in zip(jobs, simulate(points), strict=True):
         change = (predicted - (data - fit.residual)) / step
         fit.jacobian[i] = change if np.isfinite(change).all() else 0.0
+    for fit in fits:
+        fit.fresh = calibrations
+        fit.age = 0 if calibrations else fit.age + 1
 
 
 def iterate(
@@ -192,9 +195,6 @@ def iterate(
         stale = [f for f in moved if f.jacobian is None or f.age >= REFRESH or f.refused]
         differentiate(stale, data, simulate, True)
         differentiate([f for f in moved if f not in stale], data, simulate, False)
-        for f in moved:
-            f.fresh = f in stale
-            f.age = 0 if f.fresh else f.age + 1
         equations = {id(f): (f.normal, f.gradient) for f in active}
         promised = {id(f): float(_solved(f, *equations[id(f)], 0.0) @ equations[id(f)][1]) for f in active}
         for f in active:
@@ -226,7 +226,7 @@ def iterate(
                 idle = promised[id(f)] < little or f.refused > REFUSED
             f.done = idle and f.idle and f.age == 0
             f.idle = idle
-            if idle:
+            if idle and (id(f) in best or not f.fresh):
                 f.age = REFRESH  # only fresh rows can show whether anything is left to gain
             if id(f) not in best:
                 f.damping *= SHORTER
