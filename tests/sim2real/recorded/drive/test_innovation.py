@@ -111,7 +111,7 @@ def test_the_scale_of_a_late_current_is_as_unknown_as_the_gain(tmp_path):
         sizes = np.linalg.norm(more - nominal), np.linalg.norm(scale)
         return np.vdot(more - nominal, scale).real / np.prod(sizes), sizes[0] / sizes[1]
 
-    late = problem.again(Point({}, {})).again(Point({}, {}))
+    late = problem.about(Point({}, {})).about(Point({}, {}))
     assert late.errors["time between current and displacement"] == pytest.approx(3 / UNTOLD_ALONG, abs=0.2)
     assert likeness(late) == (pytest.approx(-1, abs=0.02), pytest.approx(1, abs=0.1))
 
