@@ -38,6 +38,7 @@ class ColumnGuess:
         reason: the evidence.
         confidence: from 0 to 1.
         ask: what the user should state; empty where nothing is open.
+        resting: whether it is not used for the sole reason that it never changes in this file.
     """
 
     column: str
@@ -47,6 +48,7 @@ class ColumnGuess:
     reason: str
     confidence: float
     ask: str = ""
+    resting: bool = False
 
 
 def guess_columns(found: Contents) -> tuple[ColumnGuess, ...]:
@@ -211,7 +213,7 @@ def _resting(guess: ColumnGuess, values: np.ndarray) -> ColumnGuess:
     """A constant column is no reading; a constant reference is one."""
     if not guess.channel.startswith(("gap_estimate", "voltage", "injection", "speed")) or not shown.is_constant(values):
         return guess
-    return replace(guess, channel="", reason=f"{guess.reason}, but {values[0]:g} in every sample")
+    return replace(guess, channel="", reason=f"{guess.reason}, but {values[0]:g} in every sample", resting=True)
 
 
 def _by_behaviour(guesses: dict[str, ColumnGuess], values: Mapping[str, np.ndarray]) -> dict[str, ColumnGuess]:

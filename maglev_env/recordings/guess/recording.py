@@ -163,7 +163,8 @@ def _controllers(channels: Mapping[str, np.ndarray], rate: float | None) -> tupl
         for axis in ("_x", "_y")
     ]
     (of_x, said), (of_y, _) = each
-    if of_x and of_y and all(abs(of_x[n] - of_y[n]) <= _ALIKE * abs(of_x[n]) for n in of_x):
+    idle = {"ti"} if of_x and of_y and not (of_x["ki"] or of_y["ki"]) else set()  # of an integral that is not there
+    if of_x and of_y and all(abs(of_x[n] - of_y[n]) <= _ALIKE * abs(of_x[n]) for n in of_x.keys() - idle):
         return of_x, replace(said, reason=f"in x, and in y likewise: {said.reason}")
     if of_x and of_y:
         found = "; ".join(

@@ -29,6 +29,7 @@ _UNITS = {
     **{"sec": ("s", 1.0), "micron": ("m", 1e-6), "microns": ("m", 1e-6), "cm": ("m", 1e-2), "mils": ("m", 25.4e-6)},
     **{"rad/s": ("rad/s", 1.0), "rpm": ("rad/s", math.pi / 30), "1/min": ("rad/s", math.pi / 30)},
     **{"m/s": ("m/s", 1.0), "mm/s": ("m/s", 1e-3), "m/s2": ("m/s2", 1.0), "m/s^2": ("m/s2", 1.0)},
+    **{"millis": ("s", 1e-3), "micros": ("s", 1e-6)},  # what a microcontroller's clocks are called
     "g": ("m/s2", STANDARD_GRAVITY),
     **{"Hz": ("Hz", 1.0), "kHz": ("Hz", 1e3), "C": ("C", 1.0), "°C": ("C", 1.0), "%": ("%", 0.01)},
 }  # fmt: skip

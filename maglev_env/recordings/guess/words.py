@@ -18,7 +18,8 @@ _WORDS = {
     "error": "error err fehler regelabweichung abweichung deviation",
     "count": "index idx sample samples nr number count zaehler muestra",
     "temperature": "temp temperature temperatur temperatura",
-    "output": "output pwm duty stellgroesse stell stellsignal controller reglerausgang control salida mando commande",
+    "output": "output pwm duty stellgroesse stell stellsignal controller ctrl regler reglerausgang control salida "
+    "mando commande",
 }
 _LETTERS = {
     "time": "t ts",
@@ -33,12 +34,13 @@ _LETTERS = {
     "output": "u",
 }
 # What any quantity may be read by, so that it tells one only where no other word does: "i_probe" is a current clamp.
-_INSTRUMENTS = {"displacement": "probe"}
+# So is "dist", which may stand for a disturbance.
+_INSTRUMENTS = {"displacement": "probe hall sensor lvdt laser photodiode dist"}
 _WANTED = (
     "ref reference setpoint sp soll sollwert set desired des wanted target yd command cmd demand "
     "referencia consigna vorgabe fuehrungsgroesse kommando w r"
 )
-_DISTANCES = "gap airgap spalt luftspalt entrehierro entrefer distance distancia abstand"
+_DISTANCES = "gap airgap spalt luftspalt entrehierro entrefer distance dist distancia abstand"
 _ESTIMATED = "hat obs observer est estimate estimated estimado schaetz schaetzwert geschaetzt observador"
 _INJECTED = (
     "inj injection injected injektion dither exc excitation anregung stoerung stoergroesse disturbance perturbation "
@@ -106,13 +108,24 @@ def meaning(name: str, si: str = "") -> Meaning:
         words = []
     quantity, word, sure = _quantity(words, name)
     wanted, injected = _one_of(words, _WANTED, True), _one_of(words, _INJECTED, True)
+    if "dist" in words and si in ("A", "N"):
+        injected = "dist"
+    if quantity == "current":  # the current that a controller puts out is the one that it asks for
+        wanted = wanted or _one_of(words, _WORDS["output"], True)
+    if injected and quantity == "displacement" and word in (*_AXES, injected):
+        quantity, word = "", ""  # of "inj_x" the letter is the axis alone
     # Beside other words, as in "ref x" or "probe x", the letter is quantity and axis in one.
     axis = next((w for w in words if w in _AXES and (w != word or len(words) > 1)), "")
     estimated = _one_of(words, _ESTIMATED)
     if si == "A" and quantity in ("", "output", "displacement", "voltage") and not injected:
         quantity, wanted = "current", wanted or (word if quantity == "output" else "")
-    if si == "V" and quantity in ("", "output") and not injected:
-        quantity, wanted, estimated = "voltage", "", ""
+    if si == "V" and quantity in ("", "output", "velocity") and not injected:
+        # The volts of a probe, and a set point that is compared with them, are no voltage at the coil.
+        instrument = _one_of(words, _INSTRUMENTS["displacement"])
+        if instrument:
+            quantity, word = "displacement", instrument
+        elif quantity or not wanted:
+            quantity, wanted, estimated = "voltage", "", ""
     if not quantity and not injected and si:
         quantity = {"m": "displacement", "N": "force", "s": "time", "rad/s": "speed", "m/s": "velocity"}.get(si, "")
         word, sure = f"[{si}]", 0.6 if not wanted else 0.85

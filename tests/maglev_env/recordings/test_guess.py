@@ -88,6 +88,31 @@ def test_names_of_several_languages_and_laboratories(channel, name):
     assert meaning(*header_unit(name)[:1]).channel == channel
 
 
+@pytest.mark.parametrize(
+    ("header", "channel", "axis"),
+    [
+        ("u_hall_V", "displacement", ""),
+        ("Sensor [V]", "displacement", ""),
+        ("soll_V", "reference", ""),
+        ("u [V]", "voltage", ""),
+        ("i_hall [A]", "current", ""),
+        ("Hall dist [mm]", "displacement", ""),
+        ("dist [A]", "injection", ""),
+        ("dist_force", "force", ""),
+        ("i_ctrl", "command", ""),
+        ("Stellstrom", "command", ""),
+        ("coil current", "current", ""),
+        ("inj_x [A]", "injection", "x"),
+        ("exc_y [N]", "force", "y"),
+        ("probe_x", "displacement", "x"),
+    ],
+)
+def test_instruments_disturbances_and_axes(header, channel, axis):
+    name, unit = header_unit(header)
+    said = meaning(name, unit.si if unit else "")
+    assert (said.channel, said.axis) == (channel, axis)
+
+
 def test_a_unit_settles_what_a_name_leaves_open():
     assert meaning("u", "V").channel == "voltage" and meaning("u", "A").channel == "command"
     assert meaning("ref", "A").channel in ("command", "reference") and meaning("noise", "N").channel == "force"
@@ -165,6 +190,27 @@ def test_a_voltage_called_u_is_no_command():
 def test_a_length_without_unit_is_scaled_by_its_size_and_asked_for(size, scale):
     (y,) = columns(y=size * SLOW / np.abs(SLOW).max()).values()
     assert y.scale == scale and "unit" in y.ask
+
+
+def test_two_axes_without_an_integral_have_one_controller(tmp_path):
+    moved = {axis: 1e-5 * np.roll(SLOW, 37 * i) for i, axis in enumerate("xy")}
+    commands = {}
+    for axis, y in moved.items():
+        d = lfilter([1.0, -1.0], [1.0, -0.6], -y)
+        commands[f"i_cmd_{axis}"] = -6000.0 * y + 9000.0 * d
+    with h5py.File(tmp_path / "xy.hdf5", "w") as file:
+        group = file.create_group("acquisition")
+        group.attrs["sampling_frequency_hz"] = RATE
+        for name, values in ({f"pos_{a}": 1e6 * y for a, y in moved.items()} | commands).items():
+            group.create_dataset(name, data=values).attrs["units"] = "um" if name.startswith("pos") else "A"
+        for axis, values in (("x", 0.01 * RNG.standard_normal(N)), ("y", np.zeros(N))):
+            group.create_dataset(f"inj_{axis}", data=values).attrs["units"] = "A"
+            group[f"i_cmd_{axis}"][...] += values
+    found = guess_recording(tmp_path / "xy.hdf5")
+    assert found.rate.value == RATE and "sampling_frequency_hz" in found.rate.reason
+    assert found.gains is not None and found.gains["kp"] == pytest.approx(6000.0, rel=1e-3) and not found.gains["ki"]
+    assert found.channels["injection_x"].column == "acquisition.inj_x" and "injection_y" not in found.channels
+    assert found.excitation.value == "none" and "injection_x" in found.excitation.reason
 
 
 def test_rate_from_time_from_a_number_or_unknown():
@@ -314,6 +360,11 @@ def test_the_rate_of_a_jittering_clock_is_the_round_one_that_its_steps_allow():
     assert guess_rate(ticks, 1.0, {}).value == 49.0
     rounded = np.round(np.arange(1500) / 49.1, 3)  # a good clock whose stamps are rounded to ms
     assert guess_rate(rounded, 1.0, {}).value == pytest.approx(49.1, rel=1e-4)
+
+
+def test_clocks_of_a_microcontroller_have_their_unit():
+    found = columns(millis=np.arange(12345.0, 12345 + N), dist_mm=8 + SLOW, i_A=1 + 0.1 * SLOW)
+    assert (found["millis"].channel, found["millis"].scale) == ("time", 1e-3)
 
 
 def test_units_of_hdf5_attributes_are_read(tmp_path):

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from maglev_env.recordings.guess.agreed import agreed, like_most, without_motion
+from maglev_env.recordings.guess.agreed import agreed, like_most, one_rotor, without_motion
 from maglev_env.recordings.guess.recording import guess_recording
 from maglev_env.recordings.guess.verified import verified
 
@@ -85,3 +85,25 @@ def test_a_file_beside_others_in_which_nothing_moves_is_left_out(tmp_path):
     guesses = {name: guess_recording(tmp_path / name) for name in ("run.npz", "volts.npz")}
     assert list(without_motion(guesses)) == ["volts.npz"]
     assert not without_motion({"volts.npz": guesses["volts.npz"]})
+
+
+def test_the_injection_of_the_other_axis_is_found_in_each_file(tmp_path):
+    rng = np.random.default_rng(8)
+    for own in "xy":
+        columns = {f"pos_{axis}": 1e-5 * rng.normal(size=2000) for axis in "xy"}
+        columns |= {f"inj_{axis}": 0.1 * rng.normal(size=2000) * (axis == own) for axis in "xy"}
+        np.savez(tmp_path / f"{own}.npz", t=np.arange(2000) / 1000.0, **columns)
+    guesses = [guess_recording(tmp_path / f"{own}.npz") for own in "xy"]
+    assert like_most(guesses) == [None, None]
+    assert ["injection_y" in g.channels for g in guesses] == [False, True]
+
+
+def test_a_rotor_hangs_in_all_files_of_one_current(tmp_path):
+    rng = np.random.default_rng(9)
+    still = 6e-3 + 1e-5 * rng.normal(size=4000)
+    for name, current in (("hover.npz", 1.0 + 0.01 * rng.normal(size=4000)), ("hard.npz", rng.normal(size=4000))):
+        np.savez(tmp_path / name, t=np.arange(4000) / 1000.0, pos=still, i=current)
+    hover, hard = one_rotor([guess_recording(tmp_path / name) for name in ("hover.npz", "hard.npz")])
+    assert hover.rotor.value == hard.rotor.value == "suspended" and "as hover.npz shows it" in hard.rotor.reason
+    alone = guess_recording(tmp_path / "hard.npz")
+    assert one_rotor([alone])[0].rotor.value == "supported"
