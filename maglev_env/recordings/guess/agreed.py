@@ -9,6 +9,7 @@ from maglev_env.channels import MEASURED
 from maglev_env.recordings.guess.columns import NO_UNIT, ColumnGuess
 from maglev_env.recordings.guess.evidence import LIKELY
 from maglev_env.recordings.guess.recording import RecordingGuess, in_another_unit, other_way_round
+from maglev_env.recordings.guess.suspended import DIRECTION
 
 AGREED = frozenset(MEASURED) | {"reference", "injection", "voltage"}  # the clock is each file's own, and so is its unit
 
@@ -102,7 +103,24 @@ def agreed(guesses: Sequence[RecordingGuess]) -> list[RecordingGuess]:
         )
         known = other_way_round(known) if changed < 0 else known
         found.append(in_another_unit(known, abs(changed)) if abs(changed) != 1 else known)
-    return found
+    return [_perhaps_the_same_controller(guess, found) for guess in found]
+
+
+def _perhaps_the_same_controller(guess: RecordingGuess, others: Sequence[RecordingGuess]) -> RecordingGuess:
+    """The guess of a file whose command holds more than a controller makes, with the one that others show to ask for.
+
+    Of several the one under which most happened is shown, since rest tells a controller badly.
+    """
+    shown = [g for g in others if g.gains and _efforts(g) & _efforts(guess)]
+    if guess.gains or not shown or not {"displacement", "command"} <= guess.channels.keys():
+        return guess
+    best = min(shown, key=lambda g: g.excitation.value == "none")
+    gains = ", ".join(f"{name} = {value:.7g}" for name, value in best.gains.items())
+    ask = (
+        f"whether the controller is that of {best.file}; then gains = {{ {gains} }}, and what it does not make of the "
+        "command counts as added by somebody"
+    )
+    return replace(guess, controller=replace(guess.controller, ask=ask))
 
 
 def _telling(same: Sequence[tuple[str, ColumnGuess]]) -> tuple[str, float, str, str]:
@@ -117,7 +135,8 @@ def _as_told(column: ColumnGuess, larger: str, size: float, turned: str, asks: s
         reason = f"{column.reason}, but in the unit that the larger values of {larger} tell"
         column = replace(column, scale=copysign(size, column.scale), reason=reason)
     if turned and column.scale > 0:
-        asked = "; ".join(dict.fromkeys(filter(None, [*column.ask.split("; "), *asks.split("; ")])))
+        parts = [*column.ask.split("; "), *asks.split("; ")]
+        asked = "; ".join(dict.fromkeys(part for part in parts if part and part != DIRECTION))
         reason = f"{column.reason}; a distance from the magnet, as {turned} shows"
         column = replace(column, scale=-column.scale, reason=reason, ask=asked)
     return column

@@ -18,7 +18,7 @@ _FOLLOWS = 0.5  # least correlation of current and displacement that shows a dir
 _MEANS, _LEAST = (4, 16, 64), 40  # samples that are averaged before they are compared, and means that show anything
 _POSITIONS = ("displacement", "reference", "gap_estimate")
 TOTAL = "total = true, once the rig is named: this current includes the one that carries the weight"
-_DIRECTION = "scale < 0, if it is a distance that grows away from the magnet (nothing here shows it)"
+DIRECTION = "scale < 0, if it is a distance that grows away from the magnet (nothing here shows it)"
 _OFFSET = "offset = the gap in rig.toml (m), so that displacement is 0 there and positive towards the magnet"
 
 
@@ -51,7 +51,7 @@ def facing_the_magnet(guess: RecordingGuess, dataset: "xr.Dataset") -> Recording
     columns = tuple(
         _asking(c, TOTAL) if c.channel in ("current", "command")
         else _reversed(c, why) if c.channel in _POSITIONS and why
-        else _asking(c, _DIRECTION) if c.channel == "displacement" and asked
+        else _asking(c, DIRECTION) if c.channel == "displacement" and asked
         else c
         for c in guess.columns
     )  # fmt: skip

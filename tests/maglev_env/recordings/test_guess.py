@@ -374,3 +374,15 @@ def test_units_of_hdf5_attributes_are_read(tmp_path):
     found = guess_recording(tmp_path / "run.h5", rate=1000.0).channels
     assert found["displacement_x"].scale == 1e-6 and not found["displacement_x"].ask
     assert found["current_x"].column == "entry.coil_x"
+
+
+def test_a_peak_in_volts_is_not_stated_as_one_in_metres(tmp_path):
+    wanted = 1.5 + 0.05 * np.sin(2 * np.pi * 5 * T)
+    table = np.column_stack([T, wanted + 1e-3 * RNG.standard_normal(N), wanted, 1 + 0.1 * wanted])
+    for name, unit, stated in (("volts.csv", "V", False), ("mm.csv", "mm", True)):
+        header = f"t [s],pos [{unit}],ref [{unit}],i [A]"
+        np.savetxt(tmp_path / name, table, fmt="%.6f", delimiter=",", header=header, comments="")
+        found = guess_recording(tmp_path / name)
+        assert [e["kind"] for e in found.excitations] == ["multisine"]
+        assert ["amplitude" in e for e in found.excitations] == [stated]
+        assert ("scale in m per V" in found.channels["reference"].ask) != stated

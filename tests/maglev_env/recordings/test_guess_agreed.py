@@ -33,6 +33,9 @@ def test_a_direction_that_one_file_shows_holds_for_all(tmp_path):
     assert [g.channels["displacement"].scale for g in found] == [-1.0, -1.0]
     assert "as steps.npz shows" in found[0].channels["displacement"].reason
     assert "offset = the gap" in found[0].channels["displacement"].ask
+    assert (
+        "scale < 0" in hover.channels["displacement"].ask and "scale < 0" not in found[0].channels["displacement"].ask
+    )
 
 
 def test_a_controller_counts_in_the_direction_of_its_displacement(tmp_path):
@@ -107,3 +110,14 @@ def test_a_rotor_hangs_in_all_files_of_one_current(tmp_path):
     assert hover.rotor.value == hard.rotor.value == "suspended" and "as hover.npz shows it" in hard.rotor.reason
     alone = guess_recording(tmp_path / "hard.npz")
     assert one_rotor([alone])[0].rotor.value == "supported"
+
+
+def test_a_command_with_unstored_noise_is_asked_for_the_controller_of_another_file(tmp_path):
+    rng = np.random.default_rng(10)
+    for name, added in (("steps.npz", 0.0), ("noise.npz", 0.1)):
+        y = 1e-4 * np.cumsum(rng.normal(size=4000)) / 60
+        command = -150.0 * y + added * rng.normal(size=4000)
+        np.savez(tmp_path / name, t=np.arange(4000) / 1000.0, pos_m=y, i_cmd_A=command)
+    noise, steps = agreed([verified(guess_recording(tmp_path / n), tmp_path) for n in ("noise.npz", "steps.npz")])
+    assert steps.gains["kp"] == 150.0 and noise.gains is None
+    assert "that of steps.npz" in noise.controller.ask and "kp = 150" in noise.controller.ask
