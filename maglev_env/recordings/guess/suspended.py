@@ -35,16 +35,19 @@ def facing_the_magnet(guess: RecordingGuess, dataset: "xr.Dataset") -> Recording
         dataset: the file, read by it.
     """
     effort = next((name for name in ("current", "command", "voltage") if name in dataset), None)
-    hangs = guess.rotor.value == "suspended" and guess.rotor.confidence >= LIKELY
-    if "displacement" not in guess.channels or not hangs or effort is None:
+    if "displacement" not in guess.channels or guess.rotor.value != "suspended" or effort is None:
         return guess
     follows = _follows(dataset["displacement"].values, dataset[effort].values)
+    # A large excitation may turn the current round, which then shows a weight less clearly than a distance is told.
+    distance = is_distance(guess.channels["displacement"].label)
+    if guess.rotor.confidence < LIKELY and not (distance and follows > _FOLLOWS):
+        return guess
     why, asked = "", False
     if follows > _FOLLOWS:
         why = f"the {effort} rises with it (correlation {follows:.2f})"
     elif follows > -_FOLLOWS and guess.gains and guess.gains["kp"] < 0:
         why = "its controller's gain is negative, and yet it levitates"
-    elif follows > -_FOLLOWS and is_distance(guess.channels["displacement"].label):
+    elif follows > -_FOLLOWS and distance:
         why = "it is called so"
     else:
         asked = follows > -_FOLLOWS and not guess.gains

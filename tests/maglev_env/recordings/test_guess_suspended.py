@@ -89,3 +89,15 @@ def test_noise_does_not_hide_the_direction_and_what_nothing_shows_is_asked_for(t
     moved, still = (verified(guess_recording(tmp_path / name), tmp_path) for name in ("moved.csv", "still.csv"))
     assert moved.channels["displacement"].scale == -1e-3 and "offset = the gap" in moved.channels["displacement"].ask
     assert still.channels["displacement"].scale == 1e-3 and "scale < 0" in still.channels["displacement"].ask
+
+
+@pytest.mark.parametrize(("name", "scale"), [("gap [mm]", -1e-3), ("height [mm]", 1e-3)])
+def test_a_gap_is_turned_round_although_a_large_excitation_turns_the_current(tmp_path, name, scale):
+    rng = np.random.default_rng(7)
+    gap = 8 + 0.3 * np.sin(2 * np.pi * 5 * np.arange(4000) / 1000.0)
+    current = 0.6 + 0.9 * (gap - 8) + 1e-3 * rng.normal(size=4000)
+    current[:3] = -0.4  # as its controller was switched on
+    table = np.column_stack([np.arange(4000) / 1000.0, gap, current])
+    np.savetxt(tmp_path / "run.csv", table, fmt="%.5f", delimiter=",", header=f"t [s],{name},i [A]", comments="")
+    found = verified(guess_recording(tmp_path / "run.csv"), tmp_path)
+    assert found.rotor.confidence < 0.5 and found.channels["displacement"].scale == scale
