@@ -5,6 +5,8 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 _CELL = re.compile(r"\s*([A-Za-z_][^:=,;\t]*?)\s*[:=]\s*([+-]?\.?\d[^\s:=]*)\s*")
+_STAMP = re.compile(r"\s*(\d{1,2}:[0-5]\d:[0-5]\d(?:[.,]\d+)?)\s*->\s*(.*)", re.DOTALL)  # "14:55:33.123 -> gap:8.001"
+_TIME = "time"  # what the stamp of a serial monitor is called
 _SEPARATORS = "\t", ";", ",", " "
 _MOST = 0.5  # share of the last lines that are of this form, beside what else a program printed
 
@@ -41,6 +43,9 @@ def without_labels(lines: Iterator[tuple[int, str]], labels: Labels) -> Iterator
 
 
 def _pairs(line: str, separator: str) -> list[tuple[str, str]]:
-    """Name and number of every cell; empty where one is of another form."""
+    """Name and number of every cell, behind the time of day before them; empty where one is of another form."""
+    if stamp := _STAMP.fullmatch(line):
+        rest = _pairs(stamp[2], separator)
+        return [(_TIME, stamp[1]), *rest] if rest else []
     found = [_CELL.fullmatch(cell) for cell in line.strip().rstrip(separator).split(separator)]
     return [(cell[1], cell[2]) for cell in found if cell] if all(found) else []

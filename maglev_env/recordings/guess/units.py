@@ -31,6 +31,7 @@ _UNITS = {
     **{"m/s": ("m/s", 1.0), "mm/s": ("m/s", 1e-3), "m/s2": ("m/s2", 1.0), "m/s^2": ("m/s2", 1.0)},
     **{"millis": ("s", 1e-3), "micros": ("s", 1e-6)},  # what a microcontroller's clocks are called
     "g": ("m/s2", STANDARD_GRAVITY),
+    **{f"{p}{s}/s": ("Hz", f) for s in ("S", "Sa") for p, f in (("", 1.0), ("k", 1e3), ("M", 1e6))},
     **{"Hz": ("Hz", 1.0), "kHz": ("Hz", 1e3), "C": ("C", 1.0), "°C": ("C", 1.0), "%": ("%", 0.01)},
 }  # fmt: skip
 _FOLDED = {name.lower(): name for name in reversed(_UNITS) if name.lower() not in ("mn", "ma", "mv", "ms")}

@@ -38,7 +38,7 @@ _LETTERS = {
 _INSTRUMENTS = {"displacement": "probe hall sensor lvdt laser photodiode dist"}
 _WANTED = (
     "ref reference setpoint sp soll sollwert set desired des wanted target yd command cmd demand "
-    "referencia consigna vorgabe fuehrungsgroesse kommando w r"
+    "referencia consigna consigne vorgabe fuehrungsgroesse kommando w r"
 )
 _DISTANCES = "gap airgap spalt luftspalt entrehierro entrefer distance dist distancia abstand"
 _ESTIMATED = "hat obs observer est estimate estimated estimado schaetz schaetzwert geschaetzt observador"
@@ -70,11 +70,15 @@ class Meaning:
     word: str = ""
 
 
+def unaccented(name: str) -> str:
+    """A name without accents, its umlauts written out."""
+    name = re.sub("[äÄ]", "ae", re.sub("[öÖ]", "oe", re.sub("[üÜ]", "ue", name.replace("ß", "ss"))))
+    return unicodedata.normalize("NFKD", name).encode("ascii", "ignore").decode()
+
+
 def plain_words(name: str) -> list[str]:
     """The words of a name in small letters: without accents, split at signs, digits and changes to capitals."""
-    name = re.sub("[äÄ]", "ae", re.sub("[öÖ]", "oe", re.sub("[üÜ]", "ue", name.replace("ß", "ss"))))
-    name = unicodedata.normalize("NFKD", name).encode("ascii", "ignore").decode()
-    name = re.sub(r"([a-z])([A-Z])", r"\1 \2", name)
+    name = re.sub(r"([a-z])([A-Z])", r"\1 \2", unaccented(name))
     split = [w.removeprefix("lager") for w in re.split(r"[^a-z]+", name.lower())]  # the bearing's, not "Lage"
     return " ".join(_GLUED.sub(r"\1\3 \2\4", w) for w in split).split()
 

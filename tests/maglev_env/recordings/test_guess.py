@@ -74,7 +74,7 @@ NAMES = {
     "displacement": "y x1 pos gap Weg posicion Auslenkung displacement Luftspalt rotorPosition",
     "current": "i current Strom corriente i_coil Iststrom iMeas coil_current",
     "command": "i_ref iref_A command Sollstrom i_soll currentCommand u cmd Stellgröße",
-    "reference": "ref yd setpoint Sollwert y_ref r referencia w",
+    "reference": "ref yd setpoint Sollwert y_ref r referencia w Consigne",
     "force": "F force Kraft fuerza",
     "injection": "inj dither excitation Anregung i_inj Störgröße",
     "gap_estimate": "y_obs y_hat",

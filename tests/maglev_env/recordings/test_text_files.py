@@ -193,6 +193,9 @@ def test_times_of_day_are_seconds_also_past_midnight(tmp_path):
         ("fs;1000", 1e-3),
         ("sampling rate: 0.5 ms", 5e-4),
         ("Abtastzeit: 3 Takte", None),
+        ("Fréquence d'échantillonnage : 500 Hz", 2e-3),
+        ("Sample rate;2 kS/s", 5e-4),
+        ("magnetic ball, dt = 4 ms, gap = 8 mm", 4e-3),
     ],
 )
 def test_a_number_above_the_table_has_the_unit_behind_it(tmp_path, line, seconds):
@@ -210,6 +213,20 @@ def test_numbers_with_their_names_beside_them_are_a_table(tmp_path, separator):
     np.testing.assert_allclose(columns.column("gap"), 8 + 0.001 * np.arange(20))
     np.testing.assert_allclose(columns.column("cur"), -0.5 * np.arange(20))
     assert any("name beside it" in note for note in columns.notes) and any("cut off" in note for note in columns.notes)
+
+
+def test_what_stands_above_a_table_of_blanks_is_read_as_sentences(tmp_path):
+    (tmp_path / "x.dat").write_text("# magnetic ball, dt = 1 ms\n#  gap/mm  i/A\n" + rows("  "))
+    assert stated_step(read_columns(tmp_path / "x.dat").numbers)[0] == 1e-3
+
+
+def test_a_monitor_that_stamps_its_lines_gives_a_time(tmp_path):
+    lines = [f"14:59:5{i // 2}.{i % 2 * 5}00 -> gap={8 + 0.01 * i:.3f}, cur={i:d}\n" for i in range(18)]
+    (tmp_path / "x.txt").write_text("".join(lines))
+    columns = read_columns(tmp_path / "x.txt")
+    assert columns.names == ("time", "gap", "cur")
+    np.testing.assert_allclose(np.diff(columns.column("time")), 0.5)
+    np.testing.assert_allclose(columns.column("gap"), 8 + 0.01 * np.arange(18))
 
 
 def test_times_of_day_are_no_names(tmp_path):
