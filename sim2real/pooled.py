@@ -14,7 +14,15 @@ from scipy import stats
 from estimation.apparent_gain import ApparentGain
 from maglev_env.loop.effect import meaningful
 from maglev_env.rig.rig import Rig
-from sim2real.coefficients import UNITS, Coefficient, across_recordings, coefficients_of, misfit, nominal_coefficient
+from sim2real.coefficients import (
+    UNITS,
+    Coefficient,
+    across_recordings,
+    coefficients_of,
+    forced,
+    misfit,
+    nominal_coefficient,
+)
 from sim2real.compared.problem import Problem, assemble
 from sim2real.compared.simulated import tolerances, unseen_by_all
 from sim2real.gain_over_frequency import Mechanics, apparent_gain
@@ -101,7 +109,7 @@ def pooled(records: Sequence[Record | OpenRecord], progress: Callable[[str], Non
 def exact_mass(records: Sequence[Record | OpenRecord]) -> str | None:
     """A sentence where the scale of gain and stiffness rests on a mass of which no tolerance is stated, else None."""
     rig = records[0].nominal
-    if "mass" in rig.tolerance or any(np.any(r.driven.get("force", False)) for r in records):
+    if "mass" in rig.tolerance or forced(records):
         return None
     return (
         f"no force is recorded and [tolerance] states none of the mass, so {rig.mass:.4g} kg count as exact: with 1 % "
