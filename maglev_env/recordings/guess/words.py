@@ -35,7 +35,7 @@ _LETTERS = {
 }
 # What any quantity may be read by, so that it tells one only where no other word does: "i_probe" is a current clamp.
 # So is "dist", which may stand for a disturbance.
-_INSTRUMENTS = {"displacement": "probe hall sensor lvdt laser photodiode dist"}
+_INSTRUMENTS = {"displacement": "probe hall sensor sens lvdt laser photodiode dist"}
 _WANTED = (
     "ref reference setpoint sp soll sollwert set desired des wanted target yd command cmd demand "
     "referencia consigna consigne vorgabe fuehrungsgroesse kommando w r"
@@ -43,8 +43,8 @@ _WANTED = (
 _DISTANCES = "gap airgap spalt luftspalt entrehierro entrefer distance dist distancia abstand"
 _ESTIMATED = "hat obs observer est estimate estimated estimado schaetz schaetzwert geschaetzt observador"
 _INJECTED = (
-    "inj injection injected injektion dither exc excitation anregung stoerung stoergroesse disturbance perturbation "
-    "noise rauschen chirp sweep multisine prbs testsignal excitacion"
+    "inj injection injected injektion dither exc excitation anregung stoer stoerung stoergroesse disturbance "
+    "perturbation noise rauschen chirp sweep multisine prbs testsignal excitacion"
 )
 # A letter with a word or an axis: "iref", "iy".
 _GLUED = re.compile("^([iyxzhuf])(ref|soll|cmd|set|des|obs|hat|est|meas|mess|ist|act|inj)$|^([iuf])([xyz])$")

@@ -94,6 +94,8 @@ def test_names_of_several_languages_and_laboratories(channel, name):
         ("u_hall_V", "displacement", ""),
         ("Sensor [V]", "displacement", ""),
         ("soll_V", "reference", ""),
+        ("U_sens [mV]", "displacement", ""),
+        ("Stoer [mA]", "injection", ""),
         ("u [V]", "voltage", ""),
         ("i_hall [A]", "current", ""),
         ("Hall dist [mm]", "displacement", ""),
@@ -386,3 +388,18 @@ def test_a_peak_in_volts_is_not_stated_as_one_in_metres(tmp_path):
         assert [e["kind"] for e in found.excitations] == ["multisine"]
         assert ["amplitude" in e for e in found.excitations] == [stated]
         assert ("scale in m per V" in found.channels["reference"].ask) != stated
+
+
+def test_a_column_in_amperes_is_no_displacement_whatever_it_does():
+    found = columns(**{"t [s]": T, "foo [mA]": SLOW, "i_ref [A]": 1 + 0.1 * SLOW, "bar": 8 + RNG.standard_normal(N)})
+    assert found["bar"].channel == "displacement" and not found["foo [mA]"].channel and found["foo [mA]"].ask
+
+
+def test_a_wanted_current_beside_a_voltage_that_is_called_an_output_is_the_command():
+    i = 1 + 0.1 * SLOW
+    found = columns(
+        t=T, laser_mm=8 + SLOW, i_sp=i, i_fb=i + 1e-3 * RNG.standard_normal(N), u_pwm=5 * np.roll(SLOW, 40) + 9
+    )
+    assert {g.column: g.channel for g in found.values()} == {
+        "t": "time", "laser_mm": "displacement", "i_sp": "command", "i_fb": "current", "u_pwm": "voltage",
+    }  # fmt: skip
