@@ -179,15 +179,22 @@ class Problem:
         return Problem((alone,), *(c[at] for c in columns), self.outputs, self.nuisances.within(at))
 
     def again(self, near: Point, louder: float = 1.0) -> "Problem":
-        """The same lines, with the noise that a point leaves of records without a period, times a factor, and with the
-        errors of measured drives about their most probable amounts there."""
-        records, used = [p.record for p in self.parts], [p.used for p in self.parts]
+        """The same lines, with the noise that a point leaves of records without a period, times a factor."""
+        return self._again(near, louder, self.errors)
+
+    def about(self, near: Point) -> "Problem":
+        """As `again`, with the errors of measured drives about their most probable amounts at a point: the best basis
+        for a fit that begins there, but not for comparing hypotheses that lie elsewhere."""
         errors = self.errors
-        if any(exact_errors(r) for r in records if isinstance(r, OpenRecord)):
+        if any(exact_errors(p.record) for p in self.parts if isinstance(p.record, OpenRecord)):
             (predicted,) = self.simulate([near])
             if np.isfinite(predicted).all():
                 # A nuisance is what changes in the residual when an error is put right: an error is its negative.
                 errors = {name: -a for name, a in self.nuisances.amounts(self.data - predicted).items()}
+        return self._again(near, 1.0, errors)
+
+    def _again(self, near: Point, louder: float, errors: Mapping[str, float]) -> "Problem":
+        records, used = [p.record for p in self.parts], [p.used for p in self.parts]
         return assemble(records, used, near, self.static is not None, louder, self.bench, errors)
 
     def split(self, every: int) -> tuple["Problem", "Problem"]:
