@@ -259,6 +259,47 @@ def _smaller(a, b):
     return b if b < a else a
 
 
+@called
+def _band(f, y, sff, syy, sfy, w, begin, end, row, m, periods, out, o):
+    """Estimate one band, and write what `estimate` returns into out from o on."""
+    n = end - begin
+    pf = py = power = 0.0
+    pfy = 0j
+    for i in range(begin, end):
+        pf += sff[i]
+        py += syy[i]
+        pfy += sfy[i]
+        size = abs(y[i])
+        power += size * size
+    pf, py, pfy = pf / n, py / n, complex(pfy.real / n, pfy.imag / n)
+    # Two starting points: the moment estimator corrected for noise, and the dissertation's least squares.
+    best = _INFINITE
+    k = c = hkk = hkc = hcc = 0.0
+    for start in range(2):
+        noise = py if start == 0 else 0.0
+        nk = dk = nc = dc = 0.0
+        for i in range(begin, end):
+            wi, size = w[i - row], abs(y[i])
+            fy = f[i] * y[i].conjugate() - (pfy if start == 0 else 0j)
+            p = size * size - noise
+            nk += fy.real + m * (wi * wi) * p
+            dk += p
+            nc += wi * fy.imag
+            dc += wi * wi * p
+        if dk <= 0.0 or dc <= 0.0:
+            continue
+        k1, c1, cost, h1, h2, h3 = _minimise(
+            f, y, pf, py, pfy, w, begin, end, row, m, nk / dk, nc / dc, True, True, _FINE
+        )
+        if cost < best:
+            best, k, c, hkk, hkc, hcc = cost, k1, c1, h1, h2, h3
+    out[o], out[o + 1], out[o + 8], out[o + 9] = k, c, best, _smaller(n * py / power, 1.0)
+    _sandwich(f, y, sff, syy, sfy, pf, py, pfy, w, begin, end, row, m, k, c, periods, hkk, hkc, hcc, out, o)
+    out[o + 12], out[o + 13] = -hkc / hcc, -hkc / hkk
+    out[o + 14], out[o + 15], out[o + 16], out[o + 17], out[o + 18] = pf, py, pfy.real, pfy.imag, power
+
+
+# A kernel calls the search by way of another part: directly, it would be compiled once more for each of them.
 @cache
 def _estimate() -> Callable[..., None]:
     sources = 0  # see `compiled`
@@ -267,51 +308,12 @@ def _estimate() -> Callable[..., None]:
         if sources == 0:
             return
         bands = slices.size // 2
-        every = mass.size > 0  # not a constant, because the search would be compiled a second time for that
         for lane in range(mass.size):
             m, row = mass[lane], lane * w.size
             for band in range(bands):
-                begin, end = row + slices[2 * band], row + slices[2 * band + 1]
-                if not isfinite(disp[begin].real):
-                    continue
-                n = end - begin
-                pf = py = power = 0.0
-                pfy = 0j
-                for i in range(begin, end):
-                    pf += sff[i]
-                    py += syy[i]
-                    pfy += sfy[i]
-                    size = abs(disp[i])
-                    power += size * size
-                pf, py, pfy = pf / n, py / n, complex(pfy.real / n, pfy.imag / n)
-                # Two starting points: the moment estimator corrected for noise, and the dissertation's least squares.
-                best = _INFINITE
-                k = c = hkk = hkc = hcc = 0.0
-                for start in range(2):
-                    noise = py if start == 0 else 0.0
-                    nk = dk = nc = dc = 0.0
-                    for i in range(begin, end):
-                        wi, size = w[i - row], abs(disp[i])
-                        fy = force[i] * disp[i].conjugate() - (pfy if start == 0 else 0j)
-                        p = size * size - noise
-                        nk += fy.real + m * (wi * wi) * p
-                        dk += p
-                        nc += wi * fy.imag
-                        dc += wi * wi * p
-                    if dk <= 0.0 or dc <= 0.0:
-                        continue
-                    k1, c1, cost, h1, h2, h3 = _minimise(
-                        force, disp, pf, py, pfy, w, begin, end, row, m, nk / dk, nc / dc, every, every, _FINE
-                    )
-                    if cost < best:
-                        best, k, c, hkk, hkc, hcc = cost, k1, c1, h1, h2, h3
-                o = (lane * bands + band) * FOUND
-                out[o], out[o + 1], out[o + 8], out[o + 9] = k, c, best, _smaller(n * py / power, 1.0)
-                _sandwich(
-                    force, disp, sff, syy, sfy, pf, py, pfy, w, begin, end, row, m, k, c, periods, hkk, hkc, hcc, out, o
-                )
-                out[o + 12], out[o + 13] = -hkc / hcc, -hkc / hkk
-                out[o + 14], out[o + 15], out[o + 16], out[o + 17], out[o + 18] = pf, py, pfy.real, pfy.imag, power
+                begin, end, o = row + slices[2 * band], row + slices[2 * band + 1], (lane * bands + band) * FOUND
+                if isfinite(disp[begin].real):
+                    _band(force, disp, sff, syy, sfy, w, begin, end, row, m, periods, out, o)
 
     return compiled(estimate, fast=False)
 
