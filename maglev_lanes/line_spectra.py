@@ -124,10 +124,10 @@ def gather(z, column, whole, lines, at, mirrored, found, lanes):
     for n in range(lines.size):
         t, k = column * lines[n] % (whole.size // 2), lines[n]
         c, s, late_c, late_s = whole[2 * t], whole[2 * t + 1], whole[2 * k], whole[2 * k + 1]
-        # (c + j s) times 0.5 (1 + late_s - j late_c), of Z, and times 0.5 (1 - late_s + j late_c), of Z~.
-        re, less, half_c = 0.5 + 0.5 * late_s, 0.5 - 0.5 * late_s, 0.5 * late_c
-        ux, uy, vx, vy = c * re + s * half_c, s * re - c * half_c, c * less - s * half_c, s * less + c * half_c
+        own = complex(c, s) * complex(0.5 + 0.5 * late_s, -0.5 * late_c)
+        other = complex(c, s) * complex(0.5 - 0.5 * late_s, 0.5 * late_c)
         p, q, o = np.uint64(at[n] * SIZE), np.uint64(mirrored[n] * SIZE), np.uint64(n * SIZE)
+        ux, uy, vx, vy = own.real, own.imag, other.real, other.imag
         for i in range(np.uint64(lanes)):
             zx, zy, mx, my = z[p + i], z[p + im + i], z[q + i], z[q + im + i]
             found[o + i] += ux * zx - uy * zy + vx * mx + vy * my
