@@ -1,6 +1,6 @@
 """Coefficients of a rig that a fit of recordings identifies, with what their intervals must hold."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -12,6 +12,8 @@ from maglev_env.rig.rig import Rig
 from sim2real.compared.problem import Problem
 from sim2real.judgement.nonstationary import widening
 from sim2real.recorded.at_rest.static_evidence import can_rest, of_weight
+from sim2real.recorded.open_record import OpenRecord
+from sim2real.recorded.records import Record
 from sim2real.search.fitting import CONVERGED, Fit
 
 # What is identified, each as an effect of this name, and its unit.
@@ -28,6 +30,9 @@ SIGNIFICANT = 3.0  # standard deviations of the misfit under noise alone
 # A fit that tells the actuator's gain to no more than WEAK of it may as well have found a resonance of the noise: of
 # what it gains on the nominal rig, CHANCE is what the best of all such resonances gains.
 WEAK, CHANCE = 0.1, 16.0
+# So may one from which the cost rises more slowly to another point than its curvature claims: by this factor in
+# standard errors.
+BENT = 1.5
 
 
 @dataclass(frozen=True)
@@ -86,6 +91,23 @@ def least_spread(fit: Fit, other: Fit, chance: float = 0.0) -> np.ndarray:
     return np.abs(fit.u - other.u) / np.sqrt(max(other.cost - fit.cost - chance, 0.0) + CONVERGED)
 
 
+def standard_errors(by_curvature: np.ndarray, fit: Fit, others: Sequence[Fit], chance: float = 0.0) -> np.ndarray:
+    """Standard errors (size,) by the curvature at a fit, and no less than other points allow.
+
+    Args:
+        by_curvature: standard errors (size,).
+        fit: the optimum.
+        others: points of the same coordinates.
+        chance: what the fit may gain by chance; CHANCE at least on points along which the cost is no parabola.
+    """
+    least = [by_curvature]
+    for other in others:
+        spread = least_spread(fit, other, chance)
+        bent = (spread > BENT * by_curvature).any()
+        least.append(least_spread(fit, other, max(chance, CHANCE)) if bent else spread)
+    return np.maximum.reduce(least)
+
+
 def misfit(fit: Fit) -> float:
     return float(np.mean(abs(fit.residual) ** 2) / 2)
 
@@ -105,10 +127,8 @@ def coefficients_of(rig: Rig, problem: Problem, fit: Fit, others: Sequence[Fit])
     h, lack = fit.hypothesis, misfit(fit)
     factor = np.sqrt(lack) if lack > 1 + SIGNIFICANT / np.sqrt(fit.residual.size) else 1.0
     by_curvature = np.sqrt(np.diag(fit.covariance()))
-    sd, by_chance = (
-        np.maximum.reduce([by_curvature, *(least_spread(fit, other, chance) for other in others)])
-        for chance in (0.0, CHANCE)
-    )
+    sd = standard_errors(by_curvature, fit, others)
+    by_chance = standard_errors(by_curvature, fit, others, CHANCE)
     if any(c.effect == "actuator_gain" and s * c.scale > WEAK for c, s in zip(h.coordinates, by_chance, strict=False)):
         sd = by_chance
     sd = sd * np.maximum(widening(problem, fit), factor)
@@ -133,9 +153,15 @@ def coefficients_of(rig: Rig, problem: Problem, fit: Fit, others: Sequence[Fit])
         ended = c.value(float(u)) in (c.low, c.high) and c.low < 0
         found.append(Coefficient(c.effect, UNITS[c.effect], value, se, nominal, bounded, ended))
     if any(c.name == "actuator_gain" and not c.bounded for c in found):
-        # Of a force of unknown size nobody can say how late it comes.
-        found = [replace(c, bounded=False) if c.name == "delay" else c for c in found]
+        # Of a force of unknown size nobody can say how late it comes, nor how much of it a damping takes.
+        lost = {"delay"} if forced(part.record for part in problem.parts) else {"delay", "damping"}
+        found = [replace(c, bounded=False) if c.name in lost else c for c in found]
     return tuple(found)
+
+
+def forced(records: Iterable[Record | OpenRecord]) -> bool:
+    """Whether a measured force moves the rotor in any recording."""
+    return any(np.any(r.driven.get("force", False)) for r in records)
 
 
 def nominal_coefficient(rig: Rig, name: str) -> float:

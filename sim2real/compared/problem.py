@@ -1,7 +1,7 @@
 """The campaign as one least-squares problem: whitened residuals of every recording, output, axis and line."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -96,6 +96,8 @@ class Problem:
         nuisances: What is not known of the measurement.
         static: What the means of a mass at rest say; its rows come last.
         bench: Noise that recordings without a period may have at most.
+        errors: Name -> amount, in standard deviations, of errors of a measured drive about which the problem is
+            linearised; 0 of the others.
     """
 
     parts: tuple[Part, ...]
@@ -109,6 +111,7 @@ class Problem:
     nuisances: Nuisances
     static: StaticEstimate | None = None
     bench: BenchNoise = NO_BOUND
+    errors: Mapping[str, float] = field(default_factory=dict)
 
     @cached_property
     def data(self) -> np.ndarray:
@@ -177,8 +180,22 @@ class Problem:
 
     def again(self, near: Point, louder: float = 1.0) -> "Problem":
         """The same lines, with the noise that a point leaves of records without a period, times a factor."""
+        return self._again(near, louder, self.errors)
+
+    def about(self, near: Point) -> "Problem":
+        """As `again`, with the errors of measured drives about their most probable amounts at a point: the best basis
+        for a fit that begins there, but not for comparing hypotheses that lie elsewhere."""
+        errors = self.errors
+        if any(exact_errors(p.record) for p in self.parts if isinstance(p.record, OpenRecord)):
+            (predicted,) = self.simulate([near])
+            if np.isfinite(predicted).all():
+                # A nuisance is what changes in the residual when an error is put right: an error is its negative.
+                errors = {name: -a for name, a in self.nuisances.amounts(self.data - predicted).items()}
+        return self._again(near, 1.0, errors)
+
+    def _again(self, near: Point, louder: float, errors: Mapping[str, float]) -> "Problem":
         records, used = [p.record for p in self.parts], [p.used for p in self.parts]
-        return assemble(records, used, near, self.static is not None, louder, self.bench)
+        return assemble(records, used, near, self.static is not None, louder, self.bench, errors)
 
     def split(self, every: int) -> tuple["Problem", "Problem"]:
         """Two problems: one without every n-th excited line, and one of those lines alone."""
@@ -204,13 +221,21 @@ class _Evidence:
     nuisances: Mapping[str, np.ndarray]
 
 
-def _evidence(record: Record | OpenRecord, near: Point) -> _Evidence:
+def _evidence(record: Record | OpenRecord, near: Point, amounts: Mapping[str, float]) -> _Evidence:
+    """What a record says, compared with a point; the errors of a measured drive are linearised about their amounts.
+
+    The errors act in proportion on the drive, but their product with a coefficient does not: a current that is late by
+    half a sample hides what the gain does unless the simulation has it, too.
+    """
     if not isinstance(record, OpenRecord):
         opened = opened_loop(record)
         current = record.mean("current") if "current" in record.periods else None
         measured = opened.residuals(record.mean("displacement"), current)
         nuisances = changes(record.errors, record.frequency, opened.outputs, opened.parts(record))
         return _Evidence(opened, predictor(record, opened), measured, noise_of(record, opened), nuisances)
+    measured_drive = exact_errors(record)
+    about = {e: amounts[e.name] for e in measured_drive if e.name in amounts}
+    as_read, record = record, redriven(record, about)
     loop = nominal_loop(record)
     opened = opened_of(loop)
     predicts = Predictor(record, opened, 0, Replay(record, loop, opened.outputs))
@@ -221,15 +246,15 @@ def _evidence(record: Record | OpenRecord, near: Point) -> _Evidence:
     if np.isfinite(predicted).all():
         at = coordinates_of(record, loop, opened.outputs, predicted)
         if record.errors:
-            again = exact_errors(record)
-            others = tuple(e for e in record.errors if e not in again)
+            others = tuple(e for e in record.errors if e not in measured_drive)
             lines = changes(others, record.windows.frequency, opened.outputs, parts_of(record, loop, predicted))
             nuisances |= {name: record.windows.project(c).reshape(measured.shape) for name, c in lines.items()}
-            for error in again:
-                moved = redriven(record, error)
+            for error in measured_drive:
+                moved = redriven(as_read, {**about, error: about.get(error, 0.0) + SMALL})
                 series = simulated_series(moved, lanes)[0]
                 change = at - coordinates_of(moved, loop, opened.outputs, series)
                 nuisances[error.name] = np.where(np.isfinite(series).all(), change / SMALL, 0.0)
+                measured = measured - about.get(error, 0.0) * nuisances[error.name]
         if shows_shape(record):
             shapes = law_shapes(record.nominal, near)
             moved = predicts(list(shapes.values()))
@@ -237,10 +262,11 @@ def _evidence(record: Record | OpenRecord, near: Point) -> _Evidence:
     for tone in record.tones:
         nuisances |= nuisance_columns(record, tone, opened.outputs)
     if record.bias is not None:
+        measured[opened.outputs.index("plant")] -= record.bias
+    for source, size in record.unsure.items():
         fed = np.zeros_like(measured)
-        fed[opened.outputs.index("plant")] = record.bias
-        measured = measured - fed
-        nuisances[f"noise in the drive of {record.name}"] = record.unsure * fed
+        fed[opened.outputs.index("plant")] = size
+        nuisances[source] = fed
     return _Evidence(opened, predicts, measured, noise, nuisances)
 
 
@@ -273,6 +299,7 @@ def assemble(
     rest: bool = True,
     louder: float = 1.0,
     bench: BenchNoise = NO_BOUND,
+    errors: Mapping[str, float] | None = None,
 ) -> Problem:
     """Stack records into one problem.
 
@@ -283,7 +310,9 @@ def assemble(
         rest: Whether the means of a mass at rest are used.
         louder: Factor on the noise of records without a period.
         bench: Noise that these may have at most; what is beyond is no noise.
+        errors: Name -> amount of errors of measured drives about which they are linearised; 0 by default.
     """
+    errors = errors or {}
     parts, nuisances, at = [], [], 0
     names = ("plant", "amplifier")
     columns: dict[str, list[np.ndarray]] = {
@@ -291,7 +320,7 @@ def assemble(
     }
     for i, record in enumerate(records):
         used = informative(record) if lines is None else lines[i]
-        evidence = _evidence(record, near or Point({}, {}))
+        evidence = _evidence(record, near or Point({}, {}), errors)
         unsure_of_all = isinstance(record, OpenRecord) and shows_shape(record)
         form = {} if unsure_of_all else stiffness_nuisance(record.nominal, evidence.predictor)
         unsure = {**evidence.nuisances, **form}
@@ -332,4 +361,6 @@ def assemble(
             columns[key].append(np.full(rows, value))
         found = Nuisances(found.names, np.pad(found.columns, ((0, 0), (0, rows))))
     columns_of = {key: np.concatenate(value) for key, value in columns.items()}
-    return Problem(tuple(parts), outputs=names, nuisances=found, static=static, bench=bench, **columns_of)
+    return Problem(
+        tuple(parts), outputs=names, nuisances=found, static=static, bench=bench, errors=errors, **columns_of
+    )

@@ -49,6 +49,14 @@ class Nuisances:
                 parts[..., at : at + AT_ONCE] -= known @ directions[:, at : at + AT_ONCE]
         return whitened
 
+    def amounts(self, cleared: np.ndarray) -> dict[str, float]:
+        """The most probable amount of each nuisance, in standard deviations, in a residual (K,) after the map."""
+        if not self.names:
+            return {}
+        u, s, directions = np.linalg.svd(_parts(self.columns), full_matrices=False)
+        found = u @ (s / np.sqrt(1 + s**2) * (directions @ _parts(cleared)))
+        return dict(zip(self.names, map(float, found), strict=True))
+
     def within(self, place: slice) -> "Nuisances":
         """The nuisances of a part of the data."""
         return Nuisances(self.names, self.columns[:, place])

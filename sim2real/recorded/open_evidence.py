@@ -1,6 +1,6 @@
 """What an open record says and what a hypothesis predicts of it, as coordinates of the opened loop with their noise."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 
 import numpy as np
@@ -112,17 +112,20 @@ def exact_errors(record: OpenRecord) -> list[ChannelError]:
     return [e for e in record.errors if e.channel == record.source] if record.instrument is not None else []
 
 
-def redriven(record: OpenRecord, error: ChannelError) -> OpenRecord:
-    """A record that a measured current or command drives, as if SMALL of an error of that channel were put right."""
-    own = record.command[error.axis]
-    n = own.size
+def redriven(record: OpenRecord, amounts: Mapping[ChannelError, float]) -> OpenRecord:
+    """A record that a measured current or command drives, as if errors of that channel were put right, each in this
+    amount of its standard deviation; what its readings contribute to the command stays as it is."""
+    command, current, added = record.command.copy(), record.waves["current"].copy(), record.added.copy()
+    n = command.shape[1]
     frequency = np.fft.rfftfreq(2 * n, 1 / record.windows.sample_rate)
-    whole = np.concatenate([own, own[::-1]])  # continuous at both ends
-    change = np.asarray(scipy.fft.irfft(scipy.fft.rfft(whole) * (SMALL * error.factor(frequency)), 2 * n))[:n]
-    current, added = record.waves["current"].copy(), record.added.copy()
-    current[error.axis] += np.interp(np.arange(n * record.every) / record.every, np.arange(n), change)
-    added[error.axis] += change
-    return replace(record, waves={**record.waves, "current": current}, added=added)
+    for error, amount in amounts.items():
+        own = record.command[error.axis]
+        whole = np.concatenate([own, own[::-1]])  # continuous at both ends
+        change = np.asarray(scipy.fft.irfft(scipy.fft.rfft(whole) * (amount * error.factor(frequency)), 2 * n))[:n]
+        current[error.axis] += np.interp(np.arange(n * record.every) / record.every, np.arange(n), change)
+        added[error.axis] += change
+        command[error.axis] += change
+    return replace(record, command=command, waves={**record.waves, "current": current}, added=added)
 
 
 def open_noise(record: OpenRecord, loop: Loop, outputs: Sequence[str], predicted: np.ndarray | None) -> np.ndarray:

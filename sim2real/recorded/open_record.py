@@ -9,7 +9,7 @@ with the transient projected out (`estimation.lines.line_windows`). Data and sim
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -58,7 +58,7 @@ class OpenRecord:
         source: channel from which the injection follows, "command" or "current"; None: none.
         rests: what its means say of a suspended mass; None: nothing.
         bias: (axes, n), what noise in the drive may add to the opened displacement; None: nothing.
-        unsure: share of the bias that is its standard deviation.
+        unsure: name -> (axes, n), standard deviations of that bias; one of the same name is the same in all recordings.
         told: (n,) whether a coordinate is compared; None: all are.
         instrument: (inputs, windows, WIDTH), spectra of reference and injection, in whose direction alone is compared;
             None: in all directions.
@@ -85,7 +85,7 @@ class OpenRecord:
     source: str | None = None
     rests: Rests | None = None
     bias: np.ndarray | None = None
-    unsure: float = 0.0
+    unsure: Mapping[str, np.ndarray] = field(default_factory=dict)
     told: np.ndarray | None = None
     instrument: np.ndarray | None = None
     tones: tuple[Tone, ...] = ()

@@ -17,14 +17,15 @@ STEPS = 8  # of a fit along the valley
 
 
 def held_at_nominal(problem: Problem, fit: Fit) -> list[Fit]:
-    """Points at which one coefficient is nominal and all others fit as well as they can, for each coefficient that lies
-    far from there and has wide standard errors or changed a lot."""
+    """Points at which one coordinate is nominal and all others fit as well as they can, for each coordinate that lies
+    far from there; one that changes a parameter in proportion must have wide standard errors too, or have changed a
+    lot."""
     h, covariance, found = fit.hypothesis, fit.covariance(), []
     for i, c in enumerate(h.coordinates):
         sd = float(np.sqrt(covariance[i, i]))
-        if c.parameter != "change" or c.scale is None or abs(fit.u[i]) < FAR * sd:
+        if c.scale is None or abs(fit.u[i]) < FAR * sd:
             continue
-        if sd * c.scale < WIDE and abs(fit.u[i]) * c.scale < BEYOND:
+        if c.parameter == "change" and sd * c.scale < WIDE and abs(fit.u[i]) * c.scale < BEYOND:
             continue
         others = h.instead(*(name for name in h.effects if name != c.effect))
         start = np.delete(fit.u - covariance[:, i] / covariance[i, i] * fit.u[i], i)

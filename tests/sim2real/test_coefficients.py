@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from sim2real.coefficients import Coefficient, across_recordings, least_spread
+from sim2real.coefficients import CHANCE, Coefficient, across_recordings, least_spread, standard_errors
 from sim2real.search.fitting import Fit, cost_of
 from sim2real.search.hypotheses import Hypothesis
 
@@ -48,3 +48,18 @@ def test_an_interval_excludes_a_point_no_more_than_the_likelihood_does(power):
 def test_an_interval_of_a_time_begins_at_zero():
     delay = Coefficient("delay", "s", 2e-6, 3e-6, 0.0, True)
     assert delay.interval[0] == 0.0 and delay.interval[1] == pytest.approx(2e-6 + 1.96 * 3e-6, rel=1e-3)
+
+
+def test_a_peak_that_another_point_does_not_bear_out_may_be_one_of_noise():
+    """From a parabola the least spread is that of its curvature; where the cost rises less, chance is taken off."""
+    h = Hypothesis(("damping",), {})
+    curvature = np.array([0.1])
+
+    def spread(rise):
+        fit, other = (Fit(h, np.array([u]), np.zeros(1, complex), cost) for u, cost in ((1.0, 0.0), (0.0, rise)))
+        return float(standard_errors(curvature, fit, [other])[0])
+
+    assert spread(100.0) == pytest.approx(0.1)  # (1 / 0.1)^2
+    assert spread(60.0) == pytest.approx(60.3**-0.5)
+    assert spread(24.0) == pytest.approx((24.0 - CHANCE + 0.3) ** -0.5)
+    assert spread(9.0) > 1

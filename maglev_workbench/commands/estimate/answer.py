@@ -137,7 +137,7 @@ def _of_all(found: Pooled) -> str:
         (AT_BOUND, [c for c in found.coefficients if c.bounded and c.at_limit]),
     ):
         names = ", ".join(c.name.replace("_", " ") for c in those)
-        text += f"; {why}: {names}" if those and (parts or rest or why == AT_BOUND) else ""
+        text += f"; {why}: {names}" if those and (parts or why == AT_BOUND) else ""
     apart = ["rest and motion contradict each other"] if found.contradictions else []
     if found.disagreements:
         apart.append("the recordings disagree")

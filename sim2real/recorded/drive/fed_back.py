@@ -63,7 +63,10 @@ def fed_back(record: OpenRecord, driving: np.ndarray, between: np.ndarray) -> Op
     true = between * true / (1 + between * true * plant)
     bias = floor[:, None, None] * np.conj(back - true) / np.maximum(power, 1e-300)[..., None] * simulated
     found = record.windows.project(bias)
-    return replace(record, told=np.repeat(told, KEPT), bias=found.reshape(*found.shape[:-2], -1), unsure=UNSURE)
+    found = found.reshape(*found.shape[:-2], -1)
+    return replace(
+        record, told=np.repeat(told, KEPT), bias=found, unsure={f"noise in the drive of {record.name}": UNSURE * found}
+    )
 
 
 def _together(told: np.ndarray) -> np.ndarray:

@@ -11,6 +11,10 @@ reading tells.
 
 The meter's own noise is in the innovation and in the drive. What it pretends is taken off, and an innovation that is
 little more than that noise is no instrument.
+
+A log that is not what the controller read has noise of its own. The regression takes it into the innovation, while the
+current is free of it. Which share of the reading's noise the controller saw is not stated, so half of what all of it
+would pretend is taken off, and all of it remains as a standard deviation.
 """
 
 from collections.abc import Mapping
@@ -30,6 +34,9 @@ TAPS = 24  # past samples of the regression
 ROWS_PER_TAP = 20  # samples for each of them, at least
 LOUD = 5.0  # power of an innovation over that of the meter's noise, from which it is an instrument
 FLOOR = (0.40, 0.49)  # of the sample rate: where the current is taken to be noise alone if no noise is stated
+# Share of the reading's noise that the controller did not see, and its standard deviation: so wide that the record says
+# by itself whether that is nothing or all.
+OWN, OWN_SPREAD = 0.5, 1.0
 UNSURE = 1.0  # share of the meter's bias that remains as a standard deviation: its noise is stated, not measured
 CLEAR = 4.0  # standard errors by which the latest reading must show in the current to count as used
 
@@ -46,18 +53,27 @@ def along_innovations(record: OpenRecord, channels: Mapping[str, np.ndarray], to
     taps = min(TAPS, drive.shape[1] // (ROWS_PER_TAP * 2 * len(drive)))
     if not taps:
         return None
-    found, past = innovations(drive, reading, taps, record.source == "command" or _late(record, drive, reading, taps))
-    if record.source == "command":
-        return compared_along(record, found, top)
+    latest = record.source == "command" or _late(record, drive, reading, taps)
+    found, past, answer = innovations(drive, reading, taps, latest)
     noise = record.nominal.noise.current**2 or _floor(drive)
-    if not (np.mean(found**2, axis=1) > LOUD * noise).all():
+    if record.source == "current" and not (np.mean(found**2, axis=1) > LOUD * noise).all():
         return None
     along = compared_along(record, found, top)
-    return along and replace(along, bias=_of_meter(along, found, past, noise), unsure=UNSURE)
+    if along is None:
+        return None
+    of_log = _of_log(along, found, answer, reading, latest)
+    bias, unsure = OWN * of_log, {"own noise of the logged displacement": OWN_SPREAD * of_log}
+    if record.source == "current":
+        of_meter = _of_meter(along, found, past, noise)
+        bias, unsure = bias + of_meter, {**unsure, f"noise in the drive of {record.name}": UNSURE * of_meter}
+    return replace(along, bias=bias, unsure=unsure)
 
 
-def innovations(drive: np.ndarray, reading: np.ndarray, taps: int, latest: bool) -> tuple[np.ndarray, np.ndarray]:
-    """Innovations (axes, samples) of a drive, zero at first; and the weights (axes, taps) of its own past.
+def innovations(
+    drive: np.ndarray, reading: np.ndarray, taps: int, latest: bool
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Innovations (axes, samples) of a drive, zero at first; and the weights (axes, ages) of its own past and of the
+    readings of its axis.
 
     Args:
         drive: (axes, samples), A.
@@ -68,8 +84,13 @@ def innovations(drive: np.ndarray, reading: np.ndarray, taps: int, latest: bool)
     own = _past(drive, taps, 1)
     columns = np.concatenate([own, _past(reading, taps, 0 if latest else 1)])
     found, weights = _left(drive, columns, taps)
-    axes = len(drive)
-    return found, np.array([weights[axis, axis * taps : (axis + 1) * taps] for axis in range(axes)])
+    axes, ages = len(drive), taps + latest
+    own, answer = weights[:, : axes * taps], weights[:, axes * taps :]
+    return (
+        found,
+        np.array([own[axis, axis * taps : (axis + 1) * taps] for axis in range(axes)]),
+        np.array([answer[axis, axis * ages : (axis + 1) * ages] for axis in range(axes)]),
+    )
 
 
 def _past(series: np.ndarray, taps: int, first: int) -> np.ndarray:
@@ -94,7 +115,7 @@ def _late(record: OpenRecord, drive: np.ndarray, reading: np.ndarray, taps: int)
     A controller that holds the rotor answers to what is new in a reading with the opposite sign; a current that was
     read together with it can move the rotor only in its own direction.
     """
-    new, _ = innovations(drive, reading, taps, False)
+    new, *_ = innovations(drive, reading, taps, False)
     columns = np.concatenate([_past(drive, taps, 1), _past(reading, taps, 1)])
     seen, _ = _left(reading, columns, taps)
     for axis, (e, v) in enumerate(zip(new[:, taps:], seen[:, taps:], strict=True)):
@@ -105,24 +126,43 @@ def _late(record: OpenRecord, drive: np.ndarray, reading: np.ndarray, taps: int)
     return False
 
 
-def _floor(drive: np.ndarray) -> float:
-    """Mean square (A^2) of white noise that explains a current (axes, samples) at its highest frequencies."""
-    samples = drive.shape[1]
+def _floor(series: np.ndarray) -> float:
+    """Mean square of white noise that explains series (axes, samples) at their highest frequencies."""
+    samples = series.shape[1]
     lines = slice(*(int(share * samples) for share in FLOOR))
-    spectrum = np.asarray(scipy.fft.rfft(drive - drive.mean(axis=1, keepdims=True)))[:, lines]
+    spectrum = np.asarray(scipy.fft.rfft(series - series.mean(axis=1, keepdims=True)))[:, lines]
     return float(np.mean(abs(spectrum) ** 2) / samples)
 
 
 def _of_meter(record: OpenRecord, found: np.ndarray, past: np.ndarray, noise: float) -> np.ndarray:
     """What the meter's noise (mean square, A^2), which is in drive and innovation, adds to the opened displacement,
     (axes, n)."""
-    frequency, samples = record.windows.frequency, record.windows.samples
-    z = np.exp(2j * np.pi * frequency / record.windows.sample_rate)
-    kept = 1 - np.moveaxis(z[..., None] ** -np.arange(1, past.shape[1] + 1) @ past.T, -1, 0)
+    frequency = record.windows.frequency
+    kept = 1 - _response(past, 1, record)
+    plant = nominal_blocks(record.experiment, frequency.ravel(), False)[2]
+    return _pretended(record, found, -np.reshape(plant, kept.shape) * np.conj(kept) * noise)
+
+
+def _of_log(record: OpenRecord, found: np.ndarray, answer: np.ndarray, reading: np.ndarray, latest: bool) -> np.ndarray:
+    """What all noise of the readings (axes, samples), if the controller saw none of it, adds to the opened
+    displacement, (axes, n)."""
+    return _pretended(record, found, -np.conj(_response(answer, 1 - latest, record)) * _floor(reading))
+
+
+def _response(weights: np.ndarray, first: int, record: OpenRecord) -> np.ndarray:
+    """Responses (axes, windows, WIDTH) of weights (axes, ages) of samples that are `first` and more samples old."""
+    z = np.exp(2j * np.pi * record.windows.frequency / record.windows.sample_rate)
+    return np.moveaxis(z[..., None] ** -np.arange(first, first + weights.shape[1]) @ weights.T, -1, 0)
+
+
+def _pretended(record: OpenRecord, found: np.ndarray, shared: np.ndarray) -> np.ndarray:
+    """Coordinates (axes, n) along innovations (axes, samples) of a spectrum that shares noise with them.
+
+    Args:
+        shared: covariance (axes, windows, WIDTH) of the spectrum with the innovation's, of a sample: m A.
+    """
     own = record.spectrum(found)
     power = np.mean(abs(own) ** 2, axis=-1, keepdims=True)
-    line = 4 * noise / samples  # mean square of the noise's amplitude on a line
-    pretended = own * line * np.conj(kept) / np.maximum(power, 1e-300)
-    plant = nominal_blocks(record.experiment, frequency.ravel(), False)[2]
-    bias = record.windows.project(-np.reshape(plant, own.shape) * pretended)
+    line = 4 / record.windows.samples  # mean square of white noise's amplitude on a line, over that of a sample
+    bias = record.windows.project(own * line * shared / np.maximum(power, 1e-300))
     return bias.reshape(*bias.shape[:-2], -1)

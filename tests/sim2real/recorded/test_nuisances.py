@@ -23,3 +23,17 @@ def test_data_of_the_stated_covariance_become_white_ones():
         np.testing.assert_allclose(twice, inverse, atol=1e-10 * np.sqrt(count))
         np.testing.assert_array_equal(found.clear(data), mapped)
         assert np.shares_memory(found.clear(data), data)
+
+
+def test_the_most_probable_amounts_are_those_of_bayes_rule():
+    rng = np.random.default_rng(2)
+    columns = 3 * rng.standard_normal((3, 40)) + 3j * rng.standard_normal((3, 40))
+    true, noise = np.array([0.5, -2.0, 1.0]), rng.standard_normal(80)
+    data = (true @ columns.view(float) + noise).view(complex)
+    found = Nuisances(("a", "b", "c"), columns)
+    amounts = found.amounts(found.without(data))
+    c = columns.view(float)
+    expected = np.linalg.solve(np.eye(3) + c @ c.T, c @ data.view(float))
+    assert list(amounts) == list("abc")
+    np.testing.assert_allclose(list(amounts.values()), expected, rtol=1e-9)
+    np.testing.assert_allclose(expected, true, atol=0.3)
