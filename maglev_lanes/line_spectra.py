@@ -16,7 +16,7 @@ from maglev_lanes.butterflies import IM, SIZE, five, four
 from maglev_lanes.compiled import compiled
 from maglev_lanes.layout import FAR
 from maglev_lanes.layout import LANES as W
-from maglev_lanes.pieces import called
+from maglev_lanes.pieces import called, exact
 
 LONGEST = (
     512  # numbers of a column: two copies of as many, of all lanes, fit into the second cache of common processors
@@ -113,6 +113,14 @@ def load(series, first, sample, column, columns, z, lanes):
             z[im + i] = share * series[late + i]
 
 
+# Not of complex numbers: the compiler keeps one product of these for the whole process, with the assumptions of the
+# kernel that asked for it first, and the last bits of others would depend on what was compiled before them.
+@exact
+def product(a, b, c, d):
+    """Real and imaginary part of (a + j b) (c + j d)."""
+    return a * c - b * d, a * d + b * c
+
+
 @called
 def gather(z, column, whole, lines, at, mirrored, found, lanes):
     """Add what a transformed pair of columns contributes to the lines.
@@ -124,10 +132,9 @@ def gather(z, column, whole, lines, at, mirrored, found, lanes):
     for n in range(lines.size):
         t, k = column * lines[n] % (whole.size // 2), lines[n]
         c, s, late_c, late_s = whole[2 * t], whole[2 * t + 1], whole[2 * k], whole[2 * k + 1]
-        own = complex(c, s) * complex(0.5 + 0.5 * late_s, -0.5 * late_c)
-        other = complex(c, s) * complex(0.5 - 0.5 * late_s, 0.5 * late_c)
+        ux, uy = product(c, s, 0.5 + 0.5 * late_s, -0.5 * late_c)
+        vx, vy = product(c, s, 0.5 - 0.5 * late_s, 0.5 * late_c)
         p, q, o = np.uint64(at[n] * SIZE), np.uint64(mirrored[n] * SIZE), np.uint64(n * SIZE)
-        ux, uy, vx, vy = own.real, own.imag, other.real, other.imag
         for i in range(np.uint64(lanes)):
             zx, zy, mx, my = z[p + i], z[p + im + i], z[q + i], z[q + im + i]
             found[o + i] += ux * zx - uy * zy + vx * mx + vy * my

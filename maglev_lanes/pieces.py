@@ -8,6 +8,7 @@ Function = TypeVar("Function", bound=Callable)
 # How the compiler takes them: without what only a function that is called on its own needs, which costs time.
 CALLED = {"no_cfunc_wrapper": True, "no_cpython_wrapper": True}
 INLINED = CALLED | {"forceinline": True}
+EXACT = CALLED | {"fastmath": False}
 _made: dict[tuple, Callable] = {}  # every piece by what it computes, see `_content`
 _waiting: list[tuple[Callable, tuple, dict]] = []  # pieces that were marked since the last kernel was made
 
@@ -29,6 +30,11 @@ def piece(function: Function) -> Function:
 def called(function: Function) -> Function:
     """Mark a function as part of kernels that may stay a call: one that is long, or called from several places."""
     return _marked(function, CALLED)
+
+
+def exact(function: Function) -> Function:
+    """Mark a function as part of kernels whose arithmetic is as it is written, in fast kernels, too."""
+    return _marked(function, EXACT)
 
 
 def _marked(function: Function, options: dict) -> Function:
