@@ -234,8 +234,10 @@ def _named(fitted: Problem, judged: Problem, judged_on: str, attribution: Attrib
         verdicted, cause = "no_gap", ()
         found, named = without(found, [e for e in found if e.effects not in ((NONE,), (CALIBRATION,))]), []
     elif refuted:
-        verdicted, cause = worded(kept) if kept else ("unexplained", (UNKNOWN,))
         found, named = without(found, refuted), kept or named
+        verdicted, cause = worded(kept) if kept else ("unexplained", (UNKNOWN,))
+        if not kept and verdict(found)[0] == "no_gap":  # what is left speaks for calibration
+            verdicted, cause, named = "no_gap", (), []
     return _Named(verdicted, cause, found, named, kept, notes)
 
 

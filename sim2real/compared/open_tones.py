@@ -4,6 +4,7 @@ A tone is fitted to the lines of each window as the transform of a sinusoid over
 drives the record may explain there by a smooth response, and beside transient and drift. It counts as found where it
 stands so far above what is left of its own window that noise alone would do so in a share `FALSE_ALARM` of records. A
 resonance that a model lacks spreads over several lines, which are then no noise of its window, and does not pass.
+Where a nonlinear loop answers to a few sines that drive it, nothing is looked for (see `distortion`).
 """
 
 from collections.abc import Sequence
@@ -15,6 +16,7 @@ from scipy.optimize import minimize_scalar
 
 from estimation.lines.line_windows import KEPT, WIDTH
 from maglev_env.linear.loop import closed_loop_poles
+from sim2real.compared.distortion import COMMON, distorted
 from sim2real.compared.simulated import Point, lanes_of
 from sim2real.recorded.open_evidence import measured_series, simulated_series
 from sim2real.recorded.open_loop import nominal_loop
@@ -138,6 +140,7 @@ def _strongest(residual: Residual) -> tuple[Tone | None, Residual]:
     spacing = w.sample_rate / w.samples
     tried = np.arange(w.first, w.first + w.frequency.size - 1 + FINE, FINE)
     tried = tried[(tried >= WIDTH) & ~_ringing(record, tried * spacing)]  # what is slower may be drift
+    tried = tried[~_of_the_drive(record, tried * spacing)]
     if not tried.size:
         return None, residual
 
@@ -169,6 +172,16 @@ def _ringing(record: OpenRecord, frequency: np.ndarray) -> np.ndarray:
     for i in np.flatnonzero(near):
         near[i] = origin(float(frequency[i]), e.speed_rpm, w.sample_rate / w.samples) is None
     return near
+
+
+def _of_the_drive(record: OpenRecord, frequency: np.ndarray) -> np.ndarray:
+    """Whether a tone at frequencies (n,), Hz, is more likely made by the loop of the sines that drive it."""
+    made = distorted(record, frequency)
+    often = distorted(record, frequency, COMMON) if made.any() else made
+    spacing = record.windows.sample_rate / record.windows.samples
+    for i in np.flatnonzero(made & ~often):
+        made[i] = origin(float(frequency[i]), record.experiment.speed_rpm, spacing) is None
+    return made
 
 
 def log_chances(residual: Residual, frequencies: np.ndarray) -> np.ndarray:

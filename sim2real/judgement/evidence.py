@@ -10,12 +10,14 @@ from sim2real.compared.problem import KINDS
 from sim2real.compared.simulated import Point
 from sim2real.judgement.dispersion import NOISE_ALONE, NOISE_INFLATION, Dispersion, dispersion_of
 from sim2real.judgement.lost_commands import scatter_cost
+from sim2real.judgement.on_one_line import acts_on_one_line
 from sim2real.judgement.stated_stiffness import stiffness_cost
 from sim2real.search.attribute import Attribution
 from sim2real.search.fitting import Fit
 from sim2real.search.hypotheses import REPLACED
 
 STRAINED = 3.0  # tolerances from which a stated parameter that moved counts as it is, whatever the form of an effect is
+NEAR_BEST = 300.0  # cost above the best within which it is asked on how many lines a resonance acts
 IDLE = 25.0  # cost that an effect must save to be named although it ended where it changes nothing
 
 
@@ -27,7 +29,8 @@ class Evidence:
 
     Attributes:
         effects: Effects of each candidate, calibration first.
-        cost: Predictive cost of each candidate; inf where it touches down, or contradicts a stated tolerance.
+        cost: Predictive cost of each candidate; inf where it touches down, contradicts a stated tolerance, or is a
+            resonance that acts on a single line.
         nominal: Cost of the untouched nominal rig.
         excess: Cost of each group beyond the noise, (candidates, G).
         scatter: Scatter (G,) of that cost under noise alone.
@@ -73,6 +76,11 @@ def evidence_of(
         np.inf if c.contradicted else c.predictive + more
         for c, more in zip(attribution.candidates, beside, strict=True)
     ])  # fmt: skip
+    for i in np.argsort(cost):  # whatever costs much more than the best is not named anyway
+        if cost[i] > cost.min() + NEAR_BEST:
+            break
+        if acts_on_one_line(p, attribution.candidates[i].fit):
+            cost[i] = np.inf
     if not np.isfinite(
         attribution.calibration.fit.cost
     ):  # no rotor levitates without an effect: use the gap of the opened nominal loop

@@ -8,6 +8,7 @@ import numpy as np
 
 from maglev_env.loop.effect import EFFECTS
 from sim2real.compared.problem import Problem
+from sim2real.compared.reached import current_reached
 from sim2real.compared.simulated import DITHERED, MAY_BE_DITHERED, tolerances, unseen_by_all
 from sim2real.recorded.not_stable import not_stable
 from sim2real.search.fitting import Fit, begin, differentiate, iterate, share_calibrations
@@ -29,7 +30,11 @@ SHAPED, SHAPED_PAIRS = 3, 2  # best single effects and pairs that are tried in o
 SPARE = 30  # other starts of an effect that are tried when one makes the rotor touch down
 BLURRED, BLURRED_SHARE = 4, 0.5  # best fits that are repeated with sensor noise, and share of the gap they may leave
 BLURRED_TIE, LEFT_SD = 0.05, 3.0  # that share where the best leaves no more than so many standard deviations of noise
+MOVED = 1.0  # tolerances up to which calibration leaves the rig where it is
 SWAPPED = 2  # best pairs of which either effect is tried with others
+LEAST = 6.0  # cost below calibration that a single effect must promise to be fitted to the end
+SECOND = 16.0  # cost that a second effect must save to be more probable than its absence (see `Belief`)
+SEED_SHARE = 0.5  # of what the best single effect saves, which another one must save to be given a second one
 NO_GAP = 12.0  # if no single effect lowers the cost of calibration by more than this, no pair is tried
 ABOUT = 30.0  # cost above the best within which a candidate of fewer effects is preferred
 FREE = 20.0  # factor on the tolerances that makes them as good as no prior, for a refit of all parameters
@@ -146,7 +151,7 @@ def attribute(
         progress("forms of effects")
         singles = shaped(problem, calibration[0].cost, singles, SHAPED)
         progress("pairs of effects")
-        pairs, singles = _pairs(problem, singles, pairs)
+        pairs, singles = _pairs(problem, calibration[0].cost, singles, pairs)
         pairs = shaped(problem, calibration[0].cost, pairs, SHAPED_PAIRS)
     fits = _blurred(problem, [*calibration, *singles, *pairs])
     standing = [f for f in fits if np.isfinite(f.cost)]
@@ -158,8 +163,9 @@ def attribute(
             f"{why}"
         )
     least = min(f.cost for f in standing)
-    close = [f for f in standing if f is fits[0] or f.cost - least < CLOSE + CLOSE_SHARE * least]
-    differentiate(close, problem.data, problem.simulate, True)
+    close = [f for f in standing if f.cost - least < CLOSE + CLOSE_SHARE * least and f.cost < fits[0].cost - LEAST]
+    at_end = [f for f in (fits[0], *close) if not f.fresh]
+    differentiate(at_end, problem.data, problem.simulate, True)
     return Attribution(nominal, tuple(map(Candidate, fits)), 2.0 * problem.data.size, problem)
 
 
@@ -196,22 +202,29 @@ def _singles(problem: Problem, seeds: Sequence[Fit], names: Sequence[str]) -> li
     """Fit each effect alone, from its most promising starts.
 
     Starts are placed beside the untouched nominal rig and beside calibration alone, because a missing effect may have
-    driven the calibration far away.
+    driven the calibration far away. Where it was not, one of both is enough. What promises no more than calibration is
+    not followed.
     """
     fits: list[Fit] = []
+    unexplained, reached = seeds[-1].cost, current_reached(problem)
+    if np.isfinite(unexplained) and np.max(abs(seeds[-1].u), initial=0.0) < MOVED:
+        seeds = seeds[-1:]
     for seed in seeds:
         jobs = [
             (seed, h, extended(h, start, seed))
             for h in map(seed.hypothesis.instead, names)
             for start in starts(h.effects[0], h.scales)
         ]
-        jobs += [(seed, h, u) for name in names for h, u in starts_elsewhere(seed.hypothesis, name)]
+        jobs += [(seed, h, u) for name in names for h, u in starts_elsewhere(seed.hypothesis, name, reached)]
         ranked = screened(problem, jobs)
-        fits += _begun(problem, kept(ranked), ranked)
-    iterate(fits, problem.data, problem.simulate, FIRST)
+        begun = _begun(problem, kept(ranked), ranked)
+        share_calibrations(begun, seed)
+        fits += begun
+    asked = unexplained - LEAST if np.isfinite(unexplained) else np.inf
+    iterate(fits, problem.data, problem.simulate, FIRST, [asked] * len(fits))
     tried = dict.fromkeys(f.hypothesis.effects for f in fits)
     best = [min((f for f in fits if f.hypothesis.effects == names), key=lambda f: f.cost) for names in tried]
-    iterate(best, problem.data, problem.simulate, ITERATIONS)
+    iterate(best, problem.data, problem.simulate, ITERATIONS, [asked] * len(best))
     return best
 
 
@@ -240,15 +253,19 @@ def _again(problem: Problem, earlier: Attribution) -> tuple[list[Fit], list[Fit]
     return [f for f in fits if len(f.hypothesis.effects) == 1], [f for f in fits if len(f.hypothesis.effects) > 1]
 
 
-def _pairs(problem: Problem, singles: Sequence[Fit], known: Sequence[Fit] = ()) -> tuple[list[Fit], list[Fit]]:
+def _pairs(
+    problem: Problem, unexplained: float, singles: Sequence[Fit], known: Sequence[Fit] = ()
+) -> tuple[list[Fit], list[Fit]]:
     """Fit pairs, and the single effects again.
 
     A second effect is tried beside each of the best single ones, and then beside either effect of the best pairs at
     its values in the pair: the single effect that best replaces two need not be one of them. Finally, either effect
-    of the best pairs is fitted alone from its values in the pair.
+    of the best pairs is fitted alone from its values in the pair. Where no pair of the first round explains more than
+    the best single effect, that is all.
 
     Args:
         problem: The campaign.
+        unexplained: Cost without any effect.
         singles: Fits of single effects.
         known: Fits of pairs.
 
@@ -256,8 +273,12 @@ def _pairs(problem: Problem, singles: Sequence[Fit], known: Sequence[Fit] = ()) 
         pairs: Fits of pairs, the known ones among them.
         singles: The better fit of each single effect.
     """
-    seeds = sorted((f for f in singles if np.isfinite(f.cost)), key=lambda f: f.cost)[:SEEDS]
-    found = [*known] or _round(problem, singles, seeds, ())
+    least = min(f.cost for f in singles)
+    enough = least + (1 - SEED_SHARE) * (unexplained - least) if np.isfinite(unexplained) else np.inf
+    able = (f for f in singles if np.isfinite(f.cost) and f.cost <= enough)
+    found = [*known] or _round(problem, singles, sorted(able, key=lambda f: f.cost)[:SEEDS], ())
+    if not min((f.cost for f in found), default=np.inf) < least - SECOND:
+        return found, list(singles)
     found += _round(problem, singles, _halves(problem, found), {frozenset(f.hypothesis.effects) for f in found})
     again = _halves(problem, found)
     iterate(again, problem.data, problem.simulate, ITERATIONS)
@@ -296,7 +317,7 @@ def _round(
                 tried = [*tried, other.u[: len(coordinates_of(name))]]
             jobs += [(seed, h, extended(h, np.concatenate([seed.u[:n], start]), seed)) for start in tried]
     chosen: dict[frozenset[str], Start] = {}
-    ranked = screened(problem, jobs)
+    ranked = screened(problem, jobs, apart=False)
     for start in ranked:
         if len(chosen) < PAIRS:
             chosen.setdefault(frozenset(start.hypothesis.effects), start)
@@ -304,8 +325,12 @@ def _round(
     for start in ranked:
         if (pair := frozenset(start.hypothesis.effects)) in alike:
             chosen.setdefault(pair, start)
-    fits = _begun(problem, list(chosen.values()), ranked)
-    iterate(fits, problem.data, problem.simulate, FIRST + ITERATIONS)
+    fits, of = _begun(problem, list(chosen.values()), ranked), {f.hypothesis.effects[0]: f for f in seeds}
+    alone = {f.hypothesis.effects[0]: f.cost for f in singles}
+    for f in fits:
+        share_calibrations([f], of[f.hypothesis.effects[0]])
+    below = [min(alone[name] for name in f.hypothesis.effects) - SECOND for f in fits]
+    iterate(fits, problem.data, problem.simulate, FIRST + ITERATIONS, below)
     return fits
 
 

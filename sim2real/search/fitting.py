@@ -21,6 +21,7 @@ REFUSED, SHORTER = 4, 30.0  # how often shorter steps are tried, and the factor 
 # A fit is abandoned when it is far behind the best: steps before this is tested, share of the best saving that it may
 # be behind, factor on that share per step, and cost that it may be behind in any case.
 PATIENCE, HOPELESS, KEEPING_UP, SMALL = 3, 0.4, 0.65, 100.0
+HOPE = 2.0  # times what a linear prediction promises that a fit may still gain
 
 
 @dataclass(eq=False)
@@ -96,16 +97,21 @@ def real_product(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 
 def share_calibrations(fits: Sequence[Fit], known: Fit) -> None:
-    """Start with the Jacobian's tolerance rows of another fit, because they hardly depend on a small effect."""
+    """Start with the Jacobian's tolerance rows of another fit, because they hardly depend on a small effect.
+
+    Fits with coordinates that the other one lacks, as those of forms, begin without.
+    """
     if known.jacobian is None or not np.isfinite(known.cost):
         return
     first = len(known.hypothesis.coordinates)
     rows = dict(zip(known.hypothesis.calibrated, known.jacobian[first:], strict=True))
     for fit in fits:
-        own = len(fit.hypothesis.coordinates)
+        own, names = len(fit.hypothesis.coordinates), fit.hypothesis.calibrated
+        if not rows.keys() >= set(names):
+            continue
         fit.jacobian = np.zeros((fit.hypothesis.size, fit.residual.size), complex)
-        for i, name in enumerate(fit.hypothesis.calibrated, own):
-            fit.jacobian[i] = rows.get(name, 0.0)
+        for i, name in enumerate(names, own):
+            fit.jacobian[i] = rows[name]
 
 
 def cost_of(residual: np.ndarray, u: np.ndarray, prior: np.ndarray) -> float:
@@ -150,28 +156,38 @@ def differentiate(fits: Sequence[Fit], data: np.ndarray, simulate: Simulate, cal
     for (fit, i, step), predicted in zip(jobs, simulate(points), strict=True):
         change = (predicted - (data - fit.residual)) / step
         fit.jacobian[i] = change if np.isfinite(change).all() else 0.0
+    for fit in fits:
+        fit.fresh = calibrations
+        fit.age = 0 if calibrations else fit.age + 1
 
 
-def iterate(fits: Sequence[Fit], data: np.ndarray, simulate: Simulate, most: int) -> None:
+def iterate(
+    fits: Sequence[Fit], data: np.ndarray, simulate: Simulate, most: int, below: Sequence[float] | None = None
+) -> None:
     """Levenberg-Marquardt steps of all fits together; the rows of the tolerances are refreshed now and then.
 
     A fit ends when two successive steps gain no more than CONVERGED, promise no more, or find no lower point with
-    shorter steps; the second of them must use fresh rows throughout. From PATIENCE steps on, a fit is also abandoned
-    when it is behind the best by more than a share, shrinking at every step, of what the best has saved.
+    shorter steps; the second of them must use fresh rows throughout. A fit is also abandoned when it is behind the best
+    by more than a share of what the best has saved, and when it need not be known because it will not matter. In the
+    first PATIENCE steps HOPE times what a linear prediction promises counts as gained; then the share shrinks at every
+    step.
 
     Args:
         fits: Fits; changed in place.
         data: Whitened data (K,).
         simulate: Predicts the data at points.
         most: Largest number of steps.
+        below: Cost that each fit must promise to come below to be followed; by default all are.
     """
-    begun = max((f.cost for f in fits if np.isfinite(f.cost)), default=np.inf)
+    floor = [np.inf] * len(fits) if below is None else below
+    asked = {id(f): cost for f, cost in zip(fits, floor, strict=True)}
+    begun = max((min(f.cost, asked[id(f)]) for f in fits if np.isfinite(f.cost)), default=np.inf)
     for iteration in range(most):
+        least = min((f.cost for f in fits), default=np.inf)
+        behind = HOPELESS * KEEPING_UP ** max(iteration - PATIENCE, 0) * max(begun - least, 0.0) + SMALL
         if iteration >= PATIENCE:
-            least = min(f.cost for f in fits)
             for f in fits:
-                behind = HOPELESS * KEEPING_UP ** (iteration - PATIENCE) * max(begun - least, 0.0)
-                f.done = f.done or (f.cost - least > behind + SMALL and not f.refused)
+                f.done = f.done or (f.cost - least > behind and not f.refused)
         active = [f for f in fits if not f.done and np.isfinite(f.cost)]
         if not active:
             return
@@ -179,10 +195,15 @@ def iterate(fits: Sequence[Fit], data: np.ndarray, simulate: Simulate, most: int
         stale = [f for f in moved if f.jacobian is None or f.age >= REFRESH or f.refused]
         differentiate(stale, data, simulate, True)
         differentiate([f for f in moved if f not in stale], data, simulate, False)
-        for f in moved:
-            f.fresh = f in stale
-            f.age = 0 if f.fresh else f.age + 1
         equations = {id(f): (f.normal, f.gradient) for f in active}
+        promised = {id(f): float(_solved(f, *equations[id(f)], 0.0) @ equations[id(f)][1]) for f in active}
+        for f in active:
+            hoped = f.cost - HOPE * promised[id(f)]
+            late = 0 < iteration < PATIENCE and hoped - least > behind
+            f.done = not f.refused and (late or hoped > asked[id(f)])
+        active = [f for f in active if not f.done]
+        if not active:
+            return
         trials = [
             (f, f.damping * factor, u)
             for f in active
@@ -196,18 +217,16 @@ def iterate(fits: Sequence[Fit], data: np.ndarray, simulate: Simulate, most: int
                 if cost < best.get(id(f), (f.cost,))[0]:
                     best[id(f)] = cost, damping, u, data - p
         for f in active:
-            normal, gradient = equations[id(f)]
-            promised = float(_solved(f, normal, gradient, 0.0) @ gradient)
             little = CONVERGED + SHARE * f.cost
             if id(f) in best:
                 f.refused = 0
-                idle = min(promised, f.cost - best[id(f)][0]) < little
+                idle = min(promised[id(f)], f.cost - best[id(f)][0]) < little
             else:
                 f.refused += 1
-                idle = promised < little or f.refused > REFUSED
+                idle = promised[id(f)] < little or f.refused > REFUSED
             f.done = idle and f.idle and f.age == 0
             f.idle = idle
-            if idle:
+            if idle and (id(f) in best or not f.fresh):
                 f.age = REFRESH  # only fresh rows can show whether anything is left to gain
             if id(f) not in best:
                 f.damping *= SHORTER

@@ -83,6 +83,8 @@ REPLACED = {"amplifier_lag": "amplifier_time_constant", "sensor_lag": "sensor_ti
 # Where no tolerance of it is stated, this much. Who says nothing of a time constant does not hold it for exact; what is
 # known of it is its order of size.
 USUAL = 0.1
+# Starts of a knee at another place: multiples of the current that is reached, with the coordinate of its sharpness.
+ELSEWHERE, SHARPNESS = ((0.7, 0.0), (1.5, 0.0), (3.0, 0.0), (1.5, -1.2), (3.0, -1.2), (6.0, -1.2)), "sharpness"
 RESONANCES = tuple(name for name, card in EFFECTS.items() if card.resonance)
 
 
@@ -225,17 +227,27 @@ def starts(name: str, scales: Scales = SMALL_ROTOR) -> list[np.ndarray]:
     return [np.array([c.at(float(v)) for c, v in zip(own, row, strict=True)]) for row in points]
 
 
-def starts_elsewhere(hypothesis: Hypothesis, name: str) -> list[tuple[Hypothesis, np.ndarray]]:
+def starts_elsewhere(hypothesis: Hypothesis, name: str, reached: float) -> list[tuple[Hypothesis, np.ndarray]]:
     """Starts of one effect alone at the other places where it may sit, as forms with an infinite default.
 
-    There its plain parameters are at their upper bounds, where they change nothing.
+    There its plain parameters are at their upper bounds, where they change nothing. A knee that lies far above the
+    currents of the recordings changes nothing either, and far below them no rotor levitates. A smooth one bends far
+    below its limit, so it begins in that form, too.
+
+    Args:
+        hypothesis: What else is assumed.
+        name: The effect.
+        reached: Current that the recordings reach, A.
     """
     found = []
     free = replace(hypothesis.instead(name), shaped=(name,))
+    smooth = f"{name}.{SHARPNESS}"
     for shape in shapes_of(name, hypothesis.scales):
-        for value in shape.parameter.starts:
+        for times, rounder in ELSEWHERE if shape.parameter.starts else ():
             u = np.zeros(free.size)
             u[: len(free.coordinates)] = [c.at(c.high) for c in free.coordinates]
-            u[len(free.coordinates) + free.calibrated.index(shape.name)] = 1 / (value * shape.parameter.shape)
+            u[len(free.coordinates) + free.calibrated.index(shape.name)] = 1 / (times * reached * shape.parameter.shape)
+            if smooth in free.shapes:
+                u[len(free.coordinates) + free.calibrated.index(smooth)] = rounder
             found.append((free, u))
     return found

@@ -11,6 +11,7 @@ from sim2real.search.fitting import Fit, cost_of, reach, real_product
 from sim2real.search.hypotheses import Hypothesis, coordinates_of
 
 MOST_SCALED = 10.0  # multiple of its start that a linear prediction may give a size
+FOLLOWED = 2  # starts of an effect that are simulated where they lead; of a resonance, at every frequency
 RESONANT, APART = 3, 0.2  # starts of a resonance that are followed, and their least distance in ln frequency
 
 
@@ -36,15 +37,16 @@ def extended(hypothesis: Hypothesis, effects: np.ndarray, near: Fit) -> np.ndarr
     return np.concatenate([effects, [known.get(name, 0.0) for name in hypothesis.calibrated]])
 
 
-def screened(problem: Problem, jobs: Sequence[tuple[Fit, Hypothesis, np.ndarray]]) -> list[Start]:
+def screened(problem: Problem, jobs: Sequence[tuple[Fit, Hypothesis, np.ndarray]], apart: bool = True) -> list[Start]:
     """Rank starting points by their cost on one record.
 
     Beside a seed whose Jacobian is known, the size of the effect and everything that the seed fits are moved as well,
-    by a linear prediction.
+    by a linear prediction; those of an effect's starts that then promise most are simulated there.
 
     Args:
         problem: The problem.
         jobs: A seed's fit, a hypothesis that adds an effect to it, and coordinates.
+        apart: Whether resonances of different frequency are told apart.
 
     Returns:
         Starts, the lowest cost first; those that make the rotor touch down are left out.
@@ -54,7 +56,7 @@ def screened(problem: Problem, jobs: Sequence[tuple[Fit, Hypothesis, np.ndarray]
     loudest = problem.loudest
     single = problem.only(loudest)
     predicted = single.simulate([h.point(h.bounded(u)) for _, h, u in jobs], settled=False)
-    tried: list[tuple[Hypothesis, np.ndarray]] = []
+    tried: dict[tuple, list[_Promise]] = {}
     found: list[Start] = []
     looks: dict[tuple[Fit, tuple[str, ...]], _Look] = {}
     for (seed, h, u), p in zip(jobs, predicted, strict=True):
@@ -66,11 +68,24 @@ def screened(problem: Problem, jobs: Sequence[tuple[Fit, Hypothesis, np.ndarray]
         key = seed, h.effects
         if key not in looks:
             looks[key] = _Look(seed, h, loudest.place)
-        tried += [(h, v) for v in looks[key].followed(u, p - (single.data - looks[key].residual))]
+        at = tuple(v for c, v in zip(h.coordinates, u, strict=False) if apart and c.parameter == "frequency")
+        promise = looks[key].followed(h, u, p - (single.data - looks[key].residual))
+        tried.setdefault((*key, h.shaped, at), []).append(promise)
     # A linear prediction goes too far where an effect is large, so the cost is simulated where it leads.
-    predicted = single.simulate([h.point(v) for h, v in tried], settled=False) if tried else []
-    found += [_start(single, h, v, p) for (h, v), p in zip(tried, predicted, strict=True) if np.isfinite(p).all()]
+    best = [p for same in tried.values() for p in sorted(same, key=lambda p: -p.saved)[:FOLLOWED]]
+    led = [(p.hypothesis, v) for p in best for v in p.at]
+    predicted = single.simulate([h.point(v) for h, v in led], settled=False) if led else []
+    found += [_start(single, h, v, p) for (h, v), p in zip(led, predicted, strict=True) if np.isfinite(p).all()]
     return sorted(found, key=lambda start: start.cost)
+
+
+@dataclass(frozen=True)
+class _Promise:
+    """Where a start leads, and by how much the cost on one record is predicted to fall from that of the seed."""
+
+    hypothesis: Hypothesis
+    at: list[np.ndarray]
+    saved: float
 
 
 def _start(single: Problem, h: Hypothesis, u: np.ndarray, predicted: np.ndarray) -> Start:
@@ -80,7 +95,8 @@ def _start(single: Problem, h: Hypothesis, u: np.ndarray, predicted: np.ndarray)
 def kept(starts: Sequence[Start]) -> list[Start]:
     """The best start of each hypothesis.
 
-    Of resonances, several starts of clearly different frequency are kept, because each is a minimum of its own.
+    Of resonances, several starts of clearly different frequency are kept, because each is a minimum of its own; of what
+    may sit at several places, the best at each.
     """
     found: list[Start] = []
     for start in starts:
@@ -88,9 +104,16 @@ def kept(starts: Sequence[Start]) -> list[Start]:
         same = [s for s in found if set(s.hypothesis.effects) == set(h.effects)]
         at = [i for i, c in enumerate(h.coordinates) if c.parameter == "frequency"]
         apart = all(np.any(abs(start.u[at] - s.u[at]) > APART) for s in same if s.hypothesis.effects == h.effects)
-        if not same or (at and apart and len(same) < RESONANT):
+        elsewhere = all(_place(start) != _place(s) for s in same if s.hypothesis.effects == h.effects)
+        if not same or (at and apart and len(same) < RESONANT) or (h.shaped and elsewhere):
             found.append(start)
     return found
+
+
+def _place(start: Start) -> tuple[str, ...]:
+    """Where an effect sits that may sit elsewhere: coordinates of its form that are not at the plain formula."""
+    h = start.hypothesis
+    return tuple(n for n, v in zip(h.calibrated, start.u[len(h.coordinates) :], strict=True) if n in h.shapes and v)
 
 
 class _Look:
@@ -110,14 +133,15 @@ class _Look:
         self.gradient = real_product(self.jacobian, self.residual) - prior * seed.u[rows]
         self.signed = any(c.signed for c in coordinates_of(h.effects[-1]))
 
-    def followed(self, u: np.ndarray, change: np.ndarray) -> list[np.ndarray]:
-        """Coordinates of a start with its effect scaled to fit the residual best and all else following it.
+    def followed(self, h: Hypothesis, u: np.ndarray, change: np.ndarray) -> _Promise:
+        """A start with its effect scaled to fit the residual best and all else following it.
 
         Sizes on a logarithmic scale are kept.
 
         Args:
-            u: Coordinates of the start.
-            change: What the start adds to the seed's prediction.
+            h: Its hypothesis.
+            u: Its coordinates.
+            change: What it adds to the seed's prediction.
         """
         cross = real_product(self.jacobian, change)
         without = u.copy()
@@ -125,15 +149,25 @@ class _Look:
             if c.scale is not None and c.parameter != "order":
                 without[i] = 0.0
         if (without == u).all():
-            return [self._moved(u, cross, 1.0)]
+            return _Promise(h, [self._moved(u, cross, 1.0)], self._saved(change, cross, 1.0))
         without = extended(self.h, without[: len(self.h.coordinates)], self.seed)
         share = self._share(change, cross)
-        return [self._moved(without + part * (u - without), cross, part) for part in (share, 0.5 * share)]
+        moved = [self._moved(without + part * (u - without), cross, part) for part in (share, 0.5 * share)]
+        return _Promise(h, moved, self._saved(change, cross, share))
+
+    def _along(self, change: np.ndarray, cross: np.ndarray) -> tuple[float, float]:
+        """Square of a change, and its product with the residual, where the other parameters follow."""
+        own = np.vdot(change, change).real - cross @ self.solve @ cross
+        along = np.vdot(change, self.residual).real - cross @ self.solve @ self.gradient
+        return float(own), float(along)
+
+    def _saved(self, change: np.ndarray, cross: np.ndarray, share: float) -> float:
+        own, along = self._along(change, cross)
+        return share * (2.0 * along - share * own)
 
     def _share(self, change: np.ndarray, cross: np.ndarray) -> float:
         """Share of a change that fits the residual best when the other parameters may follow."""
-        own = np.vdot(change, change).real - cross @ self.solve @ cross
-        along = np.vdot(change, self.residual).real - cross @ self.solve @ self.gradient
+        own, along = self._along(change, cross)
         if own <= 1e-9 * np.vdot(change, change).real or (along <= 0 and not self.signed):
             return 0.0
         return float(np.clip(along / own, -MOST_SCALED, MOST_SCALED))

@@ -61,8 +61,9 @@ def _levitated(guess: RecordingGuess, folder: Path, lost: Alarm) -> RecordingGue
     """The guess of the longest stretch that levitates; what was guessed or stated of the columns stays."""
     stated = guess.rate.value if guess.rate.confidence == STATED else None
     part = guess_recording(folder / guess.file, rate=stated, part=lost.stretch, columns=guess.columns)
-    notes = dict.fromkeys((*guess.notes, *part.notes, f"{lost.sentence}; that stretch is taken"))
-    return replace(part, file=guess.file, notes=tuple(notes))
+    notes = dict.fromkeys((*guess.notes, *part.notes, f"alarm: {lost.sentence}; that stretch is taken"))
+    rotor = max(guess.rotor, part.rotor, key=lambda one: one.confidence)
+    return replace(part, file=guess.file, notes=tuple(notes), rotor=rotor)
 
 
 def guessed_campaign(

@@ -92,6 +92,7 @@ def estimate(
     from maglev_workbench.commands.estimate.gain_report import gain_table
     from maglev_workbench.commands.estimate.planar_report import planar_json, planar_sections, planar_table
     from maglev_workbench.commands.estimate.pooled_report import (
+        apart_lines,
         each_table,
         pooled_json,
         pooled_lines,
@@ -113,7 +114,8 @@ def estimate(
     made_by = {"Recordings": recordings, "Rig": rig, "Campaign": str(campaign.folder)}
     answer = estimate_answer(found.axes, found.pooled)
     more = [planar_sections(*both) for both in found.planar]
-    more += [pooled_sections(found.pooled)] if found.pooled else []
+    apart = apart_lines(found.axes, found.pooled) if found.pooled else []
+    more += [pooled_sections(found.pooled, apart)] if found.pooled else []
     if found.left_out:
         more.append([("Left out", "<ul>" + "".join(f"<li>{html(str(one))}</li>" for one in found.left_out) + "</ul>")])
     if found.notes:
@@ -121,7 +123,7 @@ def estimate(
     write_page(page, estimate_page(found.axes, made_by, more, answer), [json_file])
     report = estimate_json(found.axes, method) | {"answer": answer}
     planar = {"planar": [planar_json(*both) for both in found.planar]} if found.planar else {}
-    together = {"pooled": pooled_json(found.pooled)} if found.pooled else {}
+    together = {"pooled": pooled_json(found.pooled) | {"responses_apart": apart}} if found.pooled else {}
     left_out = {"left_out": left_out_data(found.left_out), "notes": list(found.notes)}
     write_json(json_file, report | {"warnings": warnings} | left_out | planar | together)
     console.print(answer, style="bold")
@@ -149,6 +151,6 @@ def estimate(
             console.print(each_table(found.pooled))
         if found.pooled.gain is not None:
             console.print(gain_table(found.pooled.gain))
-        for line in pooled_lines(found.pooled):
+        for line in (*apart, *pooled_lines(found.pooled)):
             console.print(marked("  !", line))
     console.print(f"page  {page}")

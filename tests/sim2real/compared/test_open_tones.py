@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from bench_loop import Bench, write_campaign
 
+from sim2real.compared.distortion import distorted, driving_sines
 from sim2real.compared.open_tones import agreed, log_chances, residual_of, tones_in, with_tones
 from sim2real.compared.problem import assemble
 from sim2real.compared.simulated import Point
@@ -66,3 +67,25 @@ def test_a_tone_of_unknown_origin_counts_where_two_recordings_have_it(read):
     )
     other = replace(one, tones=(Tone(61.75, {"opened": np.ones(1)}, 99.0), Tone(83.4, {"opened": np.ones(1)}, 99.0)))
     assert [[t.frequency for t in r.tones] for r in agreed([one, other])] == [[61.7, 50.1], [61.75]]
+
+
+def test_what_a_loop_makes_of_a_sine_is_no_tone_and_what_it_does_not_make_is(read):
+    """A dead band answers to 20 Hz at 60, 100, 140 ... Hz; the tone at 90 Hz is another one."""
+    record = read(Bench(band=5e-3, tone=10 * TONE, tone_frequency=90.0), "sine")
+    assert driving_sines(record) == pytest.approx([20.0], abs=0.2)
+    (tone,) = with_tones(record).tones
+    assert tone.frequency == pytest.approx(90.0, abs=0.1)
+
+
+def test_products_of_two_sines_are_known_and_noise_and_a_chirp_have_none(read):
+    record = read(Bench(), "sine")
+    t = np.arange(record.waves["current"].shape[1]) / record.experiment.rig.control_rate
+    two = replace(
+        record, waves={**record.waves, "current": np.array([np.sin(2 * np.pi * 20 * t) + np.sin(2 * np.pi * 33 * t)])}
+    )
+    assert sorted(driving_sines(two)) == pytest.approx([20.0, 33.0], abs=0.2)
+    at = np.array([7.0, 46.0, 53.0, 60.0, 73.0, 86.0, 25.0, 120.0])
+    assert distorted(two, at, 3).tolist() == [True] * 6 + [False] * 2
+    for kind in ("noise", "chirp", "steps", "hover"):
+        other = read(Bench(), kind)
+        assert driving_sines(other).size == 0 and not distorted(other, at).any()

@@ -175,6 +175,24 @@ def test_a_hopeless_fit_is_left_where_it_is():
     assert fits[1].cost > 100 * fits[0].cost
 
 
+def test_a_fit_is_followed_only_where_it_promises_to_matter():
+    """It ends before its first trial where the cost that a linear look promises is still above what was asked."""
+    toy = Linear(6, 4.0)
+    data = toy.data(np.array([9.0, 0.0, 0.0, 0.0]))
+    mass, gain = Hypothesis(("mass",), {}), Hypothesis(("actuator_gain",), {})
+    fits = begin([mass, gain], [np.zeros(1)] * 2, data, toy)
+    start = fits[0].cost
+    lanes = toy.lanes
+    iterate(fits, data, toy, 10, [0.02 * start, 0.02 * start])
+    assert fits[0].u[0] == pytest.approx(9.0, abs=0.2) and fits[0].cost < 0.02 * start
+    assert fits[1].done and fits[1].u[0] == 0.0 and fits[1].cost == start
+    followed = toy.lanes - lanes
+    alone = begin([mass], [np.zeros(1)], data, toy)
+    lanes = toy.lanes
+    iterate(alone, data, toy, 10)
+    assert followed == toy.lanes - lanes + 1  # the one row that the look takes
+
+
 def test_rows_of_the_tolerances_are_handed_on():
     toy = Linear(7)
     data = toy.data(np.zeros(4))
@@ -183,6 +201,10 @@ def test_rows_of_the_tolerances_are_handed_on():
     share_calibrations(fits, known)
     np.testing.assert_allclose(fits[0].jacobian[1:], toy.columns[2:], atol=1e-9)
     assert not fits[0].jacobian[0].any()
+    known = fitted(toy, data, Hypothesis((), {"probe_gain": 0.02}))
+    fits = begin([Hypothesis(("mass",), TOLERANCE)], [np.zeros(3)], data, toy)
+    share_calibrations(fits, known)
+    assert fits[0].jacobian is None  # the other fit does not know all of its tolerances
 
 
 def test_a_long_valley_is_followed_to_its_end():

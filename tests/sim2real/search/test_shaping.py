@@ -73,10 +73,17 @@ def test_a_form_is_a_prior_about_the_plain_formula():
 
 
 def test_a_saturation_may_also_begin_at_the_current_or_the_command():
-    found = [h.point(u).effects["saturation"] for h, u in starts_elsewhere(Hypothesis((), {}), "saturation")]
-    assert sorted({*found[0]} | {*found[-1]}) == ["command", "current", "field"]
+    found = [h.point(u).effects["saturation"] for h, u in starts_elsewhere(Hypothesis((), {}), "saturation", 2.0)]
+    assert sorted({*found[0]} | {*found[-1]}) == ["command", "current", "field", "sharpness"]
     assert all(values["field"] == 100.0 for values in found)
-    assert not starts_elsewhere(Hypothesis((), {}), "friction")
+    knees = [(values.get("current", values.get("command")), values.get("sharpness", 4.0)) for values in found]
+    assert {round(knee, 6) for knee, sharp in knees if sharp == 4.0} == {
+        1.4,
+        3.0,
+        6.0,
+    }  # about the 2 A that are reached
+    assert {round(knee, 6) for knee, sharp in knees if 1.0 < sharp < 2.0} == {3.0, 6.0, 12.0}
+    assert not starts_elsewhere(Hypothesis((), {}), "friction", 2.0)
 
 
 @pytest.mark.parametrize("name", [name for name, card in EFFECTS.items() if card.shapes])

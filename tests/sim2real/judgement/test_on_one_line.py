@@ -1,0 +1,70 @@
+"""On how many lines a resonance acts: one that explains a single line is no evidence of a resonance."""
+
+from dataclasses import dataclass
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from sim2real.compared.simulated import Point
+from sim2real.judgement.on_one_line import LINES, acts_on_one_line, lines_of
+from sim2real.search.fitting import begin
+from sim2real.search.hypotheses import Hypothesis
+
+LOW, HIGH = (5.0, 15.0, 25.0, 35.0, 45.0), 2  # lines, Hz, and how many recordings have them
+MODE = Hypothesis(("sensor_resonance",), {})
+
+
+@dataclass(frozen=True)
+class Bench:
+    """The response of one mode at few lines of two recordings."""
+
+    data: np.ndarray
+
+    @property
+    def parts(self):
+        record = SimpleNamespace(frequency=np.array(LOW), lines=np.array(LOW) / 5)
+        used, measured = np.ones(len(LOW), bool), np.zeros((1, 1, len(LOW)))
+        return [
+            SimpleNamespace(record=record, used=used, measured=measured, place=slice(i * len(LOW), (i + 1) * len(LOW)))
+            for i in range(HIGH)
+        ]
+
+    def simulate(self, points):
+        return np.array([np.tile(response(p), HIGH) for p in points])
+
+
+def response(point):
+    mode = point.effects.get("sensor_resonance")
+    if mode is None:
+        return np.zeros(len(LOW), complex)
+    x = np.array(LOW) / mode["frequency"]
+    return 100 * mode["coupling"] * x**2 / (1 - x**2 + 2j * mode["damping_ratio"] * x)
+
+
+def fit(frequency, damping):
+    u = np.array([np.log(frequency), np.log(damping), 1.0])
+    b = Bench(np.tile(response(MODE.point(u)), HIGH))
+    return b, begin([MODE], [u], b.data, b.simulate)[0]
+
+
+def test_a_narrow_mode_at_a_line_acts_on_that_line_alone():
+    assert acts_on_one_line(*fit(25.05, 0.003))
+    assert not acts_on_one_line(*fit(20.0, 0.1))  # between two lines: both answer, and the others
+    assert not acts_on_one_line(*fit(25.0, 0.5))
+
+
+def test_a_hypothesis_without_a_resonance_acts_as_it_does():
+    b, _ = fit(25.05, 0.003)
+    (delay,) = begin([Hypothesis(("delay",), {})], [np.array([1.0])], b.data, b.simulate)
+    assert not acts_on_one_line(b, delay)
+
+
+def test_lines_are_counted_by_power_and_those_of_all_recordings_together():
+    b, _ = fit(20.0, 0.1)
+    one = np.zeros(len(LOW) * HIGH, complex)
+    one[[2, 2 + len(LOW)]] = 3.0, 4j  # the same line in both recordings
+    assert lines_of(b, one) == pytest.approx(1.0) and LINES > 1.0
+    assert lines_of(b, np.ones_like(one)) == pytest.approx(len(LOW))
+    assert lines_of(b, 0 * one) == 0.0
+    assert b.simulate([Point({}, {})]).shape == (1, len(LOW) * HIGH)
