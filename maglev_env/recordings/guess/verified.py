@@ -4,7 +4,8 @@ from dataclasses import replace
 from pathlib import Path
 
 from maglev_env.recordings.alarms import Alarm, alarms_of
-from maglev_env.recordings.campaign import SCHEMA, Campaign, parse_campaign
+from maglev_env.recordings.campaign import Campaign, parse_campaign
+from maglev_env.recordings.campaign_file import SCHEMA
 from maglev_env.recordings.guess.evidence import OPEN, STATED
 from maglev_env.recordings.guess.recording import RecordingGuess, guess_recording
 from maglev_env.recordings.guess.suspended import facing_the_magnet

@@ -58,9 +58,12 @@ def estimate(
     if band_width is not None and not band_width > 0:
         raise ValueError(f"--band-width {band_width} Hz must be positive")
     require_campaign(source)
+    from maglev_env.recordings.campaign import load_campaign
+
+    # What is wrong with it is told before the imports that take longer.
+    stated = load_campaign(source) if source.is_dir() or source.suffix == ".toml" else None
     from html import escape as html
 
-    from maglev_env.recordings.campaign import load_campaign
     from maglev_env.recordings.guess.verified import guessed_campaign
     from maglev_env.recordings.left_out import left_out_data
     from maglev_workbench.commands.estimate.one_file import OneFile, one_file_campaign
@@ -68,8 +71,8 @@ def estimate(
     from maglev_workbench.page import write_page
     from maglev_workbench.warned import LEAVING_OUT, shown, warned
 
-    if source.is_dir() or source.suffix == ".toml":
-        campaign = load_campaign(source)
+    if stated is not None:
+        campaign = stated
         page = out or campaign.folder / "estimate.html"
     elif not set(given(context)) & ONE_FILE:
         campaign, guess = guessed_campaign(source, mass=mass)

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from maglev_env.recordings.alarms import alarms_of
-from maglev_env.recordings.campaign import SCHEMA, parse_campaign
+from maglev_env.recordings.campaign import parse_campaign
+from maglev_env.recordings.campaign_file import SCHEMA
 from maglev_env.recordings.guess.recording import guess_recording
 from maglev_env.recordings.guess.verified import verified
 from maglev_env.recordings.recording import read_recording
