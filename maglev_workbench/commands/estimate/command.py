@@ -134,7 +134,7 @@ def estimate(
     for file, one_axis in found.axes:
         console.print(f"\n{file}", style="bold")
         console.print(estimate_table(one_axis, method))
-        say(one_axis)
+        say(one_axis, found.pooled is not None)
     for files, both in found.planar:
         console.print(f"\nx and y together: {files}", style="bold")
         console.print(planar_table(both))
