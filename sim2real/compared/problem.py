@@ -198,13 +198,15 @@ class Problem:
     def about(self, near: Point) -> "Problem":
         """As `again`, with the errors of measured drives about their most probable amounts at a point: the best basis
         for a fit that begins there, but not for comparing hypotheses that lie elsewhere."""
-        errors = self.errors
         if any(exact_errors(p.record) for p in self.parts if isinstance(p.record, OpenRecord)):
             (predicted,) = self.simulate([near])
             if np.isfinite(predicted).all():
                 # A nuisance is what changes in the residual when an error is put right: an error is its negative.
-                errors = {name: -a for name, a in self.nuisances.amounts(self.data - predicted).items()}
-        return self._again(near, 1.0, errors)
+                amounts = self.nuisances.amounts(self.data - predicted)
+                moved = self._again(near, 1.0, {name: -a for name, a in amounts.items()})
+                if np.isfinite(moved.simulate([near])).all():  # else the rotor falls under the drive that is put right
+                    return moved
+        return self.again(near)
 
     def _again(self, near: Point, louder: float, errors: Mapping[str, float]) -> "Problem":
         records, used = [p.record for p in self.parts], [p.used for p in self.parts]
