@@ -89,7 +89,7 @@ def maximum_likelihood(
     # A record without noise keeps a weight.
     floor = NOISELESS * np.mean(np.abs(force) ** 2, axis=-1, keepdims=True)
     f, y, sff, syy, sfy = (
-        np.ascontiguousarray(a.reshape(-1, n))
+        a.reshape(-1, n)
         for a in (
             force,
             displacement,
@@ -100,14 +100,13 @@ def maximum_likelihood(
     )
     slices = band_slices(statistics.frequency, bands)
     masses = np.ascontiguousarray(np.broadcast_to(mass, shape).reshape(-1))
-    data = (f, y, sff, syy, sfy, 2 * np.pi * statistics.frequency, masses, slices)
-    found = np.full((len(masses), len(bands), 14), np.nan)
+    lines = 2 * np.pi * statistics.frequency, masses, slices
+    found = band_likelihood.estimate(f, y, sff, syy, sfy, *lines, statistics.periods)
     ends = np.full((len(masses), len(bands), 4), np.nan)
-    band_likelihood.estimate(*data, statistics.periods, found)
     if intervals:
         threshold = scipy.special.stdtrit(found[..., 6:8], (1 + level) / 2) ** 2 / 2 * found[..., 4:6]
-        band_likelihood.bounds(*data, found, threshold, ends)
-    found, ends = found.reshape(*shape, len(bands), 14), ends.reshape(*shape, len(bands), 4)
+        ends = band_likelihood.bounds(f, y, *lines, found, threshold)
+    found, ends = found.reshape(*shape, len(bands), -1), ends.reshape(*shape, len(bands), 4)
     k, c, k_se, c_se, *_, cost, share, expected, freedom = np.moveaxis(found[..., :12], -1, 0)
     fit_p = scipy.special.fdtrc(freedom, freedom * (statistics.periods - 1), cost / expected)
     k_low, k_high, c_low, c_high = np.moveaxis(ends, -1, 0)

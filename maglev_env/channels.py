@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 Place = Literal["force", "current", "reference"]
+SENSORS = ("probe", "self_sensing")  # of the displacement
 
 
 @dataclass(frozen=True)

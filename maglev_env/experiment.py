@@ -6,7 +6,7 @@ from math import inf
 
 import numpy as np
 
-from maglev_env.channels import MEASURED, SPECTRAL, simulated_channels
+from maglev_env.channels import MEASURED, SENSORS, SPECTRAL, simulated_channels
 from maglev_env.fields import is_number
 from maglev_env.loop.axes import suffixes
 from maglev_env.loop.effect import EFFECTS, FINER, NO_EFFECTS, Effects, check_effects, effect_value
@@ -15,8 +15,6 @@ from maglev_env.rig.excitation import Excitation, axis_excitations, check_interl
 from maglev_env.rig.rig import Rig, axis_rig
 from maglev_env.rig.self_sensor import rig_sensors
 from selfsense.sensor import SelfSensor
-
-SENSORS = ("probe", "self_sensing")
 
 
 @dataclass(frozen=True)

@@ -5,6 +5,7 @@ their names. A kernel therefore has a fingerprint of all code that it reaches, a
 changes.
 """
 
+import gc
 from collections.abc import Callable, Iterator
 from functools import cache
 from hashlib import sha256
@@ -15,24 +16,26 @@ from maglev_lanes.layout import FAST
 from maglev_lanes.pair import Pair, teach_pairs
 from maglev_lanes.pieces import register
 
-OWN = ("maglev_lanes", "selfsense", "maglev_env")  # packages whose code ends up in kernels
+OWN = ("maglev_lanes", "estimation", "selfsense", "maglev_env")  # packages whose code ends up in kernels
 
 
-def compiled(kernel: Callable) -> Callable:
+def compiled(kernel: Callable, fast: bool = True) -> Callable:
     """The compiled kernel, from the disk cache if the same code has been compiled before.
 
     Args:
         kernel: a function in a factory, which uses a variable `sources` of the factory, so that its value becomes part
             of the key of the disk cache. It is set here.
+        fast: whether the compiler may assume FAST of the kernel's arithmetic.
     """
     import numba as nb
 
     teach_pairs()
     register()
     _interleave()
+    _uncollected()
     at = kernel.__code__.co_freevars.index("sources")
     kernel.__closure__[at].cell_contents = fingerprint(kernel)
-    return nb.njit(fastmath=FAST, error_model="numpy", nogil=True, cache=True)(kernel)
+    return nb.njit(fastmath=FAST if fast else False, error_model="numpy", nogil=True, cache=True)(kernel)
 
 
 @cache
@@ -44,6 +47,35 @@ def _interleave() -> None:
     from llvmlite import binding
 
     binding.set_option("maglev", "-force-vector-interleave=2")
+
+
+@cache
+def _uncollected() -> None:
+    """Keep the garbage collector from running while the compiler does.
+
+    The compiler makes millions of objects that stay until it is done, and of all objects of the process the collector
+    would look at each again and again, which takes a sixth of the compiler's time.
+    """
+    from numba.core import event
+
+    class Uncollected(event.Listener):
+        """Counts compilations that contain one another; the compiler's lock lets one thread in at a time."""
+
+        def __init__(self) -> None:
+            self.depth, self.before = 0, False
+
+        def on_start(self, event: event.Event) -> None:
+            if self.depth == 0:
+                self.before = gc.isenabled()
+                gc.disable()
+            self.depth += 1
+
+        def on_end(self, event: event.Event) -> None:
+            self.depth -= 1
+            if self.depth == 0 and self.before:
+                gc.enable()
+
+    event.register("numba:compile", Uncollected())
 
 
 def fingerprint(function: Callable) -> int:

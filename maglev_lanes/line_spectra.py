@@ -16,6 +16,7 @@ from maglev_lanes.butterflies import IM, SIZE, five, four
 from maglev_lanes.compiled import compiled
 from maglev_lanes.layout import FAR
 from maglev_lanes.layout import LANES as W
+from maglev_lanes.pieces import called, exact
 
 LONGEST = (
     512  # numbers of a column: two copies of as many, of all lanes, fit into the second cache of common processors
@@ -85,78 +86,64 @@ def _places(length: int, radices: np.ndarray) -> np.ndarray:
     return places
 
 
-@cache
-def _pass() -> Callable[..., None]:
-    sources = 0  # see `compiled`
-
-    def one(z, to, radix, done, roots):
-        """One pass over a column, behind others by radices whose product is `done`."""
-        if sources == 0:
-            return
-        many = roots.size // 2 // radix
-        step = (many * SIZE) & FAR
-        for p in range(many):
-            a, b, turn = (p * SIZE) & FAR, (p * radix * SIZE) & FAR, p // done * done
+@called
+def one(z, to, radix, done, roots):
+    """One pass over a column, behind others by radices whose product is `done`."""
+    many = roots.size // 2 // radix
+    step = (many * SIZE) & FAR
+    for first in range(0, many, done):  # all of `done` numbers are turned alike
+        for p in range(first, first + done):
+            a, b, turn = (p * SIZE) & FAR, (p * radix * SIZE) & FAR, first
             if radix == 5:
                 five(z, a, step, to, b, roots, turn)
             else:
                 four(z, a, step, to, b, roots, turn)
 
-    return compiled(one)
+
+@called
+def load(series, first, sample, column, columns, z, lanes):
+    """Copy a column and its right neighbour, if there is one, as one complex series."""
+    beside = sample if column + 1 < columns else 0
+    share = 1.0 if beside > 0 else 0.0
+    for n in range(z.size // SIZE):
+        at, to = (column + columns * n) * sample + first, n * SIZE
+        own, late, re, im = np.uint64(at), np.uint64(at + beside), np.uint64(to), np.uint64(to + IM)
+        for i in range(np.uint64(lanes)):
+            z[re + i] = series[own + i]
+            z[im + i] = share * series[late + i]
 
 
-@cache
-def _load() -> Callable[..., None]:
-    sources = 0
-
-    def load(series, first, sample, column, columns, z, lanes):
-        """Copy a column and its right neighbour, if there is one, as one complex series."""
-        if sources == 0:
-            return
-        beside = sample if column + 1 < columns else 0
-        share = 1.0 if beside > 0 else 0.0
-        for n in range(z.size // SIZE):
-            at, to = (column + columns * n) * sample + first, n * SIZE
-            own, late, re, im = np.uint64(at), np.uint64(at + beside), np.uint64(to), np.uint64(to + IM)
-            for i in range(np.uint64(lanes)):
-                z[re + i] = series[own + i]
-                z[im + i] = share * series[late + i]
-
-    return compiled(load)
+# Not of complex numbers: the compiler keeps one product of these for the whole process, with the assumptions of the
+# kernel that asked for it first, and the last bits of others would depend on what was compiled before them.
+@exact
+def product(a, b, c, d):
+    """Real and imaginary part of (a + j b) (c + j d)."""
+    return a * c - b * d, a * d + b * c
 
 
-@cache
-def _gather() -> Callable[..., None]:
-    sources = 0
+@called
+def gather(z, column, whole, lines, at, mirrored, found, lanes):
+    """Add what a transformed pair of columns contributes to the lines.
 
-    def gather(z, column, whole, lines, at, mirrored, found, lanes):
-        """Add what a transformed pair of columns contributes to the lines.
-
-        With Z of a real and an imaginary series, these have (Z + Z~) / 2 and (Z - Z~) / 2j, where Z~ is the conjugate
-        at the mirrored frequency. The second one is a sample later.
-        """
-        if sources == 0:
-            return
-        im = np.uint64(IM)
-        for n in range(lines.size):
-            t, k = column * lines[n] % (whole.size // 2), lines[n]
-            c, s, late_c, late_s = whole[2 * t], whole[2 * t + 1], whole[2 * k], whole[2 * k + 1]
-            own = complex(c, s) * complex(0.5 + 0.5 * late_s, -0.5 * late_c)
-            other = complex(c, s) * complex(0.5 - 0.5 * late_s, 0.5 * late_c)
-            p, q, o = np.uint64(at[n] * SIZE), np.uint64(mirrored[n] * SIZE), np.uint64(n * SIZE)
-            ux, uy, vx, vy = own.real, own.imag, other.real, other.imag
-            for i in range(np.uint64(lanes)):
-                zx, zy, mx, my = z[p + i], z[p + im + i], z[q + i], z[q + im + i]
-                found[o + i] += ux * zx - uy * zy + vx * mx + vy * my
-                found[o + im + i] += ux * zy + uy * zx - vx * my + vy * mx
-
-    return compiled(gather)
+    With Z of a real and an imaginary series, these have (Z + Z~) / 2 and (Z - Z~) / 2j, where Z~ is the conjugate
+    at the mirrored frequency. The second one is a sample later.
+    """
+    im = np.uint64(IM)
+    for n in range(lines.size):
+        t, k = column * lines[n] % (whole.size // 2), lines[n]
+        c, s, late_c, late_s = whole[2 * t], whole[2 * t + 1], whole[2 * k], whole[2 * k + 1]
+        ux, uy = product(c, s, 0.5 + 0.5 * late_s, -0.5 * late_c)
+        vx, vy = product(c, s, 0.5 - 0.5 * late_s, 0.5 * late_c)
+        p, q, o = np.uint64(at[n] * SIZE), np.uint64(mirrored[n] * SIZE), np.uint64(n * SIZE)
+        for i in range(np.uint64(lanes)):
+            zx, zy, mx, my = z[p + i], z[p + im + i], z[q + i], z[q + im + i]
+            found[o + i] += ux * zx - uy * zy + vx * mx + vy * my
+            found[o + im + i] += ux * zy + uy * zx - vx * my + vy * mx
 
 
 @cache
 def _transform() -> Callable[..., None]:
-    sources = 0
-    load, one, gather = _load(), _pass(), _gather()
+    sources = 0  # see `compiled`
 
     def transform(series, first, sample, samples, radices, roots, whole, lines, at, mirrored, z, other, found):
         """Amplitudes times half the samples, added to `found`, (lines, 2, LANES).
@@ -170,7 +157,7 @@ def _transform() -> Callable[..., None]:
         columns = samples // (roots.size // 2)
         for column in range(0, columns, 2):
             load(series, first, sample, column, columns, z, W)
-            done = 1
+            done = np.int64(1)  # typed, because the compiler would make a second pass of a constant
             for j in range(radices.size):
                 if j % 2 == 0:
                     one(z, other, radices[j], done, roots)

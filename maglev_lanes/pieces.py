@@ -6,9 +6,11 @@ from typing import TypeVar, cast
 Function = TypeVar("Function", bound=Callable)
 
 # How the compiler takes them: without what only a function that is called on its own needs, which costs time.
-INLINED = {"forceinline": True, "no_cfunc_wrapper": True, "no_cpython_wrapper": True}
+CALLED = {"no_cfunc_wrapper": True, "no_cpython_wrapper": True}
+INLINED = CALLED | {"forceinline": True}
+EXACT = CALLED | {"fastmath": False}
 _made: dict[tuple, Callable] = {}  # every piece by what it computes, see `_content`
-_waiting: list[tuple[Callable, tuple]] = []  # pieces that were marked since the last kernel was made
+_waiting: list[tuple[Callable, tuple, dict]] = []  # pieces that were marked since the last kernel was made
 
 
 def piece(function: Function) -> Function:
@@ -22,8 +24,22 @@ def piece(function: Function) -> Function:
         The function, or one that was marked before and computes the same: factories make the pieces of every kernel
         anew, and the compiler would compile them anew.
     """
+    return _marked(function, INLINED)
+
+
+def called(function: Function) -> Function:
+    """Mark a function as part of kernels that may stay a call: one that is long, or called from several places."""
+    return _marked(function, CALLED)
+
+
+def exact(function: Function) -> Function:
+    """Mark a function as part of kernels whose arithmetic is as it is written, in fast kernels, too."""
+    return _marked(function, EXACT)
+
+
+def _marked(function: Function, options: dict) -> Function:
     content = _content(function)
-    _waiting.append((function, content))
+    _waiting.append((function, content, options))
     return cast(Function, _made.setdefault(content, function))
 
 
@@ -50,8 +66,8 @@ def register() -> None:
     from numba.extending import register_jitable
 
     while _waiting:
-        function, content = _waiting.pop()
+        function, content, options = _waiting.pop()
         if _content(function) != content:
             raise RuntimeError(f"{function.__qualname__}: a variable that this piece uses changed after it was marked")
         if _made[content] is function:
-            register_jitable(**INLINED)(function)
+            register_jitable(**options)(function)

@@ -137,13 +137,16 @@ def require_file(path: Path | None, option: str) -> None:
 
 
 def require_campaign(path: Path) -> None:
-    """Check, before the imports that take long, that a folder holds a campaign; a file passes.
+    """Check, before the imports that take long, that a folder holds a campaign, or a TOML file is one; others pass.
 
     Raises:
-        FileNotFoundError: It does not.
+        ValueError: It is not TOML of a campaign's schema.
+        OSError: It does not exist, or cannot be read.
     """
-    if path.is_dir() and not (path / "campaign.toml").exists():
-        raise FileNotFoundError(f"{path / 'campaign.toml'} does not exist; name a campaign folder or its campaign.toml")
+    if path.is_dir() or path.suffix == ".toml":
+        from maglev_env.recordings.campaign_file import campaign_tables
+
+        campaign_tables(path)
 
 
 def require_folder(path: Path, option: str = "--out") -> None:

@@ -1,7 +1,8 @@
 """Attribution of a gap under the noise that its best explanation leaves.
 
 How loud the noise of a recording without a period is shows only when a good simulation is subtracted. So the hypotheses
-are fitted again, once or twice, where the best of them leaves another noise than was assumed.
+are fitted again, once or twice, where the best of them leaves another noise than was assumed; those that are so far
+behind that no noise makes them probable keep the parameters that they had.
 """
 
 from collections.abc import Callable, Sequence
@@ -10,12 +11,15 @@ import numpy as np
 
 from sim2real.compared.bench_noise import BenchNoise
 from sim2real.compared.problem import Problem
+from sim2real.judgement.evidence import evidence_of
+from sim2real.judgement.judge import reach
 from sim2real.judgement.nonstationary import widening
 from sim2real.recorded.open_record import OpenRecord
 from sim2real.recorded.records import Record
 from sim2real.search.attribute import NO_GAP, Attribution, attribute
 
 LOUDER = 1.05  # times its noise that a record without a period may seem to have under a wrong simulation
+MARGIN = 2.0  # times the cost that makes a candidate hopeless: what another noise and a refit may change of it
 QUIETER = 1.5  # times by which noise may have been taken too large
 
 
@@ -47,12 +51,12 @@ def attributed(
     # The noise of a record without a period is what a good simulation leaves of it.
     again, judged, louder = _with_noise_of_best(fitted, judged, attribution)
     if _other_noise(fitted, again) or _other_nuisances(fitted, again):
-        fitted, attribution = again, attribute(again, progress, attribution)
+        fitted, attribution = again, attribute(again, progress, attribution, _reach(attribution))
         # What the first fits could not simulate may have been taken for noise that the later ones do not leave.
         again, later, less = _with_noise_of_best(fitted, judged, attribution)
         if _quieter(fitted, again):
             judged, louder = later, less
-            fitted, attribution = again, attribute(again, progress, attribution)
+            fitted, attribution = again, attribute(again, progress, attribution, _reach(attribution))
         else:
             again = fitted
     if bounded := [p.record.name for p in again.parts if bench.reached(p.record, p.opened.outputs, p.noise)]:
@@ -68,6 +72,11 @@ def attributed(
     else:
         note = ""
     return fitted, judged, attribution, [note] if note else []
+
+
+def _reach(attribution: Attribution) -> np.ndarray:
+    """Cost above the best within which each candidate may still matter under another noise."""
+    return MARGIN * reach(evidence_of(attribution, {}, {}, {}))
 
 
 def _with_noise_of_best(fitted: Problem, judged: Problem, attribution: Attribution) -> tuple[Problem, Problem, float]:

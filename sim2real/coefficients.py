@@ -57,6 +57,11 @@ class Coefficient:
     bounded: bool
     at_limit: bool = False
 
+    def with_error(self, se: float) -> "Coefficient":
+        """The same with another standard error, which may leave it unbounded."""
+        relative = self.name in UNITS and self.name not in ("damping", "delay")
+        return replace(self, se=se, bounded=self.bounded and (not relative or se < UNBOUNDED * abs(self.nominal)))
+
     @property
     def identified(self) -> bool:
         """Whether the value is an estimate: bounded, and not where the search ends."""
@@ -182,4 +187,4 @@ def across_recordings(c: Coefficient, each: Sequence[Coefficient]) -> Coefficien
         each: the same of every recording alone.
     """
     z = np.array([(own.value - c.value) / own.se for own in each if own.identified and own.se > 0])
-    return replace(c, se=c.se * float(np.sqrt(max(1.0, np.sum(z**2) / max(z.size - 1, 1)))))
+    return c.with_error(c.se * float(np.sqrt(max(1.0, np.sum(z**2) / max(z.size - 1, 1)))))

@@ -249,7 +249,7 @@ def _reaching(moving: Sequence[Coefficient], resting: Sequence[Coefficient]) -> 
     reach, found = float(stats.norm.isf(0.025)), []
     for c in moving:
         other = next((r.value for r in resting if r.name == c.name), c.value)
-        found.append(replace(c, se=float(np.hypot(c.se, (other - c.value) / reach))))
+        found.append(c.with_error(float(np.hypot(c.se, (other - c.value) / reach))))
     return tuple(found)
 
 

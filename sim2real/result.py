@@ -146,25 +146,28 @@ class Diagnosis:
 def fitted_parameters(candidate: Candidate) -> Mapping[str, Fitted]:
     """Fitted parameters with standard errors, named "effect.parameter", or "parameter (relative)" for tolerances.
 
-    A parameter that ended at its bound has no standard error: it is not identified.
+    A parameter that ended at its bound has no standard error: it is not identified. Nor has any of a candidate that is
+    so far behind the best that it was not fitted again under the final noise.
     """
     fit, found = candidate.fit, {}
-    sd = np.sqrt(np.maximum(np.diag(fit.covariance()), 0.0))
+    known = fit.jacobian is not None
+    sd = np.sqrt(np.maximum(np.diag(fit.covariance()), 0.0)) if known else np.full(fit.u.size, np.nan)
     for i, c in enumerate(fit.hypothesis.coordinates):
         value = c.value(float(fit.u[i]))
         at_bound = c.at_bound(float(fit.u[i]))
-        se = None if at_bound else _se(c, value, float(sd[i]))
+        se = None if at_bound or not known else _se(c, value, float(sd[i]))
         found[f"{c.effect}.{c.parameter}"] = {"value": value, "se": se, "at_bound": at_bound}
     for i, name in enumerate(fit.hypothesis.calibrated, len(fit.hypothesis.coordinates)):
         if shape := fit.hypothesis.shapes.get(name):
             if (value := shape.value(at := float(fit.u[i]))) != shape.parameter.default:
                 at_bound = at in (shape.bounded(at - 1.0), shape.bounded(at + 1.0))
-                se = None if at_bound else float(sd[i]) * shape.change(at)
+                se = None if at_bound or not known else float(sd[i]) * shape.change(at)
                 found[name] = {"value": value, "se": se, "at_bound": at_bound}
             continue
         sigma = fit.hypothesis.sigma(name)
         change = float(fit.u[i]) * sigma
-        found[f"{name} (relative)"] = {"value": change, "se": float(sd[i]) * sigma, "at_bound": False}
+        se = float(sd[i]) * sigma if known else None
+        found[f"{name} (relative)"] = {"value": change, "se": se, "at_bound": False}
     return found
 
 

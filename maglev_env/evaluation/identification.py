@@ -255,7 +255,12 @@ def _through_magnets(
     statistics = spectra.all
     lines = np.union1d(spectra.driven["current"], spectra.driven["reference"])
     drive = next((name for name in ("current", "command") if name in statistics.channels), None)
-    if not lines.size or drive is None or estimate_mass or mass is None:
+    if lines.size and drive and (estimate_mass or mass is None):
+        raise ValueError(
+            f"stiffness and damping from the {drive} need a known mass; state it in kg, in [parameters] of "
+            "campaign.toml or with --mass (only a recorded force tells the mass, too)"
+        )
+    if not lines.size or drive is None:
         raise ValueError(
             "stiffness and damping need an excitation at the force, along the axis of the displacement, and the "
             "channel force; or one at the current or reference, the channel current, and a known mass"

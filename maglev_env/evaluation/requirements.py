@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.ndimage import uniform_filter1d
+import scipy
 
 from estimation.lines.frequency_response import frequency_response, pooled_variance
 from estimation.lines.periods import LineStatistics
@@ -112,9 +112,9 @@ def _of_axis(
             found["impulse_displacement"] = _exactly(np.abs(y).max(axis=1))
             continue
         width = max(1, round(MEAN_OVER * limit / dt))
-        noise = uniform_filter1d(hovering[:, 0] - rest, width, axis=-1).std(axis=-1)
+        noise = scipy.ndimage.uniform_filter1d(hovering[:, 0] - rest, width, axis=-1).std(axis=-1)
         near = np.maximum(NOISE_BAND * noise, NEAR * clearance)
-        time = settling_time(uniform_filter1d(y, width, axis=-1, mode="nearest"), near, dt)
+        time = settling_time(scipy.ndimage.uniform_filter1d(y, width, axis=-1, mode="nearest"), near, dt)
         found["recovery_time" if event.kind == "step" else "lift_off_time"] = _exactly(time)
     found["current_peak"] = _exactly(np.max(peaks, axis=0))
     return found

@@ -116,17 +116,19 @@ def read_pieces(s: Structure) -> tuple[Callable, Callable, Callable]:
             tile[o + i + COMMAND * W] = command(x, k, u + injected(x, k, injection))
             if not depends:
                 note_current(x, k, tile, o + i)
-        for j in range(order):
-            for i in range(W):
-                if of_error:
-                    filter_ahead(x, b + i, f + (1 + ERROR_STATE * j) * W + i)
-                else:
-                    inputs_ahead(x, f + i, f + (HEAD + INPUT_STATE * j) * W + i, wanted(x, b + i, reference))
+        if order > 0:  # a loop of no rounds would have its pieces compiled
+            for j in range(order):
+                for i in range(W):
+                    if of_error:
+                        filter_ahead(x, b + i, f + (1 + ERROR_STATE * j) * W + i)
+                    else:
+                        inputs_ahead(x, f + i, f + (HEAD + INPUT_STATE * j) * W + i, wanted(x, b + i, reference))
 
     @piece
     def late(x, b, tile, o):
-        for i in range(W if depends else 0):
-            note_current(x, b + i, tile, o + i)
+        if depends:
+            for i in range(W):
+                note_current(x, b + i, tile, o + i)
 
     return read, control, late
 

@@ -104,6 +104,7 @@ def lost_levitation(dataset: "xr.Dataset", start: int = 0, rig: Rig | None = Non
         there = np.concatenate([y[slice(*run)] for run in spells])
         when = ", ".join(f"{a / rate:.4g} to {b / rate:.4g} s" for a, b in spells[:MOST_EVENTS])
         more = f" and {len(spells) - MOST_EVENTS} more times" if len(spells) > MOST_EVENTS else ""
+        low, high = max(low, y.min()), min(high, y.max())  # nothing is said beyond what was read
         works = f", and works from {_si(low, 'm')} to {_si(high, 'm')}" if high > low else ""
         cut = f"use the longest sound stretch: {_cut(dataset, start, sound)}" if stretch else "record again"
         found.append(

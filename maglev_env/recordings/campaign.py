@@ -1,13 +1,13 @@
 """A campaign: a folder of recordings described by campaign.toml, with the nominal rig they were made on."""
 
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path, PurePosixPath, PureWindowsPath
 from typing import Any, Literal
 
-from maglev_env.fields import check_known, toml_text
+from maglev_env.fields import check_known
 from maglev_env.loop.gains import Controllers
+from maglev_env.recordings.campaign_file import campaign_tables, check_schema
 from maglev_env.recordings.campaign_tables import (
     ChannelSource,
     channel_table,
@@ -25,7 +25,6 @@ from maglev_env.rig.rig import PRESETS, Rig, load_rig, with_parameters
 
 __all__ = ["Campaign", "ChannelSource", "RecordingSpec", "load_campaign"]
 
-SCHEMA = "maglev-campaign/1"
 ROLES = ("fit", "holdout")
 INTERSAMPLE = ("bl", "zoh")
 _RECORDING_KEYS = (
@@ -116,17 +115,9 @@ def load_campaign(folder_or_toml: str | Path) -> Campaign:
         ValueError: A value does not fit; the message names the file, the recording and the key.
         OSError: campaign.toml or a data file does not exist.
     """
-    path = Path(folder_or_toml)
-    path = path / "campaign.toml" if path.is_dir() else path
-    if not path.exists():
-        raise FileNotFoundError(f"{path} does not exist; name a campaign folder or its campaign.toml")
-    if path.suffix != ".toml":
-        raise ValueError(
-            f"{path} is not a campaign folder or campaign.toml; `maglev estimate` also reads one data file"
-        )
-    text = toml_text(path, "campaign")
+    path, tables = campaign_tables(folder_or_toml)
     try:
-        return parse_campaign(path.parent, tomllib.loads(text))
+        return parse_campaign(path.parent, tables)
     except (ValueError, TypeError, ArithmeticError, RecursionError) as error:
         raise ValueError(f"{path}: {error}") from error
 
@@ -142,8 +133,7 @@ def parse_campaign(folder: Path, data: Mapping[str, Any]) -> Campaign:
         OSError: A data file does not exist.
         ValueError: The content does not fit; the recording and the key are named.
     """
-    if data.get("schema") != SCHEMA:
-        raise ValueError(f'schema = {data.get("schema")!r}; this version reads schema = "{SCHEMA}"')
+    check_schema(data)
     check_known(data, ("schema", "rig", "parameters", "recording"), "top level")
     rig, mass = campaign_rig(folder, data.get("rig"), table_of(data.get("parameters", {}), "[parameters]"))
     tables = data.get("recording", [])

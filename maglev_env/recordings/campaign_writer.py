@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING, Any, Literal
 from maglev_env.experiment import Experiment
 from maglev_env.fields import check_known
 from maglev_env.loop.gains import Controllers, Gains, as_table
-from maglev_env.recordings.campaign import ROLES, SCHEMA
+from maglev_env.recordings.campaign import ROLES
+from maglev_env.recordings.campaign_file import SCHEMA
 from maglev_env.recordings.campaign_tables import CAMPAIGN_CHANNELS
 from maglev_env.recordings.files import write_csv, write_mat, write_npz, write_text_atomic
 from maglev_env.rig.excitation import Excitation

@@ -15,8 +15,16 @@ from maglev_env.recordings.formats import file_formats as formats
 from maglev_env.recordings.formats.text_files import open_text
 from maglev_env.recordings.formats.text_layout import TextLayout
 
-TEXT = (".csv", ".tsv", ".txt", ".dat", ".lvm")
-SUFFIXES = (".mat", *TEXT, ".npz", ".h5", ".nc")
+TEXT = (".csv", ".tsv", ".txt", ".dat", ".lvm", ".log", ".asc", ".prn", ".tab")
+HDF5 = (".h5", ".hdf5", ".hdf", ".nc")
+SUFFIXES = (".mat", *TEXT, ".npz", *HDF5)
+# Files of measurements that are not read, and what to do with them.
+SAVE_AS = {
+    **dict.fromkeys((".xlsx", ".xls", ".xlsm", ".ods"), "save the sheet as CSV"),
+    **dict.fromkeys((".tdms", ".tdm"), "export it as text or HDF5"),
+    **dict.fromkeys((".mf4", ".mdf"), "export it as MATLAB or CSV"),
+    **dict.fromkeys((".npy", ".pkl", ".parquet"), "save it as CSV, or its columns with numpy.savez"),
+}
 KEPT = 2**28  # bytes of the files of a campaign whose columns stay in memory
 _HDF5 = b"\x89HDF\r\n\x1a\n"
 
@@ -32,7 +40,8 @@ class Columns:
         notes: What was told from the file rather than stated, in words.
         headers: What a text, HDF5 or netCDF file calls a column, with the unit in brackets, where that says more than
             the name.
-        numbers: Numbers that stand above the table of a text file, by what the file calls them.
+        numbers: Numbers that stand above the table of a text file, or as attributes in an HDF5 or netCDF file, by what
+            the file calls them.
     """
 
     path: Path
@@ -84,7 +93,7 @@ def is_data_file(path: Path) -> bool:
 
 
 def read_columns(path: str | Path, layout: TextLayout | None = None) -> Columns:
-    """Open a data file by its suffix: .mat (v5 or v7.3), text (TEXT), .npz, .h5 or .nc (netCDF 4).
+    """Open a data file by its suffix: .mat (v5 or v7.3), text (TEXT), .npz, HDF5 (netCDF 4 too).
 
     Args:
         path: The file.
@@ -97,20 +106,22 @@ def read_columns(path: str | Path, layout: TextLayout | None = None) -> Columns:
     path = Path(path)
     kind = path.suffix.lower()
     if kind not in SUFFIXES:
-        raise ValueError(f"{path}: files of kind {kind!r} are not read; use {', '.join(SUFFIXES)}")
+        instead = f"{SAVE_AS[kind]}; read are" if kind in SAVE_AS else "use"
+        raise ValueError(f"{path}: files of kind {kind!r} are not read; {instead} {', '.join(SUFFIXES)}")
     if path.exists() and not path.is_file():
         raise ValueError(f"{path}: not a regular file")
     size = path.stat().st_size
     with path.open("rb") as file:
         head = file.read(520)
     hdf5 = _HDF5 in (head[:8], head[512:])
-    if kind in (".h5", ".nc") and not hdf5:
+    if kind in HDF5 and not hdf5:
         raise ValueError(f"{path}: not an HDF5 file (classic netCDF is not read); it is truncated or damaged")
     try:
         formats.bounded(size, "the file")
         if hdf5:
-            headers = {} if kind == ".mat" else formats.hdf5_units(path)
-            return Columns(path, *formats.open_hdf5(path, matlab=kind == ".mat"), headers=headers)
+            matlab = kind == ".mat"
+            headers, numbers = ({}, {}) if matlab else formats.hdf5_attributes(path)
+            return Columns(path, *formats.open_hdf5(path, matlab=matlab), headers=headers, numbers=numbers)
         if kind in TEXT:
             text = open_text(path, layout or TextLayout())
             return Columns(path, text.names, text.read, text.positions, text.notes, text.headers, text.numbers)

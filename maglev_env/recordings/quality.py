@@ -56,7 +56,7 @@ class Quality:
     """Quality of a recording.
 
     Attributes:
-        periods: Steady periods.
+        periods: Steady periods; of a recording without a period the degrees of freedom of its noise.
         transient_periods: Dropped periods.
         leftover: Samples that belong to no whole period.
         channels: Quality of each channel.
@@ -64,6 +64,7 @@ class Quality:
         can: For each use, "yes" or what is missing.
         problems: What to correct before recording again.
         alarms: What went wrong while it was recorded; with one, nothing is "good" or "yes".
+        repeats: Whether it has a period.
     """
 
     periods: int
@@ -74,6 +75,7 @@ class Quality:
     can: dict[str, str]
     problems: tuple[str, ...]
     alarms: tuple[Alarm, ...] = ()
+    repeats: bool = True
 
 
 def recording_quality(
@@ -147,7 +149,7 @@ def _excited(signals: RecordedSignals, rig: Rig | None, bands: int) -> Quality:
         problems.append(f"{dropped} periods of transient: wait longer before recording")
     channels = tuple(_channel(name, values, spectra) for name, values in signals.channels.items())
     for c in channels:
-        if c.resolution_share > 0.05:
+        if c.resolution_share > 0.05 and c.name != "reference":  # the steps of a set point are no converter's
             share = f"{c.resolution_share:.0%}"
             problems.append(f"{c.name}: one converter step is {share} of the rms: raise the amplitude")
     problems.extend(_beyond(signals, rig))
@@ -161,7 +163,8 @@ def _excited(signals: RecordedSignals, rig: Rig | None, bands: int) -> Quality:
             f"displacement is lost in noise at {weak[0].f_lo:.0f} .. {weak[-1].f_hi:.0f} Hz: use more force or periods"
         )
     uses = _uses(signals, spectra)
-    return Quality(statistics.periods, dropped, spectra.leftover, channels, per_band, uses, tuple(problems))
+    return Quality(statistics.periods, dropped, spectra.leftover, channels, per_band, uses, tuple(problems),
+                   repeats=signals.periodic)  # fmt: skip
 
 
 def _channel(name: str, values: np.ndarray, spectra: RecordSpectra | None) -> ChannelQuality:

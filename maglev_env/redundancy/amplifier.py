@@ -6,7 +6,7 @@ import numpy as np
 
 from maglev_env.loop.gains import reads_current
 from maglev_env.redundancy.controller import at_control_rate
-from maglev_env.redundancy.rows import Fit, Row, fit, low_pass
+from maglev_env.redundancy.rows import MODEL, Fit, Row, fit, local_power, low_pass
 from maglev_env.redundancy.view import Lines, View
 
 GAIN = 0.1  # of an amplifier and its current sensor
@@ -14,6 +14,7 @@ LAG = 0.1  # relative standard deviation of the amplifier's time constant where 
 WIDE = 4.0  # standard deviations of a tolerance that count as possible
 SHAPE = 0.1
 POINTS = 17  # time constants that are tried
+REACH, BESIDE = (0.05, 50.0), 1.3  # samples: a time constant that is not known at all, and its grid's finer part
 ALLOWED = 16.0  # rise of the cost within which a time constant is possible: four standard deviations
 DELAY = 0.3  # of a sample
 EFFECTS = ("delay", "amplifier_lag", "amplifier_voltage_limit")
@@ -33,13 +34,12 @@ def amplified(view: View) -> list[Row]:
     lines = _driven(view)
     if lines is None:
         return []
-    nominal = view.nominal(lines.frequency).amplifier
-    found = _within(view, lines, nominal, WIDE * view.rig.tolerance.get("amplifier_time_constant", LAG))
+    found = _within(view, lines)
     if found is None:
         return []
     lag = 0.0
     if found.misfit > SHAPE:
-        source = nominal * lines.parts["command"]
+        source = view.nominal(lines.frequency).amplifier * lines.parts["command"]
         lag, _ = low_pass(lines.parts["current"], source, lines.frequency, view.rate, lines.periodic, found.misfit)
     cut: tuple[str, ...] = ()
     if found.gain[0] < 1:
@@ -67,18 +67,47 @@ def _driven(view: View) -> Lines | None:
     return replace(lines, parts=parts, periodic=True)  # means over the segments are compared
 
 
-def _within(view: View, lines: Lines, nominal: np.ndarray, share: float) -> Fit | None:
-    """Of the fits with a time constant within its tolerance that the lines allow, the nearest to gain 1 and delay 0."""
-    t = view.rig.amplifier_time_constant
-    w = 2j * np.pi * lines.frequency
-    fits = []
-    for change in np.linspace(-min(share, 0.9), share, POINTS) if t else [0.0]:
-        source = nominal * (1 + w * t) / (1 + w * t * (1 + change)) * lines.parts["command"]
-        one = fit(lines.parts["current"], [source], lines.frequency, view.rate, lines.periodic)
-        if one is not None:
-            fits.append(one)
-    if not fits:
+def _within(view: View, lines: Lines) -> Fit | None:
+    """Of the fits with a time constant within its tolerance that the lines allow, the nearest to gain 1 and delay 0.
+
+    Where the rig leaves the time constant out, it may be any.
+    """
+    rig = view.rig
+    t, share = rig.amplifier_time_constant, WIDE * rig.tolerance.get("amplifier_time_constant", LAG)
+
+    def tried(times: np.ndarray) -> list[tuple[float, np.ndarray, Fit]]:
+        found = []
+        for one in map(float, times):
+            amplifier = replace(view, rig=replace(rig, amplifier_time_constant=one)).nominal(lines.frequency).amplifier
+            source = amplifier * lines.parts["command"]
+            made = fit(lines.parts["current"], [source], lines.frequency, view.rate, lines.periodic)
+            found += [] if made is None else [(one, source, made)]
+        return found
+
+    if not view.amplifier_open:
+        found = tried(t * (1 + np.linspace(-min(share, 0.9), share, POINTS)) if t else np.zeros(1))
+    else:
+        found = tried(np.array([0.0, *np.geomspace(*REACH, POINTS)]) / view.rate)
+        if found and (best := found[int(np.argmin(_costs(lines, found)))][0]):
+            found += tried(best * np.geomspace(1 / BESIDE, BESIDE, 2 * POINTS))
+    if not found:
         return None
-    least = min(f.cost for f in fits)
-    allowed = [f for f in fits if f.cost <= least + ALLOWED * max(1.0, least / lines.frequency.size)]
+    costs = _costs(lines, found)
+    most = costs.min() + ALLOWED * max(1.0, costs.min() / lines.frequency.size)
+    allowed = [one for (*_, one), cost in zip(found, costs, strict=True) if cost <= most]
     return min(allowed, key=lambda f: abs(np.log(abs(f.gain[0]))) / GAIN + abs(f.delay[0]) * view.rate / DELAY)
+
+
+def _costs(lines: Lines, found: list[tuple[float, np.ndarray, Fit]]) -> np.ndarray:
+    """Power that each fit leaves, over the noise that the best one leaves: (fits,).
+
+    A fit's own cost is measured by the noise that it leaves itself, by which a bad one looks as good as any.
+    """
+    out, w = lines.parts["current"], 2 * np.pi * lines.frequency
+    rests = [out - one.gain[0] * np.exp(-1j * w * one.delay[0]) * source for _, source, one in found]
+    left = [rest.mean(axis=0)[None] if lines.periodic else rest for rest in rests]
+    size = (np.abs(out) ** 2).mean(axis=0)
+    best = rests[int(np.argmin([(np.abs(rest) ** 2 / np.maximum(size, 1e-300)).sum() for rest in left]))]
+    variance = best.var(axis=0, ddof=1)[None] / len(best) if lines.periodic else local_power(best)
+    weight = 1 / np.maximum(variance + MODEL**2 * size, 1e-300)
+    return np.array([(weight * np.abs(rest) ** 2).sum() for rest in left])

@@ -81,7 +81,8 @@ def applies(view: View) -> bool:
             return False
     elif cut_off(view.channels["command"]):
         return False
-    return view.periodic or (("injection" in view.recorded or "reference" in view.recorded) and at_control_rate(view))
+    added = any(name in view.recorded and np.ptp(view.channels[name]) > 0 for name in ("injection", "reference"))
+    return view.periodic or (added and at_control_rate(view))
 
 
 def limited_in(view: View, gains: Controller) -> bool:

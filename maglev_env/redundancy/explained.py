@@ -177,6 +177,8 @@ def _controller(view: View, rows: Sequence[Row]) -> list[Finding]:
         f"{row.gain:.3g}, {row.misfit:.0%} are left): check the gains, td, ti and control_rate, whether the controller "
         "limits or filters otherwise than is stated, and that these columns belong to this loop"
     )
+    if not added:
+        text += "; or something was added to the command that no column holds"
     return [Finding("controller", view.recording, names, row.gain, None, text, "wiring")]
 
 

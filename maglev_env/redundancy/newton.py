@@ -20,6 +20,7 @@ MOVES = 0.7  # m w^2 over the stiffness, from which a line tells of time without
 LATE = 0.8  # of a sample: how a force acts between samples is assumed without a rig
 FILTERED = 6.0  # samples: the largest time constant of a filter in an unknown controller
 SHAPE, DELAY = 0.15, 0.3  # relative misfit; of a sample
+HELD = 0.5  # of a sample: between a current that is held and one that is not
 RIGLESS = 0.3  # a controlled rotor of unknown controller: its stiffness varies with frequency and looks like mass
 TOO_FEW = 12  # lines
 SEEN = 0.1  # noise over power of the displacement, up to which a line counts without a rig
@@ -93,11 +94,12 @@ def _row(view: View, found: Fit, i: int, powers: dict[str, int], effects: tuple[
     known = float(np.hypot.reduce([rig.tolerance.get(n, KNOWN[n]) for n in names]))
     source = next(n for n, p in powers.items() if p < 0)
     slack = WIDE * rig.tolerance.get("amplifier_time_constant", 0.1) * rig.amplifier_time_constant
+    if source in ("force", "current"):  # behind the amplifier; how a current goes on between readings follows its lag
+        slack = HELD / rig.control_rate if source == "current" and view.amplifier_open else 0.0
     return Row(
         f"newton {source}", powers, float(found.gain[i]), float(found.gain_se[i]), WIDE * known + STIFFNESS,
         f"the {source} on {view.mass:g} kg", float(found.delay[i]), float(found.delay_se[i]),
-        DELAY / rig.control_rate + slack * (source not in ("force", "current")), found.misfit, SHAPE, effects,
-        DELAY_EFFECTS, lag,
+        DELAY / rig.control_rate + slack, found.misfit, SHAPE, effects, DELAY_EFFECTS, lag,
     )  # fmt: skip
 
 

@@ -200,7 +200,8 @@ def breaks(view: View) -> list[Finding]:
     """In a recording that never repeats: samples at which the current jumps away from what the command explains.
 
     What it explains is learned from the record itself: a linear prediction from the last two currents and the commands
-    around them, so that a lag or delay of the amplifier is no jump.
+    around them, so that a lag or delay of the amplifier is no jump. In a recording slower than its controller, a step
+    of the reference acts between two samples in a way that no recorded command tells: what happens there is none.
     """
     if view.periodic or not {"command", "current"} <= view.recorded:
         return []
@@ -219,6 +220,11 @@ def breaks(view: View) -> list[Finding]:
     found = _cut_off(view, at[events], AGAIN if again else LONG)
     if found or again:  # a nonlinear amplifier departs from any linear prediction again and again
         return found
+    wanted = view.channels.get("reference")
+    if wanted is not None and np.abs(np.diff(wanted[at[events[0]] - TAPS : at[events[-1]] + 2])).max() > (
+        JUMP * np.ptp(wanted)
+    ):
+        return []
     when = float(at[events[0]]) / view.rate
     text = (
         f"all channels: the current jumps by {worst:.3g} A at {when:.5g} s, {worst / max(sigma, 1e-300):.0f} times as "

@@ -148,7 +148,7 @@ def fit(
         gain, delay = _searched(y, x, w, weight, reach, STEP / rate)
         turn = gain[:, None, None] * np.exp(-1j * w * delay[:, None])[:, None]
         rest = out - (turn * np.array(inputs)).sum(axis=0)
-        variance = rest.var(axis=0, ddof=1)[None] / len(rest) if periodic else _local(rest)
+        variance = rest.var(axis=0, ddof=1)[None] / len(rest) if periodic else local_power(rest)
     turned = turn * x
     off = y - turned.sum(axis=0)
     told = np.full(len(gain), float(frequency.size))
@@ -210,7 +210,7 @@ def _turns(delays: np.ndarray, w: np.ndarray) -> np.ndarray:
     return np.multiply.accumulate(factors, axis=0)
 
 
-def _local(rest: np.ndarray) -> np.ndarray:
+def local_power(rest: np.ndarray) -> np.ndarray:
     """Residual power (s, n), averaged over segments and neighbouring bins."""
     return np.broadcast_to(scipy.ndimage.uniform_filter1d((np.abs(rest) ** 2).mean(axis=0), NEIGHBOURS), rest.shape)
 

@@ -85,6 +85,12 @@ class View:
         return any(e.periodic for e in self.excitations)
 
     @property
+    def amplifier_open(self) -> bool:
+        """Whether the rig leaves the amplifier's time constant out, and does not state 0 for its tolerance."""
+        rig = self.rig
+        return rig is not None and not rig.amplifier_time_constant and rig.tolerance.get("amplifier_time_constant") != 0
+
+    @property
     def block(self) -> tuple[int, int]:
         """Samples and periods of the smallest whole block."""
         return next(e for e in self.excitations if e.periodic).block(self.rate)

@@ -7,6 +7,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from maglev_env.channels import SENSORS
 from maglev_env.design.controllers import with_controller
 from maglev_env.design.defaults import with_defaults
 from maglev_env.design.goals import goal_of, with_goal
@@ -15,7 +16,7 @@ from maglev_env.evaluation.evaluation import Evaluation
 from maglev_env.evaluation.requirements import events_of
 from maglev_env.evaluation.score import ScoreTarget, stacked
 from maglev_env.evaluation.target import score_target
-from maglev_env.experiment import SENSORS, Experiment, axis_experiment
+from maglev_env.experiment import Experiment, axis_experiment
 from maglev_env.fields import is_number
 from maglev_env.loop.effect import Effects, as_effects, check_effects
 from maglev_env.rig.excitation import lines_at

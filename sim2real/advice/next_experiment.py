@@ -99,22 +99,28 @@ def propose(attribution: Attribution, found: Sequence[Entry]) -> Proposal | None
 def _look(item: Item, base: Part) -> tuple[Predictor, np.ndarray]:
     """What predicts a recording of the menu, and the weights of its residuals (outputs, axes, n).
 
-    A recording without a period is expected to be as noisy as the one that was made.
+    A recording without a period is expected to be as noisy as the one that was made, one of the protocol as the rig
+    states it; where it states none, the weights are infinite.
     """
     if isinstance(item.record, OpenRecord):
         loop = nominal_loop(item.record)
         predict = Predictor(item.record, opened_of(loop), 0, Replay(item.record, loop, item.outputs))
         return predict, np.sqrt(2) / base.noise * base.used
     opened = replace(opened_loop(item.record), outputs=item.outputs)
-    return predictor(item.record, opened), np.sqrt(2 / stated_noise(item.record, opened) * item.record.count)
+    noise = stated_noise(item.record, opened)
+    weights = np.sqrt(2 * item.record.count / np.where(noise > 0, noise, 1.0))
+    return predictor(item.record, opened), np.where(noise > 0, weights, np.inf)
 
 
 def _separation(item: Item, base: Part, fits: Sequence[Fit]) -> float:
-    """Smallest cost by which any two candidates differ in a recording; -inf where one of them touches down in it.
+    """Smallest cost by which any two candidates differ in a recording; -inf where one of them touches down in it, or
+    where nothing says how noisy it would be.
 
     The other candidate is refitted to the old and the new recordings together.
     """
     predict, weights = _look(item, base)
+    if not np.isfinite(weights).all():
+        return -np.inf
     points: list[Point] = []
     steps = []
     for fit in fits:

@@ -12,7 +12,15 @@ from maglev_lanes.threads import single_blas
 from sim2real.compared.bench_noise import NO_BOUND, BenchNoise
 from sim2real.compared.law_shape import law_shapes, shape_columns, shows_shape
 from sim2real.compared.open_tones import nuisance_columns
-from sim2real.compared.simulated import Point, Predictor, experiment_at, predictor, residuals, together
+from sim2real.compared.simulated import (
+    Point,
+    Predictor,
+    experiment_at,
+    experiment_near,
+    predictor,
+    residuals,
+    together,
+)
 from sim2real.compared.stiffness_form import stiffness_nuisance
 from sim2real.recorded.at_rest.static_evidence import StaticEstimate, coefficients_at, static_of
 from sim2real.recorded.channel_errors import changes
@@ -29,7 +37,7 @@ from sim2real.recorded.open_evidence import (
     redriven,
     simulated_series,
 )
-from sim2real.recorded.open_loop import nominal_loop
+from sim2real.recorded.open_loop import Loop, loop_at, nominal_loop
 from sim2real.recorded.open_record import OpenRecord
 from sim2real.recorded.opened import Opened, noise_of, opened_loop
 from sim2real.recorded.records import Record
@@ -160,7 +168,12 @@ class Problem:
         """Residual (K,) of the linear nominal rig with its loop opened, which exists even if no rotor levitates."""
         found = np.empty_like(self.whitened)
         for part in self.parts:
-            off = (part.measured - part.opened.driven(part.record)) * np.sqrt(2) / part.noise
+            opened, measured = part.opened, part.measured
+            if isinstance(part.record, OpenRecord):  # which may have been opened at a rig that was found
+                loop = nominal_loop(part.record)
+                opened = opened_of(loop)
+                measured = _measured(part.record, loop, opened.outputs)
+            off = (measured - opened.driven(part.record)) * np.sqrt(2) / part.noise
             found[part.place] = off[..., part.used].reshape(-1)
         if self.static is not None:
             found[-len(self.static.values) :] = 0.0
@@ -185,13 +198,15 @@ class Problem:
     def about(self, near: Point) -> "Problem":
         """As `again`, with the errors of measured drives about their most probable amounts at a point: the best basis
         for a fit that begins there, but not for comparing hypotheses that lie elsewhere."""
-        errors = self.errors
         if any(exact_errors(p.record) for p in self.parts if isinstance(p.record, OpenRecord)):
             (predicted,) = self.simulate([near])
             if np.isfinite(predicted).all():
                 # A nuisance is what changes in the residual when an error is put right: an error is its negative.
-                errors = {name: -a for name, a in self.nuisances.amounts(self.data - predicted).items()}
-        return self._again(near, 1.0, errors)
+                amounts = self.nuisances.amounts(self.data - predicted)
+                moved = self._again(near, 1.0, {name: -a for name, a in amounts.items()})
+                if np.isfinite(moved.simulate([near])).all():  # else the rotor falls under the drive that is put right
+                    return moved
+        return self.again(near)
 
     def _again(self, near: Point, louder: float, errors: Mapping[str, float]) -> "Problem":
         records, used = [p.record for p in self.parts], [p.used for p in self.parts]
@@ -236,12 +251,12 @@ def _evidence(record: Record | OpenRecord, near: Point, amounts: Mapping[str, fl
     measured_drive = exact_errors(record)
     about = {e: amounts[e.name] for e in measured_drive if e.name in amounts}
     as_read, record = record, redriven(record, about)
-    loop = nominal_loop(record)
+    loop = loop_at(record, experiment_near(record, near))
     opened = opened_of(loop)
     predicts = Predictor(record, opened, 0, Replay(record, loop, opened.outputs))
     lanes = predicts.lanes([near])
     predicted = simulated_series(record, lanes)[0]
-    measured, noise = measured_of(record, loop, opened.outputs), open_noise(record, loop, opened.outputs, predicted)
+    measured, noise = _measured(record, loop, opened.outputs), open_noise(record, loop, opened.outputs, predicted)
     nuisances = ringing(record, loop, opened.outputs, noise)
     if np.isfinite(predicted).all():
         at = coordinates_of(record, loop, opened.outputs, predicted)
@@ -261,13 +276,19 @@ def _evidence(record: Record | OpenRecord, near: Point, amounts: Mapping[str, fl
             nuisances |= shape_columns(at, dict(zip(shapes, moved, strict=True)))
     for tone in record.tones:
         nuisances |= nuisance_columns(record, tone, opened.outputs)
-    if record.bias is not None:
-        measured[opened.outputs.index("plant")] -= record.bias
     for source, size in record.unsure.items():
         fed = np.zeros_like(measured)
         fed[opened.outputs.index("plant")] = size
         nuisances[source] = fed
     return _Evidence(opened, predicts, measured, noise, nuisances)
+
+
+def _measured(record: OpenRecord, loop: Loop, outputs: tuple[str, ...]) -> np.ndarray:
+    """Opened coordinates (outputs, axes, n) of a record, without what noise in its drive added."""
+    measured = measured_of(record, loop, outputs)
+    if record.bias is not None:
+        measured[outputs.index("plant")] -= record.bias
+    return measured
 
 
 def informative(record: Record | OpenRecord) -> np.ndarray:

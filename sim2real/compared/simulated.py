@@ -103,14 +103,20 @@ def lanes_of(record: Record | OpenRecord, points: Sequence[Point], dithered: boo
     if dithered:
         noise = replace(e.rig.noise, displacement=record.nominal.noise.displacement)
         e = replace(e, rig=replace(e.rig, noise=noise))
-    unseen = unseen_by(record)
     made: dict[tuple, Rig] = {}
-    found = []
-    for p in points:
-        every = {**e.rig.effects, **p.effects}
-        seen = {name: values for name, values in every.items() if name not in unseen}
-        found.append(experiment_at(e, Point(seen, p.changes), made))
-    return prepared(found, substeps_of(record))
+    return prepared([_as_seen(record, e, p, made) for p in points], substeps_of(record))
+
+
+def experiment_near(record: OpenRecord, near: Point) -> Experiment:
+    """The experiment of a record without a period on the rig that a point describes."""
+    return _as_seen(record, record.experiment, near, {})
+
+
+def _as_seen(record: Record | OpenRecord, e: Experiment, point: Point, made: dict[tuple, Rig]) -> Experiment:
+    """As `experiment_at`, without effects that act before what drives the record."""
+    every, unseen = {**e.rig.effects, **point.effects}, unseen_by(record)
+    seen = {name: values for name, values in every.items() if name not in unseen}
+    return experiment_at(e, Point(seen, point.changes), made)
 
 
 @dataclass(frozen=True)

@@ -55,6 +55,7 @@ class Belief:
 BELIEF = Belief()
 WIDE_FORM = 0.01
 SIGNIFICANT = 5.0  # standard deviations of a group's excess
+HOPELESS = 1e4  # ratio of probabilities from which on the smaller one does not matter
 OPEN = (FOREIGN, LOUD, DRIFT)  # families of what varies over the periods that need not have a known cause
 
 
@@ -140,6 +141,19 @@ def allowance(evidence: Evidence, belief: Belief = BELIEF) -> float:
         return 0.0
     best, gap = _best(evidence)
     return belief.leftover * float(_forms(evidence, gap, belief)[best])
+
+
+def reach(evidence: Evidence, belief: Belief = BELIEF) -> np.ndarray:
+    """Cost above the best (candidates,) from which on each is less probable than it by a factor HOPELESS.
+
+    By the same scales and the same tempering as in `entries`.
+    """
+    if not np.isfinite(evidence.cost).any():
+        return np.full(len(evidence.effects), np.inf)
+    scale = belief.freedom + _forms(evidence, _best(evidence)[1], belief)
+    return (
+        np.expm1(2 * np.log(HOPELESS) / belief.freedom) * scale * evidence.dispersion.ratio(allowance(evidence, belief))
+    )
 
 
 def _forms(evidence: Evidence, gap: float, belief: Belief) -> np.ndarray:

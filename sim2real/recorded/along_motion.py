@@ -7,24 +7,45 @@ frequencies that were never in the noise, and a fit takes them for damping or de
 
 With e the reading and u the command (each measured less simulated), x what u does to the linear nominal plant, and g
 and k what gain and stiffness along the motion have more than at rest, the force g i - k x that the linear plant lacks
-is known from e alone. It is taken off, with the motion that it causes itself, to second order.
+is known from e alone. It is taken off, with the motion that it causes itself, to second order. Where the rig is found
+to be another one, its own magnets are followed (`AlongMotion.under`): while a step drives the coil with three times its
+current, a gain that is a fifth larger than was taken off is error enough to name an asymmetry.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy.signal
 
-from maglev_env.experiment import Experiment
+from maglev_env.experiment import Experiment, axis_experiment
+from maglev_env.lane_values import lane_values
 from maglev_env.loop.effect import effect_value
-from maglev_env.loop.magnets.kinds import force_law
 from maglev_env.loop.magnets.law import ForceLaw, SingleSidedLaw, force
-from maglev_env.rig.rig import axis_rig
 
 NOTABLE = 0.02  # rms change of gain or stiffness along the motion, of the value at rest, from which it is followed
 STEP = 1e-4  # of gap and bias current, for derivatives of the force
 NEAREST = 0.98  # of the gap: how near a reading, or the rotor of a simulation, may come to a magnet
+
+
+@dataclass(frozen=True)
+class Motion:
+    """What was recorded of a motion.
+
+    Args:
+        driving: command or current, (axes, samples), A.
+        reading: displacement, (axes, samples), m.
+        held: whether the driving channel is held between samples.
+        every: control samples for each of these samples.
+    """
+
+    driving: np.ndarray
+    reading: np.ndarray
+    held: bool
+    every: int
+
+    def at(self, samples: slice) -> "Motion":
+        return replace(self, driving=self.driving[:, samples], reading=self.reading[:, samples])
 
 
 @dataclass(frozen=True)
@@ -39,6 +60,7 @@ class AlongMotion:
         mean, square: of s.
         lag: share of the way from a to b that is left at the end; None: b is the next sample's a.
         late: whole samples by which a command acts late.
+        motion: along which they are.
     """
 
     begin: np.ndarray
@@ -48,6 +70,7 @@ class AlongMotion:
     square: float
     lag: float | None
     late: int
+    motion: Motion
 
     def driven(self, command: np.ndarray) -> np.ndarray:
         """Mean force (..., axes, samples) over each control step that the linear plant lacks, N, by the current."""
@@ -58,7 +81,11 @@ class AlongMotion:
     def at(self, samples: slice) -> "AlongMotion":
         """Gain and stiffness along some of the samples."""
         begin, end, stiffness = (v[:, samples] for v in (self.begin, self.end, self.stiffness))
-        return AlongMotion(begin, end, stiffness, self.mean, self.square, self.lag, self.late)
+        return replace(self, begin=begin, end=end, stiffness=stiffness, motion=self.motion.at(samples))
+
+    def under(self, e: Experiment) -> "AlongMotion":
+        """What the magnets of another rig have more than at rest, along the same motion."""
+        return _along(e, self.motion)[0]
 
 
 def ends(command: np.ndarray, lag: float | None, late: int) -> tuple[np.ndarray, np.ndarray]:
@@ -87,19 +114,25 @@ def along_motion(
     Returns:
         None where they are those at rest.
     """
-    rig, dt = e.rig, every / e.rig.control_rate
-    if source is None or not rig.controlled:
+    if source is None or not e.rig.controlled:
         return None
+    found, notable = _along(e, Motion(channels[source], channels["displacement"], held, every))
+    return found if notable else None
+
+
+def _along(e: Experiment, motion: Motion) -> tuple[AlongMotion, bool]:
+    """What the magnets have more along a motion, and whether it is notable."""
+    rig, dt, u, y = e.rig, motion.every / e.rig.control_rate, motion.driving, motion.reading
     late = round(effect_value(e.effects, "delay") / dt)
-    lag = None if not held else float(np.exp(-dt / rig.amplifier_time_constant)) if rig.amplifier_time_constant else 0.0
-    u, y = channels[source], channels["displacement"]
+    constant = rig.amplifier_time_constant
+    lag = None if not motion.held else float(np.exp(-dt / constant)) if constant else 0.0
     a, b = ends(u, lag, late)
     place = np.clip(y, -NEAREST * rig.gap, NEAREST * rig.gap)
     next_place = np.concatenate([place[:, 1:], place[:, -1:]], axis=1)
     begin, end, stiffness = np.zeros_like(u), np.zeros_like(u), np.zeros_like(u)
     notable = False
     for axis in range(rig.axes):
-        law = force_law(axis_rig(rig, axis))
+        law = _law(e, axis)
         gain, held_by = _slopes(law, 0.0, 0.0)
         begin[axis], at_begin = _slopes(law, place[axis], a[axis])
         end[axis], at_end = _slopes(law, next_place[axis], b[axis])
@@ -107,15 +140,22 @@ def along_motion(
         begin[axis] -= gain
         end[axis] -= gain
         changes = np.mean(end[axis] ** 2) / gain**2, np.mean(stiffness[axis] ** 2) / held_by**2 if held_by else 0.0
-        notable |= max(changes) > NOTABLE**2
-    if not notable:
-        return None
+        notable |= bool(max(changes) > NOTABLE**2)
     mean, square = (0.5, 1 / 3) if lag is None else (1.0, 1.0)
     if lag:
-        decay = rig.amplifier_time_constant / dt
+        decay = constant / dt
         left, left_squared = decay * (1 - lag), decay / 2 * (1 - lag**2)
         mean, square = 1 - left, 1 - 2 * left + left_squared
-    return AlongMotion(begin, end, stiffness, mean, square, lag, late)
+    return AlongMotion(begin, end, stiffness, mean, square, lag, late, motion), notable
+
+
+def _law(e: Experiment, axis: int) -> ForceLaw | SingleSidedLaw:
+    """The force law of an axis with what changes its gain, its stiffness and its shape."""
+    values = lane_values([axis_experiment(e, axis)])
+    (law,), more = values.laws, [1 + float(values.effect(name)[0]) for name in ("actuator_gain", "negative_stiffness")]
+    if law is None:
+        raise ValueError(f"rig {e.rig.name}: there is no magnet along whose motion anything could change")
+    return replace(law, gain_scale=law.gain_scale * more[0], stiffness_scale=law.stiffness_scale * more[1])
 
 
 def _slopes(law: ForceLaw | SingleSidedLaw, y: np.ndarray | float, i: np.ndarray | float) -> tuple:

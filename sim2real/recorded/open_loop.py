@@ -1,10 +1,11 @@
 """The linear nominal loop of a recording without a period, and the opening of spectra at it."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy.fft
 
+from maglev_env.experiment import Experiment
 from sim2real.recorded.along_motion import AlongMotion
 from sim2real.recorded.nominal import nominal_blocks, outputs_of
 from sim2real.recorded.open_record import OpenRecord
@@ -15,7 +16,7 @@ ROUNDS = 2  # in which the motion by a force follows from the force, and the for
 
 @dataclass(frozen=True)
 class Bent:
-    """The linear nominal plant at every line of a record, with what the magnets have more along its motion.
+    """A linear plant at every line of a record, with what its magnets have more along the motion.
 
     Args:
         along: what they have more.
@@ -28,7 +29,7 @@ class Bent:
     receptance: np.ndarray
 
     def motion(self, command: np.ndarray, transform: np.ndarray) -> np.ndarray:
-        """Transform of the reading beyond that of the linear plant under a command (..., axes, samples), m.
+        """Transform of the reading beyond that of this linear plant under a command (..., axes, samples), m.
 
         Args:
             command: the command, A.
@@ -80,6 +81,21 @@ class Loop:
         if current is not None:
             found.append(record.spectrum(current) - amplifier * u)
         return np.stack(found, axis=-4)
+
+
+def loop_at(record: OpenRecord, near: Experiment) -> Loop:
+    """The linear loop at which a record is opened: the nominal one, or that of a rig which was found.
+
+    Which linear loop opens the spectra does not matter, as what it leaves of the noise is stationary. Where gain and
+    stiffness change along the motion it matters, because the answer of the loop to its noise changes along with them.
+
+    Args:
+        record: the record.
+        near: the rig that was found, under the record's gains.
+    """
+    if record.along is None:
+        return nominal_loop(record)
+    return nominal_loop(replace(record, experiment=near, along=record.along.under(near)))
 
 
 def nominal_loop(record: OpenRecord) -> Loop:

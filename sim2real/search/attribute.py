@@ -113,7 +113,10 @@ class Attribution:
 
 
 def attribute(
-    problem: Problem, progress: Progress = lambda text: None, earlier: Attribution | None = None
+    problem: Problem,
+    progress: Progress = lambda text: None,
+    earlier: Attribution | None = None,
+    reach: np.ndarray | None = None,
 ) -> Attribution:
     """Fit calibration alone, each effect that has a meaning on the rig, and the most promising pairs.
 
@@ -122,6 +125,8 @@ def attribute(
         progress: Called with the name of each step.
         earlier: Of the same recordings with other noise or nuisances; its candidates are fitted again from where they
             ended, and only further pairs are looked for.
+        reach: Cost above the best of its candidates within which each is fitted again (candidates,); the others are
+            only simulated. None: all are.
 
     Raises:
         ValueError: No hypothesis levitates under the recorded gains.
@@ -145,7 +150,7 @@ def attribute(
         singles = _singles(problem, (untouched, calibration[0]), shown)
     else:
         progress("the same effects again")
-        singles, pairs = _again(problem, earlier)
+        singles, pairs = _again(problem, earlier, reach)
     least = min((f.cost for f in singles), default=np.inf)
     if not calibration[0].cost - least < NO_GAP:
         progress("forms of effects")
@@ -164,7 +169,7 @@ def attribute(
         )
     least = min(f.cost for f in standing)
     close = [f for f in standing if f.cost - least < CLOSE + CLOSE_SHARE * least and f.cost < fits[0].cost - LEAST]
-    at_end = [f for f in (fits[0], *close) if not f.fresh]
+    at_end = [f for f in (fits[0], *close) if not f.fresh and f.jacobian is not None]
     differentiate(at_end, problem.data, problem.simulate, True)
     return Attribution(nominal, tuple(map(Candidate, fits)), 2.0 * problem.data.size, problem)
 
@@ -245,11 +250,18 @@ def _begun(problem: Problem, chosen: Sequence[Start], ranked: Sequence[Start]) -
     return fits
 
 
-def _again(problem: Problem, earlier: Attribution) -> tuple[list[Fit], list[Fit]]:
-    """The single effects and the pairs of an earlier attribution, fitted from where they ended."""
+def _again(problem: Problem, earlier: Attribution, reach: np.ndarray | None) -> tuple[list[Fit], list[Fit]]:
+    """The single effects and the pairs of an earlier attribution, fitted from where they ended.
+
+    Those that are farther behind the best there than they reach are only simulated: they keep their coordinates and
+    have no Jacobian, and so no standard errors.
+    """
     known = [c.fit for c in earlier.candidates if c.effects]
     fits = begin([f.hypothesis for f in known], [f.u for f in known], problem.data, problem.simulate)
-    iterate(fits, problem.data, problem.simulate, ITERATIONS)
+    least = min((f.cost for f in fits), default=np.inf)
+    far = np.full(len(fits), np.inf) if reach is None else reach[[bool(c.effects) for c in earlier.candidates]]
+    near = [f for f, own in zip(fits, far, strict=True) if f.cost <= least + own]
+    iterate(near, problem.data, problem.simulate, ITERATIONS)
     return [f for f in fits if len(f.hypothesis.effects) == 1], [f for f in fits if len(f.hypothesis.effects) > 1]
 
 

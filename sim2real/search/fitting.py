@@ -149,6 +149,9 @@ def differentiate(fits: Sequence[Fit], data: np.ndarray, simulate: Simulate, cal
                 bounded = fit.hypothesis.bounded(moved)
                 if abs(bounded[i] - moved[i]) < 0.5 * step:
                     break
+            if bounded[i] == fit.u[i]:  # it is held
+                fit.jacobian[i] = 0.0
+                continue
             jobs.append((fit, i, bounded[i] - fit.u[i]))
             points.append(fit.hypothesis.point(bounded))
     if not jobs:

@@ -101,6 +101,7 @@ class Hypothesis:
         shaped: Effects whose form may differ from the plain formula.
         usual: Relative standard deviations of time constants of which no tolerance is stated: they move only beside the
             effect that stands for them.
+        held: Effects whose coordinates stay at zero.
     """
 
     effects: tuple[str, ...]
@@ -109,10 +110,12 @@ class Hypothesis:
     scales: Scales = SMALL_ROTOR
     shaped: tuple[str, ...] = ()
     usual: Mapping[str, float] = field(default_factory=dict)
+    held: tuple[str, ...] = ()
 
     @cached_property
     def coordinates(self) -> tuple[Coordinate, ...]:
-        return tuple(c for name in self.effects for c in coordinates_of(name, self.scales))
+        own = (c for name in self.effects for c in coordinates_of(name, self.scales))
+        return tuple(replace(c, low=0.0, high=0.0) if c.effect in self.held else c for c in own)
 
     @cached_property
     def shapes(self) -> Mapping[str, Shape]:

@@ -5,6 +5,8 @@ valley that is flat over several times their size, and narrow again where the cu
 one sine is all that moves the rotor, a light resonance that fits the noise is such a narrow place.
 """
 
+from dataclasses import replace
+
 import numpy as np
 
 from sim2real.compared.problem import Problem
@@ -27,10 +29,11 @@ def held_at_nominal(problem: Problem, fit: Fit) -> list[Fit]:
             continue
         if c.parameter == "change" and sd * c.scale < WIDE and abs(fit.u[i]) * c.scale < BEYOND:
             continue
-        others = h.instead(*(name for name in h.effects if name != c.effect))
-        start = np.delete(fit.u - covariance[:, i] / covariance[i, i] * fit.u[i], i)
-        (held,) = begin([others], [start], problem.data, problem.simulate)
-        if np.isfinite(held.cost):
-            iterate([held], problem.data, problem.simulate, STEPS)
-            found.append(Fit(h, np.insert(held.u, i, 0.0), held.residual, held.cost))
+        held = replace(h, held=(c.effect,))
+        start = fit.u - covariance[:, i] / covariance[i, i] * fit.u[i]
+        start[i] = 0.0
+        (point,) = begin([held], [start], problem.data, problem.simulate)
+        if np.isfinite(point.cost):
+            iterate([point], problem.data, problem.simulate, STEPS)
+            found.append(point)
     return found

@@ -1,6 +1,11 @@
 """The key of a kernel in the disk cache: what it reaches, and nothing else."""
 
-from maglev_lanes.compiled import fingerprint
+import gc
+
+import pytest
+from numba.core import event
+
+from maglev_lanes.compiled import compiled, fingerprint
 
 SCALE = 2.0
 
@@ -40,3 +45,42 @@ def test_it_does_not_change_with_what_is_said_of_a_function(monkeypatch):
     scaled.__qualname__ = "scaled"
     monkeypatch.setitem(globals(), "scaled", scaled)
     assert own(made(3.0), monkeypatch) == before
+
+
+def adder(number):
+    sources = 0
+
+    def add(a):
+        if sources == 0:
+            return a
+        return a + number
+
+    return compiled(add)
+
+
+class Watch(event.Listener):
+    """Whether the garbage collector was on in each pass of the compiler."""
+
+    def __init__(self):
+        self.seen = set()
+
+    def on_start(self, event):
+        self.seen.add(gc.isenabled())
+
+    def on_end(self, event):
+        pass
+
+
+@pytest.mark.parametrize("collected", [True, False])
+def test_no_garbage_is_collected_while_the_compiler_runs_and_then_as_before(monkeypatch, tmp_path, collected):
+    monkeypatch.setattr("numba.config.CACHE_DIR", str(tmp_path))
+    kernel = adder(3.0)
+    if not collected:
+        gc.disable()
+    try:
+        with event.install_listener("numba:run_pass", watch := Watch()):
+            assert kernel(1.0) == 4.0
+        assert gc.isenabled() == collected
+    finally:
+        gc.enable()
+    assert watch.seen == {False}

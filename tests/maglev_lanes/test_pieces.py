@@ -1,9 +1,11 @@
 """Pieces that compute the same are one piece, so that the compiler takes them once for all kernels."""
 
+import numpy as np
 import pytest
 
 from maglev_lanes import pieces
-from maglev_lanes.pieces import piece, register
+from maglev_lanes.compiled import compiled
+from maglev_lanes.pieces import exact, piece, register
 
 
 @pytest.fixture(autouse=True)
@@ -57,3 +59,26 @@ def test_the_compiler_takes_a_shared_piece_once_and_keeps_both_kernels_right():
     (first, shared), (second, again) = made(10.0), made(100.0)
     assert shared is again
     assert first(1.0) == 70.0 and second(1.0) == 700.0
+
+
+@exact
+def rest(a, b, c):
+    return a * b - c
+
+
+def rounded():
+    sources = 0
+
+    def kernel(a, b, c):
+        if sources == 0:
+            return 1.0
+        return rest(a, b, c)
+
+    return compiled(kernel)
+
+
+def test_an_exact_piece_rounds_as_it_is_written_in_a_fast_kernel_too():
+    # A multiplication that is fused with the subtraction leaves what the rounding took.
+    draw = np.random.default_rng(0).uniform(1.0, 2.0, (100, 2))
+    kernel = rounded()
+    assert all(kernel(a, b, a * b) == 0.0 for a, b in draw)

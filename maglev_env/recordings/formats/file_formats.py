@@ -126,21 +126,31 @@ def open_hdf5(path: Path, matlab: bool) -> tuple[tuple[str, ...], Reader]:
         return tuple(name for name in file if not name.startswith("#")), read
 
 
-def hdf5_units(path: Path) -> dict[str, str]:
-    """What an HDF5 or netCDF file calls its columns, with the unit in brackets, where an attribute states it."""
+def hdf5_attributes(path: Path) -> tuple[dict[str, str], dict[str, float]]:
+    """What the attributes of an HDF5 or netCDF file say.
+
+    Returns:
+        What it calls its columns, with the unit in brackets, where an attribute states that; and single numbers by
+        their names below the groups and columns that they belong to.
+    """
     import h5py
 
     found: dict[str, str] = {}
+    numbers: dict[str, float] = {}
 
     def note(name: str, node: Any) -> None:
+        for key, value in node.attrs.items():
+            if isinstance(value, (np.ndarray, np.generic)) and value.size == 1 and value.dtype.kind in "fiu":
+                numbers[".".join(filter(None, [name.replace("/", "."), key]))] = float(np.ravel(value)[0])
         unit = next((node.attrs[key] for key in ("units", "unit") if key in node.attrs), None)
         unit = unit.decode(errors="replace") if isinstance(unit, bytes) else unit
         if isinstance(node, h5py.Dataset) and isinstance(unit, str) and unit.strip():
             found[name.replace("/", ".")] = f"{name.rpartition('/')[2]} [{unit.strip()}]"
 
     with h5py.File(path, "r") as file:
+        note("", file)
         file.visititems(note)
-    return found
+    return found, numbers
 
 
 def _open_hdf5(file: Any, node: Any, matlab: bool) -> Any:

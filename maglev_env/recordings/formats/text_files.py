@@ -7,11 +7,12 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
-from typing import Any
+from typing import Any, TextIO
 
 import numpy as np
 
 from maglev_env.recordings.formats.file_formats import Reader, Refused, Steps, follow
+from maglev_env.recordings.formats.labelled import Labels, labels_of, without_labels
 from maglev_env.recordings.formats.labview import numbered_lines
 from maglev_env.recordings.formats.text_layout import (
     STATE_IT,
@@ -63,16 +64,17 @@ def open_text(path: Path, stated: TextLayout) -> TextFile:
         Refused: The lines are no table of numbers, or can be read in two ways.
     """
     encoding, notes = _encoding(path)
-    with path.open(encoding=encoding) as file:
-        lines = numbered_lines(file)
-        head = [line for _, line in islice(lines, MAX_PREAMBLE)]
-        tail = [line for _, line in deque(lines, _TAIL)] or head[-_TAIL:]
+    head, tail = _ends(path, encoding, None)
+    labels = labels_of(tail)
+    if labels:
+        head, tail = _ends(path, encoding, labels)
+        notes.append("every number of a line has its name beside it: the names are taken as those of columns")
     layout = find_layout([line.rstrip("\n") for line in head], [line.rstrip("\n") for line in tail], stated)
     positions = {f"[{j}]": j for j in range(len(layout.names))}
     once = {name: j for j, name in enumerate(layout.names) if name and layout.names.count(name) == 1}
     names = tuple(n if n in once else f"[{j}]" for j, n in enumerate(layout.names))
     with path.open(encoding=encoding) as file:
-        table, problems, end = _table(numbered_lines(file), layout)
+        table, problems, end = _table(_lines(file, labels), layout)
 
     def read(root: str, steps: Steps) -> Any:
         j = once[root] if root in once else positions[root]
@@ -84,6 +86,19 @@ def open_text(path: Path, stated: TextLayout) -> TextFile:
     notes += [f"several columns are called {name!r}: they go by position" for name in sorted(twice)]
     headers = {name: header for name, header in zip(names, layout.preamble.headers, strict=False) if header}
     return TextFile(names, read, tuple(positions), (*notes, *layout.notes, *end), headers, layout.preamble.numbers)
+
+
+def _lines(file: TextIO, labels: Labels | None) -> Iterator[tuple[int, str]]:
+    lines = numbered_lines(file)
+    return without_labels(lines, labels) if labels else lines
+
+
+def _ends(path: Path, encoding: str, labels: Labels | None) -> tuple[list[str], list[str]]:
+    """The first and the last lines of a file."""
+    with path.open(encoding=encoding) as file:
+        lines = _lines(file, labels)
+        head = [line for _, line in islice(lines, MAX_PREAMBLE)]
+        return head, [line for _, line in deque(lines, _TAIL)] or head[-_TAIL:]
 
 
 def _encoding(path: Path) -> tuple[str, list[str]]:

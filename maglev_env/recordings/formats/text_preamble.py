@@ -14,7 +14,8 @@ _UNIT = re.compile(
 _WORDS = {"volt": "V", "amp": "A", "ampere": "A", "second": "s", "newton": "N"}
 _NO_UNIT = ("", "-", "1", "None", "Sequence")
 _LONGEST = 200  # characters of a line that may state a number
-_SAID = re.compile(r"[#%/\s]*([^:=]*[^:=\s])\s*[:=]\s*(\S+)")  # "# sample rate: 1000 Hz"
+_SAID = re.compile(r"[#%/\s]*([^:=]*[^:=\s])\s*[:=]\s*(\S.*)")  # "# sample rate: 1 kHz"
+_MEASURED = re.compile(r"(\S*\d\S*?)\s*([A-Za-zµμ%°]\S*)?")  # "1 ms", "1ms", "1000"
 
 
 @dataclass(frozen=True)
@@ -23,7 +24,8 @@ class Preamble:
 
     Attributes:
         headers: Of every column what the file calls it, with its unit in brackets; "" where nothing is said.
-        numbers: Numbers by what the file calls them, such as "Sample Interval".
+        numbers: Numbers by what the file calls them, such as "Sample Interval"; a unit that stands behind the number
+            is put behind the name, "Sample Interval [ms]".
     """
 
     headers: tuple[str, ...]
@@ -79,16 +81,40 @@ def _numbers(rows: Sequence[Sequence[str]], decimal: str) -> dict[str, float]:
     found: dict[str, float] = {}
     above: Sequence[str] = ()
     for cells in rows:
-        said = _SAID.match(cells[0][:_LONGEST]) if len(cells) == 1 else None
-        row = [said[1], said[2]] if said else cells
-        values = [_number(cell, decimal) for cell in row]
-        if row and values[0] is None and (first := next((v for v in values if v is not None), None)) is not None:
-            found.setdefault(row[0].lstrip("#%/ "), first)
+        for row in _stated(cells) or [list(cells)]:
+            _note(row, decimal, found)
+        values = [_number(cell, decimal) for cell in cells]
         for name, value in zip(above, values, strict=False):
             if value is not None and name and _number(name, decimal) is None:
                 found.setdefault(name, value)
         above = cells
     return found
+
+
+def _stated(cells: Sequence[str]) -> list[list[str]]:
+    """Name and value of every "name = value" or "name: value" in a line; cells may be the words of a sentence."""
+    if len(cells) != 1 and not any(cell.endswith(("=", ":")) for cell in cells):
+        return []
+    parts = re.split(r"[,;](?!\d)", " ".join(cells)[:_LONGEST])
+    return [[said[1], said[2].strip()] for part in parts if (said := _SAID.match(part.strip()))]
+
+
+def _note(row: Sequence[str], decimal: str, found: dict[str, float]) -> None:
+    """Take down the first number of a row that begins with a name."""
+    if not row or _measured(row[0], decimal) is not None:
+        return
+    stated = next(((i, one) for i, cell in enumerate(row) if (one := _measured(cell, decimal))), None)
+    if stated:
+        place, (value, unit) = stated
+        behind = row[place + 1] if len(row) == place + 2 and is_unit(row[place + 1]) else ""
+        found.setdefault(_with_unit(row[0].lstrip("#%/ "), unit or behind), value)
+
+
+def _measured(cell: str, decimal: str) -> tuple[float, str] | None:
+    """A number and the unit behind it, "" where there is none; None where the cell is something else."""
+    parts = _MEASURED.fullmatch(cell[:_LONGEST].strip())
+    value = _number(parts[1], decimal) if parts else None
+    return None if parts is None or value is None else (value, parts[2] or "")
 
 
 def _number(cell: str, decimal: str) -> float | None:

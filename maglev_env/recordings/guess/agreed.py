@@ -7,7 +7,9 @@ from pathlib import Path
 
 from maglev_env.channels import MEASURED
 from maglev_env.recordings.guess.columns import NO_UNIT, ColumnGuess
+from maglev_env.recordings.guess.evidence import LIKELY
 from maglev_env.recordings.guess.recording import RecordingGuess, in_another_unit, other_way_round
+from maglev_env.recordings.guess.suspended import DIRECTION
 
 AGREED = frozenset(MEASURED) | {"reference", "injection", "voltage"}  # the clock is each file's own, and so is its unit
 
@@ -23,6 +25,7 @@ def like_most(guesses: Sequence[RecordingGuess]) -> list[tuple[ColumnGuess, ...]
     """What the columns of each file are where files with the same columns are not taken for the same.
 
     The assignment that most of them have is taken, and of two the one with more channels; for files that have it, None.
+    A column that rests in a file, as the injection of the other axis, says nothing against what it is in others.
 
     Args:
         guesses: one for each file.
@@ -32,12 +35,11 @@ def like_most(guesses: Sequence[RecordingGuess]) -> list[tuple[ColumnGuess, ...]
         alike.setdefault(tuple(c.column for c in guess.columns), []).append(guess)
     found = []
     for guess in guesses:
-        others = [_assigned(g) for g in alike[tuple(c.column for c in guess.columns)]]
-        best = max(others, key=lambda one: (others.count(one), sum(map(bool, one))))
-        if _assigned(guess) == best:
+        others = alike[tuple(c.column for c in guess.columns)]
+        model = max(others, key=lambda one: (sum(_agree(one, g) for g in others), len(one.channels)))
+        if _agree(guess, model):
             found.append(None)
             continue
-        model = next(g for g in alike[tuple(c.column for c in guess.columns)] if _assigned(g) == best)
         reason = f"as in {model.file}, which has the same columns"
         found.append(tuple(
             c if c.channel == own.channel else replace(c, reason=f"{reason}: {c.reason}")
@@ -46,8 +48,34 @@ def like_most(guesses: Sequence[RecordingGuess]) -> list[tuple[ColumnGuess, ...]
     return found
 
 
-def _assigned(guess: RecordingGuess) -> tuple[str, ...]:
-    return tuple(c.channel for c in guess.columns)
+def _agree(one: RecordingGuess, other: RecordingGuess) -> bool:
+    """Whether two files with the same columns take each for the same channel, where it does not rest."""
+    both = zip(one.columns, other.columns, strict=True)
+    return all(a.channel == b.channel or a.resting or b.resting for a, b in both)
+
+
+def one_rotor(guesses: Sequence[RecordingGuess]) -> list[RecordingGuess]:
+    """The guesses with the rotor that hangs below a magnet in all files, where the current of one shows it.
+
+    A large excitation may turn the current of another file round, which then shows nothing by itself.
+
+    Args:
+        guesses: one for each file.
+    """
+    hangs = next((g for g in guesses if g.rotor.value == "suspended" and g.rotor.confidence >= LIKELY), None)
+    if hangs is None:
+        return list(guesses)
+    seen = f"as {hangs.file} shows it ({hangs.rotor.reason})"
+    return [
+        replace(g, rotor=replace(hangs.rotor, reason=f"{seen}; here {g.rotor.reason}"))
+        if g.rotor.confidence < LIKELY and _efforts(g) & _efforts(hangs)
+        else g
+        for g in guesses
+    ]
+
+
+def _efforts(guess: RecordingGuess) -> set[tuple[str, str]]:
+    return {(c.channel, c.column) for c in guess.columns if c.channel in ("current", "command", "voltage")}
 
 
 def agreed(guesses: Sequence[RecordingGuess]) -> list[RecordingGuess]:
@@ -75,7 +103,24 @@ def agreed(guesses: Sequence[RecordingGuess]) -> list[RecordingGuess]:
         )
         known = other_way_round(known) if changed < 0 else known
         found.append(in_another_unit(known, abs(changed)) if abs(changed) != 1 else known)
-    return found
+    return [_perhaps_the_same_controller(guess, found) for guess in found]
+
+
+def _perhaps_the_same_controller(guess: RecordingGuess, others: Sequence[RecordingGuess]) -> RecordingGuess:
+    """The guess of a file whose command holds more than a controller makes, with the one that others show to ask for.
+
+    Of several the one under which most happened is shown, since rest tells a controller badly.
+    """
+    shown = [g for g in others if g.gains and _efforts(g) & _efforts(guess)]
+    if guess.gains or not shown or not {"displacement", "command"} <= guess.channels.keys():
+        return guess
+    best = min(shown, key=lambda g: g.excitation.value == "none")
+    gains = ", ".join(f"{name} = {value:.7g}" for name, value in best.gains.items())
+    ask = (
+        f"whether the controller is that of {best.file}; then gains = {{ {gains} }}, and what it does not make of the "
+        "command counts as added by somebody"
+    )
+    return replace(guess, controller=replace(guess.controller, ask=ask))
 
 
 def _telling(same: Sequence[tuple[str, ColumnGuess]]) -> tuple[str, float, str, str]:
@@ -90,7 +135,8 @@ def _as_told(column: ColumnGuess, larger: str, size: float, turned: str, asks: s
         reason = f"{column.reason}, but in the unit that the larger values of {larger} tell"
         column = replace(column, scale=copysign(size, column.scale), reason=reason)
     if turned and column.scale > 0:
-        asked = "; ".join(dict.fromkeys(filter(None, [*column.ask.split("; "), *asks.split("; ")])))
+        parts = [*column.ask.split("; "), *asks.split("; ")]
+        asked = "; ".join(dict.fromkeys(part for part in parts if part and part != DIRECTION))
         reason = f"{column.reason}; a distance from the magnet, as {turned} shows"
         column = replace(column, scale=-column.scale, reason=reason, ask=asked)
     return column

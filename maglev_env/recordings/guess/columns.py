@@ -38,6 +38,7 @@ class ColumnGuess:
         reason: the evidence.
         confidence: from 0 to 1.
         ask: what the user should state; empty where nothing is open.
+        resting: whether it is not used for the sole reason that it never changes in this file.
     """
 
     column: str
@@ -47,6 +48,7 @@ class ColumnGuess:
     reason: str
     confidence: float
     ask: str = ""
+    resting: bool = False
 
 
 def guess_columns(found: Contents) -> tuple[ColumnGuess, ...]:
@@ -62,9 +64,11 @@ def guess_columns(found: Contents) -> tuple[ColumnGuess, ...]:
     values = {name: v[: shown.MOST] for name, v in found.columns.items()}
     units = {name: unit for name, (_, unit) in labels.items()}
     guesses = {name: _by_name(name, label, unit, values[name]) for name, (label, unit) in labels.items()}
+    named = dict(guesses)
     guesses = _one_each(guesses)
     guesses = _voltage(_not_a_length(guesses, units, values), units, values)
-    guesses = _by_behaviour(guesses, values)
+    guesses = _freed(guesses, named)
+    guesses = _by_behaviour(guesses, values, units)
     guesses = {n: _resting(g, values[n]) for n, g in guesses.items()}
     return tuple(_scaled(g, units[name], values[name], guesses, values, found.numbers) for name, g in guesses.items())
 
@@ -207,19 +211,31 @@ def _voltage(
     return guesses | {command: taken}
 
 
+def _freed(guesses: dict[str, ColumnGuess], named: Mapping[str, ColumnGuess]) -> dict[str, ColumnGuess]:
+    """A column that is called a command, too, is the command where the one that was taken is another quantity."""
+    if any(g.channel == "command" for g in guesses.values()):
+        return guesses
+    free = next((n for n, g in named.items() if g.channel == "command" and not guesses[n].channel), None)
+    return guesses if free is None else guesses | {free: named[free]}
+
+
 def _resting(guess: ColumnGuess, values: np.ndarray) -> ColumnGuess:
     """A constant column is no reading; a constant reference is one."""
     if not guess.channel.startswith(("gap_estimate", "voltage", "injection", "speed")) or not shown.is_constant(values):
         return guess
-    return replace(guess, channel="", reason=f"{guess.reason}, but {values[0]:g} in every sample")
+    return replace(guess, channel="", reason=f"{guess.reason}, but {values[0]:g} in every sample", resting=True)
 
 
-def _by_behaviour(guesses: dict[str, ColumnGuess], values: Mapping[str, np.ndarray]) -> dict[str, ColumnGuess]:
-    """Fill in channels of columns whose names say nothing."""
+def _by_behaviour(
+    guesses: dict[str, ColumnGuess], values: Mapping[str, np.ndarray], units: Mapping[str, Unit | None]
+) -> dict[str, ColumnGuess]:
+    """Fill in channels of columns whose names say nothing; of those with a unit, the channels that it allows."""
     guesses = dict(guesses)
 
-    def unknown() -> list[str]:
-        return [n for n, g in guesses.items() if not g.reason]
+    def unknown(si: str = "") -> list[str]:
+        """Names without a guess; si: those whose unit is not another one, or that of a transducer."""
+        own = {n: unit.si for n, unit in units.items() if unit}
+        return [n for n, g in guesses.items() if not g.reason and (not si or own.get(n, si) in (si, "V"))]
 
     def taken() -> dict[str, str]:
         return {g.channel: n for n, g in guesses.items() if g.channel}
@@ -247,13 +263,13 @@ def _by_behaviour(guesses: dict[str, ColumnGuess], values: Mapping[str, np.ndarr
         if not {"reference", "reference_x"} & taken().keys() and (count := shown.steps_in(values[n])):
             take(n, "reference", f"piecewise constant, {count} changes", LIKELY)
     if "displacement" not in taken() and "displacement_x" not in taken():
-        _displacement(unknown(), taken(), values, take)
-    _pair(unknown(), taken(), values, take)
+        _displacement(unknown("m"), taken(), values, take)
+    _pair(unknown("A"), taken(), values, take)
     left = unknown()
     for n in left:
-        if "voltage" not in taken() and "command" in taken() and "current" in taken():
+        if "voltage" not in taken() and "command" in taken() and "current" in taken() and n in unknown("V"):
             take(n, "voltage", "what is left beside command and current", OPEN)
-        elif "command" not in taken() and len(left) == 1 and "displacement" in taken():
+        elif "command" not in taken() and len(left) == 1 and "displacement" in taken() and n in unknown("A"):
             take(n, "command", "the only column left beside the displacement", OPEN)
         else:
             take(n, "", "neither its name nor its values say what it is", 0.0)

@@ -102,13 +102,18 @@ def _aperiodic(
     moving: Mapping[tuple[str, str], np.ndarray], channels: Mapping[str, np.ndarray], rate: float | None
 ) -> tuple[list[Table], Guess]:
     shapes = {key: shape_of(values, rate) for key, values in moving.items()}
+    planar = "displacement_x" in channels
     for wanted in ("noise", "chirp", "steps", "other"):
         for (place, name), (shape, why) in shapes.items():
-            if shape == wanted and not name.endswith(("_x", "_y")):
+            if shape == wanted and not planar:
                 reason = f"{name} does not repeat, {shape}: {why}" if shape != "other" else f"{name} moves: {why}"
                 return [{"kind": "recorded", "at": place}], Guess("excitation", shape, reason, LIKELY)
     moved = next((channels[n] for n in ("displacement", "displacement_x") if n in channels), None)
-    known = "no force, injection or reference in the file moves" if not moving else "several axes move without a period"
+    known = "no force, injection or reference in the file moves"
+    if moving:
+        names = " and ".join(f"{name} ({shapes[key][0]})" for key in moving for name in key[1:])
+        reason = f"{names} moves without a period: of two axes the rig is fitted to all of the record"
+        return [{"kind": "none"}], Guess("excitation", "none", reason, LIKELY)
     hover = [{"kind": "none"}]
     if moved is None or not _moves(moved):
         return hover, Guess("excitation", "none", known, OPEN, "what excited the rotor, if anything")

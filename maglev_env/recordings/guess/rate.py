@@ -7,13 +7,19 @@ import numpy as np
 
 from maglev_env.recordings.guess.evidence import LIKELY, SURE, Guess
 from maglev_env.recordings.guess.units import header_unit
+from maglev_env.recordings.guess.words import unaccented
 
 _ROUND = 5e-5  # a rate so near to a round number is that number
 _SURELY, _MOST_ROUND = 3.0, 5e-3  # standard errors of a jittering clock's rate within which it is, and at most
 _BLOCKS = 12
-_RATES = re.compile(r"(^|[._])(fs|f_s|rate|sampl(e|ing)_?(rate|frequency)|abtast(rate|frequenz))$", re.IGNORECASE)
+_FRENCH = "d_?echantillonnage"
+_RATES = re.compile(
+    rf"(^|[._])(fs|f_s|rate|sampl(e|ing)_?(rate|freq(uency)?)|abtast(rate|frequenz)|frequence_{_FRENCH})$",
+    re.IGNORECASE,
+)
 _STEPS = re.compile(
-    r"(^|[._])(dt|ts|t_s|sampl(e|ing)_?(period|time|interval)|abtast(zeit|intervall)|wf_increment|(x_?)?increment|delta_?x)$",
+    r"(^|[._])(dt|ts|t_s|sampl(e|ing)_?(period|time|interval)|abtast(zeit|intervall)|wf_increment|(x_?)?increment|delta_?x"
+    rf"|periode_{_FRENCH})$",
     re.IGNORECASE,
 )
 _AS_STATED = 0.01  # relative deviation of a stated step from that of the column
@@ -64,11 +70,13 @@ def stated_step(numbers: Mapping[str, float]) -> tuple[float, str] | None:
     """The time between two samples that a single number of the file states, s, and where; None without one."""
     for name, value in numbers.items():
         called, unit = header_unit(name)
-        called = re.sub(r"\W+", "_", called) if unit else re.sub(r"[^\w.]+", "_", called)
-        if _RATES.search(called) and value > 0:
-            return 1 / (value * (unit.scale if unit else 1.0)), f"the number {name} of the file"
-        if _STEPS.search(called) and 0 < value * (scale := unit.scale if unit else 1.0) < 10:
-            return value * scale, f"the step {name} = {value:g} {unit.text if unit else 's'}"
+        called = re.sub(r"\W+" if unit else r"[^\w.]+", "_", unaccented(called))
+        rate, step = _RATES.search(called), _STEPS.search(called)
+        si, size = (unit.si, value * unit.scale) if unit else ("Hz" if rate else "s", value)
+        if (rate or step) and si == "Hz" and size > 0:
+            return 1 / size, f"the number {name} of the file"
+        if (rate or step) and si == "s" and 0 < size < 10:
+            return size, f"the step {name} = {value:g} {unit.text if unit else 's'}"
     return None
 
 

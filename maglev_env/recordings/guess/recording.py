@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from maglev_env.channels import SHOWN_BY
 from maglev_env.recordings.contents import contents
 from maglev_env.recordings.files import read_columns
 from maglev_env.recordings.guess.columns import ColumnGuess, guess_columns
@@ -120,6 +121,7 @@ def guess_recording(
         columns = tuple(replace(c, channel="", reason=guessed.reason) if c is time else c for c in columns)
     signals = {n: v for n, v in by_channel.items() if n != "time"}
     tables, excitation = guess_excitation(signals, guessed.value)
+    tables = [_without_peak(table, columns) for table in tables]
     gains, controller = _controllers(by_channel, guessed.value)
     return RecordingGuess(
         file=path.name if folder is None else path.resolve().relative_to(folder.resolve()).as_posix(),
@@ -133,6 +135,13 @@ def guess_recording(
         notes=(*file.notes, *found.unused),
         part=part,
     )
+
+
+def _without_peak(table: Mapping[str, Any], columns: tuple[ColumnGuess, ...]) -> dict[str, Any]:
+    """An excitation without its peak, where that would have to follow a scale that is still to be stated."""
+    channel = SHOWN_BY[table["at"]] if "at" in table else ""
+    open_ = any(c.channel.removesuffix("_x").removesuffix("_y") == channel and "scale in" in c.ask for c in columns)
+    return {key: value for key, value in table.items() if key != "amplitude" or not open_}
 
 
 def other_way_round(guess: RecordingGuess) -> RecordingGuess:
@@ -163,7 +172,8 @@ def _controllers(channels: Mapping[str, np.ndarray], rate: float | None) -> tupl
         for axis in ("_x", "_y")
     ]
     (of_x, said), (of_y, _) = each
-    if of_x and of_y and all(abs(of_x[n] - of_y[n]) <= _ALIKE * abs(of_x[n]) for n in of_x):
+    idle = {"ti"} if of_x and of_y and not (of_x["ki"] or of_y["ki"]) else set()  # of an integral that is not there
+    if of_x and of_y and all(abs(of_x[n] - of_y[n]) <= _ALIKE * abs(of_x[n]) for n in of_x.keys() - idle):
         return of_x, replace(said, reason=f"in x, and in y likewise: {said.reason}")
     if of_x and of_y:
         found = "; ".join(

@@ -3,6 +3,8 @@
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from maglev_env.recordings.guess.behaviour import correlation
 from maglev_env.recordings.guess.columns import ColumnGuess
 from maglev_env.recordings.guess.evidence import LIKELY
@@ -13,8 +15,10 @@ if TYPE_CHECKING:
     import xarray as xr
 
 _FOLLOWS = 0.5  # least correlation of current and displacement that shows a direction
+_MEANS, _LEAST = (4, 16, 64), 40  # samples that are averaged before they are compared, and means that show anything
 _POSITIONS = ("displacement", "reference", "gap_estimate")
-_TOTAL = "total = true, once the rig is named: this current includes the one that carries the weight"
+TOTAL = "total = true, once the rig is named: this current includes the one that carries the weight"
+DIRECTION = "scale < 0, if it is a distance that grows away from the magnet (nothing here shows it)"
 _OFFSET = "offset = the gap in rig.toml (m), so that displacement is 0 there and positive towards the magnet"
 
 
@@ -22,33 +26,51 @@ def facing_the_magnet(guess: RecordingGuess, dataset: "xr.Dataset") -> Recording
     """The guess of a suspended rotor with the direction of its positions, and what its current needs.
 
     Nothing but the magnet and the weight acts on it, so ki i = -(m w^2 + ks) y at every frequency: the current falls as
-    the rotor moves towards the magnet, and rises with a distance from it. Where it moves too little to show that, the
-    sign of its controller tells, or else what the column is called.
+    the rotor moves towards the magnet, and rises with a distance from it. Noise of either hides that at high
+    frequencies first. Where it moves too little to show it at all, the sign of its controller tells, or else what the
+    column is called; where that says nothing either, it is asked for.
 
     Args:
         guess: of one file.
         dataset: the file, read by it.
     """
     effort = next((name for name in ("current", "command", "voltage") if name in dataset), None)
-    hangs = guess.rotor.value == "suspended" and guess.rotor.confidence >= LIKELY
-    if "displacement" not in guess.channels or not hangs or effort is None:
+    if "displacement" not in guess.channels or guess.rotor.value != "suspended" or effort is None:
         return guess
-    follows = correlation(dataset["displacement"].values, dataset[effort].values)
-    why = ""
+    follows = _follows(dataset["displacement"].values, dataset[effort].values)
+    # A large excitation may turn the current round, which then shows a weight less clearly than a distance is told.
+    distance = is_distance(guess.channels["displacement"].label)
+    if guess.rotor.confidence < LIKELY and not (distance and follows > _FOLLOWS):
+        return guess
+    why, asked = "", False
     if follows > _FOLLOWS:
         why = f"the {effort} rises with it (correlation {follows:.2f})"
     elif follows > -_FOLLOWS and guess.gains and guess.gains["kp"] < 0:
         why = "its controller's gain is negative, and yet it levitates"
-    elif follows > -_FOLLOWS and is_distance(guess.channels["displacement"].label):
+    elif follows > -_FOLLOWS and distance:
         why = "it is called so"
+    else:
+        asked = follows > -_FOLLOWS and not guess.gains
     columns = tuple(
-        _asking(c, _TOTAL) if c.channel in ("current", "command")
+        _asking(c, TOTAL) if c.channel in ("current", "command")
         else _reversed(c, why) if c.channel in _POSITIONS and why
+        else _asking(c, DIRECTION) if c.channel == "displacement" and asked
         else c
         for c in guess.columns
     )  # fmt: skip
     turned = replace(guess, columns=columns)
     return other_way_round(turned) if why else turned
+
+
+def _follows(positions: np.ndarray, effort: np.ndarray) -> float:
+    """Correlation of position and effort (samples,), of the means over as many samples as show most of it."""
+    found = [correlation(positions, effort)]
+    for samples in _MEANS:
+        count = positions.size // samples
+        if count >= _LEAST:
+            means = [v[: count * samples].reshape(count, samples).mean(axis=1) for v in (positions, effort)]
+            found.append(correlation(*means))
+    return max(found, key=abs)
 
 
 def _asking(column: ColumnGuess, ask: str) -> ColumnGuess:

@@ -29,7 +29,9 @@ _UNITS = {
     **{"sec": ("s", 1.0), "micron": ("m", 1e-6), "microns": ("m", 1e-6), "cm": ("m", 1e-2), "mils": ("m", 25.4e-6)},
     **{"rad/s": ("rad/s", 1.0), "rpm": ("rad/s", math.pi / 30), "1/min": ("rad/s", math.pi / 30)},
     **{"m/s": ("m/s", 1.0), "mm/s": ("m/s", 1e-3), "m/s2": ("m/s2", 1.0), "m/s^2": ("m/s2", 1.0)},
+    **{"millis": ("s", 1e-3), "micros": ("s", 1e-6)},  # what a microcontroller's clocks are called
     "g": ("m/s2", STANDARD_GRAVITY),
+    **{f"{p}{s}/s": ("Hz", f) for s in ("S", "Sa") for p, f in (("", 1.0), ("k", 1e3), ("M", 1e6))},
     **{"Hz": ("Hz", 1.0), "kHz": ("Hz", 1e3), "C": ("C", 1.0), "°C": ("C", 1.0), "%": ("%", 0.01)},
 }  # fmt: skip
 _FOLDED = {name.lower(): name for name in reversed(_UNITS) if name.lower() not in ("mn", "ma", "mv", "ms")}

@@ -4,7 +4,8 @@ from dataclasses import replace
 from pathlib import Path
 
 from maglev_env.recordings.alarms import Alarm, alarms_of
-from maglev_env.recordings.campaign import SCHEMA, Campaign, parse_campaign
+from maglev_env.recordings.campaign import Campaign, parse_campaign
+from maglev_env.recordings.campaign_file import SCHEMA
 from maglev_env.recordings.guess.evidence import OPEN, STATED
 from maglev_env.recordings.guess.recording import RecordingGuess, guess_recording
 from maglev_env.recordings.guess.suspended import facing_the_magnet
@@ -60,8 +61,9 @@ def _levitated(guess: RecordingGuess, folder: Path, lost: Alarm) -> RecordingGue
     """The guess of the longest stretch that levitates; what was guessed or stated of the columns stays."""
     stated = guess.rate.value if guess.rate.confidence == STATED else None
     part = guess_recording(folder / guess.file, rate=stated, part=lost.stretch, columns=guess.columns)
-    notes = dict.fromkeys((*guess.notes, *part.notes, f"{lost.sentence}; that stretch is taken"))
-    return replace(part, file=guess.file, notes=tuple(notes))
+    notes = dict.fromkeys((*guess.notes, *part.notes, f"alarm: {lost.sentence}; that stretch is taken"))
+    rotor = max(guess.rotor, part.rotor, key=lambda one: one.confidence)
+    return replace(part, file=guess.file, notes=tuple(notes), rotor=rotor)
 
 
 def guessed_campaign(

@@ -18,7 +18,8 @@ _WORDS = {
     "error": "error err fehler regelabweichung abweichung deviation",
     "count": "index idx sample samples nr number count zaehler muestra",
     "temperature": "temp temperature temperatur temperatura",
-    "output": "output pwm duty stellgroesse stell stellsignal controller reglerausgang control salida mando commande",
+    "output": "output pwm duty stellgroesse stell stellsignal controller ctrl regler reglerausgang control salida "
+    "mando commande",
 }
 _LETTERS = {
     "time": "t ts",
@@ -33,16 +34,17 @@ _LETTERS = {
     "output": "u",
 }
 # What any quantity may be read by, so that it tells one only where no other word does: "i_probe" is a current clamp.
-_INSTRUMENTS = {"displacement": "probe"}
+# So is "dist", which may stand for a disturbance.
+_INSTRUMENTS = {"displacement": "probe hall sensor sens lvdt laser photodiode dist"}
 _WANTED = (
     "ref reference setpoint sp soll sollwert set desired des wanted target yd command cmd demand "
-    "referencia consigna vorgabe fuehrungsgroesse kommando w r"
+    "referencia consigna consigne vorgabe fuehrungsgroesse kommando w r"
 )
-_DISTANCES = "gap airgap spalt luftspalt entrehierro entrefer distance distancia abstand"
+_DISTANCES = "gap airgap spalt luftspalt entrehierro entrefer distance dist distancia abstand"
 _ESTIMATED = "hat obs observer est estimate estimated estimado schaetz schaetzwert geschaetzt observador"
 _INJECTED = (
-    "inj injection injected injektion dither exc excitation anregung stoerung stoergroesse disturbance perturbation "
-    "noise rauschen chirp sweep multisine prbs testsignal excitacion"
+    "inj injection injected injektion dither exc excitation anregung stoer stoerung stoergroesse disturbance "
+    "perturbation noise rauschen chirp sweep multisine prbs testsignal excitacion"
 )
 # A letter with a word or an axis: "iref", "iy".
 _GLUED = re.compile("^([iyxzhuf])(ref|soll|cmd|set|des|obs|hat|est|meas|mess|ist|act|inj)$|^([iuf])([xyz])$")
@@ -68,11 +70,15 @@ class Meaning:
     word: str = ""
 
 
+def unaccented(name: str) -> str:
+    """A name without accents, its umlauts written out."""
+    name = re.sub("[äÄ]", "ae", re.sub("[öÖ]", "oe", re.sub("[üÜ]", "ue", name.replace("ß", "ss"))))
+    return unicodedata.normalize("NFKD", name).encode("ascii", "ignore").decode()
+
+
 def plain_words(name: str) -> list[str]:
     """The words of a name in small letters: without accents, split at signs, digits and changes to capitals."""
-    name = re.sub("[äÄ]", "ae", re.sub("[öÖ]", "oe", re.sub("[üÜ]", "ue", name.replace("ß", "ss"))))
-    name = unicodedata.normalize("NFKD", name).encode("ascii", "ignore").decode()
-    name = re.sub(r"([a-z])([A-Z])", r"\1 \2", name)
+    name = re.sub(r"([a-z])([A-Z])", r"\1 \2", unaccented(name))
     split = [w.removeprefix("lager") for w in re.split(r"[^a-z]+", name.lower())]  # the bearing's, not "Lage"
     return " ".join(_GLUED.sub(r"\1\3 \2\4", w) for w in split).split()
 
@@ -106,13 +112,24 @@ def meaning(name: str, si: str = "") -> Meaning:
         words = []
     quantity, word, sure = _quantity(words, name)
     wanted, injected = _one_of(words, _WANTED, True), _one_of(words, _INJECTED, True)
+    if "dist" in words and si in ("A", "N"):
+        injected = "dist"
+    if quantity == "current":  # the current that a controller puts out is the one that it asks for
+        wanted = wanted or _one_of(words, _WORDS["output"], True)
+    if injected and quantity == "displacement" and word in (*_AXES, injected):
+        quantity, word = "", ""  # of "inj_x" the letter is the axis alone
     # Beside other words, as in "ref x" or "probe x", the letter is quantity and axis in one.
     axis = next((w for w in words if w in _AXES and (w != word or len(words) > 1)), "")
     estimated = _one_of(words, _ESTIMATED)
     if si == "A" and quantity in ("", "output", "displacement", "voltage") and not injected:
         quantity, wanted = "current", wanted or (word if quantity == "output" else "")
-    if si == "V" and quantity in ("", "output") and not injected:
-        quantity, wanted, estimated = "voltage", "", ""
+    if si == "V" and quantity in ("", "output", "velocity") and not injected:
+        # The volts of a probe, and a set point that is compared with them, are no voltage at the coil.
+        instrument = _one_of(words, _INSTRUMENTS["displacement"])
+        if instrument:
+            quantity, word = "displacement", instrument
+        elif quantity or not wanted:
+            quantity, wanted, estimated = "voltage", "", ""
     if not quantity and not injected and si:
         quantity = {"m": "displacement", "N": "force", "s": "time", "rad/s": "speed", "m/s": "velocity"}.get(si, "")
         word, sure = f"[{si}]", 0.6 if not wanted else 0.85

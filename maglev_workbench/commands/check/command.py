@@ -20,12 +20,15 @@ def check(
 ) -> None:
     """Check what a campaign is good for, by each command's own rules: alarms, noise, transients, lines, channels."""
     require_campaign(campaign)
+    from maglev_env.recordings.campaign import load_campaign
+    from maglev_env.recordings.files import is_data_file
+
+    # What is wrong with it is told before the imports that take longer.
+    stated = None if is_data_file(campaign) else load_campaign(campaign)
     from importlib.metadata import version
 
     from maglev_env.loop.axes import AXES
     from maglev_env.recordings.alarms import alarms_of
-    from maglev_env.recordings.campaign import load_campaign
-    from maglev_env.recordings.files import is_data_file
     from maglev_env.recordings.formats.json_data import plain
     from maglev_env.recordings.guess.verified import guessed_campaign
     from maglev_env.recordings.quality import recording_quality
@@ -51,12 +54,12 @@ def check(
 
     said: list[object] = []
     notes: list[tuple[str, str]] = []
-    if is_data_file(campaign):
+    if stated is None:
         loaded, guess = guessed_campaign(campaign, rate)
         page = out or campaign.with_name(f"{campaign.stem}-check.html")
         said += [f"guess: {one.what}: {one.reason}" for one in guess.guesses]
     else:
-        loaded = load_campaign(campaign)
+        loaded = stated
         page = out or loaded.folder / "check.html"
     require_file(page, "--out")
     findings = examine(loaded)

@@ -74,7 +74,7 @@ def quality_tables(file: str, q: Quality) -> list[Table]:
     if q.periods:
         dropped = f", {q.transient_periods} of transient dropped" if q.transient_periods else ""
         channels = Table("channel", "rms", "crest", "step / rms", "signal / noise, median", "worst line")
-        channels.title = f"{file}: {q.periods} steady periods{dropped}"
+        channels.title = f"{file}: {q.periods} steady periods{dropped}" if q.repeats else f"{file}: nothing repeats"
         for c in q.channels:
             snr = ["-" if v is None else f"{v:.3g}" for v in (c.snr_median, c.snr_worst)]
             channels.add_row(*_shape(c), *snr)

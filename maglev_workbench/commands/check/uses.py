@@ -98,7 +98,7 @@ def _identified(alone: Campaign) -> list[Identification]:
     if alone.rig is not None and all(e.kind == "none" for e in alone.recordings[0].excitations):
         read_records(alone)  # refuses what the fit of the rig could not use
         return []
-    found = identify_campaign(alone, alone.mass, alone.mass is None, None, None, lambda specs: specs)
+    found = identify_campaign(alone, alone.mass, alone.mass is None, None, None, lambda specs: specs, fitted=False)
     return [one for _, one in found.axes]
 
 
@@ -175,7 +175,8 @@ def check_answer(found: Sequence[tuple[str, Sequence[Use]]], alarmed: int) -> st
             best: Verdict = "yes" if any(use.verdict == "yes" for use in own) else "with care"
             able[best].append(command + (f" ({usable} of {total})" if total > 1 else ""))
         else:
-            refused.setdefault(re.split("[;:] ", own[0].reason)[0], []).append(command)
+            reason = re.sub(r"^rig [^:;]+: ", "", own[0].reason)  # whose rule it is says nothing in short
+            refused.setdefault(re.split("[;:] ", reason)[0], []).append(command)
     good = [f"for {_and(able['yes'])}"] if able["yes"] else []
     good += [f"with care for {_and(able['with care'])}"] if able["with care"] else []
     bad = "for " + ", ".join(f"{_and(commands)} ({why})" for why, commands in refused.items()) if refused else ""

@@ -25,11 +25,11 @@ def diagnose(
     It takes one to two minutes, or some minutes for recordings without a period.
     """
     require_campaign(campaign)
-    from importlib.metadata import version
-
     from maglev_env.recordings.campaign import load_campaign
 
     loaded = load_campaign(campaign)
+    from importlib.metadata import version
+
     from maglev_workbench.console import console, progress_bar, write_json
     from maglev_workbench.page import write_page
     from maglev_workbench.warned import LEAVING_OUT, warned

@@ -58,9 +58,12 @@ def estimate(
     if band_width is not None and not band_width > 0:
         raise ValueError(f"--band-width {band_width} Hz must be positive")
     require_campaign(source)
+    from maglev_env.recordings.campaign import load_campaign
+
+    # What is wrong with it is told before the imports that take longer.
+    stated = load_campaign(source) if source.is_dir() or source.suffix == ".toml" else None
     from html import escape as html
 
-    from maglev_env.recordings.campaign import load_campaign
     from maglev_env.recordings.guess.verified import guessed_campaign
     from maglev_env.recordings.left_out import left_out_data
     from maglev_workbench.commands.estimate.one_file import OneFile, one_file_campaign
@@ -68,8 +71,8 @@ def estimate(
     from maglev_workbench.page import write_page
     from maglev_workbench.warned import LEAVING_OUT, shown, warned
 
-    if source.is_dir() or source.suffix == ".toml":
-        campaign = load_campaign(source)
+    if stated is not None:
+        campaign = stated
         page = out or campaign.folder / "estimate.html"
     elif not set(given(context)) & ONE_FILE:
         campaign, guess = guessed_campaign(source, mass=mass)
@@ -89,6 +92,7 @@ def estimate(
     from maglev_workbench.commands.estimate.gain_report import gain_table
     from maglev_workbench.commands.estimate.planar_report import planar_json, planar_sections, planar_table
     from maglev_workbench.commands.estimate.pooled_report import (
+        apart_lines,
         each_table,
         pooled_json,
         pooled_lines,
@@ -110,7 +114,8 @@ def estimate(
     made_by = {"Recordings": recordings, "Rig": rig, "Campaign": str(campaign.folder)}
     answer = estimate_answer(found.axes, found.pooled)
     more = [planar_sections(*both) for both in found.planar]
-    more += [pooled_sections(found.pooled)] if found.pooled else []
+    apart = apart_lines(found.axes, found.pooled) if found.pooled else []
+    more += [pooled_sections(found.pooled, apart)] if found.pooled else []
     if found.left_out:
         more.append([("Left out", "<ul>" + "".join(f"<li>{html(str(one))}</li>" for one in found.left_out) + "</ul>")])
     if found.notes:
@@ -118,7 +123,7 @@ def estimate(
     write_page(page, estimate_page(found.axes, made_by, more, answer), [json_file])
     report = estimate_json(found.axes, method) | {"answer": answer}
     planar = {"planar": [planar_json(*both) for both in found.planar]} if found.planar else {}
-    together = {"pooled": pooled_json(found.pooled)} if found.pooled else {}
+    together = {"pooled": pooled_json(found.pooled) | {"responses_apart": apart}} if found.pooled else {}
     left_out = {"left_out": left_out_data(found.left_out), "notes": list(found.notes)}
     write_json(json_file, report | {"warnings": warnings} | left_out | planar | together)
     console.print(answer, style="bold")
@@ -129,7 +134,7 @@ def estimate(
     for file, one_axis in found.axes:
         console.print(f"\n{file}", style="bold")
         console.print(estimate_table(one_axis, method))
-        say(one_axis)
+        say(one_axis, found.pooled is not None)
     for files, both in found.planar:
         console.print(f"\nx and y together: {files}", style="bold")
         console.print(planar_table(both))
@@ -146,6 +151,6 @@ def estimate(
             console.print(each_table(found.pooled))
         if found.pooled.gain is not None:
             console.print(gain_table(found.pooled.gain))
-        for line in pooled_lines(found.pooled):
+        for line in (*apart, *pooled_lines(found.pooled)):
             console.print(marked("  !", line))
     console.print(f"page  {page}")

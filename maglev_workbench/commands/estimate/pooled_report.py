@@ -1,8 +1,13 @@
 """The pooled estimate of a named rig: a table of identified against nominal values, and JSON."""
 
+from collections.abc import Sequence
 from html import escape
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
+from estimation.normal import NORMAL_95
+from maglev_env.evaluation.identification import Identification
 from maglev_env.units import prefixed
 from maglev_workbench.commands.estimate.gain_report import gain_json, gain_line, gain_sections
 from maglev_workbench.page import table as html_table
@@ -15,6 +20,11 @@ if TYPE_CHECKING:
     from plotly.graph_objects import Figure
 
 
+APART = 3.0  # standard errors
+SMALL = (
+    "a response takes the motion for small, the readings for simultaneous and an amplifier_time_constant that is left "
+    "out for none; the fit is right as far as the rig's force law is"
+)
 LATE = ", such as a force that comes later than the current (its lag acts as negative damping)"
 _HEAD = ("all recordings together", "identified", "95 %", "nominal", "change", "standard errors")
 
@@ -29,9 +39,10 @@ def pooled_table(found: Pooled) -> "rich.table.Table":
     return table
 
 
-def pooled_sections(found: Pooled) -> "list[tuple[str, str | Figure]]":
-    """The same table as a section of a page."""
-    lines = "".join(f"<li>{escape(line.replace(' +- ', ' ± '))}</li>" for line in pooled_lines(found))
+def pooled_sections(found: Pooled, apart: Sequence[str] = ()) -> "list[tuple[str, str | Figure]]":
+    """The same table as a section of a page; apart: what `apart_lines` says."""
+    said = [*apart, *pooled_lines(found)]
+    lines = "".join(f"<li>{escape(line.replace(' +- ', ' ± '))}</li>" for line in said)
     whole = html_table(_HEAD, _rows(found)) + (f"<ul>{lines}</ul>" if lines else "")
     sections: list[tuple[str, str | Figure]] = [("The rig in all recordings", whole)]
     if found.of_each:
@@ -54,7 +65,7 @@ def each_table(found: Pooled) -> "rich.table.Table":
 
 def _each(found: Pooled) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
     """Head and rows: a coefficient a column, +- standard error; a dash where a recording says nothing of it."""
-    head = ("alone", *(f"{c.name.replace('_', ' ')}, {c.unit}" for c in found.coefficients))
+    head = ("alone, +- standard error", *(f"{c.name.replace('_', ' ')}, {c.unit}" for c in found.coefficients))
     rows = []
     for name, own in found.of_each.items():
         said = {c.name: f"{c.value:.4g} +- {c.se:.2g}" if c.identified else _untold(c) for c in own}
@@ -99,6 +110,29 @@ def pooled_lines(found: Pooled) -> list[str]:
             "`maglev diagnose` looks for what is missing"
         )
     return [*lines, *found.notes]
+
+
+def apart_lines(axes: Sequence[tuple[str, Identification]], found: Pooled) -> list[str]:
+    """Where the response of a recording (file, identification) gives another gain or stiffness than the rig's fit."""
+    lines = []
+    fitted = {c.name: c for c in found.coefficients if c.identified}
+    for file, one in axes:
+        if one.actuator is None:
+            continue
+        a, said = one.actuator, []
+        for name, value, se in (
+            ("actuator_gain", a.gain, a.gain_se),
+            ("negative_stiffness", a.stiffness, a.stiffness_se),
+        ):
+            c = fitted.get(name)
+            if c is None or abs(value - c.value) <= APART * float(np.hypot(se, c.se)):
+                continue
+            scale, unit = prefixed(c.value, c.unit)
+            own, both = (f"{v * scale:.4g} +- {NORMAL_95 * e * scale:.2g}" for v, e in ((value, se), (c.value, c.se)))
+            said.append(f"{name.replace('_', ' ')} {own} {unit}, where the rig's fit to all recordings gives {both}")
+        if said:
+            lines.append(f"{file}: its response alone gives {' and '.join(said)} (95 %); {SMALL}")
+    return lines
 
 
 def pooled_json(found: Pooled) -> dict[str, Any]:

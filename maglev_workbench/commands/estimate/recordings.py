@@ -51,6 +51,7 @@ def identify_campaign(
     band_width: float | None,
     band_overlap: float | None,
     track: Track,
+    fitted: bool = True,
 ) -> Identified:
     """Identify every recording.
 
@@ -60,6 +61,7 @@ def identify_campaign(
         estimate_mass: whether the mass is fitted too.
         band_width, band_overlap: of the estimation bands, Hz; None: the defaults.
         track: wraps the loop over the recordings, to show progress.
+        fitted: whether the rig is fitted to recordings without a period; else they are only read for that.
 
     Raises:
         ValueError: A file cannot be identified, or none tells anything; the message says why.
@@ -93,14 +95,14 @@ def identify_campaign(
         found.planar.append((" + ".join(file for file, _ in members), both))
     if found.open:
         try:
-            told, together = _pooled(campaign)
+            told, together = _pooled(campaign) if fitted else (standing(*read_records(campaign))[0], None)
         except ValueError as error:
             if not why:
                 raise
             first, reason = next(iter(why.items()))
             raise ValueError(f"{campaign.folder / first}: {reason} | the rig in all recordings: {error}") from error
         found = replace(found, pooled=together, notes=_alone(why))
-    elif found.aperiodic and campaign.rig is not None and campaign.rig.controlled:
+    elif fitted and found.aperiodic and campaign.rig is not None and campaign.rig.controlled:
         # Responses are those of a straight line through the force law, and know nothing of lags: of a named rig the
         # simulation says more. Where it cannot, they stand alone.
         try:

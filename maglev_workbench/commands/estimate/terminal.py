@@ -7,8 +7,14 @@ from maglev_workbench.commands.estimate.gain_report import gain_line, gain_table
 from maglev_workbench.console import console, marked
 
 
-def say(found: Identification) -> None:
-    """Print mass, actuator, mode, distortion, margins and notes, as far as they are known."""
+def say(found: Identification, fitted: bool = False) -> None:
+    """Print mass, actuator, mode, distortion, margins and notes, as far as they are known.
+
+    Args:
+        found: of one recording.
+        fitted: whether a rig is fitted to all recordings: what this one says by its linear response is then less than
+            that, because it holds at this motion and takes lags that the rig leaves out as none.
+    """
     if found.modal:
         m = found.modal
         console.print(f"mass {m.mass:.5g} +- {NORMAL_95 * m.mass_se:.2g} kg")
@@ -19,7 +25,10 @@ def say(found: Identification) -> None:
             ("stiffness without control", a.stiffness, a.stiffness_se, "N/m"),
         ):
             scale, unit = prefixed(value, si)
-            console.print(f"{name} {value * scale:.4g} +- {NORMAL_95 * se * scale:.2g} {unit}")
+            what = f"{name} of the linear response at this motion" if fitted else name
+            console.print(f"{what} {value * scale:.4g} +- {NORMAL_95 * se * scale:.2g} {unit}")
+        if fitted:
+            console.print("  of the rig itself: see the table of all recordings together, below")
     if found.gain and (text := gain_line(found.gain)):
         console.print(gain_table(found.gain))
         console.print(text)

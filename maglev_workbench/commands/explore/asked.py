@@ -4,7 +4,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from maglev_env.fields import toml_text
-from maglev_env.recordings.campaign import SCHEMA, Campaign, load_campaign
+from maglev_env.recordings.campaign import Campaign, load_campaign
+from maglev_env.recordings.campaign_file import SCHEMA
 from maglev_env.rig.rig import PRESETS, Rig, load_rig
 from maglev_workbench.explore.copied import Source
 

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from maglev_workbench.options import GoalOption, friendly
+from maglev_workbench.options import GoalOption, friendly, require_campaign
 
 app = typer.Typer()
 
@@ -26,6 +26,8 @@ def explore(
     port: Annotated[int, typer.Option(min=0, max=65535, help="Of the local address (0: a free one).")] = 0,
 ) -> None:
     """Move gains and effects on a local page and see the loop's answer at once. Ctrl-C closes it."""
+    if Path(source).is_dir():
+        require_campaign(Path(source))
     from maglev_workbench.commands.explore.asked import asked
 
     wanted = asked(source)

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from textwrap import wrap
 
-from maglev_env.recordings.campaign import SCHEMA
+from maglev_env.recordings.campaign_file import SCHEMA
 from maglev_env.recordings.campaign_writer import toml_value
 from maglev_env.recordings.guess.columns import ColumnGuess
 from maglev_env.recordings.guess.evidence import Guess

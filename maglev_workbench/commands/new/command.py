@@ -37,7 +37,7 @@ def new(
     from maglev_env.loop.magnets.kinds import MAGNETS
     from maglev_env.recordings.files import write_text_atomic
     from maglev_env.recordings.formats.json_data import plain
-    from maglev_env.recordings.guess.agreed import agreed, like_most, without_motion
+    from maglev_env.recordings.guess.agreed import agreed, like_most, one_rotor, without_motion
     from maglev_env.recordings.guess.evidence import LIKELY
     from maglev_env.recordings.guess.recording import guess_recording
     from maglev_env.recordings.guess.verified import verified
@@ -92,7 +92,8 @@ def new(
     inside, copied = bring(read, folder)
     stated = replace(stated, rig=None if rig is None else rig_beside(rig, folder))
     names = [f.resolve().relative_to(folder.resolve()).as_posix() for f in inside]
-    guesses = agreed([verified(replace(g, file=name), folder) for g, name in zip(guesses, names, strict=True)])
+    named = one_rotor([replace(g, file=name) for g, name in zip(guesses, names, strict=True)])
+    guesses = agreed([verified(guess, folder) for guess in named])
 
     known = next((g for g in guesses if g.gains), None)
     if stated.rig is None:
@@ -101,7 +102,8 @@ def new(
             hangs = all(g.rotor.value == "suspended" and g.rotor.confidence >= LIKELY for g in guesses)
             driven = any({"current", "command", "current_x", "command_x"} & g.channels.keys() for g in guesses)
             gains, rate = (known.gains, known.rate.value) if known else (None, None)
-            text = rig_text(stated, gains, rate, hangs, driven)
+            axes = 2 if any("displacement_y" in g.channels for g in guesses) else 1
+            text = rig_text(stated, gains, rate, hangs, driven, axes)
             write_text_atomic(skeleton, text)
     write_text_atomic(folder / "campaign.toml", campaign_text(guesses, stated))
     answer = answer_of(guesses, refused, stated, stated.rig is None)

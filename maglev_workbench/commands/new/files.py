@@ -4,7 +4,7 @@ import shutil
 from collections.abc import Sequence
 from pathlib import Path
 
-from maglev_env.recordings.files import SUFFIXES, atomic_file
+from maglev_env.recordings.files import SAVE_AS, SUFFIXES, atomic_file
 from maglev_env.rig.rig import PRESETS
 
 
@@ -12,7 +12,8 @@ def data_files(sources: Sequence[Path]) -> list[Path]:
     """The data files among files and folders, in order.
 
     Args:
-        sources: files, and folders whose data files (not those of folders below) are taken.
+        sources: files, and folders whose data files (not those of folders below) are taken, also those of a kind
+            that is not read, which are to be named.
 
     Raises:
         FileNotFoundError: a source does not exist.
@@ -23,7 +24,7 @@ def data_files(sources: Sequence[Path]) -> list[Path]:
         if not source.exists():
             raise FileNotFoundError(f"{source} does not exist; name data files or a folder of them")
         if source.is_dir():
-            inside = sorted(p for p in source.iterdir() if p.is_file() and p.suffix.lower() in SUFFIXES)
+            inside = sorted(p for p in source.iterdir() if p.is_file() and p.suffix.lower() in (*SUFFIXES, *SAVE_AS))
             if not inside:
                 raise ValueError(f"{source} holds no data file ({', '.join(SUFFIXES)})")
             found += inside

@@ -49,6 +49,7 @@ def rig_text(
     control_rate: float | None,
     suspended: bool = False,
     driven: bool = False,
+    axes: int = 1,
 ) -> str:
     """The skeleton; what is known stands, the rest is commented out with a value of the usual form.
 
@@ -58,6 +59,7 @@ def rig_text(
         control_rate: Hz, where a recording shows that its controller runs at its sample rate.
         suspended: whether the recordings show a rotor that hangs below a single magnet.
         driven: whether they hold a command or a current.
+        axes: how many axes they have.
     """
     magnet = stated.magnet or ("electromagnet" if suspended else "electromagnet_pair" if driven else NO_MAGNET)
     chosen = f'magnet = "{magnet}"' if stated.magnet else f'# magnet = "{magnet}"  # {PLEASE} {", ".join(MAGNETS)}'
@@ -66,6 +68,7 @@ def rig_text(
         "# A skeleton: take the # from a line when its value is right, then name this file in campaign.toml.",
         f'schema = "{SCHEMA}"',
         'name = "mine"',
+        *(["axes = 2"] if axes == 2 else []),
         chosen,
         "",
         "[parameters]  # SI; all keys: docs/formats.md",

@@ -52,8 +52,10 @@ def simulate(
     json_file: JsonOption = None,
 ) -> None:
     """Record a simulated rig as a campaign folder, in the format of real recordings."""
+    from maglev_env.channels import SENSORS
+
+    require_choice(sensor, SENSORS, "--sensor")
     from maglev_env.design.defaults import with_defaults
-    from maglev_env.experiment import SENSORS
     from maglev_env.loop.effect import parse_effects
     from maglev_env.loop.gains import with_gains
     from maglev_env.recordings.campaign_writer import FORMATS, write_campaign
@@ -64,7 +66,6 @@ def simulate(
     from maglev_workbench.page import write_page
 
     require_choice(protocol, PROTOCOLS, "--protocol")
-    require_choice(sensor, SENSORS, "--sensor")
     require_choice(data_format, FORMATS, "--format")
     require_folder(out)
     if (out / "campaign.toml").exists():

@@ -52,7 +52,10 @@ def sweep(
     Without --kp, --ki, --kd and --gain the sweep covers the rig's bounds; with some, the others stay at the preset. The
     default grid takes some ten seconds on two cores, and the first run as long again to compile.
     """
+    from maglev_env.channels import SENSORS
     from tuning.axis import parse_axes
+
+    require_choice(sensor, SENSORS, "--sensor")
 
     given = parse_axes([f"{n}={text}" for n, text in (("kp", kp), ("ki", ki), ("kd", kd)) if text is not None] + gain)
     from time import perf_counter
@@ -60,12 +63,10 @@ def sweep(
     from maglev_env.design.controllers import with_controller
     from maglev_env.design.defaults import with_defaults
     from maglev_env.design.goals import with_goal
-    from maglev_env.experiment import SENSORS
     from maglev_env.loop.effect import parse_effects
     from maglev_env.rig.rig import load_rig
     from tuning.sweep import Sweep, default_axes, run_sweep
 
-    require_choice(sensor, SENSORS, "--sensor")
     loaded = load_rig(rig)
     if not loaded.controlled:
         raise ValueError(f"rig {loaded.name} has no controlled magnet: there is nothing to sweep")

@@ -1,23 +1,18 @@
 """`maglev tune --campaign`: proposes the next experiment on a real rig, or to stop."""
 
-import tomllib
+from __future__ import annotations
+
 from collections.abc import Sequence
 from importlib.metadata import version
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from maglev_env.fields import toml_text
-from maglev_env.recordings.campaign import SCHEMA, Campaign, campaign_rig, load_campaign
-from maglev_env.recordings.files import write_text_atomic
-from maglev_env.rig.rig import Rig
-from maglev_workbench.commands.tune.campaign_report import campaign_json, campaign_page, campaign_tables
-from maglev_workbench.commands.tune.next_recording import commented, excitation_words, summary, toml_block
-from maglev_workbench.console import console, write_json
+from maglev_env.recordings.campaign_file import SCHEMA, campaign_tables
 from maglev_workbench.options import require_folder
-from maglev_workbench.page import write_page
-from maglev_workbench.warned import warned
-from tuning.campaign.disagreement import disagreement
-from tuning.campaign.next_step import TUNED, next_step
-from tuning.campaign.recorded_sets import recorded_sets
+
+if TYPE_CHECKING:
+    from maglev_env.recordings.campaign import Campaign
+    from maglev_env.rig.rig import Rig
 
 # Findings that gains can cause: such a set has failed, and that is a result.
 FAILURES = ("rail", "lost levitation", "stuck reading", "clearance")
@@ -60,6 +55,17 @@ def run(
     folder, rig, campaign = _read(source)
     target = out or folder / "tune"
     require_folder(target)
+    # What is asked for is right: now the imports that take longer.
+    from maglev_env.recordings.files import write_text_atomic
+    from maglev_workbench.commands.tune.campaign_report import campaign_json, campaign_page, campaign_tables
+    from maglev_workbench.commands.tune.next_recording import commented, excitation_words, summary, toml_block
+    from maglev_workbench.console import console, write_json
+    from maglev_workbench.page import write_page
+    from maglev_workbench.warned import warned
+    from tuning.campaign.disagreement import disagreement
+    from tuning.campaign.next_step import TUNED, next_step
+    from tuning.campaign.recorded_sets import recorded_sets
+
     tuned = tuple(tuned) or TUNED
     warnings = warned(campaign, FAILURES) if campaign else []
     sets = recorded_sets(campaign) if campaign and rig.axes == 1 else []
@@ -98,12 +104,11 @@ def _read(source: Path) -> tuple[Path, Rig, Campaign | None]:
             f'{path} does not exist; begin with a campaign.toml of two lines: schema = "{SCHEMA}" and '
             'rig = "..." (a preset or a rig TOML beside it)'
         )
-    text = toml_text(path, "campaign")
+    path, data = campaign_tables(path)
+    from maglev_env.recordings.campaign import campaign_rig, load_campaign
+
     try:
-        data = tomllib.loads(text)
         begun = bool(data.get("recording"))
-        if not begun and data.get("schema") != SCHEMA:
-            raise ValueError(f'schema = {data.get("schema")!r}; this version reads schema = "{SCHEMA}"')
         rig = None if begun else campaign_rig(path.parent, data.get("rig"), data.get("parameters", {}))[0]
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from error

@@ -19,6 +19,7 @@ from maglev_workbench.options import (
     friendly,
     given,
     is_rotor,
+    require_choice,
     require_folder,
 )
 from tuning.methods import DEFAULT, METHODS, STARTS, method_of
@@ -110,6 +111,9 @@ def tune(
         if value is not None:
             raise ValueError(f"--{name} is for rotors; leave it out, or tune one: --rig {', '.join(PRESETS['rotor'])}")
     method, budget, batch = method or DEFAULT, budget or BUDGET, batch or 1
+    from maglev_env.channels import SENSORS
+
+    require_choice(sensor, SENSORS, "--sensor")
     from dataclasses import asdict
     from time import perf_counter
 

@@ -203,8 +203,10 @@ def test_size_limit_counts_what_is_unpacked(tmp_path, monkeypatch):
 
 
 def test_other_files(tmp_path):
-    with pytest.raises(ValueError, match=r"x\.xls: files of kind '\.xls' are not read; use \.mat"):
+    with pytest.raises(ValueError, match=r"x\.xls: files of kind '\.xls' are not read; save the sheet as CSV"):
         read_columns(tmp_path / "x.xls")
+    with pytest.raises(ValueError, match=r"x\.docx: files of kind '\.docx' are not read; use \.mat"):
+        read_columns(tmp_path / "x.docx")
     with pytest.raises(OSError, match=r"x\.mat"):
         read_columns(tmp_path / "x.mat")
     (tmp_path / "x.nc").write_bytes(b"CDF\x01")

@@ -74,7 +74,7 @@ NAMES = {
     "displacement": "y x1 pos gap Weg posicion Auslenkung displacement Luftspalt rotorPosition",
     "current": "i current Strom corriente i_coil Iststrom iMeas coil_current",
     "command": "i_ref iref_A command Sollstrom i_soll currentCommand u cmd Stellgröße",
-    "reference": "ref yd setpoint Sollwert y_ref r referencia w",
+    "reference": "ref yd setpoint Sollwert y_ref r referencia w Consigne",
     "force": "F force Kraft fuerza",
     "injection": "inj dither excitation Anregung i_inj Störgröße",
     "gap_estimate": "y_obs y_hat",
@@ -86,6 +86,33 @@ NAMES = {
 @pytest.mark.parametrize(("channel", "name"), [(c, n) for c, names in NAMES.items() for n in names.split()])
 def test_names_of_several_languages_and_laboratories(channel, name):
     assert meaning(*header_unit(name)[:1]).channel == channel
+
+
+@pytest.mark.parametrize(
+    ("header", "channel", "axis"),
+    [
+        ("u_hall_V", "displacement", ""),
+        ("Sensor [V]", "displacement", ""),
+        ("soll_V", "reference", ""),
+        ("U_sens [mV]", "displacement", ""),
+        ("Stoer [mA]", "injection", ""),
+        ("u [V]", "voltage", ""),
+        ("i_hall [A]", "current", ""),
+        ("Hall dist [mm]", "displacement", ""),
+        ("dist [A]", "injection", ""),
+        ("dist_force", "force", ""),
+        ("i_ctrl", "command", ""),
+        ("Stellstrom", "command", ""),
+        ("coil current", "current", ""),
+        ("inj_x [A]", "injection", "x"),
+        ("exc_y [N]", "force", "y"),
+        ("probe_x", "displacement", "x"),
+    ],
+)
+def test_instruments_disturbances_and_axes(header, channel, axis):
+    name, unit = header_unit(header)
+    said = meaning(name, unit.si if unit else "")
+    assert (said.channel, said.axis) == (channel, axis)
 
 
 def test_a_unit_settles_what_a_name_leaves_open():
@@ -165,6 +192,27 @@ def test_a_voltage_called_u_is_no_command():
 def test_a_length_without_unit_is_scaled_by_its_size_and_asked_for(size, scale):
     (y,) = columns(y=size * SLOW / np.abs(SLOW).max()).values()
     assert y.scale == scale and "unit" in y.ask
+
+
+def test_two_axes_without_an_integral_have_one_controller(tmp_path):
+    moved = {axis: 1e-5 * np.roll(SLOW, 37 * i) for i, axis in enumerate("xy")}
+    commands = {}
+    for axis, y in moved.items():
+        d = lfilter([1.0, -1.0], [1.0, -0.6], -y)
+        commands[f"i_cmd_{axis}"] = -6000.0 * y + 9000.0 * d
+    with h5py.File(tmp_path / "xy.hdf5", "w") as file:
+        group = file.create_group("acquisition")
+        group.attrs["sampling_frequency_hz"] = RATE
+        for name, values in ({f"pos_{a}": 1e6 * y for a, y in moved.items()} | commands).items():
+            group.create_dataset(name, data=values).attrs["units"] = "um" if name.startswith("pos") else "A"
+        for axis, values in (("x", 0.01 * RNG.standard_normal(N)), ("y", np.zeros(N))):
+            group.create_dataset(f"inj_{axis}", data=values).attrs["units"] = "A"
+            group[f"i_cmd_{axis}"][...] += values
+    found = guess_recording(tmp_path / "xy.hdf5")
+    assert found.rate.value == RATE and "sampling_frequency_hz" in found.rate.reason
+    assert found.gains is not None and found.gains["kp"] == pytest.approx(6000.0, rel=1e-3) and not found.gains["ki"]
+    assert found.channels["injection_x"].column == "acquisition.inj_x" and "injection_y" not in found.channels
+    assert found.excitation.value == "none" and "injection_x" in found.excitation.reason
 
 
 def test_rate_from_time_from_a_number_or_unknown():
@@ -316,6 +364,11 @@ def test_the_rate_of_a_jittering_clock_is_the_round_one_that_its_steps_allow():
     assert guess_rate(rounded, 1.0, {}).value == pytest.approx(49.1, rel=1e-4)
 
 
+def test_clocks_of_a_microcontroller_have_their_unit():
+    found = columns(millis=np.arange(12345.0, 12345 + N), dist_mm=8 + SLOW, i_A=1 + 0.1 * SLOW)
+    assert (found["millis"].channel, found["millis"].scale) == ("time", 1e-3)
+
+
 def test_units_of_hdf5_attributes_are_read(tmp_path):
     with h5py.File(tmp_path / "run.h5", "w") as file:
         for name, unit in (("pos_x", "um"), ("pos_y", "um"), ("coil_x", "A"), ("coil_y", b"A")):
@@ -323,3 +376,30 @@ def test_units_of_hdf5_attributes_are_read(tmp_path):
     found = guess_recording(tmp_path / "run.h5", rate=1000.0).channels
     assert found["displacement_x"].scale == 1e-6 and not found["displacement_x"].ask
     assert found["current_x"].column == "entry.coil_x"
+
+
+def test_a_peak_in_volts_is_not_stated_as_one_in_metres(tmp_path):
+    wanted = 1.5 + 0.05 * np.sin(2 * np.pi * 5 * T)
+    table = np.column_stack([T, wanted + 1e-3 * RNG.standard_normal(N), wanted, 1 + 0.1 * wanted])
+    for name, unit, stated in (("volts.csv", "V", False), ("mm.csv", "mm", True)):
+        header = f"t [s],pos [{unit}],ref [{unit}],i [A]"
+        np.savetxt(tmp_path / name, table, fmt="%.6f", delimiter=",", header=header, comments="")
+        found = guess_recording(tmp_path / name)
+        assert [e["kind"] for e in found.excitations] == ["multisine"]
+        assert ["amplitude" in e for e in found.excitations] == [stated]
+        assert ("scale in m per V" in found.channels["reference"].ask) != stated
+
+
+def test_a_column_in_amperes_is_no_displacement_whatever_it_does():
+    found = columns(**{"t [s]": T, "foo [mA]": SLOW, "i_ref [A]": 1 + 0.1 * SLOW, "bar": 8 + RNG.standard_normal(N)})
+    assert found["bar"].channel == "displacement" and not found["foo [mA]"].channel and found["foo [mA]"].ask
+
+
+def test_a_wanted_current_beside_a_voltage_that_is_called_an_output_is_the_command():
+    i = 1 + 0.1 * SLOW
+    found = columns(
+        t=T, laser_mm=8 + SLOW, i_sp=i, i_fb=i + 1e-3 * RNG.standard_normal(N), u_pwm=5 * np.roll(SLOW, 40) + 9
+    )
+    assert {g.column: g.channel for g in found.values()} == {
+        "t": "time", "laser_mm": "displacement", "i_sp": "command", "i_fb": "current", "u_pwm": "voltage",
+    }  # fmt: skip

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from maglev_env.recordings.guess.agreed import agreed, like_most, without_motion
+from maglev_env.recordings.guess.agreed import agreed, like_most, one_rotor, without_motion
 from maglev_env.recordings.guess.recording import guess_recording
 from maglev_env.recordings.guess.verified import verified
 
@@ -33,6 +33,8 @@ def test_a_direction_that_one_file_shows_holds_for_all(tmp_path):
     assert [g.channels["displacement"].scale for g in found] == [-1.0, -1.0]
     assert "as steps.npz shows" in found[0].channels["displacement"].reason
     assert "offset = the gap" in found[0].channels["displacement"].ask
+    asks = [g.channels["displacement"].ask for g in (hover, found[0])]
+    assert ["scale < 0" in ask for ask in asks] == [True, False]
 
 
 def test_a_controller_counts_in_the_direction_of_its_displacement(tmp_path):
@@ -85,3 +87,36 @@ def test_a_file_beside_others_in_which_nothing_moves_is_left_out(tmp_path):
     guesses = {name: guess_recording(tmp_path / name) for name in ("run.npz", "volts.npz")}
     assert list(without_motion(guesses)) == ["volts.npz"]
     assert not without_motion({"volts.npz": guesses["volts.npz"]})
+
+
+def test_the_injection_of_the_other_axis_is_found_in_each_file(tmp_path):
+    rng = np.random.default_rng(8)
+    for own in "xy":
+        columns = {f"pos_{axis}": 1e-5 * rng.normal(size=2000) for axis in "xy"}
+        columns |= {f"inj_{axis}": 0.1 * rng.normal(size=2000) * (axis == own) for axis in "xy"}
+        np.savez(tmp_path / f"{own}.npz", t=np.arange(2000) / 1000.0, **columns)
+    guesses = [guess_recording(tmp_path / f"{own}.npz") for own in "xy"]
+    assert like_most(guesses) == [None, None]
+    assert ["injection_y" in g.channels for g in guesses] == [False, True]
+
+
+def test_a_rotor_hangs_in_all_files_of_one_current(tmp_path):
+    rng = np.random.default_rng(9)
+    still = 6e-3 + 1e-5 * rng.normal(size=4000)
+    for name, current in (("hover.npz", 1.0 + 0.01 * rng.normal(size=4000)), ("hard.npz", rng.normal(size=4000))):
+        np.savez(tmp_path / name, t=np.arange(4000) / 1000.0, pos=still, i=current)
+    hover, hard = one_rotor([guess_recording(tmp_path / name) for name in ("hover.npz", "hard.npz")])
+    assert hover.rotor.value == hard.rotor.value == "suspended" and "as hover.npz shows it" in hard.rotor.reason
+    alone = guess_recording(tmp_path / "hard.npz")
+    assert one_rotor([alone])[0].rotor.value == "supported"
+
+
+def test_a_command_with_unstored_noise_is_asked_for_the_controller_of_another_file(tmp_path):
+    rng = np.random.default_rng(10)
+    for name, added in (("steps.npz", 0.0), ("noise.npz", 0.1)):
+        y = 1e-4 * np.cumsum(rng.normal(size=4000)) / 60
+        command = -150.0 * y + added * rng.normal(size=4000)
+        np.savez(tmp_path / name, t=np.arange(4000) / 1000.0, pos_m=y, i_cmd_A=command)
+    noise, steps = agreed([verified(guess_recording(tmp_path / n), tmp_path) for n in ("noise.npz", "steps.npz")])
+    assert steps.gains["kp"] == 150.0 and noise.gains is None
+    assert "that of steps.npz" in noise.controller.ask and "kp = 150" in noise.controller.ask

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from maglev_env.recordings.alarms import alarms_of
-from maglev_env.recordings.campaign import SCHEMA, parse_campaign
+from maglev_env.recordings.campaign import parse_campaign
+from maglev_env.recordings.campaign_file import SCHEMA
 from maglev_env.recordings.guess.recording import guess_recording
 from maglev_env.recordings.guess.verified import verified
 from maglev_env.recordings.recording import read_recording
@@ -36,7 +37,7 @@ def test_the_part_after_the_fall_is_taken_and_reads_without_alarms(tmp_path):
     found = verified(guess_recording(path), tmp_path)
     assert found.part is not None and FALLEN - 5 <= found.part[0] <= FALLEN + 50
     assert sum(found.part) == SIZE
-    assert any("that stretch is taken" in note for note in found.notes)
+    assert any(note.startswith("alarm: ") and "that stretch is taken" in note for note in found.notes)
     campaign = parse_campaign(tmp_path, {"schema": SCHEMA, "recording": [found.table()]})
     assert not alarms_of(read_recording(campaign, campaign.recordings[0]))
 
@@ -73,3 +74,31 @@ def test_a_gap_that_falls_faster_than_the_samples_is_not_in_mm(tmp_path, rate, s
     columns = np.column_stack([np.arange(2000) / rate, gap, 1.0 + 20 * (gap - 0.06)])
     np.savetxt(tmp_path / "run.csv", columns, delimiter=",", header="t,gap,i_cmd", comments="", fmt="%.6f")
     assert abs(guess_recording(tmp_path / "run.csv").channels["displacement"].scale) == scale
+
+
+def test_noise_does_not_hide_the_direction_and_what_nothing_shows_is_asked_for(tmp_path):
+    rng = np.random.default_rng(6)
+    t, i = np.arange(20000) / 1000.0, 0.1 * rng.normal(size=20000)
+    w = 2 * np.pi * np.fft.rfftfreq(t.size, 1e-3)
+    # Noise that nobody stored drives the current: m d'' = -(ki i - ks d) about the resting gap, both signs are known.
+    moved = np.fft.irfft(np.fft.rfft(i) * GAIN / (MASS * w**2 + STIFFNESS), t.size)
+    seen = np.round(1e3 * (GAP + moved) + 5e-3 * rng.normal(size=t.size), 4)
+    for name, values in (("moved.csv", seen), ("still.csv", 4 + 5e-3 * rng.normal(size=t.size))):
+        table = np.column_stack([t, values, 1.0 + i])
+        np.savetxt(tmp_path / name, table, fmt="%.5f", delimiter=",", header="t,pos [mm],i [A]", comments="")
+    assert abs(np.corrcoef(seen, i)[0, 1]) < 0.4
+    moved, still = (verified(guess_recording(tmp_path / name), tmp_path) for name in ("moved.csv", "still.csv"))
+    assert moved.channels["displacement"].scale == -1e-3 and "offset = the gap" in moved.channels["displacement"].ask
+    assert still.channels["displacement"].scale == 1e-3 and "scale < 0" in still.channels["displacement"].ask
+
+
+@pytest.mark.parametrize(("name", "scale"), [("gap [mm]", -1e-3), ("height [mm]", 1e-3)])
+def test_a_gap_is_turned_round_although_a_large_excitation_turns_the_current(tmp_path, name, scale):
+    rng = np.random.default_rng(7)
+    gap = 8 + 0.3 * np.sin(2 * np.pi * 5 * np.arange(4000) / 1000.0)
+    current = 0.6 + 0.9 * (gap - 8) + 1e-3 * rng.normal(size=4000)
+    current[:3] = -0.4  # as its controller was switched on
+    table = np.column_stack([np.arange(4000) / 1000.0, gap, current])
+    np.savetxt(tmp_path / "run.csv", table, fmt="%.5f", delimiter=",", header=f"t [s],{name},i [A]", comments="")
+    found = verified(guess_recording(tmp_path / "run.csv"), tmp_path)
+    assert found.rotor.confidence < 0.5 and found.channels["displacement"].scale == scale

@@ -6,6 +6,7 @@ import pytest
 from maglev_env.recordings.files import read_columns
 from maglev_env.recordings.formats import text_files
 from maglev_env.recordings.formats.text_layout import TextLayout, layout_table
+from maglev_env.recordings.guess.rate import stated_step
 
 T, Y = [0.0, 0.001, 0.002], [0.1234, -5.5, 2e-3]
 LABVIEW = """LabVIEW Measurement\t
@@ -179,3 +180,55 @@ def test_times_of_day_are_seconds_also_past_midnight(tmp_path):
         np.testing.assert_allclose(np.diff(file.column("time")), 0.5, atol=1e-9)
         np.testing.assert_array_equal(file.column("y"), [0.5, 1.5, 2.5, 3.5])
         assert any("times of day" in note for note in file.notes)
+
+
+@pytest.mark.parametrize(
+    ("line", "seconds"),
+    [
+        ("Abtastzeit: 1 ms", 1e-3),
+        ("# sample rate: 2 kHz", 5e-4),
+        ("Ts = 0.5ms", 5e-4),
+        ("dt;2e-4;s", 2e-4),
+        ("Sample Interval;250;us", 2.5e-4),
+        ("fs;1000", 1e-3),
+        ("sampling rate: 0.5 ms", 5e-4),
+        ("Abtastzeit: 3 Takte", None),
+        ("Fréquence d'échantillonnage : 500 Hz", 2e-3),
+        ("Sample rate;2 kS/s", 5e-4),
+        ("magnetic ball, dt = 4 ms, gap = 8 mm", 4e-3),
+    ],
+)
+def test_a_number_above_the_table_has_the_unit_behind_it(tmp_path, line, seconds):
+    (tmp_path / "x.csv").write_text(f"Pruefstand 4\n{line}\n\nPosition;Strom\n" + rows(";"))
+    stated = stated_step(read_columns(tmp_path / "x.csv").numbers)
+    assert (stated and stated[0]) == (seconds and pytest.approx(seconds))
+
+
+@pytest.mark.parametrize("separator", ["\t", ",", " "])
+def test_numbers_with_their_names_beside_them_are_a_table(tmp_path, separator):
+    told = [separator.join([f"us:{i * 1000}", f"gap:{8 + 0.001 * i:.3f}", f"cur:{-0.5 * i:.2f}"]) for i in range(20)]
+    (tmp_path / "x.log").write_text("=~=~= log 2026.11.03 14:55:33 =~=~=\nready\n" + "\n".join([*told, "us:200"]))
+    columns = read_columns(tmp_path / "x.log")
+    assert columns.names == ("us", "gap", "cur")
+    np.testing.assert_allclose(columns.column("gap"), 8 + 0.001 * np.arange(20))
+    np.testing.assert_allclose(columns.column("cur"), -0.5 * np.arange(20))
+    assert any("name beside it" in note for note in columns.notes) and any("cut off" in note for note in columns.notes)
+
+
+def test_what_stands_above_a_table_of_blanks_is_read_as_sentences(tmp_path):
+    (tmp_path / "x.dat").write_text("# magnetic ball, dt = 1 ms\n#  gap/mm  i/A\n" + rows("  "))
+    assert stated_step(read_columns(tmp_path / "x.dat").numbers)[0] == 1e-3
+
+
+def test_a_monitor_that_stamps_its_lines_gives_a_time(tmp_path):
+    lines = [f"14:59:5{i // 2}.{i % 2 * 5}00 -> gap={8 + 0.01 * i:.3f}, cur={i:d}\n" for i in range(18)]
+    (tmp_path / "x.txt").write_text("".join(lines))
+    columns = read_columns(tmp_path / "x.txt")
+    assert columns.names == ("time", "gap", "cur")
+    np.testing.assert_allclose(np.diff(columns.column("time")), 0.5)
+    np.testing.assert_allclose(columns.column("gap"), 8 + 0.01 * np.arange(18))
+
+
+def test_times_of_day_are_no_names(tmp_path):
+    (tmp_path / "x.csv").write_text("t,y\n" + "".join(f"13:22:0{i}.5,{i}\n" for i in range(9)))
+    assert read_columns(tmp_path / "x.csv").names == ("t", "y")

@@ -4,7 +4,7 @@ import json
 
 import numpy as np
 import pytest
-from bench_loop import Bench, write_campaign
+from bench_loop import Bench, excitation, write_campaign
 from campaigns import campaign
 from command_line import maglev
 
@@ -71,6 +71,25 @@ def test_the_sentence_of_several_recordings():
         "an alarm."
     )
     assert check_answer([("a", (no,) * 4)], 0) == ("Not usable for estimate, margins, diagnose and tune (because).")
+    other = Use("tune", "no", "rig mine: its gains are of another form; state others", "")
+    assert "not for tune (its gains are of another form)." in check_answer([("a", (yes, yes, yes, other))], 0)
+
+
+@pytest.mark.parametrize("kind", ["recorded", "none"])
+def test_check_fits_no_rig_to_say_that_it_could(tmp_path, monkeypatch, kind):
+    folder = write_campaign(tmp_path, Bench(), {"chirp": "fit"}, 1.0, 0)
+    columns = dict(np.load(folder / "chirp.npz"))
+    injection, _ = excitation("chirp", 1.0, np.random.default_rng(0))
+    np.savez(folder / "chirp.npz", injection=injection, **columns)
+    text = (folder / "campaign.toml").read_text().replace('{ kind = "none" }', f'{{ kind = "{kind}", at = "current" }}')
+    (folder / "campaign.toml").write_text(text + '\ninjection = { from = "injection" }\n')
+
+    def refuse(*_):
+        raise AssertionError("the rig is fitted")
+
+    monkeypatch.setattr("maglev_workbench.commands.estimate.recordings.pooled", refuse)
+    found = by_command(load_campaign(folder))
+    assert found["estimate"].verdict == "yes"
 
 
 def test_the_command_begins_with_its_answer_and_a_bare_file_needs_no_rig(tmp_path):

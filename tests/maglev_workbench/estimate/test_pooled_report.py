@@ -1,6 +1,10 @@
 """What is said below the pooled estimate."""
 
-from maglev_workbench.commands.estimate.pooled_report import pooled_json, pooled_lines, pooled_sections
+from types import SimpleNamespace
+
+import pytest
+
+from maglev_workbench.commands.estimate.pooled_report import apart_lines, pooled_json, pooled_lines, pooled_sections
 from sim2real.coefficients import Coefficient
 from sim2real.pooled import Pooled
 from sim2real.recorded.at_rest.static_evidence import AT_REST
@@ -27,3 +31,16 @@ def test_the_page_shows_each_recording_and_the_rest():
     assert heading == "Each recording alone"
     assert table.count("<tr>") == 3 and AT_REST in table and "0.6 ± 0.02" in table
     assert len(pooled_sections(Pooled((GAIN,), 1.0, (), {}))) == 1
+
+
+@pytest.mark.parametrize(
+    ("gain", "stiffness", "apart"), [(0.52, -50.0, ()), (0.8, -50.0, ("gain",)), (0.6, -90, ("stiff",))]
+)
+def test_a_response_that_contradicts_the_fit_is_said(gain, stiffness, apart):
+    own = SimpleNamespace(actuator=SimpleNamespace(gain=gain, gain_se=0.02, stiffness=stiffness, stiffness_se=1.0))
+    fitted = Pooled((GAIN, Coefficient("negative_stiffness", "N/m", -52.0, 1.0, -60.0, True)), 1.0, (), {})
+    lines = apart_lines([("steps.txt", own), ("force.txt", SimpleNamespace(actuator=None))], fitted)
+    assert len(lines) == bool(apart)
+    for word, number in (("gain", f"{gain:.4g} +- 0.039 N/A"), ("stiff", f"{stiffness:.4g} +- 2 N/m")):
+        assert any(number in line for line in lines) == (word in apart)
+    assert ("steps.txt" in dict(pooled_sections(fitted, lines))["The rig in all recordings"]) == bool(apart)

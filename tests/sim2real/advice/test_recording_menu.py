@@ -1,10 +1,15 @@
 """What a recording without a period leaves open is asked of the recording that tells it best."""
 
+import warnings
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from bench_loop import Bench, write_campaign
+from campaigns import campaign
 
-from sim2real.advice.next_experiment import _separation
+from maglev_env.rig.rig import Noise
+from sim2real.advice.next_experiment import _look, _separation
 from sim2real.advice.recording_menu import Item, menu
 from sim2real.compared.problem import assemble
 from sim2real.recorded.records import read_records
@@ -32,3 +37,17 @@ def test_the_separation_expected_of_a_repetition_is_the_one_that_was_found(tmp_p
     assert {"amplitude", "excitation", "offset", "gains"} == {name for (name,) in table}
     assert 1.3 * expected < table[("amplitude",)] < 4.1 * expected  # 4 without any refit
     assert all(np.isfinite(value) for value in table.values()) and table[("excitation",)] > expected
+
+
+@pytest.mark.parametrize("states", [True, False])
+def test_nothing_is_expected_of_a_designed_recording_where_no_noise_is_stated(tmp_path, states):
+    folder = campaign(tmp_path, names=("base",))
+    _, (record, *_) = read_records(folder)
+    rig = record.nominal if states else replace(record.nominal, noise=Noise(), adc_bits=0, dac_bits=0)
+    items = menu(replace(record, nominal=rig, experiment=replace(record.experiment, rig=rig)))
+    part = assemble([record]).parts[0]
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        looks = [_look(item, part)[1] for item in items if item.outputs]
+    assert looks and all(np.isfinite(weights).all() == states for weights in looks)
+    assert states or {_separation(item, part, []) for item in items if item.outputs} == {-np.inf}

@@ -9,7 +9,7 @@ import pytest
 from sim2real.compared.simulated import Point
 from sim2real.judgement.dispersion import ChiSquare, Dispersion
 from sim2real.judgement.evidence import IDLE, Evidence, idle_cost
-from sim2real.judgement.judge import Entry, entries
+from sim2real.judgement.judge import HOPELESS, Entry, entries, reach
 from sim2real.judgement.verdict import verdict
 
 SINGLES = ("delay", "amplifier_lag", "actuator_gain", "mass", "friction", "saturation")
@@ -278,3 +278,14 @@ def test_what_a_rig_states_weighs_its_full_weight_beside_a_large_gap():
     cost = free.cost + strain
     assert judged(replace(free, cost=cost)) == ("explained", ("mass",))
     assert judged(replace(free, cost=cost, strain=strain)) == ("explained", ("mass", "delay"))
+
+
+@pytest.mark.parametrize("left", [0.0, 4e3])
+def test_what_is_out_of_reach_of_the_best_is_hopeless(left):
+    """With and without something that the best explanation lacks, which divides all differences."""
+    lacks = Dispersion(ChiSquare(EXPECTED + left, EXPECTED), ChiSquare(0.0, 0.0))
+    e = replace(gap(1e5, delay=0.0), dispersion=lacks)
+    far = reach(e)[e.effects.index(("mass",))]
+    at, half = (entries(replace(gap(1e5, delay=0.0, mass=share * far), dispersion=lacks)) for share in (1.0, 0.3))
+    ratios = [probability(found, "delay") / probability(found, "mass") for found in (at, half)]
+    assert ratios[0] >= 0.99 * HOPELESS > ratios[1]

@@ -12,13 +12,15 @@ from ball_bench import BALL
 
 from maglev_env.loop.gains import as_table
 from maglev_env.loop.magnets.kinds import force_law
-from maglev_env.loop.magnets.law import linearise, reshaped
+from maglev_env.loop.magnets.law import force, linearise, reshaped
 from maglev_env.recordings.campaign_writer import toml_value
 from maglev_env.rig.rig import load_rig, rig_from_toml
 from sim2real.compared.law_shape import law_shapes
 from sim2real.compared.problem import assemble
 from sim2real.compared.simulated import Point
+from sim2real.recorded.along_motion import ends
 from sim2real.recorded.nuisances import Nuisances
+from sim2real.recorded.open_loop import loop_at, nominal_loop
 from sim2real.recorded.records import read_records
 
 OWN = rig_from_toml(BALL, "docs")
@@ -72,6 +74,23 @@ def test_noise_that_a_kick_of_the_current_multiplies_is_no_damping(tmp_path):
 
 def test_a_small_motion_is_opened_at_rest(tmp_path):
     assert record_of(tmp_path / "small", 2e-6, 1, noise=1e-6).along is None
+
+
+def test_the_magnets_of_another_gain_pull_along_the_same_motion_as_their_own_current_does(tmp_path):
+    """A gain that is a fifth larger is a current that is a fifth larger, in the same law."""
+    record = record_of(tmp_path / "run", 2.5e-4, 1)
+    e, law = replace(record.experiment, effects={"actuator_gain": {"change": 0.2}}), force_law(RIG)
+    found, motion, h = record.along.under(e), record.along.motion, 1e-5
+    place, current = motion.reading[0], ends(motion.driving, found.lag, found.late)[0][0]
+    slopes = [
+        (force(law, y, 1.2 * (i + h)) - force(law, y, 1.2 * (i - h))) / (2 * h)
+        for y, i in ((place, current), (0.0, 0.0))
+    ]
+    np.testing.assert_allclose(found.begin[0], slopes[0] - slopes[1], rtol=1e-4, atol=1e-6 * slopes[1])
+    loop = loop_at(record, e)
+    assert not np.allclose(loop.blocks.plant, nominal_loop(record).blocks.plant, rtol=0.05)
+    at_rest = loop_at(replace(record, along=None), e)  # there the nominal loop serves as well
+    np.testing.assert_array_equal(at_rest.blocks.plant, nominal_loop(record).blocks.plant)
 
 
 @pytest.mark.parametrize("rig", [RIG, load_rig("hmb_free"), load_rig("eframe")])

@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from maglev_workbench.options import JsonOption, friendly, require_file
+from maglev_workbench.options import JsonOption, friendly, require_campaign, require_file
 
 app = typer.Typer()
 
@@ -31,6 +31,18 @@ def estimate(
     json_file: JsonOption = None,
 ) -> None:
     """Estimate the gap from recorded coil current and switching voltage; invalid parts are marked, not interpolated."""
+    require_campaign(source)
+    from maglev_workbench.commands.selfsense.estimate.source import (
+        OneFile,
+        estimate_files,
+        source_campaign,
+        without_currents,
+    )
+
+    page = out or Path("selfsense-estimate.html")
+    require_file(page, "--out")
+    campaign = source_campaign(source, OneFile(rate, current, voltage))
+    # What is asked for is right: now the imports that take longer.
     from maglev_env.design.defaults import with_defaults
     from maglev_env.recordings.files import write_npz
     from maglev_env.rig.rig import load_rig
@@ -43,20 +55,11 @@ def estimate(
         estimate_table,
         stretch_lines,
     )
-    from maglev_workbench.commands.selfsense.estimate.source import (
-        OneFile,
-        estimate_files,
-        source_campaign,
-        without_currents,
-    )
     from maglev_workbench.commands.selfsense.rig_sensor import DEFAULT_RIG
     from maglev_workbench.console import console, progress_bar, write_json
     from maglev_workbench.page import write_page
     from maglev_workbench.warned import warned
 
-    page = out or Path("selfsense-estimate.html")
-    require_file(page, "--out")
-    campaign = source_campaign(source, OneFile(rate, current, voltage))
     loaded = load_rig(rig) if rig else campaign.rig or load_rig(DEFAULT_RIG)
     loaded = with_defaults(loaded)
     rig_sensors(loaded)  # coils that cannot sense raise here, before any work

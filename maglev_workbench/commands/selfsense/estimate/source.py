@@ -1,12 +1,17 @@
 """Source of the coil's recordings, a campaign or one file, and the files for the estimated gaps."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from maglev_env.recordings.campaign import Campaign, RecordingSpec, load_campaign
 from maglev_env.rig.excitation import Excitation
 from maglev_workbench.columns import column_source
-from maglev_workbench.commands.selfsense.estimate.recorded_coils import Coil
+
+if TYPE_CHECKING:
+    from maglev_workbench.commands.selfsense.estimate.recorded_coils import Coil
 
 
 @dataclass(frozen=True)
