@@ -106,7 +106,7 @@ def maximum_likelihood(
     if intervals:
         threshold = scipy.special.stdtrit(found[..., 6:8], (1 + level) / 2) ** 2 / 2 * found[..., 4:6]
         ends = band_likelihood.bounds(f, y, *lines, found, threshold)
-    found, ends = found.reshape(*shape, len(bands), -1), ends.reshape(*shape, len(bands), 4)
+    found, ends = found.reshape(*shape, len(bands), found.shape[-1]), ends.reshape(*shape, len(bands), 4)
     k, c, k_se, c_se, *_, cost, share, expected, freedom = np.moveaxis(found[..., :12], -1, 0)
     fit_p = scipy.special.fdtrc(freedom, freedom * (statistics.periods - 1), cost / expected)
     k_low, k_high, c_low, c_high = np.moveaxis(ends, -1, 0)

@@ -285,7 +285,7 @@ def _pairs(
         pairs: Fits of pairs, the known ones among them.
         singles: The better fit of each single effect.
     """
-    least = min(f.cost for f in singles)
+    least = min((f.cost for f in singles), default=np.inf)
     enough = least + (1 - SEED_SHARE) * (unexplained - least) if np.isfinite(unexplained) else np.inf
     able = (f for f in singles if np.isfinite(f.cost) and f.cost <= enough)
     found = [*known] or _round(problem, singles, sorted(able, key=lambda f: f.cost)[:SEEDS], ())

@@ -110,7 +110,7 @@ class Hypothesis:
     scales: Scales = SMALL_ROTOR
     shaped: tuple[str, ...] = ()
     usual: Mapping[str, float] = field(default_factory=dict)
-    held: tuple[str, ...] = ()
+    held: tuple[str, ...] = field(default=(), kw_only=True)
 
     @cached_property
     def coordinates(self) -> tuple[Coordinate, ...]:

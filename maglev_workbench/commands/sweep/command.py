@@ -52,12 +52,13 @@ def sweep(
     Without --kp, --ki, --kd and --gain the sweep covers the rig's bounds; with some, the others stay at the preset. The
     default grid takes some ten seconds on two cores, and the first run as long again to compile.
     """
-    from maglev_env.channels import SENSORS
     from tuning.axis import parse_axes
 
-    require_choice(sensor, SENSORS, "--sensor")
-
     given = parse_axes([f"{n}={text}" for n, text in (("kp", kp), ("ki", ki), ("kd", kd)) if text is not None] + gain)
+    from maglev_env.channels import SENSORS
+
+    require_choice(sensor, SENSORS, "--sensor")  # before the imports that take long
+
     from time import perf_counter
 
     from maglev_env.design.controllers import with_controller
