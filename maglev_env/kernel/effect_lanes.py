@@ -3,7 +3,7 @@
 import numpy as np
 
 from maglev_env.kernel.exact_flexible import bend, current_maps, probe_map
-from maglev_env.loop import actuator
+from maglev_env.loop import actuator, saturation
 from maglev_env.loop.amplifier import NEXT, NODES
 from maglev_env.loop.eddy import BRANCHES, EDDY_COMMANDS, EDDY_NEXT, EDDY_NODES
 from maglev_env.loop.effect import EFFECTS
@@ -26,7 +26,8 @@ def write_flexible(x: LaneRows, values: Values, h: np.ndarray, switch: np.ndarra
         h: integration steps, s, (n,).
         switch: times at which the new command begins to act, s, (n,).
     """
-    gain_scale, pull = actuator.current_scale(values), actuator.central_tangent(values)[0] / values.mass
+    through, _ = saturation.slopes(values)
+    gain_scale, pull = actuator.current_scale(values), through * actuator.central_tangent(values)[0] / values.mass
     probe, maps = probe_map(values, h), current_maps(values, values, h, switch / h)
     x[MOUNT_NEXT], x[MOUNT_SEEN] = _rows(probe[:, :2, 2:6]), _rows(probe[:, 2:, 2:6])
     x[CUBIC] = _rows(probe[:, 2:, [0, 1, 6, 7, 8, 9]])

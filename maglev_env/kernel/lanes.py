@@ -75,7 +75,7 @@ def structure_of(experiment: Experiment) -> Structure:
         axes=len(axes),
         coupled=experiment.rig.cross != NO_CROSS or "cross_coupling" in effects,
         sensed=sensed_structure(sensors),
-        saturating="saturation" in effects,
+        saturating="saturation" in effects and "pair" in experiment.rig.capabilities,
         steeper=any(steeper(rig, effects) for rig in rigs),
         flexible=flexible,
         sticking=effect_value(effects, "friction", "presliding") > 0,

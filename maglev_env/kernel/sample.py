@@ -61,7 +61,7 @@ def read_pieces(s: Structure) -> tuple[Callable, Callable, Callable]:
     """
     own, current_at = Z1 if s.sensed else sensor.seen(s.sensor_poles), (POSITION + (s.sensed is not None)) * W
     row, toned, planar, sensing = SEEN if s.coupled else own, s.flexible and not s.sensed, s.axes == 2, bool(s.sensed)
-    coil, played = amplifier.coil(s.actuator_poles, s.delayed, s.flexible), s.further and not s.sensed
+    coil, played = amplifier.coil(s.actuator_poles, s.delayed, s.flexible, s.shaped), s.further and not s.sensed
     freely = s.free and not s.sensed
     order, of_error = s.controller_order, s.of_error
     depends = s.actuator_poles == 0 or s.flexible  # whether the recorded current depends on the command after the delay

@@ -6,7 +6,7 @@ import numpy as np
 
 from maglev_env.experiment import Experiment, self_sensors
 from maglev_env.lane_values import lane_values
-from maglev_env.loop import actuator, amplifier, mechanics, self_sensor, sensor
+from maglev_env.loop import actuator, amplifier, mechanics, saturation, self_sensor, sensor
 from maglev_env.loop.effect import effect_value
 from maglev_env.loop.free import places as free
 from maglev_env.loop.system import System
@@ -53,7 +53,9 @@ def linear_axis(e: Experiment) -> LinearAxis:
     def corrected(place: str, signal: np.ndarray) -> np.ndarray:
         return signal + free.linear(system, values, place, signal) if freely else signal
 
-    current = amplifier.coil_current(system, values, corrected("free_command", system.signal("command")))
+    _, through = saturation.slopes(values)
+    asked = through[:, None] * corrected("free_command", system.signal("command"))
+    current = amplifier.coil_current(system, values, asked)
     pulling = corrected("free_current", actuator.pulling_current(system, values, current))
     pushed = actuator.force(values, pulling, position) + mechanics.support(system, values)
     if freely:

@@ -6,7 +6,7 @@ from math import inf, isfinite
 
 import numpy as np
 
-from maglev_env.loop import eddy
+from maglev_env.loop import eddy, saturation
 from maglev_env.loop.amplifier import X2
 from maglev_env.loop.card import EffectCard, Parameter, relative
 from maglev_env.loop.exponential import faded
@@ -16,6 +16,12 @@ from maglev_env.loop.magnets.powers import exponential, logarithm
 from maglev_env.loop.system import System, Values
 from maglev_lanes.layout import LaneRows, rows_after
 from maglev_lanes.pieces import piece
+
+
+def _knee() -> Parameter:
+    """A current that saturates."""
+    return Parameter("A", 1e-3, 1e4, inf, absent=inf, shape=2.0, starts=(0.1, 0.3, 1.0), beyond_rest=True)
+
 
 EFFECTS: Mapping[str, EffectCard] = {
     "actuator_gain": EffectCard(
@@ -67,15 +73,16 @@ EFFECTS: Mapping[str, EffectCard] = {
     "saturation": EffectCard(
         "actuator",
         {
-            "field": Parameter("T", 0.1, 100.0, absent=inf, starts=(0.7, 1.0, 1.5, 2.2)),
+            "field": Parameter("T", 0.1, 100.0, inf, absent=inf, starts=(0.7, 1.0, 1.5, 2.2), needs=("pair",)),
             "sharpness": Parameter("", 1.0, 40.0, 4.0, shape=0.8),
-            "current": Parameter("A", 1e-3, 1e4, inf, absent=inf, shape=2.0, starts=(0.1, 0.3, 1.0)),
-            "command": Parameter("A", 1e-3, 1e4, inf, absent=inf, shape=2.0, starts=(0.1, 0.3, 1.0)),
+            "current": _knee(),
+            "command": _knee(),
         },
         "the iron saturates: B of each gap becomes B / (1 + |B / B_s|^sharpness)^(1 / sharpness); with current or "
-        "command, so does the current that pulls, or the command",
+        "command, so does the current that pulls, or the command: of a pair the control current, of a single magnet "
+        "all of it, with the current that carries the weight",
         "current and displacement at two amplitudes",
-        ("pair",),
+        ("magnets",),
         form_share=0.02,
     ),
     "actuator_offset": EffectCard(
@@ -102,7 +109,7 @@ STATES = eddy.STATES
 
 
 def pulling_current(system: System, values: Values, current: np.ndarray) -> np.ndarray:
-    """The force-producing current from the coil's current, with the tangent of hysteresis.
+    """The force-producing current from the coil's current, with the tangents of hysteresis and of a knee at rest.
 
     For currents far below its width, hysteresis subtracts its whole strength.
 
@@ -115,7 +122,8 @@ def pulling_current(system: System, values: Values, current: np.ndarray) -> np.n
         Signal of the force-producing current, A.
     """
     pulls = eddy.pulling_current(system, values, current)
-    return pulls - values.effect("hysteresis")[:, None] * current
+    through, _ = saturation.slopes(values)
+    return through[:, None] * (pulls - values.effect("hysteresis")[:, None] * current)
 
 
 def force(values: Values, pulling: np.ndarray, displacement: np.ndarray) -> np.ndarray:
@@ -165,9 +173,10 @@ def _tangents(
 
 # Rows of a lane. HELD: state of Dahl's hysteresis, -1 .. 1; HOLD: largest current by which the force lags, A;
 # PER_WIDTH: one over the width, 1/A; ZERO: force-producing current at zero coil current, A. Of other forms, POWER: its
-# exponent less one, UNLOADING; PER_KNEE: one over the current that saturates, 1/A; SHARPNESS: of that knee.
-HELD, HOLD, PER_WIDTH, ZERO, POWER, UNLOADING, PER_KNEE, SHARPNESS, END = rows_after(
-    eddy.END, "HELD HOLD PER_WIDTH ZERO POWER UNLOADING PER_KNEE SHARPNESS"
+# exponent less one, UNLOADING; PER_KNEE: one over the current that saturates, 1/A; SHARPNESS: of that knee; CARRIES,
+# PULLS: what the coil carries at rest, A, and what of it pulls.
+HELD, HOLD, PER_WIDTH, ZERO, POWER, UNLOADING, PER_KNEE, SHARPNESS, CARRIES, PULLS, END = rows_after(
+    eddy.END, "HELD HOLD PER_WIDTH ZERO POWER UNLOADING PER_KNEE SHARPNESS CARRIES PULLS"
 )
 
 
@@ -179,6 +188,8 @@ def fill(x: LaneRows, values: Values) -> None:
     x[POWER], x[UNLOADING] = values.effect("hysteresis", "power") - 1, values.effect("hysteresis", "unloading")
     x[PER_KNEE] = 1 / (scale * values.effect("saturation", "current"))
     x[SHARPNESS] = values.effect("saturation", "sharpness")
+    pulls, carries, _ = saturation.at_rest(values)
+    x[CARRIES], x[PULLS] = scale * carries, scale * pulls
 
 
 @piece
@@ -229,8 +240,9 @@ def _moved(x, k, z, change, slowing):
 
 @piece
 def saturated_current(x, k, current):
-    """The force-producing current of a saturating actuator."""
-    return current * kept_share(abs(current) * x[k + PER_KNEE], x[k + SHARPNESS])
+    """The force-producing current of a saturating actuator, beside what pulls at rest."""
+    whole = current + x[k + CARRIES]
+    return whole * kept_share(abs(whole) * x[k + PER_KNEE], x[k + SHARPNESS]) - x[k + PULLS]
 
 
 @piece

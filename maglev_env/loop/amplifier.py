@@ -5,7 +5,7 @@ from math import inf
 
 import numpy as np
 
-from maglev_env.loop import controller
+from maglev_env.loop import controller, saturation
 from maglev_env.loop.card import EffectCard, Parameter, first_order
 from maglev_env.loop.controller import ACTING, ARRIVED, U_OLD, U
 from maglev_env.loop.magnets.knee import kept_share
@@ -62,12 +62,13 @@ def coil_current(system: System, values: Values, command: np.ndarray) -> np.ndar
 # coefficients of three nodal currents that represent the coil's current in the integration step (see
 # `maglev_env.kernel.exact`). Each has four, for (x1, x2, old command, new command). OPEN: 1 where the amplifier has no
 # pole. The voltage limits the command to the range KEPT x1 +- REACH, with a knee of the sharpness LIMIT_SHARPNESS.
-# PER_COMMAND: one over the command that saturates, 1/A; COMMAND_SHARPNESS: of that knee.
+# PER_COMMAND: one over the command that saturates, 1/A; COMMAND_SHARPNESS: of that knee; ASKED, FLOWS: the command at
+# rest, A, and what of it flows.
 X1, X2, CURRENT_SQ, NEXT, NODES, OPEN, KEPT, REACH, _SHAPE = rows_after(
     controller.END, "X1 X2 CURRENT_SQ NEXT[8] NODES[12] OPEN KEPT REACH"
 )
-LIMIT_SHARPNESS, PER_COMMAND, COMMAND_SHARPNESS, END = rows_after(
-    _SHAPE, "LIMIT_SHARPNESS PER_COMMAND COMMAND_SHARPNESS"
+LIMIT_SHARPNESS, PER_COMMAND, COMMAND_SHARPNESS, ASKED, FLOWS, END = rows_after(
+    _SHAPE, "LIMIT_SHARPNESS PER_COMMAND COMMAND_SHARPNESS ASKED FLOWS"
 )
 HARD = 100.0  # sharpness that stands for a hard limit
 
@@ -77,6 +78,7 @@ def fill(x: LaneRows, values: Values, h: np.ndarray) -> None:
     x[LIMIT_SHARPNESS] = 1 / np.maximum(values.effect("amplifier_voltage_limit", "softness"), 1 / HARD)
     x[PER_COMMAND] = 1 / values.effect("saturation", "command")
     x[COMMAND_SHARPNESS] = values.effect("saturation", "sharpness")
+    _, x[FLOWS], x[ASKED] = saturation.at_rest(values)
     first, voltage = values.rig("amplifier_time_constant"), values.effect("amplifier_voltage_limit")
     x[OPEN] = (first == 0) & (values.effect("amplifier_lag") == 0)
     inductance, resistance = values.inductance, values.rig("coil_resistance")
@@ -95,6 +97,13 @@ def _approached(h: np.ndarray, time_constant: np.ndarray) -> np.ndarray:
     return -np.expm1(-h / np.where(time_constant > 0, time_constant, 1e-300))
 
 
+@piece
+def saturated_command(x, k, u):
+    """What a saturating amplifier makes of a command, beside what flows at rest."""
+    whole = u + x[k + ASKED]
+    return whole * kept_share(abs(whole) * x[k + PER_COMMAND], x[k + COMMAND_SHARPNESS]) - x[k + FLOWS]
+
+
 def commands(delayed: bool, limited: bool, shaped: bool) -> tuple[Callable, Callable]:
     """Pieces that give the old and the new command of a step, A, clipped to what the voltage allows.
 
@@ -111,7 +120,7 @@ def commands(delayed: bool, limited: bool, shaped: bool) -> tuple[Callable, Call
             return u
         kept, reach = x[k + KEPT] * x[k + X1], x[k + REACH]
         if shaped:
-            u = u * kept_share(abs(u) * x[k + PER_COMMAND], x[k + COMMAND_SHARPNESS])
+            u = saturated_command(x, k, u)
             beyond = u - kept
             return kept + beyond * kept_share(abs(beyond) / reach, x[k + LIMIT_SHARPNESS])
         return min(max(u, kept - reach), kept + reach)
@@ -156,14 +165,14 @@ def carried(poles: int, delayed: bool, limited: bool, shaped: bool) -> Callable[
     return lambda first: piece(lambda x, k, source: total(x, k, source, first))
 
 
-def coil(poles: int, delayed: bool, limited: bool) -> Callable:
+def coil(poles: int, delayed: bool, limited: bool, shaped: bool) -> Callable:
     """A piece that gives the coil's current at the start of a step, A; arguments as `carried`."""
 
     @piece
     def now(x, k):
         if limited:
             # Without a pole the current is the command itself, within the range that the voltage allows.
-            held, u = x[k + X2], arrived(x, k)
+            held, u = x[k + X2], saturated_command(x, k, arrived(x, k)) if shaped else arrived(x, k)
             kept, reach = x[k + KEPT] * x[k + X1], x[k + REACH]
             return held + x[k + OPEN] * (min(max(u, kept - reach), kept + reach) - held)
         if poles == 2:

@@ -22,15 +22,19 @@ class Scales:
         period: control period, s.
         mass: moving mass, kg.
         bias: bias current, A; infinite without one.
+        rest: size of the current with which a single magnet carries the weight, A; 0 of a pair.
+        lacks: which needs the rig does not fulfil.
     """
 
     period: float
     mass: float
     bias: float = inf
+    rest: float = 0.0
+    lacks: frozenset[Need] = frozenset()
 
     def wider(self, factor: float) -> "Scales":
         """Scales whose units are all larger by a factor."""
-        return Scales(self.period * factor, self.mass * factor**2, self.bias)
+        return replace(self, period=self.period * factor, mass=self.mass * factor**2)
 
     def of(self, per: Per) -> float:
         """Unit, in SI, of numbers that are stated per this."""
@@ -62,6 +66,9 @@ class Parameter:
             not a coordinate of the form.
         centre: value at which the prior of a form is centred, where that is not the default.
         within_bias: a fit keeps its size below the bias current of the rig.
+        beyond_rest: a fit keeps it above the current with which a single magnet carries the weight, and the prior of
+            its reciprocal is as wide as that allows.
+        needs: what a rig must have for this parameter to mean anything, beside what its effect needs.
     """
 
     unit: str
@@ -75,6 +82,8 @@ class Parameter:
     shape: float | None = None
     centre: float | None = None
     within_bias: bool = False
+    beyond_rest: bool = False
+    needs: tuple[Need, ...] = ()
 
     def on(self, scales: Scales) -> "Parameter":
         """The parameter with bounds, scale and starts in SI on a rig of these scales."""

@@ -171,10 +171,23 @@ def check_effects(effects: Effects, rig: Levitated, finer: float = 1.0) -> None:
         if not isinstance(values, Mapping):
             raise ValueError(f'effect {name} = {values!r:.50}: give its parameters by name, as effect("{name}", value)')
         for key, v in effect(name, **values)[name].items():
+            _check_parameter(name, key, v, rig)
             _check_bounds(name, key, v, rig.scales.wider(finer), f" on rig {rig.name}")
         for need in EFFECTS[name].needs:
             if need not in rig.capabilities:
                 raise ValueError(f"effect {name} has no meaning on rig {rig.name}: it needs {NEEDS[need]}")
+
+
+def _check_parameter(name: str, key: str, v: float, rig: Levitated) -> None:
+    """Refuse a parameter that has no meaning on a rig."""
+    parameters = EFFECTS[name].parameters
+    lacking = [need for need in parameters[key].needs if need not in rig.capabilities]
+    if lacking and v != parameters[key].absent:
+        others = [k for k, other in parameters.items() if rig.capabilities.issuperset(other.needs)]
+        raise ValueError(
+            f"effect {name}.{key} has no meaning on rig {rig.name}: it needs {NEEDS[lacking[0]]}; give one of "
+            f"{', '.join(others)} instead"
+        )
 
 
 def meaningful(name: str, capabilities: Set[Need]) -> bool:

@@ -13,7 +13,7 @@ from maglev_env.channels import NOISY
 from maglev_env.fields import check_known, check_range, increasing_pair, is_number, quantity, table_as, toml_text
 from maglev_env.loop.axes import AXES, NO_CROSS, Cross
 from maglev_env.loop.card import Need, Scales
-from maglev_env.loop.effect import EFFECTS, FINER, Effects, check_effects
+from maglev_env.loop.effect import EFFECTS, FINER, NEEDS, Effects, check_effects
 from maglev_env.loop.gains import GAIN_CARDS, Controllers, of_axis
 from maglev_env.loop.magnets.kinds import KINDS, MAGNETS, NO_MAGNET, check_magnet
 from maglev_env.loop.self_sensor import SelfSensing
@@ -222,7 +222,10 @@ class Rig:
     @property
     def scales(self) -> Scales:
         """What the bounds of effects are in proportion to."""
-        return Scales(1 / self.control_rate, self.mass, self.bias_current or inf)
+        kind = KINDS.get(self.magnet)
+        rest = abs(self.bias_current or kind.balancing_bias(self)) if kind and kind.balancing_bias else 0.0
+        lacks = frozenset(NEEDS) - self.capabilities
+        return Scales(1 / self.control_rate, self.mass, self.bias_current or inf, rest, lacks)
 
     @property
     def capabilities(self) -> frozenset[Need]:

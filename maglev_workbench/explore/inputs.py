@@ -20,6 +20,7 @@ _GAIN_WORDS: Mapping[str, str] = {
 }
 WIDER = 2.0  # a slider goes this far beyond the rig's bounds of a gain
 AROUND = 10.0  # and to this many times a gain that has no bounds, and to a tenth of it
+AROUND_REST = 1.1, 2.0, 20.0  # low end, value and high end of a knee, in currents that carry the weight
 STEPS = 10.0  # a slider of an effect reaches this many times the size at which the effect is clearly visible
 
 
@@ -105,13 +106,19 @@ def effect_inputs(rig: Rig) -> tuple[EffectInputs, ...]:
 
 
 def _effect_inputs(name: str, rig: Rig) -> Iterator[Input]:
-    card = EFFECTS[name]
-    for key, plain in {**card.plain, **card.shapes}.items():
-        p = plain.on(rig.scales)
+    known = {key: p for key, p in EFFECTS[name].parameters.items() if rig.capabilities.issuperset(p.needs)}
+    plain, forms = ({key: p for key, p in known.items() if (p.shape is None) == own} for own in (True, False))
+    # Where an effect has no other size on the rig, it is the first of the places where it may sit.
+    size = next(iter(plain), None) or next(key for key, p in forms.items() if p.starts)
+    for key, parameter in {**plain, **forms}.items():
+        p = parameter.on(rig.scales)
         low, high, log = _effect_range(p, rig)
         own = effect_value(rig.effects, name, key) if name in rig.effects else p.default
-        if own is None:  # a size without a default begins where a fit would
+        infinite = own is not None and not isfinite(own)
+        if own is None or (infinite and key == size and name not in rig.effects):  # it begins where a fit would
             own = p.starts[len(p.starts) // 2] if p.starts else (low * high) ** 0.5 if log else (low + high) / 2
+            if p.beyond_rest and rig.scales.rest:
+                low, own, high = (times * rig.scales.rest for times in AROUND_REST)
         if isfinite(own):  # a form parameter at infinity is the plain formula, and stays out
             low, high = float(min(low, own)), float(max(high, own))
             yield Input(key, key.removesuffix("_hz").replace("_", " "), p.unit, low, high, log and low > 0, float(own))

@@ -298,11 +298,21 @@ def _pairs(
     return found, [best[f.hypothesis.effects] for f in singles]
 
 
+def _beside(h: Hypothesis, effects: np.ndarray, seed: Fit, other: Fit) -> np.ndarray:
+    """Coordinates beside a seed; forms that only the other fit has are taken from it."""
+    u, first = extended(h, effects, seed), len(h.coordinates)
+    known = dict(zip(other.hypothesis.calibrated, other.u[len(other.hypothesis.coordinates) :], strict=True))
+    for i, name in enumerate(h.calibrated, first):
+        if name in other.hypothesis.shapes and name not in seed.hypothesis.shapes:
+            u[i] = known[name]
+    return u
+
+
 def _halves(problem: Problem, pairs: Sequence[Fit]) -> list[Fit]:
     """Either effect of the best pairs alone, at its values in the pair; without those that touch down."""
     halves: dict[str, tuple[Hypothesis, np.ndarray]] = {}
     for f in sorted((f for f in pairs if np.isfinite(f.cost)), key=lambda f: f.cost)[:SWAPPED]:
-        n, both = len(coordinates_of(f.hypothesis.effects[0])), len(f.hypothesis.coordinates)
+        n, both = len(coordinates_of(f.hypothesis.effects[0], f.hypothesis.scales)), len(f.hypothesis.coordinates)
         for name, u in zip(f.hypothesis.effects, (f.u[:n], f.u[n:both]), strict=True):
             alone = f.hypothesis.instead(name)
             halves.setdefault(name, (alone, extended(alone, u, f)))
@@ -324,10 +334,12 @@ def _round(
             if name == first or {first, name} in known:
                 continue
             h = seed.hypothesis.instead(first, name)
+            if not other.hypothesis.coordinates:  # on this rig it has a form alone, which only a fit of it knows
+                h = replace(h, shaped=(*h.shaped, name))
             tried = starts(name, h.scales)
             if np.isfinite(other.cost):
-                tried = [*tried, other.u[: len(coordinates_of(name))]]
-            jobs += [(seed, h, extended(h, np.concatenate([seed.u[:n], start]), seed)) for start in tried]
+                tried = [*tried, other.u[: len(other.hypothesis.coordinates)]]
+            jobs += [(seed, h, _beside(h, np.concatenate([seed.u[:n], start]), seed, other)) for start in tried]
     chosen: dict[frozenset[str], Start] = {}
     ranked = screened(problem, jobs, apart=False)
     for start in ranked:

@@ -64,7 +64,7 @@ def coordinates_of(name: str, scales: Scales = SMALL_ROTOR) -> tuple[Coordinate,
     """Coordinates of an effect on a rig of these scales; none of a tone."""
     if name not in FITTED:
         return ()
-    own = ((key, p.on(scales)) for key, p in EFFECTS[name].plain.items())
+    own = ((key, p.on(scales)) for key, p in EFFECTS[name].plain.items() if not scales.lacks.intersection(p.needs))
     # A zero that is off by more than the bias current would leave one magnet of a pair without any.
     most = ((key, p, scales.bias if p.within_bias else inf) for key, p in own)
     return tuple(Coordinate(name, key, p.scale, max(p.low, -end), min(p.high, end)) for key, p, end in most)
@@ -85,6 +85,7 @@ REPLACED = {"amplifier_lag": "amplifier_time_constant", "sensor_lag": "sensor_ti
 USUAL = 0.1
 # Starts of a knee at another place: multiples of the current that is reached, with the coordinate of its sharpness.
 ELSEWHERE, SHARPNESS = ((0.7, 0.0), (1.5, 0.0), (3.0, 0.0), (1.5, -1.2), (3.0, -1.2), (6.0, -1.2)), "sharpness"
+LEAST_BEYOND = 0.3
 RESONANCES = tuple(name for name, card in EFFECTS.items() if card.resonance)
 
 
@@ -179,7 +180,7 @@ class Hypothesis:
         changes = {n: float(v) * self.sigma(n) for n, v in zip(self.calibrated, rest, strict=True)}
         for name, shape in self.shapes.items():
             if (value := shape.value(changes.pop(name))) != shape.parameter.default:
-                effects[shape.effect][shape.key] = value
+                effects.setdefault(shape.effect, {})[shape.key] = value
         if share := changes.pop(FORM, 0.0):
             whole = effects["amplifier_lag"]["time_constant"]
             effects["amplifier_lag"]["time_constant"], effects["delay"] = (1 - share) * whole, {"time": share * whole}
@@ -223,9 +224,11 @@ def resembling(effects: Collection[str]) -> list[frozenset[str]]:
 
 
 def starts(name: str, scales: Scales = SMALL_ROTOR) -> list[np.ndarray]:
-    """Coordinates at which a fit of one effect may start on a rig of these scales."""
+    """Coordinates at which a fit of one effect may start on a rig of these scales; none if it is only a form there."""
     own = coordinates_of(name, scales)
-    grid = np.meshgrid(*(p.on(scales).starts for p in EFFECTS[name].plain.values()), indexing="ij")
+    if not own:
+        return []
+    grid = np.meshgrid(*(EFFECTS[name].parameters[c.parameter].on(scales).starts for c in own), indexing="ij")
     points = np.stack([g.ravel() for g in grid], axis=1)
     return [np.array([c.at(float(v)) for c, v in zip(own, row, strict=True)]) for row in points]
 
@@ -240,16 +243,20 @@ def starts_elsewhere(hypothesis: Hypothesis, name: str, reached: float) -> list[
     Args:
         hypothesis: What else is assumed.
         name: The effect.
-        reached: Current that the recordings reach, A.
+        reached: Current that the recordings reach, A. A single magnet's knee begins that far beyond the current at
+            rest, or beyond it by LEAST_BEYOND of it, where the bend about rest shows.
     """
     found = []
+    rest = hypothesis.scales.rest
+    reached = max(reached, LEAST_BEYOND * rest)
     free = replace(hypothesis.instead(name), shaped=(name,))
     smooth = f"{name}.{SHARPNESS}"
     for shape in shapes_of(name, hypothesis.scales):
         for times, rounder in ELSEWHERE if shape.parameter.starts else ():
             u = np.zeros(free.size)
             u[: len(free.coordinates)] = [c.at(c.high) for c in free.coordinates]
-            u[len(free.coordinates) + free.calibrated.index(shape.name)] = 1 / (times * reached * shape.parameter.shape)
+            knee = rest + times * reached
+            u[len(free.coordinates) + free.calibrated.index(shape.name)] = 1 / (knee * shape.parameter.shape)
             if smooth in free.shapes:
                 u[len(free.coordinates) + free.calibrated.index(smooth)] = rounder
             found.append((free, u))

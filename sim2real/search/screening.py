@@ -131,7 +131,7 @@ class _Look:
         normal = real_product(self.jacobian, self.jacobian) + np.diag(prior)
         self.solve = np.linalg.pinv(normal, hermitian=True)
         self.gradient = real_product(self.jacobian, self.residual) - prior * seed.u[rows]
-        self.signed = any(c.signed for c in coordinates_of(h.effects[-1]))
+        self.signed = any(c.signed for c in coordinates_of(h.effects[-1], h.scales))
 
     def followed(self, h: Hypothesis, u: np.ndarray, change: np.ndarray) -> _Promise:
         """A start with its effect scaled to fit the residual best and all else following it.
@@ -145,7 +145,7 @@ class _Look:
         """
         cross = real_product(self.jacobian, change)
         without = u.copy()
-        for i, c in zip(range(self.new.start, self.new.stop), coordinates_of(self.h.effects[-1]), strict=True):
+        for i, c in zip(range(self.new.start, self.new.stop), self.h.coordinates[self.new], strict=True):
             if c.scale is not None and c.parameter != "order":
                 without[i] = 0.0
         if (without == u).all():

@@ -1,6 +1,6 @@
 """Coordinates of the forms of effects: how a fit moves them, and between which bounds."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from math import exp, inf, isinf, log
 
@@ -10,6 +10,7 @@ from maglev_env.loop.card import SMALL_ROTOR, Parameter, Scales
 from maglev_env.loop.effect import EFFECTS
 
 MOST_SHAPE = 4.0  # prior standard deviations
+BEYOND = 0.01  # share of the current at rest: a knee nearer to it leaves next to nothing of the actuator's gain
 
 
 @dataclass(frozen=True)
@@ -55,4 +56,11 @@ class Shape:
 @lru_cache
 def shapes_of(name: str, scales: Scales = SMALL_ROTOR) -> tuple[Shape, ...]:
     """Coordinates of an effect's form on a rig of these scales."""
-    return tuple(Shape(name, key, p.on(scales)) for key, p in EFFECTS[name].shapes.items())
+    return tuple(Shape(name, key, _on(p, scales)) for key, p in EFFECTS[name].shapes.items())
+
+
+def _on(p: Parameter, scales: Scales) -> Parameter:
+    """The coordinate on a rig of these scales, beyond the current at rest where it must be."""
+    if not (p.beyond_rest and scales.rest):
+        return p.on(scales)
+    return replace(p.on(scales), low=max(p.low, scales.rest * (1 + BEYOND)), shape=1 / scales.rest)

@@ -47,6 +47,11 @@ class ForceLaw:
     exponent: float = 0.0
     shift: float = 0.0
 
+    @property
+    def rest_current(self) -> float:
+        """What of the current carries the weight, A: nothing, since the magnets of a pair balance each other."""
+        return 0.0
+
 
 @dataclass(frozen=True)
 class SingleSidedLaw:
@@ -86,6 +91,11 @@ class SingleSidedLaw:
     stiffness_scale: float
     coil_gap: float = 0.0
     decay: float = 0.0
+
+    @property
+    def rest_current(self) -> float:
+        """What of the current carries the weight, A."""
+        return self.bias_current
 
     def falloff(self, x: np.ndarray | float) -> np.ndarray | float:
         """How the coil's pull falls off with the distance x (m): s above, in 1/m^exponent."""

@@ -15,7 +15,7 @@ from maglev_env.linear.loop import loop_response
 from maglev_env.loop.controller_forms import Pid
 from maglev_env.loop.effect import EFFECTS, effect, meaningful
 from maglev_env.loop.free import places as free
-from maglev_env.rig.rig import load_rig
+from maglev_env.rig.rig import Rig, load_rig
 from maglev_workbench.commands.simulate import recordings
 from maglev_workbench.explore.copied import Source, copies
 from maglev_workbench.explore.curves import loop_curves
@@ -83,6 +83,14 @@ def test_every_effect_has_sliders_that_start_and_end_at_values_the_rig_accepts(n
     for axis in range(rig.axes):
         for i in gain_inputs(rig, rig.gains, axis):
             assert i.low < i.high and i.low <= i.value <= i.high and (i.low > 0 or not i.log)
+
+
+def test_a_single_magnet_saturates_on_the_page_by_its_current():
+    ball = Rig("ball", "electromagnet", mass=0.05, gap=8e-3, bias_current=0.9, control_rate=1000.0)
+    (found,) = (one for one in effect_inputs(ball) if one.name == "saturation")
+    sliders = {i.name: (i.low, i.value, i.high) for i in found.inputs}
+    assert sliders.keys() == {"sharpness", "current"}
+    assert sliders["current"] == pytest.approx((0.99, 1.8, 18.0))
 
 
 def test_gains_of_other_controllers_have_sliders_too():

@@ -7,9 +7,10 @@ import numpy as np
 import pytest
 
 from maglev_env.loop.effect import EFFECTS, effect, effect_value, shaped
+from maglev_env.rig.rig import Rig
 from sim2real.compared.simulated import Point
 from sim2real.search.fitting import begin, iterate
-from sim2real.search.hypotheses import Hypothesis, coordinates_of, starts_elsewhere
+from sim2real.search.hypotheses import Hypothesis, coordinates_of, single_effects, starts, starts_elsewhere
 from sim2real.search.shapes import shapes_of
 from sim2real.search.shaping import shaped as in_other_forms
 
@@ -99,3 +100,18 @@ def test_the_plain_formula_lies_within_its_bounds(name):
 def test_only_other_forms_need_the_shaped_kernel():
     assert not shaped(effect("saturation", 1.0, sharpness=4.0)) and shaped(effect("saturation", 1.0, sharpness=5.0))
     assert not shaped(effect("amplifier_lag", 1e-5, feedback=0.5))
+
+
+def test_a_single_magnet_has_no_field_and_its_knees_lie_beyond_the_current_at_rest():
+    ball = Rig("ball", "electromagnet", mass=0.05, gap=8e-3, bias_current=0.9, control_rate=1000.0)
+    assert "saturation" in single_effects(ball)
+    assert not coordinates_of("saturation", ball.scales) and not starts("saturation", ball.scales)
+    begun = starts_elsewhere(Hypothesis((), {}, scales=ball.scales), "saturation", 0.5)
+    found = [h.point(h.bounded(u)).effects["saturation"] for h, u in begun]
+    assert all("field" not in values for values in found)
+    knees = [values.get("current", values.get("command")) for values in found]
+    assert knees[:3] == pytest.approx([0.9 + times * 0.5 for times in (0.7, 1.5, 3.0)])
+    h = begun[0][0]
+    closest = h.point(h.bounded(np.full(h.size, 1e3))).effects["saturation"]
+    assert closest["current"] == closest["command"] == pytest.approx(1.01 * 0.9)
+    assert replace(ball, effects=effect("saturation", **closest)).effects["saturation"]["current"] > 0.9
