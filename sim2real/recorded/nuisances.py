@@ -28,10 +28,15 @@ class Nuisances:
     columns: np.ndarray
 
     @cached_property
+    def _decomposed(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """The singular value decomposition of the columns as real numbers: (r, q), (q,) and (q, 2 K)."""
+        return np.linalg.svd(_parts(self.columns), full_matrices=False)
+
+    @cached_property
     def _directions(self) -> tuple[np.ndarray, np.ndarray]:
         """Orthonormal directions (q, 2 K) of real and imaginary parts in turn, and the share (q,) that is taken out
         along each."""
-        _, s, directions = np.linalg.svd(_parts(self.columns), full_matrices=False)
+        _, s, directions = self._decomposed
         known = s > 1e-9
         return directions[known], 1 - 1 / np.sqrt(1 + s[known] ** 2)
 
@@ -53,7 +58,7 @@ class Nuisances:
         """The most probable amount of each nuisance, in standard deviations, in a residual (K,) after the map."""
         if not self.names:
             return {}
-        u, s, directions = np.linalg.svd(_parts(self.columns), full_matrices=False)
+        u, s, directions = self._decomposed
         found = u @ (s / np.sqrt(1 + s**2) * (directions @ _parts(cleared)))
         return dict(zip(self.names, map(float, found), strict=True))
 
