@@ -10,6 +10,7 @@ import numpy as np
 import scipy
 
 from estimation.bands import band_slices
+from estimation.compiled_beside import wait
 from estimation.lines.periods import LineStatistics
 from estimation.normal import NOISELESS
 
@@ -80,6 +81,8 @@ def maximum_likelihood(
     """
     from estimation import band_likelihood  # with the compiler, whose import takes long
 
+    wait()
+
     mass = np.asarray(mass, dtype=float)
     if not np.all(mass > 0):
         raise ValueError(f"mass = {mass} kg must be positive; pass the moving mass or estimate it")
@@ -99,7 +102,7 @@ def maximum_likelihood(
         )
     )
     slices = band_slices(statistics.frequency, bands)
-    masses = np.ascontiguousarray(np.broadcast_to(mass, shape).reshape(-1))
+    masses = np.array(np.broadcast_to(mass, shape).reshape(-1))  # of its own: the compiler tells read-only apart
     lines = 2 * np.pi * statistics.frequency, masses, slices
     found = band_likelihood.estimate(f, y, sff, syy, sfy, *lines, statistics.periods)
     ends = np.full((len(masses), len(bands), 4), np.nan)

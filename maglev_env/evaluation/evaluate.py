@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from estimation.bands import band_slices, sliding_bands
+from estimation.compiled_beside import begin
 from estimation.least_squares import least_squares
 from estimation.lines.frequency_response import frequency_response, pooled_variance
 from estimation.lines.periods import LineStatistics
@@ -57,6 +58,7 @@ def evaluate(
     """
     if not experiments:
         raise ValueError("give at least one experiment")
+    begin()
     rig = experiments[0].rig
     goal = goal_of(rig)
     if targets is None:
