@@ -1,7 +1,7 @@
 """The parameters of a batch of one-axis experiments, as the blocks of the loop read them."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -9,7 +9,7 @@ import numpy as np
 from maglev_env.experiment import Experiment
 from maglev_env.loop.effect import Effects, effect_value
 from maglev_env.loop.magnets.kinds import force_law
-from maglev_env.loop.magnets.law import ForceLaw, SingleSidedLaw, reshaped
+from maglev_env.loop.magnets.law import ForceLaw, SingleSidedLaw, reshaped, stretched
 from maglev_env.rig.rig import Rig
 
 
@@ -56,8 +56,9 @@ class LaneValues:
 
     @cached_property
     def laws(self) -> tuple[ForceLaw | SingleSidedLaw | None, ...]:
-        """Force law of each lane with the effect force_law and without the others; None without magnets."""
-        if self._same_rig and "force_law" not in self._present:
+        """Force law of each lane with the effects that bend it, and without their change of its tangent; None without
+        magnets."""
+        if self._same_rig and not self._present & {"force_law", "negative_stiffness"}:
             return (force_law(self.rigs[0]) if self.rigs[0].controlled else None,) * len(self.rigs)
         return tuple(
             _shaped(force_law(rig), effects) if rig.controlled else None
@@ -81,9 +82,18 @@ class LaneValues:
 
 
 def _shaped(law: ForceLaw | SingleSidedLaw, effects: Effects) -> ForceLaw | SingleSidedLaw:
-    if "force_law" not in effects:
-        return law
-    return reshaped(law, effect_value(effects, "force_law"), effect_value(effects, "force_law", "offset"))
+    """The law as force_law reshapes it, and as the form of a change of the negative stiffness does.
+
+    That form is the share of the change, by its logarithm, that another distance of the magnets makes. The stiffness at
+    rest does not depend on it.
+    """
+    exponent, offset = (effect_value(effects, "force_law", key) for key in ("exponent", "offset"))
+    own = reshaped(law, exponent, offset) if exponent or offset else law
+    change, share = (effect_value(effects, "negative_stiffness", key) for key in ("change", "gap"))
+    if not change or not share:
+        return own
+    factor = (1 + change) ** share
+    return replace(stretched(own, factor), stiffness_scale=own.stiffness_scale / factor)
 
 
 def lane_values(own: Sequence[Experiment]) -> LaneValues:

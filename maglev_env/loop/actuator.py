@@ -34,11 +34,16 @@ EFFECTS: Mapping[str, EffectCard] = {
     ),
     "negative_stiffness": EffectCard(
         "actuator",
-        relative((-0.7, -0.4, -0.15, 0.2, 1.0)),
-        "relative change of -df/dy, D eq 3.12",
+        {
+            **relative((-0.7, -0.4, -0.15, 0.2, 1.0)),
+            "gap": Parameter("", -0.5, 1.0, 0.0, scale=1.0, shape=0.5),
+        },
+        "relative change of -df/dy at y = 0, D eq 3.12. Beyond, its gap says how: 0 scales the pull without current, 1 "
+        "puts the magnets at another distance, -0.5 adds a constant stiffness",
         "current, force and displacement",
         ("magnets",),
         nominal="negative_stiffness",
+        plain_kernel=("gap",),
     ),
     "force_law": EffectCard(
         "actuator",

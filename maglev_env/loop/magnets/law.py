@@ -136,6 +136,33 @@ def _(law: SingleSidedLaw, exponent: float, offset: float) -> SingleSidedLaw:
 
 
 @singledispatch
+def stretched(law: ForceLaw, factor: float) -> ForceLaw:
+    """A law whose pull at a displacement y is that of the given one at factor y: all distances are shorter by it.
+
+    At y = 0 the pull stays what it is, at every current; the stiffness is larger by the factor.
+    """
+    magnet, coil, own = ((law.gap + more) / factor - law.gap for more in (law.magnet_gap, law.coil_gap, law.shift))
+    return replace(
+        law,
+        magnet_gap=magnet,
+        coil_gap=coil,
+        shift=own,
+        magnet_flux=law.magnet_flux / factor,
+        coil_flux=law.coil_flux / factor,
+    )
+
+
+@stretched.register
+def _(law: SingleSidedLaw, factor: float) -> SingleSidedLaw:
+    magnet, coil = ((law.gap + more) / factor - law.gap for more in (law.magnet_gap, law.coil_gap))
+    other = replace(
+        law, magnet_gap=magnet, coil_gap=coil, decay=law.decay * factor, magnet_flux=law.magnet_flux / factor
+    )
+    same = float(law.falloff(law.gap) / other.falloff(law.gap))
+    return replace(other, iron_pull=law.iron_pull * same, magnet_pull=law.magnet_pull * same)
+
+
+@singledispatch
 def linearise(law: ForceLaw, displacement: float = 0.0) -> tuple[float, float]:
     """Actuator gain df/di (N/A) and stiffness -df/dy (N/m) of a law at a displacement (m) and i = 0.
 

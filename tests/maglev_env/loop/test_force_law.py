@@ -9,6 +9,7 @@ from gap_laws import changed_law
 
 from maglev_env.experiment import Experiment
 from maglev_env.kernel.lanes import lane_batch, structure_of
+from maglev_env.lane_values import lane_values
 from maglev_env.linear.loop import loop_response
 from maglev_env.loop.effect import effect
 from maglev_env.loop.gains import Gains
@@ -88,6 +89,20 @@ def test_calibration_and_changes_of_gain_and_stiffness_compose_with_another_law(
     expected = b * geometry(y, 0.0 * i) + geometry(y, a * i) - geometry(y, 0.0 * i)
     changes = {**effect("force_law", 0.6, offset=0.2), **effect("negative_stiffness", -0.1)}
     assert_same(pulls(rig, changes, y, 1.2 * 1.3 * i), expected, 1e-9)  # the kernel's currents are calibrated
+
+
+@pytest.mark.parametrize("share", [-0.5, 0.4, 1.0])
+def test_a_change_of_stiffness_may_come_with_another_distance(raw, share):
+    """As the law says at a displacement that is larger by a factor, with the rest of the change at i = 0."""
+    y, i = grid(raw)
+    y, factor, raw_force = 0.5 * y, 1.3**share, changed_law(raw, 0.0, 0.0)
+    expected = 1.3 / factor * raw_force(factor * y, 0.0 * i)
+    expected = expected + raw_force(factor * y, i) - raw_force(factor * y, 0.0 * i)
+    effects = effect("negative_stiffness", 0.3, gap=share)
+    assert_same(pulls(raw, effects, y, i), expected, 1e-9)
+    (law,) = lane_values([Experiment(raw, GAINS, (), effects=effects)]).laws
+    gain, stiffness = linearise(force_law(raw))
+    assert linearise(law) == pytest.approx((gain, stiffness), rel=1e-9)  # the lanes scale the stiffness
 
 
 @pytest.mark.parametrize("saturation", [np.inf, 0.4])
