@@ -36,7 +36,7 @@ EFFECTS: Mapping[str, EffectCard] = {
         "actuator",
         {
             **relative((-0.7, -0.4, -0.15, 0.2, 1.0)),
-            "gap": Parameter("", -0.5, 1.0, 0.0, scale=1.0, shape=0.5),
+            "gap": Parameter("", -0.5, 1.0, 0.0, scale=1.0, shape=0.75, centre=0.25),
         },
         "relative change of -df/dy at y = 0, D eq 3.12. Beyond, its gap says how: 0 scales the pull without current, 1 "
         "puts the magnets at another distance, -0.5 adds a constant stiffness",

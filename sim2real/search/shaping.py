@@ -17,7 +17,8 @@ STEPS = 12  # of a fit
 def shaped(problem: Problem, unexplained: float, fits: Sequence[Fit], most: int) -> list[Fit]:
     """The fits, the best ones of which may take other forms of their effects where that pays for the freedom.
 
-    Nothing is tried where the best fit leaves no more than what noise leaves on average.
+    Where the best fit leaves no more than what noise leaves on average, it has nothing to gain; another one, which the
+    plain formula alone keeps behind it, may.
 
     Args:
         problem: The problem.
@@ -26,10 +27,9 @@ def shaped(problem: Problem, unexplained: float, fits: Sequence[Fit], most: int)
         most: How many are tried in other forms.
     """
     least = min((f.cost for f in fits), default=np.inf)
-    if least < 2.0 * problem.data.size:
-        return list(fits)
+    enough = least + LEAST if least < 2.0 * problem.data.size else 0.0
     behind = least + WITHIN * (unexplained - least) if np.isfinite(unexplained) else 2.0 * least
-    able = [f for f in fits if f.cost <= behind and np.isfinite(f.cost) and _free(f) != f.hypothesis.shaped]
+    able = [f for f in fits if enough <= f.cost <= behind and _free(f) != f.hypothesis.shaped]
     tried = sorted(able, key=lambda f: f.cost)[:most]
     hypotheses = [replace(f.hypothesis, shaped=_free(f)) for f in tried]
     starts = [_extended(f, h.calibrated) for f, h in zip(tried, hypotheses, strict=True)]
