@@ -16,7 +16,8 @@ from sim2real.judgement.judge import reach
 from sim2real.judgement.nonstationary import widening
 from sim2real.recorded.open_record import OpenRecord
 from sim2real.recorded.records import Record
-from sim2real.search.attribute import NO_GAP, Attribution, attribute
+from sim2real.search.attribute import attribute
+from sim2real.search.candidates import NO_GAP, Attribution
 
 LOUDER = 1.05  # times its noise that a record without a period may seem to have under a wrong simulation
 MARGIN = 2.0  # times the cost that makes a candidate hopeless: what another noise and a refit may change of it

@@ -35,7 +35,7 @@ from sim2real.recorded.at_rest.static_evidence import drift_in_words
 from sim2real.recorded.open_record import OpenRecord
 from sim2real.recorded.records import Record, read_records
 from sim2real.result import Diagnosis, fitted_parameters
-from sim2real.search.attribute import Attribution, Candidate, best_partial, contradictions
+from sim2real.search.candidates import Attribution, Candidate, best_partial, contradictions
 from sim2real.search.hypotheses import CALIBRATION, NONE, TONES, UNKNOWN
 
 FREE_FROM = 0.1  # share of the gap that a named effect may leave without a free correction beside it

@@ -20,7 +20,7 @@ from sim2real.gap.leftover import Leftover
 from sim2real.gap.locate import Where
 from sim2real.gap.shrink import Gap, errors
 from sim2real.judgement.judge import Entry
-from sim2real.search.attribute import Attribution, Candidate
+from sim2real.search.candidates import Attribution, Candidate
 from sim2real.search.hypotheses import Coordinate
 from sim2real.words import Fitted
 

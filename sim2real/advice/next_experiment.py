@@ -17,7 +17,7 @@ from sim2real.recorded.open_loop import nominal_loop
 from sim2real.recorded.open_record import OpenRecord
 from sim2real.recorded.opened import opened_loop, stated_noise
 from sim2real.recorded.records import Record
-from sim2real.search.attribute import Attribution
+from sim2real.search.candidates import Attribution
 from sim2real.search.fitting import CALIBRATION_STEP, STEP, Fit
 
 REMAINING = 4  # candidates to be separated

@@ -19,7 +19,7 @@ from sim2real.free.share import GAINED, SURELY, share_closed
 from sim2real.free.trend import Trend, trend_of
 from sim2real.free.words import in_words
 from sim2real.recorded.open_record import OpenRecord
-from sim2real.search.attribute import Attribution, Candidate
+from sim2real.search.candidates import Attribution, Candidate
 from sim2real.search.fitting import Fit
 from sim2real.words import percent
 

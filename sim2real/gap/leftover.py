@@ -13,7 +13,7 @@ from sim2real.gap.locate import Where, locate
 from sim2real.gap.missing_force import Profile, open_residual, profiles
 from sim2real.gap.shrink import closed
 from sim2real.recorded.open_record import OpenRecord
-from sim2real.search.attribute import Attribution, Candidate
+from sim2real.search.candidates import Attribution, Candidate
 from sim2real.words import Fitted
 
 CHANNELS = {"plant": "displacement", "amplifier": "current"}  # that shows each output

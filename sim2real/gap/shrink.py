@@ -9,7 +9,7 @@ from sim2real.compared.problem import Part, Problem
 from sim2real.compared.simulated import Point
 from sim2real.gap.fit_figures import Figures, figures
 from sim2real.recorded.open_record import OpenRecord
-from sim2real.search.attribute import Attribution, Candidate
+from sim2real.search.candidates import Attribution, Candidate
 from sim2real.search.fitting import Fit
 
 RESAMPLES = 400

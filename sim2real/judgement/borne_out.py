@@ -10,7 +10,7 @@ from sim2real.compared.simulated import Point
 from sim2real.gap.shrink import gap_of, lost
 from sim2real.judgement.dispersion import NOISE_INFLATION
 from sim2real.judgement.judge import Entry
-from sim2real.search.attribute import NO_GAP, Attribution
+from sim2real.search.candidates import NO_GAP, Attribution
 from sim2real.search.hypotheses import WIDER
 
 SIGNIFICANT = 3.0  # standard deviations of the noise's power on the holdout

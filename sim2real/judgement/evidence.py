@@ -12,7 +12,7 @@ from sim2real.judgement.dispersion import NOISE_ALONE, NOISE_INFLATION, Dispersi
 from sim2real.judgement.lost_commands import scatter_cost
 from sim2real.judgement.on_one_line import acts_on_one_line
 from sim2real.judgement.stated_stiffness import stiffness_cost
-from sim2real.search.attribute import Attribution
+from sim2real.search.candidates import Attribution
 from sim2real.search.fitting import Fit
 from sim2real.search.hypotheses import REPLACED
 

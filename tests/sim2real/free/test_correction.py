@@ -14,7 +14,7 @@ from sim2real.compared.simulated import tolerances
 from sim2real.free.correction import free_correction, share_closed
 from sim2real.free.kinds import freed, kinds, sizes_of
 from sim2real.recorded.records import read_records
-from sim2real.search.attribute import Attribution, Candidate
+from sim2real.search.candidates import Attribution, Candidate
 from sim2real.search.fitting import begin, differentiate, iterate
 from sim2real.search.hypotheses import Hypothesis
 

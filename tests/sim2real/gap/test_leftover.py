@@ -18,7 +18,7 @@ from sim2real.gap.leftover import SEGMENTS, leftover
 from sim2real.gap.leftover_words import leftover_lines
 from sim2real.gap.missing_force import missing_force, profiles
 from sim2real.recorded.records import read_records
-from sim2real.search.attribute import Attribution, Candidate
+from sim2real.search.candidates import Attribution, Candidate
 from sim2real.search.fitting import begin
 from sim2real.search.hypotheses import Hypothesis
 

@@ -14,7 +14,7 @@ from sim2real.compared.problem import assemble
 from sim2real.compared.simulated import experiment_at, tolerances
 from sim2real.gap.shrink import Gap, Words, closed, errors, lost, shrink
 from sim2real.recorded.records import read_records
-from sim2real.search.attribute import Attribution, Candidate
+from sim2real.search.candidates import Attribution, Candidate
 from sim2real.search.fitting import begin, iterate
 from sim2real.search.hypotheses import Hypothesis
 

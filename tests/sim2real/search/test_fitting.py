@@ -10,7 +10,7 @@ from maglev_env.loop.effect import effect
 from maglev_env.rig.rig import load_rig, with_parameters
 from sim2real.compared.problem import assemble
 from sim2real.compared.simulated import TOLERANCE_EFFECTS, tolerances
-from sim2real.search.attribute import Candidate
+from sim2real.search.candidates import Candidate
 from sim2real.search.fitting import begin, cost_of, differentiate, iterate, share_calibrations
 from sim2real.search.hypotheses import FORM, FORM_SHARE, MOST_FORM, Hypothesis
 

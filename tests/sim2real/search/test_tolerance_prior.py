@@ -12,7 +12,7 @@ from maglev_env.rig.rig import RIG_FOLDER, load_rig
 from sim2real.compared.simulated import tolerances
 from sim2real.diagnosis import diagnose
 from sim2real.search import attribute
-from sim2real.search.attribute import Attribution, Candidate, best_partial, contradictions
+from sim2real.search.candidates import Attribution, Candidate, best_partial, contradictions
 from sim2real.search.fitting import Fit
 from sim2real.search.hypotheses import EXCLUDED, WIDER, Hypothesis, single_effects
 

@@ -1,0 +1,116 @@
+"""Fitted hypotheses, and what can be said of them as they stand."""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from maglev_env.loop.effect import EFFECTS
+from sim2real.compared.problem import Problem
+from sim2real.search.fitting import Fit, begin, iterate
+from sim2real.search.hypotheses import (
+    Hypothesis,
+)
+
+NO_GAP = 12.0  # if no single effect lowers the cost of calibration by more than this, no pair is tried
+ABOUT = 30.0  # cost above the best within which a candidate of fewer effects is preferred
+FREE = 20.0  # factor on the tolerances that makes them as good as no prior, for a refit of all parameters
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A fitted hypothesis."""
+
+    fit: Fit
+
+    @property
+    def effects(self) -> tuple[str, ...]:
+        return self.fit.hypothesis.effects
+
+    @property
+    def contradicted(self) -> tuple[str, ...]:
+        """Effects whose fitted change contradicts the stated tolerance of their parameter."""
+        return self.fit.hypothesis.contradicted(self.fit.u)
+
+    @property
+    def predictive(self) -> float:
+        """Expected cost of further records of this kind: fitted cost plus twice the free parameters (Akaike 1974).
+
+        Forms of effects have priors; their freedom costs as by Laplace's method.
+        """
+        return self.fit.cost + 2.0 * len(self.fit.hypothesis.coordinates) + self.fit.occam
+
+
+@dataclass(frozen=True)
+class Attribution:
+    """All fitted candidates of a campaign.
+
+    Attributes:
+        nominal: Cost of the unchanged nominal rig; inf where it touches down.
+        candidates: Calibration alone first, then single effects and pairs.
+        expected: Cost of the true model, twice the number of complex residuals.
+        problem: The problem that was fitted.
+    """
+
+    nominal: float
+    candidates: tuple[Candidate, ...]
+    expected: float
+    problem: Problem
+
+    def of(self, *effects: str) -> Candidate | None:
+        for candidate in self.candidates:
+            if set(candidate.effects) == set(effects):
+                return candidate
+        return None
+
+    @property
+    def simplest(self) -> Candidate:
+        """The candidate with the fewest effects among those that are about as good as the best."""
+        least = min(c.predictive for c in self.candidates)
+        near = [c for c in self.candidates if c.predictive < least + ABOUT]
+        return min(near, key=lambda c: (len(c.effects), c.predictive))
+
+    @property
+    def calibration(self) -> Candidate:
+        return self.candidates[0]
+
+    @cached_property
+    def refitted(self) -> Fit | None:
+        """Every nominal parameter that has a tolerance, fitted without it."""
+        base = self.calibration.fit
+        if not np.isfinite(base.cost) or not base.hypothesis.tolerances:
+            return None
+        free = Hypothesis((), {name: FREE * sigma for name, sigma in base.hypothesis.tolerances.items()})
+        fits = begin([free], [base.u / FREE], self.problem.data, self.problem.simulate)
+        iterate(fits, self.problem.data, self.problem.simulate, 8)
+        return fits[0]
+
+
+def contradictions(attribution: Attribution) -> list[str]:
+    """A sentence for each single effect that would explain more than all others if the rig did not exclude it."""
+    allowed = min((c.predictive for c in attribution.candidates if not c.contradicted), default=np.inf)
+    found = []
+    for c in attribution.candidates:
+        if len(c.effects) == 1 and c.contradicted and c.predictive < allowed:
+            nominal = EFFECTS[c.effects[0]].nominal
+            change = c.fit.hypothesis.coordinates[0].value(float(c.fit.u[0]))
+            stated = attribution.problem.parts[0].record.nominal.tolerance[nominal]
+            found.append(
+                f"{c.effects[0]} {100 * change:+.3g} % would fit better than what is named, but the rig states "
+                f"{nominal} to within {100 * stated:.2g} % ([tolerance]); if that is wrong, correct it"
+            )
+    return found
+
+
+def best_partial(attribution: Attribution, probable: int | None) -> Candidate:
+    """The best partial explanation: the most probable effects, or calibration where none explains more than it.
+
+    Args:
+        attribution: The fitted candidates.
+        probable: Index of the most probable candidate with effects; None or 0 where there is none.
+    """
+    if probable:
+        best = attribution.candidates[probable]
+    else:
+        best = min(attribution.candidates, key=lambda c: (bool(c.contradicted), c.predictive))
+    return best if best.predictive < attribution.calibration.predictive - NO_GAP else attribution.calibration

@@ -1,0 +1,115 @@
+"""Two effects fitted together: the most promising pairs, found by a linear prediction."""
+
+from collections.abc import Collection, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from sim2real.compared.problem import Problem
+from sim2real.search.fitting import Fit, begin, differentiate, iterate, share_calibrations
+from sim2real.search.hypotheses import (
+    Hypothesis,
+    coordinates_of,
+    resembling,
+    starts,
+)
+from sim2real.search.screening import Start, extended, screened
+from sim2real.search.singles import FIRST, ITERATIONS, begin_at
+
+SEEDS, PAIRS = 4, 8  # per round: best single effects to which a second one is added, and pairs that are fitted
+SWAPPED = 2  # best pairs of which either effect is tried with others
+SECOND = 16.0  # cost that a second effect must save to be more probable than its absence (see `Belief`)
+SEED_SHARE = 0.5  # of what the best single effect saves, which another one must save to be given a second one
+
+
+def fit_pairs(
+    problem: Problem, unexplained: float, singles: Sequence[Fit], known: Sequence[Fit] = ()
+) -> tuple[list[Fit], list[Fit]]:
+    """Fit pairs, and the single effects again.
+
+    A second effect is tried beside each of the best single ones, and then beside either effect of the best pairs at
+    its values in the pair: the single effect that best replaces two need not be one of them. Finally, either effect
+    of the best pairs is fitted alone from its values in the pair. Where no pair of the first round explains more than
+    the best single effect, that is all.
+
+    Args:
+        problem: The campaign.
+        unexplained: Cost without any effect.
+        singles: Fits of single effects.
+        known: Fits of pairs.
+
+    Returns:
+        pairs: Fits of pairs, the known ones among them.
+        singles: The better fit of each single effect.
+    """
+    least = min((f.cost for f in singles), default=np.inf)
+    enough = least + (1 - SEED_SHARE) * (unexplained - least) if np.isfinite(unexplained) else np.inf
+    able = (f for f in singles if np.isfinite(f.cost) and f.cost <= enough)
+    found = [*known] or _round(problem, singles, sorted(able, key=lambda f: f.cost)[:SEEDS], ())
+    if not min((f.cost for f in found), default=np.inf) < least - SECOND:
+        return found, list(singles)
+    found += _round(problem, singles, _halves(problem, found), {frozenset(f.hypothesis.effects) for f in found})
+    again = _halves(problem, found)
+    iterate(again, problem.data, problem.simulate, ITERATIONS)
+    best = {f.hypothesis.effects: f for f in sorted([*again, *singles], key=lambda f: -f.cost - f.occam)}
+    return found, [best[f.hypothesis.effects] for f in singles]
+
+
+def _beside(h: Hypothesis, effects: np.ndarray, seed: Fit, other: Fit) -> np.ndarray:
+    """Coordinates beside a seed; forms that only the other fit has are taken from it."""
+    u, first = extended(h, effects, seed), len(h.coordinates)
+    known = dict(zip(other.hypothesis.calibrated, other.u[len(other.hypothesis.coordinates) :], strict=True))
+    for i, name in enumerate(h.calibrated, first):
+        if name in other.hypothesis.shapes and name not in seed.hypothesis.shapes:
+            u[i] = known[name]
+    return u
+
+
+def _halves(problem: Problem, pairs: Sequence[Fit]) -> list[Fit]:
+    """Either effect of the best pairs alone, at its values in the pair; without those that touch down."""
+    halves: dict[str, tuple[Hypothesis, np.ndarray]] = {}
+    for f in sorted((f for f in pairs if np.isfinite(f.cost)), key=lambda f: f.cost)[:SWAPPED]:
+        n, both = len(coordinates_of(f.hypothesis.effects[0], f.hypothesis.scales)), len(f.hypothesis.coordinates)
+        for name, u in zip(f.hypothesis.effects, (f.u[:n], f.u[n:both]), strict=True):
+            alone = f.hypothesis.instead(name)
+            halves.setdefault(name, (alone, extended(alone, u, f)))
+    fits = begin([h for h, _ in halves.values()], [u for _, u in halves.values()], problem.data, problem.simulate)
+    return [f for f in fits if np.isfinite(f.cost)]
+
+
+def _round(
+    problem: Problem, singles: Sequence[Fit], seeds: Sequence[Fit], known: Collection[frozenset[str]]
+) -> list[Fit]:
+    """Fit the most promising new pairs, found by a linear prediction: any effect beside the effect of a seed."""
+    differentiate(seeds, problem.data, problem.simulate, True)
+    jobs = []
+    for seed in seeds:
+        first = seed.hypothesis.effects[0]
+        n = len(seed.hypothesis.coordinates)
+        for other in singles:
+            name = other.hypothesis.effects[0]
+            if name == first or {first, name} in known:
+                continue
+            h = seed.hypothesis.instead(first, name)
+            if not other.hypothesis.coordinates:  # on this rig it has a form alone, which only a fit of it knows
+                h = replace(h, shaped=(*h.shaped, name))
+            tried = starts(name, h.scales)
+            if np.isfinite(other.cost):
+                tried = [*tried, other.u[: len(other.hypothesis.coordinates)]]
+            jobs += [(seed, h, _beside(h, np.concatenate([seed.u[:n], start]), seed, other)) for start in tried]
+    chosen: dict[frozenset[str], Start] = {}
+    ranked = screened(problem, jobs, apart=False)
+    for start in ranked:
+        if len(chosen) < PAIRS:
+            chosen.setdefault(frozenset(start.hypothesis.effects), start)
+    alike = {other for pair in list(chosen)[:SWAPPED] for other in resembling(pair)}
+    for start in ranked:
+        if (pair := frozenset(start.hypothesis.effects)) in alike:
+            chosen.setdefault(pair, start)
+    fits, of = begin_at(problem, list(chosen.values()), ranked), {f.hypothesis.effects[0]: f for f in seeds}
+    alone = {f.hypothesis.effects[0]: f.cost for f in singles}
+    for f in fits:
+        share_calibrations([f], of[f.hypothesis.effects[0]])
+    below = [min(alone[name] for name in f.hypothesis.effects) - SECOND for f in fits]
+    iterate(fits, problem.data, problem.simulate, FIRST + ITERATIONS, below)
+    return fits

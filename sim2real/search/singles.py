@@ -1,0 +1,66 @@
+"""Each effect fitted alone, from its most promising starts."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from sim2real.compared.problem import Problem
+from sim2real.compared.reached import current_reached
+from sim2real.search.fitting import Fit, begin, iterate, share_calibrations
+from sim2real.search.hypotheses import (
+    starts,
+    starts_elsewhere,
+)
+from sim2real.search.screening import Start, extended, kept, screened
+
+FIRST, ITERATIONS = 3, 20  # steps of a fit from every start that is followed; further steps of the better one
+SPARE = 30  # other starts of an effect that are tried when one makes the rotor touch down
+MOVED = 1.0  # tolerances up to which calibration leaves the rig where it is
+LEAST = 6.0  # cost below calibration that a single effect must promise to be fitted to the end
+
+
+def fit_singles(problem: Problem, seeds: Sequence[Fit], names: Sequence[str]) -> list[Fit]:
+    """Fit each effect alone, from its most promising starts.
+
+    Starts are placed beside the untouched nominal rig and beside calibration alone, because a missing effect may have
+    driven the calibration far away. Where it was not, one of both is enough. What promises no more than calibration is
+    not followed.
+    """
+    fits: list[Fit] = []
+    unexplained, reached = seeds[-1].cost, current_reached(problem)
+    if np.isfinite(unexplained) and np.max(abs(seeds[-1].u), initial=0.0) < MOVED:
+        seeds = seeds[-1:]
+    for seed in seeds:
+        jobs = [
+            (seed, h, extended(h, start, seed))
+            for h in map(seed.hypothesis.instead, names)
+            for start in starts(h.effects[0], h.scales)
+        ]
+        jobs += [(seed, h, u) for name in names for h, u in starts_elsewhere(seed.hypothesis, name, reached)]
+        ranked = screened(problem, jobs)
+        begun = begin_at(problem, kept(ranked), ranked)
+        share_calibrations(begun, seed)
+        fits += begun
+    asked = unexplained - LEAST if np.isfinite(unexplained) else np.inf
+    iterate(fits, problem.data, problem.simulate, FIRST, [asked] * len(fits))
+    tried = dict.fromkeys(f.hypothesis.effects for f in fits)
+    best = [min((f for f in fits if f.hypothesis.effects == names), key=lambda f: f.cost) for names in tried]
+    iterate(best, problem.data, problem.simulate, ITERATIONS, [asked] * len(best))
+    return best
+
+
+def begin_at(problem: Problem, chosen: Sequence[Start], ranked: Sequence[Start]) -> list[Fit]:
+    """Fits at the chosen starts.
+
+    Where a start passed on the screened record but touches down on another record, the best of the other starts of its
+    effects, on all records, replaces it.
+    """
+    fits = begin([s.hypothesis for s in chosen], [s.u for s in chosen], problem.data, problem.simulate)
+    fallen = {s.hypothesis.effects: i for i, s in enumerate(chosen) if not np.isfinite(fits[i].cost)}
+    spare = {names: [s for s in ranked if s.hypothesis.effects == names][:SPARE] for names in fallen}
+    others = [s for same in spare.values() for s in same]
+    for f in begin([s.hypothesis for s in others], [s.u for s in others], problem.data, problem.simulate):
+        i = fallen[f.hypothesis.effects]
+        if f.cost < fits[i].cost:
+            fits[i] = f
+    return fits
