@@ -10,6 +10,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from sim2real.compared.bench_noise import BenchNoise
+from sim2real.compared.open_tones import agreed, with_tones
 from sim2real.compared.problem import Problem
 from sim2real.judgement.evidence import evidence_of
 from sim2real.judgement.judge import reach
@@ -81,11 +82,19 @@ def _reach(attribution: Attribution) -> np.ndarray:
 
 
 def _with_noise_of_best(fitted: Problem, judged: Problem, attribution: Attribution) -> tuple[Problem, Problem, float]:
-    """Both problems with the noise that the best fit leaves, and how many times as loud it is taken as it looks."""
+    """Both problems with the noise and the tones that the best fit leaves, and how many times as loud that noise is
+    taken as it looks.
+
+    A tone that stands far above the noise may be hidden by what the nominal simulation leaves of its window.
+    """
     best = min(attribution.candidates, key=lambda c: c.predictive).fit
     near = best.hypothesis.point(best.u)
     louder = float(widening(fitted, best).max(initial=1.0))
-    return fitted.again(near, louder), judged.again(near, louder), louder
+    own = {p.record.name: p.record for p in (*fitted.parts, *judged.parts)}
+    toned = agreed([with_tones(r, near) if isinstance(r, OpenRecord) else r for r in own.values()])
+    own = dict(zip(own, toned, strict=True))
+    again = [p.again(near, louder, [own[part.record.name] for part in p.parts]) for p in (fitted, judged)]
+    return again[0], again[1], louder
 
 
 def _quieter(old: Problem, new: Problem) -> bool:

@@ -115,13 +115,20 @@ class LineWindows:
             u = np.einsum("wkj,wkl->wjl", np.conj(self.turned), u)
         return np.einsum("wlk,...wl->...wk", np.conj(u), projected), kept.sum(axis=1)
 
-    def noise(self, residual: np.ndarray, excitation: np.ndarray, shapes: np.ndarray | None = None) -> "WindowNoise":
+    def noise(
+        self,
+        residual: np.ndarray,
+        excitation: np.ndarray,
+        shapes: np.ndarray | None = None,
+        removed: np.ndarray | int = 0,
+    ) -> "WindowNoise":
         """The noise of a residual, told from what the excitation explains of it.
 
         Args:
             residual: measured less simulated spectra, opened so that their noise is smooth, (..., count, WIDTH).
             excitation: spectrum (count, WIDTH) of what drove the record, or (inputs, count, WIDTH).
             shapes: (shapes, ..., count), what the noise may be composed of; None: it is white over POOLED windows.
+            removed: number of directions (count,) in which the residual was set to zero.
 
         Returns:
             Variance of one line, pooled over POOLED windows, and the test of what the excitation still explains.
@@ -129,7 +136,7 @@ class LineWindows:
         y = self.project(residual)
         inside, rank = self.along(y, excitation)
         explained = np.sum(abs(inside) ** 2, axis=-1)
-        freedom = (KEPT - rank).astype(float)
+        freedom = (KEPT - rank - removed).astype(float)
         rest = np.maximum(np.sum(abs(y) ** 2, axis=-1) - explained, 0.0)
         shape = np.ones_like(rest)
         if shapes is not None:

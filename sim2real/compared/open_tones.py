@@ -22,11 +22,13 @@ from sim2real.recorded.open_evidence import measured_series, simulated_series
 from sim2real.recorded.open_loop import nominal_loop
 from sim2real.recorded.open_record import OpenRecord
 from sim2real.recorded.records import Record
+from sim2real.recorded.ringing import driven_directions, ringing_directions
 from sim2real.recorded.tones import FALSE_ALARM, MOST, Tone, origin, tone_lines, transform_of_tone
 
 LIGHT, RINGING = 0.1, 0.25  # damping ratio of a mode that rings, and octaves from it within which it does
 ALIKE = 0.15  # lines within which tones of unknown origin are the same in two records
 FINE = 0.5  # lines between frequencies that are tried
+NOMINAL = Point({}, {})
 UNKNOWN_SIZE = 10.0  # times the size found, within which the tone that a fit takes out may lie
 
 
@@ -37,7 +39,7 @@ class Residual:
     Args:
         record: the record.
         lines: (axes, windows, KEPT), its coordinates.
-        driven: (windows, KEPT, directions), orthonormal or zero: what the drives may explain.
+        driven: (windows, KEPT, directions), orthonormal or zero: what the drives, and how the plant rings, may explain.
         rank: (windows,), how many of them are not zero.
     """
 
@@ -53,24 +55,23 @@ def residual_of(record: OpenRecord, point: Point) -> Residual | None:
     if not np.isfinite(predicted).all():
         return None
     off = measured_series(record) - predicted
-    w = record.windows
-    lines = w.project(nominal_loop(record).opened(record, off[0], off[2], None)[0])
-    unit = np.broadcast_to(np.eye(KEPT)[:, None], (KEPT, w.count, KEPT))
-    inside, rank = w.along(unit, record.drives)  # (KEPT, windows, directions): conjugates of the directions
-    return Residual(record, lines, np.moveaxis(np.conj(inside), 0, 1), rank)
+    lines = record.windows.project(nominal_loop(record).opened(record, off[0], off[2], None)[0])
+    driven, rank = driven_directions(record)
+    rung, more = ringing_directions(record)
+    return Residual(record, lines, np.concatenate([driven, rung], axis=-1), rank + more)
 
 
-def with_tones(record: OpenRecord) -> OpenRecord:
-    """The record with the tones that the nominal simulation leaves in it."""
+def with_tones(record: OpenRecord, near: Point = NOMINAL) -> OpenRecord:
+    """The record with the tones that a simulation leaves in it, and no others."""
     found: list[Tone] = []
-    residual = residual_of(record, Point({}, {}))
+    residual = residual_of(record, near)
     while residual is not None and len(found) < MOST:
         tone, without = _strongest(residual)
         if tone is None:
             break
         found.append(tone)
         residual = without
-    return replace(record, tones=tuple(found)) if found else record
+    return replace(record, tones=tuple(found))
 
 
 def agreed(records: Sequence[Record | OpenRecord]) -> list[Record | OpenRecord]:

@@ -191,9 +191,12 @@ class Problem:
         alone = replace(part, place=slice(0, at.stop - at.start))
         return Problem((alone,), *(c[at] for c in columns), self.outputs, self.nuisances.within(at))
 
-    def again(self, near: Point, louder: float = 1.0) -> "Problem":
-        """The same lines, with the noise that a point leaves of records without a period, times a factor."""
-        return self._again(near, louder, self.errors)
+    def again(
+        self, near: Point, louder: float = 1.0, records: Sequence[Record | OpenRecord] | None = None
+    ) -> "Problem":
+        """The same lines, with the noise that a point leaves of records without a period, times a factor; of records
+        in place of its own, which may have other tones."""
+        return self._again(near, louder, self.errors, records)
 
     def about(self, near: Point) -> "Problem":
         """As `again`, with the errors of measured drives about their most probable amounts at a point: the best basis
@@ -208,8 +211,14 @@ class Problem:
                     return moved
         return self.again(near)
 
-    def _again(self, near: Point, louder: float, errors: Mapping[str, float]) -> "Problem":
-        records, used = [p.record for p in self.parts], [p.used for p in self.parts]
+    def _again(
+        self,
+        near: Point,
+        louder: float,
+        errors: Mapping[str, float],
+        records: Sequence[Record | OpenRecord] | None = None,
+    ) -> "Problem":
+        records, used = records or [p.record for p in self.parts], [p.used for p in self.parts]
         return assemble(records, used, near, self.static is not None, louder, self.bench, errors)
 
     def split(self, every: int) -> tuple["Problem", "Problem"]:

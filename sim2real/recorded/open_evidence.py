@@ -13,6 +13,7 @@ from sim2real.recorded.channel_errors import ChannelError
 from sim2real.recorded.open_loop import Loop
 from sim2real.recorded.open_record import OpenRecord
 from sim2real.recorded.opened import Opened
+from sim2real.recorded.ringing import ringing_directions, without
 from sim2real.recorded.tones import tone_lines
 
 FORCE = 2  # place of the force's noise among the shapes of noise
@@ -145,7 +146,10 @@ def open_noise(record: OpenRecord, loop: Loop, outputs: Sequence[str], predicted
         columns = tone_lines(record.windows, tone.frequency)
         a = tone.amplitude["opened"]
         residual[outputs.index("plant")] -= np.einsum("ca,cwl->awl", np.array([a.real, -a.imag]), columns)
-    found = record.windows.noise(residual, record.drives, _noise_shapes(loop, outputs))
+    w, at = record.windows, outputs.index("plant")
+    directions, rank = ringing_directions(record)  # which are no noise, and would hide the noise of their neighbours
+    residual[at] = w.lines(without(w.project(residual[at]), directions))
+    found = w.noise(residual, record.drives, _noise_shapes(loop, outputs), rank)
     # What a drive explains by chance is left out of that noise, and the force's own noise is part of the drive.
     return np.repeat(np.sqrt(np.maximum(found.variance, noise_of_force(record, loop, outputs))), KEPT, axis=-1)
 

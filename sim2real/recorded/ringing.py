@@ -16,6 +16,9 @@ from maglev_env.linear.axis import linear_axis
 from sim2real.recorded.open_loop import Loop
 from sim2real.recorded.open_record import OpenRecord
 
+NEAR = 2.5  # windows from a pole, within which its ringing is no quadratic of the line number
+SMALL = 0.02  # share of the clearest direction below which ringing is as good as one
+
 
 def ringing(record: OpenRecord, loop: Loop, outputs: tuple[str, ...], noise: np.ndarray) -> dict[str, np.ndarray]:
     """Nuisances of one standard deviation, as columns (outputs, axes, n) by name.
@@ -27,13 +30,10 @@ def ringing(record: OpenRecord, loop: Loop, outputs: tuple[str, ...], noise: np.
         noise: standard deviation (outputs, axes, n) of the coordinates' noise.
     """
     w, found, plant = record.windows, {}, outputs.index("plant")
-    width = 2 * pi * WIDTH * w.sample_rate / w.samples
-    z = np.exp(2j * pi * w.frequency / w.sample_rate)
     for axis in range(record.axes):
-        poles = np.linalg.eigvals(linear_axis(axis_experiment(record.experiment, axis)).rates)
-        for pole in poles[(abs(poles.real) < width) & (poles.imag >= 0) & (abs(poles) > 0)]:
+        for pole in _poles(record, axis):
             size = _amplitude(record, loop, axis, noise[plant, axis], abs(pole))
-            one, other = (z / (z - np.exp(p / w.sample_rate)) for p in (pole, np.conj(pole)))
+            one, other = _rung(record, pole)
             for part, lines in (("cosine", one + other), ("sine", 1j * (one - other))):
                 if np.any(lines):
                     column = np.zeros((len(outputs), record.axes, noise.shape[-1]), complex)
@@ -41,6 +41,59 @@ def ringing(record: OpenRecord, loop: Loop, outputs: tuple[str, ...], noise: np.
                     name = f"{part} of ringing at {abs(pole) / (2 * pi):.4g} Hz along axis {axis} of {record.name}"
                     found[name] = column
     return found
+
+
+def ringing_directions(record: OpenRecord) -> tuple[np.ndarray, np.ndarray]:
+    """What ringing of any size adds to windows near the poles, beside all that the drives may explain there.
+
+    Returns:
+        directions: (windows, KEPT, n), orthonormal or zero, the same along every axis.
+        rank: (windows,), how many of them are not zero.
+    """
+    w, columns = record.windows, []
+    spacing = w.sample_rate / w.samples
+    for pole in (pole for axis in range(record.axes) for pole in _poles(record, axis)):
+        near = abs(w.centre - abs(pole) / (2 * pi)) < NEAR * WIDTH * spacing
+        columns += [w.project(lines) * near[:, None] for lines in _rung(record, pole)]
+    if not columns:
+        return np.zeros((w.count, KEPT, 0), complex), np.zeros(w.count, int)
+    rung = np.stack(columns, axis=-1)  # (windows, KEPT, n)
+    driven = driven_directions(record)[0]
+    rung = rung - driven @ (np.conj(np.swapaxes(driven, 1, 2)) @ rung)
+    u, s, _ = np.linalg.svd(rung, full_matrices=False)
+    kept = s > SMALL * np.max(s, initial=0.0)
+    return np.where(kept[:, None, :], u, 0.0), kept.sum(axis=1)
+
+
+def driven_directions(record: OpenRecord) -> tuple[np.ndarray, np.ndarray]:
+    """What the drives may explain by a smooth response: orthonormal or zero directions (windows, KEPT, n), and how many
+    are not zero in each window."""
+    w = record.windows
+    unit = np.broadcast_to(np.eye(KEPT)[:, None], (KEPT, w.count, KEPT))
+    inside, rank = w.along(unit, record.drives)  # (KEPT, windows, n): conjugates of the directions
+    return np.moveaxis(np.conj(inside), 0, 1), rank
+
+
+def without(coordinates: np.ndarray, directions: np.ndarray) -> np.ndarray:
+    """Coordinates (..., windows, KEPT) without their parts along orthonormal directions (windows, KEPT, n)."""
+    along = np.einsum("...wk,wkd->...wd", coordinates, np.conj(directions))
+    return coordinates - np.einsum("...wd,wkd->...wk", along, directions)
+
+
+def _poles(record: OpenRecord, axis: int) -> np.ndarray:
+    """Poles (1/s) of the nominal plant that lie nearer to the lines than a window is wide, of pairs the upper ones."""
+    w = record.windows
+    width = 2 * pi * WIDTH * w.sample_rate / w.samples
+    poles = np.linalg.eigvals(linear_axis(axis_experiment(record.experiment, axis)).rates)
+    return poles[(abs(poles.real) < width) & (poles.imag >= 0) & (abs(poles) > 0)]
+
+
+def _rung(record: OpenRecord, pole: complex) -> tuple[np.ndarray, np.ndarray]:
+    """Lines (windows, WIDTH) of a pole and of its conjugate."""
+    w = record.windows
+    z = np.exp(2j * pi * w.frequency / w.sample_rate)
+    one, other = (z / (z - np.exp(p / w.sample_rate)) for p in (pole, np.conj(pole)))
+    return one, other
 
 
 def _amplitude(record: OpenRecord, loop: Loop, axis: int, noise: np.ndarray, pole: float) -> float:
