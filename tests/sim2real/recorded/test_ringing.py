@@ -1,10 +1,14 @@
 """A mode with little damping rings at the ends of an open record, and its lines are no noise of their windows."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from maglev_env.rig.rig import load_rig
+from sim2real.compared.open_tones import with_tones
 from sim2real.recorded.nuisances import Nuisances
+from sim2real.recorded.open_evidence import open_noise
 from sim2real.recorded.open_loop import nominal_loop
 from sim2real.recorded.records import read_records
 from sim2real.recorded.ringing import ringing
@@ -27,13 +31,18 @@ def record(tmp_path_factory):
     return found
 
 
-@pytest.mark.parametrize("phase", [0.0, 1.1])
-def test_how_a_mass_swings_on_springs_is_a_nuisance(record, phase):
+def swinging(record, phase):
+    """Angular frequency and decay (1/s) of the rotor on its springs, and how it swings when let go, (samples,)."""
     rig = load_rig("hmb_radial")
     decay = rig.support_damping / (2 * rig.mass)
     swing = np.sqrt((rig.support_stiffness + rig.negative_stiffness) / rig.mass - decay**2)
     t = np.arange(sum(record.series["displacement"].shape[1:])) / rig.control_rate
-    let_go = np.exp(-decay * t) * np.cos(swing * t + phase)
+    return swing, decay, np.exp(-decay * t) * np.cos(swing * t + phase)
+
+
+@pytest.mark.parametrize("phase", [0.0, 1.1])
+def test_how_a_mass_swings_on_springs_is_a_nuisance(record, phase):
+    swing, decay, let_go = swinging(record, phase)
     noise = np.ones((2, 2, record.frequency.size))
     columns = ringing(record, nominal_loop(record), OUTPUTS, noise)
     assert len(columns) == 4 and all(f"at {np.hypot(swing, decay) / (2 * np.pi):.4g} Hz" in name for name in columns)
@@ -51,3 +60,22 @@ def test_ringing_is_as_large_as_noise_moves_the_loop(record):
     one, three = (ringing(record, nominal_loop(record), OUTPUTS, noise) for noise in (quiet, loud))
     for name, column in one.items():
         assert np.allclose(three[name], 3 * column)
+
+
+def test_ringing_neither_counts_as_noise_nor_hides_a_tone(record):
+    """A swing of ten times the noise of a sample, along one axis, beside a tone of a tenth of it."""
+    swing, _, let_go = swinging(record, 0.4)
+    t = np.arange(let_go.size) / record.windows.sample_rate
+    tone = 1e-7 * np.sin(2 * np.pi * 1.6 * swing / (2 * np.pi) * t)
+
+    def with_more(more):
+        displacement = record.series["displacement"].copy()
+        displacement[0] += more
+        return replace(record, series={**record.series, "displacement": displacement})
+
+    loop = nominal_loop(record)
+    alone, rung = (open_noise(r, loop, OUTPUTS, None)[0, 0] for r in (record, with_more(1e-5 * let_go)))
+    near = abs(record.frequency - swing / (2 * np.pi)) < 60.0
+    assert np.max(abs(np.log(rung[near] / alone[near]))) < 0.1
+    (found,) = with_tones(with_more(1e-5 * let_go + tone)).tones
+    assert found.frequency == pytest.approx(1.6 * swing / (2 * np.pi), rel=1e-3)
