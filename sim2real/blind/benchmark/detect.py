@@ -56,6 +56,9 @@ class Detector:
         self.recordings = [r for r in recordings if r.role == "fit"]
         self.names = ("displacement", "current") if with_current else ("displacement",)
         self.seed = seed
+        # A mean says something where a weight is known. Else the zeros of sensors and of amplifiers, and loads at
+        # rest, make it, of which no campaign states anything.
+        self.first_line = 0 if truth.rig.parameters["gravity"] else 1
 
     @cached_property
     def _base(self) -> list[np.ndarray]:
@@ -86,7 +89,7 @@ class Detector:
 
     def _spectrum(self, truth: Truth, r: Recording, seed: int | None = None, drops: int = 0) -> np.ndarray:
         found = simulate(truth, r, seed, drops, FEW_STEPS)
-        return np.fft.rfft(np.hstack([found[name] for name in self.names]), axis=0)
+        return np.fft.rfft(np.hstack([found[name] for name in self.names]), axis=0)[self.first_line :]
 
     def difference(self, other: Truth, drops: int = 0) -> np.ndarray:
         """Whitened difference of another rig from the true one (values,).
