@@ -289,3 +289,21 @@ def test_what_is_out_of_reach_of_the_best_is_hopeless(left):
     at, half = (entries(replace(gap(1e5, delay=0.0, mass=share * far), dispersion=lacks)) for share in (1.0, 0.3))
     ratios = [probability(found, "delay") / probability(found, "mass") for found in (at, half)]
     assert ratios[0] >= 0.99 * HOPELESS > ratios[1]
+
+
+def test_what_only_a_wrong_statement_of_the_rig_explains_is_unknown_beside_poor_explanations():
+    """Saturation would explain all, with a mass that is off by many tolerances; a delay leaves most of the gap. So it
+    can be explained, but by nothing that is known. Where an effect explains it as well without, that is named."""
+
+    def strained(found, name, by):
+        strain = np.where([names == (name,) for names in found.effects], by, 0.0)
+        return replace(found, cost=found.cost + strain, strain=strain)
+
+    poor = gap(2e4, saturation=0.0, delay=1.7e4)
+    assert judged(strained(poor, "saturation", 200.0)) == ("unexplained", ("unknown",))
+    assert judged(strained(poor, "saturation", 6.0)) == ("explained", ("saturation",))
+    assert judged(strained(gap(2e4, saturation=0.0, delay=1.0), "saturation", 200.0)) == ("explained", ("delay",))
+    by_calibration = replace(gap(0.0, delay=-2.0), strain=None)
+    strain = np.where([not names for names in by_calibration.effects], 85.0, 0.0)
+    strained_rig = replace(by_calibration, cost=by_calibration.cost + strain, strain=strain)
+    assert judged(strained_rig)[1] != ("unknown",)
