@@ -8,7 +8,6 @@ import subprocess
 import sys
 from functools import cache
 from multiprocessing import parent_process
-from multiprocessing.spawn import get_executable
 from pathlib import Path
 
 import numpy as np
@@ -26,11 +25,12 @@ def begin() -> None:
     """Start the second process where it helps: nothing is compiled yet, there is a second core, and this is no worker
     process, of which each would start one."""
     global _child
-    if _child is not None or (os.cpu_count() or 1) < 2 or parent_process() is not None or _on_disk():
+    alone = len(os.sched_getaffinity(0)) < 2 if hasattr(os, "sched_getaffinity") else os.cpu_count() == 1
+    if _child is not None or alone or not sys.executable or parent_process() is not None or _on_disk():
         return
     here = os.environ | {"PYTHONPATH": os.pathsep.join(path or str(Path.cwd()) for path in sys.path)}
     try:
-        _child = subprocess.Popen([get_executable(), "-P", "-c", _COMMAND], env=here, stdin=_NO, stdout=_NO, stderr=_NO)
+        _child = subprocess.Popen([sys.executable, "-P", "-c", _COMMAND], env=here, stdin=_NO, stdout=_NO, stderr=_NO)
     except OSError:  # this process compiles
         return
 
@@ -60,4 +60,5 @@ def _on_disk() -> bool:
     """Whether some version of the likelihood is on disk. Where that is an older one, this process compiles."""
     from estimation.band_likelihood import estimator
 
-    return any(Path(estimator().stats.cache_path).glob(f"{_MODULE}.*.nbi"))
+    folder = getattr(getattr(estimator(), "stats", None), "cache_path", None)  # None where nothing is compiled
+    return folder is None or any(Path(folder).glob(f"{_MODULE}.*.nbi"))

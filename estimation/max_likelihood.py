@@ -102,7 +102,8 @@ def maximum_likelihood(
         )
     )
     slices = band_slices(statistics.frequency, bands)
-    masses = np.array(np.broadcast_to(mass, shape).reshape(-1))  # of its own: the compiler tells read-only apart
+    # A copy, because numba compiles another version for arrays that are read-only.
+    masses = np.array(np.broadcast_to(mass, shape).reshape(-1))
     lines = 2 * np.pi * statistics.frequency, masses, slices
     found = band_likelihood.estimate(f, y, sff, syy, sfy, *lines, statistics.periods)
     ends = np.full((len(masses), len(bands), 4), np.nan)

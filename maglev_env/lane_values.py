@@ -9,7 +9,7 @@ import numpy as np
 from maglev_env.experiment import Experiment
 from maglev_env.loop.effect import Effects, effect_value
 from maglev_env.loop.magnets.kinds import force_law
-from maglev_env.loop.magnets.law import ForceLaw, SingleSidedLaw, reshaped, stretched
+from maglev_env.loop.magnets.law import ForceLaw, SingleSidedLaw, reshaped, with_distances_over
 from maglev_env.rig.rig import Rig
 
 
@@ -56,14 +56,13 @@ class LaneValues:
 
     @cached_property
     def laws(self) -> tuple[ForceLaw | SingleSidedLaw | None, ...]:
-        """Force law of each lane with the effects that bend it, and without their change of its tangent; None without
-        magnets."""
-        if self._same_rig and not self._present & {"force_law", "negative_stiffness"}:
-            return (force_law(self.rigs[0]) if self.rigs[0].controlled else None,) * len(self.rigs)
-        return tuple(
-            _shaped(force_law(rig), effects) if rig.controlled else None
-            for rig, effects in zip(self.rigs, self.effects, strict=True)
-        )
+        """Force law of each lane with the changes of its shape; None without magnets. Changes of its gain and of its
+        stiffness at rest are applied elsewhere."""
+        if not self._same_rig:
+            plain = [force_law(rig) if rig.controlled else None for rig in self.rigs]
+        else:
+            plain = [force_law(self.rigs[0]) if self.rigs[0].controlled else None] * len(self.rigs)
+        return tuple(law and shaped_law(law, own) for law, own in zip(plain, self.effects, strict=True))
 
     @property
     def inductance(self) -> np.ndarray:
@@ -81,19 +80,19 @@ class LaneValues:
         return 2 * np.pi / 60 * np.array(self.speeds)
 
 
-def _shaped(law: ForceLaw | SingleSidedLaw, effects: Effects) -> ForceLaw | SingleSidedLaw:
-    """The law as force_law reshapes it, and as the form of a change of the negative stiffness does.
+def shaped_law(law: ForceLaw | SingleSidedLaw, effects: Effects) -> ForceLaw | SingleSidedLaw:
+    """The law as the effect force_law reshapes it, and as the form of the effect negative_stiffness does.
 
-    That form is the share of the change, by its logarithm, that another distance of the magnets makes. The stiffness at
-    rest does not depend on it.
+    By that form, distances are divided by (1 + change)^distance_share. The rest of the change scales the pull without
+    current, so that the stiffness at rest does not depend on the form.
     """
     exponent, offset = (effect_value(effects, "force_law", key) for key in ("exponent", "offset"))
     own = reshaped(law, exponent, offset) if exponent or offset else law
-    change, share = (effect_value(effects, "negative_stiffness", key) for key in ("change", "gap"))
+    change, share = (effect_value(effects, "negative_stiffness", key) for key in ("change", "distance_share"))
     if not change or not share:
         return own
     factor = (1 + change) ** share
-    return replace(stretched(own, factor), stiffness_scale=own.stiffness_scale / factor)
+    return replace(with_distances_over(own, factor), stiffness_scale=own.stiffness_scale / factor)
 
 
 def lane_values(own: Sequence[Experiment]) -> LaneValues:

@@ -128,7 +128,7 @@ class LineWindows:
             residual: measured less simulated spectra, opened so that their noise is smooth, (..., count, WIDTH).
             excitation: spectrum (count, WIDTH) of what drove the record, or (inputs, count, WIDTH).
             shapes: (shapes, ..., count), what the noise may be composed of; None: it is white over POOLED windows.
-            removed: number of directions (count,) in which the residual was set to zero.
+            removed: number of directions in which the residual was set to zero, (count,) or (..., count).
 
         Returns:
             Variance of one line, pooled over POOLED windows, and the test of what the excitation still explains.
@@ -136,8 +136,8 @@ class LineWindows:
         y = self.project(residual)
         inside, rank = self.along(y, excitation)
         explained = np.sum(abs(inside) ** 2, axis=-1)
-        freedom = (KEPT - rank - removed).astype(float)
         rest = np.maximum(np.sum(abs(y) ** 2, axis=-1) - explained, 0.0)
+        freedom = (KEPT - rank - removed).astype(float)
         shape = np.ones_like(rest)
         if shapes is not None:
             own = rest / np.maximum(freedom, 1.0)
@@ -153,7 +153,7 @@ class WindowNoise:
 
     Args:
         variance: E|n|^2 of one line, (..., count).
-        freedom: complex degrees of freedom of that variance, (count,).
+        freedom: complex degrees of freedom of that variance, (count,), or (..., count) where directions were removed.
         explained: power that the excitation explains in each window, (..., count).
         rank: number of complex directions that could explain it, (count,).
     """

@@ -58,7 +58,6 @@ def evaluate(
     """
     if not experiments:
         raise ValueError("give at least one experiment")
-    begin()
     rig = experiments[0].rig
     goal = goal_of(rig)
     if targets is None:
@@ -67,6 +66,7 @@ def evaluate(
         raise ValueError(f"{len(targets)} targets for {len(experiments)} experiments: give one for each")
     else:
         per_axis = [list(targets)] * rig.axes
+    begin()
     chunks = [slice(i, i + CHUNK) for i in range(0, len(experiments), CHUNK)]
     parts = []
 

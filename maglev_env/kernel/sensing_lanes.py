@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from maglev_env.experiment import Experiment, self_sensors
 from maglev_env.loop.effect import effect_value
 from maglev_env.loop.magnets.kinds import force_law
-from maglev_env.loop.magnets.rows import GAP
+from maglev_env.loop.magnets.law import SingleSidedLaw
 from maglev_env.loop.self_sensing_pieces import COIL_GAP, REST_CURRENT, SELF, SHIFT
 from maglev_env.loop.sensor import Z1
 from maglev_lanes.layout import LaneRows
@@ -54,6 +54,10 @@ def sensed_structure(sensors: Sequence[SelfSensor]) -> SensorStructure | None:
 def write_self_sensors(x: LaneRows, own: Sequence[Experiment]) -> None:
     """Write the self-sensors of one axis' experiments and their first reading; the magnets' rows are written before."""
     x[SELF] = sensor_rows([self_sensors(e)[0] for e in own])
-    x[COIL_GAP] = x[GAP] - [effect_value(e.effects, "eccentricity") for e in own]
-    x[REST_CURRENT] = [force_law(e.rig).bias_current for e in own]
+    laws = [force_law(e.rig) for e in own]  # the coil's inductance does not follow an effect that reshapes the pull
+    x[COIL_GAP] = [
+        law.gap + (law.coil_gap if isinstance(law, SingleSidedLaw) else 0.0) - effect_value(e.effects, "eccentricity")
+        for law, e in zip(laws, own, strict=True)
+    ]
+    x[REST_CURRENT] = [law.bias_current for law in laws]
     x[Z1] = x[SHIFT]

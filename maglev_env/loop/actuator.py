@@ -36,14 +36,16 @@ EFFECTS: Mapping[str, EffectCard] = {
         "actuator",
         {
             **relative((-0.7, -0.4, -0.15, 0.2, 1.0)),
-            "gap": Parameter("", -0.5, 1.0, 0.0, scale=1.0, shape=0.75, centre=0.25),
+            "distance_share": Parameter("", -0.5, 1.0, 0.0, scale=1.0, shape=0.75, centre=0.25),
         },
-        "relative change of -df/dy at y = 0, D eq 3.12. Beyond, its gap says how: 0 scales the pull without current, 1 "
-        "puts the magnets at another distance, -0.5 adds a constant stiffness",
+        # With 0 the pull without current is scaled over the gap. With 1 all distances of the law are divided by
+        # 1 + change, as of magnets that are nearer. With -0.5 the pull of a pair without current changes by a constant
+        # stiffness, to third order. The prior reaches both ends, of which 1 is the likelier one on a bench.
+        "relative change of -df/dy at y = 0, D eq 3.12; in another form, distances are divided by (1 + change)^share",
         "current, force and displacement",
         ("magnets",),
         nominal="negative_stiffness",
-        plain_kernel=("gap",),
+        plain_kernel=("distance_share",),
     ),
     "force_law": EffectCard(
         "actuator",

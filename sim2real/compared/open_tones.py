@@ -17,7 +17,7 @@ from scipy.optimize import minimize_scalar
 from estimation.lines.line_windows import KEPT, WIDTH
 from maglev_env.linear.loop import closed_loop_poles
 from sim2real.compared.distortion import COMMON, distorted
-from sim2real.compared.simulated import Point, lanes_of
+from sim2real.compared.simulated import Point, experiment_near, lanes_of
 from sim2real.recorded.open_evidence import measured_series, simulated_series
 from sim2real.recorded.open_loop import nominal_loop
 from sim2real.recorded.open_record import OpenRecord
@@ -57,20 +57,26 @@ def residual_of(record: OpenRecord, point: Point) -> Residual | None:
     off = measured_series(record) - predicted
     lines = record.windows.project(nominal_loop(record).opened(record, off[0], off[2], None)[0])
     driven, rank = driven_directions(record)
-    rung, more = ringing_directions(record)
+    rung, more = ringing_directions(record, experiment_near(record, point))
     return Residual(record, lines, np.concatenate([driven, rung], axis=-1), rank + more)
 
 
 def with_tones(record: OpenRecord, near: Point = NOMINAL) -> OpenRecord:
-    """The record with the tones that a simulation leaves in it, and no others."""
+    """The record with the tones that a simulation leaves in it, and no others; unchanged where that touches down.
+
+    A tone that is found again keeps its frequency, so that it stays the same nuisance.
+    """
     found: list[Tone] = []
     residual = residual_of(record, near)
-    while residual is not None and len(found) < MOST:
-        tone, without = _strongest(residual)
+    if residual is None:
+        return record
+    width = record.windows.sample_rate / record.windows.samples
+    while len(found) < MOST:
+        tone, residual = _strongest(residual)
         if tone is None:
             break
-        found.append(tone)
-        residual = without
+        known = [t.frequency for t in record.tones if abs(t.frequency - tone.frequency) < ALIKE * width]
+        found.append(replace(tone, frequency=known[0]) if known else tone)
     return replace(record, tones=tuple(found))
 
 

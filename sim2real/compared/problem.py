@@ -194,8 +194,13 @@ class Problem:
     def again(
         self, near: Point, louder: float = 1.0, records: Sequence[Record | OpenRecord] | None = None
     ) -> "Problem":
-        """The same lines, with the noise that a point leaves of records without a period, times a factor; of records
-        in place of its own, which may have other tones."""
+        """The same lines, with the noise that a point leaves of records without a period, times a factor.
+
+        Args:
+            near: the point.
+            louder: the factor.
+            records: used in place of its own, for instance with other tones.
+        """
         return self._again(near, louder, self.errors, records)
 
     def about(self, near: Point) -> "Problem":
@@ -260,13 +265,15 @@ def _evidence(record: Record | OpenRecord, near: Point, amounts: Mapping[str, fl
     measured_drive = exact_errors(record)
     about = {e: amounts[e.name] for e in measured_drive if e.name in amounts}
     as_read, record = record, redriven(record, about)
-    loop = loop_at(record, experiment_near(record, near))
+    at_near = experiment_near(record, near)
+    loop = loop_at(record, at_near)
     opened = opened_of(loop)
     predicts = Predictor(record, opened, 0, Replay(record, loop, opened.outputs))
     lanes = predicts.lanes([near])
     predicted = simulated_series(record, lanes)[0]
-    measured, noise = _measured(record, loop, opened.outputs), open_noise(record, loop, opened.outputs, predicted)
-    nuisances = ringing(record, loop, opened.outputs, noise)
+    measured = _measured(record, loop, opened.outputs)
+    noise = open_noise(record, loop, opened.outputs, predicted, at_near)
+    nuisances = ringing(record, loop, opened.outputs, noise, at_near)
     if np.isfinite(predicted).all():
         at = coordinates_of(record, loop, opened.outputs, predicted)
         if record.errors:

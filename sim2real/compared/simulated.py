@@ -65,7 +65,7 @@ def experiment_at(e: Experiment, point: Point, made: dict[tuple, Rig] | None = N
             parameters[name] = getattr(e.rig, name) * (1 + change)
         elif known not in effects:
             own = effect_value(e.rig.effects, known)  # a corrected rig may have this effect already
-            effects[known] = {"change": own + change + own * change}
+            effects[known] = {**e.rig.effects.get(known, {}), "change": own + change + own * change}
     key = tuple(parameters.items())
     if key not in made:
         made[key] = with_parameters(e.rig, parameters) if parameters else e.rig

@@ -1,9 +1,9 @@
 """A negative stiffness within its tolerance has no stated form: how the pull curves is then not known either.
 
-The simulator scales the pull at rest over the gap. On a bench a stiffness is off because the pull falls off more or
-less steeply with the gap, and then the actuator gain varies otherwise with the gap, too. Of opposed magnets these terms
-cancel while the motion is small. Below a single magnet they make harmonics that stand far above the noise, so what one
-form has and the other has not is a nuisance of one standard deviation of the tolerance.
+By default the simulator scales the pull at rest over the gap. On a bench a stiffness is off because the pull falls off
+more or less steeply with the gap, and then the actuator gain varies otherwise with the gap, too. Of opposed magnets
+these terms cancel while the motion is small. Below a single magnet they make harmonics that stand far above the noise,
+so what one form has and the other has not is a nuisance of one standard deviation of the tolerance.
 """
 
 from collections.abc import Mapping

@@ -119,11 +119,11 @@ def entries(evidence: Evidence, belief: Belief = BELIEF) -> list[Entry]:
     rows.append(((UNKNOWN,), float(costs.min() - saved - foreign), 1.0, None))
     lacking = max(saved / scale[int(np.argmin(costs))], evidence.dispersion.beyond(excused) / belief.freedom)
     gain = 0.5 * belief.freedom * (np.log1p(lacking) + np.log1p(foreign / belief.freedom)) - belief.unknown_cost
-    # Something else may do what a hypothesis does only against the statements of the rig. As a difference of form does,
-    # those then count less the larger they are; and it is one cause among many, as a single effect is.
-    freely = logs + 0.5 * strain - 0.5 * belief.freedom * np.log1p(strain / belief.freedom)
-    freely -= [max(np.log(prior / priors[1]), 0.0) for _, _, prior, _ in rows[:-1]]
-    logs = np.append(logs, max(logs.max(), freely.max()) + gain)
+    # An unknown cause may do what a hypothesis does only with parameters far outside their stated tolerances. Its
+    # penalty then grows with the logarithm of the strain, and its prior is at most that of one single effect.
+    bent = logs + 0.5 * strain - 0.5 * belief.freedom * np.log1p(strain / belief.freedom)
+    bent -= [max(np.log(prior / priors[1]), 0.0) for _, _, prior, _ in rows[:-1]]
+    logs = np.append(logs, max(logs.max() + gain, bent.max() - belief.unknown_cost))
     weights = np.exp(logs - logs.max())
     weights /= weights.sum()
     found = [

@@ -7,6 +7,7 @@ import numpy as np
 import scipy.fft
 
 from estimation.lines.line_windows import KEPT, WIDTH
+from maglev_env.experiment import Experiment
 from maglev_env.kernel.replay import look_at_replays, replayed
 from maglev_env.kernel.simulate import Block
 from sim2real.recorded.channel_errors import ChannelError
@@ -129,13 +130,16 @@ def redriven(record: OpenRecord, amounts: Mapping[ChannelError, float]) -> OpenR
     return replace(record, command=command, waves={**record.waves, "current": current}, added=added)
 
 
-def open_noise(record: OpenRecord, loop: Loop, outputs: Sequence[str], predicted: np.ndarray | None) -> np.ndarray:
+def open_noise(
+    record: OpenRecord, loop: Loop, outputs: Sequence[str], predicted: np.ndarray | None, near: Experiment
+) -> np.ndarray:
     """Standard deviation (outputs, axes, n) of the coordinates' noise, E|n|^2 = sd^2.
 
     Args:
         predicted: series (3, axes, samples) of the simulation nearest to the record, as `simulated_series` gives them;
             None or nan where none stands: then the recorded series themselves are taken, and the noise comes out too
             large where the loop resonates.
+        near: the record's experiment on the rig of that simulation.
     """
     series = measured_series(record)
     series[2] -= record.added
@@ -147,9 +151,11 @@ def open_noise(record: OpenRecord, loop: Loop, outputs: Sequence[str], predicted
         a = tone.amplitude["opened"]
         residual[outputs.index("plant")] -= np.einsum("ca,cwl->awl", np.array([a.real, -a.imag]), columns)
     w, at = record.windows, outputs.index("plant")
-    directions, rank = ringing_directions(record)  # which are no noise, and would hide the noise of their neighbours
+    directions, rank = ringing_directions(record, near)
     residual[at] = w.lines(without(w.project(residual[at]), directions))
-    found = w.noise(residual, record.drives, _noise_shapes(loop, outputs), rank)
+    removed = np.zeros((len(outputs), 1, w.count))
+    removed[at] = rank
+    found = w.noise(residual, record.drives, _noise_shapes(loop, outputs), removed)
     # What a drive explains by chance is left out of that noise, and the force's own noise is part of the drive.
     return np.repeat(np.sqrt(np.maximum(found.variance, noise_of_force(record, loop, outputs))), KEPT, axis=-1)
 

@@ -6,21 +6,27 @@ window of lines most of it is a quadratic, which is projected out. Where a pole 
 is wide, as that of a rotor on springs with little damping, its lines ring far above the noise around them.
 """
 
+from dataclasses import replace
 from math import pi
 
 import numpy as np
 
 from estimation.lines.line_windows import KEPT, WIDTH
-from maglev_env.experiment import axis_experiment
+from maglev_env.experiment import Experiment, axis_experiment
 from maglev_env.linear.axis import linear_axis
+from maglev_env.loop.effect import EFFECTS
 from sim2real.recorded.open_loop import Loop
 from sim2real.recorded.open_record import OpenRecord
 
-NEAR = 2.5  # windows from a pole, within which its ringing is no quadratic of the line number
-SMALL = 0.02  # share of the clearest direction below which ringing is as good as one
+NEAR = 2.5  # windows from a pole, within which its ringing differs from a quadratic in the line number
+SMALL = 1e-3  # singular values below this share of what a pole does where it does most are taken as zero
+SAME = 1e-3  # relative distance within which two poles are one
+NEAREST = 1e-9  # distance of a pole without damping from a line, as seen from z = 0
 
 
-def ringing(record: OpenRecord, loop: Loop, outputs: tuple[str, ...], noise: np.ndarray) -> dict[str, np.ndarray]:
+def ringing(
+    record: OpenRecord, loop: Loop, outputs: tuple[str, ...], noise: np.ndarray, near: Experiment
+) -> dict[str, np.ndarray]:
     """Nuisances of one standard deviation, as columns (outputs, axes, n) by name.
 
     Args:
@@ -28,10 +34,11 @@ def ringing(record: OpenRecord, loop: Loop, outputs: tuple[str, ...], noise: np.
         loop: its nominal loop.
         outputs: that are compared.
         noise: standard deviation (outputs, axes, n) of the coordinates' noise.
+        near: the record's experiment on the rig of the simulation that is compared.
     """
     w, found, plant = record.windows, {}, outputs.index("plant")
     for axis in range(record.axes):
-        for pole in _poles(record, axis):
+        for pole in _poles(record, near, axis):
             size = _amplitude(record, loop, axis, noise[plant, axis], abs(pole))
             one, other = _rung(record, pole)
             for part, lines in (("cosine", one + other), ("sine", 1j * (one - other))):
@@ -43,8 +50,12 @@ def ringing(record: OpenRecord, loop: Loop, outputs: tuple[str, ...], noise: np.
     return found
 
 
-def ringing_directions(record: OpenRecord) -> tuple[np.ndarray, np.ndarray]:
+def ringing_directions(record: OpenRecord, near: Experiment) -> tuple[np.ndarray, np.ndarray]:
     """What ringing of any size adds to windows near the poles, beside all that the drives may explain there.
+
+    Args:
+        record: the record.
+        near: as for `ringing`.
 
     Returns:
         directions: (windows, KEPT, n), orthonormal or zero, the same along every axis.
@@ -52,16 +63,18 @@ def ringing_directions(record: OpenRecord) -> tuple[np.ndarray, np.ndarray]:
     """
     w, columns = record.windows, []
     spacing = w.sample_rate / w.samples
-    for pole in (pole for axis in range(record.axes) for pole in _poles(record, axis)):
-        near = abs(w.centre - abs(pole) / (2 * pi)) < NEAR * WIDTH * spacing
-        columns += [w.project(lines) * near[:, None] for lines in _rung(record, pole)]
+    for pole in (pole for axis in range(record.axes) for pole in _poles(record, near, axis)):
+        close = abs(w.centre - abs(pole) / (2 * pi)) < NEAR * WIDTH * spacing
+        both = [w.project(lines) * close[:, None] for lines in _rung(record, pole)]
+        size = max(np.linalg.norm(lines, axis=-1).max() for lines in both)
+        columns += [lines / size for lines in both] if size else []
     if not columns:
         return np.zeros((w.count, KEPT, 0), complex), np.zeros(w.count, int)
     rung = np.stack(columns, axis=-1)  # (windows, KEPT, n)
     driven = driven_directions(record)[0]
     rung = rung - driven @ (np.conj(np.swapaxes(driven, 1, 2)) @ rung)
     u, s, _ = np.linalg.svd(rung, full_matrices=False)
-    kept = s > SMALL * np.max(s, initial=0.0)
+    kept = s > SMALL
     return np.where(kept[:, None, :], u, 0.0), kept.sum(axis=1)
 
 
@@ -80,19 +93,25 @@ def without(coordinates: np.ndarray, directions: np.ndarray) -> np.ndarray:
     return coordinates - np.einsum("...wd,wkd->...wk", along, directions)
 
 
-def _poles(record: OpenRecord, axis: int) -> np.ndarray:
-    """Poles (1/s) of the nominal plant that lie nearer to the lines than a window is wide, of pairs the upper ones."""
-    w = record.windows
+def _poles(record: OpenRecord, near: Experiment, axis: int) -> list[complex]:
+    """Poles (1/s) that lie nearer to the lines than a window is wide, of pairs the upper ones: of the nominal plant, at
+    which the record is opened, and of the simulated one, with which the rotor swings."""
+    w, found = record.windows, []
     width = 2 * pi * WIDTH * w.sample_rate / w.samples
-    poles = np.linalg.eigvals(linear_axis(axis_experiment(record.experiment, axis)).rates)
-    return poles[(abs(poles.real) < width) & (poles.imag >= 0) & (abs(poles) > 0)]
+    linear = {name: values for name, values in near.effects.items() if EFFECTS[name].linear}
+    for e in (record.experiment, replace(near, effects=linear)):
+        poles = np.linalg.eigvals(linear_axis(axis_experiment(e, axis)).rates)
+        poles = poles[(abs(poles.real) < width) & (poles.imag >= 0) & (abs(poles) > 0)]
+        found += [p for p in poles if all(abs(p - other) > SAME * abs(p) for other in found)]
+    return found
 
 
 def _rung(record: OpenRecord, pole: complex) -> tuple[np.ndarray, np.ndarray]:
     """Lines (windows, WIDTH) of a pole and of its conjugate."""
     w = record.windows
     z = np.exp(2j * pi * w.frequency / w.sample_rate)
-    one, other = (z / (z - np.exp(p / w.sample_rate)) for p in (pole, np.conj(pole)))
+    off = [z - np.exp(p / w.sample_rate) for p in (pole, np.conj(pole))]
+    one, other = (z / np.where(abs(d) < NEAREST, NEAREST, d) for d in off)
     return one, other
 
 

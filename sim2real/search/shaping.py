@@ -29,7 +29,7 @@ def shaped(problem: Problem, unexplained: float, fits: Sequence[Fit], most: int)
     least = min((f.cost for f in fits), default=np.inf)
     enough = least + LEAST if least < 2.0 * problem.data.size else 0.0
     behind = least + WITHIN * (unexplained - least) if np.isfinite(unexplained) else 2.0 * least
-    able = [f for f in fits if enough <= f.cost <= behind and _free(f) != f.hypothesis.shaped]
+    able = [f for f in fits if enough <= f.cost <= behind and np.isfinite(f.cost) and _free(f) != f.hypothesis.shaped]
     tried = sorted(able, key=lambda f: f.cost)[:most]
     hypotheses = [replace(f.hypothesis, shaped=_free(f)) for f in tried]
     starts = [_extended(f, h.calibrated) for f, h in zip(tried, hypotheses, strict=True)]
@@ -48,7 +48,7 @@ def _free(fit: Fit) -> tuple[str, ...]:
 
 
 def _extended(fit: Fit, calibrated: Sequence[str]) -> np.ndarray:
-    """Coordinates of a fit, with those of more forms at the plain formula."""
+    """Coordinates of a fit, with those of more forms at the centre of their priors."""
     own = len(fit.hypothesis.coordinates)
     known = dict(zip(fit.hypothesis.calibrated, fit.u[own:], strict=True))
     return np.concatenate([fit.u[:own], [known.get(name, 0.0) for name in calibrated]])

@@ -136,10 +136,11 @@ def _(law: SingleSidedLaw, exponent: float, offset: float) -> SingleSidedLaw:
 
 
 @singledispatch
-def stretched(law: ForceLaw, factor: float) -> ForceLaw:
-    """A law whose pull at a displacement y is that of the given one at factor y: all distances are shorter by it.
+def with_distances_over(law: ForceLaw, factor: float) -> ForceLaw:
+    """A law whose pull at a displacement y is that of the given one at factor * y: all its distances are divided by the
+    factor.
 
-    At y = 0 the pull stays what it is, at every current; the stiffness is larger by the factor.
+    At y = 0 the pull stays what it is, at every current; the stiffness is multiplied by the factor.
     """
     magnet, coil, own = ((law.gap + more) / factor - law.gap for more in (law.magnet_gap, law.coil_gap, law.shift))
     return replace(
@@ -152,7 +153,7 @@ def stretched(law: ForceLaw, factor: float) -> ForceLaw:
     )
 
 
-@stretched.register
+@with_distances_over.register
 def _(law: SingleSidedLaw, factor: float) -> SingleSidedLaw:
     magnet, coil = ((law.gap + more) / factor - law.gap for more in (law.magnet_gap, law.coil_gap))
     other = replace(

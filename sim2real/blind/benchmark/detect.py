@@ -56,8 +56,8 @@ class Detector:
         self.recordings = [r for r in recordings if r.role == "fit"]
         self.names = ("displacement", "current") if with_current else ("displacement",)
         self.seed = seed
-        # A mean says something where a weight is known. Else the zeros of sensors and of amplifiers, and loads at
-        # rest, make it, of which no campaign states anything.
+        # Without a known weight, a mean depends on zero errors of sensors and amplifiers and on static loads, of which
+        # no campaign states anything.
         self.first_line = 0 if truth.rig.parameters["gravity"] else 1
 
     @cached_property

@@ -24,6 +24,17 @@ def test_white_noise_has_its_variance_whatever_runs_out_of_the_record():
     assert stats.kstest(middle, stats.f(2 * TERMS, 2 * noise.freedom[10]).cdf).pvalue > 1e-3
 
 
+def test_directions_that_were_taken_out_of_some_residuals_cost_freedom_there_alone():
+    windows, rng = line_windows(SAMPLES, RATE, (2.0, 400.0)), np.random.default_rng(2)
+    removed, found = np.array([np.full(windows.count, 2.0), np.zeros(windows.count)]), []
+    for _ in range(40):
+        lines = windows.project(windows.spectrum(rng.normal(size=(2, SAMPLES))))
+        lines[0, :, :2] = 0.0
+        drive = windows.spectrum(rng.normal(size=SAMPLES))
+        found.append(windows.noise(windows.lines(lines), drive, removed=removed).variance)
+    assert np.mean(found, axis=(0, 2)) == pytest.approx([4 / SAMPLES] * 2, rel=0.03)
+
+
 def test_what_a_smooth_response_explains_is_no_noise():
     windows, rng = line_windows(SAMPLES, RATE, (2.0, 400.0)), np.random.default_rng(1)
     drive, noise = rng.normal(size=SAMPLES), 0.01 * rng.normal(size=SAMPLES)

@@ -91,14 +91,14 @@ def test_calibration_and_changes_of_gain_and_stiffness_compose_with_another_law(
     assert_same(pulls(rig, changes, y, 1.2 * 1.3 * i), expected, 1e-9)  # the kernel's currents are calibrated
 
 
-@pytest.mark.parametrize("share", [-0.5, 0.4, 1.0])
-def test_a_change_of_stiffness_may_come_with_another_distance(raw, share):
+@pytest.mark.parametrize(("change", "share"), [(0.3, -0.5), (0.3, 0.4), (0.3, 1.0), (-0.25, 1.0)])
+def test_a_change_of_stiffness_may_come_with_another_distance(raw, change, share):
     """As the law says at a displacement that is larger by a factor, with the rest of the change at i = 0."""
     y, i = grid(raw)
-    y, factor, raw_force = 0.5 * y, 1.3**share, changed_law(raw, 0.0, 0.0)
-    expected = 1.3 / factor * raw_force(factor * y, 0.0 * i)
+    y, factor, raw_force = 0.5 * y, (1 + change) ** share, changed_law(raw, 0.0, 0.0)
+    expected = (1 + change) / factor * raw_force(factor * y, 0.0 * i)
     expected = expected + raw_force(factor * y, i) - raw_force(factor * y, 0.0 * i)
-    effects = effect("negative_stiffness", 0.3, gap=share)
+    effects = effect("negative_stiffness", change, distance_share=share)
     assert_same(pulls(raw, effects, y, i), expected, 1e-9)
     (law,) = lane_values([Experiment(raw, GAINS, (), effects=effects)]).laws
     gain, stiffness = linearise(force_law(raw))

@@ -5,13 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from maglev_env.rig.rig import load_rig
+from maglev_env.rig.rig import load_rig, with_parameters
 from sim2real.compared.open_tones import with_tones
 from sim2real.recorded.nuisances import Nuisances
 from sim2real.recorded.open_evidence import open_noise
 from sim2real.recorded.open_loop import nominal_loop
 from sim2real.recorded.records import read_records
-from sim2real.recorded.ringing import ringing
+from sim2real.recorded.ringing import ringing, ringing_directions
 
 SAMPLES, OUTPUTS = 8000, ("plant", "amplifier")
 
@@ -44,7 +44,7 @@ def swinging(record, phase):
 def test_how_a_mass_swings_on_springs_is_a_nuisance(record, phase):
     swing, decay, let_go = swinging(record, phase)
     noise = np.ones((2, 2, record.frequency.size))
-    columns = ringing(record, nominal_loop(record), OUTPUTS, noise)
+    columns = ringing(record, nominal_loop(record), OUTPUTS, noise, record.experiment)
     assert len(columns) == 4 and all(f"at {np.hypot(swing, decay) / (2 * np.pi):.4g} Hz" in name for name in columns)
     rung = np.zeros((2, 2, record.frequency.size), complex)
     rung[0, 1] = record.coordinates(let_go)
@@ -57,7 +57,7 @@ def test_how_a_mass_swings_on_springs_is_a_nuisance(record, phase):
 
 def test_ringing_is_as_large_as_noise_moves_the_loop(record):
     quiet, loud = (np.full((2, 2, record.frequency.size), size) for size in (1.0, 3.0))
-    one, three = (ringing(record, nominal_loop(record), OUTPUTS, noise) for noise in (quiet, loud))
+    one, three = (ringing(record, nominal_loop(record), OUTPUTS, noise, record.experiment) for noise in (quiet, loud))
     for name, column in one.items():
         assert np.allclose(three[name], 3 * column)
 
@@ -74,8 +74,20 @@ def test_ringing_neither_counts_as_noise_nor_hides_a_tone(record):
         return replace(record, series={**record.series, "displacement": displacement})
 
     loop = nominal_loop(record)
-    alone, rung = (open_noise(r, loop, OUTPUTS, None)[0, 0] for r in (record, with_more(1e-5 * let_go)))
+    both = record, with_more(1e-5 * let_go)
+    alone, rung = (open_noise(r, loop, OUTPUTS, None, record.experiment) for r in both)
     near = abs(record.frequency - swing / (2 * np.pi)) < 60.0
-    assert np.max(abs(np.log(rung[near] / alone[near]))) < 0.1
+    assert np.max(abs(np.log(rung[0, 0, near] / alone[0, 0, near]))) < 0.1
     (found,) = with_tones(with_more(1e-5 * let_go + tone)).tones
     assert found.frequency == pytest.approx(1.6 * swing / (2 * np.pi), rel=1e-3)
+
+
+def test_a_rig_with_another_stiffness_swings_at_another_frequency(record):
+    """Where the simulation is that of another rig, the rotor swings as it does there."""
+    e = record.experiment
+    stiffer = replace(e, rig=with_parameters(e.rig, {"support_stiffness": 1.1 * e.rig.support_stiffness}))
+    _, rank = ringing_directions(record, e)
+    _, more = ringing_directions(record, stiffer)
+    assert rank.max() >= 1 and more.max() > rank.max() and more.sum() > rank.sum()
+    names = ringing(record, nominal_loop(record), OUTPUTS, np.ones((2, 2, record.frequency.size)), stiffer)
+    assert len(names) == 8  # sine and cosine of two poles along two axes
