@@ -124,8 +124,8 @@ def serve() -> None:
 
 
 def first_experiment() -> None:
-    """Print the processor seconds, those of other processes included, that importing takes, and the first and the second
-    sweep experiment; and the seconds by the clock until the first is there."""
+    """Print the processor seconds, with those of other processes, of importing and of the first and the second sweep
+    experiment; and the seconds by the clock until the first is there."""
 
     def used() -> float:
         return sum(os.times()[:4])
