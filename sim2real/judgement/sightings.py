@@ -194,15 +194,17 @@ def _opened(
 
     Args:
         reading: its amplitude (axes,) in the closed loop.
-        opened: or its amplitude (axes,) where the loop has been opened already.
+        opened: or its amplitude (axes,) with the loop opened as at the nominal rig.
     """
     linear = {name: values for name, values in point.effects.items() if name not in NO_TANGENT}
     e = axis_experiment(experiment_at(record.experiment, replace(point, effects=linear)), 0)
     r = loop_response(e, np.array([frequency]))
-    if opened is not None:
-        size = float(np.linalg.norm(opened))
+    back = abs(1 + r.plant * r.controller)[0]
+    if opened is not None:  # as at the nominal rig
+        n = loop_response(axis_experiment(record.experiment, 0), np.array([frequency]))
+        size = float(np.linalg.norm(opened) * back / abs(1 + n.plant * n.controller)[0])
     else:
-        size = float(np.linalg.norm(reading)) * float(abs(1 + r.plant * r.controller)[0])
+        size = float(np.linalg.norm(reading) * back)
     return size, float(abs(r.receptance / r.sensitivity)[0])
 
 
