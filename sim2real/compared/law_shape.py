@@ -4,9 +4,14 @@ Gain and stiffness at rest are fitted; how both change along the motion follows 
 real pole has another one: exponential where the coil is long, nearer to a square where the gap is small. Harmonics and
 rectified steps would then tell gain and stiffness with an error that their noise does not know of, and an effect that
 happens to bend the pull would be named beside another gain. Of opposed magnets that cancels while the motion is small.
+
+The current at which a suspended mass rests is not known exactly either: every recording is balanced by the nominal law
+(`weight_law.balancing`), and offsets of a thousandth are anybody's. How gain and stiffness change between the place
+where that law rests and the true one would weigh the mass, to a hundredth of what scales can.
 """
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 
@@ -15,11 +20,14 @@ from maglev_env.loop.magnets.kinds import force_law
 from maglev_env.loop.magnets.law import ForceLaw, SingleSidedLaw, linearise, reshaped
 from maglev_env.rig.rig import Rig, axis_rig
 from sim2real.compared.simulated import TOLERANCE_EFFECTS, Point
+from sim2real.recorded.at_rest.static_evidence import can_rest
 from sim2real.recorded.open_record import OpenRecord
 
 # One standard deviation. From a square to an exponential of the same steepness are two of FORM, which doubles the
 # exponent of the distance and the distance itself; STEEPNESS is that of the change of the gain with the gap.
 FORM, STEEPNESS = 1.0, 0.1
+# One standard deviation of the current at rest, in that current.
+REST = 0.01
 # What keeps gain and stiffness; what a shape asks for ends at its bounds.
 SCALED = {name: EFFECTS[name].parameters["change"] for name in ("actuator_gain", "negative_stiffness")}
 
@@ -70,6 +78,16 @@ def law_shapes(rig: Rig, near: Point) -> Mapping[str, Point]:
         effects = {**near.effects, "force_law": bent, **same}
         found[name] = Point(effects, near.changes, near.dithered)
     return found
+
+
+def rest_current(record: OpenRecord, near: Point) -> Mapping[str, Point]:
+    """A point at which the mass of a balanced recording rests under another current, by the name of that nuisance."""
+    law = force_law(axis_rig(record.nominal, 0)) if record.nominal.controlled else None
+    if record.source is None or not isinstance(law, SingleSidedLaw) or not can_rest(record.nominal):
+        return {}
+    own = effect_value({**record.nominal.effects, **near.effects}, "actuator_offset", "current")
+    moved = {"current": own + REST * law.bias_current}
+    return {f"current at rest of {record.name}": replace(near, effects={**near.effects, "actuator_offset": moved})}
 
 
 def _possible(exponent: float, offset: float) -> bool:

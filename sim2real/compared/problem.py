@@ -10,7 +10,7 @@ from maglev_env.experiment import Experiment
 from maglev_env.loop.gains import NO_CONTROLLER
 from maglev_lanes.threads import single_blas
 from sim2real.compared.bench_noise import NO_BOUND, BenchNoise
-from sim2real.compared.law_shape import law_shapes, shape_columns, shows_shape
+from sim2real.compared.law_shape import law_shapes, rest_current, shape_columns, shows_shape
 from sim2real.compared.open_tones import nuisance_columns
 from sim2real.compared.simulated import (
     Point,
@@ -193,7 +193,7 @@ class Problem:
 
     def again(self, near: Point, louder: float = 1.0) -> "Problem":
         """The same lines, with the noise that a point leaves of records without a period, times a factor."""
-        return self._again(near, louder, self.errors)
+        return self.with_errors(near, self.errors, louder)
 
     def about(self, near: Point) -> "Problem":
         """As `again`, with the errors of measured drives about their most probable amounts at a point: the best basis
@@ -203,12 +203,13 @@ class Problem:
             if np.isfinite(predicted).all():
                 # A nuisance is what changes in the residual when an error is put right: an error is its negative.
                 amounts = self.nuisances.amounts(self.data - predicted)
-                moved = self._again(near, 1.0, {name: -a for name, a in amounts.items()})
+                moved = self.with_errors(near, {name: -a for name, a in amounts.items()})
                 if np.isfinite(moved.simulate([near])).all():  # else the rotor falls under the drive that is put right
                     return moved
         return self.again(near)
 
-    def _again(self, near: Point, louder: float, errors: Mapping[str, float]) -> "Problem":
+    def with_errors(self, near: Point, errors: Mapping[str, float], louder: float = 1.0) -> "Problem":
+        """As `again`, about these amounts of the errors of measured drives."""
         records, used = [p.record for p in self.parts], [p.used for p in self.parts]
         return assemble(records, used, near, self.static is not None, louder, self.bench, errors)
 
@@ -271,7 +272,7 @@ def _evidence(record: Record | OpenRecord, near: Point, amounts: Mapping[str, fl
                 nuisances[error.name] = np.where(np.isfinite(series).all(), change / SMALL, 0.0)
                 measured = measured - about.get(error, 0.0) * nuisances[error.name]
         if shows_shape(record):
-            shapes = law_shapes(record.nominal, near)
+            shapes = {**law_shapes(record.nominal, near), **rest_current(record, near)}
             moved = predicts(list(shapes.values()))
             nuisances |= shape_columns(at, dict(zip(shapes, moved, strict=True)))
     for tone in record.tones:
