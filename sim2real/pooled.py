@@ -7,6 +7,7 @@ together, where no force is recorded) has the interval that the tolerances leave
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from itertools import combinations
 
 import numpy as np
 from scipy import stats
@@ -29,6 +30,7 @@ from sim2real.recorded.at_rest.static_evidence import AT_REST, StaticEstimate, d
 from sim2real.recorded.open_record import OpenRecord
 from sim2real.recorded.records import Record
 from sim2real.search.fitting import Fit
+
 CLEAR = 3.0  # standard errors, for one coefficient alone, from which a recording disagrees with all of them
 SURELY = 2.0  # standard errors above the nominal damping from which an identified one counts as damping
 
@@ -86,11 +88,12 @@ def pooled(records: Sequence[Record | OpenRecord], progress: Callable[[str], Non
     if len(records) > 1:
         for record in records:
             progress(record.name)
-            of_each[record.name] = found = coefficients_of(rig, *fitted([record], fit))
-            disagreed = _disagreements(record.name, found, whole)
-            apart += disagreed.values()
-            scattered |= disagreed.keys()
+            of_each[record.name] = coefficients_of(rig, *fitted([record], fit))
         each = {c.name: [own for r in records for own in of_each[r.name] if own.name == c.name] for c in whole}
+        for record in records:
+            disagreed = _disagreements(record.name, of_each[record.name], whole)
+            scattered |= disagreed.keys()
+            apart += [text for name, text in disagreed.items() if _scatter(each[name])]
         whole = tuple(across_recordings(c, each[c.name]) if c.name in scattered else c for c in whole)
     if contradictions:
         whole = _reaching(whole, of_each[AT_REST])
@@ -201,6 +204,13 @@ def _reaching(moving: Sequence[Coefficient], resting: Sequence[Coefficient]) -> 
         other = next((r.value for r in resting if r.name == c.name), c.value)
         found.append(c.with_error(float(np.hypot(c.se, (other - c.value) / reach))))
     return tuple(found)
+
+
+def _scatter(each: Sequence[Coefficient]) -> bool:
+    """Whether recordings differ from each other in a coefficient, and not from the fit to all of them alone."""
+    told = [own for own in each if own.identified and own.se > 0]
+    limit = float(stats.norm.isf(stats.norm.sf(CLEAR) / max(len(told) * (len(told) - 1) // 2, 1)))
+    return any(abs(a.value - b.value) > limit * np.hypot(a.se, b.se) for a, b in combinations(told, 2))
 
 
 def _disagreements(name: str, own: Sequence[Coefficient], whole: Sequence[Coefficient]) -> dict[str, str]:

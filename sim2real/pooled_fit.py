@@ -1,4 +1,4 @@
-"""The fit of one rig to many recordings, repeated until noise and errors of a measured drive are those where it ends."""
+"""The fit of one rig to many recordings, repeated until noise and drives are those that it ends with."""
 
 from collections.abc import Sequence
 from dataclasses import replace

@@ -36,6 +36,7 @@ from sim2real.recorded.open_evidence import (
     parts_of,
     redriven,
     simulated_series,
+    smoothed_alike,
 )
 from sim2real.recorded.open_loop import Loop, loop_at, nominal_loop
 from sim2real.recorded.open_record import OpenRecord
@@ -271,6 +272,7 @@ def _evidence(record: Record | OpenRecord, near: Point, amounts: Mapping[str, fl
                 change = at - coordinates_of(moved, loop, opened.outputs, series)
                 nuisances[error.name] = np.where(np.isfinite(series).all(), change / SMALL, 0.0)
                 measured = measured - about.get(error, 0.0) * nuisances[error.name]
+            nuisances |= smoothed_alike(record, loop, opened.outputs, lanes, at)
         if shows_shape(record):
             shapes = {**law_shapes(record.nominal, near), **rest_current(record, near)}
             moved = predicts(list(shapes.values()))
