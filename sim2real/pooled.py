@@ -14,6 +14,7 @@ from scipy import stats
 
 from estimation.apparent_gain import ApparentGain
 from maglev_env.rig.rig import Rig
+from sim2real.axes_apart import along_both
 from sim2real.coefficients import (
     UNITS,
     Coefficient,
@@ -74,7 +75,7 @@ def pooled(records: Sequence[Record | OpenRecord], progress: Callable[[str], Non
     progress("all recordings")
     static = static_of(rig, [r.rests for r in records])
     problem, fit, others = fitted(records, rest=False)
-    whole = coefficients_of(rig, problem, fit, others)
+    whole, differ = along_both(rig, problem, fit, others)
     of_each, apart, scattered, contradictions = {}, [], set(), []
     if static is not None:
         of_each[AT_REST] = resting = _at_rest(rig, static)
@@ -88,7 +89,7 @@ def pooled(records: Sequence[Record | OpenRecord], progress: Callable[[str], Non
     if len(records) > 1:
         for record in records:
             progress(record.name)
-            of_each[record.name] = coefficients_of(rig, *fitted([record], fit))
+            of_each[record.name], _ = along_both(rig, *fitted([record], fit))
         each = {c.name: [own for r in records for own in of_each[r.name] if own.name == c.name] for c in whole}
         for record in records:
             disagreed = _disagreements(record.name, of_each[record.name], whole)
@@ -97,7 +98,7 @@ def pooled(records: Sequence[Record | OpenRecord], progress: Callable[[str], Non
         whole = tuple(across_recordings(c, each[c.name]) if c.name in scattered else c for c in whole)
     if contradictions:
         whole = _reaching(whole, of_each[AT_REST])
-    notes = tuple(filter(None, [exact_mass(records), None if static is None else drift_in_words(static)]))
+    notes = tuple(filter(None, [*differ, exact_mass(records), None if static is None else drift_in_words(static)]))
     progress("gain over frequency")
     over = _over_frequency(rig, static, whole, problem, fit)
     return Pooled(
