@@ -19,7 +19,7 @@ from sim2real.compared.simulated import Point
 from sim2real.search.fitting import Fit, begin, differentiate, iterate
 
 CLEAR = 3.0  # standard errors from which the axes differ
-STEPS = 6  # of a fit along one axis, which begins at that of both
+STEPS = 6  # of a fit of a part, which begins at that of all
 
 
 def along_both(
@@ -65,7 +65,15 @@ def _in_words(x: Coefficient, y: Coefficient) -> str:
 
 def _along(rig: Rig, problem: Problem, fit: Fit, axis: int) -> tuple[Coefficient, ...]:
     """Coefficients by what shows along one axis."""
-    own = (problem.axis == axis).astype(float)
+    own = problem.axis == axis
+    alone = fit_of_rows(problem, fit, own)
+    louder = np.sqrt(max(misfit(alone) / own.mean(), 1.0))
+    return tuple(c.with_error(c.se * float(louder)) for c in coefficients_of(rig, problem, alone, []))
+
+
+def fit_of_rows(problem: Problem, fit: Fit, rows: np.ndarray) -> Fit:
+    """A fit by a part of the data (K,), which begins at that of all; its residual is zero in the others."""
+    own = rows.astype(float)
 
     def simulate(points: Sequence[Point]) -> np.ndarray:
         return problem.simulate(points) * own
@@ -74,5 +82,4 @@ def _along(rig: Rig, problem: Problem, fit: Fit, axis: int) -> tuple[Coefficient
     (alone,) = begin([fit.hypothesis], [fit.u], data, simulate)
     iterate([alone], data, simulate, STEPS)
     differentiate([alone], data, simulate, True)
-    louder = np.sqrt(max(misfit(alone) / own.mean(), 1.0))
-    return tuple(c.with_error(c.se * float(louder)) for c in coefficients_of(rig, problem, alone, []))
+    return alone

@@ -26,6 +26,7 @@ from sim2real.coefficients import (
 )
 from sim2real.compared.problem import Problem, assemble
 from sim2real.gain_over_frequency import Mechanics, apparent_gain
+from sim2real.late_current import in_words, lateness, without_current
 from sim2real.pooled_fit import fitted
 from sim2real.recorded.at_rest.static_evidence import AT_REST, StaticEstimate, drift_in_words, static_of
 from sim2real.recorded.open_record import OpenRecord
@@ -75,6 +76,9 @@ def pooled(records: Sequence[Record | OpenRecord], progress: Callable[[str], Non
     progress("all recordings")
     static = static_of(rig, [r.rests for r in records])
     problem, fit, others = fitted(records, rest=False)
+    if (late := lateness(problem, fit)) is not None:
+        records = without_current(records)
+        problem, fit, others = fitted(records, rest=False)
     whole, differ = along_both(rig, problem, fit, others)
     of_each, apart, scattered, contradictions = {}, [], set(), []
     if static is not None:
@@ -98,7 +102,10 @@ def pooled(records: Sequence[Record | OpenRecord], progress: Callable[[str], Non
         whole = tuple(across_recordings(c, each[c.name]) if c.name in scattered else c for c in whole)
     if contradictions:
         whole = _reaching(whole, of_each[AT_REST])
-    notes = tuple(filter(None, [*differ, exact_mass(records), None if static is None else drift_in_words(static)]))
+    told_late = None if late is None else in_words(*late)
+    notes = tuple(
+        filter(None, [told_late, *differ, exact_mass(records), None if static is None else drift_in_words(static)])
+    )
     progress("gain over frequency")
     over = _over_frequency(rig, static, whole, problem, fit)
     return Pooled(

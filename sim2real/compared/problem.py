@@ -10,6 +10,7 @@ from maglev_env.experiment import Experiment
 from maglev_env.loop.gains import NO_CONTROLLER
 from maglev_lanes.threads import single_blas
 from sim2real.compared.bench_noise import NO_BOUND, BenchNoise
+from sim2real.compared.drive_errors import drive_columns
 from sim2real.compared.law_shape import law_shapes, rest_current, shape_columns, shows_shape
 from sim2real.compared.open_tones import nuisance_columns
 from sim2real.compared.simulated import (
@@ -26,7 +27,6 @@ from sim2real.recorded.at_rest.static_evidence import StaticEstimate, coefficien
 from sim2real.recorded.channel_errors import changes
 from sim2real.recorded.nuisances import Nuisances, stacked
 from sim2real.recorded.open_evidence import (
-    SMALL,
     Replay,
     coordinates_of,
     exact_errors,
@@ -266,11 +266,8 @@ def _evidence(record: Record | OpenRecord, near: Point, amounts: Mapping[str, fl
             others = tuple(e for e in record.errors if e not in measured_drive)
             lines = changes(others, record.windows.frequency, opened.outputs, parts_of(record, loop, predicted))
             nuisances |= {name: record.windows.project(c).reshape(measured.shape) for name, c in lines.items()}
+            nuisances |= drive_columns(as_read, predicts, lanes, near, about, at)
             for error in measured_drive:
-                moved = redriven(as_read, {**about, error: about.get(error, 0.0) + SMALL})
-                series = simulated_series(moved, lanes)[0]
-                change = at - coordinates_of(moved, loop, opened.outputs, series)
-                nuisances[error.name] = np.where(np.isfinite(series).all(), change / SMALL, 0.0)
                 measured = measured - about.get(error, 0.0) * nuisances[error.name]
             nuisances |= smoothed_alike(record, loop, opened.outputs, lanes, at)
         if shows_shape(record):
