@@ -23,15 +23,16 @@ POOR = 1.5  # misfit from which the displacement is fitted anew
 LEAST = 0.1  # samples that they differ by at least
 
 
-def lateness(problem: Problem, fit: Fit) -> tuple[float, float] | None:
-    """By how much more the current than the displacement says the command is late (s), and its standard error; None
-    where no current is compared whose time is not stated, or both agree."""
+def lateness(problem: Problem, fit: Fit) -> float | None:
+    """By how much more the current than the displacement says the command is late, s; None where no current is compared
+    whose time is not stated, or where both agree."""
     at = next((i for i, c in enumerate(fit.hypothesis.coordinates) if c.effect == "delay"), None)
     beside = [part.record for part in problem.parts if _beside_command(part.record)]
     if at is None or not beside:
         return None
     delay = fit.hypothesis.coordinates[at]
-    if misfit(fit) > POOR:
+    poor = misfit(fit) > POOR
+    if poor:
         # The noise is what a good simulation leaves, and this is none.
         _, moving, _ = fitted(without_current([part.record for part in problem.parts]))
     else:
@@ -40,7 +41,8 @@ def lateness(problem: Problem, fit: Fit) -> tuple[float, float] | None:
     own, se = delay.value(float(moving.u[at])), float(np.sqrt(moving.covariance()[at, at])) * (delay.scale or 1.0)
     later = delay.value(float(fit.u[at])) - own
     sample = max(1 / record.windows.sample_rate for record in beside)
-    return (later, se) if abs(later) > max(CLEAR * se, LEAST * sample) else None
+    clear = abs(later) > CLEAR * se or (poor and misfit(moving) < (1 + misfit(fit)) / 2)
+    return later if clear and abs(later) > LEAST * sample else None
 
 
 def without_current(records: Sequence[Record | OpenRecord]) -> list[Record | OpenRecord]:
@@ -48,9 +50,9 @@ def without_current(records: Sequence[Record | OpenRecord]) -> list[Record | Ope
     return [replace(r, series={"displacement": r.series["displacement"]}) if _beside_command(r) else r for r in records]
 
 
-def in_words(later: float, se: float) -> str:
+def in_words(later: float) -> str:
     return (
-        f"the current is not compared: it says that the command comes {later:.3g} +- {se:.2g} s later than the "
+        f"the current is not compared: it says that the command comes {later:.2g} s later than the "
         "displacement does. Its readings are late, or the displacement's are early; state delay and delay_tolerance "
         "of the current"
     )

@@ -102,7 +102,7 @@ def pooled(records: Sequence[Record | OpenRecord], progress: Callable[[str], Non
         whole = tuple(across_recordings(c, each[c.name]) if c.name in scattered else c for c in whole)
     if contradictions:
         whole = _reaching(whole, of_each[AT_REST])
-    told_late = None if late is None else in_words(*late)
+    told_late = None if late is None else in_words(late)
     notes = tuple(
         filter(None, [told_late, *differ, exact_mass(records), None if static is None else drift_in_words(static)])
     )
