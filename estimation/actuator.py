@@ -32,6 +32,15 @@ class ActuatorEstimate:
     cost_ratio: float
     discrepancy: float
 
+    def with_errors(self, gain: float, stiffness: float, damping: float) -> "ActuatorEstimate":
+        """The same with further, independent standard errors."""
+        return replace(
+            self,
+            gain_se=float(np.hypot(self.gain_se, gain)),
+            stiffness_se=float(np.hypot(self.stiffness_se, stiffness)),
+            damping_se=float(np.hypot(self.damping_se, damping)),
+        )
+
 
 def actuator_estimate(statistics: LineStatistics, mass: float) -> ActuatorEstimate:
     """Fit gain I = (k - m w^2 + j w c) Y over all lines of one record by errors-in-variables maximum likelihood.

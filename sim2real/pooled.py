@@ -7,13 +7,14 @@ together, where no force is recorded) has the interval that the tolerances leave
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from itertools import combinations
 
 import numpy as np
 from scipy import stats
 
 from estimation.apparent_gain import ApparentGain
-from maglev_env.loop.effect import meaningful
 from maglev_env.rig.rig import Rig
+from sim2real.axes_apart import along_both
 from sim2real.coefficients import (
     UNITS,
     Coefficient,
@@ -24,18 +25,14 @@ from sim2real.coefficients import (
     nominal_coefficient,
 )
 from sim2real.compared.problem import Problem, assemble
-from sim2real.compared.simulated import tolerances, unseen_by_all
 from sim2real.gain_over_frequency import Mechanics, apparent_gain
+from sim2real.late_current import in_words, lateness, without_current
+from sim2real.pooled_fit import fitted
 from sim2real.recorded.at_rest.static_evidence import AT_REST, StaticEstimate, drift_in_words, static_of
-from sim2real.recorded.not_stable import not_stable
-from sim2real.recorded.nuisances import Nuisances
 from sim2real.recorded.open_record import OpenRecord
 from sim2real.recorded.records import Record
-from sim2real.search.fitting import Fit, begin, differentiate, iterate
-from sim2real.search.hypotheses import REPLACED, Hypothesis
-from sim2real.search.valleys import held_at_nominal
+from sim2real.search.fitting import Fit
 
-MOST_STEPS = 20
 CLEAR = 3.0  # standard errors, for one coefficient alone, from which a recording disagrees with all of them
 SURELY = 2.0  # standard errors above the nominal damping from which an identified one counts as damping
 
@@ -78,14 +75,17 @@ def pooled(records: Sequence[Record | OpenRecord], progress: Callable[[str], Non
     rig = records[0].nominal
     progress("all recordings")
     static = static_of(rig, [r.rests for r in records])
-    problem, fit, others = _fitted(records, rest=False)
-    whole = coefficients_of(rig, problem, fit, others)
+    problem, fit, others = fitted(records, rest=False)
+    if (late := lateness(problem, fit)) is not None:
+        records = without_current(records)
+        problem, fit, others = fitted(records, rest=False)
+    whole, differ = along_both(rig, problem, fit, others)
     of_each, apart, scattered, contradictions = {}, [], set(), []
     if static is not None:
         of_each[AT_REST] = resting = _at_rest(rig, static)
         contradictions = _contradictions(whole, resting)
         if not contradictions:
-            joined = _fitted(records, fit, rest=True)
+            joined = fitted(records, fit, rest=True)
             joint = coefficients_of(rig, *joined)
             contradictions = _pulled(joint, resting)
             if not contradictions:
@@ -93,15 +93,19 @@ def pooled(records: Sequence[Record | OpenRecord], progress: Callable[[str], Non
     if len(records) > 1:
         for record in records:
             progress(record.name)
-            of_each[record.name] = found = coefficients_of(rig, *_fitted([record], fit))
-            disagreed = _disagreements(record.name, found, whole)
-            apart += disagreed.values()
-            scattered |= disagreed.keys()
+            of_each[record.name], _ = along_both(rig, *fitted([record], fit))
         each = {c.name: [own for r in records for own in of_each[r.name] if own.name == c.name] for c in whole}
+        for record in records:
+            disagreed = _disagreements(record.name, of_each[record.name], whole)
+            scattered |= disagreed.keys()
+            apart += [text for name, text in disagreed.items() if _scatter(each[name])]
         whole = tuple(across_recordings(c, each[c.name]) if c.name in scattered else c for c in whole)
     if contradictions:
         whole = _reaching(whole, of_each[AT_REST])
-    notes = tuple(filter(None, [exact_mass(records), None if static is None else drift_in_words(static)]))
+    told_late = None if late is None else in_words(late)
+    notes = tuple(
+        filter(None, [told_late, *differ, exact_mass(records), None if static is None else drift_in_words(static)])
+    )
     progress("gain over frequency")
     over = _over_frequency(rig, static, whole, problem, fit)
     return Pooled(
@@ -134,7 +138,7 @@ def _over_frequency(
     source = "identified" if "negative_stiffness" in told else "nominal"
     if static is not None and static.stiffness is not None:
         own = {c.name: c for c in _at_rest(rig, static)}
-        effects |= {name: {"change": c.change * np.sign(c.nominal)} for name, c in own.items()}
+        effects |= {name: {**effects.get(name, {}), "change": c.change * np.sign(c.nominal)} for name, c in own.items()}
         told, source = told | own, AT_REST
 
     def of(name: str) -> tuple[float, float]:
@@ -158,49 +162,6 @@ def _over_frequency(
     # The channels' errors about none, as the gain in bands is found with the drive as it was read.
     plain = assemble([p.record for p in problem.parts], [p.used for p in problem.parts], at, rest=False)
     return apparent_gain(plain, at, of("actuator_gain")[0], known)
-
-
-def _fitted(
-    records: Sequence[Record | OpenRecord], near: Fit | None = None, rest: bool = False
-) -> tuple[Problem, Fit, list[Fit]]:
-    """The problem, its fit, and the nominal rig and the start in the same problem."""
-    rig = records[0].nominal
-    hidden = unseen_by_all(records)
-    names = tuple(
-        name for name in (*UNITS, *_poles_left_out(rig)) if meaningful(name, rig.capabilities) and name not in hidden
-    )
-    allowed = {name: sigma for name, sigma in tolerances(rig).items() if name not in UNITS}
-    h = Hypothesis(names, allowed, scales=rig.scales)
-    u = np.zeros(h.size) if near is None else near.u
-    problem = assemble(records, near=None if near is None else h.point(near.u), rest=rest)
-    for _ in range(1 if near is not None else 2):
-        (fit,) = begin([h], [u], problem.data, problem.simulate)
-        if not np.isfinite(fit.cost):
-            apart = replace(problem, nuisances=Nuisances((), problem.nuisances.columns[:0]))  # else all are lost
-            (found,) = apart.simulate([h.point(u)])
-            lost = [p.record.name for p in problem.parts if not np.isfinite(found[p.place]).all()]
-            wrong = next(filter(None, (not_stable(r.experiment) for r in records if r.name in lost)), None)
-            why = wrong or "check gains, units and the sign of the displacement, or leave these recordings out"
-            raise ValueError(f"rig {rig.name}: the rotor touches down in the simulation of {', '.join(lost)}; {why}")
-        iterate([fit], problem.data, problem.simulate, MOST_STEPS)
-        u = fit.u
-        if any(isinstance(r, OpenRecord) for r in records):
-            problem = problem.about(h.point(u))  # their noise is what a good simulation leaves
-    starts = [np.zeros(h.size)] if near is None else [np.zeros(h.size), near.u]
-    fit, *others = begin([h] * (1 + len(starts)), [u, *starts], problem.data, problem.simulate)
-    differentiate([fit], problem.data, problem.simulate, True)
-    return problem, fit, [*others, *held_at_nominal(problem, fit)]
-
-
-def _poles_left_out(rig: Rig) -> tuple[str, ...]:
-    """Effects that stand for time constants of which the rig states neither a value nor that they are zero.
-
-    Every rig has these poles. One that its file leaves out is not known to be zero, and a fit without it would explain
-    its gain and phase by the other coefficients. It is fitted with them and shown only in their intervals.
-    """
-    return tuple(
-        effect for effect, name in REPLACED.items() if not getattr(rig, name) and rig.tolerance.get(name) != 0.0
-    )
 
 
 def _at_rest(rig: Rig, static: StaticEstimate) -> tuple[Coefficient, ...]:
@@ -251,6 +212,13 @@ def _reaching(moving: Sequence[Coefficient], resting: Sequence[Coefficient]) -> 
         other = next((r.value for r in resting if r.name == c.name), c.value)
         found.append(c.with_error(float(np.hypot(c.se, (other - c.value) / reach))))
     return tuple(found)
+
+
+def _scatter(each: Sequence[Coefficient]) -> bool:
+    """Whether recordings differ from each other in a coefficient, and not from the fit to all of them alone."""
+    told = [own for own in each if own.identified and own.se > 0]
+    limit = float(stats.norm.isf(stats.norm.sf(CLEAR) / max(len(told) * (len(told) - 1) // 2, 1)))
+    return any(abs(a.value - b.value) > limit * np.hypot(a.se, b.se) for a, b in combinations(told, 2))
 
 
 def _disagreements(name: str, own: Sequence[Coefficient], whole: Sequence[Coefficient]) -> dict[str, str]:

@@ -153,6 +153,15 @@ def with_gain_uncertainty(band: Band, share: float, mass: float) -> Band:
     return _widened(wide, "damping", share * abs(band.damping))
 
 
+def with_timing_uncertainty(band: Band, time: float, mass: float) -> Band:
+    """The band with its damping interval widened by a standard error (s) of when the force acts.
+
+    Of a force that comes late by t, the part (k - m w^2) y turns by w t, as that of a damping t (k - m w^2) does.
+    """
+    w = np.pi * (band.f_lo + band.f_hi)
+    return _widened(band, "damping", time * abs(band.stiffness - mass * w**2))
+
+
 def _widened(band: Band, name: str, se: float) -> Band:
     """The band with the interval and standard error of one coefficient widened by an independent standard error."""
     value, (low, high) = getattr(band, name), getattr(band, f"{name}_ci")

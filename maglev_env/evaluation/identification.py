@@ -17,8 +17,15 @@ from maglev_env.evaluation.bands import (
     band_layout,
     with_gain_uncertainty,
     with_mass_uncertainty,
+    with_timing_uncertainty,
 )
-from maglev_env.evaluation.known_chain import between_readings, coil_current, rotor_motion
+from maglev_env.evaluation.known_chain import (
+    between_both,
+    between_readings,
+    coil_current,
+    rotor_motion,
+    unknown_between,
+)
 from maglev_env.evaluation.stability import Stability, stability_of
 from maglev_env.linear.control_systems import python_control
 from maglev_env.presented import Presented, matplotlib_figure
@@ -30,7 +37,7 @@ if TYPE_CHECKING:
     import xarray as xr
     from matplotlib.figure import Figure
 
-_Magnets = tuple[ActuatorEstimate, LineStatistics, str]
+_Magnets = tuple[ActuatorEstimate, LineStatistics, str, float]  # the last: how far the current's time is unknown, s
 
 
 @dataclass(frozen=True, repr=False)
@@ -167,14 +174,19 @@ def identify(
         raise ValueError("stiffness and damping need the channel displacement")
     spectra = record_spectra(signals)
     statistics, force, dropped = spectra.all, spectra.force, spectra.transient_periods
-    actuator, magnets = None, None
+    actuator, magnets, unsure = None, None, 0.0
     if not force.lines.size or "force" not in force.channels:
         magnets = _through_magnets(signals, spectra, rig, mass, estimate_mass)
-        actuator, force, drive = magnets
+        actuator, force, drive, unsure = magnets
         notes.append(
             f"no force is excited and recorded: the {drive} stands for it, its actuator gain fitted to the mass; "
             "stiffness and damping are those of the rotor without its controller"
         )
+        if unsure:
+            notes.append(
+                "the rig states no amplifier_time_constant: how the current moves between its readings is not known, "
+                "which widens the intervals of the damping"
+            )
     else:
         force = rotor_motion(force, rig)
     if rig is not None and rig.sensor_time_constant:
@@ -211,6 +223,7 @@ def identify(
         bands = tuple(with_mass_uncertainty(b, modal.mass_se) for b in bands)
     if actuator:
         bands = tuple(with_gain_uncertainty(b, actuator.gain_se / abs(actuator.gain), mass) for b in bands)
+        bands = tuple(with_timing_uncertainty(b, unsure, mass) for b in bands)
     sure = [b for b in bands if b.informative]
     if sure and np.mean([b.damping_ci[1] < 0 for b in sure]) > 0.8:
         notes.append("damping is negative nearly everywhere: is the sign of force or displacement flipped?")
@@ -242,7 +255,7 @@ def _apparent_gain(
     if "current" not in spectra.all.channels:
         return None
     try:
-        actuator, force, _ = magnets or _through_magnets(signals, spectra, rig, mass, False)
+        actuator, force, *_ = magnets or _through_magnets(signals, spectra, rig, mass, False)
     except ValueError:  # nothing is injected, or too few lines are
         return None
     return periodic_gain(force, mass, actuator)
@@ -251,7 +264,8 @@ def _apparent_gain(
 def _through_magnets(
     signals: RecordedSignals, spectra: RecordSpectra, rig: Rig | None, mass: float | None, estimate_mass: bool
 ) -> _Magnets:
-    """The actuator, and the lines of an injection or reference with the current (else the command) as the force."""
+    """The actuator, the lines of an injection or reference with the current (else the command) as the force, which of
+    both it is, and the standard error of its time, s."""
     statistics = spectra.all
     lines = np.union1d(spectra.driven["current"], spectra.driven["reference"])
     drive = next((name for name in ("current", "command") if name in statistics.channels), None)
@@ -276,8 +290,16 @@ def _through_magnets(
     elif not hold_rate:
         excited = between_readings(excited, rig, signals.sample_rate)
     excited = rotor_motion(excited, rig)
-    actuator = actuator_estimate(excited, mass)
-    return actuator, as_force(excited, "current", actuator.gain), drive
+    rate = unknown_between(rig, signals.sample_rate) if drive == "current" and not hold_rate else None
+    if rate is None:
+        actuator = actuator_estimate(excited, mass)
+        return actuator, as_force(excited, "current", actuator.gain), drive, 0.0
+    excited, otherwise = between_both(excited, rate)
+    actuator, moved = actuator_estimate(excited, mass), actuator_estimate(otherwise, mass)
+    actuator = actuator.with_errors(
+        moved.gain - actuator.gain, moved.stiffness - actuator.stiffness, moved.damping - actuator.damping
+    )
+    return actuator, as_force(excited, "current", actuator.gain), drive, 12**-0.5 / rate
 
 
 def _crossing(bands: tuple[Band, ...], mass: float) -> tuple[float | None, float | None]:

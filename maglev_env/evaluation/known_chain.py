@@ -4,6 +4,7 @@ import numpy as np
 
 from estimation.lines.periods import LineStatistics, held, multiplied
 from maglev_env.experiment import Experiment
+from maglev_env.recordings.measurement_chain import lagless
 from maglev_env.rig.excitation import lines_at
 from maglev_env.rig.rig import Rig
 
@@ -42,6 +43,33 @@ def between_readings(statistics: LineStatistics, rig: Rig | None, sample_rate: f
     kept, z = np.exp(-1 / (sample_rate * lag)), np.exp(2j * np.pi * x)
     continuous = np.sinc(x) * np.exp(-1j * np.pi * x) / (1 + 2j * np.pi * statistics.frequency * lag)
     return multiplied(statistics, "current", continuous * (z - kept) / (1 - kept))
+
+
+def unknown_between(rig: Rig | None, sample_rate: float) -> float | None:
+    """Rate (Hz) at which a current may be held between its readings, where nothing is stated of its lag; else None.
+
+    A current that follows the command at once, and is read behind its step, is held for the control period that
+    follows: it acts half a period late. Read before the step, it was held for the period before. The readings of one
+    behind a long lag lie on straight lines, which act on time.
+
+    Args:
+        rig: one axis; its tolerance of 0 says that it has no lag.
+        sample_rate: of the readings, Hz.
+    """
+    if rig is None or rig.amplifier_time_constant or lagless(rig):
+        return None
+    return max(sample_rate, rig.control_rate)
+
+
+def between_both(statistics: LineStatistics, held_rate: float) -> tuple[LineStatistics, LineStatistics]:
+    """The channel "current" as in the middle of what `unknown_between` allows, and a standard deviation from there.
+
+    Lines of a held current are its readings' times sinc(x), half a period late or early; those of straight lines times
+    sinc(x)^2; with x = frequency / rate.
+    """
+    x = statistics.frequency / held_rate
+    middle = multiplied(statistics, "current", np.sinc(x) ** 1.5)
+    return middle, multiplied(middle, "current", np.sinc(x) ** -0.5 * np.exp(-1j * np.pi * x / 3**0.5))
 
 
 def force_statistics(statistics: LineStatistics, experiment: Experiment) -> LineStatistics:

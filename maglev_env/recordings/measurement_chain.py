@@ -10,6 +10,8 @@ from collections.abc import Sequence
 import numpy as np
 import scipy
 
+from maglev_env.rig.rig import Rig
+
 LARGEST_GAIN = 30.0  # of the correction: beyond it, a low-pass has left nothing but noise
 
 
@@ -57,3 +59,8 @@ def _sampled(frequency: np.ndarray, rate: float, corners: Sequence[float]) -> np
     chain = scipy.signal.zpk2ss([], [-c for c in corners], np.prod(corners))
     numerator, denominator = scipy.signal.ss2tf(*scipy.signal.cont2discrete(chain, 1 / rate)[:4])
     return scipy.signal.freqz(numerator[0], denominator, 2 * np.pi * frequency / rate)[1]
+
+
+def lagless(rig: Rig) -> bool:
+    """Whether a rig states that its amplifier has no lag. One that leaves the time constant out does not say so."""
+    return not rig.amplifier_time_constant and rig.tolerance.get("amplifier_time_constant") == 0.0

@@ -10,6 +10,7 @@ from maglev_env.loop.axes import AXES
 from maglev_env.recordings.campaign import Campaign, RecordingSpec
 from maglev_env.recordings.left_out import TellsNothing
 from maglev_env.recordings.masking import bridged, masked_periods, masked_samples
+from maglev_env.recordings.measurement_chain import lagless
 from maglev_env.recordings.spectra import RecordedSignals, axis_signals
 from maglev_env.rig.excitation import Excitation
 
@@ -129,9 +130,9 @@ def _hold(campaign: Campaign, spec: RecordingSpec) -> tuple[float | None, list[s
     if spec.intersample == "bl":
         return None, []
     if not at_force:
-        stepped = campaign.rig is not None and campaign.rig.controlled and not campaign.rig.amplifier_time_constant
+        stepped = campaign.rig is not None and campaign.rig.controlled and lagless(campaign.rig)
         stepped &= spec.samples_per_period is not None  # else the current drives a simulation, in straight lines
-        why = 'intersample is not stated: the rig\'s amplifier has no lag, so its current is taken as held ("zoh")'
+        why = 'intersample is not stated: the amplifier is stated to have no lag: its current is taken as held ("zoh")'
         return (rate, [why]) if stepped else (None, [])
     if campaign.rig is not None and designed:
         return rate, ['intersample is not stated: on a named rig a designed force is taken as held ("zoh")']

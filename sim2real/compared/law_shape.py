@@ -4,22 +4,31 @@ Gain and stiffness at rest are fitted; how both change along the motion follows 
 real pole has another one: exponential where the coil is long, nearer to a square where the gap is small. Harmonics and
 rectified steps would then tell gain and stiffness with an error that their noise does not know of, and an effect that
 happens to bend the pull would be named beside another gain. Of opposed magnets that cancels while the motion is small.
+
+The current at which a suspended mass rests is not known exactly either: every recording is balanced by the nominal law
+(`weight_law.balancing`), and offsets of a thousandth are anybody's. How gain and stiffness change between the place
+where that law rests and the true one would weigh the mass, to a hundredth of what scales can.
 """
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 
+from maglev_env.lane_values import shaped_law
 from maglev_env.loop.effect import EFFECTS, effect_value
 from maglev_env.loop.magnets.kinds import force_law
-from maglev_env.loop.magnets.law import ForceLaw, SingleSidedLaw, linearise, reshaped
+from maglev_env.loop.magnets.law import ForceLaw, SingleSidedLaw, linearise
 from maglev_env.rig.rig import Rig, axis_rig
 from sim2real.compared.simulated import TOLERANCE_EFFECTS, Point
+from sim2real.recorded.at_rest.static_evidence import can_rest
 from sim2real.recorded.open_record import OpenRecord
 
 # One standard deviation. From a square to an exponential of the same steepness are two of FORM, which doubles the
 # exponent of the distance and the distance itself; STEEPNESS is that of the change of the gain with the gap.
 FORM, STEEPNESS = 1.0, 0.1
+# One standard deviation of the current at rest, in that current.
+REST = 0.01
 # What keeps gain and stiffness; what a shape asks for ends at its bounds.
 SCALED = {name: EFFECTS[name].parameters["change"] for name in ("actuator_gain", "negative_stiffness")}
 
@@ -43,7 +52,7 @@ def law_shapes(rig: Rig, near: Point) -> Mapping[str, Point]:
     law = force_law(axis_rig(rig, 0))
     effects_here = {**rig.effects, **near.effects}
     exponent, offset = (effect_value(effects_here, "force_law", name) for name in ("exponent", "offset"))
-    here = reshaped(law, exponent, offset)
+    here = shaped_law(law, effects_here)
     power, distance = _pull(here)
     # The sign of what is unsure does not matter. Where a change leaves the range of the law, its opposite is taken.
     longer = max(power, 1.0) * FORM, FORM * distance / law.gap
@@ -62,14 +71,24 @@ def law_shapes(rig: Rig, near: Point) -> Mapping[str, Point]:
     found = {}
     for name, (more, further) in changes.items():
         bent = {"exponent": exponent + more, "offset": offset + further}
-        own = linearise(reshaped(law, bent["exponent"], bent["offset"]), centre)
-        same = {
-            scaled: {"change": min(max(held[scaled] * was / now - 1, bounds.low), bounds.high)}
-            for (scaled, bounds), was, now in zip(SCALED.items(), (gain, stiffness), own, strict=True)
-        }
+        own = linearise(shaped_law(law, {**effects_here, "force_law": bent}), centre)
+        same = {}
+        for (scaled, bounds), was, now in zip(SCALED.items(), (gain, stiffness), own, strict=True):
+            change = min(max(held[scaled] * was / now - 1, bounds.low), bounds.high)
+            same[scaled] = {**effects_here.get(scaled, {}), "change": change}
         effects = {**near.effects, "force_law": bent, **same}
         found[name] = Point(effects, near.changes, near.dithered)
     return found
+
+
+def rest_current(record: OpenRecord, near: Point) -> Mapping[str, Point]:
+    """A point at which the mass of a balanced recording rests under another current, by the name of that nuisance."""
+    law = force_law(axis_rig(record.nominal, 0)) if record.nominal.controlled else None
+    if record.source is None or not isinstance(law, SingleSidedLaw) or not can_rest(record.nominal):
+        return {}
+    own = effect_value({**record.nominal.effects, **near.effects}, "actuator_offset", "current")
+    moved = {"current": own + REST * law.bias_current}
+    return {f"current at rest of {record.name}": replace(near, effects={**near.effects, "actuator_offset": moved})}
 
 
 def _possible(exponent: float, offset: float) -> bool:

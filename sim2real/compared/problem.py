@@ -10,7 +10,8 @@ from maglev_env.experiment import Experiment
 from maglev_env.loop.gains import NO_CONTROLLER
 from maglev_lanes.threads import single_blas
 from sim2real.compared.bench_noise import NO_BOUND, BenchNoise
-from sim2real.compared.law_shape import law_shapes, shape_columns, shows_shape
+from sim2real.compared.drive_errors import drive_columns
+from sim2real.compared.law_shape import law_shapes, rest_current, shape_columns, shows_shape
 from sim2real.compared.open_tones import nuisance_columns
 from sim2real.compared.simulated import (
     Point,
@@ -26,7 +27,6 @@ from sim2real.recorded.at_rest.static_evidence import StaticEstimate, coefficien
 from sim2real.recorded.channel_errors import changes
 from sim2real.recorded.nuisances import Nuisances, stacked
 from sim2real.recorded.open_evidence import (
-    SMALL,
     Replay,
     coordinates_of,
     exact_errors,
@@ -36,6 +36,7 @@ from sim2real.recorded.open_evidence import (
     parts_of,
     redriven,
     simulated_series,
+    smoothed_alike,
 )
 from sim2real.recorded.open_loop import Loop, loop_at, nominal_loop
 from sim2real.recorded.open_record import OpenRecord
@@ -201,7 +202,7 @@ class Problem:
             louder: the factor.
             records: used in place of its own, for instance with other tones.
         """
-        return self._again(near, louder, self.errors, records)
+        return self.with_errors(near, self.errors, louder, records)
 
     def about(self, near: Point) -> "Problem":
         """As `again`, with the errors of measured drives about their most probable amounts at a point: the best basis
@@ -211,18 +212,19 @@ class Problem:
             if np.isfinite(predicted).all():
                 # A nuisance is what changes in the residual when an error is put right: an error is its negative.
                 amounts = self.nuisances.amounts(self.data - predicted)
-                moved = self._again(near, 1.0, {name: -a for name, a in amounts.items()})
+                moved = self.with_errors(near, {name: -a for name, a in amounts.items()})
                 if np.isfinite(moved.simulate([near])).all():  # else the rotor falls under the drive that is put right
                     return moved
         return self.again(near)
 
-    def _again(
+    def with_errors(
         self,
         near: Point,
-        louder: float,
         errors: Mapping[str, float],
+        louder: float = 1.0,
         records: Sequence[Record | OpenRecord] | None = None,
     ) -> "Problem":
+        """As `again`, about these amounts of the errors of measured drives."""
         records, used = records or [p.record for p in self.parts], [p.used for p in self.parts]
         return assemble(records, used, near, self.static is not None, louder, self.bench, errors)
 
@@ -280,14 +282,12 @@ def _evidence(record: Record | OpenRecord, near: Point, amounts: Mapping[str, fl
             others = tuple(e for e in record.errors if e not in measured_drive)
             lines = changes(others, record.windows.frequency, opened.outputs, parts_of(record, loop, predicted))
             nuisances |= {name: record.windows.project(c).reshape(measured.shape) for name, c in lines.items()}
+            nuisances |= drive_columns(as_read, predicts, lanes, near, about, at)
             for error in measured_drive:
-                moved = redriven(as_read, {**about, error: about.get(error, 0.0) + SMALL})
-                series = simulated_series(moved, lanes)[0]
-                change = at - coordinates_of(moved, loop, opened.outputs, series)
-                nuisances[error.name] = np.where(np.isfinite(series).all(), change / SMALL, 0.0)
                 measured = measured - about.get(error, 0.0) * nuisances[error.name]
+            nuisances |= smoothed_alike(record, loop, opened.outputs, lanes, at)
         if shows_shape(record):
-            shapes = law_shapes(record.nominal, near)
+            shapes = {**law_shapes(record.nominal, near), **rest_current(record, near)}
             moved = predicts(list(shapes.values()))
             nuisances |= shape_columns(at, dict(zip(shapes, moved, strict=True)))
     for tone in record.tones:

@@ -119,15 +119,67 @@ def redriven(record: OpenRecord, amounts: Mapping[ChannelError, float]) -> OpenR
     amount of its standard deviation; what its readings contribute to the command stays as it is."""
     command, current, added = record.command.copy(), record.waves["current"].copy(), record.added.copy()
     n = command.shape[1]
-    frequency = np.fft.rfftfreq(2 * n, 1 / record.windows.sample_rate)
     for error, amount in amounts.items():
-        own = record.command[error.axis]
-        whole = np.concatenate([own, own[::-1]])  # continuous at both ends
-        change = np.asarray(scipy.fft.irfft(scipy.fft.rfft(whole) * (amount * error.factor(frequency)), 2 * n))[:n]
+        change = _with_factor(record.command[error.axis], amount * error.factor(_frequencies(record, n)))
         current[error.axis] += np.interp(np.arange(n * record.every) / record.every, np.arange(n), change)
         added[error.axis] += change
         command[error.axis] += change
     return replace(record, command=command, waves={**record.waves, "current": current}, added=added)
+
+
+def smoothed_alike(
+    record: OpenRecord, loop: Loop, outputs: Sequence[str], lanes: list[Block], at: np.ndarray
+) -> dict[str, np.ndarray]:
+    """What a filter of the whole log may change, which smooths its drive and its displacement alike.
+
+    A linear rig makes the smoothed displacement of the smoothed drive. The magnets' pull by squares of current and
+    displacement is not that of the smoothed ones: short peaks of the current, which stiffen a pair, are not in the log.
+    The rig is simulated under the drive before the filter, and what it makes is filtered.
+
+    Args:
+        lanes: prepared ones of the point of comparison.
+        at: coordinates (outputs, axes, n) there.
+
+    Returns:
+        Name -> change of the coordinates (outputs, axes, n) for one standard deviation of what is not known of the
+        drive between its samples; none where that is held or stated.
+    """
+    found = {}
+    shapes = {e.order: e for e in record.errors if e.shape and e.channel == record.source}
+    for order, error in shapes.items():
+        # Of this sign the filter's inverse is at least 1 at every frequency.
+        sharper = replace(error, shape=SMALL * error.shape * (-1.0 if order % 4 == 2 else 1.0))
+        waves = {**record.waves, "current": _sharpened(record, record.waves["current"], sharper)}
+        series = simulated_series(replace(record, waves=waves), lanes)[0]
+        if np.isfinite(series).all():
+            change = coordinates_of(record, loop, outputs, _filtered(record, series, sharper)) - at
+            found[f"filter of the log (order {order})"] = change / SMALL
+    return found
+
+
+def _sharpened(record: OpenRecord, wave: np.ndarray, error: ChannelError) -> np.ndarray:
+    """A wave (axes, samples * every) with an error's factor on what it is at the recorded samples."""
+    own = wave[:, :: record.every]
+    change = _with_factor(own, error.factor(_frequencies(record, own.shape[1])))
+    fine = np.arange(wave.shape[1]) / record.every
+    return wave + np.array([np.interp(fine, np.arange(own.shape[1]), c) for c in change])
+
+
+def _filtered(record: OpenRecord, series: np.ndarray, error: ChannelError) -> np.ndarray:
+    """Series (..., samples) behind the filter that an error's factor undoes."""
+    return _with_factor(series, 1 / (1 + error.factor(_frequencies(record, series.shape[-1]))))
+
+
+def _frequencies(record: OpenRecord, samples: int) -> np.ndarray:
+    """Those of a series that is continued by its mirror image, Hz."""
+    return np.fft.rfftfreq(2 * samples, 1 / record.windows.sample_rate)
+
+
+def _with_factor(series: np.ndarray, factor: np.ndarray) -> np.ndarray:
+    """Series (..., samples) times a factor (samples + 1,) on their spectrum; both ends are continuous."""
+    n = series.shape[-1]
+    whole = np.concatenate([series, series[..., ::-1]], axis=-1)
+    return np.asarray(scipy.fft.irfft(np.asarray(scipy.fft.rfft(whole, axis=-1)) * factor, 2 * n, axis=-1))[..., :n]
 
 
 def open_noise(

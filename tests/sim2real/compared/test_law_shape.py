@@ -39,3 +39,10 @@ def test_a_shape_leaves_gain_and_stiffness_within_their_tolerances_where_they_ar
         assert point.changes == changes
         beside = law_shapes(rig, Point({"actuator_gain": {"change": 0.3}}, changes))[name]
         assert beside.effects["actuator_gain"]["change"] == pytest.approx(0.3), "the effect stands for its tolerance"
+
+
+def test_the_form_of_a_stiffness_stays_beside_every_shape_of_the_law():
+    rig = rig_from_toml(BALL, "ball.toml")
+    near = Point({"negative_stiffness": {"change": 0.3, "distance_share": 1.0}}, {})
+    for point in law_shapes(rig, near).values():
+        assert point.effects["negative_stiffness"]["distance_share"] == 1.0

@@ -1,0 +1,85 @@
+"""Coefficients of a rig with two axes that are not the same along both.
+
+One fit moves a coefficient of both axes by the same share. Where the axes differ by more than noise, what comes out
+lies somewhere between them, with the standard error of a quantity that does not exist. So each axis is also fitted by
+what shows along it alone. Where these fits differ, all coefficients are theirs.
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from scipy import stats
+
+from maglev_env.loop.axes import AXES
+from maglev_env.rig.rig import Rig
+from sim2real.coefficients import Coefficient, coefficients_of, misfit
+from sim2real.compared.problem import Problem
+from sim2real.compared.simulated import Point
+from sim2real.search.fitting import Fit, begin, differentiate, iterate
+
+CLEAR = 3.0  # standard errors from which the axes differ
+STEPS = 6  # of a fit of a part, which begins at that of all
+
+
+def along_both(
+    rig: Rig, problem: Problem, fit: Fit, others: Sequence[Fit]
+) -> tuple[tuple[Coefficient, ...], tuple[str, ...]]:
+    """Coefficients of a fit (see `coefficients_of`), and a sentence about each that differs between two axes."""
+    whole = coefficients_of(rig, problem, fit, others)
+    if rig.axes == 1:
+        return whole, ()
+    x, y = (_along(rig, problem, fit, axis) for axis in range(rig.axes))
+    told = [a.identified and b.identified for a, b in zip(x, y, strict=True)]
+    apart = [sure and _apart(a, b) for a, b, sure in zip(x, y, told, strict=True)]
+    if not any(apart):
+        return whole, ()
+    found = tuple(_of_both(a, b) if sure else c for c, a, b, sure in zip(whole, x, y, told, strict=True))
+    said = [_in_words(a, b) for a, b, differ in zip(x, y, apart, strict=True) if differ]
+    return found, tuple(said)
+
+
+def _apart(x: Coefficient, y: Coefficient) -> bool:
+    return abs(x.value - y.value) > CLEAR * float(np.hypot(x.se, y.se))
+
+
+def _of_both(x: Coefficient, y: Coefficient) -> Coefficient:
+    """One coefficient for two axes: the mean where they agree, else the middle, whose interval reaches both."""
+    if _apart(x, y):
+        reach = float(stats.norm.isf(0.025))
+        return replace(x, value=(x.value + y.value) / 2).with_error(
+            abs(x.value - y.value) / 2 / reach + max(x.se, y.se)
+        )
+    weights = np.array([x.se, y.se]) ** -2.0 if x.se > 0 and y.se > 0 else np.ones(2)
+    value = float(weights @ [x.value, y.value] / weights.sum())
+    return replace(x, value=value).with_error(float(max(x.se, y.se) / 2**0.5))
+
+
+def _in_words(x: Coefficient, y: Coefficient) -> str:
+    shown = " and ".join(f"{c.value:.4g} +- {c.se:.2g} along {n}" for c, n in zip((x, y), AXES, strict=True))
+    return (
+        f"{x.name.replace('_', ' ')} is {shown} ({x.unit}): no value holds for both axes, and the interval "
+        "reaches both; state what differs in [axis.x] and [axis.y] of the rig"
+    )
+
+
+def _along(rig: Rig, problem: Problem, fit: Fit, axis: int) -> tuple[Coefficient, ...]:
+    """Coefficients by what shows along one axis."""
+    own = problem.axis == axis
+    alone = fit_of_rows(problem, fit, own)
+    louder = np.sqrt(max(misfit(alone) / own.mean(), 1.0))
+    return tuple(c.with_error(c.se * float(louder)) for c in coefficients_of(rig, problem, alone, []))
+
+
+def fit_of_rows(problem: Problem, fit: Fit, rows: np.ndarray) -> Fit:
+    """A fit by a part of the data (K,), which begins at that of all; its residual is zero in the others."""
+    own = rows.astype(float)
+
+    def simulate(points: Sequence[Point]) -> np.ndarray:
+        return problem.simulate(points) * own
+
+    data = problem.data * own
+    (alone,) = begin([fit.hypothesis], [fit.u], data, simulate)
+    iterate([alone], data, simulate, STEPS)
+    differentiate([alone], data, simulate, True)
+    return alone

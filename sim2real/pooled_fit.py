@@ -1,0 +1,106 @@
+"""The fit of one rig to many recordings, repeated until noise and drives are those that it ends with."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from maglev_env.loop.effect import meaningful
+from maglev_env.rig.rig import Rig
+from sim2real.coefficients import UNITS
+from sim2real.compared.problem import Problem, assemble
+from sim2real.compared.simulated import tolerances, unseen_by_all
+from sim2real.recorded.not_stable import not_stable
+from sim2real.recorded.nuisances import Nuisances
+from sim2real.recorded.open_evidence import exact_errors
+from sim2real.recorded.open_record import OpenRecord
+from sim2real.recorded.records import Record
+from sim2real.search.fitting import Fit, begin, differentiate, iterate
+from sim2real.search.hypotheses import REPLACED, Hypothesis
+from sim2real.search.valleys import held_at_nominal
+
+MOST_STEPS = 20  # of one pass
+PASSES, MOST_PASSES = 2, 8  # of the fit to recordings without a period
+SETTLED = 0.3  # standard deviations that a coordinate may move in the last pass
+
+
+def fitted(
+    records: Sequence[Record | OpenRecord], near: Fit | None = None, rest: bool = False
+) -> tuple[Problem, Fit, list[Fit]]:
+    """The problem, its fit, and the nominal rig and the start in the same problem.
+
+    Args:
+        records: of one campaign.
+        near: a fit of the same rig to begin with.
+        rest: whether the means of a mass at rest are used.
+
+    Raises:
+        ValueError: the rotor touches down in the simulation with the parameters of the start.
+    """
+    rig = records[0].nominal
+    hidden = unseen_by_all(records)
+    names = tuple(
+        name for name in (*UNITS, *_poles_left_out(rig)) if meaningful(name, rig.capabilities) and name not in hidden
+    )
+    allowed = {name: sigma for name, sigma in tolerances(rig).items() if name not in UNITS}
+    h = Hypothesis(names, allowed, scales=rig.scales)
+    u = np.zeros(h.size) if near is None else near.u
+    problem = assemble(records, near=None if near is None else h.point(near.u), rest=rest)
+    least = PASSES if near is None else 1
+    opened = any(isinstance(r, OpenRecord) for r in records)
+    for count in range(1, (MOST_PASSES if opened else least) + 1):
+        (fit,) = begin([h], [u], problem.data, problem.simulate)
+        if not np.isfinite(fit.cost):
+            raise ValueError(_lost(rig, records, problem, h, u))
+        iterate([fit], problem.data, problem.simulate, MOST_STEPS)
+        before, u = u, fit.u
+        if opened:
+            problem, u = _about(problem, h, u)
+        moved = np.abs(u - before) / np.sqrt(np.maximum(np.diag(fit.covariance()), 1e-300))
+        if count >= least and (moved < SETTLED).all():
+            break
+    starts = [np.zeros(h.size)] if near is None else [np.zeros(h.size), near.u]
+    fit, *others = begin([h] * (1 + len(starts)), [u, *starts], problem.data, problem.simulate)
+    differentiate([fit], problem.data, problem.simulate, True)
+    return problem, fit, [*others, *held_at_nominal(problem, fit)]
+
+
+def _about(problem: Problem, h: Hypothesis, u: np.ndarray) -> tuple[Problem, np.ndarray]:
+    """The problem with the noise that a good simulation leaves and the errors of drives as they come out at a point,
+    and coordinates (size,) of a point that explains the same with a smaller error.
+
+    Where the measured current drives every recording, its scale only multiplies the actuator's gain. Linearised, the
+    scale leaves that valley after a short step, so a fit that once went far along it would return in many passes only.
+    """
+    moved, records = problem.about(h.point(u)), [part.record for part in problem.parts]
+    drives = [[e for e in exact_errors(r) if e.scale] if isinstance(r, OpenRecord) else [] for r in records]
+    scales = {e.name: e.scale for own in drives for e in own}
+    if not scales or not all(drives):
+        return moved, u
+    common = float(np.mean([moved.errors.get(name, 0.0) * scale for name, scale in scales.items()]))
+    at = next(i for i, c in enumerate(h.coordinates) if c.effect == "actuator_gain")
+    gain, same = h.coordinates[at], np.array(u)
+    same[at] = gain.at((1 + gain.value(float(u[at]))) * (1 + common) - 1)
+    errors = {name: moved.errors.get(name, 0.0) - common / scale for name, scale in scales.items()}
+    return moved.with_errors(h.point(same), {**moved.errors, **errors}), same
+
+
+def _lost(rig: Rig, records: Sequence[Record | OpenRecord], problem: Problem, h: Hypothesis, u: np.ndarray) -> str:
+    """What is said where the rotor touches down."""
+    apart = replace(problem, nuisances=Nuisances((), problem.nuisances.columns[:0]))  # else all are lost
+    (found,) = apart.simulate([h.point(u)])
+    lost = [p.record.name for p in problem.parts if not np.isfinite(found[p.place]).all()]
+    wrong = next(filter(None, (not_stable(r.experiment) for r in records if r.name in lost)), None)
+    why = wrong or "check gains, units and the sign of the displacement, or leave these recordings out"
+    return f"rig {rig.name}: the rotor touches down in the simulation of {', '.join(lost)}; {why}"
+
+
+def _poles_left_out(rig: Rig) -> tuple[str, ...]:
+    """Effects that stand for time constants of which the rig states neither a value nor that they are zero.
+
+    Every rig has these poles. One that its file leaves out is not known to be zero, and a fit without it would explain
+    its gain and phase by the other coefficients. It is fitted with them and shown only in their intervals.
+    """
+    return tuple(
+        effect for effect, name in REPLACED.items() if not getattr(rig, name) and rig.tolerance.get(name) != 0.0
+    )

@@ -1,0 +1,98 @@
+"""Where the fit of one rig to many recordings ends: not in a valley, and not with a mass that nobody weighed."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import ball_bench
+import bench_loop
+import numpy as np
+import pytest
+
+from maglev_env.recordings.campaign import load_campaign
+from maglev_env.rig.rig import rig_from_toml
+from sim2real import pooled_fit
+from sim2real.coefficients import Coefficient
+from sim2real.compared.problem import assemble
+from sim2real.compared.simulated import Point
+from sim2real.pooled import _scatter
+from sim2real.recorded.open_evidence import coordinates_of, simulated_series, smoothed_alike
+from sim2real.recorded.open_loop import loop_at
+from sim2real.recorded.records import read_records
+
+
+def _current_alone(folder: Path, noise: float = 1e-4):
+    """The records of a campaign whose controller is not known and whose meter has this noise, A."""
+    lines = (folder / "campaign.toml").read_text().splitlines()
+    kept = [line for line in lines if not line.startswith(("gains", "controller", "command"))]
+    (folder / "campaign.toml").write_text("\n".join(kept))
+    campaign = load_campaign(folder)
+    rig = replace(campaign.rig, noise=replace(campaign.rig.noise, current=noise))
+    return read_records(replace(campaign, rig=rig))[1]
+
+
+@pytest.mark.slow
+def test_a_scale_of_the_current_that_a_fit_went_far_along_is_given_back_to_the_gain(tmp_path):
+    bench = bench_loop.Bench(gain=0.05, current_noise=0.0)
+    records = _current_alone(bench_loop.write_campaign(tmp_path, bench, {"noise": "fit"}, 0.8, 5))
+    problem, fit, _ = pooled_fit.fitted(records)
+    h = fit.hypothesis
+    at = next(i for i, c in enumerate(h.coordinates) if c.effect == "actuator_gain")
+    gain = h.coordinates[at]
+    whole = 1 + gain.value(float(fit.u[at]))
+    assert whole == pytest.approx(1.05, abs=0.002)
+    # The same force by a current of 6 % more and a gain of 6 % less: six tolerances of the scale.
+    astray = fit.u.copy()
+    astray[at] = gain.at(whole / 1.06 - 1)
+    far = problem.with_errors(h.point(astray), {**problem.errors, "scale of current": 6.0})
+    back, u = pooled_fit._about(far, h, astray)
+    assert abs(back.errors["scale of current"]) < 1e-9
+    assert 1 + gain.value(float(u[at])) == pytest.approx(whole, abs=0.003)
+
+
+@pytest.mark.slow
+def test_where_a_ball_rests_does_not_weigh_it(tmp_path):
+    """A sweep of a sixth of the gap: how gain and stiffness change along it told the mass to a hundredth of 0.2 %."""
+    rig = rig_from_toml(ball_bench.BALL, "ball")
+    t = np.arange(4000) / rig.control_rate
+    reference = 0.8e-3 * np.sin(2 * np.pi * (0.5 * t + 2.4 * t**2))
+    run = ball_bench.record(rig, 4.0, 1, reference=reference, noise=(4e-6, 2e-4)) | {"reference": reference}
+    text = (
+        ball_bench.BALL + "\n[tolerance]\nmass = 0.002\n" if "[tolerance]" not in ball_bench.BALL else ball_bench.BALL
+    )
+    ball_bench.write_campaign(tmp_path, text, "", {"chirp": run}, ("displacement", "current", "reference"))
+    records = _current_alone(tmp_path, 2e-4)
+    _, fit, _ = pooled_fit.fitted(records)
+    h = fit.hypothesis
+    assert "mass" in h.calibrated
+    mass = len(h.coordinates) + h.calibrated.index("mass")
+    assert np.sqrt(fit.covariance()[mass, mass]) > 0.8
+
+
+@pytest.mark.slow
+def test_a_filter_of_the_whole_log_changes_only_what_the_law_bends(tmp_path):
+    records = _current_alone(bench_loop.write_campaign(tmp_path, bench_loop.Bench(), {"chirp": "fit"}, 1.5, 5))
+    (record,) = records
+
+    def shares(times: float) -> list[float]:
+        own = replace(
+            record, waves={**record.waves, "current": times * record.waves["current"]}, added=times * record.added
+        )
+        (part,) = assemble([own]).parts
+        loop = loop_at(own, own.experiment)
+        lanes = part.predictor.lanes([Point({}, {})])
+        outputs = part.opened.outputs
+        at = coordinates_of(own, loop, outputs, simulated_series(own, lanes)[0])
+        found = smoothed_alike(own, loop, outputs, lanes, at)
+        assert len(found) == 3
+        return [float(np.linalg.norm(c) / np.linalg.norm(at)) for c in found.values()]
+
+    large, small = np.array(shares(1.0)), np.array(shares(0.1))
+    assert (small < 0.1 * large).all()  # in proportion to the square of the motion
+
+
+def test_recordings_that_agree_are_not_said_to_disagree():
+    def told(*values):
+        return [Coefficient("actuator_gain", "N/A", v, 2.0, 180.0, True) for v in values]
+
+    assert not _scatter(told(183.0, 183.5, 182.8))  # whatever all of them together gave
+    assert _scatter(told(183.0, 183.5, 196.0))
