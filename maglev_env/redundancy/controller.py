@@ -79,7 +79,7 @@ def applies(view: View) -> bool:
     if limited_in(view, view.gains):
         if not at_control_rate(view):
             return False
-    elif cut_off(view.channels["command"]):
+    elif "command" in view.railed or cut_off(view.channels["command"]):
         return False
     added = any(name in view.recorded and np.ptp(view.channels[name]) > 0 for name in ("injection", "reference"))
     return view.periodic or (added and at_control_rate(view))
