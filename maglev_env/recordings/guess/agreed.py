@@ -11,6 +11,7 @@ from maglev_env.recordings.guess.evidence import LIKELY
 from maglev_env.recordings.guess.recording import RecordingGuess, in_another_unit, other_way_round
 from maglev_env.recordings.guess.suspended import DIRECTION
 
+_SAME_GAIN = 0.03  # relative difference of gains that were fitted to two files of one controller
 AGREED = frozenset(MEASURED) | {"reference", "injection", "voltage"}  # the clock is each file's own, and so is its unit
 
 
@@ -103,7 +104,35 @@ def agreed(guesses: Sequence[RecordingGuess]) -> list[RecordingGuess]:
         )
         known = other_way_round(known) if changed < 0 else known
         found.append(in_another_unit(known, abs(changed)) if abs(changed) != 1 else known)
+    found = one_controller(found)
     return [_perhaps_the_same_controller(guess, found) for guess in found]
+
+
+def one_controller(guesses: Sequence[RecordingGuess]) -> list[RecordingGuess]:
+    """The guesses with one set of gains in all files whose sets differ by no more than their fits may.
+
+    Of the sets with all parts that any file shows the most certain one is taken; rest does not show an integral part.
+
+    Args:
+        guesses: one for each file.
+    """
+    shown = sorted(
+        (g for g in guesses if g.gains), key=lambda g: (not g.gains["ki"], not g.gains["kd"], -g.controller.confidence)
+    )
+    found = []
+    for guess in guesses:
+        like = next((g for g in shown if guess.gains and _alike(g.gains, guess.gains)), guess)
+        if like.gains != guess.gains:
+            said = replace(guess.controller, reason=f"{guess.controller.reason}; the gains are those of {like.file}")
+            guess = replace(guess, gains=like.gains, controller=replace(said, value=like.gains))
+        found.append(guess)
+    return found
+
+
+def _alike(one: Mapping[str, float], other: Mapping[str, float]) -> bool:
+    """Whether two PIDs do the same, as far as both have a part; an integral with a long leak is told by its slope."""
+    pairs = [(a["kp"], a["kd"] / a["td"], a["td"] if a["kd"] else 0.0, a["ki"] / a["ti"]) for a in (one, other)]
+    return all(a * b == 0 or abs(a - b) <= _SAME_GAIN * max(abs(a), abs(b)) for a, b in zip(*pairs, strict=True))
 
 
 def _perhaps_the_same_controller(guess: RecordingGuess, others: Sequence[RecordingGuess]) -> RecordingGuess:
