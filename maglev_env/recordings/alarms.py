@@ -269,7 +269,12 @@ def touched_rail(
         f"channel {name!r} (column {column!r}) is clipped at {raw[first]:g} from {first / rate:.4g} s (sample "
         f"{start + first}) on: it {what} in {at.mean():.2%} of the samples"
     )
-    text += "; they are masked" if few else "; nothing can be identified from it: record with less amplitude or gain"
+    kept = (
+        "it is used as it stands, as a limit of the controller acts"
+        if name.startswith("command")
+        else "they are masked"
+    )
+    text += f"; {kept}" if few else "; nothing can be identified from it: record with less amplitude or gain"
     return Alarm("rail", name, first / rate, text, "warning" if few else "refuse"), at
 
 

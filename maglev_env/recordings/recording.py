@@ -93,7 +93,8 @@ def read_recording(
             alarm, at = touched_rail(name, column, raw[column][window], values, rate, spec.start, one_axis)
             if alarm:
                 alarms.append(alarm)
-                masked |= at & (alarm.severity == "warning")
+                # A command at a limit is what acted; a reading there hides what was.
+                masked |= at & (alarm.severity == "warning" and not name.startswith("command"))
     channels = {}
     for name, values in combined.items():
         source = spec.channels[name]

@@ -37,7 +37,7 @@ class RecordedSignals:
         elsewhere: Harmonics that are driven otherwise, across the axis of these signals.
         left_out: Periods, from 0, that spectra leave out because they hold masked samples.
         masked: Samples (samples,) that are bridged, because they were clipped or missing; None: none is.
-        railed: Channels that stayed at their extreme value, where they are bridged.
+        railed: Channels that stayed at their extreme value for some samples.
     """
 
     channels: dict[str, np.ndarray]

@@ -147,6 +147,16 @@ def compared(view: View, gains: Controller | None) -> Compared | None:
     return best
 
 
+def made_alone(view: View) -> bool:
+    """Whether the stated controller makes all of the command of what it reads, so that nobody has added anything."""
+    if view.gains is None or not {"displacement", "command"} <= view.recorded:
+        return False
+    if reads_current(view.gains, 1 / view.rig.control_rate) and "current" not in view.recorded:
+        return False
+    found = compared(view, view.gains)
+    return found is not None and not found.driven and not _bad(found.fit, view)
+
+
 def _made(view: View, gains: Controller) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray | None]]:
     """Spectra (s, n) of what a controller makes of what it reads, of the injection, and of its share of the reference.
 

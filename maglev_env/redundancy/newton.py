@@ -8,7 +8,7 @@ import scipy
 
 from maglev_env.loop.magnets.kinds import force_law
 from maglev_env.loop.magnets.law import linearise
-from maglev_env.redundancy.controller import at_control_rate
+from maglev_env.redundancy.controller import at_control_rate, made_alone
 from maglev_env.redundancy.rows import MODEL, Fit, Row, fit, low_pass
 from maglev_env.redundancy.view import View
 
@@ -105,14 +105,14 @@ def _row(view: View, found: Fit, i: int, powers: dict[str, int], effects: tuple[
 
 
 def _driven(view: View) -> bool:
-    """Whether a recording that never repeats shows what drives the loop.
+    """Whether something besides a force that nobody recorded may drive a recording that never repeats.
 
-    Where only a force that nobody recorded moves the rotor, the current is what the controller makes of the motion, and
-    their ratio is the controller's.
+    Where such a force alone moves the rotor, the command is what the controller makes of the motion, and the current's
+    ratio to that is the controller's.
     """
-    return any(
-        name in view.recorded and np.ptp(view.channels[name]) > 0 for name in ("injection", "reference", "force")
-    )
+    if any(name in view.recorded and np.ptp(view.channels[name]) > 0 for name in ("injection", "reference", "force")):
+        return True
+    return not made_alone(view)
 
 
 def _dominated(view: View) -> np.ndarray:

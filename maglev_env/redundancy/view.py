@@ -64,7 +64,7 @@ class View:
         left_out: Periods with masked samples.
         corrected: Channels of which the campaign states a filter or delay, which is taken off.
         masked: Samples (samples,) that are bridged; None: none is.
-        railed: Channels that stayed at an extreme value, where they are bridged.
+        railed: Channels that stayed at an extreme value for some samples.
     """
 
     recording: str

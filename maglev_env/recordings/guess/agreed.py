@@ -22,6 +22,17 @@ def without_motion(guesses: Mapping[Path, RecordingGuess]) -> dict[Path, Recordi
     return still if len(still) < len(guesses) else {}
 
 
+def _agrees(channel: str) -> bool:
+    """Whether the files of a rig have one scale for a channel; of two axes for each."""
+    return channel.removesuffix("_x").removesuffix("_y") in AGREED
+
+
+def _place(guess: RecordingGuess, column: str) -> str:
+    """Where a column is in a file, without the name of the file as which programs such as ControlDesk save it."""
+    root, _, rest = column.partition(".")
+    return rest if rest and root == Path(guess.file).stem else column
+
+
 def like_most(guesses: Sequence[RecordingGuess]) -> list[tuple[ColumnGuess, ...] | None]:
     """What the columns of each file are where files with the same columns are not taken for the same.
 
@@ -33,17 +44,17 @@ def like_most(guesses: Sequence[RecordingGuess]) -> list[tuple[ColumnGuess, ...]
     """
     alike: dict[tuple[str, ...], list[RecordingGuess]] = {}
     for guess in guesses:
-        alike.setdefault(tuple(c.column for c in guess.columns), []).append(guess)
+        alike.setdefault(tuple(_place(guess, c.column) for c in guess.columns), []).append(guess)
     found = []
     for guess in guesses:
-        others = alike[tuple(c.column for c in guess.columns)]
+        others = alike[tuple(_place(guess, c.column) for c in guess.columns)]
         model = max(others, key=lambda one: (sum(_agree(one, g) for g in others), len(one.channels)))
         if _agree(guess, model):
             found.append(None)
             continue
         reason = f"as in {model.file}, which has the same columns"
         found.append(tuple(
-            c if c.channel == own.channel else replace(c, reason=f"{reason}: {c.reason}")
+            replace(c, column=own.column, reason=c.reason if c.channel == own.channel else f"{reason}: {c.reason}")
             for c, own in zip(model.columns, guess.columns, strict=True)
         ))  # fmt: skip
     return found
@@ -76,7 +87,8 @@ def one_rotor(guesses: Sequence[RecordingGuess]) -> list[RecordingGuess]:
 
 
 def _efforts(guess: RecordingGuess) -> set[tuple[str, str]]:
-    return {(c.channel, c.column) for c in guess.columns if c.channel in ("current", "command", "voltage")}
+    named = ("current", "command", "voltage")
+    return {(c.channel, _place(guess, c.column)) for c in guess.columns if c.channel.partition("_")[0] in named}
 
 
 def agreed(guesses: Sequence[RecordingGuess]) -> list[RecordingGuess]:
@@ -92,16 +104,19 @@ def agreed(guesses: Sequence[RecordingGuess]) -> list[RecordingGuess]:
     columns: dict[tuple[str, str], list[tuple[str, ColumnGuess]]] = {}
     for guess in guesses:
         for column in guess.columns:
-            if column.channel in AGREED:
-                columns.setdefault((column.channel, column.column), []).append((guess.file, column))
+            if _agrees(column.channel):
+                columns.setdefault((column.channel, _place(guess, column.column)), []).append((guess.file, column))
     told = {key: _telling(same) for key, same in columns.items()}
     found = []
     for guess in guesses:
-        own = tuple(_as_told(c, *told[c.channel, c.column]) if c.channel in AGREED else c for c in guess.columns)
+        own = tuple(
+            _as_told(c, *told[c.channel, _place(guess, c.column)]) if _agrees(c.channel) else c for c in guess.columns
+        )
         known = replace(guess, columns=own)
         changed = next(
-            (a.scale / b.scale for a, b in zip(own, guess.columns, strict=True) if a.channel == "displacement"), 1.0
-        )
+            (a.scale / b.scale for a, b in zip(own, guess.columns, strict=True)
+             if a.channel in ("displacement", "displacement_x")), 1.0
+        )  # fmt: skip
         known = other_way_round(known) if changed < 0 else known
         found.append(in_another_unit(known, abs(changed)) if abs(changed) != 1 else known)
     found = one_controller(found)
@@ -141,7 +156,8 @@ def _perhaps_the_same_controller(guess: RecordingGuess, others: Sequence[Recordi
     Of several the one under which most happened is shown, since rest tells a controller badly.
     """
     shown = [g for g in others if g.gains and _efforts(g) & _efforts(guess)]
-    if guess.gains or not shown or not {"displacement", "command"} <= guess.channels.keys():
+    kinds = {name.partition("_")[0] for name in guess.channels}
+    if guess.gains or not shown or not {"displacement", "command"} <= kinds:
         return guess
     best = min(shown, key=lambda g: g.excitation.value == "none")
     gains = ", ".join(f"{name} = {value:.7g}" for name, value in best.gains.items())

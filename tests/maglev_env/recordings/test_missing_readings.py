@@ -1,8 +1,11 @@
 """Logs with holes: broken serial lines, empty cells, garbled stamps, values that are no numbers."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from maglev_env.recordings.alarms import alarms_of
 from maglev_env.recordings.campaign import load_campaign
 from maglev_env.recordings.contents import contents
 from maglev_env.recordings.files import read_columns
@@ -10,6 +13,7 @@ from maglev_env.recordings.guess.recording import guess_recording
 from maglev_env.recordings.masking import masked_samples
 from maglev_env.recordings.missing_readings import garbled_stamps
 from maglev_env.recordings.recording import read_recording
+from maglev_env.recordings.stamped_late import regular_stamps
 from maglev_env.redundancy.rules import examine_recording
 
 SAMPLES, RATE = 1000, 200.0
@@ -153,3 +157,32 @@ def test_json_lines_and_npy_are_columns(tmp_path):
     np.save(tmp_path / "o.npy", np.array([{"a": 1}], dtype=object), allow_pickle=True)
     with pytest.raises(ValueError, match="truncated or damaged"):
         read_columns(tmp_path / "o.npy")
+
+
+def test_a_command_at_a_limit_is_used_as_it_stands(tmp_path):
+    rng = np.random.default_rng(3)
+    command = np.clip(0.7 + 0.2 * rng.normal(size=SAMPLES), 0.0, None)
+    command[200:206] = 0.0
+    table = np.c_[TIME, GAP, command]
+    np.savetxt(tmp_path / "r.csv", table, "%.6f", ",", header="millis,gap_mm,current_A", comments="")
+    loaded, spec = campaign(tmp_path, "r.csv")
+    as_command = {"command": spec.channels["current"], **{k: v for k, v in spec.channels.items() if k != "current"}}
+    for channels, masked in ((spec.channels, 6), (as_command, 0)):
+        dataset = read_recording(loaded, replace(spec, channels=channels))
+        assert masked_samples(dataset).sum() == masked, list(channels)
+        assert any(a.code == "rail" for a in alarms_of(dataset))
+
+
+@pytest.mark.parametrize("noise", [0.0, 1e-3])
+def test_stamps_that_jitter_alone_are_regular_and_true_jitter_is_resampled(noise):
+    rng = np.random.default_rng(4)
+    regular = np.arange(6000) / RATE
+    late = regular + rng.uniform(0, 0.9e-3, regular.size)
+
+    def read(at):
+        return np.sin(2 * np.pi * 2.3 * at) + 0.3 * np.sin(2 * np.pi * 11 * at + 1) + noise * rng.normal(size=at.size)
+
+    found = regular_stamps(late, [read(regular)])
+    np.testing.assert_allclose(np.diff(found), 1 / RATE, rtol=1e-4)
+    assert regular_stamps(late, [read(late)]) is None
+    assert regular_stamps(late, [rng.normal(size=late.size)]) is None  # noise does not tell
