@@ -26,6 +26,8 @@ from sim2real.recorded.nominal import nominal_blocks
 from sim2real.recorded.open_evidence import measured_series, simulated_series
 from sim2real.recorded.open_record import OpenRecord
 
+LARGEST = 3.0  # times the identified gain, that a band may show
+
 
 @dataclass(frozen=True)
 class Mechanics:
@@ -167,7 +169,8 @@ def _band(
     common = np.append(weight @ np.array(shifts) / factor, wrong)
     relative = noise / abs(factor) ** 2
     size, phase = relative + np.sum(common.real**2), relative + np.sum(common.imag**2)
-    if not np.sqrt(size) < TOLD:
+    # No iron or coil makes the gain grow so: what is seen there is no force of the current.
+    if not np.sqrt(size) < TOLD or abs(factor) > LARGEST:
         return None
     sure = np.sqrt(variance) < TOLD * abs(each)
     own = {name: complex(gain * value) for name, value, tells in zip(names, each, sure, strict=True) if tells}

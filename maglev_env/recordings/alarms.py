@@ -30,6 +30,7 @@ STUCK_RATIO, STUCK_SAMPLES = 4, 10
 # on by a step, and rests while all is at rest.
 STUCK_JUMP, STUCK_LONG, STUCK_SWING = 3, 20, 0.25
 MOST_EVENTS = 10
+BEYOND = 1.05  # clearances: a displacement that is always farther away is counted from another place
 MOVES = 2.5  # converter steps between two readings in the middle of a motion
 MOST_EXPLAINED = 0.2  # share of samples that repeat by the resolution of the displacement
 READINGS = ("displacement", "current", "command", "force", "gap_estimate")
@@ -94,6 +95,9 @@ def lost_levitation(dataset: "xr.Dataset", start: int = 0, rig: Rig | None = Non
         efforts = [dataset[kind + end].values for kind in ("command", "voltage", "current") if kind + end in dataset]
         if not efforts:
             continue  # nothing says that it is levitated
+        if rig is not None and np.abs(y).min() > BEYOND * rig.clearance:
+            found.append(_elsewhere(name, y, rig.clearance))
+            continue
         wanted = dataset["reference" + end].values if "reference" + end in dataset else None
         spells, (low, high) = levitation_losses(y, efforts[0], wanted, stay, np.inf if rig is None else rig.clearance)
         if not spells:
@@ -119,6 +123,16 @@ def lost_levitation(dataset: "xr.Dataset", start: int = 0, rig: Rig | None = Non
             )
         )
     return found
+
+
+def _elsewhere(name: str, y: np.ndarray, clearance: float) -> Alarm:
+    """Of a displacement (samples,) that is never between the stops: it is counted from another place."""
+    text = (
+        f"{name} is at {_si(y.min(), 'm')} to {_si(y.max(), 'm')} all the time, where the rig's clearance leaves "
+        f"{_si(clearance, 'm')} to both sides of 0; state its offset in [recording.channels] (m), so that it is 0 at "
+        "the centre (of a magnet above: at the gap in the rig), or correct clearance"
+    )
+    return Alarm("lost levitation", name, 0.0, text, "refuse")
 
 
 def stuck_readings(dataset: "xr.Dataset", start: int = 0) -> list[Alarm]:
@@ -269,7 +283,12 @@ def touched_rail(
         f"channel {name!r} (column {column!r}) is clipped at {raw[first]:g} from {first / rate:.4g} s (sample "
         f"{start + first}) on: it {what} in {at.mean():.2%} of the samples"
     )
-    text += "; they are masked" if few else "; nothing can be identified from it: record with less amplitude or gain"
+    kept = (
+        "it is used as it stands, as a limit of the controller acts"
+        if name.startswith("command")
+        else "they are masked"
+    )
+    text += f"; {kept}" if few else "; nothing can be identified from it: record with less amplitude or gain"
     return Alarm("rail", name, first / rate, text, "warning" if few else "refuse"), at
 
 

@@ -9,10 +9,14 @@ import numpy as np
 
 from maglev_env.recordings.files import Columns
 from maglev_env.recordings.formats.file_formats import columns_of
+from maglev_env.recordings.masking import bridged
+from maglev_env.recordings.missing_readings import garbled_stamps
 
 _FIELD = re.compile(r"[A-Za-z_]\w*")  # what a column expression can name
 _MOST_PARTS, _MOST_COLUMNS = 200, 64  # of one struct or cell array, of one matrix
 _DEEPEST = 8
+_MOST_MISSING = 0.2  # share of a column's values that may be no numbers where its meaning is guessed from the others
+_MOST_GARBLED = 0.02  # share of the steps of a time that may not rise
 
 
 @dataclass(frozen=True)
@@ -26,6 +30,7 @@ class Contents:
         texts: expression -> text.
         unused: what was left out and why, in words.
         headers: expression -> what the file calls the column, where that is more than its name.
+        missing: expression -> how many of its values are no numbers, and are bridged by straight lines.
     """
 
     columns: dict[str, np.ndarray]
@@ -33,6 +38,7 @@ class Contents:
     texts: dict[str, str]
     unused: tuple[str, ...]
     headers: Mapping[str, str] = field(default_factory=dict)
+    missing: Mapping[str, int] = field(default_factory=dict)
 
 
 def contents(columns: Columns) -> Contents:
@@ -68,7 +74,17 @@ def contents(columns: Columns) -> Contents:
     common = max(set(lengths), key=lambda n: (lengths.count(n), n))
     others = [f"{n} has {v.size} values, not {common} as the others" for n, v in found.items() if v.size != common]
     kept = {n: v for n, v in found.items() if v.size == common}
-    return Contents(kept, numbers, texts, (*unused, *others), columns.headers)
+    # Of a column that has few gaps the rest says what it is; without_missing alarms where they are too many.
+    bad = {n: garbled_stamps(v) if _rises(v) else ~np.isfinite(v) for n, v in kept.items()}
+    missing = {n: int(at.sum()) for n, at in bad.items() if 0 < at.sum() <= _MOST_MISSING * common}
+    kept |= {n: bridged(kept[n], bad[n]) for n in missing}
+    return Contents(kept, numbers, texts, (*unused, *others), columns.headers, missing)
+
+
+def _rises(values: np.ndarray) -> bool:
+    """Whether nearly every value is larger than the one before, as those of a time are."""
+    steps = np.diff(values[np.isfinite(values)])
+    return bool(steps.size and (steps > 0).mean() > 1 - _MOST_GARBLED)
 
 
 def _below(columns: Columns, expression: str, depth: int, unused: list[str]) -> Iterator[tuple[str, np.ndarray | str]]:

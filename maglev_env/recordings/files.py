@@ -1,4 +1,4 @@
-"""Data files: columns read from .mat (v5 and v7.3), text, .npz, .h5 and .nc of any origin, and written atomically."""
+"""Data files: columns read from .mat (v5, v7.3), text, JSON lines, .npz, .npy, .h5 and .nc, and written atomically."""
 
 import os
 import re
@@ -12,18 +12,23 @@ from typing import Any, BinaryIO
 import numpy as np
 
 from maglev_env.recordings.formats import file_formats as formats
+from maglev_env.recordings.formats.json_lines import open_json_lines
 from maglev_env.recordings.formats.text_files import open_text
 from maglev_env.recordings.formats.text_layout import TextLayout
 
 TEXT = (".csv", ".tsv", ".txt", ".dat", ".lvm", ".log", ".asc", ".prn", ".tab")
 HDF5 = (".h5", ".hdf5", ".hdf", ".nc")
-SUFFIXES = (".mat", *TEXT, ".npz", *HDF5)
+JSON_LINES = (".jsonl", ".ndjson")
+NUMPY = (".npz", ".npy")
+SUFFIXES = (".mat", *TEXT, *JSON_LINES, *NUMPY, *HDF5)
 # Files of measurements that are not read, and what to do with them.
 SAVE_AS = {
     **dict.fromkeys((".xlsx", ".xls", ".xlsm", ".ods"), "save the sheet as CSV"),
     **dict.fromkeys((".tdms", ".tdm"), "export it as text or HDF5"),
     **dict.fromkeys((".mf4", ".mdf"), "export it as MATLAB or CSV"),
-    **dict.fromkeys((".npy", ".pkl", ".parquet"), "save it as CSV, or its columns with numpy.savez"),
+    **dict.fromkeys(
+        (".pkl", ".pickle", ".parquet", ".feather", ".arrow"), "save it as CSV (pandas: to_csv), or with numpy.savez"
+    ),
 }
 KEPT = 2**28  # bytes of the files of a campaign whose columns stay in memory
 _HDF5 = b"\x89HDF\r\n\x1a\n"
@@ -93,7 +98,7 @@ def is_data_file(path: Path) -> bool:
 
 
 def read_columns(path: str | Path, layout: TextLayout | None = None) -> Columns:
-    """Open a data file by its suffix: .mat (v5 or v7.3), text (TEXT), .npz, HDF5 (netCDF 4 too).
+    """Open a data file by its suffix: .mat (v5 or v7.3), text (TEXT), JSON lines, .npz, .npy, HDF5 (netCDF 4 too).
 
     Args:
         path: The file.
@@ -125,7 +130,11 @@ def read_columns(path: str | Path, layout: TextLayout | None = None) -> Columns:
         if kind in TEXT:
             text = open_text(path, layout or TextLayout())
             return Columns(path, text.names, text.read, text.positions, text.notes, text.headers, text.numbers)
-        return Columns(path, *(formats.open_mat5(path) if kind == ".mat" else formats.open_npz(path)))
+        if kind in JSON_LINES:
+            names, read, notes = open_json_lines(path)
+            return Columns(path, names, read, notes=notes)
+        opened = {".mat": formats.open_mat5, ".npz": formats.open_npz, ".npy": formats.open_npy}
+        return Columns(path, *opened[kind](path))
     except formats.Refused as problem:
         raise ValueError(f"{path}: {problem}") from None
     except Exception as error:

@@ -169,7 +169,8 @@ def _excited(signals: RecordedSignals, rig: Rig | None, bands: int) -> Quality:
 
 def _channel(name: str, values: np.ndarray, spectra: RecordSpectra | None) -> ChannelQuality:
     steps = np.diff(np.unique(values))
-    rms = float(np.sqrt(np.mean((values - values.mean()) ** 2)))
+    # The mean of equal values differs from them by rounding.
+    rms = float(np.sqrt(np.mean((values - values.mean()) ** 2))) if np.ptp(values) else 0.0
     resolution = float(np.median(steps)) if steps.size else 0.0
     median = worst = None
     if spectra is not None and name in spectra.all.channels and name != "injection":

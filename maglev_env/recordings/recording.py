@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Mapping
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from importlib import metadata
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -23,10 +23,14 @@ from maglev_env.recordings.formats.time_stamps import Clock, check_clock
 from maglev_env.recordings.left_out import TellsNothing
 from maglev_env.recordings.masking import MOST_MASKED
 from maglev_env.recordings.measurement_chain import corrected
+from maglev_env.recordings.missing_readings import garbled_stamps, without_missing
+from maglev_env.recordings.stamped_late import regular_stamps
 from maglev_env.rig.excitation import Excitation, Place, lines_at
 
 if TYPE_CHECKING:
     import xarray as xr
+
+STAMPED = "the time stamps jitter, but the readings do not: they are taken as those of a regular clock"
 
 
 def read_recording(
@@ -63,22 +67,24 @@ def read_recording(
     columns = campaign.files.columns(path, spec.layout)
     raw = _raw_columns(columns, spec)
     window = _window(path, spec, next(iter(raw.values())).size)
+    of_time = spec.channels["time"].columns if "time" in spec.channels else ()
+    for name in of_time:
+        raw[name] = np.where(garbled_stamps(raw[name]), np.nan, raw[name])
+    raw, masked, alarms = without_missing(raw, window, rate)
     combined = {name: _combine(raw, source)[window] for name, source in spec.channels.items()}
     for name, values in combined.items():
-        finite = np.isfinite(values)
-        if not finite.all():
-            at = spec.start + int(np.argmin(finite))
-            raise ValueError(
-                f"{path}: channel {name!r}: sample {at} is {values[at - spec.start]}, not a finite number; "
-                "mend it, or use `start` and `samples` to leave it out"
-            )
+        if not np.isfinite(values).all():  # products and sums of finite values may be larger than any number
+            at = spec.start + int(np.argmin(np.isfinite(values)))
+            raise ValueError(f"{path}: channel {name!r}: sample {at} is not a finite number; is its scale right?")
     time = combined.pop("time", np.zeros(0))
     try:
         clock = check_clock(time, rate)
     except ValueError as error:
         raise ValueError(f"{path}: channel 'time': {error}") from None
-    alarms = clock_alarms(clock, rate, spec.start)
-    masked = np.zeros(window.stop - window.start, bool)
+    if clock.instants is not None and (regular := regular_stamps(time, _readings(combined))) is not None:
+        clock = check_clock(regular, rate)
+        clock = replace(clock, notes=(STAMPED, *clock.notes))
+    alarms += clock_alarms(clock, rate, spec.start)
     one_axis = campaign.rig if campaign.rig is not None and campaign.rig.axes == 1 else None
     for name, values in combined.items():
         if name.partition("_")[0] not in MEASURED or not np.ptp(values):
@@ -87,7 +93,8 @@ def read_recording(
             alarm, at = touched_rail(name, column, raw[column][window], values, rate, spec.start, one_axis)
             if alarm:
                 alarms.append(alarm)
-                masked |= at & (alarm.severity == "warning")
+                # A command at a limit is what acted; a reading there hides what was.
+                masked |= at & (alarm.severity == "warning" and not name.startswith("command"))
     channels = {}
     for name, values in combined.items():
         source = spec.channels[name]
@@ -180,6 +187,11 @@ def simulated_recording(experiment: Experiment, record: np.ndarray) -> "xr.Datas
         "version": metadata.version("maglev-workbench"),
     }
     return _dataset(channels, rate, "simulated", "fit", experiment.excitations, made)
+
+
+def _readings(channels: Mapping[str, np.ndarray]) -> list[np.ndarray]:
+    """What moves of the channels that are read from the rotor and its coil."""
+    return [v for name, v in channels.items() if name.partition("_")[0] in MEASURED and np.ptp(v)]
 
 
 def _dataset(

@@ -7,6 +7,7 @@ import numpy as np
 
 from maglev_env.experiment import sampling
 from maglev_env.loop.axes import AXES
+from maglev_env.recordings.alarms import alarms_of
 from maglev_env.recordings.campaign import Campaign, RecordingSpec
 from maglev_env.recordings.left_out import TellsNothing
 from maglev_env.recordings.masking import bridged, masked_periods, masked_samples
@@ -61,6 +62,8 @@ def recorded_signals(
         notes,
         max(1, len(lettered)),
         left_out=left_out,
+        masked=masked if masked.any() else None,
+        railed=frozenset(a.channel for a in alarms_of(dataset) if a.code == "rail"),
     )
     if len(lettered) == 1:
         if not any(e.direction for e in spec.excitations):  # without a stated direction, the force acts along the axis

@@ -36,6 +36,8 @@ class RecordedSignals:
         axis: Which of two axes these signals belong to.
         elsewhere: Harmonics that are driven otherwise, across the axis of these signals.
         left_out: Periods, from 0, that spectra leave out because they hold masked samples.
+        masked: Samples (samples,) that are bridged, because they were clipped or missing; None: none is.
+        railed: Channels that stayed at their extreme value for some samples.
     """
 
     channels: dict[str, np.ndarray]
@@ -48,6 +50,8 @@ class RecordedSignals:
     axis: int | None = None
     elsewhere: np.ndarray = field(default_factory=lambda: np.zeros(0, int))
     left_out: tuple[int, ...] = ()
+    masked: np.ndarray | None = None
+    railed: frozenset[str] = frozenset()
 
     def __repr__(self) -> str:
         samples = max((values.shape[-1] for values in self.channels.values()), default=0)

@@ -11,6 +11,7 @@ from maglev_env.recordings.masking import MOST_MASKED
 from maglev_env.redundancy.finding import Finding
 from maglev_env.redundancy.view import View
 
+LARGEST = 0.3  # m, from end to end of the motion of anything that a rig levitates
 FREE = 1.05  # of the clearance to both sides
 BEYOND = 1.01  # of a converter's range: how well its ends are known
 QUIET = 0.1  # of a sensor's noise: how well that is known
@@ -26,11 +27,18 @@ CENTRED, MOVED = 0.04, 1.0  # offsets that count: of the gap, and of the motion'
 
 def clearance(view: View) -> list[Finding]:
     """The displacement within the rig's clearance: its range cannot be larger than the way from stop to stop."""
-    if view.rig is None or "displacement" not in view.recorded:
+    if "displacement" not in view.recorded:
         return []
-    y, free = view.channels["displacement"], view.rig.clearance
-    column = view.columns.get("displacement")
+    y, column = view.channels["displacement"], view.columns.get("displacement")
     way, reach = float(np.ptp(y)), float(np.abs(y).max())
+    if view.rig is None:
+        text = (
+            f"displacement: it moves over {way:.4g} m, farther than anything levitated; state the scale of column "
+            f"{column!r}, m per unit of the file"
+        )
+        far = way > LARGEST
+        return [Finding("clearance", view.recording, "displacement", way, None, text, "contradiction")] if far else []
+    free = view.rig.clearance
     if way > 2 * FREE * free:
         text = (
             f"displacement: it moves over {way:.4g} m, and the rig's clearance leaves {2 * free:.4g} m, "
@@ -98,12 +106,14 @@ def rails(view: View) -> list[Finding]:
     """
     found = []
     for name in ("injection", "command", "current", "displacement", "force"):
-        if name not in view.recorded:
+        if name not in view.recorded or name in view.railed:  # an alarm says it of those that stay there
             continue
         levels, counts = np.unique(view.channels[name], return_counts=True)
         if levels.size < LEVELS:
             continue  # steps and squares
         ends = [(levels[i], counts[i]) for i, j in ((-1, -2), (0, 1)) if counts[i] >= OFTEN * max(counts[j], 2)]
+        if name == "force":  # between the blows of a hammer it rests
+            ends = [end for end in ends if end[0] != np.median(view.channels[name])]
         share = sum(count for _, count in ends) / view.channels[name].size
         if not ends:
             continue

@@ -79,7 +79,7 @@ def applies(view: View) -> bool:
     if limited_in(view, view.gains):
         if not at_control_rate(view):
             return False
-    elif cut_off(view.channels["command"]):
+    elif "command" in view.railed or cut_off(view.channels["command"]):
         return False
     added = any(name in view.recorded and np.ptp(view.channels[name]) > 0 for name in ("injection", "reference"))
     return view.periodic or (added and at_control_rate(view))
@@ -145,6 +145,16 @@ def compared(view: View, gains: Controller | None) -> Compared | None:
         if best is not None and not _bad(best.fit, view):
             break
     return best
+
+
+def made_alone(view: View) -> bool:
+    """Whether the stated controller makes all of the command of what it reads, so that nobody has added anything."""
+    if view.gains is None or not {"displacement", "command"} <= view.recorded:
+        return False
+    if reads_current(view.gains, 1 / view.rig.control_rate) and "current" not in view.recorded:
+        return False
+    found = compared(view, view.gains)
+    return found is not None and not found.driven and not _bad(found.fit, view)
 
 
 def _made(view: View, gains: Controller) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray | None]]:

@@ -8,7 +8,7 @@ import scipy
 
 from maglev_env.loop.magnets.kinds import force_law
 from maglev_env.loop.magnets.law import linearise
-from maglev_env.redundancy.controller import at_control_rate
+from maglev_env.redundancy.controller import at_control_rate, made_alone
 from maglev_env.redundancy.rows import MODEL, Fit, Row, fit, low_pass
 from maglev_env.redundancy.view import View
 
@@ -25,6 +25,7 @@ RIGLESS = 0.3  # a controlled rotor of unknown controller: its stiffness varies 
 TOO_FEW = 12  # lines
 SEEN = 0.1  # noise over power of the displacement, up to which a line counts without a rig
 LOUD = 100.0  # power over the stated or seen noise of the reading, from which a bin counts
+HARMONIC = 3e-3  # of the most powerful line's acceleration, up to which a line may hold distortion of others
 FLOOR = (0.40, 0.49)  # of the rate: where a reading is taken to be noise alone
 FORCE_EFFECTS = ("mass", "sensor_gain", "support_resonance", "sensor_resonance", "friction")
 CURRENT_EFFECTS = ("actuator_gain", "mass", "sensor_gain", "eddy_current", "saturation", "hysteresis")
@@ -40,7 +41,7 @@ def moved(view: View) -> list[Row]:
         return []
     if view.rig is None:
         return _without_rig(view)
-    if not view.periodic and not at_control_rate(view):
+    if not view.periodic and not (at_control_rate(view) and _driven(view)):
         return []
     keep = _dominated(view)
     if keep.sum() < TOO_FEW:
@@ -103,6 +104,17 @@ def _row(view: View, found: Fit, i: int, powers: dict[str, int], effects: tuple[
     )  # fmt: skip
 
 
+def _driven(view: View) -> bool:
+    """Whether something besides a force that nobody recorded may drive a recording that never repeats.
+
+    Where such a force alone moves the rotor, the command is what the controller makes of the motion, and the current's
+    ratio to that is the controller's.
+    """
+    if any(name in view.recorded and np.ptp(view.channels[name]) > 0 for name in ("injection", "reference", "force")):
+        return True
+    return not made_alone(view)
+
+
 def _dominated(view: View) -> np.ndarray:
     """Lines at which the mass dominates and, where nothing repeats, the rotor moves far beyond its sensor's noise."""
     rig, lines = view.rig, view.lines
@@ -120,7 +132,10 @@ def _dominated(view: View) -> np.ndarray:
             nominal, current = view.nominal(lines.frequency), (np.abs(lines.parts["current"]) ** 2).mean(axis=0)
             moving = np.abs(nominal.plant / nominal.amplifier) ** 2 * current > LOUD * white * window
             loud |= moving & (current > LOUD * rig.noise.current**2 * window)
+        # Of a chirp or sine, lines beyond hold its harmonics, in which current and motion are not plant and response.
+        moved = (np.abs(y) ** 2).mean(axis=0) * lines.frequency**4
         keep &= loud
+        keep &= moved > HARMONIC * moved[keep].max(initial=0.0)
     return keep
 
 

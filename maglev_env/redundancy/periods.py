@@ -211,6 +211,8 @@ def breaks(view: View) -> list[Finding]:
     at = np.arange(TAPS, i.size - 1)
     past = np.stack([i[at - 1], i[at - 2], *(u[at - k] for k in range(-1, TAPS)), np.ones(at.size)], axis=1)
     rest = i[at] - past @ np.linalg.lstsq(past, i[at], rcond=None)[0]
+    if view.masked is not None:  # a bridge ends in a jump
+        rest[np.convolve(view.masked, np.ones(2 * TAPS + 1), "same")[at] > 0] = 0.0
     sigma = 1.4826 * float(np.median(np.abs(rest)))
     worst = float(np.abs(rest).max())
     events = np.flatnonzero(np.abs(rest) > max(SPIKE * sigma, JUMP * float(np.ptp(i))))

@@ -26,6 +26,7 @@ from maglev_env.redundancy.finding import ORDER, Finding
 from maglev_env.redundancy.newton import moved
 from maglev_env.redundancy.periods import breaks, drifts, jumps, outliers
 from maglev_env.redundancy.rows import Row
+from maglev_env.redundancy.units import unscaled
 from maglev_env.redundancy.view import View
 from maglev_env.rig.rig import axis_rig, with_parameters
 
@@ -88,6 +89,7 @@ def examine_recording(campaign: Campaign, spec: RecordingSpec) -> list[Finding]:
                 "contradiction" if a.severity == "refuse" else "quality")
         for a in alarms_of(dataset)
     ]  # fmt: skip
+    alarms += unscaled(campaign, spec)
     if not any(name.startswith("displacement") for name in spec.channels):
         return alarms
     signals = recorded_signals(campaign, spec, _at_ticks(spec, dataset), excited=False)
@@ -165,6 +167,7 @@ def _views(campaign: Campaign, spec: RecordingSpec, signals: RecordedSignals) ->
                 spec.gains and of_axis(spec.gains, which),
                 tuple(dict.fromkeys(of_axis(c, which) for c in controllers)), rig, mass, own.hold_rate, own.left_out,
                 frozenset(k for k, v in recorded.items() if spec.channels[v].filter or spec.channels[v].delay),
+                own.masked, frozenset(k for k, v in recorded.items() if v in own.railed),
             )
         )  # fmt: skip
     # A coil recorded with its switching voltage ripples: the control samples alone would fold that back.

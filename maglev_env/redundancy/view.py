@@ -63,6 +63,8 @@ class View:
         hold_rate: See `RecordedSignals`.
         left_out: Periods with masked samples.
         corrected: Channels of which the campaign states a filter or delay, which is taken off.
+        masked: Samples (samples,) that are bridged; None: none is.
+        railed: Channels that stayed at an extreme value for some samples.
     """
 
     recording: str
@@ -79,6 +81,8 @@ class View:
     hold_rate: float | None = None
     left_out: tuple[int, ...] = ()
     corrected: frozenset[str] = frozenset()
+    masked: np.ndarray | None = None
+    railed: frozenset[str] = frozenset()
 
     @property
     def periodic(self) -> bool:
@@ -160,4 +164,5 @@ class View:
         if multiple == 1:
             return self
         channels = {name: values[::multiple] for name, values in self.channels.items()}
-        return replace(self, rate=self.rate / multiple, channels=channels)
+        masked = None if self.masked is None else self.masked[::multiple]
+        return replace(self, rate=self.rate / multiple, channels=channels, masked=masked)

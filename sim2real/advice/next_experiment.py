@@ -141,6 +141,8 @@ def _separation(item: Item, base: Part, fits: Sequence[Fit]) -> float:
             return -np.inf
         cross = (jacobian @ change.conj()).real
         normal = fits[j].normal + (jacobian @ jacobian.conj().T).real
+        if not np.isfinite(normal).all():  # a candidate without a bounded fit separates nothing
+            return -np.inf
         value = np.vdot(change, change).real - cross @ np.linalg.pinv(normal, hermitian=True) @ cross
         worst = min(worst, float(value))
     return worst

@@ -48,6 +48,7 @@ from sim2real.recorded.ringing import ringing
 DENSE, DENSE_REACH = 0.75, 1.2
 # What drives a line, the kind of a detection line, or the means of a mass at rest.
 KINDS = ("force", "current", "reference", "even", "odd", "rest")
+NOISELESS = 1e-9  # least noise, of the largest coordinate
 
 
 @dataclass(frozen=True)
@@ -329,6 +330,15 @@ def line_kinds(record: Record | OpenRecord) -> np.ndarray:
     return kinds
 
 
+def _least(measured: np.ndarray) -> np.ndarray:
+    """Least standard deviation (outputs, axes, 1) of the noise of coordinates (outputs, axes, n).
+
+    A simulation may repeat a record to the last digit, as that of a logged command by the stated controller does.
+    """
+    largest = np.abs(measured).max(axis=-1, keepdims=True, initial=0.0)
+    return np.where(largest > 0, NOISELESS * largest, 1.0)
+
+
 def assemble(
     records: Sequence[Record | OpenRecord],
     lines: Sequence[np.ndarray] | None = None,
@@ -364,6 +374,7 @@ def assemble(
         opened, measured, noise = evidence.opened, evidence.measured, evidence.noise
         if isinstance(record, OpenRecord):
             noise = np.minimum(noise * louder, bench.most(record, opened.outputs))
+        noise = np.maximum(noise, _least(measured))
         shape = (*measured.shape[:2], int(used.sum()))
         size = int(np.prod(shape))
         parts.append(Part(record, opened, evidence.predictor, measured, noise, used, slice(at, at + size)))

@@ -29,6 +29,7 @@ from sim2real.recorded.tones import ON_LINE, Tone, near_tones, remove_tones
 from sim2real.recorded.wander import without_wander
 
 WITHOUT_PERIOD = "the ticks of its controller jitter, so it is compared as one that does not repeat"
+WITHOUT_CONTROLLER = "its controller is not stated, so it is compared as one that does not repeat"
 
 
 @dataclass(frozen=True)
@@ -144,7 +145,9 @@ def _record(campaign: Campaign, spec: RecordingSpec) -> Record | OpenRecord:
         raise ValueError(f"{where}: one axis of a rig of two; a diagnosis compares both: record x and y, or use a "
                          "rig TOML with axes = 1")  # fmt: skip
     if rig.controlled and spec.gains is None and not rig.support_stiffness:
-        raise ValueError(f"{where}: neither gains nor controller; without a support the rotor cannot stand: state them")
+        # Without its controller the loop has no response to compare; what the current did to the rotor is still known.
+        found = open_record(campaign, spec, dataset)
+        return replace(found, notes=(WITHOUT_CONTROLLER, *found.notes))
     gains = spec.gains if spec.gains is not None else NO_CONTROLLER
     names = suffixes(axes)
     channels = {

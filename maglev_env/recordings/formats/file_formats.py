@@ -205,3 +205,10 @@ def open_npz(path: Path) -> tuple[tuple[str, ...], Reader]:
 
     with np.load(path, allow_pickle=False) as archive:
         return tuple(archive.files), read
+
+
+def open_npy(path: Path) -> tuple[tuple[str, ...], Reader]:
+    """Names and reader of an .npy file, never unpickling: the fields of its records, or the matrix "array"."""
+    values = np.load(path, mmap_mode="r", allow_pickle=False)
+    names = values.dtype.names or ("array",)
+    return names, lambda root, steps: follow(np.asarray(values[root] if values.dtype.names else values), steps)

@@ -1,7 +1,6 @@
 """Columns of text files as programs write them: .csv, .tsv, .txt, .dat and LabVIEW's .lvm."""
 
 import codecs
-import re
 from collections import deque
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -14,6 +13,7 @@ import numpy as np
 from maglev_env.recordings.formats.file_formats import Reader, Refused, Steps, follow
 from maglev_env.recordings.formats.labelled import Labels, labels_of, without_labels
 from maglev_env.recordings.formats.labview import numbered_lines
+from maglev_env.recordings.formats.stamps import duration, time_of_day
 from maglev_env.recordings.formats.text_layout import (
     STATE_IT,
     Layout,
@@ -23,11 +23,11 @@ from maglev_env.recordings.formats.text_layout import (
     is_left_out,
     is_number,
 )
+from maglev_env.recordings.formats.unread_cells import UnreadCells
 
 MAX_PREAMBLE = 1000  # lines above the numbers
 _TAIL = 200
 DAY = 86400.0  # s
-_CLOCK = re.compile(r"(?:\S+[ T])?(\d{1,2}):([0-5]\d):([0-5]\d(?:[.,]\d+)?)")  # a time of day, behind a date or alone
 _SHOWN = 40  # characters of a line
 _BLOCK = 65536
 _BOMS = {codecs.BOM_UTF8: "utf-8-sig", codecs.BOM_UTF16_LE: "utf-16", codecs.BOM_UTF16_BE: "utf-16"}
@@ -128,9 +128,10 @@ def _table(lines: Iterator[tuple[int, str]], layout: Layout) -> tuple[np.ndarray
     """
     columns = len(layout.names)
     parts: list[np.ndarray] = [np.empty((0, columns))]
-    problems: dict[int, str] = {}
+    unread = UnreadCells()
     clocks: set[int] = set()
-    blank, notes = None, []
+    blank: list[str] = []
+    notes: list[str] = []
     for _ in range(layout.first):
         next(lines)
     sample = 0
@@ -138,19 +139,20 @@ def _table(lines: Iterator[tuple[int, str]], layout: Layout) -> tuple[np.ndarray
         rows = []
         for number, line in block:
             if is_left_out(line):
-                blank = number if blank is None else blank
-            elif blank is not None:
-                raise Refused(f"line {blank} (before sample {sample + len(rows)}) is blank or a comment among numbers")
-            else:
+                blank.append(f"line {number} (before sample {sample + len(rows)})")
+            else:  # blank lines at the end are left out without a word
+                unread.blank, blank = unread.blank + blank, []
                 rows.append((number, line))
         if len(block) < _BLOCK and len(rows) > 1 and (cut := _cut_off(rows[-1][1], layout)):
             notes.append(f"the last line is cut off ({cut}): it is left out")
             rows.pop()
-        parts.append(_numbers(rows, layout, sample, problems, clocks))
+        parts.append(_numbers(rows, layout, sample, unread, clocks))
         sample += len(rows)
     table = np.concatenate(parts)
+    problems, missing = unread.judged(table, layout.names)
+    notes += missing
     for j in sorted(clocks - problems.keys()):
-        table[:, j] = _past_midnight(table[:, j])
+        table[:, j] = past_midnight(table[:, j])
         notes.append(f"column {layout.names[j] or f'[{j}]'!r} holds times of day: it is read in seconds since midnight")
     return table, problems, notes
 
@@ -162,7 +164,7 @@ def _cut_off(line: str, layout: Layout) -> str:
 
 
 def _numbers(
-    rows: list[tuple[int, str]], layout: Layout, sample: int, problems: dict[int, str], clocks: set[int]
+    rows: list[tuple[int, str]], layout: Layout, sample: int, unread: UnreadCells, clocks: set[int]
 ) -> np.ndarray:
     separator, columns = layout.separator, len(layout.names)
     if not rows:
@@ -181,22 +183,24 @@ def _numbers(
     for i, (number, line) in enumerate(rows):
         cells = cells_of(line, separator)
         if not columns <= len(cells) <= layout.width or any(cells[columns:]):
-            raise Refused(
+            unread.lines.append(
                 f"line {number} (sample {sample + i}) has {len(cells)} values, the other lines {columns} columns; "
                 f"thousands separators are not read; if the columns are told wrongly, {STATE_IT}"
             )
+            continue
         for j, cell in enumerate(cells[:columns]):
             if is_number(cell, layout.decimal):
                 values[i, j] = float(cell.replace(",", "."))
-            elif clock := _CLOCK.fullmatch(cell):
-                hours, minutes, seconds = (float(part.replace(",", ".")) for part in clock.groups())
-                values[i, j] = 3600 * hours + 60 * minutes + seconds
+            elif (seconds := time_of_day(cell)) is not None:
+                values[i, j] = seconds
                 clocks.add(j)
+            elif (seconds := duration(cell)) is not None:
+                values[i, j] = seconds
             else:
-                problems.setdefault(j, f"{cell!r} in line {number} (sample {sample + i}) is not a number")
+                unread.cell(j, cell, number, sample + i)
     return values
 
 
-def _past_midnight(times: np.ndarray) -> np.ndarray:
+def past_midnight(times: np.ndarray) -> np.ndarray:
     """Times of day in s, (samples,), that go on rising where a day ends."""
     return times + DAY * np.cumsum(np.diff(times, prepend=times[:1]) < -DAY / 2)

@@ -10,6 +10,7 @@ from typing import Any
 
 from maglev_env.fields import check_known
 from maglev_env.recordings.formats.file_formats import Refused
+from maglev_env.recordings.formats.stamps import duration
 from maglev_env.recordings.formats.text_preamble import Preamble, is_unit, read_preamble
 
 SEPARATORS = {";": "semicolons", "\t": "tabs", ",": "commas", " ": "blanks"}
@@ -149,7 +150,8 @@ def _signs(rows: list[str], head: Sequence[str], stated: TextLayout) -> tuple[st
             # A file of whole numbers has no decimal sign; it is read with a point.
             possible = decimal == "." or stated.decimal or any("," in cell for cell in cells)
             if possible and cells and separator != decimal:
-                readings[separator, decimal] = sum(is_number(cell, decimal) for cell in cells) / len(cells)
+                told = (is_number(cell, decimal) or duration(cell) is not None for cell in cells)
+                readings[separator, decimal] = sum(told) / len(cells)
     if not readings or not max(readings.values()):
         line = next((line for line in head if not is_left_out(line)), "")
         found = next((s for s in SEPARATORS if s != " " and s in line), ",")

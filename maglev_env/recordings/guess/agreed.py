@@ -11,6 +11,7 @@ from maglev_env.recordings.guess.evidence import LIKELY
 from maglev_env.recordings.guess.recording import RecordingGuess, in_another_unit, other_way_round
 from maglev_env.recordings.guess.suspended import DIRECTION
 
+_SAME_GAIN = 0.03  # relative difference of gains that were fitted to two files of one controller
 AGREED = frozenset(MEASURED) | {"reference", "injection", "voltage"}  # the clock is each file's own, and so is its unit
 
 
@@ -19,6 +20,17 @@ def without_motion(guesses: Mapping[Path, RecordingGuess]) -> dict[Path, Recordi
     moving = ("displacement", "acceleration")
     still = {f: g for f, g in guesses.items() if not any(name.startswith(moving) for name in g.channels)}
     return still if len(still) < len(guesses) else {}
+
+
+def _agrees(channel: str) -> bool:
+    """Whether the files of a rig have one scale for a channel; of two axes for each."""
+    return channel.removesuffix("_x").removesuffix("_y") in AGREED
+
+
+def _place(guess: RecordingGuess, column: str) -> str:
+    """Where a column is in a file, without the name of the file as which programs such as ControlDesk save it."""
+    root, _, rest = column.partition(".")
+    return rest if rest and root == Path(guess.file).stem else column
 
 
 def like_most(guesses: Sequence[RecordingGuess]) -> list[tuple[ColumnGuess, ...] | None]:
@@ -32,17 +44,17 @@ def like_most(guesses: Sequence[RecordingGuess]) -> list[tuple[ColumnGuess, ...]
     """
     alike: dict[tuple[str, ...], list[RecordingGuess]] = {}
     for guess in guesses:
-        alike.setdefault(tuple(c.column for c in guess.columns), []).append(guess)
+        alike.setdefault(tuple(_place(guess, c.column) for c in guess.columns), []).append(guess)
     found = []
     for guess in guesses:
-        others = alike[tuple(c.column for c in guess.columns)]
+        others = alike[tuple(_place(guess, c.column) for c in guess.columns)]
         model = max(others, key=lambda one: (sum(_agree(one, g) for g in others), len(one.channels)))
         if _agree(guess, model):
             found.append(None)
             continue
         reason = f"as in {model.file}, which has the same columns"
         found.append(tuple(
-            c if c.channel == own.channel else replace(c, reason=f"{reason}: {c.reason}")
+            replace(c, column=own.column, reason=c.reason if c.channel == own.channel else f"{reason}: {c.reason}")
             for c, own in zip(model.columns, guess.columns, strict=True)
         ))  # fmt: skip
     return found
@@ -75,7 +87,8 @@ def one_rotor(guesses: Sequence[RecordingGuess]) -> list[RecordingGuess]:
 
 
 def _efforts(guess: RecordingGuess) -> set[tuple[str, str]]:
-    return {(c.channel, c.column) for c in guess.columns if c.channel in ("current", "command", "voltage")}
+    named = ("current", "command", "voltage")
+    return {(c.channel, _place(guess, c.column)) for c in guess.columns if c.channel.partition("_")[0] in named}
 
 
 def agreed(guesses: Sequence[RecordingGuess]) -> list[RecordingGuess]:
@@ -91,19 +104,50 @@ def agreed(guesses: Sequence[RecordingGuess]) -> list[RecordingGuess]:
     columns: dict[tuple[str, str], list[tuple[str, ColumnGuess]]] = {}
     for guess in guesses:
         for column in guess.columns:
-            if column.channel in AGREED:
-                columns.setdefault((column.channel, column.column), []).append((guess.file, column))
+            if _agrees(column.channel):
+                columns.setdefault((column.channel, _place(guess, column.column)), []).append((guess.file, column))
     told = {key: _telling(same) for key, same in columns.items()}
     found = []
     for guess in guesses:
-        own = tuple(_as_told(c, *told[c.channel, c.column]) if c.channel in AGREED else c for c in guess.columns)
+        own = tuple(
+            _as_told(c, *told[c.channel, _place(guess, c.column)]) if _agrees(c.channel) else c for c in guess.columns
+        )
         known = replace(guess, columns=own)
         changed = next(
-            (a.scale / b.scale for a, b in zip(own, guess.columns, strict=True) if a.channel == "displacement"), 1.0
-        )
+            (a.scale / b.scale for a, b in zip(own, guess.columns, strict=True)
+             if a.channel in ("displacement", "displacement_x")), 1.0
+        )  # fmt: skip
         known = other_way_round(known) if changed < 0 else known
         found.append(in_another_unit(known, abs(changed)) if abs(changed) != 1 else known)
+    found = one_controller(found)
     return [_perhaps_the_same_controller(guess, found) for guess in found]
+
+
+def one_controller(guesses: Sequence[RecordingGuess]) -> list[RecordingGuess]:
+    """The guesses with one set of gains in all files whose sets differ by no more than their fits may.
+
+    Of the sets with all parts that any file shows the most certain one is taken; rest does not show an integral part.
+
+    Args:
+        guesses: one for each file.
+    """
+    shown = sorted(
+        (g for g in guesses if g.gains), key=lambda g: (not g.gains["ki"], not g.gains["kd"], -g.controller.confidence)
+    )
+    found = []
+    for guess in guesses:
+        like = next((g for g in shown if guess.gains and _alike(g.gains, guess.gains)), guess)
+        if like.gains != guess.gains:
+            said = replace(guess.controller, reason=f"{guess.controller.reason}; the gains are those of {like.file}")
+            guess = replace(guess, gains=like.gains, controller=replace(said, value=like.gains))
+        found.append(guess)
+    return found
+
+
+def _alike(one: Mapping[str, float], other: Mapping[str, float]) -> bool:
+    """Whether two PIDs do the same, as far as both have a part; an integral with a long leak is told by its slope."""
+    pairs = [(a["kp"], a["kd"] / a["td"], a["td"] if a["kd"] else 0.0, a["ki"] / a["ti"]) for a in (one, other)]
+    return all(a * b == 0 or abs(a - b) <= _SAME_GAIN * max(abs(a), abs(b)) for a, b in zip(*pairs, strict=True))
 
 
 def _perhaps_the_same_controller(guess: RecordingGuess, others: Sequence[RecordingGuess]) -> RecordingGuess:
@@ -112,7 +156,8 @@ def _perhaps_the_same_controller(guess: RecordingGuess, others: Sequence[Recordi
     Of several the one under which most happened is shown, since rest tells a controller badly.
     """
     shown = [g for g in others if g.gains and _efforts(g) & _efforts(guess)]
-    if guess.gains or not shown or not {"displacement", "command"} <= guess.channels.keys():
+    kinds = {name.partition("_")[0] for name in guess.channels}
+    if guess.gains or not shown or not {"displacement", "command"} <= kinds:
         return guess
     best = min(shown, key=lambda g: g.excitation.value == "none")
     gains = ", ".join(f"{name} = {value:.7g}" for name, value in best.gains.items())

@@ -10,9 +10,9 @@ from maglev_env.channels import RECORDED, unit_of
 from maglev_env.recordings.contents import Contents
 from maglev_env.recordings.guess import behaviour as shown
 from maglev_env.recordings.guess.evidence import LIKELY, OPEN, SURE
-from maglev_env.recordings.guess.rate import time_scale
+from maglev_env.recordings.guess.rate import stated_step, time_scale
 from maglev_env.recordings.guess.units import Unit, header_unit, known_unit
-from maglev_env.recordings.guess.words import Meaning, meaning
+from maglev_env.recordings.guess.words import Meaning, meaning, plain_words
 
 _NAMES_BESIDE = ("Name", "name", "Label", "label", "blockName")  # texts of a struct that name its values
 _UNITS_BESIDE = ("Unit", "unit", "Units", "units", "XUnit")
@@ -23,6 +23,9 @@ _LARGEST_M = 0.05
 _SLOW_M = 0.3  # the same of distances that a slow controller could not hold if they were in mm
 _GRAVITY = 9.80665
 NO_UNIT = "no unit"  # begins the evidence for a scale by the size of the values
+_COUNTS = frozenset(["adc", "hall", "raw", "count", "counts", "digits", "bits", "lsb", "inc", "pwm", "duty", "dac"])
+_MOST_WHOLE = 0.95
+_MOST_SHAKEN = 500.0  # m/s2 rms: fifty times the weight, beyond what magnets do to a rotor
 _NOT_CURRENT = 3.0  # times the size of the current beyond which a "command" is a voltage
 
 
@@ -96,6 +99,7 @@ def _label(expression: str, found: Contents) -> tuple[str, Unit | None]:
         telling = [p for p in parts if meaning(header_unit(p)[0]).channel]
         name = telling[-1] if telling else expression
     elif beside:
+        unit = unit or header_unit(name.rpartition("/")[2])[1]  # of the port, where the block's name says what it is
         name = _last_part(name)
     label, in_header = header_unit(name)
     return label, unit or in_header
@@ -331,6 +335,9 @@ def _scaled(
         scale, why, ask = time_scale(values, numbers)
         return replace(guess, scale=scale, reason=f"{guess.reason}, {why}", ask=ask)
     scale, why = 1.0, f"{NO_UNIT}, {span}, taken as {si}"
+    if counted := _counted(guess, guesses, all_values):
+        why = f"{NO_UNIT}, {span}: {counted} holds whole numbers, those of a converter"
+        return replace(guess, reason=f"{guess.reason}; {why}", ask=f"scale in {si} per count", confidence=OPEN)
     if si == "m":
         # Reference and displacement of one file are in one unit: the larger of them tells it.
         lengths = [all_values[n] for n, g in guesses.items() if g.channel and _unit(g.channel) == "m"]
@@ -338,10 +345,47 @@ def _scaled(
         metres = size < (_SLOW_M if _too_slow_for(lengths, guesses, all_values, numbers) else _LARGEST_M)
         scale, name = (1.0, "m") if metres else (1e-3, "mm") if size < 50 else (1e-6, "µm")
         why = f"{NO_UNIT}, {span}, of that size taken as {name}"
+        shaken = max(_acceleration(v, guesses, all_values, numbers) for v in lengths)
+        while scale > 1e-6 and shaken * scale > _MOST_SHAKEN:
+            scale, name = (1e-3, "mm") if scale == 1 else (1e-6, "µm")
+            why = f"{NO_UNIT}, {span}; no magnet accelerates a rotor so in a larger one: taken as {name}"
     ask = "; ".join(filter(None, (guess.ask, "unit of this column")))
     return replace(
         guess, scale=scale, reason=f"{guess.reason}; {why}", ask=ask, confidence=min(guess.confidence, LIKELY)
     )
+
+
+def _counted(guess: ColumnGuess, guesses: Mapping[str, ColumnGuess], all_values: Mapping[str, np.ndarray]) -> str:
+    """The column of the same unit that is called by its converter and holds whole numbers alone; "" without one."""
+    for name, other in guesses.items():
+        alike = other.channel and _unit(other.channel) == _unit(guess.channel)
+        if alike and not _COUNTS.isdisjoint(plain_words(other.label)):
+            values = all_values[name]
+            if np.ptp(values) and np.mean(values == np.rint(values)) > _MOST_WHOLE:  # bridged gaps are not whole
+                return name
+    return ""
+
+
+def _acceleration(
+    values: np.ndarray,
+    guesses: Mapping[str, ColumnGuess],
+    all_values: Mapping[str, np.ndarray],
+    numbers: Mapping[str, float],
+) -> float:
+    """About the rms acceleration of a motion, in the column's unit per s^2: rms times the square of the frequency
+    below which half of its power lies; 0 where the clock is not known."""
+    time = next((all_values[n] for n, g in guesses.items() if g.channel == "time"), None)
+    if time is not None:
+        step = float(np.median(np.diff(time))) * time_scale(time, numbers)[0]
+    else:
+        stated = stated_step(numbers)
+        step = stated[0] if stated else 0.0
+    power = np.abs(np.fft.rfft((values - values.mean()) * np.hanning(values.size))) ** 2
+    if not step > 0 or not power.any():
+        return 0.0
+    below = np.cumsum(power)
+    half = int(np.searchsorted(below, 0.5 * below[-1])) / (values.size * step)
+    return float(values.std()) * (2 * np.pi * half) ** 2
 
 
 def _too_slow_for(

@@ -12,6 +12,8 @@ _MOST = 4000  # samples that are fitted
 _EXACT = 1.0  # rms residual of an exact fit, in steps of the converter
 _ROUNDING = 1e-6  # of the command's standard deviation, where the command has no steps
 _FEWEST_DIGITS = 5  # fewer are a converter's steps
+_CLOSE = 3e-3  # of its standard deviation, that is left of a command whose PID is known for every purpose
+_CANCELLING = 30.0
 _LOOSE = 4.0  # of that, for the search of the time constants, which ends before
 _AS_WELL = 1.02  # of the residual of all three parts
 _TD, _TI = np.geomspace(0.3, 300.0, 12), np.geomspace(20.0, 1e5, 8)  # samples
@@ -28,6 +30,7 @@ class ControllerFit:
         step: step of the command's converter, A.
         share: of the command's variance that the fit leaves.
         exact: whether nothing but the converter's rounding is left.
+        close: whether no more is left than another discretisation or a forgotten initial value explains.
         late: samples by which the command follows.
     """
 
@@ -38,6 +41,7 @@ class ControllerFit:
     share: float
     exact: bool
     late: int
+    close: bool = False
 
 
 def fit_controller(
@@ -78,13 +82,26 @@ def fit_controller(
     if residual > enough:
         residual, gains, bias, late = min((residual, gains, bias, late), _fit(*signals, 1), key=_first)
     exact = residual <= max(enough, min(_rounded(gains, error, wanted, rate), 0.05 * spread))
-    for parts in ("", "d", "i") if exact else ():
+    if _cancels(
+        gains
+    ):  # two parts of one time constant, in place of anything: the simplest that is there is looked for
+        residual, gains, bias, late = min((_fit(*signals, late, parts) for parts in ("", "d", "i")), key=_first)
+        exact = residual <= max(enough, min(_rounded(gains, error, wanted, rate), 0.05 * spread))
+    close = exact or residual <= _CLOSE * spread
+    for parts in ("", "d", "i") if close else ():
         # Parts that the record does not show would get gains that cancel: the simplest that does as well is stated.
         simpler = _fit(*signals, late, parts)
         if simpler[0] <= _AS_WELL * residual + _ROUNDING * spread:
             residual, gains, bias, late = simpler
             break
-    return ControllerFit(gains, bias, residual, step, (residual / spread) ** 2, exact, late)
+    return ControllerFit(gains, bias, residual, step, (residual / spread) ** 2, exact, late, close)
+
+
+def _cancels(gains: Gains) -> bool:
+    """Whether the parts of a PID are far larger than what they make together, at rest and at once."""
+    slope = gains.kd / gains.td if gains.td else 0.0
+    together = max(abs(gains.kp + gains.ki), abs(gains.kp + slope))
+    return max(abs(gains.kp), abs(gains.ki), abs(slope)) > _CANCELLING * together
 
 
 def _rounded(gains: Gains, error: np.ndarray, wanted: np.ndarray, rate: float) -> float:

@@ -103,7 +103,7 @@ def _aperiodic(
 ) -> tuple[list[Table], Guess]:
     shapes = {key: shape_of(values, rate) for key, values in moving.items()}
     planar = "displacement_x" in channels
-    for wanted in ("noise", "chirp", "steps", "other"):
+    for wanted in ("noise", "chirp", "blows", "steps", "other"):
         for (place, name), (shape, why) in shapes.items():
             if shape == wanted and not planar:
                 reason = f"{name} does not repeat, {shape}: {why}" if shape != "other" else f"{name} moves: {why}"

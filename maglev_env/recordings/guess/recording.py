@@ -195,25 +195,26 @@ def _controller(channels: Mapping[str, np.ndarray], rate: float | None) -> tuple
     )
     if fit is None:
         return None, Guess("controller", None, "the command does not move", 0.0, ask)
-    if not fit.exact or fit.late:
+    if not fit.close or fit.late:
         return None, Guess("controller", None, _not_a_pid(fit), OPEN, ask)
     g = fit.gains
     gains = {name: float(f"{getattr(g, name):.7g}") for name in ("kp", "ki", "kd", "td", "ti")}
     stepped = np.isfinite(fit.step) and fit.residual <= fit.step
     how = f"one step of its converter ({fit.step:.3g} A)" if stepped else "what the digits of the columns leave"
-    reason = f"the command is a PID of the displacement to {fit.residual:.2g} A rms, within {how}"
-    return gains, Guess("controller", gains, reason, SURE, "" if g.kp > 0 else _TOWARD)
+    to = f"the command is a PID of the displacement to {fit.residual:.2g} A rms"
+    reason = f"{to}, within {how}" if fit.exact else f"{to}, {np.sqrt(fit.share):.1g} of its motion"
+    return gains, Guess("controller", gains, reason, SURE if fit.exact else LIKELY, "" if g.kp > 0 else _TOWARD)
 
 
 def _not_a_pid(fit: ControllerFit) -> str:
-    if fit.exact:
+    if fit.close:
         g = fit.gains
         return (
             f"the command is a PID of the displacement one sample before (kp {g.kp:.4g}, ki {g.ki:.4g}, kd {g.kd:.4g}, "
             f"td {g.td:.3g} s, ti {g.ti:.3g} s): state it as controller with its delay"
         )
     return (
-        f"the command is no PID of the displacement alone: the best leaves {fit.share:.1%} of its power, "
+        f"the command is no PID of the displacement alone: the best leaves {fit.share:.2g} of its power, "
         f"{fit.residual:.2g} A rms (another form, a decimated or filtered log, a limit, or "
         "something unstored in the command)"
     )

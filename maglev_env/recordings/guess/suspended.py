@@ -19,6 +19,8 @@ _MEANS, _LEAST = (4, 16, 64), 40  # samples that are averaged before they are co
 _POSITIONS = ("displacement", "reference", "gap_estimate")
 TOTAL = "total = true, once the rig is named: this current includes the one that carries the weight"
 DIRECTION = "scale < 0, if it is a distance that grows away from the magnet (nothing here shows it)"
+_CENTRE = "offset, so that displacement is 0 at the centre between the stops"
+_APART = 2.0  # ranges of a motion by which its mean is away from 0
 _OFFSET = "offset = the gap in rig.toml (m), so that displacement is 0 there and positive towards the magnet"
 
 
@@ -60,6 +62,27 @@ def facing_the_magnet(guess: RecordingGuess, dataset: "xr.Dataset") -> Recording
     )  # fmt: skip
     turned = replace(guess, columns=columns)
     return other_way_round(turned) if why else turned
+
+
+def around_the_centre(guess: RecordingGuess, dataset: "xr.Dataset") -> RecordingGuess:
+    """The guess with a question for the offset of positions that are not counted from where the rotor is.
+
+    Args:
+        guess: of one file.
+        dataset: the file, read by it.
+    """
+    apart = {
+        str(name)
+        for name, values in dataset.data_vars.items()
+        if str(name).startswith("displacement") and abs(values.values.mean()) > _APART * np.ptp(values.values)
+    }
+    return replace(guess, columns=tuple(_asking(c, _CENTRE) if _open(c, apart) else c for c in guess.columns))
+
+
+def _open(column: ColumnGuess, apart: set[str]) -> bool:
+    """Whether a position is one of those, or counts from the same place, and no offset is asked for yet."""
+    of = column.channel.replace("reference", "displacement")
+    return of in apart and _OFFSET not in column.ask
 
 
 def _follows(positions: np.ndarray, effort: np.ndarray) -> float:

@@ -8,7 +8,7 @@ from maglev_env.recordings.campaign import Campaign, parse_campaign
 from maglev_env.recordings.campaign_file import SCHEMA
 from maglev_env.recordings.guess.evidence import OPEN, STATED
 from maglev_env.recordings.guess.recording import RecordingGuess, guess_recording
-from maglev_env.recordings.guess.suspended import facing_the_magnet
+from maglev_env.recordings.guess.suspended import around_the_centre, facing_the_magnet
 from maglev_env.recordings.recording import read_recording
 from maglev_env.recordings.signals import recorded_signals
 from maglev_env.recordings.spectra import axis_signals, record_spectra
@@ -39,7 +39,7 @@ def verified(guess: RecordingGuess, folder: Path, cuts: int = 0) -> RecordingGue
     lost = next((alarm for alarm in alarms if alarm.code == "lost levitation" and alarm.stretch), None)
     if lost and cuts < _MOST_CUTS:
         return verified(_levitated(guess, folder, lost), folder, cuts + 1)
-    guess = facing_the_magnet(guess, dataset)
+    guess = around_the_centre(facing_the_magnet(guess, dataset), dataset)
     heard = [f"alarm: {alarm.sentence}" for alarm in alarms]
     said = [note for note in dataset.attrs["notes"] if note not in guess.notes]
     guess = replace(guess, notes=(*guess.notes, *said, *heard))

@@ -163,6 +163,9 @@ def _tune(alone: Campaign) -> tuple[Verdict, str]:
     return "yes", "loop and receptance are shown"
 
 
+_STATEMENT = 3  # words of the shortest statement
+
+
 def check_answer(found: Sequence[tuple[str, Sequence[Use]]], alarmed: int) -> str:
     """One sentence on what the recordings (file, uses) are usable for; alarmed: how many have alarms."""
     total = len(found)
@@ -176,12 +179,19 @@ def check_answer(found: Sequence[tuple[str, Sequence[Use]]], alarmed: int) -> st
             able[best].append(command + (f" ({usable} of {total})" if total > 1 else ""))
         else:
             reason = re.sub(r"^rig [^:;]+: ", "", own[0].reason)  # whose rule it is says nothing in short
-            refused.setdefault(re.split("[;:] ", reason)[0], []).append(command)
+            refused.setdefault(_in_short(reason), []).append(command)
     good = [f"for {_and(able['yes'])}"] if able["yes"] else []
     good += [f"with care for {_and(able['with care'])}"] if able["with care"] else []
     bad = "for " + ", ".join(f"{_and(commands)} ({why})" for why, commands in refused.items()) if refused else ""
     head = f"Usable {', '.join(good)}{'; not ' * bool(bad)}{bad}" if good else f"Not usable {bad}"
     return head + (f"; {alarmed} of {total} recording(s) with an alarm." if alarmed else ".")
+
+
+def _in_short(reason: str) -> str:
+    """The first statement of a reason; what stands before a colon is none where it names the channel alone."""
+    first = re.split("; ", reason)[0]
+    head = first.partition(": ")[0]
+    return head if len(head.split()) >= _STATEMENT else first
 
 
 def _and(words: Sequence[str]) -> str:

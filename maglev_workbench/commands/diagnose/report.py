@@ -18,7 +18,16 @@ from sim2real.curves import curves
 from sim2real.gap.leftover_words import fit_in_words, leftover_lines
 from sim2real.gap.shrink import errors
 from sim2real.judgement.judge import Entry
-from sim2real.report import BEYOND, Correction, closed_spread, corrections, sentence, tempered, where_in_words
+from sim2real.report import (
+    BEYOND,
+    Correction,
+    closed_spread,
+    corrections,
+    sentence,
+    tempered,
+    where_in_words,
+    why_no_share,
+)
 from sim2real.result import Diagnosis, block_of
 from sim2real.search.hypotheses import CALIBRATION, NONE, UNKNOWN
 from sim2real.words import Fitted, fitted_quantity, percent, spoken
@@ -195,7 +204,7 @@ def _gap_lines(d: Diagnosis) -> list[str]:
     if g.closed_fraction is not None:
         lines[0] = lines[0][:-1] + f"; {round(100 * g.closed_fraction)} % closed{closed_spread(g)}."
     elif g.before is not None and g.after is not None:
-        lines[0] += " It is too near to the noise for a share that is closed."
+        lines[0] = lines[0][:-1] + f": {why_no_share(g)}."
     if g.before is None:
         lines[0] += " The nominal rig does not levitate with the recorded gains, so there is no share to close."
     if g.figures is not None:

@@ -8,6 +8,7 @@ from maglev_env.recordings.guess.recording import RecordingGuess
 from maglev_workbench.commands.new.stated import Stated
 
 TAKEN, TAKEN_FOR = "whether this column is the ", "what columns are taken for"
+MOST_NAMED = 8  # columns or files of one point; each stands in campaign.toml
 ALARM = "alarm: "  # how a note begins that names a fault of the recording
 
 
@@ -77,7 +78,9 @@ def _confirm(guesses: Sequence[RecordingGuess]) -> list[str]:
     found = []
     for point, about in points.items():
         everywhere = set(about) == {g.file for g in guesses}
-        found.append(point if everywhere else f"{point}: {', '.join(about)}")
+        named = [*about][:MOST_NAMED]
+        more = f" and {len(about) - len(named)} more" if len(about) > len(named) else ""
+        found.append(point if everywhere else f"{point}: {', '.join(named)}{more}")
     return found
 
 

@@ -46,6 +46,7 @@ def new(
     from maglev_workbench.commands.new.answer import HEAD, answer_of, rows
     from maglev_workbench.commands.new.campaign_text import campaign_text
     from maglev_workbench.commands.new.files import bring, campaign_folder, data_files, rig_beside
+    from maglev_workbench.commands.new.joined import runs_of_parts, write_joined
     from maglev_workbench.commands.new.rig_text import rig_text
     from maglev_workbench.commands.new.stated import Stated
     from maglev_workbench.console import console, marked, write_json
@@ -76,14 +77,24 @@ def new(
             refused[file] = str(error)
     if not guesses:
         raise ValueError(next(iter(refused.values())))
-    read = [f for f in files if f not in refused]
-    for file, guess in without_motion(dict(zip(read, guesses, strict=True))).items():
+    named_guesses = dict(zip([f for f in files if f not in refused], guesses, strict=True))
+    still = without_motion(named_guesses)
+    runs = runs_of_parts({f: g for f, g in named_guesses.items() if f not in still}, still) if still else []
+    for run in runs:
+        path = write_joined(run, folder)
+        joined = guess_recording(path)
+        named_guesses = {f: g for f, g in named_guesses.items() if f not in run.parts} | {
+            path: replace(joined, notes=(f"written from parts: {run.why}", *joined.notes))
+        }
+    files = [*named_guesses, *refused]
+    guesses = list(named_guesses.values())
+    for file, guess in without_motion(named_guesses).items():
         guesses.remove(guess)
         refused[file] = (
             f"{file}: holds neither displacement nor acceleration, and a recording is one file: copy its columns "
             f"({', '.join(guess.channels)}) into the file that holds the displacement, at the same rate"
         )
-    read = [f for f in read if f not in refused]
+    read = [f for f in files if f not in refused]
     guesses = [
         guess if columns is None else guess_recording(file, rate=guess.rate.value, columns=columns)
         for file, guess, columns in zip(read, guesses, like_most(guesses), strict=True)
@@ -125,6 +136,8 @@ def new(
     for row in rows(guesses):
         table.add_row(*row)
     console.print(table)
+    for run in runs:
+        console.print(f"{run.why}: {run.name}")
     for text in (*answer.alarms, *(f"left out: {message}" for message in refused.values())):
         console.print(marked("  !", text))
     if copied:

@@ -7,6 +7,8 @@ from pathlib import Path
 from maglev_env.recordings.files import SAVE_AS, SUFFIXES, atomic_file
 from maglev_env.rig.rig import PRESETS
 
+JOINED = "_joined"  # how the name of a file ends that holds the columns of several
+
 
 def data_files(sources: Sequence[Path]) -> list[Path]:
     """The data files among files and folders, in order.
@@ -25,12 +27,19 @@ def data_files(sources: Sequence[Path]) -> list[Path]:
             raise FileNotFoundError(f"{source} does not exist; name data files or a folder of them")
         if source.is_dir():
             inside = sorted(p for p in source.iterdir() if p.is_file() and p.suffix.lower() in (*SUFFIXES, *SAVE_AS))
+            inside = [p for p in inside if not _of_parts(p, inside)]
             if not inside:
                 raise ValueError(f"{source} holds no data file ({', '.join(SUFFIXES)})")
             found += inside
         else:
             found.append(source)
     return list(dict.fromkeys(found))
+
+
+def _of_parts(file: Path, files: Sequence[Path]) -> bool:
+    """Whether a file was joined before from others that are still there."""
+    run = file.stem.removesuffix(JOINED)
+    return run != file.stem and any(p != file and p.stem.startswith(run) for p in files)
 
 
 def campaign_folder(files: Sequence[Path], out: Path | None) -> Path:

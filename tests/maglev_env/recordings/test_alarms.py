@@ -237,3 +237,18 @@ def test_alarms_travel_with_a_dataset(loops):
     record = loops[0].assign_attrs(alarms=alarms_text(alarms))
     assert alarms_of(record) == alarms and json.loads(record.attrs["alarms"])[0]["code"] == "stuck reading"
     assert alarms_of(loops[0]) == ()
+
+
+def test_a_displacement_that_is_counted_from_another_place_has_not_fallen():
+    rig = load_rig("hmb_free")
+    rng = np.random.default_rng(3)
+    time = {"time": np.arange(SAMPLES) / RATE}
+    y, i = 0.1 * rig.clearance * rng.standard_normal(SAMPLES), rng.standard_normal(SAMPLES)
+
+    def alarms(offset):
+        channels = {"displacement": ("time", y + offset), "current": ("time", i)}
+        return lost_levitation(xr.Dataset(channels, time, {"sample_rate": RATE}), rig=rig)
+
+    assert not alarms(0.0)
+    (found,) = alarms(18e-3)
+    assert found.severity == "refuse" and "state its offset" in found.sentence and "lost" not in found.sentence

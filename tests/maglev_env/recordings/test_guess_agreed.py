@@ -15,7 +15,8 @@ def stored(folder, name, positions, current):
 
 def test_a_quiet_file_takes_the_unit_that_a_moving_one_shows(tmp_path):
     rng = np.random.default_rng(1)
-    quiet = stored(tmp_path, "a.npz", 3.0 * rng.normal(size=4000), rng.normal(size=4000))  # um, but like mm
+    slow = np.cumsum(rng.normal(size=4000))  # white noise of mm would be an acceleration that tells µm
+    quiet = stored(tmp_path, "a.npz", 3.0 * slow / slow.std(), rng.normal(size=4000))  # um, but like mm
     moving = stored(tmp_path, "b.npz", 90.0 * rng.normal(size=4000), rng.normal(size=4000))
     assert (quiet.channels["displacement"].scale, moving.channels["displacement"].scale) == (1e-3, 1e-6)
     found = [g.channels["displacement"] for g in agreed([quiet, moving])]

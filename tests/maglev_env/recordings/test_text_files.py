@@ -86,7 +86,7 @@ def test_without_a_header_columns_go_by_position_from_zero(tmp_path, separator, 
     ("text", "column", "words"),
     [
         ("F,y\n1,2\n3,abc\n", "y", ["column 'y'", "'abc' in line 3 (sample 1) is not a number"]),
-        ("F,y\n1,2\n3,\n", "y", ["'' in line 3 (sample 1)"]),
+        ("F,y\n1,2\n3,\n5,\n", "y", ["'' in line 3 (sample 1)"]),
         ("F,y\n1,2\n3\n", "F", ["line 3 (sample 1) has 1 values, the other lines 2 columns"]),
         ("F,y\n1,2\n\n3,4\n", "F", ["line 3 (before sample 1) is blank"]),
         ("F,y\n1.5,2\n# pause\n3.5,4\n", "F", ["line 3 (before sample 1) is blank or a comment"]),

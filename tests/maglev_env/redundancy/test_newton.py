@@ -1,9 +1,12 @@
 """Newton's law is asked where the mass moves, not where the controller has made the current of the probe's noise."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.linalg import expm
 
+from maglev_env.loop.gains import LinearController
 from maglev_env.loop.magnets.kinds import force_law
 from maglev_env.loop.magnets.law import linearise
 from maglev_env.redundancy.coverage import uncovered
@@ -55,3 +58,41 @@ def test_a_time_that_one_line_cannot_tell_is_said():
     row = Row("injection to command", {"command": 1, "reference": -1}, 1.0, 1e-3, 0.02, "the reference", delay=None)
     (said,) = uncovered(levitated(0.0, 0, 0.05), [row])
     assert "time of the reference" in said.message and "excite more than one line" in said.message
+
+
+def test_a_force_that_nobody_recorded_is_no_delay_of_the_displacement():
+    """Taps on a hovering ball: command and displacement are related by the controller, which is stated."""
+    gain, stiffness = linearise(force_law(BALL))
+    rng = np.random.default_rng(2)
+    step = expm(
+        np.array(
+            [[0, 1, 0, 0], [-stiffness / BALL.mass, 0, gain / BALL.mass, 1 / BALL.mass], [0, 0, 0, 0], [0, 0, 0, 0]]
+        )
+        / RATE
+    )
+    kp, kd = 2.0 * abs(stiffness) / gain, 0.9 * np.sqrt(abs(stiffness) * BALL.mass) / gain
+    pushes = np.where(rng.random(SAMPLES) < 0.02, 0.2 * rng.normal(size=SAMPLES), 0.0)
+    state, before, y, i = np.zeros(2), 0.0, np.empty(SAMPLES), np.empty(SAMPLES)
+    for k in range(SAMPLES):
+        y[k] = state[0]
+        i[k] = -kp * y[k] - kd * (y[k] - before) * RATE
+        before = y[k]
+        state = step[:2, :2] @ state + step[:2, 2] * i[k] + step[:2, 3] * pushes[k]
+    channels = {"displacement": y, "current": i, "command": i}
+    view = View(
+        "taps",
+        RATE,
+        channels,
+        frozenset(channels),
+        {n: n for n in channels},
+        (),
+        frozenset(),
+        None,
+        (),
+        BALL,
+        BALL.mass,
+    )
+    unknown = moved(view)
+    assert unknown and any(row.off for row in unknown)  # without a controller nothing tells that it made the current
+    pd = LinearController((kp + kd * RATE, -kd * RATE), (1.0, 0.0))
+    assert not moved(replace(view, gains=pd))

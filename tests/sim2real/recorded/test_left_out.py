@@ -53,6 +53,35 @@ def test_a_hover_is_left_out_and_nothing_else_changes(tmp_path):
     assert np.array_equal(alone.driving("current"), records[0].driving("current"))
 
 
+@pytest.mark.slow
+def test_a_hover_under_a_known_controller_does_not_enter_the_fit(tmp_path):
+    """What drives it is the rounding of its command, which moves the rotor by a thousandth of its motion."""
+    folder = tmp_path
+    write_campaign(folder, Bench(noise=1e-7, current_noise=1e-4), {"noise": "fit", "hover": "fit"}, 0.5, 3)
+    command = np.load(folder / "hover.npz")["command"]
+    assert np.ptp(command)
+    told, records = read_records(folder)
+    assert len(records) == 2
+    quiet = replace(records[1], waves={at: 1e-3 * wave for at, wave in records[1].waves.items()})
+    campaign, kept = standing(told, [records[0], quiet])
+    assert [r.name for r in kept] == ["noise.npz"]
+    assert "moves the rotor no more than the noise" in campaign.left_out[0].reason
+    assert len(standing(told, [quiet])[1]) == 1, "alone, it is for the caller to say that nothing is bounded"
+
+
+def test_a_periodic_recording_without_gains_is_compared_as_one_without_a_period(tmp_path):
+    path = write_campaign(tmp_path, Bench(), {"noise": "fit", "sine": "fit"}, 0.5, 0) / "campaign.toml"
+    text = path.read_text()
+    head, _, sine = text.rpartition("[[recording]]")
+    lines = [line for line in sine.splitlines() if not line.startswith(("gains", "excitation"))]
+    at = next(i for i, line in enumerate(lines) if line.startswith("sample_rate"))
+    lines.insert(at, 'excitation = { kind = "sphs", at = "current", fundamental = 20.0, lines = [1], amplitude = 0.1 }')
+    path.write_text(head + "[[recording]]" + "\n".join(lines) + "\n")
+    told, records = read_records(tmp_path)
+    names = [r.name for r in records] + [one.recording for one in told.left_out]
+    assert sorted(names) == ["noise.npz", "sine.npz"] and "noise.npz" in [r.name for r in records]
+
+
 def test_each_reason_is_given_where_none_is_left(tmp_path):
     folder = current_driven(tmp_path, {"hover": "fit", "sine": "fit", "noise": "holdout"})
     rest(folder, "hover.npz")
