@@ -8,6 +8,7 @@ import scipy
 
 from estimation.lines.frequency_response import frequency_response, pooled_variance
 from estimation.lines.periods import LineStatistics
+from estimation.lines.smooth_loop import smooth_closed_loop
 from estimation.margin_errors import margin_errors
 from estimation.normal import NORMAL_95
 from maglev_env.experiment import Experiment
@@ -146,7 +147,7 @@ def measured(
     Args:
         goal: The goal.
         force: Statistics of the force lines.
-        injection: Frequencies (f,), sensitivities (n, f) and their variances at the injection lines.
+        injection: Frequencies (f,), smooth sensitivities (n, f) and their variances at the injection lines.
         margins: By `stability_margins.margin_arrays`.
         known: Quantities that are measured already, by name; of unlike events too.
     """
@@ -187,9 +188,10 @@ def _compliance(force: LineStatistics, requirement: Requirement | None) -> Measu
             f"{frequency[-1]:g} Hz"
         )
     response, variance = frequency_response(force, "displacement", "force")
+    response, variance = smooth_closed_loop(frequency, response, pooled_variance(variance))
     size = np.abs(response[:, inside])
     at = np.arange(len(size)), size.argmax(axis=1)
-    return _with_error(size[at], np.sqrt(pooled_variance(variance)[:, inside][at] / 2))
+    return _with_error(size[at], np.sqrt(variance[:, inside][at] / 2))
 
 
 def _with_error(value: np.ndarray, se: np.ndarray) -> Measured:
