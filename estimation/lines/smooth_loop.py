@@ -17,7 +17,8 @@ from maglev_lanes.compiled import compiled
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
-WIDTHS = 40  # smoothing widths that are compared, evenly in their logarithm
+WIDTHS = 40  # smoothing widths that are told apart, evenly in their logarithm
+COARSE = 4  # every so many of them are compared; then those between the best one and its neighbours
 NARROWEST, WIDEST = 0.3, 3.0  # of the smallest distance between lines, and of the whole range of the lines
 FLOOR = 1e-6  # of a response's largest variance, so that a line without noise does not dominate
 _MAKING = Lock()  # threads that need the kernel at the same time make it once
@@ -84,7 +85,8 @@ def _kernel() -> Callable[..., None]:
                 continue
             per_penalty = np.median(v) * np.median(h)
             least = np.inf
-            for step in range(WIDTHS):
+            best, hop, step, after = 0, COARSE, 0, False
+            while hop > 0:
                 # A spline that smooths over a width has about its fourth power as penalty, per weight of the lines.
                 width = np.exp(narrow + (wide - narrow) * step / (WIDTHS - 1))
                 p = width**4 / per_penalty
@@ -135,9 +137,16 @@ def _kernel() -> Callable[..., None]:
                     t = taken[i]
                     risk += p * p * v[i] * (t.real * t.real + t.imag * t.imag) + 2.0 * (1.0 - p * v[i] * left[i])
                 if risk < least:
-                    least = risk
+                    least, best = risk, step
                     for i in range(n):
                         best_curve[i], best_share[i] = y[i] - p * v[i] * taken[i], 1.0 - p * v[i] * left[i]
+                if hop == COARSE and step + hop < WIDTHS:
+                    step += hop
+                elif hop == COARSE or after:
+                    hop //= 2
+                    after, step = False, max(0, best - hop)
+                else:
+                    after, step = True, min(WIDTHS - 1, best + hop)
             for i in range(n):
                 y[i], share[lane * n + i] = best_curve[i], best_share[i]
 

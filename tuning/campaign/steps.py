@@ -17,6 +17,7 @@ LOUDER = 2.0  # largest factor by which one step may change the controller's res
 SHARES = (1.0, 0.85, 0.7, 0.55, 0.4, 0.3, 0.2, 0.1)  # shares of the way to the optimum that are tried, in this order
 GAINED, CALMER = 0.01, 0.9  # least gain in score worth an experiment; factor on the peak of a loop beyond its limits
 TOLD = 0.5  # of the larger standard deviation of the two scores, likewise: less is within what is not known
+SURER = 0.2  # by which the probability that every requirement is met must rise, if the score may gain less than that
 SAME = 1e-3  # of the box; gains closer than this count as equal
 BETWEEN, PASSED = (0.25, 0.5, 0.75), 2.0  # shares of a step, and times the limit that its peak may reach on the way
 REPEATED = 2  # recordings at one set; more of them hardly tell more
@@ -84,8 +85,11 @@ def _worth(advice: Advice, model: Model, best: int, prediction: Prediction) -> b
     if _near(advice, model, prediction.gains):
         return False
     known = advice.claimed[best]
+    gained = prediction.expected - known.expected
+    if known.met is not None and gained >= 0 and prediction.met - known.met >= SURER:
+        return True
     least = max(GAINED, TOLD * max(known.spread, prediction.spread))
-    return known.reason is not None or prediction.expected - known.expected >= least
+    return known.reason is not None or gained >= least
 
 
 def _near(advice: Advice, model: Model, gains: Gains) -> bool:
