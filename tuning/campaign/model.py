@@ -1,7 +1,7 @@
 """The rig by which gains are judged: responses as measured, large signals by rigs that the recordings allow."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -10,7 +10,7 @@ from maglev_env.design.goals import goal_of
 from maglev_env.evaluation.goal_score import goal_score, goal_terms, misses
 from maglev_env.evaluation.score import score, terms
 from maglev_env.loop.gains import Gains, controller_response
-from maglev_env.rig.goal import Goal
+from maglev_env.rig.goal import Goal, Requirement
 from maglev_env.task.episodes import Episode
 from maglev_env.task.task import Task
 from tuning.campaign.carried import DRAWS, Carried
@@ -144,6 +144,19 @@ def large(
         if one.quantity.event not in (None, "hover"):
             found[one.name] = scattered(figure(lanes, one.name, np.inf)[turn], EVENT_ERROR)
     return found
+
+
+def event_current(model: Model, gains: Gains) -> float | None:
+    """Largest current in the events of the goal on the fitted rig, A; None where the goal has no events."""
+    goal = model.goal
+    if goal is None or not goal.events:
+        return None
+    others = tuple(r for r in goal.requirements if r.name != "current_peak")
+    asked = replace(goal, requirements=(*others, Requirement("current_peak", 1.0)))
+    first = model.episodes[0]
+    rig = replace(first.rig, target=replace(first.rig.target, goal=asked.text))
+    lanes = experiments(model.task, [replace(first, rig=rig)], model.point(gains)[None], [0])
+    return float(figure(lanes, "current_peak")[0])
 
 
 def terms_of(model: Model, values: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
