@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 import scipy
 
+from estimation.gain_margin import gain_factors, lowest_gain
 from estimation.lines.frequency_response import frequency_response, pooled_variance
 from estimation.lines.periods import LineStatistics
 from estimation.lines.smooth_loop import smooth_closed_loop
@@ -155,24 +156,31 @@ def measured(
     found = dict(known)
     for name in ("peak_sensitivity", "phase_margin", "disk_margin"):
         found[name] = _with_error(margins[name], errors[name])
-    found["gain_margin"] = _gain_margin(margins, errors)
+    found["gain_margin"] = _gain_margin(injection, margins, errors)
     asked = {r.name: r for r in goal.measured}
     found["compliance"] = _compliance(force, asked.get("compliance"))
     return {name: found[name] for name in dict.fromkeys([*asked, *ALWAYS])}
 
 
-def _gain_margin(margins: Mapping[str, np.ndarray], errors: Mapping[str, np.ndarray]) -> Measured:
+def _gain_margin(
+    injection: tuple[np.ndarray, np.ndarray, np.ndarray],
+    margins: Mapping[str, np.ndarray],
+    errors: Mapping[str, np.ndarray],
+) -> Measured:
     """The factor by which the loop's gain may rise or fall, whichever is smaller.
 
     The error of L at its crossing of the real axis is normal. That of the factor is not where it is large: its upper
     end is unknown where L may be zero there.
     """
-    up, down = margins["gain_margin_high"], 1 / margins["gain_margin_low"]
+    _, sensitivity, variance = injection
+    up, down = gain_factors(sensitivity, margins)
     crossing, error = 1 / up, NORMAL_95 * errors["gain_margin_high"] / up**2
     nearest = np.maximum(crossing - error, 0.0)
     high = np.divide(1.0, nearest, out=np.full_like(nearest, np.nan), where=nearest > 0)
     rise = np.stack([up, 1 / (crossing + error), high])
-    half = NORMAL_95 * errors["gain_margin_low"] * down**2
+    at_rest, _ = lowest_gain(sensitivity)
+    of_lowest = np.sqrt(variance[:, 0] / 2) / np.abs(sensitivity[:, 0]) ** 2
+    half = NORMAL_95 * np.where(down == at_rest, of_lowest, errors["gain_margin_low"] * down**2)
     fall = np.stack([down, down - half, down + half])
     return Measured(*np.where((down < up) | np.isnan(up), fall, rise))
 

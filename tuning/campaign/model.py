@@ -5,6 +5,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from estimation.gain_margin import gain_factors
 from estimation.stability_margins import margin_arrays
 from maglev_env.design.goals import goal_of
 from maglev_env.evaluation.goal_score import goal_score, goal_terms, misses
@@ -98,7 +99,6 @@ def linear(model: Model, responses: Carried, gains: Gains, apart: float, draws: 
     rig = model.task.rig
     s = responses.sensitivity(gains, apart, draws)
     m = margin_arrays(responses.injected, s)
-    up, down = m["gain_margin_high"], 1 / m["gain_margin_low"]
     rng = np.random.default_rng(161803)  # the same rotor and probe whatever the gains
     weighed, calibrated = rng.standard_normal((2, DRAWS))[:, :draws]
     weighed[0] = calibrated[0] = 0.0
@@ -115,7 +115,7 @@ def linear(model: Model, responses: Carried, gains: Gains, apart: float, draws: 
         "stiffness": k,
         "damping": c,
         **{n: m[n] for n in ("peak_sensitivity", "phase_margin", "gain_margin_high", "disk_margin")},
-        "gain_margin": np.fmin(up, down),
+        "gain_margin": np.fmin(*gain_factors(s, m)),
     }
     asked = {r.name: r for r in model.goal.measured} if model.goal else {}
     band = asked["compliance"].band if "compliance" in asked else (0.0, np.inf)

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 import scipy
 
+from estimation.gain_margin import gain_factors
 from estimation.stability_margins import margin_arrays
 from maglev_env.experiment import Experiment, axis_experiment
 from maglev_env.linear.loop import loop_response, pole_radii
@@ -125,7 +126,7 @@ class LineModel:
         if whole or self.goal:
             margins = margin_arrays(self.injected, sensitivity)
             found |= margins
-            found["gain_margin"] = np.fmin(margins["gain_margin_high"], 1 / margins["gain_margin_low"])
+            found["gain_margin"] = np.fmin(*gain_factors(sensitivity, margins))
         else:
             found["peak_sensitivity"] = self._peak(loop_gain[:, n:])
         if whole:
