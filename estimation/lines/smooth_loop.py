@@ -12,6 +12,7 @@ from threading import Lock
 import numpy as np
 from numpy.typing import NDArray
 
+from estimation.lines.frequency_response import LOCAL, distortion_factor
 from maglev_lanes.compiled import compiled
 
 Array = NDArray[np.float64]
@@ -29,7 +30,9 @@ def smooth_closed_loop(frequency: Array, response: Complex, variance: Array) -> 
 
     The largest |S| of noisy lines is that of the line which noise raised most, and a gain margin that of the first
     crossing which noise makes where the loop gain is small. A smooth curve has neither. 1 / S = 1 + L is smoothed, or
-    the dynamic stiffness, which have no sharp peak where the loop has its own; |d(1/S)| = |dS| / |S|^2.
+    the dynamic stiffness, which have no sharp peak where the loop has its own; |d(1/S)| = |dS| / |S|^2. What repeats
+    with the period but scatters between lines, as the distortion of a magnet does, widens the variance; it is not
+    smoothed away, because it looks like a loop that bends between its lines.
 
     Args:
         frequency: Increasing, (f,), Hz, f >= 4.
@@ -39,7 +42,10 @@ def smooth_closed_loop(frequency: Array, response: Complex, variance: Array) -> 
     inverse = 1 / response
     # A line that noise made small weighs too little at first.
     first, _ = smooth_responses(frequency, inverse, variance * np.abs(inverse) ** 4)
-    curve, spread = smooth_responses(frequency, inverse, variance * np.abs(first) ** 4)
+    noise = variance * np.abs(first) ** 4
+    curve, spread = smooth_responses(frequency, inverse, noise)
+    if frequency.size >= LOCAL:
+        spread = spread * distortion_factor(frequency, inverse, noise)
     return 1 / curve, spread / np.abs(curve) ** 4
 
 

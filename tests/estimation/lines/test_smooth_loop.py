@@ -58,6 +58,16 @@ def test_peaks_and_gain_margins_are_not_those_of_the_noise():
     assert np.median(after["gain_margin_high"]) == pytest.approx(own, rel=0.03)
 
 
+def test_what_scatters_between_lines_without_being_noise_widens_the_variance():
+    true = 1 / (1 + loop_gain())
+    variance = np.broadcast_to(0.002**2 * np.abs(true) ** 2, (200, true.size))  # a tenth of the scatter
+    scatter = 0.02**2 * np.abs(true) ** 2
+    _, wide = smooth_closed_loop(FREQUENCY, true + noise((200, true.size), scatter), variance)
+    assert 0.7 < np.median(wide / scatter) < 1.6
+    _, plain = smooth_closed_loop(FREQUENCY, true + noise((200, true.size), variance[0]), variance)
+    assert np.median(plain / variance) < 0.5
+
+
 def test_any_layout_of_the_arrays_gives_the_same_and_no_noise_changes_nothing():
     true = loop_gain()
     noisy = true + noise((3, true.size), 1e-3)
