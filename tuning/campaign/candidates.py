@@ -54,6 +54,7 @@ class Prediction:
         met: Share of the draws in which every requirement of the goal is met; None for `match`.
         missed: The requirements that the best estimate misses.
         unsure: Those that it meets, but the interval does not.
+        simulated: Those that only simulation shows, at currents far beyond the recorded ones.
         response: |S| over frequency: (frequency, best, low, high), each (s,).
     """
 
@@ -67,6 +68,7 @@ class Prediction:
     met: float | None = None
     missed: tuple[str, ...] = ()
     unsure: tuple[str, ...] = ()
+    simulated: tuple[str, ...] = ()
     response: tuple[np.ndarray, ...] = ()
 
     @property
@@ -106,19 +108,11 @@ def predict(model: Model, gains: Gains, responses: Carried | None = None, seen: 
         met = float(np.mean(np.all([v <= 0 for v in by.values()], axis=0)))
         missed = tuple(n for n, v in by.items() if v[0] > 0)
         unsure = tuple(n for n, v in by.items() if v[0] <= 0 and np.mean(v > 0) > 1 - LEVEL[1] / 100)
+    expected, spread = float(scores.mean()), float(scores.std())
+    reason = _reason(ends, held)
     return Prediction(
-        gains,
-        ends["score"],
-        float(scores.mean()),
-        float(scores.std()),
-        ends,
-        _reason(ends, held),
-        held,
-        met,
-        missed,
-        unsure,
-        shape,
-    )
+        gains, ends["score"], expected, spread, ends, reason, held, met, missed, unsure, response=shape
+    )  # fmt: skip
 
 
 def search_scores(model: Model, points: np.ndarray, limit: float) -> np.ndarray:
@@ -131,7 +125,7 @@ def search_scores(model: Model, points: np.ndarray, limit: float) -> np.ndarray:
     """
     n = len(points)
     lanes = experiments(model.task, [model.episodes[0]] * n, points, [0] * n)
-    simulated = large(model, lanes, np.arange(n), None, scatter=False)
+    simulated = large(model, lanes, np.arange(n), None, alone=True)
     # The same errors for every point: a search that knew none would stop right at the limits of large signals.
     rng = np.random.default_rng(173205)
     factors = {k: np.exp(SEEN.get(k, EVENT_ERROR) * rng.permutation(NORMAL)) for k in simulated}

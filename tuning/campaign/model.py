@@ -37,7 +37,7 @@ class Model:
         responses: From all recordings.
         episodes: RIGS rigs of the posterior.
         recorded: Gain sets that held, from which distances are counted.
-        ratios: Measured over simulated, of SEEN where it is known.
+        ratios: Measured over simulated on each of the RIGS, of SEEN where it is known.
         mass: Relative standard deviation of the stated mass.
         probe: That of the stated gain of the probe.
     """
@@ -48,7 +48,7 @@ class Model:
     responses: Carried
     episodes: Sequence[Episode]
     recorded: Sequence[GainSet]
-    ratios: Mapping[str, float] = field(default_factory=dict)
+    ratios: Mapping[str, np.ndarray] = field(default_factory=dict)
     mass: float = MASS
     probe: float = 0.0
 
@@ -84,13 +84,19 @@ def model_of(
         mass=tolerance.get("mass", MASS), probe=tolerance.get("probe_gain", 0.0),
     )  # fmt: skip
     points = np.array([model.point(s.gains) for s in good])
-    simulated = experiments(task, [episodes[0]] * len(points), points, [0] * len(points))
+    n = len(points)
+    every = [episode for episode in episodes for _ in range(n)]
+    simulated = experiments(task, every, np.tile(points, (RIGS, 1)), [0] * len(every))
     ratios = {}
     for name in SEEN:
-        pairs = [(figure(simulated, name)[i], measured(s)[name]) for i, s in enumerate(good)]
-        known = [np.log(m / v) for v, m in pairs if v > 0 and m > 0]
-        if known:
-            ratios[name] = float(np.exp(np.mean(known)))
+        shown = figure(simulated, name).reshape(RIGS, n)
+        seen = np.array([measured(s)[name] for s in good])
+        with np.errstate(divide="ignore", invalid="ignore"):
+            apart = np.where((shown > 0) & (seen > 0), np.log(seen / shown), np.nan)
+        if not np.isnan(apart[0]).all():
+            # A rig that does not hold there tells nothing of its own, and takes what the best estimate shows.
+            apart = np.where(np.isnan(apart), apart[0], apart)
+            ratios[name] = np.exp(np.nanmean(apart, axis=1))
     return Model(**{**vars(model), "ratios": ratios})
 
 
@@ -124,20 +130,32 @@ def linear(model: Model, responses: Carried, gains: Gains, apart: float, draws: 
 
 
 def large(
-    model: Model, lanes: Trials, turn: np.ndarray, seen: GainSet | None, scatter: bool = True
+    model: Model, lanes: Trials, turn: np.ndarray, seen: GainSet | None, alone: bool = False
 ) -> dict[str, np.ndarray]:
-    """What the experiment and the events show of large signals, for each draw that of its lane."""
+    """What the experiment and the events show of large signals, for each draw that of its lane.
+
+    Args:
+        model: The rig.
+        lanes: Experiments on the RIGS of the model in this order, or, alone, all on its best estimate.
+        turn: Lane of each draw.
+        seen: A recording at these gains, which shows some of it itself.
+        alone: Then the values are without errors.
+    """
     own = measured(seen) if seen else {}
     found, rng = {}, np.random.default_rng(141421)
 
     def scattered(values: np.ndarray, error: float) -> np.ndarray:
-        normal = scatter * rng.standard_normal(turn.size)
+        if alone:
+            return values
+        normal = rng.standard_normal(turn.size)
         normal[0] = 0.0
         return values * np.exp(error * normal)
 
     for name, error in SEEN.items():
         known = own.get(name, np.nan)
-        values = np.full(turn.size, known) if known > 0 else figure(lanes, name)[turn] * model.ratios.get(name, 1.0)
+        ratio = model.ratios.get(name, np.ones(RIGS))
+        shown = figure(lanes, name)[turn] * (ratio[0] if alone else ratio[turn])
+        values = np.full(turn.size, known) if known > 0 else shown
         found[name] = scattered(values, error)
     found["displacement"] = found["peak_displacement"] / model.task.rig.clearance
     for one in model.goal.measured if model.goal else ():

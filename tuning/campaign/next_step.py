@@ -163,13 +163,17 @@ def _beyond_recorded(advice: Advice, model: Model) -> Advice:
     recorded = CREST * max((s.current_rms for s in model.recorded if s.current_rms > 0), default=np.inf)
     if peak is None or not peak > FAR * recorded:
         return advice
+    goal = advice.task.layout.goal
     names = {"impulse": "an impulse", "step": "a step load", "lift_off": "lift-off"}
-    what = ", ".join(names[kind] for kind in advice.task.layout.goal.events)
+    what = ", ".join(names[kind] for kind in goal.events)
     words = (
         f"what is said of {what} is simulated, with currents of up to {peak:.2g} A; the recordings reach about "
         f"{recorded:.2g} A, and do not show what saturates beyond that: try it on the rig before relying on it"
     )
-    return replace(advice, notes=(*advice.notes, words))
+    only = tuple(r.name for r in goal.requirements if r.quantity.event not in (None, "hover"))
+    claimed = list(advice.claimed)
+    claimed[advice.keep] = replace(claimed[advice.keep], simulated=only)
+    return replace(advice, claimed=tuple(claimed), notes=(*advice.notes, words))
 
 
 def _explained(task: Task, told: Sequence[GainSet], identified: IdentifiedRig, found: Disagreement) -> IdentifiedRig:

@@ -32,18 +32,20 @@ def onward(advice: Advice, model: Model, seed: int, budget: int) -> Advice:
     sound = [i for i in good if advice.claimed[i].reason is None] or good
     anchor = min(sound, key=lambda i: float(np.linalg.norm(model.point(advice.sets[i].gains) - goal)))
     origin = model.point(advice.sets[anchor].gains)
-    limited = None
+    limited, allowed = None, 0.0
     for share in SHARES:
         point = np.clip(origin + share * (goal - origin), *model.corners)
         prediction, why = _tried(advice, model, anchor, point)
         if why is None:
             if _worth(advice, model, best, prediction):
                 return _climb(advice, best, prediction, share, limited)
-            break
+            allowed = allowed or share
+            # The search saw one rig. Where others that the recordings allow do worse, less of the way may be worth it.
+            if prediction.score.value - advice.claimed[best].score.value < GAINED:
+                break
+            why = f"a score of {prediction.score.value:.3f} is not sure enough: it may be {prediction.score.low:.3f}"
         limited = why
-    else:
-        share = 0.0
-    thin = advice.claimed[best].reason
+    share, thin = allowed, advice.claimed[best].reason
     around = nearby(model, model.point(advice.sets[best].gains), np.log(LOUDER), seed)
     if limited and thin is None and len(around):
         some = around[: LOOKED * TRIED]
