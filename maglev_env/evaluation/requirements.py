@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 import scipy
 
-from estimation.gain_margin import gain_factors, lowest_gain
+from estimation.gain_margin import at_rest, gain_factors
 from estimation.lines.frequency_response import frequency_response, pooled_variance
 from estimation.lines.periods import LineStatistics
 from estimation.lines.smooth_loop import smooth_closed_loop
@@ -172,15 +172,13 @@ def _gain_margin(
     The error of L at its crossing of the real axis is normal. That of the factor is not where it is large: its upper
     end is unknown where L may be zero there.
     """
-    _, sensitivity, variance = injection
-    up, down = gain_factors(sensitivity, margins)
+    up, down = gain_factors(*injection[:2], margins)
     crossing, error = 1 / up, NORMAL_95 * errors["gain_margin_high"] / up**2
     nearest = np.maximum(crossing - error, 0.0)
     high = np.divide(1.0, nearest, out=np.full_like(nearest, np.nan), where=nearest > 0)
     rise = np.stack([up, 1 / (crossing + error), high])
-    at_rest, _ = lowest_gain(sensitivity)
-    of_lowest = np.sqrt(variance[:, 0] / 2) / np.abs(sensitivity[:, 0]) ** 2
-    half = NORMAL_95 * np.where(down == at_rest, of_lowest, errors["gain_margin_low"] * down**2)
+    still, of_still = at_rest(*injection)
+    half = NORMAL_95 * np.where(down == still, of_still, errors["gain_margin_low"] * down**2)
     fall = np.stack([down, down - half, down + half])
     return Measured(*np.where((down < up) | np.isnan(up), fall, rise))
 

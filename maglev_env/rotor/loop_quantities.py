@@ -86,7 +86,7 @@ def _margins(rotor: Rotor, speed: float) -> dict[str, tuple[tuple[str, ...], np.
         places = (*PLANES, *MODES)
     own = [(ahead[:, i, i] + back[:, i, i].conj()) / 2 for ahead, back in loops for i in range(2)]
     margins = margin_arrays(f, np.array(own))
-    factor = np.fmin(*gain_factors(np.array(own), margins))
+    factor = np.fmin(*gain_factors(f, np.array(own), margins))
     peak, offset = (_peak(rotor, f, speed, planes, part) for part in (0.0, 0.5))
     every = (*places, TOGETHER)
     return {

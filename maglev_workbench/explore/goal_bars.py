@@ -71,7 +71,7 @@ def linear_row(found: LoopCurves) -> dict[str, float]:
         return {}
     m = found.margins
     values = {name: m[name] for name in ("peak_sensitivity", "phase_margin", "disk_margin")}
-    values["gain_margin"] = float(np.fmin(*gain_factors(found.sensitivity, m)))
+    values["gain_margin"] = float(np.fmin(*gain_factors(found.frequency, found.sensitivity, m)))
     if found.in_target is not None:
         values["stiffness"], values["damping"] = found.in_target
     return {PREFIX + name: value for name, value in values.items()}

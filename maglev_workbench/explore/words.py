@@ -52,7 +52,7 @@ def _margins(found: LoopCurves, setting: Setting) -> list[Sentence]:
     peak = f"Peak |S|{axis_name(setting)} {number(m['peak_sensitivity'], 4)} at {number(m['peak_frequency'])} Hz"
     sentences = [Sentence(f"Stable. {peak}: zone {zone} of ISO 14839-3, {ZONES[zone]}.", kind)]
     gains = []
-    up, down = map(float, gain_factors(found.sensitivity, m))
+    up, down = map(float, gain_factors(found.frequency, found.sensitivity, m))
     if not isnan(up):
         gains.append(f"rise to {number(up)} times")
     if not isnan(down):

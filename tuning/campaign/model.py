@@ -121,7 +121,7 @@ def linear(model: Model, responses: Carried, gains: Gains, apart: float, draws: 
         "stiffness": k,
         "damping": c,
         **{n: m[n] for n in ("peak_sensitivity", "phase_margin", "gain_margin_high", "disk_margin")},
-        "gain_margin": np.fmin(*gain_factors(s, m)),
+        "gain_margin": np.fmin(*gain_factors(responses.injected, s, m)),
     }
     asked = {r.name: r for r in model.goal.measured} if model.goal else {}
     band = asked["compliance"].band if "compliance" in asked else (0.0, np.inf)

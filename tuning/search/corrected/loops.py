@@ -126,7 +126,7 @@ class LineModel:
         if whole or self.goal:
             margins = margin_arrays(self.injected, sensitivity)
             found |= margins
-            found["gain_margin"] = np.fmin(*gain_factors(sensitivity, margins))
+            found["gain_margin"] = np.fmin(*gain_factors(self.injected, sensitivity, margins))
         else:
             found["peak_sensitivity"] = self._peak(loop_gain[:, n:])
         if whole:
