@@ -170,7 +170,7 @@ def _gain_margin(
     """The factor by which the loop's gain may rise or fall, whichever is smaller.
 
     The error of L at its crossing of the real axis is normal. That of the factor is not where it is large: its upper
-    end is unknown where L may be zero there.
+    end is unknown where L may be zero there. That at rest is cautious, and its upper end unknown.
     """
     up, down = gain_factors(*injection[:2], margins)
     crossing, error = 1 / up, NORMAL_95 * errors["gain_margin_high"] / up**2
@@ -179,7 +179,7 @@ def _gain_margin(
     rise = np.stack([up, 1 / (crossing + error), high])
     still, of_still = at_rest(*injection)
     half = NORMAL_95 * np.where(down == still, of_still, errors["gain_margin_low"] * down**2)
-    fall = np.stack([down, down - half, down + half])
+    fall = np.stack([down, down - half, np.where(down == still, np.nan, down + half)])
     return Measured(*np.where((down < up) | np.isnan(up), fall, rise))
 
 

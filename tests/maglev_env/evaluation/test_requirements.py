@@ -68,7 +68,7 @@ def test_a_gain_margin_is_also_that_of_rest():
     """By the poles, all gains of this loop may fall by 1.60 only; no line holds the crossing, which is at rest."""
     found = judged("gain_margin >= 2, best noise_current near 0.02", [Gains(3330.0, 180.0, 4.98)])
     low, value, high = (float(f["gain_margin"][0]) for f in (found.required_low, found.required, found.required_high))
-    assert value == pytest.approx(1.60, rel=0.04) and low < value < high < 1.02 * low
+    assert value == pytest.approx(1.60, rel=0.04) and 0.98 * value < low < value and np.isnan(high)
     assert found.terms["gain_margin"][0] < 0.3
 
 
