@@ -71,20 +71,34 @@ def loop_variance(frequency: np.ndarray, sensitivity: np.ndarray, variance: np.n
     # Of the loop gain L = 1 / S - 1: |dL| = |dS| / |S|^2. A line that noise made large is not less certain for that.
     size = 1 / np.abs(1 + smooth_response(frequency, 1 / sensitivity - 1, noise / size**2)) ** 2
     noise = noise_of(size)
-    error = np.sqrt(np.maximum(noise, 1e-12 * noise.max())) / size
-    gain, x = 1 / sensitivity - 1, np.log(frequency)
-    left = np.empty(frequency.size - LOCAL + 1)
-    for i in range(left.size):
-        part = slice(i, i + LOCAL)
-        columns = np.vander(x[part] - x[part].mean(), CURVE) / error[part, None]
-        target = gain[part] / error[part]
-        rest = target - columns @ np.linalg.lstsq(columns, target, rcond=None)[0]
-        left[i] = np.sum(np.abs(rest) ** 2) / (LOCAL - CURVE)
-    whole = np.pad(left, (LOCAL // 2, (LOCAL - 1) // 2), mode="edge")
+    return noise * distortion_factor(frequency, 1 / sensitivity, noise / size**2)
+
+
+def distortion_factor(frequency: np.ndarray, curve: np.ndarray, variance: np.ndarray) -> np.ndarray:
+    """Factor (..., n) on the variance of smooth curves, for what scatters from line to line more than noise does.
+
+    Args:
+        frequency: (n,), Hz, increasing, n >= LOCAL.
+        curve: (..., n).
+        variance: Of its noise, E|n|^2, (..., n).
+    """
+    x, n = np.log(frequency), frequency.size - LOCAL + 1
+    whole = np.lib.stride_tricks.sliding_window_view
+    # What is left of LOCAL lines beside every cubic: an orthogonal basis of as many numbers as there are freedoms.
+    places = whole(x, LOCAL)
+    cubics = np.stack([np.vander(p - p.mean(), CURVE) for p in places])
+    beside = np.linalg.qr(cubics, mode="complete")[0][..., CURVE:]
+    largest = variance.max(axis=-1, keepdims=True)
+    noise = np.where(largest > 0, np.maximum(variance, 1e-12 * largest), 1.0)  # without any there is nothing to widen
+    rest = np.einsum("...wl,wlk->...wk", whole(curve, LOCAL, axis=-1), beside)
+    power = np.einsum("...wl,wlk->...wk", whole(noise, LOCAL, axis=-1), beside**2)
+    left = (np.abs(rest) ** 2 / power).mean(axis=-1)
+    around = [(0, 0)] * (curve.ndim - 1) + [(LOCAL // 2, frequency.size - n - LOCAL // 2)]
     freedom = 2 * (LOCAL - CURVE)
     median = scipy.stats.chi2.median(freedom) / freedom  # of that scatter, for noise alone
-    ratio = scipy.ndimage.median_filter(whole, ROUGH_POOL) / median
-    return noise * (1 + FEW * np.maximum(ratio - CHANCE, 0.0))
+    size = (1,) * (curve.ndim - 1) + (ROUGH_POOL,)
+    ratio = scipy.ndimage.median_filter(np.pad(left, around, mode="edge"), size) / median
+    return 1 + FEW * np.maximum(ratio - CHANCE, 0.0)
 
 
 def instrumented_response(output: np.ndarray, source: np.ndarray, instrument: np.ndarray) -> np.ndarray:

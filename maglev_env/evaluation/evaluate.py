@@ -10,6 +10,7 @@ from estimation.compiled_beside import begin
 from estimation.least_squares import least_squares
 from estimation.lines.frequency_response import frequency_response, pooled_variance
 from estimation.lines.periods import LineStatistics
+from estimation.lines.smooth_loop import smooth_closed_loop
 from estimation.max_likelihood import BandEstimate, maximum_likelihood
 from estimation.stability_margins import margin_arrays
 from estimation.xy.planar import axis_statistics
@@ -147,6 +148,11 @@ def _of_axis(
     injection = statistics.at_lines(lines_at(first.excitations, "current"))
     controllers = [of_axis(e.gains, axis) for e, lives in zip(experiments, alive, strict=True) if lives]
     sensitivity, variance = injected_sensitivity(injection, controllers, whole.rig.control_rate)
+    if goal:
+        # The noise of S is averaged in proportion to |S|^2, as it enters at one place of the loop.
+        size = np.abs(sensitivity) ** 2
+        noise = pooled_variance(variance / size) * size
+        sensitivity, variance = smooth_closed_loop(injection.frequency, sensitivity, noise)
     margins = margin_arrays(injection.frequency, sensitivity)
     nearest = np.abs(np.log(injection.frequency / margins["peak_frequency"][:, None])).argmin(axis=1)
     probe = np.array([rig.sensor_time_constant for rig in rigs])[alive]
@@ -167,11 +173,8 @@ def _of_axis(
     )
     total, required = score(scored), {}
     if goal:
-        # The noise of S is averaged in proportion to |S|^2, as it enters at one place of the loop.
-        size = np.abs(sensitivity) ** 2
-        loop = injection.frequency, sensitivity, pooled_variance(variance / size) * size
         known = _known(in_target, simulated, alive, aims, tested)
-        required = measured(goal, force, loop, margins, known)
+        required = measured(goal, force, (injection.frequency, sensitivity, variance), margins, known)
         scored = goal_terms(goal, {name: m.value for name, m in required.items()})
         total = goal_score(scored)
     feasible = alive & (radius < 1)

@@ -6,8 +6,10 @@ from dataclasses import dataclass
 import numpy as np
 import scipy
 
+from estimation.gain_margin import at_rest, gain_factors
 from estimation.lines.frequency_response import frequency_response, pooled_variance
 from estimation.lines.periods import LineStatistics
+from estimation.lines.smooth_loop import smooth_closed_loop
 from estimation.margin_errors import margin_errors
 from estimation.normal import NORMAL_95
 from maglev_env.experiment import Experiment
@@ -146,7 +148,7 @@ def measured(
     Args:
         goal: The goal.
         force: Statistics of the force lines.
-        injection: Frequencies (f,), sensitivities (n, f) and their variances at the injection lines.
+        injection: Frequencies (f,), smooth sensitivities (n, f) and their variances at the injection lines.
         margins: By `stability_margins.margin_arrays`.
         known: Quantities that are measured already, by name; of unlike events too.
     """
@@ -154,25 +156,30 @@ def measured(
     found = dict(known)
     for name in ("peak_sensitivity", "phase_margin", "disk_margin"):
         found[name] = _with_error(margins[name], errors[name])
-    found["gain_margin"] = _gain_margin(margins, errors)
+    found["gain_margin"] = _gain_margin(injection, margins, errors)
     asked = {r.name: r for r in goal.measured}
     found["compliance"] = _compliance(force, asked.get("compliance"))
     return {name: found[name] for name in dict.fromkeys([*asked, *ALWAYS])}
 
 
-def _gain_margin(margins: Mapping[str, np.ndarray], errors: Mapping[str, np.ndarray]) -> Measured:
+def _gain_margin(
+    injection: tuple[np.ndarray, np.ndarray, np.ndarray],
+    margins: Mapping[str, np.ndarray],
+    errors: Mapping[str, np.ndarray],
+) -> Measured:
     """The factor by which the loop's gain may rise or fall, whichever is smaller.
 
     The error of L at its crossing of the real axis is normal. That of the factor is not where it is large: its upper
-    end is unknown where L may be zero there.
+    end is unknown where L may be zero there. That at rest is cautious, and its upper end unknown.
     """
-    up, down = margins["gain_margin_high"], 1 / margins["gain_margin_low"]
+    up, down = gain_factors(*injection[:2], margins)
     crossing, error = 1 / up, NORMAL_95 * errors["gain_margin_high"] / up**2
     nearest = np.maximum(crossing - error, 0.0)
     high = np.divide(1.0, nearest, out=np.full_like(nearest, np.nan), where=nearest > 0)
     rise = np.stack([up, 1 / (crossing + error), high])
-    half = NORMAL_95 * errors["gain_margin_low"] * down**2
-    fall = np.stack([down, down - half, down + half])
+    still, of_still = at_rest(*injection)
+    half = NORMAL_95 * np.where(down == still, of_still, errors["gain_margin_low"] * down**2)
+    fall = np.stack([down, down - half, np.where(down == still, np.nan, down + half)])
     return Measured(*np.where((down < up) | np.isnan(up), fall, rise))
 
 
@@ -187,9 +194,10 @@ def _compliance(force: LineStatistics, requirement: Requirement | None) -> Measu
             f"{frequency[-1]:g} Hz"
         )
     response, variance = frequency_response(force, "displacement", "force")
+    response, variance = smooth_closed_loop(frequency, response, pooled_variance(variance))
     size = np.abs(response[:, inside])
     at = np.arange(len(size)), size.argmax(axis=1)
-    return _with_error(size[at], np.sqrt(pooled_variance(variance)[:, inside][at] / 2))
+    return _with_error(size[at], np.sqrt(variance[:, inside][at] / 2))
 
 
 def _with_error(value: np.ndarray, se: np.ndarray) -> Measured:

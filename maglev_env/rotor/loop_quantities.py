@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 import scipy
 
+from estimation.gain_margin import gain_factors
 from estimation.stability_margins import margin_arrays
 from maglev_env.rotor.identification import MODES
 from maglev_env.rotor.linear import (
@@ -85,8 +86,8 @@ def _margins(rotor: Rotor, speed: float) -> dict[str, tuple[tuple[str, ...], np.
         places = (*PLANES, *MODES)
     own = [(ahead[:, i, i] + back[:, i, i].conj()) / 2 for ahead, back in loops for i in range(2)]
     margins = margin_arrays(f, np.array(own))
+    factor = np.fmin(*gain_factors(f, np.array(own), margins))
     peak, offset = (_peak(rotor, f, speed, planes, part) for part in (0.0, 0.5))
-    factor = np.fmin(margins["gain_margin_high"], 1 / margins["gain_margin_low"])
     every = (*places, TOGETHER)
     return {
         "peak_sensitivity": (every, np.append(margins["peak_sensitivity"], peak)),

@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from estimation.gain_margin import gain_factors
 from maglev_env.design.goals import engineer, goal_of
 from maglev_env.evaluation.evaluate import evaluate
 from maglev_env.evaluation.goal_score import in_words, misses
@@ -66,11 +67,11 @@ def followed(rig: Rig) -> dict[str, Requirement]:
 
 def linear_row(found: LoopCurves) -> dict[str, float]:
     """What the linear model knows of a stable loop, without simulating, named as the columns of a sweep."""
-    if found.margins is None:
+    if found.margins is None or found.sensitivity is None:
         return {}
     m = found.margins
     values = {name: m[name] for name in ("peak_sensitivity", "phase_margin", "disk_margin")}
-    values["gain_margin"] = float(np.fmin(m["gain_margin_high"], 1 / m["gain_margin_low"]))
+    values["gain_margin"] = float(np.fmin(*gain_factors(found.frequency, found.sensitivity, m)))
     if found.in_target is not None:
         values["stiffness"], values["damping"] = found.in_target
     return {PREFIX + name: value for name, value in values.items()}

@@ -6,6 +6,7 @@ from typing import Literal
 
 import numpy as np
 
+from estimation.gain_margin import gain_factors
 from estimation.iso_14839 import iso_14839_3_zone
 from estimation.max_likelihood import maximum_likelihood
 from maglev_env.evaluation.identification import Identification
@@ -44,17 +45,18 @@ def answer(found: LoopCurves, setting: Setting) -> list[Sentence]:
 
 def _margins(found: LoopCurves, setting: Setting) -> list[Sentence]:
     m, units = found.margins, setting.units
-    assert m is not None  # of a stable loop
+    assert m is not None and found.sensitivity is not None  # of a stable loop
     zone = iso_14839_3_zone(m["peak_sensitivity"])
     kind: Literal["good", "fair", "bad"] = "good" if zone == "A" else "fair" if zone == "B" else "bad"
     settled = -1 / (log(found.radius) * setting.experiment.rig.control_rate)
     peak = f"Peak |S|{axis_name(setting)} {number(m['peak_sensitivity'], 4)} at {number(m['peak_frequency'])} Hz"
     sentences = [Sentence(f"Stable. {peak}: zone {zone} of ISO 14839-3, {ZONES[zone]}.", kind)]
     gains = []
-    if not isnan(m["gain_margin_high"]):
-        gains.append(f"rise to {number(m['gain_margin_high'])} times")
-    if not isnan(m["gain_margin_low"]):
-        gains.append(f"fall to {number(m['gain_margin_low'])} times")
+    up, down = map(float, gain_factors(found.frequency, found.sensitivity, m))
+    if not isnan(up):
+        gains.append(f"rise to {number(up)} times")
+    if not isnan(down):
+        gains.append(f"fall to {number(1 / down)} times")
     if gains:
         sentences.append(Sentence(f"The loop gain may {' or '.join(gains)} its value.", "plain"))
     if not isnan(m["phase_margin"]):

@@ -4,16 +4,29 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
+import scipy
 
 from maglev_env.loop.gains import Gains
 from tuning.campaign.carried import DRAWS, Carried
-from tuning.campaign.model import RIGS, Model, figure, large, linear, missed_by, scored, terms_of
+from tuning.campaign.model import (
+    EVENT_ERROR,
+    RIGS,
+    SEEN,
+    Model,
+    figure,
+    large,
+    linear,
+    missed_by,
+    scored,
+    terms_of,
+)  # fmt: skip
 from tuning.campaign.recorded_sets import GainSet
 from tuning.study.recommendation import DISPLACEMENT_SHARE, GAIN_MARGIN, PEAK_SENSITIVITY, PHASE_MARGIN
 from tuning.study.study import experiments
 
 FEW = 8  # draws of the responses by which a search judges how sure margins are
 LEVEL = (2.5, 97.5)  # percentiles of a 95 % interval
+NORMAL = scipy.stats.norm.ppf((np.arange(FEW) + 0.5) / FEW)  # FEW errors that are spread as normal ones are
 RESERVE = 0.05  # share by which a margin's bound misses its limit where a search halves the score
 
 
@@ -41,6 +54,7 @@ class Prediction:
         met: Share of the draws in which every requirement of the goal is met; None for `match`.
         missed: The requirements that the best estimate misses.
         unsure: Those that it meets, but the interval does not.
+        simulated: Those that only simulation shows, at currents far beyond the recorded ones.
         response: |S| over frequency: (frequency, best, low, high), each (s,).
     """
 
@@ -54,6 +68,7 @@ class Prediction:
     met: float | None = None
     missed: tuple[str, ...] = ()
     unsure: tuple[str, ...] = ()
+    simulated: tuple[str, ...] = ()
     response: tuple[np.ndarray, ...] = ()
 
     @property
@@ -93,19 +108,11 @@ def predict(model: Model, gains: Gains, responses: Carried | None = None, seen: 
         met = float(np.mean(np.all([v <= 0 for v in by.values()], axis=0)))
         missed = tuple(n for n, v in by.items() if v[0] > 0)
         unsure = tuple(n for n, v in by.items() if v[0] <= 0 and np.mean(v > 0) > 1 - LEVEL[1] / 100)
+    expected, spread = float(scores.mean()), float(scores.std())
+    reason = _reason(ends, held)
     return Prediction(
-        gains,
-        ends["score"],
-        float(scores.mean()),
-        float(scores.std()),
-        ends,
-        _reason(ends, held),
-        held,
-        met,
-        missed,
-        unsure,
-        shape,
-    )
+        gains, ends["score"], expected, spread, ends, reason, held, met, missed, unsure, response=shape
+    )  # fmt: skip
 
 
 def search_scores(model: Model, points: np.ndarray, limit: float) -> np.ndarray:
@@ -118,7 +125,11 @@ def search_scores(model: Model, points: np.ndarray, limit: float) -> np.ndarray:
     """
     n = len(points)
     lanes = experiments(model.task, [model.episodes[0]] * n, points, [0] * n)
-    simulated = large(model, lanes, np.arange(n), None, scatter=False)
+    simulated = large(model, lanes, np.arange(n), None, alone=True)
+    # The same errors for every point: a search that knew none would stop right at the limits of large signals.
+    rng = np.random.default_rng(173205)
+    factors = {k: np.exp(SEEN.get(k, EVENT_ERROR) * rng.permutation(NORMAL)) for k in simulated}
+    factors["displacement"] = factors["peak_displacement"]
     found = np.zeros(n)
     for i, point in enumerate(points):
         if lanes.touchdown[i] or not lanes.info[i].get("pole_radius", 1.0) < 1:
@@ -130,7 +141,7 @@ def search_scores(model: Model, points: np.ndarray, limit: float) -> np.ndarray:
             "phase": PHASE_MARGIN / np.nanmin(values["phase_margin"], initial=np.inf),
             "gain": GAIN_MARGIN / np.nanmin(values["gain_margin_high"], initial=np.inf),
         }
-        drawn = values | {k: np.full(FEW, v[i]) for k, v in simulated.items()}
+        drawn = values | {k: v[i] * factors[k] for k, v in simulated.items()}
         misses_by = sum(float(np.log(max(1.0, v))) for v in sure.values())
         found[i] = scored(model, terms_of(model, drawn)).mean() / (1 + misses_by / RESERVE)
     return found

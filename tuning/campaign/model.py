@@ -1,16 +1,17 @@
 """The rig by which gains are judged: responses as measured, large signals by rigs that the recordings allow."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from estimation.gain_margin import gain_factors
 from estimation.stability_margins import margin_arrays
 from maglev_env.design.goals import goal_of
 from maglev_env.evaluation.goal_score import goal_score, goal_terms, misses
 from maglev_env.evaluation.score import score, terms
 from maglev_env.loop.gains import Gains, controller_response
-from maglev_env.rig.goal import Goal
+from maglev_env.rig.goal import Goal, Requirement
 from maglev_env.task.episodes import Episode
 from maglev_env.task.task import Task
 from tuning.campaign.carried import DRAWS, Carried
@@ -36,7 +37,7 @@ class Model:
         responses: From all recordings.
         episodes: RIGS rigs of the posterior.
         recorded: Gain sets that held, from which distances are counted.
-        ratios: Measured over simulated, of SEEN where it is known.
+        ratios: Measured over simulated on each of the RIGS, of SEEN where it is known.
         mass: Relative standard deviation of the stated mass.
         probe: That of the stated gain of the probe.
     """
@@ -47,7 +48,7 @@ class Model:
     responses: Carried
     episodes: Sequence[Episode]
     recorded: Sequence[GainSet]
-    ratios: Mapping[str, float] = field(default_factory=dict)
+    ratios: Mapping[str, np.ndarray] = field(default_factory=dict)
     mass: float = MASS
     probe: float = 0.0
 
@@ -83,13 +84,19 @@ def model_of(
         mass=tolerance.get("mass", MASS), probe=tolerance.get("probe_gain", 0.0),
     )  # fmt: skip
     points = np.array([model.point(s.gains) for s in good])
-    simulated = experiments(task, [episodes[0]] * len(points), points, [0] * len(points))
+    n = len(points)
+    every = [episode for episode in episodes for _ in range(n)]
+    simulated = experiments(task, every, np.tile(points, (RIGS, 1)), [0] * len(every))
     ratios = {}
     for name in SEEN:
-        pairs = [(figure(simulated, name)[i], measured(s)[name]) for i, s in enumerate(good)]
-        known = [np.log(m / v) for v, m in pairs if v > 0 and m > 0]
-        if known:
-            ratios[name] = float(np.exp(np.mean(known)))
+        shown = figure(simulated, name).reshape(RIGS, n)
+        seen = np.array([measured(s)[name] for s in good])
+        with np.errstate(divide="ignore", invalid="ignore"):
+            apart = np.where((shown > 0) & (seen > 0), np.log(seen / shown), np.nan)
+        if not np.isnan(apart[0]).all():
+            # A rig that does not hold there tells nothing of its own, and takes what the best estimate shows.
+            apart = np.where(np.isnan(apart), apart[0], apart)
+            ratios[name] = np.exp(np.nanmean(apart, axis=1))
     return Model(**{**vars(model), "ratios": ratios})
 
 
@@ -98,7 +105,6 @@ def linear(model: Model, responses: Carried, gains: Gains, apart: float, draws: 
     rig = model.task.rig
     s = responses.sensitivity(gains, apart, draws)
     m = margin_arrays(responses.injected, s)
-    up, down = m["gain_margin_high"], 1 / m["gain_margin_low"]
     rng = np.random.default_rng(161803)  # the same rotor and probe whatever the gains
     weighed, calibrated = rng.standard_normal((2, DRAWS))[:, :draws]
     weighed[0] = calibrated[0] = 0.0
@@ -115,7 +121,7 @@ def linear(model: Model, responses: Carried, gains: Gains, apart: float, draws: 
         "stiffness": k,
         "damping": c,
         **{n: m[n] for n in ("peak_sensitivity", "phase_margin", "gain_margin_high", "disk_margin")},
-        "gain_margin": np.fmin(up, down),
+        "gain_margin": np.fmin(*gain_factors(responses.injected, s, m)),
     }
     asked = {r.name: r for r in model.goal.measured} if model.goal else {}
     band = asked["compliance"].band if "compliance" in asked else (0.0, np.inf)
@@ -124,26 +130,51 @@ def linear(model: Model, responses: Carried, gains: Gains, apart: float, draws: 
 
 
 def large(
-    model: Model, lanes: Trials, turn: np.ndarray, seen: GainSet | None, scatter: bool = True
+    model: Model, lanes: Trials, turn: np.ndarray, seen: GainSet | None, alone: bool = False
 ) -> dict[str, np.ndarray]:
-    """What the experiment and the events show of large signals, for each draw that of its lane."""
+    """What the experiment and the events show of large signals, for each draw that of its lane.
+
+    Args:
+        model: The rig.
+        lanes: Experiments on the RIGS of the model in this order, or, alone, all on its best estimate.
+        turn: Lane of each draw.
+        seen: A recording at these gains, which shows some of it itself.
+        alone: Then the values are without errors.
+    """
     own = measured(seen) if seen else {}
     found, rng = {}, np.random.default_rng(141421)
 
     def scattered(values: np.ndarray, error: float) -> np.ndarray:
-        normal = scatter * rng.standard_normal(turn.size)
+        if alone:
+            return values
+        normal = rng.standard_normal(turn.size)
         normal[0] = 0.0
         return values * np.exp(error * normal)
 
     for name, error in SEEN.items():
         known = own.get(name, np.nan)
-        values = np.full(turn.size, known) if known > 0 else figure(lanes, name)[turn] * model.ratios.get(name, 1.0)
+        ratio = model.ratios.get(name, np.ones(RIGS))
+        shown = figure(lanes, name)[turn] * (ratio[0] if alone else ratio[turn])
+        values = np.full(turn.size, known) if known > 0 else shown
         found[name] = scattered(values, error)
     found["displacement"] = found["peak_displacement"] / model.task.rig.clearance
     for one in model.goal.measured if model.goal else ():
         if one.quantity.event not in (None, "hover"):
             found[one.name] = scattered(figure(lanes, one.name, np.inf)[turn], EVENT_ERROR)
     return found
+
+
+def event_current(model: Model, gains: Gains) -> float | None:
+    """Largest current in the events of the goal on the fitted rig, A; None where the goal has no events."""
+    goal = model.goal
+    if goal is None or not goal.events:
+        return None
+    others = tuple(r for r in goal.requirements if r.name != "current_peak")
+    asked = replace(goal, requirements=(*others, Requirement("current_peak", 1.0)))
+    first = model.episodes[0]
+    rig = replace(first.rig, target=replace(first.rig.target, goal=asked.text))
+    lanes = experiments(model.task, [replace(first, rig=rig)], model.point(gains)[None], [0])
+    return float(figure(lanes, "current_peak")[0])
 
 
 def terms_of(model: Model, values: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:

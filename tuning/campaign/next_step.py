@@ -14,10 +14,12 @@ from tuning.campaign.advice import Advice, stopped
 from tuning.campaign.candidates import predict
 from tuning.campaign.carried import carried
 from tuning.campaign.disagreement import Disagreement
-from tuning.campaign.model import model_of
+from tuning.campaign.model import Model, event_current, model_of
 from tuning.campaign.recorded_sets import GainSet, shown
 from tuning.campaign.rig_fit import IdentifiedRig, fit_rig
 from tuning.campaign.steps import asked_by_diagnosis, onward
+
+CREST, FAR = 3.0, 2.0  # peak over rms of a recorded current; factor beyond it at which a user is told
 
 
 def next_step(
@@ -85,10 +87,10 @@ def next_step(
     claimed = tuple(s and predict(model, s.gains, carried(identified, [s], seed), s) for s in held)
     advice = Advice(task, tuple(sets), seen, claimed, identified, diagnosis=found, notes=notes)
     if advice.recordings >= budget:
-        return stopped(advice, f"the budget of {budget} recordings is used up")
+        return _beyond_recorded(stopped(advice, f"the budget of {budget} recordings is used up"), model)
     if (asked := asked_by_diagnosis(advice, model, budget)) is not None:
         return asked
-    return onward(advice, model, seed, budget)
+    return _beyond_recorded(onward(advice, model, seed, budget), model)
 
 
 def tuning_task(
@@ -151,6 +153,27 @@ def _start(advice: Advice, preset: Gains) -> Advice:
         stop="nothing recorded so far held, the rig's preset gains among it: reduce the excitation, check scales and "
         "signs of the channels, and ask `maglev diagnose` how the rig differs from its model",
     )
+
+
+def _beyond_recorded(advice: Advice, model: Model) -> Advice:
+    """The advice, with a note where the events of the goal need far more current than any recording shows."""
+    if advice.keep is None:
+        return advice
+    peak = event_current(model, advice.sets[advice.keep].gains)
+    recorded = CREST * max((s.current_rms for s in model.recorded if s.current_rms > 0), default=np.inf)
+    if peak is None or not peak > FAR * recorded:
+        return advice
+    goal = advice.task.layout.goal
+    names = {"impulse": "an impulse", "step": "a step load", "lift_off": "lift-off"}
+    what = ", ".join(names[kind] for kind in goal.events)
+    words = (
+        f"what is said of {what} is simulated, with currents of up to {peak:.2g} A; the recordings reach about "
+        f"{recorded:.2g} A, and do not show what saturates beyond that: try it on the rig before relying on it"
+    )
+    only = tuple(r.name for r in goal.requirements if r.quantity.event not in (None, "hover"))
+    claimed = list(advice.claimed)
+    claimed[advice.keep] = replace(claimed[advice.keep], simulated=only)
+    return replace(advice, claimed=tuple(claimed), notes=(*advice.notes, words))
 
 
 def _explained(task: Task, told: Sequence[GainSet], identified: IdentifiedRig, found: Disagreement) -> IdentifiedRig:

@@ -17,6 +17,7 @@ LOUDER = 2.0  # largest factor by which one step may change the controller's res
 SHARES = (1.0, 0.85, 0.7, 0.55, 0.4, 0.3, 0.2, 0.1)  # shares of the way to the optimum that are tried, in this order
 GAINED, CALMER = 0.01, 0.9  # least gain in score worth an experiment; factor on the peak of a loop beyond its limits
 TOLD = 0.5  # of the larger standard deviation of the two scores, likewise: less is within what is not known
+SURER = 0.2  # by which the probability that every requirement is met must rise, if the score may gain less than that
 SAME = 1e-3  # of the box; gains closer than this count as equal
 BETWEEN, PASSED = (0.25, 0.5, 0.75), 2.0  # shares of a step, and times the limit that its peak may reach on the way
 REPEATED = 2  # recordings at one set; more of them hardly tell more
@@ -31,18 +32,20 @@ def onward(advice: Advice, model: Model, seed: int, budget: int) -> Advice:
     sound = [i for i in good if advice.claimed[i].reason is None] or good
     anchor = min(sound, key=lambda i: float(np.linalg.norm(model.point(advice.sets[i].gains) - goal)))
     origin = model.point(advice.sets[anchor].gains)
-    limited = None
+    limited, allowed = None, 0.0
     for share in SHARES:
         point = np.clip(origin + share * (goal - origin), *model.corners)
         prediction, why = _tried(advice, model, anchor, point)
         if why is None:
             if _worth(advice, model, best, prediction):
                 return _climb(advice, best, prediction, share, limited)
-            break
+            allowed = allowed or share
+            # The search saw one rig. Where others that the recordings allow do worse, less of the way may be worth it.
+            if prediction.score.value - advice.claimed[best].score.value < GAINED:
+                break
+            why = f"a score of {prediction.score.value:.3f} is not sure enough: it may be {prediction.score.low:.3f}"
         limited = why
-    else:
-        share = 0.0
-    thin = advice.claimed[best].reason
+    share, thin = allowed, advice.claimed[best].reason
     around = nearby(model, model.point(advice.sets[best].gains), np.log(LOUDER), seed)
     if limited and thin is None and len(around):
         some = around[: LOOKED * TRIED]
@@ -84,8 +87,11 @@ def _worth(advice: Advice, model: Model, best: int, prediction: Prediction) -> b
     if _near(advice, model, prediction.gains):
         return False
     known = advice.claimed[best]
+    gained = prediction.expected - known.expected
+    if known.met is not None and gained >= 0 and prediction.met - known.met >= SURER:
+        return True
     least = max(GAINED, TOLD * max(known.spread, prediction.spread))
-    return known.reason is not None or prediction.expected - known.expected >= least
+    return known.reason is not None or gained >= least
 
 
 def _near(advice: Advice, model: Model, gains: Gains) -> bool:

@@ -227,7 +227,8 @@ def _values_rows(advice: Advice, p: Prediction | None) -> list[tuple[str, ...]]:
     for one in goal.measured if goal else ():
         v, (scale, unit) = p.values[one.name], one.quantity.shown
         words = requirement_in_words(one) if one in goal.requirements else f"{one.quantity.words} (best) {unit}".strip()
-        state = " – not met" if one.name in p.missed else " – not surely met" if one.name in p.unsure else ""
+        states = (("not met", p.missed), ("not surely met", p.unsure), ("in simulation only", p.simulated))
+        state = next((f" – {words}" for words, names in states if one.name in names), "")
         ends = f"{number(scale * v.low)} .. {number(scale * v.high)} {unit}".strip()
         rows.append((words, f"{number(scale * v.value)} {unit}".strip() + state, ends))
     return rows
@@ -236,5 +237,5 @@ def _values_rows(advice: Advice, p: Prediction | None) -> list[tuple[str, ...]]:
 def _predicted_json(p: Prediction) -> dict[str, Any]:
     return {
         "score": p.score.value, "low": p.score.low, "high": p.score.high, "expected": p.expected, "reason": p.reason,
-        "values": p.values, "met": p.met, "missed": p.missed, "unsure": p.unsure,
+        "values": p.values, "met": p.met, "missed": p.missed, "unsure": p.unsure, "simulated": p.simulated,
     }  # fmt: skip

@@ -56,6 +56,9 @@ def standing_in_words(advice: Advice) -> str:
     if p.missed:
         return f" Requirements not met: {', '.join(p.missed)}."
     unsure = f"; {', '.join(p.unsure)} may not be, within their intervals" if p.unsure else ""
+    if p.simulated:
+        only = f"; {', '.join(p.simulated)} in simulation only, far beyond the recorded currents"
+        return f" Every requirement that the recordings show is met{only}{unsure}."
     return f" Every requirement is met{unsure}."
 
 

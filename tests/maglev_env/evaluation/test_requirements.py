@@ -46,8 +46,8 @@ def test_margins_are_those_of_python_control(everything):
         f = np.geomspace(5.0, 2000.0, 20000)
         s = 1 / (1 + loop(np.exp(2j * np.pi * f * DT)))
         found = {name: values[i] for name, values in everything.required.items()}
-        assert found["peak_sensitivity"] == pytest.approx(np.abs(s).max(), rel=0.04)
-        assert found["disk_margin"] == pytest.approx(1 / np.abs(s - 0.5).max(), rel=0.04)
+        assert found["peak_sensitivity"] == pytest.approx(np.abs(s).max(), rel=0.02)
+        assert found["disk_margin"] == pytest.approx(1 / np.abs(s - 0.5).max(), rel=0.02)
         # The margins of an unstable plant are on both sides: python-control's own search finds the nearest of each.
         gain, phase, _, _, _, _ = ct.stability_margins(loop, returnall=True, method="frd")
         assert found["phase_margin"] == pytest.approx(np.abs(phase).min(), abs=1.0)
@@ -55,17 +55,29 @@ def test_margins_are_those_of_python_control(everything):
         assert found["gain_margin"] == pytest.approx(nearest, rel=0.05)
 
 
-def test_the_worst_compliance_is_that_of_an_independent_loop(everything):
+def worst_compliance(gains):
     s = ct.tf("s")
     beside = 1 / (RIG.mass * s**2 + STIFFNESS) / (1 + RIG.sensor_time_constant * s)
     by_force = ct.sample_system(ct.ss(beside), DT, "zoh")
     z = np.exp(2j * np.pi * lines_at(RIG.protocol.excitations, "force") * DT)
     held = np.sinc(lines_at(RIG.protocol.excitations, "force") * DT)  # the estimator takes the converter's hold out
+    return (np.abs(by_force(z) / (1 + control_loop(protocol_experiment(RIG, gains))(z))) / held).max()
+
+
+def test_a_gain_margin_is_also_that_of_rest():
+    """By the poles, all gains of this loop may fall by 1.60 only; no line holds the crossing, which is at rest."""
+    found = judged("gain_margin >= 2, best noise_current near 0.02", [Gains(3330.0, 180.0, 4.98)])
+    low, value, high = (float(f["gain_margin"][0]) for f in (found.required_low, found.required, found.required_high))
+    assert value == pytest.approx(1.60, rel=0.04) and 0.98 * value < low < value and np.isnan(high)
+    assert found.terms["gain_margin"][0] < 0.3
+
+
+def test_the_worst_compliance_is_that_of_an_independent_loop(everything):
     for i, gains in enumerate(GAINS):
-        receptance = np.abs(by_force(z) / (1 + control_loop(protocol_experiment(RIG, gains))(z))) / held
-        assert everything.required["compliance"][i] == pytest.approx(receptance.max(), rel=0.01)
+        worst = worst_compliance(gains)
+        assert everything.required["compliance"][i] == pytest.approx(worst, rel=0.01)
         low, high = everything.required_low["compliance"][i], everything.required_high["compliance"][i]
-        assert low < receptance.max() * 1.01 and high > receptance.max() * 0.99 and high < 1.1 * low
+        assert low < worst * 1.01 and high > worst * 0.99 and high < 1.1 * low
 
 
 def test_the_large_signal_test_is_that_of_plain_matrices(everything):
@@ -112,8 +124,18 @@ def test_stated_intervals_are_as_wide_as_repetitions_scatter():
     found = evaluate([protocol_experiment(own, STIFF, seed=i) for i in range(64)])
     for name in ("phase_margin", "disk_margin", "compliance", "noise_current"):
         half = (found.required_high[name] - found.required_low[name]).mean() / 2
-        # The largest of many noisy lines scatters less than one of them, so that of the compliance is too wide.
-        assert 0.6 < half / (1.96 * found.required[name].std()) < (2.0 if name == "compliance" else 1.5), name
+        # What smoothing takes away is allowed for, and scatters less than it may be.
+        assert 0.6 < half / (1.96 * found.required[name].std()) < 2.0, name
+
+
+def test_margins_and_compliance_are_not_those_of_the_noise():
+    """Against python-control: unsmoothed lines showed a peak |S| 2.3 % and a compliance 0.7 % too high."""
+    found = judged("peak_sensitivity <= 3, disk_margin >= 0.5, best compliance near 2e-5", [STIFF] * 16).required
+    loop = control_loop(protocol_experiment(RIG, STIFF))
+    s = 1 / (1 + loop(np.exp(2j * np.pi * np.geomspace(5.0, 2000.0, 20000) * DT)))
+    assert found["peak_sensitivity"].mean() == pytest.approx(np.abs(s).max(), rel=0.005)
+    assert found["disk_margin"].mean() == pytest.approx(1 / np.abs(s - 0.5).max(), rel=0.005)
+    assert found["compliance"].mean() == pytest.approx(worst_compliance(STIFF), rel=0.003)
 
 
 def test_an_engineer_prefers_the_loop_that_matching_calls_bad():

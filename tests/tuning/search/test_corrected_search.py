@@ -3,6 +3,8 @@
 import numpy as np
 import pytest
 
+from maglev_env.experiment import Experiment
+from maglev_env.linear.loop import loop_response
 from maglev_env.loop.effect import effect
 from maglev_env.loop.gains import of_axis
 from maglev_env.task.episodes import Episode
@@ -98,3 +100,25 @@ def test_a_goal_is_met():
     best = trials.info[trials.best]
     assert best["required_peak_sensitivity"] <= 3.03 and best["required_phase_margin"] >= 29.5
     assert trials.score.max() > trials.score[0] + 0.3
+
+
+def test_a_narrow_band_of_the_worst_compliance_is_looked_at():
+    """Of the lines outside the target band a search looks at every third: a band between these has none of them."""
+    task = make_task(goal="peak_sensitivity <= 3, best compliance near 4e-5 in 13.5..14.5")
+    model = LineModel(task, 0, task.layout.goal)
+    other = make_task(goal="peak_sensitivity <= 3, best compliance near 4e-5")
+    whole = LineModel(other, 0, other.layout.goal)
+    shown = model.values(model.open(task.rig), PRESET[None])
+    loop = loop_response(Experiment(task.rig, task.rig.gains, ()), np.array([14.0]))
+    assert shown["compliance"][0] == pytest.approx(float(np.abs(loop.receptance[0])), rel=0.01)
+    assert shown["current_rms"][0] == pytest.approx(whole.values(whole.open(task.rig), PRESET[None])["current_rms"][0])
+
+
+def test_a_recovery_that_took_no_time_is_learned_from():
+    """A load too small to move the rotor out of the band of rest: the time is 0, and its relative error unknown."""
+    goal = "peak_sensitivity <= 3, best recovery_time near 0.01 after 0.05"
+    task = make_task(protocol="quick", goal=goal)
+    episode = Episode(task.rig, task.target, PRESET, 1)
+    tuner = ModelCorrected(task, episode, 0)
+    tuner.tell(experiments(task, [episode], tuner.ask(1), 1))
+    assert np.isfinite(tuner.ask(1)).all()

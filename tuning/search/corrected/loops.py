@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 import scipy
 
+from estimation.gain_margin import gain_factors
 from estimation.stability_margins import margin_arrays
 from maglev_env.experiment import Experiment, axis_experiment
 from maglev_env.linear.loop import loop_response, pole_radii
@@ -16,6 +17,7 @@ from maglev_env.task.task import Task
 
 FINER = 5  # points between two lines at which a peak is sought
 CREST = 3.0  # peak over rms of the displacement; what it is really, the correction finds
+FEWEST = 8  # lines of a narrow band of the worst compliance: with fewer of them, all of the band are looked at
 MOST_FORCED, MOST_FITTED = 60, 90  # force lines at which a search looks outside the target band, and a fit in all
 
 
@@ -61,6 +63,12 @@ class LineModel:
         step = max(1, every.size // MOST_FORCED)
         self.few = np.sort(np.concatenate([np.flatnonzero(self.band), every[::step]]))
         self.weight = np.where(self.band, 1.0, step)
+        asked = {r.name: r for r in goal.measured} if goal else {}
+        low, high = asked["compliance"].band if "compliance" in asked else (0.0, np.inf)
+        self.worst = (self.forced >= low) & (self.forced <= high)  # among which the goal's worst compliance is sought
+        if self.worst[self.few].sum() < FEWEST:
+            self.weight[np.setdiff1d(np.flatnonzero(self.worst), self.few)] = 0.0
+            self.few = np.union1d(self.few, np.flatnonzero(self.worst))
         self.even = np.arange(0, self.f, max(1, self.f // MOST_FITTED))  # a fit needs lines in every band
         self._linear = self._basis()
         # A spline is linear in its values: those between the lines are a matrix times those at them.
@@ -118,16 +126,14 @@ class LineModel:
         if whole or self.goal:
             margins = margin_arrays(self.injected, sensitivity)
             found |= margins
-            found["gain_margin"] = np.fmin(margins["gain_margin_high"], 1 / margins["gain_margin_low"])
+            found["gain_margin"] = np.fmin(*gain_factors(self.injected, sensitivity, margins))
         else:
             found["peak_sensitivity"] = self._peak(loop_gain[:, n:])
         if whole:
             every = [_coefficients(real, imag, power, w, band[few]) for band in self.bands]
             found["band_stiffness"], found["band_damping"] = np.moveaxis(np.array(every), (0, 2), (2, 1))
-        if self.goal:
-            asked = {r.name: r for r in self.goal.measured}
-            low, high = asked["compliance"].band if "compliance" in asked else (0.0, np.inf)
-            found["compliance"] = np.abs(h[:, (self.forced[few] >= low) & (self.forced[few] <= high)]).max(axis=1)
+        elif self.goal:
+            found["compliance"] = np.abs(h[:, self.worst[few]]).max(axis=1)
         return found
 
     def _peak(self, loop_gain: np.ndarray) -> np.ndarray:

@@ -180,5 +180,6 @@ class ModelCorrected:
 def _relative_error(info: Mapping[str, Any], name: str) -> float:
     """Relative standard deviation of a quantity whose 95 % interval an experiment tells; 0 where it tells none."""
     low, high = (info.get(f"{name}_{end}", np.nan) for end in ("low", "high"))
-    error = (high - low) / (2 * NORMAL_95 * abs(info.get(name, np.nan)))
+    value = abs(info.get(name, np.nan))
+    error = (high - low) / (2 * NORMAL_95 * value) if value else np.nan
     return float(error) if np.isfinite(error) else 0.0
