@@ -10,7 +10,8 @@ from maglev_env.channels import RECORDED, unit_of
 from maglev_env.recordings.contents import Contents
 from maglev_env.recordings.guess import behaviour as shown
 from maglev_env.recordings.guess.evidence import LIKELY, OPEN, SURE
-from maglev_env.recordings.guess.rate import stated_step, time_scale
+from maglev_env.recordings.guess.rate import time_scale
+from maglev_env.recordings.guess.sizes import MOST_SHAKEN, acceleration, step_of, too_slow_for
 from maglev_env.recordings.guess.units import Unit, header_unit, known_unit
 from maglev_env.recordings.guess.words import Meaning, meaning, plain_words
 
@@ -21,11 +22,9 @@ _VARIABLE, _TYPE = re.compile(r"[A-Za-z_]\w*(\.[A-Za-z_]\w*)+"), re.compile(r"^(
 # Sizes that a channel without a unit is likely to have in SI, rms or mean; beyond them it is in a smaller unit.
 _LARGEST_M = 0.05
 _SLOW_M = 0.3  # the same of distances that a slow controller could not hold if they were in mm
-_GRAVITY = 9.80665
 NO_UNIT = "no unit"  # begins the evidence for a scale by the size of the values
 _COUNTS = frozenset(["adc", "hall", "raw", "count", "counts", "digits", "bits", "lsb", "inc", "pwm", "duty", "dac"])
 _MOST_WHOLE = 0.95
-_MOST_SHAKEN = 500.0  # m/s2 rms: fifty times the weight, beyond what magnets do to a rotor
 _NOT_CURRENT = 3.0  # times the size of the current beyond which a "command" is a voltage
 
 
@@ -342,11 +341,13 @@ def _scaled(
         # Reference and displacement of one file are in one unit: the larger of them tells it.
         lengths = [all_values[n] for n, g in guesses.items() if g.channel and _unit(g.channel) == "m"]
         size = max(float(np.abs(v).max()) for v in lengths)
-        metres = size < (_SLOW_M if _too_slow_for(lengths, guesses, all_values, numbers) else _LARGEST_M)
+        clock = next((all_values[n] for n, g in guesses.items() if g.channel == "time"), None)
+        step = step_of(clock, numbers)
+        metres = size < (_SLOW_M if clock is not None and too_slow_for(lengths, step) else _LARGEST_M)
         scale, name = (1.0, "m") if metres else (1e-3, "mm") if size < 50 else (1e-6, "µm")
         why = f"{NO_UNIT}, {span}, of that size taken as {name}"
-        shaken = max(_acceleration(v, guesses, all_values, numbers) for v in lengths)
-        while scale > 1e-6 and shaken * scale > _MOST_SHAKEN:
+        shaken = max(acceleration(v, step) for v in lengths)
+        while scale > 1e-6 and shaken * scale > MOST_SHAKEN:
             scale, name = (1e-3, "mm") if scale == 1 else (1e-6, "µm")
             why = f"{NO_UNIT}, {span}; no magnet accelerates a rotor so in a larger one: taken as {name}"
     ask = "; ".join(filter(None, (guess.ask, "unit of this column")))
@@ -364,43 +365,3 @@ def _counted(guess: ColumnGuess, guesses: Mapping[str, ColumnGuess], all_values:
             if np.ptp(values) and np.mean(values == np.rint(values)) > _MOST_WHOLE:  # bridged gaps are not whole
                 return name
     return ""
-
-
-def _acceleration(
-    values: np.ndarray,
-    guesses: Mapping[str, ColumnGuess],
-    all_values: Mapping[str, np.ndarray],
-    numbers: Mapping[str, float],
-) -> float:
-    """About the rms acceleration of a motion, in the column's unit per s^2: rms times the square of the frequency
-    below which half of its power lies; 0 where the clock is not known."""
-    time = next((all_values[n] for n, g in guesses.items() if g.channel == "time"), None)
-    if time is not None:
-        step = float(np.median(np.diff(time))) * time_scale(time, numbers)[0]
-    else:
-        stated = stated_step(numbers)
-        step = stated[0] if stated else 0.0
-    power = np.abs(np.fft.rfft((values - values.mean()) * np.hanning(values.size))) ** 2
-    if not step > 0 or not power.any():
-        return 0.0
-    below = np.cumsum(power)
-    half = int(np.searchsorted(below, 0.5 * below[-1])) / (values.size * step)
-    return float(values.std()) * (2 * np.pi * half) ** 2
-
-
-def _too_slow_for(
-    lengths: list[np.ndarray],
-    guesses: Mapping[str, ColumnGuess],
-    all_values: Mapping[str, np.ndarray],
-    numbers: Mapping[str, float],
-) -> bool:
-    """Whether distances could not be held at the rate of the samples if they were in mm.
-
-    What hangs at a distance x below a magnet falls with a time constant of about sqrt(x / g), which a controller must
-    beat.
-    """
-    time = next((all_values[n] for n, g in guesses.items() if g.channel == "time"), None)
-    if time is None or not all(v.min() > 0 and v.mean() > 2 * v.std() for v in lengths):
-        return False
-    step = float(np.median(np.diff(time))) * time_scale(time, numbers)[0]
-    return max(float(v.mean()) for v in lengths) * 1e-3 < _GRAVITY * step**2
