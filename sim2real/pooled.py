@@ -224,8 +224,9 @@ def _scatter(each: Sequence[Coefficient]) -> bool:
 def _disagreements(name: str, own: Sequence[Coefficient], whole: Sequence[Coefficient]) -> dict[str, str]:
     """Coefficients of one recording that are far from those of all together, with a sentence for each."""
     limit = float(stats.norm.isf(stats.norm.sf(CLEAR) / len(own)))
-    found = {}
-    for a, b in zip(own, whole, strict=True):
+    found, of_all = {}, {c.name: c for c in whole}
+    for a in own:
+        b = of_all[a.name]
         # The whole contains the recording, so their difference varies by what the others add.
         spread = np.sqrt(max(a.se**2 - b.se**2, 0.25 * a.se**2))
         if a.identified and b.identified and spread > 0 and abs(a.value - b.value) > limit * spread:

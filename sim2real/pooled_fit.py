@@ -44,8 +44,9 @@ def fitted(
     )
     allowed = {name: sigma for name, sigma in tolerances(rig).items() if name not in UNITS}
     h = Hypothesis(names, allowed, scales=rig.scales)
-    u = np.zeros(h.size) if near is None else near.u
-    problem = assemble(records, near=None if near is None else h.point(near.u), rest=rest)
+    u = np.zeros(h.size) if near is None else _carried(h, near)
+    problem = assemble(records, near=None if near is None else h.point(u), rest=rest)
+    start = u
     least = PASSES if near is None else 1
     opened = any(isinstance(r, OpenRecord) for r in records)
     for count in range(1, (MOST_PASSES if opened else least) + 1):
@@ -59,10 +60,21 @@ def fitted(
         moved = np.abs(u - before) / np.sqrt(np.maximum(np.diag(fit.covariance()), 1e-300))
         if count >= least and (moved < SETTLED).all():
             break
-    starts = [np.zeros(h.size)] if near is None else [np.zeros(h.size), near.u]
+    starts = [np.zeros(h.size)] if near is None else [np.zeros(h.size), start]
     fit, *others = begin([h] * (1 + len(starts)), [u, *starts], problem.data, problem.simulate)
     differentiate([fit], problem.data, problem.simulate, True)
     return problem, fit, [*others, *held_at_nominal(problem, fit)]
+
+
+def _carried(h: Hypothesis, near: Fit) -> np.ndarray:
+    """Coordinates (size,) of a hypothesis at a fit of another one; 0 of what that lacks. Of one recording alone fewer
+    effects may show than of all together."""
+
+    def named(other: Hypothesis) -> list[tuple[str, str]]:
+        return [(c.effect, c.parameter) for c in other.coordinates] + [("", name) for name in other.calibrated]
+
+    known = dict(zip(named(near.hypothesis), near.u, strict=True))
+    return np.array([known.get(name, 0.0) for name in named(h)])
 
 
 def _about(problem: Problem, h: Hypothesis, u: np.ndarray) -> tuple[Problem, np.ndarray]:

@@ -18,6 +18,8 @@ from sim2real.pooled import _scatter
 from sim2real.recorded.open_evidence import coordinates_of, simulated_series, smoothed_alike
 from sim2real.recorded.open_loop import loop_at
 from sim2real.recorded.records import read_records
+from sim2real.search.fitting import Fit
+from sim2real.search.hypotheses import Hypothesis
 
 
 def _current_alone(folder: Path, noise: float = 1e-4):
@@ -96,3 +98,10 @@ def test_recordings_that_agree_are_not_said_to_disagree():
 
     assert not _scatter(told(183.0, 183.5, 182.8))  # whatever all of them together gave
     assert _scatter(told(183.0, 183.5, 196.0))
+
+
+def test_a_recording_that_shows_fewer_effects_begins_where_all_together_ended():
+    near = Hypothesis(("actuator_gain", "delay", "damping"), {"mass": 0.01, "probe_gain": 0.02})
+    fit = Fit(near, np.array([1.0, 2.0, 3.0, 4.0, 5.0]), np.zeros(1, complex), 0.0)
+    fewer = Hypothesis(("actuator_gain", "damping", "amplifier_lag"), {"probe_gain": 0.02})
+    assert pooled_fit._carried(fewer, fit) == pytest.approx([1.0, 3.0, 0.0, 5.0])
