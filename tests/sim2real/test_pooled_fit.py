@@ -103,5 +103,5 @@ def test_recordings_that_agree_are_not_said_to_disagree():
 def test_a_recording_that_shows_fewer_effects_begins_where_all_together_ended():
     near = Hypothesis(("actuator_gain", "delay", "damping"), {"mass": 0.01, "probe_gain": 0.02})
     fit = Fit(near, np.array([1.0, 2.0, 3.0, 4.0, 5.0]), np.zeros(1, complex), 0.0)
-    fewer = Hypothesis(("actuator_gain", "damping", "amplifier_lag"), {"probe_gain": 0.02})
+    fewer = Hypothesis(("actuator_gain", "damping", "support_stiffness"), {"probe_gain": 0.02})
     assert pooled_fit._carried(fewer, fit) == pytest.approx([1.0, 3.0, 0.0, 5.0])
