@@ -52,7 +52,7 @@ def _of_both(x: Coefficient, y: Coefficient) -> Coefficient:
         )
     weights = np.array([x.se, y.se]) ** -2.0 if x.se > 0 and y.se > 0 else np.ones(2)
     value = float(weights @ [x.value, y.value] / weights.sum())
-    return replace(x, value=value).with_error(float(max(x.se, y.se) / 2**0.5))
+    return replace(x, value=value).with_error(max(x.se, y.se))  # of the mass and its like, both share the error
 
 
 def _in_words(x: Coefficient, y: Coefficient) -> str:

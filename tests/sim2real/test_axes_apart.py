@@ -27,7 +27,7 @@ def test_an_interval_of_both_axes_reaches_both_where_they_differ():
     low, high = both.interval
     assert low < 96.0 - 0.3 and high > 104.0 + 0.3 and both.value == pytest.approx(100.0)
     alike = _of_both(_gain(100.2, 0.2), _gain(99.9, 0.2))
-    assert alike.se < 0.2 and 99.9 < alike.value < 100.2
+    assert alike.se == 0.2 and 99.9 < alike.value < 100.2
 
 
 @dataclass(frozen=True)
