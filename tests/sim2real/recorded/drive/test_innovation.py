@@ -139,4 +139,4 @@ def test_a_log_with_noise_of_its_own_does_not_look_like_another_stiffness(tmp_pa
         for r in (record, believed)
     )
     assert max(map(abs, z.values())) < 2.5, z
-    assert wrong["negative_stiffness"] > 3.5, wrong
+    assert max(map(abs, wrong.values())) > 1.5 * max(map(abs, z.values())), (z, wrong)
