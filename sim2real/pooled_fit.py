@@ -31,7 +31,7 @@ def fitted(
 
     Args:
         records: of one campaign.
-        near: a fit of the same rig to begin with.
+        near: a fit of the same rig to begin with, where the rotor stands there.
         rest: whether the means of a mass at rest are used.
 
     Raises:
@@ -48,13 +48,19 @@ def fitted(
     problem = assemble(records, near=None if near is None else h.point(u), rest=rest)
     start = u
     least = PASSES if near is None else 1
-    opened = any(isinstance(r, OpenRecord) for r in records)
+    opened, stood = any(isinstance(r, OpenRecord) for r in records), None
     for count in range(1, (MOST_PASSES if opened else least) + 1):
         (fit,) = begin([h], [u], problem.data, problem.simulate)
         if not np.isfinite(fit.cost):
-            raise ValueError(_lost(rig, records, problem, h, u))
+            if stood is None and near is not None:
+                return fitted(records, None, rest)
+            if stood is None:
+                raise ValueError(_lost(rig, records, problem, h, u))
+            problem, u = stood  # under drives that were put right further, the rotor falls
+            break
         iterate([fit], problem.data, problem.simulate, MOST_STEPS)
         before, u = u, fit.u
+        stood = problem, u
         if opened:
             problem, u = _about(problem, h, u)
         moved = np.abs(u - before) / np.sqrt(np.maximum(np.diag(fit.covariance()), 1e-300))

@@ -142,8 +142,11 @@ def smoothed_alike(
 
     Returns:
         Name -> change of the coordinates (outputs, axes, n) for one standard deviation of what is not known of the
-        drive between its samples; none where that is held or stated.
+        drive between its samples; none where that is held or stated, or where the log is not slower than the
+        controller.
     """
+    if record.windows.sample_rate >= record.nominal.control_rate:
+        return {}  # a log of what the controller itself read has no filter of its own
     found = {}
     shapes = {e.order: e for e in record.errors if e.shape and e.channel == record.source}
     for order, error in shapes.items():
