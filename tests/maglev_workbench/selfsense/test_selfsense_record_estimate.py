@@ -240,7 +240,7 @@ def test_several_recordings_and_the_rig_of_the_command_line(tmp_path, coil):
         ({"current": np.ones(26_000)}, "coil.npz: current has 26000 samples and voltage 26250"),
         ({"current": np.zeros(26_250)}, "coil.npz: no sample of 26250 carries a gap: 'no ripple'"),
         ({"voltage": np.zeros(26_250)}, "coil.npz: voltage: no switching stands out"),
-        ({"voltage": np.full(26_250, np.nan)}, "coil.npz: channel 'voltage': sample 0 is nan"),
+        ({"voltage": np.full(26_250, np.nan)}, "coil.npz: column 'voltage': 26250 of 26250 values are no numbers"),
         ({"current": np.full(26_250, np.nan)}, "coil.npz: current: sample 0 is nan"),
         ({"rest": "start = 30000"}, "coil.npz: start = 30000 go beyond"),
         ({"rig": "pedestal"}, "no coil whose inductance follows the gap"),

@@ -152,12 +152,13 @@ def test_what_a_diagnosis_lacks_is_said(tmp_path, changes, said):
         read_records(edited(tmp_path / "c", *changes))
 
 
-def test_a_rotor_that_cannot_stand_needs_its_gains(tmp_path):
+def test_a_rotor_whose_controller_is_not_stated_is_driven_by_its_current(tmp_path):
     path = campaign(tmp_path, names=("base",)) / "campaign.toml"
     head, tail = path.read_text().split("[recording.gains]\n")
     path.write_text(head + tail[tail.index("\n\n") :])
-    with pytest.raises(ValueError, match="neither gains nor controller; without a support"):
-        read_records(tmp_path)
+    _, (record,) = read_records(tmp_path)
+    assert isinstance(record, OpenRecord) and record.source == "current"
+    assert any("its controller is not stated" in note for note in record.notes)
 
 
 def test_an_aperiodic_excitation_is_read_as_an_open_record(tmp_path):
