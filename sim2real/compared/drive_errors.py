@@ -38,9 +38,10 @@ def drive_columns(
     assert isinstance(replay, Replay)
     found = {}
     for error in exact_errors(as_read):
-        if as_read.axes == 1 and error.scale and as_read.source == "current":
+        if about and as_read.axes == 1 and error.scale and as_read.source == "current":
             # The scale of the current is that of the actuator's gain. Simulated as such, also the part that the
             # stand-in makes of what the rig does not explain, it is exactly as unknown, and no recording tells both.
+            # That holds about one fit; hypotheses that lie elsewhere are compared with the drive as it was read.
             (moved,) = predicts([_stronger(as_read, near, 1 + SMALL * error.scale)])
             change = at - moved
         else:
