@@ -10,7 +10,6 @@ import numpy as np
 import scipy
 
 from estimation.bands import band_slices
-from estimation.compiled_beside import wait
 from estimation.lines.periods import LineStatistics
 from estimation.normal import NOISELESS
 
@@ -80,8 +79,6 @@ def maximum_likelihood(
         ValueError: The mass is not positive.
     """
     from estimation import band_likelihood  # with the compiler, whose import takes long
-
-    wait()
 
     mass = np.asarray(mass, dtype=float)
     if not np.all(mass > 0):

@@ -6,7 +6,6 @@ from dataclasses import replace
 import numpy as np
 
 from estimation.bands import band_slices, sliding_bands
-from estimation.compiled_beside import begin
 from estimation.least_squares import least_squares
 from estimation.lines.frequency_response import frequency_response, pooled_variance
 from estimation.lines.periods import LineStatistics
@@ -67,7 +66,6 @@ def evaluate(
         raise ValueError(f"{len(targets)} targets for {len(experiments)} experiments: give one for each")
     else:
         per_axis = [list(targets)] * rig.axes
-    begin()
     chunks = [slice(i, i + CHUNK) for i in range(0, len(experiments), CHUNK)]
     parts = []
 
