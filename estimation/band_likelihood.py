@@ -301,7 +301,7 @@ def _band(f, y, sff, syy, sfy, w, begin, end, row, m, periods, out, o):
 
 # A kernel calls the search by way of another part: directly, it would be compiled once more for each of them.
 @cache
-def estimator() -> Callable[..., None]:
+def _estimate() -> Callable[..., None]:
     sources = 0  # see `compiled`
 
     def estimate(force, disp, sff, syy, sfy, w, mass, slices, periods, out):
@@ -319,7 +319,7 @@ def estimator() -> Callable[..., None]:
 
 
 @cache
-def bounds_finder() -> Callable[..., None]:
+def _bounds() -> Callable[..., None]:
     sources = 0
 
     def bounds(force, disp, w, mass, slices, found, threshold, out):
@@ -375,7 +375,7 @@ def estimate(
     """
     found = np.full((len(mass), len(slices), FOUND), np.nan)
     with _MAKING:
-        kernel = estimator()
+        kernel = _estimate()
     of_lines = (np.ascontiguousarray(a).reshape(-1) for a in (force, disp, sff, syy, sfy))
     kernel(*of_lines, w, mass, slices.reshape(-1), periods, found.reshape(-1))
     return found
@@ -394,7 +394,7 @@ def bounds(
     """
     ends = np.full((len(mass), len(slices), 4), np.nan)
     with _MAKING:
-        kernel = bounds_finder()
+        kernel = _bounds()
     flat = (np.ascontiguousarray(a).reshape(-1) for a in (force, disp))
     kernel(*flat, w, mass, slices.reshape(-1), found.reshape(-1), threshold.reshape(-1), ends.reshape(-1))
     return ends
