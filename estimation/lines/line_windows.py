@@ -136,8 +136,8 @@ class LineWindows:
         y = self.project(residual)
         inside, rank = self.along(y, excitation)
         explained = np.sum(abs(inside) ** 2, axis=-1)
-        rest = np.maximum(np.sum(abs(y) ** 2, axis=-1) - explained, 0.0)
         freedom = (KEPT - rank - removed).astype(float)
+        rest = np.maximum(np.sum(abs(y) ** 2, axis=-1) - explained, 0.0)
         shape = np.ones_like(rest)
         if shapes is not None:
             own = rest / np.maximum(freedom, 1.0)

@@ -57,7 +57,7 @@ def residual_of(record: OpenRecord, point: Point) -> Residual | None:
     off = measured_series(record) - predicted
     lines = record.windows.project(nominal_loop(record).opened(record, off[0], off[2], None)[0])
     driven, rank = driven_directions(record)
-    rung, more = ringing_directions(record, experiment_near(record, point))
+    rung, more = ringing_directions(record, experiment_near(record, point), driven)
     return Residual(record, lines, np.concatenate([driven, rung], axis=-1), rank + more)
 
 

@@ -14,7 +14,7 @@ from sim2real.recorded.channel_errors import ChannelError
 from sim2real.recorded.open_loop import Loop
 from sim2real.recorded.open_record import OpenRecord
 from sim2real.recorded.opened import Opened
-from sim2real.recorded.ringing import ringing_directions, without
+from sim2real.recorded.ringing import driven_directions, ringing_directions, without
 from sim2real.recorded.tones import tone_lines
 
 FORCE = 2  # place of the force's noise among the shapes of noise
@@ -206,7 +206,7 @@ def open_noise(
         a = tone.amplitude["opened"]
         residual[outputs.index("plant")] -= np.einsum("ca,cwl->awl", np.array([a.real, -a.imag]), columns)
     w, at = record.windows, outputs.index("plant")
-    directions, rank = ringing_directions(record, near)
+    directions, rank = ringing_directions(record, near, driven_directions(record)[0])
     residual[at] = w.lines(without(w.project(residual[at]), directions))
     removed = np.zeros((len(outputs), 1, w.count))
     removed[at] = rank

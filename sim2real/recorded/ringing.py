@@ -50,12 +50,13 @@ def ringing(
     return found
 
 
-def ringing_directions(record: OpenRecord, near: Experiment) -> tuple[np.ndarray, np.ndarray]:
+def ringing_directions(record: OpenRecord, near: Experiment, driven: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """What ringing of any size adds to windows near the poles, beside all that the drives may explain there.
 
     Args:
         record: the record.
         near: as for `ringing`.
+        driven: by `driven_directions`.
 
     Returns:
         directions: (windows, KEPT, n), orthonormal or zero, the same along every axis.
@@ -71,7 +72,6 @@ def ringing_directions(record: OpenRecord, near: Experiment) -> tuple[np.ndarray
     if not columns:
         return np.zeros((w.count, KEPT, 0), complex), np.zeros(w.count, int)
     rung = np.stack(columns, axis=-1)  # (windows, KEPT, n)
-    driven = driven_directions(record)[0]
     rung = rung - driven @ (np.conj(np.swapaxes(driven, 1, 2)) @ rung)
     u, s, _ = np.linalg.svd(rung, full_matrices=False)
     kept = s > SMALL

@@ -11,7 +11,7 @@ from sim2real.recorded.nuisances import Nuisances
 from sim2real.recorded.open_evidence import open_noise
 from sim2real.recorded.open_loop import nominal_loop
 from sim2real.recorded.records import read_records
-from sim2real.recorded.ringing import ringing, ringing_directions
+from sim2real.recorded.ringing import driven_directions, ringing, ringing_directions
 
 SAMPLES, OUTPUTS = 8000, ("plant", "amplifier")
 
@@ -86,8 +86,8 @@ def test_a_rig_with_another_stiffness_swings_at_another_frequency(record):
     """Where the simulation is that of another rig, the rotor swings as it does there."""
     e = record.experiment
     stiffer = replace(e, rig=with_parameters(e.rig, {"support_stiffness": 1.1 * e.rig.support_stiffness}))
-    _, rank = ringing_directions(record, e)
-    _, more = ringing_directions(record, stiffer)
+    _, rank = ringing_directions(record, e, driven_directions(record)[0])
+    _, more = ringing_directions(record, stiffer, driven_directions(record)[0])
     assert rank.max() >= 1 and more.max() > rank.max() and more.sum() > rank.sum()
     names = ringing(record, nominal_loop(record), OUTPUTS, np.ones((2, 2, record.frequency.size)), stiffer)
     assert len(names) == 8  # sine and cosine of two poles along two axes
