@@ -57,6 +57,8 @@ def _forces(s: Structure, lift: Lifts) -> dict[str, Callable]:
     shaped = s.saturating or s.steeper
     pull = kind and (kind.shaped_pull(s.saturating, s.steeper, s.shaped) if shaped and kind.shaped_pull else kind.pull)
 
+    pushed_back = springs.pushed_back_shaped if s.shaped else springs.pushed_back
+
     def force_at(node: int) -> Callable:
         pulling_freely, pushed_freely = free.pulling(node), free.pushed_back(node)
 
@@ -69,7 +71,7 @@ def _forces(s: Structure, lift: Lifts) -> dict[str, Callable]:
                     pulling = pulling_freely(x, k, y, pulling)
                 total = pull(x, k, y + x[k + OFFSET] if flexible else y, pulling)
             if further:
-                total = total - springs.pushed_back(x, k, y)
+                total = total - pushed_back(x, k, y)
             if freely:
                 total = total - pushed_freely(x, k, y)
             return total - mechanics.spring(x, k, y) if supported else total

@@ -11,6 +11,7 @@ from sim2real.compared.simulated import Point
 from sim2real.judgement.dispersion import NOISE_ALONE, NOISE_INFLATION, Dispersion, dispersion_of
 from sim2real.judgement.lost_commands import scatter_cost
 from sim2real.judgement.on_one_line import acts_on_one_line
+from sim2real.judgement.outside_meaning import meaningless_cost
 from sim2real.judgement.stated_stiffness import stiffness_cost
 from sim2real.search.candidates import Attribution
 from sim2real.search.fitting import Fit
@@ -29,8 +30,8 @@ class Evidence:
 
     Attributes:
         effects: Effects of each candidate, calibration first.
-        cost: Predictive cost of each candidate; inf where it touches down, contradicts a stated tolerance, or is a
-            resonance that acts on a single line.
+        cost: Predictive cost of each candidate; inf where it touches down, contradicts a stated tolerance, or is no
+            resonance, or one that acts on a single line.
         nominal: Cost of the untouched nominal rig.
         excess: Cost of each group beyond the noise, (candidates, G).
         scatter: Scatter (G,) of that cost under noise alone.
@@ -70,7 +71,7 @@ def evidence_of(
     residuals = [c.fit.residual for c in attribution.candidates]
     points = [c.fit.hypothesis.point(c.fit.u) for c in attribution.candidates]
     rig = p.parts[0].record.nominal
-    beside = [scatter_cost(p, at) + idle_cost(at, c.effects) + stiffness_cost(at, rig)
+    beside = [scatter_cost(p, at) + idle_cost(at, c.effects) + stiffness_cost(at, rig) + meaningless_cost(c.fit, rig)
               for c, at in zip(attribution.candidates, points, strict=True)]  # fmt: skip
     cost = np.array([
         np.inf if c.contradicted else c.predictive + more

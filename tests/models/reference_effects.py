@@ -81,6 +81,7 @@ class FullAxis(Axis):
         self.asymmetry = value("asymmetric_gain")
         self.drift = [value("gain_drift", key) for key in (None, "depth", "frequency", "phase")]
         self.cube, self.reach, self.stop = value("cubic_spring"), value("soft_stop"), value("soft_stop", "stiffness")
+        self.steepness = value("soft_stop", "steepness")
         self.shake = [value("foreign_vibration", key) for key in (None, "frequency", "phase")]
         self.dead, self.lost, self.play = value("deadband"), value("dropped_samples"), value("probe_backlash")
         self.passed = self.read = 0.0
@@ -107,7 +108,9 @@ class FullAxis(Axis):
 
     def pushed_back(self, y):
         beyond = abs(y) - self.reach
-        return self.cube * y**3 + (copysign(self.stop * beyond, y) if beyond > 0 else 0.0)
+        if beyond <= 0:
+            return self.cube * y**3
+        return self.cube * y**3 + copysign(self.stop * beyond * (beyond / self.reach) ** (self.steepness - 1), y)
 
     def behind_play(self, reading):
         """The reading follows at a distance of the play."""

@@ -27,8 +27,11 @@ EFFECTS: Mapping[str, EffectCard] = {
         {
             "distance": Parameter("m", 1e-9, 0.1, absent=inf, starts=tuple(np.geomspace(3e-6, 3e-3, 7))),
             "stiffness": Parameter("N/m", 1e-3, 1e12, 1e5, starts=(30.0, 1e3, 1e5)),
+            # 1 is a spring, 1.5 a round body on a flat one (Hertz), 2 a tip or rubber that is squeezed.
+            "steepness": Parameter("", 1.0, 4.0, 1.0, shape=0.4, centre=1.4),
         },
-        "beyond this distance from the centre a spring pushes back: a bumper, a seal, a cable",
+        "beyond this distance from the centre a spring pushes back: a bumper, a seal, a cable; in another form by "
+        "stiffness * depth * (depth / distance)^(steepness - 1)",
         "force and displacement at two amplitudes or static offsets",
         flexible=True,
         linear=False,
@@ -37,14 +40,16 @@ EFFECTS: Mapping[str, EffectCard] = {
     ),
 }
 
-# Rows of a lane. CUBE: acceleration per m^3. REACH: distance of the stop, m; STOP: acceleration per m beyond it.
-CUBE, REACH, STOP, END = rows_after(uneven_gain.END, "CUBE REACH STOP")
+# Rows of a lane. CUBE: acceleration per m^3. REACH: distance of the stop, m; STOP: acceleration per m beyond it; STEEPER:
+# its steepness less 1.
+CUBE, REACH, STOP, STEEPER, END = rows_after(uneven_gain.END, "CUBE REACH STOP STEEPER")
 
 
 def fill(x: LaneRows, values: Values, h: np.ndarray, axis: int) -> None:
     """Write the constants; the mechanics' rows must have been written."""
     x[CUBE] = values.effect("cubic_spring") * x[PER_MASS]
     x[REACH], x[STOP] = values.effect("soft_stop"), values.effect("soft_stop", "stiffness") * x[PER_MASS]
+    x[STEEPER] = values.effect("soft_stop", "steepness") - 1
 
 
 @piece
@@ -53,3 +58,12 @@ def pushed_back(x, k, y):
     reach = x[k + REACH]
     beyond = max(y - reach, 0.0) + min(y + reach, 0.0)
     return x[k + CUBE] * (y * y * y) + x[k + STOP] * beyond
+
+
+@piece
+def pushed_back_shaped(x, k, y):
+    """The same with a stop that need not be a straight line."""
+    reach = x[k + REACH]
+    beyond = max(y - reach, 0.0) + min(y + reach, 0.0)
+    steeper = (abs(beyond) / reach) ** x[k + STEEPER]
+    return x[k + CUBE] * (y * y * y) + x[k + STOP] * beyond * steeper

@@ -1,0 +1,41 @@
+"""Parameters at which an effect is no longer what its name says.
+
+A fit takes up what it lacks in any way that it can. A cause that no name describes is then found under one, at values
+that no bench has: a support that drives the rotor instead of damping it, or a mode so strongly damped that it has no
+resonance.
+"""
+
+import numpy as np
+
+from maglev_env.rig.rig import Rig
+from sim2real.search.fitting import Fit
+from sim2real.search.hypotheses import RESONANCES
+
+NO_RESONANCE = 0.4  # damping ratio from which on a mode raises nothing by more than a fifth
+
+
+def meaningless_cost(fit: Fit, rig: Rig) -> float:
+    """Cost of parameters that contradict the meaning of their effect; inf where the effect is none there.
+
+    Args:
+        fit: A fitted hypothesis.
+        rig: The nominal rig.
+    """
+    point = fit.hypothesis.point(fit.u)
+    ratios = [point.effects[name]["damping_ratio"] for name in fit.hypothesis.effects if name in RESONANCES]
+    return np.inf if max(ratios, default=0.0) >= NO_RESONANCE else _driving_cost(fit, rig)
+
+
+def _driving_cost(fit: Fit, rig: Rig) -> float:
+    """What a fit whose support drives the rotor would lose with a support that does not damp at all, to second order.
+
+    A support without a source of energy has no negative damping.
+    """
+    at = [i for i, c in enumerate(fit.hypothesis.coordinates) if c.effect == "damping"]
+    if not at or fit.jacobian is None:
+        return 0.0
+    c = fit.hypothesis.coordinates[at[0]]
+    total = rig.support_damping + c.value(float(fit.u[at[0]]))
+    if total >= 0 or not c.scale:
+        return 0.0
+    return float((total / c.scale) ** 2 / fit.covariance()[at[0], at[0]])

@@ -1,0 +1,48 @@
+"""What an effect costs at parameters that contradict its name."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from maglev_env.rig.rig import load_rig
+from sim2real.judgement.outside_meaning import NO_RESONANCE, meaningless_cost
+from sim2real.search.fitting import begin, differentiate, iterate
+from sim2real.search.hypotheses import Hypothesis
+
+RIG = load_rig("hmb_free")
+DAMPED = Hypothesis(("damping",), {}, scales=RIG.scales)
+(COEFFICIENT,) = DAMPED.coordinates
+
+
+def fitted(coefficient: float, slope: float):
+    """A fit of the damping alone to a response that is proportional to it, with `slope` per N s/m."""
+    x = np.linspace(1.0, 2.0, 7) * (1 + 0.5j)
+
+    def simulate(points):
+        return np.array([slope * p.effects.get("damping", {}).get("coefficient", 0.0) * x for p in points])
+
+    data = slope * coefficient * x
+    fits = begin([DAMPED], [np.array([COEFFICIENT.at(0.1)])], data, simulate)
+    iterate(fits, data, simulate, 10)
+    differentiate(fits, data, simulate, True)
+    return fits[0], slope**2 * float(np.vdot(x, x).real)
+
+
+def test_a_support_that_drives_the_rotor_costs_what_the_fit_loses_without_damping():
+    rig = replace(RIG, support_damping=0.3)
+    fit, per_square = fitted(-0.8, 9.0)
+    assert meaningless_cost(fit, rig) == pytest.approx(0.5**2 * per_square, rel=1e-6)
+    assert meaningless_cost(fit, replace(RIG, support_damping=0.9)) == 0.0  # less damping than stated, but some
+    assert meaningless_cost(fitted(0.8, 9.0)[0], rig) == 0.0
+
+
+@pytest.mark.parametrize("name", ["support_resonance", "sensor_resonance"])
+def test_a_mode_without_a_resonance_is_none(name):
+    h = Hypothesis((name,), {}, scales=RIG.scales)
+    at = [c.parameter for c in h.coordinates].index("damping_ratio")
+    for ratio, cost in ((0.9 * NO_RESONANCE, 0.0), (1.1 * NO_RESONANCE, np.inf)):
+        u = np.array([c.at(max(c.low, 0.01) if c.scale is None else 0.01) for c in h.coordinates])
+        u[at] = np.log(ratio)
+        (fit,) = begin([h], [u], np.zeros(3, complex), lambda points: np.zeros((len(points), 3), complex))
+        assert meaningless_cost(fit, RIG) == cost
