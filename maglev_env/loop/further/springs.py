@@ -40,8 +40,8 @@ EFFECTS: Mapping[str, EffectCard] = {
     ),
 }
 
-# Rows of a lane. CUBE: acceleration per m^3. REACH: distance of the stop, m; STOP: acceleration per m beyond it; STEEPER:
-# its steepness less 1.
+# Rows of a lane. CUBE: acceleration per m^3. REACH: distance of the stop, m; STOP: acceleration per m beyond it;
+# STEEPER: its steepness less 1.
 CUBE, REACH, STOP, STEEPER, END = rows_after(uneven_gain.END, "CUBE REACH STOP STEEPER")
 
 
