@@ -4,6 +4,7 @@ Each name is a folder of `maglev_workbench.commands`, whose `command.py` has the
 function imports what it needs when it is called, so that `--help` is fast.
 """
 
+import os
 from typing import Annotated
 
 import typer
@@ -57,7 +58,9 @@ def _options(
         bool, typer.Option("--version", callback=_show_version, is_eager=True, help="Print the version and exit.")
     ] = False,
 ) -> None:
-    pass
+    # numpy reads this when it is imported, which no command has done yet. Matrices are small here, so that several
+    # threads wait for one another, and the last bits of results would depend on their number.
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 
 if __name__ == "__main__":

@@ -5,6 +5,7 @@ go first, so that no process is left alone with one of them at the end.
 """
 
 import gc
+import os
 import sys
 from collections import Counter
 from hashlib import sha256
@@ -12,6 +13,8 @@ from pathlib import Path
 from tempfile import gettempdir
 
 import pytest
+
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # as the commands do; read when numpy is imported
 
 # pytest puts this folder on the path. Its subfolders have the names of the packages, and would hide those of an
 # editable installation.

@@ -90,6 +90,23 @@ for call in {calls!r}:
     assert made.returncode == 0, made.stderr
 
 
+def test_matrices_are_multiplied_on_one_thread_unless_the_user_says_otherwise():
+    """Small ones take longer on several, and the last bits of a result would depend on their number."""
+    program = """
+import os, sys
+from typer.testing import CliRunner
+from maglev_workbench.cli import app
+assert "numpy" not in sys.modules
+CliRunner().invoke(app, ["check", "nothing"])
+assert "numpy" in sys.modules
+print(os.environ["OPENBLAS_NUM_THREADS"])
+"""
+    for said in ({}, {"OPENBLAS_NUM_THREADS": "3"}):
+        environment = {name: value for name, value in os.environ.items() if name != "OPENBLAS_NUM_THREADS"} | said
+        made = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, env=environment)
+        assert made.stdout.split() == [said.get("OPENBLAS_NUM_THREADS", "1")], made.stderr
+
+
 def test_the_version_and_another_way_to_call_it():
     said = subprocess.run(
         [sys.executable, "-m", "maglev_workbench", "--version"], capture_output=True, text=True, check=True
