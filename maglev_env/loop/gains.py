@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields, is_dataclass, replace
+from functools import lru_cache
 from math import exp
 from typing import Any, Literal
 
@@ -71,7 +72,13 @@ def of_axis(controllers: Controllers, axis: int) -> Controller:
 
 def digital(controller: Controller, dt: float) -> Digital:
     """The controller as the recursion that runs every dt (s)."""
-    return controller if isinstance(controller, Digital) else controller.filter(dt)
+    return controller if isinstance(controller, Digital) else _filter(controller, dt)
+
+
+@lru_cache(maxsize=256)
+def _filter(form: Form, dt: float) -> LinearController:
+    """The filter of a form. Every lane of a batch asks for it several times, mostly for the same one."""
+    return form.filter(dt)
 
 
 def gain_values(controller: Controller) -> dict[str, float]:
