@@ -12,13 +12,14 @@ from sim2real.judgement.dispersion import NOISE_ALONE, NOISE_INFLATION, Dispersi
 from sim2real.judgement.lost_commands import scatter_cost
 from sim2real.judgement.on_one_line import acts_on_one_line
 from sim2real.judgement.outside_meaning import meaningless_cost
+from sim2real.judgement.sliding import FRICTION, slides
 from sim2real.judgement.stated_stiffness import stiffness_cost
 from sim2real.search.candidates import Attribution
 from sim2real.search.fitting import Fit
 from sim2real.search.hypotheses import REPLACED
 
 STRAINED = 3.0  # tolerances from which a stated parameter that moved counts as it is, whatever the form of an effect is
-NEAR_BEST = 300.0  # cost above the best within which it is asked on how many lines a resonance acts
+NEAR_BEST = 300.0  # cost above the best within which it is asked whether resonances and friction are shown as such
 IDLE = 25.0  # cost that an effect must save to be named although it ended where it changes nothing
 
 
@@ -30,8 +31,8 @@ class Evidence:
 
     Attributes:
         effects: Effects of each candidate, calibration first.
-        cost: Predictive cost of each candidate; inf where it touches down, contradicts a stated tolerance, or is no
-            resonance, or one that acts on a single line.
+        cost: Predictive cost of each candidate; inf where it touches down, contradicts a stated tolerance, is no
+            resonance or one that acts on a single line, or friction that slides nowhere.
         nominal: Cost of the untouched nominal rig.
         excess: Cost of each group beyond the noise, (candidates, G).
         scatter: Scatter (G,) of that cost under noise alone.
@@ -80,7 +81,8 @@ def evidence_of(
     for i in np.argsort(cost):  # whatever costs much more than the best is not named anyway
         if cost[i] > cost.min() + NEAR_BEST:
             break
-        if acts_on_one_line(p, attribution.candidates[i].fit):
+        fit = attribution.candidates[i].fit
+        if acts_on_one_line(p, fit) or not slides(p, fit, attribution.without(i, FRICTION)):
             cost[i] = np.inf
     if not np.isfinite(
         attribution.calibration.fit.cost

@@ -63,6 +63,12 @@ class Attribution:
                 return candidate
         return None
 
+    def without(self, candidate: int, name: str) -> float:
+        """Cost of the hypothesis of a candidate without one of its effects; inf where it was not fitted."""
+        rest = [other for other in self.candidates[candidate].effects if other != name]
+        found = self.of(*rest) if rest else self.calibration
+        return np.inf if found is None else found.fit.cost
+
     @property
     def simplest(self) -> Candidate:
         """The candidate with the fewest effects among those that are about as good as the best."""

@@ -265,7 +265,7 @@ def test_critical_noncentrality_has_power_one_half():
 def test_power_at_the_threshold_by_simulated_noise(with_current, name):
     # Noise of the running loop, converters included, and linear draws of the nuisances, against the effect. Over few
     # periods the controller's memory adds a per cent to what the current's noise is: ends of the record.
-    rig, periods, repeats = RIGS["hmb_free"], 4, 20
+    rig, periods, repeats = RIGS["hmb_free"], 4, 12
     drive, truth = drive_of("hmb_free"), Truth("hmb_free")
     detector = Detector(truth, [(rig.gains, drive)], periods, with_current)
     found = sized(name, 1.0, detector, np.random.default_rng(2))

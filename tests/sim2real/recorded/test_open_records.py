@@ -111,14 +111,14 @@ def test_intervals_cover_what_they_claim(campaign, kind):
     bench = Bench(stiffness=-0.05, delay=30e-6)
     truth = {"negative_stiffness": 0.95 * bench_loop.STIFFNESS, "delay": 30e-6}
     squares = []
-    for seed in range(12):
+    for seed in range(8):
         _, records = read_records(campaign(bench, {kind: "fit"}, seconds=1.0, seed=10 * seed))
         found = {c.name: c for c in pooled(records).coefficients}
         for name, value in truth.items():
             low, high = found[name].interval
             squares.append((NORMAL_95 * (2 * value - low - high) / (high - low)) ** 2)
-    # The squares tell more than how many intervals hold: of intervals half as wide, 97 % of such sums are larger.
-    assert chi2.isf(0.999, 24) < sum(squares) < chi2.isf(0.001, 24)
+    # The squares tell more than how many intervals hold: of intervals half as wide, 7 of 8 such sums are larger.
+    assert chi2.isf(0.999, 16) < sum(squares) < chi2.isf(0.001, 16)
 
 
 @pytest.mark.slow
@@ -176,7 +176,7 @@ def test_the_current_alone_tells_the_rig_whatever_the_controller(campaign, kind)
     bench = Bench(stiffness=-0.05)
     truth = {"negative_stiffness": 0.95 * bench_loop.STIFFNESS, "actuator_gain": bench_loop.GAIN, "damping": 0.0}
     z = []
-    for seed in range(3):
+    for seed in range(2):
         folder = campaign(bench, {kind: "fit"}, seed=10 * seed)
         _without_gains(folder)
         _, (record,) = read_records(folder)

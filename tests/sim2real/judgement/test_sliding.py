@@ -1,0 +1,47 @@
+"""Friction is shown by the limit of its force, and by nothing that is linear."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from sim2real.judgement.sliding import slides
+from sim2real.search.fitting import begin, differentiate, iterate
+from sim2real.search.hypotheses import Hypothesis
+
+MOTION = np.linspace(0.2, 2.0, 40) * 1e-6 * (1 + 0.3j)
+NOISE = 1e-5
+H = Hypothesis(("friction",), {})
+
+
+def simulate(points):
+    """Bristles that bend and then give way."""
+    own = [p.effects.get("friction", {"force": 0.0, "presliding": 1.0}) for p in points]
+    return np.array([f["force"] * MOTION / (f["presliding"] + abs(MOTION)) for f in own]) / NOISE
+
+
+@pytest.mark.parametrize(
+    "response, shown",
+    [
+        (0.05 * MOTION / (1e-6 + abs(MOTION)), True),
+        (3e4 * MOTION, False),
+        (3e4 * MOTION + 2e-3 * np.exp(1e7j * abs(MOTION)), False),  # and something that no friction explains
+    ],
+)
+def test_only_a_limit_that_the_motion_reaches_is_friction(response, shown):
+    data = response / NOISE
+    problem = SimpleNamespace(data=data, simulate=simulate)
+    start = np.array([c.at({"force": 0.02, "velocity": 1e-3, "presliding": 2e-6}[c.parameter]) for c in H.coordinates])
+    fits = begin([H], [start], data, simulate)
+    iterate(fits, data, simulate, 30)
+    differentiate(fits, data, simulate, True)
+    nothing = float(np.vdot(data, data).real)
+    assert fits[0].cost < 0.1 * nothing
+    assert slides(problem, fits[0], nothing) == shown
+
+
+def test_what_has_no_friction_or_no_derivative_is_not_asked():
+    (delay,) = begin([Hypothesis(("delay",), {})], [np.array([1.0])], MOTION, simulate)
+    assert slides(SimpleNamespace(), delay, 1.0)
+    (fresh,) = begin([H], [np.zeros(3)], MOTION, simulate)
+    assert slides(SimpleNamespace(), fresh, 1.0)
