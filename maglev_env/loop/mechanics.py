@@ -180,6 +180,8 @@ def fill(x: LaneRows, values: Values, h: np.ndarray) -> None:
     x[DAMPER] = damping * per_mass / h
     # The force law is singular where the rotor touches a pole, so contact is assumed just before that.
     nearest = 1 + np.minimum(values.effect("force_law", "offset"), 0.0)
+    change, share = (values.effect("negative_stiffness", key) for key in ("change", "distance_share"))
+    nearest = nearest / np.maximum((1 + change) ** share, 1.0)  # of magnets that are nearer
     centred = np.maximum(0.999 * nearest * values.rig("gap") - abs(values.effect("eccentricity")), 0.0)
     x[LIMIT_SQ] = np.minimum(values.rig("clearance"), centred) ** 2
     x[FRICTION] = friction = values.effect("friction") * per_mass

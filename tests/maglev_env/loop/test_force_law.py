@@ -236,9 +236,19 @@ def test_a_parameter_of_another_magnet_is_refused(rig, name, value):
         replace(rig, **{name: value})
 
 
-def test_contact_is_before_a_shorter_magnetic_gap():
-    e = Experiment(BALL, GAINS, (), effects=effect("force_law", 0.0, offset=-0.5))
-    assert lane_batch([e]).rows[row(LIMIT_SQ), 0] == pytest.approx((0.999 * 0.5 * BALL.gap) ** 2)
+@pytest.mark.parametrize(
+    "effects, nearest",
+    [
+        (effect("force_law", 0.0, offset=-0.5), 0.5),
+        (effect("negative_stiffness", 1.0, distance_share=1.0), 0.5),
+        (effect("negative_stiffness", -0.75, distance_share=-0.5), 0.5),
+        (effect("negative_stiffness", -0.5, distance_share=1.0), 1.0),
+    ],
+)
+def test_contact_is_before_a_shorter_magnetic_gap(effects, nearest):
+    """Beyond a pole the formula of the pull changes its sign."""
+    e = Experiment(BALL, GAINS, (), effects=effects)
+    assert lane_batch([e]).rows[row(LIMIT_SQ), 0] == pytest.approx((0.999 * nearest * BALL.gap) ** 2)
 
 
 @pytest.mark.parametrize("sharpness", [2.0, 3.0, 6.0])
