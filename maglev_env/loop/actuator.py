@@ -74,7 +74,7 @@ EFFECTS: Mapping[str, EffectCard] = {
         ("magnets",),
         flexible=True,
         linear=False,
-        form_share=0.2,
+        form_share=0.1,
         dither="maybe",
     ),
     "saturation": EffectCard(
@@ -90,7 +90,7 @@ EFFECTS: Mapping[str, EffectCard] = {
         "all of it, with the current that carries the weight",
         "current and displacement at two amplitudes",
         ("magnets",),
-        form_share=0.02,
+        form_share=0.01,
     ),
     "actuator_offset": EffectCard(
         "actuator",

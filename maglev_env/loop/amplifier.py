@@ -37,7 +37,7 @@ EFFECTS: Mapping[str, EffectCard] = {
         ("coil",),
         flexible=True,
         linear=False,
-        form_share=0.15,
+        form_share=0.08,
         dither="always",
     ),
 }

@@ -62,7 +62,7 @@ EFFECTS: Mapping[str, EffectCard] = {
         "force and displacement at two amplitudes",
         flexible=True,
         linear=False,
-        form_share=0.05,
+        form_share=0.02,
         dither="maybe",
         plain_kernel=("viscous",),
     ),

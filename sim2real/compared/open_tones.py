@@ -27,6 +27,7 @@ from sim2real.recorded.tones import FALSE_ALARM, MOST, Tone, origin, tone_lines,
 
 LIGHT, RINGING = 0.1, 0.25  # damping ratio of a mode that rings, and octaves from it within which it does
 ALIKE = 0.15  # lines within which tones of unknown origin are the same in two records
+SAME_TONE = 0.03  # lines within which a tone that is found again has the frequency that it had
 FINE = 0.5  # lines between frequencies that are tried
 NOMINAL = Point({}, {})
 UNKNOWN_SIZE = 10.0  # times the size found, within which the tone that a fit takes out may lie
@@ -64,7 +65,8 @@ def residual_of(record: OpenRecord, point: Point) -> Residual | None:
 def with_tones(record: OpenRecord, near: Point = NOMINAL) -> OpenRecord:
     """The record with the tones that a simulation leaves in it, and no others; unchanged where that touches down.
 
-    A tone that is found again keeps its frequency, so that it stays the same nuisance.
+    A tone that is found again where it was keeps its frequency, so that it stays the same nuisance. Where the rig was
+    far off before, it is found elsewhere.
     """
     found: list[Tone] = []
     residual = residual_of(record, near)
@@ -75,7 +77,7 @@ def with_tones(record: OpenRecord, near: Point = NOMINAL) -> OpenRecord:
         tone, residual = _strongest(residual)
         if tone is None:
             break
-        known = [t.frequency for t in record.tones if abs(t.frequency - tone.frequency) < ALIKE * width]
+        known = [t.frequency for t in record.tones if abs(t.frequency - tone.frequency) < SAME_TONE * width]
         found.append(replace(tone, frequency=known[0]) if known else tone)
     return replace(record, tones=tuple(found))
 
@@ -151,15 +153,22 @@ def _strongest(residual: Residual) -> tuple[Tone | None, Residual]:
     if not tried.size:
         return None, residual
 
-    def chance(line: float) -> float:
-        return float(log_chances(residual, np.array([line * spacing]))[0])
+    def chance(line: float, of: Residual = residual) -> float:
+        return float(log_chances(of, np.array([line * spacing]))[0])
 
-    best = float(tried[int(np.argmin(log_chances(residual, tried * spacing)))])
-    refined = minimize_scalar(
-        chance, bounds=(best - 2 * FINE, best + 2 * FINE), method="bounded", options={"xatol": 1e-3}
-    ).x
-    if chance(refined) + np.log(tried.size) > np.log(FALSE_ALARM):
+    def strongest_near(line: float, of: Residual) -> float:
+        bounds = (line - 2 * FINE, line + 2 * FINE)
+        return float(minimize_scalar(chance, bounds=bounds, args=(of,), method="bounded", options={"xatol": 1e-3}).x)
+
+    def significant(line: float) -> bool:
+        return chance(line) + np.log(tried.size) <= np.log(FALSE_ALARM)
+
+    refined = strongest_near(float(tried[int(np.argmin(log_chances(residual, tried * spacing)))]), residual)
+    if not significant(refined):
         return None, residual
+    # The drives of two axes may explain most of a window, and what is left of it tells a frequency badly.
+    whole = replace(residual, driven=residual.driven[..., :0], rank=np.zeros_like(residual.rank))
+    refined = again if significant(again := strongest_near(refined, whole)) else refined
     (amplitude,), (chi2,) = tones_in(residual, np.array([refined * spacing]))
     own = np.array([amplitude.real, -amplitude.imag])
     without = residual.lines - np.einsum("ca,cwk->awk", own, w.project(tone_lines(w, refined * spacing)))

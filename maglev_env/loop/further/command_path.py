@@ -28,7 +28,7 @@ EFFECTS: Mapping[str, EffectCard] = {
         ("magnets",),
         flexible=True,
         linear=False,
-        form_share=0.05,
+        form_share=0.02,
     ),
     "dropped_samples": EffectCard(
         "controller",

@@ -18,7 +18,7 @@ EFFECTS: Mapping[str, EffectCard] = {
         "displacement and force at two amplitudes",
         flexible=True,
         linear=False,
-        form_share=0.1,
+        form_share=0.05,
         dither="always",
     ),
 }

@@ -20,7 +20,7 @@ EFFECTS: Mapping[str, EffectCard] = {
         "force and displacement at two amplitudes or static offsets",
         flexible=True,
         linear=False,
-        form_share=0.05,
+        form_share=0.02,
     ),
     "soft_stop": EffectCard(
         "mechanics",
@@ -36,7 +36,7 @@ EFFECTS: Mapping[str, EffectCard] = {
         flexible=True,
         linear=False,
         like="cubic_spring",
-        form_share=0.1,
+        form_share=0.05,
     ),
 }
 

@@ -21,7 +21,7 @@ EFFECTS: Mapping[str, EffectCard] = {
         ("magnets",),
         flexible=True,
         linear=False,
-        form_share=0.05,
+        form_share=0.02,
         dither="maybe",
     ),
     "gain_drift": EffectCard(
