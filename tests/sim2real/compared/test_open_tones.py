@@ -86,7 +86,7 @@ def test_drives_that_explain_most_of_a_window_leave_the_frequency_alone(read, mo
         moved = Residual(record, lines, driven, np.full(w.count, 8))
         monkeypatch.setattr(open_tones, "residual_of", lambda record, near, moved=moved: moved)
         found.append(with_tones(record).tones[0].frequency)
-    assert np.median(found) == pytest.approx(61.7, abs=0.12)
+    assert np.median(found) == pytest.approx(61.7, abs=0.15)
 
 
 def test_what_a_loop_makes_of_a_sine_is_no_tone_and_what_it_does_not_make_is(read):
