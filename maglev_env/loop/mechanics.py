@@ -78,6 +78,7 @@ EFFECTS: Mapping[str, EffectCard] = {
         "force and displacement across the resonance",
         flexible=True,
         resonance=True,
+        form_share=0.003,
     ),
     "cross_coupling": EffectCard(
         "mechanics",

@@ -164,15 +164,19 @@ def _forms(evidence: Evidence, gap: float, belief: Belief) -> np.ndarray:
     """Cost that another form of the effects of each candidate may leave.
 
     It is a share of what each effect saves beside the candidate's other effects, or of the whole gap where that is not
-    known.
+    known. Of two that may stand for each other either saves little beside the other; of what both save, the smaller of
+    their shares remains in any case.
     """
     cost = {frozenset(names): c for names, c in zip(evidence.effects, evidence.cost, strict=True)}
     found = np.full(len(evidence.effects), belief.form_share * gap)
     for i, names in enumerate(evidence.effects):
-        for name in names:
-            others = cost.get(frozenset(names) - {name}, np.inf) if len(names) > 1 else np.inf
-            saved = np.clip(others - evidence.cost[i], 0.0, gap) if np.isfinite(evidence.cost[i]) else 0.0
-            found[i] += (EFFECTS[name].form_share if name in EFFECTS else 0.0) * saved
+        if not names or not np.isfinite(evidence.cost[i]):
+            continue
+        shares = [EFFECTS[name].form_share if name in EFFECTS else 0.0 for name in names]
+        others = [cost.get(frozenset(names) - {name}, np.inf) if len(names) > 1 else np.inf for name in names]
+        saved = np.clip(np.array(others) - evidence.cost[i], 0.0, gap)
+        least = min(shares) * np.clip(evidence.cost[0] - evidence.cost[i], 0.0, gap)
+        found[i] += max(float(np.dot(shares, saved)), float(least))
     return found
 
 
