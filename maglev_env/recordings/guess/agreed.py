@@ -4,6 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from math import copysign
 from pathlib import Path
+from typing import Any
 
 from maglev_env.channels import MEASURED
 from maglev_env.recordings.guess.columns import NO_UNIT, ColumnGuess
@@ -134,14 +135,34 @@ def one_controller(guesses: Sequence[RecordingGuess]) -> list[RecordingGuess]:
     shown = sorted(
         (g for g in guesses if g.gains), key=lambda g: (not g.gains["ki"], not g.gains["kd"], -g.controller.confidence)
     )
-    found = []
+    found: list[RecordingGuess] = []
     for guess in guesses:
+        if guess.form:
+            same = next((g for g in found if g.form and _like(g.form, guess.form)), guess)
+            said = (
+                guess.controller
+                if same is guess
+                else replace(
+                    guess.controller, value=same.form, reason=f"{guess.controller.reason}; as that of {same.file}"
+                )
+            )
+            found.append(replace(guess, form=same.form, controller=said))
+            continue
         like = next((g for g in shown if guess.gains and _alike(g.gains, guess.gains)), guess)
         if like.gains != guess.gains:
             said = replace(guess.controller, reason=f"{guess.controller.reason}; the gains are those of {like.file}")
             guess = replace(guess, gains=like.gains, controller=replace(said, value=like.gains))
         found.append(guess)
     return found
+
+
+def _like(one: Mapping[str, Any], other: Mapping[str, Any]) -> bool:
+    """Whether two controllers of another form have the same parts, and numbers that their fits may leave different."""
+
+    def same(a: Any, b: Any) -> bool:
+        return a == b if isinstance(a, str) or isinstance(b, str) else abs(a - b) <= _SAME_GAIN * max(abs(a), abs(b))
+
+    return one.keys() == other.keys() and all(same(one[name], other[name]) for name in one)
 
 
 def _alike(one: Mapping[str, float], other: Mapping[str, float]) -> bool:
@@ -157,7 +178,7 @@ def _perhaps_the_same_controller(guess: RecordingGuess, others: Sequence[Recordi
     """
     shown = [g for g in others if g.gains and _efforts(g) & _efforts(guess)]
     kinds = {name.partition("_")[0] for name in guess.channels}
-    if guess.gains or not shown or not {"displacement", "command"} <= kinds:
+    if guess.gains or guess.form or not shown or not {"displacement", "command"} <= kinds:
         return guess
     best = min(shown, key=lambda g: g.excitation.value == "none")
     gains = ", ".join(f"{name} = {value:.7g}" for name, value in best.gains.items())

@@ -1,15 +1,19 @@
 """What hangs below a single magnet: its current includes the bias, and a measured gap grows away from the magnet."""
 
 from dataclasses import replace
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from maglev_env.recordings.contents import contents
+from maglev_env.recordings.files import read_columns
 from maglev_env.recordings.guess.behaviour import correlation
 from maglev_env.recordings.guess.columns import ColumnGuess
 from maglev_env.recordings.guess.evidence import LIKELY
 from maglev_env.recordings.guess.recording import RecordingGuess, other_way_round
 from maglev_env.recordings.guess.words import is_distance
+from maglev_env.rig.rig import Rig
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -44,15 +48,15 @@ def facing_the_magnet(guess: RecordingGuess, dataset: "xr.Dataset") -> Recording
     distance = is_distance(guess.channels["displacement"].label)
     if guess.rotor.confidence < LIKELY and not (distance and follows > _FOLLOWS):
         return guess
-    why, asked = "", False
+    why, asked, known = "", False, guess.gains or guess.form
     if follows > _FOLLOWS:
         why = f"the {effort} rises with it (correlation {follows:.2f})"
-    elif follows > -_FOLLOWS and guess.gains and guess.gains["kp"] < 0:
+    elif follows > -_FOLLOWS and known and known.get("kp", known.get("displacement", 0.0)) < 0:
         why = "its controller's gain is negative, and yet it levitates"
     elif follows > -_FOLLOWS and distance:
         why = "it is called so"
     else:
-        asked = follows > -_FOLLOWS and not guess.gains
+        asked = follows > -_FOLLOWS and not known
     columns = tuple(
         _asking(c, TOTAL) if c.channel in ("current", "command")
         else _reversed(c, why) if c.channel in _POSITIONS and why
@@ -62,6 +66,40 @@ def facing_the_magnet(guess: RecordingGuess, dataset: "xr.Dataset") -> Recording
     )  # fmt: skip
     turned = replace(guess, columns=columns)
     return other_way_round(turned) if why else turned
+
+
+def below_the_magnet(guess: RecordingGuess, rig: Rig, folder: Path) -> RecordingGuess:
+    """The guess with what a named rig tells of a suspended rotor: the bias in its currents, and the gap at rest.
+
+    Args:
+        guess: of one file.
+        rig: on which it was recorded.
+        folder: in which the file is.
+
+    Returns:
+        Itself for other rigs than one with a single magnet. A distance whose mean is not near the rig's gap stays asked
+        for: it is counted from another place than the magnet, or in another unit.
+    """
+    if not rig.controlled or "pair" in rig.capabilities or "displacement" not in guess.channels:
+        return guess
+    read, moved = contents(read_columns(folder / guess.file)).columns, guess.channels["displacement"]
+    used = slice(guess.part[0], guess.part[0] + guess.part[1]) if guess.part else slice(None)
+    near = abs(float(read[moved.column][used].mean()) * moved.scale + rig.gap) < rig.clearance
+
+    def told(column: ColumnGuess) -> ColumnGuess:
+        if TOTAL in column.ask:
+            return _answered(replace(column, total=True), TOTAL, "it includes the current that carries the weight")
+        if _OFFSET in column.ask and near:
+            return _answered(replace(column, offset=rig.gap), _OFFSET, "0 is at the gap of the rig")
+        return column
+
+    return replace(guess, columns=tuple(told(c) for c in guess.columns))
+
+
+def _answered(column: ColumnGuess, asked: str, why: str) -> ColumnGuess:
+    """A column with one of its questions answered."""
+    left = "; ".join(part for part in column.ask.replace(asked, "").split("; ") if part)
+    return replace(column, ask=left, reason=f"{column.reason}; {why}")
 
 
 def around_the_centre(guess: RecordingGuess, dataset: "xr.Dataset") -> RecordingGuess:

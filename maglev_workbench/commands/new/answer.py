@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from maglev_env.recordings.guess.recording import RecordingGuess
+from maglev_env.recordings.guess.suspended import TOTAL
 from maglev_workbench.commands.new.stated import Stated
 
 TAKEN, TAKEN_FOR = "whether this column is the ", "what columns are taken for"
@@ -41,7 +42,15 @@ def answer_of(guesses: Sequence[RecordingGuess], refused: Mapping[Path, str], st
     edit = [f"sample_rate of {g.file}: it is not known and stands as 0" for g in guesses if g.rate.value is None]
     must = len(edit)
     if skeleton:
-        edit.append("rig.toml: what is marked there; then take the # from rig in campaign.toml (diagnose needs it)")
+        again = (
+            "; a rig that hangs below a magnet: rather this command again with --rig and --force, which then states "
+        )
+        again += "the bias in its current and the gap of its position"
+        hangs = any(TOTAL in c.ask for g in guesses for c in g.columns)
+        edit.append(
+            "rig.toml: what is marked there; then take the # from rig in campaign.toml (diagnose needs it)"
+            f"{again if hangs else ''}"
+        )
     if stated.mass is None and stated.rig is None:
         edit.append("mass: the moving mass in kg, if it is known (--mass)")
     total = len(guesses) + len(refused)

@@ -40,8 +40,9 @@ def new(
     from maglev_env.recordings.guess.agreed import agreed, like_most, one_rotor, without_motion
     from maglev_env.recordings.guess.evidence import LIKELY
     from maglev_env.recordings.guess.recording import guess_recording
+    from maglev_env.recordings.guess.suspended import below_the_magnet
     from maglev_env.recordings.guess.verified import verified
-    from maglev_env.rig.rig import load_rig
+    from maglev_env.rig.rig import PRESETS, load_rig
     from maglev_workbench.commands.new import questions
     from maglev_workbench.commands.new.answer import HEAD, answer_of, rows
     from maglev_workbench.commands.new.campaign_text import campaign_text
@@ -105,6 +106,9 @@ def new(
     names = [f.resolve().relative_to(folder.resolve()).as_posix() for f in inside]
     named = one_rotor([replace(g, file=name) for g, name in zip(guesses, names, strict=True)])
     guesses = agreed([verified(guess, folder) for guess in named])
+    if stated.rig is not None:
+        known_rig = load_rig(stated.rig if stated.rig in PRESETS else folder / stated.rig)
+        guesses = [below_the_magnet(guess, known_rig, folder) for guess in guesses]
 
     known = next((g for g in guesses if g.gains), None)
     if stated.rig is None:

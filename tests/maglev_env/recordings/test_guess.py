@@ -104,6 +104,9 @@ def test_names_of_several_languages_and_laboratories(channel, name):
         ("i_ctrl", "command", ""),
         ("Stellstrom", "command", ""),
         ("coil current", "current", ""),
+        ("setcurrent_A", "command", ""),
+        ("actpos [mm]", "displacement", ""),
+        ("Codeur (mm)", "displacement", ""),
         ("inj_x [A]", "injection", "x"),
         ("exc_y [N]", "force", "y"),
         ("probe_x", "displacement", "x"),
@@ -376,6 +379,31 @@ def test_units_of_hdf5_attributes_are_read(tmp_path):
     found = guess_recording(tmp_path / "run.h5", rate=1000.0).channels
     assert found["displacement_x"].scale == 1e-6 and not found["displacement_x"].ask
     assert found["current_x"].column == "entry.coil_x"
+
+
+def test_names_of_hdf5_attributes_are_read(tmp_path):
+    with h5py.File(tmp_path / "run.h5", "w") as file:
+        for name, called, unit in (
+            ("ai0", "ball position", "mm"),
+            ("ai1", "set point", "mm"),
+            ("ao0", "coil current", "A"),
+        ):
+            one = file.create_dataset(f"daq/{name}", data=np.sin(np.arange(400.0)))
+            one.attrs["long_name"], one.attrs["unit"] = called, unit
+    found = guess_recording(tmp_path / "run.h5", rate=1000.0).channels
+    named = {name: found[name].column for name in ("displacement", "reference", "current")}
+    assert named == {"displacement": "daq.ai0", "reference": "daq.ai1", "current": "daq.ao0"}
+
+
+def test_what_is_wanted_tells_the_order_of_an_encoders_counts():
+    wanted = np.repeat(np.random.default_rng(2).uniform(-0.5, 0.5, 20), N // 20)
+    moved = lfilter([0.02], [1, -0.98], 1.6 * wanted)  # a loop without an integrator ends elsewhere
+    found = columns(
+        **{"Codeur (points)": np.round(-1e3 * moved), "Consigne (mm)": wanted, "courant (A)": 1 + 0.1 * SLOW}
+    )
+    encoder = found["Codeur (points)"]
+    assert encoder.channel == "displacement" and encoder.scale == -1e-6 and encoder.ask == "scale in m per count"
+    assert found["Consigne (mm)"].scale == 1e-3
 
 
 def test_a_peak_in_volts_is_not_stated_as_one_in_metres(tmp_path):
