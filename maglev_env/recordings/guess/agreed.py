@@ -152,8 +152,26 @@ def one_controller(guesses: Sequence[RecordingGuess]) -> list[RecordingGuess]:
         if like.gains != guess.gains:
             said = replace(guess.controller, reason=f"{guess.controller.reason}; the gains are those of {like.file}")
             guess = replace(guess, gains=like.gains, controller=replace(said, value=like.gains))
-        found.append(guess)
+        found.append(_with_time_constants(guess, shown))
     return found
+
+
+def _with_time_constants(guess: RecordingGuess, shown: Sequence[RecordingGuess]) -> RecordingGuess:
+    """The guess with the time constants of the first file that has nearly the same: other gains of one controller.
+
+    Its slope and its integral stay, since a fit tells these and not the constants beside them.
+    """
+    if not guess.gains:
+        return guess
+    gains = dict(guess.gains)
+    for time, gain in (("td", "kd"), ("ti", "ki")):
+        own = gains[time]
+        first = next(
+            (g.gains[time] for g in shown if g.gains[gain] and abs(g.gains[time] - own) <= _SAME_GAIN * own), own
+        )
+        if gains[gain]:
+            gains[gain], gains[time] = float(f"{gains[gain] * first / own:.7g}"), first
+    return replace(guess, gains=gains, controller=replace(guess.controller, value=gains))
 
 
 def _like(one: Mapping[str, Any], other: Mapping[str, Any]) -> bool:

@@ -15,7 +15,7 @@ def unstated(diagnosis: Diagnosis) -> list[str]:
             continue
         value = float(f"{values['time_constant']:.3g}")
         found.append(
-            f"the rig states no {name}, so that {effect} may be no fault but what was left out: with {name} = {value!r} "
-            "(s) in rig.toml, if that is right, `maglev diagnose` says what else differs"
+            f"the rig states no {name}, so that {effect} may be no fault but what was left out: with {name} = "
+            f"{value!r} (s) in rig.toml, if that is right, `maglev diagnose` says what else differs"
         )
     return found
