@@ -24,6 +24,7 @@ _VARIABLE, _TYPE = re.compile(r"[A-Za-z_]\w*(\.[A-Za-z_]\w*)+"), re.compile(r"^(
 # Sizes that a channel without a unit is likely to have in SI, rms or mean; beyond them it is in a smaller unit.
 _LARGEST_M = 0.05
 _SLOW_M = 0.3  # the same of distances that a slow controller could not hold if they were in mm
+_LARGEST_A = 60.0
 NO_UNIT = "no unit"  # begins the evidence for a scale by the size of the values
 _NOT_CURRENT = 3.0  # times the size of the current beyond which a "command" is a voltage
 
@@ -364,6 +365,11 @@ def _scaled(
         while scale > 1e-6 and shaken * scale > MOST_SHAKEN:
             scale, name = (1e-3, "mm") if scale == 1 else (1e-6, "µm")
             why = f"{NO_UNIT}, {span}; no magnet accelerates a rotor so in a larger one: taken as {name}"
+    if si == "A":
+        # Currents of one file are in one unit, too.
+        nameless = [n for n, g in guesses.items() if g.channel and _unit(g.channel) == "A" and not units[n]]
+        if max(float(np.abs(all_values[n]).max()) for n in nameless) > _LARGEST_A:
+            scale, why = 1e-3, f"{NO_UNIT}, {span}, of that size taken as mA"
     ask = "; ".join(filter(None, (guess.ask, "unit of this column")))
     return replace(
         guess, scale=scale, reason=f"{guess.reason}; {why}", ask=ask, confidence=min(guess.confidence, LIKELY)

@@ -21,6 +21,7 @@ _ONE_SIDED = 0.02  # of its largest value, that a current of one sign may read b
 _ALIKE = 1e-3  # relative difference up to which two axes have the same gains
 _TOWARD = "whether the displacement is measured away from the magnet (kp is negative): scale < 0"
 _EACH = "the controllers: [recording.gains.x] and [recording.gains.y]"
+_STATED_RATE = "stated.sample_rate"
 _SEEN = ("reference", "injection", "current")
 _FORMS = {
     "pid": "a PID with other paths for displacement and reference",
@@ -122,6 +123,8 @@ def guess_recording(
     """
     file = read_columns(path)
     found = contents(file)
+    if rate is not None:  # it tells the unit of a time without one, too
+        found = replace(found, numbers={_STATED_RATE: rate, **found.numbers})
     if part:
         used = slice(part[0], part[0] + part[1])
         found = replace(found, columns={name: values[used] for name, values in found.columns.items()})

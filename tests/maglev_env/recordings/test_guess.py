@@ -431,3 +431,14 @@ def test_a_wanted_current_beside_a_voltage_that_is_called_an_output_is_the_comma
     assert {g.column: g.channel for g in found.values()} == {
         "t": "time", "laser_mm": "displacement", "i_sp": "command", "i_fb": "current", "u_pwm": "voltage",
     }  # fmt: skip
+
+
+def test_a_stated_rate_tells_the_unit_of_a_time_without_one(tmp_path):
+    kept = np.flatnonzero(np.random.default_rng(9).random(4000) > 0.004)  # a serial log with samples missing
+    wanted = 450 + 100 * SLOW + 3 * RNG.standard_normal(N)
+    table = np.column_stack([kept, 10 + SLOW[kept], lfilter([0.5], [1, -0.5], wanted)[kept], wanted[kept]])
+    np.savetxt(tmp_path / "LOG.TXT", table, fmt="%.4f", delimiter=",")
+    assert guess_recording(tmp_path / "LOG.TXT").rate.value is None
+    found = guess_recording(tmp_path / "LOG.TXT", rate=1000.0).channels
+    assert found["time"].scale == 1e-3
+    assert {found[name].scale for name in ("current", "command")} == {1e-3}  # 450 A are no current of a magnet
