@@ -9,6 +9,7 @@ from maglev_env.redundancy.controller import at_control_rate
 from maglev_env.redundancy.finding import Finding
 from maglev_env.redundancy.rows import MODEL, Fit, Row, fit, local_power, low_pass
 from maglev_env.redundancy.view import Lines, View
+from maglev_env.rig.rig import PARAMETERS
 
 GAIN = 0.1  # of an amplifier and its current sensor
 LAG = 0.1  # relative standard deviation of the amplifier's time constant where the rig states no tolerance
@@ -126,10 +127,13 @@ def _times(view: View, lines: Lines) -> np.ndarray:
     t, share = rig.amplifier_time_constant, WIDE * rig.tolerance.get("amplifier_time_constant", LAG)
     if not view.amplifier_open:
         return t * (1 + np.linspace(-min(share, 0.9), share, POINTS)) if t else np.zeros(1)
-    times = np.array([0.0, *np.geomspace(*REACH, POINTS)]) / view.rate
+    least, most = (reach / view.rate for reach in REACH)
+    most = min(most, PARAMETERS["amplifier_time_constant"]["high"])  # which a slow recording reaches
+    times = np.array([0.0, *np.geomspace(least, most, POINTS)])
     found = _tried(view, lines, times)
     best = found[int(np.argmin(_costs(lines, found)))][0] if found else 0.0
-    return np.concatenate([times, best * np.geomspace(1 / BESIDE, BESIDE, 2 * POINTS)]) if best else times
+    beside = np.minimum(best * np.geomspace(1 / BESIDE, BESIDE, 2 * POINTS), most)
+    return np.concatenate([times, beside]) if best else times
 
 
 def _most(costs: np.ndarray, lines: Lines) -> float:

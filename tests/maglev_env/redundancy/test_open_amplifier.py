@@ -93,3 +93,13 @@ def test_the_lag_that_is_left_out_is_offered_to_be_stated(late):
     assert not unstated_pole(view(replace(OPEN, amplifier_time_constant=3e-4), **channels))
     assert not unstated_pole(view(OPEN, **channels | {"current": 2 * channels["current"]}))
     assert not unstated_pole(view(OPEN, command=command, current=command + 1e-3 * rng.normal(size=N)))
+
+
+@pytest.mark.parametrize("rate", [20.0, 100.0, 500.0])
+def test_a_slow_rig_is_tried_within_what_a_time_constant_may_be(rate):
+    rng = np.random.default_rng(7)
+    command = lfilter([0.3], [1.0, -0.7], rng.normal(size=N))
+    slow = replace(OPEN, control_rate=rate, gains=None)
+    wide = view(slow, command=command, current=2 * command + rng.normal(size=N))
+    (row,) = amplified(replace(wide, rate=rate))
+    assert row.gain == pytest.approx(2.0, rel=0.1)
