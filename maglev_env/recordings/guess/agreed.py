@@ -10,7 +10,7 @@ from maglev_env.channels import MEASURED
 from maglev_env.recordings.guess.columns import NO_UNIT, ColumnGuess
 from maglev_env.recordings.guess.evidence import LIKELY
 from maglev_env.recordings.guess.recording import RecordingGuess, in_another_unit, other_way_round
-from maglev_env.recordings.guess.suspended import DIRECTION
+from maglev_env.recordings.guess.suspended import CENTRE, DIRECTION, asked_for_the_centre
 
 _SAME_GAIN = 0.03  # relative difference of gains that were fitted to two files of one controller
 AGREED = frozenset(MEASURED) | {"reference", "injection", "voltage"}  # the clock is each file's own, and so is its unit
@@ -108,11 +108,18 @@ def agreed(guesses: Sequence[RecordingGuess]) -> list[RecordingGuess]:
             if _agrees(column.channel):
                 columns.setdefault((column.channel, _place(guess, column.column)), []).append((guess.file, column))
     told = {key: _telling(same) for key, same in columns.items()}
+    apart = {key for key, same in columns.items() if any(CENTRE in c.ask for _, c in same)}
+
+    def with_others(guess: RecordingGuess, column: ColumnGuess) -> ColumnGuess:
+        if not _agrees(column.channel):
+            return column
+        key = column.channel, _place(guess, column.column)
+        column = _as_told(column, *told[key])
+        return asked_for_the_centre(column) if key in apart else column
+
     found = []
     for guess in guesses:
-        own = tuple(
-            _as_told(c, *told[c.channel, _place(guess, c.column)]) if _agrees(c.channel) else c for c in guess.columns
-        )
+        own = tuple(with_others(guess, c) for c in guess.columns)
         known = replace(guess, columns=own)
         changed = next(
             (a.scale / b.scale for a, b in zip(own, guess.columns, strict=True)
@@ -215,12 +222,12 @@ def _telling(same: Sequence[tuple[str, ColumnGuess]]) -> tuple[str, float, str, 
 
 
 def _as_told(column: ColumnGuess, larger: str, size: float, turned: str, asks: str) -> ColumnGuess:
-    if NO_UNIT in column.reason and abs(column.scale) != size:
+    if NO_UNIT in column.reason and abs(column.scale) != size and not column.stated:
         reason = f"{column.reason}, but in the unit that the larger values of {larger} tell"
         column = replace(column, scale=copysign(size, column.scale), reason=reason)
-    if turned and column.scale > 0:
+    if turned and column.scale > 0 and not column.stated:
         parts = [*column.ask.split("; "), *asks.split("; ")]
         asked = "; ".join(dict.fromkeys(part for part in parts if part and part != DIRECTION))
         reason = f"{column.reason}; a distance from the magnet, as {turned} shows"
-        column = replace(column, scale=-column.scale, reason=reason, ask=asked)
+        column = replace(column, scale=-column.scale, offset=-column.offset, reason=reason, ask=asked)
     return column

@@ -129,7 +129,7 @@ def guess_recording(
         used = slice(part[0], part[0] + part[1])
         found = replace(found, columns={name: values[used] for name, values in found.columns.items()})
     columns = guess_columns(found) if columns is None else columns
-    by_channel = {c.channel: found.columns[c.column] * c.scale for c in columns if c.channel}
+    by_channel = {c.channel: found.columns[c.column] * c.scale + c.offset for c in columns if c.channel}
     time = next((c for c in columns if c.channel == "time"), None)
     guessed = guess_rate(found.columns[time.column] if time else None, time.scale if time else 1.0, found.numbers,
                          time.label if time else "time")  # fmt: skip

@@ -10,6 +10,7 @@ from maglev_workbench.commands.new.stated import Stated
 
 TAKEN, TAKEN_FOR = "whether this column is the ", "what columns are taken for"
 MOST_NAMED = 8  # columns or files of one point; each stands in campaign.toml
+_OPTIONS = " (--scale COLUMN=VALUE, and --zero COLUMN=READING; the gains follow)"
 ALARM = "alarm: "  # how a note begins that names a fault of the recording
 
 
@@ -89,6 +90,7 @@ def _confirm(guesses: Sequence[RecordingGuess]) -> list[str]:
         everywhere = set(about) == {g.file for g in guesses}
         named = [*about][:MOST_NAMED]
         more = f" and {len(about) - len(named)} more" if len(about) > len(named) else ""
+        point += _OPTIONS if point.startswith("scale in") else ""
         found.append(point if everywhere else f"{point}: {', '.join(named)}{more}")
     return found
 

@@ -22,6 +22,14 @@ def new(
         str | None, typer.Option(help="Preset or rig TOML of the rig; without it a rig.toml skeleton is written.")
     ] = None,
     magnet: Annotated[str | None, typer.Option(help="Magnet kind of the rig.toml skeleton.")] = None,
+    scale: Annotated[
+        list[str] | None,
+        typer.Option(metavar="COLUMN=VALUE", help="SI value of one of a column's units (m per V, per count); repeat."),
+    ] = None,
+    zero: Annotated[
+        list[str] | None,
+        typer.Option(metavar="COLUMN=VALUE", help="Reading of a column at which its SI value is 0; repeat."),
+    ] = None,
     force: Annotated[bool, typer.Option("--force", help="Overwrite campaign.toml and rig.toml.")] = False,
     out: Annotated[
         Path | None, typer.Option(help="Folder of the campaign; files outside it are copied (default: the files').")
@@ -38,6 +46,7 @@ def new(
     from maglev_env.recordings.files import write_text_atomic
     from maglev_env.recordings.formats.json_data import plain
     from maglev_env.recordings.guess.agreed import agreed, like_most, one_rotor, without_motion
+    from maglev_env.recordings.guess.columns import with_stated
     from maglev_env.recordings.guess.evidence import LIKELY
     from maglev_env.recordings.guess.recording import guess_recording
     from maglev_env.recordings.guess.suspended import below_the_magnet
@@ -49,9 +58,12 @@ def new(
     from maglev_workbench.commands.new.files import bring, campaign_folder, data_files, rig_beside
     from maglev_workbench.commands.new.joined import runs_of_parts, write_joined
     from maglev_workbench.commands.new.rig_text import rig_text
-    from maglev_workbench.commands.new.stated import Stated
+    from maglev_workbench.commands.new.stated import Stated, check_columns, values_of
     from maglev_workbench.console import console, marked, write_json
 
+    scales, zeros = values_of("--scale", scale or ()), values_of("--zero", zero or ())
+    if not all(scales.values()):
+        raise ValueError("--scale: a scale of 0 leaves nothing of a column")
     for name, value in (("--rate", rate), ("--mass", mass)):
         if value is not None and not value > 0:
             raise ValueError(f"{name} {value} must be positive")
@@ -68,9 +80,11 @@ def new(
     asking = questions.interactive()
     for file in files:
         try:
-            guess = guess_recording(file, rate=rate)
+            told, guess = rate, guess_recording(file, rate=rate)
             if asking and guess.rate.value is None and (told := questions.ask_rate(file.name)):
                 guess = guess_recording(file, rate=told)
+            if (columns := with_stated(guess.columns, scales, zeros)) != guess.columns:
+                guess = guess_recording(file, rate=told, columns=columns)
             if not guess.channels:
                 raise ValueError(f"{file}: no column is known by name or behaviour: {', '.join(guess.labels)}")
             guesses.append(questions.ask_units(guess) if asking else guess)
@@ -78,6 +92,8 @@ def new(
             refused[file] = str(error)
     if not guesses:
         raise ValueError(next(iter(refused.values())))
+    check_columns(guesses, scales, "--scale")
+    check_columns(guesses, zeros, "--zero")
     named_guesses = dict(zip([f for f in files if f not in refused], guesses, strict=True))
     still = without_motion(named_guesses)
     runs = runs_of_parts({f: g for f, g in named_guesses.items() if f not in still}, still) if still else []
