@@ -40,13 +40,15 @@ class FormFit:
 
 @dataclass(frozen=True)
 class _Signals:
-    """What a controller may see, (samples,) each: r and y in m, the command and the current (or None) in A."""
+    """What a controller may see, (samples,) each: r and y in m, the command and the current (or None) in A; and which
+    samples count."""
 
     reference: np.ndarray
     displacement: np.ndarray
     command: np.ndarray
     current: np.ndarray | None
     step: float  # s
+    known: np.ndarray
 
 
 _Fit = tuple[float, str, float, float]  # residual (A), derivative on, td and set-point filter (samples)
@@ -59,6 +61,7 @@ def fit_form(
     reference: np.ndarray | None = None,
     injection: np.ndarray | None = None,
     current: np.ndarray | None = None,
+    known: np.ndarray | None = None,
 ) -> FormFit | None:
     """Fit a PID whose derivative is on the measurement or behind a set-point filter, or state feedback.
 
@@ -69,6 +72,7 @@ def fit_form(
         reference: m, (samples,); None: constant.
         injection: A, (samples,), part of the command; None: none.
         current: A, (samples,), that the controller may have read; None: none.
+        known: samples that count, (samples,) bool; None: all.
 
     Returns:
         The form with the fewest parts that leaves no more of the command than another discretisation explains; None
@@ -80,7 +84,10 @@ def fit_form(
     if run.stop - run.start < _FEWEST or np.ptp(wanted[run]) == 0:
         return None
     read = None if current is None else current[run]
-    signals = _Signals(reference[run], displacement[run], wanted[run], read, 1 / rate)
+    counts = np.ones(wanted.size, bool) if known is None else known
+    signals = _Signals(reference[run], displacement[run], wanted[run], read, 1 / rate, counts[run])
+    if signals.known.sum() < _FEWEST:
+        return None
     spread = float(signals.command.std())
     moved = np.ptp(signals.reference) > 0
     for with_current in (False, True) if read is not None and np.ptp(read) else (False,):
@@ -210,11 +217,11 @@ def _solved(
             columns["d held"] = (td / (td + 1)) ** n
     if with_current and s.current is not None:
         columns["c"] = -(s.current - s.current[0])
-    matrix = np.array(list(columns.values()))
-    size = np.maximum(np.sqrt(np.einsum("ij,ij->i", matrix, matrix) / n.size), 1e-300)
-    solution = np.linalg.lstsq((matrix / size[:, None]).T, s.command, rcond=1e-12)[0] / size
-    rest = s.command - solution @ matrix
-    return float(np.sqrt(rest @ rest / n.size)), dict(zip(columns, map(float, solution), strict=True))
+    matrix, command = np.array(list(columns.values()))[:, s.known], s.command[s.known]
+    size = np.maximum(np.sqrt(np.einsum("ij,ij->i", matrix, matrix) / command.size), 1e-300)
+    solution = np.linalg.lstsq((matrix / size[:, None]).T, command, rcond=1e-12)[0] / size
+    rest = command - solution @ matrix
+    return float(np.sqrt(rest @ rest / command.size)), dict(zip(columns, map(float, solution), strict=True))
 
 
 def _low_passed(values: np.ndarray, samples: float) -> np.ndarray:

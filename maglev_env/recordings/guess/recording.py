@@ -15,6 +15,7 @@ from maglev_env.recordings.guess.controller import ControllerFit, fit_controller
 from maglev_env.recordings.guess.controller_forms import fit_form
 from maglev_env.recordings.guess.evidence import LIKELY, OPEN, STATED, SURE, Guess
 from maglev_env.recordings.guess.excitation import guess_excitation
+from maglev_env.recordings.guess.gaps import whole
 from maglev_env.recordings.guess.rate import guess_rate
 
 _ONE_SIDED = 0.02  # of its largest value, that a current of one sign may read below zero
@@ -140,7 +141,8 @@ def guess_recording(
     signals = {n: v for n, v in by_channel.items() if n != "time"}
     tables, excitation = guess_excitation(signals, guessed.value)
     tables = [_without_peak(table, columns) for table in tables]
-    gains, form, controller = _controllers(by_channel, guessed.value)
+    clock = by_channel.get("time") if guessed.value else None
+    gains, form, controller = _controllers(*whole(by_channel, clock), guessed.value)
     return RecordingGuess(
         file=path.name if folder is None else path.resolve().relative_to(folder.resolve()).as_posix(),
         columns=columns,
@@ -194,12 +196,12 @@ def _direction(table: Mapping[str, Any]) -> str:
 _Controller = tuple[dict[str, float] | None, Mapping[str, Any] | None, Guess]
 
 
-def _controllers(channels: Mapping[str, np.ndarray], rate: float | None) -> _Controller:
+def _controllers(channels: Mapping[str, np.ndarray], known: np.ndarray, rate: float | None) -> _Controller:
     """Gains or another form, and what shows it; of two axes the gains that both have, else what is said of x."""
     if "displacement_x" not in channels:
-        return _controller(channels, rate)
+        return _controller(channels, known, rate)
     each = [
-        _controller({n.removesuffix(axis): v for n, v in channels.items() if n.endswith(axis)}, rate)
+        _controller({n.removesuffix(axis): v for n, v in channels.items() if n.endswith(axis)}, known, rate)
         for axis in ("_x", "_y")
     ]
     (of_x, form, said), (of_y, other, _) = each
@@ -217,23 +219,22 @@ def _controllers(channels: Mapping[str, np.ndarray], rate: float | None) -> _Con
     return None, None, replace(said, value=None)
 
 
-def _controller(channels: Mapping[str, np.ndarray], rate: float | None) -> _Controller:
+def _controller(channels: Mapping[str, np.ndarray], known: np.ndarray, rate: float | None) -> _Controller:
     ask = "the controller: gains = { kp, ki, kd, td, ti } or controller = { numerator, denominator }"
     if not {"displacement", "command"} <= channels.keys():
         return None, None, Guess("controller", None, "it takes displacement and command to tell", 0.0, ask)
     if not rate:
         return None, None, Guess("controller", None, "it takes the sample rate to tell", 0.0, ask)
     fit = fit_controller(
-        channels["displacement"], channels["command"], rate, channels.get("reference"), channels.get("injection")
+        channels["displacement"], channels["command"], rate, channels.get("reference"), channels.get("injection"), known
     )
     if fit is None:
         return None, None, Guess("controller", None, "the command does not move", 0.0, ask)
     if not fit.close or fit.late:
-        form = (
-            None
-            if fit.close
-            else fit_form(channels["displacement"], channels["command"], rate, *(channels.get(n) for n in _SEEN))
-        )
+        seen = (channels.get(name) for name in _SEEN)
+        form = None
+        if not fit.close:
+            form = fit_form(channels["displacement"], channels["command"], rate, *seen, known)
         if form is None:
             return None, None, Guess("controller", None, _not_a_pid(fit), OPEN, ask)
         kind = _FORMS[form.table["form"]]

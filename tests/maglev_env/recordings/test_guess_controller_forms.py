@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from maglev_env.recordings.guess.controller_forms import fit_form
+from maglev_env.recordings.guess.gaps import whole
 
 RATE, N = 1000.0, 5000
 DT = 1 / RATE
@@ -79,3 +80,23 @@ def test_a_limit_is_cut_around():
     top = np.sort(u)[-40]
     found = fit_form(y, np.minimum(u, top), RATE, r)
     assert found is not None and found.table["kp"] == pytest.approx(160.0, rel=1e-2)
+
+
+def test_samples_that_are_missing_hide_no_controller():
+    y, r, _ = signals(9)
+    u = pid(y, r, 130.0, 60.0, 2.2, 2e-3, 0.02)
+    kept = np.random.default_rng(2).random(N) > 0.004
+    kept[0] = True
+    stored = {"displacement": y[kept], "command": u[kept], "reference": r[kept]}
+    channels, known = whole(stored, np.arange(N)[kept] * DT)
+    assert channels["command"].size == np.flatnonzero(kept)[-1] + 1 and not known.all()
+    found = fit_form(channels["displacement"], channels["command"], RATE, channels["reference"], known=known)
+    assert found is not None and found.table["kd"] == pytest.approx(2.2, rel=1e-2)
+    assert fit_form(stored["displacement"], stored["command"], RATE, stored["reference"]) is None
+
+
+def test_a_clock_without_gaps_or_with_too_many_is_left_as_it_is():
+    stored = {"y": np.arange(100.0)}
+    for clock in (np.arange(100.0), np.arange(100.0) ** 1.5, np.repeat(np.arange(50.0), 2), 2.0 ** np.arange(100)):
+        channels, known = whole(stored, clock)
+        assert channels is stored and known.all()
