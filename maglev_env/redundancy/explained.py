@@ -120,9 +120,13 @@ def _one(view: View, found: Sequence[Cause], rows: Sequence[Row], together: Sequ
 
 def _advice(view: View, code: str, cause: Cause) -> str:
     if cause.name in PARAMETERS:
-        return {"mass": "check [parameters] mass", "gains": "check the stated gains"}.get(
-            cause.name, "check the rig's actuator_gain"
-        )
+        advice = {"mass": "check [parameters] mass", "gains": "check the stated gains"}
+        said = advice.get(cause.name, "check the rig's actuator_gain")
+        if cause.name == "gains" or view.gains is None or "displacement" not in view.recorded:
+            return said
+        # Gains that count in a wrong unit agree with it, as those do that were told from the recording.
+        column = view.columns.get("displacement", "displacement")
+        return f"{said}, or the scale of column {column!r}, if the stated gains count in it"
     column = view.columns.get(cause.name, cause.name)
     return {
         "scale": f"check the scale of column {column!r}",
