@@ -21,6 +21,7 @@ MAX_DATA_BYTES = MOST_BYTES  # of a file, unpacked; reading takes up to three ti
 MAX_SAMPLES = 1 << 26  # of a column: 56 minutes at 20 kHz
 _STEP = re.compile(r"\.([A-Za-z_]\w*)|\[(\d{1,9})\]")
 _MOST_TEXT = 4096  # characters of a text that are read
+_LISTED = ("channel_names", "channels", "column_names", "columns", "names", "labels", "signals", "fields")
 _CALLED = ("long_name", "name", "label", "description", "title")  # attributes that say what a column is called
 
 Steps = list[str | int]
@@ -146,6 +147,12 @@ def hdf5_attributes(path: Path) -> tuple[dict[str, str], dict[str, float]]:
                 numbers[".".join(filter(None, [name.replace("/", "."), key]))] = float(np.ravel(value)[0])
         if not isinstance(node, h5py.Dataset):
             return
+        if names := _texts_of(node, _LISTED):  # of a matrix, one for each column
+            units = _texts_of(node, ("units", "unit"))
+            units = units if len(units) == len(names) else [""] * len(names)
+            for i, (one, of_it) in enumerate(zip(names, units, strict=True)):
+                found[f"{name.replace('/', '.')}[{i}]"] = f"{one} [{of_it}]" if of_it else one
+            return
         own, called, unit = name.rpartition("/")[2], _text_of(node, _CALLED), _text_of(node, ("units", "unit"))
         if called or unit:
             words = [own, called] if called and called != own else [own]
@@ -155,6 +162,17 @@ def hdf5_attributes(path: Path) -> tuple[dict[str, str], dict[str, float]]:
         note("", file)
         file.visititems(note)
     return found, numbers
+
+
+def _texts_of(node: Any, keys: Sequence[str]) -> list[str]:
+    """The first of the attributes `keys` of a matrix that holds a text for each column; empty without one."""
+    columns = min(node.shape) if len(node.shape) == 2 else 0
+    for key in keys:
+        value = np.asarray(node.attrs[key]).reshape(-1) if key in node.attrs else np.zeros(0)
+        texts = [v.decode(errors="replace") if isinstance(v, bytes) else v for v in value.tolist()]
+        if columns > 1 and len(texts) == columns and all(isinstance(text, str) for text in texts):
+            return [text.strip() for text in texts]
+    return []
 
 
 def _text_of(node: Any, keys: Sequence[str]) -> str:

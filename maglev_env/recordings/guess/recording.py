@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from maglev_env.channels import SHOWN_BY
-from maglev_env.recordings.contents import contents
+from maglev_env.recordings.contents import Contents, contents
 from maglev_env.recordings.files import read_columns
 from maglev_env.recordings.guess.columns import ColumnGuess, guess_columns
 from maglev_env.recordings.guess.controller import ControllerFit, fit_controller
@@ -17,6 +17,7 @@ from maglev_env.recordings.guess.evidence import LIKELY, OPEN, STATED, SURE, Gue
 from maglev_env.recordings.guess.excitation import guess_excitation
 from maglev_env.recordings.guess.gaps import whole
 from maglev_env.recordings.guess.rate import guess_rate
+from maglev_env.recordings.masking import MOST_MASKED, clipped_samples
 
 _ONE_SIDED = 0.02  # of its largest value, that a current of one sign may read below zero
 _ALIKE = 1e-3  # relative difference up to which two axes have the same gains
@@ -128,7 +129,8 @@ def guess_recording(
         found = replace(found, numbers={_STATED_RATE: rate, **found.numbers})
     if part:
         used = slice(part[0], part[0] + part[1])
-        found = replace(found, columns={name: values[used] for name, values in found.columns.items()})
+        bridged = None if found.bridged is None else found.bridged[used]
+        found = replace(found, columns={n: values[used] for n, values in found.columns.items()}, bridged=bridged)
     columns = guess_columns(found) if columns is None else columns
     by_channel = {c.channel: found.columns[c.column] * c.scale + c.offset for c in columns if c.channel}
     time = next((c for c in columns if c.channel == "time"), None)
@@ -142,7 +144,7 @@ def guess_recording(
     tables, excitation = guess_excitation(signals, guessed.value)
     tables = [_without_peak(table, columns) for table in tables]
     clock = by_channel.get("time") if guessed.value else None
-    gains, form, controller = _controllers(*whole(by_channel, clock), guessed.value)
+    gains, form, controller = _controllers(*whole(by_channel, clock, _unread(found, columns)), guessed.value)
     return RecordingGuess(
         file=path.name if folder is None else path.resolve().relative_to(folder.resolve()).as_posix(),
         columns=columns,
@@ -156,6 +158,14 @@ def guess_recording(
         part=part,
         form=form,
     )
+
+
+def _unread(found: Contents, columns: tuple[ColumnGuess, ...]) -> np.ndarray:
+    """Samples (samples,) at which a position was bridged, or is clipped in the file alone."""
+    moved = [found.columns[c.column] for c in columns if c.channel.startswith("displacement")]
+    size = next(iter(found.columns.values())).size
+    clipped = [at for values in moved if 0 < (at := clipped_samples(values)).mean() <= MOST_MASKED]
+    return np.any([np.zeros(size, bool) if found.bridged is None else found.bridged, *clipped], axis=0)
 
 
 def _without_peak(table: Mapping[str, Any], columns: tuple[ColumnGuess, ...]) -> dict[str, Any]:

@@ -43,14 +43,14 @@ def facing_the_magnet(guess: RecordingGuess, dataset: "xr.Dataset") -> Recording
     effort = next((name for name in ("current", "command", "voltage") if name in dataset), None)
     if "displacement" not in guess.channels or guess.rotor.value != "suspended" or effort is None:
         return guess
-    stated = guess.channels["displacement"].stated
+    turned = guess.channels["displacement"].stated and guess.channels["displacement"].scale < 0
     follows = _follows(dataset["displacement"].values, dataset[effort].values)
     # A large excitation may turn the current round, which then shows a weight less clearly than a distance is told.
     distance = is_distance(guess.channels["displacement"].label)
     if guess.rotor.confidence < LIKELY and not (distance and follows > _FOLLOWS):
         return guess
     why, asked, known = "", False, guess.gains or guess.form
-    if stated:
+    if turned:  # by the user
         why = ""
     elif follows > _FOLLOWS:
         why = f"the {effort} rises with it (correlation {follows:.2f})"

@@ -56,7 +56,7 @@ def new(
     from maglev_workbench.commands.new.answer import HEAD, answer_of, rows
     from maglev_workbench.commands.new.campaign_text import campaign_text
     from maglev_workbench.commands.new.files import bring, campaign_folder, data_files, rig_beside
-    from maglev_workbench.commands.new.joined import runs_of_parts, write_joined
+    from maglev_workbench.commands.new.joined import run_of_rasters, runs_of_parts, write_joined
     from maglev_workbench.commands.new.rig_text import rig_text
     from maglev_workbench.commands.new.stated import Stated, check_columns, values_of
     from maglev_workbench.console import console, marked, write_json
@@ -77,12 +77,17 @@ def new(
     if (folder / "campaign.toml").exists() and not force:
         raise ValueError(f"{folder / 'campaign.toml'} exists; choose another --out, or overwrite it with --force")
     stated, guesses, refused = Stated(rate, mass, rig, magnet), [], {}
-    asking = questions.interactive()
-    for file in files:
+    asking, joined_runs = questions.interactive(), []
+    for i, file in enumerate(files):
         try:
             told, guess = rate, guess_recording(file, rate=rate)
             if asking and guess.rate.value is None and (told := questions.ask_rate(file.name)):
                 guess = guess_recording(file, rate=told)
+            if (run := run_of_rasters(file, guess)) is not None:
+                files[i] = file = write_joined(run, folder)
+                joined_runs.append(run)
+                guess = guess_recording(file, rate=told)
+                guess = replace(guess, notes=(f"written from parts: {run.why}", *guess.notes))
             if (columns := with_stated(guess.columns, scales, zeros)) != guess.columns:
                 guess = guess_recording(file, rate=told, columns=columns)
             if not guess.channels:
@@ -156,7 +161,7 @@ def new(
     for row in rows(guesses):
         table.add_row(*row)
     console.print(table)
-    for run in runs:
+    for run in (*joined_runs, *runs):
         console.print(f"{run.why}: {run.name}")
     for text in (*answer.alarms, *(f"left out: {message}" for message in refused.values())):
         console.print(marked("  !", text))

@@ -442,3 +442,44 @@ def test_a_stated_rate_tells_the_unit_of_a_time_without_one(tmp_path):
     found = guess_recording(tmp_path / "LOG.TXT", rate=1000.0).channels
     assert found["time"].scale == 1e-3
     assert {found[name].scale for name in ("current", "command")} == {1e-3}  # 450 A are no current of a magnet
+
+
+NAMES = ("rotor position", "current reference", "coil current", "excitation")
+
+
+@pytest.mark.parametrize("kind", ["hdf5", "npz", "counts"])
+def test_names_beside_a_matrix_and_counts_are_those_of_its_columns(tmp_path, kind):
+    moved = 20 * SLOW
+    command = 0.5 + 0.01 * moved + 0.1 * RNG.standard_normal(N)
+    matrix = np.column_stack([moved, command, lfilter([0.5], [1, -0.5], command), 0.1 * RNG.standard_normal(N)])
+    path = tmp_path / ("run.h5" if kind == "hdf5" else "run.npz")
+    if kind == "hdf5":
+        with h5py.File(path, "w") as file:
+            data = file.create_dataset("daq/data", data=matrix)
+            data.attrs["channel_names"], data.attrs["units"] = list(NAMES), ["um", "A", "A", "A"]
+    elif kind == "npz":
+        np.savez(path, data=matrix, columns=[f"{n} [{u}]" for n, u in zip(NAMES, ("um", "A", "A", "A"), strict=True)])
+    else:
+        names = ("pos_counts", "cmd_counts", "cur_counts", "exc_counts")
+        np.savez(path, **{name: np.rint(1e3 * matrix[:, i]) for i, name in enumerate(names)})
+    found = guess_recording(path, rate=1000.0).channels
+    assert found.keys() == {"displacement", "command", "current", "injection"}
+    assert all("per count" in c.ask for c in found.values()) == (kind == "counts")
+    assert kind == "counts" or found["displacement"].scale == 1e-6
+
+
+@pytest.mark.parametrize("fault", ["unread", "clipped"])
+def test_readings_that_the_file_lacks_hide_no_controller(tmp_path, fault):
+    """The controller read what the file lost: a PID with its derivative on the measurement."""
+    wanted = np.repeat(RNG.uniform(-1, 1, 16), N // 16)
+    moved = lfilter([0.02], [1, -0.98], wanted) + 1e-3 * RNG.standard_normal(N)
+    command = 0.15 * (wanted - moved) - 2e-3 * 1e3 * lfilter([1 / 3], [1, -2 / 3], np.diff(moved, prepend=moved[0]))
+    read = moved.copy()
+    if fault == "unread":
+        read[RNG.integers(50, N, 25)] = np.nan
+    else:
+        read = np.minimum(read, np.quantile(read, 0.995))
+    table = np.column_stack([T, read, wanted, 0.6 + command])
+    np.savetxt(tmp_path / "run.csv", table, delimiter=",", header="t [s],pos [mm],ref [mm],i_cmd [A]", comments="")
+    found = guess_recording(tmp_path / "run.csv")
+    assert found.form is not None and found.form["kp"] == pytest.approx(150.0, rel=0.01)
