@@ -131,13 +131,13 @@ def new(
         known_rig = load_rig(stated.rig if stated.rig in PRESETS else folder / stated.rig)
         guesses = [below_the_magnet(guess, known_rig, folder) for guess in guesses]
 
-    known = next((g for g in guesses if g.gains), None)
+    known = next((g for g in guesses if g.gains or g.form), None)
     if stated.rig is None:
         skeleton = folder / "rig.toml"
         if force or not skeleton.exists():
             hangs = all(g.rotor.value == "suspended" and g.rotor.confidence >= LIKELY for g in guesses)
             driven = any({"current", "command", "current_x", "command_x"} & g.channels.keys() for g in guesses)
-            gains, rate = (known.gains, known.rate.value) if known else (None, None)
+            gains, rate = (known.gains or known.form, known.rate.value) if known else (None, None)
             axes = 2 if any("displacement_y" in g.channels for g in guesses) else 1
             text = rig_text(stated, gains, rate, hangs, driven, axes)
             write_text_atomic(skeleton, text)

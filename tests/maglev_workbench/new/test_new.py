@@ -169,6 +169,8 @@ def test_a_stated_scale_and_zero_go_into_channels_and_gains(tmp_path):
     assert recording["channels"]["displacement"] == {"from": "probe [V]", "scale": 0.002, "offset": -0.005}
     assert recording["controller"]["kp"] == pytest.approx(250.0, rel=1e-2)
     assert recording["controller"]["derivative_on"] == "measurement"
+    skeleton = tomllib.loads((tmp_path / "rig.toml").read_text())
+    assert skeleton["gains"] == recording["controller"] and skeleton["parameters"]["control_rate"] == rate
     assert "--scale COLUMN=VALUE" in maglev("new", tmp_path, "--force")
     for wrong, words in (("prob=0.002", "there are"), ("probe=x", "COLUMN=VALUE"), ("probe=0", "0 leaves nothing")):
         assert words in maglev("new", tmp_path, "--force", "--scale", wrong, code=2)

@@ -1,10 +1,10 @@
-"""What is said of a lag that the rig states no time constant for."""
+"""What is to be minded: a lag that the rig states no time constant for, and forces that a curved reading looks like."""
 
 from types import SimpleNamespace
 
 import pytest
 
-from maglev_workbench.commands.diagnose.unstated import unstated
+from maglev_workbench.commands.diagnose.minded import curved, minded, unstated
 
 
 def diagnosis(cause, pole=0.0, tolerance=(), effects=("amplifier_lag",)):
@@ -33,3 +33,14 @@ def test_a_lag_that_nobody_stated_is_said_to_be_what_was_left_out(cause):
 )
 def test_nothing_is_said_of_a_stated_pole_or_of_one_cause_among_others(known):
     assert unstated(known) == []
+
+
+@pytest.mark.parametrize("cause", [("soft_stop",), ("asymmetric_gain+force_law", "cubic_spring")])
+def test_a_force_that_bends_with_the_position_may_be_a_curved_reading(cause):
+    (said,) = minded(diagnosis(cause, effects=()))
+    assert "calibration" in said and "hall and inductive" in said
+
+
+@pytest.mark.parametrize("cause", [(), ("friction",), ("soft_stop", "friction")])
+def test_what_may_be_another_effect_is_not_said_to_be_the_probe(cause):
+    assert curved(diagnosis(cause, effects=())) == []
