@@ -41,8 +41,8 @@ def diagnose(
 
     warnings = warned(loaded, LEAVING_OUT) if loaded.rig else []  # without a rig the diagnosis says what is missing
     from maglev_env.recordings.formats.json_data import plain
-    from maglev_workbench.commands.diagnose.report import diagnose_page, terminal
     from maglev_workbench.commands.diagnose.minded import minded
+    from maglev_workbench.commands.diagnose.report import diagnose_page, terminal
     from sim2real import diagnosis
     from sim2real.corrected import write_corrected
     from sim2real.report import sentence

@@ -18,8 +18,8 @@ def curved(diagnosis: Diagnosis) -> list[str]:
     if not causes or not all(cause & {*BENT} for cause in causes):
         return []
     return [
-        f"{' and '.join(named)} may be the probe's: a reading that is no straight line (one that goes with 1 / gap, as of "
-        "hall and inductive probes) looks alike, and is none of the known effects; compare it with a calibration at three "
+        f"{' and '.join(named)} may be the probe's: a reading that is no straight line (1 / gap, as of hall and "
+        "inductive probes) looks alike, and is none of the known effects; compare it with a calibration at three "
         "distances or more"
     ]
 

@@ -67,7 +67,7 @@ def rig_text(
     chosen = f'magnet = "{magnet}"' if stated.magnet else f'# magnet = "{magnet}"  # {PLEASE} {", ".join(MAGNETS)}'
     mass = f"mass = {stated.mass!r}" if stated.mass is not None else f"# mass = 0.1                 # {PLEASE} kg"
     lines = [
-        "# A skeleton: take the # from a line when its value is right, then name this file in campaign.toml. Below a single",
+        "# A skeleton: take the # from a line when its value is right, then name this file in campaign.toml. Below one",
         "# magnet rather run maglev new again with --rig and --force: it states bias and gap in the channels.",
         f'schema = "{SCHEMA}"',
         'name = "mine"',
