@@ -30,7 +30,9 @@ def new(
         list[str] | None,
         typer.Option(metavar="COLUMN=VALUE", help="Reading of a column at which its SI value is 0; repeat."),
     ] = None,
-    force: Annotated[bool, typer.Option("--force", help="Overwrite campaign.toml and rig.toml.")] = False,
+    force: Annotated[
+        bool, typer.Option("--force", help="Overwrite campaign.toml, and a rig.toml that is not filled in.")
+    ] = False,
     out: Annotated[
         Path | None, typer.Option(help="Folder of the campaign; files outside it are copied (default: the files').")
     ] = None,
@@ -57,7 +59,7 @@ def new(
     from maglev_workbench.commands.new.campaign_text import campaign_text
     from maglev_workbench.commands.new.files import bring, campaign_folder, data_files, rig_beside
     from maglev_workbench.commands.new.joined import run_of_rasters, runs_of_parts, write_joined
-    from maglev_workbench.commands.new.rig_text import rig_text
+    from maglev_workbench.commands.new.rig_text import is_filled_in, rig_text
     from maglev_workbench.commands.new.stated import Stated, check_columns, values_of
     from maglev_workbench.console import console, marked, write_json
 
@@ -134,7 +136,7 @@ def new(
     known = next((g for g in guesses if g.gains or g.form), None)
     if stated.rig is None:
         skeleton = folder / "rig.toml"
-        if force or not skeleton.exists():
+        if (force and not is_filled_in(skeleton)) or not skeleton.exists():
             hangs = all(g.rotor.value == "suspended" and g.rotor.confidence >= LIKELY for g in guesses)
             driven = any({"current", "command", "current_x", "command_x"} & g.channels.keys() for g in guesses)
             gains, rate = (known.gains or known.form, known.rate.value) if known else (None, None)
@@ -142,7 +144,7 @@ def new(
             text = rig_text(stated, gains, rate, hangs, driven, axes)
             write_text_atomic(skeleton, text)
     write_text_atomic(folder / "campaign.toml", campaign_text(guesses, stated))
-    answer = answer_of(guesses, refused, stated, stated.rig is None)
+    answer = answer_of(guesses, refused, stated, stated.rig is None, is_filled_in(folder / "rig.toml"))
     write_json(
         json_file,
         {

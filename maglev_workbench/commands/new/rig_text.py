@@ -1,11 +1,12 @@
 """A skeleton of rig.toml: what the magnet kind needs, to be stated by the engineer."""
 
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
 from maglev_env.loop.magnets.kinds import KINDS, MAGNETS, NO_MAGNET
 from maglev_env.recordings.campaign_writer import toml_value
-from maglev_env.rig.rig import SCHEMA
+from maglev_env.rig.rig import SCHEMA, load_rig
 from maglev_workbench.commands.new.campaign_text import PLEASE
 from maglev_workbench.commands.new.stated import Stated
 
@@ -43,6 +44,15 @@ _DRIVEN = (
     "# actuator_gain = 1.0         # N/A, where it was measured: {please} yours",
     "# negative_stiffness = -1e3   # N/m, likewise: {please} yours",
 )
+
+
+def is_filled_in(path: Path) -> bool:
+    """Whether a file is a rig with a magnet, or without one a support, that no skeleton states by itself."""
+    try:
+        rig = load_rig(path)
+    except (OSError, ValueError):
+        return False
+    return rig.controlled or rig.support_stiffness > 0
 
 
 def rig_text(

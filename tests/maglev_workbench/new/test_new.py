@@ -111,6 +111,18 @@ def test_nothing_is_overwritten_without_force(foreign, tmp_path):
     assert 'magnet = "electromagnet"' in (tmp_path / "rig.toml").read_text()
 
 
+def test_a_rig_that_is_filled_in_is_kept(foreign, tmp_path):
+    shutil.copy(foreign["npz"], tmp_path)
+    own = (
+        'schema = "maglev-rig/1"\nname = "own"\nmagnet = "electromagnet_pair"\n[parameters]\nmass = 0.08\n'
+        "actuator_gain = 5.7\nnegative_stiffness = -1e4\nbias_current = 0.5\ngap = 4e-4\n"
+    )
+    (tmp_path / "rig.toml").write_text(own)
+    maglev("new", tmp_path)
+    assert "filled in, and kept" in maglev("new", tmp_path, "--force")
+    assert (tmp_path / "rig.toml").read_text() == own
+
+
 def test_a_file_that_cannot_be_read_is_left_out_and_named(foreign, tmp_path):
     shutil.copy(foreign["npz"], tmp_path / "good.npz")
     (tmp_path / "bad.mat").write_bytes(b"not a file of MATLAB")
