@@ -1,7 +1,7 @@
 """Which column of a file is which channel: by names, by units, and by what the values do."""
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -11,7 +11,7 @@ from maglev_env.channels import RECORDED, unit_of
 from maglev_env.recordings.contents import Contents
 from maglev_env.recordings.guess import behaviour as shown
 from maglev_env.recordings.guess.counts import holds_counts, order_of_a_count
-from maglev_env.recordings.guess.evidence import LIKELY, OPEN, STATED, SURE
+from maglev_env.recordings.guess.evidence import LIKELY, OPEN, SURE
 from maglev_env.recordings.guess.rate import time_scale
 from maglev_env.recordings.guess.sizes import MOST_SHAKEN, acceleration, step_of, too_slow_for
 from maglev_env.recordings.guess.units import Unit, header_unit, known_unit
@@ -86,37 +86,6 @@ def guess_columns(found: Contents) -> tuple[ColumnGuess, ...]:
     guesses = _by_behaviour(guesses, values, units)
     guesses = {n: _resting(g, values[n]) for n, g in guesses.items()}
     return tuple(_scaled(g, units, values[name], guesses, values, found.numbers) for name, g in guesses.items())
-
-
-def with_stated(
-    columns: Sequence[ColumnGuess], scales: Mapping[str, float], zeros: Mapping[str, float]
-) -> tuple[ColumnGuess, ...]:
-    """The columns of a file with what the user states of some of them, by what the file calls them.
-
-    Args:
-        columns: guesses.
-        scales: label or expression -> SI value of one of the file's units.
-        zeros: label or expression -> reading of the file at which the SI value is 0.
-    """
-    return tuple(_stated(c, _of(c, scales), _of(c, zeros)) for c in columns)
-
-
-def _of(column: ColumnGuess, values: Mapping[str, float]) -> float | None:
-    return next((values[name] for name in (column.label, column.column) if name in values), None)
-
-
-def _stated(column: ColumnGuess, scale: float | None, zero: float | None) -> ColumnGuess:
-    if not column.channel or (scale is None and zero is None):
-        return column
-    size = column.scale if scale is None else scale
-    kept = [part for part in column.ask.split("; ") if part and not part.startswith(("scale in", "unit of"))]
-    said = [f"scale {scale:g} stated"] if scale is not None else []
-    said += [f"0 at a reading of {zero:g}, stated"] if zero is not None else []
-    return replace(
-        column, scale=size, offset=column.offset if zero is None else -size * zero, stated=scale is not None,
-        reason="; ".join([column.reason, *said]), ask="; ".join(kept) if scale is not None else column.ask,
-        confidence=STATED if scale is not None else column.confidence,
-    )  # fmt: skip
 
 
 def _label(expression: str, found: Contents) -> tuple[str, Unit | None]:

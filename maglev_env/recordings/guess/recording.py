@@ -11,32 +11,15 @@ from maglev_env.channels import SHOWN_BY
 from maglev_env.recordings.contents import Contents, contents
 from maglev_env.recordings.files import read_columns
 from maglev_env.recordings.guess.columns import ColumnGuess, guess_columns
-from maglev_env.recordings.guess.controller import ControllerFit, fit_controller
-from maglev_env.recordings.guess.controller_forms import fit_form
-from maglev_env.recordings.guess.evidence import LIKELY, OPEN, STATED, SURE, Guess
+from maglev_env.recordings.guess.controllers import asked_of, controllers, rescaled
+from maglev_env.recordings.guess.evidence import LIKELY, OPEN, STATED, Guess
 from maglev_env.recordings.guess.excitation import guess_excitation
 from maglev_env.recordings.guess.gaps import whole
 from maglev_env.recordings.guess.rate import guess_rate
 from maglev_env.recordings.masking import MOST_MASKED, clipped_samples
 
 _ONE_SIDED = 0.02  # of its largest value, that a current of one sign may read below zero
-_ALIKE = 1e-3  # relative difference up to which two axes have the same gains
-_TOWARD = "whether the displacement is measured away from the magnet (kp is negative): scale < 0"
-_EACH = "the controllers: [recording.gains.x] and [recording.gains.y]"
 _STATED_RATE = "stated.sample_rate"
-_SEEN = ("reference", "injection", "current")
-_FORMS = {
-    "pid": "a PID with other paths for displacement and reference",
-    "state_feedback": "a feedback of displacement, its slope and the current",
-}
-_PER_METRE = (
-    "kp",
-    "ki",
-    "kd",
-    "displacement",
-    "velocity",
-    "integral",
-)  # what a controller has per metre of its reading
 _CARRIES = 2.0  # mean current over its standard deviation that holds a weight
 
 
@@ -144,7 +127,7 @@ def guess_recording(
     tables, excitation = guess_excitation(signals, guessed.value)
     tables = [_without_peak(table, columns) for table in tables]
     clock = by_channel.get("time") if guessed.value else None
-    gains, form, controller = _controllers(*whole(by_channel, clock, _unread(found, columns)), guessed.value)
+    gains, form, controller = controllers(*whole(by_channel, clock, _unread(found, columns)), guessed.value)
     return RecordingGuess(
         file=path.name if folder is None else path.resolve().relative_to(folder.resolve()).as_posix(),
         columns=columns,
@@ -183,94 +166,12 @@ def other_way_round(guess: RecordingGuess) -> RecordingGuess:
 def in_another_unit(guess: RecordingGuess, factor: float) -> RecordingGuess:
     """The guess with the gains of a controller whose displacement's scale has changed by a factor."""
     if guess.form:
-        form = _rescaled(guess.form, factor)
-        return replace(guess, form=form, controller=replace(guess.controller, value=form, ask=_direction(form)))
+        form = rescaled(guess.form, factor)
+        return replace(guess, form=form, controller=replace(guess.controller, value=form, ask=asked_of(form)))
     if not guess.gains:
         return guess
-    gains = _rescaled(guess.gains, factor)
-    return replace(guess, gains=gains, controller=replace(guess.controller, value=gains, ask=_direction(gains)))
-
-
-def _rescaled(table: Mapping[str, Any], factor: float) -> dict[str, Any]:
-    """A controller's table for a displacement whose scale has changed by a factor."""
-    return {
-        name: float(f"{value / factor:.7g}") + 0.0 if name in _PER_METRE else value for name, value in table.items()
-    }
-
-
-def _direction(table: Mapping[str, Any]) -> str:
-    """What is to be asked of a controller's table: its sign, where the displacement seems to count the other way."""
-    return "" if table.get("kp", table.get("displacement", 1.0)) > 0 else _TOWARD
-
-
-_Controller = tuple[dict[str, float] | None, Mapping[str, Any] | None, Guess]
-
-
-def _controllers(channels: Mapping[str, np.ndarray], known: np.ndarray, rate: float | None) -> _Controller:
-    """Gains or another form, and what shows it; of two axes the gains that both have, else what is said of x."""
-    if "displacement_x" not in channels:
-        return _controller(channels, known, rate)
-    each = [
-        _controller({n.removesuffix(axis): v for n, v in channels.items() if n.endswith(axis)}, known, rate)
-        for axis in ("_x", "_y")
-    ]
-    (of_x, form, said), (of_y, other, _) = each
-    if form and form == other:
-        return None, form, replace(said, reason=f"in x, and in y likewise: {said.reason}")
-    idle = {"ti"} if of_x and of_y and not (of_x["ki"] or of_y["ki"]) else set()  # of an integral that is not there
-    if of_x and of_y and all(abs(of_x[n] - of_y[n]) <= _ALIKE * abs(of_x[n]) for n in of_x.keys() - idle):
-        return of_x, None, replace(said, reason=f"in x, and in y likewise: {said.reason}")
-    if of_x and of_y:
-        found = "; ".join(
-            f"{axis}: {', '.join(f'{n} = {v:.5g}' for n, v in g.items())}"
-            for axis, g in zip("xy", (of_x, of_y), strict=True)
-        )
-        return None, None, Guess("controller", None, f"each axis has a PID of its own ({found})", OPEN, _EACH)
-    return None, None, replace(said, value=None)
-
-
-def _controller(channels: Mapping[str, np.ndarray], known: np.ndarray, rate: float | None) -> _Controller:
-    ask = "the controller: gains = { kp, ki, kd, td, ti } or controller = { numerator, denominator }"
-    if not {"displacement", "command"} <= channels.keys():
-        return None, None, Guess("controller", None, "it takes displacement and command to tell", 0.0, ask)
-    if not rate:
-        return None, None, Guess("controller", None, "it takes the sample rate to tell", 0.0, ask)
-    fit = fit_controller(
-        channels["displacement"], channels["command"], rate, channels.get("reference"), channels.get("injection"), known
-    )
-    if fit is None:
-        return None, None, Guess("controller", None, "the command does not move", 0.0, ask)
-    if not fit.close or fit.late:
-        seen = (channels.get(name) for name in _SEEN)
-        form = None
-        if not fit.close:
-            form = fit_form(channels["displacement"], channels["command"], rate, *seen, known)
-        if form is None:
-            return None, None, Guess("controller", None, _not_a_pid(fit), OPEN, ask)
-        kind = _FORMS[form.table["form"]]
-        reason = f"the command is {kind} to {form.residual:.2g} A rms, {form.share:.1g} of its motion"
-        return None, form.table, Guess("controller", form.table, reason, LIKELY, _direction(form.table))
-    g = fit.gains
-    gains = {name: float(f"{getattr(g, name):.7g}") for name in ("kp", "ki", "kd", "td", "ti")}
-    stepped = np.isfinite(fit.step) and fit.residual <= fit.step
-    how = f"one step of its converter ({fit.step:.3g} A)" if stepped else "what the digits of the columns leave"
-    to = f"the command is a PID of the displacement to {fit.residual:.2g} A rms"
-    reason = f"{to}, within {how}" if fit.exact else f"{to}, {np.sqrt(fit.share):.1g} of its motion"
-    return gains, None, Guess("controller", gains, reason, SURE if fit.exact else LIKELY, _direction(gains))
-
-
-def _not_a_pid(fit: ControllerFit) -> str:
-    if fit.close:
-        g = fit.gains
-        return (
-            f"the command is a PID of the displacement one sample before (kp {g.kp:.4g}, ki {g.ki:.4g}, kd {g.kd:.4g}, "
-            f"td {g.td:.3g} s, ti {g.ti:.3g} s): state it as controller with its delay"
-        )
-    return (
-        f"the command is no PID of the displacement alone: the best leaves {fit.share:.2g} of its power, "
-        f"{fit.residual:.2g} A rms (another form, a decimated or filtered log, a limit, or "
-        "something unstored in the command)"
-    )
+    gains = rescaled(guess.gains, factor)
+    return replace(guess, gains=gains, controller=replace(guess.controller, value=gains, ask=asked_of(gains)))
 
 
 def _rotor(channels: Mapping[str, np.ndarray]) -> Guess:

@@ -48,9 +48,9 @@ def new(
     from maglev_env.recordings.files import write_text_atomic
     from maglev_env.recordings.formats.json_data import plain
     from maglev_env.recordings.guess.agreed import agreed, like_most, one_rotor, without_motion
-    from maglev_env.recordings.guess.columns import with_stated
     from maglev_env.recordings.guess.evidence import LIKELY
     from maglev_env.recordings.guess.recording import guess_recording
+    from maglev_env.recordings.guess.stated_columns import with_stated
     from maglev_env.recordings.guess.suspended import below_the_magnet
     from maglev_env.recordings.guess.verified import verified
     from maglev_env.rig.rig import PRESETS, load_rig

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from maglev_env.recordings.guess.controller_forms import fit_form
+from maglev_env.recordings.guess.controllers import controllers
 from maglev_env.recordings.guess.gaps import whole
 
 RATE, N = 1000.0, 5000
@@ -100,3 +101,13 @@ def test_a_clock_without_gaps_or_with_too_many_is_left_as_it_is():
     for clock in (np.arange(100.0), np.arange(100.0) ** 1.5, np.repeat(np.arange(50.0), 2), 2.0 ** np.arange(100)):
         channels, known = whole(stored, clock)
         assert channels is stored and known.all()
+
+
+def test_axes_with_other_controllers_are_asked_for_each():
+    channels, known = {}, np.ones(N, bool)
+    for axis, seed, kp in (("x", 10, 200.0), ("y", 11, 260.0)):
+        y, r, _ = signals(seed)
+        command = pid(y, r, kp, 40.0, 2.0, 2e-3)
+        channels |= {f"displacement_{axis}": y, f"reference_{axis}": r, f"command_{axis}": command}
+    gains, form, said = controllers(channels, known, RATE)
+    assert gains is None and form is None and "gains.x" in said.ask and "'kp': 260.0" in said.reason
