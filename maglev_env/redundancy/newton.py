@@ -34,6 +34,7 @@ BEHIND_FORCE = ("sensor_lag", "support_resonance", "sensor_resonance")
 BEHIND_CURRENT = ("sensor_lag", "eddy_current", "support_resonance", "sensor_resonance", "hysteresis", "saturation")
 BEHIND_COMMAND = ("sensor_lag", "delay", "eddy_current", "amplifier_lag", "support_resonance", "hysteresis")
 DELAY_EFFECTS = {"force": BEHIND_FORCE, "current": BEHIND_CURRENT}
+EARLY = ("damping", "friction", "support_resonance", "sensor_resonance")  # beyond its resonance a damped mass leads
 
 
 def moved(view: View) -> list[Row]:
@@ -105,7 +106,7 @@ def _row(view: View, found: Fit, i: int, powers: dict[str, int], effects: tuple[
         f"newton {source}", powers, float(found.gain[i]), float(found.gain_se[i]), WIDE * known + STIFFNESS,
         f"the {source} on {view.mass:g} kg", float(found.delay[i]), float(found.delay_se[i]),
         DELAY / rig.control_rate + slack, found.misfit, SHAPE, effects,
-        DELAY_EFFECTS.get(source, BEHIND_COMMAND), lag,
+        EARLY if found.delay[i] < 0 else DELAY_EFFECTS.get(source, BEHIND_COMMAND), lag,
     )  # fmt: skip
 
 
