@@ -7,7 +7,7 @@ import numpy as np
 
 from estimation.actuator import ActuatorEstimate, actuator_estimate, as_force
 from estimation.apparent_gain import ApparentGain, periodic_gain
-from estimation.lines.frequency_response import Distortion, coherence, distortion
+from estimation.lines.frequency_response import Distortion, coherence, distortion, frequency_response
 from estimation.lines.periods import LineStatistics, held
 from estimation.modal import ModalEstimate, modal_estimate
 from estimation.stability_margins import loop_gain
@@ -37,6 +37,7 @@ if TYPE_CHECKING:
     import xarray as xr
     from matplotlib.figure import Figure
 
+_INERTIA = 0.5  # share of the mass that the upper lines must show to tell its sign
 _Magnets = tuple[ActuatorEstimate, LineStatistics, str, float]  # the last: how far the current's time is unknown, s
 
 
@@ -226,7 +227,7 @@ def identify(
         bands = tuple(with_timing_uncertainty(b, unsure, mass) for b in bands)
     sure = [b for b in bands if b.informative]
     if sure and np.mean([b.damping_ci[1] < 0 for b in sure]) > 0.8:
-        notes.append("damping is negative nearly everywhere: is the sign of force or displacement flipped?")
+        notes.append(f"damping is negative nearly everywhere: {_negative_damping(force, mass)}")
     natural, zeta = (modal.natural_frequency, modal.damping_ratio) if modal else _crossing(bands, mass)
     if natural is None:
         notes.append("no informative band holds the natural frequency")
@@ -243,6 +244,20 @@ def identify(
         bands, float(mass), modal, actuator, natural, zeta, bent, stability, dropped, periods, force, tuple(notes),
         None if estimate_mass else _apparent_gain(signals, spectra, rig, float(mass), magnets),
     )  # fmt: skip
+
+
+def _negative_damping(force: LineStatistics, mass: float) -> str:
+    """What a negative damping may come from: a flipped sign turns the inertia, too, where the lines show that."""
+    response, _ = frequency_response(force, "displacement", "force")
+    w = 2 * np.pi * force.frequency
+    top = slice(-max(w.size // 4, 1), None)
+    inertia = float(np.median(np.real(1 / response[top]) / (mass * w[top] ** 2)))  # -1 far above the resonance
+    if inertia < -_INERTIA:
+        return (
+            "the inertia has the right sign, so force and displacement are not flipped; the force may be late against "
+            "the displacement, or a mode, or what else is in the loop, feeds the motion"
+        )
+    return "is the sign of force or displacement flipped?"
 
 
 def _apparent_gain(

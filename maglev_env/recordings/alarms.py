@@ -235,8 +235,9 @@ def clock_alarms(clock: Clock, rate: float, start: int = 0) -> list[Alarm]:
         when = float(clock.instants[at]) / rate if clock.instants is not None else at / rate
         edges = [0, *[i + 1 for i, _ in clock.gaps], size]
         longest = int(np.argmax(np.diff(edges)))
+        are = "samples are" if missing > 1 else "sample is"
         text = (
-            f"{missing} samples are missing after {when:.4g} s (sample {start + at}), {total} in all in "
+            f"{missing} {are} missing after {when:.4g} s (sample {start + at}), {total} in all in "
             f"{len(clock.gaps)} gaps ({total / (size + total):.2%})"
         )
         few = total <= MOST_MASKED * (size + total)

@@ -148,9 +148,11 @@ def toml_table(header: str, values: Mapping[str, Any]) -> list[str]:
 
 
 def toml_value(value: Any) -> str:
-    """A string, a number, a list of them or a table of them as TOML."""
+    """A string, a truth value, a number, a list of them or a table of them as TOML."""
     if isinstance(value, Mapping):
         return f"{{ {', '.join(f'{key} = {toml_value(v)}' for key, v in value.items())} }}"
+    if isinstance(value, bool):
+        return "true" if value else "false"
     if isinstance(value, str):
         return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
     if isinstance(value, list | tuple):

@@ -15,6 +15,7 @@ from maglev_env.recordings.missing_readings import garbled_stamps
 _FIELD = re.compile(r"[A-Za-z_]\w*")  # what a column expression can name
 _MOST_PARTS, _MOST_COLUMNS = 200, 64  # of one struct or cell array, of one matrix
 _DEEPEST = 8
+_LEAST = 8  # samples of a column
 _MOST_MISSING = 0.2  # share of a column's values that may be no numbers where its meaning is guessed from the others
 _MOST_GARBLED = 0.02  # share of the steps of a time that may not rise
 
@@ -31,6 +32,7 @@ class Contents:
         unused: what was left out and why, in words.
         headers: expression -> what the file calls the column, where that is more than its name.
         missing: expression -> how many of its values are no numbers, and are bridged by straight lines.
+        bridged: samples at which one of them is, (samples,) bool; None: none is.
     """
 
     columns: dict[str, np.ndarray]
@@ -39,6 +41,7 @@ class Contents:
     unused: tuple[str, ...]
     headers: Mapping[str, str] = field(default_factory=dict)
     missing: Mapping[str, int] = field(default_factory=dict)
+    bridged: np.ndarray | None = None
 
 
 def contents(columns: Columns) -> Contents:
@@ -53,6 +56,29 @@ def contents(columns: Columns) -> Contents:
     Raises:
         ValueError: the file holds no column of at least 8 numbers, or is damaged.
     """
+    found, numbers, texts, unused = _everything(columns)
+    lengths = [values.size for values in found.values() if values.size >= _LEAST]
+    if not lengths:
+        raise ValueError(
+            f"{columns.path}: no column of at least 8 numbers in it; names: {', '.join(columns.names[:30])}"
+        )
+    # The longest of the most common lengths: a struct may hold several rasters.
+    common = max(set(lengths), key=lambda n: (lengths.count(n), n))
+    others = [f"{n} has {v.size} values, not {common} as the others" for n, v in found.items() if v.size != common]
+    return _of_length(columns, common, found, numbers, texts, (*unused, *others))
+
+
+def rasters(columns: Columns) -> list[Contents]:
+    """What an open file holds at each of its rasters: columns of equal length, the longest first."""
+    found, numbers, texts, unused = _everything(columns)
+    lengths = sorted({values.size for values in found.values() if values.size >= _LEAST}, reverse=True)
+    return [_of_length(columns, length, found, numbers, texts, tuple(unused)) for length in lengths]
+
+
+def _everything(
+    columns: Columns,
+) -> tuple[dict[str, np.ndarray], dict[str, float], dict[str, str], list[str]]:
+    """Columns of any length, single numbers, texts, and what was left out."""
     found: dict[str, np.ndarray] = {}
     numbers: dict[str, float] = dict(columns.numbers)
     texts: dict[str, str] = {}
@@ -65,20 +91,25 @@ def contents(columns: Columns) -> Contents:
                 numbers[expression] = float(value[0])
             else:
                 found[expression] = value
-    lengths = [values.size for values in found.values() if values.size >= 8]
-    if not lengths:
-        raise ValueError(
-            f"{columns.path}: no column of at least 8 numbers in it; names: {', '.join(columns.names[:30])}"
-        )
-    # The longest of the most common lengths: a struct may hold several rasters.
-    common = max(set(lengths), key=lambda n: (lengths.count(n), n))
-    others = [f"{n} has {v.size} values, not {common} as the others" for n, v in found.items() if v.size != common]
-    kept = {n: v for n, v in found.items() if v.size == common}
+    return found, numbers, texts, unused
+
+
+def _of_length(
+    columns: Columns,
+    length: int,
+    found: Mapping[str, np.ndarray],
+    numbers: dict[str, float],
+    texts: dict[str, str],
+    unused: tuple[str, ...],
+) -> Contents:
+    """The columns of one length, with straight lines over few gaps."""
+    kept = {n: v for n, v in found.items() if v.size == length}
     # Of a column that has few gaps the rest says what it is; without_missing alarms where they are too many.
     bad = {n: garbled_stamps(v) if _rises(v) else ~np.isfinite(v) for n, v in kept.items()}
-    missing = {n: int(at.sum()) for n, at in bad.items() if 0 < at.sum() <= _MOST_MISSING * common}
+    missing = {n: int(at.sum()) for n, at in bad.items() if 0 < at.sum() <= _MOST_MISSING * length}
     kept |= {n: bridged(kept[n], bad[n]) for n in missing}
-    return Contents(kept, numbers, texts, (*unused, *others), columns.headers, missing)
+    gone = np.any([bad[n] for n in missing], axis=0) if missing else None
+    return Contents(kept, numbers, texts, unused, columns.headers, missing, gone)
 
 
 def _rises(values: np.ndarray) -> bool:
@@ -96,6 +127,9 @@ def _below(columns: Columns, expression: str, depth: int, unused: list[str]) -> 
         return
     if isinstance(value, str):
         yield expression, value
+    elif isinstance(value, np.ndarray) and value.dtype.kind in "US" and value.size <= _MOST_COLUMNS:
+        for i, text in enumerate(value.reshape(-1)):  # names beside a matrix
+            yield f"{expression}[{i}]", text.decode(errors="replace") if isinstance(text, bytes) else str(text)
     elif isinstance(value, np.ndarray) and value.dtype.kind in "fiub" and value.size:
         yield from _vectors(expression, value)
     elif depth < _DEEPEST:

@@ -6,8 +6,10 @@ import numpy as np
 
 from maglev_env.loop.gains import reads_current
 from maglev_env.redundancy.controller import at_control_rate
+from maglev_env.redundancy.finding import Finding
 from maglev_env.redundancy.rows import MODEL, Fit, Row, fit, local_power, low_pass
 from maglev_env.redundancy.view import Lines, View
+from maglev_env.rig.rig import PARAMETERS
 
 GAIN = 0.1  # of an amplifier and its current sensor
 LAG = 0.1  # relative standard deviation of the amplifier's time constant where the rig states no tolerance
@@ -17,6 +19,7 @@ POINTS = 17  # time constants that are tried
 REACH, BESIDE = (0.05, 50.0), 1.3  # samples: a time constant that is not known at all, and its grid's finer part
 ALLOWED = 16.0  # rise of the cost within which a time constant is possible: four standard deviations
 DELAY = 0.3  # of a sample
+KNOWN = 0.4  # relative width of what is possible, up to which a time constant is worth stating
 EFFECTS = ("delay", "amplifier_lag", "amplifier_voltage_limit")
 
 
@@ -27,12 +30,7 @@ def amplified(view: View) -> list[Row]:
     and `amplifier_voltage_limit`. A dead band of the command makes the current smaller; so does a limit of the voltage,
     which bends it too, as no scale does. No effect of the library makes the current larger, and none makes it early.
     """
-    if view.rig is None or not view.rig.controlled or not {"command", "current"} <= view.recorded:
-        return []
-    if not view.periodic and not at_control_rate(view):
-        return []
-    lines = _driven(view)
-    if lines is None:
+    if not _comparable(view) or (lines := _driven(view)) is None:
         return []
     found = _within(view, lines)
     if found is None:
@@ -51,6 +49,13 @@ def amplified(view: View) -> list[Row]:
     ]  # fmt: skip
 
 
+def _comparable(view: View) -> bool:
+    """Whether command and current are recorded as the amplifier had them."""
+    if view.rig is None or not view.rig.controlled or not {"command", "current"} <= view.recorded:
+        return False
+    return view.periodic or at_control_rate(view)
+
+
 def _driven(view: View) -> Lines | None:
     """The lines; of a record without a period whose controller reads the current, what the injection or the reference
     drives of them.
@@ -67,38 +72,76 @@ def _driven(view: View) -> Lines | None:
     return replace(lines, parts=parts, periodic=True)  # means over the segments are compared
 
 
+def unstated_pole(view: View) -> list[Finding]:
+    """The amplifier's time constant by command and current, where the rig leaves it out and one pole describes them."""
+    if not _comparable(view) or not view.amplifier_open or (lines := _driven(view)) is None:
+        return []
+    found = _tried(view, lines, _times(view, lines))
+    if not found:
+        return []
+    costs = _costs(lines, found)
+    time, _, made = found[int(np.argmin(costs))]
+    possible = [one for one, cost in zip((t for t, *_ in found), costs, strict=True) if cost <= _most(costs, lines)]
+    known = time > 0 and max(possible) - min(possible) <= KNOWN * time
+    if not known or made.misfit > SHAPE or abs(made.gain[0] - 1) > GAIN:
+        return []
+    late, about = float(made.delay[0]) * view.rate, float(f"{time:.2g}")
+    beside = f", beside a delay of {late:.1f} samples" if abs(late) > DELAY else ""
+    text = (
+        f"amplifier_time_constant is not stated: from command to current it is about {about!r} s{beside}; state it in "
+        "[parameters] if that is right, or `maglev diagnose` spends an effect on it (amplifier_lag)"
+    )
+    return [Finding("unstated", view.recording, "current", about, None, text, "not checkable")]
+
+
 def _within(view: View, lines: Lines) -> Fit | None:
     """Of the fits with a time constant within its tolerance that the lines allow, the nearest to gain 1 and delay 0.
 
     Where the rig leaves the time constant out, it may be any.
     """
-    rig = view.rig
-    t, share = rig.amplifier_time_constant, WIDE * rig.tolerance.get("amplifier_time_constant", LAG)
-
-    def tried(times: np.ndarray) -> list[tuple[float, np.ndarray, Fit]]:
-        found = []
-        for one in map(float, times):
-            amplifier = replace(view, rig=replace(rig, amplifier_time_constant=one)).nominal(lines.frequency).amplifier
-            source = amplifier * lines.parts["command"]
-            made = fit(lines.parts["current"], [source], lines.frequency, view.rate, lines.periodic)
-            found += [] if made is None else [(one, source, made)]
-        return found
-
-    if not view.amplifier_open:
-        found = tried(t * (1 + np.linspace(-min(share, 0.9), share, POINTS)) if t else np.zeros(1))
-    else:
-        found = tried(np.array([0.0, *np.geomspace(*REACH, POINTS)]) / view.rate)
-        if found and (best := found[int(np.argmin(_costs(lines, found)))][0]):
-            found += tried(best * np.geomspace(1 / BESIDE, BESIDE, 2 * POINTS))
+    found = _tried(view, lines, _times(view, lines))
     if not found:
         return None
     costs = _costs(lines, found)
-    most = costs.min() + ALLOWED * max(1.0, costs.min() / lines.frequency.size)
-    allowed = [one for (*_, one), cost in zip(found, costs, strict=True) if cost <= most]
+    allowed = [one for (*_, one), cost in zip(found, costs, strict=True) if cost <= _most(costs, lines)]
     return min(allowed, key=lambda f: abs(np.log(abs(f.gain[0]))) / GAIN + abs(f.delay[0]) * view.rate / DELAY)
 
 
-def _costs(lines: Lines, found: list[tuple[float, np.ndarray, Fit]]) -> np.ndarray:
+_Tried = list[tuple[float, np.ndarray, Fit]]  # time constant (s), what the amplifier makes of the command, and the fit
+
+
+def _tried(view: View, lines: Lines, times: np.ndarray) -> _Tried:
+    """A fit of the current for each of the time constants that can be fitted."""
+    found = []
+    for one in map(float, times):
+        amplifier = replace(view, rig=replace(view.rig, amplifier_time_constant=one)).nominal(lines.frequency).amplifier
+        source = amplifier * lines.parts["command"]
+        made = fit(lines.parts["current"], [source], lines.frequency, view.rate, lines.periodic)
+        found += [] if made is None else [(one, source, made)]
+    return found
+
+
+def _times(view: View, lines: Lines) -> np.ndarray:
+    """The time constants that are tried, s: within the tolerance, or any with more of them about the best."""
+    rig = view.rig
+    t, share = rig.amplifier_time_constant, WIDE * rig.tolerance.get("amplifier_time_constant", LAG)
+    if not view.amplifier_open:
+        return t * (1 + np.linspace(-min(share, 0.9), share, POINTS)) if t else np.zeros(1)
+    least, most = (reach / view.rate for reach in REACH)
+    most = min(most, PARAMETERS["amplifier_time_constant"]["high"])  # which a slow recording reaches
+    times = np.array([0.0, *np.geomspace(least, most, POINTS)])
+    found = _tried(view, lines, times)
+    best = found[int(np.argmin(_costs(lines, found)))][0] if found else 0.0
+    beside = np.minimum(best * np.geomspace(1 / BESIDE, BESIDE, 2 * POINTS), most)
+    return np.concatenate([times, beside]) if best else times
+
+
+def _most(costs: np.ndarray, lines: Lines) -> float:
+    """The cost up to which a time constant is possible."""
+    return float(costs.min() + ALLOWED * max(1.0, costs.min() / lines.frequency.size))
+
+
+def _costs(lines: Lines, found: _Tried) -> np.ndarray:
     """Power that each fit leaves, over the noise that the best one leaves: (fits,).
 
     A fit's own cost is measured by the noise that it leaves itself, by which a bad one looks as good as any.

@@ -30,8 +30,11 @@ class Cause:
 
 
 def causes(rows: Sequence[Row], rate: float) -> list[Cause]:
-    """Single causes that explain gains, signs and delays of all rows."""
-    return [found[0] for name in _names(rows) if (found := _causes((name,), rows, rate)) is not None]
+    """Single causes that explain gains, signs and delays of all rows; what no gain is off by is no mass or gain."""
+    names = _names(rows)
+    if not any(row.gain_off() for row in rows):
+        names = [name for name in names if name not in PARAMETERS]
+    return [found[0] for name in names if (found := _causes((name,), rows, rate)) is not None]
 
 
 def two_causes(rows: Sequence[Row], rate: float) -> tuple[Cause, ...]:

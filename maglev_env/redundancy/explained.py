@@ -10,6 +10,7 @@ from maglev_env.redundancy.finding import Finding, Kind
 from maglev_env.redundancy.rows import LEVEL, Row
 from maglev_env.redundancy.view import View
 
+MOST_EFFECTS = 6  # that a sentence names
 OF_CONTROLLER = ("controller", "injection to command", "reference to command")
 LARGEST = 8.0  # factor that an effect may be: D measures an actuator gain of 4.5 times the computed one
 
@@ -67,7 +68,7 @@ def _effects(rows: Sequence[Row]) -> str:
             names |= dict.fromkeys(row.gain_effects)
         if row.delay_off() or row.shape_off:
             names |= dict.fromkeys(row.delay_effects)
-    return ", ".join(list(names)[:4])
+    return ", ".join(list(names)[:MOST_EFFECTS])
 
 
 def _one(view: View, found: Sequence[Cause], rows: Sequence[Row], together: Sequence[Cause] = ()) -> Finding:
@@ -119,9 +120,13 @@ def _one(view: View, found: Sequence[Cause], rows: Sequence[Row], together: Sequ
 
 def _advice(view: View, code: str, cause: Cause) -> str:
     if cause.name in PARAMETERS:
-        return {"mass": "check [parameters] mass", "gains": "check the stated gains"}.get(
-            cause.name, "check the rig's actuator_gain"
-        )
+        advice = {"mass": "check [parameters] mass", "gains": "check the stated gains"}
+        said = advice.get(cause.name, "check the rig's actuator_gain")
+        if cause.name == "gains" or view.gains is None or "displacement" not in view.recorded:
+            return said
+        # Gains that count in a wrong unit agree with it, as those do that were told from the recording.
+        column = view.columns.get("displacement", "displacement")
+        return f"{said}, or the scale of column {column!r}, if the stated gains count in it"
     column = view.columns.get(cause.name, cause.name)
     return {
         "scale": f"check the scale of column {column!r}",
@@ -149,7 +154,7 @@ def _filtered(view: View, rows: Sequence[Row]) -> list[Finding]:
             kind: Kind = "wiring"
             if row.delay_effects:
                 kind = "effect"
-                text += f", or an effect ({', '.join(row.delay_effects[:4])}): run `maglev diagnose`"
+                text += f", or an effect ({', '.join(row.delay_effects[:MOST_EFFECTS])}): run `maglev diagnose`"
             return [Finding("filter", view.recording, name, corner, None, text, kind)]
     return []
 
@@ -202,10 +207,13 @@ def _row(view: View, row: Row) -> Finding:
         says.append(f"{'late' if row.delay > 0 else 'early'} by {abs(row.delay) * view.rate:.3g} samples")
     if row.shape_off:
         says.append(f"{row.misfit:.0%} are left unexplained")
-    names = " or ".join(name for name in row.powers)
+    # A mass or a gain makes nothing late.
+    late = row.delay_off() and not (row.gain_off() or row.shape_off)
+    names = " or ".join(name for name in row.powers if not (late and name in PARAMETERS))
     text = f"{names}: {', '.join(says)} against {row.against}"
     effects = _effects([row])
-    text += f": a scale, or an effect ({effects}): run `maglev diagnose`" if effects else "; check both"
+    wrong = "when each is sampled" if late else "a scale" if row.gain_off() else "a filter"
+    text += f": {wrong}, or an effect ({effects}): run `maglev diagnose`" if effects else "; check both"
     kind: Kind = "effect" if _or_effect(row) else "wiring"
     se = 2 * row.gain_se * abs(row.gain)
     return Finding(row.code, view.recording, names, row.gain, (row.gain - se, row.gain + se), text, kind)

@@ -29,7 +29,12 @@ HARMONIC = 3e-3  # of the most powerful line's acceleration, up to which a line 
 FLOOR = (0.40, 0.49)  # of the rate: where a reading is taken to be noise alone
 FORCE_EFFECTS = ("mass", "sensor_gain", "support_resonance", "sensor_resonance", "friction")
 CURRENT_EFFECTS = ("actuator_gain", "mass", "sensor_gain", "eddy_current", "saturation", "hysteresis")
-DELAY_EFFECTS = ("sensor_lag", "delay", "eddy_current", "amplifier_lag", "support_resonance", "sensor_resonance")
+# What turns or bends a response, by what is taken for its cause: what acts before that does not.
+BEHIND_FORCE = ("sensor_lag", "support_resonance", "sensor_resonance")
+BEHIND_CURRENT = ("sensor_lag", "eddy_current", "support_resonance", "sensor_resonance", "hysteresis", "saturation")
+BEHIND_COMMAND = ("sensor_lag", "delay", "eddy_current", "amplifier_lag", "support_resonance", "hysteresis")
+DELAY_EFFECTS = {"force": BEHIND_FORCE, "current": BEHIND_CURRENT}
+EARLY = ("damping", "friction", "support_resonance", "sensor_resonance")  # beyond its resonance a damped mass leads
 
 
 def moved(view: View) -> list[Row]:
@@ -100,7 +105,8 @@ def _row(view: View, found: Fit, i: int, powers: dict[str, int], effects: tuple[
     return Row(
         f"newton {source}", powers, float(found.gain[i]), float(found.gain_se[i]), WIDE * known + STIFFNESS,
         f"the {source} on {view.mass:g} kg", float(found.delay[i]), float(found.delay_se[i]),
-        DELAY / rig.control_rate + slack, found.misfit, SHAPE, effects, DELAY_EFFECTS, lag,
+        DELAY / rig.control_rate + slack, found.misfit, SHAPE, effects,
+        EARLY if found.delay[i] < 0 else DELAY_EFFECTS.get(source, BEHIND_COMMAND), lag,
     )  # fmt: skip
 
 
@@ -185,7 +191,7 @@ def _without_rig(view: View) -> list[Row]:
     return [
         Row("newton force", {"displacement": 1, "force": -1, "mass": 1}, float(view.mass / (mass + lighter)),
             float(error[2] / abs(mass)), RIGLESS, f"the force on {view.mass:g} kg", late, late_se, tolerance,
-            gain_effects=FORCE_EFFECTS, delay_effects=DELAY_EFFECTS)
+            gain_effects=FORCE_EFFECTS, delay_effects=BEHIND_FORCE)
     ]  # fmt: skip
 
 

@@ -14,7 +14,7 @@ from maglev_env.recordings.campaign import Campaign, RecordingSpec
 from maglev_env.recordings.recording import read_recording
 from maglev_env.recordings.signals import recorded_signals
 from maglev_env.recordings.spectra import RecordedSignals, axis_signals
-from maglev_env.redundancy.amplifier import amplified
+from maglev_env.redundancy.amplifier import amplified, unstated_pole
 from maglev_env.redundancy.bounds import balance, clearance, rails, ranges, sensitivity, still
 from maglev_env.redundancy.changes import clocks, copied, copies, ranges_changed
 from maglev_env.redundancy.controller import controlled, stated_gains
@@ -58,6 +58,7 @@ RULES: Mapping[str, Callable[[View], list[Finding]]] = {
     "drift": drifts,
     "sensitivity": sensitivity,
     "rail": rails,
+    "unstated": unstated_pole,
 }
 # What exchanged columns or a wrong rate can look like.
 DOUBTFUL = ("mismatch", "controller", "lines", "scale", "sign", "filter", "shape", "clearance", "sensitivity", "delay")

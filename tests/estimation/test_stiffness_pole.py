@@ -27,6 +27,14 @@ def test_a_second_body_is_found_between_the_bands_beside_its_resonance(resonance
     assert pole.stiffness[1] > pole.stiffness[0]
 
 
+def test_wide_bands_show_a_second_body_although_the_stiffness_rises_above_it():
+    f, w2 = np.arange(20.0, 380.0, 36.0), 2 * np.pi * 100
+    w = 2 * np.pi * f
+    k = -7.7e5 + 1.25 * w**2 - 1.25 * w**2 * w2**2 / (w2**2 - w**2)
+    pole = stiffness_pole(f, *noisy(k))
+    assert pole is not None and pole.frequency[0] < 100 < pole.frequency[1]
+
+
 @pytest.mark.parametrize(
     "law", [lambda f: -4e5 + 0 * f, lambda f: 2e5 - 900 * f, lambda f: 1e3 * f, lambda f: 3 * f**2]
 )

@@ -14,6 +14,8 @@ from estimation.stability_margins import Margins, margins
 from maglev_env.experiment import sampling
 from maglev_env.loop.gains import Gains, controller_response
 from maglev_env.recordings.campaign import Campaign, RecordingSpec
+from maglev_env.recordings.each_recording import each_recording
+from maglev_env.recordings.left_out import TellsNothing
 from maglev_env.recordings.recording import read_recording
 from maglev_env.recordings.signals import recorded_signals
 from maglev_env.recordings.spectra import RecordedSignals, record_spectra
@@ -91,22 +93,31 @@ class Shown:
     margins: Margins | None
 
 
-def recorded_sets(campaign: Campaign) -> list[GainSet]:
+def recorded_sets(campaign: Campaign) -> tuple[Campaign, list[GainSet]]:
     """The fit recordings of a one-axis campaign, grouped by their gains, in the order recorded.
 
     A clipped channel, a touchdown and self-oscillation make a failed set. Of a recording without a period, what was
     added to its command drives the loop; where that cannot tell the margins, `untold` says why.
 
+    Returns:
+        The campaign of the recordings that were used, with those that have no PID gains, or whose period shows nothing
+        of the loop, in its `left_out`; and the sets.
+
     Raises:
-        ValueError: A recording has no PID gains, cannot be read, or its period shows nothing of the loop.
+        ValueError: No recording is left, or one cannot be read.
     """
-    groups: dict[Gains, list[RecordingSpec]] = {}
-    for spec in campaign.recordings:
-        if spec.role == "fit":
-            groups.setdefault(_gains(campaign, spec), []).append(spec)
-    if not groups:
+    fit = tuple(spec for spec in campaign.recordings if spec.role == "fit")
+    if not fit:
         raise ValueError(f"{campaign.folder / 'campaign.toml'}: every recording is a holdout; give one the role fit")
-    return [_joined(gains, [_one(campaign, spec, gains) for spec in specs]) for gains, specs in groups.items()]
+
+    def read(spec: RecordingSpec) -> GainSet:
+        return _one(campaign, spec, _gains(campaign, spec))
+
+    used, found = each_recording(replace(campaign, recordings=fit), read)
+    groups: dict[Gains, list[GainSet]] = {}
+    for one in found:
+        groups.setdefault(one.gains, []).append(one)
+    return used, [_joined(gains, parts) for gains, parts in groups.items()]
 
 
 def shown(found: GainSet, band: tuple[float, float], mass: float, seed: int = 0) -> Shown:
@@ -135,9 +146,10 @@ def _gains(campaign: Campaign, spec: RecordingSpec) -> Gains:
     if isinstance(spec.gains, Gains):
         return spec.gains
     what = "no gains are stated" if spec.gains is None else "its controller is another one than plain PID gains"
-    raise ValueError(
-        f"{campaign.folder / spec.file}: {what}; tuning needs the PID gains it was recorded at: "
-        "gains = { kp = ..., ki = ..., kd = ..., td = ..., ti = ... }"
+    raise TellsNothing(
+        what,
+        "tuning needs the PID gains it was recorded at: gains = { kp = ..., ki = ..., kd = ..., td = ..., ti = ... }",
+        campaign.folder / spec.file,
     )
 
 
@@ -163,7 +175,7 @@ def _one(campaign: Campaign, spec: RecordingSpec, gains: Gains) -> GainSet:
     try:
         return _identified(signals, rig, gains, spec)
     except ValueError as error:
-        raise ValueError(f"{where}: {error}") from error
+        raise TellsNothing(str(error), "", where) from error
 
 
 def _open(signals: RecordedSignals | str, rig: Rig, gains: Gains, spec: RecordingSpec) -> GainSet:

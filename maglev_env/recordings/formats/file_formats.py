@@ -21,6 +21,8 @@ MAX_DATA_BYTES = MOST_BYTES  # of a file, unpacked; reading takes up to three ti
 MAX_SAMPLES = 1 << 26  # of a column: 56 minutes at 20 kHz
 _STEP = re.compile(r"\.([A-Za-z_]\w*)|\[(\d{1,9})\]")
 _MOST_TEXT = 4096  # characters of a text that are read
+_LISTED = ("channel_names", "channels", "column_names", "columns", "names", "labels", "signals", "fields")
+_CALLED = ("long_name", "name", "label", "description", "title")  # attributes that say what a column is called
 
 Steps = list[str | int]
 Reader = Callable[[str, Steps], Any]
@@ -130,8 +132,9 @@ def hdf5_attributes(path: Path) -> tuple[dict[str, str], dict[str, float]]:
     """What the attributes of an HDF5 or netCDF file say.
 
     Returns:
-        What it calls its columns, with the unit in brackets, where an attribute states that; and single numbers by
-        their names below the groups and columns that they belong to.
+        What it calls its columns, where an attribute names them or states their unit: the name with what the attribute
+        calls it, and the unit in brackets; and single numbers by their names below the groups and columns that they
+        belong to.
     """
     import h5py
 
@@ -142,15 +145,44 @@ def hdf5_attributes(path: Path) -> tuple[dict[str, str], dict[str, float]]:
         for key, value in node.attrs.items():
             if isinstance(value, (np.ndarray, np.generic)) and value.size == 1 and value.dtype.kind in "fiu":
                 numbers[".".join(filter(None, [name.replace("/", "."), key]))] = float(np.ravel(value)[0])
-        unit = next((node.attrs[key] for key in ("units", "unit") if key in node.attrs), None)
-        unit = unit.decode(errors="replace") if isinstance(unit, bytes) else unit
-        if isinstance(node, h5py.Dataset) and isinstance(unit, str) and unit.strip():
-            found[name.replace("/", ".")] = f"{name.rpartition('/')[2]} [{unit.strip()}]"
+        if not isinstance(node, h5py.Dataset):
+            return
+        if names := _texts_of(node, _LISTED):  # of a matrix, one for each column
+            units = _texts_of(node, ("units", "unit"))
+            units = units if len(units) == len(names) else [""] * len(names)
+            for i, (one, of_it) in enumerate(zip(names, units, strict=True)):
+                found[f"{name.replace('/', '.')}[{i}]"] = f"{one} [{of_it}]" if of_it else one
+            return
+        own, called, unit = name.rpartition("/")[2], _text_of(node, _CALLED), _text_of(node, ("units", "unit"))
+        if called or unit:
+            words = [own, called] if called and called != own else [own]
+            found[name.replace("/", ".")] = " ".join([*words, f"[{unit}]"] if unit else words)
 
     with h5py.File(path, "r") as file:
         note("", file)
         file.visititems(note)
     return found, numbers
+
+
+def _texts_of(node: Any, keys: Sequence[str]) -> list[str]:
+    """The first of the attributes `keys` of a matrix that holds a text for each column; empty without one."""
+    columns = min(node.shape) if len(node.shape) == 2 else 0
+    for key in keys:
+        value = np.asarray(node.attrs[key]).reshape(-1) if key in node.attrs else np.zeros(0)
+        texts = [v.decode(errors="replace") if isinstance(v, bytes) else v for v in value.tolist()]
+        if columns > 1 and len(texts) == columns and all(isinstance(text, str) for text in texts):
+            return [text.strip() for text in texts]
+    return []
+
+
+def _text_of(node: Any, keys: Sequence[str]) -> str:
+    """The first of the attributes `keys` of a node that holds a text; "" without one."""
+    for key in keys:
+        value = node.attrs.get(key, "")
+        value = value.decode(errors="replace") if isinstance(value, bytes) else value
+        if isinstance(value, str) and value.strip():
+            return value.strip()
+    return ""
 
 
 def _open_hdf5(file: Any, node: Any, matlab: bool) -> Any:

@@ -4,12 +4,13 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from math import copysign
 from pathlib import Path
+from typing import Any
 
 from maglev_env.channels import MEASURED
 from maglev_env.recordings.guess.columns import NO_UNIT, ColumnGuess
 from maglev_env.recordings.guess.evidence import LIKELY
 from maglev_env.recordings.guess.recording import RecordingGuess, in_another_unit, other_way_round
-from maglev_env.recordings.guess.suspended import DIRECTION
+from maglev_env.recordings.guess.suspended import CENTRE, DIRECTION, asked_for_the_centre
 
 _SAME_GAIN = 0.03  # relative difference of gains that were fitted to two files of one controller
 AGREED = frozenset(MEASURED) | {"reference", "injection", "voltage"}  # the clock is each file's own, and so is its unit
@@ -107,11 +108,18 @@ def agreed(guesses: Sequence[RecordingGuess]) -> list[RecordingGuess]:
             if _agrees(column.channel):
                 columns.setdefault((column.channel, _place(guess, column.column)), []).append((guess.file, column))
     told = {key: _telling(same) for key, same in columns.items()}
+    apart = {key for key, same in columns.items() if any(CENTRE in c.ask for _, c in same)}
+
+    def with_others(guess: RecordingGuess, column: ColumnGuess) -> ColumnGuess:
+        if not _agrees(column.channel):
+            return column
+        key = column.channel, _place(guess, column.column)
+        column = _as_told(column, *told[key])
+        return asked_for_the_centre(column) if key in apart else column
+
     found = []
     for guess in guesses:
-        own = tuple(
-            _as_told(c, *told[c.channel, _place(guess, c.column)]) if _agrees(c.channel) else c for c in guess.columns
-        )
+        own = tuple(with_others(guess, c) for c in guess.columns)
         known = replace(guess, columns=own)
         changed = next(
             (a.scale / b.scale for a, b in zip(own, guess.columns, strict=True)
@@ -134,14 +142,52 @@ def one_controller(guesses: Sequence[RecordingGuess]) -> list[RecordingGuess]:
     shown = sorted(
         (g for g in guesses if g.gains), key=lambda g: (not g.gains["ki"], not g.gains["kd"], -g.controller.confidence)
     )
-    found = []
+    found: list[RecordingGuess] = []
     for guess in guesses:
+        if guess.form:
+            same = next((g for g in found if g.form and _like(g.form, guess.form)), guess)
+            said = (
+                guess.controller
+                if same is guess
+                else replace(
+                    guess.controller, value=same.form, reason=f"{guess.controller.reason}; as that of {same.file}"
+                )
+            )
+            found.append(replace(guess, form=same.form, controller=said))
+            continue
         like = next((g for g in shown if guess.gains and _alike(g.gains, guess.gains)), guess)
         if like.gains != guess.gains:
             said = replace(guess.controller, reason=f"{guess.controller.reason}; the gains are those of {like.file}")
             guess = replace(guess, gains=like.gains, controller=replace(said, value=like.gains))
-        found.append(guess)
+        found.append(_with_time_constants(guess, shown))
     return found
+
+
+def _with_time_constants(guess: RecordingGuess, shown: Sequence[RecordingGuess]) -> RecordingGuess:
+    """The guess with the time constants of the first file that has nearly the same: other gains of one controller.
+
+    Its slope and its integral stay, since a fit tells these and not the constants beside them.
+    """
+    if not guess.gains:
+        return guess
+    gains = dict(guess.gains)
+    for time, gain in (("td", "kd"), ("ti", "ki")):
+        own = gains[time]
+        first = next(
+            (g.gains[time] for g in shown if g.gains[gain] and abs(g.gains[time] - own) <= _SAME_GAIN * own), own
+        )
+        if gains[gain]:
+            gains[gain], gains[time] = float(f"{gains[gain] * first / own:.7g}"), first
+    return replace(guess, gains=gains, controller=replace(guess.controller, value=gains))
+
+
+def _like(one: Mapping[str, Any], other: Mapping[str, Any]) -> bool:
+    """Whether two controllers of another form have the same parts, and numbers that their fits may leave different."""
+
+    def same(a: Any, b: Any) -> bool:
+        return a == b if isinstance(a, str) or isinstance(b, str) else abs(a - b) <= _SAME_GAIN * max(abs(a), abs(b))
+
+    return one.keys() == other.keys() and all(same(one[name], other[name]) for name in one)
 
 
 def _alike(one: Mapping[str, float], other: Mapping[str, float]) -> bool:
@@ -157,7 +203,7 @@ def _perhaps_the_same_controller(guess: RecordingGuess, others: Sequence[Recordi
     """
     shown = [g for g in others if g.gains and _efforts(g) & _efforts(guess)]
     kinds = {name.partition("_")[0] for name in guess.channels}
-    if guess.gains or not shown or not {"displacement", "command"} <= kinds:
+    if guess.gains or guess.form or not shown or not {"displacement", "command"} <= kinds:
         return guess
     best = min(shown, key=lambda g: g.excitation.value == "none")
     gains = ", ".join(f"{name} = {value:.7g}" for name, value in best.gains.items())
@@ -176,12 +222,12 @@ def _telling(same: Sequence[tuple[str, ColumnGuess]]) -> tuple[str, float, str, 
 
 
 def _as_told(column: ColumnGuess, larger: str, size: float, turned: str, asks: str) -> ColumnGuess:
-    if NO_UNIT in column.reason and abs(column.scale) != size:
+    if NO_UNIT in column.reason and abs(column.scale) != size and not column.stated:
         reason = f"{column.reason}, but in the unit that the larger values of {larger} tell"
         column = replace(column, scale=copysign(size, column.scale), reason=reason)
-    if turned and column.scale > 0:
+    if turned and column.scale > 0 and not column.stated:
         parts = [*column.ask.split("; "), *asks.split("; ")]
         asked = "; ".join(dict.fromkeys(part for part in parts if part and part != DIRECTION))
         reason = f"{column.reason}; a distance from the magnet, as {turned} shows"
-        column = replace(column, scale=-column.scale, reason=reason, ask=asked)
+        column = replace(column, scale=-column.scale, offset=-column.offset, reason=reason, ask=asked)
     return column

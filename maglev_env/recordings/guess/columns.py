@@ -3,17 +3,19 @@
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
 from maglev_env.channels import RECORDED, unit_of
 from maglev_env.recordings.contents import Contents
 from maglev_env.recordings.guess import behaviour as shown
+from maglev_env.recordings.guess.counts import holds_counts, order_of_a_count
 from maglev_env.recordings.guess.evidence import LIKELY, OPEN, SURE
 from maglev_env.recordings.guess.rate import time_scale
 from maglev_env.recordings.guess.sizes import MOST_SHAKEN, acceleration, step_of, too_slow_for
 from maglev_env.recordings.guess.units import Unit, header_unit, known_unit
-from maglev_env.recordings.guess.words import Meaning, meaning, plain_words
+from maglev_env.recordings.guess.words import Meaning, meaning
 
 _NAMES_BESIDE = ("Name", "name", "Label", "label", "blockName")  # texts of a struct that name its values
 _UNITS_BESIDE = ("Unit", "unit", "Units", "units", "XUnit")
@@ -22,9 +24,8 @@ _VARIABLE, _TYPE = re.compile(r"[A-Za-z_]\w*(\.[A-Za-z_]\w*)+"), re.compile(r"^(
 # Sizes that a channel without a unit is likely to have in SI, rms or mean; beyond them it is in a smaller unit.
 _LARGEST_M = 0.05
 _SLOW_M = 0.3  # the same of distances that a slow controller could not hold if they were in mm
+_LARGEST_A = 60.0
 NO_UNIT = "no unit"  # begins the evidence for a scale by the size of the values
-_COUNTS = frozenset(["adc", "hall", "raw", "count", "counts", "digits", "bits", "lsb", "inc", "pwm", "duty", "dac"])
-_MOST_WHOLE = 0.95
 _NOT_CURRENT = 3.0  # times the size of the current beyond which a "command" is a voltage
 
 
@@ -41,6 +42,9 @@ class ColumnGuess:
         confidence: from 0 to 1.
         ask: what the user should state; empty where nothing is open.
         resting: whether it is not used for the sole reason that it never changes in this file.
+        offset: SI value at which the column reads 0.
+        total: whether a current includes the bias of the rig.
+        stated: whether its scale is stated by the user.
     """
 
     column: str
@@ -51,6 +55,15 @@ class ColumnGuess:
     confidence: float
     ask: str = ""
     resting: bool = False
+    offset: float = 0.0
+    total: bool = False
+    stated: bool = False
+
+    @property
+    def source(self) -> dict[str, Any]:
+        """Its table in [recording.channels]."""
+        stated = {"scale": (self.scale, 1.0), "offset": (self.offset, 0.0), "total": (self.total, False)}
+        return {"from": self.column, **{key: value for key, (value, usual) in stated.items() if value != usual}}
 
 
 def guess_columns(found: Contents) -> tuple[ColumnGuess, ...]:
@@ -72,7 +85,7 @@ def guess_columns(found: Contents) -> tuple[ColumnGuess, ...]:
     guesses = _freed(guesses, named)
     guesses = _by_behaviour(guesses, values, units)
     guesses = {n: _resting(g, values[n]) for n, g in guesses.items()}
-    return tuple(_scaled(g, units[name], values[name], guesses, values, found.numbers) for name, g in guesses.items())
+    return tuple(_scaled(g, units, values[name], guesses, values, found.numbers) for name, g in guesses.items())
 
 
 def _label(expression: str, found: Contents) -> tuple[str, Unit | None]:
@@ -314,7 +327,7 @@ def _pair(names: list[str], taken: Mapping[str, str], values: Mapping[str, np.nd
 
 def _scaled(
     guess: ColumnGuess,
-    unit: Unit | None,
+    units: Mapping[str, Unit | None],
     values: np.ndarray,
     guesses: Mapping[str, ColumnGuess],
     all_values: Mapping[str, np.ndarray],
@@ -323,7 +336,7 @@ def _scaled(
     """The guess with its scale; without a unit in the header, by the size of the values."""
     if not guess.channel:
         return guess
-    si = _unit(guess.channel)
+    si, unit = _unit(guess.channel), units[guess.column]
     if unit and unit.si == si:
         return replace(guess, scale=unit.scale)
     if unit:
@@ -336,7 +349,11 @@ def _scaled(
     scale, why = 1.0, f"{NO_UNIT}, {span}, taken as {si}"
     if counted := _counted(guess, guesses, all_values):
         why = f"{NO_UNIT}, {span}: {counted} holds whole numbers, those of a converter"
-        return replace(guess, reason=f"{guess.reason}; {why}", ask=f"scale in {si} per count", confidence=OPEN)
+        by_reference = _of_reference(guess, units, guesses, all_values) if counted == guess.column else None
+        if by_reference:
+            why += f"; it follows the reference with a scale of the order of {by_reference:g} m per count"
+        reason, ask = f"{guess.reason}; {why}", f"scale in {si} per count"
+        return replace(guess, scale=by_reference or 1.0, reason=reason, ask=ask, confidence=OPEN)
     if si == "m":
         # Reference and displacement of one file are in one unit: the larger of them tells it.
         lengths = [all_values[n] for n, g in guesses.items() if g.channel and _unit(g.channel) == "m"]
@@ -350,18 +367,39 @@ def _scaled(
         while scale > 1e-6 and shaken * scale > MOST_SHAKEN:
             scale, name = (1e-3, "mm") if scale == 1 else (1e-6, "µm")
             why = f"{NO_UNIT}, {span}; no magnet accelerates a rotor so in a larger one: taken as {name}"
+    if si == "A":
+        # Currents of one file are in one unit, too.
+        nameless = [n for n, g in guesses.items() if g.channel and _unit(g.channel) == "A" and not units[n]]
+        if max(float(np.abs(all_values[n]).max()) for n in nameless) > _LARGEST_A:
+            scale, why = 1e-3, f"{NO_UNIT}, {span}, of that size taken as mA"
     ask = "; ".join(filter(None, (guess.ask, "unit of this column")))
     return replace(
         guess, scale=scale, reason=f"{guess.reason}; {why}", ask=ask, confidence=min(guess.confidence, LIKELY)
     )
 
 
+def _of_reference(
+    guess: ColumnGuess,
+    units: Mapping[str, Unit | None],
+    guesses: Mapping[str, ColumnGuess],
+    all_values: Mapping[str, np.ndarray],
+) -> float | None:
+    """The order of a displacement's count (m) by a reference whose unit is stated; None where there is none."""
+    wanted = guess.channel.replace("displacement", "reference")
+    name = next((n for n, g in guesses.items() if g.channel == wanted != guess.channel), "")
+    unit = units.get(name)
+    if not unit or unit.si != "m":
+        return None
+    return order_of_a_count(all_values[guess.column], unit.scale * all_values[name])
+
+
 def _counted(guess: ColumnGuess, guesses: Mapping[str, ColumnGuess], all_values: Mapping[str, np.ndarray]) -> str:
     """The column of the same unit that is called by its converter and holds whole numbers alone; "" without one."""
     for name, other in guesses.items():
-        alike = other.channel and _unit(other.channel) == _unit(guess.channel)
-        if alike and not _COUNTS.isdisjoint(plain_words(other.label)):
-            values = all_values[name]
-            if np.ptp(values) and np.mean(values == np.rint(values)) > _MOST_WHOLE:  # bridged gaps are not whole
-                return name
+        if (
+            other.channel
+            and _unit(other.channel) == _unit(guess.channel)
+            and holds_counts(other.label, all_values[name])
+        ):
+            return name
     return ""

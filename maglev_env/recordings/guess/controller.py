@@ -50,6 +50,7 @@ def fit_controller(
     rate: float,
     reference: np.ndarray | None = None,
     injection: np.ndarray | None = None,
+    known: np.ndarray | None = None,
 ) -> ControllerFit | None:
     """Fit the recursion of `loop.gains` to a recorded command.
 
@@ -59,6 +60,7 @@ def fit_controller(
         rate: Hz.
         reference: m, (samples,); None: constant.
         injection: A, (samples,), part of the command; None: none.
+        known: samples that count, (samples,) bool; None: all.
 
     Returns:
         The best of PID controllers that answer at once or one sample late; None where the command does not move.
@@ -67,6 +69,7 @@ def fit_controller(
     wanted = command if injection is None else command - injection
     # Where the command rests at its limits it is no linear filter of anything.
     free = (command > command.min()) & (command < command.max())
+    free = free if known is None else free & known
     begin = _liveliest(free, min(_MOST, command.size))
     window = slice(begin, begin + _MOST)
     error, wanted, free = error[window], wanted[window], free[window]

@@ -74,7 +74,7 @@ def stated_step(numbers: Mapping[str, float]) -> tuple[float, str] | None:
         rate, step = _RATES.search(called), _STEPS.search(called)
         si, size = (unit.si, value * unit.scale) if unit else ("Hz" if rate else "s", value)
         if (rate or step) and si == "Hz" and size > 0:
-            return 1 / size, f"the number {name} of the file"
+            return 1 / size, f"the {size:g} Hz of {name}"
         if (rate or step) and si == "s" and 0 < size < 10:
             return size, f"the step {name} = {value:g} {unit.text if unit else 's'}"
     return None

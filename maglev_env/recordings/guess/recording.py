@@ -8,18 +8,18 @@ from typing import Any
 import numpy as np
 
 from maglev_env.channels import SHOWN_BY
-from maglev_env.recordings.contents import contents
+from maglev_env.recordings.contents import Contents, contents
 from maglev_env.recordings.files import read_columns
 from maglev_env.recordings.guess.columns import ColumnGuess, guess_columns
-from maglev_env.recordings.guess.controller import ControllerFit, fit_controller
-from maglev_env.recordings.guess.evidence import LIKELY, OPEN, STATED, SURE, Guess
+from maglev_env.recordings.guess.controllers import asked_of, controllers, rescaled
+from maglev_env.recordings.guess.evidence import LIKELY, OPEN, STATED, Guess
 from maglev_env.recordings.guess.excitation import guess_excitation
+from maglev_env.recordings.guess.gaps import whole
 from maglev_env.recordings.guess.rate import guess_rate
+from maglev_env.recordings.masking import MOST_MASKED, clipped_samples
 
 _ONE_SIDED = 0.02  # of its largest value, that a current of one sign may read below zero
-_ALIKE = 1e-3  # relative difference up to which two axes have the same gains
-_TOWARD = "whether the displacement is measured away from the magnet (kp is negative): scale < 0"
-_EACH = "the controllers: [recording.gains.x] and [recording.gains.y]"
+_STATED_RATE = "stated.sample_rate"
 _CARRIES = 2.0  # mean current over its standard deviation that holds a weight
 
 
@@ -35,6 +35,7 @@ class RecordingGuess:
         excitations: the tables themselves.
         controller: what the command says of the controller.
         gains: as a campaign takes them; None where they are not known.
+        form: a controller of another form, as a campaign takes it; None where there are gains, or none is known.
         rotor: "suspended" or "supported", or None.
         notes: what else was seen.
         part: first sample that is used, and how many; None: the whole file.
@@ -50,6 +51,7 @@ class RecordingGuess:
     rotor: Guess
     notes: tuple[str, ...] = ()
     part: tuple[int, int] | None = None
+    form: Mapping[str, Any] | None = None
 
     @property
     def channels(self) -> dict[str, ColumnGuess]:
@@ -74,11 +76,10 @@ class RecordingGuess:
             table["start"], table["samples"] = self.part
         if self.gains:
             table["gains"] = dict(self.gains)
+        if self.form:
+            table["controller"] = dict(self.form)
         table["excitation"] = [dict(e) for e in self.excitations]
-        table["channels"] = {
-            name: {"from": c.column, **({"scale": c.scale} if c.scale != 1.0 else {})}
-            for name, c in self.channels.items()
-        }
+        table["channels"] = {name: c.source for name, c in self.channels.items()}
         return table
 
 
@@ -107,11 +108,14 @@ def guess_recording(
     """
     file = read_columns(path)
     found = contents(file)
+    if rate is not None:  # it tells the unit of a time without one, too
+        found = replace(found, numbers={_STATED_RATE: rate, **found.numbers})
     if part:
         used = slice(part[0], part[0] + part[1])
-        found = replace(found, columns={name: values[used] for name, values in found.columns.items()})
+        bridged = None if found.bridged is None else found.bridged[used]
+        found = replace(found, columns={n: values[used] for n, values in found.columns.items()}, bridged=bridged)
     columns = guess_columns(found) if columns is None else columns
-    by_channel = {c.channel: found.columns[c.column] * c.scale for c in columns if c.channel}
+    by_channel = {c.channel: found.columns[c.column] * c.scale + c.offset for c in columns if c.channel}
     time = next((c for c in columns if c.channel == "time"), None)
     guessed = guess_rate(found.columns[time.column] if time else None, time.scale if time else 1.0, found.numbers,
                          time.label if time else "time")  # fmt: skip
@@ -122,7 +126,8 @@ def guess_recording(
     signals = {n: v for n, v in by_channel.items() if n != "time"}
     tables, excitation = guess_excitation(signals, guessed.value)
     tables = [_without_peak(table, columns) for table in tables]
-    gains, controller = _controllers(by_channel, guessed.value)
+    clock = by_channel.get("time") if guessed.value else None
+    gains, form, controller = controllers(*whole(by_channel, clock, _unread(found, columns)), guessed.value)
     return RecordingGuess(
         file=path.name if folder is None else path.resolve().relative_to(folder.resolve()).as_posix(),
         columns=columns,
@@ -134,7 +139,16 @@ def guess_recording(
         rotor=_rotor(by_channel),
         notes=(*file.notes, *found.unused),
         part=part,
+        form=form,
     )
+
+
+def _unread(found: Contents, columns: tuple[ColumnGuess, ...]) -> np.ndarray:
+    """Samples (samples,) at which a position was bridged, or is clipped in the file alone."""
+    moved = [found.columns[c.column] for c in columns if c.channel.startswith("displacement")]
+    size = next(iter(found.columns.values())).size
+    clipped = [at for values in moved if 0 < (at := clipped_samples(values)).mean() <= MOST_MASKED]
+    return np.any([np.zeros(size, bool) if found.bridged is None else found.bridged, *clipped], axis=0)
 
 
 def _without_peak(table: Mapping[str, Any], columns: tuple[ColumnGuess, ...]) -> dict[str, Any]:
@@ -146,78 +160,18 @@ def _without_peak(table: Mapping[str, Any], columns: tuple[ColumnGuess, ...]) ->
 
 def other_way_round(guess: RecordingGuess) -> RecordingGuess:
     """The guess with the gains of a controller whose displacement now counts in the other direction."""
-    if not guess.gains:
-        return guess
-    gains = {name: value if name in ("td", "ti") else 0.0 - value for name, value in guess.gains.items()}
-    said = replace(guess.controller, value=gains, ask="" if gains["kp"] > 0 else _TOWARD)
-    return replace(guess, gains=gains, controller=said)
+    return in_another_unit(guess, -1.0)
 
 
 def in_another_unit(guess: RecordingGuess, factor: float) -> RecordingGuess:
     """The guess with the gains of a controller whose displacement's scale has changed by a factor."""
+    if guess.form:
+        form = rescaled(guess.form, factor)
+        return replace(guess, form=form, controller=replace(guess.controller, value=form, ask=asked_of(form)))
     if not guess.gains:
         return guess
-    gains = {
-        name: value if name in ("td", "ti") else float(f"{value / factor:.7g}") for name, value in guess.gains.items()
-    }
-    return replace(guess, gains=gains, controller=replace(guess.controller, value=gains))
-
-
-def _controllers(channels: Mapping[str, np.ndarray], rate: float | None) -> tuple[dict[str, float] | None, Guess]:
-    """The controller; of two axes the one that both have, else what is said of x."""
-    if "displacement_x" not in channels:
-        return _controller(channels, rate)
-    each = [
-        _controller({n.removesuffix(axis): v for n, v in channels.items() if n.endswith(axis)}, rate)
-        for axis in ("_x", "_y")
-    ]
-    (of_x, said), (of_y, _) = each
-    idle = {"ti"} if of_x and of_y and not (of_x["ki"] or of_y["ki"]) else set()  # of an integral that is not there
-    if of_x and of_y and all(abs(of_x[n] - of_y[n]) <= _ALIKE * abs(of_x[n]) for n in of_x.keys() - idle):
-        return of_x, replace(said, reason=f"in x, and in y likewise: {said.reason}")
-    if of_x and of_y:
-        found = "; ".join(
-            f"{axis}: {', '.join(f'{n} = {v:.5g}' for n, v in g.items())}"
-            for axis, g in zip("xy", (of_x, of_y), strict=True)
-        )
-        return None, Guess("controller", None, f"each axis has a PID of its own ({found})", OPEN, _EACH)
-    return None, replace(said, value=None)
-
-
-def _controller(channels: Mapping[str, np.ndarray], rate: float | None) -> tuple[dict[str, float] | None, Guess]:
-    ask = "the controller: gains = { kp, ki, kd, td, ti } or controller = { numerator, denominator }"
-    if not {"displacement", "command"} <= channels.keys():
-        return None, Guess("controller", None, "it takes displacement and command to tell", 0.0, ask)
-    if not rate:
-        return None, Guess("controller", None, "it takes the sample rate to tell", 0.0, ask)
-    fit = fit_controller(
-        channels["displacement"], channels["command"], rate, channels.get("reference"), channels.get("injection")
-    )
-    if fit is None:
-        return None, Guess("controller", None, "the command does not move", 0.0, ask)
-    if not fit.close or fit.late:
-        return None, Guess("controller", None, _not_a_pid(fit), OPEN, ask)
-    g = fit.gains
-    gains = {name: float(f"{getattr(g, name):.7g}") for name in ("kp", "ki", "kd", "td", "ti")}
-    stepped = np.isfinite(fit.step) and fit.residual <= fit.step
-    how = f"one step of its converter ({fit.step:.3g} A)" if stepped else "what the digits of the columns leave"
-    to = f"the command is a PID of the displacement to {fit.residual:.2g} A rms"
-    reason = f"{to}, within {how}" if fit.exact else f"{to}, {np.sqrt(fit.share):.1g} of its motion"
-    return gains, Guess("controller", gains, reason, SURE if fit.exact else LIKELY, "" if g.kp > 0 else _TOWARD)
-
-
-def _not_a_pid(fit: ControllerFit) -> str:
-    if fit.close:
-        g = fit.gains
-        return (
-            f"the command is a PID of the displacement one sample before (kp {g.kp:.4g}, ki {g.ki:.4g}, kd {g.kd:.4g}, "
-            f"td {g.td:.3g} s, ti {g.ti:.3g} s): state it as controller with its delay"
-        )
-    return (
-        f"the command is no PID of the displacement alone: the best leaves {fit.share:.2g} of its power, "
-        f"{fit.residual:.2g} A rms (another form, a decimated or filtered log, a limit, or "
-        "something unstored in the command)"
-    )
+    gains = rescaled(guess.gains, factor)
+    return replace(guess, gains=gains, controller=replace(guess.controller, value=gains, ask=asked_of(gains)))
 
 
 def _rotor(channels: Mapping[str, np.ndarray]) -> Guess:

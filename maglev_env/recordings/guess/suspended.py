@@ -1,15 +1,19 @@
 """What hangs below a single magnet: its current includes the bias, and a measured gap grows away from the magnet."""
 
 from dataclasses import replace
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from maglev_env.recordings.contents import contents
+from maglev_env.recordings.files import read_columns
 from maglev_env.recordings.guess.behaviour import correlation
 from maglev_env.recordings.guess.columns import ColumnGuess
 from maglev_env.recordings.guess.evidence import LIKELY
 from maglev_env.recordings.guess.recording import RecordingGuess, other_way_round
 from maglev_env.recordings.guess.words import is_distance
+from maglev_env.rig.rig import Rig
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -19,7 +23,7 @@ _MEANS, _LEAST = (4, 16, 64), 40  # samples that are averaged before they are co
 _POSITIONS = ("displacement", "reference", "gap_estimate")
 TOTAL = "total = true, once the rig is named: this current includes the one that carries the weight"
 DIRECTION = "scale < 0, if it is a distance that grows away from the magnet (nothing here shows it)"
-_CENTRE = "offset, so that displacement is 0 at the centre between the stops"
+CENTRE = "offset, so that displacement is 0 at the centre between the stops"
 _APART = 2.0  # ranges of a motion by which its mean is away from 0
 _OFFSET = "offset = the gap in rig.toml (m), so that displacement is 0 there and positive towards the magnet"
 
@@ -39,29 +43,66 @@ def facing_the_magnet(guess: RecordingGuess, dataset: "xr.Dataset") -> Recording
     effort = next((name for name in ("current", "command", "voltage") if name in dataset), None)
     if "displacement" not in guess.channels or guess.rotor.value != "suspended" or effort is None:
         return guess
+    turned = guess.channels["displacement"].stated and guess.channels["displacement"].scale < 0
     follows = _follows(dataset["displacement"].values, dataset[effort].values)
     # A large excitation may turn the current round, which then shows a weight less clearly than a distance is told.
     distance = is_distance(guess.channels["displacement"].label)
     if guess.rotor.confidence < LIKELY and not (distance and follows > _FOLLOWS):
         return guess
-    why, asked = "", False
-    if follows > _FOLLOWS:
+    why, asked, known = "", False, guess.gains or guess.form
+    if turned:  # by the user
+        why = ""
+    elif follows > _FOLLOWS:
         why = f"the {effort} rises with it (correlation {follows:.2f})"
-    elif follows > -_FOLLOWS and guess.gains and guess.gains["kp"] < 0:
+    elif follows > -_FOLLOWS and known and known.get("kp", known.get("displacement", 0.0)) < 0:
         why = "its controller's gain is negative, and yet it levitates"
     elif follows > -_FOLLOWS and distance:
         why = "it is called so"
     else:
-        asked = follows > -_FOLLOWS and not guess.gains
+        asked = follows > -_FOLLOWS and not known
     columns = tuple(
         _asking(c, TOTAL) if c.channel in ("current", "command")
         else _reversed(c, why) if c.channel in _POSITIONS and why
-        else _asking(c, DIRECTION) if c.channel == "displacement" and asked
+        else _asking(c, DIRECTION) if c.channel == "displacement" and asked and not c.stated
         else c
         for c in guess.columns
     )  # fmt: skip
     turned = replace(guess, columns=columns)
     return other_way_round(turned) if why else turned
+
+
+def below_the_magnet(guess: RecordingGuess, rig: Rig, folder: Path) -> RecordingGuess:
+    """The guess with what a named rig tells of a suspended rotor: the bias in its currents, and the gap at rest.
+
+    Args:
+        guess: of one file.
+        rig: on which it was recorded.
+        folder: in which the file is.
+
+    Returns:
+        Itself for other rigs than one with a single magnet. A distance whose mean is not near the rig's gap stays asked
+        for: it is counted from another place than the magnet, or in another unit.
+    """
+    if not rig.controlled or "pair" in rig.capabilities or "displacement" not in guess.channels:
+        return guess
+    read, moved = contents(read_columns(folder / guess.file)).columns, guess.channels["displacement"]
+    used = slice(guess.part[0], guess.part[0] + guess.part[1]) if guess.part else slice(None)
+    near = abs(float(read[moved.column][used].mean()) * moved.scale + rig.gap) < rig.clearance
+
+    def told(column: ColumnGuess) -> ColumnGuess:
+        if TOTAL in column.ask:
+            return _answered(replace(column, total=True), TOTAL, "it includes the current that carries the weight")
+        if _OFFSET in column.ask and near and not column.offset:
+            return _answered(replace(column, offset=rig.gap), _OFFSET, "0 is at the gap of the rig")
+        return column
+
+    return replace(guess, columns=tuple(told(c) for c in guess.columns))
+
+
+def _answered(column: ColumnGuess, asked: str, why: str) -> ColumnGuess:
+    """A column with one of its questions answered."""
+    left = "; ".join(part for part in column.ask.replace(asked, "").split("; ") if part)
+    return replace(column, ask=left, reason=f"{column.reason}; {why}")
 
 
 def around_the_centre(guess: RecordingGuess, dataset: "xr.Dataset") -> RecordingGuess:
@@ -76,13 +117,13 @@ def around_the_centre(guess: RecordingGuess, dataset: "xr.Dataset") -> Recording
         for name, values in dataset.data_vars.items()
         if str(name).startswith("displacement") and abs(values.values.mean()) > _APART * np.ptp(values.values)
     }
-    return replace(guess, columns=tuple(_asking(c, _CENTRE) if _open(c, apart) else c for c in guess.columns))
+    return replace(guess, columns=tuple(_asking(c, CENTRE) if _open(c, apart) else c for c in guess.columns))
 
 
 def _open(column: ColumnGuess, apart: set[str]) -> bool:
     """Whether a position is one of those, or counts from the same place, and no offset is asked for yet."""
     of = column.channel.replace("reference", "displacement")
-    return of in apart and _OFFSET not in column.ask
+    return of in apart and _OFFSET not in column.ask and not column.offset
 
 
 def _follows(positions: np.ndarray, effort: np.ndarray) -> float:
@@ -96,10 +137,16 @@ def _follows(positions: np.ndarray, effort: np.ndarray) -> float:
     return max(found, key=abs)
 
 
+def asked_for_the_centre(column: ColumnGuess) -> ColumnGuess:
+    """A position that is asked for its offset, as it is in another file of the same rig."""
+    return column if column.offset or CENTRE in column.ask or _OFFSET in column.ask else _asking(column, CENTRE)
+
+
 def _asking(column: ColumnGuess, ask: str) -> ColumnGuess:
     return replace(column, ask=f"{column.ask}; {ask}" if column.ask else ask)
 
 
 def _reversed(column: ColumnGuess, why: str) -> ColumnGuess:
     reason = f"{column.reason}; a distance from the magnet: {why}"
-    return _asking(replace(column, scale=-column.scale, reason=reason), _OFFSET)
+    turned = replace(column, scale=-column.scale, offset=-column.offset, reason=reason)
+    return turned if column.offset else _asking(turned, _OFFSET)

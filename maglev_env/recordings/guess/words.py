@@ -35,7 +35,9 @@ _LETTERS = {
 }
 # What any quantity may be read by, so that it tells one only where no other word does: "i_probe" is a current clamp.
 # So is "dist", which may stand for a disturbance.
-_INSTRUMENTS = {"displacement": "probe hall sensor sens lvdt laser photodiode dist"}
+_INSTRUMENTS = {
+    "displacement": "probe hall sensor sens lvdt laser photodiode dist encoder codeur encodeur drehgeber codificador"
+}
 _WANTED = (
     "ref reference setpoint sp soll sollwert set desired des wanted target yd command cmd demand "
     "referencia consigna consigne vorgabe fuehrungsgroesse kommando w r"
@@ -46,10 +48,22 @@ _INJECTED = (
     "inj injection injected injektion dither exc excitation anregung stoer stoerung stoergroesse disturbance "
     "perturbation noise rauschen chirp sweep multisine prbs testsignal excitacion"
 )
+# Words too short to be looked for inside longer ones, where what stands behind them is a quantity: "setcurrent".
+_SHORT = re.compile("^(ref|set|des|cmd|act|meas|ist)(?=[a-z]{3})")
 # A letter with a word or an axis: "iref", "iy".
 _GLUED = re.compile("^([iyxzhuf])(ref|soll|cmd|set|des|obs|hat|est|meas|mess|ist|act|inj)$|^([iuf])([xyz])$")
 _AXES = ("x", "y", "z")
 _PLACEHOLDER = re.compile(r"(c|col|column|columna|spalte|kanal|channel|ch|var|unnamed:?|data|values?)?[_ ]?\d*")
+_OF_CONVERTER = {
+    "count",
+    "counts",
+    "cts",
+    "ticks",
+    "raw",
+    "digits",
+    "bits",
+    "lsb",
+}  # a unit, where other words stand beside
 _WITHOUT_MEANING = {"data", "value", "values", "signals", "signal", "out", "in", "model", "root", "y1", "mess", "meas"}
 
 
@@ -80,7 +94,14 @@ def plain_words(name: str) -> list[str]:
     """The words of a name in small letters: without accents, split at signs, digits and changes to capitals."""
     name = re.sub(r"([a-z])([A-Z])", r"\1 \2", unaccented(name))
     split = [w.removeprefix("lager") for w in re.split(r"[^a-z]+", name.lower())]  # the bearing's, not "Lage"
-    return " ".join(_GLUED.sub(r"\1\3 \2\4", w) for w in split).split()
+    return " ".join(_GLUED.sub(r"\1\3 \2\4", _apart(w)) for w in split).split()
+
+
+def _apart(word: str) -> str:
+    """A word with a blank between a short word for "wanted" or "measured" and the quantity that it is glued to."""
+    short = _SHORT.match(word)
+    behind = word[short.end() :] if short else ""
+    return f"{short[1]} {behind}" if short and any(behind in listed.split() for listed in _WORDS.values()) else word
 
 
 def is_distance(name: str) -> bool:
@@ -108,6 +129,7 @@ def meaning(name: str, si: str = "") -> Meaning:
         The channel with the confidence in it.
     """
     words = [w for w in plain_words(name) if w not in _WITHOUT_MEANING]
+    words = [w for w in words if w not in _OF_CONVERTER] or words
     if not words or _PLACEHOLDER.fullmatch(name.strip().lower()):
         words = []
     quantity, word, sure = _quantity(words, name)

@@ -151,7 +151,7 @@ def _tune(alone: Campaign) -> tuple[Verdict, str]:
 
     if alone.rig is None:
         return "no", "rig is missing; tuning needs the nominal rig"
-    (found,) = recorded_sets(alone)
+    _, (found,) = recorded_sets(alone)
     tuning_task(alone.rig, [found], TUNED)
     if found.failed:
         return "no", found.failed

@@ -41,6 +41,7 @@ def diagnose(
 
     warnings = warned(loaded, LEAVING_OUT) if loaded.rig else []  # without a rig the diagnosis says what is missing
     from maglev_env.recordings.formats.json_data import plain
+    from maglev_workbench.commands.diagnose.minded import minded
     from maglev_workbench.commands.diagnose.report import diagnose_page, terminal
     from sim2real import diagnosis
     from sim2real.corrected import write_corrected
@@ -56,7 +57,7 @@ def diagnose(
         found = diagnosis.diagnose(loaded, seed, advance)
     data = plain(found.to_json())
     made_by = {"version": version("maglev-workbench"), "answer": sentence(found), "warnings": warnings}
-    report = {"schema": data["schema"]} | made_by | data
+    report = {"schema": data["schema"]} | made_by | data | {"mind": minded(found)}
     files = {"rig ": folder / "corrected.toml", "data": folder / "diagnosis.json", "page": folder / "diagnosis.html"}
     write_corrected(found, files["rig "])
     write_json(files["data"], report)

@@ -10,6 +10,7 @@ from maglev_env.units import prefixed
 from maglev_workbench.commands.diagnose.figures import gap_bars, loop_diagram, ranking, responses, shares
 from maglev_workbench.commands.diagnose.free import free_sections
 from maglev_workbench.commands.diagnose.leftover import leftover_sections
+from maglev_workbench.commands.diagnose.minded import minded
 from maglev_workbench.console import marked
 from maglev_workbench.page import note, number, page, table
 from sim2real.advice.gain_choice import GainChoice
@@ -74,6 +75,7 @@ def terminal(diagnosis: Diagnosis) -> "list[RenderableType]":
     parts: list[RenderableType] = [Text(sentence(diagnosis), "bold")]
     if told := tempered(diagnosis):
         parts.append(told)
+    parts += [marked("mind", text) for text in minded(diagnosis)]
     parts += [f"  {line}" for line in where_in_words(diagnosis)]
     if diagnosis.leftover is not None:
         parts += [f"  {line}" for line in leftover_lines(diagnosis.leftover)]
@@ -111,6 +113,7 @@ def diagnose_page(diagnosis: Diagnosis) -> str:
     blamed = tuple(dict.fromkeys(part for name in d.cause for part in name.split("+")))
     sections: list[tuple[str, str | Figure]] = [
         ("Where the gap lies", loop_diagram(d, blamed)),
+        *(("", note(f"{text[0].upper()}{text[1:]}.")) for text in minded(d)),
         ("", _list(where_in_words(d)) + note(_NOTES["where"])),
         *([] if d.leftover is None else leftover_sections(d.leftover)),
         *([] if d.free is None else free_sections(d.free)),

@@ -18,6 +18,7 @@ from sim2real.pooled import Pooled
 from sim2real.recorded.at_rest.static_evidence import AT_REST
 from sim2real.words import AT_BOUND
 
+LEAST_OWN = 0.05  # share of a band's standard error that is its own, where a common one is taken off
 STEADY = (
     4.0  # mean square of the bands' deviations, in their standard errors, up to which a coefficient is one constant
 )
@@ -92,17 +93,22 @@ def estimate_answer(results: Sequence[tuple[str, Identification]], pooled: Poole
         parts.append(f"actuator gain {with_interval(gain * scale, gain * scale - half, gain * scale + half)} {unit}")
     without = " without the controller" if found.actuator is not None else ""
     band = f"trusted from {sure[0].f_lo:.4g} to {sure[-1].f_hi:.4g} Hz"
-    return f"{among}{', '.join(parts)}{without} (95 %), {band}{_second_body(found.bands)}."
+    return f"{among}{', '.join(parts)}{without} (95 %), {band}{_second_body(found)}."
 
 
-def _second_body(bands: Sequence[Band]) -> str:
+def _second_body(found: Identification) -> str:
     """What a stiffness says that jumps where a second body resonates."""
     apart: list[Band] = []
-    for band in bands:
+    for band in found.bands:
         if not apart or band.f_lo >= apart[-1].f_hi:
             apart.append(band)
     middle = np.array([(b.f_lo + b.f_hi) / 2 for b in apart])
     stiffness, error = np.array([(b.stiffness, b.stiffness_se) for b in apart]).reshape(-1, 2).T
+    if found.actuator is not None:
+        # An error of the gain is that of all bands alike, and makes no jump between two of them.
+        gain = found.actuator.gain_se / abs(found.actuator.gain)
+        shared = gain * (stiffness - found.mass * (2 * np.pi * middle) ** 2)
+        error = np.sqrt(np.maximum(error**2 - shared**2, (LEAST_OWN * error) ** 2))
     pole = stiffness_pole(middle, stiffness, error)
     if pole is None:
         return ""

@@ -5,10 +5,18 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from maglev_env.recordings.guess.recording import RecordingGuess
+from maglev_env.recordings.guess.suspended import TOTAL
 from maglev_workbench.commands.new.stated import Stated
 
 TAKEN, TAKEN_FOR = "whether this column is the ", "what columns are taken for"
 MOST_NAMED = 8  # columns or files of one point; each stands in campaign.toml
+_RIG = "rig.toml: what is marked there; then take the # from rig in campaign.toml (diagnose needs it)"
+_RIG_AGAIN = (
+    "; of what hangs below a magnet rather this command again with --rig and --force, which then states the bias in "
+    "its current and the gap of its position"
+)
+_RIG_KEPT = "rig.toml is filled in, and kept: this command again with --rig and --force, or take the # from rig"
+_OPTIONS = " (--scale COLUMN=VALUE, and --zero COLUMN=READING; the gains follow)"
 ALARM = "alarm: "  # how a note begins that names a fault of the recording
 
 
@@ -29,7 +37,9 @@ class Answer:
     alarms: tuple[str, ...]
 
 
-def answer_of(guesses: Sequence[RecordingGuess], refused: Mapping[Path, str], stated: Stated, skeleton: bool) -> Answer:
+def answer_of(
+    guesses: Sequence[RecordingGuess], refused: Mapping[Path, str], stated: Stated, skeleton: bool, filled: bool = False
+) -> Answer:
     """The answer.
 
     Args:
@@ -37,11 +47,13 @@ def answer_of(guesses: Sequence[RecordingGuess], refused: Mapping[Path, str], st
         refused: files that were left out, with the reason.
         stated: what the user said.
         skeleton: whether a rig.toml stands beside campaign.toml that is to be filled in.
+        filled: whether it is filled in already, and was kept.
     """
     edit = [f"sample_rate of {g.file}: it is not known and stands as 0" for g in guesses if g.rate.value is None]
     must = len(edit)
     if skeleton:
-        edit.append("rig.toml: what is marked there; then take the # from rig in campaign.toml (diagnose needs it)")
+        hangs = any(TOTAL in c.ask for g in guesses for c in g.columns)
+        edit.append(_RIG_KEPT if filled else f"{_RIG}{_RIG_AGAIN if hangs else ''}")
     if stated.mass is None and stated.rig is None:
         edit.append("mass: the moving mass in kg, if it is known (--mass)")
     total = len(guesses) + len(refused)
@@ -80,6 +92,7 @@ def _confirm(guesses: Sequence[RecordingGuess]) -> list[str]:
         everywhere = set(about) == {g.file for g in guesses}
         named = [*about][:MOST_NAMED]
         more = f" and {len(about) - len(named)} more" if len(about) > len(named) else ""
+        point += _OPTIONS if point.startswith("scale in") else ""
         found.append(point if everywhere else f"{point}: {', '.join(named)}{more}")
     return found
 

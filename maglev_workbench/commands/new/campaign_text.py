@@ -58,10 +58,9 @@ def _recording(guess: RecordingGuess) -> list[str]:
         lines += [f"start = {guess.part[0]}", f"samples = {guess.part[1]}"]
     lines += _evidence(guess.rotor)
     lines += _evidence(guess.controller)
-    if guess.gains:
+    if guess.gains or guess.form:
         # The table in one line: a table header would end the recording's own keys.
-        parts = ", ".join(f"{name} = {toml_value(value)}" for name, value in guess.gains.items())
-        lines.append(f"gains = {{ {parts} }}")
+        lines.append(f"gains = {toml_value(guess.gains)}" if guess.gains else f"controller = {toml_value(guess.form)}")
         if any(c.ask for name, c in guess.channels.items() if name.startswith(("displacement", "command"))):
             lines += _comment(
                 "these gains hold for the scales below: where you change that of the displacement by a factor, divide "
@@ -77,8 +76,8 @@ def _recording(guess: RecordingGuess) -> list[str]:
     lines += ["", "[recording.channels]  # SI value = scale * column + offset"]
     for name, column in guess.channels.items():
         lines += _column(column)
-        scale = f", scale = {toml_value(column.scale)}" if column.scale != 1.0 else ""
-        lines.append(f"{name} = {{ from = {toml_value(column.column)}{scale} }}")
+        parts = ", ".join(f"{key} = {toml_value(value)}" for key, value in column.source.items())
+        lines.append(f"{name} = {{ {parts} }}")
     for column in guess.columns:
         if not column.channel:
             lines += _comment(f"not used: {column.column!r}: {_with_ask(column.reason, column.ask)}")

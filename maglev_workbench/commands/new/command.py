@@ -22,7 +22,17 @@ def new(
         str | None, typer.Option(help="Preset or rig TOML of the rig; without it a rig.toml skeleton is written.")
     ] = None,
     magnet: Annotated[str | None, typer.Option(help="Magnet kind of the rig.toml skeleton.")] = None,
-    force: Annotated[bool, typer.Option("--force", help="Overwrite campaign.toml and rig.toml.")] = False,
+    scale: Annotated[
+        list[str] | None,
+        typer.Option(metavar="COLUMN=VALUE", help="SI value of one of a column's units (m per V, per count); repeat."),
+    ] = None,
+    zero: Annotated[
+        list[str] | None,
+        typer.Option(metavar="COLUMN=VALUE", help="Reading of a column at which its SI value is 0; repeat."),
+    ] = None,
+    force: Annotated[
+        bool, typer.Option("--force", help="Overwrite campaign.toml, and a rig.toml that is not filled in.")
+    ] = False,
     out: Annotated[
         Path | None, typer.Option(help="Folder of the campaign; files outside it are copied (default: the files').")
     ] = None,
@@ -40,17 +50,22 @@ def new(
     from maglev_env.recordings.guess.agreed import agreed, like_most, one_rotor, without_motion
     from maglev_env.recordings.guess.evidence import LIKELY
     from maglev_env.recordings.guess.recording import guess_recording
+    from maglev_env.recordings.guess.stated_columns import with_stated
+    from maglev_env.recordings.guess.suspended import below_the_magnet
     from maglev_env.recordings.guess.verified import verified
-    from maglev_env.rig.rig import load_rig
+    from maglev_env.rig.rig import PRESETS, load_rig
     from maglev_workbench.commands.new import questions
     from maglev_workbench.commands.new.answer import HEAD, answer_of, rows
     from maglev_workbench.commands.new.campaign_text import campaign_text
     from maglev_workbench.commands.new.files import bring, campaign_folder, data_files, rig_beside
-    from maglev_workbench.commands.new.joined import runs_of_parts, write_joined
-    from maglev_workbench.commands.new.rig_text import rig_text
-    from maglev_workbench.commands.new.stated import Stated
+    from maglev_workbench.commands.new.joined import run_of_rasters, runs_of_parts, write_joined
+    from maglev_workbench.commands.new.rig_text import is_filled_in, rig_text
+    from maglev_workbench.commands.new.stated import Stated, check_columns, values_of
     from maglev_workbench.console import console, marked, write_json
 
+    scales, zeros = values_of("--scale", scale or ()), values_of("--zero", zero or ())
+    if not all(scales.values()):
+        raise ValueError("--scale: a scale of 0 leaves nothing of a column")
     for name, value in (("--rate", rate), ("--mass", mass)):
         if value is not None and not value > 0:
             raise ValueError(f"{name} {value} must be positive")
@@ -64,12 +79,19 @@ def new(
     if (folder / "campaign.toml").exists() and not force:
         raise ValueError(f"{folder / 'campaign.toml'} exists; choose another --out, or overwrite it with --force")
     stated, guesses, refused = Stated(rate, mass, rig, magnet), [], {}
-    asking = questions.interactive()
-    for file in files:
+    asking, joined_runs = questions.interactive(), []
+    for i, file in enumerate(files):
         try:
-            guess = guess_recording(file, rate=rate)
+            told, guess = rate, guess_recording(file, rate=rate)
             if asking and guess.rate.value is None and (told := questions.ask_rate(file.name)):
                 guess = guess_recording(file, rate=told)
+            if (run := run_of_rasters(file, guess)) is not None:
+                files[i] = file = write_joined(run, folder)
+                joined_runs.append(run)
+                guess = guess_recording(file, rate=told)
+                guess = replace(guess, notes=(f"written from parts: {run.why}", *guess.notes))
+            if (columns := with_stated(guess.columns, scales, zeros)) != guess.columns:
+                guess = guess_recording(file, rate=told, columns=columns)
             if not guess.channels:
                 raise ValueError(f"{file}: no column is known by name or behaviour: {', '.join(guess.labels)}")
             guesses.append(questions.ask_units(guess) if asking else guess)
@@ -77,6 +99,8 @@ def new(
             refused[file] = str(error)
     if not guesses:
         raise ValueError(next(iter(refused.values())))
+    check_columns(guesses, scales, "--scale")
+    check_columns(guesses, zeros, "--zero")
     named_guesses = dict(zip([f for f in files if f not in refused], guesses, strict=True))
     still = without_motion(named_guesses)
     runs = runs_of_parts({f: g for f, g in named_guesses.items() if f not in still}, still) if still else []
@@ -105,19 +129,22 @@ def new(
     names = [f.resolve().relative_to(folder.resolve()).as_posix() for f in inside]
     named = one_rotor([replace(g, file=name) for g, name in zip(guesses, names, strict=True)])
     guesses = agreed([verified(guess, folder) for guess in named])
+    if stated.rig is not None:
+        known_rig = load_rig(stated.rig if stated.rig in PRESETS else folder / stated.rig)
+        guesses = [below_the_magnet(guess, known_rig, folder) for guess in guesses]
 
-    known = next((g for g in guesses if g.gains), None)
+    known = next((g for g in guesses if g.gains or g.form), None)
     if stated.rig is None:
         skeleton = folder / "rig.toml"
-        if force or not skeleton.exists():
+        if (force and not is_filled_in(skeleton)) or not skeleton.exists():
             hangs = all(g.rotor.value == "suspended" and g.rotor.confidence >= LIKELY for g in guesses)
             driven = any({"current", "command", "current_x", "command_x"} & g.channels.keys() for g in guesses)
-            gains, rate = (known.gains, known.rate.value) if known else (None, None)
+            gains, rate = (known.gains or known.form, known.rate.value) if known else (None, None)
             axes = 2 if any("displacement_y" in g.channels for g in guesses) else 1
             text = rig_text(stated, gains, rate, hangs, driven, axes)
             write_text_atomic(skeleton, text)
     write_text_atomic(folder / "campaign.toml", campaign_text(guesses, stated))
-    answer = answer_of(guesses, refused, stated, stated.rig is None)
+    answer = answer_of(guesses, refused, stated, stated.rig is None, is_filled_in(folder / "rig.toml"))
     write_json(
         json_file,
         {
@@ -136,7 +163,7 @@ def new(
     for row in rows(guesses):
         table.add_row(*row)
     console.print(table)
-    for run in runs:
+    for run in (*joined_runs, *runs):
         console.print(f"{run.why}: {run.name}")
     for text in (*answer.alarms, *(f"left out: {message}" for message in refused.values())):
         console.print(marked("  !", text))

@@ -7,8 +7,9 @@ from pathlib import Path
 
 import numpy as np
 
-from maglev_env.recordings.contents import contents
+from maglev_env.recordings.contents import Contents, contents, rasters
 from maglev_env.recordings.files import atomic_file, read_columns
+from maglev_env.recordings.guess.columns import guess_columns
 from maglev_env.recordings.guess.recording import RecordingGuess
 from maglev_workbench.commands.new.files import JOINED
 
@@ -60,6 +61,44 @@ def runs_of_parts(moving: Mapping[Path, RecordingGuess], still: Mapping[Path, Re
     return [one for one in found if one is not None]
 
 
+def run_of_rasters(file: Path, guess: RecordingGuess) -> Joined | None:
+    """A run of which one file holds the motion at one raster and currents at another, each with a time of its own.
+
+    Args:
+        file: the file.
+        guess: of its columns at the raster that most of them have.
+
+    Returns:
+        None where that raster has the motion, the file has no other one, or their clocks do not fit.
+    """
+    if any(name.startswith(("displacement", "acceleration")) for name in guess.channels):
+        return None
+    parts = []
+    for found in rasters(read_columns(file)):
+        guesses = {c.channel: c for c in guess_columns(found) if c.channel}
+        time = guesses.pop("time", None)
+        if time is not None and guesses:
+            columns = {_called(found, c.column): found.columns[c.column] for c in guesses.values()}
+            parts.append((found.columns[time.column] * time.scale, columns, tuple(guesses)))
+    moving = [part for part in parts if any(name.startswith("displacement") for name in part[2])]
+    if len(parts) < 2 or len(moving) != 1:
+        return None
+    ordered = [moving[0], *(part for part in parts if part is not moving[0])]
+    joined = _at_the_slowest([(clock, columns) for clock, columns, _ in ordered])
+    if joined is None:
+        return None
+    rates = [1 / float(np.median(np.diff(clock))) for clock, *_ in ordered]
+    of_each = " and ".join(
+        f"{', '.join(columns)} ({rate:g} Hz)" for (_, columns, _), rate in zip(ordered, rates, strict=True)
+    )
+    return Joined((file,), joined, f"{file.name} holds {of_each}, which are joined on their clocks{_how(rates)}")
+
+
+def _called(found: Contents, column: str) -> str:
+    """What a file calls a column, without the names of its groups."""
+    return found.headers.get(column, column.rpartition(".")[2]).replace(",", " ")
+
+
 def _words(file: Path) -> set[str]:
     return {w for w in re.split(r"[\W_]+|(?<=[a-z])(?=\d)", file.stem.lower()) if w}
 
@@ -69,32 +108,45 @@ def _joined(files: Sequence[Path], guesses: Mapping[Path, RecordingGuess]) -> Jo
     if any(guesses[f].rate.value is None or "time" not in guesses[f].channels for f in files):
         return None
     read = {f: contents(read_columns(f)) for f in files}
-    clocks = {}
+    parts = []
     for f in files:
         time = guesses[f].channels["time"]
-        clocks[f] = read[f].columns[time.column] * time.scale
-        if not (np.diff(clocks[f]) > 0).all():
-            return None
-    begin, end = max(t[0] for t in clocks.values()), min(t[-1] for t in clocks.values())
-    if end - begin < _SHARED * min(t[-1] - t[0] for t in clocks.values()):
+        used = [c.column for c in guesses[f].columns if c.column != time.column]
+        columns = {read[f].headers.get(c, c).replace(",", " "): read[f].columns[c] for c in used}
+        parts.append((read[f].columns[time.column] * time.scale, columns))
+    seen: set[str] = set()
+    for i, f in enumerate(files):  # of two files with one name for a column
+        renamed = {f"{f.stem} {n}" if n in seen else n: v for n, v in parts[i][1].items()}
+        parts[i] = parts[i][0], renamed
+        seen |= renamed.keys()
+    joined = _at_the_slowest(parts)
+    if joined is None:
         return None
-    slowest = min(files, key=lambda f: guesses[f].rate.value)
-    at = clocks[slowest]
+    rates = [guesses[f].rate.value for f in files]
+    of_each = " and ".join(f"{f.name} ({rate:g} Hz)" for f, rate in zip(files, rates, strict=True))
+    return Joined(tuple(files), joined, f"{of_each} are joined on their clocks{_how(rates)}")
+
+
+def _at_the_slowest(parts: Sequence[tuple[np.ndarray, Mapping[str, np.ndarray]]]) -> dict[str, np.ndarray] | None:
+    """The columns of parts (clock in s, columns) at the stamps of the slowest; None where their clocks do not fit."""
+    if any(not (np.diff(clock) > 0).all() for clock, _ in parts):
+        return None
+    clocks = [clock for clock, _ in parts]
+    begin, end = max(t[0] for t in clocks), min(t[-1] for t in clocks)
+    if end - begin < _SHARED * min(t[-1] - t[0] for t in clocks):
+        return None
+    at = max(clocks, key=lambda t: float(np.median(np.diff(t))))
     at = at[(at >= begin) & (at <= end)]
-    columns: dict[str, np.ndarray] = {"time [s]": at}
-    for f in files:
-        used = [c for c in guesses[f].columns if c.column != guesses[f].channels["time"].column]
-        for column in used:
-            name = read[f].headers.get(column.column, column.column).replace(",", " ")
-            name = name if name not in columns else f"{f.stem} {name}"
-            columns[name] = np.interp(at, clocks[f], read[f].columns[column.column])
-    rates = {f: guesses[f].rate.value for f in files}
-    of_each = " and ".join(f"{f.name} ({rate:g} Hz)" for f, rate in rates.items())
-    alike = max(rates.values()) / min(rates.values()) - 1 < _ALIKE
-    how = (
-        "" if alike else f", at the {min(rates.values()):g} Hz of the slowest: the others are read between two samples"
-    )
-    return Joined(tuple(files), columns, f"{of_each} are joined on their clocks{how}")
+    joined = {"time [s]": at}
+    for clock, columns in parts:
+        joined |= {name: np.interp(at, clock, values) for name, values in columns.items()}
+    return joined
+
+
+def _how(rates: Sequence[float]) -> str:
+    if max(rates) / min(rates) - 1 < _ALIKE:
+        return ""
+    return f", at the {min(rates):g} Hz of the slowest: the others are read between two samples"
 
 
 def write_joined(run: Joined, folder: Path) -> Path:

@@ -1,9 +1,12 @@
 """A skeleton of rig.toml: what the magnet kind needs, to be stated by the engineer."""
 
 from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
 
 from maglev_env.loop.magnets.kinds import KINDS, MAGNETS, NO_MAGNET
-from maglev_env.rig.rig import SCHEMA
+from maglev_env.recordings.campaign_writer import toml_value
+from maglev_env.rig.rig import SCHEMA, load_rig
 from maglev_workbench.commands.new.campaign_text import PLEASE
 from maglev_workbench.commands.new.stated import Stated
 
@@ -43,9 +46,18 @@ _DRIVEN = (
 )
 
 
+def is_filled_in(path: Path) -> bool:
+    """Whether a file is a rig with a magnet, or without one a support, that no skeleton states by itself."""
+    try:
+        rig = load_rig(path)
+    except (OSError, ValueError):
+        return False
+    return rig.controlled or rig.support_stiffness > 0
+
+
 def rig_text(
     stated: Stated,
-    gains: Mapping[str, float] | None,
+    gains: Mapping[str, Any] | None,
     control_rate: float | None,
     suspended: bool = False,
     driven: bool = False,
@@ -65,7 +77,8 @@ def rig_text(
     chosen = f'magnet = "{magnet}"' if stated.magnet else f'# magnet = "{magnet}"  # {PLEASE} {", ".join(MAGNETS)}'
     mass = f"mass = {stated.mass!r}" if stated.mass is not None else f"# mass = 0.1                 # {PLEASE} kg"
     lines = [
-        "# A skeleton: take the # from a line when its value is right, then name this file in campaign.toml.",
+        "# A skeleton: take the # from a line when its value is right, then name this file in campaign.toml. Below one",
+        "# magnet rather run maglev new again with --rig and --force: it states bias and gap in the channels.",
         f'schema = "{SCHEMA}"',
         'name = "mine"',
         *(["axes = 2"] if axes == 2 else []),
@@ -82,6 +95,7 @@ def rig_text(
         lines.append(f"# control_rate = 20000.0      # Hz: {PLEASE} yours")
     lines += [line.format(please=PLEASE) for line in (*_CHAIN, *(_DRIVEN if magnet in KINDS else ()))]
     if gains:
-        lines += ["", "[gains]  # found in the recordings", *(f"{name} = {value!r}" for name, value in gains.items())]
+        found = (f"{name} = {toml_value(value)}" for name, value in gains.items())
+        lines += ["", "[gains]  # found in the recordings", *found]
     lines += ["", "[tolerance]  # relative 1-sigma uncertainty of what you know", "# mass = 0.005"]
     return "\n".join(lines) + "\n"

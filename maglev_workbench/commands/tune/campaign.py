@@ -57,9 +57,10 @@ def run(
     require_folder(target)
     # What is asked for is right: now the imports that take longer.
     from maglev_env.recordings.files import write_text_atomic
+    from maglev_env.recordings.left_out import left_out_data
     from maglev_workbench.commands.tune.campaign_report import campaign_json, campaign_page, campaign_tables
     from maglev_workbench.commands.tune.next_recording import commented, excitation_words, summary, toml_block
-    from maglev_workbench.console import console, write_json
+    from maglev_workbench.console import console, marked, write_json
     from maglev_workbench.page import write_page
     from maglev_workbench.warned import warned
     from tuning.campaign.disagreement import disagreement
@@ -68,7 +69,8 @@ def run(
 
     tuned = tuple(tuned) or TUNED
     warnings = warned(campaign, FAILURES) if campaign else []
-    sets = recorded_sets(campaign) if campaign and rig.axes == 1 else []
+    used, sets = recorded_sets(campaign) if campaign and rig.axes == 1 else (None, [])
+    left_out = used.left_out if used else ()
     advice = next_step(
         rig, sets, tuned, budget, seed, goal, (lambda: disagreement(campaign, seed)) if campaign else None
     )
@@ -78,12 +80,15 @@ def run(
         "campaign": str(folder), "budget": budget, "tuned": tuned, "goal": advice.task.rig.target.goal, "seed": seed,
         "version": version("maglev-workbench"),
     }  # fmt: skip
-    data = campaign_json(advice, made_by) | {"warnings": warnings}
+    data = campaign_json(advice, made_by) | {"warnings": warnings, "left_out": left_out_data(left_out)}
     write_text_atomic(target / "next.toml", commented(advice, block))
     write_json(target / "tune.json", data)
     write_json(json_file, data)
-    html = campaign_page(advice, block, {k.capitalize(): str(v) for k, v in made_by.items()})
+    unused = ["Left out: " + str(one) for one in left_out]
+    html = campaign_page(advice, block, {k.capitalize(): str(v) for k, v in made_by.items()}, unused)
     write_page(target / "tune.html", html, [target / "tune.json", target / "next.toml"])
+    for one in left_out:
+        console.print(marked("  left out", str(one)), soft_wrap=True)
     for part in campaign_tables(advice):
         console.print(part)
     if not advice.stop:

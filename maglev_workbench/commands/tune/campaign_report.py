@@ -1,6 +1,6 @@
 """The next recording that a campaign's tuning proposes, or the gains to keep, as tables, page and JSON."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import asdict
 from html import escape
 from math import floor, inf, log10
@@ -70,8 +70,8 @@ def campaign_tables(advice: Advice) -> "Iterable[str | rich.table.Table]":
         yield f"not kept: {in_words(advice, advice.sets[i].gains)}: {reason}"
 
 
-def campaign_page(advice: Advice, block: str, made_by: dict[str, str]) -> str:
-    """The HTML page of one call."""
+def campaign_page(advice: Advice, block: str, made_by: dict[str, str], further: Sequence[str] = ()) -> str:
+    """The HTML page of one call, with further notes."""
     sections: list[tuple[str, str | Figure]] = []
     if any(s.sensitivity for s in advice.sets):
         sections.append(("Sensitivity of the loop", sensitivity_figure(advice)))
@@ -90,7 +90,7 @@ def campaign_page(advice: Advice, block: str, made_by: dict[str, str]) -> str:
     refused = [(in_words(advice, advice.sets[i].gains), reason) for i, reason in advice.refused]
     if refused:
         sections.append(("Not kept", table(("gains", "why"), refused)))
-    sections += [("", note(text)) for text in advice.notes]
+    sections += [("", note(text)) for text in (*advice.notes, *further)]
     made = {**rig_facts(plain(asdict(advice.task.rig))), **made_by, "Tuned": ", ".join(advice.task.box.names)}
     return page(f"Tuning of {advice.task.name} on the bench", summary(advice), sections, made)
 

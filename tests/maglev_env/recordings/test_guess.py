@@ -104,6 +104,9 @@ def test_names_of_several_languages_and_laboratories(channel, name):
         ("i_ctrl", "command", ""),
         ("Stellstrom", "command", ""),
         ("coil current", "current", ""),
+        ("setcurrent_A", "command", ""),
+        ("actpos [mm]", "displacement", ""),
+        ("Codeur (mm)", "displacement", ""),
         ("inj_x [A]", "injection", "x"),
         ("exc_y [N]", "force", "y"),
         ("probe_x", "displacement", "x"),
@@ -378,6 +381,31 @@ def test_units_of_hdf5_attributes_are_read(tmp_path):
     assert found["current_x"].column == "entry.coil_x"
 
 
+def test_names_of_hdf5_attributes_are_read(tmp_path):
+    with h5py.File(tmp_path / "run.h5", "w") as file:
+        for name, called, unit in (
+            ("ai0", "ball position", "mm"),
+            ("ai1", "set point", "mm"),
+            ("ao0", "coil current", "A"),
+        ):
+            one = file.create_dataset(f"daq/{name}", data=np.sin(np.arange(400.0)))
+            one.attrs["long_name"], one.attrs["unit"] = called, unit
+    found = guess_recording(tmp_path / "run.h5", rate=1000.0).channels
+    named = {name: found[name].column for name in ("displacement", "reference", "current")}
+    assert named == {"displacement": "daq.ai0", "reference": "daq.ai1", "current": "daq.ao0"}
+
+
+def test_what_is_wanted_tells_the_order_of_an_encoders_counts():
+    wanted = np.repeat(np.random.default_rng(2).uniform(-0.5, 0.5, 20), N // 20)
+    moved = lfilter([0.02], [1, -0.98], 1.6 * wanted)  # a loop without an integrator ends elsewhere
+    found = columns(
+        **{"Codeur (points)": np.round(-1e3 * moved), "Consigne (mm)": wanted, "courant (A)": 1 + 0.1 * SLOW}
+    )
+    encoder = found["Codeur (points)"]
+    assert encoder.channel == "displacement" and encoder.scale == -1e-6 and encoder.ask == "scale in m per count"
+    assert found["Consigne (mm)"].scale == 1e-3
+
+
 def test_a_peak_in_volts_is_not_stated_as_one_in_metres(tmp_path):
     wanted = 1.5 + 0.05 * np.sin(2 * np.pi * 5 * T)
     table = np.column_stack([T, wanted + 1e-3 * RNG.standard_normal(N), wanted, 1 + 0.1 * wanted])
@@ -403,3 +431,55 @@ def test_a_wanted_current_beside_a_voltage_that_is_called_an_output_is_the_comma
     assert {g.column: g.channel for g in found.values()} == {
         "t": "time", "laser_mm": "displacement", "i_sp": "command", "i_fb": "current", "u_pwm": "voltage",
     }  # fmt: skip
+
+
+def test_a_stated_rate_tells_the_unit_of_a_time_without_one(tmp_path):
+    kept = np.flatnonzero(np.random.default_rng(9).random(4000) > 0.004)  # a serial log with samples missing
+    wanted = 450 + 100 * SLOW + 3 * RNG.standard_normal(N)
+    table = np.column_stack([kept, 10 + SLOW[kept], lfilter([0.5], [1, -0.5], wanted)[kept], wanted[kept]])
+    np.savetxt(tmp_path / "LOG.TXT", table, fmt="%.4f", delimiter=",")
+    assert guess_recording(tmp_path / "LOG.TXT").rate.value is None
+    found = guess_recording(tmp_path / "LOG.TXT", rate=1000.0).channels
+    assert found["time"].scale == 1e-3
+    assert {found[name].scale for name in ("current", "command")} == {1e-3}  # 450 A are no current of a magnet
+
+
+NAMES = ("rotor position", "current reference", "coil current", "excitation")
+
+
+@pytest.mark.parametrize("kind", ["hdf5", "npz", "counts"])
+def test_names_beside_a_matrix_and_counts_are_those_of_its_columns(tmp_path, kind):
+    moved = 20 * SLOW
+    command = 0.5 + 0.01 * moved + 0.1 * RNG.standard_normal(N)
+    matrix = np.column_stack([moved, command, lfilter([0.5], [1, -0.5], command), 0.1 * RNG.standard_normal(N)])
+    path = tmp_path / ("run.h5" if kind == "hdf5" else "run.npz")
+    if kind == "hdf5":
+        with h5py.File(path, "w") as file:
+            data = file.create_dataset("daq/data", data=matrix)
+            data.attrs["channel_names"], data.attrs["units"] = list(NAMES), ["um", "A", "A", "A"]
+    elif kind == "npz":
+        np.savez(path, data=matrix, columns=[f"{n} [{u}]" for n, u in zip(NAMES, ("um", "A", "A", "A"), strict=True)])
+    else:
+        names = ("pos_counts", "cmd_counts", "cur_counts", "exc_counts")
+        np.savez(path, **{name: np.rint(1e3 * matrix[:, i]) for i, name in enumerate(names)})
+    found = guess_recording(path, rate=1000.0).channels
+    assert found.keys() == {"displacement", "command", "current", "injection"}
+    assert all("per count" in c.ask for c in found.values()) == (kind == "counts")
+    assert kind == "counts" or found["displacement"].scale == 1e-6
+
+
+@pytest.mark.parametrize("fault", ["unread", "clipped"])
+def test_readings_that_the_file_lacks_hide_no_controller(tmp_path, fault):
+    """The controller read what the file lost: a PID with its derivative on the measurement."""
+    wanted = np.repeat(RNG.uniform(-1, 1, 16), N // 16)
+    moved = lfilter([0.02], [1, -0.98], wanted) + 1e-3 * RNG.standard_normal(N)
+    command = 0.15 * (wanted - moved) - 2e-3 * 1e3 * lfilter([1 / 3], [1, -2 / 3], np.diff(moved, prepend=moved[0]))
+    read = moved.copy()
+    if fault == "unread":
+        read[RNG.integers(50, N, 25)] = np.nan
+    else:
+        read = np.minimum(read, np.quantile(read, 0.995))
+    table = np.column_stack([T, read, wanted, 0.6 + command])
+    np.savetxt(tmp_path / "run.csv", table, delimiter=",", header="t [s],pos [mm],ref [mm],i_cmd [A]", comments="")
+    found = guess_recording(tmp_path / "run.csv")
+    assert found.form is not None and found.form["kp"] == pytest.approx(150.0, rel=0.01)

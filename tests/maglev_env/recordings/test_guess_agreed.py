@@ -1,9 +1,11 @@
 """Files of one rig: what one file cannot tell of a column, another one with the same column may."""
 
 import numpy as np
+import pytest
 
-from maglev_env.recordings.guess.agreed import agreed, like_most, one_rotor, without_motion
-from maglev_env.recordings.guess.recording import guess_recording
+from maglev_env.recordings.guess.agreed import agreed, like_most, one_controller, one_rotor, without_motion
+from maglev_env.recordings.guess.evidence import Guess
+from maglev_env.recordings.guess.recording import RecordingGuess, guess_recording
 from maglev_env.recordings.guess.verified import verified
 
 
@@ -121,3 +123,19 @@ def test_a_command_with_unstored_noise_is_asked_for_the_controller_of_another_fi
     noise, steps = agreed([verified(guess_recording(tmp_path / n), tmp_path) for n in ("noise.npz", "steps.npz")])
     assert steps.gains["kp"] == 150.0 and noise.gains is None
     assert "that of steps.npz" in noise.controller.ask and "kp = 150" in noise.controller.ask
+
+
+def guessed(file, **gains):
+    nothing = Guess("", None, "", 0.0)
+    return RecordingGuess(file, (), nothing, nothing, (), nothing, gains, nothing)
+
+
+def test_other_gains_of_one_controller_keep_its_time_constants():
+    first = guessed("a.csv", kp=7500.0, ki=2.4e6, kd=4.932621, td=2.466333e-4, ti=120.0)
+    other = guessed("b.csv", kp=9500.0, ki=2.406e6, kd=5.754719, td=2.466320e-4, ti=120.3)
+    apart = guessed("c.csv", kp=9500.0, ki=2.4e6, kd=5.75, td=4e-4, ti=120.0)
+    _, same, alone = one_controller([first, other, apart])
+    assert same.gains["td"] == first.gains["td"] and same.gains["ti"] == 120.0
+    for time, gain in (("td", "kd"), ("ti", "ki")):
+        assert same.gains[gain] / same.gains[time] == pytest.approx(other.gains[gain] / other.gains[time], rel=1e-6)
+    assert alone.gains["td"] == 4e-4 and same.controller.value == same.gains

@@ -1,5 +1,7 @@
 """A ball below a coil, as a logger stores it: it falls at the start, and its gap is measured away from the magnet."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -7,8 +9,10 @@ from maglev_env.recordings.alarms import alarms_of
 from maglev_env.recordings.campaign import parse_campaign
 from maglev_env.recordings.campaign_file import SCHEMA
 from maglev_env.recordings.guess.recording import guess_recording
+from maglev_env.recordings.guess.suspended import below_the_magnet
 from maglev_env.recordings.guess.verified import verified
 from maglev_env.recordings.recording import read_recording
+from maglev_env.rig.rig import Rig
 
 RATE, FALLEN, SIZE = 100.0, 150, 3000
 MASS, GAIN, STIFFNESS, BIAS, GAP = 0.018, 0.93, 50.0, 0.38, 4e-3
@@ -49,6 +53,20 @@ def test_a_distance_from_the_magnet_is_turned_round(tmp_path, sign):
     assert found.channels["displacement"].scale == found.channels["reference"].scale == -sign
     assert ("offset = the gap" in found.channels["displacement"].ask) == (sign > 0)
     assert "total = true" in found.channels["current"].ask
+
+
+def test_a_named_rig_tells_the_bias_of_the_current_and_the_gap_at_rest(tmp_path):
+    found = verified(guess_recording(stored(tmp_path, fallen=0)), tmp_path)
+    rig = Rig(name="ball", magnet="electromagnet", mass=MASS, gap=GAP, bias_current=BIAS, clearance=3e-3)
+    told = below_the_magnet(found, rig, tmp_path)
+    assert told.channels["current"].source == {"from": "i", "total": True}
+    for name, column in (("displacement", "y"), ("reference", "yd")):
+        assert told.channels[name].source == {"from": column, "scale": -1.0, "offset": GAP}
+        assert "offset" not in told.channels[name].ask
+    elsewhere = below_the_magnet(found, replace(rig, gap=10e-3), tmp_path)
+    assert "offset = the gap" in elsewhere.channels["displacement"].ask and elsewhere.channels["current"].total
+    pair = replace(rig, magnet="electromagnet_pair", turns=100, pole_area=1e-4)
+    assert below_the_magnet(found, pair, tmp_path) is found
 
 
 @pytest.mark.parametrize("told_by", ["controller", "name", "voltage"])

@@ -10,10 +10,10 @@ from maglev_env.loop.gains import LinearController
 from maglev_env.loop.magnets.kinds import force_law
 from maglev_env.loop.magnets.law import linearise
 from maglev_env.redundancy.coverage import uncovered
-from maglev_env.redundancy.newton import moved
-from maglev_env.redundancy.rows import Row
+from maglev_env.redundancy.newton import _row, moved
+from maglev_env.redundancy.rows import Fit, Row
 from maglev_env.redundancy.view import View
-from maglev_env.rig.rig import Rig
+from maglev_env.rig.rig import Rig, load_rig
 
 RATE, SAMPLES = 100.0, 3000
 BALL = Rig("ball", "electromagnet", mass=0.058, gap=10e-3, turns=1000, pole_area=3e-4, bearings=2, control_rate=RATE,
@@ -96,3 +96,14 @@ def test_a_force_that_nobody_recorded_is_no_delay_of_the_displacement():
     assert unknown and any(row.off for row in unknown)  # without a controller nothing tells that it made the current
     pd = LinearController((kp + kd * RATE, -kd * RATE), (1.0, 0.0))
     assert not moved(replace(view, gains=pd))
+
+
+def test_what_damps_makes_the_displacement_early_and_what_lags_late():
+    rig = replace(load_rig("hmb_free"), gains=None)
+    found = Fit(np.ones(1), np.array([-2e-4]), np.full(1, 1e-3), np.full(1, 1e-6), 0.0, 0.0, np.full(1, 50.0))
+    seen = View("run", rig.control_rate, {}, frozenset(), {}, (), frozenset(), None, (), rig, rig.mass)
+    powers = {"displacement": 1, "current": -1, "mass": 1, "actuator gain": 1}
+    early = _row(seen, found, 0, powers, (), 0.0)
+    late = _row(seen, replace(found, delay=np.array([2e-4])), 0, powers, (), 0.0)
+    assert "friction" in early.delay_effects and "sensor_lag" not in early.delay_effects
+    assert "sensor_lag" in late.delay_effects and "delay" not in late.delay_effects

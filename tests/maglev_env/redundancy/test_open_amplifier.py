@@ -7,7 +7,7 @@ import pytest
 from scipy.signal import lfilter
 
 from maglev_env.loop.gains import Gains, controller_output
-from maglev_env.redundancy.amplifier import amplified
+from maglev_env.redundancy.amplifier import amplified, unstated_pole
 from maglev_env.redundancy.controller import applies
 from maglev_env.redundancy.periods import breaks
 from maglev_env.redundancy.view import View
@@ -80,3 +80,26 @@ def test_a_set_point_step_between_two_samples_is_no_missing_sample(stepped):
     reference = np.where(np.arange(N) < (19_999 if stepped else 25_000), 0.0, 1e-3)
     found = breaks(view(OPEN, command=command, current=current, reference=reference))
     assert [f.code for f in found] == ([] if stepped else ["missing samples"])
+
+
+@pytest.mark.parametrize("late", [0, 1])
+def test_the_lag_that_is_left_out_is_offered_to_be_stated(late):
+    rng = np.random.default_rng(6)
+    command = lfilter([0.3], [1.0, -0.7], rng.normal(size=N))
+    channels = {"command": command, "current": held(command, 6.0, late) + 1e-3 * rng.normal(size=N)}
+    (found,) = unstated_pole(view(OPEN, **channels))
+    assert found.kind == "not checkable" and found.value * RATE == pytest.approx(6.0, rel=0.03)
+    assert ("delay of 1.0 samples" in found.message) == bool(late)
+    assert not unstated_pole(view(replace(OPEN, amplifier_time_constant=3e-4), **channels))
+    assert not unstated_pole(view(OPEN, **channels | {"current": 2 * channels["current"]}))
+    assert not unstated_pole(view(OPEN, command=command, current=command + 1e-3 * rng.normal(size=N)))
+
+
+@pytest.mark.parametrize("rate", [20.0, 100.0, 500.0])
+def test_a_slow_rig_is_tried_within_what_a_time_constant_may_be(rate):
+    rng = np.random.default_rng(7)
+    command = lfilter([0.3], [1.0, -0.7], rng.normal(size=N))
+    slow = replace(OPEN, control_rate=rate, gains=None)
+    wide = view(slow, command=command, current=2 * command + rng.normal(size=N))
+    (row,) = amplified(replace(wide, rate=rate))
+    assert row.gain == pytest.approx(2.0, rel=0.1)

@@ -1,8 +1,11 @@
 """Gains and delays of one or two inputs: recovered, with errors that are those of their scatter."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from maglev_env.redundancy.cause import causes
 from maglev_env.redundancy.rows import LEVEL, Row, fit, low_pass
 
 RATE, N, P = 1000.0, 80, 6
@@ -85,3 +88,12 @@ def test_one_line_tells_no_delay():
         assert found.gain[0] == pytest.approx(1.0, abs=0.01)
         assert (found.time(0) is not None) == told
     assert found.time(0) * RATE == pytest.approx(1.0, abs=0.01)
+
+
+def test_a_mass_makes_nothing_late():
+    powers = {"displacement": 1, "current": -1, "mass": 1}
+    known = Row("newton current", powers, 1.04, 1e-3, 0.1, "the current", -5e-4, 1e-6, 3e-4)
+    assert known.delay_off() and not known.gain_off()
+    assert not {cause.name for cause in causes([known], RATE)} & {"mass"}
+    heavier = replace(known, gain=1.5, delay=0.0)
+    assert "mass" in {cause.name for cause in causes([heavier], RATE)}

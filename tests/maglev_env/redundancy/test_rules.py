@@ -208,6 +208,15 @@ def test_an_injection_before_a_gain_is_told_although_its_stated_peak_agrees(soun
     assert "injection with its stated peak: factor 0.2" in found.message and "a gain lies between" in found.message
 
 
+def test_gains_that_count_in_a_wrong_unit_leave_the_scale_of_the_reading_open(sound, tmp_path):
+    def in_that_unit(text):
+        return re.sub(r"^(kp|ki|kd) = (\S+)$", lambda m: f"{m[1]} = {float(m[2]) / 1.5}", text, flags=re.MULTILINE)
+
+    found = changed(sound, tmp_path / "c", "base", scale("displacement", 1.5), in_that_unit)
+    (said,) = [f.message for f in found if "mass" in f.channel]
+    assert "or the scale of column 'displacement', if the stated gains count in it" in said
+
+
 def test_a_mass_that_is_stated_too_small_to_dominate_anywhere_is_told(tmp_path):
     # The rotor on its pedestal rings for more than one period, of which nothing is said either.
     folder = campaigns.campaign(tmp_path, "pedestal", names=("base",), parameters={"mass": 0.3})

@@ -65,6 +65,22 @@ def test_the_best_of_several_recordings_answers_and_the_actuator_is_said():
     assert "no band bounds stiffness and damping; `maglev check`" in estimate_answer([("a", none)], None)
 
 
+def test_a_gain_that_is_poorly_known_hides_no_second_body():
+    """The error of the gain widens every band, and moves all of them together."""
+    middle, mass, share = np.arange(20.0, 380.0, 36.0), 6.25, 0.035
+    w, w2, loss = 2 * np.pi * middle, 2 * np.pi * 100, 0.004
+    moved = w2**2 * (1 + 2j * loss * w / w2) / (w2**2 - w**2 + 2j * loss * w * w2)
+    stiffness = -7.7e5 + 1.25 * w**2 - (1.25 * w**2 * moved).real
+    error = np.hypot(5e3, share * (stiffness - mass * w**2))
+    bands = tuple(
+        band(f - 18, f_hi=f + 18, stiffness=k, stiffness_se=e, stiffness_ci=(k - 2 * e, k + 2 * e))
+        for f, k, e in zip(middle, stiffness, error, strict=True)
+    )
+    gain = ActuatorEstimate(192.0, -7.7e5, 0.0, share * 192, 1.0, 0.1, 1.0, 0.0)
+    text = estimate_answer([("run.mat", identification(bands=bands, mass=mass, actuator=gain))], None)
+    assert "as where a second body resonates" in text
+
+
 def test_all_recordings_together_answer_where_the_rig_was_fitted():
     gain = Coefficient("actuator_gain", "N/A", 5.6, 0.05, 5.7, True)
     loose = replace(gain, name="delay", unit="s", value=1e-5, se=1.0, bounded=False)

@@ -1,5 +1,8 @@
 """Runs whose channels lie in files of their own."""
 
+import tomllib
+
+import h5py
 import numpy as np
 from command_line import maglev
 
@@ -34,3 +37,23 @@ def test_clocks_that_do_not_overlap_are_not_joined(tmp_path):
     instruments(tmp_path, "run1", 1000.0, 1000.0, offset=100.0)
     output = maglev("new", tmp_path)
     assert "Read 1 of 2 file(s)" in output and "copy its columns" in output.replace("\n", "")
+
+
+def test_a_file_of_two_rasters_becomes_one_run(tmp_path):
+    """The motion at 1 kHz beside the currents at 10 kHz, each group with a time of its own."""
+    rng = np.random.default_rng(4)
+    slow, fast = np.arange(4000) / 1e3, np.arange(40000) / 1e4
+    gap = 8 + 0.2 * np.convolve(rng.normal(size=4000), np.full(50, 1 / 50), "same")
+    with h5py.File(tmp_path / "run.h5", "w") as file:
+        for group, columns in (
+            ("slow", {"time": (slow, "s"), "gap": (gap, "mm")}),
+            ("fast", {"time": (fast, "s"), "coil_current": (1 + 0.3 * (np.interp(fast, slow, gap) - 8), "A")}),
+        ):
+            for name, (values, unit) in columns.items():
+                file.create_dataset(f"{group}/{name}", data=values).attrs["units"] = unit
+    for again in ((), ("--force",)):  # what was joined is not taken for another run
+        text = maglev("new", tmp_path, *again)
+        assert "joined on their clocks, at the 1000" in " ".join(text.split()) and "Read 1 of 1" in text
+    (recording,) = tomllib.loads((tmp_path / "campaign.toml").read_text())["recording"]
+    assert recording["file"] == "run_joined.csv" and recording["sample_rate"] == 1000.0
+    assert {"displacement", "current"} <= recording["channels"].keys()

@@ -111,6 +111,18 @@ def test_nothing_is_overwritten_without_force(foreign, tmp_path):
     assert 'magnet = "electromagnet"' in (tmp_path / "rig.toml").read_text()
 
 
+def test_a_rig_that_is_filled_in_is_kept(foreign, tmp_path):
+    shutil.copy(foreign["npz"], tmp_path)
+    own = (
+        'schema = "maglev-rig/1"\nname = "own"\nmagnet = "electromagnet_pair"\n[parameters]\nmass = 0.08\n'
+        "actuator_gain = 5.7\nnegative_stiffness = -1e4\nbias_current = 0.5\ngap = 4e-4\n"
+    )
+    (tmp_path / "rig.toml").write_text(own)
+    maglev("new", tmp_path)
+    assert "filled in, and kept" in maglev("new", tmp_path, "--force")
+    assert (tmp_path / "rig.toml").read_text() == own
+
+
 def test_a_file_that_cannot_be_read_is_left_out_and_named(foreign, tmp_path):
     shutil.copy(foreign["npz"], tmp_path / "good.npz")
     (tmp_path / "bad.mat").write_bytes(b"not a file of MATLAB")
@@ -151,3 +163,42 @@ def test_check_and_estimate_take_one_bare_file(foreign, tmp_path):
     text = maglev("estimate", file, "--mass", 0.0801, "--band-width", 80, "--band-overlap", 40, "--method", "ml")
     assert "guess:" in text and "stiffness" in text
     assert "--rate" in maglev("check", shutil.copy(foreign["timeless"], tmp_path), code=2)
+
+
+def test_a_stated_scale_and_zero_go_into_channels_and_gains(tmp_path):
+    """A probe in volts, 2 mm/V and 2.5 V at rest, whose controller counts in volts."""
+    rng, n, rate = np.random.default_rng(3), 4000, 1000.0
+    wanted = np.repeat(rng.uniform(-1e-3, 1e-3, 10), n // 10)
+    moved = np.convolve(wanted, np.full(60, 1 / 60), "same") + 1e-6 * rng.normal(size=n)
+    command = 250.0 * (wanted - moved) - 2.5 * np.diff(moved, prepend=moved[0]) * rate
+    table = np.column_stack([np.arange(n) / rate, 2.5 + moved / 2e-3, 2.5 + wanted / 2e-3, command])
+    np.savetxt(tmp_path / "run.csv", table, delimiter=",", header="t [s],probe [V],ref [V],i_cmd [A]", comments="")
+    both = [f"{name}={value}" for name in ("probe", "ref") for value in ("0.002",)]
+    text = maglev("new", tmp_path, *(part for one in both for part in ("--scale", one)), "--zero", "probe=2.5",
+                  "--zero", "ref=2.5")  # fmt: skip
+    (recording,) = tomllib.loads((tmp_path / "campaign.toml").read_text())["recording"]
+    assert "m per V" not in text
+    assert recording["channels"]["displacement"] == {"from": "probe [V]", "scale": 0.002, "offset": -0.005}
+    assert recording["controller"]["kp"] == pytest.approx(250.0, rel=1e-2)
+    assert recording["controller"]["derivative_on"] == "measurement"
+    skeleton = tomllib.loads((tmp_path / "rig.toml").read_text())
+    assert skeleton["gains"] == recording["controller"] and skeleton["parameters"]["control_rate"] == rate
+    assert "--scale COLUMN=VALUE" in maglev("new", tmp_path, "--force")
+    for wrong, words in (("prob=0.002", "there are"), ("probe=x", "COLUMN=VALUE"), ("probe=0", "0 leaves nothing")):
+        assert words in maglev("new", tmp_path, "--force", "--scale", wrong, code=2)
+
+
+def test_a_named_rig_leaves_nothing_to_edit_of_a_ball_below_a_coil(tmp_path):
+    t = np.arange(3000) / 1000.0
+    gap = 8.0 + 0.3 * np.convolve(np.where(t < 1.5, 0.0, 1.0), np.full(80, 1 / 80), "same")
+    table = np.column_stack([t, gap, 0.9 + 0.2 * (gap - 8.0) + 1e-3 * np.random.default_rng(1).normal(size=t.size)])
+    np.savetxt(tmp_path / "run.csv", table, delimiter=",", header="t [s],gap [mm],i [A]", comments="", fmt="%.6f")
+    (tmp_path / "ball.toml").write_text(
+        'schema = "maglev-rig/1"\nname = "ball"\nmagnet = "electromagnet"\n[parameters]\nmass = 0.05\ngap = 8e-3\n'
+        "bias_current = 0.9\nclearance = 4e-3\n"
+    )
+    text = maglev("new", tmp_path, "--rig", tmp_path / "ball.toml")
+    (recording,) = tomllib.loads((tmp_path / "campaign.toml").read_text())["recording"]
+    assert recording["channels"]["displacement"] == {"from": "gap [mm]", "scale": -1e-3, "offset": 8e-3}
+    assert recording["channels"]["current"] == {"from": "i [A]", "total": True}
+    assert "edit " not in text and "total = true" not in text

@@ -1,6 +1,7 @@
 """`maglev tune --campaign` as a user runs it."""
 
 import json
+import re
 import tomllib
 from dataclasses import replace
 from functools import partial
@@ -108,6 +109,20 @@ def test_the_next_recording_keeps_the_channels_of_the_last(tmp_path):
     again = load_campaign(tmp_path)
     assert again.recordings[1].file == "run2.npz" and again.recordings[1].channels == again.recordings[0].channels
     assert again.recordings[1].excitations == with_defaults(load_rig("hmb_free")).protocol.excitations
+
+
+def test_a_recording_without_gains_is_left_out_and_the_others_are_used(tmp_path):
+    recorded(tmp_path, touching)
+    toml = (tmp_path / "campaign.toml").read_text()
+    (tmp_path / "run2.npz").write_bytes((tmp_path / "run1.npz").read_bytes())
+    head, table = toml.split("[[recording]]")
+    second = re.sub(r"\[recording\.gains\]\n(\w+ = .*\n)+", "", table.replace("run1", "run2"))
+    (tmp_path / "campaign.toml").write_text(f"{head}[[recording]]{table}\n[[recording]]{second}")
+    text = run("--campaign", tmp_path, "--json", tmp_path / "a.json")
+    data = json.loads((tmp_path / "a.json").read_text())
+    assert [one["recording"] for one in data["left_out"]] == ["run2.npz"] and len(data["sets"]) == 1
+    assert "left out" in text and "no gains are stated" in text
+    assert "no gains are stated" in (tmp_path / "tune" / "tune.html").read_text()
 
 
 @pytest.mark.parametrize(

@@ -345,7 +345,7 @@ def test_a_rig_is_tuned_recording_by_recording(tmp_path):
         peaks.append(np.abs(loop_response(Experiment(episode.rig, advice.next, ()), f).sensitivity).max())
         rows.append((f"run{len(rows) + 1}", "fit", simulated_recording(e, simulate_records([e])[0]), e))
         write_campaign(tmp_path, "hmb_free", {}, rows, overwrite=True)
-        sets = recorded_sets(load_campaign(tmp_path))
+        _, sets = recorded_sets(load_campaign(tmp_path))
     assert advice.stop and advice.keep is not None and len(rows) <= 5
     assert max(peaks[1:], default=0.0) < 3.2
     kept = task.box.actions([[getattr(sets[advice.keep].gains, n) for n in task.box.names]])

@@ -13,7 +13,7 @@ from tuning.campaign.recorded_sets import recorded_sets
 
 def sets_of(folder, *kinds):
     loaded = load_campaign(write_campaign(folder, Bench(), dict.fromkeys(kinds, "fit"), 2.0, 0))
-    return loaded.rig, recorded_sets(loaded)
+    return loaded.rig, recorded_sets(loaded)[1]
 
 
 @pytest.mark.parametrize("kind", ["noise", "chirp", "steps"])

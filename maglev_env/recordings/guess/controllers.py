@@ -1,0 +1,116 @@
+"""What the commands of a file show of its controllers, as a campaign states them."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from maglev_env.recordings.guess.controller import ControllerFit, fit_controller
+from maglev_env.recordings.guess.controller_forms import fit_form
+from maglev_env.recordings.guess.evidence import LIKELY, OPEN, SURE, Guess
+
+_EACH = "the controllers: [recording.gains.x] and [recording.gains.y]"
+_TOWARD = "whether the displacement is measured away from the magnet (kp is negative): scale < 0"
+_ALIKE = 1e-3  # relative difference up to which two axes have the same gains
+_SEEN = ("reference", "injection", "current")
+_FORMS = {
+    "pid": "a PID with other paths for displacement and reference",
+    "state_feedback": "a feedback of displacement, its slope and the current",
+}
+# What a controller has per metre of its reading.
+_PER_METRE = frozenset(["kp", "ki", "kd", "displacement", "velocity", "integral"])
+
+
+def rescaled(table: Mapping[str, Any], factor: float) -> dict[str, Any]:
+    """A controller's table for a displacement whose scale has changed by a factor."""
+    return {
+        name: float(f"{value / factor:.7g}") + 0.0 if name in _PER_METRE else value for name, value in table.items()
+    }
+
+
+def asked_of(table: Mapping[str, Any]) -> str:
+    """What is to be asked of a controller's table: its sign, where the displacement seems to count the other way."""
+    return "" if table.get("kp", table.get("displacement", 1.0)) > 0 else _TOWARD
+
+
+Told = tuple[dict[str, float] | None, Mapping[str, Any] | None, Guess]
+
+
+def controllers(channels: Mapping[str, np.ndarray], known: np.ndarray, rate: float | None) -> Told:
+    """The controller that the commands of a file show.
+
+    Args:
+        channels: in SI, (samples,) each.
+        known: samples that count, (samples,) bool.
+        rate: Hz; None: not known.
+
+    Returns:
+        Gains, or a controller of another form, and the evidence; of two axes what both have, else what is said of x.
+    """
+    if "displacement_x" not in channels:
+        return _controller(channels, known, rate)
+    each = [
+        _controller({n.removesuffix(axis): v for n, v in channels.items() if n.endswith(axis)}, known, rate)
+        for axis in ("_x", "_y")
+    ]
+    (of_x, form, said), (of_y, other, _) = each
+    if form and form == other:
+        return None, form, replace(said, reason=f"in x, and in y likewise: {said.reason}")
+    if form or other:
+        found = "; ".join(f"{axis}: {one or 'not known'}" for axis, one in (("x", form or of_x), ("y", other or of_y)))
+        return None, None, Guess("controller", None, f"the axes have controllers of their own ({found})", OPEN, _EACH)
+    idle = {"ti"} if of_x and of_y and not (of_x["ki"] or of_y["ki"]) else set()  # of an integral that is not there
+    if of_x and of_y and all(abs(of_x[n] - of_y[n]) <= _ALIKE * abs(of_x[n]) for n in of_x.keys() - idle):
+        return of_x, None, replace(said, reason=f"in x, and in y likewise: {said.reason}")
+    if of_x and of_y:
+        found = "; ".join(
+            f"{axis}: {', '.join(f'{n} = {v:.5g}' for n, v in g.items())}"
+            for axis, g in zip("xy", (of_x, of_y), strict=True)
+        )
+        return None, None, Guess("controller", None, f"each axis has a PID of its own ({found})", OPEN, _EACH)
+    return None, None, replace(said, value=None)
+
+
+def _controller(channels: Mapping[str, np.ndarray], known: np.ndarray, rate: float | None) -> Told:
+    ask = "the controller: gains = { kp, ki, kd, td, ti } or controller = { numerator, denominator }"
+    if not {"displacement", "command"} <= channels.keys():
+        return None, None, Guess("controller", None, "it takes displacement and command to tell", 0.0, ask)
+    if not rate:
+        return None, None, Guess("controller", None, "it takes the sample rate to tell", 0.0, ask)
+    fit = fit_controller(
+        channels["displacement"], channels["command"], rate, channels.get("reference"), channels.get("injection"), known
+    )
+    if fit is None:
+        return None, None, Guess("controller", None, "the command does not move", 0.0, ask)
+    if not fit.close or fit.late:
+        seen = (channels.get(name) for name in _SEEN)
+        form = None
+        if not fit.close:
+            form = fit_form(channels["displacement"], channels["command"], rate, *seen, known)
+        if form is None:
+            return None, None, Guess("controller", None, _not_a_pid(fit), OPEN, ask)
+        kind = _FORMS[form.table["form"]]
+        reason = f"the command is {kind} to {form.residual:.2g} A rms, {form.share:.1g} of its motion"
+        return None, form.table, Guess("controller", form.table, reason, LIKELY, asked_of(form.table))
+    g = fit.gains
+    gains = {name: float(f"{getattr(g, name):.7g}") for name in ("kp", "ki", "kd", "td", "ti")}
+    stepped = np.isfinite(fit.step) and fit.residual <= fit.step
+    how = f"one step of its converter ({fit.step:.3g} A)" if stepped else "what the digits of the columns leave"
+    to = f"the command is a PID of the displacement to {fit.residual:.2g} A rms"
+    reason = f"{to}, within {how}" if fit.exact else f"{to}, {np.sqrt(fit.share):.1g} of its motion"
+    return gains, None, Guess("controller", gains, reason, SURE if fit.exact else LIKELY, asked_of(gains))
+
+
+def _not_a_pid(fit: ControllerFit) -> str:
+    if fit.close:
+        g = fit.gains
+        return (
+            f"the command is a PID of the displacement one sample before (kp {g.kp:.4g}, ki {g.ki:.4g}, kd {g.kd:.4g}, "
+            f"td {g.td:.3g} s, ti {g.ti:.3g} s): state it as controller with its delay"
+        )
+    return (
+        f"the command is no PID of the displacement alone: the best leaves {fit.share:.2g} of its power, "
+        f"{fit.residual:.2g} A rms (another form, a decimated or filtered log, a limit, or "
+        "something unstored in the command)"
+    )

@@ -1,0 +1,41 @@
+"""What is to be minded of the effects that a diagnosis names: what the rig leaves out, and what looks like them."""
+
+from sim2real.result import Diagnosis
+from sim2real.search.hypotheses import REPLACED
+
+BENT = ("force_law", "cubic_spring", "soft_stop")  # forces that bend with the position
+
+
+def minded(diagnosis: Diagnosis) -> list[str]:
+    """Sentences on what is named: a lag that may have been left out, a force that a curved reading may look like."""
+    return [*unstated(diagnosis), *curved(diagnosis)]
+
+
+def curved(diagnosis: Diagnosis) -> list[str]:
+    """A sentence where every named hypothesis bends with the position, as the reading of a probe may."""
+    causes = [set(name.split("+")) for name in diagnosis.cause]
+    named = sorted(set().union(*causes) & {*BENT})
+    if not causes or not all(cause & {*BENT} for cause in causes):
+        return []
+    return [
+        f"{' and '.join(named)} may be the probe's: a reading that is no straight line (1 / gap, as of hall and "
+        "inductive probes) looks alike, and is none of the known effects; compare it with a calibration at three "
+        "distances or more"
+    ]
+
+
+def unstated(diagnosis: Diagnosis) -> list[str]:
+    """A sentence for each lag that every named hypothesis has, and that the rig states no time constant for."""
+    causes = [set(name.split("+")) for name in diagnosis.cause]
+    found = []
+    for effect, name in REPLACED.items():
+        values = diagnosis.corrected.effects.get(effect)
+        stated = getattr(diagnosis.rig, name) or name in diagnosis.rig.tolerance
+        if stated or values is None or not causes or not all(effect in cause for cause in causes):
+            continue
+        value = float(f"{values['time_constant']:.3g}")
+        found.append(
+            f"the rig states no {name}, so that {effect} may be no fault but what was left out: with {name} = "
+            f"{value!r} (s) in rig.toml, if that is right, `maglev diagnose` says what else differs"
+        )
+    return found

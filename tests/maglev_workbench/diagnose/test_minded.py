@@ -1,0 +1,46 @@
+"""What is to be minded: a lag that the rig states no time constant for, and forces that a curved reading looks like."""
+
+from types import SimpleNamespace
+
+import pytest
+
+from maglev_workbench.commands.diagnose.minded import curved, minded, unstated
+
+
+def diagnosis(cause, pole=0.0, tolerance=(), effects=("amplifier_lag",)):
+    values = {name: {"time_constant": 4.0031e-3} for name in effects}
+    rig = SimpleNamespace(
+        amplifier_time_constant=pole, sensor_time_constant=0.0, tolerance=dict.fromkeys(tolerance, 0.0)
+    )
+    return SimpleNamespace(cause=cause, corrected=SimpleNamespace(effects=values), rig=rig)
+
+
+@pytest.mark.parametrize("cause", [("amplifier_lag",), ("amplifier_lag+friction", "amplifier_lag+damping")])
+def test_a_lag_that_nobody_stated_is_said_to_be_what_was_left_out(cause):
+    (said,) = unstated(diagnosis(cause))
+    assert "states no amplifier_time_constant" in said and "amplifier_time_constant = 0.004 (s)" in said
+
+
+@pytest.mark.parametrize(
+    "known",
+    [
+        diagnosis(("amplifier_lag",), pole=1e-4),
+        diagnosis(("amplifier_lag",), tolerance=("amplifier_time_constant",)),
+        diagnosis(("amplifier_lag", "delay")),
+        diagnosis(("friction",)),
+        diagnosis(()),
+    ],
+)
+def test_nothing_is_said_of_a_stated_pole_or_of_one_cause_among_others(known):
+    assert unstated(known) == []
+
+
+@pytest.mark.parametrize("cause", [("soft_stop",), ("asymmetric_gain+force_law", "cubic_spring")])
+def test_a_force_that_bends_with_the_position_may_be_a_curved_reading(cause):
+    (said,) = minded(diagnosis(cause, effects=()))
+    assert "calibration" in said and "hall and inductive" in said
+
+
+@pytest.mark.parametrize("cause", [(), ("friction",), ("soft_stop", "friction")])
+def test_what_may_be_another_effect_is_not_said_to_be_the_probe(cause):
+    assert curved(diagnosis(cause, effects=())) == []
