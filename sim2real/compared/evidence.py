@@ -10,11 +10,14 @@ from sim2real.compared.law_shape import law_shapes, rest_current, shape_columns,
 from sim2real.compared.open_tones import nuisance_columns
 from sim2real.compared.simulated import Point, Predictor, experiment_near, predictor
 from sim2real.recorded.channel_errors import changes
+from sim2real.recorded.drive.anchored import anchored
+from sim2real.recorded.drive.quiet import quiet
 from sim2real.recorded.open_evidence import (
     Replay,
     coordinates_of,
     exact_errors,
     measured_of,
+    measured_series,
     open_noise,
     opened_of,
     parts_of,
@@ -27,6 +30,9 @@ from sim2real.recorded.open_record import OpenRecord
 from sim2real.recorded.opened import Opened, noise_of, opened_loop
 from sim2real.recorded.records import Record
 from sim2real.recorded.ringing import ringing
+
+# Power that a simulation leaves of what is compared, over that of the noise, up to which a stand-in may follow it.
+NEAR = 3.0
 
 
 @dataclass(frozen=True)
@@ -66,6 +72,18 @@ def evidence_of(record: Record | OpenRecord, near: Point, amounts: Mapping[str, 
     nuisances = ringing(record, loop, opened.outputs, noise, at_near)
     if np.isfinite(predicted).all():
         at = coordinates_of(record, loop, opened.outputs, predicted)
+        left = measured - at
+        if about and float(np.mean(abs(left / noise)[..., record.excited] ** 2)) < NEAR:
+            series = measured_series(record) - predicted
+            series[0] = quiet(record.series["displacement"]) - predicted[0]
+            moved = loop.opened(record, series[0], series[2], None)[0]
+            by_rig = anchored(record, moved)
+            series = simulated_series(by_rig, lanes)[0]
+            if np.isfinite(series).all():
+                record, as_read, predicted = by_rig, anchored(as_read, moved), series
+                predicts = Predictor(record, opened, 0, Replay(record, loop, opened.outputs))
+                at = coordinates_of(record, loop, opened.outputs, predicted)
+                measured = left + at
         if record.errors:
             others = tuple(e for e in record.errors if e not in measured_drive)
             lines = changes(others, record.windows.frequency, opened.outputs, parts_of(record, loop, predicted))
