@@ -6,7 +6,16 @@ from dataclasses import dataclass
 import numpy as np
 
 from sim2real.compared.drive_errors import drive_columns
-from sim2real.compared.law_shape import law_shapes, rest_current, shape_columns, shows_shape
+from sim2real.compared.law_shape import (
+    FORM_NAME,
+    STEEPNESS_NAME,
+    law_shapes,
+    rest_current,
+    shape_columns,
+    shape_directions,
+    shows_shape,
+    with_bent_law,
+)
 from sim2real.compared.open_tones import nuisance_columns
 from sim2real.compared.simulated import Point, Predictor, experiment_near, predictor
 from sim2real.recorded.channel_errors import changes
@@ -33,6 +42,7 @@ from sim2real.recorded.ringing import ringing
 
 # Power that a simulation leaves of what is compared, over that of the noise, up to which a stand-in may follow it.
 NEAR = 3.0
+BEND = 0.25  # standard deviations of a shape, for its direction at a law that is bent already
 
 
 @dataclass(frozen=True)
@@ -58,6 +68,9 @@ def evidence_of(record: Record | OpenRecord, near: Point, amounts: Mapping[str, 
         measured = opened.residuals(record.mean("displacement"), current)
         nuisances = changes(record.errors, record.frequency, opened.outputs, opened.parts(record))
         return Evidence(opened, predictor(record, opened), measured, noise_of(record, opened), nuisances)
+    unbent, bends = record.nominal, {name: -amounts[name] for name in (FORM_NAME, STEEPNESS_NAME) if name in amounts}
+    if bends and shows_shape(record) and record.axes == 1:
+        record = with_bent_law(record, bends)
     measured_drive = exact_errors(record)
     about = {e: amounts[e.name] for e in measured_drive if e.name in amounts}
     as_read, record = record, redriven(record, about)
@@ -93,9 +106,17 @@ def evidence_of(record: Record | OpenRecord, near: Point, amounts: Mapping[str, 
                 measured = measured - about.get(error, 0.0) * nuisances[error.name]
             nuisances |= smoothed_alike(record, loop, opened.outputs, lanes, at)
         if shows_shape(record):
-            shapes = {**law_shapes(record.nominal, near), **rest_current(record, near)}
-            moved = predicts(list(shapes.values()))
-            nuisances |= shape_columns(at, dict(zip(shapes, moved, strict=True)))
+            bending, step = record.nominal is not unbent, 1.0
+            if bending:
+                step, shapes = BEND, law_shapes(record.nominal, near, shape_directions(unbent), BEND)
+            else:
+                shapes = law_shapes(record.nominal, near)
+            resting = rest_current(record, near)
+            moved = predicts([*shapes.values(), *resting.values()])
+            columns = shape_columns(at, dict(zip([*shapes, *resting], moved, strict=True)))
+            nuisances |= {name: c / (step if name in shapes else 1.0) for name, c in columns.items()}
+            if bending:
+                measured = measured + sum(bends[name] * nuisances[name] for name in bends)
     for tone in record.tones:
         nuisances |= nuisance_columns(record, tone, opened.outputs)
     for source, size in record.unsure.items():

@@ -183,7 +183,8 @@ class Problem:
     def about(self, near: Point) -> "Problem":
         """As `again`, with the errors of measured drives about their most probable amounts at a point: the best basis
         for a fit that begins there, but not for comparing hypotheses that lie elsewhere."""
-        if any(exact_errors(p.record) for p in self.parts if isinstance(p.record, OpenRecord)):
+        opened = [p.record for p in self.parts if isinstance(p.record, OpenRecord)]
+        if any(exact_errors(r) or (r.axes == 1 and shows_shape(r)) for r in opened):
             (predicted,) = self.simulate([near])
             if np.isfinite(predicted).all():
                 # A nuisance is what changes in the residual when an error is put right: an error is its negative.
