@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from sim2real.compared.crossed import crossed_columns
 from sim2real.compared.drive_errors import drive_columns
 from sim2real.compared.law_shape import (
     FORM_NAME,
@@ -117,6 +118,7 @@ def evidence_of(record: Record | OpenRecord, near: Point, amounts: Mapping[str, 
             nuisances |= {name: c / (step if name in shapes else 1.0) for name, c in columns.items()}
             if bending:
                 measured = measured + sum(bends[name] * nuisances[name] for name in bends)
+        nuisances |= crossed_columns(record, loop, opened.outputs, predicted, at_near)
     for tone in record.tones:
         nuisances |= nuisance_columns(record, tone, opened.outputs)
     for source, size in record.unsure.items():
