@@ -1,8 +1,8 @@
 """What is not known of how two axes of magnets act on each other: nothing, as a rig without [cross] states it.
 
 Magnets may stand between the probes. Turned by 45 degrees, equal ones have the same linear force; but what of it is
-curved then depends on the motion of both axes (with a cubic pull, x^3 becomes x^3 / 2 + 3 x y^2 / 2). Where they differ,
-or the probes are turned by a degree, a linear share acts across. Neither is noise, so a fit would take it for gain and
+curved then depends on the motion of both axes: with a cubic pull, x^3 becomes x^3 / 2 + 3 x y^2 / 2. Where they differ,
+or the probes are turned by a degree, a linear share acts across. Neither is noise, and a fit takes it for gain and
 stiffness.
 """
 
