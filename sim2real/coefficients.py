@@ -11,6 +11,7 @@ from maglev_env.loop.magnets.law import linearise
 from maglev_env.rig.rig import Rig
 from sim2real.compared.problem import Problem
 from sim2real.judgement.nonstationary import widening
+from sim2real.one_sided import bounded_spread
 from sim2real.recorded.at_rest.static_evidence import can_rest, of_weight
 from sim2real.recorded.open_record import OpenRecord
 from sim2real.recorded.records import Record
@@ -24,7 +25,8 @@ UNITS = {
     "damping": "N s/m",
     "delay": "s",
 }
-# Relative standard error from which a likelihood is no parabola, so that an interval by its curvature would be wrong.
+# Relative standard error from which a likelihood is no parabola, so that an interval by its curvature would be wrong;
+# of damping and delay in `_natural`.
 UNBOUNDED = 0.25
 SIGNIFICANT = 3.0  # standard deviations of the misfit under noise alone
 # A fit that tells the actuator's gain to no more than WEAK of it may as well have found a resonance of the noise: of
@@ -47,6 +49,7 @@ class Coefficient:
         nominal: Value of the nominal rig.
         bounded: Whether the recordings, with the tolerances of all other parameters, bound it.
         at_limit: Whether the fit ended at the end of the range that it searches.
+        most: Standard error from which it counts as not bounded.
     """
 
     name: str
@@ -56,11 +59,11 @@ class Coefficient:
     nominal: float
     bounded: bool
     at_limit: bool = False
+    most: float = np.inf
 
     def with_error(self, se: float) -> "Coefficient":
         """The same with another standard error, which may leave it unbounded."""
-        relative = self.name in UNITS and self.name not in ("damping", "delay")
-        return replace(self, se=se, bounded=self.bounded and (not relative or se < UNBOUNDED * abs(self.nominal)))
+        return replace(self, se=se, bounded=self.bounded and se < self.most)
 
     @property
     def identified(self) -> bool:
@@ -131,7 +134,7 @@ def coefficients_of(rig: Rig, problem: Problem, fit: Fit, others: Sequence[Fit])
     """Coefficients of a fit; `others` are points that its intervals must not exclude more than the likelihood does."""
     h, lack = fit.hypothesis, misfit(fit)
     factor = np.sqrt(lack) if lack > 1 + SIGNIFICANT / np.sqrt(fit.residual.size) else 1.0
-    by_curvature = np.sqrt(np.diag(fit.covariance()))
+    by_curvature = bounded_spread(fit, np.sqrt(np.diag(fit.covariance())))
     sd = standard_errors(by_curvature, fit, others)
     by_chance = standard_errors(by_curvature, fit, others, CHANCE)
     if any(c.effect == "actuator_gain" and s * c.scale > WEAK for c, s in zip(h.coordinates, by_chance, strict=False)):
@@ -146,7 +149,7 @@ def coefficients_of(rig: Rig, problem: Problem, fit: Fit, others: Sequence[Fit])
         relative = c.parameter == "change"
         size = abs(nominal) if relative else 1.0
         change, se = c.value(float(u)) * size, float(spread) * scale * size
-        bounded = not relative or se < UNBOUNDED * size
+        most = UNBOUNDED * (size if relative else _natural(rig)[c.effect])
         value = nominal + (change if nominal >= 0 else -change) if relative else nominal + change
         if c.effect in heavier:
             # A heavier suspended mass needs more pull, which has more gain and stiffness.
@@ -156,12 +159,20 @@ def coefficients_of(rig: Rig, problem: Problem, fit: Fit, others: Sequence[Fit])
             mixed = 2 * own * more * covariance[len(found), at] + more**2 * covariance[at, at]
             se = float(np.sqrt(max(se**2 + mixed, 0.0)))
         ended = c.value(float(u)) in (c.low, c.high) and c.low < 0
-        found.append(Coefficient(c.effect, UNITS[c.effect], value, se, nominal, bounded, ended))
+        found.append(Coefficient(c.effect, UNITS[c.effect], value, se, nominal, se < most, ended, most))
     if any(c.name == "actuator_gain" and not c.bounded for c in found):
         # Of a force of unknown size nobody can say how late it comes, nor how much of it a damping takes.
         lost = {"delay"} if forced(part.record for part in problem.parts) else {"delay", "damping"}
         found = [replace(c, bounded=False) if c.name in lost else c for c in found]
     return tuple(found)
+
+
+def _natural(rig: Rig) -> dict[str, float]:
+    """Sizes of damping and delay beside which those of a rig are told or not: of a force of which a quarter of a radian
+    is unknown at the frequency that mass and stiffness give, and of a damping of a quarter of the critical one."""
+    stiffness = max(abs(rig.support_stiffness), abs(nominal_coefficient(rig, "negative_stiffness")))
+    rate = np.sqrt(stiffness / rig.mass) if stiffness else np.inf
+    return {"damping": 2 * rig.mass * rate, "delay": 1 / rate if np.isfinite(rate) else np.inf}
 
 
 def forced(records: Iterable[Record | OpenRecord]) -> bool:
@@ -172,6 +183,8 @@ def forced(records: Iterable[Record | OpenRecord]) -> bool:
 def nominal_coefficient(rig: Rig, name: str) -> float:
     """The nominal value that an identified change refers to."""
     if name in ("actuator_gain", "negative_stiffness"):
+        if not rig.controlled:
+            return 0.0
         return float(linearise(force_law(rig))[name == "negative_stiffness"])
     return {"support_stiffness": rig.support_stiffness, "damping": rig.support_damping, "delay": 0.0}[name]
 

@@ -19,7 +19,7 @@ from maglev_env.lane_values import shaped_law
 from maglev_env.loop.effect import EFFECTS, effect_value
 from maglev_env.loop.magnets.kinds import force_law
 from maglev_env.loop.magnets.law import ForceLaw, SingleSidedLaw, linearise
-from maglev_env.rig.rig import Rig, axis_rig
+from maglev_env.rig.rig import Rig, axis_rig, with_parameters
 from sim2real.compared.simulated import TOLERANCE_EFFECTS, Point
 from sim2real.recorded.at_rest.static_evidence import can_rest
 from sim2real.recorded.open_record import OpenRecord
@@ -27,6 +27,7 @@ from sim2real.recorded.open_record import OpenRecord
 # One standard deviation. From a square to an exponential of the same steepness are two of FORM, which doubles the
 # exponent of the distance and the distance itself; STEEPNESS is that of the change of the gain with the gap.
 FORM, STEEPNESS = 1.0, 0.1
+FORM_NAME, STEEPNESS_NAME = "form of the force law", "steepness of the force law"
 # One standard deviation of the current at rest, in that current.
 REST = 0.01
 # What keeps gain and stiffness; what a shape asks for ends at its bounds.
@@ -40,28 +41,66 @@ def shows_shape(record: OpenRecord) -> bool:
     return record.along is not None or isinstance(force_law(axis_rig(record.nominal, 0)), SingleSidedLaw)
 
 
-def law_shapes(rig: Rig, near: Point) -> Mapping[str, Point]:
-    """Points that differ by one standard deviation of what is not known of the law's shape.
+def shape_directions(rig: Rig) -> Mapping[str, tuple[float, float]]:
+    """What one standard deviation of each unknown of the law's shape adds to exponent and offset of `force_law`."""
+    law = force_law(axis_rig(rig, 0))
+    exponent, offset = (effect_value(rig.effects, "force_law", name) for name in ("exponent", "offset"))
+    power, distance = _pull(shaped_law(law, rig.effects))
+    # The sign of what is unsure does not matter. Where a change leaves the range of the law, its opposite is taken.
+    longer = max(power, 1.0) * FORM, FORM * distance / law.gap
+    shorter = tuple(-change * FORM / (1 + FORM) for change in (power, distance / law.gap))
+    steeper = 0.0, -STEEPNESS * distance / law.gap
+    return {
+        FORM_NAME: longer if _possible(exponent + longer[0], offset + longer[1]) else shorter,
+        STEEPNESS_NAME: steeper if _possible(exponent, offset + steeper[1]) else (0.0, -steeper[1]),
+    }
+
+
+def bent(rig: Rig, amounts: Mapping[str, float]) -> Rig:
+    """A rig whose law is bent by amounts of `shape_directions`, with its gain and stiffness at rest; the rig itself
+    where a law cannot have that shape."""
+    law, centre = force_law(axis_rig(rig, 0)), effect_value(rig.effects, "eccentricity")
+    shape = {name: effect_value(rig.effects, "force_law", name) for name in ("exponent", "offset")}
+    for name, directions in shape_directions(rig).items():
+        for key, change in zip(shape, directions, strict=True):
+            shape[key] += amounts.get(name, 0.0) * change
+    if not _possible(*shape.values()):
+        return rig
+    effects = {**rig.effects, "force_law": shape}
+    plain, was, now = linearise(law), *(linearise(shaped_law(law, own), centre) for own in (rig.effects, effects))
+    kept = {name: value * a / b for name, value, a, b in zip(SCALED, plain, was, now, strict=True)}
+    return replace(with_parameters(rig, kept), effects=effects)
+
+
+def with_bent_law(record: OpenRecord, amounts: Mapping[str, float]) -> OpenRecord:
+    """The record of a rig whose law is bent, see `bent`."""
+    own = bent(record.nominal, amounts)
+    if own is record.nominal:
+        return record
+    kept = {name: getattr(own, name) for name in SCALED}
+    rig = record.experiment.rig
+    simulated = replace(with_parameters(rig, kept), effects={**rig.effects, "force_law": own.effects["force_law"]})
+    return replace(record, nominal=own, experiment=replace(record.experiment, rig=simulated))
+
+
+def law_shapes(
+    rig: Rig, near: Point, directions: Mapping[str, tuple[float, float]] | None = None, step: float = 1.0
+) -> Mapping[str, Point]:
+    """Points that differ by a step, in standard deviations, of what is not known of the law's shape.
 
     Gain and stiffness at rest are those of `near`.
 
     Args:
         rig: the nominal rig, with magnets.
         near: the point from which they differ.
+        directions: as `shape_directions` gives them; those of the rig itself by default.
+        step: in standard deviations.
     """
     law = force_law(axis_rig(rig, 0))
     effects_here = {**rig.effects, **near.effects}
     exponent, offset = (effect_value(effects_here, "force_law", name) for name in ("exponent", "offset"))
     here = shaped_law(law, effects_here)
-    power, distance = _pull(here)
-    # The sign of what is unsure does not matter. Where a change leaves the range of the law, its opposite is taken.
-    longer = max(power, 1.0) * FORM, FORM * distance / law.gap
-    shorter = tuple(-change * FORM / (1 + FORM) for change in (power, distance / law.gap))
-    steeper = 0.0, -STEEPNESS * distance / law.gap
-    changes = {
-        "form of the force law": longer if _possible(exponent + longer[0], offset + longer[1]) else shorter,
-        "steepness of the force law": steeper if _possible(exponent, offset + steeper[1]) else (0.0, -steeper[1]),
-    }
+    changes = shape_directions(replace(rig, effects=effects_here)) if directions is None else directions
     centre = effect_value(effects_here, "eccentricity")  # the rotor rests there, seen from the magnets
     gain, stiffness = linearise(here, centre)
     # A change within a tolerance counts as long as no effect of its name stands beside it (see `experiment_at`).
@@ -70,13 +109,13 @@ def law_shapes(rig: Rig, near: Point) -> Mapping[str, Point]:
     held = {name: (1 + effect_value(effects_here, name)) * (1 + within.get(name, 0.0)) for name in SCALED}
     found = {}
     for name, (more, further) in changes.items():
-        bent = {"exponent": exponent + more, "offset": offset + further}
-        own = linearise(shaped_law(law, {**effects_here, "force_law": bent}), centre)
+        other = {"exponent": exponent + step * more, "offset": offset + step * further}
+        own = linearise(shaped_law(law, {**effects_here, "force_law": other}), centre)
         same = {}
         for (scaled, bounds), was, now in zip(SCALED.items(), (gain, stiffness), own, strict=True):
             change = min(max(held[scaled] * was / now - 1, bounds.low), bounds.high)
             same[scaled] = {**effects_here.get(scaled, {}), "change": change}
-        effects = {**near.effects, "force_law": bent, **same}
+        effects = {**near.effects, "force_law": other, **same}
         found[name] = Point(effects, near.changes, near.dithered)
     return found
 

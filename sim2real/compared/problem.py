@@ -10,44 +10,19 @@ from maglev_env.experiment import Experiment
 from maglev_env.loop.gains import NO_CONTROLLER
 from maglev_lanes.threads import single_blas
 from sim2real.compared.bench_noise import NO_BOUND, BenchNoise
-from sim2real.compared.drive_errors import drive_columns
-from sim2real.compared.law_shape import law_shapes, rest_current, shape_columns, shows_shape
-from sim2real.compared.open_tones import nuisance_columns
-from sim2real.compared.simulated import (
-    Point,
-    Predictor,
-    experiment_at,
-    experiment_near,
-    predictor,
-    residuals,
-    together,
-)
+from sim2real.compared.evidence import evidence_of, measured_at
+from sim2real.compared.law_shape import shows_shape
+from sim2real.compared.line_kinds import KINDS, informative, line_kinds
+from sim2real.compared.simulated import Point, Predictor, experiment_at, residuals, together
 from sim2real.compared.stiffness_form import stiffness_nuisance
 from sim2real.recorded.at_rest.static_evidence import StaticEstimate, coefficients_at, static_of
-from sim2real.recorded.channel_errors import changes
 from sim2real.recorded.nuisances import Nuisances, stacked
-from sim2real.recorded.open_evidence import (
-    Replay,
-    coordinates_of,
-    exact_errors,
-    measured_of,
-    open_noise,
-    opened_of,
-    parts_of,
-    redriven,
-    simulated_series,
-    smoothed_alike,
-)
-from sim2real.recorded.open_loop import Loop, loop_at, nominal_loop
+from sim2real.recorded.open_evidence import exact_errors, opened_of
+from sim2real.recorded.open_loop import nominal_loop
 from sim2real.recorded.open_record import OpenRecord
-from sim2real.recorded.opened import Opened, noise_of, opened_loop
+from sim2real.recorded.opened import Opened
 from sim2real.recorded.records import Record
-from sim2real.recorded.ringing import ringing
 
-# Detection lines are used up to DENSE_REACH times the DENSE quantile of the driven lines.
-DENSE, DENSE_REACH = 0.75, 1.2
-# What drives a line, the kind of a detection line, or the means of a mass at rest.
-KINDS = ("force", "current", "reference", "even", "odd", "rest")
 NOISELESS = 1e-9  # least noise, of the largest coordinate
 
 
@@ -174,7 +149,7 @@ class Problem:
             if isinstance(part.record, OpenRecord):  # which may have been opened at a rig that was found
                 loop = nominal_loop(part.record)
                 opened = opened_of(loop)
-                measured = _measured(part.record, loop, opened.outputs)
+                measured = measured_at(part.record, loop, opened.outputs)
             off = (measured - opened.driven(part.record)) * np.sqrt(2) / part.noise
             found[part.place] = off[..., part.used].reshape(-1)
         if self.static is not None:
@@ -208,7 +183,8 @@ class Problem:
     def about(self, near: Point) -> "Problem":
         """As `again`, with the errors of measured drives about their most probable amounts at a point: the best basis
         for a fit that begins there, but not for comparing hypotheses that lie elsewhere."""
-        if any(exact_errors(p.record) for p in self.parts if isinstance(p.record, OpenRecord)):
+        opened = [p.record for p in self.parts if isinstance(p.record, OpenRecord)]
+        if any(exact_errors(r) or (r.axes == 1 and shows_shape(r)) for r in opened):
             (predicted,) = self.simulate([near])
             if np.isfinite(predicted).all():
                 # A nuisance is what changes in the residual when an error is put right: an error is its negative.
@@ -240,94 +216,6 @@ class Problem:
             withheld.append(out)
         records = [p.record for p in self.parts]
         return assemble(records, kept, bench=self.bench), assemble(records, withheld, rest=False, bench=self.bench)
-
-
-@dataclass(frozen=True)
-class _Evidence:
-    """The opened nominal loop of a record, and what predicts, was measured, is noise and is not known in it."""
-
-    opened: Opened
-    predictor: Predictor
-    measured: np.ndarray
-    noise: np.ndarray
-    nuisances: Mapping[str, np.ndarray]
-
-
-def _evidence(record: Record | OpenRecord, near: Point, amounts: Mapping[str, float]) -> _Evidence:
-    """What a record says, compared with a point; the errors of a measured drive are linearised about their amounts.
-
-    The errors act in proportion on the drive, but their product with a coefficient does not: a current that is late by
-    half a sample hides what the gain does unless the simulation has it, too.
-    """
-    if not isinstance(record, OpenRecord):
-        opened = opened_loop(record)
-        current = record.mean("current") if "current" in record.periods else None
-        measured = opened.residuals(record.mean("displacement"), current)
-        nuisances = changes(record.errors, record.frequency, opened.outputs, opened.parts(record))
-        return _Evidence(opened, predictor(record, opened), measured, noise_of(record, opened), nuisances)
-    measured_drive = exact_errors(record)
-    about = {e: amounts[e.name] for e in measured_drive if e.name in amounts}
-    as_read, record = record, redriven(record, about)
-    at_near = experiment_near(record, near)
-    loop = loop_at(record, at_near)
-    opened = opened_of(loop)
-    predicts = Predictor(record, opened, 0, Replay(record, loop, opened.outputs))
-    lanes = predicts.lanes([near])
-    predicted = simulated_series(record, lanes)[0]
-    measured = _measured(record, loop, opened.outputs)
-    noise = open_noise(record, loop, opened.outputs, predicted, at_near)
-    nuisances = ringing(record, loop, opened.outputs, noise, at_near)
-    if np.isfinite(predicted).all():
-        at = coordinates_of(record, loop, opened.outputs, predicted)
-        if record.errors:
-            others = tuple(e for e in record.errors if e not in measured_drive)
-            lines = changes(others, record.windows.frequency, opened.outputs, parts_of(record, loop, predicted))
-            nuisances |= {name: record.windows.project(c).reshape(measured.shape) for name, c in lines.items()}
-            nuisances |= drive_columns(as_read, predicts, lanes, near, about, at)
-            for error in measured_drive:
-                measured = measured - about.get(error, 0.0) * nuisances[error.name]
-            nuisances |= smoothed_alike(record, loop, opened.outputs, lanes, at)
-        if shows_shape(record):
-            shapes = {**law_shapes(record.nominal, near), **rest_current(record, near)}
-            moved = predicts(list(shapes.values()))
-            nuisances |= shape_columns(at, dict(zip(shapes, moved, strict=True)))
-    for tone in record.tones:
-        nuisances |= nuisance_columns(record, tone, opened.outputs)
-    for source, size in record.unsure.items():
-        fed = np.zeros_like(measured)
-        fed[opened.outputs.index("plant")] = size
-        nuisances[source] = fed
-    return _Evidence(opened, predicts, measured, noise, nuisances)
-
-
-def _measured(record: OpenRecord, loop: Loop, outputs: tuple[str, ...]) -> np.ndarray:
-    """Opened coordinates (outputs, axes, n) of a record, without what noise in its drive added."""
-    measured = measured_of(record, loop, outputs)
-    if record.bias is not None:
-        measured[outputs.index("plant")] -= record.bias
-    return measured
-
-
-def informative(record: Record | OpenRecord) -> np.ndarray:
-    """Lines (n,) worth fitting: the driven ones, and detection lines as far as the driven ones are dense.
-
-    Lines on which tones of known origin would lie are left out.
-    """
-    if isinstance(record, OpenRecord):
-        return record.excited
-    reach = DENSE_REACH * np.quantile(record.lines[record.excited], DENSE)
-    return (record.excited | (record.lines <= reach)) & ~record.masked
-
-
-def line_kinds(record: Record | OpenRecord) -> np.ndarray:
-    """Index into KINDS of every line (axes, n): what drives it along that axis, or else along the other."""
-    kinds = np.where(record.lines % 2 == 0, KINDS.index("even"), KINDS.index("odd"))
-    kinds = np.repeat(kinds[None], record.axes, axis=0)
-    for place, on in record.driven.items():
-        kinds[:, on.any(axis=0)] = KINDS.index(place)
-    for place, on in record.driven.items():
-        kinds[on] = KINDS.index(place)
-    return kinds
 
 
 def _least(measured: np.ndarray) -> np.ndarray:
@@ -367,7 +255,7 @@ def assemble(
     }
     for i, record in enumerate(records):
         used = informative(record) if lines is None else lines[i]
-        evidence = _evidence(record, near or Point({}, {}), errors)
+        evidence = evidence_of(record, near or Point({}, {}), errors)
         unsure_of_all = isinstance(record, OpenRecord) and shows_shape(record)
         form = {} if unsure_of_all else stiffness_nuisance(record.nominal, evidence.predictor)
         unsure = {**evidence.nuisances, **form}

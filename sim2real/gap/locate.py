@@ -6,7 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from maglev_env.loop.gains import linear_ones
-from sim2real.compared.problem import KINDS, Part, Problem
+from sim2real.compared.line_kinds import KINDS
+from sim2real.compared.problem import Part, Problem
 from sim2real.recorded.at_rest.static_evidence import AT_REST
 from sim2real.recorded.records import Record
 

@@ -132,10 +132,10 @@ def _along(e: Experiment, motion: Motion) -> tuple[AlongMotion, bool]:
     begin, end, stiffness = np.zeros_like(u), np.zeros_like(u), np.zeros_like(u)
     notable = False
     for axis in range(rig.axes):
-        law = _law(e, axis)
-        gain, held_by = _slopes(law, 0.0, 0.0)
-        begin[axis], at_begin = _slopes(law, place[axis], a[axis])
-        end[axis], at_end = _slopes(law, next_place[axis], b[axis])
+        law = law_along(e, axis)
+        gain, held_by = slopes(law, 0.0, 0.0)
+        begin[axis], at_begin = slopes(law, place[axis], a[axis])
+        end[axis], at_end = slopes(law, next_place[axis], b[axis])
         stiffness[axis] = (at_begin + at_end) / 2 - held_by
         begin[axis] -= gain
         end[axis] -= gain
@@ -149,7 +149,7 @@ def _along(e: Experiment, motion: Motion) -> tuple[AlongMotion, bool]:
     return AlongMotion(begin, end, stiffness, mean, square, lag, late, motion), notable
 
 
-def _law(e: Experiment, axis: int) -> ForceLaw | SingleSidedLaw:
+def law_along(e: Experiment, axis: int) -> ForceLaw | SingleSidedLaw:
     """The force law of an axis with what changes its gain, its stiffness and its shape."""
     values = lane_values([axis_experiment(e, axis)])
     (law,), more = values.laws, [1 + float(values.effect(name)[0]) for name in ("actuator_gain", "negative_stiffness")]
@@ -158,7 +158,7 @@ def _law(e: Experiment, axis: int) -> ForceLaw | SingleSidedLaw:
     return replace(law, gain_scale=law.gain_scale * more[0], stiffness_scale=law.stiffness_scale * more[1])
 
 
-def _slopes(law: ForceLaw | SingleSidedLaw, y: np.ndarray | float, i: np.ndarray | float) -> tuple:
+def slopes(law: ForceLaw | SingleSidedLaw, y: np.ndarray | float, i: np.ndarray | float) -> tuple:
     """Actuator gain (N/A) and stiffness (N/m) at a displacement and a current, by central differences."""
     h, d = STEP * law.gap, STEP * (abs(law.bias_current) or 1.0)
     gain = (force(law, y, i + d) - force(law, y, i - d)) / (2 * d)

@@ -36,6 +36,13 @@ class ChannelError:
         s = 2j * np.pi * frequency
         return self.scale + s * self.delay + s**self.order * self.shape
 
+    def whole_factor(self, frequency: np.ndarray, amount: float) -> np.ndarray:
+        """Relative change of the spectrum by an amount of the error, in standard deviations, however large: late
+        readings turn the phase alone."""
+        s = 2j * np.pi * frequency
+        rest = amount * (self.scale + s**self.order * self.shape)
+        return np.exp(amount * self.delay * s) - 1 + rest
+
     def applied(self, spectra: np.ndarray, frequency: np.ndarray) -> np.ndarray:
         """Change of spectra (..., axes, *frequency.shape) of the channel: that of the other axis is none."""
         found = np.zeros(spectra.shape, complex)

@@ -120,7 +120,7 @@ def redriven(record: OpenRecord, amounts: Mapping[ChannelError, float]) -> OpenR
     command, current, added = record.command.copy(), record.waves["current"].copy(), record.added.copy()
     n = command.shape[1]
     for error, amount in amounts.items():
-        change = _with_factor(record.command[error.axis], amount * error.factor(_frequencies(record, n)))
+        change = _with_factor(record.command[error.axis], error.whole_factor(_frequencies(record, n), amount))
         current[error.axis] += np.interp(np.arange(n * record.every) / record.every, np.arange(n), change)
         added[error.axis] += change
         command[error.axis] += change

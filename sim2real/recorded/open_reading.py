@@ -23,7 +23,7 @@ from sim2real.recorded.at_rest.weight_law import balancing, lacking_in_words
 from sim2real.recorded.channel_errors import ChannelError, channel_errors
 from sim2real.recorded.drive.drive import Drive, Driving, drive_of
 from sim2real.recorded.drive.fed_back import fed_back
-from sim2real.recorded.drive.innovation import along_innovations
+from sim2real.recorded.drive.innovation import along_innovations, slower_than_controller
 from sim2real.recorded.drive.instrument import along_instruments
 from sim2real.recorded.not_stable import not_stable
 from sim2real.recorded.open_record import OpenRecord, compared
@@ -46,6 +46,7 @@ SHAPED = {2: 1.0, 3: 0.1, 4: 0.03}
 STRAIGHT = {2: 1 / 12}  # without an instrument: what a straight line lacks of a bent current between two samples
 TOP = 0.2
 PASSES = 2  # of the simulation that tells how the rotor moves between samples
+NOTHING_FREE = "nothing in it is free of the noise that its unknown controller fed back into"
 METERED = 0.01  # relative scale of a current whose campaign states none, as of a meter that nobody calibrated
 
 
@@ -158,9 +159,15 @@ def open_record(campaign: Campaign, spec: RecordingSpec, dataset: "xr.Dataset") 
         note = f"only what goes {what} is compared, because it is free of the noise that the controller fed back"
         return replace(found, errors=errors, notes=(*record.notes, note))
     record = fed_back(replace(record, errors=errors), channels[drive.source], drive.between(record.windows.frequency))
+    if drive.source == "command" and slower_than_controller(record):
+        # What was fed back above the log's rate is folded into it, and no regression finds where it came from.
+        raise TellsNothing(
+            f"{NOTHING_FREE} the command, which is logged more slowly than the controller makes it",
+            "record the reference or the injection, the current in the coil, or the command at the control rate",
+        )
     if drive.source == "current" and all(source.delay_tolerance is None for source in stated):
         raise TellsNothing(
-            "nothing in it is free of the noise that its unknown controller fed back into the current",
+            f"{NOTHING_FREE} the current",
             "record the reference, the injection, or the command with the gains of the controller; or state filter and "
             "delay_tolerance of the current",
         )

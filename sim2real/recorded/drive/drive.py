@@ -24,6 +24,7 @@ from maglev_env.rig.rig import Rig, axis_rig
 from sim2real.recorded.along_motion import NEAREST
 from sim2real.recorded.drive.controller_output import referred
 from sim2real.recorded.drive.instrument import has_instruments
+from sim2real.recorded.drive.quiet import quiet
 from sim2real.recorded.drive.stand_in import finer_steps, stand_in
 from sim2real.recorded.ticks import between_ticks
 
@@ -87,6 +88,8 @@ class Drive:
         e, y = self.experiment, channels["displacement"]
         dt, samples, nothing = 1 / e.rig.control_rate, y.shape[1], np.zeros_like(y)
         ticks = {name: channels[name] for name in ("displacement", "current") if name in channels}
+        if self.stand_in:
+            ticks["displacement"] = y = quiet(y)
         if self.every > 1:
             when = np.arange(samples) if instants is None else instants
             at = between_ticks(when, self.every) / self.every

@@ -55,21 +55,26 @@ def along_innovations(record: OpenRecord, channels: Mapping[str, np.ndarray], to
         return None
     latest = record.source == "command" or _late(record, drive, reading, taps)
     found, past, answer = innovations(drive, reading, taps, latest)
-    noise = record.nominal.noise.current**2 or _floor(drive)
-    if record.nominal.control_rate > (1 + 1e-9) * record.windows.sample_rate:
+    noise = record.nominal.noise.current**2 or _floor(drive) if record.source == "current" else 0.0
+    if slower_than_controller(record):
         # What the controller did between the samples is folded into them, and no noise that a rig states includes it.
         noise = max(noise, _floor(drive))
-    if record.source == "current" and not (np.mean(found**2, axis=1) > LOUD * noise).all():
+    if not (np.mean(found**2, axis=1) > LOUD * noise).all():
         return None
     along = compared_along(record, found, top)
     if along is None:
         return None
     of_log = _of_log(along, found, answer, reading, latest)
     bias, unsure = OWN * of_log, {"own noise of the logged displacement": OWN_SPREAD * of_log}
-    if record.source == "current":
+    if noise:
         of_meter = _of_meter(along, found, past, noise)
         bias, unsure = bias + of_meter, {**unsure, f"noise in the drive of {record.name}": UNSURE * of_meter}
     return replace(along, bias=bias, unsure=unsure)
+
+
+def slower_than_controller(record: OpenRecord) -> bool:
+    """Whether a record holds fewer samples than its controller took."""
+    return record.nominal.control_rate > (1 + 1e-9) * record.windows.sample_rate
 
 
 def innovations(

@@ -1,14 +1,21 @@
 """What is not known of a force law's shape, beside any law that a fit may end at."""
 
+import ball_bench
+import numpy as np
 import pytest
 from ball_bench import BALL
+from scipy import signal
 
 from maglev_env.experiment import Experiment
+from maglev_env.lane_values import shaped_law
 from maglev_env.loop.magnets.kinds import force_law
-from maglev_env.loop.magnets.law import linearise, reshaped
+from maglev_env.loop.magnets.law import force, linearise, reshaped
+from maglev_env.recordings.campaign import load_campaign
 from maglev_env.rig.rig import rig_from_toml
-from sim2real.compared.law_shape import law_shapes
+from sim2real.compared.law_shape import FORM_NAME, STEEPNESS_NAME, bent, law_shapes
+from sim2real.compared.problem import assemble
 from sim2real.compared.simulated import Point
+from sim2real.recorded.records import read_records
 
 
 @pytest.mark.parametrize("exponent", [-1.5, 0.0, 3.0, 34.0, 40.0])
@@ -46,3 +53,32 @@ def test_the_form_of_a_stiffness_stays_beside_every_shape_of_the_law():
     near = Point({"negative_stiffness": {"change": 0.3, "distance_share": 1.0}}, {})
     for point in law_shapes(rig, near).values():
         assert point.effects["negative_stiffness"]["distance_share"] == 1.0
+
+
+def test_a_bent_law_has_the_gain_and_stiffness_at_rest_of_the_rig():
+    rig = rig_from_toml(BALL, "ball.toml")
+    was = force_law(rig)
+    other = bent(rig, {FORM_NAME: 1.5, STEEPNESS_NAME: -0.5})
+    now = shaped_law(force_law(other), other.effects)
+    assert linearise(now) == pytest.approx(linearise(was), rel=1e-9)
+    far = 0.4 * rig.gap
+    assert abs(force(now, far, 0.0) / force(was, far, 0.0) - 1) > 0.02
+    assert bent(rig, {FORM_NAME: 100.0}) is rig, "no law has that shape"
+
+
+@pytest.mark.slow
+def test_a_problem_about_a_bent_law_holds_the_same_evidence_of_its_shape(tmp_path):
+    rig = rig_from_toml(BALL, "ball.toml")
+    rng = np.random.default_rng(5)
+    injection = 0.2 * signal.lfilter(*signal.butter(2, 20.0, fs=rig.control_rate), rng.normal(size=1000))
+    run = ball_bench.record(rig, 1.0, 3, injection)
+    controller = BALL.partition("[gains]\n")[2].split("#")[0].strip()
+    inline = "{ " + ", ".join(line.partition("#")[0].strip() for line in controller.splitlines()) + " }"
+    ball_bench.write_campaign(tmp_path, BALL, inline, {"noise": run})
+    (record,) = read_records(load_campaign(tmp_path))[1]
+    here = Point({}, {})
+    plain = assemble([record], near=here)
+    about = plain.with_errors(here, {FORM_NAME: -0.15, STEEPNESS_NAME: 0.15})
+    told, same = (p.nuisances.amounts(p.data - p.simulate([here])[0]) for p in (plain, about))
+    for name in (FORM_NAME, STEEPNESS_NAME):
+        assert same[name] == pytest.approx(told[name], abs=0.075)

@@ -93,6 +93,17 @@ def _unknown_controller(folder, change):
     return read_records(replace(campaign, rig=rig))[1][0]
 
 
+def test_a_command_that_is_logged_more_slowly_than_it_is_made_is_no_instrument_by_itself(tmp_path):
+    folder = bench_loop.write_campaign(tmp_path, bench_loop.Bench(noise=5e-6), {"noise": "fit"}, 2.0, 9)
+    text = (folder / "campaign.toml").read_text()
+    kept = [line for line in text.splitlines() if not line.startswith(("gains", "current"))]
+    (folder / "campaign.toml").write_text("\n".join(kept).replace("20000.0", "4000.0"))
+    run = dict(np.load(folder / "noise.npz"))
+    np.savez(folder / "noise.npz", **{name: values[::5] for name, values in run.items()})
+    with pytest.raises(ValueError, match="logged more slowly than the controller makes it"):
+        read_records(load_campaign(folder))
+
+
 def _late(run):
     return run | {"current": np.roll(run["current"], 3)}
 
