@@ -13,7 +13,8 @@ from sim2real.compared.simulated import Point
 from sim2real.search.fitting import Fit, real_product
 
 FRICTION = "friction"
-LIMITED = ("force", "velocity", "presliding")  # multiplied by the same factor, they keep the linear spring and damper
+# Multiplied by the same factor, these keep the linear spring and damper, and what static friction makes of them.
+LIMITED = ("force", "velocity", "presliding", "stribeck")
 FAR, LEAST = 100.0, 3.0  # such a factor, if the bounds of the effect allow it: the limit is then out of reach
 SHOWN = 0.05  # share of what friction saves, at least, that its limit must save
 
@@ -29,11 +30,12 @@ def slides(problem: Problem, fit: Fit, without: float) -> bool:
     h, at = fit.hypothesis, fit.hypothesis.point(fit.u)
     if FRICTION not in h.effects or fit.jacobian is None or not np.isfinite(without):
         return True
-    bristles, bounds = dict(at.effects[FRICTION]), EFFECTS[FRICTION].parameters
-    factor = min([FAR, *(bounds[key].high / bristles[key] for key in LIMITED if bristles.get(key))])
+    card = EFFECTS[FRICTION].parameters
+    bristles = {key: card[key].default for key in LIMITED} | at.effects[FRICTION]
+    factor = min([FAR, *(card[key].high / bristles[key] for key in LIMITED if bristles[key])])
     if factor < LEAST:
         return True
-    bristles |= {key: factor * bristles[key] for key in LIMITED if key in bristles}
+    bristles |= {key: factor * bristles[key] for key in LIMITED}
     never = Point({**at.effects, FRICTION: bristles}, at.changes, at.dithered)
     (linear,) = problem.data - problem.simulate([never])
     if not np.isfinite(linear).all():

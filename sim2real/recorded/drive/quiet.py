@@ -12,6 +12,7 @@ import scipy.fft
 from scipy.ndimage import uniform_filter1d
 
 FLOOR = (0.40, 0.49)  # of the sample rate: where the reading is taken to be noise alone
+MEDIAN = 0.4549  # of a chi-square of one degree of freedom
 SMOOTHED = 41  # lines over which the power of the reading is averaged
 
 
@@ -21,6 +22,9 @@ def quiet(readings: np.ndarray) -> np.ndarray:
     spectrum = np.asarray(scipy.fft.rfft(np.concatenate([readings, readings[..., ::-1]], axis=-1), axis=-1))
     power = abs(spectrum) ** 2
     first, last = (int(2 * n * share) for share in FLOOR)
-    noise = np.maximum(power[..., first:last].mean(axis=-1, keepdims=True), np.finfo(float).tiny)
+    # Mirrored white noise has lines of one phase, whose power is a chi-square of one degree of freedom. Its median is not
+    # moved by a tone that stands there.
+    noise = np.median(power[..., first:last], axis=-1, keepdims=True) / MEDIAN
+    noise = np.maximum(noise, np.finfo(float).tiny)
     kept = 1 - noise / np.maximum(uniform_filter1d(power, SMOOTHED, axis=-1, mode="nearest"), noise)
     return np.asarray(scipy.fft.irfft(kept * spectrum, 2 * n, axis=-1))[..., :n]

@@ -6,10 +6,11 @@ from types import MappingProxyType
 import numpy as np
 import pytest
 
+from maglev_env.loop.effect import EFFECTS
 from sim2real.compared.simulated import Point
 from sim2real.judgement.dispersion import ChiSquare, Dispersion
 from sim2real.judgement.evidence import IDLE, Evidence, idle_cost
-from sim2real.judgement.judge import HOPELESS, Entry, entries, reach
+from sim2real.judgement.judge import BELIEF, HOPELESS, Entry, allowance, entries, reach
 from sim2real.judgement.verdict import verdict
 
 SINGLES = ("delay", "amplifier_lag", "actuator_gain", "mass", "friction", "saturation")
@@ -48,6 +49,18 @@ def test_an_effect_that_allows_for_more_is_believed_less():
     """Friction may leave 5 % of what it explains and a delay nothing: fitting hardly better does not name friction."""
     assert judged(gap(1e5, delay=5.0, friction=0.0)) == ("explained", ("delay",))
     assert judged(gap(1e5, delay=1e3, friction=0.0)) == ("explained", ("friction",))
+
+
+def test_what_two_effects_save_is_shared_among_them():
+    """Of two that may stand for each other either saves little beside the other. What both save may still be in another
+    form than both have: of friction and saturation, at least the smaller of their shares."""
+    both = {"friction+saturation": 0.0}
+    alike = evidence({"": 1e5, **dict.fromkeys(SINGLES, 1e5), "friction": 50.0, "saturation": 50.0}, pairs=both)
+    apart = evidence({"": 1e5, **dict.fromkeys(SINGLES, 1e5), "friction": 6e4, "saturation": 6e4}, pairs=both)
+    shares = [EFFECTS[name].form_share for name in ("friction", "saturation")]
+    base = BELIEF.form_share * 1e5
+    assert allowance(alike) == pytest.approx(BELIEF.leftover * (base + min(shares) * 1e5))
+    assert allowance(apart) == pytest.approx(BELIEF.leftover * (base + sum(shares) * 6e4))
 
 
 @pytest.mark.parametrize("seed", range(6))

@@ -35,9 +35,13 @@ def test_only_a_limit_that_the_motion_reaches_is_friction(response, shown):
     fits = begin([H], [start], data, simulate)
     iterate(fits, data, simulate, 30)
     differentiate(fits, data, simulate, True)
-    nothing = float(np.vdot(data, data).real)
+    nothing, asked = float(np.vdot(data, data).real), []
     assert fits[0].cost < 0.1 * nothing
+    problem.simulate = lambda points: (asked.extend(points), simulate(points))[1]
     assert slides(problem, fits[0], nothing) == shown
+    (never,), fitted = asked, H.point(fits[0].u).effects["friction"] | {"stribeck": 2e-3}  # the default of the card
+    ratios = {key: never.effects["friction"][key] / fitted[key] for key in fitted}
+    assert ratios == pytest.approx(dict.fromkeys(fitted, ratios["force"])) and ratios["force"] > 10
 
 
 def test_what_has_no_friction_or_no_derivative_is_not_asked():

@@ -25,6 +25,13 @@ def test_a_reading_loses_its_noise_and_keeps_its_motion():
     assert np.std(quiet(motion) - motion) < 1e-3 * motion.std()
 
 
+def test_a_tone_where_noise_is_told_leaves_the_reading_alone():
+    motion, reading = _motion()
+    tone = 2e-6 * np.sin(2 * np.pi * 9000.0 * np.arange(SAMPLES) / 20_000.0)
+    assert np.std(quiet(motion + tone) - motion) < 3e-6
+    assert np.std(quiet(reading + tone) - motion) < 0.3 * NOISE
+
+
 def test_a_stand_in_is_not_driven_by_the_noise_of_the_log():
     rig = load_rig("hmb_free")
     e = without_noise(Experiment(rig, rig.gains, ()))
