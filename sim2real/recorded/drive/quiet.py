@@ -22,8 +22,8 @@ def quiet(readings: np.ndarray) -> np.ndarray:
     spectrum = np.asarray(scipy.fft.rfft(np.concatenate([readings, readings[..., ::-1]], axis=-1), axis=-1))
     power = abs(spectrum) ** 2
     first, last = (int(2 * n * share) for share in FLOOR)
-    # Mirrored white noise has lines of one phase, whose power is a chi-square of one degree of freedom. A tone that stands
-    # there does not move its median.
+    # Mirrored white noise has lines of one phase, whose power is a chi-square of one degree of freedom. Its median is
+    # not moved by a tone that stands there.
     noise = np.median(power[..., first:last], axis=-1, keepdims=True) / MEDIAN
     noise = np.maximum(noise, np.finfo(float).tiny)
     kept = 1 - noise / np.maximum(uniform_filter1d(power, SMOOTHED, axis=-1, mode="nearest"), noise)
