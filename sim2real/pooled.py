@@ -160,7 +160,8 @@ def _over_frequency(
     )
     at = replace(point, effects=effects)
     # The channels' errors about none, as the gain in bands is found with the drive as it was read.
-    plain = assemble([p.record for p in problem.parts], [p.used for p in problem.parts], at, rest=False)
+    records, used = [p.record for p in problem.parts], [p.used for p in problem.parts]
+    plain = assemble(records, used, at, rest=False, crossed=problem.crossed)
     return apparent_gain(plain, at, of("actuator_gain")[0], known)
 
 

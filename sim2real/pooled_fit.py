@@ -45,7 +45,7 @@ def fitted(
     allowed = {name: sigma for name, sigma in tolerances(rig).items() if name not in UNITS}
     h = Hypothesis(names, allowed, scales=rig.scales)
     u = np.zeros(h.size) if near is None else _carried(h, near)
-    problem = assemble(records, near=None if near is None else h.point(u), rest=rest)
+    problem = assemble(records, near=None if near is None else h.point(u), rest=rest, crossed=True)
     start = u
     least = PASSES if near is None else 1
     opened, stood = any(isinstance(r, OpenRecord) for r in records), None

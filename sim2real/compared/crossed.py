@@ -1,4 +1,6 @@
-"""What is not known of how two axes of magnets act on each other: nothing, as a rig without [cross] states it.
+"""What is not known of how two axes of magnets act on each other, for the estimate of a rig.
+
+A diagnosis compares it as a gap instead: the effect cross_coupling.
 
 Magnets may stand between the probes. Turned by 45 degrees, equal ones have the same linear force; but what of it is
 curved then depends on the motion of both axes: with a cubic pull, x^3 becomes x^3 / 2 + 3 x y^2 / 2. Where they differ,

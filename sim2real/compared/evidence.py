@@ -57,8 +57,11 @@ class Evidence:
     nuisances: Mapping[str, np.ndarray]
 
 
-def evidence_of(record: Record | OpenRecord, near: Point, amounts: Mapping[str, float]) -> Evidence:
-    """What a record says, compared with a point; the errors of a measured drive are linearised about their amounts.
+def evidence_of(
+    record: Record | OpenRecord, near: Point, amounts: Mapping[str, float], crossed: bool = False
+) -> Evidence:
+    """What a record says, compared with a point; the errors of a measured drive are linearised about their amounts, and
+    what two axes may do to each other is a nuisance if it is `crossed`.
 
     The errors act in proportion on the drive, but their product with a coefficient does not: a current that is late by
     half a sample hides what the gain does unless the simulation has it, too.
@@ -118,7 +121,8 @@ def evidence_of(record: Record | OpenRecord, near: Point, amounts: Mapping[str, 
             nuisances |= {name: c / (step if name in shapes else 1.0) for name, c in columns.items()}
             if bending:
                 measured = measured + sum(bends[name] * nuisances[name] for name in bends)
-        nuisances |= crossed_columns(record, loop, opened.outputs, predicted, at_near)
+        if crossed:
+            nuisances |= crossed_columns(record, loop, opened.outputs, predicted, at_near)
     for tone in record.tones:
         nuisances |= nuisance_columns(record, tone, opened.outputs)
     for source, size in record.unsure.items():

@@ -83,6 +83,7 @@ class Problem:
         bench: Noise that recordings without a period may have at most.
         errors: Name -> amount, in standard deviations, of errors of a measured drive about which the problem is
             linearised; 0 of the others.
+        crossed: Whether what two axes may do to each other is a nuisance: for an estimate. In a diagnosis it is a gap.
     """
 
     parts: tuple[Part, ...]
@@ -97,6 +98,7 @@ class Problem:
     static: StaticEstimate | None = None
     bench: BenchNoise = NO_BOUND
     errors: Mapping[str, float] = field(default_factory=dict)
+    crossed: bool = False
 
     @cached_property
     def data(self) -> np.ndarray:
@@ -203,7 +205,7 @@ class Problem:
     ) -> "Problem":
         """As `again`, about these amounts of the errors of measured drives."""
         records, used = records or [p.record for p in self.parts], [p.used for p in self.parts]
-        return assemble(records, used, near, self.static is not None, louder, self.bench, errors)
+        return assemble(records, used, near, self.static is not None, louder, self.bench, errors, self.crossed)
 
     def split(self, every: int) -> tuple["Problem", "Problem"]:
         """Two problems: one without every n-th excited line, and one of those lines alone."""
@@ -235,6 +237,7 @@ def assemble(
     louder: float = 1.0,
     bench: BenchNoise = NO_BOUND,
     errors: Mapping[str, float] | None = None,
+    crossed: bool = False,
 ) -> Problem:
     """Stack records into one problem.
 
@@ -246,6 +249,7 @@ def assemble(
         louder: Factor on the noise of records without a period.
         bench: Noise that these may have at most; what is beyond is no noise.
         errors: Name -> amount of errors of measured drives about which they are linearised; 0 by default.
+        crossed: Whether what two axes may do to each other is a nuisance.
     """
     errors = errors or {}
     parts, nuisances, at = [], [], 0
@@ -255,7 +259,7 @@ def assemble(
     }
     for i, record in enumerate(records):
         used = informative(record) if lines is None else lines[i]
-        evidence = evidence_of(record, near or Point({}, {}), errors)
+        evidence = evidence_of(record, near or Point({}, {}), errors, crossed)
         unsure_of_all = isinstance(record, OpenRecord) and shows_shape(record)
         form = {} if unsure_of_all else stiffness_nuisance(record.nominal, evidence.predictor)
         unsure = {**evidence.nuisances, **form}
@@ -298,5 +302,12 @@ def assemble(
         found = Nuisances(found.names, np.pad(found.columns, ((0, 0), (0, rows))))
     columns_of = {key: np.concatenate(value) for key, value in columns.items()}
     return Problem(
-        tuple(parts), outputs=names, nuisances=found, static=static, bench=bench, errors=errors, **columns_of
+        tuple(parts),
+        outputs=names,
+        nuisances=found,
+        static=static,
+        bench=bench,
+        errors=errors,
+        crossed=crossed,
+        **columns_of,
     )
