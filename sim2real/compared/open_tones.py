@@ -42,12 +42,21 @@ class Residual:
         lines: (axes, windows, KEPT), its coordinates.
         driven: (windows, KEPT, directions), orthonormal or zero: what the drives, and how the plant rings, may explain.
         rank: (windows,), how many of them are not zero.
+        rung: likewise, what the ringing alone may explain.
+        rung_rank: (windows,), how many of these are not zero.
     """
 
     record: OpenRecord
     lines: np.ndarray
     driven: np.ndarray
     rank: np.ndarray
+    rung: np.ndarray
+    rung_rank: np.ndarray
+
+    @property
+    def undriven(self) -> "Residual":
+        """The same where the drives explain nothing."""
+        return replace(self, driven=self.rung, rank=self.rung_rank)
 
 
 def residual_of(record: OpenRecord, point: Point) -> Residual | None:
@@ -58,8 +67,10 @@ def residual_of(record: OpenRecord, point: Point) -> Residual | None:
     off = measured_series(record) - predicted
     lines = record.windows.project(nominal_loop(record).opened(record, off[0], off[2], None)[0])
     driven, rank = driven_directions(record)
-    rung, more = ringing_directions(record, experiment_near(record, point), driven)
-    return Residual(record, lines, np.concatenate([driven, rung], axis=-1), rank + more)
+    at = experiment_near(record, point)
+    beside, more = ringing_directions(record, at, driven)
+    rung, rung_rank = ringing_directions(record, at, driven[..., :0])
+    return Residual(record, lines, np.concatenate([driven, beside], axis=-1), rank + more, rung, rung_rank)
 
 
 def with_tones(record: OpenRecord, near: Point = NOMINAL) -> OpenRecord:
@@ -166,9 +177,10 @@ def _strongest(residual: Residual) -> tuple[Tone | None, Residual]:
     refined = strongest_near(float(tried[int(np.argmin(log_chances(residual, tried * spacing)))]), residual)
     if not significant(refined):
         return None, residual
-    # The drives of two axes may explain most of a window, and what is left of it tells a frequency badly.
-    whole = replace(residual, driven=residual.driven[..., :0], rank=np.zeros_like(residual.rank))
-    refined = again if significant(again := strongest_near(refined, whole)) else refined
+    # Where drives may explain most of a window, as those of two axes do, what is left of it tells a frequency badly.
+    if 2 * residual.rank[_window(residual, np.array([refined]))[0]] > KEPT:
+        again = strongest_near(refined, residual.undriven)
+        refined = again if significant(again) else refined
     (amplitude,), (chi2,) = tones_in(residual, np.array([refined * spacing]))
     own = np.array([amplitude.real, -amplitude.imag])
     without = residual.lines - np.einsum("ca,cwk->awk", own, w.project(tone_lines(w, refined * spacing)))

@@ -79,11 +79,11 @@ def test_drives_that_explain_most_of_a_window_leave_the_frequency_alone(read, mo
     at, elsewhere = (w.project(tone_lines(w, f)[0]) for f in (61.7, 61.9))
     for seed in range(3):
         rng = np.random.default_rng(seed)
-        shape, noise = (w.count, KEPT, 8), rng.normal(size=(2, 1, w.count, KEPT))
+        shape, noise = (w.count, KEPT, 10), rng.normal(size=(2, 1, w.count, KEPT))
         driven = np.linalg.qr(rng.normal(size=shape) + 1j * rng.normal(size=shape))[0]
         beyond = (elsewhere - at) - np.einsum("wkd,wjd,wj->wk", driven, np.conj(driven), elsewhere - at)
         lines = (at + beyond)[None] + 0.03 * np.linalg.norm(at) * (noise[0] + 1j * noise[1])
-        moved = Residual(record, lines, driven, np.full(w.count, 8))
+        moved = Residual(record, lines, driven, np.full(w.count, 10), driven[..., :0], np.zeros(w.count, int))
         monkeypatch.setattr(open_tones, "residual_of", lambda record, near, moved=moved: moved)
         found.append(with_tones(record).tones[0].frequency)
     assert np.median(found) == pytest.approx(61.7, abs=0.15)
