@@ -34,6 +34,7 @@ BEHIND_FORCE = ("sensor_lag", "support_resonance", "sensor_resonance")
 BEHIND_CURRENT = ("sensor_lag", "eddy_current", "support_resonance", "sensor_resonance", "hysteresis", "saturation")
 BEHIND_COMMAND = ("sensor_lag", "delay", "eddy_current", "amplifier_lag", "support_resonance", "hysteresis")
 DELAY_EFFECTS = {"force": BEHIND_FORCE, "current": BEHIND_CURRENT}
+BENT = ("soft_stop", "force_law")  # what leaves a large part of a motion unexplained
 EARLY = ("damping", "friction", "support_resonance", "sensor_resonance")  # beyond its resonance a damped mass leads
 
 
@@ -102,11 +103,13 @@ def _row(view: View, found: Fit, i: int, powers: dict[str, int], effects: tuple[
     slack = WIDE * rig.tolerance.get("amplifier_time_constant", 0.1) * rig.amplifier_time_constant
     if source in ("force", "current"):  # behind the amplifier; how a current goes on between readings follows its lag
         slack = HELD / rig.control_rate if source == "current" and view.amplifier_open else 0.0
+    late = EARLY if found.delay[i] < 0 else DELAY_EFFECTS.get(source, BEHIND_COMMAND)
+    bent = (*late[:4], *BENT) if found.misfit > SHAPE else late
     return Row(
         f"newton {source}", powers, float(found.gain[i]), float(found.gain_se[i]), WIDE * known + STIFFNESS,
         f"the {source} on {view.mass:g} kg", float(found.delay[i]), float(found.delay_se[i]),
         DELAY / rig.control_rate + slack, found.misfit, SHAPE, effects,
-        EARLY if found.delay[i] < 0 else DELAY_EFFECTS.get(source, BEHIND_COMMAND), lag,
+        bent, lag,
     )  # fmt: skip
 
 

@@ -107,3 +107,5 @@ def test_what_damps_makes_the_displacement_early_and_what_lags_late():
     late = _row(seen, replace(found, delay=np.array([2e-4])), 0, powers, (), 0.0)
     assert "friction" in early.delay_effects and "sensor_lag" not in early.delay_effects
     assert "sensor_lag" in late.delay_effects and "delay" not in late.delay_effects
+    bent = _row(seen, replace(found, misfit=0.3), 0, powers, (), 0.0)
+    assert {"soft_stop", "support_resonance"} <= {*bent.delay_effects}
