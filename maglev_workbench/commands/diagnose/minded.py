@@ -1,8 +1,10 @@
 """What is to be minded of the effects that a diagnosis names: what the rig leaves out, and what looks like them."""
 
+from sim2real.report import corrections
 from sim2real.result import Diagnosis
 from sim2real.search.hypotheses import REPLACED
 
+KNEE = 0.005  # relative standard error of a stop's distance, below which it is a knee
 BENT = ("force_law", "cubic_spring", "soft_stop")  # forces that bend with the position
 
 
@@ -17,11 +19,19 @@ def curved(diagnosis: Diagnosis) -> list[str]:
     named = sorted(set().union(*causes) & {*BENT})
     if not causes or not all(cause & {*BENT} for cause in causes):
         return []
+    if named == ["soft_stop"] and _has_knee(diagnosis):
+        return []
     return [
         f"{' and '.join(named)} may be the probe's: a reading that is no straight line (1 / gap, as of hall and "
         "inductive probes) looks alike, and is none of the known effects; compare it with a calibration at three "
         "distances or more"
     ]
+
+
+def _has_knee(diagnosis: Diagnosis) -> bool:
+    """Whether the distance of a stop is known so sharply as no smooth curve would have it."""
+    at = next((c for c in corrections(diagnosis) if c.name == "soft_stop.distance"), None)
+    return at is not None and at.se is not None and at.se < KNEE * at.value
 
 
 def unstated(diagnosis: Diagnosis) -> list[str]:

@@ -4,6 +4,7 @@ from types import SimpleNamespace
 
 import pytest
 
+from maglev_workbench.commands.diagnose import minded as module
 from maglev_workbench.commands.diagnose.minded import curved, minded, unstated
 
 
@@ -35,10 +36,21 @@ def test_nothing_is_said_of_a_stated_pole_or_of_one_cause_among_others(known):
     assert unstated(known) == []
 
 
+def stop(monkeypatch, se):
+    found = (SimpleNamespace(name="soft_stop.distance", value=1e-3, se=se),)
+    monkeypatch.setattr(module, "corrections", lambda diagnosis: found)
+
+
 @pytest.mark.parametrize("cause", [("soft_stop",), ("asymmetric_gain+force_law", "cubic_spring")])
-def test_a_force_that_bends_with_the_position_may_be_a_curved_reading(cause):
+def test_a_force_that_bends_with_the_position_may_be_a_curved_reading(monkeypatch, cause):
+    stop(monkeypatch, 1e-4)
     (said,) = minded(diagnosis(cause, effects=()))
     assert "calibration" in said and "hall and inductive" in said
+
+
+def test_a_stop_with_a_knee_is_no_curve(monkeypatch):
+    stop(monkeypatch, 1e-6)
+    assert curved(diagnosis(("soft_stop",), effects=())) == []
 
 
 @pytest.mark.parametrize("cause", [(), ("friction",), ("soft_stop", "friction")])
