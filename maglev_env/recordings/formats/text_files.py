@@ -1,6 +1,7 @@
 """Columns of text files as programs write them: .csv, .tsv, .txt, .dat and LabVIEW's .lvm."""
 
 import codecs
+import re
 from collections import deque
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -30,6 +31,7 @@ _TAIL = 200
 DAY = 86400.0  # s
 _SHOWN = 40  # characters of a line
 _BLOCK = 65536
+_FORTRAN = re.compile(r"(?<=[\d.])[dD](?=[+-]?\d)")  # the exponent of a double in Fortran's files
 _BOMS = {codecs.BOM_UTF8: "utf-8-sig", codecs.BOM_UTF16_LE: "utf-16", codecs.BOM_UTF16_BE: "utf-16"}
 
 
@@ -172,6 +174,8 @@ def _numbers(
     if columns == layout.width:
         try:
             text = (line.replace(",", ".") if layout.decimal == "," else line for _, line in rows)
+            if _FORTRAN.search(rows[0][1]):
+                text = (_FORTRAN.sub("e", line) for line in text)
             values = np.loadtxt(
                 text, delimiter=None if separator == " " else separator, comments=None, quotechar='"', ndmin=2
             )
@@ -190,7 +194,7 @@ def _numbers(
             continue
         for j, cell in enumerate(cells[:columns]):
             if is_number(cell, layout.decimal):
-                values[i, j] = float(cell.replace(",", "."))
+                values[i, j] = float(_FORTRAN.sub("e", cell.replace(",", ".")))
             elif (seconds := time_of_day(cell)) is not None:
                 values[i, j] = seconds
                 clocks.add(j)

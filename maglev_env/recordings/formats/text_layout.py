@@ -17,7 +17,7 @@ SEPARATORS = {";": "semicolons", "\t": "tabs", ",": "commas", " ": "blanks"}
 DECIMALS = (".", ",")
 STATE_IT = 'state it in campaign.toml, e.g. format = { separator = ";", decimal = ",", header = 1 }'
 _COMMENTS = ("#", "%", "//")
-_NUMBER = re.compile(r"[+-]?((\d+(\.\d*)?|\.\d+)(e[+-]?\d+)?|nan|inf|infinity)", re.IGNORECASE)
+_NUMBER = re.compile(r"[+-]?((\d+(\.\d*)?|\.\d+)([ed][+-]?\d+)?|nan|inf|infinity)", re.IGNORECASE)
 _ROWS = 4  # of numbers that follow each other, where the first holds a word, too
 _GROUPED = re.compile(r"[+-]?[1-9]\d{0,2},\d{3}")
 _THOUSANDS = re.compile(r"[+-]?\d{1,3}(\.\d{3})+,\d+|[+-]?\d{1,3}(,\d{3})+\.\d+")

@@ -8,10 +8,11 @@ from dataclasses import dataclass
 _WORDS = {
     "time": "time zeit tiempo temps tempo timestamp clock seconds sekunden segundos elapsed",
     "displacement": "position pos displacement displ disp gap airgap weg auslenkung spalt luftspalt posicion lage "
-    "desplazamiento entrehierro distance distancia abstand hoehe height altura deplacement entrefer wirbelstrom kugel",
-    "current": "current curr cur strom corriente courant amps ampere spulenstrom icoil",
-    "voltage": "voltage volt volts spannung voltaje tension spulenspannung",
-    "force": "force kraft fuerza loadcell shaker kraftsensor kraftmessdose",
+    "desplazamiento entrehierro distance distancia abstand hoehe height altura deplacement entrefer wirbelstrom kugel "
+    "posizione spostamento traferro distanza altezza",
+    "current": "current curr cur strom corriente corrente courant amps ampere spulenstrom icoil",
+    "voltage": "voltage volt volts spannung voltaje tension tensione spulenspannung",
+    "force": "force kraft fuerza forza loadcell shaker kraftsensor kraftmessdose",
     "velocity": "velocity vel geschwindigkeit velocidad vitesse ydot xdot zdot derivative ableitung",
     "speed": "rpm omega drehzahl speed revs rotation giro",
     "acceleration": "acceleration accel acc beschleunigung aceleracion",
@@ -40,13 +41,13 @@ _INSTRUMENTS = {
 }
 _WANTED = (
     "ref reference setpoint sp soll sollwert set desired des wanted target yd command cmd demand "
-    "referencia consigna consigne vorgabe fuehrungsgroesse kommando w r"
+    "referencia riferimento comando consigna consigne vorgabe fuehrungsgroesse kommando w r"
 )
-_DISTANCES = "gap airgap spalt luftspalt entrehierro entrefer distance dist distancia abstand"
+_DISTANCES = "gap airgap spalt luftspalt entrehierro entrefer traferro distanza distance dist distancia abstand"
 _ESTIMATED = "hat obs observer est estimate estimated estimado schaetz schaetzwert geschaetzt observador"
 _INJECTED = (
     "inj injection injected injektion dither exc excitation anregung stoer stoerung stoergroesse disturbance "
-    "perturbation noise rauschen chirp sweep multisine prbs testsignal excitacion"
+    "perturbation noise rauschen chirp sweep multisine prbs testsignal excitacion eccitazione disturbo rumore"
 )
 # Words too short to be looked for inside longer ones, where what stands behind them is a quantity: "setcurrent".
 _SHORT = re.compile("^(ref|set|des|cmd|act|meas|ist)(?=[a-z]{3})")
@@ -136,6 +137,8 @@ def meaning(name: str, si: str = "") -> Meaning:
     wanted, injected = _one_of(words, _WANTED, True), _one_of(words, _INJECTED, True)
     if "dist" in words and si in ("A", "N"):
         injected = "dist"
+    if not quantity and "test" in words:  # "test signal"
+        injected = injected or "test"
     if quantity == "current":  # the current that a controller puts out is the one that it asks for
         wanted = wanted or _one_of(words, _WORDS["output"], True)
     if injected and quantity == "displacement" and word in (*_AXES, injected):

@@ -36,6 +36,7 @@ LAYOUTS = {
     "tab.tsv": "t\ty\n" + rows("\t"),
     "tab, decimal comma.txt": "t\ty\n" + rows("\t", ","),
     "blanks.dat": "  t   y\n" + rows("    "),
+    "exponents of Fortran.dat": "# t y\n" + rows("  ").replace("e", "D"),
     "trailing separators.csv": "t;y;\n" + rows(";", end=";"),
     "trailing in numbers alone.csv": "t,y\n" + rows(",", end=","),
     "comment names.txt": "# recorded yesterday\n# t y\n" + rows(" "),
