@@ -1,7 +1,7 @@
 """All that a data file holds: every column, number and text below its top-level names."""
 
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -16,6 +16,12 @@ _FIELD = re.compile(r"[A-Za-z_]\w*")  # what a column expression can name
 _MOST_PARTS, _MOST_COLUMNS = 200, 64  # of one struct or cell array, of one matrix
 _DEEPEST = 8
 _LEAST = 8  # samples of a column
+_COMPONENT = re.compile(r"\.?[A-Za-z_]\w*|\[\d+\]")  # of an expression: a name with its dot, or an index
+_OF_ONE_RUN = frozenset(
+    ["", "axis", "axes", "achse", "eje", "axe", "asse", "bearing", "lager", "ch", "channel", "channels", "kanal"]
+    + ["signal", "signals", "probe", "sensor", "coil", "magnet", "x", "y", "z"]
+)
+_DEEPEST_RUN = 3  # components of an expression that may say which run it is of
 _MOST_MISSING = 0.2  # share of a column's values that may be no numbers where its meaning is guessed from the others
 _MOST_GARBLED = 0.02  # share of the steps of a time that may not rise
 
@@ -73,6 +79,38 @@ def rasters(columns: Columns) -> list[Contents]:
     found, numbers, texts, unused = _everything(columns)
     lengths = sorted({values.size for values in found.values() if values.size >= _LEAST}, reverse=True)
     return [_of_length(columns, length, found, numbers, texts, tuple(unused)) for length in lengths]
+
+
+def runs(columns: Columns) -> dict[str, Contents]:
+    """The runs that an open file holds in structs or groups with columns of the same names, by what they are called.
+
+    Empty where it holds one alone, or only axes or bearings are called apart.
+    """
+    found, numbers, texts, unused = _everything(columns)
+    split = {name: _COMPONENT.findall(name) for name, values in found.items() if values.size >= _LEAST}
+    for depth in range(1, _DEEPEST_RUN + 1):
+        groups: dict[str, dict[str, np.ndarray]] = {}
+        for name, parts in split.items():
+            if len(parts) > depth:
+                groups.setdefault("".join(parts[:depth]), {})["".join(parts[depth:])] = found[name]
+        alike = [set(below) for below in groups.values()]
+        even = all(len({v.size for v in below.values()}) == 1 for below in groups.values())
+        same = all(below == alike[0] for below in alike) and len(alike[0]) > 1 if alike else False
+        if len(groups) > 1 and even and same and _numbered(groups):
+            return {
+                group: _of_length(
+                    columns, next(iter(below.values())).size, {f"{group}{n}": v for n, v in below.items()},
+                    numbers, texts, tuple(unused),
+                )
+                for group, below in groups.items()
+            }  # fmt: skip
+    return {}
+
+
+def _numbered(groups: Iterable[str]) -> bool:
+    """Whether names are one word with other numbers, and not one for the axes, bearings or channels of one run."""
+    words = {re.sub(r"[\W\d_]+$", "", group).rpartition(".")[2].lower() for group in groups}
+    return len(words) == 1 and not _OF_ONE_RUN & {word.rpartition("_")[2] for word in words}
 
 
 def _everything(

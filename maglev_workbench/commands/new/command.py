@@ -58,7 +58,7 @@ def new(
     from maglev_workbench.commands.new.answer import HEAD, answer_of, rows
     from maglev_workbench.commands.new.campaign_text import campaign_text
     from maglev_workbench.commands.new.files import bring, campaign_folder, data_files, rig_beside
-    from maglev_workbench.commands.new.joined import run_of_rasters, runs_of_parts, write_joined
+    from maglev_workbench.commands.new.joined import run_of_rasters, runs_of_parts, split_into_runs, write_joined
     from maglev_workbench.commands.new.rig_text import is_filled_in, rig_text
     from maglev_workbench.commands.new.stated import Stated, check_columns, values_of
     from maglev_workbench.console import console, marked, write_json
@@ -80,6 +80,7 @@ def new(
         raise ValueError(f"{folder / 'campaign.toml'} exists; choose another --out, or overwrite it with --force")
     stated, guesses, refused = Stated(rate, mass, rig, magnet), [], {}
     asking, joined_runs = questions.interactive(), []
+    files, several = split_into_runs(files, folder)
     for i, file in enumerate(files):
         try:
             told, guess = rate, guess_recording(file, rate=rate)
@@ -163,7 +164,7 @@ def new(
     for row in rows(guesses):
         table.add_row(*row)
     console.print(table)
-    for run in (*joined_runs, *runs):
+    for run in (*several, *joined_runs, *runs):
         console.print(f"{run.why}: {run.name}")
     for text in (*answer.alarms, *(f"left out: {message}" for message in refused.values())):
         console.print(marked("  !", text))

@@ -39,7 +39,8 @@ def data_files(sources: Sequence[Path]) -> list[Path]:
 def _of_parts(file: Path, files: Sequence[Path]) -> bool:
     """Whether a file was joined before from others that are still there."""
     run = file.stem.removesuffix(JOINED)
-    return run != file.stem and any(p != file and p.stem.startswith(run) for p in files)
+    sources = [p for p in files if p != file and not p.stem.endswith(JOINED)]
+    return run != file.stem and any(p.stem.startswith(run) or run.startswith(f"{p.stem}_") for p in sources)
 
 
 def campaign_folder(files: Sequence[Path], out: Path | None) -> Path:

@@ -7,13 +7,15 @@ from pathlib import Path
 
 import numpy as np
 
-from maglev_env.recordings.contents import Contents, contents, rasters
+from maglev_env.recordings.contents import Contents, contents, rasters, runs
 from maglev_env.recordings.files import atomic_file, read_columns
 from maglev_env.recordings.guess.columns import guess_columns
+from maglev_env.recordings.guess.rate import stated_step
 from maglev_env.recordings.guess.recording import RecordingGuess
 from maglev_workbench.commands.new.files import JOINED
 
 _ALIKE = 1e-3  # relative difference of two rates that are one
+_STRUCTURED = (".mat", ".h5", ".hdf5", ".nc")
 _SHARED = 0.8  # of the shorter file's duration that both must cover
 
 
@@ -25,15 +27,19 @@ class Joined:
         parts: Its files; the first holds the displacement.
         columns: By name; the clock, "time [s]", comes first.
         why: What was done, in words.
+        run: What the file calls it, where it holds several.
     """
 
     parts: tuple[Path, ...]
     columns: Mapping[str, np.ndarray]
     why: str
+    run: str = ""
 
     @property
     def name(self) -> str:
-        """Of the file that holds the run: what the names of its parts begin with."""
+        """Of the file that holds the run: what the names of its parts begin with, and which run of a file it is."""
+        if self.run:
+            return f"{self.parts[0].stem}_{re.sub(r'[^A-Za-z0-9]+', '_', self.run).strip('_')}{JOINED}.csv"
         stems = [p.stem for p in self.parts]
         same = next((i for i, letters in enumerate(zip(*stems, strict=False)) if len(set(letters)) > 1), None)
         return f"{stems[0][:same].rstrip('_- .') or stems[0]}{JOINED}.csv"
@@ -92,6 +98,38 @@ def run_of_rasters(file: Path, guess: RecordingGuess) -> Joined | None:
         f"{', '.join(columns)} ({rate:g} Hz)" for (_, columns, _), rate in zip(ordered, rates, strict=True)
     )
     return Joined((file,), joined, f"{file.name} holds {of_each}, which are joined on their clocks{_how(rates)}")
+
+
+def runs_of_file(file: Path) -> list[Joined]:
+    """The runs of a file of structs or groups that holds several, each with a motion and a clock; else empty."""
+    if file.suffix.lower() not in _STRUCTURED:
+        return []
+    made = []
+    for run, found in runs(read_columns(file)).items():
+        guesses = {c.channel: c for c in guess_columns(found) if c.channel}
+        time, step = guesses.pop("time", None), stated_step(found.numbers)
+        if not any(name.startswith(("displacement", "acceleration")) for name in guesses) or not (time or step):
+            return []
+        size = next(iter(found.columns.values())).size
+        clock = found.columns[time.column] * time.scale if time else np.arange(size) * step[0]
+        columns = {_called(found, c.column): found.columns[c.column] for c in guesses.values()}
+        why = f"{run} of {file.name}, which holds several runs"
+        made.append(Joined((file,), {"time [s]": clock, **columns}, why, run))
+    return made
+
+
+def split_into_runs(files: Sequence[Path], folder: Path) -> tuple[list[Path], list[Joined]]:
+    """The files, with one for each run in place of a file that holds several, and what was written for them."""
+    taken: list[Path] = []
+    made: list[Joined] = []
+    for file in files:
+        try:
+            found = runs_of_file(file)
+        except (OSError, ValueError):  # said where the file is read for itself
+            found = []
+        taken += [write_joined(run, folder) for run in found] or [file]
+        made += found
+    return taken, made
 
 
 def _called(found: Contents, column: str) -> str:

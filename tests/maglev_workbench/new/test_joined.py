@@ -4,6 +4,7 @@ import tomllib
 
 import h5py
 import numpy as np
+import pytest
 from command_line import maglev
 
 from maglev_env.recordings.files import read_columns
@@ -57,3 +58,21 @@ def test_a_file_of_two_rasters_becomes_one_run(tmp_path):
     (recording,) = tomllib.loads((tmp_path / "campaign.toml").read_text())["recording"]
     assert recording["file"] == "run_joined.csv" and recording["sample_rate"] == 1000.0
     assert {"displacement", "current"} <= recording["channels"].keys()
+
+
+@pytest.mark.parametrize(
+    ("names", "count"), [(("run1", "run2", "run3"), 3), (("axis1", "axis2"), 1), (("up", "down"), 1)]
+)
+def test_every_run_of_a_file_becomes_a_recording_and_an_axis_does_not(tmp_path, names, count):
+    rng, t = np.random.default_rng(5), np.arange(3000) / 1e3
+    with h5py.File(tmp_path / "all.h5", "w") as file:
+        for i, name in enumerate(names):
+            moved = np.convolve(rng.normal(size=t.size), np.full(30, 1 / 30), "same")
+            for column, values, unit in (("t", t, "s"), ("pos", moved, "mm"), ("i_coil", 0.1 * (i + 1) * moved, "A")):
+                file.create_dataset(f"{name}/{column}", data=values).attrs["units"] = unit
+    for again in ((), ("--force",)):
+        assert f"Read {count} of {count} file(s)" in maglev("new", tmp_path, *again)
+    recordings = tomllib.loads((tmp_path / "campaign.toml").read_text())["recording"]
+    assert len(recordings) == count and all({"displacement", "current"} <= r["channels"].keys() for r in recordings)
+    if count > 1:
+        assert {r["file"] for r in recordings} == {f"all_{name}_joined.csv" for name in names}
