@@ -17,9 +17,8 @@ _MOST_PARTS, _MOST_COLUMNS = 200, 64  # of one struct or cell array, of one matr
 _DEEPEST = 8
 _LEAST = 8  # samples of a column
 _COMPONENT = re.compile(r"\.?[A-Za-z_]\w*|\[\d+\]")  # of an expression: a name with its dot, or an index
-_OF_ONE_RUN = frozenset(
-    ["", "axis", "axes", "achse", "eje", "axe", "asse", "bearing", "lager", "ch", "channel", "channels", "kanal"]
-    + ["signal", "signals", "probe", "sensor", "coil", "magnet", "x", "y", "z"]
+_OF_ONE_RUN = (
+    "axis axes achse eje axe asse bearing lager ch channel channels kanal signal signals probe sensor coil x y z"
 )
 _DEEPEST_RUN = 3  # components of an expression that may say which run it is of
 _MOST_MISSING = 0.2  # share of a column's values that may be no numbers where its meaning is guessed from the others
@@ -110,7 +109,8 @@ def runs(columns: Columns) -> dict[str, Contents]:
 def _numbered(groups: Iterable[str]) -> bool:
     """Whether names are one word with other numbers, and not one for the axes, bearings or channels of one run."""
     words = {re.sub(r"[\W\d_]+$", "", group).rpartition(".")[2].lower() for group in groups}
-    return len(words) == 1 and not _OF_ONE_RUN & {word.rpartition("_")[2] for word in words}
+    word = words.pop().rpartition("_")[2] if len(words) == 1 else ""
+    return bool(word) and word not in _OF_ONE_RUN.split()
 
 
 def _everything(
