@@ -18,7 +18,7 @@ _RATES = re.compile(
     re.IGNORECASE,
 )
 _STEPS = re.compile(
-    r"(^|[._])(dt|ts|t_s|sampl(e|ing)_?(period|time|interval)|abtast(zeit|intervall)|wf_increment|(x_?)?increment|delta_?x"
+    r"(^|[._])(dt(_s(ec)?)?|ts|t_s|sampl(e|ing)_?(period|time|interval)|abtast(zeit|intervall)|wf_increment|(x_?)?increment|delta_?x"
     rf"|periode_{_FRENCH})$",
     re.IGNORECASE,
 )

@@ -41,7 +41,8 @@ _INSTRUMENTS = {
 }
 _WANTED = (
     "ref reference setpoint sp soll sollwert set desired des wanted target yd command cmd demand "
-    "referencia riferimento comando consigna consigne vorgabe fuehrungsgroesse kommando w r"
+    "referencia riferimento comando desejada desejado desiderata desiderato consigna consigne vorgabe "
+    "fuehrungsgroesse kommando w r"
 )
 _DISTANCES = "gap airgap spalt luftspalt entrehierro entrefer traferro distanza distance dist distancia abstand"
 _ESTIMATED = "hat obs observer est estimate estimated estimado schaetz schaetzwert geschaetzt observador"

@@ -109,6 +109,7 @@ def test_names_of_several_languages_and_laboratories(channel, name):
         ("test position [mm]", "displacement", ""),
         ("eccitazione [A]", "injection", ""),
         ("corrente misurata [A]", "current", ""),
+        ("corrente desejada (A)", "command", ""),
         ("corrente di comando [A]", "command", ""),
         ("traferro (mm)", "displacement", ""),
         ("actpos [mm]", "displacement", ""),
@@ -222,6 +223,11 @@ def test_two_axes_without_an_integral_have_one_controller(tmp_path):
     assert found.gains is not None and found.gains["kp"] == pytest.approx(6000.0, rel=1e-3) and not found.gains["ki"]
     assert found.channels["injection_x"].column == "acquisition.inj_x" and "injection_y" not in found.channels
     assert found.excitation.value == "none" and "injection_x" in found.excitation.reason
+
+
+@pytest.mark.parametrize("name", ["dt", "dt_s", "meta.dt_sec"])
+def test_a_step_with_its_unit_in_the_name_tells_the_rate(name):
+    assert guess_rate(None, 1.0, {name: 1e-4}).value == 1e4
 
 
 def test_rate_from_time_from_a_number_or_unknown():
