@@ -73,7 +73,8 @@ def evidence_of(
         nuisances = changes(record.errors, record.frequency, opened.outputs, opened.parts(record))
         return Evidence(opened, predictor(record, opened), measured, noise_of(record, opened), nuisances)
     unbent, bends = record.nominal, {name: -amounts[name] for name in (FORM_NAME, STEEPNESS_NAME) if name in amounts}
-    if bends and shows_shape(record) and record.axes == 1:
+    # Where the mass rests, a law that bends would take up what motion says against means and weight.
+    if bends and shows_shape(record) and record.axes == 1 and record.rests is None:
         record = with_bent_law(record, bends)
     measured_drive = exact_errors(record)
     about = {e: amounts[e.name] for e in measured_drive if e.name in amounts}
