@@ -24,13 +24,13 @@ def bounded_spread(fit: Fit, spread: np.ndarray) -> np.ndarray:
         spread: by the curvature alone (size,).
     """
     one_sided = [i for i, c in enumerate(fit.hypothesis.coordinates) if c.scale is not None and c.low == 0 < c.high]
-    found, normal, gradient = np.array(spread), fit.normal, fit.gradient
+    found, normal = np.array(spread), fit.normal
     lowest = {i: -float(fit.u[i]) for i in one_sided}
     for i in one_sided:
         others = {j: low for j, low in lowest.items() if j != i}
 
         def beyond(moved: float, i: int = i, others: dict[int, float] = others) -> float:
-            return _least(normal, gradient, {i: moved}, others) - REACH**2
+            return _least(normal, {i: moved}, others) - REACH**2
 
         up = FARTHEST if beyond(FARTHEST) < 0 else float(optimize.brentq(beyond, 0.0, FARTHEST))
         down = -lowest[i]  # a lower end at zero needs no more than to reach it
@@ -40,15 +40,18 @@ def bounded_spread(fit: Fit, spread: np.ndarray) -> np.ndarray:
     return found
 
 
-def _least(normal: np.ndarray, gradient: np.ndarray, held: dict[int, float], lowest: dict[int, float]) -> float:
-    """Least rise of the cost over all coordinates, with some held and some no lower than a bound."""
+def _least(normal: np.ndarray, held: dict[int, float], lowest: dict[int, float]) -> float:
+    """Least rise of the cost over all coordinates, with some held and some no lower than a bound.
+
+    What pulls a time below zero is a contradiction and no knowledge, so the slope of the cost at a bound is left out.
+    """
     least = np.inf
     for at_bound in chain.from_iterable(combinations(lowest, n) for n in range(len(lowest) + 1)):
         fixed = held | {j: lowest[j] for j in at_bound}
-        x = np.zeros(gradient.size)
+        x = np.zeros(len(normal))
         x[list(fixed)] = list(fixed.values())
-        free = [j for j in range(gradient.size) if j not in fixed]
-        x[free] = np.linalg.lstsq(normal[np.ix_(free, free)], (gradient - normal @ x)[free], rcond=None)[0]
+        free = [j for j in range(len(normal)) if j not in fixed]
+        x[free] = np.linalg.lstsq(normal[np.ix_(free, free)], -(normal @ x)[free], rcond=None)[0]
         if all(x[j] >= low for j, low in lowest.items() if j not in at_bound):
-            least = min(least, float(x @ normal @ x - 2 * gradient @ x))
+            least = min(least, float(x @ normal @ x))
     return least

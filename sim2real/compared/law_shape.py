@@ -21,6 +21,7 @@ from maglev_env.loop.magnets.kinds import force_law
 from maglev_env.loop.magnets.law import ForceLaw, SingleSidedLaw, linearise
 from maglev_env.rig.rig import Rig, axis_rig, with_parameters
 from sim2real.compared.simulated import TOLERANCE_EFFECTS, Point
+from sim2real.recorded.along_motion import NEAREST
 from sim2real.recorded.at_rest.static_evidence import can_rest
 from sim2real.recorded.open_record import OpenRecord
 
@@ -30,6 +31,7 @@ FORM, STEEPNESS = 1.0, 0.1
 FORM_NAME, STEEPNESS_NAME = "form of the force law", "steepness of the force law"
 # One standard deviation of the current at rest, in that current.
 REST = 0.01
+ROOM = 0.1  # of the gap: least distance that a bent law may leave
 # What keeps gain and stiffness; what a shape asks for ends at its bounds.
 SCALED = {name: EFFECTS[name].parameters["change"] for name in ("actuator_gain", "negative_stiffness")}
 
@@ -75,12 +77,20 @@ def bent(rig: Rig, amounts: Mapping[str, float]) -> Rig:
 def with_bent_law(record: OpenRecord, amounts: Mapping[str, float]) -> OpenRecord:
     """The record of a rig whose law is bent, see `bent`."""
     own = bent(record.nominal, amounts)
-    if own is record.nominal:
+    if own is record.nominal or not _has_room(record, own):
         return record
     kept = {name: getattr(own, name) for name in SCALED}
     rig = record.experiment.rig
     simulated = replace(with_parameters(rig, kept), effects={**rig.effects, "force_law": own.effects["force_law"]})
     return replace(record, nominal=own, experiment=replace(record.experiment, rig=simulated))
+
+
+def _has_room(record: OpenRecord, rig: Rig) -> bool:
+    """Whether the distance in a bent law stays well above zero all along the motion, also where a simulation strays."""
+    law = force_law(axis_rig(rig, 0))
+    nearest = 1 - min(1.5 * float(np.abs(record.series["displacement"]).max()) / law.gap, NEAREST)
+    own = law.coil_gap / law.gap if isinstance(law, SingleSidedLaw) else 0.0
+    return nearest + own + effect_value(rig.effects, "force_law", "offset") > ROOM
 
 
 def law_shapes(
