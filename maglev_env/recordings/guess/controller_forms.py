@@ -3,7 +3,7 @@
 A plain PID sees reference and displacement alike. Here both have parts of their own, and the current has one, too.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import product
 from typing import Any
@@ -21,6 +21,10 @@ _TD, _TF = (0.0, *np.geomspace(0.3, 100.0, 9)), (0.0, *np.geomspace(1.0, 1000.0,
 _SAME_WEIGHT = 0.01  # deviation of a set-point weight from 1
 _REFINED = 4  # of the best time constants, from which a search starts
 _HOPELESS = 0.4  # of the command's standard deviation, that they leave of what no such controller makes
+_WEIGHTS = (-0.05, 1.05)  # set-point weights of a controller, which are from 0 to 1
+# A current follows its command, so that it explains it by itself: such a fit has a gain near -1 of the current, or next
+# to nothing of the displacement. A feedback of both has more of the displacement than there is of the command.
+_FOLLOWS, _OF_DISPLACEMENT = -0.9, 0.2
 
 
 @dataclass(frozen=True)
@@ -76,7 +80,8 @@ def fit_form(
 
     Returns:
         The form with the fewest parts that leaves no more of the command than another discretisation explains; None
-        where none does.
+        where none does, or where only one does that no controller has: it follows the current alone, has no
+        proportional part, or weighs the reference by less than 0 or more than 1.
     """
     wanted = command if injection is None else command - injection
     reference = np.zeros(wanted.size) if reference is None else reference
@@ -94,8 +99,9 @@ def fit_form(
         best = _best(signals, with_current, "measurement", moved)
         if best[0] > _CLOSE * spread and moved and not with_current:
             best = min(best, _best(signals, with_current, "error", moved), key=lambda one: one[0])
-        if best[0] <= max(_CLOSE * spread, min(_rounded(signals, with_current, best), _MOST_ROUNDED * spread)):
-            residual, table = _simplest(signals, with_current, best, spread)
+        allowed = max(_CLOSE * spread, min(_rounded(signals, with_current, best), _MOST_ROUNDED * spread))
+        if best[0] <= allowed and (found := _simplest(signals, with_current, best, spread)) is not None:
+            residual, table = found
             return FormFit(table, residual, residual / spread)
     return None
 
@@ -158,34 +164,46 @@ def _best(s: _Signals, with_current: bool, on: str, moved: bool) -> _Fit:
     return min(found)
 
 
-def _simplest(s: _Signals, with_current: bool, best: _Fit, spread: float) -> tuple[float, dict[str, Any]]:
-    """Residual and table of the form with the fewest parts that does as well as all of them."""
+def _simplest(s: _Signals, with_current: bool, best: _Fit, spread: float) -> tuple[float, dict[str, Any]] | None:
+    """Residual and table of the form with the fewest parts that does as well as all of them; None where it is none."""
     enough = _AS_WELL * best[0] + _ROUNDING * spread
     for parts in ("", "d", "i", "di"):
-        for residual, table in _tables(s, parts, with_current, best):
-            if residual <= enough or parts == "di":
-                return residual, table
-    raise AssertionError("all parts together are the last")
+        residual, c = _solved(s, parts, with_current, *best[1:])
+        if (residual <= enough or parts == "di") and _is_one(s, c, _columns(s, parts, with_current, *best[1:]), spread):
+            return residual, _table(s, parts, with_current, best, c)
+    return None
 
 
-def _tables(s: _Signals, parts: str, with_current: bool, best: _Fit) -> Iterator[tuple[float, dict[str, Any]]]:
-    """The form with these parts as a table of a campaign, with its residual (A)."""
+def _is_one(s: _Signals, c: Mapping[str, float], columns: Mapping[str, np.ndarray], spread: float) -> bool:
+    """Whether a controller has such coefficients of the columns (samples,) each."""
+
+    def moved(names: str) -> float:
+        made = [c[n] * columns[n][s.known] for n in names if n in c]
+        return float(np.std(sum(made))) if made else 0.0
+
+    if moved("p") <= _CLOSE * spread:
+        return False
+    if "r" in c and not _WEIGHTS[0] <= c["r"] / c["p"] <= _WEIGHTS[1]:
+        return False
+    return "c" not in c or (c["c"] > _FOLLOWS and moved("prid") > _OF_DISPLACEMENT * spread)
+
+
+def _table(s: _Signals, parts: str, with_current: bool, best: _Fit, c: Mapping[str, float]) -> dict[str, Any]:
+    """The form with these parts and their coefficients as a table of a campaign."""
     _, on, td, tf = best
-    residual, c = _solved(s, parts, with_current, on, td, tf)
     filters = {"setpoint_filter": _short(tf * s.step)} if tf and np.ptp(s.reference) else {}
     slope = {"td": _short(td * s.step)} if "d" in parts and td else {}
     if with_current:
-        yield residual, {
+        return {
             "form": "state_feedback", "displacement": _short(c["p"]), "velocity": _short(c.get("d", 0.0)),
             "current": _short(c["c"]), "integral": _short(c.get("i", 0.0)),
             **({"velocity_filter": slope["td"]} if slope else {}), **filters,
         }  # fmt: skip
-        return
-    weight = c["r"] / c["p"] if "r" in c and c["p"] else 1.0
+    weight = c["r"] / c["p"] if "r" in c else 1.0
     weighted = {} if abs(weight - 1) < _SAME_WEIGHT else {"setpoint_weight": _short(weight)}
     gains = {name: _short(c[part]) for name, part in (("ki", "i"), ("kd", "d")) if part in c}
     side = {"derivative_on": on} if "d" in parts and on == "measurement" else {}
-    yield residual, {"form": "pid", "kp": _short(c["p"]), **gains, **slope, **side, **weighted, **filters}
+    return {"form": "pid", "kp": _short(c["p"]), **gains, **slope, **side, **weighted, **filters}
 
 
 def _short(value: float) -> float:
@@ -195,7 +213,17 @@ def _short(value: float) -> float:
 def _solved(
     s: _Signals, parts: str, with_current: bool, on: str, td: float, tf: float
 ) -> tuple[float, dict[str, float]]:
-    """Residual (A) and coefficients of the parts by least squares: p of the displacement, r of the reference, i, d, c.
+    """Residual (A) and coefficients of the columns by least squares."""
+    columns = _columns(s, parts, with_current, on, td, tf)
+    matrix, command = np.array(list(columns.values()))[:, s.known], s.command[s.known]
+    size = np.maximum(np.sqrt(np.einsum("ij,ij->i", matrix, matrix) / command.size), 1e-300)
+    solution = np.linalg.lstsq((matrix / size[:, None]).T, command, rcond=1e-12)[0] / size
+    rest = command - solution @ matrix
+    return float(np.sqrt(rest @ rest / command.size)), dict(zip(columns, map(float, solution), strict=True))
+
+
+def _columns(s: _Signals, parts: str, with_current: bool, on: str, td: float, tf: float) -> dict[str, np.ndarray]:
+    """What a controller sums up, (samples,) each: p of the displacement, r of the reference, i, d, c of the current.
 
     Beside each filter stands what it held when the record began.
     """
@@ -217,11 +245,7 @@ def _solved(
             columns["d held"] = (td / (td + 1)) ** n
     if with_current and s.current is not None:
         columns["c"] = -(s.current - s.current[0])
-    matrix, command = np.array(list(columns.values()))[:, s.known], s.command[s.known]
-    size = np.maximum(np.sqrt(np.einsum("ij,ij->i", matrix, matrix) / command.size), 1e-300)
-    solution = np.linalg.lstsq((matrix / size[:, None]).T, command, rcond=1e-12)[0] / size
-    rest = command - solution @ matrix
-    return float(np.sqrt(rest @ rest / command.size)), dict(zip(columns, map(float, solution), strict=True))
+    return columns
 
 
 def _low_passed(values: np.ndarray, samples: float) -> np.ndarray:

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.signal import iirnotch, lfilter
 
 from maglev_env.recordings.guess.controller_forms import fit_form
 from maglev_env.recordings.guess.controllers import controllers
@@ -111,3 +112,20 @@ def test_axes_with_other_controllers_are_asked_for_each():
         channels |= {f"displacement_{axis}": y, f"reference_{axis}": r, f"command_{axis}": command}
     gains, form, said = controllers(channels, known, RATE)
     assert gains is None and form is None and "gains.x" in said.ask and "'kp': 260.0" in said.reason
+
+
+@pytest.mark.parametrize(("lag", "scale"), [(0.0, 1.0), (0.2, -1.0)])
+def test_a_current_that_follows_its_command_is_no_controller(lag, scale):
+    rng = np.random.default_rng(12)
+    y, _, _ = signals(12, steps=False)
+    b, a = iirnotch(60.0, 3.0, RATE)
+    command = lfilter(b, a, -300.0 * y) + lfilter([0.05], [1.0, -0.95], 0.1 * rng.standard_normal(N))
+    a = np.exp(-1 / lag) if lag else 0.0
+    current = scale * lfilter([1 - a], [1.0, -a], command) + 1e-5 * rng.standard_normal(N)
+    assert fit_form(y, command, RATE, None, None, current) is None
+
+
+@pytest.mark.parametrize(("kp", "weight"), [(160.0, 3.0), (1e-4, 1.0)])
+def test_a_weight_of_the_set_point_that_no_controller_has_is_not_stated(kp, weight):
+    y, r, _ = signals(13)
+    assert fit_form(y, pid(y, r, kp, 40.0, 2.6, 2e-3, weight=weight), RATE, r) is None
