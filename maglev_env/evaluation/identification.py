@@ -4,6 +4,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from scipy.stats import linregress
 
 from estimation.actuator import ActuatorEstimate, actuator_estimate, as_force
 from estimation.apparent_gain import ApparentGain, periodic_gain
@@ -37,7 +38,8 @@ if TYPE_CHECKING:
     import xarray as xr
     from matplotlib.figure import Figure
 
-_INERTIA = 0.5  # share of the mass that the upper lines must show to tell its sign
+_INERTIA = 0.5  # share of the mass that the lines must show to tell its sign
+_SURE = 3.0  # standard errors by which they must show more
 _Magnets = tuple[ActuatorEstimate, LineStatistics, str, float]  # the last: how far the current's time is unknown, s
 
 
@@ -249,10 +251,11 @@ def identify(
 def _negative_damping(force: LineStatistics, mass: float) -> str:
     """What a negative damping may come from: a flipped sign turns the inertia, too, where the lines show that."""
     response, _ = frequency_response(force, "displacement", "force")
-    w = 2 * np.pi * force.frequency
-    top = slice(-max(w.size // 4, 1), None)
-    inertia = float(np.median(np.real(1 / response[top]) / (mass * w[top] ** 2)))  # -1 far above the resonance
-    if inertia < -_INERTIA:
+    square = (2 * np.pi * force.frequency) ** 2
+    known = np.isfinite(response) & (response != 0)
+    # Of k - m w^2 only the slope tells the sign: below the resonance a flipped k - m w^2 is negative, too.
+    line = linregress(square[known], np.real(1 / response[known])) if known.sum() > 2 else None
+    if line and line.slope + _SURE * line.stderr < -_INERTIA * mass:
         return (
             "the inertia has the right sign, so force and displacement are not flipped; the force may be late against "
             "the displacement, or a mode, or what else is in the loop, feeds the motion"

@@ -150,6 +150,26 @@ def test_mistakes_of_scale_and_sign_are_pointed_out(pedestal):
     assert not any("sign" in n for n in identify(signals, rig, rig.mass).notes)
 
 
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_below_the_resonance_a_flipped_sign_is_not_denied(sign):
+    """A support of 100 Hz, pushed at 10 to 58 Hz: of -(k - m w^2) all lines are negative, as those of a mass are."""
+    mass, rate, n = 0.5, 2000.0, 1000
+    lines = np.arange(5, 30)
+    w = 2 * np.pi * 2.0 * lines
+    force = np.exp(2j * np.pi * np.random.default_rng(5).random(lines.size))
+    stiffness = mass * (2 * np.pi * 100.0) ** 2 - mass * w**2 - sign * 20j * w  # either has a negative damping
+    channels = {}
+    for name, amplitude in (("force", force), ("displacement", sign * force / stiffness)):
+        spectrum = np.zeros(n // 2 + 1, complex)
+        spectrum[lines] = amplitude * n / 2
+        channels[name] = np.tile(np.fft.irfft(spectrum, n), 4)
+    channels["displacement"] += 1e-9 * np.random.default_rng(6).normal(size=4 * n)
+    excitation = Excitation("sphs", "force", 2.0, tuple(map(int, lines)), 1.0)
+    notes = identify(RecordedSignals(channels, rate, (excitation,)), None, mass).notes
+    (said,) = [note for note in notes if "damping is negative" in note]
+    assert ("right sign" in said) == (sign > 0) and ("flipped?" in said) == (sign < 0)
+
+
 def test_what_is_missing_is_named(pedestal):
     rig, signals = pedestal
     without = replace(signals, channels={"displacement": signals.channels["displacement"]})
