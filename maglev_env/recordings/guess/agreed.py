@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from maglev_env.channels import MEASURED
-from maglev_env.recordings.guess.columns import NO_UNIT, ColumnGuess
+from maglev_env.recordings.guess.columns import NO_UNIT, ColumnGuess, with_scale
 from maglev_env.recordings.guess.evidence import LIKELY
 from maglev_env.recordings.guess.recording import RecordingGuess, in_another_unit, other_way_round
 from maglev_env.recordings.guess.suspended import CENTRE, DIRECTION, asked_for_the_centre
@@ -224,10 +224,10 @@ def _telling(same: Sequence[tuple[str, ColumnGuess]]) -> tuple[str, float, str, 
 def _as_told(column: ColumnGuess, larger: str, size: float, turned: str, asks: str) -> ColumnGuess:
     if NO_UNIT in column.reason and abs(column.scale) != size and not column.stated:
         reason = f"{column.reason}, but in the unit that the larger values of {larger} tell"
-        column = replace(column, scale=copysign(size, column.scale), reason=reason)
+        column = replace(with_scale(column, copysign(size, column.scale)), reason=reason)
     if turned and column.scale > 0 and not column.stated:
         parts = [*column.ask.split("; "), *asks.split("; ")]
         asked = "; ".join(dict.fromkeys(part for part in parts if part and part != DIRECTION))
         reason = f"{column.reason}; a distance from the magnet, as {turned} shows"
-        column = replace(column, scale=-column.scale, offset=-column.offset, reason=reason, ask=asked)
+        column = replace(with_scale(column, -column.scale), reason=reason, ask=asked)
     return column

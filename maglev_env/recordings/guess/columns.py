@@ -66,6 +66,11 @@ class ColumnGuess:
         return {"from": self.column, **{key: value for key, (value, usual) in stated.items() if value != usual}}
 
 
+def with_scale(column: ColumnGuess, scale: float) -> ColumnGuess:
+    """The column in another unit or direction: it is 0 at the same reading."""
+    return replace(column, scale=scale, offset=column.offset * scale / column.scale)
+
+
 def guess_columns(found: Contents) -> tuple[ColumnGuess, ...]:
     """A guess for every column of a file, in the file's order.
 

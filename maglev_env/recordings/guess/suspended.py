@@ -1,15 +1,16 @@
 """What hangs below a single magnet: its current includes the bias, and a measured gap grows away from the magnet."""
 
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from maglev_env.recordings.contents import contents
 from maglev_env.recordings.files import read_columns
 from maglev_env.recordings.guess.behaviour import correlation
-from maglev_env.recordings.guess.columns import ColumnGuess
+from maglev_env.recordings.guess.columns import ColumnGuess, with_scale
 from maglev_env.recordings.guess.evidence import LIKELY
 from maglev_env.recordings.guess.recording import RecordingGuess, other_way_round
 from maglev_env.recordings.guess.words import is_distance
@@ -23,6 +24,7 @@ _MEANS, _LEAST = (4, 16, 64), 40  # samples that are averaged before they are co
 _POSITIONS = ("displacement", "reference", "gap_estimate")
 TOTAL = "total = true, once the rig is named: this current includes the one that carries the weight"
 DIRECTION = "scale < 0, if it is a distance that grows away from the magnet (nothing here shows it)"
+_BUT_STATED = "scale < 0, if it is a distance that grows away from the magnet, as it seems"
 CENTRE = "offset, so that displacement is 0 at the centre between the stops"
 _APART = 2.0  # ranges of a motion by which its mean is away from 0
 _OFFSET = "offset = the gap in rig.toml (m), so that displacement is 0 there and positive towards the magnet"
@@ -34,7 +36,7 @@ def facing_the_magnet(guess: RecordingGuess, dataset: "xr.Dataset") -> Recording
     Nothing but the magnet and the weight acts on it, so ki i = -(m w^2 + ks) y at every frequency: the current falls as
     the rotor moves towards the magnet, and rises with a distance from it. Noise of either hides that at high
     frequencies first. Where it moves too little to show it at all, the sign of its controller tells, or else what the
-    column is called; where that says nothing either, it is asked for.
+    column is called; where that says nothing either, it is asked for. What the user states stands.
 
     Args:
         guess: of one file.
@@ -43,32 +45,42 @@ def facing_the_magnet(guess: RecordingGuess, dataset: "xr.Dataset") -> Recording
     effort = next((name for name in ("current", "command", "voltage") if name in dataset), None)
     if "displacement" not in guess.channels or guess.rotor.value != "suspended" or effort is None:
         return guess
-    turned = guess.channels["displacement"].stated and guess.channels["displacement"].scale < 0
-    follows = _follows(dataset["displacement"].values, dataset[effort].values)
+    moved, known = guess.channels["displacement"], guess.gains or guess.form
+    turned = moved.stated and moved.scale < 0  # by the user
+    follows = _follows(dataset["displacement"].values, dataset[effort].values) * (-1 if turned else 1)
     # A large excitation may turn the current round, which then shows a weight less clearly than a distance is told.
-    distance = is_distance(guess.channels["displacement"].label)
+    distance = is_distance(moved.label)
     if guess.rotor.confidence < LIKELY and not (distance and follows > _FOLLOWS):
         return guess
-    why, asked, known = "", False, guess.gains or guess.form
-    if turned:  # by the user
-        why = ""
-    elif follows > _FOLLOWS:
-        why = f"the {effort} rises with it (correlation {follows:.2f})"
-    elif follows > -_FOLLOWS and known and known.get("kp", known.get("displacement", 0.0)) < 0:
-        why = "its controller's gain is negative, and yet it levitates"
-    elif follows > -_FOLLOWS and distance:
-        why = "it is called so"
-    else:
-        asked = follows > -_FOLLOWS and not known
-    columns = tuple(
-        _asking(c, TOTAL) if c.channel in ("current", "command")
-        else _reversed(c, why) if c.channel in _POSITIONS and why
-        else _asking(c, DIRECTION) if c.channel == "displacement" and asked and not c.stated
-        else c
-        for c in guess.columns
-    )  # fmt: skip
-    turned = replace(guess, columns=columns)
-    return other_way_round(turned) if why else turned
+    why = "" if turned else _why(effort, follows, known, distance)
+    asked = follows > -_FOLLOWS and not (why or turned or known or moved.stated)
+
+    def faced(column: ColumnGuess) -> ColumnGuess:
+        if column.channel in ("current", "command"):
+            return _asking(column, TOTAL)
+        if column.channel not in _POSITIONS:
+            return column
+        if why and not moved.stated and not column.stated:
+            return _reversed(column, why)
+        if why and column.scale > 0:
+            return _asking(column, f"{_BUT_STATED} ({why})")
+        if (why or turned) and column.scale < 0 and not column.offset:
+            return _asking(column, _OFFSET)
+        return _asking(column, DIRECTION) if asked and column is moved else column
+
+    faced_all = replace(guess, columns=tuple(faced(c) for c in guess.columns))
+    return other_way_round(faced_all) if why and not moved.stated else faced_all
+
+
+def _why(effort: str, follows: float, known: Mapping[str, Any] | None, distance: bool) -> str:
+    """What shows that a displacement grows away from the magnet; "" where nothing does."""
+    if follows > _FOLLOWS:
+        return f"the {effort} rises with it (correlation {follows:.2f})"
+    if follows <= -_FOLLOWS:
+        return ""
+    if known and known.get("kp", known.get("displacement", 0.0)) < 0:
+        return "its controller's gain is negative, and yet it levitates"
+    return "it is called so" if distance else ""
 
 
 def below_the_magnet(guess: RecordingGuess, rig: Rig, folder: Path) -> RecordingGuess:
@@ -148,5 +160,5 @@ def _asking(column: ColumnGuess, ask: str) -> ColumnGuess:
 
 def _reversed(column: ColumnGuess, why: str) -> ColumnGuess:
     reason = f"{column.reason}; a distance from the magnet: {why}"
-    turned = replace(column, scale=-column.scale, offset=-column.offset, reason=reason)
+    turned = replace(with_scale(column, -column.scale), reason=reason)
     return turned if column.offset else _asking(turned, _OFFSET)

@@ -6,7 +6,7 @@ from dataclasses import replace
 import typer
 
 from maglev_env.loop.magnets.kinds import MAGNETS
-from maglev_env.recordings.guess.columns import ColumnGuess
+from maglev_env.recordings.guess.columns import ColumnGuess, with_scale
 from maglev_env.recordings.guess.recording import RecordingGuess
 from maglev_env.recordings.guess.units import known_unit
 from maglev_workbench.commands.new.stated import Stated
@@ -55,7 +55,8 @@ def _asked(column: ColumnGuess) -> ColumnGuess:
     unit = known_unit(answer)
     if unit is None:
         raise ValueError(f"unit {answer}: not known; leave it empty, and state scale in campaign.toml")
-    return replace(column, scale=unit.scale, ask="", confidence=1.0, reason=f"{column.reason}; unit stated: {answer}")
+    known = with_scale(column, unit.scale)
+    return replace(known, ask="", confidence=1.0, reason=f"{column.reason}; unit stated: {answer}")
 
 
 def _positive(answer: str, what: str) -> float | None:

@@ -1,11 +1,14 @@
 """Files of one rig: what one file cannot tell of a column, another one with the same column may."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from maglev_env.recordings.guess.agreed import agreed, like_most, one_controller, one_rotor, without_motion
 from maglev_env.recordings.guess.evidence import Guess
 from maglev_env.recordings.guess.recording import RecordingGuess, guess_recording
+from maglev_env.recordings.guess.stated_columns import with_stated
 from maglev_env.recordings.guess.verified import verified
 
 
@@ -24,6 +27,21 @@ def test_a_quiet_file_takes_the_unit_that_a_moving_one_shows(tmp_path):
     found = [g.channels["displacement"] for g in agreed([quiet, moving])]
     assert [c.scale for c in found] == [1e-6, 1e-6]
     assert "the larger values of b.npz" in found[0].reason and "unit of this column" in found[0].ask
+
+
+def test_a_stated_zero_follows_the_unit_and_the_direction_that_another_file_shows(tmp_path):
+    rng = np.random.default_rng(1)
+    slow = np.cumsum(rng.normal(size=4000))
+    quiet = stored(tmp_path, "a.npz", 4.0 + 3.0 * slow / slow.std(), rng.normal(size=4000))
+    moving = stored(tmp_path, "b.npz", 90.0 * rng.normal(size=4000), rng.normal(size=4000))
+    quiet = replace(quiet, columns=with_stated(quiet.columns, {}, {"pos": 4.0}))
+    for told, scale in ((moving, 1e-6), (replace(moving, columns=turned(moving.columns)), -1e-6)):
+        found = agreed([quiet, told])[0].channels["displacement"]
+        assert found.scale == scale and found.offset == pytest.approx(-4.0 * scale)
+
+
+def turned(columns):
+    return tuple(replace(c, scale=-c.scale) if c.channel == "displacement" else c for c in columns)
 
 
 def test_a_direction_that_one_file_shows_holds_for_all(tmp_path):

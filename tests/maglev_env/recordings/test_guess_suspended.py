@@ -9,6 +9,7 @@ from maglev_env.recordings.alarms import alarms_of
 from maglev_env.recordings.campaign import parse_campaign
 from maglev_env.recordings.campaign_file import SCHEMA
 from maglev_env.recordings.guess.recording import guess_recording
+from maglev_env.recordings.guess.stated_columns import with_stated
 from maglev_env.recordings.guess.suspended import below_the_magnet
 from maglev_env.recordings.guess.verified import verified
 from maglev_env.recordings.recording import read_recording
@@ -120,3 +121,27 @@ def test_a_gap_is_turned_round_although_a_large_excitation_turns_the_current(tmp
     np.savetxt(tmp_path / "run.csv", table, fmt="%.5f", delimiter=",", header=f"t [s],{name},i [A]", comments="")
     found = verified(guess_recording(tmp_path / "run.csv"), tmp_path)
     assert found.rotor.confidence < 0.5 and found.channels["displacement"].scale == scale
+
+
+def told(folder, path, **scales):
+    """The guess of a file with stated scales."""
+    columns = with_stated(guess_recording(path).columns, scales, {})
+    return verified(guess_recording(path, columns=columns), folder)
+
+
+def test_a_stated_direction_stands_and_what_speaks_against_it_is_said(tmp_path):
+    found = told(tmp_path, stored(tmp_path, fallen=0), y=1.0)
+    moved = found.channels["displacement"]
+    assert moved.scale == 1.0 and "as it seems (the current rises with it" in moved.ask
+    assert found.channels["reference"].scale == 1.0
+
+
+def test_what_is_wanted_counts_as_the_displacement_whose_direction_is_stated(tmp_path):
+    found = told(tmp_path, stored(tmp_path, fallen=0), y=-1.0)
+    assert found.channels["displacement"].scale == found.channels["reference"].scale == -1.0
+    assert "scale > 0, if it counts in the other direction" in found.channels["reference"].ask
+    rig = Rig(name="ball", magnet="electromagnet", mass=MASS, gap=GAP, bias_current=BIAS, clearance=3e-3)
+    faced = below_the_magnet(found, rig, tmp_path)
+    assert faced.channels["displacement"].offset == faced.channels["reference"].offset == GAP
+    both = told(tmp_path, tmp_path / "ball.txt", y=-1.0, yd=1.0)
+    assert both.channels["reference"].scale == 1.0
