@@ -21,6 +21,7 @@ MAX_DATA_BYTES = MOST_BYTES  # of a file, unpacked; reading takes up to three ti
 MAX_SAMPLES = 1 << 26  # of a column: 56 minutes at 20 kHz
 _STEP = re.compile(r"\.([A-Za-z_]\w*)|\[(\d{1,9})\]")
 _MOST_TEXT = 4096  # characters of a text that are read
+_MOST_NAME = 80  # characters of what an attribute calls a column
 _LISTED = ("channel_names", "channels", "column_names", "columns", "names", "labels", "signals", "fields")
 _CALLED = ("long_name", "name", "label", "description", "title")  # attributes that say what a column is called
 
@@ -144,7 +145,7 @@ def hdf5_attributes(path: Path) -> tuple[dict[str, str], dict[str, float]]:
     def note(name: str, node: Any) -> None:
         for key, value in node.attrs.items():
             if isinstance(value, (np.ndarray, np.generic)) and value.size == 1 and value.dtype.kind in "fiu":
-                numbers[".".join(filter(None, [name.replace("/", "."), key]))] = float(np.ravel(value)[0])
+                numbers[_one_line(".".join(filter(None, [name.replace("/", "."), key])))] = float(np.ravel(value)[0])
         if not isinstance(node, h5py.Dataset):
             return
         if names := _texts_of(node, _LISTED):  # of a matrix, one for each column
@@ -153,7 +154,8 @@ def hdf5_attributes(path: Path) -> tuple[dict[str, str], dict[str, float]]:
             for i, (one, of_it) in enumerate(zip(names, units, strict=True)):
                 found[f"{name.replace('/', '.')}[{i}]"] = f"{one} [{of_it}]" if of_it else one
             return
-        own, called, unit = name.rpartition("/")[2], _text_of(node, _CALLED), _text_of(node, ("units", "unit"))
+        own = _one_line(name.rpartition("/")[2])
+        called, unit = _text_of(node, _CALLED), _text_of(node, ("units", "unit"))
         if called or unit:
             words = [own, called] if called and called != own else [own]
             found[name.replace("/", ".")] = " ".join([*words, f"[{unit}]"] if unit else words)
@@ -171,7 +173,7 @@ def _texts_of(node: Any, keys: Sequence[str]) -> list[str]:
         value = np.asarray(node.attrs[key]).reshape(-1) if key in node.attrs else np.zeros(0)
         texts = [v.decode(errors="replace") if isinstance(v, bytes) else v for v in value.tolist()]
         if columns > 1 and len(texts) == columns and all(isinstance(text, str) for text in texts):
-            return [text.strip() for text in texts]
+            return [_short(text) for text in texts]
     return []
 
 
@@ -181,8 +183,19 @@ def _text_of(node: Any, keys: Sequence[str]) -> str:
         value = node.attrs.get(key, "")
         value = value.decode(errors="replace") if isinstance(value, bytes) else value
         if isinstance(value, str) and value.strip():
-            return value.strip()
+            return _short(value)
     return ""
+
+
+def _short(text: str) -> str:
+    """What an attribute says, in so many characters as name a column."""
+    text = _one_line(text)
+    return text if len(text) <= _MOST_NAME else f"{text[: _MOST_NAME - 1]}…"
+
+
+def _one_line(text: str) -> str:
+    """The printable characters of a text, with one blank for all others between two words."""
+    return " ".join("".join(c if c.isprintable() else " " for c in text).split())
 
 
 def _open_hdf5(file: Any, node: Any, matlab: bool) -> Any:

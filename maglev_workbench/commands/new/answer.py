@@ -16,6 +16,7 @@ _RIG_AGAIN = (
     "its current and the gap of its position"
 )
 _RIG_KEPT = "rig.toml is filled in, and kept: this command again with --rig and --force, or take the # from rig"
+_RIG_FAULT = "rig.toml is not as this command writes it, and is kept, but is no rig yet: {}"
 _OPTIONS = " (--scale COLUMN=VALUE, and --zero COLUMN=READING; the gains follow)"
 ALARM = "alarm: "  # how a note begins that names a fault of the recording
 
@@ -38,7 +39,12 @@ class Answer:
 
 
 def answer_of(
-    guesses: Sequence[RecordingGuess], refused: Mapping[Path, str], stated: Stated, skeleton: bool, filled: bool = False
+    guesses: Sequence[RecordingGuess],
+    refused: Mapping[Path, str],
+    stated: Stated,
+    skeleton: bool,
+    filled: bool = False,
+    fault: str = "",
 ) -> Answer:
     """The answer.
 
@@ -48,12 +54,14 @@ def answer_of(
         stated: what the user said.
         skeleton: whether a rig.toml stands beside campaign.toml that is to be filled in.
         filled: whether it is filled in already, and was kept.
+        fault: why it is no rig although somebody wrote into it; it was kept, too.
     """
     edit = [f"sample_rate of {g.file}: it is not known and stands as 0" for g in guesses if g.rate.value is None]
     must = len(edit)
     if skeleton:
         hangs = any(TOTAL in c.ask for g in guesses for c in g.columns)
-        edit.append(_RIG_KEPT if filled else f"{_RIG}{_RIG_AGAIN if hangs else ''}")
+        written = _RIG_FAULT.format(fault) if fault else f"{_RIG}{_RIG_AGAIN if hangs else ''}"
+        edit.append(_RIG_KEPT if filled else written)
     if stated.mass is None and stated.rig is None:
         edit.append("mass: the moving mass in kg, if it is known (--mass)")
     total = len(guesses) + len(refused)

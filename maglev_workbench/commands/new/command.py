@@ -28,10 +28,10 @@ def new(
     ] = None,
     zero: Annotated[
         list[str] | None,
-        typer.Option(metavar="COLUMN=VALUE", help="Reading of a column at which its SI value is 0; repeat."),
+        typer.Option(metavar="COLUMN=READING", help="Reading of a column at which its SI value is 0; repeat."),
     ] = None,
     force: Annotated[
-        bool, typer.Option("--force", help="Overwrite campaign.toml, and a rig.toml that is not filled in.")
+        bool, typer.Option("--force", help="Overwrite campaign.toml, and a rig.toml skeleton that nobody wrote into.")
     ] = False,
     out: Annotated[
         Path | None, typer.Option(help="Folder of the campaign; files outside it are copied (default: the files').")
@@ -50,7 +50,6 @@ def new(
     from maglev_env.recordings.guess.agreed import agreed, like_most, one_rotor, without_motion
     from maglev_env.recordings.guess.evidence import LIKELY
     from maglev_env.recordings.guess.recording import guess_recording
-    from maglev_env.recordings.guess.stated_columns import with_stated
     from maglev_env.recordings.guess.suspended import below_the_magnet
     from maglev_env.recordings.guess.verified import verified
     from maglev_env.rig.rig import PRESETS, load_rig
@@ -59,13 +58,11 @@ def new(
     from maglev_workbench.commands.new.campaign_text import campaign_text
     from maglev_workbench.commands.new.files import bring, campaign_folder, data_files, rig_beside
     from maglev_workbench.commands.new.joined import run_of_rasters, runs_of_parts, split_into_runs, write_joined
-    from maglev_workbench.commands.new.rig_text import is_filled_in, rig_text
-    from maglev_workbench.commands.new.stated import Stated, check_columns, values_of
+    from maglev_workbench.commands.new.rig_text import fault_of, is_filled_in, is_untouched, rig_text
+    from maglev_workbench.commands.new.stated import Stated, check_columns, guess_with, scales_of, values_of
     from maglev_workbench.console import console, marked, write_json
 
-    scales, zeros = values_of("--scale", scale or ()), values_of("--zero", zero or ())
-    if not all(scales.values()):
-        raise ValueError("--scale: a scale of 0 leaves nothing of a column")
+    scales, zeros = scales_of(scale or ()), values_of("--zero", zero or ())
     for name, value in (("--rate", rate), ("--mass", mass)):
         if value is not None and not value > 0:
             raise ValueError(f"{name} {value} must be positive")
@@ -83,16 +80,14 @@ def new(
     files, several = split_into_runs(files, folder)
     for i, file in enumerate(files):
         try:
-            told, guess = rate, guess_recording(file, rate=rate)
+            guess = guess_with(file, rate, scales, zeros)
             if asking and guess.rate.value is None and (told := questions.ask_rate(file.name)):
-                guess = guess_recording(file, rate=told)
+                guess = guess_with(file, told, scales, zeros)
             if (run := run_of_rasters(file, guess)) is not None:
                 files[i] = file = write_joined(run, folder)
                 joined_runs.append(run)
-                guess = guess_recording(file, rate=told)
+                guess = guess_with(file, None, scales, zeros)  # it has a clock, that of the slowest
                 guess = replace(guess, notes=(f"written from parts: {run.why}", *guess.notes))
-            if (columns := with_stated(guess.columns, scales, zeros)) != guess.columns:
-                guess = guess_recording(file, rate=told, columns=columns)
             if not guess.channels:
                 raise ValueError(f"{file}: no column is known by name or behaviour: {', '.join(guess.labels)}")
             guesses.append(questions.ask_units(guess) if asking else guess)
@@ -100,19 +95,19 @@ def new(
             refused[file] = str(error)
     if not guesses:
         raise ValueError(next(iter(refused.values())))
-    check_columns(guesses, scales, "--scale")
-    check_columns(guesses, zeros, "--zero")
     named_guesses = dict(zip([f for f in files if f not in refused], guesses, strict=True))
     still = without_motion(named_guesses)
     runs = runs_of_parts({f: g for f, g in named_guesses.items() if f not in still}, still) if still else []
     for run in runs:
         path = write_joined(run, folder)
-        joined = guess_recording(path)
+        joined = guess_with(path, None, scales, zeros)
         named_guesses = {f: g for f, g in named_guesses.items() if f not in run.parts} | {
             path: replace(joined, notes=(f"written from parts: {run.why}", *joined.notes))
         }
     files = [*named_guesses, *refused]
     guesses = list(named_guesses.values())
+    check_columns(guesses, scales, "--scale")
+    check_columns(guesses, zeros, "--zero")
     for file, guess in without_motion(named_guesses).items():
         guesses.remove(guess)
         refused[file] = (
@@ -137,7 +132,7 @@ def new(
     known = next((g for g in guesses if g.gains or g.form), None)
     if stated.rig is None:
         skeleton = folder / "rig.toml"
-        if (force and not is_filled_in(skeleton)) or not skeleton.exists():
+        if (force and is_untouched(skeleton)) or not skeleton.exists():
             hangs = all(g.rotor.value == "suspended" and g.rotor.confidence >= LIKELY for g in guesses)
             driven = any({"current", "command", "current_x", "command_x"} & g.channels.keys() for g in guesses)
             gains, rate = (known.gains or known.form, known.rate.value) if known else (None, None)
@@ -145,7 +140,9 @@ def new(
             text = rig_text(stated, gains, rate, hangs, driven, axes)
             write_text_atomic(skeleton, text)
     write_text_atomic(folder / "campaign.toml", campaign_text(guesses, stated))
-    answer = answer_of(guesses, refused, stated, stated.rig is None, is_filled_in(folder / "rig.toml"))
+    own = folder / "rig.toml"
+    fault = "" if stated.rig is not None or is_untouched(own) else fault_of(own)
+    answer = answer_of(guesses, refused, stated, stated.rig is None, is_filled_in(own), fault)
     write_json(
         json_file,
         {

@@ -1,6 +1,9 @@
 """Runs of which every channel, or every instrument, has a file of its own: such files are joined on their clocks."""
 
+import csv
+import io
 import re
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,9 +17,18 @@ from maglev_env.recordings.guess.rate import stated_step
 from maglev_env.recordings.guess.recording import RecordingGuess
 from maglev_workbench.commands.new.files import JOINED
 
+_TIME = "time [s]"
 _ALIKE = 1e-3  # relative difference of two rates that are one
 _STRUCTURED = (".mat", ".h5", ".hdf5", ".nc")
 _SHARED = 0.8  # of the shorter file's duration that both must cover
+
+
+@dataclass(frozen=True, eq=False)
+class _Part:
+    """Columns of one clock (samples,), in s: what each is called, its group or file, and its values (samples,)."""
+
+    clock: np.ndarray
+    columns: Sequence[tuple[str, str, np.ndarray]]
 
 
 @dataclass(frozen=True)
@@ -84,18 +96,20 @@ def run_of_rasters(file: Path, guess: RecordingGuess) -> Joined | None:
         guesses = {c.channel: c for c in guess_columns(found) if c.channel}
         time = guesses.pop("time", None)
         if time is not None and guesses:
-            columns = {_called(found, c.column): found.columns[c.column] for c in guesses.values()}
-            parts.append((found.columns[time.column] * time.scale, columns, tuple(guesses)))
-    moving = [part for part in parts if any(name.startswith("displacement") for name in part[2])]
+            part = _Part(found.columns[time.column] * time.scale, [_column(found, c.column) for c in guesses.values()])
+            parts.append((part, tuple(guesses)))
+    moving = [part for part, channels in parts if any(name.startswith("displacement") for name in channels)]
     if len(parts) < 2 or len(moving) != 1:
         return None
-    ordered = [moving[0], *(part for part in parts if part is not moving[0])]
-    joined = _at_the_slowest([(clock, columns) for clock, columns, _ in ordered])
+    ordered = [moving[0], *(part for part, _ in parts if part is not moving[0])]
+    joined = _at_the_slowest(ordered)
     if joined is None:
         return None
-    rates = [1 / float(np.median(np.diff(clock))) for clock, *_ in ordered]
+    rates = [1 / float(np.median(np.diff(part.clock))) for part in ordered]
+    names = iter([*joined][1:])
     of_each = " and ".join(
-        f"{', '.join(columns)} ({rate:g} Hz)" for (_, columns, _), rate in zip(ordered, rates, strict=True)
+        f"{', '.join(next(names) for _ in part.columns)} ({rate:g} Hz)"
+        for part, rate in zip(ordered, rates, strict=True)
     )
     return Joined((file,), joined, f"{file.name} holds {of_each}, which are joined on their clocks{_how(rates)}")
 
@@ -112,9 +126,10 @@ def runs_of_file(file: Path) -> list[Joined]:
             return []
         size = next(iter(found.columns.values())).size
         clock = found.columns[time.column] * time.scale if time else np.arange(size) * step[0]
-        columns = {_called(found, c.column): found.columns[c.column] for c in guesses.values()}
+        part = _Part(clock, [_column(found, c.column) for c in guesses.values()])
+        columns = dict(zip(_names([part]), (values for *_, values in part.columns), strict=True))
         why = f"{run} of {file.name}, which holds several runs"
-        made.append(Joined((file,), {"time [s]": clock, **columns}, why, run))
+        made.append(Joined((file,), {_TIME: clock, **columns}, why, run))
     return made
 
 
@@ -132,9 +147,10 @@ def split_into_runs(files: Sequence[Path], folder: Path) -> tuple[list[Path], li
     return taken, made
 
 
-def _called(found: Contents, column: str) -> str:
-    """What a file calls a column, without the names of its groups."""
-    return found.headers.get(column, column.rpartition(".")[2]).replace(",", " ")
+def _column(found: Contents, column: str) -> tuple[str, str, np.ndarray]:
+    """What a file calls a column without the names of its groups, these groups, and its values."""
+    groups, _, name = column.rpartition(".")
+    return found.headers.get(column, name), groups.replace(".", " "), found.columns[column]
 
 
 def _words(file: Path) -> set[str]:
@@ -150,13 +166,8 @@ def _joined(files: Sequence[Path], guesses: Mapping[Path, RecordingGuess]) -> Jo
     for f in files:
         time = guesses[f].channels["time"]
         used = [c.column for c in guesses[f].columns if c.column != time.column]
-        columns = {read[f].headers.get(c, c).replace(",", " "): read[f].columns[c] for c in used}
-        parts.append((read[f].columns[time.column] * time.scale, columns))
-    seen: set[str] = set()
-    for i, f in enumerate(files):  # of two files with one name for a column
-        renamed = {f"{f.stem} {n}" if n in seen else n: v for n, v in parts[i][1].items()}
-        parts[i] = parts[i][0], renamed
-        seen |= renamed.keys()
+        columns = [(read[f].headers.get(c, c), f.stem, read[f].columns[c]) for c in used]
+        parts.append(_Part(read[f].columns[time.column] * time.scale, columns))
     joined = _at_the_slowest(parts)
     if joined is None:
         return None
@@ -165,20 +176,30 @@ def _joined(files: Sequence[Path], guesses: Mapping[Path, RecordingGuess]) -> Jo
     return Joined(tuple(files), joined, f"{of_each} are joined on their clocks{_how(rates)}")
 
 
-def _at_the_slowest(parts: Sequence[tuple[np.ndarray, Mapping[str, np.ndarray]]]) -> dict[str, np.ndarray] | None:
-    """The columns of parts (clock in s, columns) at the stamps of the slowest; None where their clocks do not fit."""
-    if any(not (np.diff(clock) > 0).all() for clock, _ in parts):
+def _at_the_slowest(parts: Sequence[_Part]) -> dict[str, np.ndarray] | None:
+    """The columns of parts at the stamps of the slowest; None where their clocks do not fit."""
+    clocks = [part.clock for part in parts]
+    if any(not (np.diff(clock) > 0).all() for clock in clocks):
         return None
-    clocks = [clock for clock, _ in parts]
     begin, end = max(t[0] for t in clocks), min(t[-1] for t in clocks)
     if end - begin < _SHARED * min(t[-1] - t[0] for t in clocks):
         return None
     at = max(clocks, key=lambda t: float(np.median(np.diff(t))))
     at = at[(at >= begin) & (at <= end)]
-    joined = {"time [s]": at}
-    for clock, columns in parts:
-        joined |= {name: np.interp(at, clock, values) for name, values in columns.items()}
-    return joined
+    columns = [np.interp(at, part.clock, values) for part in parts for *_, values in part.columns]
+    return {_TIME: at, **dict(zip(_names(parts), columns, strict=True))}
+
+
+def _names(parts: Sequence[_Part]) -> list[str]:
+    """What the columns of parts are called: a name that several have stands behind that of the group or file of each."""
+    often = Counter([_TIME, *(name for part in parts for name, *_ in part.columns)])
+    names = [_TIME]
+    for name, above, _ in (column for part in parts for column in part.columns):
+        called = f"{above} {name}".strip() if often[name] > 1 else name
+        while called in names:  # groups may have one name, too
+            called = f"other {called}"
+        names.append(called)
+    return names[1:]
 
 
 def _how(rates: Sequence[float]) -> str:
@@ -194,9 +215,11 @@ def write_joined(run: Joined, folder: Path) -> Path:
         ValueError: a file of this name is there, with other contents.
     """
     path = folder / run.name
-    text = ",".join(run.columns) + "\n"
-    rows = np.column_stack(list(run.columns.values()))
-    text += "\n".join(",".join(f"{v:.10g}" for v in row) for row in rows) + "\n"
+    table = io.StringIO()
+    writer = csv.writer(table, lineterminator="\n")
+    writer.writerow(run.columns)  # what a file calls its columns may hold commas and quotes
+    writer.writerows([f"{v:.10g}" for v in row] for row in np.column_stack(list(run.columns.values())))
+    text = table.getvalue()
     if path.exists() and path.read_text() != text:
         raise ValueError(f"{path} exists and holds something else; move it away, or choose another --out")
     folder.mkdir(parents=True, exist_ok=True)

@@ -1,5 +1,6 @@
 """A skeleton of rig.toml: what the magnet kind needs, to be stated by the engineer."""
 
+import tomllib
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -46,6 +47,29 @@ _DRIVEN = (
 )
 
 
+_BEGINS = "# A skeleton: take the # from a line"
+_BY_ITSELF = frozenset(["mass", "control_rate", "adc_bits", "dac_bits"])  # what a skeleton may state in [parameters]
+
+
+def is_untouched(path: Path) -> bool:
+    """Whether a file is a skeleton with no parameter but those that it states by itself; any other is the user's."""
+    try:
+        text = path.read_text()
+        table = tomllib.loads(text).get("parameters", {})
+    except (OSError, ValueError):
+        return False
+    return text.startswith(_BEGINS) and isinstance(table, dict) and table.keys() <= _BY_ITSELF
+
+
+def fault_of(path: Path) -> str:
+    """Why a file is no rig; "" where it is one."""
+    try:
+        load_rig(path)
+    except (OSError, ValueError) as error:
+        return str(error)
+    return ""
+
+
 def is_filled_in(path: Path) -> bool:
     """Whether a file is a rig with a magnet, or without one a support, that no skeleton states by itself."""
     try:
@@ -77,7 +101,7 @@ def rig_text(
     chosen = f'magnet = "{magnet}"' if stated.magnet else f'# magnet = "{magnet}"  # {PLEASE} {", ".join(MAGNETS)}'
     mass = f"mass = {stated.mass!r}" if stated.mass is not None else f"# mass = 0.1                 # {PLEASE} kg"
     lines = [
-        "# A skeleton: take the # from a line when its value is right, then name this file in campaign.toml. Below one",
+        f"{_BEGINS} when its value is right, then name this file in campaign.toml. Below one",
         "# magnet rather run maglev new again with --rig and --force: it states bias and gap in the channels.",
         f'schema = "{SCHEMA}"',
         'name = "mine"',

@@ -2,8 +2,11 @@
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from math import isfinite, nan
+from pathlib import Path
 
-from maglev_env.recordings.guess.recording import RecordingGuess
+from maglev_env.recordings.guess.recording import RecordingGuess, guess_recording
+from maglev_env.recordings.guess.stated_columns import with_stated
 
 
 @dataclass(frozen=True)
@@ -33,12 +36,40 @@ def values_of(option: str, texts: Iterable[str]) -> dict[str, float]:
     for text in texts:
         name, _, value = text.rpartition("=")
         try:
-            found[name.strip()] = float(value)
+            number = float(value)
         except ValueError:
-            found = {}
-        if not name.strip() or not found:
+            number = nan
+        if not name.strip() or not isfinite(number):
             raise ValueError(f"{option} {text}: write COLUMN=VALUE, such as {option} hall_probe=0.002")
+        found[name.strip()] = number
     return found
+
+
+def scales_of(texts: Iterable[str]) -> dict[str, float]:
+    """The values of --scale.
+
+    Raises:
+        ValueError: A text is not COLUMN=VALUE, or its value is 0.
+    """
+    scales = values_of("--scale", texts)
+    for name, value in scales.items():
+        if not value:
+            raise ValueError(f"--scale {name}=0: a scale of 0 leaves nothing of a column")
+    return scales
+
+
+def guess_with(
+    file: Path, rate: float | None, scales: Mapping[str, float], zeros: Mapping[str, float]
+) -> RecordingGuess:
+    """The guess of a data file with what the user states of its rate (Hz) and its columns.
+
+    Raises:
+        OSError: The file cannot be read.
+        ValueError: It is no data file, or holds no columns.
+    """
+    guess = guess_recording(file, rate=rate)
+    columns = with_stated(guess.columns, scales, zeros)
+    return guess if columns == guess.columns else guess_recording(file, rate=rate, columns=columns)
 
 
 def check_columns(guesses: Iterable[RecordingGuess], values: Mapping[str, float], option: str) -> None:

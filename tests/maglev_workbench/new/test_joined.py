@@ -40,6 +40,53 @@ def test_clocks_that_do_not_overlap_are_not_joined(tmp_path):
     assert "Read 1 of 2 file(s)" in output and "copy its columns" in output.replace("\n", "")
 
 
+def channels_of(folder):
+    (recording,) = tomllib.loads((folder / "campaign.toml").read_text())["recording"]
+    return recording["channels"]
+
+
+def test_what_is_stated_of_a_column_holds_in_a_run_of_several_files(tmp_path):
+    instruments(tmp_path, "run1", 2000.0, 800.0)
+    stated = ("--scale", "laser=0.002", "--zero", "laser=4")
+    maglev("new", tmp_path, *stated)
+    assert channels_of(tmp_path)["displacement"] == {"from": "laser_mm", "scale": 0.002, "offset": -0.008}
+    assert "there are time, laser, current" in maglev("new", tmp_path, "--force", "--scale", "laser_1=0.002", code=2)
+
+
+def test_columns_of_one_name_keep_that_of_their_group_and_the_clock_its_rate(tmp_path):
+    rng = np.random.default_rng(4)
+    slow, fast = np.arange(4000) / 1e3, np.arange(40000) / 1e4
+    gap = 8 + 0.2 * np.convolve(rng.normal(size=4000), np.full(50, 1 / 50), "same")
+    current = 1 + 0.3 * (np.interp(fast, slow, gap) - 8)
+    with h5py.File(tmp_path / "run.h5", "w") as file:
+        for group, time, values in (("position", slow, gap), ("current", fast, current), ("command", fast, current)):
+            file[f"{group}/time"], file[f"{group}/value"] = time, values
+    text = maglev("new", tmp_path, "--rate", "10000")
+    assert "position value (1000 Hz)" in " ".join(text.split())
+    channels = channels_of(tmp_path)
+    assert {name: channels[name]["from"] for name in ("displacement", "current", "command")} == {
+        "displacement": "position value", "current": "current value", "command": "command value"
+    }  # fmt: skip
+    assert "sample_rate = 1000.0" in (tmp_path / "campaign.toml").read_text()
+
+
+def test_texts_of_a_file_stay_in_their_place_of_a_joined_table(tmp_path):
+    t, fast = np.arange(2000) / 1e3, np.arange(20000) / 1e4
+    odd = 'the gap,\n"of" the\trotor ' + 300 * "x"
+    with h5py.File(tmp_path / "run.h5", "w") as file:
+        for name, values, attributes in (
+            ("slow/time", t, {"units": "s"}),
+            ("slow/gap", 8 + 0.2 * np.sin(9 * t), {"units": "mm", "long_name": odd}),
+            ("fast/time", fast, {"units": "s"}),
+            ("fast/current", 1 + 0.1 * np.sin(9 * fast), {"units": "A"}),
+        ):
+            file.create_dataset(name, data=values).attrs.update(attributes)
+    maglev("new", tmp_path)
+    names = read_columns(tmp_path / "run_joined.csv").names
+    assert len(names) == 3 and names[1].startswith('gap the gap, "of" the rotor xxx') and len(names[1]) < 100
+    assert channels_of(tmp_path)["displacement"]["from"] == names[1]
+
+
 def test_a_file_of_two_rasters_becomes_one_run(tmp_path):
     """The motion at 1 kHz beside the currents at 10 kHz, each group with a time of its own."""
     rng = np.random.default_rng(4)

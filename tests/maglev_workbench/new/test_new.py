@@ -107,8 +107,10 @@ def test_nothing_is_overwritten_without_force(foreign, tmp_path):
     target.unlink()
     maglev("new", tmp_path)
     assert (tmp_path / "rig.toml").read_text() == "mine too"
-    maglev("new", tmp_path, "--force", "--magnet", "electromagnet")
-    assert 'magnet = "electromagnet"' in (tmp_path / "rig.toml").read_text()
+    (tmp_path / "rig.toml").unlink()
+    for magnet in ("electromagnet_pair", "electromagnet"):
+        maglev("new", tmp_path, "--force", "--magnet", magnet)
+        assert f'magnet = "{magnet}"' in (tmp_path / "rig.toml").read_text()
 
 
 def test_a_rig_that_is_filled_in_is_kept(foreign, tmp_path):
@@ -120,6 +122,18 @@ def test_a_rig_that_is_filled_in_is_kept(foreign, tmp_path):
     (tmp_path / "rig.toml").write_text(own)
     maglev("new", tmp_path)
     assert "filled in, and kept" in maglev("new", tmp_path, "--force")
+    assert (tmp_path / "rig.toml").read_text() == own
+
+
+@pytest.mark.parametrize("wrong", ["gap = 4e-4 m", "gapp = 4e-4"])
+def test_a_rig_with_a_mistake_is_kept_and_the_mistake_said(foreign, tmp_path, wrong):
+    shutil.copy(foreign["npz"], tmp_path)
+    maglev("new", tmp_path, "--magnet", "electromagnet_pair", "--mass", "0.08")
+    skeleton = (tmp_path / "rig.toml").read_text()
+    own = skeleton.replace("[parameters]", f"[parameters]\n{wrong}")
+    (tmp_path / "rig.toml").write_text(own)
+    text = " ".join(maglev("new", tmp_path, "--force").split())
+    assert "is kept, but is no rig yet" in text and ("gapp" in text or "line" in text)
     assert (tmp_path / "rig.toml").read_text() == own
 
 
@@ -184,7 +198,10 @@ def test_a_stated_scale_and_zero_go_into_channels_and_gains(tmp_path):
     skeleton = tomllib.loads((tmp_path / "rig.toml").read_text())
     assert skeleton["gains"] == recording["controller"] and skeleton["parameters"]["control_rate"] == rate
     assert "--scale COLUMN=VALUE" in maglev("new", tmp_path, "--force")
-    for wrong, words in (("prob=0.002", "there are"), ("probe=x", "COLUMN=VALUE"), ("probe=0", "0 leaves nothing")):
+    for wrong, words in (
+        ("prob=0.002", "there are"), ("probe=x", "COLUMN=VALUE"), ("probe=0", "probe=0: a scale of 0 leaves nothing"),
+        ("probe=nan", "COLUMN=VALUE"), ("probe=-inf", "COLUMN=VALUE"),
+    ):  # fmt: skip
         assert words in maglev("new", tmp_path, "--force", "--scale", wrong, code=2)
 
 
