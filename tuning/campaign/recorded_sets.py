@@ -174,8 +174,10 @@ def _one(campaign: Campaign, spec: RecordingSpec, gains: Gains) -> GainSet:
         return _failed(gains, spec, why)
     try:
         return _identified(signals, rig, gains, spec)
+    except TellsNothing:
+        raise
     except ValueError as error:
-        raise TellsNothing(str(error), "", where) from error
+        raise ValueError(f"{where}: {error}") from error
 
 
 def _open(signals: RecordedSignals | str, rig: Rig, gains: Gains, spec: RecordingSpec) -> GainSet:
@@ -219,7 +221,16 @@ def _untold(s: Response | None) -> str | None:
 
 
 def _identified(signals: RecordedSignals, rig: Rig, gains: Gains, spec: RecordingSpec) -> GainSet:
-    spectra = record_spectra(signals)
+    """What the lines of a recording show.
+
+    Raises:
+        TellsNothing: They show nothing of the loop.
+        ValueError: What is stated of the recording or the rig is wrong.
+    """
+    try:
+        spectra = record_spectra(signals)
+    except ValueError as error:
+        raise TellsNothing(str(error), "record what is stated of its excitation, over more periods") from error
     receptance = sensitivity = plant = None
     if spectra.driven["force"].size >= LEAST_LINES and "force" in spectra.force.channels:
         receptance = _response(spectra.force, "displacement", "force")
@@ -236,9 +247,10 @@ def _identified(signals: RecordedSignals, rig: Rig, gains: Gains, spec: Recordin
             sensitivity = Response(moved.frequency, s, np.abs(c) ** 2 * moved.variance)
             plant = Response(moved.frequency, moved.value / s, moved.variance / np.abs(s) ** 4)
     if receptance is None and plant is None:
-        raise ValueError(
-            f"it shows nothing of the loop: excite {LEAST_LINES} lines or more at the force (with the channel force) "
-            "or at the current, best both as the rig's [protocol] does"
+        raise TellsNothing(
+            "it shows nothing of the loop",
+            f"excite {LEAST_LINES} lines or more at the force (with the channel force) or at the current, best both as "
+            "the rig's [protocol] does",
         )
     kept = slice(spectra.transient_periods * _per_period(signals) if signals.periodic else 0, None)
     current = signals.channels.get("current", signals.channels.get("command", np.full(1, np.nan)))
