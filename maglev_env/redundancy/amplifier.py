@@ -80,9 +80,10 @@ def unstated_pole(view: View) -> list[Finding]:
     if not found:
         return []
     costs = _costs(lines, found)
-    time, _, made = found[int(np.argmin(costs))]
+    best = int(np.argmin(costs))
+    time, _, made = found[best]
     possible = [one for one, cost in zip((t for t, *_ in found), costs, strict=True) if cost <= _most(costs, lines)]
-    known = time > 0 and max(possible) - min(possible) <= KNOWN * time
+    known = 0 < time < max(t for t, *_ in found) and max(possible) - min(possible) <= KNOWN * time
     if not known or made.misfit > SHAPE or abs(made.gain[0] - 1) > GAIN:
         return []
     late, about = float(made.delay[0]) * view.rate, float(f"{time:.2g}")

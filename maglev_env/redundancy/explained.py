@@ -212,8 +212,8 @@ def _row(view: View, row: Row) -> Finding:
     names = " or ".join(name for name in row.powers if not (late and name in PARAMETERS))
     text = f"{names}: {', '.join(says)} against {row.against}"
     effects = _effects([row])
-    wrong = "when each is sampled" if late else "a scale" if row.gain_off() else "a filter"
-    text += f": {wrong}, or an effect ({effects}): run `maglev diagnose`" if effects else "; check both"
+    wrong = "check when each is sampled; it may be" if late else "a scale, or" if row.gain_off() else "a filter, or"
+    text += f": {wrong} an effect ({effects}): run `maglev diagnose`" if effects else "; check both"
     kind: Kind = "effect" if _or_effect(row) else "wiring"
     se = 2 * row.gain_se * abs(row.gain)
     return Finding(row.code, view.recording, names, row.gain, (row.gain - se, row.gain + se), text, kind)

@@ -107,13 +107,18 @@ def terminal(diagnosis: Diagnosis) -> "list[RenderableType]":
     return parts + [f"  note: {text}" for text in diagnosis.notes[bool(told) :]]
 
 
+def capitalised(text: str) -> str:
+    """A sentence with a capital, unless it begins with the name of an effect or parameter, which has an underscore."""
+    return text if "_" in text.partition(" ")[0] else f"{text[:1].upper()}{text[1:]}"
+
+
 def diagnose_page(diagnosis: Diagnosis) -> str:
     """The HTML of a diagnosis."""
     d = diagnosis
     blamed = tuple(dict.fromkeys(part for name in d.cause for part in name.split("+")))
     sections: list[tuple[str, str | Figure]] = [
         ("Where the gap lies", loop_diagram(d, blamed)),
-        *(("", note(f"{text[0].upper()}{text[1:]}.")) for text in minded(d)),
+        *(("", note(f"{capitalised(text)}.")) for text in minded(d)),
         ("", _list(where_in_words(d)) + note(_NOTES["where"])),
         *([] if d.leftover is None else leftover_sections(d.leftover)),
         *([] if d.free is None else free_sections(d.free)),

@@ -95,6 +95,13 @@ def test_the_lag_that_is_left_out_is_offered_to_be_stated(late):
     assert not unstated_pole(view(OPEN, command=command, current=command + 1e-3 * rng.normal(size=N)))
 
 
+def test_a_lag_beyond_what_is_tried_is_not_offered():
+    rng = np.random.default_rng(8)
+    command = lfilter([1.0], [1.0, -0.999], rng.normal(size=N))
+    channels = {"command": command, "current": 0.95 * held(command, 70.0) + 1e-4 * rng.normal(size=N)}
+    assert not unstated_pole(view(OPEN, **channels))
+
+
 @pytest.mark.parametrize("rate", [20.0, 100.0, 500.0])
 def test_a_slow_rig_is_tried_within_what_a_time_constant_may_be(rate):
     rng = np.random.default_rng(7)

@@ -1,11 +1,13 @@
 """Gains and delays of one or two inputs: recovered, with errors that are those of their scatter."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from maglev_env.redundancy.cause import causes
+from maglev_env.redundancy.explained import _row
 from maglev_env.redundancy.rows import LEVEL, Row, fit, low_pass
 
 RATE, N, P = 1000.0, 80, 6
@@ -97,3 +99,10 @@ def test_a_mass_makes_nothing_late():
     assert not {cause.name for cause in causes([known], RATE)} & {"mass"}
     heavier = replace(known, gain=1.5, delay=0.0)
     assert "mass" in {cause.name for cause in causes([heavier], RATE)}
+
+
+def test_of_two_channels_of_which_one_is_late_a_sentence_says_what_to_check():
+    late = Row("amplifier", {"current": 1, "command": -1}, 1.0, 0.001, 0.1, "the command", 3 / RATE, 1e-6, 1e-4,
+               delay_effects=("delay",))  # fmt: skip
+    said = _row(SimpleNamespace(rate=RATE, recording="run"), late).message
+    assert "late by 3 samples against the command: check when each is sampled; it may be an effect (delay): run" in said

@@ -6,6 +6,7 @@ import pytest
 
 from maglev_workbench.commands.diagnose import minded as module
 from maglev_workbench.commands.diagnose.minded import curved, minded, unstated
+from maglev_workbench.commands.diagnose.report import capitalised
 
 
 def diagnosis(cause, pole=0.0, tolerance=(), effects=("amplifier_lag",)):
@@ -14,6 +15,11 @@ def diagnosis(cause, pole=0.0, tolerance=(), effects=("amplifier_lag",)):
         amplifier_time_constant=pole, sensor_time_constant=0.0, tolerance=dict.fromkeys(tolerance, 0.0)
     )
     return SimpleNamespace(cause=cause, corrected=SimpleNamespace(effects=values), rig=rig)
+
+
+def test_a_sentence_begins_with_a_capital_and_the_name_of_an_effect_as_it_is():
+    assert capitalised("the rig states no mass") == "The rig states no mass"
+    assert capitalised("force_law may be the probe's") == "force_law may be the probe's"
 
 
 @pytest.mark.parametrize("cause", [("amplifier_lag",), ("amplifier_lag+friction", "amplifier_lag+damping")])
