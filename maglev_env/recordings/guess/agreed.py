@@ -170,15 +170,18 @@ def _with_time_constants(guess: RecordingGuess, shown: Sequence[RecordingGuess])
     """
     if not guess.gains:
         return guess
-    gains = dict(guess.gains)
+    gains, said = dict(guess.gains), []
     for time, gain in (("td", "kd"), ("ti", "ki")):
         own = gains[time]
-        first = next(
-            (g.gains[time] for g in shown if g.gains[gain] and abs(g.gains[time] - own) <= _SAME_GAIN * own), own
-        )
-        if gains[gain]:
+        if not gains[gain] or own <= 0:
+            continue
+        like = next((g for g in shown if g.gains[gain] and abs(g.gains[time] - own) <= _SAME_GAIN * own), guess)
+        first = like.gains[time]
+        if first != own:
             gains[gain], gains[time] = float(f"{gains[gain] * first / own:.7g}"), first
-    return replace(guess, gains=gains, controller=replace(guess.controller, value=gains))
+            said.append(f"{time} is that of {like.file} (what is left is that of {own:g} s here), and {gain} follows")
+    controller = replace(guess.controller, value=gains, reason="; ".join([guess.controller.reason, *said]))
+    return replace(guess, gains=gains, controller=controller)
 
 
 def _like(one: Mapping[str, Any], other: Mapping[str, Any]) -> bool:
@@ -192,7 +195,10 @@ def _like(one: Mapping[str, Any], other: Mapping[str, Any]) -> bool:
 
 def _alike(one: Mapping[str, float], other: Mapping[str, float]) -> bool:
     """Whether two PIDs do the same, as far as both have a part; an integral with a long leak is told by its slope."""
-    pairs = [(a["kp"], a["kd"] / a["td"], a["td"] if a["kd"] else 0.0, a["ki"] / a["ti"]) for a in (one, other)]
+    pairs = [
+        (a["kp"], a["kd"] / (a["td"] or 1.0), a["td"] if a["kd"] else 0.0, a["ki"] / (a["ti"] or 1.0))
+        for a in (one, other)
+    ]
     return all(a * b == 0 or abs(a - b) <= _SAME_GAIN * max(abs(a), abs(b)) for a, b in zip(*pairs, strict=True))
 
 

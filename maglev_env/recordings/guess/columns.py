@@ -21,10 +21,10 @@ _NAMES_BESIDE = ("Name", "name", "Label", "label", "blockName")  # texts of a st
 _UNITS_BESIDE = ("Unit", "unit", "Units", "units", "XUnit")
 _TDMS = re.compile(r"/'.*'/'(.+)'")  # what a TDMS file calls a channel: /'group'/'channel'
 _VARIABLE, _TYPE = re.compile(r"[A-Za-z_]\w*(\.[A-Za-z_]\w*)+"), re.compile(r"^(f|r|lr)(?=[A-Z])")
-# Sizes that a channel without a unit is likely to have in SI, rms or mean; beyond them it is in a smaller unit.
+# Sizes up to which the values of a channel without a unit are likely to be in SI; beyond them it is in a smaller unit.
 _LARGEST_M = 0.05
 _SLOW_M = 0.3  # the same of distances that a slow controller could not hold if they were in mm
-_LARGEST_A = 60.0
+_LARGEST_A, _MOST_OF_IT = 60.0, 0.99  # the second: share of a current's values, since single ones may be spikes
 NO_UNIT = "no unit"  # begins the evidence for a scale by the size of the values
 _NOT_CURRENT = 3.0  # times the size of the current beyond which a "command" is a voltage
 
@@ -375,7 +375,7 @@ def _scaled(
     if si == "A":
         # Currents of one file are in one unit, too.
         nameless = [n for n, g in guesses.items() if g.channel and _unit(g.channel) == "A" and not units[n]]
-        if max(float(np.abs(all_values[n]).max()) for n in nameless) > _LARGEST_A:
+        if max(float(np.quantile(np.abs(all_values[n]), _MOST_OF_IT)) for n in nameless) > _LARGEST_A:
             scale, why = 1e-3, f"{NO_UNIT}, {span}, of that size taken as mA"
     ask = "; ".join(filter(None, (guess.ask, "unit of this column")))
     return replace(

@@ -3,11 +3,11 @@
 import numpy as np
 
 from maglev_env.recordings.guess import behaviour as shown
-from maglev_env.recordings.guess.words import plain_words
+from maglev_env.recordings.guess.words import COUNTS, plain_words
 
 _WORDS = (
-    "adc hall raw count counts cts digits bits lsb inc increments inkremente ticks pulses impulse impulsions points "
-    "puntos pulsos pwm duty dac encoder codeur encodeur drehgeber codificador"
+    f"{COUNTS} adc hall inc increments inkremente pulses impulse impulsions points puntos pulsos pwm duty dac "
+    "encoder codeur encodeur drehgeber codificador"
 )
 _MOST_WHOLE = 0.95
 _FEWEST, _FOLLOWED = 6, 0.9  # levels at which a reading is compared with what is wanted of it; their least correlation

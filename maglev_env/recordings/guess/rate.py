@@ -22,6 +22,7 @@ _STEPS = re.compile(
     rf"|periode_{_FRENCH})$",
     re.IGNORECASE,
 )
+STATED_RATE = "--rate"  # among the numbers of a file, the rate that the user states, Hz
 _AS_STATED = 0.01  # relative deviation of a stated step from that of the column
 _FEW_GAPS = 0.05  # share of steps that may be several, where samples are missing
 _SLOWEST = 40.0  # Hz of control with which anything levitates
@@ -69,6 +70,8 @@ def guess_rate(time: np.ndarray | None, scale: float, numbers: Mapping[str, floa
 def stated_step(numbers: Mapping[str, float]) -> tuple[float, str] | None:
     """The time between two samples that a single number of the file states, s, and where; None without one."""
     for name, value in numbers.items():
+        if name == STATED_RATE:
+            return 1 / value, f"the stated rate of {value:g} Hz"
         called, unit = header_unit(name)
         called = re.sub(r"\W+" if unit else r"[^\w.]+", "_", unaccented(called))
         rate, step = _RATES.search(called), _STEPS.search(called)

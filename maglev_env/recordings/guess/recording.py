@@ -15,11 +15,10 @@ from maglev_env.recordings.guess.controllers import asked_of, controllers, resca
 from maglev_env.recordings.guess.evidence import LIKELY, OPEN, STATED, Guess
 from maglev_env.recordings.guess.excitation import guess_excitation
 from maglev_env.recordings.guess.gaps import whole
-from maglev_env.recordings.guess.rate import guess_rate
+from maglev_env.recordings.guess.rate import STATED_RATE, guess_rate
 from maglev_env.recordings.masking import MOST_MASKED, clipped_samples
 
 _ONE_SIDED = 0.02  # of its largest value, that a current of one sign may read below zero
-_STATED_RATE = "stated.sample_rate"
 _CARRIES = 2.0  # mean current over its standard deviation that holds a weight
 
 
@@ -109,7 +108,7 @@ def guess_recording(
     file = read_columns(path)
     found = contents(file)
     if rate is not None:  # it tells the unit of a time without one, too
-        found = replace(found, numbers={_STATED_RATE: rate, **found.numbers})
+        found = replace(found, numbers={STATED_RATE: rate} | found.numbers | {STATED_RATE: rate})
     if part:
         used = slice(part[0], part[0] + part[1])
         bridged = None if found.bridged is None else found.bridged[used]

@@ -56,16 +56,7 @@ _SHORT = re.compile("^(ref|set|des|cmd|act|meas|ist)(?=[a-z]{3})")
 _GLUED = re.compile("^([iyxzhuf])(ref|soll|cmd|set|des|obs|hat|est|meas|mess|ist|act|inj)$|^([iuf])([xyz])$")
 _AXES = ("x", "y", "z")
 _PLACEHOLDER = re.compile(r"(c|col|column|columna|spalte|kanal|channel|ch|var|unnamed:?|data|values?)?[_ ]?\d*")
-_OF_CONVERTER = {
-    "count",
-    "counts",
-    "cts",
-    "ticks",
-    "raw",
-    "digits",
-    "bits",
-    "lsb",
-}  # a unit, where other words stand beside
+COUNTS = "count counts cts ticks raw digits bits lsb"  # of a converter: a unit, where other words stand beside
 _WITHOUT_MEANING = {"data", "value", "values", "signals", "signal", "out", "in", "model", "root", "y1", "mess", "meas"}
 
 
@@ -131,7 +122,7 @@ def meaning(name: str, si: str = "") -> Meaning:
         The channel with the confidence in it.
     """
     words = [w for w in plain_words(name) if w not in _WITHOUT_MEANING]
-    words = [w for w in words if w not in _OF_CONVERTER] or words
+    words = [w for w in words if w not in COUNTS.split()] or words
     if not words or _PLACEHOLDER.fullmatch(name.strip().lower()):
         words = []
     quantity, word, sure = _quantity(words, name)

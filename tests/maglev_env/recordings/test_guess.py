@@ -11,7 +11,7 @@ from maglev_env.recordings.guess import behaviour as shown
 from maglev_env.recordings.guess.columns import guess_columns
 from maglev_env.recordings.guess.controller import fit_controller
 from maglev_env.recordings.guess.excitation import guess_excitation
-from maglev_env.recordings.guess.rate import guess_rate
+from maglev_env.recordings.guess.rate import STATED_RATE, guess_rate, stated_step, time_scale
 from maglev_env.recordings.guess.recording import guess_recording
 from maglev_env.recordings.guess.units import header_unit
 from maglev_env.recordings.guess.words import meaning
@@ -337,6 +337,20 @@ def test_channels_of_a_tdms_export_have_their_units_and_axes():
     wanted = ("displacement_x", "displacement_y", "reference_x", "reference_y", "current_x", "speed")
     assert tuple(found[n.partition(" ")[0]].channel for n in names) == wanted
     assert found["Pos_X"].scale == found["Ref_Y"].scale == 1e-6 and not found["Pos_X"].ask
+
+
+@pytest.mark.parametrize(("spikes", "scale"), [(3, 1.0), (N // 2, 1e-3)])
+def test_a_spike_tells_no_unit_of_a_current(spikes, scale):
+    current = 1 + 0.1 * SLOW
+    current[:spikes] *= 100
+    assert columns(t=T, pos_mm=SLOW, i=current)["i"].scale == scale
+
+
+def test_a_stated_rate_is_called_so_and_stands_before_a_number_of_the_file():
+    time, numbers = 1000.0 * T / (T[1] - T[0]), {"fs": 1.0, STATED_RATE: 1000.0}
+    scale, why, ask = time_scale(time, {STATED_RATE: 1000.0})
+    assert scale == 1e-6 and why.endswith("the stated rate of 1000 Hz") and not ask
+    assert stated_step({STATED_RATE: 1000.0} | numbers)[0] == 1e-3
 
 
 def test_a_column_that_is_called_by_its_unit_alone():

@@ -157,3 +157,10 @@ def test_other_gains_of_one_controller_keep_its_time_constants():
     for time, gain in (("td", "kd"), ("ti", "ki")):
         assert same.gains[gain] / same.gains[time] == pytest.approx(other.gains[gain] / other.gains[time], rel=1e-6)
     assert alone.gains["td"] == 4e-4 and same.controller.value == same.gains
+    assert "td is that of a.csv (what is left is that of 0.000246632 s here), and kd follows" in same.controller.reason
+    assert not first.controller.reason and not alone.controller.reason.startswith("td")
+
+
+def test_a_controller_without_a_filter_keeps_its_derivative():
+    (same,) = one_controller([guessed("a.csv", kp=7500.0, ki=0.0, kd=4.9, td=0.0, ti=120.0)])
+    assert same.gains["kd"] == 4.9 and same.gains["td"] == 0.0
