@@ -97,8 +97,8 @@ def test_the_lag_that_is_left_out_is_offered_to_be_stated(late):
 
 def test_a_lag_beyond_what_is_tried_is_not_offered():
     rng = np.random.default_rng(8)
-    command = lfilter([1.0], [1.0, -0.999], rng.normal(size=N))
-    channels = {"command": command, "current": 0.95 * held(command, 70.0) + 1e-4 * rng.normal(size=N)}
+    command = lfilter([0.3], [1.0, -0.7], rng.normal(size=N))
+    channels = {"command": command, "current": held(command, 54.0) + 1e-5 * rng.normal(size=N)}
     assert not unstated_pole(view(OPEN, **channels))
 
 
