@@ -6,6 +6,7 @@ import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import takewhile
 from pathlib import Path
 
 import numpy as np
@@ -191,11 +192,14 @@ def _at_the_slowest(parts: Sequence[_Part]) -> dict[str, np.ndarray] | None:
 
 
 def _names(parts: Sequence[_Part]) -> list[str]:
-    """What the columns of parts are called: a name that several have stands behind that of the group or file of each."""
-    often = Counter([_TIME, *(name for part in parts for name, *_ in part.columns)])
+    """What the columns of parts are called: of one name that several have, behind that of the group or file of each."""
+    columns = [(name, above.split()) for part in parts for name, above, _ in part.columns]
+    often = Counter([_TIME, *(name for name, _ in columns)])
+    words = zip(*(above for _, above in columns), strict=False)
+    same = len([*takewhile(lambda of_each: len(set(of_each)) == 1, words)])  # the run's, which another run has not
     names = [_TIME]
-    for name, above, _ in (column for part in parts for column in part.columns):
-        called = f"{above} {name}".strip() if often[name] > 1 else name
+    for name, above in columns:
+        called = " ".join([*above[same:], name]) if often[name] > 1 else name
         while called in names:  # groups may have one name, too
             called = f"other {called}"
         names.append(called)

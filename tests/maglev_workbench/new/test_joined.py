@@ -8,6 +8,7 @@ import pytest
 from command_line import maglev
 
 from maglev_env.recordings.files import read_columns
+from maglev_workbench.commands.new.joined import runs_of_file
 
 
 def instruments(folder, run, rate, other, offset=0.0):
@@ -123,3 +124,14 @@ def test_every_run_of_a_file_becomes_a_recording_and_an_axis_does_not(tmp_path, 
     assert len(recordings) == count and all({"displacement", "current"} <= r["channels"].keys() for r in recordings)
     if count > 1:
         assert {r["file"] for r in recordings} == {f"all_{name}_joined.csv" for name in names}
+
+
+def test_columns_of_one_name_keep_that_of_their_group_in_each_of_several_runs(tmp_path):
+    rng, t = np.random.default_rng(5), np.arange(3000) / 1e3
+    with h5py.File(tmp_path / "all.h5", "w") as file:
+        for run in ("run1", "run2"):
+            gap = 8 + 0.2 * np.convolve(rng.normal(size=3000), np.full(50, 1 / 50), "same")
+            file[f"{run}/time"] = t
+            file[f"{run}/position/value"], file[f"{run}/current/value"] = gap, 1 + 0.3 * (gap - 8)
+    runs = runs_of_file(tmp_path / "all.h5")
+    assert [[*run.columns] for run in runs] == 2 * [["time [s]", "current value", "position value"]]
