@@ -4,7 +4,6 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from scipy.stats import linregress
 
 from estimation.actuator import ActuatorEstimate, actuator_estimate, as_force
 from estimation.apparent_gain import ApparentGain, periodic_gain
@@ -254,12 +253,13 @@ def _negative_damping(force: LineStatistics, mass: float) -> str:
     square = (2 * np.pi * force.frequency) ** 2
     known = np.isfinite(response) & (response != 0)
     # Of k - m w^2 only the slope tells the sign: below the resonance a flipped k - m w^2 is negative, too.
-    line = linregress(square[known], np.real(1 / response[known])) if known.sum() > 2 else None
-    if line and line.slope + _SURE * line.stderr < -_INERTIA * mass:
-        return (
-            "the inertia has the right sign, so force and displacement are not flipped; the force may be late against "
-            "the displacement, or a mode, or what else is in the loop, feeds the motion"
-        )
+    if known.sum() > 2:
+        (slope, _), covariance = np.polyfit(square[known], np.real(1 / response[known]), 1, cov=True)
+        if slope + _SURE * np.sqrt(covariance[0, 0]) < -_INERTIA * mass:
+            return (
+                "the inertia has the right sign, so force and displacement are not flipped; the force may be late "
+                "against the displacement, or a mode, or what else is in the loop, feeds the motion"
+            )
     return "is the sign of force or displacement flipped?"
 
 
