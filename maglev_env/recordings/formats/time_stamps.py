@@ -1,12 +1,14 @@
 """A channel of time stamps against the stated rate: jitter that is taken out, samples that are missing or double."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy
 
 STEP_TOLERANCE = 0.01  # of a step: a clock as regular as this is taken as it stands
-MEAN_RATE_TOLERANCE = 1e-4
+# Two clocks differ by up to so much, and more is another rate. From where it is said: the rows are then still one for
+# each tick of the controller.
+CLOCKS_DIFFER, SAID_FROM = 3e-4, 1e-4
 MOST_MISSING = 100  # samples for each one that is there
 JITTERED_RATE_TOLERANCE = 0.02  # a jittered record is resampled, so its own mean rate need not be the stated one
 # A step that is longer or shorter by more than this share is no jitter: a sample is missing, or there twice. Half a
@@ -90,8 +92,14 @@ def check_clock(time: np.ndarray, rate: float) -> Clock:
     if _only_rounded(time, step):
         return regular
     if np.abs(steps - step).max() <= (1 + 1e-6) * STEP_TOLERANCE * step:
-        if abs(mean * rate - 1) > MEAN_RATE_TOLERANCE:
-            raise ValueError(f"mean rate {1 / mean:.8g} Hz, not sample_rate = {rate:g} Hz")
+        apart = 1 / (mean * rate) - 1
+        if abs(apart) > CLOCKS_DIFFER:
+            raise ValueError(
+                f"mean rate {1 / mean:.8g} Hz, not sample_rate = {rate:g} Hz; state the one that the controller keeps"
+            )
+        if abs(apart) > SAID_FROM:
+            note = f"by its stamps the rate is {1e6 * apart:+.0f} ppm off: rows are taken as ticks of {rate:g} Hz"
+            return replace(regular, notes=(note,))
         return regular
     late, repeated = steps > (1 + MOST_JITTER) * median, steps == 0
     early = (steps < (1 - MOST_JITTER) * median) & ~repeated

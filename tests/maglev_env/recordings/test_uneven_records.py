@@ -140,3 +140,15 @@ def test_quality_of_a_recording_that_nothing_excites(tmp_path):
 def test_stamps_that_are_no_clock_are_refused(stamps, words):
     with pytest.raises(ValueError, match=words):
         check_clock(stamps, 1000.0)
+
+
+def test_two_clocks_that_differ_a_little_are_said_and_no_other_rate():
+    """Crystals differ by a hundred parts per million. A controller samples by its own."""
+    ticks = np.arange(20_000) / 1000.0
+    clock = check_clock(ticks / 1.000138, 1000.0)
+    assert clock.instants is None and clock.notes == (
+        "by its stamps the rate is +138 ppm off: rows are taken as ticks of 1000 Hz",
+    )
+    assert check_clock(ticks / 1.00005, 1000.0).notes == ()
+    with pytest.raises(ValueError, match=r"mean rate 1000\.4 Hz, not sample_rate = 1000 Hz; state the one"):
+        check_clock(ticks / 1.0004, 1000.0)
