@@ -19,6 +19,7 @@ WIDTH = 21  # lines of a window
 TERMS = 3  # of the polynomial that stands for transient and drift
 KEPT = WIDTH - TERMS  # coordinates of a window
 POOLED = 5  # windows whose noise is pooled
+NOISE_ALONE = (0.40, 0.49)  # of the sample rate: where a signal is taken to be noise alone
 _RANK = 1e-6  # share of the strongest direction below which the excitation of a window adds no direction of its own
 
 

@@ -6,6 +6,7 @@ Only lines count at which the mass dominates: there the stiffness, which effects
 import numpy as np
 import scipy
 
+from estimation.lines.line_windows import NOISE_ALONE
 from maglev_env.loop.magnets.kinds import force_law
 from maglev_env.loop.magnets.law import linearise
 from maglev_env.redundancy.controller import at_control_rate, made_alone
@@ -26,7 +27,6 @@ TOO_FEW = 12  # lines
 SEEN = 0.1  # noise over power of the displacement, up to which a line counts without a rig
 LOUD = 100.0  # power over the stated or seen noise of the reading, from which a bin counts
 HARMONIC = 3e-3  # of the most powerful line's acceleration, up to which a line may hold distortion of others
-FLOOR = (0.40, 0.49)  # of the rate: where a reading is taken to be noise alone
 FORCE_EFFECTS = ("mass", "sensor_gain", "support_resonance", "sensor_resonance", "friction")
 CURRENT_EFFECTS = ("actuator_gain", "mass", "sensor_gain", "eddy_current", "saturation", "hysteresis")
 # What turns or bends a response, by what is taken for its cause: what acts before that does not.
@@ -155,7 +155,7 @@ def _floor(y: np.ndarray) -> float:
     """
     window = np.hanning(y.size)
     spectrum = np.asarray(scipy.fft.rfft((y - y.mean()) * window))
-    top = slice(*(int(share * y.size) for share in FLOOR))
+    top = slice(*(int(share * y.size) for share in NOISE_ALONE))
     return float(np.mean(np.abs(spectrum[top]) ** 2) / np.sum(window**2))
 
 

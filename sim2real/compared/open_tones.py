@@ -15,6 +15,7 @@ from scipy import stats
 from scipy.optimize import minimize_scalar
 
 from estimation.lines.line_windows import KEPT, WIDTH
+from maglev_env.experiment import Experiment
 from maglev_env.linear.loop import closed_loop_poles
 from sim2real.compared.distortion import COMMON, distorted
 from sim2real.compared.simulated import Point, experiment_near, lanes_of
@@ -42,21 +43,19 @@ class Residual:
         lines: (axes, windows, KEPT), its coordinates.
         driven: (windows, KEPT, directions), orthonormal or zero: what the drives, and how the plant rings, may explain.
         rank: (windows,), how many of them are not zero.
-        rung: likewise, what the ringing alone may explain.
-        rung_rank: (windows,), how many of these are not zero.
+        near: the record's experiment at the point of the simulation.
     """
 
     record: OpenRecord
     lines: np.ndarray
     driven: np.ndarray
     rank: np.ndarray
-    rung: np.ndarray
-    rung_rank: np.ndarray
+    near: Experiment
 
-    @property
     def undriven(self) -> "Residual":
-        """The same where the drives explain nothing."""
-        return replace(self, driven=self.rung, rank=self.rung_rank)
+        """The same where the drives explain nothing, and the ringing alone does."""
+        rung, rank = ringing_directions(self.record, self.near, self.driven[..., :0])
+        return replace(self, driven=rung, rank=rank)
 
 
 def residual_of(record: OpenRecord, point: Point) -> Residual | None:
@@ -69,8 +68,7 @@ def residual_of(record: OpenRecord, point: Point) -> Residual | None:
     driven, rank = driven_directions(record)
     at = experiment_near(record, point)
     beside, more = ringing_directions(record, at, driven)
-    rung, rung_rank = ringing_directions(record, at, driven[..., :0])
-    return Residual(record, lines, np.concatenate([driven, beside], axis=-1), rank + more, rung, rung_rank)
+    return Residual(record, lines, np.concatenate([driven, beside], axis=-1), rank + more, at)
 
 
 def with_tones(record: OpenRecord, near: Point = NOMINAL) -> OpenRecord:
@@ -179,7 +177,7 @@ def _strongest(residual: Residual) -> tuple[Tone | None, Residual]:
         return None, residual
     # Where drives may explain most of a window, as those of two axes do, what is left of it tells a frequency badly.
     if 2 * residual.rank[_window(residual, np.array([refined]))[0]] > KEPT:
-        again = strongest_near(refined, residual.undriven)
+        again = strongest_near(refined, residual.undriven())
         refined = again if significant(again) else refined
     (amplitude,), (chi2,) = tones_in(residual, np.array([refined * spacing]))
     own = np.array([amplitude.real, -amplitude.imag])

@@ -145,7 +145,7 @@ def smoothed_alike(
         drive between its samples; none where that is held or stated, or where the log is not slower than the
         controller.
     """
-    if record.windows.sample_rate >= record.nominal.control_rate:
+    if not record.slower_than_controller:
         return {}  # a log of what the controller itself read has no filter of its own
     found = {}
     shapes = {e.order: e for e in record.errors if e.shape and e.channel == record.source}

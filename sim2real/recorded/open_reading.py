@@ -23,7 +23,7 @@ from sim2real.recorded.at_rest.weight_law import balancing, lacking_in_words
 from sim2real.recorded.channel_errors import ChannelError, channel_errors
 from sim2real.recorded.drive.drive import Drive, Driving, drive_of
 from sim2real.recorded.drive.fed_back import fed_back
-from sim2real.recorded.drive.innovation import along_innovations, slower_than_controller
+from sim2real.recorded.drive.innovation import along_innovations
 from sim2real.recorded.drive.instrument import along_instruments
 from sim2real.recorded.not_stable import not_stable
 from sim2real.recorded.open_record import OpenRecord, compared
@@ -159,7 +159,7 @@ def open_record(campaign: Campaign, spec: RecordingSpec, dataset: "xr.Dataset") 
         note = f"only what goes {what} is compared, because it is free of the noise that the controller fed back"
         return replace(found, errors=errors, notes=(*record.notes, note))
     record = fed_back(replace(record, errors=errors), channels[drive.source], drive.between(record.windows.frequency))
-    if drive.source == "command" and slower_than_controller(record):
+    if drive.source == "command" and record.slower_than_controller:
         # What was fed back above the log's rate is folded into it, and no regression finds where it came from.
         raise TellsNothing(
             f"{NOTHING_FREE} the command, which is logged more slowly than the controller makes it",

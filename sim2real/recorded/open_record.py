@@ -100,6 +100,11 @@ class OpenRecord:
         return self.experiment.rig.axes
 
     @property
+    def slower_than_controller(self) -> bool:
+        """Whether it holds fewer samples than its controller took."""
+        return self.nominal.control_rate > (1 + 1e-9) * self.windows.sample_rate
+
+    @property
     def count(self) -> int:
         """Periods kept, as it were."""
         return 1

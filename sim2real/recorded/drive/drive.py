@@ -92,8 +92,8 @@ class Drive:
         e, y = self.experiment, channels["displacement"]
         dt, samples, nothing = 1 / e.rig.control_rate, y.shape[1], np.zeros_like(y)
         ticks = {name: channels[name] for name in ("displacement", "current") if name in channels}
-        if self.stand_in and self._shaken(y - quiet(y)):
-            ticks["displacement"] = y = quiet(y)
+        if self.stand_in and self._shaken(y - (calm := quiet(y))):
+            ticks["displacement"] = y = calm
         if self.every > 1:
             when = np.arange(samples) if instants is None else instants
             at = between_ticks(when, self.every) / self.every

@@ -13,13 +13,12 @@ from dataclasses import replace
 import numpy as np
 import scipy.fft
 
-from estimation.lines.line_windows import KEPT, POOLED
+from estimation.lines.line_windows import KEPT, NOISE_ALONE, POOLED
 from maglev_env.recordings.left_out import TellsNothing
 from sim2real.recorded.nominal import nominal_blocks
 from sim2real.recorded.open_record import OpenRecord
 
 CLEAR = 4.0  # power of the motion that u_s causes, over that of the noise, from which a window is used
-FLOOR = (0.40, 0.49)  # of the sample rate: where the reading is taken to be noise alone
 UNSURE = 0.3  # share of the predicted bias that remains as a standard deviation
 TAPS = 24  # past outputs and readings of the regression
 MOST_ROWS = 20_000  # of the regression
@@ -45,7 +44,7 @@ def fed_back(record: OpenRecord, driving: np.ndarray, between: np.ndarray) -> Op
     power = np.mean(abs(simulated) ** 2, axis=-1)
     y = readings[:, record.first :]
     samples = y.shape[1]
-    lines = slice(*(int(share * samples) for share in FLOOR))
+    lines = slice(*(int(share * samples) for share in NOISE_ALONE))
     floor = np.mean(
         abs(np.asarray(scipy.fft.rfft(y - y.mean(axis=1, keepdims=True)))[:, lines] * (2 / samples)) ** 2, 1
     )

@@ -23,6 +23,7 @@ from dataclasses import replace
 import numpy as np
 import scipy.fft
 
+from estimation.lines.line_windows import NOISE_ALONE
 from maglev_env.loop.magnets.kinds import force_law
 from maglev_env.loop.magnets.law import linearise
 from maglev_env.rig.rig import axis_rig
@@ -33,7 +34,6 @@ from sim2real.recorded.open_record import OpenRecord
 TAPS = 24  # past samples of the regression
 ROWS_PER_TAP = 20  # samples for each of them, at least
 LOUD = 5.0  # power of an innovation over that of the meter's noise, from which it is an instrument
-FLOOR = (0.40, 0.49)  # of the sample rate: where the current is taken to be noise alone if no noise is stated
 # Share of the reading's noise that the controller did not see, and its standard deviation: so wide that the record says
 # by itself whether that is nothing or all.
 OWN, OWN_SPREAD = 0.5, 1.0
@@ -56,7 +56,7 @@ def along_innovations(record: OpenRecord, channels: Mapping[str, np.ndarray], to
     latest = record.source == "command" or _late(record, drive, reading, taps)
     found, past, answer = innovations(drive, reading, taps, latest)
     noise = record.nominal.noise.current**2 or _floor(drive) if record.source == "current" else 0.0
-    if slower_than_controller(record):
+    if record.slower_than_controller:
         # What the controller did between the samples is folded into them, and no noise that a rig states includes it.
         noise = max(noise, _floor(drive))
     if not (np.mean(found**2, axis=1) > LOUD * noise).all():
@@ -70,11 +70,6 @@ def along_innovations(record: OpenRecord, channels: Mapping[str, np.ndarray], to
         of_meter = _of_meter(along, found, past, noise)
         bias, unsure = bias + of_meter, {**unsure, f"noise in the drive of {record.name}": UNSURE * of_meter}
     return replace(along, bias=bias, unsure=unsure)
-
-
-def slower_than_controller(record: OpenRecord) -> bool:
-    """Whether a record holds fewer samples than its controller took."""
-    return record.nominal.control_rate > (1 + 1e-9) * record.windows.sample_rate
 
 
 def innovations(
@@ -137,7 +132,7 @@ def _late(record: OpenRecord, drive: np.ndarray, reading: np.ndarray, taps: int)
 def _floor(series: np.ndarray) -> float:
     """Mean square of white noise that explains series (axes, samples) at their highest frequencies."""
     samples = series.shape[1]
-    lines = slice(*(int(share * samples) for share in FLOOR))
+    lines = slice(*(int(share * samples) for share in NOISE_ALONE))
     spectrum = np.asarray(scipy.fft.rfft(series - series.mean(axis=1, keepdims=True)))[:, lines]
     return float(np.mean(abs(spectrum) ** 2) / samples)
 

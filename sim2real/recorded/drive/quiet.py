@@ -11,7 +11,8 @@ import numpy as np
 import scipy.fft
 from scipy.ndimage import uniform_filter1d
 
-FLOOR = (0.40, 0.49)  # of the sample rate: where the reading is taken to be noise alone
+from estimation.lines.line_windows import NOISE_ALONE
+
 MEDIAN = 0.4549  # of a chi-square of one degree of freedom
 SMOOTHED = 41  # lines over which the power of the reading is averaged
 
@@ -21,7 +22,7 @@ def quiet(readings: np.ndarray) -> np.ndarray:
     n = readings.shape[-1]
     spectrum = np.asarray(scipy.fft.rfft(np.concatenate([readings, readings[..., ::-1]], axis=-1), axis=-1))
     power = abs(spectrum) ** 2
-    first, last = (int(2 * n * share) for share in FLOOR)
+    first, last = (int(2 * n * share) for share in NOISE_ALONE)
     # Mirrored white noise has lines of one phase, whose power is a chi-square of one degree of freedom. Its median is
     # not moved by a tone that stands there.
     noise = np.median(power[..., first:last], axis=-1, keepdims=True) / MEDIAN

@@ -83,7 +83,7 @@ def test_drives_that_explain_most_of_a_window_leave_the_frequency_alone(read, mo
         driven = np.linalg.qr(rng.normal(size=shape) + 1j * rng.normal(size=shape))[0]
         beyond = (elsewhere - at) - np.einsum("wkd,wjd,wj->wk", driven, np.conj(driven), elsewhere - at)
         lines = (at + beyond)[None] + 0.03 * np.linalg.norm(at) * (noise[0] + 1j * noise[1])
-        moved = Residual(record, lines, driven, np.full(w.count, 10), driven[..., :0], np.zeros(w.count, int))
+        moved = Residual(record, lines, driven, np.full(w.count, 10), record.experiment)
         monkeypatch.setattr(open_tones, "residual_of", lambda record, near, moved=moved: moved)
         found.append(with_tones(record).tones[0].frequency)
     assert np.median(found) == pytest.approx(61.7, abs=0.15)
