@@ -81,18 +81,25 @@ class LaneValues:
 
 
 def shaped_law(law: ForceLaw | SingleSidedLaw, effects: Effects) -> ForceLaw | SingleSidedLaw:
-    """The law as the effect force_law reshapes it, and as the form of the effect negative_stiffness does.
+    """The law as the effect force_law reshapes it, and as the forms of the effects of gain and stiffness do.
 
-    By that form, distances are divided by (1 + change)^distance_share. The rest of the change scales the pull without
-    current, so that the stiffness at rest does not depend on the form.
+    By the form of actuator_gain, (1 + change)^force_share of the change scales the force and not the current. By that
+    of negative_stiffness, distances are divided by (1 + change)^distance_share; the rest of that change scales the pull
+    without current. So neither gain nor stiffness at rest depends on the form.
     """
     exponent, offset = (effect_value(effects, "force_law", key) for key in ("exponent", "offset"))
     own = reshaped(law, exponent, offset) if exponent or offset else law
-    change, share = (effect_value(effects, "negative_stiffness", key) for key in ("change", "distance_share"))
-    if not change or not share:
-        return own
-    factor = (1 + change) ** share
-    return replace(with_distances_over(own, factor), stiffness_scale=own.stiffness_scale / factor)
+    if force := _form_factor(effects, "actuator_gain", "force_share"):
+        own = replace(own, force_scale=own.force_scale * force, gain_scale=own.gain_scale / force)
+    if nearer := _form_factor(effects, "negative_stiffness", "distance_share"):
+        own = replace(with_distances_over(own, nearer), stiffness_scale=own.stiffness_scale / nearer)
+    return own
+
+
+def _form_factor(effects: Effects, name: str, share: str) -> float | None:
+    """(1 + change)^share of an effect that has both; None where it has not."""
+    change, part = (effect_value(effects, name, key) for key in ("change", share))
+    return (1 + change) ** part if change and part else None
 
 
 def lane_values(own: Sequence[Experiment]) -> LaneValues:

@@ -26,11 +26,18 @@ def _knee() -> Parameter:
 EFFECTS: Mapping[str, EffectCard] = {
     "actuator_gain": EffectCard(
         "actuator",
-        relative((-0.3, -0.05, 0.05, 0.4, 1.5, 3.5)),
-        "relative change of df/di: D 5.2.3 measures 5.7, eq 3.13 1.28",
+        {
+            **relative((-0.3, -0.05, 0.05, 0.4, 1.5, 3.5)),
+            "force_share": Parameter("", 0.0, 1.0, 0.0, scale=1.0, shape=0.5, centre=0.5),
+        },
+        # With 0 the current that pulls is another one, as of an amplifier or of windings. With 1 every current pulls
+        # more, as of another force constant. They differ in what the square of the current does.
+        "relative change of df/di: D 5.2.3 measures 5.7, eq 3.13 1.28; (1 + change)^(1 - force_share) scales the "
+        "current, the rest the force",
         "current, force and displacement",
         ("magnets",),
         nominal="actuator_gain",
+        plain_kernel=("force_share",),
     ),
     "negative_stiffness": EffectCard(
         "actuator",

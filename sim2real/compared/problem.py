@@ -14,7 +14,7 @@ from sim2real.compared.evidence import evidence_of, measured_at
 from sim2real.compared.law_shape import shows_shape
 from sim2real.compared.line_kinds import KINDS, informative, line_kinds
 from sim2real.compared.simulated import Point, Predictor, experiment_at, residuals, together
-from sim2real.compared.stiffness_form import stiffness_nuisance
+from sim2real.compared.tolerance_forms import form_nuisances
 from sim2real.recorded.at_rest.static_evidence import StaticEstimate, coefficients_at, static_of
 from sim2real.recorded.nuisances import Nuisances, stacked
 from sim2real.recorded.open_evidence import exact_errors, opened_of
@@ -261,8 +261,7 @@ def assemble(
         used = informative(record) if lines is None else lines[i]
         evidence = evidence_of(record, near or Point({}, {}), errors, crossed)
         unsure_of_all = isinstance(record, OpenRecord) and shows_shape(record)
-        form = {} if unsure_of_all else stiffness_nuisance(record.nominal, evidence.predictor)
-        unsure = {**evidence.nuisances, **form}
+        unsure = {**evidence.nuisances, **form_nuisances(record.nominal, evidence.predictor, not unsure_of_all)}
         opened, measured, noise = evidence.opened, evidence.measured, evidence.noise
         if isinstance(record, OpenRecord):
             noise = np.minimum(noise * louder, bench.most(record, opened.outputs))

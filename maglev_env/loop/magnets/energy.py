@@ -13,10 +13,10 @@ def coenergy(law: ForceLaw, displacement: np.ndarray | float, current: np.ndarra
     """Co-energy W of a law; force = +dW/dy at constant current.
 
     A shrinking gap raises the co-energy, and the force acts in that direction. The weight of the single-sided laws
-    enters as -m g y. The calibration is that of the force: stiffness_scale W(y, 0) + [W(y, s i) - W(y, 0)] with
-    s = gain_scale. Terms that do not depend on the displacement are left out. Without calibration d2W/di2 is the sum of
-    the inductances of an electromagnet pair's coils. D's hybrid law (area n_b A_g / (2 mu_0)) counts one pole face per
-    magnet, so its W is half the co-energy of the magnetic circuit.
+    enters as -m g y. The calibration is that of the force: with s = gain_scale,
+    stiffness_scale W(y, 0) + force_scale [W(y, s i) - W(y, 0)]. Terms that do not depend on the displacement are left
+    out. Without calibration d2W/di2 is the sum of the inductances of an electromagnet pair's coils. D's hybrid law
+    (area n_b A_g / (2 mu_0)) counts one pole face per magnet, so its W is half the co-energy of the magnetic circuit.
 
     Args:
         law: the force law.
@@ -47,7 +47,8 @@ def _calibrated(
     current: np.ndarray | float,
 ) -> np.ndarray | float:
     resting = raw(law, displacement, 0.0)
-    return law.stiffness_scale * resting + (raw(law, displacement, law.gain_scale * current) - resting)
+    driven = raw(law, displacement, law.gain_scale * current) - resting
+    return law.stiffness_scale * resting + law.force_scale * driven
 
 
 def _pair(law: ForceLaw, y: np.ndarray | float, i: np.ndarray | float) -> np.ndarray | float:

@@ -13,7 +13,7 @@ class ForceLaw:
 
     With b(x) = magnet_flux / (x + magnet_gap) and q(x) = coil_flux / (x + coil_gap) for the upper (x = gap - y) and
     lower (x = gap + y) magnet, B = b + q (bias_current +- gain_scale i), and
-    f = area [ stiffness_scale (B_u^2 - B_l^2)|_(i=0) + the part that depends on i ].
+    f = area [ stiffness_scale (B_u^2 - B_l^2)|_(i=0) + force_scale (the part that depends on i) ].
     With another exponent of the gap each B^2 is multiplied by ((gap + shift) / (x + shift))^exponent.
 
     Args:
@@ -31,6 +31,7 @@ class ForceLaw:
         sharpness: n.
         exponent: what another law adds to the exponent of the gap.
         shift: what another law adds to the gap, m; magnet_gap and coil_gap include it.
+        force_scale: calibration of the part that depends on the current.
     """
 
     area: float
@@ -46,6 +47,7 @@ class ForceLaw:
     sharpness: float = 4.0
     exponent: float = 0.0
     shift: float = 0.0
+    force_scale: float = 1.0
 
     @property
     def rest_current(self) -> float:
@@ -59,7 +61,7 @@ class SingleSidedLaw:
 
     With x = gap - y, I = bias_current + gain_scale i, s = exp(-decay x) / (x + coil_gap)^exponent and
     p(y, I) = (iron_pull I^2 + magnet_pull I) s + area (magnet_flux / (x + magnet_gap))^2 - weight,
-    f = stiffness_scale p(y, bias_current) + [p(y, I) - p(y, bias_current)].
+    f = stiffness_scale p(y, bias_current) + force_scale [p(y, I) - p(y, bias_current)].
     The second term of p is the attraction of a permanent magnet on the rotor to the iron of the coil.
 
     Args:
@@ -76,6 +78,7 @@ class SingleSidedLaw:
         stiffness_scale: calibration of the negative stiffness.
         coil_gap: what the coil's pull adds to the distance, m.
         decay: rate of its exponential decay, 1/m.
+        force_scale: calibration of the part that depends on the current.
     """
 
     gap: float
@@ -91,6 +94,7 @@ class SingleSidedLaw:
     stiffness_scale: float
     coil_gap: float = 0.0
     decay: float = 0.0
+    force_scale: float = 1.0
 
     @property
     def rest_current(self) -> float:
@@ -180,7 +184,7 @@ def linearise(law: ForceLaw, displacement: float = 0.0) -> tuple[float, float]:
         n = law.sharpness
         bent = 2 * law.area * field / (1 + abs(field / law.saturation) ** n) ** (2 / n + 1) * steeper
         apart = law.area * _saturated(field, law) * steeper * law.exponent / (gap + law.shift)
-        gain += bent * q * law.gain_scale
+        gain += bent * q * law.gain_scale * law.force_scale
         stiffness -= (bent * slope + apart) * law.stiffness_scale
     return gain, stiffness
 
@@ -192,7 +196,7 @@ def _(law: SingleSidedLaw, displacement: float = 0.0) -> tuple[float, float]:
     attraction = law.area * (law.magnet_flux / (x + law.magnet_gap)) ** 2
     steepness = law.exponent / (x + law.coil_gap) + law.decay  # of the coil's pull, -d ln s / dx
     slope = bias * (iron * bias + magnet) * steepness + 2 * attraction / (x + law.magnet_gap)
-    return (2 * iron * bias + magnet) * law.gain_scale, -slope * law.stiffness_scale
+    return (2 * iron * bias + magnet) * law.gain_scale * law.force_scale, -slope * law.stiffness_scale
 
 
 @singledispatch
@@ -213,13 +217,12 @@ def force(law: ForceLaw, displacement: np.ndarray | float, current: np.ndarray |
     bl = law.magnet_flux / (lower + law.magnet_gap) + ql * law.bias_current
     i = law.gain_scale * current
     if isinf(law.saturation) and not law.exponent:
-        return law.area * (
-            law.stiffness_scale * (bu * bu - bl * bl) + i * (2 * (bu * qu + bl * ql) + i * (qu * qu - ql * ql))
-        )
+        driven = i * (2 * (bu * qu + bl * ql) + i * (qu * qu - ql * ql))
+        return law.area * (law.stiffness_scale * (bu * bu - bl * bl) + law.force_scale * driven)
     above, below = _steeper(upper, law), _steeper(lower, law)
     at_rest = above * _saturated(bu, law) - below * _saturated(bl, law)
     driven = above * _saturated(bu + qu * i, law) - below * _saturated(bl - ql * i, law)
-    return law.area * (law.stiffness_scale * at_rest + driven - at_rest)
+    return law.area * (law.stiffness_scale * at_rest + law.force_scale * (driven - at_rest))
 
 
 def _saturated(field: np.ndarray | float, law: ForceLaw) -> np.ndarray | float:
@@ -240,4 +243,4 @@ def _(law: SingleSidedLaw, displacement: np.ndarray | float, current: np.ndarray
     iron, magnet = law.iron_pull * law.falloff(x), law.magnet_pull * law.falloff(x)
     attraction = law.area * (law.magnet_flux / (x + law.magnet_gap)) ** 2
     resting = bias * (iron * bias + magnet) + attraction - law.weight
-    return law.stiffness_scale * resting + i * (iron * (2 * bias + i) + magnet)
+    return law.stiffness_scale * resting + law.force_scale * i * (iron * (2 * bias + i) + magnet)

@@ -42,22 +42,24 @@ def fill(
     x[GAP] = law("gap") + law("coil_gap" if single else "shift")
     x[PER_GAP] = 1 / x[GAP]
     x[GAP_M] = law("gap") + law("magnet_gap")
-    x[CALIBRATION] = law("stiffness_scale") * (1 + effect("negative_stiffness"))
+    # All fluxes carry the root of force_scale, which the pull without current must not have.
+    balance, driven = law("stiffness_scale") * (1 + effect("negative_stiffness")), law("force_scale")
+    x[CALIBRATION], pulled = balance / driven, driven * per_mass
     if single:
-        x[FLUX_M] = np.sqrt(law("area") * per_mass) * law("magnet_flux")
+        x[FLUX_M] = np.sqrt(law("area") * pulled) * law("magnet_flux")
         # Calibration scales the nominal balance of pull and weight, but not the additional weight of another mass.
-        x[WEIGHT] = (x[CALIBRATION] * law("weight") + law("weight") * effect("mass")) * per_mass
+        x[WEIGHT] = (balance * law("weight") + law("weight") * effect("mass")) * per_mass
         x[DECAY] = law("decay")
         # The pull on iron is quadratic in the current, so its root is stored, as if it fell off with the square of the
         # distance; that on a magnet is linear.
         at_rest = np.array([one.falloff(one.gap) for one in laws]) * x[GAP] ** 2
-        iron, magnet = law("iron_pull") * at_rest * per_mass, law("magnet_pull") * per_mass
+        iron, magnet = law("iron_pull") * at_rest * pulled, law("magnet_pull") * pulled
         x[FLUX_C] = np.where(magnet != 0, magnet, np.sqrt(iron))
     else:
         x[BEND] = effect("saturation", "sharpness") / 2
-        x[KNEE] = 1 / (4 * effect("saturation") ** 2 * law("area") * per_mass) ** 2
+        x[KNEE] = 1 / (4 * effect("saturation") ** 2 * law("area") * pulled) ** 2
         # Sums and differences of the two gaps' fields carry a factor two.
-        root = 2 * np.sqrt(law("area") * per_mass)
+        root = 2 * np.sqrt(law("area") * pulled)
         x[FLUX_M], x[FLUX_C] = root * law("magnet_flux"), root * law("coil_flux")
         x[GAP_C] = law("gap") + law("coil_gap")  # one law serves both flux paths
     x[GAP_C_SQ], x[GAP_M_SQ] = x[GAP_C] ** 2, x[GAP_M] ** 2

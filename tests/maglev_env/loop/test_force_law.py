@@ -11,6 +11,7 @@ from maglev_env.experiment import Experiment
 from maglev_env.kernel.lanes import lane_batch, structure_of
 from maglev_env.lane_values import lane_values
 from maglev_env.linear.loop import loop_response
+from maglev_env.loop.actuator import current_scale
 from maglev_env.loop.effect import effect
 from maglev_env.loop.gains import Gains
 from maglev_env.loop.magnets.energy import coenergy
@@ -103,6 +104,24 @@ def test_a_change_of_stiffness_may_come_with_another_distance(raw, change, share
     (law,) = lane_values([Experiment(raw, GAINS, (), effects=effects)]).laws
     gain, stiffness = linearise(force_law(raw))
     assert linearise(law) == pytest.approx((gain, stiffness), rel=1e-9)  # the lanes scale the stiffness
+
+
+@pytest.mark.parametrize(("change", "share"), [(0.3, 1.0), (0.3, 0.4), (-0.25, 1.0)])
+def test_a_change_of_gain_may_scale_the_force(raw, change, share):
+    """The current that pulls is larger by one factor, and what it adds to the pull at rest by the other."""
+    y, i = grid(raw)
+    geometry, scaled = changed_law(raw, 0.0, 0.0), (1 + change) ** (1 - share) * i
+    resting = geometry(y, 0.0 * i)
+    expected = resting + (1 + change) ** share * (geometry(y, scaled) - resting)
+    effects = effect("actuator_gain", change, force_share=share)
+    values = lane_values([Experiment(raw, GAINS, (), effects=effects)])
+    assert_same(current_scale(values), (1 + change) ** (1 - share), 1e-12)
+    assert_same(pulls(raw, effects, y, scaled), expected, 1e-9)
+    (law,) = values.laws
+    assert linearise(law) == pytest.approx(linearise(force_law(raw)), rel=1e-9)  # the lanes scale the gain
+    more = 0.0 if KINDS[raw.magnet].pair else 0.2 * raw.mass * raw.gravity
+    heavier = pulls(raw, {**effects, **effect("mass", 0.2)}, y, scaled)
+    assert_same(1.2 * heavier, expected - more, 1e-9)
 
 
 @pytest.mark.parametrize("saturation", [np.inf, 0.4])

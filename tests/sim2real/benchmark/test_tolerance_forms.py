@@ -1,4 +1,4 @@
-"""A ball whose negative stiffness is off within its tolerance, in the form of the benchmark's own magnet."""
+"""Rigs whose gain or stiffness is off within its tolerance, in the form of another hand's magnet."""
 
 from dataclasses import replace
 
@@ -14,7 +14,7 @@ from sim2real.blind.benchmark.simulate import Controller, Recording, Truth, simu
 from sim2real.blind.benchmark.write import write_campaign
 from sim2real.compared import problem as problem_module
 from sim2real.compared.simulated import tolerances
-from sim2real.compared.stiffness_form import stiffness_forms
+from sim2real.compared.tolerance_forms import tolerance_forms
 from sim2real.recorded.records import read_records
 from sim2real.search.fitting import begin, iterate
 from sim2real.search.hypotheses import Hypothesis
@@ -35,7 +35,7 @@ def folder(tmp_path_factory):
 
 def test_both_forms_have_the_same_stiffness_and_another_curvature(folder):
     rig = load_rig(folder / "rig.toml")
-    (scaled, steeper), law = stiffness_forms(rig), force_law(rig)
+    (scaled, steeper), law = tolerance_forms(rig)["negative_stiffness"], force_law(rig)
     assert scaled.changes == {"negative_stiffness": 0.04}
     other = reshaped(law, steeper.effects["force_law"]["exponent"], 0.0)
     assert linearise(other)[1] == pytest.approx(1.04 * linearise(law)[1], rel=1e-9)
@@ -43,7 +43,7 @@ def test_both_forms_have_the_same_stiffness_and_another_curvature(folder):
     y = 0.1 * rig.gap
     same = replace(law, stiffness_scale=1.04)
     assert abs(force(other, y, 0.0) - force(same, y, 0.0)) > 1e-3 * force(law, y, 0.0)
-    assert stiffness_forms(load_rig("hmb_free")) is None
+    assert set(tolerance_forms(load_rig("hmb_free"))) == {"actuator_gain"}
 
 
 def test_calibration_takes_up_a_stiffness_of_another_form(folder, monkeypatch):
@@ -52,7 +52,7 @@ def test_calibration_takes_up_a_stiffness_of_another_form(folder, monkeypatch):
     for known in (False, True):
         with monkeypatch.context() as patch:
             if not known:
-                patch.setattr(problem_module, "stiffness_nuisance", lambda rig, predictor: {})
+                patch.setattr(problem_module, "form_nuisances", lambda *known: {})
             problem = problem_module.assemble([record], rest=False)
         h = Hypothesis((), tolerances(record.nominal), scales=record.nominal.scales)
         (fit,) = begin([h], [np.zeros(h.size)], problem.data, problem.simulate)

@@ -1,0 +1,51 @@
+"""A gain or a negative stiffness within its tolerance has no stated form: how the pull curves is then not known either.
+
+By default the simulator scales the current that pulls, and the pull at rest over the gap. On a bench a gain is off
+because the amplifier gives another current, or because every current pulls more; a stiffness, because the pull falls
+off more or less steeply with the gap, and then the actuator gain varies otherwise with the gap, too. Between opposed
+magnets these differ only while the motion is large. Below a single magnet they make harmonics that stand far above the
+noise. So what one form has and the other has not is a nuisance of one standard deviation of the tolerance.
+"""
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from maglev_env.loop.magnets.kinds import force_law
+from maglev_env.loop.magnets.law import SingleSidedLaw, linearise, reshaped
+from maglev_env.rig.rig import Rig, axis_rig
+from sim2real.compared.simulated import Point, Predictor
+
+GAIN, STIFFNESS = "actuator_gain", "negative_stiffness"
+
+
+def tolerance_forms(rig: Rig, law_is_sure: bool = True) -> Mapping[str, tuple[Point, Point]]:
+    """The rig with a parameter off by one standard deviation in either form, by the parameter's name.
+
+    Args:
+        rig: The nominal rig.
+        law_is_sure: False: how the pull curves along the gap is a nuisance of its own, which has the forms of the
+            stiffness.
+    """
+    if not rig.controlled:
+        return {}
+    found = {}
+    if sigma := rig.tolerance.get(GAIN, 0.0):
+        found[GAIN] = Point({}, {GAIN: sigma}), Point({GAIN: {"change": sigma, "force_share": 1.0}}, {})
+    law = force_law(axis_rig(rig, 0))
+    if law_is_sure and isinstance(law, SingleSidedLaw) and (sigma := rig.tolerance.get(STIFFNESS, 0.0)):
+        stiffness = linearise(law)[1]
+        steeper = linearise(reshaped(law, 1.0, 0.0))[1] - stiffness  # for an exponent that is larger by one
+        bent = {"exponent": sigma * stiffness / steeper, "offset": 0.0}
+        found[STIFFNESS] = Point({}, {STIFFNESS: sigma}), Point({"force_law": bent}, {})
+    return found
+
+
+def form_nuisances(rig: Rig, predictor: Predictor, law_is_sure: bool) -> Mapping[str, np.ndarray]:
+    """What differs between both forms in a record's residuals (outputs, axes, n), by the nuisance's name."""
+    forms = tolerance_forms(rig, law_is_sure)
+    if not forms:
+        return {}
+    predicted = predictor([point for pair in forms.values() for point in pair])
+    changes = zip(forms, predicted[1::2] - predicted[::2], strict=True)
+    return {f"form of {name}": change for name, change in changes if np.isfinite(change).all()}
