@@ -12,13 +12,11 @@ from sim2real.judgement.dispersion import NOISE_ALONE, NOISE_INFLATION, Dispersi
 from sim2real.judgement.lost_commands import scatter_cost
 from sim2real.judgement.on_one_line import acts_on_one_line
 from sim2real.judgement.outside_meaning import meaningless_cost
-from sim2real.judgement.sliding import FRICTION, slides
 from sim2real.judgement.stated_stiffness import stiffness_cost
+from sim2real.judgement.within_reach import LIMITED, shows_limit
 from sim2real.search.candidates import Attribution
-from sim2real.search.fitting import Fit
 from sim2real.search.hypotheses import REPLACED
 
-STRAINED = 3.0  # tolerances from which a stated parameter that moved counts as it is, whatever the form of an effect is
 NEAR_BEST = 300.0  # cost above the best within which it is asked whether resonances and friction are shown as such
 IDLE = 25.0  # cost that an effect must save to be named although it ended where it changes nothing
 
@@ -32,7 +30,7 @@ class Evidence:
     Attributes:
         effects: Effects of each candidate, calibration first.
         cost: Predictive cost of each candidate; inf where it touches down, contradicts a stated tolerance, is no
-            resonance or one that acts on a single line, or friction that slides nowhere.
+            resonance or one that acts on a single line, or has a limit that nothing reaches.
         nominal: Cost of the untouched nominal rig.
         excess: Cost of each group beyond the noise, (candidates, G).
         scatter: Scatter (G,) of that cost under noise alone.
@@ -82,7 +80,9 @@ def evidence_of(
         if cost[i] > cost.min() + NEAR_BEST:
             break
         fit = attribution.candidates[i].fit
-        if acts_on_one_line(p, fit) or not slides(p, fit, attribution.without(i, FRICTION)):
+        if acts_on_one_line(p, fit) or not all(
+            shows_limit(p, fit, name, attribution.without(i, name)) for name in LIMITED
+        ):
             cost[i] = np.inf
     if not np.isfinite(
         attribution.calibration.fit.cost
@@ -101,16 +101,8 @@ def evidence_of(
         dict(spin),
         dict(causes),
         NOISE_ALONE if not np.isfinite(cost.min()) or best.jacobian is None else dispersion_of(p, best),
-        np.array([strain_of(c.fit) for c in attribution.candidates]),
+        np.array([sum(c.fit.hypothesis.strained(c.fit.u).values()) for c in attribution.candidates]),
     )
-
-
-def strain_of(fit: Fit) -> float:
-    """Cost of stated parameters that moved by more than STRAINED tolerances."""
-    first = len(fit.hypothesis.coordinates)
-    moved = (fit.prior * np.square(fit.u))[first:]
-    stated = [name in fit.hypothesis.tolerances for name in fit.hypothesis.calibrated]
-    return float(moved[np.array(stated, bool) & (moved > STRAINED**2)].sum())
 
 
 def idle_cost(point: Point, names: Sequence[str]) -> float:

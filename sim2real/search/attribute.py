@@ -71,7 +71,7 @@ def attribute(
         progress("forms of effects")
         singles = shaped(problem, calibration[0].cost, singles, SHAPED)
         progress("pairs of effects")
-        pairs, singles = fit_pairs(problem, calibration[0].cost, singles, pairs)
+        pairs, singles = fit_pairs(problem, (untouched, calibration[0]), singles, pairs)
         pairs = shaped(problem, calibration[0].cost, pairs, SHAPED_PAIRS)
     fits = _blurred(problem, [*calibration, *singles, *pairs])
     standing = [f for f in fits if np.isfinite(f.cost)]

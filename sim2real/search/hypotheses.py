@@ -77,6 +77,8 @@ FORM, FORM_SHARE, MOST_FORM = "form of amplifier_lag", 0.2, 0.5
 # that is wrong beyond its tolerance, so its prior is wider: its standard deviation is WIDER tolerances. A change of
 # more than EXCLUDED of these contradicts what the rig states, and is not an explanation.
 WIDER, EXCLUDED = 5.0, 3.0
+STRAINED = 3.0  # tolerances from which a stated parameter that moved counts as it is, whatever the form of an effect is
+NEARLY = 0.999  # share of that change at which a fit that may not go farther stands at the end
 # A lag of another time constant than stated is still one pole, but these effects add a second one. So beside such an
 # effect the stated time constant may itself be another, by WIDER tolerances.
 REPLACED = {"amplifier_lag": "amplifier_time_constant", "sensor_lag": "sensor_time_constant"}
@@ -115,7 +117,16 @@ class Hypothesis:
     @cached_property
     def coordinates(self) -> tuple[Coordinate, ...]:
         own = (c for name in self.effects for c in coordinates_of(name, self.scales))
-        return tuple(replace(c, low=0.0, high=0.0) if c.effect in self.held else c for c in own)
+        return tuple(replace(c, low=0.0, high=0.0) if c.effect in self.held else self._possible(c) for c in own)
+
+    def _possible(self, c: Coordinate) -> Coordinate:
+        """A coordinate within what the rig states, where it is one of several effects.
+
+        One effect alone may show that a tolerance is wrong. Beside it any other one would seem to explain as much.
+        """
+        sd = self._prior_sd(c) if len(self.effects) > 1 else None
+        most = inf if sd is None else EXCLUDED * sd
+        return replace(c, low=max(c.low, -most), high=min(c.high, most))
 
     @cached_property
     def shapes(self) -> Mapping[str, Shape]:
@@ -168,8 +179,14 @@ class Hypothesis:
     def contradicted(self, u: np.ndarray) -> tuple[str, ...]:
         """Effects whose change at coordinates u contradicts the stated tolerance of their parameter."""
         far = ((c, sd) for c, v in zip(self.coordinates, u, strict=False)
-               if (sd := self._prior_sd(c)) and abs(c.value(float(v))) > EXCLUDED * sd)  # fmt: skip
+               if (sd := self._prior_sd(c)) and abs(c.value(float(v))) > NEARLY * EXCLUDED * sd)  # fmt: skip
         return tuple(c.effect for c, _ in far)
+
+    def strained(self, u: np.ndarray) -> dict[str, float]:
+        """Stated parameters that moved by more than STRAINED tolerances, each with the cost of that."""
+        first = len(self.coordinates)
+        moved = zip(self.calibrated, (self.prior * np.square(u))[first:], strict=True)
+        return {name: float(cost) for name, cost in moved if name in self.tolerances and cost > STRAINED**2}
 
     def point(self, u: np.ndarray) -> Point:
         """The point at coordinates u (size,): effects first, then changes in units of their tolerance."""

@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from sim2real.compared.problem import Problem
+from sim2real.compared.simulated import TOLERANCE_EFFECTS
 from sim2real.search.fitting import Fit, begin, differentiate, iterate, share_calibrations
 from sim2real.search.hypotheses import (
     Hypothesis,
@@ -13,28 +14,34 @@ from sim2real.search.hypotheses import (
     resembling,
     starts,
 )
+from sim2real.search.joint import joint_pairs
 from sim2real.search.screening import Start, extended, screened
 from sim2real.search.singles import FIRST, ITERATIONS, begin_at
 
 SEEDS, PAIRS = 4, 8  # per round: best single effects to which a second one is added, and pairs that are fitted
+STRETCHED = 2  # best single effects beside which a stated parameter may become an effect
 SWAPPED = 2  # best pairs of which either effect is tried with others
 SECOND = 16.0  # cost that a second effect must save to be more probable than its absence (see `Belief`)
 SEED_SHARE = 0.5  # of what the best single effect saves, which another one must save to be given a second one
 
 
 def fit_pairs(
-    problem: Problem, unexplained: float, singles: Sequence[Fit], known: Sequence[Fit] = ()
+    problem: Problem, bases: Sequence[Fit], singles: Sequence[Fit], known: Sequence[Fit] = ()
 ) -> tuple[list[Fit], list[Fit]]:
     """Fit pairs, and the single effects again.
 
-    A second effect is tried beside each of the best single ones, and then beside either effect of the best pairs at
-    its values in the pair: the single effect that best replaces two need not be one of them. Finally, either effect
-    of the best pairs is fitted alone from its values in the pair. Where no pair of the first round explains more than
-    the best single effect, that is all.
+    A second effect is tried beside each of the best single ones, two are tried together where neither alone explains
+    much, and then others beside either effect of the best pairs at its values in the pair: the single effect that best
+    replaces two need not be one of them. Then either effect of the best pairs is fitted alone from its values in the
+    pair. Where no pair of the first rounds explains more than the best single effect, that is all. Finally, what moved
+    far beyond its tolerance beside one of the best single effects is tried as an effect itself.
+
+    A single effect that contradicts a stated tolerance is no explanation, so pairs are neither built on it nor compared
+    with it.
 
     Args:
         problem: The campaign.
-        unexplained: Cost without any effect.
+        bases: Fits without effects: the untouched nominal rig and calibration.
         singles: Fits of single effects.
         known: Fits of pairs.
 
@@ -42,17 +49,52 @@ def fit_pairs(
         pairs: Fits of pairs, the known ones among them.
         singles: The better fit of each single effect.
     """
-    least = min((f.cost for f in singles), default=np.inf)
+    unexplained = bases[-1].cost
+    possible = [f for f in singles if not f.hypothesis.contradicted(f.u)]
+    least = min((f.cost for f in possible), default=np.inf)
     enough = least + (1 - SEED_SHARE) * (unexplained - least) if np.isfinite(unexplained) else np.inf
-    able = (f for f in singles if np.isfinite(f.cost) and f.cost <= enough)
-    found = [*known] or _round(problem, singles, sorted(able, key=lambda f: f.cost)[:SEEDS], ())
+    able = (f for f in possible if np.isfinite(f.cost) and f.cost <= enough)
+    found = [*known]
+    if not found:
+        found = _round(problem, singles, sorted(able, key=lambda f: f.cost)[:SEEDS], ())
+        found += _together(problem, bases, singles, found)
     if not min((f.cost for f in found), default=np.inf) < least - SECOND:
         return found, list(singles)
     found += _round(problem, singles, _halves(problem, found), {frozenset(f.hypothesis.effects) for f in found})
     again = _halves(problem, found)
     iterate(again, problem.data, problem.simulate, ITERATIONS)
     best = {f.hypothesis.effects: f for f in sorted([*again, *singles], key=lambda f: -f.cost - f.occam)}
-    return found, [best[f.hypothesis.effects] for f in singles]
+    better = [best[f.hypothesis.effects] for f in singles]
+    return found + _freed(problem, better, {frozenset(f.hypothesis.effects) for f in found}), better
+
+
+def _freed(problem: Problem, singles: Sequence[Fit], known: Collection[frozenset[str]]) -> list[Fit]:
+    """Fits of the best single effects, each with the effect of a stated parameter that moved too far beside it."""
+    possible = [f for f in singles if not f.hypothesis.contradicted(f.u)]
+    jobs = []
+    for f in sorted(possible, key=lambda f: f.cost)[:STRETCHED]:
+        for name in f.hypothesis.strained(f.u):
+            other = TOLERANCE_EFFECTS.get(name)
+            if other and {*f.hypothesis.effects, other} not in known:
+                h, own = f.hypothesis.instead(*f.hypothesis.effects, other), len(f.hypothesis.coordinates)
+                jobs.append((h, extended(h, np.pad(f.u[:own], (0, len(h.coordinates) - own)), f)))
+    fits = begin([h for h, _ in jobs], [u for _, u in jobs], problem.data, problem.simulate)
+    iterate(fits, problem.data, problem.simulate, FIRST + ITERATIONS)
+    return fits
+
+
+def _together(problem: Problem, bases: Sequence[Fit], singles: Sequence[Fit], known: Sequence[Fit]) -> list[Fit]:
+    """Fits of pairs that no seed leads to, where they promise more than the known ones."""
+    base = next((f for f in bases if np.isfinite(f.cost) and f.jacobian is not None), None)
+    if base is None:
+        return []
+    least = min((f.cost for f in known), default=np.inf)
+    tried = {frozenset(f.hypothesis.effects) for f in known}
+    proposed = [p for p in joint_pairs(problem, base, singles, tried) if p.cost < least - SECOND]
+    fits = begin([p.hypothesis for p in proposed], [p.u for p in proposed], problem.data, problem.simulate)
+    share_calibrations(fits, base)
+    iterate(fits, problem.data, problem.simulate, FIRST + ITERATIONS)
+    return fits
 
 
 def _beside(h: Hypothesis, effects: np.ndarray, seed: Fit, other: Fit) -> np.ndarray:

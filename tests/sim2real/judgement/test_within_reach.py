@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from sim2real.judgement.sliding import slides
+from sim2real.judgement.within_reach import shows_limit
 from sim2real.search.fitting import begin, differentiate, iterate
 from sim2real.search.hypotheses import Hypothesis
 
@@ -38,7 +38,7 @@ def test_only_a_limit_that_the_motion_reaches_is_friction(response, shown):
     nothing, asked = float(np.vdot(data, data).real), []
     assert fits[0].cost < 0.1 * nothing
     problem.simulate = lambda points: (asked.extend(points), simulate(points))[1]
-    assert slides(problem, fits[0], nothing) == shown
+    assert shows_limit(problem, fits[0], "friction", nothing) == shown
     (never,), fitted = asked, H.point(fits[0].u).effects["friction"] | {"stribeck": 2e-3}  # the default of the card
     ratios = {key: never.effects["friction"][key] / fitted[key] for key in fitted}
     assert ratios == pytest.approx(dict.fromkeys(fitted, ratios["force"])) and ratios["force"] > 10
@@ -46,6 +46,27 @@ def test_only_a_limit_that_the_motion_reaches_is_friction(response, shown):
 
 def test_what_has_no_friction_or_no_derivative_is_not_asked():
     (delay,) = begin([Hypothesis(("delay",), {})], [np.array([1.0])], MOTION, simulate)
-    assert slides(SimpleNamespace(), delay, 1.0)
+    assert shows_limit(SimpleNamespace(), delay, "friction", 1.0)
     (fresh,) = begin([H], [np.zeros(3)], MOTION, simulate)
-    assert slides(SimpleNamespace(), fresh, 1.0)
+    assert shows_limit(SimpleNamespace(), fresh, "friction", 1.0)
+
+
+CURRENT = np.linspace(0.02, 0.2, 40) * (1 + 0.3j)
+LAGS = Hypothesis(("hysteresis",), {})
+
+
+def lagging(points):
+    """A share of the current that lags more, the nearer the current comes to the width."""
+    own = [p.effects.get("hysteresis", {"strength": 0.0, "width": 1.0}) for p in points]
+    return np.array([f["strength"] * CURRENT / (1 + abs(CURRENT) / f["width"]) for f in own]) / NOISE
+
+
+@pytest.mark.parametrize("width, shown", [(0.1, True), (300.0, False)])
+def test_only_a_width_that_the_current_reaches_is_hysteresis(width, shown):
+    data = lagging([SimpleNamespace(effects={"hysteresis": {"strength": 0.1, "width": width}})])[0] + 0.3
+    start = np.array([c.at({"strength": 0.05, "width": 1.0}[c.parameter]) for c in LAGS.coordinates])
+    fits = begin([LAGS], [start], data, lagging)
+    iterate(fits, data, lagging, 30)
+    differentiate(fits, data, lagging, True)
+    problem = SimpleNamespace(data=data, simulate=lagging)
+    assert shows_limit(problem, fits[0], "hysteresis", float(np.vdot(data, data).real)) == shown

@@ -1,0 +1,58 @@
+"""Whether recordings show the limit without which an effect is linear and has another name.
+
+Bristles that only bend are a spring in series with a damper. Anything that creeps is one too, a cable or a rubber
+mount, and so is a weak echo of the motion. What tells friction is that its force has a limit. Likewise, a hysteresis
+whose width no current reaches lags by nothing and is a smaller gain. A fit which explains no less with a limit that is
+out of reach has found something linear under the effect's name.
+"""
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from maglev_env.loop.effect import EFFECTS
+from sim2real.compared.problem import Problem
+from sim2real.compared.simulated import Point
+from sim2real.search.fitting import Fit, real_product
+
+# Of each such effect, the parameters which, multiplied by the same factor, keep what it does to a small motion; the
+# first of them is the limit.
+LIMITED: Mapping[str, tuple[str, ...]] = {
+    "friction": ("force", "velocity", "presliding", "stribeck"),
+    "hysteresis": ("width",),
+}
+FAR, LEAST = 100.0, 3.0  # such a factor, if the bounds of the effect allow it: the limit is then out of reach
+SHOWN = 0.05  # share of what the effect saves, at least, that its limit must save
+
+
+def shows_limit(problem: Problem, fit: Fit, name: str, without: float) -> bool:
+    """Whether the limit of an effect in a fit explains a share of what the effect does.
+
+    Args:
+        problem: The recordings.
+        fit: A hypothesis with its Jacobian; True without one, or without the effect.
+        name: One of LIMITED.
+        without: Cost of the same hypothesis without the effect.
+    """
+    h, at, limited = fit.hypothesis, fit.hypothesis.point(fit.u), LIMITED[name]
+    if name not in h.effects or fit.jacobian is None or not np.isfinite(without):
+        return True
+    card = EFFECTS[name].parameters
+    values = {key: card[key].default for key in limited} | at.effects[name]
+    factor = min([FAR, *(card[key].high / values[key] for key in limited if values[key])])
+    if factor < LEAST:
+        return True
+    values |= {key: factor * values[key] for key in limited}
+    never = Point({**at.effects, name: values}, at.changes, at.dithered)
+    (linear,) = problem.data - problem.simulate([never])
+    if not np.isfinite(linear).all():
+        return True
+    # All else follows, to first order, but for the coordinate that would bring the limit back.
+    names = [(c.effect, c.parameter) for c in h.coordinates]
+    free = np.array([own != (name, limited[0]) for own in names] + [True] * len(h.calibrated))
+    jacobian, prior, u = fit.jacobian[free], fit.prior[free], fit.u[free]
+    normal = real_product(jacobian, jacobian) + np.diag(prior)
+    gradient = real_product(jacobian, linear) - prior * u
+    followed = gradient @ np.linalg.pinv(normal, hermitian=True) @ gradient
+    cost = float(np.vdot(linear, linear).real + prior @ u**2 - followed)
+    return cost - fit.cost > SHOWN * (without - fit.cost)
