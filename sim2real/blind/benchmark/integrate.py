@@ -40,8 +40,8 @@ def _read(a, y, other, t, angle, held, p):
 
 
 @njit(cache=True, error_model="numpy")
-def run(p, b, c, reference, injection, force, noise, lost, quantised, steps):
-    """Run the loop from rest.
+def run(p, b, c, reference, injection, force, noise, lost, quantised, steps, lead=0):
+    """Run the loop from the middle of the gap.
 
     Args:
         p: Values of rig and effects (VALUES,).
@@ -54,6 +54,7 @@ def run(p, b, c, reference, injection, force, noise, lost, quantised, steps):
         lost: Whether the new command is lost (samples,).
         quantised: Whether the converters round.
         steps: Runge-Kutta steps in a control period.
+        lead: Samples before time zero.
 
     Returns:
         Displacement, command and current (samples, axes), and whether the rotor stayed off its stops.
@@ -79,7 +80,7 @@ def run(p, b, c, reference, injection, force, noise, lost, quantised, steps):
     behind = round(p[at.ECHO_TIME] / h)
     count = 0
     for n in range(samples):
-        t0 = n / p[at.RATE]
+        t0 = (n - lead) / p[at.RATE]
         angle = p[at.SPEED] * t0 + p[at.ANGLE]
         for a in range(axes):
             x = _read(a, slower[a], slower[1 - a] if axes == 2 else 0.0, t0, angle, held[a], p) + noise[n, a]
@@ -104,8 +105,8 @@ def run(p, b, c, reference, injection, force, noise, lost, quantised, steps):
             sent[n, a] = sent[n - 1, a] if lost[n] and n > 0 else new
         for m in range(steps):
             t = t0 + m * h
-            late = floor((t + h - p[at.DELAY]) * p[at.RATE] - 1e-9)
-            switch = min(max((late / p[at.RATE] + p[at.DELAY] - t) / h, 0.0), 1.0)
+            late = floor((t + h - p[at.DELAY]) * p[at.RATE] - 1e-9) + lead
+            switch = min(max(((late - lead) / p[at.RATE] + p[at.DELAY] - t) / h, 0.0), 1.0)
             for a in range(axes):
                 u = (1 - switch) * (sent[late, a] if late >= 0 else 0.0)
                 u += switch * (sent[late - 1, a] if late >= 1 else 0.0)
@@ -138,7 +139,7 @@ def run(p, b, c, reference, injection, force, noise, lost, quantised, steps):
                     magnet += p[at.HYSTERESIS] * (memory[a] - magnet)
                 magnet *= 1.0 + p[at.GAIN]
                 if p[at.DRIFT] != 0.0:
-                    magnet *= 1.0 + p[at.DRIFT] * (1.0 - exp(-(t + h) / p[at.DRIFT_TIME]))
+                    magnet *= 1.0 + p[at.DRIFT] * (1.0 - exp(-max(t + h, 0.0) / p[at.DRIFT_TIME]))
                 if p[at.ASYMMETRY] != 0.0:
                     magnet += p[at.ASYMMETRY] * sqrt(magnet * magnet + 1e-8)
                 after[a] = magnet + p[at.OFFSET]

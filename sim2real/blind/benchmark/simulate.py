@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from math import ceil
 
 import numpy as np
 
@@ -103,6 +104,9 @@ class Recording:
 
 STEPS = 20  # Runge-Kutta steps in a control period; differences of two simulations need fewer
 FEW_STEPS = 6
+# A bench is at rest before it is recorded, also where an offset or a load has moved it: for so many times the inverse
+# of the loop's bandwidth, eight time constants of the slowest pole (see `rigs`).
+LEAD = 70.0
 
 
 def simulate(
@@ -122,17 +126,19 @@ def simulate(
     """
     rig = truth.rig
     p = truth.values(recording.speed, recording.angle)
+    lead = ceil(LEAD / rig.bandwidth * p[at.RATE])
     driven = recording.drive.channels(rig.axes)
     shape = driven["force"].shape
     rng = np.random.default_rng(seed)
     noise = np.zeros(shape) if seed is None else rig.noise["displacement"] * rng.standard_normal(shape)
     lost = np.random.default_rng([drops, 1]).random(shape[0]) < p[at.DROPS]
     b, c = recording.controller.coefficients()
-    y, command, current, stood = run(
-        p, b, c, driven["reference"], driven["injection"], driven["force"], noise, lost, seed is not None, steps
-    )
+    inputs = (driven["reference"], driven["injection"], driven["force"], noise)
+    rested = [np.pad(x, ((lead, 0), (0, 0))) for x in inputs]
+    *channels, stood = run(p, b, c, *rested, np.pad(lost, (lead, 0)), seed is not None, steps, lead)
     if not stood:
         raise LoopFailed(recording.name)
+    y, command, current = (x[lead:] for x in channels)
     if seed is not None:
         current = current + rig.noise["current"] * rng.standard_normal(shape)
         driven["force"] = driven["force"] + rig.noise.get("force", 0.0) * rng.standard_normal(shape)

@@ -120,6 +120,18 @@ def test_a_gain_that_another_tolerance_can_take_up_shows_little():
     assert shown == pytest.approx((own / other) ** 2, rel=0.3)  # where the probe's alone would make 100
 
 
+@pytest.mark.parametrize("family", ["rotor", "stand", "ball"])
+def test_what_moved_a_bench_long_ago_has_died_away_when_a_recording_begins(family):
+    """An offset of the current then changes the command, but not where the rotor starts."""
+    rig, recording = loop(family)
+    still = replace(recording, drive=replace(recording.drive, wave=np.zeros(100)))
+    offset = 0.01 * rig.parameters["bias_current"]
+    found = simulate(Truth(rig, {}, {at.OFFSET: offset}), still, None)
+    moved = offset * rig.gain / abs(rig.stiffness)
+    assert np.abs(found["displacement"]).max() < 1e-3 * moved
+    assert found["command"] == pytest.approx(-offset, rel=1e-2)
+
+
 def test_a_rotor_that_touches_is_no_recording():
     rig, recording = loop("ball")
     hard = replace(recording, drive=Drive("noise", "current", 20 * np.ones(500)))
