@@ -23,10 +23,12 @@ from sim2real.gap.fit_figures import figures
 from sim2real.gap.leftover import leftover
 from sim2real.gap.locate import CONTROLLER_SD, Where, locate
 from sim2real.gap.shrink import shrink
+from sim2real.judgement.belief import shipped
 from sim2real.judgement.borne_out import borne_out, shows_nothing, without
 from sim2real.judgement.drift import DRIFT, Drift, drift_of
-from sim2real.judgement.evidence import evidence_of
+from sim2real.judgement.evidence import Evidence, evidence_of
 from sim2real.judgement.judge import Entry, allowance, entries
+from sim2real.judgement.likely import likely_in_words, likely_of, rareness
 from sim2real.judgement.mechanisms import by_mechanism, renamed
 from sim2real.judgement.sightings import Sighting, sightings
 from sim2real.judgement.unsynchronised import evidence, spin_costs, tone_parameters, vibration_costs
@@ -76,6 +78,9 @@ def diagnose(
     notes += contradictions(attribution)
     named = _named(fitted, judged, judged_on, attribution, weighed)
     notes += named.notes
+    likely = likely_of(named.found, weighed.evidence, shipped())
+    rare = rareness(weighed.evidence, shipped()) if named.verdict == "unexplained" else None
+    notes += likely_in_words(likely, rare)
     chosen = next(iter(named.kept), None)
     picked = None if chosen is None or chosen.candidate is None else attribution.candidates[chosen.candidate]
     if picked is not None and chosen is not None and (said := renamed(chosen, picked.effects)):
@@ -119,6 +124,9 @@ def diagnose(
         tempering=weighed.tempering,
         free=free,
         unseen=tuple(name for name in EFFECTS if name in unseen_by_all(records)),
+        likely=tuple(likely),
+        rareness=rare,
+        evidence=weighed.evidence,
     )
 
 
@@ -151,6 +159,7 @@ class _Weighed:
         drift: Of the gain; None where there is none.
         tones: How much tones and drift save, in units of -2 ln of the likelihood.
         notes: Why evidence was tempered, where it was.
+        evidence: What the probabilities were computed from.
     """
 
     found: Sequence[Entry]
@@ -161,13 +170,14 @@ class _Weighed:
     drift: Drift | None
     tones: float
     notes: list[str]
+    evidence: Evidence
 
 
 def _weighed(records: Sequence[Record | OpenRecord], fitted: Problem, attribution: Attribution) -> _Weighed:
     """Probabilities and verdict by the recordings that were fitted, tones and drift of the gain among the causes."""
     base = attribution.simplest
     near = base.fit.hypothesis.point(base.fit.u)
-    drift = drift_of(fitted, near)
+    drift = drift_of(fitted, base.fit)
     seen = sightings(fitted, near, drift is not None)
     tones, causes = evidence(seen), vibration_costs(fitted, seen, near)
     if drift is not None:
@@ -185,7 +195,7 @@ def _weighed(records: Sequence[Record | OpenRecord], fitted: Problem, attributio
             f"by the reduced chi-square that is left, {tempering:.2g}"
         ]
     )
-    return _Weighed(found, verdicted, cause, tempering, seen, drift, sum(tones.values()), notes)
+    return _Weighed(found, verdicted, cause, tempering, seen, drift, sum(tones.values()), notes, evidenced)
 
 
 @dataclass(frozen=True)

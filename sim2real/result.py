@@ -19,6 +19,8 @@ from sim2real.free.correction import Free
 from sim2real.gap.leftover import Leftover
 from sim2real.gap.locate import Where
 from sim2real.gap.shrink import Gap, errors
+from sim2real.judgement.belief import LEVEL
+from sim2real.judgement.evidence import Evidence
 from sim2real.judgement.judge import Entry
 from sim2real.search.candidates import Attribution, Candidate
 from sim2real.search.hypotheses import Coordinate
@@ -53,6 +55,10 @@ class Diagnosis:
             1 where it leaves no more than noise.
         free: What a free correction of a block adds where no effect explains the gap, or what is named leaves much.
         unseen: Effects that do not show in any recording, because they act before the current that drives it.
+        likely: The hypotheses among which the truth is in 90 % of the campaigns that taught the judge.
+        rareness: Share of the campaigns of a known cause that left as much unexplained, with their number; None where
+            an effect is named or nothing is missing.
+        evidence: What the probabilities were computed from.
     """
 
     verdict: str
@@ -73,6 +79,9 @@ class Diagnosis:
     tempering: float = 1.0
     free: Free | None = None
     unseen: tuple[str, ...] = ()
+    likely: tuple[Entry, ...] = ()
+    rareness: tuple[float, int] | None = None
+    evidence: Evidence | None = None
 
     def __repr__(self) -> str:
         return f"<Diagnosis of {self.campaign.folder.name}: {self.verdict}, {', '.join(self.cause) or 'no cause'}>"
@@ -113,6 +122,8 @@ class Diagnosis:
                 "controller_distance": w.controller,
             },
             "which": which,
+            "likely": {"level": LEVEL, "hypotheses": [list(e.effects) for e in self.likely]},
+            "rareness": None if self.rareness is None else dict(zip(("p", "known"), self.rareness, strict=True)),
             "indistinguishable": [list(c) for c in self.indistinguishable],
             "next_experiment": None if self.next_experiment is None else self.next_experiment.to_json(),
             "gap": {

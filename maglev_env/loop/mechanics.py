@@ -321,13 +321,13 @@ def touch_down(x, k, distance_sq):
     """1 while the lane continues, 0 after touchdown: nothing beyond the clearance is simulated."""
     alive = x[k + ALIVE] if distance_sq < x[k + LIMIT_SQ] else 0.0
     x[k + ALIVE] = alive
-    x[k + STEPS] += alive
     return alive
 
 
 @piece
 def store_state(x, k, y, v, alive):
-    """Store the motion; after touchdown a lane keeps its position."""
+    """Store the motion, and count the step; after touchdown a lane keeps its position."""
+    x[k + STEPS] += alive
     x[k + Y] = y if alive > 0.0 else x[k + Y]
     x[k + V] = v * alive
     return 0.0

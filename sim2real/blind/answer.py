@@ -52,10 +52,13 @@ class Answered:
 
 
 def diagnose(campaign: Path) -> dict:
-    """The package's own diagnosis of a campaign folder, as JSON data."""
+    """The package's own diagnosis of a campaign folder, as JSON data, with the evidence from which a judge learns."""
     import sim2real
+    from sim2real.judgement.evidence_json import evidence_to_json
 
-    return plain(sim2real.diagnose(campaign).to_json())
+    found = sim2real.diagnose(campaign)
+    evidence = None if found.evidence is None else evidence_to_json(found.evidence)
+    return {**plain(found.to_json()), "evidence": evidence}
 
 
 def answer_all(

@@ -71,6 +71,7 @@ class Answer:
         seconds: Duration of the diagnosis, s.
         version: Version of the code that gave it.
         changes: Relative changes of nominal parameters within tolerance that belong to the cause.
+        likely: Hypotheses among which the truth is said to be in 90 % of all campaigns; None where that is not said.
     """
 
     error: str | None
@@ -82,6 +83,7 @@ class Answer:
     seconds: float
     version: str
     changes: Mapping[str, float] = field(default_factory=dict)
+    likely: tuple[frozenset[str], ...] | None = None
 
 
 def seal_of(folder: Path) -> str:
@@ -188,4 +190,5 @@ def parse_diagnosis(d: Mapping[str, Any], seconds: float, version: str) -> Answe
         seconds,
         version,
         {str(k): float(v) for k, v in d.get("corrected", {}).get("changes", {}).items()},
+        tuple(frozenset(one) for one in d["likely"]["hypotheses"]) if "likely" in d else None,
     )

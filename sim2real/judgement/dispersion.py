@@ -8,6 +8,7 @@ R. T. Birge's ratio is the root, Phys. Rev. 40, 1932).
 """
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from scipy import stats
@@ -39,12 +40,17 @@ class ChiSquare:
         """What exceeds an allowed cost and what noise alone is likely to make, at least 0."""
         if self.freedom < 1:
             return 0.0
-        scatter = float(stats.chi2.isf(UNLIKELY, self.freedom)) - self.freedom
-        return max(self.value - allowed - self.freedom - self.inflation * scatter, 0.0)
+        return max(self.value - allowed - self.freedom - self.inflation * _scatter(self.freedom), 0.0)
 
     def ratio(self, allowed: float) -> float:
         """Reduced chi-square of what exceeds an allowed cost; 1 where noise alone may make it."""
         return (self.value - allowed) / self.freedom if self.beyond(allowed) else 1.0
+
+
+@lru_cache
+def _scatter(freedom: float) -> float:
+    """By how much a chi-square exceeds its expectation with a probability UNLIKELY."""
+    return float(stats.chi2.isf(UNLIKELY, freedom)) - freedom
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,5 @@
-"""Evidence of an actuator gain that drifts: a trend over the periods of each recording, along its derivative."""
+"""Evidence of an actuator gain that drifts: of each recording with periods a trend over these, along its derivative; of
+the others what a gain that grows with time would explain."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -8,9 +9,11 @@ from scipy import stats
 
 from sim2real.compared.problem import Part, Problem
 from sim2real.compared.simulated import Point
+from sim2real.judgement.dispersion import dispersion_of
 from sim2real.recorded.open_record import OpenRecord
 from sim2real.recorded.records import Record
 from sim2real.recorded.wander import straightened
+from sim2real.search.fitting import Fit, real_product
 
 DRIFT = "drift"
 LEAST = 4  # periods below which a trend cannot be told from noise
@@ -41,17 +44,20 @@ class Drift:
     @property
     def parameters(self) -> Mapping[str, float]:
         """The parameters of the effect gain_drift."""
-        return {"rate": self.rate, "depth": 0.0, "frequency": 1.0, "phase": 0.0}
+        return _rising(self.rate)
 
 
-def drift_of(problem: Problem, point: Point) -> Drift | None:
-    """The drift of the actuator gain that the periods of all recordings show; None if noise may make as much.
+def drift_of(problem: Problem, fit: Fit) -> Drift | None:
+    """The drift of the actuator gain that all recordings show; None if noise may make as much.
 
     Args:
-        problem: the campaign; recordings without a period say nothing here.
-        point: the best known parameters, at which the gain is varied.
+        problem: the campaign.
+        fit: the best known parameters, at which the gain is varied; recordings without a period say nothing if its
+            Jacobian is not known.
     """
+    point = fit.hypothesis.point(fit.u)
     rows = [row for part in problem.parts if (row := _slope(part, point))]
+    rows += [row for row in [_over_time(problem, fit, point)] if row]
     if not rows:
         return None
     rate, sd, beyond, scatter = (np.array(column) for column in zip(*rows, strict=True))
@@ -83,6 +89,34 @@ def _slope(part: Part, point: Point) -> tuple[float, float, float, float] | None
     chi2 = float((2 * abs(slopes) ** 2 / variance).sum()) - 2.0 * slopes.size
     per_second = record.experiment.fundamental
     return change * per_second, per_second / np.sqrt(2 * precision), max(chi2, 0.0), np.sqrt(4.0 * slopes.size)
+
+
+def _over_time(problem: Problem, fit: Fit, point: Point) -> tuple[float, float, float, float] | None:
+    """As `_slope`, of all recordings without a period together: what a gain that grows with time explains of the fit's
+    residual where all parameters of the fit follow, to first order."""
+    places = [part.place for part in problem.parts if isinstance(part.record, OpenRecord)]
+    if not places or fit.jacobian is None or not problem.parts[0].record.nominal.controlled:
+        return None
+    steady, drifting = problem.simulate([point, replace(point, effects={**point.effects, "gain_drift": _rising(STEP)})])
+    whole, change = (drifting - steady) / STEP, np.zeros(fit.residual.size, complex)
+    for place in places:
+        change[place] = whole[place]
+    if not np.isfinite(change).all() or not change.any():
+        return None
+    cross, inverse = real_product(fit.jacobian, change), fit.covariance()
+    own = np.vdot(change, change).real - cross @ inverse @ cross
+    along = np.vdot(change, fit.residual).real - cross @ inverse @ fit.gradient
+    # What the fit lacks has a share along any direction.
+    spread = dispersion_of(problem, fit).fit.ratio(0.0)
+    if own <= 0:
+        return None
+    rate, sd = float(along / own), float(np.sqrt(spread / own))
+    return rate, sd, (rate / sd) ** 2, 0.0
+
+
+def _rising(rate: float) -> dict[str, float]:
+    """The parameters of the effect gain_drift for a steady rate, 1/s."""
+    return {"rate": rate, "depth": 0.0, "frequency": 1.0, "phase": 0.0}
 
 
 def _by_gain(part: Part, point: Point) -> np.ndarray:

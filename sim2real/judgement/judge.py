@@ -6,53 +6,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from maglev_env.loop.effect import EFFECTS
+from sim2real.judgement.belief import Belief, Judge, channels_of, shipped
 from sim2real.judgement.drift import DRIFT
 from sim2real.judgement.evidence import Evidence
 from sim2real.judgement.lost_commands import LOST
 from sim2real.judgement.sightings import FOREIGN, LOUD
 from sim2real.search.hypotheses import CALIBRATION, NONE, UNKNOWN, coordinates_of
 
-
-@dataclass(frozen=True)
-class Belief:
-    """How evidence becomes probability. The values were tuned on development campaigns, see docs/blind.md.
-
-    Costs differ by a few units where noise decides, and by shares of the whole gap where the form of an effect does. A
-    cost that exceeds the best by d therefore counts as freedom ln(1 + d / (freedom + form)): about d when d is small,
-    and growing slowly beyond what another form of the same effects leaves unexplained.
-
-    Attributes:
-        freedom: Cost difference above which the logarithm bends.
-        form_share: Share of the gap that another form may leave; the form_share of each effect's card adds its share
-            of what that effect saves.
-        prior_singles: Prior odds of all single effects together, against calibration.
-        prior_pairs: Prior odds of all pairs together.
-        prior_none: Prior odds of the untouched nominal rig.
-        leftover: Multiple of its form share that an effect may leave of a single group's gap.
-        group_sd: Standard deviations beyond the noise that a free correction of a group must explain.
-        group_cost: Cost of such a correction.
-        unknown_cost: Log odds against an unknown cause where no group is left unexplained.
-        parameter_cost: Cost of each parameter of an effect beyond its first, which noise alone lets it save.
-        search_cost: The same for searching a frequency.
-        form_cost: Penalty on a form that may leave more than WIDE_FORM of the gap, per factor e, because it predicts
-            every cost less sharply.
-    """
-
-    freedom: float = 30.0
-    form_share: float = 0.0005
-    prior_singles: float = 0.4
-    prior_pairs: float = 0.02
-    prior_none: float = 0.3
-    leftover: float = 3.0
-    group_sd: float = 4.5
-    group_cost: float = 30.0
-    unknown_cost: float = 2.6
-    parameter_cost: float = 4.0
-    search_cost: float = 10.0
-    form_cost: float = 1.0
-
-
-BELIEF = Belief()
 WIDE_FORM = 0.01
 SIGNIFICANT = 5.0  # standard deviations of a group's excess
 HOPELESS = 1e4  # ratio of probabilities from which on the smaller one does not matter
@@ -79,17 +39,22 @@ class Entry:
     explained_worst_group: float | None
 
 
-def entries(evidence: Evidence, belief: Belief = BELIEF) -> list[Entry]:
-    """All hypotheses with their probabilities, which sum to one; the most probable first."""
+def entries(evidence: Evidence, judge: Judge | None = None) -> list[Entry]:
+    """All hypotheses with their probabilities, which sum to one; the most probable first.
+
+    Args:
+        evidence: What they are computed from.
+        judge: By default the shipped one.
+    """
+    judge = judge or shipped()
+    belief = judge.belief
     alive = np.isfinite(evidence.cost)
     if not alive.any() and not np.isfinite(evidence.nominal):  # all that levitates contradicts a stated tolerance
         return [Entry((UNKNOWN,), 1.0, np.inf, None, None)]
     best, gap = _best(evidence)
     before = evidence.excess[0]
     forms = _forms(evidence, gap, belief)
-    share = min(belief.leftover * forms[best] / gap, 1.0) if gap else 0.0
-    allowed = belief.group_sd * evidence.scatter + share * np.maximum(before, 0.0)
-    saved = np.maximum(evidence.excess[best] - allowed - belief.group_cost, 0.0).sum()
+    saved = _saved_by_correction(evidence, best, gap, forms, belief)
     singles = max(sum(len(names) == 1 for names in evidence.effects), 1)
     couples = max(singles * (singles - 1) // 2, 1)
     priors = {0: 1.0, 1: belief.prior_singles / singles, 2: belief.prior_pairs / couples}
@@ -107,7 +72,7 @@ def entries(evidence: Evidence, belief: Belief = BELIEF) -> list[Entry]:
     # Where the best explanation lacks something, what that does to the costs is taken for evidence: the likelihood is
     # raised to the power of one over the reduced chi-square that is left (a power posterior: P. Grunwald and T. van
     # Ommen, Bayesian Analysis 12, 2017), as standard errors are widened by its root.
-    excused = allowance(evidence, belief)
+    excused = allowance(evidence, judge)
     of_data = costs - strain
     apart = (of_data - of_data.min()) / evidence.dispersion.ratio(excused)
     logs = np.log([prior for *_, prior, _ in rows]) - 0.5 * belief.freedom * np.log1p(apart / scale)
@@ -117,14 +82,14 @@ def entries(evidence: Evidence, belief: Belief = BELIEF) -> list[Entry]:
     # what differs among recordings.
     foreign = _unnamed(rows[int(np.argmin(costs))][0], evidence)
     rows.append(((UNKNOWN,), float(costs.min() - saved - foreign), 1.0, None))
-    lacking = max(saved / scale[int(np.argmin(costs))], evidence.dispersion.beyond(excused) / belief.freedom)
-    gain = 0.5 * belief.freedom * (np.log1p(lacking) + np.log1p(foreign / belief.freedom)) - belief.unknown_cost
+    unlike = _unlike(evidence, saved, forms[best], excused, belief)
+    gain = 0.5 * belief.freedom * (np.log1p(unlike) + np.log1p(foreign / belief.freedom)) - belief.unknown_cost
     # An unknown cause may do what a hypothesis does only with parameters far outside their stated tolerances. Its
     # penalty then grows with the logarithm of the strain, and its prior is at most that of one single effect.
     bent = logs + 0.5 * strain - 0.5 * belief.freedom * np.log1p(strain / belief.freedom)
     bent -= [max(np.log(prior / priors[1]), 0.0) for _, _, prior, _ in rows[:-1]]
     logs = np.append(logs, max(logs.max() + gain, bent.max() - belief.unknown_cost))
-    weights = np.exp(logs - logs.max())
+    weights = np.exp(judge.trust.get(channels_of(evidence), 1.0) * (logs - logs.max()))
     weights /= weights.sum()
     found = [
         Entry(names, float(w), float(cost), i, _worst(evidence, before, i))
@@ -133,31 +98,57 @@ def entries(evidence: Evidence, belief: Belief = BELIEF) -> list[Entry]:
     return sorted(found, key=lambda e: -e.probability)
 
 
+def lacking(evidence: Evidence, judge: Judge | None = None) -> float:
+    """What the best candidate leaves beyond noise and beyond what its form may leave, in units of what a form may; 0
+    where it leaves nothing. It speaks for an unknown cause."""
+    judge = judge or shipped()
+    if not np.isfinite(evidence.cost).any():
+        return np.inf
+    best, gap = _best(evidence)
+    forms = _forms(evidence, gap, judge.belief)
+    saved = _saved_by_correction(evidence, best, gap, forms, judge.belief)
+    return _unlike(evidence, saved, forms[best], allowance(evidence, judge), judge.belief)
+
+
+def _saved_by_correction(evidence: Evidence, best: int, gap: float, forms: np.ndarray, belief: Belief) -> float:
+    """What a free correction of every group would save that the best candidate leaves unexplained."""
+    share = min(belief.leftover * forms[best] / gap, 1.0) if gap else 0.0
+    allowed = belief.group_sd * evidence.scatter + share * np.maximum(evidence.excess[0], 0.0)
+    return float(np.maximum(evidence.excess[best] - allowed - belief.group_cost, 0.0).sum())
+
+
+def _unlike(evidence: Evidence, saved: float, form: float, excused: float, belief: Belief) -> float:
+    return max(saved / (belief.freedom + form), evidence.dispersion.beyond(excused) / belief.freedom)
+
+
 def _best(evidence: Evidence) -> tuple[int, float]:
     """The candidate of least cost, and what it explains of the gap that calibration leaves."""
     best = int(np.argmin(np.where(np.isfinite(evidence.cost), evidence.cost, np.inf)))
     return best, max(float(evidence.excess[0].sum() - evidence.excess[best].sum()), 0.0)
 
 
-def allowance(evidence: Evidence, belief: Belief = BELIEF) -> float:
+def allowance(evidence: Evidence, judge: Judge | None = None) -> float:
     """Cost that another form of the effects of the best candidate may leave."""
+    belief = (judge or shipped()).belief
     if not np.isfinite(evidence.cost).any():
         return 0.0
     best, gap = _best(evidence)
     return belief.leftover * float(_forms(evidence, gap, belief)[best])
 
 
-def reach(evidence: Evidence, belief: Belief = BELIEF) -> np.ndarray:
+def reach(evidence: Evidence, judge: Judge | None = None) -> np.ndarray:
     """Cost above the best (candidates,) from which on each is less probable than it by a factor HOPELESS.
 
     By the same scales and the same tempering as in `entries`.
     """
+    judge = judge or shipped()
     if not np.isfinite(evidence.cost).any():
         return np.full(len(evidence.effects), np.inf)
+    belief = judge.belief
     scale = belief.freedom + _forms(evidence, _best(evidence)[1], belief)
-    return (
-        np.expm1(2 * np.log(HOPELESS) / belief.freedom) * scale * evidence.dispersion.ratio(allowance(evidence, belief))
-    )
+    logarithm = np.log(HOPELESS) / judge.trust.get(channels_of(evidence), 1.0)
+    bent = np.expm1(2 * logarithm / belief.freedom) * scale
+    return bent * evidence.dispersion.ratio(allowance(evidence, judge))
 
 
 def _forms(evidence: Evidence, gap: float, belief: Belief) -> np.ndarray:

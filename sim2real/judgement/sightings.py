@@ -21,7 +21,8 @@ FOREIGN, LOUD = "foreign", "loud"
 AROUND = 12  # lines on either side above which a tone on a line must stand out
 NO_TANGENT = {name for name, card in EFFECTS.items() if not card.linear}
 TOGETHER = 1e-4  # probability that noise in all records shows as much at the rotation frequency
-RINGING = 0.25  # octaves from a fitted mode within which a tone is attributed to its ringing
+# Octaves from a fitted mode within which a tone is attributed to its ringing: at most, and per damping ratio.
+RINGING, RINGING_WIDTHS = 0.25, 8.0
 HIGHEST = 9  # harmonic of the mains or of the rotation that a tone of unknown origin may be
 BESIDE_MODE = 1.4  # twice the octaves from a fitted mode within which loud noise is attributed to it
 
@@ -123,7 +124,7 @@ def _within(problem: Problem, s: Sighting, others: Collection[str]) -> Sighting 
 
 
 def _between(index: int, part: Part, point: Point) -> list[Sighting]:
-    modes = [mode["frequency"] for mode in modes_of(point)]
+    modes = [(mode["frequency"], min(RINGING, RINGING_WIDTHS * mode["damping_ratio"])) for mode in modes_of(point)]
     record, found = part.record, []
     if not record.tones:
         return []
@@ -131,7 +132,7 @@ def _between(index: int, part: Part, point: Point) -> list[Sighting]:
     resolution = _resolution(record)
     for tone in record.tones:
         name = origin(tone.frequency, speed, resolution) or FOREIGN
-        if name == FOREIGN and any(abs(np.log2(tone.frequency / f)) < RINGING for f in modes):
+        if name == FOREIGN and any(abs(np.log2(tone.frequency / f)) < near for f, near in modes):
             continue  # noise that excites a lightly damped mode
         harmonic = 1
         if name != FOREIGN:

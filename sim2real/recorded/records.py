@@ -169,8 +169,8 @@ def _record(campaign: Campaign, spec: RecordingSpec) -> Record | OpenRecord:
     measured = {k: v for k, v in channels.items() if k in MEASURED}
     whole_periods = next(iter(measured.values())).shape[1] // n * n
     measured = {kind: values[:, :whole_periods] for kind, values in measured.items()}
-    measured, tones = remove_tones(measured, n, spec.sample_rate / multiple)
-    split = split_periods(np.concatenate(list(measured.values())), n)
+    toneless, tones = remove_tones(measured, n, spec.sample_rate / multiple)
+    split = split_periods(np.concatenate(list(toneless.values())), n)
     spectra = period_spectra(split.reshape(len(split) * split.shape[1], n), lines).reshape(*split.shape[:2], -1)
     driven = {
         place: np.array([np.isin(lines, lines_at(axis_excitations(excitations, a), place)) for a in range(axes)])
@@ -182,7 +182,9 @@ def _record(campaign: Campaign, spec: RecordingSpec) -> Record | OpenRecord:
     moved = spectra[:, first : first + axes][..., np.any(list(driven.values()), axis=(0, 1))]
     dropped = transient_periods(moved.reshape(len(spectra), -1))
     whole = slice(dropped * n, whole_periods)
-    series = {kind: without_wander(values[:, whole], n) for kind, values in measured.items()}
+    if dropped:  # beside a transient, a tone does not stand out
+        toneless, tones = remove_tones({k: v[:, whole] for k, v in measured.items()}, n, spec.sample_rate / multiple)
+    series = {kind: without_wander(values[:, -(whole_periods - dropped * n) :], n) for kind, values in toneless.items()}
     split = split_periods(np.concatenate(list(series.values())), n)
     kept = period_spectra(split.reshape(len(split) * split.shape[1], n), lines).reshape(*split.shape[:2], -1)
     periods = {kind: kept[:, i * axes : (i + 1) * axes] for i, kind in enumerate(series)}

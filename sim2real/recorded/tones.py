@@ -15,6 +15,7 @@ HARMONICS = 3
 FALSE_ALARM = 1e-5  # probability that noise alone shows a tone somewhere in a record
 NEIGHBOURS = 25  # bins on either side above which a tone must stand out
 MOST = 8  # tones per record
+BESIDE, SWEEPS = 4.0, 12  # bins within which tones take from each other, and rounds in which these are fitted again
 ON_LINE = 0.1  # share of the line spacing within which a tone counts as lying on a line
 NEAR = 2e-3  # relative uncertainty of the frequencies of mains and rotation
 SAME = 0.6  # bins of the record's resolution within which two frequencies count as one
@@ -57,28 +58,47 @@ def remove_tones(
         The channels without the tones, and the tones.
     """
     cleaned = {name: values.copy() for name, values in channels.items()}
-    found: list[Tone] = []
-    while len(found) < MOST:
+    total = cleaned["displacement"].shape[1]
+    bins: list[float] = []  # of the whole record, where tones are
+    chi2: list[float] = []
+    amplitudes: list[dict[str, np.ndarray]] = []
+
+    def shift(i: int, sign: float) -> None:
+        """Take a tone away, or put it back."""
+        phase = np.exp(2j * np.pi * bins[i] * np.arange(total) / total)
+        for name, values in cleaned.items():
+            values += sign * (amplitudes[i][name][:, None] * phase).real
+
+    while len(bins) < MOST:
         peak = _strongest(cleaned["displacement"], per_period)
         if peak is None:
             break
-        at, chi2 = peak
-        total = cleaned["displacement"].shape[1]
-        rest = _without_period(cleaned["displacement"], per_period)
-        refined = minimize_scalar(
-            lambda f, rest=rest, total=total: -_energy(rest, f, per_period, total),
-            bounds=(at - 0.7, at + 0.7),
-            method="bounded",
-            options={"xatol": 1e-4},
-        ).x
-        amplitude = {}
-        for name, values in cleaned.items():
-            a = _amplitude(_without_period(values, per_period), refined, per_period, total)
-            amplitude[name] = a
-            phase = np.exp(2j * np.pi * refined * np.arange(total) / total)
-            cleaned[name] = values - (a[:, None] * phase).real
-        found.append(Tone(refined * rate / total, amplitude, chi2))
-    return cleaned, found
+        bins.append(peak[0])
+        chi2.append(peak[1])
+        amplitudes.append({name: np.zeros(len(values), complex) for name, values in cleaned.items()})
+        # Tones that are hardly apart take from each other: each is fitted again beside the others (J. Li and P. Stoica,
+        # IEEE Transactions on Signal Processing 44, 1996).
+        beside = [i for i, b in enumerate(bins) if abs(b - bins[-1]) < BESIDE]
+        for _ in range(SWEEPS if len(beside) > 1 else 1):
+            for i in reversed(beside):
+                shift(i, 1.0)
+                bins[i], amplitudes[i] = _refined(cleaned, bins[i], per_period)
+                shift(i, -1.0)
+    return cleaned, [Tone(b * rate / total, a, c) for b, a, c in zip(bins, amplitudes, chi2, strict=True)]
+
+
+def _refined(channels: Mapping[str, np.ndarray], at: float, per_period: int) -> tuple[float, dict[str, np.ndarray]]:
+    """Bin and amplitudes of the tone near a bin."""
+    total = channels["displacement"].shape[1]
+    rest = _without_period(channels["displacement"], per_period)
+    refined = minimize_scalar(
+        lambda f: -_energy(rest, f, per_period, total),
+        bounds=(at - 0.7, at + 0.7),
+        method="bounded",
+        options={"xatol": 1e-4},
+    ).x
+    own = {name: _without_period(values, per_period) for name, values in channels.items()}
+    return refined, {name: _amplitude(values, refined, per_period, total) for name, values in own.items()}
 
 
 def _without_period(values: np.ndarray, per_period: int) -> np.ndarray:

@@ -16,7 +16,9 @@ from sim2real.blind.cases import ANSWERS, CAMPAIGNS, LABELS, SEAL
 SET = "set.json"  # says how the set was made; it contains no labels
 
 
-def generate(out: Path, count: int, seed: int, processes: int | None, benchmark: bool = False) -> dict:
+def generate(
+    out: Path, count: int, seed: int, processes: int | None, benchmark: bool = False, oracle: bool = True
+) -> dict:
     """Make a sealed set: campaigns, labels, their seal, and a description of how it was made.
 
     Args:
@@ -25,6 +27,7 @@ def generate(out: Path, count: int, seed: int, processes: int | None, benchmark:
         seed: of the whole set.
         processes: None: as many as there are cores.
         benchmark: the benchmark's generator instead of the twin.
+        oracle: whether the benchmark's labels say what no method could tell.
 
     Returns:
         The description, as in set.json.
@@ -44,8 +47,11 @@ def generate(out: Path, count: int, seed: int, processes: int | None, benchmark:
         with progress_bar() as bar:
             bar.add_task(f"generate {count} campaigns", total=None)
             workers = processes or os.cpu_count() or 1
-            make = benchmark_generator.generate if benchmark else generator.generate
-            seal = make(out / CAMPAIGNS, count, seed, workers, labels=out / LABELS)
+            places = {"folder": out / CAMPAIGNS, "labels": out / LABELS}
+            if benchmark:
+                seal = benchmark_generator.generate(count=count, seed=seed, processes=workers, oracle=oracle, **places)
+            else:
+                seal = generator.generate(count=count, seed=seed, processes=workers, **places)
         console.print(f"SHA-256 of the labels\n{seal}")
         write_text_atomic(out / SEAL, f"{seal}  {LABELS}\n")
         data = {"schema": "maglev-blind-set/1", "count": count, "seed": seed, "benchmark": benchmark}

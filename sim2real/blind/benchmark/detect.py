@@ -56,9 +56,6 @@ class Detector:
         self.recordings = [r for r in recordings if r.role == "fit"]
         self.names = ("displacement", "current") if with_current else ("displacement",)
         self.seed = seed
-        # Without a known weight, a mean depends on zero errors of sensors and amplifiers and on static loads, of which
-        # no campaign states anything.
-        self.first_line = 0 if truth.rig.parameters["gravity"] else 1
 
     @cached_property
     def _base(self) -> list[np.ndarray]:
@@ -89,7 +86,8 @@ class Detector:
 
     def _spectrum(self, truth: Truth, r: Recording, seed: int | None = None, drops: int = 0) -> np.ndarray:
         found = simulate(truth, r, seed, drops, FEW_STEPS)
-        return np.fft.rfft(np.hstack([found[name] for name in self.names]), axis=0)[self.first_line :]
+        # Means depend on zero errors of channels and on static loads, of which no campaign states anything.
+        return np.fft.rfft(np.hstack([found[name] for name in self.names]), axis=0)[1:]
 
     def difference(self, other: Truth, drops: int = 0) -> np.ndarray:
         """Whitened difference of another rig from the true one (values,).

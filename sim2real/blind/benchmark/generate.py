@@ -154,9 +154,10 @@ def _experiments(case: Case, rig: BenchRig, rng: np.random.Generator) -> list[Re
     return found
 
 
-def label(made: Made, seed: int) -> dict:
-    """What is sealed of a case."""
+def label(made: Made, seed: int, oracle: bool = True) -> dict:
+    """What is sealed of a case; oracle: whether what no method could tell from it is found."""
     case, found = made.case, made.found
+    known = {n: values for n, (values, _, _) in found.items()}
     return {
         "id": f"c{case.number:04d}",
         "rig": case.family,
@@ -168,12 +169,12 @@ def label(made: Made, seed: int) -> dict:
         "blocks": [KINDS[name].block for name in found],
         "deviations": dict(made.truth.deviations),
         "recordings": [f"{r.role}: {r.drive.shape} at {r.drive.at}" for r in made.recordings],
-        "oracle": {"rivals": rivals(made.detector, {n: values for n, (values, _, _) in found.items()}, seed)},
+        "oracle": {"rivals": rivals(made.detector, known, seed) if oracle else []},
         "seed": seed,
     }
 
 
-def _produce(case: Case, folder: Path, seed: int) -> dict:
+def _produce(case: Case, folder: Path, seed: int, oracle: bool) -> dict:
     made = make(case, seed)
     rng = np.random.default_rng([seed, case.number, ATTEMPTS])
     recorded = []
@@ -181,12 +182,12 @@ def _produce(case: Case, folder: Path, seed: int) -> dict:
         noise, drops = (int(n) for n in rng.integers(2**62, size=2))
         stored = case.channels == "displacement" or r.drive.shape in ("multisine", "steps") or rng.random() < 0.5
         recorded.append((r, stored, simulate(disturbed(made), r, noise, drops)))
-    found = label(made, seed)
+    found = label(made, seed, oracle)
     write_campaign(folder / found["id"], made.truth.rig, case.channels, recorded)
     return found
 
 
-def generate(folder: Path, count: int, seed: int, processes: int, labels: Path) -> str:
+def generate(folder: Path, count: int, seed: int, processes: int, labels: Path, oracle: bool = True) -> str:
     """Write campaigns into a new folder and their labels into a file; the same seed gives the same bytes.
 
     Args:
@@ -195,8 +196,9 @@ def generate(folder: Path, count: int, seed: int, processes: int, labels: Path) 
         seed: Seed of the set.
         processes: Number of processes; results do not change.
         labels: File of the labels.
+        oracle: Whether what no method could tell is found, which takes most of the time.
 
     Returns:
         SHA-256 of the label file.
     """
-    return sealed(partial(_produce, folder=folder, seed=seed), plan(count, seed), processes, labels)
+    return sealed(partial(_produce, folder=folder, seed=seed, oracle=oracle), plan(count, seed), processes, labels)

@@ -139,7 +139,8 @@ def by_mechanism(case: Case, answer: Answer) -> tuple[Case, Answer]:
 
     which = tuple(replace(h, effects=named(h.effects)) for h in answer.which)
     cause = tuple(dict.fromkeys(map(named, answer.cause)))
-    return replace(case, effects=named(case.effects)), replace(answer, cause=cause, which=which)
+    likely = None if answer.likely is None else tuple(map(named, answer.likely))
+    return replace(case, effects=named(case.effects)), replace(answer, cause=cause, which=which, likely=likely)
 
 
 def _right_block(j: Judgement) -> bool:

@@ -32,7 +32,8 @@ class Judgement:
         flagged: The verdict is unexplained.
         top_right: The most probable hypothesis is the truth.
         top_probability: Its probability.
-        covered: The smallest set of hypotheses that reaches a probability of 0.9 holds the truth.
+        covered: The set that is said to hold the truth in 90 % of all campaigns does; where none is said, the smallest
+            set of hypotheses that reaches a probability of 0.9.
     """
 
     case: Case
@@ -76,7 +77,7 @@ def judge(case: Case, answer: Answer) -> Judgement:
         flagged=answer.verdict == "unexplained",
         top_right=top[0] == truth,
         top_probability=top[1],
-        covered=truth in smallest_set(ranked),
+        covered=truth in (smallest_set(ranked) if answer.likely is None else _merged_names(answer.likely)),
     )
 
 
@@ -107,6 +108,10 @@ def merged(answer: Answer) -> list[tuple[frozenset[str], float]]:
         key = NO_GAP if one.effects == _CALIBRATION else one.effects
         total[key] = total.get(key, 0.0) + one.probability
     return sorted(total.items(), key=lambda item: (-item[1], sorted(item[0])))
+
+
+def _merged_names(likely: Sequence[frozenset[str]]) -> set[frozenset[str]]:
+    return {NO_GAP if effects == _CALIBRATION else effects for effects in likely}
 
 
 def smallest_set(ranked: Sequence[tuple[frozenset[str], float]]) -> set[frozenset[str]]:

@@ -49,6 +49,24 @@ def test_it_is_what_the_equations_say(name):
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("effects", [effect("gain_drift", 3.0), effect("free_command", 1.0, rate=0.5)])
+def test_what_grows_with_time_grows_on_both_axes(effects):
+    """Pushed along one axis alone, a rotor of two axes moves as along the other one."""
+    along = [
+        replace(
+            IDEAL,
+            rig=replace(IDEAL.rig, axes=2),
+            effects=effects,
+            excitations=tuple(replace(drive, direction=d) for drive in IDEAL.excitations),
+        )
+        for d in (0.0, 90.0)
+    ]
+    x, y = (simulate_records([own], threads=1)[0][:, :4000] for own in along)
+    moved = np.abs(x[:6]).max()
+    assert moved > 0 and np.abs(x[:6] - y[:6].reshape(3, 2, -1)[:, ::-1].reshape(6, -1)).max() < 1e-9 * moved
+
+
+@pytest.mark.slow
 def test_neutral_ones_change_nothing_and_without_them_nothing_is_compiled_in():
     neutral = effect("asymmetric_gain", 0.0)
     e = replace(IDEAL, effects=effect("friction", 0.0))

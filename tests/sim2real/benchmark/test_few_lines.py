@@ -7,9 +7,10 @@ from sim2real.blind.benchmark.rigs import draw_rig
 from sim2real.blind.benchmark.simulate import Controller, Recording, Truth, simulate
 from sim2real.blind.benchmark.write import write_campaign
 from sim2real.compared.problem import assemble
-from sim2real.compared.simulated import Point
 from sim2real.judgement.drift import drift_of
 from sim2real.recorded.records import read_records
+from sim2real.search.fitting import begin
+from sim2real.search.hypotheses import Hypothesis
 
 
 def test_a_multisine_of_nine_lines_is_read_and_has_no_drift(tmp_path):
@@ -23,6 +24,8 @@ def test_a_multisine_of_nine_lines_is_read_and_has_no_drift(tmp_path):
     write_campaign(tmp_path / "c", rig, "displacement", [(recording, True, simulate(Truth(rig), recording, 5))])
     _, records = read_records(tmp_path / "c")
     problem = assemble(records)
-    assert drift_of(problem, Point({}, {})) is None
-    rest = problem.data - problem.simulate([Point({}, {})])[0]
+    h = Hypothesis((), {})
+    (nominal,) = begin([h], [np.zeros(h.size)], problem.data, problem.simulate)
+    assert drift_of(problem, nominal) is None
+    rest = nominal.residual
     assert 0.5 < np.vdot(rest, rest).real / (2 * problem.data.size) < 2.0

@@ -8,12 +8,26 @@ from campaigns import planned, repeated
 
 from maglev_env.loop.effect import effect
 from maglev_env.rig.rig import load_rig
+from sim2real.blind.benchmark import at
+from sim2real.blind.benchmark.drives import draw_drive
+from sim2real.blind.benchmark.rigs import draw_rig
+from sim2real.blind.benchmark.simulate import Controller, Recording, Truth, simulate
+from sim2real.blind.benchmark.write import write_campaign
 from sim2real.compared.problem import assemble
-from sim2real.compared.simulated import Point
+from sim2real.compared.simulated import Point, tolerances
 from sim2real.judgement.drift import _slope, drift_of
+from sim2real.recorded.records import read_records
 from sim2real.recorded.wander import straightened, without_wander
+from sim2real.search.fitting import begin, differentiate, iterate
+from sim2real.search.hypotheses import Hypothesis
 
 NOMINAL, SEEDS = Point({}, {}), range(12)
+
+
+def nominal(problem):
+    """The untouched nominal rig as a fit."""
+    h = Hypothesis((), {})
+    return begin([h], [np.zeros(h.size)], problem.data, problem.simulate)[0]
 
 
 def problem(folder, effects=None, seeds=SEEDS):
@@ -59,7 +73,7 @@ def test_noise_hardly_ever_seems_to_wander():
 @pytest.mark.slow
 def test_in_noise_there_is_no_drift_and_its_error_is_as_stated(tmp_path):
     found = problem(tmp_path)
-    assert drift_of(found, NOMINAL) is None
+    assert drift_of(found, nominal(found)) is None
     slopes = [own for part in found.parts if (own := _slope(part, NOMINAL))]  # none where too few periods are steady
     z = np.array([rate / sd for rate, sd, *_ in slopes])
     assert len(z) > 0.8 * len(found.parts)
@@ -69,5 +83,32 @@ def test_in_noise_there_is_no_drift_and_its_error_is_as_stated(tmp_path):
 @pytest.mark.slow
 def test_the_rate_of_a_drift_is_found(tmp_path):
     """Of a gain that the kernel multiplies by 1 + rate t."""
-    drift = drift_of(problem(tmp_path, effect("gain_drift", 0.1), range(3)), NOMINAL)
+    found = problem(tmp_path, effect("gain_drift", 0.1), range(3))
+    drift = drift_of(found, nominal(found))
     assert abs(drift.rate - 0.1) < 0.02 + 3 * drift.se and drift.left < 0.1 * drift.chi2
+
+
+@pytest.mark.slow
+def test_a_drift_is_found_without_periods_too_and_there_is_none_without_it(tmp_path):
+    """Another hand's rotor under noise; its gain falls off exponentially, by 2 % a second in the mean."""
+    rng = np.random.default_rng(11)
+    rig = draw_rig("rotor", rng)
+    recording = Recording("one", "fit", Controller(rig.pid, "pid", 1 / rig.parameters["control_rate"]),
+                          draw_drive("noise", rig, False, 0.03, rng))  # fmt: skip
+    lasting = recording.drive.wave.size / rig.parameters["control_rate"]
+    own = {at.DRIFT: -0.05, at.DRIFT_TIME: 2.0}
+    mean = -0.05 * (1 - np.exp(-lasting / 2.0)) / lasting
+    for name, effects in (("still", {}), ("drifting", own)):
+        made = simulate(Truth(rig, {"actuator_gain": 0.02}, effects), recording, 5)
+        write_campaign(tmp_path / name, rig, "no_force", [(recording, True, made)])
+        _, records = read_records(tmp_path / name)
+        found = assemble(records)
+        h = Hypothesis((), tolerances(records[0].nominal), scales=records[0].nominal.scales)
+        fits = begin([h], [np.zeros(h.size)], found.data, found.simulate)
+        iterate(fits, found.data, found.simulate, 8)
+        differentiate(fits, found.data, found.simulate, True)
+        drift = drift_of(found, fits[0])
+        if effects:
+            assert drift.rate == pytest.approx(mean, rel=0.15) and drift.chi2 > 50
+        else:
+            assert drift is None

@@ -8,9 +8,10 @@ import pytest
 
 from maglev_env.loop.effect import EFFECTS
 from sim2real.compared.simulated import Point
+from sim2real.judgement.belief import shipped
 from sim2real.judgement.dispersion import ChiSquare, Dispersion
 from sim2real.judgement.evidence import IDLE, Evidence, idle_cost
-from sim2real.judgement.judge import BELIEF, HOPELESS, Entry, allowance, entries, reach
+from sim2real.judgement.judge import HOPELESS, Entry, allowance, entries, reach
 from sim2real.judgement.verdict import verdict
 
 SINGLES = ("delay", "amplifier_lag", "actuator_gain", "mass", "friction", "saturation")
@@ -58,9 +59,9 @@ def test_what_two_effects_save_is_shared_among_them():
     alike = evidence({"": 1e5, **dict.fromkeys(SINGLES, 1e5), "friction": 50.0, "saturation": 50.0}, pairs=both)
     apart = evidence({"": 1e5, **dict.fromkeys(SINGLES, 1e5), "friction": 6e4, "saturation": 6e4}, pairs=both)
     shares = [EFFECTS[name].form_share for name in ("friction", "saturation")]
-    base = BELIEF.form_share * 1e5
-    assert allowance(alike) == pytest.approx(BELIEF.leftover * (base + min(shares) * 1e5))
-    assert allowance(apart) == pytest.approx(BELIEF.leftover * (base + sum(shares) * 6e4))
+    base = shipped().belief.form_share * 1e5
+    assert allowance(alike) == pytest.approx(shipped().belief.leftover * (base + min(shares) * 1e5))
+    assert allowance(apart) == pytest.approx(shipped().belief.leftover * (base + sum(shares) * 6e4))
 
 
 @pytest.mark.parametrize("seed", range(6))

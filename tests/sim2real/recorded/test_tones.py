@@ -48,6 +48,20 @@ def test_frequency_and_amplitude_scatter_as_cramer_and_rao_say():
     assert abs(np.mean(off, axis=0)).max() < 4 * 1.3 / np.sqrt(60)
 
 
+@pytest.mark.parametrize("apart", [0.9, 1.6, 2.4])
+def test_two_tones_that_are_hardly_apart_are_told_apart(apart):
+    """In bins of the record's resolution: 50 Hz mains beside a rotor at nearly 3,000 rpm."""
+    rng, sizes, first = np.random.default_rng(7), (1.0, 0.6), 52.3 * RESOLUTION + 40
+    frequencies = first, first + apart * RESOLUTION
+    both = sum(sine(f, a, phase) for f, a, phase in zip(frequencies, sizes, (0.3, 2.0), strict=True))
+    _, tones = found_in(both + 0.05 * rng.standard_normal(TOTAL))
+    assert len(tones) == 2
+    for f, a in zip(frequencies, sizes, strict=True):
+        tone = min(tones, key=lambda t: abs(t.frequency - f))
+        assert tone.frequency == pytest.approx(f, abs=0.03 * RESOLUTION)
+        assert abs(tone.amplitude["displacement"][0]) == pytest.approx(a, rel=0.05)
+
+
 def test_white_noise_shows_no_tone():
     rng = np.random.default_rng(2)
     for axes in (1, 2):

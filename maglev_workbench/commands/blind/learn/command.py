@@ -1,0 +1,44 @@
+"""`maglev blind learn`: makes the judge of diagnoses from campaigns of the benchmark."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from maglev_workbench.commands.blind.options import CountOption, ProcessesOption, SetSeedOption
+from maglev_workbench.options import JsonOption, SchedulerOption, friendly
+
+app = typer.Typer()
+COUNT = 240
+
+
+@app.command(epilog="Example: maglev blind learn lessons --seed 9600 --out judge.json")
+@friendly
+def learn(
+    folder: Annotated[Path, typer.Argument(help="Folder of the set, made there if there is none.")],
+    seed: SetSeedOption,
+    out: Annotated[Path, typer.Option(help="File of the judge.")],
+    count: CountOption = COUNT,
+    processes: ProcessesOption = None,
+    scheduler: SchedulerOption = None,
+    json_file: JsonOption = None,
+) -> None:
+    """Generate and answer a set of the benchmark, and learn from it how far evidence is to be believed.
+
+    The judge is validated on families of causes that it did not learn from, and written as JSON. An interrupted run
+    resumes; the same set and the same version give the same bytes. A campaign takes about 10 s of a core.
+    """
+    from maglev_lanes.schedule import workers
+    from maglev_workbench.commands.blind import sealed_set
+
+    with workers(scheduler, processes) as spread:
+        if (folder / sealed_set.SET).exists():
+            made = sealed_set.made_of(folder)
+            if (made["count"], made["seed"]) != (count, seed):
+                raise ValueError(f"{folder} holds {made['count']} campaigns of seed {made['seed']}; choose another one")
+        else:
+            sealed_set.generate(folder, count, seed, processes, benchmark=True, oracle=False)
+        sealed_set.answer(folder, processes, spread)
+    from maglev_workbench.commands.blind.learn.learning import learn_folder
+
+    learn_folder(folder, out, json_file)

@@ -1,0 +1,87 @@
+"""Examples to learn from: the evidence of answers to opened sets of the benchmark, and the truth."""
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from maglev_env.rig.rig import Rig, load_rig
+from sim2real.blind.answer import OPENED
+from sim2real.blind.cases import ANSWERS, CAMPAIGNS, Case, open_labels
+from sim2real.judgement.belief import Judge
+from sim2real.judgement.evidence import Evidence
+from sim2real.judgement.evidence_json import evidence_from_json
+from sim2real.judgement.judge import Entry, entries
+from sim2real.judgement.mechanisms import by_mechanism
+
+SHOWN = 1.0  # multiples of the detection threshold from which on an effect counts as one
+
+
+@dataclass(frozen=True)
+class Example:
+    """A campaign to learn from.
+
+    Attributes:
+        family: What its truth is a form of: names of effects, or the name of an unknown cause. Without an effect, each
+            campaign is a family.
+        truth: The right hypothesis, by the names of mechanisms.
+        evidence: What was found.
+        rig: The nominal rig.
+    """
+
+    family: str
+    truth: frozenset[str]
+    evidence: Evidence
+    rig: Rig
+
+    def found(self, judge: Judge) -> list[Entry]:
+        """Its hypotheses by a judge. "calibration" is "none", because a real rig is never exactly nominal."""
+        return by_mechanism(entries(self.evidence, judge), self.rig)
+
+    def probability(self, judge: Judge) -> float:
+        """Probability that a judge gives the truth."""
+        return sum(e.probability for e in self.found(judge) if names_of(e, self.rig) == self.truth)
+
+
+def names_of(entry: Entry, rig: Rig) -> frozenset[str]:
+    """The names of a hypothesis as those of a truth."""
+    names = frozenset(entry.effects)
+    return frozenset({"none"}) if names == {"calibration"} else names
+
+
+def examples_of(folders: Sequence[Path]) -> list[Example]:
+    """Examples of sets of the benchmark that were opened, in order.
+
+    Left out are effects too small to show, what the oracle could not have told, and failed answers.
+
+    Raises:
+        ValueError: A set was not opened, or its answers hold no evidence.
+    """
+    found = []
+    for folder in folders:
+        if not (folder / OPENED).exists():
+            raise ValueError(f"{folder} was not opened: score it first (maglev blind score {folder})")
+        for case in open_labels(folder):
+            data = json.loads((folder / ANSWERS / f"{case.id}.json").read_text())
+            if "error" in data or not _tellable(case):
+                continue
+            evidence = data["diagnosis"].get("evidence")
+            if evidence is None:
+                raise ValueError(f"{folder / ANSWERS}/{case.id}.json holds no evidence: answer the set again")
+            rig = load_rig(folder / CAMPAIGNS / case.id / "rig.toml")
+            found.append(Example(_family(case), _truth(case, rig), evidence_from_json(evidence), rig))
+    return found
+
+
+def _tellable(case: Case) -> bool:
+    small = case.size is not None and case.size < SHOWN
+    return not small and not case.label.get("oracle", {}).get("rivals")
+
+
+def _family(case: Case) -> str:
+    return "+".join(sorted(case.effects)) or f"none, {case.id}"
+
+
+def _truth(case: Case, rig: Rig) -> frozenset[str]:
+    single = by_mechanism([Entry(tuple(sorted(case.truth)), 1.0, 0.0, None, None)], rig)
+    return frozenset(single[0].effects)

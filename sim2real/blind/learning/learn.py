@@ -1,0 +1,146 @@
+"""Learning a judge: constants of belief by the likelihood of the truth, then trust, sets and leftovers by counting."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
+from math import ceil
+
+import numpy as np
+from scipy.optimize import minimize, minimize_scalar
+
+from sim2real.blind.judging.calibration import calibration_error
+from sim2real.blind.learning.examples import Example, names_of
+from sim2real.judgement.belief import LEVEL, Belief, Judge, channels_of
+from sim2real.judgement.judge import lacking
+
+# Each constant that is learned is known to a factor: standard deviation of its natural logarithm. The others say what
+# they mean (form_share, leftover and group_sd go with the cards of effects).
+KNOWN = 0.7
+LEARNED = (
+    "freedom", "prior_singles", "prior_pairs", "prior_none", "group_cost", "unknown_cost", "parameter_cost",
+    "search_cost", "form_cost",
+)  # fmt: skip
+LEAST = 1e-3  # probability that counts where the truth was given less: it may not have been fitted at all
+ROUNDS = 250  # evaluations of the likelihood, at most
+TRUSTED = (0.2, 1.5)  # range of the trust
+FOLDS = 4
+UNKNOWN = frozenset({"unknown"})
+
+
+@dataclass(frozen=True)
+class Learned:
+    """A judge, and what it is worth on families that it did not learn from, beside the judge before.
+
+    Attributes:
+        judge: Learned from all examples.
+        score: Mean logarithm of the truth's probability, on families left out; and that of the judge before.
+        error: Calibration error likewise.
+        held: Share of campaigns whose set held the truth, likewise of families left out.
+    """
+
+    judge: Judge
+    score: tuple[float, float]
+    error: tuple[float, float]
+    held: float
+
+
+def learn(examples: Sequence[Example], before: Judge, progress: Callable[[str], None] = lambda text: None) -> Learned:
+    """Learn a judge, and validate it on families of truths that are left out in turn.
+
+    Args:
+        examples: To learn from.
+        before: The judge whose constants are the prior.
+        progress: Called with the name of each step.
+
+    Raises:
+        ValueError: There are too few families to leave some out.
+    """
+    families = sorted({e.family for e in examples})
+    if len(families) < FOLDS:
+        raise ValueError(f"examples of {len(families)} families of truths: {FOLDS} are needed to leave some out")
+    rows, plain, held = [], [], []
+    for fold in range(FOLDS):
+        progress(f"families left out: {fold + 1} of {FOLDS}")
+        out = set(families[fold::FOLDS])
+        judge = judge_of([e for e in examples if e.family not in out], before)
+        for e in (e for e in examples if e.family in out):
+            rows.append(_told(e, judge))
+            plain.append(_told(e, before))
+            held.append(_mass_before_truth(e, judge) <= judge.reached.get(channels_of(e.evidence), LEVEL))
+    progress("all families")
+    ours, theirs = np.array(rows), np.array(plain)
+    return Learned(
+        judge_of(examples, before),
+        (float(ours[:, 2].mean()), float(theirs[:, 2].mean())),
+        (calibration_error(ours[:, :2]), calibration_error(theirs[:, :2])),
+        float(np.mean(held)),
+    )
+
+
+def judge_of(examples: Sequence[Example], before: Judge) -> Judge:
+    """The judge that examples teach; the same examples give the same bits."""
+    plain = replace(before, trust={}, reached={}, left={})
+    start = np.log([getattr(plain.belief, name) for name in LEARNED])
+
+    def at(moved: np.ndarray) -> Judge:
+        values = dict(zip(LEARNED, map(float, np.exp(start + moved)), strict=True))
+        return replace(plain, belief=Belief(**{**asdict(plain.belief), **values}))
+
+    def cost(moved: np.ndarray) -> float:
+        return -log_score(examples, at(moved)) + 0.5 * float(moved @ moved) / KNOWN**2
+
+    first = np.vstack([np.zeros(len(LEARNED)), 0.4 * np.eye(len(LEARNED))])
+    options = {"maxfev": ROUNDS, "initial_simplex": first, "xatol": 1e-3, "fatol": 1e-2}
+    judge = at(minimize(cost, np.zeros(len(LEARNED)), method="Nelder-Mead", options=options).x)
+    judge = replace(judge, trust=_by_channels(examples, lambda own, name: _trust(own, judge, name)))
+    reached = _by_channels(examples, lambda own, name: _reached(own, judge))
+    left = _by_channels(examples, lambda own, name: _left(own, judge))
+    return replace(judge, reached=reached, left=left)
+
+
+def log_score(examples: Sequence[Example], judge: Judge) -> float:
+    """Sum of the logarithms of the truths' probabilities."""
+    return float(sum(np.log(max(e.probability(judge), LEAST)) for e in examples))
+
+
+def _by_channels(examples: Sequence[Example], of: Callable) -> Mapping:
+    names = sorted({channels_of(e.evidence) for e in examples})
+    return {name: of([e for e in examples if channels_of(e.evidence) == name], name) for name in names}
+
+
+def _trust(examples: Sequence[Example], judge: Judge, channels: str) -> float:
+    """The exponent of probabilities under which the truths are the most likely."""
+    low, high = np.log(TRUSTED)
+
+    def cost(logarithm: float) -> float:
+        return -log_score(examples, replace(judge, trust={channels: float(np.exp(logarithm))}))
+
+    return float(np.exp(minimize_scalar(cost, bounds=(low, high), method="bounded", options={"xatol": 1e-3}).x))
+
+
+def _reached(examples: Sequence[Example], judge: Judge) -> float:
+    """The mass that sets must exceed so that they hold the truth of a further campaign at LEVEL."""
+    needed = sorted(_mass_before_truth(e, judge) for e in examples)
+    rank = ceil((len(needed) + 1) * LEVEL)
+    return float(needed[rank - 1]) if rank <= len(needed) else 1.0
+
+
+def _left(examples: Sequence[Example], judge: Judge) -> tuple[float, ...]:
+    """What is left of known causes, in ascending order."""
+    return tuple(sorted(lacking(e.evidence, judge) for e in examples if e.truth != UNKNOWN))
+
+
+def _mass_before_truth(e: Example, judge: Judge) -> float:
+    """Probability of all hypotheses that are more probable than the truth; 1 where it is not among them."""
+    before = 0.0
+    for entry in e.found(judge):
+        if names_of(entry, e.rig) == e.truth:
+            return before
+        before += entry.probability
+    return 1.0
+
+
+def _told(e: Example, judge: Judge) -> tuple[float, float, float]:
+    """Probability of the first hypothesis, whether it is the truth, and the logarithm of the truth's probability."""
+    first = e.found(judge)[0]
+    right = names_of(first, e.rig) == e.truth
+    return first.probability, float(right), float(np.log(max(e.probability(judge), LEAST)))

@@ -1,0 +1,53 @@
+"""What a judge says with a stated error rate: the hypotheses among which the truth is, and how rare a leftover is."""
+
+from bisect import bisect_left
+from collections.abc import Sequence
+
+from sim2real.judgement.belief import LEVEL, Judge, channels_of
+from sim2real.judgement.evidence import Evidence
+from sim2real.judgement.judge import Entry, lacking
+
+MOST_NAMED = 5  # hypotheses of a set that a sentence names
+
+
+def likely(found: Sequence[Entry], reached: float) -> list[Entry]:
+    """The fewest of the hypotheses, the most probable first, whose probabilities exceed a sum together."""
+    kept, total = [], 0.0
+    for entry in found:
+        if total > reached:
+            break
+        kept.append(entry)
+        total += entry.probability
+    return kept
+
+
+def likely_of(found: Sequence[Entry], evidence: Evidence, judge: Judge) -> list[Entry]:
+    """The hypotheses that hold the truth in LEVEL of all campaigns on these channels."""
+    return likely(found, judge.reached.get(channels_of(evidence), LEVEL))
+
+
+def rareness(evidence: Evidence, judge: Judge) -> tuple[float, int]:
+    """How rarely a known cause leaves as much as the best candidate does.
+
+    Returns:
+        p: Monte-Carlo p-value, (1 + campaigns of a known cause that left as much) / (1 + all of them).
+        n: How many campaigns of a known cause there were.
+    """
+    known = judge.left.get(channels_of(evidence), ())
+    as_much = len(known) - bisect_left(known, lacking(evidence, judge))
+    return (1 + as_much) / (1 + len(known)), len(known)
+
+
+def likely_in_words(kept: Sequence[Entry], rare: tuple[float, int] | None) -> list[str]:
+    """Sentences on the set, where it holds more than one hypothesis, and on how rare a leftover is."""
+    said = []
+    if len(kept) > 1:
+        names = ", ".join(" with ".join(e.effects) for e in kept[:MOST_NAMED])
+        more = f" and {len(kept) - MOST_NAMED} more" if len(kept) > MOST_NAMED else ""
+        said.append(f"in {100 * LEVEL:.0f} % of the campaigns that taught the judge, the truth is among: {names}{more}")
+    if rare is not None and rare[1]:
+        said.append(
+            f"p-value of a known cause: {rare[0]:.2g}, the share of {rare[1]} campaigns with one that left as much "
+            "beyond noise and other forms when the judge was taught"
+        )
+    return said
