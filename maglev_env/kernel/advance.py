@@ -12,9 +12,11 @@ import numpy as np
 
 from maglev_env.kernel.layout import AXIS, filter_size
 from maglev_env.kernel.sample import (
-    axis_piece,
+    delay_piece,
+    draw,
     mix_piece,
     peak_piece,
+    read_pieces,
     same_wave,
     substep_piece,
     waves_piece,
@@ -22,6 +24,7 @@ from maglev_env.kernel.sample import (
 from maglev_env.kernel.sensing import sensing_pieces
 from maglev_env.kernel.step import move_piece
 from maglev_env.kernel.structure import Structure
+from maglev_env.loop.further.command_path import try_luck
 from maglev_env.loop.mechanics import ALIVE
 from maglev_lanes.compiled import compiled
 from maglev_lanes.layout import FAR, LANES
@@ -59,9 +62,12 @@ def _kernel(structure: Structure) -> Callable[..., int]:
     axes, channels, delayed = structure.axes, len(structure.channels), structure.delayed
     planar, coupled, sensing = axes == 2, structure.coupled, structure.sensed is not None
     sample = axes * channels * W
-    of_substeps = axes * (AXIS + filter_size(structure.controller_order, structure.of_error))
-    read_and_control, peak = axis_piece(structure), peak_piece()
+    filters, per_filter = axes * AXIS, filter_size(structure.controller_order, structure.of_error)
+    of_substeps = filters + axes * per_filter
+    controlled = structure.magnets != "none"
+    read, control, note_late = read_pieces(structure)
     mix, load_substep, move = mix_piece(structure), substep_piece(structure), move_piece(structure)
+    delay, further, peak = delay_piece(structure), structure.further, peak_piece()
     own_waves, load_waves = structure.own_waves, waves_piece(structure)
     sensors_begin, sensors_follow = sensing_pieces(structure)
 
@@ -93,10 +99,19 @@ def _kernel(structure: Structure) -> Callable[..., int]:
                 if coupled and reading:
                     mix(x)
                 for a in range(axes if reading else 0):
+                    b, p = a * AXIS, o + a * channels * W
+                    if noisy:
+                        draw(x, b, seeds, a * W, lanes, count)
                     wanted, injected = reference[a * samples + t], injection[a * samples + t]
-                    read_and_control(
-                        x, a, out, o, wanted, injected, s == 0, noisy, seeds, lanes, count, history, slots, mask, now
-                    )
+                    if not controlled or s > 0:
+                        read(x, b, out, p, 1.0 if s == 0 else 0.0)
+                    else:
+                        control(x, b, out, p, wanted, injected, filters + a * per_filter)
+                    if further and s == 0:
+                        try_luck(x, b, seeds, a * W, lanes, count)
+                    if delayed and s == 0:
+                        delay(x, b, history, a * slots, mask, now)
+                    note_late(x, b, out, p)
                 if planar and reading:
                     peak(x, out, o, channels * W)
                 if sensing:

@@ -1,13 +1,13 @@
 """Statistics over periods of many blocks on a GPU; only amplitudes at lines and their statistics leave it."""
 
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
 from maglev_env.channels import NOISY, SPECTRAL
 from maglev_env.kernel.gpu_pieces import statistics_kernel, step_kernel, transform_kernel
-from maglev_env.kernel.simulate import Block, State, _waves
+from maglev_env.kernel.simulate import Block, Gathered, State, line_amplitudes, waves_of
+from maglev_env.rig.excitation import lines_at
 from maglev_lanes.gpu import free_memory, require_gpu
 from maglev_lanes.layout import LANES
 from maglev_lanes.line_spectra import LineSpectra
@@ -15,15 +15,6 @@ from maglev_lanes.period_statistics import PeriodStatistics
 
 SHARE = 0.8  # of the free memory that is used
 MOST = 1024  # blocks at a time: more are hardly faster, and their statistics take memory here
-
-
-@dataclass(frozen=True)
-class Gathered:
-    """A block after its experiment: its final state, and the statistics over the kept periods."""
-
-    block: Block
-    state: State
-    statistics: PeriodStatistics
 
 
 def refuse_on_gpu(blocks: Sequence[Block]) -> None:
@@ -35,15 +26,11 @@ def refuse_on_gpu(blocks: Sequence[Block]) -> None:
             raise ValueError("--device cuda: substeps and waves of each lane are not simulated on a GPU")
 
 
-def gathered_on_gpu(
-    blocks: Sequence[Block], lines: np.ndarray, applied: Mapping[str, np.ndarray], most: int | None = None
-) -> Iterator[Gathered]:
+def gathered_on_gpu(blocks: Sequence[Block], most: int | None = None) -> Iterator[Gathered]:
     """Simulate blocks of one schedule; results do not depend on how many are simulated together.
 
     Args:
         blocks: see `simulate.own_lanes`.
-        lines: at which amplitudes are wanted.
-        applied: amplitudes (axes, lines) of the excitations at "force" and "current".
         most: blocks at a time; by default as many as the GPU's memory allows, up to MOST.
 
     Raises:
@@ -56,19 +43,19 @@ def gathered_on_gpu(
         key = block.batch.structure, block.batch.history_length, block.batch.timing.tobytes()
         groups.setdefault(key, []).append(block)
     for group in groups.values():
-        size = min(most or MOST, _fitting(group[0], lines))
+        size = min(most or MOST, _fitting(group[0]))
         for start in range(0, len(group), size):
-            yield from Lanes(group[start : start + size], lines, applied).gathered()
+            yield from Lanes(group[start : start + size]).gathered()
 
 
-def _fitting(block: Block, lines: np.ndarray) -> int:
+def _fitting(block: Block) -> int:
     """Blocks that fit into the GPU's memory.
 
     Raises:
         ValueError: None does.
     """
     structure, n = block.batch.structure, block.experiment.samples_per_period
-    axes = structure.axes
+    axes, lines = structure.axes, lines_at(block.experiment.excitations)
     column = LineSpectra(n, lines).length
     numbers = n * axes * len(structure.channels) * LANES + 2 * axes * 2 * column * 2 * LANES
     numbers += (2 * 4 * axes + (3 * axes) ** 2) * len(lines) * 2 * LANES
@@ -87,10 +74,9 @@ class Lanes:
 
     Args:
         blocks: of one structure and schedule.
-        lines, applied: as `gathered_on_gpu`.
     """
 
-    def __init__(self, blocks: Sequence[Block], lines: np.ndarray, applied: Mapping[str, np.ndarray]) -> None:
+    def __init__(self, blocks: Sequence[Block]) -> None:
         from numba import cuda
 
         first, e = blocks[0].batch, blocks[0].experiment
@@ -99,7 +85,7 @@ class Lanes:
         self._step = step_kernel(first.structure.compiled)
         self._transform = transform_kernel(self.axes, len(first.structure.channels))
         self._add = statistics_kernel(self.axes)
-        n, count = e.samples_per_period, len(blocks)
+        n, count, lines = e.samples_per_period, len(blocks), lines_at(e.excitations)
         self._samples, self._slots = n, first.history_length * LANES
         self._per_block = n * self.axes * len(first.structure.channels) * LANES
         spectra = LineSpectra(n, lines)
@@ -117,12 +103,11 @@ class Lanes:
         )
         self._history = sent(np.zeros(count * self.axes * self._slots))
         self._noisy = first.structure.noise
-        self._waves = [sent(wave) for wave in _waves(e)]
+        self._waves = [sent(wave) for wave in waves_of(e)]
         self._tables = [sent(table) for table in spectra.tables]
         self._noise = sent(noise)
-        self._applied = [
-            sent(np.stack([applied[place].real, applied[place].imag], axis=-1)) for place in ("force", "current")
-        ]
+        applied = [line_amplitudes(e, place, lines) for place in ("force", "current")]
+        self._applied = [sent(np.stack([a.real, a.imag], axis=-1)) for a in applied]
         self._series = cuda.device_array(count * self._per_block)
         self._scratch = cuda.device_array(count * 2 * self.axes * 2 * spectra.length * 2 * LANES + LANES)
         self._found = cuda.device_array(count * self._per_found)

@@ -5,7 +5,7 @@ from collections.abc import Callable
 import numpy as np
 
 from maglev_env.channels import step_channels
-from maglev_env.kernel.layout import AXIS, INJECTED, PUSHED, WANTED, WAVE, filter_size, of_substep
+from maglev_env.kernel.layout import AXIS, INJECTED, PUSHED, WANTED, WAVE, of_substep
 from maglev_env.kernel.structure import Structure
 from maglev_env.loop import amplifier, sensor
 from maglev_env.loop.controller import (
@@ -135,38 +135,6 @@ def read_pieces(s: Structure, lanes: int = W) -> tuple[Callable, Callable, Calla
                 note_current(x, b + i, tile, o + i)
 
     return read, control, late
-
-
-def axis_piece(s: Structure, lanes: int = W) -> Callable:
-    """read_and_control(x, a, tile, o, reference, injection, first, noisy, seeds, drawn, count, history, slots, mask,
-    now): all that an axis does at a sample before the rotor moves; a: number of the axis.
-
-    first: whether it is a control sample; between these a reading is recorded only. seeds: of all axes, `drawn` lanes
-    of each; count: of the number to draw; slots, mask: see `advance.kernel`; now: the control sample's number.
-    """
-    read, control, late = read_pieces(s, lanes)
-    delay, delayed, further, controlled = delay_piece(s, lanes), s.delayed, s.further, s.magnets != "none"
-    filters, per_filter = s.axes * AXIS, filter_size(s.controller_order, s.of_error)
-    channels = len(s.channels)
-
-    @piece
-    def read_and_control(
-        x, a, tile, o, reference, injection, first, noisy, seeds, drawn, count, history, slots, mask, now
-    ):
-        b, p = a * AXIS, o + a * channels * W
-        if noisy:
-            draw(x, b, seeds, a * W, drawn, count)
-        if not controlled or not first:
-            read(x, b, tile, p, 1.0 if first else 0.0)
-        else:
-            control(x, b, tile, p, reference, injection, filters + a * per_filter)
-        if further and first:
-            command_path.try_luck(x, b, seeds, a * W, drawn, count)
-        if delayed and first:
-            delay(x, b, history, a * slots, mask, now)
-        late(x, b, tile, p)
-
-    return read_and_control
 
 
 def own_or_shared(s: Structure, of: int) -> Callable:
