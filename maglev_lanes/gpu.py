@@ -10,6 +10,7 @@ from functools import cache
 from importlib.util import find_spec
 from threading import current_thread
 from types import SimpleNamespace
+from warnings import filterwarnings
 
 import numpy as np
 
@@ -64,7 +65,9 @@ def free_memory() -> int:
         return 1 << 30
     from numba import cuda
 
-    return int(cuda.current_context().get_memory_info().free)
+    context = cuda.current_context()
+    context.deallocations.clear()  # what is no longer used is freed late
+    return int(context.get_memory_info().free)
 
 
 def of_lane(function: Callable) -> Callable:
@@ -81,9 +84,12 @@ def gpu_kernel(function: Callable) -> Callable[..., None]:
     """
     from numba import cuda
 
-    if not simulated():
+    if simulated():
+        kernel = cuda.jit(function)
+    else:
         _teach()
-    kernel = cuda.jit(function)
+        # Not optimised at link time, which would come after rows had been given memory instead of registers.
+        kernel = cuda.jit(function, lto=False)
     return lambda *arguments: kernel[-(-arguments[-1] // THREADS), THREADS](*arguments)
 
 
@@ -159,6 +165,7 @@ def _teach() -> None:
 @cache
 def _compiler() -> SimpleNamespace:
     """The compiler's functions that take pieces, once it knows what pieces take for granted."""
+    filterwarnings("ignore", message=".*Grid size .* under-utilization")  # few lanes are no mistake
     from numba.cuda import libdevice, types
     from numba.cuda.extending import overload, register_jitable
 

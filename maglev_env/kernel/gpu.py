@@ -45,7 +45,7 @@ def gathered_on_gpu(blocks: Sequence[Block], most: int | None = None) -> Iterato
     for group in groups.values():
         size = min(most or MOST, _fitting(group[0]))
         for start in range(0, len(group), size):
-            yield from Lanes(group[start : start + size]).gathered()
+            yield from list(Lanes(group[start : start + size]).gathered())  # its memory is then free for the next
 
 
 def _fitting(block: Block) -> int:
