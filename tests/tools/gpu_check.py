@@ -3,8 +3,8 @@
 Usage: python tests/tools/gpu_check.py [--out FOLDER] [--only STAGE ...] [--tiny]
 
 The extra `cuda` must be installed (see `maglev_lanes.gpu`). Stages: about, compile, agree, agree-xy, kernel, kernel-xy,
-quick, full. Each prints its figures as they come and, with --out, writes them into gpu_check.json there; one that
-fails prints why, and the next begins. --tiny: a few short experiments, as numba's simulator can run them
+quick, full, processes. Each prints its figures as they come and, with --out, writes them into gpu_check.json there; one
+that fails prints why, and the next begins. --tiny: a few short experiments, as numba's simulator can run them
 (NUMBA_ENABLE_CUDASIM=1).
 """
 
@@ -25,7 +25,7 @@ from typing import Any
 import numpy as np
 
 from maglev_env.evaluation.devices import require_device
-from maglev_env.evaluation.evaluate import evaluate
+from maglev_env.evaluation.evaluate import CHUNK, evaluate
 from maglev_env.evaluation.evaluation import Evaluation
 from maglev_env.experiment import Experiment, protocol_experiment
 from maglev_env.kernel.gpu import Lanes, gathered_on_gpu
@@ -34,6 +34,7 @@ from maglev_env.loop.gains import with_gains
 from maglev_env.rig.rig import load_rig
 from maglev_env.task.protocol import env_protocol
 from maglev_lanes.layout import LANES
+from maglev_lanes.processes import fresh_pool
 
 WORKERS = (1, 2, 4, 8, 16)
 SECONDS = 3.0  # of a figure of the processor
@@ -184,7 +185,8 @@ class Check:
         each = (perf_counter() - begun) / len(one)
         self.say(protocol, ms_of_one_core=each * 1e3)
         for workers in (1,) if self.tiny else [w for w in WORKERS if w <= cores]:
-            count = len(one) if self.tiny else int(np.ceil(SECONDS / each * min(workers, 4) / 128)) * 128
+            chunks = int(np.ceil(SECONDS / each * min(workers, 4) / CHUNK / workers))
+            count = len(one) if self.tiny else chunks * CHUNK * workers
             experiments = self.experiments("hmb_free", count, protocol)
             begun = perf_counter()
             self.scored(experiments, threads=workers)
@@ -206,6 +208,24 @@ class Check:
                 protocol, device="cuda", sets=count, prepare_us=prepared / count * 1e6,
                 simulated_per_second=count / (perf_counter() - begun),
             )  # fmt: skip
+
+    def processes(self) -> None:
+        """Gain sets per second of the full protocol in as many processes of one thread each."""
+        for workers in (1,) if self.tiny else [w for w in WORKERS if w <= (os.cpu_count() or 1)]:
+            each = 2 if self.tiny else 1024
+            with fresh_pool(workers) as pool:
+                list(pool.map(_scored_there, [(self.tiny, 2)] * workers))  # starts all
+                begun = perf_counter()
+                list(pool.map(_scored_there, [(self.tiny, each)] * workers))
+                seconds = perf_counter() - begun
+            self.say("processes", workers=workers, sets=workers * each, per_second=workers * each / seconds)
+
+
+def _scored_there(work: tuple[bool, int]) -> int:
+    """Score as many gain sets in this process; what is returned is of no use."""
+    tiny, count = work
+    check = Check(None, tiny)
+    return len(check.scored(check.experiments("hmb_free", count), threads=1).score)
 
 
 def _version(name: str) -> str:
@@ -241,6 +261,7 @@ def main(arguments: Sequence[str]) -> int:
         "kernel-xy": lambda: check.kernel("hmb_radial", "kernel-xy"),
         "quick": lambda: check.pipeline("quick"),
         "full": lambda: check.pipeline("full"),
+        "processes": check.processes,
     }
     failed = []
     for name in asked.only or stages:
